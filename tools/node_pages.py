@@ -12,9 +12,10 @@ import argparse
 import os
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import rclpy
 from rclpy.qos import QoSProfile
@@ -33,12 +34,26 @@ from rpo_ros.parameter_rows import ParameterRow
 from rpo_ros.running import FlightNode
 from tools.node_cards import CARDS, MEANINGS, Card
 
-INDEX, PROTOCOL = 'index.md', 'protocol.md'
+INDEX, PROTOCOL, POLICY = 'index.md', 'protocol.md', 'sros2_policy.xml'
 _EXAMPLE = 'example: ros2 run rpo_bringup node_pages docs/nodes'
 _LEFT_OUT = ('/rosout', '/parameter_events', names.TF)
 """Topics of every node, and a topic that not every machine has: its row comes from the card."""
 
 _STOCK_SERVICES = ('parameter', 'get_type_description')
+_OF_EVERY_NODE = tuple(
+    f'~/{name}'
+    for name in (
+        'describe_parameters', 'get_parameter_types', 'get_parameters', 'list_parameters',
+        'set_parameters', 'set_parameters_atomically', 'get_type_description',
+    )
+)  # fmt: skip
+_LIFECYCLE = tuple(
+    f'~/{name}'
+    for name in (
+        'change_state', 'get_state', 'get_available_states', 'get_available_transitions',
+        'get_transition_graph',
+    )
+)  # fmt: skip
 
 
 def tiny_log(folder: Path) -> Path:
@@ -134,8 +149,12 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> list[str]:
     return [f'| {" | ".join(str(cell).replace("|", chr(92) + "|") for cell in r)} |' for r in lines]
 
 
-def _found(card: Card, folder: Path) -> tuple[list[tuple[str, ...]], list[tuple[str, ...]]]:
-    """Start a node; return the rows of its topics and services."""
+Found = tuple[list[tuple[str, ...]], list[tuple[str, ...]]]
+"""Rows of the topics and of the services of a node."""
+
+
+def _found(card: Card, folder: Path) -> Found:
+    """Start a node; rclpy must be initialised."""
     if card.listens:
         return [('listens', f'`{name}`', '', '', _meaning(name)) for name in card.listens], []
     node = _make(card, folder)
@@ -150,11 +169,11 @@ def _found(card: Card, folder: Path) -> tuple[list[tuple[str, ...]], list[tuple[
         node.destroy_node()
 
 
-def page(card: Card, folder: Path) -> str:
-    """Return the page of a node as Markdown; rclpy must be initialised."""
+def page(card: Card, found: Found) -> str:
+    """Return the page of a node as Markdown."""
     purpose = (card.module.__doc__ or '').strip().split(': ', 1)[-1]
     rows = card.parameters
-    topics, services = _found(card, folder)
+    topics, services = found
     example = f'{card.command} --ros-args -p {rows[0].name}:={rows[0].example}'
     lines = [f'# {card.executable}', '', purpose[:1].upper() + purpose[1:], '']
     lines += ['```sh', card.command, example, '```', '', '## Topics', '']
@@ -168,6 +187,33 @@ def page(card: Card, folder: Path) -> str:
     codes = list(card.exit_codes.items())
     lines += ['', '## Exit codes', '', *_table(['code', 'meaning'], codes), '']
     return '\n'.join(lines)
+
+
+def policy(nodes: Mapping[str, Found]) -> str:
+    """Return a policy for SROS2: an enclave for each node, which may do what it does."""
+    root = ElementTree.Element('policy', version='0.2.0')
+    enclaves = ElementTree.SubElement(root, 'enclaves')
+    for node, (topics, services) in nodes.items():
+        enclave = ElementTree.SubElement(enclaves, 'enclave', path=f'/{node}')
+        profiles = ElementTree.SubElement(enclave, 'profiles')
+        profile = ElementTree.SubElement(profiles, 'profile', ns='/', node=node)
+        made, heard = (
+            [row[1].strip('`') for row in topics if row[0] == way]
+            for way in ('publishes', 'listens')
+        )
+        own = _LIFECYCLE if '~/transition_event' in made else ()
+        offered = sorted({*(row[0].strip('`') for row in services), *own, *_OF_EVERY_NODE})
+        for kind, way, names_of in (
+            ('topic', 'publish', [*made, 'rosout', 'parameter_events']),
+            ('topic', 'subscribe', heard), ('service', 'reply', offered),
+        ):  # fmt: skip
+            parent = ElementTree.SubElement(profile, f'{kind}s', {way: 'ALLOW'})
+            for name in names_of:
+                ElementTree.SubElement(parent, kind).text = name.removeprefix('/')
+            if not names_of:
+                profile.remove(parent)
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, 'unicode', xml_declaration=True) + '\n'
 
 
 def protocol() -> str:
@@ -202,7 +248,8 @@ def _index() -> str:
         for c in CARDS
     ]  # fmt: skip
     text = '`ros2 run rpo_bringup node_pages docs/nodes` writes these pages from the nodes.'
-    text += f' [What nodes say of a run]({PROTOCOL}) is the contract of their statuses.'
+    text += f' [What nodes say of a run]({PROTOCOL}) is the contract of their statuses,'
+    text += f' [{POLICY}]({POLICY}) a sample policy for [SROS2](../network.md).'
     return '\n'.join(['# Nodes', '', text, '', *_table(['node', 'command', 'purpose'], rows), ''])
 
 
@@ -210,14 +257,16 @@ def pages() -> dict[str, str]:
     """Return file name -> page of every node, and an index."""
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     found = {INDEX: _index(), PROTOCOL: protocol()}
+    nodes: dict[str, Found] = {}
     rclpy.init(args=None)
     try:
         for card in CARDS:
             with tempfile.TemporaryDirectory() as folder:
-                found[f'{card.executable}.md'] = page(card, Path(folder))
+                rows = nodes[card.executable] = _found(card, Path(folder))
+            found[f'{card.executable}.md'] = page(card, rows)
     finally:
         rclpy.try_shutdown()
-    return found
+    return found | {POLICY: policy(nodes)}
 
 
 def main() -> int:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from rpo_core.files.validation import InputError, mapping, whole
 from rpo_core.judge.metrics import PENALTY
 from rpo_montecarlo.campaign import config
+from rpo_montecarlo.campaign.config import MAX_RUNS
 from rpo_montecarlo.campaign.run_batch import case_of, known_of
 from rpo_montecarlo.campaign.sampling import draw
 from rpo_montecarlo.engine.lanes import BEFORE, SEEN_R, SEEN_V, R, V
@@ -58,7 +59,7 @@ class DispersedApproach(gymnasium.vector.VectorEnv[Floats, Floats, Any]):
         self, num_envs: int = 40, campaign: str = 'paper_test', ticks_per_step: int = 1
     ) -> None:
         self.num_envs = whole('num_envs', num_envs, least=1)
-        self.campaign = config.load(config.find(campaign), controller='drift')
+        self.campaign = config.load(config.find(campaign), controller='drift', runs=MAX_RUNS)
         self.scenario = self.campaign.scenario
         if reason := why_not(self.scenario, self.campaign.controller):
             raise InputError(f'the environment is the engine: {reason}')
@@ -85,6 +86,8 @@ class DispersedApproach(gymnasium.vector.VectorEnv[Floats, Floats, Any]):
         return self._begin()
 
     def _begin(self) -> tuple[Floats, dict[str, Any]]:
+        if self._first + self.num_envs > MAX_RUNS:
+            raise InputError(f'a seed has {MAX_RUNS} runs; `reset` with another seed')
         drawn = draw(self.campaign, self._first, self.num_envs)
         if reason := uneven_steps(self.scenario, drawn.column('orbit_radius_m')):
             raise InputError(f'the environment is the engine: {reason}')

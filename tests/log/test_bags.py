@@ -33,14 +33,18 @@ SQLITE, MCAP = StoragePlugin.SQLITE3, StoragePlugin.MCAP
 WALL_NS = 1_790_000_000_000_000_000
 
 
-def manifests(run: Run) -> list[tuple[str, int, bytes]]:
-    """What the nodes say of themselves, without tick."""
+def manifests(
+    run: Run, plant: dict[str, str] | None = None, controller: dict[str, str] | None = None
+) -> list[tuple[str, int, bytes]]:
+    """What the nodes say of themselves, without tick; more of the plant and the controller."""
     files = {name: text.decode() for name, text in run.attachments.items()}
+    plant, controller = plant or {}, controller or {}
     values = (
-        {'role': 'plant', 'run': 'a', 'file.scenario.yaml': files['scenario.yaml']},
-        {'role': 'controller', 'file.controller.yaml': files['controller.yaml']},
+        {'role': 'plant', 'run': 'a', 'file.scenario.yaml': files['scenario.yaml'], **plant},
+        {'role': 'controller', 'file.controller.yaml': files['controller.yaml'],
+         **controller},
         {'role': 'disturbance'},
-    )
+    )  # fmt: skip
     return [('/node_manifest', 0, cdr.encode_status(0, v['role'], '', 'none', v)) for v in values]
 
 
@@ -55,7 +59,7 @@ def write_bag(
     with bag:
         known: dict[str, Any] = {}
         for number, (name, _, data) in enumerate(with_others):
-            row = interfaces.find(name)
+            row = interfaces.find(name if name != '/truth/pose' else STATE)
             kind = row.type if row else 'rosgraph_msgs/msg/Clock'
             full = name if name == CLOCK else space + name
             if name not in known:
@@ -88,6 +92,22 @@ def test_a_bag_with_manifests_is_as_good_as_a_log(bags, kind, short_run):
     if kind != 'namespace':
         differs = diff(bags[kind], bags['log'])
         assert not differs.first and differs.remarks == ['parameters.yaml differs']
+
+
+def test_a_remapped_topic_of_a_bag_is_found_where_its_nodes_say(short_run, tmp_path):
+    """And where a node heard something else, its command is taken as it is."""
+    moved = [('/truth/pose' if n == STATE else n, t, d) for n, t, d in short_run.messages]
+    where = {'publishes.relative_state': '/truth/pose', 'hears.control_force': FORCE}
+    heard = {'hears.relative_state': '/truth/pose', 'publishes.control_force': FORCE}
+    bag = write_bag(tmp_path / 'bag', [*manifests(short_run, where, heard), *moved])
+    assert verify(bag).exit_code == ExitCode.OK, verify(bag).sentence()
+    heard['hears.relative_state'] = '/odometry'
+    change = flipped(FORCE, 30)
+    moved = [(n, t, change(n, t, d)) for n, t, d in moved]
+    found = verify(write_bag(tmp_path / 'other', [*manifests(short_run, where, heard), *moved]))
+    assert found.exit_code == ExitCode.INCOMPLETE and found.difference is None
+    assert 'controller heard relative_state on /odometry' in found.sentence()
+    assert found.given == ('control_force (controller)',) and 'dynamics' in found.stages
 
 
 @pytest.mark.parametrize('kind', ['sqlite3', 'bare'])

@@ -14,7 +14,7 @@ COMMANDS = {'final_approach', 'trial', 'node_pages', 'ping_pong', 'verify', 'inf
 
 
 def test_the_pages_are_not_stale(ros_env):
-    written = {path.name: path.read_text() for path in (ROOT / 'docs' / 'nodes').glob('*.md')}
+    written = {path.name: path.read_text() for path in (ROOT / 'docs' / 'nodes').iterdir()}
     found = node_pages.pages()
     stale = sorted(name for name in {*written, *found} if written.get(name) != found.get(name))
     assert not stale, 'write them anew: ros2 run rpo_bringup node_pages docs/nodes'

@@ -212,6 +212,8 @@ def test_package_declares_what_it_imports(package):
             elif module not in sys.stdlib_module_names:
                 known = module in WITHOUT_KEY | OPTIONAL
                 assert known, f'{path.name} imports {module}: declared how?'
+                explained = module in (PACKAGES[package] / 'package.xml').read_text()
+                assert explained, f'the package.xml of {package} does not explain {module}'
     assert needed <= declared, f'package.xml lacks {sorted(needed - declared)}'
     keys = {key for key in declared if key.startswith('python3-')}
     assert keys <= set(ROSDEP_KEYS.values()), 'not a key of rosdep, or not one that is known here'

@@ -13,7 +13,7 @@ import pytest
 from rpo_core.files import scenario
 from rpo_montecarlo.engine import lanes
 from rpo_montecarlo.engine.parts import estimation
-from rpo_montecarlo.engine.tick import Batch
+from rpo_montecarlo.engine.tick import Batch, Draw
 from rpo_nav.estimator import Estimator, filter_of, memory_of
 from rpo_nav.filter_kernels import FULL, RESETS, X, estimate
 from rpo_nav.sensor_kernels import sense
@@ -92,3 +92,9 @@ def test_lanes_have_the_bits_of_the_kernels(case):
             w[lanes.FORCE + axis * 40 :][:40] = command[:, axis]
         estimation.remember(w, m, t, tick)
     assert trouble == {False, True}
+
+
+def test_a_run_of_which_nothing_is_drawn_has_the_sensors_of_the_scenario():
+    sensors, estimator = Sensors((LIDAR, RADIO)), Estimator(noise_scale=1.5)
+    varied = estimation.vary_sensors(PLAIN.equipped(sensors, estimator), Draw({}, {}, (3, 4)))
+    assert varied[0] == replace(sensors, noise_key=(3, 4)) and varied[1].noise_scale == 1.5

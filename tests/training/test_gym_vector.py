@@ -82,6 +82,17 @@ def test_the_next_step_begins_the_next_runs_and_a_seed_the_first():
     assert not (env.reset()[0][:, :6] == first[:, :6]).any()
 
 
+def test_there_are_more_runs_than_the_campaign_has(monkeypatch):
+    env = make(40, campaign='paper_test_measured')
+    env.reset(seed=1)
+    env.unwrapped._first = env.campaign.config.runs - 60
+    env.reset()
+    with pytest.raises(InputError, match='with another seed'):
+        env.reset()
+    monkeypatch.setattr(env.unwrapped, '_first', 10_000)
+    assert np.isfinite(env.reset()[0]).all()
+
+
 def test_an_action_is_held_saturated_and_seen():
     held, ticked = make(ticks_per_step=10), make()
     push = np.array([[2.0, -0.5, 0.0]] * 3)

@@ -3,6 +3,7 @@
 """A success says which limits it means: what is judged, what not, and each share by itself."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,12 +13,13 @@ from typer.testing import CliRunner
 
 from rpo_cli.cli import app
 from rpo_core.control.controller import load_controller
+from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge.requirements import LIMITS, THRUST
 from rpo_core.judge.verdicts import verdicts
 from rpo_judge.evaluation.comparison import CONTROLLERS
 from rpo_montecarlo.campaign import config, execution, judging
-from rpo_montecarlo.campaign.holding import DRAWS, at_rest_n
+from rpo_montecarlo.campaign.holding import DRAWS, at_rest_n, rate_at_rest
 from rpo_montecarlo.campaign.run_batch import fly_runs
 from rpo_montecarlo.campaign.single import fly_run
 from rpo_montecarlo.campaign.statistics import kept, rate, rates
@@ -80,7 +82,14 @@ def test_the_hold_force_of_a_chaser_at_rest_is_that_of_the_disturbance():
         ).over(times[times >= 200.0])
         needed = np.abs(force / [1.0 + own[f'thrust_share_{axis}'] for axis in 'xyz']).max()
         assert found[number] == pytest.approx(needed, rel=1e-4)
-    assert 0 < (found <= columns[config.LEVEL]).sum() < 60
+    held = int((found <= columns[config.LEVEL]).sum())
+    assert 0 < held < 60
+    store = SimpleNamespace(campaign=campaign, column=columns.__getitem__)
+    assert (rate_at_rest(store).kept, rate_at_rest(store).runs) == (held, 60)
+    away = replace(campaign.scenario, goal_position_m=(0.0, 2.0, 0.0))
+    for moving in (away, load_scenario('world_leo')):
+        store.campaign = SimpleNamespace(config=campaign.config, scenario=moving)
+        assert rate_at_rest(store) is None
 
 
 @pytest.mark.parametrize(

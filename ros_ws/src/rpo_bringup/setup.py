@@ -1,10 +1,19 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
+import sys
 from glob import glob
+from pathlib import Path
 
 from setuptools import find_packages, setup
 
 package_name = 'rpo_bringup'
+# Programs of tools/ run in a checkout alone: they are installed only from one, with links to it.
+linked = (Path(__file__).resolve().parents[3] / 'tools').is_dir() and 'develop' in sys.argv
+of_tools = [
+    'node_pages = rpo_bringup.commands:node_pages',
+    'ping_pong = rpo_bringup.commands:ping_pong',
+    'trial = rpo_bringup.commands:trial',
+]
 
 setup(
     name=package_name,
@@ -27,9 +36,7 @@ setup(
         'console_scripts': [
             'final_approach = rpo_bringup.commands:final_approach',
             'monitor = rpo_bringup.commands:monitor',
-            'node_pages = rpo_bringup.commands:node_pages',
-            'ping_pong = rpo_bringup.commands:ping_pong',
-            'trial = rpo_bringup.commands:trial',
+            *(of_tools if linked else []),
         ],
     },
 )

@@ -157,9 +157,8 @@ class ControllerNode(ManagedNode):
         self._label = explain.label(loaded, self._sha256)
         shaping = {row.name: self.values[row.name] for row in self.rows if not row.wall}
         shaping['controller'] = loaded.name
-        if not hasattr(self, '_manifest'):
-            self._manifest = health.Manifest(self, 'controller')
-        self._manifest.publish(shaping, {'controller.yaml': content})
+        self.manifest = self.manifest or health.Manifest(self, 'controller')
+        self.manifest.publish(shaping, {'controller.yaml': content})
         self.rebuild()
 
     def configure(self) -> None:

@@ -13,7 +13,7 @@ import os
 import shutil
 import tempfile
 import weakref
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -121,8 +121,11 @@ class BagReader(RunReader):
 
     def _convert(self, bag: Any, path: Path, folder: Path, given: tuple[str, str]) -> None:
         """Write the messages of a bag as a log into a folder; note what it lacks."""
-        recorded, manifest_topics = _topics_of(bag, path)
-        attachments, lacks = _carried(bag, manifest_topics)
+        there = {found.topic: found for found in bag.connections if found.msgcount}
+        said = [name for name in there if name.rpartition('/')[2] == interfaces.NODE_MANIFEST]
+        manifests, controllers = _manifests(bag, said)
+        recorded = _topics_of(there, said, manifests, path)
+        attachments, lacks = _carried(manifests, controllers, recorded)
         for name, kind, value in zip(
             (run.SCENARIO, run.CONTROLLER), ('scenario', 'controller'), given, strict=True
         ):
@@ -132,7 +135,7 @@ class BagReader(RunReader):
                 attachments[name] = files.read_text(files.find(kind, value)).encode()
                 lacks.append(f'its {kind} is not in the bag: {value} is given')
         base = _base_of(bag, path, recorded, attachments, lacks)
-        writer = RunLogWriter(folder, base, recorded, attachments)
+        writer = RunLogWriter(folder, base, recorded.values(), attachments)
         for topic, _, data in _messages(bag, set(recorded)):
             if recorded[topic].signal != interfaces.RUN_STATUS or _is_phase(data):
                 writer.record(topic, data)
@@ -148,25 +151,33 @@ class BagReader(RunReader):
         self.lacks = tuple(lacks)
 
 
-def _messages(bag: Any, names: set[str]) -> Iterator[tuple[str, int, bytes]]:
+def _messages(bag: Any, names: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
     """Yield topic, time of recording and CDR of the messages of some topics, in their order."""
     wanted = [connection for connection in bag.connections if connection.topic in names]
     for connection, stamp_ns, data in bag.messages(wanted) if wanted else ():
         yield connection.topic, stamp_ns, bytes(data)
 
 
-def _topics_of(bag: Any, path: Path) -> tuple[dict[str, Topic], set[str]]:
-    """Return the topics of the run in a bag, and those of manifests; raises LogError."""
-    there = {connection.topic: connection for connection in bag.connections if connection.msgcount}
+def _topics_of(
+    there: Mapping[str, Any], said: Sequence[str], manifests: Manifests, path: Path
+) -> dict[str, Topic]:
+    """Return the topics of the run in a bag: where its nodes say, else by name; raises LogError.
+
+    said : topics of manifests
+    """
+    signals = {manifests.topic_of(row.name): row.name for row in interfaces.rows(logged=True)}
     states = [name for name in there if name.rpartition('/')[2] == interfaces.RELATIVE_STATE]
-    if len(states) > 1:
+    if len(said or states) > 1:
         sentence = f'holds several runs ({", ".join(states)}); record one namespace alone'
         raise LogError(Fault.WRONG_TYPE, path, sentence)
-    space = states[0].rpartition('/')[0] if states else ''
+    space = (*said, *states, '')[0].rpartition('/')[0]
     found = {}
     for name, connection in there.items():
-        topic = topics.find(name)
-        if topic is None or name not in (f'{space}/{topic.signal}', topic.row.topic):
+        topic = topics.find(name, signals.get(name, ''))
+        if topic is None:
+            continue
+        wanted = manifests.topic_of(topic.signal) or f'{space}/{topic.signal}'
+        if name not in (wanted, topic.row.topic):
             continue
         if connection.msgtype != topic.type:
             sentence = f'{name} must be {topic.type}; got {connection.msgtype}'
@@ -176,12 +187,13 @@ def _topics_of(bag: Any, path: Path) -> tuple[dict[str, Topic], set[str]]:
         if signal not in {topic.signal for topic in found.values()}:
             names = ', '.join(sorted(there)) or 'no message'
             raise LogError(Fault.MISSING_TOPIC, path, f'has no topic {signal}; it has {names}')
-    return found, {f'{space}/{interfaces.NODE_MANIFEST}'}
+    return found
 
 
-def _carried(bag: Any, names: set[str]) -> tuple[dict[str, bytes], list[str]]:
-    """Return the files that the manifests in a bag bring, and what they lack."""
-    manifests, controllers = Manifests(), []
+def _manifests(bag: Any, names: Sequence[str]) -> tuple[Manifests, list[str]]:
+    """Return the manifests in a bag, and the texts of controller files in their order."""
+    manifests = Manifests()
+    controllers: list[str] = []
     for _, _, data in _messages(bag, names):
         try:
             manifest = Manifest.of(cdr.decode_status(data))
@@ -192,9 +204,16 @@ def _carried(bag: Any, names: set[str]) -> tuple[dict[str, bytes], list[str]]:
         text = manifest.values.get(f'file.{run.CONTROLLER}')
         if text is not None and text not in controllers:
             controllers.append(text)
+    return manifests, controllers
+
+
+def _carried(
+    manifests: Manifests, controllers: Sequence[str], recorded: Mapping[str, Topic]
+) -> tuple[dict[str, bytes], list[str]]:
+    """Return the files that the manifests bring, and what they lack."""
     if manifests.scenario is None:
         return {}, [f'it has no manifest of the {PLANT}']
-    found = manifests.attachments({})
+    found = manifests.attachments({}) | manifests.remaps(recorded.values())
     for number, text in enumerate(controllers[: run.MOST_CONTROLLERS], 1):
         found[run.controller_name(number)] = text.encode()
     return found, [f'it has no manifest of the {role}' for role in manifests.missing]

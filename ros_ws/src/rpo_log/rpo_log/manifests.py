@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import yaml
@@ -18,6 +18,7 @@ from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire import interfaces
 from rpo_mcap.format import run
+from rpo_mcap.topics import Topic
 
 PLANT, CONTROLLER, DISTURBANCE = 'plant', 'controller', 'disturbance'
 
@@ -26,7 +27,10 @@ _BY_SCENARIO = frozenset(
 )
 """Signals whose nodes may be there in a run that does not need them."""
 
+_ROLES = (PLANT, CONTROLLER, DISTURBANCE)
+
 _FILE, _PARAMETER, _RUN = 'file.', 'parameter.', 'run'
+PUBLISHES, HEARS = 'publishes.', 'hears.'
 _OWNERS = {run.SCENARIO: PLANT, run.CONTROLLER: CONTROLLER}
 """Files that one role alone may bring."""
 _FILE_NAME = re.compile(r'[A-Za-z0-9_.-]{1,80}')
@@ -107,8 +111,14 @@ class Manifests:
         roles = [CONTROLLER] if self.scenario.disturbance.is_zero else [CONTROLLER, DISTURBANCE]
         return [role for role in roles if role not in self._by_role]
 
+    def topic_of(self, signal: str) -> str:
+        """Return where the run has a signal: at the plant, else at its publisher; '' if unsaid."""
+        keys = [(PLANT, HEARS), (PLANT, PUBLISHES), *((role, PUBLISHES) for role in self._by_role)]
+        found = (self._by_role.get(role, ('', {}))[1].get(kind + signal) for role, kind in keys)
+        return next(filter(None, found), '')
+
     def due_each_tick(
-        self, found: Scenario, publishers: Callable[[str], int]
+        self, found: Scenario, publishers: Callable[[interfaces.Interface], int]
     ) -> list[interfaces.Interface]:
         """Return the rows of the topics with a message at every tick.
 
@@ -120,7 +130,7 @@ class Manifests:
         made = {*signals_of(found)}
         for row in interfaces.rows(logged=True):
             if row.due == interfaces.EACH_TICK and row.name not in _BY_SCENARIO:
-                made |= {row.name} if publishers(row.topic) else set()
+                made |= {row.name} if publishers(row) else set()
         if self.parameter(PLANT, 'publish_clock') == 'True':
             made.add(interfaces.CLOCK)
         if self.parameter(PLANT, 'mode') == 'free_running':
@@ -142,6 +152,17 @@ class Manifests:
             return 0.0
         return rate_hz if 0.0 < rate_hz <= _MOST_RATE_HZ else 0.0
 
+    def remaps(self, recorded: Iterable[Topic]) -> dict[str, bytes]:
+        """Return the file of nodes that hear a signal where it is not recorded; {}: none does."""
+        where = {topic.signal: topic.name for topic in recorded}
+        found = {}
+        for name, values in self._by_role.values():
+            heard = {key[len(HEARS) :]: t for key, t in values.items() if key.startswith(HEARS)}
+            if any(where.get(signal, topic) != topic for signal, topic in heard.items()):
+                topics = {k: t for k, t in values.items() if k.startswith((HEARS, PUBLISHES))}
+                found[name] = topics
+        return {run.TOPICS: yaml.safe_dump(found, sort_keys=True).encode()} if found else {}
+
     def attachments(self, recorder: Mapping[str, Any]) -> dict[str, bytes]:
         """Return what the nodes run with: their files, and a file of all their parameters.
 
@@ -154,14 +175,13 @@ class Manifests:
                 file = key.removeprefix(_FILE)
                 if key.startswith(_FILE) and _may_bring(role, file):
                     found[file] = text.encode()
-            parameters.setdefault(
-                name,
-                {
-                    key.removeprefix(_PARAMETER): _parsed(text)
-                    for key, text in values.items()
-                    if key.startswith(_PARAMETER)
-                },
-            )
+            own = {
+                key.removeprefix(_PARAMETER): _parsed(text)
+                for key, text in values.items()
+                if key.startswith(_PARAMETER)
+            }
+            if own or role in _ROLES:
+                parameters.setdefault(name, own)
         if run.CONTROLLER in found:
             self._attached.append(found[run.CONTROLLER].decode())
         found[run.PARAMETERS] = yaml.safe_dump(parameters, sort_keys=True).encode()
@@ -177,7 +197,9 @@ def _is_controller(text: str) -> bool:
 
 
 def _may_bring(role: str, file: str) -> bool:
-    reserved = file == run.PARAMETERS or (run.is_controller(file) and file != run.CONTROLLER)
+    reserved = file in (run.PARAMETERS, run.TOPICS) or (
+        run.is_controller(file) and file != run.CONTROLLER
+    )
     allowed = _OWNERS.get(file, role) == role and not reserved
     return allowed and _FILE_NAME.fullmatch(file) is not None
 

@@ -15,6 +15,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from rpo_core import files
+from rpo_core.chain.chain import signals_of
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr, interfaces
@@ -26,6 +27,7 @@ from rpo_log.parameters import RECORDER as PARAMETERS
 from rpo_mcap.errors import Fault, LogError
 from rpo_mcap.format import run as run_log
 from rpo_mcap.format import sums
+from rpo_mcap.topics import Topic
 from rpo_mcap.write.side_file import DecisionLogWriter, HealthLogWriter, SideFile
 from rpo_mcap.write.writer import PHASES, Claims, RunLogWriter
 from rpo_ros import health, names, qos
@@ -69,8 +71,8 @@ class RecorderNode(FlightNode):
             self.resolve_topic_name, (names.CONTROL_FORCE, names.RUN_STATUS, names.DECISION)
         )
         self._expected: list[str] = []
-        self._events: dict[str, str] = {}  # topic -> topic without which it is not recorded
-        self._recorded: set[str] = set()
+        self._events: list[interfaces.Interface] = []
+        self._recorded: dict[str, Topic] = {}
         self._end: tuple[str, int, float] | None = None
         self._heard: set[str] = set()
         self._ready, self._running, self._anew, self._newest = False, False, False, -1
@@ -97,22 +99,31 @@ class RecorderNode(FlightNode):
 
     def _subscribe(self) -> None:
         for row in (*interfaces.rows(logged=True), interfaces.row_of(interfaces.DECISION)):
-            name, kind = self.resolve_topic_name(row.topic), message_class(row.type)
-            on_raw, profile = partial(self._on_raw, name), qos.RECORDING
             if row.due == interfaces.EVENT and row.logged:
-                profile = qos.LATCHED_QUEUE
-                if row.name == interfaces.RUN_STATUS:
-                    on_raw = self._on_status
-                else:
-                    on_raw = partial(self._on_event, row)
-                    self._events[name] = row.beside and self.resolve_topic_name(row.beside)
-            self.create_subscription(kind, row.topic, on_raw, profile, raw=True)
+                take = partial(self._on_event, row)
+                take = self._on_status if row.name == interfaces.RUN_STATUS else take
+                self._events.append(row)
+                kind = message_class(row.type)
+                self.create_subscription(kind, row.topic, take, qos.LATCHED_QUEUE, raw=True)
+            else:
+                self._record_from(row, row.topic)
         self.create_subscription(
             DiagnosticArray, names.DIAGNOSTICS, self._on_diagnostics, qos.DIAGNOSTICS, raw=True
         )
         hear(self, Manifest, self._on_manifest)
         hear(self, PlantTick, self._on_plant_tick, qos.RECORDING)
         self._watch = Watch(self, lambda: self._running and self._end is None)
+
+    def _record_from(self, row: interfaces.Interface, topic: str) -> None:
+        take = partial(self._on_raw, self.resolve_topic_name(topic))
+        self.create_subscription(message_class(row.type), topic, take, qos.RECORDING, raw=True)
+
+    def _topic(self, name: str) -> str:
+        """Return where a signal is recorded: where the run has it, unless this node is remapped."""
+        topic = interfaces.row_of(name).topic
+        own = self.resolve_topic_name(topic)
+        there = self._manifests.topic_of(name)
+        return there if there and own == self.resolve_topic_name(topic, only_expand=True) else own
 
     def _on_raw(self, name: str, data: bytes) -> None:
         if self._commanded_s is None and name == self._force_topic:
@@ -204,7 +215,7 @@ class RecorderNode(FlightNode):
     def _wants(self) -> str:
         """What it waits for; '' while it records."""
         if self.log is None:
-            roles = ' and of the '.join(self._manifests.missing)
+            roles = ' and of the '.join(self._manifests.missing) or 'nodes before the controller'
             return f'the manifest of the {roles} on {self.resolve_topic_name(names.NODE_MANIFEST)}'
         silent = self._awaited - self._heard
         return '' if self._ready else f'messages on {", ".join(sorted(silent))}'
@@ -239,7 +250,7 @@ class RecorderNode(FlightNode):
             self._newest = log.latest
             self._timeout.broken()
         silent_s = self._timeout.look()
-        gone = not self.count_publishers(names.RELATIVE_STATE)
+        gone = not self.count_publishers(self._topic(interfaces.RELATIVE_STATE))
         if self._anew and silent_s > _ANEW_S:
             self._lose_plant('the plant was started anew')
         elif silent_s > self.values['plant_timeout_s'] or gone:
@@ -264,7 +275,7 @@ class RecorderNode(FlightNode):
     def _begin(self) -> None:
         """Open the log when the scenario is known, and the manifests are there or will not come."""
         found = self._manifests.scenario
-        if found is None or (self._manifests.missing and self._patient()):
+        if found is None or (self._unknown(found) and self._patient()):
             return
         try:
             self._open(found)
@@ -278,18 +289,35 @@ class RecorderNode(FlightNode):
         self._early.clear()
         self.get_logger().info(f'recording {found.name} to {self.folder}')
 
+    def _unknown(self, flown: Scenario) -> bool:
+        """Return whether a manifest is missing that says what flies, or where a signal is."""
+        rows = (row for row in interfaces.rows(logged=True) if row.due == interfaces.EACH_TICK)
+        others = {*signals_of(flown)} - {interfaces.CONTROL_FORCE, interfaces.DISTURBANCE_FORCE}
+        others &= {row.name for row in rows}
+        found_all = (
+            self._manifests.topic_of(name) or self.count_publishers(self._topic(name))
+            for name in others
+        )  # fmt: skip
+        return bool(self._manifests.missing) or not all(found_all)
+
     def _open(self, found: Scenario) -> None:
         """Open the files of the log; raises LogError."""
         base = run_log.TimeBase(found.epoch_ns, found.dt_ns, found.ticks)
-        self._expected = [
-            self.resolve_topic_name(row.topic)
-            for row in self._manifests.due_each_tick(found, self.count_publishers)
-        ]
-        self._recorded = {*self._expected, self._status_topic}
-        self._recorded |= {n for n, of in self._events.items() if not of or of in self._expected}
+        due = self._manifests.due_each_tick(
+            found, lambda row: self.count_publishers(self._topic(row.name))
+        )
+        self._recorded = {self._topic(row.name): Topic(self._topic(row.name), row) for row in due}
+        self._expected = list(self._recorded)
+        for topic in self._recorded.values():
+            if topic.name != self.resolve_topic_name(topic.row.topic):
+                self._record_from(topic.row, topic.name)
+        for row in self._events:
+            if not row.beside or self._topic(row.beside) in self._expected:
+                name = self.resolve_topic_name(row.topic)
+                self._recorded[name] = Topic(name, row)
         own = {row.name: self.values[row.name] for row in PARAMETERS if not row.wall}
         log = RunLogWriter(
-            self.folder, base, self._recorded, self._manifests.attachments(own),
+            self.folder, base, self._recorded.values(), self._manifests.attachments(own),
             split_s=self.values['split_s'], split_bytes=round(self.values['split_mb'] * 1e6),
             overwrite=self.values['overwrite'])  # fmt: skip
         self._health_log = HealthLogWriter(self.folder)
@@ -313,6 +341,8 @@ class RecorderNode(FlightNode):
     def _finish(self) -> None:
         if self.log is None or self.done:
             return
+        for name, data in self._manifests.remaps(self._recorded.values()).items():
+            self.log.attach(name, data)
         summary = self.log.close()
         faults = [self._write_run_info(summary), self._seal()]
         faults += [f'{f.name} ended early: {f.failure}' for f in self._beside if f.failure]

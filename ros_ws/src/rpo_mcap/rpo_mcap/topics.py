@@ -33,6 +33,11 @@ class Topic:
         return self.row.type
 
     @property
+    def remapped(self) -> bool:
+        """Whether its name does not end in that of its signal: then its channel names it."""
+        return self.name.rpartition('/')[2] != self.signal
+
+    @property
     def is_event(self) -> bool:
         """Whether its messages are rare, not one at each tick."""
         return self.row.due == interfaces.EVENT
@@ -49,18 +54,28 @@ def is_due(topic: Topic, recorded: Iterable[Topic]) -> bool:
     return not (topic.is_event or (answers and free_running(recorded)))
 
 
-def find(name: str) -> Topic | None:
-    """Return the topic of a full name; None if a log holds no such topic."""
-    row = interfaces.find(name)
+SIGNAL = 'rpo_signal'
+"""Key of the metadata of a channel whose topic is remapped: the signal that it carries."""
+
+
+def find(name: str, signal: str = '') -> Topic | None:
+    """Return the topic of a full name; None if a log holds no such topic.
+
+    signal : that it carries, where its name does not say so
+    """
+    row = interfaces.find(signal or name)
     return Topic(name, row) if row is not None and row.logged else None
 
 
-def resolve(names: Iterable[str], path: str = 'topics') -> tuple[Topic, ...]:
-    """Return the topics of a run in the order of the table; raises LogError."""
+def resolve(names: Iterable[str | Topic], path: str = 'topics') -> tuple[Topic, ...]:
+    """Return the topics of a run in the order of the table; raises LogError.
+
+    names : the last part of each is its signal; a Topic where it is not
+    """
     order = [row.name for row in interfaces.rows(logged=True)]
     found: dict[str, Topic] = {}
     for name in names:
-        topic = find(name)
+        topic = name if isinstance(name, Topic) else find(name)
         if topic is None:
             raise LogError(
                 Fault.WRONG_TYPE,
@@ -72,7 +87,7 @@ def resolve(names: Iterable[str], path: str = 'topics') -> tuple[Topic, ...]:
             raise LogError(
                 Fault.WRONG_TYPE,
                 path,
-                f'topics {found[topic.signal].name} and {name} have '
+                f'topics {found[topic.signal].name} and {topic.name} have '
                 f'the same role, {topic.signal}; one run is recorded in one log',
             )
         found[topic.signal] = topic

@@ -8,14 +8,17 @@ The ROS 2 wheels have no diagnostic_updater.
 from __future__ import annotations
 
 import json
+import platform
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
 
+from rpo_core.wire import interfaces
 from rpo_ros import names, qos
 from rpo_ros.conversions import to_status
 from rpo_ros.running import FlightNode
@@ -23,6 +26,9 @@ from rpo_ros.running import FlightNode
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 PERIOD_S = 1.0
+
+HARDWARE = platform.node() or 'unknown'
+"""Hardware id in diagnostics: the machine that the node runs on."""
 
 Health = tuple[bytes, str, Mapping[str, Any]]
 """Level, message, values."""
@@ -57,6 +63,7 @@ def publish_health(node: FlightNode, health: Callable[[], Health]) -> None:
         array = DiagnosticArray()
         array.header.stamp = Clock(clock_type=ClockType.SYSTEM_TIME).now().to_msg()
         array.status = [to_status(level, name, message, values.items())]
+        array.status[0].hardware_id = HARDWARE
         publisher.publish(array)
 
     node.every(PERIOD_S, publish)
@@ -73,6 +80,16 @@ def as_yaml(value: object) -> str:
     return value if plain else json.dumps(value)
 
 
+def topics_of(node: Node) -> Iterator[tuple[str, str]]:
+    """Yield where a node publishes and hears the signals of the table, as a manifest has it."""
+    made = {publisher.topic_name for publisher in node.publishers}
+    heard = {subscription.topic_name for subscription in node.subscriptions}
+    for row in interfaces.rows(logged=True):
+        name = node.resolve_topic_name(row.topic)
+        yield from [(f'publishes.{row.name}', name)] if name in made else []
+        yield from [(f'hears.{row.name}', name)] if name in heard else []
+
+
 class Manifest:
     """The files and parameters of a node, latched; the recorder attaches them to the log.
 
@@ -87,7 +104,8 @@ class Manifest:
         self._run = [('run', run)] if run else []
         self._role, self._name = role, node.get_name()
         self._publisher = node.create_publisher(DiagnosticStatus, names.NODE_MANIFEST, qos.LATCHED)
-        self._status: DiagnosticStatus | None = None
+        self._values: list[tuple[str, Any]] = []
+        self._node = node
         node.every(PERIOD_S, self.repeat)
 
     def publish(self, parameters: Mapping[str, Any], files: Mapping[str, str]) -> None:
@@ -96,16 +114,16 @@ class Manifest:
         parameters : those that shape the flight; none of wall time
         files : name of the attachment -> its text
         """
-        values = [
+        self._values = [
             ('role', self._role),
             *self._run,
             *((f'parameter.{key}', as_yaml(value)) for key, value in sorted(parameters.items())),
             *((f'file.{name}', text) for name, text in sorted(files.items())),
         ]
-        self._status = to_status(OK, self._name, 'manifest', values)
         self.repeat()
 
     def repeat(self) -> None:
         """Publish it again."""
-        if self._status is not None:
-            self._publisher.publish(self._status)
+        if self._values:
+            values = [*self._values, *topics_of(self._node)]
+            self._publisher.publish(to_status(OK, self._name, 'manifest', values))

@@ -21,7 +21,7 @@ class PlaceNode(ManagedNode):
     node_name : of the node; rows : its parameters
     places : of the chain
     what : the work of the stages in a word, and their product
-    role : in the manifest; '' for none
+    role : in the manifest; '' for its name, and no parameters
     """
 
     node_name = ''
@@ -43,9 +43,7 @@ class PlaceNode(ManagedNode):
             self.get_logger().info(f'{scenario.name} has no {makes}: nothing to do')
             self.done = True
             return None
-        if self.role:
-            if not hasattr(self, '_manifest'):
-                self._manifest = health.Manifest(self, self.role)
-            self._manifest.publish({'scenario': scenario.name}, {})
+        self.manifest = self.manifest or health.Manifest(self, self.role or self.node_name)
+        self.manifest.publish({'scenario': scenario.name} if self.role else {}, {})
         self.get_logger().info(f'{does} as in {scenario.name}')
         return chain

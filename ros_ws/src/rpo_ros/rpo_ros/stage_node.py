@@ -82,6 +82,7 @@ class StageNode(FlightNode):
         self._signals: Signals = {}
         self._dropped: dict[str, int] = {}
         self._answer = Answer()
+        self.manifest: health.Manifest | None = None
         self._stage_status = self.create_publisher(
             DiagnosticStatus, names.STAGE_STATUS, qos.LATCHED
         )
@@ -166,6 +167,8 @@ class StageNode(FlightNode):
         self._hear(chain)
         chain.warm_up(tuple(map(float, scenario.start)))
         self.chain = chain
+        if self.manifest is not None:
+            self.manifest.repeat()  # it names the topics that are heard from now on
         return True
 
     def _open(self, outputs: Iterable[str]) -> None:

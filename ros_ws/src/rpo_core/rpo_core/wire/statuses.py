@@ -412,6 +412,9 @@ def numbers_text(values: Iterable[float]) -> str:
     return ' '.join(repr(float(value)) for value in values)
 
 
+_OF_MANIFEST = ('parameter.', 'file.', 'publishes.', 'hears.')
+
+
 @dataclass(frozen=True)
 class Manifest:
     """Files and parameters of a node: `values`, by key."""
@@ -430,6 +433,9 @@ class Manifest:
             Key('parameter.<name>', FILE, 'a parameter as YAML. Of a plant `parameter.mode`: '
                 '`lockstep` or `free_running`; `parameter.publish_clock` is `True` if it publishes '
                 '`/clock`', '', False),
+            Key('publishes.<topic>', TEXT, 'where the node publishes this topic of the table, '
+                'absolute; `hears.<topic>`: where it listens to it. The recorder records a topic '
+                'where the plant has it, else where it is published', '', False),
             Key('file.<name>', FILE, 'the text of a file: `file.scenario.yaml` of a plant, '
                 '`file.controller.yaml` of a controller', '', False),
         ),
@@ -445,8 +451,8 @@ class Manifest:
         found = cls.contract.read(status, most=False)
         values = dict(status.values)
         for key in values:
-            if key not in found and not key.startswith(('parameter.', 'file.')):
-                raise InputError(f'{shown(key)} is no `parameter.` and no `file.`')
+            if key not in found and not key.startswith(_OF_MANIFEST):
+                raise InputError(f'{shown(key)} is none of {", ".join(_OF_MANIFEST)}')
         return cls(text('name', status.name), found['role'], found.get('run', ''), values)
 
 

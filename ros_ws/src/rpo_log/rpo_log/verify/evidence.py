@@ -41,6 +41,7 @@ from rpo_mcap.format.run import (
     SCENARIO,
     SIGNATURE_FILE,
     SUMS_FILE,
+    TOPICS,
     TimeBase,
     is_controller,
 )
@@ -116,7 +117,8 @@ class Evidence:
         """
         rate_hz = None if free else decision_rate_hz(self._reader)
         if decisions is None:
-            if rate_hz and self._reader.path.is_dir() and not self._reader.foreign:
+            missing = not (self._reader.path / DECISIONS_FILE).is_file()
+            if rate_hz and missing and self._reader.path.is_dir() and not self._reader.foreign:
                 self._gaps.append(f'{DECISIONS_FILE} is missing')
             return
         self._take('; '.join(decisions.gaps(rate_hz, last_tick)), DECISIONS_FILE)
@@ -251,7 +253,7 @@ def records_of_run(reader: RunReader, path: Path) -> list[McapRecord]:
     attached = [
         Attachment(base.epoch_ns, base.epoch_ns, name, MEDIA_TYPE, data)
         for name, data in sorted(reader.attachments.items(), key=_order)
-        if (name in _CARRIED or is_controller(name)) and reader.carries(path, name)
+        if (name in (*_CARRIED, TOPICS) or is_controller(name)) and reader.carries(path, name)
     ]
     file = BagFile(path.name, first_ns, last_ns, sum(counts))
     return [
@@ -265,9 +267,9 @@ def records_of_run(reader: RunReader, path: Path) -> list[McapRecord]:
 
 
 def _order(attachment: tuple[str, bytes]) -> tuple[int, int, str]:
-    """Return the place of an attachment: later controllers come after all others, by number."""
+    """Return the place of an attachment: later controllers by number, then topics come last."""
     name = attachment[0]
-    later = name not in _CARRIED
+    later = 2 if name == TOPICS else int(name not in _CARRIED)
     return later, len(name) if later else 0, name
 
 

@@ -20,7 +20,7 @@ The first difference ends it. Logs of any length are verified in bounded memory.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -35,6 +35,7 @@ from rpo_core.files.validation import InputError, choice
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import RELATIVE_STATE, current, row_of
 from rpo_log.bag import open_run
+from rpo_log.manifests import HEARS, PUBLISHES
 from rpo_log.verify.evidence import Decisions, Evidence
 from rpo_log.verify.recomputation import (
     MOST_HELD_TICKS,
@@ -63,7 +64,7 @@ from rpo_mcap.format import run
 from rpo_mcap.format.run import CONTROLLER
 from rpo_mcap.format.sums import Digests
 from rpo_mcap.read.decode import TickBlock
-from rpo_mcap.read.run_log import controller_of, scenario_of
+from rpo_mcap.read.run_log import controller_of, parameters_of, scenario_of
 from rpo_mcap.read.stream import Completeness, RunReader
 from rpo_mcap.topics import Topic
 
@@ -164,8 +165,9 @@ class _Verifier:
         self._controller = next(x for x in self.chain.links if x.place is Place.CONTROLLER)
         if not (reader.path / run.DECISIONS_FILE).is_file():
             return None
-        state = self.topics[RELATIVE_STATE].name
-        topic = state.removesuffix(RELATIVE_STATE) + interfaces.DECISION
+        own = (t for t in self.topics.values() if not (t.remapped or t.row.topic.startswith('/')))
+        space = next((topic.name.rpartition('/')[0] for topic in own), '')
+        topic = f'{space}/{interfaces.DECISION}'
         content = reader.attachments[CONTROLLER]
         return Decisions(reader.path, reader.base, topic, controller, content)
 
@@ -221,7 +223,7 @@ class _Verifier:
         return min(
             (d for d in found if d is not None),
             default=None,
-            key=lambda d: (d.tick, order[d.topic.rsplit('/', 1)[-1]]),
+            key=lambda d: (d.tick, order[_signal_of(d, self.topics.values())]),
         )
 
     def _compare(self, block: TickBlock) -> Iterator[Difference | None]:
@@ -397,13 +399,44 @@ def verify(
     lists is a difference, no LogError.
     """
     try:
-        return _verification(open_run(path, scenario, controller), trusted, given)
+        reader = open_run(path, scenario, controller)
+        found, remaps = _verification(reader, trusted, given), _remaps(reader)
+        said: list[str] = []
+        while (difference := found.difference) is not None:
+            signal = _signal_of(difference, reader.topics)
+            node = next((n for n, (_, made) in remaps.items() if signal in made), None)
+            if node is None:
+                return found
+            sentence, made = remaps.pop(node)
+            said.append(sentence)
+            given = {*given, *made}
+            found = _verification(open_run(path, scenario, controller), trusted, given)
+        return replace(found, gaps=(*said, *found.gaps))
     except LogError as error:
         faults = _faults_of(Path(path))
         if not faults:
             raise
         gap = f'{error.path.name} {error.sentence}'
         return Verification(Path(path), 0, None, (gap,), faults=faults)
+
+
+def _signal_of(difference: Difference, recorded: Iterable[Topic]) -> str:
+    named = {topic.name: topic.signal for topic in recorded if not topic.row.rides}
+    found = named.get(difference.topic, difference.topic.rsplit('/', 1)[-1])
+    return interfaces.CONTROL_FORCE if found == interfaces.DECISION else found
+
+
+def _remaps(reader: RunReader) -> dict[str, tuple[str, list[str]]]:
+    """Return the nodes that hear a signal elsewhere than the log: in words, and what they make."""
+    found, where = {}, {topic.signal: topic.name for topic in reader.topics}
+    for node, values in parameters_of(reader, run.TOPICS).items():
+        said = values if isinstance(values, Mapping) else {}
+        heard = {k[len(HEARS) :]: t for k, t in said.items() if str(k).startswith(HEARS)}
+        away = [f'{s} on {t}' for s, t in heard.items() if where.get(s, t) != t]
+        made = [s for s in where if said.get(PUBLISHES + s) and row_of(s).columns]
+        if away:
+            found[node] = f'{node} heard {", ".join(away)}, and not what the log has', made
+    return found
 
 
 def _faults_of(folder: Path) -> tuple[str, ...]:

@@ -19,6 +19,7 @@ import yaml
 from rpo_core.wire.interfaces import Qos
 from rpo_mcap.errors import Fault, LogError
 from rpo_mcap.format.run import METADATA_FILE, write_whole
+from rpo_mcap.topics import SIGNAL
 
 VERSION = 9
 ROS_DISTRO = 'jazzy'
@@ -47,25 +48,29 @@ def qos_document(qos: Qos) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class BagTopic:
-    """One topic as rosbag2 describes it."""
+    """One topic as rosbag2 describes it; `signal`: what it carries, if it is remapped."""
 
     name: str
     type: str
     type_hash: str
     qos: Sequence[Mapping[str, Any]]
     messages: int = 0
+    signal: str = ''
 
     @classmethod
-    def of(cls, name: str, type_name: str, qos: Qos, messages: int = 0) -> BagTopic:
+    def of(
+        cls, name: str, type_name: str, qos: Qos, messages: int = 0, signal: str = ''
+    ) -> BagTopic:
         """Return a topic of an installed type; raises LogError."""
         type_hash = definition(type_name).type_hash
-        return cls(name, type_name, type_hash, [qos_document(qos)], messages)
+        return cls(name, type_name, type_hash, [qos_document(qos)], messages, signal)
 
     @property
     def channel_metadata(self) -> dict[str, str]:
         """Metadata of the topic's MCAP channel; the profiles are a YAML sequence, version 9."""
         profiles = yaml.safe_dump(list(self.qos), sort_keys=False).rstrip('\n')
-        return {'offered_qos_profiles': profiles, 'topic_type_hash': self.type_hash}
+        found = {'offered_qos_profiles': profiles, 'topic_type_hash': self.type_hash}
+        return found | ({SIGNAL: self.signal} if self.signal else {})
 
     def to_document(self) -> dict[str, Any]:
         """Return the entry of the list `topics_with_message_count`."""

@@ -21,7 +21,9 @@ RUN_RECORD = 'rpo_run'
 SCENARIO = 'scenario.yaml'
 CONTROLLER = 'controller.yaml'
 PARAMETERS = 'parameters.yaml'
-"""Names of the attachments; the parameters are those of every node, resolved."""
+TOPICS = 'topics.yaml'
+"""Names of the attachments; the parameters are those of every node, resolved; the topics those of
+nodes that hear a signal where it is not recorded."""
 
 MOST_CONTROLLERS = 16
 """Controller files of one run that are attached."""

@@ -155,10 +155,10 @@ def controller_of(log: RunLog | RunReader, name: str = CONTROLLER) -> AnyControl
     return _parsed(log, name, controller.parse)
 
 
-def parameters_of(log: RunLog | RunReader) -> Mapping[str, Any]:
-    """Return the parameters of the nodes by their names; empty if the log does not tell them."""
+def parameters_of(log: RunLog | RunReader, name: str = PARAMETERS) -> Mapping[str, Any]:
+    """Return the parameters of the nodes by their names, or topics; {} if the log has none."""
     try:
-        found = files.parse_yaml(log.attachments.get(PARAMETERS, b'').decode())
+        found = files.parse_yaml(log.attachments.get(name, b'').decode())
     except (InputError, UnicodeDecodeError):
         return {}
     return found if isinstance(found, Mapping) else {}

@@ -133,7 +133,7 @@ class RunReader:
         )
 
     def _complete_topics(self) -> tuple[Topic, ...]:
-        recorded = topics.resolve([t.name for t in self._channels.values()], str(self.files[0]))
+        recorded = topics.resolve(self._channels.values(), str(self.files[0]))
         signals = [topic.signal for topic in recorded]
         for signal in topics.REQUIRED:
             if signal not in signals:
@@ -209,7 +209,7 @@ class RunReader:
             )
 
     def _take_channel(self, path: Path, channel: Channel) -> None:
-        topic = topics.find(channel.topic)
+        topic = topics.find(channel.topic, channel.metadata.get(topics.SIGNAL, ''))
         if topic is None:
             return
         found = self._schemas.get(channel.schema_id, 'no type')

@@ -178,7 +178,9 @@ MEDIA_TYPE = 'application/yaml'
 def bag_topics(recorded: Sequence[Topic], counts: Sequence[int]) -> list[rosbag2.BagTopic]:
     """Return the topics of a log as rosbag2 describes them."""
     return [
-        rosbag2.BagTopic.of(topic.name, topic.type, topic.row.qos, count)
+        rosbag2.BagTopic.of(
+            topic.name, topic.type, topic.row.qos, count, topic.signal if topic.remapped else ''
+        )
         for topic, count in zip(recorded, counts, strict=True)
     ]
 

@@ -26,6 +26,7 @@ from rpo_mcap.errors import LogError, cannot_write
 from rpo_mcap.format import rosbag2
 from rpo_mcap.format.rosbag2 import BagFile
 from rpo_mcap.format.run import RunSummary, TimeBase, prepare_folder
+from rpo_mcap.topics import Topic
 from rpo_mcap.write.mcap_file import BagFileWriter, bag_topics
 from rpo_mcap.write.orderer import TickOrderer
 
@@ -39,7 +40,8 @@ class RunLogWriter:
 
     folder : created if it is not there
     base : the ticks of the run
-    names : full topic names; the last part of each is its signal (`rpo_core.wire.interfaces`)
+    names : full topic names; the last part of each is its signal (`rpo_core.wire.interfaces`), or
+        it is a Topic
     attachments : file name to bytes: scenario.yaml, controller.yaml, parameters.yaml
     split_s, split_bytes : begin a new file (run_0.mcap, run_1.mcap, ...) after so much simulated
         time or so many bytes; 0 and 0 for one file, run.mcap
@@ -54,7 +56,7 @@ class RunLogWriter:
         self,
         folder: str | Path,
         base: TimeBase,
-        names: Iterable[str],
+        names: Iterable[str | Topic],
         attachments: Mapping[str, bytes],
         *,
         split_s: float = 0.0,
