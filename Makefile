@@ -16,7 +16,7 @@ SETUP = @$(if $(ANY_PYTHON),,echo 'Python 3.10 to 3.13 is needed, and there is n
 ENV = @unset PYTHONDONTWRITEBYTECODE; source ros_ws/env.bash &&
 SOURCES = ros_ws offline_training tests tools
 
-.PHONY: help setup demo docs test tests test-slow bench compile wheels lint format lock clean
+.PHONY: help setup demo docs test tests test-slow bench compile wheels notebooks lint format lock clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | sort | expand -t 12
@@ -60,6 +60,11 @@ wheels:  ## the wheels rpo_core and rpo, which fly, train and report without ROS
 	$(SETUP)
 	@rm -rf packaging/*/build
 	$(ENV) python -m pip wheel -q --no-deps --no-build-isolation -w dist packaging/rpo_core packaging/rpo && ls dist/*.whl
+
+notebooks:  ## run docs/notebooks, and store what the cells print and draw
+	$(SETUP) train report
+	$(ENV) VIRTUAL_ENV=$(CURDIR)/.venv uv run -q --no-project --active --with nbconvert --with ipykernel jupyter nbconvert \
+		--to notebook --execute --inplace --ExecutePreprocessor.record_timing=False docs/notebooks/*.ipynb
 
 lint:  ## ruff and mypy, which reads the libraries that the code uses
 	$(SETUP) lint test

@@ -388,6 +388,13 @@ def test_what_follows_of_the_cells_is_the_same_in_any_order():
     assert (found['energy_n2s'].low, found['energy_n2s'].high) == (low.min(), high.max())
 
 
+@pytest.mark.parametrize(('more', 'inside'), [(0.0, False), (1e-12, True)])
+def test_a_set_on_the_very_rim_is_not_inside(more, inside):
+    omega, speed = InvariantSet(1.0, 0.1, 0.3 * (1.0 + more)), np.array([0.0, 0.3])
+    found = sets.is_inside(omega, np.zeros(2), speed[:, None], np.zeros(2), 1, -speed, speed)
+    assert found == inside
+
+
 def test_the_box_of_a_set_is_rounded_outwards():
     """In exact numbers; a sum of floats alone is too small in half of the draws."""
     random = np.random.default_rng(5)
