@@ -74,10 +74,16 @@ let speed = SPEEDS.reduce((a, b) => Math.abs(END / b - 25) < Math.abs(END / a - 
 // ---------------------------------------------------------------- scene
 
 const software = (() => {  // a processor that draws has no time to smooth edges
-  const gl = document.createElement('canvas').getContext('webgl'), info = gl && gl.getExtension('WEBGL_debug_renderer_info');
+  const gl = document.createElement('canvas').getContext('webgl');
+  if (!gl) {
+    el('note').textContent = 'This browser does not draw in three dimensions (WebGL): report.html beside this page has pictures.';
+    throw Error('no WebGL');
+  }
+  const info = gl.getExtension('WEBGL_debug_renderer_info');
   return /swiftshader|llvmpipe|software/i.test(info ? gl.getParameter(info.UNMASKED_RENDERER_WEBGL) : '');
 })();
 const renderer = new THREE.WebGLRenderer({ antialias: !software });
+renderer.debug.checkShaderErrors = false;  // it would wait for each of them
 const scene = new THREE.Scene(), camera = new THREE.PerspectiveCamera(38, 1, 0.05, 1e5);
 camera.up.set(1, 0, 0);
 el('view').prepend(renderer.domElement);
