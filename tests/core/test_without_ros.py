@@ -54,6 +54,7 @@ def test_the_core_flies_with_rclpy_blocked():
 def test_it_is_said_how_to_install_the_one_library_that_rosdep_has_not():
     said = missing.sentence('mcap.reader')
     assert said.startswith('the Python library mcap is missing: `python3 -m pip install ')
+    assert missing.sentence('rosbags.rosbag2').endswith('rosbags` installs it')
     assert missing.sentence('rclpy') is None and missing.sentence(None) is None
 
 

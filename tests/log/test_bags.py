@@ -49,13 +49,13 @@ def manifests(
 
 
 def write_bag(
-    folder: Path, messages: Any, space: str = '', plugin: StoragePlugin = MCAP, pressed: bool = True
+    folder: Path, messages: Any, space: str = '', plugin: StoragePlugin = MCAP, pressed: Any = None
 ) -> Path:
     """Write messages in the order in which they came, with wall-clock times, by rosbags."""
     with_others = itertools.chain(messages, [('/rosout', 0, cdr.encode_clock(0))])
     bag = Writer(folder, version=9, storage_plugin=plugin)
     if pressed:
-        bag.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
+        bag.set_compression(pressed, CompressionFormat.ZSTD)
     with bag:
         known: dict[str, Any] = {}
         for number, (name, _, data) in enumerate(with_others):
@@ -74,10 +74,12 @@ def bags(short_run: Run, tmp_path_factory: pytest.TempPathFactory) -> dict[str, 
     folder = tmp_path_factory.mktemp('bags')
     told, bare = manifests(short_run), short_run.shuffled(5, spread=3.0)
     return {
-        'sqlite3': write_bag(folder / 'any name', told + bare, plugin=SQLITE, pressed=False),
-        'mcap': write_bag(folder / 'run', told + bare),
-        'namespace': write_bag(folder / 'spaced', told + bare, '/a/b'),
-        'bare': write_bag(folder / 'bare', bare, pressed=False),
+        'sqlite3': write_bag(folder / 'any name', told + bare, plugin=SQLITE),
+        'mcap': write_bag(folder / 'run', told + bare, pressed=CompressionMode.MESSAGE),
+        'namespace': write_bag(
+            folder / 'spaced', told + bare, '/a/b', pressed=CompressionMode.FILE
+        ),
+        'bare': write_bag(folder / 'bare', bare),
         'log': short_run.write(folder / 'log') and folder / 'log',
     }
 

@@ -2,10 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Topics that a user has remapped: recorded where they are, or named as a gap; over real DDS."""
 
+import time
+from functools import partial
+
 import yaml
 from inside import inside
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
 from scenarios import lasting
 
+from rpo_core.wire import interfaces
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.tools.info import inspect
@@ -13,6 +19,9 @@ from rpo_log.verify import ExitCode, verify
 from rpo_mcap.format.run import TOPICS
 from rpo_mcap.read.run_log import read_run
 from rpo_nav.navigation_node import NavigationNode
+from rpo_ros import qos
+from rpo_ros.signals import message_class
+from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 from rpo_sim.plant_node import PlantNode
 
 ODOMETRY = '/truth/odometry'
@@ -51,3 +60,32 @@ def test_a_node_that_hears_something_else_is_a_gap(ros_env, tmp_path):
     assert 'dynamics' in found.stages and 'controller' not in found.stages
     topics = yaml.safe_load(read_run(run).attachments[TOPICS])['fuzzy_controller']
     assert topics['hears.navigation_state'] == '/relative_state'
+
+
+def test_what_somebody_else_records_in_flight_verifies(ros_env, tmp_path):
+    """As `ros2 bag record --all` does: each message as it comes, by the wall clock; remapped."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with (
+        Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.SQLITE3) as bag,
+        inside(['-r', f'relative_state:={ODOMETRY}']) as inner,
+    ):
+        for row in interfaces.rows():
+            name = {'relative_state': ODOMETRY}.get(row.name, f'/{row.name}')
+            topic = bag.add_connection(name, row.type, typestore=store)
+            profile = qos.LATCHED_QUEUE if row.qos == interfaces.LATCHED else qos.RECORDING
+            inner.user.create_subscription(
+                message_class(row.type), name, partial(write, bag, topic), profile, raw=True
+            )
+        inner.start(ControllerNode({}))
+        inner.start(DisturbanceInjectorNode({}))
+        path = lasting(2.0, tmp_path, 'quick')
+        options = {'scenario': path, 'wait_for_recorder': False, 'real_time_factor': 4.0}
+        plant = inner.start(PlantNode(options))
+        inner.until(lambda: plant.done)
+    found = verify(tmp_path / 'bag')
+    assert found.exit_code == ExitCode.OK, found.sentence()
+    assert found.ticks == 21 and 'disturbance' in found.stages
+
+
+def write(bag, topic, data):
+    bag.write(topic, time.time_ns(), data)

@@ -433,9 +433,9 @@ class Manifest:
             Key('parameter.<name>', FILE, 'a parameter as YAML. Of a plant `parameter.mode`: '
                 '`lockstep` or `free_running`; `parameter.publish_clock` is `True` if it publishes '
                 '`/clock`', '', False),
-            Key('publishes.<topic>', TEXT, 'where the node publishes this topic of the table, '
-                'absolute; `hears.<topic>`: where it listens to it. The recorder records a topic '
+            Key('publishes.<topic>', TEXT, 'where the node publishes it, absolute. It is recorded '
                 'where the plant has it, else where it is published', '', False),
+            Key('hears.<topic>', TEXT, 'where the node listens to it, absolute', '', False),
             Key('file.<name>', FILE, 'the text of a file: `file.scenario.yaml` of a plant, '
                 '`file.controller.yaml` of a controller', '', False),
         ),
