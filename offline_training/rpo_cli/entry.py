@@ -17,7 +17,7 @@ _LAYERS = {
     'numba': 'train',
     'pymoo': 'train',
     'cma': 'train',
-    'scipy': 'train',
+    'scipy': 'report',
     'cvxpy': 'campaign',
     'distributed': 'campaign',
     'dask': 'campaign',

@@ -99,7 +99,8 @@ def verdict_of(flight: Flight, gaps: Sequence[str] = ()) -> str:
         bad = [verdict for verdict in found if verdict.holds is False]
         said = '; '.join(f'{v.statement}: {_of(v.value, v.limit, v.unit)}' for v in bad)
         return f'{len(bad)} of {len(found)} requirements missed. {said}.'
-    said = 'The requirement holds.' if len(found) == 1 else f'All {len(found)} requirements hold.'
+    few = {1: 'The requirement holds.', 2: 'Both requirements hold.'}
+    said = few.get(len(found), f'All {len(found)} requirements hold.')
     if tight := [verdict for verdict in found if verdict.limit > 0.0 and verdict.holds]:
         v = max(tight, key=lambda verdict: verdict.value / verdict.limit)
         said += f' The tightest is {v.statement}: {_of(v.value, v.limit, v.unit)}.'

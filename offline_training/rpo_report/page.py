@@ -179,7 +179,8 @@ def html(report: Report) -> str:
 
 
 def _verdict(report: Report) -> str:
-    kind = 'bad' if report.missed else 'good'
+    judged = any(one.missed is not None for one in report.flights)
+    kind = 'bad' if report.missed else 'good' if judged else ''
     return report.verdict and f'<p class="verdict {kind}">{escape(report.verdict)}</p>'
 
 

@@ -67,6 +67,7 @@ class Flight {
 const flights = DATA.flights.map((data, i) => new Flight(data, i));
 const END = Math.max(...flights.map(flight => flight.end));
 const MANY = flights.length > HUES.length;
+const judged = flight => flight.missed === null ? '' : flight.missed ? 'bad' : 'good';
 const hue = flight => MANY ? (flight.missed ? 'bad' : 'x') : HUES[flight.number];
 let chosen = flights[0], now = 0, playing = false, dirty = true;
 let speed = SPEEDS.reduce((a, b) => Math.abs(END / b - 25) < Math.abs(END / a - 25) ? b : a);
@@ -257,7 +258,7 @@ const plumes = [0, 1, 2].map(() => add(scene, mesh(
   new THREE.ConeGeometry(0.32, 1, 14, 1, true).translate(0, -0.5, 0), flat('small_positive', 0.45, { side: THREE.DoubleSide }))));
 const drop = add(scene, polyline([[0, 0, 0], [1, 0, 0]], thin('ink', 0.35)));
 drop.frustumCulled = false;
-const cloud = add(scene, mesh(new THREE.SphereGeometry(1, 24, 16), flat('optimum', 0.35)));
+const cloud = add(scene, mesh(new THREE.SphereGeometry(1, 24, 16), flat('optimum', 0.35, { depthTest: false })));  // seen through the chaser
 cloud.matrixAutoUpdate = false;
 const ghost = add(scene, mesh(new THREE.OctahedronGeometry(1), flat('optimum')));
 ghost.userData.pixels = 6;
@@ -448,7 +449,7 @@ function build() {  // what depends on the chosen flight
     return box;
   }));
   say(el('verdict'), chosen.verdict);
-  el('verdict').className = chosen.missed ? 'bad' : 'good';
+  el('verdict').className = judged(chosen);
   [...el('flights').children].forEach((button, i) => button.setAttribute('aria-pressed', flights[i] === chosen));
   legend();
   strip();
@@ -672,7 +673,7 @@ if (flights.length > 1) {
   el('flights').append(...flights.map(flight => {
     const button = node('button'), mark = node('i');
     mark.style.background = `var(--${hue(flight)})`;
-    button.append(mark, node('span', flight.name), node('small', flight.missed ? 'misses' : 'holds', flight.missed ? 'bad' : 'good'));
+    button.append(mark, node('span', flight.name), node('small', { bad: 'misses', good: 'holds' }[judged(flight)] || 'not judged', judged(flight)));
     button.title = flight.verdict;
     button.onclick = () => choose(flight.number);
     return button;

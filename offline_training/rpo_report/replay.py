@@ -62,7 +62,7 @@ class Limit(NamedTuple):
 class Replayed:
     """One flight of a replay.
 
-    verdict : in words; missed : whether it misses what it is judged by
+    verdict : in words; missed : whether it misses what it is judged by; None: it is not judged
     controller : whose rules are shown, if it is known
     phases : of its plan, each with name, reason and first tick
     acts : of assurance, each with the constraint, the first tick, and the one after the last
@@ -74,7 +74,7 @@ class Replayed:
     name: str
     flight: Flight
     verdict: str
-    missed: bool
+    missed: bool | None
     controller: AnyController | None = None
     phases: Sequence[tuple[str, str, int]] = ()
     acts: Sequence[tuple[str, int, int]] = ()
@@ -247,9 +247,10 @@ def _reasons(flight: Flight, controller: AnyController | None, most: int) -> dic
             causes = [cause for cause in causes if cause.share >= 0.01][:_MOST_CAUSES]
             texts = [(round(100.0 * c.share), c.what.partition(' (')[0], c.why) for c in causes]
             number = words.setdefault
-            force = found.force.partition(', ')[2] or found.force
+            number_n, _, force = found.force.partition(' N, ')
+            force = force.partition(' (')[0] or number_n
             row.append([
-                number(force.partition(' (')[0], len(words)),
+                number(force, len(words)),
                 [[p, number(what, len(words)), number(why, len(words))] for p, what, why in texts],
             ])  # fmt: skip
         samples.append(row)

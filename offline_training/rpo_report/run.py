@@ -103,7 +103,7 @@ def report_of(path: Path, scenario: str = '') -> tuple[Report, LoggedFlight]:
         ]
     replayed = _replayed(path.name, shown, controller, stages)
     summary = _summary(shown, log)
-    title, judged = log_report.title_of(log), replayed.missed
+    title, judged = log_report.title_of(log), bool(replayed.missed)
     made = Report(title, summary, tuple(sections), judged, replayed.verdict, (replayed,))
     return made, shown
 
@@ -169,7 +169,7 @@ def _replayed(
         name,
         shown.flight,
         verdict_of(shown.flight, shown.gaps),
-        shown.whole and missed(shown.flight),
+        missed(shown.flight) if shown.whole and verdicts(shown.flight) else None,
         controller,
         [(phase.name, phase.reason, phase.begin) for phase in phases],
         assured.interventions(acted.constraints) if acted else (),

@@ -64,7 +64,6 @@ def report(
 
     from rpo_cli.display import plain_console
     from rpo_report import page
-    from rpo_report import video as moving
     from rpo_report.page import write
 
     target, *others = targets
@@ -79,6 +78,8 @@ def report(
     if video is not None:
         if subject != 'run' or others:
             raise InputError(f'`--video` is of one run; {target} is a {subject}')
+        from rpo_report import video as moving
+
         moving.check(video)
     doing = Text(printable(f'{target}: reporting this {subject}'))
     with plain_console(stderr=True).status(doing):
