@@ -151,7 +151,10 @@ def test_a_figure_of_a_run_is_a_number(wrong):
         (RECORDER._replace(message='shut'), '`message` must be one of waiting'),
         (HEARTBEAT._replace(message='well'), '`message` must be one of alive, gone'),
         (changed(MANIFEST, role=' '), '`role` must be a text'),
-        (changed(MANIFEST, mode='lockstep'), "'mode' is no `parameter.` and no `file.`"),
+        (
+            changed(MANIFEST, mode='lockstep'),
+            "'mode' is none of parameter., file., publishes",
+        ),
     ],
     ids=lambda part: part if isinstance(part, str) else '',
 )

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import importlib
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -18,6 +20,7 @@ from rpo_montecarlo.campaign.run_batch import fly_runs
 from rpo_montecarlo.engine.lanes import R
 from rpo_training.gym_vector import HELD_OUT
 
+EXAMPLES = Path(__file__).parents[2] / 'offline_training' / 'examples'
 LAW = {'position_gain_n_m': 0.02, 'velocity_gain_n_s_m': 0.6}
 
 
@@ -116,3 +119,13 @@ def test_bad_input_is_refused():
             env.step(bad)
     with pytest.raises(InputError, match='num_envs'):
         make(0)
+
+
+def test_the_agent_that_ships_flies_what_it_never_saw(monkeypatch):
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    fly_agent = importlib.import_module('fly_agent')
+    energy, kept = fly_agent.of_agent('paper_test_measured', 10)
+    assert 6.0 < energy.mean() < 10.0
+    assert all(each.all() for name, each in kept.items() if name != 'hold_force_per_disturbance')
+    _, kept = fly_agent.of_controller('paper_test_measured', 10, 'allround')
+    assert kept['slew_per_axis_n_s'].all()
