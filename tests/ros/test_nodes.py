@@ -264,6 +264,23 @@ def test_a_node_whose_middleware_does_not_stop_ends_and_says_where_it_was(ros_en
     assert 'in destroy_node' in done.stderr
 
 
+AT_EXIT = """
+import ctypes, sys, types
+from rpo_ros import entry_point
+entry_point.LONGEST_END_S = 0.5
+libc = ctypes.CDLL(None)
+libc.__cxa_atexit(libc.pause, None, None)
+sys.modules['ended'] = types.SimpleNamespace(main=lambda: 0)
+sys.exit(entry_point.start('ended'))
+"""
+
+
+def test_a_process_whose_exit_handlers_do_not_return_ends():
+    """Fast DDS was seen to spin in its exit handlers, after the interpreter, for seven minutes."""
+    done = subprocess.run([sys.executable, '-c', AT_EXIT], timeout=30)
+    assert done.returncode == -signal.SIGALRM
+
+
 @pytest.mark.every_landing
 def test_two_runs_in_two_namespaces_do_not_touch(ros):
     runs = []

@@ -58,6 +58,10 @@ def start(module: str) -> int:
         print(sentence, file=sys.stderr)
         return EXIT_BAD_INPUT
     end_in_time()
+    # The interpreter's end takes that watch along, and after it Fast DDS was once seen to spin for
+    # ever in its exit handlers. This one is the kernel's.
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    signal.setitimer(signal.ITIMER_REAL, LONGEST_END_S)
     gc.freeze()  # else the interpreter collects the objects of numba at exit, which takes seconds
     return code
 
