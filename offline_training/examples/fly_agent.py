@@ -47,9 +47,9 @@ def force_share(outputs: Floats) -> Floats:
     return bounded * np.abs(bounded)
 
 
-def act(weights: Any, seen: Floats) -> Floats:
+def act(weights: dict[str, Any], seen: Floats) -> Floats:
     """Return the actions (n, 3) of the agent."""
-    x, layers = features(seen), len(weights.files) // 2
+    x, layers = features(seen), len(weights) // 2
     for i in range(layers):
         x = x @ weights[f'w{i}'].T + weights[f'b{i}']
         x = x if i == layers - 1 else np.tanh(x)
@@ -62,7 +62,8 @@ def of_agent(campaign: str, runs: int) -> tuple[Floats, dict[str, Any]]:
         rpo_training.gym_vector.ENVIRONMENT, runs, campaign=campaign, ticks_per_step=HOLD_TICKS
     )
     seen, _ = env.reset(seed=HELD_OUT, options={'judging': True})
-    weights, ended, infos = np.load(WEIGHTS), np.zeros(runs, np.bool_), dict[str, Any]()
+    weights = dict(np.load(WEIGHTS))  # of the file, each item would be read at every step
+    ended, infos = np.zeros(runs, np.bool_), dict[str, Any]()
     while not ended.all():
         seen, _, ended, _, infos = env.step(act(weights, seen))
     return infos['energy_n2s'], infos['kept']
@@ -72,7 +73,7 @@ def of_controller(campaign: str, runs: int, name: str) -> tuple[Floats, dict[str
     """Return the same of a shipped controller."""
     loaded = config.load(config.find(campaign), controller=name, runs=runs, seed=HELD_OUT)
     found = fly_runs(loaded, 0, runs)
-    limits = {each: loaded.config.limit(each, found) for each in loaded.config.success}
+    limits = loaded.config.limits(found)
     return found['energy_n2s'], {each: value <= most for each, (value, most) in limits.items()}
 
 

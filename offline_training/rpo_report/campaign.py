@@ -456,7 +456,7 @@ def _excess(store: Store) -> Floats:
     config = store.campaign.config
     columns = {name: store.column(name) for name in config.judging}
     found = np.zeros(config.runs)
-    for values, limits in (config.limit(name, columns) for name in config.success):
+    for values, limits in config.limits(columns).values():
         share = np.divide(values, limits, out=np.zeros(config.runs), where=np.asarray(limits) > 0.0)
         found = np.maximum(found, share)
     return found

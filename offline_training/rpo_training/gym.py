@@ -55,6 +55,15 @@ MAX_OBSERVED = 100.0
 OPTIONS = ('scenario', 'start')
 
 
+def spaces() -> tuple[gymnasium.Space[Floats], gymnasium.Space[Floats]]:
+    """Return the spaces of an action (3,) and of an observation (10,)."""
+    high = np.array([MAX_OBSERVED] * 6 + [1.0] * 4)
+    low = np.concatenate([-high[:9], [0.0]])
+    action: gymnasium.Space[Any] = gymnasium.spaces.Box(-1.0, 1.0, (3,), np.float64)
+    observed: gymnasium.Space[Any] = gymnasium.spaces.Box(low, high, dtype=np.float64)
+    return action, observed
+
+
 class FinalApproach(gymnasium.Env[Floats, Floats]):
     """One flight of a scenario; the policy commands the force of every tick.
 
@@ -82,10 +91,7 @@ class FinalApproach(gymnasium.Env[Floats, Floats]):
         scenario: str | Path | Scenario | ScenarioSet = 'paper_training',
         render_mode: str | None = None,
     ) -> None:
-        high = np.array([MAX_OBSERVED] * 6 + [1.0] * 4)
-        low = np.concatenate([-high[:9], [0.0]])
-        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (3,), np.float64)
-        self.observation_space = gymnasium.spaces.Box(low, high, dtype=np.float64)
+        self.action_space, self.observation_space = spaces()
         self.render_mode = render_mode
         self._members = _members(scenario)
         self._begin(self._members[0])

@@ -4,7 +4,8 @@
 
 Importing this module registers `rpo/DispersedApproach-v0`, for `gymnasium.make_vec`. An environment
 is a run of a campaign, so its starts, masses, thrusters, sensors and disturbances are drawn, and a
-controller that plays it has the bits of its campaign. Needs the layers `gym` and `train`.
+controller that plays it flies as in its campaign, to the rounding of its actions. Needs the layers
+`gym` and `train`.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from rpo_montecarlo.engine.lanes import BEFORE, SEEN_R, SEEN_V, R, V
 from rpo_montecarlo.engine.parts.dynamics import uneven_steps
 from rpo_montecarlo.engine.stepping import Stepping
 from rpo_montecarlo.engine.support import why_not
-from rpo_training.gym import MAX_OBSERVED, UNITS
+from rpo_training.gym import MAX_OBSERVED, UNITS, spaces
 
 Floats = NDArray[np.float64]
 
@@ -65,10 +66,7 @@ class DispersedApproach(gymnasium.vector.VectorEnv[Floats, Floats, Any]):
             raise InputError(f'the environment is the engine: {reason}')
         ticks = self.scenario.ticks
         self.ticks_per_step = whole('ticks_per_step', ticks_per_step, least=1, most=ticks)
-        high = np.array([MAX_OBSERVED] * 6 + [1.0] * 4)
-        low = np.concatenate([-high[:9], [0.0]])
-        self.single_action_space = gymnasium.spaces.Box(-1.0, 1.0, (3,), np.float64)
-        self.single_observation_space = gymnasium.spaces.Box(low, high, dtype=np.float64)
+        self.single_action_space, self.single_observation_space = spaces()
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.tick, self._first = ticks, 0
@@ -126,7 +124,7 @@ class DispersedApproach(gymnasium.vector.VectorEnv[Floats, Floats, Any]):
     def _judged(self) -> dict[str, Any]:
         """Return energies (n,) [N^2 s], values of what is limited, and which limits are kept."""
         found = known_of(self.campaign, self.stepping.case, self.stepping.landed())
-        limits = {n: self.campaign.config.limit(n, found) for n in self.campaign.config.success}
+        limits = self.campaign.config.limits(found)
         kept = {name: np.asarray(value <= limit) for name, (value, limit) in limits.items()}
         values = {name: value for name, (value, _) in limits.items()}
         return {'energy_n2s': found['energy_n2s'], 'values': values, 'kept': kept}

@@ -396,7 +396,7 @@ class Flights:
             more = [gain_part(PAIRED_LANES, off.gain, self._limit_n)]
         drawn = off.of(self._runs[campaign.config.name])
         columns = side_by_side(campaign, drawn, control, more)
-        limits = {name: campaign.config.limit(name, columns) for name in campaign.config.success}
+        limits = campaign.config.limits(columns)
         return {name: values / limit for name, (values, limit) in limits.items()}
 
     def check(self, off: Off, judged: Sequence[str]) -> tuple[float, str]:

@@ -117,6 +117,10 @@ class CampaignConfig:
             return columns['hold_force_per_axis_n'], self.success[name] * columns[LEVEL]
         return columns[name], self.success[name]
 
+    def limits(self, columns: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
+        """Return condition of success -> its values, and its limit."""
+        return {name: self.limit(name, columns) for name in self.success}
+
     @property
     def judging(self) -> tuple[str, ...]:
         """Names of the columns that success is judged by."""

@@ -18,7 +18,7 @@ from rpo_montecarlo.engine.cases import DrawnCase
 from rpo_montecarlo.engine.counters import Trace, counting
 from rpo_montecarlo.engine.lanes import FORCE, PAIRED_LANES, ROWS, RUNS, STRIDE, compiled
 from rpo_montecarlo.engine.simulator import Pairs, flown
-from rpo_montecarlo.engine.tick import PASSED, Part, place
+from rpo_montecarlo.engine.tick import PASSED, Part, fresh, place, steps_of
 
 Floats = NDArray[np.float64]
 
@@ -45,7 +45,7 @@ class Stepping:
         for w, runs in zip(self.w, case.batches, strict=True):
             place(w, runs)
             trace = Trace(case.windows.horizon, PAIRED_LANES) if case.judged else None
-            own = [part._replace(memory=part.memory.copy()) for part in runs.parts]
+            own = fresh(runs.parts)
             own += [counting(runs, case.windows, None), *([trace.part] if trace else [])]
             self._parts.append(own)
             self._traces.append(trace)
@@ -55,16 +55,10 @@ class Stepping:
 
     def _rows(self, first: int, end: int) -> Any:
         """Return the kernels of each batch at some places of a tick."""
-        batches = []
-        for parts in self._parts:
-            steps = [
-                (place, kernel, part.memory, part.table)
-                for part in parts
-                for place, kernel in part.steps
-                if first <= place < end
-            ]
-            steps.sort(key=lambda step: step[0])
-            batches.append(rows_of([step[1:] for step in steps]))
+        batches = [
+            rows_of([step for place, step in steps_of(parts) if first <= place < end])
+            for parts in self._parts
+        ]
         if not COMPILED:
             return batches
         return np.array(batches).reshape(len(batches), -1, 5)

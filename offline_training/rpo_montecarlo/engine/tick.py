@@ -27,7 +27,7 @@ from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
 from rpo_core.wire.interfaces import RELATIVE_STATE
 from rpo_kernels.kernels import State
-from rpo_montecarlo.engine.calls import call, rows_of
+from rpo_montecarlo.engine.calls import Call, call, rows_of
 from rpo_montecarlo.engine.lanes import RUNS, R, V, compiled
 
 Floats = NDArray[np.float64]
@@ -116,6 +116,19 @@ def place(w: Floats, runs: Runs) -> None:
         w[row + 2 * p : row + 2 * p + len(runs.vertical)] = runs.vertical[:, column]
 
 
+def fresh(parts: Sequence[Part]) -> list[Part]:
+    """Return parts with memories of their own, as they are before tick 0."""
+    return [part._replace(memory=part.memory.copy()) for part in parts]
+
+
+def steps_of(parts: Sequence[Part]) -> list[tuple[int, Call]]:
+    """Return the kernels of a tick in their order: place, and what `rows_of` takes."""
+    steps = [
+        (place, (kernel, part.memory, part.table)) for part in parts for place, kernel in part.steps
+    ]
+    return sorted(steps, key=lambda step: step[0])
+
+
 def fly(runs: Runs, more: Sequence[Part], ticks: int, w: Floats) -> dict[str, Floats]:
     """Fly runs through so many ticks; return name of part -> its memory after the flight.
 
@@ -123,14 +136,10 @@ def fly(runs: Runs, more: Sequence[Part], ticks: int, w: Floats) -> dict[str, Fl
     w : scratch (`lanes.make_scratch`)
     """
     place(w, runs)
-    parts = [part._replace(memory=part.memory.copy()) for part in runs.parts]
-    parts += more
-    steps = sorted(
-        ((place, kernel, part) for part in parts for place, kernel in part.steps),
-        key=lambda step: step[0],
-    )
-    rows = rows_of([(kernel, part.memory, part.table) for _, kernel, part in steps])
-    _fly(rows, sum(place <= PASSED for place, *_ in steps), ticks, w)
+    parts = [*fresh(runs.parts), *more]
+    steps = steps_of(parts)
+    rows = rows_of([step for _, step in steps])
+    _fly(rows, sum(place <= PASSED for place, _ in steps), ticks, w)
     return {part.name: part.memory for part in parts}
 
 

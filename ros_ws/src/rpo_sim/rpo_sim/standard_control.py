@@ -31,7 +31,7 @@ def offer(loop: Loop) -> StandardControl | None:
 
 
 class StandardControl:
-    """`~/get_simulator_features`, `~/simulate_steps`, and the services of `_SERVICES`.
+    """The services of the standard that a plant has, and its action `~/simulate_steps`.
 
     A step is a tick. Steps that were asked for by others meanwhile are waited for too.
     """
@@ -143,14 +143,13 @@ class StandardControl:
         """Pass the ticks of a goal one by one: feedback after each, and a request may cancel it."""
         steps, feedback = int(goal.request.steps), self.action.SimulateSteps.Feedback()
         result, reason = self.action.SimulateSteps.Result(), self._refusal()
-        for done in range(1, steps + 1):
-            if reason or goal.is_cancel_requested:
-                break
+        done = 0
+        while done < steps and not (reason or goal.is_cancel_requested):
             reason = await self._passes(1)
-            if reason:
-                break
-            feedback.completed_steps, feedback.remaining_steps = done, steps - done
-            goal.publish_feedback(feedback)
+            if not reason:
+                done += 1
+                feedback.completed_steps, feedback.remaining_steps = done, steps - done
+                goal.publish_feedback(feedback)
         if goal.is_cancel_requested and not reason:
             goal.canceled()
             return self._fill(result, self.msg.Result.RESULT_OPERATION_FAILED, 'cancelled')
