@@ -119,7 +119,7 @@ class StagedSettings:
     sigma, evaluations : of each stage
     """
 
-    restarts: int = 2
+    restarts: int = 1
     stages: int = 3
     sigma: float = 0.015
     evaluations: int = 1500

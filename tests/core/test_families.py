@@ -136,7 +136,7 @@ def test_time_to_go_with_gains_6m_t2_and_4m_t_is_the_least_energy_law_of_a_free_
 @pytest.mark.parametrize(
     ('law', 'position_s', 'velocity_s'),
     [
-        (TO_GO, textbook.ARRIVAL_S / 16.0, textbook.ARRIVAL_S / 16.0),
+        (TO_GO, textbook.LEAST_S, textbook.LEAST_S),
         (PACE, metrics.ARRIVAL_WINDOW_S, metrics.ARRIVAL_WINDOW_S),
         (MORE, metrics.ARRIVAL_WINDOW_S, textbook.LEAST_S),
     ],
@@ -156,7 +156,7 @@ def test_a_search_begins_at_the_frequency_and_damping_of_the_textbook(law, posit
 
 def test_after_arrival_an_error_decays_as_the_textbook_says():
     """r = R exp(-2 t / T) (cos w t + 2 sin(w t) / (w T)), with w = sqrt(2) / T."""
-    big_t, dt = textbook.ARRIVAL_S / 16.0, 0.01
+    big_t, dt = textbook.LEAST_S, 0.01
     a_d, b_d = cw.matrices(cw.discretise(0.0, 10.0, dt))
     state = np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.0])
     for tick in range(3000):

@@ -75,7 +75,7 @@ class TimeToGo(Family):
     """
 
     kind: ClassVar[str] = 'time_to_go'
-    effort = (150, 40, 1)
+    effort = (400, 40, 1)
     drawn = ('paper_test', 'paper_test_measured', 'random_starts', 'random_moving_starts')
     alike: ClassVar[bool] = True
     units: ClassVar[Units] = {'arrival_s': (0, 1, 0)}
@@ -166,11 +166,12 @@ class TimeToGo(Family):
         found = [Gene('arrival_s', 0.8 * arrival, 1.5 * arrival, arrival, seconds=1)]
         for i, word in enumerate(WORDS):
             t = arrival / 2.0**i
-            k, d = textbook.gains(t)
+            k, d = textbook.gains(max(t, textbook.LEAST_S))
+            free = 1.1 if word == WORDS[-1] else 4.0  # stiffer, it would follow noise for ever
             found += [
                 Gene(f'{word}: peak_s', 0.75 * t, 1.35 * t, t, seconds=1, logarithmic=True),
-                Gene(f'{word}: k', k / 4.0, k * 4.0, k, -1, 0, 1, logarithmic=True),
-                Gene(f'{word}: d', d / 4.0, d * 4.0, d, -1, 1, 1, logarithmic=True),
+                Gene(f'{word}: k', k / free, k * free, k, -1, 0, 1, logarithmic=True),
+                Gene(f'{word}: d', d / free, d * free, d, -1, 1, 1, logarithmic=True),
             ]
         return tuple(found)
 
