@@ -32,6 +32,7 @@ FLOWN = {
     'rpo_mcap',
     'rpo_nav',
     'rpo_safety',
+    'rpo_thrusters',
 }
 
 # Which of our packages a package may import. `FLOWN` have a half without ROS, which the offline
@@ -62,7 +63,8 @@ MAY_IMPORT = {
     'rpo_guidance nodes': {'rpo_core', 'rpo_kernels', 'rpo_guidance', 'rpo_ros'},
     'rpo_nav': {'rpo_core', 'rpo_kernels'},
     'rpo_nav nodes': {'rpo_core', 'rpo_kernels', 'rpo_nav', 'rpo_ros'},
-    'rpo_safety': {'rpo_core', 'rpo_kernels', 'rpo_nav'},
+    'rpo_thrusters': {'rpo_core', 'rpo_kernels'},
+    'rpo_safety': {'rpo_core', 'rpo_kernels', 'rpo_nav', 'rpo_thrusters'},
     'rpo_safety nodes': {'rpo_core', 'rpo_kernels', 'rpo_safety', 'rpo_ros'},
     'rpo_sim': {'rpo_core', 'rpo_kernels', 'rpo_ros'},
     'rpo_log nodes': {'rpo_core', 'rpo_kernels', 'rpo_mcap', 'rpo_log', 'rpo_ros'},
@@ -72,6 +74,7 @@ MAY_IMPORT = {
         'rpo_ctrl',
         'rpo_mcap',
         'rpo_log',
+        'rpo_thrusters',
     },
     'rpo_bringup': {
         'rpo_core',
