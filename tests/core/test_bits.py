@@ -23,7 +23,7 @@ from rpo_core.control.controller import FuzzyController
 from rpo_core.control.fuzzy import FuzzySystem
 from rpo_core.control.controller import load_controller
 from rpo_core.world.dynamics import Drag, Dynamics
-from rpo_core.world.thrusters import Failure, Propellant, Pulses, ThrusterError, Thrusters
+from rpo_thrusters.thrusters import Failure, Propellant, Pulses, ThrusterError, Thrusters
 from rpo_ctrl.baselines import Mpc, PotentialField
 from rpo_core.files.scenario import load_scenario
 

@@ -17,7 +17,8 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
 from rpo_core.wire.interfaces import CHASER_MASS, EXERTED_FORCE
 from rpo_core.world.dynamics import Dynamics
-from rpo_core.world.thrusters import (
+from rpo_kernels import pulse_kernels
+from rpo_thrusters.thrusters import (
     STANDARD_GRAVITY_M_S2,
     Failure,
     Propellant,
@@ -28,7 +29,6 @@ from rpo_core.world.thrusters import (
     stage_of,
     valve_names,
 )
-from rpo_kernels import pulse_kernels
 
 BASE = scenario.load_scenario('approach')  # 10 kg, 0.5 N, ticks of 0.1 s
 BIT_N_S = 0.5 * 0.01

@@ -38,7 +38,6 @@ from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr, interfaces
 from rpo_core.world.disturbance import Disturbance
-from rpo_core.world.thrusters import Propellant, Thrusters
 from rpo_kernels.jit import COMPILED
 from rpo_log import log_commands
 from rpo_log.tools.export import export
@@ -50,6 +49,7 @@ from rpo_mcap.read.run_log import read_run
 from rpo_mcap.write.writer import RunLogWriter
 from rpo_nav.navigation_errors import Navigation
 from rpo_sim.free_running import FreeRunningPlant
+from rpo_thrusters.thrusters import Propellant, Thrusters
 
 QUICK = settings(max_examples=16, deadline=None, derandomize=True, database=None)
 

@@ -33,6 +33,7 @@ FLOWN = {
     'rpo_mcap',
     'rpo_nav',
     'rpo_safety',
+    'rpo_thrusters',
 }
 
 # Which of our packages a package may import. `FLOWN` have a half without ROS, which the offline
@@ -64,7 +65,8 @@ MAY_IMPORT = {
     'rpo_guidance nodes': {'rpo_core', 'rpo_kernels', 'rpo_guidance', 'rpo_ros'},
     'rpo_nav': {'rpo_core', 'rpo_kernels'},
     'rpo_nav nodes': {'rpo_core', 'rpo_kernels', 'rpo_nav', 'rpo_ros'},
-    'rpo_safety': {'rpo_attitude', 'rpo_core', 'rpo_kernels', 'rpo_nav'},
+    'rpo_thrusters': {'rpo_core', 'rpo_kernels'},
+    'rpo_safety': {'rpo_attitude', 'rpo_core', 'rpo_kernels', 'rpo_nav', 'rpo_thrusters'},
     'rpo_safety nodes': {'rpo_core', 'rpo_kernels', 'rpo_safety', 'rpo_ros'},
     'rpo_sim': {'rpo_core', 'rpo_kernels', 'rpo_ros'},
     'rpo_log nodes': {'rpo_core', 'rpo_kernels', 'rpo_mcap', 'rpo_log', 'rpo_ros'},
@@ -74,6 +76,7 @@ MAY_IMPORT = {
         'rpo_ctrl',
         'rpo_mcap',
         'rpo_log',
+        'rpo_thrusters',
     },
     'rpo_bringup': {
         'rpo_core',

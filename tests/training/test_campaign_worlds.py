@@ -15,7 +15,6 @@ from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge.requirements import Requirements
 from rpo_core.judge.verdicts import verdicts
-from rpo_core.world.thrusters import Propellant, Pulses, Thrusters
 from rpo_montecarlo.campaign import config, faults, run_batch, sampling, single, sweep
 from rpo_montecarlo.campaign.quantities import Dispersion, dispersion
 from rpo_montecarlo.campaign.run_batch import fly_runs
@@ -26,6 +25,7 @@ from rpo_nav.estimator import Estimator
 from rpo_ros.names import CONTROL_FORCE, DISTURBANCE_FORCE
 from rpo_safety.shaping import Shaping
 from rpo_sim.free_running import FreeRunningPlant
+from rpo_thrusters.thrusters import Propellant, Pulses, Thrusters
 
 WORLD = {
     **{

@@ -33,12 +33,12 @@ from rpo_core.files.validation import (
 from rpo_core.judge import metrics
 from rpo_core.judge.requirements import LIMITS, ROWS, THRUST, Requirements
 from rpo_core.world.dynamics import CLOHESSY_WILTSHIRE
-from rpo_core.world.thrusters import IDENTITY, Thrusters
 from rpo_montecarlo.campaign import faults
 from rpo_montecarlo.campaign.faults import Faults
 from rpo_montecarlo.campaign.quantities import QUANTITIES, SHELL, Dispersion, dispersion
 from rpo_montecarlo.outputs import check_name
 from rpo_nav.sensors import Sensors
+from rpo_thrusters.thrusters import IDENTITY, Thrusters
 
 SCHEMA = 'rpo/campaign/1'
 

@@ -17,8 +17,7 @@ from rpo_core.judge import metrics
 from rpo_core.judge.zones import zones_of
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import DUE_FORCE, EXERTED_FORCE, RELATIVE_STATE, SATURATED_FORCE
-from rpo_core.world.thrusters import ValvesStage
-from rpo_kernels import kernels, pulse_kernels
+from rpo_kernels import kernels
 from rpo_kernels.kernels import norm
 
 Force = tuple[float, float, float]
@@ -95,8 +94,9 @@ class Plant:
     def openings(self) -> int | None:
         """How often a valve has opened; None where thrusters do not fire in pulses."""
         for link in self.chain.links:
-            if isinstance(link.stage, ValvesStage) and EXERTED_FORCE in link.stage.outputs:
-                return round(float(link.stage.memory[pulse_kernels.OPENINGS]))
+            spent = link.stage.spent()
+            if spent is not None and EXERTED_FORCE in link.stage.outputs:
+                return spent[2]
         return None
 
     @property

@@ -22,8 +22,8 @@ from rpo_core.files.validation import MOST_NAME, InputError, printable
 from rpo_core.judge.metrics import MAX_ARRIVAL_DISTANCE_M
 from rpo_core.judge.zones import Zone, zones_of
 from rpo_core.wire.statuses import ENDED, Manifest, RunStatus
-from rpo_core.world.thrusters import STANDARD_GRAVITY_M_S2
 from rpo_ctrl import explain
+from rpo_thrusters.thrusters import STANDARD_GRAVITY_M_S2
 from rpo_view.onboard import Onboard, number
 from rpo_view.trail import Trail
 

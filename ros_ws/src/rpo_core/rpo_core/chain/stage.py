@@ -118,6 +118,10 @@ class Stage:
             found.append((*values[:width], *(0.0,) * (width - len(values))))
         return tuple(found)
 
+    def spent(self) -> tuple[float, float, int] | None:
+        """Return delta-v [m/s], propellant [kg], openings of valves so far; None: not counted."""
+        return None
+
     def trouble(self) -> str:
         """Return what is wrong with it now, for /diagnostics; '' if nothing is."""
         return ''

@@ -36,7 +36,7 @@ from rpo_core.world import cw
 from rpo_kernels import kernels, pulse_kernels
 from rpo_kernels.jit import as_table
 from rpo_kernels.kernels import Vector
-from rpo_kernels.pulse_kernels import OFF, ON, Tank, Valves
+from rpo_kernels.pulse_kernels import DELTA_V, OFF, ON, OPENINGS, SPENT, Tank, Valves
 
 Floats = NDArray[np.float64]
 
@@ -344,6 +344,11 @@ class ValvesStage(ThrustersStage):
         super().reset()
         self.memory: Any = as_table(np.zeros(pulse_kernels.MEMORY))
         self.on_times_s: Any = as_table(np.zeros(self._valves.number if self._valves else 0))
+
+    def spent(self) -> tuple[float, float, int]:
+        """Return delta-v [m/s], propellant [kg] and openings of valves so far."""
+        delta_v, spent, openings = (float(self.memory[i]) for i in (DELTA_V, SPENT, OPENINGS))
+        return delta_v, spent, round(openings)
 
     def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
         """Return the command due, saturated, the mean force (3,) [N], and the mass where it falls.
