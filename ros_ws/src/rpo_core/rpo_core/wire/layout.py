@@ -42,7 +42,7 @@ class Layout:
                 self.columns += tuple(row + i for row in rows for i in range(3))
             self.plain = cdr.encode_odometry(0, texts[0], texts[1], (0.0,) * 6)
         else:
-            self.columns = (0, 1, 2)  # force
+            self.columns = (0, 1, 2, 3, 4, 5) if covariance else (0, 1, 2)  # force, torque
             self.plain = cdr.encode_wrench(0, texts[0], (0.0,) * 3)
         self.type, self.texts, self.size = type_name, texts, len(self.plain)
         first = self.size - 8 * len(cdr.FIELDS[type_name][1])
