@@ -69,8 +69,11 @@ class Flight:
 
     @cached_property
     def errors(self) -> Floats:
-        """States (N+1, 6) relative to the goal; metrics and requirements are about these."""
-        return self.states - np.array(self.scenario.goal_state)
+        """States (N+1, 6) relative to the goal; metrics and requirements are about these.
+
+        Where the target has an attitude, in its axes, velocities against them.
+        """
+        return self.scenario.seen(self.states) - np.array(self.scenario.goal_state)
 
     @property
     def positions_m(self) -> Floats:

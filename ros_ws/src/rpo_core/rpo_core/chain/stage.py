@@ -55,6 +55,7 @@ class Place(IntEnum):
     DISTURBANCE = 60
     LINK = 70
     THRUSTERS = 80
+    TARGET = 85
     DYNAMICS = 90
 
 

@@ -22,6 +22,9 @@ LVLH_FRAME = 'target_lvlh'
 CHASER_FRAME = 'chaser'
 """Chaser body; its axes are parallel to LVLH, attitude being synchronised."""
 
+TARGET_FRAME = 'target_body'
+"""The target's body, where it has an attitude (section `target`)."""
+
 CLOCK_TYPE = cdr.CLOCK
 STATE_TYPE = cdr.ODOMETRY
 FORCE_TYPE = cdr.WRENCH
@@ -79,6 +82,12 @@ _COLUMNS = {
     FORCE_TYPE: tuple(f'wrench.force.{axis}' for axis in 'xyz'),
 }  # fmt: skip
 
+_TURNING = (
+    *(f'pose.pose.orientation.{axis}' for axis in 'xyzw'),
+    *(f'twist.twist.angular.{axis}' for axis in 'xyz'),
+)
+"""An attitude: quaternion, rate."""
+
 _COVARIANCES = tuple(
     f'{part}.covariance[{6 * row + column}]'
     for part in ('pose', 'twist')
@@ -135,6 +144,7 @@ class Interface:
     numbers : of a signal that is no topic
     covariance : whether the numbers of a state are followed by the covariances of position and of
         velocity, 9 each
+    attitude : whether the numbers are an attitude of the target, quaternion and rate
     rider : name of a signal whose numbers are the covariances, or the torque, in the same message;
         '' for none
     rides : name of the signal in whose message it travels; '' for none
@@ -150,6 +160,7 @@ class Interface:
     qos: Qos = field(default=LOCKSTEP)
     numbers: int = 3
     covariance: bool = False
+    attitude: bool = False
     rider: str = ''
     rides: str = ''
     beside: str = ''
@@ -164,18 +175,21 @@ class Interface:
         """Names of the message's fields that the numbers of the signal fill, in their order."""
         if self.rides:
             return _RIDING[_TABLE[self.rides].type]
+        if self.attitude:
+            return _TURNING
         return _COLUMNS.get(self.type, ()) + (_COVARIANCES if self.covariance else ())
 
     @property
     def frames(self) -> tuple[str, ...]:
         """Frame ids in the message: that of the header, and the child frame of a state."""
-        both = (LVLH_FRAME, CHASER_FRAME)
+        both = (LVLH_FRAME, TARGET_FRAME if self.attitude else CHASER_FRAME)
         return {STATE_TYPE: both, FORCE_TYPE: both[:1]}.get(self.type, ())
 
     @property
     def layout(self) -> Layout:
         """Where the numbers of the signal lie in the bytes of its message."""
-        return Layout.of(self.type, self.frames, self.covariance or bool(self.rider))
+        covariance = self.covariance or bool(self.rider)
+        return Layout.of(self.type, self.frames, covariance, self.attitude)
 
 
 @dataclass(frozen=True)
