@@ -266,7 +266,7 @@ def known_motion(scenario: Any) -> Motion | None:
 
 def in_lvlh(zone: Zone, f: Frame) -> Zone:
     """Return a zone of the target's axes in target LVLH."""
-    turn = partial(attitude_kernels.to_lvlh, f=f)
+    turn: Any = partial(attitude_kernels.to_lvlh, f=f)
     cone, points_m = zone.corridor, {n: turn(at_m) for n, at_m in zone.points_m.items()}
     if cone is not None:
         cone = replace(cone, tip_m=turn(cone.tip_m), ahead=turn(cone.ahead))

@@ -69,7 +69,7 @@ class Flight:
 
     @cached_property
     def seen(self) -> Floats:
-        """States (N+1, 6) in the axes of the target, velocities against them: LVLH if it has none."""
+        """States (N+1, 6) as the target sees them; as they are where it has no attitude."""
         return self.scenario.seen(self.states)
 
     @cached_property
