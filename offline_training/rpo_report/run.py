@@ -356,7 +356,7 @@ def _limits(flight: Flight) -> Picture:
 def _thrusters(flight: Flight) -> list[Section]:
     """Return what the thrusters made of the commands, where they fire in pulses or spend mass."""
     settings = flight.scenario.thrusters
-    if settings is None or not (settings.pulses or settings.propellant):
+    if settings is None or not (settings.fires or settings.propellant):
         return []
     spent = flight.thrust
     picture = Picture(

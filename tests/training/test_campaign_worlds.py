@@ -26,6 +26,7 @@ from rpo_nav.estimator import Estimator
 from rpo_ros.names import CONTROL_FORCE, DISTURBANCE_FORCE
 from rpo_safety.shaping import Shaping
 from rpo_sim.free_running import FreeRunningPlant
+from rpo_thrusters.table import Failure, ThrusterTable
 from rpo_thrusters.thrusters import Propellant, Pulses, Thrusters
 
 WORLD = {
@@ -49,6 +50,11 @@ FIRING = Thrusters(
     pulses=Pulses(count=6, modulation='pulse_width', minimum_on_time_s=0.01),
     propellant=Propellant(specific_impulse_s=2.0, mass_kg=1.0),
 )
+STUCK = Failure(thruster='y-b', stuck='on', from_s=3.0, until_s=6.0, known=True)
+QUADS = ThrusterTable(
+    preset='quads_16', force_n=0.25, minimum_impulse_bit_n_s=0.002, failures=(STUCK,),
+    centre_of_mass_m=(0.05, 0.0, -0.02),
+)  # fmt: skip
 LEAK = Propellant(specific_impulse_s=2.0, mass_kg=0.3)
 SOME = {'initial_position_m': {'uniform': 5.0}, 'mass_share': {'normal': 0.03}}
 MEASURED = replace(scenario.load_scenario('paper_test_measured'), duration_s=12.0)
@@ -95,6 +101,15 @@ CASES = {
     'a target that is turned': (
         TURNING.equipped(Target(kind='fixed', attitude=(0.1, 0.2, 0.3, 0.9))),
         {**SOME, 'target_attitude_x_deg': {'normal': 5.0}},
+    ),
+    'a table of thrusters': (
+        PLAIN.equipped(Thrusters(table=QUADS, propellant=LEAK)),
+        {**SOME, 'thrust_share': {'normal': 0.02}, 'misalignment_deg': {'normal': 1.0},
+         'delay_ticks': {'whole': 2}, 'stuck_off_thruster': {'whole': 15}},
+    ),
+    'a table whose failures are known, true gravity': (
+        ELLIPTIC.equipped(Thrusters(table=replace(QUADS, finds_failures=True))),
+        {**SOME, 'stuck_off_thruster': {'whole': 15}},
     ),
     'pulses about a circle': (PLAIN.equipped(FIRING), {**SOME, 'stuck_off_thruster': {'whole': 5}}),
 }  # fmt: skip
