@@ -291,6 +291,10 @@ class ThrustersStage(Stage):
         """Forget the commands that are on their way."""
         self._line: deque[Signal] = deque([ZERO] * self._delay)
 
+    def refusal(self, state: str) -> str:
+        """Return why a thruster cannot be switched in flight; '' if it can."""
+        return 'a switch needs a scenario with `thrusters.table`'
+
     def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
         """Return the command that is due (3,), saturated (3,), and the force exerted (3,) [N]."""
         due = inputs[0]
