@@ -34,8 +34,8 @@ from rpo_montecarlo.engine.lanes import (
     compiled,
 )
 from rpo_montecarlo.engine.tick import LIMITED, Batch, Draw, Kind, Part, register, table_of
+from rpo_thrusters.table import Failure
 from rpo_thrusters.thrusters import (
-    Failure,
     Thrusters,
     rotation,
     tank_of,

@@ -44,6 +44,7 @@ DUE_FORCE = 'due_force'
 SATURATED_FORCE = 'saturated_force'
 THRUST_FORCE = 'thrust_force'
 EXERTED_FORCE = 'exerted_force'
+EXERTED_TORQUE = 'exerted_torque'
 CHASER_MASS = 'chaser_mass'
 APPLIED_FORCE = 'applied_force'
 APPLIED_DISTURBANCE = 'applied_disturbance'
@@ -95,6 +96,12 @@ _COVARIANCES = tuple(
 )
 """Covariances of position and of velocity, 3 x 3 each, row by row."""
 
+_RIDING = {
+    STATE_TYPE: _COVARIANCES,
+    FORCE_TYPE: tuple(f'wrench.torque.{axis}' for axis in 'xyz'),
+}
+"""What rides in a message of a type."""
+
 
 @dataclass(frozen=True)
 class Qos:
@@ -138,7 +145,8 @@ class Interface:
     covariance : whether the numbers of a state are followed by the covariances of position and of
         velocity, 9 each
     attitude : whether the numbers are an attitude of the target, quaternion and rate
-    rider : name of a signal whose numbers are the covariances in the same message; '' for none
+    rider : name of a signal whose numbers are the covariances, or the torque, in the same message;
+        '' for none
     rides : name of the signal in whose message it travels; '' for none
     beside : name of the signal without which a run has no such events; '' for none
     """
@@ -166,7 +174,7 @@ class Interface:
     def columns(self) -> tuple[str, ...]:
         """Names of the message's fields that the numbers of the signal fill, in their order."""
         if self.rides:
-            return _COVARIANCES
+            return _RIDING[_TABLE[self.rides].type]
         if self.attitude:
             return _TURNING
         return _COLUMNS.get(self.type, ()) + (_COVARIANCES if self.covariance else ())
@@ -298,7 +306,11 @@ for _row in (
     Interface(SATURATED_FORCE, '', 'the same, saturated', logged=False),
     Interface(THRUST_FORCE, '', 'force that the thrusters exert', THRUST, logged=False),
     Interface(EXERTED_FORCE, FORCE_TYPE,
-              'force that thrusters exert in pulses, mean of a tick, target LVLH', THRUST, TRUTH),
+              'force that thrusters exert in pulses, mean of a tick, target LVLH', THRUST, TRUTH,
+              rider=EXERTED_TORQUE),
+    Interface(EXERTED_TORQUE, '',
+              'torque in exerted_force that a table of thrusters leaves over, mean of a tick [N m]',
+              logged=False, rides=EXERTED_FORCE),
     Interface(CHASER_MASS, '', 'mass of the chaser in the middle of a tick [kg], where it falls',
               logged=False, numbers=1),
     Interface(STAGE_STATUS, STATUS_TYPE,

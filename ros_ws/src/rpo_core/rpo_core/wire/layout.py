@@ -50,11 +50,13 @@ class Layout:
                 self.columns += tuple(row + i for row in rows for i in range(3))
             self.plain = cdr.encode_odometry(0, texts[0], texts[1], (0.0,) * 6)
         else:
-            self.columns = (0, 1, 2)  # force
+            self.columns = (0, 1, 2, 3, 4, 5) if covariance else (0, 1, 2)  # force, torque
             self.plain = cdr.encode_wrench(0, texts[0], (0.0,) * 3)
         self.type, self.texts, self.size = type_name, texts, len(self.plain)
         first = self.size - 8 * len(cdr.FIELDS[type_name][1])
-        begins = [i for i, c in enumerate(self.columns) if not i or c != self.columns[i - 1] + 1]
+        alone = 3 if type_name == cdr.WRENCH else -1  # a force may come without its torque
+        columns = enumerate(self.columns)
+        begins = [i for i, c in columns if i in (0, alone) or c != self.columns[i - 1] + 1]
         self.runs = tuple(
             (first + 8 * self.columns[i], struct.Struct(f'<{j - i}d'))
             for i, j in pairwise([*begins, len(self.columns)])
