@@ -16,7 +16,7 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from rpo_attitude.target import Target, TargetStage, motion_of
+from rpo_attitude.target import Target, TargetStage, in_lvlh, motion_of
 from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.files import scenario as scenarios
 from rpo_core.files.validation import InputError
@@ -183,3 +183,15 @@ def test_a_scenario_says_which_targets_it_allows():
         replace(APPROACH, goal_position_m=(0.0, 5.0, 0.0)).equipped(TUMBLE)
     with pytest.raises(InputError, match='`target` needs a circular orbit'):
         scenarios.load_scenario('world_leo').equipped(TUMBLE)
+
+
+def test_a_corridor_is_drawn_where_the_target_sees_it():
+    zones = scenarios.load_scenario('docking').zones
+    frame = motion_of(TUMBLE, APPROACH).frame(1234)
+    zone = zones.zone({'hold': (3.0, 20.0, -1.0)})
+    turned = in_lvlh(zone, frame)
+    points = np.random.default_rng(1).uniform(-15.0, 15.0, (200, 3))
+    seen = Rotation.from_quat(motion_of(TUMBLE, APPROACH).attitude(1234)[:4]).inv().apply(points)
+    assert_allclose(turned.depths_m(points), zone.depths_m(seen), atol=1e-12)
+    assert 0 < np.count_nonzero(zone.depths_m(seen)) < 200
+    assert_allclose(np.linalg.norm(turned.points_m['hold']), np.sqrt(410.0))

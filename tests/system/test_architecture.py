@@ -71,7 +71,9 @@ MAY_IMPORT = {
     'rpo_sim': {'rpo_core', 'rpo_kernels', 'rpo_ros'},
     'rpo_log nodes': {'rpo_core', 'rpo_kernels', 'rpo_mcap', 'rpo_log', 'rpo_ros'},
     'rpo_view': {
+        'rpo_attitude',
         'rpo_core',
+        'rpo_kernels',
         'rpo_ros',
         'rpo_ctrl',
         'rpo_mcap',

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from rpo_core.chain.stage import Place, Section, Signal, Stage, register
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import InputError, check_fields, choice, matrix, real, shown, vector3
+from rpo_core.judge.zones import Zone
 from rpo_core.wire import interfaces
 from rpo_core.world.dynamics import CLOHESSY_WILTSHIRE
 from rpo_kernels import attitude_kernels
@@ -261,6 +262,15 @@ def motion_of(target: Target, scenario: Any) -> Motion:
 def known_motion(scenario: Any) -> Motion | None:
     """Return how the target turns as guidance and assurance take it; None: it has no attitude."""
     return None if scenario.target is None else motion_of(scenario.target.known, scenario)
+
+
+def in_lvlh(zone: Zone, f: Frame) -> Zone:
+    """Return a zone of the target's axes in target LVLH."""
+    turn: Any = partial(attitude_kernels.to_lvlh, f=f)
+    cone, points_m = zone.corridor, {n: turn(at_m) for n, at_m in zone.points_m.items()}
+    if cone is not None:
+        cone = replace(cone, tip_m=turn(cone.tip_m), ahead=turn(cone.ahead))
+    return replace(zone, corridor=cone, points_m=points_m)
 
 
 class TargetStage(Stage):

@@ -70,22 +70,24 @@ class Flight:
     events: Mapping[str, Sequence[tuple[int, str]]] = field(default_factory=dict, compare=False)
 
     @cached_property
-    def errors(self) -> Floats:
-        """States (N+1, 6) relative to the goal; metrics and requirements are about these.
+    def seen(self) -> Floats:
+        """States (N+1, 6) as the target sees them; as they are where it has no attitude."""
+        return self.scenario.seen(self.states)
 
-        Where the target has an attitude, in its axes, velocities against them.
-        """
-        return self.scenario.seen(self.states) - np.array(self.scenario.goal_state)
+    @cached_property
+    def errors(self) -> Floats:
+        """`seen` (N+1, 6) relative to the goal; metrics and requirements are about these."""
+        return self.seen - np.array(self.scenario.goal_state)
 
     @property
     def positions_m(self) -> Floats:
-        """Relative positions (N+1, 3)."""
-        return self.states[:, :3]
+        """Relative positions (N+1, 3) as the target sees them."""
+        return self.seen[:, :3]
 
     @property
     def velocities_m_s(self) -> Floats:
-        """Relative velocities (N+1, 3)."""
-        return self.states[:, 3:]
+        """Relative velocities (N+1, 3) as the target sees them."""
+        return self.seen[:, 3:]
 
     @property
     def sent_forces_n(self) -> Floats:

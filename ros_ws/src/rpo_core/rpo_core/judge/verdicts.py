@@ -77,7 +77,7 @@ def missed(flight: Flight) -> bool:
 
 def _of_zones(flight: Flight) -> list[Verdict]:
     """Return how deep a flight comes into each keep-out zone of its scenario, beside none."""
-    states, dt_s = flight.scenario.seen(flight.states), flight.scenario.dt_s
+    states, dt_s = flight.seen, flight.scenario.dt_s
     known = bool(np.isfinite(states).all())
     return [
         Verdict(
@@ -113,10 +113,10 @@ def _values(flight: Flight, required: Requirements) -> dict[str, float]:
     if not math.isfinite(row[metrics.ENERGY]):
         return dict.fromkeys(ROWS, math.inf)  # not a number in flight: nothing is kept
     late = _late(flight)
-    errors, speeds = flight.errors[late, :3], flight.errors[late, 3:]
+    errors, speeds = flight.errors[late, :3], flight.velocities_m_s[late]
     flown = len(errors) > 0
     touched = contact.judged(flight.errors, required, flight.scenario.goal_position_m)
-    error, speed = flight.errors[-1:, :3], flight.errors[-1:, 3:]
+    error, speed = flight.errors[-1:, :3], flight.velocities_m_s[-1:]
     return {
         'final_error_per_axis_m': _per_axis(error),
         'final_error_norm_m': _norm(error),
