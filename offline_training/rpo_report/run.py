@@ -361,11 +361,12 @@ def _thrusters(flight: Flight) -> list[Section]:
     if settings is None or not (settings.fires or settings.propellant):
         return []
     spent = flight.thrust
+    torque = 'the torque that the allocation leaves over, ' if settings.table else ''
     picture = Picture(
         'pulses',
         run_plots.pulses(flight),
         'Mean force that the thrusters exert in each tick, the impulse that they owe the command, '
-        'and the propellant spent.',
+        f'{torque}and the propellant spent.',
         f'The thrusters spend {spent.delta_v_m_s:.3g} m/s and {spent.propellant_kg:.3g} kg, in '
         f'{spent.openings} openings of valves.',
     )
