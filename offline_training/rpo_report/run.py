@@ -221,6 +221,9 @@ def _limits_and_path(shown: LoggedFlight, beside: _Beside) -> list[Block]:
         for v in verdicts(flight)
     )
     found = [row for zone in zones for row in zone_passage(flight, zone)]
+    where = 'in LVLH: in the orbital plane, and from above'
+    if flight.scenario.target is not None:
+        where = 'as the target sees it, in two planes of its axes'
     columns = ('requirement', 'value', 'limit', 'margin', 'verdict')
     return [
         *([] if shown.whole else [Text(cut)]),
@@ -228,8 +231,7 @@ def _limits_and_path(shown: LoggedFlight, beside: _Beside) -> list[Block]:
         Picture(
             'approach',
             run_plots.approach(flight, beside.flights, zones),
-            'The approach in LVLH: in the orbital plane, and from above. Dots every '
-            f'{run_plots.MARK_S:g} s.',
+            f'The approach {where}. Dots every {run_plots.MARK_S:g} s.',
             'The path of the chaser to the target'
             + ''.join(f'; {what}: {value}' for what, value in found)
             + '.',

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from rpo_core.chain.flight import Flight
 from rpo_core.control.controller import FuzzyController
+from rpo_core.files.scenario import Scenario
 from rpo_core.judge import metrics
 from rpo_core.judge.zones import Zone
 from rpo_guidance.plan import Guidance
@@ -89,16 +90,23 @@ _SPHERE = {'color': style.LIGHT['z'], 'linewidth': 1.0}
 _POINT = {'markerfacecolor': 'none', 'markeredgecolor': style.LIGHT['muted'], 'markersize': 6}
 
 
+LVLH_NAMES = ('x, R-bar outward', 'y, V-bar', 'z, H-bar')
+
+
+def axis_names(scenario: Scenario) -> tuple[str, ...]:
+    """Return what the axes of pictures of zones are: of LVLH, or of a target that turns."""
+    return LVLH_NAMES if scenario.target is None else tuple(f'{a} of the target' for a in 'xyz')
+
+
 def approach(
     flight: Flight, others: FlightsByName, zones: Sequence[Zone], name: str = FLOWN
 ) -> Any:
     """Return the flight in two planes beside others, with the zones about the target."""
     figure, panels = style.new_panels(4.0, 1, 2)
-    for axes, across, label in zip(
-        panels, (0, 2), ('x, R-bar outward [m]', 'z, H-bar [m]'), strict=True
-    ):
+    names = axis_names(flight.scenario)
+    for axes, across in zip(panels, (0, 2), strict=True):
         _in_plane(axes, flight, others, zones, across, name)
-        axes.set(xlabel='y, V-bar [m]', ylabel=label)
+        axes.set(xlabel=f'{names[1]} [m]', ylabel=f'{names[across]} [m]')
     style.legend_below(figure, panels[0], columns=4)
     return figure
 

@@ -19,7 +19,7 @@ from rpo_core.judge import contact, metrics
 from rpo_core.judge.requirements import LIMITS, THRUST, Requirements
 from rpo_core.judge.verdicts import missed, verdicts
 from rpo_core.world.disturbance import Disturbance
-from rpo_core.world.thrusters import Propellant, Thrusters
+from rpo_thrusters.thrusters import Propellant, Thrusters
 
 
 def required(**limits):

@@ -21,11 +21,11 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire.interfaces import COMMAND, RELATIVE_STATE
-from rpo_core.world.thrusters import Failure, Pulses, Thrusters
 from rpo_safety.abort import BURN_S, Seen
 from rpo_safety.abort_table import AbortTable, Row
 from rpo_safety.assurance import ASSURED_FORCE
 from rpo_safety.settings import Assurance
+from rpo_thrusters.thrusters import Failure, Pulses, Thrusters
 
 AROUND, GUARDED = scenario.load_scenario('around'), scenario.load_scenario('guarded')
 SETTINGS = GUARDED.section(Assurance)

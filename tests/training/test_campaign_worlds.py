@@ -10,12 +10,12 @@ from campaign_documents import EVERYTHING, write_campaign
 from scipy import stats
 from typer.testing import CliRunner
 
+from rpo_attitude.target import Target
 from rpo_cli.cli import app
 from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge.requirements import Requirements
 from rpo_core.judge.verdicts import verdicts
-from rpo_core.world.thrusters import Propellant, Pulses, Thrusters
 from rpo_montecarlo.campaign import config, faults, run_batch, sampling, single, sweep
 from rpo_montecarlo.campaign.quantities import Dispersion, dispersion
 from rpo_montecarlo.campaign.run_batch import fly_runs
@@ -26,6 +26,7 @@ from rpo_nav.estimator import Estimator
 from rpo_ros.names import CONTROL_FORCE, DISTURBANCE_FORCE
 from rpo_safety.shaping import Shaping
 from rpo_sim.free_running import FreeRunningPlant
+from rpo_thrusters.thrusters import Propellant, Pulses, Thrusters
 
 WORLD = {
     **{
@@ -53,6 +54,20 @@ SOME = {'initial_position_m': {'uniform': 5.0}, 'mass_share': {'normal': 0.03}}
 MEASURED = replace(scenario.load_scenario('paper_test_measured'), duration_s=12.0)
 AS_FLOWN = config.load(config.find('paper_test_measured'), controller='handmade').config.dispersions
 COMPENSATED = LEO.equipped(replace(LEO.section(Estimator), compensate=True))
+CONTACT = Requirements(
+    contact_range_m=60.0,
+    contact_axis='+y',
+    contact_closing_speed_m_s=1.0,
+    contact_lateral_speed_m_s=1.0,
+    keep_out_m=90.0,
+    corridor_half_angle_deg=40.0,
+    keep_out_depth_m=0.0,
+    final_error_norm_m=1.0,
+    hold_from_s=6.0,
+    hold_speed_norm_m_s=0.1,
+)
+TURNING = replace(PLAIN, requirements=CONTACT)
+LONG = ((10.0, 0.5, 0.0), (0.5, 14.0, 0.3), (0.0, 0.3, 20.0))
 CASES = {
     'leo': (LEO, WORLD),
     'leo, compensated': (COMPENSATED, SOME),
@@ -68,6 +83,18 @@ CASES = {
         PLAIN.equipped(Thrusters(propellant=LEAK)),
         {**SOME, 'thrust_share': {'normal': 0.02}, 'misalignment_deg': {'normal': 1.0},
          'delay_ticks': {'whole': 2}},
+    ),
+    'a target that tumbles': (
+        TURNING.equipped(Target(kind='tumble', rates_deg_s=(3.0, 9.0, 6.0), inertia_kg_m2=LONG)),
+        {**SOME, 'target_rate_share': {'uniform': 0.5}, 'target_attitude_z_deg': {'uniform': 180.0},
+         'target_rate_x_deg_s': {'normal': 1.0}, 'target_known_error_y_deg': {'normal': 0.5}},
+    ),
+    'a target that spins': (
+        TURNING.equipped(Target(kind='spin', axis=(1.0, 2.0, 3.0), rate_deg_s=5.0)), SOME,
+    ),
+    'a target that is turned': (
+        TURNING.equipped(Target(kind='fixed', attitude=(0.1, 0.2, 0.3, 0.9))),
+        {**SOME, 'target_attitude_x_deg': {'normal': 5.0}},
     ),
     'pulses about a circle': (PLAIN.equipped(FIRING), {**SOME, 'stuck_off_thruster': {'whole': 5}}),
 }  # fmt: skip
@@ -91,7 +118,8 @@ def write(tmp_path):
 )
 def test_the_engine_flies_the_bits_of_the_core(write, case, controller, monkeypatch):
     flown, dispersions = CASES[case]
-    campaign = write(flown, dispersions=dispersions, controller=controller)
+    judged = {'success': None} if flown.requirements is CONTACT else {}
+    campaign = write(flown, dispersions=dispersions, controller=controller, **judged)
     assert support.why_not(campaign.scenario, campaign.controller) == ''
     found = run_batch.fly_runs(campaign, 0, 45)
     monkeypatch.setattr('rpo_montecarlo.campaign.run_batch.why_not', lambda *_: 'test')

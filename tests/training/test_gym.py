@@ -24,8 +24,8 @@ from rpo_core.files.scenario import Scenario, load_scenario, load_set
 from rpo_core.files.validation import InputError
 from rpo_core.judge.metrics import of_flight
 from rpo_core.judge.verdicts import verdicts
-from rpo_core.world.thrusters import Thrusters
 from rpo_nav.navigation_errors import Navigation
+from rpo_thrusters.thrusters import Thrusters
 
 ROOT = Path(__file__).resolve().parents[2]
 REAL = Thrusters(((0.9, 0.01, 0.0), (0.0, 1.1, 0.0), (0.0, -0.02, 1.0)), delay_ticks=2)

@@ -11,6 +11,7 @@ from typing import Any
 
 import yaml
 
+from rpo_attitude.target import FIXED, TUMBLE, Target
 from rpo_core import files
 from rpo_core.control.controller import AnyController
 from rpo_core.control.controller import parse as parse_controller
@@ -33,12 +34,12 @@ from rpo_core.files.validation import (
 from rpo_core.judge import metrics
 from rpo_core.judge.requirements import LIMITS, ROWS, THRUST, Requirements
 from rpo_core.world.dynamics import CLOHESSY_WILTSHIRE
-from rpo_core.world.thrusters import IDENTITY, Thrusters
 from rpo_montecarlo.campaign import faults
 from rpo_montecarlo.campaign.faults import Faults
 from rpo_montecarlo.campaign.quantities import QUANTITIES, SHELL, Dispersion, dispersion
 from rpo_montecarlo.outputs import check_name
 from rpo_nav.sensors import Sensors
+from rpo_thrusters.thrusters import IDENTITY, Thrusters
 
 SCHEMA = 'rpo/campaign/1'
 
@@ -333,6 +334,7 @@ def _check_effects(config: CampaignConfig, scenario: Scenario) -> None:
             for name in QUANTITIES
             if name.startswith('sensor_')
         },
+        **{name: _turning(name, scenario.target) for name in QUANTITIES if 'target_' in name},
     }
     all_of_them = {name: (has, 'such disturbance') for name, has in acting.items()} | others
     for name, (has_effect, what) in all_of_them.items():
@@ -350,6 +352,15 @@ def _check_effects(config: CampaignConfig, scenario: Scenario) -> None:
             f'`stuck_off_thruster.whole` must be below {pulses.count}, the number of thrusters of '
             f'{scenario.name}; got {config.spread("stuck_off_thruster")[0]:g}'
         )
+
+
+def _turning(name: str, target: Target | None) -> tuple[bool, str]:
+    """Return whether a target is changed by a dispersion of that name, and what it lacks if not."""
+    if name.endswith('_deg_s'):
+        return target is not None and target.kind == TUMBLE, '`target` that tumbles'
+    if name.endswith('_share'):
+        return target is not None and target.kind != FIXED, '`target` that turns'
+    return target is not None, '`target`'
 
 
 def _check_extremes(config: CampaignConfig, scenario: Scenario) -> None:

@@ -14,14 +14,6 @@ from numpy.typing import NDArray
 from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
 from rpo_core.judge import requirements
-from rpo_core.world.thrusters import (
-    Failure,
-    Thrusters,
-    rotation,
-    tank_of,
-    valve_names,
-    valves_of,
-)
 from rpo_kernels.kernels import exerted_force, saturate
 from rpo_kernels.pulse_kernels import (
     DELTA_V,
@@ -42,6 +34,14 @@ from rpo_montecarlo.engine.lanes import (
     compiled,
 )
 from rpo_montecarlo.engine.tick import LIMITED, Batch, Draw, Kind, Part, register, table_of
+from rpo_thrusters.table import Failure
+from rpo_thrusters.thrusters import (
+    Thrusters,
+    rotation,
+    tank_of,
+    valve_names,
+    valves_of,
+)
 
 Floats = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from rpo_kernels.jit import kernel
 from rpo_kernels.kernels import Vector
 
-MOST_VALVES = 12
+MOST_VALVES = 24
 
 OPEN = 3
 """Place in the memory of the first valve, after the impulse [N s] of each axis that is left over:

@@ -13,9 +13,9 @@ from rpo_core.chain.stage import Place, section_of
 from rpo_core.files.validation import InputError
 from rpo_core.world import cw
 from rpo_core.world.disturbance import Disturbance
-from rpo_core.world.thrusters import IDENTITY, Thrusters
 from rpo_nav.navigation_errors import Navigation
 from rpo_safety.settings import Assurance
+from rpo_thrusters.thrusters import IDENTITY, Thrusters
 
 ROUNDING_M = 1e-6
 """Covers the rounding of the kernels, below 1e-9 m in 1 km; added to the error of a position."""

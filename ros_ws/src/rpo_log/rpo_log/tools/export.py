@@ -29,6 +29,7 @@ _COVARIANCES = tuple(
     for row in 'xyz'
     for column in 'xyz'
 )
+_TURNING = ('qx', 'qy', 'qz', 'qw', 'wx_rad_s', 'wy_rad_s', 'wz_rad_s')
 _PUSHES = ('dx_n', 'dy_n', 'dz_n')
 _PRIMARY = (interfaces.RELATIVE_STATE, interfaces.CONTROL_FORCE, interfaces.DISTURBANCE_FORCE)
 
@@ -69,6 +70,8 @@ def columns(topic: Topic) -> list[str]:
     """
     if topic.row.rides:
         return [f'navigation_{name}' for name in _COVARIANCES]
+    if topic.row.attitude:
+        return [f'{topic.signal}_{name}' for name in _TURNING]
     if topic.row.covariance:
         return [f'{topic.signal}_{name}' for name in (*_COLUMNS[topic.type], *_COVARIANCES)]
     pushes = topic.row.carries == interfaces.DISTURBANCE
