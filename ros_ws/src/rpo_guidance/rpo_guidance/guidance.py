@@ -85,7 +85,6 @@ class GuidanceStage(Stage):
         limit_n = settings.force_share * scenario.max_force_n
         self._vehicle = Vehicle(n, mass_kg or scenario.mass_kg, dt_s, limit_n, step)
         self._motion = known_motion(scenario)
-        self._port = (*settings.port_m, *settings.corridor.ahead, settings.past_port_m)
         goal = scenario.goal
         self._goal = (scenario.goal_state, goal.force_n if goal is not None else ())
         self.reset()
@@ -152,7 +151,7 @@ class GuidanceStage(Stage):
             self._obey(tick, command)
         while self._is_over(tick):
             self._follow(tick)
-        if self._docks and at_port(*self._to_target(tick, state)[:3], *self._port):
+        if self._docks and self._at_port(tick, state):
             self._enter(tick, DOCKED, 'the chaser is at the port', Drifting())
         if isinstance(self._flown, Drifting):
             self._reference = state
@@ -178,6 +177,22 @@ class GuidanceStage(Stage):
         if not self.settings.past_port_m or self._next < len(self.settings.legs):
             return False
         return self._leg is not None or self.changes[-1].phase == ARRIVED
+
+    def ports(self, ticks: int, first: int = 0) -> Floats:
+        """Return where port and axis of the corridor point, target LVLH (ticks, 6)."""
+        fixed = np.array([*self.settings.port_m, *self.settings.corridor.ahead])
+        if self._motion is None:
+            return fixed[None].repeat(ticks, axis=0)
+        turned = self._motion.frames(first + ticks)[first:, :9].reshape(-1, 1, 3, 3)
+        x, y, z = fixed.reshape(2, 3, 1).swapaxes(0, 1)
+        # in the order of `to_lvlh`: the same bits
+        found: Floats = turned[..., 0] * x + turned[..., 1] * y + turned[..., 2] * z
+        return found.reshape(ticks, 6)
+
+    def _at_port(self, tick: int, state: State) -> bool:
+        """Return whether a state has come to the port."""
+        (x, y, z, *_), (px, py, pz, ax, ay, az) = state, self.ports(1, tick)[0].tolist()
+        return at_port(x, y, z, px, py, pz, ax, ay, az, self.settings.past_port_m)
 
     def rows(self, start: State, ticks: int) -> tuple[Floats, int]:
         """Return the references and forces (ticks + 1, 9) of a plan without holds and commands.
