@@ -118,6 +118,28 @@ class BasiliskFlight:
         return self.state
 
 
+def attitude_by_basilisk(scenario: Scenario) -> Floats:
+    """Return the matrix (3, 3) from the target's axes to inertial ones at the end."""
+    from Basilisk.simulation import spacecraft
+    from Basilisk.utilities import RigidBodyKinematics, SimulationBaseClass
+
+    model, made, target = (
+        SimulationBaseClass.SimBaseClass(),
+        spacecraft.Spacecraft(),
+        scenario.target,
+    )
+    model.CreateNewProcess('truth').addTask(model.CreateNewTask('attitude', scenario.dt_ns))
+    *axis, w = target.attitude
+    made.hub.mHub, made.hub.IHubPntBc_B = 1.0, [list(row) for row in target.inertia_kg_m2]
+    made.hub.sigma_BNInit = [[x / (1.0 + w)] for x in axis]  # modified Rodrigues parameters
+    made.hub.omega_BN_BInit = [[rate] for rate in target.rates_rad_s]
+    model.AddModelToTask('attitude', made)
+    model.InitializeSimulation()
+    model.ConfigureStopTime(scenario.ticks * scenario.dt_ns)
+    model.ExecuteSimulation()
+    return np.asarray(RigidBodyKinematics.MRP2C(made.scStateOutMsg.read().sigma_BN)).T
+
+
 def by_basilisk(scenario: Scenario, forces_n: Floats, masses_kg: Floats) -> Floats:
     """Return the states (N + 1, 6) under forces (N, 3).
 

@@ -60,9 +60,8 @@ class VisualizerNode(ListeningNode):
             turned = [transform_of(attitude)] if (attitude := self._attitude.take()) else []
             self._tf.publish(TFMessage(transforms=[transform_of(state), *turned]))
         trail, stamp = [*run.trail.points, run.position_m], state.header.stamp
-        scene = markers(
-            stamp, run.position_m, run.force_n, trail, self._look, run.zones_now, run.onboard
-        )
+        seen = trail, self._look, run.zones_now, run.onboard, run.attitude
+        scene = markers(stamp, run.position_m, run.force_n, *seen)
         self._markers.publish(self._with_deletions(scene))
 
     def _with_deletions(self, scene: MarkerArray) -> MarkerArray:
