@@ -45,8 +45,8 @@ tick. The memory has who has docked."""
 _DOCKING = 9 * RUNS
 
 DELAYS, LONGEST, MODES = 0, RUNS, RUNS + 1
-WIDTH = MODES + RUNS
-AXES = WIDTH + 1
+NUMBERS = MODES + RUNS
+AXES = NUMBERS + 1
 GUARDS = AXES + RUNS
 """Places in the table of assurance: ticks from a command to its force; the most of them, at least
 one; modes at the start; how many numbers step and guards have; place of the axes of a target that
@@ -104,7 +104,7 @@ def add_feed_forward(w, m, t, tick):  # type: ignore[no-untyped-def]
 @compiled
 def assure_all(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Replace row FORCE by what runtime assurance lets pass."""
-    longest, width = int(t[LONGEST]), int(t[WIDTH])
+    longest, width = int(t[LONGEST]), int(t[NUMBERS])
     for s in range(RUNS):
         y, z, delay = s + RUNS, s + 2 * RUNS, int(t[DELAYS + s])
         v, table = m[_NUMBERS * s :][:_NUMBERS], t[GUARDS + width * s :][:width]
