@@ -266,7 +266,7 @@ const head = mesh(new THREE.ConeGeometry(0.2, 0.45, 14).translate(0, 0.22, 0), f
 arrow.add(shaft, head);
 scene.add(arrow);
 const plumes = [0, 1, 2].map(() => add(scene, mesh(
-  new THREE.ConeGeometry(0.32, 1, 14, 1, true).translate(0, -0.5, 0), flat('small_positive', 0.45, { side: THREE.DoubleSide }))));
+  new THREE.ConeGeometry(0.32, 1, 14).translate(0, -0.5, 0), flat('small_positive', 0.6))));
 const drop = add(scene, polyline([[0, 0, 0], [1, 0, 0]], thin('ink', 0.35)));
 drop.frustumCulled = false;
 const cloud = add(scene, mesh(new THREE.SphereGeometry(1, 24, 16), flat('optimum', 0.35, { depthTest: false })));  // seen through the chaser
@@ -342,7 +342,7 @@ function place(state) {
     flight.dot.position.set(...here.r);
     let count = 0;
     while (count < flight.pathTimes.length - 1 && flight.pathTimes[count + 1] <= now) count++;
-    flight.flown.visible = own || !MANY;
+    flight.flown.visible = stats.frames > 0 && (own || !MANY);  // the first frame, at 0 s, goes without its program
     if (flight.flown.visible) {  // so many whole parts, and the last one as far as the chaser is
       const ends = flight.flown.geometry.attributes.instanceEnd, points = flight.points, last = points.length / 3 - 1;
       const restore = flight.shown ?? 0;
@@ -614,10 +614,12 @@ addEventListener('keydown', event => {
 // ---------------------------------------------------------------- frames
 
 const FULL = Math.min(devicePixelRatio, 2);
-let before, drawnNumbers = 0, pixels = FULL, cost = 0;
+let before, drawnNumbers = 0, pixels = FULL, cost = 0, sized;
 const stats = { frames: 0, first_ms: 0, draw_ms: 0 };
 function resize() {
-  const { clientWidth: w, clientHeight: h } = el('view');
+  const { clientWidth: w, clientHeight: h } = el('view'), wanted = [w, h, playing ? pixels : FULL].join();
+  if (wanted === sized) return;  // it would wipe the picture
+  sized = wanted;
   renderer.setPixelRatio(playing ? pixels : FULL);
   renderer.setSize(w, h, false);
   camera.aspect = w / h;
@@ -629,8 +631,15 @@ function theme() {
   for (const [material, name] of painted) material.color.set(colour(name));
   stars.visible = matchMedia('(prefers-color-scheme: dark)').matches;
   paintSky();
-  strip();
   dirty = true;
+}
+function picture(state) {
+  place(state);
+  for (const far of [sky, stars]) {
+    far.position.copy(camera.position);
+    far.scale.setScalar(camera.far / 4);
+  }
+  renderer.render(scene, camera);
 }
 function draw(time) {
   const began = performance.now(), state = chosen.at(Math.min(now, chosen.end));
@@ -640,12 +649,7 @@ function draw(time) {
     camera.position.add(moved);
     camera.updateMatrixWorld();
   }
-  place(state);
-  for (const far of [sky, stars]) {
-    far.position.copy(camera.position);
-    far.scale.setScalar(camera.far / 4);
-  }
-  renderer.render(scene, camera);
+  picture(state);
   placeLabels();
   el('head').style.transform = `translateX(${(now / END * canvas.clientWidth).toFixed(1)}px)`;
   if (time - drawnNumbers > REDRAW_MS || !playing) {
@@ -658,6 +662,7 @@ function draw(time) {
       el('scrub').setAttribute('aria-valuetext', text);
     }
   }
+  dirty ||= !stats.frames;
   stats.frames += 1;
   stats.draw_ms = performance.now() - began;
   stats.first_ms ||= performance.now();
@@ -682,6 +687,11 @@ function frame(time) {
   draw(time);
 }
 
+say(el('note'), DATA.note);
+theme();
+resize();
+show(0);
+picture(chosen.at(0));  // the graphics processor is at work while the rest of the page is made
 if (flights.length > 1) {
   el('choice').hidden = false;
   el('flights').append(...flights.map(flight => {
@@ -694,13 +704,10 @@ if (flights.length > 1) {
   }));
 }
 el('next').hidden = flights.length < 2;
-say(el('note'), DATA.note);
 setSpeed(speed);
 new ResizeObserver(() => { resize(); strip(); }).observe(el('view'));
-matchMedia('(prefers-color-scheme: dark)').addEventListener('change', theme);
+matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => { theme(); strip(); });
 build();
-theme();
 resize();
-show(0);
 requestAnimationFrame(frame);
 window.replay = { seek, play, choose, show, setSpeed, stats, get now() { return now; }, get playing() { return playing; }, get pixels() { return pixels; } };

@@ -190,7 +190,7 @@ def _document(shown: Replayed, flights: int) -> dict[str, Any]:
     """Return a flight, one of so many; its arrays are base64 of little-endian float32."""
     flight, last = shown.flight, len(shown.flight.states) - 1
     ticks = np.linspace(0, last, min(last + 1, max(2, MOST_SAMPLES // flights))).round().astype(int)
-    pulsed = flight.scenario.thrusters is not None and flight.scenario.thrusters.pulses
+    pulsed = flight.scenario.thrusters is not None and flight.scenario.thrusters.fires
     forces = flight.thrust.forces_n if pulsed else flight.saturated_forces_n
     mean = np.add.reduceat(forces, ticks[:-1]) / np.diff(ticks)[:, None]
     reference = flight.signals.get(REFERENCE_STATE)

@@ -358,14 +358,15 @@ def _limits(flight: Flight) -> Picture:
 def _thrusters(flight: Flight) -> list[Section]:
     """Return what the thrusters made of the commands, where they fire in pulses or spend mass."""
     settings = flight.scenario.thrusters
-    if settings is None or not (settings.pulses or settings.propellant):
+    if settings is None or not (settings.fires or settings.propellant):
         return []
     spent = flight.thrust
+    torque = 'the torque that the allocation leaves over, ' if settings.table else ''
     picture = Picture(
         'pulses',
         run_plots.pulses(flight),
         'Mean force that the thrusters exert in each tick, the impulse that they owe the command, '
-        'and the propellant spent.',
+        f'{torque}and the propellant spent.',
         f'The thrusters spend {spent.delta_v_m_s:.3g} m/s and {spent.propellant_kg:.3g} kg, in '
         f'{spent.openings} openings of valves.',
     )

@@ -17,6 +17,7 @@ from rpo_core.control.controller import FuzzyController
 from rpo_core.files.scenario import Scenario
 from rpo_core.judge import metrics
 from rpo_core.judge.zones import Zone
+from rpo_core.wire.interfaces import EXERTED_TORQUE
 from rpo_guidance.plan import Guidance
 from rpo_guidance.rehearsal import Checked
 from rpo_judge.evaluation.plan_bound import Bound
@@ -209,8 +210,13 @@ def pulses(flight: Flight) -> Any:
     scenario, thrust = flight.scenario, flight.thrust
     times_s = scenario.times_s[:-1]
     owed = np.cumsum(flight.saturated_forces_n - thrust.forces_n, axis=0) * scenario.dt_s
-    figure, (upper, middle, lower) = style.new_panels(6.4, 3, sharex=True)
+    torques = flight.signals.get(EXERTED_TORQUE) if scenario.thrusters.table else None
+    panels = 3 if torques is None else 4
+    height = 6.4 if torques is None else 8.4
+    figure, (upper, middle, *more, lower) = style.new_panels(height, panels, sharex=True)
     by_axis(upper, times_s, thrust.forces_n, 'force exerted [N]', linewidth=0.6)
+    if torques is not None:
+        by_axis(more[0], times_s, torques[:-1], 'torque [N m]', linewidth=0.6)
     by_axis(middle, times_s, 1e3 * owed, 'impulse owed [mN s]', linewidth=0.8)
     spent_g = 1e3 * (scenario.mass_kg - thrust.masses_kg)
     lower.plot(times_s, spent_g, color=style.LIGHT['ink'])

@@ -212,7 +212,7 @@ def test_a_reset_stage_has_forgotten():
     flown = BASE.equipped(Thrusters(delay_ticks=1, pulses=pulses()))
     stage = stage_of(flown.thrusters, flown)
     assert isinstance(stage, ThrustersStage) and stage.memory_ticks is None
-    assert pulse_kernels.MEMORY == 30
+    assert pulse_kernels.MEMORY == 33
     commands = [(0.013, -0.3, 0.2)] * 20
     first = [stage.step(k, c) for k, c in enumerate(commands)]
     assert first[0][2] == (0.0, 0.0, 0.0)  # the delay

@@ -26,6 +26,7 @@ from rpo_core.world import cw
 from rpo_guidance.guidance import GuidanceStage
 from rpo_guidance.legs import FlyingAround, Resting, Straight, Turning, Vehicle, fill
 from rpo_guidance.plan import Guidance, Leg
+from rpo_kernels import kernels
 
 N_RAD_S = cw.mean_motion(6_678_000.0)
 VEHICLE = Vehicle(N_RAD_S, 10.0, 0.1, 0.3, cw.discretise(N_RAD_S, 10.0, 0.1))
@@ -179,6 +180,29 @@ def test_a_hold_of_the_plan_is_in_the_axes_of_the_leg_before():
     assert_allclose(
         PORT.seen(references)[begin:, :3], [[0.0, 15.0, 0.0]] * (5000 - begin), atol=1e-12
     )
+
+
+@pytest.mark.parametrize('moment', [4100, 5000, 5500, 5690])
+def test_an_abort_out_of_the_corridor_comes_no_nearer_and_then_drifts_away(moment):
+    stage, references = follow(PORT, moment + 4500, {moment: ['abort']})
+    assert [c.phase for c in stage.changes[-2:]] == ['aborting', 'drifting']
+    distance = np.linalg.norm(references[moment:, :3], axis=1)
+    # 0.1 m/s is stopped in 0.33 m by half of the force that guidance may use
+    assert distance.min() > min(distance[0], 13.0) - 0.36
+    step, state = cw.discretise(N_RAD_S, PORT.mass_kg, 10.0), tuple(references[-1])
+    for _ in range(round(0.2 * np.pi / N_RAD_S)):
+        state = kernels.cw_step(state, (0.0, 0.0, 0.0), step)
+        assert np.linalg.norm(state[:3]) > 30.0
+
+
+def test_go_after_a_retreat_meets_the_target_again():
+    away = PORT.equipped(replace(PORT.section(Guidance), retreat_m=(0.0, -40.0, 0.0)))
+    long = replace(away, duration_s=1600.0)
+    stage, references = follow(long, 14800, {5000: ['retreat'], 9000: ['go']})
+    phases = ['to_the_mouth', 'in', 'retreating', 'to_the_mouth', 'in', 'arrived', 'docked']
+    assert [c.phase for c in stage.changes] == phases
+    jumps = np.abs(np.diff(references[:, 3:], axis=0)).max()
+    assert jumps < 0.1 * 0.3 / 10.0  # nowhere faster than by the force that guidance may use
 
 
 def test_off_it_follows_the_chaser_itself_and_commands_nothing():

@@ -16,6 +16,7 @@ from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge.requirements import Requirements
 from rpo_core.judge.verdicts import verdicts
+from rpo_guidance.plan import Guidance, Leg
 from rpo_montecarlo.campaign import config, faults, run_batch, sampling, single, sweep
 from rpo_montecarlo.campaign.quantities import Dispersion, dispersion
 from rpo_montecarlo.campaign.run_batch import fly_runs
@@ -26,6 +27,7 @@ from rpo_nav.estimator import Estimator
 from rpo_ros.names import CONTROL_FORCE, DISTURBANCE_FORCE
 from rpo_safety.shaping import Shaping
 from rpo_sim.free_running import FreeRunningPlant
+from rpo_thrusters.table import Failure, ThrusterTable
 from rpo_thrusters.thrusters import Propellant, Pulses, Thrusters
 
 WORLD = {
@@ -49,6 +51,11 @@ FIRING = Thrusters(
     pulses=Pulses(count=6, modulation='pulse_width', minimum_on_time_s=0.01),
     propellant=Propellant(specific_impulse_s=2.0, mass_kg=1.0),
 )
+STUCK = Failure(thruster='y-b', stuck='on', from_s=3.0, until_s=6.0, known=True)
+QUADS = ThrusterTable(
+    preset='quads_16', force_n=0.25, minimum_impulse_bit_n_s=0.002, failures=(STUCK,),
+    centre_of_mass_m=(0.05, 0.0, -0.02),
+)  # fmt: skip
 LEAK = Propellant(specific_impulse_s=2.0, mass_kg=0.3)
 SOME = {'initial_position_m': {'uniform': 5.0}, 'mass_share': {'normal': 0.03}}
 MEASURED = replace(scenario.load_scenario('paper_test_measured'), duration_s=12.0)
@@ -68,6 +75,21 @@ CONTACT = Requirements(
 )
 TURNING = replace(PLAIN, requirements=CONTACT)
 LONG = ((10.0, 0.5, 0.0), (0.5, 14.0, 0.3), (0.0, 0.3, 20.0))
+IN = Guidance(
+    legs=(
+        Leg(name='to', kind='transfer', frame='target', to_m=(0.0, 6.0, 0.0), duration_s=90.0),
+        Leg(name='in', kind='straight', frame='target', to_m=(0.0, 1.0, 0.0), speed_m_s=0.15,
+            end_speed_m_s=0.075),
+    ),
+    port_m=(0.0, 1.0, 0.0),
+    past_port_m=0.3,
+)  # fmt: skip
+PORT = replace(
+    scenario.load_scenario('tumbling_port'),
+    initial_position_m=(5.0, 25.0, 5.0),
+    duration_s=140.0,
+    sections=(IN, Target(kind='tumble', rates_deg_s=(0.3, 0.4, 1.0), inertia_kg_m2=LONG)),
+)
 CASES = {
     'leo': (LEO, WORLD),
     'leo, compensated': (COMPENSATED, SOME),
@@ -96,6 +118,20 @@ CASES = {
         TURNING.equipped(Target(kind='fixed', attitude=(0.1, 0.2, 0.3, 0.9))),
         {**SOME, 'target_attitude_x_deg': {'normal': 5.0}},
     ),
+    'a table of thrusters': (
+        PLAIN.equipped(Thrusters(table=QUADS, propellant=LEAK)),
+        {**SOME, 'thrust_share': {'normal': 0.02}, 'misalignment_deg': {'normal': 1.0},
+         'delay_ticks': {'whole': 2}, 'stuck_off_thruster': {'whole': 15}},
+    ),
+    'a table whose failures are known, true gravity': (
+        ELLIPTIC.equipped(Thrusters(table=replace(QUADS, finds_failures=True))),
+        {**SOME, 'stuck_off_thruster': {'whole': 15}},
+    ),
+    'a port that tumbles': (
+        PORT,
+        {**SOME, 'target_attitude_x_deg': {'normal': 5.0},
+         'target_known_error_y_deg': {'normal': 0.5}},
+    ),
     'pulses about a circle': (PLAIN.equipped(FIRING), {**SOME, 'stuck_off_thruster': {'whole': 5}}),
 }  # fmt: skip
 
@@ -118,7 +154,7 @@ def write(tmp_path):
 )
 def test_the_engine_flies_the_bits_of_the_core(write, case, controller, monkeypatch):
     flown, dispersions = CASES[case]
-    judged = {'success': None} if flown.requirements is CONTACT else {}
+    judged = {'success': None} if flown.requirements in (CONTACT, PORT.requirements) else {}
     campaign = write(flown, dispersions=dispersions, controller=controller, **judged)
     assert support.why_not(campaign.scenario, campaign.controller) == ''
     found = run_batch.fly_runs(campaign, 0, 45)

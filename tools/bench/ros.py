@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """P4 and P5, the ROS loop: real nodes, compared with two bare rclpy processes.
 
-P4 flies the paper's test; P5 a scenario with navigation, guidance and assurance.
+P4 flies the paper's test; P5 a scenario with navigation, guidance and assurance. Flights and peer
+take turns, so that other work on the machine meets both.
 
 `ros2 run` starts each in a ROS domain of its own. The time is from `flying` to `finished` in the
 log lines of the plant, without start and discovery.
@@ -17,10 +18,12 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
-from typing import NamedTuple
+from statistics import median
+from typing import Any, NamedTuple
 
 from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
@@ -30,6 +33,7 @@ PLANT = ('ros2', 'run', 'rpo_sim', 'plant')
 DOMAIN = '98'
 """Not the default 0, and not the first domains of the tests."""
 
+TURNS = 3
 _DEADLINE_S = 300.0
 _LINE = re.compile(r'\[(\d+\.\d+)\] \[plant\]: (flying|finished)')
 
@@ -67,14 +71,9 @@ def _environment(folder: str) -> dict[str, str]:
 def _started(commands: Sequence[Sequence[str]], folder: str) -> Iterator[None]:
     """Run nodes in the background, and end them."""
     environment, quiet = _environment(folder), subprocess.DEVNULL
+    options: dict[str, Any] = {'env': environment, 'stdout': quiet, 'stderr': quiet}
     nodes = [
-        subprocess.Popen(
-            ['ros2', 'run', *command],
-            env=environment,
-            stdout=quiet,
-            stderr=quiet,
-            start_new_session=True,
-        )
+        subprocess.Popen(['ros2', 'run', *command], **options, start_new_session=True)
         for command in commands
     ]
     try:
@@ -115,16 +114,8 @@ def one_process() -> Loop:
     """Run plant, controller, disturbance and recorder in one process."""
     with tempfile.TemporaryDirectory() as folder:
         output = str(Path(folder) / 'run')
-        command = [
-            'ros2',
-            'run',
-            'rpo_bringup',
-            'final_approach',
-            '--scenario',
-            SCENARIO,
-            '--no-report',
-        ]
-        return _loop(_output([*command, '--output', output], folder))
+        command = ['ros2', 'run', 'rpo_bringup', 'final_approach', '--scenario', SCENARIO]
+        return _loop(_output([*command, '--no-report', '--output', output], folder))
 
 
 def _processes(scenario: str, *others: Sequence[str], plant: Sequence[str] = PLANT) -> Loop:
@@ -162,3 +153,28 @@ def ping_pong() -> float:
     """Return round trips per second of two bare rclpy processes."""
     with tempfile.TemporaryDirectory() as folder:
         return float(_output(['ros2', 'run', 'rpo_bringup', 'ping_pong'], folder).split()[0])
+
+
+class Turns(NamedTuple):
+    """Medians of flights and of the peer, and the median of the ratios of neighbours in time."""
+
+    loop: Loop
+    trips_per_s: float
+    ratio: float
+
+
+def in_turns(fly: Callable[[], Loop], turns: int = TURNS) -> Turns:
+    """Run the peer and a flight in turns."""
+    pairs = [(ping_pong(), fly()) for _ in range(turns)]
+    trips, loops = zip(*pairs, strict=True)
+    loop = sorted(loops, key=lambda loop: loop.wall_s)[turns // 2]
+    return Turns(loop, median(trips), median(loop.ticks_per_s / rate for rate, loop in pairs))
+
+
+LOOPS: tuple[tuple[str, str, Callable[[], Loop], float], ...] = (
+    ('P4', 'ROS loop, as 4 processes', four_processes, 200.0),
+    ('P4', 'ROS loop, in one process', one_process, 400.0),
+    ('P5', 'full chain, as 7 processes', seven_processes, 50.0),
+    ('–', 'Basilisk as the plant, 4 processes', basilisk_plant, 50.0),
+)[: 4 if find_spec('Basilisk') else 3]
+"""Target, name, flight, and the least real-time factor."""

@@ -247,7 +247,7 @@ class Campaign:
     def metrics_of_thrusters(self) -> dict[str, str]:
         """Those of `THRUSTER_METRICS` that its thrusters have: name -> unit."""
         thrusters = self.scenario.thrusters
-        if thrusters is not None and thrusters.pulses:
+        if thrusters is not None and thrusters.fires:
             return THRUSTER_METRICS
         if thrusters is None or thrusters.propellant is None:
             return {}
@@ -328,7 +328,7 @@ def _check_effects(config: CampaignConfig, scenario: Scenario) -> None:
         'density_share': (drag, 'drag'),
         'ballistic_coefficient_share': (drag, 'drag'),
         'true_anomaly_deg': (orbit, 'orbit but a circle'),
-        'stuck_off_thruster': (thrusters is not None and thrusters.pulses, '`pulses` of thrusters'),
+        'stuck_off_thruster': (thrusters is not None and thrusters.fires, '`pulses` of thrusters'),
         **{
             name: (scenario.section(Sensors) is not None, '`sensors`')
             for name in QUANTITIES
@@ -346,10 +346,10 @@ def _check_effects(config: CampaignConfig, scenario: Scenario) -> None:
             f'`{navigated[0]}` must be left out: scenario {scenario.name} has `sensors`, whose '
             'noise is drawn anew for each run'
         )
-    pulses = thrusters.pulses if thrusters else None
-    if pulses and config.spread('stuck_off_thruster')[0] >= pulses.count:
+    count = len(thrusters.names) if thrusters else 0
+    if count and config.spread('stuck_off_thruster')[0] >= count:
         raise InputError(
-            f'`stuck_off_thruster.whole` must be below {pulses.count}, the number of thrusters of '
+            f'`stuck_off_thruster.whole` must be below {count}, the number of thrusters of '
             f'{scenario.name}; got {config.spread("stuck_off_thruster")[0]:g}'
         )
 

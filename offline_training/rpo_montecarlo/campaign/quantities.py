@@ -45,7 +45,7 @@ QUANTITIES = {
     'density_share': Quantity(1, '', _SPREADS, 1.0),
     'ballistic_coefficient_share': Quantity(1, '', _SPREADS, 0.99),
     'true_anomaly_deg': Quantity(1, 'deg', _SPREADS, 180.0),
-    'stuck_off_thruster': Quantity(1, '', ('whole',), 11),
+    'stuck_off_thruster': Quantity(1, '', ('whole',), 23),
     'sensor_noise_share': Quantity(1, '', _SPREADS, 0.99),
     'sensor_scale_error': Quantity(1, '', _SPREADS, 0.99),
     **{f'sensor_bias_{axis}_m': Quantity(1, 'm', _SPREADS, 1e4) for axis in 'xyz'},

@@ -34,13 +34,14 @@ from rpo_safety.assurance import AssuranceStage
 from rpo_safety.packed import assure_packed
 from rpo_safety.settings import Assurance
 
-PORT, LAST = 0, 7
+PAST, WIDTH, LAST = 0, 1, 2
 REFERENCES = LAST + RUNS
-"""Places in the table of a plan: numbers of `at_port` after the position (7,); tick from which on
-the last leg of each run is flown; of each tick, state [m, m/s] and force [N] (9, 40). The memory
-has who has docked."""
+"""Places in the table of a plan: distance behind the port at which a chaser has docked, 0.0: it
+does not; numbers of a tick; tick from which on the last leg of each run is flown; of each tick,
+state [m, m/s] and force [N] (9, 40). Where chasers dock, port [m] and axis (6, 40) follow in each
+tick. The memory has who has docked."""
 
-_ROW = 9 * RUNS
+_DOCKING = 9 * RUNS
 
 DELAYS, LONGEST, MODES = 0, RUNS, RUNS + 1
 GUARDS = MODES + RUNS
@@ -66,13 +67,14 @@ def follow(w, m, t, tick):  # type: ignore[no-untyped-def]
 
     Of a chaser that has docked the reference is its own state.
     """
-    p, row = t[PORT:LAST], t[REFERENCES + _ROW * tick :][:_ROW]
+    row = t[REFERENCES + int(t[WIDTH]) * tick :]
     for s in range(RUNS):
         y, z = s + RUNS, s + 2 * RUNS
-        if p[6] > 0.0 and tick >= t[LAST + s] and m[s] == 0.0:
+        if t[PAST] > 0.0 and tick >= t[LAST + s] and m[s] == 0.0:
+            p = row[_DOCKING + s :]
             docked = at_port(
                 w[SEEN_R + s], w[SEEN_R + y], w[SEEN_R + z],
-                p[0], p[1], p[2], p[3], p[4], p[5], p[6],
+                p[0], p[RUNS], p[2 * RUNS], p[3 * RUNS], p[4 * RUNS], p[5 * RUNS], t[PAST],
             )  # fmt: skip
             m[s] = 1.0 if docked else 0.0
         for axis in range(3):
@@ -88,7 +90,7 @@ def follow(w, m, t, tick):  # type: ignore[no-untyped-def]
 @compiled
 def add_feed_forward(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Add the force that a chaser on the reference needs to row FORCE."""
-    row = t[REFERENCES + _ROW * tick :][:_ROW]
+    row = t[REFERENCES + int(t[WIDTH]) * tick :]
     for s in range(RUNS):
         for axis in range(3):
             force = 0.0 if m[s] > 0.0 else row[2 * PAIRED_LANES + axis * RUNS + s]
@@ -130,15 +132,19 @@ def guiding_of(batch: Batch) -> Part | None:
     settings = batch.base.section(Guidance)
     if settings is None:
         return None
-    ticks = batch.base.ticks
-    table, last = np.zeros((ticks + 1, 9, RUNS)), np.zeros(RUNS)
+    count = batch.base.ticks + 1
+    table = np.zeros((count, 15 if settings.past_port_m else 9, RUNS))
+    last = np.zeros(RUNS)
     for i, (scenario, state) in enumerate(zip(batch.scenarios, batch.seen, strict=True)):
         own = scenario.section(Guidance)
         assert own is not None
-        table[:, :, i], last[i] = GuidanceStage(own, scenario).rows(state, ticks)
-    port = (*settings.port_m, *settings.corridor.ahead, settings.past_port_m)
+        stage = GuidanceStage(own, scenario)
+        table[:, :9, i], last[i] = stage.rows(state, count - 1)
+        if settings.past_port_m:
+            table[:, 9:, i] = stage.ports(count)
     steps = ((Place.GUIDANCE, follow), (ADDED, add_feed_forward))
-    return Part('guidance', steps, table_of(port, last, table), np.zeros(RUNS))
+    numbers = table_of(settings.past_port_m, table[0].size, last, table)
+    return Part('guidance', steps, numbers, np.zeros(RUNS))
 
 
 def _assured(batch: Batch) -> Part | None:

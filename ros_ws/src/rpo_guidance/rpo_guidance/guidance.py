@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from functools import partial
+from math import inf
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -84,7 +85,6 @@ class GuidanceStage(Stage):
         limit_n = settings.force_share * scenario.max_force_n
         self._vehicle = Vehicle(n, mass_kg or scenario.mass_kg, dt_s, limit_n, step)
         self._motion = known_motion(scenario)
-        self._port = (*settings.port_m, *settings.corridor.ahead, settings.past_port_m)
         goal = scenario.goal
         self._goal = (scenario.goal_state, goal.force_n if goal is not None else ())
         self.reset()
@@ -151,7 +151,7 @@ class GuidanceStage(Stage):
             self._obey(tick, command)
         while self._is_over(tick):
             self._follow(tick)
-        if self._docks and at_port(*self._to_target(tick, state)[:3], *self._port):
+        if self._docks and self._at_port(tick, state):
             self._enter(tick, DOCKED, 'the chaser is at the port', Drifting())
         if isinstance(self._flown, Drifting):
             self._reference = state
@@ -159,6 +159,12 @@ class GuidanceStage(Stage):
         reference, force = self._flown.at(tick - self._since)  # type: ignore[union-attr]
         self._reference = reference
         return reference, force
+
+    @property
+    def _radius_m(self) -> float:
+        """Radius of the sphere that transfers keep out of; 0.0: none."""
+        settings = self.settings
+        return settings.keep_out_m + settings.margin_m if settings.keep_out_m else 0.0
 
     @property
     def rests(self) -> bool:
@@ -171,6 +177,22 @@ class GuidanceStage(Stage):
         if not self.settings.past_port_m or self._next < len(self.settings.legs):
             return False
         return self._leg is not None or self.changes[-1].phase == ARRIVED
+
+    def ports(self, ticks: int, first: int = 0) -> Floats:
+        """Return where port and axis of the corridor point, target LVLH (ticks, 6)."""
+        fixed = np.array([*self.settings.port_m, *self.settings.corridor.ahead])
+        if self._motion is None:
+            return fixed[None].repeat(ticks, axis=0)
+        turned = self._motion.frames(first + ticks)[first:, :9].reshape(-1, 1, 3, 3)
+        x, y, z = fixed.reshape(2, 3, 1).swapaxes(0, 1)
+        # in the order of `to_lvlh`: the same bits
+        found: Floats = turned[..., 0] * x + turned[..., 1] * y + turned[..., 2] * z
+        return found.reshape(ticks, 6)
+
+    def _at_port(self, tick: int, state: State) -> bool:
+        """Return whether a state has come to the port."""
+        (x, y, z, *_), (px, py, pz, ax, ay, az) = state, self.ports(1, tick)[0].tolist()
+        return at_port(x, y, z, px, py, pz, ax, ay, az, self.settings.past_port_m)
 
     def rows(self, start: State, ticks: int) -> tuple[Floats, int]:
         """Return the references and forces (ticks + 1, 9) of a plan without holds and commands.
@@ -318,11 +340,14 @@ class GuidanceStage(Stage):
         ease_s: float | None = None,
     ) -> Transferring:
         settings, corridor = self.settings, self.settings.corridor
-        radius = settings.keep_out_m + settings.margin_m if settings.keep_out_m else 0.0
+        radius = self._radius_m
         # what begins or ends in the sphere passes through it; but to the corridor it comes no
         # nearer than it is
-        range_m = norm(*start[:3])
-        free = corridor_s is None and min(range_m, norm(*end[:3])) <= radius
+        range_m = begins = norm(*start[:3])
+        if self._motion is not None and begins < radius:
+            # its corridor turns away: the way out comes no nearer than where it can have stopped
+            range_m, begins = range_m - self._stopping_m(start), inf
+        free = corridor_s is None and min(begins, norm(*end[:3])) <= radius
         zones = Limits(
             0.0 if free else min(radius, range_m),
             None,
@@ -340,6 +365,12 @@ class GuidanceStage(Stage):
 
         return Transferring(start, end_after, self._vehicle, duration_s, zones, *times_s)
 
+    def _stopping_m(self, state: State) -> float:
+        """Return how much nearer [m] to the target a state comes before it can have stopped."""
+        x, y, z, vx, vy, vz = state
+        closing = max(-(x * vx + y * vy + z * vz) / norm(x, y, z), 0.0)
+        return closing * closing / (2.0 * self._vehicle.acceleration_m_s2)
+
     def _obey(self, tick: int, command: str, reason: str = '') -> None:
         """Follow a command at a tick."""
         reason = reason or f'command `{command}`'
@@ -355,6 +386,8 @@ class GuidanceStage(Stage):
             self._enter(tick, STOPPED, reason, self._braking(tick, now, turns))
         elif command == RETREAT:
             self._interrupt()
+            while self._next > 0 and self._begins_turning(self._next):
+                self._next -= 1
             to_m = self.settings.retreat_m or now[:3]
             end: State = (*to_m, 0.0, 0.0, 0.0)
             flown = self._transfer(tick, now, end, False, self.settings.abort_s)
@@ -369,6 +402,13 @@ class GuidanceStage(Stage):
         if self._leg is not None and self._leg.kind != plan.HOLD:
             self._next -= 1
 
+    def _begins_turning(self, i: int) -> bool:
+        """Return whether leg i, or what follows the last one, begins in the target's axes."""
+        legs = self.settings.legs
+        if i < len(legs) and legs[i].kind == plan.TRANSFER:
+            return False
+        return self._motion is not None and self.settings.turns(min(i, len(legs) - 1))
+
     def _braking(self, tick: int, now: State, turns: bool) -> Flown:
         x, y, z, vx, vy, vz = now = self._start_of(tick, now, turns)
         speed = norm(vx, vy, vz)
@@ -382,11 +422,14 @@ class GuidanceStage(Stage):
         """Return a state (6,) from which relative motion carries the chaser away.
 
         Below the target an orbit is faster: ahead of it the chaser leaves forward. Behind the
-        target it leaves backward, above it. vy = -3/2 n x keeps x as it is.
+        target it leaves backward, above it. vy = -3/2 n x keeps x as it is. Out of a corridor that
+        turns it leaves on the side on which it is.
         """
-        _, y, _, _, _, _ = now
-        offset = self.settings.abort_offset_m
-        x = -offset if y >= 0.0 else offset
+        x, y, _, _, _, _ = now
+        below = y >= 0.0
+        if self._motion is not None and norm(*now[:3]) < self._radius_m:
+            below = x < 0.0
+        x = -self.settings.abort_offset_m if below else self.settings.abort_offset_m
         return x, y, 0.0, 0.0, -1.5 * self._vehicle.mean_motion_rad_s * x, 0.0
 
     def _enter(self, tick: int, phase: str, reason: str, flown: Flown | Drifting) -> None:

@@ -75,6 +75,7 @@ def check(settings: Guidance, scenario: Scenario) -> None:
         ) from None
     _check_durations(settings, scenario, found)
     cone = settings.corridor.cone(settings.port_m)
+    mass_kg = settings.mass_kg or scenario.mass_kg
     seen = np.array(found.references)
     if scenario.target is not None:
         seen = scenario.target.known.seen(seen, scenario)
@@ -86,7 +87,8 @@ def check(settings: Guidance, scenario: Scenario) -> None:
         if largest > settings.force_share * scenario.max_force_n * (1.0 + 1e-9):
             raise InputError(
                 f'`guidance` must need at most `force_share` = {settings.force_share:g} of '
-                f'`max_force_n` = {scenario.max_force_n:g} N; {at}: {largest:.4g} N'
+                f'`max_force_n` = {scenario.max_force_n:g} N; {at}: {largest:.4g} N, '
+                f'{largest / mass_kg:.3g} m/s^2'
             )
         position, sphere = tuple(state[:3]), settings.keep_out_m
         distance = norm(*position)

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -98,6 +99,11 @@ class Plant:
             if spent is not None and EXERTED_FORCE in link.stage.outputs:
                 return spent[2]
         return None
+
+    @property
+    def thrusters(self) -> Any:
+        """The stage of the thrusters."""
+        return next(link.stage for link in self.chain.links if link.place is Place.THRUSTERS)
 
     @property
     def stamp_ns(self) -> int:

@@ -3,11 +3,11 @@
 """Which thrusters of a table fire: the inner loop.
 
 Kernels of + - * / and comparisons (`rpo_kernels.jit`), the same bits everywhere. The allocation is
-a linear programme: thrusts between zero and the largest, the wanted force exactly, then as little
-torque as possible, then as little propellant. It is solved by a dual simplex method along the
-demand: from no force to the whole of it, or to as much of it as there is. The start is one of the
-bases that were computed before (`Table.bases`), most often the one of the optimum. Nothing is
-remembered from call to call. Tables are flat: rows of six numbers, force then torque.
+a linear programme: thrusts between zero and the largest, the wanted force exactly, then as near to
+the wanted torque as possible, then as little propellant. It is solved by a dual simplex method
+along the demand: from no force to the whole of it, or to as much of it as there is. The start is
+one of the bases that were computed before (`Table.bases`), most often that of the optimum. Nothing
+is remembered from call to call. Tables are flat: rows of six numbers, force then torque.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from rpo_kernels.jit import kernel
 from rpo_kernels.kernels import Vector
-from rpo_kernels.pulse_kernels import DELTA_V, ON, OPEN, OPENINGS, Tank, spend
+from rpo_kernels.pulse_kernels import DELTA_V, ON, OPEN, OPENINGS, TORQUE, Tank, spend
 
 MOST_THRUSTERS = 24
 
@@ -32,7 +32,9 @@ LIMIT = FULL + MOST_THRUSTERS
 """Place of the largest thrust of each thruster now [N]."""
 THRUST = LIMIT + MOST_THRUSTERS
 """Place of the thrust of each thruster [N]."""
-SCRATCH = THRUST + MOST_THRUSTERS
+AIM = THRUST + MOST_THRUSTERS
+"""Place of what is added to the force and torque that thrusters give."""
+SCRATCH = AIM + ROWS
 
 START = 2 * ROWS + ROWS * ROWS
 """Numbers of a basis that was computed before: price of each row, variables, inverse."""
@@ -168,23 +170,20 @@ def exchange(row: int, variable: int, change: float, t: Table, w: Any) -> None:
 
 
 @kernel
-def allocate(wanted: Any, t: Table, w: Any) -> tuple[float, int]:
-    """Fill THRUST of the scratch for a wanted force and torque (6,), in units of the rows.
+def advance(least: float, t: Table, w: Any) -> tuple[float, int]:
+    """Add what AIM of the scratch holds to what the thrusters give, as far as they can.
 
-    Returns the share of it that the thrusters give, 1 where they can; and the row of the basis that
-    limits it, -1 where none does. LIMIT of the scratch holds the largest thrusts.
+    least : what changes less along it does not change [N]
+
+    Returns the share of it that is added, and the row of the basis that limits it; 1, -1: all.
     """
-    scale = 0.0
-    for i in range(ROWS):
-        scale = abs(wanted[i]) if abs(wanted[i]) > scale else scale
-    start(wanted, t, w)
-    least, done, limiting = _LEAST_RATE * scale, 0.0, -1
-    for _ in range(_MOST_PIVOTS if scale > 0.0 else 0):
+    done = 0.0
+    for _ in range(_MOST_PIVOTS):
         step, row, down = 1.0 - done, -1, False
         for i in range(ROWS):
             rate = 0.0
             for k in range(ROWS):
-                rate += w[INVERSE + ROWS * i + k] * wanted[k]
+                rate += w[INVERSE + ROWS * i + k] * w[AIM + k]
             w[RATE + i] = rate
             variable = int(w[BASIS + i])
             if rate < -least:
@@ -199,18 +198,43 @@ def allocate(wanted: Any, t: Table, w: Any) -> tuple[float, int]:
         step = step if step > 0.0 else 0.0
         for i in range(ROWS):
             w[VALUE + i] += step * w[RATE + i]
-        done += step
-        limiting = row
         if row < 0:
-            done = 1.0
-            break
+            return 1.0, -1
+        done += step
         variable, change = entering(row, down, t, w)
         if variable < 0:
-            break
+            return done, row
         leaving = int(w[BASIS + row])
         if leaving < t.number:
             w[FULL + leaving] = 0.0 if down else 1.0
         exchange(row, variable, change, t, w)
+    return done, 0
+
+
+@kernel
+def allocate(wanted: Any, t: Table, w: Any) -> tuple[float, int]:
+    """Fill THRUST of the scratch for a wanted force and torque (6,), in units of the rows.
+
+    Of a demand that cannot be met the thrusters give the largest share in its own direction, then
+    what more they have of each axis, x first: never a force against it.
+
+    Returns that share, 1 where they can; and the row of the basis that limits it, -1 where none
+    does. LIMIT of the scratch holds the largest thrusts.
+    """
+    scale = 0.0
+    for i in range(ROWS):
+        w[AIM + i] = wanted[i]
+        scale = abs(wanted[i]) if abs(wanted[i]) > scale else scale
+    start(wanted, t, w)
+    share, limiting = 1.0, -1
+    if scale > 0.0:
+        share, limiting = advance(_LEAST_RATE * scale, t, w)
+    if limiting >= 0:
+        for axis in range(-1, 3):  # the rest of the torque, then of the force
+            for i in range(ROWS):
+                more = i == axis or (axis < 0 and i >= 3)
+                w[AIM + i] = (1.0 - share) * wanted[i] if more else 0.0
+            advance(_LEAST_RATE * scale, t, w)
     for i in range(t.number):
         w[THRUST + i] = w[LIMIT + i] if w[FULL + i] > 0.0 else 0.0
     for i in range(ROWS):
@@ -218,7 +242,7 @@ def allocate(wanted: Any, t: Table, w: Any) -> tuple[float, int]:
         if variable < t.number:
             value = w[VALUE + i] if w[VALUE + i] > 0.0 else 0.0
             w[THRUST + variable] = value if value < w[LIMIT + variable] else w[LIMIT + variable]
-    return (done if scale > 0.0 else 1.0), limiting
+    return share, limiting
 
 
 @kernel
@@ -234,7 +258,7 @@ def fire(
     """
     wanted = w[SCRATCH : SCRATCH + ROWS]
     for i in range(ROWS):
-        wanted[i] = command[i] + m[i] / t.dt if i < 3 else 0.0
+        wanted[i] = command[i] + m[i] / t.dt if i < 3 else m[TORQUE + i - 3] / t.dt
     for i in range(t.number):
         w[LIMIT + i] = t.most[i]
     for k in range(len(t.failures) // 5):
@@ -249,12 +273,12 @@ def fire(
     for i in range(t.number):
         if w[THRUST + i] * t.dt < t.bits[i]:
             w[THRUST + i] = 0.0
-    for i in range(3):
+    for i in range(ROWS if t.carries == 1 else 0):
         left = wanted[i]
         for k in range(t.number):
             left -= w[THRUST + k] * t.columns[ROWS * k + i]
         left = t.bound if left > t.bound else -t.bound if left < -t.bound else left
-        m[i] = left * t.dt if t.carries == 1 else 0.0
+        m[i if i < 3 else TORQUE + i - 3] = left * t.dt
     for k in range(len(t.failures) // 5):
         a = 5 * k
         if t.failures[a + 2] <= tick < t.failures[a + 3]:

@@ -133,6 +133,7 @@ class ThrusterTable:
     thrusters : instead of a preset; at most 24
     centre_of_mass_m : about which the torque is counted
     modulation : what is below the impulse bit is lost (`pulse_width`), or carried (`sigma_delta`)
+    finds_failures : whether the allocation knows of those that a campaign draws
     """
 
     preset: Annotated[str | None, partial(optional, check=choice, known=PRESETS)] = unless_default(
@@ -145,6 +146,7 @@ class ThrusterTable:
     centre_of_mass_m: Annotated[Vector, _metres] = unless_default(ZERO)
     modulation: Annotated[str, partial(choice, known=MODULATIONS)] = unless_default(SIGMA_DELTA)
     failures: tuple[Failure, ...] = unless_default(())
+    finds_failures: Annotated[bool, flag] = unless_default(False)
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -247,17 +249,29 @@ def table_of(
     specific_impulse_s : of thrusters that have none of their own
     matrix : 3 rows of 3, errors of all thrusters, force exerted = matrix x force of the table
     """
-    each, centre = settings.each, np.array(settings.centre_of_mass_m)
+    found = _programme(
+        settings.each, settings.centre_of_mass_m, settings.modulation, specific_impulse_s
+    )
+    arms, units = _arms(settings.each, settings.centre_of_mass_m)
+    acting = np.array([_times(matrix, unit) for unit in units.tolist()])
+    acts = as_table(np.hstack([acting, _cross(arms, acting)]).ravel())
+    return found._replace(dt=dt_s, bound=bound_n, acts=acts)
+
+
+@lru_cache(maxsize=32)
+def _programme(
+    each: tuple[Thruster, ...], centre: Vector, modulation: str, specific_impulse_s: float | None
+) -> Table:
+    """Return what does not depend on errors, and the bases to start from."""
     reference = specific_impulse_s or max((t.specific_impulse_s or 1.0) for t in each)
     burns = [reference / (t.specific_impulse_s or reference) for t in each]
-    units = np.array([_unit(t.direction) for t in each])
-    arms = np.array([t.position_m for t in each]) - centre
-    lever_m, acting = _lever(arms, units), np.array([_times(matrix, u) for u in units.tolist()])
+    arms, units = _arms(each, centre)
+    lever_m = _lever(arms, units)
     found = Table(
         number=len(each),
-        carries=int(settings.modulation == SIGMA_DELTA),
-        dt=dt_s,
-        bound=bound_n,
+        carries=int(modulation == SIGMA_DELTA),
+        dt=1.0,
+        bound=0.0,
         penalty=PENALTY * max(burns),
         lever=lever_m,
         columns=as_table(np.hstack([units, _cross(arms, units) / lever_m]).ravel()),
@@ -265,11 +279,17 @@ def table_of(
         cost=as_table([b * (1.0 + _PREFERENCE * (i * _GOLDEN % 1)) for i, b in enumerate(burns)]),
         burns=as_table(burns),
         bits=as_table([t.minimum_impulse_bit_n_s for t in each]),
-        acts=as_table(np.hstack([acting, _cross(arms, acting)]).ravel()),
+        acts=as_table(np.zeros(ROWS * len(each))),
         failures=as_table([], np.int64),
         bases=as_table(_at_rest()),
     )
     return found._replace(bases=as_table(_bases(found)))
+
+
+def _arms(each: tuple[Thruster, ...], centre: Vector) -> tuple[Floats, Floats]:
+    """Return from the centre of mass to each thruster (n, 3) [m], and its direction (n, 3)."""
+    arms = np.array([t.position_m for t in each]) - np.array(centre)
+    return arms, np.array([_unit(t.direction) for t in each])
 
 
 def _times(matrix: Sequence[Sequence[float]], vector: Sequence[float]) -> list[float]:

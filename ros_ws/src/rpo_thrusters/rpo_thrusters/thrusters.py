@@ -161,6 +161,11 @@ class Thrusters:
             raise InputError('`thrusters` must have one of `pulses` and `table`; got both')
 
     @property
+    def fires(self) -> bool:
+        """Whether thrusters open and shut."""
+        return self.pulses is not None or self.table is not None
+
+    @property
     def names(self) -> list[str]:
         """Names of the thrusters; none without `pulses` and `table`."""
         if self.table is not None:
@@ -285,6 +290,10 @@ class ThrustersStage(Stage):
     def reset(self) -> None:
         """Forget the commands that are on their way."""
         self._line: deque[Signal] = deque([ZERO] * self._delay)
+
+    def refusal(self, state: str) -> str:
+        """Return why a thruster cannot be switched in flight; '' if it can."""
+        return 'a switch needs a scenario with `thrusters.table`'
 
     def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
         """Return the command that is due (3,), saturated (3,), and the force exerted (3,) [N]."""
@@ -423,7 +432,7 @@ def stage_of(settings: Thrusters | None, scenario: Any) -> ThrustersStage:
     """Return the thrusters of a scenario as a stage of the chain."""
     if settings is not None and settings.table is not None:
         return TableStage(settings, scenario)
-    if settings is not None and (settings.pulses or settings.propellant):
+    if settings is not None and (settings.fires or settings.propellant):
         return ValvesStage(settings, scenario)
     return ThrustersStage(settings, scenario.max_force_n)
 

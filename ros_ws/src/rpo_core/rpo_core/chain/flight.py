@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -59,6 +59,7 @@ class Flight:
     forces_n : (N+1, 3) commanded force; the thrusters never took that of the last state
     disturbances_n : (N+1, 3) disturbance force, held for the tick
     signals : name -> (N+1, width) of the other signals of the chain, where they are known
+    events : stage -> tick and state of what it got in flight
     """
 
     scenario: Scenario
@@ -66,6 +67,7 @@ class Flight:
     forces_n: Floats
     disturbances_n: Floats
     signals: Mapping[str, Floats] = field(default_factory=dict, compare=False)
+    events: Mapping[str, Sequence[tuple[int, str]]] = field(default_factory=dict, compare=False)
 
     @cached_property
     def seen(self) -> Floats:
@@ -103,13 +105,16 @@ class Flight:
         return made[stage.outputs.index(SATURATED_FORCE)]
 
     def _thrusters(self) -> Stage:
-        return sections()['thrusters'].make(self.scenario.thrusters, self.scenario)
+        stage = sections()['thrusters'].make(self.scenario.thrusters, self.scenario)
+        stage.reset()
+        for tick, state in self.events.get(stage.name, ()):
+            stage.take_event(tick, state)
+        return stage
 
     @cached_property
     def thrust(self) -> Thrust:
         """What the thrusters made of the commands, computed again."""
         scenario, stage = self.scenario, self._thrusters()
-        stage.reset()
         made = [
             stage.step(tick, tuple(f)) for tick, f in enumerate(self.sent_forces_n[:-1].tolist())
         ]
