@@ -136,7 +136,7 @@ def test_a_target_that_is_fixed_has_the_legs_of_lvlh():
 def test_docks_at_a_port_that_tumbles(controller):
     flight = fly(PORT, load_controller(controller))
     judged = verdicts(flight)
-    assert len(judged) == 4 and all(v.holds for v in judged), judged
+    assert len(judged) == 5 and all(v.holds for v in judged), judged
     seen = flight.errors
     contact = int(np.argmax((seen[:, 1] <= 0.0) & (np.linalg.norm(seen[:, :3], axis=1) < 0.1)))
     assert contact == pytest.approx(5704, abs=5) and not flight.forces_n[contact:].any()

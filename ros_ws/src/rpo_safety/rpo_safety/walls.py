@@ -8,11 +8,12 @@ docs/safety.md, lemmas 4 and 5.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from rpo_attitude.target import FIXED, known_motion
+from rpo_attitude.target import FIXED, Motion, known_motion
 from rpo_core.files.validation import InputError
 from rpo_kernels.kernels import Vector, norm
 from rpo_safety.assumed import ERRORS, SQRT_3, Errors, unknown_n
@@ -32,7 +33,7 @@ SHARES = (0.5, 0.7, 0.85)
 """Share of what the walls leave of an axis that stays for stopping before them; the rest is for
 what the speed in turning axes takes. The first with which there is room."""
 
-_HALVINGS = 40
+_HALVINGS = 24
 
 SQRT_2 = math.sqrt(2.0)
 
@@ -155,18 +156,23 @@ class Swing(NamedTuple):
 
 
 def swing_of(scenario: Any) -> Swing:
-    """Return the bounds from every half tick; in between by those of the derivatives."""
+    """Return the bounds for a flight, as its target's motion is known."""
     motion, target = known_motion(scenario), scenario.target
     assert motion is not None
     delay = scenario.thrusters.delay_ticks if scenario.thrusters else 0
-    ticks = scenario.ticks + delay + 2
-    whole = motion.frames(ticks)
-    both = np.abs(np.vstack([whole, motion.frames(ticks, half=True)])).max(axis=0)
     # Of a free body, the rate changes by less than its square, its change by twice its cube.
     fastest = target.fastest_rad_s + scenario.mean_motion_rad_s if target.kind != FIXED else 0.0
-    off = 0.25 * scenario.dt_s * fastest * fastest
-    rates, changes = (both[9:12] + off).tolist(), (both[12:15] + 2.0 * fastest * off).tolist()
-    rows = np.abs(whole[:, :9]).reshape(-1, 3, 3).sum(axis=2)
+    return _swing(motion, scenario.ticks + delay + 2, fastest, scenario.dt_s)
+
+
+@lru_cache(maxsize=256)
+def _swing(motion: Motion, ticks: int, fastest: float, dt_s: float) -> Swing:
+    """Return the bounds from the ticks; in between by those of the derivatives."""
+    frames = motion.frames(ticks)
+    most = np.maximum(frames[:, 9:].max(axis=0), -frames[:, 9:].min(axis=0))
+    off = 0.5 * dt_s * fastest * fastest
+    rates, changes = (most[:3] + off).tolist(), (most[3:] + 2.0 * fastest * off).tolist()
+    rows = np.abs(frames[:, :9]).reshape(-1, 3, 3).sum(axis=2)
     return Swing(tuple(rates), tuple(changes), float(rows.max()))
 
 
