@@ -78,7 +78,11 @@ def show(scenario: Name, changes: Set = None) -> None:
         raise InputError(f'scenario {found.name} must have a section `assurance`; it has none')
     proof = proof_of(settings, found)
     rows = [*proof.errors._asdict().items(), *proof.guard._asdict().items()]
-    cells = [(name, f'{value:.6g}') for name, value in [*rows, ('floor_m_s', proof.floor_m_s)]]
+    rows.append(('floor_m_s', proof.floor_m_s))
+    if proof.walls is not None:  # what differs in the corridor, in the axes of the target
+        own, walls = proof.guard._asdict(), proof.walls._asdict()
+        rows += [(f'turning {name}', walls[name]) for name in walls if walls[name] != own[name]]
+    cells = [(name, f'{value:.6g}') for name, value in rows]
     print_table(('constant', 'value'), cells, f'{found.name}: what is assumed, and what follows')
     passing, acting = speeds(proof.guard, found)
     typer.echo(f'a step: {passing:.2f} microseconds; where it acts: {acting:.2f}')

@@ -18,6 +18,8 @@ from rpo_safety.settings import Assurance
 from rpo_thrusters.authority import FULL, NONE, known
 from rpo_thrusters.thrusters import IDENTITY, Thrusters
 
+ERRORS = '`position_error_m`, `velocity_error_m_s`, `disturbance_n`, `thrust_error`'
+
 ROUNDING_M = 1e-6
 """Covers the rounding of the kernels, below 1e-9 m in 1 km; added to the error of a position."""
 
