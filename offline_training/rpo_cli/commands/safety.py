@@ -38,6 +38,10 @@ Examples: `rpo safety abort guarded` | `rpo safety abort guarded --states 5000 -
 assurance.abort.stuck_s=60`
 """
 
+THRUSTERS_EXAMPLES = """
+Examples: `rpo safety thrusters quads_16` | `rpo safety thrusters corners_24 --pairs`
+"""
+
 PEERS_EXAMPLES = """
 Examples: `rpo safety peers offline_training/examples/benchmarks/arch_rendezvous.yaml
 offline_training/examples/benchmarks/vbar_approach.yaml` | `rpo safety peers
@@ -232,6 +236,51 @@ def abort(
         f'orbits, one thruster stuck on for {table.stuck_s:g} s, drag {table.drag_m_s2:g} m/s^2'
     )
     print_table(('states', 'range', 'clear', 'least margin'), rows, title)
+
+
+@safety.command(epilog=THRUSTERS_EXAMPLES)
+def thrusters(
+    table: Annotated[
+        str, typer.Argument(help='preset, or scenario with `thrusters.table`', metavar='TABLE')
+    ] = 'pairs_12',
+    pairs: Annotated[bool, typer.Option('--pairs', help='any two failures, not one')] = False,
+    changes: Set = None,
+) -> None:
+    """Print the force that thrusters have without torque, whole and with failures.
+
+    Of a preset, each thruster has 1 N. Full: all axes have the whole table's force, or
+    `max_force_n` of the scenario, at once; none: to some side there is no force. Failures that the
+    scenario knows are in every row.
+    """
+    from collections import Counter
+
+    from rpo_cli.display import print_table
+    from rpo_core.files import overrides
+    from rpo_thrusters import authority
+    from rpo_thrusters.table import PRESETS, ThrusterTable
+
+    if table in PRESETS:
+        settings = ThrusterTable(preset=table, force_n=1.0)
+        limit_n = authority.known(settings).box_n
+    else:
+        found = overrides.load(table, changes or [])
+        if found.thrusters is None or found.thrusters.table is None:
+            raise InputError(f'scenario {found.name} must have `thrusters.table`; it has none')
+        settings, limit_n = found.thrusters.table, float(found.max_force_n)
+    rows, left = [], Counter[str]()
+    known = {f.thruster: f.stuck for f in settings.failures if f.known}
+    for stuck in [{}, *authority.failures(settings, pairs)]:
+        has = authority.authority(settings, known | stuck)
+        verdict = has.left(limit_n)
+        left[verdict] += bool(stuck)
+        if not (pairs and stuck) or verdict == authority.NONE:
+            name = ', '.join(f'{name} {how}' for name, how in stuck.items()) or 'whole'
+            numbers = (has.box_n, has.least_n, *has.axes_n)
+            rows.append((name, verdict, *(f'{number + 0.0:.4g}' for number in numbers)))
+    heads = ('stuck', 'left', 'at once', 'least', 'x+', 'x-', 'y+', 'y-', 'z+', 'z-')
+    print_table(heads, rows, f'{table}: force without torque [N], full from {limit_n:g} N', left=2)
+    counts = ', '.join(f'{left[kind]} {kind}' for kind in authority.LEFT)
+    typer.echo(f'of {left.total()} {"pairs of " if pairs else ""}failures: {counts}')
 
 
 @safety.command(epilog=PEERS_EXAMPLES)

@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from rpo_core.files.validation import InputError
-from rpo_safety.assumed import ERRORS, SQRT_3, Errors, ahead, errors_of, unknown_n
+from rpo_safety.assumed import ERRORS, SQRT_3, Errors, ahead, errors_of, limit_n, unknown_n
 from rpo_safety.edge import speed_floor, within_domain
 from rpo_safety.kernels import FAR, Guard, speed_limit
 from rpo_safety.settings import LEAST_CHANGE, Assurance
@@ -121,7 +121,7 @@ def _proof_or_none(settings: Assurance, scenario: Any, errors: Errors) -> Proof 
 
 def _guard(settings: Assurance, scenario: Any, errors: Errors, top: float) -> Guard:
     """Return the numbers of the filter, if near the zone no speed is larger than `top` [m/s]."""
-    limit, mass, dt = float(scenario.max_force_n), errors.mass_kg, scenario.dt_s
+    limit, mass, dt = limit_n(scenario), errors.mass_kg, scenario.dt_s
     n2 = scenario.mean_motion_rad_s * scenario.mean_motion_rad_s
     delay = scenario.thrusters.delay_ticks if scenario.thrusters else 0
     here, following = ahead(errors, scenario, delay), ahead(errors, scenario, delay + 1)
@@ -183,7 +183,7 @@ def _between_ticks(
     if zone_m <= 0.0:
         return 0.0, 0.0
     dt, n = scenario.dt_s, scenario.mean_motion_rad_s
-    force = SQRT_3 * float(scenario.max_force_n) + unknown_n(errors, scenario)
+    force = SQRT_3 * limit_n(scenario) + unknown_n(errors, scenario)
     most = force / errors.mass_kg + 3.0 * n * n * zone_m + 2.0 * n * top_m_s
     bend = most + top_m_s * top_m_s / zone_m
     moved = here[0] + (top_m_s + here[1]) * dt + 0.5 * most * dt * dt

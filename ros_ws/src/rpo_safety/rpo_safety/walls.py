@@ -16,7 +16,7 @@ import numpy as np
 from rpo_attitude.target import FIXED, Motion, known_motion
 from rpo_core.files.validation import InputError
 from rpo_kernels.kernels import Vector, norm
-from rpo_safety.assumed import ERRORS, SQRT_3, Errors, unknown_n
+from rpo_safety.assumed import ERRORS, SQRT_3, Errors, limit_n, unknown_n
 from rpo_safety.kernels import Guard, authority, speed_limit
 from rpo_safety.settings import Assurance, Passage
 
@@ -53,7 +53,7 @@ def standing(
     top += math.sqrt(2.0 * speed.deceleration_m_s2 * way.outer_m)
     doubt = unknown_n(errors, scenario) / mass + 3.0 * n * n * way.outer_m + 2.0 * n * top
     slope = way.slope
-    per_axis = float(scenario.max_force_n) / mass
+    per_axis = limit_n(scenario) / mass
     wall = per_axis - (1.0 + slope) * doubt
     dip = (1.0 + slope) * (per_axis + doubt) * dt * dt / 8.0
     found = _Walls(way.port_m, way.width_m, slope, way.closing_m_s, way.lateral_m_s)
