@@ -215,7 +215,8 @@ def test_the_turning_takes_no_more_than_its_bound(axis, tilt, rate, place, speed
     guard = guard_of(replace(SETTINGS, corridor=None), found)
     n, walls = found.mean_motion_rad_s, _leaning(WAY, 0.0, 0.0)
     taken = _Taken(guard, WAY, walls, swing.about(1), 0.03, 0.0, 3.0 * n * n, 2.0 * n)
-    v, y = 0.2 * np.array(speed), 1.0 + 0.5 * (place[1] + 1.0) * 9.3
+    most = np.array([taken.across_m_s(0.2), 0.2, taken.across_m_s(0.2)])
+    v, y = most * np.array(speed), 1.0 + 0.5 * (place[1] + 1.0) * 9.3
     half = walls.width_m + walls.slope * (y - 1.0)
     r = np.array([half * place[0], y, half * place[2]])
     x, y, z, vx, vy, _ = moving_with((*r.tolist(), *v.tolist()), Frame(*f.tolist()))

@@ -258,23 +258,31 @@ class _Taken(NamedTuple):
     tide: float
     coriolis: float
 
+    def across_m_s(self, speed: float) -> float:
+        """Return the largest speed [m/s] per axis across: half of the other, if the walls allow."""
+        w = self.walls
+        closes = math.sqrt(w.closing_m_s**2 + 2.0 * self.push * self.way.outer_m)
+        follows = w.lateral_m_s + w.slope * (closes - w.closing_m_s)
+        return min(max(0.5 * speed, follows), speed)
+
     def doubt(self, speed: float) -> float:
         """Return what the authority of an axis may be off [m/s^2], if no component is faster.
 
         docs/safety.md, lemma 5; speed : [m/s]
         """
         (a, p, q), (da, dp, dq) = self.swing.rate_rad_s, self.swing.change_rad_s2
-        v = speed + 2.0 * self.push * self.guard.dt_s
+        tick = 2.0 * self.push * self.guard.dt_s
+        v, u = speed + tick, self.across_m_s(speed) + tick
         r = self._range_m(v)
         h = self.walls.width_m + self.walls.slope * r
         fast = SQRT_3 * v + norm(a, p, q) * r
         off = self.off + self.tide * r + self.coriolis * fast
         across = max(
-            2.0 * v * (a + one) + h * (a * a + one * one) + other * (a * r + one * h) + d * r
+            2.0 * (u * a + v * one) + h * (a * a + one * one) + other * (a * r + one * h) + d * r
             for one, other, d in ((q, p, dq), (p, q, dp))
         )
         across += da * h + off
-        inward = 2.0 * v * (p + q) + a * (p + q) * h + (dp + dq) * h + off
+        inward = 2.0 * u * (p + q) + a * (p + q) * h + (dp + dq) * h + off
         slope = self.walls.slope
         return max((across + slope * inward) / (1.0 - slope), inward + r * (p * p + q * q))
 
@@ -320,13 +328,15 @@ def _turning(
     doubt = taken.doubt(low)
     wall, slope = push - doubt, walls.slope
     dip = (1.0 + slope) * ((1.0 + errors.thrust) * most + doubt) * dt * dt / 8.0
-    least = (2.0 * (1.0 + slope) * here[1] + push * dt) / (1.0 - slope)
-    least = max(least, walls.closing_m_s + following[1])
-    if min(enough, wall) <= 0.0 or low < least:
+    across, least = taken.across_m_s(low), walls.closing_m_s + following[1]
+    follows = slope * low + 2.0 * (1.0 + slope) * here[1] + push * dt
+    if min(enough, wall, across - follows) <= 0.0 or low < least:
         raise InputError(
             f'in the corridor {low:.4g} m/s are kept for certain, and {least:.4g} m/s are needed'
         )
     numbers = walls.numbers(way, wall, doubt, dip, low, here, following, dt)
+    growth = (across - walls.lateral_m_s) / (way.outer_m - walls.port_m)
+    numbers['lateral_1_s'] = min(numbers['lateral_1_s'], max(growth, 0.0))
     return guard._replace(
         limit_n=box, top_m_s=low, here_m_s=here[1], next_m_s=following[1], **numbers
     )
