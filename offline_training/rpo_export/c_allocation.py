@@ -15,8 +15,8 @@ from rpo_thrusters.table import IDENTITY, ThrusterTable, table_of
 
 _CASES = 64
 
-_ALLOCATE = """/* Thrusts [N] for a wanted force [N] and torque [N m], body axes; most_n: the largest thrusts,
-   0 of one that is stuck. Returns the share of the demand that they give in its own direction. */
+_ALLOCATE = """/* Thrusts [N] for a wanted force [N] and torque [N m], body axes.
+   most_n: largest thrusts, 0 of one that is stuck. Returns the share of the demand that is given. */
 {prototype}
 {{
     double w[{scratch}];
