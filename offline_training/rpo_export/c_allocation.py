@@ -16,7 +16,7 @@ from rpo_thrusters.table import IDENTITY, ThrusterTable, table_of
 _CASES = 64
 
 _ALLOCATE = """/* Thrusts [N] for a wanted force [N] and torque [N m], body axes.
-   most_n: largest thrusts, 0 of one that is stuck. Returns the share of the demand that is given. */
+   most_n: largest thrusts, 0 of a stuck one. Returns the share of the demand that is given. */
 {prototype}
 {{
     double w[{scratch}];
