@@ -5,11 +5,12 @@
 from __future__ import annotations
 
 import time
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from rpo_cli.commands.shared import NoFail, Set, end, interruptible, tool
+from rpo_cli.commands.shared import NoFail, Set, echo, end, interruptible, tool
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.files.validation import InputError
 
@@ -39,7 +40,8 @@ assurance.abort.stuck_s=60`
 """
 
 THRUSTERS_EXAMPLES = """
-Examples: `rpo safety thrusters quads_16` | `rpo safety thrusters corners_24 --pairs`
+Examples: `rpo safety thrusters quads_16` | `rpo safety thrusters corners_24 --pairs` |
+`rpo safety thrusters quads_16 --c allocation.c`
 """
 
 PEERS_EXAMPLES = """
@@ -244,6 +246,9 @@ def thrusters(
         str, typer.Argument(help='preset, or scenario with `thrusters.table`', metavar='TABLE')
     ] = 'pairs_12',
     pairs: Annotated[bool, typer.Option('--pairs', help='any two failures, not one')] = False,
+    source: Annotated[
+        Path | None, typer.Option('--c', help='write the allocation as C99 instead, and its header')
+    ] = None,
     changes: Set = None,
 ) -> None:
     """Print the force that thrusters have without torque, whole and with failures.
@@ -256,6 +261,8 @@ def thrusters(
 
     from rpo_cli.display import print_table
     from rpo_core.files import overrides
+    from rpo_export import c_allocation
+    from rpo_montecarlo.outputs import writing
     from rpo_thrusters import authority
     from rpo_thrusters.table import PRESETS, ThrusterTable
 
@@ -267,6 +274,14 @@ def thrusters(
         if found.thrusters is None or found.thrusters.table is None:
             raise InputError(f'scenario {found.name} must have `thrusters.table`; it has none')
         settings, limit_n = found.thrusters.table, float(found.max_force_n)
+    if source is not None:
+        about = c_allocation.header(table, settings, source.name)
+        written = {source: c_allocation.text(table, settings), source.with_suffix('.h'): about}
+        for path, text in written.items():
+            with writing(path):
+                path.write_text(text, encoding='utf-8')
+            echo(path)
+        return
     rows, left = [], Counter[str]()
     known = {f.thruster: f.stuck for f in settings.failures if f.known}
     for stuck in [{}, *authority.failures(settings, pairs)]:
