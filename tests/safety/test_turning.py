@@ -307,6 +307,7 @@ def test_a_flight_pushed_at_the_walls_of_a_tumbling_target_stays_within(push):
     """The stage, two ticks ahead of its thrusters; a command towards a wall, the port, outward."""
     found = turned(TUMBLE, delay=2)
     stage, motion, axes = AssuranceStage(SETTINGS, found), motion_of(TUMBLE, found), Tumbling(90.0)
+    assert stage.counts_ticks
     state = np.array(moving_with((0.0, 9.0, 0.0, 0.0, -0.05, 0.0), motion.frame(0)))
     random = np.random.default_rng(6)
     errors, line, acted = stage.errors, [np.zeros(3)] * 2, 0
