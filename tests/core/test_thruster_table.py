@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from datetime import datetime, timezone
+from itertools import product
 
 import numpy as np
 import pytest
@@ -13,7 +14,9 @@ from core_oracles import python
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
+from typer.testing import CliRunner
 
+from rpo_cli.cli import app
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
@@ -22,8 +25,11 @@ from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.interfaces import EXERTED_FORCE, EXERTED_TORQUE
 from rpo_kernels.jit import as_table
+from rpo_safety.guard import guard_of
+from rpo_safety.settings import Assurance
 from rpo_thrusters import allocation_kernels as kernels
 from rpo_thrusters.allocation_kernels import DUAL, FULL, LIMIT, ROWS, SCRATCH, THRUST
+from rpo_thrusters.authority import authority, failures
 from rpo_thrusters.table import PRESETS, Failure, Thruster, ThrusterTable, table_of
 from rpo_thrusters.thrusters import Propellant, Thrusters, stage_of
 
@@ -354,3 +360,91 @@ for name in ('faces_6', 'pairs_12', 'quads_16', 'corners_24'):
 
 def test_compiled_allocation_gives_the_interpreted_bits():
     assert python(BITS, RPO_JIT='0') == python(BITS, RPO_JIT='1')
+
+
+def reach(table, direction, stuck=()):
+    """Return the largest force along a direction without torque, as HiGHS finds it."""
+    programme = Programme(table)
+    columns, most = programme.columns, programme.most.copy()
+    held = np.zeros(ROWS)
+    for name, how in dict(stuck).items():
+        at = table.names.index(name)
+        held += columns[:, at] * most[at] if how == 'on' else 0.0
+        most[at] = 0.0
+    a = np.hstack([columns, -np.array([*direction, 0.0, 0.0, 0.0])[:, None]])
+    found = linprog([*[0.0] * len(most), -1.0], A_eq=a, b_eq=-held,
+                    bounds=[*((0.0, m) for m in most), (0.0, None)], method='highs')  # fmt: skip
+    return -found.fun if found.status == 0 else 0.0
+
+
+@pytest.mark.parametrize('name', PRESETS)
+@pytest.mark.parametrize(
+    'stuck', [{}, {'y+a': 'off'}, {'z-a': 'on'}, {'x+a': 'off', 'z+b': 'on', 'y-a': 'off'}]
+)
+def test_authority_is_that_of_scipy(name, stuck):
+    table = preset(
+        name, 0.5, centre_of_mass_m=(0.1, 0.0, 0.05) if '16' in name else (0.0, 0.0, 0.0)
+    )
+    stuck = {n if name != 'faces_6' else n[:2]: how for n, how in stuck.items()}
+    found = authority(table, stuck)
+    sides = [sign * unit for unit in np.eye(3) for sign in (1.0, -1.0)]
+    expected = [reach(table, side, stuck) for side in sides]
+    np.testing.assert_allclose(found.axes_n, expected, atol=1e-9)
+    corners = product((1.0, -1.0), repeat=3)
+    assert found.box_n == pytest.approx(min(reach(table, c, stuck) for c in corners), abs=1e-9)
+    draw = np.random.default_rng(3).normal(size=(60, 3))
+    draw /= np.linalg.norm(draw, axis=1)[:, None]
+    least = min(*expected, *(reach(table, side, stuck) for side in draw))
+    assert found.box_n - 1e-9 <= found.least_n <= least + 1e-9
+
+
+def test_presets_differ_in_what_a_failure_leaves():
+    counts = {}
+    for name in PRESETS:
+        table = preset(name, 1.0)
+        limit_n = authority(table, {}).box_n
+        left = [authority(table, stuck).left(limit_n) for stuck in failures(table, pairs=False)]
+        counts[name] = [left.count(kind) for kind in ('full', 'partial', 'none')]
+    assert counts == {
+        'faces_6': [0, 0, 12], 'pairs_12': [0, 0, 24], 'quads_16': [16, 16, 0],
+        'corners_24': [0, 48, 0],
+    }  # fmt: skip
+    pairs = list(failures(preset('faces_6'), pairs=True))
+    assert len(pairs) == 60 and all(len(pair) == 2 for pair in pairs)
+
+
+def assured(*failures, preset_name='quads_16', force_n=0.25):
+    table = preset(preset_name, force_n, failures=failures)
+    found = load_scenario('assured').equipped(Thrusters(table=table))
+    return found, replace(found.section(Assurance), thrust_error=0.05)
+
+
+def test_assurance_takes_the_force_that_known_failures_leave():
+    off = Failure(thruster='y+a', stuck='off', from_s=100.0, known=True)
+    whole = guard_of(*reversed(assured()))
+    assert whole.limit_n == 0.5
+    assert guard_of(*reversed(assured(replace(off, known=False)))).limit_n == 0.5
+    with pytest.raises(InputError, match='exclude each other'):
+        guard_of(*reversed(assured(off)))  # half of it is too little for this speed limit
+    less = guard_of(*reversed(assured(off, force_n=0.4)))
+    assert less.limit_n == pytest.approx(0.4)
+    assert less.brake_n < whole.brake_n
+    with pytest.raises(InputError, match='needs a force to all sides without torque'):
+        guard_of(*reversed(assured(off, preset_name='pairs_12')))
+
+
+def test_the_command_prints_what_is_left(tmp_path):
+    done = CliRunner().invoke(app, ['safety', 'thrusters', 'quads_16'])
+    assert done.exit_code == 0, done.output
+    assert 'of 32 failures: 16 full, 16 partial, 0 none' in done.output
+    pairs = CliRunner().invoke(app, ['safety', 'thrusters', 'faces_6', '--pairs'])
+    assert 'of 60 pairs of failures: 0 full, 0 partial, 60 none' in pairs.output
+    changes = ['--set', 'thrusters.table={preset: corners_24, force_n: 0.15}']
+    done = CliRunner().invoke(app, ['safety', 'thrusters', 'approach', *changes])
+    assert 'of 48 failures: 0 full, 48 partial, 0 none' in done.output
+    assert CliRunner().invoke(app, ['safety', 'thrusters', 'approach']).exit_code != 0
+    done = CliRunner().invoke(
+        app, ['safety', 'thrusters', 'pairs_12', '--c', str(tmp_path / 'a.c')]
+    )
+    assert done.exit_code == 0 and 'pairs_12_allocate(' in (tmp_path / 'a.h').read_text()
+    assert 'pairs_12_self_test(void)' in (tmp_path / 'a.c').read_text()

@@ -259,7 +259,19 @@ def test_each_quantity_is_looked_at():
 def looked_at(guard):
     state = (3.0, 15.0, 0.0, 0.0, -0.1, 0.0)
     reference = (0.0, 11.0, 0.0, 0.0, 0.0, 0.0)
-    return Seen(state, state, reference, 0.5, 0.01, True, (0.0, 0.0, 0.0), False, guard)
+    return Seen(
+        state,
+        state,
+        reference,
+        0.5,
+        0.01,
+        True,
+        (0.0, 0.0, 0.0),
+        False,
+        guard,
+        state,
+        (0.0, 1.0, 0.0),
+    )
 
 
 @pytest.mark.parametrize(

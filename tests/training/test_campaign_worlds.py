@@ -25,6 +25,7 @@ from rpo_montecarlo.engine import support
 from rpo_montecarlo.engine.parts import link
 from rpo_nav.estimator import Estimator
 from rpo_ros.names import CONTROL_FORCE, DISTURBANCE_FORCE
+from rpo_safety.settings import Assurance, Passage
 from rpo_safety.shaping import Shaping
 from rpo_sim.free_running import FreeRunningPlant
 from rpo_thrusters.table import Failure, ThrusterTable
@@ -117,6 +118,16 @@ CASES = {
     'a target that is turned': (
         TURNING.equipped(Target(kind='fixed', attitude=(0.1, 0.2, 0.3, 0.9))),
         {**SOME, 'target_attitude_x_deg': {'normal': 5.0}},
+    ),
+    'a corridor that turns': (
+        replace(PLAIN, initial_position_m=(0.0, 8.0, 0.0), initial_velocity_m_s=(0.0, 0.0, 0.0))
+        .equipped(
+            Target(kind='spin', axis=(1.0, 2.0, 3.0), rate_deg_s=0.5), Thrusters(),
+            Assurance(keep_out_m=10.0, corridor=Passage('+y', 15.0, 1.0, 20.0, 0.3, 0.2, 0.05),
+                      thrust_error=0.1, disturbance_n=0.05),
+        ),
+        {'initial_position_m': {'uniform': 0.5}, 'mass_share': {'uniform': 0.05},
+         'target_attitude_x_deg': {'uniform': 2.0}, 'target_known_error_y_deg': {'uniform': 0.2}},
     ),
     'a table of thrusters': (
         PLAIN.equipped(Thrusters(table=QUADS, propellant=LEAK)),

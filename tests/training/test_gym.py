@@ -181,23 +181,6 @@ def test_it_is_found_by_its_module_and_needs_the_core_alone():
     assert (done.returncode, done.stdout, done.stderr) == (0, 'True\n', '')
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(600)
-def test_the_example_learns():
-    script = ROOT / 'offline_training' / 'examples' / 'learn_policy.py'
-    done = subprocess.run(
-        [sys.executable, str(script), '--generations', '2'],
-        capture_output=True,
-        text=True,
-        timeout=580,
-    )
-    assert done.returncode == 0, done.stderr
-    rows = [[cell.strip() for cell in line.split('|')] for line in done.stdout.splitlines()]
-    by_name = {row[1]: row for row in rows}
-    assert set(by_name) >= {'`linear`', '`profile`', '`trained`'}
-    assert by_name['`trained`'][4:7] == ['3.579', '3.579', '216']
-
-
 def test_a_picture_of_the_flight_so_far():
     env = gymnasium.make('rpo/FinalApproach-v0', scenario='quick', render_mode='rgb_array')
     env.reset(seed=1)

@@ -17,6 +17,7 @@ from rpo_core.files.scenario import Scenario
 from rpo_guidance.guidance import GuidanceStage
 from rpo_guidance.plan import HOLD, Guidance
 from rpo_guidance.transfer_kernels import at_port
+from rpo_kernels.attitude_kernels import FRAME
 from rpo_kernels.kernels import cw_step, unpacked
 from rpo_montecarlo.engine.lanes import (
     FORCE,
@@ -31,7 +32,7 @@ from rpo_montecarlo.engine.lanes import (
 from rpo_montecarlo.engine.tick import ADDED, Batch, Draw, Kind, Part, register, table_of
 from rpo_nav.estimator import Estimator
 from rpo_safety.assurance import AssuranceStage
-from rpo_safety.packed import assure_packed
+from rpo_safety.packed import assure_packed, assure_turning_packed
 from rpo_safety.settings import Assurance
 
 PAST, WIDTH, LAST = 0, 1, 2
@@ -44,10 +45,13 @@ tick. The memory has who has docked."""
 _DOCKING = 9 * RUNS
 
 DELAYS, LONGEST, MODES = 0, RUNS, RUNS + 1
-GUARDS = MODES + RUNS
+NUMBERS = MODES + RUNS
+AXES = NUMBERS + 1
+GUARDS = AXES + RUNS
 """Places in the table of assurance: ticks from a command to its force; the most of them, at least
-one; modes at the start; step and guard of each run. The memory has the numbers of `assure_packed`
-of each run, then its line of forces that are on their way."""
+one; modes at the start; how many numbers step and guards have; place of the axes of a target that
+turns; step and guards of each run; then the axes (n, 15) of each motion. The memory has the numbers
+of `assure_packed` of each run, then its line of forces that are on their way."""
 
 _GUARD, _NUMBERS = 58, 13
 AHEAD, COMMAND, PREVIOUS, MODE = 0, 6, 9, 12
@@ -100,10 +104,10 @@ def add_feed_forward(w, m, t, tick):  # type: ignore[no-untyped-def]
 @compiled
 def assure_all(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Replace row FORCE by what runtime assurance lets pass."""
-    longest = int(t[LONGEST])
+    longest, width = int(t[LONGEST]), int(t[NUMBERS])
     for s in range(RUNS):
         y, z, delay = s + RUNS, s + 2 * RUNS, int(t[DELAYS + s])
-        v, table = m[_NUMBERS * s :][:_NUMBERS], t[GUARDS + _GUARD * s :][:_GUARD]
+        v, table = m[_NUMBERS * s :][:_NUMBERS], t[GUARDS + width * s :][:width]
         line = m[_NUMBERS * RUNS + 3 * longest * s :]
         if tick == 0:
             v[MODE] = t[MODES + s]
@@ -119,7 +123,11 @@ def assure_all(w, m, t, tick):  # type: ignore[no-untyped-def]
         for i in range(6):
             v[AHEAD + i] = state[i]
         v[COMMAND], v[COMMAND + 1], v[COMMAND + 2] = w[FORCE + s], w[FORCE + y], w[FORCE + z]
-        fx, fy, fz, mode, _, _, _ = assure_packed(v, table)
+        if width == _GUARD:
+            fx, fy, fz, mode, _, _, _ = assure_packed(v, table)
+        else:
+            axes = t[int(t[AXES + s]) + FRAME * (tick + delay) :][: 2 * FRAME]
+            fx, fy, fz, mode, _, _, _ = assure_turning_packed(v, axes, table)
         v[PREVIOUS], v[PREVIOUS + 1], v[PREVIOUS + 2], v[MODE] = fx, fy, fz, mode
         if delay > 0:
             newest = 3 * (tick % delay)
@@ -151,16 +159,24 @@ def _assured(batch: Batch) -> Part | None:
     """Return the assurance of runs; lanes without a run are copies of the first."""
     if batch.base.section(Assurance) is None:
         return None
-    guards, modes, delays = [], [], []
+    guards, modes, delays, motions = [], [], [], []
     for scenario, state in zip(batch.scenarios, batch.seen, strict=True):
         settings = scenario.section(Assurance)
         assert settings is not None
         stage = AssuranceStage(settings, scenario)
         guards.append(stage.numbers)
-        modes.append(float(stage.mode_of(stage.ahead(state))))
+        modes.append(float(stage.mode_of(stage.ahead(state), stage.delay_ticks)))
         delays.append(float(stage.delay_ticks))
-    longest = int(max(1, *delays))
-    table = table_of(batch.lanes(delays), longest, batch.lanes(modes), batch.lanes(guards).T)
+        motions.append(stage.motion)
+    longest, width = int(max(1, *delays)), len(guards[0])
+    moving = list(dict.fromkeys(motion for motion in motions if motion is not None))
+    ticks = batch.base.ticks + longest + 2
+    first = GUARDS + width * RUNS
+    places = [first + FRAME * ticks * moving.index(m) if m is not None else 0 for m in motions]
+    table = table_of(
+        *(batch.lanes(delays), longest, batch.lanes(modes), width, batch.lanes(places)),
+        *(batch.lanes(guards).T, *(motion.frames(ticks) for motion in moving)),
+    )
     return Part(
         'assurance',
         ((Place.GUIDANCE - 1, know), (Place.ASSURANCE, assure_all)),

@@ -9,7 +9,7 @@ turn. Without it these axes are those of target LVLH.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from math import radians, sqrt
 from typing import Annotated, Any
 
@@ -147,7 +147,7 @@ class Target:
         inertia, rate = np.array(self.inertia_kg_m2), np.array(self.rates_rad_s)
         return float(np.sqrt(rate @ inertia @ rate / np.linalg.eigvalsh(inertia)[0]))
 
-    @property
+    @cached_property
     def known(self) -> Target:
         """The target as guidance and assurance take it: axes turned by `known_error_deg`."""
         if not any(self.known_error_deg):
@@ -215,38 +215,35 @@ class Motion:
         self._attitudes = np.array([start])
         self._frames = [np.empty((0, FRAME)), np.empty((0, FRAME))]
 
-    def _grow(self, ticks: int) -> None:
-        """Have so many ticks at least, and the moments half a tick after each."""
-        have = len(self._frames[0])
-        if ticks <= have:
-            return
-        more = max(ticks - have, _BLOCK, have)
-        last, rows = self._attitudes[-1], np.empty((more + 1, 7))
-        a: Attitude = tuple(last.tolist())
-        attitude_kernels.attitudes(a, self._dt_s, self.body, False, rows)
-        between = np.empty((more, 7))
-        attitude_kernels.attitudes(a, self._dt_s, self.body, True, between)
-        self._attitudes = np.vstack([self._attitudes[:-1], rows])
-        for i, found in enumerate((rows[:-1], between)):
-            turning = np.empty((more, FRAME))
-            attitude_kernels.frames(found, self.body, turning)
-            self._frames[i] = np.vstack([self._frames[i], turning])
+    def _have(self, ticks: int) -> Floats:
+        """Return the attitudes (n, 7) of so many ticks at least."""
+        have = len(self._attitudes)
+        if ticks > have:
+            rows = np.empty((1 + max(ticks - have, _BLOCK), 7))
+            last: Attitude = tuple(self._attitudes[-1].tolist())
+            attitude_kernels.attitudes(last, self._dt_s, self.body, rows)
+            self._attitudes = np.vstack([self._attitudes[:-1], rows])
+        return self._attitudes
 
     def attitude(self, tick: int) -> Attitude:
         """Return quaternion and rate [rad/s] at a tick."""
-        self._grow(tick + 1)
-        found: Attitude = tuple(self._attitudes[tick].tolist())
+        found: Attitude = tuple(self._have(tick + 1)[tick].tolist())
         return found
 
     def frame(self, tick: int, *, half: bool = False) -> Frame:
         """Return the frame at a tick, or half a tick later."""
-        self._grow(tick + 1)
-        return Frame(*self._frames[half][tick].tolist())
+        return Frame(*self.frames(tick + 1, half=half)[tick].tolist())
 
     def frames(self, ticks: int, *, half: bool = False) -> Floats:
         """Return the frames (ticks, 15) of the first ticks."""
-        self._grow(ticks)
-        return self._frames[half][:ticks]
+        found = self._frames[half]
+        have = len(found)
+        if ticks > have:
+            rows = self._have(ticks)[have:]
+            more = np.empty((len(rows), FRAME))
+            attitude_kernels.frames(rows, 0.5 * self._dt_s if half else 0.0, self.body, more)
+            found = self._frames[half] = np.vstack([found, more])
+        return found[:ticks]
 
 
 @lru_cache(maxsize=256)

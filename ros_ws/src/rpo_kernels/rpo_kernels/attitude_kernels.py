@@ -232,21 +232,21 @@ def acceleration_with(state: State, acceleration: Vector, f: Frame) -> Vector:
 
 
 @kernel
-def attitudes(a: Attitude, h: float, b: Body, half: bool, rows: Any) -> None:
-    """Fill rows (n, 7) with the attitudes at 0, h, 2 h ...; with `half`, each h / 2 later."""
+def attitudes(a: Attitude, h: float, b: Body, rows: Any) -> None:
+    """Fill rows (n, 7) with the attitudes at 0, h, 2 h ..."""
     for i in range(len(rows)):
-        now = attitude_step(a, 0.5 * h, b) if half else a
         for j in range(7):
-            rows[i, j] = now[j]
+            rows[i, j] = a[j]
         a = attitude_step(a, h, b)
 
 
 @kernel
-def frames(rows: Any, b: Body, found: Any) -> None:
-    """Fill `found` (n, 15) with the frames of attitudes (n, 7)."""
+def frames(rows: Any, later: float, b: Body, found: Any) -> None:
+    """Fill `found` (n, 15) with the frames a time `later` [s] after attitudes (n, 7)."""
     for i in range(len(rows)):
         q = rows[i]
-        f = frame_of((q[0], q[1], q[2], q[3], q[4], q[5], q[6]), b)
+        a = (q[0], q[1], q[2], q[3], q[4], q[5], q[6])
+        f = frame_of(attitude_step(a, later, b) if later > 0.0 else a, b)
         for j in range(FRAME):
             found[i, j] = f[j]
 

@@ -75,6 +75,8 @@ _GOLDEN = 0.6180339887498949
 _PREFERENCE = 2.0**-24
 """Of thrusters that cost the same the programme prefers some: its optimum is then one."""
 
+IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
 time = partial(real, unit='s', least=0.0, most=NEVER_S)
 _metres = partial(vector3, unit='m', bound=1e3)
 _newtons = partial(real, unit='N', above=0.0, most=1e6)
@@ -281,7 +283,7 @@ def _programme(
         bits=as_table([t.minimum_impulse_bit_n_s for t in each]),
         acts=as_table(np.zeros(ROWS * len(each))),
         failures=as_table([], np.int64),
-        bases=as_table(_at_rest()),
+        bases=as_table(at_rest()),
     )
     return found._replace(bases=as_table(_bases(found)))
 
@@ -314,7 +316,7 @@ def _lever(arms: Floats, units: Floats) -> float:
     return found if found > 0.0 else 1.0
 
 
-def _at_rest() -> Floats:
+def at_rest() -> Floats:
     """Return the basis of no force: all that must stay zero."""
     kept = MOST_THRUSTERS + ROWS + np.arange(ROWS)
     return np.concatenate([np.zeros(ROWS), kept, np.eye(ROWS).ravel()])
@@ -322,7 +324,7 @@ def _at_rest() -> Floats:
 
 def _bases(table: Table) -> Floats:
     """Return bases to start from: those of forces in all directions, each once."""
-    found = [_at_rest()]
+    found = [at_rest()]
     work = as_table(np.zeros(SCRATCH + ROWS))
     for order in chain.from_iterable(map(permutations, _GENERIC)):
         for signs in product((1.0, -1.0), repeat=3):
