@@ -78,7 +78,7 @@ def plan(
     if picture is not None:
         from rpo_report.run_plots import draw
 
-        draw(found, energies, settings, picture)
+        draw(found, energies, settings, chosen, picture)
         typer.echo(picture)
 
 
