@@ -278,14 +278,12 @@ def phase_planes(flight: Flight, errors: Floats, controller: FuzzyController | N
     return figure
 
 
-def draw(found: Checked, bound: Bound, settings: Guidance, path: Path) -> None:
+def draw(found: Checked, bound: Bound, settings: Guidance, scenario: Scenario, path: Path) -> None:
     """Write the picture; matplotlib must be there."""
     with style.applied():
         figure, (left, right) = style.new_panels(5.0, 1, 2)
-        states = np.array(found.references)
-        for axes, (across, label) in zip(
-            (left, right), ((0, 'x, R-bar [m]'), (2, 'z, H-bar [m]')), strict=True
-        ):
+        states, names = scenario.seen(np.array(found.references)), axis_names(scenario)
+        for axes, across in ((left, 0), (right, 2)):
             draw_zones(axes, [settings.zones(None)], across)
             axes.plot(
                 bound.positions_m[:, 1], bound.positions_m[:, across], '--',
@@ -294,7 +292,7 @@ def draw(found: Checked, bound: Bound, settings: Guidance, path: Path) -> None:
             axes.plot(states[:, 1], states[:, across], color=style.LIGHT['ink'], label='plan')
             for change in found.changes:
                 axes.plot(*states[change.tick, [1, across]], 'o', color=style.LIGHT['ink'])
-            axes.set(xlabel='y, V-bar [m]', ylabel=label)
+            axes.set(xlabel=f'{names[1]} [m]', ylabel=f'{names[across]} [m]')
             axes.set_aspect('equal', adjustable='datalim')
         left.legend(loc='best')
         figure.suptitle(f'J = {bound.plan:.3f} N²s; best path found {bound.best:.3f} N²s')

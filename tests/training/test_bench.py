@@ -79,7 +79,7 @@ def test_a_flight_and_the_peer_take_turns(monkeypatch):
 
 
 def test_without_ros_it_says_what_to_do(monkeypatch):
-    monkeypatch.setattr(ros.shutil, 'which', lambda name: None)
+    monkeypatch.setenv('AMENT_PREFIX_PATH', '')
     with pytest.raises(InputError, match=r'source ros_ws/env\.bash'):
         ros.ping_pong()
 

@@ -131,11 +131,6 @@ class CampaignConfig:
         """Names of the columns that a limit is judged by: the value; its size, if a run's own."""
         return ('hold_force_per_axis_n', LEVEL) if name == SHARE else (name,)
 
-    @property
-    def most_delay(self) -> int:
-        """Longest delay [ticks]."""
-        return int(self.spread('delay_ticks')[0])
-
 
 def parse(document: Any) -> CampaignConfig:
     """Return the configuration of a parsed YAML document; raises InputError."""

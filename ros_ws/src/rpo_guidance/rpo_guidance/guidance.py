@@ -363,7 +363,8 @@ class GuidanceStage(Stage):
                 return end
             return moving_with(end, self._motion.frame(tick + ticks))
 
-        return Transferring(start, end_after, self._vehicle, duration_s, zones, *times_s)
+        ports = None if self._motion is None else partial(self.ports, first=tick)
+        return Transferring(start, end_after, self._vehicle, duration_s, zones, *times_s, ports)
 
     def _stopping_m(self, state: State) -> float:
         """Return how much nearer [m] to the target a state comes before it can have stopped."""
