@@ -215,7 +215,8 @@ def test_the_turning_takes_no_more_than_its_bound(axis, tilt, rate, place, speed
     guard = guard_of(replace(SETTINGS, corridor=None), found)
     n, walls = found.mean_motion_rad_s, _leaning(WAY, 0.0, 0.0)
     taken = _Taken(guard, WAY, walls, swing.about(1), 0.03, 0.0, 3.0 * n * n, 2.0 * n)
-    v, y = 0.2 * np.array(speed), 1.0 + 0.5 * (place[1] + 1.0) * 9.3
+    most = np.array([taken.across_m_s(0.2), 0.2, taken.across_m_s(0.2)])
+    v, y = most * np.array(speed), 1.0 + 0.5 * (place[1] + 1.0) * 9.3
     half = walls.width_m + walls.slope * (y - 1.0)
     r = np.array([half * place[0], y, half * place[2]])
     x, y, z, vx, vy, _ = moving_with((*r.tolist(), *v.tolist()), Frame(*f.tolist()))
@@ -306,6 +307,7 @@ def test_a_flight_pushed_at_the_walls_of_a_tumbling_target_stays_within(push):
     """The stage, two ticks ahead of its thrusters; a command towards a wall, the port, outward."""
     found = turned(TUMBLE, delay=2)
     stage, motion, axes = AssuranceStage(SETTINGS, found), motion_of(TUMBLE, found), Tumbling(90.0)
+    assert stage.counts_ticks
     state = np.array(moving_with((0.0, 9.0, 0.0, 0.0, -0.05, 0.0), motion.frame(0)))
     random = np.random.default_rng(6)
     errors, line, acted = stage.errors, [np.zeros(3)] * 2, 0

@@ -120,6 +120,7 @@ class AssuranceStage(Stage):
         )
         self.prediction = step_of(settings, scenario)
         self.motion = known_motion(scenario) if self._proofs[0].walls is not None else None
+        self.counts_ticks = self.motion is not None
         self._filters = [
             Filter(self.prediction, proof.guard, proof.walls, self.motion) for proof in self._proofs
         ]

@@ -8,11 +8,12 @@ docs/safety.md, lemmas 4 and 5.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from rpo_attitude.target import FIXED, known_motion
+from rpo_attitude.target import FIXED, Motion, known_motion
 from rpo_core.files.validation import InputError
 from rpo_kernels.kernels import Vector, norm
 from rpo_safety.assumed import ERRORS, SQRT_3, Errors, limit_n, unknown_n
@@ -32,7 +33,7 @@ SHARES = (0.5, 0.7, 0.85)
 """Share of what the walls leave of an axis that stays for stopping before them; the rest is for
 what the speed in turning axes takes. The first with which there is room."""
 
-_HALVINGS = 40
+_HALVINGS = 24
 
 SQRT_2 = math.sqrt(2.0)
 
@@ -155,18 +156,23 @@ class Swing(NamedTuple):
 
 
 def swing_of(scenario: Any) -> Swing:
-    """Return the bounds from every half tick; in between by those of the derivatives."""
+    """Return the bounds for a flight, as its target's motion is known."""
     motion, target = known_motion(scenario), scenario.target
     assert motion is not None
     delay = scenario.thrusters.delay_ticks if scenario.thrusters else 0
-    ticks = scenario.ticks + delay + 2
-    whole = motion.frames(ticks)
-    both = np.abs(np.vstack([whole, motion.frames(ticks, half=True)])).max(axis=0)
     # Of a free body, the rate changes by less than its square, its change by twice its cube.
     fastest = target.fastest_rad_s + scenario.mean_motion_rad_s if target.kind != FIXED else 0.0
-    off = 0.25 * scenario.dt_s * fastest * fastest
-    rates, changes = (both[9:12] + off).tolist(), (both[12:15] + 2.0 * fastest * off).tolist()
-    rows = np.abs(whole[:, :9]).reshape(-1, 3, 3).sum(axis=2)
+    return _swing(motion, scenario.ticks + delay + 2, fastest, scenario.dt_s)
+
+
+@lru_cache(maxsize=256)
+def _swing(motion: Motion, ticks: int, fastest: float, dt_s: float) -> Swing:
+    """Return the bounds from the ticks; in between by those of the derivatives."""
+    frames = motion.frames(ticks)
+    most = np.maximum(frames[:, 9:].max(axis=0), -frames[:, 9:].min(axis=0))
+    off = 0.5 * dt_s * fastest * fastest
+    rates, changes = (most[:3] + off).tolist(), (most[3:] + 2.0 * fastest * off).tolist()
+    rows = np.abs(frames[:, :9]).reshape(-1, 3, 3).sum(axis=2)
     return Swing(tuple(rates), tuple(changes), float(rows.max()))
 
 
@@ -252,23 +258,31 @@ class _Taken(NamedTuple):
     tide: float
     coriolis: float
 
+    def across_m_s(self, speed: float) -> float:
+        """Return the largest speed [m/s] per axis across: half of the other, if the walls allow."""
+        w = self.walls
+        closes = math.sqrt(w.closing_m_s**2 + 2.0 * self.push * self.way.outer_m)
+        follows = w.lateral_m_s + w.slope * (closes - w.closing_m_s)
+        return min(max(0.5 * speed, follows), speed)
+
     def doubt(self, speed: float) -> float:
         """Return what the authority of an axis may be off [m/s^2], if no component is faster.
 
         docs/safety.md, lemma 5; speed : [m/s]
         """
         (a, p, q), (da, dp, dq) = self.swing.rate_rad_s, self.swing.change_rad_s2
-        v = speed + 2.0 * self.push * self.guard.dt_s
+        tick = 2.0 * self.push * self.guard.dt_s
+        v, u = speed + tick, self.across_m_s(speed) + tick
         r = self._range_m(v)
         h = self.walls.width_m + self.walls.slope * r
         fast = SQRT_3 * v + norm(a, p, q) * r
         off = self.off + self.tide * r + self.coriolis * fast
         across = max(
-            2.0 * v * (a + one) + h * (a * a + one * one) + other * (a * r + one * h) + d * r
+            2.0 * (u * a + v * one) + h * (a * a + one * one) + other * (a * r + one * h) + d * r
             for one, other, d in ((q, p, dq), (p, q, dp))
         )
         across += da * h + off
-        inward = 2.0 * v * (p + q) + a * (p + q) * h + (dp + dq) * h + off
+        inward = 2.0 * u * (p + q) + a * (p + q) * h + (dp + dq) * h + off
         slope = self.walls.slope
         return max((across + slope * inward) / (1.0 - slope), inward + r * (p * p + q * q))
 
@@ -314,13 +328,15 @@ def _turning(
     doubt = taken.doubt(low)
     wall, slope = push - doubt, walls.slope
     dip = (1.0 + slope) * ((1.0 + errors.thrust) * most + doubt) * dt * dt / 8.0
-    least = (2.0 * (1.0 + slope) * here[1] + push * dt) / (1.0 - slope)
-    least = max(least, walls.closing_m_s + following[1])
-    if min(enough, wall) <= 0.0 or low < least:
+    across, least = taken.across_m_s(low), walls.closing_m_s + following[1]
+    follows = slope * low + 2.0 * (1.0 + slope) * here[1] + push * dt
+    if min(enough, wall, across - follows) <= 0.0 or low < least:
         raise InputError(
             f'in the corridor {low:.4g} m/s are kept for certain, and {least:.4g} m/s are needed'
         )
     numbers = walls.numbers(way, wall, doubt, dip, low, here, following, dt)
+    growth = (across - walls.lateral_m_s) / (way.outer_m - walls.port_m)
+    numbers['lateral_1_s'] = min(numbers['lateral_1_s'], max(growth, 0.0))
     return guard._replace(
         limit_n=box, top_m_s=low, here_m_s=here[1], next_m_s=following[1], **numbers
     )
