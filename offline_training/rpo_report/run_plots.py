@@ -284,7 +284,7 @@ def draw(found: Checked, bound: Bound, settings: Guidance, scenario: Scenario, p
         figure, (left, right) = style.new_panels(5.0, 1, 2)
         states, names = scenario.seen(np.array(found.references)), axis_names(scenario)
         for axes, across in ((left, 0), (right, 2)):
-            draw_zones(axes, [settings.zones(None)], across)
+            draw_zones(axes, [settings.zones(scenario)], across)
             axes.plot(
                 bound.positions_m[:, 1], bound.positions_m[:, across], '--',
                 color=style.LIGHT['y'], label='best path found',

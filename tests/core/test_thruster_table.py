@@ -136,6 +136,7 @@ def test_presets_agree_with_scipy_whole_and_with_each_single_failure(name, centr
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1800)
 def test_a_hundred_thousand_demands_and_all_single_failures_agree_with_scipy():
     rng = np.random.default_rng(6)
     for name in PRESETS:

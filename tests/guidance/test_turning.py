@@ -208,7 +208,9 @@ def test_a_hold_of_the_plan_is_in_the_axes_of_the_leg_before():
     own = PORT.section(Guidance)
     held = Leg(name='hold', kind='hold', dwell_s=20.0)
     legs = (own.legs[0], replace(own.legs[1], to_m=(0.0, 15.0, 0.0), end_speed_m_s=0.0), held)
-    stage, references = follow(PORT.equipped(replace(own, legs=legs)), 5000)
+    own = replace(own, legs=legs, retreat_m=(0.0, 40.0, 0.0))
+    assert own.zones(PORT).points_m == {'hold': (0.0, 15.0, 0.0)}  # the retreat does not turn
+    stage, references = follow(PORT.equipped(own), 5000)
     begin = next(c.tick for c in stage.changes if c.phase == 'hold')
     assert_allclose(
         PORT.seen(references)[begin:, :3], [[0.0, 15.0, 0.0]] * (5000 - begin), atol=1e-12

@@ -97,7 +97,7 @@ def _entered(settings: Guidance, scenario: Scenario, path: Path) -> tuple[Guidan
             (
                 f'{e.leg.duration_s:g}',
                 f'{e.leg.corridor_s:g}' if e.leg.corridor_s else '-',
-                f'{e.line.speed_m_s:g}' if e.line is not None else '-',
+                f'{e.line.speed_m_s:g}' if e.line and e.line.speed_m_s else '-',
                 f'{e.ends_s:.1f}',
                 f'{e.energy_n2s:.4f}',
                 f'{e.delta_v_m_s:.4f}',

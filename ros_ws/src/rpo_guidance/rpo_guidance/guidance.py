@@ -85,6 +85,7 @@ class GuidanceStage(Stage):
         limit_n = settings.force_share * scenario.max_force_n
         self._vehicle = Vehicle(n, mass_kg or scenario.mass_kg, dt_s, limit_n, step)
         self._motion = known_motion(scenario)
+        self._radius_m = settings.keep_out_m and settings.keep_out_m + settings.margin_m
         goal = scenario.goal
         self._goal = (scenario.goal_state, goal.force_n if goal is not None else ())
         self.reset()
@@ -161,12 +162,6 @@ class GuidanceStage(Stage):
         return reference, force
 
     @property
-    def _radius_m(self) -> float:
-        """Radius of the sphere that transfers keep out of; 0.0: none."""
-        settings = self.settings
-        return settings.keep_out_m + settings.margin_m if settings.keep_out_m else 0.0
-
-    @property
     def rests(self) -> bool:
         """Whether all legs are flown, and the reference stays as it is."""
         return isinstance(self._flown, Resting) and self.changes[-1].phase == ARRIVED
@@ -213,10 +208,6 @@ class GuidanceStage(Stage):
             fill(flown, rows[tick:end])
             tick = end
         return rows, last
-
-    def _to_target(self, tick: int, state: State) -> State:
-        """Return a state of LVLH in the axes of the target."""
-        return state if self._motion is None else seen_from(state, self._motion.frame(tick))
 
     def _is_over(self, tick: int) -> bool:
         """Return whether the phase ends before this tick."""
@@ -280,11 +271,10 @@ class GuidanceStage(Stage):
         if self._next == len(settings.legs):
             turns = settings.turns(self._next - 1)
             start = self._start_of(tick, start, turns)
-            past_m = settings.past_port_m if norm(*start[3:]) > 0.0 else 0.0
-            if past_m:
+            flown = self._fly(tick, turns, Resting, start[:3], self._vehicle)
+            if settings.past_port_m and norm(*start[3:]) > 0.0:
+                past_m = settings.past_port_m
                 flown = self._fly(tick, turns, Coasting, start, self._vehicle, past_m)
-            else:
-                flown = self._fly(tick, turns, Resting, start[:3], self._vehicle)
             self._enter(tick, ARRIVED, reason, flown)
             return
         leg = settings.legs[self._next]
@@ -304,7 +294,7 @@ class GuidanceStage(Stage):
         leg = self._leg
         if leg is not None and leg.kind == plan.TRANSFER and leg.to_m is not None:
             return (*leg.to_m, *leg.arrive_m_s)
-        return self._to_target(tick, state)
+        return seen_from(state, self._motion.frame(tick))
 
     def _fly(self, tick: int, turns: bool, kind: type[Moving], *args: Any) -> Flown:
         """Return a leg under way, in the target's axes if it turns."""
@@ -351,8 +341,7 @@ class GuidanceStage(Stage):
         zones = Limits(
             0.0 if free else min(radius, range_m),
             None,
-            settings.port_m,
-            corridor.ahead,
+            ((*settings.port_m, *corridor.ahead),),
             corridor.slope * CONE_SHARE,
             corridor.from_m - norm(*settings.port_m),
         )

@@ -204,14 +204,14 @@ class Guidance:
             i -= 1
         return self.legs[i].frame == TARGET
 
-    def zones(self, _scenario: Any) -> Zone:
-        """Return what views draw: sphere, corridor, holds, retreat."""
-        points, end_m = {}, None
-        for leg in self.legs:
+    def zones(self, scenario: Any) -> Zone:
+        """Return what views draw: sphere, corridor, holds, retreat; of a target what it sees."""
+        points, end_m, lvlh = {}, None, scenario.target is None
+        for i, leg in enumerate(self.legs):
             end_m = leg.to_m or end_m
-            if leg.kind == HOLD and end_m is not None:
+            if leg.kind == HOLD and end_m is not None and (lvlh or self.turns(i)):
                 points[leg.name] = end_m
-        if self.retreat_m is not None:
+        if self.retreat_m is not None and lvlh:
             points['retreat'] = self.retreat_m
         zones = Zones(keep_out_m=self.keep_out_m, port_m=self.port_m, corridor=self.corridor)
         return zones.zone(points)

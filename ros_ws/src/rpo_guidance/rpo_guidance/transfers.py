@@ -81,25 +81,20 @@ class Limits(NamedTuple):
 
     radius_m : of the sphere about the target that it keeps out of; 0: none
     corridor : number of segments after which it must be inside the cone; None: no cone
-    port_m, axis : tip of the cone, unit vector outward
+    ports : tip of the cone and unit vector outward, at the end of each segment where they turn
     slope : tangent of its half angle
     gate_m : distance from the port where it enters, at least
-    ports : port and axis at the end of each segment, where they turn
     """
 
     radius_m: float = 0.0
     corridor: int | None = None
-    port_m: Vector = (0.0, 0.0, 0.0)
-    axis: Vector = (0.0, 1.0, 0.0)
+    ports: tuple[tuple[float, ...], ...] = ((0.0, 0.0, 0.0, 0.0, 1.0, 0.0),)
     slope: float = 0.0
     gate_m: float = 0.0
-    ports: tuple[tuple[float, ...], ...] = ()
 
     def port(self, segment: int) -> tuple[Vector, Vector]:
         """Return tip and axis of the cone at the end of a segment."""
-        if not self.ports:
-            return self.port_m, self.axis
-        px, py, pz, ax, ay, az = self.ports[segment]
+        px, py, pz, ax, ay, az = self.ports[min(segment, len(self.ports) - 1)]
         return (px, py, pz), (ax, ay, az)
 
     def in_cone(self, segment: int) -> bool:

@@ -41,9 +41,8 @@ START = 2 * ROWS + ROWS * ROWS
 
 LARGEST = 1e300
 _MOST_PIVOTS = 100
-_LEAST_PIVOT = 1e-9
-_LEAST_RATE = 1e-13
-"""Share of the demand; what changes less along it does not change."""
+_LEAST_PIVOT, _LEAST_RATE = 1e-10, 1e-13
+"""Shares of the largest number of the inverse, the rate also of the demand; less is rounding."""
 
 
 class Table(NamedTuple):
@@ -117,10 +116,11 @@ def along(column: int, row: int, t: Table, w: Any) -> float:
 
 
 @kernel
-def entering(row: int, down: bool, t: Table, w: Any) -> tuple[int, float]:
+def entering(row: int, down: bool, smallest: float, t: Table, w: Any) -> tuple[int, float]:
     """Variable that takes the place of the one in a row, and the change of that row's price.
 
     down : whether the one in the row would fall below zero; else it would exceed its largest value
+    smallest : pivot that is no rounding
 
     Of all that push it back, the one whose reduced cost is the first to become zero; -1: none.
     """
@@ -132,7 +132,7 @@ def entering(row: int, down: bool, t: Table, w: Any) -> tuple[int, float]:
             continue
         pivot = along(j, row, t, w)
         full = thruster and w[FULL + j] > 0.0
-        if abs(pivot) < _LEAST_PIVOT or (pivot < 0.0) == (down == full):
+        if abs(pivot) < smallest or (pivot < 0.0) == (down == full):
             continue
         basic = False
         for i in range(ROWS):
@@ -170,15 +170,20 @@ def exchange(row: int, variable: int, change: float, t: Table, w: Any) -> None:
 
 
 @kernel
-def advance(least: float, t: Table, w: Any) -> tuple[float, int]:
+def advance(t: Table, w: Any) -> tuple[float, int]:
     """Add what AIM of the scratch holds to what the thrusters give, as far as they can.
-
-    least : what changes less along it does not change [N]
 
     Returns the share of it that is added, and the row of the basis that limits it; 1, -1: all.
     """
-    done = 0.0
+    done = demand = 0.0
+    for i in range(ROWS):
+        demand = abs(w[AIM + i]) if abs(w[AIM + i]) > demand else demand
     for _ in range(_MOST_PIVOTS):
+        largest = 1.0
+        for i in range(ROWS * ROWS):
+            number = abs(w[INVERSE + i])
+            largest = number if number > largest else largest
+        least = _LEAST_RATE * largest * demand
         step, row, down = 1.0 - done, -1, False
         for i in range(ROWS):
             rate = 0.0
@@ -201,7 +206,7 @@ def advance(least: float, t: Table, w: Any) -> tuple[float, int]:
         if row < 0:
             return 1.0, -1
         done += step
-        variable, change = entering(row, down, t, w)
+        variable, change = entering(row, down, _LEAST_PIVOT * largest, t, w)
         if variable < 0:
             return done, row
         leaving = int(w[BASIS + row])
@@ -221,20 +226,16 @@ def allocate(wanted: Any, t: Table, w: Any) -> tuple[float, int]:
     Returns that share, 1 where they can; and the row of the basis that limits it, -1 where none
     does. LIMIT of the scratch holds the largest thrusts.
     """
-    scale = 0.0
     for i in range(ROWS):
         w[AIM + i] = wanted[i]
-        scale = abs(wanted[i]) if abs(wanted[i]) > scale else scale
     start(wanted, t, w)
-    share, limiting = 1.0, -1
-    if scale > 0.0:
-        share, limiting = advance(_LEAST_RATE * scale, t, w)
+    share, limiting = advance(t, w)
     if limiting >= 0:
         for axis in range(-1, 3):  # the rest of the torque, then of the force
             for i in range(ROWS):
                 more = i == axis or (axis < 0 and i >= 3)
                 w[AIM + i] = (1.0 - share) * wanted[i] if more else 0.0
-            advance(_LEAST_RATE * scale, t, w)
+            advance(t, w)
     for i in range(t.number):
         w[THRUST + i] = w[LIMIT + i] if w[FULL + i] > 0.0 else 0.0
     for i in range(ROWS):

@@ -95,7 +95,7 @@ class _Reach:
     def _advance(self, aim: Floats) -> tuple[float, int]:
         for i, value in enumerate(aim.tolist()):
             self._work[AIM + i] = value
-        found: tuple[float, int] = advance(1e-13 * self._far, self._table, self._work)
+        found: tuple[float, int] = advance(self._table, self._work)
         return found
 
     def least(self) -> float:

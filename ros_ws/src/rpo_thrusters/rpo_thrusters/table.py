@@ -77,7 +77,7 @@ _PREFERENCE = 2.0**-24
 
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
-time = partial(real, unit='s', least=0.0, most=NEVER_S)
+seconds = partial(real, unit='s', least=0.0, most=NEVER_S)
 _metres = partial(vector3, unit='m', bound=1e3)
 _newtons = partial(real, unit='N', above=0.0, most=1e6)
 _optional_newtons = partial(optional, unit='N', above=0.0, most=1e6)
@@ -95,8 +95,8 @@ class Failure:
 
     thruster: Annotated[str, text]
     stuck: Annotated[str, partial(choice, known=('off', 'on'))]
-    from_s: Annotated[float, time] = unless_default(0.0)
-    until_s: Annotated[float, time] = unless_default(NEVER_S)
+    from_s: Annotated[float, seconds] = unless_default(0.0)
+    until_s: Annotated[float, seconds] = unless_default(NEVER_S)
     known: Annotated[bool, flag] = unless_default(False)
 
     def __post_init__(self) -> None:

@@ -45,8 +45,8 @@ from rpo_thrusters.table import (
     Failure,
     ThrusterTable,
     rows_of,
+    seconds,
     table_of,
-    time,
 )
 
 Floats = NDArray[np.float64]
@@ -108,10 +108,10 @@ class Pulses:
 
     count: Annotated[int, _count]
     modulation: Annotated[str, partial(choice, known=MODULATIONS)]
-    minimum_on_time_s: Annotated[float, time]
-    on_time_quantum_s: Annotated[float, time] = unless_default(0.0)
-    dead_time_s: Annotated[float, time] = unless_default(0.0)
-    rise_time_s: Annotated[float, time] = unless_default(0.0)
+    minimum_on_time_s: Annotated[float, seconds]
+    on_time_quantum_s: Annotated[float, seconds] = unless_default(0.0)
+    dead_time_s: Annotated[float, seconds] = unless_default(0.0)
+    rise_time_s: Annotated[float, seconds] = unless_default(0.0)
     errors: tuple[ThrusterError, ...] = unless_default(())
     failures: tuple[Failure, ...] = unless_default(())
 
