@@ -81,6 +81,7 @@ MAY_IMPORT = {
         'rpo_thrusters',
     },
     'rpo_bringup': {
+        'rpo_attitude',
         'rpo_core',
         'rpo_kernels',
         'rpo_ros',
