@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 from rpo_core.files.validation import InputError
@@ -48,6 +49,7 @@ def guard_of(settings: Assurance, scenario: Any) -> Guard:
     return proof_of(settings, scenario).guard
 
 
+@lru_cache(maxsize=64)
 def proof_of(
     settings: Assurance, scenario: Any, errors: Errors | None = None, *, edge: bool = True
 ) -> Proof:

@@ -187,9 +187,12 @@ class Scenario:
 
     def equipped(self, *settings: Any) -> Scenario:
         """Return the scenario with these settings of stages, in place of any of their kind."""
+        return replace(self, sections=self.sections_with(*settings))
+
+    def sections_with(self, *settings: Any) -> tuple[Any, ...]:
+        """Return its sections with these, in place of any of their kind."""
         kinds = {type(new) for new in settings}
-        kept = [old for old in self.sections if type(old) not in kinds]
-        return replace(self, sections=(*kept, *settings))
+        return (*(old for old in self.sections if type(old) not in kinds), *settings)
 
     @cached_property
     def dt_ns(self) -> int:
