@@ -88,8 +88,13 @@ tumble = Target(kind='tumble', rates_deg_s=(0.3, 0.4, 0.8), inertia_kg_m2=body)
 mouth = Leg(name='mouth', kind='transfer', frame='target', to_m=(0.0, 18.0, 0.0), duration_s=300.0)
 line = Leg(name='line', kind='straight', frame='target', to_m=(0.0, 1.0, 0.0), speed_m_s=0.1)
 tumbling = load_scenario('quick').equipped(tumble, Guidance(legs=(mouth, line)))
-stage = GuidanceStage(tumbling.section(Guidance), tumbling)
-digest('turning', stage.rows(tumbling.start, 3300)[0])
+references = [GuidanceStage(tumbling.section(Guidance), tumbling).rows(tumbling.start, 3300)[0]]
+near = Leg(name='mouth', kind='transfer', frame='target', to_m=(9.0, 8.0, 1.0), duration_s=40.0)
+for rates in rng.uniform(-3, 3, (8, 3)).tolist():
+    tumble = Target(kind='tumble', rates_deg_s=tuple(rates), inertia_kg_m2=body)
+    some = tumbling.equipped(tumble, Guidance(legs=(near, line)))
+    references.append(GuidanceStage(some.section(Guidance), some).rows(some.start, 600)[0])
+digest('turning', *references)
 """
 
 # Recorded once. A machine, NumPy or Python that differs here cannot replay the logs of the others;
@@ -105,7 +110,7 @@ plant eb49b421da8954f388cc9bf0e0190fdd9cbdabb12b638d1860dbb9231e7ede48
 baselines b77e92454138450f7b02056b828fe5f8d82d0f1e5438b05440590457ceff9521
 world 2b4c817043012906c67ee1198d6a8cf017c6fb13066fb989f86d9dc2cd4df9ff
 valves 57ef2837ec2b19c6a0b9f4074b2dbfbfddedb1e5c9000d8c5ed0a5a9c3d43a7b
-turning 3ee366a78bef093fc7444cb375a370e39c9390cec83b1c3633ed68d235ec8aac
+turning 6a8e2700fbadc12b7b09b3defbff9aa9b568d6e5b93c7c869ccbcdebe78d9868
 """
 
 
