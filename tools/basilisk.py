@@ -15,11 +15,15 @@ from rpo_judge.truth import World, cross
 
 Floats = NDArray[np.float64]
 
+SUBSTEPS = 100
+"""Steps of a tick where Basilisk's thrusters fire: each is on or off for whole steps."""
+
 
 class _Simulation(NamedTuple):
     """Basilisk's objects.
 
     force : on the chaser; keep : what Basilisk does not keep alive itself
+    valves : message of the on-times of its thrusters, along each axis and against it
     """
 
     model: Any
@@ -27,6 +31,7 @@ class _Simulation(NamedTuple):
     chaser: Any
     force: Any
     keep: list[Any]
+    valves: Any = None
 
 
 def knows(scenario: Scenario) -> bool:
@@ -58,27 +63,46 @@ def _spacecraft(scenario: Scenario, state: Floats, mass_kg: float, keep: list[An
     return made
 
 
-def _begin(scenario: Scenario, world: World) -> _Simulation:
+def _thrusters(scenario: Scenario, valves: Any, keep: list[Any]) -> Any:
+    """Return six of its thrusters through the centre of mass, each of the largest force."""
+    from Basilisk.simulation import thrusterDynamicEffector
+
+    made = thrusterDynamicEffector.ThrusterDynamicEffector()
+    for direction in (*np.eye(3), *-np.eye(3)):
+        one = thrusterDynamicEffector.THRSimConfig()
+        one.thrDir_B, one.thrLoc_B = direction[:, None].tolist(), [[0.0]] * 3
+        one.MaxThrust, one.steadyIsp, one.MinOnTime = scenario.max_force_n, 100.0, 0.0
+        made.addThruster(one)
+        keep.append(one)
+    made.cmdsInMsg.subscribeTo(valves)
+    return made
+
+
+def _begin(scenario: Scenario, world: World, thrusters: bool) -> _Simulation:
+    from Basilisk.architecture import messaging
     from Basilisk.simulation import extForceTorque
     from Basilisk.utilities import SimulationBaseClass
 
     model, keep = SimulationBaseClass.SimBaseClass(), list[Any]()
-    task = model.CreateNewTask('flight', scenario.dt_ns)
+    task = model.CreateNewTask('flight', scenario.dt_ns // (SUBSTEPS if thrusters else 1))
     model.CreateNewProcess('truth').addTask(task)
+    valves = messaging.THRArrayOnTimeCmdMsg()
     start = world.target()
     target = _spacecraft(scenario, start, 1.0, keep)
     relative = world.to_inertial(start, np.array(scenario.start))
     chaser = _spacecraft(scenario, start + relative, scenario.mass_kg, keep)
     force = extForceTorque.ExtForceTorque()
-    chaser.addDynamicEffector(force)
+    fired = [_thrusters(scenario, valves, keep)] if thrusters else []
+    for effector in (force, *fired):
+        chaser.addDynamicEffector(effector)
     if scenario.dynamics is None:  # LVLH turns evenly: so does the body, and the force with it
         chaser.hub.omega_BN_BInit = [[0.0], [0.0], [scenario.mean_motion_rad_s]]
-    for part in (target, chaser, force):
+    for part in (*fired, target, chaser, force):
         model.AddModelToTask('flight', part)
     model.InitializeSimulation()
     model.ConfigureStopTime(0)
     model.ExecuteSimulation()
-    return _Simulation(model, target, chaser, force, keep)
+    return _Simulation(model, target, chaser, force, [*keep, *fired], valves)
 
 
 def _state(spacecraft: Any) -> Floats:
@@ -95,17 +119,30 @@ def _mean(simulation: _Simulation, world: World, force_n: Floats) -> list[list[f
 
 
 class BasiliskFlight:
-    """Target and chaser of a scenario, tick by tick; state : (6,) [m, m/s], target LVLH."""
+    """Target and chaser of a scenario, tick by tick; state : (6,) [m, m/s], target LVLH.
 
-    def __init__(self, scenario: Scenario) -> None:
+    thrusters : whether the chaser has Basilisk's, too; in an even orbit only
+    """
+
+    def __init__(self, scenario: Scenario, thrusters: bool = False) -> None:
         self.scenario, self.tick = scenario, 0
         self.state = np.array(scenario.start)
         self._world = World(scenario)
-        self._simulation = _begin(scenario, self._world)
+        self._simulation = _begin(scenario, self._world, thrusters)
 
-    def step(self, force_n: Floats) -> Floats:
-        """Return the state (6,) after a tick under a force (3,) [N], target LVLH."""
+    def step(self, force_n: Floats, thrust_n: Floats | None = None) -> Floats:
+        """Return the state (6,) after a tick under a force (3,) [N], target LVLH.
+
+        thrust_n : and under Basilisk's thrusters, open for the share of the tick with this mean
+        """
         simulation, scenario = self._simulation, self.scenario
+        if thrust_n is not None:
+            from Basilisk.architecture import messaging
+
+            opened = np.concatenate([thrust_n, -thrust_n]).clip(0.0) / scenario.max_force_n
+            on_times = messaging.THRArrayOnTimeCmdMsgPayload()
+            on_times.OnTimeRequest = (scenario.dt_s * opened).tolist()
+            simulation.valves.write(on_times, self.tick * scenario.dt_ns)
         if scenario.dynamics is None:
             simulation.force.extForce_B = [[component] for component in force_n.tolist()]
         else:
@@ -116,6 +153,28 @@ class BasiliskFlight:
         target = _state(simulation.target)
         self.state = self._world.to_lvlh(target, _state(simulation.chaser) - target)
         return self.state
+
+
+def attitude_by_basilisk(scenario: Scenario) -> Floats:
+    """Return the matrix (3, 3) from the target's axes to inertial ones at the end."""
+    from Basilisk.simulation import spacecraft
+    from Basilisk.utilities import RigidBodyKinematics, SimulationBaseClass
+
+    model, made, target = (
+        SimulationBaseClass.SimBaseClass(),
+        spacecraft.Spacecraft(),
+        scenario.target,
+    )
+    model.CreateNewProcess('truth').addTask(model.CreateNewTask('attitude', scenario.dt_ns))
+    *axis, w = target.attitude
+    made.hub.mHub, made.hub.IHubPntBc_B = 1.0, [list(row) for row in target.inertia_kg_m2]
+    made.hub.sigma_BNInit = [[x / (1.0 + w)] for x in axis]  # modified Rodrigues parameters
+    made.hub.omega_BN_BInit = [[rate] for rate in target.rates_rad_s]
+    model.AddModelToTask('attitude', made)
+    model.InitializeSimulation()
+    model.ConfigureStopTime(scenario.ticks * scenario.dt_ns)
+    model.ExecuteSimulation()
+    return np.asarray(RigidBodyKinematics.MRP2C(made.scStateOutMsg.read().sigma_BN)).T
 
 
 def by_basilisk(scenario: Scenario, forces_n: Floats, masses_kg: Floats) -> Floats:

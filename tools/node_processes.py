@@ -113,16 +113,20 @@ class NodeProcesses:
         name: str,
         *args: str,
         remap: Mapping[str, str] | None = None,
+        command: Sequence[str] = (),
         **parameters: object,
     ) -> NodeProcess:
-        """Start an executable; `remap` holds ROS names, other keyword arguments parameters."""
+        """Start an executable; `remap` holds ROS names, other keyword arguments parameters.
+
+        command : to start in its place
+        """
         rules = {**({'__ns': self.namespace} if self.namespace else {}), **(remap or {})}
         ros = [part for key, value in rules.items() for part in ('-r', f'{key}:={value}')]
         for key, value in parameters.items():
             shown = str(value).lower() if isinstance(value, bool) else value
             ros += ['-p', f'{key}:={shown}']
-        path = executable(package, name, self.env.get('AMENT_PREFIX_PATH', ''))
-        command = [*self.prefix, str(path), *args, *(['--ros-args', *ros] if ros else [])]
+        command = command or [str(executable(package, name, self.env.get('AMENT_PREFIX_PATH', '')))]
+        command = [*self.prefix, *command, *args, *(['--ros-args', *ros] if ros else [])]
         log = self.folder / f'{len(self.nodes)}_{name}.txt'
         self.nodes.append(NodeProcess(command, self.env, log))
         return self.nodes[-1]

@@ -97,17 +97,7 @@ class Axes(VecEnv):
         """Return an attribute for each agent."""
         return [getattr(self, attr_name, None)] * self.num_envs
 
-    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Refuse: agents share everything."""
-        raise NotImplementedError
-
-    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> Any:
-        """Refuse: agents share everything."""
-        raise NotImplementedError
-
-    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
-        """No agent is wrapped."""
-        return [False] * self.num_envs
+    set_attr = env_method = env_is_wrapped = None  # agents share everything
 
 
 def layers_of(model: Any) -> list[Any]:

@@ -195,6 +195,11 @@ def assured(controller: AnyController, scenario: Scenario) -> Assured:
             f'`--assurance` exports the filter, not the abort table of {scenario.name}: '
             'take `assurance.abort` out of the file'
         )
+    if scenario.target is not None and settings.corridor is not None:
+        raise InputError(
+            f'`--assurance` exports a corridor that stands; that of {scenario.name} turns with '
+            'section `target`'
+        )
     if any(section_of(s).place is Place.ESTIMATOR for s in scenario.sections):
         raise InputError(
             f'`--assurance` needs fixed errors of the state; the set of {scenario.name} follows '

@@ -22,7 +22,10 @@ from rpo_core.files.validation import InputError
 from rpo_export import formats
 from rpo_export.kernel_source import Read, Type, is_kernel, plain, read, type_of_value
 
-_BINARY = {ast.Add: ('+', 9), ast.Sub: ('-', 9), ast.Mult: ('*', 10), ast.Div: ('/', 10)}
+_BINARY = {
+    ast.Add: ('+', 9), ast.Sub: ('-', 9), ast.Mult: ('*', 10), ast.Div: ('/', 10),
+    ast.FloorDiv: ('/', 10), ast.Mod: ('%', 10),  # of whole numbers >= 0 alone
+}  # fmt: skip
 _COMPARE = {
     ast.Lt: '<', ast.LtE: '<=', ast.Gt: '>', ast.GtE: '>=', ast.Eq: '==', ast.NotEq: '!='
 }  # fmt: skip
@@ -183,11 +186,12 @@ class Writer:
         return [wrapped('continue;', block.depth)]
 
     def _augassign(self, node: ast.AugAssign, block: _Block) -> list[str]:
-        target = node.target
-        if not isinstance(target, ast.Name):
-            raise self.refused(node)
-        whole = ast.BinOp(ast.Name(target.id, ast.Load()), node.op, node.value)
-        return [self._stored(target.id, self.of(whole), block)]
+        target: Any = node.target
+        whole = ast.BinOp(target, node.op, node.value)
+        return [self._named(target, self.of(whole), block)]
+
+    def _expr(self, node: ast.Expr, block: _Block) -> list[str]:
+        return [wrapped(f'{self.of(node.value).text};', block.depth)]
 
     def _assign(self, node: ast.Assign, block: _Block) -> list[str]:
         first, *rest = reversed(node.targets)
@@ -202,6 +206,8 @@ class Writer:
         return lines
 
     def _named(self, target: ast.expr, value: Expression, block: _Block) -> str:
+        if isinstance(target, ast.Subscript) and self.of(target.value).type == 'scratch':
+            return wrapped(f'{self.of(target).text} = {value.text};', block.depth)
         if not isinstance(target, ast.Name):
             raise self.refused(target)
         return self._stored(target.id, value, block)
@@ -332,6 +338,8 @@ class Writer:
     def _subscript(self, node: ast.Subscript) -> Expression:
         whole, index = self.of(node.value), self.of(node.slice)
         text = whole.within(WHOLE)
+        if whole.type == 'scratch':
+            return Expression(f'{text}[{index.text}]', WHOLE, 'double')
         if whole.type == 'rows':
             row = f'(table){{{text}.at + {text}.width * ({index.text}), {text}.width}}'
             return Expression(row, WHOLE, 'table')
@@ -445,6 +453,8 @@ class Source:
             fields = ' '.join(f'{k} f{i};' for i, k in enumerate(kind))
             self._tuples[name] = f'double at[{len(kind)}];' if alike else fields
             return name
+        if kind == 'scratch':
+            return 'double *'
         return f'const {kind.__name__} *' if isinstance(kind, type) else str(kind)
 
     def constant(self, name: str, value: float) -> str:

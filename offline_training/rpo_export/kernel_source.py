@@ -25,10 +25,10 @@ from rpo_kernels import kernels
 from rpo_kernels.kernels import State, Vector, saturate
 
 Type = Any
-"""'double', 'int', or a table: 'table' of floats, 'ints', 'rows' of floats; a tuple of types; or a
-class of constants (NamedTuple)."""
+"""'double', 'int', or a table: 'table' of floats, 'ints', 'rows' of floats, 'scratch' that kernels
+fill; a tuple of types; 'void'; or a class of constants (NamedTuple)."""
 
-_SCALARS = {float: 'double', int: 'int', bool: 'int'}
+_SCALARS = {float: 'double', int: 'int', bool: 'int', type(None): 'void'}
 
 
 class AlikeGains(NamedTuple):

@@ -15,15 +15,18 @@ another truth, with nothing in common.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
+from scipy.spatial.transform import Rotation
 
+from rpo_attitude.target import motion_of
 from rpo_core.chain.flight import Flight
 from rpo_core.files.scenario import Scenario
 from rpo_core.world import cw
@@ -186,6 +189,37 @@ def by_scipy(scenario: Scenario, forces_n: Floats, masses_kg: Floats) -> Floats:
         y = integrate(rate, scenario.time_s(tick), scenario.time_s(tick + 1), y)
         states.append(world.to_lvlh(y[:6], y[6:]))
     return np.array(states)
+
+
+def attitude_by_scipy(scenario: Scenario) -> Floats:
+    """Return the matrix (3, 3) from the target's axes to inertial ones at the end, by DOP853.
+
+    The inertial axes are those of target LVLH at tick 0.
+    """
+    target = scenario.target
+    inertia = np.array(target.inertia_kg_m2)
+
+    def rate(_t_s: float, y: Floats) -> Floats:
+        turned, w = y[:9].reshape(3, 3), y[9:]
+        change = np.linalg.solve(inertia, cross(inertia @ w, w))
+        return np.concatenate([*(cross(row, w) for row in turned), change])
+
+    y = np.concatenate([_matrix(target.attitude).ravel(), target.rates_rad_s])
+    for begin_s, end_s in pairwise(np.linspace(0.0, scenario.duration_s, 401).tolist()):
+        y = integrate(rate, begin_s, end_s, y)
+    return y[:9].reshape(3, 3)
+
+
+def _matrix(quaternion: Sequence[float]) -> Floats:
+    return np.asarray(Rotation.from_quat(quaternion).as_matrix())
+
+
+def attitude_error_rad(scenario: Scenario, true: Floats) -> float:
+    """Return by how much our target is turned at the end against a matrix (3, 3), inertial."""
+    ours = _matrix(motion_of(scenario.target, scenario).attitude(scenario.ticks)[:4])
+    angle = scenario.mean_motion_rad_s * scenario.duration_s
+    orbit = Rotation.from_rotvec([0.0, 0.0, angle]).as_matrix()
+    return float(Rotation.from_matrix(true.T @ orbit @ ours).magnitude())
 
 
 class Growth(NamedTuple):

@@ -18,7 +18,7 @@ from rpo_core.files.scenario import Scenario
 from rpo_core.judge.verdicts import missed, verdicts
 from rpo_core.wire import interfaces
 from rpo_log.verify.recomputation import StageStates
-from rpo_mcap.read.run_log import RunLog, flight_of, other_signals, scenario_of
+from rpo_mcap.read.run_log import RunLog, flight_of, other_signals, scenario_of, stage_events
 
 Floats = NDArray[np.float64]
 AnyStage = TypeVar('AnyStage', bound=Stage)
@@ -62,6 +62,7 @@ def logged_flight(log: RunLog) -> LoggedFlight:
         log.forces_n[shown],
         np.zeros((ticks + 1, 3)) if disturbances is None else disturbances[shown],
         {name: values[shown] for name, values in other_signals(log).items()},
+        stage_events(log),
     )
     return LoggedFlight(flight, planned, log.gaps, log.lacks)
 
@@ -75,6 +76,7 @@ def until(flight: Flight, ticks: int) -> Flight:
         flight.forces_n[shown],
         flight.disturbances_n[shown],
         {name: values[shown] for name, values in flight.signals.items()},
+        flight.events,
     )
 
 

@@ -27,7 +27,7 @@ class Flight {
   constructor(data, number) {
     Object.assign(this, data);
     this.number = number;
-    for (const name of ['times', 'states', 'forces', 'reference', 'estimate'])
+    for (const name of ['times', 'states', 'forces', 'reference', 'estimate', 'attitudes'])
       this[name] = data[name] && floats(data[name]);
     for (const limit of this.limits) limit.values = floats(limit.values);
     this.last = this.times.length - 1;
@@ -52,6 +52,11 @@ class Flight {
       v[k] = (1 - u) * va + u * vb;
     }
     return { r, v, i: this.index(t) };
+  }
+  // The attitude of the target at a time, between two samples the chord.
+  attitude(t) {
+    const i = Math.min(this.index(t), Math.max(0, this.last - 1)), q = [0, 1].map(k => new THREE.Quaternion().fromArray(this.attitudes, 4 * (i + k)));
+    return q[0].slerp(q[1], Math.min(1, Math.max(0, (t - this.times[i]) / (this.times[i + 1] - this.times[i] || 1))));
   }
   path(values, width, most = PATH_POINTS) {  // positions of at most so many samples, and their times
     const n = this.last + 1, m = Math.min(n, most), points = [], times = [];
@@ -184,7 +189,12 @@ label(`H-bar ${step * Math.round(grid.high[1] / step)} m`, V(0, 0, grid.high[1])
 label('R-bar, outward', V(up[1], 0, 0));
 label('to the Earth', V(up[0], 0, 0));
 
-// Zones and points of the scenario.
+// Zones and points of the scenario. Corridor, points and the target turn with it.
+const turned = add(scene, new THREE.Group()), turning = [];  // [object, its place in the scene]
+function placed(object) {
+  turning.push([object, object.position.clone()]);
+  return turning[turning.length - 1][1];
+}
 for (const radius of DATA.scene.keep_out) {
   add(scene, mesh(new THREE.SphereGeometry(radius, 32, 20), flat('z', 0.1, { side: THREE.DoubleSide })));
   const ring = new THREE.BufferGeometry().setFromPoints(new THREE.EllipseCurve(0, 0, radius, radius).getPoints(72).map(p => V(p.x, p.y, 0)));
@@ -202,16 +212,15 @@ for (const [number, cone] of DATA.scene.corridors.entries()) {
   const wall = mesh(new THREE.CylinderGeometry(cone.far, cone.near, length, 32, 1, true), flat('small_positive', 0.1, { side: THREE.DoubleSide }));
   wall.position.copy(tip).add(end).multiplyScalar(0.5);
   wall.quaternion.setFromUnitVectors(V(0, 1, 0), end.sub(tip).normalize());
-  scene.add(wall);
+  turned.add(wall);
   if (number) continue;  // the others are much alike
   const pieces = cone.lines.flatMap(line => line.slice(1).flatMap((p, i) => [V(...line[i]), V(...p)]));
-  scene.add(new THREE.LineSegments(new THREE.BufferGeometry().setFromPoints(pieces), thin('small_positive', 0.55)));
+  turned.add(new THREE.LineSegments(new THREE.BufferGeometry().setFromPoints(pieces), thin('small_positive', 0.55)));
 }
 for (const [name, place] of Object.entries(DATA.scene.points)) {
-  const mark = add(scene, mesh(new THREE.OctahedronGeometry(1), flat('optimum')));
-  mark.position.set(...place);
+  const mark = add(turned, mesh(new THREE.OctahedronGeometry(1), flat('optimum'), ...place));
   mark.userData.pixels = 5;
-  label(name.replaceAll('_', ' '), mark.position);
+  label(name.replaceAll('_', ' '), placed(mark));
 }
 
 // Bodies. The ring of each is at its origin; a chaser comes from `ahead`, so both meet there.
@@ -238,6 +247,8 @@ const target = vehicle([
     mesh(new THREE.BoxGeometry(0.07, 0.07, 0.6), dark, 0, -1.1, s * 0.8)]),
 ]);
 target.position.set(...DATA.scene.goal);
+turned.add(target);
+const targetAt = placed(target);
 const chaser = vehicle([
   mesh(new THREE.BoxGeometry(0.9, 0.9, 0.9), foil, 0, 0.65),
   mesh(new THREE.TorusGeometry(0.33, 0.06, 8, 24).rotateX(Math.PI / 2), dark, 0, 0.07),
@@ -245,7 +256,7 @@ const chaser = vehicle([
   mesh(new THREE.CylinderGeometry(0.28, 0.12, 0.3, 16), dark, 0, 1.22),
   ...[-1, 1].map(s => mesh(new THREE.BoxGeometry(0.03, 0.7, 1.3), panel, 0, 0.7, s * 1.15)),
 ]);
-label('target', target.position, 'body');
+label('target', targetAt, 'body');
 label('chaser', chaser.position, 'body');
 
 // Thrust: an arrow along the force, and a plume against it for each axis.
@@ -255,7 +266,7 @@ const head = mesh(new THREE.ConeGeometry(0.2, 0.45, 14).translate(0, 0.22, 0), f
 arrow.add(shaft, head);
 scene.add(arrow);
 const plumes = [0, 1, 2].map(() => add(scene, mesh(
-  new THREE.ConeGeometry(0.32, 1, 14, 1, true).translate(0, -0.5, 0), flat('small_positive', 0.45, { side: THREE.DoubleSide }))));
+  new THREE.ConeGeometry(0.32, 1, 14).translate(0, -0.5, 0), flat('small_positive', 0.6))));
 const drop = add(scene, polyline([[0, 0, 0], [1, 0, 0]], thin('ink', 0.35)));
 drop.frustumCulled = false;
 const cloud = add(scene, mesh(new THREE.SphereGeometry(1, 24, 16), flat('optimum', 0.35, { depthTest: false })));  // seen through the chaser
@@ -284,16 +295,19 @@ for (const flight of flights) {
 // ---------------------------------------------------------------- the picture of a moment
 
 const pixel = place => 2 * Math.tan(camera.fov * Math.PI / 360) * camera.position.distanceTo(place) / renderer.domElement.clientHeight;
-const sprites = scene.children.filter(child => child.userData.pixels);
+const sprites = [...scene.children, ...turned.children].filter(child => child.userData.pixels);
 
 function place(state) {
   const r = V(...state.r), force = V(...chosen.forces.slice(3 * state.i, 3 * state.i + 3));
   chaser.position.copy(r);
+  if (chosen.attitudes) turned.quaternion.copy(chosen.attitude(Math.min(now, chosen.end)));
+  turned.updateMatrixWorld();
+  for (const [object, at] of turning) object.getWorldPosition(at);
   // Bodies are drawn in their size, or larger where that could not be seen.
-  const room = r.distanceTo(target.position) / pixel(r);
+  const room = r.distanceTo(targetAt) / pixel(r);
   const grown = at => Math.max(1, Math.min(30, Math.max(13, 0.5 * room)) * pixel(at) / 2);
   chaser.scale.setScalar(grown(r));
-  target.scale.setScalar(grown(target.position));
+  target.scale.setScalar(grown(targetAt));
   const unit = chaser.scale.x, share = force.length() / DATA.scene.max_force;
   const middleOf = ahead.clone().multiplyScalar(0.65 * unit).add(r);
   arrow.visible = share > 2e-3;
@@ -328,7 +342,7 @@ function place(state) {
     flight.dot.position.set(...here.r);
     let count = 0;
     while (count < flight.pathTimes.length - 1 && flight.pathTimes[count + 1] <= now) count++;
-    flight.flown.visible = own || !MANY;
+    flight.flown.visible = stats.frames > 0 && (own || !MANY);  // the first frame, at 0 s, goes without its program
     if (flight.flown.visible) {  // so many whole parts, and the last one as far as the chaser is
       const ends = flight.flown.geometry.attributes.instanceEnd, points = flight.points, last = points.length / 3 - 1;
       const restore = flight.shown ?? 0;
@@ -341,7 +355,7 @@ function place(state) {
     flight.thin.material.opacity = own ? 0.7 : MANY ? 0.3 : 0.45;
     if (flight.planned) flight.planned.visible = own;
   }
-  for (const one of sprites) one.scale.setScalar(one.userData.pixels * pixel(one.position));
+  for (const one of sprites) one.scale.setScalar(one.userData.pixels * pixel(one.getWorldPosition(V())));
 }
 
 function placeLabels() {
@@ -377,7 +391,7 @@ const VIEWS = [
     let distance = size / 4;
     do look(middle, distance *= 1.05); while (distance < 10 * size && !landmarks.every(inPicture));
   }],
-  ['Target', () => look(target.position, fitted(Math.min(near, size / 2)))],
+  ['Target', () => look(targetAt, fitted(Math.min(near, size / 2)))],
   ['Chaser', () => { place(chosen.at(now)); look(chaser.position, Math.min(16, size / 2), ahead.clone().multiplyScalar(0.75).add(V(0.4, 0.2, -0.5)).normalize()); }],
 ];
 const landmarks = [
@@ -600,10 +614,12 @@ addEventListener('keydown', event => {
 // ---------------------------------------------------------------- frames
 
 const FULL = Math.min(devicePixelRatio, 2);
-let before, drawnNumbers = 0, pixels = FULL, cost = 0;
+let before, drawnNumbers = 0, pixels = FULL, cost = 0, sized;
 const stats = { frames: 0, first_ms: 0, draw_ms: 0 };
 function resize() {
-  const { clientWidth: w, clientHeight: h } = el('view');
+  const { clientWidth: w, clientHeight: h } = el('view'), wanted = [w, h, playing ? pixels : FULL].join();
+  if (wanted === sized) return;  // it would wipe the picture
+  sized = wanted;
   renderer.setPixelRatio(playing ? pixels : FULL);
   renderer.setSize(w, h, false);
   camera.aspect = w / h;
@@ -615,8 +631,15 @@ function theme() {
   for (const [material, name] of painted) material.color.set(colour(name));
   stars.visible = matchMedia('(prefers-color-scheme: dark)').matches;
   paintSky();
-  strip();
   dirty = true;
+}
+function picture(state) {
+  place(state);
+  for (const far of [sky, stars]) {
+    far.position.copy(camera.position);
+    far.scale.setScalar(camera.far / 4);
+  }
+  renderer.render(scene, camera);
 }
 function draw(time) {
   const began = performance.now(), state = chosen.at(Math.min(now, chosen.end));
@@ -626,12 +649,7 @@ function draw(time) {
     camera.position.add(moved);
     camera.updateMatrixWorld();
   }
-  place(state);
-  for (const far of [sky, stars]) {
-    far.position.copy(camera.position);
-    far.scale.setScalar(camera.far / 4);
-  }
-  renderer.render(scene, camera);
+  picture(state);
   placeLabels();
   el('head').style.transform = `translateX(${(now / END * canvas.clientWidth).toFixed(1)}px)`;
   if (time - drawnNumbers > REDRAW_MS || !playing) {
@@ -644,6 +662,7 @@ function draw(time) {
       el('scrub').setAttribute('aria-valuetext', text);
     }
   }
+  dirty ||= !stats.frames;
   stats.frames += 1;
   stats.draw_ms = performance.now() - began;
   stats.first_ms ||= performance.now();
@@ -668,6 +687,11 @@ function frame(time) {
   draw(time);
 }
 
+say(el('note'), DATA.note);
+theme();
+resize();
+show(0);
+picture(chosen.at(0));  // the graphics processor is at work while the rest of the page is made
 if (flights.length > 1) {
   el('choice').hidden = false;
   el('flights').append(...flights.map(flight => {
@@ -680,13 +704,10 @@ if (flights.length > 1) {
   }));
 }
 el('next').hidden = flights.length < 2;
-say(el('note'), DATA.note);
 setSpeed(speed);
 new ResizeObserver(() => { resize(); strip(); }).observe(el('view'));
-matchMedia('(prefers-color-scheme: dark)').addEventListener('change', theme);
+matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => { theme(); strip(); });
 build();
-theme();
 resize();
-show(0);
 requestAnimationFrame(frame);
 window.replay = { seek, play, choose, show, setSpeed, stats, get now() { return now; }, get playing() { return playing; }, get pixels() { return pixels; } };

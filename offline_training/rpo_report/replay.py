@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rpo_attitude.target import motion_of
 from rpo_core.chain.flight import Flight
 from rpo_core.control.controller import AnyController
 from rpo_core.control.controller_file import received
@@ -189,7 +190,7 @@ def _document(shown: Replayed, flights: int) -> dict[str, Any]:
     """Return a flight, one of so many; its arrays are base64 of little-endian float32."""
     flight, last = shown.flight, len(shown.flight.states) - 1
     ticks = np.linspace(0, last, min(last + 1, max(2, MOST_SAMPLES // flights))).round().astype(int)
-    pulsed = flight.scenario.thrusters is not None and flight.scenario.thrusters.pulses
+    pulsed = flight.scenario.thrusters is not None and flight.scenario.thrusters.fires
     forces = flight.thrust.forces_n if pulsed else flight.saturated_forces_n
     mean = np.add.reduceat(forces, ticks[:-1]) / np.diff(ticks)[:, None]
     reference = flight.signals.get(REFERENCE_STATE)
@@ -205,9 +206,19 @@ def _document(shown: Replayed, flights: int) -> dict[str, Any]:
         'estimate': None if shown.estimate is None else _packed(shown.estimate[ticks]),
         'limits': [_limit(limit, ticks) for limit in limits_of(flight, shown.margins)],
         'phases': [[name, why, float(times[min(at, last)])] for name, why, at in shown.phases],
+        'attitudes': _attitudes(flight, ticks),
         'acts': [[name, *times[np.minimum(at, last)].tolist()] for name, *at in shown.acts],
         'reasons': _reasons(flight, shown.controller, _REASONS // flights),
     }
+
+
+def _attitudes(flight: Flight, ticks: Any) -> str | None:
+    """Return the quaternions (n, 4) of a target that has an attitude."""
+    scenario = flight.scenario
+    if scenario.target is None:
+        return None
+    motion = motion_of(scenario.target, scenario)
+    return _packed([motion.attitude(tick)[:4] for tick in ticks.tolist()])
 
 
 def _packed(values: Any) -> str:

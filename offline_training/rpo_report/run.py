@@ -221,6 +221,9 @@ def _limits_and_path(shown: LoggedFlight, beside: _Beside) -> list[Block]:
         for v in verdicts(flight)
     )
     found = [row for zone in zones for row in zone_passage(flight, zone)]
+    where = 'in LVLH: in the orbital plane, and from above'
+    if flight.scenario.target is not None:
+        where = 'as the target sees it, in two planes of its axes'
     columns = ('requirement', 'value', 'limit', 'margin', 'verdict')
     return [
         *([] if shown.whole else [Text(cut)]),
@@ -228,8 +231,7 @@ def _limits_and_path(shown: LoggedFlight, beside: _Beside) -> list[Block]:
         Picture(
             'approach',
             run_plots.approach(flight, beside.flights, zones),
-            'The approach in LVLH: in the orbital plane, and from above. Dots every '
-            f'{run_plots.MARK_S:g} s.',
+            f'The approach {where}. Dots every {run_plots.MARK_S:g} s.',
             'The path of the chaser to the target'
             + ''.join(f'; {what}: {value}' for what, value in found)
             + '.',
@@ -356,14 +358,15 @@ def _limits(flight: Flight) -> Picture:
 def _thrusters(flight: Flight) -> list[Section]:
     """Return what the thrusters made of the commands, where they fire in pulses or spend mass."""
     settings = flight.scenario.thrusters
-    if settings is None or not (settings.pulses or settings.propellant):
+    if settings is None or not (settings.fires or settings.propellant):
         return []
     spent = flight.thrust
+    torque = 'the torque that the allocation leaves over, ' if settings.table else ''
     picture = Picture(
         'pulses',
         run_plots.pulses(flight),
         'Mean force that the thrusters exert in each tick, the impulse that they owe the command, '
-        'and the propellant spent.',
+        f'{torque}and the propellant spent.',
         f'The thrusters spend {spent.delta_v_m_s:.3g} m/s and {spent.propellant_kg:.3g} kg, in '
         f'{spent.openings} openings of valves.',
     )

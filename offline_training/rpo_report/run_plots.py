@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 
 from rpo_core.chain.flight import Flight
 from rpo_core.control.controller import FuzzyController
+from rpo_core.files.scenario import Scenario
 from rpo_core.judge import metrics
 from rpo_core.judge.zones import Zone
+from rpo_core.wire.interfaces import EXERTED_TORQUE
 from rpo_guidance.plan import Guidance
 from rpo_guidance.rehearsal import Checked
 from rpo_judge.evaluation.plan_bound import Bound
@@ -89,16 +91,23 @@ _SPHERE = {'color': style.LIGHT['z'], 'linewidth': 1.0}
 _POINT = {'markerfacecolor': 'none', 'markeredgecolor': style.LIGHT['muted'], 'markersize': 6}
 
 
+LVLH_NAMES = ('x, R-bar outward', 'y, V-bar', 'z, H-bar')
+
+
+def axis_names(scenario: Scenario) -> tuple[str, ...]:
+    """Return what the axes of pictures of zones are: of LVLH, or of a target that turns."""
+    return LVLH_NAMES if scenario.target is None else tuple(f'{a} of the target' for a in 'xyz')
+
+
 def approach(
     flight: Flight, others: FlightsByName, zones: Sequence[Zone], name: str = FLOWN
 ) -> Any:
     """Return the flight in two planes beside others, with the zones about the target."""
     figure, panels = style.new_panels(4.0, 1, 2)
-    for axes, across, label in zip(
-        panels, (0, 2), ('x, R-bar outward [m]', 'z, H-bar [m]'), strict=True
-    ):
+    names = axis_names(flight.scenario)
+    for axes, across in zip(panels, (0, 2), strict=True):
         _in_plane(axes, flight, others, zones, across, name)
-        axes.set(xlabel='y, V-bar [m]', ylabel=label)
+        axes.set(xlabel=f'{names[1]} [m]', ylabel=f'{names[across]} [m]')
     style.legend_below(figure, panels[0], columns=4)
     return figure
 
@@ -201,8 +210,13 @@ def pulses(flight: Flight) -> Any:
     scenario, thrust = flight.scenario, flight.thrust
     times_s = scenario.times_s[:-1]
     owed = np.cumsum(flight.saturated_forces_n - thrust.forces_n, axis=0) * scenario.dt_s
-    figure, (upper, middle, lower) = style.new_panels(6.4, 3, sharex=True)
+    torques = flight.signals.get(EXERTED_TORQUE) if scenario.thrusters.table else None
+    panels = 3 if torques is None else 4
+    height = 6.4 if torques is None else 8.4
+    figure, (upper, middle, *more, lower) = style.new_panels(height, panels, sharex=True)
     by_axis(upper, times_s, thrust.forces_n, 'force exerted [N]', linewidth=0.6)
+    if torques is not None:
+        by_axis(more[0], times_s, torques[:-1], 'torque [N m]', linewidth=0.6)
     by_axis(middle, times_s, 1e3 * owed, 'impulse owed [mN s]', linewidth=0.8)
     spent_g = 1e3 * (scenario.mass_kg - thrust.masses_kg)
     lower.plot(times_s, spent_g, color=style.LIGHT['ink'])
@@ -264,15 +278,13 @@ def phase_planes(flight: Flight, errors: Floats, controller: FuzzyController | N
     return figure
 
 
-def draw(found: Checked, bound: Bound, settings: Guidance, path: Path) -> None:
+def draw(found: Checked, bound: Bound, settings: Guidance, scenario: Scenario, path: Path) -> None:
     """Write the picture; matplotlib must be there."""
     with style.applied():
         figure, (left, right) = style.new_panels(5.0, 1, 2)
-        states = np.array(found.references)
-        for axes, (across, label) in zip(
-            (left, right), ((0, 'x, R-bar [m]'), (2, 'z, H-bar [m]')), strict=True
-        ):
-            draw_zones(axes, [settings.zones(None)], across)
+        states, names = scenario.seen(np.array(found.references)), axis_names(scenario)
+        for axes, across in ((left, 0), (right, 2)):
+            draw_zones(axes, [settings.zones(scenario)], across)
             axes.plot(
                 bound.positions_m[:, 1], bound.positions_m[:, across], '--',
                 color=style.LIGHT['y'], label='best path found',
@@ -280,7 +292,7 @@ def draw(found: Checked, bound: Bound, settings: Guidance, path: Path) -> None:
             axes.plot(states[:, 1], states[:, across], color=style.LIGHT['ink'], label='plan')
             for change in found.changes:
                 axes.plot(*states[change.tick, [1, across]], 'o', color=style.LIGHT['ink'])
-            axes.set(xlabel='y, V-bar [m]', ylabel=label)
+            axes.set(xlabel=f'{names[1]} [m]', ylabel=f'{names[across]} [m]')
             axes.set_aspect('equal', adjustable='datalim')
         left.legend(loc='best')
         figure.suptitle(f'J = {bound.plan:.3f} N²s; best path found {bound.best:.3f} N²s')

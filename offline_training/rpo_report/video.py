@@ -14,7 +14,7 @@ from rpo_core.files.validation import InputError
 from rpo_core.judge.zones import Zone, zones_of
 from rpo_log.show import style
 from rpo_montecarlo.outputs import writing
-from rpo_report.run_plots import circle
+from rpo_report.run_plots import axis_names, circle
 
 WRITERS = {'.gif': 'pillow', '.mp4': 'ffmpeg'}
 FRAMES, FRAMES_PER_S = 100, 10
@@ -75,9 +75,10 @@ def _stage(flight: Flight, title: str, verdict: str) -> tuple[Any, Any, Any]:
     for zone in zones_of(flight.scenario):
         _draw(axes, zone)
     axes.set_aspect('equal')
-    axes.set_xlabel('y, V-bar [m]', labelpad=14)
-    axes.set_ylabel('z, H-bar [m]', labelpad=8)
-    axes.set_zlabel('x, R-bar [m]')
+    up, along, across = (f'{name} [m]' for name in axis_names(flight.scenario))
+    axes.set_xlabel(along, labelpad=14)
+    axes.set_ylabel(across, labelpad=8)
+    axes.set_zlabel(up.replace(' outward', ''))
     axes.locator_params(nbins=4)
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
         axis.set_pane_color((0.0, 0.0, 0.0, 0.0))

@@ -23,9 +23,12 @@ from rpo_core.control.controller import FuzzyController
 from rpo_core.control.fuzzy import FuzzySystem
 from rpo_core.control.controller import load_controller
 from rpo_core.world.dynamics import Drag, Dynamics
-from rpo_core.world.thrusters import Failure, Propellant, Pulses, ThrusterError, Thrusters
+from rpo_thrusters.thrusters import Failure, Propellant, Pulses, ThrusterError, Thrusters
 from rpo_ctrl.baselines import Mpc, PotentialField
 from rpo_core.files.scenario import load_scenario
+from rpo_attitude.target import Target
+from rpo_guidance.guidance import GuidanceStage
+from rpo_guidance.plan import Guidance, Leg
 
 def digest(name, *values):
     joined = b''.join(np.ascontiguousarray(value).tobytes() for value in values)
@@ -79,6 +82,19 @@ hardware = Thrusters(delay_ticks=1, pulses=pulses, propellant=tank)
 for name, section in (('world', world), ('valves', hardware)):
     flown = load_scenario('quick').equipped(section)
     digest(name, fly(flown, load_controller('pd')).states)
+
+body = ((120.0, 0.0, 0.0), (0.0, 150.0, 10.0), (0.0, 10.0, 200.0))
+tumble = Target(kind='tumble', rates_deg_s=(0.3, 0.4, 0.8), inertia_kg_m2=body)
+mouth = Leg(name='mouth', kind='transfer', frame='target', to_m=(0.0, 18.0, 0.0), duration_s=300.0)
+line = Leg(name='line', kind='straight', frame='target', to_m=(0.0, 1.0, 0.0), speed_m_s=0.1)
+tumbling = load_scenario('quick').equipped(tumble, Guidance(legs=(mouth, line)))
+references = [GuidanceStage(tumbling.section(Guidance), tumbling).rows(tumbling.start, 3300)[0]]
+near = Leg(name='mouth', kind='transfer', frame='target', to_m=(9.0, 8.0, 1.0), duration_s=40.0)
+for rates in rng.uniform(-3, 3, (8, 3)).tolist():
+    tumble = Target(kind='tumble', rates_deg_s=tuple(rates), inertia_kg_m2=body)
+    some = tumbling.equipped(tumble, Guidance(legs=(near, line)))
+    references.append(GuidanceStage(some.section(Guidance), some).rows(some.start, 600)[0])
+digest('turning', *references)
 """
 
 # Recorded once. A machine, NumPy or Python that differs here cannot replay the logs of the others;
@@ -94,6 +110,7 @@ plant eb49b421da8954f388cc9bf0e0190fdd9cbdabb12b638d1860dbb9231e7ede48
 baselines b77e92454138450f7b02056b828fe5f8d82d0f1e5438b05440590457ceff9521
 world 2b4c817043012906c67ee1198d6a8cf017c6fb13066fb989f86d9dc2cd4df9ff
 valves 57ef2837ec2b19c6a0b9f4074b2dbfbfddedb1e5c9000d8c5ed0a5a9c3d43a7b
+turning 6a8e2700fbadc12b7b09b3defbff9aa9b568d6e5b93c7c869ccbcdebe78d9868
 """
 
 
@@ -113,7 +130,7 @@ def test_the_switch_switches(interpreted, compiled):
 
 
 def test_compiled_kernels_give_the_interpreted_bits(interpreted, compiled):
-    assert len(interpreted) == 11
+    assert len(interpreted) == 12
     assert interpreted[1:] == compiled[1:]
 
 

@@ -12,9 +12,9 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
-from rpo_core.world.thrusters import IDENTITY, Thrusters
 from rpo_kernels import noise
 from rpo_nav.navigation_errors import Navigation
+from rpo_thrusters.thrusters import IDENTITY, Thrusters
 
 QUICK = scenario.load_scenario('quick')
 MATRIX = ((0.9, 0.1, 0.0), (0.0, 1.1, -0.2), (0.05, 0.0, 1.0))

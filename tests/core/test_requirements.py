@@ -19,7 +19,7 @@ from rpo_core.judge import contact, metrics
 from rpo_core.judge.requirements import LIMITS, THRUST, Requirements
 from rpo_core.judge.verdicts import missed, verdicts
 from rpo_core.world.disturbance import Disturbance
-from rpo_core.world.thrusters import Propellant, Thrusters
+from rpo_thrusters.thrusters import Propellant, Thrusters
 
 
 def required(**limits):
@@ -66,8 +66,8 @@ def test_what_makes_no_sense_is_one_sentence(limits, sentence):
     ('limits', 'thrusters', 'what'),
     [
         ({'propellant_kg': 0.1}, None, 'thrusters with `propellant`; got none'),
-        ({'valve_openings': 9.0}, Thrusters(), 'thrusters with `pulses`; got none'),
-        ({'thruster_delta_v_m_s': 1.0}, None, '`pulses` or `propellant`; got none'),
+        ({'valve_openings': 9.0}, Thrusters(), 'thrusters with `pulses` or `table`; got none'),
+        ({'thruster_delta_v_m_s': 1.0}, None, '`pulses` or `table` or `propellant`; got none'),
     ],
 )
 def test_what_thrusters_do_not_spend_cannot_be_required(limits, thrusters, what):

@@ -105,7 +105,7 @@ def test_from_anywhere_around_it_keeps_out(seed):
 @pytest.mark.parametrize('seed', range(3))
 def test_from_anywhere_it_enters_by_the_corridor(seed):
     rng, slope, port = np.random.default_rng(seed), np.tan(np.radians(7.0)), (0.0, 1.0, 0.0)
-    zones = Limits(13.0, 110, port, (0.0, 1.0, 0.0), slope, 19.0)
+    zones = Limits(13.0, 110, ((*port, 0.0, 1.0, 0.0),), slope, 19.0)
     for _ in range(5):
         direction = rng.normal(size=3)
         position = direction / np.linalg.norm(direction) * rng.uniform(50.0, 200.0)

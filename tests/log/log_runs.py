@@ -218,7 +218,7 @@ def flipped(topic: str, tick: int, place: int = 0) -> Change:
     def flip(name: str, at: int, data: bytes) -> bytes:
         if (name, at) != (topic, tick):
             return data
-        byte = interfaces.row_of(name[1:]).layout.places[place]
+        byte = interfaces.row_of(name[1:]).layout.runs[place][0]
         return data[:byte] + bytes([data[byte] ^ 1]) + data[byte + 1 :]
 
     return flip

@@ -30,6 +30,7 @@ from log_runs import (
 from mcap.records import Schema
 from nav_scenarios import LIDAR, make
 
+from rpo_attitude.target import Target
 from rpo_core.chain.chain import Chain
 from rpo_core.chain.stage import Place
 from rpo_core.control.controller import load_controller
@@ -38,7 +39,6 @@ from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr, interfaces
 from rpo_core.world.disturbance import Disturbance
-from rpo_core.world.thrusters import Propellant, Thrusters
 from rpo_kernels.jit import COMPILED
 from rpo_log import log_commands
 from rpo_log.tools.export import export
@@ -50,6 +50,7 @@ from rpo_mcap.read.run_log import read_run
 from rpo_mcap.write.writer import RunLogWriter
 from rpo_nav.navigation_errors import Navigation
 from rpo_sim.free_running import FreeRunningPlant
+from rpo_thrusters.thrusters import Propellant, Thrusters
 
 QUICK = settings(max_examples=16, deadline=None, derandomize=True, database=None)
 
@@ -298,7 +299,7 @@ def test_a_log_without_its_controller_verifies_all_else(short_run, tmp_path):
 # Logs of every kind of stage: proved across blocks, with gaps, forged.
 
 EXERTED, MEASURED, ESTIMATE = '/exerted_force', '/measurement', '/navigation_state'
-PUSH = '/estimated_disturbance'
+PUSH, ATTITUDE = '/estimated_disturbance', '/target_attitude'
 CONTROLLER = load_controller('handmade')
 LEO = scenario.load_scenario('world_leo')
 WORLD = replace(LEO, duration_s=2.0, sections=(LEO.dynamics, LEO.thrusters))
@@ -307,7 +308,9 @@ LATE = Thrusters(MATRIX, 3)
 ERRORS = Navigation((0.02, 0.0, -0.01), (0.0, 0.001, 0.0), 0.01, 0.0005, (7, 8))
 HARDWARE = replace(scenario.load_scenario('paper_test'), duration_s=2.0).equipped(LATE, ERRORS)
 SENSORS = make([{**LIDAR, 'latency_ticks': 2}], ticks=30, estimator={'disturbance_sigma_n': 0.01})
-SCENARIOS = {'world': WORLD, 'hardware': HARDWARE, 'sensors': SENSORS}
+SPIN = Target(kind='spin', axis=(1.0, 2.0, 3.0), rate_deg_s=9.0)
+TURNING = replace(scenario.load_scenario('approach'), duration_s=2.0).equipped(SPIN)
+SCENARIOS = {'world': WORLD, 'hardware': HARDWARE, 'sensors': SENSORS, 'turning': TURNING}
 
 
 def run_of(attached: Scenario, flown: Scenario | None = None) -> ChainRun:
@@ -327,6 +330,7 @@ RECOMPUTED = {
     'world': 'recomputed: controller, thrusters, dynamics',
     'hardware': 'recomputed: navigation, controller, disturbance, thrusters, dynamics',
     'sensors': 'recomputed: sensors, estimator, controller',
+    'turning': 'recomputed: controller, thrusters, target, dynamics',
 }
 
 
@@ -349,6 +353,7 @@ def test_it_is_verified(blocks, runs, name, tmp_path):
         ('sensors', ESTIMATE, 0, 'estimator'), ('sensors', ESTIMATE, 7, 'estimator'),
         ('sensors', PUSH, 0, 'estimator'), ('sensors', FORCE, 0, 'controller'),
         ('sensors', STATE, 0, 'dynamics'),
+        ('turning', ATTITUDE, 0, 'target'), ('turning', ATTITUDE, 1, 'target'),
     ],
 )  # fmt: skip
 def test_one_bit_of_a_message_is_found(blocks, runs, name, topic, place, check, tmp_path):
@@ -375,6 +380,7 @@ VALVES = replace(LEO.thrusters.pulses, dead_time_s=0.0)
         (WORLD, (LEO.dynamics, replace(LEO.thrusters, pulses=VALVES)), 'thrusters'),
         (HARDWARE, (Thrusters(MATRIX, 2), ERRORS), 'dynamics'),
         (HARDWARE, (Thrusters(((0.98, 0.02, 0.0), *MATRIX[1:]), 3), ERRORS), 'dynamics'),
+        (TURNING, (replace(SPIN, rate_deg_s=9.0000001),), 'target'),
         (HARDWARE, (ERRORS,), 'dynamics'),
         (HARDWARE, (LATE, replace(ERRORS, noise_key=(7, 9))), 'navigation'),
     ],

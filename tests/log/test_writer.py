@@ -37,7 +37,6 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
 from rpo_core.wire import cdr
 from rpo_core.wire.interfaces import MOST_AHEAD_TICKS, REMEMBERED_TICKS
-from rpo_core.world.thrusters import Thrusters
 from rpo_log.manifests import Manifests
 from rpo_log.tools.repair import repair
 from rpo_mcap.errors import Fault, LogError
@@ -45,6 +44,7 @@ from rpo_mcap.format.run import TimeBase
 from rpo_mcap.read.run_log import read_run
 from rpo_mcap.write.side_file import HealthLogWriter
 from rpo_mcap.write.writer import Claims, RunLogWriter
+from rpo_thrusters.thrusters import Thrusters
 
 
 def digests(folder: Path) -> dict[str, str]:

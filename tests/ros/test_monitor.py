@@ -3,6 +3,7 @@
 """The monitor in a running system: each fault is injected, and its reaction is seen."""
 
 import math
+from pathlib import Path
 
 import pytest
 import yaml
@@ -125,3 +126,24 @@ def test_nobody_there_to_react_is_an_error_on_diagnostics(ros_env, tmp_path):
         bench.until(lambda: watcher.checker.detected['out_of_range'])
         level, said, _ = watcher._health()
         assert level == b'\x02' and 'no service for abort' in said
+
+
+def test_a_corridor_is_where_the_target_points(ros_env, tmp_path):
+    document = yaml.safe_load(Path(table(tmp_path, off_corridor='abort')).read_text())
+    document['limits'].update(corridor_half_angle_deg=20.0, corridor_axis=[1.0, 0.0, 0.0])
+    path = tmp_path / 'cone.yaml'
+    path.write_text(yaml.safe_dump(document))
+    with inside() as bench:
+        watcher = bench.start(MonitorNode({'table': str(path)}))
+        liar = Liar(bench)
+        attitudes = bench.user.create_publisher(Odometry, 'target_attitude', qos.LOCKSTEP)
+        turned = Odometry()  # its x along y of LVLH
+        turned.pose.pose.orientation.z = turned.pose.pose.orientation.w = math.sqrt(0.5)
+        bench.until(lambda: attitudes.get_subscription_count())
+        attitudes.publish(turned)
+        bench.until(lambda: watcher._attitude[2] > 0.0)
+        liar.state(0.0, 50.0, 0.0, 0.0, 0.0, 0.0)
+        bench.until(lambda: watcher._newest_ns == 1)
+        assert not watcher.checker.detected['off_corridor']
+        liar.states.publish(conversions.to_odometry(2, (50.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
+        bench.until(lambda: watcher.checker.detected['off_corridor'] == 1)

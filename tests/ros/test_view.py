@@ -36,8 +36,10 @@ from rclpy.signals import SignalHandlerOptions
 from rich.console import Console
 from visualization_msgs.msg import Marker, MarkerArray
 
+from rpo_attitude.target import Target
 from rpo_core import files
 from rpo_core.control.controller import load_fuzzy
+from rpo_core.files import scenario as scenarios
 from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge.zones import zones_of
@@ -45,6 +47,7 @@ from rpo_core.wire import interfaces
 from rpo_core.wire.cdr import Status
 from rpo_core.wire.statuses import AssuranceStatus, GuidanceStatus, Manifest, RunStatus
 from rpo_ctrl import explain
+from rpo_guidance.plan import Guidance
 from rpo_ros import conversions, names, qos
 from rpo_view import scene, terminal, web_server
 from rpo_view.gate import Gate, hidden_address
@@ -765,6 +768,24 @@ def test_zones_of_the_scenario_replace_the_aids():
     assert named == {'hold_60': 60.0, 'hold_20': 20.0, 'retreat': 60.0}
     both = zones_of(load_scenario('hold_points')) + zones_of(load_scenario('assured'))
     assert ('keep_out', 1) in staged_scene(both)
+
+
+def test_a_turning_target_is_drawn_as_it_is_now():
+    """A quarter of a turn about z: the port on +y of the target is on -x of LVLH."""
+    run, docking = LiveRun(), load_scenario('docking')
+    n = docking.mean_motion_rad_s
+    spin = Target(kind='spin', axis=(0.0, 0.0, 1.0), rate_deg_s=math.degrees(n) + 2.0)
+    run.on_manifest(manifest('plant', scenarios.dumps(replace(docking, sections=()).equipped(
+        spin, docking.section(Guidance)))))  # fmt: skip
+    run.on_state(docking.stamp_ns(450), (-5.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    assert run.errors == pytest.approx((0.0, 4.0, 0.0, math.radians(2.0) * 5.0, 0.0, 0.0), abs=1e-9)
+    drawn = run.snapshot('/s')['zones'][0]
+    assert drawn['port_m'] == pytest.approx((-1.0, 0.0, 0.0), abs=1e-9)
+    body = scene.markers(
+        Time(), run.position_m, None, [run.position_m], scene.Look(), run.zones_now, None,
+        run.attitude,
+    ).markers[0].pose.orientation  # fmt: skip
+    assert matrix_of(body) @ (0.0, 1.0, 0.0) == pytest.approx((-1.0, 0.0, 0.0), abs=1e-9)
 
 
 def matrix_of(q) -> np.ndarray:

@@ -21,11 +21,11 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire.interfaces import COMMAND, RELATIVE_STATE
-from rpo_core.world.thrusters import Failure, Pulses, Thrusters
 from rpo_safety.abort import BURN_S, Seen
 from rpo_safety.abort_table import AbortTable, Row
 from rpo_safety.assurance import ASSURED_FORCE
 from rpo_safety.settings import Assurance
+from rpo_thrusters.thrusters import Failure, Pulses, Thrusters
 
 AROUND, GUARDED = scenario.load_scenario('around'), scenario.load_scenario('guarded')
 SETTINGS = GUARDED.section(Assurance)
@@ -259,7 +259,19 @@ def test_each_quantity_is_looked_at():
 def looked_at(guard):
     state = (3.0, 15.0, 0.0, 0.0, -0.1, 0.0)
     reference = (0.0, 11.0, 0.0, 0.0, 0.0, 0.0)
-    return Seen(state, state, reference, 0.5, 0.01, True, (0.0, 0.0, 0.0), False, guard)
+    return Seen(
+        state,
+        state,
+        reference,
+        0.5,
+        0.01,
+        True,
+        (0.0, 0.0, 0.0),
+        False,
+        guard,
+        state,
+        (0.0, 1.0, 0.0),
+    )
 
 
 @pytest.mark.parametrize(

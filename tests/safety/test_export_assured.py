@@ -19,11 +19,11 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire import interfaces
-from rpo_core.world.thrusters import Thrusters
 from rpo_export import c_assured
 from rpo_safety.assurance import ASSURED_FORCE, CONSTRAINTS, AssuranceStage
 from rpo_safety.settings import Assurance
 from rpo_safety.shaping import Shaping
+from rpo_thrusters.thrusters import Thrusters
 
 pytestmark = pytest.mark.skipif(shutil.which('cc') is None, reason='cc is not installed')
 

@@ -17,7 +17,6 @@ from scipy.linalg import expm
 
 from rpo_core.files import scenario
 from rpo_core.world.disturbance import Disturbance, Harmonic
-from rpo_core.world.thrusters import Thrusters
 from rpo_safety import filters, kernels
 from rpo_safety.assumed import largest_n
 from rpo_safety.assurance import AssuranceStage
@@ -26,6 +25,7 @@ from rpo_safety.edge import _Edge
 from rpo_safety.guard import errors_of, guard_of
 from rpo_safety.kernels import APPROACH, OPEN
 from rpo_safety.settings import Assurance, Passage
+from rpo_thrusters.thrusters import Thrusters
 
 PAPER = scenario.load_scenario('paper_test')
 ZONE = 10.0

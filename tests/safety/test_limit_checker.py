@@ -3,11 +3,14 @@
 """Limits and persistence counters, against a plain count; the shipped table on shipped flights."""
 
 import math
+from dataclasses import replace
 
+import numpy as np
 import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from rpo_core import files
 from rpo_core.chain.flight import fly
@@ -65,6 +68,18 @@ def test_cleared_it_begins_anew():
 def test_limits_of_a_state(state, faults):
     found = SHIPPED.limits.faults_of_state(state)
     assert {fault for fault, shown in found.items() if shown} == faults
+
+
+@given(st.tuples(*[st.floats(-1.0, 1.0)] * 6))
+def test_a_corridor_turns_with_the_target(drawn):
+    """By the angle between axis and position in the target's axes, as SciPy turns them."""
+    turn, place = Rotation.from_rotvec(3.0 * np.array(drawn[:3])), np.array(drawn[3:]) + 1.5
+    x, y, z = seen = turn.inv().apply(place)
+    angle = np.degrees(np.arctan2(np.hypot(x, z), y))
+    for off in (-1e-6, 1e-6):
+        limits = replace(SHIPPED.limits, corridor_half_angle_deg=float(angle + off))
+        found = limits.faults_of_state([*place.tolist(), 0.0, 0.0, 0.0], turn.as_quat().tolist())
+        assert found['off_corridor'] == (off < 0.0), seen
 
 
 @pytest.mark.parametrize(('degrees', 'off'), [(29.9, False), (30.1, True), (180.0, True)])

@@ -20,7 +20,6 @@ from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
 from rpo_core.wire.interfaces import EXERTED_FORCE
-from rpo_core.world.thrusters import Pulses, Thrusters
 from rpo_kernels.kernels import cw_step
 from rpo_safety import filters
 from rpo_safety.assurance import ASSURED_FORCE, AssuranceStage
@@ -28,6 +27,7 @@ from rpo_safety.guard import guard_of
 from rpo_safety.kernels import OPEN, open_margins
 from rpo_safety.packed import Filter
 from rpo_safety.settings import Assurance, Passage
+from rpo_thrusters.thrusters import Pulses, Thrusters
 
 PAPER = scenario.load_scenario('paper_test')
 ASSURED = scenario.load_scenario('assured')

@@ -17,9 +17,9 @@ import numpy as np
 from rpo_core.files.scenario import Scenario, load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.world.disturbance import NONE
-from rpo_core.world.thrusters import Thrusters
 from rpo_judge.safety.attack import KINDS, Result, attack
 from rpo_safety.settings import FILTERS, SPEEDS, Assurance, Passage, Speed
+from rpo_thrusters.thrusters import Thrusters
 
 DIRECTIONS = ('+x', '-x', '+y', '-y', '+z', '-z')
 

@@ -24,6 +24,7 @@ OFFLINE = ROOT / 'offline_training'
 OFFLINE_ROOMS = {path.name for path in OFFLINE.glob('rpo_*') if path.is_dir()}
 FIRST_PARTY = {*PACKAGES, *OFFLINE_ROOMS, 'tools'}
 FLOWN = {
+    'rpo_attitude',
     'rpo_core',
     'rpo_ctrl',
     'rpo_guidance',
@@ -32,6 +33,7 @@ FLOWN = {
     'rpo_mcap',
     'rpo_nav',
     'rpo_safety',
+    'rpo_thrusters',
 }
 
 # Which of our packages a package may import. `FLOWN` have a half without ROS, which the offline
@@ -39,6 +41,7 @@ FLOWN = {
 MAY_IMPORT = {
     'rpo_kernels': set(),
     'rpo_core': {'rpo_kernels'},
+    'rpo_attitude': {'rpo_core', 'rpo_kernels'},
     'rpo_mcap': {'rpo_core'},
     'rpo_log': {'rpo_core', 'rpo_kernels', 'rpo_mcap', 'rpo_ctrl'},
     'rpo_montecarlo': FLOWN,
@@ -58,22 +61,27 @@ MAY_IMPORT = {
     'rpo_ros': {'rpo_core', 'rpo_kernels'},
     'rpo_ctrl': {'rpo_core', 'rpo_kernels'},
     'rpo_ctrl nodes': {'rpo_core', 'rpo_kernels', 'rpo_ctrl', 'rpo_ros'},
-    'rpo_guidance': {'rpo_core', 'rpo_kernels'},
+    'rpo_guidance': {'rpo_attitude', 'rpo_core', 'rpo_kernels'},
     'rpo_guidance nodes': {'rpo_core', 'rpo_kernels', 'rpo_guidance', 'rpo_ros'},
     'rpo_nav': {'rpo_core', 'rpo_kernels'},
     'rpo_nav nodes': {'rpo_core', 'rpo_kernels', 'rpo_nav', 'rpo_ros'},
-    'rpo_safety': {'rpo_core', 'rpo_kernels', 'rpo_nav'},
+    'rpo_thrusters': {'rpo_core', 'rpo_kernels'},
+    'rpo_safety': {'rpo_attitude', 'rpo_core', 'rpo_kernels', 'rpo_nav', 'rpo_thrusters'},
     'rpo_safety nodes': {'rpo_core', 'rpo_kernels', 'rpo_safety', 'rpo_ros'},
     'rpo_sim': {'rpo_core', 'rpo_kernels', 'rpo_ros'},
     'rpo_log nodes': {'rpo_core', 'rpo_kernels', 'rpo_mcap', 'rpo_log', 'rpo_ros'},
     'rpo_view': {
+        'rpo_attitude',
         'rpo_core',
+        'rpo_kernels',
         'rpo_ros',
         'rpo_ctrl',
         'rpo_mcap',
         'rpo_log',
+        'rpo_thrusters',
     },
     'rpo_bringup': {
+        'rpo_attitude',
         'rpo_core',
         'rpo_kernels',
         'rpo_ros',
@@ -131,7 +139,7 @@ def imports(path: Path) -> set[str]:
 def rooms() -> dict[str, list[Path]]:
     """Return room -> its modules."""
     found = {name: sorted((path / name).rglob('*.py')) for name, path in PACKAGES.items()}
-    for room in sorted(FLOWN - {'rpo_core', 'rpo_kernels', 'rpo_mcap'}):
+    for room in sorted(FLOWN - {'rpo_attitude', 'rpo_core', 'rpo_kernels', 'rpo_mcap'}):
         nodes = [
             path
             for path in found[room]

@@ -36,9 +36,9 @@ from rpo_core.control.fuzzy import MembershipFunctions
 from rpo_core.files import missing
 from rpo_core.files.scenario import DISTURBANCES, Scenario
 from rpo_core.world.disturbance import Disturbance, Harmonic
-from rpo_core.world.thrusters import Thrusters
 from rpo_ctrl import baselines
 from rpo_nav.navigation_errors import Navigation
+from rpo_thrusters.thrusters import Thrusters
 
 BLOCKS = [block for page in PAGES for block in blocks(page)]
 RUN_PAGES = [

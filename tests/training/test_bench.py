@@ -60,8 +60,26 @@ def test_times_of_a_flight_are_the_plants():
         ros._loop(said.splitlines()[1])
 
 
+def test_a_flight_and_the_peer_take_turns(monkeypatch):
+    """The second half of the machine's time is ten times slower: the ratio is not."""
+    said, speeds = [], iter([1.0, 1.0, 1.0, 1.0, 0.1, 0.1])
+
+    def peer():
+        said.append('peer')
+        return 1000.0 * next(speeds)
+
+    def fly():
+        said.append('flight')
+        return ros.Loop(2.0 / next(speeds), 4000, 400.0)
+
+    monkeypatch.setattr(ros, 'ping_pong', peer)
+    loop, trips, ratio = ros.in_turns(fly, 3)
+    assert said == ['peer', 'flight'] * 3
+    assert (loop.ticks_per_s, trips, ratio) == (2000.0, 1000.0, pytest.approx(2.0))
+
+
 def test_without_ros_it_says_what_to_do(monkeypatch):
-    monkeypatch.setattr(ros.shutil, 'which', lambda name: None)
+    monkeypatch.setenv('AMENT_PREFIX_PATH', '')
     with pytest.raises(InputError, match=r'source ros_ws/env\.bash'):
         ros.ping_pong()
 

@@ -14,9 +14,9 @@ from scipy import stats
 
 from rpo_core.chain.flight import fly as fly_core
 from rpo_core.judge import metrics
-from rpo_core.world.thrusters import rotation
 from rpo_montecarlo.campaign import config, run_batch, sampling, single, statistics
 from rpo_montecarlo.engine.parts.thrusters import thrust_matrix
+from rpo_thrusters.thrusters import rotation
 
 
 @pytest.fixture

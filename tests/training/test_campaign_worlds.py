@@ -10,12 +10,13 @@ from campaign_documents import EVERYTHING, write_campaign
 from scipy import stats
 from typer.testing import CliRunner
 
+from rpo_attitude.target import Target
 from rpo_cli.cli import app
 from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge.requirements import Requirements
 from rpo_core.judge.verdicts import verdicts
-from rpo_core.world.thrusters import Propellant, Pulses, Thrusters
+from rpo_guidance.plan import Guidance, Leg
 from rpo_montecarlo.campaign import config, faults, run_batch, sampling, single, sweep
 from rpo_montecarlo.campaign.quantities import Dispersion, dispersion
 from rpo_montecarlo.campaign.run_batch import fly_runs
@@ -24,8 +25,11 @@ from rpo_montecarlo.engine import support
 from rpo_montecarlo.engine.parts import link
 from rpo_nav.estimator import Estimator
 from rpo_ros.names import CONTROL_FORCE, DISTURBANCE_FORCE
+from rpo_safety.settings import Assurance, Passage
 from rpo_safety.shaping import Shaping
 from rpo_sim.free_running import FreeRunningPlant
+from rpo_thrusters.table import Failure, ThrusterTable
+from rpo_thrusters.thrusters import Propellant, Pulses, Thrusters
 
 WORLD = {
     **{
@@ -48,11 +52,45 @@ FIRING = Thrusters(
     pulses=Pulses(count=6, modulation='pulse_width', minimum_on_time_s=0.01),
     propellant=Propellant(specific_impulse_s=2.0, mass_kg=1.0),
 )
+STUCK = Failure(thruster='y-b', stuck='on', from_s=3.0, until_s=6.0, known=True)
+QUADS = ThrusterTable(
+    preset='quads_16', force_n=0.25, minimum_impulse_bit_n_s=0.002, failures=(STUCK,),
+    centre_of_mass_m=(0.05, 0.0, -0.02),
+)  # fmt: skip
 LEAK = Propellant(specific_impulse_s=2.0, mass_kg=0.3)
 SOME = {'initial_position_m': {'uniform': 5.0}, 'mass_share': {'normal': 0.03}}
 MEASURED = replace(scenario.load_scenario('paper_test_measured'), duration_s=12.0)
 AS_FLOWN = config.load(config.find('paper_test_measured'), controller='handmade').config.dispersions
 COMPENSATED = LEO.equipped(replace(LEO.section(Estimator), compensate=True))
+CONTACT = Requirements(
+    contact_range_m=60.0,
+    contact_axis='+y',
+    contact_closing_speed_m_s=1.0,
+    contact_lateral_speed_m_s=1.0,
+    keep_out_m=90.0,
+    corridor_half_angle_deg=40.0,
+    keep_out_depth_m=0.0,
+    final_error_norm_m=1.0,
+    hold_from_s=6.0,
+    hold_speed_norm_m_s=0.1,
+)
+TURNING = replace(PLAIN, requirements=CONTACT)
+LONG = ((10.0, 0.5, 0.0), (0.5, 14.0, 0.3), (0.0, 0.3, 20.0))
+IN = Guidance(
+    legs=(
+        Leg(name='to', kind='transfer', frame='target', to_m=(0.0, 6.0, 0.0), duration_s=90.0),
+        Leg(name='in', kind='straight', frame='target', to_m=(0.0, 1.0, 0.0), speed_m_s=0.15,
+            end_speed_m_s=0.075),
+    ),
+    port_m=(0.0, 1.0, 0.0),
+    past_port_m=0.3,
+)  # fmt: skip
+PORT = replace(
+    scenario.load_scenario('tumbling_port'),
+    initial_position_m=(5.0, 25.0, 5.0),
+    duration_s=140.0,
+    sections=(IN, Target(kind='tumble', rates_deg_s=(0.3, 0.4, 1.0), inertia_kg_m2=LONG)),
+)
 CASES = {
     'leo': (LEO, WORLD),
     'leo, compensated': (COMPENSATED, SOME),
@@ -68,6 +106,42 @@ CASES = {
         PLAIN.equipped(Thrusters(propellant=LEAK)),
         {**SOME, 'thrust_share': {'normal': 0.02}, 'misalignment_deg': {'normal': 1.0},
          'delay_ticks': {'whole': 2}},
+    ),
+    'a target that tumbles': (
+        TURNING.equipped(Target(kind='tumble', rates_deg_s=(3.0, 9.0, 6.0), inertia_kg_m2=LONG)),
+        {**SOME, 'target_rate_share': {'uniform': 0.5}, 'target_attitude_z_deg': {'uniform': 180.0},
+         'target_rate_x_deg_s': {'normal': 1.0}, 'target_known_error_y_deg': {'normal': 0.5}},
+    ),
+    'a target that spins': (
+        TURNING.equipped(Target(kind='spin', axis=(1.0, 2.0, 3.0), rate_deg_s=5.0)), SOME,
+    ),
+    'a target that is turned': (
+        TURNING.equipped(Target(kind='fixed', attitude=(0.1, 0.2, 0.3, 0.9))),
+        {**SOME, 'target_attitude_x_deg': {'normal': 5.0}},
+    ),
+    'a corridor that turns': (
+        replace(PLAIN, initial_position_m=(0.0, 8.0, 0.0), initial_velocity_m_s=(0.0, 0.0, 0.0))
+        .equipped(
+            Target(kind='spin', axis=(1.0, 2.0, 3.0), rate_deg_s=0.5), Thrusters(),
+            Assurance(keep_out_m=10.0, corridor=Passage('+y', 15.0, 1.0, 20.0, 0.3, 0.2, 0.05),
+                      thrust_error=0.1, disturbance_n=0.05),
+        ),
+        {'initial_position_m': {'uniform': 0.5}, 'mass_share': {'uniform': 0.05},
+         'target_attitude_x_deg': {'uniform': 2.0}, 'target_known_error_y_deg': {'uniform': 0.2}},
+    ),
+    'a table of thrusters': (
+        PLAIN.equipped(Thrusters(table=QUADS, propellant=LEAK)),
+        {**SOME, 'thrust_share': {'normal': 0.02}, 'misalignment_deg': {'normal': 1.0},
+         'delay_ticks': {'whole': 2}, 'stuck_off_thruster': {'whole': 15}},
+    ),
+    'a table whose failures are known, true gravity': (
+        ELLIPTIC.equipped(Thrusters(table=replace(QUADS, finds_failures=True))),
+        {**SOME, 'stuck_off_thruster': {'whole': 15}},
+    ),
+    'a port that tumbles': (
+        PORT,
+        {**SOME, 'target_attitude_x_deg': {'normal': 5.0},
+         'target_known_error_y_deg': {'normal': 0.5}},
     ),
     'pulses about a circle': (PLAIN.equipped(FIRING), {**SOME, 'stuck_off_thruster': {'whole': 5}}),
 }  # fmt: skip
@@ -91,7 +165,8 @@ def write(tmp_path):
 )
 def test_the_engine_flies_the_bits_of_the_core(write, case, controller, monkeypatch):
     flown, dispersions = CASES[case]
-    campaign = write(flown, dispersions=dispersions, controller=controller)
+    judged = {'success': None} if flown.requirements in (CONTACT, PORT.requirements) else {}
+    campaign = write(flown, dispersions=dispersions, controller=controller, **judged)
     assert support.why_not(campaign.scenario, campaign.controller) == ''
     found = run_batch.fly_runs(campaign, 0, 45)
     monkeypatch.setattr('rpo_montecarlo.campaign.run_batch.why_not', lambda *_: 'test')

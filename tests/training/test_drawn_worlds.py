@@ -13,12 +13,12 @@ from rpo_core.files import scenario
 from rpo_core.files.scenario import load_set
 from rpo_core.files.starts import Cube
 from rpo_core.files.validation import InputError
-from rpo_core.world.thrusters import Propellant, Thrusters
 from rpo_judge.scoring.drawn import DrawnFlights, DrawnSettings
 from rpo_judge.scoring.fitness import Fitness, FitnessSettings
 from rpo_montecarlo.campaign import run_batch
 from rpo_montecarlo.engine.population import population_of
 from rpo_montecarlo.engine.simulator import Simulator
+from rpo_thrusters.thrusters import Propellant, Thrusters
 
 TRAINED, ROBUST = load_controller('trained'), load_controller('robust')
 LEO = replace(scenario.load_scenario('world_leo'), duration_s=12.0)

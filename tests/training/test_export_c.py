@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from math import sqrt
 from typing import Any, ClassVar, NamedTuple
 
+import numpy as np
 import pytest
 from c_programs import bits, compiled, driven, states
 
@@ -18,9 +19,12 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files.validation import InputError
 from rpo_ctrl.baselines import Pd
 from rpo_ctrl.family import Family, Mission, family_of
-from rpo_export import c, text_of
+from rpo_export import c, c_allocation, text_of
 from rpo_export.c_source import Source
+from rpo_kernels.jit import as_table
 from rpo_kernels.kernels import State, Vector, saturate
+from rpo_thrusters.allocation_kernels import LIMIT, SCRATCH, THRUST, allocate
+from rpo_thrusters.table import IDENTITY, ThrusterTable, table_of
 
 pytestmark = pytest.mark.skipif(shutil.which('cc') is None, reason='cc is not installed')
 
@@ -143,3 +147,43 @@ def power(state: State, tick: int, gain: Bowl) -> Vector:
 def test_what_c_does_not_get_is_refused():
     with pytest.raises(InputError, match=r'`power` must have .* got state\[0\] \*\* 0.5'):
         Source().function(power)
+
+
+ALLOCATION = """
+#include <stdio.h>
+#include "exported.h"
+int main(void)
+{
+    double d[6], most[16], u[16];
+    if (quads_16_self_test() != 0) return 1;
+    for (int i = 0; i < 16; i++) most[i] = i == 9 ? 0.0 : 0.25;
+    while (scanf("%lf %lf %lf %lf %lf %lf", d, d+1, d+2, d+3, d+4, d+5) == 6) {
+        printf("%.17g", quads_16_allocate(d, d + 3, most, u));
+        for (int i = 0; i < 16; i++) printf(" %.17g", u[i]);
+        printf("\\n");
+    }
+    return 0;
+}
+"""
+
+
+@pytest.mark.parametrize('optimise', ['-O0', '-O3'])
+def test_the_allocation_of_thrusters_in_c_gives_the_bits(tmp_path, optimise):
+    table = ThrusterTable(preset='quads_16', force_n=0.25, centre_of_mass_m=(0.05, 0.0, -0.02))
+    source = c_allocation.text('quads_16', table)
+    header = c_allocation.header('quads_16', table, 'exported.c')
+    found = compiled(tmp_path, source, header, ALLOCATION, optimise)
+    demands = np.random.default_rng(4).normal(size=(300, 6)) * [0.4, 0.4, 0.4, 0.1, 0.1, 0.1]
+    made, work = table_of(table, 1.0, 0.0, None, IDENTITY), as_table(np.zeros(SCRATCH))
+    expected = []
+    for demand in demands.tolist():
+        for i in range(16):
+            work[LIMIT + i] = 0.0 if i == 9 else 0.25
+        wanted = [*demand[:3], *(value / made.lever for value in demand[3:])]
+        share, _ = allocate(as_table(wanted), made, work)
+        expected.append([share, *work[THRUST : THRUST + 16]])
+    assert bits(driven(found, demands.tolist())) == bits(expected)
+    assert '_MOST_PIVOTS = 100' in source
+    other = source.replace('_MOST_PIVOTS = 100', '_MOST_PIVOTS = 1')
+    wrong = compiled(tmp_path, other, header, ALLOCATION, optimise)
+    assert subprocess.run([wrong], input='', text=True, timeout=50).returncode == 1

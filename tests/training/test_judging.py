@@ -252,3 +252,9 @@ def test_words_show_the_unit_of_a_column():
     }  # fmt: skip
     for column, unit in units.items():
         assert judging.words(column).endswith(f'[{unit}]')
+
+
+def test_a_family_is_judged_by_what_the_paper_requires():
+    done = CliRunner().invoke(app, ['evaluate', 'pd'], env={'COLUMNS': '200'})
+    assert done.exit_code == 0, done.output
+    assert 'pd: requirements of paper_training' in done.output and '0 of 216' in done.output

@@ -9,8 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.optimize import minimize, nnls
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
+from rpo_attitude.target import Target, motion_of
 from rpo_cli.cli import app
 from rpo_core.files.scenario import load_scenario
 from rpo_core.world import cw
@@ -103,16 +105,21 @@ def test_without_half_spaces_it_is_the_least_norm_and_forces_lead_to_the_end():
     np.testing.assert_allclose(flown[bridge.ticks, :3], bridge.path, atol=1e-8)
 
 
+@pytest.mark.parametrize('turns', [False, True])
 @pytest.mark.parametrize('seed', range(4))
-def test_within_half_spaces_it_is_the_optimum_of_slsqp(seed):
+def test_within_half_spaces_it_is_the_optimum_of_slsqp(seed, turns):
+    """Half-spaces are in axes that turn from tick to tick; SLSQP has them in LVLH."""
     rng = np.random.default_rng(seed)
+    turned = Rotation.random(13, random_state=seed).as_matrix() if turns else None
     start = np.array([*rng.uniform(-20.0, 20.0, 3), *rng.uniform(-0.1, 0.1, 3)])
-    bridge = Bridge(start, END, STEP, DT_S, 12, 1)
+    bridge = Bridge(start, END, STEP, DT_S, 12, 1, turned)
     when, normals = rng.integers(0, len(bridge.ticks), 6), rng.normal(size=(6, 3))
     least = (bridge.path[when] * normals).sum(axis=1) + rng.uniform(-1.0, 2.0, 6)
     spaces = HalfSpaces(when, normals, least)
     energy, multipliers = bridge.least(spaces)
     powers, rows = rows_of_all(12)
+    if turned is not None:
+        normals = np.einsum('mab,mb->ma', turned[bridge.ticks[when]], normals)
     of_all = np.einsum('mi,mik->mk', normals, rows[bridge.ticks[when], :3])
     room = least - np.einsum('mi,mi->m', normals, (powers @ start)[bridge.ticks[when], :3])
     best = minimize(
@@ -128,7 +135,7 @@ def test_within_half_spaces_it_is_the_optimum_of_slsqp(seed):
     assert best.success and energy == pytest.approx(best.fun, rel=1e-5)
     forces = bridge.forces(spaces, multipliers)
     assert bridge.energy(forces) == pytest.approx(energy, rel=1e-6)
-    flown = bridge.flown(forces)[bridge.ticks, :3]
+    flown = bridge.seen(bridge.flown(forces))[bridge.ticks]
     np.testing.assert_allclose(bridge.path_of(spaces, multipliers), flown, atol=1e-6)
     assert (of_all @ forces.ravel() - room).min() > -1e-6
 
@@ -276,6 +283,39 @@ def test_a_path_that_is_known_is_not_below_the_bound(around):
     assert np.abs(forces).max() < scenario.max_force_n
     energy = (forces**2).sum() * 0.1
     assert found.lower <= energy < 0.207
+
+
+@pytest.fixture(scope='module')
+def tumbling(few_ticks):
+    scenario = load_scenario('tumbling_port')
+    return scenario, plan_bound.bound(scenario.section(Guidance), scenario)[1]
+
+
+def test_the_best_path_to_a_port_that_tumbles_is_in_its_corridor_and_the_bound_is_below(tumbling):
+    scenario, found = tumbling
+    path = found.positions_m
+    inside = np.linalg.norm(path[:-1], axis=1) < 10.0
+    assert inside.any() and (outside_m(path[:-1][inside], 10.0) <= 0.0).all()
+    assert 0.95 * found.best < found.lower <= found.best < found.plan < 1.3 * found.best
+    # in LVLH by the quaternions of the target; its force from three positions of a tick each
+    q = [motion_of(scenario.target, scenario).attitude(k)[:4] for k in range(len(path))]
+    x, y, z = Rotation.from_quat(q).apply(path).T
+    n, dt = scenario.mean_motion_rad_s, scenario.dt_s
+    (vx, vy), (ax, ay, az) = (
+        [(r[2:] - r[:-2]) / (2.0 * dt) for r in (x, y)],
+        [(r[2:] - 2.0 * r[1:-1] + r[:-2]) / dt**2 for r in (x, y, z)],
+    )
+    x, z = x[1:-1], z[1:-1]
+    force = 10.0 * np.array(
+        [ax - 3.0 * n * n * x - 2.0 * n * vy, ay + 2.0 * n * vx, az + n * n * z]
+    )
+    assert (force**2).sum() * dt == pytest.approx(found.best, rel=5e-3)
+
+
+def test_a_target_that_keeps_its_attitude_has_the_bound_of_one_without(around):
+    scenario, settings, found = around
+    _, fixed = plan_bound.bound(settings, scenario.equipped(Target(kind='fixed')))
+    assert fixed[:3] == pytest.approx(found[:3], rel=1e-9)
 
 
 @pytest.mark.every_landing

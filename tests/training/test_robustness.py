@@ -19,12 +19,12 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files import codec
 from rpo_core.files.scenario import load_set
 from rpo_core.judge.metrics import UNITS, row_of
-from rpo_core.world.thrusters import Thrusters
 from rpo_ctrl.baselines import Pd
 from rpo_judge.evaluation import robustness
 from rpo_judge.evaluation.robustness import Margin, Off, Quantity, search
 from rpo_nav.navigation_errors import Navigation
 from rpo_report import robustness as picture
+from rpo_thrusters.thrusters import Thrusters
 
 MASS_KG, DT_S, LIMIT_N = 10.0, 0.1, 0.5
 DELAY = next(q for q in robustness.QUANTITIES if q.name == 'delay')

@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from rpo_attitude.target import Target
 from rpo_cli.cli import app
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
 from rpo_core.world import cw
-from rpo_core.world.thrusters import Thrusters
 from rpo_judge import truth
+from rpo_thrusters.thrusters import Thrusters
 from tools import basilisk
 
 SCIPY, BASILISK = {'SciPy': truth.by_scipy}, {'Basilisk': basilisk.by_basilisk}
@@ -134,3 +135,25 @@ def test_basilisk_flies_the_true_worlds(world):
     scenario = scenario.equipped(replace(scenario.dynamics, drag=None))
     found = truth.compare(fly(scenario, load_controller('trained')), world, BASILISK)
     assert np.linalg.norm(found.errors['Basilisk'][:, :3], axis=1).max() < 1e-5
+
+
+TUMBLE = Target(
+    kind='tumble',
+    attitude=(0.1, 0.2, -0.3, 0.9),
+    rates_deg_s=(3.5, 9.3, 6.0),  # 11.6 deg/s together
+    inertia_kg_m2=((10.0, 0.5, 0.0), (0.5, 14.0, 0.3), (0.0, 0.3, 20.0)),
+)
+
+
+@pytest.mark.parametrize(
+    ('target', 'most_rad'),
+    [(TUMBLE, 1e-11), (Target(kind='spin', axis=(1.0, 2.0, 3.0), rate_deg_s=3.0), 1e-11)],
+)
+def test_a_target_turns_as_the_truths_say(target, most_rad):
+    turning = replace(load_scenario('paper_test'), duration_s=400.0).equipped(target)
+    theirs = truth.attitude_by_scipy(turning)
+    assert truth.attitude_error_rad(turning, theirs) < most_rad
+    slower = turning.equipped(replace(target, attitude=(0.1, 0.2, -0.3, 0.8)))
+    assert truth.attitude_error_rad(slower, theirs) > 0.01
+    if find_spec('Basilisk') is not None:
+        assert truth.attitude_error_rad(turning, basilisk.attitude_by_basilisk(turning)) < 1e-8

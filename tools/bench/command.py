@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import sys
-from importlib.util import find_spec
 from pathlib import Path
 
 from rpo_cli.display import print_table, progress
@@ -83,12 +82,9 @@ def _campaign(runs: int, workers: int) -> None:
 
 
 def _ros() -> None:
-    print(f'two bare rclpy processes: {ros.ping_pong():.0f} round trips/s')
-    for name, fly in (
-        ('4 processes', ros.four_processes),
-        ('1 process', ros.one_process),
-        ('full chain, 7 processes', ros.seven_processes),
-        *([('Basilisk as the plant', ros.basilisk_plant)] if find_spec('Basilisk') else []),
-    ):
-        loop = fly()
-        print(f'{name}: {loop.ticks_per_s:.0f} ticks/s, {loop.real_time_factor:.0f} x real time')
+    for _, name, fly, _ in ros.LOOPS:
+        loop, trips, ratio = ros.in_turns(fly)
+        print(
+            f'{name}: {loop.ticks_per_s:.0f} ticks/s, {loop.real_time_factor:.0f} x real time; '
+            f'two bare rclpy processes: {trips:.0f} round trips/s; ratio {ratio:.2f}'
+        )

@@ -2,34 +2,39 @@
 # SPDX-License-Identifier: Apache-2.0
 """P4 and P5, the ROS loop: real nodes, compared with two bare rclpy processes.
 
-P4 flies the paper's test; P5 a scenario with navigation, guidance and assurance.
+P4 flies the paper's test; P5 a scenario with navigation, guidance and assurance. Flights and peer
+take turns, so that other work on the machine meets both.
 
-`ros2 run` starts each in a ROS domain of its own. The time is from `flying` to `finished` in the
+All run in a ROS domain of their own. The time is from `flying` to `finished` in the
 log lines of the plant, without start and discovery.
 """
 
 from __future__ import annotations
 
-import os
 import re
-import shutil
 import signal
-import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
+from statistics import median
 from typing import NamedTuple
 
 from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
+from tools.node_processes import NodeProcess, NodeProcessError, NodeProcesses, node_processes
 
 SCENARIO, FULL = 'paper_test', 'docking_leo'
-PLANT = ('ros2', 'run', 'rpo_sim', 'plant')
+ANSWERING = ('rpo_ctrl', 'fuzzy_controller'), ('rpo_sim', 'disturbance_injector')
+FURTHER = ('rpo_nav', 'navigation'), ('rpo_guidance', 'guidance'), ('rpo_safety', 'assurance')
+BASILISK = sys.executable, '-m', 'tools.basilisk_plant'
 DOMAIN = '98'
 """Not the default 0, and not the first domains of the tests."""
 
+TURNS = 3
 _DEADLINE_S = 300.0
 _LINE = re.compile(r'\[(\d+\.\d+)\] \[plant\]: (flying|finished)')
 
@@ -52,55 +57,27 @@ class Loop(NamedTuple):
         return self.ticks / self.wall_s
 
 
-def _environment(folder: str) -> dict[str, str]:
-    if shutil.which('ros2') is None:
-        raise InputError('`rpo bench ros` starts ROS nodes: `source ros_ws/env.bash` first')
-    return {
-        **os.environ,
-        'ROS_DOMAIN_ID': DOMAIN,
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-        'ROS_LOG_DIR': folder,
-    }
-
-
 @contextmanager
-def _started(commands: Sequence[Sequence[str]], folder: str) -> Iterator[None]:
-    """Run nodes in the background, and end them."""
-    environment, quiet = _environment(folder), subprocess.DEVNULL
-    nodes = [
-        subprocess.Popen(
-            ['ros2', 'run', *command],
-            env=environment,
-            stdout=quiet,
-            stderr=quiet,
-            start_new_session=True,
-        )
-        for command in commands
-    ]
-    try:
-        yield
-    finally:
-        for node in nodes:
-            os.killpg(node.pid, signal.SIGTERM)  # a stock `ros2 run` passes no signal on
-        for node in nodes:
-            node.wait()
+def _nodes() -> Iterator[NodeProcesses]:
+    """Start nodes in a domain and a folder of their own; raises InputError if one does not work."""
+    with tempfile.TemporaryDirectory() as folder:
+        environment = {'ROS_DOMAIN_ID': DOMAIN, 'ROS_LOG_DIR': folder}
+        environment['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+        try:
+            with node_processes(environment, Path(folder)) as started:
+                yield started
+                for node in started.nodes:
+                    node.stop(signal.SIGTERM)
+        except NodeProcessError as error:
+            raise InputError(f'`rpo bench ros` starts ROS nodes: {error}') from None
 
 
-def _output(command: Sequence[str], folder: str) -> str:
-    """Return the output of a command; raises InputError if it fails."""
-    done = subprocess.run(
-        command,
-        env=_environment(folder),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        timeout=_DEADLINE_S,
-    )
-    if done.returncode:
-        lines = [x for x in done.stdout.splitlines() if x and not x.startswith('[ros2run]')]
-        last = lines[-1] if lines else 'nothing'
-        raise InputError(f'`{" ".join(command)}` ended with {done.returncode}: {last}')
-    return done.stdout
+def _output(node: NodeProcess) -> str:
+    """Return what a node prints until it ends; raises InputError if it fails."""
+    code = node.wait(_DEADLINE_S)
+    if code:
+        raise InputError(f'a node ended with {code}: {node.output[-300:]!r}')
+    return node.output
 
 
 def _loop(output: str, name: str = SCENARIO) -> Loop:
@@ -113,52 +90,51 @@ def _loop(output: str, name: str = SCENARIO) -> Loop:
 
 def one_process() -> Loop:
     """Run plant, controller, disturbance and recorder in one process."""
-    with tempfile.TemporaryDirectory() as folder:
-        output = str(Path(folder) / 'run')
-        command = [
-            'ros2',
-            'run',
-            'rpo_bringup',
-            'final_approach',
-            '--scenario',
-            SCENARIO,
-            '--no-report',
-        ]
-        return _loop(_output([*command, '--output', output], folder))
+    with _nodes() as nodes:
+        options = ('--scenario', SCENARIO, '--no-report', '--output', f'{nodes.folder}/run')
+        return _loop(_output(nodes.node('rpo_bringup', 'final_approach', *options)))
 
 
-def _processes(scenario: str, *others: Sequence[str], plant: Sequence[str] = PLANT) -> Loop:
-    """Run plant, controller, disturbance, recorder and other nodes as processes."""
-    with tempfile.TemporaryDirectory() as folder:
-        nodes = [
-            ['rpo_ctrl', 'fuzzy_controller'],
-            ['rpo_sim', 'disturbance_injector'],
-            ['rpo_log', 'recorder', '--ros-args', '-p', f'output:={folder}/run'],
-            *others,
-        ]
-        with _started(nodes, folder):
-            options = ['-p', f'scenario:={scenario}', '-p', 'wait_for_recorder:=true']
-            return _loop(_output([*plant, '--ros-args', *options], folder), scenario)
+def _processes(scenario: str, *others: tuple[str, str], plant: Sequence[str] = ()) -> Loop:
+    """Run plant, controller, disturbance, recorder and other nodes as processes.
 
-
-def four_processes() -> Loop:
-    """Run plant, controller, disturbance and recorder as four processes."""
-    return _processes(SCENARIO)
-
-
-def basilisk_plant() -> Loop:
-    """Run the four processes, the plant with Basilisk as its dynamics."""
-    return _processes(SCENARIO, plant=(sys.executable, '-m', 'tools.basilisk_plant'))
-
-
-def seven_processes() -> Loop:
-    """Run the full chain: also navigation, guidance and assurance."""
-    return _processes(
-        FULL, ['rpo_nav', 'navigation'], ['rpo_guidance', 'guidance'], ['rpo_safety', 'assurance']
-    )
+    plant : command of another plant than ours
+    """
+    with _nodes() as nodes:
+        for name in (*ANSWERING, *others):
+            nodes.node(*name)
+        nodes.node('rpo_log', 'recorder', output=f'{nodes.folder}/run')
+        flown = nodes.node(
+            'rpo_sim', 'plant', command=plant, scenario=scenario, wait_for_recorder=True
+        )
+        return _loop(_output(flown), scenario)
 
 
 def ping_pong() -> float:
     """Return round trips per second of two bare rclpy processes."""
-    with tempfile.TemporaryDirectory() as folder:
-        return float(_output(['ros2', 'run', 'rpo_bringup', 'ping_pong'], folder).split()[0])
+    with _nodes() as nodes:
+        return float(_output(nodes.node('rpo_bringup', 'ping_pong')).split()[0])
+
+
+def in_turns(fly: Callable[[], Loop], turns: int = TURNS) -> tuple[Loop, float, float]:
+    """Run the peer and a flight in turns.
+
+    Returns the medians of the flights, of the peer's round trips per second, and of the ratios of
+    the two that ran next to each other.
+    """
+    pairs = [(ping_pong(), fly()) for _ in range(turns)]
+    trips, loops = zip(*pairs, strict=True)
+    loop = sorted(loops, key=lambda loop: loop.wall_s)[turns // 2]
+    return loop, median(trips), median(loop.ticks_per_s / rate for rate, loop in pairs)
+
+
+four_processes = partial(_processes, SCENARIO)
+seven_processes = partial(_processes, FULL, *FURTHER)
+basilisk_plant = partial(_processes, SCENARIO, plant=BASILISK)
+LOOPS: tuple[tuple[str, str, Callable[[], Loop], float], ...] = (
+    ('P4', 'ROS loop, as 4 processes', four_processes, 200.0),
+    ('P4', 'ROS loop, in one process', one_process, 400.0),
+    ('P5', 'full chain, as 7 processes', seven_processes, 50.0),
+    ('–', 'Basilisk as the plant, 4 processes', basilisk_plant, 50.0),
+)[: 4 if find_spec('Basilisk') else 3]
+"""Target, name, flight, and the least real-time factor."""

@@ -8,7 +8,6 @@ import datetime
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +18,7 @@ from tools.bench import flying, inference, ros
 MAX_TRAINING_S, MAX_CAMPAIGN_S = 60.0, 4.0
 LEAST_OF_FUZZYLITE, LEAST_OF_SKFUZZY = 100.0, 10_000.0
 LEAST_STEPPED = 5e6
-LEAST_FOUR, LEAST_ONE, LEAST_SEVEN, LEAST_BASILISK = 200.0, 400.0, 50.0, 50.0
-"""The targets: wall time, ratios to the peers, ticks per second of one core, x real time as four
-processes, in one, as seven, with Basilisk as the plant."""
+"""The targets: wall time, ratios to the peers, ticks per second of one core; see `ros.LOOPS`."""
 
 NAIVE_LOOPS = 216 * 3
 """Axis loops of a controller, without symmetry."""
@@ -162,19 +159,10 @@ def _learning(progress: Progress, _: dict[str, float]) -> Measured:
 
 def _ros(progress: Progress, _: dict[str, float]) -> Measured:
     progress('P4, P5 ROS loop', 0.0)
-    trips = ros.ping_pong()
-    figures = {'ping_pong_per_s': trips}
-    with_basilisk = ('–', 'Basilisk as the plant, 4 processes', ros.basilisk_plant, LEAST_BASILISK)
-    loops = (
-        ('P4', 'ROS loop, as 4 processes', ros.four_processes, LEAST_FOUR),
-        ('P4', 'ROS loop, in one process', ros.one_process, LEAST_ONE),
-        ('P5', 'full chain, as 7 processes', ros.seven_processes, LEAST_SEVEN),
-        *([with_basilisk] if find_spec('Basilisk') else []),
-    )
-    for number, (target, name, fly, least) in enumerate(loops):
-        progress('P4, P5 ROS loop', (number + 1) / (len(loops) + 1))
-        loop = fly()
-        factor = loop.real_time_factor
+    for number, (target, name, fly, least) in enumerate(ros.LOOPS):
+        progress('P4, P5 ROS loop', (number + 1) / (len(ros.LOOPS) + 1))
+        loop, trips, ratio = ros.in_turns(fly)
+        factor, key = loop.real_time_factor, name.partition(', ')[2].replace(' ', '_')
         yield (
             Row(
                 target,
@@ -182,13 +170,10 @@ def _ros(progress: Progress, _: dict[str, float]) -> Measured:
                 f'≥ {least:g} × real time',
                 f'{factor:.0f} × ({loop.ticks_per_s:.0f} ticks/s)',
                 f'{trips:.0f} round trips/s',
-                f'{loop.ticks_per_s / trips:.2f} ×',
+                f'{ratio:.2f} ×',
                 factor >= least,
             ),
-            {
-                **figures,
-                f'{name.partition(", ")[2].replace(" ", "_")}_ticks_per_s': loop.ticks_per_s,
-            },
+            {f'{key}_ticks_per_s': loop.ticks_per_s, f'{key}_ping_pong_per_s': trips},
         )
     progress('P4, P5 ROS loop', 1.0)
 

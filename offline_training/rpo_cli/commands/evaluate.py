@@ -71,16 +71,18 @@ def evaluate(
     workers: Workers = 0,
     no_fail: NoFail = False,
 ) -> None:
-    """Judge fuzzy controllers by the targets Q1-Q5; compare each start with the least energy.
+    """Judge controllers: fuzzy ones by the targets Q1-Q5; compare each start with the least energy.
 
     Q1 to Q5: conditions from every start, energy, the paper's test, no limit cycle, readable rules.
-    A controller that was trained for another scenario than the paper's is judged by what that
-    requires; with --scenario, all are. With --estimator, a filter is judged by the errors of its
-    estimates over many flights with the noise that it assumes; those in its world are reported.
+    A controller of another kind, and one that was trained for another scenario than the paper's, is
+    judged by what that scenario requires; with --scenario, all are. With --estimator, a filter is
+    judged by the errors of its estimates over many flights with the noise that it assumes; those in
+    its world are reported.
+
     Exit code 1: something that was judged is missed.
     """
     from rpo_cli.display import print_table
-    from rpo_core.control.controller import load_controller, only_fuzzy
+    from rpo_core.control.controller import FuzzyController, load_controller
     from rpo_core.files.scenario import load
     from rpo_judge.evaluation.assessment import PAPER, assess
     from rpo_judge.evaluation.judgement import trained_for
@@ -99,8 +101,8 @@ def evaluate(
         if robustness:
             missed |= _robustness(loaded, output or Path('runs'), workers)
             continue
-        of = scenario or trained_for(loaded)
-        if of and (scenario or of != PAPER):
+        of = scenario or trained_for(loaded) or PAPER
+        if scenario or of != PAPER or not isinstance(loaded, FuzzyController):
             if starts or csv or everywhere or sensitivity:
                 raise InputError(
                     '`--starts`, `--csv`, `--everywhere`, `--sensitivity` need a controller that '
@@ -108,7 +110,7 @@ def evaluate(
                 )
             missed |= judge_by(loaded, name, load(of))
             continue
-        found = assess(only_fuzzy(loaded), workers)
+        found = assess(loaded, workers)
         missed |= not all(target.holds for target in found.targets())
         _print_targets(found)
         typer.echo(_bindings(found))

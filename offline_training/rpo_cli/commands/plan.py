@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,11 +16,20 @@ from rpo_cli.commands.shared import Set
 from rpo_core.files.validation import InputError
 
 if TYPE_CHECKING:
+    from rpo_core.files.scenario import Scenario
+    from rpo_guidance.plan import Guidance
     from rpo_judge.evaluation.plan_bound import Bound, KeepOut
+
+ENTRIES = 8
+"""Moments of entry that are shown."""
+
+DOCKED_S = 6.0
+"""So long after its plan ends the flight ends in a scenario that is written."""
 
 EXAMPLES = """
 Examples: `rpo plan around` | `rpo plan hold_points --picture plan.png` | `rpo plan around --set
 initial_position_m=[80,60,0]` | `rpo plan around --margins` | `rpo plan runs/docking_1 --sample 100`
+| `rpo plan tumbling_port --entry sooner.yaml`
 """
 
 
@@ -30,6 +40,10 @@ def plan(
     margins: Annotated[
         bool, typer.Option('--margins', help='others keep to the zones that transfers plan with')
     ] = False,
+    entry: Annotated[
+        Path | None,
+        typer.Option(help='meet a target that turns when that needs least energy: write the plan'),
+    ] = None,
     sample: Annotated[int, typer.Option(min=1, help='runs of a campaign that are compared')] = 100,
 ) -> None:
     """Print the legs of a plan, and its energy beside other paths out of its zones.
@@ -50,6 +64,8 @@ def plan(
     settings = chosen.section(Guidance)
     if settings is None:
         raise InputError(f'scenario {chosen.name} has no section `guidance`')
+    if entry is not None:
+        settings, chosen = _entered(settings, chosen, entry)
     found, energies = plan_bound.bound(settings, chosen, margins)
     print_table(
         ('phase', 'begins, s', 'ends, s', 'J, N^2 s', 'range, m', '|f|, N', 'why'),
@@ -57,11 +73,61 @@ def plan(
         title=f'Plan of {chosen.name}',
     )
     typer.echo(_said(energies, KeepOut.of(settings, margins)))
+    if chosen.target is not None and any(map(settings.turns, range(len(settings.legs)))):
+        typer.echo(_followed(settings, chosen))
     if picture is not None:
         from rpo_report.run_plots import draw
 
-        draw(found, energies, settings, picture)
+        draw(found, energies, settings, chosen, picture)
         typer.echo(picture)
+
+
+def _entered(settings: Guidance, scenario: Scenario, path: Path) -> tuple[Guidance, Scenario]:
+    """Print plans that meet the target at other moments, and write the one of least energy."""
+    from rpo_cli.display import print_table
+    from rpo_core.files.scenario import dumps
+    from rpo_guidance.entry import entries
+    from rpo_montecarlo import outputs
+
+    found = entries(settings, scenario)
+    cheapest = min(found, key=lambda e: e.delta_v_m_s)
+    print_table(
+        ('transfer, s', 'corridor, s', 'line, m/s', 'ends, s', 'J, N^2 s', 'delta-v, m/s', ''),
+        [
+            (
+                f'{e.leg.duration_s:g}',
+                f'{e.leg.corridor_s:g}' if e.leg.corridor_s else '-',
+                f'{e.line.speed_m_s:g}' if e.line and e.line.speed_m_s else '-',
+                f'{e.ends_s:.1f}',
+                f'{e.energy_n2s:.4f}',
+                f'{e.delta_v_m_s:.4f}',
+                'chosen' if e is found[0] else 'least delta-v' if e is cheapest else '',
+            )
+            for e in [*found[:ENTRIES], *([] if cheapest in found[:ENTRIES] else [cheapest])]
+        ],
+        title=f'{len(found)} moments of entry, by energy',
+    )
+    chosen, dt_s = found[0].settings, scenario.dt_s
+    duration_s = scenario.duration_s
+    if chosen.past_port_m:  # docked, it would drift while the target turns
+        ticks = round((found[0].ends_s + DOCKED_S) / dt_s)
+        duration_s = min(duration_s, round(ticks * dt_s, 9))
+    written = replace(scenario.equipped(chosen), name=path.stem, duration_s=duration_s)
+    outputs.write_text(path, dumps(written))
+    typer.echo(path)
+    return chosen, written
+
+
+def _followed(settings: Guidance, scenario: Scenario) -> str:
+    """Return in words how fast a turn the thrusters can follow."""
+    from rpo_guidance.entry import most_turn
+
+    rate, far_m, fast_m_s = most_turn(settings, scenario)
+    return (
+        f'At {far_m:g} m from the target and {fast_m_s:g} m/s, guidance with these thrusters '
+        f'follows a target that turns at most {math.degrees(rate):.3f} deg/s, whatever its '
+        f'attitude; this one turns at most {math.degrees(scenario.target.fastest_rad_s):.3f} deg/s'
+    )
 
 
 def _said(energies: Bound, zone: KeepOut) -> str:

@@ -5,11 +5,12 @@
 from __future__ import annotations
 
 import time
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from rpo_cli.commands.shared import NoFail, Set, end, interruptible, tool
+from rpo_cli.commands.shared import NoFail, Set, echo, end, interruptible, tool
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.files.validation import InputError
 
@@ -36,6 +37,11 @@ Examples: `rpo safety drift paper_training` | `rpo safety drift paper_test --dra
 ABORT_EXAMPLES = """
 Examples: `rpo safety abort guarded` | `rpo safety abort guarded --states 5000 --set
 assurance.abort.stuck_s=60`
+"""
+
+THRUSTERS_EXAMPLES = """
+Examples: `rpo safety thrusters quads_16` | `rpo safety thrusters corners_24 --pairs` |
+`rpo safety thrusters quads_16 --c allocation.c`
 """
 
 PEERS_EXAMPLES = """
@@ -74,7 +80,11 @@ def show(scenario: Name, changes: Set = None) -> None:
         raise InputError(f'scenario {found.name} must have a section `assurance`; it has none')
     proof = proof_of(settings, found)
     rows = [*proof.errors._asdict().items(), *proof.guard._asdict().items()]
-    cells = [(name, f'{value:.6g}') for name, value in [*rows, ('floor_m_s', proof.floor_m_s)]]
+    rows.append(('floor_m_s', proof.floor_m_s))
+    if proof.walls is not None:  # what differs in the corridor, in the axes of the target
+        own, walls = proof.guard._asdict(), proof.walls._asdict()
+        rows += [(f'turning {name}', walls[name]) for name in walls if walls[name] != own[name]]
+    cells = [(name, f'{value:.6g}') for name, value in rows]
     print_table(('constant', 'value'), cells, f'{found.name}: what is assumed, and what follows')
     passing, acting = speeds(proof.guard, found)
     typer.echo(f'a step: {passing:.2f} microseconds; where it acts: {acting:.2f}')
@@ -228,6 +238,64 @@ def abort(
         f'orbits, one thruster stuck on for {table.stuck_s:g} s, drag {table.drag_m_s2:g} m/s^2'
     )
     print_table(('states', 'range', 'clear', 'least margin'), rows, title)
+
+
+@safety.command(epilog=THRUSTERS_EXAMPLES)
+def thrusters(
+    table: Annotated[
+        str, typer.Argument(help='preset, or scenario with `thrusters.table`', metavar='TABLE')
+    ] = 'pairs_12',
+    pairs: Annotated[bool, typer.Option('--pairs', help='any two failures, not one')] = False,
+    source: Annotated[
+        Path | None, typer.Option('--c', help='write the allocation as C99 instead, and its header')
+    ] = None,
+    changes: Set = None,
+) -> None:
+    """Print the force that thrusters have without torque, whole and with failures.
+
+    Of a preset, each thruster has 1 N. Full: all axes have the whole table's force, or
+    `max_force_n` of the scenario, at once; none: to some side there is no force. Failures that the
+    scenario knows are in every row.
+    """
+    from collections import Counter
+
+    from rpo_cli.display import print_table
+    from rpo_core.files import overrides
+    from rpo_export import c_allocation
+    from rpo_montecarlo.outputs import writing
+    from rpo_thrusters import authority
+    from rpo_thrusters.table import PRESETS, ThrusterTable
+
+    if table in PRESETS:
+        settings = ThrusterTable(preset=table, force_n=1.0)
+        limit_n = authority.known(settings).box_n
+    else:
+        found = overrides.load(table, changes or [])
+        if found.thrusters is None or found.thrusters.table is None:
+            raise InputError(f'scenario {found.name} must have `thrusters.table`; it has none')
+        settings, limit_n = found.thrusters.table, float(found.max_force_n)
+    if source is not None:
+        about = c_allocation.header(table, settings, source.name)
+        written = {source: c_allocation.text(table, settings), source.with_suffix('.h'): about}
+        for path, text in written.items():
+            with writing(path):
+                path.write_text(text, encoding='utf-8')
+            echo(path)
+        return
+    rows, left = [], Counter[str]()
+    known = {f.thruster: f.stuck for f in settings.failures if f.known}
+    for stuck in [{}, *authority.failures(settings, pairs)]:
+        has = authority.authority(settings, known | stuck)
+        verdict = has.left(limit_n)
+        left[verdict] += bool(stuck)
+        if not (pairs and stuck) or verdict == authority.NONE:
+            name = ', '.join(f'{name} {how}' for name, how in stuck.items()) or 'whole'
+            numbers = (has.box_n, has.least_n, *has.axes_n)
+            rows.append((name, verdict, *(f'{number + 0.0:.4g}' for number in numbers)))
+    heads = ('stuck', 'left', 'at once', 'least', 'x+', 'x-', 'y+', 'y-', 'z+', 'z-')
+    print_table(heads, rows, f'{table}: force without torque [N], full from {limit_n:g} N', left=2)
+    counts = ', '.join(f'{left[kind]} {kind}' for kind in authority.LEFT)
+    typer.echo(f'of {left.total()} {"pairs of " if pairs else ""}failures: {counts}')
 
 
 @safety.command(epilog=PEERS_EXAMPLES)

@@ -46,19 +46,24 @@ def truth(
 
     By Basilisk where it is installed (layer `truth`; not with drag), and by SciPy.
     """
-    from rpo_judge.truth import by_scipy, compare
+    from rpo_judge.truth import attitude_by_scipy, attitude_error_rad, by_scipy, compare
     from rpo_log.show.report import folder_of
 
     run = Path(subject) if subject.endswith('.mcap') or os.path.isdir(subject) else None
     chosen = chosen_scenario('' if run else subject, scenario)
     flight, title = _flight(run, chosen, controller)
-    truths = {'SciPy': by_scipy}
+    truths, attitudes = {'SciPy': by_scipy}, {'SciPy': attitude_by_scipy}
     if not find_spec('Basilisk'):
         typer.echo('Without Basilisk: `make setup LAYERS=truth` installs it.', err=True)
     elif (basilisk := tool('basilisk')).knows(flight.scenario):
         truths = {'Basilisk': basilisk.by_basilisk, **truths}
+        attitudes['Basilisk'] = basilisk.attitude_by_basilisk
     found = compare(flight, title, truths)
     _print(found)
+    target = flight.scenario.target
+    for name, true in attitudes.items() if target is not None and target.kind != 'fixed' else ():
+        off = attitude_error_rad(flight.scenario, true(flight.scenario))
+        typer.echo(f'Attitude of the target at the end: {off:.1e} rad off {name}.')
     folder = Path('runs') if run is None else folder_of(run)
     _draw(found, plot or folder / 'truth.png')
     if write is not None:

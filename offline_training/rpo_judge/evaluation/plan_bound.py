@@ -14,6 +14,9 @@ Gramian, conditioned on the end). Its dual has a multiplier for each half-space.
 >= 0 give a lower bound of the energy: what `Bridge.least` returns needs no trust in how they were
 found.
 
+The zones are those of the target, whose attitude at each tick is known: a position in its axes is
+linear in the forces too. So positions, planes and paths are in these axes; forces are in LVLH.
+
 The zones are not convex. At any one moment a path is in the cone, or it is out of the sphere in one
 of eight octants. So the paths fall into nine sets, each within a convex one: the cone in the
 pyramid of planes about it; an octant out of the sphere beyond the plane through the three corners
@@ -41,6 +44,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from rpo_attitude.target import known_motion
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge.zones import along_and_across, beside_m
@@ -123,12 +127,20 @@ class HalfSpaces(NamedTuple):
 class Bridge:
     """All paths from a state to a state (6,) [m, m/s], seen at every `hold` of their ticks.
 
+    turned : (length + 1, 3, 3) from the axes in which positions are seen to LVLH; None: LVLH
     ticks : (n,) at which positions are seen
     free : least energy [N^2 s] of all paths; path : (n, 3) [m] of that one
     """
 
     def __init__(
-        self, start: Floats, end: Floats, step: CwStep, dt_s: float, length: int, hold: int
+        self,
+        start: Floats,
+        end: Floats,
+        step: CwStep,
+        dt_s: float,
+        length: int,
+        hold: int,
+        turned: Floats | None = None,
     ) -> None:
         if length < 4:
             raise InputError(f'a plan must have at least 4 ticks; got {length}')
@@ -136,6 +148,8 @@ class Bridge:
         a, self._b = cw.matrices(step)
         self._a, state, gramian = a, start, np.zeros((6, 6))
         self.ticks = np.arange(hold, length, hold)
+        self._turned = np.eye(3)[None].repeat(length + 1, axis=0) if turned is None else turned
+        axes = self._turned[self.ticks]
         states, gramians = [], []
         for _ in range(length):  # the drift, and what forces of unit energy reach
             state, gramian = a @ state, a @ gramian @ a.T + self._b @ self._b.T / dt_s
@@ -151,13 +165,15 @@ class Bridge:
                 products[i, k], products[k, i] = later[:, :3], later[:, :3].T
                 later = later @ motion.T
             rest = np.linalg.matrix_power(a, length - tick)
-            self._to_end[i] = gramians[tick - 1][:3] @ rest.T
+            self._to_end[i] = axes[i].T @ gramians[tick - 1][:3] @ rest.T
+        products = np.einsum('iba,ikbc,kcd->ikad', axes, products, axes, optimize=True)
         flat = self._to_end.reshape(-1, 6)
         given_end = flat @ np.linalg.solve(gramian, flat.T)
         self._products = products - given_end.reshape(count, 3, count, 3).transpose(0, 2, 1, 3)
         multiplier = np.linalg.solve(gramian, self._missing)
         self.free = float(self._missing @ multiplier)
-        self.path = np.array(states)[self.ticks - 1, :3] + self._to_end @ multiplier
+        drift = np.einsum('iba,ib->ia', axes, np.array(states)[self.ticks - 1, :3])
+        self.path = drift + self._to_end @ multiplier
 
     def least(self, spaces: HalfSpaces) -> tuple[float, Floats]:
         """Return the least energy [N^2 s] within half-spaces, and its multipliers (m,) >= 0.
@@ -189,7 +205,8 @@ class Bridge:
         """Return the forces (length, 3) [N] of the optimum that has these multipliers."""
         pushes = np.zeros((self._length + 1, 3))
         weighted = spaces.normals * multipliers[:, None]
-        np.add.at(pushes, self.ticks[spaces.when], weighted)
+        axes = self._turned[self.ticks[spaces.when]]
+        np.add.at(pushes, self.ticks[spaces.when], np.einsum('mab,mb->ma', axes, weighted))
         moved = np.einsum('mik,mi->k', self._to_end[spaces.when], weighted)
         forces = np.empty((self._length, 3))
         adjoint = np.linalg.solve(self._end_gramian, self._missing - moved)
@@ -208,6 +225,11 @@ class Bridge:
         states = np.empty((len(forces) + 1, 6))
         path_of(tuple(self._start.tolist()), forces, self._step, states)
         return states
+
+    def seen(self, states: Floats) -> Floats:
+        """Return the positions (length + 1, 3) of states of LVLH, as all positions here."""
+        positions: Floats = np.einsum('iba,ib->ia', self._turned, states[:, :3])
+        return positions
 
 
 SETS = 2000
@@ -330,16 +352,16 @@ larger, and the cone smaller by such a share, until every tick is clear."""
 class Found(NamedTuple):
     """A path.
 
-    energy : [N^2 s]; states : (length + 1, 6) [m, m/s] of each tick; forces : (length, 3) [N]
+    energy : [N^2 s]; positions_m : (length + 1, 3) of each tick; forces : (length, 3) [N]
     """
 
     energy: float
-    states: Floats
+    positions_m: Floats
     forces: Floats
 
     def keeps(self, zone: KeepOut, limit_n: float) -> bool:
         """Return whether no tick is in a zone, or needs more force on an axis than there is."""
-        clear = float(zone.depth_m(self.states[1:-1, :3]).max()) <= 0.0
+        clear = float(zone.depth_m(self.positions_m[1:-1]).max()) <= 0.0
         return clear and float(np.abs(self.forces).max()) <= limit_n
 
 
@@ -408,7 +430,7 @@ def best_path(bridge: Bridge, zone: KeepOut, guess: Floats, limit_n: float) -> F
         if best is None:
             return None
         forces = bridge.forces(best.spaces, best.multipliers)
-        found = Found(bridge.energy(forces), bridge.flown(forces), forces)
+        found = Found(bridge.energy(forces), bridge.seen(bridge.flown(forces)), forces)
         if found.keeps(zone, limit_n):
             return found
         guess = best.path
@@ -423,7 +445,7 @@ class Bound(NamedTuple):
     """Energies [N^2 s] from the start to the end of the last leg.
 
     plan : of the reference; best : of the best path found; lower : no path needs less
-    positions_m : (n, 3) of the best path found, each tick
+    positions_m : (n, 3) of the best path found, each tick, in the axes of the target
     duration_s : of all
     closed : whether the search for the bound came to its end
     """
@@ -452,19 +474,22 @@ def bound(settings: Guidance, scenario: Scenario, margins: bool = False) -> tupl
     forces = np.array(found.forces[:last]) * (scenario.mass_kg / planned.mass_kg)
     states = np.array([*found.references[:last], end])
     zone = KeepOut.of(settings, margins)
+    motion, turned = known_motion(scenario), None
+    if motion is not None:
+        turned = motion.frames(last + 1)[:, :9].reshape(-1, 3, 3)
     coarse, fine = (
-        Bridge(states[0], states[-1], scenario.step, scenario.dt_s, last, -(-last // ticks))
+        Bridge(states[0], states[-1], scenario.step, scenario.dt_s, last, -(-last // ticks), turned)
         for ticks in (BOUND_TICKS, PATH_TICKS)
     )
-    lower = lower_bound(coarse, zone)
-    seen = np.vstack([states[0, :3], lower.path, states[-1, :3]])
+    lower, positions = lower_bound(coarse, zone), fine.seen(states)
+    seen = np.vstack([positions[0], lower.path, positions[-1]])
     ticks = [0, *coarse.ticks.tolist(), last]
     guess = np.column_stack([np.interp(fine.ticks, ticks, axis) for axis in seen.T])
-    plan = Found(fine.energy(forces), states, forces)
+    plan = Found(fine.energy(forces), positions, forces)
     others = [best_path(fine, zone, guess, scenario.max_force_n), plan]
     known = [path for path in others if path and path.keeps(zone, scenario.max_force_n)]
-    best = min(known, key=lambda path: path.energy, default=Found(inf, np.empty((0, 6)), forces))
-    energies = (plan.energy, best.energy, lower.energy, best.states[:, :3])
+    best = min(known, key=lambda path: path.energy, default=Found(inf, np.empty((0, 3)), forces))
+    energies = (plan.energy, best.energy, lower.energy, best.positions_m)
     return found, Bound(*energies, last * scenario.dt_s, lower.closed)
 
 

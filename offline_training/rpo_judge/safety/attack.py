@@ -15,10 +15,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
+from rpo_attitude.target import Motion
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.world import cw
+from rpo_kernels.attitude_kernels import FRAME, frame_at, moving_with, seen_from
 from rpo_kernels.kernels import cw_step, exerted_force, unpacked
 from rpo_kernels.noise import philox
 from rpo_montecarlo.engine.lanes import compiled
@@ -27,6 +30,8 @@ from rpo_safety.filters import assure
 from rpo_safety.guard import Proof, proof_of
 from rpo_safety.kernels import APPROACH, OPEN, closing, open_margins, speed_limit
 from rpo_safety.settings import Assurance
+from rpo_safety.turning import assure_turning
+from rpo_safety.walls import attitude_rad
 
 KINDS = (
     'random', 'bang-bang', 'towards the target', 'frozen', 'late', 'sideways', 'not finite', 'away',
@@ -60,6 +65,7 @@ class Bounds(NamedTuple):
     floor_m_s : speed below which the limit is not kept for certain
     reach_m : starts are up to so far outside the zone
     drift_m, drift_m_s : what the disturbance does before the first force arrives
+    slope : of the corridor's walls, as the file has it
     """
 
     position_m: float
@@ -75,6 +81,19 @@ class Bounds(NamedTuple):
     reach_m: float
     drift_m: float
     drift_m_s: float
+    slope: float
+
+
+@compiled
+def seen_at(state, frames, i):  # type: ignore[no-untyped-def]
+    """Return a state in the corridor's axes: of frames (n, 15) the i-th, of none those of LVLH."""
+    return state if len(frames) == 0 else seen_from(state, frame_at(frames[i], 0))
+
+
+@compiled
+def leaning(state, m):  # type: ignore[no-untyped-def]
+    """Return a state in axes that are turned against those that are known: m (15,), a frame."""
+    return seen_from(state, frame_at(m, 0))
 
 
 @compiled
@@ -145,8 +164,17 @@ def start_of(k0, k1, c, g, world):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def start_within(k0, k1, c, g, world):  # type: ignore[no-untyped-def]
-    """Return a state of the APPROACH set; at rest on the axis if none was drawn."""
+def in_lvlh(state, frames, i):  # type: ignore[no-untyped-def]
+    """Return a state of the corridor's axes in LVLH: the inverse of `seen_at`."""
+    return state if len(frames) == 0 else moving_with(state, frame_at(frames[i], 0))
+
+
+@compiled
+def start_within(k0, k1, c, g, world, frames, at):  # type: ignore[no-untyped-def]
+    """Return a state of the APPROACH set; at rest on the axis if none was drawn.
+
+    g, at : numbers of the corridor, and place of the axes at the start
+    """
     reach = g.outer_m - g.port_m
     for turn in range(100):
         a, b, d, _ = philox(turn, START, 1, 0, k0, k1)
@@ -164,18 +192,21 @@ def start_within(k0, k1, c, g, world):  # type: ignore[no-untyped-def]
             state = (p, q, along, s * vx, s * vy, s * vz)
         if approach_margins(state, 0.0, 0.0, g)[0] < 0.0:
             continue
-        after = state
+        state = after = in_lvlh(state, frames, at)
         for _ in range(world.delay):
             after = cw_step(after, (0.0, 0.0, 0.0), c)
+        after = seen_at(after, frames, at + PARTS * world.delay)
         room, slower = approach_margins(after, world.drift_m, world.drift_m_s, g)
         if room >= 0.0 and slower >= 0.0:
             return state
     along = g.side * (g.port_m + 0.5 * reach)
     if g.axis == 0:
-        return along, 0.0, 0.0, 0.0, 0.0, 0.0
-    if g.axis == 1:
-        return 0.0, along, 0.0, 0.0, 0.0, 0.0
-    return 0.0, 0.0, along, 0.0, 0.0, 0.0
+        state = (along, 0.0, 0.0, 0.0, 0.0, 0.0)
+    elif g.axis == 1:
+        state = (0.0, along, 0.0, 0.0, 0.0, 0.0)
+    else:
+        state = (0.0, 0.0, along, 0.0, 0.0, 0.0)
+    return in_lvlh(state, frames, at)
 
 
 @compiled
@@ -213,16 +244,22 @@ def wanted(kind, tick, k0, k1, state, held, limit):  # type: ignore[no-untyped-d
 
 
 @compiled
-def fly_hostile(k0, k1, kind, ticks, c, fine, g, world, force_matrix, row):  # type: ignore[no-untyped-def]
+def fly_hostile(k0, k1, kind, ticks, c, fine, g, w, frames, world, drawn, row):  # type: ignore[no-untyped-def]
     """Fly one run; its results go to `row`.
 
     c, fine : CW step of a tick, and of a `PARTS`th of it
-    force_matrix : (9,) force exerted = matrix x saturated command
+    g, w, frames : numbers of the filter, those of the corridor where it turns (else again `g`), and
+        its axes at each `PARTS`th of a tick; (0, 15) where it does not
+    drawn : (24,) force exerted = matrix (9,) x saturated command; true axes of the target (15,),
+        against those that are known
     """
+    at = 0
+    if len(frames) > 0:  # any time of the flight
+        at = PARTS * ((k0 ^ k1) % (len(frames) // PARTS - ticks - world.delay))
     mode = APPROACH if g.side != 0.0 and k0 % 2 else OPEN
     state = start_of(k0, k1, c, g, world)
     if mode == APPROACH:
-        state = start_within(k0, k1, c, g, world)
+        state = start_within(k0, k1, c, w, world, frames, at)
     bx, by, bz, _ = direction(2, SEEN, k0, k1)
     constant = unit(philox(3, KIND, 0, 0, k0, k1)[0])
     px, py, pz, strong = direction(4, PUSH, k0, k1)
@@ -230,7 +267,7 @@ def fly_hostile(k0, k1, kind, ticks, c, fine, g, world, force_matrix, row):  # t
     past = np.zeros((MOST_LATE, 3))
     last, held = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     row[LEAST_MARGIN], row[LEAST_FREE] = 1e30, 1e30
-    m = force_matrix
+    m = drawn
     for tick in range(ticks):
         x, y, z, vx, vy, vz = state
         rho, _, _ = closing(state)
@@ -257,7 +294,13 @@ def fly_hostile(k0, k1, kind, ticks, c, fine, g, world, force_matrix, row):  # t
         for i in range(world.delay):
             f = line[(tick + i) % world.delay]
             ahead = cw_step(ahead, (f[0], f[1], f[2]), c)
-        fx, fy, fz, mode, acted, _, _ = assure(ahead, command, last, mode, c, g)
+        if len(frames) > 0:
+            acts = at + PARTS * world.delay
+            now, following = frame_at(frames[acts], 0), frame_at(frames[acts + PARTS], 0)
+            found = assure_turning(ahead, command, last, mode, now, following, c, g, w)
+        else:
+            found = assure(ahead, command, last, mode, c, g)
+        fx, fy, fz, mode, acted, _, _ = found
         last = (fx, fy, fz)
         row[ACTED] += acted > 2
         if world.delay:
@@ -277,33 +320,35 @@ def fly_hostile(k0, k1, kind, ticks, c, fine, g, world, force_matrix, row):  # t
             dx, dy, dz, _ = direction(tick, PUSH, k0, k1)
         total = (tx + d * dx, ty + d * dy, tz + d * dz)
         after = cw_step(state, total, c)
-        if look(state, total, rho, fine, g, world, row):
+        if look(state, total, rho, fine, g, world, frames, at, m[9:], row):
             row[CONTACTS], row[TICKS] = 1.0, tick
             return
-        state = after
+        state, at = after, at + PARTS
         if tick >= world.delay:  # no force has arrived before
-            judge(state, g, world, row)
+            judge(state, seen_at(state, frames, at), g, w, world, row)
     row[TICKS] = ticks
 
 
 @compiled
-def look(state, total, rho, fine, g, world, row):  # type: ignore[no-untyped-def]
+def look(state, total, rho, fine, g, world, frames, at, true, row):  # type: ignore[no-untyped-def]
     """Look for zone and edge along the path of a tick; return whether it comes to the port."""
     moved = NEAR_M + 2.0 * closing(state)[2] * g.dt_s
     if world.zone_m + moved < rho < world.domain_m - moved:
         return False
     found = outside = False
-    for _ in range(PARTS):
-        before, state = state, cw_step(state, total, fine)
+    seen = leaning(seen_at(state, frames, at), true)
+    for part in range(PARTS):
+        state = cw_step(state, total, fine)
+        before, seen = seen, leaning(seen_at(state, frames, at + part + 1), true)
         rho = closing(state)[0]
         clear = rho - world.zone_m
         if g.side != 0.0:
-            d, _, p, q, _, _ = in_corridor(state, g)
-            half = world.width_m + g.slope * (d if d > 0.0 else 0.0)
+            d, _, p, q, _, _ = in_corridor(seen, g)
+            half = world.width_m + world.slope * (d if d > 0.0 else 0.0)
             side = half - (abs(p) if abs(p) > abs(q) else abs(q))
             clear = side if side > clear and d > 0.0 else clear
             if d <= 0.0 and side >= 0.0 and in_corridor(before, g)[0] > 0.0:
-                touch(before, state, g, world, row)
+                touch(before, seen, g, world, row)
                 return True
         row[LEAST_FREE] = clear if clear < row[LEAST_FREE] else row[LEAST_FREE]
         found = found or clear < 0.0
@@ -328,11 +373,11 @@ def touch(before, after, g, world, row):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def judge(state, g, world, row):  # type: ignore[no-untyped-def]
+def judge(state, seen, g, w, world, row):  # type: ignore[no-untyped-def]
     """Count a true state outside the assured set: there the backup law may not be enough."""
     a, b = open_margins(state, 0.0, 0.0, g)
     if g.side != 0.0:
-        p, _ = approach_margins(state, 0.0, 0.0, g)
+        p, _ = approach_margins(seen, 0.0, 0.0, w)
         if p >= 0.0 or (a < 0.0 and p > a):  # its speeds are looked at when it touches
             a, b = p, 1e30
     row[INFEASIBLE] += a < 0.0
@@ -343,12 +388,12 @@ def judge(state, g, world, row):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def fly_many(keys, kinds, ticks, step, fine, g, world, matrices, rows):  # type: ignore[no-untyped-def]
-    """Fly runs one after the other: keys (n, 2), kinds (n,), matrices (n, 9)."""
+def fly_many(keys, kinds, ticks, step, fine, g, w, frames, world, drawn, rows):  # type: ignore[no-untyped-def]
+    """Fly runs one after the other: keys (n, 2), kinds (n,), drawn (n, 24)."""
     c, parts = unpacked(step, 0, 1), unpacked(fine, 0, 1)
     for i in range(len(kinds)):
         k0, k1 = int(keys[i, 0]), int(keys[i, 1])
-        fly_hostile(k0, k1, kinds[i], ticks, c, parts, g, world, matrices[i], rows[i])
+        fly_hostile(k0, k1, kinds[i], ticks, c, parts, g, w, frames, world, drawn[i], rows[i])
 
 
 REACH_M = 60.0
@@ -402,6 +447,10 @@ def attack(
     settings = settings_of(scenario)
     proof = proof_of(settings, scenario)
     world = _bounds(settings, scenario, proof)
+    frames, lean = np.empty((0, FRAME)), 0.0
+    if proof.walls is not None:
+        ticks, lean = min(ticks, scenario.ticks), attitude_rad(settings, scenario)
+        frames = _axes(scenario, world.delay)
     n, mass, dt = scenario.mean_motion_rad_s, scenario.mass_kg, scenario.dt_s
     step, fine = (np.array(cw.discretise(n, mass, t)) for t in (dt, dt / PARTS))
     kinds = np.arange(runs) % len(KINDS)
@@ -413,10 +462,24 @@ def attack(
         keys = random.integers(0, 2**32, (count, 2))
         off = random.uniform(-1.0, 1.0, (count, 9))
         off *= proof.errors.thrust / np.linalg.norm(off, axis=1, keepdims=True)
-        matrices = np.eye(3).ravel() + off
-        fly_many(keys, kinds[part], ticks, step, fine, proof.guard, world, matrices, rows[part])
+        drawn = np.zeros((count, 9 + FRAME))
+        drawn[:, :9] = np.eye(3).ravel() + off
+        drawn[:, 9:18] = np.eye(3).ravel()
+        if lean > 0.0:
+            axis = random.normal(size=(count, 3))
+            axis *= lean / np.linalg.norm(axis, axis=1, keepdims=True)
+            drawn[:, 9:18] = Rotation.from_rotvec(axis).as_matrix().reshape(-1, 9)
+        numbers = step, fine, proof.guard, proof.walls or proof.guard, frames, world
+        fly_many(keys, kinds[part], ticks, *numbers, drawn, rows[part])
         advance(part.stop)
     return [Result(kind, rows[kinds == i]) for i, kind in enumerate(KINDS)]
+
+
+def _axes(scenario: Scenario, delay: int) -> NDArray[np.float64]:
+    """Return the axes (n, 15) of the target, as they are known, at parts of the ticks."""
+    known, orbit = scenario.target.known, scenario.mean_motion_rad_s
+    motion = Motion(known.body(orbit), known.start(orbit), scenario.dt_s / PARTS)
+    return motion.frames(PARTS * (scenario.ticks + delay + 2))
 
 
 def _bounds(settings: Assurance, scenario: Any, proof: Proof) -> Bounds:
@@ -439,4 +502,5 @@ def _bounds(settings: Assurance, scenario: Any, proof: Proof) -> Bounds:
         reach_m=min(REACH_M, 0.9 * (settings.domain_m - settings.keep_out_m)),
         drift_m=0.5 * pushed * wait * wait,
         drift_m_s=pushed * wait,
+        slope=way.slope if way else 0.0,
     )

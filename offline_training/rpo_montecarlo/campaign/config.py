@@ -11,6 +11,7 @@ from typing import Any
 
 import yaml
 
+from rpo_attitude.target import FIXED, TUMBLE, Target
 from rpo_core import files
 from rpo_core.control.controller import AnyController
 from rpo_core.control.controller import parse as parse_controller
@@ -33,12 +34,12 @@ from rpo_core.files.validation import (
 from rpo_core.judge import metrics
 from rpo_core.judge.requirements import LIMITS, ROWS, THRUST, Requirements
 from rpo_core.world.dynamics import CLOHESSY_WILTSHIRE
-from rpo_core.world.thrusters import IDENTITY, Thrusters
 from rpo_montecarlo.campaign import faults
 from rpo_montecarlo.campaign.faults import Faults
 from rpo_montecarlo.campaign.quantities import QUANTITIES, SHELL, Dispersion, dispersion
 from rpo_montecarlo.outputs import check_name
 from rpo_nav.sensors import Sensors
+from rpo_thrusters.thrusters import IDENTITY, Thrusters
 
 SCHEMA = 'rpo/campaign/1'
 
@@ -129,11 +130,6 @@ class CampaignConfig:
     def judging_of(self, name: str) -> tuple[str, ...]:
         """Names of the columns that a limit is judged by: the value; its size, if a run's own."""
         return ('hold_force_per_axis_n', LEVEL) if name == SHARE else (name,)
-
-    @property
-    def most_delay(self) -> int:
-        """Longest delay [ticks]."""
-        return int(self.spread('delay_ticks')[0])
 
 
 def parse(document: Any) -> CampaignConfig:
@@ -246,7 +242,7 @@ class Campaign:
     def metrics_of_thrusters(self) -> dict[str, str]:
         """Those of `THRUSTER_METRICS` that its thrusters have: name -> unit."""
         thrusters = self.scenario.thrusters
-        if thrusters is not None and thrusters.pulses:
+        if thrusters is not None and thrusters.fires:
             return THRUSTER_METRICS
         if thrusters is None or thrusters.propellant is None:
             return {}
@@ -327,12 +323,13 @@ def _check_effects(config: CampaignConfig, scenario: Scenario) -> None:
         'density_share': (drag, 'drag'),
         'ballistic_coefficient_share': (drag, 'drag'),
         'true_anomaly_deg': (orbit, 'orbit but a circle'),
-        'stuck_off_thruster': (thrusters is not None and thrusters.pulses, '`pulses` of thrusters'),
+        'stuck_off_thruster': (thrusters is not None and thrusters.fires, '`pulses` of thrusters'),
         **{
             name: (scenario.section(Sensors) is not None, '`sensors`')
             for name in QUANTITIES
             if name.startswith('sensor_')
         },
+        **{name: _turning(name, scenario.target) for name in QUANTITIES if 'target_' in name},
     }
     all_of_them = {name: (has, 'such disturbance') for name, has in acting.items()} | others
     for name, (has_effect, what) in all_of_them.items():
@@ -344,12 +341,21 @@ def _check_effects(config: CampaignConfig, scenario: Scenario) -> None:
             f'`{navigated[0]}` must be left out: scenario {scenario.name} has `sensors`, whose '
             'noise is drawn anew for each run'
         )
-    pulses = thrusters.pulses if thrusters else None
-    if pulses and config.spread('stuck_off_thruster')[0] >= pulses.count:
+    count = len(thrusters.names) if thrusters else 0
+    if count and config.spread('stuck_off_thruster')[0] >= count:
         raise InputError(
-            f'`stuck_off_thruster.whole` must be below {pulses.count}, the number of thrusters of '
+            f'`stuck_off_thruster.whole` must be below {count}, the number of thrusters of '
             f'{scenario.name}; got {config.spread("stuck_off_thruster")[0]:g}'
         )
+
+
+def _turning(name: str, target: Target | None) -> tuple[bool, str]:
+    """Return whether a target is changed by a dispersion of that name, and what it lacks if not."""
+    if name.endswith('_deg_s'):
+        return target is not None and target.kind == TUMBLE, '`target` that tumbles'
+    if name.endswith('_share'):
+        return target is not None and target.kind != FIXED, '`target` that turns'
+    return target is not None, '`target`'
 
 
 def _check_extremes(config: CampaignConfig, scenario: Scenario) -> None:

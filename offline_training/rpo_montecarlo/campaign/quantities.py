@@ -45,10 +45,14 @@ QUANTITIES = {
     'density_share': Quantity(1, '', _SPREADS, 1.0),
     'ballistic_coefficient_share': Quantity(1, '', _SPREADS, 0.99),
     'true_anomaly_deg': Quantity(1, 'deg', _SPREADS, 180.0),
-    'stuck_off_thruster': Quantity(1, '', ('whole',), 11),
+    'stuck_off_thruster': Quantity(1, '', ('whole',), 23),
     'sensor_noise_share': Quantity(1, '', _SPREADS, 0.99),
     'sensor_scale_error': Quantity(1, '', _SPREADS, 0.99),
     **{f'sensor_bias_{axis}_m': Quantity(1, 'm', _SPREADS, 1e4) for axis in 'xyz'},
+    'target_rate_share': Quantity(1, '', _SPREADS, 10.0),
+    **{f'target_attitude_{axis}_deg': Quantity(1, 'deg', _SPREADS, 180.0) for axis in 'xyz'},
+    **{f'target_rate_{axis}_deg_s': Quantity(1, 'deg/s', _SPREADS, 100.0) for axis in 'xyz'},
+    **{f'target_known_error_{axis}_deg': Quantity(1, 'deg', _SPREADS, 45.0) for axis in 'xyz'},
     **{f'sensor_velocity_bias_{axis}_m_s': Quantity(1, 'm/s', _SPREADS, 1e2) for axis in 'xyz'},
 }
 """What can be dispersed. The names `share` are relative: mass = (1 + share) x the scenario's."""

@@ -59,4 +59,5 @@ def scenario_of_draw(campaign: Campaign, runs: DrawnRuns, index: int) -> Scenari
         mass_kg=values['mass_kg'],
         orbit_radius_m=values['orbit_radius_m'],
         disturbance=disturbance,
-    ).equipped(*(settings for kind in kinds() for settings in kind.vary(nominal, varied)))
+        sections=nominal.sections_with(*(s for k in kinds() for s in k.vary(nominal, varied))),
+    )

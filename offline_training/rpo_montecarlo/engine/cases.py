@@ -183,7 +183,7 @@ class DrawnCase(JudgedTogether):
     def spends(self) -> bool:
         """Whether it is counted what thrusters spend: pulses, or propellant."""
         own = self.base.thrusters
-        return own is not None and bool(own.pulses or own.propellant)
+        return own is not None and bool(own.fires or own.propellant)
 
     @property
     def names(self) -> tuple[str, ...]:

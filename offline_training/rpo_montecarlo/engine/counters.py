@@ -49,9 +49,9 @@ Floats = NDArray[np.float64]
 COLUMNS = len(metrics.UNITS)
 """Columns of a row of metrics."""
 
-PLANAR, VERTICAL, ARE_PAIRED, TICKS, TAIL, HORIZON, LATE, ARRIVAL_M, GOAL = range(9)
-"""Places in the table: loops, and whether they are pairs; the fields of `Windows`; the goal [m] of
-each lane, or nothing."""
+PLANAR, VERTICAL, ARE_PAIRED, TICKS, TAIL, HORIZON, LATE, ARRIVAL_M, ROW_R, ROW_V, GOAL = range(11)
+"""Places in the table: loops, and whether they are pairs; the fields of `Windows`; rows that
+are judged; the goal [m] of each lane, or nothing."""
 
 
 @compiled
@@ -72,16 +72,16 @@ def count_force(w, m, t, tick):  # type: ignore[no-untyped-def]
 
 @compiled
 def count_state(w, m, t, tick):  # type: ignore[no-untyped-def]
-    """Count rows R, less the goal, and V, after the step of a tick.
+    """Count positions, less the goal, and velocities, after the step of a tick.
 
     Squared norms of the tail stay in the memory for `finish_crossed`; those of pairs are added up.
     """
-    p, q, r = int(t[PLANAR]), int(t[VERTICAL]), R
+    p, q, r, v = int(t[PLANAR]), int(t[VERTICAL]), int(t[ROW_R]), int(t[ROW_V])
     n = 2 * p + q
     if len(t) > GOAL:
-        r = SEEN_R
         for s in range(n):
-            w[SEEN_R + s] = w[R + s] - t[GOAL + s]
+            w[SEEN_R + s] = w[r + s] - t[GOAL + s]
+        r = SEEN_R
     if tick < t[TICKS]:
         arrival_m = t[ARRIVAL_M]
         for s in range(n):
@@ -89,7 +89,7 @@ def count_state(w, m, t, tick):  # type: ignore[no-untyped-def]
     if tick >= t[HORIZON] - t[LATE]:
         for s in range(n):
             w[LATE_R + s] = larger(w[LATE_R + s], w[r + s]) + STORED
-            w[LATE_V + s] = larger(w[LATE_V + s], w[V + s]) + STORED
+            w[LATE_V + s] = larger(w[LATE_V + s], w[v + s]) + STORED
     row = tick - int(t[TICKS] - t[TAIL])
     if row < 0 or tick >= t[TICKS]:
         return
@@ -97,23 +97,23 @@ def count_state(w, m, t, tick):  # type: ignore[no-untyped-def]
         for s in range(RUNS):
             y, z = s + RUNS, s + 2 * RUNS
             w[SUM_R + s] += norm(w[r + s], w[r + y], w[r + z])
-            w[SUM_V + s] += norm(w[V + s], w[V + y], w[V + z])
+            w[SUM_V + s] += norm(w[v + s], w[v + y], w[v + z])
         return
     distances, speeds = m[STRIDE * row :], m[STRIDE * (int(t[TAIL]) + row) :]
     for i in range(p):
         distances[i] = w[r + i] * w[r + i] + w[r + p + i] * w[r + p + i]
-        speeds[i] = w[V + i] * w[V + i] + w[V + p + i] * w[V + p + i]
+        speeds[i] = w[v + i] * w[v + i] + w[v + p + i] * w[v + p + i]
     for i in range(q):
         s = 2 * p + i
         distances[p + i] = w[r + s] * w[r + s]
-        speeds[p + i] = w[V + s] * w[V + s]
+        speeds[p + i] = w[v + s] * w[v + s]
 
 
 def counting(runs: Runs, windows: Windows, norms: Floats | None) -> Part:
     """Return the part that counts."""
     planar, vertical = len(runs.planar), len(runs.vertical)
     goals = [goal.position_of(part) for part in runs.parts if part.name == 'goal']
-    table = table_of(planar, vertical, norms is None, windows, *goals)
+    table = table_of(planar, vertical, norms is None, windows, runs.judged_rows, *goals)
     memory = np.zeros(0) if norms is None else norms.reshape(-1)
     return Part('counters', ((COUNTED, count_force), (MOVED, count_state)), table, memory)
 
@@ -121,23 +121,26 @@ def counting(runs: Runs, windows: Windows, norms: Floats | None) -> Part:
 @compiled
 def keep_trace(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Keep states and commands of all ticks."""
-    n, ticks = int(t[0]), int(t[1])
+    n, ticks, r, v = int(t[0]), int(t[1]), int(t[2]), int(t[3])
     states, forces = m[2 * n * tick :], m[2 * n * (ticks + 1) + n * tick :]
     for s in range(n):
-        states[2 * s] = w[R + s]
-        states[2 * s + 1] = w[V + s]
+        states[2 * s] = w[r + s]
+        states[2 * s + 1] = w[v + s]
         forces[s] = w[FORCE + s]
 
 
 class Trace:
-    """Room for the states (N + 1, lanes, 2), r and v, and commands (N + 1, lanes) of a flight."""
+    """Room for the states (N + 1, lanes, 2), r and v, and commands (N + 1, lanes) of a flight.
 
-    def __init__(self, ticks: int, lanes: int) -> None:
+    rows : of positions and velocities
+    """
+
+    def __init__(self, ticks: int, lanes: int, rows: tuple[int, int] = (R, V)) -> None:
         memory = np.empty(3 * (ticks + 1) * lanes)
         states, forces = np.split(memory, [2 * (ticks + 1) * lanes])
         self.states: Any = states.reshape(ticks + 1, lanes, 2)
         self.forces: Any = forces.reshape(ticks + 1, lanes)
-        self.part = Part('trace', ((COMMANDED, keep_trace),), table_of(lanes, ticks), memory)
+        self.part = Part('trace', ((COMMANDED, keep_trace),), table_of(lanes, ticks, rows), memory)
 
 
 def fly_lanes(

@@ -49,7 +49,9 @@ R, V, SEEN_R, SEEN_V, KNOWN_R, KNOWN_V, FORCE, BEFORE, PUSH, MASS = (
 SUM_R, SUM_V, ENERGY, EFFORT, SLEW, LATE_R, LATE_V, LATE_F, OUTSIDE = (
     (30 + row) * STRIDE for row in range(9)
 )
-ROWS = 39
+# The state as the target sees it, where that turns.
+BODY_R, BODY_V = 39 * STRIDE, 40 * STRIDE
+ROWS = 41
 
 RUNS = 40
 """Paired runs side by side: whole SIMD registers, and three axes fit into a row."""

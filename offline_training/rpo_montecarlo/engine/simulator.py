@@ -156,9 +156,11 @@ class Pairs(NamedTuple):
 
 def fly_pairs(control: Control, case: Case | DrawnCase, w: Floats) -> Iterator[Pairs]:
     """Fly any number of starts, `RUNS` at a time."""
-    trace = Trace(case.windows.horizon, PAIRED_LANES) if case.judged else None
     batches = case.batches if isinstance(case, DrawnCase) else case.paired()
+    trace = None
     for first, runs in zip(range(0, len(case.starts), RUNS), batches, strict=True):
+        if case.judged and trace is None:
+            trace = Trace(case.windows.horizon, PAIRED_LANES, runs.judged_rows)
         memories = fly_lanes(control, runs, case.windows, w, trace=trace)
         yield flown(case, first, runs, memories, w, trace)
 

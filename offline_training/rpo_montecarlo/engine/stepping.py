@@ -44,7 +44,8 @@ class Stepping:
         self._parts: list[list[Part]] = []
         for w, runs in zip(self.w, case.batches, strict=True):
             place(w, runs)
-            trace = Trace(case.windows.horizon, PAIRED_LANES) if case.judged else None
+            rows = runs.judged_rows
+            trace = Trace(case.windows.horizon, PAIRED_LANES, rows) if case.judged else None
             own = fresh(runs.parts)
             own += [counting(runs, case.windows, None), *([trace.part] if trace else [])]
             self._parts.append(own)

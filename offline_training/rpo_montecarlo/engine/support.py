@@ -21,11 +21,23 @@ from rpo_montecarlo.engine.parts import (
     goal,
     link,
     shaping,
+    target,
     thrusters,
 )
 from rpo_montecarlo.engine.tick import KINDS, Kind
 
-PARTS = (estimation, approach, goal, control, shaping, link, thrusters, disturbance, dynamics)
+PARTS = (
+    estimation,
+    approach,
+    goal,
+    control,
+    shaping,
+    link,
+    thrusters,
+    target,
+    disturbance,
+    dynamics,
+)
 """The modules that register themselves."""
 
 _announced: set[str] = set()

@@ -28,7 +28,7 @@ from rpo_core.files.scenario import Scenario
 from rpo_core.wire.interfaces import RELATIVE_STATE
 from rpo_kernels.kernels import State
 from rpo_montecarlo.engine.calls import Call, call, rows_of
-from rpo_montecarlo.engine.lanes import RUNS, R, V, compiled
+from rpo_montecarlo.engine.lanes import BODY_R, BODY_V, RUNS, R, V, compiled
 
 Floats = NDArray[np.float64]
 
@@ -88,9 +88,16 @@ class Runs(NamedTuple):
         return 2 * len(self.planar) + len(self.vertical)
 
     @property
+    def judged_rows(self) -> tuple[int, int]:
+        """Rows with the positions and velocities that are judged: as a turning target sees them."""
+        turning = any(part.name == 'target' for part in self.parts)
+        return (BODY_R, BODY_V) if turning else (R, V)
+
+    @property
     def is_seen(self) -> bool:
         """Whether the controller reads rows SEEN; otherwise the true state."""
-        return any(place < Place.CONTROLLER for part in self.parts for place, _ in part.steps)
+        places = [place for part in self.parts for place, _ in part.steps]
+        return any(Place.SENSOR <= place < Place.CONTROLLER for place in places)
 
 
 def table_of(*values: Any) -> Floats:

@@ -17,6 +17,7 @@ from rpo_core.files.scenario import Scenario
 from rpo_guidance.guidance import GuidanceStage
 from rpo_guidance.plan import HOLD, Guidance
 from rpo_guidance.transfer_kernels import at_port
+from rpo_kernels.attitude_kernels import FRAME
 from rpo_kernels.kernels import cw_step, unpacked
 from rpo_montecarlo.engine.lanes import (
     FORCE,
@@ -31,22 +32,26 @@ from rpo_montecarlo.engine.lanes import (
 from rpo_montecarlo.engine.tick import ADDED, Batch, Draw, Kind, Part, register, table_of
 from rpo_nav.estimator import Estimator
 from rpo_safety.assurance import AssuranceStage
-from rpo_safety.packed import assure_packed
+from rpo_safety.packed import assure_packed, assure_turning_packed
 from rpo_safety.settings import Assurance
 
-PORT, LAST = 0, 7
+PAST, WIDTH, LAST = 0, 1, 2
 REFERENCES = LAST + RUNS
-"""Places in the table of a plan: numbers of `at_port` after the position (7,); tick from which on
-the last leg of each run is flown; of each tick, state [m, m/s] and force [N] (9, 40). The memory
-has who has docked."""
+"""Places in the table of a plan: distance behind the port at which a chaser has docked, 0.0: it
+does not; numbers of a tick; tick from which on the last leg of each run is flown; of each tick,
+state [m, m/s] and force [N] (9, 40). Where chasers dock, port [m] and axis (6, 40) follow in each
+tick. The memory has who has docked."""
 
-_ROW = 9 * RUNS
+_DOCKING = 9 * RUNS
 
 DELAYS, LONGEST, MODES = 0, RUNS, RUNS + 1
-GUARDS = MODES + RUNS
+NUMBERS = MODES + RUNS
+AXES = NUMBERS + 1
+GUARDS = AXES + RUNS
 """Places in the table of assurance: ticks from a command to its force; the most of them, at least
-one; modes at the start; step and guard of each run. The memory has the numbers of `assure_packed`
-of each run, then its line of forces that are on their way."""
+one; modes at the start; how many numbers step and guards have; place of the axes of a target that
+turns; step and guards of each run; then the axes (n, 15) of each motion. The memory has the numbers
+of `assure_packed` of each run, then its line of forces that are on their way."""
 
 _GUARD, _NUMBERS = 58, 13
 AHEAD, COMMAND, PREVIOUS, MODE = 0, 6, 9, 12
@@ -66,13 +71,14 @@ def follow(w, m, t, tick):  # type: ignore[no-untyped-def]
 
     Of a chaser that has docked the reference is its own state.
     """
-    p, row = t[PORT:LAST], t[REFERENCES + _ROW * tick :][:_ROW]
+    row = t[REFERENCES + int(t[WIDTH]) * tick :]
     for s in range(RUNS):
         y, z = s + RUNS, s + 2 * RUNS
-        if p[6] > 0.0 and tick >= t[LAST + s] and m[s] == 0.0:
+        if t[PAST] > 0.0 and tick >= t[LAST + s] and m[s] == 0.0:
+            p = row[_DOCKING + s :]
             docked = at_port(
                 w[SEEN_R + s], w[SEEN_R + y], w[SEEN_R + z],
-                p[0], p[1], p[2], p[3], p[4], p[5], p[6],
+                p[0], p[RUNS], p[2 * RUNS], p[3 * RUNS], p[4 * RUNS], p[5 * RUNS], t[PAST],
             )  # fmt: skip
             m[s] = 1.0 if docked else 0.0
         for axis in range(3):
@@ -88,7 +94,7 @@ def follow(w, m, t, tick):  # type: ignore[no-untyped-def]
 @compiled
 def add_feed_forward(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Add the force that a chaser on the reference needs to row FORCE."""
-    row = t[REFERENCES + _ROW * tick :][:_ROW]
+    row = t[REFERENCES + int(t[WIDTH]) * tick :]
     for s in range(RUNS):
         for axis in range(3):
             force = 0.0 if m[s] > 0.0 else row[2 * PAIRED_LANES + axis * RUNS + s]
@@ -98,10 +104,10 @@ def add_feed_forward(w, m, t, tick):  # type: ignore[no-untyped-def]
 @compiled
 def assure_all(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Replace row FORCE by what runtime assurance lets pass."""
-    longest = int(t[LONGEST])
+    longest, width = int(t[LONGEST]), int(t[NUMBERS])
     for s in range(RUNS):
         y, z, delay = s + RUNS, s + 2 * RUNS, int(t[DELAYS + s])
-        v, table = m[_NUMBERS * s :][:_NUMBERS], t[GUARDS + _GUARD * s :][:_GUARD]
+        v, table = m[_NUMBERS * s :][:_NUMBERS], t[GUARDS + width * s :][:width]
         line = m[_NUMBERS * RUNS + 3 * longest * s :]
         if tick == 0:
             v[MODE] = t[MODES + s]
@@ -117,7 +123,11 @@ def assure_all(w, m, t, tick):  # type: ignore[no-untyped-def]
         for i in range(6):
             v[AHEAD + i] = state[i]
         v[COMMAND], v[COMMAND + 1], v[COMMAND + 2] = w[FORCE + s], w[FORCE + y], w[FORCE + z]
-        fx, fy, fz, mode, _, _, _ = assure_packed(v, table)
+        if width == _GUARD:
+            fx, fy, fz, mode, _, _, _ = assure_packed(v, table)
+        else:
+            axes = t[int(t[AXES + s]) + FRAME * (tick + delay) :][: 2 * FRAME]
+            fx, fy, fz, mode, _, _, _ = assure_turning_packed(v, axes, table)
         v[PREVIOUS], v[PREVIOUS + 1], v[PREVIOUS + 2], v[MODE] = fx, fy, fz, mode
         if delay > 0:
             newest = 3 * (tick % delay)
@@ -130,31 +140,43 @@ def guiding_of(batch: Batch) -> Part | None:
     settings = batch.base.section(Guidance)
     if settings is None:
         return None
-    ticks = batch.base.ticks
-    table, last = np.zeros((ticks + 1, 9, RUNS)), np.zeros(RUNS)
+    count = batch.base.ticks + 1
+    table = np.zeros((count, 15 if settings.past_port_m else 9, RUNS))
+    last = np.zeros(RUNS)
     for i, (scenario, state) in enumerate(zip(batch.scenarios, batch.seen, strict=True)):
         own = scenario.section(Guidance)
         assert own is not None
-        table[:, :, i], last[i] = GuidanceStage(own, scenario).rows(state, ticks)
-    port = (*settings.port_m, *settings.corridor.ahead, settings.past_port_m)
+        stage = GuidanceStage(own, scenario)
+        table[:, :9, i], last[i] = stage.rows(state, count - 1)
+        if settings.past_port_m:
+            table[:, 9:, i] = stage.ports(count)
     steps = ((Place.GUIDANCE, follow), (ADDED, add_feed_forward))
-    return Part('guidance', steps, table_of(port, last, table), np.zeros(RUNS))
+    numbers = table_of(settings.past_port_m, table[0].size, last, table)
+    return Part('guidance', steps, numbers, np.zeros(RUNS))
 
 
 def _assured(batch: Batch) -> Part | None:
     """Return the assurance of runs; lanes without a run are copies of the first."""
     if batch.base.section(Assurance) is None:
         return None
-    guards, modes, delays = [], [], []
+    guards, modes, delays, motions = [], [], [], []
     for scenario, state in zip(batch.scenarios, batch.seen, strict=True):
         settings = scenario.section(Assurance)
         assert settings is not None
         stage = AssuranceStage(settings, scenario)
         guards.append(stage.numbers)
-        modes.append(float(stage.mode_of(stage.ahead(state))))
+        modes.append(float(stage.mode_of(stage.ahead(state), stage.delay_ticks)))
         delays.append(float(stage.delay_ticks))
-    longest = int(max(1, *delays))
-    table = table_of(batch.lanes(delays), longest, batch.lanes(modes), batch.lanes(guards).T)
+        motions.append(stage.motion)
+    longest, width = int(max(1, *delays)), len(guards[0])
+    moving = list(dict.fromkeys(motion for motion in motions if motion is not None))
+    ticks = batch.base.ticks + longest + 2
+    first = GUARDS + width * RUNS
+    places = [first + FRAME * ticks * moving.index(m) if m is not None else 0 for m in motions]
+    table = table_of(
+        *(batch.lanes(delays), longest, batch.lanes(modes), width, batch.lanes(places)),
+        *(batch.lanes(guards).T, *(motion.frames(ticks) for motion in moving)),
+    )
     return Part(
         'assurance',
         ((Place.GUIDANCE - 1, know), (Place.ASSURANCE, assure_all)),

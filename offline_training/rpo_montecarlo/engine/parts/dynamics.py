@@ -196,7 +196,7 @@ def step_orbits(w, m, t, tick):  # type: ignore[no-untyped-def]
 def _part(batch: Batch) -> Part:
     """Return the motion of runs that differ in mass and orbit."""
     dynamics, thrusters = batch.base.dynamics, batch.base.thrusters
-    burns = thrusters is not None and bool(thrusters.pulses or thrusters.propellant)
+    burns = thrusters is not None and bool(thrusters.fires or thrusters.propellant)
     if dynamics is not None and dynamics.kind != CLOHESSY_WILTSHIRE:
         return _orbits(batch, burns)
     masses, steps = batch.columns('mass_kg')[0], np.zeros((len(CwStep._fields), RUNS))

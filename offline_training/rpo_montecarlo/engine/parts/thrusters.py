@@ -14,14 +14,6 @@ from numpy.typing import NDArray
 from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
 from rpo_core.judge import requirements
-from rpo_core.world.thrusters import (
-    Failure,
-    Thrusters,
-    rotation,
-    tank_of,
-    valve_names,
-    valves_of,
-)
 from rpo_kernels.kernels import exerted_force, saturate
 from rpo_kernels.pulse_kernels import (
     DELTA_V,
@@ -42,6 +34,16 @@ from rpo_montecarlo.engine.lanes import (
     compiled,
 )
 from rpo_montecarlo.engine.tick import LIMITED, Batch, Draw, Kind, Part, register, table_of
+from rpo_thrusters.allocation_kernels import ROWS, SCRATCH, Table
+from rpo_thrusters.allocation_kernels import fire as fire_thrusters
+from rpo_thrusters.table import Failure, rows_of
+from rpo_thrusters.thrusters import (
+    Thrusters,
+    rotation,
+    table_for,
+    tank_of,
+    valves_of,
+)
 
 Floats = NDArray[np.float64]
 
@@ -170,6 +172,8 @@ def _part(batch: Batch) -> Part:
     thrusters = batch.base.thrusters
     if thrusters is not None and thrusters.pulses:
         return _valves_part(batch)
+    if thrusters is not None and thrusters.table:
+        return _table_part(batch)
     matrices = np.zeros((9, RUNS))
     for s, values in enumerate(batch.values()):
         matrices[:, s] = thrust_matrix(values).ravel()
@@ -205,6 +209,43 @@ def _valves_part(batch: Batch) -> Part:
     return Part('thrusters', ((Place.THRUSTERS, fire_valves),), table, memory)
 
 
+@compiled
+def fire_table(w, m, t, tick):  # type: ignore[no-untyped-def]
+    """Replace row FORCE, the saturated command, by the mean force of a table; fill row MASS."""
+    head, number, bases, count = t[REST:], int(t[REST]), int(t[REST + 6]), int(t[REST + 7])
+    a, b, n = REST + 8, REST + 8 + 10 * number, number
+    shared, scratch = t[a:b], m[MEMORY * RUNS :]
+    for s in range(RUNS):
+        y, z = s + RUNS, s + 2 * RUNS
+        acts = b + bases + (6 * n + 5 * count) * s
+        failures = acts + 6 * n
+        table = Table(
+            n, int(head[1]), head[2], head[3], head[4], head[5], shared[: 6 * n],
+            shared[6 * n : 7 * n], shared[7 * n : 8 * n], shared[8 * n : 9 * n],
+            shared[9 * n : 10 * n], t[acts:failures], t[failures : failures + 5 * count],
+            t[b : b + bases],
+        )  # fmt: skip
+        command = (w[FORCE + s], w[FORCE + y], w[FORCE + z])
+        memory = m[MEMORY * s : MEMORY * (s + 1)]
+        force, _, w[MASS + s] = fire_thrusters(tick, command, memory, table, _tank(t, s), scratch)
+        w[FORCE + s], w[FORCE + y], w[FORCE + z] = force
+
+
+def _table_part(batch: Batch) -> Part:
+    made, rows = [], []
+    for s in batch.scenarios:
+        assert s.thrusters is not None and s.thrusters.table is not None
+        made.append(table_for(s.thrusters, s))
+        rows.append(rows_of(s.thrusters.table.failures, s.thrusters.names, s.dt_s))
+    one = made[0]
+    own = np.zeros((RUNS, len(one.acts) + 5 * len(rows[0])))
+    own[: len(made)] = [table_of(t.acts, r) for t, r in zip(made, rows, strict=True)]
+    shared = (one.columns, one.most, one.cost, one.burns, one.bits, one.bases)
+    table = table_of(_tanks(batch), one[:6], len(one.bases), len(rows[0]), *shared, own)
+    memory = np.zeros(MEMORY * RUNS + SCRATCH + ROWS)
+    return Part('thrusters', ((Place.THRUSTERS, fire_table),), table, memory)
+
+
 def spent_of(memory: Floats | None) -> dict[str, Floats]:
     """Return what runs have spent, of the memory of valves and tanks: a requirement -> (40,)."""
     if memory is None:
@@ -223,10 +264,14 @@ def vary(scenario: Scenario, draw: Draw) -> list[Any]:
     found = replace(
         nominal or Thrusters(), matrix=(x, y, z), delay_ticks=int(values['delay_ticks'])
     )
-    if found.pulses is not None and 'stuck_off_thruster' in values:
-        name = valve_names(found.pulses.count)[int(values['stuck_off_thruster'])]
-        failures = (*found.pulses.failures, Failure(thruster=name, stuck='off'))
-        found = replace(found, pulses=replace(found.pulses, failures=failures))
+    part = found.pulses or found.table
+    if part is not None and 'stuck_off_thruster' in values:
+        name = found.names[int(values['stuck_off_thruster'])]
+        known = found.table is not None and found.table.finds_failures
+        part = replace(
+            part, failures=(*part.failures, Failure(thruster=name, stuck='off', known=known))
+        )
+        found = replace(found, **{'table' if found.table else 'pulses': part})
     return [found]
 
 

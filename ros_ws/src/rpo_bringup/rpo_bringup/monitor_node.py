@@ -25,6 +25,7 @@ from rclpy.client import Client
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
+from rpo_attitude.target import TARGET_ATTITUDE
 from rpo_bringup.parameters import MONITOR as PARAMETERS
 from rpo_core.files.validation import choice
 from rpo_core.wire.statuses import RUNNING, RunStatus
@@ -54,6 +55,7 @@ class MonitorNode(FlightNode):
         self.answers: dict[str, str] = {}
         self._timeout = Timeout()
         self._newest_ns = 0
+        self._attitude = (0.0, 0.0, 0.0, 1.0)  # of the target; without section `target` none comes
         self._pending: dict[str, Client] = {}
         controller, plant = self.values['controller_node'], self.values['plant_node']
         self._coast = self.create_client(ChangeState, f'{controller}/change_state')
@@ -66,6 +68,7 @@ class MonitorNode(FlightNode):
 
     def _subscribe(self) -> None:
         self.create_subscription(Odometry, names.RELATIVE_STATE, self._on_state, qos.LOCKSTEP)
+        self.create_subscription(Odometry, TARGET_ATTITUDE, self._on_attitude, qos.LOCKSTEP)
         self.create_subscription(WrenchStamped, names.CONTROL_FORCE, self._on_force, qos.LOCKSTEP)
         hear(self, RunStatus, self._on_status)
         self.create_subscription(
@@ -77,7 +80,11 @@ class MonitorNode(FlightNode):
         if stamp_ns != self._newest_ns:  # a state that is sent again is no new sample
             self._newest_ns = stamp_ns
             state = conversions.from_odometry(message)
-            self._sample(self.table.limits.faults_of_state(state))
+            self._sample(self.table.limits.faults_of_state(state, self._attitude))
+
+    def _on_attitude(self, message: Odometry) -> None:
+        turned = message.pose.pose.orientation
+        self._attitude = (turned.x, turned.y, turned.z, turned.w)
 
     def _on_force(self, message: WrenchStamped) -> None:
         self._timeout.broken()

@@ -4,10 +4,13 @@
 
 from __future__ import annotations
 
+from functools import partial
+from math import inf
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from rpo_attitude.target import known_motion
 from rpo_core.chain.stage import Signal, Stage
 from rpo_core.files.scenario import Scenario
 from rpo_core.wire import interfaces
@@ -17,15 +20,18 @@ from rpo_guidance.legs import (
     Coasting,
     Flown,
     FlyingAround,
+    Moving,
     Resting,
     Straight,
     Transferring,
+    Turning,
     Vehicle,
     fill,
 )
 from rpo_guidance.plan import Guidance, Leg
 from rpo_guidance.transfer_kernels import Floats, at_port
 from rpo_guidance.transfers import Limits
+from rpo_kernels.attitude_kernels import moving_with, seen_from
 from rpo_kernels.kernels import State, norm
 
 GO, STOP, RETREAT, ABORT = 'go', 'hold', 'retreat', 'abort'
@@ -78,14 +84,18 @@ class GuidanceStage(Stage):
         step = scenario.step if mass_kg is None else cw.discretise(n, mass_kg, dt_s)
         limit_n = settings.force_share * scenario.max_force_n
         self._vehicle = Vehicle(n, mass_kg or scenario.mass_kg, dt_s, limit_n, step)
-        self._port = (*settings.port_m, *settings.corridor.ahead, settings.past_port_m)
+        self._motion = known_motion(scenario)
+        self._radius_m = settings.keep_out_m and settings.keep_out_m + settings.margin_m
         goal = scenario.goal
         self._goal = (scenario.goal_state, goal.force_n if goal is not None else ())
         self.reset()
 
     def passes_on(self) -> tuple[int | Signal, ...]:
-        """Return the goal of the scenario, as a controller without guidance has it."""
-        return self._goal
+        """Return the goal of the scenario, as a controller without guidance has it.
+
+        Of a target that turns the goal turns too: then the chaser itself, which needs no force.
+        """
+        return self._goal if self._motion is None else (0, ())
 
     def reset(self) -> None:
         """Begin the plan anew."""
@@ -142,7 +152,7 @@ class GuidanceStage(Stage):
             self._obey(tick, command)
         while self._is_over(tick):
             self._follow(tick)
-        if self._docks and at_port(*state[:3], *self._port):
+        if self._docks and self._at_port(tick, state):
             self._enter(tick, DOCKED, 'the chaser is at the port', Drifting())
         if isinstance(self._flown, Drifting):
             self._reference = state
@@ -162,6 +172,22 @@ class GuidanceStage(Stage):
         if not self.settings.past_port_m or self._next < len(self.settings.legs):
             return False
         return self._leg is not None or self.changes[-1].phase == ARRIVED
+
+    def ports(self, ticks: int, first: int = 0) -> Floats:
+        """Return where port and axis of the corridor point, target LVLH (ticks, 6)."""
+        fixed = np.array([*self.settings.port_m, *self.settings.corridor.ahead])
+        if self._motion is None:
+            return fixed[None].repeat(ticks, axis=0)
+        turned = self._motion.frames(first + ticks)[first:, :9].reshape(-1, 1, 3, 3)
+        x, y, z = fixed.reshape(2, 3, 1).swapaxes(0, 1)
+        # in the order of `to_lvlh`: the same bits
+        found: Floats = turned[..., 0] * x + turned[..., 1] * y + turned[..., 2] * z
+        return found.reshape(ticks, 6)
+
+    def _at_port(self, tick: int, state: State) -> bool:
+        """Return whether a state has come to the port."""
+        (x, y, z, *_), (px, py, pz, ax, ay, az) = state, self.ports(1, tick)[0].tolist()
+        return at_port(x, y, z, px, py, pz, ax, ay, az, self.settings.past_port_m)
 
     def rows(self, start: State, ticks: int) -> tuple[Floats, int]:
         """Return the references and forces (ticks + 1, 9) of a plan without holds and commands.
@@ -226,7 +252,9 @@ class GuidanceStage(Stage):
                 timed_out = self._timed_out(tick, leg)
                 self._begin_leg(tick, end, 'time is up' if timed_out else 'GO')
         elif leg is None:  # stopped, or back at the retreat
-            self._flown = Resting(end[:3], self._vehicle)
+            turns = isinstance(self._flown, Turning)
+            at = self._start_of(tick, end, turns)
+            self._flown = self._fly(tick, turns, Resting, at[:3], self._vehicle)
             self._since = tick
         else:
             self._begin_leg(tick, end, f'{leg.name} is flown')
@@ -239,56 +267,99 @@ class GuidanceStage(Stage):
         return self._flown.at(tick - self._since if ticks is None else ticks)[0]
 
     def _begin_leg(self, tick: int, start: State, reason: str) -> None:
-        if self._next == len(self.settings.legs):
-            past_m = self.settings.past_port_m if norm(*start[3:]) > 0.0 else 0.0
-            resting = Resting(start[:3], self._vehicle)
-            flown = Coasting(start, self._vehicle, past_m) if past_m else resting
+        settings = self.settings
+        if self._next == len(settings.legs):
+            turns = settings.turns(self._next - 1)
+            start = self._start_of(tick, start, turns)
+            flown = self._fly(tick, turns, Resting, start[:3], self._vehicle)
+            if settings.past_port_m and norm(*start[3:]) > 0.0:
+                past_m = settings.past_port_m
+                flown = self._fly(tick, turns, Coasting, start, self._vehicle, past_m)
             self._enter(tick, ARRIVED, reason, flown)
             return
-        leg = self.settings.legs[self._next]
+        leg = settings.legs[self._next]
         self._next += 1
-        self._enter(tick, leg.name, reason, self._flying(leg, start))
+        self._enter(tick, leg.name, reason, self._flying(tick, leg, start))
         self._leg = leg
 
-    def _flying(self, leg: Leg, start: State) -> Flown:
+    def _start_of(self, tick: int, state: State, turns: bool) -> State:
+        """Return the reference (6,) with which a phase begins, in the target's axes if it turns.
+
+        What was planned in these axes has its own bits there, not those by way of LVLH.
+        """
+        if not turns or self._motion is None:
+            return state
+        if isinstance(self._flown, Turning):
+            return self._flown.seen(tick - self._since)
+        leg = self._leg
+        if leg is not None and leg.kind == plan.TRANSFER and leg.to_m is not None:
+            return (*leg.to_m, *leg.arrive_m_s)
+        return seen_from(state, self._motion.frame(tick))
+
+    def _fly(self, tick: int, turns: bool, kind: type[Moving], *args: Any) -> Flown:
+        """Return a leg under way, in the target's axes if it turns."""
+        if not turns or self._motion is None:
+            return kind(*args)
+        return Turning(self._motion, tick, self._vehicle, kind, *args)
+
+    def _flying(self, tick: int, leg: Leg, start: State) -> Flown:
         """Return a leg under way."""
-        to_m = leg.to_m if leg.to_m is not None else start[:3]
+        turns = self.settings.turns(self._next - 1)
         if leg.kind == plan.TRANSFER:
-            end = (*to_m, *leg.arrive_m_s)
+            end = (*(leg.to_m or start[:3]), *leg.arrive_m_s)
             times_s = (leg.duration_s or 0.0, leg.corridor_s, leg.burn_s, leg.ease_s)
-            return self._transfer(start, end, *times_s)
+            return self._transfer(tick, start, end, turns, *times_s)
+        start = self._start_of(tick, start, turns)
+        to_m = leg.to_m if leg.to_m is not None else start[:3]
+        fly, speed = partial(self._fly, tick, turns), leg.speed_m_s or 0.0
         if leg.kind == plan.STRAIGHT:
-            speed = leg.speed_m_s or 0.0
-            return Straight(start, to_m, self._vehicle, speed, leg.end_speed_m_s)
+            return fly(Straight, start, to_m, self._vehicle, speed, leg.end_speed_m_s)
         if leg.kind == plan.FLY_AROUND:
-            return FlyingAround(start, to_m, self._vehicle, leg.speed_m_s or 0.0)
-        return Resting(to_m, self._vehicle)
+            return fly(FlyingAround, start, to_m, self._vehicle, speed)
+        return fly(Resting, to_m, self._vehicle)
 
     def _transfer(
         self,
+        tick: int,
         start: State,
         end: State,
+        turns: bool,
         duration_s: float,
         corridor_s: float | None = None,
         burn_s: float | None = None,
         ease_s: float | None = None,
     ) -> Transferring:
         settings, corridor = self.settings, self.settings.corridor
-        radius = settings.keep_out_m + settings.margin_m if settings.keep_out_m else 0.0
+        radius = self._radius_m
         # what begins or ends in the sphere passes through it; but to the corridor it comes no
         # nearer than it is
-        range_m = norm(*start[:3])
-        free = corridor_s is None and min(range_m, norm(*end[:3])) <= radius
+        range_m = begins = norm(*start[:3])
+        if self._motion is not None and begins < radius:
+            # its corridor turns away: the way out comes no nearer than where it can have stopped
+            range_m, begins = range_m - self._stopping_m(start), inf
+        free = corridor_s is None and min(begins, norm(*end[:3])) <= radius
         zones = Limits(
             0.0 if free else min(radius, range_m),
             None,
-            settings.port_m,
-            corridor.ahead,
+            ((*settings.port_m, *corridor.ahead),),
             corridor.slope * CONE_SHARE,
             corridor.from_m - norm(*settings.port_m),
         )
         times_s = (corridor_s, burn_s, ease_s)
-        return Transferring(start, end, self._vehicle, duration_s, zones, *times_s)
+
+        def end_after(ticks: int) -> State:
+            if not turns or self._motion is None:
+                return end
+            return moving_with(end, self._motion.frame(tick + ticks))
+
+        ports = None if self._motion is None else partial(self.ports, first=tick)
+        return Transferring(start, end_after, self._vehicle, duration_s, zones, *times_s, ports)
+
+    def _stopping_m(self, state: State) -> float:
+        """Return how much nearer [m] to the target a state comes before it can have stopped."""
+        x, y, z, vx, vy, vz = state
+        closing = max(-(x * vx + y * vy + z * vz) / norm(x, y, z), 0.0)
+        return closing * closing / (2.0 * self._vehicle.acceleration_m_s2)
 
     def _obey(self, tick: int, command: str, reason: str = '') -> None:
         """Follow a command at a tick."""
@@ -300,16 +371,20 @@ class GuidanceStage(Stage):
             else:
                 self._begin_leg(tick, now, reason)
         elif command == STOP:
+            turns = isinstance(self._flown, Turning)
             self._interrupt()
-            self._enter(tick, STOPPED, reason, self._braking(now))
+            self._enter(tick, STOPPED, reason, self._braking(tick, now, turns))
         elif command == RETREAT:
             self._interrupt()
+            while self._next > 0 and self._begins_turning(self._next):
+                self._next -= 1
             to_m = self.settings.retreat_m or now[:3]
-            flown = self._transfer(now, (*to_m, 0.0, 0.0, 0.0), self.settings.abort_s)
+            end: State = (*to_m, 0.0, 0.0, 0.0)
+            flown = self._transfer(tick, now, end, False, self.settings.abort_s)
             self._enter(tick, RETREATED, reason, flown)
         else:
             end = self._way_out(now)
-            flown = self._transfer(now, end, self.settings.abort_s)
+            flown = self._transfer(tick, now, end, False, self.settings.abort_s)
             self._enter(tick, ABORTING, reason, flown)
 
     def _interrupt(self) -> None:
@@ -317,24 +392,34 @@ class GuidanceStage(Stage):
         if self._leg is not None and self._leg.kind != plan.HOLD:
             self._next -= 1
 
-    def _braking(self, now: State) -> Flown:
-        x, y, z, vx, vy, vz = now
+    def _begins_turning(self, i: int) -> bool:
+        """Return whether leg i, or what follows the last one, begins in the target's axes."""
+        legs = self.settings.legs
+        if i < len(legs) and legs[i].kind == plan.TRANSFER:
+            return False
+        return self._motion is not None and self.settings.turns(min(i, len(legs) - 1))
+
+    def _braking(self, tick: int, now: State, turns: bool) -> Flown:
+        x, y, z, vx, vy, vz = now = self._start_of(tick, now, turns)
         speed = norm(vx, vy, vz)
         if speed == 0.0:
-            return Resting((x, y, z), self._vehicle)
+            return self._fly(tick, turns, Resting, (x, y, z), self._vehicle)
         way = speed / (2.0 * self._vehicle.acceleration_m_s2)  # along v, so that v^2 / (2 a)
         to_m = (x + way * vx, y + way * vy, z + way * vz)
-        return Straight(now, to_m, self._vehicle, speed, 0.0)
+        return self._fly(tick, turns, Straight, now, to_m, self._vehicle, speed, 0.0)
 
     def _way_out(self, now: State) -> State:
         """Return a state (6,) from which relative motion carries the chaser away.
 
         Below the target an orbit is faster: ahead of it the chaser leaves forward. Behind the
-        target it leaves backward, above it. vy = -3/2 n x keeps x as it is.
+        target it leaves backward, above it. vy = -3/2 n x keeps x as it is. Out of a corridor that
+        turns it leaves on the side on which it is.
         """
-        _, y, _, _, _, _ = now
-        offset = self.settings.abort_offset_m
-        x = -offset if y >= 0.0 else offset
+        x, y, _, _, _, _ = now
+        below = y >= 0.0
+        if self._motion is not None and norm(*now[:3]) < self._radius_m:
+            below = x < 0.0
+        x = -self.settings.abort_offset_m if below else self.settings.abort_offset_m
         return x, y, 0.0, 0.0, -1.5 * self._vehicle.mean_motion_rad_s * x, 0.0
 
     def _enter(self, tick: int, phase: str, reason: str, flown: Flown | Drifting) -> None:

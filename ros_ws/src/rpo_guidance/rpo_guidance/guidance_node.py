@@ -46,6 +46,8 @@ class GuidanceNode(PlaceNode):
 
     def part(self, scenario: Scenario) -> Chain | None:
         """Return the plan of the scenario as a stage; without one, the node ends."""
+        if scenario.target is not None:
+            self.off = 'the reference is the chaser itself, and needs no force'
         chain = super().part(scenario)
         if chain is not None:
             found = [x.stage for x in chain.links if isinstance(x.stage, GuidanceStage)]

@@ -8,13 +8,18 @@ order: the same bits on every machine.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import ceil, sqrt
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
+import numpy as np
+
+from rpo_attitude.target import Motion
 from rpo_core.world import cw
 from rpo_guidance import transfers
 from rpo_guidance.transfer_kernels import Floats, sample
 from rpo_guidance.transfers import Limits, Transfer
+from rpo_guidance.turning_kernels import force_for, turn_rows
 from rpo_kernels import kernels
 from rpo_kernels.kernels import CwStep, State, Vector, norm, sin_cos
 
@@ -49,14 +54,7 @@ class Vehicle(NamedTuple):
 
     def force_n(self, state: State, acceleration: Vector) -> Vector:
         """Return the force (3,) [N] for an acceleration (3,) [m/s^2] in a state."""
-        n, m = self.mean_motion_rad_s, self.mass_kg
-        x, _, z, vx, vy, _ = state
-        ax, ay, az = acceleration
-        return (
-            m * (ax - 3.0 * n * n * x - 2.0 * n * vy),
-            m * (ay + 2.0 * n * vx),
-            m * (az + n * n * z),
-        )
+        return force_for(state, acceleration, self.mean_motion_rad_s, self.mass_kg)
 
 
 class Flown(Protocol):
@@ -70,53 +68,123 @@ class Flown(Protocol):
         """Return the reference (6,) [m, m/s] and force (3,) [N] so many ticks after its begin."""
 
 
-class Resting:
-    """At rest at a point, for ever."""
+class Moving:
+    """A leg whose motion is a function of time: the force is that in the middle of a tick."""
 
-    ticks = None
+    ticks: int | None = None
+    _vehicle: Vehicle
 
-    def __init__(self, position_m: Vector, vehicle: Vehicle) -> None:
-        self._state: State = (*position_m, 0.0, 0.0, 0.0)
-        self._force = vehicle.force_n(self._state, (0.0, 0.0, 0.0))
+    def moved(self, time_s: float) -> tuple[State, Vector]:
+        """Return state (6,) [m, m/s] and acceleration (3,) [m/s^2] so long after its begin."""
+        raise NotImplementedError
 
     def at(self, tick: int) -> tuple[State, Vector]:
-        """Return the point and the force that holds a chaser there."""
-        return self._state, self._force
+        """Return the state, and the force in the middle of the tick."""
+        dt_s = self._vehicle.dt_s
+        state, _ = self.moved(tick * dt_s)
+        return state, self._vehicle.force_n(*self.moved((tick + 0.5) * dt_s))
 
 
-class Coasting:
+class Resting(Moving):
+    """At rest at a point, for ever."""
+
+    def __init__(self, position_m: Vector, vehicle: Vehicle) -> None:
+        self._vehicle = vehicle
+        self._state: State = (*position_m, 0.0, 0.0, 0.0)
+
+    def moved(self, time_s: float) -> tuple[State, Vector]:
+        """Return the point."""
+        return self._state, (0.0, 0.0, 0.0)
+
+
+class Coasting(Moving):
     """On with the velocity of its begin, so far."""
 
     def __init__(self, start: State, vehicle: Vehicle, length_m: float) -> None:
         self._start, self._vehicle = start, vehicle
-        self.ticks: int | None = ceil(length_m / norm(*start[3:]) / vehicle.dt_s)
+        self.ticks = ceil(length_m / norm(*start[3:]) / vehicle.dt_s)
+
+    def moved(self, time_s: float) -> tuple[State, Vector]:
+        """Return point and velocity."""
+        x, y, z, vx, vy, vz = self._start
+        state = x + vx * time_s, y + vy * time_s, z + vz * time_s, vx, vy, vz
+        return state, (0.0, 0.0, 0.0)
+
+
+_tables: dict[str, Floats] = {}
+"""Motions of legs in the target's axes: those of the runs of a campaign are the same."""
+
+MOST_TABLES = 16
+
+
+class Turning:
+    """A leg that is flown in the axes of the target, which turn.
+
+    motion : how they turn; since : tick at which the leg begins
+    kind, args : of the leg in these axes
+    """
+
+    def __init__(
+        self, motion: Motion, since: int, vehicle: Vehicle, kind: type[Moving], *args: Any
+    ) -> None:
+        self._motion, self._since, self._vehicle = motion, since, vehicle
+        self._inner = kind(*args)
+        self._key = repr((kind.__name__, args))  # 0.0 is not -0.0
+        self.ticks = self._inner.ticks
+
+    def seen(self, tick: int) -> State:
+        """Return the state (6,) in the target's axes, so many ticks after its begin."""
+        return self._inner.moved(tick * self._vehicle.dt_s)[0]
+
+    def _moments(self, tick: int) -> tuple[float, ...]:
+        """Return the state at a tick, and state and acceleration in its middle (15,)."""
+        later, acceleration = self._inner.moved((tick + 0.5) * self._vehicle.dt_s)
+        return (*self.seen(tick), *later, *acceleration)
 
     def at(self, tick: int) -> tuple[State, Vector]:
-        """Return point and velocity, and the force in the middle of the tick."""
-        dt_s = self._vehicle.dt_s
-        middle = self._moved((tick + 0.5) * dt_s)
-        return self._moved(tick * dt_s), self._vehicle.force_n(middle, (0.0, 0.0, 0.0))
+        """Return the state in LVLH, and the force in the middle of the tick."""
+        row = np.empty((1, 9))
+        self._fill(tick, np.array([self._moments(tick)]), row)
+        x, y, z, vx, vy, vz, *force = row[0].tolist()
+        return (x, y, z, vx, vy, vz), tuple(force)
 
-    def _moved(self, time_s: float) -> State:
-        x, y, z, vx, vy, vz = self._start
-        return x + vx * time_s, y + vy * time_s, z + vz * time_s, vx, vy, vz
+    def fill(self, rows: Floats) -> None:
+        """Fill rows (n, 9) with its first references and forces."""
+        key = f'{len(rows)} {self._key}'
+        if key not in _tables:
+            if len(_tables) >= MOST_TABLES:
+                _tables.clear()
+            _tables[key] = np.array([self._moments(tick) for tick in range(len(rows))])
+        self._fill(0, _tables[key], rows)
+
+    def _fill(self, first: int, table: Floats, rows: Floats) -> None:
+        begin, vehicle = self._since + first, self._vehicle
+        frames, halves = (
+            self._motion.frames(begin + len(rows), half=half)[begin:] for half in (False, True)
+        )
+        turn_rows(table, frames, halves, vehicle.mean_motion_rad_s, vehicle.mass_kg, rows)
 
 
 class Transferring:
-    """On a transfer of least energy."""
+    """On a transfer of least energy.
+
+    end : state (6,) [m, m/s] at its end, by its length in ticks
+    ports : where a corridor that turns points in its first ticks (n, 6), by their number
+    """
 
     def __init__(
         self,
         start: State,
-        end: State,
+        end: Callable[[int], State],
         vehicle: Vehicle,
         duration_s: float,
         zones: Limits,
         corridor_s: float | None = None,
         burn_s: float | None = None,
         ease_s: float | None = None,
+        ports: Callable[[int], Floats] | None = None,
     ) -> None:
-        self._vehicle = vehicle
+        self._vehicle, self._ports = vehicle, ports
         for _ in range(STRETCHES):
             self._plan(start, end, duration_s, zones, corridor_s, burn_s, ease_s)
             if self.largest_n <= vehicle.limit_n:
@@ -129,7 +197,7 @@ class Transferring:
     def _plan(
         self,
         start: State,
-        end: State,
+        end: Callable[[int], State],
         duration_s: float,
         zones: Limits,
         corridor_s: float | None,
@@ -146,15 +214,18 @@ class Transferring:
         burn = None if burn_s is None else max(2, round(burn_s / seconds))
         if corridor_s is not None:
             zones = zones._replace(corridor=segments - max(1, round(corridor_s / seconds)))
+            if self._ports is not None:
+                turned = self._ports(segments * hold + 1)[::hold].tolist()
+                zones = zones._replace(ports=tuple(map(tuple, turned)))
         ease = round(ease_s / seconds) if ease_s else 0
+        self.ticks: int | None = segments * hold
+        self._end = end(segments * hold)
         self.transfer: Transfer = transfers.least_energy(
-            start, end, step, segments, zones, burn, ease
+            start, self._end, step, segments, zones, burn, ease
         )
         self.largest_n = float(abs(self.transfer.forces).max())
-        self.ticks: int | None = segments * hold
         self._states, self._forces = self.transfer.states.tolist(), self.transfer.forces.tolist()
         self._last: tuple[int, State] = (0, start)
-        self._end = end
 
     def at(self, tick: int) -> tuple[State, Vector]:
         """Return the planned state and the force of its segment."""
@@ -184,7 +255,7 @@ def fill(flown: Flown, rows: Floats) -> None:
     """Fill rows (n, 9), a tick each, with the first references and forces of a leg."""
     if isinstance(flown, Resting):
         rows[:] = (*flown.at(0)[0], *flown.at(0)[1])
-    elif isinstance(flown, Transferring):
+    elif isinstance(flown, (Transferring, Turning)):
         flown.fill(rows)
     else:
         for tick, row in enumerate(rows):
@@ -230,7 +301,7 @@ class Profile:
         return self._length, self._last, 0.0
 
 
-class Straight:
+class Straight(Moving):
     """On a straight line, with a profile of speed."""
 
     def __init__(
@@ -252,17 +323,11 @@ class Straight:
         self._profile = Profile(length, first, speed_m_s, end_m_s, vehicle.acceleration_m_s2)
         self.ticks = ceil(self._profile.duration_s / vehicle.dt_s)
 
-    def at(self, tick: int) -> tuple[State, Vector]:
-        """Return point and velocity on the line, and the force in the middle of the tick."""
+    def moved(self, time_s: float) -> tuple[State, Vector]:
+        """Return point, velocity and acceleration on the line."""
         if self._profile is None:
-            return Resting(self._to, self._vehicle).at(0)
-        dt_s = self._vehicle.dt_s
-        state, _ = self._moving(self._profile, tick * dt_s)
-        return state, self._vehicle.force_n(*self._moving(self._profile, (tick + 0.5) * dt_s))
-
-    def _moving(self, profile: Profile, time_s: float) -> tuple[State, Vector]:
-        """Return state and acceleration at a time."""
-        length, speed, a = profile.at(time_s)
+            return (*self._to, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        length, speed, a = self._profile.at(time_s)
         ux, uy, uz = self._ahead
         px, py, pz = self._from
         state = (
@@ -272,7 +337,7 @@ class Straight:
         return state, (a * ux, a * uy, a * uz)
 
 
-class FlyingAround:
+class FlyingAround(Moving):
     """On an arc about the target; its radius changes evenly with the angle."""
 
     def __init__(self, start: State, to_m: Vector, vehicle: Vehicle, speed_m_s: float) -> None:
@@ -284,16 +349,10 @@ class FlyingAround:
         speed = speed_m_s / max(first, last)
         rate = vehicle.acceleration_m_s2 / max(first, last)
         self._profile = Profile(self._angle, 0.0, speed, 0.0, rate)
-        self.ticks: int | None = ceil(self._profile.duration_s / vehicle.dt_s)
+        self.ticks = ceil(self._profile.duration_s / vehicle.dt_s)
 
-    def at(self, tick: int) -> tuple[State, Vector]:
-        """Return point and velocity on the arc, and the force in the middle of the tick."""
-        dt_s = self._vehicle.dt_s
-        state, _ = self._moving(tick * dt_s)
-        return state, self._vehicle.force_n(*self._moving((tick + 0.5) * dt_s))
-
-    def _moving(self, time_s: float) -> tuple[State, Vector]:
-        """Return state and acceleration at a time."""
+    def moved(self, time_s: float) -> tuple[State, Vector]:
+        """Return point, velocity and acceleration on the arc."""
         angle, rate, change = self._profile.at(time_s)
         sine, cosine = sin_cos(angle)
         r, dr = self._radius + self._growth * angle, self._growth

@@ -33,6 +33,8 @@ from rpo_kernels.kernels import Vector
 TRANSFER, STRAIGHT, FLY_AROUND, HOLD = 'transfer', 'straight', 'fly_around', 'hold'
 KINDS = (TRANSFER, STRAIGHT, FLY_AROUND, HOLD)
 
+LVLH, TARGET = FRAMES = ('lvlh', 'target')
+
 AUTO, COMMAND = 'auto', 'command'
 """Who ends a hold: its own conditions, or the command `go` while they are met."""
 
@@ -62,8 +64,10 @@ class Leg:
     kind : `transfer`, least energy in `duration_s`, around the keep-out sphere; with `burn_s` the
         thrusters fire at its two ends only. `straight`, at `speed_m_s`. `fly_around`, on an arc
         about the target, its radius changing evenly. `hold`, at one point
-    to_m : (3,) target LVLH, where it ends
-    arrive_m_s : (3,) velocity there, of a transfer
+    frame : `lvlh`, or the axes of the `target`, which turn: a line, an arc or a hold is flown in
+        them, a transfer to a point that moves with them. A hold is in those of the leg before
+    to_m : (3,) where it ends, in its frame
+    arrive_m_s : (3,) velocity there, of a transfer, in its frame
     corridor_s : so long before its end a transfer enters the corridor
     ease_s : so long before its end the force of a transfer begins to fall to zero, so that it does
         not end with a step. Such a transfer is planned tick by tick, and around nothing
@@ -74,6 +78,7 @@ class Leg:
 
     name: Name
     kind: Annotated[str, partial(choice, known=KINDS)]
+    frame: Annotated[str, partial(choice, known=FRAMES)] = unless_default(LVLH)
     to_m: Point = None
     arrive_m_s: Annotated[Vector, _velocity] = (0.0, 0.0, 0.0)
     duration_s: Time = None
@@ -119,9 +124,9 @@ class Leg:
 
 
 _OF_KIND = {
-    TRANSFER: ('arrive_m_s', 'duration_s', 'corridor_s', 'burn_s', 'ease_s'),
-    STRAIGHT: ('speed_m_s', 'end_speed_m_s'),
-    FLY_AROUND: ('speed_m_s',),
+    TRANSFER: ('frame', 'arrive_m_s', 'duration_s', 'corridor_s', 'burn_s', 'ease_s'),
+    STRAIGHT: ('frame', 'speed_m_s', 'end_speed_m_s'),
+    FLY_AROUND: ('frame', 'speed_m_s'),
     HOLD: ('dwell_s', 'go', 'within_m', 'within_m_s', 'timeout_s', 'on_timeout'),
 }
 _NEEDED = {
@@ -178,19 +183,35 @@ class Guidance:
                     f'`ease_s` of leg {leg.name} needs a plan without a keep-out sphere; '
                     f'got `keep_out_m` = {self.keep_out_m!r}'
                 )
+        for i, leg in enumerate(self.legs):
+            if leg.frame == TARGET and leg.kind != TRANSFER and not (i and self.turns(i - 1)):
+                raise InputError(
+                    f'`frame` target of leg {leg.name} needs a leg before it that ends in this '
+                    'frame, a transfer for one'
+                )
+            if leg.frame == LVLH and leg.kind in (STRAIGHT, FLY_AROUND) and i and self.turns(i - 1):
+                raise InputError(
+                    f'leg {leg.name} must be a transfer, or have `frame` target as the leg before'
+                )
         names = [leg.name for leg in self.legs]
         for name in names:
             if names.count(name) > 1:
                 raise InputError(f'`legs` must have names of their own; {name} is there twice')
 
-    def zones(self, _scenario: Any) -> Zone:
-        """Return what views draw: sphere, corridor, holds, retreat."""
-        points, end_m = {}, None
-        for leg in self.legs:
+    def turns(self, i: int) -> bool:
+        """Return whether leg i ends in the axes of the target."""
+        while self.legs[i].kind == HOLD and i > 0:
+            i -= 1
+        return self.legs[i].frame == TARGET
+
+    def zones(self, scenario: Any) -> Zone:
+        """Return what views draw: sphere, corridor, holds, retreat; of a target what it sees."""
+        points, end_m, lvlh = {}, None, scenario.target is None
+        for i, leg in enumerate(self.legs):
             end_m = leg.to_m or end_m
-            if leg.kind == HOLD and end_m is not None:
+            if leg.kind == HOLD and end_m is not None and (lvlh or self.turns(i)):
                 points[leg.name] = end_m
-        if self.retreat_m is not None:
+        if self.retreat_m is not None and lvlh:
             points['retreat'] = self.retreat_m
         zones = Zones(keep_out_m=self.keep_out_m, port_m=self.port_m, corridor=self.corridor)
         return zones.zone(points)

@@ -9,6 +9,8 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
+import numpy as np
+
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_guidance import plan
@@ -73,17 +75,23 @@ def check(settings: Guidance, scenario: Scenario) -> None:
         ) from None
     _check_durations(settings, scenario, found)
     cone = settings.corridor.cone(settings.port_m)
+    mass_kg = settings.mass_kg or scenario.mass_kg
+    seen = np.array(found.references)
+    if scenario.target is not None:
+        seen = scenario.target.known.seen(seen, scenario)
     starts = [change.tick for change in found.changes]
-    for tick, (reference, force) in enumerate(zip(found.references, found.forces, strict=True)):
+    for tick, (state, force) in enumerate(zip(seen.tolist(), found.forces, strict=True)):
         phase = found.changes[bisect_right(starts, tick) - 1].phase
         at = f'leg {phase}, {tick * scenario.dt_s:g} s'
         largest = max(abs(f) for f in force)
         if largest > settings.force_share * scenario.max_force_n * (1.0 + 1e-9):
             raise InputError(
                 f'`guidance` must need at most `force_share` = {settings.force_share:g} of '
-                f'`max_force_n` = {scenario.max_force_n:g} N; {at}: {largest:.4g} N'
+                f'`max_force_n` = {scenario.max_force_n:g} N; {at}: {largest:.4g} N, '
+                f'{largest / mass_kg:.3g} m/s^2'
             )
-        distance, sphere = norm(*reference[:3]), settings.keep_out_m
+        position, sphere = tuple(state[:3]), settings.keep_out_m
+        distance = norm(*position)
         if distance >= sphere or (settings.past_port_m and phase in (ARRIVED, DOCKED)):
             continue
         if not settings.corridor.from_m:
@@ -91,7 +99,7 @@ def check(settings: Guidance, scenario: Scenario) -> None:
                 f'`guidance` must keep out of the sphere of `keep_out_m` = {sphere:g} m '
                 f'without `corridor.from_m`; {at}: {distance:.4g} m from the target'
             )
-        outside = cone.outside_m(reference[:3])
+        outside = cone.outside_m(position)
         if outside > 1e-9:
             raise InputError(
                 f'`guidance` must keep out of the sphere of `keep_out_m` = {sphere:g} m but for '

@@ -81,17 +81,21 @@ class Limits(NamedTuple):
 
     radius_m : of the sphere about the target that it keeps out of; 0: none
     corridor : number of segments after which it must be inside the cone; None: no cone
-    port_m, axis : tip of the cone, unit vector outward
+    ports : tip of the cone and unit vector outward, at the end of each segment where they turn
     slope : tangent of its half angle
     gate_m : distance from the port where it enters, at least
     """
 
     radius_m: float = 0.0
     corridor: int | None = None
-    port_m: Vector = (0.0, 0.0, 0.0)
-    axis: Vector = (0.0, 1.0, 0.0)
+    ports: tuple[tuple[float, ...], ...] = ((0.0, 0.0, 0.0, 0.0, 1.0, 0.0),)
     slope: float = 0.0
     gate_m: float = 0.0
+
+    def port(self, segment: int) -> tuple[Vector, Vector]:
+        """Return tip and axis of the cone at the end of a segment."""
+        px, py, pz, ax, ay, az = self.ports[min(segment, len(self.ports) - 1)]
+        return (px, py, pz), (ax, ay, az)
 
     def in_cone(self, segment: int) -> bool:
         """Return whether the end of a segment must lie inside the cone."""
@@ -104,7 +108,7 @@ class Limits(NamedTuple):
             if not self.in_cone(j):
                 worst = max(worst, self.radius_m - distances[j])
                 continue
-            along, across = along_and_across(tuple(states[j, :3].tolist()), self.port_m, self.axis)
+            along, across = along_and_across(tuple(states[j, :3].tolist()), *self.port(j))
             worst = max(worst, beside_m(along, norm(*across), 0.0, self.slope))
             if j == self.corridor:
                 worst = max(worst, self.gate_m - along)
@@ -161,16 +165,14 @@ def _touch_cone(planes: _HalfSpaces, states: Floats, zones: Limits) -> None:
 
     The cone is convex: a plane that touches it is right for every path.
     """
-    ax, ay, az = zones.axis
-    px, py, pz = zones.port_m
     for j in range(1, len(states) - 1):
         if not zones.in_cone(j):
             continue
+        port, axis = zones.port(j)
+        (px, py, pz), (ax, ay, az) = port, axis
         if j == zones.corridor and not planes.when:
-            planes.add(j, zones.axis, ax * px + ay * py + az * pz + zones.gate_m)
-        along, (cx, cy, cz) = along_and_across(
-            tuple(states[j, :3].tolist()), zones.port_m, zones.axis
-        )
+            planes.add(j, axis, ax * px + ay * py + az * pz + zones.gate_m)
+        along, (cx, cy, cz) = along_and_across(tuple(states[j, :3].tolist()), port, axis)
         size, t = norm(cx, cy, cz), zones.slope
         if size > t * along:
             normal = (t * ax - cx / size, t * ay - cy / size, t * az - cz / size)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from rpo_kernels.jit import kernel
 from rpo_kernels.kernels import Vector
 
-MOST_VALVES = 12
+MOST_VALVES = 24
 
 OPEN = 3
 """Place in the memory of the first valve, after the impulse [N s] of each axis that is left over:
@@ -24,7 +24,9 @@ OPENINGS = SPENT + 1
 """Place of the number of times that a valve opened."""
 DELTA_V = OPENINGS + 1
 """Place of the sum of thrust x on-time / mass over all valves [m/s]."""
-MEMORY = DELTA_V + 1
+TORQUE = DELTA_V + 1
+"""Place of the torque impulse of each axis that is left over, over the lever [N s]."""
+MEMORY = TORQUE + 3
 
 OFF, ON = 1, 2
 """How a valve is stuck."""

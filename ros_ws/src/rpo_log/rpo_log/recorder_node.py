@@ -53,6 +53,8 @@ _ANEW_S = 2.5
 class RecorderNode(FlightNode):
     """Begins when the manifests are there, ends when run_status says that the run has."""
 
+    rest_s = 0.005
+
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__('recorder', overrides)
         self.values = declare(self, PARAMETERS)

@@ -71,12 +71,15 @@ def keep_to_this_machine(env: MutableMapping[str, str] = os.environ) -> None:
 class FlightNode(Node):
     """A node that knows when it is done.
 
+    rest_s : how long its messages may wait, to be taken many at a time: each wake-up costs as much
+        as a message
     done : the node sets it at the end of its work
     exit_code : of the process; 0 unless the node changes it
     newest : name of the logger of the node that was made last: if it cannot be made, it says why
     alive : the nodes of this process, also those that did not get ready
     """
 
+    rest_s = 0.0
     newest = ''
     alive: ClassVar[weakref.WeakSet[FlightNode]] = weakref.WeakSet()
 
@@ -230,13 +233,17 @@ def spin(
     executor = executor_kind()
     for node in nodes:
         executor.add_node(node)
+    one_by_one = isinstance(executor, SingleThreadedExecutor)
+    rest_s = 0.0 if one_by_one else min(node.rest_s for node in nodes)
     gc.freeze()  # what is there now stays: collections in flight need not look at it
     # EventsExecutor.spin() of rclpy 7.1.6 runs no callback in the wheels, and spin_once returns to
     # Python after each callback, which costs a third of a tick.
     while not until() and not stop.name:
         stop.pending = _Pending()  # a new one: the executor adds a callback to it each time
+        time.sleep(rest_s)
         if not stop.name:
-            executor.spin_until_future_complete(stop.pending, timeout_sec=_POLL_S)
+            timeout_s = 0.0 if rest_s else _POLL_S
+            executor.spin_until_future_complete(stop.pending, timeout_sec=timeout_s)
     if stop.name:
         for node in nodes:
             node.interrupt(stop.name)

@@ -69,6 +69,8 @@ class Seen(NamedTuple):
     applied_n : (3,) force [N] that the chaser had since the tick before, as far as is known
     enclosed : whether the chaser is inside the corridor
     guard : numbers of the filter, with the errors that the estimate has now
+    in_axes : (6,) the state in the axes of the corridor
+    outward : (3,) along the corridor, target LVLH
     """
 
     state: State
@@ -80,6 +82,8 @@ class Seen(NamedTuple):
     applied_n: Vector
     enclosed: bool
     guard: Guard
+    in_axes: State
+    outward: Vector
 
 
 class AbortMachine:
@@ -217,7 +221,7 @@ class AbortMachine:
             'range_m': rho,
             'speed_m_s': speed,
             'closing_excess_m_s': closes - speed_limit(rho, guard),
-            'off_corridor_m': self._off_corridor_m(state, rho),
+            'off_corridor_m': self._off_corridor_m(seen.in_axes, rho),
             'tracking_error_m': norm(*miss[:3]),
             'tracking_error_m_s': norm(*miss[3:]),
             'intervention': float(seen.intervened),
@@ -286,7 +290,7 @@ class AbortMachine:
     def _plan(self, tick: int, seen: Seen) -> str:
         """Choose a manoeuvre; return how clear its path is, in words."""
         inside = closing(seen.ahead)[0] <= self.keep_out_m
-        only = self._outward() if inside and seen.enclosed else None
+        only = seen.outward if inside and seen.enclosed else None
         found = self.way_out(seen.ahead, seen.guard, only)
         self._wanted, self._since = found.velocity_m_s, tick
         self._attempts += 1
@@ -298,10 +302,6 @@ class AbortMachine:
     def _known(self, guard: Guard) -> PathModel:
         """Return what a path is computed with: the velocity is known as well as it is now."""
         return self._world._replace(error_m_s=guard.here_m_s + self._burn_error_m_s)
-
-    def _outward(self) -> Vector:
-        side, axis = self.guard.side, self.guard.axis
-        return tuple(side if i == axis else 0.0 for i in range(3))  # type: ignore[return-value]
 
     def _force(self, tick: int, seen: Seen) -> Vector | None:
         """Return the force of the phase."""

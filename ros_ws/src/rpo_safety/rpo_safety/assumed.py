@@ -13,9 +13,12 @@ from rpo_core.chain.stage import Place, section_of
 from rpo_core.files.validation import InputError
 from rpo_core.world import cw
 from rpo_core.world.disturbance import Disturbance
-from rpo_core.world.thrusters import IDENTITY, Thrusters
 from rpo_nav.navigation_errors import Navigation
 from rpo_safety.settings import Assurance
+from rpo_thrusters.authority import FULL, NONE, known
+from rpo_thrusters.thrusters import IDENTITY, Thrusters
+
+ERRORS = '`position_error_m`, `velocity_error_m_s`, `disturbance_n`, `thrust_error`'
 
 ROUNDING_M = 1e-6
 """Covers the rounding of the kernels, below 1e-9 m in 1 km; added to the error of a position."""
@@ -137,9 +140,29 @@ def ahead(errors: Errors, scenario: Any, ticks: int) -> tuple[float, float]:
     )
 
 
+def limit_n(scenario: Any) -> float:
+    """Return the force [N] that all axes have at once.
+
+    Of a table of thrusters that is what is left without torque when all that are known to fail have
+    failed; raises InputError where nothing is.
+    """
+    most = float(scenario.max_force_n)
+    own = scenario.thrusters
+    if own is None or own.table is None:
+        return most
+    left = known(own.table)
+    has = left.left(most)
+    if has == NONE:
+        raise InputError(
+            '`assurance` needs a force to all sides without torque; `thrusters.table`, with the '
+            'failures that are known, has none (`rpo safety thrusters`)'
+        )
+    return most if has == FULL else left.box_n
+
+
 def unknown_n(errors: Errors, scenario: Any) -> float:
     """Return the largest force [N] that a prediction does not know, under any command."""
-    return errors.disturbance_n + errors.thrust * SQRT_3 * float(scenario.max_force_n)
+    return errors.disturbance_n + errors.thrust * SQRT_3 * limit_n(scenario)
 
 
 def _block(matrix: Any, i: int, j: int) -> float:

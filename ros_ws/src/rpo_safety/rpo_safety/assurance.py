@@ -8,19 +8,22 @@ from collections import deque
 from math import sqrt
 from typing import Any, NamedTuple
 
+from rpo_attitude.target import known_motion
 from rpo_core.chain.stage import ZERO, Place, Signal, Stage, section_of
 from rpo_core.files.validation import InputError
 from rpo_core.wire import interfaces
 from rpo_core.world import cw
+from rpo_kernels.attitude_kernels import seen_from, to_lvlh
 from rpo_kernels.kernels import CwStep, State, Vector, cw_step, norm
 from rpo_safety import filters, kernels
 from rpo_safety.abort import DECISIONS, AbortMachine, Seen
 from rpo_safety.abort_table import check_table
 from rpo_safety.assumed import ahead
 from rpo_safety.guard import grown, proof_of
-from rpo_safety.kernels import APPROACH, CONTACT, OPEN
+from rpo_safety.kernels import APPROACH, CONTACT, OPEN, Guard
 from rpo_safety.packed import Filter
 from rpo_safety.settings import Assurance
+from rpo_safety.turning import backup_turning
 
 ASSURED_FORCE, ASSURANCE_STATUS = 'assured_force', 'assurance_status'
 """Signal and topic of the force; topic of the interventions."""
@@ -93,8 +96,10 @@ class AssuranceStage(Stage):
     its mode (corridor) and what the abort table counts; without these it has no memory.
 
     guard, errors : numbers of the filter, and what they assume
-    prediction, numbers : step by which it predicts; (58,) step and guard
+    walls : numbers of the corridor in the axes of a target that turns; None: as `guard` has them
+    prediction, numbers : step by which it predicts; (58,) or (90,) of `rpo_safety.packed`
     delay_ticks : of the thrusters
+    motion : of a target with which the corridor turns, as it is known; None: it does not
     decision : of the last tick
     abort : the abort table in flight; None: there is none
     """
@@ -114,10 +119,14 @@ class AssuranceStage(Stage):
             grown(settings, scenario) if self._estimated else [proof_of(settings, scenario)]
         )
         self.prediction = step_of(settings, scenario)
-        self._filters = [Filter(self.prediction, proof.guard) for proof in self._proofs]
+        self.motion = known_motion(scenario) if self._proofs[0].walls is not None else None
+        self.counts_ticks = self.motion is not None
+        self._filters = [
+            Filter(self.prediction, proof.guard, proof.walls, self.motion) for proof in self._proofs
+        ]
         self.numbers = self._filters[0].table
         self.delay_ticks = scenario.thrusters.delay_ticks if scenario.thrusters else 0
-        self.guard, self.errors = self._proofs[0].guard, self._proofs[0].errors
+        self.guard, self.errors, _, self.walls = self._proofs[0]
         sides = [proof.guard.side for proof in self._proofs]
         self._narrow = sides.count(self.guard.side)  # of those with the corridor, if there is one
         self.abort = None
@@ -183,23 +192,36 @@ class AssuranceStage(Stage):
             found = cw_step(found, force, self.prediction)
         return found
 
-    def mode_of(self, state: State) -> int:
-        """Return the mode in which a flight begins, or goes on after a gap."""
-        return filters.first_mode(state, self.guard)
+    def mode_of(self, state: State, tick: int = 0) -> int:
+        """Return the mode in which a flight begins, or goes on after a gap.
+
+        tick : in which a force of now acts, as in what follows
+        """
+        if min(kernels.open_margins(state, 0.0, 0.0, self.guard)) >= 0.0:
+            return OPEN
+        return filters.first_mode(*self.view(state, APPROACH, tick))
+
+    def view(self, state: State, mode: int, tick: int) -> tuple[State, Guard]:
+        """Return a state as the set of a mode has it, in the target's axes, and its numbers."""
+        if mode != APPROACH or self.motion is None or self.walls is None:
+            return state, self.guard
+        return seen_from(state, self.motion.frame(tick)), self.walls
 
     def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
         """Return the assured force (3,) [N]."""
         sigmas = self._uncertain(inputs[-1]) if self._estimated else (0.0, 0.0)
         state, command = self.ahead(inputs[0]), inputs[1]
+        acts = tick + self.delay_ticks
         if self._mode == UNKNOWN:
-            self._mode = self.mode_of(state)
+            self._mode = self.mode_of(state, acts)
         own = self._interrupted(tick, state, inputs, sigmas)
         if own is not None:
             command = own
         elif self._lost:
-            command = filters.backup(state, self._mode, self.guard)
+            command = self._backup(state, acts)
         assure = self._filters[min(self._level, self._known_levels - 1)]
-        fx, fy, fz, mode, acted, metres, speed = assure(state, command, self._last, self._mode)
+        found = assure(state, command, self._last, self._mode, acts)
+        fx, fy, fz, mode, acted, metres, speed = found
         force = (fx, fy, fz)
         if self.abort is not None:
             self.abort.spend(force)
@@ -212,6 +234,12 @@ class AssuranceStage(Stage):
         constraint = CONSTRAINTS[acted] or (COVARIANCE if self._lost and own is None else '')
         self.decision = Decision(MODES[mode], constraint, metres, speed, command, force)
         return (force,)
+
+    def _backup(self, state: State, tick: int) -> Vector:
+        """Return the backup law [N] of the mode."""
+        if self.motion is None or self.walls is None:
+            return filters.backup(state, self._mode, self.guard)
+        return backup_turning(state, self._mode, self.motion.frame(tick), self.guard, self.walls)
 
     def _uncertain(self, covariance: Signal) -> tuple[float, float]:
         """Take the covariance (18,) of an estimate; return the sigmas [m], [m/s] of its norms.
@@ -226,7 +254,7 @@ class AssuranceStage(Stage):
             if enough and self._sigmas * velocity <= proof.errors.velocity_m_s:
                 break
             self._level += 1
-        self.guard = self._proofs[min(self._level, self._known_levels - 1)].guard
+        self.guard, _, _, self.walls = self._proofs[min(self._level, self._known_levels - 1)]
         return position, velocity
 
     def _interrupted(
@@ -238,10 +266,17 @@ class AssuranceStage(Stage):
             return None
         reference = inputs[2] if interfaces.REFERENCE_STATE in self.inputs else ()
         enclosed = self._mode == APPROACH and norm(*state[:3]) < self.guard.keep_out_m
+        side, axis = self.guard.side, self.guard.axis
+        outward: Any = tuple(side if i == axis else 0.0 for i in range(3))
+        in_axes = inputs[0]
+        if self.motion is not None:
+            outward = to_lvlh(outward, self.motion.frame(tick + self.delay_ticks))
+            in_axes = seen_from(in_axes, self.motion.frame(tick))
         missed = machine.missed(tick)
         seen = Seen(
             inputs[0], state, () if missed else reference, *sigmas,
             decision is not None and bool(decision.constraint), self._applied, enclosed, self.guard,
+            in_axes, outward,
         )  # fmt: skip
         own = machine.step(tick, seen)
         return ZERO if own is None and missed else own
@@ -256,7 +291,7 @@ def check_start(settings: Assurance, scenario: Any) -> None:
         check_table(settings.abort, scenario, settings.keep_out_m, settings.corridor)
     stage = AssuranceStage(settings, scenario)
     state, g = stage.ahead(scenario.start), stage.guard
-    mode = stage.mode_of(state)
+    mode = stage.mode_of(state, stage.delay_ticks)
     rho, _, speed = kernels.closing(state)
     if max(rho, norm(*scenario.initial_position_m)) > settings.domain_m:
         raise InputError(
@@ -265,17 +300,19 @@ def check_start(settings: Assurance, scenario: Any) -> None:
         )
     drift = _drift(stage, scenario, stage.delay_ticks)
     doubt = (g.here_m, g.here_m_s) if g.side != 0.0 else drift
-    if filters.margins(state, mode, *doubt, g)[1] < 0.0:
+    seen, own = stage.view(state, mode, stage.delay_ticks)
+    if filters.margins(seen, mode, *doubt, own)[1] < 0.0:
         raise InputError(
             f'`assurance.speed` must allow the start: {kernels.speed_limit(rho, g):.6g} m/s at '
             f'{rho:.6g} m; got {speed:.6g} m/s, known to {doubt[1]:.6g} m/s'
         )
-    _check_room(scenario.start, mode, (0.0, 0.0), g)
-    _check_room(state, mode, (g.here_m, g.here_m_s), g)
+    begins, numbers = stage.view(scenario.start, mode, 0)
+    _check_room(begins, mode, (0.0, 0.0), numbers)
+    _check_room(seen, mode, (own.here_m, own.here_m_s), own)
     state = scenario.start
     for tick in range(stage.delay_ticks):
         off_m = _drift(stage, scenario, tick)[0]
-        if _clear_m(state, mode, off_m, g) < 0.0:
+        if _clear_m(*stage.view(state, mode, tick), mode, off_m) < 0.0:
             raise InputError(
                 '`assurance.keep_out_m` and the start exclude each other: before the first force '
                 f'acts, after {tick} ticks, it may come to {kernels.closing(state)[0] - off_m:.6g} '
@@ -290,14 +327,14 @@ def _drift(stage: AssuranceStage, scenario: Any, ticks: int) -> tuple[float, flo
     return ahead(known, scenario, ticks)
 
 
-def _clear_m(state: State, mode: int, off_m: float, g: kernels.Guard) -> float:
+def _clear_m(state: State, g: Guard, mode: int, off_m: float) -> float:
     """Return how far [m] a state without forces is clear of the zone, or of the walls."""
     if mode == APPROACH:
         return filters.margins(state, mode, off_m, 0.0, g)[0]
     return kernels.closing(state)[0] - off_m - g.keep_out_m
 
 
-def _check_room(state: State, mode: int, errors: tuple[float, float], g: kernels.Guard) -> None:
+def _check_room(state: State, mode: int, errors: tuple[float, float], g: Guard) -> None:
     """Refuse a state that may be outside of its set within the errors [m], [m/s]."""
     metres = filters.margins(state, mode, *errors, g)[0]
     if metres >= 0.0:

@@ -7,21 +7,18 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 from rpo_core.files.validation import InputError
-from rpo_safety.assumed import SQRT_3, Errors, ahead, errors_of, unknown_n
+from rpo_safety.assumed import ERRORS, SQRT_3, Errors, ahead, errors_of, limit_n, unknown_n
 from rpo_safety.edge import speed_floor, within_domain
 from rpo_safety.kernels import FAR, Guard, speed_limit
-from rpo_safety.settings import LEAST_CHANGE, Assurance, Passage
+from rpo_safety.settings import LEAST_CHANGE, Assurance
+from rpo_safety.walls import NO_CORRIDOR, standing, turning
 
 BRAKE_SHARE = 0.95
 """Share of a thruster axis that the backup law may push along the range; 0.31 is left across."""
-
-ERRORS = '`position_error_m`, `velocity_error_m_s`, `disturbance_n`, `thrust_error`'
-
-LATERAL_1_S = 0.02
-"""Growth of the lateral speed that is allowed in the corridor, per metre to the port."""
 
 SLACK = 0.9
 """Share of the sure deceleration that the speed limit may ask for."""
@@ -38,11 +35,13 @@ class Proof(NamedTuple):
     """The numbers of the filter, what they assume, and the speed that is kept for certain.
 
     floor_m_s : the true speed stays below the limit, or this (docs/safety.md, lemma 3)
+    walls : numbers of the corridor in the axes of a target that turns; None: as `guard` has them
     """
 
     guard: Guard
     errors: Errors
     floor_m_s: float
+    walls: Guard | None = None
 
 
 def guard_of(settings: Assurance, scenario: Any) -> Guard:
@@ -50,6 +49,7 @@ def guard_of(settings: Assurance, scenario: Any) -> Guard:
     return proof_of(settings, scenario).guard
 
 
+@lru_cache(maxsize=64)
 def proof_of(
     settings: Assurance, scenario: Any, errors: Errors | None = None, *, edge: bool = True
 ) -> Proof:
@@ -78,7 +78,12 @@ def proof_of(
             guard, floor = within_domain(guard, floor, push, errors, settings, scenario)
         elif zone > 0.0:
             guard = guard._replace(domain_m=FAR)
-        return Proof(guard, errors, floor)
+        if settings.corridor is None or scenario.target is None:
+            return Proof(guard, errors, floor)
+        walls = turning(guard, settings, scenario, errors)
+        own = {name: getattr(walls, name) for name in NO_CORRIDOR}
+        own['port_m'] = settings.corridor.port_m
+        return Proof(guard._replace(**own), errors, floor, walls)
     raise InputError(
         f'`assurance` and `max_force_n` exclude each other: with errors ({ERRORS}) of '
         f'{errors.position_m:.6g} m and {errors.velocity_m_s:.6g} m/s no speed is kept for certain'
@@ -118,7 +123,7 @@ def _proof_or_none(settings: Assurance, scenario: Any, errors: Errors) -> Proof 
 
 def _guard(settings: Assurance, scenario: Any, errors: Errors, top: float) -> Guard:
     """Return the numbers of the filter, if near the zone no speed is larger than `top` [m/s]."""
-    limit, mass, dt = float(scenario.max_force_n), errors.mass_kg, scenario.dt_s
+    limit, mass, dt = limit_n(scenario), errors.mass_kg, scenario.dt_s
     n2 = scenario.mean_motion_rad_s * scenario.mean_motion_rad_s
     delay = scenario.thrusters.delay_ticks if scenario.thrusters else 0
     here, following = ahead(errors, scenario, delay), ahead(errors, scenario, delay + 1)
@@ -154,7 +159,7 @@ def _guard(settings: Assurance, scenario: Any, errors: Errors, top: float) -> Gu
         here_m_s=here[1],
         next_m=following[0],
         next_m_s=following[1],
-        **_corridor(settings.corridor, scenario, errors, here, following, settings),
+        **_corridor(settings, scenario, errors, here, following),
     )
 
 
@@ -180,7 +185,7 @@ def _between_ticks(
     if zone_m <= 0.0:
         return 0.0, 0.0
     dt, n = scenario.dt_s, scenario.mean_motion_rad_s
-    force = SQRT_3 * float(scenario.max_force_n) + unknown_n(errors, scenario)
+    force = SQRT_3 * limit_n(scenario) + unknown_n(errors, scenario)
     most = force / errors.mass_kg + 3.0 * n * n * zone_m + 2.0 * n * top_m_s
     bend = most + top_m_s * top_m_s / zone_m
     moved = here[0] + (top_m_s + here[1]) * dt + 0.5 * most * dt * dt
@@ -212,70 +217,14 @@ def _check_speed(
 
 
 def _corridor(
-    way: Passage | None,
+    settings: Assurance,
     scenario: Any,
     errors: Errors,
     here: tuple[float, float],
     following: tuple[float, float],
-    settings: Assurance,
 ) -> dict[str, Any]:
-    """Return the corridor's part of the numbers."""
-    if way is None:
-        return {
-            'axis': 0, 'side': 0.0, 'port_m': 0.0, 'outer_m': 0.0, 'width_m': 0.0, 'slope': 0.0,
-            'contact_m_s': 0.0, 'lateral_m_s': 0.0, 'lateral_1_s': 0.0, 'wall_m_s2': 1.0,
-            'doubt_m_s2': 0.0,
-        }  # fmt: skip
-    n, dt, mass = scenario.mean_motion_rad_s, scenario.dt_s, errors.mass_kg
-    speed = settings.speed
-    top = speed.speed_m_s + speed.slope(n) * way.outer_m
-    top += math.sqrt(2.0 * speed.deceleration_m_s2 * way.outer_m)
-    doubt = unknown_n(errors, scenario) / mass + 3.0 * n * n * way.outer_m + 2.0 * n * top
-    slope = way.slope
-    per_axis = float(scenario.max_force_n) / mass
-    wall = per_axis - (1.0 + slope) * doubt
-    dip = (1.0 + slope) * (per_axis + doubt) * dt * dt / 8.0
-    width = way.width_m - dip
-    wide = following[0] * (1.0 + slope) + 2.0 * dip
-    far = way.outer_m - way.port_m
-    fastest = min(math.sqrt(way.closing_m_s * way.closing_m_s + 2.0 * max(wall, 0.0) * far), top)
-    for ahead_m, closing in ((0.0, way.closing_m_s), (far, fastest)):
-        # Both walls come nearer by so much: between them it takes twice the way to stop.
-        narrow = slope * (closing + following[1]) + 2.0 * following[1]
-        room, half = wide + narrow * narrow / max(wall, 1e-9), width + slope * ahead_m
-        if wall <= 0.0 or room >= half:
-            raise InputError(
-                f'`assurance.corridor` and the errors ({ERRORS}, `mass_kg`) exclude each other: '
-                f'{ahead_m:.6g} m before the port, to stop between the walls takes {room:.6g} m to '
-                f'each side, and `width_m` and `half_angle_deg` leave {half:.6g} m'
-            )
-    doubt *= 1.0 + slope
-    rest = here[1] + doubt * dt
-    follows = slope * way.closing_m_s + 2.0 * (1.0 + slope) * here[1] + 2.0 * doubt * dt
-    _check_contact(way, rest, max(rest, follows))
-    return {
-        'axis': 'xyz'.index(way.along[1]),
-        'side': 1.0 if way.along[0] == '+' else -1.0,
-        'port_m': way.port_m,
-        'outer_m': way.outer_m,
-        'width_m': width,
-        'slope': slope,
-        'contact_m_s': way.closing_m_s,
-        'lateral_m_s': way.lateral_m_s,
-        'lateral_1_s': min(LATERAL_1_S, wall / top),
-        'wall_m_s2': wall,
-        'doubt_m_s2': doubt,
-    }
-
-
-def _check_contact(way: Passage, rest_m_s: float, across_m_s: float) -> None:
-    """Refuse speeds of contact that the backup law does not keep for certain.
-
-    rest_m_s : what it leaves where it stops; across_m_s : that, or away from a wall at the port
-    """
-    if way.closing_m_s < rest_m_s or way.lateral_m_s < across_m_s:
-        raise InputError(
-            f'`assurance.corridor` and the errors ({ERRORS}) exclude each other: at the port, '
-            f'{rest_m_s:.6g} m/s closing and {across_m_s:.6g} m/s across are kept for certain; got '
-            f'{way.closing_m_s!r} and {way.lateral_m_s!r}'
-        )
+    """Return the corridor's part of the numbers; of one that turns, `turning` has them."""
+    way = settings.corridor
+    if way is None or scenario.target is not None:
+        return NO_CORRIDOR
+    return standing(way, scenario, errors, here, following, settings)

@@ -70,7 +70,8 @@ class Rule:
 class Limits:
     """What is allowed; see the comments of config/monitors/default.yaml.
 
-    corridor_axis : (3,) direction from the target, target LVLH, any length but zero
+    corridor_axis : (3,) direction from the target, target LVLH, any length but zero; of a target
+        with an attitude, in its axes
     """
 
     range_m: float
@@ -81,8 +82,13 @@ class Limits:
     corridor_half_angle_deg: float
     corridor_axis: tuple[float, float, float]
 
-    def faults_of_state(self, state: Sequence[float]) -> dict[str, bool]:
-        """Return which faults a state (6,) [m, m/s], target LVLH, shows and which not."""
+    def faults_of_state(
+        self, state: Sequence[float], attitude: Sequence[float] = (0.0, 0.0, 0.0, 1.0)
+    ) -> dict[str, bool]:
+        """Return which faults a state (6,) [m, m/s], target LVLH, shows and which not.
+
+        attitude : quaternion x, y, z, w, from the target's axes to target LVLH
+        """
         if not all(map(math.isfinite, state)):
             return {'not_finite': True}
         range_m, speed_m_s = math.hypot(*state[:3]), math.hypot(*state[3:])
@@ -90,7 +96,8 @@ class Limits:
             'not_finite': False,
             'out_of_range': range_m > self.range_m,
             'too_fast': speed_m_s > self.speed_m_s + self.speed_per_range_1_s * range_m,
-            'off_corridor': self._angle_deg(state[:3], range_m) > self.corridor_half_angle_deg,
+            'off_corridor': self._angle_deg(state[:3], range_m, attitude)
+            > self.corridor_half_angle_deg,
         }
 
     def faults_of_force(self, force_n: Sequence[float]) -> dict[str, bool]:
@@ -99,8 +106,16 @@ class Limits:
             return {'not_finite': True}
         return {'force_saturated': max(map(abs, force_n)) >= self.force_n}
 
-    def _angle_deg(self, position_m: Sequence[float], range_m: float) -> float:
-        axis = self.corridor_axis
+    def _angle_deg(
+        self, position_m: Sequence[float], range_m: float, attitude: Sequence[float]
+    ) -> float:
+        (a, b, c), (x, y, z, w) = self.corridor_axis, attitude
+        tx, ty, tz = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+        axis = (
+            a + w * tx + y * tz - z * ty,
+            b + w * ty + z * tx - x * tz,
+            c + w * tz + x * ty - y * tx,
+        )
         along = sum(a * r for a, r in zip(axis, position_m, strict=True))
         size = math.hypot(*axis) * range_m
         return math.degrees(math.acos(max(-1.0, min(1.0, along / size)))) if size else 0.0

@@ -11,41 +11,79 @@ from typing import Any
 
 import numpy as np
 
-from rpo_kernels.jit import COMPILED, kernel
+from rpo_attitude.target import Motion
+from rpo_kernels.attitude_kernels import FRAME, frame_at
+from rpo_kernels.jit import COMPILED, inlined, kernel
 from rpo_kernels.kernels import CwStep, State, Vector, unpacked
 from rpo_safety.filters import assure
 from rpo_safety.kernels import Guard
+from rpo_safety.turning import assure_turning
 
 Answer = tuple[float, float, float, int, int, float, float]
+
+
+@inlined
+def guard_at(t: Any, i: int) -> Guard:
+    """Return the guard whose numbers lie in a table from place i on."""
+    # fmt: off
+    return Guard(
+        t[i], t[i + 1], t[i + 2], t[i + 3], t[i + 4], t[i + 5], t[i + 6], t[i + 7], t[i + 8],
+        t[i + 9], t[i + 10], t[i + 11], t[i + 12], t[i + 13], t[i + 14], t[i + 15], t[i + 16],
+        t[i + 17], t[i + 18], t[i + 19], t[i + 20], int(t[i + 21]), t[i + 22], t[i + 23],
+        t[i + 24], t[i + 25], t[i + 26], t[i + 27], t[i + 28], t[i + 29], t[i + 30], t[i + 31],
+    )
+    # fmt: on
 
 
 @kernel
 def assure_packed(v: Any, t: Any) -> Answer:
     """`assure` of state, command, last force and mode (13,), CW step and guard (58,)."""
-    c = unpacked(t, 0, 1)
-    # fmt: off
-    g = Guard(
-        t[26], t[27], t[28], t[29], t[30], t[31], t[32], t[33], t[34], t[35], t[36], t[37], t[38],
-        t[39], t[40], t[41], t[42], t[43], t[44], t[45], t[46], int(t[47]), t[48], t[49], t[50],
-        t[51], t[52], t[53], t[54], t[55], t[56], t[57],
-    )
-    # fmt: on
+    c, g = unpacked(t, 0, 1), guard_at(t, 26)
     state = (v[0], v[1], v[2], v[3], v[4], v[5])
     return assure(state, (v[6], v[7], v[8]), (v[9], v[10], v[11]), int(v[12]), c, g)
+
+
+@kernel
+def assure_turning_packed(v: Any, axes: Any, t: Any) -> Answer:
+    """`assure_turning` of the same (13,), CW step and both guards (90,).
+
+    axes : (30,) of the target in the tick in which the force acts, and one later
+    """
+    c, g, w = unpacked(t, 0, 1), guard_at(t, 26), guard_at(t, 58)
+    now, following = frame_at(axes, 0), frame_at(axes, FRAME)
+    state, last = (v[0], v[1], v[2], v[3], v[4], v[5]), (v[9], v[10], v[11])
+    return assure_turning(state, (v[6], v[7], v[8]), last, int(v[12]), now, following, c, g, w)
 
 
 class Filter:
     """The filter of one scenario, called tick by tick; the same bits either way.
 
-    table : (58,) CW step and guard
+    table : (58,) CW step and guard; (90,) with the walls that turn
     """
 
-    def __init__(self, step: CwStep, guard: Guard) -> None:
-        self._step, self._guard = step, guard
-        self.table = np.array([*step, *guard], dtype=np.float64)
+    def __init__(
+        self,
+        step: CwStep,
+        guard: Guard,
+        walls: Guard | None = None,
+        motion: Motion | None = None,
+    ) -> None:
+        self._step, self._guard, self._walls, self._motion = step, guard, walls, motion
+        self.table = np.array([*step, *guard, *(walls or ())], dtype=np.float64)
 
-    def __call__(self, state: State, command: Vector, last: Vector, mode: int) -> Answer:
-        """Return what `rpo_safety.filters.assure` returns."""
+    def __call__(
+        self, state: State, command: Vector, last: Vector, mode: int, tick: int = 0
+    ) -> Answer:
+        """Return what `rpo_safety.filters.assure` returns; tick : in which the force acts."""
+        numbers = (*state, *command, *last, mode)
+        if self._walls is not None and self._motion is not None:
+            if COMPILED:
+                frames = self._motion.frames(tick + 2)[tick:].ravel()
+                return assure_turning_packed(np.array(numbers), frames, self.table)
+            axes = self._motion.frame(tick), self._motion.frame(tick + 1)
+            return assure_turning(
+                state, command, last, mode, *axes, self._step, self._guard, self._walls
+            )
         if not COMPILED:
             return assure(state, command, last, mode, self._step, self._guard)
-        return assure_packed(np.array((*state, *command, *last, mode)), self.table)
+        return assure_packed(np.array(numbers), self.table)

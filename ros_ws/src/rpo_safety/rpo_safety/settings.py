@@ -108,6 +108,7 @@ MetresPerSecond = Annotated[float | None, partial(optional, unit='m/s', least=0.
 Newtons = Annotated[float | None, partial(optional, unit='N', least=0.0, most=MAX_FORCE_N)]
 Slew = Annotated[float | None, partial(optional, unit='N/s', above=0.0, most=MAX_FORCE_N)]
 Share = Annotated[float | None, partial(optional, least=0.0, most=1.0)]
+Degrees = Annotated[float | None, partial(optional, unit='deg', least=0.0, most=45.0)]
 Kilograms = Annotated[float | None, partial(optional, unit='kg', above=0.0, most=1e6)]
 
 
@@ -123,6 +124,7 @@ class Assurance:
     position_error_m, velocity_error_m_s : largest norm of the error of the state that it sees
     disturbance_n : largest norm of the force from outside
     thrust_error : largest norm of the thrust's error, as a share of the commanded force
+    attitude_error_deg : largest angle by which the axes of section `target` are known wrong
     domain_m : largest range for which the constants hold
     mass_kg : as the filter takes it; where the scenario has another, that is a thrust error
     sigmas : with an estimator, an error of the state counts as at least so many of its sigmas; 0:
@@ -140,6 +142,7 @@ class Assurance:
     velocity_error_m_s: MetresPerSecond = unless_default(None)
     disturbance_n: Newtons = unless_default(None)
     thrust_error: Share = unless_default(None)
+    attitude_error_deg: Degrees = unless_default(None)
     domain_m: Annotated[float, partial(real, unit='m', above=0.0, most=1e5)] = 500.0
     mass_kg: Kilograms = unless_default(None)
     sigmas: Annotated[float, partial(real, least=0.0, most=100.0)] = unless_default(0.0)

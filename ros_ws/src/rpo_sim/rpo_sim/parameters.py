@@ -36,6 +36,8 @@ PLANT = (
     Row('wait_for_recorder', False, 'do not start without a recorder; for one that is there the '
         'plant waits anyway', wall=True),
     Row('publish_clock', True, 'publish /clock'),
+    Row('thruster', '', 'switch a thruster of a table from this tick on: its name, then off, on or '
+        'ready; `stage_status` has it', wall=True, changeable=True),
 )  # fmt: skip
 
 DISTURBANCE_INJECTOR = (SCENARIO, AUTOSTART)

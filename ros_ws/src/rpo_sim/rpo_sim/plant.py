@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -17,8 +18,7 @@ from rpo_core.judge import metrics
 from rpo_core.judge.zones import zones_of
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import DUE_FORCE, EXERTED_FORCE, RELATIVE_STATE, SATURATED_FORCE
-from rpo_core.world.thrusters import ValvesStage
-from rpo_kernels import kernels, pulse_kernels
+from rpo_kernels import kernels
 from rpo_kernels.kernels import norm
 
 Force = tuple[float, float, float]
@@ -37,7 +37,7 @@ class NotFiniteError(ArithmeticError):
     """A step made a state that is not finite; the message says from which signal."""
 
 
-PLACES = (Place.LINK, Place.THRUSTERS, Place.DYNAMICS)
+PLACES = (Place.LINK, Place.THRUSTERS, Place.TARGET, Place.DYNAMICS)
 """Stages that the plant runs."""
 
 
@@ -95,9 +95,15 @@ class Plant:
     def openings(self) -> int | None:
         """How often a valve has opened; None where thrusters do not fire in pulses."""
         for link in self.chain.links:
-            if isinstance(link.stage, ValvesStage) and EXERTED_FORCE in link.stage.outputs:
-                return round(float(link.stage.memory[pulse_kernels.OPENINGS]))
+            spent = link.stage.spent()
+            if spent is not None and EXERTED_FORCE in link.stage.outputs:
+                return spent[2]
         return None
+
+    @property
+    def thrusters(self) -> Any:
+        """The stage of the thrusters."""
+        return next(link.stage for link in self.chain.links if link.place is Place.THRUSTERS)
 
     @property
     def stamp_ns(self) -> int:
@@ -144,7 +150,8 @@ class Plant:
     def _look_for_zones(self, *states: Signal) -> None:
         """Look how deep in a keep-out zone the chaser is in states, and between them."""
         for zones in self._zones:
-            depth_m = zones.deepest_m(np.array(states), self.scenario.dt_s)
+            seen = self.scenario.seen(np.array(states), self.tick - len(states) + 1)
+            depth_m = zones.deepest_m(seen, self.scenario.dt_s)
             if depth_m > self.depths_m.get(zones.keep_out, 0.0):
                 self.depths_m[zones.keep_out] = depth_m
 
@@ -171,7 +178,8 @@ class Plant:
 
     def ending(self) -> str:
         """Return how far from the goal, how fast and with which energy the run ends so far."""
-        error = self.scenario.from_goal(self.state)
+        seen = self.scenario.seen(np.array([self.state]), self.tick)[0]
+        error = self.scenario.from_goal(seen.tolist())
         where = 'target' if self.scenario.goal is None else 'goal'
         return (
             f'{norm(*error[:3]):.3g} m from the {where} and '

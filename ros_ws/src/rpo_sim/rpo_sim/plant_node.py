@@ -10,13 +10,17 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticStatus
+
 from rpo_core import files
 from rpo_core.chain.chain import Signals
 from rpo_core.chain.stage import Signal
 from rpo_core.files import scenario
+from rpo_core.files.validation import InputError
 from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import ABORTED, ENDED, FINISHED, GONE, PAUSED, RUNNING, WAITING
-from rpo_ros import health
+from rpo_ros import health, qos
+from rpo_ros.conversions import to_status
 from rpo_ros.heartbeat import Pulse, Watch
 from rpo_ros.parameters import declare
 from rpo_ros.running import run_node
@@ -60,6 +64,7 @@ class PlantNode(Loop):
         self._standard = standard_control.offer(self)
         self._manifest(files.read_text(path))
         self._begin_run()
+        self.refuse_change(self.values)
         self.every(min(_LOOK_S, self.values['resend_after_s']), self._look)
         health.publish_health(self, self._health)
 
@@ -74,6 +79,9 @@ class PlantNode(Loop):
         self._pulse = Pulse(self, lambda: ['plant'])
         self._refusals = Refusals(self, self.scenario)
         self.reports = TickReports(self, self.run_id, self._peers)
+        fitted = self.scenario.thrusters is not None and self.scenario.thrusters.table is not None
+        latched = (DiagnosticStatus, interfaces.STAGE_STATUS, qos.LATCHED)
+        self._switched = self.create_publisher(*latched) if fitted else None
         self.recorder = RecorderWatch(
             self, self.values['wait_for_recorder'], self.run_id, self._on_progress, self.reports.ask
         )
@@ -225,6 +233,7 @@ class PlantNode(Loop):
             self.progress_s = self._logged_s = now_s
             self.report(health.OK, RUNNING, 'flying')
             self.get_logger().info(f'flying {self.scenario.name}')
+            self._switch()
             self.advance()
             self.pacing.begin()
         elif awaited and 0.0 < self.values['start_timeout_s'] < now_s - self._begun:
@@ -270,9 +279,26 @@ class PlantNode(Loop):
         self.pacing.begin()
 
     def changed(self, applied: Mapping[str, Any]) -> None:
-        """Change the speed."""
+        """Change the speed, or switch a thruster."""
         if 'real_time_factor' in applied and self.phase == RUNNING:
             self.pacing.begin()
+        if 'thruster' in applied and self.phase == RUNNING:
+            self._switch()
+
+    def refuse_change(self, wanted: Mapping[str, Any]) -> None:
+        """Refuse to switch a thruster that is not there."""
+        reason = self.plant.thrusters.refusal(wanted['thruster']) if wanted.get('thruster') else ''
+        if reason:
+            raise InputError(f'`thruster`: {reason}')
+
+    def _switch(self) -> None:
+        """Switch a thruster as the parameter says, from the current tick on; say so."""
+        state = self.values['thruster']
+        if state and self._switched is not None:
+            self.plant.thrusters.take_event(self.tick, state)
+            values = [('stage', 'thrusters'), ('state', state), ('tick', self.tick)]
+            values.append(('reason', 'parameter `thruster`'))
+            self._switched.publish(to_status(health.WARN, 'plant', state, values))
 
     def report(self, level: bytes, phase: str, reason: str, **more: str) -> None:
         """Publish run_status; in lockstep only simulated values, so that two runs publish the same.

@@ -43,8 +43,8 @@ class Publications:
     def made(self, stamp_ns: int, signals: Mapping[str, Signal]) -> Signals:
         """Publish those of some signals that are outputs of the plant; return them."""
         found = {name: signals[name] for name in self._made if name in signals}
-        for name, values in found.items():
-            self._made[name].publish(stamp_ns, values)
+        for name in found:
+            self._made[name].publish_of(stamp_ns, signals)
         return found
 
     def before_flight(self, stamp_ns: int) -> None:

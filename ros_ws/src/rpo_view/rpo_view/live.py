@@ -12,6 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
+from rpo_attitude.target import in_lvlh, motion_of
 from rpo_core import files
 from rpo_core.control import controller as controllers
 from rpo_core.control.blend import Reasons
@@ -22,8 +23,9 @@ from rpo_core.files.validation import MOST_NAME, InputError, printable
 from rpo_core.judge.metrics import MAX_ARRIVAL_DISTANCE_M
 from rpo_core.judge.zones import Zone, zones_of
 from rpo_core.wire.statuses import ENDED, Manifest, RunStatus
-from rpo_core.world.thrusters import STANDARD_GRAVITY_M_S2
 from rpo_ctrl import explain
+from rpo_kernels.attitude_kernels import Attitude, Frame, frame_of, seen_from
+from rpo_thrusters.thrusters import STANDARD_GRAVITY_M_S2
 from rpo_view.onboard import Onboard, number
 from rpo_view.trail import Trail
 
@@ -209,9 +211,33 @@ class LiveRun:
 
     @property
     def errors(self) -> Vector:
-        """State (6,) from the goal [m, m/s], target LVLH; empty if none came."""
+        """State (6,) from the goal [m, m/s], in the axes of the target; empty if none came."""
         state = (*(self.position_m or ()), *(self.velocity_m_s or ()))
-        return self.scenario.from_goal(state) if self.scenario is not None and state else state
+        if self.scenario is None or not state:
+            return state
+        f = self.frame
+        return self.scenario.from_goal(state if f is None else seen_from(state, f))
+
+    @property
+    def attitude(self) -> Attitude | None:
+        """Quaternion and rate of the target at the newest state; None where it has no attitude."""
+        if self.scenario is None or self.scenario.target is None:
+            return None
+        tick = min(max(0, self.tick), self.scenario.ticks)
+        return motion_of(self.scenario.target, self.scenario).attitude(tick)
+
+    @property
+    def frame(self) -> Frame | None:
+        """The same as a frame."""
+        if self.scenario is None or (attitude := self.attitude) is None:
+            return None
+        return frame_of(attitude, self.scenario.target.body(self.scenario.mean_motion_rad_s))
+
+    @property
+    def zones_now(self) -> list[Zone]:
+        """The zones at the newest state, target LVLH."""
+        f = self.frame
+        return self.zones if f is None else [in_lvlh(zone, f) for zone in self.zones]
 
     @property
     def range_m(self) -> float:
@@ -301,7 +327,7 @@ class LiveRun:
                 axis: {'sentence': decision.reasons.sentence, 'rules': decision.rules}
                 for axis, decision in sorted(self.decisions.items())
             },
-            'zones': [_drawn(zones) for zones in self.zones],
+            'zones': [_drawn(zones) for zones in self.zones_now],
             **self.onboard.snapshot(self.tick, self.scenario.dt_s if self.scenario else None),
         }
 

@@ -20,6 +20,7 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from rpo_core.judge.zones import Zone
+from rpo_kernels.attitude_kernels import Attitude
 from rpo_log.show.style import COLOURS
 from rpo_ros.names import LVLH_FRAME
 from rpo_view.onboard import Onboard
@@ -60,13 +61,15 @@ def markers(
     look: Look,
     zones: Sequence[Zone] = (),
     onboard: Onboard | None = None,
+    attitude: Attitude | None = None,
 ) -> MarkerArray:
     """Return the whole scene; the aids of `look` where the scenario has no zones of its own.
 
     position_m : (3,), force_n : (3,) commanded, trail : (n, 3), n >= 1; m, N, target LVLH
+    attitude : of the target, where it has one
     """
     around = zone_markers(zones) if zones else _aids(trail[0], look)
-    found = [*_target(), *_chaser(position_m), *around, *_said(onboard or Onboard())]
+    found = [*_target(attitude), *_chaser(position_m), *around, *_said(onboard or Onboard())]
     found.append(_line('trail', 0, trail, 'muted', 0.12))
     found.append(_thrust(position_m, force_n or (0.0, 0.0, 0.0), look.arrow_m_per_n))
     for marker in found:
@@ -103,14 +106,19 @@ def _line(ns: str, number: int, points: Iterable[Vector], colour: str, width_m: 
     return marker
 
 
-def _target() -> list[Marker]:
-    """Return a body with two panels across the orbit."""
+def _target(attitude: Attitude | None) -> list[Marker]:
+    """Return a body with two panels along its z."""
     body, panel = _colour('ink'), _colour('x')
-    return [
-        _marker('target', 0, Marker.CUBE, (1.6, 1.6, 1.6), body),
-        _marker('target', 1, Marker.CUBE, (0.1, 1.4, 3.6), panel, (0.0, 0.0, 2.8)),
-        _marker('target', 2, Marker.CUBE, (0.1, 1.4, 3.6), panel, (0.0, 0.0, -2.8)),
-    ]
+    x, y, z, w = attitude[:4] if attitude is not None else (0.0, 0.0, 0.0, 1.0)
+    third = (2.0 * (x * z + y * w), 2.0 * (y * z - x * w), 1.0 - 2.0 * (x * x + y * y))
+    found = [_marker('target', 0, Marker.CUBE, (1.6, 1.6, 1.6), body)]
+    for number, away_m in ((1, 2.8), (2, -2.8)):
+        at_m = [away_m * part for part in third]
+        found.append(_marker('target', number, Marker.CUBE, (0.1, 1.4, 3.6), panel, at_m))
+    for marker in found:
+        turned = marker.pose.orientation
+        turned.x, turned.y, turned.z, turned.w = x, y, z, w
+    return found
 
 
 def _chaser(position_m: Vector) -> list[Marker]:

@@ -11,9 +11,10 @@ from geometry_msgs.msg import PoseStamped, TransformStamped
 from nav_msgs.msg import Odometry
 from visualization_msgs.msg import Marker, MarkerArray
 
+from rpo_attitude.target import TARGET_ATTITUDE
 from rpo_ros import conversions, names, qos
 from rpo_ros.parameters import declare
-from rpo_view.latest import run_viewer
+from rpo_view.latest import Latest, run_viewer
 from rpo_view.listening import ListeningNode
 from rpo_view.parameters import VISUALIZER as PARAMETERS
 from rpo_view.scene import Look, markers
@@ -35,6 +36,7 @@ class VisualizerNode(ListeningNode):
             values['arrow_m_per_n'], values['keep_out_radius_m'], values['corridor_half_angle_deg']
         )
         self.live.trail = Trail(values['trail_points'])
+        self._attitude = Latest(self, TARGET_ATTITUDE)
         self._shown: dict[tuple[str, int], Marker] = {}
         self._markers = self.create_publisher(MarkerArray, names.MARKERS, qos.LATCHED)
         self._pose = self.create_publisher(PoseStamped, names.CHASER_POSE, qos.LATCHED)
@@ -55,11 +57,11 @@ class VisualizerNode(ListeningNode):
         state = conversions.to_odometry(run.stamp_ns, (*run.position_m, *run.velocity_m_s))
         self._pose.publish(PoseStamped(header=state.header, pose=state.pose.pose))
         if self._tf is not None:
-            self._tf.publish(TFMessage(transforms=[transform_of(state)]))
+            turned = [transform_of(attitude)] if (attitude := self._attitude.take()) else []
+            self._tf.publish(TFMessage(transforms=[transform_of(state), *turned]))
         trail, stamp = [*run.trail.points, run.position_m], state.header.stamp
-        scene = markers(
-            stamp, run.position_m, run.force_n, trail, self._look, run.zones, run.onboard
-        )
+        seen = trail, self._look, run.zones_now, run.onboard, run.attitude
+        scene = markers(stamp, run.position_m, run.force_n, *seen)
         self._markers.publish(self._with_deletions(scene))
 
     def _with_deletions(self, scene: MarkerArray) -> MarkerArray:
@@ -74,7 +76,7 @@ class VisualizerNode(ListeningNode):
 
 
 def transform_of(state: Odometry) -> TransformStamped:
-    """Return the transform from the target's LVLH frame to the chaser."""
+    """Return the transform from the target's LVLH frame to the chaser, or to the target's body."""
     transform = TransformStamped(header=state.header, child_frame_id=state.child_frame_id)
     position, shift = state.pose.pose.position, transform.transform.translation
     shift.x, shift.y, shift.z = position.x, position.y, position.z

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.chain.chain import Chain, Signals
-from rpo_core.chain.stage import Place, Signal, Stage
+from rpo_core.chain.stage import Place, Signal, Stage, sections
 from rpo_core.control.controller import Controller
 from rpo_core.control.controller_file import ControllerStage
 from rpo_core.files.scenario import Scenario
 from rpo_core.wire.interfaces import (
+    CHASER_MASS,
     COMMAND,
     CONTROL_FORCE,
     DISTURBANCE_FORCE,
@@ -26,8 +27,6 @@ from rpo_core.wire.interfaces import (
     SATURATED_FORCE,
     row_of,
 )
-from rpo_core.world.thrusters import ValvesStage, stage_of
-from rpo_kernels import pulse_kernels
 
 Floats = NDArray[np.float64]
 
@@ -60,6 +59,7 @@ class Flight:
     forces_n : (N+1, 3) commanded force; the thrusters never took that of the last state
     disturbances_n : (N+1, 3) disturbance force, held for the tick
     signals : name -> (N+1, width) of the other signals of the chain, where they are known
+    events : stage -> tick and state of what it got in flight
     """
 
     scenario: Scenario
@@ -67,21 +67,27 @@ class Flight:
     forces_n: Floats
     disturbances_n: Floats
     signals: Mapping[str, Floats] = field(default_factory=dict, compare=False)
+    events: Mapping[str, Sequence[tuple[int, str]]] = field(default_factory=dict, compare=False)
+
+    @cached_property
+    def seen(self) -> Floats:
+        """States (N+1, 6) as the target sees them; as they are where it has no attitude."""
+        return self.scenario.seen(self.states)
 
     @cached_property
     def errors(self) -> Floats:
-        """States (N+1, 6) relative to the goal; metrics and requirements are about these."""
-        return self.states - np.array(self.scenario.goal_state)
+        """`seen` (N+1, 6) relative to the goal; metrics and requirements are about these."""
+        return self.seen - np.array(self.scenario.goal_state)
 
     @property
     def positions_m(self) -> Floats:
-        """Relative positions (N+1, 3)."""
-        return self.states[:, :3]
+        """Relative positions (N+1, 3) as the target sees them."""
+        return self.seen[:, :3]
 
     @property
     def velocities_m_s(self) -> Floats:
-        """Relative velocities (N+1, 3)."""
-        return self.states[:, 3:]
+        """Relative velocities (N+1, 3) as the target sees them."""
+        return self.seen[:, 3:]
 
     @property
     def sent_forces_n(self) -> Floats:
@@ -94,33 +100,34 @@ class Flight:
         """Commands (N, 3) that the thrusters took: late where they are, saturated."""
         if SATURATED_FORCE in self.signals:
             return self.signals[SATURATED_FORCE][:-1]
-        stage = stage_of(self.scenario.thrusters, self.scenario)
+        stage = self._thrusters()
         made = stage.steps(np.arange(len(self.forces_n) - 1), self.sent_forces_n[:-1])
         return made[stage.outputs.index(SATURATED_FORCE)]
+
+    def _thrusters(self) -> Stage:
+        stage = sections()['thrusters'].make(self.scenario.thrusters, self.scenario)
+        stage.reset()
+        for tick, state in self.events.get(stage.name, ()):
+            stage.take_event(tick, state)
+        return stage
 
     @cached_property
     def thrust(self) -> Thrust:
         """What the thrusters made of the commands, computed again."""
-        scenario = self.scenario
-        stage = stage_of(scenario.thrusters, scenario)
-        stage.reset()
+        scenario, stage = self.scenario, self._thrusters()
         made = [
             stage.step(tick, tuple(f)) for tick, f in enumerate(self.sent_forces_n[:-1].tolist())
         ]
         forces_n = np.array([outputs[2] for outputs in made])
-        if not isinstance(stage, ValvesStage):
-            mass_kg = np.full(len(made), scenario.mass_kg)
+        masses_kg = np.full(len(made), scenario.mass_kg)
+        if CHASER_MASS in stage.outputs:
+            at = stage.outputs.index(CHASER_MASS)
+            masses_kg = np.array([outputs[at][0] for outputs in made])
+        spent = stage.spent()
+        if spent is None:
             impulse = np.abs(self.saturated_forces_n).sum() * scenario.dt_s
-            return Thrust(forces_n, mass_kg, float(impulse) / scenario.mass_kg, 0.0, 0)
-        memory = [float(value) for value in stage.memory]
-        masses = [made[i][3][0] if len(made[i]) > 3 else scenario.mass_kg for i in range(len(made))]
-        return Thrust(
-            forces_n,
-            np.array(masses),
-            memory[pulse_kernels.DELTA_V],
-            memory[pulse_kernels.SPENT],
-            round(memory[pulse_kernels.OPENINGS]),
-        )
+            spent = float(impulse) / scenario.mass_kg, 0.0, 0
+        return Thrust(forces_n, masses_kg, *spent)
 
 
 class _CommandedForces(ControllerStage):

@@ -55,6 +55,7 @@ class Place(IntEnum):
     DISTURBANCE = 60
     LINK = 70
     THRUSTERS = 80
+    TARGET = 85
     DYNAMICS = 90
 
 
@@ -116,6 +117,10 @@ class Stage:
             values = inputs[source] if isinstance(source, int) else source
             found.append((*values[:width], *(0.0,) * (width - len(values))))
         return tuple(found)
+
+    def spent(self) -> tuple[float, float, int] | None:
+        """Return delta-v [m/s], propellant [kg], openings of valves so far; None: not counted."""
+        return None
 
     def trouble(self) -> str:
         """Return what is wrong with it now, for /diagnostics; '' if nothing is."""

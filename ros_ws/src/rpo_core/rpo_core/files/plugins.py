@@ -14,7 +14,15 @@ import os
 
 from rpo_core.files.validation import InputError
 
-ROOMS = ('rpo_core.world', 'rpo_ctrl', 'rpo_nav', 'rpo_guidance', 'rpo_safety')
+ROOMS = (
+    'rpo_core.world',
+    'rpo_thrusters',
+    'rpo_ctrl',
+    'rpo_nav',
+    'rpo_attitude',
+    'rpo_guidance',
+    'rpo_safety',
+)
 """Rooms of this stack with a module `stages`, which registers their sections or kinds."""
 
 VARIABLE = 'RPO_PLUGINS'

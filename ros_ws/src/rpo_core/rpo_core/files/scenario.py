@@ -80,7 +80,8 @@ class Scenario:
     initial_position_m, initial_velocity_m_s : (3,) target LVLH
     epoch_ns : int, UTC nanoseconds since 1970 of tick 0
     sections : settings of stages that are not the identity (`rpo_core.chain.stage.sections`)
-    goal_position_m : (3,) target LVLH, where the chaser shall come to rest
+    goal_position_m : (3,) where the chaser shall come to rest; in the axes of section `target`,
+        where the scenario has it, as zones and requirements are, else in target LVLH
     zones : as the file states them; sections have taken theirs from there
     requirements : what flights are judged by; None: they are not judged
     """
@@ -175,11 +176,23 @@ class Scenario:
         """Thrusters with a delay or a matrix; None: saturation alone."""
         return self.named('thrusters')
 
+    @property
+    def target(self) -> Any:
+        """How the target turns (`rpo_attitude`); None: its axes are those of target LVLH."""
+        return self.named('target')
+
+    def seen(self, states: NDArray[np.float64], first: int = 0) -> NDArray[np.float64]:
+        """Return states (n, 6) of the ticks from `first` on in the axes of the target."""
+        return states if self.target is None else self.target.seen(states, self, first)
+
     def equipped(self, *settings: Any) -> Scenario:
         """Return the scenario with these settings of stages, in place of any of their kind."""
+        return replace(self, sections=self.sections_with(*settings))
+
+    def sections_with(self, *settings: Any) -> tuple[Any, ...]:
+        """Return its sections with these, in place of any of their kind."""
         kinds = {type(new) for new in settings}
-        kept = [old for old in self.sections if type(old) not in kinds]
-        return replace(self, sections=(*kept, *settings))
+        return (*(old for old in self.sections if type(old) not in kinds), *settings)
 
     @cached_property
     def dt_ns(self) -> int:

@@ -363,12 +363,12 @@ def others_of(flight: Flight) -> list[Figure]:
 def _of_valves(flight: Flight) -> list[Figure]:
     """Return what the thrusters of a flight spent, where its scenario has pulses or propellant."""
     thrusters = flight.scenario.thrusters
-    if thrusters is None or not (thrusters.pulses or thrusters.propellant):
+    if thrusters is None or not (thrusters.fires or thrusters.propellant):
         return []
     spent = flight.thrust
     found = [Figure('Δv of the thrusters, waste included', 'm/s', spent.delta_v_m_s)]
     if thrusters.propellant:
         found.append(Figure('propellant', 'kg', spent.propellant_kg))
-    if thrusters.pulses:
+    if thrusters.fires:
         found.append(Figure('openings of the valves', '', float(spent.openings)))
     return found

@@ -77,10 +77,10 @@ ROWS = {
         'm/s',
         'Δv of the thrusters, waste included',
         effort=True,
-        thrusters=('pulses', 'propellant'),
+        thrusters=('pulses', 'table', 'propellant'),
     ),
     'propellant_kg': Row('kg', 'propellant', effort=True, thrusters=('propellant',)),
-    'valve_openings': Row('', 'openings of the valves', effort=True, thrusters=('pulses',)),
+    'valve_openings': Row('', 'openings of the valves', effort=True, thrusters=('pulses', 'table')),
 }
 """Requirement -> what is known of it, in the order in which they are shown."""
 

@@ -77,7 +77,7 @@ def missed(flight: Flight) -> bool:
 
 def _of_zones(flight: Flight) -> list[Verdict]:
     """Return how deep a flight comes into each keep-out zone of its scenario, beside none."""
-    states, dt_s = flight.states, flight.scenario.dt_s
+    states, dt_s = flight.seen, flight.scenario.dt_s
     known = bool(np.isfinite(states).all())
     return [
         Verdict(

@@ -22,6 +22,9 @@ LVLH_FRAME = 'target_lvlh'
 CHASER_FRAME = 'chaser'
 """Chaser body; its axes are parallel to LVLH, attitude being synchronised."""
 
+TARGET_FRAME = 'target_body'
+"""The target's body, where it has an attitude (section `target`)."""
+
 CLOCK_TYPE = cdr.CLOCK
 STATE_TYPE = cdr.ODOMETRY
 FORCE_TYPE = cdr.WRENCH
@@ -41,6 +44,7 @@ DUE_FORCE = 'due_force'
 SATURATED_FORCE = 'saturated_force'
 THRUST_FORCE = 'thrust_force'
 EXERTED_FORCE = 'exerted_force'
+EXERTED_TORQUE = 'exerted_torque'
 CHASER_MASS = 'chaser_mass'
 APPLIED_FORCE = 'applied_force'
 APPLIED_DISTURBANCE = 'applied_disturbance'
@@ -78,6 +82,12 @@ _COLUMNS = {
     FORCE_TYPE: tuple(f'wrench.force.{axis}' for axis in 'xyz'),
 }  # fmt: skip
 
+_TURNING = (
+    *(f'pose.pose.orientation.{axis}' for axis in 'xyzw'),
+    *(f'twist.twist.angular.{axis}' for axis in 'xyz'),
+)
+"""An attitude: quaternion, rate."""
+
 _COVARIANCES = tuple(
     f'{part}.covariance[{6 * row + column}]'
     for part in ('pose', 'twist')
@@ -85,6 +95,12 @@ _COVARIANCES = tuple(
     for column in range(3)
 )
 """Covariances of position and of velocity, 3 x 3 each, row by row."""
+
+_RIDING = {
+    STATE_TYPE: _COVARIANCES,
+    FORCE_TYPE: tuple(f'wrench.torque.{axis}' for axis in 'xyz'),
+}
+"""What rides in a message of a type."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +144,9 @@ class Interface:
     numbers : of a signal that is no topic
     covariance : whether the numbers of a state are followed by the covariances of position and of
         velocity, 9 each
-    rider : name of a signal whose numbers are the covariances in the same message; '' for none
+    attitude : whether the numbers are an attitude of the target, quaternion and rate
+    rider : name of a signal whose numbers are the covariances, or the torque, in the same message;
+        '' for none
     rides : name of the signal in whose message it travels; '' for none
     beside : name of the signal without which a run has no such events; '' for none
     """
@@ -142,6 +160,7 @@ class Interface:
     qos: Qos = field(default=LOCKSTEP)
     numbers: int = 3
     covariance: bool = False
+    attitude: bool = False
     rider: str = ''
     rides: str = ''
     beside: str = ''
@@ -155,19 +174,22 @@ class Interface:
     def columns(self) -> tuple[str, ...]:
         """Names of the message's fields that the numbers of the signal fill, in their order."""
         if self.rides:
-            return _COVARIANCES
+            return _RIDING[_TABLE[self.rides].type]
+        if self.attitude:
+            return _TURNING
         return _COLUMNS.get(self.type, ()) + (_COVARIANCES if self.covariance else ())
 
     @property
     def frames(self) -> tuple[str, ...]:
         """Frame ids in the message: that of the header, and the child frame of a state."""
-        both = (LVLH_FRAME, CHASER_FRAME)
+        both = (LVLH_FRAME, TARGET_FRAME if self.attitude else CHASER_FRAME)
         return {STATE_TYPE: both, FORCE_TYPE: both[:1]}.get(self.type, ())
 
     @property
     def layout(self) -> Layout:
         """Where the numbers of the signal lie in the bytes of its message."""
-        return Layout.of(self.type, self.frames, self.covariance or bool(self.rider))
+        covariance = self.covariance or bool(self.rider)
+        return Layout.of(self.type, self.frames, covariance, self.attitude)
 
 
 @dataclass(frozen=True)
@@ -284,7 +306,11 @@ for _row in (
     Interface(SATURATED_FORCE, '', 'the same, saturated', logged=False),
     Interface(THRUST_FORCE, '', 'force that the thrusters exert', THRUST, logged=False),
     Interface(EXERTED_FORCE, FORCE_TYPE,
-              'force that thrusters exert in pulses, mean of a tick, target LVLH', THRUST, TRUTH),
+              'force that thrusters exert in pulses, mean of a tick, target LVLH', THRUST, TRUTH,
+              rider=EXERTED_TORQUE),
+    Interface(EXERTED_TORQUE, '',
+              'torque in exerted_force that a table of thrusters leaves over, mean of a tick [N m]',
+              logged=False, rides=EXERTED_FORCE),
     Interface(CHASER_MASS, '', 'mass of the chaser in the middle of a tick [kg], where it falls',
               logged=False, numbers=1),
     Interface(STAGE_STATUS, STATUS_TYPE,

@@ -8,6 +8,7 @@ import math
 import struct
 from collections.abc import Sequence
 from functools import lru_cache
+from itertools import pairwise
 
 from rpo_core.wire import cdr
 
@@ -15,7 +16,6 @@ WRONG_FRAME, NOT_FINITE, MALFORMED = 'wrong_frame', 'not_finite', 'malformed'
 """Why a message cannot be used."""
 
 _NS = 1_000_000_000
-_THREE = struct.Struct('<3d')
 
 
 class Layout:
@@ -28,33 +28,49 @@ class Layout:
     size : of the message [bytes]
     columns : places of the signal's numbers among the floats of the message
     plain : the message with zeros for stamp and numbers
-    places : offsets of the numbers in the message, three at each
+    runs : where numbers of the signal lie one after the other: offset in the message, format
     """
 
-    def __init__(self, type_name: str, texts: tuple[str, ...], covariance: bool = False) -> None:
+    def __init__(
+        self,
+        type_name: str,
+        texts: tuple[str, ...],
+        covariance: bool = False,
+        attitude: bool = False,
+    ) -> None:
         if type_name == cdr.CLOCK:
             self.columns: tuple[int, ...] = ()
             self.plain = cdr.encode_clock(0)
         elif type_name == cdr.ODOMETRY:
             self.columns = (0, 1, 2, 43, 44, 45)  # position, linear velocity
+            if attitude:  # orientation, angular velocity
+                self.columns = (3, 4, 5, 6, 46, 47, 48)
             if covariance:  # three rows of three, of each
                 rows = [part + 6 * row for part in (7, 49) for row in range(3)]
                 self.columns += tuple(row + i for row in rows for i in range(3))
             self.plain = cdr.encode_odometry(0, texts[0], texts[1], (0.0,) * 6)
         else:
-            self.columns = (0, 1, 2)  # force
+            self.columns = (0, 1, 2, 3, 4, 5) if covariance else (0, 1, 2)  # force, torque
             self.plain = cdr.encode_wrench(0, texts[0], (0.0,) * 3)
         self.type, self.texts, self.size = type_name, texts, len(self.plain)
         first = self.size - 8 * len(cdr.FIELDS[type_name][1])
-        self.places = tuple(first + 8 * column for column in self.columns[::3])
+        alone = 3 if type_name == cdr.WRENCH else -1  # a force may come without its torque
+        columns = enumerate(self.columns)
+        begins = [i for i, c in columns if i in (0, alone) or c != self.columns[i - 1] + 1]
+        self.runs = tuple(
+            (first + 8 * self.columns[i], struct.Struct(f'<{j - i}d'))
+            for i, j in pairwise([*begins, len(self.columns)])
+        )
         # What must stand between the stamp and the numbers, with the gaps cleared.
         self._fixed = self.plain[12:first]
 
     @staticmethod
     @lru_cache(maxsize=64)
-    def of(type_name: str, texts: tuple[str, ...], covariance: bool = False) -> Layout:
+    def of(
+        type_name: str, texts: tuple[str, ...], covariance: bool = False, attitude: bool = False
+    ) -> Layout:
         """Return the layout of a type of message with these frame ids."""
-        return Layout(type_name, texts, covariance)
+        return Layout(type_name, texts, covariance, attitude)
 
     def encode(self, stamp_ns: int, values: Sequence[float]) -> bytes:
         """Return the CDR of a message that holds a stamp and the numbers of a signal.
@@ -63,8 +79,13 @@ class Layout:
         """
         message = bytearray(self.plain)
         cdr.STAMP.pack_into(message, cdr.STAMP_AT, *divmod(stamp_ns, _NS))
-        for i, place in enumerate(self.places[: len(values) // 3]):
-            _THREE.pack_into(message, place, *values[3 * i : 3 * i + 3])
+        used = 0
+        for place, run in self.runs:
+            following = used + run.size // 8
+            if following > len(values):
+                break
+            run.pack_into(message, place, *values[used:following])
+            used = following
         return bytes(message)
 
     def knows(self, data: bytes) -> bool:
@@ -85,8 +106,8 @@ class Layout:
             return stamp, tuple(floats[i] for i in self.columns), texts[:1] == self.texts[:1]
         seconds, nanoseconds = cdr.STAMP.unpack_from(data, cdr.STAMP_AT)
         values: tuple[float, ...] = ()
-        for place in self.places:
-            values += _THREE.unpack_from(data, place)
+        for place, run in self.runs:
+            values += run.unpack_from(data, place)
         return seconds * _NS + nanoseconds, values, True
 
     def use(self, data: bytes) -> tuple[str, int, tuple[float, ...]]:

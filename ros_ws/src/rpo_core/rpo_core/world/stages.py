@@ -2,6 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The sections that this room adds to scenario files; `rpo_core.files.plugins` imports it."""
 
-from rpo_core.world import dynamics, thrusters
+from rpo_core.world import dynamics
 
-__all__ = ['dynamics', 'thrusters']
+__all__ = ['dynamics']

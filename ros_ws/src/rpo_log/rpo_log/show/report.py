@@ -151,6 +151,8 @@ def time_histories(flight: Flight) -> Any:
     last = metrics.window_ticks(scenario, end_s - begin_s)
     limits = {verdict.key: verdict.limit for verdict in verdicts(flight)}
     place = 'relative position [m]' if scenario.goal is None else 'position from the goal [m]'
+    if scenario.target is not None:
+        place = place.replace('[m]', "[m],\nthe target's axes")
     figure, panels = style.new_panels(6.6, 3, 2, sharex='col', width_ratios=(3, 2))
     for (wide, close), values, label, keys in zip(
         panels,

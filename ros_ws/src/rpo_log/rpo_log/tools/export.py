@@ -7,7 +7,8 @@ from __future__ import annotations
 import csv
 import importlib.util
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from rpo_core.wire import interfaces
 from rpo_log.bag import open_run
 from rpo_mcap.errors import Fault, LogError, cannot_write, exists
+from rpo_mcap.read.run_log import scenario_of
 from rpo_mcap.read.stream import RunReader
 from rpo_mcap.topics import Topic
 
@@ -29,6 +31,7 @@ _COVARIANCES = tuple(
     for row in 'xyz'
     for column in 'xyz'
 )
+_TURNING = ('qx', 'qy', 'qz', 'qw', 'wx_rad_s', 'wy_rad_s', 'wz_rad_s')
 _PUSHES = ('dx_n', 'dy_n', 'dz_n')
 _PRIMARY = (interfaces.RELATIVE_STATE, interfaces.CONTROL_FORCE, interfaces.DISTURBANCE_FORCE)
 
@@ -47,18 +50,21 @@ def tables(reader: RunReader) -> Iterator[Table]:
             'time_s': block.ticks * base.dt_ns / 1_000_000_000,
             'stamp_ns': base.epoch_ns + block.ticks * base.dt_ns,
         }
-        for topic in _with_riders(reader.topics):
+        for topic in _with_riders(reader):
             if topic.row.columns:
                 table.update(zip(columns(topic), block.values[topic.signal].T, strict=True))
         yield table
 
 
-def _with_riders(recorded: Sequence[Topic]) -> Iterator[Topic]:
-    """Yield the topics, and the covariances in their messages where sensors are logged too."""
-    measured = any(topic.row.covariance for topic in recorded)
-    for topic in recorded:
+def _with_riders(reader: RunReader) -> Iterator[Topic]:
+    """Yield the topics, and what rides in them: covariances where sensors are logged, torques."""
+    measured, torque = any(topic.row.covariance for topic in reader.topics), False
+    with suppress(LogError):  # of a log without scenario: no torque
+        thrusters = scenario_of(reader).thrusters
+        torque = thrusters is not None and thrusters.table is not None
+    for topic in reader.topics:
         yield topic
-        if measured and topic.row.rider:
+        if topic.row.rider and (torque if topic.type == interfaces.FORCE_TYPE else measured):
             yield Topic(topic.name, interfaces.row_of(topic.row.rider))
 
 
@@ -67,8 +73,12 @@ def columns(topic: Topic) -> list[str]:
 
     The state, the command and the disturbance have no such word before them.
     """
+    if topic.signal == interfaces.EXERTED_TORQUE:
+        return ['exerted_tx_nm', 'exerted_ty_nm', 'exerted_tz_nm']
     if topic.row.rides:
         return [f'navigation_{name}' for name in _COVARIANCES]
+    if topic.row.attitude:
+        return [f'{topic.signal}_{name}' for name in _TURNING]
     if topic.row.covariance:
         return [f'{topic.signal}_{name}' for name in (*_COLUMNS[topic.type], *_COVARIANCES)]
     pushes = topic.row.carries == interfaces.DISTURBANCE

@@ -202,9 +202,11 @@ class Messages:
         plain = stamp_ns[:, 0] < _NS
         for part in _fixed_parts(layout):
             plain &= (data[:, part] == np.frombuffer(layout.plain[part], np.uint8)).all(axis=1)
-        for i, place in enumerate(layout.places):
-            three = np.ascontiguousarray(data[:, place : place + 24]).view('<f8')
-            numbers[like, 3 * i : 3 * i + 3] = three
+        used = 0
+        for place, run in layout.runs:
+            several = np.ascontiguousarray(data[:, place : place + run.size]).view('<f8')
+            numbers[like, used : used + several.shape[1]] = several
+            used += several.shape[1]
         like[like] = plain
         unlike = []
         for row in np.flatnonzero(~like).tolist():
@@ -234,7 +236,10 @@ def _cut(raw: bytes, start: NDArray[np.intp], size: int) -> NDArray[np.uint8]:
 @lru_cache(maxsize=64)
 def _fixed_parts(layout: Layout) -> tuple[slice, ...]:
     """Return the parts of a message that are the same in each: all but its stamp and numbers."""
-    free = [(cdr.STAMP_AT, cdr.STAMP_AT + 8), *((at, at + 24) for at in sorted(layout.places))]
+    free = [
+        (cdr.STAMP_AT, cdr.STAMP_AT + 8),
+        *sorted((at, at + run.size) for at, run in layout.runs),
+    ]
     ends = [0, *(end for _, end in free)], [*(begin for begin, _ in free), layout.size]
     return tuple(slice(a, b) for a, b in zip(*ends, strict=True) if a < b)
 

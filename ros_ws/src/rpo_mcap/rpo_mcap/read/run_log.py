@@ -204,7 +204,7 @@ def flight_of(log: RunLog) -> Flight:
     pushes = log.values.get(interfaces.DISTURBANCE_FORCE, zero)
     if interfaces.APPLIED_FORCE in log.values:
         pushes = log.values.get(interfaces.APPLIED_DISTURBANCE, zero)
-    return Flight(found, log.states, forces, pushes, other_signals(log))
+    return Flight(found, log.states, forces, pushes, other_signals(log), stage_events(log))
 
 
 _OF_FLIGHT = (
@@ -228,6 +228,17 @@ def other_signals(log: RunLog) -> dict[str, NDArray[np.float64]]:
         if name not in _OF_FLIGHT
         and not (applied and interfaces.row_of(name).carries == interfaces.COMMAND)
     }
+
+
+def stage_events(log: RunLog) -> dict[str, list[tuple[int, str]]]:
+    """Return stage -> tick and state of what `stage_status` says of it."""
+    found: dict[str, list[tuple[int, str]]] = {}
+    for event in log.events:
+        if event.signal == interfaces.STAGE_STATUS:
+            values = event.values
+            named = found.setdefault(values.get('stage', ''), [])
+            named.append((event.tick, values.get('state', '')))
+    return found
 
 
 def read_flight(path: str | Path) -> Flight:

@@ -3,7 +3,8 @@
 """Thrusters: what becomes of a command. Section `thrusters` of a scenario.
 
 The thrusters take the command of `delay_ticks` ago, saturate it per axis, and exert it with their
-own magnitude and direction; or in pulses of valves (`Pulses`). Energy is counted of the saturated
+own magnitude and direction; or in pulses of valves (`Pulses`); or by a table of thrusters with
+places (`rpo_thrusters.table`). Energy is counted of the saturated
 command. With `propellant`, the mass of the chaser falls.
 """
 
@@ -24,7 +25,6 @@ from rpo_core.files.validation import (
     InputError,
     check_fields,
     choice,
-    flag,
     matrix,
     real,
     shown,
@@ -36,7 +36,18 @@ from rpo_core.world import cw
 from rpo_kernels import kernels, pulse_kernels
 from rpo_kernels.jit import as_table
 from rpo_kernels.kernels import Vector
-from rpo_kernels.pulse_kernels import OFF, ON, Tank, Valves
+from rpo_kernels.pulse_kernels import DELTA_V, OFF, ON, OPENINGS, SPENT, Tank, Valves
+from rpo_thrusters import allocation_kernels
+from rpo_thrusters.allocation_kernels import ROWS, SCRATCH, Table
+from rpo_thrusters.table import (
+    MODULATIONS,
+    SIGMA_DELTA,
+    Failure,
+    ThrusterTable,
+    rows_of,
+    seconds,
+    table_of,
+)
 
 Floats = NDArray[np.float64]
 
@@ -44,13 +55,15 @@ MAX_DELAY_TICKS = 1000
 MAX_GAIN = 10.0
 """Largest entry of a thrust matrix; beyond it a number is a typing error."""
 
+READY = 'ready'
+SWITCHES = ('off', 'on', READY)
+"""How a thruster of a table is switched in flight."""
+
+NEVER_TICK = 2**62
+
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 STANDARD_GRAVITY_M_S2 = 9.80665
-
-PULSE_WIDTH, SIGMA_DELTA = MODULATIONS = ('pulse_width', 'sigma_delta')
-
-_NEVER_S = 1e9
 
 
 def _count(name: str, value: Any) -> int:
@@ -66,28 +79,7 @@ def valve_names(count: int) -> list[str]:
 
 
 _matrix = partial(matrix, rows=3, columns=3, bound=MAX_GAIN)
-_time = partial(real, unit='s', least=0.0, most=_NEVER_S)
 _misalignment = partial(vector3, unit='deg', bound=90.0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Failure:
-    """A valve that is stuck for a time.
-
-    stuck : `off` or `on`
-    known : whether the allocation knows of it, and lets the other valves make up for it
-    """
-
-    thruster: Annotated[str, partial(choice, known=[*valve_names(6), *valve_names(12)])]
-    stuck: Annotated[str, partial(choice, known=('off', 'on'))]
-    from_s: Annotated[float, _time] = unless_default(0.0)
-    until_s: Annotated[float, _time] = unless_default(_NEVER_S)
-    known: Annotated[bool, flag] = unless_default(False)
-
-    def __post_init__(self) -> None:
-        check_fields(self)
-        if self.until_s <= self.from_s:
-            raise InputError(f'`until_s` must be > `from_s`, {self.from_s!r}; got {self.until_s!r}')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,10 +108,10 @@ class Pulses:
 
     count: Annotated[int, _count]
     modulation: Annotated[str, partial(choice, known=MODULATIONS)]
-    minimum_on_time_s: Annotated[float, _time]
-    on_time_quantum_s: Annotated[float, _time] = unless_default(0.0)
-    dead_time_s: Annotated[float, _time] = unless_default(0.0)
-    rise_time_s: Annotated[float, _time] = unless_default(0.0)
+    minimum_on_time_s: Annotated[float, seconds]
+    on_time_quantum_s: Annotated[float, seconds] = unless_default(0.0)
+    dead_time_s: Annotated[float, seconds] = unless_default(0.0)
+    rise_time_s: Annotated[float, seconds] = unless_default(0.0)
     errors: tuple[ThrusterError, ...] = unless_default(())
     failures: tuple[Failure, ...] = unless_default(())
 
@@ -153,16 +145,32 @@ class Thrusters:
     matrix : 3 rows of 3, force exerted = matrix x saturated command, target LVLH axes
     delay_ticks : from a state to the force that answers it; zero force before the first
     pulses : None: any force up to the largest
+    table : instead of `pulses`: thrusters with places, whose torque counts
     propellant : None: the mass stays
     """
 
     matrix: Annotated[tuple[Vector, Vector, Vector], _matrix] = IDENTITY
     delay_ticks: Annotated[int, partial(whole, least=0, most=MAX_DELAY_TICKS)] = 0
     pulses: Pulses | None = unless_default(None)
+    table: ThrusterTable | None = unless_default(None)
     propellant: Propellant | None = unless_default(None)
 
     def __post_init__(self) -> None:
         check_fields(self)
+        if self.pulses is not None and self.table is not None:
+            raise InputError('`thrusters` must have one of `pulses` and `table`; got both')
+
+    @property
+    def fires(self) -> bool:
+        """Whether thrusters open and shut."""
+        return self.pulses is not None or self.table is not None
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the thrusters; none without `pulses` and `table`."""
+        if self.table is not None:
+            return self.table.names
+        return valve_names(self.pulses.count) if self.pulses is not None else []
 
 
 def _check(settings: Thrusters, scenario: Any) -> None:
@@ -173,6 +181,14 @@ def _check(settings: Thrusters, scenario: Any) -> None:
             f'`thrusters.propellant.mass_kg` must be below `mass_kg`, {scenario.mass_kg!r} kg; '
             f'got {propellant.mass_kg!r}'
         )
+    for which in ('pulses', 'table'):
+        part = getattr(settings, which)
+        for failure in part.failures if part is not None else ():
+            if failure.from_s >= scenario.duration_s:
+                raise InputError(
+                    f'`thrusters.{which}.failures` must begin before the end of the flight, '
+                    f'{scenario.duration_s!r} s; got `from_s` {failure.from_s!r}'
+                )
     if pulses is None:
         return
     for name in ('minimum_on_time_s', 'on_time_quantum_s'):
@@ -187,12 +203,6 @@ def _check(settings: Thrusters, scenario: Any) -> None:
             '`thrusters.pulses.dead_time_s` and `rise_time_s` together must be at most `dt_s`, '
             f'{dt_s!r} s; got {late_s!r}'
         )
-    for failure in pulses.failures:
-        if failure.from_s >= scenario.duration_s:
-            raise InputError(
-                '`thrusters.pulses.failures` must begin before the end of the flight, '
-                f'{scenario.duration_s!r} s; got `from_s` {failure.from_s!r}'
-            )
 
 
 def rotation(vector_rad: Floats) -> Floats:
@@ -232,23 +242,8 @@ def directions(settings: Thrusters, pulses: Pulses, thrust_n: float) -> list[Vec
 
 def valves_of(settings: Thrusters, pulses: Pulses, scenario: Any) -> Valves:
     """Return thrusters that fire in pulses as the kernels read them."""
-    names, dt_s = valve_names(pulses.count), scenario.dt_s
-    thrust_n = scenario.max_force_n / (pulses.count // 6)
-
-    def tick_of(time_s: float) -> int:
-        """Return the first tick at or after a time."""
-        return math.ceil(round(time_s / dt_s, 6))
-
-    failures = [
-        (
-            names.index(f.thruster),
-            ON if f.stuck == 'on' else OFF,
-            tick_of(f.from_s),
-            tick_of(f.until_s),
-            int(f.known),
-        )
-        for f in pulses.failures
-    ]
+    dt_s, thrust_n = scenario.dt_s, scenario.max_force_n / (pulses.count // 6)
+    failures = rows_of(pulses.failures, valve_names(pulses.count), dt_s)
     return Valves(
         pulses.count,
         int(pulses.modulation == SIGMA_DELTA),
@@ -295,6 +290,10 @@ class ThrustersStage(Stage):
     def reset(self) -> None:
         """Forget the commands that are on their way."""
         self._line: deque[Signal] = deque([ZERO] * self._delay)
+
+    def refusal(self, state: str) -> str:
+        """Return why a thruster cannot be switched in flight; '' if it can."""
+        return 'a switch needs a scenario with `thrusters.table`'
 
     def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
         """Return the command that is due (3,), saturated (3,), and the force exerted (3,) [N]."""
@@ -345,6 +344,11 @@ class ValvesStage(ThrustersStage):
         self.memory: Any = as_table(np.zeros(pulse_kernels.MEMORY))
         self.on_times_s: Any = as_table(np.zeros(self._valves.number if self._valves else 0))
 
+    def spent(self) -> tuple[float, float, int]:
+        """Return delta-v [m/s], propellant [kg] and openings of valves so far."""
+        delta_v, spent, openings = (float(self.memory[i]) for i in (DELTA_V, SPENT, OPENINGS))
+        return delta_v, spent, round(openings)
+
     def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
         """Return the command due, saturated, the mean force (3,) [N], and the mass where it falls.
 
@@ -365,9 +369,70 @@ class ValvesStage(ThrustersStage):
         return found[: len(self.outputs)]
 
 
+class TableStage(ValvesStage):
+    """Thrusters of a table; the fourth output is the torque, then the mass [kg] where it falls."""
+
+    def __init__(self, settings: Thrusters, scenario: Any) -> None:
+        assert settings.table is not None
+        self._table = table_for(settings, scenario)
+        self._failures = rows_of(settings.table.failures, settings.names, scenario.dt_s)
+        self._names = settings.names
+        super().__init__(settings, scenario)
+        mass = self.outputs[3:]
+        self.outputs = (*self.outputs[:2], interfaces.EXERTED_FORCE, interfaces.EXERTED_TORQUE)
+        self.outputs += mass
+
+    def reset(self) -> None:
+        """Forget all commands, and what was switched in flight."""
+        super().reset()
+        self._scratch: Any = as_table(np.zeros(SCRATCH + ROWS))
+        self._fail(self._failures)
+
+    def _fail(self, rows: list[tuple[int, ...]]) -> None:
+        self._rows = rows
+        flat = [value for row in rows for value in row]
+        self._table = self._table._replace(failures=as_table(flat, np.int64))
+
+    def refusal(self, state: str) -> str:
+        """Return why a thruster cannot be switched so; '' if it can."""
+        name, _, how = state.rpartition(' ')
+        if name in self._names and how in SWITCHES:
+            return ''
+        known = f'one of {", ".join(self._names)}, then {", ".join(SWITCHES)}'
+        return f'a switch must be {known}; got {shown(state)}'
+
+    def take_event(self, tick: int, state: str) -> None:
+        """Switch a thruster from a tick on: `NAME off` or `NAME on`, as is known; `NAME ready`."""
+        name, _, how = state.rpartition(' ')
+        if self.refusal(state):
+            return
+        at = self._names.index(name)
+        rows = [(*r[:3], min(r[3], tick), r[4]) if r[0] == at else r for r in self._rows]
+        if how != READY:
+            rows.append((at, ON if how == 'on' else OFF, tick, NEVER_TICK, 1))
+        self._fail(rows)
+
+    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
+        """Return the command due, saturated, mean force [N] and torque [N m] (3,), and the mass."""
+        vectors: Any = ThrustersStage.step(self, tick, *inputs)
+        force, torque, mass = allocation_kernels.fire(
+            tick, vectors[1], self.memory, self._table, self._tank, self._scratch
+        )
+        return (*vectors[:2], force, torque, (mass,))[: len(self.outputs)]
+
+
+def table_for(settings: Thrusters, scenario: Any) -> Table:
+    """Return the table of a scenario as the kernels read it, without failures."""
+    assert settings.table is not None
+    own = settings.propellant.specific_impulse_s if settings.propellant else None
+    return table_of(settings.table, scenario.dt_s, scenario.max_force_n, own, settings.matrix)
+
+
 def stage_of(settings: Thrusters | None, scenario: Any) -> ThrustersStage:
     """Return the thrusters of a scenario as a stage of the chain."""
-    if settings is not None and (settings.pulses or settings.propellant):
+    if settings is not None and settings.table is not None:
+        return TableStage(settings, scenario)
+    if settings is not None and (settings.fires or settings.propellant):
         return ValvesStage(settings, scenario)
     return ThrustersStage(settings, scenario.max_force_n)
 

@@ -1,0 +1,114 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The allocation of a table of thrusters in one C99 file, with the bits of the flown kernel."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rpo_export import c
+from rpo_export.c_source import Source, number, wrapped
+from rpo_kernels.jit import as_table
+from rpo_montecarlo.outputs import identifier
+from rpo_thrusters.allocation_kernels import LIMIT, ROWS, SCRATCH, THRUST, allocate
+from rpo_thrusters.table import IDENTITY, ThrusterTable, table_of
+
+_CASES = 64
+
+_ALLOCATE = """/* Thrusts [N] for a wanted force [N] and torque [N m], body axes.
+   most_n: largest thrusts, 0 of a stuck one. Returns the share of the demand that is given. */
+{prototype}
+{{
+    double w[{scratch}];
+    double wanted[{rows}];
+    for (int i = 0; i < 3; i++) {{
+        wanted[i] = force_n[i];
+        wanted[3 + i] = torque_nm[i] / {lever};
+    }}
+    for (int i = 0; i < {number}; i++) {{
+        w[{limit} + i] = most_n[i];
+    }}
+    const {answer} found = {allocate}(wanted, &TABLE, w);
+    for (int i = 0; i < {number}; i++) {{
+        thrust_n[i] = w[{thrust} + i];
+    }}
+    return found.f0;
+}}
+
+{cases}
+
+/* 0 if this machine computes the thrusts of the flown kernel; else which case differs. */
+int {name}_self_test(void)
+{{
+    for (int i = 0; i < {count}; i++) {{
+        const double *c = cases[i];
+        double thrust_n[{number}];
+        if ({name}_allocate(&c[0], &c[3], &c[6], thrust_n) != c[6 + 2 * {number}]) {{
+            return i + 1;
+        }}
+        for (int k = 0; k < {number}; k++) {{
+            if (thrust_n[k] != c[6 + {number} + k]) {{
+                return i + 1;
+            }}
+        }}
+    }}
+    return 0;
+}}"""
+
+
+def _prototype(name: str, count: int) -> str:
+    return wrapped(
+        f'double {name}_allocate(const double force_n[3], const double torque_nm[3], '
+        f'const double most_n[{count}], double thrust_n[{count}])'
+    )
+
+
+def _facts(name: str, settings: ThrusterTable) -> str:
+    return wrapped(f'/* thrusters of {name}, in this order: {", ".join(settings.names)} */')
+
+
+def text(name: str, settings: ThrusterTable) -> str:
+    """Return the C source of a table: `NAME_allocate`, `NAME_self_test`; raises InputError."""
+    made, source = table_of(settings, 1.0, 0.0, None, IDENTITY), Source()
+    source.record('TABLE', made)
+    written = source.function(allocate, ('scratch', type(made), 'scratch'))
+    draw, work, rows = np.random.default_rng(1), as_table(np.zeros(SCRATCH + ROWS)), []
+    for case in range(_CASES):
+        size = 0.7 * float(np.sum(made.most)) / 3.0
+        force, torque = draw.normal(size=3) * size, draw.normal(size=3) * (case % 3) * 0.1 * size
+        most = np.array(made.most)
+        most[case % len(most)] *= float(case % 4 > 0)
+        for i, value in enumerate(most.tolist()):
+            work[LIMIT + i] = value
+        wanted = [*force.tolist(), *(value / made.lever for value in torque.tolist())]
+        share, _ = allocate(as_table(wanted), made, work)
+        thrusts = [float(work[THRUST + i]) for i in range(made.number)]
+        rows.append([*force.tolist(), *torque.tolist(), *most.tolist(), *thrusts, float(share)])
+    own = identifier(name)
+    function = _ALLOCATE.format(
+        prototype=_prototype(own, made.number),
+        scratch=SCRATCH,
+        rows=ROWS,
+        lever=number(made.lever),
+        number=made.number,
+        limit=LIMIT,
+        thrust=THRUST,
+        answer=source.spelled(written.returns),
+        allocate=written.name,
+        cases=c.table('cases', 'double', rows),
+        name=own,
+        count=_CASES,
+    )
+    return c.SOURCE.format(facts=_facts(name, settings), kernels=source.text(), functions=function)
+
+
+def header(name: str, settings: ThrusterTable, source: str) -> str:
+    """Return the C header of the source file of that name."""
+    own, count = identifier(name), len(settings.names)
+    return c.HEADER.format(
+        facts=_facts(name, settings),
+        source=source.replace('*/', '* /'),
+        use=f'share = {own}_allocate(force_n, torque_nm, most_n, thrust_n);',
+        guard=f'{own.upper()}_H',
+        prototypes=f'{_prototype(own, count)};\n\nint {own}_self_test(void);',
+    )

@@ -1,0 +1,116 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Targets that turn, side by side: rows BODY have each state as the target sees it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from rpo_attitude.target import TUMBLE, of_vector, product
+from rpo_core.files.scenario import Scenario
+from rpo_kernels.attitude_kernels import Body, attitude_step, frame_of, seen_from
+from rpo_kernels.kernels import Vector
+from rpo_montecarlo.engine.lanes import BODY_R, BODY_V, RUNS, R, V, compiled
+from rpo_montecarlo.engine.tick import MOVED, Batch, Draw, Kind, Part, register, table_of
+
+FIRST = 1
+"""Place in a tick of what is done once, before the first state is read."""
+
+TURNS, DT, BODIES = range(3)
+"""Places in the table: whether the targets turn, the tick [s]; the rest of `Body` of each run, its
+numbers one after the other (13, 40). The memory has the attitudes (7, 40)."""
+
+AXES = 'xyz'
+DEGREE = 0.017453292519943295
+
+
+@compiled
+def _body(t, turns, s):  # type: ignore[no-untyped-def]
+    i, n = BODIES + s, RUNS
+    # fmt: off
+    return Body(
+        turns, t[i], t[i + n], t[i + 2 * n], t[i + 3 * n], t[i + 4 * n], t[i + 5 * n],
+        t[i + 6 * n], t[i + 7 * n], t[i + 8 * n], t[i + 9 * n], t[i + 10 * n], t[i + 11 * n],
+        t[i + 12 * n],
+    )
+    # fmt: on
+
+
+@compiled
+def _attitude(m, s):  # type: ignore[no-untyped-def]
+    n = RUNS
+    return (
+        m[s], m[s + n], m[s + 2 * n], m[s + 3 * n], m[s + 4 * n], m[s + 5 * n], m[s + 6 * n],
+    )  # fmt: skip
+
+
+@compiled
+def _see(w, m, t, turns):  # type: ignore[no-untyped-def]
+    for s in range(RUNS):
+        y, z = s + RUNS, s + 2 * RUNS
+        f = frame_of(_attitude(m, s), _body(t, turns, s))
+        state = (w[R + s], w[R + y], w[R + z], w[V + s], w[V + y], w[V + z])
+        rx, ry, rz, vx, vy, vz = seen_from(state, f)
+        w[BODY_R + s], w[BODY_R + y], w[BODY_R + z] = rx, ry, rz
+        w[BODY_V + s], w[BODY_V + y], w[BODY_V + z] = vx, vy, vz
+
+
+@compiled
+def begin(w, m, t, tick):  # type: ignore[no-untyped-def]
+    """Fill rows BODY with the states at the start."""
+    if tick == 0:
+        _see(w, m, t, t[TURNS])
+
+
+@compiled
+def turn(w, m, t, tick):  # type: ignore[no-untyped-def]
+    """Turn the targets by a tick; fill rows BODY with the states of the next tick."""
+    if t[TURNS] == 0.0:
+        _see(w, m, t, 0.0)
+        return
+    dt = t[DT]
+    for s in range(RUNS):
+        now = attitude_step(_attitude(m, s), dt, _body(t, 1.0, s))
+        for j in range(7):
+            m[j * RUNS + s] = now[j]
+    _see(w, m, t, 1.0)
+
+
+def _part(batch: Batch) -> Part | None:
+    if batch.base.target is None:
+        return None
+    bodies, starts = [], []
+    for scenario in batch.scenarios:
+        n = scenario.mean_motion_rad_s
+        bodies.append(scenario.target.body(n)[1:])
+        starts.append(scenario.target.start(n))
+    turns = batch.scenarios[0].target.body(0.0).turns
+    table = table_of(turns, batch.base.dt_s, batch.lanes(bodies))
+    return Part('target', ((FIRST, begin), (MOVED, turn)), table, table_of(batch.lanes(starts)))
+
+
+def vary(scenario: Scenario, draw: Draw) -> list[Any]:
+    """Return the target of a run: its attitude turned about its axes, its rates, what is known."""
+    target = scenario.target
+    if target is None:
+        return []
+
+    def drawn(name: str, unit: str) -> Vector:
+        x, y, z = (draw.values.get(f'target_{name}_{axis}_{unit}', 0.0) for axis in AXES)
+        return x, y, z
+
+    x, y, z = (DEGREE * angle for angle in drawn('attitude', 'deg'))
+    found: dict[str, Any] = {'attitude': product(target.attitude, of_vector((x, y, z)))}
+    share = 1.0 + draw.values.get('target_rate_share', 0.0)
+    if target.kind == TUMBLE:
+        rates = zip(target.rates_deg_s, drawn('rate', 'deg_s'), strict=True)
+        found['rates_deg_s'] = tuple(share * rate + more for rate, more in rates)
+    else:
+        found['rate_deg_s'] = share * target.rate_deg_s
+    errors = zip(target.known_error_deg, drawn('known_error', 'deg'), strict=True)
+    found['known_error_deg'] = tuple(error + more for error, more in errors)
+    return [replace(target, **found)]
+
+
+register(Kind('target', _part, vary=vary))

@@ -1,0 +1,7 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What this room adds to scenarios and to the table of interfaces (`rpo_core.files.plugins`)."""
+
+from rpo_attitude import target
+
+target.add()

@@ -1,0 +1,23 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+from setuptools import find_packages, setup
+
+package_name = 'rpo_thrusters'
+
+setup(
+    name=package_name,
+    version='0.1.0',
+    packages=find_packages(exclude=['test']),
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
+        (f'share/{package_name}', ['package.xml']),
+    ],
+    install_requires=['setuptools'],
+    zip_safe=True,
+    author='The RPO stack authors',
+    maintainer='The RPO stack authors',
+    maintainer_email='rpo-stack@example.org',
+    description='Thrusters: from a command to force and torque; without ROS.',
+    license='Apache-2.0',
+    extras_require={'test': ['pytest']},
+)
