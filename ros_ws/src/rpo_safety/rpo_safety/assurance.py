@@ -302,8 +302,8 @@ def check_start(settings: Assurance, scenario: Any) -> None:
             f'got {settings.domain_m!r}'
         )
     drift = _drift(stage, scenario, stage.delay_ticks)
-    doubt = (g.here_m, g.here_m_s) if g.side != 0.0 else drift
     seen, own = stage.view(state, mode, stage.delay_ticks)
+    doubt = (own.here_m, own.here_m_s) if g.side != 0.0 else drift
     if filters.margins(seen, mode, *doubt, own)[1] < 0.0:
         raise InputError(
             f'`assurance.speed` must allow the start: {kernels.speed_limit(rho, g):.6g} m/s at '
