@@ -26,8 +26,10 @@ from rpo_core.files.validation import InputError
 from rpo_core.world.disturbance import NONE
 from rpo_export.c_assured import assured
 from rpo_judge.safety import attack
-from rpo_kernels.attitude_kernels import Frame, moving_with, to_lvlh
+from rpo_kernels.attitude_kernels import Frame, moving_with, seen_from, to_lvlh
+from rpo_kernels.kernels import cw_step
 from rpo_safety import turning
+from rpo_safety.abort_table import AbortTable, Row
 from rpo_safety.assurance import AssuranceStage
 from rpo_safety.corridor import approach_margins
 from rpo_safety.guard import guard_of, proof_of
@@ -327,6 +329,31 @@ def test_a_flight_pushed_at_the_walls_of_a_tumbling_target_stays_within(push):
                 assert max(abs(x), abs(z)) <= WAY.width_m + WAY.slope * max(y - WAY.port_m, 0.0)
         state = after
     assert acted > 20
+
+
+@pytest.mark.parametrize('command', ['abort', 'hold'])
+def test_who_leaves_or_holds_in_the_corridor_stays_clear_of_its_walls(command):
+    """An abort goes out where the corridor points; a hold is carried along by the walls."""
+    table = AbortTable(table=(Row(quantity='off_corridor_m', most=0.0, reaction='warn'),))
+    settings = replace(SETTINGS, abort=table)
+    found = turned(TUMBLE, settings, delay=2)
+    stage, motion = AssuranceStage(settings, found), motion_of(TUMBLE, found)
+    state = np.array(moving_with((0.0, 6.0, 0.0, 0.0, 0.0, 0.0), motion.frame(0)))
+    stage.take_event(20, command)
+    line = [(0.0, 0.0, 0.0)] * 2
+    for tick in range(1200):
+        (force,) = stage.step(tick, tuple(state.tolist()), (0.0, 0.0, 0.0))
+        line.append(force)
+        if tick == 20 and command == 'abort':
+            axis = to_lvlh((0.0, 1.0, 0.0), motion.frame(22))
+            assert np.dot(axis, stage.abort._wanted) >= 0.999 * np.linalg.norm(stage.abort._wanted)
+        state = np.array(cw_step(tuple(state.tolist()), line.pop(0), found.step))
+        x, y, z, *_ = seen_from(tuple(state.tolist()), motion.frame(tick + 1))
+        half = WAY.width_m + WAY.slope * max(y - WAY.port_m, 0.0)
+        assert max(abs(x), abs(z)) <= half or np.linalg.norm(state[:3]) >= SETTINGS.keep_out_m
+    said = [change.state for change in stage.abort.changes]
+    assert said == {'abort': ['aborting', 'drifting', 'warned'], 'hold': ['holding']}[command]
+    assert (np.linalg.norm(state[:3]) > SETTINGS.keep_out_m) == (command == 'abort')
 
 
 def test_the_filter_is_the_one_that_is_attacked():

@@ -296,6 +296,8 @@ def thrusters(
     print_table(heads, rows, f'{table}: force without torque [N], full from {limit_n:g} N', left=2)
     counts = ', '.join(f'{left[kind]} {kind}' for kind in authority.LEFT)
     typer.echo(f'of {left.total()} {"pairs of " if pairs else ""}failures: {counts}')
+    time_s = authority.allocation_s(settings, 0.3 * limit_n)
+    typer.echo(f'an allocation: {1e9 * time_s:.0f} ns')
 
 
 @safety.command(epilog=PEERS_EXAMPLES)

@@ -242,8 +242,7 @@ def spin(
         stop.pending = _Pending()  # a new one: the executor adds a callback to it each time
         time.sleep(rest_s)
         if not stop.name:
-            timeout_s = 0.0 if rest_s else _POLL_S
-            executor.spin_until_future_complete(stop.pending, timeout_sec=timeout_s)
+            executor.spin_until_future_complete(stop.pending, 0.0 if rest_s else _POLL_S)
     if stop.name:
         for node in nodes:
             node.interrupt(stop.name)

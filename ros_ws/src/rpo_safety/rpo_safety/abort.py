@@ -71,6 +71,7 @@ class Seen(NamedTuple):
     guard : numbers of the filter, with the errors that the estimate has now
     in_axes : (6,) the state in the axes of the corridor
     outward : (3,) along the corridor, target LVLH
+    carried_m_s : (3,) velocity of a corridor that turns where the chaser is; empty: it stands
     """
 
     state: State
@@ -84,6 +85,7 @@ class Seen(NamedTuple):
     guard: Guard
     in_axes: State
     outward: Vector
+    carried_m_s: Signal = ()
 
 
 class AbortMachine:
@@ -315,7 +317,11 @@ class AbortMachine:
             radius = self.keep_out_m
             return recovery.retreating(seen.ahead, self._to, radius, self._world, self.guard)
         if self.reaction == ABORT and self._wanted is not None:
-            return self._burning(tick, seen, self._wanted)
+            wanted = self._wanted
+            if seen.enclosed and seen.carried_m_s:  # outward is elsewhere by now
+                (x, y, z), (a, b, c), out = seen.carried_m_s, seen.outward, norm(*wanted)
+                wanted = x + out * a, y + out * b, z + out * c
+            return self._burning(tick, seen, wanted)
         return 0.0, 0.0, 0.0
 
     def _burning(self, tick: int, seen: Seen, wanted: Vector) -> Vector:

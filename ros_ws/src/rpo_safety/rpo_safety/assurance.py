@@ -13,7 +13,7 @@ from rpo_core.chain.stage import ZERO, Place, Signal, Stage, section_of
 from rpo_core.files.validation import InputError
 from rpo_core.wire import interfaces
 from rpo_core.world import cw
-from rpo_kernels.attitude_kernels import seen_from, to_lvlh
+from rpo_kernels.attitude_kernels import moving_with, seen_from, to_lvlh
 from rpo_kernels.kernels import CwStep, State, Vector, cw_step, norm
 from rpo_safety import filters, kernels
 from rpo_safety.abort import DECISIONS, AbortMachine, Seen
@@ -268,15 +268,18 @@ class AssuranceStage(Stage):
         enclosed = self._mode == APPROACH and norm(*state[:3]) < self.guard.keep_out_m
         side, axis = self.guard.side, self.guard.axis
         outward: Any = tuple(side if i == axis else 0.0 for i in range(3))
-        in_axes = inputs[0]
+        in_axes: Any = inputs[0]
+        carried: Signal = ()
         if self.motion is not None:
-            outward = to_lvlh(outward, self.motion.frame(tick + self.delay_ticks))
+            frame = self.motion.frame(tick + self.delay_ticks)
             in_axes = seen_from(in_axes, self.motion.frame(tick))
+            outward = to_lvlh(outward, frame)
+            carried = moving_with((*seen_from(state, frame)[:3], 0.0, 0.0, 0.0), frame)[3:]
         missed = machine.missed(tick)
         seen = Seen(
             inputs[0], state, () if missed else reference, *sigmas,
             decision is not None and bool(decision.constraint), self._applied, enclosed, self.guard,
-            in_axes, outward,
+            in_axes, outward, carried,
         )  # fmt: skip
         own = machine.step(tick, seen)
         return ZERO if own is None and missed else own
@@ -299,8 +302,8 @@ def check_start(settings: Assurance, scenario: Any) -> None:
             f'got {settings.domain_m!r}'
         )
     drift = _drift(stage, scenario, stage.delay_ticks)
-    doubt = (g.here_m, g.here_m_s) if g.side != 0.0 else drift
     seen, own = stage.view(state, mode, stage.delay_ticks)
+    doubt = (own.here_m, own.here_m_s) if g.side != 0.0 else drift
     if filters.margins(seen, mode, *doubt, own)[1] < 0.0:
         raise InputError(
             f'`assurance.speed` must allow the start: {kernels.speed_limit(rho, g):.6g} m/s at '

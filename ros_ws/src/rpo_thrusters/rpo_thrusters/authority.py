@@ -8,15 +8,17 @@ same dual simplex method that allocates (`allocation_kernels`), here with no tor
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from itertools import combinations, product
-from typing import NamedTuple
+from time import perf_counter
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_kernels.jit import as_table
+from rpo_kernels.jit import as_table, kernel
 from rpo_thrusters.allocation_kernels import (
     AIM,
     INVERSE,
@@ -26,6 +28,7 @@ from rpo_thrusters.allocation_kernels import (
     SCRATCH,
     Table,
     advance,
+    allocate,
     start,
 )
 from rpo_thrusters.table import IDENTITY, ThrusterTable, at_rest, table_of
@@ -127,6 +130,28 @@ def authority(settings: ThrusterTable, stuck: Mapping[str, str]) -> Authority:
 def known(settings: ThrusterTable) -> Authority:
     """Return what a table has when all failures that are known have come."""
     return authority(settings, {f.thruster: f.stuck for f in settings.failures if f.known})
+
+
+@kernel
+def _allocate_all(wanted: Any, t: Table, w: Any) -> None:
+    for i in range(len(wanted)):
+        allocate(wanted[i], t, w)
+
+
+def allocation_s(settings: ThrusterTable, size_n: float) -> float:
+    """Return the time [s] of an allocation: of 1000 forces of a length (1 sigma), best of 100."""
+    table, work = table_of(settings, 1.0, 0.0, None, IDENTITY), as_table(np.zeros(SCRATCH))
+    for i in range(table.number):
+        work[LIMIT + i] = table.most[i]
+    wanted = np.zeros((1000, ROWS))
+    wanted[:, :3] = np.random.default_rng(1).normal(size=(1000, 3)) * size_n
+    least, rows = math.inf, as_table(wanted)
+    _allocate_all(rows[:1], table, work)
+    for _ in range(100):
+        begun = perf_counter()
+        _allocate_all(rows, table, work)
+        least = min(least, perf_counter() - begun)
+    return least / len(wanted)
 
 
 def failures(settings: ThrusterTable, pairs: bool) -> Iterator[dict[str, str]]:
