@@ -26,7 +26,7 @@ import rclpy
 import yaml
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseStamped, WrenchStamped
+from geometry_msgs.msg import PoseStamped, Quaternion, WrenchStamped
 from hypothesis import given
 from hypothesis import strategies as st
 from nav_msgs.msg import Odometry
@@ -36,7 +36,7 @@ from rclpy.signals import SignalHandlerOptions
 from rich.console import Console
 from visualization_msgs.msg import Marker, MarkerArray
 
-from rpo_attitude.target import Target
+from rpo_attitude.target import motion_of
 from rpo_core import files
 from rpo_core.control.controller import load_fuzzy
 from rpo_core.files import scenario as scenarios
@@ -47,7 +47,6 @@ from rpo_core.wire import interfaces
 from rpo_core.wire.cdr import Status
 from rpo_core.wire.statuses import AssuranceStatus, GuidanceStatus, Manifest, RunStatus
 from rpo_ctrl import explain
-from rpo_guidance.plan import Guidance
 from rpo_ros import conversions, names, qos
 from rpo_view import scene, terminal, web_server
 from rpo_view.gate import Gate, hidden_address
@@ -771,21 +770,21 @@ def test_zones_of_the_scenario_replace_the_aids():
 
 
 def test_a_turning_target_is_drawn_as_it_is_now():
-    """A quarter of a turn about z: the port on +y of the target is on -x of LVLH."""
-    run, docking = LiveRun(), load_scenario('docking')
-    n = docking.mean_motion_rad_s
-    spin = Target(kind='spin', axis=(0.0, 0.0, 1.0), rate_deg_s=math.degrees(n) + 2.0)
-    run.on_manifest(manifest('plant', scenarios.dumps(replace(docking, sections=()).equipped(
-        spin, docking.section(Guidance)))))  # fmt: skip
-    run.on_state(docking.stamp_ns(450), (-5.0, 0.0, 0.0, 0.0, 0.0, 0.0))
-    assert run.errors == pytest.approx((0.0, 4.0, 0.0, math.radians(2.0) * 5.0, 0.0, 0.0), abs=1e-9)
+    """A chaser at rest on the axis of the port, 4 m before it."""
+    run, port = LiveRun(), load_scenario('tumbling_port')
+    run.on_manifest(manifest('plant', scenarios.dumps(port)))
+    x, y, z, w, *_ = motion_of(port.target, port).attitude(2500)
+    turned = matrix_of(Quaternion(x=x, y=y, z=z, w=w))
+    run.on_state(port.stamp_ns(2500), (*(turned @ (0.0, 5.0, 0.0)).tolist(), 0.0, 0.0, 0.0))
+    assert run.errors[:3] == pytest.approx((0.0, 4.0, 0.0), abs=1e-9)
+    assert math.hypot(*run.errors[3:]) > 0.02 and run.errors[4] == pytest.approx(0.0, abs=1e-9)
     drawn = run.snapshot('/s')['zones'][0]
-    assert drawn['port_m'] == pytest.approx((-1.0, 0.0, 0.0), abs=1e-9)
+    assert drawn['port_m'] == pytest.approx(tuple(turned @ (0.0, 1.0, 0.0)), abs=1e-9)
     body = scene.markers(
         Time(), run.position_m, None, [run.position_m], scene.Look(), run.zones_now, None,
         run.attitude,
     ).markers[0].pose.orientation  # fmt: skip
-    assert matrix_of(body) @ (0.0, 1.0, 0.0) == pytest.approx((-1.0, 0.0, 0.0), abs=1e-9)
+    np.testing.assert_allclose(matrix_of(body), turned, atol=1e-12)
 
 
 def matrix_of(q) -> np.ndarray:
