@@ -33,7 +33,8 @@ def run(
         _campaign(runs, workers)
     elif what == 'learning':
         found = flying.environments()
-        print(f'side by side {found.together:.3g} ticks/s of one core, alone {found.alone:.3g}')
+        peer = '' if found.peer is None else f', safe-autonomy-simulation {found.peer:.3g}'
+        print(f'side by side {found.together:.3g} ticks/s of a core, alone {found.alone:.3g}{peer}')
     else:
         _ros()
     return False

@@ -7,6 +7,7 @@ from __future__ import annotations
 import tempfile
 import time
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -28,10 +29,14 @@ CAMPAIGN_RUNS = 10_000
 
 
 class Stepped(NamedTuple):
-    """Ticks per CPU second of the vectorised environment, and of the single one."""
+    """Ticks per CPU second of the vectorised environment, of the single one, and of a peer.
+
+    peer : the simulator of safe-autonomy-simulation; None: it is not installed
+    """
 
     together: float
     alone: float
+    peer: float | None
 
 
 def environments(runs: int = 4000, steps: int = 100) -> Stepped:
@@ -52,7 +57,24 @@ def environments(runs: int = 4000, steps: int = 100) -> Stepped:
         return best
 
     alone = per_s(FinalApproach('paper_test'), 1, 10 * steps)
-    return Stepped(per_s(DispersedApproach(runs), runs, steps), alone)
+    return Stepped(per_s(DispersedApproach(runs), runs, steps), alone, _peer_steps(10 * steps))
+
+
+def _peer_steps(steps: int) -> float | None:
+    """Step the peer's Clohessy-Wiltshire spacecraft by the same law."""
+    if find_spec('safe_autonomy_simulation') is None:
+        return None
+    from safe_autonomy_simulation import Simulator
+    from safe_autonomy_simulation.sims.spacecraft.point_model import CWHSpacecraft
+
+    chaser = CWHSpacecraft('chaser', np.array([10.0, 60.0, -40.0]), np.zeros(3), m=10, n=1.157e-3)
+    simulator = Simulator(frame_rate=10.0, entities=[chaser])
+    simulator.reset()
+    began = time.process_time()
+    for _ in range(steps):
+        chaser.add_control(np.clip(-0.01 * chaser.state[:3] - 0.3 * chaser.state[3:6], -0.5, 0.5))
+        simulator.step()
+    return steps / (time.process_time() - began)
 
 
 class Budget(NamedTuple):
