@@ -95,10 +95,12 @@ class Gate:
     async def _end(self) -> None:
         self._server.close()
         own = asyncio.current_task()
-        others = [task for task in asyncio.all_tasks() if task is not own]
-        for task in others:
-            task.cancel()
-        await asyncio.gather(*others, return_exceptions=True)
+        # Again and again: a caller that was let in just before begins a task meanwhile.
+        while others := [task for task in asyncio.all_tasks() if task is not own]:
+            for task in others:
+                task.cancel()
+            await asyncio.gather(*others, return_exceptions=True)
+            await asyncio.sleep(0.0)
 
 
 async def _copy(source: asyncio.StreamReader, sink: asyncio.StreamWriter) -> None:
