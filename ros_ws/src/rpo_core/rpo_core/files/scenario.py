@@ -166,17 +166,17 @@ class Scenario:
         """Return the settings of the section of a name, None where the scenario has none."""
         return next((found for found in self.sections if section_of(found).name == section), None)
 
-    @property
+    @cached_property
     def dynamics(self) -> Any:
         """How chaser and target move; None: as Clohessy and Wiltshire say."""
         return self.named('dynamics')
 
-    @property
+    @cached_property
     def thrusters(self) -> Any:
         """Thrusters with a delay or a matrix; None: saturation alone."""
         return self.named('thrusters')
 
-    @property
+    @cached_property
     def target(self) -> Any:
         """How the target turns (`rpo_attitude`); None: its axes are those of target LVLH."""
         return self.named('target')
