@@ -14,7 +14,8 @@ from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
 from rpo_kernels import noise
 from rpo_nav.navigation_errors import Navigation
-from rpo_thrusters.thrusters import IDENTITY, Thrusters
+from rpo_thrusters.table import IDENTITY
+from rpo_thrusters.thrusters import Thrusters
 
 QUICK = scenario.load_scenario('quick')
 MATRIX = ((0.9, 0.1, 0.0), (0.0, 1.1, -0.2), (0.05, 0.0, 1.0))

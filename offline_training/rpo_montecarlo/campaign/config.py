@@ -39,7 +39,8 @@ from rpo_montecarlo.campaign.faults import Faults
 from rpo_montecarlo.campaign.quantities import QUANTITIES, SHELL, Dispersion, dispersion
 from rpo_montecarlo.outputs import check_name
 from rpo_nav.sensors import Sensors
-from rpo_thrusters.thrusters import IDENTITY, Thrusters
+from rpo_thrusters.table import IDENTITY
+from rpo_thrusters.thrusters import Thrusters
 
 SCHEMA = 'rpo/campaign/1'
 

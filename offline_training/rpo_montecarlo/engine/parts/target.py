@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import radians
 from typing import Any
 
 from rpo_attitude.target import TUMBLE, of_vector, product
@@ -20,9 +21,6 @@ FIRST = 1
 TURNS, DT, BODIES = range(3)
 """Places in the table: whether the targets turn, the tick [s]; the rest of `Body` of each run, its
 numbers one after the other (13, 40). The memory has the attitudes (7, 40)."""
-
-AXES = 'xyz'
-DEGREE = 0.017453292519943295
 
 
 @compiled
@@ -97,10 +95,10 @@ def vary(scenario: Scenario, draw: Draw) -> list[Any]:
         return []
 
     def drawn(name: str, unit: str) -> Vector:
-        x, y, z = (draw.values.get(f'target_{name}_{axis}_{unit}', 0.0) for axis in AXES)
+        x, y, z = (draw.values.get(f'target_{name}_{axis}_{unit}', 0.0) for axis in 'xyz')
         return x, y, z
 
-    x, y, z = (DEGREE * angle for angle in drawn('attitude', 'deg'))
+    x, y, z = map(radians, drawn('attitude', 'deg'))
     found: dict[str, Any] = {'attitude': product(target.attitude, of_vector((x, y, z)))}
     share = 1.0 + draw.values.get('target_rate_share', 0.0)
     if target.kind == TUMBLE:

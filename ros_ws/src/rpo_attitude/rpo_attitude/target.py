@@ -246,7 +246,7 @@ class Motion:
         return found[:ticks]
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=64)  # a megabyte each; the engine flies 40 runs at a time
 def _motion(target: Target, orbit_rad_s: float, dt_s: float) -> Motion:
     return Motion(target.body(orbit_rad_s), target.start(orbit_rad_s), dt_s)
 

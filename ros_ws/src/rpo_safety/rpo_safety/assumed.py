@@ -16,7 +16,8 @@ from rpo_core.world.disturbance import Disturbance
 from rpo_nav.navigation_errors import Navigation
 from rpo_safety.settings import Assurance
 from rpo_thrusters.authority import FULL, NONE, known
-from rpo_thrusters.thrusters import IDENTITY, Thrusters
+from rpo_thrusters.table import IDENTITY
+from rpo_thrusters.thrusters import Thrusters
 
 ERRORS = '`position_error_m`, `velocity_error_m_s`, `disturbance_n`, `thrust_error`'
 

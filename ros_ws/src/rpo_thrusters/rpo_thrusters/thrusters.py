@@ -40,6 +40,7 @@ from rpo_kernels.pulse_kernels import DELTA_V, OFF, ON, OPENINGS, SPENT, Tank, V
 from rpo_thrusters import allocation_kernels
 from rpo_thrusters.allocation_kernels import ROWS, SCRATCH, Table
 from rpo_thrusters.table import (
+    IDENTITY,
     MODULATIONS,
     SIGMA_DELTA,
     Failure,
@@ -60,8 +61,6 @@ SWITCHES = ('off', 'on', READY)
 """How a thruster of a table is switched in flight."""
 
 NEVER_TICK = 2**62
-
-IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 

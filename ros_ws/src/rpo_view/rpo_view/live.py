@@ -24,7 +24,7 @@ from rpo_core.judge.metrics import MAX_ARRIVAL_DISTANCE_M
 from rpo_core.judge.zones import Zone, zones_of
 from rpo_core.wire.statuses import ENDED, Manifest, RunStatus
 from rpo_ctrl import explain
-from rpo_kernels.attitude_kernels import Attitude, Frame, frame_of, seen_from
+from rpo_kernels.attitude_kernels import Attitude, Frame, seen_from
 from rpo_thrusters.thrusters import STANDARD_GRAVITY_M_S2
 from rpo_view.onboard import Onboard, number
 from rpo_view.trail import Trail
@@ -219,19 +219,24 @@ class LiveRun:
         return self.scenario.from_goal(state if f is None else seen_from(state, f))
 
     @property
+    def _flown_tick(self) -> int:
+        """Tick of the newest state; the nearest of the flight where it has another stamp."""
+        last = self.scenario.ticks if self.scenario is not None else 0
+        return min(max(0, self.tick), last)
+
+    @property
     def attitude(self) -> Attitude | None:
         """Quaternion and rate of the target at the newest state; None where it has no attitude."""
         if self.scenario is None or self.scenario.target is None:
             return None
-        tick = min(max(0, self.tick), self.scenario.ticks)
-        return motion_of(self.scenario.target, self.scenario).attitude(tick)
+        return motion_of(self.scenario.target, self.scenario).attitude(self._flown_tick)
 
     @property
     def frame(self) -> Frame | None:
         """The same as a frame."""
-        if self.scenario is None or (attitude := self.attitude) is None:
+        if self.scenario is None or self.scenario.target is None:
             return None
-        return frame_of(attitude, self.scenario.target.body(self.scenario.mean_motion_rad_s))
+        return motion_of(self.scenario.target, self.scenario).frame(self._flown_tick)
 
     @property
     def zones_now(self) -> list[Zone]:
