@@ -25,7 +25,7 @@ LONGEST_S = 300.0
 GUESS_S = 10.0
 """How long a test takes that was never run here."""
 PATIENCE = 3
-"""Times the time-out that a test has here: the machine is shared, and a slow test not a wrong one."""
+"""Times the time-out of a test: on a shared machine a slow test is not a wrong one."""
 BEGUN_S = time.monotonic()
 RECORD = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache', 'rpo', 'slow_tests.json')
 
