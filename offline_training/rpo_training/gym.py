@@ -20,7 +20,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.chain.chain import Chain, Signals
+from rpo_core.chain.chain import Chain, Signals, start_of
 from rpo_core.chain.flight import Flight
 from rpo_core.chain.stage import Place, Signal
 from rpo_core.files.scenario import MAX_VELOCITY_M_S, Scenario, ScenarioSet, load
@@ -143,7 +143,7 @@ class FinalApproach(gymnasium.Env[Floats, Floats]):
         self._states = np.empty((scenario.ticks + 1, 6))
         self._commands = np.zeros((scenario.ticks + 1, 3))
         self._signals: Signals = {
-            RELATIVE_STATE: tuple(map(float, scenario.start)),
+            **start_of(scenario),
             SATURATED_FORCE: (0.0, 0.0, 0.0),
         }
         self._sense()

@@ -69,16 +69,19 @@ def odometry(stamp_ns: int, frame: str, child: str, state):
     )
 
 
+STATE = interfaces.row_of(interfaces.RELATIVE_STATE).columns
+
+
 @QUICK
 @given(stamps, words, words, st.lists(floats, min_size=6, max_size=6))
 def test_odometry_as_rosbags_writes_it(stamp_ns, frame, child, state):
     data = cdr.encode_odometry(stamp_ns, frame, child, state)
     assert data == by_rosbags(odometry(stamp_ns, frame, child, state))
-    layout = Layout(ODOMETRY, (frame, child))
+    layout = Layout.of(ODOMETRY, (frame, child), STATE)
     assert layout.encode(stamp_ns, state) == data
     stamp, values, right_frame = layout.decode(data)
     assert (stamp, right_frame) == (stamp_ns, True) and same_bits(values, state)
-    assert not Layout(ODOMETRY, (frame + '_', child)).decode(data)[2]
+    assert not Layout.of(ODOMETRY, (frame + '_', child), STATE).decode(data)[2]
     back = cdr.decode_stamped(ODOMETRY, data)
     assert (back.stamp_ns, back.texts) == (stamp_ns, (frame, child))
     named = dict(zip(cdr.ODOMETRY_FIELDS, back.floats, strict=True))

@@ -133,7 +133,7 @@ def reported(messages: Iterable[tuple[str, bytes]]) -> dict[str, str]:
     """Return what a plant reports of the messages of a tick."""
     rows = {name: interfaces.row_of(name[1:]) for name in PLANT}
     return {
-        name[1:]: numbers_text(rows[name].layout.decode(data)[1])
+        name[1:]: numbers_text(rows[name].spoken(rows[name].layout.decode(data)[1]))
         for name, data in messages
         if name in PLANT
     }

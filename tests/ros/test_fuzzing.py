@@ -113,7 +113,7 @@ def test_a_plausible_status_is_whole_until_one_field_is_wrong(topic):
             reader.of(messages.spoilt_status(whole, how, rng))
         except InputError as error:
             refused.add(how)
-            assert str(error).isprintable() and len(str(error)) < 500
+            assert str(error).isprintable() and len(str(error)) < 600
     assert refused >= {'value', 'missing', 'twice'}
 
 

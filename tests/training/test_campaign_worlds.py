@@ -10,6 +10,7 @@ from campaign_documents import EVERYTHING, write_campaign
 from scipy import stats
 from typer.testing import CliRunner
 
+from rpo_attitude.chaser import Chaser
 from rpo_attitude.target import Target
 from rpo_cli.cli import app
 from rpo_core.files import scenario
@@ -76,6 +77,10 @@ CONTACT = Requirements(
 )
 TURNING = replace(PLAIN, requirements=CONTACT)
 LONG = ((10.0, 0.5, 0.0), (0.5, 14.0, 0.3), (0.0, 0.3, 20.0))
+FREE = Chaser(
+    inertia_kg_m2=LONG, attitude=(0.5, 0.5, 0.1, 0.7), rates_deg_s=(1.0, -2.0, 3.0),
+    disturbance_torque_nm=(0.0, 0.001, 0.0),
+)  # fmt: skip
 IN = Guidance(
     legs=(
         Leg(name='to', kind='transfer', frame='target', to_m=(0.0, 6.0, 0.0), duration_s=90.0),
@@ -143,6 +148,11 @@ CASES = {
         {**SOME, 'target_attitude_x_deg': {'normal': 5.0},
          'target_known_error_y_deg': {'normal': 0.5}},
     ),
+    'a chaser that turns': (
+        PLAIN.equipped(FREE, Thrusters(table=QUADS, propellant=LEAK)),
+        {**SOME, 'thrust_share': {'normal': 0.02}, 'misalignment_deg': {'normal': 1.0}},
+    ),
+    'a chaser that turns, its mass the same': (PLAIN.equipped(FREE), SOME),
     'pulses about a circle': (PLAIN.equipped(FIRING), {**SOME, 'stuck_off_thruster': {'whole': 5}}),
 }  # fmt: skip
 

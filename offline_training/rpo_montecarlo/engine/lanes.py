@@ -51,7 +51,14 @@ SUM_R, SUM_V, ENERGY, EFFORT, SLEW, LATE_R, LATE_V, LATE_F, OUTSIDE = (
 )
 # The state as the target sees it, where that turns.
 BODY_R, BODY_V = 39 * STRIDE, 40 * STRIDE
-ROWS = 41
+# Where the chaser has an attitude, paired runs: the true one, what navigation found, the reference,
+# each as x, y, z of the quaternion, its w, the rate; torque commanded and that of thrusters; the
+# shift of position x mass and velocity x mass by turning.
+(
+    QUAT, QUAT_W, RATE, SEEN_QUAT, SEEN_QUAT_W, SEEN_RATE, REF_QUAT, REF_QUAT_W, REF_RATE, TORQUE,
+    EXERTED_TORQUE, SHIFT_R, SHIFT_V,
+) = ((41 + row) * STRIDE for row in range(13))  # fmt: skip
+ROWS = 54
 
 RUNS = 40
 """Paired runs side by side: whole SIMD registers, and three axes fit into a row."""

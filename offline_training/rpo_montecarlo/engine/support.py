@@ -14,6 +14,7 @@ from rpo_core.files import plugins
 from rpo_core.files.scenario import Scenario
 from rpo_montecarlo.engine.parts import (
     approach,
+    attitude,
     control,
     disturbance,
     dynamics,
@@ -37,6 +38,7 @@ PARTS = (
     target,
     disturbance,
     dynamics,
+    attitude,
 )
 """The modules that register themselves."""
 

@@ -22,10 +22,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.chain.chain import Chain
+from rpo_core.chain.chain import Chain, start_of
 from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
-from rpo_core.wire.interfaces import RELATIVE_STATE
 from rpo_kernels.kernels import State
 from rpo_montecarlo.engine.calls import Call, call, rows_of
 from rpo_montecarlo.engine.lanes import BODY_R, BODY_V, RUNS, R, V, compiled
@@ -42,7 +41,9 @@ PASSED = Place.ASSURANCE + 1
 LIMITED = Place.THRUSTERS - 2
 """The command that the thrusters take: saturated, delayed."""
 COUNTED = Place.THRUSTERS - 1
-MOVED = Place.DYNAMICS + 1
+SHIFTED = Place.DYNAMICS + 1
+"""The state is moved by what turning adds to the force."""
+MOVED = Place.DYNAMICS + 2
 """The state is that of the next tick."""
 
 
@@ -221,7 +222,7 @@ class Batch:
 def _seen_at_start(scenario: Scenario) -> State:
     chain = Chain.of(scenario)
     before = chain.before(Place.GUIDANCE)
-    signals = {RELATIVE_STATE: tuple(map(float, scenario.start))}
+    signals = start_of(scenario)
     before.reset()
     before.step(0, signals)
     after = chain.part(Place.GUIDANCE, Place.ASSURANCE)

@@ -27,10 +27,12 @@ from rpo_kernels.pulse_kernels import (
 )
 from rpo_montecarlo.engine.lanes import (
     BEFORE,
+    EXERTED_TORQUE,
     FORCE,
     MASS,
     PAIRED_LANES,
     RUNS,
+    TORQUE,
     compiled,
 )
 from rpo_montecarlo.engine.tick import LIMITED, Batch, Draw, Kind, Part, register, table_of
@@ -42,6 +44,7 @@ from rpo_thrusters.thrusters import (
     rotation,
     table_for,
     tank_of,
+    turns_by_table,
     valves_of,
 )
 
@@ -213,7 +216,7 @@ def _valves_part(batch: Batch) -> Part:
 def fire_table(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Replace row FORCE, the saturated command, by the mean force of a table; fill row MASS."""
     head, number, bases, count = t[REST:], int(t[REST]), int(t[REST + 6]), int(t[REST + 7])
-    a, b, n = REST + 8, REST + 8 + 10 * number, number
+    a, b, n, turns = REST + 9, REST + 9 + 10 * number, number, head[8] > 0.0
     shared, scratch = t[a:b], m[MEMORY * RUNS :]
     for s in range(RUNS):
         y, z = s + RUNS, s + 2 * RUNS
@@ -227,8 +230,14 @@ def fire_table(w, m, t, tick):  # type: ignore[no-untyped-def]
         )  # fmt: skip
         command = (w[FORCE + s], w[FORCE + y], w[FORCE + z])
         memory = m[MEMORY * s : MEMORY * (s + 1)]
-        force, _, w[MASS + s] = fire_thrusters(tick, command, memory, table, _tank(t, s), scratch)
+        wanted = (0.0, 0.0, 0.0)
+        if turns:
+            wanted = (w[TORQUE + s], w[TORQUE + y], w[TORQUE + z])
+        force, torque, w[MASS + s] = fire_thrusters(
+            tick, command, wanted, memory, table, _tank(t, s), scratch
+        )
         w[FORCE + s], w[FORCE + y], w[FORCE + z] = force
+        w[EXERTED_TORQUE + s], w[EXERTED_TORQUE + y], w[EXERTED_TORQUE + z] = torque
 
 
 def _table_part(batch: Batch) -> Part:
@@ -241,7 +250,8 @@ def _table_part(batch: Batch) -> Part:
     own = np.zeros((RUNS, len(one.acts) + 5 * len(rows[0])))
     own[: len(made)] = [table_of(t.acts, r) for t, r in zip(made, rows, strict=True)]
     shared = (one.columns, one.most, one.cost, one.burns, one.bits, one.bases)
-    table = table_of(_tanks(batch), one[:6], len(one.bases), len(rows[0]), *shared, own)
+    sizes = (len(one.bases), len(rows[0]), turns_by_table(batch.base))
+    table = table_of(_tanks(batch), one[:6], *sizes, *shared, own)
     memory = np.zeros(MEMORY * RUNS + SCRATCH + ROWS)
     return Part('thrusters', ((Place.THRUSTERS, fire_table),), table, memory)
 

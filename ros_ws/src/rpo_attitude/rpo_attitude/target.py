@@ -46,7 +46,7 @@ _angles = partial(vector3, unit='deg', bound=45.0)
 _rates = partial(vector3, unit='deg/s', bound=360.0)
 
 
-def _quaternion(name: str, value: Any) -> Quaternion:
+def quaternion(name: str, value: Any) -> Quaternion:
     """Return a unit quaternion x, y, z, w with w >= 0; raises InputError."""
     if not isinstance(value, (list, tuple)) or len(value) != 4:
         raise InputError(f'`{name}` must be a list of 4 numbers [x, y, z, w]; got {shown(value)}')
@@ -58,7 +58,7 @@ def _quaternion(name: str, value: Any) -> Quaternion:
     return positive((x, y, z, w))
 
 
-def _inertia(name: str, value: Any) -> tuple[tuple[float, ...], ...]:
+def inertia(name: str, value: Any) -> tuple[tuple[float, ...], ...]:
     """Return a symmetric inertia (3, 3) [kg m^2] that a body can have; raises InputError."""
     rows = matrix(name, value, 3, 3, bound=1e9)
     found = np.array(rows)
@@ -111,13 +111,13 @@ class Target:
     """
 
     kind: Annotated[str, partial(choice, known=KINDS)]
-    attitude: Annotated[Quaternion, _quaternion] = ALIGNED
+    attitude: Annotated[Quaternion, quaternion] = ALIGNED
     axis: Annotated[Vector, partial(vector3, unit='', bound=1e3)] = unless_default((0.0, 0.0, 1.0))
     rate_deg_s: Annotated[float, partial(real, unit='deg/s', least=-360.0, most=360.0)] = (
         unless_default(0.0)
     )
     rates_deg_s: Annotated[Vector, _rates] = unless_default((0.0, 0.0, 0.0))
-    inertia_kg_m2: Annotated[Any, _inertia] = unless_default(BALL)
+    inertia_kg_m2: Annotated[Any, inertia] = unless_default(BALL)
     known_error_deg: Annotated[Vector, _angles] = unless_default((0.0, 0.0, 0.0))
 
     def __post_init__(self) -> None:
@@ -170,11 +170,8 @@ class Target:
 
     def body(self, orbit_rad_s: float) -> Body:
         """Return the body as the kernels read it."""
-        j = np.array(self.inertia_kg_m2)
-        i = _inverse(j)
         turns = 0.0 if self.kind == FIXED else 1.0
-        parts = [(m[0, 0], m[1, 1], m[2, 2], m[0, 1], m[0, 2], m[1, 2]) for m in (j, i)]
-        return Body(turns, orbit_rad_s, *(float(value) for part in parts for value in part))
+        return body_of(self.inertia_kg_m2, orbit_rad_s)._replace(turns=turns)
 
     def start(self, orbit_rad_s: float) -> Attitude:
         """Return quaternion and rate at tick 0."""
@@ -196,6 +193,13 @@ class Target:
 
 
 _OF_KIND = {SPIN: ('axis', 'rate_deg_s'), TUMBLE: ('rates_deg_s', 'inertia_kg_m2')}
+
+
+def body_of(inertia_kg_m2: Any, orbit_rad_s: float) -> Body:
+    """Return a body with an inertia (3, 3) as the kernels read it."""
+    j = np.array(inertia_kg_m2)
+    parts = [(m[0, 0], m[1, 1], m[2, 2], m[0, 1], m[0, 2], m[1, 2]) for m in (j, _inverse(j))]
+    return Body(1.0, orbit_rad_s, *(float(value) for part in parts for value in part))
 
 
 def _inverse(m: Floats) -> Floats:
@@ -312,6 +316,7 @@ ROW = interfaces.Interface(
     'attitude of the target, its axes to target LVLH; rate in its axes, against inertial space',
     due=interfaces.TRUTH,
     attitude=True,
+    frame=interfaces.TARGET_FRAME,
 )
 
 

@@ -90,7 +90,7 @@ def listen(
     """
     row = interfaces.row_of(name)
     width = len(row.columns)
-    width += len(interfaces.row_of(row.rider).columns) if with_rider else 0
+    width += len(interfaces.row_of(row.rider).columns) if with_rider and row.rider else 0
     on_message = partial(_on_message, row.layout.use, width, take, ignore)
     kind = message_class(row.type)
     return node.create_subscription(kind, row.topic, on_message, qos.IN_LOOP, raw=True)

@@ -11,18 +11,24 @@ from typing import Any
 
 import numpy as np
 
-from rpo_core.chain.chain import Chain, Signals
+from rpo_core.chain.chain import Chain, Signals, start_of
 from rpo_core.chain.stage import Place, Signal
 from rpo_core.files.scenario import Scenario
 from rpo_core.judge import metrics
 from rpo_core.judge.zones import zones_of
 from rpo_core.wire import interfaces
-from rpo_core.wire.interfaces import DUE_FORCE, EXERTED_FORCE, RELATIVE_STATE, SATURATED_FORCE
+from rpo_core.wire.interfaces import (
+    CHASER_ATTITUDE,
+    DUE_FORCE,
+    NEXT,
+    RELATIVE_STATE,
+    SATURATED_FORCE,
+)
 from rpo_kernels import kernels
 from rpo_kernels.kernels import norm
 
-Force = tuple[float, float, float]
-"""Force [N], target LVLH."""
+Force = tuple[float, ...]
+"""Force [N], target LVLH; in the axes of a chaser that turns, then with the torque [N m]."""
 
 ZERO: Force = (0.0, 0.0, 0.0)
 
@@ -37,16 +43,24 @@ class NotFiniteError(ArithmeticError):
     """A step made a state that is not finite; the message says from which signal."""
 
 
-PLACES = (Place.LINK, Place.THRUSTERS, Place.TARGET, Place.DYNAMICS)
+PLACES = (Place.LINK, Place.THRUSTERS, Place.TARGET, Place.ATTITUDE, Place.DYNAMICS)
 """Stages that the plant runs."""
 
 
 def topics_of(scenario: Scenario) -> tuple[list[str], list[str]]:
     """Return the inputs and the output topics of a plant, without the true state."""
     chain = Chain.of(scenario).part(*PLACES)
-    made = [name for name in chain.outputs if interfaces.row_of(name).type]
-    inputs, outputs = ([n for n in x if n != RELATIVE_STATE] for x in (chain.inputs, made))
+    inputs, outputs = (
+        [n for n in names if n not in NEXT and interfaces.row_of(n).type]
+        for names in (chain.inputs, chain.outputs)
+    )
     return inputs, outputs
+
+
+def said(name: str, signals: Signals) -> Signal:
+    """Return the numbers of a signal and of what rides in its message."""
+    row = interfaces.row_of(name)
+    return row.spoken((*signals[name], *signals.get(row.rider, ())))
 
 
 class Plant:
@@ -72,8 +86,8 @@ class Plant:
         self.taken: dict[int, dict[str, Force]] = {0: {}}
         self.chain = Chain.of(scenario).part(*PLACES)
         self.chain.reset()
-        self.inputs = tuple(name for name in self.chain.inputs if name != RELATIVE_STATE)
-        self.signals: Signals = {RELATIVE_STATE: tuple(map(float, scenario.start))}
+        self.inputs = tuple(name for name in self.chain.inputs if name not in NEXT)
+        self.signals: Signals = start_of(scenario)
         self._limit = float(scenario.max_force_n)
         self._stamp_ns = scenario.stamp_ns(0)
         self._zones = [zones for zones in zones_of(scenario) if zones.keep_out_m]
@@ -92,11 +106,16 @@ class Plant:
         return self.signals[RELATIVE_STATE]
 
     @property
+    def truth(self) -> Signals:
+        """The true state, with its attitude, as it is published."""
+        return {RELATIVE_STATE: said(RELATIVE_STATE, self.signals)}
+
+    @property
     def openings(self) -> int | None:
         """How often a valve has opened; None where thrusters do not fire in pulses."""
         for link in self.chain.links:
             spent = link.stage.spent()
-            if spent is not None and EXERTED_FORCE in link.stage.outputs:
+            if spent is not None and getattr(self.scenario.thrusters, 'fires', False):
                 return spent[2]
         return None
 
@@ -126,14 +145,14 @@ class Plant:
         Raises NotFiniteError, and stays at its tick, if the next state is not finite.
         """
         signals = self.signals
+        truth = {name: signals[name] for name in NEXT if name in signals}
         before = signals[RELATIVE_STATE]
-        for name in self.inputs:
-            signals[name] = answers.get(name, ZERO)
+        self._take(signals, answers)
         self.chain.step(self.tick, signals)
         # With its norms: 1e300 m is finite, but no controller can answer it.
-        state = signals[RELATIVE_STATE]
-        if not math.isfinite(norm(*state[:3]) + norm(*state[3:])):
-            signals[RELATIVE_STATE] = before
+        state, turned = signals[RELATIVE_STATE], sum(signals.get(CHASER_ATTITUDE, ()))
+        if not math.isfinite(norm(*state[:3]) + norm(*state[3:]) + turned):
+            signals.update(truth)
             raise NotFiniteError(self._why_not_finite(signals))
         x, y, z = signals[SATURATED_FORCE]
         self.saturated_ticks += signals[SATURATED_FORCE] != signals[DUE_FORCE]
@@ -146,6 +165,14 @@ class Plant:
         self.taken.pop(self.tick - interfaces.REMEMBERED_TICKS, None)
         self._stamp_ns = self.scenario.stamp_ns(self.tick)
         self._look_for_zones(before, state)
+
+    def _take(self, signals: Signals, answers: Mapping[str, Force]) -> None:
+        """Put the answers, by topic, among the signals; what did not come is zero."""
+        for name in self.inputs:
+            row = interfaces.row_of(name)
+            values = answers.get(row.rides or name, ())
+            width = len(interfaces.row_of(row.rides).columns) if row.rides else 0
+            signals[name] = values[width : width + 3] or ZERO
 
     def _look_for_zones(self, *states: Signal) -> None:
         """Look how deep in a keep-out zone the chaser is in states, and between them."""
@@ -172,7 +199,8 @@ class Plant:
 
     def last_signals(self, answers: Mapping[str, Force]) -> Signals:
         """Return the signals of the last tick, whose answers change no state."""
-        signals = {**self.signals, **{name: answers.get(name, ZERO) for name in self.inputs}}
+        signals = dict(self.signals)
+        self._take(signals, answers)
         self.chain.step(self.tick, signals)
         return signals
 

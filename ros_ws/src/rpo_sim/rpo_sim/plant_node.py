@@ -57,6 +57,8 @@ class PlantNode(Loop):
         self.values = declare(self, PARAMETERS)
         path = files.find('scenario', self.values['scenario'])
         self.scenario = scenario.load_scenario(path)
+        if self.values['mode'] == FREE_RUNNING and self.scenario.attitude is not None:
+            raise InputError('`mode` must be lockstep where the scenario has section `attitude`')
         self.run_id = uuid.uuid4().hex
         self._peers, self._own = topics_of(self.scenario)
         self._connect()
@@ -74,7 +76,7 @@ class PlantNode(Loop):
         applied = [applied_topic(name) for name in self._peers] if free else []
         self.topics = Publications(self, self.values['publish_clock'], [*applied, *self._own])
         for name in self._peers:
-            listen(self, name, partial(self._on_answer, name), self._ignore)
+            listen(self, name, partial(self._on_answer, name), self._ignore, with_rider=True)
         self.watch = Watch(self, lambda: self.phase not in (WAITING, *ENDED))
         self._pulse = Pulse(self, lambda: ['plant'])
         self._refusals = Refusals(self, self.scenario)
@@ -149,7 +151,7 @@ class PlantNode(Loop):
         """Pass the current tick."""
         plant, topics = self.pacing.plant, self.topics
         tick, stamp_ns = plant.tick, plant.stamp_ns
-        state: Signals = {interfaces.RELATIVE_STATE: plant.state}
+        state: Signals = plant.truth
         applied = self.pacing.applied()
         if plant.finished:
             made = topics.made(stamp_ns, {**plant.last_signals(plant.answers), **applied})
@@ -186,7 +188,7 @@ class PlantNode(Loop):
         """Publish the current state."""
         self.sent_s = time.monotonic()
         plant = self.pacing.plant
-        self.topics.state(plant.stamp_ns, plant.state)
+        self.topics.state(plant.stamp_ns, plant.signals)
 
     def _look(self) -> None:
         """Check by wall time: start the run, check the peers, leave at the end."""

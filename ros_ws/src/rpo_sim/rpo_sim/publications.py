@@ -12,14 +12,13 @@ from rclpy.duration import Duration
 from rosgraph_msgs.msg import Clock
 
 from rpo_core.chain.chain import Signals
-from rpo_core.chain.stage import Signal
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.interfaces import REMEMBERED_TICKS
 from rpo_core.wire.statuses import numbers_text
 from rpo_ros import conversions, health, names, qos
 from rpo_ros.running import FlightNode
 from rpo_ros.signals import Outlet
-from rpo_sim.plant import ZERO, Force, Plant
+from rpo_sim.plant import ZERO, Force, Plant, said
 
 
 class Publications:
@@ -34,18 +33,18 @@ class Publications:
         self._clock = node.create_publisher(Clock, names.CLOCK, qos.CLOCK) if clock else None
         self._made = {name: Outlet(node, name) for name in made}
 
-    def state(self, stamp_ns: int, state: Signal) -> None:
+    def state(self, stamp_ns: int, signals: Signals) -> None:
         """Publish a state, and then its time on /clock, for which no node waits."""
-        self._state.publish(stamp_ns, state)
+        self._state.publish_of(stamp_ns, signals)
         if self._clock is not None:
             self._clock.publish(cdr.encode_clock(stamp_ns))
 
-    def made(self, stamp_ns: int, signals: Mapping[str, Signal]) -> Signals:
-        """Publish those of some signals that are outputs of the plant; return them."""
-        found = {name: signals[name] for name in self._made if name in signals}
+    def made(self, stamp_ns: int, signals: Signals) -> Signals:
+        """Publish those of some signals that are outputs of the plant; return what they say."""
+        found = [name for name in self._made if name in signals]
         for name in found:
             self._made[name].publish_of(stamp_ns, signals)
-        return found
+        return {name: said(name, signals) for name in found}
 
     def before_flight(self, stamp_ns: int) -> None:
         """Publish the outputs once with a stamp before the first, to connect a recorder."""
@@ -90,8 +89,7 @@ class TickReports:
 
     def end(self, plant: Plant) -> None:
         """Report the ticks up to the last one of the run."""
-        state: Signals = {interfaces.RELATIVE_STATE: plant.state}
-        self._known.setdefault(plant.tick, (state, plant.taken[plant.tick]))
+        self._known.setdefault(plant.tick, (plant.truth, plant.taken[plant.tick]))
         self._settle(plant.tick)
 
     def ask(self, first: int) -> None:
@@ -113,6 +111,7 @@ class TickReports:
         published, taken = self._known[tick]
         values: dict[str, object] = {'run': self._run, 'tick': tick}
         values |= {name: numbers_text(found) for name, found in published.items()}
-        values |= {name: numbers_text(taken.get(name, ())) for name in self._peers}
+        for name in self._peers:
+            values[name] = numbers_text(interfaces.row_of(name).spoken(taken.get(name, ())))
         status = conversions.to_status(health.OK, 'plant', 'tick', values.items())
         self._publisher.publish(status)

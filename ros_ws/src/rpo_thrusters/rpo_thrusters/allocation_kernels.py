@@ -248,9 +248,9 @@ def allocate(wanted: Any, t: Table, w: Any) -> tuple[float, int]:
 
 @kernel
 def fire(
-    tick: int, command: Vector, m: Any, t: Table, tank: Tank, w: Any
+    tick: int, command: Vector, torque: Vector, m: Any, t: Table, tank: Tank, w: Any
 ) -> tuple[Vector, Vector, float]:
-    """Return mean force (3,) [N] and torque (3,) [N m] of a tick for a command, and the mass [kg].
+    """Return mean force (3,) [N] and torque (3,) [N m] of a tick for commands, and the mass [kg].
 
     A thruster gives at least its impulse bit, or nothing. Those that are known to be stuck are left
     out, and the others give what they do not.
@@ -258,8 +258,9 @@ def fire(
     m : memory as of `pulse_kernels`; w : (SCRATCH + 6,) scratch, whose THRUST is filled
     """
     wanted = w[SCRATCH : SCRATCH + ROWS]
-    for i in range(ROWS):
-        wanted[i] = command[i] + m[i] / t.dt if i < 3 else m[TORQUE + i - 3] / t.dt
+    for i in range(3):
+        wanted[i] = command[i] + m[i] / t.dt
+        wanted[3 + i] = torque[i] / t.lever + m[TORQUE + i] / t.dt
     for i in range(t.number):
         w[LIMIT + i] = t.most[i]
     for k in range(len(t.failures) // 5):

@@ -266,6 +266,18 @@ def tank_of(settings: Thrusters | None, scenario: Any) -> Tank:
     return Tank(exhaust, propellant.mass_kg, scenario.mass_kg)
 
 
+def force_signal(settings: Thrusters, scenario: Any) -> str:
+    """Return the signal of the force that is exerted: one that others must still turn is none."""
+    seen = settings.fires and scenario.attitude is None
+    return interfaces.EXERTED_FORCE if seen else interfaces.THRUST_FORCE
+
+
+def turns_by_table(scenario: Any) -> bool:
+    """Return whether the thrusters of a table turn the chaser: it is commanded, without wheels."""
+    steered = scenario.named('attitude_control') is not None
+    return steered and scenario.attitude is not None and scenario.attitude.wheels is None
+
+
 class ThrustersStage(Stage):
     """From the command to the force on the chaser; without settings, saturation alone.
 
@@ -273,7 +285,7 @@ class ThrustersStage(Stage):
     """
 
     name = 'thrusters'
-    inputs = (interfaces.COMMAND,)
+    inputs: tuple[str, ...] = (interfaces.COMMAND,)
     outputs: tuple[str, ...] = (
         interfaces.DUE_FORCE,
         interfaces.SATURATED_FORCE,
@@ -333,7 +345,7 @@ class ValvesStage(ThrustersStage):
         self._tank, self._dt_s = tank_of(settings, scenario), scenario.dt_s
         super().__init__(settings, scenario.max_force_n)
         self.memory_ticks = None
-        force = interfaces.EXERTED_FORCE if settings.pulses else interfaces.THRUST_FORCE
+        force = force_signal(settings, scenario)
         mass = [interfaces.CHASER_MASS] if settings.propellant else []
         self.outputs = (interfaces.DUE_FORCE, interfaces.SATURATED_FORCE, force, *mass)
 
@@ -378,8 +390,9 @@ class TableStage(ValvesStage):
         self._names = settings.names
         super().__init__(settings, scenario)
         mass = self.outputs[3:]
-        self.outputs = (*self.outputs[:2], interfaces.EXERTED_FORCE, interfaces.EXERTED_TORQUE)
-        self.outputs += mass
+        self.outputs = (*self.outputs[:3], interfaces.EXERTED_TORQUE, *mass)
+        if turns_by_table(scenario):
+            self.inputs = (interfaces.COMMAND, interfaces.BODY_TORQUE)
 
     def reset(self) -> None:
         """Forget all commands, and what was switched in flight."""
@@ -414,8 +427,9 @@ class TableStage(ValvesStage):
     def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
         """Return the command due, saturated, mean force [N] and torque [N m] (3,), and the mass."""
         vectors: Any = ThrustersStage.step(self, tick, *inputs)
+        torque = inputs[1] if len(inputs) > 1 else ZERO
         force, torque, mass = allocation_kernels.fire(
-            tick, vectors[1], self.memory, self._table, self._tank, self._scratch
+            tick, vectors[1], torque, self.memory, self._table, self._tank, self._scratch
         )
         return (*vectors[:2], force, torque, (mass,))[: len(self.outputs)]
 

@@ -21,7 +21,15 @@ from rpo_core.control.controller_file import FollowStage
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire import interfaces
-from rpo_core.wire.interfaces import COMMAND, DISTURBANCE, RELATIVE_STATE, STATE
+from rpo_core.wire.interfaces import (
+    ATTITUDE,
+    CHASER_ATTITUDE,
+    COMMAND,
+    DISTURBANCE,
+    NEXT,
+    RELATIVE_STATE,
+    STATE,
+)
 from rpo_core.world.disturbance import Disturbance
 
 Signals = dict[str, Signal]
@@ -99,13 +107,13 @@ class Chain:
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Signals that it reads and does not make, each once; RELATIVE_STATE where it is read."""
+        """Signals that it reads and does not make, each once; those of NEXT where they are read."""
         made: set[str] = {NO_FORCE}
         made |= {interfaces.previous(name) for name in self._carried}
         found: dict[str, None] = {}
         for link in self.links:
             found.update((name, None) for name in link.reads if name not in made)
-            made |= {name for name in link.stage.outputs if name != RELATIVE_STATE}
+            made |= {name for name in link.stage.outputs if name not in NEXT}
         return tuple(found)
 
     @property
@@ -152,15 +160,15 @@ class Chain:
         signals: Signals = {}
         for name in self.inputs:
             row = interfaces.row_of(name)
-            signals[name] = start if row.carries == STATE else (0.0,) * len(row.columns)
+            signals[name] = start if row.carries == STATE else row.rest
         self.step(0, signals)
         self.reset()
 
     def step(self, tick: int, signals: Signals) -> None:
         """Pass a tick: add to `signals`, which hold the inputs, what the stages make of them.
 
-        RELATIVE_STATE is afterwards that of the next tick, if the dynamics are in the chain. What
-        the next tick reads of this one is then kept in `signals` too.
+        Those of NEXT are afterwards of the next tick, if the stages that make them are in the
+        chain. What the next tick reads of this one is then kept in `signals` too.
         """
         signals[NO_FORCE] = ZERO
         for name in self._previous:
@@ -194,9 +202,11 @@ def _wired(placed: Sequence[tuple[Place, Stage]], open_loop: bool) -> list[Link]
 
     open_loop : commands come from outside, under the name of the controller's
     """
-    last = {STATE: RELATIVE_STATE, DISTURBANCE: NO_FORCE}
+    last = {STATE: RELATIVE_STATE, DISTURBANCE: NO_FORCE, ATTITUDE: CHASER_ATTITUDE}
     if open_loop:
         last[COMMAND] = interfaces.CONTROL_FORCE
+    if not any(CHASER_ATTITUDE in stage.outputs for _, stage in placed):
+        del last[ATTITUDE]
     made, links = {RELATIVE_STATE, *last.values()}, []
     last[interfaces.PREVIOUS_COMMAND] = interfaces.previous(_command(placed))
     made.add(last[interfaces.PREVIOUS_COMMAND])
@@ -212,7 +222,7 @@ def _wired(placed: Sequence[tuple[Place, Stage]], open_loop: bool) -> list[Link]
         for name in stage.outputs:
             made.add(name)
             carried = interfaces.row_of(name).carries
-            if carried and place is not Place.DYNAMICS:
+            if carried and name not in NEXT:
                 last[carried] = name
     return links
 
@@ -226,6 +236,14 @@ def _command(placed: Sequence[tuple[Place, Stage]]) -> str:
         if place < Place.DISTURBANCE and interfaces.row_of(name).carries == COMMAND
     ]
     return sent[-1] if sent else interfaces.CONTROL_FORCE
+
+
+def start_of(scenario: Scenario) -> Signals:
+    """Return the truth at tick 0."""
+    found: Signals = {RELATIVE_STATE: tuple(map(float, scenario.start))}
+    if scenario.attitude is not None:
+        found[CHASER_ATTITUDE] = scenario.attitude.start(scenario.mean_motion_rad_s)
+    return found
 
 
 def signals_of(scenario: Scenario) -> tuple[str, ...]:

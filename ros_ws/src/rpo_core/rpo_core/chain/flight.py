@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.chain.chain import Chain, Signals
+from rpo_core.chain.chain import Chain, Signals, start_of
 from rpo_core.chain.stage import Place, Signal, Stage, sections
 from rpo_core.control.controller import Controller
 from rpo_core.control.controller_file import ControllerStage
@@ -23,6 +23,7 @@ from rpo_core.wire.interfaces import (
     CONTROL_FORCE,
     DISTURBANCE_FORCE,
     DUE_FORCE,
+    NEXT,
     RELATIVE_STATE,
     SATURATED_FORCE,
     row_of,
@@ -101,7 +102,8 @@ class Flight:
         if SATURATED_FORCE in self.signals:
             return self.signals[SATURATED_FORCE][:-1]
         stage = self._thrusters()
-        made = stage.steps(np.arange(len(self.forces_n) - 1), self.sent_forces_n[:-1])
+        given = [self.sent_forces_n, *(self.signals[name] for name in stage.inputs[1:])]
+        made = stage.steps(np.arange(len(self.forces_n) - 1), *(v[:-1] for v in given))
         return made[stage.outputs.index(SATURATED_FORCE)]
 
     def _thrusters(self) -> Stage:
@@ -115,8 +117,10 @@ class Flight:
     def thrust(self) -> Thrust:
         """What the thrusters made of the commands, computed again."""
         scenario, stage = self.scenario, self._thrusters()
+        given = [self.sent_forces_n, *(self.signals[name] for name in stage.inputs[1:])]
         made = [
-            stage.step(tick, tuple(f)) for tick, f in enumerate(self.sent_forces_n[:-1].tolist())
+            stage.step(tick, *map(tuple, some))
+            for tick, some in enumerate(zip(*(v[:-1].tolist() for v in given), strict=True))
         ]
         forces_n = np.array([outputs[2] for outputs in made])
         masses_kg = np.full(len(made), scenario.mass_kg)
@@ -168,12 +172,14 @@ def fly(
     chain = Chain.of(scenario, controller, more)
     chain.reset()
     values_of: dict[str, list[Signal]] = {name: [] for name in chain.outputs}
-    signals: Signals = {RELATIVE_STATE: tuple(map(float, scenario.start))}
+    signals: Signals = start_of(scenario)
     for tick in range(scenario.ticks + 1):
-        values_of[RELATIVE_STATE].append(signals[RELATIVE_STATE])
+        for name in NEXT:
+            if name in values_of:
+                values_of[name].append(signals[name])
         chain.step(tick, signals)
         for name, values in values_of.items():
-            if name != RELATIVE_STATE:
+            if name not in NEXT:
                 values.append(signals[name])
     arrays = {name: np.array(values) for name, values in values_of.items()}
     disturbances = arrays.pop(DISTURBANCE_FORCE, None)

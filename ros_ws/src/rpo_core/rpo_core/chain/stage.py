@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from rpo_core.files import plugins
 from rpo_core.files.validation import InputError
 from rpo_core.wire.interfaces import (
+    ATTITUDE,
     COMMAND,
     DISTURBANCE,
     PREVIOUS_COMMAND,
@@ -33,7 +34,7 @@ from rpo_core.wire.interfaces import (
 Signal = tuple[float, ...]
 """The numbers of a signal at one tick; `rpo_core.wire.interfaces` says which."""
 
-_CARRIED = (STATE, COMMAND, THRUST, DISTURBANCE, PREVIOUS_COMMAND)
+_CARRIED = (STATE, COMMAND, THRUST, DISTURBANCE, ATTITUDE, PREVIOUS_COMMAND)
 
 ZERO = (0.0, 0.0, 0.0)
 """No force."""
@@ -46,16 +47,21 @@ come in time; it took zero for it."""
 class Place(IntEnum):
     """Where in the chain a stage stands; stages of one place follow in the order of the file."""
 
+    ATTITUDE_SENSOR = 4
+    ATTITUDE_ESTIMATOR = 6
     SENSOR = 10
     ESTIMATOR = 20
     GUIDANCE = 30
+    POINTING = 35
     CONTROLLER = 40
     SHAPING = 45
     ASSURANCE = 50
     DISTURBANCE = 60
+    STEERING = 64
     LINK = 70
     THRUSTERS = 80
     TARGET = 85
+    ATTITUDE = 88
     DYNAMICS = 90
 
 
@@ -63,9 +69,9 @@ class Stage:
     """One stage of a flight.
 
     name : as verify, nodes and pages name it
-    inputs : names of signals, or what a signal carries (STATE, COMMAND, THRUST, DISTURBANCE of
-        `rpo_core.wire.interfaces`): then the last signal before this stage that carries it; or
-        PREVIOUS_COMMAND
+    inputs : names of signals, or what a signal carries (STATE, COMMAND, THRUST, DISTURBANCE,
+        ATTITUDE of `rpo_core.wire.interfaces`): then the last signal before this stage that carries
+        it; or PREVIOUS_COMMAND
     outputs : names of signals, each a row of `rpo_core.wire.interfaces`
     may_miss : those of `inputs` without which it goes on; see `goes_without`
     decides : states that `stage_status` says of its decisions; see `decided`

@@ -181,6 +181,11 @@ class Scenario:
         """How the target turns (`rpo_attitude`); None: its axes are those of target LVLH."""
         return self.named('target')
 
+    @cached_property
+    def attitude(self) -> Any:
+        """How the chaser turns (`rpo_attitude`); None: its axes are those of target LVLH."""
+        return self.named('attitude')
+
     def seen(self, states: NDArray[np.float64], first: int = 0) -> NDArray[np.float64]:
         """Return states (n, 6) of the ticks from `first` on in the axes of the target."""
         return states if self.target is None else self.target.seen(states, self, first)

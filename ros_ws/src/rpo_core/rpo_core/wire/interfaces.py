@@ -20,7 +20,7 @@ LVLH_FRAME = 'target_lvlh'
 """Target-centred: x R-bar outward, y V-bar along the velocity, z H-bar along angular momentum."""
 
 CHASER_FRAME = 'chaser'
-"""Chaser body; its axes are parallel to LVLH, attitude being synchronised."""
+"""Chaser body; its axes are parallel to LVLH, but where the scenario has section `attitude`."""
 
 TARGET_FRAME = 'target_body'
 """The target's body, where it has an attitude (section `target`)."""
@@ -46,6 +46,14 @@ THRUST_FORCE = 'thrust_force'
 EXERTED_FORCE = 'exerted_force'
 EXERTED_TORQUE = 'exerted_torque'
 CHASER_MASS = 'chaser_mass'
+CHASER_ATTITUDE = 'chaser_attitude'
+ATTITUDE_MEASUREMENT = 'attitude_measurement'
+NAVIGATION_ATTITUDE = 'navigation_attitude'
+REFERENCE_ATTITUDE = 'reference_attitude'
+BODY_FORCE = 'body_force'
+BODY_TORQUE = 'body_torque'
+WHEEL_MOMENTUM = 'wheel_momentum'
+THRUST_SHIFT = 'thrust_shift'
 APPLIED_FORCE = 'applied_force'
 APPLIED_DISTURBANCE = 'applied_disturbance'
 STAGE_STATUS = 'stage_status'
@@ -59,9 +67,13 @@ HEARTBEAT = 'heartbeat'
 DIAGNOSTICS = 'diagnostics'
 
 STATE, COMMAND, THRUST, DISTURBANCE = 'state', 'command', 'thrust', 'disturbance'
+ATTITUDE = 'attitude'
 """What a signal carries: a relative state; a force commanded, on its way to the thrusters; the
-force that thrusters exert; a force from outside. A stage that reads one of these gets the last
-signal made before it."""
+force that thrusters exert; a force from outside; the attitude of the chaser. A stage that reads one
+of these gets the last signal made before it."""
+
+NEXT = (RELATIVE_STATE, CHASER_ATTITUDE)
+"""The truth: signals that a tick makes for the next one."""
 
 PREVIOUS_COMMAND = 'command of the tick before'
 """What a stage before the controller may read: the last command, made one tick ago; zero at tick 0.
@@ -86,7 +98,10 @@ _TURNING = (
     *(f'pose.pose.orientation.{axis}' for axis in 'xyzw'),
     *(f'twist.twist.angular.{axis}' for axis in 'xyz'),
 )
-"""An attitude: quaternion, rate."""
+"""An attitude: quaternion x, y, z, w and rate x, y, z."""
+
+ALIGNED = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+"""The attitude in a message of which nobody knows another."""
 
 _COVARIANCES = tuple(
     f'{part}.covariance[{6 * row + column}]'
@@ -96,11 +111,7 @@ _COVARIANCES = tuple(
 )
 """Covariances of position and of velocity, 3 x 3 each, row by row."""
 
-_RIDING = {
-    STATE_TYPE: _COVARIANCES,
-    FORCE_TYPE: tuple(f'wrench.torque.{axis}' for axis in 'xyz'),
-}
-"""What rides in a message of a type."""
+_TORQUE = tuple(f'wrench.torque.{axis}' for axis in 'xyz')
 
 
 @dataclass(frozen=True)
@@ -137,16 +148,17 @@ class Interface:
     name : of the signal and of the topic, relative, so that two runs live in two namespaces
     type : ROS type of the message; '' for a signal that is no topic
     meaning : in a few words, with unit and frame
-    carries : STATE, COMMAND, THRUST, DISTURBANCE, or '' for a signal read by its name only
+    carries : STATE, COMMAND, THRUST, DISTURBANCE, ATTITUDE; '' for a signal read by its name only
     due : TRUTH, EACH_TICK or EVENT
     logged : whether `run.mcap` holds it
     qos : offered by its publisher
     numbers : of a signal that is no topic
     covariance : whether the numbers of a state are followed by the covariances of position and of
         velocity, 9 each
-    attitude : whether the numbers are an attitude of the target, quaternion and rate
-    rider : name of a signal whose numbers are the covariances, or the torque, in the same message;
-        '' for none
+    attitude : whether the numbers are an attitude, quaternion and rate
+    frame : of the numbers, and of the body that they are about; '' for those of the type
+    rider : name of a signal whose numbers are the covariances, the attitude or the torque in the
+        same message; '' for none
     rides : name of the signal in whose message it travels; '' for none
     beside : name of the signal without which a run has no such events; '' for none
     """
@@ -161,6 +173,7 @@ class Interface:
     numbers: int = 3
     covariance: bool = False
     attitude: bool = False
+    frame: str = ''
     rider: str = ''
     rides: str = ''
     beside: str = ''
@@ -173,23 +186,36 @@ class Interface:
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of the message's fields that the numbers of the signal fill, in their order."""
-        if self.rides:
-            return _RIDING[_TABLE[self.rides].type]
         if self.attitude:
             return _TURNING
+        if self.rides:
+            return _TORQUE if _TABLE[self.rides].type == FORCE_TYPE else _COVARIANCES
         return _COLUMNS.get(self.type, ()) + (_COVARIANCES if self.covariance else ())
 
     @property
     def frames(self) -> tuple[str, ...]:
         """Frame ids in the message: that of the header, and the child frame of a state."""
-        both = (LVLH_FRAME, TARGET_FRAME if self.attitude else CHASER_FRAME)
-        return {STATE_TYPE: both, FORCE_TYPE: both[:1]}.get(self.type, ())
+        body = self.frame or CHASER_FRAME
+        force = (self.frame or LVLH_FRAME,)
+        return {STATE_TYPE: (LVLH_FRAME, body), FORCE_TYPE: force}.get(self.type, ())
+
+    @property
+    def rest(self) -> tuple[float, ...]:
+        """Numbers in a message of which nobody knows others."""
+        return ALIGNED if self.attitude else (0.0,) * len(self.columns)
+
+    def spoken(self, values: tuple[float, ...]) -> tuple[float, ...]:
+        """Return the numbers of a message, those of a rider only where it says something."""
+        own = len(self.columns)
+        silent = bool(self.rider) and values[own:] == row_of(self.rider).rest
+        return values[:own] if silent else values
 
     @property
     def layout(self) -> Layout:
         """Where the numbers of the signal lie in the bytes of its message."""
-        covariance = self.covariance or bool(self.rider)
-        return Layout.of(self.type, self.frames, covariance, self.attitude)
+        riding = row_of(self.rider).columns if self.rider else ()
+        own = len(self.columns)
+        return Layout.of(self.type, self.frames, self.columns + riding, own)
 
 
 @dataclass(frozen=True)
@@ -280,7 +306,17 @@ for _row in (
     Interface(CLOCK, CLOCK_TYPE,
               'simulated time, for others; no control depends on it', due=TRUTH),
     Interface(RELATIVE_STATE, STATE_TYPE,
-              'true state of the chaser, target LVLH, stamp of its tick', STATE, TRUTH),
+              'true state of the chaser, target LVLH, stamp of its tick', STATE, TRUTH,
+              rider=CHASER_ATTITUDE),
+    Interface(CHASER_ATTITUDE, '',
+              'true attitude in relative_state, where the chaser has one: its axes to target LVLH; '
+              'rate in its axes, against inertial space', ATTITUDE, TRUTH,
+              logged=False, attitude=True, rides=RELATIVE_STATE),
+    Interface(ATTITUDE_MEASUREMENT, STATE_TYPE,
+              'attitude as a star tracker finds it, 0, 0, 0, 0 where it does not; rate of a gyro',
+              attitude=True),
+    Interface(NAVIGATION_ATTITUDE, STATE_TYPE,
+              'attitude and rate of the chaser as navigation finds them', ATTITUDE, attitude=True),
     Interface(NAVIGATION_STATE, STATE_TYPE,
               'state as navigation finds it, where the scenario has errors of it', STATE,
               rider=NAVIGATION_COVARIANCE),
@@ -293,10 +329,17 @@ for _row in (
               'state that the controller shall follow, where the scenario has guidance'),
     Interface(REFERENCE_FORCE, FORCE_TYPE,
               'force that a chaser on the reference needs, target LVLH'),
+    Interface(REFERENCE_ATTITUDE, STATE_TYPE,
+              'attitude and rate that the chaser shall have', attitude=True),
     Interface(CONTROL_FORCE, FORCE_TYPE,
               'commanded force, target LVLH, stamp of the state it answers', COMMAND),
     Interface(DISTURBANCE_FORCE, FORCE_TYPE,
               'disturbance, target LVLH, stamp of the state it answers', DISTURBANCE),
+    Interface(BODY_FORCE, FORCE_TYPE,
+              'commanded force in the axes of the chaser, where it has an attitude', COMMAND,
+              frame=CHASER_FRAME, rider=BODY_TORQUE),
+    Interface(BODY_TORQUE, '', 'commanded torque in body_force [N m]',
+              logged=False, rides=BODY_FORCE),
     Interface(APPLIED_FORCE, FORCE_TYPE,
               'command that acts, saturated (free running)', COMMAND, TRUTH),
     Interface(APPLIED_DISTURBANCE, FORCE_TYPE,
@@ -306,11 +349,15 @@ for _row in (
     Interface(SATURATED_FORCE, '', 'the same, saturated', logged=False),
     Interface(THRUST_FORCE, '', 'force that the thrusters exert', THRUST, logged=False),
     Interface(EXERTED_FORCE, FORCE_TYPE,
-              'force that thrusters exert in pulses, mean of a tick, target LVLH', THRUST, TRUTH,
-              rider=EXERTED_TORQUE),
+              'force that thrusters exert, where they fire or turn, mean of a tick, target LVLH',
+              THRUST, TRUTH, rider=EXERTED_TORQUE),
     Interface(EXERTED_TORQUE, '',
-              'torque in exerted_force that a table of thrusters leaves over, mean of a tick [N m]',
+              'torque in exerted_force that a table of thrusters gives, mean of a tick [N m]',
               logged=False, rides=EXERTED_FORCE),
+    Interface(WHEEL_MOMENTUM, '', 'momentum of the wheels, axes of the chaser [N m s]',
+              logged=False),
+    Interface(THRUST_SHIFT, '', 'state x mass that a force gives by turning [N s^2], [N s]',
+              logged=False, numbers=6),
     Interface(CHASER_MASS, '', 'mass of the chaser in the middle of a tick [kg], where it falls',
               logged=False, numbers=1),
     Interface(STAGE_STATUS, STATUS_TYPE,

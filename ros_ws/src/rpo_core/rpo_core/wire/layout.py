@@ -32,31 +32,20 @@ class Layout:
     """
 
     def __init__(
-        self,
-        type_name: str,
-        texts: tuple[str, ...],
-        covariance: bool = False,
-        attitude: bool = False,
+        self, type_name: str, texts: tuple[str, ...], names: tuple[str, ...], own: int
     ) -> None:
+        floats = cdr.FIELDS[type_name][1]
+        self.columns = tuple(map(floats.index, names))
         if type_name == cdr.CLOCK:
-            self.columns: tuple[int, ...] = ()
             self.plain = cdr.encode_clock(0)
         elif type_name == cdr.ODOMETRY:
-            self.columns = (0, 1, 2, 43, 44, 45)  # position, linear velocity
-            if attitude:  # orientation, angular velocity
-                self.columns = (3, 4, 5, 6, 46, 47, 48)
-            if covariance:  # three rows of three, of each
-                rows = [part + 6 * row for part in (7, 49) for row in range(3)]
-                self.columns += tuple(row + i for row in rows for i in range(3))
             self.plain = cdr.encode_odometry(0, texts[0], texts[1], (0.0,) * 6)
         else:
-            self.columns = (0, 1, 2, 3, 4, 5) if covariance else (0, 1, 2)  # force, torque
             self.plain = cdr.encode_wrench(0, texts[0], (0.0,) * 3)
         self.type, self.texts, self.size = type_name, texts, len(self.plain)
-        first = self.size - 8 * len(cdr.FIELDS[type_name][1])
-        alone = 3 if type_name == cdr.WRENCH else -1  # a force may come without its torque
+        first = self.size - 8 * len(floats)
         columns = enumerate(self.columns)
-        begins = [i for i, c in columns if i in (0, alone) or c != self.columns[i - 1] + 1]
+        begins = [i for i, c in columns if i in (0, own) or c != self.columns[i - 1] + 1]
         self.runs = tuple(
             (first + 8 * self.columns[i], struct.Struct(f'<{j - i}d'))
             for i, j in pairwise([*begins, len(self.columns)])
@@ -67,15 +56,18 @@ class Layout:
     @staticmethod
     @lru_cache(maxsize=64)
     def of(
-        type_name: str, texts: tuple[str, ...], covariance: bool = False, attitude: bool = False
+        type_name: str, texts: tuple[str, ...], names: tuple[str, ...] = (), own: int = -1
     ) -> Layout:
-        """Return the layout of a type of message with these frame ids."""
-        return Layout(type_name, texts, covariance, attitude)
+        """Return the layout of a type of message with these frame ids.
+
+        names : of the fields that hold numbers; from number `own` on a message may lack them
+        """
+        return Layout(type_name, texts, names, own)
 
     def encode(self, stamp_ns: int, values: Sequence[float]) -> bytes:
         """Return the CDR of a message that holds a stamp and the numbers of a signal.
 
-        Of numbers that are not given, the covariances, the message holds zeros.
+        Of numbers that are not given, as covariances, it holds zeros; of an attitude, none.
         """
         message = bytearray(self.plain)
         cdr.STAMP.pack_into(message, cdr.STAMP_AT, *divmod(stamp_ns, _NS))

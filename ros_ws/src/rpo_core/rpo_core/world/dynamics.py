@@ -22,7 +22,13 @@ from numpy.typing import NDArray
 from rpo_core.chain.stage import Place, Section, Signal, Stage, register
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import InputError, check_fields, choice, flag, optional, real
-from rpo_core.wire.interfaces import CHASER_MASS, DISTURBANCE, RELATIVE_STATE, THRUST
+from rpo_core.wire.interfaces import (
+    CHASER_MASS,
+    DISTURBANCE,
+    RELATIVE_STATE,
+    THRUST,
+    THRUST_SHIFT,
+)
 from rpo_core.world import cw
 from rpo_kernels import kernels, orbit_kernels
 from rpo_kernels.jit import as_table
@@ -223,9 +229,11 @@ def orbit_of(settings: Dynamics, scenario: Any) -> TargetOrbit:
 
 
 def _inputs(scenario: Any) -> tuple[str, ...]:
-    """Return what dynamics read: also the mass where propellant is spent."""
+    """Return what dynamics read: also the mass where propellant is spent, the shift by turning."""
     falls = scenario.thrusters is not None and scenario.thrusters.propellant is not None
-    return (RELATIVE_STATE, THRUST, DISTURBANCE, *([CHASER_MASS] if falls else []))
+    turns = scenario.attitude is not None
+    more = [CHASER_MASS] * falls + [THRUST_SHIFT] * turns
+    return (RELATIVE_STATE, THRUST, DISTURBANCE, *more)
 
 
 class DynamicsStage(Stage):
@@ -240,24 +248,31 @@ class DynamicsStage(Stage):
     def __init__(self, scenario: Any) -> None:
         self._step, self._mass_kg = scenario.step, scenario.mass_kg
         self.inputs = _inputs(scenario)
+        self._falls, self._turns = CHASER_MASS in self.inputs, THRUST_SHIFT in self.inputs
 
     def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
         """Return the state (6,) [m, m/s] one tick later."""
-        state, (tx, ty, tz), (dx, dy, dz), *mass = inputs
+        state, (tx, ty, tz), (dx, dy, dz), *rest = inputs
         x, y, z = tx + dx, ty + dy, tz + dz
-        if mass:
-            more = self._mass_kg / mass[0][0]
+        mass = rest[0][0] if self._falls else self._mass_kg
+        if self._falls:
+            more = self._mass_kg / mass
             x, y, z = x * more, y * more, z * more
-        return (kernels.cw_step(state, (x, y, z), self._step),)
+        found: State = kernels.cw_step(state, (x, y, z), self._step)
+        if not self._turns:
+            return (found,)
+        return (tuple(at + shift / mass for at, shift in zip(found, rest[-1], strict=True)),)
 
     def steps(self, ticks: NDArray[np.int64], *inputs: Floats) -> tuple[Floats, ...]:
         """Return the state (n, 6) that follows each tick."""
-        states, thrust, disturbance, *mass = inputs
-        forces = thrust + disturbance
-        if mass:
-            forces = forces * (self._mass_kg / mass[0])
+        states, thrust, disturbance, *rest = inputs
+        forces, masses_kg = thrust + disturbance, rest[0] if self._falls else self._mass_kg
+        if self._falls:
+            forces = forces * (self._mass_kg / masses_kg)
         following = np.empty_like(states)
         kernels.cw_steps(as_table(states), as_table(forces), self._step, following)
+        if self._turns:
+            following += rest[-1] / masses_kg
         return (following,)
 
 

@@ -57,14 +57,22 @@ def tables(reader: RunReader) -> Iterator[Table]:
 
 
 def _with_riders(reader: RunReader) -> Iterator[Topic]:
-    """Yield the topics, and what rides in them: covariances where sensors are logged, torques."""
-    measured, torque = any(topic.row.covariance for topic in reader.topics), False
-    with suppress(LogError):  # of a log without scenario: no torque
-        thrusters = scenario_of(reader).thrusters
-        torque = thrusters is not None and thrusters.table is not None
+    """Yield the topics, and what rides in them: covariances where sensors are logged, and others.
+
+    Those are attitudes and torques, as far as the scenario has them.
+    """
+    told: set[str] = set()
+    if any(topic.row.covariance for topic in reader.topics):
+        told.add(interfaces.NAVIGATION_COVARIANCE)
+    with suppress(LogError):  # of a log without scenario: neither
+        scenario = scenario_of(reader)
+        if scenario.thrusters is not None and scenario.thrusters.table is not None:
+            told.add(interfaces.EXERTED_TORQUE)
+        if scenario.attitude is not None:
+            told |= {interfaces.CHASER_ATTITUDE, interfaces.BODY_TORQUE}
     for topic in reader.topics:
         yield topic
-        if topic.row.rider and (torque if topic.type == interfaces.FORCE_TYPE else measured):
+        if topic.row.rider in told:
             yield Topic(topic.name, interfaces.row_of(topic.row.rider))
 
 
@@ -73,12 +81,12 @@ def columns(topic: Topic) -> list[str]:
 
     The state, the command and the disturbance have no such word before them.
     """
-    if topic.signal == interfaces.EXERTED_TORQUE:
-        return ['exerted_tx_nm', 'exerted_ty_nm', 'exerted_tz_nm']
-    if topic.row.rides:
-        return [f'navigation_{name}' for name in _COVARIANCES]
     if topic.row.attitude:
         return [f'{topic.signal}_{name}' for name in _TURNING]
+    if topic.signal == interfaces.NAVIGATION_COVARIANCE:
+        return [f'navigation_{name}' for name in _COVARIANCES]
+    if topic.row.rides:
+        return [f'{topic.signal.partition("_")[0]}_t{axis}_nm' for axis in 'xyz']
     if topic.row.covariance:
         return [f'{topic.signal}_{name}' for name in (*_COLUMNS[topic.type], *_COVARIANCES)]
     pushes = topic.row.carries == interfaces.DISTURBANCE

@@ -27,13 +27,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.chain.chain import NO_FORCE, Chain, Link
+from rpo_core.chain.chain import NO_FORCE, Chain, Link, start_of
 from rpo_core.chain.stage import Place
 from rpo_core.control.controller import AnyController
 from rpo_core.control.controller_file import followed
 from rpo_core.files.validation import InputError, choice
 from rpo_core.wire import interfaces
-from rpo_core.wire.interfaces import RELATIVE_STATE, current, row_of
+from rpo_core.wire.interfaces import NEXT, RELATIVE_STATE, current, row_of
 from rpo_log.bag import open_run
 from rpo_log.manifests import HEARS, PUBLISHES
 from rpo_log.verify.evidence import Decisions, Evidence
@@ -119,7 +119,7 @@ class _Verifier:
             interfaces.DISTURBANCE: HeldForces(ticks, math.inf),
         }
         self._previous = PreviousSignals()
-        self._following: tuple[int, Floats] | None = None  # state computed for the next tick
+        self._following: dict[str, tuple[int, Floats] | None] = {}  # computed for the next tick
         status = self.topics.get(interfaces.RUN_STATUS)
         foreign = RELATIVE_STATE in self._given
         self.statuses = Statuses(self.scenario, status, self.free, foreign)
@@ -232,9 +232,9 @@ class _Verifier:
         self._drop(block, signals)
         self._look_back(block, signals)
         if block.ticks[0] == 0:
-            start = np.array([tuple(map(float, self.scenario.start))])
             known = np.arange(len(block.ticks)) == 0
-            yield self._first(START, RELATIVE_STATE, block, np.repeat(start, len(known), 0), known)
+            for name, start in start_of(self.scenario).items():
+                yield self._first(START, name, block, np.tile(start, (len(known), 1)), known)
         for link, stage in zip(self.chain.links, self.stages, strict=True):
             reads = [signals[name] for name in self._reads(link)]
             stage.take_events(self.states.commands(link.stage.name))
@@ -248,11 +248,10 @@ class _Verifier:
                         block.ticks, [signals[name] for name in names],
                         active, began),  # noqa: B023
                     active)  # fmt: skip
-            if link.place is Place.DYNAMICS:
-                yield self._next_states(block, made[0], known)
-                continue
             for name, values in zip(link.stage.outputs, made, strict=True):
-                if name in self.topics:
+                if name in NEXT:
+                    yield self._next_states(link.stage.name, name, block, values, known)
+                elif name in self.topics:
                     yield self._first(link.stage.name, name, block, values, known)
                 else:
                     signals[name] = values
@@ -307,29 +306,30 @@ class _Verifier:
             yield name
 
     def _next_states(
-        self, block: TickBlock, following: Floats, known: NDArray[np.bool_]
+        self, stage: str, name: str, block: TickBlock, following: Floats, known: NDArray[np.bool_]
     ) -> Difference | None:
-        """Compare each state with the one that follows from the tick before it."""
+        """Compare each state, or attitude, with the one that follows from the tick before it."""
         computed = np.full_like(following, np.nan)
         where = np.zeros(len(block.ticks), dtype=bool)
         follows = known[:-1] & (np.diff(block.ticks) == 1)
         computed[1:][follows], where[1:] = following[:-1][follows], follows
-        if self._following is not None and self._following[0] == block.ticks[0]:
-            computed[0], where[0] = self._following[1], True
+        before = self._following.get(name)
+        if before is not None and before[0] == block.ticks[0]:
+            computed[0], where[0] = before[1], True
         last = int(block.ticks[-1]) + 1
-        self._following = (last, following[-1]) if known[-1] else None
-        dynamics = self.chain.links[-1].stage.name
-        return self._first(dynamics, RELATIVE_STATE, block, computed, where)
+        self._following[name] = (last, following[-1]) if known[-1] else None
+        return self._first(stage, name, block, computed, where)
 
     def _unmade(self, block: TickBlock) -> Iterator[Difference | None]:
-        """Compare disturbances and covariances that no stage makes with zero."""
+        """Compare disturbances, and what rides in messages, that no stage makes with rest."""
         made = {*self.chain.outputs, interfaces.APPLIED_DISTURBANCE}
         for name, values in block.values.items():
             row = interfaces.row_of(name)
             if name not in made and (row.carries == interfaces.DISTURBANCE or row.rides):
                 known = np.ones(len(values), dtype=bool)
                 check = REST if row.rides else 'disturbance'
-                yield self._first(check, name, block, np.zeros_like(values), known)
+                rest = np.tile(row.rest, (len(values), 1))
+                yield self._first(check, name, block, rest, known)
 
     def _compare_applied(self, block: TickBlock) -> Iterator[Difference | None]:
         """Compare the forces applied with those commanded not long before, where they are known.

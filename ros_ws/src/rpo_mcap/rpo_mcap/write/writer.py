@@ -110,9 +110,10 @@ class RunLogWriter:
 
     def _read(self, index: int, data: bytes) -> tuple[str, bool]:
         """Return the numbers of a message as a text, and whether it holds nothing else."""
-        layout = self.topics[index].row.layout
+        row = self.topics[index].row
+        layout = row.layout
         stamp_ns, values, _ = layout.decode(data)
-        return numbers_text(values), data == layout.encode(stamp_ns, values)
+        return numbers_text(row.spoken(values)), data == layout.encode(stamp_ns, values)
 
     def attach(self, name: str, data: bytes) -> None:
         """Attach one more file in flight; never raises."""
@@ -315,7 +316,7 @@ def _states(tick: int, log: RunLogWriter, scenario: Scenario | None) -> list[tup
     if tick == 0 and scenario is not None:
         return [tuple(map(float, scenario.start))]
     layout = row_of(RELATIVE_STATE).layout
-    return [layout.decode(data)[1] for data in log.messages(RELATIVE_STATE, tick)]
+    return [layout.decode(data)[1][:6] for data in log.messages(RELATIVE_STATE, tick)]
 
 
 def _same(values: Mapping[str, str], name: str, vector: tuple[float, ...]) -> bool:

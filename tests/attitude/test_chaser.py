@@ -1,0 +1,160 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The chaser as a rigid body, against SciPy's Rotation and DOP853."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+from rpo_attitude.chaser import Chaser, Wheels
+from rpo_core.chain.flight import OpenLoop, fly
+from rpo_core.chain.stage import Place, Stage
+from rpo_core.files.scenario import load_scenario
+from rpo_core.files.validation import InputError
+from rpo_core.wire import interfaces
+from rpo_thrusters.table import ThrusterTable
+from rpo_thrusters.thrusters import Thrusters
+
+INERTIA = ((0.6, 0.02, 0.0), (0.02, 0.7, 0.01), (0.0, 0.01, 0.5))
+PUSH = (1e-5, 0.0, 2e-5)
+
+
+class Torques(Stage):
+    """Commands torques that are a function of the tick, and passes the force on."""
+
+    name = 'attitude_control'
+    inputs = (interfaces.COMMAND,)
+    outputs = (interfaces.BODY_FORCE, interfaces.BODY_TORQUE)
+
+    def __init__(self, torques):
+        self._torques = torques
+
+    def step(self, tick, *inputs):
+        """Return force and torque."""
+        return inputs[0], tuple(self._torques[tick])
+
+
+def scenario_of(ticks, **fields):
+    base = load_scenario('paper_test')
+    chaser = Chaser(inertia_kg_m2=INERTIA, **fields)
+    table = ThrusterTable(preset='corners_24', force_n=0.17, arm_m=0.3)
+    base = replace(base, duration_s=ticks * base.dt_s, requirements=None)
+    return base.equipped(chaser, Thrusters(table=table))
+
+
+def flown(ticks, wheels=None):
+    scenario = scenario_of(
+        ticks, rates_deg_s=(1.0, -0.5, 2.0), wheels=wheels, disturbance_torque_nm=PUSH
+    )
+    rng = np.random.default_rng(4)
+    forces = np.repeat(rng.uniform(-0.5, 0.5, (ticks // 50 + 1, 3)), 50, axis=0)[: ticks + 1]
+    return scenario, fly(scenario, OpenLoop(forces))
+
+
+def off_from_oracle(scenario, flight):
+    """Return how far the last attitude [rad] and position [m] are from DOP853."""
+    n, mass, j = scenario.mean_motion_rad_s, scenario.mass_kg, np.array(INERTIA)
+    inverse, disturbances = np.linalg.inv(j), scenario.disturbances_n
+    wheels = flight.signals['wheel_momentum']
+    q = flight.signals['chaser_attitude'][0]
+    y = np.concatenate([flight.states[0], q])
+
+    def change(t, y, force, torque, wheel, spun, push):
+        r, v, q, w = y[:3], y[3:6], y[6:10], y[10:]
+        turn = Rotation.from_quat(q).as_matrix()
+        f = turn @ force + push
+        cw = [
+            3 * n * n * r[0] + 2 * n * v[1] + f[0] / mass,
+            -2 * n * v[0] + f[1] / mass,
+            -n * n * r[2] + f[2] / mass,
+        ]
+        relative = w - turn.T @ [0.0, 0.0, n]
+        dq = 0.5 * np.array(
+            [
+                q[3] * relative[0] + q[1] * relative[2] - q[2] * relative[1],
+                q[3] * relative[1] + q[2] * relative[0] - q[0] * relative[2],
+                q[3] * relative[2] + q[0] * relative[1] - q[1] * relative[0],
+                -q[0] * relative[0] - q[1] * relative[1] - q[2] * relative[2],
+            ]
+        )
+        up = turn.T @ [1.0, 0.0, 0.0]
+        total = torque - spun + np.array(PUSH) + 3 * n * n * np.cross(up, j @ up)
+        dw = inverse @ (total - np.cross(w, j @ w + wheel + spun * t))
+        return np.concatenate([v, cw, dq, dw])
+
+    for tick in range(len(flight.states) - 1):
+        given = (
+            flight.signals['thrust_force'][tick],
+            flight.signals['exerted_torque'][tick],
+            wheels[tick],
+            (wheels[tick + 1] - wheels[tick]) / scenario.dt_s,
+            disturbances[tick],
+        )
+        found = solve_ivp(
+            change, (0, scenario.dt_s), y, 'DOP853', rtol=1e-11, atol=1e-13, args=given
+        )
+        y = found.y[:, -1]
+        y[6:10] /= np.linalg.norm(y[6:10])
+    ours = Rotation.from_quat(flight.signals['chaser_attitude'][-1][:4])
+    angle = (ours.inv() * Rotation.from_quat(y[6:10])).magnitude()
+    return angle, float(np.abs(flight.states[-1][:3] - y[:3]).max())
+
+
+def test_coupled_motion_with_thrusters_as_dop853_has_it():
+    angle, distance = off_from_oracle(*flown(300))
+    assert angle < 1e-9 and distance < 1e-8
+
+
+@pytest.mark.slow
+def test_400_s_as_dop853_has_them():
+    angle, distance = off_from_oracle(*flown(4000))
+    assert angle < 1e-8 and distance < 1e-6
+
+
+@pytest.mark.parametrize('ticks', [200, pytest.param(4000, marks=pytest.mark.slow)])
+def test_wheels_turn_the_chaser_as_dop853_has_it(ticks, monkeypatch):
+    monkeypatch.setattr('rpo_core.files.scenario.Scenario.named', _steered())
+    scenario = scenario_of(
+        ticks,
+        rates_deg_s=(1.0, -0.5, 2.0),
+        wheels=Wheels(torque_nm=0.01, momentum_nms=0.05),
+        disturbance_torque_nm=PUSH,
+    )
+    torques = np.random.default_rng(5).uniform(-0.02, 0.02, (ticks + 1, 3))
+    flight = fly(scenario, OpenLoop(np.zeros((1, 3))), [(Place.STEERING, Torques(torques))])
+    momenta = flight.signals['wheel_momentum']
+    assert np.abs(momenta).max() <= 0.05 + 1e-12
+    assert np.abs(np.diff(momenta, axis=0)).max() <= 0.001 + 1e-12  # the torque is limited
+    angle, distance = off_from_oracle(scenario, flight)
+    assert angle < 1e-8 and distance < 1e-6
+
+
+def _steered():
+    from rpo_core.files.scenario import Scenario
+
+    named = Scenario.named
+    return lambda self, name: True if name == 'attitude_control' else named(self, name)
+
+
+def test_without_rates_it_turns_with_the_orbit():
+    scenario = scenario_of(100, attitude=(0.0, 0.0, 0.0, 1.0), gravity_gradient=False)
+    scenario = scenario.equipped(replace(scenario.attitude, inertia_kg_m2=np.eye(3).tolist()))
+    flight = fly(scenario, OpenLoop(np.zeros((1, 3))))
+    assert np.allclose(flight.signals['chaser_attitude'][-1][:4], [0, 0, 0, 1], atol=1e-12)
+    plain = replace(scenario, sections=())
+    assert np.array_equal(flight.states, fly(plain, OpenLoop(np.zeros((1, 3)))).states)
+
+
+@pytest.mark.parametrize(
+    ('fields', 'sentence'),
+    [
+        ({'rates_deg_s': (60.0, 0.0, 0.0)}, 'must turn at most 0.1 rad in a tick'),
+        ({'attitude': (0.0, 0.0, 0.0, 0.0)}, 'must be a quaternion with a length'),
+    ],
+)
+def test_a_chaser_that_cannot_be_is_refused(fields, sentence):
+    with pytest.raises(InputError, match=sentence):
+        scenario_of(10, **fields)
