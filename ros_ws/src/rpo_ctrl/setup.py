@@ -20,6 +20,7 @@ setup(
     extras_require={'test': ['pytest']},
     entry_points={
         'console_scripts': [
+            'attitude_controller = rpo_ctrl.commands:attitude_controller',
             'fuzzy_controller = rpo_ctrl.commands:fuzzy_controller',
             'rival_controller = rpo_ctrl.commands:rival_controller',
         ],
