@@ -9,6 +9,7 @@ node of the force controller, which assurance answers.
 from __future__ import annotations
 
 from rpo_core.chain.stage import Place
+from rpo_ctrl.parameters import ATTITUDE_CONTROLLER
 from rpo_ros.place_node import PlaceNode
 from rpo_ros.running import run_node
 
@@ -17,6 +18,7 @@ class AttitudeControllerNode(PlaceNode):
     """Answers each command with the force in the chaser's axes, and the torque."""
 
     node_name = 'attitude_controller'
+    rows = ATTITUDE_CONTROLLER
     places = (Place.STEERING,)
     what = ('steering', 'attitude control')
     off = 'neither force nor torque'
