@@ -10,13 +10,15 @@ from campaign_documents import EVERYTHING, write_campaign
 from scipy import stats
 from typer.testing import CliRunner
 
-from rpo_attitude.chaser import Chaser
+from rpo_attitude.chaser import Chaser, Wheels
 from rpo_attitude.target import Target
 from rpo_cli.cli import app
+from rpo_core.control.controller import load_fuzzy
 from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge.requirements import Requirements
 from rpo_core.judge.verdicts import verdicts
+from rpo_ctrl.attitude import AttitudeControl, FuzzyAttitude
 from rpo_guidance.plan import Guidance, Leg
 from rpo_montecarlo.campaign import config, faults, run_batch, sampling, single, sweep
 from rpo_montecarlo.campaign.quantities import Dispersion, dispersion
@@ -80,6 +82,13 @@ LONG = ((10.0, 0.5, 0.0), (0.5, 14.0, 0.3), (0.0, 0.3, 20.0))
 FREE = Chaser(
     inertia_kg_m2=LONG, attitude=(0.5, 0.5, 0.1, 0.7), rates_deg_s=(1.0, -2.0, 3.0),
     disturbance_torque_nm=(0.0, 0.001, 0.0),
+)  # fmt: skip
+STEERED = replace(
+    FREE, wheels=Wheels(torque_nm=0.02, momentum_nms=0.05, start_nms=(0.01, 0.0, 0.0))
+)
+FUZZY = FuzzyAttitude(
+    name='hand', system=load_fuzzy('handmade').system, angle_rad=1.0, rate_rad_s=0.1,
+    torque_nm=0.02, moment_kg_m2=0.5,
 )  # fmt: skip
 IN = Guidance(
     legs=(
@@ -153,6 +162,17 @@ CASES = {
         {**SOME, 'thrust_share': {'normal': 0.02}, 'misalignment_deg': {'normal': 1.0}},
     ),
     'a chaser that turns, its mass the same': (PLAIN.equipped(FREE), SOME),
+    'a chaser that is steered': (
+        PLAIN.equipped(STEERED, AttitudeControl(controller=FUZZY)),
+        {**SOME, 'orbit_altitude_m': {'uniform': 100e3}},
+    ),
+    'a chaser that is steered by its thrusters': (
+        PLAIN.equipped(
+            FREE, AttitudeControl(controller='attitude_pd', limit_nm=0.05),
+            Thrusters(table=QUADS, propellant=LEAK),
+        ),
+        SOME,
+    ),
     'pulses about a circle': (PLAIN.equipped(FIRING), {**SOME, 'stuck_off_thruster': {'whole': 5}}),
 }  # fmt: skip
 

@@ -13,7 +13,10 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml']),
-        (f'share/{package_name}/config/controllers', sorted(glob('config/controllers/*.yaml'))),
+        *(
+            (f'share/{package_name}/{folder}', sorted(glob(f'{folder}/*.yaml')))
+            for folder in ('config/controllers', 'config/attitude_controllers')
+        ),
     ],
     install_requires=['setuptools'],
     zip_safe=True,
