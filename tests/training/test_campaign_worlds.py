@@ -14,10 +14,12 @@ from rpo_attitude.chaser import Chaser, Wheels
 from rpo_attitude.pointing import Pointing
 from rpo_attitude.target import Target
 from rpo_cli.cli import app
+from rpo_core.control.controller import load_fuzzy
 from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge.requirements import Requirements
 from rpo_core.judge.verdicts import verdicts
+from rpo_ctrl.attitude import AttitudeControl, FuzzyAttitude
 from rpo_guidance.plan import Guidance, Leg
 from rpo_montecarlo.campaign import config, faults, run_batch, sampling, single, sweep
 from rpo_montecarlo.campaign.quantities import QUANTITIES, Dispersion, dispersion
@@ -85,6 +87,13 @@ FREE = Chaser(
 LOOKING = Pointing(mate=(0.1, 0.2, 0.3, 0.9), port_m=(0.0, 1.0, 0.0), align_within_m=2.0)
 TURNED = {'contact_angle_deg': 4.0, 'contact_rate_deg_s': 0.2}
 OF_CHASER = [name for name in QUANTITIES if name.startswith(('chaser_', 'wheel_'))]
+STEERED = replace(
+    FREE, wheels=Wheels(torque_nm=0.02, momentum_nms=0.05, start_nms=(0.01, 0.0, 0.0))
+)
+FUZZY = FuzzyAttitude(
+    name='hand', system=load_fuzzy('handmade').system, angle_rad=1.0, rate_rad_s=0.1,
+    torque_nm=0.02, moment_kg_m2=0.5,
+)  # fmt: skip
 IN = Guidance(
     legs=(
         Leg(name='to', kind='transfer', frame='target', to_m=(0.0, 6.0, 0.0), duration_s=90.0),
@@ -158,8 +167,7 @@ CASES = {
     ),
     'a chaser that turns, its mass the same': (PLAIN.equipped(FREE), SOME),
     'a chaser that looks at a port that tumbles': (
-        replace(PORT.equipped(replace(FREE, wheels=Wheels(torque_nm=0.01, momentum_nms=0.3)),
-                              LOOKING),
+        replace(PORT.equipped(STEERED, LOOKING, AttitudeControl(controller=FUZZY)),
                 requirements=replace(CONTACT, contact_range_m=9.0, **TURNED)),
         {**SOME, **{name: {'uniform': 0.3} for name in OF_CHASER},
          'target_attitude_x_deg': {'normal': 5.0}, 'target_known_error_y_deg': {'normal': 0.5}},
@@ -168,6 +176,17 @@ CASES = {
         replace(PLAIN.equipped(FREE, LOOKING), requirements=Requirements(
             contact_range_m=99.0, **TURNED)),
         {**SOME, 'chaser_rate_x_deg_s': {'normal': 0.1}},
+    ),
+    'a chaser that is steered': (
+        PLAIN.equipped(STEERED, AttitudeControl(controller=FUZZY)),
+        {**SOME, 'orbit_altitude_m': {'uniform': 100e3}},
+    ),
+    'a chaser that is steered by its thrusters': (
+        PLAIN.equipped(
+            FREE, AttitudeControl(controller='attitude_pd', limit_nm=0.05),
+            Thrusters(table=QUADS, propellant=LEAK),
+        ),
+        SOME,
     ),
     'pulses about a circle': (PLAIN.equipped(FIRING), {**SOME, 'stuck_off_thruster': {'whole': 5}}),
 }  # fmt: skip

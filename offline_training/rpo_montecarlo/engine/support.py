@@ -15,6 +15,7 @@ from rpo_core.files.scenario import Scenario
 from rpo_montecarlo.engine.parts import (
     approach,
     attitude,
+    attitude_control,
     control,
     disturbance,
     dynamics,
@@ -41,6 +42,7 @@ PARTS = (
     disturbance,
     dynamics,
     attitude,
+    attitude_control,
 )
 """The modules that register themselves."""
 
