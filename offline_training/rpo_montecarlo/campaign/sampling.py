@@ -38,9 +38,9 @@ ON_THEIR_OWN = (
     'sensor_velocity_bias_x_m_s',
     'sensor_velocity_bias_y_m_s',
     'sensor_velocity_bias_z_m_s',
-    *(name for name in QUANTITIES if name.startswith('target_')),
     *(name for name in QUANTITIES if name.startswith(('star_tracker_', 'gyro_'))),
     *(name for name in QUANTITIES if name.startswith('attitude_error_')),
+    *(name for name in QUANTITIES if name.startswith(('target_', 'chaser_', 'wheel_'))),
 )
 """Quantities that are drawn each by itself; results have a column of those that are dispersed."""
 

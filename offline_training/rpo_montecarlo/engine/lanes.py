@@ -53,13 +53,16 @@ SUM_R, SUM_V, ENERGY, EFFORT, SLEW, LATE_R, LATE_V, LATE_F, OUTSIDE = (
 BODY_R, BODY_V = 39 * STRIDE, 40 * STRIDE
 # Where the chaser has an attitude, paired runs: the true one, what navigation found, the reference,
 # each as x, y, z of the quaternion, its w, the rate; torque commanded and that of thrusters; the
-# shift of position x mass and velocity x mass by turning; covariance of what navigation found, a
-# row of it in each.
+# shift of position x mass and velocity x mass by turning.
 (
     QUAT, QUAT_W, RATE, SEEN_QUAT, SEEN_QUAT_W, SEEN_RATE, REF_QUAT, REF_QUAT_W, REF_RATE, TORQUE,
-    EXERTED_TORQUE, SHIFT_R, SHIFT_V, SPREAD_X, SPREAD_Y, SPREAD_Z,
-) = ((41 + row) * STRIDE for row in range(16))  # fmt: skip
-ROWS = 57
+    EXERTED_TORQUE, SHIFT_R, SHIFT_V,
+) = ((41 + row) * STRIDE for row in range(13))  # fmt: skip
+# The true attitude of the target, where it has one.
+BODY_QUAT, BODY_QUAT_W, BODY_RATE = ((54 + row) * STRIDE for row in range(3))
+# Covariance of the attitude that navigation found: row by row.
+SPREAD_X, SPREAD_Y, SPREAD_Z = ((57 + row) * STRIDE for row in range(3))
+ROWS = 60
 
 RUNS = 40
 """Paired runs side by side: whole SIMD registers, and three axes fit into a row."""

@@ -15,6 +15,7 @@ from rpo_core.files.scenario import Scenario
 from rpo_montecarlo.engine.parts import (
     approach,
     attitude,
+    attitude_control,
     attitude_estimation,
     control,
     disturbance,
@@ -22,6 +23,7 @@ from rpo_montecarlo.engine.parts import (
     estimation,
     goal,
     link,
+    pointing,
     shaping,
     target,
     thrusters,
@@ -33,6 +35,7 @@ PARTS = (
     approach,
     goal,
     control,
+    pointing,
     shaping,
     link,
     thrusters,
@@ -40,6 +43,7 @@ PARTS = (
     disturbance,
     dynamics,
     attitude,
+    attitude_control,
     attitude_estimation,
 )
 """The modules that register themselves."""

@@ -19,7 +19,10 @@ from rpo_thrusters.authority import FULL, NONE, known
 from rpo_thrusters.table import IDENTITY
 from rpo_thrusters.thrusters import Thrusters
 
-ERRORS = '`position_error_m`, `velocity_error_m_s`, `disturbance_n`, `thrust_error`'
+ERRORS = (
+    '`position_error_m`, `velocity_error_m_s`, `disturbance_n`, `thrust_error`, '
+    '`chaser_attitude_error_deg`'
+)
 
 ROUNDING_M = 1e-6
 """Covers the rounding of the kernels, below 1e-9 m in 1 km; added to the error of a position."""
@@ -33,6 +36,7 @@ LARGEST_NORMAL = math.sqrt(2.0) * math.sqrt(66.0 * math.log(2.0))
 class Errors(NamedTuple):
     """Largest norms: position [m], velocity [m/s], disturbance [N], thrust (share of a force).
 
+    thrust : that of the thrusters, and what a wrong attitude of the chaser turns
     mass_kg : as the filter takes it
     """
 
@@ -78,13 +82,15 @@ def errors_of(settings: Assurance, scenario: Any) -> Errors:
                 f'got {given!r}'
             )
         own[name] = bound if given is None else given
+    own['thrust_error'] += turned_share(settings, scenario)
     return Errors(**dict(zip(Errors._fields, (*own.values(), mass_kg), strict=True)))
 
 
 def _why_unknown(name: str, scenario: Any) -> str:
     """Return the section whose part of a bound is not known beforehand; '' if there is none."""
     if name.startswith(('position', 'velocity')):
-        seeing = [s for s in scenario.sections if section_of(s).place <= Place.ESTIMATOR]
+        seen = (Place.SENSOR, Place.ESTIMATOR)
+        seeing = [s for s in scenario.sections if section_of(s).place in seen]
         return next((section_of(s).name for s in seeing if not isinstance(s, Navigation)), '')
     if name == 'disturbance_n':
         return _first_of(scenario, (Place.DISTURBANCE, Place.DYNAMICS))
@@ -123,6 +129,28 @@ def _thrust_error(scenario: Any, lighter: float) -> float:
     return min(_norm(value for row in off for value in row), _block(np.array(off), 0, 0))
 
 
+def turned_share(settings: Assurance, scenario: Any) -> float:
+    """Return the largest share of a force by which a wrong attitude of the chaser changes it.
+
+    2 sin(angle / 2); 0.0 where the chaser's axes are those of target LVLH. docs/safety.md, lemma 6.
+    """
+    degrees = settings.chaser_attitude_error_deg
+    if scenario.attitude is None:
+        if degrees is not None:
+            raise InputError('`assurance.chaser_attitude_error_deg` needs section `attitude`')
+        return 0.0
+    if scenario.named('attitude_control') is None:
+        raise InputError(
+            '`assurance` needs section `attitude_control` beside `attitude`: it turns the force '
+            "into the chaser's axes"
+        )
+    if degrees is None:
+        raise InputError(
+            '`assurance.chaser_attitude_error_deg` is missing; section `attitude` needs it'
+        )
+    return 2.0 * math.sin(0.5 * math.radians(degrees))
+
+
 def ahead(errors: Errors, scenario: Any, ticks: int) -> tuple[float, float]:
     """Return bounds of the error [m], [m/s] of a state predicted some ticks ahead.
 
@@ -142,15 +170,16 @@ def ahead(errors: Errors, scenario: Any, ticks: int) -> tuple[float, float]:
 
 
 def limit_n(scenario: Any) -> float:
-    """Return the force [N] that all axes have at once.
+    """Return the force [N] that all axes of target LVLH have at once.
 
     Of a table of thrusters that is what is left without torque when all that are known to fail have
-    failed; raises InputError where nothing is.
+    failed; raises InputError where nothing is. Where the thrusters turn with the chaser, it is that
+    of the largest ball of forces: what there is in every attitude.
     """
-    most = float(scenario.max_force_n)
+    most, turns = float(scenario.max_force_n), scenario.attitude is not None
     own = scenario.thrusters
     if own is None or own.table is None:
-        return most
+        return most / SQRT_3 if turns else most
     left = known(own.table)
     has = left.left(most)
     if has == NONE:
@@ -158,6 +187,8 @@ def limit_n(scenario: Any) -> float:
             '`assurance` needs a force to all sides without torque; `thrusters.table`, with the '
             'failures that are known, has none (`rpo safety thrusters`)'
         )
+    if turns:
+        return min(most, left.least_n) / SQRT_3
     return most if has == FULL else left.box_n
 
 

@@ -125,6 +125,8 @@ class Assurance:
     disturbance_n : largest norm of the force from outside
     thrust_error : largest norm of the thrust's error, as a share of the commanded force
     attitude_error_deg : largest angle by which the axes of section `target` are known wrong
+    chaser_attitude_error_deg : with section `attitude`, largest angle between the chaser's attitude
+        by which a force is turned, and the true one at any time of the tick in which it acts
     domain_m : largest range for which the constants hold
     mass_kg : as the filter takes it; where the scenario has another, that is a thrust error
     sigmas : with an estimator, an error of the state counts as at least so many of its sigmas; 0:
@@ -143,6 +145,7 @@ class Assurance:
     disturbance_n: Newtons = unless_default(None)
     thrust_error: Share = unless_default(None)
     attitude_error_deg: Degrees = unless_default(None)
+    chaser_attitude_error_deg: Degrees = unless_default(None)
     domain_m: Annotated[float, partial(real, unit='m', above=0.0, most=1e5)] = 500.0
     mass_kg: Kilograms = unless_default(None)
     sigmas: Annotated[float, partial(real, least=0.0, most=100.0)] = unless_default(0.0)

@@ -162,7 +162,9 @@ def swing_of(scenario: Any) -> Swing:
     delay = scenario.thrusters.delay_ticks if scenario.thrusters else 0
     # Of a free body, the rate changes by less than its square, its change by twice its cube.
     fastest = target.fastest_rad_s + scenario.mean_motion_rad_s if target.kind != FIXED else 0.0
-    return _swing(motion, scenario.ticks + delay + 2, fastest, scenario.dt_s)
+    found = _swing(motion, scenario.ticks + delay + 2, fastest, scenario.dt_s)
+    # Where the thrusters turn with the chaser, a cube has the same room in all axes: in a ball.
+    return found if scenario.attitude is None else found._replace(spread=1.0)
 
 
 @lru_cache(maxsize=256)
