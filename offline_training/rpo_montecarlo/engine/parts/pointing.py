@@ -42,9 +42,9 @@ from rpo_montecarlo.engine.tick import COMMANDED, Batch, Kind, Part, register, t
 TURNS, DT = 0, 1
 BEGINS = 2 + 13 * RUNS
 AIM = BEGINS + 3
-"""Places in the table of pointing: as in that of `target`, of the targets that are known; the rows of
-the chaser's attitude, -1 for none; the numbers of `Aim`. The memory has the attitudes of the targets
-(7, 40), the turns (4, 40)."""
+"""Places in the table of pointing: as in that of `target`, of the targets that are known; the
+rows of the chaser's attitude, -1 for none; the numbers of `Aim`. The memory has the attitudes of
+the targets (7, 40), the turns (4, 40)."""
 
 GOAL, SEEN, MATE, ORBITS = 4, 9, 10, 14
 """Places in the table of contact: the numbers of `Port`; whether the target turns; docked attitude;
