@@ -241,8 +241,8 @@ def test_each_quantity_is_looked_at():
     quantities = found._quantities(2, looked_at(found.guard))
     assert set(quantities) == {
         'range_m', 'speed_m_s', 'closing_excess_m_s', 'off_corridor_m', 'tracking_error_m',
-        'tracking_error_m_s', 'pointing_error_deg', 'intervention', 'sigma_m', 'sigma_m_s', 'missed', 'impulse_n_s',
-        'unexplained_n',
+        'tracking_error_m_s', 'pointing_error_deg', 'intervention', 'sigma_m', 'sigma_m_s',
+        'missed', 'impulse_n_s', 'unexplained_n',
     }  # fmt: skip
     assert quantities['range_m'] == pytest.approx(math.hypot(3.0, 15.0))
     assert quantities['tracking_error_m'] == pytest.approx(5.0)
