@@ -14,10 +14,16 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from rpo_attitude.chaser import Chaser, Wheels
+from rpo_attitude.pointing import Pointing
+from rpo_core.chain.chain import Chain
+from rpo_core.chain.flight import start_of
+from rpo_core.chain.stage import Place
+from rpo_core.control.controller import load_controller
 from rpo_core.files import overrides, scenario
 from rpo_core.files.validation import InputError
 from rpo_ctrl.attitude import AttitudeControl
 from rpo_ctrl.attitude_limits import AttitudeLimits
+from rpo_safety.abort_table import AbortTable, Row
 from rpo_safety.assumed import errors_of, limit_n
 from rpo_safety.guard import guard_of, proof_of
 from rpo_safety.settings import Assurance
@@ -121,6 +127,24 @@ def test_the_turn_of_a_tick_is_counted():
     with pytest.raises(InputError, match=r'must be at least 0\.702763, which'):
         turning(control, chaser_attitude_error_deg=0.7)
     assert turning(control, chaser_attitude_error_deg=0.71)
+
+
+@pytest.mark.parametrize(('most', 'states'), [(15.0, ['holding']), (25.0, [])])
+def test_a_chaser_that_points_elsewhere_holds(most, states):
+    """It begins 20 degrees off its reference, and the table allows it that, or not."""
+    turned = Rotation.from_euler('x', 20.0, degrees=True).as_quat().tolist()
+    row = Row(quantity='pointing_error_deg', most=most, count=2, window=3, reaction='hold')
+    chaser, looking = replace(CHASER, attitude=tuple(turned)), Pointing(align_within_m=60.0)
+    own = {'chaser_attitude_error_deg': 2.0, 'abort': AbortTable(table=(row,))}
+    found = turning(chaser, looking, **own)
+    chain, signals = Chain.of(found, load_controller('pd')), start_of(found)
+    chain.reset()
+    for tick in range(10):
+        chain.step(tick, signals)
+    stage = next(x.stage for x in chain.links if x.place is Place.ASSURANCE)
+    assert [change.state for change in stage.abort.changes] == states
+    with pytest.raises(InputError, match='needs section `pointing`'):
+        turning(**own)
 
 
 def test_all_corners_of_a_turning_corridor_are_in_the_ball():
