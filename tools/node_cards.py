@@ -176,6 +176,8 @@ CARDS = (
         ('the scenario begins outside of what can be assured', 'one sentence with the numbers, '
          'exit code 2'),
         *_MANAGED, _SIGNAL), trial={'scenario': 'assured'}),
+    Card('rpo_ctrl', 'attitude_controller', 'AttitudeControllerNode', (
+        _BAD_OUTCOME, _OTHER_SCENARIO, _NOTHING_TO_DO, *_MANAGED, _SIGNAL)),
     Card('rpo_ctrl', 'fuzzy_controller', 'ControllerNode', _CONTROLLER),
     Card('rpo_ctrl', 'rival_controller', 'ControllerNode', _CONTROLLER),
     Card('rpo_log', 'recorder', 'RecorderNode', (

@@ -3,6 +3,7 @@
 """The chaser as a rigid body, against SciPy's Rotation and DOP853."""
 
 from dataclasses import replace
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -12,9 +13,11 @@ from scipy.spatial.transform import Rotation
 from rpo_attitude.chaser import Chaser, Wheels
 from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.chain.stage import Place, Stage
-from rpo_core.files.scenario import load_scenario
+from rpo_core.files.scenario import Scenario, load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire import interfaces
+from rpo_core.world.cw import Body
+from rpo_core.world.disturbance import NONE
 from rpo_thrusters.table import ThrusterTable
 from rpo_thrusters.thrusters import Thrusters
 
@@ -49,9 +52,13 @@ def flown(ticks, wheels=None):
     scenario = scenario_of(
         ticks, rates_deg_s=(1.0, -0.5, 2.0), wheels=wheels, disturbance_torque_nm=PUSH
     )
-    rng = np.random.default_rng(4)
-    forces = np.repeat(rng.uniform(-0.5, 0.5, (ticks // 50 + 1, 3)), 50, axis=0)[: ticks + 1]
-    return scenario, fly(scenario, OpenLoop(forces))
+    return scenario, fly(scenario, OpenLoop(pushes(ticks)))
+
+
+def pushes(ticks):
+    """Return forces (ticks + 1, 3) that are held for 50 ticks each."""
+    forces = np.random.default_rng(4).uniform(-0.5, 0.5, (ticks // 50 + 1, 3))
+    return np.repeat(forces, 50, axis=0)[: ticks + 1]
 
 
 def off_from_oracle(scenario, flight):
@@ -114,29 +121,48 @@ def test_400_s_as_dop853_has_them():
     assert angle < 1e-8 and distance < 1e-6
 
 
-@pytest.mark.parametrize('ticks', [200, pytest.param(4000, marks=pytest.mark.slow)])
-def test_wheels_turn_the_chaser_as_dop853_has_it(ticks, monkeypatch):
-    monkeypatch.setattr('rpo_core.files.scenario.Scenario.named', _steered())
-    scenario = scenario_of(
-        ticks,
-        rates_deg_s=(1.0, -0.5, 2.0),
-        wheels=Wheels(torque_nm=0.01, momentum_nms=0.05),
-        disturbance_torque_nm=PUSH,
+def steered(scenario, ticks, monkeypatch):
+    """Return a flight whose wheels and thrusters are commanded at random."""
+    named = Scenario.named
+    monkeypatch.setattr(
+        Scenario, 'named', lambda self, name: name == 'attitude_control' or named(self, name)
     )
     torques = np.random.default_rng(5).uniform(-0.02, 0.02, (ticks + 1, 3))
-    flight = fly(scenario, OpenLoop(np.zeros((1, 3))), [(Place.STEERING, Torques(torques))])
+    return fly(scenario, OpenLoop(pushes(ticks)), [(Place.STEERING, Torques(torques))])
+
+
+WHEELED = {
+    'rates_deg_s': (1.0, -0.5, 2.0),
+    'wheels': Wheels(torque_nm=0.01, momentum_nms=0.05, start_nms=(0.01, 0.02, -0.03)),
+    'disturbance_torque_nm': PUSH,
+}
+
+
+@pytest.mark.slow
+def test_400_s_with_wheels_and_thrusters_as_basilisk_has_them(monkeypatch):
+    if find_spec('Basilisk') is None:
+        pytest.skip('Basilisk (layer truth) is not installed')
+    from tools.basilisk import turned_by_basilisk
+
+    far = {'body': Body(1e-3, 1e5), 'orbit_radius_m': 4e8, 'disturbance': NONE}  # no gravity
+    scenario = replace(scenario_of(4000, **WHEELED), **far)
+    flight = steered(scenario, 4000, monkeypatch)
+    position_m, axes = turned_by_basilisk(flight)
+    ours = Rotation.from_quat(flight.signals['chaser_attitude'][-1][:4]).as_matrix()
+    assert np.abs(position_m).max() > 100.0
+    assert np.abs(flight.states[-1][:3] - position_m).max() < 1e-6
+    assert Rotation.from_matrix(axes.T @ ours).magnitude() < 1e-8
+
+
+@pytest.mark.parametrize('ticks', [200, pytest.param(4000, marks=pytest.mark.slow)])
+def test_wheels_turn_the_chaser_as_dop853_has_it(ticks, monkeypatch):
+    scenario = scenario_of(ticks, **WHEELED)
+    flight = steered(scenario, ticks, monkeypatch)
     momenta = flight.signals['wheel_momentum']
     assert np.abs(momenta).max() <= 0.05 + 1e-12
     assert np.abs(np.diff(momenta, axis=0)).max() <= 0.001 + 1e-12  # the torque is limited
     angle, distance = off_from_oracle(scenario, flight)
     assert angle < 1e-8 and distance < 1e-6
-
-
-def _steered():
-    from rpo_core.files.scenario import Scenario
-
-    named = Scenario.named
-    return lambda self, name: True if name == 'attitude_control' else named(self, name)
 
 
 def test_without_rates_it_turns_with_the_orbit():

@@ -176,7 +176,8 @@ SETTINGS = {
 def test_every_value_by_hand():
     found = verdicts(made_up(**SETTINGS, **dict.fromkeys(EVERYTHING, 0.01)))
     assert [verdict.key for verdict in found] == list(EVERYTHING)
-    assert [name for name in LIMITS if name not in THRUST] == list(EVERYTHING)
+    others = {*THRUST, 'contact_angle_deg', 'contact_rate_deg_s'}
+    assert [name for name in LIMITS if name not in others] == list(EVERYTHING)
     for verdict in found:
         assert verdict.value == pytest.approx(EVERYTHING[verdict.key], abs=1e-15), verdict.key
         assert verdict.word == 'MISSED', verdict.key
@@ -254,6 +255,86 @@ def test_all_axes_are_judged_alike(turn, angle_deg, depth_m):
     parts[:, 0] -= port
     found = contact.judged(parts.reshape(-1, 6), required, tuple(port.tolist()))
     assert found == pytest.approx((0.0, 0.1, depth_m), abs=1e-12)
+
+
+IDSS = {
+    'contact_closing_speed_m_s': 0.1,
+    'contact_lateral_speed_m_s': 0.04,
+    'contact_angle_deg': 4.0,
+    'contact_rate_deg_s': 0.2,
+}
+INERTIA = [[1.0, 0.0, 0.0], [0.0, 1.2, 0.0], [0.0, 0.0, 1.5]]
+
+
+def with_profile(attitude=True, **more):
+    """Return the scenario `docking` without assurance, which requires a profile."""
+    docking = document('scenario', 'docking')
+    del docking['assurance']
+    body = {'attitude': {'inertia_kg_m2': INERTIA}} if attitude else {}
+    required = {'requirements': {'profile': 'idss', **more}}
+    return parse({**docking, **body, **required})
+
+
+def test_a_profile_requires_what_the_standard_does():
+    found = with_profile().requirements
+    assert found.limits == IDSS and found.unjudged == {}
+    assert (found.contact_range_m, found.contact_axis) == (0.1, '+y')
+    assert found.contact_least_closing_speed_m_s == 0.05
+    changed = with_profile(contact_angle_deg=1.0, keep_out_depth_m=0.0).requirements
+    assert changed.limits == {**IDSS, 'contact_angle_deg': 1.0, 'keep_out_depth_m': 0.0}
+    for scenario in (with_profile(), with_profile(energy_n2s=9.0, contact_angle_deg=1.0)):
+        text = dumps(scenario)
+        assert 'contact_lateral_speed_m_s' not in text, 'the profile says it'
+        assert files.loads(text, parse, 'written').requirements == scenario.requirements
+    without_zones = parse(
+        {**document('scenario', 'quick'), 'requirements': {'profile': 'idss'}}
+    ).requirements
+    assert without_zones.contact_axis is None, 'along the line of sight'
+
+
+def test_a_profile_says_what_it_did_not_judge():
+    scenario = with_profile(attitude=False)
+    assert list(scenario.requirements.limits) == list(IDSS)[:2]
+    rest = np.zeros((scenario.ticks + 1, 6))
+    found = verdicts(Flight(scenario, rest, rest[:, :3], rest[:, :3]))
+    unjudged = {v.key: v for v in found if v.holds is None}
+    assert list(unjudged) == list(IDSS)[2:]
+    assert unjudged['contact_angle_deg'].statement.endswith(': no section `attitude`')
+    assert unjudged['contact_angle_deg'].limit == 4.0
+    assert files.loads(dumps(scenario), parse, 'written').requirements == scenario.requirements
+
+
+def test_angles_need_an_attitude():
+    with pytest.raises(InputError, match=r'`requirements.contact_angle_deg` needs section `att'):
+        with_profile(attitude=False, contact_angle_deg=1.0)
+    with pytest.raises(InputError, match=r'`profile` must be one of idss; got .* did you mean'):
+        with_profile(profile='ids')
+
+
+@pytest.mark.parametrize(('first', 'angle_deg'), [(3, 3.0), (4, 1.0)])
+def test_angles_are_judged_at_the_first_contact(first, angle_deg):
+    """The chaser turns by degrees about z, as many as states are left; its axes were LVLH's."""
+    whole = with_profile()
+    scenario = replace(whole, duration_s=5 * whole.dt_s)
+    rest = np.zeros((6, 6))
+    rest[:, 1] = [2.0, 1.0, 0.5, 0.05, -0.01, -0.1]
+    rest[:, 1] += [0.0, 0.0, 0.0, -0.06 if first == 3 else 0.0, 0.0, 0.0]
+    rest += scenario.goal_state
+    rest[:, 4] = -0.07
+    half = np.radians([9.0, 8.0, 7.0, 3.0, 1.0, 0.5]) / 2.0
+    n = scenario.mean_motion_rad_s
+    turned = np.column_stack(
+        [half * 0.0, half * 0.0, np.sin(half), np.cos(half), half * 0, half * 0, half * 0.01 + n]
+    )
+    flight = Flight(scenario, rest, rest[:, :3], rest[:, :3], {'chaser_attitude': turned})
+    found = {v.key: v.value for v in verdicts(flight)}
+    assert found['contact_angle_deg'] == pytest.approx(
+        math.degrees(2.0 * math.sin(math.radians(angle_deg) / 2.0)), rel=1e-12
+    )
+    assert found['contact_rate_deg_s'] == pytest.approx(angle_deg / 200.0, rel=1e-9)
+    assert found['contact_closing_speed_m_s'] == 0.07
+    unknown = verdicts(replace(flight, signals={}))
+    assert {v.key for v in unknown if v.holds is None} == set(IDSS) - set(list(IDSS)[:2])
 
 
 def test_without_requirements_nothing_is_judged():

@@ -10,16 +10,19 @@ from campaign_documents import EVERYTHING, write_campaign
 from scipy import stats
 from typer.testing import CliRunner
 
-from rpo_attitude.chaser import Chaser
+from rpo_attitude.chaser import Chaser, Wheels
+from rpo_attitude.pointing import Pointing
 from rpo_attitude.target import Target
 from rpo_cli.cli import app
+from rpo_core.control.controller import load_fuzzy
 from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge.requirements import Requirements
 from rpo_core.judge.verdicts import verdicts
+from rpo_ctrl.attitude import AttitudeControl, FuzzyAttitude
 from rpo_guidance.plan import Guidance, Leg
 from rpo_montecarlo.campaign import config, faults, run_batch, sampling, single, sweep
-from rpo_montecarlo.campaign.quantities import Dispersion, dispersion
+from rpo_montecarlo.campaign.quantities import QUANTITIES, Dispersion, dispersion
 from rpo_montecarlo.campaign.run_batch import fly_runs
 from rpo_montecarlo.campaign.sampling import draw
 from rpo_montecarlo.engine import support
@@ -80,6 +83,16 @@ LONG = ((10.0, 0.5, 0.0), (0.5, 14.0, 0.3), (0.0, 0.3, 20.0))
 FREE = Chaser(
     inertia_kg_m2=LONG, attitude=(0.5, 0.5, 0.1, 0.7), rates_deg_s=(1.0, -2.0, 3.0),
     disturbance_torque_nm=(0.0, 0.001, 0.0),
+)  # fmt: skip
+LOOKING = Pointing(mate=(0.1, 0.2, 0.3, 0.9), port_m=(0.0, 1.0, 0.0), align_within_m=2.0)
+TURNED = {'contact_angle_deg': 4.0, 'contact_rate_deg_s': 0.2}
+OF_CHASER = [name for name in QUANTITIES if name.startswith(('chaser_', 'wheel_'))]
+STEERED = replace(
+    FREE, wheels=Wheels(torque_nm=0.02, momentum_nms=0.05, start_nms=(0.01, 0.0, 0.0))
+)
+FUZZY = FuzzyAttitude(
+    name='hand', system=load_fuzzy('handmade').system, angle_rad=1.0, rate_rad_s=0.1,
+    torque_nm=0.02, moment_kg_m2=0.5,
 )  # fmt: skip
 IN = Guidance(
     legs=(
@@ -153,6 +166,28 @@ CASES = {
         {**SOME, 'thrust_share': {'normal': 0.02}, 'misalignment_deg': {'normal': 1.0}},
     ),
     'a chaser that turns, its mass the same': (PLAIN.equipped(FREE), SOME),
+    'a chaser that looks at a port that tumbles': (
+        replace(PORT.equipped(STEERED, LOOKING, AttitudeControl(controller=FUZZY)),
+                requirements=replace(CONTACT, contact_range_m=9.0, **TURNED)),
+        {**SOME, **{name: {'uniform': 0.3} for name in OF_CHASER},
+         'target_attitude_x_deg': {'normal': 5.0}, 'target_known_error_y_deg': {'normal': 0.5}},
+    ),
+    'a chaser that looks at a port of LVLH': (
+        replace(PLAIN.equipped(FREE, LOOKING), requirements=Requirements(
+            contact_range_m=99.0, **TURNED)),
+        {**SOME, 'chaser_rate_x_deg_s': {'normal': 0.1}},
+    ),
+    'a chaser that is steered': (
+        PLAIN.equipped(STEERED, AttitudeControl(controller=FUZZY)),
+        {**SOME, 'orbit_altitude_m': {'uniform': 100e3}},
+    ),
+    'a chaser that is steered by its thrusters': (
+        PLAIN.equipped(
+            FREE, AttitudeControl(controller='attitude_pd', limit_nm=0.05),
+            Thrusters(table=QUADS, propellant=LEAK),
+        ),
+        SOME,
+    ),
     'pulses about a circle': (PLAIN.equipped(FIRING), {**SOME, 'stuck_off_thruster': {'whole': 5}}),
 }  # fmt: skip
 
@@ -175,7 +210,8 @@ def write(tmp_path):
 )
 def test_the_engine_flies_the_bits_of_the_core(write, case, controller, monkeypatch):
     flown, dispersions = CASES[case]
-    judged = {'success': None} if flown.requirements in (CONTACT, PORT.requirements) else {}
+    contact = flown.requirements is not None and flown.requirements.contact_range_m
+    judged = {'success': None} if contact else {}
     campaign = write(flown, dispersions=dispersions, controller=controller, **judged)
     assert support.why_not(campaign.scenario, campaign.controller) == ''
     found = run_batch.fly_runs(campaign, 0, 45)

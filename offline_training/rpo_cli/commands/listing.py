@@ -20,6 +20,7 @@ KINDS = {
     'scenarios': 'scenario',
     'plans': 'scenario',
     'controllers': 'controller',
+    'attitude_controllers': 'attitude_controller',
     'campaigns': 'campaign',
 }
 """What is listed -> the kind of its files; a plan is a scenario with a section `guidance`."""

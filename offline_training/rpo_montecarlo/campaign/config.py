@@ -320,6 +320,8 @@ def _check_effects(config: CampaignConfig, scenario: Scenario) -> None:
     dynamics, thrusters = scenario.dynamics, scenario.thrusters
     orbit = dynamics is not None and dynamics.kind != CLOHESSY_WILTSHIRE
     drag = dynamics is not None and dynamics.drag is not None
+    chaser = scenario.attitude
+    wheels = chaser and chaser.wheels
     others = {
         'density_share': (drag, 'drag'),
         'ballistic_coefficient_share': (drag, 'drag'),
@@ -331,6 +333,8 @@ def _check_effects(config: CampaignConfig, scenario: Scenario) -> None:
             if name.startswith('sensor_')
         },
         **{name: _turning(name, scenario.target) for name in QUANTITIES if 'target_' in name},
+        **{n: (chaser is not None, '`attitude`') for n in QUANTITIES if n.startswith('chaser_')},
+        **{n: (wheels is not None, '`wheels`') for n in QUANTITIES if n.startswith('wheel_')},
     }
     all_of_them = {name: (has, 'such disturbance') for name, has in acting.items()} | others
     for name, (has_effect, what) in all_of_them.items():

@@ -28,6 +28,7 @@ OF_ITS_OWN = 'x disturbance of its run'
 """Unit of the limit that each run has of its own."""
 
 _SUFFIXES = {
+    '_deg_s': 'deg/s',
     '_m_s': 'm/s',
     '_n_s': 'N/s',
     '_n2s': 'N²s',

@@ -53,6 +53,11 @@ QUANTITIES = {
     **{f'target_attitude_{axis}_deg': Quantity(1, 'deg', _SPREADS, 180.0) for axis in 'xyz'},
     **{f'target_rate_{axis}_deg_s': Quantity(1, 'deg/s', _SPREADS, 100.0) for axis in 'xyz'},
     **{f'target_known_error_{axis}_deg': Quantity(1, 'deg', _SPREADS, 45.0) for axis in 'xyz'},
+    'chaser_inertia_share': Quantity(1, '', _SPREADS, 0.99),
+    **{f'chaser_attitude_{axis}_deg': Quantity(1, 'deg', _SPREADS, 180.0) for axis in 'xyz'},
+    **{f'chaser_rate_{axis}_deg_s': Quantity(1, 'deg/s', _SPREADS, 100.0) for axis in 'xyz'},
+    'wheel_torque_share': Quantity(1, '', _SPREADS, 0.99),
+    **{f'wheel_start_{axis}_share': Quantity(1, '', _SPREADS, 1.0) for axis in 'xyz'},
     **{f'sensor_velocity_bias_{axis}_m_s': Quantity(1, 'm/s', _SPREADS, 1e2) for axis in 'xyz'},
 }
 """What can be dispersed. The names `share` are relative: mass = (1 + share) x the scenario's."""

@@ -37,7 +37,7 @@ ON_THEIR_OWN = (
     'sensor_velocity_bias_x_m_s',
     'sensor_velocity_bias_y_m_s',
     'sensor_velocity_bias_z_m_s',
-    *(name for name in QUANTITIES if name.startswith('target_')),
+    *(name for name in QUANTITIES if name.startswith(('target_', 'chaser_', 'wheel_'))),
 )
 """Quantities that are drawn each by itself; results have a column of those that are dispersed."""
 

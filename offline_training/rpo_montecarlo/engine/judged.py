@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from rpo_core.files.scenario import NANOSECONDS, Scenario
 from rpo_core.judge.contact import Port, contact_speeds, depth_m, port_of, touches
 from rpo_core.judge.metrics import hold_tick, larger
+from rpo_core.judge.requirements import ATTITUDES
 from rpo_kernels.kernels import norm
 from rpo_montecarlo.engine.counters import COLUMNS
 from rpo_montecarlo.engine.lanes import compiled
@@ -35,11 +36,13 @@ VALUES = (
     'contact_closing_speed_m_s',
     'contact_lateral_speed_m_s',
     'keep_out_depth_m',
+    *ATTITUDES,
 )
-"""Requirements of the axes together, in the order of a row; arrival is that of the norm."""
+"""Requirements of the axes together, in the order of a row; arrival is that of the norm. The last
+are counted in flight (`rpo_montecarlo.engine.parts.pointing`)."""
 
 _FINAL_R, _FINAL_D, _FINAL_V, _FINAL_S, _HOLD_D, _HOLD_S = range(6)
-_ARRIVAL, _CLOSING, _LATERAL, _DEPTH = range(6, len(VALUES))
+_ARRIVAL, _CLOSING, _LATERAL, _DEPTH = range(6, 10)
 
 
 class Judged(NamedTuple):

@@ -58,7 +58,9 @@ BODY_R, BODY_V = 39 * STRIDE, 40 * STRIDE
     QUAT, QUAT_W, RATE, SEEN_QUAT, SEEN_QUAT_W, SEEN_RATE, REF_QUAT, REF_QUAT_W, REF_RATE, TORQUE,
     EXERTED_TORQUE, SHIFT_R, SHIFT_V,
 ) = ((41 + row) * STRIDE for row in range(13))  # fmt: skip
-ROWS = 54
+# The true attitude of the target, where it has one.
+BODY_QUAT, BODY_QUAT_W, BODY_RATE = ((54 + row) * STRIDE for row in range(3))
+ROWS = 57
 
 RUNS = 40
 """Paired runs side by side: whole SIMD registers, and three axes fit into a row."""

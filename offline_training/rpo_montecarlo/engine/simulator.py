@@ -21,6 +21,7 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import Controller, FuzzyController
 from rpo_core.control.fuzzy import DEFAULT_SAMPLES
 from rpo_core.judge.metrics import row_of
+from rpo_core.judge.requirements import ATTITUDES
 from rpo_core.judge.verdicts import verdicts
 from rpo_ctrl.baselines import Baseline
 from rpo_montecarlo.engine import counters, lanes
@@ -29,6 +30,7 @@ from rpo_montecarlo.engine.counters import Trace, fly_lanes
 from rpo_montecarlo.engine.judged import VALUES, judge
 from rpo_montecarlo.engine.lanes import PAIRED_LANES, RUNS, paired_lanes
 from rpo_montecarlo.engine.parts.control import Control, control_of, fuzzy_control
+from rpo_montecarlo.engine.parts.pointing import turned_at_contact
 from rpo_montecarlo.engine.parts.thrusters import spent_of
 from rpo_montecarlo.engine.population import Population, population_of
 from rpo_montecarlo.engine.support import announce, why_not
@@ -185,6 +187,8 @@ def flown(
         rows[:, counters.COLUMNS : counted] = judge(
             trace.states, paired_lanes(n), case.base, judged
         )
+        if 'contact' in memories:
+            rows[:, counted - len(ATTITUDES) : counted] = turned_at_contact(memories, n)
     for at, values in enumerate(spent_of(memories.get('thrusters')).values(), counted):
         rows[:, at] = values[:n]
     return Pairs(some, rows, final, runs, memories)

@@ -15,12 +15,14 @@ from rpo_core.files.scenario import Scenario
 from rpo_montecarlo.engine.parts import (
     approach,
     attitude,
+    attitude_control,
     control,
     disturbance,
     dynamics,
     estimation,
     goal,
     link,
+    pointing,
     shaping,
     target,
     thrusters,
@@ -32,6 +34,7 @@ PARTS = (
     approach,
     goal,
     control,
+    pointing,
     shaping,
     link,
     thrusters,
@@ -39,6 +42,7 @@ PARTS = (
     disturbance,
     dynamics,
     attitude,
+    attitude_control,
 )
 """The modules that register themselves."""
 

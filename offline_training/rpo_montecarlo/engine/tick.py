@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from rpo_core.chain.chain import Chain, start_of
 from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
-from rpo_kernels.kernels import State
+from rpo_kernels.kernels import State, Vector
 from rpo_montecarlo.engine.calls import Call, call, rows_of
 from rpo_montecarlo.engine.lanes import BODY_R, BODY_V, RUNS, R, V, compiled
 
@@ -162,6 +162,11 @@ class Draw(NamedTuple):
     values: Mapping[str, float]
     dispersed: Mapping[str, tuple[float, ...]]
     key: tuple[int, int]
+
+    def vector(self, name: str) -> Vector:
+        """Return what was drawn of a quantity for each axis; `{}` in the name: x, y, z."""
+        x, y, z = (self.values.get(name.format(axis), 0.0) for axis in 'xyz')
+        return x, y, z
 
 
 @dataclass(frozen=True)

@@ -13,13 +13,17 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml']),
-        (f'share/{package_name}/config/controllers', sorted(glob('config/controllers/*.yaml'))),
+        *(
+            (f'share/{package_name}/{folder}', sorted(glob(f'{folder}/*.yaml')))
+            for folder in ('config/controllers', 'config/attitude_controllers')
+        ),
     ],
     install_requires=['setuptools'],
     zip_safe=True,
     extras_require={'test': ['pytest']},
     entry_points={
         'console_scripts': [
+            'attitude_controller = rpo_ctrl.commands:attitude_controller',
             'fuzzy_controller = rpo_ctrl.commands:fuzzy_controller',
             'rival_controller = rpo_ctrl.commands:rival_controller',
         ],

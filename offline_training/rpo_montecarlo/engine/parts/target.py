@@ -11,8 +11,18 @@ from typing import Any
 from rpo_attitude.target import TUMBLE, of_vector, product
 from rpo_core.files.scenario import Scenario
 from rpo_kernels.attitude_kernels import Body, attitude_step, frame_of, seen_from
-from rpo_kernels.kernels import Vector
-from rpo_montecarlo.engine.lanes import BODY_R, BODY_V, RUNS, R, V, compiled
+from rpo_montecarlo.engine.lanes import (
+    BODY_QUAT,
+    BODY_QUAT_W,
+    BODY_R,
+    BODY_RATE,
+    BODY_V,
+    RUNS,
+    R,
+    V,
+    compiled,
+)
+from rpo_montecarlo.engine.parts.attitude import put_attitude
 from rpo_montecarlo.engine.tick import MOVED, Batch, Draw, Kind, Part, register, table_of
 
 FIRST = 1
@@ -47,11 +57,13 @@ def _attitude(m, s):  # type: ignore[no-untyped-def]
 def _see(w, m, t, turns):  # type: ignore[no-untyped-def]
     for s in range(RUNS):
         y, z = s + RUNS, s + 2 * RUNS
-        f = frame_of(_attitude(m, s), _body(t, turns, s))
+        attitude = _attitude(m, s)
+        f = frame_of(attitude, _body(t, turns, s))
         state = (w[R + s], w[R + y], w[R + z], w[V + s], w[V + y], w[V + z])
         rx, ry, rz, vx, vy, vz = seen_from(state, f)
         w[BODY_R + s], w[BODY_R + y], w[BODY_R + z] = rx, ry, rz
         w[BODY_V + s], w[BODY_V + y], w[BODY_V + z] = vx, vy, vz
+        put_attitude(w, BODY_QUAT, BODY_QUAT_W, BODY_RATE, s, attitude)
 
 
 @compiled
@@ -93,20 +105,15 @@ def vary(scenario: Scenario, draw: Draw) -> list[Any]:
     target = scenario.target
     if target is None:
         return []
-
-    def drawn(name: str, unit: str) -> Vector:
-        x, y, z = (draw.values.get(f'target_{name}_{axis}_{unit}', 0.0) for axis in 'xyz')
-        return x, y, z
-
-    x, y, z = map(radians, drawn('attitude', 'deg'))
+    x, y, z = map(radians, draw.vector('target_attitude_{}_deg'))
     found: dict[str, Any] = {'attitude': product(target.attitude, of_vector((x, y, z)))}
     share = 1.0 + draw.values.get('target_rate_share', 0.0)
     if target.kind == TUMBLE:
-        rates = zip(target.rates_deg_s, drawn('rate', 'deg_s'), strict=True)
+        rates = zip(target.rates_deg_s, draw.vector('target_rate_{}_deg_s'), strict=True)
         found['rates_deg_s'] = tuple(share * rate + more for rate, more in rates)
     else:
         found['rate_deg_s'] = share * target.rate_deg_s
-    errors = zip(target.known_error_deg, drawn('known_error', 'deg'), strict=True)
+    errors = zip(target.known_error_deg, draw.vector('target_known_error_{}_deg'), strict=True)
     found['known_error_deg'] = tuple(error + more for error, more in errors)
     return [replace(target, **found)]
 

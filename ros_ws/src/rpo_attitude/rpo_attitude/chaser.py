@@ -35,7 +35,8 @@ _rates = partial(optional, check=vector3, unit='deg/s', bound=360.0)
 class Wheels:
     """Three wheels, one along each axis of the chaser.
 
-    torque_nm, momentum_nms : largest of each; start_nms : (3,) momentum at tick 0
+    torque_nm, momentum_nms : largest of each, momentum against inertial space
+    start_nms : (3,) momentum at tick 0
     """
 
     torque_nm: Annotated[float, _torque]

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What this room adds to scenarios and to the table of interfaces (`rpo_core.files.plugins`)."""
 
-from rpo_attitude import chaser, target
+from rpo_attitude import chaser, pointing, target
 
-__all__ = ['chaser']
+__all__ = ['chaser', 'pointing']
 
 target.add()

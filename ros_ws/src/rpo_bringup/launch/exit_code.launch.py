@@ -13,6 +13,7 @@ from launch.events.process import ProcessExited
 
 FLIGHT_NODES = (
     'plant',
+    'attitude_controller',
     'fuzzy_controller',
     'rival_controller',
     'navigation',

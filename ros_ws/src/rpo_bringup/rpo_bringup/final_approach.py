@@ -17,6 +17,7 @@ from rpo_bringup.options import parser
 from rpo_core.chain.chain import Chain
 from rpo_core.files import overrides, scenario
 from rpo_core.files.validation import InputError, real
+from rpo_ctrl.attitude_controller_node import AttitudeControllerNode
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_ctrl.similarity import command
 from rpo_guidance.guidance_node import GuidanceNode
@@ -46,7 +47,13 @@ def _nodes(options: argparse.Namespace, output: str) -> list[FlightNode]:
         ControllerNode({**named, 'controller': options.controller}),
     ]
     places = {link.place for link in Chain.of(chosen).links}
-    for kind in (NavigationNode, GuidanceNode, AssuranceNode, DisturbanceInjectorNode):
+    for kind in (
+        NavigationNode,
+        GuidanceNode,
+        AssuranceNode,
+        AttitudeControllerNode,
+        DisturbanceInjectorNode,
+    ):
         if places & set(kind.places):
             nodes.append(kind(named))
     # Last, because it makes the run folder: if another node fails, no folder is left behind.

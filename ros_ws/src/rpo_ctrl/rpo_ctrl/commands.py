@@ -6,5 +6,6 @@ from functools import partial
 
 from rpo_ros.entry_point import start_node
 
+attitude_controller = partial(start_node, 'rpo_ctrl.attitude_controller_node')
 fuzzy_controller = partial(start_node, 'rpo_ctrl.fuzzy_controller_node')
 rival_controller = partial(start_node, 'rpo_ctrl.rival_controller_node')

@@ -20,6 +20,8 @@ FUZZY_CONTROLLER = (
     SCENARIO,
 )  # fmt: skip
 
+ATTITUDE_CONTROLLER = (SCENARIO, AUTOSTART)
+
 RIVAL_CONTROLLER = (
     replace(FUZZY_CONTROLLER[0], default='lqr', example='mpc'),
     *FUZZY_CONTROLLER[1:],

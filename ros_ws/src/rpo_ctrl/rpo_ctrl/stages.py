@@ -2,6 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The kinds that this package adds to controller files; `rpo_core.files.plugins` imports it."""
 
-from rpo_ctrl import baselines, table, time_to_go
+from rpo_ctrl import attitude, baselines, table, time_to_go
 
-__all__ = ['baselines', 'table', 'time_to_go']
+__all__ = ['attitude', 'baselines', 'table', 'time_to_go']

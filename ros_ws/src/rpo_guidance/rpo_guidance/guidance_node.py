@@ -30,7 +30,7 @@ class GuidanceNode(PlaceNode):
     """
 
     node_name = 'guidance'
-    places = (Place.GUIDANCE,)
+    places = (Place.GUIDANCE, Place.POINTING)
     what = ('guiding', 'guidance')
     off = 'the reference is the goal of the scenario'
 

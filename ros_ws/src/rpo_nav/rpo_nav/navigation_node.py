@@ -16,10 +16,10 @@ from rpo_ros.place_node import PlaceNode
 from rpo_ros.running import run_node
 
 PLACES = {
-    ALL: (Place.SENSOR, Place.ESTIMATOR),
-    SENSORS: (Place.SENSOR,),
-    ESTIMATOR: (Place.ESTIMATOR,),
+    SENSORS: (Place.ATTITUDE_SENSOR, Place.SENSOR),
+    ESTIMATOR: (Place.ATTITUDE_ESTIMATOR, Place.ESTIMATOR),
 }
+PLACES[ALL] = PLACES[SENSORS] + PLACES[ESTIMATOR]
 
 
 class NavigationNode(PlaceNode):

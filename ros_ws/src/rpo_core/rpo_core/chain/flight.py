@@ -23,6 +23,7 @@ from rpo_core.wire.interfaces import (
     CONTROL_FORCE,
     DISTURBANCE_FORCE,
     DUE_FORCE,
+    EXERTED_FORCE,
     NEXT,
     RELATIVE_STATE,
     SATURATED_FORCE,
@@ -123,6 +124,8 @@ class Flight:
             for tick, some in enumerate(zip(*(v[:-1].tolist() for v in given), strict=True))
         ]
         forces_n = np.array([outputs[2] for outputs in made])
+        if scenario.attitude is not None:  # those are in the axes of the chaser
+            forces_n = self.signals[EXERTED_FORCE][:-1]
         masses_kg = np.full(len(made), scenario.mass_kg)
         if CHASER_MASS in stage.outputs:
             at = stage.outputs.index(CHASER_MASS)

@@ -47,6 +47,9 @@ INFERENCE = {
     'defuzzification': 'centroid',
 }
 
+SYSTEM_FIELDS = ('membership_functions', 'rules', 'inference')
+"""Fields of a file that hold the paper's fuzzy system."""
+
 _VARIABLES = ('position', 'velocity', 'force')
 _SCALES = {'position_m': 'm', 'velocity_m_s': 'm/s', 'force_n': 'N'}
 _POWERS = ((1, 0, 0), (1, -1, 0), (0, 0, 1))
@@ -165,25 +168,20 @@ def _parse_fuzzy(document: Any) -> FuzzyController:
     data = mapping(
         '',
         document,
-        ['schema', 'name', 'scales', 'membership_functions', 'rules', 'inference'],
+        ['schema', 'name', 'scales', *SYSTEM_FIELDS],
         ['kind', 'description', 'provenance'],
     )
     scales = mapping('scales', data['scales'], _SCALES)
     position_scale, velocity_scale, force_scale = (
         _scale(f'scales.{key}', scales[key], unit) for key, unit in _SCALES.items()
     )
-    functions = mapping('membership_functions', data['membership_functions'], _VARIABLES)
     provenance = data.get('provenance', {})
     if not isinstance(provenance, Mapping):
         raise InputError(f'`provenance` must be a mapping; got {shown(provenance)}')
     return FuzzyController(
         name=data['name'],
         description=data.get('description', ''),
-        system=FuzzySystem(
-            **{name: _functions(name, functions[name]) for name in _VARIABLES},
-            rules=_rules(data['rules']),
-            samples=_samples(data['inference']),
-        ),
+        system=parse_system(data, _VARIABLES),
         position_scale_m=position_scale,
         velocity_scale_m_s=velocity_scale,
         force_scale_n=force_scale,
@@ -191,8 +189,18 @@ def _parse_fuzzy(document: Any) -> FuzzyController:
     )
 
 
-def _functions(variable: str, value: Any) -> MembershipFunctions:
-    return codec.from_mapping(MembershipFunctions, f'membership_functions.{variable}', value)
+def parse_system(data: Mapping[str, Any], variables: Sequence[str]) -> FuzzySystem:
+    """Return the system of the fields `SYSTEM_FIELDS` of a document; raises InputError.
+
+    variables : names of both inputs and of the output there
+    """
+    functions = mapping('membership_functions', data['membership_functions'], variables)
+    position, velocity, force = (
+        codec.from_mapping(MembershipFunctions, f'membership_functions.{name}', functions[name])
+        for name in variables
+    )
+    rules, samples = _rules(data['rules']), _samples(data['inference'])
+    return FuzzySystem(position, velocity, force, rules, samples)
 
 
 def _rules(value: Any) -> RuleTable:
@@ -225,23 +233,30 @@ def to_document(controller: AnyController) -> dict[str, Any]:
     """Return the controller as the document that `parse` reads."""
     if isinstance(controller, ControllerFile):
         return {'schema': SCHEMA, **controller_file.to_document(controller)}
-    system, rules = controller.system, controller.system.rules
-    symmetry = 'free'
-    if rules.is_transpose_symmetric:
-        symmetry = 'odd' if rules.is_odd else 'transpose'
     return {
         'schema': SCHEMA,
         'name': controller.name,
         'description': controller.description,
         'scales': dict(zip(_SCALES, controller.scales, strict=True)),
-        'membership_functions': {name: asdict(getattr(system, name)) for name in _VARIABLES},
+        **system_document(controller.system, _VARIABLES),
+        'provenance': dict(controller.provenance),
+    }
+
+
+def system_document(system: FuzzySystem, variables: Sequence[str]) -> dict[str, Any]:
+    """Return the fields of a document that `parse_system` reads."""
+    rules, symmetry = system.rules, 'free'
+    if rules.is_transpose_symmetric:
+        symmetry = 'odd' if rules.is_odd else 'transpose'
+    parts = (system.position, system.velocity, system.force)
+    return {
+        'membership_functions': {n: asdict(p) for n, p in zip(variables, parts, strict=True)},
         'rules': {
             'symmetry': symmetry,
             'columns': list(WORDS),
             **{word: list(row) for word, row in zip(WORDS, rules.words, strict=True)},
         },
         'inference': {**INFERENCE, 'samples': system.samples},
-        'provenance': dict(controller.provenance),
     }
 
 
@@ -262,9 +277,12 @@ _Dumper.add_representer(list, _represent_list)
 
 def dumps(controller: AnyController) -> str:
     """Return the YAML text of a controller; floats round-trip bit for bit."""
-    return yaml.dump(
-        to_document(controller), Dumper=_Dumper, sort_keys=False, width=100, allow_unicode=True
-    )
+    return text_of(to_document(controller))
+
+
+def text_of(document: Mapping[str, Any]) -> str:
+    """Return the YAML text of the document of a controller."""
+    return yaml.dump(document, Dumper=_Dumper, sort_keys=False, width=100, allow_unicode=True)
 
 
 def load_controller(name: str | Path) -> AnyController:

@@ -35,6 +35,7 @@ Parsed = TypeVar('Parsed')
 _SHIPPED = {
     'scenario': ('rpo_bringup', 'config/scenarios'),
     'controller': ('rpo_ctrl', 'config/controllers'),
+    'attitude_controller': ('rpo_ctrl', 'config/attitude_controllers'),
     'monitor': ('rpo_bringup', 'config/monitors'),
     'campaign': ('offline_training', 'campaigns'),
 }

@@ -61,7 +61,12 @@ def _nested(hint: Any, place: str, value: Any) -> Any:
 
 
 def to_mapping(record: Any) -> Any:
-    """Return a dataclass as what YAML has: mappings, lists, texts and numbers."""
+    """Return a dataclass as what YAML has: mappings, lists, texts and numbers.
+
+    One that has a form of its own says it by `to_document`.
+    """
+    if hasattr(record, 'to_document'):
+        return record.to_document()
     if is_dataclass(record) and not isinstance(record, type):
         return {
             f.name: to_mapping(getattr(record, f.name))

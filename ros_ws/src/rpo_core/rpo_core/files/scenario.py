@@ -123,7 +123,7 @@ class Scenario:
             if check is not None:
                 check(settings, self)
         if self.requirements is not None:
-            self.requirements.check_thrusters(self.thrusters)
+            self.requirements.check_scenario(self.thrusters, self.attitude)
 
     def _check_ticks(self) -> None:
         if abs(self.dt_s * NANOSECONDS - self.dt_ns) > 1e-3:
@@ -325,7 +325,9 @@ def parse(document: Any) -> Scenario | ScenarioSet:
         ),
         zones=about,
         requirements=(
-            requirements.parse(data['requirements'], about) if 'requirements' in data else None
+            requirements.parse(data['requirements'], about, attitude='attitude' in data)
+            if 'requirements' in data
+            else None
         ),
         goal_position_m=data.get('goal_position_m', AT_TARGET),
         body=cw.body_of('body', data.get('body', 'earth')),

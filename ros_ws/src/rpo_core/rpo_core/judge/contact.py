@@ -129,6 +129,15 @@ def judge(errors: Any, port: Port) -> tuple[float, float, float]:
     return inf, inf, deepest
 
 
+@kernel
+def first_contact(errors: Any, port: Port) -> int:
+    """Return the first of errors (n, 6) that is contact; n where none is."""
+    for i in range(len(errors)):
+        if touches(errors[i][0], errors[i][1], errors[i][2], port):
+            return i
+    return len(errors)
+
+
 def judged(errors: Any, required: Requirements, goal: Vector) -> tuple[float, float, float]:
     """Return `judge` of a flight's errors (n, 6), by what it requires."""
     return judge(as_table(errors), port_of(required, goal))

@@ -33,6 +33,7 @@ class Row:
     effort : whether it is about what thrusters do; the others are about position and speed
     share : whether the limit is a share of the largest |disturbance| of an axis in the flight
     thrusters : what of these a scenario's thrusters must have, one of them
+    attitude : whether the chaser must have one
     """
 
     unit: str
@@ -41,6 +42,7 @@ class Row:
     effort: bool = False
     share: bool = False
     thrusters: tuple[str, ...] = ()
+    attitude: bool = False
 
 
 ROWS = {
@@ -69,6 +71,12 @@ ROWS = {
     'contact_lateral_speed_m_s': Row(
         'm/s', 'lateral speed at {contact:g} m', needs='contact_range_m'
     ),
+    'contact_angle_deg': Row(
+        'deg', 'angle about each axis at contact', needs='contact_range_m', attitude=True
+    ),
+    'contact_rate_deg_s': Row(
+        'deg/s', 'rate against the target at contact', needs='contact_range_m', attitude=True
+    ),
     'keep_out_depth_m': Row('m', 'depth inside the sphere of {zone:g} m{cone}', needs='keep_out_m'),
     'slew_per_axis_n_s': Row('N/s', 'slew per axis', effort=True),
     'energy_n2s': Row('N²s', 'energy J', effort=True),
@@ -89,6 +97,26 @@ LIMITS = tuple(ROWS)
 
 THRUST = {name: row.unit for name, row in ROWS.items() if row.thrusters}
 """Requirement -> unit of what thrusters spend, in the order of `rpo_core.chain.flight.Thrust`."""
+
+PORT = 'port'
+"""Value of `contact_axis` in a file: the axis of the corridor of section `zones`."""
+
+PROFILES = {
+    # International Docking System Standard: initial contact
+    'idss': {
+        'contact_range_m': 0.1,
+        'contact_axis': PORT,
+        'contact_least_closing_speed_m_s': 0.05,
+        'contact_closing_speed_m_s': 0.1,
+        'contact_lateral_speed_m_s': 0.04,
+        'contact_angle_deg': 4.0,
+        'contact_rate_deg_s': 0.2,
+    },
+}
+"""Requirements that a section may name; its other fields override them, or add to them."""
+
+ATTITUDES = tuple(name for name, row in ROWS.items() if row.attitude)
+"""Requirements on the chaser's attitude at contact: angle, rate."""
 
 _NEEDS = {
     key: tuple(name for name, row in ROWS.items() if row.needs == key)
@@ -116,6 +144,7 @@ Metres = Annotated[float | None, partial(optional, unit='m', least=0.0, most=1e9
 SomeMetres = Annotated[float | None, partial(optional, unit='m', above=0.0, most=1e9)]
 MetresPerSecond = Annotated[float | None, partial(optional, unit='m/s', least=0.0, most=1e9)]
 Seconds = Annotated[float | None, partial(optional, unit='s', least=0.0, most=1e9)]
+Profile = Annotated[str | None, partial(optional, check=choice, known=PROFILES)]
 Direction = Annotated[str | None, partial(optional, check=choice, known=DIRECTIONS)]
 Angle = Annotated[float | None, partial(optional, unit='deg', above=0.0, most=60.0)]
 
@@ -124,6 +153,7 @@ Angle = Annotated[float | None, partial(optional, unit='deg', above=0.0, most=60
 class Requirements:
     """Upper limits; None: no requirement.
 
+    profile : one of `PROFILES`, whose limits these are but for what a file changes
     final : at the last state
     mean : means over the last `mean_window_s`
     hold : at all states after `hold_from_s`, not judged where the flight ends earlier;
@@ -133,7 +163,8 @@ class Requirements:
     contact : at the first state within `contact_range_m` of the goal; closing along the line of
         sight, lateral across it. With `contact_axis`, that of the port outward: at the first such
         state that has come to the port's plane, along the axis and across it. Slower than
-        `contact_least_closing_speed_m_s` nothing catches, and there is no contact
+        `contact_least_closing_speed_m_s` nothing catches, and there is no contact. Angles: between
+        the attitude and `mate` of section `pointing`, each 2 sin(half of the turn) along an axis
     keep_out_depth : how far, before the contact, inside the sphere of `keep_out_m` about the target
         and beside the cone of `corridor_half_angle_deg` about `contact_axis`, which at the goal
         is as wide as `contact_range_m` to each side
@@ -142,6 +173,7 @@ class Requirements:
         spent in the flight, waste included
     """
 
+    profile: Profile = None
     final_error_per_axis_m: Limit = None
     final_error_norm_m: Limit = None
     final_speed_per_axis_m_s: Limit = None
@@ -164,6 +196,8 @@ class Requirements:
     contact_least_closing_speed_m_s: MetresPerSecond = None
     contact_closing_speed_m_s: Limit = None
     contact_lateral_speed_m_s: Limit = None
+    contact_angle_deg: Limit = None
+    contact_rate_deg_s: Limit = None
     keep_out_m: SomeMetres = None
     corridor_half_angle_deg: Angle = None
     keep_out_depth_m: Limit = None
@@ -193,9 +227,11 @@ class Requirements:
                 '`arrival_error_norm_m`; got both'
             )
 
-    def check_thrusters(self, thrusters: Any) -> None:
-        """Raise InputError where they limit what thrusters do not spend, or do not count."""
+    def check_scenario(self, thrusters: Any, attitude: Any) -> None:
+        """Raise InputError where they limit what a scenario's sections do not spend or have."""
         for name, row in ROWS.items():
+            if getattr(self, name) is not None and row.attitude and attitude is None:
+                raise InputError(f'`requirements.{name}` needs section `attitude`; got none')
             has = any(getattr(thrusters, part, None) is not None for part in row.thrusters)
             if getattr(self, name) is not None and row.thrusters and not has:
                 what = ' or '.join(f'`{part}`' for part in row.thrusters)
@@ -207,14 +243,17 @@ class Requirements:
         found = {name: getattr(self, name) for name in LIMITS}
         return {name: limit for name, limit in found.items() if limit is not None}
 
+    @property
+    def unjudged(self) -> dict[str, float]:
+        """Limits of the profile that it leaves out, for the scenario has no attitude."""
+        known: dict[str, Any] = PROFILES.get(self.profile or '', {})
+        return {n: v for n, v in known.items() if n in ROWS and n not in self.limits}
+
     def to_document(self) -> dict[str, float | str]:
         """Return the section as `parse` reads it."""
         found = {f.name: getattr(self, f.name) for f in fields(self)}
-        return {name: value for name, value in found.items() if value is not None}
-
-
-PORT = 'port'
-"""Value of `contact_axis` in a file: the axis of the corridor of section `zones`."""
+        known = PROFILES.get(self.profile or '', {})
+        return {n: v for n, v in found.items() if v is not None and v != known.get(n)}
 
 
 def of_zones(document: Mapping[str, Any], zones: Zones) -> dict[str, Any]:
@@ -227,11 +266,18 @@ def of_zones(document: Mapping[str, Any], zones: Zones) -> dict[str, Any]:
     return known
 
 
-def parse(value: Any, zones: Zones | None = None) -> Requirements:
+def parse(value: Any, zones: Zones | None = None, attitude: bool = False) -> Requirements:
     """Return the section `requirements` of a scenario file; raises InputError.
 
-    zones : section `zones`, where the file has it
+    zones : section `zones`, where the file has it; attitude : whether the chaser has one
     """
+    if isinstance(value, Mapping) and value.get('profile') in PROFILES:
+        profile: dict[str, Any] = dict(PROFILES[value['profile']])
+        if zones is None or not zones.corridor.from_m:
+            del profile['contact_axis']
+        for name in () if attitude else ATTITUDES:
+            profile.pop(name, None)
+        value = {**profile, **value}
     known = [f.name for f in fields(Requirements)]
     if zones is not None and isinstance(value, Mapping):
         value = {**of_zones(value, zones), **value}

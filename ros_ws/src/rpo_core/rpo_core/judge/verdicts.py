@@ -11,15 +11,18 @@ and campaigns show these.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.chain.flight import Flight
 from rpo_core.judge import contact, metrics
-from rpo_core.judge.requirements import ROWS, THRUST, Requirements
+from rpo_core.judge.requirements import ATTITUDES, ROWS, THRUST, Requirements
 from rpo_core.judge.zones import zones_of
+from rpo_core.wire.interfaces import ALIGNED, CHASER_ATTITUDE
+from rpo_kernels.jit import as_table
+from rpo_kernels.pointing_kernels import contact_turn
 
 Floats = NDArray[np.float64]
 
@@ -67,6 +70,9 @@ def _of_requirements(flight: Flight, required: Requirements) -> list[Verdict]:
             limit *= metrics.disturbance_level_n(flight)
         shown = statement(key, required, flight.scenario.duration_s)
         found.append(Verdict(key, shown, row.unit, limit, values[key]))
+    for key, limit in required.unjudged.items():
+        shown = f'{ROWS[key].statement}: no section `attitude`'
+        found.append(Verdict(key, shown, ROWS[key].unit, limit, math.nan))
     return found
 
 
@@ -137,8 +143,24 @@ def _values(flight: Flight, required: Requirements) -> dict[str, float]:
         'slew_per_axis_n_s': row[metrics.SLEW],
         'energy_n2s': row[metrics.ENERGY],
         'delta_v_axis_sum_m_s': row[metrics.DELTA_V],
+        **(_turned(flight, required) if set(ATTITUDES) & required.limits.keys() else {}),
         **(_spent(flight) if THRUST.keys() & required.limits.keys() else {}),
     }
+
+
+def _turned(flight: Flight, required: Requirements) -> dict[str, float]:
+    """Return how far the chaser is off its docked attitude at contact, and how fast it turns."""
+    scenario, signals = flight.scenario, flight.signals
+    port = contact.port_of(required, scenario.goal_position_m)
+    tick = contact.first_contact(as_table(flight.errors), port)
+    if CHASER_ATTITUDE not in signals or tick == len(flight.errors):
+        return dict.fromkeys(ATTITUDES, math.inf if CHASER_ATTITUDE in signals else math.nan)
+    still = (*ALIGNED[:6], scenario.mean_motion_rad_s)
+    target: Any = signals['target_attitude'][tick].tolist() if scenario.target else still
+    chaser: Any = signals[CHASER_ATTITUDE][tick].tolist()
+    mate = getattr(scenario.named('pointing'), 'mate', ALIGNED[:4])
+    found = contact_turn(tuple(chaser), tuple(target), mate)
+    return dict(zip(ATTITUDES, found, strict=True))
 
 
 def _spent(flight: Flight) -> dict[str, float]:

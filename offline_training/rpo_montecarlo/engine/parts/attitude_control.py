@@ -1,0 +1,173 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Attitude controllers side by side: the kernels of that room, fuzzy inference over the lanes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from rpo_core.chain.stage import Place
+from rpo_core.files.scenario import Scenario
+from rpo_ctrl.attitude import AttitudeControl
+from rpo_ctrl.attitude_law_kernels import (
+    DT,
+    FUNCTIONS,
+    FUZZY,
+    ORBIT,
+    RULES,
+    SAMPLES,
+    SCALES,
+    errors,
+    force_ahead,
+    limited,
+    linear_torque,
+    wheels_after,
+)
+from rpo_kernels.kernels import LANES, saturate
+from rpo_montecarlo.engine.lanes import (
+    E_R,
+    E_V,
+    FORCE,
+    OUTPUT,
+    QUAT,
+    QUAT_W,
+    RATE,
+    REF_QUAT,
+    REF_QUAT_W,
+    REF_RATE,
+    RUNS,
+    SEEN_QUAT,
+    SEEN_QUAT_W,
+    SEEN_RATE,
+    TORQUE,
+    Law,
+    compiled,
+    infer_lanes,
+)
+from rpo_montecarlo.engine.parts.attitude import attitude_in
+from rpo_montecarlo.engine.tick import Batch, Draw, Floats, Kind, Part, register, table_of
+
+HEAD = FUZZY
+"""Numbers of a table that runs have of their own."""
+
+POINTED, SEEN, HEADS, SHARED = 0, 1, 4, 4 + HEAD * RUNS
+"""Places in the table: whether there is a reference; the rows of the attitude that is read; what
+each run has; a law as the stage has it, its fuzzy samples padded for the lanes. The memory has the
+rate of the reference a tick earlier and the momentum of the wheels (6, 40)."""
+
+
+@compiled
+def _seen(w, t, s):  # type: ignore[no-untyped-def]
+    return attitude_in(w, int(t[SEEN]), int(t[SEEN + 1]), int(t[SEEN + 2]), s)
+
+
+@compiled
+def _wanted(w, t, s):  # type: ignore[no-untyped-def]
+    if t[POINTED] == 0.0:
+        return 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, t[HEADS + HEAD * s + ORBIT]
+    return attitude_in(w, REF_QUAT, REF_QUAT_W, REF_RATE, s)
+
+
+@compiled
+def _errors(w, m, t, s, tick):  # type: ignore[no-untyped-def]
+    i = HEADS + HEAD * s
+    wanted = _wanted(w, t, s)
+    before = (m[s], m[s + RUNS], m[s + 2 * RUNS])
+    if tick == 0:
+        before = (wanted[4], wanted[5], wanted[6])
+    return errors(_seen(w, t, s), wanted, before, t[i + DT])
+
+
+@compiled
+def steer(w, m, t, tick):  # type: ignore[no-untyped-def]
+    """Turn row FORCE into body axes; fill row TORQUE."""
+    law = t[SHARED:]
+    if law[FUZZY] > 0.0:
+        k = (len(law) - SAMPLES) // 4
+        fis = Law(
+            law[SCALES:FUNCTIONS], law[FUNCTIONS:RULES], law[RULES:SAMPLES],
+            law[SAMPLES : SAMPLES + k], law[SAMPLES + k : SAMPLES + 2 * k],
+            law[SAMPLES + 2 * k : SAMPLES + 3 * k], law[SAMPLES + 3 * k :],
+        )  # fmt: skip
+        angle, rate = law[SCALES], law[SCALES + 1]
+        for s in range(RUNS):
+            y, z = s + RUNS, s + 2 * RUNS
+            e = _errors(w, m, t, s, tick)
+            w[E_R + s], w[E_V + s] = saturate(-e.ex / angle, 1.0), saturate(-e.wx / rate, 1.0)
+            w[E_R + y], w[E_V + y] = saturate(-e.ey / angle, 1.0), saturate(-e.wy / rate, 1.0)
+            w[E_R + z], w[E_V + z] = saturate(-e.ez / angle, 1.0), saturate(-e.wz / rate, 1.0)
+        infer_lanes(w, 3 * RUNS, fis)
+    for s in range(RUNS):
+        y, z, i = s + RUNS, s + 2 * RUNS, HEADS + HEAD * s
+        seen, e = _seen(w, t, s), _errors(w, m, t, s, tick)
+        torque = linear_torque(e, law)
+        if law[FUZZY] > 0.0:
+            torque = (
+                law[SCALES + 2] * w[OUTPUT + s],
+                law[SCALES + 3] * w[OUTPUT + y],
+                law[SCALES + 4] * w[OUTPUT + z],
+            )
+        wheels = (m[s + 3 * RUNS], m[s + 4 * RUNS], m[s + 5 * RUNS])
+        torque = limited(torque, e, seen, wheels, t, i)
+        w[TORQUE + s], w[TORQUE + y], w[TORQUE + z] = torque
+        after = wheels_after(wheels, torque, t, i)
+        m[s + 3 * RUNS], m[s + 4 * RUNS], m[s + 5 * RUNS] = after
+        wanted = _wanted(w, t, s)
+        m[s], m[s + RUNS], m[s + 2 * RUNS] = wanted[4], wanted[5], wanted[6]
+        force = force_ahead((w[FORCE + s], w[FORCE + y], w[FORCE + z]), seen, t, i)
+        w[FORCE + s], w[FORCE + y], w[FORCE + z] = force
+
+
+def padded(law: Floats) -> Floats:
+    """Return the table of a law with its fuzzy samples padded for the lanes."""
+    if law[FUZZY] == 0.0:
+        return law
+    rows = law[SAMPLES:].reshape(4, -1)
+    more = -rows.shape[1] % LANES
+    return table_of(law[:SAMPLES], np.pad(rows, ((0, 0), (0, more))))
+
+
+def part_of(
+    law: Floats,
+    heads: Floats,
+    starts: Floats,
+    seen: tuple[int, int, int] = (QUAT, QUAT_W, RATE),
+    pointed: bool = False,
+) -> Part:
+    """Return the part of a law, with the heads (40, 12) of its runs.
+
+    starts : (3, 40) momentum of the wheels; seen : rows of the attitude that is read
+    """
+    table = table_of(pointed, seen, heads, padded(law))
+    memory = table_of(np.zeros((3, RUNS)), starts)
+    return Part('attitude_control', ((Place.STEERING, steer),), table, memory)
+
+
+def _part(batch: Batch) -> Part | None:
+    if batch.base.section(AttitudeControl) is None:
+        return None
+    tables, starts = [], []
+    for scenario in batch.scenarios:
+        chaser, settings = scenario.named('attitude'), scenario.section(AttitudeControl)
+        assert settings is not None
+        tables.append(settings.table(chaser, scenario.mean_motion_rad_s, scenario.dt_s))
+        starts.append(chaser.wheels.start_nms if chaser.wheels else (0.0, 0.0, 0.0))
+    estimated = batch.base.named('attitude_estimator') is not None
+    seen = (SEEN_QUAT, SEEN_QUAT_W, SEEN_RATE) if estimated else (QUAT, QUAT_W, RATE)
+    pointed = batch.base.named('pointing') is not None
+    heads = batch.lanes([table[:HEAD] for table in tables]).T
+    return part_of(tables[0], heads, batch.lanes(starts), seen, pointed)
+
+
+def vary(scenario: Scenario, draw: Draw) -> list[Any]:
+    """Return the controller of a run: it assumes the inertia of the campaign's chaser."""
+    settings = scenario.section(AttitudeControl)
+    if settings is None or settings.inertia_kg_m2 is not None:
+        return []
+    return [replace(settings, inertia_kg_m2=scenario.named('attitude').inertia_kg_m2)]
+
+
+register(Kind('attitude_control', _part, vary=vary))

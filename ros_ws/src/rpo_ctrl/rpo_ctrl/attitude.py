@@ -1,0 +1,317 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Controllers of the chaser's attitude, their files, and section `attitude_control` of a scenario.
+
+fuzzy_attitude  the paper's fuzzy system, one for each body axis alike: attitude error, rate error
+attitude_pd     proportional-derivative law of the quaternion, by bandwidth and damping
+attitude_lqr    linear quadratic regulator of a double integrator for each axis, in closed form
+
+A file is made for a chaser and a pace. The torque of all kinds is in proportion to the inertia of
+the chaser that flies, and the section has a `time_scale`, so that one file serves all chasers.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from math import sqrt
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core import files
+from rpo_core.chain.stage import Place, Section, Signal, Stage, register
+from rpo_core.control.controller import (
+    SYSTEM_FIELDS,
+    FuzzyController,
+    parse_system,
+    system_document,
+    text_of,
+)
+from rpo_core.control.controller_file import SCHEMA
+from rpo_core.control.fuzzy import FuzzySystem
+from rpo_core.files import codec
+from rpo_core.files.codec import unless_default
+from rpo_core.files.validation import (
+    Description,
+    InputError,
+    Name,
+    check_fields,
+    choice,
+    flag,
+    mapping,
+    matrix,
+    optional,
+    real,
+    schema,
+    shown,
+    store,
+)
+from rpo_core.wire import interfaces
+from rpo_ctrl.attitude_law_kernels import steer
+from rpo_kernels.attitude_kernels import Attitude
+from rpo_kernels.jit import as_table
+from rpo_kernels.kernels import Vector
+
+Floats = NDArray[np.float64]
+
+UNLIMITED_NM = 1e9
+"""Limit of a torque that has none: without wheels the thrusters give what they can."""
+
+_positive = partial(real, above=0.0, most=1e6)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AttitudeController:
+    """A controller of the attitude.
+
+    feed_forward : whether the torque that the reference and the turning body need is added
+    provenance : how its parameters came to be; free text and numbers, not read by the control
+    """
+
+    kind: ClassVar[str]
+
+    name: Name
+    description: Description = field(default='', compare=False)
+    feed_forward: Annotated[bool, flag] = True
+    provenance: Mapping[str, Any] = field(default_factory=dict, compare=False)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.provenance, Mapping):
+            raise InputError(f'`provenance` must be a mapping; got {shown(self.provenance)}')
+        store(self, provenance=dict(self.provenance))
+        check_fields(self)
+
+    @abstractmethod
+    def law(self, inertia_kg_m2: Floats, time_scale: float) -> Floats:
+        """Return the numbers of the law from `FUZZY` on, for a chaser and a pace."""
+
+    def to_document(self) -> dict[str, Any]:
+        """Return the document that `parse` reads."""
+        found = codec.to_mapping({name: getattr(self, name) for name in self.__dataclass_fields__})
+        made = found.pop('provenance')
+        return {'schema': SCHEMA, 'name': found.pop('name'), 'kind': self.kind, **found,
+                'provenance': made}  # fmt: skip
+
+
+def _linear(attitude: Floats, rate: Floats) -> Floats:
+    return np.concatenate([[0.0], attitude.ravel(), rate.ravel()])
+
+
+@dataclass(frozen=True, kw_only=True)
+class AttitudePd(AttitudeController):
+    """Torque -J (b^2 e + 2 d b w) of the attitude error e, bandwidth b, damping d, rate error w."""
+
+    kind: ClassVar[str] = 'attitude_pd'
+
+    bandwidth_rad_s: Annotated[float, partial(_positive, unit='rad/s')]
+    damping: Annotated[float, _positive]
+
+    def law(self, inertia_kg_m2: Floats, time_scale: float) -> Floats:
+        """Return the numbers of the law."""
+        b = self.bandwidth_rad_s / time_scale
+        return _linear(b * b * inertia_kg_m2, 2.0 * self.damping * b * inertia_kg_m2)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AttitudeLqr(AttitudeController):
+    """The torque of each axis that minimises the integral of q e^2 + r w^2 + (torque / J)^2.
+
+    The regulator of a double integrator in closed form: -J (sqrt(q) e + sqrt(r + 2 sqrt(q)) w).
+
+    attitude_weight : q [1/s^4]; rate_weight : r [1/s^2]
+    """
+
+    kind: ClassVar[str] = 'attitude_lqr'
+
+    attitude_weight: Annotated[float, partial(_positive, unit='1/s^4')]
+    rate_weight: Annotated[float, partial(real, unit='1/s^2', least=0.0, most=1e6)]
+
+    def law(self, inertia_kg_m2: Floats, time_scale: float) -> Floats:
+        """Return the numbers of the law."""
+        moments, s = np.diag(np.diag(inertia_kg_m2)), time_scale
+        k = sqrt(self.attitude_weight)
+        d = sqrt(self.rate_weight + 2.0 * k)
+        return _linear(k / (s * s) * moments, d / s * moments)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FuzzyAttitude(AttitudeController):
+    """One fuzzy system for each body axis alike, with its scales.
+
+    angle_rad, rate_rad_s : the error that saturates an input
+    torque_nm : at full output, of an axis whose moment of inertia is `moment_kg_m2`; other axes
+        and other chasers get torque in proportion
+    """
+
+    kind: ClassVar[str] = 'fuzzy_attitude'
+
+    system: FuzzySystem
+    angle_rad: Annotated[float, partial(_positive, unit='rad')]
+    rate_rad_s: Annotated[float, partial(_positive, unit='rad/s')]
+    torque_nm: Annotated[float, partial(_positive, unit='N m')]
+    moment_kg_m2: Annotated[float, partial(_positive, unit='kg m^2')]
+
+    @property
+    def axis(self) -> FuzzyController:
+        """The law of an axis as a controller: position is the attitude [rad], force the torque."""
+        scales = self.angle_rad, self.rate_rad_s, self.torque_nm
+        return FuzzyController(self.name, self.system, *scales)
+
+    def law(self, inertia_kg_m2: Floats, time_scale: float) -> Floats:
+        """Return the numbers of the law."""
+        s, tables = time_scale, self.system.tables
+        torques = self.torque_nm * (np.diag(inertia_kg_m2) / self.moment_kg_m2) / (s * s)
+        scales = [1.0, self.angle_rad, self.rate_rad_s / s, *torques]
+        return np.concatenate([scales, *map(np.asarray, tables)])
+
+    def to_document(self) -> dict[str, Any]:
+        """Return the document that `parse` reads."""
+        found = super().to_document()
+        made = found.pop('provenance')
+        del found['system']
+        found['scales'] = {name: found.pop(name) for name in _SCALES}
+        return {**found, **system_document(self.system, _VARIABLES), 'provenance': made}
+
+
+_VARIABLES = ('angle', 'rate', 'torque')
+_SCALES = ('angle_rad', 'rate_rad_s', 'torque_nm', 'moment_kg_m2')
+
+KINDS: Mapping[str, type[AttitudeController]] = {
+    kind.kind: kind for kind in (FuzzyAttitude, AttitudePd, AttitudeLqr)
+}
+"""Kind in a file -> class."""
+
+
+def parse(document: Any) -> AttitudeController:
+    """Return the attitude controller of a parsed YAML document; raises InputError."""
+    schema(document, SCHEMA)
+    if not isinstance(document, Mapping) or 'kind' not in document:
+        raise InputError(f'an attitude controller must have a `kind`; got {shown(document)}')
+    kind = KINDS[choice('kind', document['kind'], KINDS)]
+    body = {key: value for key, value in document.items() if key not in ('schema', 'kind')}
+    if kind is FuzzyAttitude:
+        known = ['name', 'scales', *SYSTEM_FIELDS]
+        data = mapping('', body, known, ['description', 'feed_forward', 'provenance'])
+        scales = mapping('scales', data['scales'], _SCALES)
+        rest = {key: value for key, value in data.items() if key not in known[1:]}
+        return FuzzyAttitude(system=parse_system(data, _VARIABLES), **scales, **rest)
+    return codec.from_mapping(kind, '', body)
+
+
+def dumps(controller: AttitudeController) -> str:
+    """Return the YAML text of a controller; floats round-trip bit for bit."""
+    return text_of(controller.to_document())
+
+
+def load(name: str | Path) -> AttitudeController:
+    """Return the attitude controller of a shipped name or a path; raises InputError."""
+    return files.load(files.find('attitude_controller', str(name)), parse)
+
+
+def is_one(name: str) -> bool:
+    """Whether a name, or a file, is that of an attitude controller; raises InputError."""
+    if name in files.shipped('attitude_controller'):
+        return True
+    if not name.endswith(('.yaml', '.yml')) or not Path(name).is_file():
+        return False
+    document = files.load(Path(name), lambda found: found)
+    return isinstance(document, Mapping) and document.get('kind') in KINDS
+
+
+def _controller(name: str, value: Any) -> AttitudeController:
+    if isinstance(value, AttitudeController):
+        return value
+    if isinstance(value, Mapping):
+        return parse(value)
+    if not isinstance(value, str):
+        raise InputError(f'`{name}` must be a name or a mapping; got {shown(value)}')
+    return load(value)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AttitudeControl:
+    """How the chaser turns: section `attitude_control`.
+
+    controller : name of a shipped file, a path, or its content
+    time_scale : its loop is slower by this factor: rates by it, torque by its square
+    limit_nm : largest torque of an axis; None: that of the wheels, without wheels none
+    inertia_kg_m2 : (3, 3) that it assumes; None: that of section `attitude`
+    """
+
+    controller: Annotated[Any, _controller]
+    time_scale: Annotated[float, partial(real, above=0.0, most=1e4)] = unless_default(1.0)
+    limit_nm: Annotated[float | None, partial(optional, check=_positive, unit='N m')] = (
+        unless_default(None)
+    )
+    inertia_kg_m2: Annotated[Any, partial(optional, check=matrix, rows=3, columns=3, bound=1e9)] = (
+        unless_default(None)
+    )
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+    def table(self, chaser: Any, orbit_rad_s: float, dt_s: float) -> Floats:
+        """Return the law as the kernels read it (`attitude_law_kernels`).
+
+        chaser : section `attitude`: `inertia_kg_m2`, and `wheels` or None
+        """
+        wheels, found = chaser.wheels, self.inertia_kg_m2 or chaser.inertia_kg_m2
+        j = np.array(found, np.float64)
+        limit = self.limit_nm or (wheels.torque_nm if wheels else UNLIMITED_NM)
+        if wheels:
+            limit = min(limit, wheels.torque_nm)
+        momentum = wheels.momentum_nms if wheels else 0.0
+        assumed = [j[0, 0], j[1, 1], j[2, 2], j[0, 1], j[0, 2], j[1, 2]]
+        if not self.controller.feed_forward:
+            assumed = [0.0] * 6
+        head = [limit] * 3, [momentum, orbit_rad_s, dt_s], assumed
+        return np.concatenate([*head, self.controller.law(j, self.time_scale)])
+
+
+class AttitudeControlStage(Stage):
+    """Turns the commanded force into the chaser's axes, and makes the torque.
+
+    memory : rate of the reference at the tick before, momentum of the wheels by its own commands
+    """
+
+    name = 'attitude_control'
+    outputs = (interfaces.BODY_FORCE, interfaces.BODY_TORQUE)
+    memory_ticks = None
+    counts_ticks = False
+
+    def __init__(self, settings: AttitudeControl, scenario: Any) -> None:
+        chaser, n = scenario.named('attitude'), scenario.mean_motion_rad_s
+        self._law = as_table(settings.table(chaser, n, scenario.dt_s))
+        self._start: Vector = chaser.wheels.start_nms if chaser.wheels else (0.0, 0.0, 0.0)
+        self._synchronised: Attitude = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, n)
+        pointed = scenario.named('pointing') is not None
+        reference = (interfaces.REFERENCE_ATTITUDE,) if pointed else ()
+        self.inputs = (interfaces.COMMAND, interfaces.ATTITUDE, *reference)
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin with the wheels as at tick 0."""
+        self._wheels, self._before, self._last = self._start, (0.0, 0.0, 0.0), -2
+
+    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
+        """Return force (3,) [N] and torque (3,) [N m] in the chaser's axes."""
+        force, seen, *references = inputs
+        wanted = references[0] if references else self._synchronised
+        before = self._before if self._last == tick - 1 else wanted[4:]
+        found = steer(force, seen, wanted, before, self._wheels, self._law)
+        force, torque, self._wheels = found
+        self._before, self._last = wanted[4:], tick
+        return force, torque
+
+
+def _check(settings: AttitudeControl, scenario: Any) -> None:
+    if scenario.named('attitude') is None:
+        raise InputError('`attitude_control` needs section `attitude`; the scenario has none')
+
+
+register(Section('attitude_control', AttitudeControl, Place.STEERING, AttitudeControlStage, _check))

@@ -1,0 +1,155 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where the chaser shall look, against SciPy's rotations and finite differences."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import degrees, radians, sin
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+
+from rpo_attitude.pointing import NOWHERE, Pointing, PointingStage
+from rpo_attitude.target import Target
+from rpo_core.files import scenario as scenarios
+from rpo_core.files.validation import InputError
+from rpo_kernels.pointing_kernels import contact_turn, point
+
+MATE = (0.1, -0.5, 0.2, 0.8)
+PORT = (0.3, 1.0, -0.2)
+SETTINGS = Pointing(
+    mate=MATE, docking_axis=(0.2, -1.0, 0.3), port_m=PORT, align_within_m=3.0, most_deg_s=5.0
+)
+TUMBLE = Target(
+    kind='tumble',
+    attitude=(0.1, 0.2, -0.3, 0.9),
+    rates_deg_s=(0.3, 0.4, 0.85),
+    inertia_kg_m2=((120.0, 0.0, 0.0), (0.0, 150.0, 0.0), (0.0, 0.0, 200.0)),
+    known_error_deg=(1.0, -2.0, 0.5),
+)
+APPROACH = scenarios.load_scenario('approach')
+TURNING = replace(APPROACH.equipped(TUMBLE), goal_position_m=(0.0, 0.0, 0.0))
+
+
+def stage(scenario=TURNING, **fields):
+    return PointingStage(replace(SETTINGS, **fields), scenario)
+
+
+def first(made, state, tick=0):
+    """Return the reference of a chaser that has looked nowhere before."""
+    made.reset()
+    return np.array(made.step(tick, tuple(map(float, state)))[0])
+
+
+def docked(made, tick=0):
+    target = made.target(tick)[0]
+    return Rotation.from_quat(target[:4]) * Rotation.from_quat(made.aim.mate)
+
+
+def towards_port(made, state, tick=0):
+    target = Rotation.from_quat(made.target(tick)[0][:4])
+    found = target.apply(PORT) - np.array(state[:3])
+    return found / np.linalg.norm(found)
+
+
+@pytest.mark.parametrize('scenario', [APPROACH, TURNING])
+def test_near_the_port_the_axes_are_those_of_the_docked_attitude(scenario):
+    made = stage(scenario)
+    found = first(made, (0.5, 1.2, 0.4, 0.01, -0.1, 0.0), 30)
+    target = made.target(30)[0]
+    assert (docked(made, 30).inv() * Rotation.from_quat(found[:4])).magnitude() < 1e-12
+    rate = Rotation.from_quat(found[:4]).apply(found[4:])
+    assert_allclose(rate, Rotation.from_quat(target[:4]).apply(target[4:]), atol=1e-15)
+    if scenario is APPROACH:
+        assert target == (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, scenario.mean_motion_rad_s)
+
+
+places = st.tuples(*[st.floats(-100.0, 100.0)] * 3)
+speeds = st.tuples(*[st.floats(-0.3, 0.3)] * 3)
+
+
+@given(places)
+def test_far_away_the_docking_axis_looks_at_the_port_by_the_smallest_turn(place):
+    made = stage()
+    assume(np.linalg.norm(np.subtract(place, PORT)) > 10.0)
+    q = Rotation.from_quat(first(made, (*place, 0.0, 0.0, 0.0))[:4])
+    axis = np.array(SETTINGS.docking_axis) / np.linalg.norm(SETTINGS.docking_axis)
+    looks = towards_port(made, place)
+    assert_allclose(q.apply(axis), looks, atol=1e-9)
+    between = np.arctan2(
+        np.linalg.norm(np.cross(docked(made).apply(axis), looks)), docked(made).apply(axis) @ looks
+    )
+    assert (docked(made).inv() * q).magnitude() == pytest.approx(between, abs=1e-7)
+
+
+@given(places, speeds)
+def test_the_rate_is_that_of_the_attitude(place, velocity):
+    """Central differences, half a tick of flight to each side."""
+    made, h = stage(most_deg_s=90.0), APPROACH.dt_s
+    before, now, after = (np.array(place) + t * np.array(velocity) for t in (-h, 0.0, h))
+    assume(np.linalg.norm(now) > 4.0)
+    found = [first(made, (*r, *velocity), 50 + i) for i, r in enumerate((before, now, after))]
+    assume(np.linalg.norm(found[1][4:]) < radians(4.0))  # else near the other way
+    a, b, c = (Rotation.from_quat(row[:4]) for row in found)
+    orbit = Rotation.from_rotvec([0.0, 0.0, 2.0 * h * TURNING.mean_motion_rad_s])
+    turned = (b.inv() * orbit * c * a.inv() * b).as_rotvec() / (2.0 * h)
+    assert_allclose(turned, found[1][4:], atol=2e-5)
+
+
+def test_the_reference_turns_no_faster_than_it_may():
+    """Past the place behind the target where the smallest turn changes its axis; then inwards."""
+    made = stage(APPROACH, mate=(0.0, 0.0, 0.0, 1.0), docking_axis=(0.0, -1.0, 0.0))
+    dt, n = APPROACH.dt_s, APPROACH.mean_motion_rad_s
+    path = [(0.05, -20.0, 3.0 - 0.01 * k, 0.0, 0.0, -0.1) for k in range(600)]
+    path += [(0.0, 20.0 - 0.01 * k, 2.0, 0.0, -0.1, 0.0) for k in range(1800)]
+    rows = np.array([made.step(k, tuple(map(float, s)))[0] for k, s in enumerate(path)])
+    q = Rotation.from_quat(rows[:, :4])
+    angles = degrees(1.0) * (q[:-1].inv() * q[1:]).magnitude() / dt
+    assert angles.max() < SETTINGS.most_deg_s + 1e-6
+    assert angles.max() > 0.99 * SETTINGS.most_deg_s, 'it was at its limit'
+    rates = rows[:, 4:] - Rotation.from_quat(rows[:, :4]).inv().apply([0.0, 0.0, n])
+    assert degrees(np.linalg.norm(rates, axis=1).max()) < SETTINGS.most_deg_s + 1e-9
+    steps = (q[:-1].inv() * q[1:]).as_rotvec() / dt
+    off = np.abs(steps - rates[1:]).max(axis=1) > 1e-3
+    assert off.sum() < 10, 'where it takes the other way round, and where it has caught up'
+    late = slice(1000, -1)  # no longer at its limit
+    assert_allclose(steps[late], 0.5 * (rates[:-1] + rates[1:])[late], atol=5e-5)
+
+
+def test_from_behind_the_target_it_looks_at_the_port():
+    made = stage(APPROACH, mate=(0.0, 0.0, 0.0, 1.0), docking_axis=(0.0, -1.0, 0.0))
+    behind = (PORT[0], -50.0, PORT[2], 0.0, 0.0, 0.0)
+    found = Rotation.from_quat(first(made, behind)[:4])
+    assert_allclose(found.apply([0.0, -1.0, 0.0]), [0.0, 1.0, 0.0], atol=1e-9)
+
+
+@given(st.tuples(*[st.floats(-170.0, 170.0)] * 3), speeds)
+def test_angles_at_contact_are_those_of_the_docked_attitude(angles, rate):
+    target = (*TUMBLE.attitude, *TUMBLE.rates_rad_s)
+    off = Rotation.from_rotvec(angles, degrees=True)
+    mated = Rotation.from_quat(target[:4]) * Rotation.from_quat(SETTINGS.mate) * off
+    theirs = Rotation.from_quat(target[:4]).apply(target[4:])
+    own = mated.inv().apply(theirs) + np.array(rate)
+    angle, spin = contact_turn((*mated.as_quat(), *own), target, SETTINGS.mate)
+    half, axis = off.magnitude() / 2.0, off.as_rotvec()
+    size = np.linalg.norm(axis)
+    expected = degrees(2.0 * sin(half)) * np.abs(axis / size if size else axis).max()
+    assert angle == pytest.approx(expected, abs=1e-9)
+    assert spin == pytest.approx(degrees(np.linalg.norm(rate)), abs=1e-9)
+
+
+def test_an_axis_without_length_is_refused():
+    with pytest.raises(InputError, match='`docking_axis` must be at least 1e-06 long'):
+        Pointing(docking_axis=(0.0, 0.0, 0.0))
+
+
+def test_the_kernel_remembers_nothing_itself():
+    made = stage()
+    state = (30.0, -40.0, 20.0, 0.1, 0.0, 0.0)
+    once, turned = point(state, *made.target(0), NOWHERE, made.aim)
+    assert point(state, *made.target(0), turned, made.aim) == (once, turned)
