@@ -19,10 +19,10 @@ Floats = NDArray[np.float64]
 
 def turned(vectors: ArrayLike, quaternions: ArrayLike) -> Floats:
     """Return vectors (..., 3) of a body's axes, in those that its quaternions (..., 4) lead to."""
-    q = np.asarray(quaternions, np.float64)
+    v, q = np.asarray(vectors, np.float64), np.asarray(quaternions, np.float64)
     u = q[..., :3]
-    twice = 2.0 * np.cross(u, vectors)
-    return np.asarray(vectors + q[..., 3:4] * twice + np.cross(u, twice))
+    twice = 2.0 * np.cross(u, v)
+    return np.asarray(v + q[..., 3:4] * twice + np.cross(u, twice))
 
 
 def apart(attitudes: ArrayLike, references: ArrayLike) -> Floats:
