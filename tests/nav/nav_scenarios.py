@@ -45,6 +45,35 @@ def make(units: Any = (LIDAR,), key: int = 7, ticks: int = 300, **changes: Any) 
     return scenario.parse({name: value for name, value in document.items() if value is not None})
 
 
+TUMBLING = {
+    'inertia_kg_m2': [[2.0, 0.1, 0.0], [0.1, 1.5, 0.05], [0.0, 0.05, 1.0]],
+    'attitude': [0.1, -0.2, 0.3, 0.9],
+    'rates_deg_s': [1.5, -1.0, 2.0],
+}
+STAR = {'cross_noise_arcsec': 10.0, 'boresight_noise_arcsec': 60.0, 'boresight': [1.0, 2.0, -0.5]}
+GYRO = {'noise_rad_s0_5': 2e-5, 'bias_rad_s': [3e-5, -5e-5, 2e-5], 'bias_walk_rad_s1_5': 1e-6}
+
+
+def attitude_scenario(
+    star: Any = (), gyro: Any = (), key: int = 7, estimator: Any = (), **changes: Any
+) -> Scenario:
+    """Return a scenario whose chaser tumbles, and knows its attitude by a filter."""
+    attitude_sensors = {
+        'star_tracker': {**STAR, **dict(star)},
+        'gyro': {**GYRO, **dict(gyro)},
+        'noise_key': [key, 2],
+    }
+    sections = {
+        'sensors': None,
+        'estimator': None,
+        'attitude': TUMBLING,
+        'attitude_sensors': attitude_sensors,
+        'attitude_estimator': dict(estimator),
+        **changes,
+    }
+    return make(**sections)
+
+
 class Unmodelled(Stage):
     """The force that the process noise of an estimator stands for, drawn as it believes."""
 

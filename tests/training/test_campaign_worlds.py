@@ -20,6 +20,7 @@ from rpo_core.files.validation import InputError
 from rpo_core.judge.requirements import Requirements
 from rpo_core.judge.verdicts import verdicts
 from rpo_ctrl.attitude import AttitudeControl, FuzzyAttitude
+from rpo_ctrl.attitude_limits import AttitudeLimits
 from rpo_guidance.plan import Guidance, Leg
 from rpo_montecarlo.campaign import config, faults, run_batch, sampling, single, sweep
 from rpo_montecarlo.campaign.quantities import QUANTITIES, Dispersion, dispersion
@@ -27,7 +28,10 @@ from rpo_montecarlo.campaign.run_batch import fly_runs
 from rpo_montecarlo.campaign.sampling import draw
 from rpo_montecarlo.engine import support
 from rpo_montecarlo.engine.parts import link
+from rpo_nav.attitude_estimator import AttitudeEstimator
+from rpo_nav.attitude_sensors import AttitudeSensors, Gyro, StarTracker
 from rpo_nav.estimator import Estimator
+from rpo_nav.sensors import Sensor, Sensors
 from rpo_ros.names import CONTROL_FORCE, DISTURBANCE_FORCE
 from rpo_safety.settings import Assurance, Passage
 from rpo_safety.shaping import Shaping
@@ -83,6 +87,17 @@ LONG = ((10.0, 0.5, 0.0), (0.5, 14.0, 0.3), (0.0, 0.3, 20.0))
 FREE = Chaser(
     inertia_kg_m2=LONG, attitude=(0.5, 0.5, 0.1, 0.7), rates_deg_s=(1.0, -2.0, 3.0),
     disturbance_torque_nm=(0.0, 0.001, 0.0),
+)  # fmt: skip
+STARS = AttitudeSensors(
+    star_tracker=StarTracker(
+        cross_noise_arcsec=300.0, boresight_noise_arcsec=2000.0, boresight=(1.0, 2.0, 3.0),
+        period_ticks=3, latency_ticks=2, outages_s=((3.0, 4.0),), light_deg=40.0,
+    ),
+    gyro=Gyro(noise_rad_s0_5=1e-4, bias_rad_s=(1e-3, 0.0, -1e-3), bias_walk_rad_s1_5=1e-5),
+)  # fmt: skip
+CAMERA = Sensor(
+    'range_bearing', noise_share=0.01, bearing_noise_rad=0.002, boresight=(0.0, -1.0, 0.5),
+    field_of_view_rad=2.2, latency_ticks=1, bias_m=(0.1, 0.0, 0.0), body_fixed=True,
 )  # fmt: skip
 LOOKING = Pointing(mate=(0.1, 0.2, 0.3, 0.9), port_m=(0.0, 1.0, 0.0), align_within_m=2.0)
 TURNED = {'contact_angle_deg': 4.0, 'contact_rate_deg_s': 0.2}
@@ -166,6 +181,15 @@ CASES = {
         {**SOME, 'thrust_share': {'normal': 0.02}, 'misalignment_deg': {'normal': 1.0}},
     ),
     'a chaser that turns, its mass the same': (PLAIN.equipped(FREE), SOME),
+    'a camera on a chaser that estimates its attitude': (
+        PLAIN.equipped(FREE, STARS, AttitudeEstimator(), Sensors((CAMERA,)), Estimator()),
+        {**SOME, 'star_tracker_noise_share': {'uniform': 0.5},
+         'gyro_bias_y_rad_s': {'normal': 1e-4}, 'attitude_error_z_deg': {'normal': 0.5},
+         'sensor_noise_share': {'uniform': 0.3}},
+    ),
+    'a camera on a chaser that knows its attitude': (
+        PLAIN.equipped(FREE, Sensors((CAMERA,)), Estimator()), SOME,
+    ),
     'a chaser that looks at a port that tumbles': (
         replace(PORT.equipped(STEERED, LOOKING, AttitudeControl(controller=FUZZY)),
                 requirements=replace(CONTACT, contact_range_m=9.0, **TURNED)),
@@ -180,6 +204,14 @@ CASES = {
     'a chaser that is steered': (
         PLAIN.equipped(STEERED, AttitudeControl(controller=FUZZY)),
         {**SOME, 'orbit_altitude_m': {'uniform': 100e3}},
+    ),
+    'a chaser that is steered within limits': (
+        PLAIN.equipped(
+            replace(STEERED, wheels=Wheels(torque_nm=2.0, momentum_nms=10.0)),
+            AttitudeControl(controller=FUZZY, limits=AttitudeLimits(
+                rate_deg_s=3.5, angle_deg=8.0, disturbance_nm=0.001)),
+        ),
+        {**SOME, 'chaser_rate_x_deg_s': {'uniform': 0.3}},
     ),
     'a chaser that is steered by its thrusters': (
         PLAIN.equipped(

@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 from rpo_core.files import scenario
+from rpo_core.wire.interfaces import ALIGNED
 from rpo_montecarlo.engine import lanes
 from rpo_montecarlo.engine.parts import estimation
 from rpo_montecarlo.engine.tick import Batch, Draw
 from rpo_nav.estimator import Estimator, filter_of, memory_of
-from rpo_nav.filter_kernels import FULL, RESETS, X, estimate
+from rpo_nav.filter_kernels import FULL, HEADING, RESETS, X, estimate
 from rpo_nav.sensor_kernels import sense
 from rpo_nav.sensors import Sensing, Sensor, Sensors
 
@@ -71,7 +72,7 @@ def test_lanes_have_the_bits_of_the_kernels(case):
     for f in filters:
         f[FULL] = 0.0
     w, rng = lanes.make_scratch(), np.random.default_rng(1)
-    command, trouble = np.zeros((40, 3)), set()
+    command, trouble, attitude = np.zeros((40, 3)), set(), np.zeros(HEADING)
     for tick in range(PLAIN.ticks + 1):
         truth = np.array([s.start for s in flown]) * (1.0 - 0.01 * tick)
         truth = np.array([lost(row, tick, run) for run, row in enumerate(truth)])
@@ -81,8 +82,8 @@ def test_lanes_have_the_bits_of_the_kernels(case):
         estimation.navigate(w, m, t, tick)
         for run, (s, f, own) in enumerate(zip(sensing, filters, memories, strict=True)):
             state = tuple(truth[run].tolist())
-            sense(tick, state, s.table, s.memory)
-            estimate(tick, tuple(command[run].tolist()), s.memory, f, own)
+            sense(tick, state, ALIGNED[:4], s.table, s.memory)
+            estimate(tick, tuple(command[run].tolist()), s.memory, attitude, f, own)
             found = [w[row + axis * 40 + run] for row in (lanes.SEEN_R, lanes.SEEN_V)
                      for axis in range(3)]  # fmt: skip
             assert found == list(own[X : X + 6]), (tick, run)

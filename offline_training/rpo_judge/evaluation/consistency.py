@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import sqrt
+from math import pi, sqrt
 from typing import Any
 
 import numpy as np
@@ -23,13 +23,13 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import AnyController
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
-from rpo_core.wire.interfaces import NAVIGATION_COVARIANCE, NAVIGATION_STATE
-from rpo_kernels.jit import kernel
+from rpo_core.wire.interfaces import ALIGNED, NAVIGATION_COVARIANCE, NAVIGATION_STATE
+from rpo_kernels.jit import as_table, kernel
 from rpo_kernels.kernels import State, Vector, cw_step, saturate, unpacked
 from rpo_nav.estimator import Estimator, filter_of, memory_of
-from rpo_nav.filter_kernels import LIMIT, SQUARE, STATES, STEP, TESTED, TESTS, X, estimate
+from rpo_nav.filter_kernels import HEADING, LIMIT, SQUARE, STATES, STEP, TESTED, TESTS, X, estimate
 from rpo_nav.sensor_kernels import sense, three_normals
-from rpo_nav.sensors import Sensing, Sensors
+from rpo_nav.sensors import Sensing, Sensor, Sensors
 
 Floats = NDArray[np.float64]
 
@@ -210,13 +210,15 @@ def sigmas_at_goal(scenario: Scenario) -> tuple[float, float]:
     Of the worst axis, after `SETTLING_S`; raises InputError where the scenario has no filter.
     """
     sensors, settings = _sections(scenario)
+    sensors = replace(sensors, units=tuple(map(_all_round, sensors.units)))
     f, s = filter_of(settings, sensors, scenario), Sensing(sensors, scenario)
     m = memory_of(f)
+    attitude = as_table([*ALIGNED[:4], *[0.0] * (HEADING - 4)])
     x, y, z = scenario.goal_position_m
     for tick in range(round(SETTLING_S / scenario.dt_s)):
         state = (x, y, z, 0.0, 0.0, 0.0)
-        sense(tick, state, s.table, s.memory)
-        estimate(tick, (0.0, 0.0, 0.0), s.memory, f, m)
+        sense(tick, state, ALIGNED[:4], s.table, s.memory)
+        estimate(tick, (0.0, 0.0, 0.0), s.memory, attitude, f, m)
     variances = np.array(m[X + STATES : X + STATES + SQUARE]).reshape(STATES, STATES).diagonal()
     return sqrt(variances[:3].max()), sqrt(variances[3:6].max())
 
@@ -240,8 +242,13 @@ def as_configured(scenario: Scenario, **changes: Any) -> Scenario:
         'scale_error': 0.0,
         'outlier_share': 0.0,
     }
-    units = tuple(replace(unit, **true, **changes) for unit in sensors.units)
+    units = tuple(replace(_all_round(unit), **true, **changes) for unit in sensors.units)
     return replace(scenario, sections=(replace(sensors, units=units), settings))
+
+
+def _all_round(unit: Sensor) -> Sensor:
+    """Return a sensor as it is where the target is in view; others as they are."""
+    return replace(unit, body_fixed=False, field_of_view_rad=pi) if unit.body_fixed else unit
 
 
 def _forces(settings: Estimator, scenario: Scenario) -> Vector:
@@ -276,9 +283,10 @@ def _fly(
     first = three_normals(0, 1, _WALK, run, key)
     dx, dy, dz = constant * first[0], constant * first[1], constant * first[2]
     before, newest, at = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 1.0, 0
+    attitude = measured  # it is not read: no sensor turns
     for tick in range(ticks[-1] + 1):
-        sense(tick, state, sensors, measured)
-        estimate(tick, command, measured, f, m)
+        sense(tick, state, (0.0, 0.0, 0.0, 1.0), sensors, measured)
+        estimate(tick, command, measured, attitude, f, m)
         row = m[TESTED : TESTED + TESTS]
         if row[0] > 0.0:
             newest = row[1] / row[0]

@@ -310,6 +310,14 @@ def load(source: str | Path, overridden: Sequence[str] = (), **changes: Any) -> 
     return Campaign.of_texts((dumps(found), scenario, controller), names)
 
 
+_OF_ATTITUDE = {
+    'star_tracker_': 'attitude_sensors',
+    'gyro_': 'attitude_sensors',
+    'attitude_error_': 'attitude_estimator',
+}
+"""How the names of quantities begin, and the section that they change."""
+
+
 def _check_effects(config: CampaignConfig, scenario: Scenario) -> None:
     """Refuse a dispersion that cannot change any flight."""
     acting = {
@@ -331,6 +339,12 @@ def _check_effects(config: CampaignConfig, scenario: Scenario) -> None:
             name: (scenario.section(Sensors) is not None, '`sensors`')
             for name in QUANTITIES
             if name.startswith('sensor_')
+        },
+        **{
+            name: (scenario.named(section) is not None, f'`{section}`')
+            for start, section in _OF_ATTITUDE.items()
+            for name in QUANTITIES
+            if name.startswith(start)
         },
         **{name: _turning(name, scenario.target) for name in QUANTITIES if 'target_' in name},
         **{n: (chaser is not None, '`attitude`') for n in QUANTITIES if n.startswith('chaser_')},

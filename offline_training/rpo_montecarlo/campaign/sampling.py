@@ -16,6 +16,7 @@ from scipy.stats import qmc
 from rpo_kernels.kernels import Vector
 from rpo_montecarlo.campaign.config import Campaign, CampaignConfig
 from rpo_montecarlo.campaign.quantities import CUT, QUANTITIES, SHELL, Dispersion
+from rpo_nav.attitude_sensors import AttitudeSensors
 from rpo_nav.sensors import Sensors
 
 Floats = NDArray[np.float64]
@@ -37,6 +38,8 @@ ON_THEIR_OWN = (
     'sensor_velocity_bias_x_m_s',
     'sensor_velocity_bias_y_m_s',
     'sensor_velocity_bias_z_m_s',
+    *(name for name in QUANTITIES if name.startswith(('star_tracker_', 'gyro_'))),
+    *(name for name in QUANTITIES if name.startswith('attitude_error_')),
     *(name for name in QUANTITIES if name.startswith(('target_', 'chaser_', 'wheel_'))),
 )
 """Quantities that are drawn each by itself; results have a column of those that are dispersed."""
@@ -202,7 +205,7 @@ def _keys(campaign: Campaign, numbers: Ints) -> Ints:
     config = campaign.config
     noisy = any(d.distribution == 'white' for d in config.dispersions.values())
     keys = np.zeros((len(numbers), 2), np.int64)
-    sensed = campaign.scenario.section(Sensors) is not None
+    sensed = any(campaign.scenario.section(kind) for kind in (Sensors, AttitudeSensors))
     if noisy or sensed or config.faults is not None:
         for row, number in zip(keys, numbers.tolist(), strict=True):
             row[:] = _sequence(config.seed, _NOISE, number).generate_state(2)

@@ -16,6 +16,7 @@ from rpo_montecarlo.engine.parts import (
     approach,
     attitude,
     attitude_control,
+    attitude_estimation,
     control,
     disturbance,
     dynamics,
@@ -43,6 +44,7 @@ PARTS = (
     dynamics,
     attitude,
     attitude_control,
+    attitude_estimation,
 )
 """The modules that register themselves."""
 

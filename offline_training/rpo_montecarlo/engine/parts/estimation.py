@@ -17,9 +17,16 @@ from rpo_kernels.noise import six_normals
 from rpo_montecarlo.engine.lanes import (
     FORCE,
     PAIRED_LANES,
+    QUAT,
+    QUAT_W,
     RUNS,
+    SEEN_QUAT,
+    SEEN_QUAT_W,
     SEEN_R,
     SEEN_V,
+    SPREAD_X,
+    SPREAD_Y,
+    SPREAD_Z,
     R,
     V,
     compiled,
@@ -35,7 +42,7 @@ from rpo_montecarlo.engine.tick import (
     table_of,
 )
 from rpo_nav.estimator import Estimator, filter_of, memory_of
-from rpo_nav.filter_kernels import FULL, X, estimate
+from rpo_nav.filter_kernels import FULL, HEADING, X, estimate
 from rpo_nav.navigation_errors import Navigation
 from rpo_nav.sensor_kernels import sense
 from rpo_nav.sensors import NOISES, Sensing, Sensors
@@ -46,10 +53,11 @@ NOISE_R, NOISE_V, KEYS = 0, 1, 2
 BIAS = KEYS + 2 * RUNS
 """Places in the table of errors: 1 sigma of the noise [m], [m/s]; keys (2, 40); biases (6, 40)."""
 
-SIZES, OPPOSES, TABLES = 0, 4, 5
+SIZES, OPPOSES, TURNS, TABLES = 0, 4, 5, 6
 """Places in the table of estimators: sizes of the tables of a run's sensors and filter, and of
-their memories; whether commands oppose the disturbance that is estimated; those tables, run by run.
-The memory begins with the commands of the tick before (120,)."""
+their memories; whether commands oppose the disturbance that is estimated; whether a sensor turns
+with the chaser: 1, the attitude is the true one, 2, it is estimated; those tables, run by run.
+The memory begins with the commands of the tick before (120,); it ends with an attitude (13,)."""
 
 NAMES = tuple(f'bias_{axis}' for axis in ('x_m', 'y_m', 'z_m', 'vx_m_s', 'vy_m_s', 'vz_m_s'))
 _NOISES = ('navigation_position_noise_m', 'navigation_velocity_noise_m_s')
@@ -77,16 +85,35 @@ def _memories(m, t):  # type: ignore[no-untyped-def]
 
 
 @compiled
+def _attitude(w, attitude, estimated, s):  # type: ignore[no-untyped-def]
+    """Return the true quaternion of a run; fill the attitude (13,) that its filter takes."""
+    y, z = s + RUNS, s + 2 * RUNS
+    true = (w[QUAT + s], w[QUAT + y], w[QUAT + z], w[QUAT_W + s])
+    attitude[0], attitude[1], attitude[2], attitude[3] = true
+    if estimated:
+        attitude[0], attitude[1] = w[SEEN_QUAT + s], w[SEEN_QUAT + y]
+        attitude[2], attitude[3] = w[SEEN_QUAT + z], w[SEEN_QUAT_W + s]
+        for i in range(3):
+            lane = s + i * RUNS
+            attitude[4 + i], attitude[7 + i] = w[SPREAD_X + lane], w[SPREAD_Y + lane]
+            attitude[10 + i] = w[SPREAD_Z + lane]
+    return true
+
+
+@compiled
 def navigate(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Fill rows SEEN with the estimates."""
     a, b = int(t[SIZES]), int(t[SIZES + 1])
     sensors, filters, c, d = _memories(m, t)
+    attitude, true = m[filters + d * RUNS :], (0.0, 0.0, 0.0, 1.0)
     for s in range(RUNS):
+        if t[TURNS] > 0.0:
+            true = _attitude(w, attitude, t[TURNS] > 1.0, s)
         y, z, settings = s + RUNS, s + 2 * RUNS, t[TABLES + (a + b) * s :][: a + b]
         state = (w[R + s], w[R + y], w[R + z], w[V + s], w[V + y], w[V + z])
         arrived, memory = m[sensors + c * s :][:c], m[filters + d * s :][:d]
-        sense(tick, state, settings[:a], arrived)
-        estimate(tick, (m[s], m[y], m[z]), arrived, settings[a:], memory)
+        sense(tick, state, true, settings[:a], arrived)
+        estimate(tick, (m[s], m[y], m[z]), arrived, attitude, settings[a:], memory)
         w[SEEN_R + s], w[SEEN_R + y], w[SEEN_R + z] = memory[X], memory[X + 1], memory[X + 2]
         w[SEEN_V + s], w[SEEN_V + y], w[SEEN_V + z] = memory[X + 3], memory[X + 4], memory[X + 5]
 
@@ -151,13 +178,22 @@ def estimators_of(batch: Batch) -> Part | None:
     return Part(
         'estimator',
         ((Place.ESTIMATOR, navigate), (ADDED + 1, oppose), (PASSED, remember)),
-        table_of(sizes, batch.base.compensated, batch.lanes(tables).T),
+        table_of(sizes, batch.base.compensated, _turning(batch.base), batch.lanes(tables).T),
         table_of(
             np.zeros(PAIRED_LANES),
             batch.lanes([s.memory for s in sensing]).T,
             batch.lanes(memories).T,
+            np.zeros(HEADING),
         ),
     )
+
+
+def _turning(base: Scenario) -> int:
+    """Return 1 where a sensor turns with the chaser, 2 where its attitude is estimated."""
+    sensors = base.section(Sensors)
+    if sensors is None or not sensors.turn:
+        return 0
+    return 1 if base.named('attitude_estimator') is None else 2
 
 
 def vary_sensors(scenario: Scenario, draw: Draw) -> list[Any]:

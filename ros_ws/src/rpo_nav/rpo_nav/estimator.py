@@ -20,13 +20,13 @@ from rpo_core.chain.stage import Place, Section, Signal, Stage, register
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import InputError, check_fields, flag, real, whole
 from rpo_core.wire import interfaces
-from rpo_core.wire.interfaces import PREVIOUS_COMMAND
+from rpo_core.wire.interfaces import ATTITUDE, PREVIOUS_COMMAND
 from rpo_core.world import cw
 from rpo_kernels.jit import as_table
 from rpo_kernels.kernels import CwStep, cw_step
 from rpo_nav.filter_kernels import (
     BASE,
-    COMMANDS,
+    HEADING,
     LAST_ACCEPTED,
     LAST_RESET,
     NOW,
@@ -39,7 +39,7 @@ from rpo_nav.filter_kernels import (
     UNITS,
     X,
     estimate,
-    slots_of,
+    numbers_of,
 )
 from rpo_nav.sensor_kernels import MEASURED, three_normals
 from rpo_nav.sensors import Sensors
@@ -134,6 +134,7 @@ def filter_of(settings: Estimator, sensors: Sensors, scenario: Any) -> Any:
         max(unit.latency_ticks for unit in units),
         1,  # the covariance is wanted
         len(units),
+        float(sensors.turn),
         *step,
         *(gate(numbers, settings.gate_sigmas) for numbers in range(7)),
         *start,
@@ -172,8 +173,7 @@ def _process_noise(settings: Estimator, step: CwStep, mass_kg: float, dt_s: floa
 
 def memory_of(f: Any) -> Any:
     """Return the memory of a filter that has not begun, a table of `rpo_nav.filter_kernels`."""
-    numbers = slots_of(f) * (3 + (MEASURED + 1) * int(f[UNITS]))
-    return as_table([-1.0] * X + [0.0] * (COMMANDS - X + numbers))
+    return as_table([-1.0] * X + [0.0] * (numbers_of(f) - X))
 
 
 class EstimatorStage(Stage):
@@ -190,6 +190,10 @@ class EstimatorStage(Stage):
         self._silent_ticks = 10 * max(unit.period_ticks for unit in sensors.units)
         self._states = settings.states
         self._measured = as_table(np.zeros(MEASURED * len(sensors.units)))
+        self._count, self._attitude = len(sensors.units), as_table([0.0] * HEADING)
+        if sensors.turn:
+            known = scenario.named('attitude_estimator') is not None
+            self.inputs += (ATTITUDE, *([interfaces.ATTITUDE_COVARIANCE] if known else []))
         if self._states == STATES:
             self.outputs = (*self.outputs, interfaces.ESTIMATED_DISTURBANCE)
         self.reset()
@@ -203,11 +207,15 @@ class EstimatorStage(Stage):
 
         The covariances are those of position [m^2] and of velocity [m^2/s^2], 3 x 3 each.
         """
-        command, *measurements = inputs
+        command, measurements = inputs[0], inputs[1 : 1 + self._count]
+        if len(inputs) > 1 + self._count:
+            self._attitude[:4] = inputs[1 + self._count][:4]
+        if len(inputs) > 2 + self._count:
+            self._attitude[4:] = inputs[2 + self._count]
         for i, values in enumerate(measurements):
             self._measured[MEASURED * i] = float(values[6] >= 0.0)
             self._measured[MEASURED * i + 1 : MEASURED * (i + 1)] = values[:6]
-        estimate(tick, command, self._measured, self.filter, self.memory)
+        estimate(tick, command, self._measured, self._attitude, self.filter, self.memory)
         y = list(map(float, self.memory[X : X + STATES + SQUARE]))
         blocks = [(i, j) for at in (0, 3) for i in range(at, at + 3) for j in range(at, at + 3)]
         found = (tuple(y[:6]), tuple(y[STATES + STATES * i + j] for i, j in blocks))

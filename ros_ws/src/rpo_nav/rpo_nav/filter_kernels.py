@@ -11,6 +11,10 @@ An update is in Joseph's form: P - K h' P, then the same from the other side, pl
 Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, 5.2
 and 10.4.
 
+What a sensor that turns with the chaser measures is turned to LVLH by the attitude estimated at its
+tick. An error e (3,) of that attitude moves a point r by r x e, across the line of sight; the
+variance there grows by that of e times the square of the distance.
+
 A filter is two flat tables, f of its settings and m of what it remembers: a view of a part of a
 table costs a compiled kernel more than an update does.
 """
@@ -20,6 +24,7 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any
 
+from rpo_kernels.chaser_kernels import turn, turn_back
 from rpo_kernels.jit import inlined, kernel
 from rpo_kernels.kernels import CwStep, Vector, cw_step, saturate, unpacked
 from rpo_nav.sensor_kernels import (
@@ -31,6 +36,7 @@ from rpo_nav.sensor_kernels import (
     MEASURED,
     NOISE_FLOOR,
     NOISE_SHARE,
+    TURNS,
     VELOCITY_FLOOR,
     VELOCITY_SHARE,
     across,
@@ -41,15 +47,16 @@ from rpo_nav.sensor_kernels import (
 STATES = 9
 SQUARE = STATES * STATES
 
-N, LIMIT, DELAY, PATIENCE, NEWEST, FULL, UNITS = range(7)
-STEP, GATES, START = 7, 33, 40
+N, LIMIT, DELAY, PATIENCE, NEWEST, FULL, UNITS, TURNED = range(8)
+STEP, GATES, START = 8, 34, 41
 PROCESS_NOISE, SPREAD, AGAIN, SENSORS = (START + STATES + SQUARE * i for i in range(4))
 """Places in a filter's settings: 6 or 9 states; limit of the thrusters [N]; ticks from a command
 to its force; so many rejected measurements in a row restart it (0: none do); largest latency of a
 sensor [ticks]; 1 if the covariance of the newest tick is wanted (0: the state alone, which is
-faster); number of sensors. Then the exact step of the relative dynamics for one tick (26,), the
-largest NIS of so many numbers (7,), the state at the start (9,), covariances (81,) that a tick
-adds, at the start, and after a restart; the columns of each sensor as the filter takes it."""
+faster); number of sensors; 1 if one of them turns with the chaser. Then the exact step of the
+relative dynamics for one tick (26,), the largest NIS of so many numbers (7,), the state at the
+start (9,), covariances (81,) that a tick adds, at the start, and after a restart; the columns of
+each sensor as the filter takes it."""
 
 NOW, BASE, ORIGIN, IN_A_ROW, RESETS, LAST_RESET, ACCEPTED, REJECTED, LAST_ACCEPTED = range(9)
 WHOLE = 9
@@ -64,7 +71,10 @@ newest tick (X, P), of the tick up to which all measurements have come, and befo
 scratch. Of the newest measurement of each sensor 8 numbers: how many were tested (0: none came),
 the sum of their squares (NIS), each innovation over its sigma. Then the newest commands, 3 numbers
 in a slot, and the newest measurements, 8 of each sensor in a slot, with the tick each was taken
-at."""
+at. If a sensor turns, the newest attitudes follow, `HEADING` numbers in a slot."""
+
+HEADING = 13
+"""Numbers of an attitude: quaternion, covariance (3, 3) of the angles in the chaser's axes."""
 
 
 @inlined
@@ -78,6 +88,21 @@ def _pending(tick: int, i: int, f: Any) -> int:
     """Return the place of what sensor i measured at a tick."""
     slots, count = slots_of(f), int(f[UNITS])
     return COMMANDS + 3 * slots + (MEASURED + 1) * (count * (tick % slots) + i)
+
+
+@inlined
+def _heading(tick: int, f: Any) -> int:
+    """Return the place of the attitude at a tick."""
+    slots = slots_of(f)
+    return COMMANDS + slots * (3 + (MEASURED + 1) * int(f[UNITS])) + HEADING * (tick % slots)
+
+
+@inlined
+def numbers_of(f: Any) -> int:
+    """Return how many numbers a filter remembers."""
+    slots = slots_of(f)
+    each = 3 + (MEASURED + 1) * int(f[UNITS]) + (HEADING if f[TURNED] != 0.0 else 0)
+    return COMMANDS + slots * each
 
 
 @kernel
@@ -147,11 +172,51 @@ def update(m: Any, first: int, h: Vector, measured: float, variance: float) -> f
     return innovation / sqrt(abs(spread))
 
 
+@inlined
+def _shared(m: Any, at: int, a: Vector, b: Vector) -> float:
+    """Return a' P b of a covariance P (3, 3) at a place of the memory."""
+    return (
+        a[0] * (m[at] * b[0] + m[at + 1] * b[1] + m[at + 2] * b[2])
+        + a[1] * (m[at + 3] * b[0] + m[at + 4] * b[1] + m[at + 5] * b[2])
+        + a[2] * (m[at + 6] * b[0] + m[at + 7] * b[1] + m[at + 8] * b[2])
+    )
+
+
+@inlined
+def _principal(m: Any, at: int, a: Vector, b: Vector) -> tuple[Vector, Vector, float, float]:
+    """Return axes in the plane of a and b about which angles are independent, their variances.
+
+    at : place of an attitude; a, b : (3,) unit vectors at right angles, target LVLH
+    """
+    q = (m[at], m[at + 1], m[at + 2], m[at + 3])
+    va, vb = turn_back(a, q), turn_back(b, q)
+    aa, ab, bb = _shared(m, at + 4, va, va), _shared(m, at + 4, va, vb), _shared(m, at + 4, vb, vb)
+    slope = 0.0
+    if ab != 0.0:
+        half = 0.5 * (bb - aa) / ab
+        slope = 1.0 / (abs(half) + sqrt(half * half + 1.0))
+        slope = -slope if half > 0.0 else slope
+    c = 1.0 / sqrt(1.0 + slope * slope)
+    s = slope * c
+    return (
+        (c * a[0] + s * b[0], c * a[1] + s * b[1], c * a[2] + s * b[2]),
+        (c * b[0] - s * a[0], c * b[1] - s * a[1], c * b[2] - s * a[2]),
+        aa + slope * ab,
+        bb - slope * ab,
+    )
+
+
 @kernel
-def _take(m: Any, found: int, sensor: Any, tested: int) -> int:
-    """Take the numbers of a measurement, and return how many; fill its tests."""
+def _take(m: Any, found: int, sensor: Any, tested: int, heading: int) -> int:
+    """Take the numbers of a measurement, and return how many; fill its tests.
+
+    heading : place of the attitude by which it was turned
+    """
     distance, ux, uy, uz = sight(m[X], m[X + 1], m[X + 2])
     first, second = across(ux, uy, uz)
+    about_first = about_second = 0.0
+    if sensor[TURNS] != 0.0:
+        first, second, about_first, about_second = _principal(m, heading, first, second)
     mx, my, mz = m[found + 1], m[found + 2], m[found + 3]
     if sensor[HAS_RANGE] == 0.0:  # a direction: the point at the distance that is expected
         mx, my, mz = distance * mx, distance * my, distance * mz
@@ -176,7 +241,10 @@ def _take(m: Any, found: int, sensor: Any, tested: int) -> int:
             floor, share = sensor[VELOCITY_FLOOR], sensor[VELOCITY_SHARE]
         sigma = larger(floor, share * distance)
         value = h[0] * vx + h[1] * vy + h[2] * vz
-        m[at] = update(m, 3 if number >= 3 else 0, h, value, sigma * sigma)
+        variance = sigma * sigma
+        if sensor[TURNS] != 0.0 and number > 0:  # an angle about one axis moves it along the other
+            variance += distance * distance * (about_second if number == 1 else about_first)
+        m[at] = update(m, 3 if number >= 3 else 0, h, value, variance)
         m[tested + 1] += m[at] * m[at]
         at += 1
     m[tested] = float(at - tested - 2)
@@ -189,7 +257,8 @@ def _accept(m: Any, found: int, sensor: Any, f: Any, i: int) -> bool:
     for j in range(BOTH):
         m[KEPT + j] = m[X + j]
     tested = TESTED + TESTS * i
-    gate = f[GATES + _take(m, found, sensor, tested)]
+    heading = _heading(int(m[found + MEASURED]), f) if sensor[TURNS] != 0.0 else 0
+    gate = f[GATES + _take(m, found, sensor, tested, heading)]
     if gate <= 0.0 or m[tested + 1] <= gate:
         return True
     for j in range(BOTH):
@@ -253,7 +322,9 @@ def _settle(tick: int, step: CwStep, f: Any, m: Any) -> None:
 
 
 @kernel
-def _keep(tick: int, command: Vector, measured: Any, step: CwStep, f: Any, m: Any) -> None:
+def _keep(
+    tick: int, command: Vector, measured: Any, attitude: Any, step: CwStep, f: Any, m: Any
+) -> None:
     """Keep the command of the tick before, and what arrives at this one."""
     for t in range(int(m[NOW]) + 1, tick + 1):  # of missing ticks, the command is held
         line = COMMANDS + 3 * ((t - 1) % slots_of(f))
@@ -261,6 +332,9 @@ def _keep(tick: int, command: Vector, measured: Any, step: CwStep, f: Any, m: An
             m[line + axis] = saturate(command[axis], f[LIMIT])
         for i in range(int(f[UNITS])):
             m[_pending(t, i, f)] = 0.0
+        if f[TURNED] != 0.0:
+            for j in range(HEADING):
+                m[_heading(t, f) + j] = attitude[j]
         m[NOW] = t
         if t < tick:
             _settle(t, step, f, m)
@@ -271,6 +345,11 @@ def _keep(tick: int, command: Vector, measured: Any, step: CwStep, f: Any, m: An
             for j in range(MEASURED):
                 m[slot + j] = measured[MEASURED * i + j]
             m[slot + MEASURED] = taken
+            if f[SENSORS + COLUMNS * i + TURNS] != 0.0:
+                at = _heading(taken, f)
+                seen = (m[slot + 1], m[slot + 2], m[slot + 3])
+                q = (m[at], m[at + 1], m[at + 2], m[at + 3])
+                m[slot + 1], m[slot + 2], m[slot + 3] = turn(seen, q)
 
 
 @kernel
@@ -285,16 +364,17 @@ def begin(tick: int, f: Any, m: Any) -> None:
     m[NOW] = m[BASE] = tick - 1
     m[ORIGIN] = m[LAST_ACCEPTED] = tick
     m[LAST_RESET], m[WHOLE] = -1.0, 1.0
-    for j in range(COMMANDS, COMMANDS + (3 + (MEASURED + 1) * int(f[UNITS])) * slots_of(f)):
+    for j in range(COMMANDS, numbers_of(f)):
         m[j] = 0.0
 
 
 @kernel
-def estimate(tick: int, command: Vector, measured: Any, f: Any, m: Any) -> None:
+def estimate(tick: int, command: Vector, measured: Any, attitude: Any, f: Any, m: Any) -> None:
     """Take a tick: fill the newest state and covariance of the memory, from place X.
 
     command : (3,) [N] of the tick before
     measured : (7 sensors,) that arrived at this tick
+    attitude : (13,) estimated at this tick, `HEADING`; read where a sensor turns with the chaser
 
     Measurements come late. The base is moved once, to the newest tick whose measurements have all
     come; from there to this tick the motion, and what has come already, are computed anew. So each
@@ -307,7 +387,7 @@ def estimate(tick: int, command: Vector, measured: Any, f: Any, m: Any) -> None:
         m[TESTED + TESTS * i] = 0.0
     for j in range(BOTH if m[WHOLE] > 0.0 else STATES):
         m[X + j] = m[SETTLED + j]
-    _keep(tick, command, measured, step, f, m)
+    _keep(tick, command, measured, attitude, step, f, m)
     _settle(tick, step, f, m)
     full, base = f[FULL] != 0.0, int(m[BASE])
     for t in range(base + 1, tick + 1):

@@ -11,6 +11,7 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any
 
+from rpo_kernels.chaser_kernels import Quaternion, turn_back
 from rpo_kernels.jit import inlined, kernel
 from rpo_kernels.kernels import State, Vector
 from rpo_kernels.noise import normal_pair, philox
@@ -18,13 +19,13 @@ from rpo_kernels.noise import normal_pair, philox
 (
     NOISE_FLOOR, NOISE_SHARE, CROSS_SHARE, VELOCITY_FLOOR, VELOCITY_SHARE, HAS_RANGE, HAS_VELOCITY,
     BIAS_X, BIAS_Y, BIAS_Z, WALK, SCALE, PERIOD, LATENCY, DROPOUT, OUTLIER, OUTLIER_SIZE,
-    COSINE, AXIS_X, AXIS_Y, AXIS_Z, BIAS_VX, BIAS_VY, BIAS_VZ,
-) = range(24)  # fmt: skip
+    COSINE, AXIS_X, AXIS_Y, AXIS_Z, BIAS_VX, BIAS_VY, BIAS_VZ, TURNS,
+) = range(25)  # fmt: skip
 """Columns of a sensor. CROSS_SHARE is that of the noise across the line of sight. DROPOUT and
 OUTLIER are bounds of a random word of 32 bits. COSINE is that of the half angle of the field of
-view, -2 if there is no limit."""
+view, -2 if there is no limit. TURNS is 1 where all is in the chaser's axes."""
 
-COLUMNS = 24
+COLUMNS = 25
 
 MEASURED = 7
 """Numbers of a measurement: 1 or 0 for none, position [m] (a unit vector without range), velocity
@@ -168,9 +169,10 @@ def sample(
 
 
 @kernel
-def sense(tick: int, state: State, s: Any, m: Any) -> None:
+def sense(tick: int, state: State, q: Quaternion, s: Any, m: Any) -> None:
     """Fill the measurements that arrive at a tick, `MEASURED` numbers of each sensor.
 
+    q : true attitude of the chaser
     s : table, its places SENSORS and others, then columns of each sensor, then its outages, in
         ticks, first and end of each
     m : memory: the measurements, from 0; of each sensor, the random walk of its bias (3,) [m], and
@@ -190,7 +192,11 @@ def sense(tick: int, state: State, s: Any, m: Any) -> None:
         slot = queue + (MEASURED + 1) * (tick % slots)
         m[slot], m[slot + MEASURED] = 0.0, float(tick)
         if is_due(tick, sensor, s, UNITS + COLUMNS * count + int(s[OUTAGES]) * i):
-            sample(tick, state, sensor, i + 1, k0, k1, walk, m, slot)
+            seen = state
+            if sensor[TURNS] != 0.0:
+                x, y, z = turn_back((state[0], state[1], state[2]), q)
+                seen = (x, y, z, 0.0, 0.0, 0.0)
+            sample(tick, seen, sensor, i + 1, k0, k1, walk, m, slot)
         taken = tick - int(sensor[LATENCY])
         found, out = queue + (MEASURED + 1) * (taken % slots), MEASURED * i
         m[out] = 0.0

@@ -21,6 +21,7 @@ from rpo_core.files.validation import (
     InputError,
     check_fields,
     choice,
+    flag,
     real,
     shown,
     store,
@@ -63,7 +64,8 @@ for _name in MEASUREMENTS:
     )
 
 
-def _outages(name: str, value: Any) -> tuple[tuple[float, float], ...]:
+def intervals(name: str, value: Any) -> tuple[tuple[float, float], ...]:
+    """Return intervals [begin, end) of flight time [s]; raises InputError."""
     if not isinstance(value, (list, tuple)) or len(value) > MAX_OUTAGES:
         raise InputError(
             f'`{name}` must be a list of at most {MAX_OUTAGES} intervals [begin, end] in s; '
@@ -101,6 +103,7 @@ class Sensor:
     period_ticks, latency_ticks : between measurements; from a measurement to its arrival
     dropout_share : probability that a measurement does not come
     boresight : (3,) axis of the field of view, from the chaser, target LVLH
+    body_fixed : whether boresight, bias and measurement are in the axes of the chaser, which turn
     field_of_view_rad : half angle about the boresight; pi: there is no limit
     outages_s : intervals [begin, end) of flight time without measurements
     outlier_share : probability of an outlier; outlier_size_m : sigma of it, each axis
@@ -120,10 +123,11 @@ class Sensor:
     dropout_share: Annotated[float, partial(real, least=0.0, below=1.0)] = 0.0
     boresight: Annotated[Vector, _direction] = (0.0, 1.0, 0.0)
     field_of_view_rad: Annotated[float, partial(real, unit='rad', above=0.0, most=pi)] = pi
-    outages_s: Annotated[tuple[tuple[float, float], ...], _outages] = ()
+    outages_s: Annotated[tuple[tuple[float, float], ...], intervals] = ()
     outlier_share: Annotated[float, partial(real, least=0.0, below=1.0)] = 0.0
     outlier_size_m: Annotated[float, _metres] = 0.0
     velocity_bias_m_s: Annotated[Vector, _velocity] = unless_default((0.0, 0.0, 0.0))
+    body_fixed: Annotated[bool, flag] = unless_default(False)
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -141,6 +145,8 @@ class Sensor:
             raise InputError('`velocity_floor_m_s` must be 0 but for a sensor of relative_position')
         if any(self.velocity_bias_m_s) and self.velocity_floor_m_s == 0.0:
             raise InputError('`velocity_bias_m_s` must be 0 where velocity is not measured')
+        if self.kind == POSITION and self.body_fixed:
+            raise InputError('`body_fixed` must be false for a sensor of relative_position')
         if not any(self.boresight):
             raise InputError('`boresight` must have a direction; got [0, 0, 0]')
 
@@ -170,6 +176,7 @@ class Sensor:
             y / size,
             z / size,
             *self.velocity_bias_m_s,
+            float(self.body_fixed),
         ]
         if len(found) != COLUMNS:
             raise RuntimeError(f'a sensor must have {COLUMNS} columns; it has {len(found)}')
@@ -198,6 +205,11 @@ class Sensors:
         """Names of the signals, one of each sensor."""
         return MEASUREMENTS[: len(self.units)]
 
+    @property
+    def turn(self) -> bool:
+        """Whether one of them turns with the chaser."""
+        return any(unit.body_fixed for unit in self.units)
+
 
 class Sensing:
     """Sensors and their memory, tables of `rpo_nav.sensor_kernels.sense`."""
@@ -206,13 +218,13 @@ class Sensing:
         units = settings.units
         self.rows = [unit.row(scenario.dt_s) for unit in units]
         self._slots = max(unit.latency_ticks for unit in units) + 1
-        outages = 2 * max(len(unit.outages_s) for unit in units)
-        table: list[float] = [len(units), self._slots, outages, *settings.noise_key]
+        most = 2 * max(len(unit.outages_s) for unit in units)
+        table: list[float] = [len(units), self._slots, most, *settings.noise_key]
         for row in self.rows:
             table += row
         for unit in units:
             ticks = [first_tick(time, scenario) for pair in unit.outages_s for time in pair]
-            table += [*ticks, *[0] * (outages - len(ticks))]
+            table += [*ticks, *[0] * (most - len(ticks))]
         self.table = as_table(table)
         self.reset()
 
@@ -232,10 +244,12 @@ class SensorsStage(Stage):
     """From the true state to the measurements that arrive."""
 
     name = 'sensors'
-    inputs = (interfaces.RELATIVE_STATE,)
+    inputs: tuple[str, ...] = (interfaces.RELATIVE_STATE,)
 
     def __init__(self, settings: Sensors, scenario: Any) -> None:
         self.outputs = settings.signals
+        if settings.turn:
+            self.inputs = (interfaces.RELATIVE_STATE, interfaces.CHASER_ATTITUDE)
         self.memory_ticks = max(unit.latency_ticks for unit in settings.units)
         self._sensing = Sensing(settings, scenario)
         self._message = as_table(np.zeros(24))
@@ -246,8 +260,8 @@ class SensorsStage(Stage):
 
     def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
         """Return the measurement (24,) of each sensor; see `sensor_kernels.describe`."""
-        s = self._sensing
-        sense(tick, inputs[0], s.table, s.memory)
+        s, attitude = self._sensing, inputs[1] if len(inputs) > 1 else interfaces.ALIGNED
+        sense(tick, inputs[0], attitude[:4], s.table, s.memory)
         found = []
         for i in range(len(s.rows)):
             sensor = s.table[UNITS + COLUMNS * i : UNITS + COLUMNS * (i + 1)]
@@ -264,6 +278,8 @@ def _check(settings: Sensors, scenario: Any) -> None:
     """Raise InputError if a sensor never measures in a flight of the scenario."""
     for i, unit in enumerate(settings.units):
         place = f'`sensors.units[{i}]`'
+        if unit.body_fixed and scenario.attitude is None:
+            raise InputError(f'{place}: `body_fixed` needs section `attitude`; it is missing')
         if unit.latency_ticks > scenario.ticks:
             raise InputError(
                 f'{place}: `latency_ticks` must be at most {scenario.ticks}, the length of the '

@@ -49,6 +49,7 @@ CHASER_MASS = 'chaser_mass'
 CHASER_ATTITUDE = 'chaser_attitude'
 ATTITUDE_MEASUREMENT = 'attitude_measurement'
 NAVIGATION_ATTITUDE = 'navigation_attitude'
+ATTITUDE_COVARIANCE = 'attitude_covariance'
 REFERENCE_ATTITUDE = 'reference_attitude'
 BODY_FORCE = 'body_force'
 BODY_TORQUE = 'body_torque'
@@ -110,6 +111,9 @@ _COVARIANCES = tuple(
     for column in range(3)
 )
 """Covariances of position and of velocity, 3 x 3 each, row by row."""
+
+_TURNED = tuple(f'pose.covariance[{6 * row + column}]' for row in (3, 4, 5) for column in (3, 4, 5))
+"""Covariance of an attitude, 3 x 3, row by row."""
 
 _TORQUE = tuple(f'wrench.torque.{axis}' for axis in 'xyz')
 
@@ -189,7 +193,9 @@ class Interface:
         if self.attitude:
             return _TURNING
         if self.rides:
-            return _TORQUE if _TABLE[self.rides].type == FORCE_TYPE else _COVARIANCES
+            carrier = _TABLE[self.rides]
+            own = _TURNED if carrier.attitude else _COVARIANCES
+            return _TORQUE if carrier.type == FORCE_TYPE else own
         return _COLUMNS.get(self.type, ()) + (_COVARIANCES if self.covariance else ())
 
     @property
@@ -316,7 +322,11 @@ for _row in (
               'attitude as a star tracker finds it, 0, 0, 0, 0 where it does not; rate of a gyro',
               attitude=True),
     Interface(NAVIGATION_ATTITUDE, STATE_TYPE,
-              'attitude and rate of the chaser as navigation finds them', ATTITUDE, attitude=True),
+              'attitude and rate of the chaser as navigation finds them', ATTITUDE, attitude=True,
+              rider=ATTITUDE_COVARIANCE),
+    Interface(ATTITUDE_COVARIANCE, '',
+              'covariance of the angles in navigation_attitude, axes of the chaser [rad^2]',
+              logged=False, rides=NAVIGATION_ATTITUDE),
     Interface(NAVIGATION_STATE, STATE_TYPE,
               'state as navigation finds it, where the scenario has errors of it', STATE,
               rider=NAVIGATION_COVARIANCE),

@@ -1,0 +1,208 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The attitude filter: star tracker and gyro to attitude, rate and bias.
+
+Section `attitude_estimator`. Its arithmetic is in `rpo_nav.attitude_filter_kernels`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from math import radians
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.chain.stage import Place, Section, Signal, Stage, register
+from rpo_core.files.codec import unless_default
+from rpo_core.files.validation import InputError, check_fields, real, vector3, whole
+from rpo_core.wire import interfaces
+from rpo_kernels.jit import as_table
+from rpo_kernels.kernels import Vector, sin_cos
+from rpo_nav.attitude_filter_kernels import (
+    BASE,
+    HISTORY,
+    LAST_ACCEPTED,
+    LAST_RESET,
+    LATENCY,
+    NOW,
+    RATE,
+    RECORD,
+    REJECTED,
+    RESETS,
+    SETTINGS,
+    SQUARE,
+    STATES,
+    TESTED,
+    P,
+    X,
+    estimate_attitude,
+)
+from rpo_nav.attitude_sensor_kernels import MEASURED, START_STREAM, turned_by
+from rpo_nav.attitude_sensors import ARCSEC, AttitudeSensors
+from rpo_nav.estimator import gate
+from rpo_nav.sensor_kernels import three_normals
+
+_angle = partial(real, unit='deg', above=0.0, most=30.0)
+_angles = partial(vector3, unit='deg', bound=90.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AttitudeEstimator:
+    """A multiplicative extended Kalman filter; it assumes the noise of the sensors.
+
+    attitude_sigma_deg, bias_sigma_rad_s : each axis, of attitude and bias at the start: the filter
+        begins with the attitude of the scenario turned by an error of that size, drawn with the
+        sensors' key, and with no bias; the same after a restart
+    noise_scale : sigma of the star tracker as the filter takes it, over that of the scenario
+    gate_sigmas : a measurement is rejected beyond the chi-square quantile of so many sigmas of a
+        normal number; 0: none is
+    restart_after : so many rejected measurements in a row restart the filter; 0: none do
+    start_error_deg : (3,) the start is turned by it too, the chaser's axes
+    """
+
+    attitude_sigma_deg: Annotated[float, _angle] = 0.1
+    bias_sigma_rad_s: Annotated[float, partial(real, unit='rad/s', above=0.0, most=0.1)] = 5e-5
+    noise_scale: Annotated[float, partial(real, least=1e-3, most=1e3)] = 1.0
+    gate_sigmas: Annotated[float, partial(real, least=0.0, most=100.0)] = 5.0
+    restart_after: Annotated[int, partial(whole, least=0, most=1_000_000)] = 20
+    start_error_deg: Annotated[Vector, _angles] = unless_default((0.0, 0.0, 0.0))
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
+def attitude_filter_of(settings: AttitudeEstimator, sensors: AttitudeSensors, scenario: Any) -> Any:
+    """Return the settings of the filter of a scenario, a table of `attitude_filter_kernels`."""
+    dt_s, gyro, star = scenario.dt_s, sensors.gyro, sensors.star_tracker
+    angle = radians(settings.attitude_sigma_deg)
+    draws = three_normals(0, 0, START_STREAM, *sensors.noise_key)
+    off = zip(settings.start_error_deg, draws, strict=True)
+    x, y, z = (radians(error) + angle * draw for error, draw in off)
+    start = scenario.attitude.start(scenario.mean_motion_rad_s)[:4]
+    walk = gyro.bias_walk_rad_s1_5 * gyro.bias_walk_rad_s1_5 * dt_s
+    noise = gyro.noise_rad_s0_5 * gyro.noise_rad_s0_5 * dt_s
+    about, across = (
+        (settings.noise_scale * arcsec * ARCSEC) ** 2
+        for arcsec in (star.boresight_noise_arcsec, star.cross_noise_arcsec)
+    )
+    table = [
+        *sin_cos(0.5 * scenario.mean_motion_rad_s * dt_s),
+        dt_s,
+        noise + 0.25 * walk * dt_s * dt_s,
+        -0.5 * walk * dt_s,
+        walk,
+        gate(3, settings.gate_sigmas),
+        settings.restart_after,
+        star.latency_ticks,
+        *(part for axis in star.axes for part in axis),
+        *(about, across, across),
+        *turned_by(start, (x, y, z)),
+        *(0.0, 0.0, 0.0),
+        angle * angle,
+        settings.bias_sigma_rad_s * settings.bias_sigma_rad_s,
+    ]
+    if len(table) != SETTINGS:
+        raise RuntimeError(f'a filter must have {SETTINGS} settings; it has {len(table)}')
+    return as_table(table)
+
+
+def attitude_memory_of(f: Any) -> Any:
+    """Return the memory of a filter that has not begun, a table of `attitude_filter_kernels`."""
+    slots = int(f[LATENCY]) + 2
+    return as_table([-1.0] * RATE + [0.0] * (HISTORY - RATE + RECORD * slots))
+
+
+class AttitudeEstimatorStage(Stage):
+    """From star tracker and gyro to the estimated attitude and rate, and their covariance."""
+
+    name = 'attitude_estimator'
+    inputs = (interfaces.ATTITUDE_MEASUREMENT,)
+    outputs = (interfaces.NAVIGATION_ATTITUDE, interfaces.ATTITUDE_COVARIANCE)
+    memory_ticks = None
+
+    def __init__(self, settings: AttitudeEstimator, scenario: Any) -> None:
+        sensors = _sensors_of(scenario)
+        self.filter = attitude_filter_of(settings, sensors, scenario)
+        self._silent_ticks = 10 * sensors.star_tracker.period_ticks
+        self._measured = as_table([0.0] * MEASURED)
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin with the start of the scenario."""
+        self.memory = attitude_memory_of(self.filter)
+
+    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
+        """Return quaternion and rate (7,) [rad/s], and the covariance (9,) of the angles [rad^2].
+
+        The covariance is about the chaser's axes, 3 x 3.
+        """
+        for i in range(MEASURED):
+            self._measured[i] = inputs[0][i]
+        estimate_attitude(tick, self._measured, self.filter, self.memory)
+        m = list(map(float, self.memory[: P + 3 * STATES]))
+        spread = (m[P + STATES * i : P + STATES * i + 3] for i in range(3))
+        return (*m[X : X + 4], *m[RATE : RATE + 3]), tuple(v for row in spread for v in row)
+
+    def passes_on(self) -> tuple[int | Signal, ...]:
+        """Return that the attitude is what was measured; the covariance is zero."""
+        return 0, ()
+
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """Covariance (6, 6) of the newest estimate: angles [rad], bias [rad/s]."""
+        return np.array(self.memory[P : P + SQUARE]).reshape(STATES, STATES)
+
+    @property
+    def bias_rad_s(self) -> NDArray[np.float64]:
+        """Estimated bias (3,) of the gyro."""
+        return np.array(self.memory[X + 4 : X + 7])
+
+    @property
+    def innovations(self) -> list[float]:
+        """Innovations over sigma of what was measured newly; empty if nothing was."""
+        count = int(self.memory[TESTED])
+        return list(map(float, self.memory[TESTED + 2 : TESTED + 2 + count]))
+
+    def trouble(self) -> str:
+        """Return what is wrong, for /diagnostics; '' if nothing is."""
+        restarts, m = max(0, int(self.memory[RESETS])), self.memory
+        if restarts > 0:
+            return (
+                f'the attitude estimator diverged: it was restarted {restarts} times, the last '
+                f'time at tick {int(m[LAST_RESET])}'
+            )
+        silent = int(m[BASE] - m[LAST_ACCEPTED])
+        if m[NOW] >= 0 and silent > self._silent_ticks:
+            return (
+                'the attitude estimator is coasting: no star tracker was taken for '
+                f'{silent} ticks ({max(0, int(m[REJECTED]))} were rejected in the flight)'
+            )
+        return ''
+
+
+def _sensors_of(scenario: Any) -> AttitudeSensors:
+    found = scenario.section(AttitudeSensors)
+    if found is None:
+        raise InputError(
+            '`attitude_estimator` must have something to measure: `attitude_sensors` is missing'
+        )
+    return found
+
+
+def _check(_settings: AttitudeEstimator, scenario: Any) -> None:
+    """Raise InputError if there are no sensors."""
+    _sensors_of(scenario)
+
+
+register(
+    Section(
+        'attitude_estimator',
+        AttitudeEstimator,
+        Place.ATTITUDE_ESTIMATOR,
+        AttitudeEstimatorStage,
+        _check,
+    )
+)
