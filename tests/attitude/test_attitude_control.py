@@ -20,7 +20,8 @@ from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
 from rpo_ctrl import attitude
 from rpo_ctrl.attitude import AttitudeControl, AttitudeLqr, AttitudePd, FuzzyAttitude
-from rpo_ctrl.attitude_law_kernels import attitude_torque, steer
+from rpo_ctrl.attitude_law_kernels import LAW, attitude_torque, steer
+from rpo_ctrl.attitude_limits import AttitudeLimits
 from rpo_kernels.jit import as_table
 
 J = np.array([[0.6, 0.02, 0.0], [0.02, 0.7, 0.01], [0.0, 0.01, 0.5]])
@@ -87,7 +88,7 @@ def test_the_force_is_turned_into_the_axes_of_the_middle_of_the_tick(seed):
 def test_the_regulator_solves_its_riccati_equation():
     q, r = 3e-4, 0.02
     one = AttitudeLqr(name='lqr', attitude_weight=q, rate_weight=r, feed_forward=False)
-    gains = table(one)[13:].reshape(2, 3, 3)
+    gains = table(one)[LAW:].reshape(2, 3, 3)
     a, b = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])
     k = b.T @ solve_continuous_are(a, b, np.diag([q, r]), np.eye(1))
     for axis in range(3):
@@ -139,6 +140,28 @@ def test_a_chaser_turns_to_its_reference(controller):
     assert np.allclose(last[4:], [0.0, 0.0, flown.mean_motion_rad_s], atol=np.radians(0.02))
     # What is exerted is what was commanded in LVLH, but for the second order of a tick's turn.
     assert np.allclose(flight.signals['exerted_force'][:-1], [0.1, 0.0, 0.0], atol=1e-5)
+
+
+def test_a_slew_keeps_its_limit_of_rate():
+    start = Chaser(
+        inertia_kg_m2=J.tolist(),
+        attitude=(0.5, -0.7, 0.4, 0.1),
+        wheels=replace(WHEELS, torque_nm=0.05),
+    )
+    base = replace(load_scenario('paper_test'), duration_s=100.0, requirements=None)
+    limits = AttitudeLimits(rate_deg_s=2.0, angle_deg=5.0)
+    rates, flown = [], []
+    for own in (None, limits):
+        control = AttitudeControl(controller='attitude_pd', time_scale=0.5, limits=own)
+        flown.append(base.equipped(start, control))
+        flight = fly(flown[-1], OpenLoop(np.zeros((1001, 3))))
+        rates.append(np.degrees(np.abs(flight.signals['chaser_attitude'][:, 4:])).max())
+        assert np.linalg.norm(flight.signals['chaser_attitude'][-1, :3]) < 0.01
+    assert rates[0] > 2.5 and 1.8 < rates[1] <= 2.0
+    text = scenarios.dumps(flown[1])
+    assert files.loads(text, scenarios.parse, 'text') == flown[1]
+    with pytest.raises(InputError, match='needs `limit_nm`, or wheels'):
+        base.equipped(replace(start, wheels=None), control)
 
 
 @pytest.mark.parametrize('name', NAMES)

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
+from rpo_attitude.chaser import Chaser
 from rpo_attitude.pointing import NOWHERE, Pointing, PointingStage
 from rpo_attitude.target import Target
 from rpo_core.files import scenario as scenarios
@@ -119,6 +120,14 @@ def test_the_reference_turns_no_faster_than_it_may():
     assert off.sum() < 10, 'where it takes the other way round, and where it has caught up'
     late = slice(1000, -1)  # no longer at its limit
     assert_allclose(steps[late], 0.5 * (rates[:-1] + rates[1:])[late], atol=5e-5)
+
+
+def test_it_begins_with_the_attitude_of_the_chaser():
+    own = (0.5, -0.5, 0.1, 0.7)
+    made = PointingStage(SETTINGS, TURNING.equipped(Chaser(inertia_kg_m2=np.eye(3).tolist())))
+    (found,) = made.step(0, (0.0, 60.0, 0.0, 0.0, 0.0, 0.0), (*own, 0.0, 0.0, 0.0))
+    turned = Rotation.from_quat(own).inv() * Rotation.from_quat(found[:4])
+    assert degrees(turned.magnitude()) == pytest.approx(SETTINGS.most_deg_s * APPROACH.dt_s)
 
 
 def test_from_behind_the_target_it_looks_at_the_port():

@@ -37,6 +37,7 @@ from rich.console import Console
 from visualization_msgs.msg import Marker, MarkerArray
 
 from rpo_attitude.target import motion_of
+from rpo_attitude.turns import docking_axis
 from rpo_core import files
 from rpo_core.control.controller import load_fuzzy
 from rpo_core.files import scenario as scenarios
@@ -785,6 +786,50 @@ def test_a_turning_target_is_drawn_as_it_is_now():
         run.attitude,
     ).markers[0].pose.orientation  # fmt: skip
     np.testing.assert_allclose(matrix_of(body), turned, atol=1e-12)
+
+
+def test_the_attitude_of_a_chaser_is_drawn_and_said():
+    """An hour hand: turned by 90 degrees about z, the axis along -y looks along x."""
+    run, still = LiveRun(), load_scenario('paper_test')
+    body = {'inertia_kg_m2': np.eye(3).tolist()}
+    turning = scenarios.parse({**yaml.safe_load(scenarios.dumps(still)), 'attitude': body})
+    half = math.sqrt(0.5)
+    attitude = (0.0, 0.0, half, half, 0.0, 0.0, 0.02)
+    for scenario, known in ((still, False), (turning, True)):
+        run.on_manifest(manifest('plant', scenarios.dumps(scenario)))
+        run.on_state(START_NS, STATE, attitude)
+        run.onboard.on_turn(interfaces.NAVIGATION_ATTITUDE, START_NS, attitude)
+        assert (run.docking_axis is not None) is known is bool(shown(run)['turns'])
+    x, y, z = docking_axis(turning)
+    assert run.docking_axis == pytest.approx((-y, x, z), abs=1e-12)
+    rate = math.degrees(0.02 - turning.mean_motion_rad_s)
+    for text in (shown(run)['turns'], printed(run, 120), terminal.line(run, '/s')):
+        assert f'90.000° and {rate:.3f} °/s from the reference; turns at 1.146 °/s' in text
+        assert 'estimate 0.000° off the truth' in text
+    drawn = scene.markers(
+        Time(), run.position_m, FORCE, [run.position_m], scene.Look(), (), run.onboard,
+        docking_axis=run.docking_axis,
+    ).markers  # fmt: skip
+    found = {(m.ns, m.id): m for m in drawn}
+    q = found['chaser', 0].pose.orientation
+    assert (q.x, q.y, q.z, q.w) == attitude[:4]
+    tail, tip = found['docking_axis', 0].points
+    away = (tip.x - tail.x, tip.y - tail.y, tip.z - tail.z)
+    assert away == pytest.approx([3.0 * a for a in run.docking_axis])
+    tail, tip = found['thrust', 0].points  # a force in LVLH: it does not turn with the body
+    assert (tip.x - tail.x, tip.y - tail.y) == pytest.approx((20.0 * FORCE[0], 20.0 * FORCE[1]))
+    run.on_state(START_NS - 1, STATE, attitude)
+    assert run.onboard.off[interfaces.REFERENCE_ATTITUDE] and len(run.onboard.off) == 1
+
+
+@pytest.mark.parametrize(
+    'orientation', [(0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 2.0), (0.0, 0.0, 0.0, math.nan)]
+)
+def test_an_orientation_that_is_none_is_not_drawn(orientation):
+    message = conversions.to_odometry(START_NS, STATE)
+    assert conversions.attitude_of(message) == interfaces.ALIGNED
+    scene.turn(message.pose.pose.orientation, orientation)
+    assert conversions.attitude_of(message) is None
 
 
 def matrix_of(q) -> np.ndarray:

@@ -241,8 +241,8 @@ def test_each_quantity_is_looked_at():
     quantities = found._quantities(2, looked_at(found.guard))
     assert set(quantities) == {
         'range_m', 'speed_m_s', 'closing_excess_m_s', 'off_corridor_m', 'tracking_error_m',
-        'tracking_error_m_s', 'intervention', 'sigma_m', 'sigma_m_s', 'missed', 'impulse_n_s',
-        'unexplained_n',
+        'tracking_error_m_s', 'pointing_error_deg', 'intervention', 'sigma_m', 'sigma_m_s',
+        'missed', 'impulse_n_s', 'unexplained_n',
     }  # fmt: skip
     assert quantities['range_m'] == pytest.approx(math.hypot(3.0, 15.0))
     assert quantities['tracking_error_m'] == pytest.approx(5.0)
@@ -253,6 +253,7 @@ def test_each_quantity_is_looked_at():
     assert found._world.drift_s == pytest.approx(2.0 * 2.0 * math.pi / AROUND.mean_motion_rad_s)
     assert quantities['intervention'] == 1.0
     assert quantities['impulse_n_s'] == pytest.approx(np.abs(flight.forces).sum() * AROUND.dt_s)
+    assert quantities['pointing_error_deg'] == 0.0
     assert (quantities['sigma_m'], quantities['sigma_m_s']) == (0.5, 0.01)
 
 

@@ -20,6 +20,7 @@ from rpo_core.files.validation import InputError
 from rpo_core.judge.requirements import Requirements
 from rpo_core.judge.verdicts import verdicts
 from rpo_ctrl.attitude import AttitudeControl, FuzzyAttitude
+from rpo_ctrl.attitude_limits import AttitudeLimits
 from rpo_guidance.plan import Guidance, Leg
 from rpo_montecarlo.campaign import config, faults, run_batch, sampling, single, sweep
 from rpo_montecarlo.campaign.quantities import QUANTITIES, Dispersion, dispersion
@@ -203,6 +204,14 @@ CASES = {
     'a chaser that is steered': (
         PLAIN.equipped(STEERED, AttitudeControl(controller=FUZZY)),
         {**SOME, 'orbit_altitude_m': {'uniform': 100e3}},
+    ),
+    'a chaser that is steered within limits': (
+        PLAIN.equipped(
+            replace(STEERED, wheels=Wheels(torque_nm=2.0, momentum_nms=10.0)),
+            AttitudeControl(controller=FUZZY, limits=AttitudeLimits(
+                rate_deg_s=3.5, angle_deg=8.0, disturbance_nm=0.001)),
+        ),
+        {**SOME, 'chaser_rate_x_deg_s': {'uniform': 0.3}},
     ),
     'a chaser that is steered by its thrusters': (
         PLAIN.equipped(

@@ -23,6 +23,9 @@ from rpo_montecarlo.engine.lanes import (
     QUAT_W,
     RATE,
     RUNS,
+    SEEN_QUAT,
+    SEEN_QUAT_W,
+    SEEN_RATE,
     SHIFT_R,
     SHIFT_V,
     TORQUE,
@@ -58,6 +61,12 @@ def put_attitude(w, quat, quat_w, rate, s, a):  # type: ignore[no-untyped-def]
     y, z = s + RUNS, s + 2 * RUNS
     w[quat + s], w[quat + y], w[quat + z], w[quat_w + s] = a[0], a[1], a[2], a[3]
     w[rate + s], w[rate + y], w[rate + z] = a[4], a[5], a[6]
+
+
+def seen_rows(base: Scenario) -> tuple[int, int, int]:
+    """Return the rows of the attitude that stages of a scenario read: estimated, or true."""
+    estimated = base.named('attitude_estimator') is not None
+    return (SEEN_QUAT, SEEN_QUAT_W, SEEN_RATE) if estimated else (QUAT, QUAT_W, RATE)
 
 
 @compiled

@@ -39,15 +39,12 @@ from rpo_montecarlo.engine.lanes import (
     REF_QUAT_W,
     REF_RATE,
     RUNS,
-    SEEN_QUAT,
-    SEEN_QUAT_W,
-    SEEN_RATE,
     TORQUE,
     Law,
     compiled,
     infer_lanes,
 )
-from rpo_montecarlo.engine.parts.attitude import attitude_in
+from rpo_montecarlo.engine.parts.attitude import attitude_in, seen_rows
 from rpo_montecarlo.engine.tick import Batch, Draw, Floats, Kind, Part, register, table_of
 
 HEAD = FUZZY
@@ -153,13 +150,12 @@ def _part(batch: Batch) -> Part | None:
     for scenario in batch.scenarios:
         chaser, settings = scenario.named('attitude'), scenario.section(AttitudeControl)
         assert settings is not None
-        tables.append(settings.table(chaser, scenario.mean_motion_rad_s, scenario.dt_s))
+        n, dt_s = scenario.mean_motion_rad_s, scenario.dt_s
+        tables.append(settings.table(chaser, n, dt_s, settings.kept(scenario)))
         starts.append(chaser.wheels.start_nms if chaser.wheels else (0.0, 0.0, 0.0))
-    estimated = batch.base.named('attitude_estimator') is not None
-    seen = (SEEN_QUAT, SEEN_QUAT_W, SEEN_RATE) if estimated else (QUAT, QUAT_W, RATE)
     pointed = batch.base.named('pointing') is not None
     heads = batch.lanes([table[:HEAD] for table in tables]).T
-    return part_of(tables[0], heads, batch.lanes(starts), seen, pointed)
+    return part_of(tables[0], heads, batch.lanes(starts), seen_rows(batch.base), pointed)
 
 
 def vary(scenario: Scenario, draw: Draw) -> list[Any]:

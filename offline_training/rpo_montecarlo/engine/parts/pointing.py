@@ -16,7 +16,7 @@ from rpo_core.chain.stage import Place
 from rpo_core.judge.contact import Port, port_of, touches
 from rpo_core.judge.requirements import ATTITUDES
 from rpo_kernels.attitude_kernels import attitude_step, frame_of
-from rpo_kernels.pointing_kernels import Aim, off_contact, pointed
+from rpo_kernels.pointing_kernels import Aim, from_target, off_contact, pointed
 from rpo_montecarlo.engine.lanes import (
     BODY_QUAT,
     BODY_QUAT_W,
@@ -35,14 +35,16 @@ from rpo_montecarlo.engine.lanes import (
     compiled,
 )
 from rpo_montecarlo.engine.parts.approach import know
-from rpo_montecarlo.engine.parts.attitude import attitude_in, put_attitude, vector_in
+from rpo_montecarlo.engine.parts.attitude import attitude_in, put_attitude, seen_rows, vector_in
 from rpo_montecarlo.engine.parts.target import _attitude, _body
 from rpo_montecarlo.engine.tick import COMMANDED, Batch, Kind, Part, register, table_of
 
 TURNS, DT = 0, 1
-AIM = 2 + 13 * RUNS
-"""Places in the table of pointing: as in that of `target`, of the targets that are known; then the
-numbers of `Aim`. The memory has the attitudes of the targets (7, 40), the turns (4, 40)."""
+BEGINS = 2 + 13 * RUNS
+AIM = BEGINS + 3
+"""Places in the table of pointing: as in that of `target`, of the targets that are known; the
+rows of the chaser's attitude, -1 for none; the numbers of `Aim`. The memory has the attitudes of
+the targets (7, 40), the turns (4, 40)."""
 
 GOAL, SEEN, MATE, ORBITS = 4, 9, 10, 14
 """Places in the table of contact: the numbers of `Port`; whether the target turns; docked attitude;
@@ -67,6 +69,9 @@ def point_all(w, m, t, tick):  # type: ignore[no-untyped-def]
         target, body, i = _attitude(m, s), _body(t, turns, s), 7 * n + s
         k, v = vector_in(w, KNOWN_R, s), vector_in(w, KNOWN_V, s)
         state, before = (*k, *v), (m[i], m[i + n], m[i + 2 * n], m[i + 3 * n])
+        if tick == 0 and t[BEGINS] >= 0.0:
+            own = attitude_in(w, int(t[BEGINS]), int(t[BEGINS + 1]), int(t[BEGINS + 2]), s)
+            before = from_target((own[0], own[1], own[2], own[3]), target)
         reference, turned = pointed(state, target, frame_of(target, body), before, aim)
         put_attitude(w, REF_QUAT, REF_QUAT_W, REF_RATE, s, reference)
         m[i], m[i + n], m[i + 2 * n], m[i + 3 * n] = turned
@@ -102,8 +107,11 @@ def _pointing(batch: Batch) -> Part | None:
     orbits = [s.mean_motion_rad_s for s in batch.scenarios]
     bodies = [target.body(n) for target, n in zip(targets, orbits, strict=True)]
     starts = [target.start(n) for target, n in zip(targets, orbits, strict=True)]
-    aim = table_of(*settings.aim(batch.base.dt_s))
-    table = table_of(bodies[0].turns, batch.base.dt_s, batch.lanes([b[1:] for b in bodies]), aim)
+    rows = (-1, -1, -1) if batch.base.attitude is None else seen_rows(batch.base)
+    table = table_of(
+        *(bodies[0].turns, batch.base.dt_s, batch.lanes([body[1:] for body in bodies])),
+        *(rows, *settings.aim(batch.base.dt_s)),
+    )
     memory = table_of(batch.lanes(starts), batch.lanes([NOWHERE] * len(starts)))
     steps = ((Place.GUIDANCE - 1, know), (Place.POINTING, point_all))
     return Part('pointing', steps, table, memory)

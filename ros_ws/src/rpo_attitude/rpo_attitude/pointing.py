@@ -18,11 +18,11 @@ from rpo_core.chain.stage import Place, Section, Signal, Stage, register
 from rpo_core.files.validation import InputError, check_fields, real, vector3
 from rpo_core.judge.zones import Zones
 from rpo_core.wire import interfaces
-from rpo_core.wire.interfaces import STATE
+from rpo_core.wire.interfaces import ATTITUDE, STATE
 from rpo_kernels.attitude_kernels import Attitude, Frame
 from rpo_kernels.chaser_kernels import turn
 from rpo_kernels.kernels import Vector, norm
-from rpo_kernels.pointing_kernels import Aim, point
+from rpo_kernels.pointing_kernels import Aim, begun, point
 
 LVLH = Frame(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, *(0.0,) * 6)
 """The frame of a target without attitude."""
@@ -39,7 +39,7 @@ class Pointing:
     docking_axis : (3,) of the chaser, towards the port when docked
     align_within_m : distance of the port within which the attitude is the docked one; from twice
         as far on the axis looks at the port, by the smallest turn
-    most_deg_s : largest rate of the reference against the target
+    most_deg_s : largest rate of the reference against the target, from the attitude at the start on
     port_m : (3,) in the target's axes; as in section `zones`, unless it differs
     """
 
@@ -84,10 +84,12 @@ class Pointing:
 
 
 class PointingStage(Stage):
-    """The reference attitude of a tick; it remembers where it looked the tick before."""
+    """The reference attitude of a tick; it remembers where it looked the tick before.
+
+    It begins with the attitude of the chaser, where it has one.
+    """
 
     name = 'pointing'
-    inputs = (STATE,)
     outputs = (interfaces.REFERENCE_ATTITUDE,)
     memory_ticks = None
 
@@ -95,6 +97,7 @@ class PointingStage(Stage):
         self.aim, self._motion = settings.aim(scenario.dt_s), known_motion(scenario)
         n = scenario.mean_motion_rad_s
         self._still = (*ALIGNED, 0.0, 0.0, n), LVLH
+        self.inputs = (STATE, ATTITUDE) if scenario.attitude else (STATE,)
         self.reset()
 
     def reset(self) -> None:
@@ -108,7 +111,10 @@ class PointingStage(Stage):
 
     def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
         """Return quaternion and rate (7,) to have."""
-        attitude, self._before = point(inputs[0][:6], *self.target(tick), self._before, self.aim)
+        target, f = self.target(tick)
+        if self._before == NOWHERE and len(inputs) > 1:
+            self._before = begun(inputs[1][:4], target)
+        attitude, self._before = point(inputs[0][:6], target, f, self._before, self.aim)
         return (attitude,)
 
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from math import sqrt
 from pathlib import Path
@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core import files
-from rpo_core.chain.stage import Place, Section, Signal, Stage, register
+from rpo_core.chain.stage import ZERO, Place, Section, Signal, Stage, register
 from rpo_core.control.controller import (
     SYSTEM_FIELDS,
     FuzzyController,
@@ -53,9 +53,12 @@ from rpo_core.files.validation import (
 )
 from rpo_core.wire import interfaces
 from rpo_ctrl.attitude_law_kernels import steer
+from rpo_ctrl.attitude_limit_kernels import NONE, TorqueLimits
+from rpo_ctrl.attitude_limits import AttitudeLimits, numbers_of
 from rpo_kernels.attitude_kernels import Attitude
+from rpo_kernels.chaser_kernels import with_momentum
 from rpo_kernels.jit import as_table
-from rpo_kernels.kernels import Vector
+from rpo_kernels.kernels import Vector, norm
 
 Floats = NDArray[np.float64]
 
@@ -241,6 +244,7 @@ class AttitudeControl:
     time_scale : its loop is slower by this factor: rates by it, torque by its square
     limit_nm : largest torque of an axis; None: that of the wheels, without wheels none
     inertia_kg_m2 : (3, 3) that it assumes; None: that of section `attitude`
+    limits : what any torque must keep; None: nothing
     """
 
     controller: Annotated[Any, _controller]
@@ -251,26 +255,46 @@ class AttitudeControl:
     inertia_kg_m2: Annotated[Any, partial(optional, check=matrix, rows=3, columns=3, bound=1e9)] = (
         unless_default(None)
     )
+    limits: AttitudeLimits | None = unless_default(None)
 
     def __post_init__(self) -> None:
         check_fields(self)
 
-    def table(self, chaser: Any, orbit_rad_s: float, dt_s: float) -> Floats:
+    def table(
+        self, chaser: Any, orbit_rad_s: float, dt_s: float, kept: TorqueLimits = NONE
+    ) -> Floats:
         """Return the law as the kernels read it (`attitude_law_kernels`).
 
-        chaser : section `attitude`: `inertia_kg_m2`, and `wheels` or None
+        chaser : section `attitude`: `inertia_kg_m2`, and `wheels` or None; kept : see `kept`
         """
-        wheels, found = chaser.wheels, self.inertia_kg_m2 or chaser.inertia_kg_m2
-        j = np.array(found, np.float64)
-        limit = self.limit_nm or (wheels.torque_nm if wheels else UNLIMITED_NM)
-        if wheels:
-            limit = min(limit, wheels.torque_nm)
-        momentum = wheels.momentum_nms if wheels else 0.0
+        j = np.array(self.inertia_kg_m2 or chaser.inertia_kg_m2, np.float64)
+        momentum = chaser.wheels.momentum_nms if chaser.wheels else 0.0
         assumed = [j[0, 0], j[1, 1], j[2, 2], j[0, 1], j[0, 2], j[1, 2]]
         if not self.controller.feed_forward:
             assumed = [0.0] * 6
-        head = [limit] * 3, [momentum, orbit_rad_s, dt_s], assumed
+        head = [self._limit_nm(chaser)] * 3, [momentum, orbit_rad_s, dt_s], assumed, kept
         return np.concatenate([*head, self.controller.law(j, self.time_scale)])
+
+    def kept(self, scenario: Any) -> TorqueLimits:
+        """Return what the torque must keep in a scenario; raises InputError where it cannot."""
+        chaser, n = scenario.attitude, scenario.mean_motion_rad_s
+        if self.limits is None:
+            return NONE
+        limit, wheels = self._limit_nm(chaser), chaser.wheels
+        if limit == UNLIMITED_NM:
+            raise InputError('`attitude_control.limits` needs `limit_nm`, or wheels')
+        body = replace(chaser, inertia_kg_m2=self.inertia_kg_m2 or chaser.inertia_kg_m2)
+        body = body.craft(n).body
+        own, spun = with_momentum(chaser.start(n)[4:], body), wheels.start_nms if wheels else ZERO
+        start = norm(*(a + b for a, b in zip(own, spun, strict=True)))
+        momentum = wheels.momentum_nms if wheels else 0.0
+        dt_s, duration_s = scenario.dt_s, scenario.duration_s
+        return numbers_of(self.limits, body, limit, momentum, start, dt_s, duration_s)
+
+    def _limit_nm(self, chaser: Any) -> float:
+        wheels = chaser.wheels
+        limit: float = self.limit_nm or (wheels.torque_nm if wheels else UNLIMITED_NM)
+        return min(limit, wheels.torque_nm) if wheels else limit
 
 
 class AttitudeControlStage(Stage):
@@ -286,7 +310,7 @@ class AttitudeControlStage(Stage):
 
     def __init__(self, settings: AttitudeControl, scenario: Any) -> None:
         chaser, n = scenario.named('attitude'), scenario.mean_motion_rad_s
-        self._law = as_table(settings.table(chaser, n, scenario.dt_s))
+        self._law = as_table(settings.table(chaser, n, scenario.dt_s, settings.kept(scenario)))
         self._start: Vector = chaser.wheels.start_nms if chaser.wheels else (0.0, 0.0, 0.0)
         self._synchronised: Attitude = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, n)
         pointed = scenario.named('pointing') is not None
@@ -297,6 +321,10 @@ class AttitudeControlStage(Stage):
     def reset(self) -> None:
         """Begin with the wheels as at tick 0."""
         self._wheels, self._before, self._last = self._start, (0.0, 0.0, 0.0), -2
+
+    def passes_on(self) -> tuple[int | Signal, ...]:
+        """Return that a chaser that nobody steers gets neither force nor torque."""
+        return (), ()
 
     def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
         """Return force (3,) [N] and torque (3,) [N m] in the chaser's axes."""
@@ -312,6 +340,7 @@ class AttitudeControlStage(Stage):
 def _check(settings: AttitudeControl, scenario: Any) -> None:
     if scenario.named('attitude') is None:
         raise InputError('`attitude_control` needs section `attitude`; the scenario has none')
+    settings.kept(scenario)
 
 
 register(Section('attitude_control', AttitudeControl, Place.STEERING, AttitudeControlStage, _check))

@@ -9,6 +9,7 @@ that the stage and the lanes of the engine call the same kernels:
 - `LIMITS`: largest torque of each axis [N m]; `WHEELS`: largest momentum of a wheel [N m s], 0.0
   without wheels; `ORBIT`: rate of LVLH [rad/s]; `DT`: the tick [s];
 - `INERTIA`: xx, yy, zz, xy, xz, yz [kg m^2] that the feed-forward assumes; zeros: there is none;
+- `KEPT`: what the torque must keep (`attitude_limit_kernels.TorqueLimits`); zeros: nothing;
 - `FUZZY`: 0.0 for a linear law, whose gains of attitude (3, 3) [N m/rad] and of rate (3, 3)
   [N m s/rad] follow; 1.0 for a fuzzy one: scales of attitude [rad], of rate [rad/s], of the torque
   of each axis [N m], p1-p10, 25 rules, then the samples and their grades of Z, SP and LP.
@@ -19,12 +20,14 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any, NamedTuple
 
+from rpo_ctrl.attitude_limit_kernels import NUMBERS, limits_at, within_limits
 from rpo_kernels.attitude_kernels import Attitude, cross
 from rpo_kernels.chaser_kernels import times, turn_back
 from rpo_kernels.jit import inlined, kernel
 from rpo_kernels.kernels import FisTables, Vector, infer, saturate
 
-LIMITS, WHEELS, ORBIT, DT, INERTIA, FUZZY, LAW = 0, 3, 4, 5, 6, 12, 13
+LIMITS, WHEELS, ORBIT, DT, INERTIA, KEPT = 0, 3, 4, 5, 6, 12
+FUZZY, LAW = KEPT + NUMBERS, KEPT + NUMBERS + 1
 """Places in a table."""
 
 SCALES, FUNCTIONS, RULES, SAMPLES = LAW, LAW + 5, LAW + 15, LAW + 40
@@ -106,8 +109,13 @@ def limited(torque: Vector, e: Errors, seen: Attitude, wheels: Vector, t: Any, i
         x = x + (gx + (jxx * e.ax + jxy * e.ay + jxz * e.az))
         y = y + (gy + (jxy * e.ax + jyy * e.ay + jyz * e.az))
         z = z + (gz + (jxz * e.ax + jyz * e.ay + jzz * e.az))
-    i = i + LIMITS
-    return saturate(x, t[i]), saturate(y, t[i + 1]), saturate(z, t[i + 2])
+    k, i = i + KEPT, i + LIMITS
+    x, y, z = saturate(x, t[i]), saturate(y, t[i + 1]), saturate(z, t[i + 2])
+    if t[k] > 0.0:
+        angle, against, ahead = (e.ex, e.ey, e.ez), (e.wx, e.wy, e.wz), (e.ax, e.ay, e.az)
+        lim = limits_at(t, k)
+        x, y, z, _ = within_limits((x, y, z), (p, q, r), angle, against, ahead, wheels, lim)
+    return x, y, z
 
 
 @inlined

@@ -127,6 +127,18 @@ def pointed(
     ), q  # fmt: skip
 
 
+@inlined
+def from_target(q: Quaternion, target: Attitude) -> Quaternion:
+    """Return the turn from the axes of a chaser to those of the target; q : its attitude."""
+    return times((-target[0], -target[1], -target[2], target[3]), q)
+
+
+@kernel
+def begun(q: Quaternion, target: Attitude) -> Quaternion:
+    """Return `from_target`."""
+    return from_target(q, target)
+
+
 @kernel
 def point(
     state: State, target: Attitude, f: Frame, before: Quaternion, aim: Aim
@@ -142,8 +154,7 @@ def off_contact(chaser: Attitude, target: Attitude, mate: Quaternion) -> tuple[f
     The largest of the three angles [deg], each 2 sin(half of the turn) along an axis; the norm of
     the rate against the target [deg/s].
     """
-    back = (-target[0], -target[1], -target[2], target[3])
-    turned = times(back, (chaser[0], chaser[1], chaser[2], chaser[3]))
+    turned = from_target((chaser[0], chaser[1], chaser[2], chaser[3]), target)
     x, y, z, _ = times((-mate[0], -mate[1], -mate[2], mate[3]), turned)
     p = turn_back((target[4], target[5], target[6]), turned)
     rate = norm(chaser[4] - p[0], chaser[5] - p[1], chaser[6] - p[2])

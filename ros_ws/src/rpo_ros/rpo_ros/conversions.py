@@ -20,6 +20,8 @@ from rpo_core.wire.cdr import Status
 from rpo_ros.names import CHASER_FRAME, LVLH_FRAME
 
 _NANOSECONDS = 1_000_000_000
+_NOT_UNIT = 1e-3
+"""A quaternion whose length differs so much from 1 is none."""
 
 
 def to_stamp(stamp_ns: int) -> Time:
@@ -53,6 +55,14 @@ def from_odometry(message: Odometry) -> tuple[float, ...]:
     """Return (x, y, z, vx, vy, vz) [m, m/s], target LVLH."""
     position, velocity = message.pose.pose.position, message.twist.twist.linear
     return (position.x, position.y, position.z, velocity.x, velocity.y, velocity.z)
+
+
+def attitude_of(message: Odometry) -> tuple[float, ...] | None:
+    """Return quaternion x, y, z, w and rate (3,) of a message; None if that is no attitude."""
+    q, rate = message.pose.pose.orientation, message.twist.twist.angular
+    found = (q.x, q.y, q.z, q.w, rate.x, rate.y, rate.z)
+    sound = all(map(math.isfinite, found)) and abs(math.hypot(*found[:4]) - 1.0) < _NOT_UNIT
+    return found if sound else None
 
 
 def to_wrench(stamp: Time, force_n: Sequence[float]) -> WrenchStamped:

@@ -38,7 +38,7 @@ PHASES = {HOLD: 'holding', RETREAT: 'retreating', DRIFT: 'drifting', ABORT: 'abo
 
 DECISIONS = (ARMED, INHIBITED, RESUMED, WARNED, *PHASES.values())
 
-OF_THE_COMMAND = ('missed', 'tracking_error_m', 'tracking_error_m_s')
+OF_THE_COMMAND = ('missed', 'tracking_error_m', 'tracking_error_m_s', 'pointing_error_deg')
 """Quantities that are not looked at while the controller's command is not read."""
 
 BURN_S = 90.0
@@ -72,6 +72,7 @@ class Seen(NamedTuple):
     in_axes : (6,) the state in the axes of the corridor
     outward : (3,) along the corridor, target LVLH
     carried_m_s : (3,) velocity of a corridor that turns where the chaser is; empty: it stands
+    pointing_deg : angle between the attitude and its reference; 0.0: nobody looks at it
     """
 
     state: State
@@ -86,6 +87,7 @@ class Seen(NamedTuple):
     in_axes: State
     outward: Vector
     carried_m_s: Signal = ()
+    pointing_deg: float = 0.0
 
 
 class AbortMachine:
@@ -226,6 +228,7 @@ class AbortMachine:
             'off_corridor_m': self._off_corridor_m(seen.in_axes, rho),
             'tracking_error_m': norm(*miss[:3]),
             'tracking_error_m_s': norm(*miss[3:]),
+            'pointing_error_deg': seen.pointing_deg,
             'intervention': float(seen.intervened),
             'sigma_m': seen.sigma_m,
             'sigma_m_s': seen.sigma_m_s,

@@ -35,6 +35,7 @@ QUANTITIES = {
     'off_corridor_m': 'distance outside the corridor, within its outer end [m]',
     'tracking_error_m': 'distance to the reference of guidance [m]',
     'tracking_error_m_s': 'difference of its velocity [m/s]',
+    'pointing_error_deg': "angle of the chaser's attitude off its reference [deg]",
     'intervention': '1 where the filter changed the command of the tick before',
     'sigma_m': 'root of the trace of the covariance of the estimated position [m]',
     'sigma_m_s': 'the same of the velocity [m/s]',
@@ -47,6 +48,7 @@ QUANTITIES = {
 _NEEDS = {
     'tracking_error_m': Place.GUIDANCE,
     'tracking_error_m_s': Place.GUIDANCE,
+    'pointing_error_deg': Place.POINTING,
     'sigma_m': Place.ESTIMATOR,
     'sigma_m_s': Place.ESTIMATOR,
 }
@@ -92,6 +94,11 @@ class AbortTable:
     stuck_s: Annotated[float, partial(real, unit='s', least=0.0, most=1e3)] = 30.0
     orbits: Annotated[float, partial(real, least=0.0, most=100.0)] = 2.0
 
+    @property
+    def watches_pointing(self) -> bool:
+        """Whether a row looks at the attitude of the chaser."""
+        return any(row.quantity == 'pointing_error_deg' for row in self.table)
+
     def __post_init__(self) -> None:
         check_fields(self)
         names = [row.quantity + row.reaction for row in self.table]
@@ -117,6 +124,8 @@ def check_table(table: AbortTable, scenario: Any, keep_out_m: float, corridor: A
             )
         if row.quantity == 'off_corridor_m' and corridor is None:
             raise InputError('`assurance.corridor` is missing; row off_corridor_m needs it')
+    if table.watches_pointing and scenario.attitude is None:
+        raise InputError('`attitude` is missing; row pointing_error_deg needs it')
     if table.retreat_m is not None:
         distance = sum(r * r for r in table.retreat_m) ** 0.5
         if distance <= keep_out_m:

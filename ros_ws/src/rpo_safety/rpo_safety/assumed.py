@@ -139,7 +139,8 @@ def turned_share(settings: Assurance, scenario: Any) -> float:
         if degrees is not None:
             raise InputError('`assurance.chaser_attitude_error_deg` needs section `attitude`')
         return 0.0
-    if scenario.named('attitude_control') is None:
+    control = scenario.named('attitude_control')
+    if control is None:
         raise InputError(
             '`assurance` needs section `attitude_control` beside `attitude`: it turns the force '
             "into the chaser's axes"
@@ -148,7 +149,26 @@ def turned_share(settings: Assurance, scenario: Any) -> float:
         raise InputError(
             '`assurance.chaser_attitude_error_deg` is missing; section `attitude` needs it'
         )
+    least = _turned_deg(control.limits, scenario)
+    if degrees < least:
+        raise InputError(
+            f'`assurance.chaser_attitude_error_deg` must be at least {least:.6g}, which '
+            f'`attitude_control.limits` and the delay of the thrusters have; got {degrees!r}'
+        )
     return 2.0 * math.sin(0.5 * math.radians(degrees))
+
+
+def _turned_deg(limits: Any, scenario: Any) -> float:
+    """Return the angle that limits of the torque leave certain: errors, and the turn of a tick.
+
+    A force is turned for the middle of the tick of its state.
+    """
+    if limits is None:
+        return 0.0
+    delay = scenario.thrusters.delay_ticks if scenario.thrusters else 0
+    fastest = SQRT_3 * limits.rate_deg_s + math.degrees(scenario.mean_motion_rad_s)
+    known = SQRT_3 * (limits.known_deg + 0.5 * scenario.dt_s * limits.known_deg_s)
+    return known + (delay + 0.5) * scenario.dt_s * fastest
 
 
 def ahead(errors: Errors, scenario: Any, ticks: int) -> tuple[float, float]:

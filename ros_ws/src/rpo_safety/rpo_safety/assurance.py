@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections import deque
-from math import sqrt
+from math import degrees, sqrt
 from typing import Any, NamedTuple
 
 from rpo_attitude.target import known_motion
@@ -14,6 +14,7 @@ from rpo_core.files.validation import InputError
 from rpo_core.wire import interfaces
 from rpo_core.world import cw
 from rpo_kernels.attitude_kernels import moving_with, seen_from, to_lvlh
+from rpo_kernels.chaser_kernels import times
 from rpo_kernels.kernels import CwStep, State, Vector, cw_step, norm
 from rpo_safety import filters, kernels
 from rpo_safety.abort import DECISIONS, AbortMachine, Seen
@@ -129,12 +130,15 @@ class AssuranceStage(Stage):
         self.guard, self.errors, _, self.walls = self._proofs[0]
         sides = [proof.guard.side for proof in self._proofs]
         self._narrow = sides.count(self.guard.side)  # of those with the corridor, if there is one
-        self.abort = None
+        self.abort, self._pointed = None, 0
         if settings.abort is not None:
             self.abort = AbortMachine(
                 settings.abort, self._proofs[0], settings.keep_out_m, scenario
             )
             self.inputs += (interfaces.REFERENCE_STATE,) if Place.GUIDANCE in places else ()
+            if settings.abort.watches_pointing:
+                self._pointed = len(self.inputs)
+                self.inputs += (interfaces.ATTITUDE, interfaces.REFERENCE_ATTITUDE)
             self.may_miss, self.counts_ticks = self.inputs[1:], True
         self.inputs += (interfaces.NAVIGATION_COVARIANCE,) if self._estimated else ()
         remembers = self.delay_ticks or self.guard.slew_n > 0.0 or self.guard.side != 0.0
@@ -279,10 +283,17 @@ class AssuranceStage(Stage):
         seen = Seen(
             inputs[0], state, () if missed else reference, *sigmas,
             decision is not None and bool(decision.constraint), self._applied, enclosed, self.guard,
-            in_axes, outward, carried,
+            in_axes, outward, carried, self._pointing_deg(inputs),
         )  # fmt: skip
         own = machine.step(tick, seen)
         return ZERO if own is None and missed else own
+
+    def _pointing_deg(self, inputs: tuple[Any, ...]) -> float:
+        """Return the angle off the reference, twice the sine of half of it; 0.0 where unknown."""
+        if not self._pointed:
+            return 0.0
+        (x, y, z, w, *_), wanted = inputs[self._pointed : self._pointed + 2]
+        return degrees(2.0 * norm(*times((-x, -y, -z, w), wanted[:4])[:3]))
 
 
 def check_start(settings: Assurance, scenario: Any) -> None:

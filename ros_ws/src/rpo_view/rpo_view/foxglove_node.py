@@ -112,7 +112,7 @@ class FoxgloveNode(FlightNode):
             self._channels[name].log(data, log_time=self._stamp_ns)
 
     def _on_state(self, state: Odometry) -> bool:
-        """Set the time, and send the position of the chaser, as /tf does in ROS.
+        """Set the time, and send where the chaser is and points, as /tf does in ROS.
 
         Return whether it is a state of a run: the apps know no time before 1970.
         """
@@ -124,12 +124,13 @@ class FoxgloveNode(FlightNode):
             self._server.clear_session()
         self._stamp_ns = stamp_ns
         x, y, z = values[:3]
+        turn = conversions.attitude_of(state) or interfaces.ALIGNED
         transform = messages.FrameTransform(
             timestamp=messages.Timestamp(*divmod(stamp_ns, 1_000_000_000)),
             parent_frame_id=state.header.frame_id,
             child_frame_id=state.child_frame_id,
             translation=messages.Vector3(x=x, y=y, z=z),
-            rotation=messages.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0),
+            rotation=messages.Quaternion(x=turn[0], y=turn[1], z=turn[2], w=turn[3]),
         )
         self._transform.log(transform, log_time=stamp_ns)
         return True

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
 
@@ -19,6 +19,15 @@ from rpo_view.latest import Latest
 from rpo_view.live import LiveRun
 
 
+class _Heard(NamedTuple):
+    """A message: state (6,), covariance (36,), and quaternion and rate (7,) where it has them."""
+
+    stamp_ns: int
+    values: tuple[float, ...]
+    covariance: Any
+    attitude: tuple[float, ...] | None
+
+
 class ListeningNode(FlightNode):
     """Fills `live` when it looks; run it by `run_viewer`."""
 
@@ -30,6 +39,10 @@ class ListeningNode(FlightNode):
         self._onboard = {
             name: Latest(self, name)
             for name in (interfaces.NAVIGATION_STATE, interfaces.REFERENCE_STATE)
+        }
+        self._turns = {
+            name: Latest(self, name)
+            for name in (interfaces.NAVIGATION_ATTITUDE, interfaces.REFERENCE_ATTITUDE)
         }
         self._forces = {
             'force_n': Latest(self, names.CONTROL_FORCE),
@@ -55,7 +68,7 @@ class ListeningNode(FlightNode):
         """
         heard = self._state(self._states)
         if heard is not None:
-            self.live.on_state(*heard[:2])
+            self.live.on_state(heard.stamp_ns, heard.values, heard.attitude)
         self._look_onboard()
         for name, newest in self._forces.items():
             force = newest.take()
@@ -70,28 +83,33 @@ class ListeningNode(FlightNode):
         return heard is not None
 
     def _look_onboard(self) -> None:
-        """Take the newest estimate and the newest reference."""
+        """Take the newest estimates and the newest references."""
         for name, newest in self._onboard.items():
             heard = self._state(newest)
             if heard is None:
                 continue
-            stamp_ns, values, covariance = heard
+            stamp_ns, values, covariance, _ = heard
             if name == interfaces.REFERENCE_STATE:
                 self.live.onboard.on_reference(stamp_ns, values)
             else:
                 block = [covariance[6 * row + column] for row in range(3) for column in range(3)]
                 self.live.onboard.on_estimate(stamp_ns, values, block)
+        for name, newest in self._turns.items():
+            heard = self._state(newest)
+            if heard is not None and heard.attitude is not None:
+                self.live.onboard.on_turn(name, heard.stamp_ns, heard.attitude)
 
     @staticmethod
-    def _state(newest: Latest) -> tuple[int, tuple[float, ...], Any] | None:
-        """Return stamp, state (6,) and covariance (36,) of the newest message that is sound."""
+    def _state(newest: Latest) -> _Heard | None:
+        """Return what the newest message says, if it is sound."""
         message = newest.take()
         if message is None:
             return None
         values = conversions.from_odometry(message)
         if conversions.fault_of(message, values):
             return None
-        return conversions.from_stamp(message.header.stamp), values, message.pose.covariance
+        stamp_ns = conversions.from_stamp(message.header.stamp)
+        return _Heard(stamp_ns, values, message.pose.covariance, conversions.attitude_of(message))
 
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
         """Take the health of the nodes in this namespace."""

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from rpo_attitude.target import in_lvlh, motion_of
+from rpo_attitude.turns import docking_axis, synchronised, turned
 from rpo_core import files
 from rpo_core.control import controller as controllers
 from rpo_core.control.blend import Reasons
@@ -22,6 +23,7 @@ from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import MOST_NAME, InputError, printable
 from rpo_core.judge.metrics import MAX_ARRIVAL_DISTANCE_M
 from rpo_core.judge.zones import Zone, zones_of
+from rpo_core.wire.interfaces import REFERENCE_ATTITUDE
 from rpo_core.wire.statuses import ENDED, Manifest, RunStatus
 from rpo_ctrl import explain
 from rpo_kernels.attitude_kernels import Attitude, Frame, seen_from
@@ -136,8 +138,13 @@ class LiveRun:
     _first_ns: int = 0
     _heard_s: float | None = None
 
-    def on_state(self, stamp_ns: int, state: Sequence[float]) -> None:
-        """Take a state x, y, z [m], vx, vy, vz [m/s], target LVLH; ignore one beyond all floats."""
+    def on_state(
+        self, stamp_ns: int, state: Sequence[float], attitude: Vector | None = None
+    ) -> None:
+        """Take a state x, y, z [m], vx, vy, vz [m/s], target LVLH; ignore one beyond all floats.
+
+        attitude : (7,) of the chaser, where the message says one
+        """
         if not math.isfinite(math.hypot(*state[:3]) + math.hypot(*state[3:])):
             return
         if self.position_m is None or stamp_ns < self._stamp_ns:
@@ -146,6 +153,11 @@ class LiveRun:
         self.position_m, self.velocity_m_s = tuple(state[:3]), tuple(state[3:])
         self.trail.add(self.position_m)
         self.onboard.on_state(stamp_ns, (*self.position_m, *self.velocity_m_s))
+        if attitude is not None and self.scenario is not None and self.scenario.attitude:
+            self.onboard.on_attitude(stamp_ns, attitude)
+            if self.scenario.named('pointing') is None:
+                wanted = synchronised(self.scenario)
+                self.onboard.on_turn(REFERENCE_ATTITUDE, stamp_ns, wanted)
         self.effort.add(self.time_s, self.errors[:3], self.force_n)
 
     def _begin(self, stamp_ns: int) -> None:
@@ -230,6 +242,14 @@ class LiveRun:
         if self.scenario is None or self.scenario.target is None:
             return None
         return motion_of(self.scenario.target, self.scenario).attitude(self._flown_tick)
+
+    @property
+    def docking_axis(self) -> Vector | None:
+        """Unit vector (3,) of the chaser's docking axis, target LVLH; None: it has no attitude."""
+        if self.scenario is None or self.onboard.attitude is None:
+            return None
+        axis = turned(docking_axis(self.scenario), self.onboard.attitude[:4])
+        return tuple(axis.tolist())
 
     @property
     def frame(self) -> Frame | None:
@@ -317,6 +337,7 @@ class LiveRun:
             'time_s': self.time_s if position else None,
             'position_m': position,
             'velocity_m_s': velocity,
+            'docking_axis': self.docking_axis,
             'range_m': self.range_m if position else None,
             'range_rate_m_s': self.range_rate_m_s if position else None,
             'of_goal': self.scenario is not None and self.scenario.goal is not None,

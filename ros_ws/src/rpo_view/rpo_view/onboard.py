@@ -12,7 +12,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from rpo_attitude.turns import apart
 from rpo_core.files.validation import MOST_NAME, printable
+from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import AssuranceStatus, GuidanceStatus, tick_of
 
 Vector = tuple[float, ...]
@@ -41,6 +43,13 @@ def _margin(found: float | None) -> float | None:
 def _sound(values: Sequence[float]) -> bool:
     """Whether numbers and what is computed of them are finite."""
     return all(abs(value) < _LARGEST for value in values)
+
+
+def _keep(states: dict[int, Vector], stamp_ns: int, state: Vector) -> None:
+    """Add a state; the oldest ones go."""
+    states[stamp_ns] = state
+    while len(states) > _KEPT_STATES:
+        del states[next(iter(states))]
 
 
 @dataclass(frozen=True)
@@ -76,6 +85,9 @@ class Onboard:
         is None where navigation has errors and no estimator
     reference : (6,) [m, m/s] of guidance
     miss : (6,) true state less reference, error : (6,) estimate less truth, both of one stamp
+    attitude : (7,) true quaternion and rate of a chaser that has one
+    off : from the reference and from the estimate of the attitude, by the name of the signal: angle
+        [rad] and size of the rate error [rad/s], both of one stamp
     openings : of valves so far, by the plant's health
     interventions : of assurance so far, by its health
     table : of the abort table, armed or inhibited, and its phase, by the health of assurance
@@ -86,12 +98,15 @@ class Onboard:
     reference: Vector | None = None
     miss: Vector | None = None
     error: Vector | None = None
+    attitude: Vector | None = None
+    off: Mapping[str, Vector] = field(default_factory=dict)
     openings: int | None = None
     interventions: int | None = None
     table: str = ''
     _phase: GuidanceStatus | None = None
     _acting: Acting | None = None
     _states: dict[int, Vector] = field(default_factory=dict)
+    _turns: dict[int, Vector] = field(default_factory=dict)
 
     def anew(self) -> Onboard:
         """Return that of another run, with the statuses: they may be of it, and have their tick."""
@@ -99,9 +114,18 @@ class Onboard:
 
     def on_state(self, stamp_ns: int, state: Vector) -> None:
         """Take a true state (6,)."""
-        self._states[stamp_ns] = state
-        while len(self._states) > _KEPT_STATES:
-            del self._states[next(iter(self._states))]
+        _keep(self._states, stamp_ns, state)
+
+    def on_attitude(self, stamp_ns: int, attitude: Vector) -> None:
+        """Take the true attitude (7,)."""
+        self.attitude = attitude
+        _keep(self._turns, stamp_ns, attitude)
+
+    def on_turn(self, name: str, stamp_ns: int, attitude: Vector) -> None:
+        """Take an attitude (7,), the reference or an estimate, by the name of its signal."""
+        truth = self._turns.get(stamp_ns)
+        if truth is not None and _sound(attitude):
+            self.off = {**self.off, name: tuple(apart(truth, attitude).tolist())}
 
     def on_estimate(self, stamp_ns: int, state: Vector, covariance: Sequence[float]) -> None:
         """Take a state (6,) of navigation, and the covariance (9,) of its position."""
@@ -160,6 +184,18 @@ class Onboard:
         """Return what assurance does at a tick; None if what was heard is of another run."""
         return self._acting if self._acting is not None and self._acting.tick <= tick else None
 
+    def turns(self) -> str:
+        """Return how the chaser turns, in words; '' where it has no attitude."""
+        if self.attitude is None:
+            return ''
+        said = f'turns at {math.degrees(math.hypot(*self.attitude[4:])):.3f} °/s'
+        if (off := self.off.get(interfaces.REFERENCE_ATTITUDE)) is not None:
+            angle, rate = map(math.degrees, off)
+            said = f'{angle:.3f}° and {rate:.3f} °/s from the reference; {said}'
+        if (off := self.off.get(interfaces.NAVIGATION_ATTITUDE)) is not None:
+            said += f'; estimate {math.degrees(off[0]):.3f}° off the truth'
+        return said
+
     @property
     def sigmas_m(self) -> Vector | None:
         """Sigma (3,) of the estimated position; None if it is not known."""
@@ -178,6 +214,7 @@ class Onboard:
             'reference_m': self.reference and self.reference[:3],
             'miss_m': self.miss and math.hypot(*self.miss[:3]),
             'miss_m_s': self.miss and math.hypot(*self.miss[3:]),
+            'turns': self.turns() or None,
             'openings': self.openings,
             'guidance': phase
             and {'phase': phase.phase, 'reason': phase.reason, 'since_s': phase.tick * seconds},

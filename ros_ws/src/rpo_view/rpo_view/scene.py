@@ -14,7 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point
+from geometry_msgs.msg import Point, Quaternion
 from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
@@ -32,6 +32,8 @@ _RIM_POINTS = 36
 _EDGES = 8
 _ARROW = (0.25, 0.6, 0.8)
 """Diameters of shaft and head, length of the head [m]."""
+_AXIS_M = 3.0
+"""Length of the docking axis."""
 _MOST_POINTS = 100
 """Points of a plan have the numbers from this one times that of their zone."""
 _LEAST_SIZE_M = 1e-3
@@ -62,14 +64,18 @@ def markers(
     zones: Sequence[Zone] = (),
     onboard: Onboard | None = None,
     attitude: Attitude | None = None,
+    docking_axis: Vector | None = None,
 ) -> MarkerArray:
     """Return the whole scene; the aids of `look` where the scenario has no zones of its own.
 
     position_m : (3,), force_n : (3,) commanded, trail : (n, 3), n >= 1; m, N, target LVLH
-    attitude : of the target, where it has one
+    attitude : of the target, where it has one; that of the chaser is in `onboard`
+    docking_axis : (3,) of a chaser that has an attitude, target LVLH
     """
+    said = onboard or Onboard()
     around = zone_markers(zones) if zones else _aids(trail[0], look)
-    found = [*_target(attitude), *_chaser(position_m), *around, *_said(onboard or Onboard())]
+    found = [*_target(attitude), *_chaser(position_m, said.attitude), *around, *_said(said)]
+    found += _axis(position_m, docking_axis)
     found.append(_line('trail', 0, trail, 'muted', 0.12))
     found.append(_thrust(position_m, force_n or (0.0, 0.0, 0.0), look.arrow_m_per_n))
     for marker in found:
@@ -116,19 +122,35 @@ def _target(attitude: Attitude | None) -> list[Marker]:
         at_m = [away_m * part for part in third]
         found.append(_marker('target', number, Marker.CUBE, (0.1, 1.4, 3.6), panel, at_m))
     for marker in found:
-        turned = marker.pose.orientation
-        turned.x, turned.y, turned.z, turned.w = x, y, z, w
+        turn(marker.pose.orientation, (x, y, z, w))
     return found
 
 
-def _chaser(position_m: Vector) -> list[Marker]:
+def turn(orientation: Quaternion, quaternion: Vector) -> None:
+    """Set the orientation of a message to x, y, z, w."""
+    orientation.x, orientation.y, orientation.z, orientation.w = map(float, quaternion)
+
+
+def _chaser(position_m: Vector, attitude: Vector | None) -> list[Marker]:
     label = _marker(
         'chaser', 1, Marker.TEXT_VIEW_FACING, (0.0, 0.0, 2.0), _colour('ink'),
         (position_m[0] + 2.5, position_m[1], position_m[2]),
     )  # fmt: skip
     label.text = f'{math.hypot(*position_m):.1f} m'
     body = _marker('chaser', 0, Marker.CUBE, (1.2, 1.2, 1.2), _colour('y'), position_m)
+    if attitude is not None:
+        turn(body.pose.orientation, attitude[:4])
     return [body, label]
+
+
+def _axis(position_m: Vector, docking_axis: Vector | None) -> list[Marker]:
+    """Return the docking axis of a chaser that has an attitude, an arrow."""
+    if docking_axis is None:
+        return []
+    marker = _marker('docking_axis', 0, Marker.ARROW, _ARROW, _colour('optimum'))
+    tip = [p + _AXIS_M * a for p, a in zip(position_m, docking_axis, strict=True)]
+    marker.points = _points((position_m, tip))
+    return [marker]
 
 
 def _thrust(position_m: Vector, force_n: Vector, arrow_m_per_n: float) -> Marker:
@@ -204,8 +226,7 @@ def ellipsoid(at_m: Vector, covariance_m2: Vector) -> Marker:
         axes[:, 0] = -axes[:, 0]
     size_m = np.maximum(6.0 * np.sqrt(np.maximum(values, 0.0)), _LEAST_SIZE_M)
     marker = _marker('sigma', 0, Marker.SPHERE, size_m.tolist(), _colour('z', 0.25), at_m)
-    turned = marker.pose.orientation
-    turned.x, turned.y, turned.z, turned.w = quaternion(axes)
+    turn(marker.pose.orientation, quaternion(axes))
     return marker
 
 

@@ -56,7 +56,8 @@ def _said(run: LiveRun) -> str:
     found = f'phase {phase.phase}  ' if phase is not None else ''
     if acting is not None and acting.constraint:
         found += f'assurance acts: {acting.constraint}  '
-    return found
+    turns = run.onboard.turns()
+    return f'{found}attitude {turns}  ' if turns else found
 
 
 def view(run: LiveRun, topic: str) -> Panel:
@@ -124,6 +125,8 @@ def _onboard(run: LiveRun) -> list[Text]:
             sigmas = ' '.join(f'{sigma:.3f}' for sigma in said.sigmas_m)
             off += f'{", " if off else ""}sigma x y z {sigmas} m'
         found.append(Text(f'estimate   {off or "without a covariance"}'))
+    if turns := said.turns():
+        found.append(Text(f'attitude   {turns}'))
     if acting is not None:
         table = f', abort table {said.table}' if said.table else ''
         text = f'assurance  {_acting(acting, dt_s)}{table}'

@@ -1,0 +1,64 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""How far attitudes are apart, and where a chaser that has one looks: for views and reports."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rpo_attitude.target import Quaternion, product
+from rpo_core.files.scenario import Scenario
+from rpo_core.judge.zones import zones_of
+from rpo_kernels.attitude_kernels import Attitude
+
+Floats = NDArray[np.float64]
+
+
+def turned(vectors: ArrayLike, quaternions: ArrayLike) -> Floats:
+    """Return vectors (..., 3) of a body's axes, in those that its quaternions (..., 4) lead to."""
+    v, q = np.asarray(vectors, np.float64), np.asarray(quaternions, np.float64)
+    u = q[..., :3]
+    twice = 2.0 * np.cross(u, v)
+    return np.asarray(v + q[..., 3:4] * twice + np.cross(u, twice))
+
+
+def apart(attitudes: ArrayLike, references: ArrayLike) -> Floats:
+    """Return angle [rad] and size of the rate error [rad/s], (..., 2), of attitudes (..., 7)."""
+    a, b = np.asarray(attitudes, np.float64), np.asarray(references, np.float64)
+    ahead: Any = np.moveaxis(a[..., :4], -1, 0)
+    back: Any = np.moveaxis(b[..., :4] * (-1.0, -1.0, -1.0, 1.0), -1, 0)
+    e = np.stack(product(back, ahead), axis=-1)
+    angle = 2.0 * np.arctan2(np.linalg.norm(e[..., :3], axis=-1), np.abs(e[..., 3]))
+    rate = a[..., 4:] - turned(b[..., 4:], e * (-1.0, -1.0, -1.0, 1.0))
+    return np.stack([angle, np.linalg.norm(rate, axis=-1)], axis=-1)
+
+
+def synchronised(scenario: Scenario) -> Attitude:
+    """Return the attitude of a chaser whose axes are those of target LVLH."""
+    return 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, scenario.mean_motion_rad_s
+
+
+def docking_axis(scenario: Scenario) -> tuple[float, ...]:
+    """Return the unit vector (3,) of the chaser's axes towards the port when docked.
+
+    Without section `pointing` it is against the first corridor, or else towards the goal.
+    """
+    pointing: Any = scenario.named('pointing')
+    if pointing is not None:
+        axis = np.array(pointing.docking_axis)
+    else:
+        cones = [zone.corridor for zone in zones_of(scenario) if zone.corridor is not None]
+        start = np.array(scenario.from_goal(scenario.start)[:3])
+        away = np.where(np.abs(start) == np.abs(start).max(), np.sign(start), 0.0)
+        axis = -np.array(cones[0].ahead) if cones else -away
+    size = float(np.linalg.norm(axis))
+    return tuple((axis / size if size else np.array([0.0, -1.0, 0.0])).tolist())
+
+
+def mate(scenario: Scenario) -> Quaternion:
+    """Return the quaternion from the chaser's axes to the target's when docked."""
+    pointing: Any = scenario.named('pointing')
+    return (0.0, 0.0, 0.0, 1.0) if pointing is None else pointing.mate

@@ -1,0 +1,24 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""How far attitudes are apart, against SciPy's rotations."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from rpo_attitude.turns import apart, turned
+
+RANDOM = np.random.default_rng(30)
+
+
+def test_angles_and_rate_errors_are_those_of_scipy():
+    a, b = (Rotation.random(500, random_state=seed) for seed in (1, 2))
+    rates = RANDOM.normal(size=(2, 500, 3))
+    signs = RANDOM.choice([-1.0, 1.0], 500)[:, None]  # q and -q are one attitude
+    found = apart(np.hstack([signs * a.as_quat(), rates[0]]), np.hstack([b.as_quat(), rates[1]]))
+    np.testing.assert_allclose(found[:, 0], (b.inv() * a).magnitude(), atol=1e-12)
+    seen = (a.inv() * b).apply(rates[1])
+    np.testing.assert_allclose(found[:, 1], np.linalg.norm(rates[0] - seen, axis=1), atol=1e-12)
+    np.testing.assert_allclose(turned(rates[0], a.as_quat()), a.apply(rates[0]), atol=1e-12)
+    assert apart([0, 0, 0, 1, 0, 0, 1e-3], [0, 0, 0, -1, 0, 0, 0]).tolist() == [0.0, 1e-3]
