@@ -148,14 +148,18 @@ class Turning:
         x, y, z, vx, vy, vz, *force = row[0].tolist()
         return (x, y, z, vx, vy, vz), tuple(force)
 
-    def fill(self, rows: Floats) -> None:
-        """Fill rows (n, 9) with its first references and forces."""
-        key = f'{len(rows)} {self._key}'
+    def moments(self, ticks: int) -> Floats:
+        """Return the motion (n, 15) in the target's axes of its first ticks."""
+        key = f'{ticks} {self._key}'
         if key not in _tables:
             if len(_tables) >= MOST_TABLES:
                 _tables.clear()
-            _tables[key] = np.array([self._moments(tick) for tick in range(len(rows))])
-        self._fill(0, _tables[key], rows)
+            _tables[key] = np.array([self._moments(tick) for tick in range(ticks)])
+        return _tables[key]
+
+    def fill(self, rows: Floats) -> None:
+        """Fill rows (n, 9) with its first references and forces."""
+        self._fill(0, self.moments(len(rows)), rows)
 
     def _fill(self, first: int, table: Floats, rows: Floats) -> None:
         begin, vehicle = self._since + first, self._vehicle
@@ -261,6 +265,18 @@ def fill(flown: Flown, rows: Floats) -> None:
         for tick, row in enumerate(rows):
             reference, force = flown.at(tick)
             row[:6], row[6:] = reference, force
+
+
+def tabled(flown: Flown, ticks: int) -> Floats:
+    """Return the first references and forces (n, 9) of a leg, fewer where they stay as they are.
+
+    Of one that is flown in the axes of the target, its motion (n, 15) there.
+    """
+    if isinstance(flown, Turning):
+        return flown.moments(ticks)
+    rows = np.empty((1 if isinstance(flown, Resting) else ticks, 9))
+    fill(flown, rows)
+    return rows
 
 
 class Profile:

@@ -240,6 +240,57 @@ def attitudes(a: Attitude, h: float, b: Body, rows: Any) -> None:
         a = attitude_step(a, h, b)
 
 
+TOGETHER = 8
+"""Bodies whose motions `motions` computes: one SIMD register."""
+
+
+@inlined
+def _motions(m: Any, t: Any, turns: float, h: float, rows: Any) -> None:
+    n = TOGETHER
+    for i in range(len(rows)):
+        row = rows[i]
+        for s in range(n):
+            b = Body(
+                turns, t[s], t[s + n], t[s + 2 * n], t[s + 3 * n], t[s + 4 * n], t[s + 5 * n],
+                t[s + 6 * n], t[s + 7 * n], t[s + 8 * n], t[s + 9 * n], t[s + 10 * n],
+                t[s + 11 * n], t[s + 12 * n],
+            )  # fmt: skip
+            a = (
+                m[s], m[s + n], m[s + 2 * n], m[s + 3 * n], m[s + 4 * n], m[s + 5 * n],
+                m[s + 6 * n],
+            )  # fmt: skip
+            f = frame_of(a, b)
+            x = abs(f.xx) + abs(f.xy) + abs(f.xz)
+            y = abs(f.yx) + abs(f.yy) + abs(f.yz)
+            z = abs(f.zx) + abs(f.zy) + abs(f.zz)
+            y = y if y > x else x
+            sizes = (
+                abs(f.px), abs(f.py), abs(f.pz), abs(f.ax), abs(f.ay), abs(f.az), z if z > y else y
+            )  # fmt: skip
+            counts = i < t[s + 13 * n]
+            after = attitude_step(a, h, b)
+            for j in range(7):
+                most = m[s + (7 + j) * n]
+                m[s + (7 + j) * n] = sizes[j] if counts and sizes[j] > most else most
+                row[j * n + s] = a[j]
+                m[s + j * n] = after[j]
+
+
+@kernel
+def motions(m: Any, t: Any, turns: bool, h: float, rows: Any) -> None:
+    """Fill rows (n, 7 * TOGETHER) with the attitudes of bodies at 0, h, 2 h ...
+
+    m : (7, TOGETHER) attitudes at first; then, of the frames, the largest |rate| and |change of it|
+        about each axis, and sum of |numbers| of a row of the matrix (7, TOGETHER)
+    t : numbers of `Body` after the first (13, TOGETHER), ticks that the largest are of (TOGETHER,)
+    turns : whether they do
+    """
+    if turns:
+        _motions(m, t, 1.0, h, rows)
+    else:
+        _motions(m, t, 0.0, h, rows)
+
+
 @kernel
 def frames(rows: Any, later: float, b: Body, found: Any) -> None:
     """Fill `found` (n, 15) with the frames a time `later` [s] after attitudes (n, 7)."""
