@@ -19,7 +19,7 @@ from rpo_guidance.legs import Turning, tabled
 from rpo_guidance.plan import HOLD, Guidance
 from rpo_guidance.transfer_kernels import at_port
 from rpo_guidance.turning_kernels import turned
-from rpo_kernels.attitude_kernels import FRAME, to_lvlh
+from rpo_kernels.attitude_kernels import FRAME, frame_at, to_lvlh
 from rpo_kernels.kernels import cw_step, unpacked
 from rpo_montecarlo.engine.lanes import (
     FORCE,
@@ -35,7 +35,6 @@ from rpo_montecarlo.engine.parts.target import (
     ATTITUDE,
     BODIES,
     DT,
-    axes_of,
     fill_axes,
     step_attitudes,
     targets_of,
@@ -95,7 +94,7 @@ def _docks(w, m, t, s):  # type: ignore[no-untyped-def]
     """Whether a chaser has come to the port."""
     port, ahead = (t[PORT], t[PORT + 1], t[PORT + 2]), (t[PORT + 3], t[PORT + 4], t[PORT + 5])
     if t[AXES] < FAR:
-        axes = axes_of(m[NOW:], s)
+        axes = frame_at(m, NOW + s, RUNS)
         port, ahead = to_lvlh(port, axes), to_lvlh(ahead, axes)
     (px, py, pz), (ax, ay, az) = port, ahead
     x, y, z = w[SEEN_R + s], w[SEEN_R + s + RUNS], w[SEEN_R + s + 2 * RUNS]
@@ -114,7 +113,7 @@ def _reference(m, t, tick, s):  # type: ignore[no-untyped-def]
     behind = min(tick - int(begins), count - 1)
     if phases[at + TURNS_WITH] > 0.0:
         orbit = t[PHASES + most * RUNS + BODIES]
-        now, half = axes_of(m[NOW:], s), axes_of(m[HALF:], s)
+        now, half = frame_at(m, NOW + s, RUNS), frame_at(m, HALF + s, RUNS)
         return turned(t[place + FRAME * behind :], now, half, orbit, t[MASSES + s])
     row = t[place + 9 * behind :]
     return (row[0], row[1], row[2], row[3], row[4], row[5]), (row[6], row[7], row[8])
@@ -186,7 +185,10 @@ def assure_all(w, m, t, tick):  # type: ignore[no-untyped-def]
         command, last = (w[FORCE + s], w[FORCE + y], w[FORCE + z]), (m[s], m[y], m[z])
         mode = int(m[MODE + s])
         if width > _GUARD:
-            axes, walls = (axes_of(now, s), axes_of(following, s)), guard_at(table, _GUARD)
+            axes, walls = (
+                (frame_at(now, s, RUNS), frame_at(following, s, RUNS)),
+                guard_at(table, _GUARD),
+            )
             found = assure_turning(state, command, last, mode, *axes, step, guard, walls)
         else:
             found = assure(state, command, last, mode, step, guard)

@@ -14,7 +14,15 @@ from numpy.typing import NDArray
 
 from rpo_attitude.target import TUMBLE, Target, motion_of, of_vector, product
 from rpo_core.files.scenario import Scenario
-from rpo_kernels.attitude_kernels import FRAME, Body, Frame, attitude_step, frame_of, seen_from
+from rpo_kernels.attitude_kernels import (
+    FRAME,
+    attitude_at,
+    attitude_step,
+    body_at,
+    frame_of,
+    seen_from,
+)
+from rpo_kernels.jit import inlined
 from rpo_montecarlo.engine.lanes import (
     BODY_QUAT,
     BODY_QUAT_W,
@@ -43,32 +51,18 @@ ATTITUDE = 7 * RUNS
 """Numbers of a table of targets, and of their attitudes in a memory (7, 40)."""
 
 
-@compiled
-def _body(t, turns, s):  # type: ignore[no-untyped-def]
-    i, n = BODIES + s, RUNS
-    # fmt: off
-    return Body(
-        turns, t[i], t[i + n], t[i + 2 * n], t[i + 3 * n], t[i + 4 * n], t[i + 5 * n],
-        t[i + 6 * n], t[i + 7 * n], t[i + 8 * n], t[i + 9 * n], t[i + 10 * n], t[i + 11 * n],
-        t[i + 12 * n],
-    )
-    # fmt: on
-
-
-@compiled
-def _attitude(m, s):  # type: ignore[no-untyped-def]
-    n = RUNS
-    return (
-        m[s], m[s + n], m[s + 2 * n], m[s + 3 * n], m[s + 4 * n], m[s + 5 * n], m[s + 6 * n],
-    )  # fmt: skip
+@inlined
+def body_of(t, turns, s):  # type: ignore[no-untyped-def]
+    """Return the body of a run, of a table of targets."""
+    return body_at(turns, t, BODIES + s, RUNS)
 
 
 @compiled
 def _see(w, m, t, turns):  # type: ignore[no-untyped-def]
     for s in range(RUNS):
         y, z = s + RUNS, s + 2 * RUNS
-        attitude = _attitude(m, s)
-        f = frame_of(attitude, _body(t, turns, s))
+        attitude = attitude_at(m, s, RUNS)
+        f = frame_of(attitude, body_of(t, turns, s))
         state = (w[R + s], w[R + y], w[R + z], w[V + s], w[V + y], w[V + z])
         rx, ry, rz, vx, vy, vz = seen_from(state, f)
         w[BODY_R + s], w[BODY_R + y], w[BODY_R + z] = rx, ry, rz
@@ -81,7 +75,7 @@ def step_attitudes(m, t):  # type: ignore[no-untyped-def]
     """Turn the targets of a table, whose attitudes are in a memory, by a tick."""
     dt = t[DT]
     for s in range(RUNS if t[TURNS] > 0.0 else 0):
-        now = attitude_step(_attitude(m, s), dt, _body(t, 1.0, s))
+        now = attitude_step(attitude_at(m, s, RUNS), dt, body_of(t, 1.0, s))
         for j in range(7):
             m[j * RUNS + s] = now[j]
 
@@ -89,7 +83,7 @@ def step_attitudes(m, t):  # type: ignore[no-untyped-def]
 @compiled
 def _fill_axes(m, t, turns, later, axes):  # type: ignore[no-untyped-def]
     for s in range(RUNS):
-        attitude, body = _attitude(m, s), _body(t, turns, s)
+        attitude, body = attitude_at(m, s, RUNS), body_of(t, turns, s)
         if later > 0.0:
             attitude = attitude_step(attitude, later, body)
         f = frame_of(attitude, body)
@@ -106,17 +100,6 @@ def fill_axes(m, t, later, axes):  # type: ignore[no-untyped-def]
         _fill_axes(m, t, 1.0, 0.0, axes)
     else:
         _fill_axes(m, t, 1.0, later, axes)
-
-
-@compiled
-def axes_of(axes, s):  # type: ignore[no-untyped-def]
-    """Return the axes of a run, of those that `fill_axes` filled."""
-    i, n = s, RUNS
-    return Frame(
-        axes[i], axes[i + n], axes[i + 2 * n], axes[i + 3 * n], axes[i + 4 * n], axes[i + 5 * n],
-        axes[i + 6 * n], axes[i + 7 * n], axes[i + 8 * n], axes[i + 9 * n], axes[i + 10 * n],
-        axes[i + 11 * n], axes[i + 12 * n], axes[i + 13 * n], axes[i + 14 * n],
-    )  # fmt: skip
 
 
 @compiled

@@ -240,6 +240,38 @@ def attitudes(a: Attitude, h: float, b: Body, rows: Any) -> None:
         a = attitude_step(a, h, b)
 
 
+@inlined
+def frame_at(t: Any, i: int, n: int = 1) -> Frame:
+    """Return the frame whose numbers lie in a flat table from place i on, n places apart."""
+    # fmt: off
+    return Frame(
+        t[i], t[i + n], t[i + 2 * n], t[i + 3 * n], t[i + 4 * n], t[i + 5 * n], t[i + 6 * n],
+        t[i + 7 * n], t[i + 8 * n], t[i + 9 * n], t[i + 10 * n], t[i + 11 * n], t[i + 12 * n],
+        t[i + 13 * n], t[i + 14 * n],
+    )
+    # fmt: on
+
+
+@inlined
+def body_at(turns: float, t: Any, i: int, n: int) -> Body:
+    """Return the body whose other numbers lie in a flat table from place i on, n places apart."""
+    # fmt: off
+    return Body(
+        turns, t[i], t[i + n], t[i + 2 * n], t[i + 3 * n], t[i + 4 * n], t[i + 5 * n],
+        t[i + 6 * n], t[i + 7 * n], t[i + 8 * n], t[i + 9 * n], t[i + 10 * n], t[i + 11 * n],
+        t[i + 12 * n],
+    )
+    # fmt: on
+
+
+@inlined
+def attitude_at(t: Any, i: int, n: int) -> Attitude:
+    """Return the attitude that lies in a flat table from place i on, n places apart."""
+    return (
+        t[i], t[i + n], t[i + 2 * n], t[i + 3 * n], t[i + 4 * n], t[i + 5 * n], t[i + 6 * n],
+    )  # fmt: skip
+
+
 TOGETHER = 8
 """Bodies whose motions `motions` computes: one SIMD register."""
 
@@ -250,15 +282,7 @@ def _motions(m: Any, t: Any, turns: float, h: float, rows: Any) -> None:
     for i in range(len(rows)):
         row = rows[i]
         for s in range(n):
-            b = Body(
-                turns, t[s], t[s + n], t[s + 2 * n], t[s + 3 * n], t[s + 4 * n], t[s + 5 * n],
-                t[s + 6 * n], t[s + 7 * n], t[s + 8 * n], t[s + 9 * n], t[s + 10 * n],
-                t[s + 11 * n], t[s + 12 * n],
-            )  # fmt: skip
-            a = (
-                m[s], m[s + n], m[s + 2 * n], m[s + 3 * n], m[s + 4 * n], m[s + 5 * n],
-                m[s + 6 * n],
-            )  # fmt: skip
+            a, b = attitude_at(m, s, n), body_at(turns, t, s, n)
             f = frame_of(a, b)
             x = abs(f.xx) + abs(f.xy) + abs(f.xz)
             y = abs(f.yx) + abs(f.yy) + abs(f.yz)
@@ -300,17 +324,6 @@ def frames(rows: Any, later: float, b: Body, found: Any) -> None:
         f = frame_of(attitude_step(a, later, b) if later > 0.0 else a, b)
         for j in range(FRAME):
             found[i, j] = f[j]
-
-
-@inlined
-def frame_at(t: Any, i: int) -> Frame:
-    """Return the frame whose numbers lie in a flat table from place i on."""
-    # fmt: off
-    return Frame(
-        t[i], t[i + 1], t[i + 2], t[i + 3], t[i + 4], t[i + 5], t[i + 6], t[i + 7], t[i + 8],
-        t[i + 9], t[i + 10], t[i + 11], t[i + 12], t[i + 13], t[i + 14],
-    )
-    # fmt: on
 
 
 @kernel
