@@ -32,7 +32,7 @@ from rpo_guidance.legs import (
 from rpo_guidance.plan import Guidance, Leg
 from rpo_guidance.transfer_kernels import Floats, at_port
 from rpo_guidance.transfers import Limits
-from rpo_kernels.attitude_kernels import moving_with, seen_from
+from rpo_kernels.attitude_kernels import moving_with, seen_from, to_lvlh
 from rpo_kernels.kernels import State, norm
 
 GO, STOP, RETREAT, ABORT = 'go', 'hold', 'retreat', 'abort'
@@ -174,20 +174,17 @@ class GuidanceStage(Stage):
             return False
         return self._leg is not None or self.changes[-1].phase == ARRIVED
 
-    def ports(self, ticks: int, first: int = 0) -> Floats:
-        """Return where port and axis of the corridor point, target LVLH (ticks, 6)."""
-        fixed = np.array([*self.settings.port_m, *self.settings.corridor.ahead])
+    def port(self, tick: int) -> tuple[float, ...]:
+        """Return where port [m] and axis of the corridor point at a tick (6,), target LVLH."""
+        port_m, ahead = self.settings.port_m, self.settings.corridor.ahead
         if self._motion is None:
-            return fixed[None].repeat(ticks, axis=0)
-        turned = self._motion.frames(first + ticks)[first:, :9].reshape(-1, 1, 3, 3)
-        x, y, z = fixed.reshape(2, 3, 1).swapaxes(0, 1)
-        # in the order of `to_lvlh`: the same bits
-        found: Floats = turned[..., 0] * x + turned[..., 1] * y + turned[..., 2] * z
-        return found.reshape(ticks, 6)
+            return (*port_m, *ahead)
+        frame = self._motion.frame(tick)
+        return (*to_lvlh(port_m, frame), *to_lvlh(ahead, frame))
 
     def _at_port(self, tick: int, state: State) -> bool:
         """Return whether a state has come to the port."""
-        (x, y, z, *_), (px, py, pz, ax, ay, az) = state, self.ports(1, tick)[0].tolist()
+        (x, y, z, *_), (px, py, pz, ax, ay, az) = state, self.port(tick)
         return at_port(x, y, z, px, py, pz, ax, ay, az, self.settings.past_port_m)
 
     def phases(self, start: State, ticks: int) -> Iterator[tuple[int, int, Any, bool]]:
@@ -361,8 +358,11 @@ class GuidanceStage(Stage):
                 return end
             return moving_with(end, self._motion.frame(tick + ticks))
 
-        ports = None if self._motion is None else partial(self.ports, first=tick)
-        return Transferring(start, end_after, self._vehicle, duration_s, zones, *times_s, ports)
+        def port_after(ticks: int) -> tuple[float, ...]:
+            return self.port(tick + ticks)
+
+        turning = port_after if self._motion is not None else None
+        return Transferring(start, end_after, self._vehicle, duration_s, zones, *times_s, turning)
 
     def _stopping_m(self, state: State) -> float:
         """Return how much nearer [m] to the target a state comes before it can have stopped."""

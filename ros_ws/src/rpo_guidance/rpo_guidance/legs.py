@@ -173,7 +173,7 @@ class Transferring:
     """On a transfer of least energy.
 
     end : state (6,) [m, m/s] at its end, by its length in ticks
-    ports : where a corridor that turns points in its first ticks (n, 6), by their number
+    port : where port and axis of a corridor that turns point (6,) so many ticks after its begin
     """
 
     def __init__(
@@ -186,9 +186,9 @@ class Transferring:
         corridor_s: float | None = None,
         burn_s: float | None = None,
         ease_s: float | None = None,
-        ports: Callable[[int], Floats] | None = None,
+        port: Callable[[int], tuple[float, ...]] | None = None,
     ) -> None:
-        self._vehicle, self._ports = vehicle, ports
+        self._vehicle, self._port = vehicle, port
         for _ in range(STRETCHES):
             self._plan(start, end, duration_s, zones, corridor_s, burn_s, ease_s)
             if self.largest_n <= vehicle.limit_n:
@@ -218,9 +218,9 @@ class Transferring:
         burn = None if burn_s is None else max(2, round(burn_s / seconds))
         if corridor_s is not None:
             zones = zones._replace(corridor=segments - max(1, round(corridor_s / seconds)))
-            if self._ports is not None:
-                turned = self._ports(segments * hold + 1)[::hold].tolist()
-                zones = zones._replace(ports=tuple(map(tuple, turned)))
+            if self._port is not None:
+                turned = tuple(self._port(hold * segment) for segment in range(segments + 1))
+                zones = zones._replace(ports=turned)
         ease = round(ease_s / seconds) if ease_s else 0
         self.ticks: int | None = segments * hold
         self._end = end(segments * hold)
