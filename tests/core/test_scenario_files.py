@@ -40,8 +40,8 @@ def test_shipped_names():
     worlds = ['world_elliptic', 'world_leo', 'world_moon']
     assert list(files.shipped('scenario')) == [
         'apollo', 'approach', 'around', 'assured', 'docking', 'docking_leo', 'guarded',
-        'hold_points', 'least_energy', 'least_energy_starts', 'on_command', *paper, 'passive_approach', 'quick',
-        'tumbling_docking', 'tumbling_port', *worlds,
+        'hold_points', 'least_energy', 'least_energy_starts', 'on_command', *paper,
+        'passive_approach', 'quick', 'tumbling_docking', 'tumbling_port', *worlds,
     ]  # fmt: skip
 
 
