@@ -30,6 +30,7 @@ from log_runs import (
 from mcap.records import Schema
 from nav_scenarios import LIDAR, make
 
+from rpo_attitude.chaser import Chaser, Wheels
 from rpo_attitude.target import Target
 from rpo_core.chain.chain import Chain
 from rpo_core.chain.stage import Place
@@ -39,6 +40,7 @@ from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr, interfaces
 from rpo_core.world.disturbance import Disturbance
+from rpo_ctrl.attitude import AttitudeControl
 from rpo_kernels.jit import COMPILED
 from rpo_log import log_commands
 from rpo_log.tools.export import export
@@ -50,6 +52,7 @@ from rpo_mcap.read.run_log import read_run
 from rpo_mcap.write.writer import RunLogWriter
 from rpo_nav.navigation_errors import Navigation
 from rpo_sim.free_running import FreeRunningPlant
+from rpo_thrusters.table import ThrusterTable
 from rpo_thrusters.thrusters import Propellant, Thrusters
 
 QUICK = settings(max_examples=16, deadline=None, derandomize=True, database=None)
@@ -299,7 +302,7 @@ def test_a_log_without_its_controller_verifies_all_else(short_run, tmp_path):
 # Logs of every kind of stage: proved across blocks, with gaps, forged.
 
 EXERTED, MEASURED, ESTIMATE = '/exerted_force', '/measurement', '/navigation_state'
-PUSH, ATTITUDE = '/estimated_disturbance', '/target_attitude'
+PUSH, ATTITUDE, BODY = '/estimated_disturbance', '/target_attitude', '/body_force'
 CONTROLLER = load_controller('handmade')
 LEO = scenario.load_scenario('world_leo')
 WORLD = replace(LEO, duration_s=2.0, sections=(LEO.dynamics, LEO.thrusters))
@@ -310,7 +313,22 @@ HARDWARE = replace(scenario.load_scenario('paper_test'), duration_s=2.0).equippe
 SENSORS = make([{**LIDAR, 'latency_ticks': 2}], ticks=30, estimator={'disturbance_sigma_n': 0.01})
 SPIN = Target(kind='spin', axis=(1.0, 2.0, 3.0), rate_deg_s=9.0)
 TURNING = replace(scenario.load_scenario('approach'), duration_s=2.0).equipped(SPIN)
-SCENARIOS = {'world': WORLD, 'hardware': HARDWARE, 'sensors': SENSORS, 'turning': TURNING}
+STEERED = replace(scenario.load_scenario('approach'), duration_s=2.0).equipped(
+    Chaser(
+        inertia_kg_m2=((0.6, 0.02, 0.0), (0.02, 0.7, 0.01), (0.0, 0.01, 0.5)),
+        rates_deg_s=(1.0, -0.5, 0.5),
+        wheels=Wheels(torque_nm=0.02, momentum_nms=0.5),
+    ),
+    AttitudeControl(controller='attitude_pd'),
+    Thrusters(table=ThrusterTable(preset='corners_24', force_n=0.17, arm_m=0.3)),
+)
+SCENARIOS = {
+    'world': WORLD,
+    'hardware': HARDWARE,
+    'sensors': SENSORS,
+    'turning': TURNING,
+    'steered': STEERED,
+}
 
 
 def run_of(attached: Scenario, flown: Scenario | None = None) -> ChainRun:
@@ -331,6 +349,7 @@ RECOMPUTED = {
     'hardware': 'recomputed: navigation, controller, disturbance, thrusters, dynamics',
     'sensors': 'recomputed: sensors, estimator, controller',
     'turning': 'recomputed: controller, thrusters, target, dynamics',
+    'steered': 'recomputed: controller, attitude_control, thrusters, attitude, dynamics',
 }
 
 
@@ -354,6 +373,10 @@ def test_it_is_verified(blocks, runs, name, tmp_path):
         ('sensors', PUSH, 0, 'estimator'), ('sensors', FORCE, 0, 'controller'),
         ('sensors', STATE, 0, 'dynamics'),
         ('turning', ATTITUDE, 0, 'target'), ('turning', ATTITUDE, 1, 'target'),
+        ('steered', STATE, 0, 'dynamics'), ('steered', STATE, 2, 'attitude'),
+        ('steered', STATE, 3, 'attitude'), ('steered', BODY, 0, 'attitude_control'),
+        ('steered', BODY, 1, 'attitude_control'), ('steered', EXERTED, 0, 'attitude'),
+        ('steered', EXERTED, 1, 'thrusters'), ('world', STATE, 2, 'rest'),
     ],
 )  # fmt: skip
 def test_one_bit_of_a_message_is_found(blocks, runs, name, topic, place, check, tmp_path):

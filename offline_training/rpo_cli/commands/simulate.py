@@ -56,6 +56,7 @@ def simulate(
     from rpo_core.chain.flight import fly
     from rpo_core.control.controller import load_controller
     from rpo_core.files import overrides
+    from rpo_core.files.scenario import text_for_logs
     from rpo_core.judge.verdicts import missed
     from rpo_ctrl import similarity
     from rpo_log.show.report import print_table
@@ -82,7 +83,7 @@ def simulate(
     if output:
         named_by = {'scenario': chosen, 'controller': controller, 'set': list(changes or ())}
         attached = {
-            SCENARIO: overrides.text_of(chosen, changes or []),
+            SCENARIO: text_for_logs(overrides.text_of(chosen, changes or []), flown),
             CONTROLLER: files.read_text(files.find('controller', controller)),
             PARAMETERS: yaml.safe_dump({'simulate': named_by}),
         }

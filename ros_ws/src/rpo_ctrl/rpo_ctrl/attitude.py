@@ -322,6 +322,10 @@ class AttitudeControlStage(Stage):
         """Begin with the wheels as at tick 0."""
         self._wheels, self._before, self._last = self._start, (0.0, 0.0, 0.0), -2
 
+    def passes_on(self) -> tuple[int | Signal, ...]:
+        """Return that a chaser that nobody steers gets neither force nor torque."""
+        return (), ()
+
     def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
         """Return force (3,) [N] and torque (3,) [N m] in the chaser's axes."""
         force, seen, *references = inputs

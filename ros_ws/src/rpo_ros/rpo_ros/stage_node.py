@@ -182,7 +182,9 @@ class StageNode(FlightNode):
         self._reads = chain.inputs or (interfaces.RELATIVE_STATE,)
         self._patience.hear(chain)
         sources = {self._source(read): None for read in self._reads}
-        for name in set(self._inlets) - set(sources):
+        unused = set(self._inlets) - set(sources)
+        narrow = {name for name in self._inlets if interfaces.row_of(name).rider in self._reads}
+        for name in unused | narrow:  # those may have been made without what rides in them
             self.destroy_subscription(self._inlets.pop(name))
         for name in sources:
             if name not in self._inlets:

@@ -64,7 +64,7 @@ class PlantNode(Loop):
         self._connect()
         self.control = SimulatorControl(self)
         self._standard = standard_control.offer(self)
-        self._manifest(files.read_text(path))
+        self._manifest(scenario.text_for_logs(files.read_text(path), self.scenario))
         self._begin_run()
         self.refuse_change(self.values)
         self.every(min(_LOOK_S, self.values['resend_after_s']), self._look)

@@ -387,6 +387,11 @@ def dumps(scenario: Scenario) -> str:
     return yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=100)
 
 
+def text_for_logs(content: str, scenario: Scenario) -> str:
+    """Return the text of its file, or a longer one that says also what is in files it names."""
+    return content if scenario.named('attitude_control') is None else dumps(scenario)
+
+
 def _refuse_ellipses(document: Any) -> None:
     if isinstance(document, Mapping) and 'eccentricity' in document:
         raise InputError(

@@ -1,0 +1,77 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""A chaser that turns, flown by its nodes: the bits of the chain, logged, verified."""
+
+import numpy as np
+import pytest
+import yaml
+from inside import inside
+from scenarios import lasting
+
+from rpo_core.chain.chain import Chain
+from rpo_core.chain.flight import fly
+from rpo_core.chain.stage import Place
+from rpo_core.control.controller import load_controller
+from rpo_core.files.scenario import load_scenario
+from rpo_core.files.validation import InputError
+from rpo_core.wire.interfaces import BODY_TORQUE, CHASER_ATTITUDE
+from rpo_log.verify import verify
+from rpo_mcap.read.run_log import read_run
+from rpo_sim.plant_node import PlantNode
+
+TURNING = {
+    'attitude': {
+        'inertia_kg_m2': [[0.6, 0.02, 0.0], [0.02, 0.7, 0.01], [0.0, 0.01, 0.5]],
+        'attitude': [0.1, 0.05, 0.0, 0.99],
+        'rates_deg_s': [1.0, -0.5, 0.5],
+        'wheels': {'torque_nm': 0.02, 'momentum_nms': 0.5},
+    },
+    'attitude_control': {'controller': 'attitude_pd'},
+    'thrusters': {'table': {'preset': 'corners_24', 'force_n': 0.17, 'arm_m': 0.3}},
+}
+
+
+def turning(folder, **more):
+    """Write a scenario whose chaser turns; return its path."""
+    document = yaml.safe_load(open(lasting(25.0, folder, 'paper_test')))  # noqa: SIM115
+    document.pop('requirements', None)
+    path = folder / 'turning.yaml'
+    path.write_text(yaml.safe_dump({**document, **TURNING, **more}))
+    return str(path)
+
+
+@pytest.mark.every_landing
+@pytest.mark.parametrize('wheels', [True, False])
+def test_it_flies_the_bits_of_the_chain_and_verifies(ros, tmp_path, wheels):
+    attitude = dict(TURNING['attitude'])
+    if not wheels:
+        del attitude['wheels']  # the table gives the torque
+    path, run = turning(tmp_path, attitude=attitude), tmp_path / 'run'
+    ros.node('rpo_ctrl', 'fuzzy_controller', controller='handmade')
+    ros.node('rpo_ctrl', 'attitude_controller')
+    ros.node('rpo_sim', 'disturbance_injector')
+    recorder = ros.node('rpo_log', 'recorder', output=str(run))
+    plant = ros.node('rpo_sim', 'plant', scenario=path, wait_for_recorder='true')
+    assert plant.wait() == 0, plant.output
+    assert recorder.wait() == 0, recorder.output
+    log, expected = read_run(run), fly(load_scenario(path), load_controller('handmade'))
+    np.testing.assert_array_equal(log.states, expected.states)
+    for name in (CHASER_ATTITUDE, BODY_TORQUE):
+        np.testing.assert_array_equal(log.values[name], expected.signals[name])
+    assert np.abs(log.values[CHASER_ATTITUDE][:, 3] - 1.0).max() > 1e-3, 'it turned'
+    found = verify(run)
+    assert found.exit_code == 0, found.sentence()
+    said = yaml.safe_load(log.attachments['scenario.yaml'])['attitude_control']['controller']
+    assert said['kind'] == 'attitude_pd', 'the log says what flew, not where it was'
+
+
+def test_a_chaser_that_nobody_steers_gets_nothing(tmp_path):
+    chain = Chain.of(load_scenario(turning(tmp_path))).part(Place.STEERING)
+    off = chain.links[0].stage.off((1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
+    assert off == ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+def test_free_running_is_refused(ros_env, tmp_path):
+    path = turning(tmp_path)
+    with inside(), pytest.raises(InputError, match='`mode` must be lockstep'):
+        PlantNode({'scenario': path, 'mode': 'free_running'})
