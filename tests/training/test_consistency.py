@@ -135,7 +135,7 @@ def test_the_command_judges_an_attitude_filter_too(tmp_path):
     assert done.exit_code == 0, done.output
     assert done.output.count('NEES of 6 states') == 2
     assert 'attitude, star tracker out from 35 to 65 %: 20 flights' in done.output
-    with pytest.raises(InputError, match='`attitude_sensors` and `attitude_estimator`'):
+    with pytest.raises(InputError, match='must have section `attitude_estimator`'):
         attitude_consistency(load_scenario('world_leo'), 1)
 
 
