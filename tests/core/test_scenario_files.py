@@ -41,7 +41,7 @@ def test_shipped_names():
     assert list(files.shipped('scenario')) == [
         'approach', 'around', 'assured', 'docking', 'docking_leo', 'guarded', 'hold_points',
         'least_energy', 'least_energy_starts', 'on_command', *paper, 'passive_approach', 'quick',
-        'tumbling_port', *worlds,
+        'tumbling_docking', 'tumbling_port', *worlds,
     ]  # fmt: skip
 
 
