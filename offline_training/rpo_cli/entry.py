@@ -7,7 +7,7 @@ from __future__ import annotations
 import sys
 
 from rpo_core.files import missing
-from rpo_montecarlo import processor
+from rpo_training import processor
 
 # Module that is missing -> layer of `make setup` that brings it.
 _LAYERS = {

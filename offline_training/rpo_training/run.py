@@ -32,7 +32,6 @@ from rpo_core.files.validation import InputError
 from rpo_ctrl.baselines import Baseline
 from rpo_ctrl.family import Family
 from rpo_judge.scoring.fitness import Fitness, Scores
-from rpo_montecarlo import processor
 from rpo_montecarlo.outputs import (
     alone,
     digest_of,
@@ -41,7 +40,7 @@ from rpo_montecarlo.outputs import (
     write_aside,
     write_text,
 )
-from rpo_training import __version__
+from rpo_training import __version__, processor
 from rpo_training.algorithms import Search, Stage
 from rpo_training.config import Configuration
 from rpo_training.fitting import training_set
@@ -342,7 +341,7 @@ class SearchRun(Generic[Config, Found]):
     def run(self, report: Callable[[Progress], None] = lambda _: None) -> Found:
         """Run the search to its end; save after each generation; return the best.
 
-        Warns if the arithmetic of this process is not pinned (`rpo_montecarlo.processor`).
+        Warns if the arithmetic of this process is not pinned (`rpo_training.processor`).
 
         Raises
         ------

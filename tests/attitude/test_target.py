@@ -16,7 +16,7 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from rpo_attitude.target import Target, TargetStage, in_lvlh, motion_of
+from rpo_attitude.target import Motion, Target, TargetStage, in_lvlh, motion_of, move_together
 from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.files import scenario as scenarios
 from rpo_core.files.validation import InputError
@@ -195,3 +195,22 @@ def test_a_corridor_is_drawn_where_the_target_sees_it():
     assert_allclose(turned.depths_m(points), zone.depths_m(seen), atol=1e-12)
     assert 0 < np.count_nonzero(zone.depths_m(seen)) < 200
     assert_allclose(np.linalg.norm(turned.points_m['hold']), np.sqrt(410.0))
+
+
+def test_motions_together_are_those_of_each_and_their_largest_those_of_the_frames():
+    n = APPROACH.mean_motion_rad_s
+    kinds = [replace(TUMBLE, rates_deg_s=(0.1 * i, -5.0, 9.0)) for i in range(11)]
+    targets = [replace(target, attitude=(0.1, 0.0, 0.1 * i, 1.0)) for i, target in enumerate(kinds)]
+    ticks = [1000 - 7 * i for i in range(11)]
+    motions = [motion_of(target, APPROACH) for target in targets]
+    move_together(motions, ticks)
+    for motion, target, count in zip(motions, targets, ticks, strict=True):
+        alone = Motion(target.body(n), target.start(n), APPROACH.dt_s)
+        assert motion.attitude(count - 1) == alone.attitude(count - 1)
+        assert motion.attitude(1200) == alone.attitude(1200)  # and beyond
+        frames = alone.frames(count)
+        rows = np.abs(frames[:, :9]).reshape(-1, 3, 3)
+        rows = rows[..., 0] + rows[..., 1] + rows[..., 2]
+        largest = [*np.abs(frames[:, 9:]).max(axis=0), rows.max()]
+        np.testing.assert_array_equal(motion.largest(count), largest)
+        np.testing.assert_array_equal(alone.largest(count), largest)

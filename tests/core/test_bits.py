@@ -88,12 +88,12 @@ tumble = Target(kind='tumble', rates_deg_s=(0.3, 0.4, 0.8), inertia_kg_m2=body)
 mouth = Leg(name='mouth', kind='transfer', frame='target', to_m=(0.0, 18.0, 0.0), duration_s=300.0)
 line = Leg(name='line', kind='straight', frame='target', to_m=(0.0, 1.0, 0.0), speed_m_s=0.1)
 tumbling = load_scenario('quick').equipped(tumble, Guidance(legs=(mouth, line)))
-references = [GuidanceStage(tumbling.section(Guidance), tumbling).rows(tumbling.start, 3300)[0]]
+references = [GuidanceStage(tumbling.section(Guidance), tumbling).rows(tumbling.start, 3300)]
 near = Leg(name='mouth', kind='transfer', frame='target', to_m=(9.0, 8.0, 1.0), duration_s=40.0)
 for rates in rng.uniform(-3, 3, (8, 3)).tolist():
     tumble = Target(kind='tumble', rates_deg_s=tuple(rates), inertia_kg_m2=body)
     some = tumbling.equipped(tumble, Guidance(legs=(near, line)))
-    references.append(GuidanceStage(some.section(Guidance), some).rows(some.start, 600)[0])
+    references.append(GuidanceStage(some.section(Guidance), some).rows(some.start, 600))
 digest('turning', *references)
 """
 

@@ -39,9 +39,9 @@ def test_shipped_names():
     paper = ['paper_box', 'paper_test', 'paper_test_measured', 'paper_test_phase', 'paper_training']
     worlds = ['world_elliptic', 'world_leo', 'world_moon']
     assert list(files.shipped('scenario')) == [
-        'approach', 'around', 'assured', 'docking', 'docking_leo', 'guarded', 'hold_points',
-        'least_energy', 'least_energy_starts', 'on_command', *paper, 'passive_approach', 'quick',
-        'tumbling_port', *worlds,
+        'apollo', 'approach', 'around', 'assured', 'docking', 'docking_leo', 'guarded',
+        'hold_points', 'least_energy', 'least_energy_starts', 'on_command', *paper,
+        'passive_approach', 'quick', 'tumbling_docking', 'tumbling_port', *worlds,
     ]  # fmt: skip
 
 

@@ -55,7 +55,7 @@ GYRO = {'noise_rad_s0_5': 2e-5, 'bias_rad_s': [3e-5, -5e-5, 2e-5], 'bias_walk_ra
 
 
 def attitude_scenario(
-    star: Any = (), gyro: Any = (), key: int = 7, estimator: Any = (), **changes: Any
+    star: Any = (), gyro: Any = (), key: int = 7, attitude_filter: Any = (), **changes: Any
 ) -> Scenario:
     """Return a scenario whose chaser tumbles, and knows its attitude by a filter."""
     attitude_sensors = {
@@ -68,7 +68,7 @@ def attitude_scenario(
         'estimator': None,
         'attitude': TUMBLING,
         'attitude_sensors': attitude_sensors,
-        'attitude_estimator': dict(estimator),
+        'attitude_estimator': dict(attitude_filter),
         **changes,
     }
     return make(**sections)

@@ -102,7 +102,7 @@ def test_a_light_blinds_within_its_angle():
         ({'gyro': {'noise_rad_s0_5': -1.0}}, '`noise_rad_s0_5` must be a finite number >= 0'),
         ({'attitude': None}, '`attitude_sensors` must have an attitude to measure'),
         ({'attitude_sensors': None}, '`attitude_sensors` is missing'),
-        ({'estimator': {'attitude_sigma_deg': 0.0}}, '`attitude_sigma_deg` must be a finite'),
+        ({'attitude_filter': {'attitude_sigma_deg': 0.0}}, '`attitude_sigma_deg` must be a finite'),
     ],
 )  # fmt: skip
 def test_bad_input_is_one_sentence(changes, sentence):

@@ -173,7 +173,7 @@ def test_the_frame_of_the_line_of_sight_is_right_handed():
 
 DIGEST = """
 import hashlib, numpy as np
-from nav_scenarios import LIDAR, PD, make
+from nav_scenarios import LIDAR, PD, attitude_scenario, make
 from rpo_kernels import jit
 from rpo_core.chain.flight import fly
 units = [
@@ -183,10 +183,14 @@ units = [
      'noise_floor_m': 0.3, 'bias_walk_m_s0_5': 0.01, 'field_of_view_rad': 2.0},
     {'kind': 'bearing', 'bearing_noise_rad': 0.001, 'period_ticks': 2, 'latency_ticks': 1},
 ]
-flight = fly(make(units, estimator={'disturbance_sigma_n': 0.01}), PD)
-found = hashlib.sha256(flight.states.tobytes())
-for name in sorted(flight.signals):
-    found.update(flight.signals[name].tobytes())
+camera = {'units': [{**LIDAR, 'body_fixed': True, 'latency_ticks': 1}]}
+turning = attitude_scenario({'latency_ticks': 2}, sensors=camera, estimator={})
+found = hashlib.sha256()
+for scenario in (make(units, estimator={'disturbance_sigma_n': 0.01}), turning):
+    flight = fly(scenario, PD)
+    found.update(flight.states.tobytes())
+    for name in sorted(flight.signals):
+        found.update(flight.signals[name].tobytes())
 print(jit.COMPILED, found.hexdigest())
 """
 

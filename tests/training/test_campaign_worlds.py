@@ -403,13 +403,14 @@ def test_plans_and_assurance_fly_side_by_side_with_the_bits_of_the_chain(monkeyp
         np.testing.assert_array_equal(values, side_by_side[name], name)
 
 
-def test_docking_from_anywhere():
-    """Forty of the ten thousand runs of `rpo campaign docking`."""
-    campaign = config.load(config.find('docking'))
+@pytest.mark.parametrize('name', ['docking', 'tumbling_docking'])
+def test_docking_from_anywhere(name):
+    """Forty of the ten thousand runs of `rpo campaign`."""
+    campaign = config.load(config.find(name))
     columns = fly_runs(campaign, 400, 40)
-    for name in campaign.config.success:
-        values, limit = campaign.config.limit(name, columns)
-        assert (values <= limit).all(), name
+    for judged in campaign.config.success:
+        values, limit = campaign.config.limit(judged, columns)
+        assert (values <= limit).all(), judged
 
 
 # Message faults in campaigns: bits, the free-running plant, effects, refusals.

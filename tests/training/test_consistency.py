@@ -12,21 +12,39 @@ import pytest
 from scipy.linalg import solve_discrete_are
 from typer.testing import CliRunner
 
+from rpo_attitude.chaser import Chaser
 from rpo_cli.cli import app
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
+from rpo_core.files import scenario as scenario_file
 from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
+from rpo_judge.evaluation.attitude_consistency import attitude_consistency
 from rpo_judge.evaluation.consistency import (
     as_configured,
     consistency,
     in_its_world,
     sigmas_at_goal,
 )
+from rpo_nav.attitude_estimator import AttitudeEstimator, attitude_filter_of
+from rpo_nav.attitude_sensors import AttitudeSensors, Gyro, StarTracker
 from rpo_nav.estimator import Estimator
 from rpo_nav.sensors import Sensor, Sensors
 
 WORLDS = ('world_leo', 'world_elliptic', 'world_moon')
+
+TUMBLING = load_scenario('approach').equipped(
+    Chaser(
+        inertia_kg_m2=((2.0, 0.1, 0.0), (0.1, 1.5, 0.05), (0.0, 0.05, 1.0)),
+        attitude=(0.1, -0.2, 0.3, 0.9),
+        rates_deg_s=(1.5, -1.0, 2.0),
+    ),
+    AttitudeSensors(
+        star_tracker=StarTracker(boresight=(1.0, 2.0, -0.5), period_ticks=5, latency_ticks=2),
+        gyro=Gyro(noise_rad_s0_5=2e-5, bias_walk_rad_s1_5=1e-6),
+    ),
+    AttitudeEstimator(),
+)
 
 
 @pytest.mark.parametrize('name', WORLDS)
@@ -76,6 +94,49 @@ def test_the_sigmas_at_the_goal_are_those_of_the_riccati_equation():
     before = solve_discrete_are(transition.T, seen.T, noise, [[0.02**2]])
     after = before - before @ seen.T @ seen @ before / (before[0, 0] + 0.02**2)
     np.testing.assert_allclose(sigmas_at_goal(flown), np.sqrt(after.diagonal()[:2]), rtol=0.01)
+
+
+@pytest.mark.parametrize('outage', [False, True])
+def test_an_attitude_filter_is_consistent(outage):
+    found = attitude_consistency(replace(TUMBLING, duration_s=100.0), 100, outage=outage)
+    assert found.holds, found
+    assert found.correlation < 2.0 * found.correlation_bound
+    measured = [0 <= tick < 350 or tick >= 650 for tick in range(0, 999, 5)]
+    assert found.innovations == 100 * (sum(measured) if outage else 200)
+
+
+def test_an_attitude_filter_that_takes_its_gyro_for_better_is_found(monkeypatch):
+    module = 'rpo_judge.evaluation.attitude_consistency.attitude_filter_of'
+
+    def proud(settings, sensors, scenario):
+        f = attitude_filter_of(settings, sensors, scenario)
+        f[3] *= 0.25
+        return f
+
+    monkeypatch.setattr(module, proud)
+    found = attitude_consistency(replace(TUMBLING, duration_s=100.0), 20)
+    assert not found.holds and found.nees.mean() > 7.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('outage', [False, True])
+def test_a_thousand_flights_of_an_attitude_filter(outage):
+    found = attitude_consistency(replace(TUMBLING, duration_s=400.0), 1000, outage=outage)
+    assert 5.79 <= found.nees.mean() <= 6.21
+    assert found.holds, found
+
+
+def test_the_command_judges_an_attitude_filter_too(tmp_path):
+    path = tmp_path / 'tumbling.yaml'
+    path.write_text(scenario_file.dumps(replace(TUMBLING, duration_s=60.0)))
+    done = CliRunner().invoke(
+        app, ['evaluate', '--estimator', str(path), '--runs', '20'], env={'COLUMNS': '200'}
+    )
+    assert done.exit_code == 0, done.output
+    assert done.output.count('NEES of 6 states') == 2
+    assert 'attitude, star tracker out from 35 to 65 %: 20 flights' in done.output
+    with pytest.raises(InputError, match='`attitude_sensors` and `attitude_estimator`'):
+        attitude_consistency(load_scenario('world_leo'), 1)
 
 
 @pytest.mark.slow

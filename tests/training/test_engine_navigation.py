@@ -64,7 +64,7 @@ def lost(truth, tick, run):
 def test_lanes_have_the_bits_of_the_kernels(case):
     flown = runs(*CASES[case], count=40)
     starts, keys = np.array([s.start for s in flown]), np.zeros((40, 2))
-    part = estimation.estimators_of(Batch(flown[0], starts, flown.__getitem__, {}, keys, {}))
+    part = estimation.estimators_of(Batch(flown[0], starts, flown.copy, {}, keys, {}))
     m, t = part.memory.copy(), part.table
     sensing = [Sensing(s.section(Sensors), s) for s in flown]
     filters = [filter_of(s.section(Estimator), s.section(Sensors), s) for s in flown]

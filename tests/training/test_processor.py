@@ -10,8 +10,8 @@ import pytest
 import yaml
 from processes import ANOTHER, python, repeated, rpo
 
-from rpo_montecarlo import processor
 from rpo_training import config as configs
+from rpo_training import processor
 from rpo_training.training import Training
 
 OLD = {'OPENBLAS_CORETYPE': 'Nehalem', 'OPENBLAS_NUM_THREADS': '2'}
@@ -25,13 +25,11 @@ HOSTILE = {
     'NPY_ENABLE_CPU_FEATURES': 'X86_V3',
     'GLIBC_TUNABLES': 'glibc.malloc.check=0:glibc.cpu.hwcaps=-SSE4_2',
 }
-READ = 'from rpo_montecarlo import processor; print(processor.in_use())'
-PIN = (
-    f'from rpo_montecarlo import processor; processor.restart_pinned(); import scipy.linalg; {READ}'
-)
+READ = 'from rpo_training import processor; print(processor.in_use())'
+PIN = f'from rpo_training import processor; processor.restart_pinned(); import scipy.linalg; {READ}'
 
 ON_A_WORKER = """
-from rpo_montecarlo import processor
+from rpo_training import processor
 processor.restart_pinned()
 from rpo_montecarlo.cluster import pool
 with pool.connected('local', 1) as client:

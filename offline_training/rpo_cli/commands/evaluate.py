@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import csv as csv_files
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from rpo_core.control.controller import AnyController, FuzzyController
     from rpo_core.files.scenario import Scenario, ScenarioSet
     from rpo_judge.evaluation.assessment import Assessment
+    from rpo_judge.evaluation.consistency import Consistency
     from rpo_judge.evaluation.sensitivity import Effect, Outcome
 
 EXAMPLES = """
@@ -143,13 +145,15 @@ def judge_by(controller: AnyController, name: str, found: Scenario | ScenarioSet
 def _judge_estimator(name: str, runs: int) -> bool:
     """Print how consistent the estimator of a scenario is; return whether a mean is out of bounds.
 
-    With the sensors as they are, and with a tenth of the measurements lost and 0.3 s late: this is
-    what is asked. Then, as the world is: this is reported.
+    With the sensors as they are, and with a tenth of the measurements lost and 0.3 s late; of an
+    attitude filter, with an outage of the star tracker too: this is what is asked. Then, as the
+    world is: this is reported.
     """
     from rpo_cli.display import print_table, progress
     from rpo_core.control.controller import load_controller
     from rpo_core.files import DEFAULT_CONTROLLER
     from rpo_core.files.scenario import load_scenario
+    from rpo_judge.evaluation.attitude_consistency import OUTAGE, attitude_consistency
     from rpo_judge.evaluation.consistency import (
         HEADINGS,
         as_configured,
@@ -160,21 +164,31 @@ def _judge_estimator(name: str, runs: int) -> bool:
         sigmas_at_goal,
         size_of,
     )
+    from rpo_nav.attitude_estimator import AttitudeEstimator
+    from rpo_nav.estimator import Estimator
 
     scenario = load_scenario(name)
     late = round(0.3 / scenario.dt_s)
-    cases = {
-        'noise as the filter assumes': as_configured(scenario),
-        'noise as the filter assumes, 10 % lost, 0.3 s late': as_configured(
-            scenario, dropout_share=0.1, latency_ticks=late
-        ),
-    }
+    positions = scenario.section(Estimator) is not None
+    attitudes = scenario.section(AttitudeEstimator) is not None
+    cases: dict[str, Callable[..., Consistency]] = {}
+    if positions or not attitudes:
+        lost = as_configured(scenario, dropout_share=0.1, latency_ticks=late)
+        cases['noise as the filter assumes'] = partial(consistency, as_configured(scenario))
+        cases['noise as the filter assumes, 10 % lost, 0.3 s late'] = partial(consistency, lost)
+    if attitudes:
+        turning, (begin, end_) = partial(attitude_consistency, scenario), OUTAGE
+        cases['attitude, noise as the filter assumes'] = turning
+        blind = f'attitude, star tracker out from {100 * begin:.0f} to {100 * end_:.0f} %'
+        cases[blind] = partial(turning, outage=True)
     missed = False
-    for case, flown in cases.items():
+    for case, fly in cases.items():
         with progress() as show:
-            found = consistency(flown, runs, show)
+            found = fly(runs=runs, show=show)
         print_table(HEADINGS, rows_of(found), f'{scenario.name}, {case}: {runs} flights')
         missed |= not found.holds
+    if not positions:
+        return missed
     controller, count = load_controller(DEFAULT_CONTROLLER), min(runs, WORLD_RUNS)
     with progress() as show:
         world = in_its_world(scenario, controller, count, show)
@@ -186,6 +200,8 @@ def _judge_estimator(name: str, runs: int) -> bool:
         'reported, not asked: the filter does not model all of its world.'
     )
     position_m, velocity_m_s = sigmas_at_goal(scenario)
+    if attitudes:
+        typer.echo(f'Errors of attitude are {size_of(world.attitude)} than the filter says.')
     typer.echo(
         f'At rest at the goal, the sigma of the filter is {1e3 * position_m:.2f} mm and '
         f'{1e3 * velocity_m_s:.2f} mm/s (worst axis).'

@@ -6,13 +6,16 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rpo_cli.commands.shared import NoFail, Set, echo, end, interruptible, tool
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.files.validation import InputError
+
+if TYPE_CHECKING:
+    from rpo_montecarlo.campaign.config import Campaign
 
 safety = typer.Typer(
     name='safety',
@@ -23,7 +26,7 @@ safety = typer.Typer(
 SHOW_EXAMPLES = 'Example: `rpo safety show assured`'
 ATTACK_EXAMPLES = """
 Examples: `rpo safety attack assured` | `rpo safety attack assured --runs 100000 --seed 2 --set
-assurance.filter=simplex`
+assurance.filter=simplex` | `rpo safety attack --campaign tumbling_docking --runs 1000`
 """
 QUIET_EXAMPLES = """
 Examples: `rpo safety quiet paper_training` | `rpo safety quiet paper_test --controller robust
@@ -96,6 +99,12 @@ def attack(
     runs: Annotated[int, typer.Option(min=1, max=10_000_000, help='flights')] = 7000,
     seed: Annotated[int, typer.Option(min=0, help='of all that is drawn')] = 1,
     ticks: Annotated[int, typer.Option(min=1, max=1_000_000, help='length of a flight')] = 1000,
+    campaign: Annotated[
+        str, typer.Option(help='shipped name or file: fly its runs instead, with all stages')
+    ] = '',
+    estimated: Annotated[
+        bool, typer.Option('--estimated', help='with its own sensors and estimator of the position')
+    ] = False,
     changes: Set = None,
     no_fail: NoFail = False,
 ) -> None:
@@ -103,8 +112,20 @@ def attack(
 
     Starts, errors of navigation, disturbance and thrust are at the edge of what the section
     `assurance` assumes. The path is looked at between the ticks, too.
+
+    With --campaign, a run has hostile commands from a drawn moment on, and what the campaign
+    disperses; it is flown to its end. Its attitude is estimated, and must keep
+    `chaser_attitude_error_deg`; its position is known as badly as assurance assumes.
     """
     from rpo_cli.display import print_table, progress
+
+    if campaign:
+        from rpo_judge.safety.whole_chain import bounded
+        from rpo_montecarlo.campaign import config
+
+        chosen = config.load(campaign, changes or [], runs=runs, seed=seed)
+        end(_attack_campaign(chosen if estimated else bounded(chosen)), no_fail)
+        return
     from rpo_core.files import overrides
     from rpo_judge.safety import attack
     from rpo_judge.safety import attack as attacks
@@ -149,6 +170,42 @@ def attack(
     typer.echo(LEGEND)
     typer.echo('all limits held' if not broken else f'{broken} ticks break a limit')
     end(broken > 0, no_fail)
+
+
+def _attack_campaign(chosen: Campaign) -> bool:
+    """Fly the runs of a campaign under hostile commands, print them; return whether a limit broke.
+
+    The path is looked at at ticks, until contact.
+    """
+    import numpy as np
+
+    from rpo_cli.display import print_table, progress
+    from rpo_judge.safety.attack import settings_of
+    from rpo_judge.safety.whole_chain import attack_campaign
+
+    runs = chosen.config.runs
+    began, rows, broken = time.monotonic(), [], 0
+    with interruptible(lambda: 'stopped; nothing is kept'), progress() as draw:
+        found = attack_campaign(chosen, lambda n: draw('runs', n, runs))
+    settings = settings_of(chosen.scenario)
+    most_deg, way = settings.chaser_attitude_error_deg or 0.0, settings.corridor
+    for one in found:
+        touched = np.isfinite(one.closing_m_s)
+        hard = np.zeros_like(touched)
+        if way is not None:
+            fast = one.closing_m_s > way.closing_m_s
+            hard = touched & (fast | (one.lateral_m_s > way.lateral_m_s))
+        zone, turned = one.depth_m > 0.0, one.turned_deg > most_deg
+        counts = [int(some.sum()) for some in (zone, hard, turned)]
+        broken += sum(counts)
+        worst = f'{one.turned_deg.max(initial=0.0):.3f} deg'
+        rows.append((one.kind, *map(str, (len(zone), *counts, int(touched.sum()))), worst))
+    heads = ('command', 'runs', 'in the zone', 'hard', 'turned too far', 'contacts', 'turned')
+    title = f'{chosen.config.name}: {runs} runs, hostile from a drawn tick on, '
+    print_table(heads, rows, f'{title}in {time.monotonic() - began:.0f} s')
+    typer.echo(f'turned: largest angle by which a force was turned wrongly, of {most_deg:g} deg')
+    typer.echo('all limits held' if not broken else f'{broken} runs break a limit')
+    return broken > 0
 
 
 @safety.command(epilog=QUIET_EXAMPLES)

@@ -19,19 +19,29 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.chain.flight import fly
+from rpo_core.chain.flight import Flight, fly
 from rpo_core.control.controller import AnyController
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
-from rpo_core.wire.interfaces import ALIGNED, NAVIGATION_COVARIANCE, NAVIGATION_STATE
-from rpo_kernels.jit import as_table, kernel
+from rpo_core.wire.interfaces import (
+    ALIGNED,
+    ATTITUDE_COVARIANCE,
+    CHASER_ATTITUDE,
+    NAVIGATION_ATTITUDE,
+    NAVIGATION_COVARIANCE,
+    NAVIGATION_STATE,
+)
+from rpo_kernels.chaser_kernels import Quaternion, times
+from rpo_kernels.jit import as_table, inlined, kernel
 from rpo_kernels.kernels import State, Vector, cw_step, saturate, unpacked
+from rpo_nav.attitude_sensors import AttitudeSensors
 from rpo_nav.estimator import Estimator, filter_of, memory_of
 from rpo_nav.filter_kernels import HEADING, LIMIT, SQUARE, STATES, STEP, TESTED, TESTS, X, estimate
 from rpo_nav.sensor_kernels import sense, three_normals
 from rpo_nav.sensors import Sensing, Sensor, Sensors
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 TIMES = 10
 """Moments of a flight at which NEES and NIS are taken, the last one at its end."""
@@ -122,20 +132,37 @@ def consistency(
 ) -> Consistency:
     """Fly a scenario so often with the noise that its filter assumes; raises InputError."""
     sensors, settings = _sections(scenario)
-    ticks = [scenario.ticks * i // TIMES for i in range(1, TIMES + 1)]
-    nees, nis = np.empty((runs, TIMES)), np.empty((runs, TIMES))
-    sums = np.zeros((6, 3))
-    counts = np.zeros(2)
-    for run in range(runs):
+
+    def fly_once(run: int, ticks: Ints, errors: Floats, spreads: Floats, *counted: Floats) -> None:
         mine = replace(sensors, noise_key=(run, 2**31))
-        f = filter_of(settings, mine, scenario)
-        errors, spreads = np.empty((TIMES, 6)), np.empty((TIMES, SQUARE))
-        s = Sensing(mine, scenario)
+        f, s = filter_of(settings, mine, scenario), Sensing(mine, scenario)
         _fly(
-            np.array(ticks), scenario.start, f, memory_of(f), s.table, s.memory, run,
-            _forces(settings, scenario), errors, spreads, nis[run], sums, counts,
+            ticks, scenario.start, f, memory_of(f), s.table, s.memory, run,
+            _forces(settings, scenario), errors, spreads, *counted,
         )  # fmt: skip
-        whole = spreads.reshape(TIMES, STATES, STATES)[:, :6, :6]
+
+    return gathered(scenario, runs, STATES, fly_once, show)
+
+
+def gathered(
+    scenario: Scenario,
+    runs: int,
+    states: int,
+    fly_once: Callable[..., None],
+    show: Callable[[str, float, float], object],
+) -> Consistency:
+    """Return what many flights say of a filter.
+
+    states : width of its covariance
+    fly_once : from the run, the ticks (times,) and tables to fill, see `_fly`
+    """
+    ticks = np.array([scenario.ticks * i // TIMES for i in range(1, TIMES + 1)])
+    nees, nis = np.empty((runs, TIMES)), np.empty((runs, TIMES))
+    sums, counts = np.zeros((6, 3)), np.zeros(2)
+    errors, spreads = np.empty((TIMES, 6)), np.empty((TIMES, states * states))
+    for run in range(runs):
+        fly_once(run, ticks, errors, spreads, nis[run], sums, counts)
+        whole = spreads.reshape(TIMES, states, states)[:, :6, :6]
         nees[run] = np.einsum('ti,ti->t', errors, np.linalg.solve(whole, errors[..., None])[..., 0])
         show('flights', run + 1, runs)
     measured = sums[:, 0] > 0
@@ -150,11 +177,14 @@ def consistency(
 class InItsWorld:
     """What flights as the scenario is say of its filter.
 
-    position, velocity : (times,) mean over the runs of the NEES of three numbers; runs : how many
+    position, velocity, attitude : (times,) mean over the runs of the NEES of three numbers; zeros
+        without an attitude filter
+    runs : how many
     """
 
     position: Floats
     velocity: Floats
+    attitude: Floats
     runs: int
 
     @property
@@ -175,22 +205,47 @@ def in_its_world(
     """
     sensors, _ = _sections(scenario)
     ticks = [scenario.ticks * i // TIMES for i in range(1, TIMES + 1)]
-    nees = np.empty((runs, TIMES, 2))
+    nees, stars = np.zeros((runs, TIMES, 3)), scenario.section(AttitudeSensors)
     for run in range(runs):
-        flight = fly(scenario.equipped(replace(sensors, noise_key=(run, 2**31))), controller)
+        mine: list[Any] = [s for s in (sensors, stars) if s is not None]
+        mine = [replace(s, noise_key=(run, 2**31)) for s in mine]
+        flight = fly(scenario.equipped(*mine), controller)
         errors = (flight.signals[NAVIGATION_STATE] - flight.states)[ticks].reshape(-1, 2, 3, 1)
         spreads = flight.signals[NAVIGATION_COVARIANCE][ticks].reshape(-1, 2, 3, 3)
-        nees[run] = (errors * np.linalg.solve(spreads, errors)).sum(axis=(2, 3))
+        nees[run, :, :2] = (errors * np.linalg.solve(spreads, errors)).sum(axis=(2, 3))
+        if ATTITUDE_COVARIANCE in flight.signals:
+            nees[run, :, 2] = _of_attitude(flight, ticks)
         show('flights in its world', run + 1, runs)
-    position, velocity = nees.mean(axis=0).T
-    return InItsWorld(position, velocity, runs)
+    position, velocity, attitude = nees.mean(axis=0).T
+    return InItsWorld(position, velocity, attitude, runs)
+
+
+def _of_attitude(flight: Flight, ticks: list[int]) -> Floats:
+    """Return the NEES (n,) of the angles at some ticks of a flight."""
+    truth, estimate, spreads = (
+        flight.signals[name][ticks]
+        for name in (CHASER_ATTITUDE, NAVIGATION_ATTITUDE, ATTITUDE_COVARIANCE)
+    )
+    pairs = zip(truth[:, :4].tolist(), estimate[:, :4].tolist(), strict=True)
+    errors = np.array([angles_between(tuple(q), tuple(p)) for q, p in pairs])[..., None]
+    return np.asarray((errors * np.linalg.solve(spreads.reshape(-1, 3, 3), errors)).sum((1, 2)))
+
+
+@inlined
+def angles_between(truth: Quaternion, estimate: Quaternion) -> Vector:
+    """Return the angles (3,) [rad] from estimated to true axes, twice a vector part."""
+    x, y, z, w = times((-estimate[0], -estimate[1], -estimate[2], estimate[3]), truth)
+    sign = 2.0 if w >= 0.0 else -2.0
+    return sign * x, sign * y, sign * z
 
 
 def rows_in_its_world(found: InItsWorld) -> list[tuple[str, ...]]:
     """Return the rows of a table, under `HEADINGS`."""
+    every = {name: getattr(found, name) for name in ('position', 'velocity', 'attitude')}
     return [
         _row(f'NEES of {name}, 3 numbers', values, found.bounds)
-        for name, values in (('position', found.position), ('velocity', found.velocity))
+        for name, values in every.items()
+        if values.any()
     ]
 
 

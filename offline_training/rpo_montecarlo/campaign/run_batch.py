@@ -17,7 +17,7 @@ from rpo_core.judge.metrics import row_of, windows_of
 from rpo_core.judge.verdicts import verdicts
 from rpo_montecarlo.campaign.config import LEVEL, METRICS, THRUSTER_METRICS, Campaign
 from rpo_montecarlo.campaign.sampling import PARAMETERS, STRATA, DrawnRuns, draw, parameters_of
-from rpo_montecarlo.campaign.single import fly_run, scenario_of_draw
+from rpo_montecarlo.campaign.single import fly_run, scenarios_of
 from rpo_montecarlo.engine.cases import DrawnCase
 from rpo_montecarlo.engine.judged import VALUES, arrival_s
 from rpo_montecarlo.engine.lanes import RUNS
@@ -26,7 +26,7 @@ from rpo_montecarlo.engine.parts.disturbance import levels_n
 from rpo_montecarlo.engine.parts.dynamics import uneven_steps
 from rpo_montecarlo.engine.simulator import Pairs, Scratch, fly_pairs
 from rpo_montecarlo.engine.support import announce, kinds, why_not
-from rpo_montecarlo.engine.tick import Batch, Part, Runs
+from rpo_montecarlo.engine.tick import Batch, Part, Runs, parts_of
 
 Floats = NDArray[np.float64]
 
@@ -172,7 +172,7 @@ def _batch(campaign: Campaign, drawn: DrawnRuns) -> Runs:
     batch = Batch(
         campaign.scenario,
         drawn.starts,
-        partial(scenario_of_draw, campaign, drawn),
+        partial(scenarios_of, campaign, drawn),
         dict(zip(drawn.names, drawn.parameters.T, strict=True)),
         drawn.keys,
         {name: dispersion.spread for name, dispersion in config.dispersions.items()},
@@ -180,5 +180,4 @@ def _batch(campaign: Campaign, drawn: DrawnRuns) -> Runs:
     )
     starts = np.zeros((RUNS, 6))
     starts[: len(drawn.numbers)] = drawn.starts
-    parts = [part for kind in kinds() if (part := kind.make(batch)) is not None]
-    return Runs(starts[:, [0, 1, 3, 4]], starts[:, [2, 5]], tuple(parts))
+    return Runs(starts[:, [0, 1, 3, 4]], starts[:, [2, 5]], parts_of(batch, kinds()))

@@ -5,11 +5,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
+from rpo_attitude.target import move_together
 from rpo_core.chain.flight import Flight, fly
 from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
 from rpo_core.wire.interfaces import APPLIED_FORCE
+from rpo_core.world.cw import mean_motion
 from rpo_montecarlo.campaign.config import Campaign
 from rpo_montecarlo.campaign.faults import LinkStage
 from rpo_montecarlo.campaign.sampling import STARTS, DrawnRuns, draw
@@ -34,11 +37,25 @@ def fly_run(campaign: Campaign, number: int) -> Flight:
 
 def scenario_of(campaign: Campaign, number: int) -> Scenario:
     """Return the scenario of run `number`."""
-    return scenario_of_draw(campaign, draw(campaign, number, 1), 0)
+    return scenarios_of(campaign, draw(campaign, number, 1))[0]
 
 
-def scenario_of_draw(campaign: Campaign, runs: DrawnRuns, index: int) -> Scenario:
-    """Return the scenario of a drawn run: its start, mass, orbit, disturbance, stages."""
+def scenarios_of(campaign: Campaign, runs: DrawnRuns) -> list[Scenario]:
+    """Return the scenarios of drawn runs: their starts, masses, orbits, disturbances, stages."""
+    found = [_changes(campaign, runs, index) for index in range(len(runs.numbers))]
+    nominal, motions, ticks = campaign.scenario, [], []
+    if nominal.target is not None and nominal.named('assurance') is not None:
+        for changes, delay in zip(found, runs.column('delay_ticks').tolist(), strict=True):
+            target = next(s for s in changes['sections'] if type(s) is type(nominal.target))
+            orbit = mean_motion(changes['orbit_radius_m'], nominal.body)
+            motions.append(target.known.motion(orbit, nominal.dt_s))
+            ticks.append(nominal.ticks + int(delay) + 2)
+        move_together(motions, ticks)  # by itself the check of each would compute its own
+    return [replace(nominal, **changes) for changes in found]
+
+
+def _changes(campaign: Campaign, runs: DrawnRuns, index: int) -> dict[str, Any]:
+    """Return what a drawn run changes of the scenario."""
     nominal, number = campaign.scenario, int(runs.numbers[index])
     values = dict(zip(runs.names, runs.parameters[index].tolist(), strict=True))
     dispersed = {name: d.spread for name, d in campaign.config.dispersions.items()}
@@ -50,14 +67,14 @@ def scenario_of_draw(campaign: Campaign, runs: DrawnRuns, index: int) -> Scenari
         phase_rad=values['disturbance_phase_rad'],
         frequency_share=values['disturbance_frequency_share'],
     )
-    return replace(
-        nominal,
-        name=f'{nominal.name}_run_{number}',
-        description=f'run {number} of campaign {campaign.config.name}, seed {campaign.config.seed}',
-        initial_position_m=tuple(start[:3]),
-        initial_velocity_m_s=tuple(start[3:]),
-        mass_kg=values['mass_kg'],
-        orbit_radius_m=values['orbit_radius_m'],
-        disturbance=disturbance,
-        sections=nominal.sections_with(*(s for k in kinds() for s in k.vary(nominal, varied))),
-    )
+    return {
+        'name': f'{nominal.name}_run_{number}',
+        'description': f'run {number} of campaign {campaign.config.name}, '
+        f'seed {campaign.config.seed}',
+        'initial_position_m': tuple(start[:3]),
+        'initial_velocity_m_s': tuple(start[3:]),
+        'mass_kg': values['mass_kg'],
+        'orbit_radius_m': values['orbit_radius_m'],
+        'disturbance': disturbance,
+        'sections': nominal.sections_with(*(s for k in kinds() for s in k.vary(nominal, varied))),
+    }

@@ -59,7 +59,7 @@ def _paired(controller: AnyController, case: Case, members: list[Scenario]) -> I
         some = members[first * lanes.RUNS : (first + 1) * lanes.RUNS]
         starts = np.array([scenario.start for scenario in some])
         nothing = np.zeros((len(some), 2), np.int64)
-        guiding = guiding_of(Batch(case.base, starts, some.__getitem__, {}, nothing, {}))
+        guiding = guiding_of(Batch(case.base, starts, some.copy, {}, nothing, {}))
         if guiding is not None:
             parts = [part for part in runs.parts if part.name != 'goal']
             perfect = errors_part(np.zeros((6, lanes.RUNS)))

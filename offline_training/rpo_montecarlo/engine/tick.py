@@ -14,7 +14,7 @@ What a section of a scenario adds to the tick is registered (`register`), by one
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
 from typing import Any, NamedTuple
@@ -22,12 +22,23 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.chain.chain import Chain, start_of
 from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
 from rpo_kernels.kernels import State, Vector
 from rpo_montecarlo.engine.calls import Call, call, rows_of
-from rpo_montecarlo.engine.lanes import BODY_R, BODY_V, RUNS, R, V, compiled
+from rpo_montecarlo.engine.lanes import (
+    BODY_R,
+    BODY_V,
+    PAIRED_LANES,
+    ROWS,
+    RUNS,
+    SEEN_R,
+    SEEN_V,
+    STRIDE,
+    R,
+    V,
+    compiled,
+)
 
 Floats = NDArray[np.float64]
 
@@ -178,16 +189,18 @@ class Batch:
     keys : (n, 2) of random numbers
     dispersed : name -> spread of all that is dispersed
     faults : of messages (`parts.link.Fates`); None: none
-    make : from the number in the batch to the scenario of a run
+    make : returns the scenarios of the runs
+    parts : those that are made so far
     """
 
     base: Scenario
     starts: Floats
-    make: Callable[[int], Scenario]
+    make: Callable[[], list[Scenario]]
     drawn: Mapping[str, Floats]
     keys: NDArray[np.int64]
     dispersed: Mapping[str, tuple[float, ...]]
     faults: Any = None
+    parts: list[Part] = field(default_factory=list)
 
     def columns(self, *names: str) -> Floats:
         """Return what was drawn (names, 40); 0 where nothing was, and in lanes without a run."""
@@ -211,28 +224,29 @@ class Batch:
     @cached_property
     def scenarios(self) -> list[Scenario]:
         """Every run as a scenario."""
-        return [self.make(i) for i in range(len(self.starts))]
+        return self.make()
 
     @cached_property
     def seen(self) -> list[State]:
         """First state (6,) that guidance and assurance of each run see."""
-        return [_seen_at_start(scenario) for scenario in self.scenarios]
+        w = np.zeros(ROWS * STRIDE)
+        for row, columns in ((R, slice(3)), (V, slice(3, 6))):
+            w[row : row + PAIRED_LANES].reshape(3, RUNS)[:, : len(self.starts)] = self.starts.T[
+                columns
+            ]
+        w[SEEN_R : SEEN_R + PAIRED_LANES] = w[R : R + PAIRED_LANES]
+        w[SEEN_V : SEEN_V + PAIRED_LANES] = w[V : V + PAIRED_LANES]
+        for place, (kernel, memory, table) in steps_of(fresh(self.parts)):
+            if place < Place.GUIDANCE:
+                kernel(w, memory, table, 0)
+        lanes = [[row + RUNS * axis for row in (SEEN_R, SEEN_V) for axis in range(3)]]
+        states = w[np.arange(len(self.starts))[:, None] + lanes]
+        return [tuple(state) for state in states.tolist()]
 
     def lanes(self, values: Sequence[Any]) -> Floats:
         """Return tables with 40 lanes as their last axis; lanes without a run are the first's."""
         given = [np.asarray(value, np.float64) for value in values]
         return np.stack([*given, *([given[0]] * (RUNS - len(given)))], axis=-1)
-
-
-def _seen_at_start(scenario: Scenario) -> State:
-    chain = Chain.of(scenario)
-    before = chain.before(Place.GUIDANCE)
-    signals = start_of(scenario)
-    before.reset()
-    before.step(0, signals)
-    after = chain.part(Place.GUIDANCE, Place.ASSURANCE)
-    x, y, z, vx, vy, vz = signals[after.links[0].reads[0]]
-    return x, y, z, vx, vy, vz
 
 
 class Kind(NamedTuple):
@@ -242,12 +256,23 @@ class Kind(NamedTuple):
     make : from a batch to its part; None where it has none
     refuse : why it cannot fly a scenario; '' if it can
     vary : from the scenario of a campaign and a draw to the settings of the run
+    sees : whether `make` reads `Batch.seen`, and comes after the others
     """
 
     section: str
     make: Callable[[Batch], Part | None]
     refuse: Callable[[Scenario], str] = lambda scenario: ''
     vary: Callable[[Scenario, Draw], Sequence[Any]] = lambda scenario, draw: ()
+    sees: bool = False
+
+
+def parts_of(batch: Batch, kinds: Sequence[Kind]) -> tuple[Part, ...]:
+    """Return the parts of a batch."""
+    for kind in sorted(kinds, key=lambda kind: kind.sees):
+        part = kind.make(batch)
+        if part is not None:
+            batch.parts.append(part)
+    return tuple(batch.parts)
 
 
 KINDS: list[Kind] = []

@@ -15,7 +15,7 @@ from rpo_attitude.target import ALIGNED, Target
 from rpo_core.chain.stage import Place
 from rpo_core.judge.contact import Port, port_of, touches
 from rpo_core.judge.requirements import ATTITUDES
-from rpo_kernels.attitude_kernels import attitude_step, frame_of
+from rpo_kernels.attitude_kernels import attitude_at, frame_of
 from rpo_kernels.pointing_kernels import Aim, from_target, off_contact, pointed
 from rpo_montecarlo.engine.lanes import (
     BODY_QUAT,
@@ -36,15 +36,21 @@ from rpo_montecarlo.engine.lanes import (
 )
 from rpo_montecarlo.engine.parts.approach import know
 from rpo_montecarlo.engine.parts.attitude import attitude_in, put_attitude, seen_rows, vector_in
-from rpo_montecarlo.engine.parts.target import _attitude, _body
+from rpo_montecarlo.engine.parts.target import (
+    ATTITUDE,
+    BODY,
+    TURNS,
+    body_of,
+    step_attitudes,
+    targets_of,
+)
 from rpo_montecarlo.engine.tick import COMMANDED, Batch, Kind, Part, register, table_of
 
-TURNS, DT = 0, 1
-BEGINS = 2 + 13 * RUNS
+BEGINS = BODY
 AIM = BEGINS + 3
-"""Places in the table of pointing: as in that of `target`, of the targets that are known; the
-rows of the chaser's attitude, -1 for none; the numbers of `Aim`. The memory has the attitudes of
-the targets (7, 40), the turns (4, 40)."""
+"""Places in the table of pointing: after the targets that are known the rows of the chaser's
+attitude, -1 for none; the numbers of `Aim`. The memory has the attitudes of the targets (7, 40),
+the turns (4, 40)."""
 
 GOAL, SEEN, MATE, ORBITS = 4, 9, 10, 14
 """Places in the table of contact: the numbers of `Port`; whether the target turns; docked attitude;
@@ -64,9 +70,9 @@ def _aim_at(t, i):  # type: ignore[no-untyped-def]
 @compiled
 def point_all(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Fill rows REF; turn the targets that are known by a tick."""
-    aim, n, turns, dt = _aim_at(t, AIM), RUNS, t[TURNS], t[DT]
+    aim, n, turns = _aim_at(t, AIM), RUNS, t[TURNS]
     for s in range(RUNS):
-        target, body, i = _attitude(m, s), _body(t, turns, s), 7 * n + s
+        target, body, i = attitude_at(m, s, n), body_of(t, turns, s), ATTITUDE + s
         k, v = vector_in(w, KNOWN_R, s), vector_in(w, KNOWN_V, s)
         state, before = (*k, *v), (m[i], m[i + n], m[i + 2 * n], m[i + 3 * n])
         if tick == 0 and t[BEGINS] >= 0.0:
@@ -75,10 +81,7 @@ def point_all(w, m, t, tick):  # type: ignore[no-untyped-def]
         reference, turned = pointed(state, target, frame_of(target, body), before, aim)
         put_attitude(w, REF_QUAT, REF_QUAT_W, REF_RATE, s, reference)
         m[i], m[i + n], m[i + 2 * n], m[i + 3 * n] = turned
-        if turns > 0.0:
-            target = attitude_step(target, dt, body)
-            for j in range(7):
-                m[j * n + s] = target[j]
+    step_attitudes(m, t)
 
 
 @compiled
@@ -103,16 +106,11 @@ def _pointing(batch: Batch) -> Part | None:
     settings = batch.base.section(Pointing)
     if settings is None:
         return None
-    targets: list[Target] = [s.target.known if s.target else STILL for s in batch.scenarios]
-    orbits = [s.mean_motion_rad_s for s in batch.scenarios]
-    bodies = [target.body(n) for target, n in zip(targets, orbits, strict=True)]
-    starts = [target.start(n) for target, n in zip(targets, orbits, strict=True)]
+    targets = [s.target.known if s.target else STILL for s in batch.scenarios]
+    table, attitudes = targets_of(batch, targets, [0] * len(targets))
     rows = (-1, -1, -1) if batch.base.attitude is None else seen_rows(batch.base)
-    table = table_of(
-        *(bodies[0].turns, batch.base.dt_s, batch.lanes([body[1:] for body in bodies])),
-        *(rows, *settings.aim(batch.base.dt_s)),
-    )
-    memory = table_of(batch.lanes(starts), batch.lanes([NOWHERE] * len(starts)))
+    table = table_of(table, rows, *settings.aim(batch.base.dt_s))
+    memory = table_of(attitudes, batch.lanes([NOWHERE] * len(targets)))
     steps = ((Place.GUIDANCE - 1, know), (Place.POINTING, point_all))
     return Part('pointing', steps, table, memory)
 

@@ -4,13 +4,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from math import radians
 from typing import Any
 
-from rpo_attitude.target import TUMBLE, of_vector, product
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_attitude.target import TUMBLE, Target, motion_of, of_vector, product
 from rpo_core.files.scenario import Scenario
-from rpo_kernels.attitude_kernels import Body, attitude_step, frame_of, seen_from
+from rpo_kernels.attitude_kernels import (
+    FRAME,
+    attitude_at,
+    attitude_step,
+    body_at,
+    frame_of,
+    seen_from,
+)
+from rpo_kernels.jit import inlined
 from rpo_montecarlo.engine.lanes import (
     BODY_QUAT,
     BODY_QUAT_W,
@@ -25,45 +37,69 @@ from rpo_montecarlo.engine.lanes import (
 from rpo_montecarlo.engine.parts.attitude import put_attitude
 from rpo_montecarlo.engine.tick import MOVED, Batch, Draw, Kind, Part, register, table_of
 
+Floats = NDArray[np.float64]
+
 FIRST = 1
 """Place in a tick of what is done once, before the first state is read."""
 
 TURNS, DT, BODIES = range(3)
-"""Places in the table: whether the targets turn, the tick [s]; the rest of `Body` of each run, its
-numbers one after the other (13, 40). The memory has the attitudes (7, 40)."""
+"""Places in a table of targets: whether they turn, the tick [s]; the rest of `Body` of each run,
+its numbers one after the other (13, 40)."""
+
+BODY = BODIES + 13 * RUNS
+ATTITUDE = 7 * RUNS
+"""Numbers of a table of targets, and of their attitudes in a memory (7, 40)."""
 
 
-@compiled
-def _body(t, turns, s):  # type: ignore[no-untyped-def]
-    i, n = BODIES + s, RUNS
-    # fmt: off
-    return Body(
-        turns, t[i], t[i + n], t[i + 2 * n], t[i + 3 * n], t[i + 4 * n], t[i + 5 * n],
-        t[i + 6 * n], t[i + 7 * n], t[i + 8 * n], t[i + 9 * n], t[i + 10 * n], t[i + 11 * n],
-        t[i + 12 * n],
-    )
-    # fmt: on
-
-
-@compiled
-def _attitude(m, s):  # type: ignore[no-untyped-def]
-    n = RUNS
-    return (
-        m[s], m[s + n], m[s + 2 * n], m[s + 3 * n], m[s + 4 * n], m[s + 5 * n], m[s + 6 * n],
-    )  # fmt: skip
+@inlined
+def body_of(t, turns, s):  # type: ignore[no-untyped-def]
+    """Return the body of a run, of a table of targets."""
+    return body_at(turns, t, BODIES + s, RUNS)
 
 
 @compiled
 def _see(w, m, t, turns):  # type: ignore[no-untyped-def]
     for s in range(RUNS):
         y, z = s + RUNS, s + 2 * RUNS
-        attitude = _attitude(m, s)
-        f = frame_of(attitude, _body(t, turns, s))
+        attitude = attitude_at(m, s, RUNS)
+        f = frame_of(attitude, body_of(t, turns, s))
         state = (w[R + s], w[R + y], w[R + z], w[V + s], w[V + y], w[V + z])
         rx, ry, rz, vx, vy, vz = seen_from(state, f)
         w[BODY_R + s], w[BODY_R + y], w[BODY_R + z] = rx, ry, rz
         w[BODY_V + s], w[BODY_V + y], w[BODY_V + z] = vx, vy, vz
         put_attitude(w, BODY_QUAT, BODY_QUAT_W, BODY_RATE, s, attitude)
+
+
+@compiled
+def step_attitudes(m, t):  # type: ignore[no-untyped-def]
+    """Turn the targets of a table, whose attitudes are in a memory, by a tick."""
+    dt = t[DT]
+    for s in range(RUNS if t[TURNS] > 0.0 else 0):
+        now = attitude_step(attitude_at(m, s, RUNS), dt, body_of(t, 1.0, s))
+        for j in range(7):
+            m[j * RUNS + s] = now[j]
+
+
+@compiled
+def _fill_axes(m, t, turns, later, axes):  # type: ignore[no-untyped-def]
+    for s in range(RUNS):
+        attitude, body = attitude_at(m, s, RUNS), body_of(t, turns, s)
+        if later > 0.0:
+            attitude = attitude_step(attitude, later, body)
+        f = frame_of(attitude, body)
+        for j in range(FRAME):
+            axes[j * RUNS + s] = f[j]
+
+
+@compiled
+def fill_axes(m, t, later, axes):  # type: ignore[no-untyped-def]
+    """Fill the axes (15, 40) of the targets of a table a time `later` [s] after their attitudes."""
+    if t[TURNS] == 0.0:
+        _fill_axes(m, t, 0.0, 0.0, axes)
+    elif later == 0.0:
+        _fill_axes(m, t, 1.0, 0.0, axes)
+    else:
+        _fill_axes(m, t, 1.0, later, axes)
 
 
 @compiled
@@ -76,28 +112,33 @@ def begin(w, m, t, tick):  # type: ignore[no-untyped-def]
 @compiled
 def turn(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Turn the targets by a tick; fill rows BODY with the states of the next tick."""
-    if t[TURNS] == 0.0:
+    step_attitudes(m, t)
+    if t[TURNS] > 0.0:
+        _see(w, m, t, 1.0)
+    else:
         _see(w, m, t, 0.0)
-        return
-    dt = t[DT]
-    for s in range(RUNS):
-        now = attitude_step(_attitude(m, s), dt, _body(t, 1.0, s))
-        for j in range(7):
-            m[j * RUNS + s] = now[j]
-    _see(w, m, t, 1.0)
+
+
+def targets_of(
+    batch: Batch, targets: Sequence[Target], ticks: Sequence[int]
+) -> tuple[Floats, Floats]:
+    """Return table and memory of targets, a run each, whose attitudes are of these ticks."""
+    bodies, starts = [], []
+    for scenario, target, tick in zip(batch.scenarios, targets, ticks, strict=True):
+        n = scenario.mean_motion_rad_s
+        bodies.append(target.body(n)[1:])
+        starts.append(motion_of(target, scenario).attitude(tick) if tick else target.start(n))
+    turns = targets[0].body(0.0).turns
+    table = table_of(turns, batch.base.dt_s, batch.lanes(bodies))
+    return table, table_of(batch.lanes(starts))
 
 
 def _part(batch: Batch) -> Part | None:
     if batch.base.target is None:
         return None
-    bodies, starts = [], []
-    for scenario in batch.scenarios:
-        n = scenario.mean_motion_rad_s
-        bodies.append(scenario.target.body(n)[1:])
-        starts.append(scenario.target.start(n))
-    turns = batch.scenarios[0].target.body(0.0).turns
-    table = table_of(turns, batch.base.dt_s, batch.lanes(bodies))
-    return Part('target', ((FIRST, begin), (MOVED, turn)), table, table_of(batch.lanes(starts)))
+    targets = [scenario.target for scenario in batch.scenarios]
+    table, attitudes = targets_of(batch, targets, [0] * len(targets))
+    return Part('target', ((FIRST, begin), (MOVED, turn)), table, attitudes)
 
 
 def vary(scenario: Scenario, draw: Draw) -> list[Any]:

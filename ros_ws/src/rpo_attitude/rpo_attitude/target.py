@@ -8,8 +8,9 @@ turn. Without it these axes are those of target LVLH.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, partial
 from math import radians, sqrt
 from typing import Annotated, Any
 
@@ -148,6 +149,17 @@ class Target:
         return float(np.sqrt(rate @ inertia @ rate / np.linalg.eigvalsh(inertia)[0]))
 
     @cached_property
+    def _motions(self) -> dict[tuple[float, float], Motion]:
+        return {}
+
+    def motion(self, orbit_rad_s: float, dt_s: float) -> Motion:
+        """Return how it turns, tick by tick; computed once."""
+        key = orbit_rad_s, dt_s
+        if key not in self._motions:
+            self._motions[key] = Motion(self.body(orbit_rad_s), self.start(orbit_rad_s), dt_s)
+        return self._motions[key]
+
+    @cached_property
     def known(self) -> Target:
         """The target as guidance and assurance take it: axes turned by `known_error_deg`."""
         if not any(self.known_error_deg):
@@ -218,6 +230,7 @@ class Motion:
         self.body, self._dt_s = body, dt_s
         self._attitudes = np.array([start])
         self._frames = [np.empty((0, FRAME)), np.empty((0, FRAME))]
+        self._largest: dict[int, Floats] = {}
 
     def _have(self, ticks: int) -> Floats:
         """Return the attitudes (n, 7) of so many ticks at least."""
@@ -243,21 +256,43 @@ class Motion:
         found = self._frames[half]
         have = len(found)
         if ticks > have:
-            rows = self._have(ticks)[have:]
+            rows = np.ascontiguousarray(self._have(ticks)[have:])
             more = np.empty((len(rows), FRAME))
             attitude_kernels.frames(rows, 0.5 * self._dt_s if half else 0.0, self.body, more)
             found = self._frames[half] = np.vstack([found, more])
         return found[:ticks]
 
+    def largest(self, ticks: int) -> Floats:
+        """Return the largest (7,) of the frames of the first ticks.
 
-@lru_cache(maxsize=64)  # a megabyte each; the engine flies 40 runs at a time
-def _motion(target: Target, orbit_rad_s: float, dt_s: float) -> Motion:
-    return Motion(target.body(orbit_rad_s), target.start(orbit_rad_s), dt_s)
+        |rate| [rad/s] and |change of it| [rad/s^2] about each axis, and sum of the |numbers| of a
+        row of the matrix.
+        """
+        if ticks not in self._largest:
+            move_together([self], [ticks])
+        return self._largest[ticks]
+
+
+def move_together(motions: Sequence[Motion], ticks: Sequence[int]) -> None:
+    """Compute motions, of a kind and with one length of ticks, so far, and their `largest`."""
+    n = attitude_kernels.TOGETHER
+    for first in range(0, len(motions), n):
+        some, counts = motions[first : first + n], ticks[first : first + n]
+        memory, table = np.zeros((14, n)), np.zeros((14, n))
+        for i in range(n):
+            motion = some[min(i, len(some) - 1)]
+            memory[:7, i], table[:13, i] = motion._attitudes[0], motion.body[1:]
+        table[13, : len(some)] = counts
+        rows = np.empty((max(counts), 7 * n))
+        turns, dt_s = some[0].body.turns > 0.0, some[0]._dt_s
+        attitude_kernels.motions(memory.ravel(), table.ravel(), turns, dt_s, rows)
+        for i, (motion, count) in enumerate(zip(some, counts, strict=True)):
+            motion._attitudes, motion._largest[count] = rows[:, i::n], memory[7:, i]
 
 
 def motion_of(target: Target, scenario: Any) -> Motion:
     """Return how a target turns in a scenario."""
-    return _motion(target, scenario.mean_motion_rad_s, scenario.dt_s)
+    return target.motion(scenario.mean_motion_rad_s, scenario.dt_s)
 
 
 def known_motion(scenario: Any) -> Motion | None:

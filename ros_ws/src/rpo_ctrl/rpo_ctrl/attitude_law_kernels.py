@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 
 from rpo_ctrl.attitude_limit_kernels import NUMBERS, limits_at, within_limits
 from rpo_kernels.attitude_kernels import Attitude, cross
-from rpo_kernels.chaser_kernels import times, turn_back
+from rpo_kernels.chaser_kernels import Quaternion, times, turn_back
 from rpo_kernels.jit import inlined, kernel
 from rpo_kernels.kernels import FisTables, Vector, infer, saturate
 
@@ -165,15 +165,21 @@ def attitude_torque(
 
 
 @inlined
-def force_ahead(force: Vector, seen: Attitude, t: Any, i: int) -> Vector:
-    """Force (3,) of target LVLH in the axes that the body has half a tick later, by its rate."""
+def attitude_ahead(seen: Attitude, orbit_rad_s: float, dt: float) -> Quaternion:
+    """Quaternion of the axes that the body has half a tick later, by its rate."""
     quaternion = (seen[0], seen[1], seen[2], seen[3])
-    orbit = turn_back((0.0, 0.0, t[i + ORBIT]), quaternion)
-    h = 0.25 * t[i + DT]
+    orbit = turn_back((0.0, 0.0, orbit_rad_s), quaternion)
+    h = 0.25 * dt
     a, b, c = h * (seen[4] - orbit[0]), h * (seen[5] - orbit[1]), h * (seen[6] - orbit[2])
     x, y, z, w = times(quaternion, (a, b, c, 1.0))
     size = sqrt(x * x + y * y + z * z + w * w)
-    return turn_back(force, (x / size, y / size, z / size, w / size))
+    return x / size, y / size, z / size, w / size
+
+
+@inlined
+def force_ahead(force: Vector, seen: Attitude, t: Any, i: int) -> Vector:
+    """Force (3,) of target LVLH in those axes."""
+    return turn_back(force, attitude_ahead(seen, t[i + ORBIT], t[i + DT]))
 
 
 @kernel

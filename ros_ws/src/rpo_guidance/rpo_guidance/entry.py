@@ -90,7 +90,7 @@ def entries(settings: Guidance, scenario: Scenario) -> list[Entry]:
         stage = GuidanceStage(tried, scenario)
         try:
             with bounded(WORK):
-                forces = np.abs(stage.rows(scenario.start, ticks)[0][:, 6:])
+                forces = np.abs(stage.rows(scenario.start, ticks)[:, 6:])
         except TooMuch:
             continue
         begins = {change.phase: change.tick for change in stage.changes}

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import partial
 from math import inf
 from typing import Any, NamedTuple
@@ -31,7 +32,7 @@ from rpo_guidance.legs import (
 from rpo_guidance.plan import Guidance, Leg
 from rpo_guidance.transfer_kernels import Floats, at_port
 from rpo_guidance.transfers import Limits
-from rpo_kernels.attitude_kernels import moving_with, seen_from
+from rpo_kernels.attitude_kernels import moving_with, seen_from, to_lvlh
 from rpo_kernels.kernels import State, norm
 
 GO, STOP, RETREAT, ABORT = 'go', 'hold', 'retreat', 'abort'
@@ -173,41 +174,43 @@ class GuidanceStage(Stage):
             return False
         return self._leg is not None or self.changes[-1].phase == ARRIVED
 
-    def ports(self, ticks: int, first: int = 0) -> Floats:
-        """Return where port and axis of the corridor point, target LVLH (ticks, 6)."""
-        fixed = np.array([*self.settings.port_m, *self.settings.corridor.ahead])
+    def port(self, tick: int) -> tuple[float, ...]:
+        """Return where port [m] and axis of the corridor point at a tick (6,), target LVLH."""
+        port_m, ahead = self.settings.port_m, self.settings.corridor.ahead
         if self._motion is None:
-            return fixed[None].repeat(ticks, axis=0)
-        turned = self._motion.frames(first + ticks)[first:, :9].reshape(-1, 1, 3, 3)
-        x, y, z = fixed.reshape(2, 3, 1).swapaxes(0, 1)
-        # in the order of `to_lvlh`: the same bits
-        found: Floats = turned[..., 0] * x + turned[..., 1] * y + turned[..., 2] * z
-        return found.reshape(ticks, 6)
+            return (*port_m, *ahead)
+        frame = self._motion.frame(tick)
+        return (*to_lvlh(port_m, frame), *to_lvlh(ahead, frame))
 
     def _at_port(self, tick: int, state: State) -> bool:
         """Return whether a state has come to the port."""
-        (x, y, z, *_), (px, py, pz, ax, ay, az) = state, self.ports(1, tick)[0].tolist()
+        (x, y, z, *_), (px, py, pz, ax, ay, az) = state, self.port(tick)
         return at_port(x, y, z, px, py, pz, ax, ay, az, self.settings.past_port_m)
 
-    def rows(self, start: State, ticks: int) -> tuple[Floats, int]:
-        """Return the references and forces (ticks + 1, 9) of a plan without holds and commands.
+    def phases(self, start: State, ticks: int) -> Iterator[tuple[int, int, Any, bool]]:
+        """Yield the phases of a plan without holds and commands, up to a tick.
 
         They do not depend on the flight, but for its start as guidance sees it, and until it docks.
-        Then the tick from which on the last leg is flown.
+        Of each its first tick, its ticks, how it is flown, and whether all legs but it are flown.
         """
-        rows, tick, last = np.empty((ticks + 1, 9)), 0, ticks + 1
+        tick = 0
         self.reset()
         self._begin_leg(0, start, '')
         while tick <= ticks:
             while self._is_over(tick):
                 self._follow(tick)
-            if self._next == len(self.settings.legs):
-                last = min(last, tick)
             flown: Any = self._flown
-            end = ticks + 1 if flown.ticks is None else min(tick + flown.ticks, ticks + 1)
-            fill(flown, rows[tick:end])
-            tick = end
-        return rows, last
+            left = ticks + 1 - tick
+            count = left if flown.ticks is None else min(flown.ticks, left)
+            yield tick, count, flown, self._next == len(self.settings.legs)
+            tick += count
+
+    def rows(self, start: State, ticks: int) -> Floats:
+        """Return the references and forces (ticks + 1, 9) of `phases`."""
+        rows = np.empty((ticks + 1, 9))
+        for tick, count, flown, _ in self.phases(start, ticks):
+            fill(flown, rows[tick : tick + count])
+        return rows
 
     def _is_over(self, tick: int) -> bool:
         """Return whether the phase ends before this tick."""
@@ -242,7 +245,7 @@ class GuidanceStage(Stage):
 
     def _follow(self, tick: int) -> None:
         """Begin what follows the phase that is over."""
-        leg, end = self._leg, self._end(tick)
+        leg = self._leg
         if self.changes[-1].phase == ABORTING:
             self._enter(tick, DRIFTING, 'clear of the target', Drifting())
         elif leg is not None and leg.kind == plan.HOLD:
@@ -250,14 +253,14 @@ class GuidanceStage(Stage):
                 self._obey(tick, ABORT, f'{leg.name} took `timeout_s` = {leg.timeout_s:g} s')
             else:
                 timed_out = self._timed_out(tick, leg)
-                self._begin_leg(tick, end, 'time is up' if timed_out else 'GO')
+                self._begin_leg(tick, None, 'time is up' if timed_out else 'GO')
         elif leg is None:  # stopped, or back at the retreat
             turns = isinstance(self._flown, Turning)
-            at = self._start_of(tick, end, turns)
+            at = self._start_of(tick, None, turns)
             self._flown = self._fly(tick, turns, Resting, at[:3], self._vehicle)
             self._since = tick
         else:
-            self._begin_leg(tick, end, f'{leg.name} is flown')
+            self._begin_leg(tick, None, f'{leg.name} is flown')
 
     def _end(self, tick: int) -> State:
         """Return the reference where the phase ends."""
@@ -266,7 +269,8 @@ class GuidanceStage(Stage):
         ticks = self._flown.ticks
         return self._flown.at(tick - self._since if ticks is None else ticks)[0]
 
-    def _begin_leg(self, tick: int, start: State, reason: str) -> None:
+    def _begin_leg(self, tick: int, start: State | None, reason: str) -> None:
+        """Begin the leg that follows; start : None, where the phase before ends."""
         settings = self.settings
         if self._next == len(settings.legs):
             turns = settings.turns(self._next - 1)
@@ -282,19 +286,20 @@ class GuidanceStage(Stage):
         self._enter(tick, leg.name, reason, self._flying(tick, leg, start))
         self._leg = leg
 
-    def _start_of(self, tick: int, state: State, turns: bool) -> State:
+    def _start_of(self, tick: int, state: State | None, turns: bool) -> State:
         """Return the reference (6,) with which a phase begins, in the target's axes if it turns.
 
         What was planned in these axes has its own bits there, not those by way of LVLH.
+        state : None, that in which the phase before ends
         """
         if not turns or self._motion is None:
-            return state
+            return state or self._end(tick)
         if isinstance(self._flown, Turning):
             return self._flown.seen(tick - self._since)
         leg = self._leg
         if leg is not None and leg.kind == plan.TRANSFER and leg.to_m is not None:
             return (*leg.to_m, *leg.arrive_m_s)
-        return seen_from(state, self._motion.frame(tick))
+        return seen_from(state or self._end(tick), self._motion.frame(tick))
 
     def _fly(self, tick: int, turns: bool, kind: type[Moving], *args: Any) -> Flown:
         """Return a leg under way, in the target's axes if it turns."""
@@ -302,10 +307,11 @@ class GuidanceStage(Stage):
             return kind(*args)
         return Turning(self._motion, tick, self._vehicle, kind, *args)
 
-    def _flying(self, tick: int, leg: Leg, start: State) -> Flown:
+    def _flying(self, tick: int, leg: Leg, start: State | None) -> Flown:
         """Return a leg under way."""
         turns = self.settings.turns(self._next - 1)
         if leg.kind == plan.TRANSFER:
+            start = start or self._end(tick)
             end = (*(leg.to_m or start[:3]), *leg.arrive_m_s)
             times_s = (leg.duration_s or 0.0, leg.corridor_s, leg.burn_s, leg.ease_s)
             return self._transfer(tick, start, end, turns, *times_s)
@@ -352,8 +358,11 @@ class GuidanceStage(Stage):
                 return end
             return moving_with(end, self._motion.frame(tick + ticks))
 
-        ports = None if self._motion is None else partial(self.ports, first=tick)
-        return Transferring(start, end_after, self._vehicle, duration_s, zones, *times_s, ports)
+        def port_after(ticks: int) -> tuple[float, ...]:
+            return self.port(tick + ticks)
+
+        turning = port_after if self._motion is not None else None
+        return Transferring(start, end_after, self._vehicle, duration_s, zones, *times_s, turning)
 
     def _stopping_m(self, state: State) -> float:
         """Return how much nearer [m] to the target a state comes before it can have stopped."""

@@ -148,14 +148,18 @@ class Turning:
         x, y, z, vx, vy, vz, *force = row[0].tolist()
         return (x, y, z, vx, vy, vz), tuple(force)
 
-    def fill(self, rows: Floats) -> None:
-        """Fill rows (n, 9) with its first references and forces."""
-        key = f'{len(rows)} {self._key}'
+    def moments(self, ticks: int) -> Floats:
+        """Return the motion (n, 15) in the target's axes of its first ticks."""
+        key = f'{ticks} {self._key}'
         if key not in _tables:
             if len(_tables) >= MOST_TABLES:
                 _tables.clear()
-            _tables[key] = np.array([self._moments(tick) for tick in range(len(rows))])
-        self._fill(0, _tables[key], rows)
+            _tables[key] = np.array([self._moments(tick) for tick in range(ticks)])
+        return _tables[key]
+
+    def fill(self, rows: Floats) -> None:
+        """Fill rows (n, 9) with its first references and forces."""
+        self._fill(0, self.moments(len(rows)), rows)
 
     def _fill(self, first: int, table: Floats, rows: Floats) -> None:
         begin, vehicle = self._since + first, self._vehicle
@@ -169,7 +173,7 @@ class Transferring:
     """On a transfer of least energy.
 
     end : state (6,) [m, m/s] at its end, by its length in ticks
-    ports : where a corridor that turns points in its first ticks (n, 6), by their number
+    port : where port and axis of a corridor that turns point (6,) so many ticks after its begin
     """
 
     def __init__(
@@ -182,9 +186,9 @@ class Transferring:
         corridor_s: float | None = None,
         burn_s: float | None = None,
         ease_s: float | None = None,
-        ports: Callable[[int], Floats] | None = None,
+        port: Callable[[int], tuple[float, ...]] | None = None,
     ) -> None:
-        self._vehicle, self._ports = vehicle, ports
+        self._vehicle, self._port = vehicle, port
         for _ in range(STRETCHES):
             self._plan(start, end, duration_s, zones, corridor_s, burn_s, ease_s)
             if self.largest_n <= vehicle.limit_n:
@@ -214,9 +218,9 @@ class Transferring:
         burn = None if burn_s is None else max(2, round(burn_s / seconds))
         if corridor_s is not None:
             zones = zones._replace(corridor=segments - max(1, round(corridor_s / seconds)))
-            if self._ports is not None:
-                turned = self._ports(segments * hold + 1)[::hold].tolist()
-                zones = zones._replace(ports=tuple(map(tuple, turned)))
+            if self._port is not None:
+                turned = tuple(self._port(hold * segment) for segment in range(segments + 1))
+                zones = zones._replace(ports=turned)
         ease = round(ease_s / seconds) if ease_s else 0
         self.ticks: int | None = segments * hold
         self._end = end(segments * hold)
@@ -261,6 +265,18 @@ def fill(flown: Flown, rows: Floats) -> None:
         for tick, row in enumerate(rows):
             reference, force = flown.at(tick)
             row[:6], row[6:] = reference, force
+
+
+def tabled(flown: Flown, ticks: int) -> Floats:
+    """Return the first references and forces (n, 9) of a leg, fewer where they stay as they are.
+
+    Of one that is flown in the axes of the target, its motion (n, 15) there.
+    """
+    if isinstance(flown, Turning):
+        return flown.moments(ticks)
+    rows = np.empty((1 if isinstance(flown, Resting) else ticks, 9))
+    fill(flown, rows)
+    return rows
 
 
 class Profile:

@@ -7,8 +7,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from rpo_guidance.transfer_kernels import Floats
-from rpo_kernels.attitude_kernels import acceleration_with, frame_at, moving_with
+from rpo_kernels.attitude_kernels import Frame, acceleration_with, frame_at, moving_with
 from rpo_kernels.jit import inlined, kernel
 from rpo_kernels.kernels import State, Vector
 
@@ -28,21 +30,28 @@ def force_for(state: State, acceleration: Vector, n: float, m: float) -> Vector:
     )
 
 
+@inlined
+def turned(t: Any, now: Frame, half: Frame, n: float, m: float) -> tuple[State, Vector]:
+    """Return state and force (3,) [N] in target LVLH of a moment that the turning target sees.
+
+    t : (15,) state, and state and acceleration half a tick later; now, half : axes of the target
+    """
+    state = moving_with((t[0], t[1], t[2], t[3], t[4], t[5]), now)
+    later = (t[6], t[7], t[8], t[9], t[10], t[11])
+    acceleration = acceleration_with(later, (t[12], t[13], t[14]), half)
+    return state, force_for(moving_with(later, half), acceleration, n, m)
+
+
 @kernel
 def turn_rows(
     table: Floats, frames: Floats, halves: Floats, n: float, m: float, rows: Floats
 ) -> None:
     """Fill rows (n, 9) with states and forces of a leg that the turning target sees.
 
-    table : (n, 15) state at each tick, state and acceleration half a tick later
-    frames, halves : (n, 15) of the target at these moments
+    table : (n, 15) as `turned` reads them; frames, halves : (n, 15) of the target at these moments
     """
     for i in range(len(rows)):
-        t = table[i]
-        state = moving_with((t[0], t[1], t[2], t[3], t[4], t[5]), frame_at(frames[i], 0))
-        later, half = (t[6], t[7], t[8], t[9], t[10], t[11]), frame_at(halves[i], 0)
-        acceleration = acceleration_with(later, (t[12], t[13], t[14]), half)
-        force = force_for(moving_with(later, half), acceleration, n, m)
+        state, force = turned(table[i], frame_at(frames[i], 0), frame_at(halves[i], 0), n, m)
         for j in range(6):
             rows[i, j] = state[j]
         for j in range(3):

@@ -240,6 +240,81 @@ def attitudes(a: Attitude, h: float, b: Body, rows: Any) -> None:
         a = attitude_step(a, h, b)
 
 
+@inlined
+def frame_at(t: Any, i: int, n: int = 1) -> Frame:
+    """Return the frame whose numbers lie in a flat table from place i on, n places apart."""
+    # fmt: off
+    return Frame(
+        t[i], t[i + n], t[i + 2 * n], t[i + 3 * n], t[i + 4 * n], t[i + 5 * n], t[i + 6 * n],
+        t[i + 7 * n], t[i + 8 * n], t[i + 9 * n], t[i + 10 * n], t[i + 11 * n], t[i + 12 * n],
+        t[i + 13 * n], t[i + 14 * n],
+    )
+    # fmt: on
+
+
+@inlined
+def body_at(turns: float, t: Any, i: int, n: int) -> Body:
+    """Return the body whose other numbers lie in a flat table from place i on, n places apart."""
+    # fmt: off
+    return Body(
+        turns, t[i], t[i + n], t[i + 2 * n], t[i + 3 * n], t[i + 4 * n], t[i + 5 * n],
+        t[i + 6 * n], t[i + 7 * n], t[i + 8 * n], t[i + 9 * n], t[i + 10 * n], t[i + 11 * n],
+        t[i + 12 * n],
+    )
+    # fmt: on
+
+
+@inlined
+def attitude_at(t: Any, i: int, n: int) -> Attitude:
+    """Return the attitude that lies in a flat table from place i on, n places apart."""
+    return (
+        t[i], t[i + n], t[i + 2 * n], t[i + 3 * n], t[i + 4 * n], t[i + 5 * n], t[i + 6 * n],
+    )  # fmt: skip
+
+
+TOGETHER = 8
+"""Bodies whose motions `motions` computes: one SIMD register."""
+
+
+@inlined
+def _motions(m: Any, t: Any, turns: float, h: float, rows: Any) -> None:
+    n = TOGETHER
+    for i in range(len(rows)):
+        row = rows[i]
+        for s in range(n):
+            a, b = attitude_at(m, s, n), body_at(turns, t, s, n)
+            f = frame_of(a, b)
+            x = abs(f.xx) + abs(f.xy) + abs(f.xz)
+            y = abs(f.yx) + abs(f.yy) + abs(f.yz)
+            z = abs(f.zx) + abs(f.zy) + abs(f.zz)
+            y = y if y > x else x
+            sizes = (
+                abs(f.px), abs(f.py), abs(f.pz), abs(f.ax), abs(f.ay), abs(f.az), z if z > y else y
+            )  # fmt: skip
+            counts = i < t[s + 13 * n]
+            after = attitude_step(a, h, b)
+            for j in range(7):
+                most = m[s + (7 + j) * n]
+                m[s + (7 + j) * n] = sizes[j] if counts and sizes[j] > most else most
+                row[j * n + s] = a[j]
+                m[s + j * n] = after[j]
+
+
+@kernel
+def motions(m: Any, t: Any, turns: bool, h: float, rows: Any) -> None:
+    """Fill rows (n, 7 * TOGETHER) with the attitudes of bodies at 0, h, 2 h ...
+
+    m : (7, TOGETHER) attitudes at first; then, of the frames, the largest |rate| and |change of it|
+        about each axis, and sum of |numbers| of a row of the matrix (7, TOGETHER)
+    t : numbers of `Body` after the first (13, TOGETHER), ticks that the largest are of (TOGETHER,)
+    turns : whether they do
+    """
+    if turns:
+        _motions(m, t, 1.0, h, rows)
+    else:
+        _motions(m, t, 0.0, h, rows)
+
+
 @kernel
 def frames(rows: Any, later: float, b: Body, found: Any) -> None:
     """Fill `found` (n, 15) with the frames a time `later` [s] after attitudes (n, 7)."""
@@ -249,17 +324,6 @@ def frames(rows: Any, later: float, b: Body, found: Any) -> None:
         f = frame_of(attitude_step(a, later, b) if later > 0.0 else a, b)
         for j in range(FRAME):
             found[i, j] = f[j]
-
-
-@inlined
-def frame_at(t: Any, i: int) -> Frame:
-    """Return the frame whose numbers lie in a flat table from place i on."""
-    # fmt: off
-    return Frame(
-        t[i], t[i + 1], t[i + 2], t[i + 3], t[i + 4], t[i + 5], t[i + 6], t[i + 7], t[i + 8],
-        t[i + 9], t[i + 10], t[i + 11], t[i + 12], t[i + 13], t[i + 14],
-    )
-    # fmt: on
 
 
 @kernel

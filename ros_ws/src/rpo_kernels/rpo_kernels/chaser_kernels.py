@@ -11,7 +11,7 @@ from __future__ import annotations
 from math import sqrt
 from typing import NamedTuple
 
-from rpo_kernels.attitude_kernels import Attitude, Body, cross
+from rpo_kernels.attitude_kernels import Attitude, Body, body_at, cross
 from rpo_kernels.jit import inlined
 from rpo_kernels.kernels import State, Vector
 
@@ -43,13 +43,7 @@ CRAFT = 20
 @inlined
 def craft_at(t, i: int, n: int) -> Craft:  # type: ignore[no-untyped-def]
     """Return the craft whose numbers lie in a flat table from place i on, n places apart."""
-    # fmt: off
-    body = Body(
-        t[i], t[i + n], t[i + 2 * n], t[i + 3 * n], t[i + 4 * n], t[i + 5 * n], t[i + 6 * n],
-        t[i + 7 * n], t[i + 8 * n], t[i + 9 * n], t[i + 10 * n], t[i + 11 * n], t[i + 12 * n],
-        t[i + 13 * n],
-    )
-    # fmt: on
+    body = body_at(t[i], t, i + n, n)
     i = i + 14 * n
     return Craft(body, t[i], t[i + n], t[i + 2 * n], t[i + 3 * n], t[i + 4 * n], t[i + 5 * n])
 

@@ -23,6 +23,7 @@ from rpo_kernels.chaser_kernels import times, turn_back
 from rpo_kernels.jit import inlined, kernel
 from rpo_kernels.kernels import Vector, saturate, sin_cos
 from rpo_nav.attitude_sensor_kernels import turned_by, upright
+from rpo_nav.filter_kernels import joseph
 
 STATES = 6
 SQUARE = STATES * STATES
@@ -44,8 +45,7 @@ NOW, BASE, ORIGIN, IN_A_ROW, RESETS, LAST_RESET, ACCEPTED, REJECTED, LAST_ACCEPT
 RATE, X = 9, 12
 P, SETTLED = X + ESTIMATE, X + BOTH
 KEPT = SETTLED + BOTH
-ERROR, GAINS, WORK = (KEPT + SQUARE + STATES * i for i in range(3))
-TESTED = WORK + STATES
+ERROR, WORK, TESTED = (KEPT + SQUARE + STATES * i for i in (0, 1, 3))
 HISTORY, RECORD = TESTED + 5, 8
 """Places in what a filter remembers: counts; the newest rate (3,) less the bias; state and
 covariance (7 + 36) of the newest tick, and of the tick up to which all measurements have come; a
@@ -98,28 +98,6 @@ def step_attitude(m: Any, rate: Vector, f: Any) -> None:
 
 
 @kernel
-def update_attitude(m: Any, h: Vector, measured: float, variance: float) -> float:
-    """Take one measured angle about an axis h, in Joseph's form; return innovation / sigma."""
-    for i in range(STATES):
-        m[WORK + i] = h[0] * m[P + i] + h[1] * m[P + STATES + i] + h[2] * m[P + 12 + i]
-    share = h[0] * m[WORK] + h[1] * m[WORK + 1] + h[2] * m[WORK + 2]
-    spread = share + variance
-    innovation = measured - (h[0] * m[ERROR] + h[1] * m[ERROR + 1] + h[2] * m[ERROR + 2])
-    for i in range(STATES):
-        m[GAINS + i] = m[WORK + i] / spread
-        m[ERROR + i] += m[GAINS + i] * innovation
-    for a in range(STATES):
-        gain, row = m[GAINS + a], P + STATES * a
-        rest, noise = m[WORK + a] - gain * share, gain * variance
-        for b in range(a, STATES):
-            other = m[GAINS + b]
-            value = m[row + b] - gain * m[WORK + b] - rest * other + noise * other
-            m[row + b] = value
-            m[P + STATES * b + a] = value
-    return innovation / sqrt(abs(spread))
-
-
-@kernel
 def _accept(m: Any, found: int, f: Any) -> bool:
     """Take the quaternion at a place of the memory unless its NIS is too large."""
     for j in range(SQUARE):
@@ -134,7 +112,7 @@ def _accept(m: Any, found: int, f: Any) -> bool:
     for i in range(3):
         h = (f[AXES + 3 * i], f[AXES + 3 * i + 1], f[AXES + 3 * i + 2])
         angle = sign * (h[0] * x + h[1] * y + h[2] * z)
-        m[TESTED + 2 + i] = update_attitude(m, h, angle, f[VARIANCES + i])
+        m[TESTED + 2 + i] = joseph(m, ERROR, P, STATES, WORK, 0, h, angle, f[VARIANCES + i])
         m[TESTED + 1] += m[TESTED + 2 + i] * m[TESTED + 2 + i]
     m[TESTED] = 3.0
     if f[GATE] > 0.0 and m[TESTED + 1] > f[GATE]:

@@ -62,7 +62,7 @@ NOW, BASE, ORIGIN, IN_A_ROW, RESETS, LAST_RESET, ACCEPTED, REJECTED, LAST_ACCEPT
 WHOLE = 9
 BOTH = STATES + SQUARE
 X, SETTLED, KEPT = (10 + BOTH * i for i in range(3))
-P, WORK, GAINS = X + STATES, KEPT + BOTH, KEPT + BOTH + STATES
+P, WORK = X + STATES, KEPT + BOTH
 TESTED, MOST_SENSORS, TESTS = WORK + 2 * STATES, 4, 8
 COMMANDS = TESTED + MOST_SENSORS * TESTS
 """Places in what a filter remembers: counts; whether the newest covariance is another one than the
@@ -139,37 +139,50 @@ def step_covariance(m: Any, step: CwStep, f: Any) -> None:
 
 
 @inlined
-def _shown(h: Vector, m: Any, at: int) -> float:
-    """Return what a measurement shows of three numbers."""
-    return h[0] * m[at] + h[1] * m[at + 1] + h[2] * m[at + 2]
-
-
-@kernel
-def update(m: Any, first: int, h: Vector, measured: float, variance: float) -> float:
+def joseph(
+    m: Any,
+    x: int,
+    p: int,
+    n: int,
+    work: int,
+    first: int,
+    h: Vector,
+    measured: float,
+    variance: float,
+) -> float:
     """Take one measured number, h . x[first : first + 3] plus noise; return innovation / sigma.
+
+    x, p : places of n states and of their covariance; work : of 2 n numbers of scratch
 
     Of a variance more than 1e16 times the measured one, rounding leaves P with no digit that is
     right, and a diagonal or the spread may be negative; the updates that follow put that right.
     """
-    row = P + STATES * first  # P is symmetric: rows are faster than columns
-    for i in range(STATES):
-        m[WORK + i] = h[0] * m[row + i] + h[1] * m[row + STATES + i] + h[2] * m[row + 18 + i]
-    at = WORK + first
+    row, gains = p + n * first, work + n  # P is symmetric: rows are faster than columns
+    for i in range(n):
+        m[work + i] = h[0] * m[row + i] + h[1] * m[row + n + i] + h[2] * m[row + 2 * n + i]
+    at = work + first
     spread = variance + h[0] * m[at] + h[1] * m[at + 1] + h[2] * m[at + 2]
-    innovation = measured - _shown(h, m, X + first)
-    for i in range(STATES):
-        m[GAINS + i] = m[WORK + i] / spread
-        m[X + i] += m[GAINS + i] * innovation
+    at = x + first
+    innovation = measured - (h[0] * m[at] + h[1] * m[at + 1] + h[2] * m[at + 2])
+    for i in range(n):
+        m[gains + i] = m[work + i] / spread
+        m[x + i] += m[gains + i] * innovation
     share = spread - variance  # h' P h
-    for a in range(STATES):
-        gain, row = m[GAINS + a], P + STATES * a
-        rest, noise = m[WORK + a] - gain * share, gain * variance  # of (I - K h') P h; K r
-        for b in range(a, STATES):
-            other = m[GAINS + b]
-            value = m[row + b] - gain * m[WORK + b] - rest * other + noise * other
+    for a in range(n):
+        gain, row = m[gains + a], p + n * a
+        rest, noise = m[work + a] - gain * share, gain * variance  # of (I - K h') P h; K r
+        for b in range(a, n):
+            other = m[gains + b]
+            value = m[row + b] - gain * m[work + b] - rest * other + noise * other
             m[row + b] = value
-            m[P + STATES * b + a] = value
+            m[p + n * b + a] = value
     return innovation / sqrt(abs(spread))
+
+
+@kernel
+def update(m: Any, first: int, h: Vector, measured: float, variance: float) -> float:
+    """Take one measured number of position or velocity; see `joseph`."""
+    return joseph(m, X, P, STATES, WORK, first, h, measured, variance)
 
 
 @inlined
@@ -183,27 +196,19 @@ def _shared(m: Any, at: int, a: Vector, b: Vector) -> float:
 
 
 @inlined
-def _principal(m: Any, at: int, a: Vector, b: Vector) -> tuple[Vector, Vector, float, float]:
-    """Return axes in the plane of a and b about which angles are independent, their variances.
+def _widened(m: Any, at: int, a: Vector, b: Vector, distance: float) -> tuple[float, float]:
+    """Return variances [m^2] along a and b that are sure to cover those of an attitude.
 
-    at : place of an attitude; a, b : (3,) unit vectors at right angles, target LVLH
+    at : its place; a, b : (3,) at right angles to each other and to the line of sight, target LVLH
+
+    An angle about one moves the point along the other. Independent errors as large as the diagonal
+    and the correlation together are never less than correlated ones.
     """
     q = (m[at], m[at + 1], m[at + 2], m[at + 3])
-    va, vb = turn_back(a, q), turn_back(b, q)
-    aa, ab, bb = _shared(m, at + 4, va, va), _shared(m, at + 4, va, vb), _shared(m, at + 4, vb, vb)
-    slope = 0.0
-    if ab != 0.0:
-        half = 0.5 * (bb - aa) / ab
-        slope = 1.0 / (abs(half) + sqrt(half * half + 1.0))
-        slope = -slope if half > 0.0 else slope
-    c = 1.0 / sqrt(1.0 + slope * slope)
-    s = slope * c
-    return (
-        (c * a[0] + s * b[0], c * a[1] + s * b[1], c * a[2] + s * b[2]),
-        (c * b[0] - s * a[0], c * b[1] - s * a[1], c * b[2] - s * a[2]),
-        aa + slope * ab,
-        bb - slope * ab,
-    )
+    a, b = turn_back(a, q), turn_back(b, q)
+    shared, square = abs(_shared(m, at + 4, a, b)), distance * distance
+    along_a, along_b = _shared(m, at + 4, b, b) + shared, _shared(m, at + 4, a, a) + shared
+    return square * along_a, square * along_b
 
 
 @kernel
@@ -214,9 +219,9 @@ def _take(m: Any, found: int, sensor: Any, tested: int, heading: int) -> int:
     """
     distance, ux, uy, uz = sight(m[X], m[X + 1], m[X + 2])
     first, second = across(ux, uy, uz)
-    about_first = about_second = 0.0
+    wide = (0.0, 0.0)
     if sensor[TURNS] != 0.0:
-        first, second, about_first, about_second = _principal(m, heading, first, second)
+        wide = _widened(m, heading, first, second, distance)
     mx, my, mz = m[found + 1], m[found + 2], m[found + 3]
     if sensor[HAS_RANGE] == 0.0:  # a direction: the point at the distance that is expected
         mx, my, mz = distance * mx, distance * my, distance * mz
@@ -242,8 +247,8 @@ def _take(m: Any, found: int, sensor: Any, tested: int, heading: int) -> int:
         sigma = larger(floor, share * distance)
         value = h[0] * vx + h[1] * vy + h[2] * vz
         variance = sigma * sigma
-        if sensor[TURNS] != 0.0 and number > 0:  # an angle about one axis moves it along the other
-            variance += distance * distance * (about_second if number == 1 else about_first)
+        if sensor[TURNS] != 0.0 and number > 0:
+            variance += wide[number - 1]
         m[at] = update(m, 3 if number >= 3 else 0, h, value, variance)
         m[tested + 1] += m[at] * m[at]
         at += 1

@@ -8,12 +8,9 @@ docs/safety.md, lemmas 4 and 5.
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from rpo_attitude.target import FIXED, Motion, known_motion
+from rpo_attitude.target import FIXED, known_motion
 from rpo_core.files.validation import InputError
 from rpo_kernels.kernels import Vector, norm
 from rpo_safety.assumed import ERRORS, SQRT_3, Errors, limit_n, unknown_n
@@ -160,22 +157,15 @@ def swing_of(scenario: Any) -> Swing:
     motion, target = known_motion(scenario), scenario.target
     assert motion is not None
     delay = scenario.thrusters.delay_ticks if scenario.thrusters else 0
-    # Of a free body, the rate changes by less than its square, its change by twice its cube.
+    x, y, z, u, v, w, spread = motion.largest(scenario.ticks + delay + 2).tolist()
+    # Between the ticks by the derivatives: of a free body, the rate changes by less than its
+    # square, its change by twice its cube.
     fastest = target.fastest_rad_s + scenario.mean_motion_rad_s if target.kind != FIXED else 0.0
-    found = _swing(motion, scenario.ticks + delay + 2, fastest, scenario.dt_s)
+    off = 0.5 * scenario.dt_s * fastest * fastest
+    more = 2.0 * fastest * off
     # Where the thrusters turn with the chaser, a cube has the same room in all axes: in a ball.
-    return found if scenario.attitude is None else found._replace(spread=1.0)
-
-
-@lru_cache(maxsize=256)
-def _swing(motion: Motion, ticks: int, fastest: float, dt_s: float) -> Swing:
-    """Return the bounds from the ticks; in between by those of the derivatives."""
-    frames = motion.frames(ticks)
-    most = np.maximum(frames[:, 9:].max(axis=0), -frames[:, 9:].min(axis=0))
-    off = 0.5 * dt_s * fastest * fastest
-    rates, changes = (most[:3] + off).tolist(), (most[3:] + 2.0 * fastest * off).tolist()
-    rows = np.abs(frames[:, :9]).reshape(-1, 3, 3).sum(axis=2)
-    return Swing(tuple(rates), tuple(changes), float(rows.max()))
+    spread = spread if scenario.attitude is None else 1.0
+    return Swing((x + off, y + off, z + off), (u + more, v + more, w + more), spread)
 
 
 def turning(guard: Guard, settings: Assurance, scenario: Any, errors: Errors) -> Guard:

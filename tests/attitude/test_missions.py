@@ -1,0 +1,63 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Shipped flights in six degrees of freedom keep what they require."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files import loads
+from rpo_core.files.scenario import dumps, load_scenario, parse
+from rpo_core.judge.verdicts import verdicts
+from rpo_ctrl import similarity
+from rpo_ctrl.similarity import Units
+from rpo_training.scaling import scaled_to
+
+APOLLO = load_scenario('apollo')
+
+
+@pytest.fixture(scope='module')
+def transposed():
+    """Return the flight of `apollo` by the controller of `rpo scale pd --scenario apollo`."""
+    pd = load_controller('pd')
+    _, _, own, _ = similarity.made_for(pd)
+    return fly(APOLLO, scaled_to(pd, own, Units(95.52, 448.3, APOLLO.mass_kg), APOLLO))
+
+
+def test_apollo_turns_around_and_docks(transposed):
+    found = verdicts(transposed)
+    assert len(found) == 6 and all(verdict.holds for verdict in found), found
+    noses = Rotation.from_quat(transposed.signals['chaser_attitude'][:, :4]).apply([1.0, 0.0, 0.0])
+    assert noses[0, 0] > 0.98 and noses[-1, 0] < -0.999, 'it looked away, and turned around'
+
+
+def test_its_thrusters_are_where_they_are(transposed):
+    """Four quads 83.56 in from the axis of the hull; canted by 10 deg away from it."""
+    each = APOLLO.thrusters.table.each
+    hull = np.array([0.0, -5.0, -4.7]) * 0.0254
+    out = np.array([t.position_m for t in each]) - hull
+    out[:, 0] = 0.0
+    sizes = np.linalg.norm(out, axis=1)
+    np.testing.assert_allclose(sizes, 83.56 * 0.0254, rtol=1e-3)
+    inward = -(out * [t.direction for t in each]).sum(axis=1) / sizes
+    np.testing.assert_allclose(np.degrees(np.arcsin(inward)), 10.0, atol=2.2)
+    fired = transposed.signals['exerted_force']
+    assert np.abs(fired).max() > 50.0
+
+
+def test_the_docked_attitude_brings_the_ports_together():
+    """The port of the chaser, 176.35 in ahead of its centre of mass, lies at that of the target."""
+    port = np.array([176.35, -5.0, -4.7]) * 0.0254
+    docked = Rotation.from_quat(APOLLO.named('pointing').mate).apply(port)
+    np.testing.assert_allclose(docked + APOLLO.goal_position_m, 0.0, atol=1e-3)
+
+
+def test_a_tumbling_target_is_docked_with():
+    scenario = load_scenario('tumbling_docking')
+    assert loads(dumps(scenario), parse, 'written') == scenario
+    found = verdicts(fly(scenario, load_controller('allround')))
+    assert len(found) == 7 and all(verdict.holds for verdict in found), found

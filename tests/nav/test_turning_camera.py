@@ -1,0 +1,151 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""A camera that turns with the chaser: its view, and how sure of its attitude the filter is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from nav_scenarios import LIDAR, PD, attitude_scenario, unmodelled
+from scipy.spatial.transform import Rotation
+
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller_file import parse
+from rpo_core.files import scenario
+from rpo_core.files.validation import InputError
+from rpo_nav.estimator import Estimator, EstimatorStage
+from rpo_nav.sensors import Sensors, SensorsStage
+
+CAMERA = {**LIDAR, 'body_fixed': True}
+TURNED = Rotation.from_euler('xyz', [20.0, -30.0, 50.0], degrees=True)
+FAR = (60.0, -80.0, 0.0, 0.1, 0.2, 0.3)  # 100 m
+
+
+def scenario_with(unit=(), **changes):
+    """Return a scenario whose chaser tumbles, with a camera and the true attitude."""
+    sensors = {'units': [{**CAMERA, **dict(unit)}], 'noise_key': [7, 1]}
+    unknown = {'attitude_sensors': None, 'attitude_estimator': None}
+    return attitude_scenario(**{**unknown, 'sensors': sensors, 'estimator': {}, **changes})
+
+
+def quaternion(turned):
+    """Return an attitude (7,) that is at rest."""
+    return (*turned.as_quat(canonical=True).tolist(), 0.0, 0.0, 0.0)
+
+
+def test_it_measures_in_the_axes_of_the_chaser():
+    flown = scenario_with({'bias_m': [1.0, -2.0, 3.0], 'noise_share': 0.0, 'noise_floor_m': 1e-6,
+                           'bearing_noise_rad': 1e-8})  # fmt: skip
+    stage = SensorsStage(flown.section(Sensors), flown)
+    rows = np.array([stage.step(tick, FAR, quaternion(TURNED))[0] for tick in range(5)])
+    expected = TURNED.inv().apply(FAR[:3]) + np.array([1.0, -2.0, 3.0])
+    np.testing.assert_allclose(rows[:, :3], np.tile(expected, (5, 1)), atol=1e-5)
+    assert (rows[:, 15] == -1.0).all()
+
+
+def test_its_field_of_view_turns_with_the_chaser():
+    flown = scenario_with({'boresight': [0.0, 0.0, 1.0], 'field_of_view_rad': 0.5})
+    stage, to_target = SensorsStage(flown.section(Sensors), flown), -np.array(FAR[:3])
+    for angle in (0.0, 0.45, 0.55, 2.0):
+        for about in (0.3, 4.0):
+            aside = Rotation.from_rotvec([angle * np.cos(about), angle * np.sin(about), 0.0])
+            looking = Rotation.align_vectors([to_target], [[0.0, 0.0, 1.0]])[0] * aside
+            row = stage.step(0, FAR, quaternion(looking))[0]
+            assert (row[6] >= 0.0) == (angle < 0.5)
+
+
+@pytest.mark.parametrize('latency', [0, 3])
+@pytest.mark.parametrize('kind', ['range_bearing', 'bearing'])
+def test_the_filter_turns_what_it_measured_by_the_attitude_at_that_tick(kind, latency):
+    """The same measurements in LVLH, to a filter of a camera that does not turn: same estimates."""
+    unit = {'kind': kind, 'latency_ticks': latency, 'period_ticks': 2}
+    if kind == 'bearing':
+        unit['noise_share'] = 0.0
+    flown = scenario_with(unit, ticks=100)
+    still = scenario_with({**unit, 'body_fixed': False}, ticks=100)
+    flight = fly(flown, PD)
+    turned = Rotation.from_quat(flight.signals['chaser_attitude'][:, :4])
+    assert (turned[0].inv() * turned[100]).magnitude() > 0.3
+    stage, other = (EstimatorStage(f.section(Estimator), f) for f in (flown, still))
+    assert stage.inputs[2:] == ('attitude',)
+    before = np.vstack([np.zeros(3), flight.forces_n[:-1]])
+    for tick in range(101):
+        row = flight.signals['measurement'][tick]
+        found = stage.step(tick, before[tick], row, flight.signals['chaser_attitude'][tick])
+        seen = turned[max(0, tick - latency)].apply(row[:3])
+        expected = other.step(tick, before[tick], (*seen, *row[3:]))
+        np.testing.assert_allclose(found[0], expected[0], atol=1e-9)
+        np.testing.assert_allclose(stage.covariance, other.covariance, rtol=1e-6, atol=1e-13)
+        assert found[0] == tuple(flight.signals['navigation_state'][tick])
+
+
+def covariance_after_one(spread):
+    """Return the filter's covariance after one measurement, and its start, 1 m of each axis."""
+    flown = attitude_scenario(
+        sensors={'units': [CAMERA]}, estimator={'position_sigma_m': 1.0, 'gate_sigmas': 0.0}
+    )
+    stage = EstimatorStage(flown.section(Estimator), flown)
+    assert stage.inputs[2:] == ('attitude', 'attitude_covariance')
+    at = np.array(stage.filter[41:44])
+    seen = (*TURNED.inv().apply(at), 0.0, 0.0, 0.0, *[0.0] * 18)
+    stage.step(0, (0.0,) * 3, seen, quaternion(TURNED), tuple(np.ravel(spread)))
+    return stage.covariance[:3, :3], at
+
+
+def noise_of(at, spread):
+    """Return the covariance of a measurement: noise of the camera, and r x e of the attitude."""
+    distance, turn = np.linalg.norm(at), TURNED.as_matrix()
+    u, x = at / distance, np.cross(np.eye(3), at)  # rows: e_i x r
+    own = np.outer(u, u) * (0.01 * distance) ** 2
+    own += (np.eye(3) - np.outer(u, u)) * max(0.01, 0.002 * distance) ** 2
+    return own + x.T @ turn @ spread @ turn.T @ x
+
+
+def test_what_is_unsure_of_the_attitude_widens_the_measurement():
+    """Of alike angles it is the Kalman filter of matrices; of others never smaller than that."""
+    alike = np.eye(3) * 0.01**2
+    found, at = covariance_after_one(alike)
+    expected = np.linalg.inv(np.eye(3) + np.linalg.inv(noise_of(at, alike)))
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+    rng = np.random.default_rng(5)
+    for _ in range(10):
+        root = rng.normal(size=(3, 3)) * 0.01
+        found, at = covariance_after_one(root @ root.T)
+        least = np.linalg.inv(np.eye(3) + np.linalg.inv(noise_of(at, root @ root.T)))
+        assert np.linalg.eigvalsh(found - least).min() > -1e-9
+        assert np.trace(found) < 2.0 * np.trace(least)
+
+
+def test_both_filters_together_are_consistent():
+    """The chaser tumbles; its attitude is estimated. A wrong turn would be metres."""
+    drift = parse({'kind': 'drift', 'name': 'drift', 'max_force_n': 0.5, 'provenance': {}})
+    runs, ticks, nees = 30, 150, []
+    for key in range(runs):
+        sensors = {'units': [CAMERA], 'noise_key': [key, 1]}
+        flown = attitude_scenario(
+            {'period_ticks': 5}, key=key, sensors=sensors, estimator={}, ticks=ticks
+        )
+        flight = fly(flown, drift, unmodelled(flown, key))
+        errors = (flight.signals['navigation_state'] - flight.states)[ticks, :3]
+        spread = flight.signals['navigation_covariance'][ticks, :9].reshape(3, 3)
+        nees.append(errors @ np.linalg.solve(spread, errors))
+    assert abs(np.mean(nees) - 3.0) < 4.0 * np.sqrt(6.0 / runs)
+
+
+@pytest.mark.parametrize(
+    ('changes', 'sentence'),
+    [
+        ({'unit': {'kind': 'relative_position', 'bearing_noise_rad': 0.0}}, '`body_fixed` must be'),
+        ({'attitude': None}, '`sensors.units[0]`: `body_fixed` needs section `attitude`'),
+        ({'unit': {'body_fixed': 1}}, '`body_fixed` must be true or false; got 1'),
+    ],
+)
+def test_bad_input_is_one_sentence(changes, sentence):
+    with pytest.raises(InputError, match=r'^[^\n]*$') as error:
+        scenario_with(**changes)
+    assert sentence in str(error.value)
+
+
+def test_only_a_camera_that_turns_is_written_so():
+    assert 'body_fixed: true' in scenario.dumps(scenario_with())
+    assert 'body_fixed' not in scenario.dumps(scenario_with({'body_fixed': False}))

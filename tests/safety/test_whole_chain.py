@@ -1,0 +1,109 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Hostile commands in the runs of a campaign, all stages flown."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+from rpo_cli.cli import app
+from rpo_core.chain.flight import fly
+from rpo_core.files.validation import InputError
+from rpo_judge.safety.whole_chain import (
+    BEFORE,
+    CLOSING,
+    KINDS,
+    LATERAL,
+    attack_campaign,
+    bounded,
+    watch,
+)
+from rpo_montecarlo.campaign import config
+from rpo_montecarlo.campaign.sampling import draw
+from rpo_montecarlo.campaign.single import scenario_of_draw
+from rpo_montecarlo.engine.lanes import RUNS, STRIDE, R, V, make_scratch
+from rpo_montecarlo.engine.tick import table_of
+
+SHORT = ['duration_s=40.0']
+
+
+@pytest.fixture(scope='module')
+def campaign():
+    return bounded(config.load('tumbling_docking', SHORT, runs=2 * len(KINDS), seed=3))
+
+
+@pytest.fixture(scope='module')
+def flown(campaign):
+    return attack_campaign(campaign)
+
+
+def test_the_angle_is_that_of_a_flight(campaign, flown):
+    """Of run 0, whose commands are its own, by SciPy from the signals of the chain."""
+    scenario = scenario_of_draw(campaign, draw(campaign, 0, 1), 0)
+    flight = fly(scenario, campaign.controller)
+    true = Rotation.from_quat(flight.signals['chaser_attitude'][:, :4])
+    seen = flight.signals['navigation_attitude'][:-1]
+    known = Rotation.from_quat(seen[:, :4])
+    orbit = known.inv().apply([0.0, 0.0, scenario.mean_motion_rad_s])
+    used = known * Rotation.from_rotvec(0.5 * scenario.dt_s * (seen[:, 4:] - orbit))
+    delay = scenario.thrusters.delay_ticks
+    used = used[: len(used) - delay]
+    off = [(used.inv() * true[i : i + len(used)]).magnitude() for i in (delay, delay + 1)]
+    assert flown[0].turned_deg[0] == pytest.approx(np.degrees(np.max(off)), rel=1e-4)
+
+
+def test_limits_hold_under_hostile_commands(campaign, flown):
+    most = campaign.scenario.named('assurance').chaser_attitude_error_deg
+    assert [one.kind for one in flown] == list(KINDS)
+    for one in flown:
+        assert (one.depth_m == 0.0).all() and one.turned_deg.max() <= most
+        assert one.turned_deg.min() > 0.0
+
+
+def watched(states):
+    """Return the memory of `watch` after states (n, 6) of one run, corridor along +y."""
+    w, m = make_scratch(), np.zeros(4 * RUNS)
+    m[RUNS : 3 * RUNS] = np.inf
+    t = table_of(R, V, 10.0, 1.0, 1.0, 1.0, 0.4, 0.1)
+    for state in states:
+        for axis in range(3):
+            w[R + axis * RUNS], w[V + axis * RUNS] = state[axis], state[3 + axis]
+        watch(w, m, t, 0)
+    return m[0], m[CLOSING], m[LATERAL], m[BEFORE]
+
+
+def test_what_is_outside_the_corridor_is_in_the_zone():
+    assert STRIDE > RUNS
+    rest = (0.0, 0.0, 0.0)
+    assert watched([(0.0, 12.0, 0.0, *rest)])[0] == 0.0
+    assert watched([(0.0, 6.0, 0.8, *rest)])[0] == 0.0  # 0.9 m wide there
+    assert watched([(0.0, 6.0, 1.1, *rest)])[0] == pytest.approx(0.2)
+    assert watched([(0.0, -9.0, 0.0, *rest)])[0] == pytest.approx(1.0)  # from the other side
+    assert watched([(9.99, 0.0, 0.0, *rest)])[0] == pytest.approx(0.01)
+
+
+def test_contact_is_where_the_port_is_passed():
+    moving = (0.01, -0.3, 0.02)
+    depth, closing, lateral, _ = watched([(0.1, y, 0.0, *moving) for y in (1.02, 0.99, -5.0)])
+    assert (depth, closing, lateral) == (0.0, 0.3, 0.02)
+    assert watched([(0.5, y, 0.0, *moving) for y in (1.02, 0.99)])[1] == np.inf  # beside it
+
+
+def test_what_cannot_be_flown_is_refused():
+    with pytest.raises(InputError, match='has no `attitude_control`'):
+        attack_campaign(config.load('tumbling_port', runs=8))
+
+
+def test_the_command_says_what_broke():
+    words = ['safety', 'attack', '--campaign', 'tumbling_docking', '--runs', '8', '--set', *SHORT]
+    found = CliRunner().invoke(app, words)
+    assert found.exit_code == 0, found.output
+    assert 'all limits held' in found.output
+    # Wheels that cannot hold the chaser: it turns faster than the tick's prediction allows.
+    weak = ['--set', 'attitude.wheels={torque_nm: 1.0e-5, momentum_nms: 0.001}']
+    found = CliRunner().invoke(app, [*words, *weak, '--set', 'attitude.rates_deg_s=[9, 9, 9]'])
+    assert found.exit_code == 1, found.output
+    assert 'break a limit' in found.output
