@@ -18,8 +18,6 @@ from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.files.scenario import Scenario, load_scenario, load_set
 from rpo_judge.evaluation.assessment import assess
 from rpo_judge.evaluation.comparison import metrics_of
-from rpo_judge.safety.attack import attack
-from rpo_judge.safety.counts import quiet
 from rpo_montecarlo.campaign import config
 from rpo_montecarlo.campaign.run_batch import fly_runs
 from rpo_montecarlo.engine.cases import case_of_set
@@ -28,6 +26,8 @@ from rpo_proof import cells, flights
 from rpo_proof.cells import Prover
 from rpo_proof.claims import empty_set
 from rpo_proof.problem import Problem, Settings
+from rpo_proof.safety.attack import attack
+from rpo_proof.safety.counts import quiet
 from rpo_safety.assurance import AssuranceStage
 from rpo_safety.settings import Assurance
 

@@ -12,6 +12,7 @@ const SPEEDS = [0.2, 0.5, 1, 2, 5, 10, 20, 50, 100];
 const REDRAW_MS = 80;   // the numbers beside the scene change so often at most
 const SLOW_MS = 30;     // frames that take longer are drawn with fewer pixels, while the replay plays
 const PATH_POINTS = 300;
+const CAMERA = 5;       // length of a field of view, in sizes of the chaser
 const V = (x, y, z) => new THREE.Vector3(x, y, z);
 const colour = name => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 
@@ -27,9 +28,10 @@ class Flight {
   constructor(data, number) {
     Object.assign(this, data);
     this.number = number;
-    for (const name of ['times', 'states', 'forces', 'reference', 'estimate', 'attitudes'])
+    for (const name of ['times', 'states', 'forces', 'reference', 'estimate', 'attitudes', 'chaser'])
       this[name] = data[name] && floats(data[name]);
     for (const limit of this.limits) limit.values = floats(limit.values);
+    this.turns = data.turns.map(([name, unit, values]) => [name, unit, floats(values)]);
     this.last = this.times.length - 1;
     this.end = this.times[this.last];
   }
@@ -53,9 +55,9 @@ class Flight {
     }
     return { r, v, i: this.index(t) };
   }
-  // The attitude of the target at a time, between two samples the chord.
-  attitude(t) {
-    const i = Math.min(this.index(t), Math.max(0, this.last - 1)), q = [0, 1].map(k => new THREE.Quaternion().fromArray(this.attitudes, 4 * (i + k)));
+  // One of the attitudes at a time, between two samples the chord.
+  attitude(t, attitudes) {
+    const i = Math.min(this.index(t), Math.max(0, this.last - 1)), q = [0, 1].map(k => new THREE.Quaternion().fromArray(attitudes, 4 * (i + k)));
     return q[0].slerp(q[1], Math.min(1, Math.max(0, (t - this.times[i]) / (this.times[i + 1] - this.times[i] || 1))));
   }
   path(values, width, most = PATH_POINTS) {  // positions of at most so many samples, and their times
@@ -256,6 +258,16 @@ const chaser = vehicle([
   mesh(new THREE.CylinderGeometry(0.28, 0.12, 0.3, 16), dark, 0, 1.22),
   ...[-1, 1].map(s => mesh(new THREE.BoxGeometry(0.03, 0.7, 1.3), panel, 0, 0.7, s * 1.15)),
 ]);
+const docking = add(chaser, ribbon([0, 0, 0, 0, -2.6, 0], thick('optimum', 2)));
+const docked = new THREE.Quaternion(...DATA.scene.mate).invert();  // the target's axes in the chaser's, when docked
+chaser.children[0].quaternion.premultiply(docked);
+docking.quaternion.copy(chaser.children[0].quaternion);
+const views = DATA.scene.cameras.map(({ axis, half, turns }) => {  // fields of view, from the docking ring
+  const long = CAMERA * Math.cos(half), round = CAMERA * Math.sin(half);
+  const cone = mesh(new THREE.ConeGeometry(round, long, 32, 1, true).translate(0, -long / 2, 0), flat('good', 0.13, { side: THREE.DoubleSide }));
+  cone.quaternion.setFromUnitVectors(V(0, -1, 0), V(...axis).normalize());
+  return add(turns ? chaser : scene, cone);
+});
 label('target', targetAt, 'body');
 label('chaser', chaser.position, 'body');
 
@@ -300,7 +312,10 @@ const sprites = [...scene.children, ...turned.children].filter(child => child.us
 function place(state) {
   const r = V(...state.r), force = V(...chosen.forces.slice(3 * state.i, 3 * state.i + 3));
   chaser.position.copy(r);
-  if (chosen.attitudes) turned.quaternion.copy(chosen.attitude(Math.min(now, chosen.end)));
+  if (chosen.attitudes) turned.quaternion.copy(chosen.attitude(Math.min(now, chosen.end), chosen.attitudes));
+  docking.visible = !!chosen.chaser;
+  if (chosen.chaser) chaser.quaternion.copy(chosen.attitude(Math.min(now, chosen.end), chosen.chaser));
+  else chaser.quaternion.identity();
   turned.updateMatrixWorld();
   for (const [object, at] of turning) object.getWorldPosition(at);
   // Bodies are drawn in their size, or larger where that could not be seen.
@@ -309,7 +324,11 @@ function place(state) {
   chaser.scale.setScalar(grown(r));
   target.scale.setScalar(grown(targetAt));
   const unit = chaser.scale.x, share = force.length() / DATA.scene.max_force;
-  const middleOf = ahead.clone().multiplyScalar(0.65 * unit).add(r);
+  const middleOf = V(0, 0.65 * unit, 0).applyQuaternion(docking.quaternion).applyQuaternion(chaser.quaternion).add(r);
+  for (const cone of views.filter(cone => cone.parent === scene)) {
+    cone.position.copy(r);
+    cone.scale.setScalar(unit);
+  }
   arrow.visible = share > 2e-3;
   arrow.position.copy(middleOf);
   arrow.scale.setScalar(unit);
@@ -317,10 +336,11 @@ function place(state) {
   const length = 1.2 + 4 * Math.sqrt(share);
   shaft.scale.y = length;
   head.position.y = length;
+  const own = force.clone().applyQuaternion(chaser.quaternion.clone().invert());  // in the axes of the thrusters
   plumes.forEach((plume, k) => {
-    const part = force.getComponent(k) / DATA.scene.max_force;
+    const part = own.getComponent(k) / DATA.scene.max_force;
     plume.visible = Math.abs(part) > 2e-3;
-    const along = V(0, 0, 0).setComponent(k, Math.sign(part) || 1);
+    const along = V(0, 0, 0).setComponent(k, Math.sign(part) || 1).applyQuaternion(chaser.quaternion);
     plume.quaternion.setFromUnitVectors(V(0, 1, 0), along);
     plume.position.copy(middleOf).addScaledVector(along, -0.45 * unit);
     plume.scale.set(unit, unit * (0.5 + 3 * Math.sqrt(Math.abs(part))), unit);
@@ -438,7 +458,7 @@ const node = (tag, text = '', kind = '') => {
 };
 const say = (element, text) => { if (element.textContent !== text) element.textContent = text; };
 const figures = {};
-for (const name of ['range', 'speed', 'closing speed']) {
+for (const name of new Set(['range', 'speed', 'closing speed', ...flights.flatMap(flight => flight.turns.map(([name]) => name))])) {
   figures[name] = node('dd');
   const group = node('div');
   group.append(node('dt', name), figures[name]);
@@ -473,6 +493,8 @@ function build() {  // what depends on the chosen flight
 function legend() {
   const rows = MANY ? [['x', 'keeps its limits'], ['bad', 'misses a limit']] : [[hue(chosen), 'flown']];
   rows.push(['y', 'force']);
+  if (chosen.chaser) rows.push(['optimum', 'docking axis']);
+  if (views.length) rows.push(['good', 'field of view']);
   if (chosen.reference) rows.push(['optimum', 'reference']);
   if (chosen.estimate) rows.push(['optimum', 'estimate, 3 sigma']);
   if (DATA.scene.keep_out.length) rows.push(['z', 'keep-out sphere']);
@@ -488,8 +510,9 @@ function legend() {
 
 function numbers(state) {
   const range = Math.hypot(...state.r), dot = state.r.reduce((sum, r, k) => sum + r * state.v[k], 0);
-  for (const [name, value, unit] of [['range', range, 'm'], ['speed', 1e3 * Math.hypot(...state.v), 'mm/s'], ['closing speed', range ? -1e3 * dot / range : 0, 'mm/s']]) {
-    const [number, ...rest] = shown(Math.abs(value) < 0.005 ? 0 : value, unit).split(' ');
+  for (const [name, value, unit] of [['range', range, 'm'], ['speed', 1e3 * Math.hypot(...state.v), 'mm/s'], ['closing speed', range ? -1e3 * dot / range : 0, 'mm/s'],
+    ...chosen.turns.map(([name, unit, values]) => [name, values[state.i], unit])]) {
+    const [number, ...rest] = shown(Math.abs(value) < 0.005 && unit[0] !== '°' ? 0 : value, unit).split(' ');
     if (figures[name].dataset.said !== number) {
       figures[name].dataset.said = number;
       figures[name].replaceChildren(number + ' ', node('small', rest.join(' ')));

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import base64
 import json
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,9 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_attitude.target import motion_of
+from rpo_attitude.turns import mate
 from rpo_core.chain.flight import Flight
 from rpo_core.control.controller import AnyController
 from rpo_core.control.controller_file import received
+from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
 from rpo_core.judge.verdicts import verdicts
@@ -31,6 +34,7 @@ from rpo_core.judge.zones import Zone, zones_of
 from rpo_core.wire.interfaces import REFERENCE_STATE, RELATIVE_STATE
 from rpo_ctrl import explain
 from rpo_log.show import style
+from rpo_report.turned import Turned, panels_of, turned_of
 
 Floats = NDArray[np.float64]
 
@@ -83,7 +87,9 @@ class Replayed:
     estimate: Floats | None = None
 
 
-def limits_of(flight: Flight, margins: Floats | None = None) -> list[Limit]:
+def limits_of(
+    flight: Flight, margins: Floats | None = None, turns: Turned | None = None
+) -> list[Limit]:
     """Return what is judged at each moment: requirements, the thrusters' limit, zones, margins.
 
     A requirement on a mean is shown at each moment where no other is about the same quantity.
@@ -124,6 +130,9 @@ def limits_of(flight: Flight, margins: Floats | None = None) -> list[Limit]:
         found['room'] = Limit(
             'clear of the keep-out zone', 'm', 0.0, np.min(rooms, axis=0), floor=True
         )
+    for panel in panels_of(turns, scenario) if turns is not None else ():
+        if panel.limit is not None:
+            found[panel.name] = Limit(panel.name, panel.unit, panel.limit, panel.sizes)
     if margins is not None:
         for name, unit, values in zip(('position', 'speed'), ('m', 'm/s'), margins.T, strict=True):
             found[f'margin of {name}'] = Limit(
@@ -177,6 +186,8 @@ def _scene(flight: Flight) -> dict[str, Any]:
         'goal': list(scenario.goal_position_m),
         'ahead': list(cones[0].ahead if cones else way / max(1.0, float(np.linalg.norm(way)))),
         'max_force': scenario.max_force_n,
+        'mate': mate(scenario),
+        'cameras': _cameras(scenario),
         'keep_out': sorted({zone.keep_out_m for zone in zones} - {0.0}),
         'corridors': [
             {'tip': list(c.tip_m), 'end': list(c.end_m), 'near': c.half_width_m,
@@ -186,12 +197,24 @@ def _scene(flight: Flight) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def _cameras(scenario: Scenario) -> list[dict[str, Any]]:
+    """Return the fields of view of a scenario's sensors: axis (3,), half angle [rad]."""
+    sensors: Any = scenario.named('sensors')
+    return [
+        {'axis': unit.boresight, 'half': unit.field_of_view_rad,
+         'turns': getattr(unit, 'body_fixed', False)}
+        for unit in (sensors.units if sensors is not None else ())
+        if unit.field_of_view_rad < math.pi
+    ]  # fmt: skip
+
+
 def _document(shown: Replayed, flights: int) -> dict[str, Any]:
     """Return a flight, one of so many; its arrays are base64 of little-endian float32."""
     flight, last = shown.flight, len(shown.flight.states) - 1
     ticks = np.linspace(0, last, min(last + 1, max(2, MOST_SAMPLES // flights))).round().astype(int)
-    pulsed = flight.scenario.thrusters is not None and flight.scenario.thrusters.fires
-    forces = flight.thrust.forces_n if pulsed else flight.saturated_forces_n
+    own, turns = flight.scenario.thrusters, turned_of(flight)
+    exerted = turns is not None or (own is not None and own.fires)
+    forces = flight.thrust.forces_n if exerted else flight.saturated_forces_n
     mean = np.add.reduceat(forces, ticks[:-1]) / np.diff(ticks)[:, None]
     reference = flight.signals.get(REFERENCE_STATE)
     times = flight.scenario.times_s
@@ -204,9 +227,11 @@ def _document(shown: Replayed, flights: int) -> dict[str, Any]:
         'forces': _packed(np.vstack([mean, np.zeros(3)])),
         'reference': None if reference is None else _packed(reference[ticks, :3]),
         'estimate': None if shown.estimate is None else _packed(shown.estimate[ticks]),
-        'limits': [_limit(limit, ticks) for limit in limits_of(flight, shown.margins)],
+        'limits': [_limit(limit, ticks) for limit in limits_of(flight, shown.margins, turns)],
         'phases': [[name, why, float(times[min(at, last)])] for name, why, at in shown.phases],
         'attitudes': _attitudes(flight, ticks),
+        'chaser': None if turns is None else _packed(turns.attitudes[ticks, :4]),
+        'turns': [] if turns is None else _turns(turns, ticks),
         'acts': [[name, *times[np.minimum(at, last)].tolist()] for name, *at in shown.acts],
         'reasons': _reasons(flight, shown.controller, _REASONS // flights),
     }
@@ -219,6 +244,15 @@ def _attitudes(flight: Flight, ticks: Any) -> str | None:
         return None
     motion = motion_of(scenario.target, scenario)
     return _packed([motion.attitude(tick)[:4] for tick in ticks.tolist()])
+
+
+def _turns(turns: Turned, ticks: Any) -> list[tuple[str, str, str]]:
+    """Return name, unit and values (n,) of what is said of a chaser that turns."""
+    rates = np.linalg.norm(turns.rates_deg_s, axis=1)
+    found = [('off reference', '°', turns.off_reference_deg), ('turn rate', '°/s', rates)]
+    if turns.theta_deg is not None:
+        found.append(('θ of the command', '°', turns.theta_deg))
+    return [(name, unit, _packed(values[ticks])) for name, unit, values in found]
 
 
 def _packed(values: Any) -> str:

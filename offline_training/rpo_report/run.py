@@ -26,7 +26,7 @@ from rpo_log.show import style
 from rpo_mcap.errors import LogError
 from rpo_mcap.format.run import INFO_FILE
 from rpo_mcap.read.run_log import RunLog, controller_of, read_run
-from rpo_report import assured, guided, navigation, run_plots
+from rpo_report import assured, attitude, guided, navigation, run_plots
 from rpo_report.logged import LoggedFlight, logged_flight, until, verdict_of
 from rpo_report.page import Block, File, Fold, Picture, Report, Section, Table, Text
 from rpo_report.replay import Replayed, seen
@@ -95,6 +95,7 @@ def report_of(path: Path, scenario: str = '') -> tuple[Report, LoggedFlight]:
             *assured.sections(flight, acted, phases),
             Section('Energy', tuple(_energy(flight, beside))),
             Section('Force and slew', (_limits(flight),)),
+            *attitude.sections(flight),
             *_thrusters(flight),
             *_disturbance(flight),
             *navigation.sections(flight, estimated),

@@ -22,9 +22,10 @@ from rpo_guidance.plan import Guidance
 from rpo_guidance.rehearsal import Checked
 from rpo_judge.evaluation.plan_bound import Bound
 from rpo_log.show import style
-from rpo_log.show.report import by_axis, limit_lines
+from rpo_log.show.report import by_axis, force_label, limit_lines
 from rpo_montecarlo import outputs
 from rpo_report.surface_plots import draw_force, force_bar
+from rpo_report.turned import in_lvlh
 
 Floats = NDArray[np.float64]
 
@@ -194,7 +195,7 @@ def limits(flight: Flight) -> Any:
     first, always = metrics.first_slew_tick(scenario), (0.0, scenario.duration_s)
     slew = np.diff(forces[first - 1 :], axis=0) / scenario.dt_s
     figure, (upper, lower) = style.new_panels(4.0, 2, sharex=True)
-    by_axis(upper, scenario.times_s[:-1], forces, 'force [N]')
+    by_axis(upper, scenario.times_s[:-1], forces, force_label(scenario))
     limit_lines(upper, scenario.max_force_n, 'limit', always)
     by_axis(lower, scenario.times_s[first:-1], slew, 'slew df/dt [N/s]', linewidth=0.8)
     required = scenario.requirements
@@ -209,7 +210,8 @@ def pulses(flight: Flight) -> Any:
     """Return what the thrusters exert, what they owe the command, and the propellant spent."""
     scenario, thrust = flight.scenario, flight.thrust
     times_s = scenario.times_s[:-1]
-    owed = np.cumsum(flight.saturated_forces_n - thrust.forces_n, axis=0) * scenario.dt_s
+    owed_n = in_lvlh(flight, flight.saturated_forces_n) - thrust.forces_n
+    owed = np.cumsum(owed_n, axis=0) * scenario.dt_s
     torques = flight.signals.get(EXERTED_TORQUE) if scenario.thrusters.table else None
     panels = 3 if torques is None else 4
     height = 6.4 if torques is None else 8.4

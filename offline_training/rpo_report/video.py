@@ -15,6 +15,7 @@ from rpo_core.judge.zones import Zone, zones_of
 from rpo_log.show import style
 from rpo_montecarlo.outputs import writing
 from rpo_report.run_plots import axis_names, circle
+from rpo_report.turned import in_lvlh
 
 WRITERS = {'.gif': 'pillow', '.mp4': 'ffmpeg'}
 FRAMES, FRAMES_PER_S = 100, 10
@@ -47,6 +48,7 @@ def write(flight: Flight, title: str, verdict: str, path: Path) -> None:
         (flown,) = axes.plot([], [], [], color=style.LIGHT['x'], linewidth=2.0)
         (chaser,) = axes.plot([], [], [], 'o', color=style.LIGHT['x'], markersize=8)
         (force,) = axes.plot([], [], [], color=style.LIGHT['y'], linewidth=2.5)
+        forces = in_lvlh(flight, flight.saturated_forces_n)
         scale = _ARROW * np.ptp(axes.get_w_lims()[:2]) / flight.scenario.max_force_n
         with writer.saving(figure, str(path), _DPI):
             for share in np.linspace(0.0, 1.0, FRAMES):
@@ -54,7 +56,7 @@ def write(flight: Flight, title: str, verdict: str, path: Path) -> None:
                 flown.set_data_3d(y[: tick + 1], z[: tick + 1], x[: tick + 1])
                 here = np.array([y[tick], z[tick], x[tick]])
                 chaser.set_data_3d(*here[:, None])
-                f = flight.saturated_forces_n[tick, [1, 2, 0]]
+                f = forces[tick, [1, 2, 0]]
                 force.set_data_3d(*np.column_stack([here, here + scale * f]))
                 clock.set_text(
                     f'{flight.scenario.times_s[tick]:.0f} s, {np.linalg.norm(here):.1f} m'

@@ -14,8 +14,8 @@ from rpo_cli.cli import app
 from rpo_core.control.controller import load_controller
 from rpo_core.files import overrides, scenario
 from rpo_core.files.validation import InputError
-from rpo_judge.safety import attack, counts
-from rpo_judge.safety.counts import quiet
+from rpo_proof.safety import attack, counts
+from rpo_proof.safety.counts import quiet
 from rpo_safety.guard import proof_of
 from rpo_safety.settings import Assurance
 

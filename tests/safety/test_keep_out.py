@@ -19,7 +19,7 @@ from rpo_core.files.validation import InputError
 from rpo_core.judge.verdicts import ZONE_DEPTH, missed, verdicts
 from rpo_core.judge.zones import Zone
 from rpo_core.world.disturbance import Disturbance
-from rpo_judge.safety import attack
+from rpo_proof.safety import attack
 from rpo_safety import guard, kernels
 from rpo_safety.assumed import errors_of
 from rpo_safety.assurance import AssuranceStage

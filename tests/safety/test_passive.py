@@ -12,7 +12,7 @@ from scipy.linalg import expm
 
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
-from rpo_judge.safety.counts import silence
+from rpo_proof.safety.counts import silence
 from rpo_safety import passive
 
 N = scenario.load_scenario('paper_test').mean_motion_rad_s

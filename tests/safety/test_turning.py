@@ -25,9 +25,9 @@ from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
 from rpo_core.world.disturbance import NONE
 from rpo_export.c_assured import assured
-from rpo_judge.safety import attack
 from rpo_kernels.attitude_kernels import Frame, moving_with, seen_from, to_lvlh
 from rpo_kernels.kernels import cw_step
+from rpo_proof.safety import attack
 from rpo_safety import turning
 from rpo_safety.abort_table import AbortTable, Row
 from rpo_safety.assurance import AssuranceStage

@@ -12,7 +12,11 @@ from typer.testing import CliRunner
 from rpo_cli.cli import app
 from rpo_core.chain.flight import fly
 from rpo_core.files.validation import InputError
-from rpo_judge.safety.whole_chain import (
+from rpo_montecarlo.campaign import config
+from rpo_montecarlo.campaign.single import scenario_of
+from rpo_montecarlo.engine.lanes import RUNS, STRIDE, R, V, make_scratch
+from rpo_montecarlo.engine.tick import table_of
+from rpo_proof.safety.whole_chain import (
     BEFORE,
     CLOSING,
     KINDS,
@@ -21,11 +25,6 @@ from rpo_judge.safety.whole_chain import (
     bounded,
     watch,
 )
-from rpo_montecarlo.campaign import config
-from rpo_montecarlo.campaign.sampling import draw
-from rpo_montecarlo.campaign.single import scenario_of_draw
-from rpo_montecarlo.engine.lanes import RUNS, STRIDE, R, V, make_scratch
-from rpo_montecarlo.engine.tick import table_of
 
 SHORT = ['duration_s=40.0']
 
@@ -42,7 +41,7 @@ def flown(campaign):
 
 def test_the_angle_is_that_of_a_flight(campaign, flown):
     """Of run 0, whose commands are its own, by SciPy from the signals of the chain."""
-    scenario = scenario_of_draw(campaign, draw(campaign, 0, 1), 0)
+    scenario = scenario_of(campaign, 0)
     flight = fly(scenario, campaign.controller)
     true = Rotation.from_quat(flight.signals['chaser_attitude'][:, :4])
     seen = flight.signals['navigation_attitude'][:-1]

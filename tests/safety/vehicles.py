@@ -17,7 +17,7 @@ import numpy as np
 from rpo_core.files.scenario import Scenario, load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.world.disturbance import NONE
-from rpo_judge.safety.attack import KINDS, Result, attack
+from rpo_proof.safety.attack import KINDS, Result, attack
 from rpo_safety.settings import FILTERS, SPEEDS, Assurance, Passage, Speed
 from rpo_thrusters.thrusters import Thrusters
 
@@ -47,7 +47,7 @@ def attack_vehicles(
 ) -> Attacked:
     """Draw vehicles, and fly one run of each kind of command with those that are not refused.
 
-    limits : columns of `rpo_judge.safety.attack` that must be zero
+    limits : columns of `rpo_proof.safety.attack` that must be zero
     advance : gets how many vehicles are done
     """
     refused: dict[str, int] = {}

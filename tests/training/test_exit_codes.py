@@ -16,8 +16,8 @@ from typer.testing import CliRunner
 from rpo_cli.cli import app
 from rpo_cli.commands import train
 from rpo_core.files.validation import InputError
-from rpo_judge.safety import attack
 from rpo_montecarlo import machine
+from rpo_proof.safety import attack
 from tools import peers
 from tools.bench import table
 

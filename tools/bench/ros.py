@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """P4 and P5, the ROS loop: real nodes, compared with two bare rclpy processes.
 
-P4 flies the paper's test; P5 a scenario with navigation, guidance and assurance. Flights and peer
-take turns, so that other work on the machine meets both.
+P4 flies the paper's test; P5 a scenario with navigation, guidance and assurance; B7 one whose
+chaser turns. Flights and peer take turns, so that other work on the machine meets both.
 
 All run in a ROS domain of their own. The time is from `flying` to `finished` in the
 log lines of the plant, without start and discovery.
@@ -27,7 +27,7 @@ from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
 from tools.node_processes import NodeProcess, NodeProcessError, NodeProcesses, node_processes
 
-SCENARIO, FULL = 'paper_test', 'docking_leo'
+SCENARIO, FULL, TURNING = 'paper_test', 'docking_leo', 'tumbling_docking'
 ANSWERING = ('rpo_ctrl', 'fuzzy_controller'), ('rpo_sim', 'disturbance_injector')
 FURTHER = ('rpo_nav', 'navigation'), ('rpo_guidance', 'guidance'), ('rpo_safety', 'assurance')
 BASILISK = sys.executable, '-m', 'tools.basilisk_plant'
@@ -130,11 +130,13 @@ def in_turns(fly: Callable[[], Loop], turns: int = TURNS) -> tuple[Loop, float, 
 
 four_processes = partial(_processes, SCENARIO)
 seven_processes = partial(_processes, FULL, *FURTHER)
+eight_processes = partial(_processes, TURNING, *FURTHER, ('rpo_ctrl', 'attitude_controller'))
 basilisk_plant = partial(_processes, SCENARIO, plant=BASILISK)
 LOOPS: tuple[tuple[str, str, Callable[[], Loop], float], ...] = (
     ('P4', 'ROS loop, as 4 processes', four_processes, 200.0),
     ('P4', 'ROS loop, in one process', one_process, 400.0),
     ('P5', 'full chain, as 7 processes', seven_processes, 50.0),
+    ('B7', 'six degrees of freedom, as 8 processes', eight_processes, 40.0),
     ('–', 'Basilisk as the plant, 4 processes', basilisk_plant, 50.0),
-)[: 4 if find_spec('Basilisk') else 3]
+)[: 5 if find_spec('Basilisk') else 4]
 """Target, name, flight, and the least real-time factor."""

@@ -73,7 +73,7 @@ def show(scenario: Name, changes: Set = None) -> None:
     """
     from rpo_cli.display import print_table
     from rpo_core.files import overrides
-    from rpo_judge.safety.counts import speeds
+    from rpo_proof.safety.counts import speeds
     from rpo_safety.guard import proof_of
     from rpo_safety.settings import Assurance
 
@@ -120,15 +120,15 @@ def attack(
     from rpo_cli.display import print_table, progress
 
     if campaign:
-        from rpo_judge.safety.whole_chain import bounded
         from rpo_montecarlo.campaign import config
+        from rpo_proof.safety.whole_chain import bounded
 
         chosen = config.load(campaign, changes or [], runs=runs, seed=seed)
         end(_attack_campaign(chosen if estimated else bounded(chosen)), no_fail)
         return
     from rpo_core.files import overrides
-    from rpo_judge.safety import attack
-    from rpo_judge.safety import attack as attacks
+    from rpo_proof.safety import attack
+    from rpo_proof.safety import attack as attacks
 
     found = overrides.load(scenario, changes or [])
     began = time.monotonic()
@@ -180,8 +180,8 @@ def _attack_campaign(chosen: Campaign) -> bool:
     import numpy as np
 
     from rpo_cli.display import print_table, progress
-    from rpo_judge.safety.attack import settings_of
-    from rpo_judge.safety.whole_chain import attack_campaign
+    from rpo_proof.safety.attack import settings_of
+    from rpo_proof.safety.whole_chain import attack_campaign
 
     runs = chosen.config.runs
     began, rows, broken = time.monotonic(), [], 0
@@ -218,7 +218,7 @@ def quiet(
     from rpo_cli.display import print_table
     from rpo_core.control.controller import load_controller
     from rpo_core.files.scenario import load
-    from rpo_judge.safety import counts as counting
+    from rpo_proof.safety import counts as counting
     from rpo_safety.settings import Assurance
 
     found, settings = load(scenario), Assurance(speed=speed)
@@ -248,7 +248,7 @@ def drift(
     from rpo_cli.display import print_table
     from rpo_core.control.controller import load_controller
     from rpo_core.files.scenario import load
-    from rpo_judge.safety.counts import silence
+    from rpo_proof.safety.counts import silence
 
     found, bounds = load(scenario), (-drag, 0.0 if more_drag else drag)
     rows = []
@@ -274,7 +274,7 @@ def abort(
     from rpo_core.control.controller import load_controller
     from rpo_core.files import overrides
     from rpo_guidance.plan import Guidance
-    from rpo_judge.safety import counts
+    from rpo_proof.safety import counts
 
     found = overrides.load(scenario, changes or [])
     machine = counts.machine_of(found)

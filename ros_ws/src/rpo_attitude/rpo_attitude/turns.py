@@ -16,6 +16,9 @@ from rpo_kernels.attitude_kernels import Attitude
 
 Floats = NDArray[np.float64]
 
+_BACK = np.array([-1.0, -1.0, -1.0, 1.0])
+"""Times a quaternion: the attitude back."""
+
 
 def turned(vectors: ArrayLike, quaternions: ArrayLike) -> Floats:
     """Return vectors (..., 3) of a body's axes, in those that its quaternions (..., 4) lead to."""
@@ -25,15 +28,24 @@ def turned(vectors: ArrayLike, quaternions: ArrayLike) -> Floats:
     return np.asarray(v + q[..., 3:4] * twice + np.cross(u, twice))
 
 
-def apart(attitudes: ArrayLike, references: ArrayLike) -> Floats:
-    """Return angle [rad] and size of the rate error [rad/s], (..., 2), of attitudes (..., 7)."""
+def errors(attitudes: ArrayLike, references: ArrayLike) -> Floats:
+    """Return errors (..., 7) of attitudes (..., 7), in the axes of the body that has them.
+
+    Quaternion from the body's axes to those of the reference, w >= 0; rate error [rad/s].
+    """
     a, b = np.asarray(attitudes, np.float64), np.asarray(references, np.float64)
     ahead: Any = np.moveaxis(a[..., :4], -1, 0)
-    back: Any = np.moveaxis(b[..., :4] * (-1.0, -1.0, -1.0, 1.0), -1, 0)
+    back: Any = np.moveaxis(b[..., :4] * _BACK, -1, 0)
     e = np.stack(product(back, ahead), axis=-1)
-    angle = 2.0 * np.arctan2(np.linalg.norm(e[..., :3], axis=-1), np.abs(e[..., 3]))
-    rate = a[..., 4:] - turned(b[..., 4:], e * (-1.0, -1.0, -1.0, 1.0))
-    return np.stack([angle, np.linalg.norm(rate, axis=-1)], axis=-1)
+    e = np.where(e[..., 3:] < 0.0, -e, e)
+    return np.concatenate([e, a[..., 4:] - turned(b[..., 4:], e * _BACK)], axis=-1)
+
+
+def apart(attitudes: ArrayLike, references: ArrayLike) -> Floats:
+    """Return angle [rad] and size of the rate error [rad/s], (..., 2), of attitudes (..., 7)."""
+    e = errors(attitudes, references)
+    angle = 2.0 * np.arctan2(np.linalg.norm(e[..., :3], axis=-1), e[..., 3])
+    return np.stack([angle, np.linalg.norm(e[..., 4:], axis=-1)], axis=-1)
 
 
 def synchronised(scenario: Scenario) -> Attitude:

@@ -297,6 +297,11 @@ class LiveRun:
         return self.scenario.mass_kg * -math.expm1(-spent_m_s / exhaust_m_s)
 
     @property
+    def pulses_n(self) -> Vector | None:
+        """Mean force (3,) of pulses of each axis; None where the axes turn with the chaser."""
+        return None if self.scenario is not None and self.scenario.attitude else self.exerted_n
+
+    @property
     def duty(self) -> float | None:
         """Mean |force| as a share of the limit, of all axes, about; None if not known."""
         if self.scenario is None or not self.effort.known:
@@ -348,7 +353,7 @@ class LiveRun:
             'speed_m_s': math.hypot(*velocity) if velocity else None,
             'force_n': self.force_n,
             'disturbance_n': self.disturbance_n,
-            'exerted_n': self.exerted_n,
+            'exerted_n': self.pulses_n,
             'decisions': {
                 axis: {'sentence': decision.reasons.sentence, 'rules': decision.rules}
                 for axis, decision in sorted(self.decisions.items())

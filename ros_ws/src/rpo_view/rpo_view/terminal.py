@@ -97,8 +97,8 @@ def _progress(run: LiveRun) -> Table:
         f'range rate {fixed(1000.0 * run.range_rate_m_s, 1)} mm/s',
         f'duty about {used[1]}',
     )
-    if run.exerted_n is not None or run.propellant_kg is not None:
-        fired = ' '.join('+' if f > 0.0 else '−' if f < 0.0 else '·' for f in run.exerted_n or ())
+    if run.pulses_n is not None or run.propellant_kg is not None:
+        fired = ' '.join('+' if f > 0.0 else '−' if f < 0.0 else '·' for f in run.pulses_n or ())
         spent = '' if run.propellant_kg is None else f'{1e3 * run.propellant_kg:.1f} g'
         openings = run.onboard.openings
         opened = '' if openings is None else f'{openings} openings'

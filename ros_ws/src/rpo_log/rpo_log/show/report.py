@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -157,7 +158,7 @@ def time_histories(flight: Flight) -> Any:
     for (wide, close), values, label, keys in zip(
         panels,
         (flight.errors[:, :3], flight.velocities_m_s, flight.saturated_forces_n),
-        (place, 'relative velocity [m/s]', 'control force [N]'),
+        (place, 'relative velocity [m/s]', force_label(scenario)),
         (
             ('hold_error_per_axis_m',),
             ('hold_speed_per_axis_m_s',),
@@ -180,9 +181,21 @@ def time_histories(flight: Flight) -> Any:
     return figure
 
 
-def by_axis(axes: Any, times_s: Any, values: Any, label: str, linewidth: float = 1.5) -> None:
+def force_label(scenario: Scenario) -> str:
+    """Return the label of forces as the thrusters take them, which turn with the chaser."""
+    return 'control force [N]' if scenario.attitude is None else "force in the\nchaser's axes [N]"
+
+
+def by_axis(
+    axes: Any,
+    times_s: Any,
+    values: Any,
+    label: str,
+    linewidth: float = 1.5,
+    names: Sequence[str] = style.AXIS_NAMES,
+) -> None:
     """Draw the columns (n, 3) of a vector over time."""
-    for name, colour, column in zip(style.AXIS_NAMES, style.AXES, values.T, strict=True):
+    for name, colour, column in zip(names, style.AXES, values.T, strict=True):
         axes.plot(times_s, column, color=colour, label=name, linewidth=linewidth)
     axes.set_ylabel(label)
     axes.margins(x=0.01)

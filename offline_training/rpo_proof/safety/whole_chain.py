@@ -21,8 +21,6 @@ from rpo_core.chain.stage import Place, section_of
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_ctrl.attitude_law_kernels import attitude_ahead
-from rpo_judge.safety import attack
-from rpo_judge.safety.attack import LATE, NOT_FINITE, wanted
 from rpo_kernels.chaser_kernels import times
 from rpo_kernels.kernels import norm
 from rpo_montecarlo.campaign.config import Campaign
@@ -52,6 +50,8 @@ from rpo_montecarlo.engine.parts.control import control_of
 from rpo_montecarlo.engine.simulator import fly_pairs
 from rpo_montecarlo.engine.support import why_not
 from rpo_montecarlo.engine.tick import COMMANDED, MOVED, Part, table_of
+from rpo_proof.safety import attack
+from rpo_proof.safety.attack import LATE, NOT_FINITE, wanted
 from rpo_safety.assumed import LARGEST_NORMAL, SQRT_3, errors_of
 
 Floats = NDArray[np.float64]

@@ -406,7 +406,7 @@ _CHUNK = 1000
 class Result:
     """What became of the runs of one kind of command.
 
-    rows : (n, COLUMNS), see `rpo_judge.safety.attack`
+    rows : (n, COLUMNS), see `rpo_proof.safety.attack`
     """
 
     kind: str

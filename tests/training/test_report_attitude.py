@@ -1,0 +1,146 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""A chaser that turns, in report and replay: what is drawn is what was flown."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from scipy.spatial.transform import Rotation
+from test_report import check_page, refuse_optima
+from typer.testing import CliRunner
+
+from rpo_attitude.turns import docking_axis
+from rpo_cli.cli import app
+from rpo_core import files
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files import scenario as scenarios
+from rpo_core.wire.interfaces import CHASER_ATTITUDE, EXERTED_FORCE, WHEEL_MOMENTUM
+from rpo_mcap.read.run_log import read_flight
+from rpo_report import page, replay, run
+from rpo_report.replay import Replayed
+from rpo_report.turned import Panel, in_lvlh, turned_of
+
+INERTIA = [[0.6, 0.02, 0.0], [0.02, 0.7, 0.01], [0.0, 0.01, 0.5]]
+
+
+def document(**more):
+    """Return a scenario of 20 s whose chaser begins 70 degrees off, turning at 2.3 deg/s."""
+    found = yaml.safe_load(files.read_text(files.find('scenario', 'approach')))
+    attitude = {
+        'inertia_kg_m2': INERTIA,
+        'attitude': [0.3, -0.2, 0.5, 0.8],
+        'rates_deg_s': [1.0, -0.5, 2.0],
+        'wheels': {'torque_nm': 0.02, 'momentum_nms': 0.5, 'start_nms': [0.01, 0.02, -0.03]},
+    }
+    found |= {'name': 'turning', 'duration_s': 20.0, 'attitude': attitude}
+    found |= {'attitude_control': {'controller': 'attitude_pd'}, 'disturbance': 'none'}
+    found['sensors'] = {'units': [{'kind': 'range_bearing', 'field_of_view_rad': 0.4}]}
+    return {**found, **more}
+
+
+def flown_of(found):
+    return fly(scenarios.parse(found), load_controller('allround'))
+
+
+@pytest.fixture(scope='module')
+def flight():
+    return flown_of(document())
+
+
+@pytest.fixture(scope='module')
+def logged(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('turning')
+    (folder / 'turning.yaml').write_text(yaml.safe_dump(document()))
+    out = ['-o', str(folder / 'run'), '--no-fail']
+    done = CliRunner().invoke(app, ['simulate', str(folder / 'turning.yaml'), *out])
+    assert done.exit_code == 0, done.output
+    return folder / 'run'
+
+
+def test_the_wheels_of_a_log_are_those_that_flew(flight, logged):
+    """The stage is run again: a log has the torques alone."""
+    found, known = turned_of(read_flight(logged)), turned_of(flight)
+    assert WHEEL_MOMENTUM not in read_flight(logged).signals
+    np.testing.assert_array_equal(found.momenta_nms, flight.signals[WHEEL_MOMENTUM])
+    for one, other in zip(found, known, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize('late', [0, 3])
+def test_theta_is_the_angle_between_command_and_body(flight, late):
+    """Against SciPy: the body turns on for half a tick, by its rate against LVLH."""
+    if late:
+        flight = flown_of(document(thrusters={'delay_ticks': late}))
+    found, dt = turned_of(flight), flight.scenario.dt_s
+    attitudes = flight.signals[CHASER_ATTITUDE]
+    body, orbit = Rotation.from_quat(attitudes[:, :4]), [0, 0, flight.scenario.mean_motion_rad_s]
+    against = attitudes[:, 4:] - body.inv().apply(np.tile(orbit, (len(attitudes), 1)))
+    command = body * Rotation.from_rotvec(0.5 * dt * against)
+    last = len(attitudes) - 1 - late
+    ends = [(command[:last].inv() * body[k : k + last]).magnitude() for k in (late, late + 1)]
+    expected = np.degrees(np.max(ends, axis=0))
+    np.testing.assert_allclose(found.theta_deg[late:-1], expected, atol=1e-6)
+    assert expected.max() > 0.1 * (1 + 2 * late)
+    off = Rotation.from_quat(attitudes[:, :4]).magnitude()
+    np.testing.assert_allclose(found.off_reference_deg, np.degrees(off), atol=1e-9)
+
+
+def test_a_force_of_the_thrusters_turns_into_the_one_that_was_exerted(flight):
+    found = in_lvlh(flight, flight.saturated_forces_n)
+    np.testing.assert_allclose(found, flight.signals[EXERTED_FORCE][:-1], atol=1e-5)
+    assert np.abs(found - flight.saturated_forces_n).max() > 0.1
+
+
+def test_a_limit_counts_once_it_is_reached():
+    values = np.array([[9.0, 0.0, 0.0], [0.0, -2.0, 1.0], [0.0, 7.0, 0.0]])
+    assert np.isnan(Panel('', '', 'deg', values, 5.0, once=True).sizes).tolist() == [1, 0, 0]
+    assert Panel('', '', 'deg', values, 5.0).sizes.tolist() == [9.0, 2.0, 7.0]
+
+
+def test_the_page_shows_angles_rates_and_wheels(logged, tmp_path, monkeypatch):
+    refuse_optima(monkeypatch)
+    made, _ = run.report_of(logged)
+    (section,) = (s for s in made.sections if s.title == 'Attitude')
+    rows = {row[0]: row[1:] for row in section.blocks[0].rows}
+    assert set(rows) == {
+        'off the reference, per axis', 'θ, command off its turn', 'rate, per axis',
+        'torque commanded, per axis', 'momentum of a wheel',
+    }  # fmt: skip
+    assert rows['momentum of a wheel'][-1] == '≤ 0.5 N m s'
+    page.write(made, tmp_path)
+    check_page(page.html(made), made)
+    assert (tmp_path / 'attitude.png').is_file()
+
+
+def test_the_replay_turns_the_chaser(flight):
+    text = replay.page_of('', [Replayed('', flight, '', None)])
+    (data,) = re.findall('<script type="application/json" id="data">(.*?)</script>', text)
+    found = json.loads(data)
+    (flown,) = found['flights']
+    quaternions = np.frombuffer(base64.b64decode(flown['chaser']), '<f4').reshape(-1, 4)
+    known = Rotation.from_quat(flight.signals[CHASER_ATTITUDE][:, :4])
+    assert (known.inv() * Rotation.from_quat(quaternions)).magnitude().max() < 1e-6
+    assert [name for name, *_ in flown['turns']] == [
+        'off reference', 'turn rate', 'θ of the command',
+    ]  # fmt: skip
+    names = [limit['name'] for limit in flown['limits']]
+    assert 'momentum of a wheel' in names and 'torque commanded, per axis' in names
+    assert found['scene']['cameras'] == [{'axis': [0.0, 1.0, 0.0], 'half': 0.4, 'turns': False}]
+
+
+def test_a_flight_without_attitude_says_nothing_of_it():
+    flight = fly(
+        replace(scenarios.load_scenario('paper_test'), duration_s=2.0), load_controller('allround')
+    )
+    assert turned_of(flight) is None
+    assert docking_axis(flight.scenario) == (0.0, -1.0, 0.0)
+    text = replay.page_of('', [Replayed('', flight, '', None)])
+    assert '"chaser":null,"turns":[]' in text and '"cameras":[]' in text
