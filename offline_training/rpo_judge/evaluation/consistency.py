@@ -275,7 +275,8 @@ def as_configured(scenario: Scenario, **changes: Any) -> Scenario:
         'outlier_share': 0.0,
     }
     units = tuple(replace(_all_round(unit), **true, **changes) for unit in sensors.units)
-    return replace(scenario, sections=(replace(sensors, units=units), settings))
+    sections = replace(sensors, units=units), settings
+    return replace(scenario, sections=sections, requirements=None)
 
 
 def _all_round(unit: Sensor) -> Sensor:
