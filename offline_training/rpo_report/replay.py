@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_attitude.target import motion_of
-from rpo_attitude.turns import mate
 from rpo_core.chain.flight import Flight
 from rpo_core.control.controller import AnyController
 from rpo_core.control.controller_file import received
@@ -186,7 +185,7 @@ def _scene(flight: Flight) -> dict[str, Any]:
         'goal': list(scenario.goal_position_m),
         'ahead': list(cones[0].ahead if cones else way / max(1.0, float(np.linalg.norm(way)))),
         'max_force': scenario.max_force_n,
-        'mate': mate(scenario),
+        'mate': getattr(scenario.named('pointing'), 'mate', (0.0, 0.0, 0.0, 1.0)),
         'cameras': _cameras(scenario),
         'keep_out': sorted({zone.keep_out_m for zone in zones} - {0.0}),
         'corridors': [

@@ -116,14 +116,8 @@ def in_lvlh(flight: Flight, forces_n: Floats) -> Floats:
     """Return forces (n, 3) of ticks, in the thrusters' axes, in target LVLH; about."""
     if CHASER_ATTITUDE not in flight.signals:
         return forces_n
-    attitudes = flight.signals[CHASER_ATTITUDE][: len(forces_n) + 1, :4]
-    middle = attitudes[:-1] + np.where(_opposite(attitudes), -1.0, 1.0) * attitudes[1:]
-    return turned(forces_n, middle / np.linalg.norm(middle, axis=1)[:, None])
-
-
-def _opposite(attitudes: Floats) -> Any:
-    """Return (n - 1, 1) whether two quaternions that follow have opposite signs."""
-    return (attitudes[:-1] * attitudes[1:]).sum(axis=1, keepdims=True) < 0.0
+    q = flight.signals[CHASER_ATTITUDE][: len(forces_n) + 1, :4]
+    return np.asarray(0.5 * (turned(forces_n, q[:-1]) + turned(forces_n, q[1:])))
 
 
 class Panel(NamedTuple):
@@ -160,7 +154,7 @@ def panels_of(turns: Turned, scenario: Scenario) -> list[Panel]:
     found = [Panel('off the reference, per axis', 'off reference', 'deg', off, angle, once=True)]
     if turns.theta_deg is not None:
         bound = getattr(assurance, 'chaser_attitude_error_deg', None)
-        found.append(Panel('θ, command off its turn', 'θ', 'deg', turns.theta_deg, bound))
+        found.append(Panel('θ, force turned wrongly by', 'θ', 'deg', turns.theta_deg, bound))
     found.append(Panel('rate, per axis', 'rate', 'deg/s', turns.rates_deg_s, rate))
     if turns.torques_nm is not None:
         what = 'torque exerted' if control is None else 'torque commanded'

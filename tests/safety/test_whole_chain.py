@@ -21,6 +21,7 @@ from rpo_proof.safety.whole_chain import (
     CLOSING,
     KINDS,
     LATERAL,
+    USED,
     attack_campaign,
     bounded,
     watch,
@@ -64,9 +65,9 @@ def test_limits_hold_under_hostile_commands(campaign, flown):
 
 def watched(states):
     """Return the memory of `watch` after states (n, 6) of one run, corridor along +y."""
-    w, m = make_scratch(), np.zeros(4 * RUNS)
-    m[RUNS : 3 * RUNS] = np.inf
-    t = table_of(R, V, 10.0, 1.0, 1.0, 1.0, 0.4, 0.1)
+    w, m = make_scratch(), np.zeros(USED)
+    m[CLOSING:BEFORE] = np.inf
+    t = table_of(0.1, 0.0, 0, 0, 0, R, V, 10.0, 1.0, 1.0, 1.0, 0.4, 0.1)
     for state in states:
         for axis in range(3):
             w[R + axis * RUNS], w[V + axis * RUNS] = state[axis], state[3 + axis]

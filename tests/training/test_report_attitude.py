@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import yaml
 from scipy.spatial.transform import Rotation
-from test_report import check_page, refuse_optima
+from test_report import check_page
 from typer.testing import CliRunner
 
 from rpo_attitude.turns import docking_axis
@@ -23,8 +23,10 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario as scenarios
 from rpo_core.wire.interfaces import CHASER_ATTITUDE, EXERTED_FORCE, WHEEL_MOMENTUM
+from rpo_log.show import style
 from rpo_mcap.read.run_log import read_flight
-from rpo_report import page, replay, run
+from rpo_report import attitude, page, replay
+from rpo_report.page import Report
 from rpo_report.replay import Replayed
 from rpo_report.turned import Panel, in_lvlh, turned_of
 
@@ -34,13 +36,13 @@ INERTIA = [[0.6, 0.02, 0.0], [0.02, 0.7, 0.01], [0.0, 0.01, 0.5]]
 def document(**more):
     """Return a scenario of 20 s whose chaser begins 70 degrees off, turning at 2.3 deg/s."""
     found = yaml.safe_load(files.read_text(files.find('scenario', 'approach')))
-    attitude = {
+    body = {
         'inertia_kg_m2': INERTIA,
         'attitude': [0.3, -0.2, 0.5, 0.8],
         'rates_deg_s': [1.0, -0.5, 2.0],
         'wheels': {'torque_nm': 0.02, 'momentum_nms': 0.5, 'start_nms': [0.01, 0.02, -0.03]},
     }
-    found |= {'name': 'turning', 'duration_s': 20.0, 'attitude': attitude}
+    found |= {'name': 'turning', 'duration_s': 20.0, 'attitude': body}
     found |= {'attitude_control': {'controller': 'attitude_pd'}, 'disturbance': 'none'}
     found['sensors'] = {'units': [{'kind': 'range_bearing', 'field_of_view_rad': 0.4}]}
     return {**found, **more}
@@ -105,19 +107,17 @@ def test_a_limit_counts_once_it_is_reached():
     assert Panel('', '', 'deg', values, 5.0).sizes.tolist() == [9.0, 2.0, 7.0]
 
 
-def test_the_page_shows_angles_rates_and_wheels(logged, tmp_path, monkeypatch):
-    refuse_optima(monkeypatch)
-    made, _ = run.report_of(logged)
-    (section,) = (s for s in made.sections if s.title == 'Attitude')
+def test_the_page_shows_angles_rates_and_wheels(logged):
+    with style.applied():
+        (section,) = attitude.sections(read_flight(logged))
     rows = {row[0]: row[1:] for row in section.blocks[0].rows}
     assert set(rows) == {
-        'off the reference, per axis', 'θ, command off its turn', 'rate, per axis',
+        'off the reference, per axis', 'θ, force turned wrongly by', 'rate, per axis',
         'torque commanded, per axis', 'momentum of a wheel',
     }  # fmt: skip
     assert rows['momentum of a wheel'][-1] == '≤ 0.5 N m s'
-    page.write(made, tmp_path)
+    made = Report('turning', 'one flight', (section,))
     check_page(page.html(made), made)
-    assert (tmp_path / 'attitude.png').is_file()
 
 
 def test_the_replay_turns_the_chaser(flight):

@@ -105,13 +105,17 @@ def _seen(log: RunLog, every: int) -> Iterator[LiveRun]:
         signals = {name: tuple(values[row].tolist()) for name, values in log.values.items()}
         if tick in said:
             live.on_status(said[tick])
-        live.on_state(stamp_ns, signals[interfaces.RELATIVE_STATE])
+        turn = signals.get(interfaces.CHASER_ATTITUDE)
+        live.on_state(stamp_ns, signals[interfaces.RELATIVE_STATE], turn)
         for name, signal in forces.items():
             setattr(live, name, signals.get(signal))
         if row % every and row < len(log.ticks) - 1:
             continue
         if interfaces.REFERENCE_STATE in signals:
             live.onboard.on_reference(stamp_ns, signals[interfaces.REFERENCE_STATE])
+        for name in (interfaces.REFERENCE_ATTITUDE, interfaces.NAVIGATION_ATTITUDE):
+            if name in signals:
+                live.onboard.on_turn(name, stamp_ns, signals[name])
         if interfaces.NAVIGATION_STATE in signals:
             live.onboard.on_estimate(stamp_ns, signals[interfaces.NAVIGATION_STATE][:6], ())
         read, force_n = received(scenario, signals)[0], signals[interfaces.CONTROL_FORCE]

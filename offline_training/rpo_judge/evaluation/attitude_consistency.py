@@ -16,13 +16,13 @@ from typing import Any
 
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
-from rpo_judge.evaluation.consistency import Consistency, Floats, Ints, angles_between, gathered
+from rpo_judge.evaluation.consistency import Consistency, Floats, Ints, counted, gathered
 from rpo_kernels.attitude_kernels import Attitude
 from rpo_kernels.chaser_kernels import Craft, chaser_tick
 from rpo_kernels.jit import kernel
 from rpo_nav.attitude_estimator import AttitudeEstimator, attitude_filter_of, attitude_memory_of
 from rpo_nav.attitude_filter_kernels import SQUARE, STATES, TESTED, P, X, estimate_attitude
-from rpo_nav.attitude_sensor_kernels import BIAS, DRIFT, sense_attitude
+from rpo_nav.attitude_sensor_kernels import BIAS, DRIFT, angles_between, sense_attitude
 from rpo_nav.attitude_sensors import AttitudeSensing, AttitudeSensors
 from rpo_nav.sensor_kernels import three_normals
 
@@ -39,16 +39,13 @@ def attitude_consistency(
     *,
     outage: bool = False,
 ) -> Consistency:
-    """Fly so often with the noise that the attitude filter assumes; raises InputError.
+    """Fly so often with the noise that the attitude filter of a scenario assumes.
 
     outage : without a star tracker for `OUTAGE` of the flight
     """
     sensors, settings = scenario.section(AttitudeSensors), scenario.section(AttitudeEstimator)
     if sensors is None or settings is None:
-        raise InputError(
-            f'scenario {scenario.name} must have sections `attitude_sensors` and '
-            '`attitude_estimator`'
-        )
+        raise InputError(f'scenario {scenario.name} must have section `attitude_estimator`')
     assumed = replace(settings, noise_scale=1.0, start_error_deg=(0.0, 0.0, 0.0))
     begin, end = (share * scenario.duration_s for share in OUTAGE)
     star, orbit = sensors.star_tracker, scenario.mean_motion_rad_s
@@ -70,29 +67,18 @@ def attitude_consistency(
 @kernel
 def _fly(
     ticks: Any, a: Attitude, craft: Craft, dt: float, f: Any, m: Any, sensors: Any, measured: Any,
-    errors: Any, spreads: Any, nis: Any, sums: Any, counts: Any,
+    errors: Any, spreads: Any, nis: Any, sums: Any,
 ) -> None:  # fmt: skip
-    """Fly once; fill errors (times, 6), spreads (times, 36) and nis (times,).
-
-    sums, counts : as in `consistency`
-    """
+    """Fly once; fill errors (times, 6), spreads (times, 36), nis (times,) and sums (6, 4)."""
     none, wheels = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    before, newest, at = (0.0, 0.0, 0.0), 1.0, 0
+    newest, at = 1.0, 0
     for tick in range(ticks[-1] + 1):
         sense_attitude(tick, a, sensors, measured)
         estimate_attitude(tick, measured, f, m)
         if m[TESTED] > 0.0:
-            newest = m[TESTED + 1] / 3.0
-            counts[0] += 3.0
-            counts[1] += 1.0
-            now = (m[TESTED + 2], m[TESTED + 3], m[TESTED + 4])
-            for i in range(3):
-                sums[i, 0] += 1.0
-                sums[i, 1] += now[i] * now[i]
-                sums[i, 2] += now[i] * before[i]
-            before = now
+            newest = counted(m, TESTED, sums)
         if tick == ticks[at]:
-            found = angles_between((a[0], a[1], a[2], a[3]), (m[X], m[X + 1], m[X + 2], m[X + 3]))
+            found = angles_between(a, (m[X], m[X + 1], m[X + 2], m[X + 3]))
             for i in range(3):
                 errors[at, i] = found[i]
                 errors[at, 3 + i] = sensors[BIAS + i] + measured[DRIFT + i] - m[X + 4 + i]

@@ -19,24 +19,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.chain.flight import Flight, fly
+from rpo_core.chain.flight import fly
 from rpo_core.control.controller import AnyController
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
-from rpo_core.wire.interfaces import (
-    ALIGNED,
-    ATTITUDE_COVARIANCE,
-    CHASER_ATTITUDE,
-    NAVIGATION_ATTITUDE,
-    NAVIGATION_COVARIANCE,
-    NAVIGATION_STATE,
-)
-from rpo_kernels.chaser_kernels import Quaternion, times
+from rpo_core.wire import interfaces
 from rpo_kernels.jit import as_table, inlined, kernel
 from rpo_kernels.kernels import State, Vector, cw_step, saturate, unpacked
+from rpo_nav.attitude_sensor_kernels import angles_between
 from rpo_nav.attitude_sensors import AttitudeSensors
 from rpo_nav.estimator import Estimator, filter_of, memory_of
-from rpo_nav.filter_kernels import HEADING, LIMIT, SQUARE, STATES, STEP, TESTED, TESTS, X, estimate
+from rpo_nav.filter_kernels import HEADING, LIMIT, SQUARE, STATES, STEP, TESTED, X, estimate
 from rpo_nav.sensor_kernels import sense, three_normals
 from rpo_nav.sensors import Sensing, Sensor, Sensors
 
@@ -133,12 +126,12 @@ def consistency(
     """Fly a scenario so often with the noise that its filter assumes; raises InputError."""
     sensors, settings = _sections(scenario)
 
-    def fly_once(run: int, ticks: Ints, errors: Floats, spreads: Floats, *counted: Floats) -> None:
+    def fly_once(run: int, ticks: Ints, *filled: Floats) -> None:
         mine = replace(sensors, noise_key=(run, 2**31))
         f, s = filter_of(settings, mine, scenario), Sensing(mine, scenario)
         _fly(
             ticks, scenario.start, f, memory_of(f), s.table, s.memory, run,
-            _forces(settings, scenario), errors, spreads, *counted,
+            _forces(settings, scenario), *filled,
         )  # fmt: skip
 
     return gathered(scenario, runs, STATES, fly_once, show)
@@ -151,26 +144,30 @@ def gathered(
     fly_once: Callable[..., None],
     show: Callable[[str, float, float], object],
 ) -> Consistency:
-    """Return what many flights say of a filter.
+    """Return what many flights say of a filter whose covariance is so many states wide.
 
-    states : width of its covariance
     fly_once : from the run, the ticks (times,) and tables to fill, see `_fly`
     """
     ticks = np.array([scenario.ticks * i // TIMES for i in range(1, TIMES + 1)])
     nees, nis = np.empty((runs, TIMES)), np.empty((runs, TIMES))
-    sums, counts = np.zeros((6, 3)), np.zeros(2)
+    sums = np.zeros((6, 4))
     errors, spreads = np.empty((TIMES, 6)), np.empty((TIMES, states * states))
     for run in range(runs):
-        fly_once(run, ticks, errors, spreads, nis[run], sums, counts)
-        whole = spreads.reshape(TIMES, states, states)[:, :6, :6]
-        nees[run] = np.einsum('ti,ti->t', errors, np.linalg.solve(whole, errors[..., None])[..., 0])
+        sums[:, 3] = 0.0
+        fly_once(run, ticks, errors, spreads, nis[run], sums)
+        nees[run] = _nees(errors, spreads.reshape(TIMES, states, states)[:, :6, :6])
         show('flights', run + 1, runs)
-    measured = sums[:, 0] > 0
-    correlation = sums[measured, 2] / sums[measured, 1]
+    count = sums[sums[:, 0] > 0]
     return Consistency(
-        scenario.name, nees.mean(axis=0), nis.mean(axis=0), counts[0] / counts[1], runs,
-        float(np.abs(correlation).max()), int(counts[1]),
+        scenario.name, nees.mean(axis=0), nis.mean(axis=0), count[:, 0].sum() / count[0, 0], runs,
+        float(np.abs(count[:, 2] / count[:, 1]).max()), int(count[0, 0]),
     )  # fmt: skip
+
+
+def _nees(errors: Floats, spreads: Floats) -> Floats:
+    """Return NEES (...) of errors (..., n) and their covariances (..., n, n)."""
+    shares = np.linalg.solve(spreads, errors[..., None])[..., 0]
+    return np.asarray(np.einsum('...i,...i', errors, shares))
 
 
 @dataclass(frozen=True)
@@ -205,48 +202,28 @@ def in_its_world(
     """
     sensors, _ = _sections(scenario)
     ticks = [scenario.ticks * i // TIMES for i in range(1, TIMES + 1)]
-    nees, stars = np.zeros((runs, TIMES, 3)), scenario.section(AttitudeSensors)
+    nees, both = np.zeros((runs, TIMES, 3)), (sensors, scenario.section(AttitudeSensors))
     for run in range(runs):
-        mine: list[Any] = [s for s in (sensors, stars) if s is not None]
-        mine = [replace(s, noise_key=(run, 2**31)) for s in mine]
+        mine: list[Any] = [replace(s, noise_key=(run, 2**31)) for s in both if s is not None]
         flight = fly(scenario.equipped(*mine), controller)
-        errors = (flight.signals[NAVIGATION_STATE] - flight.states)[ticks].reshape(-1, 2, 3, 1)
-        spreads = flight.signals[NAVIGATION_COVARIANCE][ticks].reshape(-1, 2, 3, 3)
-        nees[run, :, :2] = (errors * np.linalg.solve(spreads, errors)).sum(axis=(2, 3))
-        if ATTITUDE_COVARIANCE in flight.signals:
-            nees[run, :, 2] = _of_attitude(flight, ticks)
+        found = {name: values[ticks] for name, values in flight.signals.items()}
+        errors = found[interfaces.NAVIGATION_STATE] - flight.states[ticks]
+        spreads = found[interfaces.NAVIGATION_COVARIANCE].reshape(-1, 2, 3, 3)
+        nees[run, :, :2] = _nees(errors.reshape(-1, 2, 3), spreads)
+        if interfaces.ATTITUDE_COVARIANCE in found:
+            names = interfaces.CHASER_ATTITUDE, interfaces.NAVIGATION_ATTITUDE
+            pairs = zip(*(map(tuple, found[name].tolist()) for name in names), strict=True)
+            angles = np.array([angles_between(*pair) for pair in pairs])
+            nees[run, :, 2] = _nees(angles, found[interfaces.ATTITUDE_COVARIANCE].reshape(-1, 3, 3))
         show('flights in its world', run + 1, runs)
     position, velocity, attitude = nees.mean(axis=0).T
     return InItsWorld(position, velocity, attitude, runs)
 
 
-def _of_attitude(flight: Flight, ticks: list[int]) -> Floats:
-    """Return the NEES (n,) of the angles at some ticks of a flight."""
-    truth, estimate, spreads = (
-        flight.signals[name][ticks]
-        for name in (CHASER_ATTITUDE, NAVIGATION_ATTITUDE, ATTITUDE_COVARIANCE)
-    )
-    pairs = zip(truth[:, :4].tolist(), estimate[:, :4].tolist(), strict=True)
-    errors = np.array([angles_between(tuple(q), tuple(p)) for q, p in pairs])[..., None]
-    return np.asarray((errors * np.linalg.solve(spreads.reshape(-1, 3, 3), errors)).sum((1, 2)))
-
-
-@inlined
-def angles_between(truth: Quaternion, estimate: Quaternion) -> Vector:
-    """Return the angles (3,) [rad] from estimated to true axes, twice a vector part."""
-    x, y, z, w = times((-estimate[0], -estimate[1], -estimate[2], estimate[3]), truth)
-    sign = 2.0 if w >= 0.0 else -2.0
-    return sign * x, sign * y, sign * z
-
-
 def rows_in_its_world(found: InItsWorld) -> list[tuple[str, ...]]:
     """Return the rows of a table, under `HEADINGS`."""
-    every = {name: getattr(found, name) for name in ('position', 'velocity', 'attitude')}
-    return [
-        _row(f'NEES of {name}, 3 numbers', values, found.bounds)
-        for name, values in every.items()
-        if values.any()
-    ]
+    names = ('position', 'velocity', *(['attitude'] if found.attitude.any() else []))
+    return [_row(f'NEES of {n}, 3 numbers', getattr(found, n), found.bounds) for n in names]
 
 
 def size_of(nees: Floats) -> str:
@@ -268,11 +245,11 @@ def sigmas_at_goal(scenario: Scenario) -> tuple[float, float]:
     sensors = replace(sensors, units=tuple(map(_all_round, sensors.units)))
     f, s = filter_of(settings, sensors, scenario), Sensing(sensors, scenario)
     m = memory_of(f)
-    attitude = as_table([*ALIGNED[:4], *[0.0] * (HEADING - 4)])
+    attitude = as_table([*interfaces.ALIGNED[:4], *[0.0] * (HEADING - 4)])
     x, y, z = scenario.goal_position_m
     for tick in range(round(SETTLING_S / scenario.dt_s)):
         state = (x, y, z, 0.0, 0.0, 0.0)
-        sense(tick, state, ALIGNED[:4], s.table, s.memory)
+        sense(tick, state, interfaces.ALIGNED[:4], s.table, s.memory)
         estimate(tick, (0.0, 0.0, 0.0), s.memory, attitude, f, m)
     variances = np.array(m[X + STATES : X + STATES + SQUARE]).reshape(STATES, STATES).diagonal()
     return sqrt(variances[:3].max()), sqrt(variances[3:6].max())
@@ -298,7 +275,8 @@ def as_configured(scenario: Scenario, **changes: Any) -> Scenario:
         'outlier_share': 0.0,
     }
     units = tuple(replace(_all_round(unit), **true, **changes) for unit in sensors.units)
-    return replace(scenario, sections=(replace(sensors, units=units), settings))
+    sections = replace(sensors, units=units), settings
+    return replace(scenario, sections=sections, requirements=None)
 
 
 def _all_round(unit: Sensor) -> Sensor:
@@ -323,36 +301,41 @@ def _command(m: Any, limit: float) -> Vector:
     )
 
 
+@inlined
+def counted(m: Any, at: int, sums: Any) -> float:
+    """Count a measurement that was tested, from place `at`; return its NIS by number.
+
+    sums : (6, 4) per number: count, squares, products with the one before, the newest
+    """
+    for i in range(int(m[at])):
+        newest = m[at + 2 + i]
+        sums[i, 0] += 1.0
+        sums[i, 1] += newest * newest
+        sums[i, 2] += newest * sums[i, 3]
+        sums[i, 3] = newest
+    return float(m[at + 1] / m[at])
+
+
 @kernel
 def _fly(
     ticks: Any, start: State, f: Any, m: Any, sensors: Any, measured: Any, run: int,
-    forces: Vector, errors: Any, spreads: Any, nis: Any, sums: Any, counts: Any,
+    forces: Vector, errors: Any, spreads: Any, nis: Any, sums: Any,
 ) -> None:  # fmt: skip
     """Fly once; fill errors (times, 6), spreads (times, 81) and nis (times,).
 
-    sums : (6, 3) per number: count, squares, products with the one before
-    counts : numbers measured, measurements
+    sums : see `counted`
     """
     state, command, key = start, (0.0, 0.0, 0.0), 2**31
     white, constant, drift = forces
     first = three_normals(0, 1, _WALK, run, key)
     dx, dy, dz = constant * first[0], constant * first[1], constant * first[2]
-    before, newest, at = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 1.0, 0
+    newest, at = 1.0, 0
     attitude = measured  # it is not read: no sensor turns
     for tick in range(ticks[-1] + 1):
         sense(tick, state, (0.0, 0.0, 0.0, 1.0), sensors, measured)
         estimate(tick, command, measured, attitude, f, m)
-        row = m[TESTED : TESTED + TESTS]
-        if row[0] > 0.0:
-            newest = row[1] / row[0]
-            counts[0] += row[0]
-            counts[1] += 1.0
-            now = (row[2], row[3], row[4], row[5], row[6], row[7])
-            for i in range(int(row[0])):
-                sums[i, 0] += 1.0
-                sums[i, 1] += now[i] * now[i]
-                sums[i, 2] += now[i] * before[i]
-            before = now
+        if m[TESTED] > 0.0:
+            newest = counted(m, TESTED, sums)
         if tick == ticks[at]:
             for i in range(6):
                 errors[at, i] = m[X + i] - state[i]

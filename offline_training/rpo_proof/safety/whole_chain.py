@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,15 +65,16 @@ LIMIT, SINCE, HOSTILE, WORDS = 0, 1, 1 + RUNS, 1 + 2 * RUNS
 """Places in the table of commands: force limit [N]; tick from which on each run has hostile ones;
 kind of each, -1 for none; two random words of each. The memory has the commands before (3, 40)."""
 
-ZONE, AXIS, SIDE, PORT, WIDTH, SLOPE = range(2, 8)
-CLOSING, LATERAL, BEFORE = RUNS, 2 * RUNS, 3 * RUNS
-"""Places in the table of what is watched, after the rows of position and velocity; and in the
-memory, after the depth (40,): speeds at contact, distance of the port a tick before."""
+DT, ORBIT, SEEN, ROWS, ZONE, AXIS, SIDE, PORT, WIDTH, SLOPE = 0, 1, 2, 5, *range(7, 13)
+DELAY = 13
+"""Places in the table of what is watched: tick [s]; mean motion [rad/s]; rows of the attitude that
+turns the force; rows of position and velocity that are judged; zone and corridor as assurance has
+them; delay of each run [ticks]."""
 
-DT, ORBIT, ROWS, DELAY = 0, 1, 2, 5
-"""Places in the table of turns: tick [s]; mean motion [rad/s]; rows of the attitude that turns the
-force; delay of each run [ticks]. The memory has the largest sine of half the angle (40,), then, of
-each of the last ticks, the quaternions that turned a force (4, 40)."""
+CLOSING, LATERAL, BEFORE, SINE, USED = (RUNS * i for i in range(1, 6))
+"""Places in its memory, after the depth (40,): speeds at contact, infinite before it; distance of
+the port a tick before; largest sine of half the angle; then, of each of the last ticks, the
+quaternions that turned a force (4, 40)."""
 
 
 @compiled
@@ -101,7 +101,7 @@ def watch(w, m, t, tick):  # type: ignore[no-untyped-def]
     for s in range(RUNS):
         if m[CLOSING + s] < np.inf:
             continue
-        r, v = vector_in(w, int(t[0]), s), vector_in(w, int(t[1]), s)
+        r, v = vector_in(w, int(t[ROWS]), s), vector_in(w, int(t[ROWS + 1]), s)
         inside = zone - norm(r[0], r[1], r[2])
         d = side * r[axis] - t[PORT]
         off = max(abs(r[(axis + 1) % 3]), abs(r[(axis + 2) % 3]))
@@ -118,28 +118,28 @@ def watch(w, m, t, tick):  # type: ignore[no-untyped-def]
 @compiled
 def turned_with(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Keep the quaternions that turn the force of this tick, after STEERING."""
-    slots = (len(m) // RUNS - 1) // 4
+    slots = (len(m) - USED) // (4 * RUNS)
     for s in range(RUNS):
-        seen = attitude_in(w, int(t[ROWS]), int(t[ROWS + 1]), int(t[ROWS + 2]), s)
+        seen = attitude_in(w, int(t[SEEN]), int(t[SEEN + 1]), int(t[SEEN + 2]), s)
         q = attitude_ahead(seen, t[ORBIT], t[DT])
         for j in range(4):
-            m[RUNS * (1 + 4 * (tick % slots) + j) + s] = q[j]
+            m[USED + RUNS * (4 * (tick % slots) + j) + s] = q[j]
 
 
 @compiled
 def turned_wrongly(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Compare them with the true attitude, before and after the tick in which the force acts."""
-    slots = (len(m) // RUNS - 1) // 4
+    slots = (len(m) - USED) // (4 * RUNS)
     for s in range(RUNS):
         of = tick - int(t[DELAY + s])
-        if of < 0:
+        if of < 0 or m[CLOSING + s] < np.inf:
             continue
-        i = RUNS * (1 + 4 * (of % slots)) + s
+        i = USED + RUNS * 4 * (of % slots) + s
         q = (-m[i], -m[i + RUNS], -m[i + 2 * RUNS], m[i + 3 * RUNS])
         a = attitude_in(w, QUAT, QUAT_W, RATE, s)
         x, y, z, _ = times(q, (a[0], a[1], a[2], a[3]))
         sine = np.sqrt(x * x + y * y + z * z)
-        m[s] = sine if sine > m[s] else m[s]
+        m[SINE + s] = sine if sine > m[SINE + s] else m[SINE + s]
 
 
 def _commands(campaign: Campaign, first: int) -> Part:
@@ -152,35 +152,31 @@ def _commands(campaign: Campaign, first: int) -> Part:
     return Part('commands', ((COMMANDED + 1, command),), table, np.zeros(3 * RUNS))
 
 
-def _turns(scenario: Scenario, late: Floats) -> Part:
-    """Return what keeps by how much forces were turned wrongly; late : (n,) more delay [ticks]."""
-    thrusters: Any = scenario.thrusters
+def _watched(scenario: Scenario, late: Floats) -> Part:
+    """Return what looks for the zone, the corridor of assurance, contact, and how forces turn.
+
+    late : (n,) more delay of each run [ticks]
+    """
+    thrusters, settings = scenario.thrusters, attack.settings_of(scenario)
     delays = np.zeros(RUNS)
     delays[: len(late)] = late + (thrusters.delay_ticks if thrusters else 0)
     estimated = scenario.named('attitude_estimator') is not None
-    rows = (SEEN_QUAT, SEEN_QUAT_W, SEEN_RATE) if estimated else (QUAT, QUAT_W, RATE)
-    table = table_of(scenario.dt_s, scenario.mean_motion_rad_s, rows, delays)
+    seen = (SEEN_QUAT, SEEN_QUAT_W, SEEN_RATE) if estimated else (QUAT, QUAT_W, RATE)
+    way, rows = settings.corridor, (R, V) if scenario.target is None else (BODY_R, BODY_V)
+    corridor: tuple[float, ...] = (0.0,) * 5
+    if way is not None:
+        side = 1.0 if way.along[0] == '+' else -1.0
+        corridor = ('xyz'.index(way.along[1]), side, way.port_m, way.width_m, way.slope)
+    numbers = scenario.dt_s, scenario.mean_motion_rad_s, seen, rows, settings.keep_out_m, corridor
+    memory = np.zeros(USED + RUNS * 4 * (int(delays.max()) + 1))
+    memory[CLOSING:BEFORE] = math.inf
     steps = (
         (Place.STEERING + 1, turned_with),
         (Place.ATTITUDE - 1, turned_wrongly),
         (MOVED, turned_wrongly),
+        (MOVED, watch),
     )
-    slots = int(delays.max()) + 1
-    return Part('turns', steps, table, np.zeros(RUNS * (1 + 4 * slots)))
-
-
-def _watched(scenario: Scenario) -> Part:
-    """Return what looks for the zone, the corridor of assurance, and contact."""
-    settings = attack.settings_of(scenario)
-    way, rows = settings.corridor, (R, V) if scenario.target is None else (BODY_R, BODY_V)
-    corridor = (0.0, 0.0, 0.0, 0.0, 0.0)
-    if way is not None:
-        side = 1.0 if way.along[0] == '+' else -1.0
-        corridor = ('xyz'.index(way.along[1]), side, way.port_m, way.width_m, way.slope)
-    memory = np.zeros((4, RUNS))
-    memory[1:3] = math.inf
-    table = table_of(*rows, settings.keep_out_m, *corridor)
-    return Part('watched', ((MOVED, watch),), table, memory.ravel())
+    return Part('watched', steps, table_of(*numbers, delays), memory)
 
 
 @dataclass(frozen=True)
@@ -189,7 +185,7 @@ class Flown:
 
     depth_m : (n,) deepest in the zone, outside the corridor, before contact; 0.0: never
     closing_m_s, lateral_m_s : (n,) at contact, the latter per axis; infinite without one
-    turned_deg : (n,) largest angle by which a force was turned wrongly
+    turned_deg : (n,) largest angle by which a force was turned wrongly, before contact
     """
 
     kind: str
@@ -233,20 +229,19 @@ def attack_campaign(
     if reason:
         raise InputError(f'a campaign under attack must be flown by the engine; {reason}')
     found, w = np.empty((4, runs)), make_scratch()
-    control, watched = control_of(campaign.controller), _watched(scenario)
+    control = control_of(campaign.controller)
     for first in range(0, runs, UNIT):
         drawn = draw(campaign, first, min(UNIT, runs - first))
         case, batches = case_of(campaign, drawn, 'attack'), []
         for at, batch in zip(range(0, UNIT, RUNS), case.batches, strict=False):
             late = drawn.column('delay_ticks')[at : at + RUNS]
-            more = _commands(campaign, first + at), _turns(scenario, late), watched
+            more = _commands(campaign, first + at), _watched(scenario, late)
             batches.append(batch._replace(parts=(*batch.parts, *more)))
         for pairs in fly_pairs(control, replace(case, batches=tuple(batches)), w):
-            end, sines = first + pairs.some.stop, pairs.memories['turns']
-            rows = pairs.memories['watched'].reshape(-1, RUNS)[:3]
-            rows = np.vstack([rows, np.degrees(2.0 * np.arcsin(sines[:RUNS]))])
-            some = slice(first + pairs.some.start, end)
-            found[:, some] = rows[:, : some.stop - some.start]
+            n, memory = len(pairs.rows), pairs.memories['watched']
+            rows = memory[:USED].reshape(-1, RUNS)[:, :n]
+            some = slice(first + pairs.some.start, first + pairs.some.stop)
+            found[:3, some], found[3, some] = rows[:3], np.degrees(2.0 * np.arcsin(rows[4]))
         advance(min(first + UNIT, runs))
     kinds = np.arange(runs) % len(KINDS)
     return [Flown(kind, *found[:, kinds == i]) for i, kind in enumerate(KINDS)]

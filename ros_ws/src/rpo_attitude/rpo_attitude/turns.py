@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rpo_attitude.target import Quaternion, product
+from rpo_attitude.target import product
 from rpo_core.files.scenario import Scenario
 from rpo_core.judge.zones import zones_of
 from rpo_kernels.attitude_kernels import Attitude
+from rpo_kernels.kernels import Vector, norm
 
 Floats = NDArray[np.float64]
 
@@ -53,24 +54,16 @@ def synchronised(scenario: Scenario) -> Attitude:
     return 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, scenario.mean_motion_rad_s
 
 
-def docking_axis(scenario: Scenario) -> tuple[float, ...]:
+def docking_axis(scenario: Scenario) -> Vector:
     """Return the unit vector (3,) of the chaser's axes towards the port when docked.
 
-    Without section `pointing` it is against the first corridor, or else towards the goal.
+    Without section `pointing` it is against the first corridor, or else -y.
     """
     pointing: Any = scenario.named('pointing')
     if pointing is not None:
-        axis = np.array(pointing.docking_axis)
-    else:
-        cones = [zone.corridor for zone in zones_of(scenario) if zone.corridor is not None]
-        start = np.array(scenario.from_goal(scenario.start)[:3])
-        away = np.where(np.abs(start) == np.abs(start).max(), np.sign(start), 0.0)
-        axis = -np.array(cones[0].ahead) if cones else -away
-    size = float(np.linalg.norm(axis))
-    return tuple((axis / size if size else np.array([0.0, -1.0, 0.0])).tolist())
-
-
-def mate(scenario: Scenario) -> Quaternion:
-    """Return the quaternion from the chaser's axes to the target's when docked."""
-    pointing: Any = scenario.named('pointing')
-    return (0.0, 0.0, 0.0, 1.0) if pointing is None else pointing.mate
+        x, y, z = pointing.docking_axis
+        size = norm(x, y, z)
+        return x / size, y / size, z / size
+    cones = [zone.corridor for zone in zones_of(scenario) if zone.corridor is not None]
+    x, y, z = cones[0].ahead if cones else (0.0, 1.0, 0.0)
+    return -x, -y, -z

@@ -22,7 +22,7 @@ from typing import Any
 from rpo_kernels.chaser_kernels import times, turn_back
 from rpo_kernels.jit import inlined, kernel
 from rpo_kernels.kernels import Vector, saturate, sin_cos
-from rpo_nav.attitude_sensor_kernels import turned_by, upright
+from rpo_nav.attitude_sensor_kernels import angles_between, turned_by, upright
 from rpo_nav.filter_kernels import joseph
 
 STATES = 6
@@ -106,12 +106,11 @@ def _accept(m: Any, found: int, f: Any) -> bool:
         m[ERROR + j] = 0.0
     q = (m[X], m[X + 1], m[X + 2], m[X + 3])
     star = (m[found], m[found + 1], m[found + 2], m[found + 3])
-    x, y, z, w = times((-q[0], -q[1], -q[2], q[3]), star)
-    sign = 2.0 if w >= 0.0 else -2.0
+    x, y, z = angles_between(star, q)
     m[TESTED + 1] = 0.0
     for i in range(3):
         h = (f[AXES + 3 * i], f[AXES + 3 * i + 1], f[AXES + 3 * i + 2])
-        angle = sign * (h[0] * x + h[1] * y + h[2] * z)
+        angle = h[0] * x + h[1] * y + h[2] * z
         m[TESTED + 2 + i] = joseph(m, ERROR, P, STATES, WORK, 0, h, angle, f[VARIANCES + i])
         m[TESTED + 1] += m[TESTED + 2 + i] * m[TESTED + 2 + i]
     m[TESTED] = 3.0

@@ -53,6 +53,15 @@ def turned_by(q: Quaternion, e: Vector) -> Quaternion:
 
 
 @inlined
+def angles_between(truth: Any, estimate: Any) -> Vector:
+    """Return the angles (3,) [rad] from estimated to true axes: twice a vector part."""
+    q = (truth[0], truth[1], truth[2], truth[3])
+    x, y, z, w = times((-estimate[0], -estimate[1], -estimate[2], estimate[3]), q)
+    sign = 2.0 if w >= 0.0 else -2.0
+    return sign * x, sign * y, sign * z
+
+
+@inlined
 def along(s: Any, i: int, first: float, second: float, third: float) -> Vector:
     """Return a vector that has these parts along three axes, from place i of a table on."""
     return (

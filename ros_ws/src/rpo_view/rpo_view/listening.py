@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 
@@ -17,15 +17,6 @@ from rpo_ros.running import FlightNode
 from rpo_ros.signals import hear
 from rpo_view.latest import Latest
 from rpo_view.live import LiveRun
-
-
-class _Heard(NamedTuple):
-    """A message: state (6,), covariance (36,), and quaternion and rate (7,) where it has them."""
-
-    stamp_ns: int
-    values: tuple[float, ...]
-    covariance: Any
-    attitude: tuple[float, ...] | None
 
 
 class ListeningNode(FlightNode):
@@ -68,7 +59,7 @@ class ListeningNode(FlightNode):
         """
         heard = self._state(self._states)
         if heard is not None:
-            self.live.on_state(heard.stamp_ns, heard.values, heard.attitude)
+            self.live.on_state(*heard[:2], heard[3])
         self._look_onboard()
         for name, newest in self._forces.items():
             force = newest.take()
@@ -96,12 +87,15 @@ class ListeningNode(FlightNode):
                 self.live.onboard.on_estimate(stamp_ns, values, block)
         for name, newest in self._turns.items():
             heard = self._state(newest)
-            if heard is not None and heard.attitude is not None:
-                self.live.onboard.on_turn(name, heard.stamp_ns, heard.attitude)
+            if heard is not None and heard[3] is not None:
+                self.live.onboard.on_turn(name, heard[0], heard[3])
 
     @staticmethod
-    def _state(newest: Latest) -> _Heard | None:
-        """Return what the newest message says, if it is sound."""
+    def _state(newest: Latest) -> tuple[int, tuple[float, ...], Any, Any] | None:
+        """Return stamp, state (6,), covariance (36,) and attitude (7,) of the newest message.
+
+        None if it is not sound; the attitude is None where that is not.
+        """
         message = newest.take()
         if message is None:
             return None
@@ -109,7 +103,7 @@ class ListeningNode(FlightNode):
         if conversions.fault_of(message, values):
             return None
         stamp_ns = conversions.from_stamp(message.header.stamp)
-        return _Heard(stamp_ns, values, message.pose.covariance, conversions.attitude_of(message))
+        return stamp_ns, values, message.pose.covariance, conversions.attitude_of(message)
 
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
         """Take the health of the nodes in this namespace."""
