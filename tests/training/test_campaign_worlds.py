@@ -307,6 +307,13 @@ def test_what_the_thrusters_spent_can_be_required(write):
     ('flown', 'dispersions', 'said'),
     [
         (PLAIN, {'density_share': {'uniform': 0.5}}, '`density_share` has no effect: scenario app'),
+        (PLAIN, {'gyro_bias_x_rad_s': {'normal': 1e-5}}, 'has no `attitude_sensors`'),
+        (
+            PLAIN.equipped(FREE, STARS),
+            {'attitude_error_z_deg': {'normal': 1.0}},
+            'has no `attitude_estimator`',
+        ),
+        (PLAIN, {'chaser_rate_x_deg_s': {'normal': 0.1}}, 'has no `attitude`'),
         (PLAIN, {'true_anomaly_deg': {'uniform': 5.0}}, 'has no orbit but a circle'),
         (PLAIN, {'stuck_off_thruster': {'whole': 5}}, 'has no `pulses` of thrusters'),
         (PLAIN.equipped(FIRING), {'stuck_off_thruster': {'whole': 6}}, 'must be below 6'),

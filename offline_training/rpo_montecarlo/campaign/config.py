@@ -310,12 +310,14 @@ def load(source: str | Path, overridden: Sequence[str] = (), **changes: Any) -> 
     return Campaign.of_texts((dumps(found), scenario, controller), names)
 
 
-_OF_ATTITUDE = {
+_SECTIONS = {
+    'sensor_': 'sensors',
     'star_tracker_': 'attitude_sensors',
     'gyro_': 'attitude_sensors',
     'attitude_error_': 'attitude_estimator',
+    'chaser_': 'attitude',
 }
-"""How the names of quantities begin, and the section that they change."""
+"""How names of quantities begin, and the section that they change."""
 
 
 def _check_effects(config: CampaignConfig, scenario: Scenario) -> None:
@@ -328,26 +330,19 @@ def _check_effects(config: CampaignConfig, scenario: Scenario) -> None:
     dynamics, thrusters = scenario.dynamics, scenario.thrusters
     orbit = dynamics is not None and dynamics.kind != CLOHESSY_WILTSHIRE
     drag = dynamics is not None and dynamics.drag is not None
-    chaser = scenario.attitude
-    wheels = chaser and chaser.wheels
+    wheels = scenario.attitude and scenario.attitude.wheels
     others = {
         'density_share': (drag, 'drag'),
         'ballistic_coefficient_share': (drag, 'drag'),
         'true_anomaly_deg': (orbit, 'orbit but a circle'),
         'stuck_off_thruster': (thrusters is not None and thrusters.fires, '`pulses` of thrusters'),
         **{
-            name: (scenario.section(Sensors) is not None, '`sensors`')
-            for name in QUANTITIES
-            if name.startswith('sensor_')
-        },
-        **{
             name: (scenario.named(section) is not None, f'`{section}`')
-            for start, section in _OF_ATTITUDE.items()
+            for start, section in _SECTIONS.items()
             for name in QUANTITIES
             if name.startswith(start)
         },
         **{name: _turning(name, scenario.target) for name in QUANTITIES if 'target_' in name},
-        **{n: (chaser is not None, '`attitude`') for n in QUANTITIES if n.startswith('chaser_')},
         **{n: (wheels is not None, '`wheels`') for n in QUANTITIES if n.startswith('wheel_')},
     }
     all_of_them = {name: (has, 'such disturbance') for name, has in acting.items()} | others

@@ -63,7 +63,7 @@ def _aim_at(t, i):  # type: ignore[no-untyped-def]
     return Aim(
         (t[i], t[i + 1], t[i + 2]), (t[i + 3], t[i + 4], t[i + 5]),
         (t[i + 6], t[i + 7], t[i + 8]), (t[i + 9], t[i + 10], t[i + 11], t[i + 12]),
-        t[i + 13], t[i + 14], t[i + 15], t[i + 16],
+        (t[i + 13], t[i + 14], t[i + 15]), t[i + 16], t[i + 17], t[i + 18], t[i + 19], t[i + 20],
     )  # fmt: skip
 
 

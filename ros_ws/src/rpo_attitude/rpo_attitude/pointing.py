@@ -39,7 +39,7 @@ class Pointing:
     docking_axis : (3,) of the chaser, towards the port when docked
     align_within_m : distance of the port within which the attitude is the docked one; from twice
         as far on the axis looks at the port, by the smallest turn
-    most_deg_s : largest rate of the reference against the target, from the attitude at the start on
+    most_deg_s : largest rate of the docking axis against the target, and about it
     port_m : (3,) in the target's axes; as in section `zones`, unless it differs
     """
 
@@ -71,10 +71,12 @@ class Pointing:
             turn((x, y, z), self.mate),
             turn((a, b, c), self.mate),
             self.mate,
+            (x, y, z),
             self.align_within_m,
             self.align_within_m,
             rate,
             of_vector((rate * dt_s, 0.0, 0.0))[0],
+            dt_s,
         )
 
     @staticmethod

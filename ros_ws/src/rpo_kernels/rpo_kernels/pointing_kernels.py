@@ -12,11 +12,14 @@ from math import sqrt
 from typing import NamedTuple
 
 from rpo_kernels.attitude_kernels import Attitude, Frame, cross, seen_from
-from rpo_kernels.chaser_kernels import Quaternion, times, turn_back
+from rpo_kernels.chaser_kernels import Quaternion, times, turn, turn_back
 from rpo_kernels.jit import inlined, kernel
-from rpo_kernels.kernels import State, Vector, norm
+from rpo_kernels.kernels import State, Vector, norm, saturate
 
 DEGREES = 57.29577951308232
+
+SETTLE_S = 5.0
+"""Time in which the chaser settles about its docking axis."""
 
 _SMALL = 1e-9
 """Cosine of half a turn below which its axis is not known."""
@@ -28,18 +31,22 @@ class Aim(NamedTuple):
     port : (3,) [m]; axis : (3,) of the docking axis when docked; aside : (3,) across it; all in
         the target's axes, the latter unit vectors
     mate : quaternion from the chaser's axes to the target's when docked
+    own : (3,) the docking axis in the chaser's axes, a unit vector
     near_m, width_m : distance of the port within which the chaser is aligned, and of the passage
-    most_rad_s, sine : largest rate against the docked attitude; sine of half of it in a tick
+    most_rad_s, sine : largest rate against the target; sine of half of it in a tick
+    dt : of a tick [s]
     """
 
     port: Vector
     axis: Vector
     aside: Vector
     mate: Quaternion
+    own: Vector
     near_m: float
     width_m: float
     most_rad_s: float
     sine: float
+    dt: float
 
 
 @inlined
@@ -89,22 +96,41 @@ def looking(seen: State, aim: Aim) -> tuple[Quaternion, Vector]:
 
 @inlined
 def limited(q: Quaternion, rate: Vector, before: Quaternion, aim: Aim) -> tuple[Quaternion, Vector]:
-    """Return a turn and its rate, no farther from the turn of the tick before than the rate allows.
+    """Return a turn that follows a wanted one, and its rate: first the docking axis, then about it.
 
-    before : zeros where there was none
+    q, rate : wanted turn, and its rate (3,) [rad/s] in the chaser's axes
+    before : turn of the tick before; zeros where there was none
+    The axis turns at most at the largest rate; so does the chaser about it, and settles there.
     """
-    x, y, z, w = times((-before[0], -before[1], -before[2], before[3]), q)
-    sine, most = norm(x, y, z), aim.most_rad_s
-    if sine > aim.sine:
-        side = 1.0 if w >= 0.0 else -1.0
-        x, y, z = side * x / sine, side * y / sine, side * z / sine
-        step = (aim.sine * x, aim.sine * y, aim.sine * z, sqrt(1.0 - aim.sine * aim.sine))
-        return times(before, step), (most * x, most * y, most * z)
-    size = norm(rate[0], rate[1], rate[2])
-    if size > most:
-        share = most / size
-        rate = (share * rate[0], share * rate[1], share * rate[2])
-    return q, rate
+    a, most = aim.own, aim.most_rad_s
+    along = rate[0] * a[0] + rate[1] * a[1] + rate[2] * a[2]
+    x, y, z = rate[0] - along * a[0], rate[1] - along * a[1], rate[2] - along * a[2]
+    size = norm(x, y, z)
+    share = most / size if size > most else 1.0
+    across = (share * x, share * y, share * z)
+    if before[0] == 0.0 and before[1] == 0.0 and before[2] == 0.0 and before[3] == 0.0:
+        along = saturate(along, most)
+        return q, (across[0] + along * a[0], across[1] + along * a[1], across[2] + along * a[2])
+    now, wanted = turn(a, before), turn(a, q)
+    x, y, z = cross(now, wanted)
+    w = 1.0 + now[0] * wanted[0] + now[1] * wanted[1] + now[2] * wanted[2]
+    sine, size = norm(x, y, z), sqrt(x * x + y * y + z * z + w * w)
+    if sine > aim.sine * size:
+        x, y, z = x / sine, y / sine, z / sine
+        cosine = sqrt(1.0 - aim.sine * aim.sine)
+        found = times((aim.sine * x, aim.sine * y, aim.sine * z, cosine), before)
+        return found, turn_back((most * x, most * y, most * z), found)
+    swung = before
+    if size > 0.0:
+        swung = times((x / size, y / size, z / size, w / size), before)
+    x, y, z, w = times((-swung[0], -swung[1], -swung[2], swung[3]), q)
+    off = 2.0 * w * (x * a[0] + y * a[1] + z * a[2])  # a sine: no jump at half a turn
+    about = saturate(along + (off - along * aim.dt) / SETTLE_S, most)
+    half = 0.5 * about * aim.dt
+    step = (half * a[0], half * a[1], half * a[2], sqrt(1.0 - half * half))
+    found = times(swung, step)
+    x, y, z = turn(across, times((-found[0], -found[1], -found[2], found[3]), q))
+    return found, (x + about * a[0], y + about * a[1], z + about * a[2])
 
 
 @inlined

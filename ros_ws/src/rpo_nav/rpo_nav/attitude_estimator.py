@@ -140,9 +140,9 @@ class AttitudeEstimatorStage(Stage):
         for i in range(MEASURED):
             self._measured[i] = inputs[0][i]
         estimate_attitude(tick, self._measured, self.filter, self.memory)
-        m = list(map(float, self.memory[: P + 3 * STATES]))
-        spread = (m[P + STATES * i : P + STATES * i + 3] for i in range(3))
-        return (*m[X : X + 4], *m[RATE : RATE + 3]), tuple(v for row in spread for v in row)
+        m = list(map(float, self.memory[:P]))
+        spread = self.covariance[:3, :3].ravel().tolist()
+        return (*m[X : X + 4], *m[RATE : RATE + 3]), tuple(spread)
 
     def passes_on(self) -> tuple[int | Signal, ...]:
         """Return that the attitude is what was measured; the covariance is zero."""

@@ -2,18 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The sections that this room adds to scenario files; `rpo_core.files.plugins` imports it."""
 
-from rpo_nav import (
-    attitude_estimator,
-    attitude_sensors,
-    estimator,
-    navigation_errors,
-    sensors,
-)
+from rpo_nav import attitude_estimator, attitude_sensors, estimator, navigation_errors, sensors
 
-__all__ = [
-    'attitude_estimator',
-    'attitude_sensors',
-    'estimator',
-    'navigation_errors',
-    'sensors',
-]
+__all__ = ['attitude_estimator', 'attitude_sensors', 'estimator', 'navigation_errors', 'sensors']
