@@ -10,9 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from rpo_core.control.controller import AnyController
+from rpo_core.control.controller import AnyController, FuzzyController
 from rpo_core.files.validation import choice
 from rpo_export import c, formats, python
+from rpo_montecarlo.outputs import identifier
 
 FORMATS: dict[str, Callable[[AnyController], str]] = {
     'fis': formats.fis,
@@ -30,3 +31,32 @@ SUFFIXES = {name: '.py' if name == 'python' else f'.{name}' for name in FORMATS}
 def text_of(controller: AnyController, name: str) -> str:
     """Return a controller in one of `FORMATS`; raises InputError if that cannot say it."""
     return FORMATS[choice('--to', name, FORMATS)](controller)
+
+
+_OF_ATTITUDE = (
+    ('Units: m, m/s, N; axes: target LVLH', 'Units: rad, rad/s, N m; body axes'),
+    ('Units: m, m/s, N; target LVLH', 'Units: rad, rad/s, N m; body axes'),
+    ('Commanded force [N] of a finite relative state', 'Commanded torque [N m] of finite errors'),
+    ('Commanded force [N] on one axis, of the position [m] and velocity [m/s] on it',
+     'Commanded torque [N m] on one axis, of the attitude [rad] and rate [rad/s] error on it'),
+    ('{10.0, 60.0, -40.0}', '{0.1, 0.6, -0.4}'), ('computes the forces', 'computes the torques'),
+    ('position_m', 'attitude_rad'), ('velocity_m_s', 'rate_rad_s'), ('force_n', 'torque_nm'),
+    ('one axis of a final approach', 'the attitude about one body axis'),
+    ('position_scale_m', 'angle_rad'), ('velocity_scale_m_s', 'rate_rad_s'),
+    ('force_scale_n', 'torque_nm'),
+)  # fmt: skip
+
+
+def attitude_texts(axis: FuzzyController, source: str) -> tuple[str, str]:
+    """Return C source and header of the law of a fuzzy attitude controller, without feed-forward.
+
+    axis : its law (`FuzzyAttitude.axis`); source : name of the source file
+    """
+    name = identifier(axis.name)
+    own = [(f'{name}_{part}force(', f'{name}_{part}torque(') for part in ('', 'axis_')]
+    found = []
+    for text in (c.text(axis), c.header(axis, source)):
+        for old, new in (*own, *_OF_ATTITUDE):
+            text = text.replace(old, new)
+        found.append(text)
+    return found[0], found[1]

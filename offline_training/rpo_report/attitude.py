@@ -75,7 +75,8 @@ def _picture(flight: Flight, panels: list[Panel]) -> Any:
                 axes.set_ylabel(text)
                 axes.margins(x=0.01)
             if panel.limit is not None and (text or panel.limit <= _NEAR * peak):
-                limit_lines(axes, panel.limit, 'limit', (times[part][0], times[-1]))
+                signs = (-1.0, 1.0) if panel.values.ndim == 2 else (1.0,)
+                limit_lines(axes, panel.limit, 'limit', (times[part][0], times[-1]), signs)
     grid[0][0].set_title('from the start')
     grid[0][1].set_title(f'last {last * scenario.dt_s:g} s')
     for axes in grid[-1]:

@@ -258,7 +258,7 @@ const chaser = vehicle([
   mesh(new THREE.CylinderGeometry(0.28, 0.12, 0.3, 16), dark, 0, 1.22),
   ...[-1, 1].map(s => mesh(new THREE.BoxGeometry(0.03, 0.7, 1.3), panel, 0, 0.7, s * 1.15)),
 ]);
-const docking = add(chaser, ribbon([0, 0, 0, 0, -2.6, 0], thick('optimum', 2)));
+const docking = add(chaser, ribbon([0, 0, 0, 0, -2.6, 0], thick('ink', 2)));
 const docked = new THREE.Quaternion(...DATA.scene.mate).invert();  // the target's axes in the chaser's, when docked
 chaser.children[0].quaternion.premultiply(docked);
 docking.quaternion.copy(chaser.children[0].quaternion);
@@ -493,7 +493,7 @@ function build() {  // what depends on the chosen flight
 function legend() {
   const rows = MANY ? [['x', 'keeps its limits'], ['bad', 'misses a limit']] : [[hue(chosen), 'flown']];
   rows.push(['y', 'force']);
-  if (chosen.chaser) rows.push(['optimum', 'docking axis']);
+  if (chosen.chaser) rows.push(['ink', 'docking axis']);
   if (views.length) rows.push(['good', 'field of view']);
   if (chosen.reference) rows.push(['optimum', 'reference']);
   if (chosen.estimate) rows.push(['optimum', 'estimate, 3 sigma']);

@@ -38,6 +38,7 @@ class Turned(NamedTuple):
     attitudes : (n, 7) true
     off_deg : (n, 3) attitude less its reference, each twice the vector part of the quaternion
     off_reference_deg : (n,) angle between them
+    unknown_deg : (n, 3) estimate less the attitude; None where there is no estimate
     theta_deg : (n,) largest angle in a tick between the turn of the command and the true attitude
         that exerts it; None where no section turns the command
     rates_deg_s : (n, 3) against inertial space, axes of the chaser
@@ -48,6 +49,7 @@ class Turned(NamedTuple):
     attitudes: Floats
     off_deg: Floats
     off_reference_deg: Floats
+    unknown_deg: Floats | None
     theta_deg: Floats | None
     rates_deg_s: Floats
     torques_nm: Floats | None
@@ -64,11 +66,13 @@ def turned_of(flight: Flight) -> Turned | None:
     if references is None:
         references = np.broadcast_to(synchronised(scenario), attitudes.shape)
     steered = scenario.named('attitude_control') is not None
+    seen = signals.get(NAVIGATION_ATTITUDE)
     torques = signals.get(BODY_TORQUE if steered else EXERTED_TORQUE)
     return Turned(
         attitudes,
         np.degrees(2.0 * errors(attitudes, references)[:, :3]),
         np.degrees(apart(attitudes, references)[:, 0]),
+        None if seen is None else np.degrees(2.0 * errors(seen, attitudes)[:, :3]),
         _theta_deg(flight, attitudes) if steered else None,
         np.degrees(attitudes[:, 4:]),
         torques,
@@ -77,7 +81,7 @@ def turned_of(flight: Flight) -> Turned | None:
 
 
 def _theta_deg(flight: Flight, attitudes: Floats) -> Floats:
-    """Return the contract's angle (n,): of the last tick, which is not flown, 0.
+    """Return the contract's angle (n,): of the last tick, which is not flown, as before it.
 
     The command is turned by the attitude seen, ahead by half a tick at the rate seen.
     """
@@ -94,6 +98,7 @@ def _theta_deg(flight: Flight, attitudes: Floats) -> Floats:
     for end in (0, 1):
         angles = apart(attitudes[late + end :][: len(sent)], sent)[:, 0]
         found[late:-1] = np.maximum(found[late:-1], np.degrees(angles))
+    found[-1] = found[-2]
     return found
 
 
@@ -149,9 +154,13 @@ def panels_of(turns: Turned, scenario: Scenario) -> list[Panel]:
     control: Any = scenario.named('attitude_control')
     assurance: Any = scenario.named('assurance')
     limits, wheels = getattr(control, 'limits', None), scenario.attitude.wheels
-    angle, rate = (limits.angle_deg, limits.rate_deg_s) if limits else (None, None)
+    angle, rate, known = (
+        (limits.angle_deg, limits.rate_deg_s, limits.known_deg) if limits else (None,) * 3
+    )
     off = turns.off_deg
     found = [Panel('off the reference, per axis', 'off reference', 'deg', off, angle, once=True)]
+    if (seen := turns.unknown_deg) is not None:
+        found.append(Panel('estimate off the truth, per axis', 'estimate off', 'deg', seen, known))
     if turns.theta_deg is not None:
         bound = getattr(assurance, 'chaser_attitude_error_deg', None)
         found.append(Panel('θ, force turned wrongly by', 'θ', 'deg', turns.theta_deg, bound))

@@ -29,6 +29,7 @@ from rpo_core import files
 from rpo_core.control import controller as controllers
 from rpo_core.control.controller import FuzzyController
 from rpo_core.files.validation import InputError
+from rpo_ctrl.attitude import FuzzyAttitude
 from rpo_ctrl.baselines import Baseline
 from rpo_ctrl.family import Family
 from rpo_judge.scoring.fitness import Fitness, Scores
@@ -156,7 +157,7 @@ def digest(genes: Floats) -> str:
 
 
 Config = TypeVar('Config', bound=Configuration)
-Found = TypeVar('Found', FuzzyController, Baseline, Family)
+Found = TypeVar('Found', FuzzyController, Baseline, Family, FuzzyAttitude)
 Self = TypeVar('Self', bound='SearchRun[Any, Any]')
 
 
@@ -201,7 +202,7 @@ class SearchRun(Generic[Config, Found]):
     def __init__(self, config: Config, folder: Path, workers: int = 0, address: str = '') -> None:
         self.config: Config = config
         self.folder = folder
-        self.starts = training_set(self.scenario)
+        self.starts = self.make_starts()
         self.search = self.make_search()
         self.fitness = self.make_fitness(workers, address)
         self.checkpoint = Checkpoint(self.config.dumps(), self.inputs())
@@ -215,6 +216,10 @@ class SearchRun(Generic[Config, Found]):
     def scenario(self) -> str:
         """The scenario or set that is searched for."""
         return self.config.scenario
+
+    def make_starts(self) -> Any:
+        """Return the set that is flown."""
+        return training_set(self.scenario)
 
     def inputs(self) -> list[str]:
         """Return the texts of the scenario, of the starts, and of the campaigns."""
@@ -273,16 +278,37 @@ class SearchRun(Generic[Config, Found]):
             'generations': len(self.checkpoint.scores) - 1,
             'evaluations': self.checkpoint.evaluations,
             'stopped': self.search.stopped,
-            'fitness_n2s': float(scores.fitness[0]),
-            'mean_energy_n2s': float(scores.energy[0]),
-            'mean_arrival_s': float(scores.arrival[0]),
-            'starts_that_miss': self.misses(scores),
+            **self.result(scores),
             'versions': versions(),
             'arithmetic': processor.in_use(),
         }
         if self.fitness.drawn:
             provenance['drawn_flights_judged_by'] = self.fitness.judged_in_drawn
         return replace(found, provenance=provenance | more)
+
+    def result(self, scores: Scores) -> dict[str, object]:
+        """Return what the provenance says of the scores of the best."""
+        return {
+            'fitness_n2s': float(scores.fitness[0]),
+            'mean_energy_n2s': float(scores.energy[0]),
+            'mean_arrival_s': float(scores.arrival[0]),
+            'starts_that_miss': self.misses(scores),
+        }
+
+    def sentence(self, best: Found) -> str:
+        """Return the result in words."""
+        made, count = best.provenance, len(self.starts.initial_positions_m)
+        missed = ', '.join(f'{name} {n}' for name, n in made['starts_that_miss'].items())
+        return (
+            f'fitness {made["fitness_n2s"]:.4f} N^2 s, mean J {made["mean_energy_n2s"]:.4f} '
+            f'N^2 s; of {count} starts miss: {missed}'
+        )
+
+    def missed(self, best: Found) -> str:
+        """Return which conditions the best misses, and from how many starts; '' if none."""
+        count = len(self.starts.initial_positions_m)
+        found = best.provenance['starts_that_miss'].items()
+        return ', '.join(f'{name} from {n} of {count} starts' for name, n in found if n)
 
     def save_more(self) -> None:
         """Write what the folder holds at the end beside the best controller."""
@@ -371,7 +397,11 @@ class SearchRun(Generic[Config, Found]):
 
     def save(self, controller: Found) -> None:
         """Write a controller into the folder."""
-        write_text(self.folder / f'{controller.name}.yaml', controllers.dumps(controller))
+        write_text(self.folder / f'{controller.name}.yaml', self.dumps(controller))
+
+    def dumps(self, controller: Any) -> str:
+        """Return the YAML text of a controller."""
+        return controllers.dumps(controller)
 
     def progress(self) -> Progress:
         """Return the state of the run, after one generation at least."""

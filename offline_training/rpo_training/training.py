@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +36,22 @@ CONFIG = 'config.yaml'
 FRONT, FINALISTS = 'front.csv', 'finalists.csv'
 
 
-def _start(name: str, config: TrainingConfig) -> FuzzyController:
+def search_of(config: Any) -> Search:
+    """Return the search of a configuration of fuzzy systems, at its beginning."""
+    starts = np.array([config.genes.encode(_start(name, config)) for name in config.start])
+    starts = starts.reshape(-1, config.genes.size)
+    cma = partial(CmaSearch, config.cmaes, config.seed)
+    if config.algorithm == 'cmaes':
+        return cma(starts[0])
+    if config.algorithm == 'race':
+        return TableRace(config.race, config.cmaes, config.seed, config.genes, starts[0])
+    if config.algorithm == 'nsga2':
+        return ParetoSearch(config.ga, config.seed, config.genes.size, starts)
+    ga = GaSearch(config.ga, config.seed, config.genes.size, starts)
+    return ga if config.algorithm == 'ga' else InTurn(ga, cma)
+
+
+def _start(name: str, config: Any) -> FuzzyController:
     """Return a start with the scales of the search where those are fixed or given."""
     start, space = load_fuzzy(name), config.genes
     bounds = (space.position_scale_m, space.velocity_scale_m_s)
@@ -61,18 +77,7 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
 
     def make_search(self) -> Search:
         """Return the search of the configuration, at its beginning."""
-        config = self.config
-        starts = np.array([config.genes.encode(_start(name, config)) for name in config.start])
-        starts = starts.reshape(-1, config.genes.size)
-        cma = partial(CmaSearch, config.cmaes, config.seed)
-        if config.algorithm == 'cmaes':
-            return cma(starts[0])
-        if config.algorithm == 'race':
-            return TableRace(config.race, config.cmaes, config.seed, config.genes, starts[0])
-        if config.algorithm == 'nsga2':
-            return ParetoSearch(config.ga, config.seed, config.genes.size, starts)
-        ga = GaSearch(config.ga, config.seed, config.genes.size, starts)
-        return ga if config.algorithm == 'ga' else InTurn(ga, cma)
+        return search_of(self.config)
 
     def make_fitness(self, workers: int, address: str) -> Fitness:
         """Return the fitness of the configuration, on threads or on a cluster."""

@@ -45,7 +45,8 @@ def test_a_wrong_name_is_answered_by_the_right_one(words, said):
 def test_the_list_has_every_name_once():
     listed = CliRunner().invoke(app, ['list']).stdout
     first = [line.split()[0] for line in listed.splitlines() if line.startswith('  ')]
-    shipped = [n for k in ('scenario', 'controller', 'campaign') for n in files.shipped(k)]
+    kinds = ('scenario', 'controller', 'attitude_controller', 'campaign')
+    shipped = [name for kind in kinds for name in files.shipped(kind)]
     assert sorted(first) == sorted(shipped)
     plans = CliRunner().invoke(app, ['list', 'plans']).stdout
     assert '  guarded ' in plans and '  quick ' not in plans

@@ -12,13 +12,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rpo_cli.commands.shared import Workers, echo, interruptible
+from rpo_core.files.validation import InputError
 
 if TYPE_CHECKING:
     from rpo_judge.evaluation.comparison import ComparedController
 
 EXAMPLES = """
 Examples: `rpo compare` | `rpo compare trained lqr runs/best/best.yaml --runs 1000` |
-`rpo compare --random 20000 --write docs/compare.md --picture docs/images/pareto.svg`
+`rpo compare --random 20000 --write docs/compare.md --picture docs/images/pareto.svg` |
+`rpo compare --attitude --runs 10000`
 """
 
 _HEADING = 11  # longest word of a heading
@@ -47,6 +49,9 @@ def compare(
     write: Annotated[
         Path | None, typer.Option(help='put the table into this Markdown document too')
     ] = None,
+    attitude: Annotated[
+        bool, typer.Option('--attitude', help='controllers of attitude, over dispersed slews')
+    ] = False,
     workers: Workers = 0,
 ) -> None:
     """Compare controllers: energy, conditions, tests, limits kept under dispersion, proofs.
@@ -58,6 +63,9 @@ def compare(
     from rpo_judge.evaluation import comparison, comparison_table
     from rpo_training.provenance import saw
 
+    if attitude:
+        _attitudes(controllers, 10_000 if runs is None else runs)
+        return
     names = controllers or list(comparison.CONTROLLERS)
     sentence = 'Interrupted; what was computed is kept: the same command goes on.'
     with interruptible(lambda: sentence), progress() as show:
@@ -79,6 +87,21 @@ def compare(
     if write is not None:
         comparison_table.put_into(write, comparison_table.markdown(rows, least, flown))
         echo(write)
+
+
+def _attitudes(names: list[str] | None, runs: int) -> None:
+    """Print how controllers of attitude fly the same slews, which no training has flown."""
+    from rpo_cli.display import print_table
+    from rpo_core import files
+    from rpo_ctrl import attitude
+    from rpo_judge.attitude import HEADINGS, SENTENCE, compared, judged_draws
+
+    if runs < 1:
+        raise InputError(f'`--runs` must be at least 1; got {runs}')
+    found = [attitude.load(name) for name in names or files.shipped('attitude_controller')]
+    rows = [row.cells for row in compared(found, judged_draws(runs))]
+    print_table(HEADINGS, rows, f'{runs} slews of up to 180 deg')
+    typer.echo(SENTENCE)
 
 
 def _draw(rows: Sequence[ComparedController], path: Path) -> None:

@@ -63,6 +63,7 @@ def explain(
     """
     from rpo_cli.display import plain_console
     from rpo_core.control.controller import load_controller, only_fuzzy
+    from rpo_ctrl import attitude
     from rpo_ctrl.explain import decisions
     from rpo_ctrl.family import Family
     from rpo_mcap.read.run_log import controller_of, read_run
@@ -75,6 +76,16 @@ def explain(
         raise InputError('`--certify` takes one controller, and nothing else')
     if scenario and state is None:
         raise InputError('`--scenario` needs `--state`')
+    if attitude.is_one(target):
+        if at is not None or scenario:
+            raise InputError('a controller of attitude takes no `--at` and `--scenario`')
+        _say_attitude(console)
+        axis = attitude.axis_of(target)
+        if state is not None:
+            _print_decisions(console, decisions(axis, _state_of(state)))
+            return
+        end(not _explain_controller(console, axis, certify), no_fail)
+        return
     if state is not None:
         loaded = controller_of(read_run(target)) if _is_run(target) else load_controller(target)
         seen = _from_goal(console, loaded, _state_of(state), scenario)
@@ -99,6 +110,14 @@ def explain(
     else:
         holds = _explain_controller(console, only_fuzzy(loaded), certify)
     end(not holds, no_fail)
+
+
+def _say_attitude(console: Console) -> None:
+    console.print(
+        'One system for each body axis alike. Position stands for the attitude error [rad], '
+        'velocity for the rate error [rad/s], force for the torque [N m].',
+        soft_wrap=True,
+    )
 
 
 def _is_run(target: str) -> bool:

@@ -46,9 +46,18 @@ def export(
     from rpo_core.control.controller import load_controller
     from rpo_core.files.scenario import load_scenario
     from rpo_core.files.validation import InputError
-    from rpo_export import SUFFIXES, c, c_assured, text_of
-    from rpo_montecarlo.outputs import identifier, make_folder, writing
+    from rpo_ctrl import attitude
+    from rpo_export import SUFFIXES, attitude_texts, c, c_assured, text_of
+    from rpo_montecarlo.outputs import identifier, make_folder
 
+    if attitude.is_one(controller):
+        if to != 'c' or assurance is not None:
+            raise InputError('a controller of attitude needs `--to c`, without `--assurance`')
+        axis = attitude.axis_of(controller)
+        path = output or Path(identifier(axis.name) + SUFFIXES[to])
+        text, header = attitude_texts(axis, path.name)
+        _write({path: text, path.with_suffix('.h'): header})
+        return
     loaded = load_controller(controller)
     if assurance is None:
         text = text_of(loaded, to)
@@ -67,6 +76,12 @@ def export(
         written[path.with_suffix('.h')] = c_assured.header(loaded, scenario, path.name)
     elif to == 'c':
         written[path.with_suffix('.h')] = c.header(loaded, path.name)
+    _write(written)
+
+
+def _write(written: dict[Path, str]) -> None:
+    from rpo_montecarlo.outputs import writing
+
     for name, content in written.items():
         with writing(name):
             name.write_text(content, encoding='utf-8')

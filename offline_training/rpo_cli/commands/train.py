@@ -16,6 +16,7 @@ from rpo_core.files.validation import InputError, choice
 
 if TYPE_CHECKING:
     from rpo_core.control.controller import FuzzyController
+    from rpo_training.attitude_training import AttitudeConfig
     from rpo_training.config import TrainingConfig
     from rpo_training.family_training import FamilyTraining
     from rpo_training.run import Config, Found, SearchRun
@@ -25,7 +26,8 @@ EXAMPLES = """
 Examples: `rpo train` | `rpo train --scenario mine.yaml` | `rpo train --preset best -o runs/best` |
 `rpo train --resume runs/best` | `rpo train --seed 3 --set ga.generations=50 --set genes.rules=odd`
 | `rpo train --show > mine.yaml` then `rpo train --config mine.yaml` |
-`rpo train --cluster tcp://127.0.0.1:8786` | `rpo train --family time_to_go`
+`rpo train --cluster tcp://127.0.0.1:8786` | `rpo train --family time_to_go` |
+`rpo train --attitude --preset best`
 """
 
 
@@ -40,6 +42,9 @@ def train(
     family: Annotated[
         str, typer.Option(help='train another family than the 30 parameters: pace, time_to_go')
     ] = '',
+    attitude: Annotated[
+        bool, typer.Option('--attitude', help='train a controller of attitude: paper, best')
+    ] = False,
     scenario: Annotated[
         str, typer.Option(help='train for this scenario or set (name or file); scales are fitted')
     ] = '',
@@ -68,23 +73,29 @@ def train(
     the best controller, which is written, misses a condition.
     """
     from rpo_training import config as configs
+    from rpo_training.attitude_training import AttitudeConfig, AttitudeTraining
     from rpo_training.family_training import CONFIG as FAMILY
     from rpo_training.family_training import FamilyTraining, is_family
     from rpo_training.training import Training
 
     if resume is not None:
         given = (preset, config, seed, algorithm, settings, output)
-        if family or scenario or any(option is not None for option in given):
+        if attitude or family or scenario or any(option is not None for option in given):
             raise InputError('`--resume` takes its configuration from the run folder: give none')
         if (resume / FAMILY).exists():
             training = FamilyTraining.resume(resume, workers)
             end(training, fly(training), no_fail)
+        elif (resume / AttitudeTraining.config_file).exists():
+            turning = AttitudeTraining.resume(resume, workers)
+            end(turning, fly(turning), no_fail)
         else:
             _fly(Training.resume(resume, workers, cluster), plots, no_fail)
         return
     if family or (config is not None and is_family(config)):
-        if preset or algorithm or cluster:
-            raise InputError('`--family` takes no `--preset`, `--algorithm` and `--cluster`')
+        if preset or algorithm or cluster or attitude:
+            raise InputError(
+                '`--family` takes no `--preset`, `--algorithm`, `--attitude` and `--cluster`'
+            )
         found = _family(family, scenario, config, seed, settings or [], output, workers, show)
         if found is not None:
             end(found, fly(found), no_fail)
@@ -94,14 +105,28 @@ def train(
     for setting in settings or []:
         if setting.startswith('scenario='):
             raise InputError('`--set scenario=...` would keep the scales: use `--scenario`')
-    chosen = configs.override(_base(preset, scenario, config), [*named, *(settings or [])])
+    if attitude and (scenario or cluster):
+        raise InputError('`--attitude` takes no `--scenario` and `--cluster`')
+    base = _base_of_attitude(preset, config) if attitude else _base(preset, scenario, config)
+    chosen = configs.override(base, [*named, *(settings or [])])
     folder = output or Path('runs') / f'{chosen.name}_{chosen.seed}'
     if not any(setting.startswith('name=') for setting in settings or []):
         chosen = configs.override(chosen, [f'name={folder.resolve().name}'])
     if show:
         typer.echo(chosen.dumps(), nl=False)
         return
-    _fly(Training.create(chosen, folder, workers, cluster), plots, no_fail)
+    if isinstance(chosen, AttitudeConfig):
+        turning = AttitudeTraining.create(chosen, folder, workers)
+        end(turning, fly(turning), no_fail)
+    else:
+        _fly(Training.create(chosen, folder, workers, cluster), plots, no_fail)
+
+
+def _base_of_attitude(preset: str | None, path: Path | None) -> AttitudeConfig:
+    from rpo_training.attitude_training import PRESETS, AttitudeConfig
+
+    known = PRESETS[choice('--preset', preset or 'paper', PRESETS)]
+    return known if path is None else AttitudeConfig.load(path)
 
 
 def _family(
@@ -175,23 +200,16 @@ def fly(run: SearchRun[Config, Found]) -> Found:
         best = run.run(display.show)
     made = best.provenance
     echo(f'{made["stopped"]}; {made["evaluations"]} controllers evaluated')
-    count = len(run.starts.initial_positions_m)
-    missed = ', '.join(f'{name} {n}' for name, n in made['starts_that_miss'].items())
-    typer.echo(
-        f'fitness {made["fitness_n2s"]:.4f} N^2 s, mean J {made["mean_energy_n2s"]:.4f} '
-        f'N^2 s; of {count} starts miss: {missed}'
-    )
+    typer.echo(run.sentence(best))
     echo(f'{run.folder / best.name}.yaml')
     return best
 
 
 def end(run: SearchRun[Config, Found], best: Found, no_fail: bool) -> None:
     """End with exit code 1 and a sentence if the best controller misses a condition."""
-    misses = {name: n for name, n in best.provenance['starts_that_miss'].items() if n}
-    if not misses:
+    which = run.missed(best)
+    if not which:
         return
-    count = len(run.starts.initial_positions_m)
-    which = ', '.join(f'{name} from {n} of {count} starts' for name, n in misses.items())
     echo(
         f'The best controller misses conditions of {run.scenario}: {which}. It is written. Try '
         'another seed or more evaluations; or give the scenario more time, force or weaker limits.',

@@ -226,6 +226,14 @@ def is_one(name: str) -> bool:
     return isinstance(document, Mapping) and document.get('kind') in KINDS
 
 
+def axis_of(name: str) -> FuzzyController:
+    """Return the law of an axis of a fuzzy attitude controller, by name or path; see `axis`."""
+    loaded = load(name)
+    if not isinstance(loaded, FuzzyAttitude):
+        raise InputError(f'`controller` must be fuzzy here; {loaded.name} is of kind {loaded.kind}')
+    return loaded.axis
+
+
 def _controller(name: str, value: Any) -> AttitudeController:
     if isinstance(value, AttitudeController):
         return value

@@ -201,8 +201,14 @@ def by_axis(
     axes.margins(x=0.01)
 
 
-def limit_lines(axes: Any, value: float, name: str, times_s: tuple[float, float]) -> None:
+def limit_lines(
+    axes: Any,
+    value: float,
+    name: str,
+    times_s: tuple[float, float],
+    signs: tuple[float, ...] = (-1.0, 1.0),
+) -> None:
     """Draw the limits +- value over the times (from, to) in which they hold."""
-    for sign in (-1.0, 1.0):
+    for sign in signs:
         label = name if sign > 0 else None
         axes.plot(times_s, [sign * value] * 2, **style.LIMIT, zorder=3.0, label=label)

@@ -1,0 +1,205 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The training of the fuzzy attitude controller: searches, genes, presets of the force controller.
+
+In a configuration the scales of position and velocity are those of attitude [rad] and rate [rad/s],
+that of force the torque [N m]. Fitness is the mean energy [mN^2 m^2 s] of the flights of
+`rpo_judge.attitude.trained_draws`, plus a penalty for each that has not settled in time or
+overshoots; of `rpo_judge.scoring.fitness`, the margin and the term `damping` count too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core import files
+from rpo_core.files.validation import choice
+from rpo_ctrl import attitude
+from rpo_ctrl.attitude import AttitudeControl, FuzzyAttitude
+from rpo_judge.attitude import MOMENT_KG_M2, Flights, Outcome, trained_draws
+from rpo_judge.scoring.fitness import AT_LIMIT, FitnessSettings, Scores, driving, excess, mean
+from rpo_montecarlo.engine.population import Population
+from rpo_training.algorithms import CmaSettings, Search
+from rpo_training.config import TrainingConfig
+from rpo_training.genes import GeneSpace
+from rpo_training.run import SearchRun
+from rpo_training.staged import RaceSettings
+from rpo_training.training import search_of
+
+Floats = NDArray[np.float64]
+
+FLIGHTS = 'slews_and_tumbles'
+CONDITIONS = ('settling', 'overshoot')
+TRAINED_DEG = 0.15
+"""Flights of the training settle within less than `ANGLE_DEG`: no dead zone."""
+
+NOISE = (0.02, 0.01)
+"""What a filter leaves of the attitude [deg] and of the rate [deg/s]; steep laws answer to it."""
+
+_MICRO = 1e6  # N^2 m^2 s to mN^2 m^2 s
+
+
+@dataclass(frozen=True)
+class AttitudeConfig(TrainingConfig):
+    """The search of a fuzzy attitude controller."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        choice('scenario', self.scenario, (FLIGHTS,))
+
+    @property
+    def command(self) -> str:
+        """The command that trains this configuration; `-o` alone changes the name."""
+        for preset, known in PRESETS.items():
+            if replace(known, seed=self.seed, name=self.name) == self:
+                return f'rpo train --attitude --preset {preset} --seed {self.seed}'
+        return f'rpo train --attitude --config {self.name}.yaml, the config.yaml of its run folder'
+
+    @classmethod
+    def base(cls, data: Mapping[str, Any]) -> AttitudeConfig:
+        """Return the preset `paper`."""
+        return PRESETS['paper']
+
+
+_TORQUE_NM = 0.006
+_PAPER = AttitudeConfig(
+    name='attitude_paper',
+    scenario=FLIGHTS,
+    start_scales=(1.0, 0.24),
+    genes=GeneSpace('free', (1.0, 1.0), (0.24, 0.24), _TORQUE_NM, complete=True),
+    fitness=FitnessSettings(penalty_n2s=10_000.0),
+)
+PRESETS = {
+    'paper': _PAPER,
+    'best': replace(
+        _PAPER,
+        name='attitude_best',
+        algorithm='race',
+        genes=GeneSpace('odd-monotone', (0.3, 2.0), (0.06, 0.6), _TORQUE_NM, complete=True),
+        fitness=FitnessSettings('graded', 10_000.0, margin=0.15, damping=4000.0),
+        cmaes=CmaSettings(population=20, evaluations=2500, descents=1, tolerance=0.2),
+        race=RaceSettings(rounds=1, entrants=4, evaluations=800, gain=0.5),
+    ),
+}
+"""`paper`: the genetic algorithm. `best`: as for forces; it made `attitude_fuzzy`."""
+
+
+class AttitudeFitness:
+    """What a search of attitude controllers is judged by."""
+
+    labels = CONDITIONS
+    drawn: tuple[Any, ...] = ()
+
+    def __init__(self, settings: FitnessSettings, workers: int) -> None:
+        self._settings, keep = settings, 1.0 - settings.margin
+        self._flights = Flights(trained_draws(), keep, NOISE, TRAINED_DEG)
+        self._workers, self.simulator = workers or None, nullcontext()
+
+    def enter(self, number: int, best: Any = None) -> None:
+        """Draw nothing: all stages have the same flights."""
+
+    def score(self, population: Population) -> Scores:
+        """Return the scores of a population."""
+        members = [made_of(population, i, 'candidate') for i in range(len(population.scales))]
+        with ThreadPoolExecutor(self._workers) as pool:
+            outcomes = list(pool.map(self._fly, members))
+        energy = mean(np.array([_MICRO * o.energy for o in outcomes]))
+        values = np.array([(o.worst, o.beyond) for o in outcomes])
+        over = (values > 1.0).astype(np.float64)
+        if self._settings.penalty == 'graded':
+            over *= AT_LIMIT + (1.0 - AT_LIMIT) * excess(values, 1.0)
+        fitness = energy + self._settings.penalty_n2s * mean(over.sum(axis=1))
+        if self._settings.damping:
+            fitness = fitness + self._settings.damping * driving(population)
+        settled = mean(np.array([np.minimum(o.settled_s, 1e3) for o in outcomes]))
+        return Scores(fitness, energy, (values > 1.0).sum(axis=-1), settled)
+
+    def _fly(self, controller: FuzzyAttitude) -> Outcome:
+        return self._flights.fly(AttitudeControl(controller=controller))
+
+
+def made_of(population: Population, index: int, name: str) -> FuzzyAttitude:
+    """Return a member of a population as an attitude controller."""
+    axis = population.controller(index, name)
+    angle, rate, torque = axis.scales
+    return FuzzyAttitude(
+        name=name,
+        system=axis.system,
+        angle_rad=angle,
+        rate_rad_s=rate,
+        torque_nm=torque,
+        moment_kg_m2=MOMENT_KG_M2,
+    )
+
+
+class AttitudeTraining(SearchRun[AttitudeConfig, FuzzyAttitude]):
+    """The training of a fuzzy attitude controller."""
+
+    config_type, config_file = AttitudeConfig, 'attitude.yaml'
+    kind, command = 'run', 'rpo train'
+
+    def make_starts(self) -> Any:
+        """Return nothing: the flights are those of the fitness."""
+        return None
+
+    def inputs(self) -> list[str]:
+        """Return the texts of the starts."""
+        return [files.read_text(files.find('controller', name)) for name in self.config.starts]
+
+    def make_search(self) -> Search:
+        """Return the search of the configuration, at its beginning."""
+        return search_of(self.config)
+
+    def make_fitness(self, workers: int, address: str) -> Any:
+        """Return the fitness of the configuration, on threads."""
+        return AttitudeFitness(self.config.fitness, workers)
+
+    def decode(self, genes: Floats) -> Population:
+        """Return the controllers of a generation."""
+        return self.config.genes.decode(genes)
+
+    def found(self) -> FuzzyAttitude:
+        """Return the best so far, its provenance filled in."""
+        population = self.decode(self.best_genes[None])
+        made = made_of(population, 0, self.config.name)
+        description = "The paper's fuzzy system for each body axis, trained on slews and tumbles."
+        made = replace(made, description=description)
+        return self.credited(made, self.config.algorithm, self.fitness.score(population))
+
+    def result(self, scores: Scores) -> dict[str, object]:
+        """Return what the provenance says of the scores of the best."""
+        return {
+            'fitness': float(scores.fitness[0]),
+            'mean_energy_mn2m2s': float(scores.energy[0]),
+            'mean_settling_s': float(scores.arrival[0]),
+            'flights_that_miss': dict(zip(CONDITIONS, map(int, scores.failures[0]), strict=True)),
+        }
+
+    def sentence(self, best: FuzzyAttitude) -> str:
+        """Return the result in words."""
+        made = best.provenance
+        missed = ', '.join(f'{name} {n}' for name, n in made['flights_that_miss'].items())
+        return (
+            f'fitness {made["fitness"]:.4f}, mean energy {made["mean_energy_mn2m2s"]:.4f} '
+            f'mN^2 m^2 s, mean settling {made["mean_settling_s"]:.1f} s; flights miss: {missed}'
+        )
+
+    def missed(self, best: FuzzyAttitude) -> str:
+        """Return which conditions the best misses, and in how many flights; '' if none."""
+        found = best.provenance['flights_that_miss'].items()
+        return ', '.join(f'{name} in {n} flights' for name, n in found if n)
+
+    def dumps(self, controller: Any) -> str:
+        """Return the YAML text of a controller."""
+        return attitude.dumps(controller)
+
+    def save_more(self) -> None:
+        """Write `history.csv`, a row for each generation."""
+        self.write_history()

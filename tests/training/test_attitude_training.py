@@ -1,0 +1,177 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Attitude controllers are judged by flights of the chain, and their training repeats itself."""
+
+import subprocess
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from processes import rpo
+from typer.testing import CliRunner
+
+from rpo_cli.cli import app
+from rpo_core import files
+from rpo_core.chain.flight import OpenLoop, fly
+from rpo_core.files.validation import InputError
+from rpo_ctrl import attitude
+from rpo_ctrl.attitude import AttitudeControl
+from rpo_judge import attitude as judge
+from rpo_training import config as configs
+from rpo_training.attitude_training import PRESETS, AttitudeConfig, AttitudeTraining
+
+pytestmark = pytest.mark.filterwarnings('ignore:this process computes with forms')
+
+SHORT = ('ga.population=6', 'ga.generations=3', 'ga.elites=1')
+
+
+@pytest.mark.parametrize('name', sorted(files.shipped('attitude_controller')))
+def test_a_flight_that_is_judged_is_that_of_the_chain(name):
+    flights = judge.Flights(judge.judged_draws(42))
+    settings = AttitudeControl(controller=name, time_scale=1.0 if 'fuzzy' in name else 0.25)
+    found = flights.fly(settings)
+    for index in (0, 41):
+        scenario = flights.scenario(index)
+        assumed = replace(settings, inertia_kg_m2=judge.VEHICLE.inertia_kg_m2)
+        ticks = round(judge.FLIGHT_S / scenario.dt_s)
+        flight = fly(scenario.equipped(assumed), OpenLoop(np.zeros((scenario.ticks + 1, 3))))
+        energy = 0.0
+        for x, y, z in flight.signals['body_torque'][:ticks].tolist():
+            energy += (x * x + y * y + z * z) * scenario.dt_s
+        assert found.energy[index] == energy
+        seen = flight.signals['chaser_attitude'][:ticks]
+        n = scenario.mean_motion_rad_s
+        angles = np.degrees(2.0 * np.arcsin(np.linalg.norm(seen[:, :3], axis=1)))
+        x, y, z, w = seen[:, :4].T
+        orbit = n * np.stack([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)])
+        rates = np.degrees(np.linalg.norm(seen[:, 4:] - orbit.T, axis=1))
+        outside = (angles > judge.ANGLE_DEG) | (rates > judge.RATE_DEG_S)
+        assert found.settled_s[index] == (np.flatnonzero(outside)[-1] + 1) * scenario.dt_s
+        assert np.isclose(found.fastest_deg_s[index], rates.max(), rtol=1e-9)
+
+
+def test_noise_is_seen_and_limits_can_be_stricter():
+    draws = judge.judged_draws(40, seed=1)
+    settings = AttitudeControl(controller='attitude_pd')
+    plain = judge.Flights(draws).fly(settings)
+    noisy = judge.Flights(draws, 0.5, (0.05, 0.01)).fly(settings)
+    assert noisy.energy.mean() > plain.energy.mean()
+    assert (noisy.worst > plain.worst).all()
+
+
+def test_the_draws_that_judge_are_not_those_that_train():
+    trained, judged = judge.trained_draws(), judge.judged_draws(500)
+    assert not set(trained.inertias[:, 0, 0]) & set(judged.inertias[:, 0, 0])
+    moments = judged.inertias[:, [0, 1, 2], [0, 1, 2]] / np.diag(judge.INERTIA_KG_M2)
+    assert 0.9 <= moments.min() < 0.91 and 1.09 < moments.max() <= 1.1
+    assert np.abs(judged.rates_deg_s).max() <= 1.0
+    angles = np.degrees(2.0 * np.arccos(judged.attitudes[:, 3]))
+    assert angles.min() < 2.0 and angles.max() > 178.0
+
+
+def test_a_resumed_training_has_the_bytes_of_an_uninterrupted_one(tmp_path):
+    config = configs.override(PRESETS['paper'], [*SHORT, 'name=mine'])
+    best = AttitudeTraining.create(config, tmp_path / 'one', 1).run()
+    assert best.provenance['evaluations'] == 6 + 3 * 5
+    stopped = AttitudeTraining.create(config, tmp_path / 'two', 1)
+
+    def stop(progress):
+        if progress.generation == 1:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        stopped.run(stop)
+    AttitudeTraining.resume(tmp_path / 'two', 2).run()
+    for name in ('mine.yaml', 'history.csv'):
+        assert (tmp_path / 'one' / name).read_bytes() == (tmp_path / 'two' / name).read_bytes()
+    assert attitude.load(tmp_path / 'one' / 'mine.yaml') == best
+
+
+def test_the_command_trains_shows_and_goes_on(tmp_path):
+    given = ['train', '--attitude', '--workers', '1', *(f'--set={s}' for s in SHORT)]
+    shown = CliRunner().invoke(app, [*given, '--show'])
+    assert AttitudeConfig.parse(files.parse_yaml(shown.stdout)).ga.population == 6
+    done = CliRunner().invoke(app, [*given, '-o', str(tmp_path / 'run'), '--no-fail'])
+    assert done.exit_code == 0 and 'mean settling' in done.stdout
+    again = CliRunner().invoke(app, ['train', '--resume', str(tmp_path / 'run')])
+    assert again.exit_code in (0, 1) and 'mean settling' in again.stdout
+    made = attitude.load(tmp_path / 'run' / 'run.yaml')
+    assert made.provenance['command'].startswith('rpo train --attitude --config run.yaml')
+    preset = configs.override(PRESETS['best'], ['name=other', 'seed=3'])
+    assert preset.command == 'rpo train --attitude --preset best --seed 3'
+
+
+@pytest.mark.parametrize(
+    ('given', 'sentence'),
+    [
+        (['--preset', 'robust'], '`--preset` must be one of paper, best'),
+        (['--scenario', 'approach'], '`--attitude` takes no `--scenario`'),
+        (['--family', 'pace'], '`--family` takes no'),
+        (['--set', 'genes.rules=x'], '`genes.rules` must be one of'),
+    ],
+)
+def test_what_cannot_be_trained_is_refused(given, sentence):
+    done = CliRunner().invoke(app, ['train', '--attitude', *given])
+    assert done.exit_code == 2 and sentence in done.stderr
+
+
+def test_other_flights_are_refused():
+    with pytest.raises(InputError, match='`scenario` must be one of slews_and_tumbles'):
+        AttitudeConfig(scenario='paper_training')
+
+
+@pytest.mark.parametrize('runs', [1000, pytest.param(10_000, marks=pytest.mark.slow)])
+def test_the_fuzzy_controller_settles_with_less_energy_than_others_at_its_pace(runs):
+    names = ('attitude_fuzzy', 'attitude_pd', 'attitude_lqr')
+    fuzzy, *others = judge.compared([attitude.load(n) for n in names], judge.judged_draws(runs))
+    assert fuzzy.share >= 0.999
+    for other in others:
+        assert abs(other.mean_s - fuzzy.mean_s) < 1.0
+        assert fuzzy.energy_mn2m2s < 0.5 * other.energy_mn2m2s
+
+
+def test_the_command_compares_them():
+    done = CliRunner().invoke(app, ['compare', '--attitude', '--runs', '40', 'attitude_pd'])
+    (row,) = judge.compared([attitude.load('attitude_pd')], judge.judged_draws(40))
+    assert done.exit_code == 0
+    assert all(cell in done.stdout for cell in row.cells)
+
+
+def test_the_command_explains_them():
+    done = CliRunner().invoke(app, ['explain', 'attitude_fuzzy', '--state=0.5,0,-1,0,0.01,0'])
+    assert done.exit_code == 0 and 'attitude error [rad]' in done.stdout
+    axis = attitude.axis_of('attitude_fuzzy')
+    force = axis.force_n((0.5, 0.0, -1.0), (0.0, 0.01, 0.0))
+    assert f'{force[0]:.6f} N' in done.stdout
+    other = CliRunner().invoke(app, ['explain', 'attitude_pd'])
+    assert other.exit_code == 2 and 'must be fuzzy here' in other.stderr
+
+
+def test_the_law_in_c_has_the_bits(tmp_path):
+    path = tmp_path / 'attitude_fuzzy.c'
+    done = CliRunner().invoke(app, ['export', 'attitude_fuzzy', '--to', 'c', '-o', str(path)])
+    assert done.exit_code == 0
+    main = tmp_path / 'main.c'
+    main.write_text(
+        '#include <stdio.h>\n#include "attitude_fuzzy.h"\nint main(void)\n{\n'
+        'printf("%.17g", attitude_fuzzy_axis_torque(0.25, -0.02));\n'
+        'return attitude_fuzzy_self_test();\n}\n'
+    )
+    flags = ['-std=c99', '-O2', '-Wall', '-Werror', '-ffp-contract=off']
+    program = str(tmp_path / 'program')
+    subprocess.run(['cc', *flags, str(main), str(path), '-o', program, '-lm'], check=True)
+    found = subprocess.run([program], capture_output=True, text=True, check=True, timeout=50)
+    force = attitude.axis_of('attitude_fuzzy').force_n((0.25, 0.0, 0.0), (-0.02, 0.0, 0.0))
+    assert float(found.stdout) == force[0]
+    other = CliRunner().invoke(app, ['export', 'attitude_fuzzy', '--to', 'fis'])
+    assert other.exit_code == 2 and 'needs `--to c`' in other.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_the_training_gives_the_bytes_that_ship(tmp_path):
+    shipped = files.find('attitude_controller', 'attitude_fuzzy')
+    words = attitude.load(shipped).provenance['command'].split()[1:]
+    rpo(*words, '-o', tmp_path / 'attitude_fuzzy', limit_s=1700)
+    made = tmp_path / 'attitude_fuzzy' / 'attitude_fuzzy.yaml'
+    assert made.read_bytes() == shipped.read_bytes()
