@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import re
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -18,6 +19,7 @@ from rpo_cli.commands import train
 from rpo_core.files.validation import InputError
 from rpo_montecarlo import machine
 from rpo_proof.safety import attack
+from rpo_training.run import SearchRun
 from tools import peers
 from tools.bench import table
 
@@ -84,6 +86,8 @@ def test_the_bench_judges_its_whole_table(holds, tmp_path, monkeypatch):
 def test_a_search_whose_best_misses_a_condition_is_1():
     best = SimpleNamespace(provenance={'starts_that_miss': {'speed': 2, 'slew': 0}})
     run = SimpleNamespace(starts=SimpleNamespace(initial_positions_m=range(8)), scenario='mine')
+    run.missed = partial(SearchRun.missed, run)
+    assert run.missed(best) == 'speed from 2 of 8 starts'
     with pytest.raises(typer.Exit) as raised:
         train.end(run, best, no_fail=False)
     assert raised.value.exit_code == 1
