@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from rpo_attitude.target import motion_of
 from rpo_core.chain.flight import Flight
 from rpo_core.files.validation import InputError
 from rpo_core.judge.zones import Zone, zones_of
@@ -48,7 +50,7 @@ def write(flight: Flight, title: str, verdict: str, path: Path) -> None:
         (flown,) = axes.plot([], [], [], color=style.LIGHT['x'], linewidth=2.0)
         (chaser,) = axes.plot([], [], [], 'o', color=style.LIGHT['x'], markersize=8)
         (force,) = axes.plot([], [], [], color=style.LIGHT['y'], linewidth=2.5)
-        forces = in_lvlh(flight, flight.saturated_forces_n)
+        forces = forces_of(flight)
         scale = _ARROW * np.ptp(axes.get_w_lims()[:2]) / flight.scenario.max_force_n
         with writer.saving(figure, str(path), _DPI):
             for share in np.linspace(0.0, 1.0, FRAMES):
@@ -63,6 +65,15 @@ def write(flight: Flight, title: str, verdict: str, path: Path) -> None:
                 )
                 axes.view_init(elev=20.0, azim=-70.0 + 40.0 * share)
                 writer.grab_frame()
+
+
+def forces_of(flight: Flight) -> NDArray[np.float64]:
+    """Return the forces (N, 3) [N] in the axes of the picture: of target LVLH, or the target's."""
+    forces, target = in_lvlh(flight, flight.saturated_forces_n), flight.scenario.target
+    if target is None:
+        return forces
+    turns = motion_of(target, flight.scenario).frames(len(forces))[:, :9]
+    return np.asarray(np.einsum('tji,tj->ti', turns.reshape(-1, 3, 3), forces))
 
 
 def _stage(flight: Flight, title: str, verdict: str) -> tuple[Any, Any, Any]:

@@ -543,6 +543,28 @@ def test_nodes_show_the_newest_state(bench):
     assert json.loads(events(web.page.url, 2)[1])['sentence'] == 'running: flying'
 
 
+def test_pose_and_transform_turn_with_the_chaser(bench):
+    add, executor = bench
+    node = add(VisualizerNode({'rate_hz': 50.0}))
+    body = {'inertia_kg_m2': np.eye(3).tolist()}
+    turning = yaml.safe_load(scenarios.dumps(load_scenario('paper_test'))) | {'attitude': body}
+    node.live.on_manifest(manifest('plant', yaml.safe_dump(turning)))
+    user = add(Node('user'))
+    states = user.create_publisher(Odometry, names.RELATIVE_STATE, qos.LOCKSTEP)
+    poses = []
+    user.create_subscription(PoseStamped, names.CHASER_POSE, poses.append, qos.LATCHED)
+    message = conversions.to_odometry(START_NS, STATE)
+    scene.turn(message.pose.pose.orientation, (0.5, 0.5, -0.5, 0.5))
+    end = time.monotonic() + 45.0
+    while not poses:
+        assert time.monotonic() < end
+        states.publish(message)
+        executor.spin_once(timeout_sec=0.01)
+    q = poses[-1].pose.orientation
+    assert (q.x, q.y, q.z, q.w) == (0.5, 0.5, -0.5, 0.5)
+    assert transform_of(message).transform.rotation == q
+
+
 @pytest.mark.skipif(find_spec('foxglove') is None, reason='foxglove-sdk is not installed')
 def test_no_message_and_no_caller_ends_the_foxglove_server(bench, capfd):
     """A negative stamp did; and every page of every site could read the flight."""

@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from test_report import check_page
 from typer.testing import CliRunner
 
+from rpo_attitude.target import motion_of
 from rpo_attitude.turns import docking_axis
 from rpo_cli.cli import app
 from rpo_core import files
@@ -25,7 +26,7 @@ from rpo_core.files import scenario as scenarios
 from rpo_core.wire.interfaces import CHASER_ATTITUDE, EXERTED_FORCE, WHEEL_MOMENTUM
 from rpo_log.show import style
 from rpo_mcap.read.run_log import read_flight
-from rpo_report import attitude, page, replay
+from rpo_report import attitude, page, replay, video
 from rpo_report.page import Report
 from rpo_report.replay import Replayed
 from rpo_report.turned import Panel, in_lvlh, turned_of
@@ -134,6 +135,16 @@ def test_the_replay_turns_the_chaser(flight):
     names = [limit['name'] for limit in flown['limits']]
     assert 'momentum of a wheel' in names and 'torque commanded, per axis' in names
     assert found['scene']['cameras'] == [{'axis': [0.0, 1.0, 0.0], 'half': 0.4, 'turns': False}]
+
+
+def test_a_video_has_the_force_in_the_axes_of_the_target():
+    found = document(target={'kind': 'spin', 'axis': [0.2, 1.0, 0.5], 'rate_deg_s': 5.0})
+    flight = flown_of(found)
+    motion = motion_of(flight.scenario.target, flight.scenario)
+    target = Rotation.from_quat([motion.attitude(tick)[:4] for tick in range(200)])
+    exerted = flight.signals[EXERTED_FORCE][:-1]
+    np.testing.assert_allclose(video.forces_of(flight), target.inv().apply(exerted), atol=1e-5)
+    assert not np.allclose(video.forces_of(flight), exerted, atol=0.1)
 
 
 def test_a_flight_without_attitude_says_nothing_of_it():
