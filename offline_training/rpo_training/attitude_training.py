@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -94,7 +95,7 @@ PRESETS = {
 class AttitudeFitness:
     """What a search of attitude controllers is judged by."""
 
-    labels = CONDITIONS
+    labels, conditions = CONDITIONS, SimpleNamespace(labels=CONDITIONS)
     drawn: tuple[Any, ...] = ()
 
     def __init__(self, settings: FitnessSettings, workers: int) -> None:
@@ -143,7 +144,8 @@ class AttitudeTraining(SearchRun[AttitudeConfig, FuzzyAttitude]):
     """The training of a fuzzy attitude controller."""
 
     config_type, config_file = AttitudeConfig, 'attitude.yaml'
-    kind, command = 'run', 'rpo train'
+    kind, command, unit = 'run', 'rpo train', 'mN^2 m^2 s'
+    scored = ('fitness', 'mean_energy_mn2m2s', 'mean_settling_s', 'flights_that_miss')
 
     def make_starts(self) -> Any:
         """Return nothing: the flights are those of the fitness."""
@@ -173,28 +175,10 @@ class AttitudeTraining(SearchRun[AttitudeConfig, FuzzyAttitude]):
         made = replace(made, description=description)
         return self.credited(made, self.config.algorithm, self.fitness.score(population))
 
-    def result(self, scores: Scores) -> dict[str, object]:
-        """Return what the provenance says of the scores of the best."""
-        return {
-            'fitness': float(scores.fitness[0]),
-            'mean_energy_mn2m2s': float(scores.energy[0]),
-            'mean_settling_s': float(scores.arrival[0]),
-            'flights_that_miss': dict(zip(CONDITIONS, map(int, scores.failures[0]), strict=True)),
-        }
-
-    def sentence(self, best: FuzzyAttitude) -> str:
-        """Return the result in words."""
-        made = best.provenance
-        missed = ', '.join(f'{name} {n}' for name, n in made['flights_that_miss'].items())
-        return (
-            f'fitness {made["fitness"]:.4f}, mean energy {made["mean_energy_mn2m2s"]:.4f} '
-            f'mN^2 m^2 s, mean settling {made["mean_settling_s"]:.1f} s; flights miss: {missed}'
-        )
-
-    def missed(self, best: FuzzyAttitude) -> str:
-        """Return which conditions the best misses, and in how many flights; '' if none."""
-        found = best.provenance['flights_that_miss'].items()
-        return ', '.join(f'{name} in {n} flights' for name, n in found if n)
+    @property
+    def flown(self) -> str:
+        """What every candidate flies."""
+        return f'{len(trained_draws().attitudes)} flights'
 
     def dumps(self, controller: Any) -> str:
         """Return the YAML text of a controller."""

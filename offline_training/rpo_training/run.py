@@ -190,6 +190,7 @@ class SearchRun(Generic[Config, Found]):
 
     config_type, config_file : class and file name of the configuration
     kind, command : the name of the run in messages, and the command that resumes it
+    unit, scored : of fitness and energy; what the provenance calls these, arrival, and misses
     workers : threads, or processes of a local cluster; 0, one per core
     address : of a cluster: '', on threads; 'local'; that of a scheduler, tcp://host:port
     """
@@ -198,6 +199,10 @@ class SearchRun(Generic[Config, Found]):
     config_file: ClassVar[str]
     kind: ClassVar[str]
     command: ClassVar[str]
+    unit: ClassVar[str] = 'N^2 s'
+    scored: ClassVar[tuple[str, ...]] = (
+        'fitness_n2s', 'mean_energy_n2s', 'mean_arrival_s', 'starts_that_miss',
+    )  # fmt: skip
 
     def __init__(self, config: Config, folder: Path, workers: int = 0, address: str = '') -> None:
         self.config: Config = config
@@ -269,6 +274,8 @@ class SearchRun(Generic[Config, Found]):
 
     def credited(self, found: Found, algorithm: str, scores: Scores, **more: object) -> Found:
         """Return a controller with its provenance filled in: how it was found, its scores, more."""
+        values: list[Any] = [float(scores.fitness[0]), float(scores.energy[0])]
+        values += [float(scores.arrival[0]), self.misses(scores)]
         provenance = {
             'method': self.command,
             'command': self.config.command,
@@ -278,7 +285,7 @@ class SearchRun(Generic[Config, Found]):
             'generations': len(self.checkpoint.scores) - 1,
             'evaluations': self.checkpoint.evaluations,
             'stopped': self.search.stopped,
-            **self.result(scores),
+            **dict(zip(self.scored, values, strict=True)),
             'versions': versions(),
             'arithmetic': processor.in_use(),
         }
@@ -286,29 +293,10 @@ class SearchRun(Generic[Config, Found]):
             provenance['drawn_flights_judged_by'] = self.fitness.judged_in_drawn
         return replace(found, provenance=provenance | more)
 
-    def result(self, scores: Scores) -> dict[str, object]:
-        """Return what the provenance says of the scores of the best."""
-        return {
-            'fitness_n2s': float(scores.fitness[0]),
-            'mean_energy_n2s': float(scores.energy[0]),
-            'mean_arrival_s': float(scores.arrival[0]),
-            'starts_that_miss': self.misses(scores),
-        }
-
-    def sentence(self, best: Found) -> str:
-        """Return the result in words."""
-        made, count = best.provenance, len(self.starts.initial_positions_m)
-        missed = ', '.join(f'{name} {n}' for name, n in made['starts_that_miss'].items())
-        return (
-            f'fitness {made["fitness_n2s"]:.4f} N^2 s, mean J {made["mean_energy_n2s"]:.4f} '
-            f'N^2 s; of {count} starts miss: {missed}'
-        )
-
-    def missed(self, best: Found) -> str:
-        """Return which conditions the best misses, and from how many starts; '' if none."""
-        count = len(self.starts.initial_positions_m)
-        found = best.provenance['starts_that_miss'].items()
-        return ', '.join(f'{name} from {n} of {count} starts' for name, n in found if n)
+    @property
+    def flown(self) -> str:
+        """What every candidate flies."""
+        return f'{len(self.starts.initial_positions_m)} starts'
 
     def save_more(self) -> None:
         """Write what the folder holds at the end beside the best controller."""

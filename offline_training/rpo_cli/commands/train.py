@@ -200,14 +200,20 @@ def fly(run: SearchRun[Config, Found]) -> Found:
         best = run.run(display.show)
     made = best.provenance
     echo(f'{made["stopped"]}; {made["evaluations"]} controllers evaluated')
-    typer.echo(run.sentence(best))
+    fitness, energy, _, misses = (made[name] for name in run.scored)
+    missed = ', '.join(f'{name} {n}' for name, n in misses.items())
+    typer.echo(
+        f'fitness {fitness:.4f} {run.unit}, mean J {energy:.4f} {run.unit}; '
+        f'of {run.flown} miss: {missed}'
+    )
     echo(f'{run.folder / best.name}.yaml')
     return best
 
 
 def end(run: SearchRun[Config, Found], best: Found, no_fail: bool) -> None:
     """End with exit code 1 and a sentence if the best controller misses a condition."""
-    which = run.missed(best)
+    missed = best.provenance[run.scored[-1]].items()
+    which = ', '.join(f'{name} from {n} of {run.flown}' for name, n in missed if n)
     if not which:
         return
     echo(
