@@ -120,4 +120,19 @@ class PointingStage(Stage):
         return (attitude,)
 
 
-register(Section('pointing', Pointing, Place.POINTING, PointingStage, of_zones=Pointing.of_zones))
+def _check(settings: Pointing, scenario: Any) -> None:
+    """Raise InputError where a docked chaser would look away from the port."""
+    zones = scenario.zones
+    if zones is None or not zones.corridor.from_m:
+        return
+    axis, ahead = settings.aim(scenario.dt_s).axis, zones.corridor.ahead
+    if sum(a * b for a, b in zip(axis, ahead, strict=True)) > 0.0:
+        raise InputError(
+            '`pointing.docking_axis`, turned by `mate`, must point against `corridor.axis`; '
+            f'got {[round(a, 6) for a in axis]}'
+        )
+
+
+register(
+    Section('pointing', Pointing, Place.POINTING, PointingStage, _check, of_zones=Pointing.of_zones)
+)
