@@ -458,7 +458,8 @@ const node = (tag, text = '', kind = '') => {
 };
 const say = (element, text) => { if (element.textContent !== text) element.textContent = text; };
 const figures = {};
-for (const name of new Set(['range', 'speed', 'closing speed', ...flights.flatMap(flight => flight.turns.map(([name]) => name))])) {
+const MOTION = ['range', 'speed', 'closing speed'];
+for (const name of new Set([...MOTION, ...flights.flatMap(flight => flight.turns.map(([name]) => name))])) {
   figures[name] = node('dd');
   const group = node('div');
   group.append(node('dt', name), figures[name]);
@@ -482,6 +483,8 @@ function build() {  // what depends on the chosen flight
     box.append(line, bar, node('p'), node('p'), node('p'));
     return box;
   }));
+  const has = [...MOTION, ...chosen.turns.map(([name]) => name)];
+  for (const [name, figure] of Object.entries(figures)) figure.parentNode.hidden = !has.includes(name);
   say(el('verdict'), chosen.verdict);
   el('verdict').className = judged(chosen);
   [...el('flights').children].forEach((button, i) => button.setAttribute('aria-pressed', flights[i] === chosen));

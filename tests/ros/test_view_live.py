@@ -143,6 +143,23 @@ def test_the_page_shows_what_guidance_and_assurance_say(ros_env, tmp_path):
         assert not [m for m in page.messages if 'ERR_' not in m and 'Canvas2D' not in m]
 
 
+@pytest.mark.skipif(CHROMIUM is None, reason='chromium is not installed')
+def test_the_page_shows_how_the_chaser_turns(ros_env, tmp_path):
+    with node_processes(ros_env, tmp_path) as ros, browser(CHROMIUM, tmp_path / 'profile') as page:
+        opened(ros, page)
+        ros.node(
+            'rpo_bringup', 'final_approach', '--scenario', 'tumbling_docking', '--real-time-factor',
+            '10', '--no-report', '--output', str(tmp_path / 'run'),
+        )  # fmt: skip
+        until(page, 'typeof now !== "undefined" && now && now.time_s > 20 && now.turns')
+        until(page, 'el("said-attitude").textContent.includes("off the truth")')
+        said = page.evaluate('el("said-attitude").textContent')
+        assert re.match(r'[0-9.]+° and [0-9.]+ °/s from the reference; turns at [0-9.]+ °/s', said)
+        assert page.evaluate('Math.abs(Math.hypot(...now.docking_axis) - 1) < 1e-9')
+        assert page.evaluate('!el("axis-legend").hidden && el("has-pulses").hidden')
+        assert not [m for m in page.messages if 'ERR_' not in m and 'Canvas2D' not in m]
+
+
 def test_the_terminal_view_follows_a_flight(ros_env, tmp_path):
     pictures = Path(os.environ.get('RPO_PICTURES', tmp_path))
     rclpy.init()

@@ -8,7 +8,9 @@ import re
 import shutil
 import time
 
+import numpy as np
 import pytest
+import test_report_attitude
 import test_report_guided
 from browser import browser
 from campaign_documents import write_campaign
@@ -19,10 +21,14 @@ from test_report import check_page
 from typer.testing import CliRunner
 
 from rpo_cli.cli import app
+from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
+from rpo_core.files import scenario
+from rpo_core.wire.interfaces import CHASER_ATTITUDE, EXERTED_FORCE
 from rpo_montecarlo.campaign import config, execution
 from rpo_montecarlo.campaign.store import Store
 from rpo_report import campaign, controller, page, run
+from rpo_report.replay import Replayed, page_of
 
 CHROMIUM = shutil.which('chromium')
 
@@ -174,3 +180,38 @@ def test_a_replay_in_chromium(tmp_path, capsys):
     with capsys.disabled():
         print(f'\nreplay: first frame {first:.0f} ms, {rate:.0f} frames/s')
     assert rate > 5.0, 'it moves, on a busy machine too'
+
+
+def test_the_replay_of_a_chaser_that_turns(tmp_path):
+    """It is drawn as it was; beside a flight without attitude it says no more of it."""
+    flight = fly(scenario.parse(test_report_attitude.document()), load_controller('allround'))
+    path = tmp_path / page.REPLAY
+    shown_of = [
+        Replayed('turns', flight, '', None),
+        Replayed('not', make_run(20.0).flight, '', None),
+    ]
+    path.write_text(page_of('two', shown_of), encoding='utf-8')
+    with browser(CHROMIUM, tmp_path / 'profile') as shown:
+        shown.open(path, width=1280)
+        shown.wait('window.replay && replay.stats.frames > 0')
+        for tick in (0, 57, 200):
+            frames = shown.evaluate(f'replay.seek({0.1 * tick}), replay.stats.frames')
+            shown.wait(f'replay.stats.frames > {frames}')
+            drawn = np.array(shown.evaluate('chaser.quaternion.toArray()'))
+            known = flight.signals[CHASER_ATTITUDE][tick, :4]
+            assert abs(drawn @ known) == pytest.approx(1.0, abs=1e-6), tick
+            force = flight.signals[EXERTED_FORCE][min(tick, 199)]
+            along = np.array(
+                shown.evaluate('V(0, 1, 0).applyQuaternion(arrow.quaternion).toArray()')
+            )
+            assert tick == 200 or along @ force / np.linalg.norm(force) > 0.999
+        names = "[...document.querySelectorAll('#figures > div')].filter(d => !d.hidden)"
+        names += '.map(d => d.firstChild.textContent)'
+        turns = ['off reference', 'turn rate', 'θ of the command']
+        assert shown.evaluate(names)[3:] == turns
+        assert shown.evaluate('views.length === 1 && docking.visible')
+        frames = shown.evaluate('replay.choose(1), replay.stats.frames')
+        shown.wait(f'replay.stats.frames > {frames}')
+        assert len(shown.evaluate(names)) == 3 and not shown.evaluate('docking.visible')
+        assert shown.evaluate('chaser.quaternion.toArray()') == [0, 0, 0, 1]
+        assert [text for text in shown.messages if 'ReadPixels' not in text] == []

@@ -65,8 +65,10 @@ UNDER_WAY, NEEDS = RUNS, 2 * RUNS
 ATTITUDES = NEEDS + PAIRED_LANES
 NOW = ATTITUDES + ATTITUDE
 HALF = NOW + FRAME * RUNS
+LATER = HALF + FRAME * RUNS
 """Places in the memory of a plan: who has docked, the phase of each run, the force [N] that its
-reference needs; attitudes of the targets, their axes at the tick and half a tick later."""
+reference needs; attitudes of the targets, their axes at the tick and half a tick later; attitudes
+then."""
 
 DELAYS, LONGEST, MODES = 0, RUNS, RUNS + 1
 NUMBERS = MODES + RUNS
@@ -128,10 +130,12 @@ def follow(w, m, t, tick):  # type: ignore[no-untyped-def]
     if t[AXES] < FAR:
         targets, attitudes = t[PHASES + PHASE * int(t[MOST]) * RUNS :], m[ATTITUDES:]
         if tick > 0:
-            step_attitudes(attitudes, targets)
+            step_attitudes(attitudes, targets, targets[DT])
         if tick >= t[AXES]:
-            fill_axes(attitudes, targets, 0.0, m[NOW:])
-            fill_axes(attitudes, targets, 0.5 * targets[DT], m[HALF:])
+            fill_axes(attitudes, targets, m[NOW:])
+            m[LATER : LATER + ATTITUDE] = attitudes[:ATTITUDE]
+            step_attitudes(m[LATER:], targets, 0.5 * targets[DT])
+            fill_axes(m[LATER:], targets, m[HALF:])
     for s in range(RUNS):
         y, z = s + RUNS, s + 2 * RUNS
         if t[PAST] > 0.0 and tick >= t[LAST + s] and m[s] == 0.0 and _docks(w, m, t, s):
@@ -165,10 +169,10 @@ def assure_all(w, m, t, tick):  # type: ignore[no-untyped-def]
     now, following = attitudes[ATTITUDE:], attitudes[ATTITUDE + FRAME * RUNS :]
     if width > _GUARD:
         if tick == 0:
-            fill_axes(attitudes, targets, 0.0, following)
+            fill_axes(attitudes, targets, following)
         now[: FRAME * RUNS] = following[: FRAME * RUNS]
-        step_attitudes(attitudes, targets)
-        fill_axes(attitudes, targets, 0.0, following)
+        step_attitudes(attitudes, targets, targets[DT])
+        fill_axes(attitudes, targets, following)
     for s in range(RUNS):
         y, z, delay, table = s + RUNS, s + 2 * RUNS, int(t[DELAYS + s]), t[GUARDS + width * s :]
         line = m[LINES + 3 * longest * s :]
@@ -227,7 +231,7 @@ def guiding_of(batch: Batch) -> Part | None:
     if axes < FAR:
         known = [scenario.target.known for scenario in batch.scenarios]
         numbers, attitudes = targets_of(batch, known, [0] * len(known))
-        memory = table_of(memory, attitudes, np.zeros(2 * FRAME * RUNS))
+        memory = table_of(memory, attitudes, np.zeros(2 * FRAME * RUNS + ATTITUDE))
         targets = [numbers]
     most = max(map(len, plans)) + 1
     places, place = {}, PHASES + PHASE * most * RUNS + sum(map(len, targets))

@@ -30,12 +30,15 @@ from rpo_montecarlo.engine.tick import Batch, Draw, Kind, Part, register, table_
 from rpo_nav.attitude_estimator import AttitudeEstimator, attitude_filter_of, attitude_memory_of
 from rpo_nav.attitude_filter_kernels import RATE as FOUND_RATE
 from rpo_nav.attitude_filter_kernels import STATES, P, X, estimate_attitude
-from rpo_nav.attitude_sensor_kernels import sense_attitude
+from rpo_nav.attitude_sensor_kernels import KEY, NOISE, attitude_noise, sensed_attitude
 from rpo_nav.attitude_sensors import AttitudeSensing, AttitudeSensors
 
-SIZES, TABLES = 0, 4
+SIZES, KEYS, TABLES = 0, 4, 4 + 2 * RUNS
 """Places in the table: sizes of the tables of a run's sensors and filter, and of their memories;
-those tables, run by run. The memory has those of the sensors, then those of the filters."""
+keys of the noise (2, 40); those tables, run by run. The memory has the noise (9, 40), those of the
+sensors, then those of the filters."""
+
+_NOISE = 9 * RUNS
 
 
 @compiled
@@ -43,9 +46,15 @@ def navigate_attitude(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Fill rows SEEN_QUAT, SEEN_QUAT_W and SEEN_RATE with the estimates, SPREAD with how sure."""
     a, b, c, d = int(t[SIZES]), int(t[SIZES + 1]), int(t[SIZES + 2]), int(t[SIZES + 3])
     for s in range(RUNS):
+        noise = attitude_noise(tick, int(t[KEYS + s]), int(t[KEYS + RUNS + s]))
+        for j in range(9):
+            m[j * RUNS + s] = noise[j]
+    for s in range(RUNS):
         y, z, settings = s + RUNS, s + 2 * RUNS, t[TABLES + (a + b) * s :][: a + b]
-        arrived, f = m[c * s :][:c], m[c * RUNS + d * s :][:d]
-        sense_attitude(tick, attitude_in(w, QUAT, QUAT_W, RATE, s), settings[:a], arrived)
+        arrived, f = m[_NOISE + c * s :][:c], m[_NOISE + c * RUNS + d * s :][:d]
+        for j in range(9):
+            arrived[NOISE + j] = m[j * RUNS + s]
+        sensed_attitude(tick, attitude_in(w, QUAT, QUAT_W, RATE, s), settings[:a], arrived)
         estimate_attitude(tick, arrived, settings[a:], f)
         found = (
             f[X], f[X + 1], f[X + 2], f[X + 3],
@@ -69,12 +78,17 @@ def _part(batch: Batch) -> Part | None:
         filters.append(attitude_filter_of(settings, sensors, s))
     memories = [np.asarray(attitude_memory_of(f)) for f in filters]
     tables = [table_of(s.table, f) for s, f in zip(sensing, filters, strict=True)]
+    keys = [s.table[KEY : KEY + 2] for s in sensing]
     sizes = [len(v) for v in (sensing[0].table, filters[0], sensing[0].memory, memories[0])]
     return Part(
         'attitude_estimator',
         ((Place.ATTITUDE_ESTIMATOR, navigate_attitude),),
-        table_of(sizes, batch.lanes(tables).T),
-        table_of(batch.lanes([s.memory for s in sensing]).T, batch.lanes(memories).T),
+        table_of(sizes, batch.lanes(keys), batch.lanes(tables).T),
+        table_of(
+            np.zeros(_NOISE),
+            batch.lanes([s.memory for s in sensing]).T,
+            batch.lanes(memories).T,
+        ),
     )
 
 

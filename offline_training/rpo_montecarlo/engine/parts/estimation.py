@@ -44,7 +44,17 @@ from rpo_montecarlo.engine.tick import (
 from rpo_nav.estimator import Estimator, filter_of, memory_of
 from rpo_nav.filter_kernels import FULL, HEADING, X, estimate
 from rpo_nav.navigation_errors import Navigation
-from rpo_nav.sensor_kernels import sense
+from rpo_nav.sensor_kernels import (
+    COLUMNS,
+    KEY,
+    NOISE,
+    PERIOD,
+    SENSORS,
+    UNITS,
+    noise_at,
+    noise_of,
+    sensed,
+)
 from rpo_nav.sensors import NOISES, Sensing, Sensors
 
 Floats = NDArray[np.float64]
@@ -53,11 +63,12 @@ NOISE_R, NOISE_V, KEYS = 0, 1, 2
 BIAS = KEYS + 2 * RUNS
 """Places in the table of errors: 1 sigma of the noise [m], [m/s]; keys (2, 40); biases (6, 40)."""
 
-SIZES, OPPOSES, TURNS, TABLES = 0, 4, 5, 6
+SIZES, OPPOSES, TURNS, NOISES_OF, TABLES = 0, 4, 5, 6, 6 + 2 * RUNS
 """Places in the table of estimators: sizes of the tables of a run's sensors and filter, and of
 their memories; whether commands oppose the disturbance that is estimated; whether a sensor turns
-with the chaser: 1, the attitude is the true one, 2, it is estimated; those tables, run by run.
-The memory begins with the commands of the tick before (120,); it ends with an attitude (13,)."""
+with the chaser: 1, the attitude is the true one, 2, it is estimated; keys of the noise (2, 40);
+those tables, run by run. The memory begins with the commands of the tick before (120,); it ends
+with an attitude (13,), and the noise of a sensor (8, 40)."""
 
 NAMES = tuple(f'bias_{axis}' for axis in ('x_m', 'y_m', 'z_m', 'vx_m_s', 'vy_m_s', 'vz_m_s'))
 _NOISES = ('navigation_position_noise_m', 'navigation_velocity_noise_m_s')
@@ -101,18 +112,36 @@ def _attitude(w, attitude, estimated, s):  # type: ignore[no-untyped-def]
 
 
 @compiled
+def _draw(m, t, tick):  # type: ignore[no-untyped-def]
+    """Put the noise of this tick into the memories of the sensors: in lanes, the same bits."""
+    first, size = t[TABLES:], int(t[SIZES + 2])
+    noise, place = m[len(m) - NOISE * RUNS :], PAIRED_LANES + noise_at(first)
+    for i in range(int(first[SENSORS])):
+        if tick % int(first[UNITS + COLUMNS * i + PERIOD]) != 0:
+            continue
+        for s in range(RUNS):
+            drawn = noise_of(tick, i + 1, int(t[NOISES_OF + s]), int(t[NOISES_OF + RUNS + s]))
+            for j in range(NOISE):
+                noise[j * RUNS + s] = drawn[j]
+        for s in range(RUNS):
+            for j in range(NOISE):
+                m[place + NOISE * i + size * s + j] = noise[j * RUNS + s]
+
+
+@compiled
 def navigate(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Fill rows SEEN with the estimates."""
     a, b = int(t[SIZES]), int(t[SIZES + 1])
     sensors, filters, c, d = _memories(m, t)
     attitude, true = m[filters + d * RUNS :], (0.0, 0.0, 0.0, 1.0)
+    _draw(m, t, tick)
     for s in range(RUNS):
         if t[TURNS] > 0.0:
             true = _attitude(w, attitude, t[TURNS] > 1.0, s)
         y, z, settings = s + RUNS, s + 2 * RUNS, t[TABLES + (a + b) * s :][: a + b]
         state = (w[R + s], w[R + y], w[R + z], w[V + s], w[V + y], w[V + z])
         arrived, memory = m[sensors + c * s :][:c], m[filters + d * s :][:d]
-        sense(tick, state, true, settings[:a], arrived)
+        sensed(tick, state, true, settings[:a], arrived)
         estimate(tick, (m[s], m[y], m[z]), arrived, attitude, settings[a:], memory)
         w[SEEN_R + s], w[SEEN_R + y], w[SEEN_R + z] = memory[X], memory[X + 1], memory[X + 2]
         w[SEEN_V + s], w[SEEN_V + y], w[SEEN_V + z] = memory[X + 3], memory[X + 4], memory[X + 5]
@@ -174,16 +203,20 @@ def estimators_of(batch: Batch) -> Part | None:
     longest = max(map(len, memories))
     memories = [np.pad(m, (0, longest - len(m))) for m in memories]
     tables = [table_of(s.table, f) for s, f in zip(sensing, filters, strict=True)]
+    keys = [s.table[KEY : KEY + 2] for s in sensing]
     sizes = [len(v) for v in (sensing[0].table, filters[0], sensing[0].memory, memories[0])]
     return Part(
         'estimator',
         ((Place.ESTIMATOR, navigate), (ADDED + 1, oppose), (PASSED, remember)),
-        table_of(sizes, batch.base.compensated, _turning(batch.base), batch.lanes(tables).T),
+        table_of(
+            *(sizes, batch.base.compensated, _turning(batch.base)),
+            *(batch.lanes(keys), batch.lanes(tables).T),
+        ),
         table_of(
             np.zeros(PAIRED_LANES),
             batch.lanes([s.memory for s in sensing]).T,
             batch.lanes(memories).T,
-            np.zeros(HEADING),
+            np.zeros(HEADING + NOISE * RUNS),
         ),
     )
 

@@ -39,6 +39,7 @@ from rpo_montecarlo.engine.parts.attitude import attitude_in, put_attitude, seen
 from rpo_montecarlo.engine.parts.target import (
     ATTITUDE,
     BODY,
+    DT,
     TURNS,
     body_of,
     step_attitudes,
@@ -81,7 +82,7 @@ def point_all(w, m, t, tick):  # type: ignore[no-untyped-def]
         reference, turned = pointed(state, target, frame_of(target, body), before, aim)
         put_attitude(w, REF_QUAT, REF_QUAT_W, REF_RATE, s, reference)
         m[i], m[i + n], m[i + 2 * n], m[i + 3 * n] = turned
-    step_attitudes(m, t)
+    step_attitudes(m, t, t[DT])
 
 
 @compiled

@@ -71,35 +71,32 @@ def _see(w, m, t, turns):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def step_attitudes(m, t):  # type: ignore[no-untyped-def]
-    """Turn the targets of a table, whose attitudes are in a memory, by a tick."""
-    dt = t[DT]
+def step_attitudes(m, t, later):  # type: ignore[no-untyped-def]
+    """Turn the targets of a table, whose attitudes (7, 40) are in a memory, by a time [s].
+
+    In place: into another array, which may be the same one, it would not become SIMD.
+    """
     for s in range(RUNS if t[TURNS] > 0.0 else 0):
-        now = attitude_step(attitude_at(m, s, RUNS), dt, body_of(t, 1.0, s))
+        found = attitude_step(attitude_at(m, s, RUNS), later, body_of(t, 1.0, s))
         for j in range(7):
-            m[j * RUNS + s] = now[j]
+            m[j * RUNS + s] = found[j]
 
 
-@compiled
-def _fill_axes(m, t, turns, later, axes):  # type: ignore[no-untyped-def]
+@inlined
+def _fill_axes(m, t, turns, axes):  # type: ignore[no-untyped-def]
     for s in range(RUNS):
-        attitude, body = attitude_at(m, s, RUNS), body_of(t, turns, s)
-        if later > 0.0:
-            attitude = attitude_step(attitude, later, body)
-        f = frame_of(attitude, body)
+        f = frame_of(attitude_at(m, s, RUNS), body_of(t, turns, s))
         for j in range(FRAME):
             axes[j * RUNS + s] = f[j]
 
 
 @compiled
-def fill_axes(m, t, later, axes):  # type: ignore[no-untyped-def]
-    """Fill the axes (15, 40) of the targets of a table a time `later` [s] after their attitudes."""
-    if t[TURNS] == 0.0:
-        _fill_axes(m, t, 0.0, 0.0, axes)
-    elif later == 0.0:
-        _fill_axes(m, t, 1.0, 0.0, axes)
+def fill_axes(m, t, axes):  # type: ignore[no-untyped-def]
+    """Fill the axes (15, 40) of the targets of a table with these attitudes."""
+    if t[TURNS] > 0.0:
+        _fill_axes(m, t, 1.0, axes)
     else:
-        _fill_axes(m, t, 1.0, later, axes)
+        _fill_axes(m, t, 0.0, axes)
 
 
 @compiled
@@ -112,7 +109,7 @@ def begin(w, m, t, tick):  # type: ignore[no-untyped-def]
 @compiled
 def turn(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Turn the targets by a tick; fill rows BODY with the states of the next tick."""
-    step_attitudes(m, t)
+    step_attitudes(m, t, t[DT])
     if t[TURNS] > 0.0:
         _see(w, m, t, 1.0)
     else:

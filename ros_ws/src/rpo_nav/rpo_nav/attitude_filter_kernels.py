@@ -169,12 +169,13 @@ def _advance(tick: int, f: Any, m: Any) -> None:
 @kernel
 def _settle(tick: int, f: Any, m: Any) -> None:
     """Move the base to the newest tick of which no more measurements will come."""
+    late = f[LATENCY] > 0.0  # else the newest tick is the one that is settled
     if tick - int(f[LATENCY]) > m[BASE]:
-        for j in range(BOTH):
+        for j in range(BOTH if late else 0):
             m[X + j] = m[SETTLED + j]
         m[BASE] += 1.0
         _advance(int(m[BASE]), f, m)
-        for j in range(BOTH):
+        for j in range(BOTH if late else 0):
             m[SETTLED + j] = m[X + j]
 
 

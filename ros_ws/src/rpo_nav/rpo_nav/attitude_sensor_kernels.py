@@ -28,9 +28,11 @@ the outages have; they, in ticks, first and end of each."""
 MEASURED = 7
 """Numbers of a measurement: quaternion of the star tracker, 0, 0, 0, 0 for none; rate [rad/s]."""
 
-DRIFT, WALKED, QUEUE, QUEUED = 7, 10, 11, 5
+DRIFT, WALKED, NOISE, QUEUE, QUEUED = 7, 10, 11, 20, 5
 """Places in its memory, after the measurement: the part (3,) of the bias that walked, the tick up
-to which; then quaternions on their way, each with its tick."""
+to which; the noise (9,) of this tick; then quaternions on their way, each with its tick."""
+
+Noise = tuple[float, float, float, float, float, float, float, float, float]
 
 START_STREAM, _STARS, _RATES, _WALKS = range(128, 132)
 
@@ -81,29 +83,47 @@ def _sees(tick: int, q: Quaternion, s: Any) -> bool:
     return found and x * s[LIGHT] + y * s[LIGHT + 1] + z * s[LIGHT + 2] < s[COSINE]
 
 
+@inlined
+def attitude_noise(tick: int, k0: int, k1: int) -> Noise:
+    """Return nine normals: of the star tracker, the gyro, the walk of its bias."""
+    a, b, c = three_normals(tick, 0, _STARS, k0, k1)
+    d, e, f = three_normals(tick, 0, _RATES, k0, k1)
+    g, h, i = three_normals(tick, 0, _WALKS, k0, k1)
+    return a, b, c, d, e, f, g, h, i
+
+
 @kernel
 def sense_attitude(tick: int, a: Attitude, s: Any, m: Any) -> None:
-    """Fill the measurement (7,) that arrives at a tick, from place 0 of the memory.
+    """Fill the measurement (7,) that arrives at a tick; see `sensed_attitude`."""
+    noise = attitude_noise(tick, int(s[KEY]), int(s[KEY + 1]))
+    for i in range(9):
+        m[NOISE + i] = noise[i]
+    sensed_attitude(tick, a, s, m)
+
+
+@kernel
+def sensed_attitude(tick: int, a: Attitude, s: Any, m: Any) -> None:
+    """Fill the measurement (7,) that arrives at a tick, with the noise that the memory has.
 
     a : true attitude; s : table, m : memory, see the names of their places
     """
-    k0, k1 = int(s[KEY]), int(s[KEY + 1])
     while s[WALK] > 0.0 and m[WALKED] < tick:
         m[WALKED] += 1.0
-        steps = three_normals(int(m[WALKED]), 0, _WALKS, k0, k1)
+        steps = (m[NOISE + 6], m[NOISE + 7], m[NOISE + 8])
+        if m[WALKED] < tick:
+            steps = three_normals(int(m[WALKED]), 0, _WALKS, int(s[KEY]), int(s[KEY + 1]))
         for i in range(3):
             m[DRIFT + i] += s[WALK] * steps[i]
-    noise = three_normals(tick, 0, _RATES, k0, k1)
     for i in range(3):
-        m[4 + i] = a[4 + i] + s[BIAS + i] + m[DRIFT + i] + s[GYRO] * noise[i]
+        m[4 + i] = a[4 + i] + s[BIAS + i] + m[DRIFT + i] + s[GYRO] * m[NOISE + 3 + i]
     q = (a[0], a[1], a[2], a[3])
     slots = int(s[SLOTS])
     slot = QUEUE + QUEUED * (tick % slots)
     m[slot], m[slot + 1], m[slot + 2], m[slot + 3] = 0.0, 0.0, 0.0, 0.0
     m[slot + 4] = float(tick)
     if _sees(tick, q, s):
-        n0, n1, n2 = three_normals(tick, 0, _STARS, k0, k1)
-        error = along(s, AXES, s[ROLL] * n0, s[CROSS] * n1, s[CROSS] * n2)
+        n0, n1, n2 = s[ROLL] * m[NOISE], s[CROSS] * m[NOISE + 1], s[CROSS] * m[NOISE + 2]
+        error = along(s, AXES, n0, n1, n2)
         m[slot], m[slot + 1], m[slot + 2], m[slot + 3] = turned_by(q, error)
     taken = tick - int(s[LATENCY])
     slot = QUEUE + QUEUED * (taken % slots)

@@ -385,15 +385,28 @@ def estimate(tick: int, command: Vector, measured: Any, attitude: Any, f: Any, m
     come; from there to this tick the motion, and what has come already, are computed anew. So each
     measurement is taken at the tick it belongs to.
     """
-    step = unpacked(f, STEP, 1)
+    step, late = unpacked(f, STEP, 1), f[NEWEST] > 0.0
     if m[ORIGIN] < 0.0:
         begin(tick, f, m)
     for i in range(int(f[UNITS])):
         m[TESTED + TESTS * i] = 0.0
-    for j in range(BOTH if m[WHOLE] > 0.0 else STATES):
-        m[X + j] = m[SETTLED + j]
+    if late or m[NOW] < m[ORIGIN]:  # else the newest tick is the one that is settled
+        for j in range(BOTH if m[WHOLE] > 0.0 else STATES):
+            m[X + j] = m[SETTLED + j]
     _keep(tick, command, measured, attitude, step, f, m)
     _settle(tick, step, f, m)
+    if late:
+        _look_ahead(tick, step, f, m)
+    wrong = 0
+    for j in range(BOTH):
+        wrong += m[X + j] - m[X + j] != 0.0
+    if wrong > 0:
+        _begin_again(tick, f, m)
+
+
+@kernel
+def _look_ahead(tick: int, step: CwStep, f: Any, m: Any) -> None:
+    """Keep the settled tick, and move on to the newest one with what has come already."""
     full, base = f[FULL] != 0.0, int(m[BASE])
     for t in range(base + 1, tick + 1):
         for i in range(int(f[UNITS])):
@@ -404,11 +417,6 @@ def estimate(tick: int, command: Vector, measured: Any, attitude: Any, f: Any, m
         m[SETTLED + j] = m[X + j]
     for t in range(base + 1, tick + 1):
         _advance(t, step, f, m, False, full)
-    wrong = 0
-    for j in range(BOTH):
-        wrong += m[X + j] - m[X + j] != 0.0
-    if wrong > 0:
-        _begin_again(tick, f, m)
 
 
 @kernel

@@ -40,6 +40,9 @@ a sensor; the key (2,); the columns of the first sensor."""
 
 FIRST, SECOND, OUTLYING, WALKING = range(4)  # blocks of random words of a tick
 
+NOISE = 8
+Noise = tuple[float, float, float, float, float, float, float, float]
+
 
 @inlined
 def larger(floor: float, value: float) -> float:
@@ -126,13 +129,39 @@ def scattered(
     )
 
 
+@inlined
+def noise_of(tick: int, stream: int, k0: int, k1: int) -> Noise:
+    """Return the noise of a sensor at a tick: four normals, then four random words."""
+    a, b, c, d = four_words(tick, FIRST, stream, k0, k1)
+    e, f, dropped, outlying = four_words(tick, SECOND, stream, k0, k1)
+    n0, n1 = normal_pair(a, b)
+    n2, n3 = normal_pair(c, d)
+    return n0, n1, n2, n3, float(e), float(f), float(dropped), float(outlying)
+
+
+@inlined
+def noise_at(s: Any) -> int:
+    """Return the place in the memory of `sense` of the noise of the first sensor."""
+    return int(s[SENSORS]) * (MEASURED + 4 + (MEASURED + 1) * int(s[SLOTS]))
+
+
 @kernel
 def sample(
-    tick: int, state: State, sensor: Any, stream: int, k0: int, k1: int, walk: int, m: Any, at: int
+    tick: int,
+    state: State,
+    sensor: Any,
+    stream: int,
+    k0: int,
+    k1: int,
+    walk: int,
+    noise: int,
+    m: Any,
+    at: int,
 ) -> None:
     """Fill the measurement (7,) of a true state, from place `at` of the memory of `sense`.
 
     walk : place in the memory of the part (3,) [m] of the bias that is a random walk
+    noise : place in the memory of what `noise_of` returns
 
     The noise has one sigma along the line of sight, another across it; both grow with distance.
     """
@@ -144,15 +173,12 @@ def sample(
     axis = (sensor[AXIS_X], sensor[AXIS_Y], sensor[AXIS_Z])
     if not looks(ux, uy, uz, axis, sensor[COSINE]):
         return
-    a, b, c, d = four_words(tick, FIRST, stream, k0, k1)
-    e, f, dropped, outlying = four_words(tick, SECOND, stream, k0, k1)
-    if dropped < sensor[DROPOUT]:
+    if m[noise + 6] < sensor[DROPOUT]:
         return
-    n0, n1 = normal_pair(a, b)
-    n2, n3 = normal_pair(c, d)
+    n0, n1, n2, n3 = m[noise], m[noise + 1], m[noise + 2], m[noise + 3]
     floor, share, cross = sensor[NOISE_FLOOR], sensor[NOISE_SHARE], sensor[CROSS_SHARE]
     x, y, z = scattered((x, y, z), (n0, n1, n2), floor, share, cross, sensor[SCALE])
-    if outlying < sensor[OUTLIER]:
+    if m[noise + 7] < sensor[OUTLIER]:
         ox, oy, oz = three_normals(tick, OUTLYING, stream, k0, k1)
         size = sensor[OUTLIER_SIZE]
         x, y, z = x + size * ox, y + size * oy, z + size * oz
@@ -161,7 +187,7 @@ def sample(
     m[at], m[at + 1], m[at + 2], m[at + 3] = 1.0, x, y, z
     m[at + 4], m[at + 5], m[at + 6] = 0.0, 0.0, 0.0
     if sensor[HAS_VELOCITY] != 0.0:
-        n4, n5 = normal_pair(e, f)
+        n4, n5 = normal_pair(int(m[noise + 4]), int(m[noise + 5]))
         sigma = larger(sensor[VELOCITY_FLOOR], sensor[VELOCITY_SHARE] * distance)
         m[at + 4] = state[3] + sensor[BIAS_VX] + sigma * n3
         m[at + 5] = state[4] + sensor[BIAS_VY] + sigma * n4
@@ -170,13 +196,26 @@ def sample(
 
 @kernel
 def sense(tick: int, state: State, q: Quaternion, s: Any, m: Any) -> None:
-    """Fill the measurements that arrive at a tick, `MEASURED` numbers of each sensor.
+    """Fill the measurements that arrive at a tick, `MEASURED` of each sensor: `sensed`."""
+    k0, k1 = int(s[KEY]), int(s[KEY + 1])
+    for i in range(int(s[SENSORS])):
+        if tick % int(s[UNITS + COLUMNS * i + PERIOD]) == 0:
+            noise = noise_of(tick, i + 1, k0, k1)
+            for j in range(NOISE):
+                m[noise_at(s) + NOISE * i + j] = noise[j]
+    sensed(tick, state, q, s, m)
+
+
+@kernel
+def sensed(tick: int, state: State, q: Quaternion, s: Any, m: Any) -> None:
+    """Fill the measurements that arrive at a tick, with the noise that the memory has.
 
     q : true attitude of the chaser
     s : table, its places SENSORS and others, then columns of each sensor, then its outages, in
         ticks, first and end of each
     m : memory: the measurements, from 0; of each sensor, the random walk of its bias (3,) [m], and
-        the tick up to which it is summed; then measurements on their way, each with its tick
+        the tick up to which it is summed; then measurements on their way, each with its tick; then
+        the noise of each sensor at this tick, if its period lets it measure
     """
     count, slots, k0, k1 = int(s[SENSORS]), int(s[SLOTS]), int(s[KEY]), int(s[KEY + 1])
     for i in range(count):
@@ -196,7 +235,8 @@ def sense(tick: int, state: State, q: Quaternion, s: Any, m: Any) -> None:
             if sensor[TURNS] != 0.0:
                 x, y, z = turn_back((state[0], state[1], state[2]), q)
                 seen = (x, y, z, 0.0, 0.0, 0.0)
-            sample(tick, seen, sensor, i + 1, k0, k1, walk, m, slot)
+            noise = noise_at(s) + NOISE * i
+            sample(tick, seen, sensor, i + 1, k0, k1, walk, noise, m, slot)
         taken = tick - int(sensor[LATENCY])
         found, out = queue + (MEASURED + 1) * (taken % slots), MEASURED * i
         m[out] = 0.0

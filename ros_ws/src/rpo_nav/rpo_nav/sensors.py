@@ -32,7 +32,7 @@ from rpo_core.wire import interfaces
 from rpo_kernels.jit import as_table
 from rpo_kernels.kernels import Vector, sin_cos
 from rpo_nav.navigation_errors import MAX_POSITION_ERROR_M, MAX_VELOCITY_ERROR_M_S, key
-from rpo_nav.sensor_kernels import COLUMNS, MEASURED, UNITS, describe, sense
+from rpo_nav.sensor_kernels import COLUMNS, MEASURED, NOISE, UNITS, describe, sense
 
 MAX_SENSORS = 4
 MAX_LATENCY_TICKS = 100
@@ -232,7 +232,8 @@ class Sensing:
         """Forget what is on its way."""
         count = len(self.rows)
         walks, queues = [0.0, 0.0, 0.0, -1.0], [-1.0] * (MEASURED + 1) * self._slots
-        self.memory = as_table([0.0] * MEASURED * count + walks * count + queues * count)
+        numbers = [0.0] * MEASURED * count + walks * count + queues * count
+        self.memory = as_table(numbers + [0.0] * NOISE * count)
 
 
 def first_tick(time_s: float, scenario: Any) -> int:

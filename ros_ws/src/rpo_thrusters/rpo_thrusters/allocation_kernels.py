@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from rpo_kernels.jit import kernel
+from rpo_kernels.jit import inlined, kernel
 from rpo_kernels.kernels import Vector
 from rpo_kernels.pulse_kernels import DELTA_V, ON, OPEN, OPENINGS, TORQUE, Tank, spend
 
@@ -134,17 +134,16 @@ def entering(row: int, down: bool, smallest: float, t: Table, w: Any) -> tuple[i
         full = thruster and w[FULL + j] > 0.0
         if abs(pivot) < smallest or (pivot < 0.0) == (down == full):
             continue
-        basic = False
-        for i in range(ROWS):
-            basic = basic or w[BASIS + i] == j
-        if basic:
-            continue
         reduced = (t.cost[j] if thruster else t.penalty) - along(j, -1, t, w)
         reduced = -reduced if full else reduced
         ratio = (reduced if reduced > 0.0 else 0.0) / abs(pivot)
         if ratio < least:
-            chosen, least = j, ratio
-            change = (-ratio if full else ratio) * (1.0 if pivot > 0.0 else -1.0)
+            basic = False
+            for i in range(ROWS):
+                basic = basic or w[BASIS + i] == j
+            if not basic:
+                chosen, least = j, ratio
+                change = (-ratio if full else ratio) * (1.0 if pivot > 0.0 else -1.0)
     return chosen, change
 
 
@@ -169,6 +168,21 @@ def exchange(row: int, variable: int, change: float, t: Table, w: Any) -> None:
         w[FULL + variable] = 0.0
 
 
+@inlined
+def _larger(a: float, b: float) -> float:
+    return a if a > b else b
+
+
+@kernel
+def _largest(w: Any) -> float:
+    """Return the largest |number| of the inverse, 1 at least: of four that do not wait."""
+    a = b = c = d = 1.0
+    for i in range(INVERSE, INVERSE + ROWS * ROWS, 4):
+        a, b = _larger(a, abs(w[i])), _larger(b, abs(w[i + 1]))
+        c, d = _larger(c, abs(w[i + 2])), _larger(d, abs(w[i + 3]))
+    return _larger(_larger(a, b), _larger(c, d))
+
+
 @kernel
 def advance(t: Table, w: Any) -> tuple[float, int]:
     """Add what AIM of the scratch holds to what the thrusters give, as far as they can.
@@ -179,10 +193,7 @@ def advance(t: Table, w: Any) -> tuple[float, int]:
     for i in range(ROWS):
         demand = abs(w[AIM + i]) if abs(w[AIM + i]) > demand else demand
     for _ in range(_MOST_PIVOTS):
-        largest = 1.0
-        for i in range(ROWS * ROWS):
-            number = abs(w[INVERSE + i])
-            largest = number if number > largest else largest
+        largest = _largest(w)
         least = _LEAST_RATE * largest * demand
         step, row, down = 1.0 - done, -1, False
         for i in range(ROWS):
@@ -275,10 +286,12 @@ def fire(
     for i in range(t.number):
         if w[THRUST + i] * t.dt < t.bits[i]:
             w[THRUST + i] = 0.0
+    for k in range(t.number if t.carries == 1 else 0):
+        thrust, a = w[THRUST + k], ROWS * k
+        for i in range(ROWS):
+            wanted[i] -= thrust * t.columns[a + i]
     for i in range(ROWS if t.carries == 1 else 0):
         left = wanted[i]
-        for k in range(t.number):
-            left -= w[THRUST + k] * t.columns[ROWS * k + i]
         left = t.bound if left > t.bound else -t.bound if left < -t.bound else left
         m[i if i < 3 else TORQUE + i - 3] = left * t.dt
     for k in range(len(t.failures) // 5):
