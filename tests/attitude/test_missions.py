@@ -25,7 +25,7 @@ def transposed():
     """Return the flight of `apollo` by the controller of `rpo scale pd --scenario apollo`."""
     pd = load_controller('pd')
     _, _, own, _ = similarity.made_for(pd)
-    return fly(APOLLO, scaled_to(pd, own, Units(95.52, 448.3, APOLLO.mass_kg), APOLLO))
+    return fly(APOLLO, scaled_to(pd, own, Units(95.52, 215.2, APOLLO.mass_kg), APOLLO))
 
 
 def test_apollo_turns_around_and_docks(transposed):
