@@ -131,10 +131,10 @@ def test_the_turn_of_a_tick_is_counted():
 
 @pytest.mark.parametrize(('most', 'states'), [(15.0, ['holding']), (25.0, [])])
 def test_a_chaser_that_points_elsewhere_holds(most, states):
-    """It begins 20 degrees off its reference, and the table allows it that, or not."""
+    """It is 20 degrees off its reference, and the table allows it that, or not."""
     turned = Rotation.from_euler('x', 20.0, degrees=True).as_quat().tolist()
     row = Row(quantity='pointing_error_deg', most=most, count=2, window=3, reaction='hold')
-    chaser, looking = replace(CHASER, attitude=tuple(turned)), Pointing(align_within_m=60.0)
+    chaser, looking = replace(CHASER, attitude=tuple(turned)), Pointing(align_within_m=60.0, most_deg_s=90.0)
     own = {'chaser_attitude_error_deg': 2.0, 'abort': AbortTable(table=(row,))}
     found = turning(chaser, looking, **own)
     chain, signals = Chain.of(found, load_controller('pd')), start_of(found)
