@@ -7,13 +7,15 @@ from importlib.util import find_spec
 
 import numpy as np
 import pytest
+import yaml
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from rpo_attitude.chaser import Chaser, Wheels
 from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.chain.stage import Place, Stage
-from rpo_core.files.scenario import Scenario, load_scenario
+from rpo_core.files import find
+from rpo_core.files.scenario import Scenario, load_scenario, parse
 from rpo_core.files.validation import InputError
 from rpo_core.wire import interfaces
 from rpo_core.world.cw import Body
@@ -184,3 +186,11 @@ def test_without_rates_it_turns_with_the_orbit():
 def test_a_chaser_that_cannot_be_is_refused(fields, sentence):
     with pytest.raises(InputError, match=sentence):
         scenario_of(10, **fields)
+
+
+def test_an_estimator_needs_commands_that_are_turned():
+    document = yaml.safe_load(find('scenario', 'tumbling_docking').read_text())
+    for name in ('attitude_control', 'assurance'):
+        del document[name]
+    with pytest.raises(InputError, match='`attitude_control` is missing'):
+        parse(document)

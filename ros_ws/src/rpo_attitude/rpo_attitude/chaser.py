@@ -170,6 +170,10 @@ def _check(settings: Chaser, scenario: Any) -> None:
         )
     if scenario.named('link') is not None:
         raise InputError('`link` carries no torque; it cannot go with `attitude`')
+    if scenario.named('estimator') is not None and scenario.named('attitude_control') is None:
+        raise InputError(
+            '`attitude_control` is missing: `estimator` takes commands to act as they are in LVLH'
+        )
 
 
 register(Section('attitude', Chaser, Place.ATTITUDE, AttitudeStage, _check))
