@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rpo_core.chain.flight import Flight
 from rpo_core.judge import metrics
 from rpo_log.show import style
-from rpo_log.show.report import by_axis, close_up_s, limit_lines, shown
+from rpo_log.show.report import by_axis, close_up_s, shown
 from rpo_report.page import Picture, Section, Table
 from rpo_report.turned import Panel, panels_of, turned_of
 
@@ -69,14 +69,16 @@ def _picture(flight: Flight, panels: list[Panel]) -> Any:
             axes_of, (slice(None), slice(-last, None)), (label, ''), strict=True
         ):
             if panel.values.ndim == 2:
-                by_axis(axes, times[part], panel.values[part], text, 1.0, names=_AXES)
+                by_axis(axes, times[part], panel.values[part], text, 1.0)
+                for line, name in zip(axes.lines, _AXES, strict=True):
+                    line.set_label(name)
             else:
                 axes.plot(times[part], panel.values[part], color=style.LIGHT['ink'], linewidth=1.0)
                 axes.set_ylabel(text)
                 axes.margins(x=0.01)
             if panel.limit is not None and (text or panel.limit <= _NEAR * peak):
-                signs = (-1.0, 1.0) if panel.values.ndim == 2 else (1.0,)
-                limit_lines(axes, panel.limit, 'limit', (times[part][0], times[-1]), signs)
+                for sign in (-1.0, 1.0)[2 - panel.values.ndim :]:  # of a size, the upper one
+                    axes.axhline(sign * panel.limit, **style.LIMIT, label='limit')
     grid[0][0].set_title('from the start')
     grid[0][1].set_title(f'last {last * scenario.dt_s:g} s')
     for axes in grid[-1]:

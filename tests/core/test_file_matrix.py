@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from rpo_core import files
 from rpo_core.files.validation import InputError
-from rpo_core.judge.requirements import THRUST, Requirements
+from rpo_core.judge.requirements import ATTITUDES, THRUST, Requirements
 from rpo_safety import limit_checker
 
 PARSE = {**PARSERS, 'monitor': limit_checker.parse}
@@ -50,7 +50,9 @@ def with_requirements():
     data = document('scenario', 'quick')
     names = {f.name for f in dataclasses.fields(Requirements)} - set(THRUST)
     required = {name: 1.0 for name in sorted(names)}
-    data['requirements'] = {**required, 'contact_axis': '+y'}
+    data['requirements'] = {**required, 'contact_axis': '+y', 'profile': 'idss'}
+    for key in ATTITUDES:  # of a chaser that turns
+        del data['requirements'][key]
     del data['requirements']['arrival_error_norm_m']  # per axis or norm, not both
     return data
 

@@ -25,7 +25,7 @@ from typer.testing import CliRunner
 from rpo_cli.cli import app
 from rpo_cli.display import COMPILING, CampaignDisplay, duration
 from rpo_core.files.validation import InputError
-from rpo_core.judge.requirements import LIMITS, THRUST
+from rpo_core.judge.requirements import ATTITUDES, LIMITS, THRUST
 from rpo_core.judge.verdicts import verdicts
 from rpo_montecarlo.campaign import config, execution, run_batch, sampling
 from rpo_montecarlo.campaign.run_batch import fly_runs
@@ -225,7 +225,8 @@ def test_a_campaign_judges_by_every_limit_as_a_single_flight_is_judged(
     text = short.read_text().replace("'slew_", f"{arriving}, 'slew_")
     short.write_text(f'{text}goal_position_m: {goal}\n')
     campaign = config.load(path)
-    required = [name for name in LIMITS if name not in THRUST]  # these need pulses
+    others = {*THRUST, *ATTITUDES}  # these need pulses, and an attitude
+    required = [name for name in LIMITS if name not in others]
     assert set(campaign.config.success) == set(required)
     columns = fly_runs(campaign, 0, 60)
     judged = [verdicts(fly_run(campaign, number)) for number in range(0, 60, 7)]

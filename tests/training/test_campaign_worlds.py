@@ -182,13 +182,19 @@ CASES = {
     ),
     'a chaser that turns, its mass the same': (PLAIN.equipped(FREE), SOME),
     'a camera on a chaser that estimates its attitude': (
-        PLAIN.equipped(FREE, STARS, AttitudeEstimator(), Sensors((CAMERA,)), Estimator()),
+        PLAIN.equipped(
+            FREE, AttitudeControl(controller='attitude_pd'), STARS, AttitudeEstimator(),
+            Sensors((CAMERA,)), Estimator(),
+        ),
         {**SOME, 'star_tracker_noise_share': {'uniform': 0.5},
          'gyro_bias_y_rad_s': {'normal': 1e-4}, 'attitude_error_z_deg': {'normal': 0.5},
          'sensor_noise_share': {'uniform': 0.3}},
     ),
     'a camera on a chaser that knows its attitude': (
-        PLAIN.equipped(FREE, Sensors((CAMERA,)), Estimator()), SOME,
+        PLAIN.equipped(
+            FREE, AttitudeControl(controller='attitude_pd'), Sensors((CAMERA,)), Estimator(),
+        ),
+        SOME,
     ),
     'a chaser that looks at a port that tumbles': (
         replace(PORT.equipped(STEERED, LOOKING, AttitudeControl(controller=FUZZY)),

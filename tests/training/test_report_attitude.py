@@ -23,7 +23,7 @@ from rpo_core import files
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario as scenarios
-from rpo_core.wire.interfaces import CHASER_ATTITUDE, EXERTED_FORCE, WHEEL_MOMENTUM
+from rpo_core.wire.interfaces import BODY_TORQUE, CHASER_ATTITUDE, EXERTED_FORCE, WHEEL_MOMENTUM
 from rpo_log.show import style
 from rpo_mcap.read.run_log import read_flight
 from rpo_report import attitude, page, replay, video
@@ -100,6 +100,14 @@ def test_a_force_of_the_thrusters_turns_into_the_one_that_was_exerted(flight):
     found = in_lvlh(flight, flight.saturated_forces_n)
     np.testing.assert_allclose(found, flight.signals[EXERTED_FORCE][:-1], atol=1e-5)
     assert np.abs(found - flight.saturated_forces_n).max() > 0.1
+
+
+def test_a_run_is_explained_with_its_attitude(logged, flight):
+    done = CliRunner().invoke(app, ['explain', str(logged), '--at', '5'])
+    assert done.exit_code == 0 and 'The logged force is the same, bit for bit.' in done.output
+    off = turned_of(flight).off_reference_deg[50]
+    torque = ', '.join(f'{value:.3g}' for value in flight.signals[BODY_TORQUE][50])
+    assert f'is {off:.3g} deg and' in done.output and f'torque [{torque}] N m' in done.output
 
 
 def test_a_limit_counts_once_it_is_reached():

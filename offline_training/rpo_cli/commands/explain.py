@@ -16,12 +16,13 @@ from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.files.validation import InputError, printable
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from rich.console import Console
 
     from rpo_core.control.controller import AnyController, FuzzyController
     from rpo_core.control.controller_file import Reason
+    from rpo_core.files.scenario import Scenario
     from rpo_ctrl.explain import Decision, FiredRule
     from rpo_ctrl.family import Family
     from rpo_judge.analysis.certificate import Certificate
@@ -169,7 +170,7 @@ def _explain_run(console: Console, path: str, at: float) -> bool:
 
     from rpo_core.control.controller import only_fuzzy
     from rpo_core.control.controller_file import received
-    from rpo_core.wire.interfaces import ESTIMATED_DISTURBANCE
+    from rpo_core.wire.interfaces import BODY_TORQUE, ESTIMATED_DISTURBANCE
     from rpo_ctrl.explain import decisions
     from rpo_ctrl.family import Family
     from rpo_log.bag import open_run
@@ -211,8 +212,29 @@ def _explain_run(console: Console, path: str, at: float) -> bool:
         console.print('The logged force is the same, bit for bit.')
     else:
         console.print(f'The logged force differs: {logged.tolist()} N; `rpo verify` says more.')
+    if BODY_TORQUE in signals and scenario.named('attitude_control') is not None:
+        _say_turn(console, signals, scenario)
     same_decision = _compare_decision(console, path, log.base.stamp_ns(tick), reasons)
     return same_decision and (not np.isfinite(logged).all() or tuple(logged.tolist()) == same)
+
+
+def _say_turn(console: Console, signals: Mapping[str, list[float]], scenario: Scenario) -> None:
+    """Print what the attitude control made of the command and of the attitude."""
+    from rpo_attitude.turns import apart, synchronised
+    from rpo_core.wire import interfaces
+
+    wanted = signals.get(interfaces.REFERENCE_ATTITUDE, synchronised(scenario))
+    angle, rate = map(math.degrees, apart(signals[interfaces.CHASER_ATTITUDE], wanted))
+    force, torque = (
+        ', '.join(f'{value:.3g}' for value in signals[name])
+        for name in (interfaces.BODY_FORCE, interfaces.BODY_TORQUE)
+    )
+    console.print(
+        f"The chaser is {angle:.3g} deg and {rate:.3g} deg/s off its reference attitude. Its axes' "
+        f'commands, after assurance: force [{force}] N, torque [{torque}] N m.',
+        soft_wrap=True,
+        markup=False,
+    )
 
 
 def _compare_decision(console: Console, path: str, stamp_ns: int, found: Sequence[Reason]) -> bool:

@@ -271,7 +271,7 @@ def parse(value: Any, zones: Zones | None = None, attitude: bool = False) -> Req
 
     zones : section `zones`, where the file has it; attitude : whether the chaser has one
     """
-    if isinstance(value, Mapping) and value.get('profile') in PROFILES:
+    if isinstance(value, Mapping) and value.get('profile') in list(PROFILES):
         profile: dict[str, Any] = dict(PROFILES[value['profile']])
         if zones is None or not zones.corridor.from_m:
             del profile['contact_axis']

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import importlib.util
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -186,29 +185,16 @@ def force_label(scenario: Scenario) -> str:
     return 'control force [N]' if scenario.attitude is None else "force in the\nchaser's axes [N]"
 
 
-def by_axis(
-    axes: Any,
-    times_s: Any,
-    values: Any,
-    label: str,
-    linewidth: float = 1.5,
-    names: Sequence[str] = style.AXIS_NAMES,
-) -> None:
+def by_axis(axes: Any, times_s: Any, values: Any, label: str, linewidth: float = 1.5) -> None:
     """Draw the columns (n, 3) of a vector over time."""
-    for name, colour, column in zip(names, style.AXES, values.T, strict=True):
+    for name, colour, column in zip(style.AXIS_NAMES, style.AXES, values.T, strict=True):
         axes.plot(times_s, column, color=colour, label=name, linewidth=linewidth)
     axes.set_ylabel(label)
     axes.margins(x=0.01)
 
 
-def limit_lines(
-    axes: Any,
-    value: float,
-    name: str,
-    times_s: tuple[float, float],
-    signs: tuple[float, ...] = (-1.0, 1.0),
-) -> None:
+def limit_lines(axes: Any, value: float, name: str, times_s: tuple[float, float]) -> None:
     """Draw the limits +- value over the times (from, to) in which they hold."""
-    for sign in signs:
+    for sign in (-1.0, 1.0):
         label = name if sign > 0 else None
         axes.plot(times_s, [sign * value] * 2, **style.LIMIT, zorder=3.0, label=label)
