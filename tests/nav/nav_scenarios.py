@@ -69,6 +69,7 @@ def attitude_scenario(
         'attitude': TUMBLING,
         'attitude_sensors': attitude_sensors,
         'attitude_estimator': dict(attitude_filter),
+        'attitude_control': {'controller': 'attitude_pd'},  # without wheels it turns forces only
         **changes,
     }
     return make(**sections)

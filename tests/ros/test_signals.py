@@ -101,6 +101,7 @@ OTHERS = {
     'guidance': ('guiding', {'scenario': 'hold_points'}),
     'operator': ('waiting to say', {}),
     'assurance': ('', {'scenario': 'assured'}),
+    'attitude_controller': ('steering', {'scenario': 'tumbling_docking'}),
     'fault_injector': ('faults between', {}),
     'rival_controller': ('controlling', {}),
     'replay': ('', {'loop': 'true', 'rate': 1.0}),

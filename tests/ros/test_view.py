@@ -840,6 +840,9 @@ def test_the_attitude_of_a_chaser_is_drawn_and_said():
     assert away == pytest.approx([3.0 * a for a in run.docking_axis])
     tail, tip = found['thrust', 0].points  # a force in LVLH: it does not turn with the body
     assert (tip.x - tail.x, tip.y - tail.y) == pytest.approx((20.0 * FORCE[0], 20.0 * FORCE[1]))
+    run.on_state(START_NS, STATE, (*attitude[:6], 1.7e308))  # foreign: beyond all floats
+    run.onboard.on_turn(interfaces.NAVIGATION_ATTITUDE, START_NS, (*attitude[:6], 1.7e308))
+    assert run.onboard.attitude == attitude
     run.on_state(START_NS - 1, STATE, attitude)
     assert run.onboard.off[interfaces.REFERENCE_ATTITUDE] and len(run.onboard.off) == 1
 

@@ -48,8 +48,9 @@ def test_the_angle_is_that_of_a_flight(campaign, flown):
     seen = flight.signals['navigation_attitude'][:-1]
     known = Rotation.from_quat(seen[:, :4])
     orbit = known.inv().apply([0.0, 0.0, scenario.mean_motion_rad_s])
-    used = known * Rotation.from_rotvec(0.5 * scenario.dt_s * (seen[:, 4:] - orbit))
     delay = scenario.thrusters.delay_ticks
+    later = (delay + 0.5) * scenario.dt_s
+    used = known * Rotation.from_rotvec(later * (seen[:, 4:] - orbit))
     used = used[: len(used) - delay]
     off = [(used.inv() * true[i : i + len(used)]).magnitude() for i in (delay, delay + 1)]
     assert flown[0].turned_deg[0] == pytest.approx(np.degrees(np.max(off)), rel=1e-4)

@@ -121,7 +121,7 @@ def turned_with(w, m, t, tick):  # type: ignore[no-untyped-def]
     slots = (len(m) - USED) // (4 * RUNS)
     for s in range(RUNS):
         seen = attitude_in(w, int(t[SEEN]), int(t[SEEN + 1]), int(t[SEEN + 2]), s)
-        q = attitude_ahead(seen, t[ORBIT], t[DT])
+        q = attitude_ahead(seen, t[ORBIT], (t[DELAY + s] + 0.5) * t[DT])
         for j in range(4):
             m[USED + RUNS * (4 * (tick % slots) + j) + s] = q[j]
 

@@ -150,8 +150,7 @@ def _part(batch: Batch) -> Part | None:
     for scenario in batch.scenarios:
         chaser, settings = scenario.named('attitude'), scenario.section(AttitudeControl)
         assert settings is not None
-        n, dt_s = scenario.mean_motion_rad_s, scenario.dt_s
-        tables.append(settings.table(chaser, n, dt_s, settings.kept(scenario)))
+        tables.append(settings.law_of(scenario))
         starts.append(chaser.wheels.start_nms if chaser.wheels else (0.0, 0.0, 0.0))
     pointed = batch.base.named('pointing') is not None
     heads = batch.lanes([table[:HEAD] for table in tables]).T

@@ -269,19 +269,32 @@ class AttitudeControl:
         check_fields(self)
 
     def table(
-        self, chaser: Any, orbit_rad_s: float, dt_s: float, kept: TorqueLimits = NONE
+        self,
+        chaser: Any,
+        orbit_rad_s: float,
+        dt_s: float,
+        kept: TorqueLimits = NONE,
+        delay_ticks: int = 0,
     ) -> Floats:
         """Return the law as the kernels read it (`attitude_law_kernels`).
 
-        chaser : section `attitude`: `inertia_kg_m2`, and `wheels` or None; kept : see `kept`
+        chaser : section `attitude`: `inertia_kg_m2`, and `wheels` or None; kept : see `kept`;
+        delay_ticks : of the force
         """
         j = np.array(self.inertia_kg_m2 or chaser.inertia_kg_m2, np.float64)
         momentum = chaser.wheels.momentum_nms if chaser.wheels else 0.0
         assumed = [j[0, 0], j[1, 1], j[2, 2], j[0, 1], j[0, 2], j[1, 2]]
         if not self.controller.feed_forward:
             assumed = [0.0] * 6
-        head = [self._limit_nm(chaser)] * 3, [momentum, orbit_rad_s, dt_s], assumed, kept
+        numbers = momentum, orbit_rad_s, dt_s, (delay_ticks + 0.5) * dt_s
+        head = [self._limit_nm(chaser)] * 3, numbers, assumed, kept
         return np.concatenate([*head, self.controller.law(j, self.time_scale)])
+
+    def law_of(self, scenario: Any) -> Floats:
+        """Return the law of a scenario as the kernels read it; raises InputError."""
+        orbit, kept, thrusters = scenario.mean_motion_rad_s, self.kept(scenario), scenario.thrusters
+        delay = thrusters.delay_ticks if thrusters else 0
+        return self.table(scenario.attitude, orbit, scenario.dt_s, kept, delay)
 
     def kept(self, scenario: Any) -> TorqueLimits:
         """Return what the torque must keep in a scenario; raises InputError where it cannot."""
@@ -318,7 +331,7 @@ class AttitudeControlStage(Stage):
 
     def __init__(self, settings: AttitudeControl, scenario: Any) -> None:
         chaser, n = scenario.named('attitude'), scenario.mean_motion_rad_s
-        self._law = as_table(settings.table(chaser, n, scenario.dt_s, settings.kept(scenario)))
+        self._law = as_table(settings.law_of(scenario))
         self._start: Vector = chaser.wheels.start_nms if chaser.wheels else (0.0, 0.0, 0.0)
         self._synchronised: Attitude = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, n)
         pointed = scenario.named('pointing') is not None

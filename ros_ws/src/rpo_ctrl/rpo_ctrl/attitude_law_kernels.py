@@ -7,7 +7,8 @@ Kernels of + - * / and sqrt (`rpo_kernels.jit`), the same bits everywhere; conve
 that the stage and the lanes of the engine call the same kernels:
 
 - `LIMITS`: largest torque of each axis [N m]; `WHEELS`: largest momentum of a wheel [N m s], 0.0
-  without wheels; `ORBIT`: rate of LVLH [rad/s]; `DT`: the tick [s];
+  without wheels; `ORBIT`: rate of LVLH [rad/s]; `DT`: the tick [s]; `AHEAD`: time from a state to
+  the middle of the tick in which its force acts [s];
 - `INERTIA`: xx, yy, zz, xy, xz, yz [kg m^2] that the feed-forward assumes; zeros: there is none;
 - `KEPT`: what the torque must keep (`attitude_limit_kernels.TorqueLimits`); zeros: nothing;
 - `FUZZY`: 0.0 for a linear law, whose gains of attitude (3, 3) [N m/rad] and of rate (3, 3)
@@ -26,7 +27,7 @@ from rpo_kernels.chaser_kernels import Quaternion, times, turn_back
 from rpo_kernels.jit import inlined, kernel
 from rpo_kernels.kernels import FisTables, Vector, infer, saturate
 
-LIMITS, WHEELS, ORBIT, DT, INERTIA, KEPT = 0, 3, 4, 5, 6, 12
+LIMITS, WHEELS, ORBIT, DT, AHEAD, INERTIA, KEPT = 0, 3, 4, 5, 6, 7, 13
 FUZZY, LAW = KEPT + NUMBERS, KEPT + NUMBERS + 1
 """Places in a table."""
 
@@ -165,11 +166,11 @@ def attitude_torque(
 
 
 @inlined
-def attitude_ahead(seen: Attitude, orbit_rad_s: float, dt: float) -> Quaternion:
-    """Quaternion of the axes that the body has half a tick later, by its rate."""
+def attitude_ahead(seen: Attitude, orbit_rad_s: float, ahead_s: float) -> Quaternion:
+    """Quaternion of the axes that the body has a time later, by its rate."""
     quaternion = (seen[0], seen[1], seen[2], seen[3])
     orbit = turn_back((0.0, 0.0, orbit_rad_s), quaternion)
-    h = 0.25 * dt
+    h = 0.5 * ahead_s
     a, b, c = h * (seen[4] - orbit[0]), h * (seen[5] - orbit[1]), h * (seen[6] - orbit[2])
     x, y, z, w = times(quaternion, (a, b, c, 1.0))
     size = sqrt(x * x + y * y + z * z + w * w)
@@ -178,8 +179,8 @@ def attitude_ahead(seen: Attitude, orbit_rad_s: float, dt: float) -> Quaternion:
 
 @inlined
 def force_ahead(force: Vector, seen: Attitude, t: Any, i: int) -> Vector:
-    """Force (3,) of target LVLH in those axes."""
-    return turn_back(force, attitude_ahead(seen, t[i + ORBIT], t[i + DT]))
+    """Force (3,) of target LVLH in the axes that the body has when it acts."""
+    return turn_back(force, attitude_ahead(seen, t[i + ORBIT], t[i + AHEAD]))
 
 
 @kernel

@@ -149,7 +149,7 @@ def turned_share(settings: Assurance, scenario: Any) -> float:
         raise InputError(
             '`assurance.chaser_attitude_error_deg` is missing; section `attitude` needs it'
         )
-    least = _turned_deg(control.limits, scenario)
+    least = _turned_deg(control, scenario)
     if degrees < least:
         raise InputError(
             f'`assurance.chaser_attitude_error_deg` must be at least {least:.6g}, which '
@@ -158,17 +158,21 @@ def turned_share(settings: Assurance, scenario: Any) -> float:
     return 2.0 * math.sin(0.5 * math.radians(degrees))
 
 
-def _turned_deg(limits: Any, scenario: Any) -> float:
+def _turned_deg(control: Any, scenario: Any) -> float:
     """Return the angle that limits of the torque leave certain: errors, and the turn of a tick.
 
-    A force is turned for the middle of the tick of its state.
+    A force is turned for the middle of the tick in which it acts, by the rate of now.
     """
+    limits, kept = control.limits, control.kept(scenario)
     if limits is None:
         return 0.0
     delay = scenario.thrusters.delay_ticks if scenario.thrusters else 0
     fastest = SQRT_3 * limits.rate_deg_s + math.degrees(scenario.mean_motion_rad_s)
-    known = SQRT_3 * (limits.known_deg + 0.5 * scenario.dt_s * limits.known_deg_s)
-    return known + (delay + 0.5) * scenario.dt_s * fastest
+    light = max(abs(i) for i in kept[7:10]) + 2.0 * max(abs(i) for i in kept[10:13])
+    most = math.degrees(SQRT_3 * light * 2.0 * kept.torque)  # half of it for the gyroscopic torque
+    later = (delay + 0.5) * scenario.dt_s
+    known = SQRT_3 * (limits.known_deg + later * limits.known_deg_s)
+    return known + 0.5 * scenario.dt_s * fastest + 0.5 * later * later * most
 
 
 def ahead(errors: Errors, scenario: Any, ticks: int) -> tuple[float, float]:

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 from rpo_thrusters.thrusters import Pulses, Thrusters, stage_of
 
-SCENARIO = SimpleNamespace(max_force_n=0.5, dt_s=0.1, mass_kg=10.0)
+SCENARIO = SimpleNamespace(max_force_n=0.5, dt_s=0.1, mass_kg=10.0, attitude=None)
 
 
 def test_the_mean_force_of_pulses_is_the_command():

@@ -118,8 +118,9 @@ class Onboard:
 
     def on_attitude(self, stamp_ns: int, attitude: Vector) -> None:
         """Take the true attitude (7,)."""
-        self.attitude = attitude
-        _keep(self._turns, stamp_ns, attitude)
+        if _sound(attitude):
+            self.attitude = attitude
+            _keep(self._turns, stamp_ns, attitude)
 
     def on_turn(self, name: str, stamp_ns: int, attitude: Vector) -> None:
         """Take an attitude (7,), the reference or an estimate, by the name of its signal."""
