@@ -297,8 +297,9 @@ def _tubes(prover: Prover, cell: Cell) -> Tubes:
 def _in_some(prover: Prover, flight: Flight, tubes: Tubes) -> bool:
     """Whether a flight is in a tube of a cell at every tick."""
     chosen = list(prover.problem.groups[prover.group])
+    dt, limit = prover.problem.scenario.dt_s, prover.problem.scenario.max_force_n
     states, commands = flight.states[:, chosen], flight.forces_n[:, chosen[: len(chosen) // 2]]
-    dt = prover.problem.scenario.dt_s
+    commands = np.clip(commands, -limit, limit)  # a tube has forces that thrusters exert
     return all(
         any(_holds(one, states[first : last + 1], commands[first : last + 1], dt) for one in some)
         for first, last, some in tubes

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -191,6 +192,22 @@ def test_flights_of_a_larger_cell_leave_the_tube(bench):
     prover.fly = lambda cell: fly(cell._replace(half=tuple(0.5 * h for h in cell.half)))
     rng = np.random.default_rng(7)
     assert list(check.flight_faults(prover, found, rng, 10, lambda *_: None))
+
+
+@pytest.mark.parametrize(('limit', 'held'), [(0.045, True), (0.05, False)])
+def test_a_command_beyond_the_thrusters_is_what_they_exert(limit, held):
+    """A tube has forces of at most 0.045 N, the flight commands 0.2 N."""
+    scenario = SimpleNamespace(dt_s=0.1, max_force_n=limit)
+    problem = SimpleNamespace(groups={'vertical': (2, 5)}, scenario=scenario)
+    flight = SimpleNamespace(states=np.zeros((4, 6)), forces_n=np.full((4, 3), 0.2))
+    laws = np.zeros((3, 1, 6))
+    laws[:, :, 5] = 1.0
+    tube = SimpleNamespace(
+        force_low=np.full((3, 1), -0.045), force_high=np.full((3, 1), 0.045),
+        slew=np.ones((3, 1)), low=-np.ones((4, 2)), high=np.ones((4, 2)), laws=laws,
+    )  # fmt: skip
+    prover = SimpleNamespace(problem=problem, group='vertical')
+    assert check._in_some(prover, flight, [(0, 3, [tube])]) is held
 
 
 def test_what_differs_is_named():
