@@ -27,9 +27,9 @@ from rpo_montecarlo.campaign.run_batch import case_of, known_of
 from rpo_montecarlo.campaign.sampling import draw
 from rpo_montecarlo.engine.lanes import BEFORE, SEEN_R, SEEN_V, R, V
 from rpo_montecarlo.engine.parts.dynamics import uneven_steps
-from rpo_montecarlo.engine.stepping import Stepping
 from rpo_montecarlo.engine.support import why_not
 from rpo_training.gym import MAX_OBSERVED, UNITS, spaces
+from rpo_training.stepping import Stepping
 
 Floats = NDArray[np.float64]
 

@@ -162,9 +162,20 @@ def fly_pairs(control: Control, case: Case | DrawnCase, w: Floats) -> Iterator[P
     trace = None
     for first, runs in zip(range(0, len(case.starts), RUNS), batches, strict=True):
         if case.judged and trace is None:
-            trace = Trace(case.windows.horizon, PAIRED_LANES, runs.judged_rows)
+            trace = _trace(case.windows.horizon, runs.judged_rows)
         memories = fly_lanes(control, runs, case.windows, w, trace=trace)
         yield flown(case, first, runs, memories, w, trace)
+
+
+_kept = threading.local()
+
+
+def _trace(ticks: int, rows: tuple[int, int]) -> Trace:
+    """Return room for paired flights, the same one as before in a thread: it is large."""
+    if getattr(_kept, 'of', None) != (ticks, rows):
+        _kept.of, _kept.trace = (ticks, rows), Trace(ticks, PAIRED_LANES, rows)
+    found: Trace = _kept.trace
+    return found
 
 
 def flown(

@@ -20,6 +20,7 @@ from rpo_ctrl.attitude_law_kernels import (
     RULES,
     SAMPLES,
     SCALES,
+    Errors,
     errors,
     force_ahead,
     limited,
@@ -53,7 +54,9 @@ HEAD = FUZZY
 POINTED, SEEN, HEADS, SHARED = 0, 1, 4, 4 + HEAD * RUNS
 """Places in the table: whether there is a reference; the rows of the attitude that is read; what
 each run has; a law as the stage has it, its fuzzy samples padded for the lanes. The memory has the
-rate of the reference a tick earlier and the momentum of the wheels (6, 40)."""
+rate of the reference a tick earlier and the momentum of the wheels (6, 40), then `Errors`."""
+
+OFF = 6 * RUNS
 
 
 @compiled
@@ -69,19 +72,32 @@ def _wanted(w, t, s):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _errors(w, m, t, s, tick):  # type: ignore[no-untyped-def]
-    i = HEADS + HEAD * s
-    wanted = _wanted(w, t, s)
-    before = (m[s], m[s + RUNS], m[s + 2 * RUNS])
-    if tick == 0:
-        before = (wanted[4], wanted[5], wanted[6])
-    return errors(_seen(w, t, s), wanted, before, t[i + DT])
+def _fill_errors(w, m, t, tick):  # type: ignore[no-untyped-def]
+    dt = t[HEADS + DT]
+    for s in range(RUNS):
+        wanted = _wanted(w, t, s)
+        before = (m[s], m[s + RUNS], m[s + 2 * RUNS])
+        if tick == 0:
+            before = (wanted[4], wanted[5], wanted[6])
+        found = errors(_seen(w, t, s), wanted, before, dt)
+        for j in range(len(found)):
+            m[OFF + j * RUNS + s] = found[j]
+
+
+@compiled
+def _errors(m, s):  # type: ignore[no-untyped-def]
+    i, n = OFF + s, RUNS
+    return Errors(
+        m[i], m[i + n], m[i + 2 * n], m[i + 3 * n], m[i + 4 * n], m[i + 5 * n], m[i + 6 * n],
+        m[i + 7 * n], m[i + 8 * n],
+    )  # fmt: skip
 
 
 @compiled
 def steer(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Turn row FORCE into body axes; fill row TORQUE."""
     law = t[SHARED:]
+    _fill_errors(w, m, t, tick)
     if law[FUZZY] > 0.0:
         k = (len(law) - SAMPLES) // 4
         fis = Law(
@@ -92,14 +108,14 @@ def steer(w, m, t, tick):  # type: ignore[no-untyped-def]
         angle, rate = law[SCALES], law[SCALES + 1]
         for s in range(RUNS):
             y, z = s + RUNS, s + 2 * RUNS
-            e = _errors(w, m, t, s, tick)
+            e = _errors(m, s)
             w[E_R + s], w[E_V + s] = saturate(-e.ex / angle, 1.0), saturate(-e.wx / rate, 1.0)
             w[E_R + y], w[E_V + y] = saturate(-e.ey / angle, 1.0), saturate(-e.wy / rate, 1.0)
             w[E_R + z], w[E_V + z] = saturate(-e.ez / angle, 1.0), saturate(-e.wz / rate, 1.0)
         infer_lanes(w, 3 * RUNS, fis)
     for s in range(RUNS):
         y, z, i = s + RUNS, s + 2 * RUNS, HEADS + HEAD * s
-        seen, e = _seen(w, t, s), _errors(w, m, t, s, tick)
+        seen, e = _seen(w, t, s), _errors(m, s)
         torque = linear_torque(e, law)
         if law[FUZZY] > 0.0:
             torque = (
@@ -139,7 +155,7 @@ def part_of(
     starts : (3, 40) momentum of the wheels; seen : rows of the attitude that is read
     """
     table = table_of(pointed, seen, heads, padded(law))
-    memory = table_of(np.zeros((3, RUNS)), starts)
+    memory = table_of(np.zeros((3, RUNS)), starts, np.zeros((9, RUNS)))
     return Part('attitude_control', ((Place.STEERING, steer),), table, memory)
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from math import radians, sqrt
 from typing import Annotated, Any
 
@@ -62,14 +62,21 @@ def quaternion(name: str, value: Any) -> Quaternion:
 def inertia(name: str, value: Any) -> tuple[tuple[float, ...], ...]:
     """Return a symmetric inertia (3, 3) [kg m^2] that a body can have; raises InputError."""
     rows = matrix(name, value, 3, 3, bound=1e9)
-    found = np.array(rows)
-    moments = np.linalg.eigvalsh(found)
-    if np.any(found != found.T) or moments[0] <= 0.0 or moments[2] > moments[0] + moments[1]:
+    if not _can_be(rows):
         raise InputError(
             f'`{name}` must be symmetric, its principal moments > 0 and none above the sum of the '
             f'others; got {shown(value)}'
         )
     return rows
+
+
+@lru_cache(maxsize=256)
+def _can_be(rows: tuple[tuple[float, ...], ...]) -> bool:
+    """Return whether a body can have an inertia (3, 3)."""
+    found = np.array(rows)
+    moments = np.linalg.eigvalsh(found)
+    even = not np.any(found != found.T)
+    return bool(even and moments[0] > 0.0 and moments[2] <= moments[0] + moments[1])
 
 
 def positive(q: Quaternion) -> Quaternion:
@@ -209,6 +216,11 @@ _OF_KIND = {SPIN: ('axis', 'rate_deg_s'), TUMBLE: ('rates_deg_s', 'inertia_kg_m2
 
 def body_of(inertia_kg_m2: Any, orbit_rad_s: float) -> Body:
     """Return a body with an inertia (3, 3) as the kernels read it."""
+    return _body(tuple(map(tuple, inertia_kg_m2)), orbit_rad_s)
+
+
+@lru_cache(maxsize=256)
+def _body(inertia_kg_m2: tuple[tuple[float, ...], ...], orbit_rad_s: float) -> Body:
     j = np.array(inertia_kg_m2)
     parts = [(m[0, 0], m[1, 1], m[2, 2], m[0, 1], m[0, 2], m[1, 2]) for m in (j, _inverse(j))]
     return Body(1.0, orbit_rad_s, *(float(value) for part in parts for value in part))
@@ -249,7 +261,13 @@ class Motion:
 
     def frame(self, tick: int, *, half: bool = False) -> Frame:
         """Return the frame at a tick, or half a tick later."""
-        return Frame(*self.frames(tick + 1, half=half)[tick].tolist())
+        if tick < len(self._frames[half]) + _BLOCK:
+            return Frame(*self.frames(tick + 1, half=half)[tick].tolist())
+        alone = np.empty((1, FRAME))  # far ahead: those in between are not wanted
+        rows = np.ascontiguousarray(self._have(tick + 1)[tick : tick + 1])
+        later = 0.5 * self._dt_s if half else 0.0
+        attitude_kernels.frames(rows, later, self.body, alone)
+        return Frame(*alone[0].tolist())
 
     def frames(self, ticks: int, *, half: bool = False) -> Floats:
         """Return the frames (ticks, 15) of the first ticks."""

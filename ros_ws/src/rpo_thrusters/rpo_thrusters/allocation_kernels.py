@@ -202,15 +202,18 @@ def advance(t: Table, w: Any) -> tuple[float, int]:
                 rate += w[INVERSE + ROWS * i + k] * w[AIM + k]
             w[RATE + i] = rate
             variable = int(w[BASIS + i])
-            if rate < -least:
-                room = w[VALUE + i] / -rate
-                if room < step:
-                    step, row, down = room, i, True
-            elif rate > least and not t.number <= variable < t.number + ROWS:
-                top = w[LIMIT + variable] if variable < t.number else 0.0
-                room = (top - w[VALUE + i]) / rate
-                if room < step:
-                    step, row, down = room, i, False
+            falls, torque = rate < -least, t.number <= variable < t.number + ROWS
+            moves = falls or (rate > least and not torque)
+            top = w[LIMIT + (variable if variable < t.number else 0)]
+            top = top if variable < t.number else 0.0
+            # no branch: which of them limits changes from call to call
+            way = w[VALUE + i] if falls else top - w[VALUE + i]
+            pace = -rate if falls else rate
+            room = way / (pace if moves else 1.0)
+            nearer = moves and room < step
+            step = room if nearer else step
+            row = i if nearer else row
+            down = falls if nearer else down
         step = step if step > 0.0 else 0.0
         for i in range(ROWS):
             w[VALUE + i] += step * w[RATE + i]

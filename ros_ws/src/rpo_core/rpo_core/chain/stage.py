@@ -175,6 +175,7 @@ class Section:
 
 
 _SECTIONS: dict[str, Section] = {}
+_OF_SETTINGS: dict[type[Any], Section] = {}
 
 
 def register(section: Section) -> Section:
@@ -193,7 +194,10 @@ def sections() -> dict[str, Section]:
 
 def section_of(settings: Any) -> Section:
     """Return the section that some settings belong to; raises InputError."""
-    for section in sections().values():
-        if type(settings) is section.settings:
-            return section
+    kind = type(settings)
+    for section in () if kind in _OF_SETTINGS else sections().values():
+        if kind is section.settings:
+            _OF_SETTINGS.setdefault(kind, section)
+    if kind in _OF_SETTINGS:
+        return _OF_SETTINGS[kind]
     raise InputError(f'section must be registered; got settings of {type(settings).__name__}')

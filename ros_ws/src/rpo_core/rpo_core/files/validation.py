@@ -65,24 +65,26 @@ def real(
     InputError
         If `value` is not a number, not finite or out of range.
     """
-    bounds = [
-        f'{sign} {bound:g}'
-        for sign, bound in (('>', above), ('>=', least), ('<=', most), ('<', below))
-        if bound is not None
-    ]
-    expected = ' '.join(filter(None, ['a finite number', ' and '.join(bounds), unit]))
-    if not isinstance(value, (int, float)) or isinstance(value, bool):
-        raise InputError(f'`{name}` must be {expected}; got {shown(value)}{_number_hint(value)}')
-    number = float(value) if abs(value) < 1e300 else math.inf  # float() of a huge int raises
+    known = isinstance(value, (int, float)) and not isinstance(value, bool)
+    number = math.inf  # float() of a huge int raises
+    if known and abs(value) < 1e300:
+        number = float(value)
     inside = (
         (above is None or number > above)
         and (least is None or number >= least)
         and (most is None or number <= most)
         and (below is None or number < below)
     )
-    if not (math.isfinite(number) and inside):
-        raise InputError(f'`{name}` must be {expected}; got {shown(value)}')
-    return number
+    if math.isfinite(number) and inside:
+        return number
+    bounds = [
+        f'{sign} {bound:g}'
+        for sign, bound in (('>', above), ('>=', least), ('<=', most), ('<', below))
+        if bound is not None
+    ]
+    expected = ' '.join(filter(None, ['a finite number', ' and '.join(bounds), unit]))
+    hint = '' if known else _number_hint(value)
+    raise InputError(f'`{name}` must be {expected}; got {shown(value)}{hint}')
 
 
 def _number_hint(value: Any) -> str:
