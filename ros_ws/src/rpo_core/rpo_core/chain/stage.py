@@ -195,9 +195,11 @@ def sections() -> dict[str, Section]:
 def section_of(settings: Any) -> Section:
     """Return the section that some settings belong to; raises InputError."""
     kind = type(settings)
-    for section in () if kind in _OF_SETTINGS else sections().values():
+    found = _OF_SETTINGS.get(kind)
+    if found is not None and _SECTIONS.get(found.name) is found:  # it was not registered anew
+        return found
+    for section in sections().values():
         if kind is section.settings:
-            _OF_SETTINGS.setdefault(kind, section)
-    if kind in _OF_SETTINGS:
-        return _OF_SETTINGS[kind]
+            _OF_SETTINGS[kind] = section
+            return section
     raise InputError(f'section must be registered; got settings of {type(settings).__name__}')
