@@ -60,7 +60,8 @@ def topics_of(scenario: Scenario) -> tuple[list[str], list[str]]:
 def said(name: str, signals: Signals) -> Signal:
     """Return the numbers of a signal and of what rides in its message."""
     row = interfaces.row_of(name)
-    return row.spoken((*signals[name], *signals.get(row.rider, ())))
+    rider = signals.get(row.rider, ()) if row.rider else ()
+    return row.spoken((*signals[name], *rider))
 
 
 class Plant:

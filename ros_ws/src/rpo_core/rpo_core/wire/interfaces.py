@@ -210,6 +210,12 @@ class Interface:
         """Numbers in a message of which nobody knows others."""
         return ALIGNED if self.attitude else (0.0,) * len(self.columns)
 
+    @property
+    def widths(self) -> tuple[int, ...]:
+        """How many numbers a message may have: without what rides in it, and with it."""
+        own = len(self.columns)
+        return (own, own + len(row_of(self.rider).columns)) if self.rider else (own,)
+
     def spoken(self, values: tuple[float, ...]) -> tuple[float, ...]:
         """Return the numbers of a message, those of a rider only where it says something."""
         own = len(self.columns)

@@ -398,10 +398,10 @@ class PlantTick:
         for name, value in taken.items():
             if name not in interfaces.table():
                 raise InputError(f'{shown(name)} is no signal')
-            columns = interfaces.row_of(name).columns
-            numbers = value.split()
-            if numbers and len(numbers) != len(columns):
-                raise InputError(f'{quoted(name)} must have {len(columns)} numbers; got {value!r}')
+            row, numbers = interfaces.row_of(name), value.split()
+            if numbers and len(numbers) not in row.widths:
+                widths = ' or '.join(map(str, row.widths))
+                raise InputError(f'{quoted(name)} must have {widths} numbers; got {value!r}')
             for number in numbers:
                 _number(name, number)
         return cls(**found, taken=taken)
