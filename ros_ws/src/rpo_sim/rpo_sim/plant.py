@@ -177,7 +177,14 @@ class Plant:
 
     def _look_for_zones(self, *states: Signal) -> None:
         """Look how deep in a keep-out zone the chaser is in states, and between them."""
+        # Most states are too far to look closely, also as a target sees them that turns 0.1 rad.
+        first, last = states[0], states[-1]
+        moved_m = 2.0 * math.dist(first[:3], last[:3])
+        moved_m += (norm(*first[3:]) + norm(*last[3:])) * self.scenario.dt_s
+        sure_m = 0.7 * min(norm(*first[:3]), norm(*last[:3])) - moved_m
         for zones in self._zones:
+            if sure_m > zones.keep_out_m:
+                continue
             seen = self.scenario.seen(np.array(states), self.tick - len(states) + 1)
             depth_m = zones.deepest_m(seen, self.scenario.dt_s)
             if depth_m > self.depths_m.get(zones.keep_out, 0.0):
