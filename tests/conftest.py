@@ -18,10 +18,16 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 # A busy machine is no failure, and a run that fails fails again.
-settings.register_profile('deterministic', deadline=None, derandomize=True, database=None)
+settings.register_profile(
+    'deterministic',
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow],
+    derandomize=True,
+    database=None,
+)
 settings.load_profile('deterministic')
 
 # Node id pattern -> why that test may be skipped. Any other skip is a failure.

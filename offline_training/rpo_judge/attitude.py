@@ -21,6 +21,7 @@ from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario, load_scenario
 from rpo_ctrl.attitude import AttitudeControl, AttitudeController
 from rpo_ctrl.attitude_law_kernels import errors
+from rpo_kernels.attitude_kernels import synchronised
 from rpo_kernels.chaser_kernels import times
 from rpo_montecarlo.engine.lanes import (
     QUAT,
@@ -119,7 +120,7 @@ def _count(w, m, t, tick):  # type: ignore[no-untyped-def]
     n = RUNS
     for s in range(n):
         seen = attitude_in(w, QUAT, QUAT_W, RATE, s)
-        wanted = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, t[_ORBIT])
+        wanted = synchronised(t[_ORBIT])
         e = errors(seen, wanted, (0.0, 0.0, t[_ORBIT]), t[_DT])
         angle = sqrt(e.ex * e.ex + e.ey * e.ey + e.ez * e.ez)
         rate = sqrt(e.wx * e.wx + e.wy * e.wy + e.wz * e.wz)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rpo_attitude.chaser import AttitudeStage
 from rpo_attitude.target import product
-from rpo_attitude.turns import apart, errors, synchronised, turned
+from rpo_attitude.turns import apart, errors, turned
 from rpo_core.chain.flight import Flight
 from rpo_core.files.scenario import Scenario
 from rpo_core.wire.interfaces import (
@@ -25,6 +25,7 @@ from rpo_core.wire.interfaces import (
     REFERENCE_ATTITUDE,
     WHEEL_MOMENTUM,
 )
+from rpo_kernels.attitude_kernels import synchronised
 from rpo_kernels.kernels import Vector
 
 Floats = NDArray[np.float64]
@@ -64,7 +65,7 @@ def turned_of(flight: Flight) -> Turned | None:
     attitudes = signals[CHASER_ATTITUDE]
     references = signals.get(REFERENCE_ATTITUDE)
     if references is None:
-        references = np.broadcast_to(synchronised(scenario), attitudes.shape)
+        references = np.broadcast_to(synchronised(scenario.mean_motion_rad_s), attitudes.shape)
     steered = scenario.named('attitude_control') is not None
     seen = signals.get(NAVIGATION_ATTITUDE)
     torques = signals.get(BODY_TORQUE if steered else EXERTED_TORQUE)

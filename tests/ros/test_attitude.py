@@ -14,13 +14,13 @@ from rpo_core.chain.stage import Place
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
+from rpo_core.wire import interfaces
 from rpo_core.wire.cdr import Status
 from rpo_core.wire.interfaces import BODY_TORQUE, CHASER_ATTITUDE
 from rpo_core.wire.statuses import PlantTick, numbers_text
 from rpo_log.verify import verify
 from rpo_mcap.read.run_log import read_run
 from rpo_sim.lockstep import LockstepPlant
-from rpo_sim.plant import said
 from rpo_sim.plant_node import PlantNode
 
 TURNING = {
@@ -79,7 +79,8 @@ def test_what_the_plant_says_of_a_tick_is_read_with_what_rides_in_it(tmp_path):
     plant = LockstepPlant(load_scenario(turning(tmp_path)), ['body_force', 'disturbance_force'])
     taken = {'body_force': (0.1, 0.2, 0.3, 0.0, 0.0, 0.01), 'disturbance_force': (0.0,) * 3}
     plant.fly(taken)
-    published = {**plant.truth, 'exerted_force': said('exerted_force', plant.signals)}
+    exerted = interfaces.row_of('exerted_force').whole(plant.signals)
+    published = {**plant.truth, 'exerted_force': exerted}
     assert [len(values) for values in published.values()] == [13, 6]
     pairs = [(name, numbers_text(values)) for name, values in {**published, **taken}.items()]
     found = PlantTick.of(Status(0, 'plant', 'tick', 'none', (('run', 'r'), ('tick', '1'), *pairs)))

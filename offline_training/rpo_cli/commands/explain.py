@@ -220,10 +220,11 @@ def _explain_run(console: Console, path: str, at: float) -> bool:
 
 def _say_turn(console: Console, signals: Mapping[str, list[float]], scenario: Scenario) -> None:
     """Print what the attitude control made of the command and of the attitude."""
-    from rpo_attitude.turns import apart, synchronised
+    from rpo_attitude.turns import apart
     from rpo_core.wire import interfaces
+    from rpo_kernels.attitude_kernels import synchronised
 
-    wanted = signals.get(interfaces.REFERENCE_ATTITUDE, synchronised(scenario))
+    wanted = signals.get(interfaces.REFERENCE_ATTITUDE, synchronised(scenario.mean_motion_rad_s))
     angle, rate = map(math.degrees, apart(signals[interfaces.CHASER_ATTITUDE], wanted))
     force, torque = (
         ', '.join(f'{value:.3g}' for value in signals[name])

@@ -27,6 +27,7 @@ from rpo_ctrl.attitude_law_kernels import (
     linear_torque,
     wheels_after,
 )
+from rpo_kernels.attitude_kernels import synchronised
 from rpo_kernels.kernels import LANES, saturate
 from rpo_montecarlo.engine.lanes import (
     E_R,
@@ -67,7 +68,7 @@ def _seen(w, t, s):  # type: ignore[no-untyped-def]
 @compiled
 def _wanted(w, t, s):  # type: ignore[no-untyped-def]
     if t[POINTED] == 0.0:
-        return 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, t[HEADS + HEAD * s + ORBIT]
+        return synchronised(t[HEADS + HEAD * s + ORBIT])
     return attitude_in(w, REF_QUAT, REF_QUAT_W, REF_RATE, s)
 
 

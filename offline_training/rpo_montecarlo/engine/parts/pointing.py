@@ -15,7 +15,7 @@ from rpo_attitude.target import ALIGNED, Target
 from rpo_core.chain.stage import Place
 from rpo_core.judge.contact import Port, port_of, touches
 from rpo_core.judge.requirements import ATTITUDES
-from rpo_kernels.attitude_kernels import attitude_at, frame_of
+from rpo_kernels.attitude_kernels import attitude_at, frame_of, synchronised
 from rpo_kernels.pointing_kernels import Aim, from_target, off_contact, pointed
 from rpo_montecarlo.engine.lanes import (
     BODY_QUAT,
@@ -94,7 +94,7 @@ def touch(w, m, t, tick):  # type: ignore[no-untyped-def]
         x, y, z = vector_in(w, row, s)
         if m[s] > 0.0 or not touches(x - t[GOAL], y - t[GOAL + 1], z - t[GOAL + 2], port):
             continue
-        target = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, t[ORBITS + s])
+        target = synchronised(t[ORBITS + s])
         if t[SEEN] > 0.0:
             target = attitude_in(w, BODY_QUAT, BODY_QUAT_W, BODY_RATE, s)
         mate = (t[MATE], t[MATE + 1], t[MATE + 2], t[MATE + 3])

@@ -19,7 +19,7 @@ from rpo_core.files.validation import InputError, check_fields, real, vector3
 from rpo_core.judge.zones import Zones
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import ATTITUDE, STATE
-from rpo_kernels.attitude_kernels import Attitude, Frame
+from rpo_kernels.attitude_kernels import Attitude, Frame, synchronised
 from rpo_kernels.chaser_kernels import turn
 from rpo_kernels.kernels import Vector, norm
 from rpo_kernels.pointing_kernels import Aim, begun, point
@@ -98,7 +98,7 @@ class PointingStage(Stage):
     def __init__(self, settings: Pointing, scenario: Any) -> None:
         self.aim, self._motion = settings.aim(scenario.dt_s), known_motion(scenario)
         n = scenario.mean_motion_rad_s
-        self._still = (*ALIGNED, 0.0, 0.0, n), LVLH
+        self._still = synchronised(n), LVLH
         self.inputs = (STATE, ATTITUDE) if scenario.attitude else (STATE,)
         self.reset()
 

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 from rpo_attitude.target import product
 from rpo_core.files.scenario import Scenario
 from rpo_core.judge.zones import zones_of
-from rpo_kernels.attitude_kernels import Attitude
 from rpo_kernels.kernels import Vector, norm
 
 Floats = NDArray[np.float64]
@@ -47,11 +46,6 @@ def apart(attitudes: ArrayLike, references: ArrayLike) -> Floats:
     e = errors(attitudes, references)
     angle = 2.0 * np.arctan2(np.linalg.norm(e[..., :3], axis=-1), e[..., 3])
     return np.stack([angle, np.linalg.norm(e[..., 4:], axis=-1)], axis=-1)
-
-
-def synchronised(scenario: Scenario) -> Attitude:
-    """Return the attitude of a chaser whose axes are those of target LVLH."""
-    return 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, scenario.mean_motion_rad_s
 
 
 def docking_axis(scenario: Scenario) -> Vector:

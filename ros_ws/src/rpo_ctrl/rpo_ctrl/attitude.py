@@ -55,8 +55,7 @@ from rpo_core.wire import interfaces
 from rpo_ctrl.attitude_law_kernels import steer
 from rpo_ctrl.attitude_limit_kernels import NONE, TorqueLimits
 from rpo_ctrl.attitude_limits import AttitudeLimits, numbers_of
-from rpo_kernels.attitude_kernels import Attitude
-from rpo_kernels.chaser_kernels import with_momentum
+from rpo_kernels.attitude_kernels import Attitude, momentum_of, synchronised
 from rpo_kernels.jit import as_table
 from rpo_kernels.kernels import Vector, norm
 
@@ -306,7 +305,7 @@ class AttitudeControl:
             raise InputError('`attitude_control.limits` needs `limit_nm`, or wheels')
         body = replace(chaser, inertia_kg_m2=self.inertia_kg_m2 or chaser.inertia_kg_m2)
         body = body.craft(n).body
-        own, spun = with_momentum(chaser.start(n)[4:], body), wheels.start_nms if wheels else ZERO
+        own, spun = momentum_of(chaser.start(n)[4:], body), wheels.start_nms if wheels else ZERO
         start = norm(*(a + b for a, b in zip(own, spun, strict=True)))
         momentum = wheels.momentum_nms if wheels else 0.0
         dt_s, duration_s = scenario.dt_s, scenario.duration_s
@@ -333,7 +332,7 @@ class AttitudeControlStage(Stage):
         chaser, n = scenario.named('attitude'), scenario.mean_motion_rad_s
         self._law = as_table(settings.law_of(scenario))
         self._start: Vector = chaser.wheels.start_nms if chaser.wheels else (0.0, 0.0, 0.0)
-        self._synchronised: Attitude = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, n)
+        self._synchronised: Attitude = synchronised(n)
         pointed = scenario.named('pointing') is not None
         reference = (interfaces.REFERENCE_ATTITUDE,) if pointed else ()
         self.inputs = (interfaces.COMMAND, interfaces.ATTITUDE, *reference)
@@ -364,4 +363,13 @@ def _check(settings: AttitudeControl, scenario: Any) -> None:
     settings.kept(scenario)
 
 
-register(Section('attitude_control', AttitudeControl, Place.STEERING, AttitudeControlStage, _check))
+register(
+    Section(
+        'attitude_control',
+        AttitudeControl,
+        Place.STEERING,
+        AttitudeControlStage,
+        _check,
+        names_files=True,
+    )
+)

@@ -22,8 +22,8 @@ from math import sqrt
 from typing import Any, NamedTuple
 
 from rpo_ctrl.attitude_limit_kernels import NUMBERS, limits_at, within_limits
-from rpo_kernels.attitude_kernels import Attitude, cross
-from rpo_kernels.chaser_kernels import Quaternion, times, turn_back
+from rpo_kernels.attitude_kernels import Attitude, cross, symmetric
+from rpo_kernels.chaser_kernels import Quaternion, relative_to, times, turn_back
 from rpo_kernels.jit import inlined, kernel
 from rpo_kernels.kernels import FisTables, Vector, infer, saturate
 
@@ -60,9 +60,8 @@ def errors(seen: Attitude, wanted: Attitude, before: Vector, dt: float) -> Error
 
     before : rate of the reference a tick `dt` [s] earlier, in its own axes; the same: it is steady
     """
-    x, y, z, w = times(
-        (-wanted[0], -wanted[1], -wanted[2], wanted[3]), (seen[0], seen[1], seen[2], seen[3])
-    )
+    axes = (wanted[0], wanted[1], wanted[2], wanted[3])
+    x, y, z, w = relative_to(axes, (seen[0], seen[1], seen[2], seen[3]))
     if w < 0.0:
         x, y, z, w = -x, -y, -z, -w
     p, q, r = wanted[4], wanted[5], wanted[6]
@@ -99,17 +98,10 @@ def limited(torque: Vector, e: Errors, seen: Attitude, wheels: Vector, t: Any, i
     jxx, jyy, jzz, jxy, jxz, jyz = t[j], t[j + 1], t[j + 2], t[j + 3], t[j + 4], t[j + 5]
     x, y, z = torque
     if jxx > 0.0:
-        gx, gy, gz = cross(
-            (p, q, r),
-            (
-                jxx * p + jxy * q + jxz * r + wheels[0],
-                jxy * p + jyy * q + jyz * r + wheels[1],
-                jxz * p + jyz * q + jzz * r + wheels[2],
-            ),
-        )
-        x = x + (gx + (jxx * e.ax + jxy * e.ay + jxz * e.az))
-        y = y + (gy + (jxy * e.ax + jyy * e.ay + jyz * e.az))
-        z = z + (gz + (jxz * e.ax + jyz * e.ay + jzz * e.az))
+        hx, hy, hz = symmetric((p, q, r), jxx, jyy, jzz, jxy, jxz, jyz)
+        gx, gy, gz = cross((p, q, r), (hx + wheels[0], hy + wheels[1], hz + wheels[2]))
+        ax, ay, az = symmetric((e.ax, e.ay, e.az), jxx, jyy, jzz, jxy, jxz, jyz)
+        x, y, z = x + (gx + ax), y + (gy + ay), z + (gz + az)
     k, i = i + KEPT, i + LIMITS
     x, y, z = saturate(x, t[i]), saturate(y, t[i + 1]), saturate(z, t[i + 2])
     if t[k] > 0.0:

@@ -13,7 +13,7 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any, NamedTuple
 
-from rpo_kernels.attitude_kernels import cross
+from rpo_kernels.attitude_kernels import cross, symmetric
 from rpo_kernels.jit import inlined, kernel
 from rpo_kernels.kernels import Vector
 
@@ -77,12 +77,6 @@ def limits_at(t: Any, i: int) -> TorqueLimits:
         t[i + 17], t[i + 18], t[i + 19], t[i + 20], t[i + 21],
     )
     # fmt: on
-
-
-@inlined
-def _times(v: Vector, xx: float, yy: float, zz: float, xy: float, xz: float, yz: float) -> Vector:
-    x, y, z = v
-    return xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
 
 
 @inlined
@@ -171,9 +165,9 @@ def within_limits(
     )  # fmt: skip
     tx, ty, tz = _clip(torque[0], lx, mx), _clip(torque[1], ly, my), _clip(torque[2], lz, mz)
     j = (lim.jxx, lim.jyy, lim.jzz, lim.jxy, lim.jxz, lim.jyz)
-    hx, hy, hz = _times(rate, j[0], j[1], j[2], j[3], j[4], j[5])
+    hx, hy, hz = symmetric(rate, j[0], j[1], j[2], j[3], j[4], j[5])
     gx, gy, gz = cross(rate, (hx + wheels[0], hy + wheels[1], hz + wheels[2]))
-    ax, ay, az = _times(
+    ax, ay, az = symmetric(
         (tx - gx, ty - gy, tz - gz), lim.ixx, lim.iyy, lim.izz, lim.ixy, lim.ixz, lim.iyz
     )
     # the change of the errors: of twice the vector part of a quaternion whose real part is w
@@ -192,8 +186,8 @@ def within_limits(
     sx = _allowed(0.0, rate[0], ex, cx, ahead[0], cone, lim)
     sy = _allowed(0.0, rate[1], ey, cy, ahead[1], cone, lim)
     sz = _allowed(0.0, rate[2], ez, cz, ahead[2], cone, lim)
-    px, py, pz = _times((sx, sy, sz), j[0], j[1], j[2], j[3], j[4], j[5])
-    qx, qy, qz = _times((bx, by, bz), j[0], j[1], j[2], j[3], j[4], j[5])
+    px, py, pz = symmetric((sx, sy, sz), j[0], j[1], j[2], j[3], j[4], j[5])
+    qx, qy, qz = symmetric((bx, by, bz), j[0], j[1], j[2], j[3], j[4], j[5])
     px, py, pz, qx, qy, qz = px + gx, py + gy, pz + gz, qx + gx, qy + gy, qz + gz
     u, v, w = _share(px, qx, lx, mx), _share(py, qy, ly, my), _share(pz, qz, lz, mz)
     u = v if v < u else u

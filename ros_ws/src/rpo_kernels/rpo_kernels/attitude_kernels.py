@@ -72,34 +72,49 @@ FRAME = 15
 
 
 @inlined
+def synchronised(orbit_rad_s: float) -> Attitude:
+    """Return the attitude of a body whose axes stay those of target LVLH."""
+    return 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, orbit_rad_s
+
+
+@inlined
 def cross(a: Vector, b: Vector) -> Vector:
     """Cross product of two vectors."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @inlined
-def free_acceleration(rate: Vector, b: Body) -> Vector:
-    """Euler's equation: change [rad/s^2] of the rate of a body without torque."""
-    x, y, z = rate
-    h = (
-        b.jxx * x + b.jxy * y + b.jxz * z,
-        b.jxy * x + b.jyy * y + b.jyz * z,
-        b.jxz * x + b.jyz * y + b.jzz * z,
-    )
-    tx, ty, tz = cross(h, rate)
-    return (
-        b.ixx * tx + b.ixy * ty + b.ixz * tz,
-        b.ixy * tx + b.iyy * ty + b.iyz * tz,
-        b.ixz * tx + b.iyz * ty + b.izz * tz,
-    )
+def symmetric(
+    v: Vector, xx: float, yy: float, zz: float, xy: float, xz: float, yz: float
+) -> Vector:
+    """Product of a symmetric matrix and a vector."""
+    x, y, z = v
+    return xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
 
 
 @inlined
-def _change(a: Attitude, b: Body) -> Attitude:
+def momentum_of(rate: Vector, b: Body) -> Vector:
+    """Angular momentum [N m s] of a body."""
+    return symmetric(rate, b.jxx, b.jyy, b.jzz, b.jxy, b.jxz, b.jyz)
+
+
+@inlined
+def accelerated(torque: Vector, b: Body) -> Vector:
+    """Change [rad/s^2] of the rate that a torque [N m] makes."""
+    return symmetric(torque, b.ixx, b.iyy, b.izz, b.ixy, b.ixz, b.iyz)
+
+
+@inlined
+def free_acceleration(rate: Vector, b: Body) -> Vector:
+    """Euler's equation: change [rad/s^2] of the rate of a body without torque."""
+    return accelerated(cross(momentum_of(rate, b), rate), b)
+
+
+@inlined
+def turning_at(a: Attitude, n: float, acceleration: Vector) -> Attitude:
     """Return the derivative of an attitude: the body turns, and so does LVLH below it."""
     x, y, z, w, p, q, r = a
-    n = b.orbit
-    u, v, s = free_acceleration((p, q, r), b)
+    u, v, s = acceleration
     return (
         0.5 * (w * p + y * r - z * q + n * y),
         0.5 * (w * q + z * p - x * r - n * x),
@@ -112,7 +127,14 @@ def _change(a: Attitude, b: Body) -> Attitude:
 
 
 @inlined
-def _plus(a: Attitude, h: float, k: Attitude) -> Attitude:
+def _change(a: Attitude, b: Body) -> Attitude:
+    """Return the derivative of the attitude of a free body."""
+    return turning_at(a, b.orbit, free_acceleration((a[4], a[5], a[6]), b))
+
+
+@inlined
+def plus(a: Attitude, h: float, k: Attitude) -> Attitude:
+    """Return a + h k, number by number."""
     return (
         a[0] + h * k[0],
         a[1] + h * k[1],
@@ -133,18 +155,18 @@ def attitude_step(a: Attitude, h: float, b: Body) -> Attitude:
     if b.turns == 0.0:
         return a
     k1 = _change(a, b)
-    k2 = _change(_plus(a, h / 3.0, k1), b)
-    k3 = _change(_plus(a, h * 2.0 / 3.0, k2), b)
-    k4 = _change(_plus(_plus(_plus(a, h / 12.0, k1), h / 3.0, k2), h / -12.0, k3), b)
-    s = _plus(_plus(a, h / -16.0, k1), h * 9.0 / 8.0, k2)
-    k5 = _change(_plus(_plus(s, h * -3.0 / 16.0, k3), h * -3.0 / 8.0, k4), b)
-    s = _plus(_plus(a, h * 9.0 / 8.0, k2), h * -3.0 / 8.0, k3)
-    k6 = _change(_plus(_plus(s, h * -3.0 / 4.0, k4), h / 2.0, k5), b)
-    s = _plus(_plus(_plus(a, h * 9.0 / 44.0, k1), h * -9.0 / 11.0, k2), h * 63.0 / 44.0, k3)
-    k7 = _change(_plus(_plus(s, h * 18.0 / 11.0, k4), h * -16.0 / 11.0, k6), b)
-    s = _plus(_plus(a, h * 11.0 / 120.0, k1), h * 27.0 / 40.0, k3)
-    s = _plus(_plus(s, h * 27.0 / 40.0, k4), h * -4.0 / 15.0, k5)
-    x, y, z, w, p, q, r = _plus(_plus(s, h * -4.0 / 15.0, k6), h * 11.0 / 120.0, k7)
+    k2 = _change(plus(a, h / 3.0, k1), b)
+    k3 = _change(plus(a, h * 2.0 / 3.0, k2), b)
+    k4 = _change(plus(plus(plus(a, h / 12.0, k1), h / 3.0, k2), h / -12.0, k3), b)
+    s = plus(plus(a, h / -16.0, k1), h * 9.0 / 8.0, k2)
+    k5 = _change(plus(plus(s, h * -3.0 / 16.0, k3), h * -3.0 / 8.0, k4), b)
+    s = plus(plus(a, h * 9.0 / 8.0, k2), h * -3.0 / 8.0, k3)
+    k6 = _change(plus(plus(s, h * -3.0 / 4.0, k4), h / 2.0, k5), b)
+    s = plus(plus(plus(a, h * 9.0 / 44.0, k1), h * -9.0 / 11.0, k2), h * 63.0 / 44.0, k3)
+    k7 = _change(plus(plus(s, h * 18.0 / 11.0, k4), h * -16.0 / 11.0, k6), b)
+    s = plus(plus(a, h * 11.0 / 120.0, k1), h * 27.0 / 40.0, k3)
+    s = plus(plus(s, h * 27.0 / 40.0, k4), h * -4.0 / 15.0, k5)
+    x, y, z, w, p, q, r = plus(plus(s, h * -4.0 / 15.0, k6), h * 11.0 / 120.0, k7)
     size = sqrt(x * x + y * y + z * z + w * w)
     return x / size, y / size, z / size, w / size, p, q, r
 

@@ -11,7 +11,16 @@ from __future__ import annotations
 from math import sqrt
 from typing import NamedTuple
 
-from rpo_kernels.attitude_kernels import Attitude, Body, body_at, cross
+from rpo_kernels.attitude_kernels import (
+    Attitude,
+    Body,
+    accelerated,
+    body_at,
+    cross,
+    momentum_of,
+    plus,
+    turning_at,
+)  # fmt: skip
 from rpo_kernels.jit import inlined
 from rpo_kernels.kernels import State, Vector
 
@@ -78,14 +87,18 @@ def times(p: Quaternion, q: Quaternion) -> Quaternion:
 
 
 @inlined
-def with_momentum(rate: Vector, b: Body) -> Vector:
-    """Return the angular momentum [N m s] of a body without its wheels."""
-    x, y, z = rate
-    return (
-        b.jxx * x + b.jxy * y + b.jxz * z,
-        b.jxy * x + b.jyy * y + b.jyz * z,
-        b.jxz * x + b.jyz * y + b.jzz * z,
-    )
+def relative_to(p: Quaternion, q: Quaternion) -> Quaternion:
+    """Return the attitude q as a body with the attitude p sees it."""
+    return times((-p[0], -p[1], -p[2], p[3]), q)
+
+
+@inlined
+def upright(q: Quaternion) -> Quaternion:
+    """Return a quaternion of length 1 with w >= 0."""
+    x, y, z, w = q
+    size = sqrt(x * x + y * y + z * z + w * w)
+    size = size if w >= 0.0 else -size
+    return x / size, y / size, z / size, w / size
 
 
 @inlined
@@ -96,31 +109,15 @@ def _change(a: Attitude, h: Vector, torque: Vector, c: Craft) -> Attitude:
     "Spacecraft Attitude Dynamics", 1986, 8.1).
     """
     x, y, z, w, p, q, r = a
-    b, n = c.body, c.body.orbit
-    g = with_momentum((p, q, r), b)
+    b = c.body
+    g = momentum_of((p, q, r), b)
     tx, ty, tz = cross((g[0] + h[0], g[1] + h[1], g[2] + h[2]), (p, q, r))
     tx, ty, tz = tx + torque[0], ty + torque[1], tz + torque[2]
     if c.gradient > 0.0:
         up = (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w))
-        ux, uy, uz = cross(up, with_momentum(up, b))
+        ux, uy, uz = cross(up, momentum_of(up, b))
         tx, ty, tz = tx + c.gradient * ux, ty + c.gradient * uy, tz + c.gradient * uz
-    return (
-        0.5 * (w * p + y * r - z * q + n * y),
-        0.5 * (w * q + z * p - x * r - n * x),
-        0.5 * (w * r + x * q - y * p - n * w),
-        0.5 * (n * z - x * p - y * q - z * r),
-        b.ixx * tx + b.ixy * ty + b.ixz * tz,
-        b.ixy * tx + b.iyy * ty + b.iyz * tz,
-        b.ixz * tx + b.iyz * ty + b.izz * tz,
-    )
-
-
-@inlined
-def _plus(a: Attitude, h: float, k: Attitude) -> Attitude:
-    return (
-        a[0] + h * k[0], a[1] + h * k[1], a[2] + h * k[2], a[3] + h * k[3],
-        a[4] + h * k[4], a[5] + h * k[5], a[6] + h * k[6],
-    )  # fmt: skip
+    return turning_at(a, b.orbit, accelerated((tx, ty, tz), b))
 
 
 @inlined
@@ -131,10 +128,8 @@ def _ahead(v: Vector, h: float, rate: Vector) -> Vector:
 @inlined
 def unit(a: Attitude) -> Attitude:
     """Return an attitude whose quaternion has length 1 and w >= 0."""
-    x, y, z, w, p, q, r = a
-    size = sqrt(x * x + y * y + z * z + w * w)
-    size = size if w >= 0.0 else -size
-    return x / size, y / size, z / size, w / size, p, q, r
+    x, y, z, w = upright((a[0], a[1], a[2], a[3]))
+    return x, y, z, w, a[4], a[5], a[6]
 
 
 @inlined
@@ -148,11 +143,11 @@ def chaser_step(
     """
     half = _ahead(wheels, 0.5 * h, spun)
     k1 = _change(a, wheels, torque, c)
-    k2 = _change(_plus(a, 0.5 * h, k1), half, torque, c)
-    k3 = _change(_plus(a, 0.5 * h, k2), half, torque, c)
-    k4 = _change(_plus(a, h, k3), _ahead(wheels, h, spun), torque, c)
-    s = _plus(_plus(a, h / 6.0, k1), h / 3.0, k2)
-    return unit(_plus(_plus(s, h / 3.0, k3), h / 6.0, k4))
+    k2 = _change(plus(a, 0.5 * h, k1), half, torque, c)
+    k3 = _change(plus(a, 0.5 * h, k2), half, torque, c)
+    k4 = _change(plus(a, h, k3), _ahead(wheels, h, spun), torque, c)
+    s = plus(plus(a, h / 6.0, k1), h / 3.0, k2)
+    return unit(plus(plus(s, h / 3.0, k3), h / 6.0, k4))
 
 
 @inlined

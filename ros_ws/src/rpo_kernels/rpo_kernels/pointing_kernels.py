@@ -12,7 +12,7 @@ from math import sqrt
 from typing import NamedTuple
 
 from rpo_kernels.attitude_kernels import Attitude, Frame, cross, seen_from
-from rpo_kernels.chaser_kernels import Quaternion, times, turn, turn_back
+from rpo_kernels.chaser_kernels import Quaternion, relative_to, times, turn, turn_back
 from rpo_kernels.jit import inlined, kernel
 from rpo_kernels.kernels import State, Vector, norm, saturate
 
@@ -123,13 +123,13 @@ def limited(q: Quaternion, rate: Vector, before: Quaternion, aim: Aim) -> tuple[
     swung = before
     if size > 0.0:
         swung = times((x / size, y / size, z / size, w / size), before)
-    x, y, z, w = times((-swung[0], -swung[1], -swung[2], swung[3]), q)
+    x, y, z, w = relative_to(swung, q)
     off = 2.0 * w * (x * a[0] + y * a[1] + z * a[2])  # a sine: no jump at half a turn
     about = saturate(along + (off - along * aim.dt) / SETTLE_S, most)
     half = 0.5 * about * aim.dt
     step = (half * a[0], half * a[1], half * a[2], sqrt(1.0 - half * half))
     found = times(swung, step)
-    x, y, z = turn(across, times((-found[0], -found[1], -found[2], found[3]), q))
+    x, y, z = turn(across, relative_to(found, q))
     return found, (x + about * a[0], y + about * a[1], z + about * a[2])
 
 
@@ -156,7 +156,7 @@ def pointed(
 @inlined
 def from_target(q: Quaternion, target: Attitude) -> Quaternion:
     """Return the turn from the axes of a chaser to those of the target; q : its attitude."""
-    return times((-target[0], -target[1], -target[2], target[3]), q)
+    return relative_to((target[0], target[1], target[2], target[3]), q)
 
 
 @kernel
@@ -181,7 +181,7 @@ def off_contact(chaser: Attitude, target: Attitude, mate: Quaternion) -> tuple[f
     the rate against the target [deg/s].
     """
     turned = from_target((chaser[0], chaser[1], chaser[2], chaser[3]), target)
-    x, y, z, _ = times((-mate[0], -mate[1], -mate[2], mate[3]), turned)
+    x, y, z, _ = relative_to(mate, turned)
     p = turn_back((target[4], target[5], target[6]), turned)
     rate = norm(chaser[4] - p[0], chaser[5] - p[1], chaser[6] - p[2])
     return 2.0 * DEGREES * max(abs(x), abs(y), abs(z)), DEGREES * rate

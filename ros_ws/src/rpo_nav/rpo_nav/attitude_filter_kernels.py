@@ -19,10 +19,10 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any
 
-from rpo_kernels.chaser_kernels import times, turn_back
+from rpo_kernels.chaser_kernels import times, turn_back, upright
 from rpo_kernels.jit import inlined, kernel
 from rpo_kernels.kernels import Vector, saturate, sin_cos
-from rpo_nav.attitude_sensor_kernels import angles_between, turned_by, upright
+from rpo_nav.attitude_sensor_kernels import angles_between, turned_by
 from rpo_nav.filter_kernels import joseph
 
 STATES = 6

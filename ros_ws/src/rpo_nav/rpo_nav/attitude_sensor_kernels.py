@@ -12,7 +12,7 @@ from math import sqrt
 from typing import Any
 
 from rpo_kernels.attitude_kernels import Attitude
-from rpo_kernels.chaser_kernels import Quaternion, times, turn
+from rpo_kernels.chaser_kernels import Quaternion, relative_to, times, turn, upright
 from rpo_kernels.jit import inlined, kernel
 from rpo_kernels.kernels import Vector
 from rpo_nav.sensor_kernels import three_normals
@@ -38,15 +38,6 @@ START_STREAM, _STARS, _RATES, _WALKS = range(128, 132)
 
 
 @inlined
-def upright(q: Quaternion) -> Quaternion:
-    """Return a quaternion of length 1 with w >= 0."""
-    x, y, z, w = q
-    size = sqrt(x * x + y * y + z * z + w * w)
-    size = size if w >= 0.0 else -size
-    return x / size, y / size, z / size, w / size
-
-
-@inlined
 def turned_by(q: Quaternion, e: Vector) -> Quaternion:
     """Return an attitude turned by twice the vector part (3,) of a quaternion; w >= 0."""
     x, y, z = 0.5 * e[0], 0.5 * e[1], 0.5 * e[2]
@@ -57,8 +48,8 @@ def turned_by(q: Quaternion, e: Vector) -> Quaternion:
 @inlined
 def angles_between(truth: Any, estimate: Any) -> Vector:
     """Return the angles (3,) [rad] from estimated to true axes: twice a vector part."""
-    q = (truth[0], truth[1], truth[2], truth[3])
-    x, y, z, w = times((-estimate[0], -estimate[1], -estimate[2], estimate[3]), q)
+    p = (estimate[0], estimate[1], estimate[2], estimate[3])
+    x, y, z, w = relative_to(p, (truth[0], truth[1], truth[2], truth[3]))
     sign = 2.0 if w >= 0.0 else -2.0
     return sign * x, sign * y, sign * z
 

@@ -36,18 +36,16 @@ def message_class(type_name: str) -> Any:
 
 
 class Outlet:
-    """Publishes a signal."""
+    """Publishes a signal; `numbers_of` signals are those of its message."""
 
     def __init__(self, node: Node, name: str) -> None:
         self.name, row = name, interfaces.row_of(name)
-        self._encode, self._rider = row.layout.encode, row.rider
+        self._encode, self.numbers_of = row.layout.encode, row.whole
         self.publisher = node.create_publisher(message_class(row.type), row.topic, qos.of(row.qos))
 
     def publish_of(self, stamp_ns: int, signals: Mapping[str, Signal]) -> bytes:
         """Publish a signal, with what travels in its message; return the bytes."""
-        values = signals[self.name]
-        rider = signals.get(self._rider, ()) if self._rider else ()
-        return self.publish(stamp_ns, (*values, *rider) if rider else values)
+        return self.publish(stamp_ns, self.numbers_of(signals))
 
     def publish(self, stamp_ns: int, values: Signal) -> bytes:
         """Publish the numbers at a stamp; return the bytes, so that they can be published again."""

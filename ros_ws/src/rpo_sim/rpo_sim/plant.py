@@ -57,11 +57,10 @@ def topics_of(scenario: Scenario) -> tuple[list[str], list[str]]:
     return inputs, outputs
 
 
-def said(name: str, signals: Signals) -> Signal:
-    """Return the numbers of a signal and of what rides in its message."""
-    row = interfaces.row_of(name)
-    rider = signals.get(row.rider, ()) if row.rider else ()
-    return row.spoken((*signals[name], *rider))
+def _part_of(name: str) -> tuple[str, int]:
+    """Return the topic that carries a force or torque, and the place of its numbers there."""
+    topic = interfaces.row_of(name).rides
+    return topic or name, len(interfaces.row_of(topic).columns) if topic else 0
 
 
 class Plant:
@@ -88,6 +87,7 @@ class Plant:
         self.chain = Chain.of(scenario).part(*PLACES)
         self.chain.reset()
         self.inputs = tuple(name for name in self.chain.inputs if name not in NEXT)
+        self._parts = [(name, *_part_of(name)) for name in self.inputs]
         self.signals: Signals = start_of(scenario)
         self._limit = float(scenario.max_force_n)
         self._stamp_ns = scenario.stamp_ns(0)
@@ -109,7 +109,7 @@ class Plant:
     @property
     def truth(self) -> Signals:
         """The true state, with its attitude, as it is published."""
-        return {RELATIVE_STATE: said(RELATIVE_STATE, self.signals)}
+        return {RELATIVE_STATE: interfaces.row_of(RELATIVE_STATE).whole(self.signals)}
 
     @property
     def openings(self) -> int | None:
@@ -169,11 +169,8 @@ class Plant:
 
     def _take(self, signals: Signals, answers: Mapping[str, Force]) -> None:
         """Put the answers, by topic, among the signals; what did not come is zero."""
-        for name in self.inputs:
-            row = interfaces.row_of(name)
-            values = answers.get(row.rides or name, ())
-            width = len(interfaces.row_of(row.rides).columns) if row.rides else 0
-            signals[name] = values[width : width + 3] or ZERO
+        for name, topic, first in self._parts:
+            signals[name] = answers.get(topic, ())[first : first + 3] or ZERO
 
     def _look_for_zones(self, *states: Signal) -> None:
         """Look how deep in a keep-out zone the chaser is in states, and between them."""

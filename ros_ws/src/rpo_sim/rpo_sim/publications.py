@@ -18,7 +18,7 @@ from rpo_core.wire.statuses import numbers_text
 from rpo_ros import conversions, health, names, qos
 from rpo_ros.running import FlightNode
 from rpo_ros.signals import Outlet
-from rpo_sim.plant import ZERO, Force, Plant, said
+from rpo_sim.plant import ZERO, Force, Plant
 
 
 class Publications:
@@ -44,7 +44,7 @@ class Publications:
         found = [name for name in self._made if name in signals]
         for name in found:
             self._made[name].publish_of(stamp_ns, signals)
-        return {name: said(name, signals) for name in found}
+        return {name: self._made[name].numbers_of(signals) for name in found}
 
     def before_flight(self, stamp_ns: int) -> None:
         """Publish the outputs once with a stamp before the first, to connect a recorder."""
@@ -110,8 +110,7 @@ class TickReports:
             return
         published, taken = self._known[tick]
         values: dict[str, object] = {'run': self._run, 'tick': tick}
-        values |= {name: numbers_text(found) for name, found in published.items()}
-        for name in self._peers:
-            values[name] = numbers_text(interfaces.row_of(name).spoken(taken.get(name, ())))
+        for name, numbers in (*published.items(), *((n, taken.get(n, ())) for n in self._peers)):
+            values[name] = numbers_text(interfaces.row_of(name).spoken(numbers))
         status = conversions.to_status(health.OK, 'plant', 'tick', values.items())
         self._publisher.publish(status)

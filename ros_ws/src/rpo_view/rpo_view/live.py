@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from rpo_attitude.target import in_lvlh, motion_of
-from rpo_attitude.turns import docking_axis, synchronised, turned
+from rpo_attitude.turns import docking_axis, turned
 from rpo_core import files
 from rpo_core.control import controller as controllers
 from rpo_core.control.blend import Reasons
@@ -26,7 +26,7 @@ from rpo_core.judge.zones import Zone, zones_of
 from rpo_core.wire.interfaces import REFERENCE_ATTITUDE
 from rpo_core.wire.statuses import ENDED, Manifest, RunStatus
 from rpo_ctrl import explain
-from rpo_kernels.attitude_kernels import Attitude, Frame, seen_from
+from rpo_kernels.attitude_kernels import Attitude, Frame, seen_from, synchronised
 from rpo_thrusters.thrusters import STANDARD_GRAVITY_M_S2
 from rpo_view.onboard import Onboard, number
 from rpo_view.trail import Trail
@@ -156,7 +156,7 @@ class LiveRun:
         if attitude is not None and self.scenario is not None and self.scenario.attitude:
             self.onboard.on_attitude(stamp_ns, attitude)
             if self.scenario.named('pointing') is None:
-                wanted = synchronised(self.scenario)
+                wanted = synchronised(self.scenario.mean_motion_rad_s)
                 self.onboard.on_turn(REFERENCE_ATTITUDE, stamp_ns, wanted)
         self.effort.add(self.time_s, self.errors[:3], self.force_n)
 

@@ -103,8 +103,7 @@ class Flight:
         if SATURATED_FORCE in self.signals:
             return self.signals[SATURATED_FORCE][:-1]
         stage = self._thrusters()
-        given = [self.sent_forces_n, *(self.signals[name] for name in stage.inputs[1:])]
-        made = stage.steps(np.arange(len(self.forces_n) - 1), *(v[:-1] for v in given))
+        made = stage.steps(np.arange(len(self.forces_n) - 1), *self._taken_by(stage))
         return made[stage.outputs.index(SATURATED_FORCE)]
 
     def _thrusters(self) -> Stage:
@@ -114,14 +113,20 @@ class Flight:
             stage.take_event(tick, state)
         return stage
 
+    def _taken_by(self, thrusters: Stage) -> list[Floats]:
+        """Return the inputs (N, 3) of the thrusters: the command as sent, and the torque if any."""
+        others = (self.signals[name] for name in thrusters.inputs[1:])
+        return [values[:-1] for values in (self.sent_forces_n, *others)]
+
     @cached_property
     def thrust(self) -> Thrust:
         """What the thrusters made of the commands, computed again."""
         scenario, stage = self.scenario, self._thrusters()
-        given = [self.sent_forces_n, *(self.signals[name] for name in stage.inputs[1:])]
         made = [
             stage.step(tick, *map(tuple, some))
-            for tick, some in enumerate(zip(*(v[:-1].tolist() for v in given), strict=True))
+            for tick, some in enumerate(
+                zip(*(v.tolist() for v in self._taken_by(stage)), strict=True)
+            )
         ]
         forces_n = np.array([outputs[2] for outputs in made])
         if scenario.attitude is not None:  # those are in the axes of the chaser

@@ -160,6 +160,7 @@ class Section:
     rehearse : the same by a trial, which takes a moment; of scenario files only, as they are read
     zones : what views draw about the target (`rpo_core.judge.zones`), of settings and scenario
     of_zones : fields that a mapping of the section takes from section `zones`, of both
+    names_files : whether its settings may name a file, whose content is then part of a log
     always : whether a scenario without the section has the stage too; then it is made of None
     """
 
@@ -171,6 +172,7 @@ class Section:
     rehearse: Callable[[Any, Any], None] | None = None
     zones: Callable[[Any, Any], Any] | None = None
     of_zones: Callable[[Any, Any], Mapping[str, Any]] | None = None
+    names_files: bool = False
     always: bool = False
 
 

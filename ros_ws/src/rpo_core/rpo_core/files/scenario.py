@@ -389,7 +389,8 @@ def dumps(scenario: Scenario) -> str:
 
 def text_for_logs(content: str, scenario: Scenario) -> str:
     """Return the text of its file, or a longer one that says also what is in files it names."""
-    return content if scenario.named('attitude_control') is None else dumps(scenario)
+    named = any(section_of(settings).names_files for settings in scenario.sections)
+    return dumps(scenario) if named else content
 
 
 def _refuse_ellipses(document: Any) -> None:

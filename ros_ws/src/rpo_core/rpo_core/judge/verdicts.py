@@ -21,6 +21,7 @@ from rpo_core.judge import contact, metrics
 from rpo_core.judge.requirements import ATTITUDES, ROWS, THRUST, Requirements
 from rpo_core.judge.zones import zones_of
 from rpo_core.wire.interfaces import ALIGNED, CHASER_ATTITUDE
+from rpo_kernels.attitude_kernels import synchronised
 from rpo_kernels.jit import as_table
 from rpo_kernels.pointing_kernels import contact_turn
 
@@ -155,7 +156,7 @@ def _turned(flight: Flight, required: Requirements) -> dict[str, float]:
     tick = contact.first_contact(as_table(flight.errors), port)
     if CHASER_ATTITUDE not in signals or tick == len(flight.errors):
         return dict.fromkeys(ATTITUDES, math.inf if CHASER_ATTITUDE in signals else math.nan)
-    still = (*ALIGNED[:6], scenario.mean_motion_rad_s)
+    still = synchronised(scenario.mean_motion_rad_s)
     target: Any = signals['target_attitude'][tick].tolist() if scenario.target else still
     chaser: Any = signals[CHASER_ATTITUDE][tick].tolist()
     mate = getattr(scenario.named('pointing'), 'mate', ALIGNED[:4])

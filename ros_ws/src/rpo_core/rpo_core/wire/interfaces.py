@@ -9,6 +9,7 @@ this table; a new topic needs one row (`add`) and nothing else. See `rpo_core.fi
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from rpo_core.files import plugins
@@ -215,6 +216,11 @@ class Interface:
         """How many numbers a message may have: without what rides in it, and with it."""
         own = len(self.columns)
         return (own, own + len(row_of(self.rider).columns)) if self.rider else (own,)
+
+    def whole(self, signals: Mapping[str, tuple[float, ...]]) -> tuple[float, ...]:
+        """Return the numbers of a message: those of the signal, and of what rides in it."""
+        values = signals[self.name]
+        return (*values, *signals.get(self.rider, ())) if self.rider else values
 
     def spoken(self, values: tuple[float, ...]) -> tuple[float, ...]:
         """Return the numbers of a message, those of a rider only where it says something."""
