@@ -152,6 +152,7 @@ def caught_at(errors: Any, required: Requirements | None, goal: Vector) -> int |
         return None
     table, port = as_table(errors), port_of(required, goal)
     tick = first_contact(table, port)
-    if tick == len(errors) or contact_speeds(*map(float, table[tick]), port)[0] == inf:
+    if tick == len(errors):
         return None
-    return tick
+    x, y, z, vx, vy, vz = table[tick]
+    return None if contact_speeds(x, y, z, vx, vy, vz, port)[0] == inf else tick
