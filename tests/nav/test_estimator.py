@@ -159,7 +159,7 @@ def test_the_covariance_is_positive_over_a_million_updates(n):
     def many(count, f, m, n, step):
         for _ in range(count):
             step_state(m, n, (0.0, 0.0, 0.0), step)
-            step_covariance(m, step, f)
+            step_covariance(m, step, f, 1.0)
             update(m, 0, (1.0, 0.0, 0.0), 0.0, 1e-8)
             update(m, 0, (0.0, 0.6, 0.8), 0.0, 1e-8)
             update(m, 0, (0.0, -0.8, 0.6), 0.0, 1e-8)

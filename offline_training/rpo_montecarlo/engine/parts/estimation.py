@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from rpo_kernels.kernels import measured
 from rpo_kernels.noise import six_normals
 from rpo_montecarlo.engine.lanes import (
     FORCE,
+    KNOWN_SPREAD,
     PAIRED_LANES,
     QUAT,
     QUAT_W,
@@ -52,7 +54,7 @@ from rpo_montecarlo.engine.tick import (
     table_of,
 )
 from rpo_nav.estimator import Estimator, filter_of, memory_of
-from rpo_nav.filter_kernels import FULL, HEADING, PORT, X, estimate
+from rpo_nav.filter_kernels import FULL, HEADING, PORT, STATES, P, X, estimate
 from rpo_nav.navigation_errors import Navigation
 from rpo_nav.sensor_kernels import (
     COLUMNS,
@@ -160,6 +162,12 @@ def _turn_ports(m, t, tick):  # type: ignore[no-untyped-def]
 
 
 @compiled
+def _root(m, at):  # type: ignore[no-untyped-def]
+    """Return the root of the trace of a block (3, 3) of the covariance."""
+    return sqrt(max(m[at] + m[at + STATES + 1] + m[at + 2 * (STATES + 1)], 0.0))
+
+
+@compiled
 def navigate(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Fill rows SEEN with the estimates."""
     a, b = int(t[SIZES]), int(t[SIZES + 1])
@@ -183,6 +191,8 @@ def navigate(w, m, t, tick):  # type: ignore[no-untyped-def]
         estimate(tick, (m[s], m[y], m[z]), arrived, attitude, settings[a:], memory)
         w[SEEN_R + s], w[SEEN_R + y], w[SEEN_R + z] = memory[X], memory[X + 1], memory[X + 2]
         w[SEEN_V + s], w[SEEN_V + y], w[SEEN_V + z] = memory[X + 3], memory[X + 4], memory[X + 5]
+        w[KNOWN_SPREAD + s] = _root(memory, P)
+        w[KNOWN_SPREAD + y] = _root(memory, P + 3 * (STATES + 1))
 
 
 @compiled
@@ -236,7 +246,7 @@ def estimators_of(batch: Batch) -> Part | None:
         assert sensors is not None and settings is not None
         sensing.append(Sensing(sensors, s))
         filters.append(np.asarray(filter_of(settings, sensors, s)))
-        filters[-1][FULL] = 0.0
+        filters[-1][FULL] = float(getattr(batch.base.named('assurance'), 'sigmas', 0.0) > 0.0)
     memories = [np.asarray(memory_of(f)) for f in filters]
     longest = max(map(len, memories))
     memories = [np.pad(m, (0, longest - len(m))) for m in memories]
