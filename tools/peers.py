@@ -15,7 +15,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rpo_cli.display import print_table
+from rpo_cli.commands.shared import interruptible
+from rpo_cli.display import print_table, progress
 from rpo_core.chain.flight import Flight, fly
 from rpo_core.chain.stage import ZERO, Signal, Stage
 from rpo_core.control.controller import AnyController, load_controller, only_fuzzy
@@ -36,6 +37,24 @@ HORIZON_MIN = 300.0
 
 STARTS_M, STARTS_HALF_M = (-900.0, -400.0), 25.0
 """ARCH-COMP: middle of the square of starts, at rest, and half of its edge."""
+
+ABORT_MIN: dict[str, tuple[float, float] | None] = {
+    'SRNA01': None,
+    'SRA01': (120.0, 120.0),
+    'SRA02': (120.0, 125.0),
+    'SRA03': (120.0, 145.0),
+    'SRA04': (240.0, 240.0),
+    'SRA05': (235.0, 240.0),
+    'SRA06': (230.0, 240.0),
+    'SRA07': (50.0, 150.0),
+    'SRA08': (0.0, 240.0),
+    'SRU01': (260.0, 260.0),
+    'SRU02': (0.0, 260.0),
+}
+"""ARCH-COMP's instances: when the thrusters may fail. U: not safe."""
+
+BOXES_M = (BOX_M, 0.2)
+"""Half of the target's edge: as ARCH-COMP's text and CORA have it; as JuliaReach and Hylaa do."""
 
 CAPTURE_M, CAPTURE_M_S = 5.0, 0.05
 """V-BAR: at the hold point."""
@@ -293,3 +312,23 @@ def compare(files: Sequence[str], controller: str, starts: int, seed: int) -> bo
         print_table((*HEADINGS[known], 'constraints'), cells, scenario.name)
         broken |= any(not row.met for row in rows if row.cells[0].startswith(OURS))
     return broken
+
+
+def prove(files: Sequence[str]) -> bool:
+    """Prove ARCH-COMP's instances and print them; return whether one is not as it is named."""
+    from tools import rendezvous
+
+    scenarios = [load_scenario(file) for file in files]
+    for scenario in scenarios:
+        choice('scenario', scenario.name, (ARCH,))
+    as_expected = True
+    for scenario in scenarios:
+        with interruptible(lambda: 'stopped'), progress() as show:
+            proof = rendezvous.prove(rendezvous.laws_of(scenario), show)
+        found = [rendezvous.verdict(proof, name) for name in ABORT_MIN]
+        title = f'{scenario.name}: {arch_lqr().name}, from every start, {proof.cells} cells'
+        print_table(rendezvous.HEADINGS, [rendezvous.cells_of(v) for v in found], title, left=2)
+        for sentence in filter(None, map(rendezvous.flight_of, found)):
+            print(sentence)
+        as_expected &= all(v.as_expected for v in found)
+    return not as_expected
