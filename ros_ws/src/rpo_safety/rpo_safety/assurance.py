@@ -219,7 +219,7 @@ class AssuranceStage(Stage):
             if self.delay_ticks:
                 self._line.append(force)
                 self._line.popleft()
-        constraint = CONSTRAINTS[acted] or (COVARIANCE if self._lost and own is None else '')
+        constraint = COVARIANCE if self._lost and own is None else CONSTRAINTS[acted]
         self.decision = Decision(MODES[mode], constraint, metres, speed, command, force)
         return (force,)
 
