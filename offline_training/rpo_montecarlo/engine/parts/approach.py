@@ -19,7 +19,7 @@ from rpo_guidance.legs import Turning, tabled
 from rpo_guidance.plan import HOLD, Guidance
 from rpo_guidance.transfer_kernels import at_port
 from rpo_guidance.turning_kernels import turned
-from rpo_kernels.attitude_kernels import FRAME, frame_at, seen_from, to_lvlh
+from rpo_kernels.attitude_kernels import FRAME, frame_at, to_lvlh
 from rpo_kernels.kernels import cw_step, unpacked
 from rpo_montecarlo.engine.lanes import (
     FORCE,
@@ -42,8 +42,8 @@ from rpo_montecarlo.engine.parts.target import (
 )
 from rpo_montecarlo.engine.tick import ADDED, Batch, Draw, Kind, Part, register, table_of
 from rpo_safety.assurance import AssuranceStage
-from rpo_safety.doubt import DOUBT, doubt_at, doubted, retreat, unsure
-from rpo_safety.filters import assure, backup
+from rpo_safety.doubt import DOUBT, doubt_at, doubted, unless_unsure, unless_unsure_turning
+from rpo_safety.filters import assure
 from rpo_safety.kernels import APPROACH, FAR
 from rpo_safety.packed import guard_at
 from rpo_safety.settings import Assurance
@@ -190,29 +190,17 @@ def assure_all(w, m, t, tick):  # type: ignore[no-untyped-def]
             state = cw_step(state, (line[due], line[due + 1], line[due + 2]), step)
         command, last = (w[FORCE + s], w[FORCE + y], w[FORCE + z]), (m[s], m[y], m[z])
         mode, doubt = int(m[MODE + s]), doubt_at(t, DOUBTS + DOUBT * s)
-        position, velocity, lost = w[KNOWN_SPREAD + s], w[KNOWN_SPREAD + y], False
-        if doubt.sigmas > 0.0:
-            guard = doubted(guard, doubt, 0.0, position, velocity)
+        spread, fast = w[KNOWN_SPREAD + s], w[KNOWN_SPREAD + y]
+        guard = doubted(guard, doubt, 0.0, spread, fast)
         if width > _GUARD:
-            axes, walls = (
-                (frame_at(now, s, RUNS), frame_at(following, s, RUNS)),
-                guard_at(table, _GUARD),
+            axes = frame_at(now, s, RUNS), frame_at(following, s, RUNS)
+            walls = doubted(guard_at(table, _GUARD), doubt, doubt.turns_rad_s, spread, fast)
+            lost, command = unless_unsure_turning(
+                state, command, mode, axes[0], guard, walls, doubt, spread
             )
-            if doubt.sigmas > 0.0:
-                walls = doubted(walls, doubt, doubt.turns_rad_s, position, velocity)
-                own = (seen_from(state, axes[0]), walls) if mode == APPROACH else (state, guard)
-                lost = unsure(own[0], mode, own[1], doubt, position)
-                if lost:
-                    command = backup(state, mode, guard)
-                if lost and mode == APPROACH:
-                    command = to_lvlh(retreat(own[0], walls), axes[0])
             found = assure_turning(state, command, last, mode, *axes, step, guard, walls)
         else:
-            lost = unsure(state, mode, guard, doubt, position)
-            if lost:
-                command = backup(state, mode, guard)
-            if lost and mode == APPROACH:
-                command = retreat(state, guard)
+            lost, command = unless_unsure(state, command, mode, guard, doubt, spread)
             found = assure(state, command, last, mode, step, guard)
         newest = 3 * (tick % delay) if delay > 0 else 0
         fx, fy, fz, m[MODE + s], _, _, _ = found

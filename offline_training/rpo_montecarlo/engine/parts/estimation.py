@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -54,7 +53,7 @@ from rpo_montecarlo.engine.tick import (
     table_of,
 )
 from rpo_nav.estimator import Estimator, filter_of, memory_of
-from rpo_nav.filter_kernels import FULL, HEADING, PORT, STATES, P, X, estimate
+from rpo_nav.filter_kernels import FULL, HEADING, PORT, X, estimate, spreads
 from rpo_nav.navigation_errors import Navigation
 from rpo_nav.sensor_kernels import (
     COLUMNS,
@@ -162,12 +161,6 @@ def _turn_ports(m, t, tick):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _root(m, at):  # type: ignore[no-untyped-def]
-    """Return the root of the trace of a block (3, 3) of the covariance."""
-    return sqrt(max(m[at] + m[at + STATES + 1] + m[at + 2 * (STATES + 1)], 0.0))
-
-
-@compiled
 def navigate(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Fill rows SEEN with the estimates."""
     a, b = int(t[SIZES]), int(t[SIZES + 1])
@@ -191,8 +184,7 @@ def navigate(w, m, t, tick):  # type: ignore[no-untyped-def]
         estimate(tick, (m[s], m[y], m[z]), arrived, attitude, settings[a:], memory)
         w[SEEN_R + s], w[SEEN_R + y], w[SEEN_R + z] = memory[X], memory[X + 1], memory[X + 2]
         w[SEEN_V + s], w[SEEN_V + y], w[SEEN_V + z] = memory[X + 3], memory[X + 4], memory[X + 5]
-        w[KNOWN_SPREAD + s] = _root(memory, P)
-        w[KNOWN_SPREAD + y] = _root(memory, P + 3 * (STATES + 1))
+        w[KNOWN_SPREAD + s], w[KNOWN_SPREAD + y] = spreads(memory)
 
 
 @compiled

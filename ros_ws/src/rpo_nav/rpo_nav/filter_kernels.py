@@ -146,6 +146,15 @@ def step_covariance(m: Any, step: CwStep, f: Any, louder: float) -> None:
 
 
 @inlined
+def spreads(m: Any) -> tuple[float, float]:
+    """Return the roots of the traces of the covariances of position [m] and velocity [m/s]."""
+    p, n = P, STATES + 1
+    q = p + 3 * n
+    position, velocity = m[p] + m[p + n] + m[p + 2 * n], m[q] + m[q + n] + m[q + 2 * n]
+    return sqrt(max(position, 0.0)), sqrt(max(velocity, 0.0))
+
+
+@inlined
 def joseph(
     m: Any,
     x: int,

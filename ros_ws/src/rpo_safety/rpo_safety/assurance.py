@@ -20,7 +20,7 @@ from rpo_safety import filters, kernels
 from rpo_safety.abort import DECISIONS, AbortMachine, Seen
 from rpo_safety.abort_table import check_table
 from rpo_safety.assumed import ahead
-from rpo_safety.doubt import doubt_of, doubted, retreat, unsure
+from rpo_safety.doubt import doubt_of, doubted, unless_unsure, unless_unsure_turning
 from rpo_safety.guard import proof_of
 from rpo_safety.kernels import APPROACH, CONTACT, OPEN, Guard
 from rpo_safety.packed import Filter
@@ -200,12 +200,12 @@ class AssuranceStage(Stage):
         acts = tick + self.delay_ticks
         if self._mode == UNKNOWN:
             self._mode = self.mode_of(state, acts)
-        self._doubt(state, acts, *spreads)
+        safe = self._safe(state, command, acts, *spreads)
         own = self._interrupted(tick, state, inputs, spreads)
         if own is not None:
             command = own
         elif self._lost:
-            command = self._safe(state, acts)
+            command = safe
         found = self._filter(state, command, self._last, self._mode, acts)
         fx, fy, fz, mode, acted, metres, speed = found
         force: Vector = (fx, fy, fz)
@@ -223,24 +223,23 @@ class AssuranceStage(Stage):
         self.decision = Decision(MODES[mode], constraint, metres, speed, command, force)
         return (force,)
 
-    def _safe(self, state: State, tick: int) -> Vector:
-        """Return the force [N] in place of a command: the state is known too badly."""
-        if self._mode != APPROACH:
-            return filters.backup(state, self._mode, self.guard)
-        force = retreat(*self.view(state, APPROACH, tick))
-        return force if self.motion is None else to_lvlh(force, self.motion.frame(tick))
-
-    def _doubt(self, state: State, tick: int, spread_m: float, spread_m_s: float) -> None:
-        """Take the spread of an estimate: with it the assumed errors grow."""
-        d, walls = self.doubt, self._proof.walls
+    def _safe(
+        self, state: State, command: Vector, tick: int, spread_m: float, spread_m_s: float
+    ) -> Vector:
+        """Take the spread of an estimate, with which errors grow; return what acts by it [N]."""
+        d, (guard, _, _, walls), mode = self.doubt, self._proof, self._mode
         if d.sigmas == 0.0:
-            return
-        self.guard = doubted(self._proof.guard, d, 0.0, spread_m, spread_m_s)
-        if walls is not None:
-            self.walls = doubted(walls, d, d.turns_rad_s, spread_m, spread_m_s)
+            return command
+        self.guard = doubted(guard, d, 0.0, spread_m, spread_m_s)
+        if walls is None or self.motion is None:
+            found = unless_unsure(state, command, mode, self.guard, d, spread_m)
+        else:
+            self.walls = walls = doubted(walls, d, d.turns_rad_s, spread_m, spread_m_s)
+            now = self.motion.frame(tick)
+            found = unless_unsure_turning(state, command, mode, now, self.guard, walls, d, spread_m)
         self._filter.use(self.guard, self.walls)
-        seen, guard = self.view(state, self._mode, tick)
-        self._lost = unsure(seen, self._mode, guard, d, spread_m)
+        self._lost, force = found
+        return force
 
     def _interrupted(
         self, tick: int, state: State, inputs: tuple[Any, ...], sigmas: tuple[float, float]

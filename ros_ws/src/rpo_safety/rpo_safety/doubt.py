@@ -11,10 +11,12 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from rpo_core.chain.stage import Place, section_of
+from rpo_kernels.attitude_kernels import Frame, seen_from, to_lvlh
 from rpo_kernels.jit import inlined, kernel
 from rpo_kernels.kernels import State, Vector, norm, saturate
 from rpo_safety.assumed import Errors, spreading
 from rpo_safety.corridor import in_corridor
+from rpo_safety.filters import backup
 from rpo_safety.kernels import APPROACH, CONTACT, Guard
 from rpo_safety.settings import Assurance
 from rpo_safety.walls import swing_of
@@ -117,7 +119,7 @@ def doubted(g: Guard, d: Doubt, turns_rad_s: float, spread_m: float, spread_m_s:
     # fmt: on
 
 
-@kernel
+@inlined
 def unsure(state: State, mode: int, g: Guard, d: Doubt, spread_m: float) -> bool:
     """Whether a state is known too badly for the set of a mode: its law shall act, or `retreat`.
 
@@ -135,7 +137,7 @@ def unsure(state: State, mode: int, g: Guard, d: Doubt, spread_m: float) -> bool
     return bool(room >= half)
 
 
-@kernel
+@inlined
 def retreat(state: State, g: Guard) -> Vector:
     """Force [N] that leaves the corridor backwards, without moving across it; as `unsure`."""
     _, closes, _, _, across, other = in_corridor(state, g)
@@ -147,3 +149,36 @@ def retreat(state: State, g: Guard) -> Vector:
     if g.axis == 1:
         return fq, out, fp
     return fp, fq, out
+
+
+@kernel
+def unless_unsure(
+    state: State, command: Vector, mode: int, g: Guard, d: Doubt, spread_m: float
+) -> tuple[bool, Vector]:
+    """Return whether a state is known too badly, and the command, or what acts instead [N].
+
+    g : with the errors of the tick
+    """
+    if not unsure(state, mode, g, d, spread_m):
+        return False, command
+    return True, retreat(state, g) if mode == APPROACH else backup(state, mode, g)
+
+
+@kernel
+def unless_unsure_turning(
+    state: State,
+    command: Vector,
+    mode: int,
+    now: Frame,
+    g: Guard,
+    w: Guard,
+    d: Doubt,
+    spread: float,
+) -> tuple[bool, Vector]:
+    """Return `unless_unsure` where the target turns; now, w : as `rpo_safety.turning` has them."""
+    if mode != APPROACH:
+        return unless_unsure(state, command, mode, g, d, spread)
+    seen = seen_from(state, now)
+    if not unsure(seen, mode, w, d, spread):
+        return False, command
+    return True, to_lvlh(retreat(seen, w), now)
