@@ -105,6 +105,6 @@ def test_the_command_says_what_broke():
     assert 'all limits held' in found.output
     # Wheels that cannot hold the chaser: it turns faster than the tick's prediction allows.
     weak = ['--set', 'attitude.wheels={torque_nm: 1.0e-5, momentum_nms: 0.001}']
-    found = CliRunner().invoke(app, [*words, *weak, '--set', 'attitude.rates_deg_s=[9, 9, 9]'])
+    found = CliRunner().invoke(app, [*words, *weak, '--set', 'attitude.rates_deg_s=[15, 15, 15]'])
     assert found.exit_code == 1, found.output
     assert 'break a limit' in found.output
