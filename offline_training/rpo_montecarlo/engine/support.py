@@ -27,6 +27,7 @@ from rpo_montecarlo.engine.parts import (
     shaping,
     target,
     thrusters,
+    unloading,
 )
 from rpo_montecarlo.engine.tick import KINDS, Kind
 
@@ -45,6 +46,7 @@ PARTS = (
     attitude,
     attitude_control,
     attitude_estimation,
+    unloading,
 )
 """The modules that register themselves."""
 

@@ -29,6 +29,7 @@ from rpo_montecarlo.engine.lanes import (
     SHIFT_R,
     SHIFT_V,
     TORQUE,
+    UNLOADING,
     R,
     V,
     compiled,
@@ -38,11 +39,11 @@ from rpo_montecarlo.engine.tick import SHIFTED, Batch, Draw, Kind, Part, registe
 FIRST = 1
 """Place in a tick of what is done once, before the first attitude is read."""
 
-DT, WHEELS, FIRED, BURNS, MASSES = range(5)
+DT, WHEELS, FIRED, BURNS, EMPTIED, MASSES = range(6)
 CRAFTS = MASSES + RUNS
 """Places in the table: the tick [s]; whether wheels are commanded, thrusters give torque, the mass
-falls; the mass of each run [kg]; the numbers of its `Craft` (20, 40). The memory has the momentum
-of the wheels (3, 40), then the attitudes at the start (7, 40)."""
+falls, thrusters empty the wheels; the mass of each run [kg]; the numbers of its `Craft` (20, 40).
+The memory has the momentum of the wheels (3, 40), then the attitudes at the start (7, 40)."""
 
 
 @compiled
@@ -97,6 +98,9 @@ def rotate(w, m, t, tick):  # type: ignore[no-untyped-def]
         wanted = outside = (0.0, 0.0, 0.0)
         if t[WHEELS] > 0.0:
             wanted = vector_in(w, TORQUE, s)
+        if t[EMPTIED] > 0.0:  # the wheels take up what empties them
+            u = vector_in(w, UNLOADING, s)
+            wanted = (wanted[0] - u[0], wanted[1] - u[1], wanted[2] - u[2])
         if t[FIRED] > 0.0:
             outside = vector_in(w, EXERTED_TORQUE, s)
         c = craft_at(t, CRAFTS + s, RUNS)
@@ -140,6 +144,7 @@ def _part(batch: Batch) -> Part | None:
         base.named('attitude_control') is not None and base.attitude.wheels is not None,
         thrusters is not None and thrusters.table is not None,
         thrusters is not None and thrusters.propellant is not None,
+        base.named('unloading') is not None,
     )
     table = table_of(*flags, batch.lanes(masses), batch.lanes(crafts))
     memory = np.concatenate([batch.lanes(wheels).ravel(), batch.lanes(starts).ravel()])

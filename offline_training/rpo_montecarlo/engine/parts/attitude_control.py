@@ -20,14 +20,16 @@ from rpo_ctrl.attitude_law_kernels import (
     RULES,
     SAMPLES,
     SCALES,
+    WHEELS,
     Errors,
     errors,
     force_ahead,
     limited,
     linear_torque,
-    wheels_after,
+    unloaded_at,
 )
 from rpo_kernels.attitude_kernels import synchronised
+from rpo_kernels.chaser_kernels import wheels_after
 from rpo_kernels.kernels import LANES, saturate
 from rpo_montecarlo.engine.lanes import (
     E_R,
@@ -124,10 +126,10 @@ def steer(w, m, t, tick):  # type: ignore[no-untyped-def]
                 law[SCALES + 3] * w[OUTPUT + y],
                 law[SCALES + 4] * w[OUTPUT + z],
             )
-        wheels = (m[s + 3 * RUNS], m[s + 4 * RUNS], m[s + 5 * RUNS])
+        wheels = unloaded_at((m[s + 3 * RUNS], m[s + 4 * RUNS], m[s + 5 * RUNS]), t, i)
         torque = limited(torque, e, seen, wheels, t, i)
         w[TORQUE + s], w[TORQUE + y], w[TORQUE + z] = torque
-        after = wheels_after(wheels, torque, t, i)
+        after = wheels_after(wheels, torque, t[i + DT], t[i + WHEELS])
         m[s + 3 * RUNS], m[s + 4 * RUNS], m[s + 5 * RUNS] = after
         wanted = _wanted(w, t, s)
         m[s], m[s + RUNS], m[s + 2 * RUNS] = wanted[4], wanted[5], wanted[6]

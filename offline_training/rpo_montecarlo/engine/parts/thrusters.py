@@ -33,6 +33,7 @@ from rpo_montecarlo.engine.lanes import (
     PAIRED_LANES,
     RUNS,
     TORQUE,
+    UNLOADING,
     compiled,
 )
 from rpo_montecarlo.engine.tick import LIMITED, Batch, Draw, Kind, Part, register, table_of
@@ -216,7 +217,7 @@ def _valves_part(batch: Batch) -> Part:
 def fire_table(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Replace row FORCE, the saturated command, by the mean force of a table; fill row MASS."""
     head, number, bases, count = t[REST:], int(t[REST]), int(t[REST + 6]), int(t[REST + 7])
-    a, b, n, turns = REST + 9, REST + 9 + 10 * number, number, head[8] > 0.0
+    a, b, n, turns = REST + 9, REST + 9 + 10 * number, number, int(head[8])
     shared, scratch = t[a:b], m[MEMORY * RUNS :]
     for s in range(RUNS):
         y, z = s + RUNS, s + 2 * RUNS
@@ -231,8 +232,8 @@ def fire_table(w, m, t, tick):  # type: ignore[no-untyped-def]
         command = (w[FORCE + s], w[FORCE + y], w[FORCE + z])
         memory = m[MEMORY * s : MEMORY * (s + 1)]
         wanted = (0.0, 0.0, 0.0)
-        if turns:
-            wanted = (w[TORQUE + s], w[TORQUE + y], w[TORQUE + z])
+        if turns > 0:  # the row of the torque that is wanted
+            wanted = (w[turns + s], w[turns + y], w[turns + z])
         force, torque, w[MASS + s] = fire_thrusters(
             tick, command, wanted, memory, table, _tank(t, s), scratch
         )
@@ -250,7 +251,8 @@ def _table_part(batch: Batch) -> Part:
     own = np.zeros((RUNS, len(one.acts) + 5 * len(rows[0])))
     own[: len(made)] = [table_of(t.acts, r) for t, r in zip(made, rows, strict=True)]
     shared = (one.columns, one.most, one.cost, one.burns, one.bits, one.bases)
-    sizes = (len(one.bases), len(rows[0]), turns_by_table(batch.base))
+    wanted = UNLOADING if batch.base.named('unloading') is not None else 0
+    sizes = (len(one.bases), len(rows[0]), TORQUE if turns_by_table(batch.base) else wanted)
     table = table_of(_tanks(batch), one[:6], *sizes, *shared, own)
     memory = np.zeros(MEMORY * RUNS + SCRATCH + ROWS)
     return Part('thrusters', ((Place.THRUSTERS, fire_table),), table, memory)

@@ -43,7 +43,14 @@ class NotFiniteError(ArithmeticError):
     """A step made a state that is not finite; the message says from which signal."""
 
 
-PLACES = (Place.LINK, Place.THRUSTERS, Place.TARGET, Place.ATTITUDE, Place.DYNAMICS)
+PLACES = (
+    Place.LINK,
+    Place.UNLOADING,
+    Place.THRUSTERS,
+    Place.TARGET,
+    Place.ATTITUDE,
+    Place.DYNAMICS,
+)
 """Stages that the plant runs."""
 
 

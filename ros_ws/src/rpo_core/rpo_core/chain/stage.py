@@ -59,6 +59,7 @@ class Place(IntEnum):
     DISTURBANCE = 60
     STEERING = 64
     LINK = 70
+    UNLOADING = 75
     THRUSTERS = 80
     TARGET = 85
     ATTITUDE = 88
