@@ -27,7 +27,6 @@ from rpo_montecarlo.engine.parts import (
     shaping,
     target,
     thrusters,
-    unloading,
 )
 from rpo_montecarlo.engine.tick import KINDS, Kind
 
@@ -46,7 +45,6 @@ PARTS = (
     attitude,
     attitude_control,
     attitude_estimation,
-    unloading,
 )
 """The modules that register themselves."""
 

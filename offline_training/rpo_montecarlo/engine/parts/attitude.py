@@ -12,9 +12,11 @@ from typing import Any
 import numpy as np
 
 from rpo_attitude.target import of_vector, product
+from rpo_attitude.unloading import Unloading
 from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
-from rpo_kernels.chaser_kernels import CRAFT, chaser_tick, craft_at, turned_force
+from rpo_kernels.attitude_kernels import attitude_at
+from rpo_kernels.chaser_kernels import chaser_tick, craft_at, turned_force, unloaded, wheels_after
 from rpo_montecarlo.engine.lanes import (
     EXERTED_TORQUE,
     FORCE,
@@ -39,10 +41,10 @@ from rpo_montecarlo.engine.tick import SHIFTED, Batch, Draw, Kind, Part, registe
 FIRST = 1
 """Place in a tick of what is done once, before the first attitude is read."""
 
-DT, WHEELS, FIRED, BURNS, EMPTIED, MASSES = range(6)
+DT, WHEELS, FIRED, BURNS, MASSES = range(5)
 CRAFTS = MASSES + RUNS
 """Places in the table: the tick [s]; whether wheels are commanded, thrusters give torque, the mass
-falls, thrusters empty the wheels; the mass of each run [kg]; the numbers of its `Craft` (20, 40).
+falls; the mass of each run [kg]; the numbers of its `Craft` (20, 40).
 The memory has the momentum of the wheels (3, 40), then the attitudes at the start (7, 40)."""
 
 
@@ -82,11 +84,17 @@ def begin(w, m, t, tick):  # type: ignore[no-untyped-def]
     if tick > 0:
         return
     for s in range(RUNS):
-        i, n = 3 * RUNS + s, RUNS
-        a = (
-            m[i], m[i + n], m[i + 2 * n], m[i + 3 * n], m[i + 4 * n], m[i + 5 * n], m[i + 6 * n],
-        )  # fmt: skip
-        put_attitude(w, QUAT, QUAT_W, RATE, s, a)
+        put_attitude(w, QUAT, QUAT_W, RATE, s, attitude_at(m, 3 * RUNS + s, RUNS))
+
+
+@compiled
+def unload(w, m, t, tick):  # type: ignore[no-untyped-def]
+    """Fill row UNLOADING; table: the section, tick, largest momentum; memory: wheels (3, 40)."""
+    for s in range(RUNS):
+        torque, spun = unloaded(vector_in(m, 0, s), t[0], t[1], t[2])
+        after = wheels_after(spun, vector_in(w, TORQUE, s), t[2], t[3])
+        for axis in range(3):
+            w[UNLOADING + axis * RUNS + s], m[axis * RUNS + s] = torque[axis], after[axis]
 
 
 @compiled
@@ -98,8 +106,7 @@ def rotate(w, m, t, tick):  # type: ignore[no-untyped-def]
         wanted = outside = (0.0, 0.0, 0.0)
         if t[WHEELS] > 0.0:
             wanted = vector_in(w, TORQUE, s)
-        if t[EMPTIED] > 0.0:  # the wheels take up what empties them
-            u = vector_in(w, UNLOADING, s)
+            u = vector_in(w, UNLOADING, s)  # the wheels take up what empties them
             wanted = (wanted[0] - u[0], wanted[1] - u[1], wanted[2] - u[2])
         if t[FIRED] > 0.0:
             outside = vector_in(w, EXERTED_TORQUE, s)
@@ -136,20 +143,26 @@ def _part(batch: Batch) -> Part | None:
         starts.append(chaser.start(n))
         wheels.append(chaser.wheels.start_nms if chaser.wheels else (0.0,) * 3)
         masses.append(scenario.mass_kg)
-    if len(crafts[0]) != CRAFT:
-        raise RuntimeError(f'a craft must have {CRAFT} numbers; it has {len(crafts[0])}')
     thrusters: Any = base.thrusters
     flags = (
         base.dt_s,
         base.named('attitude_control') is not None and base.attitude.wheels is not None,
         thrusters is not None and thrusters.table is not None,
         thrusters is not None and thrusters.propellant is not None,
-        base.named('unloading') is not None,
     )
     table = table_of(*flags, batch.lanes(masses), batch.lanes(crafts))
     memory = np.concatenate([batch.lanes(wheels).ravel(), batch.lanes(starts).ravel()])
     steps = ((FIRST, begin), (Place.ATTITUDE, rotate), (SHIFTED, shift))
     return Part('attitude', steps, table, memory)
+
+
+def _unloading(batch: Batch) -> Part | None:
+    own, base = batch.base.section(Unloading), batch.base
+    if own is None:
+        return None
+    table = table_of(own.above_nms, own.torque_nm, base.dt_s, base.attitude.wheels.momentum_nms)
+    starts = batch.lanes([s.attitude.wheels.start_nms for s in batch.scenarios])
+    return Part('unloading', ((Place.UNLOADING, unload),), table, np.ravel(starts))
 
 
 def vary(scenario: Scenario, draw: Draw) -> list[Any]:
@@ -181,3 +194,4 @@ def vary(scenario: Scenario, draw: Draw) -> list[Any]:
 
 
 register(Kind('attitude', _part, vary=vary))
+register(Kind('unloading', _unloading))

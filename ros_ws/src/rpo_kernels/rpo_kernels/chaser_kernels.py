@@ -45,10 +45,6 @@ class Craft(NamedTuple):
     z: float
 
 
-CRAFT = 20
-"""Numbers of a craft."""
-
-
 @inlined
 def craft_at(t, i: int, n: int) -> Craft:  # type: ignore[no-untyped-def]
     """Return the craft whose numbers lie in a flat table from place i on, n places apart."""
