@@ -60,9 +60,12 @@ BODY_R, BODY_V = 39 * STRIDE, 40 * STRIDE
 ) = ((41 + row) * STRIDE for row in range(13))  # fmt: skip
 # The true attitude of the target, where it has one.
 BODY_QUAT, BODY_QUAT_W, BODY_RATE = ((54 + row) * STRIDE for row in range(3))
-# Covariance of the attitude that navigation found: row by row; torque that empties the wheels.
-SPREAD_X, SPREAD_Y, SPREAD_Z, UNLOADING = ((57 + row) * STRIDE for row in range(4))
-ROWS = 61
+# Covariance of the attitude that navigation found: row by row.
+SPREAD_X, SPREAD_Y, SPREAD_Z = ((57 + row) * STRIDE for row in range(3))
+# Roots of the traces of the covariances of position and velocity, where they are estimated (2, 40);
+# the torque that empties the wheels.
+KNOWN_SPREAD, UNLOADING = 60 * STRIDE, 61 * STRIDE
+ROWS = 62
 
 RUNS = 40
 """Paired runs side by side: whole SIMD registers, and three axes fit into a row."""

@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 
 from rpo_attitude.target import of_vector, product
-from rpo_attitude.unloading import Unloading
 from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
 from rpo_kernels.attitude_kernels import attitude_at
-from rpo_kernels.chaser_kernels import chaser_tick, craft_at, turned_force, unloaded, wheels_after
+from rpo_kernels.chaser_kernels import chaser_tick, craft_at, turned_force
 from rpo_montecarlo.engine.lanes import (
     EXERTED_TORQUE,
     FORCE,
@@ -88,16 +87,6 @@ def begin(w, m, t, tick):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def unload(w, m, t, tick):  # type: ignore[no-untyped-def]
-    """Fill row UNLOADING; table: the section, tick, largest momentum; memory: wheels (3, 40)."""
-    for s in range(RUNS):
-        torque, spun = unloaded(vector_in(m, 0, s), t[0], t[1], t[2])
-        after = wheels_after(spun, vector_in(w, TORQUE, s), t[2], t[3])
-        for axis in range(3):
-            w[UNLOADING + axis * RUNS + s], m[axis * RUNS + s] = torque[axis], after[axis]
-
-
-@compiled
 def rotate(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Turn the chasers by a tick, and row FORCE, which is in their axes, into target LVLH."""
     dt = t[DT]
@@ -156,15 +145,6 @@ def _part(batch: Batch) -> Part | None:
     return Part('attitude', steps, table, memory)
 
 
-def _unloading(batch: Batch) -> Part | None:
-    own, base = batch.base.section(Unloading), batch.base
-    if own is None:
-        return None
-    table = table_of(own.above_nms, own.torque_nm, base.dt_s, base.attitude.wheels.momentum_nms)
-    starts = batch.lanes([s.attitude.wheels.start_nms for s in batch.scenarios])
-    return Part('unloading', ((Place.UNLOADING, unload),), table, np.ravel(starts))
-
-
 def vary(scenario: Scenario, draw: Draw) -> list[Any]:
     """Return the chaser of a run: its inertia, attitude and rates at the start, its wheels."""
     chaser = scenario.attitude
@@ -194,4 +174,4 @@ def vary(scenario: Scenario, draw: Draw) -> list[Any]:
 
 
 register(Kind('attitude', _part, vary=vary))
-register(Kind('unloading', _unloading))
+register(Kind('unloading', lambda _: None))  # a part of `attitude_control`

@@ -44,6 +44,7 @@ from rpo_montecarlo.engine.lanes import (
     REF_RATE,
     RUNS,
     TORQUE,
+    UNLOADING,
     Law,
     compiled,
     infer_lanes,
@@ -98,7 +99,7 @@ def _errors(m, s):  # type: ignore[no-untyped-def]
 
 @compiled
 def steer(w, m, t, tick):  # type: ignore[no-untyped-def]
-    """Turn row FORCE into body axes; fill row TORQUE."""
+    """Turn row FORCE into body axes; fill rows TORQUE and UNLOADING."""
     law = t[SHARED:]
     _fill_errors(w, m, t, tick)
     if law[FUZZY] > 0.0:
@@ -126,7 +127,9 @@ def steer(w, m, t, tick):  # type: ignore[no-untyped-def]
                 law[SCALES + 3] * w[OUTPUT + y],
                 law[SCALES + 4] * w[OUTPUT + z],
             )
-        wheels = unloaded_at((m[s + 3 * RUNS], m[s + 4 * RUNS], m[s + 5 * RUNS]), t, i)
+        wheels = (m[s + 3 * RUNS], m[s + 4 * RUNS], m[s + 5 * RUNS])
+        taken, wheels = unloaded_at(wheels, t, i)
+        w[UNLOADING + s], w[UNLOADING + y], w[UNLOADING + z] = taken
         torque = limited(torque, e, seen, wheels, t, i)
         w[TORQUE + s], w[TORQUE + y], w[TORQUE + z] = torque
         after = wheels_after(wheels, torque, t[i + DT], t[i + WHEELS])

@@ -17,6 +17,7 @@ from rpo_kernels.kernels import measured
 from rpo_kernels.noise import six_normals
 from rpo_montecarlo.engine.lanes import (
     FORCE,
+    KNOWN_SPREAD,
     PAIRED_LANES,
     QUAT,
     QUAT_W,
@@ -52,7 +53,7 @@ from rpo_montecarlo.engine.tick import (
     table_of,
 )
 from rpo_nav.estimator import Estimator, filter_of, memory_of
-from rpo_nav.filter_kernels import FULL, HEADING, PORT, X, estimate
+from rpo_nav.filter_kernels import FULL, HEADING, PORT, X, estimate, spreads
 from rpo_nav.navigation_errors import Navigation
 from rpo_nav.sensor_kernels import (
     COLUMNS,
@@ -183,6 +184,7 @@ def navigate(w, m, t, tick):  # type: ignore[no-untyped-def]
         estimate(tick, (m[s], m[y], m[z]), arrived, attitude, settings[a:], memory)
         w[SEEN_R + s], w[SEEN_R + y], w[SEEN_R + z] = memory[X], memory[X + 1], memory[X + 2]
         w[SEEN_V + s], w[SEEN_V + y], w[SEEN_V + z] = memory[X + 3], memory[X + 4], memory[X + 5]
+        w[KNOWN_SPREAD + s], w[KNOWN_SPREAD + y] = spreads(memory)
 
 
 @compiled
@@ -236,7 +238,7 @@ def estimators_of(batch: Batch) -> Part | None:
         assert sensors is not None and settings is not None
         sensing.append(Sensing(sensors, s))
         filters.append(np.asarray(filter_of(settings, sensors, s)))
-        filters[-1][FULL] = 0.0
+        filters[-1][FULL] = float(getattr(batch.base.named('assurance'), 'sigmas', 0.0) > 0.0)
     memories = [np.asarray(memory_of(f)) for f in filters]
     longest = max(map(len, memories))
     memories = [np.pad(m, (0, longest - len(m))) for m in memories]

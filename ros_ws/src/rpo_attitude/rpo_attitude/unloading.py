@@ -3,7 +3,7 @@
 """Thrusters that empty the wheels: section `unloading` of a scenario.
 
 While a wheel has more than a momentum, the thrusters exert a torque against it, which the wheel
-takes up: the chaser does not feel it. docs/safety.md, lemma 7, has what that bounds.
+takes up: the chaser does not feel it. docs/safety.md, lemma 9, has what that bounds.
 """
 
 from __future__ import annotations

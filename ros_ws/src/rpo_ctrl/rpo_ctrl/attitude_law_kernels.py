@@ -120,9 +120,9 @@ def limited(torque: Vector, e: Errors, seen: Attitude, wheels: Vector, t: Any, i
 
 
 @inlined
-def unloaded_at(wheels: Vector, t: Any, i: int) -> Vector:
-    """Momentum (3,) of the wheels after a tick in which thrusters empty them."""
-    return unloaded(wheels, t[i + ABOVE], t[i + UNLOAD], t[i + DT])[1]
+def unloaded_at(wheels: Vector, t: Any, i: int) -> tuple[Vector, Vector]:
+    """Torque (3,) of thrusters that empty the wheels, and their momentum after a tick of it."""
+    return unloaded(wheels, t[i + ABOVE], t[i + UNLOAD], t[i + DT])
 
 
 @kernel
@@ -183,7 +183,7 @@ def steer(
     force: Vector, seen: Attitude, wanted: Attitude, before: Vector, wheels: Vector, t: Any
 ) -> tuple[Vector, Vector, Vector]:
     """Commanded force [N] and torque [N m] in body axes; the wheels a tick later [N m s]."""
-    wheels = unloaded_at(wheels, t, 0)
+    _, wheels = unloaded_at(wheels, t, 0)
     torque = attitude_torque(seen, wanted, before, wheels, t)
     after = wheels_after(wheels, torque, t[DT], t[WHEELS])
     return force_ahead(force, seen, t, 0), torque, after

@@ -45,8 +45,8 @@ class NotFiniteError(ArithmeticError):
 
 
 PLACES = (
-    Place.LINK,
     Place.UNLOADING,
+    Place.LINK,
     Place.THRUSTERS,
     Place.TARGET,
     Place.ATTITUDE,

@@ -58,8 +58,8 @@ class Place(IntEnum):
     ASSURANCE = 50
     DISTURBANCE = 60
     STEERING = 64
+    UNLOADING = 66
     LINK = 70
-    UNLOADING = 75
     THRUSTERS = 80
     TARGET = 85
     ATTITUDE = 88
