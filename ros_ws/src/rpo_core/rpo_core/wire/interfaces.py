@@ -57,6 +57,7 @@ REFERENCE_ATTITUDE = 'reference_attitude'
 BODY_FORCE = 'body_force'
 BODY_TORQUE = 'body_torque'
 WHEEL_MOMENTUM = 'wheel_momentum'
+UNLOADING_TORQUE = 'unloading_torque'
 THRUST_SHIFT = 'thrust_shift'
 APPLIED_FORCE = 'applied_force'
 APPLIED_DISTURBANCE = 'applied_disturbance'
@@ -400,6 +401,8 @@ for _row in (
               'torque in exerted_force that a table of thrusters gives, mean of a tick [N m]',
               logged=False, rides=EXERTED_FORCE),
     Interface(WHEEL_MOMENTUM, '', 'momentum of the wheels, axes of the chaser [N m s]',
+              logged=False),
+    Interface(UNLOADING_TORQUE, '', 'torque of the thrusters that empties the wheels [N m]',
               logged=False),
     Interface(THRUST_SHIFT, '', 'state x mass that a force gives by turning [N s^2], [N s]',
               logged=False, numbers=6),
