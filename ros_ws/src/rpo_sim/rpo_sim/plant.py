@@ -71,7 +71,6 @@ class Plant:
     chain : the stages that the plant runs
     taken : tick, of the last ones -> the answers to its state that were accepted, by topic
     settled_after_ticks : after so many ticks no answer to a state can act any more
-    depths_m : zone -> how deep the chaser has been in it so far, if it was
     """
 
     settled_after_ticks = 0
@@ -92,8 +91,8 @@ class Plant:
         self._limit = float(scenario.max_force_n)
         self._stamp_ns = scenario.stamp_ns(0)
         self._zones = [zones for zones in zones_of(scenario) if zones.keep_out_m]
-        self.depths_m: dict[str, float] = {}
-        self._look_for_zones(self.state)
+        self._depths_m: dict[str, float] = {}
+        self._unseen: list[tuple[int, tuple[Signal, ...]]] = [(0, (self.state,))]
 
     @property
     def energy_n2s(self) -> float:
@@ -165,15 +164,23 @@ class Plant:
         self.taken[self.tick] = {}
         self.taken.pop(self.tick - interfaces.REMEMBERED_TICKS, None)
         self._stamp_ns = self.scenario.stamp_ns(self.tick)
-        self._look_for_zones(before, state)
+        self._unseen.append((self.tick - 1, (before, state)))
 
     def _take(self, signals: Signals, answers: Mapping[str, Force]) -> None:
         """Put the answers, by topic, among the signals; what did not come is zero."""
         for name, topic, first in self._parts:
             signals[name] = answers.get(topic, ())[first : first + 3] or ZERO
 
-    def _look_for_zones(self, *states: Signal) -> None:
-        """Look how deep in a keep-out zone the chaser is in states, and between them."""
+    @property
+    def depths_m(self) -> dict[str, float]:
+        """Zone -> how deep the chaser has been in it so far: looked at when asked, off the loop."""
+        for first, states in self._unseen:
+            self._look_for_zones(first, states)
+        self._unseen.clear()
+        return self._depths_m
+
+    def _look_for_zones(self, tick: int, states: tuple[Signal, ...]) -> None:
+        """Look how deep in a keep-out zone the chaser is in states from a tick on, and between."""
         # Most states are too far to look closely, also as a target sees them that turns 0.1 rad.
         first, last = states[0], states[-1]
         moved_m = 2.0 * math.dist(first[:3], last[:3])
@@ -182,10 +189,10 @@ class Plant:
         for zones in self._zones:
             if sure_m > zones.keep_out_m:
                 continue
-            seen = self.scenario.seen(np.array(states), self.tick - len(states) + 1)
+            seen = self.scenario.seen(np.array(states), tick)
             depth_m = zones.deepest_m(seen, self.scenario.dt_s)
-            if depth_m > self.depths_m.get(zones.keep_out, 0.0):
-                self.depths_m[zones.keep_out] = depth_m
+            if depth_m > self._depths_m.get(zones.keep_out, 0.0):
+                self._depths_m[zones.keep_out] = depth_m
 
     @property
     def entered(self) -> str:
