@@ -124,6 +124,11 @@ PORT = replace(
     duration_s=140.0,
     sections=(IN, Target(kind='tumble', rates_deg_s=(0.3, 0.4, 1.0), inertia_kg_m2=LONG)),
 )
+GUARDED = replace(scenario.load_scenario('world_leo'), duration_s=30.0)
+DOCKING = replace(
+    scenario.load_scenario('tumbling_docking'),
+    initial_position_m=(0.1, 4.0, -0.1), initial_velocity_m_s=(-0.06, 0.0, 0.02),
+)  # fmt: skip
 CASES = {
     'leo': (LEO, WORLD),
     'leo, compensated': (COMPENSATED, SOME),
@@ -189,6 +194,42 @@ CASES = {
         {**SOME, 'star_tracker_noise_share': {'uniform': 0.5},
          'gyro_bias_y_rad_s': {'normal': 1e-4}, 'attitude_error_z_deg': {'normal': 0.5},
          'sensor_noise_share': {'uniform': 0.3}},
+    ),
+    'cameras that look at the port of a target that tumbles': (
+        PORT.equipped(
+            FREE, AttitudeControl(controller='attitude_pd'), STARS, AttitudeEstimator(),
+            Sensors(
+                (replace(CAMERA, looks_at='port', field_of_view_rad=3.0),
+                 Sensor('bearing', bearing_noise_rad=0.01, looks_at='port', latency_ticks=2),
+                 Sensor('relative_position', noise_floor_m=0.5)),
+                port_m=(0.1, 1.0, 0.3),
+            ),
+            Estimator(),
+        ),
+        {**SOME, 'target_attitude_x_deg': {'normal': 5.0},
+         'target_known_error_y_deg': {'normal': 2.0}},
+    ),
+    'assurance that follows the spread of a filter, and loses the port': (
+        replace(DOCKING, duration_s=25.0).equipped(
+            replace(DOCKING.section(Sensors), units=tuple(
+                replace(unit, outages_s=((3.0, 16.0),)) for unit in DOCKING.section(Sensors).units
+            )),
+            replace(DOCKING.named('guidance'), legs=(
+                replace(DOCKING.named('guidance').legs[0], to_m=(0.0, 2.0, 0.0), duration_s=20.0),
+                DOCKING.named('guidance').legs[1],
+            )),
+            replace(DOCKING.attitude, attitude=(0.0, 0.0, 0.0, 1.0)),
+        ),
+        {'initial_position_m': {'uniform': 0.2}, 'target_known_error_y_deg': {'normal': 0.3},
+         'delay_ticks': {'whole': 2}},
+    ),
+    'a sphere, and a filter whose spread grows': (
+        GUARDED.equipped(
+            Assurance(keep_out_m=15.0, position_error_m=0.5, velocity_error_m_s=0.02,
+                      disturbance_n=0.02, thrust_error=0.1, sigmas=8.0),
+            replace(GUARDED.section(Estimator), thrust_noise_s0_5=0.05),
+        ),
+        SOME,
     ),
     'a camera on a chaser that knows its attitude': (
         PLAIN.equipped(
@@ -451,6 +492,32 @@ def test_a_run_alone_has_the_bits_of_the_campaign(tmp_path):
         np.testing.assert_array_equal(final, flight.states[-1])
         energy = (flight.saturated_forces_n**2).sum() * 0.1
         assert columns['energy_n2s'][number] == pytest.approx(energy, rel=1e-12)
+
+
+def test_torques_are_lost_and_late_with_their_forces(tmp_path):
+    """Bit for bit as the chain; and as no attitude control sent them."""
+    turning = PLAIN.equipped(STEERED, AttitudeControl(controller=FUZZY))
+    (tmp_path / 'turning.yaml').write_text(scenario.dumps(turning))
+    path = write_campaign(
+        tmp_path, scenario=str(tmp_path / 'turning.yaml'), faults=LOSSY, success=None,
+        dispersions={'chaser_rate_x_deg_s': {'normal': 0.1}},
+    )  # fmt: skip
+    campaign = config.load(path)
+    columns = columns_of(campaign)
+    for number in (0, 39):
+        flight = single.fly_run(campaign, number)
+        final = [columns[name][number] for name in run_batch.FINAL]
+        np.testing.assert_array_equal(final, flight.states[-1])
+        torque, force = flight.signals['body_torque'], flight.signals['applied_body_force']
+        silent = ~torque.any(axis=1)
+        assert 0 < silent[5:].sum() < len(torque) / 2
+        assert not force[silent].any()
+        held = (np.diff(force, axis=0) == 0.0).all(axis=1)
+        assert held.sum() > 10 and not np.diff(torque, axis=0)[held].any()
+        assert np.diff(torque, axis=0)[~held].any()
+        assert columns['energy_n2s'][number] == pytest.approx(
+            (flight.saturated_forces_n**2).sum() * turning.dt_s, rel=1e-12
+        )
 
 
 def test_it_is_what_the_free_running_plant_does(tmp_path):

@@ -24,8 +24,10 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario as scenarios
 from rpo_core.wire.interfaces import BODY_TORQUE, CHASER_ATTITUDE, EXERTED_FORCE, WHEEL_MOMENTUM
-from rpo_log.show import style
+from rpo_log.show import report, style
+from rpo_log.tools.export import export
 from rpo_mcap.read.run_log import read_flight
+from rpo_montecarlo.outputs import write_flight
 from rpo_report import attitude, page, replay, video
 from rpo_report.page import Report
 from rpo_report.replay import Replayed
@@ -75,6 +77,20 @@ def test_the_wheels_of_a_log_are_those_that_flew(flight, logged):
     np.testing.assert_array_equal(found.momenta_nms, flight.signals[WHEEL_MOMENTUM])
     for one, other in zip(found, known, strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+def test_a_table_of_the_flight_has_its_attitude(flight, logged, tmp_path):
+    """By the names of the log's export, which has no momentum."""
+    write_flight(flight, tmp_path / 'flight.csv')
+    found = np.genfromtxt(tmp_path / 'flight.csv', delimiter=',', names=True)
+    export(logged, tmp_path / 'log.csv')
+    of_log = np.genfromtxt(tmp_path / 'log.csv', delimiter=',', names=True)
+    turning = [name for name in found.dtype.names if name.startswith(('chaser_', 'body_'))]
+    assert len(turning) == 13
+    for name in turning:
+        np.testing.assert_array_equal(found[name], of_log[name])
+    wheels = np.column_stack([found[f'wheel_h{axis}_nms'] for axis in 'xyz'])
+    np.testing.assert_array_equal(wheels, flight.signals[WHEEL_MOMENTUM])
 
 
 @pytest.mark.parametrize('late', [0, 3])
@@ -155,6 +171,23 @@ def test_a_video_has_the_force_in_the_axes_of_the_target():
     assert not np.allclose(video.forces_of(flight), exerted, atol=0.1)
 
 
+def test_a_video_turns_the_chaser():
+    """Seen from a target that spins; its docking axis is the last line."""
+    spin = {'kind': 'spin', 'axis': [0.2, 1.0, 0.5], 'rate_deg_s': 5.0}
+    for found in (document(), document(target=spin)):
+        flight = flown_of(found)
+        edges, axis = video.bodies_of(flight, 100.0)(150)
+        attitude = Rotation.from_quat(flight.signals[CHASER_ATTITUDE][150, :4])
+        if flight.scenario.target is not None:
+            seen_by = motion_of(flight.scenario.target, flight.scenario).attitude(150)[:4]
+            attitude = Rotation.from_quat(seen_by).inv() * attitude
+        ahead = attitude.apply(docking_axis(flight.scenario))
+        np.testing.assert_allclose(axis, [np.zeros(3), 8.0 * ahead], atol=1e-9)
+        sides = np.abs(attitude.inv().apply(edges))
+        np.testing.assert_allclose(sides, 1.2, atol=1e-9)
+        assert len({tuple(corner) for corner in edges.round(6)}) == 8
+
+
 def test_a_flight_without_attitude_says_nothing_of_it():
     flight = fly(
         replace(scenarios.load_scenario('paper_test'), duration_s=2.0), load_controller('allround')
@@ -163,3 +196,17 @@ def test_a_flight_without_attitude_says_nothing_of_it():
     assert docking_axis(flight.scenario) == (0.0, -1.0, 0.0)
     text = replay.page_of('', [Replayed('', flight, '', None)])
     assert '"chaser":null,"turns":[]' in text and '"cameras":[]' in text
+
+
+def test_the_report_names_axes_that_turn_and_no_optimum(logged, tmp_path):
+    done = CliRunner().invoke(app, ['report', str(logged), '-o', str(tmp_path), '--no-fail'])
+    assert done.exit_code == 0, done.output
+    text = (tmp_path / 'report.html').read_text()
+    assert 'The optimum is computed where neither chaser nor target turns.' in text
+    assert 'velocity and control force; right' in text
+    flight = read_flight(logged)
+    drawn = report.time_histories(flight).axes[0].get_legend_handles_labels()[1]
+    assert drawn == ['x', 'y', 'z']
+    still = fly(scenarios.load_scenario('quick'), load_controller('allround'))
+    drawn = report.time_histories(still).axes[0].get_legend_handles_labels()[1]
+    assert drawn == list(style.AXIS_NAMES)

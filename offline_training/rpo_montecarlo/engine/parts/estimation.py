@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 
 from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
+from rpo_kernels.attitude_kernels import attitude_at, frame_of, to_lvlh
 from rpo_kernels.kernels import measured
 from rpo_kernels.noise import six_normals
 from rpo_montecarlo.engine.lanes import (
     FORCE,
+    KNOWN_SPREAD,
     PAIRED_LANES,
     QUAT,
     QUAT_W,
@@ -31,6 +33,15 @@ from rpo_montecarlo.engine.lanes import (
     V,
     compiled,
 )
+from rpo_montecarlo.engine.parts.target import (
+    ATTITUDE,
+    BODY,
+    DT,
+    body_of,
+    step_attitudes,
+    targets_of,
+)
+from rpo_montecarlo.engine.parts.target import TURNS as BODY_TURNS
 from rpo_montecarlo.engine.tick import (
     ADDED,
     PASSED,
@@ -42,7 +53,7 @@ from rpo_montecarlo.engine.tick import (
     table_of,
 )
 from rpo_nav.estimator import Estimator, filter_of, memory_of
-from rpo_nav.filter_kernels import FULL, HEADING, X, estimate
+from rpo_nav.filter_kernels import FULL, HEADING, PORT, X, estimate, spreads
 from rpo_nav.navigation_errors import Navigation
 from rpo_nav.sensor_kernels import (
     COLUMNS,
@@ -53,9 +64,10 @@ from rpo_nav.sensor_kernels import (
     UNITS,
     noise_at,
     noise_of,
+    port_at,
     sensed,
 )
-from rpo_nav.sensors import NOISES, Sensing, Sensors
+from rpo_nav.sensors import NOISES, STILL, Sensing, Sensors
 
 Floats = NDArray[np.float64]
 
@@ -63,12 +75,17 @@ NOISE_R, NOISE_V, KEYS = 0, 1, 2
 BIAS = KEYS + 2 * RUNS
 """Places in the table of errors: 1 sigma of the noise [m], [m/s]; keys (2, 40); biases (6, 40)."""
 
-SIZES, OPPOSES, TURNS, NOISES_OF, TABLES = 0, 4, 5, 6, 6 + 2 * RUNS
+SIZES, OPPOSES, TURNS, LOOKS, PLACE, NOISES_OF, TABLES = 0, 4, 5, 6, 7, 10, 10 + 2 * RUNS
 """Places in the table of estimators: sizes of the tables of a run's sensors and filter, and of
 their memories; whether commands oppose the disturbance that is estimated; whether a sensor turns
-with the chaser: 1, the attitude is the true one, 2, it is estimated; keys of the noise (2, 40);
-those tables, run by run. The memory begins with the commands of the tick before (120,); it ends
-with an attitude (13,), and the noise of a sensor (8, 40)."""
+with the chaser: 1, the attitude is the true one, 2, it is estimated; whether one looks at the port,
+and its place [m] in the target's axes; keys of the noise (2, 40); those tables, run by run; then
+`targets_of` the true targets and the known ones, if one looks there. The memory begins with the
+commands of the tick before (120,); it ends with an attitude (16,), the ports (3, 40) and attitudes
+(7, 40) of both, and the noise of a sensor (8, 40)."""
+
+_PORTS = PAIRED_LANES + ATTITUDE
+"""Numbers of ports and attitudes in the memory, of the true targets or of those that are known."""
 
 NAMES = tuple(f'bias_{axis}' for axis in ('x_m', 'y_m', 'z_m', 'vx_m_s', 'vy_m_s', 'vz_m_s'))
 _NOISES = ('navigation_position_noise_m', 'navigation_velocity_noise_m_s')
@@ -129,22 +146,45 @@ def _draw(m, t, tick):  # type: ignore[no-untyped-def]
 
 
 @compiled
+def _turn_ports(m, t, tick):  # type: ignore[no-untyped-def]
+    """Fill the ports (3, 40) of true and known targets, whose attitudes follow in the memory."""
+    port, first = (t[PLACE], t[PLACE + 1], t[PLACE + 2]), t[TABLES:]
+    targets = first[(int(t[SIZES]) + int(t[SIZES + 1])) * RUNS :]
+    for known in range(2):
+        own, table = m[_PORTS * known :], targets[BODY * known :]
+        attitudes = own[PAIRED_LANES:]
+        if tick > 0:
+            step_attitudes(attitudes, table, table[DT])
+        for s in range(RUNS):
+            f = frame_of(attitude_at(attitudes, s, RUNS), body_of(table, table[BODY_TURNS], s))
+            own[s], own[RUNS + s], own[2 * RUNS + s] = to_lvlh(port, f)
+
+
+@compiled
 def navigate(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Fill rows SEEN with the estimates."""
     a, b = int(t[SIZES]), int(t[SIZES + 1])
     sensors, filters, c, d = _memories(m, t)
     attitude, true = m[filters + d * RUNS :], (0.0, 0.0, 0.0, 1.0)
     _draw(m, t, tick)
+    ports, place = attitude[HEADING:], port_at(t[TABLES:])
+    if t[LOOKS] > 0.0:
+        _turn_ports(ports, t, tick)
     for s in range(RUNS):
         if t[TURNS] > 0.0:
             true = _attitude(w, attitude, t[TURNS] > 1.0, s)
         y, z, settings = s + RUNS, s + 2 * RUNS, t[TABLES + (a + b) * s :][: a + b]
         state = (w[R + s], w[R + y], w[R + z], w[V + s], w[V + y], w[V + z])
         arrived, memory = m[sensors + c * s :][:c], m[filters + d * s :][:d]
+        if t[LOOKS] > 0.0:
+            for i in range(3):
+                arrived[place + i] = ports[s + i * RUNS]
+                attitude[PORT + i] = ports[_PORTS + s + i * RUNS]
         sensed(tick, state, true, settings[:a], arrived)
         estimate(tick, (m[s], m[y], m[z]), arrived, attitude, settings[a:], memory)
         w[SEEN_R + s], w[SEEN_R + y], w[SEEN_R + z] = memory[X], memory[X + 1], memory[X + 2]
         w[SEEN_V + s], w[SEEN_V + y], w[SEEN_V + z] = memory[X + 3], memory[X + 4], memory[X + 5]
+        w[KNOWN_SPREAD + s], w[KNOWN_SPREAD + y] = spreads(memory)
 
 
 @compiled
@@ -198,25 +238,33 @@ def estimators_of(batch: Batch) -> Part | None:
         assert sensors is not None and settings is not None
         sensing.append(Sensing(sensors, s))
         filters.append(np.asarray(filter_of(settings, sensors, s)))
-        filters[-1][FULL] = 0.0
+        filters[-1][FULL] = float(getattr(batch.base.named('assurance'), 'sigmas', 0.0) > 0.0)
     memories = [np.asarray(memory_of(f)) for f in filters]
     longest = max(map(len, memories))
     memories = [np.pad(m, (0, longest - len(m))) for m in memories]
     tables = [table_of(s.table, f) for s, f in zip(sensing, filters, strict=True)]
     keys = [s.table[KEY : KEY + 2] for s in sensing]
     sizes = [len(v) for v in (sensing[0].table, filters[0], sensing[0].memory, memories[0])]
+    sensors = batch.base.section(Sensors)
+    assert sensors is not None
+    true = [s.target or STILL for s in batch.scenarios] if sensors.look else []
+    both = [
+        targets_of(batch, some, [0] * len(some)) for some in (true, [t.known for t in true]) if some
+    ]
     return Part(
         'estimator',
         ((Place.ESTIMATOR, navigate), (ADDED + 1, oppose), (PASSED, remember)),
         table_of(
-            *(sizes, batch.base.compensated, _turning(batch.base)),
-            *(batch.lanes(keys), batch.lanes(tables).T),
+            *(sizes, batch.base.compensated, _turning(batch.base), sensors.look, sensors.port_m),
+            *(batch.lanes(keys), batch.lanes(tables).T, *(numbers for numbers, _ in both)),
         ),
         table_of(
             np.zeros(PAIRED_LANES),
             batch.lanes([s.memory for s in sensing]).T,
             batch.lanes(memories).T,
-            np.zeros(HEADING + NOISE * RUNS),
+            np.zeros(HEADING),
+            *(table_of(np.zeros(PAIRED_LANES), attitudes) for _, attitudes in both),
+            np.zeros(NOISE * RUNS),
         ),
     )
 
