@@ -44,7 +44,14 @@ class NotFiniteError(ArithmeticError):
     """A step made a state that is not finite; the message says from which signal."""
 
 
-PLACES = (Place.LINK, Place.THRUSTERS, Place.TARGET, Place.ATTITUDE, Place.DYNAMICS)
+PLACES = (
+    Place.UNLOADING,
+    Place.LINK,
+    Place.THRUSTERS,
+    Place.TARGET,
+    Place.ATTITUDE,
+    Place.DYNAMICS,
+)
 """Stages that the plant runs."""
 
 
@@ -187,10 +194,7 @@ class Plant:
         return self._depths_m
 
     def _look_for_zones(self, tick: int, states: tuple[Signal, ...]) -> None:
-        """Look how deep in a keep-out zone the chaser is in states from a tick on, and between.
-
-        Not once it has docked.
-        """
+        """Look how deep in a zone a chaser is in states from a tick on; not once docked."""
         if self._docked or not self._zones:
             return
         # Most states are too far to look closely, also as a target sees them that turns 0.1 rad.
@@ -201,9 +205,8 @@ class Plant:
         if sure_m > self._near_m:
             return
         seen = self.scenario.seen(np.array(states), tick)
-        errors = seen[-1:] - np.array(self.scenario.goal_state)
-        where = self.scenario.requirements, self.scenario.goal_position_m
-        self._docked = caught_at(errors, *where) is not None
+        errors, required = seen[-1:] - self.scenario.goal_state, self.scenario.requirements
+        self._docked = caught_at(errors, required, self.scenario.goal_position_m) is not None
         for zones in self._zones:
             depth_m = zones.deepest_m(seen, self.scenario.dt_s)
             if depth_m > self._depths_m.get(zones.keep_out, 0.0):
