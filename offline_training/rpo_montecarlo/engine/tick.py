@@ -37,6 +37,7 @@ from rpo_montecarlo.engine.lanes import (
     STRIDE,
     R,
     V,
+    aligned,
     compiled,
 )
 
@@ -137,7 +138,7 @@ def place(w: Floats, runs: Runs) -> None:
 
 def fresh(parts: Sequence[Part]) -> list[Part]:
     """Return parts with memories of their own, as they are before tick 0."""
-    return [part._replace(memory=part.memory.copy()) for part in parts]
+    return [part._replace(memory=aligned(part.memory)) for part in parts]
 
 
 def steps_of(parts: Sequence[Part]) -> list[tuple[int, Call]]:
