@@ -33,7 +33,6 @@ import pickle
 import random
 import shutil
 import sys
-import tempfile
 import warnings
 import zipfile
 from collections.abc import Callable, Iterator
@@ -61,7 +60,7 @@ from rpo_proof.check import Checked, Sample, WrittenSummary, check, recompute
 from rpo_proof.claims import Claim, summary_of, values_of
 from rpo_proof.folder import SUMMARY, TEXTS, Folder, origins
 from rpo_proof.problem import Problem, Settings, range_of, title_of
-from tools.mutating import Case, Outcomes, flipped, judge_all, judge_cases, parser_of, replace_file
+from tools.mutating import Case, flipped, judge_all, parser_of, replace_file
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -577,16 +576,9 @@ def _flights(problem: Problem) -> Iterator[Scenario]:
         yield flights.vary(problem, rng, centre + half * share)
 
 
-def run_cases(kinds: tuple[str, ...], seed: int, first: int, last: int) -> Outcomes:
-    """Judge the cases from `first` to before `last`; return how often each outcome came."""
-    with tempfile.TemporaryDirectory() as name:
-        scratch = Path(name)
-        cases = [ProofCase(proof_of(kind, scratch / kind)) for kind in kinds]
-        return judge_cases(cases, seed, first, last, scratch)
-
-
-def _work(kinds: tuple[str, ...], seed: int, part: tuple[int, int]) -> Outcomes:
-    return run_cases(kinds, seed, *part)
+def cases_of(scratch: Path, kinds: tuple[str, ...] = KINDS) -> list[ProofCase]:
+    """Return a case for the proof of each kind, which is made in a folder of scratch."""
+    return [ProofCase(proof_of(kind, scratch / kind)) for kind in kinds]
 
 
 def main() -> int:
@@ -594,8 +586,7 @@ def main() -> int:
     parser = parser_of(__doc__)
     parser.add_argument('--kind', choices=KINDS, action='append', help='may be repeated  [both]')
     options = parser.parse_args()
-    work = partial(_work, tuple(options.kind or KINDS), options.seed)
-    return judge_all(work, options, size=500)
+    return judge_all(partial(cases_of, kinds=tuple(options.kind or KINDS)), options, size=500)
 
 
 if __name__ == '__main__':

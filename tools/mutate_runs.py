@@ -24,7 +24,6 @@ import shutil
 import stat
 import struct
 import sys
-import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
@@ -44,16 +43,7 @@ from rpo_mcap.format import sums
 from rpo_mcap.format.run import DECISIONS_FILE, METADATA_FILE, SIGNATURE_FILE, SUMS_FILE
 from rpo_mcap.read.records import FileRecords, RawMessage, message_at
 from rpo_mcap.read.run_log import read_decisions, read_run
-from tools.mutating import (
-    NOT_WRITTEN,
-    Case,
-    Outcomes,
-    flipped,
-    judge_all,
-    judge_cases,
-    parser_of,
-    replace_file,
-)
+from tools.mutating import NOT_WRITTEN, Case, flipped, judge_all, parser_of, replace_file
 
 _NUMBERS = (0.0, -0.0, 1e-300, 1e308, float('inf'), float('nan'), 1.0, -1.0)
 
@@ -608,28 +598,11 @@ class SignedCase(RunCase):
         return _WORDS[found.exit_code]
 
 
-def run_cases(
-    run: Path,
-    seed: int,
-    first: int,
-    last: int,
-    signed: bool = False,
-    other: Path | None = None,
-) -> Outcomes:
-    """Judge the cases from `first` to before `last`; return how often each outcome came.
-
-    signed, other : whether the folder is signed and the cases are lies, see `SignedCase`
-    """
-    with tempfile.TemporaryDirectory() as name:
-        scratch = Path(name)
-        case = SignedCase(run, other, scratch) if signed else RunCase(run)
-        return judge_cases([case], seed, first, last, scratch)
-
-
-def _work(
-    run: Path, seed: int, signed: bool, other: Path | None, part: tuple[int, int]
-) -> Outcomes:
-    return run_cases(run, seed, *part, signed, other)
+def cases_of(
+    scratch: Path, run: Path, signed: bool = False, other: Path | None = None
+) -> list[RunCase]:
+    """Return the case of a run; signed, other : whether its cases are lies, see `SignedCase`."""
+    return [SignedCase(run, other, scratch) if signed else RunCase(run)]
 
 
 def main() -> int:
@@ -639,8 +612,8 @@ def main() -> int:
     parser.add_argument('--signed', action='store_true', help='sign the run; each case is a lie')
     parser.add_argument('--other', type=Path, help='run folder from which lies take files')
     options = parser.parse_args()
-    work = partial(_work, options.run, options.seed, options.signed, options.other)
-    return judge_all(work, options, size=250)
+    make = partial(cases_of, run=options.run, signed=options.signed, other=options.other)
+    return judge_all(make, options, size=250)
 
 
 if __name__ == '__main__':

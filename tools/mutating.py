@@ -17,10 +17,12 @@ import resource
 import shutil
 import struct
 import sys
+import tempfile
 import time
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 from rpo_core.files.validation import InputError
@@ -31,8 +33,8 @@ MOST_BYTES = 1 << 30
 Outcomes = Counter[tuple[str, str]]
 """How often an outcome came; of a failure, with what was changed."""
 
-Work = Callable[[tuple[int, int]], Outcomes]
-"""Judges the cases from a first to before a last."""
+Making = Callable[[Path], 'Sequence[Case]']
+"""Makes the cases of some true folders, which it may keep in a folder of scratch."""
 
 NOT_WRITTEN = (struct.error, OverflowError, KeyError, OSError, InputError, UnicodeError)
 """What a writer raises that refuses a change."""
@@ -72,15 +74,22 @@ class Case(ABC):
         return outcome, kind
 
 
-def judge_cases(cases: Sequence[Case], seed: int, first: int, last: int, scratch: Path) -> Outcomes:
+def judge_cases(make: Making, seed: int, first: int, last: int) -> Outcomes:
     """Judge the cases from `first` to before `last`, in turn of each true folder."""
     found = Outcomes()
-    for number in range(first, last):
-        outcome, kind = cases[number % len(cases)].judge(seed, number, scratch)
-        if failed := outcome.split()[0].isupper():
-            print(f'case {number}: {outcome}: {kind}', flush=True)
-        found[outcome, kind if failed else ''] += 1
+    with tempfile.TemporaryDirectory() as name:
+        scratch = Path(name)
+        cases = make(scratch)
+        for number in range(first, last):
+            outcome, kind = cases[number % len(cases)].judge(seed, number, scratch)
+            if failed := outcome.split()[0].isupper():
+                print(f'case {number}: {outcome}: {kind}', flush=True)
+            found[outcome, kind if failed else ''] += 1
     return found
+
+
+def _judge_part(make: Making, seed: int, part: tuple[int, int]) -> Outcomes:
+    return judge_cases(make, seed, *part)
 
 
 def failures(found: Outcomes) -> int:
@@ -100,17 +109,16 @@ def parser_of(description: str | None) -> argparse.ArgumentParser:
     return parser
 
 
-def judge_all(work: Work, options: argparse.Namespace, size: int) -> int:
+def judge_all(make: Making, options: argparse.Namespace, size: int) -> int:
     """Judge all cases, print what came out; return the exit code.
 
-    work : gets the first case of a part and the one behind its last
     size : cases of a part, each a task of a process
     """
     begun, end = time.monotonic(), options.first + options.cases
     parts = [(first, min(first + size, end)) for first in range(options.first, end, size)]
     found = Outcomes()
     with multiprocessing.Pool(options.workers) as pool:
-        for part in pool.imap(work, parts):
+        for part in pool.imap(partial(_judge_part, make, options.seed), parts):
             found += part
             print(f'{found.total()} of {options.cases} cases, {failures(found)} failures, '
                   f'{time.monotonic() - begun:.0f} s', file=sys.stderr, flush=True)  # fmt: skip

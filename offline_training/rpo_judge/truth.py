@@ -253,7 +253,7 @@ def drift_errors(scenario: Scenario, duration_s: float) -> list[Growth]:
     return found
 
 
-SHOWN = 8
+SHOWN = 4
 """Moments in the table of a flight."""
 
 

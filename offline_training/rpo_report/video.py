@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_attitude.target import motion_of
+from rpo_attitude.turns import docking_axis, turned
 from rpo_core.chain.flight import Flight
 from rpo_core.files.validation import InputError
 from rpo_core.judge.zones import Zone, zones_of
+from rpo_core.wire.interfaces import CHASER_ATTITUDE
 from rpo_log.show import style
 from rpo_montecarlo.outputs import writing
 from rpo_report.run_plots import axis_names, circle
@@ -24,6 +27,13 @@ FRAMES, FRAMES_PER_S = 100, 10
 _SIZE_IN, _DPI = (9.6, 5.4), 100
 _ARROW = 0.25
 """Length of the arrow of the largest force, beside the size of the picture."""
+
+_BODY, _AXIS = 0.012, 0.08
+"""Half of an edge of a chaser that turns, and the length of its docking axis, beside the same."""
+
+_CORNERS = np.array([(x, y, z) for z in (-1, 1) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
+_EDGES = [0, 1, 2, 3, 0, 4, 5, 1, 5, 6, 2, 6, 7, 3, 7, 4]
+"""A way along all edges of a cube."""
 
 
 def check(path: Path) -> None:
@@ -48,16 +58,22 @@ def write(flight: Flight, title: str, verdict: str, path: Path) -> None:
         figure, axes, clock = _stage(flight, title, verdict)
         x, y, z = flight.positions_m.T
         (flown,) = axes.plot([], [], [], color=style.LIGHT['x'], linewidth=2.0)
-        (chaser,) = axes.plot([], [], [], 'o', color=style.LIGHT['x'], markersize=8)
+        look: Any = {} if CHASER_ATTITUDE in flight.signals else {'marker': 'o', 'markersize': 8}
+        (chaser,) = axes.plot([], [], [], color=style.LIGHT['x'], **look)
+        (axis,) = axes.plot([], [], [], color=style.LIGHT['muted'], linewidth=1.2, linestyle='--')
         (force,) = axes.plot([], [], [], color=style.LIGHT['y'], linewidth=2.5)
         forces = forces_of(flight)
-        scale = _ARROW * np.ptp(axes.get_w_lims()[:2]) / flight.scenario.max_force_n
+        size = np.ptp(axes.get_w_lims()[:2])
+        scale = _ARROW * size / flight.scenario.max_force_n
+        body = bodies_of(flight, size)
         with writer.saving(figure, str(path), _DPI):
             for share in np.linspace(0.0, 1.0, FRAMES):
                 tick = round(share * (len(x) - 2))
                 flown.set_data_3d(y[: tick + 1], z[: tick + 1], x[: tick + 1])
                 here = np.array([y[tick], z[tick], x[tick]])
-                chaser.set_data_3d(*here[:, None])
+                edges, ahead = body(tick)
+                chaser.set_data_3d(*(here[:, None] + edges.T[[1, 2, 0]]))
+                axis.set_data_3d(*(here[:, None] + ahead.T[[1, 2, 0]]))
                 f = forces[tick, [1, 2, 0]]
                 force.set_data_3d(*np.column_stack([here, here + scale * f]))
                 clock.set_text(
@@ -76,12 +92,37 @@ def forces_of(flight: Flight) -> NDArray[np.float64]:
     return np.asarray(np.einsum('tji,tj->ti', turns.reshape(-1, 3, 3), forces))
 
 
+Lines = tuple[NDArray[np.float64], NDArray[np.float64]]
+
+
+def bodies_of(flight: Flight, size_m: float) -> Callable[[int], Lines]:
+    """Return what draws the chaser of a tick in the axes of the picture, about its centre [m].
+
+    Its edges (16, 3) and its docking axis (2, 3); without an attitude a point, and nothing.
+    """
+    scenario, attitudes = flight.scenario, flight.signals.get(CHASER_ATTITUDE)
+    if attitudes is None:
+        return lambda tick: (np.zeros((1, 3)), np.empty((0, 3)))
+    axis = _AXIS * size_m * np.array([(0.0, 0.0, 0.0), docking_axis(scenario)])
+    lines = np.vstack([_BODY * size_m * _CORNERS[_EDGES], axis])
+    frames = np.broadcast_to(np.eye(3), (len(attitudes), 3, 3))
+    if scenario.target is not None:
+        table = motion_of(scenario.target, scenario).frames(len(attitudes))
+        frames = table[:, :9].reshape(-1, 3, 3)
+
+    def drawn(tick: int) -> Lines:
+        found = turned(lines, attitudes[tick, :4]) @ frames[tick]
+        return found[:-2], found[-2:]
+
+    return drawn
+
+
 def _stage(flight: Flight, title: str, verdict: str) -> tuple[Any, Any, Any]:
     """Return figure, axes and clock of a video, with what does not move."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=_SIZE_IN)
-    axes: Any = figure.add_axes((-0.15, -0.2, 1.3, 1.25), projection='3d')
+    axes: Any = figure.add_axes((-0.05, 0.03, 1.1, 0.96), projection='3d')
     x, y, z = flight.positions_m.T
     axes.plot(y, z, x, color=style.LIGHT['muted'], linewidth=0.6)
     axes.plot([0.0], [0.0], [0.0], 's', color=style.LIGHT['ink'], markersize=8)

@@ -8,6 +8,7 @@ import hashlib
 import os
 import shutil
 import subprocess
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -22,7 +23,8 @@ from rpo_log.verify.recomputation import held_ticks
 from rpo_mcap.errors import ExitCode, LogError
 from rpo_mcap.format import sums
 from rpo_mcap.read.stream import RunReader
-from tools.mutate_runs import Parts, run_cases
+from tools.mutate_runs import Parts, cases_of
+from tools.mutating import judge_cases
 
 
 def test_it_says_what_is_recomputed_compared_and_unknown(recorded):
@@ -178,7 +180,7 @@ def test_pipes_do_not_hang(folder):
 
 
 def test_changed_runs_deceive_nobody(recorded):
-    found = run_cases(recorded, seed=1, first=0, last=50)
+    found = judge_cases(partial(cases_of, run=recorded), seed=1, first=0, last=50)
     assert not [key for key in found if key[0].split()[0].isupper()]
     outcomes = {outcome for outcome, _ in found}
     assert {'refused', 'different', 'incomplete', 'verified'} <= outcomes
@@ -191,12 +193,13 @@ def test_the_bench_sees_a_false_proof(recorded, monkeypatch):
     true = verify(recorded)
     monkeypatch.setattr(mutate_runs, 'verify', lambda _: true)
     monkeypatch.setattr(mutate_runs.RunCase, '_is_same', lambda *_: False)
-    assert any(outcome == 'FALSE PROOF' for outcome, _ in run_cases(recorded, 1, 0, 3))
+    found = judge_cases(partial(cases_of, run=recorded), 1, 0, 3)
+    assert any(outcome == 'FALSE PROOF' for outcome, _ in found)
 
 
 @pytest.mark.slow
 def test_many_changed_runs_deceive_nobody(recorded):
-    found = run_cases(recorded, seed=2, first=0, last=4000)
+    found = judge_cases(partial(cases_of, run=recorded), seed=2, first=0, last=4000)
     assert not [key for key in found if key[0].split()[0].isupper()]
 
 

@@ -9,6 +9,7 @@ import shutil
 import subprocess
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -26,7 +27,8 @@ from rpo_mcap.format.sums import MAX_BESIDE_BYTES, Sums
 from rpo_mcap.read.records import MAX_REST_BYTES
 from rpo_mcap.read.stream import RunReader
 from tools import mutate_runs
-from tools.mutate_runs import Parts, SignedCase, run_cases
+from tools.mutate_runs import Parts, SignedCase, cases_of
+from tools.mutating import judge_cases
 
 NONE = '0' * 64
 FILES = ('decisions.mcap', 'health.mcap', 'metadata.yaml', 'run.mcap', 'run_info.yaml')
@@ -425,7 +427,8 @@ def test_a_log_that_is_too_long_beside_one_that_cannot_be_read(parts, tmp_path):
 
 
 def test_lies_about_a_signed_run_are_not_accepted(recorded, other):
-    found = run_cases(recorded, seed=1, first=0, last=50, signed=True, other=other)
+    make = partial(cases_of, run=recorded, signed=True, other=other)
+    found = judge_cases(make, seed=1, first=0, last=50)
     assert not [key for key in found if key[0].split()[0].isupper()]
     assert {outcome for outcome, _ in found} == {'refused', 'different', 'incomplete'}
 
@@ -434,7 +437,8 @@ def test_lies_about_a_signed_run_are_not_accepted(recorded, other):
 @pytest.mark.parametrize('split', [False, True])
 def test_many_lies_about_a_signed_run_are_not_accepted(recorded, parts, other, split):
     base = parts if split else recorded
-    found = run_cases(base, seed=2, first=0, last=5000, signed=True, other=other)
+    make = partial(cases_of, run=base, signed=True, other=other)
+    found = judge_cases(make, seed=2, first=0, last=5000)
     assert sum(found.values()) == 5000
     assert not [key for key in found if key[0].split()[0].isupper()]
 

@@ -149,3 +149,97 @@ def test_bad_input_is_one_sentence(changes, sentence):
 def test_only_a_camera_that_turns_is_written_so():
     assert 'body_fixed: true' in scenario.dumps(scenario_with())
     assert 'body_fixed' not in scenario.dumps(scenario_with({'body_fixed': False}))
+
+
+PORT = (0.3, 1.2, -0.5)
+TUMBLE = {
+    'kind': 'tumble', 'attitude': [0.2, -0.4, 0.1, 0.8], 'rates_deg_s': [1.0, 2.0, -1.5],
+    'inertia_kg_m2': [[12.0, 0.0, 0.0], [0.0, 15.0, 0.0], [0.0, 0.0, 20.0]],
+}  # fmt: skip
+EXACT = {
+    'looks_at': 'port', 'noise_share': 0.0, 'noise_floor_m': 1e-6, 'bearing_noise_rad': 1e-8,
+}  # fmt: skip
+
+
+def looking(unit=(), target=(), **changes):
+    """Return a scenario whose camera looks at the port of a target that tumbles."""
+    found = {'target': {**TUMBLE, **dict(target)}, 'zones': {'port_m': list(PORT)}}
+    return scenario_with({**EXACT, **dict(unit)}, **{**found, **changes})
+
+
+@pytest.mark.parametrize('latency', [0, 2])
+def test_it_measures_the_port_where_the_attitude_of_the_target_puts_it(latency):
+    flown = looking({'latency_ticks': latency})
+    flight = fly(flown, PD)
+    at = np.arange(latency, 300, 7)
+    chaser, target = (
+        Rotation.from_quat(flight.signals[name][at - latency, :4])
+        for name in ('chaser_attitude', 'target_attitude')
+    )
+    expected = chaser.inv().apply(flight.states[at - latency, :3] - target.apply(PORT))
+    np.testing.assert_allclose(flight.signals['measurement'][at, :3], expected, atol=2e-5)
+    assert (target[0].inv() * target[-1]).magnitude() > 0.5
+
+
+@pytest.mark.parametrize('kind', ['range_bearing', 'bearing'])
+def test_its_field_of_view_ends_where_the_port_leaves_it(kind):
+    unit = {'kind': kind, 'boresight': [0.0, 0.0, 1.0], 'field_of_view_rad': 0.3}
+    flown = looking(unit, initial_position_m=[1.0, 3.0, 2.0])
+    stage, state = SensorsStage(flown.section(Sensors), flown), (1.0, 3.0, 2.0, 0.0, 0.0, 0.0)
+    port = Rotation.from_quat(TUMBLE['attitude']).apply(PORT)
+    rng, seen = np.random.default_rng(3), []
+    for to in (port, np.zeros(3)):
+        for angle in (0.29, 0.31, *rng.uniform(0.0, 0.6, 20)):
+            about = rng.uniform(0.0, 7.0)
+            aside = Rotation.from_rotvec([angle * np.cos(about), angle * np.sin(about), 0.0])
+            attitude = Rotation.align_vectors([to - state[:3]], [[0.0, 0.0, 1.0]])[0] * aside
+            off = np.array(port - state[:3])
+            cosine = attitude.apply([0.0, 0.0, 1.0]) @ off / np.linalg.norm(off)
+            seen.append(stage.step(0, state, quaternion(attitude))[0][6] >= 0.0)
+            assert seen[-1] == (np.arccos(cosine) < 0.3)
+    assert seen[:2] == [True, False]
+    assert len(set(seen[22:])) == 2  # some that look at the centre do not see the port
+
+
+def test_the_filter_takes_the_port_where_it_knows_the_target():
+    """Where it knows the target's axes wrongly, it is off by what that turns the port."""
+    wrong = [3.0, -2.0, 4.0]
+    flown = looking({'latency_ticks': 1}, {'known_error_deg': wrong}, ticks=600)
+    flight = fly(flown, PD)
+    target = Rotation.from_quat(flight.signals['target_attitude'][200:, :4])
+    error = Rotation.from_rotvec(wrong, degrees=True)
+    off = (target * error).apply(PORT) - target.apply(PORT)
+    found = flight.signals['navigation_state'] - flight.states
+    np.testing.assert_allclose(found[200:, :3], off, atol=5e-3)
+    assert np.linalg.norm(off, axis=1).max() > 0.05
+
+
+def test_the_line_of_sight_of_the_filter_is_that_to_the_port():
+    """A measurement of a camera alone leaves what the Kalman filter of matrices does."""
+    unit = {'kind': 'bearing', 'looks_at': 'port', 'bearing_noise_rad': 0.05, 'noise_floor_m': 1e-9}
+    flown = looking(
+        unit, initial_position_m=[1.0, 3.0, 2.0],
+        estimator={'position_sigma_m': 0.1, 'gate_sigmas': 0.0},
+    )  # fmt: skip
+    stage = EstimatorStage(flown.section(Estimator), flown)
+    port = Rotation.from_quat(TUMBLE['attitude']).apply(PORT)
+    sight = np.array(stage.filter[41:44]) - port
+    distance = np.linalg.norm(sight)
+    u = sight / distance
+    seen = (*TURNED.inv().apply(u), 0.0, 0.0, 0.0, *[0.0] * 18)
+    stage.step(0, (0.0,) * 3, seen, quaternion(TURNED))
+    across = (np.eye(3) - np.outer(u, u)) / (0.05 * distance) ** 2
+    expected = np.linalg.inv(np.eye(3) / 0.1**2 + across)
+    np.testing.assert_allclose(stage.covariance[:3, :3], expected, atol=1e-12)
+    np.testing.assert_allclose(stage.memory[10:13], port + sight, atol=1e-12)
+
+
+def test_what_looks_at_the_port_needs_one():
+    with pytest.raises(InputError, match='`looks_at` port needs `port_m`'):
+        looking(zones=None)
+    with pytest.raises(InputError, match='`looks_at` must be centre for a sensor of relative'):
+        looking({'kind': 'relative_position', 'bearing_noise_rad': 0.0, 'body_fixed': False})
+    text = scenario.dumps(looking())
+    assert 'looks_at: port' in text
+    assert text.count('port_m') == 1
+    assert 'looks_at' not in scenario.dumps(scenario_with())

@@ -139,40 +139,30 @@ def test_lockstep_waits_for_a_link_that_heals_in_time_and_the_bits_are_the_same(
     np.testing.assert_array_equal(read_run(joined.ros.folder / 'run').states, expected)
 
 
-@pytest.mark.parametrize('kind', ['netem', 'relay'])
-def test_a_link_that_loses_a_tenth_and_delays_by_20_ms_changes_no_bit_in_lockstep(two, kind):
+@pytest.fixture(params=['netem', 'relay'])
+def badly_joined(two, request):
+    """Both hosts, on a link that loses a tenth and delays by 20 ms."""
     try:
-        if kind == 'netem':
+        if request.param == 'netem':
             two.network.join_badly(0.1, 0.02)
-            fly_over_a_bad_link(two)
+            yield two
         else:
             with two.network.relay(0.1, 0.02):
-                fly_over_a_bad_link(two)
+                yield two
     except LinkError as error:
         pytest.skip(str(error))
 
 
-def fly_over_a_bad_link(two):
+def test_a_link_that_loses_a_tenth_and_delays_by_20_ms_changes_no_bit_in_lockstep(badly_joined):
+    two = badly_joined
     plant, recorder, expected = recorded(two, 20.0)
     assert plant.wait(120.0) == 0, plant.output
     assert recorder.wait() == 0, recorder.output
     np.testing.assert_array_equal(read_run(two.ros.folder / 'run').states, expected)
 
 
-@pytest.mark.parametrize('kind', ['netem', 'relay'])
-def test_the_same_link_in_free_running_still_flies(two, kind):
-    try:
-        if kind == 'netem':
-            two.network.join_badly(0.1, 0.02)
-            fly_freely(two)
-        else:
-            with two.network.relay(0.1, 0.02):
-                fly_freely(two)
-    except LinkError as error:
-        pytest.skip(str(error))
-
-
-def fly_freely(two):
+def test_the_same_link_in_free_running_still_flies(badly_joined):
+    two = badly_joined
     plant, recorder, expected = recorded(two, 40.0, mode='free_running', real_time_factor=2.0)
     assert plant.wait(90.0) == 0, plant.output
     assert recorder.wait() == 0, recorder.output

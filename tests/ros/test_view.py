@@ -840,6 +840,20 @@ def test_the_attitude_of_a_chaser_is_drawn_and_said():
     assert away == pytest.approx([3.0 * a for a in run.docking_axis])
     tail, tip = found['thrust', 0].points  # a force in LVLH: it does not turn with the body
     assert (tip.x - tail.x, tip.y - tail.y) == pytest.approx((20.0 * FORCE[0], 20.0 * FORCE[1]))
+    run.force_n = FORCE  # nothing turns this command: it is in the chaser's axes, and drawn in LVLH
+    ahead = (-FORCE[1], FORCE[0], FORCE[2])
+    assert run.command_n == pytest.approx(ahead, abs=1e-12)
+    assert shown(run)['force_n'] == pytest.approx(ahead, abs=1e-12)
+    steered = {'attitude_control': {'controller': 'attitude_pd', 'limit_nm': 0.1}}
+    run.on_manifest(
+        manifest(
+            'plant',
+            scenarios.dumps(
+                scenarios.parse({**yaml.safe_load(scenarios.dumps(turning)), **steered})
+            ),
+        )
+    )
+    assert run.command_n == FORCE
     run.on_state(START_NS, STATE, (*attitude[:6], 1.7e308))  # foreign: beyond all floats
     run.onboard.on_turn(interfaces.NAVIGATION_ATTITUDE, START_NS, (*attitude[:6], 1.7e308))
     assert run.onboard.attitude == attitude

@@ -69,6 +69,14 @@ def opened(ros, page):
     return web, url
 
 
+def approach(ros, scenario, factor):
+    """Start all nodes of a scenario in one process."""
+    ros.node(
+        'rpo_bringup', 'final_approach', '--scenario', scenario, '--real-time-factor', factor,
+        '--no-report', '--output', str(ros.folder / 'run'),
+    )  # fmt: skip
+
+
 def ink(page, canvas: str) -> int:
     """Return how many colours a canvas shows."""
     return page.evaluate(
@@ -118,10 +126,7 @@ def test_the_page_shows_what_guidance_and_assurance_say(ros_env, tmp_path):
     pictures = Path(os.environ.get('RPO_PICTURES', tmp_path))
     with node_processes(ros_env, tmp_path) as ros, browser(CHROMIUM, tmp_path / 'profile') as page:
         opened(ros, page)
-        ros.node(
-            'rpo_bringup', 'final_approach', '--scenario', 'on_command', '--real-time-factor',
-            '40', '--no-report', '--output', str(tmp_path / 'run'),
-        )  # fmt: skip
+        approach(ros, 'on_command', '40')
         until(page, 'typeof now !== "undefined" && now && now.guidance && now.assurance')
         until(page, 'now.miss_m !== null && now.time_s > 150')
         page.screenshot(pictures / 'live_guided.png')
@@ -147,10 +152,7 @@ def test_the_page_shows_what_guidance_and_assurance_say(ros_env, tmp_path):
 def test_the_page_shows_how_the_chaser_turns(ros_env, tmp_path):
     with node_processes(ros_env, tmp_path) as ros, browser(CHROMIUM, tmp_path / 'profile') as page:
         opened(ros, page)
-        ros.node(
-            'rpo_bringup', 'final_approach', '--scenario', 'tumbling_docking', '--real-time-factor',
-            '10', '--no-report', '--output', str(tmp_path / 'run'),
-        )  # fmt: skip
+        approach(ros, 'tumbling_docking', '10')
         until(page, 'typeof now !== "undefined" && now && now.time_s > 20 && now.turns')
         until(page, 'el("said-attitude").textContent.includes("off the truth")')
         said = page.evaluate('el("said-attitude").textContent')

@@ -116,6 +116,29 @@ def test_the_plant_says_what_the_verdict_says():
                                   'corridor')  # fmt: skip
 
 
+@pytest.mark.parametrize('least_m_s, judged', [(0.05, False), (0.2, True)])
+def test_a_docked_chaser_is_in_no_zone(least_m_s, judged):
+    """After the contact it drifts through the sphere; where nothing caught it, that counts."""
+    docking = scenario.load_scenario('docking')
+    required = replace(docking.requirements, contact_least_closing_speed_m_s=least_m_s)
+    drifting = replace(
+        docking,
+        sections=(),
+        duration_s=120.0,
+        initial_position_m=(0.0, docking.goal_position_m[1] + 0.3, 0.0),
+        initial_velocity_m_s=(0.0, -0.1, 0.0),
+        requirements=required,
+    )
+    forces = np.tile([0.05, 0.0, 0.0], (drifting.ticks, 1))  # out of the corridor
+    flight = fly(drifting, OpenLoop(forces))
+    (verdict,) = (v for v in verdicts(flight) if v.key == ZONE_DEPTH)
+    assert verdict.holds is not judged
+    plant = Plant(drifting, ())
+    for force in flight.forces_n.tolist():
+        plant.fly(dict.fromkeys(plant.inputs, (0.0, 0.0, 0.0)) | {'control_force': tuple(force)})
+    assert bool(plant.entered) is judged
+
+
 def test_a_zone_is_seen_between_two_ticks():
     """Past the target in a tick of 10 s, outside of the zone at both ends."""
     zones = Zone(10.0)

@@ -63,7 +63,7 @@ MAY_IMPORT = {
     'rpo_ctrl nodes': {'rpo_core', 'rpo_kernels', 'rpo_ctrl', 'rpo_ros'},
     'rpo_guidance': {'rpo_attitude', 'rpo_core', 'rpo_kernels'},
     'rpo_guidance nodes': {'rpo_core', 'rpo_kernels', 'rpo_guidance', 'rpo_ros'},
-    'rpo_nav': {'rpo_core', 'rpo_kernels'},
+    'rpo_nav': {'rpo_attitude', 'rpo_core', 'rpo_kernels'},
     'rpo_nav nodes': {'rpo_core', 'rpo_kernels', 'rpo_nav', 'rpo_ros'},
     'rpo_thrusters': {'rpo_core', 'rpo_kernels'},
     'rpo_safety': {'rpo_attitude', 'rpo_core', 'rpo_kernels', 'rpo_nav', 'rpo_thrusters'},

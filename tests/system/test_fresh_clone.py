@@ -53,11 +53,11 @@ def test_demo_flies_from_nothing(clone):
     assert list((run / 'report').glob('*.png'))
 
 
-def test_the_home_has_what_the_quick_start_says(clone):
+def test_the_home_has_what_the_tutorial_says(clone):
     home = clone.parent / 'home'
     files = [path.relative_to(home).parts for path in home.rglob('*') if path.is_file()]
     made = {'/'.join(parts[:2]) for parts in files}
-    text = (ROOT / 'docs/quick_start.md').read_text()
+    text = (ROOT / 'docs/tutorial.md').read_text()
     assert made and [place for place in made if f'`~/{place}`' not in text] == []
 
 

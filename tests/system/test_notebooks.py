@@ -17,7 +17,10 @@ COMMON = {'cell_type', 'id', 'metadata', 'source'}
 KEYS = {'markdown': COMMON, 'code': COMMON | {'execution_count', 'outputs'}}
 
 each_notebook = pytest.mark.parametrize('path', NOTEBOOKS, ids=lambda path: path.stem)
-COURSE = ['fly_and_compare', 'understand_a_rule', 'train_your_own', 'disperse', 'make_it_safe']
+COURSE = [
+    'fly_and_compare', 'understand_a_rule', 'train_your_own', 'disperse', 'make_it_safe',
+    'turn_and_dock',
+]  # fmt: skip
 DEAR = ('disperse', 'train_your_own')
 FLOWN = [pytest.param(p, marks=pytest.mark.slow) if p.stem in DEAR else p for p in NOTEBOOKS]
 

@@ -83,13 +83,10 @@ def test_a_campaign_refuses_ticks_that_the_law_does_not_count_by(tmp_path):
 # The predictive controller.
 
 
-def test_the_first_plan_is_the_optimum_to_rest():
+def test_it_flies_the_optimum_to_rest():
     mpc = load_controller('mpc')
     base = replace(TRAINING.base, initial_position_m=(100.0, -50.0, 5.0))
     best = optimal.to_rest(base, coast_s=base.duration_s - mpc.horizon_s)
-    ticks = round(mpc.horizon_s / base.dt_s)
-    (plan,) = comparison.plans(mpc, np.array([base.start]), 0)
-    np.testing.assert_allclose(plan, best.forces_n[:ticks], rtol=0, atol=1e-12)
     change = round((mpc.horizon_s - mpc.least_time_to_go_s) / base.dt_s)
     flown = fly(base, mpc).forces_n[:change]
     np.testing.assert_allclose(flown, best.forces_n[:change], rtol=0, atol=1e-11)
@@ -116,24 +113,10 @@ SLOW = Mpc(name='m', horizon_s=60.0, least_time_to_go_s=10.0, model=replace(PAPE
 def test_where_no_limit_binds_the_quadratic_program_says_the_same():
     state = np.array([5.0, -3.0, 2.0, 0.02, -0.03, 0.01])
     for tick in (0, 30):
-        (plan,) = comparison.plans(SLOW, state[None], tick)
-        assert comparison.peaks_of(plan[None], SLOW)[0]
-        solved = by_solver(SLOW, state, len(plan))
-        np.testing.assert_allclose(plan, solved, rtol=0, atol=1e-6)
+        solved = by_solver(SLOW, state, 60 - tick)
+        assert np.abs(solved).max() < SLOW.max_force_n
         force = SLOW.force_n(state[:3], state[3:], tick)
         np.testing.assert_allclose(force, solved[0], rtol=0, atol=1e-6)
-
-
-def test_a_plan_beyond_a_limit_is_counted():
-    far = np.array([33.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    (plan,) = comparison.plans(SLOW, far[None], 0)
-    assert np.abs(plan).max() > SLOW.max_force_n  # 6 m r / T^2 = 0.55 N
-    solved = by_solver(SLOW, far, 60)
-    assert np.abs(solved).max() <= SLOW.max_force_n + 1e-6
-    assert (solved**2).sum() > (plan**2).sum()
-    found = comparison.peaks(SLOW, far[None, None], 1)
-    assert (found.plans, found.within) == (1, 0)
-    assert found.force_n == np.abs(plan).max()
 
 
 # Tuning.
@@ -254,8 +237,6 @@ def test_a_comparison_is_printed_written_and_kept(name, compare, tmp_path, monke
     assert drift['kept'] == (columns['hold_error_per_axis_m'] <= 60.0).sum()
     late = metrics.window(fly(load_scenario('paper_test'), load_controller(name)), 200.0)
     assert baseline['tests']['paper_test']['position_m'] == late.position_m
-    if name == 'mpc':
-        assert baseline['plans']['starts']['within'] == baseline['plans']['starts']['plans'] > 216
     table = (tmp_path / 'doc.md').read_text()
     shown = f'{baseline["mean_energy_n2s"]:.3f} | {baseline["ratio"]:.3f} | 216 of 216'
     assert f'| {name} | {shown} |' in table and table.count('| drift |') == 4

@@ -190,6 +190,20 @@ CASES = {
          'gyro_bias_y_rad_s': {'normal': 1e-4}, 'attitude_error_z_deg': {'normal': 0.5},
          'sensor_noise_share': {'uniform': 0.3}},
     ),
+    'cameras that look at the port of a target that tumbles': (
+        PORT.equipped(
+            FREE, AttitudeControl(controller='attitude_pd'), STARS, AttitudeEstimator(),
+            Sensors(
+                (replace(CAMERA, looks_at='port', field_of_view_rad=3.0),
+                 Sensor('bearing', bearing_noise_rad=0.01, looks_at='port', latency_ticks=2),
+                 Sensor('relative_position', noise_floor_m=0.5)),
+                port_m=(0.1, 1.0, 0.3),
+            ),
+            Estimator(),
+        ),
+        {**SOME, 'target_attitude_x_deg': {'normal': 5.0},
+         'target_known_error_y_deg': {'normal': 2.0}},
+    ),
     'a camera on a chaser that knows its attitude': (
         PLAIN.equipped(
             FREE, AttitudeControl(controller='attitude_pd'), Sensors((CAMERA,)), Estimator(),

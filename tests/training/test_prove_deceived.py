@@ -28,8 +28,8 @@ from rpo_proof.claims import values_of
 from rpo_proof.folder import TEXTS, Folder, cells_of, write_arrays
 from rpo_proof.problem import Problem, Settings
 from rpo_report.proof import report_of
-from tools.mutate_proofs import KINDS, SAMPLE, ProofCase, run_cases
-from tools.mutating import failures
+from tools.mutate_proofs import KINDS, SAMPLE, ProofCase, cases_of
+from tools.mutating import failures, judge_cases
 
 
 @pytest.fixture
@@ -418,7 +418,7 @@ def test_changed_folders_do_not_deceive(proofs, tmp_path, kind):
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
 def test_a_thousand_changed_folders_do_not_deceive():
-    assert failures(run_cases(KINDS, seed=4, first=0, last=1000)) == 0
+    assert failures(judge_cases(cases_of, seed=4, first=0, last=1000)) == 0
 
 
 @pytest.mark.slow

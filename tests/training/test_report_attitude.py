@@ -25,7 +25,9 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario as scenarios
 from rpo_core.wire.interfaces import BODY_TORQUE, CHASER_ATTITUDE, EXERTED_FORCE, WHEEL_MOMENTUM
 from rpo_log.show import style
+from rpo_log.tools.export import export
 from rpo_mcap.read.run_log import read_flight
+from rpo_montecarlo.outputs import write_flight
 from rpo_report import attitude, page, replay, video
 from rpo_report.page import Report
 from rpo_report.replay import Replayed
@@ -75,6 +77,20 @@ def test_the_wheels_of_a_log_are_those_that_flew(flight, logged):
     np.testing.assert_array_equal(found.momenta_nms, flight.signals[WHEEL_MOMENTUM])
     for one, other in zip(found, known, strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+def test_a_table_of_the_flight_has_its_attitude(flight, logged, tmp_path):
+    """By the names of the log's export, which has no momentum."""
+    write_flight(flight, tmp_path / 'flight.csv')
+    found = np.genfromtxt(tmp_path / 'flight.csv', delimiter=',', names=True)
+    export(logged, tmp_path / 'log.csv')
+    of_log = np.genfromtxt(tmp_path / 'log.csv', delimiter=',', names=True)
+    turning = [name for name in found.dtype.names if name.startswith(('chaser_', 'body_'))]
+    assert len(turning) == 13
+    for name in turning:
+        np.testing.assert_array_equal(found[name], of_log[name])
+    wheels = np.column_stack([found[f'wheel_h{axis}_nms'] for axis in 'xyz'])
+    np.testing.assert_array_equal(wheels, flight.signals[WHEEL_MOMENTUM])
 
 
 @pytest.mark.parametrize('late', [0, 3])
@@ -153,6 +169,23 @@ def test_a_video_has_the_force_in_the_axes_of_the_target():
     exerted = flight.signals[EXERTED_FORCE][:-1]
     np.testing.assert_allclose(video.forces_of(flight), target.inv().apply(exerted), atol=1e-5)
     assert not np.allclose(video.forces_of(flight), exerted, atol=0.1)
+
+
+def test_a_video_turns_the_chaser():
+    """Seen from a target that spins; its docking axis is the last line."""
+    spin = {'kind': 'spin', 'axis': [0.2, 1.0, 0.5], 'rate_deg_s': 5.0}
+    for found in (document(), document(target=spin)):
+        flight = flown_of(found)
+        edges, axis = video.bodies_of(flight, 100.0)(150)
+        attitude = Rotation.from_quat(flight.signals[CHASER_ATTITUDE][150, :4])
+        if flight.scenario.target is not None:
+            seen_by = motion_of(flight.scenario.target, flight.scenario).attitude(150)[:4]
+            attitude = Rotation.from_quat(seen_by).inv() * attitude
+        ahead = attitude.apply(docking_axis(flight.scenario))
+        np.testing.assert_allclose(axis, [np.zeros(3), 8.0 * ahead], atol=1e-9)
+        sides = np.abs(attitude.inv().apply(edges))
+        np.testing.assert_allclose(sides, 1.2, atol=1e-9)
+        assert len({tuple(corner) for corner in edges.round(6)}) == 8
 
 
 def test_a_flight_without_attitude_says_nothing_of_it():

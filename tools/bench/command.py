@@ -60,8 +60,6 @@ def _inference() -> None:
             f'ours {rates[0].per_second / rate.per_second:9.4g} x   '
             f'outputs differ by {rate.difference:.1e}'
         )
-    for part, nanoseconds in inference.breakdown().items():
-        print(f'{part:20s} {nanoseconds:6.2f} ns per axis and step')
 
 
 def _training(evaluations: int, workers: int) -> None:

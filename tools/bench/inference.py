@@ -9,21 +9,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from functools import partial
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.control.controller import load_fuzzy
 from rpo_core.control.fuzzy import WORDS, FuzzySystem, MembershipFunctions
-from rpo_core.files.scenario import load_set
 from rpo_core.files.validation import InputError
 from rpo_montecarlo.engine import lanes
-from rpo_montecarlo.engine.cases import Crossed, case_of_set
-from rpo_montecarlo.engine.parts import control, dynamics
 from rpo_montecarlo.engine.population import population_of
-from rpo_montecarlo.engine.tick import place
 
 Floats = NDArray[np.float64]
 
@@ -197,43 +192,3 @@ def _skfuzzy(system: FuzzySystem, errors: Floats) -> Callable[[], Floats]:
         return np.array(outputs)
 
     return run
-
-
-BREAKDOWN = ('fuzzify', 'fire', 'defuzzify', 'all of inference', 'command and step')
-"""The parts of a control step that `breakdown` measures."""
-
-
-@lanes.compiled
-def _repeat(part, count, w, n, law, m, commands, steps):  # type: ignore[no-untyped-def]
-    """Repeat one part of `BREAKDOWN`."""
-    for _ in range(count):
-        if part == 0:
-            lanes.fuzzify(w, n, lanes.E_R, lanes.GRADES, law.functions[:5])
-            lanes.fuzzify(w, n, lanes.E_V, lanes.GRADES + 5 * lanes.STRIDE, law.functions[5:10])
-        elif part == 1:
-            lanes.fire(w, n, law.rules)
-        elif part == 2:
-            lanes.defuzzify(w, n, law)
-        elif part == 3:
-            lanes.infer_lanes(w, n, law)
-        else:
-            control.command_fuzzy(w, m, commands, 0)
-            dynamics.step_alike(w, m, steps, 0)
-
-
-def breakdown(count: int = 20_000) -> dict[str, float]:
-    """Return the CPU time [ns] per axis and control step of each part, for the 216 starts."""
-    case = case_of_set(load_set('paper_training'))
-    runs, axes = cast(Crossed, case.full).runs, 80  # 78 axes in whole SIMD registers
-    law, rows = lanes.make_law(101), lanes.make_scratch()
-    lanes.set_law(law, *(field[0] for field in population_of(load_fuzzy('handmade'))))
-    steps = dynamics.alike_part(len(runs.planar), len(runs.vertical), case.base.step)
-    commands = control.fuzzy_control(law).part(runs)
-    arguments = (rows, axes, law, steps.memory, commands.table, steps.table)
-    times = {}
-    for part, name in enumerate(BREAKDOWN):
-        _repeat(part, 1, *arguments)
-        place(rows, runs)
-        rate = _measure(partial(_repeat, part, count, *arguments), count * axes)
-        times[name] = 1e9 / rate
-    return times

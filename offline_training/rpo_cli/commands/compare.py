@@ -85,7 +85,8 @@ def compare(
     for path in [output / 'compare.svg', *([picture] if picture is not None else [])]:
         _draw(rows, path)
     if write is not None:
-        comparison_table.put_into(write, comparison_table.markdown(rows, least, flown))
+        page = comparison_table.markdown(rows, least, flown, comparison_table.TABLES[:-1])
+        comparison_table.put_into(write, page)
         echo(write)
 
 

@@ -6,6 +6,8 @@ from __future__ import annotations
 
 import math
 import os
+import re
+from collections.abc import Callable
 from operator import add, sub
 from typing import TYPE_CHECKING, Annotated
 
@@ -31,8 +33,12 @@ if TYPE_CHECKING:
 
 EXAMPLES = """
 Examples: `rpo explain handmade` | `rpo explain pace` | `rpo explain handmade --certify` |
-`rpo explain runs/first --at 37.5` | `rpo explain mine.yaml --state=-5,0,0,0.02,0,0`
+`rpo explain runs/first --at 37.5` | `rpo explain mine.yaml --state=-5,0,0,0.02,0,0` |
+`rpo explain attitude_fuzzy`
 """
+
+Words = Callable[[str], str]
+_AS_THEY_ARE: Words = str
 
 
 def explain(
@@ -45,7 +51,12 @@ def explain(
     ] = '',
     at: Annotated[float | None, typer.Option(help='seconds into a run  [0]')] = None,
     state: Annotated[
-        str | None, typer.Option(metavar='X,Y,Z,VX,VY,VZ', help='state in m and m/s, target LVLH')
+        str | None,
+        typer.Option(
+            metavar='X,Y,Z,VX,VY,VZ',
+            help='state in m and m/s, target LVLH; for a controller of attitude, how far it is '
+            'turned off the reference and turns, in rad and rad/s',
+        ),
     ] = None,
     controller: Annotated[str, typer.Option(hidden=True, help='the same, as an option')] = '',
     scenario: Annotated[
@@ -80,12 +91,12 @@ def explain(
     if attitude.is_one(target):
         if at is not None or scenario:
             raise InputError('a controller of attitude takes no `--at` and `--scenario`')
-        _say_attitude(console)
+        console.print('One system for each axis of the chaser alike.')
         axis = attitude.axis_of(target)
         if state is not None:
-            _print_decisions(console, decisions(axis, _state_of(state)))
+            _print_decisions(console, decisions(axis, _state_of(state)), _of_angles)
             return
-        end(not _explain_controller(console, axis, certify), no_fail)
+        end(not _explain_controller(console, axis, certify, _of_angles), no_fail)
         return
     if state is not None:
         loaded = controller_of(read_run(target)) if _is_run(target) else load_controller(target)
@@ -113,12 +124,16 @@ def explain(
     end(not holds, no_fail)
 
 
-def _say_attitude(console: Console) -> None:
-    console.print(
-        'One system for each body axis alike. Position stands for the attitude error [rad], '
-        'velocity for the rate error [rad/s], force for the torque [N m].',
-        soft_wrap=True,
-    )
+_ANGLES = {
+    'position': 'attitude', 'velocity': 'rate', 'force': 'torque', 'Force': 'Torque',
+    'm': 'rad', 'm/s': 'rad/s', 'N': 'N m', 'N/m': 'N m/rad', 'N/(m/s)': 'N m/(rad/s)',
+}  # fmt: skip
+_WORDS = re.compile(r'N/\(m/s\)|\b(?:N/m|m/s|position|velocity|force|Force|N|m)\b')
+
+
+def _of_angles(text: str) -> str:
+    """Return a text about a force axis as one about an axis of attitude: its words and units."""
+    return _WORDS.sub(lambda found: _ANGLES[found[0]], text)
 
 
 def _is_run(target: str) -> bool:
@@ -262,7 +277,9 @@ def _compare_decision(console: Console, path: str, stamp_ns: int, found: Sequenc
     return False
 
 
-def _print_decisions(console: Console, found: tuple[Decision, ...]) -> None:
+def _print_decisions(
+    console: Console, found: tuple[Decision, ...], words: Words = _AS_THEY_ARE
+) -> None:
     from rpo_cli.display import print_table
     from rpo_core.control.fuzzy import WORDS
 
@@ -276,14 +293,14 @@ def _print_decisions(console: Console, found: tuple[Decision, ...]) -> None:
 
     for decision in found:
         console.print(f'\n{decision.axis}', style='bold', end='')
-        console.print(
+        said = (
             f': position {decision.position_m:g} m, velocity '
             f'{decision.velocity_m_s:g} m/s; position error '
             f'{error(decision.position_error, decision.position_saturated)}, velocity error '
-            f'{error(decision.velocity_error, decision.velocity_saturated)}',
-            soft_wrap=True,
+            f'{error(decision.velocity_error, decision.velocity_saturated)}'
         )
-        console.print(decision.reasons.sentence, soft_wrap=True)
+        console.print(words(said), soft_wrap=True)
+        console.print(words(decision.reasons.sentence), soft_wrap=True)
         position = dict(zip(WORDS, decision.position_grades, strict=True))
         velocity = dict(zip(WORDS, decision.velocity_grades, strict=True))
         rows = [
@@ -297,18 +314,22 @@ def _print_decisions(console: Console, found: tuple[Decision, ...]) -> None:
             for rule in decision.rules
         ]
         headings = ('position error', 'velocity error', 'force', 'strength', 'share')
-        print_table(headings, rows, left=3)
+        print_table(tuple(map(words, headings)), rows, left=3)
         sums = ' + '.join(
             f'{part.share:.4f} × {part.centroid:.4f} ({word})'
             for word, part in decision.parts.items()
         )
         console.print(
-            f'centroid: {sums or "no rule"} = {decision.output:.4f} → {decision.force_n:.6f} N',
+            words(
+                f'centroid: {sums or "no rule"} = {decision.output:.4f} → {decision.force_n:.6f} N'
+            ),
             soft_wrap=True,
         )
 
 
-def _explain_controller(console: Console, controller: FuzzyController, certify: bool) -> bool:
+def _explain_controller(
+    console: Console, controller: FuzzyController, certify: bool, words: Words = _AS_THEY_ARE
+) -> bool:
     """Print a controller; return whether its certificate, if asked for, holds."""
     from rpo_judge.analysis.certificate import certify as examine
     from rpo_judge.analysis.rule_base import WELL, warnings
@@ -316,34 +337,35 @@ def _explain_controller(console: Console, controller: FuzzyController, certify: 
     position, velocity, force = controller.scales
     console.print(controller.name, style='bold', end='')
     console.print(f': {printable(controller.description)}')
-    console.print(
+    said = (
         f'An error of 1 is {position:g} m of position, {velocity:g} m/s of velocity; '
-        f'a force of 1 is {force:g} N. {controller.system.samples} samples.',
+        f'a force of 1 is {force:g} N. {controller.system.samples} samples.'
     )
-    _print_rules(controller)
-    _print_functions(controller)
+    console.print(words(said))
+    _print_rules(controller, words)
+    _print_functions(controller, words)
     found = warnings(controller.system)
     for warning in found:
         console.print('warning', style='yellow', end='')
-        console.print(f': {warning}', soft_wrap=True)
+        console.print(f': {words(warning)}', soft_wrap=True)
     if not found:
         console.print(f'No warnings. {WELL}')
     if not certify:
         return True
     certificate = examine(controller.system)
-    _print_certificate(console, controller, certificate)
+    _print_certificate(console, controller, certificate, words)
     return certificate.holds
 
 
-def _print_rules(controller: FuzzyController) -> None:
+def _print_rules(controller: FuzzyController, words: Words) -> None:
     from rpo_cli.display import print_table
     from rpo_judge.analysis.rule_base import FORCES, force_rows
 
     headings, rows = force_rows(controller.system)
-    print_table(headings, rows, FORCES)
+    print_table(tuple(map(words, headings)), rows, words(FORCES))
 
 
-def _print_functions(controller: FuzzyController) -> None:
+def _print_functions(controller: FuzzyController, words: Words) -> None:
     from rpo_cli.display import print_table
     from rpo_export.formats import variables
 
@@ -355,15 +377,16 @@ def _print_functions(controller: FuzzyController) -> None:
         ]
         rows.append((terms[0][0], *cells))
     units = zip(parts, ('m', 'm/s', 'N'), strict=True)
-    headings = ('word', *(f'{part.name.replace("_", " ")} [{unit}]' for part, unit in units))
+    names = (words(f'{part.name.replace("_", " ")} [{unit}]') for part, unit in units)
+    headings = ('word', *names)
     print_table(headings, rows, 'Membership functions: left foot, peak, right foot')
 
 
 def _print_certificate(
-    console: Console, controller: FuzzyController, certificate: Certificate
+    console: Console, controller: FuzzyController, certificate: Certificate, words: Words
 ) -> None:
     def say(line: str) -> None:
-        console.print(line, soft_wrap=True)
+        console.print(words(line), soft_wrap=True)
 
     colors = {'proven': 'green', 'refuted': 'red', 'undecided': 'yellow'}
     console.print('\nCertificate', style='bold', end='')

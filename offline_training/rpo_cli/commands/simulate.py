@@ -26,7 +26,9 @@ def simulate(
     named: SameScenario = '',
     controller: Annotated[str, typer.Option(help='shipped name or file')] = DEFAULT_CONTROLLER,
     changes: Set = None,
-    csv: Annotated[Path | None, typer.Option(help='write time, state, force, disturbance')] = None,
+    csv: Annotated[
+        Path | None, typer.Option(help='write time, state, force, disturbance, attitude')
+    ] = None,
     output: Annotated[
         Path | None,
         typer.Option(

@@ -283,8 +283,8 @@ class _Examination:
         """Claim that at rest anywhere else the force points to the target."""
         name, statement = 'pull', 'at rest, u has the sign of the position error, which is not 0'
         zero = np.zeros_like(self.e)
-        wrong = np.where(self.e == 0.0, -np.inf, -np.sign(self.e))
-        push = np.where(self.e == 0.0, -np.inf, wrong * surface.values(self.system, self.e, zero))
+        wrong = -np.sign(self.e) * surface.values(self.system, self.e, zero)
+        push = np.where(self.e == 0.0, -np.inf, wrong)
         witness = self.point(self.e[push.argmax()], 0.0)
         found = float(-np.sign(witness.position_error) * witness.output)
         if found >= 0.0:

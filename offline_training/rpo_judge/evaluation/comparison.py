@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,16 +35,13 @@ from rpo_core.judge.metrics import (
     ARRIVAL_SPEED,
     ARRIVAL_TIME,
     ENERGY,
-    MAX_SLEW_N_S,
     SLEW,
 )
 from rpo_core.judge.verdicts import verdicts
-from rpo_core.wire.interfaces import NAVIGATION_STATE
-from rpo_ctrl.baselines import Mpc
 from rpo_ctrl.family import Family
 from rpo_judge.analysis.certificate import PROVEN
 from rpo_judge.evaluation import proven, robustness
-from rpo_judge.evaluation.optimal import least_constrained, reach_of
+from rpo_judge.evaluation.optimal import least_constrained
 from rpo_judge.scoring import fitness
 from rpo_judge.scoring.conditions import LABELS
 from rpo_montecarlo.campaign import config, execution, run_batch, statistics
@@ -184,60 +181,6 @@ def proof_of(controller: AnyController) -> str:
     return PROVEN if proof else 'not proven'
 
 
-class Peaks(NamedTuple):
-    """The largest forces of some plans.
-
-    plans : number of plans; within : how many keep both limits
-    force_n, slew_per_axis_n_s : largest |f| and |df/dt| of an axis in any of them
-    """
-
-    plans: int
-    within: int
-    force_n: float
-    slew_per_axis_n_s: float
-
-
-def ticks_to_go(mpc: Mpc, tick: int) -> int:
-    """Return the ticks that a plan made at `tick` has left."""
-    dt = mpc.model.dt_s
-    return max(round(mpc.horizon_s / dt) - tick, round(mpc.least_time_to_go_s / dt))
-
-
-def plans(mpc: Mpc, states: Floats, tick: int) -> Floats:
-    """Return the planned forces (n, ticks to go, 3) [N] from states (n, 6) at a tick.
-
-    Least energy to rest at the origin in the time to go: f_k = -reach_k' W^-1 A^N x.
-    """
-    a, b = mpc.model.matrices()
-    reach, drift = reach_of(a, b, ticks_to_go(mpc, tick))
-    gramian = np.einsum('kij,klj->il', reach, reach)
-    scale = np.sqrt(np.diag(gramian))  # metres beside metres per second
-    multipliers = np.linalg.solve(gramian / np.outer(scale, scale), (states @ drift.T / scale).T)
-    return -np.einsum('kij,in->nkj', reach, multipliers / scale[:, None])
-
-
-def peaks_of(planned: Floats, mpc: Mpc) -> tuple[int, float, float]:
-    """Return how many plans (n, ticks, 3) keep the limits, the largest |f| [N], |df/dt| [N/s]."""
-    largest = np.abs(planned).max(axis=(1, 2))
-    steepest = np.abs(np.diff(planned, axis=1)).max(axis=(1, 2)) / mpc.model.dt_s
-    within = (largest <= mpc.max_force_n) & (steepest <= MAX_SLEW_N_S)
-    return int(within.sum()), float(largest.max()), float(steepest.max())
-
-
-def peaks(mpc: Mpc, states: Floats, every: int) -> Peaks:
-    """Return the peaks of the plans made at each `every`-th tick of some flights.
-
-    states : (flights, ticks, 6), the inputs of the controller
-    """
-    count = within = 0
-    force = slew = 0.0
-    for tick in range(0, states.shape[1], every):
-        kept, largest, steepest = peaks_of(plans(mpc, states[:, tick], tick), mpc)
-        count, within = count + len(states), within + kept
-        force, slew = max(force, largest), max(slew, steepest)
-    return Peaks(count, within, force, slew)
-
-
 FUZZY = (
     'allround', 'trained', 'robust', 'world', 'paper_ga', 'handmade',
     'more_words', 'pace', 'time_to_go',
@@ -246,8 +189,6 @@ CONTROLLERS = (*FUZZY, 'mpc', 'apf_smc', 'lqr', 'pd', 'pd_disturbed', 'drift')
 STARTS = 'paper_training'
 TESTS = tuple(fitness.TESTS)
 
-PLANS_EVERY = 10  # ticks between the plans that are computed
-PLANS_RUNS = 100  # of the campaign
 WORLD, WORLD_RUNS = 'world_leo', 40  # the campaign that counts valve openings, and its runs
 RANDOM_RUNS = 2000  # random starts, at rest and as many moving
 _CALLS, _REPETITIONS = 2000, 5
@@ -289,7 +230,6 @@ class ComparedController:
     valve_openings, propellant_kg : means of runs of the campaign `WORLD`
     more : random starts, smallest margin, thrusters, contact, proof
     margins : how far the loop may be off; None: the engine cannot fly the controller
-    plans : of a predictive controller: peaks from the starts and from some runs of the campaign
     """
 
     name: str
@@ -314,7 +254,6 @@ class ComparedController:
     propellant_kg: float
     more: Examined
     margins: robustness.Margins | None
-    plans: dict[str, dict[str, float]] | None = None
 
 
 def key_of(*texts: str) -> str:
@@ -420,13 +359,6 @@ class Comparison:
         )
         world = config.load(config.find(WORLD), controller=given, runs=WORLD_RUNS)
         spent = self._kept(f'{name}-world', [text, *world.texts], lambda: _spent(world))
-        plans = None
-        if isinstance(controller, Mpc):
-            plans = self._kept(
-                f'{name}-plans',
-                [text, *self._shared, *campaign.texts],
-                lambda: self._plans(controller, campaign),
-            )
         return ComparedController(
             name=label,
             kind='fuzzy' if isinstance(controller, FuzzyController) else controller.kind,
@@ -442,7 +374,6 @@ class Comparison:
             **spent,
             more=Examined(**more),
             margins=self._margins(controller, text, given),
-            plans=plans,
             **{key: value for key, value in found.items() if key != 'tests'},
         )
 
@@ -509,17 +440,6 @@ class Comparison:
         shares = [Share(rate.kept, rate.low, rate.high) for rate in found]
         return found[0], shares[1] if len(shares) > 1 else None
 
-    def _plans(self, mpc: Mpc, campaign: Campaign) -> dict[str, Any]:
-        """Return the peaks of the plans from the starts, and in some runs of the campaign."""
-        self.report(f'{mpc.name}: plans', 0, 1)
-        starts = [fly(scenario, mpc) for scenario in load_set(STARTS).scenarios()]
-        count = min(PLANS_RUNS, campaign.config.runs)
-        runs = [fly_run(campaign, number) for number in range(count)]
-        return {
-            'starts': peaks(mpc, _seen(starts), PLANS_EVERY)._asdict(),
-            'campaign': peaks(mpc, _seen(runs), PLANS_EVERY)._asdict(),
-        }
-
 
 def _spent(world: Campaign) -> dict[str, Any]:
     """Return the mean valve openings, and the mean propellant [kg], of a campaign."""
@@ -535,11 +455,6 @@ def _labels(own: Sequence[str], given: Sequence[str]) -> list[str]:
         f'{name} ({source})' if own.count(name) > 1 and name != source else name
         for name, source in zip(own, given, strict=True)
     ]
-
-
-def _seen(flights: Sequence[Flight]) -> Floats:
-    """Return the states (flights, ticks, 6) that the controller got."""
-    return np.array([f.signals.get(NAVIGATION_STATE, f.states) for f in flights])
 
 
 def metrics_of(controller: AnyController, case: Case, workers: int = 0) -> Floats:

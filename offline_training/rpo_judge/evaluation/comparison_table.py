@@ -18,8 +18,6 @@ from rpo_core.judge.metrics import CLAIM_WINDOW_S
 from rpo_judge.evaluation.comparison import (
     OPEN_N,
     OPENED_RUNS,
-    PLANS_EVERY,
-    PLANS_RUNS,
     RANDOM,
     TESTS,
     WORLD,
@@ -33,7 +31,7 @@ from rpo_montecarlo.campaign.config import Campaign
 from rpo_montecarlo.campaign.judging import NOT_JUDGED, motion, sentence, words
 from rpo_montecarlo.campaign.statistics import rate
 from rpo_montecarlo.machine import machine
-from rpo_montecarlo.outputs import write_text
+from rpo_montecarlo.outputs import markdown_table, write_text
 
 BEGIN, END = '<!-- rpo compare: begin -->', '<!-- rpo compare: end -->'
 """The lines of a document around the table."""
@@ -145,11 +143,11 @@ def notes(rows: Sequence[ComparedController], least: float, campaign: Campaign) 
     moving = ', '.join(words(name, unit=False) for name in motion(campaign.config.success))
     starts, runs = rows[0].starts, sorted({row.runs for row in rows})
     window, more = f'{CLAIM_WINDOW_S:g}', rows[0].more
-    found = [
+    return [
         f'J, conditions, arrival error and slew: {starts} training starts, 200 s. Least: '
         f'{least:.4f} N²s, the mean of the optima under all conditions. Arrival error: mean '
-        "distance over the last 30 s. Slew: the largest. Paper's test, read as offset and as "
-        f'phase: largest ∣r∣ and ∣v∣ of an axis in the last {window} s, J over the 400 s.',
+        'distance over the last 30 s. Slew: the largest. Offset, phase: two readings of the '
+        f"paper's test; largest ∣r∣ and ∣v∣ of an axis in the last {window} s, J over 400 s.",
         f'Dispersed: campaign `{campaign.config.name}`, {" or ".join(map(str, runs))} runs, with '
         f"Wilson's 95 % interval. All limits: {sentence(campaign)}. Position and speed: of these "
         f'{moving or "none"}. Its training saw these: what its training, by the command in its '
@@ -171,16 +169,6 @@ def notes(rows: Sequence[ComparedController], least: float, campaign: Campaign) 
         'describing function of an axis, where its delay margin is least.',
         f'Command: processor time of one call from Python on {machine()}.',
     ]
-    for row in rows:
-        for where, p in (row.plans or {}).items():
-            runs_too = f'{min(PLANS_RUNS, row.runs)} runs of the campaign'
-            flights = 'the training starts' if where == 'starts' else runs_too
-            found.append(
-                f'{row.name}, {flights}: {int(p["within"])} of {int(p["plans"])} plans (each '
-                f'{PLANS_EVERY}th tick) keep the limits of force and slew; largest planned '
-                f'{p["force_n"]:.3g} N, {p["slew_per_axis_n_s"]:.3g} N/s.'
-            )
-    return found
 
 
 def _not_judged(rows: Sequence[ComparedController]) -> str:
@@ -197,16 +185,16 @@ def _not_judged(rows: Sequence[ComparedController]) -> str:
     return f'{NOT_JUDGED} in these flights: {"; ".join(groups) or "nothing"}.'
 
 
-def markdown(rows: Sequence[ComparedController], least: float, campaign: Campaign) -> str:
-    """Return the tables and their notes as Markdown."""
-    parts = [_as_markdown(table(rows)) for table in TABLES]
+def markdown(
+    rows: Sequence[ComparedController],
+    least: float,
+    campaign: Campaign,
+    tables: Sequence[Callable[[Sequence[ComparedController]], Table]] = TABLES,
+) -> str:
+    """Return some tables and their notes as Markdown."""
+    parts = [markdown_table(head, lines) for head, *lines in (table(rows) for table in tables)]
     parts.append([f'- {note}' for note in notes(rows, least, campaign)])
     return '\n\n'.join('\n'.join(part) for part in parts) + '\n'
-
-
-def _as_markdown(table: Table) -> list[str]:
-    rule = ('---',) + ('---:',) * (len(table[0]) - 1)
-    return [f'| {" | ".join(line)} |' for line in (table[0], rule, *table[1:])]
 
 
 def as_csv(rows: Sequence[ComparedController]) -> str:

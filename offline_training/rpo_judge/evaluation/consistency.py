@@ -31,7 +31,7 @@ from rpo_nav.attitude_sensors import AttitudeSensors
 from rpo_nav.estimator import Estimator, filter_of, memory_of
 from rpo_nav.filter_kernels import HEADING, LIMIT, SQUARE, STATES, STEP, TESTED, X, estimate
 from rpo_nav.sensor_kernels import sense, three_normals
-from rpo_nav.sensors import Sensing, Sensor, Sensors
+from rpo_nav.sensors import CENTRE, Sensing, Sensor, Sensors
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -281,7 +281,9 @@ def as_configured(scenario: Scenario, **changes: Any) -> Scenario:
 
 def _all_round(unit: Sensor) -> Sensor:
     """Return a sensor as it is where the target is in view; others as they are."""
-    return replace(unit, body_fixed=False, field_of_view_rad=pi) if unit.body_fixed else unit
+    turns = unit.body_fixed or unit.looks_at != CENTRE
+    plain: dict[str, Any] = {'body_fixed': False, 'looks_at': CENTRE, 'field_of_view_rad': pi}
+    return replace(unit, **plain) if turns else unit
 
 
 def _forces(settings: Estimator, scenario: Scenario) -> Vector:

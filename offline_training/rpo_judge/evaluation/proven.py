@@ -22,7 +22,7 @@ from rpo_core.files import codec
 from rpo_core.files.validation import InputError, mapping, shown
 from rpo_judge.analysis.certificate import PROVEN, REFUTED, UNDECIDED, verdict_of
 from rpo_judge.scoring.conditions import PAPER, label
-from rpo_montecarlo.outputs import digest_of
+from rpo_montecarlo.outputs import digest_of, markdown_table
 
 PATH = Path(__file__).parents[2] / 'proofs' / 'proven.yaml'
 """The file of the results."""
@@ -113,14 +113,14 @@ def proof_of(controller: FuzzyController) -> str:
 
 
 def markdown(proofs: Sequence[Proof]) -> str:
-    """Return a table for each proof."""
-    parts = []
+    """Return a table: a row for each claim, a column for the proof of each controller."""
+    cells: dict[tuple[str, str], dict[str, str]] = {}
     for proof in proofs:
-        cells = [
-            (c.statement, f'{c.limit:g} {c.unit}', f'{c.bound:.4g}', f'{c.found:.4g}', c.verdict)
-            for c in proof.claims
-        ]
-        rows = [f'| {" | ".join(row)} |' for row in cells]
-        head = ['| claim | limit | proven | flown | |', '|---|---|---|---|---|']
-        parts.append('\n'.join([f'`{proof.command}`:', '', *head, *rows]))
-    return '\n\n'.join(parts) + '\n'
+        for c in proof.claims:
+            verdict = '' if c.verdict == PROVEN else f'**{c.verdict}**: '
+            row = cells.setdefault((c.statement, f'{c.limit:g} {c.unit}'), {})
+            row[proof.controller] = f'{verdict}{c.bound:.4g} ({c.found:.4g})'
+    names = [proof.controller for proof in proofs]
+    rows = [(*claim, *(row.get(name, '') for name in names)) for claim, row in cells.items()]
+    heads = ('claim', 'limit', *(f'`{proof.command}`' for proof in proofs))
+    return '\n'.join(markdown_table(heads, rows)) + '\n'

@@ -13,6 +13,5 @@ setup(
         (f'share/{package_name}', ['package.xml']),
     ],
     install_requires=['setuptools'],
-    zip_safe=True,
     extras_require={'test': ['pytest']},
 )

@@ -30,7 +30,6 @@ setup(
         (f'share/{package_name}/foxglove', sorted(glob('foxglove/*.json'))),
     ],
     install_requires=['setuptools'],
-    zip_safe=True,
     extras_require={'test': ['pytest']},
     entry_points={
         'console_scripts': [

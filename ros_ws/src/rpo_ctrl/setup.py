@@ -19,7 +19,6 @@ setup(
         ),
     ],
     install_requires=['setuptools'],
-    zip_safe=True,
     extras_require={'test': ['pytest']},
     entry_points={
         'console_scripts': [

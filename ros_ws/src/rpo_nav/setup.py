@@ -13,7 +13,6 @@ setup(
         (f'share/{package_name}', ['package.xml']),
     ],
     install_requires=['setuptools'],
-    zip_safe=True,
     extras_require={'test': ['pytest']},
     entry_points={
         'console_scripts': [

@@ -14,6 +14,5 @@ setup(
         (f'share/{package_name}', ['package.xml']),
     ],
     install_requires=['setuptools'],
-    zip_safe=True,
     extras_require={'test': ['pytest']},
 )

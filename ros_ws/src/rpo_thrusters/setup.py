@@ -13,11 +13,5 @@ setup(
         (f'share/{package_name}', ['package.xml']),
     ],
     install_requires=['setuptools'],
-    zip_safe=True,
-    author='The RPO stack authors',
-    maintainer='The RPO stack authors',
-    maintainer_email='rpo-stack@example.org',
-    description='Thrusters: from a command to force and torque; without ROS.',
-    license='Apache-2.0',
     extras_require={'test': ['pytest']},
 )

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
+from rpo_kernels.attitude_kernels import attitude_at, frame_of, to_lvlh
 from rpo_kernels.kernels import measured
 from rpo_kernels.noise import six_normals
 from rpo_kernels.vectors import WIDTH
@@ -36,6 +37,15 @@ from rpo_montecarlo.engine.lanes import (
     own_tables,
 )
 from rpo_montecarlo.engine.parts.attitude import vector_in
+from rpo_montecarlo.engine.parts.target import (
+    ATTITUDE,
+    BODY,
+    DT,
+    TURNS,
+    body_of,
+    step_attitudes,
+    targets_of,
+)
 from rpo_montecarlo.engine.tick import (
     ADDED,
     PASSED,
@@ -53,6 +63,7 @@ from rpo_nav.filter_kernels import (
     KEPT,
     MOST_SENSORS,
     NEWEST,
+    PORT,
     SETTLED,
     TESTED,
     X,
@@ -70,9 +81,10 @@ from rpo_nav.sensor_kernels import (
     SENSORS,
     noise_at,
     noise_of,
+    port_at,
     sensed,
 )
-from rpo_nav.sensors import NOISES, Sensing, Sensors
+from rpo_nav.sensors import NOISES, STILL, Sensing, Sensors
 
 Floats = NDArray[np.float64]
 
@@ -80,15 +92,23 @@ NOISE_R, NOISE_V, KEYS = 0, 1, 2
 BIAS = KEYS + 2 * RUNS
 """Places in the table of errors: 1 sigma of the noise [m], [m/s]; keys (2, 40); biases (6, 40)."""
 
-OPPOSES, COUNT, PERIODS, NOISES_OF = OWN, OWN + 1, OWN + 2, OWN + 2 + MOST_SENSORS
-COMMANDS, FOUND, DRAWN = 0, PAIRED_LANES, 2 * PAIRED_LANES
+OPPOSES, COUNT, LOOKS, PLACE, PERIODS = OWN, OWN + 1, OWN + 2, OWN + 3, OWN + 6
+NOISES_OF = PERIODS + MOST_SENSORS
+TARGETS = NOISES_OF + 2 * RUNS
+_PORTS = PAIRED_LANES + ATTITUDE
+COMMANDS, FOUND, PORTS = 0, PAIRED_LANES, 2 * PAIRED_LANES
+DRAWN = PORTS + 2 * _PORTS
 """Places in the table of estimators: whether commands oppose the disturbance that is estimated; how
-many sensors, the period [ticks] of each; keys of the noise (2, 40). In the memory: commands of the
-tick before (120,), disturbances that were estimated (120,), noise of each sensor (8, 40).
+many sensors; whether one looks at the port, and its place [m] in the target's axes; the period
+[ticks] of each sensor; keys of the noise (2, 40); `targets_of` the true targets and the known ones,
+if a sensor looks there. In the memory: commands of the tick before (120,), disturbances that were
+estimated (120,), the ports (3, 40) and attitudes (7, 40) of those targets, noise of each sensor
+(8, 40).
 
 A run's own table has the sizes of the table and memory of its sensors; whether one turns with the
-chaser: 1, the attitude is the true one, 2, it is estimated; the table of its sensors, that of its
-filter. Its own memory has an attitude (13,), then that of its sensors, that of its filter."""
+chaser: 1, the attitude is the true one, 2, it is estimated; whether one looks at the port; the
+table of its sensors, that of its filter. Its own memory has an attitude (16,), then that of its
+sensors, that of its filter."""
 
 NAMES = tuple(f'bias_{axis}' for axis in ('x_m', 'y_m', 'z_m', 'vx_m_s', 'vy_m_s', 'vz_m_s'))
 _NOISES = ('navigation_position_noise_m', 'navigation_velocity_noise_m_s')
@@ -125,13 +145,30 @@ def _attitude(w, attitude, estimated, s):  # type: ignore[no-untyped-def]
 
 
 @compiled
+def _turn_ports(m, t, tick):  # type: ignore[no-untyped-def]
+    """Fill the ports (3, 40) of true and known targets, whose attitudes follow in the memory."""
+    port = (t[PLACE], t[PLACE + 1], t[PLACE + 2])
+    for known in range(2):
+        own, table = m[PORTS + _PORTS * known :], t[TARGETS + BODY * known :]
+        attitudes = own[PAIRED_LANES:]
+        if tick > 0:
+            step_attitudes(attitudes, table, table[DT])
+        for s in range(RUNS):
+            f = frame_of(attitude_at(attitudes, s, RUNS), body_of(table, table[TURNS], s))
+            own[s], own[RUNS + s], own[2 * RUNS + s] = to_lvlh(port, f)
+
+
+@compiled
 def _estimate(tick, w, m, s, settings, memory):  # type: ignore[no-untyped-def]
-    a, c, true = 3 + int(settings[0]), HEADING + int(settings[1]), (0.0, 0.0, 0.0, 1.0)
+    a, c, true = 4 + int(settings[0]), HEADING + int(settings[1]), (0.0, 0.0, 0.0, 1.0)
     if settings[2] > 0.0:
         true = _attitude(w, memory, settings[2] > 1.0, s)
-    sensors, arrived, f = settings[3:a], memory[HEADING:c], memory[c:]
+    sensors, arrived, f = settings[4:a], memory[HEADING:c], memory[c:]
     for j in range(NOISE * int(sensors[SENSORS])):
         arrived[noise_at(sensors) + j] = m[DRAWN + j * RUNS + s]
+    for i in range(3 if settings[3] > 0.0 else 0):
+        lane = PORTS + i * RUNS + s
+        arrived[port_at(sensors) + i], memory[PORT + i] = m[lane], m[lane + _PORTS]
     sensed(tick, vector_in(w, R, s) + vector_in(w, V, s), true, sensors, arrived)
     estimate(tick, vector_in(m, COMMANDS, s), arrived, memory, settings[a:], f)
     for i in range(3):
@@ -154,6 +191,8 @@ def navigate(w, m, t, tick):  # type: ignore[no-untyped-def]
             drawn = noise_of(tick, i + 1, int(t[NOISES_OF + s]), int(t[NOISES_OF + RUNS + s]))
             for j in range(NOISE):
                 noise[j * RUNS + s] = drawn[j]
+    if t[LOOKS] > 0.0:
+        _turn_ports(m, t, tick)
     _estimate_all(w, m, t, tick)
 
 
@@ -199,18 +238,21 @@ def estimators_of(batch: Batch) -> Part | None:
     """Return the sensors and filters of runs; None where there is no estimator."""
     if batch.base.section(Estimator) is None:
         return None
-    keys, tables, memories = [], [], []
+    base, keys, tables, memories, true = batch.base, [], [], [], []
     for s in batch.scenarios:
         sensors, settings = s.section(Sensors), s.section(Estimator)
         assert sensors is not None and settings is not None
         sensing, f = Sensing(sensors, s), np.asarray(filter_of(settings, sensors, s))
         f[FULL] = 0.0
-        head = len(sensing.table), len(sensing.memory), _turning(batch.base)
+        head = len(sensing.table), len(sensing.memory), _turning(base), sensors.look
         keys.append(sensing.table[KEY : KEY + 2])
         tables.append(table_of(head, sensing.table, f))
         memories.append(table_of(np.zeros(HEADING), sensing.memory, memory_of(f)))
+        true.append(s.target or STILL)
     longest = max(map(len, memories))
     memories = [np.pad(m, (0, longest - len(m))) for m in memories]
+    both = [targets_of(batch, some, [0] * len(some)) for some in (true, [t.known for t in true])]
+    ports = [table_of(np.zeros(PAIRED_LANES), attitudes) for _, attitudes in both]
     filters = HEADING + len(sensing.memory)
     units = np.zeros((MOST_SENSORS, COLUMNS))
     units[: len(sensing.rows)] = sensing.rows
@@ -218,9 +260,12 @@ def estimators_of(batch: Batch) -> Part | None:
     together = not units[:, [HAS_VELOCITY, DROPOUT, OUTLIER]].any()
     owned = own_tables(
         WIDTH if together else 1,
-        table_of(batch.base.compensated, len(sensing.rows), units[:, PERIOD], batch.lanes(keys)),
+        table_of(
+            *(base.compensated, len(sensing.rows), sensors.look, sensors.port_m, units[:, PERIOD]),
+            *(batch.lanes(keys), *(numbers for numbers, _ in both)),
+        ),
         batch.lanes(tables),
-        np.zeros(DRAWN + len(sensing.rows) * NOISE * RUNS),
+        table_of(np.zeros(PORTS), *ports, np.zeros(len(sensing.rows) * NOISE * RUNS)),
         batch.lanes(memories),
         range(filters + (KEPT if f[NEWEST] > 0.0 else SETTLED), filters + TESTED),
     )

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_attitude.pointing import NOWHERE, Pointing
-from rpo_attitude.target import ALIGNED, Target
+from rpo_attitude.target import ALIGNED
 from rpo_core.chain.stage import Place
 from rpo_core.judge.contact import Port, port_of, touches
 from rpo_core.judge.requirements import ATTITUDES
@@ -46,6 +46,7 @@ from rpo_montecarlo.engine.parts.target import (
     targets_of,
 )
 from rpo_montecarlo.engine.tick import COMMANDED, Batch, Kind, Part, register, table_of
+from rpo_nav.sensors import STILL
 
 BEGINS = BODY
 AIM = BEGINS + 3
@@ -117,9 +118,6 @@ def _pointing(batch: Batch) -> Part | None:
 
 
 Floats = NDArray[np.float64]
-
-STILL = Target(kind='fixed')
-"""In place of a target without attitude."""
 
 
 def _contact(batch: Batch) -> Part | None:

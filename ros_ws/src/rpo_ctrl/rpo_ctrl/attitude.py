@@ -162,7 +162,7 @@ class FuzzyAttitude(AttitudeController):
     def axis(self) -> FuzzyController:
         """The law of an axis as a controller: position is the attitude [rad], force the torque."""
         scales = self.angle_rad, self.rate_rad_s, self.torque_nm
-        return FuzzyController(self.name, self.system, *scales)
+        return FuzzyController(self.name, self.system, *scales, description=self.description)
 
     def law(self, inertia_kg_m2: Floats, time_scale: float) -> Floats:
         """Return the numbers of the law."""

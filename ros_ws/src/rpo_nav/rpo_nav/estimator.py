@@ -30,6 +30,7 @@ from rpo_nav.filter_kernels import (
     LAST_ACCEPTED,
     LAST_RESET,
     NOW,
+    PORT,
     REJECTED,
     RESETS,
     SQUARE,
@@ -42,7 +43,7 @@ from rpo_nav.filter_kernels import (
     numbers_of,
 )
 from rpo_nav.sensor_kernels import MEASURED, three_normals
-from rpo_nav.sensors import Sensors
+from rpo_nav.sensors import PortSeen, Sensors
 
 _START = 255
 """Stream of the random numbers of the start."""
@@ -134,7 +135,7 @@ def filter_of(settings: Estimator, sensors: Sensors, scenario: Any) -> Any:
         max(unit.latency_ticks for unit in units),
         1,  # the covariance is wanted
         len(units),
-        float(sensors.turn),
+        float(sensors.turn or sensors.look),
         *step,
         *(gate(numbers, settings.gate_sigmas) for numbers in range(7)),
         *start,
@@ -191,6 +192,7 @@ class EstimatorStage(Stage):
         self._states = settings.states
         self._measured = as_table(np.zeros(MEASURED * len(sensors.units)))
         self._count, self._attitude = len(sensors.units), as_table([0.0] * HEADING)
+        self._port = PortSeen(sensors, scenario, known=True)
         if sensors.turn:
             known = scenario.named('attitude_estimator') is not None
             self.inputs += (ATTITUDE, *([interfaces.ATTITUDE_COVARIANCE] if known else []))
@@ -211,7 +213,8 @@ class EstimatorStage(Stage):
         if len(inputs) > 1 + self._count:
             self._attitude[:4] = inputs[1 + self._count][:4]
         if len(inputs) > 2 + self._count:
-            self._attitude[4:] = inputs[2 + self._count]
+            self._attitude[4:PORT] = inputs[2 + self._count]
+        self._port.put(tick, self._attitude, PORT)
         for i, values in enumerate(measurements):
             self._measured[MEASURED * i] = float(values[6] >= 0.0)
             self._measured[MEASURED * i + 1 : MEASURED * (i + 1)] = values[:6]

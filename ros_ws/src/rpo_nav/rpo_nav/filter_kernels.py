@@ -15,6 +15,9 @@ What a sensor that turns with the chaser measures is turned to LVLH by the attit
 tick. An error e (3,) of that attitude moves a point r by r x e, across the line of sight; the
 variance there grows by that of e times the square of the distance.
 
+A sensor that looks at the port measures the chaser from there. The port is where the known attitude
+of the target puts it at that tick.
+
 A filter is two flat tables, f of its settings and m of what it remembers: a view of a part of a
 table costs a compiled kernel more than an update does.
 """
@@ -33,6 +36,7 @@ from rpo_nav.sensor_kernels import (
     HAS_RANGE,
     HAS_VELOCITY,
     LATENCY,
+    LOOKS,
     MEASURED,
     NOISE_FLOOR,
     NOISE_SHARE,
@@ -53,10 +57,10 @@ PROCESS_NOISE, SPREAD, AGAIN, SENSORS = (START + STATES + SQUARE * i for i in ra
 """Places in a filter's settings: 6 or 9 states; limit of the thrusters [N]; ticks from a command
 to its force; so many rejected measurements in a row restart it (0: none do); largest latency of a
 sensor [ticks]; 1 if the covariance of the newest tick is wanted (0: the state alone, which is
-faster); number of sensors; 1 if one of them turns with the chaser. Then the exact step of the
-relative dynamics for one tick (26,), the largest NIS of so many numbers (7,), the state at the
-start (9,), covariances (81,) that a tick adds, at the start, and after a restart; the columns of
-each sensor as the filter takes it."""
+faster); number of sensors; 1 if one of them turns with the chaser or looks at the port. Then the
+exact step of the relative dynamics for one tick (26,), the largest NIS of so many numbers (7,), the
+state at the start (9,), covariances (81,) that a tick adds, at the start, and after a restart; the
+columns of each sensor as the filter takes it."""
 
 NOW, BASE, ORIGIN, IN_A_ROW, RESETS, LAST_RESET, ACCEPTED, REJECTED, LAST_ACCEPTED = range(9)
 WHOLE = 9
@@ -71,10 +75,12 @@ newest tick (X, P), of the tick up to which all measurements have come, and befo
 scratch. Of the newest measurement of each sensor 8 numbers: how many were tested (0: none came),
 the sum of their squares (NIS), each innovation over its sigma. Then the newest commands, 3 numbers
 in a slot, and the newest measurements, 8 of each sensor in a slot, with the tick each was taken
-at. If a sensor turns, the newest attitudes follow, `HEADING` numbers in a slot."""
+at. If a sensor turns or looks at the port, the newest attitudes follow, `HEADING` numbers in a
+slot."""
 
-HEADING = 13
-"""Numbers of an attitude: quaternion, covariance (3, 3) of the angles in the chaser's axes."""
+HEADING, PORT = 16, 13
+"""Numbers of an attitude: quaternion, covariance (3, 3) of the angles in the chaser's axes; from
+place PORT the port (3,) [m], target LVLH."""
 
 
 @inlined
@@ -217,14 +223,17 @@ def _take(m: Any, found: int, sensor: Any, tested: int, heading: int) -> int:
 
     heading : place of the attitude by which it was turned
     """
-    distance, ux, uy, uz = sight(m[X], m[X + 1], m[X + 2])
+    px, py, pz = 0.0, 0.0, 0.0
+    if sensor[LOOKS] != 0.0:
+        px, py, pz = m[heading + PORT], m[heading + PORT + 1], m[heading + PORT + 2]
+    distance, ux, uy, uz = sight(m[X] - px, m[X + 1] - py, m[X + 2] - pz)
     first, second = across(ux, uy, uz)
     wide = (0.0, 0.0)
     if sensor[TURNS] != 0.0:
         wide = _widened(m, heading, first, second, distance)
     mx, my, mz = m[found + 1], m[found + 2], m[found + 3]
     if sensor[HAS_RANGE] == 0.0:  # a direction: the point at the distance that is expected
-        mx, my, mz = distance * mx, distance * my, distance * mz
+        mx, my, mz = px + distance * mx, py + distance * my, pz + distance * mz
     at = tested + 2
     m[tested + 1] = 0.0
     for number in range(6):
@@ -262,7 +271,7 @@ def _accept(m: Any, found: int, sensor: Any, f: Any, i: int) -> bool:
     for j in range(BOTH):
         m[KEPT + j] = m[X + j]
     tested = TESTED + TESTS * i
-    heading = _heading(int(m[found + MEASURED]), f) if sensor[TURNS] != 0.0 else 0
+    heading = _heading(int(m[found + MEASURED]), f) if f[TURNED] != 0.0 else 0
     gate = f[GATES + _take(m, found, sensor, tested, heading)]
     if gate <= 0.0 or m[tested + 1] <= gate:
         return True
@@ -350,11 +359,14 @@ def _keep(
             for j in range(MEASURED):
                 m[slot + j] = measured[MEASURED * i + j]
             m[slot + MEASURED] = taken
+            at = _heading(taken, f)
             if f[SENSORS + COLUMNS * i + TURNS] != 0.0:
-                at = _heading(taken, f)
                 seen = (m[slot + 1], m[slot + 2], m[slot + 3])
                 q = (m[at], m[at + 1], m[at + 2], m[at + 3])
                 m[slot + 1], m[slot + 2], m[slot + 3] = turn(seen, q)
+            if f[SENSORS + COLUMNS * i + LOOKS] * f[SENSORS + COLUMNS * i + HAS_RANGE] != 0.0:
+                for j in range(3):
+                    m[slot + 1 + j] += m[at + PORT + j]
 
 
 @kernel
@@ -379,7 +391,8 @@ def estimate(tick: int, command: Vector, measured: Any, attitude: Any, f: Any, m
 
     command : (3,) [N] of the tick before
     measured : (7 sensors,) that arrived at this tick
-    attitude : (13,) estimated at this tick, `HEADING`; read where a sensor turns with the chaser
+    attitude : (16,) estimated at this tick, `HEADING`; read where a sensor turns with the chaser or
+        looks at the port
 
     Measurements come late. The base is moved once, to the newest tick whose measurements have all
     come; from there to this tick the motion, and what has come already, are computed anew. So each

@@ -20,13 +20,14 @@ from rpo_kernels.vectors import pick
 (
     NOISE_FLOOR, NOISE_SHARE, CROSS_SHARE, VELOCITY_FLOOR, VELOCITY_SHARE, HAS_RANGE, HAS_VELOCITY,
     BIAS_X, BIAS_Y, BIAS_Z, WALK, SCALE, PERIOD, LATENCY, DROPOUT, OUTLIER, OUTLIER_SIZE,
-    COSINE, AXIS_X, AXIS_Y, AXIS_Z, BIAS_VX, BIAS_VY, BIAS_VZ, TURNS,
-) = range(25)  # fmt: skip
+    COSINE, AXIS_X, AXIS_Y, AXIS_Z, BIAS_VX, BIAS_VY, BIAS_VZ, TURNS, LOOKS,
+) = range(26)  # fmt: skip
 """Columns of a sensor. CROSS_SHARE is that of the noise across the line of sight. DROPOUT and
 OUTLIER are bounds of a random word of 32 bits. COSINE is that of the half angle of the field of
-view, -2 if there is no limit. TURNS is 1 where all is in the chaser's axes."""
+view, -2 if there is no limit. TURNS is 1 where all is in the chaser's axes, LOOKS is 1 where the
+sensor looks at the port."""
 
-COLUMNS = 25
+COLUMNS = 26
 
 MEASURED = 7
 """Numbers of a measurement: 1 or 0 for none, position [m] (a unit vector without range), velocity
@@ -145,6 +146,12 @@ def noise_at(s: Any) -> int:
     return int(s[SENSORS]) * (MEASURED + 4 + (MEASURED + 1) * int(s[SLOTS]))
 
 
+@inlined
+def port_at(s: Any) -> int:
+    """Return the place in the memory of `sense` of the port (3,) [m] at this tick, target LVLH."""
+    return noise_at(s) + NOISE * int(s[SENSORS])
+
+
 @kernel
 def sample(
     tick: int,
@@ -214,7 +221,7 @@ def sensed(tick: int, state: State, q: Quaternion, s: Any, m: Any) -> None:
         ticks, first and end of each
     m : memory: the measurements, from 0; of each sensor, the random walk of its bias (3,) [m], and
         the tick up to which it is summed; then measurements on their way, each with its tick; then
-        the noise of each sensor at this tick, if its period lets it measure
+        the noise of each sensor at this tick, if its period lets it measure; then the port at it
     """
     count, slots, key = int(s[SENSORS]), int(s[SLOTS]), (s[KEY], s[KEY + 1])
     for i in range(count):
@@ -232,8 +239,12 @@ def sensed(tick: int, state: State, q: Quaternion, s: Any, m: Any) -> None:
         m[slot], m[slot + MEASURED] = 0.0, float(tick)
         if is_due(tick, sensor, s, UNITS + COLUMNS * count + int(s[OUTAGES]) * i):
             seen = state
+            if sensor[LOOKS] != 0.0:
+                p = port_at(s)
+                x, y, z = state[0] - m[p], state[1] - m[p + 1], state[2] - m[p + 2]
+                seen = (x, y, z, 0.0, 0.0, 0.0)
             if sensor[TURNS] != 0.0:
-                x, y, z = turn_back((state[0], state[1], state[2]), q)
+                x, y, z = turn_back((seen[0], seen[1], seen[2]), q)
                 seen = (x, y, z, 0.0, 0.0, 0.0)
             noise = noise_at(s) + NOISE * i
             sample(tick, seen, sensor, i + 1, key, walk, noise, m, slot)

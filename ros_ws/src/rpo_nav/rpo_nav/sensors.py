@@ -8,6 +8,7 @@ Each measurement is a function of the true state and of (tick, key). Sources of 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from math import pi, sqrt
@@ -15,6 +16,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from rpo_attitude.target import Target, motion_of
 from rpo_core.chain.stage import Place, Section, Signal, Stage, register
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import (
@@ -28,17 +30,20 @@ from rpo_core.files.validation import (
     vector3,
     whole,
 )
+from rpo_core.judge.zones import Zones
 from rpo_core.wire import interfaces
+from rpo_kernels.attitude_kernels import to_lvlh
 from rpo_kernels.jit import as_table
 from rpo_kernels.kernels import Vector, sin_cos
 from rpo_nav.navigation_errors import MAX_POSITION_ERROR_M, MAX_VELOCITY_ERROR_M_S, key
-from rpo_nav.sensor_kernels import COLUMNS, MEASURED, NOISE, UNITS, describe, sense
+from rpo_nav.sensor_kernels import COLUMNS, MEASURED, NOISE, UNITS, describe, port_at, sense
 
 MAX_SENSORS = 4
 MAX_LATENCY_TICKS = 100
 MAX_OUTAGES = 100
 POSITION, RANGE_BEARING, BEARING = 'relative_position', 'range_bearing', 'bearing'
 KINDS = (POSITION, RANGE_BEARING, BEARING)
+CENTRE, PORT = 'centre', 'port'
 
 NOISES = (
     'noise_floor_m',
@@ -104,6 +109,8 @@ class Sensor:
     dropout_share : probability that a measurement does not come
     boresight : (3,) axis of the field of view, from the chaser, target LVLH
     body_fixed : whether boresight, bias and measurement are in the axes of the chaser, which turn
+    looks_at : the target's `centre`, or the `port`, as the target's attitude puts it: the chaser
+        is measured from there
     field_of_view_rad : half angle about the boresight; pi: there is no limit
     outages_s : intervals [begin, end) of flight time without measurements
     outlier_share : probability of an outlier; outlier_size_m : sigma of it, each axis
@@ -128,6 +135,7 @@ class Sensor:
     outlier_size_m: Annotated[float, _metres] = 0.0
     velocity_bias_m_s: Annotated[Vector, _velocity] = unless_default((0.0, 0.0, 0.0))
     body_fixed: Annotated[bool, flag] = unless_default(False)
+    looks_at: Annotated[str, partial(choice, known=(CENTRE, PORT))] = unless_default(CENTRE)
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -147,6 +155,8 @@ class Sensor:
             raise InputError('`velocity_bias_m_s` must be 0 where velocity is not measured')
         if self.kind == POSITION and self.body_fixed:
             raise InputError('`body_fixed` must be false for a sensor of relative_position')
+        if self.kind == POSITION and self.looks_at != CENTRE:
+            raise InputError('`looks_at` must be centre for a sensor of relative_position')
         if not any(self.boresight):
             raise InputError('`boresight` must have a direction; got [0, 0, 0]')
 
@@ -177,6 +187,7 @@ class Sensor:
             z / size,
             *self.velocity_bias_m_s,
             float(self.body_fixed),
+            float(self.looks_at == PORT),
         ]
         if len(found) != COLUMNS:
             raise RuntimeError(f'a sensor must have {COLUMNS} columns; it has {len(found)}')
@@ -189,16 +200,23 @@ class Sensors:
 
     noise_key : two words of 32 bits, the key of Philox4x32-10, for all of them and for the start of
         the estimator
+    port_m : (3,) in the target's axes, where a sensor looks at it; as in section `zones`, unless it
+        differs
     """
 
     units: tuple[Sensor, ...]
     noise_key: Annotated[tuple[int, int], key] = (0, 0)
+    port_m: Annotated[Vector, partial(vector3, unit='m', bound=1e4)] = unless_default(
+        (0.0, 0.0, 0.0)
+    )
 
     def __post_init__(self) -> None:
         check_fields(self)
         if not 1 <= len(self.units) <= MAX_SENSORS:
             raise InputError(f'`units` must be 1 to {MAX_SENSORS} sensors; got {len(self.units)}')
         store(self, units=tuple(self.units))
+        if self.look and not any(self.port_m):
+            raise InputError('`looks_at` port needs `port_m`, or that of section `zones`')
 
     @property
     def signals(self) -> tuple[str, ...]:
@@ -209,6 +227,41 @@ class Sensors:
     def turn(self) -> bool:
         """Whether one of them turns with the chaser."""
         return any(unit.body_fixed for unit in self.units)
+
+    @property
+    def look(self) -> bool:
+        """Whether one of them looks at the port."""
+        return any(unit.looks_at == PORT for unit in self.units)
+
+    @staticmethod
+    def of_zones(document: Any, zones: Zones) -> dict[str, Any]:
+        """Return the fields that are as the zones of the scenario, unless the section has them."""
+        units = document.get('units') if isinstance(document, Mapping) else None
+        known = [u for u in units or () if isinstance(u, Mapping) and u.get('looks_at') == PORT]
+        return {'port_m': list(zones.port_m)} if known else {}
+
+
+STILL = Target(kind='fixed')
+"""In place of a target without attitude: its axes are those of target LVLH."""
+
+
+class PortSeen:
+    """Where the port is, tick by tick, target LVLH.
+
+    known : by the attitude that the chaser takes the target to have; else by the true one
+    """
+
+    def __init__(self, settings: Sensors, scenario: Any, *, known: bool = False) -> None:
+        target = scenario.target or STILL
+        self._port = settings.port_m
+        motion = motion_of(target.known if known else target, scenario)
+        self._motion = motion if settings.look else None
+
+    def put(self, tick: int, table: Any, at: int) -> None:
+        """Put the port (3,) [m] into a table, from a place on; nothing where no sensor looks."""
+        if self._motion is not None:
+            port = to_lvlh(self._port, self._motion.frame(tick))
+            table[at], table[at + 1], table[at + 2] = port
 
 
 class Sensing:
@@ -233,7 +286,7 @@ class Sensing:
         count = len(self.rows)
         walks, queues = [0.0, 0.0, 0.0, -1.0], [-1.0] * (MEASURED + 1) * self._slots
         numbers = [0.0] * MEASURED * count + walks * count + queues * count
-        self.memory = as_table(numbers + [0.0] * NOISE * count)
+        self.memory = as_table(numbers + [0.0] * (NOISE * count + 3))
 
 
 def first_tick(time_s: float, scenario: Any) -> int:
@@ -253,6 +306,7 @@ class SensorsStage(Stage):
             self.inputs = (interfaces.RELATIVE_STATE, interfaces.CHASER_ATTITUDE)
         self.memory_ticks = max(unit.latency_ticks for unit in settings.units)
         self._sensing = Sensing(settings, scenario)
+        self._port, self._place = PortSeen(settings, scenario), port_at(self._sensing.table)
         self._message = as_table(np.zeros(24))
 
     def reset(self) -> None:
@@ -262,6 +316,7 @@ class SensorsStage(Stage):
     def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
         """Return the measurement (24,) of each sensor; see `sensor_kernels.describe`."""
         s, attitude = self._sensing, inputs[1] if len(inputs) > 1 else interfaces.ALIGNED
+        self._port.put(tick, s.memory, self._place)
         sense(tick, inputs[0], attitude[:4], s.table, s.memory)
         found = []
         for i in range(len(s.rows)):
@@ -297,4 +352,4 @@ def _check(settings: Sensors, scenario: Any) -> None:
             raise InputError(f'{place}: `outages_s` must leave time to measure; they leave none')
 
 
-register(Section('sensors', Sensors, Place.SENSOR, SensorsStage, _check))
+register(Section('sensors', Sensors, Place.SENSOR, SensorsStage, _check, of_zones=Sensors.of_zones))

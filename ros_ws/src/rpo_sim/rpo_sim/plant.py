@@ -15,6 +15,7 @@ from rpo_core.chain.chain import Chain, Signals, start_of
 from rpo_core.chain.stage import Place, Signal
 from rpo_core.files.scenario import Scenario
 from rpo_core.judge import metrics
+from rpo_core.judge.contact import caught_at
 from rpo_core.judge.zones import zones_of
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import (
@@ -71,7 +72,7 @@ class Plant:
     chain : the stages that the plant runs
     taken : tick, of the last ones -> the answers to its state that were accepted, by topic
     settled_after_ticks : after so many ticks no answer to a state can act any more
-    depths_m : zone -> how deep the chaser has been in it so far, if it was
+    depths_m : zone -> how deep the chaser has been in it so far, before it docked, if it was
     """
 
     settled_after_ticks = 0
@@ -93,6 +94,9 @@ class Plant:
         self._stamp_ns = scenario.stamp_ns(0)
         self._zones = [zones for zones in zones_of(scenario) if zones.keep_out_m]
         self.depths_m: dict[str, float] = {}
+        self._docked, most_m = False, getattr(scenario.requirements, 'contact_range_m', None)
+        port_m = norm(*scenario.goal_position_m) + (most_m or 0.0)
+        self._near_m = max([port_m, *(zones.keep_out_m for zones in self._zones)])
         self._look_for_zones(self.state)
 
     @property
@@ -173,16 +177,24 @@ class Plant:
             signals[name] = answers.get(topic, ())[first : first + 3] or ZERO
 
     def _look_for_zones(self, *states: Signal) -> None:
-        """Look how deep in a keep-out zone the chaser is in states, and between them."""
+        """Look how deep in a keep-out zone the chaser is in states, and between them.
+
+        Not once it has docked.
+        """
+        if self._docked or not self._zones:
+            return
         # Most states are too far to look closely, also as a target sees them that turns 0.1 rad.
         first, last = states[0], states[-1]
         moved_m = 2.0 * math.dist(first[:3], last[:3])
         moved_m += (norm(*first[3:]) + norm(*last[3:])) * self.scenario.dt_s
         sure_m = 0.7 * min(norm(*first[:3]), norm(*last[:3])) - moved_m
+        if sure_m > self._near_m:
+            return
+        seen = self.scenario.seen(np.array(states), self.tick - len(states) + 1)
+        errors = seen[-1:] - np.array(self.scenario.goal_state)
+        where = self.scenario.requirements, self.scenario.goal_position_m
+        self._docked = caught_at(errors, *where) is not None
         for zones in self._zones:
-            if sure_m > zones.keep_out_m:
-                continue
-            seen = self.scenario.seen(np.array(states), self.tick - len(states) + 1)
             depth_m = zones.deepest_m(seen, self.scenario.dt_s)
             if depth_m > self.depths_m.get(zones.keep_out, 0.0):
                 self.depths_m[zones.keep_out] = depth_m

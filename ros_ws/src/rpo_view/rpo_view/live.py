@@ -107,7 +107,8 @@ class Effort:
 class LiveRun:
     """The run as far as messages came; None where none came. Foreign texts are printable here.
 
-    position_m, velocity_m_s, force_n, disturbance_n : (3,), target LVLH
+    position_m, velocity_m_s, disturbance_n : (3,), target LVLH
+    force_n : (3,) as the controller commands it; views show `command_n`
     exerted_n : (3,) mean force of pulses in a tick, where thrusters fire in pulses
     onboard : what the stages of the run say, beside the controller
     zones : about the target, as the scenario has them
@@ -297,6 +298,16 @@ class LiveRun:
         return self.scenario.mass_kg * -math.expm1(-spent_m_s / exhaust_m_s)
 
     @property
+    def command_n(self) -> Vector | None:
+        """Commanded force (3,), target LVLH, to which the attitude may have to turn it."""
+        found, attitude = self.force_n, self.onboard.attitude
+        if found is None or attitude is None or self.scenario is None:
+            return found
+        if self.scenario.named('attitude_control') is not None:
+            return found
+        return tuple(turned(found, attitude[:4]).tolist())
+
+    @property
     def pulses_n(self) -> Vector | None:
         """Mean force (3,) of pulses of each axis; None where the axes turn with the chaser."""
         return None if self.scenario is not None and self.scenario.attitude else self.exerted_n
@@ -351,7 +362,7 @@ class LiveRun:
             'duty': self.duty,
             'inside_s': self.effort.inside_s,
             'speed_m_s': math.hypot(*velocity) if velocity else None,
-            'force_n': self.force_n,
+            'force_n': self.command_n,
             'disturbance_n': self.disturbance_n,
             'exerted_n': self.pulses_n,
             'decisions': {

@@ -41,7 +41,7 @@ def line(run: LiveRun, topic: str) -> str:
     """Return the run in one line, for an output that is no terminal."""
     if run.position_m is None or run.velocity_m_s is None:
         return run.sentence(topic)
-    forces = ' '.join(fixed(force, 4, '+') for force in run.force_n or ())
+    forces = ' '.join(fixed(force, 4, '+') for force in run.command_n or ())
     return (
         f'{run.time_s:8.1f} s  range {run.range_m:9.3f} m  '
         f'rate {fixed(run.range_rate_m_s, 4):>7} m/s  '
@@ -151,14 +151,14 @@ def _acting(acting: Acting, dt_s: float) -> str:
 
 def _axes(run: LiveRun) -> Table:
     position, velocity = run.position_m or (), run.velocity_m_s or ()
-    limit_n = run.scenario.max_force_n if run.scenario else 1.0
+    limit_n, forces = run.scenario.max_force_n if run.scenario else 1.0, run.command_n
     table = Table(box=None, padding=(0, 2, 0, 0), header_style='dim')
     table.add_column('axis')
     for title in ('position [m]', 'velocity [mm/s]', 'force [N]'):
         table.add_column(Text(title), justify='right')  # not markup: brackets hold units
     table.add_column(f'of ±{limit_n:g} N' if run.scenario else 'of ±1 N')
     for i, (axis, name, colour) in enumerate(AXES):
-        force_n = run.force_n[i] if run.force_n else None
+        force_n = forces[i] if forces else None
         table.add_row(
             Text(f'{axis} {name}', style=colour),
             fixed(position[i], 3),

@@ -63,7 +63,7 @@ class VisualizerNode(ListeningNode):
             self._tf.publish(TFMessage(transforms=[transform_of(state), *turned]))
         trail, stamp = [*run.trail.points, run.position_m], state.header.stamp
         seen = trail, self._look, run.zones_now, run.onboard, run.attitude, run.docking_axis
-        scene = markers(stamp, run.position_m, run.force_n, *seen)
+        scene = markers(stamp, run.position_m, run.command_n, *seen)
         self._markers.publish(self._with_deletions(scene))
 
     def _with_deletions(self, scene: MarkerArray) -> MarkerArray:

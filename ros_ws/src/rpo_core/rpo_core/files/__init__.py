@@ -226,7 +226,9 @@ def find(kind: str, name: str) -> Path:
     known = shipped(kind)
     if name not in known:
         others = [other for other in _SHIPPED if name in shipped(other)]
-        hint = f', which is a {others[0]}' if others else near(name, known)
+        what = others[0].replace('_', ' ') if others else ''
+        article = 'an' if what.startswith('a') else 'a'
+        hint = f', which is {article} {what}' if others else near(name, known)
         raise InputError(
             f'`{kind}` must be one of {", ".join(known)}, or a path to a .yaml file; '
             f'got {shown(name)}{hint}'

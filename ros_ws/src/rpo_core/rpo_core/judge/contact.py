@@ -141,3 +141,18 @@ def first_contact(errors: Any, port: Port) -> int:
 def judged(errors: Any, required: Requirements, goal: Vector) -> tuple[float, float, float]:
     """Return `judge` of a flight's errors (n, 6), by what it requires."""
     return judge(as_table(errors), port_of(required, goal))
+
+
+def caught_at(errors: Any, required: Requirements | None, goal: Vector) -> int | None:
+    """Return the first of errors (n, 6) at which the latches catch the chaser; None: none do.
+
+    A zone is no longer judged from then on. Requirements that know no contact catch nothing.
+    """
+    if required is None or required.contact_range_m is None:
+        return None
+    table, port = as_table(errors), port_of(required, goal)
+    tick = first_contact(table, port)
+    if tick == len(errors):
+        return None
+    x, y, z, vx, vy, vz = table[tick]
+    return None if contact_speeds(x, y, z, vx, vy, vz, port)[0] == inf else tick

@@ -83,18 +83,23 @@ def missed(flight: Flight) -> bool:
 
 
 def _of_zones(flight: Flight) -> list[Verdict]:
-    """Return how deep a flight comes into each keep-out zone of its scenario, beside none."""
-    states, dt_s = flight.seen, flight.scenario.dt_s
+    """Return how deep a flight comes into each keep-out zone of its scenario, beside none.
+
+    Up to the contact: a docked chaser is where it shall be.
+    """
+    scenario, states = flight.scenario, flight.seen
     known = bool(np.isfinite(states).all())
+    docked = contact.caught_at(flight.errors, scenario.requirements, scenario.goal_position_m)
+    states = states if docked is None else states[: docked + 1]
     return [
         Verdict(
             ZONE_DEPTH,
             f'depth inside {zones.keep_out}',
             'm',
             limit=0.0,
-            value=zones.deepest_m(states, dt_s) if known else math.inf,
+            value=zones.deepest_m(states, scenario.dt_s) if known else math.inf,
         )
-        for zones in zones_of(flight.scenario)
+        for zones in zones_of(scenario)
         if zones.keep_out_m
     ]
 
