@@ -16,7 +16,6 @@ the centroid's eight partial sums one after the other, padded with zero grades w
 
 from __future__ import annotations
 
-from types import FunctionType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,9 +24,7 @@ from numpy.typing import NDArray
 from rpo_kernels import jit
 from rpo_kernels.jit import Kernel
 from rpo_kernels.kernels import LANES, memberships
-from rpo_kernels.vectors import WIDTH, lanes_at, wide
-
-Floats = NDArray[np.float64]
+from rpo_kernels.vectors import aligned
 
 STRIDE = 136
 """Lanes at most. 17 cache lines, an odd number, so that the rows do not contend for the same lines
@@ -86,87 +83,6 @@ def paired_lanes(count: int) -> NDArray[np.int64]:
 def compiled(function: Kernel) -> Kernel:
     """Compile where the core's kernels are; free of the interpreter's lock."""
     return jit.compiled(function, nogil=True)
-
-
-OWN = 7
-"""Numbers with which a table begins whose runs have tables and memories of their own
-(`own_tables`): the width, runs whose numbers alternate; numbers of a run's table and memory; places
-of the first ones; the first number of a memory that only kernels' scratch needs, and the first one
-after those."""
-
-
-def aligned(values: Floats) -> Floats:
-    """Return a copy (n,) that begins with a line of the cache: no vector then lies in two."""
-    room = np.empty(len(values) + WIDTH)
-    found = room[-(room.ctypes.data // room.itemsize) % WIDTH :][: len(values)]
-    found[:] = values
-    return found
-
-
-def own_tables(
-    width: int, head: Floats, tables: Floats, notes: Floats, memories: Floats, scratch: range
-) -> tuple[Floats, Floats]:
-    """Return table and memory of a part whose runs have such of their own.
-
-    width : `WIDTH`, where runs are computed together, or 1: run follows run
-    head, notes : what the runs share; whole vectors of notes
-    tables, memories : (numbers, 40)
-    scratch : numbers of a memory that are not read before they are written
-    """
-
-    def flat(rows: Floats) -> Floats:
-        return rows.reshape(len(rows), -1, width).transpose(1, 0, 2).ravel()
-
-    first = -(-(OWN + len(head)) // WIDTH) * WIDTH
-    table = np.zeros(first)
-    table[:OWN] = (
-        width, len(tables), len(memories), first, len(notes), scratch.start, scratch.stop,
-    )  # fmt: skip
-    table[OWN : OWN + len(head)] = head
-    spare = np.zeros(len(tables) + (width + 1) * len(memories))
-    table = aligned(np.concatenate([table, flat(tables)]))
-    return table, np.concatenate([notes, flat(memories), spare])
-
-
-def over_runs(act: Kernel) -> Kernel:
-    """Return the kernel (w, m, t, tick) that calls another one for all runs of such a part.
-
-    act : (tick, scratch, memory, run, its table, its memory). Runs whose numbers alternate are
-    computed together (`rpo_kernels.vectors`); those that differ in a branch, again one by one.
-    """
-
-    def all_runs(w, m, t, tick):  # type: ignore[no-untyped-def]
-        n, a, c = int(t[0]), int(t[1]), int(t[2])
-        spare = int(t[4]) + RUNS * c
-        table, memory = spare + n * c, spare + n * c + a
-        for s in range(0, RUNS, n):
-            i, j = int(t[3]) + a * s, int(t[4]) + c * s
-            if n == 1:
-                kernel(tick, w, m, s, t[i : i + a], m[j : j + c])
-                continue
-            for k in range(n * int(t[5])):
-                m[spare + k] = m[j + k]
-            for k in range(n * int(t[6]), n * c):
-                m[spare + k] = m[j + k]
-            together = True
-            try:
-                kernel(tick, wide(w), wide(m), s, lanes_at(t, i), lanes_at(m, j))
-            except Exception:
-                together = False
-            for lane in range(0 if together else n):
-                for k in range(a):
-                    m[table + k] = t[i + n * k + lane]
-                for k in range(c):
-                    m[memory + k] = m[spare + n * k + lane]
-                kernel(tick, w, m, s + lane, m[table : table + a], m[memory : memory + c])
-                for k in range(c):
-                    m[j + n * k + lane] = m[memory + k]
-
-    # As a global name, not one of a closure: those are compiled anew in every process.
-    names = {**globals(), 'kernel': act}
-    made = FunctionType(all_runs.__code__, names, f'all_runs_{act.__name__}')
-    made.__module__ = act.__module__
-    return compiled(made)
 
 
 class Law(NamedTuple):

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
 from rpo_kernels.kernels import State, Vector
+from rpo_kernels.vectors import aligned
 from rpo_montecarlo.engine.calls import Call, call, rows_of
 from rpo_montecarlo.engine.lanes import (
     BODY_R,
@@ -37,7 +38,6 @@ from rpo_montecarlo.engine.lanes import (
     STRIDE,
     R,
     V,
-    aligned,
     compiled,
 )
 

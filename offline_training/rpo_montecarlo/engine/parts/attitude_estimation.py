@@ -12,9 +12,8 @@ import numpy as np
 from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
 from rpo_kernels.kernels import Vector
-from rpo_kernels.vectors import WIDTH
+from rpo_kernels.vectors import OWN, WIDTH, over_runs, own_tables
 from rpo_montecarlo.engine.lanes import (
-    OWN,
     QUAT,
     QUAT_W,
     RATE,
@@ -26,13 +25,10 @@ from rpo_montecarlo.engine.lanes import (
     SPREAD_Y,
     SPREAD_Z,
     compiled,
-    over_runs,
-    own_tables,
 )
 from rpo_montecarlo.engine.parts.attitude import attitude_in, put_attitude
 from rpo_montecarlo.engine.tick import Batch, Draw, Kind, Part, register, table_of
 from rpo_nav.attitude_estimator import AttitudeEstimator, attitude_filter_of, attitude_memory_of
-from rpo_nav.attitude_filter_kernels import RATE as FOUND_RATE
 from rpo_nav.attitude_filter_kernels import (
     KEPT,
     LATENCY,
@@ -43,6 +39,7 @@ from rpo_nav.attitude_filter_kernels import (
     X,
     estimate_attitude,
 )
+from rpo_nav.attitude_filter_kernels import RATE as FOUND_RATE
 from rpo_nav.attitude_sensor_kernels import KEY, NOISE, attitude_noise, sensed_attitude
 from rpo_nav.attitude_sensors import AttitudeSensing, AttitudeSensors
 
@@ -71,7 +68,7 @@ def _estimate(tick, w, m, s, settings, memory):  # type: ignore[no-untyped-def]
         w[SPREAD_Z + lane] = f[P + 2 * STATES + i]
 
 
-_estimate_all = over_runs(_estimate)
+_estimate_all = over_runs(_estimate, RUNS)
 
 
 @compiled

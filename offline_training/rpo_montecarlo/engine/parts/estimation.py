@@ -15,10 +15,9 @@ from rpo_core.files.scenario import Scenario
 from rpo_kernels.attitude_kernels import attitude_at, frame_of, to_lvlh
 from rpo_kernels.kernels import measured
 from rpo_kernels.noise import six_normals
-from rpo_kernels.vectors import WIDTH
+from rpo_kernels.vectors import OWN, WIDTH, over_runs, own_tables
 from rpo_montecarlo.engine.lanes import (
     FORCE,
-    OWN,
     PAIRED_LANES,
     QUAT,
     QUAT_W,
@@ -33,8 +32,6 @@ from rpo_montecarlo.engine.lanes import (
     R,
     V,
     compiled,
-    over_runs,
-    own_tables,
 )
 from rpo_montecarlo.engine.parts.attitude import vector_in
 from rpo_montecarlo.engine.parts.target import (
@@ -177,7 +174,7 @@ def _estimate(tick, w, m, s, settings, memory):  # type: ignore[no-untyped-def]
         m[FOUND + lane] = f[X + 6 + i]
 
 
-_estimate_all = over_runs(_estimate)
+_estimate_all = over_runs(_estimate, RUNS)
 
 
 @compiled
@@ -236,15 +233,16 @@ def vary_errors(scenario: Scenario, draw: Draw) -> list[Any]:
 
 def estimators_of(batch: Batch) -> Part | None:
     """Return the sensors and filters of runs; None where there is no estimator."""
-    if batch.base.section(Estimator) is None:
+    base, nominal = batch.base, batch.base.section(Sensors)
+    if base.section(Estimator) is None or nominal is None:
         return None
-    base, keys, tables, memories, true = batch.base, [], [], [], []
+    keys, tables, memories, true = [], [], [], []
     for s in batch.scenarios:
         sensors, settings = s.section(Sensors), s.section(Estimator)
         assert sensors is not None and settings is not None
         sensing, f = Sensing(sensors, s), np.asarray(filter_of(settings, sensors, s))
         f[FULL] = 0.0
-        head = len(sensing.table), len(sensing.memory), _turning(base), sensors.look
+        head = len(sensing.table), len(sensing.memory), _turning(base), nominal.look
         keys.append(sensing.table[KEY : KEY + 2])
         tables.append(table_of(head, sensing.table, f))
         memories.append(table_of(np.zeros(HEADING), sensing.memory, memory_of(f)))
@@ -261,7 +259,7 @@ def estimators_of(batch: Batch) -> Part | None:
     owned = own_tables(
         WIDTH if together else 1,
         table_of(
-            *(base.compensated, len(sensing.rows), sensors.look, sensors.port_m, units[:, PERIOD]),
+            *(base.compensated, len(sensing.rows), nominal.look, nominal.port_m, units[:, PERIOD]),
             *(batch.lanes(keys), *(numbers for numbers, _ in both)),
         ),
         batch.lanes(tables),

@@ -1,27 +1,30 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Scalar kernels for eight flights at once: what numba (`rpo_kernels.jit`) makes of them for lanes.
+"""Scalar kernels for eight flights at once, compiled by numba from the same source.
 
-A kernel that gets a table of lanes (`lanes_at`) in the place of a flat table of floats is compiled
-anew for it. Each number is then a SIMD vector of eight, one of each flight; + - * / sqrt and
-comparisons act lane by lane, so each flight has the bits that the scalar kernel gives it. Constants
-are the same in all lanes.
+A kernel that gets a table of vectors (`lanes_at`, `wide`) in the place of one of floats is compiled
+anew for it. Each of its numbers is then a SIMD vector, one number of each flight; + - * / sqrt abs
+and comparisons act on each by itself, so that every flight has the bits of the scalar kernel.
 
-A branch must go one way in all lanes, and a number that becomes an integer must be the same one:
-otherwise the kernel raises ArithmeticError, and the caller computes those flights one by one. Where
-lanes often differ, a kernel says `pick` instead of `if`.
+A branch must go one way for all, and what becomes an integer must be the same one: otherwise the
+kernel raises ArithmeticError, and its caller computes the flights one by one. Where flights often
+differ, a kernel says `pick`.
 """
 
 from __future__ import annotations
 
-import math
-import operator
+from types import FunctionType
 from typing import Any
 
-from rpo_kernels.jit import COMPILED
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_kernels.jit import COMPILED, compiled
+
+Floats = NDArray[np.float64]
 
 WIDTH = 8 if COMPILED else 1
-"""Flights in a vector. Interpreted kernels take one at a time."""
+"""Flights in a vector; interpreted kernels take one at a time."""
 
 
 def pick(test: bool, a: float, b: float) -> float:
@@ -30,226 +33,95 @@ def pick(test: bool, a: float, b: float) -> float:
 
 
 def lanes_at(table: Any, place: int) -> Any:
-    """Return a flat table from a place on as rows of `WIDTH` numbers, one of each flight."""
+    """Return a flat table from a place on in which a number is `WIDTH` that follow each other."""
     return table[place:]
 
 
 def wide(table: Any) -> Any:
-    """Return a flat table of which each place stands for it and the `WIDTH` - 1 after it."""
+    """Return a flat table in which a place stands for the `WIDTH` numbers from it on."""
     return table
 
 
-def _register() -> None:
-    """Tell numba of vectors, of masks (what comparing them gives), and of their tables."""
-    from llvmlite import ir  # type: ignore[import-untyped]
-    from numba.core import cgutils, types
-    from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
-    from numba.extending import (
-        intrinsic,
-        lower_builtin,
-        lower_cast,
-        models,
-        overload,
-        register_model,
-    )
-
-    double, word = ir.DoubleType(), ir.IntType(64)
-
-    def made(data: Any, kind: Any) -> Any:
-        register_model(kind)(type('', (models.PrimitiveModel,), {
-            '__init__': lambda self, manager, typed: models.PrimitiveModel.__init__(
-                self, manager, typed, data
-            )
-        }))  # fmt: skip
-        return kind()
-
-    V = made(ir.VectorType(double, WIDTH), Vectors)
-    M = made(ir.VectorType(ir.IntType(1), WIDTH), Masks)
-    T, Wide = made(double.as_pointer(), Tables), made(double.as_pointer(), WideTables)
-
-    def known(function: Any, result: Any, *arguments: Any) -> Any:
-        """Give a function a meaning for these types; decorates what builds it."""
-        cases = {'key': function, 'cases': [signature(result, *arguments)]}
-        infer_global(function)(type('', (ConcreteTemplate,), cases))
-
-        def lowered(build: Any) -> Any:
-            lower_builtin(function, *arguments)(
-                lambda context, builder, signed, given: build(context, builder, *given)
-            )
-            return build
-
-        return lowered
-
-    def broadcast(builder: Any, value: Any) -> Any:
-        vector = ir.Constant(V_TYPE, ir.Undefined)
-        vector = builder.insert_element(vector, value, ir.Constant(ir.IntType(32), 0))
-        zeros = ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), [0] * WIDTH)
-        return builder.shuffle_vector(vector, vector, zeros)
-
-    V_TYPE = ir.VectorType(double, WIDTH)
-
-    @lower_cast(types.Number, Vectors)
-    def _cast(context, builder, fromty, toty, value):  # type: ignore[no-untyped-def]
-        return broadcast(builder, context.cast(builder, value, fromty, types.float64))
-
-    def all_alike(context: Any, builder: Any, mask: Any) -> Any:
-        bits = builder.bitcast(mask, ir.IntType(WIDTH))
-        everywhere = builder.icmp_unsigned('==', bits, ir.Constant(bits.type, 2**WIDTH - 1))
-        nowhere = builder.icmp_unsigned('==', bits, ir.Constant(bits.type, 0))
-        with cgutils.if_unlikely(builder, builder.not_(builder.or_(everywhere, nowhere))):
-            context.call_conv.return_user_exc(builder, ArithmeticError, ('lanes differ',))
-        return everywhere
-
-    @lower_cast(Masks, types.Boolean)
-    def _truth(context, builder, fromty, toty, value):  # type: ignore[no-untyped-def]
-        return all_alike(context, builder, value)
-
-    for name, instruction in (('add', 'fadd'), ('sub', 'fsub'), ('mul', 'fmul'),
-                              ('truediv', 'fdiv')):  # fmt: skip
-        for function in (getattr(operator, name), getattr(operator, f'i{name}')):
-            known(function, V, V, V)(
-                lambda context, builder, a, b, act=instruction: getattr(builder, act)(a, b)
-            )
-    for name, sign in (('lt', '<'), ('le', '<='), ('gt', '>'), ('ge', '>='), ('eq', '==')):
-        known(getattr(operator, name), M, V, V)(
-            lambda context, builder, a, b, sign=sign: builder.fcmp_ordered(sign, a, b)
-        )
-    known(operator.ne, M, V, V)(
-        lambda context, builder, a, b: builder.fcmp_unordered('!=', a, b)
-    )
-    known(operator.neg, V, V)(lambda context, builder, a: builder.fneg(a))
-
-    def called(name: str) -> Any:
-        def build(context: Any, builder: Any, a: Any) -> Any:
-            kind = ir.FunctionType(a.type, [a.type])
-            full = f'llvm.{name}.v{WIDTH}f64'
-            return builder.call(cgutils.get_or_insert_function(builder.module, kind, full), [a])
-
-        return build
-
-    known(math.sqrt, V, V)(called('sqrt'))
-    known(abs, V, V)(called('fabs'))
-    known(bool, types.boolean, M)(all_alike)
-    known(operator.not_, types.boolean, M)(
-        lambda context, builder, mask: builder.not_(all_alike(context, builder, mask))
-    )
-
-    def count(context: Any, builder: Any, a: Any, mask: Any) -> Any:
-        return builder.add(a, builder.zext(all_alike(context, builder, mask), word))
-
-    known(operator.add, types.int64, types.int64, M)(count)
-    known(operator.iadd, types.int64, types.int64, M)(count)
-
-    @known(int, types.int64, V)
-    def _int(context, builder, a):  # type: ignore[no-untyped-def]
-        whole = called('trunc')(context, builder, a)
-        first = builder.extract_element(whole, ir.Constant(ir.IntType(32), 0))
-        alike = builder.fcmp_ordered('==', whole, broadcast(builder, first))
-        all_alike(context, builder, alike)
-        return builder.fptosi(first, word)
-
-    def place(builder: Any, table: Any, index: Any, step: int) -> Any:
-        return builder.gep(table, [builder.mul(index, ir.Constant(word, step))])
-
-    def readable(kind: Any, step: int) -> None:
-        def row(builder: Any, table: Any, index: Any) -> Any:
-            return builder.bitcast(place(builder, table, index, step), V_TYPE.as_pointer())
-
-        @known(operator.getitem, V, kind, types.int64)
-        def _get(context, builder, table, index):  # type: ignore[no-untyped-def]
-            return builder.load(row(builder, table, index), align=8)
-
-        @known(operator.setitem, types.none, kind, types.int64, V)
-        def _set(context, builder, table, index, value):  # type: ignore[no-untyped-def]
-            builder.store(value, row(builder, table, index), align=8)
-            return context.get_dummy_value()
-
-    readable(T, WIDTH)
-    readable(Wide, 1)
-
-    @known(operator.getitem, T, T, types.slice2_type)
-    def _part(context, builder, table, part):  # type: ignore[no-untyped-def]
-        first = context.make_helper(builder, types.slice2_type, part).start
-        return place(builder, table, first, WIDTH)
-
-    def data_of(context: Any, builder: Any, signed: Any, table: Any) -> Any:
-        return context.make_array(signed.args[0])(context, builder, table).data
-
-    @intrinsic
-    def table_at(typing, table, index):  # type: ignore[no-untyped-def]
-        def build(context, builder, signed, given):  # type: ignore[no-untyped-def]
-            return place(builder, data_of(context, builder, signed, given[0]), given[1], 1)
-
-        return T(table, types.int64), build
-
-    @intrinsic
-    def wide_table(typing, table):  # type: ignore[no-untyped-def]
-        def build(context, builder, signed, given):  # type: ignore[no-untyped-def]
-            return data_of(context, builder, signed, given[0])
-
-        return Wide(table), build
-
-    @intrinsic
-    def selected(typing, test, a, b):  # type: ignore[no-untyped-def]
-        return V(M, V, V), lambda context, builder, signed, given: builder.select(*given)
-
-    @overload(lanes_at, jit_options={'forceinline': True})
-    def _lanes_at(table, place):  # type: ignore[no-untyped-def]
-        return lambda table, place: table_at(table, place)
-
-    @overload(wide, jit_options={'forceinline': True})
-    def _wide(table):  # type: ignore[no-untyped-def]
-        return lambda table: wide_table(table)
-
-    @overload(pick, jit_options={'forceinline': True})
-    def _pick(test, a, b):  # type: ignore[no-untyped-def]
-        if isinstance(test, Masks):
-            return lambda test, a, b: selected(test, a, b)
-        return lambda test, a, b: a if test else b
-
-
 if COMPILED:
-    from numba.core import types
-    from numba.core.typeconv import Conversion
+    import rpo_kernels.numba_vectors  # noqa: F401  # tells numba what they are
 
-    class Vectors(types.Type):  # type: ignore[misc]
-        """Eight numbers, one of each flight."""
+OWN = 7
+"""Numbers with which a table begins whose runs have tables and memories of their own
+(`own_tables`): the width, runs whose numbers alternate; numbers of a run's table and memory; places
+of the first ones; the first number of a memory that only kernels' scratch needs, and the first one
+after those."""
 
-        def __init__(self) -> None:
-            super().__init__(f'{__name__}.Vectors')
 
-        def unify(self, context: Any, other: Any) -> Any:
-            """Return this type where it meets a number."""
-            return self if isinstance(other, types.Number) else None
+def aligned(values: Floats) -> Floats:
+    """Return a copy (n,) that begins with a line of the cache: no vector then lies in two."""
+    room = np.empty(len(values) + WIDTH)
+    found = room[-(room.ctypes.data // room.itemsize) % WIDTH :][: len(values)]
+    found[:] = values
+    return found
 
-        def can_convert_from(self, context: Any, other: Any) -> Any:
-            """Say that a number becomes a vector of it."""
-            return Conversion.safe if isinstance(other, types.Number) else None
 
-    class Masks(types.Type):  # type: ignore[misc]
-        """Eight truths."""
+def own_tables(
+    width: int, head: Floats, tables: Floats, notes: Floats, memories: Floats, scratch: range
+) -> tuple[Floats, Floats]:
+    """Return table and memory of a part whose runs have such of their own.
 
-        def __init__(self) -> None:
-            super().__init__(f'{__name__}.Masks')
+    width : `WIDTH`, where runs are computed together, or 1: run follows run
+    head, notes : what the runs share; whole vectors of notes
+    tables, memories : (numbers, runs)
+    scratch : numbers of a memory that are not read before they are written
+    """
 
-        def unify(self, context: Any, other: Any) -> Any:
-            """Return a truth where it meets one: then it is the same in all lanes."""
-            return other if isinstance(other, types.Boolean) else None
+    def flat(rows: Floats) -> Floats:
+        return rows.reshape(len(rows), -1, width).transpose(1, 0, 2).ravel()
 
-        def can_convert_to(self, context: Any, other: Any) -> Any:
-            """Say that it becomes a truth."""
-            return Conversion.unsafe if isinstance(other, types.Boolean) else None
+    first = -(-(OWN + len(head)) // WIDTH) * WIDTH
+    sizes = (width, len(tables), len(memories), first, len(notes), scratch.start, scratch.stop)
+    fill = np.zeros(first - OWN - len(head))
+    spare = np.zeros(len(tables) + (width + 1) * len(memories))
+    table = np.concatenate([sizes, head, fill, flat(tables)])
+    return aligned(table), np.concatenate([notes, flat(memories), spare])
 
-    class Tables(types.Type):  # type: ignore[misc]
-        """Rows of eight numbers."""
 
-        def __init__(self) -> None:
-            super().__init__(f'{__name__}.Tables')
+_act: Any = None
+_runs = 0
 
-    class WideTables(types.Type):  # type: ignore[misc]
-        """Numbers side by side."""
 
-        def __init__(self) -> None:
-            super().__init__(f'{__name__}.WideTables')
+def _all_runs(w, m, t, tick):  # type: ignore[no-untyped-def]
+    n, a, c, first = int(t[0]), int(t[1]), int(t[2]), int(t[4])
+    spare = first + _runs * c
+    table, memory = spare + n * c, spare + n * c + a
+    for s in range(0, _runs, n):
+        i, j = int(t[3]) + a * s, first + c * s
+        if n == 1:
+            _act(tick, w, m, s, t[i : i + a], m[j : j + c])
+            continue
+        for k in range(n * int(t[5])):
+            m[spare + k] = m[j + k]
+        for k in range(n * int(t[6]), n * c):
+            m[spare + k] = m[j + k]
+        together = True
+        try:
+            _act(tick, wide(w), wide(m), s, lanes_at(t, i), lanes_at(m, j))
+        except Exception:
+            together = False
+        for lane in range(0 if together else n):
+            for k in range(a):
+                m[table + k] = t[i + n * k + lane]
+            for k in range(c):
+                m[memory + k] = m[spare + n * k + lane]
+            _act(tick, w, m, s + lane, m[table : table + a], m[memory : memory + c])
+            for k in range(c):
+                m[j + n * k + lane] = m[memory + k]
 
-    _register()
+
+def over_runs(act: Any, runs: int) -> Any:
+    """Return the kernel (w, m, t, tick) that calls another one for all runs of such a part.
+
+    act : (tick, scratch, memory, run, its table, its memory). Runs whose numbers alternate are
+    computed together; those that differ in a branch, again one by one.
+    """
+    # As global names, not as a closure's: numba keeps no closure over a kernel for other processes.
+    names = {**globals(), '_act': act, '_runs': runs}
+    made = FunctionType(_all_runs.__code__, names, f'all_runs_{act.__name__}')
+    made.__module__ = act.__module__
+    return compiled(made, nogil=True)
