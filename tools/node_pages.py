@@ -74,23 +74,13 @@ def tiny_log(folder: Path) -> Path:
     return folder
 
 
-def scenario_with_navigation(folder: Path) -> str:
-    """Write the scenario `quick` with errors of navigation, and return its path."""
-    path = folder / 'navigation.yaml'
-    text = files.find('scenario', 'quick').read_text(encoding='utf-8')
-    path.write_text(f'{text}navigation: {{position_bias_m: [0.1, 0.0, 0.0]}}\n', encoding='utf-8')
-    return str(path)
-
-
-def _make(card: Card, folder: Path) -> FlightNode:
-    """Start a node with the parameters of its card, in a folder of its own."""
-    trial = dict(card.trial)
+def _make(card: Card, more: Mapping[str, Any], folder: Path) -> FlightNode:
+    """Start a node with the parameters of its card and more, in a folder of its own."""
+    trial = {**card.trial, **more}
     if card.executable == 'recorder':
         trial['output'] = str(folder / 'recorded')
     if card.executable == 'replay':
         trial['bag'] = str(tiny_log(folder / 'log'))
-    if card.executable == 'navigation':
-        trial['scenario'] = scenario_with_navigation(folder)
     return getattr(card.module, card.cls)(trial)
 
 
@@ -157,16 +147,22 @@ def _found(card: Card, folder: Path) -> Found:
     """Start a node; rclpy must be initialised."""
     if card.listens:
         return [('listens', f'`{name}`', '', '', _meaning(name)) for name in card.listens], []
-    node = _make(card, folder)
-    try:
-        topics = list(_topics(node))
-        if card.publishes_tf:
-            row = (f'`{names.TF}`', '`tf2_msgs/TFMessage`', _qos(qos.TF), _meaning(names.TF))
-            topics.insert(0, ('publishes', *row))
-        return topics, list(_services(node))
-    finally:
-        node.close()
-        node.destroy_node()
+    found: dict[tuple[str, ...], tuple[str, ...]] = {}
+    for more in ({}, {'scenario': card.also})[: 1 + bool(card.also)]:
+        node = _make(card, more, folder)
+        try:
+            found |= {row[:2]: row for row in _topics(node)}
+            services = list(_services(node))
+        finally:
+            node.close()
+            node.destroy_node()
+    topics = list(found.values())
+    if card.also:
+        topics.sort(key=lambda row: (row[0] == 'listens', row[1]))
+    if card.publishes_tf:
+        row = (f'`{names.TF}`', '`tf2_msgs/TFMessage`', _qos(qos.TF), _meaning(names.TF))
+        topics.insert(0, ('publishes', *row))
+    return topics, services
 
 
 def page(card: Card, found: Found) -> str:

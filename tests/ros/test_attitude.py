@@ -5,23 +5,21 @@
 import numpy as np
 import pytest
 import yaml
-from inside import inside
 from scenarios import lasting
 
+from rpo_attitude.turns import apart
 from rpo_core.chain.chain import Chain
 from rpo_core.chain.flight import fly
 from rpo_core.chain.stage import Place
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
-from rpo_core.files.validation import InputError
 from rpo_core.wire import interfaces
 from rpo_core.wire.cdr import Status
 from rpo_core.wire.interfaces import BODY_TORQUE, CHASER_ATTITUDE
 from rpo_core.wire.statuses import PlantTick, numbers_text
 from rpo_log.verify import verify
-from rpo_mcap.read.run_log import read_run
+from rpo_mcap.read.run_log import flight_of, read_run
 from rpo_sim.lockstep import LockstepPlant
-from rpo_sim.plant_node import PlantNode
 
 TURNING = {
     'attitude': {
@@ -87,7 +85,27 @@ def test_what_the_plant_says_of_a_tick_is_read_with_what_rides_in_it(tmp_path):
     assert found.taken == dict(pairs)
 
 
-def test_free_running_is_refused(ros_env, tmp_path):
-    path = turning(tmp_path)
-    with inside(), pytest.raises(InputError, match='`mode` must be lockstep'):
-        PlantNode({'scenario': path, 'mode': 'free_running'})
+@pytest.mark.every_landing
+def test_it_flies_against_the_wall_clock_and_verifies(ros, tmp_path):
+    """What acted, in its axes, was commanded; with every answer in its tick it is lockstep."""
+    path, run = turning(tmp_path), tmp_path / 'run'
+    ros.node('rpo_ctrl', 'fuzzy_controller', controller='handmade')
+    ros.node('rpo_ctrl', 'attitude_controller')
+    ros.node('rpo_sim', 'disturbance_injector')
+    recorder = ros.node('rpo_log', 'recorder', output=str(run))
+    free = {'mode': 'free_running', 'real_time_factor': '2.0'}
+    plant = ros.node('rpo_sim', 'plant', scenario=path, wait_for_recorder='true', **free)
+    assert plant.wait() == 0, plant.output
+    assert recorder.wait() == 0, recorder.output
+    found = verify(run)
+    assert found.exit_code == 0, found.sentence()
+    assert found.free_running and 'attitude' in found.stages
+    log, expected = read_run(run), fly(load_scenario(path), load_controller('handmade'))
+    torque = log.values['applied_torque']
+    assert np.abs(torque).max() > 1e-3
+    if np.array_equal(log.values['applied_body_force'], expected.signals['body_force']):
+        np.testing.assert_array_equal(log.states, expected.states)
+    flight = flight_of(log)
+    np.testing.assert_array_equal(flight.signals[BODY_TORQUE], torque)
+    first, last = log.values[CHASER_ATTITUDE][[0, -1]]
+    assert apart(last, first)[0] > 0.1, 'it turned'

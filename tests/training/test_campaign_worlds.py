@@ -467,6 +467,32 @@ def test_a_run_alone_has_the_bits_of_the_campaign(tmp_path):
         assert columns['energy_n2s'][number] == pytest.approx(energy, rel=1e-12)
 
 
+def test_torques_are_lost_and_late_with_their_forces(tmp_path):
+    """Bit for bit as the chain; and as no attitude control sent them."""
+    turning = PLAIN.equipped(STEERED, AttitudeControl(controller=FUZZY))
+    (tmp_path / 'turning.yaml').write_text(scenario.dumps(turning))
+    path = write_campaign(
+        tmp_path, scenario=str(tmp_path / 'turning.yaml'), faults=LOSSY, success=None,
+        dispersions={'chaser_rate_x_deg_s': {'normal': 0.1}},
+    )  # fmt: skip
+    campaign = config.load(path)
+    columns = columns_of(campaign)
+    for number in (0, 39):
+        flight = single.fly_run(campaign, number)
+        final = [columns[name][number] for name in run_batch.FINAL]
+        np.testing.assert_array_equal(final, flight.states[-1])
+        torque, force = flight.signals['body_torque'], flight.signals['applied_body_force']
+        silent = ~torque.any(axis=1)
+        assert 0 < silent[5:].sum() < len(torque) / 2
+        assert not force[silent].any()
+        held = (np.diff(force, axis=0) == 0.0).all(axis=1)
+        assert held.sum() > 10 and not np.diff(torque, axis=0)[held].any()
+        assert np.diff(torque, axis=0)[~held].any()
+        assert columns['energy_n2s'][number] == pytest.approx(
+            (flight.saturated_forces_n**2).sum() * turning.dt_s, rel=1e-12
+        )
+
+
 def test_it_is_what_the_free_running_plant_does(tmp_path):
     """The node's own plant, fed by hand with what comes when."""
     campaign = config.load(write_campaign(tmp_path, faults=LOSSY, dispersions={}))

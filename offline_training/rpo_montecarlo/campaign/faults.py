@@ -11,11 +11,10 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from rpo_core.chain.stage import Signal, Stage
+from rpo_core.chain.stage import ZERO, Signal, Stage
 from rpo_core.files.validation import InputError, mapping, real, whole
-from rpo_core.wire.interfaces import APPLIED_FORCE, COMMAND
+from rpo_core.wire.interfaces import APPLIED_BODY_FORCE, APPLIED_FORCE, BODY_TORQUE, COMMAND
 from rpo_core.world.link import FaultyLink, Hits
-from rpo_kernels.kernels import Vector
 from rpo_montecarlo.engine.parts.link import Fates, hits
 
 STALE_AFTER_TICKS = 10
@@ -89,6 +88,10 @@ def to_document(faults: Faults) -> dict[str, Any]:
     return document
 
 
+Answer = tuple[Signal, ...]
+"""The force of a message, and the torque in it."""
+
+
 class LinkStage(Stage):
     """Messages lost or late: from the command to the force that the plant holds.
 
@@ -96,33 +99,35 @@ class LinkStage(Stage):
     as a number of ticks, `engine.parts.link.lateness`.
 
     key : two words of 32 bits
+    turns : whether the command is of a chaser that turns, and has a torque in its message
     """
 
     name = 'link'
-    inputs = (COMMAND,)
-    outputs = (APPLIED_FORCE,)
     memory_ticks = None
 
-    def __init__(self, faults: Faults, key: tuple[int, int]) -> None:
+    def __init__(self, faults: Faults, key: tuple[int, int], turns: bool = False) -> None:
+        self.inputs = (COMMAND, BODY_TORQUE) if turns else (COMMAND,)
+        self.outputs = (APPLIED_BODY_FORCE, BODY_TORQUE) if turns else (APPLIED_FORCE,)
         self._fates, self._key = faults.fates, key
         self._late_by = float(faults.late_by_ticks)
+        self._none: Answer = (ZERO,) * len(self.inputs)
         self.reset()
 
     def reset(self) -> None:
         """Begin with no message on its way, and no force held."""
-        self._states: FaultyLink[tuple[int, Vector, Hits]] = FaultyLink(delay_s=self._late_by)
-        self._forces: FaultyLink[tuple[int, Vector]] = FaultyLink(delay_s=self._late_by)
-        self._latest, self._held = -1, (0.0, 0.0, 0.0)
+        self._states: FaultyLink[tuple[int, Answer, Hits]] = FaultyLink(delay_s=self._late_by)
+        self._forces: FaultyLink[tuple[int, Answer]] = FaultyLink(delay_s=self._late_by)
+        self._latest, self._held = -1, self._none
 
     def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
-        """Return the force (3,) [N] held at a tick; the controller answers its state by inputs."""
+        """Return the force (3,) [N], and torque, held at a tick; inputs answer its state."""
         state, force = self._hits(tick)
-        arrived = self._states.send((tick, inputs[0], force), state, tick) + self._states.due(tick)
+        arrived = self._states.send((tick, inputs, force), state, tick) + self._states.due(tick)
         for (answered, command, faults), _ in arrived:
             self._take(self._forces.send((answered, command), faults, tick))
         self._take(self._forces.due(tick))
         fresh = self._latest >= 0 and tick - self._latest <= self._fates.stale_after
-        return (self._held if fresh else (0.0, 0.0, 0.0),)
+        return self._held if fresh else self._none
 
     def _hits(self, tick: int) -> list[Hits]:
         """Return the faults of the state of a tick and of the force that answers it."""
@@ -131,7 +136,7 @@ class LinkStage(Stage):
         kinds = ('drop', 'delay')
         return [{kind: '' for kind, hit in zip(kinds, pair, strict=True) if hit} for pair in pairs]
 
-    def _take(self, arrived: list[tuple[tuple[int, Vector], str]]) -> None:
+    def _take(self, arrived: list[tuple[tuple[int, Answer], str]]) -> None:
         """Hold the latest force."""
         for (answered, command), _ in arrived:
             if answered > self._latest:

@@ -30,9 +30,10 @@ def fly_run(campaign: Campaign, number: int) -> Flight:
     if faults is None:
         return fly(scenario, campaign.controller)
     key = draw(campaign, number, 1).keys[0].tolist()
-    link = LinkStage(faults, (key[0], key[1]))
+    turns = scenario.named('attitude_control') is not None
+    link = LinkStage(faults, (key[0], key[1]), turns)
     flight = fly(scenario, campaign.controller, [(Place.LINK, link)])
-    return replace(flight, forces_n=flight.signals[APPLIED_FORCE])
+    return flight if turns else replace(flight, forces_n=flight.signals[APPLIED_FORCE])
 
 
 def scenario_of(campaign: Campaign, number: int) -> Scenario:

@@ -14,7 +14,7 @@ import numpy as np
 from rpo_core.chain.stage import Place
 from rpo_kernels.jit import inlined
 from rpo_kernels.noise import philox
-from rpo_montecarlo.engine.lanes import FORCE, PAIRED_LANES, RUNS, compiled
+from rpo_montecarlo.engine.lanes import FORCE, PAIRED_LANES, RUNS, TORQUE, compiled
 from rpo_montecarlo.engine.tick import Batch, Kind, Part, register, table_of
 
 LOST = -1
@@ -35,12 +35,13 @@ class Fates(NamedTuple):
 KEYS = len(Fates._fields)
 """Place in the table, after `Fates`, of the keys (2, 40)."""
 
+_LANES = 2 * PAIRED_LANES
 LATEST, HELD = 0, RUNS
-PAST = HELD + PAIRED_LANES
+PAST = HELD + _LANES
 """Places in the memory: tick of the latest answer that has arrived, the answer; then, of each of
-the last ticks, the answers (120,) and how late they are (40,)."""
+the last ticks, the answers (240,), forces and torques, and how late they are (40,)."""
 
-_SLOT = PAIRED_LANES + RUNS
+_SLOT = _LANES + RUNS
 
 
 @inlined
@@ -67,26 +68,27 @@ def lateness(tick: int, k0: int, k1: int, faults: Fates) -> int:
 
 @compiled
 def hold(w, m, t, tick):  # type: ignore[no-untyped-def]
-    """Replace row FORCE, the answers to this tick, by the latest that have arrived."""
+    """Replace rows FORCE and TORQUE, the answers to this tick, by the latest that have arrived."""
     faults = Fates(t[0], t[1], t[2], t[3], int(t[4]), int(t[5]))
     depth = 2 * faults.late_by + 1
     now = PAST + _SLOT * (tick % depth)
     for s in range(PAIRED_LANES):
-        m[now + s] = w[FORCE + s]
+        m[now + s], m[now + PAIRED_LANES + s] = w[FORCE + s], w[TORQUE + s]
     for s in range(RUNS):
         k0, k1 = int(t[KEYS + s]), int(t[KEYS + RUNS + s])
-        m[now + PAIRED_LANES + s] = lateness(tick, k0, k1, faults)
+        m[now + _LANES + s] = lateness(tick, k0, k1, faults)
         for late in (0, faults.late_by, 2 * faults.late_by):
             answered = tick - late
             slot = PAST + _SLOT * (answered % depth)
-            arrives = answered >= 0 and m[slot + PAIRED_LANES + s] == late
+            arrives = answered >= 0 and m[slot + _LANES + s] == late
             if arrives and answered > m[LATEST + s]:
                 m[LATEST + s] = answered
-                for lane in (s, s + RUNS, s + 2 * RUNS):
+                for lane in range(s, _LANES, RUNS):
                     m[HELD + lane] = m[slot + lane]
         fresh = m[LATEST + s] >= 0.0 and tick - m[LATEST + s] <= faults.stale_after
         for lane in (s, s + RUNS, s + 2 * RUNS):
             w[FORCE + lane] = m[HELD + lane] if fresh else 0.0
+            w[TORQUE + lane] = m[HELD + PAIRED_LANES + lane] if fresh else 0.0
 
 
 def _part(batch: Batch) -> Part | None:

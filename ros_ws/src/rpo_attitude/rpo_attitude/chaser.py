@@ -168,8 +168,6 @@ def _check(settings: Chaser, scenario: Any) -> None:
             f'`attitude` must turn at most {MOST_TURN_RAD:g} rad in a tick of `dt_s` = '
             f'{scenario.dt_s!r} s; got {turn:.3g}'
         )
-    if scenario.named('link') is not None:
-        raise InputError('`link` carries no torque; it cannot go with `attitude`')
     if scenario.named('estimator') is not None and scenario.named('attitude_control') is None:
         raise InputError(
             '`attitude_control` is missing: `estimator` takes commands to act as they are in LVLH'

@@ -134,7 +134,8 @@ class Manifests:
         if self.parameter(PLANT, 'publish_clock') == 'True':
             made.add(interfaces.CLOCK)
         if self.parameter(PLANT, 'mode') == 'free_running':
-            made.add(interfaces.APPLIED_FORCE)
+            turns = interfaces.BODY_FORCE in made
+            made.add(interfaces.APPLIED_BODY_FORCE if turns else interfaces.APPLIED_FORCE)
             if not found.disturbance.is_zero:
                 made.add(interfaces.APPLIED_DISTURBANCE)
         return [row for row in interfaces.rows(logged=True) if row.name in made]

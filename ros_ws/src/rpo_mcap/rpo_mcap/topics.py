@@ -43,9 +43,13 @@ class Topic:
         return self.row.due == interfaces.EVENT
 
 
+APPLIED = {interfaces.APPLIED_FORCE, interfaces.APPLIED_BODY_FORCE}
+"""What a plant publishes that keeps the wall clock: the command that it applied."""
+
+
 def free_running(recorded: Iterable[Topic]) -> bool:
-    """Return whether the plant kept the wall clock: then it publishes the force that it applied."""
-    return any(topic.signal == interfaces.APPLIED_FORCE for topic in recorded)
+    """Return whether the plant kept the wall clock."""
+    return any(topic.signal in APPLIED for topic in recorded)
 
 
 def is_due(topic: Topic, recorded: Iterable[Topic]) -> bool:

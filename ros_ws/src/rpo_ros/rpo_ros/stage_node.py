@@ -51,8 +51,9 @@ class StageNode(FlightNode):
 
     A stage that reads the command of the tick before waits for it. It takes zero at tick 0; from
     where the plant coasts; and, said on `stage_status`, where it began in flight or the state was
-    repeated for a while (`rpo_ros.patience`). In free running it reads what the plant applied. A
-    stage that may miss a command of this tick waits as long, once a run has begun.
+    repeated for a while (`rpo_ros.patience`). In free running it reads what the plant applied, but
+    of a chaser that turns, whose plant says that in other axes, what was sent. A stage that may
+    miss a command of this tick waits as long, once a run has begun.
 
     chain : the stages, None until the scenario is known
     """
@@ -193,7 +194,8 @@ class StageNode(FlightNode):
     def _source(self, read: str) -> str:
         """Return the topic that carries what is read."""
         name = interfaces.current(read)
-        if name != read and self._run.free_running:
+        turns = self.scenario is not None and self.scenario.named('attitude_control') is not None
+        if name != read and self._run.free_running and not turns:
             return interfaces.APPLIED_FORCE
         return interfaces.row_of(name).rides or name
 

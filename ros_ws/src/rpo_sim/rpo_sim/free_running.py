@@ -70,12 +70,13 @@ class FreeRunningPlant(Plant):
         return age is None or age > self.stale_after_ticks
 
     def applied(self, name: str) -> Force:
-        """Return the force of a peer that acts in the current tick."""
+        """Return the force of a peer that acts in the current tick, and the torque in it if any."""
+        row = interfaces.row_of(name)
         if name not in self.expected or self._is_stale(name):
-            return ZERO
+            return ZERO + ZERO if row.rider else ZERO
         force = self._held[name][1]
-        commanded = interfaces.row_of(name).carries == interfaces.COMMAND
-        return self.saturated(force) if commanded else force
+        commanded = row.carries == interfaces.COMMAND
+        return (*self.saturated(force[:3]), *force[3:]) if commanded else force
 
     def advance(self) -> None:
         """Step to the next tick with the forces held; the run must not be finished."""

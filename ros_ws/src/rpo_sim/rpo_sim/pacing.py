@@ -21,12 +21,6 @@ from rpo_sim.timing import Pace
 DEFAULT_FREE_RUNNING_FACTOR = 1.0
 
 
-def applied_topic(name: str) -> str:
-    """Return the topic on which free running publishes the force of a topic that acts."""
-    commanded = interfaces.row_of(name).carries == interfaces.COMMAND
-    return interfaces.APPLIED_FORCE if commanded else interfaces.APPLIED_DISTURBANCE
-
-
 class Pacing:
     """One way to pass the ticks of a run.
 
@@ -182,7 +176,7 @@ class FreeRunningPacing(Pacing):
 
     def applied(self) -> dict[str, Force]:
         """Return the forces that act in the current tick."""
-        return {applied_topic(name): self.plant.applied(name) for name in self.plant.expected}
+        return {interfaces.applied(name): self.plant.applied(name) for name in self.plant.expected}
 
     def figures(self) -> dict[str, Any]:
         """Return overruns, stalls, ticks with an old or no force, lateness of the ticks."""

@@ -30,7 +30,7 @@ from rpo_sim.free_running import FreeRunningPlant
 from rpo_sim.lockstep import LockstepPlant
 from rpo_sim.loop import Loop
 from rpo_sim.loop_health import LoopHealth
-from rpo_sim.pacing import FreeRunningPacing, LockstepPacing, applied_topic
+from rpo_sim.pacing import FreeRunningPacing, LockstepPacing
 from rpo_sim.parameters import FREE_RUNNING, LOCKSTEP
 from rpo_sim.parameters import PLANT as PARAMETERS
 from rpo_sim.plant import ACCEPTED, NotFiniteError, topics_of
@@ -57,8 +57,6 @@ class PlantNode(Loop):
         self.values = declare(self, PARAMETERS)
         path = files.find('scenario', self.values['scenario'])
         self.scenario = scenario.load_scenario(path)
-        if self.values['mode'] == FREE_RUNNING and self.scenario.attitude is not None:
-            raise InputError('`mode` must be lockstep where the scenario has section `attitude`')
         self.run_id = uuid.uuid4().hex
         self._peers, self._own = topics_of(self.scenario)
         self._connect()
@@ -73,7 +71,7 @@ class PlantNode(Loop):
     def _connect(self) -> None:
         """Make publishers and subscriptions; in free running also of the forces that act."""
         free = self.values['mode'] == FREE_RUNNING
-        applied = [applied_topic(name) for name in self._peers] if free else []
+        applied = [interfaces.applied(name) for name in self._peers] if free else []
         self.topics = Publications(self, self.values['publish_clock'], [*applied, *self._own])
         for name in self._peers:
             listen(self, name, partial(self._on_answer, name), self._ignore, with_rider=True)

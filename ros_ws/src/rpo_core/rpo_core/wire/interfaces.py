@@ -58,6 +58,8 @@ WHEEL_MOMENTUM = 'wheel_momentum'
 THRUST_SHIFT = 'thrust_shift'
 APPLIED_FORCE = 'applied_force'
 APPLIED_DISTURBANCE = 'applied_disturbance'
+APPLIED_BODY_FORCE = 'applied_body_force'
+APPLIED_TORQUE = 'applied_torque'
 STAGE_STATUS = 'stage_status'
 GUIDANCE_STATUS = 'guidance_status'
 RUN_STATUS = 'run_status'
@@ -309,6 +311,13 @@ def row_of(name: str) -> Interface:
     return found
 
 
+def applied(name: str) -> str:
+    """Return what says, in free running, what the plant took of a signal; '' where nothing does."""
+    turned = {BODY_FORCE: APPLIED_BODY_FORCE, BODY_TORQUE: APPLIED_TORQUE}
+    taken = {COMMAND: APPLIED_FORCE, DISTURBANCE: APPLIED_DISTURBANCE}
+    return turned.get(name) or taken.get(row_of(name).carries, '')
+
+
 def find(name: str) -> Interface | None:
     """Return the row of a signal or topic, absolute or in a namespace; None if it has none."""
     return table().get(name.rsplit('/', 1)[-1])
@@ -366,6 +375,11 @@ for _row in (
               'command that acts, saturated (free running)', COMMAND, TRUTH),
     Interface(APPLIED_DISTURBANCE, FORCE_TYPE,
               'disturbance that acts (free running)', DISTURBANCE, TRUTH),
+    Interface(APPLIED_BODY_FORCE, FORCE_TYPE,
+              'the same of body_force, axes of the chaser (free running)', COMMAND, TRUTH,
+              frame=CHASER_FRAME, rider=APPLIED_TORQUE),
+    Interface(APPLIED_TORQUE, '', 'torque in applied_body_force [N m]',
+              logged=False, rides=APPLIED_BODY_FORCE),
     Interface(DUE_FORCE, '',
               'command that is due at the thrusters, late where they are', logged=False),
     Interface(SATURATED_FORCE, '', 'the same, saturated', logged=False),

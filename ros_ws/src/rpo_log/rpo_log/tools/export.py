@@ -69,7 +69,7 @@ def _with_riders(reader: RunReader) -> Iterator[Topic]:
         if scenario.thrusters is not None and scenario.thrusters.table is not None:
             told.add(interfaces.EXERTED_TORQUE)
         if scenario.attitude is not None:
-            told |= {interfaces.CHASER_ATTITUDE, interfaces.BODY_TORQUE}
+            told |= {interfaces.CHASER_ATTITUDE, interfaces.BODY_TORQUE, interfaces.APPLIED_TORQUE}
     for topic in reader.topics:
         yield topic
         if topic.row.rider in told:

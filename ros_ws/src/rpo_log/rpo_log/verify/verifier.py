@@ -68,12 +68,6 @@ from rpo_mcap.read.run_log import controller_of, parameters_of, scenario_of
 from rpo_mcap.read.stream import Completeness, RunReader
 from rpo_mcap.topics import Topic
 
-_APPLIED = {
-    interfaces.COMMAND: interfaces.APPLIED_FORCE,
-    interfaces.DISTURBANCE: interfaces.APPLIED_DISTURBANCE,
-}
-"""In free running, what the plant took in place of what a signal carries."""
-
 _SECTIONS = {
     'disturbance': 'a disturbance', 'navigation': 'errors of navigation',
     'sensors': 'sensors', 'estimator': 'an estimator',
@@ -114,9 +108,12 @@ class _Verifier:
         ticks = held_ticks(reader) if self.free else 0
         self._hold_known = ticks >= 0
         self._unchecked, self._first_unchecked = 0, -1  # applied forces without a known command
+        most_n = float(self.scenario.max_force_n)
         self._held = {
-            interfaces.COMMAND: HeldForces(ticks, float(self.scenario.max_force_n)),
-            interfaces.DISTURBANCE: HeldForces(ticks, math.inf),
+            interfaces.APPLIED_FORCE: HeldForces(ticks, most_n),
+            interfaces.APPLIED_BODY_FORCE: HeldForces(ticks, most_n),
+            interfaces.APPLIED_TORQUE: HeldForces(ticks, math.inf),
+            interfaces.APPLIED_DISTURBANCE: HeldForces(ticks, math.inf),
         }
         self._previous = PreviousSignals()
         self._following: dict[str, tuple[int, Floats] | None] = {}  # computed for the next tick
@@ -293,8 +290,8 @@ class _Verifier:
                 if current(name) == name:
                     continue
                 source = current(name)
-                if self.free:
-                    source = _APPLIED.get(row_of(source).carries, source)
+                if self.free and self.scenario.named('attitude_control') is None:
+                    source = interfaces.applied(source) or source
                 missing = self.states.missing(link.stage.name)
                 signals[name] = self._previous.of(source, block.ticks, signals[source], missing)
 
@@ -302,7 +299,7 @@ class _Verifier:
         """Yield the signals that a stage reads; in free running the plant says what it took."""
         for name in link.reads:
             if self.free and link.place >= Place.THRUSTERS and name != NO_FORCE:
-                name = _APPLIED.get(interfaces.row_of(name).carries, name)
+                name = interfaces.applied(name) or name
             yield name
 
     def _next_states(
@@ -322,7 +319,7 @@ class _Verifier:
 
     def _unmade(self, block: TickBlock) -> Iterator[Difference | None]:
         """Compare disturbances, and what rides in messages, that no stage makes with rest."""
-        made = {*self.chain.outputs, interfaces.APPLIED_DISTURBANCE}
+        made = {*self.chain.outputs, *self._held}
         for name, values in block.values.items():
             row = interfaces.row_of(name)
             if name not in made and (row.carries == interfaces.DISTURBANCE or row.rides):
@@ -338,15 +335,14 @@ class _Verifier:
         """
         for link in self.chain.links:
             for name in link.reads if link.place >= Place.THRUSTERS else ():
-                carried = interfaces.row_of(name).carries if name != NO_FORCE else ''
-                if carried in self._held and name in block.values:
-                    applied = block.values[_APPLIED[carried]]
-                    held = self._held[carried]
+                taken = interfaces.applied(name) if name != NO_FORCE else ''
+                if taken and name in block.values:
+                    applied, held = block.values[taken], self._held[taken]
                     computed, known = held.held(block.ticks, block.values[name], applied)
-                    if not self._hold_known and _APPLIED[carried] not in self._given:
+                    if not self._hold_known and taken not in self._given:
                         there = np.isfinite(applied).all(axis=1)
                         self._count_unchecked(block.ticks[~known & there])
-                    yield self._first(APPLIED, _APPLIED[carried], block, computed, known)
+                    yield self._first(APPLIED, taken, block, computed, known)
 
     def _count_unchecked(self, ticks: NDArray[np.int64]) -> None:
         if len(ticks) and not self._unchecked:

@@ -26,7 +26,7 @@ from rpo_mcap.format.run import CONTROLLER, DECISIONS_FILE, PARAMETERS, SCENARIO
 from rpo_mcap.read.decode import Event, NonCanonical
 from rpo_mcap.read.records import FileRecords, RawMessage, message_at
 from rpo_mcap.read.stream import Completeness, RunReader
-from rpo_mcap.topics import Topic
+from rpo_mcap.topics import APPLIED, Topic
 
 _Parsed = TypeVar('_Parsed')
 
@@ -190,7 +190,8 @@ def flight_of(log: RunLog) -> Flight:
     """Return the flight that a log shows.
 
     Raises LogError if the log is not whole: a flight has every state and force, from tick 0 to the
-    last. Without a recorded disturbance it is zero. Of free running, its forces are those applied.
+    last. Without a recorded disturbance it is zero. Of free running, its forces are those applied;
+    of a chaser that turns, what was applied is its command in the chaser's axes.
     """
     found = scenario_of(log)
     if not log.complete:
@@ -202,7 +203,8 @@ def flight_of(log: RunLog) -> Flight:
     zero = np.zeros((len(log.ticks), 3))
     forces = log.values.get(interfaces.APPLIED_FORCE, log.forces_n)
     pushes = log.values.get(interfaces.DISTURBANCE_FORCE, zero)
-    if interfaces.APPLIED_FORCE in log.values:
+    if APPLIED & log.values.keys():
+        forces = np.nan_to_num(forces)  # an answer may be missing
         pushes = log.values.get(interfaces.APPLIED_DISTURBANCE, zero)
     return Flight(found, log.states, forces, pushes, other_signals(log), stage_events(log))
 
@@ -214,6 +216,11 @@ _OF_FLIGHT = (
     interfaces.APPLIED_FORCE,
     interfaces.APPLIED_DISTURBANCE,
 )
+_TAKEN = {
+    interfaces.APPLIED_BODY_FORCE: interfaces.BODY_FORCE,
+    interfaces.APPLIED_TORQUE: interfaces.BODY_TORQUE,
+}
+"""What free running says of a chaser that turns, and what it stands for."""
 
 
 def other_signals(log: RunLog) -> dict[str, NDArray[np.float64]]:
@@ -221,13 +228,15 @@ def other_signals(log: RunLog) -> dict[str, NDArray[np.float64]]:
 
     In free running the force applied is the last of the commands: those before it are left out.
     """
-    applied = interfaces.APPLIED_FORCE in log.values
-    return {
+    applied = APPLIED & log.values.keys()
+    found = {
         name: values
         for name, values in log.values.items()
         if name not in _OF_FLIGHT
         and not (applied and interfaces.row_of(name).carries == interfaces.COMMAND)
     }
+    taken = {name: found.pop(said, log.values.get(said)) for said, name in _TAKEN.items()}
+    return found | {name: values for name, values in taken.items() if values is not None}
 
 
 def stage_events(log: RunLog) -> dict[str, list[tuple[int, str]]]:
