@@ -26,20 +26,11 @@ from rpo_montecarlo.engine.lanes import (
     SPREAD_Z,
     compiled,
 )
-from rpo_montecarlo.engine.parts.attitude import attitude_in, put_attitude
+from rpo_montecarlo.engine.parts.attitude import attitude_in
 from rpo_montecarlo.engine.tick import Batch, Draw, Kind, Part, register, table_of
 from rpo_nav.attitude_estimator import AttitudeEstimator, attitude_filter_of, attitude_memory_of
-from rpo_nav.attitude_filter_kernels import (
-    KEPT,
-    LATENCY,
-    SETTLED,
-    STATES,
-    TESTED,
-    P,
-    X,
-    estimate_attitude,
-)
 from rpo_nav.attitude_filter_kernels import RATE as FOUND_RATE
+from rpo_nav.attitude_filter_kernels import STATES, P, X, estimate_attitude, scratch_of
 from rpo_nav.attitude_sensor_kernels import KEY, NOISE, attitude_noise, sensed_attitude
 from rpo_nav.attitude_sensors import AttitudeSensing, AttitudeSensors
 
@@ -57,13 +48,10 @@ def _estimate(tick, w, m, s, settings, memory):  # type: ignore[no-untyped-def]
     sensed_attitude(tick, attitude_in(w, QUAT, QUAT_W, RATE, s), settings[2:a], memory)
     f = memory[c:]
     estimate_attitude(tick, memory, settings[a:], f)
-    found = (
-        f[X], f[X + 1], f[X + 2], f[X + 3],
-        f[FOUND_RATE], f[FOUND_RATE + 1], f[FOUND_RATE + 2],
-    )  # fmt: skip
-    put_attitude(w, SEEN_QUAT, SEEN_QUAT_W, SEEN_RATE, s, found)
+    w[SEEN_QUAT_W + s] = f[X + 3]
     for i in range(3):
         lane = s + i * RUNS
+        w[SEEN_QUAT + lane], w[SEEN_RATE + lane] = f[X + i], f[FOUND_RATE + i]
         w[SPREAD_X + lane], w[SPREAD_Y + lane] = f[P + i], f[P + STATES + i]
         w[SPREAD_Z + lane] = f[P + 2 * STATES + i]
 
@@ -100,7 +88,8 @@ def _part(batch: Batch) -> Part | None:
         batch.lanes(tables),
         np.zeros(9 * RUNS),
         batch.lanes(memories),
-        range(sizes[1] + (KEPT if f[LATENCY] > 0.0 else SETTLED), sizes[1] + TESTED),
+        sizes[1],
+        scratch_of(f),
     )
     steps = ((Place.ATTITUDE_ESTIMATOR, navigate_attitude),)
     return Part('attitude_estimator', steps, *owned)

@@ -54,18 +54,7 @@ from rpo_montecarlo.engine.tick import (
     table_of,
 )
 from rpo_nav.estimator import Estimator, filter_of, memory_of
-from rpo_nav.filter_kernels import (
-    FULL,
-    HEADING,
-    KEPT,
-    MOST_SENSORS,
-    NEWEST,
-    PORT,
-    SETTLED,
-    TESTED,
-    X,
-    estimate,
-)
+from rpo_nav.filter_kernels import FULL, HEADING, MOST_SENSORS, PORT, X, estimate, scratch_of
 from rpo_nav.navigation_errors import Navigation
 from rpo_nav.sensor_kernels import (
     COLUMNS,
@@ -132,12 +121,11 @@ def _attitude(w, attitude, estimated, s):  # type: ignore[no-untyped-def]
     true = (w[QUAT + s], w[QUAT + y], w[QUAT + z], w[QUAT_W + s])
     attitude[0], attitude[1], attitude[2], attitude[3] = true
     if estimated:
-        attitude[0], attitude[1] = w[SEEN_QUAT + s], w[SEEN_QUAT + y]
-        attitude[2], attitude[3] = w[SEEN_QUAT + z], w[SEEN_QUAT_W + s]
+        attitude[3] = w[SEEN_QUAT_W + s]
         for i in range(3):
             lane = s + i * RUNS
-            attitude[4 + i], attitude[7 + i] = w[SPREAD_X + lane], w[SPREAD_Y + lane]
-            attitude[10 + i] = w[SPREAD_Z + lane]
+            attitude[i], attitude[4 + i] = w[SEEN_QUAT + lane], w[SPREAD_X + lane]
+            attitude[7 + i], attitude[10 + i] = w[SPREAD_Y + lane], w[SPREAD_Z + lane]
     return true
 
 
@@ -251,7 +239,6 @@ def estimators_of(batch: Batch) -> Part | None:
     memories = [np.pad(m, (0, longest - len(m))) for m in memories]
     both = [targets_of(batch, some, [0] * len(some)) for some in (true, [t.known for t in true])]
     ports = [table_of(np.zeros(PAIRED_LANES), attitudes) for _, attitudes in both]
-    filters = HEADING + len(sensing.memory)
     units = np.zeros((MOST_SENSORS, COLUMNS))
     units[: len(sensing.rows)] = sensing.rows
     # noise of velocity, losses and outliers are branches that runs take alone
@@ -265,7 +252,8 @@ def estimators_of(batch: Batch) -> Part | None:
         batch.lanes(tables),
         table_of(np.zeros(PORTS), *ports, np.zeros(len(sensing.rows) * NOISE * RUNS)),
         batch.lanes(memories),
-        range(filters + (KEPT if f[NEWEST] > 0.0 else SETTLED), filters + TESTED),
+        HEADING + len(sensing.memory),
+        scratch_of(f),
     )
     steps = ((Place.ESTIMATOR, navigate), (ADDED + 1, oppose), (PASSED, remember))
     return Part('estimator', steps, *owned)

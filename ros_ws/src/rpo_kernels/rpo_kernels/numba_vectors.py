@@ -23,12 +23,12 @@ from numba.extending import (
     register_model,
 )
 
-from rpo_kernels.vectors import WIDTH, lanes_at, pick, wide
+WIDTH = 8
+"""Numbers in a vector: a register of AVX-512, two of AVX2."""
 
 _WORD = ir.IntType(64)
 _VECTOR = ir.VectorType(ir.DoubleType(), WIDTH)
 _Build = Callable[..., Any]
-_INLINED = {'jit_options': {'forceinline': True}}
 
 
 class Vectors(types.Type):
@@ -213,12 +213,15 @@ def _picked(_typing, test, a, b):  # type: ignore[no-untyped-def]
     return _V(_M, _V, _V), lambda _context, builder, _signature, given: builder.select(*given)
 
 
-overload(lanes_at, **_INLINED)(lambda table, place: lambda table, place: _lanes_at(table, place))
-overload(wide, **_INLINED)(lambda table: lambda table: _wide_at(table, 0))
-
-
-@overload(pick, **_INLINED)
 def _pick(test, a, b):  # type: ignore[no-untyped-def]
     if isinstance(test, Masks):
         return lambda test, a, b: _picked(test, a, b)
     return lambda test, a, b: a if test else b
+
+
+def teach(lanes_at: Any, wide: Any, pick: Any) -> None:
+    """Tell numba what three functions of `rpo_kernels.vectors` are in compiled kernels."""
+    inlined = partial(overload, jit_options={'forceinline': True})
+    inlined(lanes_at)(lambda table, place: lambda table, place: _lanes_at(table, place))
+    inlined(wide)(lambda table: lambda table: _wide_at(table, 0))
+    inlined(pick)(_pick)

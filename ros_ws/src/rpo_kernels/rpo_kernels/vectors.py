@@ -23,9 +23,6 @@ from rpo_kernels.jit import COMPILED, compiled
 
 Floats = NDArray[np.float64]
 
-WIDTH = 8 if COMPILED else 1
-"""Flights in a vector; interpreted kernels take one at a time."""
-
 
 def pick(test: bool, a: float, b: float) -> float:
     """Return a where a test holds, else b."""
@@ -43,7 +40,12 @@ def wide(table: Any) -> Any:
 
 
 if COMPILED:
-    import rpo_kernels.numba_vectors  # noqa: F401  # tells numba what they are
+    from rpo_kernels import numba_vectors
+
+    numba_vectors.teach(lanes_at, wide, pick)
+
+WIDTH = numba_vectors.WIDTH if COMPILED else 1
+"""Flights in a vector; interpreted kernels take one at a time."""
 
 OWN = 7
 """Numbers with which a table begins whose runs have tables and memories of their own
@@ -61,21 +63,28 @@ def aligned(values: Floats) -> Floats:
 
 
 def own_tables(
-    width: int, head: Floats, tables: Floats, notes: Floats, memories: Floats, scratch: range
+    width: int,
+    head: Floats,
+    tables: Floats,
+    notes: Floats,
+    memories: Floats,
+    at: int,
+    scratch: range,
 ) -> tuple[Floats, Floats]:
     """Return table and memory of a part whose runs have such of their own.
 
     width : `WIDTH`, where runs are computed together, or 1: run follows run
     head, notes : what the runs share; whole vectors of notes
     tables, memories : (numbers, runs)
-    scratch : numbers of a memory that are not read before they are written
+    scratch : numbers of a memory, from place `at` on, that a tick writes before it reads them
     """
 
     def flat(rows: Floats) -> Floats:
         return rows.reshape(len(rows), -1, width).transpose(1, 0, 2).ravel()
 
     first = -(-(OWN + len(head)) // WIDTH) * WIDTH
-    sizes = (width, len(tables), len(memories), first, len(notes), scratch.start, scratch.stop)
+    ends = at + scratch.start, at + scratch.stop
+    sizes = (width, len(tables), len(memories), first, len(notes), *ends)
     fill = np.zeros(first - OWN - len(head))
     spare = np.zeros(len(tables) + (width + 1) * len(memories))
     table = np.concatenate([sizes, head, fill, flat(tables)])
