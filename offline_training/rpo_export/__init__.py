@@ -42,6 +42,9 @@ _OF_ATTITUDE = (
     ('{10.0, 60.0, -40.0}', '{0.1, 0.6, -0.4}'), ('computes the forces', 'computes the torques'),
     ('position_m', 'attitude_rad'), ('velocity_m_s', 'rate_rad_s'), ('force_n', 'torque_nm'),
     ('one axis of a final approach', 'the attitude about one body axis'),
+    ('position_error = -position / position_scale, velocity_error = -velocity / velocity_scale,',
+     'attitude_error = -attitude / angle_rad, rate_error = -rate / rate_rad_s,'),
+    ('force on that axis = force * force_scale', 'torque about that axis = output * torque_nm'),
     ('position_scale_m', 'angle_rad'), ('velocity_scale_m_s', 'rate_rad_s'),
     ('force_scale_n', 'torque_nm'),
 )  # fmt: skip

@@ -99,7 +99,7 @@ def listed(values: Any, indent: int, width: int) -> str:
 
 def one_line(text: str) -> str:
     """Return a text that ends no comment and no quotation of any of the formats."""
-    return re.sub(r"[*%#'\"\\]", ' ', ' '.join(text.split()))
+    return re.sub(r'[*%#"\\]', ' ', ' '.join(text.replace("'", '`').split()))
 
 
 def json(controller: AnyController) -> str:

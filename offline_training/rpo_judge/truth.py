@@ -235,7 +235,7 @@ class Growth(NamedTuple):
 
 def drift_errors(scenario: Scenario, duration_s: float) -> list[Growth]:
     """Return how the error of the linear plant on a circle grows with the distance of the start."""
-    plain = replace(scenario, sections=())
+    plain = replace(scenario, sections=(), requirements=None)
     world, rest = World(plain), np.zeros(3)
     linear, _ = cw.matrices(cw.discretise(plain.mean_motion_rad_s, plain.mass_kg, duration_s))
     target, found = world.target(), []

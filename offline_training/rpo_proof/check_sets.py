@@ -65,30 +65,20 @@ def set_faults(
 ) -> Generator[str, None, int]:
     """Move a set in place; yield what is wrong at some ticks, return its number of generators."""
     c, g, d, m = start
-    n, fixed = len(c), m
-    p = n // 2
+    fixed = m
     for number in numbers:
-        where, low, high = f'{name}, tick {number}', np.empty(n), np.empty(n)
-        if number in ticks:
-            before, after, m = stepped(problem, motion, number, c, g, d, m)
-            if m < 0:
-                yield f'{where}: it has no law'
-                return 0
-            yield from law_faults(problem, before, where)
-            yield from step_faults(motion, before, after, where)
-            m = sets.tidy(number - numbers.start, g, d, fixed, m)
-            tidied = replace(after, g=g[:, :m].copy(), d=d.copy())
-            yield from tidy_faults(after, tidied, fixed, where)
-            continue
-        sets.box_of(c, g, d, m, low, high)
-        laws, force = np.empty((p, 6)), np.empty((2, p))
-        m = tube.step(
-            problem.table, motion, number, c, g, d, m, low, high, laws, force[0], force[1]
-        )
+        where = f'{name}, tick {number}'
+        before, after, m = stepped(problem, motion, number, c, g, d, m)
         if m < 0:
             yield f'{where}: it has no law'
             return 0
+        if number in ticks:
+            yield from law_faults(problem, before, where)
+            yield from step_faults(motion, before, after, where)
         m = sets.tidy(number - numbers.start, g, d, fixed, m)
+        if number in ticks:
+            tidied = replace(after, g=g[:, :m].copy(), d=d.copy())
+            yield from tidy_faults(after, tidied, fixed, where)
     return m
 
 

@@ -69,9 +69,7 @@ def _picture(flight: Flight, panels: list[Panel]) -> Any:
             axes_of, (slice(None), slice(-last, None)), (label, ''), strict=True
         ):
             if panel.values.ndim == 2:
-                by_axis(axes, times[part], panel.values[part], text, 1.0)
-                for line, name in zip(axes.lines, _AXES, strict=True):
-                    line.set_label(name)
+                by_axis(axes, times[part], panel.values[part], text, 1.0, _AXES)
             else:
                 axes.plot(times[part], panel.values[part], color=style.LIGHT['ink'], linewidth=1.0)
                 axes.set_ylabel(text)

@@ -184,6 +184,8 @@ def _optimum(shown: LoggedFlight) -> _Beside:
     scenario = shown.planned
     if scenario.ticks > MOST_TICKS:
         return _Beside(why=f'The optimum is computed for at most {MOST_TICKS} ticks.')
+    if log_report.turns(scenario):
+        return _Beside(why='The optimum is computed where neither chaser nor target turns.')
     arrived = metrics.arrival_time_s(shown.flight) if shown.whole else None
     ticks = scenario.ticks
     if arrived is not None:
@@ -295,10 +297,11 @@ def _histories(flight: Flight, phases: list[guided.Phase]) -> Picture:
     guided.mark(figure, phases, flight)
     begin_s = log_report.close_up_s(flight.scenario)
     last = metrics.window(flight, flight.scenario.duration_s - begin_s)
+    where = '' if log_report.turns(flight.scenario) else ' in LVLH'
     return Picture(
         Path(log_report.PICTURE).stem,
         figure,
-        'Relative position, velocity and control force in LVLH; right, the end close up.'
+        f'Relative position, velocity and control force{where}; right, the end close up.'
         + (' Vertical lines: a phase of the plan begins.' if phases else ''),
         f'Time histories of the three axes. At the end every position is within '
         f'{last.position_m:.3g} m and every velocity within {last.velocity_m_s:.3g} m/s.',
@@ -362,12 +365,13 @@ def _thrusters(flight: Flight) -> list[Section]:
     if settings is None or not (settings.fires or settings.propellant):
         return []
     spent = flight.thrust
-    torque = 'the torque that the allocation leaves over, ' if settings.table else ''
+    torque = ', the torque that the allocation leaves over' if settings.table else ''
+    torque += ', the propellant spent' if settings.propellant else ''
     picture = Picture(
         'pulses',
         run_plots.pulses(flight),
-        'Mean force that the thrusters exert in each tick, the impulse that they owe the command, '
-        f'{torque}and the propellant spent.',
+        'Mean force that the thrusters exert in each tick, the impulse that they owe the command'
+        f'{torque}.',
         f'The thrusters spend {spent.delta_v_m_s:.3g} m/s and {spent.propellant_kg:.3g} kg, in '
         f'{spent.openings} openings of valves.',
     )

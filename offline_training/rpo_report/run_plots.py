@@ -22,7 +22,7 @@ from rpo_guidance.plan import Guidance
 from rpo_guidance.rehearsal import Checked
 from rpo_judge.evaluation.plan_bound import Bound
 from rpo_log.show import style
-from rpo_log.show.report import by_axis, force_label, limit_lines
+from rpo_log.show.report import by_axis, force_label, legend_names, limit_lines
 from rpo_montecarlo import outputs
 from rpo_report.surface_plots import draw_force, force_bar
 from rpo_report.turned import in_lvlh
@@ -195,7 +195,8 @@ def limits(flight: Flight) -> Any:
     first, always = metrics.first_slew_tick(scenario), (0.0, scenario.duration_s)
     slew = np.diff(forces[first - 1 :], axis=0) / scenario.dt_s
     figure, (upper, lower) = style.new_panels(4.0, 2, sharex=True)
-    by_axis(upper, scenario.times_s[:-1], forces, force_label(scenario))
+    names = legend_names(scenario)
+    by_axis(upper, scenario.times_s[:-1], forces, force_label(scenario), names=names)
     limit_lines(upper, scenario.max_force_n, 'limit', always)
     by_axis(lower, scenario.times_s[first:-1], slew, 'slew df/dt [N/s]', linewidth=0.8)
     required = scenario.requirements
@@ -213,16 +214,17 @@ def pulses(flight: Flight) -> Any:
     owed_n = in_lvlh(flight, flight.saturated_forces_n) - thrust.forces_n
     owed = np.cumsum(owed_n, axis=0) * scenario.dt_s
     torques = flight.signals.get(EXERTED_TORQUE) if scenario.thrusters.table else None
-    panels = 3 if torques is None else 4
-    height = 6.4 if torques is None else 8.4
-    figure, (upper, middle, *more, lower) = style.new_panels(height, panels, sharex=True)
+    panels = 2 + (torques is not None) + bool(scenario.thrusters.propellant)
+    figure, (upper, middle, *more) = style.new_panels(0.4 + 2.0 * panels, panels, sharex=True)
     by_axis(upper, times_s, thrust.forces_n, 'force exerted [N]', linewidth=0.6)
+    by_axis(middle, times_s, 1e3 * owed, 'impulse owed [mN s]', linewidth=0.8)
     if torques is not None:
         by_axis(more[0], times_s, torques[:-1], 'torque [N m]', linewidth=0.6)
-    by_axis(middle, times_s, 1e3 * owed, 'impulse owed [mN s]', linewidth=0.8)
-    spent_g = 1e3 * (scenario.mass_kg - thrust.masses_kg)
-    lower.plot(times_s, spent_g, color=style.LIGHT['ink'])
-    lower.set(xlabel='time [s]', ylabel='propellant [g]')
+    if scenario.thrusters.propellant:
+        spent_g = 1e3 * (scenario.mass_kg - thrust.masses_kg)
+        more[-1].plot(times_s, spent_g, color=style.LIGHT['ink'])
+        more[-1].set_ylabel('propellant [g]')
+    (more or [middle])[-1].set_xlabel('time [s]')
     style.legend_below(figure, upper)
     return figure
 

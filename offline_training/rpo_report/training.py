@@ -106,7 +106,7 @@ def _draw_points(axes: Any, rows: Sequence[ComparedController], values: Sequence
         marker = 'o' if row.kind in _FUZZY else 's'
         axes.plot(row.mean_energy_n2s, value, marker, color=_colour(row), markersize=6)
     front = best([(row.mean_energy_n2s, value) for row, value in zip(rows, values, strict=True)])
-    x, y = (np.repeat(part, 2) for part in zip(*front, strict=True))
+    x, y = np.repeat(np.reshape(front, (-1, 2)), 2, axis=0).T
     axes.plot(x[1:], y[:-1], ':', color=style.LIGHT['ink'], linewidth=0.8)
 
 

@@ -85,11 +85,16 @@ def write(flight: Flight, title: str, verdict: str, path: Path) -> None:
 
 def forces_of(flight: Flight) -> NDArray[np.float64]:
     """Return the forces (N, 3) [N] in the axes of the picture: of target LVLH, or the target's."""
-    forces, target = in_lvlh(flight, flight.saturated_forces_n), flight.scenario.target
-    if target is None:
-        return forces
-    turns = motion_of(target, flight.scenario).frames(len(forces))[:, :9]
-    return np.asarray(np.einsum('tji,tj->ti', turns.reshape(-1, 3, 3), forces))
+    forces = in_lvlh(flight, flight.saturated_forces_n)
+    return np.asarray(np.einsum('tji,tj->ti', _frames(flight)[:-1], forces))
+
+
+def _frames(flight: Flight) -> NDArray[np.float64]:
+    """Return the axes of the picture (n, 3, 3), in columns, target LVLH."""
+    scenario, count = flight.scenario, len(flight.states)
+    if scenario.target is None:
+        return np.broadcast_to(np.eye(3), (count, 3, 3))
+    return motion_of(scenario.target, scenario).frames(count)[:, :9].reshape(-1, 3, 3)
 
 
 Lines = tuple[NDArray[np.float64], NDArray[np.float64]]
@@ -100,15 +105,12 @@ def bodies_of(flight: Flight, size_m: float) -> Callable[[int], Lines]:
 
     Its edges (16, 3) and its docking axis (2, 3); without an attitude a point, and nothing.
     """
-    scenario, attitudes = flight.scenario, flight.signals.get(CHASER_ATTITUDE)
+    attitudes = flight.signals.get(CHASER_ATTITUDE)
     if attitudes is None:
         return lambda tick: (np.zeros((1, 3)), np.empty((0, 3)))
-    axis = _AXIS * size_m * np.array([(0.0, 0.0, 0.0), docking_axis(scenario)])
+    axis = _AXIS * size_m * np.array([(0.0, 0.0, 0.0), docking_axis(flight.scenario)])
     lines = np.vstack([_BODY * size_m * _CORNERS[_EDGES], axis])
-    frames = np.broadcast_to(np.eye(3), (len(attitudes), 3, 3))
-    if scenario.target is not None:
-        table = motion_of(scenario.target, scenario).frames(len(attitudes))
-        frames = table[:, :9].reshape(-1, 3, 3)
+    frames = _frames(flight)
 
     def drawn(tick: int) -> Lines:
         found = turned(lines, attitudes[tick, :4]) @ frames[tick]

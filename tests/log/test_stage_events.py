@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
 import pytest
 from log_runs import DISTURBANCE, FORCE, STATUS, TOPICS, Run, chain_run, make_run
 
@@ -20,6 +21,8 @@ from rpo_guidance.guidance import GuidanceStage
 from rpo_log.verify import verify
 from rpo_mcap.errors import ExitCode
 from rpo_mcap.read.run_log import read_run
+from rpo_nav.attitude_estimator import AttitudeEstimatorStage
+from rpo_nav.attitude_sensors import AttitudeSensors
 from rpo_nav.estimator import EstimatorStage
 from rpo_nav.navigation_errors import Navigation, NavigationStage
 from rpo_nav.sensors import SensorsStage
@@ -172,7 +175,11 @@ WHOLE = replace(load_scenario('docking_leo'), duration_s=4.0)
 UNGUIDED = tuple(s for s in WHOLE.sections if s is not WHOLE.named('guidance'))
 PUSHED = replace(make_run(4.0).flight.scenario, sections=(Navigation(position_noise_m=0.01),))
 SHAPED = replace(PUSHED, sections=(Shaping(slew_n_s=1.0, dead_zone_n=0.3),))
+DOCKED = replace(load_scenario('tumbling_docking'), duration_s=4.0)
+STARS = DOCKED.section(AttitudeSensors)
+SELDOM = DOCKED.equipped(replace(STARS, star_tracker=replace(STARS.star_tracker, period_ticks=7)))
 STAGES = {
+    AttitudeEstimatorStage: SELDOM,
     SensorsStage: WHOLE, EstimatorStage: WHOLE, GuidanceStage: WHOLE, ShapingStage: SHAPED,
     NavigationStage: PUSHED, DisturbanceStage: PUSHED,
 }  # fmt: skip
@@ -204,6 +211,19 @@ def test_a_stage_that_is_switched_off_passes_on_what_it_gets(kind, tmp_path):
     run.write(tmp_path / 'untold', [m for m in run.messages if m not in words])
     found = verify(tmp_path / 'untold').difference
     assert (found.tick, found.check) == (OFF.start, kind.name)
+
+
+def test_an_attitude_filter_that_is_switched_off_holds_the_attitude_between_star_trackers():
+    run = flown_without(AttitudeEstimatorStage, SELDOM, OFF)
+    seen, given = (
+        run.flight.signals[name] for name in ('attitude_measurement', 'navigation_attitude')
+    )
+    last = given[OFF.start - 1, :4]
+    for tick in OFF:
+        last = seen[tick, :4] if seen[tick, :4].any() else last
+        assert np.array_equal(given[tick], [*last, *seen[tick, 4:]])
+    assert 0 < seen[OFF.start : OFF.stop, :4].any(axis=1).sum() < len(OFF)
+    assert np.linalg.norm(given[:, :4], axis=1) == pytest.approx(1.0, abs=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -159,7 +159,7 @@ def test_the_covariance_is_positive_over_a_million_updates(n):
     def many(count, f, m, n, step):
         for _ in range(count):
             step_state(m, n, (0.0, 0.0, 0.0), step)
-            step_covariance(m, step, f)
+            step_covariance(m, step, f, 1.0)
             update(m, 0, (1.0, 0.0, 0.0), 0.0, 1e-8)
             update(m, 0, (0.0, 0.6, 0.8), 0.0, 1e-8)
             update(m, 0, (0.0, -0.8, 0.6), 0.0, 1e-8)
@@ -170,6 +170,26 @@ def test_the_covariance_is_positive_over_a_million_updates(n):
         assert np.array_equal(found, found.T)
         scale = np.sqrt(np.diag(found))
         assert np.linalg.eigvalsh(found / np.outer(scale, scale)).min() > 1e-6
+
+
+def test_the_thrust_adds_noise_by_its_size():
+    """Against Van Loan's noise of a force that is held for a tick; a gate that opens at once."""
+    share, quiet = 0.05, 1e-5
+    flown = make(
+        [{**LIDAR, 'outages_s': [[0.05, 20.0]]}],
+        estimator={'thrust_noise_s0_5': share, 'acceleration_noise_m_s1_5': quiet},
+    )
+    stage = EstimatorStage(flown.section(Estimator), flown)
+    f, b = cw.matrices(cw.discretise(flown.mean_motion_rad_s, 10.0, 0.1))
+    stage.step(0, (0.0,) * 3, *[(0.0,) * 6 + (-1.0,) + (0.0,) * 17])
+    p, rng = stage.covariance, np.random.default_rng(2)
+    for tick in range(1, 60):
+        force = rng.uniform(-0.8, 0.8, 3)
+        taken = np.clip(force, -0.5, 0.5)
+        stage.step(tick, tuple(force), *[(0.0,) * 6 + (-1.0,) + (0.0,) * 17])
+        density = (quiet * 10.0) ** 2 + share**2 * (taken @ taken)
+        p = f @ p @ f.T + b @ b.T * density / 0.1
+    np.testing.assert_allclose(stage.covariance, p, rtol=1e-9, atol=1e-18)
 
 
 def test_the_gate_is_the_chi_square_quantile():

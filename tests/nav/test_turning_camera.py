@@ -14,6 +14,7 @@ from rpo_core.control.controller_file import parse
 from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
 from rpo_nav.estimator import Estimator, EstimatorStage
+from rpo_nav.filter_kernels import START
 from rpo_nav.sensors import Sensors, SensorsStage
 
 CAMERA = {**LIDAR, 'body_fixed': True}
@@ -86,7 +87,7 @@ def covariance_after_one(spread):
     )
     stage = EstimatorStage(flown.section(Estimator), flown)
     assert stage.inputs[2:] == ('attitude', 'attitude_covariance')
-    at = np.array(stage.filter[41:44])
+    at = np.array(stage.filter[START : START + 3])
     seen = (*TURNED.inv().apply(at), 0.0, 0.0, 0.0, *[0.0] * 18)
     stage.step(0, (0.0,) * 3, seen, quaternion(TURNED), tuple(np.ravel(spread)))
     return stage.covariance[:3, :3], at
@@ -223,7 +224,7 @@ def test_the_line_of_sight_of_the_filter_is_that_to_the_port():
     )  # fmt: skip
     stage = EstimatorStage(flown.section(Estimator), flown)
     port = Rotation.from_quat(TUMBLE['attitude']).apply(PORT)
-    sight = np.array(stage.filter[41:44]) - port
+    sight = np.array(stage.filter[START : START + 3]) - port
     distance = np.linalg.norm(sight)
     u = sight / distance
     seen = (*TURNED.inv().apply(u), 0.0, 0.0, 0.0, *[0.0] * 18)

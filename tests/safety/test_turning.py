@@ -368,7 +368,7 @@ def test_the_filter_is_the_one_that_is_attacked():
         command, last = (tuple(random.uniform(-1, 1, 3).tolist()) for _ in range(2))
         given = state, command, last, int(random.choice([OPEN, APPROACH, CONTACT]))
         one = turning.assure_turning(*given, *axes, found.step, proof.guard, proof.walls)
-        assert one == stage._filters[0](*given, tick)
+        assert one == stage._filter(*given, tick)
         plain = getattr(turning.assure_turning, 'py_func', turning.assure_turning)
         assert one == plain(*given, *axes, found.step, proof.guard, proof.walls)
         modes.add((one[3], one[4]))

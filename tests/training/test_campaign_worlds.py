@@ -124,6 +124,11 @@ PORT = replace(
     duration_s=140.0,
     sections=(IN, Target(kind='tumble', rates_deg_s=(0.3, 0.4, 1.0), inertia_kg_m2=LONG)),
 )
+GUARDED = replace(scenario.load_scenario('world_leo'), duration_s=30.0)
+DOCKING = replace(
+    scenario.load_scenario('tumbling_docking'),
+    initial_position_m=(0.1, 4.0, -0.1), initial_velocity_m_s=(-0.06, 0.0, 0.02),
+)  # fmt: skip
 CASES = {
     'leo': (LEO, WORLD),
     'leo, compensated': (COMPENSATED, SOME),
@@ -203,6 +208,28 @@ CASES = {
         ),
         {**SOME, 'target_attitude_x_deg': {'normal': 5.0},
          'target_known_error_y_deg': {'normal': 2.0}},
+    ),
+    'assurance that follows the spread of a filter, and loses the port': (
+        replace(DOCKING, duration_s=25.0).equipped(
+            replace(DOCKING.section(Sensors), units=tuple(
+                replace(unit, outages_s=((3.0, 16.0),)) for unit in DOCKING.section(Sensors).units
+            )),
+            replace(DOCKING.named('guidance'), legs=(
+                replace(DOCKING.named('guidance').legs[0], to_m=(0.0, 2.0, 0.0), duration_s=20.0),
+                DOCKING.named('guidance').legs[1],
+            )),
+            replace(DOCKING.attitude, attitude=(0.0, 0.0, 0.0, 1.0)),
+        ),
+        {'initial_position_m': {'uniform': 0.2}, 'target_known_error_y_deg': {'normal': 0.3},
+         'delay_ticks': {'whole': 2}},
+    ),
+    'a sphere, and a filter whose spread grows': (
+        GUARDED.equipped(
+            Assurance(keep_out_m=15.0, position_error_m=0.5, velocity_error_m_s=0.02,
+                      disturbance_n=0.02, thrust_error=0.1, sigmas=8.0),
+            replace(GUARDED.section(Estimator), thrust_noise_s0_5=0.05),
+        ),
+        SOME,
     ),
     'a camera on a chaser that knows its attitude': (
         PLAIN.equipped(

@@ -78,7 +78,7 @@ def test_a_campaign_judges_itself_only_where_a_least_share_is_given(tmp_path):
 def test_the_bench_judges_its_whole_table(holds, tmp_path, monkeypatch):
     row = table.Row('P1', 'inference', '≥ 2 ×', '1/s', '1/s', '1 ×', holds)
     found = table.Bench('2026-01-01', machine.facts(), (row,), {})
-    monkeypatch.setattr(table, 'run', lambda progress: found)
+    monkeypatch.setattr(table, 'run', lambda *_: found)
     assert codes('bench', '--output', tmp_path) == (int(not holds), 0)
 
 

@@ -255,3 +255,5 @@ def test_the_picture_names_all_and_its_front_is_beaten_by_none(tmp_path):
     assert 'drifting' not in text
     for what in ('position and speed kept', 'all limits kept', 'time'):
         assert f'Energy against {what}<' in text
+    training.draw(rows[-1:], tmp_path / 'none.svg')  # nobody arrives: there is no front
+    assert (tmp_path / 'none.svg').is_file()

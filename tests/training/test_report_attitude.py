@@ -24,7 +24,7 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario as scenarios
 from rpo_core.wire.interfaces import BODY_TORQUE, CHASER_ATTITUDE, EXERTED_FORCE, WHEEL_MOMENTUM
-from rpo_log.show import style
+from rpo_log.show import report, style
 from rpo_log.tools.export import export
 from rpo_mcap.read.run_log import read_flight
 from rpo_montecarlo.outputs import write_flight
@@ -196,3 +196,17 @@ def test_a_flight_without_attitude_says_nothing_of_it():
     assert docking_axis(flight.scenario) == (0.0, -1.0, 0.0)
     text = replay.page_of('', [Replayed('', flight, '', None)])
     assert '"chaser":null,"turns":[]' in text and '"cameras":[]' in text
+
+
+def test_the_report_names_axes_that_turn_and_no_optimum(logged, tmp_path):
+    done = CliRunner().invoke(app, ['report', str(logged), '-o', str(tmp_path), '--no-fail'])
+    assert done.exit_code == 0, done.output
+    text = (tmp_path / 'report.html').read_text()
+    assert 'The optimum is computed where neither chaser nor target turns.' in text
+    assert 'velocity and control force; right' in text
+    flight = read_flight(logged)
+    drawn = report.time_histories(flight).axes[0].get_legend_handles_labels()[1]
+    assert drawn == ['x', 'y', 'z']
+    still = fly(scenarios.load_scenario('quick'), load_controller('allround'))
+    drawn = report.time_histories(still).axes[0].get_legend_handles_labels()[1]
+    assert drawn == list(style.AXIS_NAMES)

@@ -72,6 +72,14 @@ def test_the_error_grows_with_the_square_of_the_distance():
         np.testing.assert_allclose(ratio, (far.distance_m / near.distance_m) ** 2, rtol=0.01)
 
 
+def test_a_chaser_that_must_dock_turned_drifts_like_any_other():
+    """Its requirements of attitude are none of a drift."""
+    docking, plain = load_scenario('tumbling_docking'), load_scenario('approach')
+    found, expected = (truth.drift_errors(s, 100.0) for s in (docking, plain))
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(one.position_m, other.position_m)
+
+
 def test_thrusters_give_what_the_scenario_says():
     matrix = ((0.9, 0.1, 0.0), (0.0, 1.1, 0.0), (0.0, 0.2, 1.0))
     scenario = SHORT.equipped(Thrusters(matrix, 2))

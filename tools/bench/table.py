@@ -8,6 +8,7 @@ import datetime
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -63,24 +64,37 @@ class Bench:
     figures: dict[str, float]
 
 
-def run(progress: Progress = lambda what, share: None) -> Bench:
-    """Measure all; some minutes."""
+Measured = Iterator[tuple[Row, dict[str, float]]]
+
+
+def run(
+    progress: Progress = lambda what, share: None,
+    what: str = 'all',
+    evaluations: int = flying.PAPER_BUDGET,
+    runs: int = flying.CAMPAIGN_RUNS,
+    workers: int = 0,
+) -> Bench:
+    """Measure a part, or all, which takes some minutes; see `rpo bench --help`."""
+    parts: dict[str, Callable[[Progress, dict[str, float]], Measured]] = {
+        'inference': _inference,
+        'training': partial(_training, evaluations=evaluations, workers=workers),
+        'campaign': partial(_campaign, runs=runs, workers=workers),
+        'learning': _learning,
+        'ros': _ros,
+    }
     date = datetime.datetime.now(datetime.timezone.utc).strftime('%Y-%m-%d %H:%M:%S UTC')
     facts, rows = machine.facts(), []
     figures: dict[str, float] = {}
-    for part in (_inference, _training, _campaign, _learning, _ros):
+    for part in parts.values() if what == 'all' else [parts[what]]:
         for row, measured in part(progress, figures):
             rows.append(row)
             figures.update(measured)
     return Bench(date, facts, tuple(rows), figures)
 
 
-Measured = Iterator[tuple[Row, dict[str, float]]]
-
-
 def _inference(progress: Progress, _: dict[str, float]) -> Measured:
     progress('P1 inference', 0.0)
-    ours, _scalar, *peers = inference.inference()
+    ours, *peers = inference.inference()
     progress('P1 inference', 1.0)
     figures = {'inference_per_cpu_s': ours.per_second}
     for peer, least in zip(peers, (LEAST_OF_FUZZYLITE, LEAST_OF_SKFUZZY), strict=True):
@@ -100,26 +114,30 @@ def _inference(progress: Progress, _: dict[str, float]) -> Measured:
         )
 
 
-def _training(progress: Progress, figures: dict[str, float]) -> Measured:
-    budget = flying.training(progress=lambda share: progress('P2 training', share))
-    naive = budget.evaluations * NAIVE_LOOPS * budget.steps
-    peer_s = naive / figures['pyfuzzylite_per_cpu_s']
+def _training(
+    progress: Progress, figures: dict[str, float], evaluations: int, workers: int
+) -> Measured:
+    budget = flying.training(evaluations, workers, lambda share: progress('P2 training', share))
+    rate, peer, ratio = figures.get('pyfuzzylite_per_cpu_s'), '–', '–'
+    if rate is not None:  # where inference is measured too
+        peer_s = budget.evaluations * NAIVE_LOOPS * budget.steps / rate
+        peer, ratio = f'{peer_s / 3600:.0f} h of CPU', f'{peer_s / budget.cpu_s:.0f} ×'
     yield (
         Row(
             'P2',
             f'training, {budget.evaluations} controllers',
             f'≤ {MAX_TRAINING_S:g} s',
             f'{budget.wall_s:.1f} s ({budget.cpu_s:.0f} s of CPU)',
-            f'{peer_s / 3600:.0f} h of CPU',
-            f'{peer_s / budget.cpu_s:.0f} ×',
+            peer,
+            ratio,
             budget.wall_s <= MAX_TRAINING_S,
         ),
         {'training_wall_s': budget.wall_s, 'training_cpu_s': budget.cpu_s},
     )
 
 
-def _campaign(progress: Progress, _: dict[str, float]) -> Measured:
-    found = flying.campaign(progress=lambda share: progress('P3 campaign', share))
+def _campaign(progress: Progress, _: dict[str, float], runs: int, workers: int) -> Measured:
+    found = flying.campaign(runs, workers, lambda share: progress('P3 campaign', share))
     peer_s = found.core_s_per_run * found.runs
     yield (
         Row(

@@ -4,18 +4,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rpo_cli.commands.shared import Workers, echo, interruptible
+from rpo_cli.commands.shared import Workers, draw, echo, interruptible
 from rpo_core.files.validation import InputError
 
 if TYPE_CHECKING:
-    from rpo_judge.evaluation.comparison import ComparedController
+    pass
 
 EXAMPLES = """
 Examples: `rpo compare` | `rpo compare trained lqr runs/best/best.yaml --runs 1000` |
@@ -83,7 +82,7 @@ def compare(
     for path in comparison_table.write(rows, least, flown, output):
         echo(path)
     for path in [output / 'compare.svg', *([picture] if picture is not None else [])]:
-        _draw(rows, path)
+        draw('rpo_report.training', path, rows)
     if write is not None:
         page = comparison_table.markdown(rows, least, flown, comparison_table.TABLES[:-1])
         comparison_table.put_into(write, page)
@@ -103,13 +102,3 @@ def _attitudes(names: list[str] | None, runs: int) -> None:
     rows = [row.cells for row in compared(found, judged_draws(runs))]
     print_table(HEADINGS, rows, f'{runs} slews of up to 180 deg')
     typer.echo(SENTENCE)
-
-
-def _draw(rows: Sequence[ComparedController], path: Path) -> None:
-    try:
-        from rpo_report.training import draw
-    except ImportError:
-        typer.echo('No picture: matplotlib is not installed.', err=True)
-        return
-    draw(rows, path)
-    echo(path)

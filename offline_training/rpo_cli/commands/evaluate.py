@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rpo_cli.commands.shared import NoFail, Workers, echo, end
+from rpo_cli.commands.shared import NoFail, Workers, draw, end
 from rpo_core.files.validation import InputError
 from rpo_montecarlo.outputs import identifier, writing
 
@@ -308,14 +308,8 @@ def _robustness(controller: AnyController, folder: Path, workers: int) -> bool:
         print_table(HEADINGS, rows_of(found), left=1)
     if found.crossings:
         print_table(CROSSED, map(crossing_row, found.crossings), 'describing function of an axis')
-    try:
-        from rpo_report.robustness import draw
-    except ImportError:
-        typer.echo('No picture: matplotlib is not installed.', err=True)
-    else:
-        path = folder / f'robustness_{identifier(controller.name)}.png'
-        draw(found, controller.name, path)
-        echo(path)
+    path = folder / f'robustness_{identifier(controller.name)}.png'
+    draw('rpo_report.robustness', path, found, controller.name)
     return found.starts_missed > 0
 
 

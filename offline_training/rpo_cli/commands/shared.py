@@ -16,6 +16,7 @@ import typer
 
 from rpo_core.files import DEFAULT_SCENARIO
 from rpo_core.files.validation import InputError, printable
+from rpo_montecarlo.outputs import writing
 
 
 def echo(text: object, err: bool = False) -> None:
@@ -68,6 +69,18 @@ def tool(name: str) -> Any:
     if str(root) not in sys.path:
         sys.path.append(str(root))
     return importlib.import_module(f'tools.{name}')
+
+
+def draw(module: str, path: Path, *subject: Any) -> None:
+    """Let `draw` of a module write a picture; without matplotlib, say that there is none."""
+    try:
+        with writing(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            importlib.import_module(module).draw(*subject, path)
+    except ModuleNotFoundError as error:
+        typer.echo(f'No picture: {error.name} is not installed.', err=True)
+    else:
+        echo(path)
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rpo_cli.commands.shared import SameScenario, chosen_scenario, tool
+from rpo_cli.commands.shared import SameScenario, chosen_scenario, draw, tool
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_montecarlo import outputs
 
@@ -65,7 +65,7 @@ def truth(
         off = attitude_error_rad(flight.scenario, true(flight.scenario))
         typer.echo(f'Attitude of the target at the end: {off:.1e} rad off {name}.')
     folder = Path('runs') if run is None else folder_of(run)
-    _draw(found, plot or folder / 'truth.png')
+    draw('rpo_judge.truth', plot or folder / 'truth.png', found)
     if write is not None:
         outputs.put(write, 'rpo truth --write', markdown(found))
         typer.echo(write)
@@ -131,16 +131,3 @@ def markdown(found: Comparison) -> str:
     for title, (heads, *rows), after in _tables(found):
         parts += [title, '\n'.join(outputs.markdown_table(heads, rows)), *filter(None, [after])]
     return '\n\n'.join(parts) + '\n'
-
-
-def _draw(found: Comparison, path: Path) -> None:
-    from rpo_judge.truth import draw
-
-    try:
-        with outputs.writing(path):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            draw(found, path)
-    except ModuleNotFoundError as error:
-        typer.echo(f'No picture: {error.name} is not installed.', err=True)
-    else:
-        typer.echo(path)

@@ -90,7 +90,11 @@ def gramian(scenario: Scenario, ticks: int) -> tuple[Floats, Floats, Floats]:
     Force k moves the final state by reach[k] f_k = A^(N-1-k) B f_k; W = sum of reach reach'.
     """
     _refuse_goal(scenario)
-    reach, power = reach_of(*cw.matrices(scenario.step), ticks)
+    a, b = cw.matrices(scenario.step)
+    reach, power = np.empty((ticks, 6, 3)), np.eye(6)
+    for k in range(ticks - 1, -1, -1):
+        reach[k] = power @ b
+        power = a @ power
     return reach, np.einsum('kij,klj->il', reach, reach), power
 
 
@@ -100,16 +104,6 @@ def _refuse_goal(scenario: Scenario) -> None:
             f'an optimum ends at the target; scenario {scenario.name} has a `goal_position_m` '
             'of its own'
         )
-
-
-def reach_of(a: Floats, b: Floats, ticks: int) -> tuple[Floats, Floats]:
-    """Return reach (ticks, 6, 3), see `gramian`, and A^N (6, 6) of x+ = A x + B f."""
-    reach = np.empty((ticks, 6, 3))
-    power = np.eye(6)
-    for k in range(ticks - 1, -1, -1):
-        reach[k] = power @ b
-        power = a @ power
-    return reach, power
 
 
 def _ticks(scenario: Scenario, coast_s: float) -> int:

@@ -24,6 +24,7 @@ from rpo_kernels.kernels import cw_step, unpacked
 from rpo_montecarlo.engine.lanes import (
     FORCE,
     KNOWN_R,
+    KNOWN_SPREAD,
     KNOWN_V,
     PAIRED_LANES,
     RUNS,
@@ -40,10 +41,10 @@ from rpo_montecarlo.engine.parts.target import (
     targets_of,
 )
 from rpo_montecarlo.engine.tick import ADDED, Batch, Draw, Kind, Part, register, table_of
-from rpo_nav.estimator import Estimator
 from rpo_safety.assurance import AssuranceStage
+from rpo_safety.doubt import DOUBT, doubt_at, doubted, unless_unsure, unless_unsure_turning
 from rpo_safety.filters import assure
-from rpo_safety.kernels import FAR
+from rpo_safety.kernels import APPROACH, FAR
 from rpo_safety.packed import guard_at
 from rpo_safety.settings import Assurance
 from rpo_safety.turning import assure_turning
@@ -72,10 +73,11 @@ then."""
 
 DELAYS, LONGEST, MODES = 0, RUNS, RUNS + 1
 NUMBERS = MODES + RUNS
-GUARDS = NUMBERS + 1
+DOUBTS = NUMBERS + 1
+GUARDS = DOUBTS + DOUBT * RUNS
 """Places in the table of assurance: ticks from a command to its force; the most of them, at least
-one; modes at the start; how many numbers step and guards have; step and guards of each run; then
-those of `targets_of`, if the corridor turns."""
+one; modes at the start; how many numbers step and guards have; the numbers of `Doubt` of each run;
+step and guards of each run; then those of `targets_of`, if the corridor turns."""
 
 MODE, LINES = PAIRED_LANES, PAIRED_LANES + RUNS
 """Places in the memory of assurance: last forces; modes; the line of each run of forces that are on
@@ -187,17 +189,23 @@ def assure_all(w, m, t, tick):  # type: ignore[no-untyped-def]
             due = 3 * ((tick + i) % delay)
             state = cw_step(state, (line[due], line[due + 1], line[due + 2]), step)
         command, last = (w[FORCE + s], w[FORCE + y], w[FORCE + z]), (m[s], m[y], m[z])
-        mode = int(m[MODE + s])
+        mode, doubt = int(m[MODE + s]), doubt_at(t, DOUBTS + DOUBT * s)
+        spread, fast = w[KNOWN_SPREAD + s], w[KNOWN_SPREAD + y]
+        guard = doubted(guard, doubt, 0.0, spread, fast)
         if width > _GUARD:
-            axes, walls = (
-                (frame_at(now, s, RUNS), frame_at(following, s, RUNS)),
-                guard_at(table, _GUARD),
+            axes = frame_at(now, s, RUNS), frame_at(following, s, RUNS)
+            walls = doubted(guard_at(table, _GUARD), doubt, doubt.turns_rad_s, spread, fast)
+            lost, command = unless_unsure_turning(
+                state, command, mode, axes[0], guard, walls, doubt, spread
             )
             found = assure_turning(state, command, last, mode, *axes, step, guard, walls)
         else:
+            lost, command = unless_unsure(state, command, mode, guard, doubt, spread)
             found = assure(state, command, last, mode, step, guard)
         newest = 3 * (tick % delay) if delay > 0 else 0
         fx, fy, fz, m[MODE + s], _, _, _ = found
+        if lost and m[MODE + s] == APPROACH:
+            fx, fy, fz = command
         w[FORCE + s], w[FORCE + y], w[FORCE + z] = m[s], m[y], m[z] = fx, fy, fz
         line[newest], line[newest + 1], line[newest + 2] = fx, fy, fz
 
@@ -252,18 +260,20 @@ def _assured(batch: Batch) -> Part | None:
     """Return the assurance of runs; lanes without a run are copies of the first."""
     if batch.base.section(Assurance) is None:
         return None
-    guards, modes, delays, targets = [], [], [], []
+    guards, modes, delays, targets, doubts = [], [], [], [], []
     for scenario, state in zip(batch.scenarios, batch.seen, strict=True):
         settings = scenario.section(Assurance)
         assert settings is not None
         stage = AssuranceStage(settings, scenario)
         guards.append(stage.numbers)
+        doubts.append(stage.doubt)
         modes.append(float(stage.mode_of(stage.ahead(state), stage.delay_ticks)))
         delays.append(stage.delay_ticks)
         targets += [scenario.target.known] if stage.motion is not None else []
     longest, memory = max(1, *delays), np.zeros(0)
     table = table_of(
-        batch.lanes(delays), longest, batch.lanes(modes), len(guards[0]), batch.lanes(guards).T
+        *(batch.lanes(delays), longest, batch.lanes(modes), len(guards[0])),
+        *(batch.lanes(doubts).T, batch.lanes(guards).T),
     )
     if targets:
         numbers, attitudes = targets_of(batch, targets, delays)
@@ -285,11 +295,7 @@ def _refuse_plan(scenario: Scenario) -> str:
 
 def _refuse_assurance(scenario: Scenario) -> str:
     assurance = scenario.section(Assurance)
-    if assurance is not None and assurance.abort is not None:
-        return 'an abort table'
-    if assurance is None or assurance.sigmas == 0.0 or scenario.section(Estimator) is None:
-        return ''
-    return 'runtime assurance that follows an estimator'
+    return 'an abort table' if assurance is not None and assurance.abort is not None else ''
 
 
 def vary(kind: type[Guidance] | type[Assurance], scenario: Scenario, draw: Draw) -> list[Any]:

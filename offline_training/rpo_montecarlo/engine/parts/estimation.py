@@ -18,6 +18,7 @@ from rpo_kernels.noise import six_normals
 from rpo_kernels.vectors import OWN, WIDTH, over_runs, own_tables
 from rpo_montecarlo.engine.lanes import (
     FORCE,
+    KNOWN_SPREAD,
     PAIRED_LANES,
     QUAT,
     QUAT_W,
@@ -54,7 +55,16 @@ from rpo_montecarlo.engine.tick import (
     table_of,
 )
 from rpo_nav.estimator import Estimator, filter_of, memory_of
-from rpo_nav.filter_kernels import FULL, HEADING, MOST_SENSORS, PORT, X, estimate, scratch_of
+from rpo_nav.filter_kernels import (
+    FULL,
+    HEADING,
+    MOST_SENSORS,
+    PORT,
+    X,
+    estimate,
+    scratch_of,
+    spreads,
+)
 from rpo_nav.navigation_errors import Navigation
 from rpo_nav.sensor_kernels import (
     COLUMNS,
@@ -160,6 +170,7 @@ def _estimate(tick, w, m, s, settings, memory):  # type: ignore[no-untyped-def]
         lane = s + i * RUNS
         w[SEEN_R + lane], w[SEEN_V + lane] = f[X + i], f[X + 3 + i]
         m[FOUND + lane] = f[X + 6 + i]
+    w[KNOWN_SPREAD + s], w[KNOWN_SPREAD + RUNS + s] = spreads(f)
 
 
 _estimate_all = over_runs(_estimate, RUNS)
@@ -229,7 +240,7 @@ def estimators_of(batch: Batch) -> Part | None:
         sensors, settings = s.section(Sensors), s.section(Estimator)
         assert sensors is not None and settings is not None
         sensing, f = Sensing(sensors, s), np.asarray(filter_of(settings, sensors, s))
-        f[FULL] = 0.0
+        f[FULL] = float(getattr(base.named('assurance'), 'sigmas', 0.0) > 0.0)
         head = len(sensing.table), len(sensing.memory), _turning(base), nominal.look
         keys.append(sensing.table[KEY : KEY + 2])
         tables.append(table_of(head, sensing.table, f))

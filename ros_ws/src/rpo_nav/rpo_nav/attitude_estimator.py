@@ -126,6 +126,7 @@ class AttitudeEstimatorStage(Stage):
         self.filter = attitude_filter_of(settings, sensors, scenario)
         self._silent_ticks = 10 * sensors.star_tracker.period_ticks
         self._measured = as_table([0.0] * MEASURED)
+        self._given = tuple(scenario.attitude.start(scenario.mean_motion_rad_s)[:4])
         self.reset()
 
     def reset(self) -> None:
@@ -142,11 +143,19 @@ class AttitudeEstimatorStage(Stage):
         estimate_attitude(tick, self._measured, self.filter, self.memory)
         m = list(map(float, self.memory[:P]))
         spread = self.covariance[:3, :3].ravel().tolist()
+        self._given = tuple(m[X : X + 4])
         return (*m[X : X + 4], *m[RATE : RATE + 3]), tuple(spread)
 
     def passes_on(self) -> tuple[int | Signal, ...]:
         """Return that the attitude is what was measured; the covariance is zero."""
         return 0, ()
+
+    def off(self, *inputs: Signal) -> tuple[Signal, ...]:
+        """Return the measurement; of a star tracker that has none, the attitude given last."""
+        measured, covariance = super().off(*inputs)
+        if any(measured[:4]):
+            self._given = tuple(measured[:4])
+        return (*self._given, *measured[4:]), covariance
 
     @property
     def covariance(self) -> NDArray[np.float64]:

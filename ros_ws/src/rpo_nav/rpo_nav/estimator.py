@@ -70,6 +70,8 @@ class Estimator:
     restart_velocity_sigma_m_s : each axis, after a restart
     mass_kg : of the chaser as the filter takes it; 0: as the scenario has it
     delay_ticks : from a command to its force as the filter takes it; -1: as the scenario has it
+    thrust_noise_s0_5 : root of the spectral density of the thrust's error, as a share of the
+        command, each axis
     """
 
     position_sigma_m: Annotated[float, partial(_above, unit='m')] = 1.0
@@ -84,9 +86,12 @@ class Estimator:
     mass_kg: Annotated[float, partial(_least, unit='kg')] = unless_default(0.0)
     delay_ticks: Annotated[int, partial(whole, least=-1, most=1000)] = unless_default(-1)
     compensate: Annotated[bool, flag] = unless_default(False)
+    thrust_noise_s0_5: Annotated[float, partial(_least, unit='s^0.5')] = unless_default(0.0)
 
     def __post_init__(self) -> None:
         check_fields(self)
+        if self.thrust_noise_s0_5 > 0.0 and self.acceleration_noise_m_s1_5 == 0.0:
+            raise InputError('`acceleration_noise_m_s1_5` must be > 0 with `thrust_noise_s0_5`')
         if self.disturbance_walk_n_s0_5 > 0.0 and self.disturbance_sigma_n == 0.0:
             raise InputError('`disturbance_sigma_n` must be > 0 N where the disturbance walks')
         if self.compensate and self.disturbance_sigma_n == 0.0:
@@ -127,6 +132,9 @@ def filter_of(settings: Estimator, sensors: Sensors, scenario: Any) -> Any:
     mass_kg = settings.mass_kg or scenario.mass_kg
     step = cw.discretise(scenario.mean_motion_rad_s, mass_kg, scenario.dt_s)
     delay_ticks = int(getattr(scenario.thrusters, 'delay_ticks', 0))
+    gust = settings.thrust_noise_s0_5
+    if gust > 0.0:
+        gust /= settings.acceleration_noise_m_s1_5 * mass_kg
     table = [
         n,
         scenario.max_force_n,
@@ -136,6 +144,7 @@ def filter_of(settings: Estimator, sensors: Sensors, scenario: Any) -> Any:
         1,  # the covariance is wanted
         len(units),
         float(sensors.turn or sensors.look),
+        gust * gust,
         *step,
         *(gate(numbers, settings.gate_sigmas) for numbers in range(7)),
         *start,

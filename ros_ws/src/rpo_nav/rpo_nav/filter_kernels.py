@@ -30,6 +30,7 @@ from typing import Any
 from rpo_kernels.chaser_kernels import turn, turn_back
 from rpo_kernels.jit import inlined, kernel
 from rpo_kernels.kernels import CwStep, Vector, cw_step, saturate, unpacked
+from rpo_kernels.vectors import pick
 from rpo_nav.sensor_kernels import (
     COLUMNS,
     CROSS_SHARE,
@@ -51,16 +52,17 @@ from rpo_nav.sensor_kernels import (
 STATES = 9
 SQUARE = STATES * STATES
 
-N, LIMIT, DELAY, PATIENCE, NEWEST, FULL, UNITS, TURNED = range(8)
-STEP, GATES, START = 8, 34, 41
+N, LIMIT, DELAY, PATIENCE, NEWEST, FULL, UNITS, TURNED, GUST = range(9)
+STEP, GATES, START = 9, 35, 42
 PROCESS_NOISE, SPREAD, AGAIN, SENSORS = (START + STATES + SQUARE * i for i in range(4))
-"""Places in a filter's settings: 6 or 9 states; limit of the thrusters [N]; ticks from a command
-to its force; so many rejected measurements in a row restart it (0: none do); largest latency of a
+"""Places in a filter's settings: 6 or 9 states; limit of the thrusters [N]; ticks from a command to
+its force; so many rejected measurements in a row restart it (0: none do); largest latency of a
 sensor [ticks]; 1 if the covariance of the newest tick is wanted (0: the state alone, which is
-faster); number of sensors; 1 if one of them turns with the chaser or looks at the port. Then the
-exact step of the relative dynamics for one tick (26,), the largest NIS of so many numbers (7,), the
-state at the start (9,), covariances (81,) that a tick adds, at the start, and after a restart; the
-columns of each sensor as the filter takes it."""
+faster); number of sensors; 1 if one of them turns with the chaser or looks at the port; share by
+which the process noise grows with the square of a command [1/N^2]. Then the exact step of the
+relative dynamics for one tick (26,), the largest NIS of so many numbers (7,), the state at the
+start (9,), covariances (81,) that a tick adds, at the start, and after a restart; the columns of
+each sensor as the filter takes it."""
 
 NOW, BASE, ORIGIN, IN_A_ROW, RESETS, LAST_RESET, ACCEPTED, REJECTED, LAST_ACCEPTED = range(9)
 WHOLE = 9
@@ -135,8 +137,8 @@ def _step_line(m: Any, i: int, n: int, step: CwStep) -> None:
 
 
 @kernel
-def step_covariance(m: Any, step: CwStep, f: Any) -> None:
-    """Replace the covariance P by F P F' + Q."""
+def step_covariance(m: Any, step: CwStep, f: Any, louder: float) -> None:
+    """Replace the covariance P by F P F' + Q; louder : factor of what Q has of the motion."""
     for column in range(STATES):
         _step_line(m, P + column, STATES, step)
     for row in range(6):  # a disturbance stays: so do the rows of it
@@ -144,9 +146,19 @@ def step_covariance(m: Any, step: CwStep, f: Any) -> None:
     for row in range(STATES):
         for column in range(row, STATES):
             at = STATES * row + column
-            value = m[P + at] + f[PROCESS_NOISE + at]
+            value = m[P + at] + f[PROCESS_NOISE + at] * (louder if row < 6 else 1.0)
             m[P + at] = value
             m[P + STATES * column + row] = value
+
+
+@inlined
+def spreads(m: Any) -> tuple[float, float]:
+    """Return the roots of the traces of the covariances of position [m] and velocity [m/s]."""
+    p, n = P, STATES + 1
+    q = p + 3 * n
+    position, velocity = m[p] + m[p + n] + m[p + 2 * n], m[q] + m[q + n] + m[q + 2 * n]
+    position, velocity = pick(position < 0.0, 0.0, position), pick(velocity < 0.0, 0.0, velocity)
+    return sqrt(position), sqrt(velocity)
 
 
 @inlined
@@ -310,9 +322,10 @@ def _advance(tick: int, step: CwStep, f: Any, m: Any, last: bool, full: bool) ->
     """
     if tick > m[ORIGIN]:
         c = COMMANDS + 3 * ((tick - 1 - int(f[DELAY])) % slots_of(f))
-        step_state(m, int(f[N]), (m[c], m[c + 1], m[c + 2]), step)
+        x, y, z = m[c], m[c + 1], m[c + 2]
+        step_state(m, int(f[N]), (x, y, z), step)
         if full:
-            step_covariance(m, step, f)
+            step_covariance(m, step, f, 1.0 + f[GUST] * (x * x + y * y + z * z))
     for i in range(int(f[UNITS])):
         found = _pending(tick, i, f)
         if m[found] == 0.0 or m[found + MEASURED] != tick:

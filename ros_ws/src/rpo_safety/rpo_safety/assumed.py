@@ -175,17 +175,29 @@ def _turned_deg(control: Any, scenario: Any) -> float:
     return known + 0.5 * scenario.dt_s * fastest + 0.5 * later * later * most
 
 
+def spreading(errors: Errors, scenario: Any, ticks: int) -> tuple[float, float, float, float]:
+    """Return how errors grow in some ticks: position by position, by velocity; velocity likewise.
+
+    Norms of blocks of the CW transition are bounded by sqrt(row sum x column sum).
+    """
+    if not ticks:
+        return 1.0, 0.0, 0.0, 1.0
+    t = ticks * scenario.dt_s
+    state, _ = cw.matrices(cw.discretise(scenario.mean_motion_rad_s, errors.mass_kg, t))
+    rr, rv, vr, vv = (_block(state, i, j) for i in (0, 3) for j in (0, 3))
+    return rr, rv, vr, vv
+
+
 def ahead(errors: Errors, scenario: Any, ticks: int) -> tuple[float, float]:
     """Return bounds of the error [m], [m/s] of a state predicted some ticks ahead.
 
     The error at hand grows as the state does, by the CW transition; disturbance and thrust error
-    add to it for as long. Norms of blocks are bounded by sqrt(row sum x column sum).
+    add to it for as long.
     """
     t = ticks * scenario.dt_s
     if not ticks:
         return errors.position_m + ROUNDING_M, errors.velocity_m_s
-    state, _ = cw.matrices(cw.discretise(scenario.mean_motion_rad_s, errors.mass_kg, t))
-    rr, rv, vr, vv = (_block(state, i, j) for i in (0, 3) for j in (0, 3))
+    rr, rv, vr, vv = spreading(errors, scenario, ticks)
     a = unknown_n(errors, scenario) / errors.mass_kg
     return (
         rr * errors.position_m + rv * errors.velocity_m_s + rv * t * a / 2.0 + ROUNDING_M,

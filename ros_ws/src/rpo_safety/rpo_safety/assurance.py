@@ -20,11 +20,11 @@ from rpo_safety import filters, kernels
 from rpo_safety.abort import DECISIONS, AbortMachine, Seen
 from rpo_safety.abort_table import check_table
 from rpo_safety.assumed import ahead
-from rpo_safety.guard import grown, proof_of
+from rpo_safety.doubt import doubt_of, doubted, unless_unsure, unless_unsure_turning
+from rpo_safety.guard import proof_of
 from rpo_safety.kernels import APPROACH, CONTACT, OPEN, Guard
 from rpo_safety.packed import Filter
 from rpo_safety.settings import Assurance
-from rpo_safety.turning import backup_turning
 
 ASSURED_FORCE, ASSURANCE_STATUS = 'assured_force', 'assurance_status'
 """Signal and topic of the force; topic of the interventions."""
@@ -115,26 +115,18 @@ class AssuranceStage(Stage):
         places = {section_of(s).place for s in scenario.sections}
         looks = settings.sigmas > 0.0 or settings.abort is not None
         self._estimated = looks and Place.ESTIMATOR in places
-        self._sigmas = settings.sigmas
-        self._proofs = (
-            grown(settings, scenario) if self._estimated else [proof_of(settings, scenario)]
-        )
+        self._proof = proof_of(settings, scenario)
+        self.guard, self.errors, _, self.walls = self._proof
+        self.doubt = doubt_of(settings, scenario, self.errors)
         self.prediction = step_of(settings, scenario)
-        self.motion = known_motion(scenario) if self._proofs[0].walls is not None else None
+        self.motion = known_motion(scenario) if self.walls is not None else None
         self.counts_ticks = self.motion is not None
-        self._filters = [
-            Filter(self.prediction, proof.guard, proof.walls, self.motion) for proof in self._proofs
-        ]
-        self.numbers = self._filters[0].table
+        self._filter = Filter(self.prediction, self.guard, self.walls, self.motion)
+        self.numbers = self._filter.table
         self.delay_ticks = scenario.thrusters.delay_ticks if scenario.thrusters else 0
-        self.guard, self.errors, _, self.walls = self._proofs[0]
-        sides = [proof.guard.side for proof in self._proofs]
-        self._narrow = sides.count(self.guard.side)  # of those with the corridor, if there is one
         self.abort, self._pointed = None, 0
         if settings.abort is not None:
-            self.abort = AbortMachine(
-                settings.abort, self._proofs[0], settings.keep_out_m, scenario
-            )
+            self.abort = AbortMachine(settings.abort, self._proof, settings.keep_out_m, scenario)
             self.inputs += (interfaces.REFERENCE_STATE,) if Place.GUIDANCE in places else ()
             if settings.abort.watches_pointing:
                 self._pointed = len(self.inputs)
@@ -151,7 +143,7 @@ class AssuranceStage(Stage):
         self._last: Vector = ZERO
         self._applied: Vector = ZERO  # what the chaser got in the tick before
         self._mode = UNKNOWN
-        self._level = 0
+        self._lost = False  # the state is known worse than any admissible set allows for
         self.decision: Decision | None = None
         if self.abort is not None:
             self.abort.reset()
@@ -178,16 +170,6 @@ class AssuranceStage(Stage):
             'the covariance of the estimate is larger than any admissible set allows for: stopping'
         )
 
-    @property
-    def _lost(self) -> bool:
-        """Whether the state is known worse than any admissible set allows for."""
-        return self._level >= self._known_levels
-
-    @property
-    def _known_levels(self) -> int:
-        """How many sizes of errors there is a set for: in the corridor fewer."""
-        return self._narrow if self._mode == APPROACH else len(self._proofs)
-
     def ahead(self, state: Signal) -> State:
         """Return the state (6,) [m, m/s] in which a force of now acts: after those on their way."""
         x, y, z, vx, vy, vz = state
@@ -213,20 +195,22 @@ class AssuranceStage(Stage):
 
     def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
         """Return the assured force (3,) [N]."""
-        sigmas = self._uncertain(inputs[-1]) if self._estimated else (0.0, 0.0)
+        spreads = _spreads(inputs[-1]) if self._estimated else (0.0, 0.0)
         state, command = self.ahead(inputs[0]), inputs[1]
         acts = tick + self.delay_ticks
         if self._mode == UNKNOWN:
             self._mode = self.mode_of(state, acts)
-        own = self._interrupted(tick, state, inputs, sigmas)
+        safe = self._safe(state, command, acts, *spreads)
+        own = self._interrupted(tick, state, inputs, spreads)
         if own is not None:
             command = own
         elif self._lost:
-            command = self._backup(state, acts)
-        assure = self._filters[min(self._level, self._known_levels - 1)]
-        found = assure(state, command, self._last, self._mode, acts)
+            command = safe
+        found = self._filter(state, command, self._last, self._mode, acts)
         fx, fy, fz, mode, acted, metres, speed = found
-        force = (fx, fy, fz)
+        force: Vector = (fx, fy, fz)
+        if own is None and self._lost and mode == APPROACH:
+            force = command
         if self.abort is not None:
             self.abort.spend(force)
             self._applied = self._line[0] if self.delay_ticks else force
@@ -235,31 +219,27 @@ class AssuranceStage(Stage):
             if self.delay_ticks:
                 self._line.append(force)
                 self._line.popleft()
-        constraint = CONSTRAINTS[acted] or (COVARIANCE if self._lost and own is None else '')
+        constraint = COVARIANCE if self._lost and own is None else CONSTRAINTS[acted]
         self.decision = Decision(MODES[mode], constraint, metres, speed, command, force)
         return (force,)
 
-    def _backup(self, state: State, tick: int) -> Vector:
-        """Return the backup law [N] of the mode."""
-        if self.motion is None or self.walls is None:
-            return filters.backup(state, self._mode, self.guard)
-        return backup_turning(state, self._mode, self.motion.frame(tick), self.guard, self.walls)
-
-    def _uncertain(self, covariance: Signal) -> tuple[float, float]:
-        """Take the covariance (18,) of an estimate; return the sigmas [m], [m/s] of its norms.
-
-        The assumed errors grow with it, in steps, and with them the admissible set shrinks.
-        """
-        position = sqrt(max(covariance[0] + covariance[4] + covariance[8], 0.0))
-        velocity = sqrt(max(covariance[9] + covariance[13] + covariance[17], 0.0))
-        self._level = 0
-        for proof in self._proofs if self._sigmas > 0.0 else ():
-            enough = self._sigmas * position <= proof.errors.position_m
-            if enough and self._sigmas * velocity <= proof.errors.velocity_m_s:
-                break
-            self._level += 1
-        self.guard, _, _, self.walls = self._proofs[min(self._level, self._known_levels - 1)]
-        return position, velocity
+    def _safe(
+        self, state: State, command: Vector, tick: int, spread_m: float, spread_m_s: float
+    ) -> Vector:
+        """Take the spread of an estimate, with which errors grow; return what acts by it [N]."""
+        d, (guard, _, _, walls), mode = self.doubt, self._proof, self._mode
+        if d.sigmas == 0.0:
+            return command
+        self.guard = doubted(guard, d, 0.0, spread_m, spread_m_s)
+        if walls is None or self.motion is None:
+            found = unless_unsure(state, command, mode, self.guard, d, spread_m)
+        else:
+            self.walls = walls = doubted(walls, d, d.turns_rad_s, spread_m, spread_m_s)
+            now = self.motion.frame(tick)
+            found = unless_unsure_turning(state, command, mode, now, self.guard, walls, d, spread_m)
+        self._filter.use(self.guard, self.walls)
+        self._lost, force = found
+        return force
 
     def _interrupted(
         self, tick: int, state: State, inputs: tuple[Any, ...], sigmas: tuple[float, float]
@@ -294,6 +274,12 @@ class AssuranceStage(Stage):
             return 0.0
         (x, y, z, w, *_), wanted = inputs[self._pointed : self._pointed + 2]
         return degrees(2.0 * norm(*times((-x, -y, -z, w), wanted[:4])[:3]))
+
+
+def _spreads(covariance: Signal) -> tuple[float, float]:
+    """Return the roots of the traces [m], [m/s] of the covariances (18,) of an estimate."""
+    c = covariance
+    return sqrt(max(c[0] + c[4] + c[8], 0.0)), sqrt(max(c[9] + c[13] + c[17], 0.0))
 
 
 def check_start(settings: Assurance, scenario: Any) -> None:

@@ -5,13 +5,12 @@
 from __future__ import annotations
 
 import math
-from contextlib import suppress
-from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 from rpo_core.files.validation import InputError
 from rpo_safety.assumed import ERRORS, SQRT_3, Errors, ahead, errors_of, limit_n, unknown_n
+from rpo_safety.doubt import most_m
 from rpo_safety.edge import speed_floor, within_domain
 from rpo_safety.kernels import FAR, Guard, speed_limit
 from rpo_safety.settings import LEAST_CHANGE, Assurance
@@ -24,11 +23,6 @@ SLACK = 0.9
 """Share of the sure deceleration that the speed limit may ask for."""
 
 _TRIALS = 20
-
-GROWTH = 1.25
-"""Steps in which the assumed errors grow with the covariance of an estimator."""
-
-_MOST_GROWN = 40
 
 
 class Proof(NamedTuple):
@@ -50,18 +44,13 @@ def guard_of(settings: Assurance, scenario: Any) -> Guard:
 
 
 @lru_cache(maxsize=64)
-def proof_of(
-    settings: Assurance, scenario: Any, errors: Errors | None = None, *, edge: bool = True
-) -> Proof:
+def proof_of(settings: Assurance, scenario: Any) -> Proof:
     """Return the constants of the proof; raises InputError if constraints exclude each other.
-
-    errors : None: those of the section and the scenario
-    edge : whether the chaser is kept within the domain
 
     The largest speed near the zone is that of the limit, or the one that is kept for certain, which
     depends on it: the first that is large enough.
     """
-    errors = errors or errors_of(settings, scenario)
+    errors = errors_of(settings, scenario)
     speed, zone = settings.speed, settings.keep_out_m
     top = speed.speed_m_s + speed.slope(scenario.mean_motion_rad_s) * zone
     top += math.sqrt(2.0 * speed.deceleration_m_s2 * zone)
@@ -74,10 +63,8 @@ def proof_of(
         if zone > 0.0 and floor > top:
             top = 1.01 * floor
             continue
-        if zone > 0.0 and edge:
+        if zone > 0.0:
             guard, floor = within_domain(guard, floor, push, errors, settings, scenario)
-        elif zone > 0.0:
-            guard = guard._replace(domain_m=FAR)
         if settings.corridor is None or scenario.target is None:
             return Proof(guard, errors, floor)
         walls = turning(guard, settings, scenario, errors)
@@ -90,37 +77,6 @@ def proof_of(
     )
 
 
-def grown(settings: Assurance, scenario: Any) -> list[Proof]:
-    """Return the constants for larger and larger errors of the state, as far as there are any.
-
-    Each of GROWTH times the errors before. The first are those of `proof_of`. Where the errors
-    become too large for the corridor, it is shut: those that follow have none. Where they become
-    too large for the edge of the domain, the zone alone is kept.
-    """
-    proofs = [proof_of(settings, scenario)]
-    for _ in range(_MOST_GROWN):
-        errors = proofs[-1].errors
-        wider = errors._replace(
-            position_m=GROWTH * errors.position_m, velocity_m_s=GROWTH * errors.velocity_m_s
-        )
-        found = _proof_or_none(settings, scenario, wider)
-        if found is None:
-            settings = replace(settings, corridor=None)
-            found = _proof_or_none(settings, scenario, wider)
-        if found is None:
-            break
-        proofs.append(found)
-    return proofs
-
-
-def _proof_or_none(settings: Assurance, scenario: Any, errors: Errors) -> Proof | None:
-    """Return the constants; None where the errors are too large for the constraints."""
-    for edge in (True, False):
-        with suppress(InputError):
-            return proof_of(settings, scenario, errors, edge=edge)
-    return None
-
-
 def _guard(settings: Assurance, scenario: Any, errors: Errors, top: float) -> Guard:
     """Return the numbers of the filter, if near the zone no speed is larger than `top` [m/s]."""
     limit, mass, dt = limit_n(scenario), errors.mass_kg, scenario.dt_s
@@ -131,7 +87,8 @@ def _guard(settings: Assurance, scenario: Any, errors: Errors, top: float) -> Gu
     per_range = speed.slope(scenario.mean_motion_rad_s)
     brake = (BRAKE_SHARE if zone > 0.0 else 1.0) * limit
     off = errors.thrust * limit + errors.disturbance_n
-    dip, kappa = _between_ticks(errors, scenario, zone, top, here)
+    widest = errors._replace(position_m=most_m(settings, scenario, errors))
+    dip, kappa = _between_ticks(errors, scenario, zone, top, ahead(widest, scenario, delay))
     sure = (brake * (1.0 - 0.5 * kappa * kappa) - kappa * limit - off) / mass
     slowing = SLACK * ((brake - off) / mass - 3.0 * n2 * settings.domain_m)
     _check_speed(speed, per_range, slowing, sure - n2 * settings.domain_m, settings)

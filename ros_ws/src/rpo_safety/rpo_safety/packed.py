@@ -68,8 +68,14 @@ class Filter:
         walls: Guard | None = None,
         motion: Motion | None = None,
     ) -> None:
-        self._step, self._guard, self._walls, self._motion = step, guard, walls, motion
+        self._step, self._motion = step, motion
         self.table = np.array([*step, *guard, *(walls or ())], dtype=np.float64)
+        self.use(guard, walls)
+
+    def use(self, guard: Guard, walls: Guard | None) -> None:
+        """Take these numbers from now on."""
+        self._guard, self._walls = guard, walls
+        self.table[len(self._step) :] = (*guard, *(walls or ()))
 
     def __call__(
         self, state: State, command: Vector, last: Vector, mode: int, tick: int = 0

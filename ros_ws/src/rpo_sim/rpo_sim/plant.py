@@ -177,10 +177,7 @@ class Plant:
             signals[name] = answers.get(topic, ())[first : first + 3] or ZERO
 
     def _look_for_zones(self, *states: Signal) -> None:
-        """Look how deep in a keep-out zone the chaser is in states, and between them.
-
-        Not once it has docked.
-        """
+        """Look how deep in a keep-out zone a chaser is in states and between; not once docked."""
         if self._docked or not self._zones:
             return
         # Most states are too far to look closely, also as a target sees them that turns 0.1 rad.
@@ -191,9 +188,8 @@ class Plant:
         if sure_m > self._near_m:
             return
         seen = self.scenario.seen(np.array(states), self.tick - len(states) + 1)
-        errors = seen[-1:] - np.array(self.scenario.goal_state)
-        where = self.scenario.requirements, self.scenario.goal_position_m
-        self._docked = caught_at(errors, *where) is not None
+        errors, required = seen[-1:] - self.scenario.goal_state, self.scenario.requirements
+        self._docked = caught_at(errors, required, self.scenario.goal_position_m) is not None
         for zones in self._zones:
             depth_m = zones.deepest_m(seen, self.scenario.dt_s)
             if depth_m > self.depths_m.get(zones.keep_out, 0.0):

@@ -229,6 +229,7 @@ def find(kind: str, name: str) -> Path:
         what = others[0].replace('_', ' ') if others else ''
         article = 'an' if what.startswith('a') else 'a'
         hint = f', which is {article} {what}' if others else near(name, known)
+        hint += ', for section `attitude_control`' if what.startswith('attitude') else ''
         raise InputError(
             f'`{kind}` must be one of {", ".join(known)}, or a path to a .yaml file; '
             f'got {shown(name)}{hint}'

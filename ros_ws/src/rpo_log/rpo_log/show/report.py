@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -165,7 +166,7 @@ def time_histories(flight: Flight) -> Any:
         ),
         strict=True,
     ):
-        by_axis(wide, times[: len(values)], values, label)
+        by_axis(wide, times[: len(values)], values, label, names=legend_names(scenario))
         by_axis(close, times[: len(values)][-last:], values[-last:], '')
         for key in keys:
             if key in limits:
@@ -180,14 +181,31 @@ def time_histories(flight: Flight) -> Any:
     return figure
 
 
+def turns(scenario: Scenario) -> bool:
+    """Return whether chaser or target have axes of their own, which turn."""
+    return scenario.target is not None or scenario.attitude is not None
+
+
+def legend_names(scenario: Scenario) -> tuple[str, ...]:
+    """Return the names of the axes of a vector that may be in those."""
+    return ('x', 'y', 'z') if turns(scenario) else style.AXIS_NAMES
+
+
 def force_label(scenario: Scenario) -> str:
     """Return the label of forces as the thrusters take them, which turn with the chaser."""
     return 'control force [N]' if scenario.attitude is None else "force in the\nchaser's axes [N]"
 
 
-def by_axis(axes: Any, times_s: Any, values: Any, label: str, linewidth: float = 1.5) -> None:
+def by_axis(
+    axes: Any,
+    times_s: Any,
+    values: Any,
+    label: str,
+    linewidth: float = 1.5,
+    names: Sequence[str] = style.AXIS_NAMES,
+) -> None:
     """Draw the columns (n, 3) of a vector over time."""
-    for name, colour, column in zip(style.AXIS_NAMES, style.AXES, values.T, strict=True):
+    for name, colour, column in zip(names, style.AXES, values.T, strict=True):
         axes.plot(times_s, column, color=colour, label=name, linewidth=linewidth)
     axes.set_ylabel(label)
     axes.margins(x=0.01)

@@ -137,14 +137,23 @@ class Recomputation:
         if self.stage.memory_ticks == 0:
             rows = np.flatnonzero(there)
             made, known = self._made(rows, ticks, inputs), there.copy()
-        else:
-            made, known = self._with_memory(ticks, inputs, active, (there, absent), began, logged)
-        for row in np.flatnonzero(~active).tolist():
+            self._pass_on(np.flatnonzero(~active), made, known, inputs)
+            return made, known
+        return self._with_memory(ticks, inputs, active, (there, absent), began, logged)
+
+    def _pass_on(
+        self,
+        rows: NDArray[np.intp],
+        made: list[Floats],
+        known: NDArray[np.bool_],
+        inputs: Sequence[Floats],
+    ) -> None:
+        """Fill the outputs of ticks at which the stage is switched off."""
+        for row in rows.tolist():
             found = self.stage.off(*(tuple(values[row].tolist()) for values in inputs))
             for values, numbers in zip(made, found, strict=True):
                 values[row] = numbers
             known[row] = np.isfinite(np.concatenate(found)).all()
-        return made, known
 
     def _made(
         self, rows: NDArray[np.intp], ticks: NDArray[np.int64], inputs: Sequence[Floats]
@@ -192,6 +201,8 @@ class Recomputation:
             if missed[part[0]]:
                 self._forget(0)
                 continue
+            if not active[part[0]]:
+                self._pass_on(part, made, known, inputs)
             if not there[part[0]]:  # switched on again it begins anew
                 self._forget(0 if active[part[0]] else None)
                 continue
