@@ -5,7 +5,7 @@
 In a configuration the scales of position and velocity are those of attitude [rad] and rate [rad/s],
 that of force the torque [N m]. Fitness is the mean energy [mN^2 m^2 s] of the flights of
 `rpo_judge.attitude.trained_draws`, plus a penalty for each that has not settled in time or
-overshoots; of `rpo_judge.scoring.fitness`, the margin and the term `damping` count too.
+overshoots; of `rpo_judge.scoring.fitness`, the margin, and the terms `damping` and `falls`, too.
 """
 
 from __future__ import annotations
@@ -25,7 +25,15 @@ from rpo_core.files.validation import choice
 from rpo_ctrl import attitude
 from rpo_ctrl.attitude import AttitudeControl, FuzzyAttitude
 from rpo_judge.attitude import MOMENT_KG_M2, Flights, Outcome, trained_draws
-from rpo_judge.scoring.fitness import AT_LIMIT, FitnessSettings, Scores, driving, excess, mean
+from rpo_judge.scoring.fitness import (
+    AT_LIMIT,
+    FitnessSettings,
+    Scores,
+    driving,
+    excess,
+    falls,
+    mean,
+)
 from rpo_montecarlo.engine.population import Population
 from rpo_training.algorithms import CmaSettings, Search
 from rpo_training.config import TrainingConfig
@@ -119,6 +127,8 @@ class AttitudeFitness:
         fitness = energy + self._settings.penalty_n2s * mean(over.sum(axis=1))
         if self._settings.damping:
             fitness = fitness + self._settings.damping * driving(population)
+        if self._settings.falls:
+            fitness = fitness + self._settings.falls * falls(population)
         settled = mean(np.array([np.minimum(o.settled_s, 1e3) for o in outcomes]))
         return Scores(fitness, energy, (values > 1.0).sum(axis=-1), settled)
 

@@ -40,6 +40,7 @@ class GeneSpace:
     force_scale_n : fixed
     complete : whether neighbouring input functions must overlap, so that some rule fires everywhere
         and the force has no jumps; not required by the paper
+    pulls : whether SP of the position begins at 0, so that some force pulls at rest everywhere
     """
 
     rules: str = 'free'
@@ -47,11 +48,14 @@ class GeneSpace:
     velocity_scale_m_s: tuple[float, float] = (1.0, 1.0)
     force_scale_n: float = 0.5
     complete: bool = False
+    pulls: bool = False
 
     def __post_init__(self) -> None:
         choice('genes.rules', self.rules, RULES)
-        if not isinstance(self.complete, bool):
-            raise InputError(f'`genes.complete` must be true or false; got {self.complete!r}')
+        for name in ('complete', 'pulls'):
+            value = getattr(self, name)
+            if not isinstance(value, bool):
+                raise InputError(f'`genes.{name}` must be true or false; got {value!r}')
         real('genes.force_scale_n', self.force_scale_n, 'N', above=0.0)
         for name, bounds in (
             ('position_scale_m', self.position_scale_m),
@@ -90,6 +94,8 @@ class GeneSpace:
                 used += 1
         scales[:, 2] = self.force_scale_n
         functions = _decode_functions(genes[:, used : used + FUNCTIONS], self.complete)
+        if self.pulls:
+            functions[:, 1] = 0.0
         return Population(scales, functions, self._decode_rules(genes[:, used + FUNCTIONS :]))
 
     @property

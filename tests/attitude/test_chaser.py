@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from rpo_attitude.chaser import Chaser, Wheels
+from rpo_attitude.unloading import Unloading
 from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.chain.stage import Place, Stage
 from rpo_core.files import find
@@ -20,6 +21,7 @@ from rpo_core.files.validation import InputError
 from rpo_core.wire import interfaces
 from rpo_core.world.cw import Body
 from rpo_core.world.disturbance import NONE
+from rpo_ctrl.attitude import AttitudeControl
 from rpo_thrusters.table import ThrusterTable
 from rpo_thrusters.thrusters import Thrusters
 
@@ -176,6 +178,44 @@ def test_without_rates_it_turns_with_the_orbit():
     assert np.array_equal(flight.states, fly(plain, OpenLoop(np.zeros((1, 3)))).states)
 
 
+def unloading(wheels=None, **fields):
+    """Return a scenario whose wheels begin full and are emptied by ideal thrusters."""
+    wheels = wheels or Wheels(torque_nm=0.05, momentum_nms=0.5, start_nms=(0.3, -0.2, 0.04))
+    found = scenario_of(300, wheels=wheels, gravity_gradient=False)
+    control = AttitudeControl(controller='attitude_pd', limit_nm=0.02)
+    return found.equipped(control, Unloading(**{'above_nms': 0.05, 'torque_nm': 0.02, **fields}))
+
+
+def test_thrusters_empty_the_wheels_and_the_chaser_does_not_feel_it():
+    scenario = unloading()
+    flight = fly(scenario, OpenLoop(np.zeros((1, 3))))
+    wheels, torque = flight.signals['wheel_momentum'], flight.signals['unloading_torque']
+    assert np.abs(wheels[-1]).max() <= 0.05 + 0.002 + 1e-3
+    assert np.array_equal(torque[0], [-0.02, 0.02, 0.0])
+    np.testing.assert_allclose(flight.signals['exerted_torque'], torque, atol=1e-12)
+    kept = tuple(s for s in scenario.sections if not isinstance(s, Unloading))
+    alone = fly(replace(scenario, sections=kept), OpenLoop(np.zeros((1, 3))))
+    assert np.abs(alone.signals['wheel_momentum'][-1]).max() > 0.25
+    for one in (flight, alone):  # by SciPy: both hold the attitude of the orbit
+        turned = Rotation.from_quat(one.signals['chaser_attitude'][:, :4]).magnitude()
+        assert turned.max() < 2e-3
+
+
+@pytest.mark.parametrize(
+    ('fields', 'sentence'),
+    [
+        ({'torque_nm': 0.05}, r'`unloading.torque_nm` must be below that of the wheels, 0\.05'),
+        ({'above_nms': 0.6}, r'`unloading.above_nms` must be below that of the wheels, 0\.5'),
+        ({'torque_nm': 0.0}, '`torque_nm` must be a finite number > 0'),
+    ],
+)
+def test_what_cannot_be_emptied_is_refused(fields, sentence):
+    with pytest.raises(InputError, match=sentence):
+        unloading(**fields)
+    with pytest.raises(InputError, match=r'`unloading` needs `attitude\.wheels`'):
+        scenario_of(10).equipped(Unloading(above_nms=0.1, torque_nm=0.1))
+
+
 @pytest.mark.parametrize(
     ('fields', 'sentence'),
     [
@@ -190,7 +230,7 @@ def test_a_chaser_that_cannot_be_is_refused(fields, sentence):
 
 def test_an_estimator_needs_commands_that_are_turned():
     document = yaml.safe_load(find('scenario', 'tumbling_docking').read_text())
-    for name in ('attitude_control', 'assurance'):
+    for name in ('attitude_control', 'assurance', 'unloading'):
         del document[name]
     with pytest.raises(InputError, match='`attitude_control` is missing'):
         parse(document)

@@ -30,7 +30,7 @@ from rpo_safety.guard import guard_of
 from rpo_safety.settings import Assurance
 from rpo_thrusters import allocation_kernels as kernels
 from rpo_thrusters.allocation_kernels import DUAL, FULL, LIMIT, ROWS, SCRATCH, THRUST
-from rpo_thrusters.authority import authority, failures
+from rpo_thrusters.authority import authority, failures, known
 from rpo_thrusters.table import PRESETS, Failure, Thruster, ThrusterTable, table_of
 from rpo_thrusters.thrusters import Propellant, Thrusters, stage_of
 
@@ -364,11 +364,11 @@ def test_compiled_allocation_gives_the_interpreted_bits():
     assert python(BITS, RPO_JIT='0') == python(BITS, RPO_JIT='1')
 
 
-def reach(table, direction, stuck=()):
-    """Return the largest force along a direction without torque, as HiGHS finds it."""
+def reach(table, direction, stuck=(), torque_nm=(0.0, 0.0, 0.0)):
+    """Return the largest force along a direction with a torque, as HiGHS finds it."""
     programme = Programme(table)
     columns, most = programme.columns, programme.most.copy()
-    held = np.zeros(ROWS)
+    held = -np.array([0.0, 0.0, 0.0, *torque_nm]) / programme.table.lever
     for name, how in dict(stuck).items():
         at = table.names.index(name)
         held += columns[:, at] * most[at] if how == 'on' else 0.0
@@ -377,6 +377,24 @@ def reach(table, direction, stuck=()):
     found = linprog([*[0.0] * len(most), -1.0], A_eq=a, b_eq=-held,
                     bounds=[*((0.0, m) for m in most), (0.0, None)], method='highs')  # fmt: skip
     return -found.fun if found.status == 0 else 0.0
+
+
+def test_forces_beside_a_torque_are_those_of_scipy():
+    """Of the shipped mission: no torque of the unloading takes any of its ball of forces."""
+    table = preset('corners_24', 0.255, arm_m=0.15)
+    table = replace(table, failures=(Failure(thruster='y+a', stuck='off', known=True),))
+    assert known(table, 0.04).least_n == pytest.approx(known(table).least_n)
+    most = 0.1  # beyond that it does
+    found, draw = known(table, most), np.random.default_rng(3).normal(size=(30, 3))
+    draw /= np.linalg.norm(draw, axis=1)[:, None]
+    far = min(
+        reach(table, side, {'y+a': 'off'}, torque)
+        for torque in product((most, -most), repeat=3)
+        for side in draw
+    )
+    assert found.least_n < known(table).least_n - 0.05
+    assert 0.0 < found.least_n <= far + 1e-9
+    assert far < 1.3 * found.least_n
 
 
 @pytest.mark.parametrize('name', PRESETS)

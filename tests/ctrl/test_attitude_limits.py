@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from math import radians, sqrt
 
 import numpy as np
@@ -14,8 +15,8 @@ from rpo_attitude.target import body_of
 from rpo_core.files.validation import InputError
 from rpo_ctrl.attitude_law_kernels import errors
 from rpo_ctrl.attitude_limit_kernels import LIMITED, NONE, PASSED, within_limits
-from rpo_ctrl.attitude_limits import AttitudeLimits, numbers_of
-from rpo_kernels.chaser_kernels import Craft, chaser_tick, times, unit
+from rpo_ctrl.attitude_limits import AttitudeLimits, bounds_of, numbers_of
+from rpo_kernels.chaser_kernels import Craft, chaser_tick, times, unit, unloaded
 from rpo_kernels.jit import kernel
 
 TORQUE, MOMENTUM, DT = 0.1, 1.0, 0.1
@@ -35,15 +36,18 @@ CRAFT = Craft(BODY, 0.0, TORQUE, MOMENTUM, 0.0, 0.0, 0.0)
 
 def numbers(limits=LIMITS, **changes):
     """Return the numbers of limits."""
-    given = {'torque_nm': TORQUE, 'momentum_nms': MOMENTUM, 'start_nms': 0.12, 'dt_s': DT}
-    return numbers_of(limits, BODY, **{**given, 'duration_s': 60.0, **changes})
+    given = {'torque_nm': TORQUE, 'start_nms': 0.12, 'dt_s': DT, 'duration_s': 60.0, **changes}
+    full = min(limits.momentum_nms or MOMENTUM, MOMENTUM)
+    found = bounds_of(limits, BODY, **given)
+    return numbers_of(limits, found, BODY, given['torque_nm'], full, DT)
 
 
 @kernel
-def fly(kind, drawn, start, ref, wheels, noise, push, lim, c, worst):  # type: ignore[no-untyped-def]
+def fly(kind, drawn, start, ref, wheels, noise, push, empties, lim, c, worst):  # type: ignore[no-untyped-def]
     """Fly under hostile torques; fill `worst` with the largest rate, angle and wheel momentum.
 
-    drawn (n, 3) in [-1, 1]; noise (n, 6) of angle and rate; push (n, 3) [N m]
+    drawn (n, 3) in [-1, 1]; noise (n, 6) of angle and rate; push (n, 3) [N m]; empties : momentum
+    above which thrusters empty a wheel, and their torque
     """
     dt, true = lim.dt, start
     before = (ref[4], ref[5], ref[6])
@@ -70,11 +74,13 @@ def fly(kind, drawn, start, ref, wheels, noise, push, lim, c, worst):  # type: i
             wanted = (1e3 * e.ex, 1e3 * e.ey, 1e3 * e.ez)
         else:  # constant, one axis
             wanted = (TORQUE * (1.0 + d[0]), -TORQUE, 0.0)
+        u, spun = unloaded(wheels, empties[0], empties[1], dt)
         rate, angle = (seen[4], seen[5], seen[6]), (e.ex, e.ey, e.ez)
         against, ahead = (e.wx, e.wy, e.wz), (e.ax, e.ay, e.az)
-        tx, ty, tz, _ = within_limits(wanted, rate, angle, against, ahead, wheels, lim)
-        outside = (push[i, 0], push[i, 1], push[i, 2])
-        _, true, wheels = chaser_tick(true, wheels, (tx, ty, tz), outside, dt, c)
+        tx, ty, tz, _ = within_limits(wanted, rate, angle, against, ahead, spun, lim)
+        outside = (push[i, 0] + u[0], push[i, 1] + u[1], push[i, 2] + u[2])
+        torque = (tx - u[0], ty - u[1], tz - u[2])
+        _, true, wheels = chaser_tick(true, wheels, torque, outside, dt, c)
         before = (ref[4], ref[5], ref[6])
         _, ref, _ = chaser_tick(ref, free, free, free, dt, still)
         e = errors(true, ref, before, dt)
@@ -86,9 +92,11 @@ def fly(kind, drawn, start, ref, wheels, noise, push, lim, c, worst):  # type: i
             worst[2] = max(worst[2], abs(v))
 
 
-def worst_of(run, limits=LIMITS, ticks=600, excess=1.0, slow=1.0):
+def worst_of(
+    run, limits=LIMITS, ticks=600, excess=1.0, slow=1.0, lim=None, craft=CRAFT, empties=(0.0, 0.0)
+):
     """Return largest rate [rad/s], angle [rad] and wheel momentum [N m s] of a hostile flight."""
-    random, lim = np.random.default_rng([7, run]), numbers(limits)
+    random, lim = np.random.default_rng([7, run]), lim or numbers(limits)
     rate = radians(limits.rate_deg_s)
     turn = random.normal(size=3)
     turn *= 0.7 * slow * rate / np.linalg.norm(turn)
@@ -101,7 +109,7 @@ def worst_of(run, limits=LIMITS, ticks=600, excess=1.0, slow=1.0):
     wheels = random.uniform(-1.0, 1.0, 3) * 0.05
     worst, drawn = np.zeros(3), random.uniform(-1.0, 1.0, (ticks, 3))
     fly(run % KINDS, drawn, start, start, tuple(wheels.tolist()), excess * noise, excess * push,
-        lim, CRAFT, worst)  # fmt: skip
+        empties, lim, craft, worst)  # fmt: skip
     return worst
 
 
@@ -121,6 +129,44 @@ def test_errors_beyond_the_assumed_ones_break_them():
     found = np.array([worst_of(run, excess=10.0) for run in range(20)])
     assert found[:, 0].max() > radians(LIMITS.rate_deg_s)
     assert found[:, 1].max() > radians(LIMITS.angle_deg)
+
+
+EMPTIES = (0.1, 0.03)
+FREE = AttitudeLimits(
+    rate_deg_s=2.0, known_deg_s=0.01, disturbance_nm=0.01, inertia_share=0.15
+)  # fmt: skip
+
+
+@pytest.mark.parametrize('share', [-0.15, 0.0, 0.15])
+def test_wheels_that_are_emptied_never_fill(share):
+    """An hour of disturbances that stay and hostile torques, with another inertia than assumed."""
+    given = {'torque_nm': TORQUE - 0.03, 'start_nms': 0.12, 'dt_s': DT, 'unloading': EMPTIES}
+    kept = bounds_of(FREE, BODY, duration_s=1e9, **given)
+    assert kept.momentum < 0.3
+    lim = numbers_of(FREE, kept, BODY, TORQUE - 0.03, MOMENTUM, DT)
+    heavier = tuple(map(tuple, ((1.0 + share) * INERTIA).tolist()))
+    craft = CRAFT._replace(body=body_of(heavier, 0.0))
+    hard = partial(worst_of, limits=FREE, ticks=36_000, lim=lim, craft=craft)
+    found = np.array([hard(run, empties=EMPTIES) for run in range(1, 11)])
+    body = 1.15 * sum(abs(INERTIA[2])) * radians(2.0) * sqrt(3.0)
+    assert found[:, 0].max() <= radians(FREE.rate_deg_s)
+    assert found[:, 2].max() <= kept.momentum + body
+    assert found[:, 2].max() > EMPTIES[0], 'they were needed'
+    # left alone, the wheels fill up, and then nothing holds the chaser
+    alone = np.array([hard(run) for run in (1, 3)])
+    assert alone[:, 2].max() > 0.99 * MOMENTUM and alone[:, 0].max() > radians(FREE.rate_deg_s)
+
+
+@pytest.mark.parametrize(
+    ('limits', 'empties', 'says'),
+    [
+        ({'disturbance_nm': 0.02}, EMPTIES, r'`unloading.torque_nm` must be above .* 0.034641'),
+        ({}, (0.04, 0.03), r'`unloading.above_nms` must be at least 0.0642'),
+    ],
+)
+def test_thrusters_that_cannot_empty_the_wheels_are_refused(limits, empties, says):
+    with pytest.raises(InputError, match=says):
+        bounds_of(replace(FREE, **limits), BODY, TORQUE, 0.0, DT, 60.0, unloading=empties)
 
 
 SEEN = (0.0, 0.0, 0.0, 1.0, 0.01, -0.01, 0.005)

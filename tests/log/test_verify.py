@@ -27,6 +27,7 @@ from log_runs import (
     make_run,
     rewrite,
 )
+from mcap.reader import make_reader
 from mcap.records import Schema
 from nav_scenarios import LIDAR, make
 
@@ -44,6 +45,7 @@ from rpo_ctrl.attitude import AttitudeControl
 from rpo_kernels.jit import COMPILED
 from rpo_log import log_commands
 from rpo_log.tools.export import export
+from rpo_log.tools.record import record
 from rpo_log.verify import evidence, verify
 from rpo_mcap.errors import ExitCode, Fault, LogError
 from rpo_mcap.format.run import TimeBase
@@ -205,6 +207,29 @@ def test_figures_of_run_status(run, log, tmp_path, field, value):
     difference = found.difference
     assert (difference.tick, difference.topic, difference.field) == (400, STATUS, field)
     assert difference.logged == value
+
+
+def test_what_a_camera_measures_has_the_frame_of_the_chaser_and_once_had_another(tmp_path):
+    flown = replace(scenario.load_scenario('tumbling_docking'), duration_s=1.0)
+    run, row = chain_run(flown, load_controller('handmade')), interfaces.row_of('measurement')
+    record(run.flight, run.attachments, tmp_path / 'new')
+    with (tmp_path / 'new/run.mcap').open('rb') as stream:
+        found = [m.data for _, _, m in make_reader(stream).iter_messages(['/measurement'])]
+    assert {cdr.decode_stamped(row.type, data).texts for data in found} == {('chaser', 'chaser')}
+    once = [data for name, _, data in run.messages if name == '/measurement']
+    assert cdr.decode_stamped(row.type, once[0]).texts[0] == 'target_lvlh'
+    assert [row.layout.decode(d) for d in once] == [row.layout.decode(d) for d in found]
+    run.write(tmp_path / 'once')
+    for folder in ('new', 'once'):
+        assert verify(tmp_path / folder).exit_code == ExitCode.OK
+        assert np.isfinite(read_run(tmp_path / folder).values['measurement']).all()
+
+    def rename(name, tick, data):
+        wrong = (name, tick) == ('/measurement', 4)
+        return data.replace(b'chaser', b'chasex', 1) if wrong else data
+
+    difference = verify(forge(tmp_path / 'new/run.mcap', tmp_path, rename)).difference
+    assert (difference.tick, difference.field) == (4, 'header.frame_id')
 
 
 def test_the_frame_and_what_lies_between_fields(log, tmp_path):

@@ -124,9 +124,9 @@ def test_the_turn_of_a_tick_is_counted():
     """Half a tick at 2 deg/s about each axis, the error, and what torque does in its delay."""
     limits = AttitudeLimits(rate_deg_s=2.0, known_deg=0.1)
     control = replace(STEERED, limits=limits)
-    with pytest.raises(InputError, match=r'must be at least 0\.583722, which'):
-        turning(control, chaser_attitude_error_deg=0.58)
-    assert turning(control, chaser_attitude_error_deg=0.59)
+    with pytest.raises(InputError, match=r'must be at least 0\.463337, which'):
+        turning(control, chaser_attitude_error_deg=0.46)
+    assert turning(control, chaser_attitude_error_deg=0.47)
 
 
 @pytest.mark.parametrize(('most', 'states'), [(4.0, ['holding']), (25.0, [])])

@@ -64,6 +64,21 @@ def test_limits_hold_under_hostile_commands(campaign, flown):
         assert one.turned_deg.min() > 0.0
 
 
+def test_no_command_turns_the_shipped_mission_beyond_what_is_proven(campaign):
+    """All delays that are drawn keep 2.9 degrees; forces and torques, hostile, keep the bounds."""
+    assumed = campaign.scenario.named('assurance').chaser_attitude_error_deg
+    assert assumed <= 2.9
+    long = bounded(config.load('tumbling_docking', ['duration_s=120.0'], runs=4 * RUNS, seed=4))
+    hostile = attack_campaign(long)
+    turned = np.array([one.turned_deg for one in hostile]).T.ravel().reshape(4, RUNS)
+    assert turned.max() <= assumed
+    assert turned[1::2].max() > 1.5 * turned[::2].max(), 'hostile torques do something'
+    bounds = long.scenario.named('attitude_control').bounds(long.scenario)
+    assert bounds.momentum < 0.2 < long.scenario.attitude.wheels.momentum_nms
+    with pytest.raises(InputError, match='chaser_attitude_error_deg'):
+        config.load('tumbling_docking', ['thrusters.delay_ticks=3'], runs=8)
+
+
 def watched(states):
     """Return the memory of `watch` after states (n, 6) of one run, corridor along +y."""
     w, m = make_scratch(), np.zeros(USED)
@@ -105,6 +120,12 @@ def test_the_command_says_what_broke():
     assert 'all limits held' in found.output
     # Wheels that cannot hold the chaser: it turns faster than the tick's prediction allows.
     weak = ['--set', 'attitude.wheels={torque_nm: 1.0e-5, momentum_nms: 0.001}']
-    found = CliRunner().invoke(app, [*words, *weak, '--set', 'attitude.rates_deg_s=[9, 9, 9]'])
+    weak += [
+        '--set',
+        'unloading={above_nms: 5.0e-4, torque_nm: 1.0e-6}',
+        '--set',
+        'attitude_control={controller: attitude_fuzzy}',
+    ]
+    found = CliRunner().invoke(app, [*words, *weak, '--set', 'attitude.rates_deg_s=[30, 30, 30]'])
     assert found.exit_code == 1, found.output
     assert 'break a limit' in found.output

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from rpo_attitude.chaser import Chaser, Wheels
 from rpo_attitude.pointing import Pointing
 from rpo_attitude.target import Target
+from rpo_attitude.unloading import Unloading
 from rpo_cli.cli import app
 from rpo_core.control.controller import load_fuzzy
 from rpo_core.files import scenario
@@ -259,6 +260,14 @@ CASES = {
                 rate_deg_s=3.5, angle_deg=8.0, disturbance_nm=0.001)),
         ),
         {**SOME, 'chaser_rate_x_deg_s': {'uniform': 0.3}},
+    ),
+    'a chaser whose wheels are emptied': (
+        PLAIN.equipped(
+            replace(STEERED, wheels=Wheels(torque_nm=0.5, momentum_nms=1.0)),
+            Unloading(above_nms=0.05, torque_nm=0.1), AttitudeControl(controller='attitude_pd'),
+            Thrusters(table=ThrusterTable(preset='corners_24', force_n=0.2)),
+        ),
+        {**SOME, 'misalignment_deg': {'normal': 1.0}, 'wheel_start_x_share': {'uniform': 0.1}},
     ),
     'a chaser that is steered by its thrusters': (
         PLAIN.equipped(

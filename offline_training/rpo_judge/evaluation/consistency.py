@@ -29,7 +29,7 @@ from rpo_kernels.kernels import State, Vector, cw_step, saturate, unpacked
 from rpo_nav.attitude_sensor_kernels import angles_between
 from rpo_nav.attitude_sensors import AttitudeSensors
 from rpo_nav.estimator import Estimator, filter_of, memory_of
-from rpo_nav.filter_kernels import HEADING, LIMIT, SQUARE, STATES, STEP, TESTED, X, estimate
+from rpo_nav.filter_kernels import GUST, HEADING, LIMIT, SQUARE, STATES, STEP, TESTED, X, estimate
 from rpo_nav.sensor_kernels import sense, three_normals
 from rpo_nav.sensors import CENTRE, Sensing, Sensor, Sensors
 
@@ -347,11 +347,9 @@ def _fly(
             at += 1
         command = _command(m, f[LIMIT])
         n0, n1, n2 = three_normals(tick, 0, _FORCE, run, key)
-        pushed = (
-            command[0] + dx + white * n0,
-            command[1] + dy + white * n1,
-            command[2] + dz + white * n2,
-        )
+        x, y, z = command
+        loud = white * sqrt(1.0 + f[GUST] * (x * x + y * y + z * z))
+        pushed = (x + dx + loud * n0, y + dy + loud * n1, z + dz + loud * n2)
         state = cw_step(state, pushed, unpacked(f, STEP, 1))
         w0, w1, w2 = three_normals(tick, 0, _WALK, run, key)
         dx, dy, dz = dx + drift * w0, dy + drift * w1, dz + drift * w2

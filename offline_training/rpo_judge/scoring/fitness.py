@@ -15,6 +15,7 @@ by how far a limit is exceeded:
 - `between`: so are flights from random states between the starts of the training;
 - `drawn`: runs of campaigns, judged by their limits (`search.drawn`);
 - `damping`: where on a grid of errors the force of a velocity does not oppose it.
+- `falls`: by how much on a grid the force falls as an error grows, beyond 0.08 of full output.
 """
 
 from __future__ import annotations
@@ -126,6 +127,7 @@ class FitnessSettings:
     mass_kg : further masses whose penalties count
     between : random planar loops, and as many vertical ones, whose penalties count; 0 = off
     damping : weight [N^2 s] of the mean force that drives, as a share of full output
+    falls : weight [N^2 s] of the largest falls along both errors, as a share of full output
     drawn : the runs of campaigns
     """
 
@@ -141,6 +143,7 @@ class FitnessSettings:
     mass_kg: tuple[float, ...] = ()
     between: int = 0
     damping: float = 0.0
+    falls: float = 0.0
     drawn: DrawnSettings = field(default_factory=DrawnSettings)
 
     def __post_init__(self) -> None:
@@ -149,7 +152,7 @@ class FitnessSettings:
             raise InputError(f'`fitness.arrival` must be true or false; got {self.arrival!r}')
         if real('fitness.margin', self.margin, least=0.0, most=1.0) == 1.0:
             raise InputError('`fitness.margin` must be below 1; got 1.0')
-        for name in ('limit_cycle', 'disturbance', 'robustness', 'tests', 'damping'):
+        for name in ('limit_cycle', 'disturbance', 'robustness', 'tests', 'damping', 'falls'):
             real(f'fitness.{name}', getattr(self, name), 'N^2 s', least=0.0)
         whole('fitness.between', self.between, least=0, most=40)
         real('fitness.error_weight', self.error_weight, above=0.0)
@@ -343,6 +346,8 @@ class Fitness:
             fitness = fitness + settings.robustness * self._cornered(np.hstack(list(outcomes)))
         if settings.damping and isinstance(population, Population):
             fitness = fitness + settings.damping * driving(population)
+        if settings.falls and isinstance(population, Population):
+            fitness = fitness + settings.falls * falls(population)
         missed = (values > self.conditions.limits).sum(axis=-2)
         if self.drawn:
             fitness, flights = self._with_drawn(population, fitness)
@@ -446,6 +451,7 @@ class Fitness:
 
 
 POSITIONS, VELOCITIES = 41, 20
+GRID, ALLOWED = 81, 0.08
 """Of the grid: position errors from -1 to 1, velocity errors from 0.05 to 1."""
 
 
@@ -471,3 +477,21 @@ def driving(population: Population, samples: int = DEFAULT_SAMPLES) -> Floats:
             table = sign * outputs.reshape(POSITIONS, -1)
             found[index, side] = np.maximum(table[:, :1] - table[:, 1:], 0.0).mean()
     return found.max(axis=1)
+
+
+def falls(population: Population, samples: int = DEFAULT_SAMPLES) -> Floats:
+    """Return the largest falls (n,) of the output along both errors, beyond `ALLOWED`, added up.
+
+    What `rpo explain --certify` proves of a surface, looked at on a grid.
+    """
+    errors = np.linspace(-1.0, 1.0, GRID)
+    grid = np.stack(np.meshgrid(errors, errors, indexing='ij')).reshape(2, -1)
+    scratch, outputs = make_scratch(), np.empty(GRID * GRID)
+    found = np.zeros(len(population.scales))
+    for index in range(len(found)):
+        infer_many(grid, population.law(index, samples), scratch, outputs)
+        table = outputs.reshape(GRID, GRID)
+        for axis in (0, 1):
+            fall = (np.maximum.accumulate(table, axis) - table).max()
+            found[index] += max(fall - ALLOWED, 0.0)
+    return found

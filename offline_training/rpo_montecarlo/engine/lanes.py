@@ -63,9 +63,10 @@ BODY_R, BODY_V = 39 * STRIDE, 40 * STRIDE
 BODY_QUAT, BODY_QUAT_W, BODY_RATE = ((54 + row) * STRIDE for row in range(3))
 # Covariance of the attitude that navigation found: row by row.
 SPREAD_X, SPREAD_Y, SPREAD_Z = ((57 + row) * STRIDE for row in range(3))
-# Roots of the traces of the covariances of position and velocity, where they are estimated (2, 40).
-KNOWN_SPREAD = 60 * STRIDE
-ROWS = 61
+# Roots of the traces of the covariances of position and velocity, where they are estimated (2, 40);
+# the torque that empties the wheels.
+KNOWN_SPREAD, UNLOADING = 60 * STRIDE, 61 * STRIDE
+ROWS = 62
 
 RUNS = 40
 """Paired runs side by side: whole SIMD registers, and three axes fit into a row."""

@@ -2,16 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Hostile commands in the runs of a campaign: all its stages fly, those of attitude too.
 
-From a moment that is drawn on, a run's force is not its controller's. What the campaign disperses
-stays: estimates, attitudes, thrusters. Beside the zone it looks at the contract between attitude
-and translation (docs/safety.md, lemma 6): the angle by which a force was turned wrongly.
+From a moment that is drawn on, a run's force is not its controller's. Where `attitude_control` has
+limits, neither is the torque of every other forty runs, from the beginning on. What the campaign
+disperses stays: estimates, attitudes, thrusters. Beside the zone it looks at the contract between
+attitude and translation (docs/safety.md, lemma 6): the angle by which a force was turned wrongly.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +21,7 @@ from numpy.typing import NDArray
 from rpo_core.chain.stage import Place, section_of
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
-from rpo_ctrl.attitude_law_kernels import attitude_ahead
+from rpo_ctrl.attitude_law_kernels import FUZZY, attitude_ahead
 from rpo_kernels.chaser_kernels import times
 from rpo_kernels.kernels import norm
 from rpo_montecarlo.campaign.config import Campaign
@@ -45,6 +47,7 @@ from rpo_montecarlo.engine.lanes import (
     make_scratch,
 )
 from rpo_montecarlo.engine.parts.attitude import attitude_in, vector_in
+from rpo_montecarlo.engine.parts.attitude_control import SHARED
 from rpo_montecarlo.engine.parts.control import control_of
 from rpo_montecarlo.engine.simulator import fly_pairs
 from rpo_montecarlo.engine.support import why_not
@@ -60,6 +63,9 @@ KINDS = ('its own', *(attack.KINDS[i] for i in HOSTILE_KINDS[1:]))
 
 BIASED = 0.9
 """Share of an assumed error that is a bias; the rest is noise."""
+
+GAIN_NM = 10.0
+"""Of hostile torques, for a radian or a radian a second: their signs are drawn."""
 
 LIMIT, SINCE, HOSTILE, WORDS = 0, 1, 1 + RUNS, 1 + 2 * RUNS
 """Places in the table of commands: force limit [N]; tick from which on each run has hostile ones;
@@ -152,6 +158,18 @@ def _commands(campaign: Campaign, first: int) -> Part:
     return Part('commands', ((COMMANDED + 1, command),), table, np.zeros(3 * RUNS))
 
 
+def _hostile(parts: Sequence[Part], seed: int, first: int) -> list[Part]:
+    """Return parts of a batch whose attitude controller answers errors with any torque."""
+    random, found = np.random.default_rng([seed, first, 1]), []
+    for part in parts:
+        if part.name == 'attitude_control':
+            gains = random.choice((-GAIN_NM, GAIN_NM), 18)
+            head = part.table[: SHARED + FUZZY]
+            part = part._replace(table=table_of(head, 0.0, gains))
+        found.append(part)
+    return found
+
+
 def _watched(scenario: Scenario, late: Floats) -> Part:
     """Return what looks for the zone, the corridor of assurance, contact, and how forces turn.
 
@@ -223,8 +241,9 @@ def attack_campaign(
     """
     scenario, runs = campaign.scenario, campaign.config.runs
     attack.settings_of(scenario)
+    steered: Any = scenario.named('attitude_control')
     reason = why_not(scenario, campaign.controller)
-    if not reason and scenario.named('attitude_control') is None:
+    if not reason and steered is None:
         reason = f'scenario {scenario.name} has no `attitude_control`'
     if reason:
         raise InputError(f'a campaign under attack must be flown by the engine; {reason}')
@@ -235,8 +254,11 @@ def attack_campaign(
         case, batches = case_of(campaign, drawn, 'attack'), []
         for at, batch in zip(range(0, UNIT, RUNS), case.batches, strict=False):
             late = drawn.column('delay_ticks')[at : at + RUNS]
+            parts: Sequence[Part] = batch.parts
+            if steered.limits is not None and (first + at) // RUNS % 2:
+                parts = _hostile(parts, campaign.config.seed, first + at)
             more = _commands(campaign, first + at), _watched(scenario, late)
-            batches.append(batch._replace(parts=(*batch.parts, *more)))
+            batches.append(batch._replace(parts=(*parts, *more)))
         for pairs in fly_pairs(control, replace(case, batches=tuple(batches)), w):
             n, memory = len(pairs.rows), pairs.memories['watched']
             rows = memory[:USED].reshape(-1, RUNS)[:, :n]

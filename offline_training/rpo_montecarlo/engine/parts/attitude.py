@@ -14,7 +14,8 @@ import numpy as np
 from rpo_attitude.target import of_vector, product
 from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
-from rpo_kernels.chaser_kernels import CRAFT, chaser_tick, craft_at, turned_force
+from rpo_kernels.attitude_kernels import attitude_at
+from rpo_kernels.chaser_kernels import chaser_tick, craft_at, turned_force
 from rpo_montecarlo.engine.lanes import (
     EXERTED_TORQUE,
     FORCE,
@@ -29,6 +30,7 @@ from rpo_montecarlo.engine.lanes import (
     SHIFT_R,
     SHIFT_V,
     TORQUE,
+    UNLOADING,
     R,
     V,
     compiled,
@@ -41,8 +43,8 @@ FIRST = 1
 DT, WHEELS, FIRED, BURNS, MASSES = range(5)
 CRAFTS = MASSES + RUNS
 """Places in the table: the tick [s]; whether wheels are commanded, thrusters give torque, the mass
-falls; the mass of each run [kg]; the numbers of its `Craft` (20, 40). The memory has the momentum
-of the wheels (3, 40), then the attitudes at the start (7, 40)."""
+falls; the mass of each run [kg]; the numbers of its `Craft` (20, 40).
+The memory has the momentum of the wheels (3, 40), then the attitudes at the start (7, 40)."""
 
 
 @compiled
@@ -81,11 +83,7 @@ def begin(w, m, t, tick):  # type: ignore[no-untyped-def]
     if tick > 0:
         return
     for s in range(RUNS):
-        i, n = 3 * RUNS + s, RUNS
-        a = (
-            m[i], m[i + n], m[i + 2 * n], m[i + 3 * n], m[i + 4 * n], m[i + 5 * n], m[i + 6 * n],
-        )  # fmt: skip
-        put_attitude(w, QUAT, QUAT_W, RATE, s, a)
+        put_attitude(w, QUAT, QUAT_W, RATE, s, attitude_at(m, 3 * RUNS + s, RUNS))
 
 
 @compiled
@@ -97,6 +95,8 @@ def rotate(w, m, t, tick):  # type: ignore[no-untyped-def]
         wanted = outside = (0.0, 0.0, 0.0)
         if t[WHEELS] > 0.0:
             wanted = vector_in(w, TORQUE, s)
+            u = vector_in(w, UNLOADING, s)  # the wheels take up what empties them
+            wanted = (wanted[0] - u[0], wanted[1] - u[1], wanted[2] - u[2])
         if t[FIRED] > 0.0:
             outside = vector_in(w, EXERTED_TORQUE, s)
         c = craft_at(t, CRAFTS + s, RUNS)
@@ -132,8 +132,6 @@ def _part(batch: Batch) -> Part | None:
         starts.append(chaser.start(n))
         wheels.append(chaser.wheels.start_nms if chaser.wheels else (0.0,) * 3)
         masses.append(scenario.mass_kg)
-    if len(crafts[0]) != CRAFT:
-        raise RuntimeError(f'a craft must have {CRAFT} numbers; it has {len(crafts[0])}')
     thrusters: Any = base.thrusters
     flags = (
         base.dt_s,
@@ -176,3 +174,4 @@ def vary(scenario: Scenario, draw: Draw) -> list[Any]:
 
 
 register(Kind('attitude', _part, vary=vary))
+register(Kind('unloading', lambda _: None))  # a part of `attitude_control`

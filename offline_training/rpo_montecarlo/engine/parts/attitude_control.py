@@ -20,14 +20,16 @@ from rpo_ctrl.attitude_law_kernels import (
     RULES,
     SAMPLES,
     SCALES,
+    WHEELS,
     Errors,
     errors,
     force_ahead,
     limited,
     linear_torque,
-    wheels_after,
+    unloaded_at,
 )
 from rpo_kernels.attitude_kernels import synchronised
+from rpo_kernels.chaser_kernels import wheels_after
 from rpo_kernels.kernels import LANES, saturate
 from rpo_montecarlo.engine.lanes import (
     E_R,
@@ -42,6 +44,7 @@ from rpo_montecarlo.engine.lanes import (
     REF_RATE,
     RUNS,
     TORQUE,
+    UNLOADING,
     Law,
     compiled,
     infer_lanes,
@@ -96,7 +99,7 @@ def _errors(m, s):  # type: ignore[no-untyped-def]
 
 @compiled
 def steer(w, m, t, tick):  # type: ignore[no-untyped-def]
-    """Turn row FORCE into body axes; fill row TORQUE."""
+    """Turn row FORCE into body axes; fill rows TORQUE and UNLOADING."""
     law = t[SHARED:]
     _fill_errors(w, m, t, tick)
     if law[FUZZY] > 0.0:
@@ -125,9 +128,11 @@ def steer(w, m, t, tick):  # type: ignore[no-untyped-def]
                 law[SCALES + 4] * w[OUTPUT + z],
             )
         wheels = (m[s + 3 * RUNS], m[s + 4 * RUNS], m[s + 5 * RUNS])
+        taken, wheels = unloaded_at(wheels, t, i)
+        w[UNLOADING + s], w[UNLOADING + y], w[UNLOADING + z] = taken
         torque = limited(torque, e, seen, wheels, t, i)
         w[TORQUE + s], w[TORQUE + y], w[TORQUE + z] = torque
-        after = wheels_after(wheels, torque, t, i)
+        after = wheels_after(wheels, torque, t[i + DT], t[i + WHEELS])
         m[s + 3 * RUNS], m[s + 4 * RUNS], m[s + 5 * RUNS] = after
         wanted = _wanted(w, t, s)
         m[s], m[s + RUNS], m[s + 2 * RUNS] = wanted[4], wanted[5], wanted[6]

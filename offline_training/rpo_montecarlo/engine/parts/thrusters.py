@@ -33,6 +33,7 @@ from rpo_montecarlo.engine.lanes import (
     PAIRED_LANES,
     RUNS,
     TORQUE,
+    UNLOADING,
     compiled,
 )
 from rpo_montecarlo.engine.tick import LIMITED, Batch, Draw, Kind, Part, register, table_of
@@ -103,19 +104,11 @@ def exert(w, m, t, tick):  # type: ignore[no-untyped-def]
     for s in range(RUNS):
         y, z = s + RUNS, s + 2 * RUNS
         w[FORCE + s], w[FORCE + y], w[FORCE + z] = exerted_force(
-            t[s],
-            t[RUNS + s],
-            t[2 * RUNS + s],
-            t[3 * RUNS + s],
-            t[4 * RUNS + s],
-            t[5 * RUNS + s],
-            t[6 * RUNS + s],
-            t[7 * RUNS + s],
-            t[8 * RUNS + s],
-            w[FORCE + s],
-            w[FORCE + y],
-            w[FORCE + z],
-        )
+            t[s], t[RUNS + s], t[2 * RUNS + s],
+            t[3 * RUNS + s], t[4 * RUNS + s], t[5 * RUNS + s],
+            t[6 * RUNS + s], t[7 * RUNS + s], t[8 * RUNS + s],
+            w[FORCE + s], w[FORCE + y], w[FORCE + z],
+        )  # fmt: skip
 
 
 @compiled
@@ -216,7 +209,7 @@ def _valves_part(batch: Batch) -> Part:
 def fire_table(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Replace row FORCE, the saturated command, by the mean force of a table; fill row MASS."""
     head, number, bases, count = t[REST:], int(t[REST]), int(t[REST + 6]), int(t[REST + 7])
-    a, b, n, turns = REST + 9, REST + 9 + 10 * number, number, head[8] > 0.0
+    a, b, n, row = REST + 9, REST + 9 + 10 * number, number, int(head[8])
     shared, scratch = t[a:b], m[MEMORY * RUNS :]
     for s in range(RUNS):
         y, z = s + RUNS, s + 2 * RUNS
@@ -230,9 +223,7 @@ def fire_table(w, m, t, tick):  # type: ignore[no-untyped-def]
         )  # fmt: skip
         command = (w[FORCE + s], w[FORCE + y], w[FORCE + z])
         memory = m[MEMORY * s : MEMORY * (s + 1)]
-        wanted = (0.0, 0.0, 0.0)
-        if turns:
-            wanted = (w[TORQUE + s], w[TORQUE + y], w[TORQUE + z])
+        wanted = (w[row + s], w[row + y], w[row + z])
         force, torque, w[MASS + s] = fire_thrusters(
             tick, command, wanted, memory, table, _tank(t, s), scratch
         )
@@ -250,7 +241,7 @@ def _table_part(batch: Batch) -> Part:
     own = np.zeros((RUNS, len(one.acts) + 5 * len(rows[0])))
     own[: len(made)] = [table_of(t.acts, r) for t, r in zip(made, rows, strict=True)]
     shared = (one.columns, one.most, one.cost, one.burns, one.bits, one.bases)
-    sizes = (len(one.bases), len(rows[0]), turns_by_table(batch.base))
+    sizes = (len(one.bases), len(rows[0]), TORQUE if turns_by_table(batch.base) else UNLOADING)
     table = table_of(_tanks(batch), one[:6], *sizes, *shared, own)
     memory = np.zeros(MEMORY * RUNS + SCRATCH + ROWS)
     return Part('thrusters', ((Place.THRUSTERS, fire_table),), table, memory)

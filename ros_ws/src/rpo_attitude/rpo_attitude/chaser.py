@@ -135,6 +135,7 @@ class AttitudeStage(Stage):
             interfaces.THRUST,
             *([interfaces.BODY_TORQUE] if self._commanded else []),
             *([interfaces.EXERTED_TORQUE] if self._fired else []),
+            *([interfaces.UNLOADING_TORQUE] if scenario.named('unloading') else []),
         )
         self.reset()
 
@@ -146,7 +147,9 @@ class AttitudeStage(Stage):
         """Return mean force (3,) [N], LVLH, its shift (6,), the wheels, and the next attitude."""
         attitude, force, *torques = inputs
         wanted = torques[0] if self._commanded else ZERO
-        outside = torques[-1] if self._fired else ZERO
+        outside = torques[self._commanded] if self._fired else ZERO
+        if len(torques) > 2:  # the wheels take up what empties them
+            wanted = tuple(a - b for a, b in zip(wanted, torques[2], strict=True))
         now = self._wheels
         following, self._wheels, mean, shift = _tick(
             attitude, now, force, wanted, outside, self._dt_s, self._craft

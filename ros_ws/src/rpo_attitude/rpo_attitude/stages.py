@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What this room adds to scenarios and to the table of interfaces (`rpo_core.files.plugins`)."""
 
-from rpo_attitude import chaser, pointing, target
+from rpo_attitude import chaser, pointing, target, unloading
 
-__all__ = ['chaser', 'pointing']
+__all__ = ['chaser', 'pointing', 'unloading']
 
 target.add()

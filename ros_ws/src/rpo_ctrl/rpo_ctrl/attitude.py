@@ -16,7 +16,7 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
-from math import sqrt
+from math import degrees, radians, sqrt
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -53,9 +53,9 @@ from rpo_core.files.validation import (
 )
 from rpo_core.wire import interfaces
 from rpo_ctrl.attitude_law_kernels import steer
-from rpo_ctrl.attitude_limit_kernels import NONE, TorqueLimits
-from rpo_ctrl.attitude_limits import AttitudeLimits, numbers_of
-from rpo_kernels.attitude_kernels import Attitude, momentum_of, synchronised
+from rpo_ctrl.attitude_limit_kernels import FAR, NONE, TorqueLimits
+from rpo_ctrl.attitude_limits import AttitudeLimits, Bounds, bounds_of, numbers_of
+from rpo_kernels.attitude_kernels import Attitude, Body, momentum_of, synchronised
 from rpo_kernels.jit import as_table
 from rpo_kernels.kernels import Vector, norm
 
@@ -274,47 +274,84 @@ class AttitudeControl:
         dt_s: float,
         kept: TorqueLimits = NONE,
         delay_ticks: int = 0,
+        unloading: tuple[float, float] = (0.0, 0.0),
     ) -> Floats:
         """Return the law as the kernels read it (`attitude_law_kernels`).
 
         chaser : section `attitude`: `inertia_kg_m2`, and `wheels` or None; kept : see `kept`;
-        delay_ticks : of the force
+        delay_ticks : of the force; unloading : as section `unloading` has it
         """
         j = np.array(self.inertia_kg_m2 or chaser.inertia_kg_m2, np.float64)
         momentum = chaser.wheels.momentum_nms if chaser.wheels else 0.0
         assumed = [j[0, 0], j[1, 1], j[2, 2], j[0, 1], j[0, 2], j[1, 2]]
         if not self.controller.feed_forward:
             assumed = [0.0] * 6
-        numbers = momentum, orbit_rad_s, dt_s, (delay_ticks + 0.5) * dt_s
-        head = [self._limit_nm(chaser)] * 3, numbers, assumed, kept
+        numbers = momentum, orbit_rad_s, dt_s, (delay_ticks + 0.5) * dt_s, *unloading
+        head = [self._limit_nm(chaser, unloading[1])] * 3, numbers, assumed, kept
         return np.concatenate([*head, self.controller.law(j, self.time_scale)])
 
     def law_of(self, scenario: Any) -> Floats:
         """Return the law of a scenario as the kernels read it; raises InputError."""
         orbit, kept, thrusters = scenario.mean_motion_rad_s, self.kept(scenario), scenario.thrusters
         delay = thrusters.delay_ticks if thrusters else 0
-        return self.table(scenario.attitude, orbit, scenario.dt_s, kept, delay)
+        chaser, dt_s = scenario.attitude, scenario.dt_s
+        return self.table(chaser, orbit, dt_s, kept, delay, _unloading(scenario))
 
     def kept(self, scenario: Any) -> TorqueLimits:
         """Return what the torque must keep in a scenario; raises InputError where it cannot."""
-        chaser, n = scenario.attitude, scenario.mean_motion_rad_s
         if self.limits is None:
             return NONE
-        limit, wheels = self._limit_nm(chaser), chaser.wheels
-        if limit == UNLIMITED_NM:
-            raise InputError('`attitude_control.limits` needs `limit_nm`, or wheels')
-        body = replace(chaser, inertia_kg_m2=self.inertia_kg_m2 or chaser.inertia_kg_m2)
-        body = body.craft(n).body
-        own, spun = momentum_of(chaser.start(n)[4:], body), wheels.start_nms if wheels else ZERO
-        start = norm(*(a + b for a, b in zip(own, spun, strict=True)))
-        momentum = wheels.momentum_nms if wheels else 0.0
-        dt_s, duration_s = scenario.dt_s, scenario.duration_s
-        return numbers_of(self.limits, body, limit, momentum, start, dt_s, duration_s)
+        wheels, limit = scenario.attitude.wheels, self._limit_of(scenario)
+        full = FAR if wheels is None else min(
+            self.limits.momentum_nms or wheels.momentum_nms, wheels.momentum_nms
+        )  # fmt: skip
+        body, found = self._body(scenario), self.bounds(scenario)
+        return numbers_of(self.limits, found, body, limit, full, scenario.dt_s)
 
-    def _limit_nm(self, chaser: Any) -> float:
-        wheels = chaser.wheels
-        limit: float = self.limit_nm or (wheels.torque_nm if wheels else UNLIMITED_NM)
-        return min(limit, wheels.torque_nm) if wheels else limit
+    def bounds(self, scenario: Any) -> Bounds:
+        """Return what `limits` make certain in a scenario; raises InputError where nothing is."""
+        chaser, n, limits = scenario.attitude, scenario.mean_motion_rad_s, self.limits
+        limit, wheels, body = self._limit_of(scenario), chaser.wheels, self._body(scenario)
+        if limits is None or limit == UNLIMITED_NM:
+            raise InputError('`attitude_control.limits` needs `limit_nm`, or wheels')
+        rates = chaser.start(n)[4:]
+        if max(map(abs, rates)) > radians(limits.rate_deg_s):
+            raise InputError(
+                '`attitude.rates_deg_s` must begin within `attitude_control.limits.rate_deg_s`, '
+                f'{limits.rate_deg_s!r}; got {[round(degrees(rate), 6) for rate in rates]}'
+            )
+        own, spun = momentum_of(rates, body), wheels.start_nms if wheels else ZERO
+        start = norm(*(a + b for a, b in zip(own, spun, strict=True)))
+        start += limits.inertia_share * norm(*own)
+        pull = 3.0 * n * n * norm(*body[2:5]) if chaser.gravity_gradient else 0.0
+        outside = limits.disturbance_nm + max(map(abs, chaser.disturbance_torque_nm)) + pull
+        limits = replace(limits, disturbance_nm=outside)
+        dt_s, duration_s, empties = scenario.dt_s, scenario.duration_s, _unloading(scenario)
+        return bounds_of(
+            limits, body, limit, start, dt_s, duration_s, wheels is not None, empties
+        )  # fmt: skip
+
+    def _body(self, scenario: Any) -> Body:
+        """Return the body that it assumes."""
+        inertia = self.inertia_kg_m2 or scenario.attitude.inertia_kg_m2
+        found: Body = (
+            replace(scenario.attitude, inertia_kg_m2=inertia).craft(scenario.mean_motion_rad_s).body
+        )
+        return found
+
+    def _limit_of(self, scenario: Any) -> float:
+        return self._limit_nm(scenario.attitude, _unloading(scenario)[1])
+
+    def _limit_nm(self, chaser: Any, unloading_nm: float) -> float:
+        """Return the torque [N m] of an axis: of wheels what unloading leaves them."""
+        has: float = chaser.wheels.torque_nm - unloading_nm if chaser.wheels else UNLIMITED_NM
+        return min(self.limit_nm or has, has)
+
+
+def _unloading(scenario: Any) -> tuple[float, float]:
+    """Return from which momentum [N m s] and with what torque [N m] thrusters empty wheels."""
+    settings = scenario.named('unloading')
+    return (settings.above_nms, settings.torque_nm) if settings else (0.0, 0.0)
 
 
 class AttitudeControlStage(Stage):

@@ -8,7 +8,8 @@ that the stage and the lanes of the engine call the same kernels:
 
 - `LIMITS`: largest torque of each axis [N m]; `WHEELS`: largest momentum of a wheel [N m s], 0.0
   without wheels; `ORBIT`: rate of LVLH [rad/s]; `DT`: the tick [s]; `AHEAD`: time from a state to
-  the middle of the tick in which its force acts [s];
+  the middle of the tick in which its force acts [s]; `ABOVE`, `UNLOAD`: momentum of a wheel above
+  which thrusters empty it [N m s], and their torque [N m];
 - `INERTIA`: xx, yy, zz, xy, xz, yz [kg m^2] that the feed-forward assumes; zeros: there is none;
 - `KEPT`: what the torque must keep (`attitude_limit_kernels.TorqueLimits`); zeros: nothing;
 - `FUZZY`: 0.0 for a linear law, whose gains of attitude (3, 3) [N m/rad] and of rate (3, 3)
@@ -23,11 +24,18 @@ from typing import Any, NamedTuple
 
 from rpo_ctrl.attitude_limit_kernels import NUMBERS, limits_at, within_limits
 from rpo_kernels.attitude_kernels import Attitude, cross, symmetric
-from rpo_kernels.chaser_kernels import Quaternion, relative_to, times, turn_back
+from rpo_kernels.chaser_kernels import (
+    Quaternion,
+    relative_to,
+    times,
+    turn_back,
+    unloaded,
+    wheels_after,
+)
 from rpo_kernels.jit import inlined, kernel
 from rpo_kernels.kernels import FisTables, Vector, infer, saturate
 
-LIMITS, WHEELS, ORBIT, DT, AHEAD, INERTIA, KEPT = 0, 3, 4, 5, 6, 7, 13
+LIMITS, WHEELS, ORBIT, DT, AHEAD, ABOVE, UNLOAD, INERTIA, KEPT = 0, 3, 4, 5, 6, 7, 8, 9, 15
 FUZZY, LAW = KEPT + NUMBERS, KEPT + NUMBERS + 1
 """Places in a table."""
 
@@ -112,14 +120,9 @@ def limited(torque: Vector, e: Errors, seen: Attitude, wheels: Vector, t: Any, i
 
 
 @inlined
-def wheels_after(wheels: Vector, torque: Vector, t: Any, i: int) -> Vector:
-    """Momentum (3,) [N m s] of wheels that exert a torque on the body for a tick."""
-    dt, most = t[i + DT], t[i + WHEELS]
-    return (
-        saturate(wheels[0] - torque[0] * dt, most),
-        saturate(wheels[1] - torque[1] * dt, most),
-        saturate(wheels[2] - torque[2] * dt, most),
-    )
+def unloaded_at(wheels: Vector, t: Any, i: int) -> tuple[Vector, Vector]:
+    """Torque (3,) of thrusters that empty the wheels, and their momentum after a tick of it."""
+    return unloaded(wheels, t[i + ABOVE], t[i + UNLOAD], t[i + DT])
 
 
 @kernel
@@ -180,5 +183,7 @@ def steer(
     force: Vector, seen: Attitude, wanted: Attitude, before: Vector, wheels: Vector, t: Any
 ) -> tuple[Vector, Vector, Vector]:
     """Commanded force [N] and torque [N m] in body axes; the wheels a tick later [N m s]."""
+    _, wheels = unloaded_at(wheels, t, 0)
     torque = attitude_torque(seen, wanted, before, wheels, t)
-    return force_ahead(force, seen, t, 0), torque, wheels_after(wheels, torque, t, 0)
+    after = wheels_after(wheels, torque, t[DT], t[WHEELS])
+    return force_ahead(force, seen, t, 0), torque, after

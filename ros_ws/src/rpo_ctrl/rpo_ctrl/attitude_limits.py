@@ -10,17 +10,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 from math import radians, sqrt
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import InputError, check_fields, optional, real
-from rpo_ctrl.attitude_limit_kernels import FAR, TorqueLimits
+from rpo_ctrl.attitude_limit_kernels import TorqueLimits
 from rpo_kernels.attitude_kernels import Body
 
 SQRT_3 = sqrt(3.0)
 
 _degrees = partial(real, unit='deg', least=0.0, most=20.0)
 _rates = partial(real, unit='deg/s', least=0.0, most=45.0)
+_share = partial(real, least=0.0, most=0.5)
 _least = partial(real, least=0.0, most=1e6)
 
 
@@ -32,7 +33,9 @@ class AttitudeLimits:
     angle_deg : largest angle off the reference about each axis, once it is reached; None: any
     momentum_nms : of each wheel; None: what the wheels have
     known_deg, known_deg_s : largest error, about each axis, of the attitude and the rate it sees
-    disturbance_nm : largest torque about each axis beside the commanded one
+    disturbance_nm : largest torque about each axis beside the commanded one: of thrusters that are
+        misaligned; that of section `attitude` is counted too
+    inertia_share : largest share by which all true moments of inertia are off alike
     reference_deg_s2 : largest change of the reference's rate about each axis
     """
 
@@ -42,58 +45,124 @@ class AttitudeLimits:
     known_deg: Annotated[float, _degrees] = 0.0
     known_deg_s: Annotated[float, _rates] = 0.0
     disturbance_nm: Annotated[float, partial(_least, unit='N m')] = 0.0
+    inertia_share: Annotated[float, _share] = unless_default(0.0)
     reference_deg_s2: Annotated[float, _rates] = 0.1
 
     def __post_init__(self) -> None:
         check_fields(self)
 
 
-def numbers_of(
+class Bounds(NamedTuple):
+    """What is certain of a chaser within its limits.
+
+    momentum : of body and wheels together [N m s]
+    fastest, sure : largest angular acceleration, and what all axes have at once [rad/s^2]
+    unknown : what an acceleration may be off at any time of a tick [rad/s^2]
+    rate : which commands may lead to about an axis [rad/s]
+    """
+
+    momentum: float
+    fastest: float
+    sure: float
+    unknown: float
+    rate: float
+
+
+def bounds_of(
     settings: AttitudeLimits,
     body: Body,
     torque_nm: float,
-    momentum_nms: float,
     start_nms: float,
     dt_s: float,
     duration_s: float,
-) -> TorqueLimits:
-    """Return the limits as the kernel reads them; raises InputError where none are certain.
+    wheels: bool = True,
+    unloading: tuple[float, float] = (0.0, 0.0),
+) -> Bounds:
+    """Return what is certain; raises InputError where nothing is.
 
-    body : as the control assumes it; torque_nm : of each axis; momentum_nms : of a wheel, 0.0
-    without wheels; start_nms : norm of the momentum of body and wheels at tick 0
+    body : as the control assumes it; torque_nm : of each axis; start_nms : norm of the momentum of
+    body and wheels at tick 0; unloading : momentum [N m s] and torque [N m], 0.0: none
     """
-    parts, dt = body[2:14], dt_s
-    rows, heavy, light = _rows(parts[:6]), max(_rows(parts[:6])), max(_rows(parts[6:]))
+    parts, share = body[2:14], settings.inertia_share
+    rows, light = _rows(parts[:6]), max(_rows(parts[6:]))
     rate, error = radians(settings.rate_deg_s), radians(settings.known_deg_s)
-    fast, push = SQRT_3 * rate, SQRT_3 * settings.disturbance_nm
-    wheels = momentum_nms > 0.0
-    whole = start_nms + push * duration_s if wheels else heavy * fast
-    full = min(settings.momentum_nms or momentum_nms, momentum_nms) if wheels else FAR
-    if wheels and whole + heavy * fast > full:
-        raise InputError(
-            f'`attitude_control.limits` and the wheels exclude each other: {whole:.6g} N m s of '
-            f'chaser and wheels and {heavy * fast:.6g} at `rate_deg_s` are more than {full:.6g}'
-        )
-    # Of the gyroscopic torque: all of it, and what the filter does not know.
+    heavy, fast = (1.0 + share) * max(rows), SQRT_3 * rate
+    push, empties = SQRT_3 * settings.disturbance_nm, SQRT_3 * unloading[1]
+    whole = heavy * fast
+    if wheels and empties:
+        drift = dt_s * (push + empties)
+        whole = _emptied(unloading, push, heavy * rate + drift, dt_s * fast, start_nms)
+    elif wheels:
+        whole = start_nms + push * duration_s
+    # Of the gyroscopic torque: all of it, what a tick changes, and what the filter does not know.
     turning = fast * whole
-    fastest = light * (SQRT_3 * torque_nm + turning + push)
-    late = dt * (fastest * whole + fast * (turning + push))
-    unknown = light * (push + late + SQRT_3 * error * (whole + heavy * fast))
+    fastest = light * (SQRT_3 * torque_nm + turning + push) / (1.0 - share)
+    late = dt_s * (fastest * whole + fast * (turning + push + empties))
+    steady = settings.disturbance_nm + SQRT_3 * error * (whole + heavy * fast)
+    steady += share * heavy * fast * fast
+    # Of an acceleration a chaser of another inertia makes a multiple: it brakes all the same.
+    most = share * light * (torque_nm + turning)
+    off = [(light * (steady + part * late) + most) / (1.0 - share) for part in (0.5, 1.0)]
     sure = min((torque_nm - turning) / row for row in rows)
-    kept = rate - dt * unknown - error
+    kept, unknown = rate - dt_s * off[0] - error, light * (steady + 0.5 * late)
     if sure <= unknown or kept <= 0.0:
         raise InputError(
             '`attitude_control.limits` must leave torque to brake with: of '
             f'{torque_nm / max(rows):.6g} rad/s^2, {sure:.6g} are left of the turn at '
             f'`rate_deg_s`, and {unknown:.6g} may be lost; {kept:.6g} rad/s are kept'
         )
-    found = TorqueLimits(
-        dt,
-        *parts,
-        *(torque_nm, full, sure, kept),
+    return Bounds(whole, fastest, sure, off[1], kept)
+
+
+def _emptied(
+    unloading: tuple[float, float], push: float, body: float, turn: float, start: float
+) -> float:
+    """Return the largest momentum [N m s] of chaser and wheels that thrusters empty, for ever.
+
+    push : of disturbances [N m]; body : of the body about an axis, and what a tick changes
+    [N m s]; turn : of a tick [rad]
+    """
+    above, torque = unloading
+    share = push / torque
+    if share >= 1.0:
+        raise InputError(
+            '`unloading.torque_nm` must be above what disturbs all axes at once, '
+            f'{push:.6g} N m; got {torque!r}'
+        )
+    times = max(SQRT_3, sqrt(2.0 / (1.0 - share * share)))
+    whole = max(start, times * (above + body) / (1.0 - times * turn))
+    if above < body + turn * whole:
+        raise InputError(
+            f'`unloading.above_nms` must be at least {body + turn * whole:.6g}, which the body may '
+            f'have at `rate_deg_s`; got {above!r}'
+        )
+    return whole
+
+
+def numbers_of(
+    settings: AttitudeLimits, found: Bounds, body: Body, torque_nm: float, full: float, dt_s: float
+) -> TorqueLimits:
+    """Return the limits as the kernel reads them; raises InputError where none are certain.
+
+    full : momentum of a wheel [N m s]; FAR without wheels
+    """
+    heavy = (1.0 + settings.inertia_share) * max(_rows(body[2:8]))
+    most = heavy * SQRT_3 * radians(settings.rate_deg_s)
+    if found.momentum + most > full:
+        raise InputError(
+            '`attitude_control.limits` and the wheels exclude each other: '
+            f'{found.momentum:.6g} N m s of chaser and wheels and {most:.6g} at `rate_deg_s` are '
+            f'more than {full:.6g}'
+        )
+    limits = TorqueLimits(
+        dt_s,
+        *body[2:14],
+        *(torque_nm, full, found.sure, found.rate),
         *(0.0, -1.0, 0.0, 1.0, 0.0),
     )
-    return found if settings.angle_deg is None else _coned(found, settings, fastest, unknown)
+    if settings.angle_deg is None:
+        return limits
+    return _coned(limits, settings, found.fastest, found.unknown)
 
 
 def _coned(

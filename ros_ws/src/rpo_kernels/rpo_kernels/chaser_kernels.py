@@ -21,8 +21,8 @@ from rpo_kernels.attitude_kernels import (
     plus,
     turning_at,
 )  # fmt: skip
-from rpo_kernels.jit import inlined
-from rpo_kernels.kernels import State, Vector
+from rpo_kernels.jit import inlined, kernel
+from rpo_kernels.kernels import State, Vector, saturate
 
 Quaternion = tuple[float, float, float, float]
 
@@ -43,10 +43,6 @@ class Craft(NamedTuple):
     x: float
     y: float
     z: float
-
-
-CRAFT = 20
-"""Numbers of a craft."""
 
 
 @inlined
@@ -158,6 +154,34 @@ def _spun(wanted: float, momentum: float, dt: float, c: Craft) -> float:
     if after > c.momentum:
         return (momentum - c.momentum) / dt
     return (momentum + c.momentum) / dt if after < -c.momentum else torque
+
+
+@inlined
+def _against(momentum: float, above: float, torque: float) -> float:
+    return -torque if momentum > above else torque if momentum < -above else 0.0
+
+
+@kernel
+def unloaded(wheels: Vector, above: float, torque: float, dt: float) -> tuple[Vector, Vector]:
+    """Return the torque [N m] of thrusters on each wheel above a momentum [N m s], to empty it.
+
+    And the momentum of the wheels after a tick of it; torque : 0.0 where none are unloaded
+    """
+    if torque == 0.0:
+        return (0.0, 0.0, 0.0), wheels
+    x, y, z = wheels
+    u = (_against(x, above, torque), _against(y, above, torque), _against(z, above, torque))
+    return u, _ahead(wheels, dt, u)
+
+
+@inlined
+def wheels_after(wheels: Vector, torque: Vector, dt: float, most: float) -> Vector:
+    """Return the momentum (3,) [N m s] of wheels that exert a torque on the body for a tick."""
+    return (
+        saturate(wheels[0] - torque[0] * dt, most),
+        saturate(wheels[1] - torque[1] * dt, most),
+        saturate(wheels[2] - torque[2] * dt, most),
+    )
 
 
 @inlined

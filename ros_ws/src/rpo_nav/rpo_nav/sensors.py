@@ -64,6 +64,7 @@ for _name in MEASUREMENTS:
             interfaces.STATE_TYPE,
             'what a sensor measured, with its covariance; -1 as the first one: nothing',
             covariance=True,
+            also=interfaces.CHASER_FRAME,
         ),
         before=interfaces.NAVIGATION_STATE,
     )
@@ -222,6 +223,12 @@ class Sensors:
     def signals(self) -> tuple[str, ...]:
         """Names of the signals, one of each sensor."""
         return MEASUREMENTS[: len(self.units)]
+
+    @property
+    def own_axes(self) -> tuple[str, ...]:
+        """Names of the signals whose numbers are in the chaser's axes."""
+        pairs = zip(self.signals, self.units, strict=True)
+        return tuple(name for name, unit in pairs if unit.body_fixed)
 
     @property
     def turn(self) -> bool:

@@ -43,6 +43,10 @@ class Outlet:
         self._encode, self.numbers_of = row.layout.encode, row.whole
         self.publisher = node.create_publisher(message_class(row.type), row.topic, qos.of(row.qos))
 
+    def fly_in(self, scenario: Any) -> None:
+        """Publish in the axes that a scenario has for the signal."""
+        self._encode = interfaces.row_of(self.name).layout_in(scenario).encode
+
     def publish_of(self, stamp_ns: int, signals: Mapping[str, Signal]) -> bytes:
         """Publish a signal, with what travels in its message; return the bytes."""
         return self.publish(stamp_ns, self.numbers_of(signals))

@@ -164,7 +164,10 @@ class StageNode(FlightNode):
         chain = self.part(scenario)
         if chain is None:
             return False
-        self._open(name for name in chain.outputs if interfaces.row_of(name).type)
+        made = [name for name in chain.outputs if interfaces.row_of(name).type]
+        self._open(made)
+        for name in made:
+            self._outlets[name].fly_in(scenario)
         self._hear(chain)
         chain.warm_up(tuple(map(float, scenario.start)))
         self.chain = chain

@@ -163,13 +163,12 @@ def _turned_deg(control: Any, scenario: Any) -> float:
 
     A force is turned for the middle of the tick in which it acts, by the rate of now.
     """
-    limits, kept = control.limits, control.kept(scenario)
+    limits = control.limits
     if limits is None:
         return 0.0
     delay = scenario.thrusters.delay_ticks if scenario.thrusters else 0
     fastest = SQRT_3 * limits.rate_deg_s + math.degrees(scenario.mean_motion_rad_s)
-    light = max(abs(i) for i in kept[7:10]) + 2.0 * max(abs(i) for i in kept[10:13])
-    most = math.degrees(SQRT_3 * light * 2.0 * kept.torque)  # half of it for the gyroscopic torque
+    most = math.degrees(control.bounds(scenario).fastest)
     later = (delay + 0.5) * scenario.dt_s
     known = SQRT_3 * (limits.known_deg + later * limits.known_deg_s)
     return known + 0.5 * scenario.dt_s * fastest + 0.5 * later * later * most
@@ -209,14 +208,16 @@ def limit_n(scenario: Any) -> float:
     """Return the force [N] that all axes of target LVLH have at once.
 
     Of a table of thrusters that is what is left without torque when all that are known to fail have
-    failed; raises InputError where nothing is. Where the thrusters turn with the chaser, it is that
-    of the largest ball of forces: what there is in every attitude.
+    failed, and while the wheels are unloaded; raises InputError where nothing is. Where the
+    thrusters turn with the chaser, it is that of the largest ball of forces: what there is in every
+    attitude.
     """
     most, turns = float(scenario.max_force_n), scenario.attitude is not None
     own = scenario.thrusters
     if own is None or own.table is None:
         return most / SQRT_3 if turns else most
-    left = known(own.table)
+    unloading = scenario.named('unloading')
+    left = known(own.table, unloading.torque_nm if unloading else 0.0)
     has = left.left(most)
     if has == NONE:
         raise InputError(

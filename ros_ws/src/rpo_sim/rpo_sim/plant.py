@@ -44,7 +44,14 @@ class NotFiniteError(ArithmeticError):
     """A step made a state that is not finite; the message says from which signal."""
 
 
-PLACES = (Place.LINK, Place.THRUSTERS, Place.TARGET, Place.ATTITUDE, Place.DYNAMICS)
+PLACES = (
+    Place.UNLOADING,
+    Place.LINK,
+    Place.THRUSTERS,
+    Place.TARGET,
+    Place.ATTITUDE,
+    Place.DYNAMICS,
+)
 """Stages that the plant runs."""
 
 

@@ -18,7 +18,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rpo_core.chain.stage import ZERO
 from rpo_kernels.jit import as_table, kernel
+from rpo_kernels.kernels import Vector
 from rpo_thrusters.allocation_kernels import (
     AIM,
     INVERSE,
@@ -64,12 +66,14 @@ class Authority(NamedTuple):
 class _Reach:
     """How far a table reaches, when some thrusters are stuck."""
 
-    def __init__(self, settings: ThrusterTable, stuck: Mapping[str, str]) -> None:
+    def __init__(
+        self, settings: ThrusterTable, stuck: Mapping[str, str], torque_nm: Vector = ZERO
+    ) -> None:
         whole = table_of(settings, 1.0, 0.0, None, IDENTITY)
         self._table: Table = whole._replace(penalty=LARGEST, bases=as_table(at_rest()))
         columns, most = np.array(whole.columns).reshape(-1, ROWS), np.array(whole.most)
         self._far = 2.0 * float(most.sum())
-        self._against = np.zeros(ROWS)
+        self._against = np.concatenate([np.zeros(3), torque_nm]) / whole.lever
         for name, how in stuck.items():
             at = settings.names.index(name)
             if how == 'on':
@@ -115,21 +119,30 @@ class _Reach:
         return least
 
 
-def authority(settings: ThrusterTable, stuck: Mapping[str, str]) -> Authority:
-    """Return what a table has without torque.
+def authority(
+    settings: ThrusterTable, stuck: Mapping[str, str], torque_nm: Vector = ZERO
+) -> Authority:
+    """Return what a table has without torque, or with one.
 
     stuck : thruster -> `off` or `on`, as the allocation knows
     """
-    reach = _Reach(settings, stuck)
+    reach = _Reach(settings, stuck, torque_nm)
     axes = (sign * unit for unit in np.eye(3) for sign in (1.0, -1.0))
     box = min(reach.along(np.array(c))[0] for c in product((1.0, -1.0), repeat=3))
     return Authority(tuple(reach.along(axis)[0] for axis in axes), box, reach.least())
 
 
 @lru_cache(maxsize=32)
-def known(settings: ThrusterTable) -> Authority:
-    """Return what a table has when all failures that are known have come."""
-    return authority(settings, {f.thruster: f.stuck for f in settings.failures if f.known})
+def known(settings: ThrusterTable, torque_nm: float = 0.0) -> Authority:
+    """Return what a table has when all failures that are known have come.
+
+    torque_nm : which it gives about each axis at the same time, to any side
+    """
+    stuck = {f.thruster: f.stuck for f in settings.failures if f.known}
+    sides = {torque_nm, -torque_nm}
+    found = [authority(settings, stuck, side) for side in product(sides, sides, sides)]
+    axes = tuple(map(min, zip(*(one.axes_n for one in found), strict=True)))
+    return Authority(axes, min(one.box_n for one in found), min(one.least_n for one in found))
 
 
 @kernel

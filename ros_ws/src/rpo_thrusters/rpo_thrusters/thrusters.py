@@ -393,6 +393,8 @@ class TableStage(ValvesStage):
         self.outputs = (*self.outputs[:3], interfaces.EXERTED_TORQUE, *mass)
         if turns_by_table(scenario):
             self.inputs = (interfaces.COMMAND, interfaces.BODY_TORQUE)
+        elif scenario.named('unloading') is not None:
+            self.inputs = (interfaces.COMMAND, interfaces.UNLOADING_TORQUE)
 
     def reset(self) -> None:
         """Forget all commands, and what was switched in flight."""

@@ -58,6 +58,7 @@ class Place(IntEnum):
     ASSURANCE = 50
     DISTURBANCE = 60
     STEERING = 64
+    UNLOADING = 66
     LINK = 70
     THRUSTERS = 80
     TARGET = 85

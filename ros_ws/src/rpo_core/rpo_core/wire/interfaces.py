@@ -11,6 +11,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import chain
+from typing import Any
 
 from rpo_core.files import plugins
 from rpo_core.files.validation import InputError
@@ -55,6 +57,7 @@ REFERENCE_ATTITUDE = 'reference_attitude'
 BODY_FORCE = 'body_force'
 BODY_TORQUE = 'body_torque'
 WHEEL_MOMENTUM = 'wheel_momentum'
+UNLOADING_TORQUE = 'unloading_torque'
 THRUST_SHIFT = 'thrust_shift'
 APPLIED_FORCE = 'applied_force'
 APPLIED_DISTURBANCE = 'applied_disturbance'
@@ -164,6 +167,7 @@ class Interface:
         velocity, 9 each
     attitude : whether the numbers are an attitude, quaternion and rate
     frame : of the numbers, and of the body that they are about; '' for those of the type
+    also : another frame that its header may have, where a scenario says so; '' for none
     rider : name of a signal whose numbers are the covariances, the attitude or the torque in the
         same message; '' for none
     rides : name of the signal in whose message it travels; '' for none
@@ -181,6 +185,7 @@ class Interface:
     covariance: bool = False
     attitude: bool = False
     frame: str = ''
+    also: str = ''
     rider: str = ''
     rides: str = ''
     beside: str = ''
@@ -235,7 +240,12 @@ class Interface:
         """Where the numbers of the signal lie in the bytes of its message."""
         riding = row_of(self.rider).columns if self.rider else ()
         own = len(self.columns)
-        return Layout.of(self.type, self.frames, self.columns + riding, own)
+        return Layout.of(self.type, self.frames, self.columns + riding, own, self.also)
+
+    def layout_in(self, scenario: Any) -> Layout:
+        """Return the layout of a scenario's messages: of a section's `own_axes`, with `also`."""
+        theirs = (getattr(settings, 'own_axes', ()) for settings in scenario.sections)
+        return self.layout.also or self.layout if self.name in chain(*theirs) else self.layout
 
 
 @dataclass(frozen=True)
@@ -391,6 +401,8 @@ for _row in (
               'torque in exerted_force that a table of thrusters gives, mean of a tick [N m]',
               logged=False, rides=EXERTED_FORCE),
     Interface(WHEEL_MOMENTUM, '', 'momentum of the wheels, axes of the chaser [N m s]',
+              logged=False),
+    Interface(UNLOADING_TORQUE, '', 'torque of the thrusters that empties the wheels [N m]',
               logged=False),
     Interface(THRUST_SHIFT, '', 'state x mass that a force gives by turning [N s^2], [N s]',
               logged=False, numbers=6),

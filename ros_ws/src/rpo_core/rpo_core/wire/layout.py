@@ -29,6 +29,7 @@ class Layout:
     columns : places of the signal's numbers among the floats of the message
     plain : the message with zeros for stamp and numbers
     runs : where numbers of the signal lie one after the other: offset in the message, format
+    also : the layout with another frame in the header, which a message may have; None: none may
     """
 
     def __init__(
@@ -52,17 +53,31 @@ class Layout:
         )
         # What must stand between the stamp and the numbers, with the gaps cleared.
         self._fixed = self.plain[12:first]
+        self._head = self.plain[12 : 17 + len(texts[0])] if texts else b''
+        self.also: Layout | None = None
 
     @staticmethod
     @lru_cache(maxsize=64)
     def of(
-        type_name: str, texts: tuple[str, ...], names: tuple[str, ...] = (), own: int = -1
+        type_name: str,
+        texts: tuple[str, ...],
+        names: tuple[str, ...] = (),
+        own: int = -1,
+        also: str = '',
     ) -> Layout:
         """Return the layout of a type of message with these frame ids.
 
         names : of the fields that hold numbers; from number `own` on a message may lack them
+        also : another frame that the header may have; '' for none
         """
-        return Layout(type_name, texts, names, own)
+        found = Layout(type_name, texts, names, own)
+        if also:
+            found.also = Layout(type_name, (also, *texts[1:]), names, own)
+        return found
+
+    def like(self, data: bytes) -> Layout:
+        """Return the layout of a message by the frame of its header."""
+        return self.also if self.also and data.startswith(self.also._head, 12) else self
 
     def encode(self, stamp_ns: int, values: Sequence[float]) -> bytes:
         """Return the CDR of a message that holds a stamp and the numbers of a signal.
@@ -82,6 +97,8 @@ class Layout:
 
     def knows(self, data: bytes) -> bool:
         """Return whether a message has the size, frame ids and clear gaps of this layout."""
+        if self.like(data) is not self:
+            return self.like(data).knows(data)
         return (
             len(data) == self.size
             and data.startswith(self._fixed, 12)
@@ -93,6 +110,8 @@ class Layout:
 
         Raises CdrError if the bytes are not a message of this type.
         """
+        if self.like(data) is not self:
+            return self.like(data).decode(data)
         if not self.knows(data):
             stamp, texts, floats = cdr.decode_stamped(self.type, data)
             return stamp, tuple(floats[i] for i in self.columns), texts[:1] == self.texts[:1]

@@ -40,6 +40,7 @@ def record(
         if row.due == EVENT and (not row.beside or row.beside in values)
     ]
     topics = {row.name: f'/{row.topic.lstrip("/")}' for row in (*rows, *events)}
+    layouts = {row.name: row.layout_in(flown) for row in rows}
     log = RunLogWriter(folder, base, topics.values(), attachments, overwrite=overwrite)
     for tick in range(base.last_tick + 1):
         stamp = base.stamp_ns(tick)
@@ -48,7 +49,7 @@ def record(
                 data = cdr.encode_clock(stamp)
             else:
                 rider = values[row.rider][tick] if row.rider in values else []
-                data = row.layout.encode(stamp, [*values[row.name][tick], *rider])
+                data = layouts[row.name].encode(stamp, [*values[row.name][tick], *rider])
             log.write(topics[row.name], tick, data)
         if tick in (0, base.last_tick):
             log.write(topics[RUN_STATUS], tick, _status(flight, tick))

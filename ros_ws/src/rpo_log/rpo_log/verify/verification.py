@@ -143,7 +143,7 @@ class Difference:
 def non_canonical_difference(message: NonCanonical, stamp_ns: int) -> Difference:
     """Name what a message of a tick holds beside its stamp and the numbers of its signal."""
     tick, topic, data = message
-    expected = topic.row.layout.encode(stamp_ns, values_of(topic, data))
+    expected = topic.row.layout.like(data).encode(stamp_ns, values_of(topic, data))
     pairs = zip(_items(topic, data), _items(topic, expected), strict=True)
     for (name, logged), (_, computed) in pairs:
         if _bits(logged) != _bits(computed):

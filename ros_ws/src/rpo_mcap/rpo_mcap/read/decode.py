@@ -194,7 +194,7 @@ class Messages:
         self, topic: Topic, found: NDArray[np.intp]
     ) -> tuple[NDArray[np.float64], list[NonCanonical]]:
         """Return the numbers (n, width) in the messages of a topic, and those that are unlike."""
-        layout = topic.row.layout
+        layout = topic.row.layout.like(self[int(found[0])].data if len(found) else b'')
         numbers = np.full((len(found), len(layout.columns)), np.nan)
         like = self.size[found] == layout.size
         data = _cut(self.raw, self.start[found[like]], layout.size)

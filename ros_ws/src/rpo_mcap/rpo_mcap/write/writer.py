@@ -113,7 +113,7 @@ class RunLogWriter:
         row = self.topics[index].row
         layout = row.layout
         stamp_ns, values, _ = layout.decode(data)
-        return numbers_text(row.spoken(values)), data == layout.encode(stamp_ns, values)
+        return numbers_text(row.spoken(values)), data == layout.like(data).encode(stamp_ns, values)
 
     def attach(self, name: str, data: bytes) -> None:
         """Attach one more file in flight; never raises."""
