@@ -54,17 +54,9 @@ from rpo_montecarlo.engine.tick import (
     register,
     table_of,
 )
+from rpo_nav import filter_kernels
 from rpo_nav.estimator import Estimator, filter_of, memory_of
-from rpo_nav.filter_kernels import (
-    FULL,
-    HEADING,
-    MOST_SENSORS,
-    PORT,
-    X,
-    estimate,
-    scratch_of,
-    spreads,
-)
+from rpo_nav.filter_kernels import HEADING, PORT, X, estimate, spreads
 from rpo_nav.navigation_errors import Navigation
 from rpo_nav.sensor_kernels import (
     COLUMNS,
@@ -89,7 +81,7 @@ BIAS = KEYS + 2 * RUNS
 """Places in the table of errors: 1 sigma of the noise [m], [m/s]; keys (2, 40); biases (6, 40)."""
 
 OPPOSES, COUNT, LOOKS, PLACE, PERIODS = OWN, OWN + 1, OWN + 2, OWN + 3, OWN + 6
-NOISES_OF = PERIODS + MOST_SENSORS
+NOISES_OF = PERIODS + filter_kernels.MOST_SENSORS
 TARGETS = NOISES_OF + 2 * RUNS
 _PORTS = PAIRED_LANES + ATTITUDE
 COMMANDS, FOUND, PORTS = 0, PAIRED_LANES, 2 * PAIRED_LANES
@@ -240,7 +232,7 @@ def estimators_of(batch: Batch) -> Part | None:
         sensors, settings = s.section(Sensors), s.section(Estimator)
         assert sensors is not None and settings is not None
         sensing, f = Sensing(sensors, s), np.asarray(filter_of(settings, sensors, s))
-        f[FULL] = float(getattr(base.named('assurance'), 'sigmas', 0.0) > 0.0)
+        f[filter_kernels.FULL] = float(getattr(base.named('assurance'), 'sigmas', 0.0) > 0.0)
         head = len(sensing.table), len(sensing.memory), _turning(base), nominal.look
         keys.append(sensing.table[KEY : KEY + 2])
         tables.append(table_of(head, sensing.table, f))
@@ -250,7 +242,7 @@ def estimators_of(batch: Batch) -> Part | None:
     memories = [np.pad(m, (0, longest - len(m))) for m in memories]
     both = [targets_of(batch, some, [0] * len(some)) for some in (true, [t.known for t in true])]
     ports = [table_of(np.zeros(PAIRED_LANES), attitudes) for _, attitudes in both]
-    units = np.zeros((MOST_SENSORS, COLUMNS))
+    units = np.zeros((filter_kernels.MOST_SENSORS, COLUMNS))
     units[: len(sensing.rows)] = sensing.rows
     # noise of velocity, losses and outliers are branches that runs take alone
     together = not units[:, [HAS_VELOCITY, DROPOUT, OUTLIER]].any()
@@ -264,7 +256,7 @@ def estimators_of(batch: Batch) -> Part | None:
         table_of(np.zeros(PORTS), *ports, np.zeros(len(sensing.rows) * NOISE * RUNS)),
         batch.lanes(memories),
         HEADING + len(sensing.memory),
-        scratch_of(f),
+        filter_kernels.scratch_of(f),
     )
     steps = ((Place.ESTIMATOR, navigate), (ADDED + 1, oppose), (PASSED, remember))
     return Part('estimator', steps, *owned)
