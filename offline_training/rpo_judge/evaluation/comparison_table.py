@@ -124,7 +124,8 @@ def tests(rows: Sequence[ComparedController]) -> Table:
     """Return the paper's test in both readings."""
     metrics = ('∣r∣ [m]', '∣v∣ [mm/s]', 'J [N²s]')
     headings = (f'{reading}: {m}' for reading in ('offset', 'phase') for m in metrics)
-    lines: Table = [('controller', *headings)]
+    title = f"the paper's test, largest of an axis in the last {CLAIM_WINDOW_S:g} s; J over 400 s"
+    lines: Table = [(title, *headings)]
     for row in rows:
         found = [row.tests[test] for test in TESTS]
         cells = (
@@ -142,12 +143,11 @@ def notes(rows: Sequence[ComparedController], least: float, campaign: Campaign) 
     """Return what the columns mean, with the numbers behind them."""
     moving = ', '.join(words(name, unit=False) for name in motion(campaign.config.success))
     starts, runs = rows[0].starts, sorted({row.runs for row in rows})
-    window, more = f'{CLAIM_WINDOW_S:g}', rows[0].more
+    more = rows[0].more
     return [
         f'J, conditions, arrival error and slew: {starts} training starts, 200 s. Least: '
         f'{least:.4f} N²s, the mean of the optima under all conditions. Arrival error: mean '
-        'distance over the last 30 s. Slew: the largest. Offset, phase: two readings of the '
-        f"paper's test; largest ∣r∣ and ∣v∣ of an axis in the last {window} s, J over 400 s.",
+        'distance over the last 30 s. Slew: the largest.',
         f'Dispersed: campaign `{campaign.config.name}`, {" or ".join(map(str, runs))} runs, with '
         f"Wilson's 95 % interval. All limits: {sentence(campaign)}. Position and speed: of these "
         f'{moving or "none"}. Its training saw these: what its training, by the command in its '
