@@ -43,19 +43,24 @@ def turning(folder, **more):
 
 
 @pytest.mark.every_landing
-@pytest.mark.parametrize('wheels', [True, False])
-def test_it_flies_the_bits_of_the_chain_and_verifies(ros, tmp_path, wheels):
+@pytest.mark.parametrize(('wheels', 'together'), [(True, False), (False, False), (True, True)])
+def test_it_flies_the_bits_of_the_chain_and_verifies(ros, tmp_path, wheels, together):
     attitude = dict(TURNING['attitude'])
     if not wheels:
         del attitude['wheels']  # the table gives the torque
     path, run = turning(tmp_path, attitude=attitude), tmp_path / 'run'
-    ros.node('rpo_ctrl', 'fuzzy_controller', controller='handmade')
-    ros.node('rpo_ctrl', 'attitude_controller')
+    if together:
+        named = {'fuzzy_controller:controller': 'handmade'}
+        software = [ros.node('rpo_bringup', 'flight_software', **named)]
+    else:
+        software = [ros.node('rpo_ctrl', 'fuzzy_controller', controller='handmade')]
+        software += [ros.node('rpo_ctrl', 'attitude_controller')]
     ros.node('rpo_sim', 'disturbance_injector')
     recorder = ros.node('rpo_log', 'recorder', output=str(run))
     plant = ros.node('rpo_sim', 'plant', scenario=path, wait_for_recorder='true')
     assert plant.wait() == 0, plant.output
     assert recorder.wait() == 0, recorder.output
+    assert [node.stop() for node in software] == [0] * len(software)
     log, expected = read_run(run), fly(load_scenario(path), load_controller('handmade'))
     np.testing.assert_array_equal(log.states, expected.states)
     for name in (CHASER_ATTITUDE, BODY_TORQUE):

@@ -9,7 +9,8 @@ from tools import node_pages
 from tools.node_cards import CARDS, MEANINGS
 
 ROOT = Path(__file__).parents[2]
-COMMANDS = {'final_approach', 'trial', 'node_pages', 'ping_pong', 'verify', 'info', 'repair'}
+COMMANDS = {'final_approach', 'flight_software', 'trial', 'node_pages', 'ping_pong'}
+COMMANDS |= {'verify', 'info', 'repair'}
 """Executables that are no nodes."""
 
 

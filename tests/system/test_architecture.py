@@ -96,7 +96,7 @@ MAY_IMPORT = {
     'tools': {'rpo_ros', 'rpo_sim', *FLOWN, *OFFLINE_ROOMS},
 }
 ROS_FREE = {*FLOWN, *OFFLINE_ROOMS}
-CORE_THIRD_PARTY = {'numpy', 'yaml', 'numba'}  # numba where it is installed
+CORE_THIRD_PARTY = {'numpy', 'yaml', 'numba', 'llvmlite'}  # numba, with its own, where installed
 # As rosdep has them for Ubuntu 24.04, from apt.
 ROSDEP_KEYS = {
     'numpy': 'python3-numpy',
@@ -107,7 +107,7 @@ ROSDEP_KEYS = {
 # pip brings them: rosdep has no key for mcap, and the other two come with it.
 WITHOUT_KEY = {'mcap', 'zstandard', 'lz4'}
 # A command that wants one says so, or does without.
-OPTIONAL = {'ccsds_ndm', 'foxglove', 'matplotlib', 'numba', 'pyarrow', 'rosbags'}
+OPTIONAL = {'ccsds_ndm', 'foxglove', 'llvmlite', 'matplotlib', 'numba', 'pyarrow', 'rosbags'}
 MAX_PACKAGE_LINES = 6500
 
 

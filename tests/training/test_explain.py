@@ -183,3 +183,12 @@ def test_a_log_with_a_goal_verifies_and_is_explained_from_the_goal(tmp_path):
     assert verified.exit_code == 0, verified.sentence()
     done = run(tmp_path, '--at', 3)
     assert done.exit_code == 0 and 'The logged force is the same, bit for bit.' in done.stdout
+
+
+@pytest.mark.parametrize('more', [[], ['--state', '0.1,0,0,0,0,0']])
+def test_a_controller_of_attitude_is_explained_in_its_words(more):
+    done = CliRunner().invoke(app, ['explain', 'attitude_fuzzy', *more], env={'COLUMNS': '200'})
+    assert done.exit_code == 0, done.output
+    assert {'attitude', 'rate', 'torque', 'rad'} <= set(re.findall(r'[a-z]+', done.output))
+    rest = done.output.replace('N m', '')
+    assert not re.search(r'position|velocity|force|\b(m|m/s|N)\b', rest), rest

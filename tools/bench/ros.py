@@ -95,13 +95,15 @@ def one_process() -> Loop:
         return _loop(_output(nodes.node('rpo_bringup', 'final_approach', *options)))
 
 
-def _processes(scenario: str, *others: tuple[str, str], plant: Sequence[str] = ()) -> Loop:
-    """Run plant, controller, disturbance, recorder and other nodes as processes.
+def _processes(
+    scenario: str, others: Sequence[tuple[str, str]] = ANSWERING, plant: Sequence[str] = ()
+) -> Loop:
+    """Run plant, recorder and other nodes as processes.
 
     plant : command of another plant than ours
     """
     with _nodes() as nodes:
-        for name in (*ANSWERING, *others):
+        for name in others:
             nodes.node(*name)
         nodes.node('rpo_log', 'recorder', output=f'{nodes.folder}/run')
         flown = nodes.node(
@@ -129,14 +131,17 @@ def in_turns(fly: Callable[[], Loop], turns: int = TURNS) -> tuple[Loop, float, 
 
 
 four_processes = partial(_processes, SCENARIO)
-seven_processes = partial(_processes, FULL, *FURTHER)
-eight_processes = partial(_processes, TURNING, *FURTHER, ('rpo_ctrl', 'attitude_controller'))
+seven_processes = partial(_processes, FULL, (*ANSWERING, *FURTHER))
+TURNED = *ANSWERING, *FURTHER, ('rpo_ctrl', 'attitude_controller')
+eight_processes = partial(_processes, TURNING, TURNED)
+one_computer = partial(_processes, TURNING, [('rpo_bringup', 'flight_software'), ANSWERING[1]])
 basilisk_plant = partial(_processes, SCENARIO, plant=BASILISK)
 LOOPS: tuple[tuple[str, str, Callable[[], Loop], float], ...] = (
     ('P4', 'ROS loop, as 4 processes', four_processes, 200.0),
     ('P4', 'ROS loop, in one process', one_process, 400.0),
     ('P5', 'full chain, as 7 processes', seven_processes, 50.0),
     ('B7', 'six degrees of freedom, as 8 processes', eight_processes, 40.0),
+    ('B7', 'six degrees of freedom, flight software in one process', one_computer, 40.0),
     ('–', 'Basilisk as the plant, 4 processes', basilisk_plant, 50.0),
-)[: 5 if find_spec('Basilisk') else 4]
+)[: 6 if find_spec('Basilisk') else 5]
 """Target, name, flight, and the least real-time factor."""

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from rpo_kernels import jit
 from rpo_kernels.jit import Kernel
 from rpo_kernels.kernels import LANES, memberships
+from rpo_kernels.vectors import aligned
 
 STRIDE = 136
 """Lanes at most. 17 cache lines, an odd number, so that the rows do not contend for the same lines
@@ -117,7 +118,7 @@ def make_law(samples: int) -> Law:
 
 def make_scratch() -> Any:
     """Return the scratch of one worker."""
-    return np.zeros(ROWS * STRIDE)
+    return aligned(np.zeros(ROWS * STRIDE))
 
 
 @compiled

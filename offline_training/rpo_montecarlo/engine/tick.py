@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
 from rpo_kernels.kernels import State, Vector
+from rpo_kernels.vectors import aligned
 from rpo_montecarlo.engine.calls import Call, call, rows_of
 from rpo_montecarlo.engine.lanes import (
     BODY_R,
@@ -137,7 +138,7 @@ def place(w: Floats, runs: Runs) -> None:
 
 def fresh(parts: Sequence[Part]) -> list[Part]:
     """Return parts with memories of their own, as they are before tick 0."""
-    return [part._replace(memory=part.memory.copy()) for part in parts]
+    return [part._replace(memory=aligned(part.memory)) for part in parts]
 
 
 def steps_of(parts: Sequence[Part]) -> list[tuple[int, Call]]:

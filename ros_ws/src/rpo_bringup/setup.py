@@ -34,6 +34,7 @@ setup(
     entry_points={
         'console_scripts': [
             'final_approach = rpo_bringup.commands:final_approach',
+            'flight_software = rpo_bringup.commands:flight_software',
             'monitor = rpo_bringup.commands:monitor',
             *(of_tools if linked else []),
         ],

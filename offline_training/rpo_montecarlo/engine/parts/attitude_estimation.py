@@ -12,6 +12,7 @@ import numpy as np
 from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
 from rpo_kernels.kernels import Vector
+from rpo_kernels.vectors import OWN, WIDTH, over_runs, own_tables
 from rpo_montecarlo.engine.lanes import (
     QUAT,
     QUAT_W,
@@ -25,71 +26,73 @@ from rpo_montecarlo.engine.lanes import (
     SPREAD_Z,
     compiled,
 )
-from rpo_montecarlo.engine.parts.attitude import attitude_in, put_attitude
+from rpo_montecarlo.engine.parts.attitude import attitude_in
 from rpo_montecarlo.engine.tick import Batch, Draw, Kind, Part, register, table_of
 from rpo_nav.attitude_estimator import AttitudeEstimator, attitude_filter_of, attitude_memory_of
 from rpo_nav.attitude_filter_kernels import RATE as FOUND_RATE
-from rpo_nav.attitude_filter_kernels import STATES, P, X, estimate_attitude
+from rpo_nav.attitude_filter_kernels import STATES, P, X, estimate_attitude, scratch_of
 from rpo_nav.attitude_sensor_kernels import KEY, NOISE, attitude_noise, sensed_attitude
 from rpo_nav.attitude_sensors import AttitudeSensing, AttitudeSensors
 
-SIZES, KEYS, TABLES = 0, 4, 4 + 2 * RUNS
-"""Places in the table: sizes of the tables of a run's sensors and filter, and of their memories;
-keys of the noise (2, 40); those tables, run by run. The memory has the noise (9, 40), those of the
-sensors, then those of the filters."""
+KEYS, NOISES = OWN, 0
+"""Places in the table: keys of the noise (2, 40); in the memory: the noise (9, 40). A run's own
+table has the sizes of the table and memory of its sensors, that table, that of its filter; its own
+memory, that of its sensors, that of its filter."""
 
-_NOISE = 9 * RUNS
+
+@compiled
+def _estimate(tick, w, m, s, settings, memory):  # type: ignore[no-untyped-def]
+    a, c = 2 + int(settings[0]), int(settings[1])
+    for j in range(9):
+        memory[NOISE + j] = m[NOISES + j * RUNS + s]
+    sensed_attitude(tick, attitude_in(w, QUAT, QUAT_W, RATE, s), settings[2:a], memory)
+    f = memory[c:]
+    estimate_attitude(tick, memory, settings[a:], f)
+    w[SEEN_QUAT_W + s] = f[X + 3]
+    for i in range(3):
+        lane = s + i * RUNS
+        w[SEEN_QUAT + lane], w[SEEN_RATE + lane] = f[X + i], f[FOUND_RATE + i]
+        w[SPREAD_X + lane], w[SPREAD_Y + lane] = f[P + i], f[P + STATES + i]
+        w[SPREAD_Z + lane] = f[P + 2 * STATES + i]
+
+
+_estimate_all = over_runs(_estimate, RUNS)
 
 
 @compiled
 def navigate_attitude(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Fill rows SEEN_QUAT, SEEN_QUAT_W and SEEN_RATE with the estimates, SPREAD with how sure."""
-    a, b, c, d = int(t[SIZES]), int(t[SIZES + 1]), int(t[SIZES + 2]), int(t[SIZES + 3])
     for s in range(RUNS):
         noise = attitude_noise(tick, int(t[KEYS + s]), int(t[KEYS + RUNS + s]))
         for j in range(9):
-            m[j * RUNS + s] = noise[j]
-    for s in range(RUNS):
-        y, z, settings = s + RUNS, s + 2 * RUNS, t[TABLES + (a + b) * s :][: a + b]
-        arrived, f = m[_NOISE + c * s :][:c], m[_NOISE + c * RUNS + d * s :][:d]
-        for j in range(9):
-            arrived[NOISE + j] = m[j * RUNS + s]
-        sensed_attitude(tick, attitude_in(w, QUAT, QUAT_W, RATE, s), settings[:a], arrived)
-        estimate_attitude(tick, arrived, settings[a:], f)
-        found = (
-            f[X], f[X + 1], f[X + 2], f[X + 3],
-            f[FOUND_RATE], f[FOUND_RATE + 1], f[FOUND_RATE + 2],
-        )  # fmt: skip
-        put_attitude(w, SEEN_QUAT, SEEN_QUAT_W, SEEN_RATE, s, found)
-        i, j, k = P, P + STATES, P + 2 * STATES
-        w[SPREAD_X + s], w[SPREAD_X + y], w[SPREAD_X + z] = f[i], f[i + 1], f[i + 2]
-        w[SPREAD_Y + s], w[SPREAD_Y + y], w[SPREAD_Y + z] = f[j], f[j + 1], f[j + 2]
-        w[SPREAD_Z + s], w[SPREAD_Z + y], w[SPREAD_Z + z] = f[k], f[k + 1], f[k + 2]
+            m[NOISES + j * RUNS + s] = noise[j]
+    _estimate_all(w, m, t, tick)
 
 
 def _part(batch: Batch) -> Part | None:
     if batch.base.section(AttitudeEstimator) is None:
         return None
-    sensing, filters = [], []
+    keys, tables, memories = [], [], []
     for s in batch.scenarios:
         sensors, settings = s.section(AttitudeSensors), s.section(AttitudeEstimator)
         assert sensors is not None and settings is not None
-        sensing.append(AttitudeSensing(sensors, s))
-        filters.append(attitude_filter_of(settings, sensors, s))
-    memories = [np.asarray(attitude_memory_of(f)) for f in filters]
-    tables = [table_of(s.table, f) for s, f in zip(sensing, filters, strict=True)]
-    keys = [s.table[KEY : KEY + 2] for s in sensing]
-    sizes = [len(v) for v in (sensing[0].table, filters[0], sensing[0].memory, memories[0])]
-    return Part(
-        'attitude_estimator',
-        ((Place.ATTITUDE_ESTIMATOR, navigate_attitude),),
-        table_of(sizes, batch.lanes(keys), batch.lanes(tables).T),
-        table_of(
-            np.zeros(_NOISE),
-            batch.lanes([s.memory for s in sensing]).T,
-            batch.lanes(memories).T,
-        ),
+        sensing = AttitudeSensing(sensors, s)
+        f = attitude_filter_of(settings, sensors, s)
+        sizes = len(sensing.table), len(sensing.memory)
+        keys.append(sensing.table[KEY : KEY + 2])
+        tables.append(table_of(sizes, sensing.table, f))
+        memories.append(table_of(sensing.memory, attitude_memory_of(f)))
+    owned = own_tables(
+        WIDTH,
+        batch.lanes(keys).ravel(),
+        batch.lanes(tables),
+        np.zeros(9 * RUNS),
+        batch.lanes(memories),
+        sizes[1],
+        scratch_of(f),
     )
+    steps = ((Place.ATTITUDE_ESTIMATOR, navigate_attitude),)
+    return Part('attitude_estimator', steps, *owned)
 
 
 def vary(scenario: Scenario, draw: Draw) -> list[Any]:

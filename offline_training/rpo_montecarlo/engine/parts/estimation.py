@@ -15,6 +15,7 @@ from rpo_core.files.scenario import Scenario
 from rpo_kernels.attitude_kernels import attitude_at, frame_of, to_lvlh
 from rpo_kernels.kernels import measured
 from rpo_kernels.noise import six_normals
+from rpo_kernels.vectors import OWN, WIDTH, over_runs, own_tables
 from rpo_montecarlo.engine.lanes import (
     FORCE,
     KNOWN_SPREAD,
@@ -33,15 +34,16 @@ from rpo_montecarlo.engine.lanes import (
     V,
     compiled,
 )
+from rpo_montecarlo.engine.parts.attitude import vector_in
 from rpo_montecarlo.engine.parts.target import (
     ATTITUDE,
     BODY,
     DT,
+    TURNS,
     body_of,
     step_attitudes,
     targets_of,
 )
-from rpo_montecarlo.engine.parts.target import TURNS as BODY_TURNS
 from rpo_montecarlo.engine.tick import (
     ADDED,
     PASSED,
@@ -52,16 +54,19 @@ from rpo_montecarlo.engine.tick import (
     register,
     table_of,
 )
+from rpo_nav import filter_kernels
 from rpo_nav.estimator import Estimator, filter_of, memory_of
-from rpo_nav.filter_kernels import FULL, HEADING, PORT, X, estimate, spreads
+from rpo_nav.filter_kernels import HEADING, PORT, X, estimate, spreads
 from rpo_nav.navigation_errors import Navigation
 from rpo_nav.sensor_kernels import (
     COLUMNS,
+    DROPOUT,
+    HAS_VELOCITY,
     KEY,
     NOISE,
+    OUTLIER,
     PERIOD,
     SENSORS,
-    UNITS,
     noise_at,
     noise_of,
     port_at,
@@ -75,17 +80,23 @@ NOISE_R, NOISE_V, KEYS = 0, 1, 2
 BIAS = KEYS + 2 * RUNS
 """Places in the table of errors: 1 sigma of the noise [m], [m/s]; keys (2, 40); biases (6, 40)."""
 
-SIZES, OPPOSES, TURNS, LOOKS, PLACE, NOISES_OF, TABLES = 0, 4, 5, 6, 7, 10, 10 + 2 * RUNS
-"""Places in the table of estimators: sizes of the tables of a run's sensors and filter, and of
-their memories; whether commands oppose the disturbance that is estimated; whether a sensor turns
-with the chaser: 1, the attitude is the true one, 2, it is estimated; whether one looks at the port,
-and its place [m] in the target's axes; keys of the noise (2, 40); those tables, run by run; then
-`targets_of` the true targets and the known ones, if one looks there. The memory begins with the
-commands of the tick before (120,); it ends with an attitude (16,), the ports (3, 40) and attitudes
-(7, 40) of both, and the noise of a sensor (8, 40)."""
-
+OPPOSES, COUNT, LOOKS, PLACE, PERIODS = OWN, OWN + 1, OWN + 2, OWN + 3, OWN + 6
+NOISES_OF = PERIODS + filter_kernels.MOST_SENSORS
+TARGETS = NOISES_OF + 2 * RUNS
 _PORTS = PAIRED_LANES + ATTITUDE
-"""Numbers of ports and attitudes in the memory, of the true targets or of those that are known."""
+COMMANDS, FOUND, PORTS = 0, PAIRED_LANES, 2 * PAIRED_LANES
+DRAWN = PORTS + 2 * _PORTS
+"""Places in the table of estimators: whether commands oppose the disturbance that is estimated; how
+many sensors; whether one looks at the port, and its place [m] in the target's axes; the period
+[ticks] of each sensor; keys of the noise (2, 40); `targets_of` the true targets and the known ones,
+if a sensor looks there. In the memory: commands of the tick before (120,), disturbances that were
+estimated (120,), the ports (3, 40) and attitudes (7, 40) of those targets, noise of each sensor
+(8, 40).
+
+A run's own table has the sizes of the table and memory of its sensors; whether one turns with the
+chaser: 1, the attitude is the true one, 2, it is estimated; whether one looks at the port; the
+table of its sensors, that of its filter. Its own memory has an attitude (16,), then that of its
+sensors, that of its filter."""
 
 NAMES = tuple(f'bias_{axis}' for axis in ('x_m', 'y_m', 'z_m', 'vx_m_s', 'vy_m_s', 'vz_m_s'))
 _NOISES = ('navigation_position_noise_m', 'navigation_velocity_noise_m_s')
@@ -106,103 +117,86 @@ def measure(w, m, t, tick):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _memories(m, t):  # type: ignore[no-untyped-def]
-    """Return the places of the memories of sensors and filters, and the size of each."""
-    sensors, filters = int(t[SIZES + 2]), int(t[SIZES + 3])
-    return PAIRED_LANES, PAIRED_LANES + RUNS * sensors, sensors, filters
-
-
-@compiled
 def _attitude(w, attitude, estimated, s):  # type: ignore[no-untyped-def]
     """Return the true quaternion of a run; fill the attitude (13,) that its filter takes."""
     y, z = s + RUNS, s + 2 * RUNS
     true = (w[QUAT + s], w[QUAT + y], w[QUAT + z], w[QUAT_W + s])
     attitude[0], attitude[1], attitude[2], attitude[3] = true
     if estimated:
-        attitude[0], attitude[1] = w[SEEN_QUAT + s], w[SEEN_QUAT + y]
-        attitude[2], attitude[3] = w[SEEN_QUAT + z], w[SEEN_QUAT_W + s]
+        attitude[3] = w[SEEN_QUAT_W + s]
         for i in range(3):
             lane = s + i * RUNS
-            attitude[4 + i], attitude[7 + i] = w[SPREAD_X + lane], w[SPREAD_Y + lane]
-            attitude[10 + i] = w[SPREAD_Z + lane]
+            attitude[i], attitude[4 + i] = w[SEEN_QUAT + lane], w[SPREAD_X + lane]
+            attitude[7 + i], attitude[10 + i] = w[SPREAD_Y + lane], w[SPREAD_Z + lane]
     return true
-
-
-@compiled
-def _draw(m, t, tick):  # type: ignore[no-untyped-def]
-    """Put the noise of this tick into the memories of the sensors: in lanes, the same bits."""
-    first, size = t[TABLES:], int(t[SIZES + 2])
-    noise, place = m[len(m) - NOISE * RUNS :], PAIRED_LANES + noise_at(first)
-    for i in range(int(first[SENSORS])):
-        if tick % int(first[UNITS + COLUMNS * i + PERIOD]) != 0:
-            continue
-        for s in range(RUNS):
-            drawn = noise_of(tick, i + 1, int(t[NOISES_OF + s]), int(t[NOISES_OF + RUNS + s]))
-            for j in range(NOISE):
-                noise[j * RUNS + s] = drawn[j]
-        for s in range(RUNS):
-            for j in range(NOISE):
-                m[place + NOISE * i + size * s + j] = noise[j * RUNS + s]
 
 
 @compiled
 def _turn_ports(m, t, tick):  # type: ignore[no-untyped-def]
     """Fill the ports (3, 40) of true and known targets, whose attitudes follow in the memory."""
-    port, first = (t[PLACE], t[PLACE + 1], t[PLACE + 2]), t[TABLES:]
-    targets = first[(int(t[SIZES]) + int(t[SIZES + 1])) * RUNS :]
+    port = (t[PLACE], t[PLACE + 1], t[PLACE + 2])
     for known in range(2):
-        own, table = m[_PORTS * known :], targets[BODY * known :]
+        own, table = m[PORTS + _PORTS * known :], t[TARGETS + BODY * known :]
         attitudes = own[PAIRED_LANES:]
         if tick > 0:
             step_attitudes(attitudes, table, table[DT])
         for s in range(RUNS):
-            f = frame_of(attitude_at(attitudes, s, RUNS), body_of(table, table[BODY_TURNS], s))
+            f = frame_of(attitude_at(attitudes, s, RUNS), body_of(table, table[TURNS], s))
             own[s], own[RUNS + s], own[2 * RUNS + s] = to_lvlh(port, f)
+
+
+@compiled
+def _estimate(tick, w, m, s, settings, memory):  # type: ignore[no-untyped-def]
+    a, c, true = 4 + int(settings[0]), HEADING + int(settings[1]), (0.0, 0.0, 0.0, 1.0)
+    if settings[2] > 0.0:
+        true = _attitude(w, memory, settings[2] > 1.0, s)
+    sensors, arrived, f = settings[4:a], memory[HEADING:c], memory[c:]
+    for j in range(NOISE * int(sensors[SENSORS])):
+        arrived[noise_at(sensors) + j] = m[DRAWN + j * RUNS + s]
+    for i in range(3 if settings[3] > 0.0 else 0):
+        lane = PORTS + i * RUNS + s
+        arrived[port_at(sensors) + i], memory[PORT + i] = m[lane], m[lane + _PORTS]
+    sensed(tick, vector_in(w, R, s) + vector_in(w, V, s), true, sensors, arrived)
+    estimate(tick, vector_in(m, COMMANDS, s), arrived, memory, settings[a:], f)
+    for i in range(3):
+        lane = s + i * RUNS
+        w[SEEN_R + lane], w[SEEN_V + lane] = f[X + i], f[X + 3 + i]
+        m[FOUND + lane] = f[X + 6 + i]
+    w[KNOWN_SPREAD + s], w[KNOWN_SPREAD + RUNS + s] = spreads(f)
+
+
+_estimate_all = over_runs(_estimate, RUNS)
 
 
 @compiled
 def navigate(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Fill rows SEEN with the estimates."""
-    a, b = int(t[SIZES]), int(t[SIZES + 1])
-    sensors, filters, c, d = _memories(m, t)
-    attitude, true = m[filters + d * RUNS :], (0.0, 0.0, 0.0, 1.0)
-    _draw(m, t, tick)
-    ports, place = attitude[HEADING:], port_at(t[TABLES:])
+    for i in range(int(t[COUNT])):
+        if tick % int(t[PERIODS + i]) != 0:
+            continue
+        noise = m[DRAWN + i * NOISE * RUNS :]
+        for s in range(RUNS):
+            drawn = noise_of(tick, i + 1, int(t[NOISES_OF + s]), int(t[NOISES_OF + RUNS + s]))
+            for j in range(NOISE):
+                noise[j * RUNS + s] = drawn[j]
     if t[LOOKS] > 0.0:
-        _turn_ports(ports, t, tick)
-    for s in range(RUNS):
-        if t[TURNS] > 0.0:
-            true = _attitude(w, attitude, t[TURNS] > 1.0, s)
-        y, z, settings = s + RUNS, s + 2 * RUNS, t[TABLES + (a + b) * s :][: a + b]
-        state = (w[R + s], w[R + y], w[R + z], w[V + s], w[V + y], w[V + z])
-        arrived, memory = m[sensors + c * s :][:c], m[filters + d * s :][:d]
-        if t[LOOKS] > 0.0:
-            for i in range(3):
-                arrived[place + i] = ports[s + i * RUNS]
-                attitude[PORT + i] = ports[_PORTS + s + i * RUNS]
-        sensed(tick, state, true, settings[:a], arrived)
-        estimate(tick, (m[s], m[y], m[z]), arrived, attitude, settings[a:], memory)
-        w[SEEN_R + s], w[SEEN_R + y], w[SEEN_R + z] = memory[X], memory[X + 1], memory[X + 2]
-        w[SEEN_V + s], w[SEEN_V + y], w[SEEN_V + z] = memory[X + 3], memory[X + 4], memory[X + 5]
-        w[KNOWN_SPREAD + s], w[KNOWN_SPREAD + y] = spreads(memory)
+        _turn_ports(m, t, tick)
+    _estimate_all(w, m, t, tick)
 
 
 @compiled
 def oppose(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Subtract the disturbances that are estimated from row FORCE, where that is wanted."""
-    if t[OPPOSES] == 0.0:
-        return
-    _, filters, _, d = _memories(m, t)
-    for s in range(RUNS):
-        for axis in range(3):
-            w[FORCE + axis * RUNS + s] -= m[filters + d * s + X + 6 + axis]
+    if t[OPPOSES] > 0.0:
+        for s in range(PAIRED_LANES):
+            w[FORCE + s] -= m[FOUND + s]
 
 
 @compiled
 def remember(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Keep row FORCE, the commands of this tick, for the next one."""
     for s in range(PAIRED_LANES):
-        m[s] = w[FORCE + s]
+        m[COMMANDS + s] = w[FORCE + s]
 
 
 def errors_part(biases: Floats, noise: tuple[float, ...] = (0.0, 0.0), keys: Any = None) -> Part:
@@ -230,43 +224,42 @@ def vary_errors(scenario: Scenario, draw: Draw) -> list[Any]:
 
 def estimators_of(batch: Batch) -> Part | None:
     """Return the sensors and filters of runs; None where there is no estimator."""
-    if batch.base.section(Estimator) is None:
+    base, nominal = batch.base, batch.base.section(Sensors)
+    if base.section(Estimator) is None or nominal is None:
         return None
-    sensing, filters = [], []
+    keys, tables, memories, true = [], [], [], []
     for s in batch.scenarios:
         sensors, settings = s.section(Sensors), s.section(Estimator)
         assert sensors is not None and settings is not None
-        sensing.append(Sensing(sensors, s))
-        filters.append(np.asarray(filter_of(settings, sensors, s)))
-        filters[-1][FULL] = float(getattr(batch.base.named('assurance'), 'sigmas', 0.0) > 0.0)
-    memories = [np.asarray(memory_of(f)) for f in filters]
+        sensing, f = Sensing(sensors, s), np.asarray(filter_of(settings, sensors, s))
+        f[filter_kernels.FULL] = float(getattr(base.named('assurance'), 'sigmas', 0.0) > 0.0)
+        head = len(sensing.table), len(sensing.memory), _turning(base), nominal.look
+        keys.append(sensing.table[KEY : KEY + 2])
+        tables.append(table_of(head, sensing.table, f))
+        memories.append(table_of(np.zeros(HEADING), sensing.memory, memory_of(f)))
+        true.append(s.target or STILL)
     longest = max(map(len, memories))
     memories = [np.pad(m, (0, longest - len(m))) for m in memories]
-    tables = [table_of(s.table, f) for s, f in zip(sensing, filters, strict=True)]
-    keys = [s.table[KEY : KEY + 2] for s in sensing]
-    sizes = [len(v) for v in (sensing[0].table, filters[0], sensing[0].memory, memories[0])]
-    sensors = batch.base.section(Sensors)
-    assert sensors is not None
-    true = [s.target or STILL for s in batch.scenarios] if sensors.look else []
-    both = [
-        targets_of(batch, some, [0] * len(some)) for some in (true, [t.known for t in true]) if some
-    ]
-    return Part(
-        'estimator',
-        ((Place.ESTIMATOR, navigate), (ADDED + 1, oppose), (PASSED, remember)),
+    both = [targets_of(batch, some, [0] * len(some)) for some in (true, [t.known for t in true])]
+    ports = [table_of(np.zeros(PAIRED_LANES), attitudes) for _, attitudes in both]
+    units = np.zeros((filter_kernels.MOST_SENSORS, COLUMNS))
+    units[: len(sensing.rows)] = sensing.rows
+    # noise of velocity, losses and outliers are branches that runs take alone
+    together = not units[:, [HAS_VELOCITY, DROPOUT, OUTLIER]].any()
+    owned = own_tables(
+        WIDTH if together else 1,
         table_of(
-            *(sizes, batch.base.compensated, _turning(batch.base), sensors.look, sensors.port_m),
-            *(batch.lanes(keys), batch.lanes(tables).T, *(numbers for numbers, _ in both)),
+            *(base.compensated, len(sensing.rows), nominal.look, nominal.port_m, units[:, PERIOD]),
+            *(batch.lanes(keys), *(numbers for numbers, _ in both)),
         ),
-        table_of(
-            np.zeros(PAIRED_LANES),
-            batch.lanes([s.memory for s in sensing]).T,
-            batch.lanes(memories).T,
-            np.zeros(HEADING),
-            *(table_of(np.zeros(PAIRED_LANES), attitudes) for _, attitudes in both),
-            np.zeros(NOISE * RUNS),
-        ),
+        batch.lanes(tables),
+        table_of(np.zeros(PORTS), *ports, np.zeros(len(sensing.rows) * NOISE * RUNS)),
+        batch.lanes(memories),
+        HEADING + len(sensing.memory),
+        filter_kernels.scratch_of(f),
     )
+    steps = ((Place.ESTIMATOR, navigate), (ADDED + 1, oppose), (PASSED, remember))
+    return Part('estimator', steps, *owned)
 
 
 def _turning(base: Scenario) -> int:

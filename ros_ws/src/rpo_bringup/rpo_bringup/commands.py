@@ -43,6 +43,11 @@ def _tool(name: str) -> int:
     return code
 
 
+def flight_software() -> int:
+    """Run `ros2 run rpo_bringup flight_software`."""
+    return start_node('rpo_bringup.flight_software_node')
+
+
 monitor = partial(start_node, 'rpo_bringup.monitor_node')
 trial, ping_pong, node_pages = (
     partial(_tool, name) for name in ('trial', 'ping_pong', 'node_pages')

@@ -4,7 +4,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+from rpo_ros.parameter_rows import AUTOSTART, SCENARIO
 from rpo_ros.parameter_rows import ParameterRow as Row
+
+FLIGHT_SOFTWARE = (replace(SCENARIO, example='tumbling_docking'), AUTOSTART)
 
 MONITOR = (
     Row('table', 'default', 'shipped monitor table, or path of a monitor file',

@@ -57,6 +57,11 @@ MOST_RATE_RAD_S = 1e3
 """Faster rates are taken for this one, and what is no number for zero."""
 
 
+def scratch_of(f: Any) -> range:
+    """Return the places of a memory that a tick writes before it reads them."""
+    return range(KEPT if f[LATENCY] > 0.0 else SETTLED, TESTED)
+
+
 @inlined
 def _record(tick: int, f: Any) -> int:
     """Return the place of what was measured at a tick."""

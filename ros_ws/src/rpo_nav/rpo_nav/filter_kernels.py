@@ -30,6 +30,7 @@ from typing import Any
 from rpo_kernels.chaser_kernels import turn, turn_back
 from rpo_kernels.jit import inlined, kernel
 from rpo_kernels.kernels import CwStep, Vector, cw_step, saturate, unpacked
+from rpo_kernels.vectors import pick
 from rpo_nav.sensor_kernels import (
     COLUMNS,
     CROSS_SHARE,
@@ -82,6 +83,11 @@ slot."""
 HEADING, PORT = 16, 13
 """Numbers of an attitude: quaternion, covariance (3, 3) of the angles in the chaser's axes; from
 place PORT the port (3,) [m], target LVLH."""
+
+
+def scratch_of(f: Any) -> range:
+    """Return the places of a memory that a tick writes before it reads them."""
+    return range(KEPT if f[NEWEST] > 0.0 else SETTLED, TESTED)
 
 
 @inlined
@@ -151,7 +157,8 @@ def spreads(m: Any) -> tuple[float, float]:
     p, n = P, STATES + 1
     q = p + 3 * n
     position, velocity = m[p] + m[p + n] + m[p + 2 * n], m[q] + m[q + n] + m[q + 2 * n]
-    return sqrt(max(position, 0.0)), sqrt(max(velocity, 0.0))
+    position, velocity = pick(position < 0.0, 0.0, position), pick(velocity < 0.0, 0.0, velocity)
+    return sqrt(position), sqrt(velocity)
 
 
 @inlined

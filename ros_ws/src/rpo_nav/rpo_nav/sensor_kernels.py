@@ -15,6 +15,7 @@ from rpo_kernels.chaser_kernels import Quaternion, turn_back
 from rpo_kernels.jit import inlined, kernel
 from rpo_kernels.kernels import State, Vector
 from rpo_kernels.noise import normal_pair, philox
+from rpo_kernels.vectors import pick
 
 (
     NOISE_FLOOR, NOISE_SHARE, CROSS_SHARE, VELOCITY_FLOOR, VELOCITY_SHARE, HAS_RANGE, HAS_VELOCITY,
@@ -67,12 +68,11 @@ def across(ux: float, uy: float, uz: float) -> tuple[Vector, Vector]:
     The first is at right angles to the axis that is farthest from the vector.
     """
     sx, sy, sz = abs(ux), abs(uy), abs(uz)
-    if sx <= sy and sx <= sz:
-        ax, ay, az = 0.0, uz, -uy
-    elif sy <= sz:
-        ax, ay, az = -uz, 0.0, ux
-    else:
-        ax, ay, az = uy, -ux, 0.0
+    no_z = sy <= sz
+    no_x = sx <= pick(no_z, sy, sz)
+    ax = pick(no_x, 0.0, pick(no_z, -uz, uy))
+    ay = pick(no_x, uz, pick(no_z, 0.0, -ux))
+    az = pick(no_x, -uy, pick(no_z, ux, 0.0))
     size = sqrt(ax * ax + ay * ay + az * az)
     ax, ay, az = ax / size, ay / size, az / size
     return (ax, ay, az), (uy * az - uz * ay, uz * ax - ux * az, ux * ay - uy * ax)
@@ -158,8 +158,7 @@ def sample(
     state: State,
     sensor: Any,
     stream: int,
-    k0: int,
-    k1: int,
+    key: tuple[float, float],
     walk: int,
     noise: int,
     m: Any,
@@ -186,7 +185,7 @@ def sample(
     floor, share, cross = sensor[NOISE_FLOOR], sensor[NOISE_SHARE], sensor[CROSS_SHARE]
     x, y, z = scattered((x, y, z), (n0, n1, n2), floor, share, cross, sensor[SCALE])
     if m[noise + 7] < sensor[OUTLIER]:
-        ox, oy, oz = three_normals(tick, OUTLYING, stream, k0, k1)
+        ox, oy, oz = three_normals(tick, OUTLYING, stream, int(key[0]), int(key[1]))
         size = sensor[OUTLIER_SIZE]
         x, y, z = x + size * ox, y + size * oy, z + size * oz
     if sensor[HAS_RANGE] == 0.0:
@@ -224,13 +223,14 @@ def sensed(tick: int, state: State, q: Quaternion, s: Any, m: Any) -> None:
         the tick up to which it is summed; then measurements on their way, each with its tick; then
         the noise of each sensor at this tick, if its period lets it measure; then the port at it
     """
-    count, slots, k0, k1 = int(s[SENSORS]), int(s[SLOTS]), int(s[KEY]), int(s[KEY + 1])
+    count, slots, key = int(s[SENSORS]), int(s[SLOTS]), (s[KEY], s[KEY + 1])
     for i in range(count):
         sensor = s[UNITS + COLUMNS * i : UNITS + COLUMNS * (i + 1)]
         walk = MEASURED * count + 4 * i
         while sensor[WALK] > 0.0 and m[walk + 3] < tick:
             m[walk + 3] += 1.0
-            n0, n1, n2 = three_normals(int(m[walk + 3]), WALKING, i + 1, k0, k1)
+            at = int(m[walk + 3])
+            n0, n1, n2 = three_normals(at, WALKING, i + 1, int(key[0]), int(key[1]))
             m[walk] += sensor[WALK] * n0
             m[walk + 1] += sensor[WALK] * n1
             m[walk + 2] += sensor[WALK] * n2
@@ -247,7 +247,7 @@ def sensed(tick: int, state: State, q: Quaternion, s: Any, m: Any) -> None:
                 x, y, z = turn_back((seen[0], seen[1], seen[2]), q)
                 seen = (x, y, z, 0.0, 0.0, 0.0)
             noise = noise_at(s) + NOISE * i
-            sample(tick, seen, sensor, i + 1, k0, k1, walk, noise, m, slot)
+            sample(tick, seen, sensor, i + 1, key, walk, noise, m, slot)
         taken = tick - int(sensor[LATENCY])
         found, out = queue + (MEASURED + 1) * (taken % slots), MEASURED * i
         m[out] = 0.0

@@ -16,7 +16,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 
-from rpo_core.wire.cdr import Status
+from rpo_core.wire.cdr import Status, encode_status
 from rpo_ros.names import CHASER_FRAME, LVLH_FRAME
 
 _NANOSECONDS = 1_000_000_000
@@ -110,6 +110,11 @@ def to_status(
         hardware_id='none',
         values=[KeyValue(key=key, value=text) for key, text in texts_of(values)],
     )
+
+
+def packed_status(name: str, message: str, values: Iterable[tuple[str, object]]) -> bytes:
+    """Return a DiagnosticStatus of level OK as bytes, always the same for the same content."""
+    return encode_status(0, name, message, 'none', texts_of(values))
 
 
 def texts_of(values: Iterable[tuple[str, object]]) -> tuple[tuple[str, str], ...]:

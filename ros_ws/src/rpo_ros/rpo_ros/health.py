@@ -20,7 +20,7 @@ from rclpy.node import Node
 
 from rpo_core.wire import interfaces
 from rpo_ros import names, qos
-from rpo_ros.conversions import to_status
+from rpo_ros.conversions import packed_status, to_status
 from rpo_ros.running import FlightNode
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
@@ -126,4 +126,4 @@ class Manifest:
         """Publish it again."""
         if self._values:
             values = [*self._values, *topics_of(self._node)]
-            self._publisher.publish(to_status(OK, self._name, 'manifest', values))
+            self._publisher.publish(packed_status(self._name, 'manifest', values))

@@ -11,7 +11,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import ALIVE, GONE, Heartbeat
 from rpo_ros import qos
-from rpo_ros.conversions import to_status
+from rpo_ros.conversions import packed_status
 from rpo_ros.running import FlightNode
 from rpo_ros.signals import hear
 from rpo_ros.timeout import Timeout
@@ -39,7 +39,7 @@ class Pulse:
         stages = ', '.join(self._stages())
         if stages:
             values = [('stages', stages)]
-            self._publisher.publish(to_status(b'\0', self._node.get_name(), says, values))
+            self._publisher.publish(packed_status(self._node.get_name(), says, values))
 
 
 class Watch:

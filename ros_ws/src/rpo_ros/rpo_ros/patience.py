@@ -67,6 +67,11 @@ class Patience:
         lonely = time.monotonic() - self._near_s > LONELY_S
         return len(self._row) < ROW or (len(set(self._row)) < ROW and not lonely)
 
+    @property
+    def calm(self) -> bool:
+        """Whether nothing came again, and no tick of the run missed anything."""
+        return not (self._repeats or self._in_a_row)
+
     def hear(self, chain: Chain) -> None:
         """Take the stages whose inputs are waited for."""
         self.may_miss = {

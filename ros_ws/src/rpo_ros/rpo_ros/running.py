@@ -131,7 +131,7 @@ class FlightNode(Node):
 
         def take(data: bytes) -> None:
             try:
-                callback(data if raw else _message(data, msg_type))
+                callback(data if raw else message_of(data, msg_type))
             except (InputError, CdrError) as error:
                 self.refused(topic, str(error))
 
@@ -168,7 +168,7 @@ class FlightNode(Node):
         """Release resources, just before the node is destroyed."""
 
 
-def _message(data: bytes, kind: Any) -> Any:
+def message_of(data: bytes, kind: Any) -> Any:
     """Return a message; raises InputError.
 
     A negative time is refused: with `use_sim_time`, rclpy itself listens to /clock, and its times

@@ -11,7 +11,7 @@ interfaces knows the place of each number in the bytes.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from importlib import import_module
 from typing import Any
 
@@ -23,6 +23,7 @@ from rpo_core.chain.stage import Signal
 from rpo_core.wire import interfaces, statuses
 from rpo_ros import qos
 from rpo_ros.conversions import from_status
+from rpo_ros.running import message_of
 
 Taker = Callable[[int, Signal], None]
 """Takes the stamp [ns] and the numbers of a message."""
@@ -109,10 +110,14 @@ def hear(
     take : gets what a status says, whole; the node refuses one that is not
     """
 
-    def on_status(status: DiagnosticStatus) -> None:
-        take(reader.of(from_status(status)))
+    @lru_cache(maxsize=16)  # nodes say the same again and again, manifests at length
+    def read(data: bytes) -> statuses.Reader:
+        return reader.of(from_status(message_of(data, DiagnosticStatus)))
 
-    return node.create_subscription(DiagnosticStatus, reader.topic, on_status, profile)
+    def on_status(data: bytes) -> None:
+        take(read(data))
+
+    return node.create_subscription(DiagnosticStatus, reader.topic, on_status, profile, raw=True)
 
 
 def _on_message(

@@ -29,6 +29,7 @@ from rpo_ros.running import EXIT_BAD_INPUT, FlightNode
 from rpo_ros.signals import Answer, Outlet, hear, listen
 
 FOREIGN, LATE = 'foreign_stamp', 'late'
+_NOTHING: tuple[int, Signal] = (-1, ())
 
 _LAST_WORDS = Duration(seconds=0, nanoseconds=200_000_000)
 """Longest wait, at the end, until the listeners acknowledge."""
@@ -78,6 +79,7 @@ class StageNode(FlightNode):
         self._inlets: dict[str, Any] = {}
         self._waiting: dict[str, tuple[int, Signal]] = {}
         self._reads: tuple[str, ...] = (interfaces.RELATIVE_STATE,)
+        self._routes: dict[str, list[tuple[str, slice]]] = {}
         self._patience = Patience()
         self._asked: tuple[Any, ...] = ()
         self._signals: Signals = {}
@@ -185,7 +187,13 @@ class StageNode(FlightNode):
         """Listen to the inputs of the stages, and to nothing else."""
         self._reads = chain.inputs or (interfaces.RELATIVE_STATE,)
         self._patience.hear(chain)
-        sources = {self._source(read): None for read in self._reads}
+        sources: dict[str, list[tuple[str, slice]]] = {}
+        for read in self._reads:
+            name = self._source(read)
+            width, rides = len(interfaces.row_of(name).columns), interfaces.row_of(read).rides
+            part = slice(width, None) if rides else slice(width)
+            sources.setdefault(name, []).append((read, part))
+        self._routes = sources
         unused = set(self._inlets) - set(sources)
         narrow = {name for name in self._inlets if interfaces.row_of(name).rider in self._reads}
         for name in unused | narrow:  # those may have been made without what rides in them
@@ -229,17 +237,15 @@ class StageNode(FlightNode):
         if self._reads == (name,):
             self._ask(stamp_ns, {name: values})
             return
-        width = len(interfaces.row_of(name).columns)
-        for read in self._reads:
-            if self._source(read) == name:
-                part = values[width:] if interfaces.row_of(read).rides else values[:width]
-                if part:  # what came before the scenario may lack the rider: it is sent again
-                    self._take(read, stamp_ns, part)
+        for read, part in self._routes.get(name, ()):
+            if values[part]:  # what came before the scenario may lack the rider: it is sent again
+                self._take(read, stamp_ns, values[part])
 
     def _take(self, read: str, stamp_ns: int, values: Signal) -> None:
         """Take one of several inputs; answer if all of its tick are there."""
-        again = interfaces.current(read) == read and self._waiting.get(read) == (stamp_ns, values)
-        if interfaces.current(read) != read and self.scenario is not None:
+        delayed = interfaces.current(read) != read
+        again = not delayed and self._waiting.get(read) == (stamp_ns, values)
+        if delayed and self.scenario is not None:
             stamp_ns += self.scenario.dt_ns
             answered = self._asked and stamp_ns <= self._asked[0]
             if answered or self.scenario.tick_of(stamp_ns) is None:
@@ -247,6 +253,12 @@ class StageNode(FlightNode):
         elif not interfaces.row_of(read).rides:
             self._patience.came(stamp_ns, again)
         self._waiting[read] = stamp_ns, values
+        if self._goes_smoothly(stamp_ns):
+            waiting = [self._waiting.get(name, _NOTHING) for name in self._reads]
+            if all(at == stamp_ns for at, _ in waiting):
+                inputs = (found for _, found in waiting)
+                self._ask(stamp_ns, dict(zip(self._reads, inputs, strict=True)))
+            return
         inputs = {name: self._input(name, stamp_ns) for name in self._reads}
         missing = [name for name, found in inputs.items() if found is None]
         over = bool(self._asked) and stamp_ns <= self._asked[0]
@@ -259,6 +271,11 @@ class StageNode(FlightNode):
             self._ask(stamp_ns, {name: found for name, found in inputs.items() if found})
         elif again and any(interfaces.current(name) != name for name in missing):
             self._answer.again()  # and so the command that was lost is sent again
+
+    def _goes_smoothly(self, stamp_ns: int) -> bool:
+        """Return whether a tick follows an answered one, and nothing was lost: it needs all."""
+        after = bool(self._asked) and stamp_ns > self._asked[0]
+        return after and self._patience.calm and not (self._dropped or self._run.free_running)
 
     def _input(self, read: str, stamp_ns: int) -> Signal | None:
         """Return an input of a tick: that of the answer given before, or one that waits."""

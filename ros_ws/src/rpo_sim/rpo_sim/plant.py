@@ -79,7 +79,6 @@ class Plant:
     chain : the stages that the plant runs
     taken : tick, of the last ones -> the answers to its state that were accepted, by topic
     settled_after_ticks : after so many ticks no answer to a state can act any more
-    depths_m : zone -> how deep the chaser has been in it so far, before it docked, if it was
     """
 
     settled_after_ticks = 0
@@ -100,11 +99,11 @@ class Plant:
         self._limit = float(scenario.max_force_n)
         self._stamp_ns = scenario.stamp_ns(0)
         self._zones = [zones for zones in zones_of(scenario) if zones.keep_out_m]
-        self.depths_m: dict[str, float] = {}
+        self._depths_m: dict[str, float] = {}
         self._docked, most_m = False, getattr(scenario.requirements, 'contact_range_m', None)
         port_m = norm(*scenario.goal_position_m) + (most_m or 0.0)
         self._near_m = max([port_m, *(zones.keep_out_m for zones in self._zones)])
-        self._look_for_zones(self.state)
+        self._unseen: list[tuple[int, tuple[Signal, ...]]] = [(0, (self.state,))]
 
     @property
     def energy_n2s(self) -> float:
@@ -176,15 +175,26 @@ class Plant:
         self.taken[self.tick] = {}
         self.taken.pop(self.tick - interfaces.REMEMBERED_TICKS, None)
         self._stamp_ns = self.scenario.stamp_ns(self.tick)
-        self._look_for_zones(before, state)
+        self._unseen.append((self.tick - 1, (before, state)))
 
     def _take(self, signals: Signals, answers: Mapping[str, Force]) -> None:
         """Put the answers, by topic, among the signals; what did not come is zero."""
         for name, topic, first in self._parts:
             signals[name] = answers.get(topic, ())[first : first + 3] or ZERO
 
-    def _look_for_zones(self, *states: Signal) -> None:
-        """Look how deep in a keep-out zone a chaser is in states and between; not once docked."""
+    @property
+    def depths_m(self) -> dict[str, float]:
+        """Zone -> how deep the chaser has been in it so far, before it docked, if it was.
+
+        It is looked at when asked: the state has been sent, and nobody waits.
+        """
+        for first, states in self._unseen:
+            self._look_for_zones(first, states)
+        self._unseen.clear()
+        return self._depths_m
+
+    def _look_for_zones(self, tick: int, states: tuple[Signal, ...]) -> None:
+        """Look how deep in a zone a chaser is in states from a tick on; not once docked."""
         if self._docked or not self._zones:
             return
         # Most states are too far to look closely, also as a target sees them that turns 0.1 rad.
@@ -194,13 +204,13 @@ class Plant:
         sure_m = 0.7 * min(norm(*first[:3]), norm(*last[:3])) - moved_m
         if sure_m > self._near_m:
             return
-        seen = self.scenario.seen(np.array(states), self.tick - len(states) + 1)
+        seen = self.scenario.seen(np.array(states), tick)
         errors, required = seen[-1:] - self.scenario.goal_state, self.scenario.requirements
         self._docked = caught_at(errors, required, self.scenario.goal_position_m) is not None
         for zones in self._zones:
             depth_m = zones.deepest_m(seen, self.scenario.dt_s)
-            if depth_m > self.depths_m.get(zones.keep_out, 0.0):
-                self.depths_m[zones.keep_out] = depth_m
+            if depth_m > self._depths_m.get(zones.keep_out, 0.0):
+                self._depths_m[zones.keep_out] = depth_m
 
     @property
     def entered(self) -> str:

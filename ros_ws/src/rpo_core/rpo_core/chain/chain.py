@@ -13,6 +13,7 @@ chain, a node a part of it, `rpo verify` each stage on its logged inputs.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import cached_property
 from typing import Any, NamedTuple
 
 from rpo_core.chain.stage import ZERO, Place, Signal, Stage, section_of, sections
@@ -121,13 +122,13 @@ class Chain:
         """Signals that it makes."""
         return tuple(name for link in self.links for name in link.stage.outputs)
 
-    @property
+    @cached_property
     def memory_ticks(self) -> int | None:
         """How many earlier ticks the outputs depend on; None: all."""
         depths = [link.stage.memory_ticks for link in self.links]
         return None if None in depths else sum(depth or 0 for depth in depths)
 
-    @property
+    @cached_property
     def counts_ticks(self) -> bool:
         """Whether the outputs depend on the number of the tick."""
         return any(link.stage.counts_ticks for link in self.links)

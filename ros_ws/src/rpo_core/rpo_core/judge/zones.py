@@ -299,18 +299,17 @@ class Zone:
         """
         if self.keep_out_m == 0.0:
             return 0.0
-        deepest = float(self.depths_m(states[:, :3]).max(initial=0.0))
         r, v = states[:, :3], states[:, 3:] * dt_s
         ranges, ways = np.linalg.norm(r, axis=1), np.linalg.norm(v, axis=1)
         moved = np.linalg.norm(np.diff(r, axis=0), axis=1) + ways[:-1] + ways[1:]
         near = np.flatnonzero(ranges[:-1] - self.keep_out_m <= moved)
-        for part in range(1, PARTS if near.size else 1):
-            t = part / PARTS
+        if near.size:
+            t = np.arange(1, PARTS)[:, None, None] / PARTS
             s = 1.0 - t
             begin = s * s * ((1.0 + 2.0 * t) * r[near] + t * v[near])
             end = t * t * ((3.0 - 2.0 * t) * r[near + 1] - s * v[near + 1])
-            deepest = max(deepest, float(self.depths_m(begin + end).max()))
-        return deepest
+            r = np.concatenate([r, (begin + end).reshape(-1, 3)])
+        return float(self.depths_m(r).max(initial=0.0))
 
 
 def zones_of(scenario: Any) -> list[Zone]:

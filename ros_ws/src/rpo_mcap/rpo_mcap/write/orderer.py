@@ -385,6 +385,8 @@ class TickOrderer:
                 return False
         elif entry is not None and entry.early and self._latest < min(tick + HOLD, self._last):
             return False
+        if ahead < 1 and entry is not None and entry.missing and not self._dropped:
+            return False
         missing = self._missing(entry) if entry is None or entry.missing else []
         if entry is not None and not missing:
             missing = self._wrong(tick, entry) if tick in self._reports else []
