@@ -227,7 +227,7 @@ CASES = {
     'a sphere, and a filter whose spread grows': (
         GUARDED.equipped(
             Assurance(keep_out_m=15.0, position_error_m=0.5, velocity_error_m_s=0.02,
-                      disturbance_n=0.02, thrust_error=0.1, sigmas=8.0),
+                      disturbance_n=0.02, thrust_error=0.1, sigmas=5.0),
             replace(GUARDED.section(Estimator), thrust_noise_s0_5=0.05),
         ),
         SOME,
