@@ -82,8 +82,9 @@ _PAPER = AttitudeConfig(
     name='attitude_paper',
     scenario=FLIGHTS,
     start_scales=(1.0, 0.24),
-    genes=GeneSpace('free', (1.0, 1.0), (0.24, 0.24), _TORQUE_NM, complete=True),
-    fitness=FitnessSettings(penalty_n2s=10_000.0),
+    # flat penalties lead it to a law that does nothing
+    genes=GeneSpace('odd', (0.3, 2.0), (0.06, 0.6), _TORQUE_NM, complete=True),
+    fitness=FitnessSettings('graded', 10_000.0),
 )
 PRESETS = {
     'paper': _PAPER,

@@ -256,7 +256,7 @@ def estimators_of(batch: Batch) -> Part | None:
         table_of(np.zeros(PORTS), *ports, np.zeros(len(sensing.rows) * NOISE * RUNS)),
         batch.lanes(memories),
         HEADING + len(sensing.memory),
-        filter_kernels.scratch_of(f),
+        filter_kernels.SCRATCH,
     )
     steps = ((Place.ESTIMATOR, navigate), (ADDED + 1, oppose), (PASSED, remember))
     return Part('estimator', steps, *owned)

@@ -85,9 +85,8 @@ HEADING, PORT = 16, 13
 place PORT the port (3,) [m], target LVLH."""
 
 
-def scratch_of(f: Any) -> range:
-    """Return the places of a memory that a tick writes before it reads them."""
-    return range(KEPT if f[NEWEST] > 0.0 else SETTLED, TESTED)
+SCRATCH = range(KEPT, TESTED)
+"""Places of a memory that a tick writes before it reads them."""
 
 
 @inlined
