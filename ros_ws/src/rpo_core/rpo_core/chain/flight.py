@@ -27,6 +27,7 @@ from rpo_core.wire.interfaces import (
     NEXT,
     RELATIVE_STATE,
     SATURATED_FORCE,
+    UNLOADING_TORQUE,
     row_of,
 )
 
@@ -115,8 +116,15 @@ class Flight:
 
     def _taken_by(self, thrusters: Stage) -> list[Floats]:
         """Return the inputs (N, 3) of the thrusters: the command as sent, and the torque if any."""
-        others = (self.signals[name] for name in thrusters.inputs[1:])
-        return [values[:-1] for values in (self.sent_forces_n, *others)]
+        return [self.sent_forces_n[:-1], *map(self._signal, thrusters.inputs[1:])]
+
+    def _signal(self, name: str) -> Floats:
+        """Return a signal (N, width); a log lacks what empties the wheels: computed again."""
+        if name in self.signals or name != UNLOADING_TORQUE:
+            return self.signals[name][:-1]
+        section = sections()['unloading']
+        stage = section.make(self.scenario.named(section.name), self.scenario)
+        return stage.steps(np.arange(len(self.forces_n) - 1), *map(self._signal, stage.inputs))[0]
 
     @cached_property
     def thrust(self) -> Thrust:
