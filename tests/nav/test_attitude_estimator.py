@@ -186,6 +186,15 @@ def test_its_attitude_is_a_unit_quaternion_whatever_is_measured(rows, latency):
         assert attitude[3] >= 0.0
 
 
+def test_a_filter_that_restarts_gives_w_not_below_zero():
+    stage = stage_of(attitude_scenario({}, attitude_filter={'restart_after': 2}))
+    half = (0.6, 0.0, 0.0, -0.8, 0.0, 0.0, 0.0)
+    found = [stage.step(tick, half)[0] for tick in range(5)]
+    assert 'it was restarted' in stage.trouble()
+    assert min(attitude[3] for attitude in found) >= 0.0
+    np.testing.assert_allclose(found[-1][:4], [-0.6, 0.0, 0.0, 0.8], atol=0.01)
+
+
 def test_of_missing_ticks_the_rate_is_held_and_it_may_begin_at_any_tick():
     flown = attitude_scenario({'latency_ticks': 2})
     first, gapped, later = (stage_of(flown) for _ in range(3))

@@ -229,7 +229,7 @@ def estimate_attitude(tick: int, measured: Any, f: Any, m: Any) -> None:
     size = sqrt(x * x + y * y + z * z + w * w)
     if taken >= m[ORIGIN] and 0.5 < size < 2.0:
         at = _record(taken, f)
-        m[at + 3], m[at + 4], m[at + 5], m[at + 6] = x / size, y / size, z / size, w / size
+        m[at + 3], m[at + 4], m[at + 5], m[at + 6] = upright((x, y, z, w))
         m[at + 7] = 1.0
     _settle(tick, f, m)
     if f[LATENCY] > 0.0:
