@@ -198,6 +198,7 @@ def test_a_flight_without_attitude_says_nothing_of_it():
     assert '"chaser":null,"turns":[]' in text and '"cameras":[]' in text
 
 
+@pytest.mark.every_landing
 def test_the_report_names_axes_that_turn_and_no_optimum(logged, tmp_path):
     done = CliRunner().invoke(app, ['report', str(logged), '-o', str(tmp_path), '--no-fail'])
     assert done.exit_code == 0, done.output
