@@ -23,6 +23,7 @@ from rpo_core.wire.interfaces import (
     EXERTED_TORQUE,
     NAVIGATION_ATTITUDE,
     REFERENCE_ATTITUDE,
+    UNLOADING_TORQUE,
     WHEEL_MOMENTUM,
 )
 from rpo_kernels.attitude_kernels import synchronised
@@ -109,6 +110,8 @@ def _momenta_nms(flight: Flight, attitudes: Floats) -> Floats:
         return flight.signals[WHEEL_MOMENTUM]
     stage = AttitudeStage(flight.scenario.attitude, flight.scenario)
     known = {**flight.signals, CHASER_ATTITUDE: attitudes}
+    if UNLOADING_TORQUE in stage.inputs:
+        known[UNLOADING_TORQUE] = flight.signal(UNLOADING_TORQUE)
     rows = [known[name].tolist() if name in known else None for name in stage.inputs]
     at = stage.outputs.index(WHEEL_MOMENTUM)
     found = []

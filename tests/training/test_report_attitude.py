@@ -51,6 +51,16 @@ def document(**more):
     return {**found, **more}
 
 
+NO_TOPIC = 'unloading_torque', WHEEL_MOMENTUM
+
+
+def tumbling():
+    """Return 20 s of the shipped docking, whose wheels begin with more than they may keep."""
+    found = yaml.safe_load(files.read_text(files.find('scenario', 'tumbling_docking')))
+    found['attitude']['wheels']['start_nms'] = [0.07, -0.06, 0.0]
+    return {**found, 'duration_s': 20.0}
+
+
 def flown_of(found):
     return fly(scenarios.parse(found), load_controller('allround'))
 
@@ -77,6 +87,14 @@ def test_the_wheels_of_a_log_are_those_that_flew(flight, logged):
     np.testing.assert_array_equal(found.momenta_nms, flight.signals[WHEEL_MOMENTUM])
     for one, other in zip(found, known, strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+def test_the_wheels_of_a_log_are_emptied_as_they_were_in_flight():
+    flight = flown_of(tumbling())
+    logged = {k: v for k, v in flight.signals.items() if k not in NO_TOPIC}
+    found = turned_of(replace(flight, signals=logged)).momenta_nms
+    assert np.abs(flight.signals['unloading_torque']).max() > 0.0
+    np.testing.assert_array_equal(found, flight.signals[WHEEL_MOMENTUM])
 
 
 def test_a_table_of_the_flight_has_its_attitude(flight, logged, tmp_path):

@@ -116,15 +116,19 @@ class Flight:
 
     def _taken_by(self, thrusters: Stage) -> list[Floats]:
         """Return the inputs (N, 3) of the thrusters: the command as sent, and the torque if any."""
-        return [self.sent_forces_n[:-1], *map(self._signal, thrusters.inputs[1:])]
+        others = (self.signal(name)[:-1] for name in thrusters.inputs[1:])
+        return [self.sent_forces_n[:-1], *others]
 
-    def _signal(self, name: str) -> Floats:
-        """Return a signal (N, width); a log lacks what empties the wheels: computed again."""
+    def signal(self, name: str) -> Floats:
+        """Return a signal (N+1, width); a log lacks what empties the wheels: computed again.
+
+        KeyError where it is not known.
+        """
         if name in self.signals or name != UNLOADING_TORQUE:
-            return self.signals[name][:-1]
+            return self.signals[name]
         section = sections()['unloading']
         stage = section.make(self.scenario.named(section.name), self.scenario)
-        return stage.steps(np.arange(len(self.forces_n) - 1), *map(self._signal, stage.inputs))[0]
+        return stage.steps(np.arange(len(self.forces_n)), *map(self.signal, stage.inputs))[0]
 
     @cached_property
     def thrust(self) -> Thrust:
