@@ -4,10 +4,13 @@
 
 from __future__ import annotations
 
+import ast
 import importlib.util
 import os
+import runpy
 import subprocess
 import sys
+from fnmatch import fnmatch
 from pathlib import Path
 
 import landing
@@ -48,6 +51,37 @@ def test_a_skip_without_a_known_reason_is_a_failure(tmp_path, workers):
     assert '1 failed, 1 passed, 1 skipped, 1 xfailed, 2 errors' in done.stdout
     assert 'does not say why it may be: no mood' in done.stdout
     assert 'does not say why it may be: could not import' in done.stdout
+
+
+def skips_of(path):
+    """Return (test or '*', reason) of the skips of a file whose reason is a text."""
+    tree = ast.parse(path.read_text())
+    for name, node in [
+        (getattr(top, 'name', ''), node) for top in tree.body for node in ast.walk(top)
+    ]:
+        called = ast.unparse(node.func) if isinstance(node, ast.Call) else ''
+        given = {
+            'pytest.skip': lambda call: call.args[0],
+            'pytest.mark.skipif': lambda call: call.keywords[-1].value,
+        }.get(called, lambda call: None)(node)
+        if isinstance(given, ast.Constant):
+            yield name if name.startswith('test_') else '*', given.value
+
+
+def test_a_skip_that_is_not_seen_here_has_a_known_reason():
+    """A slow test, or one whose library is installed here, may be skipped elsewhere only."""
+    allowed = runpy.run_path(str(CONFTEST))['ALLOWED_SKIPS'].items()
+    skips = [
+        (f'{path.relative_to(CONFTEST.parents[1])}::{name}', why)
+        for path in sorted(CONFTEST.parent.glob('*/test_*.py'))
+        if path != Path(__file__).resolve()
+        for name, why in skips_of(path)
+    ]
+    for test, reason in skips:
+        rows = [pattern for pattern, known in allowed if known == reason]
+        found = any(fnmatch(test, row) or fnmatch(row, test) for row in rows)
+        assert found, f'{test}: {reason}'
+    assert len(skips) > 15
 
 
 def test_domains_are_held_one_by_one():
