@@ -640,3 +640,34 @@ def test_the_command_prints_both_tables(tmp_path):
     assert '\n      90 ' in result.output
     for kind in ('lost', 'late'):
         assert f'undispersed, messages {kind}: all succeed up to' in result.output
+
+
+# A run whose numbers run out of range.
+
+
+def test_a_run_that_is_lost_keeps_no_limit(write, monkeypatch):
+    """A stuck thruster spins a thin chaser up, until its attitude is no number.
+
+    Comparisons pass over that: the engine found 0.06 m/s, and an arrival, of the states before.
+    """
+    thin = Chaser(
+        inertia_kg_m2=((0.02, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+        attitude=(0.3, 0.4, 0.8, 0.0),
+    )
+    stuck = Failure(thruster='y-b', stuck='on', from_s=0.5)
+    table = ThrusterTable(preset='quads_16', force_n=0.5, failures=(stuck,))
+    lost = replace(
+        PLAIN,
+        dt_s=0.25,
+        requirements=Requirements(contact_range_m=0.1, contact_closing_speed_m_s=1.0),
+    )
+    lost = lost.equipped(thin, Thrusters(table=table))
+    limits = {'hold_error_per_axis_m': 1e3, 'energy_n2s': 1e3, 'contact_closing_speed_m_s': 1e3}
+    campaign = write(lost, dispersions={'thrust_share': {'normal': 0.01}}, success=limits)
+    together = run_batch.fly_runs(campaign, 0, 3)
+    assert not np.isfinite(together['final_x_m']).any()
+    for name in limits:
+        assert not (together[name] <= limits[name]).any(), name
+    monkeypatch.setattr(run_batch, 'why_not', lambda *_: 'a test')
+    for name, values in run_batch.fly_runs(campaign, 0, 3).items():
+        np.testing.assert_array_equal(values, together[name], name)
