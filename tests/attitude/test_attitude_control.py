@@ -162,6 +162,8 @@ def test_a_slew_keeps_its_limit_of_rate():
     assert files.loads(text, scenarios.parse, 'text') == flown[1]
     with pytest.raises(InputError, match='needs `limit_nm`, or wheels'):
         base.equipped(replace(start, wheels=None), control)
+    with pytest.raises(InputError, match='nothing else exerts a torque'):
+        base.equipped(replace(start, wheels=None), replace(control, limit_nm=0.1))
 
 
 @pytest.mark.parametrize('name', NAMES)
