@@ -406,6 +406,20 @@ def test_an_empty_tank_ends_the_thrust(write):
     assert 'valve_openings' not in columns
 
 
+def test_a_run_that_no_scenario_allows_is_named(write):
+    """The limits of the attitude's rate are looked at in each run, not at the extremes."""
+    slow = replace(
+        STEERED, rates_deg_s=(0.0, 0.0, 0.0), wheels=Wheels(torque_nm=2.0, momentum_nms=10.0)
+    )
+    limits = AttitudeLimits(rate_deg_s=3.5, disturbance_nm=0.001)
+    flown = PLAIN.equipped(slow, AttitudeControl(controller=FUZZY, limits=limits))
+    campaign = write(flown, dispersions={'chaser_rate_x_deg_s': {'normal': 1.3}}, runs=1000)
+    fast = np.abs(draw(campaign, 0, 1000).column('chaser_rate_x_deg_s')) > 3.5
+    first = int(np.argmax(fast))
+    with pytest.raises(InputError, match=f'^run {first}: `attitude.rates_deg_s` must begin within'):
+        run_batch.fly_runs(campaign, 0, 1000)
+
+
 # Campaigns with starts in a shell, and with plans and runtime assurance side by side.
 
 
