@@ -30,7 +30,8 @@ class AttitudeLimits:
     """What the torque must keep, and what the proof may assume.
 
     rate_deg_s : largest rate about each axis of the chaser, against inertial space
-    angle_deg : largest angle off the reference about each axis, once it is reached; None: any
+    angle_deg : largest angle off the reference about each axis, once it is reached, while that
+        turns at half of what errors leave of `rate_deg_s` at most; None: any
     momentum_nms : of each wheel; None: what the wheels have
     known_deg, known_deg_s : largest error, about each axis, of the attitude and the rate it sees
     disturbance_nm : largest torque about each axis beside the commanded one: of thrusters that are
