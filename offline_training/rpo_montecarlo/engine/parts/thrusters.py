@@ -37,6 +37,7 @@ from rpo_montecarlo.engine.lanes import (
     UNLOADING,
     compiled,
 )
+from rpo_montecarlo.engine.parts.attitude import vector_in
 from rpo_montecarlo.engine.tick import LIMITED, Batch, Draw, Kind, Part, register, table_of
 from rpo_thrusters.allocation_kernels import SCRATCH, Table, fire_together
 from rpo_thrusters.table import Failure, rows_of
@@ -61,8 +62,8 @@ commands, delay of each run [ticks]."""
 TANKS, REST = 0, 3 * RUNS
 """Places in the table of valves and tanks: exhaust velocity, content and mass of each run (3, 40);
 then the tick [s], or the valves: eight numbers that all runs share, the number of failures, and of
-each run `directions` and `failures` of `Valves`. The memory begins with those of `WIDTH` runs
-(33, `WIDTH`), then those of the next ones."""
+each run `directions` and `failures` of `Valves`. The memory begins with those of the runs, (33,) or
+of a table (33, `WIDTH`) of so many together."""
 
 _SHARED = 8
 
@@ -118,19 +119,13 @@ def _tank(t, s):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _memory(m, s):  # type: ignore[no-untyped-def]
-    first = MEMORY * (s - s % WIDTH) + s % WIDTH
-    return m[first : first + MEMORY * WIDTH : WIDTH]
-
-
-@compiled
 def burn_propellant(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Replace row FORCE, exerted without pulses, by what the tanks allow; fill row MASS.
 
     The saturated command, which is counted already, is in row BEFORE.
     """
     for s in range(RUNS):
-        y, z, memory = s + RUNS, s + 2 * RUNS, _memory(m, s)
+        y, z, memory = s + RUNS, s + 2 * RUNS, m[MEMORY * s : MEMORY * (s + 1)]
         force = (w[FORCE + s], w[FORCE + y], w[FORCE + z])
         command = (w[BEFORE + s], w[BEFORE + y], w[BEFORE + z])
         force, w[MASS + s] = burn(force, command, memory, _tank(t, s), t[REST])
@@ -152,7 +147,8 @@ def fire_valves(w, m, t, tick):  # type: ignore[no-untyped-def]
             shared[7], t[a:b].reshape(number, 3), t[b : b + 5 * count].reshape(count, 5),
         )  # fmt: skip
         command = (w[FORCE + s], w[FORCE + y], w[FORCE + z])
-        force, w[MASS + s] = fire(tick, command, _memory(m, s), valves, _tank(t, s), on)
+        memory = m[MEMORY * s : MEMORY * (s + 1)]
+        force, w[MASS + s] = fire(tick, command, memory, valves, _tank(t, s), on)
         w[FORCE + s], w[FORCE + y], w[FORCE + z] = force
 
 
@@ -225,8 +221,7 @@ def fire_table(w, m, t, tick):  # type: ignore[no-untyped-def]
             shared[9 * n : 10 * n], lanes_at(t, acts), t[failures : failures + 5 * count * WIDTH],
             t[b : b + bases],
         )  # fmt: skip
-        command = (rows[FORCE + s], rows[FORCE + y], rows[FORCE + z])
-        wanted = (rows[row + s], rows[row + y], rows[row + z])
+        command, wanted = vector_in(rows, FORCE, s), vector_in(rows, row, s)
         force, torque, rows[MASS + s] = fire_together(
             tick, command, wanted, m[MEMORY * s :], table, _tank(tanks, s), scratch
         )
@@ -241,22 +236,23 @@ def _table_part(batch: Batch) -> Part:
         made.append(table_for(s.thrusters, s))
         rows.append(rows_of(s.thrusters.table.failures, s.thrusters.names, s.dt_s))
     one = made[0]
-    acts = batch.lanes([t.acts for t in made]).reshape(len(one.acts), -1, WIDTH)
-    failures = batch.lanes(rows).reshape(5 * len(rows[0]), RUNS // WIDTH, WIDTH)
-    own = [(a, f.T) for a, f in zip(acts.swapaxes(0, 1), failures.swapaxes(0, 1), strict=True)]
+    own = batch.lanes([table_of(t.acts, r) for t, r in zip(made, rows, strict=True)])
+    own = own.reshape(len(own), -1, WIDTH).swapaxes(0, 1)
     shared = (one.columns, one.most, one.cost, one.burns, one.bits, one.bases)
     sizes = (len(one.bases), len(rows[0]), TORQUE if turns_by_table(batch.base) else UNLOADING)
-    table = table_of(_tanks(batch), one[:6], *sizes, *shared, *(x for two in own for x in two))
+    table = table_of(_tanks(batch), one[:6], *sizes, *shared, own)
     memory = np.zeros(MEMORY * RUNS + (WIDTH + 1) * SCRATCH)
-    return Part('thrusters', ((Place.THRUSTERS, fire_table),), table, memory)
+    return Part('thruster_table', ((Place.THRUSTERS, fire_table),), table, memory)
 
 
-def spent_of(memory: Floats | None) -> dict[str, Floats]:
-    """Return what runs have spent, of the memory of valves and tanks: a requirement -> (40,)."""
-    if memory is None:
-        return {}
-    runs = memory[: MEMORY * RUNS].reshape(-1, MEMORY, WIDTH).swapaxes(0, 1).reshape(MEMORY, RUNS)
-    return {name: runs[at] for name, at in zip(requirements.THRUST, THRUST, strict=True)}
+def spent_of(memories: Mapping[str, Floats]) -> dict[str, Floats]:
+    """Return what runs have spent, of the memories of a flight: a requirement -> (40,)."""
+    for part, width in (('thrusters', 1), ('thruster_table', WIDTH)):
+        if part in memories:
+            runs = memories[part][: MEMORY * RUNS].reshape(-1, MEMORY, width)
+            pairs = zip(requirements.THRUST, THRUST, strict=True)
+            return {name: runs[:, at].ravel() for name, at in pairs}
+    return {}
 
 
 def vary(scenario: Scenario, draw: Draw) -> list[Any]:

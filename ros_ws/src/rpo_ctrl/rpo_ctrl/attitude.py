@@ -339,7 +339,8 @@ class AttitudeControl:
     def _body(self, scenario: Any) -> Body:
         """Return the body that it assumes."""
         inertia = self.inertia_kg_m2 or scenario.attitude.inertia_kg_m2
-        return _body_of(type(scenario.attitude), inertia, scenario.mean_motion_rad_s)
+        chaser: Any = type(scenario.attitude)
+        return _body_of(chaser, inertia, scenario.mean_motion_rad_s)
 
     def limit_of(self, scenario: Any) -> float:
         """Return the largest torque [N m] of an axis that it commands."""

@@ -370,14 +370,13 @@ def fire_together(
     """Do what `fire` does for `WIDTH` chasers at once, with the bits of each; only pivots differ.
 
     command, torque, tank, t.acts : with a vector for a number
-    m : memories, (33, WIDTH); t.failures : those of one chaser after the other, as many of each
-    w : (WIDTH + 1, SCRATCH) scratch: of all together (SCRATCH, WIDTH), then of one
+    m, t.failures : (33, WIDTH), (n, 5, WIDTH), of which the last index is the chaser
+    w : ((WIDTH + 1) SCRATCH,) scratch: of all, the last index as there, then of one
     """
     memory, rows, own = lanes_at(m, 0), lanes_at(w, 0), w[SCRATCH * WIDTH :]
-    count = len(t.failures) // WIDTH
     _want(command, torque, memory, t, rows)
     for s in range(WIDTH):
-        _leave_out(tick, t.failures[count * s : count * (s + 1)], t, w[s::WIDTH])
+        _leave_out(tick, t.failures[s::WIDTH], t, w[s::WIDTH])
     rows[AIM] = dearest(lanes_at(w, WIDTH * WANTED), t)
     for s in range(WIDTH):
         mine = w[s::WIDTH]
@@ -388,5 +387,5 @@ def fire_together(
             mine[THRUST + i] = own[THRUST + i]
     _carry(memory, t, rows)
     for s in range(WIDTH):
-        _stick(tick, t.failures[count * s : count * (s + 1)], t, w[s::WIDTH])
+        _stick(tick, t.failures[s::WIDTH], t, w[s::WIDTH])
     return _exert(memory, t, tank, rows)
