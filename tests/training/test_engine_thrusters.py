@@ -84,6 +84,7 @@ def test_lanes_have_the_bits_of_the_kernel(modulation, propellant):
             found[tick, :, at : at + 3] = w[row : row + lanes.PAIRED_LANES].reshape(3, -1).T
         found[tick, :, 6] = w[lanes.MASS : lanes.MASS + lanes.RUNS]
     assert found.tobytes() == expected.tobytes()
-    assert np.array(list(thrusters.spent_of({part.name: memory}).values())).tobytes() == spent.tobytes()
+    counted = thrusters.spent_of({part.name: memory})
+    assert np.array(list(counted.values())).tobytes() == spent.tobytes()
     tanks = np.array([s.thrusters.propellant.mass_kg for s in flown] if propellant else [1.0])
     assert (spent[2] > 10).all() and (not propellant or (spent[1] == tanks).sum() > 5)
