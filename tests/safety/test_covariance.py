@@ -23,10 +23,11 @@ from rpo_nav.sensors import Sensors
 from rpo_safety.abort_table import AbortTable, Row
 from rpo_safety.assumed import ahead
 from rpo_safety.assurance import AssuranceStage
-from rpo_safety.doubt import RETREAT_M_S, doubt_at, doubt_of, doubted, unless_unsure
+from rpo_safety.doubt import doubt_at, doubt_of, doubted, unless_unsure
 from rpo_safety.filters import backup, margins
 from rpo_safety.guard import guard_of, proof_of
 from rpo_safety.kernels import APPROACH, OPEN
+from rpo_safety.recovery import RETREAT_M_S
 from rpo_safety.settings import Assurance, Passage
 from rpo_thrusters.thrusters import Thrusters
 
@@ -213,5 +214,5 @@ def test_who_loses_the_port_in_the_corridor_leaves_it_backwards():
     assert 160 < first < 400
     ends = seen[first:]
     assert ends[-1, 1] > ends[0, 1] + 0.5
-    assert ends[50:, 4] == pytest.approx(0.1, abs=0.05)
+    assert ends[100:, 4] == pytest.approx(RETREAT_M_S, abs=0.05)
     assert np.abs(seen[:, [0, 2]]).max() < 0.4

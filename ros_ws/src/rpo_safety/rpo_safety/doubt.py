@@ -18,6 +18,7 @@ from rpo_safety.assumed import Errors, spreading
 from rpo_safety.corridor import in_corridor
 from rpo_safety.filters import backup
 from rpo_safety.kernels import APPROACH, CONTACT, Guard
+from rpo_safety.recovery import RETREAT_M_S
 from rpo_safety.settings import Assurance
 from rpo_safety.walls import swing_of
 
@@ -52,9 +53,6 @@ class Doubt(NamedTuple):
 
 
 DOUBT = len(Doubt._fields)
-
-RETREAT_M_S = 0.1
-"""Speed at which the chaser leaves the corridor backwards: from farther off it sees the port."""
 
 
 def follows(settings: Assurance, scenario: Any) -> bool:
@@ -139,7 +137,11 @@ def unsure(state: State, mode: int, g: Guard, d: Doubt, spread_m: float) -> bool
 
 @inlined
 def retreat(state: State, g: Guard) -> Vector:
-    """Force [N] that leaves the corridor backwards, without moving across it; as `unsure`."""
+    """Force [N] that leaves the corridor backwards, without moving across it; as `unsure`.
+
+    From farther off the chaser sees the port. Slower, hostile torques turn the camera away until
+    what was not known of the speed has led out of the corridor.
+    """
     _, closes, _, _, across, other = in_corridor(state, g)
     stop = g.mass_kg / g.dt_s
     out = g.side * saturate(stop * (closes + RETREAT_M_S), g.limit_n)
