@@ -125,7 +125,8 @@ class FitnessSettings:
     margin : share by which every limit is made stricter, in [0, 1)
     limit_cycle, disturbance, robustness, tests : weight [N^2 s] of the optional terms, 0 = off
     mass_kg : further masses whose penalties count
-    between : random planar loops, and as many vertical ones, whose penalties count; 0 = off
+    between : random planar loops, and as many vertical ones, whose penalties count; 0 = off; for
+        attitude, slews
     damping : weight [N^2 s] of the mean force that drives, as a share of full output
     falls : weight [N^2 s] of the largest falls along both errors, as a share of full output
     drawn : the runs of campaigns
