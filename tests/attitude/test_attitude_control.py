@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from rpo_attitude.chaser import Chaser, Wheels
 from rpo_core import files
 from rpo_core.chain.flight import OpenLoop, fly
-from rpo_core.control.controller import load_fuzzy
+from rpo_core.control.controller import dumps, load_fuzzy
 from rpo_core.files import scenario as scenarios
 from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
@@ -162,6 +162,8 @@ def test_a_slew_keeps_its_limit_of_rate():
     assert files.loads(text, scenarios.parse, 'text') == flown[1]
     with pytest.raises(InputError, match='needs `limit_nm`, or wheels'):
         base.equipped(replace(start, wheels=None), control)
+    with pytest.raises(InputError, match='nothing else exerts a torque'):
+        base.equipped(replace(start, wheels=None), replace(control, limit_nm=0.1))
 
 
 @pytest.mark.parametrize('name', NAMES)
@@ -174,6 +176,23 @@ def test_a_file_is_read_back_as_it_is_written(name):
     text = scenarios.dumps(scenario)
     assert files.loads(text, scenarios.parse, 'text') == scenario
     assert text.count(f'kind: {loaded.kind}') == 1
+
+
+def test_attitude_controllers_are_told_from_other_names_and_files(tmp_path):
+    path = tmp_path / 'own.yaml'
+    path.write_text(attitude.dumps(PD))
+    (tmp_path / 'other.yaml').write_text(dumps(load_fuzzy('handmade')))
+    assert attitude.is_one(NAMES[0]) and attitude.is_one(str(path))
+    for name in ('handmade', str(tmp_path / 'none.yaml'), str(tmp_path / 'other.yaml')):
+        assert not attitude.is_one(name)
+
+
+@pytest.mark.parametrize(('asked_nms', 'kept_nms'), [(None, 0.2), (0.19, 0.19), (3.0, 0.2)])
+def test_wheels_keep_the_smaller_of_their_momentum_and_the_one_asked_for(asked_nms, kept_nms):
+    limits = AttitudeLimits(rate_deg_s=0.5, momentum_nms=asked_nms, reference_deg_s2=0.01)
+    scenario = load_scenario('paper_test').equipped(CHASER, AttitudeControl(controller=PD))
+    found = AttitudeControl(controller=PD, limits=limits).kept(scenario)
+    assert found.momentum == kept_nms
 
 
 @pytest.mark.parametrize(

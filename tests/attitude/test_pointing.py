@@ -20,7 +20,7 @@ from rpo_attitude.pointing import Pointing, PointingStage
 from rpo_attitude.target import Target
 from rpo_core.files import scenario as scenarios
 from rpo_core.files.validation import InputError
-from rpo_kernels.pointing_kernels import contact_turn, point
+from rpo_kernels.pointing_kernels import contact_turn, looking, point
 
 MATE = (0.1, -0.5, 0.2, 0.8)
 PORT = (0.3, 1.0, -0.2)
@@ -124,6 +124,31 @@ def test_the_reference_turns_no_faster_than_it_may_and_keeps_the_port_in_view():
     looks = np.array(PORT) - np.array(path)[:600, :3]
     looks /= np.linalg.norm(looks, axis=1)[:, None]
     assert_allclose(q[:600].apply(own), looks, atol=1e-9)
+
+
+@given(places, st.floats(0.01, 1.0), st.floats(0.0, 0.05), st.integers(0, 2**32 - 1))
+def test_how_fast_the_axis_follows_the_port(place, speed, turns, seed):
+    """docs/safety.md, after lemma 8; the corner of all three vectors reaches the bound."""
+    random = np.random.default_rng(seed)
+    aim = replace(SETTINGS, align_within_m=1.0).aim(APPROACH.dt_s)
+    far, port = np.linalg.norm(place), np.linalg.norm(PORT)
+    assume(far > 2.0 + port)
+    bound = (speed + turns * far) / (far - port)
+
+    def across(place, velocity, turn):
+        seen = (*place, *(velocity - np.cross(turn, place)))
+        rate = np.array(looking(tuple(map(float, seen)), aim)[1])
+        return np.linalg.norm(np.cross(rate, aim.axis))
+
+    velocity, turn = random.normal(size=(2, 3))
+    velocity *= speed / np.linalg.norm(velocity)
+    turn *= turns / np.linalg.norm(turn)
+    assert across(np.array(place), velocity, turn) <= bound * (1.0 + 1e-9) + 1e-12
+    ahead = np.array(PORT) / port
+    beside = np.cross(ahead, [0.0, 0.0, 1.0])
+    beside /= np.linalg.norm(beside)
+    turn = -turns * np.cross(ahead, beside)
+    assert across(far * ahead, speed * beside, turn) == pytest.approx(bound, rel=1e-6)
 
 
 def test_about_its_docking_axis_it_settles():

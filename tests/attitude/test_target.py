@@ -214,3 +214,20 @@ def test_motions_together_are_those_of_each_and_their_largest_those_of_the_frame
         largest = [*np.abs(frames[:, 9:]).max(axis=0), rows.max()]
         np.testing.assert_array_equal(motion.largest(count), largest)
         np.testing.assert_array_equal(alone.largest(count), largest)
+
+
+@given(
+    st.lists(st.floats(-10.0, 10.0), min_size=4, max_size=4).filter(
+        lambda q: max(map(abs, q)) > 1e-3
+    )
+)
+def test_a_quaternion_that_is_written_is_read_with_its_bits(q):
+    """Else the log of a flight would fly another one: one in three changed."""
+    read = Target(kind='fixed', attitude=q)
+    assert Target(kind='fixed', attitude=read.attitude) == read
+    assert np.linalg.norm(read.attitude) == pytest.approx(1.0, abs=1e-15)
+
+
+def test_a_scenario_whose_quaternion_is_not_of_length_1_flies_from_its_own_text():
+    turned = APPROACH.equipped(Target(kind='fixed', attitude=(0.1, 0.1, 0.1, 0.2)))
+    assert scenarios.parse(yaml.safe_load(scenarios.dumps(turned))) == turned

@@ -149,6 +149,7 @@ def test_thrusters_saturate_a_controller_that_asks_too_much(paper_test, handmade
 
 def test_a_stage_makes_all_its_outputs(paper_test, handmade, monkeypatch):
     chain = Chain.of(paper_test, handmade)
+    chain.part(Place.CONTROLLER, Place.THRUSTERS).warm_up(paper_test.start)
     monkeypatch.setattr(chain.links[0].stage, 'step', lambda *_: ())
     with pytest.raises(ValueError, match='shorter'):
         chain.step(0, {RELATIVE_STATE: paper_test.start})

@@ -182,6 +182,9 @@ def test_every_value_by_hand():
         assert verdict.value == pytest.approx(EVERYTHING[verdict.key], abs=1e-15), verdict.key
         assert verdict.word == 'MISSED', verdict.key
         assert verdict.unit and '{' not in verdict.statement
+    told = [verdict.statement for verdict in found]
+    for words in ('last 2 s', 'after 2 s', 'within 0.5 m', 'at 0.5 m', 'sphere of 5.5 m'):
+        assert any(words in statement for statement in told), words
     shares = {v.key: v.limit for v in found if v.limit != 0.01}
     assert shares == {'hold_force_per_disturbance': 0.01 * 0.02}
 

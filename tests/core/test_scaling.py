@@ -98,6 +98,8 @@ def test_the_numbers_of_a_scaled_loop_in_the_scaled_scenario_are_its_own():
     assert made[similarity.AUTHORITY] == 20.0 and made['allowed slew T / F'] == 40.0
     assert made == similarity.made_for(load_controller('allround')).numbers
     own = load_controller('allround')
+    paper = load('paper_test')
+    assert similarity.units_of(paper).time_s == paper.requirements.hold_from_s < paper.duration_s
     provenance = {'scaled': {'trained_for': 'paper_training', 'length': 2, 'time': 4, 'mass': 8}}
     scaled = own.scaled(Scaling(2.0, 4.0, 1.0, training.base))
     found = similarity.made_for(replace(scaled, provenance=provenance))

@@ -294,6 +294,9 @@ def test_built_in_code_a_scenario_is_checked_alike(paper_test):
     ):
         fast = Disturbance(harmonics=(Harmonic('x', 'sin', 1.0, 10.0),))
         replace(paper_test, duration_s=1e5, disturbance=fast)
+    with pytest.raises(InputError, match='must turn less than'):  # the phase counts too
+        late = Disturbance(harmonics=(Harmonic('x', 'sin', 1.0, -10.0, -100.0),))
+        replace(paper_test, duration_s=99_995.0, disturbance=late)
     with pytest.raises(InputError, match='at most 10000000 ticks'):
         replace(paper_test, duration_s=1_000_000.1)
     turned = replace(paper_test, initial_position_m=np.array([1, 2, 3]))

@@ -129,6 +129,8 @@ def demands(rng, count, size):
 @pytest.mark.parametrize('centre', [(0.0, 0.0, 0.0), (0.11, -0.03, 0.07)])
 def test_presets_agree_with_scipy_whole_and_with_each_single_failure(name, centre):
     programme, rng = Programme(preset(name, centre_of_mass_m=centre)), np.random.default_rng(5)
+    starts = np.array(programme.table.bases).reshape(-1, kernels.START)
+    assert len(np.unique(starts, axis=0)) == len(starts) > 8, 'of no force, and of each octant'
     for at, wanted in enumerate(demands(rng, 60, 0.6)):
         most = programme.most.copy()
         if at % 3:
@@ -245,6 +247,20 @@ def test_propellant_is_that_of_each_thruster():
     assert openings == 100
 
 
+def test_what_an_empty_tank_lacks_is_lacking_in_force_and_torque_alike():
+    on = Failure(thruster='y-b', stuck='on')
+    table, commands = preset('corners_24', 0.2, failures=(on,)), [(0.1, 0.2, -0.3)] * 8
+    force, torque, _ = exerted(table, commands)
+    given, turned, stage = exerted(
+        table, commands, propellant=Propellant(specific_impulse_s=200.0, mass_kg=1e-4)
+    )
+    shares = given[:, 2] / force[:, 2]
+    assert stage.spent()[1] == pytest.approx(1e-4) and np.abs(torque).min(axis=0).all()
+    assert shares[0] == 1.0 and 0.0 < shares[shares > 0.0][-1] < 1.0 and shares[-1] == 0.0
+    np.testing.assert_allclose(given, force * shares[:, None], rtol=1e-14)
+    np.testing.assert_allclose(turned, torque * shares[:, None], rtol=1e-14)
+
+
 def test_a_known_failure_keeps_the_torque_away_and_an_unknown_one_does_not():
     commands = np.tile([0.0, 0.0, 0.4], (10, 1))
     off = Failure(thruster='z+a', stuck='off', from_s=0.5)
@@ -273,11 +289,13 @@ def test_the_others_make_up_for_a_thruster_that_is_known_to_be_on():
 
 def test_a_switch_in_flight_is_a_failure_from_its_tick_on():
     table, commands = preset('corners_24', 0.2), [(0.3, -0.2, 0.1)] * 12
-    failure = Failure(thruster='x+b', stuck='off', from_s=0.4, until_s=0.9, known=True)
-    expected = exerted(replace(table, failures=(failure,)), commands)
+    failure = Failure(thruster='x+d', stuck='off', from_s=0.4, until_s=0.9, known=True)
+    other = Failure(thruster='x+b', stuck='off', from_s=0.5, known=True)
+    expected = exerted(replace(table, failures=(failure, other)), commands)
     _, _, stage = exerted(table, [])
-    stage.take_event(4, 'x+b off')
-    stage.take_event(9, 'x+b ready')
+    stage.take_event(4, 'x+d off')
+    stage.take_event(5, 'x+b off')
+    stage.take_event(9, 'x+d ready')
     stage.take_event(9, 'x+q off')  # there is no such thruster
     made = [stage.step(tick, command) for tick, command in enumerate(commands)]
     np.testing.assert_array_equal([m[2] for m in made], expected[0])

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import pytest
@@ -51,11 +52,15 @@ def test_the_core_flies_with_rclpy_blocked():
     assert python(BLOCKED + FLIGHT, RPO_JIT='0').strip() == '(51, 6)'
 
 
-def test_it_is_said_how_to_install_the_one_library_that_rosdep_has_not():
+def test_it_is_said_how_to_install_the_one_library_that_rosdep_has_not(monkeypatch):
     said = missing.sentence('mcap.reader')
     assert said.startswith('the Python library mcap is missing: `python3 -m pip install ')
     assert missing.sentence('rosbags.rosbag2').endswith('rosbags` installs it')
     assert missing.sentence('rclpy') is None and missing.sentence(None) is None
+    for prefix, options in (('/own', 'install mcap'), ('/usr', '--break-system-packages mcap')):
+        monkeypatch.setattr(sys, 'prefix', prefix)
+        monkeypatch.setattr(sys, 'base_prefix', '/usr')
+        assert f'{options}`' in missing.sentence('mcap')
 
 
 @pytest.mark.slow

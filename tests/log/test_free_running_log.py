@@ -8,15 +8,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 from log_runs import CLOCK, DISTURBANCE, FORCE, STATE, STATUS, make_run
 
-from rpo_core.control.controller import load_controller
+from rpo_core import files
+from rpo_core.chain.chain import Chain
+from rpo_core.chain.stage import Place
+from rpo_core.control.controller import dumps, load_controller
 from rpo_core.files import scenario
-from rpo_core.wire import cdr
+from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.statuses import numbers_text
 from rpo_log.tools.diff import diff
 from rpo_log.tools.export import tables
 from rpo_log.verify import verify
+from rpo_mcap.format.run import TimeBase
 from rpo_mcap.read.run_log import read_flight
 from rpo_mcap.read.stream import RunReader
 from rpo_mcap.write.writer import RunLogWriter
@@ -201,3 +206,98 @@ def test_of_two_answers_the_one_that_was_applied_is_logged(tmp_path):
     assert summary.ignored[FORCE] > 250
     runs = [(tmp_path / name / 'run.mcap').read_bytes() for name in 'ab']
     assert runs[0] == runs[1]
+
+
+class MixingPlant(FreeRunningPlant):
+    """Applies, at one tick, the force of one answer and the torque of an older one."""
+
+    mixed = 40
+
+    def answer(self, name, stamp_ns, force_n):
+        if self.tick == self.mixed - STALE_AFTER + 1:
+            self.torque = force_n[3:]
+        return super().answer(name, stamp_ns, force_n)
+
+    def applied(self, name):
+        found = super().applied(name)
+        return (*found[:3], *self.torque) if self.tick == self.mixed else found
+
+    @property
+    def answers(self):
+        return {name: self.applied(name) for name in super().answers}
+
+
+def turning():
+    """Return 30 s of the shipped docking, whose thrusters empty its wheels at once."""
+    found = yaml.safe_load(files.read_text(files.find('scenario', 'tumbling_docking')))
+    found['attitude']['wheels']['start_nms'] = [0.07, -0.06, 0.0]
+    return scenario.parse({**found, 'duration_s': 30.0})
+
+
+def write_turning(folder, plant, lost=(), missed=()):
+    """Write the log of a chaser that turns.
+
+    lost : ticks whose body_force does not reach the plant; missed : ticks of which there is none
+    """
+    flown, law = plant.scenario, load_controller('allround')
+    chain = Chain.of(flown, law)
+    software = chain.part(*(place for place in Place if place < Place.UNLOADING))
+    steering = software.links[-1].stage
+    software.reset()
+    (delayed,) = (name for name in software.inputs if interfaces.current(name) != name)
+    before = (0.0, 0.0, 0.0)
+    said = []
+    for tick in range(flown.ticks + 1):
+        signals = {name: plant.signals[name] for name in interfaces.NEXT} | {delayed: before}
+        for link in software.links:
+            if link.stage is not steering or tick not in missed:
+                inputs = (signals[name] for name in link.reads)
+                made = link.stage.step(tick, *inputs)
+                signals |= dict(zip(link.stage.outputs, made, strict=True))
+        before = signals[interfaces.current(delayed)]
+        if 'body_force' in signals and tick not in lost:
+            whole = interfaces.row_of('body_force').whole(signals)
+            plant.answer('body_force', plant.stamp_ns, whole)
+        applied = plant.applied('body_force')
+        signals |= {'applied_body_force': applied[:3], 'applied_torque': applied[3:]}
+        stamp = plant.stamp_ns
+        if tick < flown.ticks:
+            plant.advance()
+        made = plant.signals if tick < flown.ticks else plant.last_signals(plant.answers)
+        said.append((stamp, {name: made[name] for name in plant.chain.outputs} | signals))
+    rows = [row for row in interfaces.rows(logged=True) if any(row.name in s for _, s in said)]
+    attached = {
+        'scenario.yaml': scenario.dumps(flown).encode(),
+        'controller.yaml': dumps(law).encode(),
+        'parameters.yaml': f'plant: {{stale_after_ticks: {STALE_AFTER}}}\n'.encode(),
+    }
+    base = TimeBase(flown.epoch_ns, flown.dt_ns, flown.ticks)
+    writer = RunLogWriter(folder, base, [CLOCK, *(f'/{row.name}' for row in rows)], attached)
+    for tick, (stamp, signals) in enumerate(said):
+        writer.write(CLOCK, tick, cdr.encode_clock(stamp))
+        for row in rows:
+            if row.name in signals:
+                data = row.layout_in(flown).encode(stamp, row.whole(signals))
+                writer.write(f'/{row.name}', tick, data)
+    writer.close()
+
+
+def test_torques_that_were_late_empty_the_wheels_as_they_acted(tmp_path):
+    """And an attitude controller that missed ticks goes on with what it remembers."""
+    flown = turning()
+    plant = FreeRunningPlant(flown, ['body_force'], STALE_AFTER)
+    lost = {tick for tick in range(3, flown.ticks) if random.Random(tick).random() < 0.3}
+    write_turning(tmp_path / 'run', plant, lost, missed={90, 100, 101})
+    flight = read_flight(tmp_path / 'run')
+    assert (flight.signal('unloading_torque') != 0.0).any(axis=1)[sorted(lost)].any()
+    found = verify(tmp_path / 'run')
+    assert found.difference is None, found.sentence()
+    assert not [gap for gap in found.gaps if 'could not be recomputed' in gap], found.gaps
+
+
+def test_a_torque_of_another_message_than_its_force_is_found(tmp_path):
+    """Each of them had been commanded, and all that follows was flown."""
+    write_turning(tmp_path / 'run', MixingPlant(turning(), ['body_force'], STALE_AFTER))
+    found = verify(tmp_path / 'run').difference
+    assert (found.tick, found.check) == (MixingPlant.mixed, 'force applied')
+    assert found.field.startswith('wrench.torque')

@@ -205,3 +205,13 @@ def test_of_missing_ticks_the_rate_is_held_and_it_may_begin_at_any_tick():
         if tick in (0, 19):
             found = gapped.step(tick, row)
     assert found == whole
+
+
+def test_a_new_flight_does_not_hold_the_attitude_of_the_last_one():
+    stage = stage_of(attitude_scenario())
+    none = (0.0, 0.0, 0.0, 0.0, 0.01, 0.02, -0.03)
+    at_start = stage.off(none)[0]
+    stage.off((1.0, 0.0, 0.0, 0.0, *none[4:]))
+    assert stage.off(none)[0] != at_start
+    stage.reset()
+    assert stage.off(none)[0] == at_start

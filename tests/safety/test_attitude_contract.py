@@ -63,6 +63,20 @@ def test_a_table_has_its_ball():
     assert limit_n(found) == pytest.approx(min(least, found.max_force_n) / sqrt(3.0))
 
 
+def test_thrusters_that_keep_limits_of_the_attitude_have_their_torque_beside_the_force():
+    """The table gives the force first: at all of it the limits of the torque would hold nothing."""
+    table = ThrusterTable(preset='pairs_12', force_n=0.6, arm_m=0.3)
+    limits = AttitudeLimits(rate_deg_s=2.0)
+    found = turning(
+        Thrusters(table=table), replace(CHASER, wheels=None),
+        replace(STEERED, limit_nm=0.1, limits=limits),
+        chaser_attitude_error_deg=2.0, thrust_error=0.05,
+    )  # fmt: skip
+    least = known(table, 0.1).least_n
+    assert 0.0 < least < 0.9 * min(known(table).least_n, found.max_force_n)
+    assert limit_n(found) == pytest.approx(least / sqrt(3.0))
+
+
 LOOSE = turning(chaser_attitude_error_deg=2.0)
 
 

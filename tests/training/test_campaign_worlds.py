@@ -406,6 +406,20 @@ def test_an_empty_tank_ends_the_thrust(write):
     assert 'valve_openings' not in columns
 
 
+def test_a_run_that_no_scenario_allows_is_named(write):
+    """The limits of the attitude's rate are looked at in each run, not at the extremes."""
+    slow = replace(
+        STEERED, rates_deg_s=(0.0, 0.0, 0.0), wheels=Wheels(torque_nm=2.0, momentum_nms=10.0)
+    )
+    limits = AttitudeLimits(rate_deg_s=3.5, disturbance_nm=0.001)
+    flown = PLAIN.equipped(slow, AttitudeControl(controller=FUZZY, limits=limits))
+    campaign = write(flown, dispersions={'chaser_rate_x_deg_s': {'normal': 1.3}}, runs=1000)
+    fast = np.abs(draw(campaign, 0, 1000).column('chaser_rate_x_deg_s')) > 3.5
+    first = int(np.argmax(fast))
+    with pytest.raises(InputError, match=f'^run {first}: `attitude.rates_deg_s` must begin within'):
+        run_batch.fly_runs(campaign, 0, 1000)
+
+
 # Campaigns with starts in a shell, and with plans and runtime assurance side by side.
 
 
@@ -640,3 +654,34 @@ def test_the_command_prints_both_tables(tmp_path):
     assert '\n      90 ' in result.output
     for kind in ('lost', 'late'):
         assert f'undispersed, messages {kind}: all succeed up to' in result.output
+
+
+# A run whose numbers run out of range.
+
+
+def test_a_run_that_is_lost_keeps_no_limit(write, monkeypatch):
+    """A stuck thruster spins a thin chaser up, until its attitude is no number.
+
+    Comparisons pass over that: the engine found 0.06 m/s, and an arrival, of the states before.
+    """
+    thin = Chaser(
+        inertia_kg_m2=((0.02, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+        attitude=(0.3, 0.4, 0.8, 0.0),
+    )
+    stuck = Failure(thruster='y-b', stuck='on', from_s=0.5)
+    table = ThrusterTable(preset='quads_16', force_n=0.5, failures=(stuck,))
+    lost = replace(
+        PLAIN,
+        dt_s=0.25,
+        requirements=Requirements(contact_range_m=0.1, contact_closing_speed_m_s=1.0),
+    )
+    lost = lost.equipped(thin, Thrusters(table=table))
+    limits = {'hold_error_per_axis_m': 1e3, 'energy_n2s': 1e3, 'contact_closing_speed_m_s': 1e3}
+    campaign = write(lost, dispersions={'thrust_share': {'normal': 0.01}}, success=limits)
+    together = run_batch.fly_runs(campaign, 0, 3)
+    assert not np.isfinite(together['final_x_m']).any()
+    for name in limits:
+        assert not (together[name] <= limits[name]).any(), name
+    monkeypatch.setattr(run_batch, 'why_not', lambda *_: 'a test')
+    for name, values in run_batch.fly_runs(campaign, 0, 3).items():
+        np.testing.assert_array_equal(values, together[name], name)

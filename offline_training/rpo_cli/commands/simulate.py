@@ -54,6 +54,7 @@ def simulate(
     """
     import yaml
 
+    from rpo_attitude import turns
     from rpo_core import files
     from rpo_core.chain.flight import fly
     from rpo_core.control.controller import load_controller
@@ -76,6 +77,8 @@ def simulate(
     flown = overrides.load(chosen, changes or [])
     flight = fly(flown, loaded)
     print_table(flight, f'{flown.name}, controller {controller}')
+    if line := turns.too_fast(flight):
+        echo(line)
     if line := similarity.hint(
         flight, loaded, similarity.command(controller, chosen, changes or ())
     ):

@@ -125,8 +125,12 @@ def known_of(
         rows[pairs.some], final[pairs.some] = pairs.rows, pairs.final
         if LEVEL in campaign.more:
             level[pairs.some] = levels_n(pairs.runs, pairs.memories, w)[: len(pairs.rows)]
+    lost = ~np.isfinite(final).all(axis=1)  # comparisons passed over what is no number
     counted, judged = np.split(rows.T, [len(metrics.UNITS)])
+    counted[:, lost] = np.nan
     found = dict(zip(case.names[len(counted) :], judged, strict=True))
+    for name in found.keys() & set(VALUES):
+        found[name][lost] = np.inf
     by_norm = found.get('arrival_time_s')
     found |= zip((*metrics.UNITS, *FINAL, LEVEL), (*counted, *final.T, level), strict=True)
     required = scenario.requirements

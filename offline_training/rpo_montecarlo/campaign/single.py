@@ -11,6 +11,7 @@ from rpo_attitude.target import move_together
 from rpo_core.chain.flight import Flight, fly
 from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
+from rpo_core.files.validation import within
 from rpo_core.wire.interfaces import APPLIED_FORCE
 from rpo_core.world.cw import mean_motion
 from rpo_montecarlo.campaign.config import Campaign
@@ -43,7 +44,8 @@ def scenario_of(campaign: Campaign, number: int) -> Scenario:
 
 def scenarios_of(campaign: Campaign, runs: DrawnRuns) -> list[Scenario]:
     """Return the scenarios of drawn runs: their starts, masses, orbits, disturbances, stages."""
-    found = [_changes(campaign, runs, index) for index in range(len(runs.numbers))]
+    named = [within(f'run {number}') for number in runs.numbers.tolist()]  # in what is refused
+    found = [by(_changes)(campaign, runs, index) for index, by in enumerate(named)]
     nominal, motions, ticks = campaign.scenario, [], []
     if nominal.target is not None and nominal.named('assurance') is not None:
         for changes, delay in zip(found, runs.column('delay_ticks').tolist(), strict=True):
@@ -52,7 +54,7 @@ def scenarios_of(campaign: Campaign, runs: DrawnRuns) -> list[Scenario]:
             motions.append(target.known.motion(orbit, nominal.dt_s))
             ticks.append(nominal.ticks + int(delay) + 2)
         move_together(motions, ticks)  # by itself the check of each would compute its own
-    return [replace(nominal, **changes) for changes in found]
+    return [by(replace)(nominal, **changes) for by, changes in zip(named, found, strict=True)]
 
 
 def _changes(campaign: Campaign, runs: DrawnRuns, index: int) -> dict[str, Any]:

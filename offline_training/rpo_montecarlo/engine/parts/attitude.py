@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rpo_attitude.target import of_vector, product
+from rpo_attitude.target import of_vector, product, unit
 from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
 from rpo_kernels.attitude_kernels import attitude_at
@@ -155,7 +155,7 @@ def vary(scenario: Scenario, draw: Draw) -> list[Any]:
     found = replace(
         chaser,
         inertia_kg_m2=tuple(tuple(share * j for j in row) for row in chaser.inertia_kg_m2),
-        attitude=product(chaser.attitude, of_vector((x, y, z))),
+        attitude=unit(product(chaser.attitude, of_vector((x, y, z)))),
     )
     rates = draw.vector('chaser_rate_{}_deg_s')
     if any(rates):

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_attitude.target import TUMBLE, Target, motion_of, of_vector, product
+from rpo_attitude.target import TUMBLE, Target, motion_of, of_vector, product, unit
 from rpo_core.files.scenario import Scenario
 from rpo_kernels.attitude_kernels import (
     FRAME,
@@ -144,7 +144,7 @@ def vary(scenario: Scenario, draw: Draw) -> list[Any]:
     if target is None:
         return []
     x, y, z = map(radians, draw.vector('target_attitude_{}_deg'))
-    found: dict[str, Any] = {'attitude': product(target.attitude, of_vector((x, y, z)))}
+    found: dict[str, Any] = {'attitude': unit(product(target.attitude, of_vector((x, y, z))))}
     share = 1.0 + draw.values.get('target_rate_share', 0.0)
     if target.kind == TUMBLE:
         rates = zip(target.rates_deg_s, draw.vector('target_rate_{}_deg_s'), strict=True)

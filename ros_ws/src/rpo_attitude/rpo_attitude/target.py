@@ -40,6 +40,9 @@ BALL = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 MOST_TURN_RAD = 0.1
 """Largest angle of a tick: beyond it the method of `attitude_step` loses its accuracy."""
 
+ROUNDING = 4e-15
+"""How far off 1 rounding leaves the length of a quaternion that was divided by it, at most."""
+
 _BLOCK = 512
 """Ticks of a motion that are computed at a time."""
 
@@ -52,11 +55,23 @@ def quaternion(name: str, value: Any) -> Quaternion:
     if not isinstance(value, (list, tuple)) or len(value) != 4:
         raise InputError(f'`{name}` must be a list of 4 numbers [x, y, z, w]; got {shown(value)}')
     q = [real(f'{name}[{i}]', item, least=-1e3, most=1e3) for i, item in enumerate(value)]
-    size = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    size = _length(q)
     if size < 1e-6:
         raise InputError(f'`{name}` must be a quaternion with a length; got {shown(value)}')
-    x, y, z, w = (item / size for item in q)
+    # one of length 1 keeps its bits: what is written is what is read again
+    x, y, z, w = q if abs(size - 1.0) < ROUNDING else unit(q)
     return positive((x, y, z, w))
+
+
+def _length(q: Sequence[float]) -> float:
+    return sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+
+
+def unit(q: Sequence[float]) -> Quaternion:
+    """Return a quaternion divided by its length."""
+    size = _length(q)
+    x, y, z, w = (item / size for item in q)
+    return x, y, z, w
 
 
 def inertia(name: str, value: Any) -> tuple[tuple[float, ...], ...]:
@@ -180,7 +195,7 @@ class Target:
         inertia = np.array([back(column) for column in zip(*half, strict=True)]).T
         return replace(
             self,
-            attitude=product(self.attitude, error),
+            attitude=unit(product(self.attitude, error)),
             axis=back(self.axis) if self.kind == SPIN else self.axis,
             rates_deg_s=back(self.rates_deg_s),
             inertia_kg_m2=(0.5 * (inertia + inertia.T)).tolist() if self.kind == TUMBLE else BALL,

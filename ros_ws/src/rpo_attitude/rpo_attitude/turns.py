@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rpo_attitude.target import product
+from rpo_attitude.target import MOST_TURN_RAD, product
+from rpo_core.chain.flight import Flight
 from rpo_core.files.scenario import Scenario
 from rpo_core.judge.zones import zones_of
+from rpo_core.wire.interfaces import CHASER_ATTITUDE
 from rpo_kernels.kernels import Vector, norm
 
 Floats = NDArray[np.float64]
@@ -46,6 +48,18 @@ def apart(attitudes: ArrayLike, references: ArrayLike) -> Floats:
     e = errors(attitudes, references)
     angle = 2.0 * np.arctan2(np.linalg.norm(e[..., :3], axis=-1), e[..., 3])
     return np.stack([angle, np.linalg.norm(e[..., 4:], axis=-1)], axis=-1)
+
+
+def too_fast(flight: Flight) -> str:
+    """Return where the chaser turns farther in a tick than its motion is exact; '' if nowhere."""
+    attitudes = flight.signals.get(CHASER_ATTITUDE, np.zeros((0, 7)))
+    turns = flight.scenario.dt_s * np.linalg.norm(attitudes[:, 4:], axis=1)
+    for tick in np.flatnonzero(~(turns <= MOST_TURN_RAD))[:1].tolist():
+        return (
+            f'NOT exact from tick {tick} on: the chaser turns {turns[tick]:.3g} rad in a tick of '
+            f'{flight.scenario.dt_s:g} s, more than {MOST_TURN_RAD:g}'
+        )
+    return ''
 
 
 def docking_axis(scenario: Scenario) -> Vector:

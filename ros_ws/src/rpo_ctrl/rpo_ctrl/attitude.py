@@ -314,6 +314,11 @@ class AttitudeControl:
         limit, wheels, body = self._limit_of(scenario), chaser.wheels, self._body(scenario)
         if limits is None or limit == UNLIMITED_NM:
             raise InputError('`attitude_control.limits` needs `limit_nm`, or wheels')
+        if wheels is None and getattr(scenario.thrusters, 'table', None) is None:
+            raise InputError(
+                '`attitude_control.limits` needs `attitude.wheels` or `thrusters.table`: nothing '
+                'else exerts a torque'
+            )
         rates = chaser.start(n)[4:]
         if max(map(abs, rates)) > radians(limits.rate_deg_s):
             raise InputError(

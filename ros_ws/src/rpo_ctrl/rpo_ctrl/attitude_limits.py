@@ -46,7 +46,7 @@ class AttitudeLimits:
     known_deg_s: Annotated[float, _rates] = 0.0
     disturbance_nm: Annotated[float, partial(_least, unit='N m')] = 0.0
     inertia_share: Annotated[float, _share] = unless_default(0.0)
-    reference_deg_s2: Annotated[float, _rates] = 0.1
+    reference_deg_s2: Annotated[float, partial(_rates, unit='deg/s^2')] = 0.1
 
     def __post_init__(self) -> None:
         check_fields(self)

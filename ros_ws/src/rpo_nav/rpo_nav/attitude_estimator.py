@@ -126,12 +126,12 @@ class AttitudeEstimatorStage(Stage):
         self.filter = attitude_filter_of(settings, sensors, scenario)
         self._silent_ticks = 10 * sensors.star_tracker.period_ticks
         self._measured = as_table([0.0] * MEASURED)
-        self._given = tuple(scenario.attitude.start(scenario.mean_motion_rad_s)[:4])
+        self._start = tuple(scenario.attitude.start(scenario.mean_motion_rad_s)[:4])
         self.reset()
 
     def reset(self) -> None:
         """Begin with the start of the scenario."""
-        self.memory = attitude_memory_of(self.filter)
+        self.memory, self._given = attitude_memory_of(self.filter), self._start
 
     def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
         """Return quaternion and rate (7,) [rad/s], and the covariance (9,) of the angles [rad^2].

@@ -208,16 +208,15 @@ def limit_n(scenario: Any) -> float:
     """Return the force [N] that all axes of target LVLH have at once.
 
     Of a table of thrusters that is what is left without torque when all that are known to fail have
-    failed, and while the wheels are unloaded; raises InputError where nothing is. Where the
-    thrusters turn with the chaser, it is that of the largest ball of forces: what there is in every
-    attitude.
+    failed, and while the wheels are unloaded, or, without wheels, limits of the attitude kept;
+    raises InputError where nothing is. Where the thrusters turn with the chaser, it is that of the
+    largest ball of forces: what there is in every attitude.
     """
     most, turns = float(scenario.max_force_n), scenario.attitude is not None
     own = scenario.thrusters
     if own is None or own.table is None:
         return most / SQRT_3 if turns else most
-    unloading = scenario.named('unloading')
-    left = known(own.table, unloading.torque_nm if unloading else 0.0)
+    left = known(own.table, _torque_nm(scenario))
     has = left.left(most)
     if has == NONE:
         raise InputError(
@@ -227,6 +226,16 @@ def limit_n(scenario: Any) -> float:
     if turns:
         return min(most, left.least_n) / SQRT_3
     return most if has == FULL else left.box_n
+
+
+def _torque_nm(scenario: Any) -> float:
+    """Return the torque [N m] that a table of thrusters gives about each axis beside its force."""
+    unloading, control = scenario.named('unloading'), scenario.named('attitude_control')
+    if unloading is not None:
+        found: float = unloading.torque_nm
+        return found
+    kept = control is not None and control.limits is not None and scenario.attitude.wheels is None
+    return control.limit_nm if kept else 0.0
 
 
 def unknown_n(errors: Errors, scenario: Any) -> float:

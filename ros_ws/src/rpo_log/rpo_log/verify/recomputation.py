@@ -333,13 +333,13 @@ class HeldForces:
     """The answers of the last ticks, of which free running applies one.
 
     ticks : for how many a force is held; -1: not known, and nothing is
-    limit_n : of the thrusters
+    limits : of each number: that of the thrusters [N], of a torque infinite
     """
 
-    def __init__(self, ticks: int, limit_n: float) -> None:
-        self._most, self._limit_n = ticks, limit_n
+    def __init__(self, ticks: int, limits: Sequence[float]) -> None:
+        self._most, self._limits = ticks, np.array(limits)
         self._ticks = np.empty(0, dtype=np.int64)
-        self._forces = np.empty((0, 3))
+        self._forces = np.empty((0, len(limits)))
 
     def held(
         self,
@@ -347,13 +347,13 @@ class HeldForces:
         answers_n: NDArray[np.float64],
         applied_n: NDArray[np.float64],
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Return the force (n, 3) [N] applied, as it was commanded, and where that is known.
+        """Return the force (n, width) [N] applied, as it was commanded, and where that is known.
 
-        answers_n : (n, 3) of these ticks, NaN where they are missing
+        answers_n : (n, width) of these ticks, NaN where they are missing
         """
         new = ticks > self._ticks[-1] if len(self._ticks) else np.ones(len(ticks), dtype=bool)
         known = np.concatenate([self._ticks, ticks[new]])
-        commanded = np.clip(answers_n[new], -self._limit_n, self._limit_n)
+        commanded = np.clip(answers_n[new], -self._limits, self._limits)
         commanded = np.concatenate([self._forces, commanded])
         computed, found = np.zeros_like(applied_n), (applied_n == 0.0).all(axis=1)
         sure = np.full(len(ticks), self._most >= 0)

@@ -110,10 +110,9 @@ class _Verifier:
         self._unchecked, self._first_unchecked = 0, -1  # applied forces without a known command
         most_n = float(self.scenario.max_force_n)
         self._held = {
-            interfaces.APPLIED_FORCE: HeldForces(ticks, most_n),
-            interfaces.APPLIED_BODY_FORCE: HeldForces(ticks, most_n),
-            interfaces.APPLIED_TORQUE: HeldForces(ticks, math.inf),
-            interfaces.APPLIED_DISTURBANCE: HeldForces(ticks, math.inf),
+            interfaces.APPLIED_FORCE: HeldForces(ticks, [most_n] * 3),
+            interfaces.APPLIED_BODY_FORCE: HeldForces(ticks, [most_n] * 3 + [math.inf] * 3),
+            interfaces.APPLIED_DISTURBANCE: HeldForces(ticks, [math.inf] * 3),
         }
         self._previous = PreviousSignals()
         self._following: dict[str, tuple[int, Floats] | None] = {}  # computed for the next tick
@@ -270,7 +269,7 @@ class _Verifier:
     def _answers(self, link: Link, block: TickBlock) -> list[Floats]:
         """Return the outputs in the log of a stage that may have missed ticks in free running."""
         outputs = link.stage.outputs
-        may_miss = self.free and link.place < Place.CONTROLLER
+        may_miss = self.free and link.place < Place.UNLOADING
         if not may_miss or not all(name in self.topics for name in outputs):
             return []
         return [
@@ -297,10 +296,14 @@ class _Verifier:
 
     def _reads(self, link: Link) -> Iterator[str]:
         """Yield the signals that a stage reads; in free running the plant says what it took."""
-        for name in link.reads:
-            if self.free and link.place >= Place.THRUSTERS and name != NO_FORCE:
-                name = interfaces.applied(name) or name
-            yield name
+        yield from (self._taken(link, name) or name for name in link.reads)
+
+    def _taken(self, link: Link, name: str) -> str:
+        """Return what says what the plant took of a signal that its stage reads; '' if nothing."""
+        if not self.free or link.place < Place.UNLOADING or name == NO_FORCE:
+            return ''
+        plants = (x.stage.outputs for x in self.chain.links if x.place >= Place.UNLOADING)
+        return '' if any(name in made for made in plants) else interfaces.applied(name)
 
     def _next_states(
         self, stage: str, name: str, block: TickBlock, following: Floats, known: NDArray[np.bool_]
@@ -319,7 +322,7 @@ class _Verifier:
 
     def _unmade(self, block: TickBlock) -> Iterator[Difference | None]:
         """Compare disturbances, and what rides in messages, that no stage makes with rest."""
-        made = {*self.chain.outputs, *self._held}
+        made = {*self.chain.outputs, *self._held, interfaces.APPLIED_TORQUE}
         for name, values in block.values.items():
             row = interfaces.row_of(name)
             if name not in made and (row.carries == interfaces.DISTURBANCE or row.rides):
@@ -331,18 +334,20 @@ class _Verifier:
     def _compare_applied(self, block: TickBlock) -> Iterator[Difference | None]:
         """Compare the forces applied with those commanded not long before, where they are known.
 
-        Zero is always one: the plant cuts off what is too old.
+        With the torque in their messages. Zero is always one: the plant cuts off what is too old.
         """
-        for link in self.chain.links:
-            for name in link.reads if link.place >= Place.THRUSTERS else ():
-                taken = interfaces.applied(name) if name != NO_FORCE else ''
-                if taken and name in block.values:
-                    applied, held = block.values[taken], self._held[taken]
-                    computed, known = held.held(block.ticks, block.values[name], applied)
-                    if not self._hold_known and taken not in self._given:
-                        there = np.isfinite(applied).all(axis=1)
-                        self._count_unchecked(block.ticks[~known & there])
-                    yield self._first(APPLIED, taken, block, computed, known)
+        pairs = {name: self._taken(link, name) for link in self.chain.links for name in link.reads}
+        for name, taken in pairs.items():
+            if not taken or name not in block.values or row_of(name).rides:
+                continue
+            said, names = ([n, row_of(n).rider][: 1 + bool(row_of(n).rider)] for n in (name, taken))
+            answers, applied = (np.hstack([block.values[n] for n in ns]) for ns in (said, names))
+            computed, known = self._held[taken].held(block.ticks, answers, applied)
+            if not self._hold_known and taken not in self._given:
+                there = np.isfinite(applied).all(axis=1)
+                self._count_unchecked(block.ticks[~known & there])
+            for one, values in zip(names, np.hsplit(computed, len(names)), strict=True):
+                yield self._first(APPLIED, one, block, values, known)
 
     def _count_unchecked(self, ticks: NDArray[np.int64]) -> None:
         if len(ticks) and not self._unchecked:

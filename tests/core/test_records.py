@@ -1,0 +1,124 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What files and messages hold, kept in a list: the fields with their limits, and the signals.
+
+A limit that narrows refuses files that loaded, and a default that moves changes what they mean.
+`python tests/core/test_records.py` writes the list anew; a person reads what changed in it.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from dataclasses import MISSING, Field, fields, is_dataclass
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+from typing import Any, get_type_hints
+
+import pytest
+
+from rpo_core.files.validation import InputError
+from rpo_core.wire import interfaces
+
+LIST = Path(__file__).with_name('records.txt')
+PATHS = {
+    '.'.join(path.relative_to(init.parents[1]).with_suffix('').parts): path
+    for folder in ('ros_ws/src/rpo_*', 'offline_training')
+    for init in sorted(Path(__file__).parents[2].glob(f'{folder}/rpo_*/__init__.py'))
+    for path in sorted(init.parent.rglob('*.py'))
+}
+"""The modules of all packages."""
+MUTABLE = [
+    'Checkpoint',
+    'Counts',
+    'Effort',
+    'FileRecords',
+    'FileRepair',
+    'Form',
+    'Gathering',
+    'LiveRun',
+    'LogDiff',
+    'Onboard',
+    'TickOrderer',
+    '_Extent',
+    '_Held',
+    '_Tick',
+]
+"""What counts, or is put together, piece by piece."""
+
+
+def records() -> Iterator[Any]:
+    """Yield the classes that check their fields, of all packages."""
+    for name, path in PATHS.items():
+        if 'check_fields(self)' in path.read_text():
+            made = [kind for kind in vars(import_module(name)).values() if isinstance(kind, type)]
+            yield from (kind for kind in made if has_checks(kind, name))
+
+
+def has_checks(kind: Any, module: str) -> bool:
+    return kind.__module__ == module and is_dataclass(kind) and bool(checks_of(kind))
+
+
+def checks_of(kind: Any) -> dict[str, tuple[Any, ...]]:
+    """Return the checks of the fields that have one."""
+    hints = get_type_hints(kind, include_extras=True).items()
+    return {name: hint.__metadata__ for name, hint in hints if hasattr(hint, '__metadata__')}
+
+
+def told(check: Any) -> str:
+    """Return the name of a check and what it is given."""
+    if not isinstance(check, partial):
+        return str(check.__name__)
+    named = {n: tuple(v) if isinstance(v, dict) else v for n, v in check.keywords.items()}
+    given = [f'{n}={told(v) if callable(v) else repr(v)}' for n, v in named.items()]
+    return f'{told(check.func)}({", ".join([*map(str, check.args), *given])})'
+
+
+def line_of(field: Field[Any], checks: tuple[Any, ...]) -> str:
+    made = field.default if field.default_factory is MISSING else field.default_factory()
+    default = 'required' if made is MISSING else repr(made)
+    return ' '.join([' *'[field.kw_only], field.name, default, *map(told, checks)])
+
+
+def lines() -> Iterator[str]:
+    """Yield a line for each class, and one for each of its fields; * : by its name only."""
+    for kind in records():
+        yield f'{kind.__module__}.{kind.__name__}'
+        checks = checks_of(kind)
+        for field in fields(kind):
+            yield line_of(field, checks.get(field.name, ()))
+    for name, row in interfaces.table().items():
+        yield f'{name} {row.type} {row.due}{", logged" * row.logged}'
+        yield f'  {row.columns[:1]} to {row.columns[-1:]} {row.widths} {row.rest[3:4]}'
+        yield f'  {row.frames} {(row.carries, row.also, row.rider, row.rides, row.beside)}'
+        yield f'  {row.qos}'
+
+
+def test_limits_and_defaults_are_those_of_the_list():
+    assert list(lines()) == LIST.read_text().splitlines()
+
+
+@pytest.mark.parametrize('kind', list(records()), ids=lambda kind: kind.__name__)
+def test_a_record_checks_its_fields_when_it_is_made(kind):
+    """Also one that Python makes, without a file."""
+    made = object.__new__(kind)
+    checks = checks_of(kind)
+    for field in fields(kind):
+        kept = field.default_factory is dict and field.name not in checks
+        object.__setattr__(made, field.name, {} if kept else object())
+    with pytest.raises(InputError, match=f'^`{next(iter(checks))}` must '):
+        made.__post_init__()
+
+
+def test_dataclasses_are_frozen():
+    nodes = (n for path in PATHS.values() for n in ast.walk(ast.parse(path.read_text())))
+    classes = [node for node in nodes if isinstance(node, ast.ClassDef)]
+    made = [(c.name, ast.unparse(how)) for c in classes for how in c.decorator_list]
+    data = [(name, how) for name, how in made if how.startswith('dataclass')]
+    assert len(data) > 150
+    assert sorted(name for name, how in data if 'frozen=True' not in how) == MUTABLE
+
+
+if __name__ == '__main__':
+    LIST.write_text(''.join(f'{line}\n' for line in lines()))
