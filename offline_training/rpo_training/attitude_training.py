@@ -78,16 +78,17 @@ class AttitudeConfig(TrainingConfig):
         return PRESETS['paper']
 
 
-_SCALES: Any = (0.3, 2.0), (0.06, 0.6), 0.006
+_SPACE = GeneSpace('odd-monotone', (0.3, 2.0), (0.06, 0.6), 0.006, complete=True)
 _PAPER = AttitudeConfig(
     name='attitude_paper',
     scenario=FLIGHTS,
     # there the first generation's law slews, if late
     start_scales=(1.0, 0.12),
-    genes=GeneSpace('odd-monotone', *_SCALES, (0.7, 1.4), complete=True, pulls=True),
-    # flat penalties lead it to a law that does nothing; noise at rest allows little margin
+    genes=replace(_SPACE, time_scale=(0.7, 1.4), pulls=True),
+    # flat penalties lead it to a law that does nothing, small ones to some that settle late; noise
+    # at rest allows little margin
     fitness=FitnessSettings(
-        'graded', 10_000.0, margin=0.04, between=40, damping=4000.0, falls=4000.0
+        'graded', 30_000.0, margin=0.05, between=40, damping=4000.0, falls=4000.0
     ),
 )
 PRESETS = {
@@ -97,7 +98,7 @@ PRESETS = {
         name='attitude_best',
         algorithm='race',
         start_scales=(1.0, 0.24),
-        genes=GeneSpace('odd-monotone', *_SCALES, complete=True),
+        genes=_SPACE,
         fitness=FitnessSettings('graded', 10_000.0, margin=0.15, damping=4000.0),
         cmaes=CmaSettings(population=20, evaluations=2500, descents=1, tolerance=0.2),
         race=RaceSettings(rounds=1, entrants=4, evaluations=800, gain=0.5),

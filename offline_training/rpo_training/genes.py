@@ -5,7 +5,8 @@
 Genes are reals in [0, 1], in this order: the two input scales and the time scale (where they are
 trained), the paper's p1-p15 (membership functions; position, velocity, force), and the rules. A
 foot is placed between its neighbours, so that every chromosome decodes to ordered feet; the range
-of a rule gene has equal parts, one per word. Values are rounded to 1e-4: a controller file then has few digits.
+of a rule gene has equal parts, one per word. Values are rounded to 1e-4: a controller file then
+has few digits.
 """
 
 from __future__ import annotations
