@@ -74,7 +74,7 @@ class Card:
 
     cls : name of its class in the module <executable>_node
     trial : parameters for its start by `node_pages`, to find its topics
-    also : scenario of another start, whose topics it has too
+    also : scenarios of other starts, whose topics it has too
     listens : its topics, for a node that needs an optional layer and is not started
     publishes_tf : it does where `tf2_msgs` is installed, which the ROS 2 wheels lack
     """
@@ -85,7 +85,7 @@ class Card:
     failures: Outcomes
     exit_codes: Mapping[int, str] = field(default_factory=lambda: _CODES)
     trial: Mapping[str, Any] = field(default_factory=dict)
-    also: str = ''
+    also: tuple[str, ...] = ()
     listens: tuple[str, ...] = ()
     publishes_tf: bool = False
 
@@ -150,10 +150,10 @@ CARDS = (
         ('SIGINT or SIGTERM', 'publishes `aborted`, lets the recorder close its log, exit code 0'),
     ), {**_CODES, 0: 'flown to the end, or ended by a signal', 3: 'aborted'},
          {'scenario': 'paper_test', 'mode': 'free_running', 'real_time_factor': 1.0},
-         also=SIX),
+         also=(SIX, 'assured', 'paper_test_measured')),
     Card('rpo_nav', 'navigation', 'NavigationNode', (
         _BAD_OUTCOME, _OTHER_SCENARIO, _NOTHING_TO_DO, _UNFIT, *_MANAGED, _SIGNAL),
-         trial={'scenario': SIX}),
+         trial={'scenario': SIX}, also=('paper_test_measured', 'world_leo')),
     Card('rpo_sim', 'disturbance_injector', 'DisturbanceInjectorNode', (
         _BAD_OUTCOME, ('a stamp that is no tick of the scenario', 'is not answered; counted as '
                        '`ignored_foreign_stamp`'),
@@ -167,7 +167,7 @@ CARDS = (
                        'exit code 2'),
         ('`go` without its conditions', 'refused with the reason'),
         _OTHER_SCENARIO, _NOTHING_TO_DO, _UNFIT, *_MANAGED, _SIGNAL),
-         trial={'scenario': 'hold_points'}, also=SIX),
+         trial={'scenario': 'hold_points'}, also=(SIX,)),
     Card('rpo_guidance', 'operator', 'OperatorNode', (
         _BAD_OUTCOME, ('`go` is refused', 'says it again until its conditions are met'),
         ('another command is refused', 'one sentence with the reason, exit code 1'),
@@ -182,12 +182,12 @@ CARDS = (
          'so on `stage_status`, and the table counts it'),
         ('the scenario begins outside of what can be assured', 'one sentence with the numbers, '
          'exit code 2'),
-        *_MANAGED, _SIGNAL), trial={'scenario': 'assured'}, also=SIX),
+        *_MANAGED, _SIGNAL), trial={'scenario': 'assured'}, also=(SIX,)),
     Card('rpo_ctrl', 'attitude_controller', 'AttitudeControllerNode', (
         _BAD_OUTCOME, _OTHER_SCENARIO, _NOTHING_TO_DO, *_MANAGED, _SIGNAL),
-         also=SIX),
-    Card('rpo_ctrl', 'fuzzy_controller', 'ControllerNode', _CONTROLLER, also=SIX),
-    Card('rpo_ctrl', 'rival_controller', 'ControllerNode', _CONTROLLER, also=SIX),
+         also=(SIX,)),
+    Card('rpo_ctrl', 'fuzzy_controller', 'ControllerNode', _CONTROLLER, also=(SIX,)),
+    Card('rpo_ctrl', 'rival_controller', 'ControllerNode', _CONTROLLER, also=(SIX,)),
     Card('rpo_log', 'recorder', 'RecorderNode', (
         _BAD_OUTCOME,
         ('a run in the folder already', 'refused, unless `overwrite`'),

@@ -148,7 +148,7 @@ def _found(card: Card, folder: Path) -> Found:
     if card.listens:
         return [('listens', f'`{name}`', '', '', _meaning(name)) for name in card.listens], []
     found: dict[tuple[str, ...], tuple[str, ...]] = {}
-    for more in ({}, {'scenario': card.also})[: 1 + bool(card.also)]:
+    for more in ({}, *({'scenario': name} for name in card.also)):
         node = _make(card, more, folder)
         try:
             found |= {row[:2]: row for row in _topics(node)}

@@ -15,8 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rpo_cli.commands.shared import interruptible
-from rpo_cli.display import print_table, progress
+from rpo_cli.display import print_table
 from rpo_core.chain.flight import Flight, fly
 from rpo_core.chain.stage import ZERO, Signal, Stage
 from rpo_core.control.controller import AnyController, load_controller, only_fuzzy
@@ -312,23 +311,3 @@ def compare(files: Sequence[str], controller: str, starts: int, seed: int) -> bo
         print_table((*HEADINGS[known], 'constraints'), cells, scenario.name)
         broken |= any(not row.met for row in rows if row.cells[0].startswith(OURS))
     return broken
-
-
-def prove(files: Sequence[str]) -> bool:
-    """Prove ARCH-COMP's instances and print them; return whether one is not as it is named."""
-    from tools import rendezvous
-
-    scenarios = [load_scenario(file) for file in files]
-    for scenario in scenarios:
-        choice('scenario', scenario.name, (ARCH,))
-    as_expected = True
-    for scenario in scenarios:
-        with interruptible(lambda: 'stopped'), progress() as show:
-            proof = rendezvous.prove(rendezvous.laws_of(scenario), show)
-        found = [rendezvous.verdict(proof, name) for name in ABORT_MIN]
-        title = f'{scenario.name}: {arch_lqr().name}, from every start, {proof.cells} cells'
-        print_table(rendezvous.HEADINGS, [rendezvous.cells_of(v) for v in found], title, left=2)
-        for sentence in filter(None, map(rendezvous.flight_of, found)):
-            print(sentence)
-        as_expected &= all(v.as_expected for v in found)
-    return not as_expected

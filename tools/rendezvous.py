@@ -15,7 +15,7 @@ lemma).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any, NamedTuple
@@ -23,7 +23,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.files.scenario import Scenario
+from rpo_cli.commands.shared import interruptible
+from rpo_cli.display import print_table, progress
+from rpo_core.files.scenario import Scenario, load_scenario
+from rpo_core.files.validation import choice
 from rpo_montecarlo.engine.lanes import compiled
 from rpo_proof.sets import ROUND, box_of, reduce
 from tools import peers
@@ -592,3 +595,21 @@ def flight_of(found: Verdict) -> str:
         f'{found.name}: the flight from ({x:g}, {y:g}) m whose thrusters fail after {after:.6g} '
         f'min comes to |x|, |y| <= {_outwards(near, 4, up=True)} m'
     )
+
+
+def print_proofs(files: Sequence[str]) -> bool:
+    """Prove ARCH-COMP's instances and print them; return whether one is not as it is named."""
+    scenarios = [load_scenario(file) for file in files]
+    for scenario in scenarios:
+        choice('scenario', scenario.name, (peers.ARCH,))
+    as_expected = True
+    for scenario in scenarios:
+        with interruptible(lambda: 'stopped'), progress() as show:
+            proof = prove(laws_of(scenario), show)
+        found = [verdict(proof, name) for name in peers.ABORT_MIN]
+        title = f'{scenario.name}: {peers.arch_lqr().name}, from every start, {proof.cells} cells'
+        print_table(HEADINGS, [cells_of(v) for v in found], title, left=2)
+        for sentence in filter(None, map(flight_of, found)):
+            print(sentence)
+        as_expected &= all(v.as_expected for v in found)
+    return not as_expected

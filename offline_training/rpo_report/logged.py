@@ -18,7 +18,7 @@ from rpo_core.files.scenario import Scenario
 from rpo_core.judge.verdicts import missed, verdicts
 from rpo_core.wire import interfaces
 from rpo_log.verify.recomputation import StageStates
-from rpo_mcap.read.run_log import RunLog, flight_of, other_signals, scenario_of, stage_events
+from rpo_mcap.read.run_log import RunLog, flight_of, flown_of, scenario_of
 
 Floats = NDArray[np.float64]
 AnyStage = TypeVar('AnyStage', bound=Stage)
@@ -51,20 +51,11 @@ class LoggedFlight:
 def logged_flight(log: RunLog) -> LoggedFlight:
     """Return what a log shows; LogError if that is less than `LEAST_TICKS` from the start."""
     planned = scenario_of(log)
-    ticks = _shown_ticks(log)
+    flight = flown_of(log, planned)
+    ticks = _shown_ticks(log, flight)
     if log.complete or ticks < LEAST_TICKS:
         return LoggedFlight(flight_of(log), planned, (), log.lacks)
-    shown = slice(0, ticks + 1)
-    disturbances = log.disturbances_n
-    flight = Flight(
-        replace(planned, duration_s=planned.time_s(ticks)),
-        log.states[shown],
-        log.forces_n[shown],
-        np.zeros((ticks + 1, 3)) if disturbances is None else disturbances[shown],
-        {name: values[shown] for name, values in other_signals(log).items()},
-        stage_events(log),
-    )
-    return LoggedFlight(flight, planned, log.gaps, log.lacks)
+    return LoggedFlight(until(flight, ticks), planned, log.gaps, log.lacks)
 
 
 def until(flight: Flight, ticks: int) -> Flight:
@@ -80,11 +71,9 @@ def until(flight: Flight, ticks: int) -> Flight:
     )
 
 
-def _shown_ticks(log: RunLog) -> int:
+def _shown_ticks(log: RunLog, flight: Flight) -> int:
     """Return the last tick up to which every state and force is there."""
-    columns = [log.states, log.forces_n]
-    if log.disturbances_n is not None:
-        columns.append(log.disturbances_n)
+    columns = [flight.states, flight.forces_n, flight.disturbances_n, flight.sent_forces_n]
     present = np.isfinite(np.hstack(columns)).all(axis=1)
     present &= log.ticks == np.arange(len(log.ticks))
     return int(np.argmin(present) if not present.all() else len(present)) - 1
@@ -122,7 +111,8 @@ def steps_again(
     It gets the commands that it got in flight. Nothing is yielded where the scenario has no such
     stage, an input of a tick is missing, or the stage was switched off.
     """
-    links = [link for link in Chain.of(flight.scenario).links if isinstance(link.stage, kind)]
+    chain = Chain.of(scenario_of(log))  # as planned: a bound may hold for the whole flight
+    links = [link for link in chain.links if isinstance(link.stage, kind)]
     if not links:
         return
     stage, ticks = cast(AnyStage, links[0].stage), len(flight.states)

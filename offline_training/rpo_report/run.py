@@ -76,6 +76,13 @@ class _Stages(NamedTuple):
             navigation.filtered(log, flight),
         )
 
+    def lacking(self, flight: Flight) -> list[Text]:
+        """Say which stages of the scenario could not be run again."""
+        of = {'guidance': self.phases, 'assurance': self.acted, 'estimator': self.estimated}
+        names = [n for n, found in of.items() if not found and flight.scenario.named(n) is not None]
+        why = 'the log lacks what they read at some ticks, or they were switched off'
+        return [Text(f'No figures of {", ".join(names)}: {why}.')] if names else []
+
 
 def report_of(path: Path, scenario: str = '') -> tuple[Report, LoggedFlight]:
     """Return the report of a run folder, .mcap file or bag, and what it is about; LogError.
@@ -90,7 +97,7 @@ def report_of(path: Path, scenario: str = '') -> tuple[Report, LoggedFlight]:
     with style.applied():
         sections = [
             Section('Limits and path', tuple(_limits_and_path(shown, beside))),
-            Section('Time histories', (_histories(flight, phases),)),
+            Section('Time histories', (_histories(flight, phases), *stages.lacking(flight))),
             *guided.sections(flight, phases),
             *assured.sections(flight, acted, phases),
             Section('Energy', tuple(_energy(flight, beside))),
@@ -207,7 +214,7 @@ def _summary(shown: LoggedFlight, log: RunLog) -> str:
     if arrived is None:
         when = f'it does not stay within {metrics.MAX_ARRIVAL_DISTANCE_M:g} m of its goal'
     if not shown.whole:
-        when = f'the log does not reach the end at {shown.planned.duration_s:g} s'
+        when = f'the log does not show all of its {shown.planned.duration_s:g} s'
     start = ', '.join(f'{r:g}' for r in flight.scenario.initial_position_m)
     return (
         f'{flight.scenario.duration_s:g} s from [{start}] m; {when}; '
@@ -218,7 +225,8 @@ def _summary(shown: LoggedFlight, log: RunLog) -> str:
 def _limits_and_path(shown: LoggedFlight, beside: _Beside) -> list[Block]:
     flight = shown.flight
     zones = zones_of(flight.scenario)
-    cut = f'The log shows {flight.scenario.duration_s:g} s only: {"; ".join(shown.gaps)}.'
+    shows = f'{flight.scenario.duration_s:g} of {shown.planned.duration_s:g} s'
+    cut = f'The log shows {shows}: {"; ".join(shown.gaps)}.'
     rows = tuple(
         _row(v, judged=shown.whole or (v.key == ZONE_DEPTH and not v.holds))
         for v in verdicts(flight)

@@ -18,6 +18,7 @@ from rpo_attitude.turns import apart, errors, turned
 from rpo_core.chain.flight import Flight
 from rpo_core.files.scenario import Scenario
 from rpo_core.wire.interfaces import (
+    APPLIED_BODY_FORCE,
     BODY_TORQUE,
     CHASER_ATTITUDE,
     EXERTED_TORQUE,
@@ -42,7 +43,7 @@ class Turned(NamedTuple):
     off_reference_deg : (n,) angle between them
     unknown_deg : (n, 3) estimate less the attitude; None where there is no estimate
     theta_deg : (n,) largest angle in a tick between the turn of the command and the true attitude
-        that exerts it; None where no section turns the command
+        that exerts it; None where no section turns the command, or an older one may act
     rates_deg_s : (n, 3) against inertial space, axes of the chaser
     torques_nm : (n, 3) commanded, or what a table of thrusters exerts; None where there is neither
     momenta_nms : (n, 3) of the wheels; None: there are none
@@ -75,7 +76,7 @@ def turned_of(flight: Flight) -> Turned | None:
         np.degrees(2.0 * errors(attitudes, references)[:, :3]),
         np.degrees(apart(attitudes, references)[:, 0]),
         None if seen is None else np.degrees(2.0 * errors(seen, attitudes)[:, :3]),
-        _theta_deg(flight, attitudes) if steered else None,
+        _theta_deg(flight, attitudes) if steered and APPLIED_BODY_FORCE not in signals else None,
         np.degrees(attitudes[:, 4:]),
         torques,
         _momenta_nms(flight, attitudes) if scenario.attitude.wheels else None,
@@ -171,7 +172,7 @@ def panels_of(turns: Turned, scenario: Scenario) -> list[Panel]:
     found.append(Panel('rate, per axis', 'rate', 'deg/s', turns.rates_deg_s, rate))
     if turns.torques_nm is not None:
         what = 'torque exerted' if control is None else 'torque commanded'
-        most = wheels.torque_nm if wheels and control is not None else None
+        most = control.limit_of(scenario) if wheels and control is not None else None
         found.append(Panel(f'{what}, per axis', 'torque', 'N m', turns.torques_nm, most))
     if turns.momenta_nms is not None:
         most = (limits and limits.momentum_nms) or wheels.momentum_nms

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from log_runs import CLOCK, FORCE, STATE, Run, flipped
+from mcap.reader import make_reader
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 from rosbags.typesys import Stores, get_typestore
@@ -124,6 +125,22 @@ def test_every_reader_takes_a_bag(bags, kind, tmp_path):
     shown = logged_flight(read_run(open_run(path, scenario)))
     # the shipped scenario is longer than what was flown
     assert len(shown.flight.states) == 51 and shown.whole != bool(scenario)
+
+
+def test_a_table_of_a_bag_has_the_attitude_and_torques_of_its_messages(tmp_path):
+    """Also of one that carries no scenario, whose table lacked them in silence."""
+    log, bag = tmp_path / 'log', tmp_path / 'bag'
+    options = ['--set', 'duration_s=3.0', '--no-fail', '--output', str(log)]
+    assert CliRunner().invoke(app, ['simulate', 'tumbling_docking', *options]).exit_code == 0
+    with (log / 'run.mcap').open('rb') as file:
+        found = [(c.topic, 0, m.data) for _, c, m in make_reader(file).iter_messages()]
+    export(write_bag(bag, found), tmp_path / 'bag.csv')
+    export(log, tmp_path / 'log.csv')
+    of_log = (tmp_path / 'log.csv').read_bytes()
+    assert (tmp_path / 'bag.csv').read_bytes() == of_log
+    names = of_log.split(b'\r\n')[0].decode().split(',')
+    some = {'chaser_attitude_qw', 'body_tx_nm', 'exerted_tx_nm', 'attitude_y_z_rad2'}
+    assert some <= set(names) and len(set(names)) == len(names)
 
 
 @pytest.mark.slow

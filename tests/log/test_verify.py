@@ -30,9 +30,11 @@ from log_runs import (
 from mcap.reader import make_reader
 from mcap.records import Schema
 from nav_scenarios import LIDAR, make
+from typer.testing import CliRunner
 
 from rpo_attitude.chaser import Chaser, Wheels
 from rpo_attitude.target import Target
+from rpo_cli.cli import app
 from rpo_core.chain.chain import Chain
 from rpo_core.chain.stage import Place
 from rpo_core.control.controller import load_controller
@@ -500,6 +502,30 @@ def test_what_was_given_is_named_and_all_else_is_recomputed(case, tmp_path):
     rewrite(tmp_path / 'run.mcap', tmp_path / 'b' / 'run.mcap', flipped(other, 15, 0))
     found = verify(tmp_path / 'b', given=[topic[1:] for topic in made_by])
     assert (found.exit_code, found.difference.check) == (ExitCode.DIFFERENT, 'controller')
+
+
+@pytest.fixture(scope='module')
+def turning(tmp_path_factory):
+    """Return the log of 5 s of tumbling_docking."""
+    out = str(tmp_path_factory.mktemp('turning') / 'run')
+    options = ['--set', 'duration_s=5.0', '--no-fail', '--output', out]
+    assert CliRunner().invoke(app, ['simulate', 'tumbling_docking', *options]).exit_code == 0
+    return out
+
+
+@pytest.mark.parametrize(
+    ('name', 'said'),
+    [
+        ('body_torque', 'body_torque (attitude_control)'),
+        ('body_force', 'body_force (attitude_control)'),
+        ('chaser_attitude', 'chaser_attitude (attitude)'),
+        ('relative_state', 'relative_state (dynamics, attitude)'),
+    ],
+)
+def test_what_rides_in_a_message_is_named_where_it_was_given(name, said, turning):
+    """Else a torque that nobody judged would be said to be verified."""
+    found = verify(turning, given=[name])
+    assert found.exit_code == 4 and found.given[0] == said
 
 
 def test_a_controller_without_a_file_is_given_and_nothing_else(runs, tmp_path, monkeypatch):

@@ -271,13 +271,14 @@ def test_a_room_is_small_and_says_what_it_is(room):
 
 
 def modules() -> dict[str, Path]:
-    """Return name -> file of every module of ours, tests left out."""
+    """Return name -> file of every module of ours, and of tools; tests left out."""
     found = {}
     folders = [*((path, path) for path in PACKAGES.values()), (ROOT / 'offline_training',) * 2]
+    folders += [(ROOT / 'tools', ROOT)]
     for folder, base in folders:
         for path in sorted(folder.rglob('*.py')):
             parts = path.relative_to(base).with_suffix('').parts
-            if parts[0] in FIRST_PARTY:
+            if parts[0] in {*FIRST_PARTY, 'tools'}:
                 found['.'.join(parts).removesuffix('.__init__')] = path
     return found
 

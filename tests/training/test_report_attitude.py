@@ -26,12 +26,14 @@ from rpo_core.files import scenario as scenarios
 from rpo_core.wire.interfaces import BODY_TORQUE, CHASER_ATTITUDE, EXERTED_FORCE, WHEEL_MOMENTUM
 from rpo_log.show import report, style
 from rpo_log.tools.export import export
-from rpo_mcap.read.run_log import read_flight
+from rpo_mcap.read.run_log import read_flight, read_run
 from rpo_montecarlo.outputs import write_flight
 from rpo_report import attitude, page, replay, video
+from rpo_report.logged import logged_flight, until
 from rpo_report.page import Report
 from rpo_report.replay import Replayed
-from rpo_report.turned import Panel, in_lvlh, turned_of
+from rpo_report.run import _Stages
+from rpo_report.turned import Panel, in_lvlh, panels_of, turned_of
 
 INERTIA = [[0.6, 0.02, 0.0], [0.02, 0.7, 0.01], [0.0, 0.01, 0.5]]
 
@@ -95,6 +97,63 @@ def test_the_wheels_of_a_log_are_emptied_as_they_were_in_flight():
     found = turned_of(replace(flight, signals=logged)).momenta_nms
     assert np.abs(flight.signals['unloading_torque']).max() > 0.0
     np.testing.assert_array_equal(found, flight.signals[WHEEL_MOMENTUM])
+
+
+def test_a_log_that_lost_a_command_in_the_chasers_axes_is_shown_up_to_it(logged):
+    """Else its energy would be no number, and its thrusters would seem to have spent less."""
+    log = read_run(logged)
+    values = {name: found.copy() for name, found in log.values.items()}
+    values['body_force'][100] = values[BODY_TORQUE][100] = np.nan
+    shown = logged_flight(replace(log, values=values, gaps=('one is missing',)))
+    assert shown.flight.scenario.duration_s == 9.9
+    expected = until(read_flight(logged), 99)
+    assert shown.flight.thrust.delta_v_m_s == expected.thrust.delta_v_m_s > 0.0
+    np.testing.assert_array_equal(turned_of(shown.flight).momenta_nms, turned_of(expected)[-1])
+
+
+def test_a_free_running_log_that_ends_early_is_shown_to_its_end(logged):
+    """Also where an answer was missing; and no angle is said of a command that may be older."""
+    log = read_run(logged)
+    values = {name: found[:151].copy() for name, found in log.values.items()}
+    applied = {
+        'applied_body_force': 0.5 * values['body_force'],
+        'applied_torque': values[BODY_TORQUE].copy(),
+    }
+    for name in ('control_force', 'body_force', BODY_TORQUE):
+        values[name][20] = np.nan
+    gaps = ('it ends',)
+    log = replace(log, values=values | applied, ticks=log.ticks[:151], gaps=gaps)
+    flight = logged_flight(log).flight
+    assert flight.scenario.duration_s == 15.0
+    np.testing.assert_array_equal(flight.sent_forces_n, applied['applied_body_force'])
+    found = turned_of(flight)
+    assert found.theta_deg is None and np.isfinite(found.momenta_nms).all()
+
+
+def test_the_limit_of_the_torque_is_that_of_the_controller():
+    """Wheels of 0.13 N m, of which what empties them takes 0.04 and the section leaves 0.06."""
+    flight = flown_of({**tumbling(), 'duration_s': 1.0})
+    (found,) = (p for p in panels_of(turned_of(flight), flight.scenario) if p.label == 'torque')
+    assert found.limit == 0.06
+
+
+def test_a_report_names_the_stages_that_it_cannot_run_again():
+    flight = flown_of({**tumbling(), 'duration_s': 1.0})
+    (said,) = _Stages([], None, None).lacking(flight)
+    assert said.text.startswith('No figures of guidance, assurance, estimator: ')
+    assert not _Stages([], None, None).lacking(flown_of({**document(), 'duration_s': 1.0}))
+
+
+@pytest.mark.parametrize(
+    ('command', 'says'),
+    [
+        ('report attitude_fuzzy', '--set attitude_control.controller=attitude_fuzzy` flies it'),
+        ('explain attitude_lqr', 'must be fuzzy here'),
+    ],
+)
+def test_a_controller_of_attitude_that_has_no_page_is_refused_with_what_to_do(command, says):
+    done = CliRunner().invoke(app, command.split())
+    assert done.exit_code == 2 and says in done.stderr and not done.stdout
 
 
 def test_a_table_of_the_flight_has_its_attitude(flight, logged, tmp_path):

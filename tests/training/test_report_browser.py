@@ -111,7 +111,7 @@ def test_an_aborted_run_by_command(tmp_path):
     done = CliRunner().invoke(app, ['report', str(tmp_path), '-o', str(tmp_path / 'report')])
     assert done.exit_code == 3 and 'ends at tick 120 of 200' in done.stderr, done.output
     main = Page((tmp_path / 'report' / 'report.html').read_text('utf-8')).all('main')[0]
-    assert 'The log shows 12 s only' in main.text
+    assert 'The log shows 12 of 20 s: it ends' in main.text
     assert not [td for td in main.text.split() if td in ('holds', 'MISSED')]
     assert 'it would take arrival_distance' in main.text, 'no optimum in 20 s, and why'
 

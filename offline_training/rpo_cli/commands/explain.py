@@ -91,8 +91,8 @@ def explain(
     if attitude.is_one(target):
         if at is not None or scenario:
             raise InputError('a controller of attitude takes no `--at` and `--scenario`')
-        console.print('One system for each axis of the chaser alike.')
         axis = attitude.axis_of(target)
+        console.print('One system for each axis of the chaser alike.')
         if state is not None:
             _print_decisions(console, decisions(axis, _state_of(state)), _of_angles)
             return

@@ -145,8 +145,12 @@ def _of_proof(target: str, _: str) -> Made:
 
 
 def _of_controller(target: str, scenario: str) -> Made:
+    from rpo_ctrl import attitude
     from rpo_report import controller
 
+    if attitude.is_one(target):
+        fly = f'rpo simulate tumbling_docking --set attitude_control.controller={target}'
+        raise InputError(f'{target} turns the chaser: `{fly}` flies it, and that run has a report')
     with within(f'{target}: no run and no campaign; as a controller'):
         return controller.report_of(target, scenario), Path('runs') / _folder(target), 0
 

@@ -175,10 +175,11 @@ class Target:
         return {}
 
     def motion(self, orbit_rad_s: float, dt_s: float) -> Motion:
-        """Return how it turns, tick by tick; computed once."""
+        """Return how it turns, tick by tick; computed once, also for its equals just before."""
         key = orbit_rad_s, dt_s
         if key not in self._motions:
-            self._motions[key] = Motion(self.body(orbit_rad_s), self.start(orbit_rad_s), dt_s)
+            numbers = [*self.body(orbit_rad_s), *self.start(orbit_rad_s), dt_s]
+            self._motions[key] = _motion(np.array(numbers).tobytes())
         return self._motions[key]
 
     @cached_property
@@ -304,6 +305,14 @@ class Motion:
         if ticks not in self._largest:
             move_together([self], [ticks])
         return self._largest[ticks]
+
+
+@lru_cache(maxsize=8)
+def _motion(numbers: bytes) -> Motion:
+    """Return the motion of a body, a start and a tick, by their bits: nodes share a process."""
+    values = np.frombuffer(numbers).tolist()
+    start: Any = tuple(values[-8:-1])
+    return Motion(Body(*values[:-8]), start, values[-1])
 
 
 def move_together(motions: Sequence[Motion], ticks: Sequence[int]) -> None:

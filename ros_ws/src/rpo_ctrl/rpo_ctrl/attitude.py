@@ -301,7 +301,7 @@ class AttitudeControl:
         """Return what the torque must keep in a scenario; raises InputError where it cannot."""
         if self.limits is None:
             return NONE
-        wheels, limit = scenario.attitude.wheels, self._limit_of(scenario)
+        wheels, limit = scenario.attitude.wheels, self.limit_of(scenario)
         full = FAR if wheels is None else min(
             self.limits.momentum_nms or wheels.momentum_nms, wheels.momentum_nms
         )  # fmt: skip
@@ -311,7 +311,7 @@ class AttitudeControl:
     def bounds(self, scenario: Any) -> Bounds:
         """Return what `limits` make certain in a scenario; raises InputError where nothing is."""
         chaser, n, limits = scenario.attitude, scenario.mean_motion_rad_s, self.limits
-        limit, wheels, body = self._limit_of(scenario), chaser.wheels, self._body(scenario)
+        limit, wheels, body = self.limit_of(scenario), chaser.wheels, self._body(scenario)
         if limits is None or limit == UNLIMITED_NM:
             raise InputError('`attitude_control.limits` needs `limit_nm`, or wheels')
         if wheels is None and getattr(scenario.thrusters, 'table', None) is None:
@@ -344,7 +344,8 @@ class AttitudeControl:
         )
         return found
 
-    def _limit_of(self, scenario: Any) -> float:
+    def limit_of(self, scenario: Any) -> float:
+        """Return the largest torque [N m] of an axis that it commands."""
         return self._limit_nm(scenario.attitude, _unloading(scenario)[1])
 
     def _limit_nm(self, chaser: Any, unloading_nm: float) -> float:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from rpo_core.wire import interfaces
 from rpo_log.bag import open_run
 from rpo_mcap.errors import Fault, LogError, cannot_write, exists
+from rpo_mcap.read.decode import TickBlock
 from rpo_mcap.read.run_log import scenario_of
 from rpo_mcap.read.stream import RunReader
 from rpo_mcap.topics import Topic
@@ -41,7 +42,7 @@ Table = dict[str, NDArray[np.generic]]
 
 def tables(reader: RunReader) -> Iterator[Table]:
     """Yield the log as tables of some thousand ticks; NaN where a message is missing."""
-    base = reader.base
+    base, topics = reader.base, list[Topic]()
     for block in reader.blocks():
         if not len(block.ticks):
             continue
@@ -50,21 +51,24 @@ def tables(reader: RunReader) -> Iterator[Table]:
             'time_s': block.ticks * base.dt_ns / 1_000_000_000,
             'stamp_ns': base.epoch_ns + block.ticks * base.dt_ns,
         }
-        for topic in _with_riders(reader):
+        topics = topics or [*_with_riders(reader, block)]
+        for topic in topics:
             if topic.row.columns:
                 table.update(zip(columns(topic), block.values[topic.signal].T, strict=True))
         yield table
 
 
-def _with_riders(reader: RunReader) -> Iterator[Topic]:
-    """Yield the topics, and what rides in them: covariances where sensors are logged, and others.
+def _with_riders(reader: RunReader, block: TickBlock) -> Iterator[Topic]:
+    """Yield the topics, and what rides in them: covariances, attitudes, torques.
 
-    Those are attitudes and torques, as far as the scenario has them.
+    As far as the scenario has them, or the first ticks say one that is not at rest.
     """
     told: set[str] = set()
-    if any(topic.row.covariance for topic in reader.topics):
-        told.add(interfaces.NAVIGATION_COVARIANCE)
-    with suppress(LogError):  # of a log without scenario: neither
+    for name, found in block.values.items():
+        row = interfaces.row_of(name)
+        if row.rides and (np.isfinite(found) & (found != row.rest)).any():
+            told.add(name)
+    with suppress(LogError):  # a bag may lack it
         scenario = scenario_of(reader)
         if scenario.thrusters is not None and scenario.thrusters.table is not None:
             told.add(interfaces.EXERTED_TORQUE)
@@ -85,6 +89,8 @@ def columns(topic: Topic) -> list[str]:
         return [f'{topic.signal}_{name}' for name in _TURNING]
     if topic.signal == interfaces.NAVIGATION_COVARIANCE:
         return [f'navigation_{name}' for name in _COVARIANCES]
+    if topic.signal == interfaces.ATTITUDE_COVARIANCE:
+        return [f'attitude_{row}_{column}_rad2' for row in 'xyz' for column in 'xyz']
     if topic.row.rides:
         return [f'{topic.signal.partition("_")[0]}_t{axis}_nm' for axis in 'xyz']
     if topic.row.covariance:

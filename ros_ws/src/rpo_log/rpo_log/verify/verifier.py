@@ -150,8 +150,12 @@ class _Verifier:
         """Signals that are given, each with the stage that makes it, in the order of the table."""
         makers = {name: x.stage.name for x in self.chain.links for name in x.stage.outputs}
         makers.setdefault(interfaces.CONTROL_FORCE, 'controller')
-        made = [row.name for row in interfaces.rows() if row.name in self._given]
-        named = [f'{name} ({makers[name]})' if name in makers else name for name in made]
+        rows = (row for row in interfaces.table().values() if row.rides not in self._given)
+        made = {row.name: row.rider for row in rows if row.name in self._given}
+        named = []
+        for name, rider in made.items():
+            stages = dict.fromkeys(makers[n] for n in (name, rider) if n in makers)
+            named.append(f'{name} ({", ".join(stages)})' if stages else name)
         return (*named, *[FIGURES] * (RELATIVE_STATE in made))
 
     def _decisions(self, reader: RunReader, controller: AnyController | None) -> Decisions | None:

@@ -190,8 +190,7 @@ def flight_of(log: RunLog) -> Flight:
     """Return the flight that a log shows.
 
     Raises LogError if the log is not whole: a flight has every state and force, from tick 0 to the
-    last. Without a recorded disturbance it is zero. Of free running, its forces are those applied;
-    of a chaser that turns, what was applied is its command in the chaser's axes.
+    last.
     """
     found = scenario_of(log)
     if not log.complete:
@@ -200,13 +199,23 @@ def flight_of(log: RunLog) -> Flight:
             log.path,
             f'must hold a whole flight, ticks 0 to {found.ticks}, but {"; ".join(log.gaps)}',
         )
+    return flown_of(log, found)
+
+
+def flown_of(log: RunLog, flown: Scenario) -> Flight:
+    """Return the ticks of a log as a flight of a scenario, NaN where a message is missing.
+
+    Without a recorded disturbance it is zero. Of free running, its forces are those applied; of a
+    chaser that turns, what was applied is its command in the chaser's axes.
+    """
     zero = np.zeros((len(log.ticks), 3))
     forces = log.values.get(interfaces.APPLIED_FORCE, log.forces_n)
     pushes = log.values.get(interfaces.DISTURBANCE_FORCE, zero)
     if APPLIED & log.values.keys():
-        forces = np.nan_to_num(forces)  # an answer may be missing
         pushes = log.values.get(interfaces.APPLIED_DISTURBANCE, zero)
-    return Flight(found, log.states, forces, pushes, other_signals(log), stage_events(log))
+        if interfaces.APPLIED_FORCE not in log.values:
+            forces = np.nan_to_num(forces)  # an answer may be missing
+    return Flight(flown, log.states, forces, pushes, other_signals(log), stage_events(log))
 
 
 _OF_FLIGHT = (
@@ -227,6 +236,7 @@ def other_signals(log: RunLog) -> dict[str, NDArray[np.float64]]:
     """Return the logged signals beside state, force and disturbance.
 
     In free running the force applied is the last of the commands: those before it are left out.
+    That of a chaser that turns has both names, by which one knows that it may have come late.
     """
     applied = APPLIED & log.values.keys()
     found = {
@@ -236,6 +246,7 @@ def other_signals(log: RunLog) -> dict[str, NDArray[np.float64]]:
         and not (applied and interfaces.row_of(name).carries == interfaces.COMMAND)
     }
     taken = {name: found.pop(said, log.values.get(said)) for said, name in _TAKEN.items()}
+    taken[interfaces.APPLIED_BODY_FORCE] = taken[interfaces.BODY_FORCE]
     return found | {name: values for name, values in taken.items() if values is not None}
 
 
