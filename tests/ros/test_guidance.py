@@ -14,7 +14,7 @@ from std_srvs.srv import Trigger
 
 from rpo_core import files
 from rpo_core.files import scenario
-from rpo_core.wire import interfaces
+from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.statuses import READERS
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_guidance.guidance_node import GuidanceNode
@@ -128,7 +128,7 @@ def test_each_node_is_switched_off_and_on_in_flight_logged_and_verified(ros_env,
 
     def hear(topic, status):
         """Hold what nodes say against the contract."""
-        said = conversions.from_status(status)
+        said = cdr.decode_status(status)
         READERS[topic].of(said)
         known = [key.name.partition('<')[0] for key in READERS[topic].contract.keys]
         assert all(key.startswith(tuple(known)) for key, _ in said.values), said
@@ -137,7 +137,9 @@ def test_each_node_is_switched_off_and_on_in_flight_logged_and_verified(ros_env,
     with inside() as inner:
         for topic in READERS:
             take = partial(hear, topic)
-            inner.user.create_subscription(DiagnosticStatus, topic, take, qos.LATCHED_QUEUE)
+            inner.user.create_subscription(
+                DiagnosticStatus, topic, take, qos.LATCHED_QUEUE, raw=True
+            )
         inner.start(ControllerNode({'controller': 'handmade'}))
         nodes = [inner.start(kind({})) for kind in (NavigationNode, GuidanceNode, AssuranceNode)]
         recorder = inner.start(RecorderNode({'output': str(tmp_path / 'run')}))

@@ -61,8 +61,8 @@ def test_times_of_a_flight_are_the_plants():
 
 
 def test_a_flight_and_the_peer_take_turns(monkeypatch):
-    """The second half of the machine's time is ten times slower: the ratio is not."""
-    said, speeds = [], iter([1.0, 1.0, 1.0, 1.0, 0.1, 0.1])
+    """The second half of the machine's time is ten times slower: the median ratio is not."""
+    said, speeds = [], iter([1.0, 1.0, 1.0, 1.0, 0.1, 0.1, 0.1])
 
     def peer():
         said.append('peer')
@@ -73,9 +73,17 @@ def test_a_flight_and_the_peer_take_turns(monkeypatch):
         return ros.Loop(2.0 / next(speeds), 4000, 400.0)
 
     monkeypatch.setattr(ros, 'ping_pong', peer)
-    loop, trips, ratio = ros.in_turns(fly, 3)
-    assert said == ['peer', 'flight'] * 3
-    assert (loop.ticks_per_s, trips, ratio) == (2000.0, 1000.0, pytest.approx(2.0))
+    loop, trips, ratios = ros.in_turns(fly, 3)
+    assert said == [*['peer', 'flight'] * 3, 'peer']
+    assert (loop.ticks_per_s, trips) == (2000.0, pytest.approx(550.0))
+    assert ratios == pytest.approx([2.0, 2.0, 2.0 / 0.55])
+
+
+def test_a_machine_that_becomes_slower_all_the_time_leaves_the_ratio(monkeypatch):
+    speeds = iter(1.0 - 0.05 * k for k in range(7))
+    monkeypatch.setattr(ros, 'ping_pong', lambda: 1000.0 * next(speeds))
+    _, _, ratios = ros.in_turns(lambda: ros.Loop(2.0 / next(speeds), 4000, 400.0), 3)
+    assert ratios == pytest.approx([2.0] * 3)
 
 
 def test_without_ros_it_says_what_to_do(monkeypatch):

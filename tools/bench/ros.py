@@ -3,7 +3,9 @@
 """P4 and P5, the ROS loop: real nodes, compared with two bare rclpy processes.
 
 P4 flies the paper's test; P5 a scenario with navigation, guidance and assurance; B7 one whose
-chaser turns. Flights and peer take turns, so that other work on the machine meets both.
+chaser turns. The peer runs before and after each flight, which is compared with the mean of both:
+the same peer, on the same machine, differs by a factor of two from one start to the next, and a
+machine that becomes faster or slower meets both alike.
 
 All run in a ROS domain of their own. The time is from `flying` to `finished` in the
 log lines of the plant, without start and discovery.
@@ -19,6 +21,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from importlib.util import find_spec
+from itertools import pairwise
 from pathlib import Path
 from statistics import median
 from typing import NamedTuple
@@ -34,7 +37,9 @@ BASILISK = sys.executable, '-m', 'tools.basilisk_plant'
 DOMAIN = '98'
 """Not the default 0, and not the first domains of the tests."""
 
-TURNS = 3
+TURNS = {'P4': 7}
+LEAST_TURNS = 3
+"""Flights whose medians are taken; more of those that are short, and judged by their ratio."""
 _DEADLINE_S = 300.0
 _LINE = re.compile(r'\[(\d+\.\d+)\] \[plant\]: (flying|finished)')
 
@@ -118,16 +123,20 @@ def ping_pong() -> float:
         return float(_output(nodes.node('rpo_bringup', 'ping_pong')).split()[0])
 
 
-def in_turns(fly: Callable[[], Loop], turns: int = TURNS) -> tuple[Loop, float, float]:
-    """Run the peer and a flight in turns.
+def in_turns(fly: Callable[[], Loop], turns: int = LEAST_TURNS) -> tuple[Loop, float, list[float]]:
+    """Run the peer, a flight, the peer, and so on; `turns` is odd.
 
-    Returns the medians of the flights, of the peer's round trips per second, and of the ratios of
-    the two that ran next to each other.
+    Returns the medians of the flights and of the peer's round trips per second, and all ratios of a
+    flight to the mean of the peers before and after it, the least first.
     """
-    pairs = [(ping_pong(), fly()) for _ in range(turns)]
-    trips, loops = zip(*pairs, strict=True)
+    trips, loops = [ping_pong()], []
+    for _ in range(turns):
+        loops.append(fly())
+        trips.append(ping_pong())
+    rates = [2.0 * loop.ticks_per_s for loop in loops]
+    ratios = sorted(rate / sum(two) for rate, two in zip(rates, pairwise(trips), strict=True))
     loop = sorted(loops, key=lambda loop: loop.wall_s)[turns // 2]
-    return loop, median(trips), median(loop.ticks_per_s / rate for rate, loop in pairs)
+    return loop, median(trips), ratios
 
 
 four_processes = partial(_processes, SCENARIO)

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 from rpo_montecarlo import machine
@@ -186,7 +187,7 @@ def _ros(progress: Progress, _: dict[str, float]) -> Measured:
     progress('P4, P5 ROS loop', 0.0)
     for number, (target, name, fly, least) in enumerate(ros.LOOPS):
         progress('P4, P5 ROS loop', (number + 1) / (len(ros.LOOPS) + 1))
-        loop, trips, ratio = ros.in_turns(fly)
+        loop, trips, ratios = ros.in_turns(fly, ros.TURNS.get(target, ros.LEAST_TURNS))
         factor, key = loop.real_time_factor, name.partition(', ')[2].replace(' ', '_')
         yield (
             Row(
@@ -195,10 +196,15 @@ def _ros(progress: Progress, _: dict[str, float]) -> Measured:
                 f'≥ {least:g} × real time',
                 f'{factor:.0f} × ({loop.ticks_per_s:.0f} ticks/s)',
                 f'{trips:.0f} round trips/s',
-                f'{ratio:.2f} ×',
+                f'{median(ratios):.2f} × ({ratios[0]:.2f} to {ratios[-1]:.2f})',
                 factor >= least,
             ),
-            {f'{key}_ticks_per_s': loop.ticks_per_s, f'{key}_ping_pong_per_s': trips},
+            {
+                f'{key}_ticks_per_s': loop.ticks_per_s,
+                f'{key}_ping_pong_per_s': trips,
+                f'{key}_least_ratio': ratios[0],
+                f'{key}_ratio': median(ratios),
+            },
         )
     progress('P4, P5 ROS loop', 1.0)
 

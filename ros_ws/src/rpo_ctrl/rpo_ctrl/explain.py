@@ -208,13 +208,13 @@ def _fired(
     system: FuzzySystem, position: kernels.Five, velocity: kernels.Five, strengths: kernels.Five
 ) -> tuple[FiredRule, ...]:
     fired = []
-    for row, velocity_word in enumerate(WORDS):
-        for column, position_word in enumerate(WORDS):
+    columns = [column for column, grade in enumerate(position) if grade > 0.0]
+    for row in (row for row, grade in enumerate(velocity) if grade > 0.0):
+        for column in columns:
             strength = float(min(position[column], velocity[row]))
             word = system.rules.words[row][column]
-            if strength > 0.0:
-                decides = strength == strengths[WORDS.index(word)]
-                fired.append(FiredRule(position_word, velocity_word, word, strength, decides))
+            decides = strength == strengths[WORDS.index(word)]
+            fired.append(FiredRule(WORDS[column], WORDS[row], word, strength, decides))
     return tuple(sorted(fired, key=lambda rule: -rule.strength))
 
 

@@ -16,7 +16,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 
-from rpo_core.wire.cdr import Status, encode_status
+from rpo_core.wire.cdr import encode_status
 from rpo_ros.names import CHASER_FRAME, LVLH_FRAME
 
 _NANOSECONDS = 1_000_000_000
@@ -86,12 +86,6 @@ def fault_of(message: Odometry | WrenchStamped, values: Iterable[float]) -> str:
     if message.header.frame_id != LVLH_FRAME:
         return 'wrong_frame'
     return '' if all(math.isfinite(value) for value in values) else 'not_finite'
-
-
-def from_status(status: DiagnosticStatus) -> Status:
-    """Return a DiagnosticStatus as the readers of `rpo_core.wire.statuses` take it."""
-    values = tuple((pair.key, pair.value) for pair in status.values)
-    return Status(status.level[0], status.name, status.message, status.hardware_id, values)
 
 
 def values_of(status: DiagnosticStatus) -> dict[str, str]:

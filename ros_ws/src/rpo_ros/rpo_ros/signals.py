@@ -20,10 +20,8 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from rpo_core.chain.stage import Signal
-from rpo_core.wire import interfaces, statuses
+from rpo_core.wire import cdr, interfaces, statuses
 from rpo_ros import qos
-from rpo_ros.conversions import from_status
-from rpo_ros.running import message_of
 
 Taker = Callable[[int, Signal], None]
 """Takes the stamp [ns] and the numbers of a message."""
@@ -43,6 +41,7 @@ class Outlet:
         self.name, row = name, interfaces.row_of(name)
         self._encode, self.numbers_of = row.layout.encode, row.whole
         self.publisher = node.create_publisher(message_class(row.type), row.topic, qos.of(row.qos))
+        self._send = self.publisher.handle.publish_raw  # rclpy asks each time whether it is bytes
 
     def fly_in(self, scenario: Any) -> None:
         """Publish in the axes that a scenario has for the signal."""
@@ -55,7 +54,7 @@ class Outlet:
     def publish(self, stamp_ns: int, values: Signal) -> bytes:
         """Publish the numbers at a stamp; return the bytes, so that they can be published again."""
         data = self._encode(stamp_ns, values)
-        self.publisher.publish(data)
+        self._send(data)
         return data
 
 
@@ -112,7 +111,7 @@ def hear(
 
     @lru_cache(maxsize=16)  # nodes say the same again and again, manifests at length
     def read(data: bytes) -> statuses.Reader:
-        return reader.of(from_status(message_of(data, DiagnosticStatus)))
+        return reader.of(cdr.decode_status(data))
 
     def on_status(data: bytes) -> None:
         take(read(data))

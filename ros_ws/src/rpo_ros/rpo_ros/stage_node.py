@@ -8,6 +8,7 @@ import time
 from abc import abstractmethod
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -211,9 +212,7 @@ class StageNode(FlightNode):
         return interfaces.row_of(name).rides or name
 
     def _listen(self, name: str) -> None:
-        def take(stamp_ns: int, values: Signal) -> None:
-            self._on_signal(name, stamp_ns, values)
-
+        take = partial(self._on_signal, name)
         wide = interfaces.row_of(name).rider in self._reads
         self._inlets[name] = listen(self, name, take, self._ignore, with_rider=wide)
 

@@ -139,16 +139,19 @@ def encode_status(
     return bytes(buffer)
 
 
+def _field(text: str) -> bytes:
+    """Return a string and the gap after it."""
+    string = _string(text)
+    return string + bytes(-len(string) % 4)
+
+
 def _put_status(buffer: bytearray, status: Status) -> None:
     buffer.append(status.level)
-    for text in (status.name, status.message, status.hardware_id):
-        _pad(buffer, 4)
-        buffer += _string(text)
     _pad(buffer, 4)
+    buffer += b''.join(map(_field, (status.name, status.message, status.hardware_id)))
     buffer += _LENGTH.pack(len(status.values))
-    for text in (part for pair in status.values for part in pair):
-        _pad(buffer, 4)
-        buffer += _string(text)
+    texts = [part for pair in status.values for part in pair]
+    buffer += b''.join((*map(_field, texts[:-1]), *map(_string, texts[-1:])))
 
 
 def encode_array(stamp_ns: int, frame_id: str, statuses: Sequence[Status]) -> bytes:
@@ -175,8 +178,10 @@ class _Cursor:
         self.clear = True  # whether the gaps so far are
 
     def align(self, alignment: int) -> None:
-        start, self.at = self.at, self.at + -(self.at - 4) % alignment
-        self.clear = self.clear and not any(self.data[start : self.at])
+        gap = -(self.at - 4) % alignment
+        if gap:
+            start, self.at = self.at, self.at + gap
+            self.clear = self.clear and not any(self.data[start : self.at])
 
     def unpack(self, layout: struct.Struct) -> tuple[float, ...]:
         start, self.at = self.at, self.at + layout.size
@@ -186,7 +191,10 @@ class _Cursor:
 
     def integer(self) -> int:
         self.align(4)
-        return int(self.unpack(_LENGTH)[0])
+        start, self.at = self.at, self.at + 4
+        if self.at > len(self.data):
+            raise CdrError(f'must hold at least {self.at} bytes; got {len(self.data)}')
+        return int.from_bytes(self.data[start : self.at], 'little')
 
     def stamp(self) -> int:
         seconds, nanoseconds = self.unpack(STAMP)
@@ -195,11 +203,10 @@ class _Cursor:
     def string(self) -> str:
         length = self.integer()
         start, self.at = self.at, self.at + length
-        raw = self.data[start : self.at]
-        if len(raw) < length or not raw.endswith(b'\x00'):
+        if self.data[self.at - 1 : self.at] != b'\x00' or not length:
             raise CdrError(f'must hold a string of {length} bytes at {start}, the last one 0')
         try:
-            return raw[:-1].decode()
+            return self.data[start : self.at - 1].decode()
         except UnicodeDecodeError:
             raise CdrError(f'must hold UTF-8 text at {start}') from None
 

@@ -315,7 +315,7 @@ def current(name: str) -> str:
 
 def row_of(name: str) -> Interface:
     """Return the row of a signal, of this tick or the one before; raises InputError if none."""
-    found = table().get(current(name))
+    found = _TABLE.get(name) or table().get(current(name))
     if found is None:
         raise InputError(f'interface must be one of {", ".join(_TABLE)}; got {name!r}')
     return found

@@ -16,6 +16,7 @@ WRONG_FRAME, NOT_FINITE, MALFORMED = 'wrong_frame', 'not_finite', 'malformed'
 """Why a message cannot be used."""
 
 _NS = 1_000_000_000
+_HEADER = cdr.HEADER[:2]
 
 
 class Layout:
@@ -97,12 +98,10 @@ class Layout:
 
     def knows(self, data: bytes) -> bool:
         """Return whether a message has the size, frame ids and clear gaps of this layout."""
-        if self.like(data) is not self:
-            return self.like(data).knows(data)
+        if self.also and self.like(data) is not self:
+            return self.also.knows(data)
         return (
-            len(data) == self.size
-            and data.startswith(self._fixed, 12)
-            and data[:2] == cdr.HEADER[:2]
+            len(data) == self.size and data.startswith(self._fixed, 12) and data.startswith(_HEADER)
         )
 
     def decode(self, data: bytes) -> tuple[int, tuple[float, ...], bool]:
@@ -110,8 +109,8 @@ class Layout:
 
         Raises CdrError if the bytes are not a message of this type.
         """
-        if self.like(data) is not self:
-            return self.like(data).decode(data)
+        if self.also and self.like(data) is not self:
+            return self.also.decode(data)
         if not self.knows(data):
             stamp, texts, floats = cdr.decode_stamped(self.type, data)
             return stamp, tuple(floats[i] for i in self.columns), texts[:1] == self.texts[:1]

@@ -5,11 +5,15 @@
 from __future__ import annotations
 
 import os
+import struct
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import IO, Any, cast
 
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import MessageIndex
 from mcap.writer import CompressionType, Writer
 
 from rpo_mcap.errors import Fault, LogError, exists
@@ -72,6 +76,48 @@ class _Sink:
         self._file.close()
 
 
+class _Index(MessageIndex):
+    """Where the messages of a channel lie in a chunk."""
+
+    def write(self, stream: RecordBuilder) -> None:
+        pairs = [number for record in self.records for number in record]
+        length = 8 * len(pairs)
+        head = struct.pack('<BQHI', Opcode.MESSAGE_INDEX, 6 + length, self.channel_id, length)
+        stream.write(head + struct.pack(f'<{len(pairs)}Q', *pairs))
+
+
+_MESSAGE = struct.Struct('<BQHIQQ')
+"""Of a message: opcode, length of the rest, channel, sequence, log time, publish time."""
+
+
+class _Writer(Writer):
+    """The library's writer packs each number by itself; this one writes the same bytes at once."""
+
+    def __init__(self, output: IO[Any], **options: Any) -> None:
+        super().__init__(output, **options)
+        own = vars(self)
+        self._counted, self._chunk = own['_Writer__statistics'], own['_Writer__chunk_builder']
+
+    def add_message(
+        self, channel_id: int, log_time: int, data: bytes, publish_time: int, sequence: int = 0
+    ) -> None:
+        counted, chunk = self._counted, self._chunk
+        for times, count in ((counted, counted.message_count), (chunk, chunk.num_messages)):
+            if not count or log_time < times.message_start_time:
+                times.message_start_time = log_time
+            if log_time > times.message_end_time:
+                times.message_end_time = log_time
+        counted.message_count += 1
+        counted.channel_message_counts[channel_id] += 1
+        chunk.num_messages += 1
+        if channel_id not in chunk.message_indices:
+            chunk.message_indices[channel_id] = _Index(channel_id, [])
+        chunk.message_indices[channel_id].records.append((log_time, chunk.count))
+        rest = channel_id, sequence, log_time, publish_time
+        head = _MESSAGE.pack(Opcode.MESSAGE, _MESSAGE.size - 9 + len(data), *rest)
+        chunk.record_writer.write(head + data)
+
+
 class McapFile:
     """One MCAP file with the profile ros2, zstd chunks, all indexes, statistics and checksums.
 
@@ -99,7 +145,7 @@ class McapFile:
                 Fault.CANNOT_WRITE, path, f'cannot be created: {error.strerror}'
             ) from None
         self.path = path
-        self._writer = Writer(
+        self._writer = _Writer(
             cast(IO[Any], self._sink),
             chunk_size=_UNLIMITED,
             compression=CompressionType.ZSTD,
