@@ -88,7 +88,7 @@ _PAPER = AttitudeConfig(
     # flat penalties lead it to a law that does nothing, small ones to some that settle late; noise
     # at rest allows little margin
     fitness=FitnessSettings(
-        'graded', 30_000.0, margin=0.05, between=40, damping=4000.0, falls=4000.0
+        'graded', 30_000.0, margin=0.05, between=40, damping=20_000.0, falls=10_000.0
     ),
 )
 PRESETS = {

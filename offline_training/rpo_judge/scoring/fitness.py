@@ -15,7 +15,7 @@ by how far a limit is exceeded:
 - `between`: so are flights from random states between the starts of the training;
 - `drawn`: runs of campaigns, judged by their limits (`search.drawn`);
 - `damping`: where on a grid of errors the force of a velocity does not oppose it.
-- `falls`: by how much on a grid the force falls as an error grows, beyond 0.08 of full output.
+- `falls`: by how much on a grid the force falls as an error grows, beyond 0.05 of full output.
 """
 
 from __future__ import annotations
@@ -452,7 +452,7 @@ class Fitness:
 
 
 POSITIONS, VELOCITIES = 41, 20
-GRID, ALLOWED = 81, 0.08
+GRID, ALLOWED = 81, 0.05
 """Of the grid: position errors from -1 to 1, velocity errors from 0.05 to 1."""
 
 
