@@ -72,7 +72,7 @@ def text(name: str, settings: ThrusterTable) -> str:
     made, source = table_of(settings, 1.0, 0.0, None, IDENTITY), Source()
     source.record('TABLE', made)
     written = source.function(allocate, ('scratch', type(made), 'scratch'))
-    draw, work, rows = np.random.default_rng(1), as_table(np.zeros(SCRATCH + ROWS)), []
+    draw, work, rows = np.random.default_rng(1), as_table(np.zeros(SCRATCH)), []
     for case in range(_CASES):
         size = 0.7 * float(np.sum(made.most)) / 3.0
         force, torque = draw.normal(size=3) * size, draw.normal(size=3) * (case % 3) * 0.1 * size

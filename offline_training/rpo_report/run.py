@@ -144,7 +144,7 @@ def compared(paths: Sequence[Path], scenario: str = '') -> tuple[Report, list[Lo
                 run_plots.approach(
                     first.flight, others, zones_of(first.flight.scenario), first.name
                 ),
-                'The approaches in LVLH: the orbital plane, and from above.',
+                f'The approaches {_where(first.flight)}.',
                 f'The paths of {len(flights)} flights to the target.',
             ),
             Picture(
@@ -232,9 +232,6 @@ def _limits_and_path(shown: LoggedFlight, beside: _Beside) -> list[Block]:
         for v in verdicts(flight)
     )
     found = [row for zone in zones for row in zone_passage(flight, zone)]
-    where = 'in LVLH: in the orbital plane, and from above'
-    if flight.scenario.target is not None:
-        where = 'as the target sees it, in two planes of its axes'
     columns = ('requirement', 'value', 'limit', 'margin', 'verdict')
     return [
         *([] if shown.whole else [Text(cut)]),
@@ -242,13 +239,20 @@ def _limits_and_path(shown: LoggedFlight, beside: _Beside) -> list[Block]:
         Picture(
             'approach',
             run_plots.approach(flight, beside.flights, zones),
-            f'The approach {where}. Dots every {run_plots.MARK_S:g} s.',
+            f'The approach {_where(flight)}. Dots every {run_plots.MARK_S:g} s.',
             'The path of the chaser to the target'
             + ''.join(f'; {what}: {value}' for what, value in found)
             + '.',
         ),
         *([_near(flight, zones)] if zones and _comes_near(flight, zones) else []),
     ]
+
+
+def _where(flight: Flight) -> str:
+    """Return in which axes a path is drawn."""
+    if flight.scenario.target is not None:
+        return 'as the target sees it, in two planes of its axes'
+    return 'in LVLH: in the orbital plane, and from above'
 
 
 def _row(verdict: Verdict, judged: bool) -> tuple[str, ...]:

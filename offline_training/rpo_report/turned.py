@@ -24,15 +24,12 @@ from rpo_core.wire.interfaces import (
     EXERTED_TORQUE,
     NAVIGATION_ATTITUDE,
     REFERENCE_ATTITUDE,
-    UNLOADING_TORQUE,
+    THRUST,
     WHEEL_MOMENTUM,
 )
 from rpo_kernels.attitude_kernels import synchronised
-from rpo_kernels.kernels import Vector
 
 Floats = NDArray[np.float64]
-
-_NOTHING: Vector = (0.0, 0.0, 0.0)
 
 
 class Turned(NamedTuple):
@@ -110,16 +107,9 @@ def _momenta_nms(flight: Flight, attitudes: Floats) -> Floats:
     if WHEEL_MOMENTUM in flight.signals:
         return flight.signals[WHEEL_MOMENTUM]
     stage = AttitudeStage(flight.scenario.attitude, flight.scenario)
-    known = {**flight.signals, CHASER_ATTITUDE: attitudes}
-    if UNLOADING_TORQUE in stage.inputs:
-        known[UNLOADING_TORQUE] = flight.signal(UNLOADING_TORQUE)
-    rows = [known[name].tolist() if name in known else None for name in stage.inputs]
-    at = stage.outputs.index(WHEEL_MOMENTUM)
-    found = []
-    for tick in range(len(attitudes)):
-        inputs = [_NOTHING if row is None else tuple(row[tick]) for row in rows]
-        found.append(stage.step(tick, *inputs)[at])
-    return np.array(found)
+    nothing = np.zeros((len(attitudes), 3))
+    inputs = (nothing if name == THRUST else flight.signal(name) for name in stage.inputs)
+    return stage.steps(np.arange(len(nothing)), *inputs)[stage.outputs.index(WHEEL_MOMENTUM)]
 
 
 def in_lvlh(flight: Flight, forces_n: Floats) -> Floats:

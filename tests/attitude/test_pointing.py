@@ -89,6 +89,16 @@ def test_far_away_the_docking_axis_looks_at_the_port_by_the_smallest_turn(place)
     assert (docked(made).inv() * q).magnitude() == pytest.approx(between, abs=1e-7)
 
 
+@given(places, st.integers(0, 99))
+def test_the_reference_begins_where_the_chaser_looks(place, seed):
+    chaser = Rotation.random(random_state=seed)
+    made = stage(TURNING.equipped(Chaser(inertia_kg_m2=np.eye(3).tolist())))
+    inputs = (*place, 0.0, 0.0, 0.0), (*chaser.as_quat().tolist(), 0.0, 0.0, 0.0)
+    found = Rotation.from_quat(made.step(0, *inputs[: len(made.inputs)])[0][:4])
+    turn = (chaser.inv() * found).magnitude()
+    assert turn <= radians(SETTINGS.most_deg_s) * APPROACH.dt_s + 1e-9
+
+
 @given(places, speeds)
 def test_the_rate_is_that_of_the_attitude(place, velocity):
     """Central differences, half a tick of flight to each side."""

@@ -52,7 +52,7 @@ class Programme:
         torque = np.vstack([np.zeros((3, 6)), np.kron(np.eye(3), [[1.0, -1.0]])])
         self.all_columns = np.hstack([self.columns, torque])
         self.most = np.array(self.table.most)
-        self.work = as_table(np.zeros(SCRATCH + ROWS))
+        self.work = as_table(np.zeros(SCRATCH))
 
     def solve(self, wanted, most=None):
         """Return the thrusts, the share of the demand; leaves its prices in the scratch."""

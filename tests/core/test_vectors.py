@@ -13,8 +13,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from rpo_ctrl.attitude_limit_kernels import limits_at
 from rpo_kernels import jit
+from rpo_kernels.attitude_kernels import attitude_at, frame_at
+from rpo_kernels.chaser_kernels import craft_at
+from rpo_kernels.jit import as_table
+from rpo_kernels.kernels import unpacked
 from rpo_kernels.vectors import WIDTH, aligned, lanes_at, over_runs, own_tables, pick, wide
+from rpo_safety.doubt import doubt_at
+from rpo_safety.packed import guard_at
 
 RUNS, SETTINGS, MEMORY = 16, 3, 4
 
@@ -86,3 +93,16 @@ def test_a_vector_takes_one_branch_and_one_count_or_raises(
         return
     with pytest.raises(ArithmeticError, match='flights differ'):
         once(w, m, own.ravel())
+
+
+@pytest.mark.parametrize(
+    ('read', 'steps'),
+    [(unpacked, 2), (frame_at, 2), (attitude_at, 2), (craft_at, 2), (limits_at, None),
+     (doubt_at, None), (guard_at, None)],
+    ids=lambda value: getattr(value, '__name__', ''),
+)  # fmt: skip
+def test_records_are_read_from_tables_in_their_order(read, steps):
+    table = as_table(np.arange(100.0))
+    found = read(table, 3, steps) if steps else read(table, 3)
+    flat = np.hstack([np.ravel(value) for value in found])
+    np.testing.assert_array_equal(flat, 3.0 + (steps or 1) * np.arange(len(flat)))

@@ -10,6 +10,7 @@ from math import radians, sqrt
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from rpo_attitude.target import body_of
 from rpo_core.files.validation import InputError
@@ -129,6 +130,41 @@ def test_errors_beyond_the_assumed_ones_break_them():
     found = np.array([worst_of(run, excess=10.0) for run in range(20)])
     assert found[:, 0].max() > radians(LIMITS.rate_deg_s)
     assert found[:, 1].max() > radians(LIMITS.angle_deg)
+
+
+def test_no_cone_that_is_accepted_is_left():
+    """Of random chasers, ticks and errors: a wall that needs what the other forbids is refused."""
+    random, shares = np.random.default_rng(6), []
+    for _ in range(1000):
+        moments = np.sort(10.0 ** random.uniform(-1.3, 1.0) * random.uniform(0.5, 1.0, 3))
+        axes = Rotation.random(random_state=int(random.integers(2**31))).as_matrix()
+        inertia = (axes * moments) @ axes.T
+        inertia = 0.5 * (inertia + inertia.T)
+        dt = float(random.choice([0.05, 0.1, 0.25]))
+        limits = AttitudeLimits(
+            rate_deg_s=random.uniform(0.3, 6.0), angle_deg=random.uniform(1.0, 15.0),
+            known_deg=float(random.choice([0.0, 0.05, 0.3])),
+            known_deg_s=float(random.choice([0.0, 0.01, 0.1])),
+            disturbance_nm=float(random.choice([0.0, 0.001])), reference_deg_s2=0.0,
+        )  # fmt: skip
+        body = body_of(tuple(map(tuple, inertia.tolist())), 0.0)
+        try:
+            found = bounds_of(limits, body, TORQUE, 0.0, dt, 300 * dt)
+            lim = numbers_of(limits, found, body, TORQUE, MOMENTUM, dt)
+        except InputError:
+            continue
+        noise = [radians(limits.known_deg)] * 3 + [radians(limits.known_deg_s)] * 3
+        for kind in (0, 3, 4):
+            worst, rest = np.zeros(3), (0.0, 0.0, 0.0)
+            stays = np.where(random.uniform(size=(300, 6)) < 0.5, -1.0, 1.0)[:1].repeat(300, 0)
+            still = (*rest, 1.0, *rest)
+            fly(kind, random.uniform(-1.0, 1.0, (300, 3)), still, still, rest, stays * noise,
+                stays[:, :3] * limits.disturbance_nm, (0.0, 0.0), lim,
+                CRAFT._replace(body=body), worst)  # fmt: skip
+            shares.append(worst[:2] / np.radians([limits.rate_deg_s, limits.angle_deg]))
+    rate, angle = np.max(shares, axis=0)
+    assert len(shares) > 1000, 'most are not refused'
+    assert 0.99 < rate <= 1.0 + 1e-9 and 0.99 < angle <= 1.0 + 1e-9
 
 
 EMPTIES = (0.1, 0.03)

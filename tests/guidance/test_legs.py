@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rpo_core.world import cw
-from rpo_guidance.legs import FlyingAround, Profile, Straight, Transferring, Vehicle
+from rpo_guidance.legs import FlyingAround, Profile, Straight, Transferring, Vehicle, tabled
 from rpo_guidance.transfers import Limits
 from rpo_kernels import kernels
 
@@ -46,6 +46,7 @@ def test_a_leg_is_a_function_of_its_tick(name):
     ticks = [0, 1, 2, 7, 8, 40, 41, 500, 501]
     every = {tick: one.at(tick) for tick in range(502)}
     assert [two.at(tick) for tick in ticks] == [every[tick] for tick in ticks]
+    np.testing.assert_array_equal(tabled(two, 502), [np.hstack(row) for row in every.values()])
 
 
 def test_a_reference_moves_as_its_velocity_says():

@@ -35,7 +35,7 @@ from rpo_core import files
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
-from rpo_core.wire import cdr
+from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.interfaces import MOST_AHEAD_TICKS, REMEMBERED_TICKS
 from rpo_log.manifests import Manifests
 from rpo_log.tools.repair import repair
@@ -376,6 +376,15 @@ def test_a_clock_of_a_tick_is_always_the_same_bytes(tmp_path):
     assert writer.close().whole
     run.write(tmp_path / 'plain')
     assert (tmp_path / 'odd/run.mcap').read_bytes() == (tmp_path / 'plain/run.mcap').read_bytes()
+
+
+def test_due_each_tick_is_what_the_scenario_makes_and_what_else_is_published():
+    """A node that a scenario does not need may run, and need not answer."""
+    plain, made = load_scenario('paper_test'), Manifests()
+    alone, among = ({row.name for row in made.due_each_tick(plain, lambda _, n=n: n)}
+                    for n in (0, 1))  # fmt: skip
+    assert {interfaces.RELATIVE_STATE, interfaces.CONTROL_FORCE} <= alone < among
+    assert interfaces.REFERENCE_STATE in among and interfaces.NAVIGATION_STATE not in among
 
 
 def test_a_manifest_without_a_usable_controller_is_not_attached_in_flight():

@@ -18,6 +18,7 @@ from rpo_core.world import cw
 from rpo_kernels import jit
 from rpo_nav.estimator import Estimator, EstimatorStage, gate
 from rpo_nav.filter_kernels import (
+    ACCEPTED,
     COMMANDS,
     FULL,
     IN_A_ROW,
@@ -328,6 +329,17 @@ def test_it_may_begin_at_any_tick_and_says_when_it_coasts():
         coasting = f'the estimator is coasting: no measurement was taken for {silent} ticks'
         said = {stage.trouble() for stage in stages.values()}
         assert said == {coasting if silent > 20 else ''}
+
+
+def test_each_measurement_is_counted_once():
+    """Those that are taken anew in each tick until the late ones have come, too."""
+    flown = make([{**LIDAR, 'latency_ticks': 3}, LIDAR], ticks=50)
+    flight, stage = fly(flown, PD), EstimatorStage(flown.section(Estimator), flown)
+    for tick in range(flown.ticks + 1):
+        before = flight.forces_n[tick - 1] if tick else np.zeros(3)
+        rows = (tuple(flight.signals[name][tick]) for name in ('measurement', 'measurement_2'))
+        stage.step(tick, tuple(before), *rows)
+    assert stage.memory[ACCEPTED] + stage.rejected == 2 * (51 - 3)
 
 
 def test_without_the_covariance_the_state_has_the_same_bits():

@@ -49,6 +49,15 @@ def test_a_remapped_topic_is_recorded_where_it_is(ros_env, tmp_path):
     assert topics['relative_state'] == ODOMETRY and topics['control_force'] == '/control_force'
 
 
+def test_a_plant_flies_on_answers_that_are_remapped(ros_env, tmp_path):
+    """It looked for their publisher under the name before, and waited for ever."""
+    nodes = ('plant', 'fuzzy_controller')
+    run = fly(tmp_path, 'approach', *(f'{node}:control_force:=/cmd/force' for node in nodes))
+    assert verify(run).exit_code == ExitCode.OK, verify(run).sentence()
+    topics = {topic.signal: topic.name for topic in inspect(run).messages}
+    assert topics['control_force'] == '/cmd/force'
+
+
 def test_a_node_that_hears_something_else_is_a_gap(ros_env, tmp_path):
     """Its command does not follow from what the chain gives it: that was `NOT as computed`."""
     run = fly(tmp_path, 'world_leo', 'fuzzy_controller:navigation_state:=relative_state')

@@ -21,6 +21,7 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire.interfaces import COMMAND, RELATIVE_STATE
+from rpo_safety import manoeuvre
 from rpo_safety.abort import BURN_S, Seen
 from rpo_safety.abort_table import AbortTable, Row
 from rpo_safety.assurance import ASSURED_FORCE
@@ -99,6 +100,8 @@ def test_a_retreat_goes_around_the_sphere():
     flight = Flight(with_table(), (1000, 'retreat')).until(7000)
     end = np.array(flight.states[-1])
     assert end[:3] == pytest.approx(TABLE.retreat_m, abs=0.05)
+    fastest = np.linalg.norm(np.array(flight.states)[1100:, 3:], axis=1).max()
+    assert 0.25 < fastest < 0.31, 'a retreat is no race'
     assert flight.ranges().min() > 12.0
 
 
@@ -131,6 +134,15 @@ def test_after_an_abort_the_drift_is_clear_for_two_orbits(when):
         assert drift(flight.states[-1], n, along) > 10.0
     if when < 5000:
         assert flight.ranges(when).min() > 10.0
+
+
+def test_a_way_out_stays_clear_of_the_sphere_and_inside_it_of_the_port(monkeypatch):
+    stage, radii = Flight(with_table()).stage, []
+    monkeypatch.setattr(manoeuvre, 'choose', lambda state, radius, *rest: radii.append(radius))
+    for range_m in (10.5, 9.5):
+        stage.abort.way_out((0.0, range_m, 0.0, 0.0, 0.0, 0.0), stage.guard, None)
+    expected = [10.0 + stage.guard.here_m, SETTINGS.corridor.port_m + stage.guard.here_m]
+    assert radii == pytest.approx(expected)
 
 
 def test_how_near_a_drift_inside_the_sphere_comes_is_looked_for_to_its_end():

@@ -50,6 +50,7 @@ def test_an_attack_beyond_the_bounds_is_seen(monkeypatch):
 
 def test_the_same_seed_gives_the_same_runs():
     first, again, other = (attack.attack(ASSURED, 14, seed, 200) for seed in (1, 1, 2))
+    assert sum(len(a.rows) for a in first) == 14, 'each run is of one kind'
     for a, b, c in zip(first, again, other, strict=True):
         assert (a.rows == b.rows).all()
         assert (a.rows != c.rows).any()

@@ -15,17 +15,19 @@ from rpo_core.chain.chain import Chain
 from rpo_core.chain.stage import Place
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
+from rpo_core.judge.requirements import DIRECTIONS
 from rpo_core.wire.interfaces import CHASER_ATTITUDE, NAVIGATION_COVARIANCE, RELATIVE_STATE
+from rpo_kernels.jit import as_table
 from rpo_kernels.kernels import cw_step
 from rpo_nav.sensors import Sensors
 from rpo_safety.abort_table import AbortTable, Row
 from rpo_safety.assumed import ahead
 from rpo_safety.assurance import AssuranceStage
-from rpo_safety.doubt import doubt_of, doubted
-from rpo_safety.filters import margins
-from rpo_safety.guard import proof_of
-from rpo_safety.kernels import OPEN
-from rpo_safety.settings import Assurance
+from rpo_safety.doubt import RETREAT_M_S, doubt_at, doubt_of, doubted, unless_unsure
+from rpo_safety.filters import backup, margins
+from rpo_safety.guard import guard_of, proof_of
+from rpo_safety.kernels import APPROACH, OPEN
+from rpo_safety.settings import Assurance, Passage
 from rpo_thrusters.thrusters import Thrusters
 
 WORLD = scenario.load_scenario('world_leo')
@@ -171,6 +173,26 @@ def within(start, at):
         initial_position_m=start, duration_s=60.0,
         initial_velocity_m_s=tuple(np.cross(np.radians([0.3, 0.4, 0.85]), start).tolist()),
     )  # fmt: skip
+
+
+@pytest.mark.parametrize('along', DIRECTIONS)
+def test_who_is_unsure_of_the_port_backs_out_of_a_still_corridor(along):
+    """A tick takes the speed across, and sets the one outwards. In the open it stops."""
+    settings = Assurance(
+        keep_out_m=15.0, corridor=Passage(along, half_angle_deg=20.0, port_m=1.0, outer_m=25.0)
+    )
+    guard = guard_of(settings, scenario.load_scenario('paper_test'))._replace(next_m=5.0)
+    axis, side = 'xyz'.index(along[1]), 1.0 if along[0] == '+' else -1.0
+    place, speed, doubt = np.zeros(3), np.array([0.002, -0.003, 0.001]), np.ones(13)
+    place[axis] = 6.0 * side
+    speed[axis] += RETREAT_M_S * side
+    given = (*place.tolist(), *speed.tolist()), (9.0, 9.0, 9.0)
+    unsure, force = unless_unsure(*given, APPROACH, guard, doubt_at(as_table(doubt), 0), 1e3)
+    after = speed + np.array(force) * guard.dt_s / guard.mass_kg
+    after[axis] -= RETREAT_M_S * side
+    assert unsure and np.abs(after).max() < 1e-12
+    found = unless_unsure(*given, OPEN, guard, doubt_at(as_table(doubt), 0), 1e3)
+    assert found == (True, backup(given[0], OPEN, guard)) != (True, force)
 
 
 def test_who_loses_the_port_in_the_corridor_leaves_it_backwards():

@@ -8,6 +8,7 @@ import base64
 import json
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -32,7 +33,7 @@ from rpo_report import attitude, page, replay, video
 from rpo_report.logged import logged_flight, until
 from rpo_report.page import Report
 from rpo_report.replay import Replayed
-from rpo_report.run import _Stages
+from rpo_report.run import _Stages, compared
 from rpo_report.turned import Panel, in_lvlh, panels_of, turned_of
 
 INERTIA = [[0.6, 0.02, 0.0], [0.02, 0.7, 0.01], [0.0, 0.01, 0.5]]
@@ -154,6 +155,14 @@ def test_a_report_names_the_stages_that_it_cannot_run_again():
 def test_a_controller_of_attitude_that_has_no_page_is_refused_with_what_to_do(command, says):
     done = CliRunner().invoke(app, command.split())
     assert done.exit_code == 2 and says in done.stderr and not done.stdout
+
+
+def test_flights_beside_each_other_say_in_which_axes_they_are_drawn(tmp_path):
+    run = str(tmp_path / 'run')
+    options = ['--set', 'duration_s=2.0', '--no-fail', '--output', run]
+    assert CliRunner().invoke(app, ['simulate', 'tumbling_docking', *options]).exit_code == 0
+    picture = compared([Path(run)] * 2)[0].sections[0].blocks[0]
+    assert picture.caption == 'The approaches as the target sees it, in two planes of its axes.'
 
 
 def test_a_table_of_the_flight_has_its_attitude(flight, logged, tmp_path):

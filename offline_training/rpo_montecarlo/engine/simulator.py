@@ -200,7 +200,7 @@ def flown(
         )
         if 'contact' in memories:
             rows[:, counted - len(ATTITUDES) : counted] = turned_at_contact(memories, n)
-    for at, values in enumerate(spent_of(memories.get('thrusters')).values(), counted):
+    for at, values in enumerate(spent_of(memories).values(), counted):
         rows[:, at] = values[:n]
     return Pairs(some, rows, final, runs, memories)
 

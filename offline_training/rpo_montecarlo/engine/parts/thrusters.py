@@ -25,6 +25,7 @@ from rpo_kernels.pulse_kernels import (
     burn,
     fire,
 )
+from rpo_kernels.vectors import WIDTH, lanes_at, wide
 from rpo_montecarlo.engine.lanes import (
     BEFORE,
     EXERTED_TORQUE,
@@ -36,9 +37,9 @@ from rpo_montecarlo.engine.lanes import (
     UNLOADING,
     compiled,
 )
+from rpo_montecarlo.engine.parts.attitude import vector_in
 from rpo_montecarlo.engine.tick import LIMITED, Batch, Draw, Kind, Part, register, table_of
-from rpo_thrusters.allocation_kernels import ROWS, SCRATCH, Table
-from rpo_thrusters.allocation_kernels import fire as fire_thrusters
+from rpo_thrusters.allocation_kernels import SCRATCH, Table, fire_together
 from rpo_thrusters.table import Failure, rows_of
 from rpo_thrusters.thrusters import (
     Thrusters,
@@ -59,9 +60,10 @@ LANES, LIMIT, SLOTS, DELAYS = range(4)
 commands, delay of each run [ticks]."""
 
 TANKS, REST = 0, 3 * RUNS
-"""Places in the table of valves and tanks: exhaust velocity, content and mass of each run; then the
-tick [s], or the valves: eight numbers that all runs share, the number of failures, and of each run
-`directions` and `failures` of `Valves`."""
+"""Places in the table of valves and tanks: exhaust velocity, content and mass of each run (3, 40);
+then the tick [s], or the valves: eight numbers that all runs share, the number of failures, and of
+each run `directions` and `failures` of `Valves`. The memory begins with those of the runs, (33,) or
+of a table (33, `WIDTH`) of so many together."""
 
 _SHARED = 8
 
@@ -113,7 +115,7 @@ def exert(w, m, t, tick):  # type: ignore[no-untyped-def]
 
 @compiled
 def _tank(t, s):  # type: ignore[no-untyped-def]
-    return Tank(t[TANKS + 3 * s], t[TANKS + 3 * s + 1], t[TANKS + 3 * s + 2])
+    return Tank(t[TANKS + s], t[TANKS + RUNS + s], t[TANKS + 2 * RUNS + s])
 
 
 @compiled
@@ -186,10 +188,8 @@ def _exert_and_burn(w, m, t, tick):  # type: ignore[no-untyped-def]
 
 
 def _tanks(batch: Batch) -> Floats:
-    """Return the tanks (40, 3); lanes without a run do not get lighter."""
-    tanks = np.ones((RUNS, 3))
-    tanks[: len(batch.starts)] = [tank_of(s.thrusters, s) for s in batch.scenarios]
-    return tanks
+    """Return the tanks (3, 40)."""
+    return batch.lanes([tank_of(s.thrusters, s) for s in batch.scenarios])
 
 
 def _valves_part(batch: Batch) -> Part:
@@ -208,27 +208,25 @@ def _valves_part(batch: Batch) -> Part:
 @compiled
 def fire_table(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Replace row FORCE, the saturated command, by the mean force of a table; fill row MASS."""
-    head, number, bases, count = t[REST:], int(t[REST]), int(t[REST + 6]), int(t[REST + 7])
-    a, b, n, row = REST + 9, REST + 9 + 10 * number, number, int(head[8])
-    shared, scratch = t[a:b], m[MEMORY * RUNS :]
-    for s in range(RUNS):
-        y, z = s + RUNS, s + 2 * RUNS
-        acts = b + bases + (6 * n + 5 * count) * s
-        failures = acts + 6 * n
+    head, n, bases, count = t[REST:], int(t[REST]), int(t[REST + 6]), int(t[REST + 7])
+    a, b, row = REST + 9, REST + 9 + 10 * n, int(head[8])
+    shared, own, numbers = t[a:b], b + bases, 6 * n + 5 * count
+    rows, tanks, scratch = wide(w), wide(t), m[MEMORY * RUNS :]
+    for s in range(0, RUNS, WIDTH):
+        y, z, acts = s + RUNS, s + 2 * RUNS, own + numbers * s
+        failures = acts + 6 * n * WIDTH
         table = Table(
             n, int(head[1]), head[2], head[3], head[4], head[5], shared[: 6 * n],
             shared[6 * n : 7 * n], shared[7 * n : 8 * n], shared[8 * n : 9 * n],
-            shared[9 * n : 10 * n], t[acts:failures], t[failures : failures + 5 * count],
+            shared[9 * n : 10 * n], lanes_at(t, acts), t[failures : failures + 5 * count * WIDTH],
             t[b : b + bases],
         )  # fmt: skip
-        command = (w[FORCE + s], w[FORCE + y], w[FORCE + z])
-        memory = m[MEMORY * s : MEMORY * (s + 1)]
-        wanted = (w[row + s], w[row + y], w[row + z])
-        force, torque, w[MASS + s] = fire_thrusters(
-            tick, command, wanted, memory, table, _tank(t, s), scratch
+        command, wanted = vector_in(rows, FORCE, s), vector_in(rows, row, s)
+        force, torque, rows[MASS + s] = fire_together(
+            tick, command, wanted, m[MEMORY * s :], table, _tank(tanks, s), scratch
         )
-        w[FORCE + s], w[FORCE + y], w[FORCE + z] = force
-        w[EXERTED_TORQUE + s], w[EXERTED_TORQUE + y], w[EXERTED_TORQUE + z] = torque
+        rows[FORCE + s], rows[FORCE + y], rows[FORCE + z] = force
+        rows[EXERTED_TORQUE + s], rows[EXERTED_TORQUE + y], rows[EXERTED_TORQUE + z] = torque
 
 
 def _table_part(batch: Batch) -> Part:
@@ -238,21 +236,23 @@ def _table_part(batch: Batch) -> Part:
         made.append(table_for(s.thrusters, s))
         rows.append(rows_of(s.thrusters.table.failures, s.thrusters.names, s.dt_s))
     one = made[0]
-    own = np.zeros((RUNS, len(one.acts) + 5 * len(rows[0])))
-    own[: len(made)] = [table_of(t.acts, r) for t, r in zip(made, rows, strict=True)]
+    own = batch.lanes([table_of(t.acts, r) for t, r in zip(made, rows, strict=True)])
+    own = own.reshape(len(own), -1, WIDTH).swapaxes(0, 1)
     shared = (one.columns, one.most, one.cost, one.burns, one.bits, one.bases)
     sizes = (len(one.bases), len(rows[0]), TORQUE if turns_by_table(batch.base) else UNLOADING)
     table = table_of(_tanks(batch), one[:6], *sizes, *shared, own)
-    memory = np.zeros(MEMORY * RUNS + SCRATCH + ROWS)
-    return Part('thrusters', ((Place.THRUSTERS, fire_table),), table, memory)
+    memory = np.zeros(MEMORY * RUNS + (WIDTH + 1) * SCRATCH)
+    return Part('thruster_table', ((Place.THRUSTERS, fire_table),), table, memory)
 
 
-def spent_of(memory: Floats | None) -> dict[str, Floats]:
-    """Return what runs have spent, of the memory of valves and tanks: a requirement -> (40,)."""
-    if memory is None:
-        return {}
-    runs = memory[: MEMORY * RUNS].reshape(RUNS, MEMORY)
-    return {name: runs[:, at] for name, at in zip(requirements.THRUST, THRUST, strict=True)}
+def spent_of(memories: Mapping[str, Floats]) -> dict[str, Floats]:
+    """Return what runs have spent, of the memories of a flight: a requirement -> (40,)."""
+    for part, width in (('thrusters', 1), ('thruster_table', WIDTH)):
+        if part in memories:
+            runs = memories[part][: MEMORY * RUNS].reshape(-1, MEMORY, width)
+            pairs = zip(requirements.THRUST, THRUST, strict=True)
+            return {name: runs[:, at].ravel() for name, at in pairs}
+    return {}
 
 
 def vary(scenario: Scenario, draw: Draw) -> list[Any]:

@@ -30,7 +30,8 @@ class AttitudeLimits:
     """What the torque must keep, and what the proof may assume.
 
     rate_deg_s : largest rate about each axis of the chaser, against inertial space
-    angle_deg : largest angle off the reference about each axis, once it is reached; None: any
+    angle_deg : largest angle off the reference about each axis, once it is reached, while that
+        turns at half of what errors leave of `rate_deg_s` at most; None: any
     momentum_nms : of each wheel; None: what the wheels have
     known_deg, known_deg_s : largest error, about each axis, of the attitude and the rate it sees
     disturbance_nm : largest torque about each axis beside the commanded one: of thrusters that are
@@ -169,21 +170,26 @@ def _coned(
     found: TorqueLimits, settings: AttitudeLimits, fastest: float, unknown: float
 ) -> TorqueLimits:
     """Return the limits with the walls of the cone; raises InputError where there is no room."""
-    angle, off = radians(settings.angle_deg or 0.0), radians(settings.known_deg)
-    rate, error = radians(settings.rate_deg_s), radians(settings.known_deg_s)
+    angle, rate = radians(settings.angle_deg or 0.0), radians(settings.rate_deg_s)
     size, against, change = SQRT_3 * angle, 2.0 * SQRT_3 * rate, radians(settings.reference_deg_s2)
+    # an error of what is seen, beside an error of another axis, is one of the third
+    off, error = (1.0 + size) * radians(settings.known_deg), radians(settings.known_deg_s)
     # second order of the error's angle: it is twice the vector part of a quaternion
     bent = 0.5 * size * against * against
     bent += (0.5 * size + 0.125 * size * size) * (fastest + SQRT_3 * change)
     doubt = (1.0 + size) * error + SQRT_3 * off * (SQRT_3 * rate + 0.5 * against)
     brake = found.sure - unknown - bent - 2.0 * SQRT_3 * change
-    # A wall must not be met by an error, or in the tick in which the other one is left.
-    room = off + 2.0 * doubt * found.dt + (unknown + bent) * found.dt * found.dt
-    room += 0.5 * doubt * doubt / brake if brake > 0.0 else 0.0
-    if brake <= 0.0 or angle <= room:
+    # What a wall asks for in a tick must leave the way to stop before the other one, and must be
+    # a rate that is allowed.
+    leaves = (found.sure + unknown + bent) * found.dt + 2.0 * doubt
+    needed = (1.0 + size) * (doubt + (unknown + bent) * found.dt)
+    room = off + 0.5 * doubt * found.dt + 0.25 * leaves * found.dt
+    room += 0.25 * leaves * leaves / brake if brake > 0.0 else 0.0
+    if brake <= 0.0 or angle <= room or found.rate <= needed:
         raise InputError(
             '`attitude_control.limits.angle_deg` must leave room to brake in: '
-            f'{brake:.6g} rad/s^2 are certain, and errors take {room:.6g} rad; got {angle:.6g} rad'
+            f'{brake:.6g} rad/s^2 are certain, errors take {room:.6g} rad and {needed:.6g} rad/s; '
+            f'got {angle:.6g} rad, and {found.rate:.6g} rad/s are kept'
         )
     return found._replace(
         angle=angle - off, within=angle + off, doubt=doubt, brake=brake, off=unknown + bent

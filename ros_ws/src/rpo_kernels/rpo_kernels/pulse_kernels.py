@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 from rpo_kernels.jit import kernel
 from rpo_kernels.kernels import Vector
+from rpo_kernels.vectors import pick
 
 MOST_VALVES = 24
 
@@ -104,13 +105,12 @@ def spend(m: Any, impulse: float, tank: Tank) -> tuple[float, float]:
 
     The mass [kg] is that in the middle of the tick.
     """
-    if tank.exhaust == 0.0:
-        m[DELTA_V] += impulse / tank.mass
-        return 1.0, tank.mass
-    needed, left, share = impulse / tank.exhaust, tank.content - m[SPENT], 1.0
-    if needed > left:
-        share = left / needed
-        needed = left
+    burns = tank.exhaust > 0.0
+    needed = pick(burns, impulse, 0.0) / pick(burns, tank.exhaust, 1.0)
+    left = tank.content - m[SPENT]
+    short = needed > left
+    share = pick(short, left, 1.0) / pick(short, needed, 1.0)
+    needed = pick(short, left, needed)
     mass = tank.mass - m[SPENT] - 0.5 * needed
     m[SPENT] += needed
     m[DELTA_V] += share * impulse / mass

@@ -124,7 +124,7 @@ class ReplayNode(FlightNode):
 
     def _has_listeners(self) -> bool:
         if self.values['drive']:
-            return bool(self.count_publishers(names.CONTROL_FORCE))
+            return bool(self.count_publishers(self.resolve_topic_name(names.CONTROL_FORCE)))
         now_s = time.monotonic()
         found = sum(outlet.get_subscription_count() for outlet in self._outlets.values())
         if found != self._found:

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -181,8 +182,13 @@ def spreading(errors: Errors, scenario: Any, ticks: int) -> tuple[float, float, 
     """
     if not ticks:
         return 1.0, 0.0, 0.0, 1.0
-    t = ticks * scenario.dt_s
-    state, _ = cw.matrices(cw.discretise(scenario.mean_motion_rad_s, errors.mass_kg, t))
+    return _spreading(scenario.mean_motion_rad_s, errors.mass_kg, ticks * scenario.dt_s)
+
+
+@lru_cache(maxsize=256)
+def _spreading(n: float, mass_kg: float, t: float) -> tuple[float, float, float, float]:
+    """Return `spreading` in a time [s]: many runs of a campaign have the same."""
+    state, _ = cw.matrices(cw.discretise(n, mass_kg, t))
     rr, rv, vr, vv = (_block(state, i, j) for i in (0, 3) for j in (0, 3))
     return rr, rv, vr, vv
 

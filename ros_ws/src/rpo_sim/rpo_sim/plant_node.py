@@ -220,7 +220,8 @@ class PlantNode(Loop):
 
     def _wait(self, now_s: float) -> None:
         """Send state 0 until all peers have answered and a recorder is ready: all are connected."""
-        absent = [name for name in self._peers if not self.count_publishers(name)]
+        where = {name: self.resolve_topic_name(name) for name in self._peers}
+        absent = [name for name, topic in where.items() if not self.count_publishers(topic)]
         self._latched.repeat()  # so that nodes get the scenario quickly
         if not absent:
             self.send()

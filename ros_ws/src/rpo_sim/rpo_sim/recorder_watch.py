@@ -136,7 +136,8 @@ class RecorderWatch:
 
         One that was killed stays in sight for a while, but says nothing.
         """
-        in_sight, now_s = self._node.count_publishers(names.RECORDER_STATUS), time.monotonic()
+        said = self._node.resolve_topic_name(names.RECORDER_STATUS)
+        in_sight, now_s = self._node.count_publishers(said), time.monotonic()
         if in_sight > self._in_sight:
             self._seen_s = now_s
         self._in_sight = in_sight

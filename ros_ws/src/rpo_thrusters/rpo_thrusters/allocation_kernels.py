@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 from rpo_kernels.jit import inlined, kernel
 from rpo_kernels.kernels import Vector
 from rpo_kernels.pulse_kernels import DELTA_V, ON, OPEN, OPENINGS, TORQUE, Tank, spend
+from rpo_kernels.vectors import WIDTH, lanes_at, pick
 
 MOST_THRUSTERS = 24
 
@@ -34,7 +35,9 @@ THRUST = LIMIT + MOST_THRUSTERS
 """Place of the thrust of each thruster [N]."""
 AIM = THRUST + MOST_THRUSTERS
 """Place of what is added to the force and torque that thrusters give."""
-SCRATCH = AIM + ROWS
+WANTED = AIM + ROWS
+"""Place of the force and torque that are wanted; afterwards, what of them is left over."""
+SCRATCH = WANTED + ROWS
 
 START = 2 * ROWS + ROWS * ROWS
 """Numbers of a basis that was computed before: price of each row, variables, inverse."""
@@ -82,16 +85,24 @@ class Table(NamedTuple):
 
 
 @kernel
-def start(wanted: Any, t: Table, w: Any) -> None:
-    """Fill the scratch with the basis whose price of the demand is highest: a bound from below."""
-    best, most = 0, 0.0
+def dearest(wanted: Any, t: Table) -> float:
+    """Which basis to start from: the one whose price of the demand is highest, a lower bound."""
+    best = most = pick(wanted[0] > 0.0, 0.0, 0.0)  # zero: a vector where the demand is one
     for k in range(len(t.bases) // START):
-        at, price = START * k, 0.0
-        for i in range(ROWS):
-            price += t.bases[at + i] * wanted[i]
-        if price > most:
-            best, most = k, price
-    at = START * best
+        at = START * k
+        price = t.bases[at] * wanted[0] + t.bases[at + 1] * wanted[1] + t.bases[at + 2] * wanted[2]
+        price += t.bases[at + 3] * wanted[3]
+        price += t.bases[at + 4] * wanted[4]
+        price += t.bases[at + 5] * wanted[5]
+        higher = price > most
+        best, most = pick(higher, k, best), pick(higher, price, most)
+    return best
+
+
+@kernel
+def start(basis: int, t: Table, w: Any) -> None:
+    """Fill the scratch with a basis to start from."""
+    at = START * basis
     for i in range(ROWS):
         w[DUAL + i] = t.bases[at + i]
         w[BASIS + i] = t.bases[at + ROWS + i]
@@ -240,9 +251,15 @@ def allocate(wanted: Any, t: Table, w: Any) -> tuple[float, int]:
     Returns that share, 1 where they can; and the row of the basis that limits it, -1 where none
     does. LIMIT of the scratch holds the largest thrusts.
     """
+    return allocate_from(int(dearest(wanted, t)), wanted, t, w)
+
+
+@kernel
+def allocate_from(basis: int, wanted: Any, t: Table, w: Any) -> tuple[float, int]:
+    """Do what `allocate` does, from a basis."""
     for i in range(ROWS):
         w[AIM + i] = wanted[i]
-    start(wanted, t, w)
+    start(basis, t, w)
     share, limiting = advance(t, w)
     if limiting >= 0:
         for axis in range(-1, 3):  # the rest of the torque, then of the force
@@ -261,6 +278,73 @@ def allocate(wanted: Any, t: Table, w: Any) -> tuple[float, int]:
 
 
 @kernel
+def _want(command: Vector, torque: Vector, m: Any, t: Table, w: Any) -> None:
+    """Fill WANTED with commands and what is carried, LIMIT with what all could give."""
+    for i in range(3):
+        w[WANTED + i] = command[i] + m[i] / t.dt
+        w[WANTED + 3 + i] = torque[i] / t.lever + m[TORQUE + i] / t.dt
+    for i in range(t.number):
+        w[LIMIT + i] = t.most[i]
+
+
+@kernel
+def _leave_out(tick: int, failures: Any, t: Table, w: Any) -> None:
+    """Take those that are known to be stuck from LIMIT, and what they give from WANTED."""
+    for a in range(0, len(failures), 5):
+        if failures[a + 4] == 1 and failures[a + 2] <= tick < failures[a + 3]:
+            stuck = int(failures[a])
+            if failures[a + 1] == ON and w[LIMIT + stuck] > 0.0:
+                for i in range(ROWS):
+                    w[WANTED + i] -= t.most[stuck] * t.columns[ROWS * stuck + i]
+            w[LIMIT + stuck] = 0.0
+
+
+@kernel
+def _carry(m: Any, t: Table, w: Any) -> None:
+    """Close those below their impulse bit; remember what is left over."""
+    for i in range(t.number):
+        thrust = w[THRUST + i]
+        w[THRUST + i] = pick(thrust * t.dt < t.bits[i], 0.0, thrust)
+    for i in range(ROWS if t.carries == 1 else 0):
+        left = w[WANTED + i]
+        for k in range(t.number):
+            left -= w[THRUST + k] * t.columns[ROWS * k + i]
+        left = pick(left > t.bound, t.bound, pick(left < -t.bound, -t.bound, left))
+        m[i if i < 3 else TORQUE + i - 3] = left * t.dt
+
+
+@kernel
+def _stick(tick: int, failures: Any, t: Table, w: Any) -> None:
+    """Open or close those that are stuck."""
+    for a in range(0, len(failures), 5):
+        if failures[a + 2] <= tick < failures[a + 3]:
+            stuck = int(failures[a])
+            w[THRUST + stuck] = t.most[stuck] if failures[a + 1] == ON else 0.0
+
+
+@kernel
+def _exert(m: Any, t: Table, tank: Tank, w: Any) -> tuple[Vector, Vector, float]:
+    """Return force, torque and mass by what THRUST holds; a closed thruster adds zero."""
+    x = y = z = tx = ty = tz = impulse = burnt = opened = 0.0
+    for i in range(t.number):
+        thrust, a = w[THRUST + i], ROWS * i
+        opened += pick(thrust > 0.0, pick(m[OPEN + i] == 0.0, 1.0, 0.0), 0.0)
+        m[OPEN + i] = pick(thrust >= t.most[i], 1.0, 0.0)
+        x += thrust * t.acts[a]
+        y += thrust * t.acts[a + 1]
+        z += thrust * t.acts[a + 2]
+        tx += thrust * t.acts[a + 3]
+        ty += thrust * t.acts[a + 4]
+        tz += thrust * t.acts[a + 5]
+        impulse += thrust * t.dt
+        burnt += thrust * t.dt * t.burns[i]
+    m[OPENINGS] += opened
+    share, mass = spend(m, burnt, tank)
+    m[DELTA_V] += share * (impulse - burnt) / mass
+    return (x * share, y * share, z * share), (tx * share, ty * share, tz * share), mass
+
+
+@kernel
 def fire(
     tick: int, command: Vector, torque: Vector, m: Any, t: Table, tank: Tank, w: Any
 ) -> tuple[Vector, Vector, float]:
@@ -269,56 +353,39 @@ def fire(
     A thruster gives at least its impulse bit, or nothing. Those that are known to be stuck are left
     out, and the others give what they do not.
 
-    m : memory as of `pulse_kernels`; w : (SCRATCH + 6,) scratch, whose THRUST is filled
+    m : memory as of `pulse_kernels`; w : (SCRATCH,) scratch, whose THRUST is filled
     """
-    wanted = w[SCRATCH : SCRATCH + ROWS]
-    for i in range(3):
-        wanted[i] = command[i] + m[i] / t.dt
-        wanted[3 + i] = torque[i] / t.lever + m[TORQUE + i] / t.dt
-    for i in range(t.number):
-        w[LIMIT + i] = t.most[i]
-    for k in range(len(t.failures) // 5):
-        a = 5 * k
-        if t.failures[a + 4] == 1 and t.failures[a + 2] <= tick < t.failures[a + 3]:
-            stuck = int(t.failures[a])
-            if t.failures[a + 1] == ON and w[LIMIT + stuck] > 0.0:
-                for i in range(ROWS):
-                    wanted[i] -= t.most[stuck] * t.columns[ROWS * stuck + i]
-            w[LIMIT + stuck] = 0.0
-    allocate(wanted, t, w)
-    for i in range(t.number):
-        if w[THRUST + i] * t.dt < t.bits[i]:
-            w[THRUST + i] = 0.0
-    for k in range(t.number if t.carries == 1 else 0):
-        thrust, a = w[THRUST + k], ROWS * k
-        for i in range(ROWS):
-            wanted[i] -= thrust * t.columns[a + i]
-    for i in range(ROWS if t.carries == 1 else 0):
-        left = wanted[i]
-        left = t.bound if left > t.bound else -t.bound if left < -t.bound else left
-        m[i if i < 3 else TORQUE + i - 3] = left * t.dt
-    for k in range(len(t.failures) // 5):
-        a = 5 * k
-        if t.failures[a + 2] <= tick < t.failures[a + 3]:
-            stuck = int(t.failures[a])
-            w[THRUST + stuck] = t.most[stuck] if t.failures[a + 1] == ON else 0.0
-    x = y = z = tx = ty = tz = impulse = burnt = 0.0
-    for i in range(t.number):
-        thrust = w[THRUST + i]
-        if thrust > 0.0:
-            if m[OPEN + i] == 0.0:
-                m[OPENINGS] += 1.0
-            a = ROWS * i
-            x += thrust * t.acts[a]
-            y += thrust * t.acts[a + 1]
-            z += thrust * t.acts[a + 2]
-            tx += thrust * t.acts[a + 3]
-            ty += thrust * t.acts[a + 4]
-            tz += thrust * t.acts[a + 5]
-            impulse += thrust * t.dt
-            burnt += thrust * t.dt * t.burns[i]
-        m[OPEN + i] = 1.0 if thrust >= t.most[i] else 0.0
-    share, mass = spend(m, burnt, tank)
-    m[DELTA_V] += share * (impulse - burnt) / mass
-    force = (x * share, y * share, z * share)
-    return force, (tx * share, ty * share, tz * share), mass
+    _want(command, torque, m, t, w)
+    _leave_out(tick, t.failures, t, w)
+    allocate(w[WANTED:SCRATCH], t, w)
+    _carry(m, t, w)
+    _stick(tick, t.failures, t, w)
+    return _exert(m, t, tank, w)
+
+
+@kernel
+def fire_together(
+    tick: int, command: Any, torque: Any, m: Any, t: Table, tank: Tank, w: Any
+) -> tuple[Any, Any, Any]:
+    """Do what `fire` does for `WIDTH` chasers at once, with the bits of each; only pivots differ.
+
+    command, torque, tank, t.acts : with a vector for a number
+    m, t.failures : (33, WIDTH), (n, 5, WIDTH), of which the last index is the chaser
+    w : ((WIDTH + 1) SCRATCH,) scratch: of all, the last index as there, then of one
+    """
+    memory, rows, own = lanes_at(m, 0), lanes_at(w, 0), w[SCRATCH * WIDTH :]
+    _want(command, torque, memory, t, rows)
+    for s in range(WIDTH):
+        _leave_out(tick, t.failures[s::WIDTH], t, w[s::WIDTH])
+    rows[AIM] = dearest(lanes_at(w, WIDTH * WANTED), t)
+    for s in range(WIDTH):
+        mine = w[s::WIDTH]
+        for i in range(t.number):
+            own[LIMIT + i] = mine[LIMIT + i]
+        allocate_from(int(mine[AIM]), mine[WANTED:SCRATCH], t, own)
+        for i in range(t.number):
+            mine[THRUST + i] = own[THRUST + i]
+    _carry(memory, t, rows)
+    for s in range(WIDTH):
+        _stick(tick, t.failures[s::WIDTH], t, w[s::WIDTH])
+    return _exert(memory, t, tank, rows)

@@ -87,7 +87,7 @@ class _Reach:
 
         Thrusters that are stuck on are made up for first; where they cannot be, it is 0.
         """
-        start(as_table(np.zeros(ROWS)), self._table, self._work)
+        start(0, self._table, self._work)
         for i, value in enumerate(self._most.tolist()):
             self._work[LIMIT + i] = value
         if self._against.any() and self._advance(self._against)[0] < 1.0:

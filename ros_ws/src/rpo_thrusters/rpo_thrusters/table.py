@@ -325,7 +325,7 @@ def at_rest() -> Floats:
 def _bases(table: Table) -> Floats:
     """Return bases to start from: those of forces in all directions, each once."""
     found = [at_rest()]
-    work = as_table(np.zeros(SCRATCH + ROWS))
+    work = as_table(np.zeros(SCRATCH))
     for order in chain.from_iterable(map(permutations, _GENERIC)):
         for signs in product((1.0, -1.0), repeat=3):
             wanted = [s * v for s, v in zip(signs, order, strict=True)] + [0.0] * 3

@@ -38,7 +38,7 @@ from rpo_kernels.jit import as_table
 from rpo_kernels.kernels import Vector
 from rpo_kernels.pulse_kernels import DELTA_V, OFF, ON, OPENINGS, SPENT, Tank, Valves
 from rpo_thrusters import allocation_kernels
-from rpo_thrusters.allocation_kernels import ROWS, SCRATCH, Table
+from rpo_thrusters.allocation_kernels import SCRATCH, Table
 from rpo_thrusters.table import (
     IDENTITY,
     MODULATIONS,
@@ -399,7 +399,7 @@ class TableStage(ValvesStage):
     def reset(self) -> None:
         """Forget all commands, and what was switched in flight."""
         super().reset()
-        self._scratch: Any = as_table(np.zeros(SCRATCH + ROWS))
+        self._scratch: Any = as_table(np.zeros(SCRATCH))
         self._fail(self._failures)
 
     def _fail(self, rows: list[tuple[int, ...]]) -> None:

@@ -134,11 +134,18 @@ def vector3(name: str, value: Any, unit: str, *, bound: float) -> tuple[float, f
         raise InputError(
             f'`{name}` must be a list of 3 numbers [x, y, z] in {unit}; got {shown(value)}'
         )
+    if _are_floats(value, bound):
+        return value[0], value[1], value[2]
     x, y, z = (
         real(f'{name}[{i}]', component, unit, least=-bound, most=bound)
         for i, component in enumerate(value)
     )
     return x, y, z
+
+
+def _are_floats(values: Sequence[Any], bound: float) -> bool:
+    """Return whether `real` would return them as they are; a run of a campaign has hundreds."""
+    return all(type(value) is float and -bound <= value <= bound for value in values)
 
 
 def matrix(
@@ -151,6 +158,8 @@ def matrix(
     right = isinstance(value, lists) and len(value) == rows
     if not right or not all(isinstance(row, lists) and len(row) == columns for row in value):
         raise InputError(f'`{name}` must be {rows} rows of {columns} numbers; got {shown(value)}')
+    if all(_are_floats(row, bound) for row in value):
+        return tuple(map(tuple, value))
     return tuple(
         tuple(
             real(f'{name}[{i}][{j}]', number, least=-bound, most=bound)
