@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from rpo_core.files.scenario import Scenario
 from rpo_core.wire import cdr
 from rpo_log import provenance
 from rpo_mcap.errors import ExitCode
@@ -140,10 +141,13 @@ class Difference:
         )
 
 
-def non_canonical_difference(message: NonCanonical, stamp_ns: int) -> Difference:
-    """Name what a message of a tick holds beside its stamp and the numbers of its signal."""
+def non_canonical_difference(message: NonCanonical, flown: Scenario) -> Difference | None:
+    """Name what it holds beside stamp and numbers in the axes of its scenario; None: nothing."""
     tick, topic, data = message
-    expected = topic.row.layout.like(data).encode(stamp_ns, values_of(topic, data))
+    layout, values = topic.row.layout_in(flown), values_of(topic, data)
+    expected = layout.encode(flown.stamp_ns(tick), values)
+    if expected == data:
+        return None
     pairs = zip(_items(topic, data), _items(topic, expected), strict=True)
     for (name, logged), (_, computed) in pairs:
         if _bits(logged) != _bits(computed):

@@ -210,7 +210,7 @@ class _Verifier:
     def first_difference(self, block: TickBlock) -> Difference | None:
         """Return the first difference in a block, None if there is none."""
         found: list[Difference | None] = [
-            non_canonical_difference(message, self.scenario.stamp_ns(message.tick))
+            non_canonical_difference(message, self.scenario)
             for message in block.non_canonical
             if message.topic.signal not in self._given
         ]

@@ -209,7 +209,7 @@ class Messages:
             used += several.shape[1]
         like[like] = plain
         unlike = []
-        for row in np.flatnonzero(~like).tolist():
+        for row in np.flatnonzero(~like | (layout is not topic.row.layout)).tolist():
             message = self[int(found[row])]
             try:
                 numbers[row] = values_of(*message[::2])
