@@ -82,6 +82,9 @@ def test_odometry_as_rosbags_writes_it(stamp_ns, frame, child, state):
     stamp, values, right_frame = layout.decode(data)
     assert (stamp, right_frame) == (stamp_ns, True) and same_bits(values, state)
     assert not Layout.of(ODOMETRY, (frame + '_', child), STATE).decode(data)[2]
+    either = Layout.of(ODOMETRY, (frame, child), STATE, also=frame + '_')
+    told = Layout.of(ODOMETRY, (frame + '_', child), STATE).encode(stamp_ns, state)
+    assert either.like(told) is either.also and either.knows(told) and either.knows(data)
     back = cdr.decode_stamped(ODOMETRY, data)
     assert (back.stamp_ns, back.texts) == (stamp_ns, (frame, child))
     named = dict(zip(cdr.ODOMETRY_FIELDS, back.floats, strict=True))

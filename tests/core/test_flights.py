@@ -21,6 +21,7 @@ from rpo_core.control.controller import FuzzyController, load_controller
 from rpo_core.files.scenario import load_scenario, load_set
 from rpo_core.judge import metrics
 from rpo_core.judge.verdicts import verdicts
+from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import RELATIVE_STATE
 from rpo_core.world import cw
 from rpo_core.world.disturbance import Disturbance
@@ -145,6 +146,14 @@ def test_thrusters_saturate_a_controller_that_asks_too_much(paper_test, handmade
         )
     ]
     np.testing.assert_array_equal(steps, flight.states[1:])
+
+
+def test_the_command_of_the_tick_before_is_the_one_that_was_sent():
+    chain = Chain.of(load_scenario('paper_test_measured'), load_controller('pd'))
+    (link,) = chain.part(Place.ESTIMATOR).links
+    assert interfaces.previous('shaped_force') in link.reads
+    (alone,) = Chain.of(load_scenario('paper_test')).part(Place.THRUSTERS).links
+    assert alone.reads == (interfaces.CONTROL_FORCE,)
 
 
 def test_a_stage_makes_all_its_outputs(paper_test, handmade, monkeypatch):

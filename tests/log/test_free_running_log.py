@@ -202,6 +202,7 @@ def test_of_two_answers_the_one_that_was_applied_is_logged(tmp_path):
             messages.insert(len(messages) - chance.randrange(2), (name, tick, other))
     free.messages = messages
     summary = free.write(tmp_path / 'b')
+    assert f'{sum(summary.ignored.values())} ignored, as the plant' in summary.sentence()
     assert summary.whole, summary.sentence()
     assert summary.ignored[FORCE] > 250
     runs = [(tmp_path / name / 'run.mcap').read_bytes() for name in 'ab']
