@@ -67,10 +67,16 @@ class Draws(NamedTuple):
     inertias: Floats
 
 
-def _draws(rng: np.random.Generator, angles_deg: Floats, rate_deg_s: float) -> Draws:
-    """Return turns by angles (n,) about random axes, at rates within so much of each axis."""
+def _draws(
+    rng: np.random.Generator, angles_deg: Floats, rate_deg_s: float, along: float = 0.0
+) -> Draws:
+    """Return turns by angles (n,), at rates within so much of each axis.
+
+    along : 0: about random axes; the larger, the closer these are to the axes of the body, in turn
+    """
     count = len(angles_deg)
     axes = rng.standard_normal((count, 3))
+    axes += along * np.resize(np.vstack([np.eye(3), -np.eye(3)]), (count, 3))
     axes /= np.linalg.norm(axes, axis=1)[:, None]
     half = np.radians(angles_deg)[:, None] / 2.0
     rates = rng.uniform(-rate_deg_s, rate_deg_s, (count, 3))
@@ -85,11 +91,16 @@ def judged_draws(count: int, seed: int = JUDGED_SEED) -> Draws:
     return _draws(rng, rng.uniform(0.0, 180.0, count), 1.0)
 
 
-def trained_draws() -> Draws:
-    """Return what training flies: 40 slews from rest, 80 at 1.1 deg/s, 40 tumbles at 3 deg/s."""
+def trained_draws(hard: int = 0) -> Draws:
+    """Return what training flies: 40 slews from rest, 80 at 1.1 deg/s, 40 tumbles at 3 deg/s.
+
+    hard : slews more, of 150 to 180 deg at 1.1 deg/s, nearly about an axis of the body: one wheel
+        has all the work, and the flight settles last
+    """
     rng = np.random.Generator(np.random.PCG64(TRAINED_SEED))
     angles = np.linspace(4.5, 180.0, RUNS)
     parts = [_draws(rng, angles, rate) for rate in (0.0, 1.1, 1.1, 3.0)]
+    parts.append(_draws(rng, rng.uniform(150.0, 180.0, hard), 1.1, along=5.0))
     return Draws(*map(np.concatenate, zip(*parts, strict=True)))
 
 

@@ -377,7 +377,7 @@ def _thrusters(flight: Flight) -> list[Section]:
     if settings is None or not (settings.fires or settings.propellant):
         return []
     spent = flight.thrust
-    torque = ', the torque that the allocation leaves over' if settings.table else ''
+    torque = ', the torque that they give about the axes of the chaser' if settings.table else ''
     torque += ', the propellant spent' if settings.propellant else ''
     picture = Picture(
         'pulses',

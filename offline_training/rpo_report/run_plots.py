@@ -219,7 +219,7 @@ def pulses(flight: Flight) -> Any:
     by_axis(upper, times_s, thrust.forces_n, 'force exerted [N]', linewidth=0.6)
     by_axis(middle, times_s, 1e3 * owed, 'impulse owed [mN s]', linewidth=0.8)
     if torques is not None:
-        by_axis(more[0], times_s, torques[:-1], 'torque [N m]', linewidth=0.6)
+        by_axis(more[0], times_s, torques[:-1], "torque [N m],\nchaser's axes", linewidth=0.6)
     if scenario.thrusters.propellant:
         spent_g = 1e3 * (scenario.mass_kg - thrust.masses_kg)
         more[-1].plot(times_s, spent_g, color=style.LIGHT['ink'])

@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Chromosomes of a search, and how they decode to controllers.
 
-Genes are reals in [0, 1], in this order: the two input scales (where they are trained), the
-paper's p1-p15 (membership functions; position, velocity, force), and the rules. A foot is placed
-between its neighbours, so that every chromosome decodes to ordered feet; the range of a rule gene
-has equal parts, one per word. Values are rounded to 1e-4: a controller file then has few digits.
+Genes are reals in [0, 1], in this order: the two input scales and the time scale (where they are
+trained), the paper's p1-p15 (membership functions; position, velocity, force), and the rules. A
+foot is placed between its neighbours, so that every chromosome decodes to ordered feet; the range
+of a rule gene has equal parts, one per word. Values are rounded to 1e-4: a controller file then
+has few digits.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ FUNCTIONS = 15
 _FREE = [(row, column) for column in range(5) for row in range(column, 5)]
 _ODD = [(row, column) for row, column in _FREE if row + column < 4]
 _DECIMALS = 4
+_TIMED = 6  # decimals of what a time scale has changed
 _SMALLEST = 0.01  # half-width, centre
 _LEAN = 0.99  # share of its bound that a left foot can reach
 
@@ -37,7 +39,9 @@ class GeneSpace:
 
     rules : one of `RULES`
     position_scale_m, velocity_scale_m_s : (least, most); equal bounds fix the scale, without a gene
-    force_scale_n : fixed
+    force_scale_n : fixed, but for the time scale
+    time_scale : (least, most) of a factor: the loop is slower by it, the velocity scale smaller by
+        it, the force scale by its square; all of a law in one gene
     complete : whether neighbouring input functions must overlap, so that some rule fires everywhere
         and the force has no jumps; not required by the paper
     pulls : whether SP of the position begins at 0, so that some force pulls at rest everywhere
@@ -47,6 +51,7 @@ class GeneSpace:
     position_scale_m: tuple[float, float] = (100.0, 100.0)
     velocity_scale_m_s: tuple[float, float] = (1.0, 1.0)
     force_scale_n: float = 0.5
+    time_scale: tuple[float, float] = (1.0, 1.0)
     complete: bool = False
     pulls: bool = False
 
@@ -60,6 +65,7 @@ class GeneSpace:
         for name, bounds in (
             ('position_scale_m', self.position_scale_m),
             ('velocity_scale_m_s', self.velocity_scale_m_s),
+            ('time_scale', self.time_scale),
         ):
             if len(bounds) != 2:
                 raise InputError(f'`genes.{name}` must be [least, most]; got {list(bounds)}')
@@ -69,7 +75,7 @@ class GeneSpace:
 
     @property
     def _scales(self) -> list[tuple[float, float]]:
-        return [self.position_scale_m, self.velocity_scale_m_s]
+        return [self.position_scale_m, self.velocity_scale_m_s, self.time_scale]
 
     @property
     def free_scales(self) -> int:
@@ -92,7 +98,11 @@ class GeneSpace:
                 scales[:, column] += np.round((most - least) * genes[:, used], decimals)
                 scales[:, column] = np.round(scales[:, column], decimals)
                 used += 1
+        time = scales[:, 2].copy()
         scales[:, 2] = self.force_scale_n
+        if self.time_scale[0] < self.time_scale[1]:
+            scales[:, 1] = np.round(scales[:, 1] / time, _TIMED)
+            scales[:, 2] = np.round(scales[:, 2] / (time * time), _TIMED)
         functions = _decode_functions(genes[:, used : used + FUNCTIONS], self.complete)
         if self.pulls:
             functions[:, 1] = 0.0
@@ -141,7 +151,8 @@ class GeneSpace:
             If it is outside the space.
         """
         genes: list[float] = []
-        for value, (least, most) in zip(controller.scales, self._scales, strict=False):
+        values = (*controller.scales[:2], 1.0)  # at the pace of its own
+        for value, (least, most) in zip(values, self._scales, strict=True):
             if least < most:
                 genes.append((value - least) / (most - least))
         genes += _encode_functions(np.array(functions_of(controller.system)), self.complete)

@@ -152,6 +152,8 @@ def test_the_command_of_the_tick_before_is_the_one_that_was_sent():
     chain = Chain.of(load_scenario('paper_test_measured'), load_controller('pd'))
     (link,) = chain.part(Place.ESTIMATOR).links
     assert interfaces.previous('shaped_force') in link.reads
+    (alone,) = Chain.of(load_scenario('paper_test')).part(Place.THRUSTERS).links
+    assert alone.reads == (interfaces.CONTROL_FORCE,)
 
 
 def test_a_stage_makes_all_its_outputs(paper_test, handmade, monkeypatch):

@@ -9,6 +9,7 @@ A limit that narrows refuses files that loaded, and a default that moves changes
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator
 from dataclasses import MISSING, Field, fields, is_dataclass
 from functools import partial
@@ -20,6 +21,7 @@ import pytest
 
 from rpo_core.files.validation import InputError
 from rpo_core.wire import interfaces
+from rpo_kernels.compile_cache import MARKS
 
 LIST = Path(__file__).with_name('records.txt')
 PATHS = {
@@ -119,6 +121,15 @@ def test_dataclasses_are_frozen():
     data = [(name, how) for name, how in made if how.startswith('dataclass')]
     assert len(data) > 150
     assert sorted(name for name, how in data if 'frozen=True' not in how) == MUTABLE
+
+
+def test_every_source_with_kernels_is_in_the_digest_of_what_was_compiled():
+    """Else an edit of it flies the machine code from before."""
+    marked = re.compile(rb'^@(kernel|inlined|compiled|jit)', re.MULTILINE)
+    texts = {name: path.read_bytes() for name, path in PATHS.items()}
+    kernels = {name: text for name, text in texts.items() if marked.search(text)}
+    assert len(kernels) > 40
+    assert [n for n, text in kernels.items() if not any(m in text for m in MARKS)] == []
 
 
 if __name__ == '__main__':

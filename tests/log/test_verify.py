@@ -52,7 +52,7 @@ from rpo_log.verify import evidence, verify
 from rpo_mcap.errors import ExitCode, Fault, LogError
 from rpo_mcap.format.run import TimeBase
 from rpo_mcap.read import stream
-from rpo_mcap.read.run_log import read_run
+from rpo_mcap.read.run_log import flight_of, read_run
 from rpo_mcap.write.writer import RunLogWriter
 from rpo_nav.navigation_errors import Navigation
 from rpo_sim.free_running import FreeRunningPlant
@@ -528,6 +528,29 @@ def turning(tmp_path_factory):
     options = ['--set', 'duration_s=5.0', '--no-fail', '--output', out]
     assert CliRunner().invoke(app, ['simulate', 'tumbling_docking', *options]).exit_code == 0
     return out
+
+
+def test_a_plant_that_flew_on_without_the_attitude_controller_had_no_torque_either(
+    turning, tmp_path
+):
+    """Else nothing that follows was computed again, and the log was verified all the same."""
+    log = read_run(turning)
+    writer = RunLogWriter(tmp_path, log.base, [t.name for t in log.topics], log.attachments)
+    said = {'phase': 'running', 'tick': '30', 'dropped': 'body_force'}
+    with (Path(turning) / 'run.mcap').open('rb') as file:
+        for _, channel, message in make_reader(file).iter_messages():
+            tick = (message.log_time - log.base.epoch_ns) // log.base.dt_ns
+            if (channel.topic, tick) == ('/body_force', 30):
+                writer.write('/run_status', 30, cdr.encode_status(1, 'run', '', 'none', said))
+            if channel.topic != '/body_force' or tick < 30:
+                writer.write(channel.topic, tick, message.data)
+    assert writer.close().whole
+    found = verify(tmp_path).difference
+    assert (found.tick, found.check) == (30, 'thrusters')
+    assert found.topic == '/exerted_force', 'it exerted what nobody commanded'
+    flight = flight_of(read_run(tmp_path))
+    for name in ('body_force', 'body_torque'):
+        assert flight.signals[name][:30].any() and not flight.signals[name][30:].any()
 
 
 @pytest.mark.parametrize(

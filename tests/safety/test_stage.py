@@ -113,6 +113,11 @@ def test_the_least_change_is_the_projection(limit, errors):
     assert acted > 20
 
 
+def test_at_rest_and_without_a_zone_there_is_nothing_to_stop():
+    guard = guard_of(Assurance(), PAPER)
+    assert filters.backup((0.0, 60.0, 0.0, 0.0, 0.0, 0.0), OPEN, guard) == (0.0, 0.0, 0.0)
+
+
 def test_the_packed_filter_gives_the_same_bits():
     """The stage calls it with arrays where kernels are compiled."""
     guard = guard_of(ASSURED.section(Assurance), ASSURED)

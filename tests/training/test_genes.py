@@ -55,6 +55,21 @@ def test_a_controller_encodes_to_itself(space, seed):
     np.testing.assert_allclose(again.scales, first.scales, atol=2e-4)
 
 
+def test_a_time_scale_slows_the_loop_of_a_law():
+    space = GeneSpace('odd', (0.3, 2.0), (0.06, 0.6), 0.006, (0.5, 2.0))
+    handmade = replace(load_controller('handmade'), position_scale_m=1.0, velocity_scale_m_s=0.12)
+    genes = np.tile(space.encode(handmade), (3, 1))
+    assert space.size == GeneSpace('odd', (0.3, 2.0), (0.06, 0.6)).size + 1
+    genes[1:, 2] = 0.0, 1.0
+    own, fast, slow = space.decode(genes).scales
+    np.testing.assert_allclose(own, (1.0, 0.12, 0.006), rtol=1e-12)
+    np.testing.assert_allclose(fast, (1.0, 0.24, 0.024), rtol=1e-12)
+    np.testing.assert_allclose(slow, (1.0, 0.06, 0.0015), rtol=1e-12)
+    assert np.ptp(space.decode(genes).functions, axis=0).max() == 0.0
+    with pytest.raises(InputError, match=r'`genes\.time_scale` must be'):
+        GeneSpace(time_scale=(2.0, 0.5))
+
+
 def test_the_rule_spaces_have_the_papers_sizes():
     assert [GeneSpace(rules).size for rules in RULES] == [15 + 15, 15 + 6, 15 + 6]
     assert GeneSpace('free', (20.0, 200.0), (0.3, 3.0)).size == 32

@@ -33,7 +33,7 @@ from rpo_report import attitude, page, replay, video
 from rpo_report.logged import logged_flight, until
 from rpo_report.page import Report
 from rpo_report.replay import Replayed
-from rpo_report.run import _Stages, compared
+from rpo_report.run import _Stages, _thrusters, compared
 from rpo_report.turned import Panel, in_lvlh, panels_of, turned_of
 
 INERTIA = [[0.6, 0.02, 0.0], [0.02, 0.7, 0.01], [0.0, 0.01, 0.5]]
@@ -155,6 +155,14 @@ def test_a_report_names_the_stages_that_it_cannot_run_again():
 def test_a_controller_of_attitude_that_has_no_page_is_refused_with_what_to_do(command, says):
     done = CliRunner().invoke(app, command.split())
     assert done.exit_code == 2 and says in done.stderr and not done.stdout
+
+
+def test_the_torque_of_the_thrusters_is_drawn_about_the_axes_of_the_chaser():
+    """Their force is in LVLH; and where they steer it, their torque is nothing left over."""
+    (section,) = _thrusters(flown_of({**tumbling(), 'duration_s': 1.0}))
+    picture = section.blocks[0]
+    assert 'torque that they give about the axes of the chaser' in picture.caption
+    assert picture.figure.axes[2].get_ylabel().endswith("chaser's axes")
 
 
 def test_flights_beside_each_other_say_in_which_axes_they_are_drawn(tmp_path):

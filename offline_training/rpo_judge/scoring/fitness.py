@@ -15,7 +15,7 @@ by how far a limit is exceeded:
 - `between`: so are flights from random states between the starts of the training;
 - `drawn`: runs of campaigns, judged by their limits (`search.drawn`);
 - `damping`: where on a grid of errors the force of a velocity does not oppose it.
-- `falls`: by how much on a grid the force falls as an error grows, beyond 0.08 of full output.
+- `falls`: by how much on a grid the force falls as an error grows, beyond 0.05 of full output.
 """
 
 from __future__ import annotations
@@ -125,7 +125,8 @@ class FitnessSettings:
     margin : share by which every limit is made stricter, in [0, 1)
     limit_cycle, disturbance, robustness, tests : weight [N^2 s] of the optional terms, 0 = off
     mass_kg : further masses whose penalties count
-    between : random planar loops, and as many vertical ones, whose penalties count; 0 = off
+    between : random planar loops, and as many vertical ones, whose penalties count; 0 = off; for
+        attitude, slews
     damping : weight [N^2 s] of the mean force that drives, as a share of full output
     falls : weight [N^2 s] of the largest falls along both errors, as a share of full output
     drawn : the runs of campaigns
@@ -451,7 +452,7 @@ class Fitness:
 
 
 POSITIONS, VELOCITIES = 41, 20
-GRID, ALLOWED = 81, 0.08
+GRID, ALLOWED = 81, 0.05
 """Of the grid: position errors from -1 to 1, velocity errors from 0.05 to 1."""
 
 

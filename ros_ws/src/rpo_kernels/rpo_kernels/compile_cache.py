@@ -33,6 +33,9 @@ KEPT = 10
 _FROZEN = (bool, int, float, complex, str, bytes, tuple, np.generic)
 """Types of global names whose value a compiled function contains."""
 
+MARKS = (b'jit', b'@compiled', b'NamedTuple', b'namedtuple')
+"""A source with kernels, or with types of tuples, has one of these words."""
+
 
 class Locator:
     """Tells numba where to keep what it compiles of a function: its `CACHE_LOCATOR_CLASSES`."""
@@ -148,7 +151,7 @@ def _sources(package: str) -> str:
     found = hashlib.sha256(f'{version("numba")} {version("llvmlite")} {np.__version__}'.encode())
     for path in _files(sys.modules[package]):
         text = path.read_bytes()
-        if any(word in text for word in (b'jit', b'NamedTuple', b'namedtuple')):
+        if any(word in text for word in MARKS):
             found.update(f'{path.name} {len(text)} '.encode() + text)
     return found.hexdigest()
 

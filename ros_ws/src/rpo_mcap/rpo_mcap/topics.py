@@ -4,8 +4,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 from rpo_core.wire import cdr, interfaces, statuses
 from rpo_core.wire.interfaces import Interface
@@ -110,6 +113,17 @@ def dropped(status: cdr.Status) -> dict[str, int]:
         return {}
     rows = [interfaces.find(name) for name in values.get('dropped', '').split()]
     return {row.name: tick for row in rows if row is not None}
+
+
+def coasted(
+    values: Mapping[str, NDArray[np.float64]], ticks: NDArray[np.int64], without: Mapping[str, int]
+) -> dict[str, NDArray[np.float64]]:
+    """Return signals with zeros, riders too, from the ticks on that the plant flew without them."""
+    found = dict(values)
+    for signal, tick in without.items():
+        for name in {signal, interfaces.row_of(signal).rider} & found.keys():
+            found[name] = np.where((ticks >= tick)[:, None], 0.0, found[name])
+    return found
 
 
 def tick_of(status: cdr.Status) -> int | None:

@@ -178,10 +178,8 @@ class _Cursor:
         self.clear = True  # whether the gaps so far are
 
     def align(self, alignment: int) -> None:
-        gap = -(self.at - 4) % alignment
-        if gap:
-            start, self.at = self.at, self.at + gap
-            self.clear = self.clear and not any(self.data[start : self.at])
+        start, self.at = self.at, self.at + -(self.at - 4) % alignment
+        self.clear = self.clear and not any(self.data[start : self.at])
 
     def unpack(self, layout: struct.Struct) -> tuple[float, ...]:
         start, self.at = self.at, self.at + layout.size
@@ -191,22 +189,23 @@ class _Cursor:
 
     def integer(self) -> int:
         self.align(4)
-        start, self.at = self.at, self.at + 4
-        if self.at > len(self.data):
-            raise CdrError(f'must hold at least {self.at} bytes; got {len(self.data)}')
-        return int.from_bytes(self.data[start : self.at], 'little')
+        return int(self.unpack(_LENGTH)[0])
 
     def stamp(self) -> int:
         seconds, nanoseconds = self.unpack(STAMP)
         return int(seconds) * _NS + int(nanoseconds)
 
     def string(self) -> str:
-        length = self.integer()
-        start, self.at = self.at, self.at + length
-        if self.data[self.at - 1 : self.at] != b'\x00' or not length:
+        data, gap = self.data, -self.at % 4  # the header has 4 bytes
+        if gap:
+            self.align(4)
+        start = self.at + 4
+        length = int.from_bytes(data[self.at : start], 'little')
+        self.at = start + length
+        if data[self.at - 1 : self.at] != b'\x00' or not length:
             raise CdrError(f'must hold a string of {length} bytes at {start}, the last one 0')
         try:
-            return self.data[start : self.at - 1].decode()
+            return data[start : self.at - 1].decode()
         except UnicodeDecodeError:
             raise CdrError(f'must hold UTF-8 text at {start}') from None
 

@@ -228,8 +228,8 @@ class _Verifier:
 
     def _compare(self, block: TickBlock) -> Iterator[Difference | None]:
         """Recompute each stage of the ticks of a block and compare its outputs."""
-        signals: dict[str, Floats] = {**block.values, NO_FORCE: np.zeros((len(block.ticks), 3))}
-        self._drop(block, signals)
+        signals = topics.coasted(block.values, block.ticks, self.states.dropped)
+        signals[NO_FORCE] = np.zeros((len(block.ticks), 3))
         self._look_back(block, signals)
         if block.ticks[0] == 0:
             known = np.arange(len(block.ticks)) == 0
@@ -279,12 +279,6 @@ class _Verifier:
         return [
             np.where(block.present[name][:, None], block.values[name], math.nan) for name in outputs
         ]
-
-    def _drop(self, block: TickBlock, signals: dict[str, Floats]) -> None:
-        """Put zero in the place of forces that the plant went on without."""
-        for name, tick in self.states.dropped.items():
-            if name in signals:
-                signals[name] = np.where((block.ticks >= tick)[:, None], 0.0, signals[name])
 
     def _look_back(self, block: TickBlock, signals: dict[str, Floats]) -> None:
         """Add what stages read of the tick before; in free running, as the plant took it."""

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -26,7 +26,7 @@ from rpo_mcap.format.run import CONTROLLER, DECISIONS_FILE, PARAMETERS, SCENARIO
 from rpo_mcap.read.decode import Event, NonCanonical
 from rpo_mcap.read.records import FileRecords, RawMessage, message_at
 from rpo_mcap.read.stream import Completeness, RunReader
-from rpo_mcap.topics import APPLIED, Topic
+from rpo_mcap.topics import APPLIED, Topic, coasted, dropped
 
 _Parsed = TypeVar('_Parsed')
 
@@ -205,9 +205,11 @@ def flight_of(log: RunLog) -> Flight:
 def flown_of(log: RunLog, flown: Scenario) -> Flight:
     """Return the ticks of a log as a flight of a scenario, NaN where a message is missing.
 
-    Without a recorded disturbance it is zero. Of free running, its forces are those applied; of a
-    chaser that turns, what was applied is its command in the chaser's axes.
+    Without a recorded disturbance it is zero, as is what the plant flew on without. Of free
+    running, its forces are those applied; of a chaser that turns, in the chaser's axes.
     """
+    gone = {name: tick for _, said in log.statuses for name, tick in dropped(said).items()}
+    log = replace(log, values=coasted(log.values, log.ticks, gone))
     zero = np.zeros((len(log.ticks), 3))
     forces = log.values.get(interfaces.APPLIED_FORCE, log.forces_n)
     pushes = log.values.get(interfaces.DISTURBANCE_FORCE, zero)
