@@ -173,6 +173,11 @@ def test_an_infeasible_optimum_names_what_would_have_to_give():
             assert (found is not None) == feasible, name
 
 
+def test_a_flight_of_one_tick_has_no_slew():
+    with pytest.raises(optimal.InfeasibleError, match=r'no flight of 0\.1 s'):
+        optimal.constrained(from_start(10.0, 0.0, 0.0, duration_s=0.1))
+
+
 def test_a_condition_must_be_positive():
     with pytest.raises(InputError, match=r'`conditions.slew` must be .* > 0 N/s; got -1'):
         optimal.Conditions(0.5, slew=-1.0)

@@ -199,9 +199,12 @@ class Program:
         step = limits['slew'] * self.scenario.dt_s
         distance = cp.sum(cp.norm(self._states[-last:, :3], 2, axis=1)) / last * _SCALE[0]
         speed = cp.sum(cp.norm(self._states[-last:, 3:], 2, axis=1)) / last * _SCALE[3]
+        slews = []
+        if self.scenario.ticks > 1:
+            slews.append(cp.abs(cp.diff(self._forces, axis=0)) <= step / _FORCE_SCALE_N)
         return [
             cp.abs(self._forces) <= limits['force'] / _FORCE_SCALE_N,
-            cp.abs(cp.diff(self._forces, axis=0)) <= step / _FORCE_SCALE_N,
+            *slews,
             speed <= limits['arrival_speed'],
             distance <= limits['arrival_distance'],
         ]
