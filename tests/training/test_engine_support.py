@@ -19,11 +19,15 @@ from rpo_core.judge import metrics
 from rpo_core.wire.interfaces import APPLIED_FORCE, COMMAND
 from rpo_core.world import cw
 from rpo_ctrl.baselines import Pd
+from rpo_kernels.jit import COMPILED
 from rpo_montecarlo.campaign import config, run_batch, single
 from rpo_montecarlo.engine import support
+from rpo_montecarlo.engine.calls import rows_of
 from rpo_montecarlo.engine.cases import case_of_flights, case_of_set
+from rpo_montecarlo.engine.lanes import compiled
 from rpo_montecarlo.engine.simulator import Simulator
 from rpo_nav.navigation_errors import Navigation
+from rpo_training import stepping
 
 
 class LaggedStage(ControllerStage):
@@ -177,3 +181,21 @@ def test_strangers_are_flown_through_cases(capfd):
     expected = metrics.row_of(fly(test, Lagged()), case.windows)
     np.testing.assert_array_equal(rows, [[expected], [expected]])
     assert capfd.readouterr().err.count('one by one') == 1
+
+
+@compiled
+def broken(w, memory, table, tick):
+    if tick == 3:
+        raise ValueError('flights differ')
+    w[0] = w[0] + 1.0
+
+
+def test_an_error_of_a_kernel_ends_the_flights():
+    nothing, w = np.zeros(1), np.zeros((1, 1))
+    rows = [rows_of([(broken, nothing, nothing)])]
+    rows = np.array(rows) if COMPILED else rows
+    for tick in range(3):
+        stepping._pass(rows, tick, w)
+    with pytest.raises(ValueError, match='flights differ'):
+        stepping._pass(rows, 3, w)
+    assert w[0, 0] == 3.0

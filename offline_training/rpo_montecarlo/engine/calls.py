@@ -46,6 +46,7 @@ def _compiled() -> Any:
     """Return the call of the kernel of a row, for compiled code."""
     from llvmlite import ir  # type: ignore[import-untyped]
     from numba import types
+    from numba.core.cgutils import if_unlikely
     from numba.extending import intrinsic
     from numba.np.arrayobj import populate_array
 
@@ -68,7 +69,9 @@ def _compiled() -> Any:
             function = context.call_conv.get_function_type(types.none, kinds)
             kernel = builder.inttoptr(numbers[0], function.as_pointer())
             arguments = (given[1], floats(*numbers[1:3]), floats(*numbers[3:]), given[2])
-            context.call_conv.call_function(builder, kernel, types.none, kinds, arguments)
+            passed = context.call_conv.call_function(builder, kernel, types.none, kinds, arguments)
+            with if_unlikely(builder, passed[0].is_error):
+                context.call_conv.return_status_propagate(builder, passed[0])
             return context.get_dummy_value()
 
         return types.void(row, w, tick), generate
@@ -77,8 +80,7 @@ def _compiled() -> Any:
 
 
 def _interpreted(row: Call, w: Any, tick: int) -> None:
-    kernel, memory, table = row
-    kernel(w, memory, table, tick)
+    row[0](w, *row[1:], tick)
 
 
 call: Any = _compiled() if COMPILED else _interpreted
