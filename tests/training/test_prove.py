@@ -23,7 +23,7 @@ from rpo_core.control.fuzzy import RuleTable
 from rpo_core.files.scenario import load, load_scenario
 from rpo_core.files.validation import InputError
 from rpo_nav.navigation_errors import Navigation
-from rpo_proof import cells, check, check_sets, enclosure, flights, folder, proving, sets
+from rpo_proof import cells, check, check_sets, enclosure, flights, folder, proving, sets, slew
 from rpo_proof.cells import Prover
 from rpo_proof.claims import ranges_of
 from rpo_proof.folder import Folder
@@ -138,6 +138,29 @@ def test_divided_cells_sharpen_the_slew():
         flown = max(flown, float(np.abs(np.diff(flight.forces_n[:-1], axis=0)).max()) / 0.1)
     assert flown <= bounds[0] < bounds[1]
     assert bounds[0] < 1.25 * flown
+
+
+def test_no_tick_from_a_strip_changes_the_force_faster_than_its_bound():
+    """Of a double integrator, so that the next state is known without the prover."""
+    table = problem_of('allround', half=(100.0, 100.0, 100.0, 0.0, 0.0, 0.0)).table
+    stage, rng, ratios = load_controller('allround').stage(0.1), np.random.default_rng(5), []
+    drift = slew.Drift(0.0, -1e-3, 1e-3, 0.1, 0.1)  # of 10 kg
+    for i, j in rng.permutation(np.argwhere(table.division >= 0))[:60]:
+        r = -rng.uniform(*table.e[i : i + 2]) * table.position_m
+        v = -rng.uniform(*table.w[j : j + 2]) * table.velocity_m_s
+        half_m, half = rng.choice([1e-3, 0.05, 0.3]), rng.choice([1e-5, 1e-3, 4e-3])
+        strip = slew.Strip(r, v, half_m, rng.uniform(-0.02, 0.02), half)
+        place = r + rng.uniform(-half_m, half_m, 20)
+        speed = v + strip.tilt * (place - r) + rng.uniform(-half, half, 20)
+        forces_n = []
+        for _ in range(2):
+            states = [(x, 0.0, 0.0, y, 0.0, 0.0) for x, y in zip(place, speed, strict=True)]
+            forces_n.append(np.array([stage.step(0, state)[0][0] for state in states]))
+            after = speed + 0.1 * (rng.choice([-1e-3, 1e-3], 20) + forces_n[0] / 10.0)
+            place, speed = place + 0.05 * (speed + after), after
+        bound = slew.slew_of(table, drift, strip, -0.5, 0.5, 0.0)
+        ratios.append(np.abs(forces_n[1] - forces_n[0]).max() / 0.1 / bound)
+    assert 0.8 < max(ratios) <= 1.0
 
 
 def test_a_strip_in_parts_sharpens_the_slew():
