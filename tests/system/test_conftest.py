@@ -60,10 +60,12 @@ def skips_of(path):
         (getattr(top, 'name', ''), node) for top in tree.body for node in ast.walk(top)
     ]:
         called = ast.unparse(node.func) if isinstance(node, ast.Call) else ''
-        given = {
-            'pytest.skip': lambda call: call.args[0],
-            'pytest.mark.skipif': lambda call: call.keywords[-1].value,
-        }.get(called, lambda call: None)(node)
+        if called == 'pytest.skip':
+            given = node.args[0]
+        elif called == 'pytest.mark.skipif':
+            given = node.keywords[-1].value
+        else:
+            continue
         if isinstance(given, ast.Constant):
             yield name if name.startswith('test_') else '*', given.value
 
