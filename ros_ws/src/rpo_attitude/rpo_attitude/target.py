@@ -15,7 +15,6 @@ from math import radians, sqrt
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.chain.stage import Place, Section, Signal, Stage, register
 from rpo_core.files.codec import unless_default
@@ -24,10 +23,10 @@ from rpo_core.judge.zones import Zone
 from rpo_core.wire import interfaces
 from rpo_core.world.dynamics import CLOHESSY_WILTSHIRE
 from rpo_kernels import attitude_kernels
+from rpo_kernels.arrays import Floats
 from rpo_kernels.attitude_kernels import FRAME, Attitude, Body, Frame
 from rpo_kernels.kernels import Vector, norm, sin_cos
 
-Floats = NDArray[np.float64]
 Quaternion = tuple[float, float, float, float]
 
 TARGET_ATTITUDE = 'target_attitude'

@@ -7,16 +7,15 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rpo_attitude.target import MOST_TURN_RAD, product
 from rpo_core.chain.flight import Flight
 from rpo_core.files.scenario import Scenario
 from rpo_core.judge.zones import zones_of
 from rpo_core.wire.interfaces import CHASER_ATTITUDE
+from rpo_kernels.arrays import Floats
 from rpo_kernels.kernels import Vector, norm
-
-Floats = NDArray[np.float64]
 
 _BACK = np.array([-1.0, -1.0, -1.0, 1.0])
 """Times a quaternion: the attitude back."""

@@ -8,11 +8,13 @@ import datetime
 import time
 import uuid
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
+from operator import itemgetter
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.subscription import Subscription
 
 from rpo_core import files
 from rpo_core.chain.chain import signals_of
@@ -41,11 +43,11 @@ from rpo_ros.timeout import Timeout
 EXIT_INCOMPLETE = 1
 
 _ABORT_GRACE_S = 0.5
-_MOST_EARLY = 100_000
+_MOST_EARLY, _MOST_TAKEN = 100_000, 1000
 NEVER = 1 << 62
 MANIFEST_PATIENCE_S = 5.0
 """A controller heard for so long without a manifest is not one of ours, and has none."""
-_LOOK_S, _SAY_S = 0.02, 4.0
+_TAKE_S, _LOOK_S, _SAY_S = 0.002, 0.02, 4.0
 _ANEW_S = 2.5
 """Silence of a plant after which another one is the new one; it publishes once a second."""
 
@@ -77,6 +79,7 @@ class RecorderNode(FlightNode):
         self._recorded: dict[str, Topic] = {}
         self._end: tuple[str, int, float] | None = None
         self._heard: set[str] = set()
+        self._queues: dict[Subscription, str] = {}
         self._ready, self._running, self._anew, self._newest = False, False, False, -1
         self._reported, self._asked = 0, None
         self._timeout = Timeout()
@@ -95,6 +98,7 @@ class RecorderNode(FlightNode):
         self._announce('waiting')
         self._subscribe()
         health.publish_health(self, self._health)
+        self.every(_TAKE_S, self._take)
         self.every(_LOOK_S, self._look)
         self.every(_SAY_S, self._say_what_it_wants)
         self.every(health.PERIOD_S, self._publish_status)
@@ -117,8 +121,31 @@ class RecorderNode(FlightNode):
         self._watch = Watch(self, lambda: self._running and self._end is None)
 
     def _record_from(self, row: interfaces.Interface, topic: str) -> None:
-        take = partial(self._on_raw, self.resolve_topic_name(topic))
-        self.create_subscription(message_class(row.type), topic, take, qos.RECORDING, raw=True)
+        name, kind = self.resolve_topic_name(topic), message_class(row.type)
+        take = partial(self._on_raw, name)
+        made = self.create_subscription(kind, topic, take, qos.RECORDING, raw=True)
+        self._queues[made] = name
+
+    @property
+    def subscriptions(self) -> Iterator[Subscription]:
+        """Those whose messages the executor takes; the others wait for `_take`."""
+        return (made for made in super().subscriptions if made not in self._queues)
+
+    def _take(self) -> None:
+        """Take what waits: as events of the executor, messages cost twice as much.
+
+        They are passed on as they came: what is there before its state may be somebody else's.
+        """
+        taken: list[tuple[int, str, bytes]] = []
+        for queue, name in self._queues.items():
+            for _ in range(_MOST_TAKEN):  # anybody can publish faster than it is written
+                found = queue.handle.take_message(queue.msg_type, True)
+                if found is None:
+                    break
+                taken.append((found[1]['received_timestamp'], name, found[0]))
+        taken.sort(key=itemgetter(0))
+        for _, name, data in taken:
+            self._on_raw(name, data)
 
     def _topic(self, name: str) -> str:
         """Return where a signal is recorded: where the run has it, unless this node is remapped."""
@@ -143,8 +170,9 @@ class RecorderNode(FlightNode):
 
     def _report_progress(self, log: RunLogWriter) -> None:
         """Publish how far the log is, so that the plant does not run away, and what is asked."""
-        if log.next_tick >= self._reported + PROGRESS_TICKS or log.asks_from != self._asked:
-            self._reported, self._asked = log.next_tick, log.asks_from
+        order = log.orderer
+        if order.next_tick >= self._reported + PROGRESS_TICKS or order.asks_from != self._asked:
+            self._reported, self._asked = order.next_tick, order.asks_from
             self._announce('ready' if self._ready else 'waiting')
 
     def _on_plant_tick(self, found: PlantTick) -> None:
@@ -252,21 +280,18 @@ class RecorderNode(FlightNode):
             self._newest = log.latest
             self._timeout.broken()
         silent_s = self._timeout.look()
-        gone = not self.count_publishers(self._topic(interfaces.RELATIVE_STATE))
+        numbers = [name for name in self._expected if interfaces.CLOCK not in name]
+        publishers = {name: self.count_publishers(name) for name in numbers}
+        gone = not publishers.get(self._state_topic)
         if self._anew and silent_s > _ANEW_S:
             self._lose_plant('the plant was started anew')
         elif silent_s > self.values['plant_timeout_s'] or gone:
             self._lose_plant('the plant is gone')
         elif log.asks_from is None:
-            for name in self._contested():
+            for name in (name for name, number in publishers.items() if number > 1):
                 log.ask()
                 self.get_logger().warning(f'{name} has several publishers: the log holds what acts')
             self._report_progress(log)
-
-    def _contested(self) -> list[str]:
-        """Return the topics with a message at every tick that several nodes publish."""
-        numbers = [name for name in self._expected if interfaces.CLOCK not in name]
-        return [name for name in numbers if self.count_publishers(name) > 1]
 
     def _lose_plant(self, reason: str) -> None:
         if self._end is None:
@@ -310,9 +335,13 @@ class RecorderNode(FlightNode):
         )
         self._recorded = {self._topic(row.name): Topic(self._topic(row.name), row) for row in due}
         self._expected = list(self._recorded)
+        self._state_topic = self._topic(interfaces.RELATIVE_STATE)
         for topic in self._recorded.values():
             if topic.name != self.resolve_topic_name(topic.row.topic):
                 self._record_from(topic.row, topic.name)
+        # States are taken last, so that none is missing whose answers are there.
+        own = self._state_topic
+        self._queues = dict(sorted(self._queues.items(), key=lambda queue: queue[1] == own))
         for row in self._events:
             if not row.beside or self._topic(row.beside) in self._expected:
                 name = self.resolve_topic_name(row.topic)
@@ -343,6 +372,7 @@ class RecorderNode(FlightNode):
     def _finish(self) -> None:
         if self.log is None or self.done:
             return
+        self._take()
         for name, data in self._manifests.remaps(self._recorded.values()).items():
             self.log.attach(name, data)
         summary = self.log.close()

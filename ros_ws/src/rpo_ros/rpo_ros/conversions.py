@@ -113,4 +113,4 @@ def packed_status(name: str, message: str, values: Iterable[tuple[str, object]])
 
 def texts_of(values: Iterable[tuple[str, object]]) -> tuple[tuple[str, str], ...]:
     """Return keys and values as texts, floats by repr so that no digit is lost."""
-    return tuple((k, v if isinstance(v, str) else repr(v)) for k, v in values)
+    return tuple([(k, v if isinstance(v, str) else repr(v)) for k, v in values])

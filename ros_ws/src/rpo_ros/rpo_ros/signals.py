@@ -11,7 +11,7 @@ interfaces knows the place of each number in the bytes.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from functools import cache, lru_cache, partial
+from functools import cache, lru_cache
 from importlib import import_module
 from typing import Any
 
@@ -93,8 +93,15 @@ def listen(
     row = interfaces.row_of(name)
     width = len(row.columns)
     width += len(interfaces.row_of(row.rider).columns) if with_rider and row.rider else 0
-    on_message = partial(_on_message, row.layout.use, width, take, ignore)
-    kind = message_class(row.type)
+    use, kind = row.layout.use, message_class(row.type)
+
+    def on_message(data: bytes) -> None:
+        fault, stamp_ns, values = use(data)
+        if fault:
+            ignore(fault)
+        else:
+            take(stamp_ns, values if len(values) == width else values[:width])
+
     return node.create_subscription(kind, row.topic, on_message, qos.IN_LOOP, raw=True)
 
 
@@ -117,17 +124,3 @@ def hear(
         take(read(data))
 
     return node.create_subscription(DiagnosticStatus, reader.topic, on_status, profile, raw=True)
-
-
-def _on_message(
-    use: Callable[[bytes], tuple[str, int, Signal]],
-    width: int,
-    take: Taker,
-    ignore: Callable[[str], Any],
-    data: bytes,
-) -> None:
-    fault, stamp_ns, values = use(data)
-    if fault:
-        ignore(fault)
-    else:
-        take(stamp_ns, values if len(values) == width else values[:width])

@@ -18,7 +18,8 @@ class LockstepPlant(Plant):
     @property
     def missing(self) -> list[str]:
         """The missing answers to the current state."""
-        return [name for name in self.expected if name not in self.answers]
+        answers = self.answers
+        return [name for name in self.expected if name not in answers]
 
     @property
     def finished(self) -> bool:

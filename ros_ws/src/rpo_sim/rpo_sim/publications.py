@@ -37,7 +37,7 @@ class Publications:
         """Publish a state, and then its time on /clock, for which no node waits."""
         self._state.publish_of(stamp_ns, signals)
         if self._clock is not None:
-            self._clock.publish(cdr.encode_clock(stamp_ns))
+            self._clock.handle.publish_raw(cdr.encode_clock(stamp_ns))  # as an Outlet does
 
     def made(self, stamp_ns: int, signals: Signals) -> Signals:
         """Publish those of some signals that are outputs of the plant; return what they say."""

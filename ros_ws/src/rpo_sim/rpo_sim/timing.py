@@ -65,8 +65,7 @@ class Latency:
     def sent(self, tick: int, now_s: float) -> None:
         """Note when the state of a tick was sent first."""
         self._sent.setdefault(tick, now_s)
-        if len(self._sent) > _SENT:
-            del self._sent[next(iter(self._sent))]
+        self._sent.pop(tick - _SENT, None)
 
     def received(self, tick: int | None, now_s: float) -> None:
         """Take the answer to the state of a tick."""

@@ -16,9 +16,9 @@ from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.chain.stage import ZERO
+from rpo_kernels.arrays import Floats
 from rpo_kernels.jit import as_table, kernel
 from rpo_kernels.kernels import Vector
 from rpo_thrusters.allocation_kernels import (
@@ -34,8 +34,6 @@ from rpo_thrusters.allocation_kernels import (
     start,
 )
 from rpo_thrusters.table import IDENTITY, ThrusterTable, at_rest, table_of
-
-Floats = NDArray[np.float64]
 
 FULL, PARTIAL, NONE = LEFT = ('full', 'partial', 'none')
 

@@ -16,7 +16,6 @@ from itertools import chain, permutations, product
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.chain.stage import ZERO
 from rpo_core.files.codec import unless_default
@@ -30,6 +29,7 @@ from rpo_core.files.validation import (
     text,
     vector3,
 )
+from rpo_kernels.arrays import Floats
 from rpo_kernels.jit import as_table
 from rpo_kernels.kernels import Vector
 from rpo_kernels.pulse_kernels import OFF, ON
@@ -45,8 +45,6 @@ from rpo_thrusters.allocation_kernels import (
     SCRATCH,
     Table,
 )
-
-Floats = NDArray[np.float64]
 
 PULSE_WIDTH, SIGMA_DELTA = MODULATIONS = ('pulse_width', 'sigma_delta')
 FACES_6, PAIRS_12, QUADS_16, CORNERS_24 = PRESETS = (

@@ -34,6 +34,7 @@ from rpo_core.files.validation import (
 from rpo_core.wire import interfaces
 from rpo_core.world import cw
 from rpo_kernels import kernels, pulse_kernels
+from rpo_kernels.arrays import Floats
 from rpo_kernels.jit import as_table
 from rpo_kernels.kernels import Vector
 from rpo_kernels.pulse_kernels import DELTA_V, OFF, ON, OPENINGS, SPENT, Tank, Valves
@@ -49,8 +50,6 @@ from rpo_thrusters.table import (
     seconds,
     table_of,
 )
-
-Floats = NDArray[np.float64]
 
 MAX_DELAY_TICKS = 1000
 MAX_GAIN = 10.0

@@ -176,8 +176,7 @@ class Chain:
             signals.setdefault(name, ZERO)
         for _, stage, reads in self.links:
             made = stage.step(tick, *[signals[name] for name in reads])
-            for name, values in zip(stage.outputs, made, strict=True):
-                signals[name] = values
+            signals.update(zip(stage.outputs, made, strict=True))
         for name in self._carried:
             if name in signals:
                 signals[interfaces.previous(name)] = signals[name]

@@ -10,7 +10,6 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.chain.chain import Chain, Signals, start_of
 from rpo_core.chain.stage import Place, Signal, Stage, sections
@@ -30,8 +29,7 @@ from rpo_core.wire.interfaces import (
     UNLOADING_TORQUE,
     row_of,
 )
-
-Floats = NDArray[np.float64]
+from rpo_kernels.arrays import Floats
 
 _TAKEN = (DUE_FORCE, SATURATED_FORCE)
 """Commands that the thrusters have taken."""

@@ -11,18 +11,16 @@ from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.files import codec
 from rpo_core.files.validation import InputError, check_fields, real, shown, store, vector3, whole
+from rpo_kernels.arrays import Floats
 from rpo_kernels.kernels import Vector
 from rpo_kernels.noise import philox
 
 MAX_POSITION_M = 100_000.0
 MAX_POSITIONS = 100
 """Positions per axis: a million starts."""
-
-Floats = NDArray[np.float64]
 
 
 def positions(name: str, value: Any) -> tuple[float, ...]:

@@ -14,18 +14,16 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.chain.flight import Flight
 from rpo_core.judge import contact, metrics
 from rpo_core.judge.requirements import ATTITUDES, ROWS, THRUST, Requirements
 from rpo_core.judge.zones import zones_of
 from rpo_core.wire.interfaces import ALIGNED, CHASER_ATTITUDE
+from rpo_kernels.arrays import Floats
 from rpo_kernels.attitude_kernels import synchronised
 from rpo_kernels.jit import as_table
 from rpo_kernels.pointing_kernels import contact_turn
-
-Floats = NDArray[np.float64]
 
 HOLDS, MISSED, NOT_JUDGED = 'holds', 'MISSED', 'not flown'
 

@@ -17,17 +17,15 @@ from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.chain.stage import section_of
 from rpo_core.files.starts import MAX_POSITION_M
 from rpo_core.files.validation import InputError, check_fields, real, vector3
+from rpo_kernels.arrays import Floats
 from rpo_kernels.jit import kernel
 from rpo_kernels.kernels import Vector, norm, sin_cos
 
 Point = tuple[float, ...]
-Floats = NDArray[np.float64]
-
 SECTION = 'zones'
 
 SHORTEST_AXIS = 1e-6

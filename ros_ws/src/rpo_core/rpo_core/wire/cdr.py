@@ -56,6 +56,7 @@ FIELDS = {
 
 _NS = 1_000_000_000
 _LENGTH = struct.Struct('<I')
+_GAPS = tuple(map(bytes, range(4)))
 _IDENTITY_POSE = (0.0, 0.0, 0.0, 1.0) + (0.0,) * 36
 _NO_ROTATION = (0.0,) * 39
 
@@ -141,17 +142,24 @@ def encode_status(
 
 def _field(text: str) -> bytes:
     """Return a string and the gap after it."""
-    string = _string(text)
-    return string + bytes(-len(string) % 4)
+    data = text.encode()
+    return _LENGTH.pack(len(data) + 1) + data + bytes(4 - len(data) % 4)
+
+
+_key = lru_cache(maxsize=512)(_field)
+"""The same, of a text that comes again and again."""
 
 
 def _put_status(buffer: bytearray, status: Status) -> None:
     buffer.append(status.level)
     _pad(buffer, 4)
-    buffer += b''.join(map(_field, (status.name, status.message, status.hardware_id)))
-    buffer += _LENGTH.pack(len(status.values))
-    texts = [part for pair in status.values for part in pair]
-    buffer += b''.join((*map(_field, texts[:-1]), *map(_string, texts[-1:])))
+    parts = [_key(status.name), _field(status.message), _key(status.hardware_id)]
+    parts.append(_LENGTH.pack(len(status.values)))
+    for key, value in status.values:
+        parts += _key(key), _field(value)
+    if status.values:
+        parts[-1] = _string(status.values[-1][1])
+    buffer += b''.join(parts)
 
 
 def encode_array(stamp_ns: int, frame_id: str, statuses: Sequence[Status]) -> bytes:
@@ -195,19 +203,26 @@ class _Cursor:
         seconds, nanoseconds = self.unpack(STAMP)
         return int(seconds) * _NS + int(nanoseconds)
 
-    def string(self) -> str:
-        data, gap = self.data, -self.at % 4  # the header has 4 bytes
-        if gap:
-            self.align(4)
-        start = self.at + 4
-        length = int.from_bytes(data[self.at : start], 'little')
-        self.at = start + length
-        if data[self.at - 1 : self.at] != b'\x00' or not length:
-            raise CdrError(f'must hold a string of {length} bytes at {start}, the last one 0')
-        try:
-            return data[start : self.at - 1].decode()
-        except UnicodeDecodeError:
-            raise CdrError(f'must hold UTF-8 text at {start}') from None
+    def strings(self, count: int) -> list[str]:
+        data, at, found = self.data, self.at, []
+        size = len(data)
+        for _ in range(count):
+            gap = -at % 4  # the header has 4 bytes
+            if gap:
+                if data[at : at + gap] != _GAPS[gap]:
+                    self.clear = False
+                at += gap
+            start = at + 4
+            (length,) = _LENGTH.unpack_from(data, at) if start <= size else (0,)
+            at = start + length
+            if not length or at > size or data[at - 1]:
+                raise CdrError(f'must hold a string of {length} bytes at {start}, the last one 0')
+            try:
+                found.append(data[start : at - 1].decode())
+            except UnicodeDecodeError:
+                raise CdrError(f'must hold UTF-8 text at {start}') from None
+        self.at = at
+        return found
 
     def count(self) -> int:
         """Return the length of a sequence whose elements take at least a byte each."""
@@ -220,13 +235,14 @@ class _Cursor:
         if self.at >= len(self.data):
             raise CdrError('must hold a level; got no more bytes')
         level, self.at = self.data[self.at], self.at + 1
-        name, message, hardware_id = self.string(), self.string(), self.string()
-        values = tuple((self.string(), self.string()) for _ in range(self.count()))
+        name, message, hardware_id = self.strings(3)
+        texts = self.strings(2 * self.count())
+        values = tuple(zip(texts[::2], texts[1::2], strict=True))
         return Status(level, name, message, hardware_id, values)
 
     def array(self) -> tuple[int, str, tuple[Status, ...]]:
         """Return stamp, frame and statuses of a whole DiagnosticArray."""
-        stamp, frame_id = self.stamp(), self.string()
+        stamp, (frame_id,) = self.stamp(), self.strings(1)
         statuses = tuple(self.status() for _ in range(self.count()))
         self.end(spare=3)
         return stamp, frame_id, statuses
@@ -245,7 +261,7 @@ def decode_stamped(type_name: str, data: bytes) -> Stamped:
     """Return a message of a type of `FIELDS`; raises CdrError."""
     texts, floats = FIELDS[type_name]
     cursor = _Cursor(data)
-    stamp, found = cursor.stamp(), tuple(cursor.string() for _ in texts)
+    stamp, found = cursor.stamp(), tuple(cursor.strings(len(texts)))
     cursor.align(8 if floats else 1)
     numbers = cursor.unpack(struct.Struct(f'<{len(floats)}d'))
     cursor.end()
@@ -294,9 +310,9 @@ def _cleared(texts: bytes, strings: int) -> bytes:
     cursor = _Cursor(HEADER + bytes(8) + texts)
     cursor.stamp()
     buffer = bytearray(HEADER + bytes(8))
-    for _ in range(strings):
+    for text in cursor.strings(strings):
         _pad(buffer, 4)
-        buffer += _string(cursor.string())
+        buffer += _string(text)
     _pad(buffer, 8)
     if len(buffer) != 12 + len(texts):
         raise CdrError(f'must have {len(buffer) - 12} bytes of text; got {len(texts)}')

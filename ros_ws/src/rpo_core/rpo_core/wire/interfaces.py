@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import chain
 from typing import Any
 
@@ -34,53 +35,11 @@ FORCE_TYPE = cdr.WRENCH
 STATUS_TYPE = 'diagnostic_msgs/msg/DiagnosticStatus'
 ARRAY_TYPE = 'diagnostic_msgs/msg/DiagnosticArray'
 
-CLOCK = 'clock'
-RELATIVE_STATE = 'relative_state'
-NAVIGATION_STATE = 'navigation_state'
-NAVIGATION_COVARIANCE = 'navigation_covariance'
-ESTIMATED_DISTURBANCE = 'estimated_disturbance'
-REFERENCE_STATE = 'reference_state'
-REFERENCE_FORCE = 'reference_force'
-CONTROL_FORCE = 'control_force'
-DISTURBANCE_FORCE = 'disturbance_force'
-DUE_FORCE = 'due_force'
-SATURATED_FORCE = 'saturated_force'
-THRUST_FORCE = 'thrust_force'
-EXERTED_FORCE = 'exerted_force'
-EXERTED_TORQUE = 'exerted_torque'
-CHASER_MASS = 'chaser_mass'
-CHASER_ATTITUDE = 'chaser_attitude'
-ATTITUDE_MEASUREMENT = 'attitude_measurement'
-NAVIGATION_ATTITUDE = 'navigation_attitude'
-ATTITUDE_COVARIANCE = 'attitude_covariance'
-REFERENCE_ATTITUDE = 'reference_attitude'
-BODY_FORCE = 'body_force'
-BODY_TORQUE = 'body_torque'
-WHEEL_MOMENTUM = 'wheel_momentum'
-UNLOADING_TORQUE = 'unloading_torque'
-THRUST_SHIFT = 'thrust_shift'
-APPLIED_FORCE = 'applied_force'
-APPLIED_DISTURBANCE = 'applied_disturbance'
-APPLIED_BODY_FORCE = 'applied_body_force'
-APPLIED_TORQUE = 'applied_torque'
-STAGE_STATUS = 'stage_status'
-GUIDANCE_STATUS = 'guidance_status'
-RUN_STATUS = 'run_status'
-DECISION = 'decision'
-NODE_MANIFEST = 'node_manifest'
-RECORDER_STATUS = 'recorder_status'
-PLANT_TICK = 'plant_tick'
-HEARTBEAT = 'heartbeat'
-DIAGNOSTICS = 'diagnostics'
-
 STATE, COMMAND, THRUST, DISTURBANCE = 'state', 'command', 'thrust', 'disturbance'
 ATTITUDE = 'attitude'
 """What a signal carries: a relative state; a force commanded, on its way to the thrusters; the
 force that thrusters exert; a force from outside; the attitude of the chaser. A stage that reads one
 of these gets the last signal made before it."""
-
-NEXT = (RELATIVE_STATE, CHASER_ATTITUDE)
-"""The truth: signals that a tick makes for the next one."""
 
 PREVIOUS_COMMAND = 'command of the tick before'
 """What a stage before the controller may read: the last command, made one tick ago; zero at tick 0.
@@ -259,16 +218,16 @@ class Decimation:
 
     rate_hz: float
 
-    def period(self, stamp_ns: int) -> int:
-        """Return the number of the period that a stamp is in."""
-        length_ns = max(1, round(1_000_000_000 / self.rate_hz)) if self.rate_hz else 0
-        return stamp_ns // length_ns if length_ns else 0
+    @cached_property
+    def length_ns(self) -> int:
+        """Length of a period; the rate is not 0."""
+        return max(1, round(1_000_000_000 / self.rate_hz))
 
     def due(self, stamp_ns: int, before_ns: int | None) -> bool:
         """Return whether a stamp is the first of its period, given the one before it."""
         if not self.rate_hz:
             return False
-        return before_ns is None or self.period(stamp_ns) != self.period(before_ns)
+        return before_ns is None or stamp_ns // self.length_ns != before_ns // self.length_ns
 
 
 _TABLE: dict[str, Interface] = {}
@@ -338,100 +297,101 @@ def rows(*, logged: bool | None = None) -> tuple[Interface, ...]:
     return tuple(r for r in table().values() if r.type and logged in (None, r.logged))
 
 
+def _row(name: str, kind: str, meaning: str, *more: Any, **others: Any) -> str:
+    """Add a row; return its name."""
+    return add(Interface(name, kind, meaning, *more, **others)).name
+
+
 # fmt: off
-for _row in (
-    Interface(CLOCK, CLOCK_TYPE,
-              'simulated time, for others; no control depends on it', due=TRUTH),
-    Interface(RELATIVE_STATE, STATE_TYPE,
-              'true state of the chaser, target LVLH, stamp of its tick', STATE, TRUTH,
-              rider=CHASER_ATTITUDE),
-    Interface(CHASER_ATTITUDE, '',
-              'true attitude in relative_state, where the chaser has one: its axes to target LVLH; '
-              'rate in its axes, against inertial space', ATTITUDE, TRUTH,
-              logged=False, attitude=True, rides=RELATIVE_STATE),
-    Interface(ATTITUDE_MEASUREMENT, STATE_TYPE,
-              'attitude as a star tracker finds it, 0, 0, 0, 0 where it does not; rate of a gyro',
-              attitude=True),
-    Interface(NAVIGATION_ATTITUDE, STATE_TYPE,
-              'attitude and rate of the chaser as navigation finds them', ATTITUDE, attitude=True,
-              rider=ATTITUDE_COVARIANCE),
-    Interface(ATTITUDE_COVARIANCE, '',
-              'covariance of the angles in navigation_attitude, axes of the chaser [rad^2]',
-              logged=False, rides=NAVIGATION_ATTITUDE),
-    Interface(NAVIGATION_STATE, STATE_TYPE,
-              'state as navigation finds it, where the scenario has errors of it', STATE,
-              rider=NAVIGATION_COVARIANCE),
-    Interface(NAVIGATION_COVARIANCE, '',
-              'covariances of position and velocity in navigation_state, where it is estimated',
-              logged=False, rides=NAVIGATION_STATE),
-    Interface(ESTIMATED_DISTURBANCE, FORCE_TYPE,
-              'disturbance as the estimator finds it, target LVLH, where it does'),
-    Interface(REFERENCE_STATE, STATE_TYPE,
-              'state that the controller shall follow, where the scenario has guidance'),
-    Interface(REFERENCE_FORCE, FORCE_TYPE,
-              'force that a chaser on the reference needs, target LVLH'),
-    Interface(REFERENCE_ATTITUDE, STATE_TYPE,
-              'attitude and rate that the chaser shall have', attitude=True),
-    Interface(CONTROL_FORCE, FORCE_TYPE,
-              'commanded force, target LVLH, stamp of the state it answers', COMMAND),
-    Interface(DISTURBANCE_FORCE, FORCE_TYPE,
-              'disturbance, target LVLH, stamp of the state it answers', DISTURBANCE),
-    Interface(BODY_FORCE, FORCE_TYPE,
-              'commanded force in the axes of the chaser, where it has an attitude', COMMAND,
-              frame=CHASER_FRAME, rider=BODY_TORQUE),
-    Interface(BODY_TORQUE, '', 'commanded torque in body_force [N m]',
-              logged=False, rides=BODY_FORCE),
-    Interface(APPLIED_FORCE, FORCE_TYPE,
-              'command that acts, saturated (free running)', COMMAND, TRUTH),
-    Interface(APPLIED_DISTURBANCE, FORCE_TYPE,
-              'disturbance that acts (free running)', DISTURBANCE, TRUTH),
-    Interface(APPLIED_BODY_FORCE, FORCE_TYPE,
-              'the same of body_force, axes of the chaser (free running)', COMMAND, TRUTH,
-              frame=CHASER_FRAME, rider=APPLIED_TORQUE),
-    Interface(APPLIED_TORQUE, '', 'torque in applied_body_force [N m]',
-              logged=False, rides=APPLIED_BODY_FORCE),
-    Interface(DUE_FORCE, '',
-              'command that is due at the thrusters, late where they are', logged=False),
-    Interface(SATURATED_FORCE, '', 'the same, saturated', logged=False),
-    Interface(THRUST_FORCE, '', 'force that the thrusters exert', THRUST, logged=False),
-    Interface(EXERTED_FORCE, FORCE_TYPE,
-              'force that thrusters exert, where they fire or turn, mean of a tick, target LVLH',
-              THRUST, TRUTH, rider=EXERTED_TORQUE),
-    Interface(EXERTED_TORQUE, '',
-              'torque in exerted_force that a table of thrusters gives, mean of a tick [N m]',
-              logged=False, rides=EXERTED_FORCE),
-    Interface(WHEEL_MOMENTUM, '', 'momentum of the wheels, axes of the chaser [N m s]',
-              logged=False),
-    Interface(UNLOADING_TORQUE, '', 'torque of the thrusters that empties the wheels [N m]',
-              logged=False),
-    Interface(THRUST_SHIFT, '', 'state x mass that a force gives by turning [N s^2], [N s]',
-              logged=False, numbers=6),
-    Interface(CHASER_MASS, '', 'mass of the chaser in the middle of a tick [kg], where it falls',
-              logged=False, numbers=1),
-    Interface(STAGE_STATUS, STATUS_TYPE,
-              'a stage that was switched off or on in flight, and from which tick',
-              due=EVENT, qos=LATCHED),
-    Interface(GUIDANCE_STATUS, STATUS_TYPE,
-              'phase of the plan that begins, its first tick and why',
-              due=EVENT, logged=False, qos=LATCHED),
-    Interface(RUN_STATUS, STATUS_TYPE,
-              'waiting, running, paused, finished or aborted; reason and metrics',
-              due=EVENT, qos=LATCHED),
-    Interface(DECISION, ARRAY_TYPE,
-              'why the controller commands: per axis a sentence, grades and strengths',
-              due=EVENT, logged=False),
-    Interface(NODE_MANIFEST, STATUS_TYPE,
-              'files and parameters that shape the flight, for the log',
-              due=EVENT, logged=False, qos=LATCHED),
-    Interface(RECORDER_STATUS, STATUS_TYPE, 'waiting, ready, closed or failed',
-              due=EVENT, logged=False, qos=LATCHED),
-    Interface(PLANT_TICK, STATUS_TYPE,
-              'what the plant published and took at a tick, from where a recorder asks',
-              due=EVENT, logged=False, qos=Qos(depth=2 * REMEMBERED_TICKS)),
-    Interface(HEARTBEAT, STATUS_TYPE, 'sign of life of a node of the loop, 5 a second of wall time',
-              due=EVENT, logged=False, qos=Qos(depth=16)),
-    Interface(DIAGNOSTICS, ARRAY_TYPE, 'health, once a second of wall time',
-              due=EVENT, logged=False, qos=Qos(depth=10)),
-):
-    add(_row)
+CLOCK = _row('clock', CLOCK_TYPE, 'simulated time, for others; no control depends on it', due=TRUTH)
+RELATIVE_STATE = _row('relative_state', STATE_TYPE,
+    'true state of the chaser, target LVLH, stamp of its tick',
+    STATE, TRUTH, rider='chaser_attitude')
+CHASER_ATTITUDE = _row('chaser_attitude', '',
+    'true attitude in relative_state, where the chaser has one: its axes to target LVLH; rate in '
+    'its axes, against inertial space',
+    ATTITUDE, TRUTH, logged=False, attitude=True, rides='relative_state')
+ATTITUDE_MEASUREMENT = _row('attitude_measurement', STATE_TYPE,
+    'attitude as a star tracker finds it, 0, 0, 0, 0 where it does not; rate of a gyro',
+    attitude=True)
+NAVIGATION_ATTITUDE = _row('navigation_attitude', STATE_TYPE,
+    'attitude and rate of the chaser as navigation finds them',
+    ATTITUDE, attitude=True, rider='attitude_covariance')
+ATTITUDE_COVARIANCE = _row('attitude_covariance', '',
+    'covariance of the angles in navigation_attitude, axes of the chaser [rad^2]',
+    logged=False, rides='navigation_attitude')
+NAVIGATION_STATE = _row('navigation_state', STATE_TYPE,
+    'state as navigation finds it, where the scenario has errors of it',
+    STATE, rider='navigation_covariance')
+NAVIGATION_COVARIANCE = _row('navigation_covariance', '',
+    'covariances of position and velocity in navigation_state, where it is estimated',
+    logged=False, rides='navigation_state')
+ESTIMATED_DISTURBANCE = _row('estimated_disturbance', FORCE_TYPE,
+    'disturbance as the estimator finds it, target LVLH, where it does')
+REFERENCE_STATE = _row('reference_state', STATE_TYPE,
+    'state that the controller shall follow, where the scenario has guidance')
+REFERENCE_FORCE = _row('reference_force', FORCE_TYPE,
+    'force that a chaser on the reference needs, target LVLH')
+REFERENCE_ATTITUDE = _row('reference_attitude', STATE_TYPE,
+    'attitude and rate that the chaser shall have', attitude=True)
+CONTROL_FORCE = _row('control_force', FORCE_TYPE,
+    'commanded force, target LVLH, stamp of the state it answers', COMMAND)
+DISTURBANCE_FORCE = _row('disturbance_force', FORCE_TYPE,
+    'disturbance, target LVLH, stamp of the state it answers', DISTURBANCE)
+BODY_FORCE = _row('body_force', FORCE_TYPE,
+    'commanded force in the axes of the chaser, where it has an attitude',
+    COMMAND, frame=CHASER_FRAME, rider='body_torque')
+BODY_TORQUE = _row('body_torque', '',
+    'commanded torque in body_force [N m]', logged=False, rides='body_force')
+APPLIED_FORCE = _row('applied_force', FORCE_TYPE,
+    'command that acts, saturated (free running)', COMMAND, TRUTH)
+APPLIED_DISTURBANCE = _row('applied_disturbance', FORCE_TYPE,
+    'disturbance that acts (free running)', DISTURBANCE, TRUTH)
+APPLIED_BODY_FORCE = _row('applied_body_force', FORCE_TYPE,
+    'the same of body_force, axes of the chaser (free running)',
+    COMMAND, TRUTH, frame=CHASER_FRAME, rider='applied_torque')
+APPLIED_TORQUE = _row('applied_torque', '',
+    'torque in applied_body_force [N m]', logged=False, rides='applied_body_force')
+DUE_FORCE = _row('due_force', '',
+    'command that is due at the thrusters, late where they are', logged=False)
+SATURATED_FORCE = _row('saturated_force', '', 'the same, saturated', logged=False)
+THRUST_FORCE = _row('thrust_force', '', 'force that the thrusters exert', THRUST, logged=False)
+EXERTED_FORCE = _row('exerted_force', FORCE_TYPE,
+    'force that thrusters exert, where they fire or turn, mean of a tick, target LVLH',
+    THRUST, TRUTH, rider='exerted_torque')
+EXERTED_TORQUE = _row('exerted_torque', '',
+    'torque in exerted_force that a table of thrusters gives, mean of a tick [N m]',
+    logged=False, rides='exerted_force')
+WHEEL_MOMENTUM = _row('wheel_momentum', '',
+    'momentum of the wheels, axes of the chaser [N m s]', logged=False)
+UNLOADING_TORQUE = _row('unloading_torque', '',
+    'torque of the thrusters that empties the wheels [N m]', logged=False)
+THRUST_SHIFT = _row('thrust_shift', '',
+    'state x mass that a force gives by turning [N s^2], [N s]', logged=False, numbers=6)
+CHASER_MASS = _row('chaser_mass', '',
+    'mass of the chaser in the middle of a tick [kg], where it falls', logged=False, numbers=1)
+STAGE_STATUS = _row('stage_status', STATUS_TYPE,
+    'a stage that was switched off or on in flight, and from which tick', due=EVENT, qos=LATCHED)
+GUIDANCE_STATUS = _row('guidance_status', STATUS_TYPE,
+    'phase of the plan that begins, its first tick and why', due=EVENT, logged=False, qos=LATCHED)
+RUN_STATUS = _row('run_status', STATUS_TYPE,
+    'waiting, running, paused, finished or aborted; reason and metrics', due=EVENT, qos=LATCHED)
+DECISION = _row('decision', ARRAY_TYPE,
+    'why the controller commands: per axis a sentence, grades and strengths',
+    due=EVENT, logged=False)
+NODE_MANIFEST = _row('node_manifest', STATUS_TYPE,
+    'files and parameters that shape the flight, for the log', due=EVENT, logged=False, qos=LATCHED)
+RECORDER_STATUS = _row('recorder_status', STATUS_TYPE,
+    'waiting, ready, closed or failed', due=EVENT, logged=False, qos=LATCHED)
+PLANT_TICK = _row('plant_tick', STATUS_TYPE,
+    'what the plant published and took at a tick, from where a recorder asks',
+    due=EVENT, logged=False, qos=Qos(depth=2 * REMEMBERED_TICKS))
+HEARTBEAT = _row('heartbeat', STATUS_TYPE,
+    'sign of life of a node of the loop, 5 a second of wall time',
+    due=EVENT, logged=False, qos=Qos(depth=16))
+DIAGNOSTICS = _row('diagnostics', ARRAY_TYPE,
+    'health, once a second of wall time', due=EVENT, logged=False, qos=Qos(depth=10))
 # fmt: on
+
+NEXT = (RELATIVE_STATE, CHASER_ATTITUDE)
+"""The truth: signals that a tick makes for the next one."""

@@ -12,8 +12,8 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
-from typing import Any, ClassVar, NamedTuple, Protocol
+from dataclasses import dataclass, field, fields
+from typing import Any, ClassVar, NamedTuple, TypeVar, cast
 
 from rpo_core.files.validation import InputError, choice, printable, quoted, shown, text
 from rpo_core.wire import interfaces
@@ -170,15 +170,25 @@ class Contract:
         return found
 
 
-class Reader(Protocol):
+Said = TypeVar('Said', bound='Reader')
+
+
+class Reader:
     """What one kind of status says; `topic` carries it."""
 
     topic: ClassVar[str]
     contract: ClassVar[Contract]
 
     @classmethod
-    def of(cls, status: Status) -> Reader:
-        """Return what a status says; raises InputError."""
+    def of(cls: type[Said], status: Status) -> Said:
+        """Return what a status says: its `node`, what it `says`, its values; raises InputError."""
+        found, kind = cls.contract.read(status), cast(Any, cls)
+        names = [f.name for f in fields(kind)]
+        if 'node' in names:
+            found['node'] = text('name', status.name)
+        if 'says' in names:
+            found['says'] = status.message
+        return cast(Said, kind(**{name: found[name] for name in names if name in found}))
 
 
 _PHASES = _one_of(*LEVELS)
@@ -186,7 +196,7 @@ _ANY_TICK = Key('tick', TICK, 'first tick that it holds for')
 
 
 @dataclass(frozen=True)
-class RunStatus:
+class RunStatus(Reader):
     """What a plant says of its run; the message is the reason of the phase."""
 
     topic: ClassVar[str] = interfaces.RUN_STATUS
@@ -242,7 +252,7 @@ class RunStatus:
 
 
 @dataclass(frozen=True)
-class StageStatus:
+class StageStatus(Reader):
     """What a node says of a stage, from `tick` on."""
 
     topic: ClassVar[str] = interfaces.STAGE_STATUS
@@ -266,15 +276,9 @@ class StageStatus:
     tick: int
     reason: str
 
-    @classmethod
-    def of(cls, status: Status) -> StageStatus:
-        """Return what a status says; raises InputError."""
-        found = cls.contract.read(status)
-        return cls(text('name', status.name), **found)
-
 
 @dataclass(frozen=True)
-class GuidanceStatus:
+class GuidanceStatus(Reader):
     """A phase of the plan, from `tick` on."""
 
     topic: ClassVar[str] = interfaces.GUIDANCE_STATUS
@@ -292,14 +296,9 @@ class GuidanceStatus:
     tick: int
     reason: str
 
-    @classmethod
-    def of(cls, status: Status) -> GuidanceStatus:
-        """Return what a status says; raises InputError."""
-        return cls(**cls.contract.read(status))
-
 
 @dataclass(frozen=True)
-class AssuranceStatus:
+class AssuranceStatus(Reader):
     """An intervention of runtime assurance, from `tick` on."""
 
     topic: ClassVar[str] = 'assurance_status'
@@ -327,15 +326,9 @@ class AssuranceStatus:
     margin_m: float
     margin_m_s: float
 
-    @classmethod
-    def of(cls, status: Status) -> AssuranceStatus:
-        """Return what a status says; raises InputError."""
-        found = cls.contract.read(status)
-        return cls(**{name: value for name, value in found.items() if '_n.' not in name})
-
 
 @dataclass(frozen=True)
-class RecorderStatus:
+class RecorderStatus(Reader):
     """What a recorder says of itself; `says` is the message."""
 
     topic: ClassVar[str] = interfaces.RECORDER_STATUS
@@ -364,14 +357,9 @@ class RecorderStatus:
     next_tick: int | None = None
     asks_from: int | None = None
 
-    @classmethod
-    def of(cls, status: Status) -> RecorderStatus:
-        """Return what a status says; raises InputError."""
-        return cls(says=status.message, **cls.contract.read(status))
-
 
 @dataclass(frozen=True)
-class PlantTick:
+class PlantTick(Reader):
     """What a plant published and took at a tick: `taken`, by signal."""
 
     topic: ClassVar[str] = interfaces.PLANT_TICK
@@ -416,7 +404,7 @@ _OF_MANIFEST = ('parameter.', 'file.', 'publishes.', 'hears.')
 
 
 @dataclass(frozen=True)
-class Manifest:
+class Manifest(Reader):
     """Files and parameters of a node: `values`, by key."""
 
     topic: ClassVar[str] = interfaces.NODE_MANIFEST
@@ -461,7 +449,7 @@ ALIVE, GONE = 'alive', 'gone'
 
 
 @dataclass(frozen=True)
-class Heartbeat:
+class Heartbeat(Reader):
     """Sign of life of a node; `says` is the message."""
 
     topic: ClassVar[str] = interfaces.HEARTBEAT
@@ -477,12 +465,6 @@ class Heartbeat:
     node: str
     stages: str
     says: str
-
-    @classmethod
-    def of(cls, status: Status) -> Heartbeat:
-        """Return what a status says; raises InputError."""
-        found = cls.contract.read(status)
-        return cls(text('name', status.name), found['stages'], status.message)
 
 
 READERS: Mapping[str, type[Reader]] = {

@@ -31,11 +31,10 @@ from rpo_core.wire.interfaces import (
 )
 from rpo_core.world import cw
 from rpo_kernels import kernels, orbit_kernels
+from rpo_kernels.arrays import Floats
 from rpo_kernels.jit import as_table
 from rpo_kernels.kernels import State, sin_cos
 from rpo_kernels.orbit_kernels import Environment
-
-Floats = NDArray[np.float64]
 
 CLOHESSY_WILTSHIRE, LINEAR_ELLIPTIC, TWO_BODY = KINDS = (
     'clohessy_wiltshire',

@@ -205,8 +205,8 @@ def _write(found: FileRepair, draft: Path, name: str) -> None:
                 channels = _add_channels(found, file) if channels is None else channels
                 for message in record:
                     if message.channel in channels:
-                        number = channels[message.channel]
-                        file.add_message(number, message.log_ns, message.sequence, message.data)
+                        pair = channels[message.channel], message.data
+                        file.add_messages(message.log_ns, message.sequence, [pair])
                 file.close_chunk()
             elif isinstance(record, Metadata):
                 if record.name != rosbag2.RECORD or open_record:

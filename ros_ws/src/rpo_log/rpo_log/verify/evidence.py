@@ -92,10 +92,18 @@ class Evidence:
         self._read: dict[str, str] = {}  # digests of the files that were read, by name
         self._found = Verification(reader.path, 0, None, ())
 
-    def of_log(self, statuses: Statuses, free: bool, foreign: bool = False) -> None:
-        """Judge run_status, and the records of the log that are not messages."""
-        self._recomputed.append('phases' + ' and figures' * (not foreign) + ' of run_status')
-        self._unknown.append('texts of events')
+    def of_log(
+        self, statuses: Statuses, free: bool, unjudged: Sequence[str], foreign: bool = False
+    ) -> None:
+        """Judge run_status, and the records of the log that are not messages.
+
+        unjudged : what of the messages is not compared, for people
+        """
+        if interfaces.RUN_STATUS in (topic.signal for topic in self._reader.topics):
+            self._recomputed.append('phases' + ' and figures' * (not foreign) + ' of run_status')
+        else:
+            self._unknown.append('how the flight began and ended: no run_status says it')
+        self._unknown += ['texts of events', *unjudged]
         if free:
             self._unknown.append('when forces came')
         carried = self._reader.attachments
@@ -108,6 +116,7 @@ class Evidence:
             return
         found = [f.deviation(records_of_run(self._reader, p)) for p, f in self._forms.items()]
         self._take(next(filter(None, found), ''), 'records beside the messages')
+        self._unknown.append('the order of the messages within a tick')
         self._unknown.append('indexes and chunks of the files, which only speed up other readers')
 
     def of_decisions(self, decisions: Decisions | None, last_tick: int, free: bool) -> None:

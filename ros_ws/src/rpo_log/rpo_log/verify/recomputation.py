@@ -32,9 +32,14 @@ Floats = NDArray[np.float64]
 
 
 class StageStates:
-    """Which stages were switched off, and what the plant went on without, as the events say."""
+    """Which stages were switched off, and what the plant went on without, as the events say.
 
-    def __init__(self) -> None:
+    stages : names of those that an event may switch off: nobody switches a stage of the plant off,
+        but single thrusters; None: all
+    """
+
+    def __init__(self, stages: Collection[str] | None = None) -> None:
+        self._stages = stages
         self._changes: dict[str, list[tuple[int, bool]]] = {}
         self._missing: dict[str, set[int]] = {}
         self._commands: dict[str, list[tuple[int, str]]] = {}
@@ -49,6 +54,9 @@ class StageStates:
             elif event.signal == interfaces.STAGE_STATUS and tick is not None:
                 state = event.values.get('state')
                 name = event.values.get('stage', '')
+                switched = state in (WITHOUT_COMMAND, topics.ACTIVE, topics.INACTIVE)
+                if switched and self._stages is not None and name not in self._stages:
+                    continue
                 if state == WITHOUT_COMMAND:
                     self._missing.setdefault(name, set()).add(tick)
                 if state in (topics.ACTIVE, topics.INACTIVE):
@@ -87,7 +95,8 @@ class Recomputation:
     In free running a node may have missed a tick. A memory of all ticks is then kept as if it had,
     and trusted if the next outputs are those of the log; if not, the recorder missed them.
 
-    gaps : ticks whose inputs are there, and the memory is not
+    gaps : ticks whose inputs are there, and the memory is not; or, in free running, whose outputs
+        are there, and the inputs are not
     first_gap : the first of them
     """
 
@@ -124,8 +133,7 @@ class Recomputation:
         inputs : (n, width) each, NaN where unknown
         active : where the stage is switched on; where it is not, it passes on what it gets
         began : where it began without memory
-        logged : (n, width) each, outputs in the log, NaN where missing: in free running, of stages
-            with memory
+        logged : (n, width) each, outputs in the log, NaN where missing: in free running
         """
         there, absent = active.copy(), np.zeros(len(ticks), dtype=bool)
         for name, values in zip(self.stage.inputs, inputs, strict=True):
@@ -138,6 +146,9 @@ class Recomputation:
             rows = np.flatnonzero(there)
             made, known = self._made(rows, ticks, inputs), there.copy()
             self._pass_on(np.flatnonzero(~active), made, known, inputs)
+            if logged:  # an answer whose question is not in the log
+                answered = np.any([np.isfinite(v).all(axis=1) for v in logged], axis=0)
+                self._count(ticks[answered & ~known])
             return made, known
         return self._with_memory(ticks, inputs, active, (there, absent), began, logged)
 
@@ -216,13 +227,16 @@ class Recomputation:
                 self._forget(0)
                 known[part] = False
             self._doubtful = False
-            unknown = part[~known[part]]
-            if len(unknown):
-                self.first_gap = self.first_gap if self.gaps else int(ticks[unknown[0]])
-                self.gaps += len(unknown)
+            self._count(ticks[part[~known[part]]])
         for values in made:
             values[~known] = np.nan
         return made, known
+
+    def _count(self, unknown: NDArray[np.int64]) -> None:
+        """Count ticks at which it could not be computed."""
+        if len(unknown):
+            self.first_gap = self.first_gap if self.gaps else int(unknown[0])
+            self.gaps += len(unknown)
 
     def _without(
         self,

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.files.scenario import Scenario
 from rpo_core.wire import cdr, interfaces
+from rpo_core.wire.interfaces import NEXT
 from rpo_kernels.kernels import norm
 from rpo_log.verify.verification import REST, Difference
 from rpo_mcap import topics
@@ -62,13 +63,20 @@ class Statuses:
     """Compares the events of a log with its flight.
 
     free : free running: the end carries figures of the wall clock
+    awaited : signals that the plant reads and does not make; it may go on without them
     foreign : the plant is somebody else's: its figures are not judged
     """
 
     def __init__(
-        self, scenario: Scenario, topic: Topic | None, free: bool, foreign: bool = False
+        self,
+        scenario: Scenario,
+        topic: Topic | None,
+        free: bool,
+        awaited: Collection[str],
+        foreign: bool = False,
     ) -> None:
         self._scenario, self._topic, self._free = scenario, topic, free
+        self._awaited = {interfaces.row_of(name).rides or name for name in awaited} - {*NEXT}
         self._foreign = foreign
         self._phases: list[str] = []
         self._said = hashlib.sha256()
@@ -133,6 +141,9 @@ class Statuses:
         tick = tick if tick is not None and known else last if phase == _FINISHED else event.tick
         yield 'tick', values.get('tick', ''), str(tick)
         yield 'time_s', values.get('time_s', ''), repr(self._scenario.time_s(tick))
+        dropped = values.get('dropped', '').split()
+        awaited = [name for name in dropped if name in self._awaited]
+        yield 'dropped', ' '.join(dropped), ' '.join(awaited)
         yield from self._figures(tick, values)
         yield from self._others(phase, status)
 

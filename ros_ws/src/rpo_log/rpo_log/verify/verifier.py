@@ -33,7 +33,7 @@ from rpo_core.control.controller import AnyController
 from rpo_core.control.controller_file import followed
 from rpo_core.files.validation import InputError, choice
 from rpo_core.wire import interfaces
-from rpo_core.wire.interfaces import NEXT, RELATIVE_STATE, current, row_of
+from rpo_core.wire.interfaces import NEXT, RELATIVE_STATE, Interface, current, row_of
 from rpo_log.bag import open_run
 from rpo_log.manifests import HEARS, PUBLISHES
 from rpo_log.verify.evidence import Decisions, Evidence
@@ -101,10 +101,12 @@ class _Verifier:
             if topic.row.rider:
                 self.topics[topic.row.rider] = Topic(topic.name, row_of(topic.row.rider))
         self._take_given(reader)
-        self._require_topics(reader)
         self.free = topics.free_running(reader.topics)
+        self._applied = {self._taken(x, name) for x in self.chain.links for name in x.reads} - {''}
+        self._require_topics(reader)
         self.stages = [Recomputation(link.stage) for link in self.chain.links]
-        self.states = StageStates()
+        nodes = [x.stage.name for x in self.chain.links if x.place < Place.UNLOADING]
+        self.states = StageStates(nodes)
         ticks = held_ticks(reader) if self.free else 0
         self._hold_known = ticks >= 0
         self._unchecked, self._first_unchecked = 0, -1  # applied forces without a known command
@@ -115,10 +117,14 @@ class _Verifier:
             interfaces.APPLIED_DISTURBANCE: HeldForces(ticks, [math.inf] * 3),
         }
         self._previous = PreviousSignals()
+        rows = (topic.row for topic in reader.topics if topic.row.also)
+        own = [row.name for row in rows if row.layout_in(self.scenario) is row.layout.also]
+        self._own_axes, self._old_frames = own, set[str]()
         self._following: dict[str, tuple[int, Floats] | None] = {}  # computed for the next tick
         status = self.topics.get(interfaces.RUN_STATUS)
         foreign = RELATIVE_STATE in self._given
-        self.statuses = Statuses(self.scenario, status, self.free, foreign)
+        awaited = self.chain.after(Place.STEERING).inputs
+        self.statuses = Statuses(self.scenario, status, self.free, awaited, foreign)
         said = self.topics.get(interfaces.STAGE_STATUS)
         self.stated = StatedDecisions(
             [found for found in self.stages if found.stage.name in self.names],
@@ -179,21 +185,45 @@ class _Verifier:
                     what = _SECTIONS.get(link.stage.name, f'the stage {link.stage.name}')
                     sentence = f'has no topic {name}, but its scenario has {what}'
                     raise LogError(Fault.MISSING_TOPIC, reader.path, sentence)
+        for name in sorted(self._applied - self.topics.keys()):
+            sentence = f'has no topic {name}, but is a log of free running'
+            raise LogError(Fault.MISSING_TOPIC, reader.path, sentence)
+
+    @property
+    def unjudged(self) -> list[str]:
+        """What of the messages is not compared, for people."""
+        judged = {*self.chain.outputs, *self._applied, *self._given, interfaces.CONTROL_FORCE}
+        names = (
+            name
+            for name, topic in self.topics.items()
+            if topic.row.columns and not (name in judged or self._is_at_rest(topic.row))
+        )
+        found = [f'{name}, which no stage of its scenario makes' for name in names]
+        return [*found, *(f'the axes of {name}: its frame is that of older versions'
+                          for name in sorted(self._old_frames))]  # fmt: skip
+
+    @staticmethod
+    def _is_at_rest(row: Interface) -> bool:
+        """Return whether a signal has numbers of rest where no stage makes it."""
+        return row.carries == interfaces.DISTURBANCE or bool(row.rides)
 
     @property
     def gaps(self) -> list[str]:
         """What could not be checked, for people."""
         found = [
             f'{found.stage.name} could not be recomputed at {found.gaps} ticks, the first is '
-            f'{found.first_gap}: its memory was not known after a missing message'
+            f'{found.first_gap}: what it read or remembered was lost with a missing message'
             for found in self.stages
             if found.gaps and found.stage.name in self.names
         ]
         if self._unchecked:
+            why = 'the log lacks commands of the ticks before it'
+            if not self._hold_known:
+                why = f'{run.PARAMETERS} does not say for how long, up to {MOST_HELD_TICKS} ticks, '
+                why += 'the plant held a force'
             found.append(
                 f'{self._unchecked} applied forces could not be compared with a command, the first '
-                f'at tick {self._first_unchecked}: {run.PARAMETERS} does not say for how long, up '
-                f'to {MOST_HELD_TICKS} ticks, the plant held a force'
+                f'at tick {self._first_unchecked}: {why}'
             )
         return found
 
@@ -216,6 +246,8 @@ class _Verifier:
         ]
         if len(block.ticks):
             found += self._compare(block)
+        found += [self._not_finite(name, block) for name in self._given & block.values.keys()]
+        self._note_frames(block)
         found += [self.statuses.difference(event) for event in block.events]
         for event in block.events:
             self.stated.take(event)
@@ -225,6 +257,26 @@ class _Verifier:
             default=None,
             key=lambda d: (d.tick, order[_signal_of(d, self.topics.values())]),
         )
+
+    def _not_finite(self, signal: str, block: TickBlock) -> Difference | None:
+        """Return the first number of a given signal that no node takes: nothing follows from it."""
+        values = block.values[signal]
+        wrong = ~np.isfinite(values) & block.present[signal][:, None]
+        if not wrong.any():
+            return None
+        row, column = divmod(int(wrong.argmax()), wrong.shape[1])
+        topic = self.topics[signal]
+        name, logged = topic.row.columns[column], float(values[row, column])
+        return Difference(
+            int(block.ticks[row]), topic.name, name, logged, 'a finite number', 'given'
+        )
+
+    def _note_frames(self, block: TickBlock) -> None:
+        """Note the signals with axes of their own whose messages have the frame of all others."""
+        for name in self._own_axes:
+            theirs = sum(message.topic.signal == name for message in block.non_canonical)
+            if theirs < block.present[name].sum():
+                self._old_frames.add(name)
 
     def _compare(self, block: TickBlock) -> Iterator[Difference | None]:
         """Recompute each stage of the ticks of a block and compare its outputs."""
@@ -320,10 +372,10 @@ class _Verifier:
 
     def _unmade(self, block: TickBlock) -> Iterator[Difference | None]:
         """Compare disturbances, and what rides in messages, that no stage makes with rest."""
-        made = {*self.chain.outputs, *self._held, interfaces.APPLIED_TORQUE}
+        made = {*self.chain.outputs, *self._applied, interfaces.APPLIED_TORQUE}
         for name, values in block.values.items():
             row = interfaces.row_of(name)
-            if name not in made and (row.carries == interfaces.DISTURBANCE or row.rides):
+            if name not in made and self._is_at_rest(row):
                 known = np.ones(len(values), dtype=bool)
                 check = REST if row.rides else 'disturbance'
                 rest = np.tile(row.rest, (len(values), 1))
@@ -341,7 +393,7 @@ class _Verifier:
             said, names = ([n, row_of(n).rider][: 1 + bool(row_of(n).rider)] for n in (name, taken))
             answers, applied = (np.hstack([block.values[n] for n in ns]) for ns in (said, names))
             computed, known = self._held[taken].held(block.ticks, answers, applied)
-            if not self._hold_known and taken not in self._given:
+            if taken not in self._given:
                 there = np.isfinite(applied).all(axis=1)
                 self._count_unchecked(block.ticks[~known & there])
             for one, values in zip(names, np.hsplit(computed, len(names)), strict=True):
@@ -465,7 +517,8 @@ def _verification(reader: RunReader, trusted: Path | None, given: Collection[str
     gaps += verifier.stated.gaps(completeness.last)
     gaps += verifier.statuses.gaps if not gaps else []
     gaps += verifier.unknown_controller
-    evidence.of_log(verifier.statuses, verifier.free, FIGURES in verifier.given)
+    foreign = FIGURES in verifier.given
+    evidence.of_log(verifier.statuses, verifier.free, verifier.unjudged, foreign)
     answered = verifier.states.dropped.get(interfaces.CONTROL_FORCE, ticks)
     evidence.of_decisions(verifier.decisions, min(ticks, answered) - 1, verifier.free)
     evidence.of_folder(trusted)

@@ -98,24 +98,28 @@ class _Writer(Writer):
         own = vars(self)
         self._counted, self._chunk = own['_Writer__statistics'], own['_Writer__chunk_builder']
 
-    def add_message(
-        self, channel_id: int, log_time: int, data: bytes, publish_time: int, sequence: int = 0
+    def add_messages(
+        self, stamp_ns: int, sequence: int, messages: Sequence[tuple[int, bytes]]
     ) -> None:
         counted, chunk = self._counted, self._chunk
         for times, count in ((counted, counted.message_count), (chunk, chunk.num_messages)):
-            if not count or log_time < times.message_start_time:
-                times.message_start_time = log_time
-            if log_time > times.message_end_time:
-                times.message_end_time = log_time
-        counted.message_count += 1
-        counted.channel_message_counts[channel_id] += 1
-        chunk.num_messages += 1
-        if channel_id not in chunk.message_indices:
-            chunk.message_indices[channel_id] = _Index(channel_id, [])
-        chunk.message_indices[channel_id].records.append((log_time, chunk.count))
-        rest = channel_id, sequence, log_time, publish_time
-        head = _MESSAGE.pack(Opcode.MESSAGE, _MESSAGE.size - 9 + len(data), *rest)
-        chunk.record_writer.write(head + data)
+            if not count or stamp_ns < times.message_start_time:
+                times.message_start_time = stamp_ns
+            if stamp_ns > times.message_end_time:
+                times.message_end_time = stamp_ns
+        counted.message_count += len(messages)
+        chunk.num_messages += len(messages)
+        at, parts = chunk.count, list[bytes]()
+        for channel_id, data in messages:
+            counted.channel_message_counts[channel_id] += 1
+            if channel_id not in chunk.message_indices:
+                chunk.message_indices[channel_id] = _Index(channel_id, [])
+            chunk.message_indices[channel_id].records.append((stamp_ns, at))
+            size = _MESSAGE.size + len(data)
+            rest = channel_id, sequence, stamp_ns, stamp_ns
+            parts += (_MESSAGE.pack(Opcode.MESSAGE, size - 9, *rest), data)
+            at += size
+        chunk.record_writer.write(b''.join(parts))
 
 
 class McapFile:
@@ -179,9 +183,14 @@ class McapFile:
         """Return the id of a new channel."""
         return self._writer.register_channel(topic, encoding, schema_id, dict(metadata))
 
-    def add_message(self, channel_id: int, stamp_ns: int, sequence: int, data: bytes) -> None:
-        """Add a message to the open chunk; its log and publish time are its stamp."""
-        self._writer.add_message(channel_id, stamp_ns, data, stamp_ns, sequence)
+    def add_messages(
+        self, stamp_ns: int, sequence: int, messages: Sequence[tuple[int, bytes]]
+    ) -> None:
+        """Add messages, each with its channel, to the open chunk.
+
+        Their log and publish times are their stamp.
+        """
+        self._writer.add_messages(stamp_ns, sequence, messages)
 
     def add_attachment(self, name: str, media_type: str, data: bytes, time_ns: int) -> None:
         """Write an attachment; both its times are `time_ns`."""
@@ -277,15 +286,13 @@ class BagFileWriter:
     def add_tick(self, tick: int, messages: Sequence[tuple[int, bytes]]) -> None:
         """Add the messages of one tick, each with the index of its topic; events come last."""
         regular = [pair for pair in messages if pair[0] not in self._events]
-        for index, data in regular:
-            self._add(index, tick, data)
         if regular:
+            self._add(tick, regular)
             self.ticks += 1
             self._chunk_ticks += 1
         if len(regular) < len(messages):
             self._close_chunk()  # events: a chunk of their own, the same bytes whenever they came
-            for index, data in messages[len(regular) :]:
-                self._add(index, tick, data)
+            self._add(tick, messages[len(regular) :])
             self._close_chunk()
         elif self._chunk_ticks >= min(self.ticks // CHUNK_SHARE, self.base.chunk_ticks):
             self._close_chunk()
@@ -310,10 +317,11 @@ class BagFileWriter:
         """Release the file, finished or not."""
         self._file.close()
 
-    def _add(self, index: int, tick: int, data: bytes) -> None:
-        stamp = self.base.stamp_ns(tick)
-        self._file.add_message(self._channels[index], stamp, tick, data)
-        self._chunk_counts[index] += 1
+    def _add(self, tick: int, messages: Sequence[tuple[int, bytes]]) -> None:
+        stamp, channels = self.base.stamp_ns(tick), self._channels
+        self._file.add_messages(stamp, tick, [(channels[index], data) for index, data in messages])
+        for index, _ in messages:
+            self._chunk_counts[index] += 1
         self._newest_ns = stamp
         if self.newest_tick < 0:
             self._first_ns = stamp

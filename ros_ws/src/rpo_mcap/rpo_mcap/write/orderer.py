@@ -58,7 +58,7 @@ def unread(index: int, data: bytes) -> tuple[str, bool]:
     return data.hex(), True
 
 
-@dataclass
+@dataclass(slots=True)
 class Counts:
     """What happened to the messages of one topic."""
 
@@ -72,7 +72,7 @@ class Counts:
     ignored: int = 0
 
 
-@dataclass
+@dataclass(slots=True)
 class _Tick:
     """The different messages of a tick, by topic, in the order in which they came.
 
@@ -175,7 +175,7 @@ class TickOrderer:
 
     def add(self, index: int, tick: int, data: bytes) -> None:
         """Take one message; releases the ticks that it completes."""
-        asks = self._asks
+        asks = self.asks_from is not None
         if index in self.events:
             self._add_event(index, tick, data)
         elif index == self.leader and tick > self._latest + (WINDOW if asks else 1):
@@ -189,7 +189,7 @@ class TickOrderer:
         self._go_on()
 
     def _go_on(self) -> None:
-        if self._asks:
+        if self.asks_from is not None:
             self._follow()
         self._advance()
 
@@ -199,8 +199,9 @@ class TickOrderer:
 
     def _lead(self, tick: int) -> None:
         """Go on to a state, where it is the next one; no state ahead is of this flight."""
-        self.counts[self.leader].ignored += len(self._states_ahead)
-        self._states_ahead.clear()
+        if self._states_ahead:
+            self.counts[self.leader].ignored += len(self._states_ahead)
+            self._states_ahead.clear()
         self._latest = max(self._latest, tick)
 
     def _keep_state_ahead(self, tick: int, data: bytes) -> None:
@@ -376,6 +377,8 @@ class TickOrderer:
         """Return whether nothing more is waited for at the next tick."""
         tick, entry = self.next_tick, self._pending.get(self.next_tick)
         ahead = self._latest - tick
+        if ahead < 1 and entry is not None and entry.missing and not self._dropped:
+            return False
         if self._event_due and tick > 0:
             self._event_due = ahead < WINDOW
             if self._event_due:
@@ -384,8 +387,6 @@ class TickOrderer:
             if tick not in self._reports and ahead < WINDOW:
                 return False
         elif entry is not None and entry.early and self._latest < min(tick + HOLD, self._last):
-            return False
-        if ahead < 1 and entry is not None and entry.missing and not self._dropped:
             return False
         missing = self._missing(entry) if entry is None or entry.missing else []
         if entry is not None and not missing:

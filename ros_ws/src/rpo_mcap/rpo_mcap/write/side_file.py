@@ -56,7 +56,7 @@ class SideFile:
         if self.failure is not None or self._closed:
             return
         try:
-            self._file.add_message(self._channel, stamp_ns, self.messages, data)
+            self._file.add_messages(stamp_ns, self.messages, [(self._channel, data)])
             self._stamps = (self._stamps[0] if self.messages else stamp_ns, stamp_ns)
             self.messages += 1
             if self.chunk_is_full():

@@ -46,6 +46,7 @@ class RunLogWriter:
     split_s, split_bytes : begin a new file (run_0.mcap, run_1.mcap, ...) after so much simulated
         time or so many bytes; 0 and 0 for one file, run.mcap
     overwrite : clear a log that is there; otherwise that is a LogError
+    orderer : of its messages
     ignored : messages that the plant ignores too, by reason
 
     Raises LogError if the log cannot be begun. After that a fault of the disk ends the log, not the
@@ -84,7 +85,7 @@ class RunLogWriter:
         events = frozenset(i for i, topic in enumerate(self.topics) if topic.is_event)
         leader = self._index.get(RELATIVE_STATE, 0)
         plain = frozenset(i for i, topic in enumerate(self.topics) if not topic.row.columns)
-        self._orderer = TickOrderer(
+        self.orderer = TickOrderer(
             len(self.topics), events, self._status, self._write_tick, leader, plain, self._read
         )
         prepare_folder(self.folder, overwrite)
@@ -96,17 +97,17 @@ class RunLogWriter:
     @property
     def asks_from(self) -> int | None:
         """First tick for which the plant must report what it published and took; None: for none."""
-        return self._orderer.asks_from
+        return self.orderer.asks_from
 
     def ask(self) -> None:
         """Ask the plant from now on: several nodes publish a topic."""
-        self._orderer.ask(self._orderer.next_tick)
+        self.orderer.ask(self.orderer.next_tick)
 
     def report(self, tick: int, taken: Mapping[str, str]) -> None:
         """Take what the plant reports of a tick: numbers by signal (`PlantTick`); never raises."""
         index = self._index
         by_index = {index[name]: text for name, text in taken.items() if name in index}
-        self._try(self._orderer.report, tick, by_index)
+        self._try(self.orderer.report, tick, by_index)
 
     def _read(self, index: int, data: bytes) -> tuple[str, bool]:
         """Return the numbers of a message as a text, and whether it holds nothing else."""
@@ -122,7 +123,7 @@ class RunLogWriter:
 
     def end(self, tick: int) -> None:
         """Take the last tick of the flight; never raises."""
-        self._try(self._orderer.end, tick)
+        self._try(self.orderer.end, tick)
 
     def record(self, name: str, data: bytes) -> None:
         """Take the CDR of a message as it came; never raises.
@@ -138,8 +139,8 @@ class RunLogWriter:
             self.ignored[fault] += 1
             return
         tick = self.base.tick_of(stamp_ns)
-        if tick is not None and not layout.columns:  # a clock: its bytes follow from its tick
-            data = layout.encode(stamp_ns, ())
+        if tick is not None and not layout.columns and not data.startswith(cdr.HEADER):
+            data = layout.encode(stamp_ns, ())  # a clock: its bytes follow from its tick
         self.write(name, -1 if tick is None else tick, data)
 
     def write(self, name: str, tick: int, data: bytes) -> None:
@@ -160,7 +161,10 @@ class RunLogWriter:
         if not 0 <= tick <= self.base.last_tick:
             self._foreign += 1
             return
-        self._try(self._orderer.add, index, tick, data)
+        try:
+            self.orderer.add(index, tick, data)
+        except (OSError, LogError) as error:
+            self._fail(error)
         if index == self._status:
             self._try(self._drop, data)
 
@@ -168,7 +172,7 @@ class RunLogWriter:
         """Expect no more of the topics that the plant goes on without."""
         for signal, tick in topics.dropped(cdr.decode_status(data)).items():
             if signal in self._index:
-                self._orderer.drop(self._index[signal], tick)
+                self.orderer.drop(self._index[signal], tick)
 
     def close(self) -> RunSummary:
         """End the log and return what it holds; never raises."""
@@ -182,7 +186,7 @@ class RunLogWriter:
         return self.summary
 
     def _finish(self) -> None:
-        self._orderer.close(self.base.last_tick)
+        self.orderer.close(self.base.last_tick)
         self._file.finish()
         files = [entry for entry, _ in self._files()]
         rosbag2.write_metadata(self.folder, bag_topics(self.topics, self._logged()), files)
@@ -190,30 +194,30 @@ class RunLogWriter:
     @property
     def waiting(self) -> int:
         """Messages that wait for others of their tick."""
-        return self._orderer.waiting
+        return self.orderer.waiting
 
     @property
     def latest(self) -> int:
         """Tick of the newest state."""
-        return self._orderer.latest
+        return self.orderer.latest
 
     def messages(self, signal: str, tick: int) -> Sequence[bytes]:
         """Return the different messages of a signal at a tick, if they came not long ago."""
         index = self._index.get(signal)
-        return self._orderer.messages(index, tick) if index is not None else ()
+        return self.orderer.messages(index, tick) if index is not None else ()
 
     @property
     def next_tick(self) -> int:
         """The first tick that is not complete yet, or not yet given up."""
-        return self._orderer.next_tick
+        return self.orderer.next_tick
 
     @property
     def summary(self) -> RunSummary:
         """What the log holds now."""
-        counts = dict(zip((topic.name for topic in self.topics), self._orderer.counts, strict=True))
+        counts = dict(zip((topic.name for topic in self.topics), self.orderer.counts, strict=True))
         due = {topic.name for topic in self.topics if topics.is_due(topic, self.topics)}
         logged = self._logged()
-        taken = sum(c.written for c in counts.values()) + self._orderer.waiting
+        taken = sum(c.written for c in counts.values()) + self.orderer.waiting
         owed = {name: count for name, count in counts.items() if name in due}
         return RunSummary(
             files=tuple(entry.path for entry, _ in self._files()),
