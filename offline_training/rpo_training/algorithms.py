@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from pymoo.algorithms.moo.nsga2 import NSGA2
 from pymoo.core.evaluator import Evaluator
 from pymoo.core.problem import Problem
@@ -20,9 +19,8 @@ from pymoo.core.termination import NoTermination
 from pymoo.problems.static import StaticProblem
 
 from rpo_core.files.validation import real, whole
+from rpo_kernels.arrays import Floats
 from rpo_training.genetic import GaSettings, PaperGa, first_generation, generator
-
-Floats = NDArray[np.float64]
 
 
 class Stage(NamedTuple):

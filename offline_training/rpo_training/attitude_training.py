@@ -19,7 +19,6 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core import files
 from rpo_core.files.validation import choice
@@ -35,15 +34,12 @@ from rpo_judge.scoring.fitness import (
     falls,
     mean,
 )
+from rpo_kernels.arrays import Floats
 from rpo_montecarlo.engine.population import Population
-from rpo_training.algorithms import CmaSettings, Search
-from rpo_training.config import TrainingConfig
-from rpo_training.genes import GeneSpace
+from rpo_training.algorithms import Search
+from rpo_training.config import TrainingConfig, presets
 from rpo_training.run import SearchRun
-from rpo_training.staged import RaceSettings
 from rpo_training.training import search_of
-
-Floats = NDArray[np.float64]
 
 FLIGHTS = 'slews_and_tumbles'
 CONDITIONS = ('settling', 'overshoot')
@@ -78,34 +74,7 @@ class AttitudeConfig(TrainingConfig):
         return PRESETS['paper']
 
 
-_SPACE = GeneSpace('odd-monotone', (0.3, 2.0), (0.06, 0.6), 0.006, complete=True)
-_PAPER = AttitudeConfig(
-    name='attitude_paper',
-    scenario=FLIGHTS,
-    # there the first generation's law slews, if late
-    start_scales=(1.0, 0.12),
-    genes=replace(_SPACE, time_scale=(0.7, 1.4), pulls=True),
-    # flat penalties lead it to a law that does nothing, small ones to some that settle late; noise
-    # at rest allows little margin
-    fitness=FitnessSettings(
-        'graded', 30_000.0, margin=0.05, between=40, damping=20_000.0, falls=10_000.0
-    ),
-)
-PRESETS = {
-    'paper': _PAPER,
-    'best': replace(
-        _PAPER,
-        name='attitude_best',
-        algorithm='race',
-        start_scales=(1.0, 0.24),
-        genes=_SPACE,
-        fitness=FitnessSettings('graded', 10_000.0, margin=0.15, damping=4000.0),
-        cmaes=CmaSettings(population=20, evaluations=2500, descents=1, tolerance=0.2),
-        race=RaceSettings(rounds=1, entrants=4, evaluations=800, gain=0.5),
-    ),
-}
-"""`paper`: the genetic algorithm, whose laws are certified. `best`: as for forces; it made
-`attitude_fuzzy`."""
+PRESETS = presets('attitude', AttitudeConfig(scenario=FLIGHTS))
 
 
 class AttitudeFitness:

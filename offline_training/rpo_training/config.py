@@ -10,6 +10,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
+from importlib import resources
 from math import floor, log10
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
@@ -32,7 +33,6 @@ from rpo_core.files.validation import (
 )
 from rpo_core.judge.metrics import PENALTY
 from rpo_ctrl.similarity import range_m, time_s
-from rpo_judge.scoring.drawn import POSITION_AND_SPEED, DrawnSettings
 from rpo_judge.scoring.fitness import FitnessSettings
 from rpo_montecarlo.outputs import check_name
 from rpo_training.algorithms import CmaSettings
@@ -171,89 +171,6 @@ class TrainingConfig(Configuration):
         return cls()
 
 
-_READABLE = GeneSpace('odd-monotone', position_scale_m=(20.0, 200.0), velocity_scale_m_s=(0.3, 3.0))
-
-_BEST = TrainingConfig(
-    name='best',
-    algorithm='race',
-    genes=_READABLE,
-    fitness=FitnessSettings(penalty='graded', margin=0.001, limit_cycle=20.0),
-    cmaes=CmaSettings(population=20, evaluations=8000, descents=2),
-)
-
-PRESETS = {
-    'paper': TrainingConfig(),
-    'best': _BEST,
-    'robust': replace(_BEST, name='robust', fitness=replace(_BEST.fitness, robustness=100.0)),
-    'allround': TrainingConfig(
-        name='allround',
-        algorithm='race',
-        start=('robust',),
-        genes=_READABLE,
-        fitness=FitnessSettings(
-            penalty='graded',
-            margin=0.03,
-            limit_cycle=20.0,
-            damping=20.0,
-            drawn=DrawnSettings(
-                30.0,
-                ('paper_test', 'random_moving_starts'),
-                0.005,
-                judged={'paper_test': POSITION_AND_SPEED},
-            ),
-        ),
-        cmaes=CmaSettings(
-            population=14, sigma=0.006, evaluations=3000, descents=3, tolerance=0.005, patience=1000
-        ),
-        race=RaceSettings(rounds=1, entrants=3, evaluations=700, last=980, sigma=0.02, stages=True),
-    ),
-    'world': TrainingConfig(
-        name='world',
-        algorithm='cmaes',
-        start=('allround',),
-        genes=_READABLE,
-        fitness=FitnessSettings(
-            penalty='graded',
-            margin=0.01,
-            damping=20.0,
-            drawn=DrawnSettings(
-                100.0,
-                ('world_leo_stuck',),
-                0.25,
-                flights=60,
-                pool=0,
-                openings=0.003,
-                propellant=200.0,
-            ),
-        ),
-        cmaes=CmaSettings(
-            population=12, sigma=0.012, evaluations=420, descents=9, tolerance=0.02, patience=360
-        ),
-    ),
-    'mission': TrainingConfig(
-        name='mission',
-        algorithm='race',
-        start=('trained',),
-        genes=_READABLE,
-        fitness=FitnessSettings(penalty='graded', margin=0.2, error_weight=3.0, between=12),
-        cmaes=CmaSettings(population=20, evaluations=3000, descents=2),
-        race=RaceSettings(rounds=3, entrants=4, evaluations=700, gain=0.2, scan=10),
-    ),
-    'front': TrainingConfig(
-        name='front',
-        algorithm='nsga2',
-        genes=_READABLE,
-        fitness=FitnessSettings(penalty='graded', margin=0.001),
-        ga=GaSettings(population=100, generations=200, stall=200),
-    ),
-}
-"""`paper`: GA and fitness of the paper. `best`: made the controller `trained`. `robust`: as `best`,
-with the limits of the paper under dispersions. `allround`: from `robust`, judged by drawn flights,
-with a margin to every condition. `world`: from `allround`, judged by flights with sensors, a filter
-and pulses, where valve openings and propellant cost. `mission`: in minutes, for a scenario of one's
-own (`fitted`). `front`: a Pareto front."""
-
-
 def override(config: Config, settings: Sequence[str]) -> Config:
     """Return the configuration with settings like `ga.population=30` applied."""
     for setting in settings:
@@ -286,6 +203,17 @@ def updated(base: Any, data: Any, name: str) -> Any:
             changes[key] = value
     return replace(base, **changes)
 
+
+def presets(section: str, base: Config) -> dict[str, Config]:
+    """Return the presets of a section of `presets.yaml`; what they leave out is as in `base`."""
+    text = resources.files('rpo_training').joinpath('presets.yaml').read_text('utf-8')
+    found: dict[str, Config] = {}
+    for name, data in yaml.safe_load(text)[section].items():
+        found[name] = updated(found.get(data.pop('like', ''), base), data, name)
+    return found
+
+
+PRESETS = presets('force', TrainingConfig())
 
 AUTHORITY = 20.0
 """Of the paper's training: F T^2 / (m R)."""

@@ -41,9 +41,7 @@ _JUDGED = FitnessSettings(
     penalty='graded',
     margin=0.03,
     limit_cycle=20.0,
-    tests=20.0,
     robustness=100.0,
-    mass_kg=(9.3, 12.0),
     between=40,
     drawn=DrawnSettings(
         weight=100.0,
@@ -109,9 +107,11 @@ def config_of(family: str, scenario: str = '') -> FamilyConfig:
     """Return the configuration of a family; of another scenario, without the paper's own terms."""
     kind = family_of(family)
     first, later, stages = kind.effort
-    descent = replace(_DESCENT, evaluations=first * len(kind.genes()))
+    most = first * len(kind.genes())
+    descent = replace(_DESCENT, evaluations=most, patience=max(_DESCENT.patience, most // 10))
     staged = StagedSettings(stages=stages, evaluations=later * len(kind.genes()))
-    fitness = replace(_JUDGED, drawn=replace(_JUDGED.drawn, campaigns=kind.drawn))
+    drawn = replace(_JUDGED.drawn, campaigns=kind.drawn)
+    fitness = replace(_JUDGED, tests=kind.tests, mass_kg=kind.masses_kg, drawn=drawn)
     config = FamilyConfig(family, family, fitness=fitness, cmaes=descent, staged=staged)
     if scenario in ('', PAPER):
         return config

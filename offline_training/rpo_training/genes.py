@@ -19,7 +19,8 @@ import numpy as np
 
 from rpo_core.control.controller import FuzzyController
 from rpo_core.files.validation import InputError, choice, real
-from rpo_montecarlo.engine.population import Floats, Ints, Population, functions_of
+from rpo_kernels.arrays import Floats, Ints
+from rpo_montecarlo.engine.population import Population, functions_of
 
 RULES = ('free', 'odd', 'odd-monotone')
 """Rule spaces: the paper's 15 of a transpose-symmetric table; 6 of an odd one; those, monotone."""

@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pymoo.algorithms.base.genetic import GeneticAlgorithm
 from pymoo.core.mutation import Mutation
 from pymoo.core.population import Population
@@ -27,8 +26,7 @@ from pymoo.operators.crossover.pntx import TwoPointCrossover
 from pymoo.operators.selection.tournament import TournamentSelection
 
 from rpo_core.files.validation import InputError, real, whole
-
-Floats = NDArray[np.float64]
+from rpo_kernels.arrays import Floats
 
 
 def generator(seed: int, *stream: int) -> np.random.Generator:

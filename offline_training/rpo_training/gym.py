@@ -35,10 +35,9 @@ from rpo_core.wire.interfaces import (
     SATURATED_FORCE,
 )
 from rpo_judge.scoring.conditions import LABELS, PAPER
+from rpo_kernels.arrays import Floats
 from rpo_kernels.kernels import Vector, saturate
 from rpo_safety.assurance import AssuranceStage
-
-Floats = NDArray[np.float64]
 
 ENVIRONMENT = 'rpo/FinalApproach-v0'
 

@@ -17,10 +17,10 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
-from numpy.typing import NDArray
 
 from rpo_core.files.validation import InputError, mapping, whole
 from rpo_core.judge.metrics import PENALTY
+from rpo_kernels.arrays import Floats
 from rpo_montecarlo.campaign import config
 from rpo_montecarlo.campaign.config import MAX_RUNS
 from rpo_montecarlo.campaign.run_batch import case_of, known_of
@@ -30,8 +30,6 @@ from rpo_montecarlo.engine.parts.dynamics import uneven_steps
 from rpo_montecarlo.engine.support import why_not
 from rpo_training.gym import MAX_OBSERVED, UNITS, spaces
 from rpo_training.stepping import Stepping
-
-Floats = NDArray[np.float64]
 
 ENVIRONMENT = 'rpo/DispersedApproach-v0'
 

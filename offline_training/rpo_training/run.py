@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core import files
 from rpo_core.control import controller as controllers
@@ -33,6 +32,7 @@ from rpo_ctrl.attitude import FuzzyAttitude
 from rpo_ctrl.baselines import Baseline
 from rpo_ctrl.family import Family
 from rpo_judge.scoring.fitness import Fitness, Scores
+from rpo_kernels.arrays import Floats
 from rpo_montecarlo.outputs import (
     alone,
     digest_of,
@@ -45,8 +45,6 @@ from rpo_training import __version__, processor
 from rpo_training.algorithms import Search, Stage
 from rpo_training.config import Configuration
 from rpo_training.fitting import training_set
-
-Floats = NDArray[np.float64]
 
 CHECKPOINT, HISTORY = 'checkpoint.npz', 'history.csv'
 SCHEMA = 'rpo/checkpoint/2'

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.chain.stage import Place
+from rpo_kernels.arrays import Floats
 from rpo_kernels.jit import COMPILED
 from rpo_montecarlo.engine.calls import call, rows_of
 from rpo_montecarlo.engine.cases import DrawnCase
@@ -19,8 +19,6 @@ from rpo_montecarlo.engine.counters import Trace, counting
 from rpo_montecarlo.engine.lanes import FORCE, PAIRED_LANES, ROWS, RUNS, STRIDE, compiled
 from rpo_montecarlo.engine.simulator import Pairs, flown
 from rpo_montecarlo.engine.tick import PASSED, Part, fresh, place, steps_of
-
-Floats = NDArray[np.float64]
 
 
 @compiled

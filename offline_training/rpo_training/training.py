@@ -16,12 +16,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.control.controller import FuzzyController, load_fuzzy
 from rpo_judge.evaluation.assessment import PAPER, assess
 from rpo_judge.scoring.drawn import HELD_OUT
 from rpo_judge.scoring.fitness import Fitness, Scores
+from rpo_kernels.arrays import Floats
 from rpo_montecarlo.cluster.simulator import ClusterSimulator
 from rpo_montecarlo.engine.population import Population
 from rpo_montecarlo.engine.simulator import Simulator
@@ -29,8 +29,6 @@ from rpo_training.algorithms import CmaSearch, GaSearch, ParetoSearch, Search
 from rpo_training.config import TrainingConfig
 from rpo_training.run import SearchRun
 from rpo_training.staged import Finalist, InTurn, TableRace
-
-Floats = NDArray[np.float64]
 
 CONFIG = 'config.yaml'
 FRONT, FINALISTS = 'front.csv', 'finalists.csv'

@@ -17,7 +17,6 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are
 
 from rpo_core.files.validation import choice, real, whole
@@ -25,13 +24,12 @@ from rpo_ctrl.baselines import Baseline, Lqr, Model, Mpc, Pd, PotentialField
 from rpo_ctrl.family import Gene
 from rpo_judge.evaluation.assessment import PAPER
 from rpo_judge.scoring.fitness import Fitness, FitnessSettings
+from rpo_kernels.arrays import Floats
 from rpo_training.algorithms import CmaSearch, CmaSettings, Search
 from rpo_training.config import Configuration
 from rpo_training.fitting import penalty_n2s, units_of
 from rpo_training.genetic import GaSettings
 from rpo_training.run import SearchRun
-
-Floats = NDArray[np.float64]
 
 BUDGET = GaSettings().population * (GaSettings().generations + 1)
 """Evaluations of the paper's genetic algorithm: 60 x 301."""

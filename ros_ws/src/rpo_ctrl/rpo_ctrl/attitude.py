@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core import files
 from rpo_core.chain.stage import ZERO, Place, Section, Signal, Stage, register
@@ -55,11 +54,10 @@ from rpo_core.wire import interfaces
 from rpo_ctrl.attitude_law_kernels import steer
 from rpo_ctrl.attitude_limit_kernels import FAR, NONE, TorqueLimits
 from rpo_ctrl.attitude_limits import AttitudeLimits, Bounds, bounds_of, numbers_of
+from rpo_kernels.arrays import Floats
 from rpo_kernels.attitude_kernels import Attitude, Body, momentum_of, synchronised
 from rpo_kernels.jit import as_table
 from rpo_kernels.kernels import Vector, norm
-
-Floats = NDArray[np.float64]
 
 UNLIMITED_NM = 1e9
 """Limit of a torque that has none: without wheels the thrusters give what they can."""

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_kernels.jit import as_table, kernel
+from rpo_kernels.jit import as_table, inlined, kernel
 from rpo_kernels.kernels import State, Vector, saturate
 
 GAINS = 18
@@ -117,7 +117,7 @@ def interval(x: float, knots: Any) -> tuple[int, float]:
     return i, (x - knots[i]) / (knots[i + 1] - knots[i])
 
 
-@kernel
+@inlined
 def pace_inputs(r: float, v: float, lead_s: float) -> tuple[float, float]:
     """Distance [m] and pace of an axis at position r [m] and velocity v [m/s].
 
@@ -169,21 +169,6 @@ def baseline_force(state: State, tick: int, law: BaselineLaw) -> Vector:
         last = len(law.gains) - 1
         fx, fy, fz = gain_force(state, law.gains[tick if tick < last else last])
     return saturate(fx, law.limit), saturate(fy, law.limit), saturate(fz, law.limit)
-
-
-@kernel
-def axis_force(r: float, v: float, tick: int, law: BaselineLaw) -> float:
-    """Force [N] of one axis at position r [m] and velocity v [m/s], of a law that treats all alike.
-
-    Such a law has a pace table, or gains whose rows are (k, 0, 0, d, 0, 0) and so on.
-    """
-    if len(law.forces) > 0:
-        force = pace_force(r, v, law.distances, law.paces, law.forces, law.lead_s)
-    else:
-        last = len(law.gains) - 1
-        row = law.gains[tick if tick < last else last]
-        force = -(row[0] * r + row[3] * v)
-    return saturate(force, law.limit)
 
 
 @kernel

@@ -128,21 +128,21 @@ class ControllerNode(ManagedNode):
 
     def after_answer(self, stamp_ns: int, signals: Signals) -> None:
         """Publish the decision when it is due; the force is sent already."""
-        tick = None if self.scenario is None else self.scenario.tick_of(stamp_ns)
         self._decision.offer(
-            stamp_ns, self.scenario, self._label, lambda: self._explain(tick or 0, signals)
+            stamp_ns, self.scenario, self._label, lambda: self._explain(stamp_ns, signals)
         )
 
-    def _explain(self, tick: int, signals: Signals) -> tuple[bytes, Sequence[explain.Reason]]:
+    def _explain(self, stamp_ns: int, signals: Signals) -> tuple[bytes, Sequence[explain.Reason]]:
         if not self.active or self.controller is None:
             return health.WARN, explain.INACTIVE
+        tick = None if self.scenario is None else self.scenario.tick_of(stamp_ns)
         state, force_n = signals[self._reads[0]], signals[interfaces.CONTROL_FORCE]
         if interfaces.REFERENCE_STATE in self._reads:
             seen, law = followed(state, force_n, signals)
             state, force_n = tuple(seen.tolist()), tuple(law.tolist())
         elif self.scenario is not None:
             state = self.scenario.from_goal(state)
-        return health.OK, explain.reasons(self.controller, state, force_n, tick)
+        return health.OK, explain.reasons(self.controller, state, force_n, tick or 0)
 
     def _loaded(self, name: str) -> tuple[AnyController, str]:
         """Return the controller of a file and the file's text; raises InputError."""

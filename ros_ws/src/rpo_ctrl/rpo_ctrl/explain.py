@@ -8,6 +8,8 @@ from bisect import bisect
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from operator import attrgetter
+from typing import NamedTuple
 
 from rpo_core.control import blend
 from rpo_core.control.controller import AnyController, FuzzyController
@@ -35,8 +37,7 @@ _ABOUT = 0.25
 STATE = ('x', 'y', 'z', 'vx', 'vy', 'vz')
 
 
-@dataclass(frozen=True)
-class FiredRule:
+class FiredRule(NamedTuple):
     """If the velocity error is `velocity` and the position error is `position`, force is `force`.
 
     strength : the lesser of the two grades, in (0, 1]
@@ -200,7 +201,7 @@ def decide(
 
 
 def _floats(five: kernels.Five) -> kernels.Five:
-    ln, sn, z, sp, lp = (float(value) for value in five)
+    ln, sn, z, sp, lp = map(float, five)
     return ln, sn, z, sp, lp
 
 
@@ -215,7 +216,7 @@ def _fired(
             word = system.rules.words[row][column]
             decides = strength == strengths[WORDS.index(word)]
             fired.append(FiredRule(WORDS[column], WORDS[row], word, strength, decides))
-    return tuple(sorted(fired, key=lambda rule: -rule.strength))
+    return tuple(sorted(fired, key=attrgetter('strength'), reverse=True))
 
 
 def decisions(controller: FuzzyController, state: Sequence[float]) -> tuple[Decision, ...]:

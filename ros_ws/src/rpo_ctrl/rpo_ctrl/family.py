@@ -105,10 +105,14 @@ class Family(Baseline):
     effort : evaluations for each gene, of a descent from the start and of a stage of drawn flights;
         stages
     drawn : campaigns whose flights a training draws
+    masses_kg : further masses with which it flies the starts
+    tests : weight of the limits of the paper's test [N^2 s]
     """
 
     effort: ClassVar[tuple[int, int, int]] = (300, 80, 3)
     drawn: ClassVar[tuple[str, ...]] = ('paper_test', 'random_starts', 'random_moving_starts')
+    masses_kg: ClassVar[tuple[float, ...]] = (9.3, 12.0)
+    tests: ClassVar[float] = 20.0
 
     @classmethod
     @abstractmethod

@@ -27,7 +27,7 @@ LEAD_S = ARRIVAL_S / 8.0
 LEAST_S = ARRIVAL_WINDOW_S / 2.0
 """The least time to go T: with its gains an error decays as exp(-2 t / T), to 2 % in a window."""
 
-_GROWTH = log(ARRIVAL_S / ARRIVAL_WINDOW_S) / log(RANGE_M / MAX_ARRIVAL_DISTANCE_M)
+_GROWTH = log(ARRIVAL_S / LEAST_S) / log(RANGE_M / MAX_ARRIVAL_DISTANCE_M)
 
 
 def gains(time_to_go_s: float) -> tuple[float, float]:
@@ -39,11 +39,11 @@ def gains(time_to_go_s: float) -> tuple[float, float]:
 def time_from_rest_s(distance_m: float) -> float:
     """Return the time that an approach from rest takes.
 
-    A power of the distance: the window from the largest error that is allowed, or less; all the
-    time there is from the farthest start.
+    A power of the distance: the least time from the largest error that is allowed, or less; all
+    the time there is from the farthest start.
     """
     share = max(distance_m / MAX_ARRIVAL_DISTANCE_M, 1.0)
-    return float(ARRIVAL_WINDOW_S * share**_GROWTH)
+    return float(LEAST_S * share**_GROWTH)
 
 
 def time_to_go_s(distance_m: float, closing_m_s: float) -> float:
