@@ -18,79 +18,10 @@ from rpo_core.control.controller import AnyController, FuzzyController, only_fuz
 from rpo_ctrl.baselines import Baseline
 from rpo_export import formats
 from rpo_export.c_source import Source, number, wrapped
+from rpo_export.formats import filled
 from rpo_export.kernel_source import law_of
 from rpo_kernels import kernels
 from rpo_montecarlo.outputs import identifier
-
-SOURCE = """{facts}
-/* Exported by `rpo export`. C99 and IEEE 754 doubles; the bits are those of the flown kernel, if
-   compiled with -std=c99 -ffp-contract=off, without -ffast-math. Units: m, m/s, N; target LVLH. */
-#include <float.h>
-#include <math.h>
-
-#if FLT_EVAL_METHOD != 0
-#error "doubles are evaluated in a wider format: on x86 compile with -msse2 -mfpmath=sse"
-#endif
-
-{kernels}
-
-{functions}
-"""
-
-HEADER = """{facts}
-/* Exported by `rpo export`, with {source}. Units: m, m/s, N; axes: target LVLH.
-
-   Compile:  cc -std=c99 -O2 -ffp-contract=off -c {source}
-   Use:      {use}
-*/
-#ifndef {guard}
-#define {guard}
-
-#ifdef __cplusplus
-extern "C" {{
-#endif
-
-{prototypes}
-
-#ifdef __cplusplus
-}}
-#endif
-
-#endif
-"""
-
-_FORCE = """/* Commanded force [N] of a finite relative state{at}. */
-{prototype}
-{{
-    const double6 state = {{{{position_m[0], position_m[1], position_m[2], velocity_m_s[0],
-        velocity_m_s[1], velocity_m_s[2]}}}};
-    const double3 force = {call};
-    for (int axis = 0; axis < 3; axis++) {{
-        force_n[axis] = force.at[axis];
-    }}
-}}"""
-
-_AXIS = """/* Commanded force [N] on one axis, of the position [m] and velocity [m/s] on it. */
-{prototype}
-{{
-    return {function}(position_m, velocity_m_s, {scales}, &LAW);
-}}"""
-
-_SELF_TEST = """{cases}
-
-/* 0 if this machine computes the forces of the flown kernel; else which case differs. */
-{prototype}
-{{
-    for (int i = 0; i < {count}; i++) {{
-        const double *c = cases[i];
-        double force_n[3];
-        {name}_force(&c[0], &c[3], {tick}force_n);
-        if (force_n[0] != c[6] || force_n[1] != c[7] || force_n[2] != c[8]) {{
-            return i + 1;
-        }}
-    }}
-    return 0;
-}}"""
 
 _CASES, _TICKS_APART = 24, 37
 
@@ -126,11 +57,17 @@ def force_text(source: Source, controller: AnyController, name: str) -> str:
     """Return `NAME_force` in C."""
     prototype = force_prototype(controller, name)
     at = ', at a tick of the run' if 'int tick' in prototype else ''
-    return _FORCE.format(at=at, prototype=prototype, call=function_of(source, controller))
+    return filled('c', 'force', at=at, prototype=prototype, call=function_of(source, controller))
 
 
 def _axis_prototype(name: str) -> str:
     return f'double {name}_axis_force(double position_m, double velocity_m_s)'
+
+
+def source_text(facts: str, source: Source, functions: Sequence[str]) -> str:
+    """Return a source file in C: comments, kernels, and the functions that call them."""
+    joined = '\n\n'.join(functions)
+    return filled('c', 'source', facts=facts, kernels=source.text(), functions=joined)
 
 
 def table(name: str, kind: str, rows: Sequence[Sequence[Any]]) -> str:
@@ -149,7 +86,9 @@ def _self_test(controller: AnyController, name: str) -> str:
         forces = [only_fuzzy(controller).force_n(s[:3], s[3:]) for s in states]
     rows = [(*s, *map(float, force)) for s, force in zip(states, forces, strict=True)]
     counts = 'int tick' in force_prototype(controller, name)
-    return _SELF_TEST.format(
+    return filled(
+        'c',
+        'self_test',
         cases=table('cases', 'double', rows),
         prototype=f'int {name}_self_test(void)',
         count=_CASES,
@@ -169,12 +108,10 @@ def text(controller: AnyController) -> str:
         axis = source.function(kernels.axis_force).name
         scales = ', '.join(map(number, controller.scales))
         functions.append(
-            _AXIS.format(prototype=_axis_prototype(name), function=axis, scales=scales)
+            filled('c', 'axis', prototype=_axis_prototype(name), function=axis, scales=scales)
         )
     functions.append(_self_test(controller, name))
-    return SOURCE.format(
-        facts=facts_of(controller), kernels=source.text(), functions='\n\n'.join(functions)
-    )
+    return source_text(facts_of(controller), source, functions)
 
 
 def header(controller: AnyController, source: str) -> str:
@@ -193,7 +130,9 @@ def header(controller: AnyController, source: str) -> str:
         '/* 0 if this machine computes the forces of the flown kernel; else which case differs. */'
         f'\nint {name}_self_test(void);'
     )
-    return HEADER.format(
+    return filled(
+        'c',
+        'header',
         facts=facts_of(controller),
         source=source.replace('*/', '* /'),
         use='double force_n[3];\n             '

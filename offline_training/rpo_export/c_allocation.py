@@ -8,52 +8,13 @@ import numpy as np
 
 from rpo_export import c
 from rpo_export.c_source import Source, number, wrapped
+from rpo_export.formats import filled
 from rpo_kernels.jit import as_table
 from rpo_montecarlo.outputs import identifier
 from rpo_thrusters.allocation_kernels import LIMIT, ROWS, SCRATCH, THRUST, allocate
 from rpo_thrusters.table import IDENTITY, ThrusterTable, table_of
 
 _CASES = 64
-
-_ALLOCATE = """/* Thrusts [N] for a wanted force [N] and torque [N m], body axes.
-   most_n: largest thrusts, 0 of a stuck one. Returns the share of the demand that is given. */
-{prototype}
-{{
-    double w[{scratch}];
-    double wanted[{rows}];
-    for (int i = 0; i < 3; i++) {{
-        wanted[i] = force_n[i];
-        wanted[3 + i] = torque_nm[i] / {lever};
-    }}
-    for (int i = 0; i < {number}; i++) {{
-        w[{limit} + i] = most_n[i];
-    }}
-    const {answer} found = {allocate}(wanted, &TABLE, w);
-    for (int i = 0; i < {number}; i++) {{
-        thrust_n[i] = w[{thrust} + i];
-    }}
-    return found.f0;
-}}
-
-{cases}
-
-/* 0 if this machine computes the thrusts of the flown kernel; else which case differs. */
-int {name}_self_test(void)
-{{
-    for (int i = 0; i < {count}; i++) {{
-        const double *c = cases[i];
-        double thrust_n[{number}];
-        if ({name}_allocate(&c[0], &c[3], &c[6], thrust_n) != c[6 + 2 * {number}]) {{
-            return i + 1;
-        }}
-        for (int k = 0; k < {number}; k++) {{
-            if (thrust_n[k] != c[6 + {number} + k]) {{
-                return i + 1;
-            }}
-        }}
-    }}
-    return 0;
-}}"""
 
 
 def _prototype(name: str, count: int) -> str:
@@ -85,7 +46,9 @@ def text(name: str, settings: ThrusterTable) -> str:
         thrusts = [float(work[THRUST + i]) for i in range(made.number)]
         rows.append([*force.tolist(), *torque.tolist(), *most.tolist(), *thrusts, float(share)])
     own = identifier(name)
-    function = _ALLOCATE.format(
+    function = filled(
+        'c_allocation',
+        'allocate',
         prototype=_prototype(own, made.number),
         scratch=SCRATCH,
         rows=ROWS,
@@ -99,13 +62,15 @@ def text(name: str, settings: ThrusterTable) -> str:
         name=own,
         count=_CASES,
     )
-    return c.SOURCE.format(facts=_facts(name, settings), kernels=source.text(), functions=function)
+    return c.source_text(_facts(name, settings), source, [function])
 
 
 def header(name: str, settings: ThrusterTable, source: str) -> str:
     """Return the C header of the source file of that name."""
     own, count = identifier(name), len(settings.names)
-    return c.HEADER.format(
+    return filled(
+        'c',
+        'header',
         facts=_facts(name, settings),
         source=source.replace('*/', '* /'),
         use=f'share = {own}_allocate(force_n, torque_nm, most_n, thrust_n);',

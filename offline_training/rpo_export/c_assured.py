@@ -9,6 +9,7 @@ thrusters, the last force, the mode. docs/safety.md has the proof; it is about t
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +23,7 @@ from rpo_core.files.validation import InputError
 from rpo_core.wire import interfaces
 from rpo_export import c, formats
 from rpo_export.c_source import Source, number, wrapped
+from rpo_export.formats import filled
 from rpo_kernels.kernels import cw_step
 from rpo_montecarlo.outputs import identifier
 from rpo_safety import filters
@@ -34,123 +36,7 @@ _CASES = 32  # ticks of each half of the self-test
 
 _REFERENCE = 'const double reference[6], const double reference_force_n[3]'
 
-_MEMORY = """/* What the filter remembers; `NAME_start` begins a flight. */
-typedef struct {
-    double on_the_way_n[DELAY_OR_1][3]; /* to the thrusters, the oldest first */
-    double last_n[3];
-SHAPED    int mode; /* UNKNOWN: before the first state; MODES */
-} NAME_memory;"""
-
-_SHAPED = """    double shaped_n[3]; /* the last shaped command, */
-    int shaped;         /* if it is not 0 */
-"""
-
-_SHAPE = """
-
-/* Shaped command [N]: slew limit and dead zone. */
-static void {name}_shape({name}_memory *memory, const double command_n[3], double sent_n[3])
-{{
-    for (int axis = 0; axis < 3; axis++) {{
-        sent_n[axis] = {shaped}(command_n[axis], memory->shaped_n[axis], !memory->shaped,
-            {numbers});
-        memory->shaped_n[axis] = sent_n[axis];
-    }}
-    memory->shaped = 1;
-}}"""
-
-_FUNCTIONS = """/* Begin a flight. */
-{start}
-{{
-    for (int axis = 0; axis < 3; axis++) {{
-        for (int i = 0; i < {slots}; i++) {{
-            memory->on_the_way_n[i][axis] = 0.0;
-        }}
-        memory->last_n[axis] = 0.0;
-    }}
-    memory->mode = {unknown};{forget}
-}}
-
-/* Command [N] of the controller alone{about}. */
-{command}
-{{
-    double r[3], v[3];
-    for (int axis = 0; axis < 3; axis++) {{
-        r[axis] = position_m[axis] - {to_r};
-        v[axis] = velocity_m_s[axis] - {to_v};
-    }}
-    {name}_force(r, v, {tick}command_n);
-    for (int axis = 0; axis < 3; axis++) {{
-        command_n[axis] = command_n[axis] + {extra};
-    }}
-}}{shape}
-
-/* Force [N] for a command of anybody; returns the constraint that changed it, 0 for none. */
-{assure}
-{{
-    double6 state = {{{{position_m[0], position_m[1], position_m[2], velocity_m_s[0],
-        velocity_m_s[1], velocity_m_s[2]}}}};
-    const double3 command = {{{{command_n[0], command_n[1], command_n[2]}}}};
-    const double3 last = {{{{memory->last_n[0], memory->last_n[1], memory->last_n[2]}}}};{ahead}
-    if (memory->mode == {unknown}) {{
-        memory->mode = {first_mode}(state, &GUARD);
-    }}
-    const {answer} found = {filter}(state, command, last, memory->mode, &PLANT, &GUARD);
-    force_n[0] = found.f0;
-    force_n[1] = found.f1;
-    force_n[2] = found.f2;
-    memory->mode = found.f3;
-    for (int axis = 0; axis < 3; axis++) {{
-        memory->last_n[axis] = force_n[axis];{remember}
-    }}
-    return found.f4;
-}}
-
-/* One tick: command [N] of the controller, and the force [N] that the filter makes of it. */
-{step}
-{{
-    {name}_command(position_m, velocity_m_s, {tick}{reference}command_n);{send}
-    return {name}_assure(memory, position_m, velocity_m_s, {sent}, force_n);
-}}"""
-
-_AHEAD = """
-    for (int i = 0; i < {slots}; i++) {{ /* those on their way act before */
-        const double3 sent = {{{{memory->on_the_way_n[i][0], memory->on_the_way_n[i][1],
-            memory->on_the_way_n[i][2]}}}};
-        state = {step}(state, sent, &PLANT);
-    }}"""
-
-_REMEMBER = """
-        for (int i = 1; i < {slots}; i++) {{
-            memory->on_the_way_n[i - 1][axis] = memory->on_the_way_n[i][axis];
-        }}
-        memory->on_the_way_n[{slots} - 1][axis] = force_n[axis];"""
-
-_SELF_TEST = """{cases}
-
-/* 0 if this machine computes the forces of the chain; else which case differs. */
-{prototype}
-{{
-    {name}_memory memory;
-    {name}_start(&memory);
-    for (int i = 0; i < {count}; i++) {{
-        const double *c = cases[i];
-        double command_n[3], force_n[3];
-        if (i < {own}) {{ /* ticks of a flight; then hostile commands, in a flight of their own */
-            {name}_command(&c[0], &c[3], {tick}{reference}command_n);
-            if (command_n[0] != c[6] || command_n[1] != c[7] || command_n[2] != c[8]) {{
-                return i + 1;
-            }}
-        }} else if (i == {own}) {{
-            {name}_start(&memory);
-        }}{send}
-        const int acted = {name}_assure(&memory, &c[0], &c[3], {sent}, force_n);
-        if (force_n[0] != c[9] || force_n[1] != c[10] || force_n[2] != c[11]
-            || acted != (int)c[12]) {{
-            return i + 1;
-        }}
-    }}
-    return 0;
-}}"""
+_part = partial(filled, 'c_assured')
 
 
 class Assured(NamedTuple):
@@ -228,9 +114,9 @@ def _prototypes(a: Assured) -> dict[str, str]:
 
 def _memory(a: Assured) -> str:
     modes = ', '.join(f'{mode} {name}' for mode, name in MODES.items())
-    found = _MEMORY.replace('DELAY_OR_1', str(max(a.delay, 1))).replace('NAME', a.name)
-    found = found.replace('SHAPED', _SHAPED if a.shaping else '')
-    return found.replace('UNKNOWN', str(UNKNOWN)).replace('MODES', modes)
+    shaped = _part('shaped') if a.shaping else ''
+    slots = max(a.delay, 1)
+    return _part('memory', name=a.name, slots=slots, shaped=shaped, unknown=UNKNOWN, modes=modes)
 
 
 def _vector(name: str, values: Sequence[float]) -> str:
@@ -248,8 +134,9 @@ def _functions(a: Assured, source: Source) -> str:
     shape = ''
     if a.shaping is not None:
         numbers = ', '.join(map(number, ShapingStage(a.shaping, a.scenario).numbers))
-        shape = _SHAPE.format(name=a.name, shaped=source.function(shaped).name, numbers=numbers)
-    functions = _FUNCTIONS.format(
+        shape = _part('shape', name=a.name, shaped=source.function(shaped).name, numbers=numbers)
+    functions = _part(
+        'functions',
         **_prototypes(a),
         **a.sending('memory', 'command_n'),
         shape=shape,
@@ -266,8 +153,8 @@ def _functions(a: Assured, source: Source) -> str:
         first_mode=first.name,
         filter=filtered.name,
         answer=source.spelled(filtered.returns),
-        ahead=_AHEAD.format(slots=a.delay, step=step) if a.delay else '',
-        remember=_REMEMBER.format(slots=a.delay) if a.delay else '',
+        ahead=_part('ahead', slots=a.delay, step=step) if a.delay else '',
+        remember=_part('remember', slots=a.delay) if a.delay else '',
     )
     return '\n\n'.join([*constants, functions])
 
@@ -323,7 +210,8 @@ def _self_test(a: Assured) -> str:
         tables.append(
             f'static const int ticks[{len(ticks)}] = {{\n{formats.listed(ticks, 4, 96)}}};'
         )
-    return _SELF_TEST.format(
+    return _part(
+        'self_test',
         cases='\n\n'.join(tables),
         prototype=f'int {a.name}_self_test(void)',
         name=a.name,
@@ -345,7 +233,7 @@ def text(controller: AnyController, scenario: Scenario) -> str:
     a, source = assured(controller, scenario), Source()
     force = 'static ' + c.force_text(source, controller, a.name).split('*/\n', 1)[1]
     functions = [_memory(a), force, _functions(a, source), _self_test(a)]
-    return c.SOURCE.format(facts=_facts(a), kernels=source.text(), functions='\n\n'.join(functions))
+    return c.source_text(_facts(a), source, functions)
 
 
 def header(controller: AnyController, scenario: Scenario, source: str) -> str:
@@ -368,7 +256,9 @@ def header(controller: AnyController, scenario: Scenario, source: str) -> str:
     ]
     tick = 'tick, ' if a.counts else ''
     reference = 'reference, reference_force_n, ' if a.guided else ''
-    return c.HEADER.format(
+    return filled(
+        'c',
+        'header',
         facts=_facts(a),
         source=source.replace('*/', '* /'),
         use=f'{name}_memory memory;\n             {name}_start(&memory);\n'

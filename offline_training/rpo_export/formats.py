@@ -11,6 +11,9 @@ import json as json_module
 import re
 import textwrap
 from collections.abc import Sequence
+from functools import cache
+from importlib import resources
+from string import Template
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -40,6 +43,18 @@ class Rule(NamedTuple):
     position: str
     velocity: str
     force: str
+
+
+@cache
+def _template(file: str, part: str) -> Template:
+    text = resources.files('rpo_export').joinpath(f'{file}.template').read_text('utf-8')
+    parts = re.split(r'^@@ (\w+)\n', text, flags=re.MULTILINE)[1:]
+    return Template(dict(zip(parts[::2], parts[1::2], strict=True))[part].removesuffix('\n'))
+
+
+def filled(file: str, part: str, **values: object) -> str:
+    """Return a part of a file `.template`, its places `$name` filled with values."""
+    return _template(file, part).substitute(values)
 
 
 def triangles(functions: MembershipFunctions) -> tuple[tuple[str, Triangle], ...]:
@@ -114,21 +129,6 @@ def json(controller: AnyController) -> str:
     return json_module.dumps(document, indent=2, ensure_ascii=False, default=str) + '\n'
 
 
-_HEAD = """[System]
-Name='{name}'
-Type='mamdani'
-Version=2.0
-NumInputs=2
-NumOutputs=1
-NumRules=25
-AndMethod='min'
-OrMethod='max'
-ImpMethod='min'
-AggMethod='max'
-DefuzzMethod='centroid'
-"""
-
-
 def fis(any_controller: AnyController) -> str:
     """Return MATLAB Fuzzy Logic Toolbox `.fis` 2.0; `evalfis` gives the kernel's output.
 
@@ -138,7 +138,7 @@ def fis(any_controller: AnyController) -> str:
     comments, samples = facts(controller), controller.system.samples
     if samples != DEFAULT_SAMPLES:
         comments.append(f'evaluate with evalfisOptions(NumSamplePoints={samples})')
-    blocks = [_HEAD.format(name=one_line(controller.name))]
+    blocks = [filled('formats', 'fis', name=one_line(controller.name))]
     names = ('Input1', 'Input2', 'Output1')
     for name, variable in zip(names, variables(controller), strict=True):
         lines = [f'[{name}]', f"Name='{variable.name}'", 'Range=[-1 1]', 'NumMFs=5']

@@ -16,29 +16,6 @@ from rpo_core.files.validation import InputError
 from rpo_export import formats
 from rpo_export.kernel_source import is_kernel, law_of, plain, read
 
-_MODULE = '''{facts}
-"""Commanded force of the controller `{name}`; exported by `rpo export`.
-
-The bits are those of the flown kernel. Positions in m, velocities in m/s, forces in N, target LVLH.
-"""
-from collections import namedtuple
-from math import sqrt
-{constants}
-Law = namedtuple('Law', {fields!r})
-
-LAW = Law(
-{tables}
-)
-
-
-def force_n(position_m, velocity_m_s, tick=0):
-    """Commanded force (fx, fy, fz) of a finite relative state, at a tick of the run."""
-    return {kernel}((*position_m, *velocity_m_s), {second}, LAW)
-
-
-{functions}
-'''
-
 
 def text(controller: AnyController) -> str:
     """Return the Python source of a controller; raises InputError if it answers by no kernel."""
@@ -47,11 +24,13 @@ def text(controller: AnyController) -> str:
     fields = {part.attr for tree in trees.values() for part in ast.walk(tree)
               if isinstance(part, ast.Attribute)}  # fmt: skip
     tables = {name: value for name, value in law.tables._asdict().items() if name in fields}
-    return _MODULE.format(
+    return formats.filled(
+        'python',
+        'module',
         facts='\n'.join(f'# {line}' for line in formats.facts(controller)),
         name=formats.one_line(controller.name),
         constants=''.join(f'\n{name} = {value!r}' for name, value in numbers.items()),
-        fields=' '.join(tables),
+        fields=repr(' '.join(tables)),
         tables='\n'.join(f'    {name}={_table(value)},' for name, value in tables.items()),
         kernel=plain(law.kernel).__name__,
         second=repr(law.scales) if law.scales else 'tick',
