@@ -18,6 +18,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 import rclpy
+from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.utilities import remove_ros_args
 
@@ -95,7 +96,7 @@ def _type(message: type) -> str:
 
 def _meaning(name: str) -> str:
     if name not in MEANINGS:
-        raise KeyError(f'{name} has no meaning in tools/node_cards.py: add one')
+        raise KeyError(f'{name} has no meaning in tools/node_cards.yaml: add one')
     return MEANINGS[name]
 
 
@@ -109,7 +110,8 @@ def _short(node: FlightNode, name: str) -> str:
 
 
 def _topics(node: FlightNode) -> Iterator[tuple[str, ...]]:
-    for way, ends in (('publishes', node.publishers), ('listens', node.subscriptions)):
+    heard = Node.subscriptions.fget(node)  # also those that a node keeps from its executor
+    for way, ends in (('publishes', node.publishers), ('listens', heard)):
         found = {
             _short(node, end.topic_name): end for end in ends if end.topic_name not in _LEFT_OUT
         }

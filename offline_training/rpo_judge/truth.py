@@ -22,7 +22,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import DOP853
 from scipy.spatial.transform import Rotation
 
@@ -31,9 +30,8 @@ from rpo_core.chain.flight import Flight
 from rpo_core.files.scenario import Scenario
 from rpo_core.world import cw
 from rpo_core.world.dynamics import Drag, Dynamics
+from rpo_kernels.arrays import Floats
 from rpo_log.show import style
-
-Floats = NDArray[np.float64]
 
 _TOLERANCE = 1e-13
 _CIRCLE = Dynamics(kind='two_body')

@@ -12,17 +12,15 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.judge.metrics import Windows, windows_of
+from rpo_kernels.arrays import Floats
 from rpo_proof import per_axis
 from rpo_proof.per_axis import UNCOUPLED, Limits, OtherAxis, Stage
 from rpo_proof.problem import Problem
 from rpo_proof.sets import MOST, WORTH_S, InvariantSet
 from rpo_proof.slew import Strip
 from rpo_proof.tube import Motion, Trace, fill_slew, fly
-
-Floats = NDArray[np.float64]
 
 OVERLAP = 2.0**-48
 """Share of its place and width by which a cell reaches into its neighbours."""

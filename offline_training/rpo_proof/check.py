@@ -24,6 +24,7 @@ from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import quoted, shown
 from rpo_core.world.disturbance import Disturbance
 from rpo_judge.analysis.certificate import REFUTED
+from rpo_kernels.arrays import Floats
 from rpo_proof import cells, flights, invariant, per_axis
 from rpo_proof.cells import Cell, CellBounds, Prover
 from rpo_proof.check_sets import (
@@ -53,7 +54,6 @@ MOST_FAULTS = 20
 OVERLAPPING = 1e-10
 """Cells may overlap by so much of the box, a tenth of what a mean is widened for it."""
 
-Floats = NDArray[np.float64]
 Say = Callable[[str, int, int], None]
 
 

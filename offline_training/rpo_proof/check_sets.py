@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.world import cw
+from rpo_kernels.arrays import Floats
 from rpo_proof import enclosure, per_axis, sets, tube
 from rpo_proof.cells import VALUES, Cell, CellBounds, Prover
 from rpo_proof.enclosure import Law
@@ -23,8 +24,6 @@ from rpo_proof.per_axis import set_of
 from rpo_proof.problem import PER_AXIS, Problem
 from rpo_proof.slew import Strip
 from rpo_proof.tube import Motion
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -11,18 +11,17 @@ from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.chain.flight import Flight
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics, verdicts
 from rpo_core.judge.requirements import Requirements
 from rpo_judge.analysis.certificate import PROVEN, REFUTED, UNDECIDED, verdict_of
+from rpo_kernels.arrays import Floats
 from rpo_proof.cells import CellBounds
 from rpo_proof.problem import HOLD, Problem, number
 from rpo_proof.sets import InvariantSet
 
-Floats = NDArray[np.float64]
 Groups = Mapping[str, CellBounds]
 """Cells of each group, in the order in which they are proven."""
 

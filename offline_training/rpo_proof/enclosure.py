@@ -26,6 +26,7 @@ from rpo_core.control.controller import FuzzyController
 from rpo_core.control.fuzzy import MembershipFunctions
 from rpo_core.files.validation import InputError
 from rpo_judge.analysis import surface
+from rpo_kernels.arrays import Floats
 from rpo_kernels.kernels import infer, saturate
 from rpo_montecarlo.engine.lanes import compiled
 
@@ -49,8 +50,6 @@ DRIFT_M_S2 = 0.0035
 
 CHANGE = 0.01
 """Change of the output in a tick, which the choice of the cells assumes."""
-
-Floats = NDArray[np.float64]
 
 FINEST = 2.0**-11
 """Width of the cells at error 0, where the surface bends most."""

@@ -11,11 +11,11 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.chain.flight import Flight
 from rpo_core.files.scenario import Scenario
 from rpo_core.world.disturbance import Disturbance
+from rpo_kernels.arrays import Floats
 from rpo_kernels.kernels import CwStep, fuzzy_force, plant_step
 from rpo_montecarlo.engine.lanes import compiled
 from rpo_proof.cells import CellBounds
@@ -44,7 +44,6 @@ def _fly(
                 states[tick + 1, i] = new[i]
 
 
-Floats = NDArray[np.float64]
 Flown = dict[str, tuple[float, tuple[float, ...], Scenario]]
 """Requirement -> greatest value, start (6,) and scenario of that flight."""
 

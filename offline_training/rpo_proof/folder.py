@@ -48,8 +48,6 @@ from rpo_proof.enclosure import Table
 from rpo_proof.problem import Problem
 from rpo_proof.sets import InvariantSet
 
-Floats = NDArray[np.float64]
-
 FIELDS = tuple(CellBounds.__dataclass_fields__)
 
 CLAIM = ('statement', 'verdict', 'unit', 'limit', 'bound', 'found', 'start', 'open_cells')

@@ -12,13 +12,11 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rpo_kernels.arrays import Floats
 from rpo_proof.problem import Problem
 from rpo_proof.sets import MOST, InvariantSet, box_of, is_inside
 from rpo_proof.tube import Motion, step
-
-Floats = NDArray[np.float64]
 
 RATES = (0.06, 0.045, 0.08, 0.03, 0.1, 0.15, 0.2)
 """Rates a [1/s] that are tried: of how an axis creeps in."""

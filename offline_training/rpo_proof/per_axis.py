@@ -28,18 +28,16 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.files.scenario import Scenario
 from rpo_core.world import cw
 from rpo_core.world.disturbance import Disturbance, Harmonic
+from rpo_kernels.arrays import Floats
 from rpo_proof.enclosure import Table
 from rpo_proof.problem import PER_AXIS, Problem
 from rpo_proof.sets import MOST, ROUND, WORTH_S, InvariantSet, strip_of
 from rpo_proof.slew import Strip
 from rpo_proof.tube import Motion, Trace, fill_slew, fly
-
-Floats = NDArray[np.float64]
 
 ROOM = 2.0**-44
 """Share by which the coupling is widened for its rounding."""

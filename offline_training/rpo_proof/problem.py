@@ -12,7 +12,6 @@ from typing import Annotated, Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from rpo_core import files
 from rpo_core.chain.stage import section_of
@@ -32,10 +31,9 @@ from rpo_core.files.validation import (
 )
 from rpo_core.world import cw
 from rpo_core.world.disturbance import Harmonic
+from rpo_kernels.arrays import Floats
 from rpo_proof import enclosure
 from rpo_proof.tube import Motion
-
-Floats = NDArray[np.float64]
 
 SCHEMA = 'rpo/proof/1'
 

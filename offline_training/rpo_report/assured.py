@@ -11,9 +11,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.chain.flight import Flight
+from rpo_kernels.arrays import Floats
 from rpo_log.show import style
 from rpo_mcap.read.run_log import RunLog
 from rpo_report import guided
@@ -23,8 +23,6 @@ from rpo_report.page import Block, Fold, Picture, Section, Table, Text
 from rpo_safety.abort import Change
 from rpo_safety.assurance import AssuranceStage
 from rpo_safety.kernels import FAR
-
-Floats = NDArray[np.float64]
 
 MOST_ROWS = 20
 _LEAST_CHANGE_N = 0.01

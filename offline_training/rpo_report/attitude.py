@@ -7,7 +7,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.chain.flight import Flight
 from rpo_core.judge import metrics
@@ -15,8 +14,6 @@ from rpo_log.show import style
 from rpo_log.show.report import by_axis, close_up_s, shown
 from rpo_report.page import Picture, Section, Table
 from rpo_report.turned import Panel, panels_of, turned_of
-
-Floats = NDArray[np.float64]
 
 _AXES = ('x of the chaser', 'y of the chaser', 'z of the chaser')
 _NEAR = 4.0

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm, rankdata
 
 from rpo_core.files.validation import InputError
 from rpo_core.judge.requirements import ROWS
+from rpo_kernels.arrays import Bools, Floats
 from rpo_log.show import report as log_report
 from rpo_log.show import style
 from rpo_montecarlo.campaign import judging
@@ -27,8 +27,6 @@ from rpo_montecarlo.campaign.statistics import QUANTILES, Rate, Spread, rates, s
 from rpo_montecarlo.campaign.store import Store
 from rpo_report.page import Block, File, Fold, Picture, Report, Section, Table, Text
 from rpo_report.replay import Replayed
-
-Floats = NDArray[np.float64]
 
 FALSE_ALARM = 0.01
 """Chance that a dispersion without any effect exceeds `chance_level`."""
@@ -83,8 +81,6 @@ def chance_level(runs: int) -> float:
     """
     return float(norm.isf(FALSE_ALARM / 2.0)) / max(1, runs - 1) ** 0.5
 
-
-Bools = NDArray[np.bool_]
 
 MOST_POINTS = 2000
 """Runs of each kind, successes and failures, that a cloud shows."""

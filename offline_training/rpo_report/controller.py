@@ -9,7 +9,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core import files
 from rpo_core.chain.flight import fly
@@ -32,8 +31,6 @@ from rpo_log.show import style
 from rpo_montecarlo.engine.flights import flights_of
 from rpo_report.page import Block, File, Picture, Report, Section, Table, Text
 from rpo_report.surface_plots import axis_forces, draw_force, force_bar
-
-Floats = NDArray[np.float64]
 
 _SLICES = (-1.0, -0.5, 0.0, 0.5, 1.0)
 _CONDITIONS = {

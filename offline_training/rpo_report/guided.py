@@ -11,18 +11,16 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.chain.flight import Flight
 from rpo_core.judge.zones import zones_of
 from rpo_core.wire.interfaces import REFERENCE_STATE
 from rpo_guidance.guidance import GuidanceStage
+from rpo_kernels.arrays import Floats
 from rpo_log.show import style
 from rpo_mcap.read.run_log import RunLog
 from rpo_report.logged import steps_again
 from rpo_report.page import Picture, Section, Table
-
-Floats = NDArray[np.float64]
 
 EXACT = 1e-6
 """A state closer to its reference [m, m/s] is on it."""

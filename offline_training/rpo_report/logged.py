@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from typing import TypeVar, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.chain.chain import Chain
 from rpo_core.chain.flight import Flight
@@ -17,10 +16,10 @@ from rpo_core.chain.stage import Stage
 from rpo_core.files.scenario import Scenario
 from rpo_core.judge.verdicts import missed, verdicts
 from rpo_core.wire import interfaces
+from rpo_kernels.arrays import Floats
 from rpo_log.verify.recomputation import StageStates
 from rpo_mcap.read.run_log import RunLog, flight_of, flown_of, scenario_of
 
-Floats = NDArray[np.float64]
 AnyStage = TypeVar('AnyStage', bound=Stage)
 
 LEAST_TICKS = 10

@@ -10,17 +10,15 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.chain.flight import Flight
+from rpo_kernels.arrays import Floats
 from rpo_log.show import style
 from rpo_log.show.report import by_axis
 from rpo_mcap.read.run_log import RunLog
 from rpo_nav.estimator import EstimatorStage
 from rpo_report.logged import steps_again
 from rpo_report.page import Picture, Section, Table
-
-Floats = NDArray[np.float64]
 
 NEES_95 = (1.237, 14.449)
 """Chi-square quantiles of 2.5 % and 97.5 % of 6 degrees of freedom."""

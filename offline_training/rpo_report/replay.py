@@ -19,7 +19,6 @@ from importlib import resources
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_attitude.target import motion_of
 from rpo_core.chain.flight import Flight
@@ -32,10 +31,9 @@ from rpo_core.judge.verdicts import verdicts
 from rpo_core.judge.zones import Zone, zones_of
 from rpo_core.wire.interfaces import REFERENCE_STATE, RELATIVE_STATE
 from rpo_ctrl import explain
+from rpo_kernels.arrays import Floats
 from rpo_log.show import style
 from rpo_report.turned import Turned, panels_of, turned_of
-
-Floats = NDArray[np.float64]
 
 LIBRARY = 'jupyter_threejs_sage', 'static/r130/three.min.js'
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.chain.flight import Flight
 from rpo_core.control.controller import FuzzyController
@@ -21,13 +20,12 @@ from rpo_core.wire.interfaces import EXERTED_TORQUE
 from rpo_guidance.plan import Guidance
 from rpo_guidance.rehearsal import Checked
 from rpo_judge.evaluation.plan_bound import Bound
+from rpo_kernels.arrays import Floats
 from rpo_log.show import style
 from rpo_log.show.report import by_axis, force_label, legend_names, limit_lines
 from rpo_montecarlo import outputs
 from rpo_report.surface_plots import draw_force, force_bar
 from rpo_report.turned import in_lvlh
-
-Floats = NDArray[np.float64]
 
 AT_PORT_M = 0.1
 """So near to the tip of the corridor the chaser is at the port, and no zone holds."""

@@ -9,13 +9,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.control.controller import AnyController, FuzzyController
 from rpo_judge.analysis import surface
+from rpo_kernels.arrays import Floats
 from rpo_log.show import style
-
-Floats = NDArray[np.float64]
 
 _PLANE_POINTS = 161
 _LEVELS = (0.0, 0.25, 0.5, 0.7, 0.8, 0.9, 1.0)

@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_attitude.chaser import AttitudeStage
 from rpo_attitude.target import product
@@ -27,9 +26,8 @@ from rpo_core.wire.interfaces import (
     THRUST,
     WHEEL_MOMENTUM,
 )
+from rpo_kernels.arrays import Floats
 from rpo_kernels.attitude_kernels import synchronised
-
-Floats = NDArray[np.float64]
 
 
 class Turned(NamedTuple):

@@ -37,9 +37,9 @@ BASILISK = sys.executable, '-m', 'tools.basilisk_plant'
 DOMAIN = '98'
 """Not the default 0, and not the first domains of the tests."""
 
-TURNS = {'P4': 7}
+TURNS = {'P4': 7, 'P5': 7}
 LEAST_TURNS = 3
-"""Flights whose medians are taken; more of those that are short, and judged by their ratio."""
+"""Flights whose medians are taken; more of those that are judged by their ratio to the peer."""
 _DEADLINE_S = 300.0
 _LINE = re.compile(r'\[(\d+\.\d+)\] \[plant\]: (flying|finished)')
 
@@ -145,12 +145,16 @@ TURNED = *ANSWERING, *FURTHER, ('rpo_ctrl', 'attitude_controller')
 eight_processes = partial(_processes, TURNING, TURNED)
 one_computer = partial(_processes, TURNING, [('rpo_bringup', 'flight_software'), ANSWERING[1]])
 basilisk_plant = partial(_processes, SCENARIO, plant=BASILISK)
-LOOPS: tuple[tuple[str, str, Callable[[], Loop], float], ...] = (
-    ('P4', 'ROS loop, as 4 processes', four_processes, 200.0),
-    ('P4', 'ROS loop, in one process', one_process, 400.0),
-    ('P5', 'full chain, as 7 processes', seven_processes, 50.0),
-    ('B7', 'six degrees of freedom, as 8 processes', eight_processes, 40.0),
-    ('B7', 'six degrees of freedom, flight software in one process', one_computer, 40.0),
-    ('–', 'Basilisk as the plant, 4 processes', basilisk_plant, 50.0),
+PEER, REAL_TIME = 'the peer', 'real time'
+LOOPS: tuple[tuple[str, str, Callable[[], Loop], float, str], ...] = (
+    ('P4', 'ROS loop, as 4 processes', four_processes, 0.6, PEER),
+    ('P4', 'ROS loop, in one process', one_process, 1.2, PEER),
+    ('P5', 'full chain, as 7 processes', seven_processes, 0.15, PEER),
+    ('B7', 'six degrees of freedom, as 8 processes', eight_processes, 40.0, REAL_TIME),
+    ('B7', 'six degrees of freedom, flight software in one process', one_computer, 40.0, REAL_TIME),
+    ('–', 'Basilisk as the plant, 4 processes', basilisk_plant, 50.0, REAL_TIME),
 )[: 6 if find_spec('Basilisk') else 5]
-"""Target, name, flight, and the least real-time factor."""
+"""Target, name, flight, how fast it must be at least, and compared with what.
+
+Machines differ by a factor of three; the peer meets the same one.
+"""

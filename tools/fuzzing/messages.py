@@ -14,6 +14,7 @@ table of interfaces and from the tables of parameters, not from the nodes.
 from __future__ import annotations
 
 import math
+import re
 import struct
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
@@ -234,94 +235,50 @@ _WRONG = (
     'inf', '-inf', 'None', 'true', '9' * 5000, 'x' * 200_000, 'flying', 'control_force_raw',
     'two words', '\x1b[2J', 'a\x00b', '[', '\n',
 )  # fmt: skip
-Pairs = tuple[tuple[str, str], ...]
-
-
-def _figures(rng: Random, tick: int) -> Pairs:
-    return (
-        ('tick', str(tick)),
-        ('time_s', repr(tick / 10.0)),
-        ('energy_n2s', repr(rng.random())),
-        ('distance_m', repr(60.0 * rng.random())),
-        ('speed_m_s', repr(rng.random())),
-        ('saturated_ticks', '0'),
-    )
-
-
-def _run_status(rng: Random, tick: int) -> cdr.Status:
-    phase = rng.choice(list(statuses.LEVELS))
-    values = (('phase', phase), *_figures(rng, tick))
-    if rng.random() < 0.5:
-        values += (('dropped', rng.choice(interfaces.rows()).name),)
-    if rng.random() < 0.2:
-        values += (('resumed', 'true'),)
-    return cdr.Status(rng.choice(statuses.LEVELS[phase]), 'run', 'flying', 'none', values)
-
-
-def _stage_status(rng: Random, tick: int) -> cdr.Status:
-    pairs = ('stage', rng.choice(_STAGES)), ('state', rng.choice(_STATES)), ('tick', str(tick))
-    return cdr.Status(1, rng.choice(_NODES), 'so', 'none', (*pairs, ('reason', 'so')))
-
-
-def _guidance_status(rng: Random, tick: int) -> cdr.Status:
-    pairs = ('phase', rng.choice(_PHASES)), ('tick', str(tick)), ('reason', 'the leg is over')
-    return cdr.Status(0, 'guidance', 'so', 'none', pairs)
-
-
-def _assurance_status(rng: Random, tick: int) -> cdr.Status:
-    names = ('margin_m', 'margin_m_s', *(f'{m}_n.{a}' for m in ('before', 'after') for a in 'xyz'))
-    pairs = ('tick', str(tick)), ('mode', 'open'), ('constraint', rng.choice(('', 'keep_out')))
-    return cdr.Status(
-        1, 'assurance', 'so', 'none', (*pairs, *((n, repr(rng.random())) for n in names))
-    )
-
-
-def _recorder_status(rng: Random, tick: int) -> cdr.Status:
-    says = rng.choice(('waiting', 'ready', 'closed', 'failed'))
-    pairs = ('recorder', '0' * 32), ('run', ''), ('reason', ''), ('next_tick', str(tick))
-    pairs += (('asks_from', str(tick)),) if rng.random() < 0.5 else ()
-    return cdr.Status(0, 'recorder', says, 'none', pairs)
-
-
-def _plant_tick(rng: Random, tick: int) -> cdr.Status:
-    rows = interfaces.row_of(interfaces.RELATIVE_STATE), interfaces.row_of(interfaces.CONTROL_FORCE)
-    numbers = ((row.name, ' '.join(repr(rng.random()) for _ in row.columns)) for row in rows)
-    pairs = ('run', '0' * 32), ('tick', str(tick)), *numbers
-    return cdr.Status(0, 'plant', 'tick', 'none', pairs)
-
-
-def _manifest(rng: Random, tick: int) -> cdr.Status:
-    role = rng.choice(('plant', 'controller', 'disturbance'))
-    text = files.read_text(files.find('scenario', rng.choice(('quick', 'docking'))))
-    if role == 'plant':  # a whole one is an act: another plant flies
-        text = text[: len(text) // 2]
-    pairs = ('role', role), ('run', '0' * 32), ('parameter.mode', 'lockstep')
-    return cdr.Status(0, role, 'manifest', 'none', (*pairs, ('file.scenario.yaml', text)))
-
-
-def _heartbeat(rng: Random, tick: int) -> cdr.Status:
-    says = rng.choice((statuses.ALIVE, statuses.GONE))
-    return cdr.Status(0, rng.choice(_NODES), says, 'none', (('stages', rng.choice(_STAGES)),))
-
-
-_MADE: dict[str, Callable[[Random, int], cdr.Status]] = {
-    interfaces.RUN_STATUS: _run_status,
-    interfaces.STAGE_STATUS: _stage_status,
-    interfaces.GUIDANCE_STATUS: _guidance_status,
-    statuses.AssuranceStatus.topic: _assurance_status,
-    interfaces.RECORDER_STATUS: _recorder_status,
-    interfaces.PLANT_TICK: _plant_tick,
-    interfaces.NODE_MANIFEST: _manifest,
-    interfaces.HEARTBEAT: _heartbeat,
-}
+_SAID = {
+    'stage': _STAGES, 'stages': _STAGES, 'state': _STATES, 'phase': _PHASES, 'reason': ('so',),
+    'role': ('plant', 'controller', 'disturbance'), 'constraint': ('', 'keep_out'),
+    'recorder': ('0' * 32,), 'run': ('0' * 32,),
+}  # fmt: skip
+"""Key of a status -> texts that it may have, where its kind does not say which."""
 
 
 STATUS_KINDS = ('value', 'value', 'value', 'key', 'missing', 'twice', 'more', 'head')
 
 
 def made(topic: str, rng: Random, tick: int) -> cdr.Status:
-    """Return a whole status of a topic of `statuses.READERS`."""
-    return _MADE[topic](rng, tick)
+    """Return a whole status of a topic of `statuses.READERS`, as its contract says."""
+    contract = statuses.READERS[topic].contract
+    values = {
+        key.name: _value(key, rng, tick)
+        for key in contract.keys
+        if '<' not in key.name and (key.needed or rng.random() < 0.5)
+    }
+    if topic == interfaces.PLANT_TICK:
+        for name in (interfaces.RELATIVE_STATE, interfaces.CONTROL_FORCE):
+            columns = interfaces.row_of(name).columns
+            values[name] = ' '.join(repr(rng.random()) for _ in columns)
+    if topic == interfaces.NODE_MANIFEST:
+        text = files.read_text(files.find('scenario', rng.choice(('quick', 'docking'))))
+        if values['role'] == 'plant':  # a whole one is an act: another plant flies
+            text = text[: len(text) // 2]
+        values |= {'parameter.mode': 'lockstep', 'file.scenario.yaml': text}
+    level = rng.choice(statuses.LEVELS.get(values.get('phase', ''), (0,)))
+    usual = {'name': _NODES, 'message': ('so',), 'hardware_id': ('none',), **contract.fields}
+    head = (rng.choice(usual[field]) for field in ('name', 'message', 'hardware_id'))
+    return cdr.Status(level, *head, tuple(values.items()))
+
+
+def _value(key: statuses.Key, rng: Random, tick: int) -> str:
+    """Return a text that a key may have."""
+    words = re.findall('`(.+?)`', key.kind.words)
+    if key.kind is statuses.TICK:
+        return str(tick)
+    if key.kind in (statuses.NUMBER, statuses.FIGURE):
+        return repr(rng.random())
+    if key.kind is statuses.NAMES:
+        words = [row.name for row in interfaces.rows()]
+    return rng.choice(words or _SAID[key.name])
 
 
 def one_wrong(topic: str, genuine: bytes, rng: Random, tick: int) -> bytes:

@@ -12,7 +12,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rpo_cli.commands.shared import Cluster, NoFail, Set, Workers, echo, end, interruptible
+from rpo_cli.commands.shared import (
+    Cluster,
+    NoFail,
+    Set,
+    Workers,
+    echo,
+    end,
+    interruptible,
+    write_flight,
+)
 from rpo_core.files.validation import InputError
 from rpo_montecarlo import outputs
 
@@ -230,7 +239,7 @@ def _show_run(chosen: Campaign, store: Store | None, number: int, csv: Path | No
     echo(f'success: {judging.sentence(chosen)}')
     _compare(flight, columns, store, number)
     if csv:
-        outputs.write_flight(flight, csv)
+        write_flight(flight, csv)
 
 
 def _for_ros(

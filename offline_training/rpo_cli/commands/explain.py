@@ -203,7 +203,8 @@ def _explain_run(console: Console, path: str, at: float) -> bool:
     scenario = scenario_of(log)
     signals = {name: values[row].tolist() for name, values in log.values.items()}
     state, on_top = received(scenario, signals)
-    if not np.isfinite(state).all():
+    pushed = signals[ESTIMATED_DISTURBANCE] if scenario.compensated else ()
+    if not np.isfinite([*state, *pushed]).all():
         raise InputError(f'{path}: does not hold what the controller read at {times[row]:g} s')
     controller, tick = controller_of(log), int(log.ticks[row])
     console.print(f'{printable(path)}, tick {tick}, {times[row]:g} s')
@@ -219,7 +220,7 @@ def _explain_run(console: Console, path: str, at: float) -> bool:
         x, y, z = map(add, same, on_top)
         same = x, y, z
     if scenario.compensated:
-        x, y, z = map(sub, same, signals[ESTIMATED_DISTURBANCE])
+        x, y, z = map(sub, same, pushed)
         same = x, y, z
     if not np.isfinite(logged).all():
         console.print('The log holds no force for this tick.')
@@ -240,6 +241,14 @@ def _say_turn(console: Console, signals: Mapping[str, list[float]], scenario: Sc
     from rpo_kernels.attitude_kernels import synchronised
 
     wanted = signals.get(interfaces.REFERENCE_ATTITUDE, synchronised(scenario.mean_motion_rad_s))
+    commanded = signals[interfaces.BODY_FORCE]
+    for name, values in (
+        (interfaces.REFERENCE_ATTITUDE, wanted),
+        (interfaces.BODY_FORCE, commanded),
+    ):
+        if not all(map(math.isfinite, values)):
+            console.print(f'The log holds no {name} for this tick.')
+            return
     angle, rate = map(math.degrees, apart(signals[interfaces.CHASER_ATTITUDE], wanted))
     force, torque = (
         ', '.join(f'{value:.3g}' for value in signals[name])

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rpo_cli.commands.shared import SameScenario, chosen_scenario
+from rpo_cli.commands.shared import SameScenario, chosen_scenario, write_flight
 from rpo_core.files import DEFAULT_SCENARIO
 from rpo_core.files.validation import InputError, shown
-from rpo_montecarlo import outputs
 
 if TYPE_CHECKING:
     from rpo_core.chain.flight import Flight
@@ -109,7 +108,7 @@ def _of_start(scenario: Scenario, controller: str | None, csv: Path | None, marg
         flights[f'to rest {coast:g} s earlier'] = limits.to_rest(scenario, coast)
     flights[_BEST] = limits.constrained(scenario, limits.Conditions.of(scenario, margin))
     if csv:
-        outputs.write_flight(flights[_BEST], csv)
+        write_flight(flights[_BEST], csv)
     if controller is not None:
         flights[controller] = fly(scenario, load_controller(controller))
     _print(scenario, flights)

@@ -83,6 +83,39 @@ def draw(module: str, path: Path, *subject: Any) -> None:
         echo(path)
 
 
+def write_flight(flight: Any, path: Path) -> None:
+    """Write time, state, force and disturbance of every tick as CSV; raises InputError.
+
+    Of a chaser that turns also attitudes, what is commanded in its axes, and the momentum of its
+    wheels; named as `rpo log export` names them.
+    """
+    import numpy as np
+
+    from rpo_core.wire import interfaces
+    from rpo_log.tools.export import columns
+    from rpo_mcap.topics import Topic
+
+    heading = ['t_s,x_m,y_m,z_m,vx_m_s,vy_m_s,vz_m_s,fx_n,fy_n,fz_n,dx_n,dy_n,dz_n']
+    values = [flight.scenario.times_s, flight.states, flight.forces_n, flight.disturbances_n]
+    for name, found in flight.signals.items():
+        row = interfaces.row_of(name)
+        if row.attitude or name in (interfaces.BODY_FORCE, interfaces.BODY_TORQUE):
+            heading += columns(Topic(name, row))
+            values.append(found)
+        elif name == interfaces.WHEEL_MOMENTUM:
+            heading += [f'wheel_h{axis}_nms' for axis in 'xyz']
+            values.append(found)
+    with writing(path):
+        np.savetxt(
+            path,
+            np.column_stack(values),
+            fmt='%.17g',
+            delimiter=',',
+            header=','.join(heading),
+            comments='',
+        )
+
+
 @contextmanager
 def interruptible(sentence: Callable[[], str]) -> Iterator[None]:
     """Let Ctrl-C or SIGTERM end the work inside with a sentence and exit code 130."""

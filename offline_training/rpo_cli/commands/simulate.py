@@ -9,10 +9,17 @@ from typing import Annotated
 
 import typer
 
-from rpo_cli.commands.shared import NoFail, SameScenario, Set, chosen_scenario, echo, end
+from rpo_cli.commands.shared import (
+    NoFail,
+    SameScenario,
+    Set,
+    chosen_scenario,
+    echo,
+    end,
+    write_flight,
+)
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.files.validation import InputError
-from rpo_montecarlo import outputs
 
 EXAMPLES = """
 Examples: `rpo simulate` | `rpo simulate paper_test --controller paper_ga` | `rpo simulate my.yaml
@@ -84,7 +91,7 @@ def simulate(
     ):
         echo(line)
     if csv:
-        outputs.write_flight(flight, csv)
+        write_flight(flight, csv)
     if output:
         named_by = {'scenario': chosen, 'controller': controller, 'set': list(changes or ())}
         attached = {

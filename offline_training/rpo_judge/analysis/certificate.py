@@ -21,11 +21,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.control.fuzzy import FuzzySystem
 from rpo_judge.analysis import damping, surface
-from rpo_judge.analysis.surface import Boxes, Enclosure, Floats
+from rpo_judge.analysis.surface import Boxes, Enclosure
+from rpo_kernels.arrays import Bools, Floats
 
 PROVEN, REFUTED, UNDECIDED = 'proven', 'refuted', 'undecided'
 
@@ -49,8 +49,6 @@ MOST_BOXES = 60_000
 _GRID = 1 / 64  # widest box to start with
 _TOLERANCE = 0.02  # boxes are divided until a bound is within 2 % of what was found
 _STEP = 2.0**-20  # of difference quotients; rounding spoils them by 1e-7
-
-Bools = NDArray[np.bool_]
 
 
 class Point(NamedTuple):

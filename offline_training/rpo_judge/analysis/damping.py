@@ -15,7 +15,8 @@ import numpy as np
 
 from rpo_core.control.fuzzy import FuzzySystem
 from rpo_judge.analysis import surface
-from rpo_judge.analysis.surface import Boxes, Floats
+from rpo_judge.analysis.surface import Boxes
+from rpo_kernels.arrays import Floats
 
 _CLOSE = 1e-3
 """Strips are halved until the bound is so near to what was found, as a share of full output."""

@@ -12,9 +12,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from rpo_core.control.controller import FuzzyController, load_controller
 from rpo_core.files.scenario import load_scenario, load_set
 from rpo_core.judge.metrics import (
@@ -29,6 +26,7 @@ from rpo_core.judge.metrics import (
 from rpo_judge.evaluation.optimal import least_energy
 from rpo_judge.evaluation.proven import numbers_of
 from rpo_judge.scoring import fitness
+from rpo_kernels.arrays import Floats
 from rpo_montecarlo.engine.cases import case_of_flights, case_of_set
 from rpo_montecarlo.engine.population import population_of
 from rpo_montecarlo.engine.simulator import Simulator
@@ -88,8 +86,6 @@ def asked_of(controller: FuzzyController) -> tuple[str, Asked]:
             return name, asked
     return '', ANY
 
-
-Floats = NDArray[np.float64]
 
 PAPER = 'paper_training'
 """The set that the targets are about."""

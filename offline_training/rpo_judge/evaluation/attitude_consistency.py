@@ -16,7 +16,8 @@ from typing import Any
 
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
-from rpo_judge.evaluation.consistency import Consistency, Floats, Ints, counted, gathered
+from rpo_judge.evaluation.consistency import Consistency, counted, gathered
+from rpo_kernels.arrays import Floats, Ints
 from rpo_kernels.attitude_kernels import Attitude
 from rpo_kernels.chaser_kernels import Craft, chaser_tick
 from rpo_kernels.jit import kernel

@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core import files
 from rpo_core.chain.flight import Flight, fly
@@ -44,6 +43,7 @@ from rpo_judge.evaluation import proven, robustness
 from rpo_judge.evaluation.optimal import least_constrained
 from rpo_judge.scoring import fitness
 from rpo_judge.scoring.conditions import LABELS
+from rpo_kernels.arrays import Floats
 from rpo_montecarlo.campaign import config, execution, run_batch, statistics
 from rpo_montecarlo.campaign.config import Campaign
 from rpo_montecarlo.campaign.judging import MOTION, motion
@@ -55,7 +55,6 @@ from rpo_montecarlo.engine.simulator import Simulator
 from rpo_montecarlo.engine.support import why_not
 from rpo_montecarlo.outputs import digest_of, identifier, make_folder, write_text
 
-Floats = NDArray[np.float64]
 Report = Callable[[str, int, int], None]
 """Called with the present work, how much of it is done, and how much it is in all."""
 

@@ -17,13 +17,13 @@ from math import pi, sqrt
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import AnyController
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire import interfaces
+from rpo_kernels.arrays import Floats, Ints
 from rpo_kernels.jit import as_table, inlined, kernel
 from rpo_kernels.kernels import State, Vector, cw_step, saturate, unpacked
 from rpo_nav.attitude_sensor_kernels import angles_between
@@ -32,9 +32,6 @@ from rpo_nav.estimator import Estimator, filter_of, memory_of
 from rpo_nav.filter_kernels import GUST, HEADING, LIMIT, SQUARE, STATES, STEP, TESTED, X, estimate
 from rpo_nav.sensor_kernels import sense, three_normals
 from rpo_nav.sensors import CENTRE, Sensing, Sensor, Sensors
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 TIMES = 10
 """Moments of a flight at which NEES and NIS are taken, the last one at its end."""

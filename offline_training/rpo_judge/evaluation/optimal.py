@@ -15,15 +15,13 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.chain.flight import Flight, OpenLoop, fly
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError, real
 from rpo_core.judge import metrics
 from rpo_core.world import cw
-
-Floats = NDArray[np.float64]
+from rpo_kernels.arrays import Floats
 
 COAST_S = metrics.ARRIVAL_WINDOW_S
 """Arriving at rest this long before the end and coasting meets every arrival condition."""

@@ -53,11 +53,10 @@ from rpo_guidance.guidance import CONE_SHARE
 from rpo_guidance.plan import Guidance
 from rpo_guidance.rehearsal import Checked, nominal
 from rpo_guidance.transfer_kernels import path_of
+from rpo_kernels.arrays import Floats
 from rpo_kernels.kernels import CwStep, cw_step
 from rpo_montecarlo.campaign.single import scenario_of
 from rpo_montecarlo.campaign.store import Store
-
-Floats = NDArray[np.float64]
 
 SIDES = 16
 """Planes of the pyramid about the cone, or in it."""

@@ -20,7 +20,6 @@ from threading import Event
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from rpo_core.control.controller import AnyController, FuzzyController
@@ -28,6 +27,7 @@ from rpo_core.control.controller_file import ControllerFile
 from rpo_core.files.scenario import ScenarioSet, load_set
 from rpo_core.files.validation import InputError
 from rpo_judge.scoring.conditions import LABELS, PAPER
+from rpo_kernels.arrays import Floats
 from rpo_montecarlo.campaign import config
 from rpo_montecarlo.campaign.config import Campaign, CampaignConfig
 from rpo_montecarlo.campaign.judging import NOT_JUDGED, words
@@ -38,7 +38,6 @@ from rpo_montecarlo.engine.parts.control import control_of, gain_part
 from rpo_montecarlo.engine.support import why_not
 from rpo_montecarlo.engine.tick import Part
 
-Floats = NDArray[np.float64]
 Check = Callable[[float], tuple[float, str]]
 """From a point to the largest value as a share of its limit, and which limit that is."""
 

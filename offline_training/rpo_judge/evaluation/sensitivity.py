@@ -13,7 +13,6 @@ from dataclasses import asdict, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.control.controller import FuzzyController
 from rpo_core.control.fuzzy import WORDS, RuleTable
@@ -25,8 +24,6 @@ from rpo_judge.scoring.drawn import HELD_OUT, POSITION_AND_SPEED, DrawnFlights, 
 from rpo_montecarlo.engine.cases import Case, DrawnCase, case_of_set
 from rpo_montecarlo.engine.population import population_of
 from rpo_montecarlo.engine.simulator import Simulator
-
-Floats = NDArray[np.float64]
 
 STEP = 0.02
 RUNS = 200

@@ -11,16 +11,14 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
 from rpo_core.judge.requirements import THRUST, Requirements
+from rpo_kernels.arrays import Floats
 from rpo_montecarlo.engine.counters import COLUMNS
 from rpo_montecarlo.engine.judged import VALUES, judged_by
-
-Floats = NDArray[np.float64]
 
 PAPER = Requirements(
     mean_speed_norm_m_s=metrics.MAX_ARRIVAL_SPEED_M_S,

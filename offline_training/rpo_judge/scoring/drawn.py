@@ -18,11 +18,11 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.files.validation import MOST_PATH, InputError, choice, real, shown, store, text, whole
 from rpo_core.judge import metrics
 from rpo_core.judge.requirements import LIMITS
+from rpo_kernels.arrays import Floats
 from rpo_montecarlo.campaign.config import LEVEL, SHARE, THRUSTER_METRICS, Campaign, find, load
 from rpo_montecarlo.campaign.run_batch import case_of, side_by_side
 from rpo_montecarlo.campaign.sampling import DrawnRuns, draw
@@ -31,8 +31,6 @@ from rpo_montecarlo.engine.counters import COLUMNS
 from rpo_montecarlo.engine.judged import VALUES
 from rpo_montecarlo.engine.parts.dynamics import uneven_steps
 from rpo_montecarlo.engine.support import why_not
-
-Floats = NDArray[np.float64]
 
 POSITION_AND_SPEED = ('hold_error_per_axis_m', 'hold_speed_per_axis_m_s')
 """What the shipped trainings judge the runs of `paper_test` by; force and slew they do not."""

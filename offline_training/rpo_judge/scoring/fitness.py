@@ -53,6 +53,7 @@ from rpo_core.judge.metrics import (
 from rpo_ctrl.baselines import Baseline
 from rpo_judge.scoring.conditions import Conditions, conditions_of
 from rpo_judge.scoring.drawn import HELD_OUT, UNDRAWN, DrawnFlights, DrawnSettings
+from rpo_kernels.arrays import Floats
 from rpo_montecarlo.engine.cases import Case, case_of_flights, case_of_set
 from rpo_montecarlo.engine.lanes import infer_many, make_scratch
 from rpo_montecarlo.engine.population import Population
@@ -86,8 +87,6 @@ def corner_cases() -> list[Case]:
     """Return the corner flights, a case for each mass."""
     return [case_of_flights(corner_flights(share), CLAIM_WINDOW_S) for share in CORNER_MASS_SHARES]
 
-
-Floats = NDArray[np.float64]
 
 CONDITIONS = ('speed', 'slew', 'arrival')
 """The paper's two, and the project's own, arrival."""

@@ -11,7 +11,6 @@ from typing import Any
 
 import yaml
 
-from rpo_attitude.target import FIXED, TUMBLE, Target
 from rpo_core import files
 from rpo_core.control.controller import AnyController
 from rpo_core.control.controller import parse as parse_controller
@@ -33,7 +32,6 @@ from rpo_core.files.validation import (
 )
 from rpo_core.judge import metrics
 from rpo_core.judge.requirements import LIMITS, ROWS, THRUST, Requirements
-from rpo_core.world.dynamics import CLOHESSY_WILTSHIRE
 from rpo_montecarlo.campaign import faults
 from rpo_montecarlo.campaign.faults import Faults
 from rpo_montecarlo.campaign.quantities import QUANTITIES, SHELL, Dispersion, dispersion
@@ -310,66 +308,24 @@ def load(source: str | Path, overridden: Sequence[str] = (), **changes: Any) -> 
     return Campaign.of_texts((dumps(found), scenario, controller), names)
 
 
-_SECTIONS = {
-    'sensor_': 'sensors',
-    'star_tracker_': 'attitude_sensors',
-    'gyro_': 'attitude_sensors',
-    'attitude_error_': 'attitude_estimator',
-    'chaser_': 'attitude',
-}
-"""How names of quantities begin, and the section that they change."""
-
-
 def _check_effects(config: CampaignConfig, scenario: Scenario) -> None:
     """Refuse a dispersion that cannot change any flight."""
-    acting = {
-        'disturbance_amplitude_share': not scenario.disturbance.is_zero,
-        'disturbance_phase_rad': any(h.amplitude_n for h in scenario.disturbance.harmonics),
-        'disturbance_frequency_share': any(h.amplitude_n for h in scenario.disturbance.harmonics),
-    }
-    dynamics, thrusters = scenario.dynamics, scenario.thrusters
-    orbit = dynamics is not None and dynamics.kind != CLOHESSY_WILTSHIRE
-    drag = dynamics is not None and dynamics.drag is not None
-    wheels = scenario.attitude and scenario.attitude.wheels
-    others = {
-        'density_share': (drag, 'drag'),
-        'ballistic_coefficient_share': (drag, 'drag'),
-        'true_anomaly_deg': (orbit, 'orbit but a circle'),
-        'stuck_off_thruster': (thrusters is not None and thrusters.fires, '`pulses` of thrusters'),
-        **{
-            name: (scenario.named(section) is not None, f'`{section}`')
-            for start, section in _SECTIONS.items()
-            for name in QUANTITIES
-            if name.startswith(start)
-        },
-        **{name: _turning(name, scenario.target) for name in QUANTITIES if 'target_' in name},
-        **{n: (wheels is not None, '`wheels`') for n in QUANTITIES if n.startswith('wheel_')},
-    }
-    all_of_them = {name: (has, 'such disturbance') for name, has in acting.items()} | others
-    for name, (has_effect, what) in all_of_them.items():
-        if name in config.dispersions and not has_effect:
-            raise InputError(f'`{name}` has no effect: scenario {scenario.name} has no {what}')
+    for name, quantity in QUANTITIES.items():
+        need = quantity.need
+        if name in config.dispersions and need is not None and not need.is_met(scenario):
+            raise InputError(f'`{name}` has no effect: scenario {scenario.name} has no {need.what}')
     navigated = [name for name in config.dispersions if name.startswith('navigation_')]
     if navigated and scenario.section(Sensors) is not None:
         raise InputError(
             f'`{navigated[0]}` must be left out: scenario {scenario.name} has `sensors`, whose '
             'noise is drawn anew for each run'
         )
-    count = len(thrusters.names) if thrusters else 0
+    count = len(scenario.thrusters.names) if scenario.thrusters else 0
     if count and config.spread('stuck_off_thruster')[0] >= count:
         raise InputError(
             f'`stuck_off_thruster.whole` must be below {count}, the number of thrusters of '
             f'{scenario.name}; got {config.spread("stuck_off_thruster")[0]:g}'
         )
-
-
-def _turning(name: str, target: Target | None) -> tuple[bool, str]:
-    """Return whether a target is changed by a dispersion of that name, and what it lacks if not."""
-    if name.endswith('_deg_s'):
-        return target is not None and target.kind == TUMBLE, '`target` that tumbles'
-    if name.endswith('_share'):
-        return target is not None and target.kind != FIXED, '`target` that turns'
-    return target is not None, '`target`'
 
 
 def _check_extremes(config: CampaignConfig, scenario: Scenario) -> None:

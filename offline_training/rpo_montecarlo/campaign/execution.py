@@ -13,16 +13,13 @@ from collections.abc import Callable, Generator, Iterable
 from contextlib import closing
 from functools import lru_cache, partial
 
-import numpy as np
-from numpy.typing import NDArray
-
+from rpo_kernels.arrays import Floats
 from rpo_montecarlo.campaign.config import Campaign
 from rpo_montecarlo.campaign.run_batch import columns_of, fly_unit
 from rpo_montecarlo.campaign.statistics import document, successes
 from rpo_montecarlo.campaign.store import Store
 from rpo_montecarlo.cluster import pool
 
-Floats = NDArray[np.float64]
 Results = Generator[tuple[int, Floats], None, None]
 
 

@@ -12,14 +12,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.judge.metrics import hold_tick
+from rpo_kernels.arrays import Floats
 from rpo_montecarlo.campaign.config import LEVEL, SHARE, Campaign
 from rpo_montecarlo.campaign.statistics import Rate, rate
 from rpo_montecarlo.campaign.store import Store
-
-Floats = NDArray[np.float64]
 
 DRAWS = (
     'disturbance_amplitude_share',

@@ -9,12 +9,12 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.files.scenario import Scenario
 from rpo_core.judge import metrics
 from rpo_core.judge.metrics import row_of, windows_of
 from rpo_core.judge.verdicts import verdicts
+from rpo_kernels.arrays import Floats
 from rpo_montecarlo.campaign.config import LEVEL, METRICS, THRUSTER_METRICS, Campaign
 from rpo_montecarlo.campaign.sampling import PARAMETERS, STRATA, DrawnRuns, draw, parameters_of
 from rpo_montecarlo.campaign.single import fly_run, scenarios_of
@@ -27,8 +27,6 @@ from rpo_montecarlo.engine.parts.dynamics import uneven_steps
 from rpo_montecarlo.engine.simulator import Pairs, Scratch, fly_pairs
 from rpo_montecarlo.engine.support import announce, kinds, why_not
 from rpo_montecarlo.engine.tick import Batch, Part, Runs, parts_of
-
-Floats = NDArray[np.float64]
 
 UNIT = 200
 """Runs of a unit; a whole number of them is one Latin hypercube."""

@@ -9,39 +9,20 @@ import zlib
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 from scipy.stats import qmc
 
+from rpo_kernels.arrays import Floats, Ints
 from rpo_kernels.kernels import Vector
 from rpo_montecarlo.campaign.config import Campaign, CampaignConfig
 from rpo_montecarlo.campaign.quantities import CUT, QUANTITIES, SHELL, Dispersion
 from rpo_nav.attitude_sensors import AttitudeSensors
 from rpo_nav.sensors import Sensors
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-
 STRATA = 1000
 """Runs of one Latin hypercube: memory stays flat, and a run is repeated without the others."""
 
-ON_THEIR_OWN = (
-    'density_share',
-    'ballistic_coefficient_share',
-    'true_anomaly_deg',
-    'stuck_off_thruster',
-    'sensor_noise_share',
-    'sensor_scale_error',
-    'sensor_bias_x_m',
-    'sensor_bias_y_m',
-    'sensor_bias_z_m',
-    'sensor_velocity_bias_x_m_s',
-    'sensor_velocity_bias_y_m_s',
-    'sensor_velocity_bias_z_m_s',
-    *(name for name in QUANTITIES if name.startswith(('star_tracker_', 'gyro_'))),
-    *(name for name in QUANTITIES if name.startswith('attitude_error_')),
-    *(name for name in QUANTITIES if name.startswith(('target_', 'chaser_', 'wheel_'))),
-)
+ON_THEIR_OWN = tuple(name for name, quantity in QUANTITIES.items() if quantity.own)
 """Quantities that are drawn each by itself; results have a column of those that are dispersed."""
 
 _DRAWN = [

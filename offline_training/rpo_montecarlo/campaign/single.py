@@ -33,7 +33,7 @@ def fly_run(campaign: Campaign, number: int) -> Flight:
     key = draw(campaign, number, 1).keys[0].tolist()
     turns = scenario.named('attitude_control') is not None
     link = LinkStage(faults, (key[0], key[1]), turns)
-    flight = fly(scenario, campaign.controller, [(Place.LINK, link)])
+    flight = fly(scenario, campaign.controller, [(Place.UNLOADING, link)])
     return flight if turns else replace(flight, forces_n=flight.signals[APPLIED_FORCE])
 
 

@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binomtest
 
+from rpo_kernels.arrays import Floats
 from rpo_montecarlo.campaign import judging
 from rpo_montecarlo.campaign.config import SHARE, CampaignConfig
 from rpo_montecarlo.campaign.store import Store
-
-Floats = NDArray[np.float64]
 
 CONFIDENCE = 0.95
 QUANTILES = (0.5, 0.95, 0.99)

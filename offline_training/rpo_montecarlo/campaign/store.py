@@ -27,10 +27,10 @@ from typing import IO, Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from rpo_core import files
 from rpo_core.files.validation import InputError, mapping
+from rpo_kernels.arrays import Floats
 from rpo_montecarlo.campaign.config import Campaign
 from rpo_montecarlo.campaign.run_batch import UNIT, columns_of, units
 from rpo_montecarlo.cluster.pool import versions
@@ -45,8 +45,6 @@ from rpo_montecarlo.outputs import (
     write_arrays,
     write_text,
 )
-
-Floats = NDArray[np.float64]
 
 _TEXTS = ('campaign.yaml', 'scenario.yaml', 'controller.yaml')
 _RESULTS, _SUMMARY, _PART, _DONE = 'results.npz', 'summary.yaml', 'results.part', 'done.part'

@@ -11,14 +11,12 @@ from contextlib import ExitStack
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rpo_kernels.arrays import Floats
 from rpo_montecarlo.cluster import pool
 from rpo_montecarlo.engine.cases import Case, DrawnCase
 from rpo_montecarlo.engine.population import Population
 from rpo_montecarlo.engine.simulator import Simulator
-
-Floats = NDArray[np.float64]
 
 SHARES = 3
 """A population is cut into so many tasks per thread of the cluster."""

@@ -10,20 +10,17 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.files.scenario import Scenario, ScenarioSet
 from rpo_core.judge.metrics import MAX_ARRIVAL_DISTANCE_M, UNITS, Windows, window_ticks, windows_of
 from rpo_core.judge.requirements import THRUST
 from rpo_core.world.disturbance import Disturbance
+from rpo_kernels.arrays import Floats, Ints
 from rpo_montecarlo.engine import lanes
 from rpo_montecarlo.engine.judged import VALUES, JudgedTogether
 from rpo_montecarlo.engine.lanes import RUNS
 from rpo_montecarlo.engine.parts import disturbance, dynamics, goal, thrusters
 from rpo_montecarlo.engine.tick import Part, Runs
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 class Crossed(NamedTuple):

@@ -8,7 +8,6 @@ from math import sqrt
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.judge import metrics
 from rpo_core.judge.metrics import (
@@ -19,6 +18,7 @@ from rpo_core.judge.metrics import (
     last_outside,
     with_square,
 )
+from rpo_kernels.arrays import Floats
 from rpo_kernels.kernels import norm
 from rpo_montecarlo.engine.lanes import (
     BEFORE,
@@ -43,8 +43,6 @@ from rpo_montecarlo.engine.lanes import (
 from rpo_montecarlo.engine.parts import goal
 from rpo_montecarlo.engine.parts.control import Control
 from rpo_montecarlo.engine.tick import COMMANDED, COUNTED, MOVED, Part, Runs, fly, table_of
-
-Floats = NDArray[np.float64]
 
 COLUMNS = len(metrics.UNITS)
 """Columns of a row of metrics."""

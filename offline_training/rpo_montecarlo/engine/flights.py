@@ -7,13 +7,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.chain.flight import Flight, fly
 from rpo_core.control.controller import AnyController, FuzzyController
 from rpo_core.control.controller_file import ControllerFile
 from rpo_core.files.scenario import SET_SECTIONS, Scenario, ScenarioSet
 from rpo_guidance.plan import Guidance
+from rpo_kernels.arrays import Floats
 from rpo_montecarlo.engine import lanes
 from rpo_montecarlo.engine.cases import Case, Crossed, case_of_set
 from rpo_montecarlo.engine.counters import Trace
@@ -23,8 +23,6 @@ from rpo_montecarlo.engine.parts.estimation import errors_part
 from rpo_montecarlo.engine.support import announce, why_not
 from rpo_montecarlo.engine.tick import Batch, Runs
 from rpo_montecarlo.engine.tick import fly as fly_lanes
-
-Floats = NDArray[np.float64]
 
 
 def flights_of(controller: AnyController, found: Scenario | ScenarioSet) -> Iterator[Flight]:

@@ -19,11 +19,10 @@ from rpo_core.files.scenario import NANOSECONDS, Scenario
 from rpo_core.judge.contact import Port, contact_speeds, depth_m, port_of, touches
 from rpo_core.judge.metrics import hold_tick, larger
 from rpo_core.judge.requirements import ATTITUDES
+from rpo_kernels.arrays import Floats
 from rpo_kernels.kernels import norm
 from rpo_montecarlo.engine.counters import COLUMNS
 from rpo_montecarlo.engine.lanes import compiled
-
-Floats = NDArray[np.float64]
 
 VALUES = (
     'final_error_per_axis_m',

@@ -7,14 +7,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.control.controller import FuzzyController
 from rpo_core.control.fuzzy import FuzzySystem, MembershipFunctions, RuleTable
+from rpo_kernels.arrays import Floats, Ints
 from rpo_montecarlo.engine.lanes import Law, make_law, set_law
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 class Population(NamedTuple):

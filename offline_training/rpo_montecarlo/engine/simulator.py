@@ -15,7 +15,6 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import Controller, FuzzyController
@@ -24,6 +23,7 @@ from rpo_core.judge.metrics import row_of
 from rpo_core.judge.requirements import ATTITUDES
 from rpo_core.judge.verdicts import verdicts
 from rpo_ctrl.baselines import Baseline
+from rpo_kernels.arrays import Floats
 from rpo_montecarlo.engine import counters, lanes
 from rpo_montecarlo.engine.cases import Case, Crossed, DrawnCase
 from rpo_montecarlo.engine.counters import Trace, fly_lanes
@@ -36,7 +36,6 @@ from rpo_montecarlo.engine.population import Population, population_of
 from rpo_montecarlo.engine.support import announce, why_not
 from rpo_montecarlo.engine.tick import Runs
 
-Floats = NDArray[np.float64]
 Candidates = Population | Sequence[Controller]
 
 
@@ -107,8 +106,7 @@ class Simulator:
         elif isinstance(controller, Baseline):
             controller.refuse_other_ticks(case.base.dt_s)
             crossed = case.half if controller.alike else None
-            control = control_of(controller, paired=crossed is None)
-            self._fly_case(control, case, crossed, rows)
+            self._fly_case(control_of(controller), case, crossed, rows)
 
     def _fly_fuzzy(
         self, population: Population, index: int, samples: int, case: Case, rows: Floats

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
+from rpo_kernels.arrays import Floats
 from rpo_kernels.kernels import State, Vector
 from rpo_kernels.vectors import aligned
 from rpo_montecarlo.engine.calls import Call, call, rows_of
@@ -40,8 +41,6 @@ from rpo_montecarlo.engine.lanes import (
     V,
     compiled,
 )
-
-Floats = NDArray[np.float64]
 
 # Places in a tick, beside those of the chain.
 ADDED = Place.CONTROLLER + 1

@@ -16,12 +16,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.chain.stage import Place, section_of
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_ctrl.attitude_law_kernels import FUZZY, attitude_ahead
+from rpo_kernels.arrays import Floats
 from rpo_kernels.chaser_kernels import times
 from rpo_kernels.kernels import norm
 from rpo_montecarlo.campaign.config import Campaign
@@ -55,8 +55,6 @@ from rpo_montecarlo.engine.tick import COMMANDED, MOVED, Part, table_of
 from rpo_proof.safety import attack
 from rpo_proof.safety.attack import LATE, NOT_FINITE, wanted
 from rpo_safety.assumed import LARGEST_NORMAL, SQRT_3, errors_of
-
-Floats = NDArray[np.float64]
 
 HOSTILE_KINDS = (-1, *(i for i in range(len(attack.KINDS)) if i != LATE))
 KINDS = ('its own', *(attack.KINDS[i] for i in HOSTILE_KINDS[1:]))

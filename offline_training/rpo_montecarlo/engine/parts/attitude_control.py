@@ -28,6 +28,7 @@ from rpo_ctrl.attitude_law_kernels import (
     linear_torque,
     unloaded_at,
 )
+from rpo_kernels.arrays import Floats
 from rpo_kernels.attitude_kernels import synchronised
 from rpo_kernels.chaser_kernels import wheels_after
 from rpo_kernels.kernels import LANES, saturate
@@ -49,8 +50,8 @@ from rpo_montecarlo.engine.lanes import (
     compiled,
     infer_lanes,
 )
-from rpo_montecarlo.engine.parts.attitude import attitude_in, seen_rows
-from rpo_montecarlo.engine.tick import Batch, Draw, Floats, Kind, Part, register, table_of
+from rpo_montecarlo.engine.parts.attitude import attitude_in, seen_rows, vector_in
+from rpo_montecarlo.engine.tick import Batch, Draw, Kind, Part, register, table_of
 
 HEAD = FUZZY
 """Numbers of a table that runs have of their own."""
@@ -58,9 +59,10 @@ HEAD = FUZZY
 POINTED, SEEN, HEADS, SHARED = 0, 1, 4, 4 + HEAD * RUNS
 """Places in the table: whether there is a reference; the rows of the attitude that is read; what
 each run has; a law as the stage has it, its fuzzy samples padded for the lanes. The memory has the
-rate of the reference a tick earlier and the momentum of the wheels (6, 40), then `Errors`."""
+rate of the reference a tick earlier and the momentum of the wheels (6, 40), then `Errors`, then
+the momentum by the torques that arrived (3, 40)."""
 
-OFF = 6 * RUNS
+OFF, ACTED = 6 * RUNS, 15 * RUNS
 
 
 @compiled
@@ -99,7 +101,7 @@ def _errors(m, s):  # type: ignore[no-untyped-def]
 
 @compiled
 def steer(w, m, t, tick):  # type: ignore[no-untyped-def]
-    """Turn row FORCE into body axes; fill rows TORQUE and UNLOADING."""
+    """Turn row FORCE into body axes; fill row TORQUE, with the wheels as by its own commands."""
     law = t[SHARED:]
     _fill_errors(w, m, t, tick)
     if law[FUZZY] > 0.0:
@@ -128,8 +130,7 @@ def steer(w, m, t, tick):  # type: ignore[no-untyped-def]
                 law[SCALES + 4] * w[OUTPUT + z],
             )
         wheels = (m[s + 3 * RUNS], m[s + 4 * RUNS], m[s + 5 * RUNS])
-        taken, wheels = unloaded_at(wheels, t, i)
-        w[UNLOADING + s], w[UNLOADING + y], w[UNLOADING + z] = taken
+        _, wheels = unloaded_at(wheels, t, i)
         torque = limited(torque, e, seen, wheels, t, i)
         w[TORQUE + s], w[TORQUE + y], w[TORQUE + z] = torque
         after = wheels_after(wheels, torque, t[i + DT], t[i + WHEELS])
@@ -138,6 +139,17 @@ def steer(w, m, t, tick):  # type: ignore[no-untyped-def]
         m[s], m[s + RUNS], m[s + 2 * RUNS] = wanted[4], wanted[5], wanted[6]
         force = force_ahead((w[FORCE + s], w[FORCE + y], w[FORCE + z]), seen, t, i)
         w[FORCE + s], w[FORCE + y], w[FORCE + z] = force
+
+
+@compiled
+def unload(w, m, t, tick):  # type: ignore[no-untyped-def]
+    """Fill row UNLOADING: what empties the wheels, by the torques that arrived."""
+    for s in range(RUNS):
+        i, j = HEADS + HEAD * s, ACTED + s
+        taken, wheels = unloaded_at(vector_in(m, ACTED, s), t, i)
+        w[UNLOADING + s], w[UNLOADING + RUNS + s], w[UNLOADING + 2 * RUNS + s] = taken
+        after = wheels_after(wheels, vector_in(w, TORQUE, s), t[i + DT], t[i + WHEELS])
+        m[j], m[j + RUNS], m[j + 2 * RUNS] = after
 
 
 def padded(law: Floats) -> Floats:
@@ -156,13 +168,14 @@ def part_of(
     seen: tuple[int, int, int] = (QUAT, QUAT_W, RATE),
     pointed: bool = False,
 ) -> Part:
-    """Return the part of a law, with the heads (40, 12) of its runs.
+    """Return the part of a law, with the heads (40, 37) of its runs.
 
     starts : (3, 40) momentum of the wheels; seen : rows of the attitude that is read
     """
     table = table_of(pointed, seen, heads, padded(law))
-    memory = table_of(np.zeros((3, RUNS)), starts, np.zeros((9, RUNS)))
-    return Part('attitude_control', ((Place.STEERING, steer),), table, memory)
+    memory = table_of(np.zeros((3, RUNS)), starts, np.zeros((9, RUNS)), starts)
+    steps = ((Place.STEERING, steer), (Place.LINK + 1, unload))
+    return Part('attitude_control', steps, table, memory)
 
 
 def _part(batch: Batch) -> Part | None:

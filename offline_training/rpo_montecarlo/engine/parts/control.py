@@ -7,13 +7,14 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.chain.stage import Place
 from rpo_core.control.controller import Controller, FuzzyController
 from rpo_core.files.validation import InputError
-from rpo_ctrl.baseline_kernels import GAINS, BaselineLaw, axis_force, baseline_force
+from rpo_ctrl.baseline_kernels import GAINS, BaselineLaw, baseline_force
 from rpo_ctrl.baselines import Baseline
+from rpo_ctrl.lane_kernels import ROWS, axis_forces
+from rpo_kernels.arrays import Floats
 from rpo_kernels.kernels import saturate
 from rpo_montecarlo.engine.lanes import (
     E_R,
@@ -23,6 +24,7 @@ from rpo_montecarlo.engine.lanes import (
     RUNS,
     SEEN_R,
     SEEN_V,
+    STRIDE,
     Law,
     R,
     V,
@@ -31,8 +33,6 @@ from rpo_montecarlo.engine.lanes import (
 )
 from rpo_montecarlo.engine.population import population_of
 from rpo_montecarlo.engine.tick import Part, Runs, table_of
-
-Floats = NDArray[np.float64]
 
 LANES, POSITION, VELOCITY, LAW = range(4)
 """Places in the table of a controller: number of lanes, the rows that it reads, its numbers."""
@@ -57,10 +57,9 @@ def is_known(controller: Controller) -> bool:
     return bool(kinds) and type(controller).stage is kinds[0].stage
 
 
-def control_of(controller: Controller, *, paired: bool = True, limited: bool = True) -> Control:
+def control_of(controller: Controller, *, limited: bool = True) -> Control:
     """Return a controller for the engine; raises InputError if it does not know it.
 
-    paired : whether it flies paired runs; otherwise it treats all axes alike
     limited : whether a law saturates its force itself; if not, `gain_part` does
     """
     if isinstance(controller, FuzzyController):
@@ -72,7 +71,7 @@ def control_of(controller: Controller, *, paired: bool = True, limited: bool = T
     sizes = [len(table) for table in tables]
     limit_n = law.limit if limited else np.inf
     numbers = table_of(sizes, limit_n, law.lead_s, *tables)
-    return Control(command_paired if paired else command_axes, numbers)
+    return Control(command_axes if controller.alike else command_paired, numbers)
 
 
 def fuzzy_control(law: Law) -> Control:
@@ -138,7 +137,7 @@ def command_paired(w, m, t, tick):  # type: ignore[no-untyped-def]
 
 @compiled
 def command_axes(w, m, t, tick):  # type: ignore[no-untyped-def]
-    """Fill row FORCE [N] by a law that treats all axes alike."""
-    law, r, v = _law(t), int(t[POSITION]), int(t[VELOCITY])
-    for s in range(int(t[LANES])):
-        w[FORCE + s] = axis_force(w[r + s], w[v + s], tick, law)
+    """Fill row FORCE [N] by a law that treats all axes alike, in whole SIMD registers."""
+    r, v, n = int(t[POSITION]), int(t[VELOCITY]), (int(t[LANES]) + 7) // 8 * 8
+    forces, work = w[FORCE : FORCE + n], w[: ROWS * STRIDE]
+    axis_forces(w[r : r + n], w[v : v + n], forces, work, tick, _law(t))

@@ -7,14 +7,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.judge.metrics import larger
+from rpo_kernels.arrays import Floats
 from rpo_kernels.kernels import sin_cos
 from rpo_montecarlo.engine.lanes import PAIRED_LANES, PUSH, RUNS, compiled
 from rpo_montecarlo.engine.tick import LIMITED, Batch, Kind, Part, Runs, register, table_of
-
-Floats = NDArray[np.float64]
 
 TICKS, HARMONICS, TIMES = range(3)
 """Places in the table of waves; then times [s], the constant part [N] of each lane, and, of each

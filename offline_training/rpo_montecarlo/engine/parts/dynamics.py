@@ -11,12 +11,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
 from rpo_core.world import cw
 from rpo_core.world.dynamics import CLOHESSY_WILTSHIRE, environment_of, steps_per_tick, target_start
+from rpo_kernels.arrays import Floats
 from rpo_kernels.kernels import CwStep, cw_step, unpacked
 from rpo_kernels.orbit_kernels import (
     COLUMNS,
@@ -31,8 +31,6 @@ from rpo_kernels.orbit_kernels import (
 )
 from rpo_montecarlo.engine.lanes import FORCE, MASS, PUSH, RUNS, R, V, compiled
 from rpo_montecarlo.engine.tick import Batch, Draw, Kind, Part, register, table_of
-
-Floats = NDArray[np.float64]
 
 BURNS, MASSES = 0, 1
 """Places in both tables of drawn runs: whether the mass falls; that of each at the start [kg]."""

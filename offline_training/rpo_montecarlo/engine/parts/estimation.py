@@ -8,10 +8,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
+from rpo_kernels.arrays import Floats
 from rpo_kernels.attitude_kernels import attitude_at, frame_of, to_lvlh
 from rpo_kernels.kernels import measured
 from rpo_kernels.noise import six_normals
@@ -73,8 +73,6 @@ from rpo_nav.sensor_kernels import (
     sensed,
 )
 from rpo_nav.sensors import NOISES, STILL, Sensing, Sensors
-
-Floats = NDArray[np.float64]
 
 NOISE_R, NOISE_V, KEYS = 0, 1, 2
 BIAS = KEYS + 2 * RUNS

@@ -5,15 +5,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.chain.stage import Place
 from rpo_core.world import cw
 from rpo_guidance.plan import Guidance
+from rpo_kernels.arrays import Floats
 from rpo_montecarlo.engine.lanes import FORCE, RUNS, SEEN_R, SEEN_V, R, V, compiled
 from rpo_montecarlo.engine.tick import ADDED, Batch, Kind, Part, register, table_of
-
-Floats = NDArray[np.float64]
 
 LANES, FROM_TRUTH, POSITION = range(3)
 """Places in the table; the goal [m] of each lane, then the force [N] that holds there."""

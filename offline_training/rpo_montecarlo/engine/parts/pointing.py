@@ -8,13 +8,13 @@ from math import inf
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_attitude.pointing import NOWHERE, Pointing
 from rpo_attitude.target import ALIGNED
 from rpo_core.chain.stage import Place
 from rpo_core.judge.contact import Port, port_of, touches
 from rpo_core.judge.requirements import ATTITUDES
+from rpo_kernels.arrays import Floats
 from rpo_kernels.attitude_kernels import attitude_at, frame_of, synchronised
 from rpo_kernels.pointing_kernels import Aim, from_target, off_contact, pointed
 from rpo_montecarlo.engine.lanes import (
@@ -115,9 +115,6 @@ def _pointing(batch: Batch) -> Part | None:
     memory = table_of(attitudes, batch.lanes([NOWHERE] * len(targets)))
     steps = ((Place.GUIDANCE - 1, know), (Place.POINTING, point_all))
     return Part('pointing', steps, table, memory)
-
-
-Floats = NDArray[np.float64]
 
 
 def _contact(batch: Batch) -> Part | None:

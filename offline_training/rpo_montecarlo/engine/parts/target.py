@@ -9,11 +9,9 @@ from dataclasses import replace
 from math import radians
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from rpo_attitude.target import TUMBLE, Target, motion_of, of_vector, product, unit
 from rpo_core.files.scenario import Scenario
+from rpo_kernels.arrays import Floats
 from rpo_kernels.attitude_kernels import (
     FRAME,
     attitude_at,
@@ -36,8 +34,6 @@ from rpo_montecarlo.engine.lanes import (
 )
 from rpo_montecarlo.engine.parts.attitude import put_attitude
 from rpo_montecarlo.engine.tick import MOVED, Batch, Draw, Kind, Part, register, table_of
-
-Floats = NDArray[np.float64]
 
 FIRST = 1
 """Place in a tick of what is done once, before the first state is read."""

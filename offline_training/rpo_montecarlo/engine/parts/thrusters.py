@@ -9,11 +9,11 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
 from rpo_core.judge import requirements
+from rpo_kernels.arrays import Floats
 from rpo_kernels.kernels import exerted_force, saturate
 from rpo_kernels.pulse_kernels import (
     DELTA_V,
@@ -49,8 +49,6 @@ from rpo_thrusters.thrusters import (
     turns_by_table,
     valves_of,
 )
-
-Floats = NDArray[np.float64]
 
 THRUST = (DELTA_V, SPENT, OPENINGS)
 """Places in the memory of a run's valves of what it has spent: delta-v, propellant, openings."""
