@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 from typing import Any
 
 import pytest
@@ -14,8 +15,14 @@ from rpo_core import files
 from rpo_core.control import controller
 from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
+from rpo_core.judge.requirements import ATTITUDES, THRUST, Requirements
+from rpo_safety import limit_checker
 
-PARSERS = {'scenario': scenario.parse, 'controller': controller.parse}
+PARSERS = {
+    'scenario': scenario.parse,
+    'controller': controller.parse,
+    'monitor': limit_checker.parse,
+}
 
 Path = tuple[Any, ...]
 """Keys and indices from the top of a document down to a value."""
@@ -106,3 +113,54 @@ def assert_names(message: str, path: Path) -> None:
     whole, last = name(path), name(path[-1:])
     parents = name(path[:-1])
     assert f'`{whole}' in message or (f'{parents}: ' in message and f'`{last}' in message), message
+
+
+def one_harmonic() -> Any:
+    """Return a scenario whose disturbance is written out, with one harmonic."""
+    data = with_harmonics()
+    del data['disturbance']['harmonics'][0]
+    return data
+
+
+def with_hardware() -> Any:
+    """Return a scenario whose thrusters and navigation have errors."""
+    data = document('scenario', 'quick')
+    data['thrusters'] = {'matrix': [[1, 0, 0], [0, 1, 0], [0, 0, 1]], 'delay_ticks': 1}
+    data['navigation'] = {
+        'position_bias_m': [0.1, 0, 0], 'velocity_bias_m_s': [0, 0, 0],
+        'position_noise_m': 0.1, 'velocity_noise_m_s': 0.01, 'noise_key': [1, 2],
+    }  # fmt: skip
+    return data
+
+
+def with_requirements() -> Any:
+    """Return a scenario that requires all that can be required without pulses and propellant."""
+    data = document('scenario', 'quick')
+    names = {f.name for f in dataclasses.fields(Requirements)} - set(THRUST)
+    required = {name: 1.0 for name in sorted(names)}
+    data['requirements'] = {**required, 'contact_axis': '+y', 'profile': 'idss'}
+    for key in ATTITUDES:  # of a chaser that turns
+        del data['requirements'][key]
+    del data['requirements']['arrival_error_norm_m']  # per axis or norm, not both
+    return data
+
+
+CONTROLLERS = (
+    'handmade', 'pd', 'lqr', 'mpc', 'apf_smc', 'drift', 'pace', 'more_words', 'time_to_go',
+)  # fmt: skip
+DOCUMENTS = {
+    ('scenario', 'requirements'): with_requirements(),
+    ('scenario', 'paper_test'): document('scenario', 'paper_test'),
+    ('scenario', 'paper_training'): document('scenario', 'paper_training'),
+    ('scenario', 'harmonics'): one_harmonic(),
+    ('scenario', 'hardware'): with_hardware(),
+    **{
+        ('controller', n): document('controller', n)
+        for n in (
+            'handmade',
+            *['pd', 'lqr', 'mpc', 'apf_smc', 'drift', 'pace', 'more_words', 'time_to_go'],
+        )
+    },
+    ('monitor', 'default'): document('monitor', 'default'),
+}
+"""Kind and name -> a document of each kind of section and controller."""

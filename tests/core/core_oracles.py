@@ -14,6 +14,7 @@ from pathlib import Path
 
 import mpmath
 import numpy as np
+from scipy.linalg import expm
 
 import rpo_core
 from rpo_core.control.fuzzy import WORDS, FuzzySystem, MembershipFunctions
@@ -59,6 +60,13 @@ def system_matrices(n, mass):
     a[5, 2] = -n * n
     b = np.vstack([np.zeros((3, 3)), np.eye(3) / mass])
     return a, b
+
+
+def exact_step(n, mass, dt_s):
+    """Return A (6, 6) and B (6, 3) of a step under a held force, by the matrix exponential."""
+    a, b = system_matrices(n, mass)
+    whole = expm(np.block([[a, b], [np.zeros((3, 9))]]) * dt_s)
+    return whole[:6, :6], whole[:6, 6:]
 
 
 def triangles(functions: MembershipFunctions) -> dict[str, Triangle]:

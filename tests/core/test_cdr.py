@@ -243,3 +243,38 @@ def test_other_bytes_are_refused_in_words(type_name, data):
 def test_big_endian_is_refused():
     with pytest.raises(cdr.CdrError, match='little-endian'):
         cdr.decode_stamped(CLOCK, b'\x00\x00\x00\x00' + bytes(8))
+
+
+def test_why_a_message_cannot_be_used():
+    layout = interfaces.row_of(interfaces.CONTROL_FORCE).layout
+    stamp, right = 3 * 10**9 + 999_999_999, interfaces.row_of(interfaces.CONTROL_FORCE).frames[0]
+    data = bytearray(cdr.encode_wrench(stamp, right, [1.0, 2.0, 3.0]))
+    assert layout.use(bytes(data)) == ('', stamp, (1.0, 2.0, 3.0))
+    assert layout.use(bytes(data[:-1])) == ('malformed', 0, ())
+    struct.pack_into('<I', data, cdr.STAMP_AT + 4, 10**9)  # four seconds, written another way
+    assert layout.use(bytes(data)) == ('malformed', 4 * 10**9, (1.0, 2.0, 3.0))
+    elsewhere = cdr.encode_wrench(stamp, 'elsewhere', [1.0, 2.0, 3.0])
+    assert layout.use(elsewhere) == ('wrong_frame', stamp, (1.0, 2.0, 3.0))
+    for force, why in (
+        ([1.0, np.nan, 3.0], 'not_finite'),
+        ([np.inf, 0.0, -np.inf], 'not_finite'),
+        ([1e308, 1e308, 0.0], ''),
+    ):
+        assert layout.use(cdr.encode_wrench(stamp, right, force))[0] == why
+
+
+@pytest.mark.parametrize(
+    ('at', 'wrong', 'said'),
+    [
+        (13, b'\xff', 'must hold UTF-8 text at 12'),
+        (15, b'x', 'must hold a string of 4 bytes at 12, the last one 0'),
+        (32, b'\xff\xff\xff', 'must hold 16777215 elements; got 50 bytes'),
+    ],
+)
+def test_a_damaged_status_is_refused_with_its_place(at, wrong, said):
+    data = cdr.encode_status(2, 'abc', 'de', 'f', {'k': 'v'})
+    assert cdr.decode_status(data).values == (('k', 'v'),)
+    with pytest.raises(cdr.CdrError, match=said):
+        cdr.decode_status(data[:at] + wrong + data[at + len(wrong) :])
+    with pytest.raises(cdr.CdrError, match='must hold a level; got no more bytes'):
+        cdr.decode_status(data[:4])

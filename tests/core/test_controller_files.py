@@ -9,7 +9,7 @@ import math
 import pytest
 from core_documents import MISSING, assert_names, changed, document, keys, refusal, renamed
 from core_strategies import functions, odd_rules, systems
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rpo_core import files
@@ -42,6 +42,7 @@ def test_handmade_is_odd_and_monotone(handmade):
 positive = st.floats(1e-6, 1e6)
 
 
+@settings(max_examples=30)
 @given(systems(odd_rules), positive, positive, positive, st.text(max_size=20), st.integers())
 def test_any_controller_round_trips_bit_for_bit(system, position, velocity, force, note, seed):
     built = FuzzyController(

@@ -8,11 +8,10 @@ import math
 
 import numpy as np
 import pytest
-from core_oracles import MP, input_matrix, system_matrices, transition_matrix
+from core_oracles import MP, exact_step, input_matrix, system_matrices, transition_matrix
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
-from scipy.linalg import expm
 
 from rpo_core.world import cw
 from rpo_kernels import kernels
@@ -43,7 +42,7 @@ def test_mean_motion_of_the_paper_and_of_kepler():
 
 
 @pytest.mark.parametrize('n', [LEO, GEO])
-@pytest.mark.parametrize('dt_s', [1e-6, 1e-3, 0.1, 1.0, 30.0, 300.0, 850.0, 1000.0])
+@pytest.mark.parametrize('dt_s', [1e-6, 0.1, 30.0, 850.0, 1000.0])
 def test_discretisation_is_the_textbook_solution_to_the_last_digits(n, dt_s):
     a, b = cw.matrices(cw.discretise(n, MASS_KG, dt_s))
     exact_a = transition_matrix(MP.mpf(n), MP.mpf(dt_s))
@@ -61,11 +60,10 @@ def test_discretisation_is_the_textbook_solution_to_the_last_digits(n, dt_s):
 
 @pytest.mark.parametrize('dt_s', [0.1, 10.0, 400.0])
 def test_discretisation_is_the_matrix_exponential(dt_s):
-    a, b = system_matrices(LEO, MASS_KG)
-    block = expm(np.block([[a, b], [np.zeros((3, 9))]]) * dt_s)
+    a, b = exact_step(LEO, MASS_KG, dt_s)
     got_a, got_b = cw.matrices(cw.discretise(LEO, MASS_KG, dt_s))
-    np.testing.assert_allclose(got_a, block[:6, :6], rtol=1e-13, atol=1e-13)
-    np.testing.assert_allclose(got_b, block[:6, 6:], rtol=1e-13, atol=1e-13)
+    np.testing.assert_allclose(got_a, a, rtol=1e-13, atol=1e-13)
+    np.testing.assert_allclose(got_b, b, rtol=1e-13, atol=1e-13)
 
 
 def test_step_is_the_matrices():
@@ -218,8 +216,8 @@ def angles():
     quarters = rng.integers(-600_000, 600_000, 1500) * (math.pi / 2)
     return np.concatenate(
         [
-            rng.uniform(-1e6, 1e6, 3000),
-            rng.uniform(-10, 10, 3000),
+            rng.uniform(-1e6, 1e6, 2000),
+            rng.uniform(-10, 10, 2000),
             10 ** rng.uniform(-12, 0, 1000),
             quarters,
             np.nextafter(quarters, np.inf),

@@ -107,3 +107,20 @@ def test_bad_values_are_named(make, words):
     with pytest.raises(InputError) as error:
         make()
     assert all(word in str(error.value) for word in words), error.value
+
+
+@given(
+    constants,
+    st.lists(harmonics, max_size=3),
+    st.floats(-0.9, 2),
+    st.floats(-3, 3),
+    st.floats(-0.9, 0.0),
+)
+def test_a_varied_one_is_the_formula_with_other_numbers(constant, terms, share, phase, faster):
+    got = Disturbance(constant, tuple(terms)).varied(share, phase_rad=phase, frequency_share=faster)
+    expected = [(1.0 + share) * c for c in constant]
+    for term in terms:
+        function = math.sin if term.function == 'sin' else math.cos
+        angle = term.angular_rate_rad_s * (1.0 + faster) * 7.0 + term.phase_rad + phase
+        expected['xyz'.index(term.axis)] += (1.0 + share) * term.amplitude_n * function(angle)
+    assert got.force_n(7.0) == pytest.approx(expected, abs=1e-12)

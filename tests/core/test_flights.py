@@ -8,11 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from core_oracles import mamdani, system_matrices
+from core_oracles import exact_step, mamdani
 from core_strategies import odd_rules, smooth_functions, systems
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.linalg import expm
 
 from rpo_core.chain.chain import Chain
 from rpo_core.chain.flight import OpenLoop, fly
@@ -59,9 +58,7 @@ def test_a_flight_is_what_the_nodes_do_tick_by_tick(paper_test, paper_flight, ha
 def test_a_flight_is_another_implementations(handmade, paper_test):
     """The matrix exponential and the definition of Mamdani inference, for a minute."""
     short = replace(paper_test, duration_s=60.0, dt_s=0.5)
-    a, b = system_matrices(short.mean_motion_rad_s, short.mass_kg)
-    block = expm(np.block([[a, b], [np.zeros((3, 9))]]) * short.dt_s)
-    a_d, b_d = block[:6, :6], block[:6, 6:]
+    a_d, b_d = exact_step(short.mean_motion_rad_s, short.mass_kg, short.dt_s)
     flight = fly(short, handmade)
     state, n = np.array(short.start), short.mean_motion_rad_s
     position_scale, velocity_scale, force_scale = handmade.scales
@@ -183,8 +180,16 @@ def holding(goal_m, **changes):
     return replace(load_scenario('approach'), goal_position_m=goal_m, **changes)
 
 
-@pytest.mark.parametrize('name', ['trained', 'pd', 'lqr', 'mpc', 'apf_smc'])
-@pytest.mark.parametrize('goal', [(0.0, 10.0, 0.0), (-15.0, 30.0, 20.0)])
+NEAR, ASIDE = (0.0, 10.0, 0.0), (-15.0, 30.0, 20.0)
+
+
+@pytest.mark.parametrize(
+    ('name', 'goal'),
+    [
+        ('trained', NEAR), ('trained', ASIDE), ('pd', ASIDE), ('lqr', NEAR), ('mpc', ASIDE),
+        ('apf_smc', NEAR),
+    ],
+)  # fmt: skip
 def test_every_controller_rests_at_the_goal(name, goal):
     scenario = holding(goal, duration_s=600.0)
     flight = fly(scenario, load_controller(name))

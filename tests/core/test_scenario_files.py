@@ -14,7 +14,7 @@ from core_documents import MISSING, assert_names, changed, document, keys, refus
 from core_documents import with_harmonics as written_out
 
 from rpo_core import files
-from rpo_core.files import scenario
+from rpo_core.files import scenario, starts
 from rpo_core.files.validation import InputError
 from rpo_core.world import cw
 from rpo_core.world.disturbance import Disturbance, Harmonic, paper
@@ -331,3 +331,44 @@ def test_goal_and_body_are_optional_checked_and_written_back(paper_test):
 )
 def test_a_wrong_goal_or_body_is_one_sentence(changes, sentence):
     assert sentence in refusal('scenario', {**SINGLE, **changes})
+
+
+def test_starts_of_a_grid_and_of_a_box():
+    grid = starts.Grid((1.0, 2.0), (3.0,), (4.0, 5.0)).positions_m
+    assert grid.tolist() == [[1.0, 3.0, 4.0], [1.0, 3.0, 5.0], [2.0, 3.0, 4.0], [2.0, 3.0, 5.0]]
+    least, most = np.array([-4.0, 2.0, 0.0]), np.array([6.0, 2.0, 1.0])
+    box = starts.Box(tuple(least), tuple(most), random=2000, seed=3)
+    corners, drawn = np.split(box.positions_m, [4])
+    assert corners.tolist() == [
+        [-4.0, 2.0, 0.0],
+        [-4.0, 2.0, 1.0],
+        [6.0, 2.0, 0.0],
+        [6.0, 2.0, 1.0],
+    ]
+    assert ((drawn >= least) & (drawn <= most)).all()
+    assert np.abs(drawn.mean(axis=0) - 0.5 * (least + most)).max() < 0.3
+    assert np.abs(drawn.std(axis=0) * np.sqrt(12.0) - (most - least)).max() < 0.3
+    assert (box.positions_m == replace(box).positions_m).all()
+    assert (box.positions_m[4:] != replace(box, seed=4).positions_m[4:])[:, [0, 2]].all()
+    with pytest.raises(InputError, match='`least` must not be beyond `most`'):
+        replace(box, most=(6.0, 1.9, 1.0))
+
+
+def test_a_set_has_one_field_of_starts():
+    one, other = starts.FIELDS[1:]
+    assert starts.field_of({one: {}}) == one and starts.field_of({}) == starts.FIELDS[0]
+    with pytest.raises(
+        InputError, match=f'`{one}` must be the only starts of a set; got `{other}`'
+    ):
+        starts.field_of({one: {}, other: {}})
+    grid = {'x': [1.0], 'y': [2.0], 'z': [3.0]}
+    assert starts.parse(one, grid) == starts.Grid((1.0,), (2.0,), (3.0,))
+    box = {'least': [0.0, 0.0, 0.0], 'most': [1.0, 1.0, 1.0]}
+    assert starts.parse(other, box) == starts.Box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
+    assert starts.parse(starts.FIELDS[0], [1.0]) == starts.Cube((1.0,))
+
+
+def test_the_farthest_of_a_set_is_the_one_that_is_rehearsed():
+    training = scenario.load_set('paper_training')
+    far = replace(training, starts=starts.Grid((1.0, -9.0, 4.0), (2.0, 3.0), (-1.0, 0.5)))
+    assert far.farthest == replace(training.base, initial_position_m=(-9.0, 3.0, -1.0))

@@ -11,7 +11,6 @@ from itertools import product
 
 import numpy as np
 import pytest
-from core_oracles import python
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
@@ -358,30 +357,6 @@ def test_the_torque_travels_in_the_message_of_the_force():
     assert interfaces.row_of(EXERTED_TORQUE).columns[0] == 'wrench.torque.x'
 
 
-BITS = """
-import hashlib
-import numpy as np
-from rpo_core.chain.flight import fly
-from rpo_core.control.controller import load_controller
-from rpo_core.files.scenario import load_scenario
-from rpo_thrusters.table import Failure, ThrusterTable
-from rpo_thrusters.thrusters import Thrusters
-off = Failure(thruster='x+a', stuck='off', from_s=1.0, until_s=2.0, known=True)
-on = Failure(thruster='y-a', stuck='on', from_s=1.5, until_s=1.8, known=True)
-for name in ('faces_6', 'pairs_12', 'quads_16', 'corners_24'):
-    failures = () if name == 'faces_6' else (off, on)
-    table = ThrusterTable(preset=name, force_n=0.2, centre_of_mass_m=(0.1, 0.02, -0.05),
-                          minimum_impulse_bit_n_s=0.001, failures=failures)
-    flight = fly(load_scenario('quick').equipped(Thrusters(table=table)), load_controller('pd'))
-    torque = np.ascontiguousarray(flight.signals['exerted_torque']).tobytes()
-    print(name, hashlib.sha256(flight.states.tobytes() + torque).hexdigest())
-"""
-
-
-def test_compiled_allocation_gives_the_interpreted_bits():
-    assert python(BITS, RPO_JIT='0') == python(BITS, RPO_JIT='1')
-
-
 def reach(table, direction, stuck=(), torque_nm=(0.0, 0.0, 0.0)):
     """Return the largest force along a direction with a torque, as HiGHS finds it."""
     programme = Programme(table)
@@ -430,7 +405,7 @@ def test_authority_is_that_of_scipy(name, stuck):
     np.testing.assert_allclose(found.axes_n, expected, atol=1e-9)
     corners = product((1.0, -1.0), repeat=3)
     assert found.box_n == pytest.approx(min(reach(table, c, stuck) for c in corners), abs=1e-9)
-    draw = np.random.default_rng(3).normal(size=(60, 3))
+    draw = np.random.default_rng(3).normal(size=(20, 3))
     draw /= np.linalg.norm(draw, axis=1)[:, None]
     least = min(*expected, *(reach(table, side, stuck) for side in draw))
     assert found.box_n - 1e-9 <= found.least_n <= least + 1e-9

@@ -36,22 +36,6 @@ sys.exit(int(code) or len(loaded))
 """
 
 
-FLIGHT = """
-import importlib, pkgutil
-import rpo_core
-for module in pkgutil.iter_modules(rpo_core.__path__, 'rpo_core.'):
-    importlib.import_module(module.name)
-from rpo_core.chain.flight import fly
-from rpo_core.control.controller import load_controller
-from rpo_core.files.scenario import load_scenario
-print(fly(load_scenario('quick'), load_controller('trained')).states.shape)
-"""
-
-
-def test_the_core_flies_with_rclpy_blocked():
-    assert python(BLOCKED + FLIGHT, RPO_JIT='0').strip() == '(51, 6)'
-
-
 def test_it_is_said_how_to_install_the_one_library_that_rosdep_has_not(monkeypatch):
     said = missing.sentence('mcap.reader')
     assert said.startswith('the Python library mcap is missing: `python3 -m pip install ')

@@ -204,3 +204,17 @@ def test_what_is_inside_a_zone():
     inside = np.array([(0.0, -5.0, 0.0), (1.0, 5.0, 0.0), (0.5, 0.5, 0.0)])
     assert not zone.depths_m(clear).any() and zone.depths_m(inside).all()
     assert not Zone().depths_m(np.vstack([clear, inside])).any()
+
+
+@given(st.floats(-3.0, 3.0), st.floats(0.0, 9.0), st.floats(-3.0, 3.0))
+def test_a_square_corridor_has_four_planes_and_a_round_one_a_cone(across, along, other):
+    for square, off in ((True, max(abs(across), abs(other))), (False, math.hypot(across, other))):
+        way = Cone((0.0, -1.0, 0.0), (0.0, -1.0, 0.0), 0.2, 9.0, 0.1, square)
+        found = way.outside_m((across, -1.0 - along, other))
+        assert found == pytest.approx(off - 0.1 - 0.2 * along, abs=1e-12)
+        assert (way.end_m, way.end_half_width_m) == ((0.0, -10.0, 0.0), pytest.approx(1.9))
+
+
+def test_a_corridor_without_a_direction_is_refused():
+    with pytest.raises(InputError, match='`axis` must be at least'):
+        Corridor(axis=(0.0, 0.0, 1e-9))

@@ -11,10 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
-from typer.testing import CliRunner
+from invoking import invoke
 
 from rpo_attitude.target import Target, motion_of
-from rpo_cli.cli import app
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario as scenarios
@@ -137,7 +136,7 @@ def test_the_command_writes_a_scenario_that_docks(tmp_path, monkeypatch):
     monkeypatch.setattr(entry, 'STEP_S', 58)
     monkeypatch.setattr('rpo_judge.evaluation.plan_bound.PATH_TICKS', 60)
     path = tmp_path / 'sooner.yaml'
-    printed = CliRunner().invoke(app, ['plan', 'tumbling_port', '--entry', str(path)])
+    printed = invoke('plan', 'tumbling_port', '--entry', path)
     assert printed.exit_code == 0, printed.output
     said = ' '.join(printed.output.split())
     assert '290 - 0.075 463.4 0.4843' in said and 'chosen' in said

@@ -5,10 +5,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from kept import assert_kept, digits
 
 from rpo_core import files
 from rpo_core.chain.chain import Chain
@@ -22,6 +24,9 @@ from rpo_core.world import cw
 from rpo_guidance import guidance, plan, rehearsal, transfers
 from rpo_kernels import kernels
 
+LIST = Path(__file__).with_name('plans.txt')
+LEFT = ('around', 'hold_points', 'on_command', 'tumbling_docking')
+"""Plans that commands interrupt."""
 KEEP_OUT_M, PORT_M = 10.0, np.array([0.0, 1.0, 0.0])
 
 
@@ -196,3 +201,28 @@ def test_the_search_of_a_plan_is_bounded_by_its_work(monkeypatch):
     monkeypatch.setattr(rehearsal, 'MOST_WORK', 0.5 * sum(spent))
     with pytest.raises(InputError, match='`guidance` must have a plan that is found in'):
         scenario.parse(data)
+
+
+def lines():
+    """Yield what plans are: their phases, sums of references and forces, ways out of them."""
+    for name in ('apollo', 'docking', 'least_energy', 'passive_approach', 'tumbling_port', *LEFT):
+        chosen = scenario.load_scenario(name)
+        found = rehearsal.nominal(chosen.section(plan.Guidance), chosen, to_rest=True)
+        yield from (f'{name}: {tick} {phase}, {why}' for tick, phase, why in found.changes)
+        for part in (found.references, found.forces):
+            yield f'{name}: {digits(np.abs(part).sum(axis=0))}'
+    for name in LEFT:
+        chosen = scenario.load_scenario(name)
+        for at in (300, 2500, 4000):
+            for command in ('hold', 'retreat', 'abort', 'go'):
+                stage = follow(chosen, at)
+                yield f'{name} at {at}, {command}: {stage.command(command)}'
+                state, known = stage._reference, len(stage.changes)
+                for tick in range(at, at + 300):
+                    state, force = stage.step(tick, state)
+                yield f'  {stage.changes[known:]} {digits((*state, *force))}'
+
+
+def test_plans_are_those_of_the_list():
+    """Other tests find what cannot be flown; what costs more than it must, only this list."""
+    assert_kept(LIST, lines())

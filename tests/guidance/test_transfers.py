@@ -127,7 +127,7 @@ def test_through_the_centre_it_passes_below():
 
 
 @pytest.mark.parametrize('constraints', [0, 1, 9, 40])
-@pytest.mark.parametrize('shift', [0.0, -0.3])
+@pytest.mark.parametrize('shift', [0.0, -0.3, 0.3])
 def test_many_sweeps_at_a_time_give_the_bits_of_one_after_the_other(
     monkeypatch, constraints, shift
 ):

@@ -22,6 +22,12 @@ def short_run() -> Run:
     return make_run(5.0)
 
 
+@pytest.fixture
+def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Read a log in blocks of seven ticks."""
+    monkeypatch.setattr(stream, 'BLOCK_TICKS', 7)
+
+
 @pytest.fixture(params=[4096, 7], ids=['one block', 'blocks of 7'])
 def blocks(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Read a log in blocks of so many ticks."""
@@ -35,19 +41,23 @@ def run() -> Run:
 
 
 @pytest.fixture(scope='session')
-def log_bytes(run: Run, tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    """The log of `run`."""
+def log(run: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The log of `run`, in its folder; to be read only."""
     folder = tmp_path_factory.mktemp('whole')
     assert run.write(folder).whole
-    return (folder / 'run.mcap').read_bytes()
+    return folder / 'run.mcap'
 
 
 @pytest.fixture(scope='session')
-def chunks(log_bytes: bytes, tmp_path_factory: pytest.TempPathFactory) -> list[ChunkIndex]:
-    """Where the chunks of `log_bytes` lie."""
-    path = tmp_path_factory.mktemp('index') / 'run.mcap'
-    path.write_bytes(log_bytes)
-    with path.open('rb') as stream:
+def log_bytes(log: Path) -> bytes:
+    """The bytes of `log`."""
+    return log.read_bytes()
+
+
+@pytest.fixture(scope='session')
+def chunks(log: Path) -> list[ChunkIndex]:
+    """Where the chunks of `log` lie."""
+    with log.open('rb') as stream:
         return [r for r in StreamReader(stream).records if isinstance(r, ChunkIndex)]
 
 

@@ -10,16 +10,20 @@ from pathlib import Path
 
 import pytest
 import yaml
+from hypothesis import given
+from hypothesis import strategies as st
 from log_runs import TOPICS
 from mcap import records as mcap_records
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.writer import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from rpo_core.wire import interfaces
 from rpo_log.tools.repair import repair
 from rpo_mcap.errors import Fault, LogError
 from rpo_mcap.format import rosbag2
+from rpo_mcap.write.mcap_file import LIBRARY, PROFILE, McapFile
 from rpo_mcap.write.side_file import HealthLogWriter
 
 INFINITE = {'sec': 9223372036, 'nsec': 854775807}
@@ -67,25 +71,18 @@ class Log:
 
 
 @pytest.fixture(scope='module')
-def folder(run, tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp('conformance')
-    assert run.write(folder).whole
-    return folder
+def records(log) -> Log:
+    return Log(log)
 
 
-@pytest.fixture(scope='module')
-def log(folder) -> Log:
-    return Log(folder / 'run.mcap')
-
-
-def test_header(log):
-    header = log.records[0]
+def test_header(records):
+    header = records.records[0]
     assert header.profile == 'ros2'
     assert header.library == 'rpo_log/1'
 
 
-def test_schemas(log):
-    found = {schema.id: schema for schema in log.of(mcap_records.Schema)}
+def test_schemas(records):
+    found = {schema.id: schema for schema in records.of(mcap_records.Schema)}
     types = {interfaces.find(name).type for name in TOPICS}
     assert {schema.name for schema in found.values()} == types
     for schema in found.values():
@@ -99,9 +96,9 @@ def test_schemas(log):
         assert len(set(names)) == len(names)
 
 
-def test_channels(log):
-    schemas_by_id = {schema.id: schema.name for schema in log.of(mcap_records.Schema)}
-    found = {channel.topic: channel for channel in log.of(mcap_records.Channel)}
+def test_channels(records):
+    schemas_by_id = {schema.id: schema.name for schema in records.of(mcap_records.Schema)}
+    found = {channel.topic: channel for channel in records.of(mcap_records.Channel)}
     assert set(found) == set(TOPICS)
     for name, channel in found.items():
         kind = interfaces.find(name).type
@@ -110,8 +107,8 @@ def test_channels(log):
         assert channel.metadata['topic_type_hash'] == rosbag2.definition(kind).type_hash
 
 
-def test_offered_qos_profiles_are_those_of_version_9(log):
-    for channel in {c.topic: c for c in log.of(mcap_records.Channel)}.values():
+def test_offered_qos_profiles_are_those_of_version_9(records):
+    for channel in {c.topic: c for c in records.of(mcap_records.Channel)}.values():
         profiles = yaml.safe_load(channel.metadata['offered_qos_profiles'])
         assert isinstance(profiles, list) and len(profiles) == 1
         profile = profiles[0]
@@ -148,8 +145,8 @@ def test_the_declared_qos_is_what_the_nodes_offer():
         assert interfaces.row_of(force).frames == frames[:1]
 
 
-def test_messages_carry_simulated_time_and_tick(log, run):
-    found = log.of(mcap_records.Message)
+def test_messages_carry_simulated_time_and_tick(records, run):
+    found = records.of(mcap_records.Message)
     assert len(found) == len(run.messages)
     for message in found:
         stamp = run.base.stamp_ns(message.sequence)
@@ -157,26 +154,26 @@ def test_messages_carry_simulated_time_and_tick(log, run):
         assert message.data[:4] == b'\x00\x01\x00\x00'
 
 
-def test_messages_are_ordered_by_tick_then_topic(log, run):
-    names = {channel.id: channel.topic for channel in log.of(mcap_records.Channel)}
-    found = [(names[m.channel_id], m.sequence, m.data) for m in log.of(mcap_records.Message)]
+def test_messages_are_ordered_by_tick_then_topic(records, run):
+    names = {channel.id: channel.topic for channel in records.of(mcap_records.Channel)}
+    found = [(names[m.channel_id], m.sequence, m.data) for m in records.of(mcap_records.Message)]
     assert found == run.messages
 
 
-def test_rosbag2_record_at_open_and_at_close(log, folder, run):
-    said = [r.metadata for r in log.of(mcap_records.Metadata) if r.name == 'rosbag2']
+def test_rosbag2_record_at_open_and_at_close(records, log, run):
+    said = [r.metadata for r in records.of(mcap_records.Metadata) if r.name == 'rosbag2']
     assert len(said) == 2
     opened, closed = (yaml.safe_load(values['serialized_metadata']) for values in said)
     for document in (opened, closed):
         assert set(document) == METADATA_KEYS
         assert document['version'] == 9
     assert opened['message_count'] == 0
-    on_disk = yaml.safe_load((folder / 'metadata.yaml').read_text())
+    on_disk = yaml.safe_load((log.parent / 'metadata.yaml').read_text())
     assert {'rosbag2_bagfile_information': closed} == on_disk
 
 
-def test_metadata_yaml(folder, run):
-    text = (folder / 'metadata.yaml').read_text()
+def test_metadata_yaml(log, run):
+    text = (log.parent / 'metadata.yaml').read_text()
     assert '&' not in text and '*' not in text  # no anchors: not every reader follows them
     info = yaml.safe_load(text)['rosbag2_bagfile_information']
     assert set(info) == METADATA_KEYS
@@ -206,22 +203,22 @@ def test_metadata_yaml(folder, run):
         assert entry['message_count'] == sent
 
 
-def test_statistics(log, run):
-    statistics = log.summary.statistics
+def test_statistics(records, run):
+    statistics = records.summary.statistics
     assert statistics.message_count == len(run.messages)
     assert statistics.message_start_time == run.base.epoch_ns
     assert statistics.message_end_time == run.base.stamp_ns(run.base.last_tick)
-    assert statistics.chunk_count == len(log.summary.chunk_indexes) > 0
+    assert statistics.chunk_count == len(records.summary.chunk_indexes) > 0
     assert statistics.attachment_count == 3
     assert statistics.metadata_count == 3
-    assert statistics.channel_count == len(log.summary.channels) == 5
-    assert statistics.schema_count == len(log.summary.schemas) == 4
+    assert statistics.channel_count == len(records.summary.channels) == 5
+    assert statistics.schema_count == len(records.summary.schemas) == 4
     assert sum(statistics.channel_message_counts.values()) == len(run.messages)
 
 
-def test_chunks_are_zstd_with_checksums_and_indexes(log):
-    found = [record for record in log.outer if isinstance(record, mcap_records.Chunk)]
-    indexes = log.summary.chunk_indexes
+def test_chunks_are_zstd_with_checksums_and_indexes(records):
+    found = [record for record in records.outer if isinstance(record, mcap_records.Chunk)]
+    indexes = records.summary.chunk_indexes
     assert [chunk.compression for chunk in found] == ['zstd'] * len(indexes)
     for chunk, index in zip(found, indexes, strict=True):
         assert chunk.uncompressed_crc != 0
@@ -233,9 +230,9 @@ def test_chunks_are_zstd_with_checksums_and_indexes(log):
     assert at == sorted(at)
 
 
-def test_message_indexes_point_at_the_messages(log):
-    content = log.path.read_bytes()
-    index = log.summary.chunk_indexes[-2]
+def test_message_indexes_point_at_the_messages(records):
+    content = records.path.read_bytes()
+    index = records.summary.chunk_indexes[-2]
     for channel_id, offset in index.message_index_offsets.items():
         assert content[offset] == 0x07
         length = int.from_bytes(content[offset + 1 : offset + 9], 'little')
@@ -244,15 +241,15 @@ def test_message_indexes_point_at_the_messages(log):
         assert len(entries) % 16 == 0 and entries
 
 
-def test_whole_file_checksums(log):
-    content = log.path.read_bytes()
-    end = next(record for record in log.outer if isinstance(record, mcap_records.DataEnd))
-    start = log.outer[-1].summary_start
+def test_whole_file_checksums(records):
+    content = records.path.read_bytes()
+    end = next(record for record in records.outer if isinstance(record, mcap_records.DataEnd))
+    start = records.outer[-1].summary_start
     assert end.data_section_crc == zlib.crc32(content[: start - 13]) != 0
-    assert log.outer[-1].summary_crc != 0
+    assert records.outer[-1].summary_crc != 0
 
 
-def test_no_group_of_the_summary_is_empty(folder, tmp_path):
+def test_no_group_of_the_summary_is_empty(log, tmp_path):
     """An empty one is an error to `mcap doctor`: the files beside the log name no groups."""
     for name, messages in (('empty', 0), ('filled', 3)):
         (tmp_path / name).mkdir()
@@ -263,27 +260,27 @@ def test_no_group_of_the_summary_is_empty(folder, tmp_path):
     (tmp_path / 'cut.mcap').write_bytes((tmp_path / 'filled/health.mcap').read_bytes()[:-9])
     repair(tmp_path / 'cut.mcap', tmp_path / 'mended.mcap')
     beside = [tmp_path / name for name in ('empty/health.mcap', 'filled/health.mcap')]
-    for path in (folder / 'run.mcap', *beside, tmp_path / 'mended.mcap'):
+    for path in (log, *beside, tmp_path / 'mended.mcap'):
         groups = Log(path).of(mcap_records.SummaryOffset)
         assert len(groups) == (6 if path.name == 'run.mcap' else 0)
         assert all(group.group_length for group in groups)
 
 
-def test_attachments_are_the_bytes_given(log, run):
-    found = {record.name: record for record in log.of(mcap_records.Attachment)}
+def test_attachments_are_the_bytes_given(records, run):
+    found = {record.name: record for record in records.of(mcap_records.Attachment)}
     assert {name: record.data for name, record in found.items()} == run.attachments
     for record in found.values():
         assert record.media_type == 'application/yaml'
         assert (record.log_time, record.create_time) == (run.base.epoch_ns, run.base.epoch_ns)
     # before the first chunk: a file that is cut short has them
-    kinds = [type(record) for record in log.outer]
+    kinds = [type(record) for record in records.outer]
     assert max(i for i, k in enumerate(kinds) if k is mcap_records.Attachment) < kinds.index(
         mcap_records.Chunk
     )
 
 
-def test_the_run_record_holds_the_ticks(log, run):
-    (record,) = [r for r in log.of(mcap_records.Metadata) if r.name == 'rpo_run']
+def test_the_run_record_holds_the_ticks(records, run):
+    (record,) = [r for r in records.of(mcap_records.Metadata) if r.name == 'rpo_run']
     assert record.metadata == {
         'epoch_ns': str(run.base.epoch_ns),
         'dt_ns': str(run.base.dt_ns),
@@ -322,3 +319,38 @@ def test_says_where_it_looked(monkeypatch, tmp_path):
     rosbag2.definition.cache_clear()
     assert found.value.fault is Fault.NO_DEFINITIONS
     assert str(tmp_path) in str(found.value)
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.lists(st.tuples(st.sampled_from([1, 2]), st.binary(max_size=40)), max_size=4),
+            st.integers(0, 99),
+            st.booleans(),
+        ),
+        max_size=12,
+    )
+)
+def test_messages_and_chunks_are_written_as_by_the_library(tmp_path_factory, added):
+    """Ours packs them by itself; in any order of stamps, and a chunk wherever it ends."""
+    folder = tmp_path_factory.mktemp('mcap')
+    ours, theirs = McapFile(folder / 'ours.mcap'), (folder / 'theirs.mcap').open('wb')
+    other = Writer(theirs, chunk_size=1 << 62, enable_data_crcs=True)
+    other.start(profile=PROFILE, library=LIBRARY)
+    assert ours.add_schema('a', b'c', 'b') == other.register_schema('a', 'b', b'c') == 1
+    for topic in ('/x', '/y'):
+        ours.add_channel(topic, 1, {})
+        other.register_channel(topic, 'cdr', 1, {})
+    for sequence, (messages, stamp_ns, ends) in enumerate(added):
+        if messages:
+            ours.add_messages(stamp_ns, sequence, messages)
+        for channel, data in messages:
+            other.add_message(channel, stamp_ns, data, stamp_ns, sequence)
+        if ends:
+            ours.close_chunk()
+            other.flush()
+    ours.finish()
+    ours.close()
+    other.finish()
+    theirs.close()
+    assert (folder / 'ours.mcap').read_bytes() == (folder / 'theirs.mcap').read_bytes()

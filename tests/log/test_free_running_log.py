@@ -5,11 +5,12 @@
 import math
 import random
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import yaml
-from log_runs import CLOCK, DISTURBANCE, FORCE, STATE, STATUS, make_run
+from log_runs import CLOCK, DISTURBANCE, FORCE, STATE, STATUS, make_run, rewrite
 
 from rpo_core import files
 from rpo_core.chain.chain import Chain
@@ -22,7 +23,7 @@ from rpo_log.tools.diff import diff
 from rpo_log.tools.export import tables
 from rpo_log.verify import verify
 from rpo_mcap.format.run import TimeBase
-from rpo_mcap.read.run_log import read_flight
+from rpo_mcap.read.run_log import other_signals, read_flight
 from rpo_mcap.read.stream import RunReader
 from rpo_mcap.write.writer import RunLogWriter
 from rpo_sim.free_running import FreeRunningPlant
@@ -160,12 +161,13 @@ def test_a_force_flown_that_nobody_commanded_is_found(free, tmp_path):
 
 
 def test_where_an_answer_lacks_in_the_log_no_origin_is_missed(free, tmp_path):
-    """The recorder may have lost what the plant got: the dynamics are checked all the same."""
+    """The recorder may have lost what the plant got: a gap, and the dynamics are checked."""
     gone = {j for j in range(20, 26)}
     run = FreeRun(loss=0.0)
     run.messages = [m for m in run.messages if not (m[0] == FORCE and m[1] in gone)]
     run.write(tmp_path / 'run')
-    assert verify(tmp_path / 'run').exit_code == 0
+    found = verify(tmp_path / 'run')
+    assert found.exit_code == 3 and 'the log lacks commands of the ticks' in found.sentence()
     run.write(tmp_path / 'forged', forged(APPLIED, 24, (0.01, 0.02, 0.03)))
     found = verify(tmp_path / 'forged').difference
     assert (found.tick, found.topic, found.check) == (25, STATE, 'dynamics')
@@ -296,9 +298,43 @@ def test_torques_that_were_late_empty_the_wheels_as_they_acted(tmp_path):
     assert not [gap for gap in found.gaps if 'could not be recomputed' in gap], found.gaps
 
 
+def test_a_command_whose_question_is_not_in_the_log_is_a_gap(tmp_path):
+    """Any command passed for an answer where the log lacks what the controller read."""
+    (tmp_path / 'forged').mkdir()
+    write_turning(tmp_path / 'run', FreeRunningPlant(turning(), ['body_force'], STALE_AFTER))
+    assert verify(tmp_path / 'run').exit_code == 0
+    rewrite(
+        tmp_path / 'run/run.mcap', tmp_path / 'forged/run.mcap',
+        lambda name, tick, data: None if (name, tick) == ('/reference_state', 50) else data,
+    )  # fmt: skip
+    gap = verify(tmp_path / 'forged').gaps[0]
+    assert gap.startswith('controller could not be recomputed at 1 ticks, the first is 50')
+
+
 def test_a_torque_of_another_message_than_its_force_is_found(tmp_path):
     """Each of them had been commanded, and all that follows was flown."""
     write_turning(tmp_path / 'run', MixingPlant(turning(), ['body_force'], STALE_AFTER))
     found = verify(tmp_path / 'run').difference
     assert (found.tick, found.check) == (MixingPlant.mixed, 'force applied')
     assert found.field.startswith('wrench.torque')
+
+
+def test_signals_beside_the_flight_are_those_that_say_something_else():
+    one = np.ones((3, 3))
+    names = [interfaces.RELATIVE_STATE, interfaces.CONTROL_FORCE, interfaces.DISTURBANCE_FORCE]
+    names += [interfaces.REFERENCE_STATE, 'assured_force']
+    lockstep = SimpleNamespace(values=dict.fromkeys(names, one))
+    assert list(other_signals(lockstep)) == [interfaces.REFERENCE_STATE, 'assured_force']
+    applied = [interfaces.APPLIED_FORCE, interfaces.APPLIED_DISTURBANCE]
+    free = SimpleNamespace(values=dict.fromkeys([*names, *applied], one))
+    assert list(other_signals(free)) == [interfaces.REFERENCE_STATE]
+    turns = [interfaces.APPLIED_BODY_FORCE, interfaces.APPLIED_TORQUE, interfaces.BODY_FORCE]
+    found = other_signals(
+        SimpleNamespace(values={name: i * one for i, name in enumerate([*names, *turns], 1)})
+    )
+    assert {name: rows[0, 0] for name, rows in found.items()} == {
+        interfaces.REFERENCE_STATE: 4.0,
+        interfaces.BODY_FORCE: 6.0,
+        interfaces.BODY_TORQUE: 7.0,
+        interfaces.APPLIED_BODY_FORCE: 6.0,
+    }

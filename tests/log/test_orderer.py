@@ -35,6 +35,12 @@ class Listener:
     def say(self, index: int, tick: int, text: str = '') -> None:
         self.orderer.add(index, tick, (text or f'{index} at {tick}').encode())
 
+    def both(self, *ticks: int) -> None:
+        """Say the state of each tick, and then the other topic."""
+        for tick in ticks:
+            self.say(0, tick)
+            self.say(1, tick)
+
     def report(self, tick: int, *texts: str) -> None:
         """Say what the plant published and took at a tick, of topics 0 and 1."""
         found = texts or (f'0 at {tick}', f'1 at {tick}')
@@ -87,11 +93,9 @@ def test_a_complete_tick_goes_at_once():
 def test_tick_0_is_written_before_the_first_event_and_tick_1_after():
     # the recorder says that it is ready when it has tick 0, and the event follows from that
     heard = Listener()
-    heard.say(0, 0)
-    heard.say(1, 0)
+    heard.both(0)
     assert heard.ticks == [0]
-    heard.say(0, 1)
-    heard.say(1, 1)
+    heard.both(1)
     assert heard.ticks == [0]
     heard.say(EVENT, 0)
     assert heard.ticks == [0, 0, 1]
@@ -100,8 +104,7 @@ def test_tick_0_is_written_before_the_first_event_and_tick_1_after():
 def test_without_any_event_the_ticks_go_after_a_window():
     heard = Listener()
     for tick in range(WINDOW + 3):
-        heard.say(0, tick)
-        heard.say(1, tick)
+        heard.both(tick)
         assert heard.ticks == ([0] if tick <= WINDOW else list(range(tick + 1)))
 
 
@@ -155,9 +158,7 @@ def test_late_and_different_messages_change_nothing():
 
 def test_a_recorder_that_comes_late_begins_where_it_came():
     heard = Listener()
-    for tick in range(5000, 5003):
-        heard.say(0, tick)
-        heard.say(1, tick)
+    heard.both(*range(5000, 5003))
     heard.orderer.close(last_tick=6000)
     assert heard.ticks == [5000, 5001, 5002]
     assert heard.orderer.counts[0].missing == 5000
@@ -192,10 +193,8 @@ def test_a_hole_in_the_states_is_passed_once_they_follow_each_other():
 def test_a_hostile_state_far_ahead_costs_no_time_and_no_memory():
     heard = begun()
     for tick in range(1, 100):
-        heard.say(0, tick * 1_000_000_000)
-        heard.say(1, tick * 1_000_000_000)
-        heard.say(0, tick)
-        heard.say(1, tick)
+        heard.both(tick * 1_000_000_000)
+        heard.both(tick)
     for tick in range(10**9, 10**9 + LINE):
         heard.say(0, tick)
     heard.orderer.close(last_tick=10**9)
@@ -209,8 +208,7 @@ def test_what_is_stamped_ahead_moves_nothing():
     for tick in (WINDOW - 1, 500, 900):
         heard.say(0, tick, 'not the plant')
     for tick in range(1, 30):
-        heard.say(0, tick)
-        heard.say(1, tick)
+        heard.both(tick)
         heard.report(tick)
     heard.orderer.end(29)
     heard.orderer.close(last_tick=29)
@@ -224,9 +222,7 @@ def test_an_orderer_waits_for_another_message_where_one_came_before_its_state():
     heard = begun()
     heard.say(1, 1, 'early')
     heard.say(0, 1)
-    for tick in range(2, HOLD + 1):
-        heard.say(0, tick)
-        heard.say(1, tick)
+    heard.both(*range(2, HOLD + 1))
     assert heard.ticks == [0] and heard.orderer.asks_from is None
     heard.say(0, HOLD + 1)
     assert heard.ticks == list(range(HOLD + 1))
@@ -254,23 +250,20 @@ def test_of_two_messages_the_one_that_the_plant_took_is_let_go(case):
     heard = begun()
     heard.say(0, 1)
     assert heard.orderer.asks_from is None
-    heard.say(0, 2)
-    heard.say(1, 2)
+    heard.both(2)
     heard.say(1, 1, 'a')
     assert heard.ticks == [0, 1, 2] and heard.orderer.asks_from is None
     heard.say(1, 3, 'a')
     heard.say(1, 3, 'b')
     heard.say(0, 3)
     heard.say(1, 3, 'a')  # again
-    heard.say(0, 4)
-    heard.say(1, 4)
+    heard.both(4)
     assert heard.ticks == [0, 1, 2] and heard.orderer.asks_from == 3
     assert heard.orderer.latest == 3  # a state leads once the plant has passed the one before
     heard.report(3, '0 at 3', numbers)
     assert heard.ticks[3:] == ([] if counted[1] else [3])  # another one may still come
     for tick in range(4, 8):
-        heard.say(0, tick)
-        heard.say(1, tick)
+        heard.both(tick)
         heard.report(tick)
         assert heard.ticks[-1] == (tick if not counted[1] or tick >= 3 + REORDER else 2)
     assert heard.out[3] == (3, (b'0 at 3', kept.encode(), None))
@@ -299,9 +292,7 @@ def test_one_message_that_the_plant_did_not_take_waits_for_the_other():
 def contested(tick: int = 1) -> Listener:
     """Two messages of topic 1 at a tick differ."""
     heard = begun()
-    for before in range(1, tick):
-        heard.say(0, before)
-        heard.say(1, before)
+    heard.both(*range(1, tick))
     for text in ('a', 'b'):
         heard.say(1, tick, text)
     heard.say(0, tick)
@@ -343,9 +334,7 @@ def test_two_reports_that_differ_say_nothing():
 
 def test_without_a_report_ticks_wait_for_one_window_and_have_a_conflict():
     heard = contested()
-    for tick in range(2, WINDOW + 1):
-        heard.say(0, tick)
-        heard.say(1, tick)
+    heard.both(*range(2, WINDOW + 1))
     assert heard.ticks == [0]
     heard.say(0, WINDOW + 1)
     assert heard.orderer.latest == 2  # a whole window of states came
@@ -362,8 +351,7 @@ def test_without_a_report_ticks_wait_for_one_window_and_have_a_conflict():
 def test_a_window_of_states_without_reports_lets_a_tick_go():
     heard = contested()
     for tick in range(2, 2 * WINDOW + 2):
-        heard.say(0, tick)
-        heard.say(1, tick)
+        heard.both(tick)
         # at tick + 1 - WINDOW the newest state leads, which is a window behind the newest of all
         assert heard.orderer.latest == max(1, tick + 1 - WINDOW)
         assert heard.ticks == list(range(max(1, heard.orderer.latest + 1 - WINDOW)))
@@ -414,9 +402,7 @@ WRITTEN = {
 def test_a_different_message_of_a_tick_that_is_written(case, first):
     text, numbers, counted = WRITTEN[case]
     heard = begun()
-    for tick in range(1, 6):
-        heard.say(0, tick)
-        heard.say(1, tick)
+    heard.both(*range(1, 6))
     before = list(heard.out)
     steps = [lambda: heard.say(1, 3, text)]
     if numbers is not None:
@@ -456,9 +442,7 @@ def test_how_many_different_messages_are_kept():
 
 def flown(last: int) -> Listener:
     heard = begun()
-    for tick in range(1, last + 1):
-        heard.say(0, tick)
-        heard.say(1, tick)
+    heard.both(*range(1, last + 1))
     assert heard.orderer.next_tick == last + 1
     return heard
 
@@ -474,12 +458,10 @@ def test_messages_are_compared_with_those_of_one_window():
     assert heard.orderer.counts[1].ignored == 2
     heard.say(1, oldest + 1, 'other')
     heard.report(3 * WINDOW)
-    heard.say(0, 3 * WINDOW + 1)
-    heard.say(1, 3 * WINDOW + 1)
+    heard.both(3 * WINDOW + 1)
     heard.report(3 * WINDOW + 1)
     assert heard.orderer.counts[1].conflicts == 0
-    heard.say(0, 3 * WINDOW + 2)
-    heard.say(1, 3 * WINDOW + 2)
+    heard.both(3 * WINDOW + 2)
     heard.report(3 * WINDOW + 2)  # now it is too old to be compared any more
     assert heard.orderer.counts[1].conflicts == 1
     assert heard.orderer.counts[1].first_conflict == oldest + 1
@@ -505,8 +487,7 @@ def test_reports_of_ticks_far_away_are_forgotten():
     for tick in (first - 1, first, last, last + 1):
         heard.report(tick)
     assert sorted(kept) == [first, last]
-    heard.say(0, 2 * WINDOW + 1)
-    heard.say(1, 2 * WINDOW + 1)
+    heard.both(2 * WINDOW + 1)
     heard.report(2 * WINDOW)
     assert sorted(kept) == [2 * WINDOW, last]
 
@@ -516,9 +497,7 @@ def test_a_line_of_states_ahead_is_followed_and_not_a_shorter_one():
         heard = begun()
         heard.say(1, 500 - 1)
         heard.say(1, 500)
-        for tick in range(500, 500 + length):
-            heard.say(0, tick)
-            heard.say(1, tick)
+        heard.both(*range(500, 500 + length))
         assert heard.orderer.latest == (504 if length == LINE else 0)
         heard.say(0, heard.orderer.latest + 1)
         heard.orderer.close(last_tick=1000)
@@ -531,9 +510,7 @@ def test_a_line_of_states_ahead_is_followed_and_not_a_shorter_one():
 def test_a_message_one_window_ahead_is_compared_and_one_further_ahead_is_not(tick, asks_from):
     heard = begun()
     heard.say(1, tick, 'forged')
-    for before in range(1, 9):
-        heard.say(0, before)
-        heard.say(1, before)
+    heard.both(*range(1, 9))
     heard.say(1, tick)
     assert heard.orderer.asks_from == asks_from
 
@@ -545,9 +522,7 @@ def test_what_came_far_ahead_is_used_where_no_other_message_comes():
         heard.say(1, tick)
     for tick in range(1, 3 * WINDOW):
         heard.say(0, tick)
-    for tick in range(3 * WINDOW, 3 * WINDOW + 4):
-        heard.say(0, tick)
-        heard.say(1, tick)
+    heard.both(*range(3 * WINDOW, 3 * WINDOW + 4))
     heard.orderer.close(last_tick=3 * WINDOW + 3)
     assert heard.out == [(0, heard.out[0][1])] + [
         (t, (b'0 at %d' % t, b'1 at %d' % t, None)) for t in range(1, 3 * WINDOW + 4)
@@ -655,9 +630,7 @@ def test_a_topic_that_is_dropped_is_missed_no_more_from_its_tick_on():
 def test_holes_that_are_remembered_are_bounded(monkeypatch):
     monkeypatch.setattr(orderer, 'MOST_HOLES', 3)
     heard = begun()
-    for tick in range(500, 500 + LINE):
-        heard.say(0, tick)
-        heard.say(1, tick)
+    heard.both(*range(500, 500 + LINE))
     assert heard.orderer.counts[1].missing == 499
     for tick in (1, 3, 4):
         heard.say(1, tick)

@@ -61,20 +61,14 @@ def test_sha256sum_checks_the_same_digests(folder):
     assert done.returncode == 0
 
 
-@pytest.mark.parametrize('name', ['health.mcap', 'run_info.yaml', 'run.mcap'])
-@pytest.mark.parametrize('remove', [False, True])
-def test_a_file_that_is_not_the_recorded_one(folder, name, remove):
-    if name == 'run.mcap':  # its messages are the same, its chunks are not
-        parts = Parts.of(folder / name)
-        parts.records = [record for record in parts.records if record is not None]
-        parts.write(folder / name)
-    elif remove:
-        (folder / name).unlink()
-    else:
-        (folder / name).write_bytes((folder / name).read_bytes() + b'\n')
+def test_a_log_written_anew_is_not_the_recorded_one(folder):
+    """Its messages are the same, its chunks are not; test_signed has other changes of each file."""
+    parts = Parts.of(folder / 'run.mcap')
+    parts.records = [record for record in parts.records if record is not None]
+    parts.write(folder / 'run.mcap')
     found = verify(folder)
     assert found.exit_code == ExitCode.DIFFERENT
-    assert name in found.sentence() and 'SHA256SUMS' in found.sentence()
+    assert 'run.mcap' in found.sentence() and 'SHA256SUMS' in found.sentence()
 
 
 def test_forged_metadata_with_fitting_digests(folder):
@@ -126,6 +120,7 @@ def run_status(folder: Path, change) -> ExitCode:
         ('phase', 'aborted'), ('phase', 'landed'), ('energy_n2s', '-0.0'), ('tick', '29'),
         ('distance_m', None), ('saturated_ticks', '1'), ('time_s', '3.00'), ('speed_m_s', 'nan'),
         ('more', '1'),
+        ('energy_n2s', 'its last digit'),
     ],
 )  # fmt: skip
 def test_run_status_says_nothing_that_was_not_so(tmp_path, field, value):
@@ -133,7 +128,9 @@ def test_run_status_says_nothing_that_was_not_so(tmp_path, field, value):
         if tick == 0:
             return data
         status = cdr.decode_status(data)
-        values = dict(status.values) | {field: value}
+        values = dict(status.values)
+        last = '1' if values['energy_n2s'][-1] != '1' else '2'
+        values[field] = values['energy_n2s'][:-1] + last if value == 'its last digit' else value
         kept = {name: text for name, text in values.items() if text is not None}
         return cdr.encode_status(*status[:4], kept)
 
@@ -145,17 +142,6 @@ def test_run_status_says_nothing_that_was_not_so(tmp_path, field, value):
 @pytest.mark.parametrize('tick', [0, 30])
 def test_a_flight_that_says_neither_begin_nor_end_is_not_whole(tmp_path, tick):
     assert run_status(tmp_path, lambda t, d: None if t == tick else d) == ExitCode.INCOMPLETE
-
-
-def test_one_last_digit_of_the_energy(tmp_path):
-    def change(tick, data):
-        status = cdr.decode_status(data)
-        values = dict(status.values)
-        text = values['energy_n2s']
-        values['energy_n2s'] = text[:-1] + ('1' if text[-1] != '1' else '2')
-        return cdr.encode_status(*status[:4], values)
-
-    assert run_status(tmp_path, change) == ExitCode.DIFFERENT
 
 
 def test_a_repaired_run_has_new_digests(folder, keys):
@@ -180,7 +166,7 @@ def test_pipes_do_not_hang(folder):
 
 
 def test_changed_runs_deceive_nobody(recorded):
-    found = judge_cases(partial(cases_of, run=recorded), seed=1, first=0, last=50)
+    found = judge_cases(partial(cases_of, run=recorded), seed=1, first=0, last=30)
     assert not [key for key in found if key[0].split()[0].isupper()]
     outcomes = {outcome for outcome, _ in found}
     assert {'refused', 'different', 'incomplete', 'verified'} <= outcomes
@@ -206,8 +192,8 @@ def test_many_changed_runs_deceive_nobody(recorded):
 @pytest.mark.parametrize(
     'content',
     [
-        b'[' * 50_000,
-        b'{a: ' * 5_000,
+        b'[' * 5_000,
+        b'{a: ' * 1_000,
         b'\xff\xfe',
         b'plant: [1]\n',
         b'- 1\n',

@@ -21,7 +21,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from log_runs import FORCE, STATE, STATUS, make_run, rewrite
 from mcap.opcode import Opcode
-from mcap.records import Chunk
+from mcap.records import Chunk, Message
 from mcap.writer import Writer
 
 from rpo_core.wire import cdr
@@ -29,18 +29,12 @@ from rpo_mcap.errors import ExitCode, Fault, LogError
 from rpo_mcap.format import rosbag2
 from rpo_mcap.format.run import TimeBase
 from rpo_mcap.read import decode, stream
-from rpo_mcap.read.records import MAGIC, RECORD_HEAD, FileRecords
+from rpo_mcap.read.records import MAGIC, RECORD_HEAD, FileRecords, as_record, message_at
 from rpo_mcap.read.run_log import controller_of, read_flight, read_run, scenario_of
 from rpo_mcap.write.mcap_file import McapFile
-from rpo_mcap.write.writer import RunLogWriter
 from tools.mutate_runs import Parts
 
 QUICK = settings(max_examples=25, deadline=None, derandomize=True, database=None)
-
-
-@pytest.fixture
-def log(log_bytes, tmp_path_factory) -> Path:
-    return put(tmp_path_factory.mktemp('log'), log_bytes)
 
 
 def equal(log, flight) -> None:
@@ -68,8 +62,8 @@ def refusal(path: Path, kind: Fault) -> str:
     return str(found.value)
 
 
-def test_arrays_are_the_flight(run, log_bytes, tmp_path):
-    log = read_run(put(tmp_path, log_bytes))
+def test_arrays_are_the_flight(run, log):
+    log = read_run(log)
     equal(log, run.flight)
     assert log.complete
     assert log.ticks.tolist() == list(range(401))
@@ -82,18 +76,17 @@ def test_arrays_are_the_flight(run, log_bytes, tmp_path):
     assert log.non_canonical == ()
 
 
-def test_one_by_one_is_the_same(run, log_bytes, tmp_path, monkeypatch):
-    path = put(tmp_path, log_bytes)
+def test_one_by_one_is_the_same(run, log, monkeypatch):
     stamp = slice(cdr.STAMP_AT, cdr.STAMP_AT + 8)  # zeros in no message of a run
     monkeypatch.setattr(decode, '_fixed_parts', lambda _: (stamp,))
-    log = read_run(path)
+    log = read_run(log)
     equal(log, run.flight)
     assert len(log.non_canonical) == 4 * len(log.ticks)
 
 
-def test_in_small_blocks(run, log_bytes, tmp_path, monkeypatch):
+def test_in_small_blocks(run, log, monkeypatch):
     monkeypatch.setattr(stream, 'BLOCK_TICKS', 3)
-    equal(read_run(put(tmp_path, log_bytes)), run.flight)
+    equal(read_run(log), run.flight)
 
 
 def test_in_chunks_of_another_writer(short_run, tmp_path):
@@ -123,13 +116,12 @@ def topics_of(run):
     return resolve(run.topics)
 
 
-def test_flight_scenario_and_controller_come_back(run, log_bytes, tmp_path):
-    path = put(tmp_path, log_bytes)
-    flight = read_flight(path)
+def test_flight_scenario_and_controller_come_back(run, log):
+    flight = read_flight(log)
     assert flight.scenario == run.flight.scenario
     np.testing.assert_array_equal(flight.states, run.flight.states)
     np.testing.assert_array_equal(flight.disturbances_n, run.flight.disturbances_n)
-    log = read_run(path)
+    log = read_run(log)
     assert scenario_of(log) == run.flight.scenario
     assert controller_of(log).name == 'handmade'
 
@@ -272,7 +264,7 @@ def hand_made(
         schema = file.add_schema(kind, rosbag2.definition(kind).text.encode())
         channels[topic] = file.add_channel(topic, schema, {})
     for number, (topic, tick, time, data) in enumerate(messages, 1):
-        file.add_message(channels[topic], time, tick, data)
+        file.add_messages(time, tick, [(channels[topic], data)])
         if number % chunk_messages == 0:
             file.close_chunk()
     file.finish()
@@ -355,10 +347,7 @@ def test_order_across_chunks(tmp_path, ticks):
 
 
 def test_missing_attachment(short_run, tmp_path):
-    writer = RunLogWriter(tmp_path, short_run.base, short_run.topics, {})
-    for message in short_run.messages:
-        writer.write(*message)
-    writer.close()
+    replace(short_run, attachments={}).write(tmp_path)
     with pytest.raises(LogError, match=r'must carry scenario\.yaml; it carries no file') as found:
         read_flight(tmp_path)
     assert found.value.fault is Fault.MISSING_ATTACHMENT
@@ -377,31 +366,26 @@ def test_missing_attachment(short_run, tmp_path):
 def test_bad_attachment(short_run, tmp_path, old, new, said):
     attached = dict(short_run.attachments)
     attached['scenario.yaml'] = attached['scenario.yaml'].replace(old, new)
-    writer = RunLogWriter(tmp_path, short_run.base, short_run.topics, attached)
-    for message in short_run.messages:
-        writer.write(*message)
-    writer.close()
+    replace(short_run, attachments=attached).write(tmp_path)
     with pytest.raises(LogError, match=said) as found:
         read_flight(tmp_path)
     assert found.value.fault is Fault.BAD_ATTACHMENT
     assert '\n' not in str(found.value)
 
 
-def test_what_else_a_message_holds_is_kept(run, log_bytes, tmp_path):
+def test_what_else_a_message_holds_is_kept(run, log, tmp_path):
     def change(topic, tick, data):
         return data[:200] + b'\x01' + data[201:] if (topic, tick) == (STATE, 77) else data
 
-    source = put(tmp_path, log_bytes)
-    rewrite(source, tmp_path / 'other.mcap', change)
+    rewrite(log, tmp_path / 'other.mcap', change)
     log = read_run(tmp_path / 'other.mcap')
     equal(log, run.flight)
     assert [(odd.tick, odd.topic.name) for odd in log.non_canonical] == [(77, STATE)]
 
 
-def test_holes_are_nan_and_counted(run, log_bytes, tmp_path):
+def test_holes_are_nan_and_counted(log, tmp_path):
     lost = {(FORCE, 100), (FORCE, 101), (STATE, 250)}
-    source = put(tmp_path, log_bytes)
-    rewrite(source, tmp_path / 'other.mcap', lambda n, t, d: None if (n, t) in lost else d)
+    rewrite(log, tmp_path / 'other.mcap', lambda n, t, d: None if (n, t) in lost else d)
     log = read_run(tmp_path / 'other.mcap')
     assert log.missing == {FORCE: 2, STATE: 1}
     assert np.flatnonzero(np.isnan(log.forces_n[:, 0])).tolist() == [100, 101]
@@ -534,3 +518,15 @@ def test_the_recipe_of_the_python_page_reads_a_log(short_run, tmp_path, capsys):
     exec(compile(recipe, 'documentation', 'exec'), names)
     assert names['look'](tmp_path) == 0
     assert 'control_force' in capsys.readouterr().out
+
+
+def test_a_chunk_that_is_packed_in_another_way_is_refused(tmp_path):
+    path = foreign(tmp_path / 'run.mcap', HEADER, chunk(b'data', 'snappy', 4))
+    assert "unknown compression 'snappy'" in refusal(path, Fault.CORRUPT)
+
+
+def test_a_message_in_no_chunk_is_the_record_of_one_in_a_chunk():
+    message = Message(channel_id=3, log_time=5, data=b'abc', publish_time=6, sequence=7)
+    data = as_record(message)
+    assert data == record(Opcode.MESSAGE, struct.pack('<HIQQ', 3, 7, 5, 6) + b'abc')
+    assert message_at(data, RECORD_HEAD.size) == (3, 7, 5, 6, b'abc')

@@ -36,6 +36,12 @@ class Sum(Stage):
         return ((sum(self.seen[-count:] if count else self.seen), 0.0, 0.0),)
 
 
+class Estimator(Sum):
+    """Passes on a state, and no covariance of it, while it is switched off."""
+
+    outputs = (interfaces.NAVIGATION_STATE, interfaces.NAVIGATION_COVARIANCE)
+
+
 def run(memory_ticks, ticks, missing=(), off=(), began=(), block=4096):
     """Return what is known of a stage whose input is 1 at each tick: tick -> output."""
     found, known = Recomputation(Sum(memory_ticks)), {}
@@ -88,6 +94,15 @@ def test_switched_off_it_commands_zero_and_switched_on_it_begins_anew(block):
     known, found = run(None, range(10), off=(4, 5), block=block)
     assert [known[k] for k in range(10)] == [1, 2, 3, 4, 0, 0, 1, 2, 3, 4]
     assert found.gaps == 0
+
+
+def test_switched_off_what_it_passes_on_is_known_where_all_of_it_was_there():
+    ticks, states = np.arange(4), np.ones((4, 6))
+    states[1], states[2, 5] = np.nan, np.nan
+    off = np.zeros(4, dtype=bool)
+    (made, none), known = Recomputation(Estimator(None)).run(ticks, [states], off, off)
+    assert known.tolist() == [True, False, False, True]
+    assert (made[known] == 1.0).all() and not none[known].any()
 
 
 def test_a_stage_that_began_in_flight_has_no_memory(block):

@@ -15,7 +15,7 @@ from mcap.records import Metadata
 from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 
-from rpo_log.tools.repair import repair
+from rpo_log.tools.repair import FileRepair, repair
 from rpo_mcap.errors import ExitCode, Fault, LogError
 from rpo_mcap.format import rosbag2
 from rpo_mcap.read.run_log import read_run
@@ -212,6 +212,7 @@ def test_nothing_sound_is_said(log_bytes, chunks, tmp_path):
     with pytest.raises(LogError, match='cannot be repaired: no whole chunk') as found:
         repair(folder / 'run.mcap')
     assert found.value.fault is Fault.EMPTY
+    assert FileRepair(folder).bag_file('a') == rosbag2.BagFile('a', 0, 0, 0)
     for path in (tmp_path / 'nowhere', tmp_path):
         with pytest.raises(LogError) as found:
             repair(path)

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Logs of flights in which a stage was switched off, or a peer of the plant was lost."""
+"""Logs of flights in which a stage was switched off, a peer was lost, an abort table decided."""
 
 from __future__ import annotations
 
@@ -8,15 +8,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from log_runs import DISTURBANCE, FORCE, STATUS, TOPICS, Run, chain_run, make_run
+from log_runs import DISTURBANCE, FORCE, STATE, STATUS, TOPICS, Run, chain_run, make_run
 
-from rpo_core.chain.chain import DisturbanceStage
+from rpo_attitude.target import TargetStage
+from rpo_core.chain.chain import Chain, DisturbanceStage
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.control.controller_file import ControllerStage
 from rpo_core.files.scenario import load_scenario
 from rpo_core.wire import cdr
+from rpo_core.wire.interfaces import RELATIVE_STATE
 from rpo_core.world.disturbance import NONE
+from rpo_core.world.dynamics import DynamicsStage
 from rpo_guidance.guidance import GuidanceStage
 from rpo_log.verify import verify
 from rpo_mcap.errors import ExitCode
@@ -26,7 +29,11 @@ from rpo_nav.attitude_sensors import AttitudeSensors
 from rpo_nav.estimator import EstimatorStage
 from rpo_nav.navigation_errors import Navigation, NavigationStage
 from rpo_nav.sensors import SensorsStage
+from rpo_safety.abort_table import AbortTable, Row
+from rpo_safety.assurance import ASSURED_FORCE
+from rpo_safety.settings import Assurance
 from rpo_safety.shaping import Shaping, ShapingStage
+from rpo_thrusters.thrusters import TableStage
 
 STAGE_STATUS = '/stage_status'
 OFF = range(20, 30)
@@ -213,6 +220,50 @@ def test_a_stage_that_is_switched_off_passes_on_what_it_gets(kind, tmp_path):
     assert (found.tick, found.check) == (OFF.start, kind.name)
 
 
+@pytest.mark.parametrize(
+    ('kind', 'tick'),
+    [(DynamicsStage, OFF.start + 1), (TableStage, OFF.start), (TargetStage, OFF.start)],
+)
+def test_no_event_switches_a_stage_of_the_plant_off(kind, tick, tmp_path):
+    """A flight whose chaser stood still for a second was verified: an event said so."""
+    words = [said(state, at, kind.name) for state, at in
+             (('inactive', OFF.start), ('active', OFF.stop))]  # fmt: skip
+    flown_without(kind, DOCKED, OFF, tuple(words)).write(tmp_path)
+    found = verify(tmp_path).difference
+    assert (found.tick, found.check) == (tick, kind.name)
+
+
+def test_a_thruster_that_was_switched_off_verifies_by_its_event(monkeypatch, tmp_path):
+    event, reset = said('y-b off', OFF.start, 'thrusters'), TableStage.reset
+
+    def told(self):
+        reset(self)
+        self.take_event(OFF.start, 'y-b off')
+
+    with monkeypatch.context() as patch:
+        patch.setattr(TableStage, 'reset', told)
+        run = chain_run(DOCKED, load_controller('handmade'), events=(event,))
+    run.write(tmp_path / 'told')
+    assert verify(tmp_path / 'told').exit_code == ExitCode.OK
+    run.write(tmp_path / 'untold', [m for m in run.messages if m != event])
+    found = verify(tmp_path / 'untold').difference
+    assert found.tick >= OFF.start and found.check in ('thrusters', 'attitude')
+
+
+@pytest.mark.parametrize('signal', ['relative_state', 'clock'])
+def test_a_plant_goes_on_without_peers_only(signal, tmp_path):
+    """Without its own state, a forged log said, the chaser was at the origin, at rest."""
+    run = make_run(0.1 * LOST_AT, 'approach', (STATE, FORCE, STATUS))
+    if signal == 'relative_state':
+        run.flight.forces_n[LOST_AT] = 0.0
+    values = {**run.figures(LOST_AT, 'finished'), 'dropped': signal}
+    status = cdr.encode_status(0, 'run', 'coasting', 'none', values)
+    sent = [m for m in run.messages if m[:2] != (STATUS, LOST_AT)]
+    run.write(tmp_path, [*sent, (STATUS, LOST_AT, status)])
+    found = verify(tmp_path).difference
+    assert (found.tick, found.field, found.logged) == (LOST_AT, 'dropped', signal)
+
+
 def test_an_attitude_filter_that_is_switched_off_holds_the_attitude_between_star_trackers():
     run = flown_without(AttitudeEstimatorStage, SELDOM, OFF)
     seen, given = (
@@ -237,3 +288,72 @@ def test_an_attitude_filter_that_is_switched_off_holds_the_attitude_between_star
 def test_off_from_the_start_it_flies_as_if_the_scenario_had_no_such_stage(kind, without):
     off = flown_without(kind, STAGES[kind], range(1000)).flight
     assert off.states.tolist() == fly(without, load_controller('handmade')).states.tolist()
+
+
+# What an abort table says: decided again, and compared.
+
+
+def decided(state, tick):
+    """Return what the node of runtime assurance says."""
+    return said(state, tick, 'assurance')
+
+
+@pytest.fixture(scope='module')
+def flown():
+    """Twenty seconds; the table holds the chaser after a few."""
+    rows = (Row(quantity='speed_m_s', most=0.1, count=3, window=5, reaction='hold'),)
+    table = Assurance(abort=AbortTable(table=rows))
+    base = replace(load_scenario('paper_test'), disturbance=NONE, duration_s=20.0)
+    return base.equipped(table)
+
+
+@pytest.fixture(scope='module')
+def held(flown):
+    """Tick of the hold."""
+    chain, signals = Chain.of(flown, load_controller('trained')), {RELATIVE_STATE: flown.start}
+    for tick in range(flown.ticks + 1):
+        chain.step(tick, signals)
+    stage = next(link.stage for link in chain.links if link.stage.name == 'assurance')
+    ((tick, state),) = stage.decided()
+    assert state == 'holding' and 5 < tick < 150
+    return tick
+
+
+def written(flown, folder, *events):
+    """Write the log of the flight with some events, and verify it."""
+    run = chain_run(flown, load_controller('trained'), events=events)
+    run.write(folder)
+    return verify(folder)
+
+
+def test_a_hold_that_the_table_decides_verifies(blocks, flown, held, tmp_path):
+    found = written(flown, tmp_path, decided('holding', held))
+    assert found.exit_code == ExitCode.OK, found.sentence()
+    assert 'assurance' in found.stages
+
+
+@pytest.mark.parametrize('state', ['aborting', 'resumed', 'warned'])
+def test_a_decision_that_the_table_does_not_make_is_a_difference(flown, held, tmp_path, state):
+    found = written(flown, tmp_path, decided('holding', held), decided(state, held + 7)).difference
+    assert (found.tick, found.field, found.logged, found.check) == (
+        held + 7, 'state', state, 'assurance',
+    )  # fmt: skip
+
+
+def test_a_decision_at_another_tick_is_a_difference(flown, held, tmp_path):
+    assert written(flown, tmp_path, decided('holding', held - 1)).difference.tick == held - 1
+
+
+def test_a_decision_that_is_not_told_is_a_gap(flown, held, tmp_path):
+    found = written(flown, tmp_path, said('armed', 199, 'nobody'))
+    assert found.exit_code == ExitCode.INCOMPLETE
+    assert f'does not say that assurance is holding from tick {held}' in found.sentence()
+
+
+@pytest.mark.parametrize('command', ['inhibit', 'abort', 'without_command'])
+def test_a_command_that_was_not_given_is_a_difference(flown, held, tmp_path, command):
+    """The table that gets it decides otherwise than the log."""
+    at = held - 2
+    found = written(flown, tmp_path, decided(command, at), decided('holding', held)).difference
+    assert found.topic == f'/{ASSURED_FORCE}' and found.check == 'assurance'
+    assert found.tick >= at

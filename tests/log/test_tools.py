@@ -1,11 +1,12 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Info, diff and export of logs, and what is kept beside the log."""
+"""Info, diff and export of logs, what is kept beside a log, and logs without ROS."""
 
 from __future__ import annotations
 
 import csv
 import importlib.util
+import itertools
 import os
 import re
 import shutil
@@ -19,10 +20,12 @@ import pytest
 import yaml
 from log_runs import DISTURBANCE, FORCE, STATE, STATUS, file_size_limit, make_run, rewrite
 from mcap.reader import make_reader
-from oem import OrbitEphemerisMessage
 from typer.testing import CliRunner
 
 from rpo_cli.cli import app
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files import overrides
 from rpo_core.wire import cdr
 from rpo_log import commands
 from rpo_log.provenance import machine_facts, write_run_info
@@ -30,17 +33,11 @@ from rpo_log.show import style
 from rpo_log.tools.diff import diff
 from rpo_log.tools.export import export
 from rpo_log.tools.info import inspect
+from rpo_log.verify import verify
 from rpo_mcap.errors import ExitCode, Fault, LogError
 from rpo_mcap.read import stream
 from rpo_mcap.read.run_log import read_run
 from rpo_mcap.write.side_file import HealthLogWriter
-
-
-@pytest.fixture(scope='module')
-def log(run, tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp('tools')
-    run.write(folder)
-    return folder / 'run.mcap'
 
 
 def test_numbers_along_a_logarithmic_axis_are_plain():
@@ -227,6 +224,8 @@ def test_npz(run, log, tmp_path):
 def test_another_library_reads_the_oem(run, log, tmp_path):
     """Written by ccsds-ndm-py, read by oem."""
     assert export(log, tmp_path / 'run.oem') == 401
+    from oem import OrbitEphemerisMessage  # it brings astropy
+
     found = OrbitEphemerisMessage.open(tmp_path / 'run.oem').segments[0]
     metadata = {name: found.metadata[name] for name in ('CENTER_NAME', 'REF_FRAME', 'TIME_SYSTEM')}
     assert metadata == {
@@ -343,3 +342,46 @@ def test_wall_clock_and_machine_are_not_in_the_log(run, log):
     content = log.read_bytes() + b''.join(read_run(log).attachments.values())
     for secret in (facts['system'], facts['python'], facts['processor'], str(log.parent)):
         assert secret.encode() not in content
+
+
+# `rpo simulate --output`: a run folder that every command takes, without ROS
+
+
+def rpo(*words: object):
+    return CliRunner().invoke(app, [*map(str, words)], env={'COLUMNS': '200'})
+
+
+@pytest.mark.parametrize(
+    'words',
+    [
+        ('quick', '--controller', 'pace'),
+        ('paper_test_measured', '--set', 'duration_s=40.0'),
+        ('world_leo', '--set', 'duration_s=20.0', '--set', 'max_force_n=0.05'),
+    ],
+    ids=lambda words: words[0],
+)
+def test_a_flight_without_ros_leaves_a_log_that_verifies(words, tmp_path):
+    run = tmp_path / 'run'
+    said = rpo('simulate', *words, '--output', run, '--no-fail')
+    assert said.exit_code == 0 and f'{run}: ' in said.output, said.output
+    verified = verify(run)
+    assert verified.exit_code == 0, verified.sentence()
+    log = read_run(run)
+    assert log.complete and log.outcome == 'finished'
+    name = words[words.index('--controller') + 1] if '--controller' in words else 'allround'
+    changes = [change for flag, change in itertools.pairwise(words) if flag == '--set']
+    flown = fly(overrides.load(words[0], changes), load_controller(name))
+    assert (log.states == flown.states).all() and (log.forces_n == flown.forces_n).all()
+
+
+def test_every_command_takes_it(tmp_path):
+    run = tmp_path / 'run'
+    assert rpo('simulate', 'quick', '-o', run).exit_code == 0
+    assert 'The logged force is the same' in rpo('explain', run, '--at', 2.5).output
+    assert 'ticks 0 to 50 of 50' in rpo('log', 'info', run).output
+    seen = rpo('watch', run, '--rate', 0).output.splitlines()
+    assert len(seen) == 2 and seen[0].split()[0] == '0.0' and 'reached the last tick' in seen[1]
+    refused = rpo('simulate', 'quick', '-o', run)
+    assert refused.exit_code == 2 and 'holds a log already' in refused.stderr
+    assert rpo('simulate', 'quick', '-o', run, '--overwrite').exit_code == 0
+    assert verify(run).exit_code == 0

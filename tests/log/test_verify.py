@@ -8,8 +8,9 @@ import os
 import struct
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -48,10 +49,10 @@ from rpo_kernels.jit import COMPILED
 from rpo_log import log_commands
 from rpo_log.tools.export import export
 from rpo_log.tools.record import record
-from rpo_log.verify import evidence, verify
+from rpo_log.verify import evidence, verification, verify
+from rpo_log.verify.run_status import Statuses
 from rpo_mcap.errors import ExitCode, Fault, LogError
 from rpo_mcap.format.run import TimeBase
-from rpo_mcap.read import stream
 from rpo_mcap.read.run_log import flight_of, read_run
 from rpo_mcap.write.writer import RunLogWriter
 from rpo_nav.navigation_errors import Navigation
@@ -60,13 +61,6 @@ from rpo_thrusters.table import ThrusterTable
 from rpo_thrusters.thrusters import Propellant, Thrusters
 
 QUICK = settings(max_examples=16, deadline=None, derandomize=True, database=None)
-
-
-@pytest.fixture(scope='module')
-def log(run, tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp('verify')
-    run.write(folder)
-    return folder / 'run.mcap'
 
 
 @pytest.fixture(scope='module')
@@ -100,8 +94,7 @@ def test_of_a_definition_all_but_comments_counts():
         assert evidence._same(Schema(1, data, 'ros2msg', 'a/msg/B'), wanted) == same
 
 
-def test_a_true_log_in_blocks(log, monkeypatch):
-    monkeypatch.setattr(stream, 'BLOCK_TICKS', 7)
+def test_a_true_log_in_blocks(log, small_blocks):
     assert verify(log).exit_code == ExitCode.OK
 
 
@@ -249,6 +242,56 @@ def test_all_measurements_in_other_axes_than_the_scenario_has_are_named(tmp_path
     difference = verify(forge(tmp_path / 'run/run.mcap', tmp_path, relabel)).difference
     assert (difference.tick, difference.field) == (0, 'header.frame_id')
     assert (difference.logged, difference.computed) == ('chaser', 'target_lvlh')
+
+
+def test_a_frame_of_older_versions_is_named_as_not_known(tmp_path):
+    flown = replace(scenario.load_scenario('tumbling_docking'), duration_s=0.5)
+    run = chain_run(flown, load_controller('handmade'))
+    record(run.flight, run.attachments, tmp_path / 'new')
+    run.write(tmp_path / 'once')
+    found = [verify(tmp_path / name).unknown for name in ('new', 'once')]
+    assert set(found[1]) - set(found[0]) >= {
+        'the axes of measurement: its frame is that of older versions'
+    }
+    assert not [text for text in found[0] if 'the axes of' in text]
+
+
+def test_what_nothing_computes_is_named(short_run, tmp_path):
+    """Anybody can put a topic into a log, or leave run_status out."""
+    found, names = [], [n for n in short_run.topics if n != STATUS]
+    for topic in ('/reference_state', '/applied_disturbance'):
+        layout, base = interfaces.row_of(topic[1:]).layout, short_run.base
+        sevens = [7.0] * len(layout.columns)
+        more = [(topic, t, layout.encode(base.stamp_ns(t), sevens)) for t in range(51)]
+        run = replace(short_run, topics=(*names, topic))
+        run.write(tmp_path / topic[1:], sorted([*run.messages, *more], key=lambda m: m[1]))
+        found.append(verify(tmp_path / topic[1:]))
+    assert 'reference_state, which no stage of its scenario makes' in found[0].unknown
+    assert 'how the flight began and ended: no run_status says it' in found[0].unknown
+    assert not [text for text in found[0].recomputed if 'run_status' in text]
+    assert (found[1].difference.tick, found[1].difference.topic) == (0, '/applied_disturbance')
+
+
+def test_a_given_number_from_which_nothing_follows_is_a_difference(log, tmp_path):
+    """The commands of such a tick were not recomputed, and nothing said so."""
+    row = interfaces.row_of('relative_state')
+
+    def wrong(name, tick, data):
+        stamp = cdr.stamp_ns(data) if (name, tick) == (STATE, 7) else 0
+        return row.layout.encode(stamp, [np.nan] * 6) if stamp else data
+
+    found = verify(forge(log, tmp_path, wrong), given=['relative_state']).difference
+    assert (found.tick, found.check) == (7, 'given')
+
+
+def test_a_log_of_free_running_must_say_what_acted(short_run, tmp_path):
+    run = replace(short_run, topics=(*short_run.topics, '/applied_force'))
+    row = interfaces.row_of('applied_force')
+    more = [('/applied_force', tick, row.layout.encode(cdr.stamp_ns(data), [0.0] * 3))
+            for name, tick, data in run.messages if name == STATE]  # fmt: skip
+    run.write(tmp_path, sorted([*run.messages, *more], key=lambda m: m[1]))
+    with pytest.raises(LogError, match='has no topic applied_disturbance'):
+        verify(tmp_path)
 
 
 def test_the_frame_and_what_lies_between_fields(log, tmp_path):
@@ -423,7 +466,7 @@ def test_it_is_verified(blocks, runs, name, tmp_path):
         ('steered', EXERTED, 1, 'thrusters'), ('world', STATE, 2, 'rest'),
     ],
 )  # fmt: skip
-def test_one_bit_of_a_message_is_found(blocks, runs, name, topic, place, check, tmp_path):
+def test_one_bit_of_a_message_is_found(small_blocks, runs, name, topic, place, check, tmp_path):
     runs[name].write(tmp_path / 'a')
     (tmp_path / 'b').mkdir()
     change = flipped(topic, 15, place)
@@ -452,7 +495,9 @@ VALVES = replace(LEO.thrusters.pulses, dead_time_s=0.0)
         (HARDWARE, (LATE, replace(ERRORS, noise_key=(7, 9))), 'navigation'),
     ],
 )
-def test_another_world_than_the_scenarios_is_found(blocks, attached, sections, check, tmp_path):
+def test_another_world_than_the_scenarios_is_found(
+    small_blocks, attached, sections, check, tmp_path
+):
     run_of(attached, replace(attached, sections=sections)).write(tmp_path)
     assert verify(tmp_path).difference.check == check
 
@@ -730,3 +775,44 @@ def test_a_message_that_the_recorder_missed_is_a_gap_that_is_said(blocks, tmp_pa
     verified = verify(tmp_path)
     assert verified.difference is None, verified.sentence()
     assert 'estimator could not be recomputed at 20 ticks, the first is 11' in verified.sentence()
+
+
+@pytest.mark.parametrize(
+    ('phases', 'said'),
+    [
+        (['running', 'running', 'finished'], None),
+        ([], 'it says nothing'),
+        (['running', 'running', 'aborted'], 'its phases are running, aborted'),
+        (['finished'], 'its phases are finished'),
+    ],
+)
+def test_a_status_without_begin_or_end_is_a_gap_with_its_phases(phases, said):
+    found = Statuses(scenario.load_scenario('quick'), SimpleNamespace(name='/status'), False, ())
+    found._phases = phases
+    begins = '/status does not say that the flight began and finished: '
+    assert found.gaps == ([] if said is None else [begins + said])
+
+
+@pytest.mark.parametrize('free', [False, True])
+def test_what_free_running_does_not_log_is_not_compared(free):
+    quick = scenario.load_scenario('quick')
+    found = Statuses(quick, SimpleNamespace(name='/status'), free, ())
+    figures = {'energy_n2s': (1.0, 1.5), 'distance_m': (2.0,), 'saturated_ticks': (3,)}
+    nothing, block = (SimpleNamespace(at=lambda *_, f=f: f) for f in (None, figures))
+    found._blocks = [nothing, block]
+    said = list(found._figures(7, {'energy_n2s': '1.5', 'distance_m': '9.0'}))
+    expected = [('energy_n2s', '1.5', '1.5'), ('distance_m', '9.0', '2.0')]
+    assert said == expected + ([] if free else [('saturated_ticks', 'nothing', '3')])
+
+
+def test_all_that_was_found_is_said_and_nothing_else():
+    """Each list of a verification, alone and with all others, is in what people read of it."""
+    empty = verification.Verification(Path('a'), 3, None, ())
+    assert empty.sentence() == 'a: verified, 3 ticks bit for bit; recomputed: nothing'
+    lists = [row.name for row in fields(empty) if row.type == 'tuple[str, ...]']
+    words = {name: (f'one of {name}', f'{name} too') for name in lists}
+    for found in [*({name: words[name]} for name in lists), words, words | {'faults': ()}]:
+        told = '\n'.join(replace(empty, **found).lines())
+        least = ('faults', 'gaps') if found.get('faults') else lists  # then nothing is proven
+        said = [name for name in lists if all(text in told for text in words[name])]
+        assert said == [name for name in lists if name in least and found.get(name)]

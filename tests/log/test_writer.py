@@ -19,6 +19,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 import yaml
+from landing import rest_at_landing
 from log_runs import (
     CLOCK,
     DISTURBANCE,
@@ -37,11 +38,14 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.interfaces import MOST_AHEAD_TICKS, REMEMBERED_TICKS
+from rpo_core.world.disturbance import NONE
 from rpo_log.manifests import Manifests
 from rpo_log.tools.repair import repair
 from rpo_mcap.errors import Fault, LogError
+from rpo_mcap.format import run as run_format
 from rpo_mcap.format.run import TimeBase
 from rpo_mcap.read.run_log import read_run
+from rpo_mcap.write.mcap_file import McapFile
 from rpo_mcap.write.side_file import HealthLogWriter
 from rpo_mcap.write.writer import Claims, RunLogWriter
 from rpo_thrusters.thrusters import Thrusters
@@ -52,7 +56,7 @@ def digests(folder: Path) -> dict[str, str]:
 
 
 @pytest.mark.parametrize('options', [{}, {'split_s': 7.0}, {'split_bytes': 30_000}])
-@pytest.mark.parametrize('seed', range(4))
+@pytest.mark.parametrize('seed', rest_at_landing(range(4), quick=2))
 def test_the_same_bytes_in_any_order_of_arrival(run, tmp_path, seed, options):
     run.write(tmp_path / 'a', **options)
     summary = run.write(tmp_path / 'b', run.shuffled(seed), **options)
@@ -241,6 +245,15 @@ def test_a_side_file_whose_end_does_not_reach_the_disk_says_so(tmp_path, monkeyp
     assert file.failure == 'Input/output error'
 
 
+def test_a_side_file_that_cannot_be_begun_is_refused_and_closed(tmp_path, monkeypatch):
+    monkeypatch.setattr(McapFile, 'close_chunk', Mock(side_effect=OSError(28, 'No space left')))
+    closed = Mock()
+    monkeypatch.setattr(McapFile, 'close', closed)
+    with pytest.raises(LogError, match=r'health.mcap.*No space left'):
+        HealthLogWriter(tmp_path)
+    assert closed.called
+
+
 def test_a_status_is_of_the_run_if_it_fits_a_state_that_was_published():
     """Two were published at that tick, and nobody knows yet which one is the plant's."""
     states = [(3.0, 4.0, 0.0, 0.0, 0.1, 0.0), (30.0, 40.0, 0.0, 0.0, 0.2, 0.0)]
@@ -334,7 +347,7 @@ def hostile(run, rng):
     return name, cdr.encode_wrench(stamp, 'target_lvlh', numbers[:3])
 
 
-@pytest.mark.parametrize('seed', range(6))
+@pytest.mark.parametrize('seed', rest_at_landing(range(6), quick=2))
 @pytest.mark.parametrize('delay_ticks', [0, 3])
 def test_hostile_messages_leave_the_same_bytes(tmp_path, seed, delay_ticks):
     """Forces and states of any tick, early, late or beside the right ones; what cannot be used."""
@@ -431,3 +444,45 @@ def test_a_log_that_waits_for_the_plant_keeps_up(tmp_path):
         behind.append(tick - writer.next_tick)
     assert max(behind) < MOST_AHEAD_TICKS
     assert writer.close().whole
+
+
+def test_the_first_plant_is_that_of_the_run():
+    text = files.read_text(files.find('scenario', 'paper_test'))
+    values, found = {'role': 'plant', 'run': 'a', 'file.scenario.yaml': text}, Manifests()
+    assert found.missing == ['plant'] and found.run_id == ''
+    for bad, why in (('[', 'no usable scenario'), (None, 'no usable scenario')):
+        said = found.take('b', {**values, 'file.scenario.yaml': bad} if bad else {'role': 'plant'})
+        assert why in said
+    training = files.read_text(files.find('scenario', 'paper_training'))
+    assert 'a set of scenarios' in found.take('b', {**values, 'file.scenario.yaml': training})
+    assert found.scenario is None
+    assert found.take('a', values) == '' == found.take('a again', values)
+    assert found.scenario == load_scenario('paper_test') and found.run_id == 'a'
+    said = found.take('b', {**values, 'run': 'b'})
+    assert said == 'b is a second plant: the log is that of the first'
+    assert found.missing == ['controller', 'disturbance']
+    good = files.read_text(files.find('controller', 'handmade'))
+    for i in range(30):
+        assert found.take(f'n{i}', {'role': f'r{i}'}) == ''
+    assert found.take('c', {'role': 'controller', 'file.controller.yaml': good}) == ''
+    assert found.take('more', {'role': 'more'}) == 'more has a role too many'
+    assert found.take('n0', {'role': 'r0'}) == ''
+    assert found.missing == ['disturbance']
+    assert found.another_controller() == (run_format.CONTROLLER, good.encode())
+    other = good.replace('handmade', 'other')
+    assert found.take('d', {'role': 'controller', 'file.controller.yaml': other}) == ''
+    assert found.another_controller() == (run_format.controller_name(2), other.encode())
+    assert found.another_controller() is None
+
+
+@pytest.mark.parametrize(('name', 'disturbed'), [('paper_test', True), ('tumbling_docking', False)])
+def test_in_free_running_what_was_applied_is_due_each_tick(name, disturbed):
+    chosen, found = load_scenario(name), Manifests()
+    chosen = chosen if disturbed else replace(chosen, disturbance=NONE)
+    plain = {row.name for row in found.due_each_tick(chosen, lambda _: 0)}
+    values = {'role': 'plant', 'file.scenario.yaml': files.read_text(files.find('scenario', name))}
+    values |= {'parameter.mode': 'free_running', 'parameter.publish_clock': 'True'}
+    assert found.take('plant', values) == ''
+    more = {row.name for row in found.due_each_tick(chosen, lambda _: 0)} - plain
+    force = interfaces.APPLIED_BODY_FORCE if chosen.attitude else interfaces.APPLIED_FORCE
+    assert more == {interfaces.CLOCK, force, *[interfaces.APPLIED_DISTURBANCE] * disturbed}

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from rpo_core.chain.flight import fly
 from rpo_nav.attitude_estimator import AttitudeEstimator, AttitudeEstimatorStage, attitude_memory_of
 from rpo_nav.attitude_filter_kernels import SQUARE, TESTED, P, X, step_attitude
-from rpo_nav.attitude_sensors import ARCSEC, AttitudeSensors
+from rpo_nav.attitude_sensors import AttitudeSensors
 
 
 def against_stars(rows, flown):
@@ -33,7 +33,7 @@ def test_it_is_the_filter_of_matrices_and_rotations(latency):
     axes = np.array(flown.section(AttitudeSensors).star_tracker.axes)
     other = Mekf(
         stage.filter[21:25], [np.radians(0.1), 5e-5], flown.dt_s, GYRO['noise_rad_s0_5'],
-        GYRO['bias_walk_rad_s1_5'], np.array([60.0, 10.0, 10.0]) * ARCSEC, axes,
+        GYRO['bias_walk_rad_s1_5'], np.radians([60.0, 10.0, 10.0]) / 3600.0, axes,
     )  # fmt: skip
     came = measured[:, :4].any(axis=1)
     assert came.sum() == (401 - latency + 1) // 2

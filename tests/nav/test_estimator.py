@@ -4,11 +4,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
+from flown import lines
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from kept import assert_kept
 from nav_scenarios import LIDAR, PD, make, unmodelled
 
 from rpo_core.chain.chain import Chain
@@ -399,3 +403,7 @@ def test_the_gate_decides_at_its_own_value():
         assert stage.memory[IN_A_ROW] == (nis > gate(3, 4.0))
         found.append(nis / gate(3, 4.0))
     assert any(0.8 < share < 1.0 for share in found) and any(1.0 < share < 1.3 for share in found)
+
+
+def test_shipped_flights_are_those_of_the_list():
+    assert_kept(Path(__file__).with_name('flights.txt'), lines('nav'))

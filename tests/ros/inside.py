@@ -7,27 +7,45 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import rclpy
-import services
 from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
+from rpo_ctrl.controller_node import ControllerNode
+from rpo_log.recorder_node import RecorderNode
 from rpo_ros.running import FlightNode, new_executor
+from rpo_sim.plant_node import PlantNode
 
 DEADLINE_S = 20.0
+
+
+def call(node: Node, until: Callable[..., Any], kind: type, service: str, request: Any) -> Any:
+    """Call a service and return its response; `until` spins the node until a condition holds."""
+    client = node.create_client(kind, service)
+    try:
+        until(client.service_is_ready)
+    except AssertionError as error:
+        error.add_note(f'no {service}; there are {node.get_node_names_and_namespaces()}')
+        raise
+    future = client.call_async(request)
+    until(future.done)
+    node.destroy_client(client)
+    return future.result()
 
 
 class Inside:
     """Nodes under test, and one node that talks to them as a user would."""
 
-    def __init__(self) -> None:
+    def __init__(self, executor: Executor) -> None:
         self.user = Node('user')
-        self.executor = new_executor()
+        self.executor = executor
         self.executor.add_node(self.user)
         self.nodes: list[FlightNode] = []
 
@@ -36,6 +54,37 @@ class Inside:
         self.nodes.append(node)
         self.executor.add_node(node)
         return node
+
+    def fly(
+        self,
+        folder: Path,
+        scenario: str,
+        *others: type[FlightNode],
+        controller: str = 'handmade',
+        **options: Any,
+    ) -> None:
+        """Start a controller, other nodes by their classes, and what `record_and_fly` starts."""
+        self.controller = self.start(ControllerNode({'controller': controller}))
+        for other in others:
+            self.start(other({}))
+        self.record_and_fly(folder, scenario, **options)
+
+    def record_and_fly(
+        self, folder: Path, scenario: str, plant: type[FlightNode] = PlantNode, **options: Any
+    ) -> None:
+        """Start recorder and plant, which are attributes then; options : those of the plant."""
+        self.recorder = self.start(RecorderNode({'output': str(folder)}))
+        options = {'scenario': scenario, 'wait_for_recorder': True, **options}
+        self.plant = self.start(plant(options))
+
+    def reaches(self, tick: int) -> None:
+        """Wait until the plant is beyond a tick."""
+        self.until(lambda: self.plant.tick > tick)
+
+    def ends(self) -> int:
+        """Wait until plant and recorder are done; return the exit code of the recorder."""
+        self.until(lambda: self.plant.done and self.recorder.done, 60.0)
+        return self.recorder.exit_code
 
     def until(self, condition: Callable[[], Any], deadline_s: float = DEADLINE_S) -> Any:
         """Spin until the condition holds; return what it returned."""
@@ -47,7 +96,7 @@ class Inside:
 
     def call(self, kind: type, service: str, request: Any) -> Any:
         """Call a service and return its response."""
-        return services.call(self.user, self.until, kind, service, request)
+        return call(self.user, self.until, kind, service, request)
 
     def transition(self, node: str, label: str) -> bool:
         """Ask for a lifecycle transition, as `ros2 lifecycle set` does; return its success."""
@@ -71,13 +120,15 @@ class Inside:
 
 
 @contextmanager
-def inside(args: Sequence[str] = ()) -> Iterator[Inside]:
+def inside(
+    args: Sequence[str] = (), executor: Callable[[], Executor] = new_executor
+) -> Iterator[Inside]:
     """Yield an Inside; all its nodes are gone at the end."""
     rclpy.init(
         args=['--ros-args', *args] if args else None,
         signal_handler_options=SignalHandlerOptions.NO,
     )
-    bench = Inside()
+    bench = Inside(executor())
     try:
         yield bench
     finally:

@@ -10,8 +10,8 @@ from contextlib import contextmanager
 from typing import Any
 
 import rclpy
-import services
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from inside import call
 from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
@@ -78,7 +78,7 @@ class Steering:
 
     def call(self, kind: type, service: str, request: Any) -> Any:
         """Call a service and return the response."""
-        return services.call(self.node, self.until, kind, service, request)
+        return call(self.node, self.until, kind, service, request)
 
     def pause(self, data: bool = True) -> Any:
         """Pause, or resume."""

@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 import yaml
-from scenarios import lasting
+from flights import INJECTOR, assert_flown, lasting, processes
 
 from rpo_attitude.turns import apart
 from rpo_core.chain.chain import Chain
@@ -35,11 +35,7 @@ TURNING = {
 
 def turning(folder, **more):
     """Write a scenario whose chaser turns; return its path."""
-    document = yaml.safe_load(open(lasting(25.0, folder, 'paper_test')))  # noqa: SIM115
-    document.pop('requirements', None)
-    path = folder / 'turning.yaml'
-    path.write_text(yaml.safe_dump({**document, **TURNING, **more}))
-    return str(path)
+    return lasting(25.0, folder, 'paper_test', requirements=None, **{**TURNING, **more})
 
 
 @pytest.mark.every_landing
@@ -61,13 +57,9 @@ def test_it_flies_the_bits_of_the_chain_and_verifies(ros, tmp_path, wheels, toge
     assert plant.wait() == 0, plant.output
     assert recorder.wait() == 0, recorder.output
     assert [node.stop() for node in software] == [0] * len(software)
-    log, expected = read_run(run), fly(load_scenario(path), load_controller('handmade'))
-    np.testing.assert_array_equal(log.states, expected.states)
-    for name in (CHASER_ATTITUDE, BODY_TORQUE):
-        np.testing.assert_array_equal(log.values[name], expected.signals[name])
+    assert_flown(run, fly(load_scenario(path), load_controller('handmade')), 'attitude')
+    log = read_run(run)
     assert np.abs(log.values[CHASER_ATTITUDE][:, 3] - 1.0).max() > 1e-3, 'it turned'
-    found = verify(run)
-    assert found.exit_code == 0, found.sentence()
     said = yaml.safe_load(log.attachments['scenario.yaml'])['attitude_control']['controller']
     assert said['kind'] == 'attitude_pd', 'the log says what flew, not where it was'
 
@@ -93,15 +85,8 @@ def test_what_the_plant_says_of_a_tick_is_read_with_what_rides_in_it(tmp_path):
 @pytest.mark.every_landing
 def test_it_flies_against_the_wall_clock_and_verifies(ros, tmp_path):
     """What acted, in its axes, was commanded; with every answer in its tick it is lockstep."""
-    path, run = turning(tmp_path), tmp_path / 'run'
-    ros.node('rpo_ctrl', 'fuzzy_controller', controller='handmade')
-    ros.node('rpo_ctrl', 'attitude_controller')
-    ros.node('rpo_sim', 'disturbance_injector')
-    recorder = ros.node('rpo_log', 'recorder', output=str(run))
-    free = {'mode': 'free_running', 'real_time_factor': '2.0'}
-    plant = ros.node('rpo_sim', 'plant', scenario=path, wait_for_recorder='true', **free)
-    assert plant.wait() == 0, plant.output
-    assert recorder.wait() == 0, recorder.output
+    path, others = turning(tmp_path), ('rpo_ctrl attitude_controller', INJECTOR)
+    run = processes(ros, path, *others, mode='free_running', real_time_factor=2.0)
     found = verify(run)
     assert found.exit_code == 0, found.sentence()
     assert found.free_running and 'attitude' in found.stages

@@ -1,65 +1,41 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The same flight, bit for bit: the core's function, one process, four processes, any speed."""
+"""The same flight, bit for bit: the core's function, one process, several processes, any speed."""
 
 import fcntl
 import hashlib
 import os
+import re
+import shlex
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from campaign_documents import write_campaign
+from flights import INJECTOR, assert_flown, one_process, processes
 from landing import rest_at_landing
+from typer.testing import CliRunner
 
+from rpo_cli.cli import app
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import overrides, scenario
 from rpo_core.files.scenario import load_scenario
+from rpo_core.judge import metrics
 from rpo_log.verify import verify
-from rpo_mcap.read.run_log import read_flight, read_run
-from tools.node_processes import NodeProcesses, node_processes
+from rpo_mcap.read.run_log import flight_of, read_run
+from rpo_montecarlo.campaign import config
+from rpo_montecarlo.campaign.run_batch import FINAL, fly_runs
+from tools.node_processes import node_processes
 
-SCENARIO = 'paper_test'
-CONTROLLER = 'handmade'
-
-
-def one_process(ros: NodeProcesses, output: str) -> None:
-    node = ros.node(
-        'rpo_bringup',
-        'final_approach',
-        '--scenario',
-        SCENARIO,
-        '--controller',
-        CONTROLLER,
-        '--output',
-        output,
-    )
-    assert node.wait() == 0, node.output
-    assert Path(output, 'report', 'time_histories.png').stat().st_size > 10_000
-
-
-def four_processes(ros: NodeProcesses, output: str, real_time_factor: float = 0.0) -> None:
-    controller = ros.node('rpo_ctrl', 'fuzzy_controller', controller=CONTROLLER)
-    injector = ros.node('rpo_sim', 'disturbance_injector', scenario=SCENARIO)
-    recorder = ros.node('rpo_log', 'recorder', output=output)
-    plant = ros.node(
-        'rpo_sim',
-        'plant',
-        scenario=SCENARIO,
-        wait_for_recorder='true',
-        real_time_factor=real_time_factor,
-    )
-    assert plant.wait() == 0, plant.output
-    assert recorder.wait() == 0, recorder.output
-    assert controller.stop() == 0, controller.output
-    assert injector.stop() == 0, injector.output
-
-
+SCENARIO, CONTROLLER = 'paper_test', 'handmade'
 WAYS = {
-    'one process': one_process,
-    'four processes': four_processes,
-    'four processes, 20 x real time': lambda ros, output: four_processes(ros, output, 20.0),
+    'one process': lambda ros: one_process(ros, SCENARIO, '--controller', CONTROLLER),
+    'four processes': lambda ros: processes(ros, SCENARIO, INJECTOR),
+    'four processes, 20 x real time': lambda ros: processes(
+        ros, SCENARIO, INJECTOR, real_time_factor=20.0
+    ),
 }
 
 
@@ -83,117 +59,139 @@ def test_every_state_and_force_is_that_of_the_core(way, ros_env, tmp_path, tmp_p
     expected = fly(load_scenario(SCENARIO), load_controller(CONTROLLER))
     compiled = '1' if way == 'four processes' else '0'
     with node_processes({**ros_env, 'RPO_JIT': compiled}, tmp_path) as ros:
-        WAYS[way](ros, str(tmp_path / 'run'))
-    flown = read_flight(tmp_path / 'run')
-    np.testing.assert_array_equal(flown.states, expected.states)
-    np.testing.assert_array_equal(flown.forces_n, expected.forces_n)
-    np.testing.assert_array_equal(flown.disturbances_n, expected.disturbances_n)
-    log = b''.join((tmp_path / 'run' / f).read_bytes() for f in ('run.mcap', 'decisions.mcap'))
+        run = WAYS[way](ros)
+    assert_flown(run, expected)
+    np.testing.assert_array_equal(read_run(run).disturbances_n, expected.disturbances_n)
+    log = b''.join((run / name).read_bytes() for name in ('run.mcap', 'decisions.mcap'))
     first = first_digest(log, tmp_path_factory.getbasetemp().parent)
     assert hashlib.sha256(log).hexdigest() == first, f'{way}: not the bytes of the first way'
-    info = yaml.safe_load((tmp_path / 'run' / 'run_info.yaml').read_text())
+    info = yaml.safe_load((run / 'run_info.yaml').read_text())
     counts = dict(info['messages'])
     assert (counts.pop('/run_status'), counts.pop('/stage_status')) == (2, 0)
     assert set(counts.values()) == {len(expected.states)} and len(counts) == 4
     assert info['faults'] is None
 
 
-def test_fields_changed_on_the_command_line_fly_the_bits_of_the_core(ros_env, tmp_path):
-    changes = ['goal_position_m=[-3,10,2]', 'initial_position_m=[0,80,0]']
-    options = [part for change in changes for part in ('--set', change)]
-    folder = tmp_path / 'run'
-    arguments = ['--scenario', 'quick', '--controller', CONTROLLER, *options, '--no-report']
-    with node_processes(ros_env, tmp_path) as ros:
-        node = ros.node('rpo_bringup', 'final_approach', *arguments, '--output', str(folder))
-        assert node.wait() == 0, node.output
-    flown = read_flight(folder)
-    flight = fly(overrides.load('quick', changes), load_controller(CONTROLLER))
-    assert flown.scenario == flight.scenario and flown.scenario.name == 'quick (changed)'
-    np.testing.assert_array_equal(flown.states, flight.states)
-    np.testing.assert_array_equal(flown.forces_n, flight.forces_n)
-    verified = verify(folder)
-    assert verified.exit_code == 0, verified.sentence()
+@pytest.mark.parametrize(
+    ('flown', 'controller'),
+    rest_at_landing(
+        [
+            ('quick', 'mpc'),
+            *((SCENARIO, name) for name in ('pd', 'lqr', 'mpc', 'apf_smc', 'drift')),
+        ],
+        quick=0,
+        landing=1,
+    ),
+)
+def test_every_baseline_flies_the_bits_of_the_core(ros, flown, controller):
+    """`mpc` counts ticks."""
+    run = one_process(ros, flown, '--controller', controller)
+    assert_flown(run, fly(load_scenario(flown), load_controller(controller)), 'controller')
 
 
-# The shipped worlds, flown by the nodes: the bits of the core, verified from the log.
+# The shipped worlds, changed on the command line, flown by the nodes.
+
+UNITS = (
+    '[{kind: range_bearing, noise_floor_m: 0.01, noise_share: 0.01, bearing_noise_rad: 0.002,'
+    ' latency_ticks: 3, dropout_share: 0.1}, {kind: relative_position, noise_floor_m: 0.5,'
+    ' velocity_floor_m_s: 0.02, period_ticks: 10}]'
+)
+LATE_AND_SLOW = [f'sensors.units={UNITS}', 'estimator.disturbance_sigma_n=0.01']
 
 
 @pytest.mark.parametrize(
     ('world', 'more'),
     rest_at_landing(
         [
-            ('world_leo', []),
+            ('world_leo', ['initial_position_m=[0,80,0]', *LATE_AND_SLOW]),
             ('world_leo', ['estimator.compensate=true']),
             ('world_elliptic', []),
             ('world_moon', []),
             ('paper_test_measured', []),
+            ('quick', ['goal_position_m=[-3,10,2]', 'initial_position_m=[0,80,0]']),
         ]
     ),
 )
 def test_a_world_flies_the_bits_of_the_core(ros, world, more):
-    output = ros.folder / 'run'
     changes = ['duration_s=20.0', *more]
     changed = [word for change in changes for word in ('--set', change)]
-    short = [*changed, '--controller', 'pd', '--no-report', '--output', str(output)]
-    node = ros.node('rpo_bringup', 'final_approach', '--no-fail', '--scenario', world, *short)
-    assert node.wait() == 0, node.output
-    verified = verify(output)
-    assert verified.exit_code == 0, verified.sentence()
-    flown = overrides.load(world, changes)
-    flight, logged = fly(flown, load_controller('pd')), read_flight(output)
-    np.testing.assert_array_equal(logged.states, flight.states)
-    np.testing.assert_array_equal(logged.thrust.forces_n, flight.thrust.forces_n)
-    last = 'shaped_force' if 'shaped_force' in flight.signals else 'exerted_force'
-    np.testing.assert_array_equal(read_run(output).values[last], flight.signals[last])
+    run = one_process(ros, world, '--no-fail', '--controller', 'pd', *changed)
+    flight = fly(overrides.load(world, changes), load_controller('pd'))
+    assert_flown(run, flight, 'controller', 'dynamics')
+    flown = flight_of(read_run(run))
+    assert flown.scenario == flight.scenario and flown.scenario.name == f'{world} (changed)'
+    np.testing.assert_array_equal(flown.thrust.forces_n, flight.thrust.forces_n)
+    if more[1:] == LATE_AND_SLOW:
+        logged = {'measurement', 'measurement_2', 'navigation_covariance', 'estimated_disturbance'}
+        assert logged <= flight.signals.keys()
+
+
+def shortened(folder, name, duration_s):
+    """Write a shipped scenario whose flight is shorter; return it and its path."""
+    flown = overrides.load(name, [f'duration_s={duration_s}'])
+    path = folder / 'short.yaml'
+    path.write_text(scenario.dumps(flown))
+    return flown, str(path)
 
 
 @pytest.mark.slow
 def test_a_world_flies_against_the_wall_clock(ros):
-    output = ros.folder / 'run'
-    recorder = ros.node('rpo_log', 'recorder', output=str(output))
-    controller = ros.node('rpo_ctrl', 'fuzzy_controller', controller='handmade')
-    navigation = ros.node('rpo_nav', 'navigation')
-    short = scenario.dumps(overrides.load('world_leo', ['duration_s=20.0']))
-    (ros.folder / 'short.yaml').write_text(short)
-    plant = ros.node(
-        'rpo_sim',
-        'plant',
-        scenario=str(ros.folder / 'short.yaml'),
-        mode='free_running',
-        real_time_factor=10.0,
-        wait_for_recorder='true',
-    )
-    assert plant.wait() == 0, plant.output
-    assert recorder.wait() == 0, recorder.output
-    for node in (controller, navigation):
-        assert node.stop() == 0, node.output
-    assert verify(output).difference is None
+    _, path = shortened(ros.folder, 'world_leo', 20.0)
+    free = {'mode': 'free_running', 'real_time_factor': 10.0}
+    found = verify(processes(ros, path, 'rpo_nav navigation', **free))
+    assert found.difference is None, found.sentence()
+    assert 'estimator' in found.stages
 
 
 @pytest.mark.every_landing
 def test_the_full_chain_flies_as_seven_processes(ros):
-    output, flown = ros.folder / 'run', overrides.load('docking_leo', ['duration_s=40.0'])
-    (ros.folder / 'short.yaml').write_text(scenario.dumps(flown))
-    others = [
-        ros.node(package, name)
-        for package, name in (
-            ('rpo_ctrl', 'fuzzy_controller'),
-            ('rpo_sim', 'disturbance_injector'),
-            ('rpo_nav', 'navigation'),
-            ('rpo_guidance', 'guidance'),
-            ('rpo_safety', 'assurance'),
-        )
-    ]
-    recorder = ros.node('rpo_log', 'recorder', output=str(output))
-    short = str(ros.folder / 'short.yaml')
-    plant = ros.node('rpo_sim', 'plant', scenario=short, wait_for_recorder='true')
-    assert plant.wait() == 0, plant.output
-    assert recorder.wait() == 0, recorder.output
-    for node in others:
-        assert node.stop() == 0, node.output
-    verified = verify(output)
+    flown, path = shortened(ros.folder, 'docking_leo', 40.0)
+    others = (INJECTOR, 'rpo_nav navigation', 'rpo_guidance guidance', 'rpo_safety assurance')
+    run = processes(ros, path, *others, controller='allround')
+    stages = ('sensors', 'estimator', 'guidance', 'assurance', 'thrusters')
+    assert_flown(run, fly(flown, load_controller('allround')), *stages)
+
+
+# A run of a campaign.
+
+RUN = 7
+
+
+def as_printed(ros, arguments):
+    """Fly in one process, by the command that the campaign prints."""
+    node = ros.node(*arguments, '--output', str(ros.folder / 'run'), '--no-report')
+    assert node.wait() == 0, node.output
+
+
+def five_processes(ros, arguments):
+    path = arguments[arguments.index('--scenario') + 1]
+    processes(ros, path, INJECTOR, 'rpo_sim navigation')
+
+
+@pytest.mark.parametrize('way', [as_printed, pytest.param(five_processes, marks=pytest.mark.slow)])
+def test_a_run_through_the_nodes_has_the_bits_of_the_campaign(way, ros, tmp_path):
+    path = write_campaign(tmp_path)
+    table = tmp_path / 'run.csv'
+    command = ['campaign', str(path), '--run', str(RUN), '--csv', str(table), '--export']
+    result = CliRunner().invoke(app, [*command, f'{tmp_path}/run_7.yaml'], env={'COLUMNS': '300'})
+    assert result.exit_code == 0, result.output
+    ros2, run, *arguments = shlex.split(
+        re.search(r'^ros2 run .*final_approach.*', result.output, re.M).group()
+    )
+    assert (ros2, run) == ('ros2', 'run')
+    way(ros, arguments)
+    flown = read_run(tmp_path / 'run')
+    assert flown.complete, flown.gaps
+    expected = np.loadtxt(table, delimiter=',', skiprows=1)
+    np.testing.assert_array_equal(flown.states, expected[:, 1:7])
+    np.testing.assert_array_equal(flown.forces_n, expected[:, 7:10])
+    np.testing.assert_array_equal(flown.disturbances_n, expected[:, 10:])
+    columns = fly_runs(config.load(path), RUN, 1)
+    slew = metrics.row_of(flight_of(flown))[metrics.SLEW]
+    assert columns['slew_per_axis_n_s'] == slew, 'one flight has one slew, however late it begins'
+    assert [columns[name][0] for name in FINAL] == flown.states[-1].tolist()
+    assert columns['delay_ticks'] > 0  # so that all of it takes part
+    difference = flown.values['navigation_state'] - flown.states
+    assert np.abs(difference).max() > 1e-3  # the controller saw something else, and it is logged
+    verified = verify(tmp_path / 'run')
     assert verified.exit_code == 0, verified.sentence()
-    for stage in ('sensors', 'estimator', 'guidance', 'assurance', 'thrusters'):
-        assert stage in verified.sentence()
-    states = fly(flown, load_controller('allround')).states
-    np.testing.assert_array_equal(read_flight(output).states, states)

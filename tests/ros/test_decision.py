@@ -8,12 +8,13 @@ from diagnostic_msgs.msg import DiagnosticArray
 from inside import inside
 from nav_msgs.msg import Odometry
 
+from rpo_core.control.controller import load_controller
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_ctrl.explain import decisions
 from rpo_mcap.read.run_log import controller_of, read_decisions, read_run
 from rpo_ros import conversions, qos
-from tools.node_processes import node_processes
+from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 
 EPOCH_NS = 1_767_225_600_000_000_000
 STATE = (10.0, 60.0, -40.0, 0.1, -0.2, 0.05)
@@ -46,8 +47,6 @@ def test_it_says_what_it_does_once_a_period(ros_env):
     assert sorted(set(ticks)) == [0, 2, 4, 6, 8, 10]
     node_said = {(s.name, s.message, tuple((v.key, v.value) for v in s.values))
                  for m in said for s in m.status}  # fmt: skip
-    from rpo_core.control.controller import load_controller
-
     expected = {
         (f'decision: {d.axis}', d.strongest, tuple((k, repr(x)) for k, x in d.pairs()))
         for d in decisions(load_controller(DEFAULT_CONTROLLER), STATE)
@@ -70,12 +69,9 @@ def test_off_it_says_nothing(ros_env):
 
 def test_the_log_has_what_was_said_and_it_is_true(ros_env, tmp_path):
     output = tmp_path / 'run'
-    with node_processes(ros_env, tmp_path) as ros:
-        node = ros.node(
-            'rpo_bringup', 'final_approach', '--scenario', 'quick', '--output', str(output),
-            '--no-report', '--ros-args', '-p', 'decision_rate_hz:=2.0',
-        )  # fmt: skip
-        assert node.wait() == 0, node.output
+    with inside(['-p', 'decision_rate_hz:=2.0']) as inner:
+        inner.fly(output, 'quick', DisturbanceInjectorNode, controller=DEFAULT_CONTROLLER)
+        assert inner.ends() == 0
     log = read_run(output)
     found = list(read_decisions(output / 'decisions.mcap'))
     ticks = [log.base.tick_of(decision.stamp_ns) for decision in found]

@@ -6,9 +6,9 @@ import re
 
 import numpy as np
 import pytest
+from flights import lasting, one_process
 from landing import rest_at_landing
 from mcap.reader import make_reader
-from scenarios import lasting
 
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
@@ -75,10 +75,7 @@ def test_lost_frozen_repeated_delayed_and_reordered_messages_leave_the_same_byte
     faulty, injectors = fly_through(ros, scenario, **FAULTS)
     for injector in injectors:
         assert all(counted(injector, kind) > 10 for kind in FAULTS), injector.output
-    clean = ros.folder / 'clean'
-    options = ('--scenario', scenario, '--controller', CONTROLLER, '--output', str(clean))
-    node = ros.node('rpo_bringup', 'final_approach', *options, '--no-report')
-    assert node.wait() == 0, node.output
+    clean = one_process(ros, scenario, '--controller', CONTROLLER)
     assert messages(faulty) == messages(clean)
 
 

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
+from flights import lasting
 from inside import inside
-from scenarios import lasting
+from landing import rest_at_landing
 
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_guidance.guidance_node import GuidanceNode
@@ -51,7 +51,7 @@ def foreign(ros_env):
         process.wait()
 
 
-@pytest.mark.parametrize('script', ['plant.py', 'paced.py'])
+@pytest.mark.parametrize('script', rest_at_landing(['plant.py', 'paced.py']))
 def test_a_plant_of_somebody_else_flies_is_recorded_replayed_and_verified(
     ros_env, foreign, tmp_path, script, capfd
 ):
@@ -76,24 +76,16 @@ def test_a_plant_of_somebody_else_flies_is_recorded_replayed_and_verified(
     )
 
 
-def sensed(folder):
-    """Write two seconds of a scenario with a sensor and an estimator."""
-    document = yaml.safe_load(Path(lasting(2.0, folder)).read_text())
-    unit = {'kind': 'relative_position', 'noise_floor_m': 0.01}
-    path = folder / 'sensed.yaml'
-    path.write_text(yaml.safe_dump({**document, 'sensors': {'units': [unit]}, 'estimator': {}}))
-    return str(path)
-
-
+SENSOR = {'kind': 'relative_position', 'noise_floor_m': 0.01}
 OTHERS = {
     'controller': ('approach', ['control_force'], 'thrusters, dynamics'),
-    'disturbance': ('quick', ['disturbance_force'], 'controller, thrusters, dynamics'),
     'sensor': ('', ['measurement'], 'estimator, controller, thrusters, dynamics'),
-    'estimator': ('', ['navigation_state'], 'sensors, controller, thrusters, dynamics'),
     'guidance': ('hold_points', ['reference_state', 'reference_force'],
                  'controller, thrusters, dynamics'),
     'assurance': ('assured', ['assured_force'],
                   'navigation, controller, disturbance, thrusters, dynamics'),
+    'disturbance': ('quick', ['disturbance_force'], 'controller, thrusters, dynamics'),
+    'estimator': ('', ['navigation_state'], 'sensors, controller, thrusters, dynamics'),
 }  # fmt: skip
 OURS = {
     'controller': (ControllerNode, {'controller': 'handmade'}),
@@ -105,19 +97,18 @@ OURS = {
 }
 
 
-@pytest.mark.parametrize('role', OTHERS)
+@pytest.mark.parametrize('role', rest_at_landing(OTHERS, quick=3))
 def test_verify_names_what_somebody_else_made_and_nothing_else(ros_env, foreign, tmp_path, role):
     name, given, recomputed = OTHERS[role]
-    scenario = lasting(2.0, tmp_path, name) if name else sensed(tmp_path)
+    more = {} if name else {'sensors': {'units': [SENSOR]}, 'estimator': {}}
+    scenario = lasting(2.0, tmp_path, name or 'approach', **more)
     foreign('answers.py', role)
     with inside() as inner:
         for ours, (node, options) in OURS.items():
             if ours != role:
                 inner.start(node(options))
-        recorder = inner.start(RecorderNode({'output': str(tmp_path / 'run')}))
-        inner.start(PlantNode({'scenario': scenario, 'wait_for_recorder': True}))
-        inner.until(lambda: recorder.done)
-    assert recorder.exit_code == 0
+        inner.record_and_fly(tmp_path / 'run', scenario)
+        assert inner.ends() == 0
     assert verify(tmp_path / 'run').exit_code != ExitCode.OK
     found = verify(tmp_path / 'run', given=given)
     assert (found.exit_code, found.gaps) == (ExitCode.GIVEN, ()), found.sentence()
@@ -151,9 +142,6 @@ class BasiliskThrusters(BasiliskPlant):
 
 def fly_with(kind, inner, folder):
     """Fly 4 s of the paper's test with a plant."""
-    inner.start(ControllerNode({'controller': 'handmade'}))
-    inner.start(DisturbanceInjectorNode({}))
-    recorder = inner.start(RecorderNode({'output': str(folder)}))
     scenario = lasting(4.0, folder.parent, 'paper_test')
-    inner.start(kind({'scenario': scenario, 'wait_for_recorder': True}))
-    inner.until(lambda: recorder.done)
+    inner.fly(folder, scenario, DisturbanceInjectorNode, plant=kind)
+    inner.ends()

@@ -27,7 +27,6 @@ from rpo_sim.parameters import PLANT
 from rpo_view.latest import Latest
 from tools.fuzzing import messages
 from tools.fuzzing.flight import LOOP
-from tools.node_processes import node_processes
 
 SCENARIO = load_scenario('paper_test')
 NOT_CDR = (b'', b'\x00', b'\x00\x01\x00\x00' + b'\xff' * 40)
@@ -40,9 +39,9 @@ def test_every_row_of_the_table_has_hostile_messages_the_same_for_the_same_seed(
     plain = messages.Encoder(Random(1), 0.0).encode(kind())
     assert deserialize_message(plain, kind) == kind()
     for how in messages.KINDS:
-        made = [[messages.spoilt(kind(), how, Random(f'{i}')) for i in range(30)] for _ in '12']
+        made = [[messages.spoilt(kind(), how, Random(f'{i}')) for i in range(9)] for _ in '12']
         assert made[0] == made[1]
-        assert any(data != plain for data in made[0]), how
+        assert any(messages.spoilt(kind(), how, Random(f'{i}')) != plain for i in range(30)), how
 
 
 @pytest.mark.parametrize('kind', [SetParameters, ChangeState, SetBool])
@@ -202,23 +201,18 @@ def test_a_negative_time_ends_no_node_with_simulated_time(ros_env, capfd):
     assert 'a message on /clock was refused' in capfd.readouterr().err
 
 
-def endured(ros_env, folder, *arguments, deadline_s):
-    with node_processes(ros_env, folder) as ros:
-        trial = ros.node('rpo_bringup', 'trial', 'fuzz', *arguments)
-        code = trial.wait(deadline_s)
-    assert code == 0, trial.output
-    return trial.output
+def endured(ros, *arguments, deadline_s):
+    trial = ros.node('rpo_bringup', 'trial', 'fuzz', *arguments)
+    assert trial.wait(deadline_s) == 0, trial.output
+    assert '0 deaths, 0 flights with changed bits, 0 logs that do not verify' in trial.output
 
 
 @pytest.mark.every_landing
-def test_a_flight_endures_some_hundred_hostile_cases(ros_env, tmp_path):
-    said = endured(ros_env, tmp_path, '--cases', '300', '--nodes', *LOOP, deadline_s=110.0)
-    assert '0 deaths, 0 flights with changed bits, 0 logs that do not verify' in said
+def test_a_flight_endures_some_hundred_hostile_cases(ros):
+    endured(ros, '--cases', '300', '--nodes', *LOOP, deadline_s=110.0)
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(2700)
-def test_every_node_endures_half_an_hour_of_hostile_cases(ros_env, tmp_path):
-    arguments = ('--cases', '1000000', '--minutes', '30')
-    said = endured(ros_env, tmp_path, *arguments, deadline_s=2600.0)
-    assert '0 deaths, 0 flights with changed bits, 0 logs that do not verify' in said
+def test_every_node_endures_half_an_hour_of_hostile_cases(ros):
+    endured(ros, '--cases', '1000000', '--minutes', '30', deadline_s=2600.0)

@@ -16,16 +16,13 @@ from rpo_core import files
 from rpo_core.files import scenario
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.statuses import READERS
-from rpo_ctrl.controller_node import ControllerNode
 from rpo_guidance.guidance_node import GuidanceNode
 from rpo_guidance.operator_node import OperatorNode
-from rpo_log.recorder_node import RecorderNode
 from rpo_log.verify import verify
 from rpo_mcap.read.run_log import read_run
 from rpo_nav.navigation_node import NavigationNode
 from rpo_ros import conversions, qos
 from rpo_safety.assurance_node import AssuranceNode
-from rpo_sim.plant_node import PlantNode
 
 LEGS = [
     {'name': 'wait', 'kind': 'hold', 'dwell_s': 5.0, 'go': 'command', 'within_m': 3.0,
@@ -51,10 +48,19 @@ def written(path, duration_s=60.0):
     return scenario.load_scenario(path)
 
 
+STAGES = (NavigationNode, GuidanceNode, AssuranceNode)
+
+
+def fly(inner, folder, real_time_factor, duration_s=30.0):
+    """Start all nodes of that scenario."""
+    path = folder / 'whole.yaml'
+    written(path, duration_s)
+    options = {'controller': 'trained', 'real_time_factor': real_time_factor}
+    inner.fly(folder / 'run', str(path), *STAGES, **options)
+
+
 def test_a_plan_is_flown_beside_all_other_stages_and_obeys(ros_env, tmp_path):
     """The controller could not take several inputs: every guided flight on ROS broke."""
-    path = tmp_path / 'whole.yaml'
-    written(path)
     phases: list[str] = []
 
     def hear(status: DiagnosticStatus) -> None:
@@ -67,26 +73,18 @@ def test_a_plan_is_flown_beside_all_other_stages_and_obeys(ros_env, tmp_path):
     with inside() as inner:
         topic = interfaces.GUIDANCE_STATUS
         inner.user.create_subscription(DiagnosticStatus, topic, hear, qos.LATCHED_QUEUE)
-        chosen = {'scenario': str(path)}
-        inner.start(ControllerNode({'controller': 'trained'}))
-        for kind in (NavigationNode, GuidanceNode, AssuranceNode):
-            inner.start(kind(chosen))
-        recorder = inner.start(RecorderNode({'output': str(tmp_path / 'run')}))
-        plant = inner.start(
-            PlantNode({**chosen, 'wait_for_recorder': True, 'real_time_factor': 15.0})
-        )
-        inner.until(lambda: 'wait' in phases and plant.pacing.plant.tick > 0)
+        fly(inner, tmp_path, 15.0)
+        inner.until(lambda: 'wait' in phases and inner.plant.tick > 0)
         success, message = call('go')
         assert not success and '`dwell_s` = 5 s is not over' in message
-        inner.until(lambda: plant.pacing.plant.tick > 80)
+        inner.reaches(80)
         assert call('go')[0]
         inner.until(lambda: phases[-1] == 'in')
         assert call('hold')[0]
         inner.until(lambda: phases[-1] == 'stopped')
         assert call('retreat')[0]
         inner.until(lambda: phases[-1] == 'retreating')
-        inner.until(lambda: recorder.done)
-    assert recorder.exit_code == 0
+        assert inner.ends() == 0
     log = read_run(tmp_path / 'run')
     told = [e.values['state'] for e in log.events if e.values.get('stage') == 'guidance']
     assert told == ['go', 'hold', 'retreat']
@@ -97,21 +95,14 @@ def test_a_plan_is_flown_beside_all_other_stages_and_obeys(ros_env, tmp_path):
 
 @pytest.mark.every_landing
 def test_an_operator_waits_for_its_phase_and_says_go_until_it_is_followed(ros_env, tmp_path):
-    path = tmp_path / 'whole.yaml'
-    written(path, duration_s=45.0)
     with inside() as inner:
         go = inner.start(OperatorNode({'command': 'go', 'phase': 'wait'}))
         abort = inner.start(OperatorNode({'command': 'abort', 'phase': 'in'}))
         early = inner.start(OperatorNode({'command': 'go', 'phase': 'never'}))
         impatient = inner.start(OperatorNode({'patience_s': 0.1}))
         inner.until(lambda: impatient.done)
-        inner.start(ControllerNode({'controller': 'trained'}))
-        for kind in (NavigationNode, GuidanceNode, AssuranceNode):
-            inner.start(kind({'scenario': str(path)}))
-        recorder = inner.start(RecorderNode({'output': str(tmp_path / 'run')}))
-        plant = {'scenario': str(path), 'wait_for_recorder': True, 'real_time_factor': 15.0}
-        inner.start(PlantNode(plant))
-        inner.until(lambda: recorder.done and go.done and abort.done and early.done)
+        fly(inner, tmp_path, 15.0, duration_s=45.0)
+        inner.until(lambda: inner.recorder.done and go.done and abort.done and early.done)
     assert (go.exit_code, abort.exit_code, early.exit_code, impatient.exit_code) == (0, 0, 1, 1)
     events = [e.values for e in read_run(tmp_path / 'run').events if e.values.get('stage')]
     told = [(e['state'], int(e['tick'])) for e in events if e['stage'] == 'guidance']
@@ -122,8 +113,6 @@ def test_an_operator_waits_for_its_phase_and_says_go_until_it_is_followed(ros_en
 
 def test_each_node_is_switched_off_and_on_in_flight_logged_and_verified(ros_env, tmp_path):
     """And says so; an inactive guidance takes no command."""
-    path = tmp_path / 'whole.yaml'
-    written(path)
     heard = set()
 
     def hear(topic, status):
@@ -140,21 +129,18 @@ def test_each_node_is_switched_off_and_on_in_flight_logged_and_verified(ros_env,
             inner.user.create_subscription(
                 DiagnosticStatus, topic, take, qos.LATCHED_QUEUE, raw=True
             )
-        inner.start(ControllerNode({'controller': 'handmade'}))
-        nodes = [inner.start(kind({})) for kind in (NavigationNode, GuidanceNode, AssuranceNode)]
-        recorder = inner.start(RecorderNode({'output': str(tmp_path / 'run')}))
-        options = {'wait_for_recorder': True, 'real_time_factor': 20.0}
-        inner.start(PlantNode({'scenario': str(path), **options}))
-        for node in nodes:
+        fly(inner, tmp_path, 20.0)
+        recorder, stages = inner.recorder, [n for n in inner.nodes if isinstance(n, STAGES)]
+        for node in stages:
             for label in ('deactivate', 'activate'):
                 at = recorder.log.next_tick if recorder.log is not None else 0
                 inner.until(lambda: recorder.log is not None and recorder.log.next_tick > at + 20)  # noqa: B023
                 assert inner.transition(f'/{node.get_name()}', label)
                 assert node.health()[2]['state'] == ('inactive', 'active')[label == 'activate']
-                if label == 'deactivate' and node is nodes[1]:
+                if label == 'deactivate' and node is stages[1]:
                     response = inner.call(Trigger, '/guidance/go', Trigger.Request())
                     assert (response.success, response.message) == (False, 'guidance is inactive')
-        inner.until(lambda: recorder.done)
+        inner.ends()
     assert heard >= {'run_status', 'stage_status', 'node_manifest', 'recorder_status'}
     log = read_run(tmp_path / 'run')
     said = [

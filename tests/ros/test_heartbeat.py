@@ -1,33 +1,26 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Signs of life: plant and recorder name the node of the chain that is gone."""
+"""Signs of life: who has been silent or asleep, and which node of the chain is gone."""
 
+import signal
 import time
-from pathlib import Path
 
-import yaml
+import pytest
+from flights import lasting
 from inside import inside
-from scenarios import lasting
 
-from rpo_ctrl.controller_node import ControllerNode
-from rpo_log.recorder_node import RecorderNode
 from rpo_nav.navigation_node import NavigationNode
 from rpo_ros.heartbeat import Pulse, Watch
 from rpo_ros.running import FlightNode
-from rpo_sim.plant_node import PlantNode
+from rpo_ros.timeout import MOST_STEP_S, Timeout
 
 
 def test_a_node_that_says_nothing_any_more_is_named(ros_env, tmp_path, capfd):
-    scenario = tmp_path / 'scenario.yaml'
-    document = yaml.safe_load(Path(lasting(60.0, tmp_path)).read_text())
-    scenario.write_text(yaml.safe_dump({**document, 'navigation': {'position_noise_m': 0.01}}))
+    path = lasting(60.0, tmp_path, navigation={'position_noise_m': 0.01})
     with inside() as inner:
-        navigation = inner.start(NavigationNode({}))
-        inner.start(ControllerNode({'controller': 'handmade'}))
-        recorder = inner.start(RecorderNode({'output': str(tmp_path / 'run')}))
-        options = {'real_time_factor': 10.0, 'peer_timeout_s': 1.5, 'wait_for_recorder': True}
-        plant = inner.start(PlantNode({'scenario': str(scenario), **options}))
-        inner.until(lambda: plant.tick > 20)
+        inner.fly(tmp_path / 'run', path, NavigationNode, real_time_factor=10.0, peer_timeout_s=1.5)
+        navigation, plant, recorder = inner.nodes[1], inner.plant, inner.recorder
+        inner.reaches(20)
         assert not plant.watch.silent
         inner.executor.remove_node(navigation)
         since_s = time.monotonic()
@@ -35,7 +28,7 @@ def test_a_node_that_says_nothing_any_more_is_named(ros_env, tmp_path, capfd):
         assert time.monotonic() - since_s < 1.5, 'test_killed.py holds it to one second'
         assert plant.watch.silent == recorder._watch.silent == {'navigation': 'navigation'}
         assert plant._health()[2]['silent'] == 'navigation'
-        inner.until(lambda: recorder.done and plant.done)
+        inner.ends()
     said = capfd.readouterr().err
     assert '[plant]: navigation (navigation) is silent for 0.6 s: gone, or stuck' in said
     assert 'no answer to tick ' in said and 'from control_force; silent: navigation' in said
@@ -56,3 +49,57 @@ def test_who_ends_in_order_is_named_at_once_and_may_come_back(ros_env, capfd):
         assert not watch.silent
     said = capfd.readouterr().err
     assert 'mine (guidance) has ended' in said and 'mine is back' in said
+
+
+class Clock:
+    """A clock that stands until it is moved."""
+
+    now_s = 100.0
+
+    def __call__(self):
+        return self.now_s
+
+
+def after(*steps_s):
+    """Return the silence that is found after looks at these intervals."""
+    clock = Clock()
+    silence = Timeout(clock)
+    for step_s in steps_s:
+        clock.now_s += step_s
+        found = silence.look()
+    return found
+
+
+def test_silence_adds_up():
+    assert after(*[0.05] * 100) == pytest.approx(5.0)
+
+
+def test_a_listener_that_slept_accuses_nobody():
+    assert after(0.05, 3600.0) == pytest.approx(0.05 + MOST_STEP_S)
+
+
+def test_what_is_heard_breaks_it():
+    clock = Clock()
+    silence = Timeout(clock)
+    clock.now_s += 0.2
+    silence.look()
+    silence.broken()
+    clock.now_s += 0.1
+    assert silence.look() == pytest.approx(0.1)
+
+
+@pytest.mark.slow
+def test_a_stopped_and_continued_plant_or_recorder_ends_no_run(ros, tmp_path):
+    """As a laptop that sleeps, or a debugger: longer than any time-out."""
+    ros.node('rpo_ctrl', 'fuzzy_controller')
+    recorder = ros.node('rpo_log', 'recorder', output=f'{tmp_path}/run', plant_timeout_s=2.0)
+    options = {'real_time_factor': 40.0, 'wait_for_recorder': 'true', 'peer_timeout_s': 2.0}
+    plant = ros.node('rpo_sim', 'plant', **options)
+    plant.says('flying')
+    for node in (recorder, plant):
+        node.process.send_signal(signal.SIGSTOP)
+    time.sleep(4.0)
+    for node in (plant, recorder):
+        node.process.send_signal(signal.SIGCONT)
+    for node in (plant, recorder):
+        assert node.wait() == 0, node.output

@@ -8,62 +8,45 @@ import os
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
+from flights import assert_flown, lasting
 from geometry_msgs.msg import WrenchStamped
 from inside import inside
 from nav_msgs.msg import Odometry
-from scenarios import lasting
-from test_guidance import written
+from test_guidance import STAGES, written
 
 from rpo_core import files
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.wire import interfaces
 from rpo_ctrl.controller_node import ControllerNode
-from rpo_guidance.guidance_node import GuidanceNode
 from rpo_log import provenance
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.verify import verify
 from rpo_mcap.errors import Fault, LogError
 from rpo_mcap.read.run_log import read_run
 from rpo_mcap.write import mcap_file
-from rpo_nav.navigation_node import NavigationNode
 from rpo_ros import conversions, names, qos
 from rpo_ros.signals import Outlet
-from rpo_safety.assurance_node import AssuranceNode
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 from rpo_sim.plant_node import PlantNode
 
 LASTING_S = 20.0
 
 
-class Flight:
-    """Plant, controller, injector and recorder in flight, and somebody who talks into it."""
+def flying(inner, folder, output='run', **options):
+    """Start plant, controller, injector and recorder."""
+    scenario = lasting(LASTING_S, folder, 'paper_test')
+    inner.fly(folder / output, scenario, DisturbanceInjectorNode, **options)
 
-    def __init__(self, inner, folder, output='run', **options):
-        self.inner, self.folder = inner, folder / output
-        self.controller = inner.start(ControllerNode({'controller': 'handmade'}))
-        inner.start(DisturbanceInjectorNode({}))
-        self.recorder = inner.start(RecorderNode({'output': str(self.folder)}))
-        scenario = lasting(LASTING_S, folder, 'paper_test')
-        options = {'scenario': scenario, 'wait_for_recorder': True, **options}
-        self.plant = inner.start(PlantNode(options))
 
-    def reaches(self, tick):
-        self.inner.until(lambda: self.plant.tick > tick)
-
-    def ends(self):
-        self.inner.until(lambda: self.plant.done and self.recorder.done, 40.0)
-        return self.recorder.exit_code
-
-    def says(self, kind, topic, profile=qos.LOCKSTEP):
-        """Return a function that publishes one message, all listeners being connected."""
-        out = self.inner.user.create_publisher(kind, topic, profile)
-        self.inner.until(lambda: out.get_subscription_count() > 0)
-        return out.publish
+def speaker(inner, kind, topic, profile=qos.LOCKSTEP):
+    """Return a function that publishes one message, all listeners being connected."""
+    out = inner.user.create_publisher(kind, topic, profile)
+    inner.until(lambda: out.get_subscription_count() > 0)
+    return out.publish
 
 
 def wrench(plant, tick, force, frame=''):
@@ -89,17 +72,17 @@ FALSE_STATUSES = (
 )
 
 
-def talk(flight):
+def talk(inner):
     """Publish what a flight must not care about."""
-    force = flight.says(WrenchStamped, names.CONTROL_FORCE)
-    state = flight.says(Odometry, names.RELATIVE_STATE)
-    said = flight.says(DiagnosticStatus, names.RUN_STATUS, qos.LATCHED)
-    manifest = flight.says(DiagnosticStatus, names.NODE_MANIFEST, qos.LATCHED)
-    refusal = flight.says(DiagnosticStatus, names.STAGE_STATUS, qos.LATCHED)
-    plant = flight.plant
+    force = speaker(inner, WrenchStamped, names.CONTROL_FORCE)
+    state = speaker(inner, Odometry, names.RELATIVE_STATE)
+    said, manifest, refusal = (
+        speaker(inner, DiagnosticStatus, name, qos.LATCHED)
+        for name in (names.RUN_STATUS, names.NODE_MANIFEST, names.STAGE_STATUS)
+    )
+    plant = inner.plant
     for turn in range(8):
-        tick = plant.tick
-        flight.reaches(tick + 2)
+        inner.reaches(plant.tick + 2)
         for ahead in (30, 31, 170 - plant.tick):
             force(wrench(plant, plant.tick + ahead, (0.1, 0.2, 0.3)))
             force(wrench(plant, plant.tick + ahead, (0.3, turn * 0.1, 0.3)))
@@ -116,14 +99,15 @@ def talk(flight):
 
 def test_what_others_say_in_flight_changes_no_byte(ros_env, tmp_path):
     with inside() as inner:
-        assert Flight(inner, tmp_path, 'clean').ends() == 0
+        flying(inner, tmp_path, 'clean')
+        assert inner.ends() == 0
     with inside() as inner:
-        flight = Flight(inner, tmp_path, real_time_factor=20.0)
-        flight.reaches(10)
-        talk(flight)
+        flying(inner, tmp_path, real_time_factor=20.0)
+        inner.reaches(10)
+        talk(inner)
         inner.set('plant', real_time_factor=0.0)
-        assert flight.ends() == 0
-        ignored = flight.recorder._health()[2]['ignored']
+        assert inner.ends() == 0
+        ignored = inner.recorder._health()[2]['ignored']
     clean = (tmp_path / 'clean/run.mcap').read_bytes()
     assert (tmp_path / 'run/run.mcap').read_bytes() == clean
     info = yaml.safe_load((tmp_path / 'run/run_info.yaml').read_text())
@@ -136,10 +120,10 @@ def test_what_others_say_in_flight_changes_no_byte(ros_env, tmp_path):
 @pytest.mark.every_landing
 def test_two_controllers_at_a_time_are_recorded_as_they_acted(ros_env, tmp_path, capfd):
     with inside(['-r', 'fuzzy_controller:__ns:=/']) as inner:
-        flight = Flight(inner, tmp_path, real_time_factor=40.0)
-        flight.reaches(20)
+        flying(inner, tmp_path, real_time_factor=40.0)
+        inner.reaches(20)
         second = inner.start(ControllerNode({'controller': 'trained'}))
-        assert flight.ends() == 0 and second.answered
+        assert inner.ends() == 0 and second.answered
     assert 'has several publishers' in capfd.readouterr().err
     found = verify(tmp_path / 'run')
     assert found.exit_code == 0, found.sentence()
@@ -151,13 +135,13 @@ def test_two_controllers_at_a_time_are_recorded_as_they_acted(ros_env, tmp_path,
 @pytest.mark.every_landing
 def test_a_second_plant_does_not_end_the_recording(ros_env, tmp_path, capfd):
     with inside() as inner:
-        flight = Flight(inner, tmp_path, real_time_factor=20.0)
-        flight.reaches(20)
+        flying(inner, tmp_path, real_time_factor=20.0)
+        inner.reaches(20)
         second = inner.start(PlantNode({'scenario': 'quick'}))
-        flight.reaches(60)
+        inner.reaches(60)
         assert second.phase == 'waiting', 'the recorder is not for it'
         inner.set('plant', real_time_factor=0.0)
-        assert flight.ends() == 0
+        assert inner.ends() == 0
     assert capfd.readouterr().err.count('is a second plant') == 1
     assert len(read_run(tmp_path / 'run').ticks) == 201
     assert verify(tmp_path / 'run').exit_code == 0
@@ -165,9 +149,9 @@ def test_a_second_plant_does_not_end_the_recording(ros_env, tmp_path, capfd):
 
 def test_each_recorder_in_sight_is_awaited(ros_env, tmp_path):
     with inside() as inner:
-        flight = Flight(inner, tmp_path)
+        flying(inner, tmp_path)
         other = inner.start(RecorderNode({'output': str(tmp_path / 'other')}))
-        assert flight.ends() == 0
+        assert inner.ends() == 0
         inner.until(lambda: other.done)
     runs = [(tmp_path / name / 'run.mcap').read_bytes() for name in ('run', 'other')]
     assert runs[0] == runs[1]
@@ -194,9 +178,9 @@ def full(monkeypatch):
 def test_a_disk_that_is_full_as_the_log_begins(ros_env, tmp_path, full, capfd, name):
     full(name)
     with inside() as inner:
-        flight = Flight(inner, tmp_path)
-        assert flight.ends() == 1
-        assert flight.plant.exit_code == 3
+        flying(inner, tmp_path)
+        assert inner.ends() == 1
+        assert inner.plant.exit_code == 3
     said = capfd.readouterr().err
     assert 'the recorder failed: ' in said and 'No space left on device' in said
     assert 'Traceback' not in said
@@ -205,9 +189,9 @@ def test_a_disk_that_is_full_as_the_log_begins(ros_env, tmp_path, full, capfd, n
 def test_without_a_need_for_a_log_the_plant_flies_on(ros_env, tmp_path, full):
     full('run.mcap')
     with inside() as inner:
-        flight = Flight(inner, tmp_path, wait_for_recorder=False)
-        assert flight.ends() == 1
-        assert flight.plant.exit_code == 0 and flight.plant.phase == 'finished'
+        flying(inner, tmp_path, wait_for_recorder=False)
+        assert inner.ends() == 1
+        assert inner.plant.exit_code == 0 and inner.plant.phase == 'finished'
 
 
 def test_a_run_info_that_cannot_be_written_is_no_success(ros_env, tmp_path, monkeypatch, capfd):
@@ -216,7 +200,8 @@ def test_a_run_info_that_cannot_be_written_is_no_success(ros_env, tmp_path, monk
 
     monkeypatch.setattr(provenance, 'write_run_info', fails)
     with inside() as inner:
-        assert Flight(inner, tmp_path).ends() == 1
+        flying(inner, tmp_path)
+        assert inner.ends() == 1
     assert 'cannot hold a log: No space left on device' in capfd.readouterr().err
 
 
@@ -247,14 +232,14 @@ def test_final_approach_without_a_place_for_its_log(ros_env, tmp_path):
 
 def test_another_controller_in_flight_is_recorded_and_verified(ros_env, tmp_path):
     with inside() as inner:
-        flight = Flight(inner, tmp_path, real_time_factor=20.0)
-        flight.reaches(20)
+        flying(inner, tmp_path, real_time_factor=20.0)
+        inner.reaches(20)
         assert inner.transition('/fuzzy_controller', 'deactivate')
         assert inner.set('/fuzzy_controller', controller='trained')[0]
-        flight.reaches(40)
+        inner.reaches(40)
         assert inner.transition('/fuzzy_controller', 'activate')
         inner.set('plant', real_time_factor=0.0)
-        assert flight.ends() == 0
+        assert inner.ends() == 0
     found = verify(tmp_path / 'run')
     assert found.exit_code == 0, found.sentence()
     first, second = found.controllers
@@ -270,26 +255,19 @@ def test_what_is_stamped_far_ahead_stops_no_stage_with_memory(ros_env, tmp_path)
     path = tmp_path / 'whole.yaml'
     flown = written(path)
     with inside() as inner:
-        inner.start(ControllerNode({'controller': 'handmade'}))
-        for kind in (NavigationNode, GuidanceNode, AssuranceNode):
-            inner.start(kind({}))
-        recorder = inner.start(RecorderNode({'output': str(tmp_path / 'run')}))
-        options = {'scenario': str(path), 'wait_for_recorder': True, 'real_time_factor': 15.0}
-        plant = inner.start(PlantNode(options))
+        inner.fly(tmp_path / 'run', str(path), *STAGES, real_time_factor=15.0)
+        plant = inner.plant
         outlets = [
             Outlet(inner.user, name)
             for name in ('relative_state', 'navigation_state', 'reference_state', 'control_force')
         ]
         inner.until(lambda: all(x.publisher.get_subscription_count() for x in outlets))
         for ahead in (150, 300, 301):
-            before = plant.tick
-            inner.until(lambda: plant.tick > before + 5)  # noqa: B023
+            inner.reaches(plant.tick + 5)
             for outlet in outlets:
                 width = len(interfaces.row_of(outlet.name).columns)
                 outlet.publish(flown.stamp_ns(plant.tick + ahead), (1.0,) * width)
         inner.set('plant', real_time_factor=0.0)
-        inner.until(lambda: plant.done and recorder.done, 60.0)
+        inner.ends()
     assert plant.phase == 'finished'
-    expected = fly(flown, load_controller('handmade'))
-    assert np.array_equal(read_run(tmp_path / 'run').states, expected.states)
-    assert verify(tmp_path / 'run').exit_code == 0
+    assert_flown(tmp_path / 'run', fly(flown, load_controller('handmade')), 'estimator')

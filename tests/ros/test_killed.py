@@ -8,7 +8,7 @@ import statistics
 import time
 
 import pytest
-from scenarios import lasting
+from flights import lasting
 from steering import steering
 
 from rpo_log.verify import verify
@@ -82,13 +82,16 @@ def make(ros_env, tmp_path):
         yield lambda mode, seed=1, duration_s=3600.0: Run(ros, hand, mode, seed, duration_s)
 
 
-def free_running_survives_a_peer(run, name, moments):
-    """Kill a peer and start it anew, again and again, in one flight."""
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize('name', TOPICS)
+def test_free_running_survives_each_peer_killed_at_many_moments(make, name):
+    """Killed and started anew, again and again, in one flight."""
+    run = make('free_running', seed=2)
     peers = {'fuzzy_controller': run.controller, 'disturbance_injector': run.injector}
     nodes = {peer: begin() for peer, begin in peers.items()}
     plant, killed = run.plant(), []
     run.hand.says('flying')
-    for _ in range(moments):
+    for _ in range(MOMENTS):
         killed_s = run.kill(nodes[name])
         killed.append(killed_s)
         values = run.hand.says(f'from {TOPICS[name]}: zero')
@@ -105,16 +108,6 @@ def free_running_survives_a_peer(run, name, moments):
     assert run.hand.trigger('abort').success
     assert plant.wait() == 3
     assert not any('Traceback' in node.output for node in run.ros.nodes)
-
-
-def test_free_running_survives_its_controller(make):
-    free_running_survives_a_peer(make('free_running'), 'fuzzy_controller', 1)
-
-
-@pytest.mark.timeout(900)
-@pytest.mark.parametrize('name', TOPICS)
-def test_free_running_survives_each_peer_killed_at_many_moments(make, name):
-    free_running_survives_a_peer(make('free_running', seed=2), name, MOMENTS)
 
 
 @pytest.mark.timeout(900)

@@ -18,9 +18,7 @@ from rpo_core import files
 from rpo_core.control.controller import load_controller
 from rpo_core.files.validation import InputError
 from rpo_ctrl.controller_node import ControllerNode
-from rpo_mcap.read.run_log import read_run
 from rpo_ros import conversions, qos
-from tools.node_processes import node_processes
 
 STATE = (10.0, 60.0, -40.0, 0.1, -0.2, 0.05)
 NODE = '/fuzzy_controller'
@@ -148,24 +146,6 @@ def test_what_breaks_inside_is_logged_with_its_cause(ros_env, capfd):
 def test_a_bad_file_at_an_automatic_start_starts_nothing(ros_env, tmp_path):
     with inside() as bench, pytest.raises(InputError, match='no file'):
         bench.start(ControllerNode({'controller': str(tmp_path / 'no.yaml')}))
-
-
-@pytest.mark.slow
-def test_deactivated_in_flight_the_chaser_drifts(ros_env, tmp_path):
-    """Over real processes: the run ends as it should, its forces are zero from there on."""
-    output = tmp_path / 'run'
-    with node_processes(ros_env, tmp_path) as ros, inside() as bench:
-        controller = ros.node('rpo_ctrl', 'fuzzy_controller')
-        recorder = ros.node('rpo_log', 'recorder', output=str(output))
-        plant = ros.node('rpo_sim', 'plant', real_time_factor=40.0, wait_for_recorder='true')
-        plant.says('flying')
-        assert bench.transition(NODE, 'deactivate')
-        assert plant.wait() == 0, plant.output
-        assert recorder.wait() == 0, recorder.output
-        assert controller.stop() == 0 and 'commanding zero' in controller.output
-    forces = read_run(output).forces_n
-    first = int((forces != 0.0).any(axis=1).argmin())
-    assert 0 < first < len(forces) - 100 and not forces[first:].any()
 
 
 @pytest.mark.parametrize('request_id', [0, 1, 3, 99])

@@ -1,11 +1,11 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Sensors and estimator as a node: the bits of the core, a log that verifies, a lost command."""
+"""Sensors and estimator as a node: a command that is lost, late or foreign."""
 
 import re
 
-import numpy as np
 import pytest
+from flights import assert_flown, processes
 from inside import inside
 from nav_scenarios import LIDAR, make
 
@@ -13,12 +13,11 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario as scenarios
 from rpo_log.verify import verify
-from rpo_mcap.read.run_log import read_flight, read_run
+from rpo_mcap.read.run_log import read_run
 from rpo_nav.navigation_node import NavigationNode
 from rpo_ros import patience
 from rpo_ros.signals import Outlet
 from rpo_ros.stage_node import WITHOUT_COMMAND
-from tools.node_processes import node_processes
 
 LATE = {**LIDAR, 'latency_ticks': 3, 'dropout_share': 0.1}
 SLOW = {
@@ -34,61 +33,18 @@ def written(folder, **changes):
     return flown, path
 
 
-def test_the_nodes_fly_the_bits_of_the_core(ros, tmp_path):
-    flown, path = written(tmp_path, estimator={'disturbance_sigma_n': 0.01})
-    folder = tmp_path / 'run'
-    node = ros.node(
-        'rpo_bringup', 'final_approach', '--scenario', str(path), '--controller', 'handmade',
-        '--output', str(folder), '--no-report',
-    )  # fmt: skip
-    assert node.wait() == 0, node.output
-    expected, found = fly(flown, load_controller('handmade')), read_run(folder)
-    assert found.complete, found.gaps
-    np.testing.assert_array_equal(found.states, expected.states)
-    logged = ('measurement', 'measurement_2', 'navigation_state', 'estimated_disturbance')
-    for name in (*logged, 'navigation_covariance'):
-        np.testing.assert_array_equal(found.values[name], expected.signals[name])
-    verified = verify(folder)
-    assert verified.exit_code == 0, verified.sentence()
-    assert {'sensors', 'estimator'} <= set(verified.stages)
-
-
-def fly_apart(ros, path, folder, **plant):
-    """Fly with each node in a process."""
-    ros.node('rpo_ctrl', 'fuzzy_controller', controller='handmade')
-    ros.node('rpo_nav', 'navigation', scenario=path)
-    recorder = ros.node('rpo_log', 'recorder', output=str(folder))
-    node = ros.node('rpo_sim', 'plant', scenario=path, wait_for_recorder='true', **plant)
-    for process in (node, recorder):
-        assert process.wait() == 0, process.output
-
-
-@pytest.mark.slow
-def test_in_free_running_it_reads_what_the_plant_applied(ros, tmp_path):
-    _, path = written(tmp_path, ticks=100)
-    folder = tmp_path / 'run'
-    fly_apart(ros, path, folder, mode='free_running', real_time_factor='1.0')
-    verified = verify(folder)
-    assert verified.difference is None, verified.sentence()
-    assert 'estimator' in verified.stages
+def fly_with(ros, path, remap):
+    """Fly with a navigation that hears the commands elsewhere; return the run's folder."""
+    navigation = ros.node('rpo_nav', 'navigation', '--ros-args', '-r', remap, scenario=path)
+    navigation.says('navigating')  # else it misses commands while nodes find each other
+    return processes(ros, path, resend_after_s=0.02)
 
 
 @pytest.mark.every_landing
-def test_it_goes_on_without_a_command_that_is_lost_and_says_so(ros_env, tmp_path):
+def test_it_goes_on_without_a_command_that_is_lost_and_says_so(ros, tmp_path):
     """Navigation hears no commands: each repeated state is answered, and the log verifies."""
     _, path = written(tmp_path, ticks=5)
-    folder = tmp_path / 'run'
-    with node_processes(ros_env, tmp_path) as ros:
-        ros.node('rpo_ctrl', 'fuzzy_controller', controller='handmade')
-        ros.node(
-            'rpo_nav', 'navigation', '--ros-args', '-r', 'control_force:=nobody', scenario=path
-        )
-        recorder = ros.node('rpo_log', 'recorder', output=str(folder))
-        plant = ros.node(
-            'rpo_sim', 'plant', scenario=path, wait_for_recorder='true', resend_after_s=0.02
-        )
-        for process in (plant, recorder):
-            assert process.wait() == 0, process.output
+    folder = fly_with(ros, path, 'control_force:=nobody')
     events = [event.values for event in read_run(folder).events if event.signal == 'stage_status']
     states = [(event['stage'], event['state'], event['tick']) for event in events]
     assert states == [('estimator', WITHOUT_COMMAND, str(tick)) for tick in range(1, 6)]
@@ -97,31 +53,19 @@ def test_it_goes_on_without_a_command_that_is_lost_and_says_so(ros_env, tmp_path
 
 
 @pytest.mark.slow
-def test_a_command_that_was_lost_is_sent_again(ros_env, tmp_path):
+def test_a_command_that_was_lost_is_sent_again(ros, tmp_path):
     """Half of the commands do not reach navigation; its repeated answers bring them again."""
     flown, path = written(tmp_path, ticks=20)
-    folder = tmp_path / 'run'
-    with node_processes(ros_env, tmp_path) as ros:
-        ros.node('rpo_ctrl', 'fuzzy_controller', controller='handmade')
-        heard = ('--ros-args', '-r', 'control_force:=control_force_heard')
-        ros.node('rpo_nav', 'navigation', *heard, scenario=path)
-        injector = ros.node(
-            'rpo_sim', 'fault_injector',
-            from_topic='control_force', to_topic='control_force_heard', drop=0.5, seed=1,
-        )  # fmt: skip
-        injector.says('faults between')
-        recorder = ros.node('rpo_log', 'recorder', output=str(folder))
-        plant = ros.node(
-            'rpo_sim', 'plant', scenario=path, wait_for_recorder='true', resend_after_s=0.02
-        )
-        for process in (plant, recorder):
-            assert process.wait() == 0, process.output
-        assert injector.stop() == 0
-        assert re.search(r'drop \d', injector.output), injector.output
+    injector = ros.node(
+        'rpo_sim', 'fault_injector',
+        from_topic='control_force', to_topic='control_force_heard', drop=0.5, seed=1,
+    )  # fmt: skip
+    injector.says('faults between')
+    folder = fly_with(ros, path, 'control_force:=control_force_heard')
+    assert injector.stop() == 0
+    assert re.search(r'drop \d', injector.output), injector.output
     assert not any(event.signal == 'stage_status' for event in read_run(folder).events)
-    assert verify(folder).exit_code == 0
-    expected = fly(flown, load_controller('handmade'))
-    assert np.array_equal(read_flight(folder).states, expected.states)
+    assert_flown(folder, fly(flown, load_controller('handmade')))
 
 
 def test_copies_of_an_input_far_ahead_are_stray_and_a_row_is_not(monkeypatch):

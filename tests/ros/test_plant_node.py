@@ -3,14 +3,15 @@
 """The plant as a node: both modes, the hand on the simulator; all nodes in the test's process."""
 
 import re
+import time
 from functools import partial
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
+from flights import lasting
 from geometry_msgs.msg import WrenchStamped
 from inside import inside
 from landing import rest_at_landing
-from scenarios import lasting
 from std_srvs.srv import SetBool, Trigger
 
 from rpo_core import files
@@ -19,6 +20,7 @@ from rpo_core.wire.statuses import Manifest, PlantTick, numbers_text
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.verify import verify
+from rpo_mcap.read.run_log import read_run
 from rpo_ros import conversions, names, plant_scenario, qos
 from rpo_ros.plant_scenario import PlantScenario
 from rpo_ros.signals import hear, listen
@@ -42,8 +44,11 @@ class Bench:
         parameters |= {'scenario': self.scenario, 'wait_for_recorder': bool(output)}
         self.plant = self.inner.start(PlantNode(parameters))
         if output:
-            folder = {'output': str(self.folder / output)}
-            self.recorder = self.inner.start(RecorderNode(folder))
+            self.record(output)
+
+    def record(self, output):
+        """Start a recorder."""
+        self.recorder = self.inner.start(RecorderNode({'output': str(self.folder / output)}))
 
     def until(self, condition):
         return self.inner.until(condition)
@@ -56,6 +61,11 @@ class Bench:
 
     def pause(self, data=True):
         return self.inner.call(SetBool, 'plant/pause', SetBool.Request(data=data))
+
+    def passes(self, seconds):
+        """Spin for a time."""
+        end = time.monotonic() + seconds
+        self.until(lambda: time.monotonic() > end)
 
     def gone(self, node):
         """Let a node hear and say nothing more."""
@@ -81,13 +91,18 @@ def test_paused_stepped_and_sped_up_it_leaves_the_same_bytes(ros_env, tmp_path):
 
 def steer(bench):
     """Fly with pauses, steps, and at more than one speed."""
-    bench.start('steered', real_time_factor=10.0)
+    bench.start('steered', real_time_factor=10.0, peer_timeout_s=1.0)
     bench.says('flying')
     assert bench.trigger('step').message == 'not paused: pause first'
+    bench.gone(bench.controller)
+    bench.passes(0.2)  # the plant waits for an answer
     assert bench.pause().success
     tick = bench.plant.plant.tick
+    bench.passes(1.2)  # longer than it waits for a peer
     assert bench.inner.set('plant', step_ticks=3)[0]
     assert bench.trigger('step').success
+    bench.passes(0.1)  # a pause times out no peer
+    bench.inner.executor.add_node(bench.controller)
     bench.until(lambda: bench.plant.plant.tick == tick + 3 and not bench.plant.stepping)
     assert not bench.inner.set('plant', real_time_factor=-1.0)[0]
     assert bench.inner.set('plant', real_time_factor=0)[0]
@@ -117,26 +132,33 @@ def test_a_zone_that_is_entered_is_said_at_once_and_at_the_end(bench, monkeypatc
     assert verify(bench.folder / 'entered').exit_code == 0
 
 
-def test_reset_begins_another_run_at_tick_0(bench):
-    bench.start(real_time_factor=10.0)
+def test_reset_closes_the_log_and_begins_another_run_at_tick_0(bench):
+    bench.start('first', real_time_factor=10.0)
     bench.until(lambda: bench.plant.plant.tick > 5)
     assert bench.trigger('reset').success
     assert bench.says('reset').level == DiagnosticStatus.WARN
+    bench.until(lambda: bench.recorder.done)
+    first = read_run(bench.folder / 'first')
+    assert (bench.recorder.exit_code, first.outcome) == (0, 'aborted') and 0 < first.ticks[-1] < 200
+    assert verify(bench.folder / 'first').difference is None
+    bench.record('second')
     bench.until(lambda: bench.plant.phase == 'running' and bench.plant.plant.tick < 5)
     bench.inner.set('plant', real_time_factor=0.0)
-    bench.until(lambda: bench.plant.done)
-    assert bench.plant.exit_code == 0
+    bench.until(lambda: bench.plant.done and bench.recorder.done)
+    assert bench.plant.exit_code == bench.recorder.exit_code == 0
     assert bench.plant.phase == 'finished'
+    assert verify(bench.folder / 'second').exit_code == 0
 
 
 @pytest.mark.parametrize('mode', ['lockstep', 'free_running'])
-def test_abort_says_so_in_the_exit_code(bench, mode):
-    bench.start(real_time_factor=10.0, mode=mode)
+def test_abort_says_so_in_the_exit_code_and_in_the_log(bench, mode):
+    bench.start('run', real_time_factor=10.0, mode=mode)
     bench.says('flying')
     assert bench.trigger('abort').success
     assert bench.says('abort requested').level == DiagnosticStatus.ERROR
-    bench.until(lambda: bench.plant.done)
-    assert bench.plant.exit_code == EXIT_ABORTED
+    bench.until(lambda: bench.plant.done and bench.recorder.done)
+    assert (bench.plant.exit_code, bench.recorder.exit_code) == (EXIT_ABORTED, 0)
+    assert read_run(bench.folder / 'run').outcome == 'aborted'
     assert bench.trigger('step').message == 'no run in progress: aborted'
 
 
@@ -168,16 +190,20 @@ def test_free_running_flies_on_without_its_controller_and_with_the_next(bench):
 
 
 def test_a_pause_in_free_running_makes_no_force_stale(bench):
-    bench.start(mode='free_running', real_time_factor=4.0, stale_after_ticks=5)
+    bench.start('run', mode='free_running', real_time_factor=4.0, stale_after_ticks=5)
     bench.until(lambda: bench.plant.plant.tick > 5)
     bench.pause()
     tick = bench.plant.plant.tick
-    end = bench.inner.user.get_clock().now().nanoseconds + 600_000_000  # 24 ticks
-    bench.until(lambda: bench.inner.user.get_clock().now().nanoseconds > end)
+    bench.passes(0.6)  # 24 ticks
     assert bench.plant.plant.tick == tick
+    assert bench.inner.set('plant', step_ticks=5)[0] and bench.trigger('step').success
+    bench.until(lambda: bench.plant.plant.tick == tick + 5 and not bench.plant.stepping)
     bench.pause(False)
-    bench.until(lambda: bench.plant.plant.tick > tick + 5)
+    bench.until(lambda: bench.plant.plant.tick > tick + 10)
     assert bench.plant.plant.stale_ticks == 0
+    bench.trigger('abort')
+    bench.until(lambda: bench.plant.done and bench.recorder.done)
+    assert verify(bench.folder / 'run').difference is None
 
 
 @pytest.mark.parametrize('mode', ['lockstep', 'free_running'])

@@ -2,12 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Replay: the logged bytes on the topics again, and a live controller held against a log."""
 
-import json
 import re
-import subprocess
-import sys
 import time
-from pathlib import Path
+from functools import partial
 
 import pytest
 import yaml
@@ -17,11 +14,13 @@ from rosbags.typesys import Stores, get_typestore
 from std_srvs.srv import SetBool
 
 import rpo_core.files
+from rpo_core.wire import interfaces
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_log.replay_node import ReplayNode
 from rpo_mcap.read.stream import RunReader
-
-LISTENER = str(Path(__file__).with_name('listener.py'))
+from rpo_ros import qos
+from rpo_ros.signals import message_class
+from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 
 
 @pytest.fixture(scope='module')
@@ -30,12 +29,12 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture
-def run_folder(folder, ros):
+def run_folder(folder, ros_env):
     """A run of the scenario `quick`, flown by the first test that asks for it."""
     if not folder.exists():
-        options = ('--scenario', 'quick', '--output', str(folder), '--no-report')
-        node = ros.node('rpo_bringup', 'final_approach', *options)
-        assert node.wait() == 0, node.output
+        with inside() as inner:
+            inner.fly(folder, 'quick', DisturbanceInjectorNode, controller='allround')
+            assert inner.ends() == 0
     return folder
 
 
@@ -48,20 +47,20 @@ def logged(folder, first, last):
     return found
 
 
-def test_the_logged_bytes_are_published_again(ros, run_folder):
-    listener = subprocess.Popen(
-        [sys.executable, LISTENER, '11'], env=ros.env, stdout=subprocess.PIPE, text=True
-    )
-    try:
-        node = ros.node(
-            'rpo_log', 'replay', bag=run_folder, rate=2.0, start_s=1.0, end_s=2.0, delay_s=30.0
-        )
-        heard = json.loads(listener.communicate(timeout=30)[0])
-        assert node.wait() == 0, node.output
-    finally:
-        listener.kill()
-    node.says('11 ticks replayed')
-    assert heard == logged(run_folder, 10, 20)
+def test_the_logged_bytes_are_published_again(ros_env, run_folder, capfd):
+    expected, heard = logged(run_folder, 10, 20), {}
+    with inside() as inner:
+        for name in expected:
+            row = interfaces.row_of(name[1:])
+            take = partial(lambda name, data: heard.setdefault(name, []).append(data.hex()), name)
+            inner.user.create_subscription(
+                message_class(row.type), name, take, qos.RECORDING, raw=True
+            )
+        asked = {'bag': str(run_folder), 'rate': 2.0, 'start_s': 1.0, 'end_s': 2.0, 'delay_s': 30.0}
+        replay = inner.start(ReplayNode(asked))
+        inner.until(lambda: replay.done)
+        inner.until(lambda: heard == expected)
+    assert replay.exit_code == 0 and '11 ticks replayed' in capfd.readouterr().err
 
 
 @pytest.fixture

@@ -6,8 +6,8 @@ import time
 
 import numpy as np
 import pytest
+from flights import lasting
 from links import ADDRESSES, LinkError, hosts
-from scenarios import lasting
 
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller

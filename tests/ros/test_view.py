@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import socket
@@ -22,17 +23,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import rclpy
 import yaml
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, Quaternion, WrenchStamped
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from inside import inside
 from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 from rich.console import Console
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -487,31 +486,16 @@ def test_a_reader_gets_the_trail_and_then_the_newest(page):
 
 
 @pytest.fixture
-def bench(ros_env):
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    executor, nodes = SingleThreadedExecutor(), []
-
-    def add(node: Node) -> Node:
-        nodes.append(node)
-        executor.add_node(node)
-        return node
-
-    yield add, executor
-    for node in nodes:
-        if hasattr(node, 'close'):
-            node.close()
-        executor.remove_node(node)
-        node.destroy_node()
-    executor.shutdown(timeout_sec=1.0)
-    rclpy.try_shutdown()
+def inner(ros_env):
+    with inside(executor=SingleThreadedExecutor) as found:  # as viewers are run
+        yield found
 
 
-def test_nodes_show_the_newest_state(bench):
+def test_nodes_show_the_newest_state(inner):
     """A sender at full speed; the viewers see some of it, and its end."""
-    add, executor = bench
-    add(VisualizerNode({'rate_hz': 50.0}))
-    web = add(WebNode({'port': 0, 'rate_hz': 50.0}))
-    user = add(Node('user'))
+    user = inner.user
+    inner.start(VisualizerNode({'rate_hz': 50.0}))
+    web = inner.start(WebNode({'port': 0, 'rate_hz': 50.0}))
     states = user.create_publisher(Odometry, names.RELATIVE_STATE, qos.LOCKSTEP)
     forces = user.create_publisher(WrenchStamped, names.CONTROL_FORCE, qos.LOCKSTEP)
     status = user.create_publisher(DiagnosticStatus, names.RUN_STATUS, qos.LATCHED)
@@ -523,18 +507,20 @@ def test_nodes_show_the_newest_state(bench):
     status.publish(conversions.to_status(b'\0', 'run', 'flying', values))
     decision = DiagnosticArray()
     decision.status = [conversions.to_status(b'\0', 'decision: x', 'so', [('rule.Z.Z.Z', 1.0)])]
-    tick, end = 0, time.monotonic() + 45.0
-    while not (poses and scenes and web.live.force_n and web.live.decisions and web.live.phase):
-        assert time.monotonic() < end
+    ticks = itertools.count()
+
+    def seen():
+        tick = next(ticks)
         stamp_ns = START_NS + 100_000_000 * tick
         states.publish(conversions.to_odometry(stamp_ns, (float(tick), *STATE[1:])))
         forces.publish(conversions.to_wrench(conversions.to_stamp(stamp_ns), FORCE))
         why.publish(decision)
-        tick += 1
-        executor.spin_once(timeout_sec=0.01)
+        live = web.live
+        return poses and scenes and live.force_n and live.decisions and live.phase
+
+    inner.until(seen)
     shown = time.monotonic() + 0.2  # the page gets a picture each 20 ms, while the executor spins
-    while time.monotonic() < shown:
-        executor.spin_once(timeout_sec=0.01)
+    inner.until(lambda: time.monotonic() > shown)
     assert poses[-1].header.frame_id == names.LVLH_FRAME
     assert poses[-1].pose.position.y == STATE[1]
     assert {m.ns for m in scenes[-1].markers} >= {'target', 'chaser', 'thrust', 'trail', 'keep_out'}
@@ -543,47 +529,35 @@ def test_nodes_show_the_newest_state(bench):
     assert json.loads(events(web.page.url, 2)[1])['sentence'] == 'running: flying'
 
 
-def test_pose_and_transform_turn_with_the_chaser(bench):
-    add, executor = bench
-    node = add(VisualizerNode({'rate_hz': 50.0}))
+def test_pose_and_transform_turn_with_the_chaser(inner):
+    node = inner.start(VisualizerNode({'rate_hz': 50.0}))
     body = {'inertia_kg_m2': np.eye(3).tolist()}
     turning = yaml.safe_load(scenarios.dumps(load_scenario('paper_test'))) | {'attitude': body}
     node.live.on_manifest(manifest('plant', yaml.safe_dump(turning)))
-    user = add(Node('user'))
-    states = user.create_publisher(Odometry, names.RELATIVE_STATE, qos.LOCKSTEP)
+    states = inner.user.create_publisher(Odometry, names.RELATIVE_STATE, qos.LOCKSTEP)
     poses = []
-    user.create_subscription(PoseStamped, names.CHASER_POSE, poses.append, qos.LATCHED)
+    inner.user.create_subscription(PoseStamped, names.CHASER_POSE, poses.append, qos.LATCHED)
     message = conversions.to_odometry(START_NS, STATE)
     scene.turn(message.pose.pose.orientation, (0.5, 0.5, -0.5, 0.5))
-    end = time.monotonic() + 45.0
-    while not poses:
-        assert time.monotonic() < end
-        states.publish(message)
-        executor.spin_once(timeout_sec=0.01)
+    inner.until(lambda: states.publish(message) or poses)
     q = poses[-1].pose.orientation
     assert (q.x, q.y, q.z, q.w) == (0.5, 0.5, -0.5, 0.5)
     assert transform_of(message).transform.rotation == q
 
 
 @pytest.mark.skipif(find_spec('foxglove') is None, reason='foxglove-sdk is not installed')
-def test_no_message_and_no_caller_ends_the_foxglove_server(bench, capfd):
+def test_no_message_and_no_caller_ends_the_foxglove_server(inner, capfd):
     """A negative stamp did; and every page of every site could read the flight."""
     from rpo_view.foxglove_node import FoxgloveNode
 
-    add, executor = bench
-    node = add(FoxgloveNode({'port': 0, 'rate_hz': 100.0}))
-    user = add(Node('user'))
-    states = user.create_publisher(Odometry, names.RELATIVE_STATE, qos.LOCKSTEP)
-    end = time.monotonic() + 45.0
-    while not states.get_subscription_count():
-        assert time.monotonic() < end
-        executor.spin_once(timeout_sec=0.01)
+    node = inner.start(FoxgloveNode({'port': 0, 'rate_hz': 100.0}))
+    states = inner.user.create_publisher(Odometry, names.RELATIVE_STATE, qos.LOCKSTEP)
+    inner.until(states.get_subscription_count)
     for stamp_ns in (-(2**31) * 1_000_000_000, -1, START_NS, START_NS + 1):
         for first in (math.nan, math.inf, 1.7e308, 1.0):
             states.publish(conversions.to_odometry(stamp_ns, (first, *STATE[1:])))
             looked = time.monotonic() + 0.02
-            while time.monotonic() < looked:
-                executor.spin_once(timeout_sec=0.01)
+            inner.until(lambda: time.monotonic() > looked)  # noqa: B023
     assert node._stamp_ns == START_NS + 1
     port = node._gate.port
     upgrade = ('Upgrade: websocket', 'Connection: Upgrade', 'Sec-WebSocket-Version: 13',
@@ -727,6 +701,7 @@ def test_another_run_takes_nothing_of_the_one_before():
 KEYS = ('tick', 'phase', 'constraint', 'margin_m', 'openings', 'interventions', 'reason')
 
 
+@settings(max_examples=40)
 @given(st.dictionaries(st.sampled_from(KEYS), st.text(max_size=40)))
 def test_no_status_breaks_a_view(values):
     run = guided()
@@ -901,11 +876,10 @@ def test_estimate_and_reference_are_in_the_scene():
     }
 
 
-def test_nodes_show_what_the_stages_say(bench):
+def test_nodes_show_what_the_stages_say(inner):
     """Messages as the nodes send them; zones go when a plant has another scenario."""
-    add, executor = bench
-    view, listener = add(VisualizerNode({'rate_hz': 50.0})), add(ListeningNode('listener'))
-    user = add(Node('user'))
+    view = inner.start(VisualizerNode({'rate_hz': 50.0}))
+    listener, user = inner.start(ListeningNode('listener')), inner.user
     states, estimates, references = (
         user.create_publisher(Odometry, name, qos.LOCKSTEP)
         for name in (names.RELATIVE_STATE, names.NAVIGATION_STATE, interfaces.REFERENCE_STATE)
@@ -926,11 +900,13 @@ def test_nodes_show_what_the_stages_say(bench):
         values = {'role': 'plant', 'file.scenario.yaml': text}
         said[names.NODE_MANIFEST].publish(status('plant', values))
 
-    def until(condition):
-        nonlocal tick
-        end = time.monotonic() + 45.0
-        while not condition():
-            assert time.monotonic() < end
+    ticks = itertools.count()
+
+    def said_until(condition):
+        """Let the nodes speak, tick by tick, until a condition holds."""
+
+        def said_once():
+            tick = next(ticks)
             stamp_ns = START_NS + 100_000_000 * tick
             states.publish(conversions.to_odometry(stamp_ns, STATE))
             references.publish(conversions.to_odometry(stamp_ns, REFERENCE))
@@ -945,20 +921,21 @@ def test_nodes_show_what_the_stages_say(bench):
                 status('elsewhere/plant: health', {'openings': '99'}),
             ]
             health.publish(array)
-            tick += 1
-            executor.spin_once(timeout_sec=0.01)
             listener.look()
+            return condition()
+
+        inner.until(said_once)
 
     def shown_ns():
         last = scenes[-1].markers if scenes else ()
         return {m.ns for m in last if m.action == Marker.ADD}
 
-    tick, live = 0, listener.live
+    live = listener.live
     publish_manifest('hold_points')
     said[interfaces.GUIDANCE_STATUS].publish(status('guidance', {**PHASE, 'tick': '0'}))
     said['assurance_status'].publish(status('assurance', {**ACTS, 'tick': '0'}))
-    until(lambda: {'port', 'holds', 'sigma', 'reference'} <= shown_ns())
-    until(lambda: live.onboard.openings and live.onboard.error and live.onboard.miss)
+    said_until(lambda: {'port', 'holds', 'sigma', 'reference'} <= shown_ns())
+    said_until(lambda: live.onboard.openings and live.onboard.error and live.onboard.miss)
     assert live.onboard.openings == 7
     assert live.onboard.covariance == COVARIANCE
     assert live.onboard.phase(live.tick).phase == 'hold_60'
@@ -967,5 +944,5 @@ def test_nodes_show_what_the_stages_say(bench):
         [e - s for e, s in zip(ESTIMATE, STATE, strict=True)]
     )
     publish_manifest('assured')
-    until(lambda: 'port' in shown_ns() and 'holds' not in shown_ns())
+    said_until(lambda: 'port' in shown_ns() and 'holds' not in shown_ns())
     assert len(view.live.zones) == 2

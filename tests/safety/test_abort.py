@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
+from core_oracles import exact_step
 from landing import rest_at_landing
-from scipy.linalg import expm
 
 from rpo_core import files
 from rpo_core.chain.chain import Chain
@@ -107,13 +107,10 @@ def test_a_retreat_goes_around_the_sphere():
 
 def drift(state, n, along):
     """Return the least distance of a drift for two orbits, by the matrix exponential."""
-    a = np.zeros((7, 7))
-    a[:3, 3:6] = np.eye(3)
-    a[3, 0], a[3, 4], a[4, 3], a[5, 2], a[4, 6] = 3 * n * n, 2 * n, -2 * n, -n * n, along
-    step, x, nearest = expm(a * 4.0), np.array([*state, 1.0]), np.inf
+    (a, b), x, nearest = exact_step(n, 1.0, 4.0), np.array(state), np.inf
     for _ in range(math.ceil(4.0 * math.pi / n / 4.0)):
         nearest = min(nearest, np.linalg.norm(x[:3]))
-        x = step @ x
+        x = a @ x + b[:, 1] * along
     return nearest
 
 
@@ -143,6 +140,22 @@ def test_a_way_out_stays_clear_of_the_sphere_and_inside_it_of_the_port(monkeypat
         stage.abort.way_out((0.0, range_m, 0.0, 0.0, 0.0, 0.0), stage.guard, None)
     expected = [10.0 + stage.guard.here_m, SETTINGS.corridor.port_m + stage.guard.here_m]
     assert radii == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ('range_m', 'enclosed'), [(15.0, True), (15.0, False), (9.0, True), (9.0, False)]
+)
+def test_only_inside_the_sphere_and_in_the_corridor_the_way_out_is_outward(
+    range_m, enclosed, monkeypatch
+):
+    machine, ways = Flight(with_table()).until(1).stage.abort, []
+    plain = machine.way_out
+    monkeypatch.setattr(machine, 'way_out', lambda *given: ways.append(given[2]) or plain(*given))
+    state = (0.0, range_m, 0.0, 0.0, 0.0, 0.0)
+    seen = looked_at(machine.guard)._replace(state=state, ahead=state, enclosed=enclosed)
+    said = machine._plan(5, seen)
+    assert ways == [seen.outward if range_m < 10.0 and enclosed else None]
+    assert f' of {SETTINGS.corridor.port_m if range_m < 10.0 else 10.0:g} m at the worst' in said
 
 
 def test_how_near_a_drift_inside_the_sphere_comes_is_looked_for_to_its_end():
@@ -224,6 +237,14 @@ def test_resume_gives_the_command_back_when_no_fault_holds():
     held = Flight(with_table(table=rows)).until(100)
     assert held.stage.abort.command('resume') == 'a fault holds: range_m hold'
     assert held.stage.abort.command('drift') == ''
+
+
+def test_a_command_before_the_flight_acts_at_its_first_tick():
+    flight = Flight(with_table())
+    assert flight.stage.abort.command('hold') == ''
+    assert [change.tick for change in flight.until(4).stage.abort.changes] == [0]
+    assert flight.stage.abort.command('abort') == ''
+    assert flight.until(6).stage.abort.changes[1].tick == 4
 
 
 def test_an_abort_is_not_taken_back():

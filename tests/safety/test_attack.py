@@ -14,9 +14,12 @@ from rpo_cli.cli import app
 from rpo_core.control.controller import load_controller
 from rpo_core.files import overrides, scenario
 from rpo_core.files.validation import InputError
+from rpo_core.world import cw
 from rpo_proof.safety import attack, counts
 from rpo_proof.safety.counts import quiet
+from rpo_safety.corridor import approach_margins
 from rpo_safety.guard import proof_of
+from rpo_safety.kernels import open_margins
 from rpo_safety.settings import Assurance
 
 ASSURED = scenario.load_scenario('assured')
@@ -117,3 +120,35 @@ def test_a_longer_failure_is_harder_to_leave_from():
 def test_a_scenario_without_a_table_is_refused():
     with pytest.raises(InputError, match=r'around must have `assurance\.abort` and'):
         counts.machine_of(scenario.load_scenario('around'))
+
+
+@pytest.mark.parametrize('along', ['+x', '-y', '+z'])
+def test_attacks_begin_in_their_sets_and_where_none_is_found_at_rest_amid(along):
+    found = scenario.load_scenario('docking')
+    settings = found.section(Assurance)
+    settings = replace(settings, corridor=replace(settings.corridor, along=along))
+    proof = proof_of(settings, found)
+    world, g = attack._bounds(settings, found, proof), proof.guard
+    step = cw.discretise(found.mean_motion_rad_s, found.mass_kg, found.dt_s)
+    still, ahead = np.empty((0, 15)), ['xyz'.index(along[1]), float(along[0] + '1')]
+    lost = world._replace(drift_m=1e3)
+    reaches, ranges = [], []
+    for key in range(60):
+        state = attack.start_within(key, 7, step, g, world, still, 0)
+        assert min(approach_margins(state, 0.0, 0.0, g)) >= 0.0
+        reaches.append(ahead[1] * state[ahead[0]] - g.port_m)
+        state = attack.start_of(key, key, step, g, world)
+        assert min(open_margins(state, 0.0, 0.0, g)) >= 0.0
+        ranges.append(np.linalg.norm(state[:3]))
+        if key % 5 == 0:  # behind the target, towards the port through it
+            assert -ahead[1] * state[ahead[0]] > 0.999 * ranges[-1]
+            assert ahead[1] * state[3 + ahead[0]] == pytest.approx(np.linalg.norm(state[3:]))
+    reach = g.outer_m - g.port_m
+    assert min(reaches) < 0.1 * reach and 0.8 * reach < max(reaches) < reach
+    assert min(ranges) < 1.1 * g.keep_out_m and max(ranges) > 0.9 * g.domain_m
+    amid = np.zeros(6)
+    amid[ahead[0]] = ahead[1] * 0.5 * (g.port_m + g.outer_m)
+    assert attack.start_within(1, 7, step, g, lost, still, 0) == pytest.approx(amid)
+    rest = attack.start_of(1, 2, step, g, lost)
+    assert np.linalg.norm(rest[:3]) == pytest.approx(0.5 * (g.keep_out_m + g.domain_m))
+    assert not any(rest[3:])

@@ -151,7 +151,7 @@ def test_without_measurements_the_table_leaves_in_time():
     assert [change.state for change in stage.abort.changes][-1] == 'warned'
     assert acted[-1] == 'covariance' and stage.trouble()
     found = blind(dark, replace(SETTINGS, abort=AbortTable(table=(row,))))
-    stage, ranges, _ = fly(found)
+    stage, ranges, _ = fly(found, 2500)
     assert stage.abort.changes[0].state == 'aborting'
     assert ranges.min() > 15.0
 
@@ -216,3 +216,25 @@ def test_who_loses_the_port_in_the_corridor_leaves_it_backwards():
     assert ends[-1, 1] > ends[0, 1] + 0.5
     assert ends[100:, 4] == pytest.approx(RETREAT_M_S, abs=0.05)
     assert np.abs(seen[:, [0, 2]]).max() < 0.4
+
+
+@pytest.mark.parametrize('distance_m', [-0.5, 0.2, 3.0, 9.0])
+@pytest.mark.parametrize('closing_m_s', [-0.2, 0.1])
+def test_a_corridor_is_lost_where_the_walls_leave_too_little_room(distance_m, closing_m_s):
+    """Lemma 8: twice the way to stop across, between walls that come nearer."""
+    settings = Assurance(
+        keep_out_m=15.0, corridor=Passage('+y', half_angle_deg=20.0, port_m=1.0, outer_m=25.0)
+    )
+    plain = guard_of(settings, scenario.load_scenario('paper_test'))
+    doubt, state = doubt_at(as_table(np.ones(13)), 0), (0.0, 1.0 + distance_m, 0.0)
+
+    def is_lost(error_m):
+        guard = plain._replace(here_m=0.01, next_m=error_m, next_m_s=0.004)
+        moving = (*state, 0.0, -closing_m_s, 0.0)
+        return unless_unsure(moving, (0.0, 0.0, 0.0), APPROACH, guard, doubt, 0.0)[0]
+
+    slope = plain.slope
+    half = plain.width_m + slope * max(distance_m - 0.01, 0.0)
+    narrow = slope * (max(closing_m_s, 0.0) + 0.004) + 2.0 * 0.004
+    most = (half - narrow**2 / plain.wall_m_s2) / (1.0 + slope)
+    assert most > 0.0 and not is_lost(most * (1.0 - 1e-9)) and is_lost(most * (1.0 + 1e-9))

@@ -12,8 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from core_oracles import exact_step
 from landing import rest_at_landing
-from scipy.linalg import expm
 
 from rpo_core.files import scenario
 from rpo_core.world.disturbance import Disturbance, Harmonic
@@ -39,18 +39,10 @@ CORNERS = [
 ]
 
 
-def transition(dt_s):
-    """Return exact A (6, 6) and B (6, 3) of the motion in dt, from the differential equation."""
-    n = PAPER.mean_motion_rad_s
-    a = np.zeros((9, 9))
-    a[:3, 3:6] = np.eye(3)
-    a[3, 0], a[3, 4], a[4, 3], a[5, 2] = 3 * n * n, 2 * n, -2 * n, -n * n
-    a[3:6, 6:9] = np.eye(3) / PAPER.mass_kg
-    whole = expm(a * dt_s)
-    return whole[:6, :6], whole[:6, 6:9]
-
-
-MOMENTS = [transition(PAPER.dt_s * part / 8) for part in range(1, 9)]
+MOMENTS = [
+    exact_step(PAPER.mean_motion_rad_s, PAPER.mass_kg, PAPER.dt_s * part / 8)
+    for part in range(1, 9)
+]
 
 
 def test_a_tick_of_the_needed_deceleration_keeps_the_stopping_distance():
@@ -194,36 +186,23 @@ def test_gravity_takes_at_most_n2_of_a_range():
     assert (second / (n * n * rho)).min() < -0.99  # there is no better one
 
 
-def test_commands_on_their_way_are_counted():
-    """Thrusters that are 5 ticks late: the zone stays clear from a start that just may stop."""
-    delayed = PAPER.equipped(Thrusters(delay_ticks=5))
+def closest(scenario):
+    """Return how near a chaser comes whose thrusters are 5 ticks late; it may just stop."""
     settings = Assurance(keep_out_m=ZONE, disturbance_n=0.05)
-    stage = AssuranceStage(settings, delayed)
-    state = np.array([0.0, 60.0, 0.0, 0.0, 0.0, 0.0])
-    line = [np.zeros(3)] * 5
-    closest = np.inf
+    stage, errors = AssuranceStage(settings, scenario), errors_of(settings, scenario)
+    state, line, nearest = np.array([0.0, 60.0, 0.0, 0.0, 0.0, 0.0]), [np.zeros(3)] * 5, np.inf
     for tick in range(1500):
         (force,) = stage.step(tick, tuple(state.tolist()), (0.0, -0.5, 0.0))
         line.append(np.array(force))
-        push = np.array([0.0, -0.05, 0.0])
-        path = step_of(state, line.pop(0), push, 0.0, errors_of(settings, delayed))
-        closest = min(closest, np.linalg.norm(path[:, :3], axis=1).min())
+        path = step_of(state, line.pop(0), np.array([0.0, -0.05, 0.0]), 0.0, errors)
+        nearest = min(nearest, np.linalg.norm(path[:, :3], axis=1).min())
         state = path[-1]
-    assert ZONE <= closest < ZONE + 0.05
+    return nearest
 
 
-def test_a_delay_that_is_not_counted_leads_into_the_zone():
-    settings = Assurance(keep_out_m=ZONE, disturbance_n=0.05)
-    stage = AssuranceStage(settings, PAPER)
-    state, line = np.array([0.0, 60.0, 0.0, 0.0, 0.0, 0.0]), [np.zeros(3)] * 5
-    closest = np.inf
-    for tick in range(1500):
-        (force,) = stage.step(tick, tuple(state.tolist()), (0.0, -0.5, 0.0))
-        line.append(np.array(force))
-        push = np.array([0.0, -0.05, 0.0])
-        state = step_of(state, line.pop(0), push, 0.0, errors_of(settings, PAPER))[-1]
-        closest = min(closest, np.linalg.norm(state[:3]))
-    assert closest < ZONE
+def test_commands_on_their_way_are_counted():
+    assert ZONE <= closest(PAPER.equipped(Thrusters(delay_ticks=5))) < ZONE + 0.05
+    assert closest(PAPER) < ZONE, 'a delay that is not counted leads into the zone'
 
 
 def states_in_the_corridor(guard):

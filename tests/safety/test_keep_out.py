@@ -23,6 +23,8 @@ from rpo_proof.safety import attack
 from rpo_safety import guard, kernels
 from rpo_safety.assumed import errors_of
 from rpo_safety.assurance import AssuranceStage
+from rpo_safety.corridor import approach_margins, at_port
+from rpo_safety.guard import guard_of
 from rpo_safety.settings import Assurance, Passage
 from rpo_sim.plant import Plant
 from rpo_thrusters.thrusters import Thrusters
@@ -43,7 +45,7 @@ def weak(position_m, velocity_m_s=(0.0, 0.0, 0.0), **more):
         'mass_kg': 100.0,
         'max_force_n': 0.03,
         'dt_s': 2.0,
-        'duration_s': 14000.0,
+        'duration_s': 9000.0,
         'initial_position_m': list(position_m),
         'initial_velocity_m_s': list(velocity_m_s),
     }
@@ -84,6 +86,15 @@ def test_vehicles_that_are_not_refused_keep_all_limits():
     assert found.broken == []
 
 
+def plant_of(flight):
+    """Fly a plant by the commands of a flight; return it, and at which tick it was in a zone."""
+    plant, first = Plant(flight.scenario, ()), None
+    for force in flight.forces_n.tolist():
+        plant.fly(dict.fromkeys(plant.inputs, (0.0, 0.0, 0.0)) | {'control_force': tuple(force)})
+        first = plant.tick if first is None and plant.entered else first
+    return plant, first
+
+
 def into_the_zone():
     """Return a flight that a plan's zone does not keep off: nobody assures it."""
     plan = replace(scenario.load_scenario('hold_points'), duration_s=400.0)
@@ -103,11 +114,7 @@ def test_a_zone_that_is_entered_is_a_verdict_whoever_commands():
 
 def test_the_plant_says_what_the_verdict_says():
     flight = into_the_zone()
-    plant = Plant(flight.scenario, ())
-    first = None
-    for force in flight.forces_n.tolist():
-        plant.fly(dict.fromkeys(plant.inputs, (0.0, 0.0, 0.0)) | {'control_force': tuple(force)})
-        first = plant.tick if first is None and plant.entered else first
+    plant, first = plant_of(flight)
     (verdict,) = (v for v in verdicts(flight) if v.key == ZONE_DEPTH)
     assert list(plant.depths_m.values()) == [pytest.approx(verdict.value, abs=0.5)]
     ranges = np.linalg.norm(flight.positions_m, axis=1)
@@ -133,10 +140,7 @@ def test_a_docked_chaser_is_in_no_zone(least_m_s, judged):
     flight = fly(drifting, OpenLoop(forces))
     (verdict,) = (v for v in verdicts(flight) if v.key == ZONE_DEPTH)
     assert verdict.holds is not judged
-    plant = Plant(drifting, ())
-    for force in flight.forces_n.tolist():
-        plant.fly(dict.fromkeys(plant.inputs, (0.0, 0.0, 0.0)) | {'control_force': tuple(force)})
-    assert bool(plant.entered) is judged
+    assert bool(plant_of(flight)[0].entered) is judged
 
 
 def test_a_zone_is_seen_between_two_ticks():
@@ -239,3 +243,20 @@ def test_a_stage_after_assurance_counts_as_an_unknown_thrust_error(monkeypatch, 
     found = PAPER.equipped(Assurance(thrust_error=0.1), Nudge())
     assert errors_of(found.section(Assurance), found).thrust == 0.1
     assert errors_of(Assurance(), PAPER).thrust == 0.0
+
+
+def test_the_corridor_ends_behind_the_port_in_the_middle_of_the_sphere():
+    """Half way to its other side: who comes from there is in the zone, and at no port."""
+    found = docking()
+    guard = guard_of(found.section(Assurance), found)
+    end = guard.port_m - 0.5 * (guard.keep_out_m + guard.port_m)
+    for y, inside in ((end + 1e-9, True), (end - 1e-9, False)):
+        state = (0.0, y, 0.0, 0.0, 0.0, 0.0)
+        assert at_port(state, 0.0, guard) == inside
+        assert (approach_margins(state, 0.0, 0.0, guard)[0] >= 0.0) == inside
+    before = (0.0, guard.port_m + 1e-9, 0.0, 0.0, 0.0, 0.0)
+    assert not at_port(before, 0.0, guard) and at_port(before, -2e-9, guard)
+    wide = guard.width_m + guard.here_m
+    for off, inside in ((wide - 1e-9, True), (wide + 1e-9, False)):
+        assert at_port((off, 0.9 * guard.port_m, -off, 0.0, 0.0, 0.0), 0.0, guard) == inside
+        assert at_port((0.0, 0.9 * guard.port_m, off, 0.0, 0.0, 0.0), 0.0, guard) == inside

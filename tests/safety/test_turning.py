@@ -13,10 +13,10 @@ from math import radians
 
 import numpy as np
 import pytest
+from core_oracles import exact_step
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
-from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from rpo_attitude.target import Motion, Target, motion_of
@@ -84,17 +84,10 @@ class Spinning:
         return np.concatenate([r, axes.inv().apply(state[3:]) - np.cross(rate, r)])
 
 
-def transition(dt_s):
-    """Return exact A (6, 6) and B (6, 3) of the motion in dt."""
-    n, a = PAPER.mean_motion_rad_s, np.zeros((9, 9))
-    a[:3, 3:6] = np.eye(3)
-    a[3, 0], a[3, 4], a[4, 3], a[5, 2] = 3 * n * n, 2 * n, -2 * n, -n * n
-    a[3:6, 6:9] = np.eye(3) / PAPER.mass_kg
-    whole = expm(a * dt_s)
-    return whole[:6, :6], whole[:6, 6:9]
-
-
-MOMENTS = [(part / 8, *transition(PAPER.dt_s * part / 8)) for part in range(1, 9)]
+MOMENTS = [
+    (part / 8, *exact_step(PAPER.mean_motion_rad_s, PAPER.mass_kg, PAPER.dt_s * part / 8))
+    for part in range(1, 9)
+]
 
 
 def at_the_walls(walls, count, seed):
@@ -130,7 +123,7 @@ def test_no_step_leaves_the_walls_that_turn(name):
     walls, guard, errors = proof.walls, proof.guard, proof.errors
     axes, random = Spinning(SPIN), np.random.default_rng(5)
     acted = stayed = 0
-    for seen in at_the_walls(walls, 1500, 4):
+    for seen in at_the_walls(walls, 600, 4):
         tick = int(random.integers(0, 1990))
         now, following = motion.frame(tick), motion.frame(tick + 1)
         state = np.array(moving_with(tuple(seen), now))
@@ -156,7 +149,7 @@ def test_no_step_leaves_the_walls_that_turn(name):
         inside = approach_margins(tuple(there), 0.0, 0.0, walls)[0]
         assert inside >= 0.0 or open_margins(tuple(after), 0.0, 0.0, guard)[0] >= 0.0
         assert np.abs(there[3:]).max() <= walls.top_m_s or mode == OPEN
-    assert acted > 500 and stayed > 500
+    assert acted > 200 and stayed > 200
 
 
 @pytest.mark.parametrize('target', [SPIN, TUMBLE, LEANING], ids=['spin', 'tumble', 'leaning'])

@@ -55,7 +55,8 @@ def test_a_skip_without_a_known_reason_is_a_failure(tmp_path, workers):
 
 def skips_of(path):
     """Return (test or '*', reason) of the skips of a file whose reason is a text."""
-    tree = ast.parse(path.read_text())
+    text = path.read_text()
+    tree = ast.parse(text if 'pytest.skip' in text or 'skipif' in text else '')
     for name, node in [
         (getattr(top, 'name', ''), node) for top in tree.body for node in ast.walk(top)
     ]:

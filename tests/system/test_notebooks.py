@@ -21,8 +21,12 @@ COURSE = [
     'fly_and_compare', 'understand_a_rule', 'train_your_own', 'disperse', 'make_it_safe',
     'turn_and_dock',
 ]  # fmt: skip
-DEAR = ('disperse', 'train_your_own')
-FLOWN = [pytest.param(p, marks=pytest.mark.slow) if p.stem in DEAR else p for p in NOTEBOOKS]
+MARKS = {
+    'disperse': pytest.mark.slow,
+    'train_your_own': pytest.mark.slow,
+    'turn_and_dock': pytest.mark.every_landing,
+}
+FLOWN = [pytest.param(path, marks=MARKS.get(path.stem, ())) for path in NOTEBOOKS]
 
 
 def test_all_are_here_and_linked_in_the_order_of_the_course():

@@ -59,3 +59,11 @@ def write_campaign(folder, **changes):
     given = {name: value for name, value in document.items() if value is not None}
     path.write_text(yaml.safe_dump(given))
     return path
+
+
+def requiring(folder, required, **changes):
+    """Write a campaign whose scenario requires something; return its path."""
+    path = write_campaign(folder, **changes)
+    if required:
+        (folder / 'short.yaml').write_text(f'{SHORT}requirements: {required}\n')
+    return path

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import pytest
 
 
@@ -12,6 +14,14 @@ def handmade():
     from rpo_core.control.controller import load_controller
 
     return load_controller('handmade')
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Return a function that writes a campaign of a short flight and returns its path."""
+    from campaign_documents import write_campaign
+
+    return partial(write_campaign, tmp_path)
 
 
 @pytest.fixture(scope='session')

@@ -5,11 +5,10 @@
 import os
 import subprocess
 import sys
-from functools import partial
 
 import numpy as np
 import pytest
-from campaign_documents import EVERYTHING, SHORT, write_campaign
+from campaign_documents import EVERYTHING, SHORT
 from scipy import stats
 
 from rpo_core.chain.flight import fly as fly_core
@@ -17,12 +16,6 @@ from rpo_core.judge import metrics
 from rpo_montecarlo.campaign import config, run_batch, sampling, single, statistics
 from rpo_montecarlo.engine.parts.thrusters import thrust_matrix
 from rpo_thrusters.thrusters import rotation
-
-
-@pytest.fixture
-def write(tmp_path):
-    """Return a function that writes a campaign of a short flight and returns its path."""
-    return partial(write_campaign, tmp_path)
 
 
 def all_columns(campaign):

@@ -42,6 +42,7 @@ def one_box(system, data, widest=0.3):
     return Boxes(*(np.array([edge]) for edge in edges)), inside
 
 
+@settings(max_examples=40)
 @given(systems(parts=functions, samples=st.sampled_from([3, 11, 101])), st.data())
 def test_the_kernel_stays_within_the_enclosure(system, data):
     box, inside = one_box(system, data)
@@ -50,6 +51,7 @@ def test_the_kernel_stays_within_the_enclosure(system, data):
         assert found.low[0] <= system.output(*point) <= found.high[0]
 
 
+@settings(max_examples=40)
 @given(systems(parts=smooth_functions), st.data())
 def test_difference_quotients_stay_within_the_slopes(system, data):
     box, inside = one_box(system, data)
@@ -64,6 +66,7 @@ def test_difference_quotients_stay_within_the_slopes(system, data):
             assert ends[0] - 1e-12 <= change <= ends[1] + 1e-12
 
 
+@settings(max_examples=40)
 @given(systems(parts=functions), st.lists(st.tuples(*[st.floats(-1, 1)] * 2), min_size=1))
 def test_values_are_the_kernels(system, points):
     e, v = np.array(points).T

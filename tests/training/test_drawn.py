@@ -6,9 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from campaign_documents import write_campaign
 
 from rpo_core.control.controller import load_controller
 from rpo_core.control.fuzzy import RuleTable
+from rpo_core.files import scenario
 from rpo_core.files.scenario import load_set
 from rpo_core.files.starts import Cube
 from rpo_core.files.validation import InputError
@@ -21,9 +23,9 @@ from rpo_montecarlo.campaign import run_batch
 from rpo_montecarlo.campaign.single import fly_run
 from rpo_montecarlo.engine.population import population_of
 from rpo_montecarlo.engine.simulator import Simulator
+from rpo_thrusters.thrusters import Propellant, Thrusters
 from rpo_training import config as configs
 from rpo_training.family_training import config_of
-from rpo_training.training import Training
 
 TRAINED, ROBUST = load_controller('trained'), load_controller('robust')
 JUDGED = {'paper_test': POSITION_AND_SPEED}
@@ -32,20 +34,6 @@ FEW = DrawnSettings(
 )
 FAMILIES = ('more_words', 'pace', 'time_to_go')
 ONE_START = replace(load_set('paper_training'), starts=Cube((50.0,)))
-
-
-def test_drawn_flights_have_the_bits_of_the_campaign():
-    flights = DrawnFlights('paper_test', FEW)
-    campaign, _ = flights.pool(3)
-    case = flights.case(3, [1, 41, 44])
-    with Simulator([case], 1) as simulator:
-        (rows,) = simulator.fly(population_of(ROBUST, TRAINED))
-    for row, controller in zip(rows, (ROBUST, TRAINED), strict=True):
-        columns = run_batch.fly_runs(replace(campaign, controller=controller), 0, 45)
-        names = list(campaign.config.success)
-        assert names == flights.judged == ['hold_error_per_axis_m', 'hold_speed_per_axis_m_s']
-        expected = np.column_stack([columns[name] for name in names])[[1, 41, 44]]
-        np.testing.assert_array_equal(flights.values(row), expected)
 
 
 def test_stages_and_what_is_held_out_have_draws_of_their_own():
@@ -87,46 +75,12 @@ def test_the_term_is_the_mean_graded_penalty_of_the_flights():
     assert missed[0] > 5 > missed[1], 'of `trained`, one run in four misses'
 
 
-def test_candidates_that_cannot_reach_the_better_half_are_not_flown():
-    """The better half, and its order, are those of flying all."""
-    settings = FitnessSettings(penalty='graded', drawn=FEW)
-    fitness = Fitness(ONE_START, settings, 1)
-    worse = [replace(ROBUST, velocity_scale_m_s=scale) for scale in (0.8, 0.9, 1.2, 2.0, 4.0, 6.0)]
-    population = population_of(*worse, TRAINED, ROBUST)
-    with fitness.simulator:
-        fitness.enter(0)
-        scores = fitness.score(population)
-        each = [fitness.score(population.members(slice(i, i + 1))) for i in range(8)]
-    expected = np.array([float(s.fitness[0]) for s in each])
-    best = np.argsort(expected)[:4]
-    np.testing.assert_array_equal(np.argsort(scores.fitness)[:4], best)
-    np.testing.assert_array_equal(scores.fitness[best], expected[best])
-    assert (scores.fitness > expected).any(), 'some were not flown'
-    assert (scores.fitness >= expected).all()
-
-
 def test_a_force_that_drives_is_seen():
     """Mirrored along velocity, the rules push a fast chaser on."""
     codes = ROBUST.system.rules.codes[::-1]
     system = replace(ROBUST.system, rules=RuleTable.from_codes(codes))
     good, bad = driving(population_of(ROBUST, replace(ROBUST, system=system)))
     assert good < 1e-3 < 0.1 < bad
-
-
-@pytest.mark.parametrize(
-    ('wrong', 'message'),
-    [
-        ({'weight': -1.0}, 'fitness.drawn.weight'),
-        ({'flights': 0}, 'fitness.drawn.flights'),
-        ({'campaigns': ('',)}, 'fitness.drawn.campaigns'),
-        ({'judged': ['paper_test']}, '`fitness.drawn.judged` must be a mapping'),
-        ({'judged': {'paper_test': ()}}, '`fitness.drawn.judged.paper_test` must be a list'),
-        ({'judged': {'paper_test': ('slew',)}}, 'must be one of .*slew_per_axis_n_s'),
-    ],
-)
-def test_impossible_settings_are_refused(wrong, message):
-    with pytest.raises(InputError, match=message):
-        DrawnSettings(**wrong)
 
 
 @pytest.mark.parametrize('name', ['allround', *FAMILIES])
@@ -160,46 +114,108 @@ def test_an_unknown_campaign_is_refused_by_name():
         campaigns.find('paper_tset')
 
 
+# Candidates judged in a world: sensors, filter, pulses; what thrust costs.
+
+LEO = replace(scenario.load_scenario('world_leo'), duration_s=12.0)
+SPREAD = {
+    'initial_position_m': {'uniform': 5.0},
+    'true_anomaly_deg': {'uniform': 180.0},
+    'stuck_off_thruster': {'whole': 11},
+    'sensor_noise_share': {'uniform': 0.3},
+}
+COSTS = {'openings': 0.01, 'propellant': 50.0}
+
+
 @pytest.fixture
-def short():
-    """A race of two rounds with a few flights each."""
-    settings = [
-        'fitness.drawn.weight=100',
-        'fitness.drawn.campaigns=[random_starts]',
-        'fitness.drawn.flights=4',
-        'fitness.drawn.pool=40',
-        'fitness.drawn.held_out=40',
-        'fitness.limit_cycle=0',
-        'cmaes.population=4',
-        'cmaes.evaluations=8',
-        'race.population=4',
-        'race.evaluations=4',
-        'race.entrants=1',
-        'race.rounds=2',
-        'race.gain=0',
-        'race.stages=true',
-    ]
-    return configs.override(configs.PRESETS['best'], settings)
+def write(tmp_path):
+    """Return a function that writes a campaign of a scenario and returns its path."""
+
+    def written(flown, **changes):
+        path = tmp_path / 'world.yaml'
+        path.write_text(scenario.dumps(flown))
+        changes = {'scenario': str(path), 'dispersions': SPREAD, **changes}
+        return str(write_campaign(tmp_path, **changes))
+
+    return written
 
 
-@pytest.mark.slow
-def test_a_race_by_stages_resumes_to_the_same_bits(short, tmp_path):
-    whole = Training.create(short, tmp_path / 'whole', 1)
-    best = whole.run()
-    assert whole.stages[0] == 1 and whole.stages[-1] == HELD_OUT
-    assert sorted(set(whole.stages)) == [HELD_OUT, 1, 2, 3]
-    parts = Training.create(short, tmp_path / 'parts', 1)
+def settings_of(path, **changes):
+    """Return settings with a few flights of a campaign."""
+    return DrawnSettings(1.0, (path,), flights=6, pool=45, held_out=45, **changes)
 
-    class Stopped(Exception):
-        pass
 
-    def stop(progress):
-        if progress.generation == whole.stages.index(2) + 1:
-            raise Stopped
+@pytest.mark.parametrize('world', [False, True])
+def test_drawn_flights_have_the_bits_of_the_campaign(write, world):
+    """Also the second time, in two threads."""
+    limits = {'mean_error_norm_m': 1.0, 'valve_openings': 100.0}
+    path = write(LEO, success=limits) if world else 'paper_test'
+    flights, chosen = DrawnFlights(path, settings_of(path) if world else FEW), [1, 41, 44]
+    campaign, _ = flights.pool(3)
+    with Simulator([flights.case(3, chosen)], 2) as simulator:
+        first, again = (simulator.fly(population_of(ROBUST, TRAINED))[0] for _ in range(2))
+    np.testing.assert_array_equal(first, again)
+    for row, controller in zip(first, (ROBUST, TRAINED), strict=True):
+        columns = run_batch.fly_runs(replace(campaign, controller=controller), 0, 45)
+        names = list(campaign.config.success)
+        assert names == flights.judged
+        expected = np.column_stack([columns[name] for name in names])[chosen]
+        np.testing.assert_array_equal(flights.values(row), expected)
 
-    with pytest.raises(Stopped):
-        parts.run(stop)
-    again = Training.resume(tmp_path / 'parts', 1).run()
-    assert again == best
-    made = best.provenance
-    assert 'starts_that_miss' in made
+
+def test_what_thrusters_spend_costs_fitness(write):
+    path = write(LEO)
+    drawn = settings_of(path, **COSTS)
+    costly = Fitness(ONE_START, FitnessSettings(drawn=drawn), 1)
+    free = Fitness(ONE_START, FitnessSettings(drawn=settings_of(path)), 1)
+    campaign, _ = DrawnFlights(path, drawn).pool(0)
+    with costly.simulator, free.simulator:
+        for controller in (TRAINED, ROBUST):
+            one = population_of(controller)
+            more = costly.score(one).fitness[0] - free.score(one).fitness[0]
+            columns = run_batch.fly_runs(replace(campaign, controller=controller), 0, 6)
+            spent = 0.01 * columns['valve_openings'] + 50.0 * columns['propellant_kg']
+            assert more == pytest.approx(spent.mean(), rel=1e-12)
+            assert spent.mean() > 1.0
+
+
+@pytest.mark.parametrize('world', [False, True])
+def test_candidates_that_cannot_reach_the_better_half_are_not_flown(write, world):
+    """The better half, and its order, are those of flying all; also where thrust costs."""
+    drawn = settings_of(write(LEO), **COSTS) if world else FEW
+    fitness = Fitness(ONE_START, FitnessSettings(penalty='graded', drawn=drawn), 1)
+    worse = [replace(ROBUST, velocity_scale_m_s=scale) for scale in (0.8, 0.9, 1.2, 2.0, 4.0, 6.0)]
+    population = population_of(*worse, TRAINED, ROBUST)
+    with fitness.simulator:
+        fitness.enter(0)
+        scores = fitness.score(population)
+        each = [fitness.score(population.members(slice(i, i + 1))) for i in range(8)]
+    expected = np.array([float(s.fitness[0]) for s in each])
+    best = np.argsort(expected)[:4]
+    np.testing.assert_array_equal(np.argsort(scores.fitness)[:4], best)
+    np.testing.assert_array_equal(scores.fitness[best], expected[best])
+    assert (scores.fitness > expected).any(), 'some were not flown'
+    assert (scores.fitness >= expected).all()
+
+
+NEAR = {'initial_position_m': {'uniform': 5.0}}
+
+
+def test_propellant_without_pulses_costs_fitness_too(write):
+    leaking = Thrusters(propellant=Propellant(specific_impulse_s=200.0, mass_kg=1.0))
+    short = replace(scenario.load_scenario('approach'), duration_s=12.0).equipped(leaking)
+    drawn = settings_of(write(short, dispersions=NEAR), propellant=50.0)
+    flights = DrawnFlights(drawn.campaigns[0], drawn)
+    with Simulator([flights.case(0, range(3))], 1) as simulator:
+        (rows,) = simulator.fly(population_of(ROBUST))
+    campaign = replace(flights.pool(0)[0], controller=ROBUST)
+    spent = run_batch.fly_runs(campaign, 0, 3)['propellant_kg']
+    np.testing.assert_array_equal(flights.cost(rows)[0], 50.0 * spent)
+    assert (spent > 0.0).all()
+
+
+def test_what_cannot_be_judged_is_one_sentence(write):
+    path = write(scenario.load_scenario('approach'), dispersions=NEAR)
+    with pytest.raises(InputError) as caught:
+        Fitness(ONE_START, FitnessSettings(drawn=settings_of(path, **COSTS)), 1)
+    said = '`fitness.drawn.openings` needs drawn flights'
+    assert said in str(caught.value) and '\n' not in str(caught.value)

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 import typer
-from typer.testing import CliRunner
+from invoking import invoke
 
 from rpo_cli.cli import app
 from rpo_cli.commands import train
@@ -34,7 +34,7 @@ ROWS = {
 
 
 def code_of(*words: object) -> int:
-    found = CliRunner().invoke(app, [str(word) for word in words])
+    found = invoke(*[str(word) for word in words])
     if isinstance(found.exception, InputError):
         raise found.exception
     return found.exit_code

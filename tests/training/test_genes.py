@@ -93,12 +93,6 @@ def test_a_controller_outside_the_bounds_is_refused():
         GeneSpace('odd').encode(free)
 
 
-@pytest.mark.parametrize('bounds', [(100.0, 50.0), (0.0, 1.0), (-1.0, 1.0), (1.0,), ('a', 'b')])
-def test_impossible_bounds_are_refused(bounds):
-    with pytest.raises(InputError, match='position_scale_m'):
-        GeneSpace('free', bounds)
-
-
 def test_a_population_is_read_from_controllers():
     population = population_of(load_controller('handmade'))
     assert population.controller(0, 'handmade') == load_controller('handmade')

@@ -8,12 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from invoking import invoke
 from scipy.optimize import minimize, nnls
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
 from rpo_attitude.target import Target, motion_of
-from rpo_cli.cli import app
 from rpo_core.files.scenario import load_scenario
 from rpo_core.world import cw
 from rpo_guidance.plan import Guidance
@@ -324,7 +323,7 @@ def test_a_search_that_ends_early_has_a_bound_and_says_so(around, monkeypatch):
     scenario, settings, found = around
     _, early = plan_bound.bound(settings, scenario)
     assert not early.closed and 0.1 < early.lower < found.lower
-    printed = CliRunner().invoke(app, ['plan', 'around'])
+    printed = invoke('plan', 'around')
     assert 'The search for this bound ended early' in ' '.join(printed.output.split())
 
 
@@ -356,7 +355,7 @@ def test_guidance_that_is_told_a_wrong_mass_needs_the_energy_of_the_true_one(aro
 def test_the_command_prints_both(monkeypatch):
     monkeypatch.setattr(plan_bound, 'BOUND_TICKS', 60)
     monkeypatch.setattr(plan_bound, 'PATH_TICKS', 150)
-    printed = CliRunner().invoke(app, ['plan', 'around'])
+    printed = invoke('plan', 'around')
     assert printed.exit_code == 0
     said = ' '.join(printed.output.split())
     assert 'never come within 10 m of the target but in the cone of 10.0 degrees' in said

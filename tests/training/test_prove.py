@@ -11,17 +11,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from invoking import invoke
 from landing import rest_at_landing
 from proofs import BOX, COARSE, problem_of
-from typer.testing import CliRunner
 
 import rpo_proof
-from rpo_cli.cli import app
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import FuzzyController, load_controller, load_fuzzy
 from rpo_core.control.fuzzy import RuleTable
 from rpo_core.files.scenario import load, load_scenario
 from rpo_core.files.validation import InputError
+from rpo_core.world.disturbance import Disturbance
 from rpo_nav.navigation_errors import Navigation
 from rpo_proof import cells, check, check_sets, enclosure, flights, folder, proving, sets, slew
 from rpo_proof.cells import Prover
@@ -165,6 +165,23 @@ def test_no_tick_from_a_strip_changes_the_force_faster_than_its_bound():
     assert 0.8 < max(ratios) <= 1.0
 
 
+def test_the_bounds_of_a_state_are_of_the_slopes_of_its_cell_alone():
+    """In the middle of a cell, for a tick so short that it does not leave it."""
+    table = problem_of('allround', half=(100.0, 100.0, 100.0, 0.0, 0.0, 0.0)).table
+    drift, pull = slew.Drift(0.0, -1e-3, 1e-3, 0.1, 1e-6), 1e-3 + 0.1 * 0.5
+    last = np.array(table.slopes.shape[:2]) - 1
+    for i, j in np.random.default_rng(7).integers(1, last, (60, 2)):
+        r = -table.e[i : i + 2].mean() * table.position_m
+        v = -table.w[j : j + 2].mean() * table.velocity_m_s
+        state = slew.Strip(r, v, 0.0, 0.0, 0.0)
+        along, across = table.slopes[i, j, :2], table.slopes[i, j, 2:]
+        rate = max(0.0, -along[0], along[1]) * (abs(v) + 1e-6 * pull) / table.position_m
+        rate += max(0.0, -across[0], across[1]) * pull / table.velocity_m_s
+        bound = slew.slew_of(table, drift, state, -0.5, 0.5, np.inf)
+        assert bound == pytest.approx((rate + 2e6 * table.slack) * table.force_n, rel=1e-9)
+        assert slew.slew_of(table, drift, state, -0.5, 0.5, 0.0) <= bound * (1.0 + 1e-5)
+
+
 def test_a_strip_in_parts_sharpens_the_slew():
     """Of a cell that is a little too fast as a whole; it holds its flights."""
     problem = problem_of('allround', half=(100.0, 100.0, 100.0, 0.0, 0.0, 0.0))
@@ -271,7 +288,7 @@ def test_a_refuted_claim_has_a_flight_that_simulate_repeats(tmp_path):
     assert claims['hold_error_per_axis_m']['limit'] == 0.5
     assert [claims[key]['verdict'] for key in asked] == ['proven', 'refuted'] and len(claims) == 2
     path = folder.path / 'counterexample_slew_per_axis_n_s.yaml'
-    run = CliRunner().invoke(app, ['simulate', str(path), '--controller', 'robust'])
+    run = invoke('simulate', path, '--controller', 'robust')
     assert 'MISSED' in run.output
     assert check.check(folder, check.Sample(starts=1, ticks=1, surface=1)).faults == []
     with pytest.raises(InputError, match='`claim` must be one of'):
@@ -309,19 +326,6 @@ def test_rules_that_are_not_odd_are_proven_from_the_whole_box():
     assert len(whole) == 2 * len(half)
 
 
-def test_the_command_says_what_is_wrong(tmp_path):
-    def said(*words):
-        run = CliRunner().invoke(app, ['prove', *map(str, words)])
-        return run.exit_code, run.output
-
-    assert said()[0] == 2
-    assert said('robust', '--scenario', 'paper_test')[0] == 2
-    assert said('--check', tmp_path)[0] == 2
-    assert said('--resume', tmp_path / 'none')[0] == 2
-    (tmp_path / 'file').write_text('something')
-    assert said('robust', '-o', tmp_path)[0] == 2
-
-
 def test_a_known_disturbance_is_part_of_the_tube():
     """The paper's test, whose disturbance is known: its flight is in the tube of a small cell."""
     base = replace(load_scenario('paper_test'), duration_s=60.0, requirements=None)
@@ -354,13 +358,6 @@ def test_the_package_names_modules_that_are_there():
     assert named and named <= {path.stem for path in folder.glob('*.py')}
 
 
-def test_a_proof_of_nothing_is_no_proof():
-    """A requirement that the proof says nothing about, alone."""
-    words = 'robust --scenario paper_test --position 1 --claim hold_force_per_disturbance'
-    run = CliRunner().invoke(app, ['prove', *words.split()])
-    assert run.exit_code == 2 and '`claim` must be one of hold_error_per_axis_m' in run.output
-
-
 @pytest.mark.slow
 def test_a_local_cluster_proves_the_same_bytes(sound, tmp_path):
     together = Folder.create(tmp_path / 'together', problem_of('robust', half=BOX))
@@ -378,8 +375,6 @@ def test_an_estimate_is_of_the_proof_itself(sound):
     assert found.cells == found.sampled and found.hours > 0.0
     assert {k: c['bound'] for k, c in summary['claims'].items()} == found.bounds
     assert found.tubes == 2 * summary['cells']['planar'] - found.sampled
-    run = CliRunner().invoke(app, ['prove', 'lqr', '--estimate', '1'])
-    assert run.exit_code == 2
 
 
 @pytest.mark.every_landing
@@ -433,3 +428,16 @@ def test_the_box_of_a_set_is_rounded_outwards():
             assert Fraction(low[i]) <= Fraction(c[i]) - radius
             assert Fraction(high[i]) >= Fraction(c[i]) + radius
             assert high[i] - low[i] < float(2 * radius) * (1.0 + 1e-9) + 1e-12
+
+
+def test_half_of_the_box_is_enough_where_all_is_odd():
+    plain = problem_of('robust')
+    pushed = replace(plain.scenario, disturbance=Disturbance((0.0, 0.001, 0.0)))
+    settings = plain.settings
+    even = replace(plain.controller.system, rules=RuleTable((('SP',) * 5,) * 5))
+    assert plain.odd
+    assert not replace(plain, scenario=pushed).odd
+    assert replace(plain, scenario=pushed, settings=replace(settings, disturbance_share=0.5)).odd
+    assert not replace(plain, settings=replace(settings, axes_apart=True)).odd
+    assert not replace(plain, settings=replace(settings, centre=(1.0, *(0.0,) * 5))).odd
+    assert not replace(plain, controller=replace(plain.controller, system=even)).odd

@@ -13,13 +13,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from invoking import invoke
 from scipy.spatial.transform import Rotation
 from test_report import check_page
-from typer.testing import CliRunner
 
 from rpo_attitude.target import motion_of
 from rpo_attitude.turns import docking_axis
-from rpo_cli.cli import app
+from rpo_cli.commands.shared import write_flight
 from rpo_core import files
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
@@ -28,7 +28,6 @@ from rpo_core.wire.interfaces import BODY_TORQUE, CHASER_ATTITUDE, EXERTED_FORCE
 from rpo_log.show import report, style
 from rpo_log.tools.export import export
 from rpo_mcap.read.run_log import read_flight, read_run
-from rpo_montecarlo.outputs import write_flight
 from rpo_report import attitude, page, replay, video
 from rpo_report.logged import logged_flight, until
 from rpo_report.page import Report
@@ -78,7 +77,7 @@ def logged(tmp_path_factory):
     folder = tmp_path_factory.mktemp('turning')
     (folder / 'turning.yaml').write_text(yaml.safe_dump(document()))
     out = ['-o', str(folder / 'run'), '--no-fail']
-    done = CliRunner().invoke(app, ['simulate', str(folder / 'turning.yaml'), *out])
+    done = invoke('simulate', folder / 'turning.yaml', *out)
     assert done.exit_code == 0, done.output
     return folder / 'run'
 
@@ -145,18 +144,6 @@ def test_a_report_names_the_stages_that_it_cannot_run_again():
     assert not _Stages([], None, None).lacking(flown_of({**document(), 'duration_s': 1.0}))
 
 
-@pytest.mark.parametrize(
-    ('command', 'says'),
-    [
-        ('report attitude_fuzzy', '--set attitude_control.controller=attitude_fuzzy` flies it'),
-        ('explain attitude_lqr', 'must be fuzzy here'),
-    ],
-)
-def test_a_controller_of_attitude_that_has_no_page_is_refused_with_what_to_do(command, says):
-    done = CliRunner().invoke(app, command.split())
-    assert done.exit_code == 2 and says in done.stderr and not done.stdout
-
-
 def test_the_torque_of_the_thrusters_is_drawn_about_the_axes_of_the_chaser():
     """Their force is in LVLH; and where they steer it, their torque is nothing left over."""
     (section,) = _thrusters(flown_of({**tumbling(), 'duration_s': 1.0}))
@@ -168,7 +155,7 @@ def test_the_torque_of_the_thrusters_is_drawn_about_the_axes_of_the_chaser():
 def test_flights_beside_each_other_say_in_which_axes_they_are_drawn(tmp_path):
     run = str(tmp_path / 'run')
     options = ['--set', 'duration_s=2.0', '--no-fail', '--output', run]
-    assert CliRunner().invoke(app, ['simulate', 'tumbling_docking', *options]).exit_code == 0
+    assert invoke('simulate', 'tumbling_docking', *options).exit_code == 0
     picture = compared([Path(run)] * 2)[0].sections[0].blocks[0]
     assert picture.caption == 'The approaches as the target sees it, in two planes of its axes.'
 
@@ -213,7 +200,7 @@ def test_a_force_of_the_thrusters_turns_into_the_one_that_was_exerted(flight):
 
 
 def test_a_run_is_explained_with_its_attitude(logged, flight):
-    done = CliRunner().invoke(app, ['explain', str(logged), '--at', '5'])
+    done = invoke('explain', logged, '--at', '5')
     assert done.exit_code == 0 and 'The logged force is the same, bit for bit.' in done.output
     off = turned_of(flight).off_reference_deg[50]
     torque = ', '.join(f'{value:.3g}' for value in flight.signals[BODY_TORQUE][50])
@@ -294,7 +281,7 @@ def test_a_flight_without_attitude_says_nothing_of_it():
 
 @pytest.mark.every_landing
 def test_the_report_names_axes_that_turn_and_no_optimum(logged, tmp_path):
-    done = CliRunner().invoke(app, ['report', str(logged), '-o', str(tmp_path), '--no-fail'])
+    done = invoke('report', logged, '-o', tmp_path, '--no-fail')
     assert done.exit_code == 0, done.output
     text = (tmp_path / 'report.html').read_text()
     assert 'The optimum is computed where neither chaser nor target turns.' in text

@@ -14,13 +14,12 @@ import test_report_attitude
 import test_report_guided
 from browser import browser
 from campaign_documents import write_campaign
+from invoking import invoke
 from log_runs import chain_run, make_run
 from pages import Page
 from PIL import Image
 from test_report import check_page
-from typer.testing import CliRunner
 
-from rpo_cli.cli import app
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
@@ -108,7 +107,7 @@ def test_a_report_in_chromium(make, tmp_path):
 def test_an_aborted_run_by_command(tmp_path):
     whole = make_run(20.0)
     whole.write(tmp_path, [m for m in whole.messages if m[1] <= 120])
-    done = CliRunner().invoke(app, ['report', str(tmp_path), '-o', str(tmp_path / 'report')])
+    done = invoke('report', tmp_path, '-o', tmp_path / 'report')
     assert done.exit_code == 3 and 'ends at tick 120 of 200' in done.stderr, done.output
     main = Page((tmp_path / 'report' / 'report.html').read_text('utf-8')).all('main')[0]
     assert 'The log shows 12 of 20 s: it ends' in main.text
@@ -134,9 +133,7 @@ def test_a_replay_in_chromium(tmp_path, capsys):
     made = chain_run(test_report_guided.whole(), load_controller('trained'))
     made.write(tmp_path / 'whole')
     run_report(tmp_path / 'paper')
-    done = CliRunner().invoke(
-        app, ['report', str(tmp_path / 'whole'), str(tmp_path / 'paper'), '-o', str(tmp_path)]
-    )
+    done = invoke('report', tmp_path / 'whole', tmp_path / 'paper', '-o', tmp_path)
     assert done.exit_code == 1, done.output
     path = tmp_path / page.REPLAY
     with browser(CHROMIUM, tmp_path / 'profile') as shown:

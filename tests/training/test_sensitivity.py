@@ -2,14 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sensitivity to parameters, and judgement where a controller was not trained."""
 
+from __future__ import annotations
+
 import re
 from dataclasses import replace
 
 import pytest
-from typer.testing import CliRunner
+from invoking import invoke
 
-from rpo_cli.cli import app
+from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
+from rpo_core.files import overrides
+from rpo_core.judge.verdicts import verdicts
 from rpo_judge.evaluation import judgement, sensitivity
 from rpo_judge.evaluation.judgement import Demand
 from rpo_montecarlo.campaign import config as campaigns
@@ -62,7 +66,7 @@ def test_the_picture_has_a_bar_for_each_step(found):
 
 def test_the_table_names_the_strongest_first(found, monkeypatch):
     monkeypatch.setattr(sensitivity, 'effects', lambda controller, workers: found)
-    result = CliRunner().invoke(app, ['evaluate', 'robust', '--sensitivity', '--workers', '1'])
+    result = invoke('evaluate', 'robust', '--sensitivity', '--workers', '1')
     assert result.exit_code == 0
     base, effects = found
     places = [result.stdout.index(e.parameter) for e in effects[:2]]
@@ -81,7 +85,7 @@ def test_everywhere_counts_the_runs_of_the_campaigns(monkeypatch):
     assert not starts.holds
     assert dispersed.holds and dispersed.success.kept == 40
     assert all_limits.success.kept == 0 and all_limits.least is None, 'slew, in every run'
-    result = CliRunner().invoke(app, ['evaluate', 'robust', '--everywhere', '--seed', '7'])
+    result = invoke('evaluate', 'robust', '--everywhere', '--seed', '7')
     assert re.search(
         rf'random_starts +all limits +{starts.success.kept} / 450 .*MISSED', result.stdout
     )
@@ -91,5 +95,23 @@ def test_everywhere_counts_the_runs_of_the_campaigns(monkeypatch):
     assert re.search(r'paper_test +all limits +0 / 40 .*not asked', result.stdout)
     assert 'paper_test, all limits: all 6 requirements of paper_test' in shown
     assert 'its training and paper_test: corner flights' in shown
-    refused = CliRunner().invoke(app, ['evaluate', 'robust', '--seed', '7'])
-    assert refused.exit_code == 2
+
+
+# `rpo simulate --sweep`: one table, one picture, one verdict for all flights.
+
+
+def test_each_column_is_a_flight_of_its_own(tmp_path):
+    words = ['paper_test', '--set', 'duration_s=230', '--sweep', 'mass_kg=8:30:2', '-o']
+    done = invoke('simulate', *words, tmp_path)
+    lines = [line.split() for line in done.stdout.splitlines() if line.strip()]
+    columns = {line[0]: line for line in lines}
+    assert columns['mass_kg'][1:3] == ['8', '30']
+    flown = [
+        fly(overrides.load('paper_test', ['duration_s=230', f'mass_kg={mass}']),
+            load_controller('allround'))
+        for mass in (8.0, 30.0)
+    ]  # fmt: skip
+    slews = [next(v for v in verdicts(flight) if 'slew' in v.key).value for flight in flown]
+    assert columns['slew'][3:5] == [f'{slew:.3g}' for slew in slews]
+    assert columns['all'][1] == 'holds' and columns['all'][2] == 'MISSED' and done.exit_code == 1
+    assert (tmp_path / 'sweep.png').stat().st_size > 20_000

@@ -3,6 +3,7 @@
 """Runs repeat, resume to the same bits, and say plainly what is wrong."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,16 +12,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from invoking import invoke
 
 from rpo_core import files
 from rpo_core.control.controller import load_controller
 from rpo_core.files.validation import InputError
+from rpo_judge.scoring.drawn import HELD_OUT
 from rpo_montecarlo.outputs import alone
 from rpo_training import config as configs
 from rpo_training import run as runs
+from rpo_training.family_training import FamilyTraining, config_of
 from rpo_training.genetic import AdaptiveFeasibleMutation, generator
 from rpo_training.run import Checkpoint
 from rpo_training.training import Training
+from rpo_training.tuning import Tuning, TuningConfig
 
 SMALL = [
     'ga.generations=5',
@@ -34,10 +39,45 @@ SMALL = [
     'genes.rules=odd-monotone',
     'fitness.penalty=graded',
 ]
+STAGED = [
+    'fitness.drawn.weight=100',
+    'fitness.drawn.campaigns=[random_starts]',
+    'fitness.drawn.flights=4',
+    'fitness.drawn.pool=40',
+    'fitness.drawn.held_out=40',
+    'fitness.limit_cycle=0',
+    'cmaes.population=4',
+    'cmaes.evaluations=8',
+    'race.population=4',
+    'race.evaluations=4',
+    'race.entrants=1',
+    'race.rounds=2',
+    'race.gain=0',
+    'race.stages=true',
+]
+
+FAMILY = [
+    'cmaes.population=6',
+    'cmaes.evaluations=12',
+    'staged.stages=2',
+    'staged.evaluations=6',
+    'fitness.drawn.campaigns=[paper_test]',
+    'fitness.drawn.flights=10',
+    'fitness.drawn.pool=10',
+    'fitness.drawn.held_out=10',
+]
 
 
 def small(algorithm='ga', *more):
     return configs.override(configs.PRESETS['paper'], [f'algorithm={algorithm}', *SMALL, *more])
+
+
+SEARCHES = {
+    **{name: (Training, small(name)) for name in configs.ALGORITHMS},
+    'race by stages': (Training, configs.override(configs.PRESETS['best'], STAGED)),
+    'family': (FamilyTraining, configs.override(config_of('time_to_go'), FAMILY)),
+    'tuning': (Tuning, TuningConfig('pd', 2, 40)),
+}
 
 
 def contents(folder):
@@ -48,24 +88,81 @@ class Interrupted(Exception):
     pass
 
 
-@pytest.mark.parametrize(
-    'algorithm',
-    [pytest.param(name, marks=[pytest.mark.slow] * (name != 'ga')) for name in configs.ALGORITHMS],
-)
-def test_an_interrupted_run_ends_with_the_bits_of_an_uninterrupted_one(algorithm, tmp_path):
-    whole = Training.create(small(algorithm), tmp_path / 'whole', workers=1)
-    whole.run()
+def interrupted(search, generation):
+    """Run a search until it has saved a generation."""
 
     def stop(progress):
-        if progress.generation == 3:
+        if progress.generation == generation:
             raise Interrupted
 
     with pytest.raises(Interrupted):
-        Training.create(small(algorithm), tmp_path / 'parts', workers=2).run(stop)
+        search.run(stop)
+
+
+@pytest.fixture(scope='module')
+def trained(tmp_path_factory):
+    """A small training, and its controller."""
+    training = Training.create(small(), tmp_path_factory.mktemp('trained') / 'run', 1)
+    return training, training.run()
+
+
+@pytest.fixture(scope='module')
+def begun(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('begun') / 'run'
+    interrupted(Training.create(small(), folder, 1), 2)
+    return folder
+
+
+@pytest.fixture
+def halfway(begun, tmp_path):
+    """A copy of the folder of a training that was interrupted."""
+    return shutil.copytree(begun, tmp_path / 'run')
+
+
+def test_an_interrupted_run_ends_with_the_bits_of_an_uninterrupted_one(trained, halfway):
     flown = []
-    Training.resume(tmp_path / 'parts', workers=2).run(lambda p: flown.append(p.generation))
-    assert flown[0] == 4
-    assert contents(tmp_path / 'parts') == contents(tmp_path / 'whole')
+    Training.resume(halfway, 2).run(lambda progress: flown.append(progress.generation))
+    assert flown == [3, 4, 5]
+    assert contents(halfway) == contents(trained[0].folder)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', SEARCHES)
+def test_a_search_that_was_interrupted_in_the_middle_ends_with_the_same_bits(name, tmp_path):
+    kind, chosen = SEARCHES[name]
+    whole = kind.create(chosen, tmp_path / 'whole', 1)
+    best, parts = whole.run(), tmp_path / 'parts'
+    assert (sorted(set(whole.stages)) == [HELD_OUT, 1, 2, 3]) == (name == 'race by stages')
+    interrupted(kind.create(chosen, parts, 2), (len(whole.stages) - 1) // 2)
+    assert kind.resume(parts, 1).run() == best
+    assert contents(parts) == contents(tmp_path / 'whole')
+    with pytest.raises(InputError, match=r'holds a (run|training|tuning) already'):
+        kind.create(chosen, parts)
+
+
+def test_the_command_trains_a_family_and_goes_on(tmp_path):
+    mine, settings = tmp_path / 'mine', (*FAMILY, 'cmaes.sigma=0.01')
+    words = [word for setting in settings for word in ('--set', setting)]
+    done = invoke('train', '--family', 'pace', '--workers', 1, '-o', mine, *words)
+    assert done.exit_code in (0, 1), done.output
+    found = load_controller(mine / 'mine.yaml')
+    made = found.provenance
+    assert found.kind == 'pace' and made['command'].startswith('rpo train --config')
+    assert made['evaluations'] - (1 + 12 + 2 * (1 + 6)) in (1, 2)  # finalists
+    assert made['held_out_that_miss'].keys() == {'paper_test'}
+    assert invoke('train', '--resume', mine).exit_code == done.exit_code
+
+
+def test_the_controller_of_a_run_loads_and_is_what_its_provenance_says(trained):
+    training, best = trained
+    loaded = load_controller(training.folder / 'paper_ga.yaml')
+    assert loaded == best
+    assert loaded.provenance['seed'] == 1
+    assert loaded.provenance['fitness_n2s'] == best.provenance['fitness_n2s']
+    header, *rows = (training.folder / 'history.csv').read_text().splitlines()
+    assert header.startswith('generation,evaluations,best_fitness')
+    assert len(rows) == 6
+    assert float(rows[-1].split(',')[2]) == best.provenance['fitness_n2s']
 
 
 @pytest.mark.every_landing
@@ -76,18 +173,6 @@ def test_the_seed_alone_decides_what_is_drawn(tmp_path):
         chosen = small('cmaes', f'seed={seed}', 'cmaes.evaluations=30')
         best.append(Training.create(chosen, tmp_path / str(number), 1).run().system)
     assert best[0] == best[1] != best[2]
-
-
-def test_the_controller_of_a_run_loads_and_is_what_its_provenance_says(tmp_path):
-    best = Training.create(small(), tmp_path / 'run', 1).run()
-    loaded = load_controller(tmp_path / 'run' / 'paper_ga.yaml')
-    assert loaded == best
-    assert loaded.provenance['seed'] == 1
-    assert loaded.provenance['fitness_n2s'] == best.provenance['fitness_n2s']
-    header, *rows = (tmp_path / 'run' / 'history.csv').read_text().splitlines()
-    assert header.startswith('generation,evaluations,best_fitness')
-    assert len(rows) == 6
-    assert float(rows[-1].split(',')[2]) == best.provenance['fitness_n2s']
 
 
 def test_a_mutant_is_feasible_and_a_fair_step_away():
@@ -128,41 +213,6 @@ def test_a_configuration_is_read_back_whole(preset, tmp_path):
     assert configs.TrainingConfig.load(tmp_path / 'c.yaml') == config
 
 
-@pytest.mark.parametrize(
-    ('setting', 'message'),
-    [
-        ('ga.population=0', '`ga.population` must be a whole number >= 4'),
-        ('ga.populaton=9', 'did you mean `population`'),
-        ('ga.elites=60', '`ga.elites` must leave room'),
-        ('genes.position_scale_m=[90, 20]', r'must be \[least, most\]'),
-        ('genes.position_scale_m=90', 'must be a list'),
-        ('algorithm=magic', '`algorithm` must be one of'),
-        ('seed=-1', '`seed` must be'),
-        ('name=a/b', '`name` must be letters'),
-        ('start=[]', ''),
-        ('nonsense', '`--set` must be like'),
-    ],
-)
-def test_impossible_settings_are_refused(setting, message):
-    if message:
-        with pytest.raises(InputError, match=message):
-            configs.override(configs.PRESETS['paper'], [setting])
-    else:
-        with pytest.raises(InputError, match='to start from'):
-            configs.override(configs.PRESETS['paper'], [setting, 'algorithm=cmaes'])
-
-
-@pytest.fixture
-def halfway(tmp_path):
-    def stop(progress):
-        if progress.generation == 2:
-            raise Interrupted
-
-    with pytest.raises(Interrupted):
-        Training.create(small(), tmp_path / 'run', 1).run(stop)
-    return tmp_path / 'run'
-
-
 def test_a_folder_with_a_run_is_not_overwritten(halfway):
     with pytest.raises(InputError, match='holds a run already'):
         Training.create(small(), halfway)
@@ -196,12 +246,7 @@ def test_a_checkpoint_is_bound_to_what_the_configuration_names(tmp_path):
     scenario.write_text(files.find('scenario', 'paper_training').read_text())
     start.write_text(files.find('controller', 'handmade').read_text())
     config = replace(small(), scenario=str(scenario), start=(str(start),))
-
-    def stop(_):
-        raise Interrupted
-
-    with pytest.raises(Interrupted):
-        Training.create(config, tmp_path / 'run', 1).run(stop)
+    interrupted(Training.create(config, tmp_path / 'run', 1), 0)
     for path in (scenario, start):
         text = path.read_text()
         path.write_text(f'{text}# another\n')
@@ -224,7 +269,7 @@ def test_a_flipped_bit_of_a_checkpoint_is_one_sentence(halfway):
     path = halfway / 'checkpoint.npz'
     whole, text = path.read_bytes(), (halfway / 'config.yaml').read_text()
     kept = Checkpoint.load(path, text, Training.resume(halfway).inputs())
-    for place in range(0, 8 * len(whole), 101):
+    for place in range(0, 8 * len(whole), 307):
         spoiled = bytearray(whole)
         spoiled[place // 8] ^= 1 << place % 8
         path.write_bytes(spoiled)

@@ -1,10 +1,11 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Free running without ROS: what is held, what is too old, what is late; the pace of the ticks."""
+"""Lockstep and free running without ROS: stamps decide; what is held or late; the pace of ticks."""
 
 import math
 import random
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
 from rpo_sim import plant as kinds
 from rpo_sim.free_running import FreeRunningPlant
+from rpo_sim.lockstep import LockstepPlant
 from rpo_sim.timing import MOST_CATCH_UP, Histogram, Latency, Pace
 
 FORCE, DISTURBANCE = 'control_force', 'disturbance_force'
@@ -27,6 +29,102 @@ def scenario():
     return load_scenario('quick')
 
 
+def test_steps_only_when_every_answer_is_in(scenario):
+    plant = LockstepPlant(scenario, [FORCE, DISTURBANCE])
+    assert plant.missing == [FORCE, DISTURBANCE]
+    assert plant.answer(FORCE, plant.stamp_ns, (0.1, 0.0, 0.0)) == kinds.ACCEPTED
+    assert plant.missing == [DISTURBANCE]
+    assert plant.answer(DISTURBANCE, plant.stamp_ns, (0.0, 0.0, 0.0)) == kinds.ACCEPTED
+    before = plant.state
+    plant.advance()
+    assert plant.tick == 1
+    assert plant.state != before
+    assert plant.missing == [FORCE, DISTURBANCE]
+
+
+@pytest.mark.parametrize(
+    ('shift', 'kind'),
+    [(-1, kinds.LATE), (1, kinds.EARLY), (1_000_000, kinds.FOREIGN)],
+)
+def test_an_answer_of_another_tick_changes_nothing(scenario, shift, kind):
+    plant = LockstepPlant(scenario, [FORCE])
+    plant.answer(FORCE, plant.stamp_ns, (0.1, 0.2, 0.3))
+    plant.advance()
+    before = plant.state
+    assert plant.answer(FORCE, scenario.stamp_ns(1 + shift), (9.0, 9.0, 9.0)) == kind
+    assert plant.missing == [FORCE]
+    assert plant.state == before
+    assert plant.ignored == {kind: 1}
+
+
+def test_a_stamp_between_ticks_is_foreign(scenario):
+    plant = LockstepPlant(scenario, [FORCE])
+    assert plant.answer(FORCE, plant.stamp_ns + 1, (0.0,) * 3) == kinds.FOREIGN
+
+
+def test_the_first_of_two_answers_counts(scenario):
+    def state_after(*forces):
+        plant = LockstepPlant(scenario, [FORCE])
+        kinds = [plant.answer(FORCE, plant.stamp_ns, force) for force in forces]
+        plant.advance()
+        return kinds, plant.state
+
+    once = state_after((0.1, 0.2, 0.3))
+    twice = state_after((0.1, 0.2, 0.3), (0.4, 0.4, 0.4))
+    assert twice[0] == [kinds.ACCEPTED, kinds.REPEATED]
+    assert twice[1] == once[1]
+
+
+def test_thrusters_saturate_in_the_plant(scenario):
+    limit = scenario.max_force_n
+
+    def state_after(force):
+        plant = LockstepPlant(scenario, [FORCE])
+        plant.answer(FORCE, plant.stamp_ns, force)
+        plant.advance()
+        return plant.state, plant.saturated_ticks
+
+    assert state_after((7.0, -7.0, 0.1)) == (state_after((limit, -limit, 0.1))[0], 1)
+
+
+def test_a_dropped_peer_counts_as_zero_force(scenario):
+    plant = LockstepPlant(scenario, [FORCE, DISTURBANCE])
+    plant.answer(DISTURBANCE, plant.stamp_ns, (0.01, 0.0, 0.0))
+    assert plant.drop_missing() == [FORCE]
+    plant.advance()
+    drifting = LockstepPlant(scenario, [FORCE, DISTURBANCE])
+    drifting.answer(DISTURBANCE, drifting.stamp_ns, (0.01, 0.0, 0.0))
+    drifting.answer(FORCE, drifting.stamp_ns, (0.0, 0.0, 0.0))
+    drifting.advance()
+    assert plant.state == drifting.state
+    assert plant.answer(FORCE, plant.stamp_ns, (0.1,) * 3) == kinds.DROPPED
+
+
+@pytest.mark.parametrize('kind', [LockstepPlant, partial(FreeRunningPlant, stale_after_ticks=10)])
+def test_with_every_answer_in_its_tick_it_is_the_closed_loop_of_the_core(kind):
+    scenario, controller = load_scenario('paper_test'), load_controller('handmade')
+    expected = fly(scenario, controller)
+    plant = kind(scenario, [FORCE, DISTURBANCE])
+    for tick in range(scenario.ticks + 1):
+        assert plant.state == tuple(expected.states[tick])
+        force = controller.force_n(plant.state[:3], plant.state[3:])
+        assert force == tuple(expected.forces_n[tick])
+        plant.answer(FORCE, plant.stamp_ns, force)
+        plant.answer(
+            DISTURBANCE, plant.stamp_ns, scenario.disturbance.force_n(scenario.time_s(tick))
+        )
+        if not plant.finished:
+            plant.advance()
+    assert plant.finished
+    energy = float(np.sum(expected.saturated_forces_n**2) * scenario.dt_s)
+    assert math.isclose(plant.figures()['energy_n2s'], energy, rel_tol=1e-12)
+    if isinstance(plant, FreeRunningPlant):
+        assert (plant.held_ticks, plant.stale_ticks) == (0, 0)
+
+
+# Free running.
+
+
 def at_tick(scenario, tick, stale_after_ticks=3):
     """Return a plant that was commanded at tick 0 and has drifted to a later tick."""
     plant = FreeRunningPlant(scenario, [FORCE], stale_after_ticks)
@@ -34,22 +132,6 @@ def at_tick(scenario, tick, stale_after_ticks=3):
     for _ in range(tick):
         plant.advance()
     return plant
-
-
-def test_with_every_answer_in_its_tick_it_flies_as_lockstep_does():
-    scenario, controller = load_scenario('paper_test'), load_controller('handmade')
-    expected = fly(scenario, controller)
-    plant = FreeRunningPlant(scenario, [FORCE, DISTURBANCE], 10)
-    for tick in range(scenario.ticks):
-        assert plant.state == tuple(expected.states[tick])
-        force = controller.force_n(plant.state[:3], plant.state[3:])
-        plant.answer(FORCE, plant.stamp_ns, force)
-        disturbance = scenario.disturbance.force_n(scenario.time_s(tick))
-        plant.answer(DISTURBANCE, plant.stamp_ns, disturbance)
-        plant.advance()
-    assert plant.finished
-    assert plant.state == tuple(expected.states[-1])
-    assert (plant.held_ticks, plant.stale_ticks) == (0, 0)
 
 
 def test_a_force_is_held_and_then_cut_off(scenario):
