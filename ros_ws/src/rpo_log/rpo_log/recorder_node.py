@@ -79,6 +79,7 @@ class RecorderNode(FlightNode):
         self._recorded: dict[str, Topic] = {}
         self._end: tuple[str, int, float] | None = None
         self._heard: set[str] = set()
+        self._contested: set[str] = set()
         self._queues: dict[Subscription, str] = {}
         self._ready, self._running, self._anew, self._newest = False, False, False, -1
         self._reported, self._asked = 0, None
@@ -287,10 +288,12 @@ class RecorderNode(FlightNode):
             self._lose_plant('the plant was started anew')
         elif silent_s > self.values['plant_timeout_s'] or gone:
             self._lose_plant('the plant is gone')
-        elif log.asks_from is None:
-            for name in (name for name, number in publishers.items() if number > 1):
+        else:
+            contested = {name for name, number in publishers.items() if number > 1}
+            for name in sorted(contested - self._contested):
                 log.ask()
                 self.get_logger().warning(f'{name} has several publishers: the log holds what acts')
+            self._contested |= contested
             self._report_progress(log)
 
     def _lose_plant(self, reason: str) -> None:
