@@ -196,7 +196,7 @@ def test_what_is_no_bag_of_one_run_is_refused(short_run, tmp_path):
     file.write_bytes(file.read_bytes()[:-100])
     cases = {
         write_bag(tmp_path / 'two', [*short_run.messages, *others]): 'several runs',
-        write_bag(tmp_path / 'open', [*states, *clock]): 'has no topic control_force; it has /clock, /',
+        write_bag(tmp_path / 'open', [*states, *clock]): 'control_force; it has /clock, /relative',
         write_bag(tmp_path / 'jitter', [*jitter, *forces]): 'no length of a tick',
         broken: 'cannot be read as a bag',
     }
