@@ -24,11 +24,11 @@ FOREIGN = {('rviz2', 'rviz2')}
 
 
 def executables() -> set[tuple[str, str]]:
-    """Return (package, executable) of every package's setup.py."""
+    """Return (package, executable) of every package's set-up files."""
     return {
         (path.parent.name, name)
-        for path in SRC.glob('*/setup.py')
-        for name in re.findall(r"'(\w+) = [\w.]+:\w+'", path.read_text())
+        for path in SRC.glob('*/setup.*')
+        for name in re.findall(r'(\w+) = [\w.]+:\w+', path.read_text())
     }
 
 
