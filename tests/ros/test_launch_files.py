@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import importlib
 import importlib.util
 import os
 import re
@@ -15,6 +14,8 @@ from xml.etree import ElementTree
 
 import pytest
 import yaml
+
+from rpo_ros.parameter_rows import tables
 
 SRC = Path(__file__).resolve().parents[2] / 'ros_ws' / 'src'
 BRINGUP = SRC / 'rpo_bringup'
@@ -34,8 +35,7 @@ def executables() -> set[tuple[str, str]]:
 
 def parameters(package: str, executable: str) -> set[str]:
     """Return the names in a node's parameter table."""
-    tables = importlib.import_module(f'{package}.parameters')
-    return {row.name for row in getattr(tables, executable.upper())}
+    return {row.name for row in tables(package)[executable]}
 
 
 def declared(tree: ElementTree.ElementTree) -> dict[str, tuple[str | None, str | None]]:
