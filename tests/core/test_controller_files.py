@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import math
 
-import pytest
 from core_documents import MISSING, assert_names, changed, document, keys, refusal, renamed
 from core_strategies import functions, odd_rules, systems
 from hypothesis import given, settings
@@ -101,23 +100,6 @@ def test_numbers_are_checked():
         for bad in ('0.2', True, [0.2], math.nan, math.inf, *outside):
             message = refusal('controller', changed(HANDMADE, path, bad))
             assert f'{path[-1]}` must be a finite number' in message and f'got {bad!r}' in message
-
-
-@pytest.mark.parametrize(
-    ('feet', 'words'),
-    [
-        ({'sp_left': 0.6}, 'must ascend, the feet apart; got 0.6, 0.55, 0.9'),
-        ({'sp_right': 0.5}, 'must ascend, the feet apart; got 0.0, 0.55, 0.5'),
-        ({'sp_left': 0.9, 'sp_centre': 0.9}, 'must ascend, the feet apart; got 0.9, 0.9, 0.9'),
-        ({'z_half_width': 0.0}, '`z_half_width` must be a finite number > 0 and <= 1; got 0.0'),
-        ({'sp_left': 0.0, 'sp_centre': 0.0}, '`sp_centre` must be a finite number > 0'),
-        ({'lp_left': 1.0}, '`lp_left` must be a finite number >= 0 and < 1; got 1.0'),
-    ],
-)
-def test_feet_out_of_order_are_named(feet, words):
-    part = {**HANDMADE['membership_functions']['velocity'], **feet}
-    message = refusal('controller', changed(HANDMADE, ('membership_functions', 'velocity'), part))
-    assert 'membership_functions.velocity: ' in message and words in message
 
 
 def test_rule_words_are_checked():

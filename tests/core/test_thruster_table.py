@@ -20,7 +20,6 @@ from rpo_cli.cli import app
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
-from rpo_core.files.scenario import parse as parse_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.interfaces import EXERTED_FORCE, EXERTED_TORQUE
@@ -301,31 +300,6 @@ def test_a_switch_in_flight_is_a_failure_from_its_tick_on():
     assert 'must be one of x+a' in stage.refusal('x+q off')
     stage.reset()
     assert stage.step(5, commands[0])[2] == exerted(table, [])[2].step(5, commands[0])[2]
-
-
-@pytest.mark.parametrize(
-    ('document', 'message'),
-    [
-        ({}, 'one of `preset` and `thrusters`'),
-        ({'preset': 'pairs_12'}, '`table.force_n` belongs to a `preset`'),
-        ({'preset': 'pairs_13', 'force_n': 1.0}, 'pairs_12'),
-        ({'preset': 'pairs_12', 'force_n': -1.0}, 'force_n` must be a finite number > 0 and'),
-        (
-            {'preset': 'pairs_12', 'force_n': 1.0, 'failures': [{'thruster': 'q', 'stuck': 'on'}]},
-            'failures[0].thruster` must be one of x+a',
-        ),
-        (
-            {'thrusters': [{'name': 'a', 'position_m': [0, 0, 0], 'direction': [0, 0, 0],
-                            'force_n': 1.0}]},
-            '`direction` must not be zero',
-        ),
-    ],
-)  # fmt: skip
-def test_a_table_that_cannot_be_is_refused(document, message):
-    whole = {**BASE_DOCUMENT, 'thrusters': {'table': document}}
-    with pytest.raises(InputError) as refused:
-        parse_scenario(whole)
-    assert message in str(refused.value)
 
 
 BASE_DOCUMENT = {
