@@ -222,18 +222,6 @@ def test_what_cannot_be_emptied_is_refused(fields, sentence):
         scenario_of(10).equipped(Unloading(above_nms=0.1, torque_nm=0.1))
 
 
-@pytest.mark.parametrize(
-    ('fields', 'sentence'),
-    [
-        ({'rates_deg_s': (60.0, 0.0, 0.0)}, 'must turn at most 0.1 rad in a tick'),
-        ({'attitude': (0.0, 0.0, 0.0, 0.0)}, 'must be a quaternion with a length'),
-    ],
-)
-def test_a_chaser_that_cannot_be_is_refused(fields, sentence):
-    with pytest.raises(InputError, match=sentence):
-        scenario_of(10, **fields)
-
-
 # How far attitudes are apart, against SciPy's rotations.
 
 RANDOM = np.random.default_rng(30)
