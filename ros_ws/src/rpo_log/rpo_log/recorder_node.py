@@ -15,6 +15,7 @@ from operator import itemgetter
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.duration import Duration
 from rclpy.subscription import Subscription
 
 from rpo_core import files
@@ -22,7 +23,7 @@ from rpo_core.chain.chain import signals_of
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr, interfaces
-from rpo_core.wire.interfaces import PROGRESS_TICKS
+from rpo_core.wire.interfaces import MOST_AHEAD_TICKS, PROGRESS_TICKS
 from rpo_core.wire.statuses import READERS, WAITING, Manifest, PlantTick, RunStatus
 from rpo_log import provenance, signature
 from rpo_log.manifests import CONTROLLER, PLANT, Manifests
@@ -51,6 +52,10 @@ MANIFEST_PATIENCE_S = 5.0
 _TAKE_S, _LOOK_S, _SAY_S = 0.002, 0.02, 4.0
 _IDLE_TAKES, _IDLE_S = 50, 0.02
 """After so many looks into empty queues it looks less often: each costs 0.1 ms."""
+_HELD_S = 6.0
+"""A plant that waits so long for the log, as none of ours does, waits for what will not come."""
+_LAST_WORD_S = 0.5
+"""How long to wait until it was heard that the log is closed: the plant stays until then."""
 _ANEW_S = 2.5
 """Silence of a plant after which another one is the new one; it publishes once a second."""
 
@@ -92,7 +97,7 @@ class RecorderNode(FlightNode):
         self._empty_takes = 0
         self._ready, self._running, self._anew, self._newest = False, False, False, -1
         self._reported, self._asked = 0, None
-        self._timeout = Timeout()
+        self._timeout, self._held_up, self._halt = Timeout(), Timeout(), (-1, -1)
         self._interrupted = False
         self._health_log: HealthLogWriter | None = None
         self._decisions: DecisionLogWriter | None = None
@@ -196,7 +201,7 @@ class RecorderNode(FlightNode):
                 self.log.record(name, data)
                 self._report_progress(self.log)
             elif self._decisions is not None and name == self._decision_topic:
-                self._decisions.record(data, self.log.latest)
+                self._decisions.record(data, self.log.orderer.reached)
         elif len(self._early) < _MOST_EARLY:
             self._early.append((name, data))
 
@@ -324,7 +329,21 @@ class RecorderNode(FlightNode):
                 log.ask()
                 self.get_logger().warning(f'{name} has several publishers: the log holds what acts')
             self._contested |= contested
+            self._go_on_where_the_plant_waits(log)
             self._report_progress(log)
+
+    def _go_on_where_the_plant_waits(self, log: RunLogWriter) -> None:
+        """Pass over what is missing where the plant passes no tick before it is in the log."""
+        order = log.orderer
+        before, self._halt = self._halt, (order.next_tick, order.furthest)
+        waits = order.furthest - self._reported >= MOST_AHEAD_TICKS
+        if self._halt != before or not waits:
+            self._held_up.broken()
+        if self._held_up.look() > _HELD_S:
+            self._held_up.broken()
+            missing = f'what is missing at tick {order.next_tick} is passed over'
+            self.get_logger().warning(f'the plant waits for the log: {missing}')
+            log.pass_over()
 
     def _lose_plant(self, reason: str) -> None:
         if self._end is None:
@@ -501,6 +520,7 @@ class RecorderNode(FlightNode):
         """Close the log; to be ended before anything is recorded is no success."""
         wants = self._wants
         self._finish()
+        self._status.wait_for_all_acked(Duration(seconds=_LAST_WORD_S))
         if not self._interrupted:
             return
         empty = self.log is None or not any(self.log.summary.messages.values())
