@@ -6,10 +6,10 @@ from __future__ import annotations
 
 import ast
 import os
-import re
 import subprocess
 import sys
 from collections.abc import Mapping
+from configparser import ConfigParser
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -107,11 +107,8 @@ def rooms() -> dict[str, list[Path]]:
     """Return room -> its modules."""
     found = {name: sorted((path / name).rglob('*.py')) for name, path in PACKAGES.items()}
     for room in sorted(FLOWN - {'rpo_attitude', 'rpo_core', 'rpo_kernels', 'rpo_mcap'}):
-        nodes = [
-            path
-            for path in found[room]
-            if path.name.endswith(('_node.py', 'commands.py', 'parameters.py'))
-        ]
+        kinds = ('_node.py', 'commands.py', 'parameters.py')
+        nodes = [path for path in found[room] if path.name.endswith(kinds)]
         found[f'{room} nodes'] = nodes
         found[room] = [path for path in found[room] if path not in nodes]
     found |= {room: sorted((OFFLINE / room).rglob('*.py')) for room in OFFLINE_ROOMS}
@@ -201,8 +198,10 @@ def test_package_declares_what_it_imports(package):
 @pytest.mark.parametrize('package', sorted(PACKAGES))
 def test_version_is_said_once(package):
     manifest = ElementTree.parse(PACKAGES[package] / 'package.xml').getroot()
-    setup = (PACKAGES[package] / 'setup.py').read_text()
-    assert re.search(r"version='([^']+)'", setup).group(1) == manifest.findtext('version')
+    setup = ConfigParser()
+    setup.read(PACKAGES[package] / 'setup.cfg')
+    assert setup['metadata']['name'] == package
+    assert setup['metadata']['version'] == manifest.findtext('version')
 
 
 @pytest.mark.parametrize('package', sorted(PACKAGES))
