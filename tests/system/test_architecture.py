@@ -24,77 +24,42 @@ PACKAGES = {path.parent.name: path.parent for path in sorted(SRC.glob('*/package
 OFFLINE = ROOT / 'offline_training'
 OFFLINE_ROOMS = {path.name for path in OFFLINE.glob('rpo_*') if path.is_dir()}
 FIRST_PARTY = {*PACKAGES, *OFFLINE_ROOMS, 'tools'}
-FLOWN = {
-    'rpo_attitude',
-    'rpo_core',
-    'rpo_ctrl',
-    'rpo_guidance',
-    'rpo_kernels',
-    'rpo_log',
-    'rpo_mcap',
-    'rpo_nav',
-    'rpo_safety',
-    'rpo_thrusters',
-}
+CORE = {'rpo_core', 'rpo_kernels'}
+LOGS = {'rpo_mcap', 'rpo_log'}
+STAGES = {'rpo_attitude', 'rpo_ctrl', 'rpo_guidance', 'rpo_nav', 'rpo_safety', 'rpo_thrusters'}
+FLOWN = CORE | LOGS | STAGES
+JUDGED = FLOWN | {'rpo_montecarlo', 'rpo_judge'}
 
 # Which of our packages a package may import. `FLOWN` have a half without ROS, which the offline
 # rooms use, and nodes, which have a row of their own.
 MAY_IMPORT = {
     'rpo_kernels': set(),
     'rpo_core': {'rpo_kernels'},
-    'rpo_attitude': {'rpo_core', 'rpo_kernels'},
+    'rpo_attitude': CORE,
     'rpo_mcap': {'rpo_core'},
-    'rpo_log': {'rpo_core', 'rpo_kernels', 'rpo_mcap', 'rpo_ctrl'},
+    'rpo_log': CORE | {'rpo_mcap', 'rpo_ctrl'},
     'rpo_montecarlo': FLOWN,
-    'rpo_judge': {*FLOWN, 'rpo_montecarlo'},
-    'rpo_export': {*FLOWN, 'rpo_montecarlo', 'rpo_judge'},
-    'rpo_proof': {*FLOWN, 'rpo_montecarlo', 'rpo_judge'},
-    'rpo_training': {*FLOWN, 'rpo_montecarlo', 'rpo_judge'},
-    'rpo_report': {
-        *FLOWN,
-        'rpo_montecarlo',
-        'rpo_judge',
-        'rpo_proof',
-        'rpo_training',
-        'rpo_export',
-    },
-    'rpo_cli': {*FLOWN, *OFFLINE_ROOMS, 'rpo_view'},
-    'rpo_ros': {'rpo_core', 'rpo_kernels'},
-    'rpo_ctrl': {'rpo_core', 'rpo_kernels'},
-    'rpo_ctrl nodes': {'rpo_core', 'rpo_kernels', 'rpo_ctrl', 'rpo_ros'},
-    'rpo_guidance': {'rpo_attitude', 'rpo_core', 'rpo_kernels'},
-    'rpo_guidance nodes': {'rpo_core', 'rpo_kernels', 'rpo_guidance', 'rpo_ros'},
-    'rpo_nav': {'rpo_attitude', 'rpo_core', 'rpo_kernels'},
-    'rpo_nav nodes': {'rpo_core', 'rpo_kernels', 'rpo_nav', 'rpo_ros'},
-    'rpo_thrusters': {'rpo_core', 'rpo_kernels'},
-    'rpo_safety': {'rpo_attitude', 'rpo_core', 'rpo_kernels', 'rpo_nav', 'rpo_thrusters'},
-    'rpo_safety nodes': {'rpo_core', 'rpo_kernels', 'rpo_safety', 'rpo_ros'},
-    'rpo_sim': {'rpo_core', 'rpo_kernels', 'rpo_ros'},
-    'rpo_log nodes': {'rpo_core', 'rpo_kernels', 'rpo_mcap', 'rpo_log', 'rpo_ros'},
-    'rpo_view': {
-        'rpo_attitude',
-        'rpo_core',
-        'rpo_kernels',
-        'rpo_ros',
-        'rpo_ctrl',
-        'rpo_mcap',
-        'rpo_log',
-        'rpo_thrusters',
-    },
-    'rpo_bringup': {
-        'rpo_attitude',
-        'rpo_core',
-        'rpo_kernels',
-        'rpo_ros',
-        'rpo_guidance',
-        'rpo_nav',
-        'rpo_safety',
-        'rpo_sim',
-        'rpo_ctrl',
-        'rpo_mcap',
-        'rpo_log',
-    },
-    'tools': {'rpo_ros', 'rpo_sim', *FLOWN, *OFFLINE_ROOMS},
+    'rpo_judge': FLOWN | {'rpo_montecarlo'},
+    'rpo_export': JUDGED,
+    'rpo_proof': JUDGED,
+    'rpo_training': JUDGED,
+    'rpo_report': JUDGED | {'rpo_proof', 'rpo_training', 'rpo_export'},
+    'rpo_cli': FLOWN | OFFLINE_ROOMS | {'rpo_view'},
+    'rpo_ros': CORE,
+    'rpo_ctrl': CORE,
+    'rpo_guidance': CORE | {'rpo_attitude'},
+    'rpo_nav': CORE | {'rpo_attitude'},
+    'rpo_thrusters': CORE,
+    'rpo_safety': CORE | {'rpo_attitude', 'rpo_nav', 'rpo_thrusters'},
+    'rpo_sim': CORE | {'rpo_ros'},
+    'rpo_ctrl nodes': CORE | {'rpo_ctrl', 'rpo_ros'},
+    'rpo_guidance nodes': CORE | {'rpo_guidance', 'rpo_ros'},
+    'rpo_nav nodes': CORE | {'rpo_nav', 'rpo_ros'},
+    'rpo_safety nodes': CORE | {'rpo_safety', 'rpo_ros'},
+    'rpo_log nodes': CORE | LOGS | {'rpo_ros'},
+    'rpo_view': CORE | LOGS | {'rpo_attitude', 'rpo_ros', 'rpo_ctrl', 'rpo_thrusters'},
+    'rpo_bringup': FLOWN - {'rpo_thrusters'} | {'rpo_ros', 'rpo_sim'},
+    'tools': FLOWN | OFFLINE_ROOMS | {'rpo_ros', 'rpo_sim'},
 }
 ROS_FREE = {*FLOWN, *OFFLINE_ROOMS}
 CORE_THIRD_PARTY = {'numpy', 'yaml', 'numba', 'llvmlite'}  # numba, with its own, where installed
