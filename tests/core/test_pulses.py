@@ -15,6 +15,7 @@ from rpo_core import files
 from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
+from rpo_core.files.validation import InputError
 from rpo_core.wire.interfaces import CHASER_MASS, EXERTED_FORCE
 from rpo_core.world.dynamics import Dynamics
 from rpo_kernels import pulse_kernels
@@ -257,6 +258,10 @@ PULSES = {'count': 6, 'modulation': 'sigma_delta', 'minimum_on_time_s': 0.01}
             'must begin before the end of the flight, 5.0 s',
         ),
         (
+            {'pulses': {**PULSES, 'failures': [{'thruster': 'x+', 'stuck': 'off', 'from_s': 5.0}]}},
+            'must begin before the end of the flight, 5.0 s',
+        ),
+        (
             {'pulses': {**PULSES, 'failures': [{'thruster': 'x+', 'stuck': 'on', 'until_s': 0.0}]}},
             '`until_s` must be > `from_s`',
         ),
@@ -272,3 +277,16 @@ PULSES = {'count': 6, 'modulation': 'sigma_delta', 'minimum_on_time_s': 0.01}
 )
 def test_bad_thrusters_are_one_sentence(section, said):
     assert said in refusal('scenario', {**document('scenario', 'quick'), 'thrusters': section})
+
+
+def test_pulses_may_fill_a_tick_and_no_more():
+    """Ticks last 0.1 s."""
+    for times in (
+        {'minimum_on_time_s': 0.1},
+        {'on_time_quantum_s': 0.1},
+        {'dead_time_s': 0.025, 'rise_time_s': 0.075},
+    ):
+        assert BASE.equipped(Thrusters(pulses=pulses(**times))).thrusters.fires
+        for name in times:
+            with pytest.raises(InputError, match='at most `dt_s`'):
+                BASE.equipped(Thrusters(pulses=pulses(**{**times, name: times[name] + 1e-6})))
