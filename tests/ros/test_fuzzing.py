@@ -21,9 +21,9 @@ from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr, interfaces, statuses
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_ros import conversions, names, qos
+from rpo_ros.parameter_rows import tables
 from rpo_ros.running import FlightNode
 from rpo_ros.signals import message_class
-from rpo_sim.parameters import PLANT
 from rpo_view.latest import Latest
 from tools.fuzzing import messages
 from tools.fuzzing.flight import LOOP
@@ -122,7 +122,7 @@ def set_to(name, **value):
 
 
 def test_an_order_of_an_operator_is_an_act():
-    rows = {row.name: row for row in PLANT}
+    rows = {row.name: row for row in tables('rpo_sim')['plant']}
     whole, far = {'type': 2, 'integer_value': 5}, {'type': 2, 'integer_value': -5}
     assert messages.is_order('/plant/set_parameters', set_to('step_ticks', **whole), rows)
     assert not messages.is_order('/plant/set_parameters', set_to('step_ticks', **far), rows)

@@ -27,7 +27,6 @@ from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.interfaces import Decimation
 from rpo_ctrl import explain
-from rpo_ctrl.parameters import FUZZY_CONTROLLER
 from rpo_ros import conversions, health, names, qos
 from rpo_ros.managed_node import ManagedNode
 
@@ -82,15 +81,15 @@ class DecisionPublisher:
 class ControllerNode(ManagedNode):
     """Answers states with the force of a controller; with zero force while inactive.
 
-    node_name : of the node; rows : its parameters
+    node_name : of the node
     """
 
     node_name = 'fuzzy_controller'
-    rows = FUZZY_CONTROLLER
+    package = 'rpo_ctrl'
     off = 'commanding zero'
 
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
-        super().__init__(self.node_name, overrides, self.rows)
+        super().__init__(self.node_name, overrides)
         self.controller: AnyController | None = None
         self._sha256, self._label = '', 'none'
         self._decision = DecisionPublisher(self, self.values['decision_rate_hz'])

@@ -17,12 +17,10 @@ from rpo_core import files
 from rpo_core.files.validation import InputError
 from rpo_core.wire import interfaces
 from rpo_log.bag import open_run
-from rpo_log.parameters import REPLAY as PARAMETERS
 from rpo_mcap.errors import LogError
 from rpo_mcap.read.decode import Message, values_of
 from rpo_ros import conversions, names, qos
-from rpo_ros.parameters import declare
-from rpo_ros.running import FlightNode, run_node
+from rpo_ros.running import FlightNode
 from rpo_ros.signals import message_class
 from rpo_ros.timeout import Timeout
 
@@ -44,9 +42,10 @@ Tick = list[Message]
 class ReplayNode(FlightNode):
     """Publishes the messages of one tick together, as the bytes that were logged."""
 
+    package = 'rpo_log'
+
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__('replay', overrides)
-        self.values = declare(self, PARAMETERS)
         try:
             self._reader = open_run(files.expanded('bag', self.values['bag']))
         except LogError as error:
@@ -215,6 +214,4 @@ def _bits(force: tuple[float, ...]) -> bytes:
     return struct.pack(f'<{len(force)}d', *force)
 
 
-def main() -> int:
-    """Entry point of `ros2 run rpo_log replay`."""
-    return run_node(ReplayNode)
+main = ReplayNode.main

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node parameters as one table: declaration, validation and documentation from the same rows.
 
-Without ROS, so that `--help` is quick.
+The rows of a node are in `parameters.yaml` of its package. Without ROS, so that `--help` is quick.
 """
 
 from __future__ import annotations
@@ -10,10 +10,13 @@ from __future__ import annotations
 import difflib
 import itertools
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib import resources
 from typing import Any
 
+from rpo_core import files
 from rpo_core.files import validation
 from rpo_core.files.validation import InputError
 
@@ -168,6 +171,35 @@ AUTOSTART = ParameterRow(
     'configure and activate at the start; false: wait for `ros2 lifecycle set`', wall=True,
 )  # fmt: skip
 """Parameter of each managed node."""
+
+_BOUNDS = ('least', 'most', 'smallest')
+_SHARED = {row.name: row for row in (SCENARIO, AUTOSTART)}
+
+
+@cache
+def tables(package: str) -> Mapping[str, tuple[ParameterRow, ...]]:
+    """Return node -> its parameters, of the nodes of a package.
+
+    In the file, a row without a description is that of `SCENARIO` or `AUTOSTART`, or of its name in
+    a node before, but for the fields that it has.
+    """
+    source = resources.files(package) / 'parameters.yaml'
+    known: dict[str, ParameterRow] = dict(_SHARED)
+    found = {}
+    for node, written in files.parse_yaml(source.read_text(encoding='utf-8')).items():
+        found[node] = tuple(_row(name, fields, known) for name, fields in written.items())
+        known = {row.name: row for row in found[node]} | known
+    return found
+
+
+def _row(name: str, fields: Mapping[str, Any], known: Mapping[str, ParameterRow]) -> ParameterRow:
+    """Return a row as the file has it."""
+    values = {key: float(v) if key in _BOUNDS else v for key, v in fields.items()}
+    if 'choices' in values:
+        values['choices'] = tuple(values['choices'])
+    if 'description' in values:
+        return ParameterRow(name, **values)
+    return replace(known[name], **values)
 
 
 def usage(command: str, about: str, rows: Sequence[ParameterRow]) -> str:

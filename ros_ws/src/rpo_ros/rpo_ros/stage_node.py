@@ -22,8 +22,6 @@ from rpo_core.wire.statuses import GONE, REFUSED, RUNNING, WAITING, RunStatus
 from rpo_ros import health, names, qos
 from rpo_ros.conversions import to_status
 from rpo_ros.heartbeat import Pulse
-from rpo_ros.parameter_rows import SCENARIO, ParameterRow
-from rpo_ros.parameters import declare
 from rpo_ros.patience import MOST_REPEATS, Patience
 from rpo_ros.plant_scenario import PlantScenario
 from rpo_ros.running import EXIT_BAD_INPUT, FlightNode
@@ -60,14 +58,8 @@ class StageNode(FlightNode):
     chain : the stages, None until the scenario is known
     """
 
-    def __init__(
-        self,
-        name: str,
-        overrides: Mapping[str, Any] | None,
-        rows: Sequence[ParameterRow] = (SCENARIO,),
-    ) -> None:
+    def __init__(self, name: str, overrides: Mapping[str, Any] | None) -> None:
         super().__init__(name, overrides)
-        self.values = declare(self, rows)
         self.chain: Chain | None = None
         self.answered = 0
         self.ignored: Counter[str] = Counter()

@@ -30,11 +30,12 @@ from rpo_core.world.link import (
     SeededLink,
 )
 from rpo_ros import conversions, health, names, qos
-from rpo_ros.parameters import declare
 from rpo_ros.plant_scenario import PlantScenario
-from rpo_ros.running import EXIT_BAD_INPUT, FlightNode, run_node
-from rpo_sim.parameters import ANY, AUTO, FORCE, LAST_TICK, STATE
-from rpo_sim.parameters import FAULT_INJECTOR as PARAMETERS
+from rpo_ros.running import EXIT_BAD_INPUT, FlightNode
+
+ANY, AUTO, STATE, FORCE = 'any', 'auto', 'state', 'force'
+LAST_TICK = 1_000_000_000
+"""Values of its parameters; the last one stands for the end of the flight."""
 
 _CLOCK_S = 0.002
 """Resolution of delays by wall time."""
@@ -80,9 +81,11 @@ def corrupted(message: Odometry | WrenchStamped, corruption: str) -> Odometry | 
 class FaultInjectorNode(FlightNode):
     """Injects random faults between two topics; the same seed gives the same faults."""
 
+    package = 'rpo_sim'
+
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__('fault_injector', overrides)
-        values = declare(self, PARAMETERS)
+        values = self.values
         source, sink = (
             self.resolve_topic_name(values[name]) for name in ('from_topic', 'to_topic')
         )
@@ -137,6 +140,4 @@ class FaultInjectorNode(FlightNode):
         self.get_logger().info(f'faults injected: {done or "no message arrived"}')
 
 
-def main() -> int:
-    """Entry point of `ros2 run rpo_sim fault_injector`."""
-    return run_node(FaultInjectorNode)
+main = FaultInjectorNode.main

@@ -16,13 +16,10 @@ from rpo_core.files.validation import InputError
 from rpo_core.wire import interfaces
 from rpo_mcap.format import rosbag2
 from rpo_ros import conversions, names, qos
-from rpo_ros.parameters import declare
-from rpo_ros.running import FlightNode
 from rpo_ros.signals import message_class
 from rpo_view.gate import Gate, hidden_address
-from rpo_view.latest import Latest, run_viewer
+from rpo_view.latest import Latest, Viewer
 from rpo_view.local import HOST
-from rpo_view.parameters import FOXGLOVE as PARAMETERS
 
 try:
     import foxglove
@@ -50,12 +47,12 @@ _SAMPLED = {
 }
 
 
-class FoxgloveNode(FlightNode):
+class FoxgloveNode(Viewer):
     """Passes on the bytes of the messages, with the simulated time of the newest state."""
 
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__('foxglove', overrides)
-        values = declare(self, PARAMETERS)
+        values = self.values
         if foxglove is None:
             raise InputError(
                 'foxglove-sdk is not installed: `make setup LAYERS=view`, or pip, installs it'
@@ -150,6 +147,4 @@ class FoxgloveNode(FlightNode):
         self._gate.close()
 
 
-def main() -> int:
-    """Entry point of `ros2 run rpo_view foxglove`."""
-    return run_viewer(FoxgloveNode)
+main = FoxgloveNode.main

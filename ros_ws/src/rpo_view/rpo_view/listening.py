@@ -13,14 +13,13 @@ from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import AssuranceStatus, GuidanceStatus, Manifest, RunStatus
 from rpo_ros import conversions, names, qos
 from rpo_ros.conversions import values_of
-from rpo_ros.running import FlightNode
 from rpo_ros.signals import hear
-from rpo_view.latest import Latest
+from rpo_view.latest import Latest, Viewer
 from rpo_view.live import LiveRun
 
 
-class ListeningNode(FlightNode):
-    """Fills `live` when it looks; run it by `run_viewer`."""
+class ListeningNode(Viewer):
+    """Fills `live` when it looks; see `Viewer`."""
 
     def __init__(self, name: str, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__(name, overrides)

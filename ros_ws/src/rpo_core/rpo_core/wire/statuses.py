@@ -339,7 +339,8 @@ class RecorderStatus(Reader):
         f'a plant that sees a recorder waits until it is `{READY}` before it passes tick 0, and in '
         f'lockstep is never more than {interfaces.MOST_AHEAD_TICKS} ticks ahead of `next_tick`; '
         f'after its last `run_status` it stays until `{CLOSED}`. From `asks_from` on it publishes '
-        f'`{interfaces.PLANT_TICK}`; a plant that does not leaves messages that differ unexplained',
+        f'`{interfaces.PLANT_TICK}`; a plant that does not leaves messages that differ '
+        'unexplained, and waits once for 6 s',
         (
             Key('recorder', TEXT, 'id of the recorder'),
             Key('run', TEXT_OR_NONE, 'of the plant that it records, from its manifest'),
