@@ -14,6 +14,7 @@ from rpo_core import files
 from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
+from rpo_core.files.validation import InputError
 from rpo_core.wire.interfaces import CHASER_MASS, EXERTED_FORCE
 from rpo_core.world.dynamics import Dynamics
 from rpo_kernels import pulse_kernels
@@ -233,4 +234,14 @@ def test_a_scenario_with_pulses_is_written_and_read_back():
     assert files.loads(scenario.dumps(flown), scenario.parse, 'again') == flown
 
 
-PULSES = {'count': 6, 'modulation': 'sigma_delta', 'minimum_on_time_s': 0.01}
+def test_pulses_may_fill_a_tick_and_no_more():
+    """Ticks last 0.1 s."""
+    for times in (
+        {'minimum_on_time_s': 0.1},
+        {'on_time_quantum_s': 0.1},
+        {'dead_time_s': 0.025, 'rise_time_s': 0.075},
+    ):
+        assert BASE.equipped(Thrusters(pulses=pulses(**times))).thrusters.fires
+        for name in times:
+            with pytest.raises(InputError, match='at most `dt_s`'):
+                BASE.equipped(Thrusters(pulses=pulses(**{**times, name: times[name] + 1e-6})))

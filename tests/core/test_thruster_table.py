@@ -385,6 +385,14 @@ def test_authority_is_that_of_scipy(name, stuck):
     assert found.box_n - 1e-9 <= found.least_n <= least + 1e-9
 
 
+def test_a_thruster_that_is_on_takes_all_of_a_table_that_makes_up_for_a_part_of_it():
+    weak = (replace(t, force_n=0.3 if t.name == 'x-' else 0.5) for t in preset('faces_6').each)
+    table = ThrusterTable(thrusters=tuple(weak))
+    assert authority(table, {'x+': 'on'}).axes_n == (0.0,) * 6
+    left = authority(table, {'x-': 'on'})
+    assert left.axes_n == pytest.approx((0.2, 0.3, 0.5, 0.5, 0.5, 0.5))
+
+
 def test_presets_differ_in_what_a_failure_leaves():
     counts = {}
     for name in PRESETS:

@@ -126,6 +126,13 @@ def test_what_comes_late_was_measured_before():
     assert found[again.memory_ticks :] == rows[14:]
 
 
+def test_what_a_tick_that_was_left_out_would_have_measured_never_comes():
+    flown = make([{**LIDAR, 'latency_ticks': 4}], estimator=None)
+    stage = SensorsStage(flown.section(Sensors), flown)
+    rows = np.array([stage.step(tick, FAR)[0] for tick in (*range(10), *range(16, 21))])
+    assert came(rows).tolist() == [False] * 4 + [True] * 6 + [False] * 4 + [True]
+
+
 def test_field_of_view_and_outages():
     ahead = {**LIDAR, 'boresight': [3.0, 4.0, 12.0], 'field_of_view_rad': 0.5}
     b, first = np.array([3.0, 4.0, 12.0]) / 13.0, np.array([4.0, -3.0, 0.0]) / 5.0
@@ -278,6 +285,13 @@ def test_an_attitude_that_comes_late_was_measured_before():
     late, now = (attitude_measured(20, latency_ticks=latency) for latency in (4, 0))
     assert np.array_equal(late[4:, :4], now[:16, :4])
     assert np.array_equal(late[:, 4:], now[:, 4:])  # the gyro is not late
+
+
+def test_an_attitude_of_a_tick_that_was_left_out_never_comes():
+    flown = attitude_scenario({'latency_ticks': 4})
+    stage = AttitudeSensorsStage(flown.section(AttitudeSensors), flown)
+    rows = np.array([stage.step(tick, STILL)[0] for tick in (*range(10), *range(16, 21))])
+    assert stars_came(rows) == [*range(4, 10), 14]
 
 
 def test_a_light_blinds_within_its_angle():
