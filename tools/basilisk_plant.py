@@ -23,8 +23,7 @@ from rpo_core.chain.stage import Place, Signal, Stage
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire.interfaces import RELATIVE_STATE
-from rpo_ros.running import run_node
-from rpo_sim.parameters import LOCKSTEP
+from rpo_ros.plant_scenario import LOCKSTEP
 from rpo_sim.plant_node import PlantNode
 from tools.basilisk import BasiliskFlight, knows
 
@@ -75,7 +74,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog='basilisk_plant', description=__doc__)
     parser.add_argument('--thrusters', action='store_true', help="Basilisk's exert the force")
     BasiliskPlant.thrusters = parser.parse_args(remove_ros_args(sys.argv)[1:]).thrusters
-    return run_node(BasiliskPlant)
+    return BasiliskPlant.main()
 
 
 if __name__ == '__main__':

@@ -14,7 +14,7 @@ from typing import Any
 import yaml
 
 from rpo_core.wire import interfaces
-from rpo_ros.parameter_rows import ParameterRow
+from rpo_ros.parameter_rows import ParameterRow, tables
 
 Outcomes = tuple[tuple[str, str], ...]
 """Event -> outcome."""
@@ -57,9 +57,7 @@ class Card:
     @property
     def parameters(self) -> Sequence[ParameterRow]:
         """The node's table of parameters."""
-        tables = import_module(f'{self.package}.parameters')
-        rows: Sequence[ParameterRow] = getattr(tables, self.executable.upper())
-        return rows
+        return tables(self.package)[self.executable]
 
     @property
     def command(self) -> str:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from importlib.resources import files
 from typing import Annotated, Any
 
 import typer
@@ -29,6 +30,7 @@ from rpo_cli.commands import (
     truth,
     watch,
 )
+from rpo_core.files import parse_yaml
 from rpo_core.files.validation import InputError
 from rpo_mcap.errors import LogError
 
@@ -76,32 +78,20 @@ def _options(
     pass
 
 
-app.command(epilog=train.EXAMPLES)(train.train)
-app.command(epilog=train.TUNE_EXAMPLES)(train.tune)
-app.command(epilog=simulate.EXAMPLES)(simulate.simulate)
-app.command(epilog=scale.EXAMPLES)(scale.scale)
-app.command(epilog=evaluate.EXAMPLES)(evaluate.evaluate)
-app.command(epilog=bench.EXAMPLES)(bench.bench)
-app.command(epilog=optimal.EXAMPLES)(optimal.optimal)
-app.command(epilog=plan.EXAMPLES)(plan.plan)
-app.command(epilog=campaign.EXAMPLES)(campaign.campaign)
-app.command(epilog=truth.EXAMPLES)(truth.truth)
-app.command(epilog=prove.EXAMPLES)(prove.prove)
-app.command(epilog=compare.EXAMPLES)(compare.compare)
-app.command(epilog=explain.EXAMPLES)(explain.explain)
-app.command(epilog=export.EXAMPLES)(export.export)
-app.command('import', epilog=export.IMPORT_EXAMPLES)(export.import_controller)
+for _function in (
+    train.train, train.tune, simulate.simulate, scale.scale, evaluate.evaluate, bench.bench,
+    optimal.optimal, plan.plan, campaign.campaign, truth.truth, prove.prove, compare.compare,
+    explain.explain, export.export, export.import_, log.verify, log.keygen, log.sign, log.repair,
+    listing.list_, report.report, watch.watch,
+):  # fmt: skip
+    app.command(_function.__name__.rstrip('_'))(_function)
 app.add_typer(log.log, name='log')
-app.command(epilog=log.VERIFY_EXAMPLES)(log.verify)
-app.command(epilog=log.KEYGEN_EXAMPLES)(log.keygen)
-app.command(epilog=log.SIGN_EXAMPLES)(log.sign)
-app.command(epilog=log.REPAIR_EXAMPLES)(log.repair)
 app.add_typer(safety.safety, name='safety')
-app.command('list', epilog=listing.EXAMPLES)(listing.listing)
-app.command(epilog=report.EXAMPLES)(report.report)
-app.command(epilog=watch.EXAMPLES)(watch.watch)
 
-for _typer in (app, safety.safety):
+_EXAMPLES = parse_yaml(files('rpo_cli').joinpath('examples.yaml').read_text('utf-8'))
+for _prefix, _typer in (('', app), ('log ', log.log), ('safety ', safety.safety)):
     for _command in _typer.registered_commands:
         if _command.callback is not None:
+            name = _command.name or _command.callback.__name__
+            _command.epilog = _EXAMPLES[f'{_prefix}{name}']
             listing.completing(_command.callback)

@@ -19,7 +19,7 @@ from rpo_mcap.read.run_log import RunLog
 from rpo_report import guided
 from rpo_report.guided import Phase
 from rpo_report.logged import steps_again
-from rpo_report.page import Block, Fold, Picture, Section, Table, Text
+from rpo_report.page import Block, Fold, Section, Table, Text, picture
 from rpo_safety.abort import Change
 from rpo_safety.assurance import AssuranceStage
 from rpo_safety.kernels import FAR
@@ -117,20 +117,15 @@ def sections(flight: Flight, found: Decided | None, phases: list[Phase]) -> list
         changes = tuple((f'{times[c.tick]:.1f}', c.state, c.reason) for c in found.changes)
         blocks.append(Table('Abort table', ('from [s]', 'what', 'why'), changes))
     least_m, least_m_s = np.nanmin(found.margins, axis=0)
-    coloured = '; change of the command. Coloured: a constraint acts' if acted else ''
-    blocks.append(
-        Picture(
-            'assurance',
-            _picture(flight, found, acted, phases),
-            'Margin to the constraint of position (stopping distance to the keep-out sphere, or '
-            'to the walls of the corridor) and to the limit of speed, that the command as it came '
-            f'would leave{coloured}. Margins jump where '
-            'the chaser goes from the open set to that of the corridor, and end at contact. '
-            'Vertical lines: a phase of the plan, or of the abort table, begins.',
-            f'Margins over time, at least {least_m:.3g} m and {least_m_s:.3g} m/s; assurance acts '
-            f'{len(acted)} times.',
-        )
+    shown = picture(
+        'assurance',
+        _picture(flight, found, acted, phases),
+        coloured='; change of the command. Coloured: a constraint acts' if acted else '',
+        least_m=least_m,
+        least_m_s=least_m_s,
+        times=len(acted),
     )
+    blocks.append(shown)
     return [Section('Assurance', tuple(blocks))]
 
 

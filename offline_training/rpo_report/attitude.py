@@ -11,8 +11,9 @@ import numpy as np
 from rpo_core.chain.flight import Flight
 from rpo_core.judge import metrics
 from rpo_log.show import style
-from rpo_log.show.report import by_axis, close_up_s, shown
-from rpo_report.page import Picture, Section, Table
+from rpo_log.show.report import by_axis, close_up_s
+from rpo_log.show.report import shown as number
+from rpo_report.page import Section, Table, picture
 from rpo_report.turned import Panel, panels_of, turned_of
 
 _AXES = ('x of the chaser', 'y of the chaser', 'z of the chaser')
@@ -30,22 +31,19 @@ def sections(flight: Flight) -> list[Section]:
     last_s = _close_ticks(flight) * flight.scenario.dt_s
     columns = ('quantity', 'largest', f'in the last {last_s:g} s', 'limit')
     last = found.off_reference_deg[-1]
-    picture = Picture(
-        'attitude',
-        _picture(flight, panels),
-        'The chaser turns: attitude off its reference, θ between the turn of a command and the '
-        'attitude that exerts it, rate, torque, wheels. Its own axes; right, the end close up; '
-        'dashed: limits.',
-        f'Attitude, rate, torque and wheels over time; at the end {last:.3g}° off the reference.',
-    )
-    return [Section('Attitude', (Table('How the chaser turned', columns, rows), picture))]
+    shown = picture('attitude', _picture(flight, panels), last_deg=last)
+    return [Section('Attitude', (Table('How the chaser turned', columns, rows), shown))]
 
 
 def _row(panel: Panel, flight: Flight) -> tuple[str, ...]:
     sizes = np.abs(panel.values)
     values = [sizes.max(), sizes[-_close_ticks(flight) :].max()]
-    cells = [shown(float(value), panel.unit) for value in values]
-    return panel.name, *cells, '–' if panel.limit is None else f'≤ {shown(panel.limit, panel.unit)}'
+    cells = [number(float(value), panel.unit) for value in values]
+    return (
+        panel.name,
+        *cells,
+        '–' if panel.limit is None else f'≤ {number(panel.limit, panel.unit)}',
+    )
 
 
 def _close_ticks(flight: Flight) -> int:

@@ -25,7 +25,7 @@ from rpo_montecarlo.campaign.sampling import parameters_of
 from rpo_montecarlo.campaign.single import fly_run
 from rpo_montecarlo.campaign.statistics import QUANTILES, Rate, Spread, rates, spreads, successes
 from rpo_montecarlo.campaign.store import Store
-from rpo_report.page import Block, File, Fold, Picture, Report, Section, Table, Text
+from rpo_report.page import Block, File, Fold, Picture, Report, Section, Table, Text, picture
 from rpo_report.replay import Replayed
 
 FALSE_ALARM = 0.01
@@ -301,12 +301,11 @@ def _success(store: Store, found: list[Rate]) -> list[Block]:
         for name in judging.not_judged(store.campaign)
     ]
     return [
-        Picture(
+        picture(
             'success',
             draw_rates(found),
-            'Share of runs that succeed, and that keep each condition alone. Success: '
-            f'{judging.sentence(store.campaign)}.',
-            '; '.join(f'{rate.name}: {_percent(rate)}' for rate in found) + '.',
+            success=judging.sentence(store.campaign),
+            rates='; '.join(f'{rate.name}: {_percent(rate)}' for rate in found),
         ),
         Table('Rates', ('condition', 'runs', 'share', 'Wilson 95 %'), tuple(rows)),
     ]
@@ -324,14 +323,9 @@ def _figures(store: Store, found: list[Spread], success: Bools) -> list[Block]:
         )
         for s in found
     )
+    medians = (f'{s.name}: median {s.quantiles[0]:.3g} {_unit(s.unit)}' for s in found)
     return [
-        Picture(
-            'distributions',
-            distributions(drawn, success),
-            'How the figures are distributed; the last 0.05 % are beyond the right edge.',
-            '; '.join(f'{s.name}: median {s.quantiles[0]:.3g} {_unit(s.unit)}' for s in found)
-            + '.',
-        ),
+        picture('distributions', distributions(drawn, success), medians='; '.join(medians)),
         Table('Mean, quantiles and the worst run', heads, rows),
     ]
 
@@ -342,15 +336,12 @@ def _clouds(store: Store, success: Bools) -> Picture:
     limits = store.campaign.config.success
     held_s = log_report.close_up_s(store.campaign.scenario)
     bounds = limits.get('hold_error_per_axis_m'), limits.get('hold_speed_per_axis_m_s')
-    return Picture(
+    return picture(
         'final_states',
         clouds(final, success, bounds),
-        f'Position from the goal and velocity at the end of each run; of each kind the first '
-        f'{MOST_POINTS}. Holding is judged after {held_s:g} s, not at the end '
-        'alone, so a failure may end within the limit. A limit far outside of the cloud is not '
-        'drawn.',
-        f'Final states: the farthest is {np.linalg.norm(final[:, :3], axis=1).max():.3g} m from '
-        'the goal.',
+        points=MOST_POINTS,
+        held_s=held_s,
+        farthest_m=np.linalg.norm(final[:, :3], axis=1).max(),
     )
 
 
@@ -377,14 +368,13 @@ def _what_matters(store: Store, success: Bools) -> list[Block]:
     unseen = ', '.join(words(name, unit=False) for name in white)
     note = f' Not shown: {unseen}, new at each tick.' if white else ''
     return [
-        Picture(
+        picture(
             'sensitivity',
             sensitivity(found, level),
-            'Rank correlation (Spearman) of what was drawn with what came out, strongest on '
-            f'{first} first. Within the grey band a dispersion without effect falls in '
-            f'{100 * (1 - FALSE_ALARM):g} % of cases. The diamonds tell where a '
-            f'deviation to either side does the same.{note}',
-            f'Most correlated with {first}: {strongest}.',
+            first=first,
+            strongest=strongest,
+            percent=100 * (1 - FALSE_ALARM),
+            note=note,
         ),
         Fold('Correlations as numbers', (_influence_table(found, level),)),
     ]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from rpo_core import files
-from rpo_core.chain.flight import fly
+from rpo_core.chain.flight import Flight, fly
 from rpo_core.control.controller import AnyController, FuzzyController, load_controller
 from rpo_core.control.fuzzy import WORDS
 from rpo_core.files.scenario import Scenario, ScenarioSet, load, load_scenario
@@ -29,7 +29,7 @@ from rpo_judge.scoring import fitness
 from rpo_log.show import report as flight_report
 from rpo_log.show import style
 from rpo_montecarlo.engine.flights import flights_of
-from rpo_report.page import Block, File, Picture, Report, Section, Table, Text
+from rpo_report.page import Block, File, Picture, Report, Section, Table, Text, picture
 from rpo_report.surface_plots import axis_forces, draw_force, force_bar
 
 _SLICES = (-1.0, -0.5, 0.0, 0.5, 1.0)
@@ -186,12 +186,7 @@ def _judged(controller: AnyController, found: Scenario | ScenarioSet) -> Report:
     table = Table(f'Requirements of {found.name}', HEADINGS, tuple(rows_of(judgements)))
     kept = sum(not j.missed for j in judgements)
     with style.applied():
-        histories = Picture(
-            'time_histories',
-            flight_report.time_histories(flight),
-            f'{flight.scenario.name}: relative position, velocity and control force in LVLH.',
-            f'Time histories of {flight.scenario.name}.',
-        )
+        histories = _histories(flight, flight.scenario.name)
         if isinstance(controller, FuzzyController):
             certificate = certify(controller.system)
             inside: tuple[Section, ...] = _inside(controller, certificate)
@@ -207,19 +202,24 @@ def _judged(controller: AnyController, found: Scenario | ScenarioSet) -> Report:
     )
 
 
+def _histories(flight: Flight, name: str, more: str = '') -> Picture:
+    figure = flight_report.time_histories(flight)
+    return picture('time_histories, of a controller', figure, name=name, more=more)
+
+
 def _inside(controller: FuzzyController, certificate: Certificate) -> tuple[Section, ...]:
     """Return how a fuzzy controller decides, and what is proven of it."""
     return (
         Section('Membership functions', (_functions(controller),)),
         Section('Rules', tuple(_rules(controller))),
-        Section('Control surface', (_surface(controller),)),
+        Section('Control surface', (picture('surface', control_surface(controller)),)),
         Section('Certificate', tuple(_certificate(controller, certificate))),
     )
 
 
 def _inside_baseline(controller: AnyController) -> tuple[Section, ...]:
     """Return the force of a controller without the paper's rules; a family's rules and claims."""
-    force = Section('Force', (_surfaces(controller),))
+    force = Section('Force', (picture('surface, of each axis', axis_forces(controller)),))
     if not isinstance(controller, Family):
         return (force,)
     rules = tuple(Table(t.title, t.headings, tuple(t.rows)) for t in controller.tables())
@@ -229,16 +229,6 @@ def _inside_baseline(controller: AnyController) -> tuple[Section, ...]:
     )
     certificate = Table('Claims', ('claim', 'verdict', 'statement'), claims)
     return Section('Rules', rules), force, Section('Certificate', (certificate,))
-
-
-def _surfaces(controller: AnyController) -> Picture:
-    return Picture(
-        'surface',
-        axis_forces(controller),
-        'The force of an axis over its position and velocity at t = 0, the other two axes at '
-        'rest at the target. Later, a controller that plans may command another force.',
-        'Force over position and velocity of each axis.',
-    )
 
 
 def _fuzzy(controller: FuzzyController) -> Report:
@@ -290,12 +280,8 @@ def _without_rules(controller: AnyController) -> Report:
         for section, lines in flight_report.rows(flight).items():
             rows += [(f'{name}: {section}',), *lines]
     with style.applied():
-        histories = Picture(
-            'time_histories',
-            flight_report.time_histories(flights[SCENARIOS[0]]),
-            f'{SCENARIOS[0]}: relative position, velocity and control force in LVLH.',
-            f'Time histories of {SCENARIOS[0]}; the table above has its metrics.',
-        )
+        more = '; the table above has its metrics'
+        histories = _histories(flights[SCENARIOS[0]], SCENARIOS[0], more)
         inside = _inside_baseline(controller)
     return Report(
         f'Controller {controller.name}',
@@ -322,57 +308,39 @@ def _flights(found: Assessment) -> list[Block]:
         )
         for target in found.targets()
     )
-    worst = found.metrics[:, ENERGY].max()
     return [
         Table('Targets', ('target', 'what', 'limit', 'reached', 'verdict'), rows),
         Text(QUESTIONS),
-        Picture(
+        picture(
             'starts',
             starts(found),
-            f'The {len(found.starts)} training starts. Left, energy used beside the least that '
-            'brings the chaser to rest in 200 s, without limits and conditions; right, how many '
-            'starts stay below a share of the limit of each condition.',
-            f'Mean J {found.mean_energy_n2s:.3g} N²s, {found.mean_energy_n2s / least:.2f} times '
-            f'the least without conditions; at most {worst:.3g} N²s.',
+            starts=len(found.starts),
+            mean_n2s=found.mean_energy_n2s,
+            ratio=found.mean_energy_n2s / least,
+            worst_n2s=found.metrics[:, ENERGY].max(),
         ),
     ]
 
 
 def _functions(controller: FuzzyController) -> Picture:
     position, velocity, force = controller.scales
-    return Picture(
+    return picture(
         'membership_functions',
         membership_functions(controller),
-        'Membership functions: '
-        + ', '.join(f'{word} {SPOKEN[word]}' for word in WORDS)
-        + '. Errors beyond the edge count as the edge.',
-        f'Five triangles for each variable; position to {position:g} m, velocity to '
-        f'{velocity:g} m/s, force to {force:g} N.',
+        words=', '.join(f'{word} {SPOKEN[word]}' for word in WORDS),
+        position=position,
+        velocity=velocity,
+        force=force,
     )
 
 
 def _rules(controller: FuzzyController) -> list[Block]:
     headings, rows = force_rows(controller.system)
     return [
-        Picture(
-            'rules',
-            rules(controller),
-            'The rule table: the word of the force for each pair of words.',
-            'The rule table; the table below has the same words.',
-        ),
+        picture('rules', rules(controller)),
         Table(FORCES, headings, tuple(rows)),
         *map(Text, warnings(controller.system) or (WELL,)),
     ]
-
-
-def _surface(controller: FuzzyController) -> Picture:
-    return Picture(
-        'surface',
-        control_surface(controller),
-        'The force over position and velocity, with the signs of the phase planes of a flight, and '
-        'sections through it at five velocities.',
-        'Force over both: negative where they are positive, through zero at the target.',
-    )
 
 
 def _certificate(controller: FuzzyController, found: Certificate) -> list[Block]:

@@ -20,7 +20,7 @@ from rpo_kernels.arrays import Floats
 from rpo_log.show import style
 from rpo_mcap.read.run_log import RunLog
 from rpo_report.logged import steps_again
-from rpo_report.page import Picture, Section, Table
+from rpo_report.page import Section, Table, picture
 
 EXACT = 1e-6
 """A state closer to its reference [m, m/s] is on it."""
@@ -85,21 +85,10 @@ def sections(flight: Flight, phases: list[Phase]) -> list[Section]:
         'phase', 'from [s]', 'to [s]', 'least range [m]', 'largest distance to the reference [m]',
         'largest speed relative to it [m/s]', 'why it began',
     )  # fmt: skip
-    picture = Picture(
-        'guidance',
-        _picture(flight, phases, ranges, () if exact else (errors, speeds)),
-        'Range from the target with the keep-out sphere (dashed)'
-        + (
-            ''
-            if exact
-            else '; distance of the true state to the reference, and speed relative to '
-            'it, on logarithmic scales'
-        )
-        + '. Vertical lines: a phase begins.',
-        f'Distance to the reference over time, at most {errors.max():.3g} m, in '
-        f'{len(phases)} phases.',
-    )
-    return [Section('Guidance', (Table('Phases of the plan', columns, tuple(rows)), picture))]
+    figure = _picture(flight, phases, ranges, () if exact else (errors, speeds))
+    key = 'guidance, of a chaser on its reference' if exact else 'guidance'
+    shown = picture(key, figure, most_m=errors.max(), phases=len(phases))
+    return [Section('Guidance', (Table('Phases of the plan', columns, tuple(rows)), shown))]
 
 
 def _picture(flight: Flight, phases: list[Phase], ranges: Floats, misses: Sequence[Floats]) -> Any:

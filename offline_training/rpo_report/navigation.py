@@ -18,7 +18,7 @@ from rpo_log.show.report import by_axis
 from rpo_mcap.read.run_log import RunLog
 from rpo_nav.estimator import EstimatorStage
 from rpo_report.logged import steps_again
-from rpo_report.page import Picture, Section, Table
+from rpo_report.page import Section, Table, picture
 
 NEES_95 = (1.237, 14.449)
 """Chi-square quantiles of 2.5 % and 97.5 % of 6 degrees of freedom."""
@@ -83,16 +83,9 @@ def sections(flight: Flight, found: Filtered | None) -> list[Section]:
     if len(found.nis):
         per_number = float(found.nis[:, 1].sum() / found.nis[:, 0].sum())
         rows.insert(2, ('NIS of a number, mean; 1 is right', f'{per_number:.3f}'))
-    picture = Picture(
-        'navigation',
-        _picture(flight, found),
-        'Estimate less truth, and three sigma as the filter says (dashed); NEES with its bounds of '
-        '95 %; innovations over sigma, with those of 95 %.',
-        f'Errors of the estimate over time; mean NEES {found.nees.mean():.2f}.',
-    )
-    return [
-        Section('Navigation', (Table('The filter', ('quantity', 'value'), tuple(rows)), picture))
-    ]
+    table = Table('The filter', ('quantity', 'value'), tuple(rows))
+    shown = picture('navigation', _picture(flight, found), nees=found.nees.mean())
+    return [Section('Navigation', (table, shown))]
 
 
 def _picture(flight: Flight, found: Filtered) -> Any:

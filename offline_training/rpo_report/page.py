@@ -18,6 +18,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal
 
+from rpo_core.files import parse_yaml
 from rpo_core.files.validation import InputError
 from rpo_log.bag import is_bag
 from rpo_log.show import style
@@ -59,6 +60,17 @@ class Picture:
     figure: Any
     caption: str
     alt: str
+
+
+CAPTIONS: dict[str, dict[str, str]] = parse_yaml(
+    files('rpo_report').joinpath('captions.yaml').read_text('utf-8')
+)
+
+
+def picture(key: str, figure: Any, **facts: Any) -> Picture:
+    """Return a picture with the texts of `captions.yaml`, which facts complete."""
+    caption, alt = (CAPTIONS[key][part].format(**facts) for part in ('caption', 'alt'))
+    return Picture(key.partition(',')[0], figure, caption, alt)
 
 
 @dataclass(frozen=True)

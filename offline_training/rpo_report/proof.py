@@ -24,7 +24,7 @@ from rpo_proof.folder import TEXTS, Folder, origins
 from rpo_proof.problem import PER_AXIS, Problem, range_of, title_of
 from rpo_proof.sets import InvariantSet
 from rpo_report import surface_plots
-from rpo_report.page import Block, File, Picture, Report, Section, Table, Text
+from rpo_report.page import Block, File, Picture, Report, Section, Table, Text, picture
 
 
 def report_of(path: Path) -> Report:
@@ -130,13 +130,11 @@ def _margins(folder: Folder, groups: dict[str, CellBounds], claim: Claim) -> Blo
     axes.set(title=claim.statement, xlabel='start y, V-bar [m]', ylabel='start x, R-bar [m]')
     worst = int(shares.argmax())
     place = ', '.join(f'{x:.4g}' for x in planar.centre[worst])
-    return Picture(
-        f'margin_{claim.key}',
-        figure,
-        f'{claim.statement}: the greatest bound of the motion on x and y, at each place. '
-        f'The worst cell is about ({place}).',
-        f'{claim.open_cells} of {len(shares)} cells exceed the limit.',
+    number, cells = claim.open_cells, len(shares)
+    shown = picture(
+        'margin', figure, statement=claim.statement, worst=place, open=number, cells=cells
     )
+    return replace(shown, name=f'margin_{claim.key}')
 
 
 _BEFORE_S = 50.0
@@ -177,13 +175,7 @@ def _reach(problem: Problem, groups: Mapping[str, CellBounds]) -> Picture:
     for axes in rows[:, 0]:
         axes.set_ylabel('position [m]')
     style.legend_below(figure, rows[0, 0])
-    return Picture(
-        'reach',
-        figure,
-        'No flight leaves the bands, whatever its start, disturbance and mass; the line is one of '
-        'them. Below: near the target, with the limit of the error.',
-        'Bands of position over time, of each axis.',
-    )
+    return picture('reach', figure)
 
 
 def _constants(problem: Problem, groups: Mapping[str, CellBounds]) -> list[Picture]:
@@ -208,15 +200,7 @@ def _constants(problem: Problem, groups: Mapping[str, CellBounds]) -> list[Pictu
     for axes, name in zip(every, names, strict=True):
         axes.set(title=name, xlabel='share of the cosine')
     every[0].set_ylabel('share of the sine')
-    return [
-        Picture(
-            'constants',
-            figure,
-            'The harmonic of each axis: a cos ωt + b sin ωt, within the unit circle of (a, b). The '
-            'greatest bound of the error of any cell, whatever the start, offset and mass.',
-            'Planes of unknown constants, coloured by bound beside limit.',
-        )
-    ]
+    return [picture('constants', figure)]
 
 
 def _place(problem: Problem, group: str) -> int | None:

@@ -17,7 +17,7 @@ from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
 from rpo_core.judge.verdicts import ZONE_DEPTH, Verdict, missed, verdicts
-from rpo_core.judge.zones import Zone, zones_of
+from rpo_core.judge.zones import zones_of
 from rpo_ctrl.explain import decisions
 from rpo_judge.evaluation import optimal
 from rpo_log.bag import open_run
@@ -28,19 +28,12 @@ from rpo_mcap.format.run import INFO_FILE
 from rpo_mcap.read.run_log import RunLog, controller_of, read_run
 from rpo_report import assured, attitude, guided, navigation, run_plots
 from rpo_report.logged import LoggedFlight, logged_flight, until, verdict_of
-from rpo_report.page import Block, File, Fold, Picture, Report, Section, Table, Text
+from rpo_report.page import Block, File, Fold, Picture, Report, Section, Table, Text, picture
 from rpo_report.replay import Replayed, seen
 from rpo_report.run_plots import zone_passage
 
 MOST_TICKS = 20_000
 """Longest flight whose optimum is computed: half a minute."""
-
-
-_OPTIMUM = (
-    ' The optimum is the least J from the same start under the limit of force and all conditions '
-    'of training; it ends 30 s after the arrival of this flight, knows the disturbance, and its '
-    'thrusters and navigation are perfect.'
-)
 
 
 class _Beside(NamedTuple):
@@ -138,26 +131,16 @@ def compared(paths: Sequence[Path], scenario: str = '') -> tuple[Report, list[Lo
     )
     first = flights[0]
     with style.applied():
-        pictures = (
-            Picture(
-                'approach',
-                run_plots.approach(
-                    first.flight, others, zones_of(first.flight.scenario), first.name
-                ),
-                f'The approaches {_where(first.flight)}.',
-                f'The paths of {len(flights)} flights to the target.',
-            ),
-            Picture(
-                'energy',
-                run_plots.energy(first.flight, others, first.name),
-                'Energy spent so far, J = ∫ f·f dt.',
-                f'Energy of {len(flights)} flights over time.',
-            ),
-        )
+        zones, count = zones_of(first.flight.scenario), len(flights)
+        paths = run_plots.approach(first.flight, others, zones, first.name)
+        energies = run_plots.energy(first.flight, others, first.name)
+        where = _where(first.flight)
+        approaches = picture('approach, of several', paths, where=where, flights=count)
+        energy = picture('energy, of several', energies, flights=count)
     title = ', '.join(names)
     verdict = ' '.join(f'{one.name}: {one.verdict}' for one in flights)
     bad = any(one.missed for one in flights)
-    sections = (Section('Paths', (pictures[0],)), Section('Figures', (table, pictures[1])))
+    sections = (Section('Paths', (approaches,)), Section('Figures', (table, energy)))
     return Report(title, f'{len(names)} flights.', sections, bad, verdict, flights), every
 
 
@@ -232,19 +215,20 @@ def _limits_and_path(shown: LoggedFlight, beside: _Beside) -> list[Block]:
         for v in verdicts(flight)
     )
     found = [row for zone in zones for row in zone_passage(flight, zone)]
+    least_m = np.linalg.norm(flight.positions_m, axis=1).min()
+    near = bool(zones) and least_m < run_plots.reach_m(zones)
     columns = ('requirement', 'value', 'limit', 'margin', 'verdict')
     return [
         *([] if shown.whole else [Text(cut)]),
         *([Table('Limits and margins', columns, rows)] if rows else []),
-        Picture(
+        picture(
             'approach',
             run_plots.approach(flight, beside.flights, zones),
-            f'The approach {_where(flight)}. Dots every {run_plots.MARK_S:g} s.',
-            'The path of the chaser to the target'
-            + ''.join(f'; {what}: {value}' for what, value in found)
-            + '.',
+            where=_where(flight),
+            mark_s=run_plots.MARK_S,
+            passages=''.join(f'; {what}: {value}' for what, value in found),
         ),
-        *([_near(flight, zones)] if zones and _comes_near(flight, zones) else []),
+        *([picture('zones', run_plots.near(flight, zones))] if near else []),
     ]
 
 
@@ -310,45 +294,22 @@ def _histories(flight: Flight, phases: list[guided.Phase]) -> Picture:
     begin_s = log_report.close_up_s(flight.scenario)
     last = metrics.window(flight, flight.scenario.duration_s - begin_s)
     where = '' if log_report.turns(flight.scenario) else ' in LVLH'
-    return Picture(
-        Path(log_report.PICTURE).stem,
-        figure,
-        f'Relative position, velocity and control force{where}; right, the end close up.'
-        + (' Vertical lines: a phase of the plan begins.' if phases else ''),
-        f'Time histories of the three axes. At the end every position is within '
-        f'{last.position_m:.3g} m and every velocity within {last.velocity_m_s:.3g} m/s.',
-    )
-
-
-def _comes_near(flight: Flight, zones: Sequence[Zone]) -> bool:
-    return bool(np.linalg.norm(flight.positions_m, axis=1).min() < run_plots.reach_m(zones))
-
-
-def _near(flight: Flight, zones: Sequence[Zone]) -> Picture:
-    return Picture(
-        'zones',
-        run_plots.near(flight, zones),
-        'The zones from near, in the orbital plane and from above.',
-        'The path of the chaser through the zones about the target.',
-    )
+    lines = ' Vertical lines: a phase of the plan begins.' if phases else ''
+    return picture(Path(log_report.PICTURE).stem, figure, where=where, phases=lines, last=last)
 
 
 def _energy(flight: Flight, beside: _Beside) -> list[Block]:
     spent_n2s = metrics.of_flight(flight).energy_n2s
-    picture = Picture(
-        'energy',
-        run_plots.energy(flight, beside.flights),
-        'Energy spent so far, J = ∫ f·f dt.' + (_OPTIMUM if beside.optimum is not None else ''),
-        f'Energy over time; the flight ends at {spent_n2s:.4g} N²s.',
-    )
+    figure = run_plots.energy(flight, beside.flights)
     if beside.optimum is None or beside.flown is None:
-        return [picture, Text(beside.why)]
+        return [picture('energy', figure, spent_n2s=spent_n2s), Text(beside.why)]
     least_n2s = metrics.of_flight(beside.optimum).energy_n2s
     until_s = beside.flown.scenario.duration_s
     each = ((f'this flight, {until_s:g} s', beside.flown), (beside.name, beside.optimum))
     rows = tuple(_energy_row(name, one, least_n2s) for name, one in each)
     columns = ('flight', 'J [N²s]', 'of the optimum', 'force per axis [N]', 'slew per axis [N/s]')
-    return [picture, Table('Beside the best possible', columns, rows)]
+    shown = picture('energy, beside the optimum', figure, spent_n2s=spent_n2s)
+    return [shown, Table('Beside the best possible', columns, rows)]
 
 
 def _energy_row(name: str, flight: Flight, least_n2s: float) -> tuple[str, ...]:
@@ -361,14 +322,9 @@ def _energy_row(name: str, flight: Flight, least_n2s: float) -> tuple[str, ...]:
 def _limits(flight: Flight) -> Picture:
     peak = float(np.abs(flight.saturated_forces_n).max())
     slew = metrics.of_flight(flight).slew_per_axis_n_s
-    return Picture(
-        'limits',
-        run_plots.limits(flight),
-        'Force against the limit of the thrusters, and its rate against the requirement, if there '
-        'is one. The step from rest to the first command that acts is no slew.',
-        f'Force and slew over time, per axis: at most {peak:.3g} N of '
-        f'{flight.scenario.max_force_n:g} N, and {slew:.3g} N/s.',
-    )
+    limit = flight.scenario.max_force_n
+    figure = run_plots.limits(flight)
+    return picture('limits', figure, peak_n=peak, limit_n=limit, slew_n_s=slew)
 
 
 def _thrusters(flight: Flight) -> list[Section]:
@@ -376,30 +332,22 @@ def _thrusters(flight: Flight) -> list[Section]:
     settings = flight.scenario.thrusters
     if settings is None or not (settings.fires or settings.propellant):
         return []
-    spent = flight.thrust
-    torque = ', the torque that they give about the axes of the chaser' if settings.table else ''
-    torque += ', the propellant spent' if settings.propellant else ''
-    picture = Picture(
+    shown = picture(
         'pulses',
         run_plots.pulses(flight),
-        'Mean force that the thrusters exert in each tick, the impulse that they owe the command'
-        f'{torque}.',
-        f'The thrusters spend {spent.delta_v_m_s:.3g} m/s and {spent.propellant_kg:.3g} kg, in '
-        f'{spent.openings} openings of valves.',
+        torque=', the torque that they give about the axes of the chaser' * bool(settings.table),
+        propellant=', the propellant spent' * bool(settings.propellant),
+        spent=flight.thrust,
     )
-    return [Section('Thrusters', (picture,))]
+    return [Section('Thrusters', (shown,))]
 
 
 def _disturbance(flight: Flight) -> list[Section]:
     if not flight.disturbances_n.any():
         return []
-    picture = Picture(
-        'disturbance',
-        run_plots.disturbance(flight),
-        'The disturbance force.',
-        f'Disturbance of at most {metrics.disturbance_level_n(flight):.3g} N over time.',
-    )
-    return [Section('Disturbance', (picture,))]
+    level_n = metrics.disturbance_level_n(flight)
+    shown = picture('disturbance', run_plots.disturbance(flight), level_n=level_n)
+    return [Section('Disturbance', (shown,))]
 
 
 def _phase_planes(flight: Flight, controller: AnyController | None, why: str) -> list[Block]:
@@ -409,29 +357,19 @@ def _phase_planes(flight: Flight, controller: AnyController | None, why: str) ->
         missing = f'No control surface and no decisions: {why}.'
     elif fuzzy is None:
         missing = f'No control surface and no rules: {controller.name} is not a fuzzy controller.'
-    picture = Picture(
-        'phase_planes',
-        run_plots.phase_planes(flight, guided.errors_of(flight), fuzzy),
-        'Velocity over position of each axis, relative to '
-        + ('the reference' if guided.follows(flight) else 'the goal')
-        + (", on the controller's force at that position and velocity" if fuzzy else '')
-        + '. The chaser comes from the large dot; it is where it should be, at rest, at 0 and 0.',
-        'Phase planes of the three axes' + (' on the control surface.' if fuzzy else '.'),
-    )
-    closing = Picture(
-        'closing',
-        run_plots.closing(flight),
-        'Range rate over the range from the goal, as in the planes of the axes: the chaser comes '
-        'from the large dot, and closes where the rate is negative.',
-        f'Closing speed over range: at most {metrics.closing_speeds_m_s(flight).max():.3g} m/s.',
-    )
-    if _follows_exactly(flight):
+    errors, follows = guided.errors_of(flight), guided.follows(flight)
+    most_m_s = metrics.closing_speeds_m_s(flight).max()
+    closing = picture('closing', run_plots.closing(flight), most_m_s=most_m_s)
+    if follows and np.abs(errors).max() < guided.EXACT:
         return [Text('The chaser is on its reference: its phase planes would be points.'), closing]
-    return [picture, *([Text(missing)] if missing else []), closing]
-
-
-def _follows_exactly(flight: Flight) -> bool:
-    return guided.follows(flight) and bool(np.abs(guided.errors_of(flight)).max() < guided.EXACT)
+    planes = picture(
+        'phase_planes',
+        run_plots.phase_planes(flight, errors, fuzzy),
+        origin='the reference' if follows else 'the goal',
+        surface=", on the controller's force at that position and velocity" if fuzzy else '',
+        where=' on the control surface' if fuzzy else '',
+    )
+    return [planes, *([Text(missing)] if missing else []), closing]
 
 
 def _decisions(flight: Flight, controller: FuzzyController) -> Table:

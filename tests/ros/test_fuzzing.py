@@ -21,9 +21,9 @@ from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr, interfaces, statuses
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_ros import conversions, names, qos
+from rpo_ros.parameter_rows import tables
 from rpo_ros.running import FlightNode
 from rpo_ros.signals import message_class
-from rpo_sim.parameters import PLANT
 from rpo_view.latest import Latest
 from tools.fuzzing import messages
 from tools.fuzzing.flight import LOOP
@@ -122,7 +122,7 @@ def set_to(name, **value):
 
 
 def test_an_order_of_an_operator_is_an_act():
-    rows = {row.name: row for row in PLANT}
+    rows = {row.name: row for row in tables('rpo_sim')['plant']}
     whole, far = {'type': 2, 'integer_value': 5}, {'type': 2, 'integer_value': -5}
     assert messages.is_order('/plant/set_parameters', set_to('step_ticks', **whole), rows)
     assert not messages.is_order('/plant/set_parameters', set_to('step_ticks', **far), rows)
@@ -159,8 +159,10 @@ def manifest(text):
 def test_a_manifest_that_no_plant_can_have_ends_no_node(ros_env, capfd):
     with inside() as inner:
         node = inner.start(ControllerNode({'controller': 'handmade', 'scenario': 'quick'}))
-        sender = inner.user.create_publisher(DiagnosticStatus, names.NODE_MANIFEST, qos.LATCHED)
-        inner.until(lambda: node.count_publishers(names.NODE_MANIFEST) > 1)
+        sender = inner.user.create_publisher(
+            DiagnosticStatus, interfaces.NODE_MANIFEST, qos.LATCHED
+        )
+        inner.until(lambda: node.count_publishers(interfaces.NODE_MANIFEST) > 1)
         inner.until(sender.get_subscription_count)
         for text in ('[', '!!python/object:x', 'x' * 200_000):
             sender.publish(manifest(text))
@@ -175,8 +177,11 @@ def test_bytes_that_are_no_message_are_ignored_in_one_line(ros_env, capfd):
         node, heard = inner.start(FlightNode('bare')), []
         node.create_subscription(DiagnosticStatus, 'status', heard.append, qos.LATCHED_QUEUE)
         viewer = FlightNode('viewer')  # it is not spun: it looks when it wants
-        newest = Latest(viewer, names.RELATIVE_STATE)
-        rows = {'status': DiagnosticStatus, names.RELATIVE_STATE: newest._subscription.msg_type}
+        newest = Latest(viewer, interfaces.RELATIVE_STATE)
+        rows = {
+            'status': DiagnosticStatus,
+            interfaces.RELATIVE_STATE: newest._subscription.msg_type,
+        }
         senders = [inner.user.create_publisher(k, n, qos.LATCHED) for n, k in rows.items()]
         for sender in senders:
             inner.until(sender.get_subscription_count)

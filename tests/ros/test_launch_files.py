@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import importlib
 import importlib.util
 import os
 import re
@@ -16,6 +15,8 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 
+from rpo_ros.parameter_rows import tables
+
 SRC = Path(__file__).resolve().parents[2] / 'ros_ws' / 'src'
 BRINGUP = SRC / 'rpo_bringup'
 FILES = {path.name: ElementTree.parse(path) for path in BRINGUP.glob('launch/*.launch.xml')}
@@ -24,18 +25,17 @@ FOREIGN = {('rviz2', 'rviz2')}
 
 
 def executables() -> set[tuple[str, str]]:
-    """Return (package, executable) of every package's setup.py."""
+    """Return (package, executable) of every package's set-up files."""
     return {
         (path.parent.name, name)
-        for path in SRC.glob('*/setup.py')
-        for name in re.findall(r"'(\w+) = [\w.]+:\w+'", path.read_text())
+        for path in SRC.glob('*/setup.*')
+        for name in re.findall(r'(\w+) = [\w.]+:\w+', path.read_text())
     }
 
 
 def parameters(package: str, executable: str) -> set[str]:
     """Return the names in a node's parameter table."""
-    tables = importlib.import_module(f'{package}.parameters')
-    return {row.name for row in getattr(tables, executable.upper())}
+    return {row.name for row in tables(package)[executable]}
 
 
 def declared(tree: ElementTree.ElementTree) -> dict[str, tuple[str | None, str | None]]:

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """docs/nodes is what the nodes are: tables, topics, services as they run today."""
 
-import re
 from pathlib import Path
+
+from test_launch_files import executables
 
 from tools import node_pages
 from tools.node_cards import CARDS, MEANINGS
@@ -26,7 +27,5 @@ def test_the_pages_are_not_stale(ros_env):
 
 
 def test_every_node_has_its_page():
-    scripts = set()
-    for setup in (ROOT / 'ros_ws' / 'src').glob('*/setup.py'):
-        scripts |= set(re.findall(r"'(\w+) = [\w.]+:\w+'", setup.read_text()))
+    scripts = {name for _, name in executables()}
     assert scripts - COMMANDS == {card.executable for card in CARDS}

@@ -200,7 +200,7 @@ class Stuck(running.FlightNode):
     def destroy_node(self):
         while True:
             pass
-sys.exit(running.run_node(Stuck))
+sys.exit(Stuck.main())
 """
 
 

@@ -6,10 +6,10 @@ from __future__ import annotations
 
 import ast
 import os
-import re
 import subprocess
 import sys
 from collections.abc import Mapping
+from configparser import ConfigParser
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -24,77 +24,42 @@ PACKAGES = {path.parent.name: path.parent for path in sorted(SRC.glob('*/package
 OFFLINE = ROOT / 'offline_training'
 OFFLINE_ROOMS = {path.name for path in OFFLINE.glob('rpo_*') if path.is_dir()}
 FIRST_PARTY = {*PACKAGES, *OFFLINE_ROOMS, 'tools'}
-FLOWN = {
-    'rpo_attitude',
-    'rpo_core',
-    'rpo_ctrl',
-    'rpo_guidance',
-    'rpo_kernels',
-    'rpo_log',
-    'rpo_mcap',
-    'rpo_nav',
-    'rpo_safety',
-    'rpo_thrusters',
-}
+CORE = {'rpo_core', 'rpo_kernels'}
+LOGS = {'rpo_mcap', 'rpo_log'}
+STAGES = {'rpo_attitude', 'rpo_ctrl', 'rpo_guidance', 'rpo_nav', 'rpo_safety', 'rpo_thrusters'}
+FLOWN = CORE | LOGS | STAGES
+JUDGED = FLOWN | {'rpo_montecarlo', 'rpo_judge'}
 
 # Which of our packages a package may import. `FLOWN` have a half without ROS, which the offline
 # rooms use, and nodes, which have a row of their own.
 MAY_IMPORT = {
     'rpo_kernels': set(),
     'rpo_core': {'rpo_kernels'},
-    'rpo_attitude': {'rpo_core', 'rpo_kernels'},
+    'rpo_attitude': CORE,
     'rpo_mcap': {'rpo_core'},
-    'rpo_log': {'rpo_core', 'rpo_kernels', 'rpo_mcap', 'rpo_ctrl'},
+    'rpo_log': CORE | {'rpo_mcap', 'rpo_ctrl'},
     'rpo_montecarlo': FLOWN,
-    'rpo_judge': {*FLOWN, 'rpo_montecarlo'},
-    'rpo_export': {*FLOWN, 'rpo_montecarlo', 'rpo_judge'},
-    'rpo_proof': {*FLOWN, 'rpo_montecarlo', 'rpo_judge'},
-    'rpo_training': {*FLOWN, 'rpo_montecarlo', 'rpo_judge'},
-    'rpo_report': {
-        *FLOWN,
-        'rpo_montecarlo',
-        'rpo_judge',
-        'rpo_proof',
-        'rpo_training',
-        'rpo_export',
-    },
-    'rpo_cli': {*FLOWN, *OFFLINE_ROOMS, 'rpo_view'},
-    'rpo_ros': {'rpo_core', 'rpo_kernels'},
-    'rpo_ctrl': {'rpo_core', 'rpo_kernels'},
-    'rpo_ctrl nodes': {'rpo_core', 'rpo_kernels', 'rpo_ctrl', 'rpo_ros'},
-    'rpo_guidance': {'rpo_attitude', 'rpo_core', 'rpo_kernels'},
-    'rpo_guidance nodes': {'rpo_core', 'rpo_kernels', 'rpo_guidance', 'rpo_ros'},
-    'rpo_nav': {'rpo_attitude', 'rpo_core', 'rpo_kernels'},
-    'rpo_nav nodes': {'rpo_core', 'rpo_kernels', 'rpo_nav', 'rpo_ros'},
-    'rpo_thrusters': {'rpo_core', 'rpo_kernels'},
-    'rpo_safety': {'rpo_attitude', 'rpo_core', 'rpo_kernels', 'rpo_nav', 'rpo_thrusters'},
-    'rpo_safety nodes': {'rpo_core', 'rpo_kernels', 'rpo_safety', 'rpo_ros'},
-    'rpo_sim': {'rpo_core', 'rpo_kernels', 'rpo_ros'},
-    'rpo_log nodes': {'rpo_core', 'rpo_kernels', 'rpo_mcap', 'rpo_log', 'rpo_ros'},
-    'rpo_view': {
-        'rpo_attitude',
-        'rpo_core',
-        'rpo_kernels',
-        'rpo_ros',
-        'rpo_ctrl',
-        'rpo_mcap',
-        'rpo_log',
-        'rpo_thrusters',
-    },
-    'rpo_bringup': {
-        'rpo_attitude',
-        'rpo_core',
-        'rpo_kernels',
-        'rpo_ros',
-        'rpo_guidance',
-        'rpo_nav',
-        'rpo_safety',
-        'rpo_sim',
-        'rpo_ctrl',
-        'rpo_mcap',
-        'rpo_log',
-    },
-    'tools': {'rpo_ros', 'rpo_sim', *FLOWN, *OFFLINE_ROOMS},
+    'rpo_judge': FLOWN | {'rpo_montecarlo'},
+    'rpo_export': JUDGED,
+    'rpo_proof': JUDGED,
+    'rpo_training': JUDGED,
+    'rpo_report': JUDGED | {'rpo_proof', 'rpo_training', 'rpo_export'},
+    'rpo_cli': FLOWN | OFFLINE_ROOMS | {'rpo_view'},
+    'rpo_ros': CORE,
+    'rpo_ctrl': CORE,
+    'rpo_guidance': CORE | {'rpo_attitude'},
+    'rpo_nav': CORE | {'rpo_attitude'},
+    'rpo_thrusters': CORE,
+    'rpo_safety': CORE | {'rpo_attitude', 'rpo_nav', 'rpo_thrusters'},
+    'rpo_sim': CORE | {'rpo_ros'},
+    'rpo_ctrl nodes': CORE | {'rpo_ctrl', 'rpo_ros'},
+    'rpo_guidance nodes': CORE | {'rpo_guidance', 'rpo_ros'},
+    'rpo_nav nodes': CORE | {'rpo_nav', 'rpo_ros'},
+    'rpo_safety nodes': CORE | {'rpo_safety', 'rpo_ros'},
+    'rpo_log nodes': CORE | LOGS | {'rpo_ros'},
+    'rpo_view': CORE | LOGS | {'rpo_attitude', 'rpo_ros', 'rpo_ctrl', 'rpo_thrusters'},
+    'rpo_bringup': FLOWN - {'rpo_thrusters'} | {'rpo_ros', 'rpo_sim'},
+    'tools': FLOWN | OFFLINE_ROOMS | {'rpo_ros', 'rpo_sim'},
 }
 ROS_FREE = {*FLOWN, *OFFLINE_ROOMS}
 CORE_THIRD_PARTY = {'numpy', 'yaml', 'numba', 'llvmlite'}  # numba, with its own, where installed
@@ -142,11 +107,8 @@ def rooms() -> dict[str, list[Path]]:
     """Return room -> its modules."""
     found = {name: sorted((path / name).rglob('*.py')) for name, path in PACKAGES.items()}
     for room in sorted(FLOWN - {'rpo_attitude', 'rpo_core', 'rpo_kernels', 'rpo_mcap'}):
-        nodes = [
-            path
-            for path in found[room]
-            if path.name.endswith(('_node.py', 'commands.py', 'parameters.py'))
-        ]
+        kinds = ('_node.py', 'commands.py', 'parameters.py')
+        nodes = [path for path in found[room] if path.name.endswith(kinds)]
         found[f'{room} nodes'] = nodes
         found[room] = [path for path in found[room] if path not in nodes]
     found |= {room: sorted((OFFLINE / room).rglob('*.py')) for room in OFFLINE_ROOMS}
@@ -236,8 +198,10 @@ def test_package_declares_what_it_imports(package):
 @pytest.mark.parametrize('package', sorted(PACKAGES))
 def test_version_is_said_once(package):
     manifest = ElementTree.parse(PACKAGES[package] / 'package.xml').getroot()
-    setup = (PACKAGES[package] / 'setup.py').read_text()
-    assert re.search(r"version='([^']+)'", setup).group(1) == manifest.findtext('version')
+    setup = ConfigParser()
+    setup.read(PACKAGES[package] / 'setup.cfg')
+    assert setup['metadata']['name'] == package
+    assert setup['metadata']['version'] == manifest.findtext('version')
 
 
 @pytest.mark.parametrize('package', sorted(PACKAGES))

@@ -90,8 +90,9 @@ def test_ros2_executables_exist():
     assert len(commands) > 10
     for block, words in commands:
         package, executable = words[2:4]
-        setup = (ROOT / 'ros_ws' / 'src' / package / 'setup.py').read_text()
-        assert f"'{executable} = {package}" in setup, f'{block.place}: {package} {executable}'
+        folder = ROOT / 'ros_ws' / 'src' / package
+        setup = ''.join(path.read_text() for path in folder.glob('setup.*'))
+        assert re.search(rf'\b{executable} = {package}', setup), f'{block.place}: {words}'
 
 
 def test_make_targets_exist():

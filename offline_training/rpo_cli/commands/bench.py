@@ -12,11 +12,6 @@ import typer
 from rpo_cli.commands.shared import NoFail, Workers, end, tool
 from rpo_core.files.validation import InputError, choice
 
-EXAMPLES = """
-Examples: `rpo bench` | `rpo bench inference` | `rpo bench training --evaluations 600` |
-`rpo bench --write docs/benchmarks.md`
-"""
-
 PARTS = ('all', 'inference', 'training', 'campaign', 'learning', 'ros')
 
 

@@ -30,13 +30,6 @@ if TYPE_CHECKING:
     from rpo_montecarlo.campaign.config import Campaign
     from rpo_montecarlo.campaign.store import Store
 
-EXAMPLES = """
-Examples: `rpo campaign paper_test` | `rpo campaign mine.yaml
---runs 1000000 -o runs/million` | `rpo campaign --resume runs/million` | `rpo campaign
-runs/million --run 1234 --csv run.csv` | `rpo campaign runs/million --run 1234 --export
-run_1234.yaml`, for the ROS nodes | `rpo campaign mine.yaml --faults` | `rpo
-campaign mine.yaml --cluster tcp://127.0.0.1:8786`
-"""
 
 SWEEP_RUNS = 400
 """Flights per share of `--faults`, if `--runs` does not say."""

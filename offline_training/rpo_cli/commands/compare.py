@@ -16,11 +16,6 @@ from rpo_core.files.validation import InputError
 if TYPE_CHECKING:
     pass
 
-EXAMPLES = """
-Examples: `rpo compare` | `rpo compare trained lqr runs/best/best.yaml --runs 1000` |
-`rpo compare --random 20000 --write docs/compare.md --picture docs/images/pareto.svg` |
-`rpo compare --attitude --runs 10000`
-"""
 
 _HEADING = 11  # longest word of a heading
 

@@ -24,13 +24,6 @@ if TYPE_CHECKING:
     from rpo_judge.evaluation.consistency import Consistency
     from rpo_judge.evaluation.sensitivity import Effect, Outcome
 
-EXAMPLES = """
-Examples: `rpo evaluate trained` | `rpo evaluate trained paper_ga` |
-`rpo evaluate runs/best/best.yaml --starts` | `rpo evaluate trained --csv starts.csv` |
-`rpo evaluate trained pd --scenario mine.yaml` | `rpo evaluate robust --everywhere` |
-`rpo evaluate allround --scenario least_energy_starts` | `rpo evaluate robust --sensitivity` |
-`rpo evaluate --estimator world_leo --runs 100` | `rpo evaluate allround mpc --robustness`
-"""
 
 WORLD_RUNS = 100
 """Flights that judge an estimator as its world is, at most: each takes a third of a second."""

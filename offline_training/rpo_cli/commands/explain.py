@@ -31,12 +31,6 @@ if TYPE_CHECKING:
     from rpo_kernels.kernels import Vector
 
 
-EXAMPLES = """
-Examples: `rpo explain handmade` | `rpo explain pace` | `rpo explain handmade --certify` |
-`rpo explain runs/first --at 37.5` | `rpo explain mine.yaml --state=-5,0,0,0.02,0,0` |
-`rpo explain attitude_fuzzy`
-"""
-
 Words = Callable[[str], str]
 _AS_THEY_ARE: Words = str
 

@@ -11,12 +11,6 @@ import typer
 
 from rpo_cli.commands.shared import echo
 
-EXAMPLES = """
-Examples: `rpo export handmade --to fis` | `rpo export handmade --to c --output force.c` |
-`rpo export mine.yaml --to python --output -` | `rpo export robust --to c --assurance assured
---output guarded.c`
-"""
-
 
 def export(
     controller: Annotated[str, typer.Argument(help='shipped name or file')],
@@ -88,15 +82,10 @@ def _write(written: dict[Path, str]) -> None:
         echo(name)
 
 
-IMPORT_EXAMPLES = """
-Examples: `rpo import handmade.fis --output mine.yaml` |
-`rpo import tuned.fll -o tuned.yaml --position-scale 70 --velocity-scale 0.9 --force-scale 0.5`
-"""
-
 _HELP = 'of an error (force) of 1, if the file does not say'
 
 
-def import_controller(
+def import_(
     file: Annotated[Path, typer.Argument(help='.fis or .fll file')],
     output: Annotated[Path, typer.Option('--output', '-o', help='controller file to write')],
     position_scale: Annotated[float | None, typer.Option(help=f'metres {_HELP}')] = None,

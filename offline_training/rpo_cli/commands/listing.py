@@ -14,7 +14,6 @@ from rpo_core.files.validation import choice, printable
 
 Command = TypeVar('Command', bound=Callable[..., None])
 
-EXAMPLES = 'Examples: `rpo list` | `rpo list controllers`. A name stands for its file everywhere'
 
 KINDS = {
     'scenarios': 'scenario',
@@ -33,7 +32,7 @@ NAMED = {
 """Parameter of a command -> the kind of files whose names a shell completes there."""
 
 
-def listing(
+def list_(
     what: Annotated[str, typer.Argument(help=f'{", ".join(KINDS)}  [all]')] = '',
 ) -> None:
     """Print the names of what ships: scenarios, plans, controllers, campaigns."""

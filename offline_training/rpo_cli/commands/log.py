@@ -12,14 +12,6 @@ import typer
 from rpo_cli.commands.shared import echo
 from rpo_log.log_commands import GIVEN, Finding, show
 
-VERIFY_EXAMPLES = """
-Example: `rpo verify runs/demo --trusted keys`. Exit codes: 0 verified, 1 not as computed, 2 not a
-readable log, 3 as computed as far as the log goes, 4 as computed from what was given
-"""
-KEYGEN_EXAMPLES = 'Example: `rpo keygen keys/me.pem`'
-SIGN_EXAMPLES = 'Example: `rpo sign runs/demo --key keys/me.pem`'
-REPAIR_EXAMPLES = 'Example: `rpo repair runs/broken --output runs/repaired`'
-
 RunArgument = Annotated[Path, typer.Argument(help='run folder, .mcap file or bag')]
 
 log = typer.Typer(
@@ -33,7 +25,7 @@ def _show(found: Finding) -> NoReturn:
     raise typer.Exit(show(found))
 
 
-@log.command(epilog='Example: `rpo log info runs/demo`')
+@log.command()
 def info(run: RunArgument) -> None:
     """Print what a log holds, and whether it is complete."""
     from rpo_log.tools.info import inspect
@@ -41,7 +33,7 @@ def info(run: RunArgument) -> None:
     _show(inspect(run))
 
 
-@log.command(epilog='Example: `rpo log diff runs/first runs/second`')
+@log.command()
 def diff(first: RunArgument, second: RunArgument) -> None:
     """Compare two logs, bit for bit; exit code 1 where they differ."""
     from rpo_log.tools.diff import diff as compare
@@ -49,7 +41,7 @@ def diff(first: RunArgument, second: RunArgument) -> None:
     _show(compare(first, second))
 
 
-@log.command(epilog='Example: `rpo log export runs/demo demo.csv`')
+@log.command()
 def export(
     run: RunArgument,
     output: Annotated[Path, typer.Argument(help='file to write: .csv, .npz, .parquet or .oem')],

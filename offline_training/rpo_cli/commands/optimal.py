@@ -17,11 +17,6 @@ if TYPE_CHECKING:
     from rpo_core.chain.flight import Flight
     from rpo_core.files.scenario import Scenario, ScenarioSet
 
-EXAMPLES = """
-Examples: `rpo optimal paper_test` | `rpo optimal --start 100,100,100` |
-`rpo optimal --start 10,60,-40 --controller handmade` |
-`rpo optimal --start 100,100,100 --csv optimum.csv` | `rpo optimal --all-starts --margin 0.03`
-"""
 
 _BEST = 'under all conditions'
 

@@ -26,12 +26,6 @@ ENTRIES = 8
 DOCKED_S = 6.0
 """So long after its plan ends the flight ends in a scenario that is written."""
 
-EXAMPLES = """
-Examples: `rpo plan around` | `rpo plan hold_points --picture plan.png` | `rpo plan around --set
-initial_position_m=[80,60,0]` | `rpo plan around --margins` | `rpo plan runs/docking_1 --sample 100`
-| `rpo plan tumbling_port --entry sooner.yaml`
-"""
-
 
 def plan(
     scenario: Annotated[str, typer.Argument(help='shipped name or file, or folder of a campaign')],

@@ -22,13 +22,6 @@ if TYPE_CHECKING:
     from rpo_proof.folder import Folder
     from rpo_proof.problem import Problem
 
-EXAMPLES = """
-Examples: `rpo prove robust` | `rpo prove robust --velocity 0.05` | `rpo prove mine.yaml --scenario
-paper_test --position 5 --velocity 0.06 --mass 0.09` | `rpo prove --resume runs/proof_robust` |
-`rpo prove robust --velocity 0.05 --estimate 40` | `rpo prove --check runs/proof_robust`. Exit code
-1: a claim is refuted or open
-"""
-
 
 def prove(
     controller: Annotated[str, typer.Argument(help='shipped name or file')] = '',

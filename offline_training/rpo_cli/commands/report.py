@@ -16,13 +16,6 @@ from rpo_core.files.validation import InputError, printable, within
 if TYPE_CHECKING:
     from rpo_report.page import Report
 
-EXAMPLES = """
-Examples: `rpo report runs/demo` | `rpo report runs/demo/run.mcap --open` |
-`rpo report runs/first runs/second`, beside each other | `rpo report runs/paper_test_1
---output shared/campaign` | `rpo report trained`.
-Exit code 3: a log that ends early, reported as far as it goes
-"""
-
 
 def report(
     targets: Annotated[

@@ -23,35 +23,6 @@ safety = typer.Typer(
     no_args_is_help=True,
 )
 
-SHOW_EXAMPLES = 'Example: `rpo safety show assured`'
-ATTACK_EXAMPLES = """
-Examples: `rpo safety attack assured` | `rpo safety attack assured --runs 100000 --seed 2 --set
-assurance.filter=simplex` | `rpo safety attack --campaign tumbling_docking --runs 1000`
-"""
-QUIET_EXAMPLES = """
-Examples: `rpo safety quiet paper_training` | `rpo safety quiet paper_test --controller robust
---speed paper`
-"""
-
-DRIFT_EXAMPLES = """
-Examples: `rpo safety drift paper_training` | `rpo safety drift paper_test --drag 1.2e-6`
-"""
-
-ABORT_EXAMPLES = """
-Examples: `rpo safety abort guarded` | `rpo safety abort guarded --states 5000 --set
-assurance.abort.stuck_s=60`
-"""
-
-THRUSTERS_EXAMPLES = """
-Examples: `rpo safety thrusters quads_16` | `rpo safety thrusters corners_24 --pairs` |
-`rpo safety thrusters quads_16 --c allocation.c`
-"""
-
-PEERS_EXAMPLES = """
-Examples: `rpo safety peers offline_training/examples/benchmarks/arch_rendezvous.yaml
-offline_training/examples/benchmarks/vbar_approach.yaml` | `rpo safety peers
-offline_training/examples/benchmarks/arch_rendezvous.yaml --prove`
-"""
 
 LEGEND = (
     'Ticks with a path in the zone, without an admissible command, above the speed limit, and with '
@@ -65,7 +36,7 @@ _Flights = Annotated[
 _Controllers = Annotated[list[str] | None, typer.Option(help='shipped name or file; repeatable')]
 
 
-@safety.command(epilog=SHOW_EXAMPLES)
+@safety.command()
 def show(scenario: Name, changes: Set = None) -> None:
     """Print the constants of the proof for a scenario (docs/safety.md), and the time of a step.
 
@@ -93,7 +64,7 @@ def show(scenario: Name, changes: Set = None) -> None:
     typer.echo(f'a step: {passing:.2f} microseconds; where it acts: {acting:.2f}')
 
 
-@safety.command(epilog=ATTACK_EXAMPLES)
+@safety.command()
 def attack(
     scenario: Name = 'assured',
     runs: Annotated[int, typer.Option(min=1, max=10_000_000, help='flights')] = 7000,
@@ -208,7 +179,7 @@ def _attack_campaign(chosen: Campaign) -> bool:
     return broken > 0
 
 
-@safety.command(epilog=QUIET_EXAMPLES)
+@safety.command()
 def quiet(
     scenario: _Flights = 'paper_training',
     controller: _Controllers = None,
@@ -230,7 +201,7 @@ def quiet(
     print_table(heads, rows, f'{found.name}, speed limit `{speed}`')
 
 
-@safety.command(epilog=DRIFT_EXAMPLES)
+@safety.command()
 def drift(
     scenario: _Flights = 'paper_training',
     controller: _Controllers = None,
@@ -261,7 +232,7 @@ def drift(
     print_table(heads, rows, f'{title}, from beyond {beyond:g} m, drag {drag:g} m/s^2{whose}')
 
 
-@safety.command(epilog=ABORT_EXAMPLES)
+@safety.command()
 def abort(
     scenario: Name = 'guarded',
     controller: Annotated[str, typer.Option(help='shipped name or file')] = DEFAULT_CONTROLLER,
@@ -297,7 +268,7 @@ def abort(
     print_table(('states', 'range', 'clear', 'least margin'), rows, title)
 
 
-@safety.command(epilog=THRUSTERS_EXAMPLES)
+@safety.command()
 def thrusters(
     table: Annotated[
         str, typer.Argument(help='preset, or scenario with `thrusters.table`', metavar='TABLE')
@@ -357,7 +328,7 @@ def thrusters(
     typer.echo(f'an allocation: {1e9 * time_s:.0f} ns')
 
 
-@safety.command(epilog=PEERS_EXAMPLES)
+@safety.command()
 def peers(
     files: Annotated[
         list[str], typer.Argument(help='arch_rendezvous.yaml, vbar_approach.yaml', metavar='FILE')

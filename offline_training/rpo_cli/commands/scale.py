@@ -15,10 +15,6 @@ from rpo_cli.commands.shared import NoFail, Set, echo, end
 if TYPE_CHECKING:
     from rpo_training.scaling import Found
 
-EXAMPLES = """
-Examples: `rpo scale allround --scenario my.yaml` | `rpo scale pace --scenario paper_test
---set mass_kg=20` | `rpo scale time_to_go --scenario my.yaml -o my_controller.yaml`
-"""
 
 LEAST = 1.1
 """Factor from which a number counts as harder."""

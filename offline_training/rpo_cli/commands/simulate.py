@@ -21,12 +21,6 @@ from rpo_cli.commands.shared import (
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.files.validation import InputError
 
-EXAMPLES = """
-Examples: `rpo simulate` | `rpo simulate paper_test --controller paper_ga` | `rpo simulate my.yaml
---csv flight.csv` | `rpo simulate approach --set initial_position_m=[0,80,0] --set mass_kg=20.0` |
-`rpo simulate paper_test --output runs/mine` | `rpo simulate paper_test --sweep mass_kg=8:12:5`
-"""
-
 
 def simulate(
     scenario: Annotated[str, typer.Argument(help='shipped name or file  [approach]')] = '',

@@ -22,14 +22,6 @@ if TYPE_CHECKING:
     from rpo_training.run import Config, Found, SearchRun
     from rpo_training.training import Training
 
-EXAMPLES = """
-Examples: `rpo train` | `rpo train --scenario mine.yaml` | `rpo train --preset best -o runs/best` |
-`rpo train --resume runs/best` | `rpo train --seed 3 --set ga.generations=50 --set genes.rules=odd`
-| `rpo train --show > mine.yaml` then `rpo train --config mine.yaml` |
-`rpo train --cluster tcp://127.0.0.1:8786` | `rpo train --family time_to_go` |
-`rpo train --attitude --preset best`
-"""
-
 
 def train(
     preset: Annotated[
@@ -222,12 +214,6 @@ def end(run: SearchRun[Config, Found], best: Found, no_fail: bool) -> None:
         err=True,
     )
     shared.end(missed=True, no_fail=no_fail)
-
-
-TUNE_EXAMPLES = """
-Examples: `rpo tune pd` | `rpo tune mpc --seed 2 -o runs/mpc` | `rpo tune --resume runs/mpc` |
-`rpo tune lqr --disturbance 20`
-"""
 
 
 def tune(

@@ -20,11 +20,6 @@ if TYPE_CHECKING:
     from rpo_core.chain.flight import Flight
     from rpo_judge.truth import Comparison
 
-EXAMPLES = """
-Examples: `rpo truth runs/first` | `rpo truth paper_test` | `rpo truth approach --controller
-handmade --write docs/truth.md`
-"""
-
 
 def truth(
     subject: Annotated[

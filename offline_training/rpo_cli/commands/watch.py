@@ -19,9 +19,6 @@ if TYPE_CHECKING:
     from rpo_mcap.read.run_log import RunLog
     from rpo_view.live import LiveRun
 
-EXAMPLES = (
-    'Examples: `rpo watch` beside `ros2 run rpo_sim plant` | `rpo watch runs/first --rate 50`'
-)
 
 FRAMES_HZ = 10.0
 """Views of a log a second on a terminal; elsewhere, a line a second."""

@@ -7,46 +7,19 @@ from __future__ import annotations
 import sys
 import threading
 from collections.abc import Collection
+from importlib import import_module
+from pkgutil import iter_modules
 
 from rpo_core.chain.stage import section_of
 from rpo_core.control.controller import Controller
 from rpo_core.files import plugins
 from rpo_core.files.scenario import Scenario
-from rpo_montecarlo.engine.parts import (
-    approach,
-    attitude,
-    attitude_control,
-    attitude_estimation,
-    control,
-    disturbance,
-    dynamics,
-    estimation,
-    goal,
-    link,
-    pointing,
-    shaping,
-    target,
-    thrusters,
-)
+from rpo_montecarlo.engine import parts
+from rpo_montecarlo.engine.parts import control
 from rpo_montecarlo.engine.tick import KINDS, Kind
 
-PARTS = (
-    estimation,
-    approach,
-    goal,
-    control,
-    pointing,
-    shaping,
-    link,
-    thrusters,
-    target,
-    disturbance,
-    dynamics,
-    attitude,
-    attitude_control,
-    attitude_estimation,
-)
-"""The modules that register themselves."""
+for _module in sorted(module.name for module in iter_modules(parts.__path__)):
+    import_module(f'{parts.__name__}.{_module}')  # it registers itself
 
 _announced: set[str] = set()
 _lock = threading.Lock()

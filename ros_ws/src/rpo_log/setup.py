@@ -1,26 +1,5 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-from setuptools import find_packages, setup
+from setuptools import setup
 
-package_name = 'rpo_log'
-
-setup(
-    name=package_name,
-    version='0.1.0',
-    packages=find_packages(exclude=['test']),
-    data_files=[
-        ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
-        (f'share/{package_name}', ['package.xml']),
-    ],
-    install_requires=['setuptools'],
-    extras_require={'test': ['pytest']},
-    entry_points={
-        'console_scripts': [
-            'recorder = rpo_log.commands:recorder',
-            'replay = rpo_log.commands:replay',
-            'verify = rpo_log.commands:verify',
-            'info = rpo_log.commands:info',
-            'repair = rpo_log.commands:repair',
-        ],
-    },
-)
+setup()  # setup.cfg says the rest

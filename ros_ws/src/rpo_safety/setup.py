@@ -1,22 +1,5 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-from setuptools import find_packages, setup
+from setuptools import setup
 
-package_name = 'rpo_safety'
-
-setup(
-    name=package_name,
-    version='0.1.0',
-    packages=find_packages(exclude=['test']),
-    data_files=[
-        ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
-        (f'share/{package_name}', ['package.xml']),
-    ],
-    install_requires=['setuptools'],
-    extras_require={'test': ['pytest']},
-    entry_points={
-        'console_scripts': [
-            'assurance = rpo_safety.commands:assurance',
-        ],
-    },
-)
+setup()  # setup.cfg says the rest

@@ -1,25 +1,5 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-from setuptools import find_packages, setup
+from setuptools import setup
 
-package_name = 'rpo_sim'
-
-setup(
-    name=package_name,
-    version='0.1.0',
-    packages=find_packages(exclude=['test']),
-    data_files=[
-        ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
-        (f'share/{package_name}', ['package.xml']),
-    ],
-    install_requires=['setuptools'],
-    extras_require={'test': ['pytest']},
-    entry_points={
-        'console_scripts': [
-            'plant = rpo_sim.commands:plant',
-            'navigation = rpo_sim.commands:navigation',
-            'disturbance_injector = rpo_sim.commands:disturbance_injector',
-            'fault_injector = rpo_sim.commands:fault_injector',
-        ],
-    },
-)
+setup()  # setup.cfg says the rest

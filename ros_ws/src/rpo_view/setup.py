@@ -1,27 +1,5 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-from setuptools import find_packages, setup
+from setuptools import setup
 
-package_name = 'rpo_view'
-
-setup(
-    name=package_name,
-    version='0.1.0',
-    packages=find_packages(exclude=['test']),
-    package_data={package_name: ['page/*.html']},
-    data_files=[
-        ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
-        (f'share/{package_name}', ['package.xml']),
-    ],
-    install_requires=['setuptools'],
-    zip_safe=False,  # the page is read as a file
-    extras_require={'test': ['pytest'], 'view': ['foxglove-sdk', 'rich']},
-    entry_points={
-        'console_scripts': [
-            'visualizer = rpo_view.commands:visualizer',
-            'web = rpo_view.commands:web',
-            'foxglove = rpo_view.commands:foxglove',
-            'watch = rpo_view.commands:watch',
-        ],
-    },
-)
+setup()  # setup.cfg says the rest

@@ -8,22 +8,25 @@ from importlib import import_module
 from pathlib import Path
 
 from rpo_bringup.options import parser
-from rpo_ctrl.parameters import FUZZY_CONTROLLER
-from rpo_log.parameters import RECORDER
-from rpo_nav.parameters import NAVIGATION
 from rpo_ros.entry_point import EXIT_BAD_INPUT, asks_for_help, start, start_node
-from rpo_ros.parameter_rows import refusal
-from rpo_sim.parameters import DISTURBANCE_INJECTOR, PLANT
+from rpo_ros.parameter_rows import refusal, tables
 
-_ROWS = (*PLANT, *FUZZY_CONTROLLER, *DISTURBANCE_INJECTOR, *NAVIGATION, *RECORDER)
-"""Parameters of the nodes that `final_approach` runs."""
+_NODES = (
+    ('rpo_sim', 'plant'),
+    ('rpo_ctrl', 'fuzzy_controller'),
+    ('rpo_sim', 'disturbance_injector'),
+    ('rpo_nav', 'navigation'),
+    ('rpo_log', 'recorder'),
+)
+"""Nodes that `final_approach` runs."""
 
 
 def final_approach() -> int:
     """Run `ros2 run rpo_bringup final_approach`; answer `--help` without ROS."""
     if asks_for_help():
         parser().parse_args(['--help'])
-    if sentence := refusal(sys.argv, _ROWS, 'ros2 run rpo_bringup final_approach'):
+    rows = [row for package, node in _NODES for row in tables(package)[node]]
+    if sentence := refusal(sys.argv, rows, 'ros2 run rpo_bringup final_approach'):
         print(sentence, file=sys.stderr)
         return EXIT_BAD_INPUT
     return start('rpo_bringup.final_approach')

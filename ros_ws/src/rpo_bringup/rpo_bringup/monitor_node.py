@@ -26,12 +26,11 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from rpo_attitude.target import TARGET_ATTITUDE
-from rpo_bringup.parameters import MONITOR as PARAMETERS
 from rpo_core.files.validation import choice
+from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import RUNNING, RunStatus
 from rpo_ros import conversions, health, names, qos
-from rpo_ros.parameters import declare
-from rpo_ros.running import FlightNode, run_node
+from rpo_ros.running import FlightNode
 from rpo_ros.signals import hear
 from rpo_ros.timeout import Timeout
 from rpo_safety.limit_checker import ABORT, COAST, WARN, Detection, LimitChecker, load_monitor
@@ -44,9 +43,10 @@ _LABELS = ('unconfigured', 'inactive', 'active', 'finalized')
 class MonitorNode(FlightNode):
     """Samples states, commands and diagnostics; reacts once at the start of a fault."""
 
+    package = 'rpo_bringup'
+
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__('monitor', overrides)
-        self.values = declare(self, PARAMETERS)
         self.table = load_monitor(self.values['table'])
         self.checker = LimitChecker(self.table.rules)
         self.phase = ''
@@ -67,9 +67,11 @@ class MonitorNode(FlightNode):
         self.get_logger().info(f'checking the limits of table {self.table.name}')
 
     def _subscribe(self) -> None:
-        self.create_subscription(Odometry, names.RELATIVE_STATE, self._on_state, qos.LOCKSTEP)
+        self.create_subscription(Odometry, interfaces.RELATIVE_STATE, self._on_state, qos.LOCKSTEP)
         self.create_subscription(Odometry, TARGET_ATTITUDE, self._on_attitude, qos.LOCKSTEP)
-        self.create_subscription(WrenchStamped, names.CONTROL_FORCE, self._on_force, qos.LOCKSTEP)
+        self.create_subscription(
+            WrenchStamped, interfaces.CONTROL_FORCE, self._on_force, qos.LOCKSTEP
+        )
         hear(self, RunStatus, self._on_status)
         self.create_subscription(
             DiagnosticArray, names.DIAGNOSTICS, self._on_diagnostics, qos.DIAGNOSTICS
@@ -171,6 +173,4 @@ class MonitorNode(FlightNode):
         return level, text, values
 
 
-def main() -> int:
-    """Entry point of `ros2 run rpo_bringup monitor`."""
-    return run_node(MonitorNode)
+main = MonitorNode.main

@@ -9,21 +9,17 @@ node of the force controller, which assurance answers.
 from __future__ import annotations
 
 from rpo_core.chain.stage import Place
-from rpo_ctrl.parameters import ATTITUDE_CONTROLLER
 from rpo_ros.place_node import PlaceNode
-from rpo_ros.running import run_node
 
 
 class AttitudeControllerNode(PlaceNode):
     """Answers each command with the force in the chaser's axes, and the torque."""
 
     node_name = 'attitude_controller'
-    rows = ATTITUDE_CONTROLLER
+    package = 'rpo_ctrl'
     places = (Place.STEERING,)
     what = ('steering', 'attitude control')
     off = 'neither force nor torque'
 
 
-def main() -> int:
-    """Entry point of `ros2 run rpo_ctrl attitude_controller`."""
-    return run_node(AttitudeControllerNode)
+main = AttitudeControllerNode.main

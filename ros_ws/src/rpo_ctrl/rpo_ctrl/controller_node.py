@@ -27,8 +27,7 @@ from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.interfaces import Decimation
 from rpo_ctrl import explain
-from rpo_ctrl.parameters import FUZZY_CONTROLLER
-from rpo_ros import conversions, health, names, qos
+from rpo_ros import conversions, health, qos
 from rpo_ros.managed_node import ManagedNode
 
 _ANY_TICK_S = 1.0
@@ -44,7 +43,7 @@ class DecisionPublisher:
         self._decimation = Decimation(rate_hz)
         self._before_ns: int | None = None
         self._explained_ns: int | None = None
-        self._out = node.create_publisher(DiagnosticArray, names.DECISION, qos.LOCKSTEP)
+        self._out = node.create_publisher(DiagnosticArray, interfaces.DECISION, qos.LOCKSTEP)
 
     def offer(
         self,
@@ -66,7 +65,7 @@ class DecisionPublisher:
             cdr.Status(level[0], f'decision: {axis}', sentence, label, conversions.texts_of(pairs))
             for axis, (sentence, pairs) in zip('xyz', reasons, strict=True)
         ]
-        self._out.publish(cdr.encode_array(stamp_ns, names.LVLH_FRAME, statuses))
+        self._out.publish(cdr.encode_array(stamp_ns, interfaces.LVLH_FRAME, statuses))
 
     def _is_due(self, stamp_ns: int, scenario: Scenario | None) -> bool:
         tick = scenario.tick_of(stamp_ns) if scenario is not None else None
@@ -82,15 +81,15 @@ class DecisionPublisher:
 class ControllerNode(ManagedNode):
     """Answers states with the force of a controller; with zero force while inactive.
 
-    node_name : of the node; rows : its parameters
+    node_name : of the node
     """
 
     node_name = 'fuzzy_controller'
-    rows = FUZZY_CONTROLLER
+    package = 'rpo_ctrl'
     off = 'commanding zero'
 
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
-        super().__init__(self.node_name, overrides, self.rows)
+        super().__init__(self.node_name, overrides)
         self.controller: AnyController | None = None
         self._sha256, self._label = '', 'none'
         self._decision = DecisionPublisher(self, self.values['decision_rate_hz'])

@@ -11,9 +11,5 @@ It is a managed (lifecycle) node that activates itself. To make it command zero:
 """
 
 from rpo_ctrl.controller_node import ControllerNode
-from rpo_ros.running import run_node
 
-
-def main() -> int:
-    """Entry point of `ros2 run rpo_ctrl fuzzy_controller`."""
-    return run_node(ControllerNode)
+main = ControllerNode.main

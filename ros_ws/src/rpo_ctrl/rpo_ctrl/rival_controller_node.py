@@ -3,17 +3,12 @@
 """Node `rival_controller`: the same node as `fuzzy_controller`; its default file is an LQR."""
 
 from rpo_ctrl import controller_node
-from rpo_ctrl.parameters import RIVAL_CONTROLLER
-from rpo_ros.running import run_node
 
 
 class ControllerNode(controller_node.ControllerNode):
     """The controller node under its other name."""
 
     node_name = 'rival_controller'
-    rows = RIVAL_CONTROLLER
 
 
-def main() -> int:
-    """Entry point of `ros2 run rpo_ctrl rival_controller`."""
-    return run_node(ControllerNode)
+main = ControllerNode.main

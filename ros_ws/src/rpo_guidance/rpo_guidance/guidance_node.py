@@ -19,7 +19,6 @@ from rpo_guidance.guidance import COMMANDS, GuidanceStage
 from rpo_ros import health, qos
 from rpo_ros.conversions import to_status
 from rpo_ros.place_node import PlaceNode
-from rpo_ros.running import run_node
 
 
 class GuidanceNode(PlaceNode):
@@ -30,6 +29,7 @@ class GuidanceNode(PlaceNode):
     """
 
     node_name = 'guidance'
+    package = 'rpo_guidance'
     places = (Place.GUIDANCE, Place.POINTING)
     what = ('guiding', 'guidance')
     off = 'the reference is the goal of the scenario'
@@ -83,6 +83,4 @@ class GuidanceNode(PlaceNode):
         return response
 
 
-def main() -> int:
-    """Run the node; returns its exit code."""
-    return run_node(GuidanceNode)
+main = GuidanceNode.main

@@ -16,9 +16,7 @@ from std_srvs.srv import Trigger
 from rpo_core.files.validation import printable
 from rpo_core.wire.statuses import GuidanceStatus, RunStatus
 from rpo_guidance.guidance import GO
-from rpo_guidance.parameters import OPERATOR as PARAMETERS
-from rpo_ros.parameters import declare
-from rpo_ros.running import FlightNode, run_node
+from rpo_ros.running import FlightNode
 from rpo_ros.signals import hear
 
 EXIT_REFUSED = 1
@@ -30,9 +28,10 @@ _PERIOD_S = 0.05
 class OperatorNode(FlightNode):
     """Waits for a phase of the plan, then says one command; `go` again until it is followed."""
 
+    package = 'rpo_guidance'
+
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__('operator', overrides)
-        self.values = declare(self, PARAMETERS)
         self._command, self._wanted = self.values['command'], self.values['phase']
         self._phase = self._refused = ''
         self._followed = False
@@ -91,6 +90,4 @@ class OperatorNode(FlightNode):
         self.exit_code, self.done = exit_code, True
 
 
-def main() -> int:
-    """Entry point of `ros2 run rpo_guidance operator`."""
-    return run_node(OperatorNode)
+main = OperatorNode.main

@@ -17,12 +17,10 @@ from rpo_core import files
 from rpo_core.files.validation import InputError
 from rpo_core.wire import interfaces
 from rpo_log.bag import open_run
-from rpo_log.parameters import REPLAY as PARAMETERS
 from rpo_mcap.errors import LogError
 from rpo_mcap.read.decode import Message, values_of
-from rpo_ros import conversions, names, qos
-from rpo_ros.parameters import declare
-from rpo_ros.running import FlightNode, run_node
+from rpo_ros import conversions, qos
+from rpo_ros.running import FlightNode
 from rpo_ros.signals import message_class
 from rpo_ros.timeout import Timeout
 
@@ -44,9 +42,10 @@ Tick = list[Message]
 class ReplayNode(FlightNode):
     """Publishes the messages of one tick together, as the bytes that were logged."""
 
+    package = 'rpo_log'
+
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__('replay', overrides)
-        self.values = declare(self, PARAMETERS)
         try:
             self._reader = open_run(files.expanded('bag', self.values['bag']))
         except LogError as error:
@@ -91,7 +90,7 @@ class ReplayNode(FlightNode):
         }
         if self.values['drive']:
             self.create_subscription(
-                WrenchStamped, names.CONTROL_FORCE, self._on_answer, qos.LOCKSTEP
+                WrenchStamped, interfaces.CONTROL_FORCE, self._on_answer, qos.LOCKSTEP
             )
         self.create_service(SetBool, '~/pause', self._on_pause)
         self.create_service(Trigger, '~/step', self._on_step)
@@ -111,9 +110,11 @@ class ReplayNode(FlightNode):
         if self.done or self._paused:
             return
         if not self._played and not self._has_listeners():
-            self._say(f'waiting for {names.CONTROL_FORCE if self.values["drive"] else "listeners"}')
+            self._say(
+                f'waiting for {interfaces.CONTROL_FORCE if self.values["drive"] else "listeners"}'
+            )
             if self._silence.look() > self.values['answer_timeout_s']:
-                self._end(f'no answer from {names.CONTROL_FORCE}', EXIT_NO_ANSWER)
+                self._end(f'no answer from {interfaces.CONTROL_FORCE}', EXIT_NO_ANSWER)
             return
         if not self._played:
             self._silence.broken()  # only now it can be asked: its start is no silence
@@ -124,7 +125,7 @@ class ReplayNode(FlightNode):
 
     def _has_listeners(self) -> bool:
         if self.values['drive']:
-            return bool(self.count_publishers(self.resolve_topic_name(names.CONTROL_FORCE)))
+            return bool(self.count_publishers(self.resolve_topic_name(interfaces.CONTROL_FORCE)))
         now_s = time.monotonic()
         found = sum(outlet.get_subscription_count() for outlet in self._outlets.values())
         if found != self._found:
@@ -165,7 +166,7 @@ class ReplayNode(FlightNode):
         waited = time.monotonic() - self._sent
         if self._silence.look() > self.values['answer_timeout_s']:
             tick = self._current[0].tick
-            self._end(f'no answer to tick {tick} from {names.CONTROL_FORCE}', EXIT_NO_ANSWER)
+            self._end(f'no answer to tick {tick} from {interfaces.CONTROL_FORCE}', EXIT_NO_ANSWER)
         elif waited > self.values['resend_after_s']:
             self._send()
 
@@ -215,6 +216,4 @@ def _bits(force: tuple[float, ...]) -> bytes:
     return struct.pack(f'<{len(force)}d', *force)
 
 
-def main() -> int:
-    """Entry point of `ros2 run rpo_log replay`."""
-    return run_node(ReplayNode)
+main = ReplayNode.main

@@ -11,23 +11,20 @@ from __future__ import annotations
 from rpo_core.chain.chain import Chain
 from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
-from rpo_nav.parameters import ALL, ESTIMATOR, NAVIGATION, SENSORS
 from rpo_ros.place_node import PlaceNode
-from rpo_ros.running import run_node
 
-PLACES = {
-    SENSORS: (Place.ATTITUDE_SENSOR, Place.SENSOR),
-    ESTIMATOR: (Place.ATTITUDE_ESTIMATOR, Place.ESTIMATOR),
-}
-PLACES[ALL] = PLACES[SENSORS] + PLACES[ESTIMATOR]
+_SENSORS = (Place.ATTITUDE_SENSOR, Place.SENSOR)
+_ESTIMATORS = (Place.ATTITUDE_ESTIMATOR, Place.ESTIMATOR)
+PLACES = {'all': _SENSORS + _ESTIMATORS, 'sensors': _SENSORS, 'estimator': _ESTIMATORS}
+"""Value of the parameter `stages` -> places of the chain."""
 
 
 class NavigationNode(PlaceNode):
     """Answers each true state with the navigation solution, a function of state and tick."""
 
     node_name = 'navigation'
-    rows = NAVIGATION
-    places = PLACES[ALL]
+    package = 'rpo_nav'
+    places = PLACES['all']
     what = ('navigating', 'errors of navigation')
     off = 'passing the true state on'
 
@@ -37,6 +34,4 @@ class NavigationNode(PlaceNode):
         return super().part(scenario)
 
 
-def main() -> int:
-    """Entry point of `ros2 run rpo_nav navigation`."""
-    return run_node(NavigationNode)
+main = NavigationNode.main

@@ -74,13 +74,13 @@ def asks_for_help() -> bool:
 def start_node(module: str) -> int:
     """Run the node of a module, or answer `--help` without importing it; return the exit code.
 
-    module : PACKAGE.NAME_node; the node's parameters are the table NAME in PACKAGE.parameters
+    module : PACKAGE.NAME_node; the node's parameters are those of NAME in PACKAGE
     """
     package, _, name = module.removesuffix('_node').partition('.')
     command = f'ros2 run {package} {name}'
     from rpo_ros import parameter_rows
 
-    rows = getattr(import_module(f'{package}.parameters'), name.upper())
+    rows = parameter_rows.tables(package)[name]
     if asks_for_help():
         print(parameter_rows.usage(command, _docstring(module), rows))
         return 0

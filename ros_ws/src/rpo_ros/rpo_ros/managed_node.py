@@ -17,7 +17,7 @@ from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rpo_core.chain.chain import Signals
 from rpo_core.files.validation import InputError
 from rpo_ros import health
-from rpo_ros.parameter_rows import AUTOSTART, ParameterRow
+from rpo_ros.parameter_rows import AUTOSTART
 from rpo_ros.rclpy_private import Lifecycle
 from rpo_ros.stage_node import StageNode
 
@@ -42,10 +42,8 @@ class ManagedNode(Lifecycle, StageNode):
 
     off = ''
 
-    def __init__(
-        self, name: str, overrides: Mapping[str, Any] | None, rows: Sequence[ParameterRow]
-    ) -> None:
-        StageNode.__init__(self, name, overrides, rows)
+    def __init__(self, name: str, overrides: Mapping[str, Any] | None) -> None:
+        StageNode.__init__(self, name, overrides)
         self.active = self._began = self._starting = False
         self._cause: Exception | None = None
         self.answered_inactive = 0

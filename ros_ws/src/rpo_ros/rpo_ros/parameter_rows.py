@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node parameters as one table: declaration, validation and documentation from the same rows.
 
-Without ROS, so that `--help` is quick.
+The rows of a node are in `parameters.yaml` of its package. Without ROS, so that `--help` is quick.
 """
 
 from __future__ import annotations
@@ -10,16 +10,19 @@ from __future__ import annotations
 import difflib
 import itertools
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib import resources
 from typing import Any
 
+from rpo_core import files
 from rpo_core.files import validation
 from rpo_core.files.validation import InputError
 
 _LARGEST = 1e9
 
-Value = bool | int | float | str | tuple[float, ...]
+Value = bool | int | float | str
 
 _ROS_NAME = re.compile(r'(~/|/)?[A-Za-z_]\w*(/[A-Za-z_]\w*)*', re.ASCII)
 
@@ -28,9 +31,8 @@ _ROS_NAME = re.compile(r'(~/|/)?[A-Za-z_]\w*(/[A-Za-z_]\w*)*', re.ASCII)
 class ParameterRow:
     """One parameter; its type is the type of its default.
 
-    default : a tuple is an array of that many numbers
     unit : of a number, '' for others
-    least, most : range of a number, or of each number of an array, both included
+    least, most : range of a number, both included
     smallest : of a real number that is not zero; 0: any
     choices : the allowed texts; empty: any text
     ros_name : the text is the name of a node or of a topic
@@ -55,8 +57,6 @@ class ParameterRow:
     @property
     def kind(self) -> str:
         """The type in words."""
-        if isinstance(self.default, tuple):
-            return f'{len(self.default)} numbers'
         kinds = {bool: 'true or false', int: 'whole number', float: 'number', str: 'text'}
         return kinds[type(self.default)]
 
@@ -76,8 +76,6 @@ class ParameterRow:
         """The default as a user types it, with its unit."""
         if isinstance(self.default, bool):
             return str(self.default).lower()
-        if isinstance(self.default, tuple):
-            return f'{list(self.default)} {self.unit}'.strip()
         return f'{self.default} {self.unit}'.strip() or 'empty'
 
     def summary(self) -> str:
@@ -100,8 +98,6 @@ class ParameterRow:
             if 0.0 < number < self.smallest:
                 raise InputError(f'`{self.name}` must be {self.range}; got {number!r}')
             return number
-        if isinstance(self.default, tuple):
-            return self._numbers(value)
         if self.choices:
             return validation.choice(self.name, value, self.choices)
         if value == self.default == '':
@@ -112,21 +108,6 @@ class ParameterRow:
                 f'/one/{self.default}; got {validation.shown(value)}'
             )
         return validation.text(self.name, value, most=validation.MOST_PATH)
-
-    def _numbers(self, value: Any) -> tuple[float, ...]:
-        size = len(self.default) if isinstance(self.default, tuple) else 0
-        if hasattr(value, 'tolist'):  # rclpy gives an array.array
-            value = value.tolist()
-        if not isinstance(value, (list, tuple)) or len(value) != size:
-            raise InputError(
-                f'`{self.name}` must be a list of {size} numbers; got {validation.shown(value)}'
-            )
-        return tuple(
-            validation.real(
-                f'{self.name}[{i}]', number, self.unit, least=self.least, most=self.most
-            )
-            for i, number in enumerate(value)
-        )
 
 
 _STANDARD = ('use_sim_time', 'start_type_description_service')
@@ -168,6 +149,35 @@ AUTOSTART = ParameterRow(
     'configure and activate at the start; false: wait for `ros2 lifecycle set`', wall=True,
 )  # fmt: skip
 """Parameter of each managed node."""
+
+_BOUNDS = ('least', 'most', 'smallest')
+_SHARED = {row.name: row for row in (SCENARIO, AUTOSTART)}
+
+
+@cache
+def tables(package: str) -> Mapping[str, tuple[ParameterRow, ...]]:
+    """Return node -> its parameters, of the nodes of a package.
+
+    In the file, a row without a description is that of `SCENARIO` or `AUTOSTART`, or of its name in
+    a node before, but for the fields that it has.
+    """
+    source = resources.files(package) / 'parameters.yaml'
+    known: dict[str, ParameterRow] = dict(_SHARED)
+    found = {}
+    for node, written in files.parse_yaml(source.read_text(encoding='utf-8')).items():
+        found[node] = tuple(_row(name, fields, known) for name, fields in written.items())
+        known = {row.name: row for row in found[node]} | known
+    return found
+
+
+def _row(name: str, fields: Mapping[str, Any], known: Mapping[str, ParameterRow]) -> ParameterRow:
+    """Return a row as the file has it."""
+    values = {key: float(v) if key in _BOUNDS else v for key, v in fields.items()}
+    if 'choices' in values:
+        values['choices'] = tuple(values['choices'])
+    if 'description' in values:
+        return ParameterRow(name, **values)
+    return replace(known[name], **values)
 
 
 def usage(command: str, about: str, rows: Sequence[ParameterRow]) -> str:

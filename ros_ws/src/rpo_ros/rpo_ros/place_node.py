@@ -12,26 +12,24 @@ from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
 from rpo_ros import health
 from rpo_ros.managed_node import ManagedNode
-from rpo_ros.parameter_rows import AUTOSTART, SCENARIO, ParameterRow
 
 
 class PlaceNode(ManagedNode):
     """Runs the stages that a scenario has at some places of the chain.
 
-    node_name : of the node; rows : its parameters
+    node_name : of the node
     places : of the chain
     what : the work of the stages in a word, and their product
     role : in the manifest; '' for its name, and no parameters
     """
 
     node_name = ''
-    rows: tuple[ParameterRow, ...] = (SCENARIO, AUTOSTART)
     places: tuple[Place, ...] = ()
     what = ('', '')
     role = ''
 
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
-        super().__init__(self.node_name, overrides, self.rows)
+        super().__init__(self.node_name, overrides)
         self.start()
 
     def part(self, scenario: Scenario) -> Chain | None:

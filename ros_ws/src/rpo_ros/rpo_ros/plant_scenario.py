@@ -22,7 +22,8 @@ over; until then it is a second one, and does not count."""
 
 SCENARIO_FILE = 'file.scenario.yaml'
 _MODE = 'parameter.mode'
-_LOCKSTEP, _FREE_RUNNING = 'lockstep', 'free_running'
+LOCKSTEP, FREE_RUNNING = 'lockstep', 'free_running'
+"""Modes of a plant."""
 
 
 def _flown(text: str, mode: str) -> Scenario:
@@ -30,7 +31,7 @@ def _flown(text: str, mode: str) -> Scenario:
     found = files.loads(text, scenario.parse, 'the scenario of the plant')
     if not isinstance(found, Scenario):
         raise InputError('the scenario of the plant must be a single flight; got a set')
-    choice(_MODE, mode, ('', _LOCKSTEP, _FREE_RUNNING))
+    choice(_MODE, mode, ('', LOCKSTEP, FREE_RUNNING))
     return found
 
 
@@ -85,7 +86,7 @@ class PlantScenario:
         self._text, self._mode = text, mode
         try:
             self._compare(found)
-            free = mode == _FREE_RUNNING
+            free = mode == FREE_RUNNING
             if found != self.scenario or free != self.free_running:
                 self.scenario, self.free_running = found, free
                 self._take(found)

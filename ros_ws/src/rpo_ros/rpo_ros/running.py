@@ -41,7 +41,9 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 
 from rpo_core.files.validation import InputError, shown
 from rpo_core.wire.cdr import CdrError
+from rpo_ros import parameter_rows
 from rpo_ros.entry_point import EXIT_BAD_INPUT, end_in_time
+from rpo_ros.parameters import declare
 
 LONGEST_S = 1e9
 """Longest period of a timer: 32 years. rclpy's nanoseconds overflow at 292."""
@@ -54,7 +56,8 @@ _LAST_WORDS_S = 2.0
 
 RANGE, PEERS = 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_STATIC_PEERS'
 PROFILES = ('FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE')
-LOOPBACK = Path(__file__).with_name('loopback.xml')
+LOOPBACK = tuple(map(Path(__file__).with_name, ('loopback_3.xml', 'loopback.xml')))
+"""For Fast DDS 3 and 2, which refuse each other's names of times."""
 
 
 def keep_to_this_machine(env: MutableMapping[str, str] = os.environ) -> None:
@@ -65,7 +68,7 @@ def keep_to_this_machine(env: MutableMapping[str, str] = os.environ) -> None:
     if env.get(RANGE) != 'LOCALHOST' or env.get(PEERS) or any(env.get(name) for name in PROFILES):
         return
     old = env.get('ROS_DISTRO', 'jazzy') in ('humble', 'jazzy')  # Fast DDS 2; 3 warns of it
-    env[PROFILES[old]] = str(LOOPBACK)
+    env[PROFILES[old]] = str(LOOPBACK[old])
 
 
 class FlightNode(Node):
@@ -77,8 +80,13 @@ class FlightNode(Node):
     exit_code : of the process; 0 unless the node changes it
     newest : name of the logger of the node that was made last: if it cannot be made, it says why
     alive : the nodes of this process, also those that did not get ready
+    executor_kind : of the executor that runs it alone; None: the fastest that rclpy has
+    package : whose `parameters.yaml` has the parameters of the node; '' for none
+    rows, values : its parameters, and their checked values
     """
 
+    executor_kind: ClassVar[Callable[[], Executor] | None] = None
+    package: ClassVar[str] = ''
     rest_s = 0.0
     newest = ''
     alive: ClassVar[weakref.WeakSet[FlightNode]] = weakref.WeakSet()
@@ -95,6 +103,13 @@ class FlightNode(Node):
         FlightNode.alive.add(self)
         self.done = False
         self.exit_code = 0
+        self.rows = parameter_rows.tables(self.package).get(name, ()) if self.package else ()
+        self.values = declare(self, self.rows) if self.package else {}
+
+    @classmethod
+    def main(cls) -> int:
+        """Run the node alone, as its command does; return the exit code."""
+        return run(lambda: [cls()], executor_kind=cls.executor_kind or new_executor)
 
     def create_service(
         self, srv_type: Any, srv_name: str, callback: Callable[[Any, Any], Any], **options: Any

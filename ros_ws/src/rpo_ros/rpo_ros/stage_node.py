@@ -19,11 +19,9 @@ from rpo_core.chain.stage import WITHOUT_COMMAND, ZERO, Signal
 from rpo_core.files.scenario import Scenario
 from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import GONE, REFUSED, RUNNING, WAITING, RunStatus
-from rpo_ros import health, names, qos
+from rpo_ros import health, qos
 from rpo_ros.conversions import to_status
 from rpo_ros.heartbeat import Pulse
-from rpo_ros.parameter_rows import SCENARIO, ParameterRow
-from rpo_ros.parameters import declare
 from rpo_ros.patience import MOST_REPEATS, Patience
 from rpo_ros.plant_scenario import PlantScenario
 from rpo_ros.running import EXIT_BAD_INPUT, FlightNode
@@ -60,14 +58,8 @@ class StageNode(FlightNode):
     chain : the stages, None until the scenario is known
     """
 
-    def __init__(
-        self,
-        name: str,
-        overrides: Mapping[str, Any] | None,
-        rows: Sequence[ParameterRow] = (SCENARIO,),
-    ) -> None:
+    def __init__(self, name: str, overrides: Mapping[str, Any] | None) -> None:
         super().__init__(name, overrides)
-        self.values = declare(self, rows)
         self.chain: Chain | None = None
         self.answered = 0
         self.ignored: Counter[str] = Counter()
@@ -88,7 +80,7 @@ class StageNode(FlightNode):
         self._answer = Answer()
         self.manifest: health.Manifest | None = None
         self._stage_status = self.create_publisher(
-            DiagnosticStatus, names.STAGE_STATUS, qos.LATCHED
+            DiagnosticStatus, interfaces.STAGE_STATUS, qos.LATCHED
         )
         self._run = PlantScenario(self, self.values['scenario'], self._fly_in, self.refuse)
 

@@ -25,7 +25,6 @@ from rpo_core.wire import interfaces
 from rpo_ros import health, qos
 from rpo_ros.conversions import to_status
 from rpo_ros.place_node import PlaceNode
-from rpo_ros.running import run_node
 from rpo_safety.abort import COMMANDS
 from rpo_safety.assurance import ASSURANCE_STATUS, AssuranceStage, Decision
 
@@ -34,6 +33,7 @@ class AssuranceNode(PlaceNode):
     """Answers each state and command with an assured force."""
 
     node_name = 'assurance'
+    package = 'rpo_safety'
     places = (Place.SHAPING, Place.ASSURANCE)
     what = ('shaping or assuring', 'shaping or runtime assurance')
     off = 'passing commands on unchanged'
@@ -124,6 +124,4 @@ class AssuranceNode(PlaceNode):
         return level, doing, values
 
 
-def main() -> int:
-    """Entry point of `ros2 run rpo_safety assurance`."""
-    return run_node(AssuranceNode)
+main = AssuranceNode.main

@@ -6,19 +6,17 @@ from __future__ import annotations
 
 from rpo_core.chain.stage import Place
 from rpo_ros.place_node import PlaceNode
-from rpo_ros.running import run_node
 
 
 class DisturbanceInjectorNode(PlaceNode):
     """Computes the disturbance from the stamp alone."""
 
     node_name = 'disturbance_injector'
+    package = 'rpo_sim'
     places = (Place.DISTURBANCE,)
     what = ('disturbing', 'disturbance')
     role = 'disturbance'
     off = 'no disturbance'
 
 
-def main() -> int:
-    """Entry point of `ros2 run rpo_sim disturbance_injector`."""
-    return run_node(DisturbanceInjectorNode)
+main = DisturbanceInjectorNode.main

@@ -18,7 +18,6 @@ from rpo_ros.running import FlightNode
 class Loop(FlightNode):
     """The loop of a plant, as its pacing and its services see it.
 
-    values : parameters of the node
     phase : WAITING, RUNNING, FINISHED or ABORTED
     paused : only requested ticks pass
     steps : requested ticks that have not passed
@@ -26,7 +25,6 @@ class Loop(FlightNode):
     progress_s, sent_s : monotonic times of the last tick, of the last state sent
     """
 
-    values: Mapping[str, Any]
     watch: Watch
 
     def __init__(self, name: str, overrides: Mapping[str, Any] | None = None) -> None:

@@ -22,8 +22,7 @@ from rpo_core.wire.statuses import ABORTED, ENDED, FINISHED, GONE, PAUSED, RUNNI
 from rpo_ros import health, qos
 from rpo_ros.conversions import to_status
 from rpo_ros.heartbeat import Pulse, Watch
-from rpo_ros.parameters import declare
-from rpo_ros.running import run_node
+from rpo_ros.plant_scenario import FREE_RUNNING, LOCKSTEP
 from rpo_ros.signals import listen
 from rpo_sim import standard_control
 from rpo_sim.free_running import FreeRunningPlant
@@ -31,8 +30,6 @@ from rpo_sim.lockstep import LockstepPlant
 from rpo_sim.loop import Loop
 from rpo_sim.loop_health import LoopHealth
 from rpo_sim.pacing import FreeRunningPacing, LockstepPacing
-from rpo_sim.parameters import FREE_RUNNING, LOCKSTEP
-from rpo_sim.parameters import PLANT as PARAMETERS
 from rpo_sim.plant import ACCEPTED, NotFiniteError, topics_of
 from rpo_sim.publications import Publications, TickReports
 from rpo_sim.recorder_watch import RecorderWatch
@@ -52,9 +49,10 @@ _INTERRUPTED_S = 0.2
 class PlantNode(Loop):
     """Publishes state k, passes tick k as its mode requires, continues with k + 1."""
 
+    package = 'rpo_sim'
+
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__('plant', overrides)
-        self.values = declare(self, PARAMETERS)
         path = files.find('scenario', self.values['scenario'])
         self.scenario = scenario.load_scenario(path)
         self.run_id = uuid.uuid4().hex
@@ -87,7 +85,7 @@ class PlantNode(Loop):
         )
 
     def _manifest(self, text: str) -> None:
-        shaping = {row.name: self.values[row.name] for row in PARAMETERS if not row.wall}
+        shaping = {row.name: self.values[row.name] for row in self.rows if not row.wall}
         shaping['scenario'] = self.scenario.name
         self._latched = health.Manifest(self, 'plant', self.run_id)
         self._latched.publish(shaping, {'scenario.yaml': text})
@@ -325,6 +323,4 @@ class PlantNode(Loop):
             self.topics.last_words(_INTERRUPTED_S)
 
 
-def main() -> int:
-    """Entry point of `ros2 run rpo_sim plant`."""
-    return run_node(PlantNode)
+main = PlantNode.main

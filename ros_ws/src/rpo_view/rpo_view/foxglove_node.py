@@ -16,13 +16,10 @@ from rpo_core.files.validation import InputError
 from rpo_core.wire import interfaces
 from rpo_mcap.format import rosbag2
 from rpo_ros import conversions, names, qos
-from rpo_ros.parameters import declare
-from rpo_ros.running import FlightNode
 from rpo_ros.signals import message_class
 from rpo_view.gate import Gate, hidden_address
-from rpo_view.latest import Latest, run_viewer
+from rpo_view.latest import Latest, Viewer
 from rpo_view.local import HOST
-from rpo_view.parameters import FOXGLOVE as PARAMETERS
 
 try:
     import foxglove
@@ -40,22 +37,22 @@ _SAMPLED = {
     **{
         name: message_class(interfaces.row_of(name).type)
         for name in (
-            names.RELATIVE_STATE,
-            names.CONTROL_FORCE,
-            names.DISTURBANCE_FORCE,
-            names.DECISION,
+            interfaces.RELATIVE_STATE,
+            interfaces.CONTROL_FORCE,
+            interfaces.DISTURBANCE_FORCE,
+            interfaces.DECISION,
         )
     },
     names.MARKERS: MarkerArray,
 }
 
 
-class FoxgloveNode(FlightNode):
+class FoxgloveNode(Viewer):
     """Passes on the bytes of the messages, with the simulated time of the newest state."""
 
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__('foxglove', overrides)
-        values = declare(self, PARAMETERS)
+        values = self.values
         if foxglove is None:
             raise InputError(
                 'foxglove-sdk is not installed: `make setup LAYERS=view`, or pip, installs it'
@@ -67,7 +64,9 @@ class FoxgloveNode(FlightNode):
             name: Latest(self, name, kind=kind, raw=True) for name, kind in _SAMPLED.items()
         }
         self._channels = {name: self._channel(name, kind) for name, kind in _SAMPLED.items()}
-        self._channels[names.RUN_STATUS] = self._channel(names.RUN_STATUS, DiagnosticStatus)
+        self._channels[interfaces.RUN_STATUS] = self._channel(
+            interfaces.RUN_STATUS, DiagnosticStatus
+        )
         self._transform = FrameTransformChannel(
             self.resolve_topic_name('chaser_transform'), context=self._app_context
         )
@@ -82,7 +81,7 @@ class FoxgloveNode(FlightNode):
             self._server.stop()
             raise
         self.create_subscription(
-            DiagnosticStatus, names.RUN_STATUS, self._on_status, qos.LATCHED_QUEUE, raw=True
+            DiagnosticStatus, interfaces.RUN_STATUS, self._on_status, qos.LATCHED_QUEUE, raw=True
         )
         self.every(1.0 / values['rate_hz'], self._pass_on)
         self.every(_STATUS_PERIOD_S, self._send_status)
@@ -105,7 +104,7 @@ class FoxgloveNode(FlightNode):
             data = newest.take()
             if data is None:
                 continue
-            if name == names.RELATIVE_STATE and not self._on_state(
+            if name == interfaces.RELATIVE_STATE and not self._on_state(
                 deserialize_message(data, Odometry)
             ):
                 continue
@@ -142,7 +141,7 @@ class FoxgloveNode(FlightNode):
     def _send_status(self) -> None:
         """Send run_status again: the apps know no latched topics."""
         if self._status and self._stamp_ns:
-            self._channels[names.RUN_STATUS].log(self._status, log_time=self._stamp_ns)
+            self._channels[interfaces.RUN_STATUS].log(self._status, log_time=self._stamp_ns)
 
     def close(self) -> None:
         """Disconnect the apps."""
@@ -150,6 +149,4 @@ class FoxgloveNode(FlightNode):
         self._gate.close()
 
 
-def main() -> int:
-    """Entry point of `ros2 run rpo_view foxglove`."""
-    return run_viewer(FoxgloveNode)
+main = FoxgloveNode.main

@@ -8,7 +8,6 @@ processor. Here the middleware keeps the last message, and Python takes only tha
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
@@ -18,7 +17,7 @@ from rclpy.serialization import deserialize_message
 
 from rpo_core.wire import interfaces
 from rpo_ros import qos
-from rpo_ros.running import FlightNode, run_node
+from rpo_ros.running import FlightNode
 from rpo_ros.signals import message_class
 
 
@@ -36,7 +35,7 @@ class _Unspun(CallbackGroup):
 
 
 class Latest:
-    """The newest message of one topic; run the node by `run_viewer`.
+    """The newest message of one topic; its node is a `Viewer`.
 
     kind : of a topic that is not in the table of interfaces
     """
@@ -52,7 +51,7 @@ class Latest:
 
     @staticmethod
     def _never(_message: object) -> None:
-        raise RuntimeError('run a viewer by run_viewer')
+        raise RuntimeError('run a viewer by its main')
 
     def take(self) -> Any:
         """Return the newest message since the last look; None if none came."""
@@ -69,6 +68,8 @@ class Latest:
         return newest if self._raw else message
 
 
-def run_viewer(make: Callable[[], FlightNode]) -> int:
-    """Run a viewer node by the stock executor: only that one respects callback groups."""
-    return run_node(make, SingleThreadedExecutor)
+class Viewer(FlightNode):
+    """A node of views, run by the stock executor: only that one respects callback groups."""
+
+    executor_kind = SingleThreadedExecutor
+    package = 'rpo_view'

@@ -13,10 +13,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from rpo_attitude.target import TARGET_ATTITUDE
 from rpo_ros import conversions, names, qos
-from rpo_ros.parameters import declare
-from rpo_view.latest import Latest, run_viewer
+from rpo_view.latest import Latest
 from rpo_view.listening import ListeningNode
-from rpo_view.parameters import VISUALIZER as PARAMETERS
 from rpo_view.scene import Look, markers, turn
 from rpo_view.trail import Trail
 
@@ -31,7 +29,7 @@ class VisualizerNode(ListeningNode):
 
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__('visualizer', overrides)
-        values = declare(self, PARAMETERS)
+        values = self.values
         self._look = Look(
             values['arrow_m_per_n'], values['keep_out_radius_m'], values['corridor_half_angle_deg']
         )
@@ -86,6 +84,4 @@ def transform_of(state: Odometry) -> TransformStamped:
     return transform
 
 
-def main() -> int:
-    """Entry point of `ros2 run rpo_view visualizer`."""
-    return run_viewer(VisualizerNode)
+main = VisualizerNode.main

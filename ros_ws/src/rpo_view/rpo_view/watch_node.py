@@ -8,10 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from rpo_core.files.validation import InputError
-from rpo_ros.parameters import declare
-from rpo_view.latest import run_viewer
 from rpo_view.listening import ListeningNode
-from rpo_view.parameters import WATCH as PARAMETERS
 
 try:
     from rich.console import Console
@@ -29,7 +26,6 @@ class WatchNode(ListeningNode):
 
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__('watch', overrides)
-        self.values = declare(self, PARAMETERS)
         if Console is None:
             raise InputError('rich is not installed: `make setup LAYERS=view`, or pip, installs it')
         console = Console()
@@ -57,6 +53,4 @@ class WatchNode(ListeningNode):
             self._live.stop()
 
 
-def main() -> int:
-    """Entry point of `ros2 run rpo_view watch`."""
-    return run_viewer(WatchNode)
+main = WatchNode.main

@@ -7,10 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from rpo_ros.parameters import declare
-from rpo_view.latest import run_viewer
 from rpo_view.listening import ListeningNode
-from rpo_view.parameters import WEB as PARAMETERS
 from rpo_view.web_server import LivePage
 
 
@@ -19,9 +16,8 @@ class WebNode(ListeningNode):
 
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__('web', overrides)
-        values = declare(self, PARAMETERS)
-        self.page = LivePage(values['port'])
-        self.every(1.0 / values['rate_hz'], self._show)
+        self.page = LivePage(self.values['port'])
+        self.every(1.0 / self.values['rate_hz'], self._show)
         self.get_logger().info(f'{self.topic} is shown at {self.page.url}')
 
     def _show(self) -> None:
@@ -33,6 +29,4 @@ class WebNode(ListeningNode):
         self.page.close()
 
 
-def main() -> int:
-    """Entry point of `ros2 run rpo_view web`."""
-    return run_viewer(WebNode)
+main = WebNode.main
