@@ -20,7 +20,6 @@ from rpo_cli.cli import app
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
-from rpo_core.files.scenario import parse as parse_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.interfaces import EXERTED_FORCE, EXERTED_TORQUE
@@ -303,31 +302,6 @@ def test_a_switch_in_flight_is_a_failure_from_its_tick_on():
     assert stage.step(5, commands[0])[2] == exerted(table, [])[2].step(5, commands[0])[2]
 
 
-@pytest.mark.parametrize(
-    ('document', 'message'),
-    [
-        ({}, 'one of `preset` and `thrusters`'),
-        ({'preset': 'pairs_12'}, '`table.force_n` belongs to a `preset`'),
-        ({'preset': 'pairs_13', 'force_n': 1.0}, 'pairs_12'),
-        ({'preset': 'pairs_12', 'force_n': -1.0}, 'force_n` must be a finite number > 0 and'),
-        (
-            {'preset': 'pairs_12', 'force_n': 1.0, 'failures': [{'thruster': 'q', 'stuck': 'on'}]},
-            'failures[0].thruster` must be one of x+a',
-        ),
-        (
-            {'thrusters': [{'name': 'a', 'position_m': [0, 0, 0], 'direction': [0, 0, 0],
-                            'force_n': 1.0}]},
-            '`direction` must not be zero',
-        ),
-    ],
-)  # fmt: skip
-def test_a_table_that_cannot_be_is_refused(document, message):
-    whole = {**BASE_DOCUMENT, 'thrusters': {'table': document}}
-    with pytest.raises(InputError) as refused:
-        parse_scenario(whole)
-    assert message in str(refused.value)
-
-
 BASE_DOCUMENT = {
     'schema': 'rpo/scenario/1', 'name': 'table', 'orbit_radius_m': 6678000.0, 'mass_kg': 10.0,
     'max_force_n': 0.5, 'dt_s': 0.1, 'duration_s': 30.0, 'initial_position_m': [10.0, 60.0, -40.0],
@@ -409,6 +383,14 @@ def test_authority_is_that_of_scipy(name, stuck):
     draw /= np.linalg.norm(draw, axis=1)[:, None]
     least = min(*expected, *(reach(table, side, stuck) for side in draw))
     assert found.box_n - 1e-9 <= found.least_n <= least + 1e-9
+
+
+def test_a_thruster_that_is_on_takes_all_of_a_table_that_makes_up_for_a_part_of_it():
+    weak = (replace(t, force_n=0.3 if t.name == 'x-' else 0.5) for t in preset('faces_6').each)
+    table = ThrusterTable(thrusters=tuple(weak))
+    assert authority(table, {'x+': 'on'}).axes_n == (0.0,) * 6
+    left = authority(table, {'x-': 'on'})
+    assert left.axes_n == pytest.approx((0.2, 0.3, 0.5, 0.5, 0.5, 0.5))
 
 
 def test_presets_differ_in_what_a_failure_leaves():

@@ -357,6 +357,35 @@ def test_a_window_of_states_without_reports_lets_a_tick_go():
         assert heard.ticks == list(range(max(1, heard.orderer.latest + 1 - WINDOW)))
 
 
+def test_a_plant_that_reports_nothing_and_waits_for_the_log_is_asked_in_vain():
+    """They waited for each other, for ever."""
+    heard = contested()
+    heard.both(*range(2, 49))
+    assert (heard.ticks, heard.orderer.furthest) == ([0], 48)
+    heard.orderer.pass_over()
+    assert heard.ticks == list(range(49)) and heard.orderer.latest == 48
+    assert heard.orderer.counts[1].conflicts == 1
+    heard.both(49)
+    assert heard.ticks[-1] == 49
+    heard.report(49)  # it does report
+    heard.both(50)
+    assert heard.ticks[-1] == 49
+
+
+def test_a_topic_that_is_missing_is_silent_where_the_plant_waits_for_the_log():
+    heard = flown(3)
+    for tick in range(4, 49):
+        heard.say(0, tick)
+    assert heard.ticks[-1] == 3
+    heard.orderer.pass_over()
+    assert heard.ticks[-1] == 47  # the newest tick may still be completed
+    assert heard.orderer.counts[1].missing == 44
+    heard.orderer.pass_over()
+    heard.say(1, 48)
+    heard.both(49)
+    assert heard.ticks[-1] == 49 and heard.orderer.counts[1].missing == 44
+
+
 def test_ticks_before_the_question_wait_for_no_report():
     heard = begun()
     for text in ('a', 'b'):

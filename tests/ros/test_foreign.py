@@ -14,11 +14,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flights import lasting
+from geometry_msgs.msg import WrenchStamped
 from inside import inside
 from landing import rest_at_landing
 
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_guidance.guidance_node import GuidanceNode
+from rpo_log import recorder_node
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.replay_node import ReplayNode
 from rpo_log.verify import verify
@@ -74,6 +76,36 @@ def test_a_plant_of_somebody_else_flies_is_recorded_replayed_and_verified(
         'as computed from what was given, 81 ticks bit for bit; given, not judged: '
         'relative_state (dynamics), figures of run_status; recomputed: controller'
     )
+
+
+def test_a_plant_that_reports_nothing_does_not_wait_for_ever_where_two_answer(
+    ros_env, foreign, tmp_path, monkeypatch
+):
+    """The recorder asked it what it took, and the plant waited for the recorder."""
+    monkeypatch.setattr(recorder_node, '_HELD_S', 0.3)
+    plant = foreign('plant.py', lasting(12.0, tmp_path))
+    with inside() as inner:
+        said = set()
+        again = inner.user.create_publisher(WrenchStamped, 'control_force', 64)
+
+        def repeat(data):
+            if data not in said:
+                said.add(data)
+                again.publish(data)
+
+        inner.user.create_subscription(
+            WrenchStamped,
+            'control_force',
+            repeat,
+            64,
+            raw=True,
+        )
+        inner.start(ControllerNode({'controller': 'handmade'}))
+        recorder = inner.start(RecorderNode({'output': str(tmp_path / 'run')}))
+        inner.until(lambda: recorder.done and plant.poll() is not None)
+        assert (plant.returncode, recorder.exit_code) == (0, 0)
+    found = verify(tmp_path / 'run', given=['relative_state'])
+    assert (found.exit_code, found.gaps) == (ExitCode.GIVEN, ()), found.sentence()
 
 
 SENSOR = {'kind': 'relative_position', 'noise_floor_m': 0.01}

@@ -7,6 +7,7 @@ from __future__ import annotations
 import datetime
 import time
 import uuid
+from bisect import bisect_right
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from functools import partial
@@ -14,6 +15,7 @@ from operator import itemgetter
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.duration import Duration
 from rclpy.subscription import Subscription
 
 from rpo_core import files
@@ -21,7 +23,7 @@ from rpo_core.chain.chain import signals_of
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr, interfaces
-from rpo_core.wire.interfaces import PROGRESS_TICKS
+from rpo_core.wire.interfaces import MOST_AHEAD_TICKS, PROGRESS_TICKS
 from rpo_core.wire.statuses import READERS, WAITING, Manifest, PlantTick, RunStatus
 from rpo_log import provenance, signature
 from rpo_log.manifests import CONTROLLER, PLANT, Manifests
@@ -48,8 +50,18 @@ NEVER = 1 << 62
 MANIFEST_PATIENCE_S = 5.0
 """A controller heard for so long without a manifest is not one of ours, and has none."""
 _TAKE_S, _LOOK_S, _SAY_S = 0.002, 0.02, 4.0
+_IDLE_TAKES, _IDLE_S = 50, 0.02
+"""After so many looks into empty queues it looks less often: each costs 0.1 ms."""
+_HELD_S = 6.0
+"""A plant that waits so long for the log, as none of ours does, waits for what will not come."""
+_LAST_WORD_S = 0.5
+"""How long to wait until it was heard that the log is closed: the plant stays until then."""
 _ANEW_S = 2.5
 """Silence of a plant after which another one is the new one; it publishes once a second."""
+
+_Taken = tuple[int, str, bytes]
+"""When a message came, by the machine's clock [ns]; its topic; its CDR."""
+_MOMENT = itemgetter(0)
 
 
 class RecorderNode(FlightNode):
@@ -81,9 +93,11 @@ class RecorderNode(FlightNode):
         self._heard: set[str] = set()
         self._contested: set[str] = set()
         self._queues: dict[Subscription, str] = {}
+        self._held: list[_Taken] = []
+        self._empty_takes = 0
         self._ready, self._running, self._anew, self._newest = False, False, False, -1
         self._reported, self._asked = 0, None
-        self._timeout = Timeout()
+        self._timeout, self._held_up, self._halt = Timeout(), Timeout(), (-1, -1)
         self._interrupted = False
         self._health_log: HealthLogWriter | None = None
         self._decisions: DecisionLogWriter | None = None
@@ -99,7 +113,7 @@ class RecorderNode(FlightNode):
         self._announce('waiting')
         self._subscribe()
         health.publish_health(self, self._health)
-        self.every(_TAKE_S, self._take)
+        self._taking = self.every(_TAKE_S, self._take)
         self.every(_LOOK_S, self._look)
         self.every(_SAY_S, self._say_what_it_wants)
         self.every(health.PERIOD_S, self._publish_status)
@@ -133,20 +147,42 @@ class RecorderNode(FlightNode):
         return (made for made in super().subscriptions if made not in self._queues)
 
     def _take(self) -> None:
-        """Take what waits: as events of the executor, messages cost twice as much.
-
-        They are passed on as they came: what is there before its state may be somebody else's.
-        """
-        taken: list[tuple[int, str, bytes]] = []
-        for queue, name in self._queues.items():
-            for _ in range(_MOST_TAKEN):  # anybody can publish faster than it is written
-                found = queue.handle.take_message(queue.msg_type, True)
-                if found is None:
-                    break
-                taken.append((found[1]['received_timestamp'], name, found[0]))
-        taken.sort(key=itemgetter(0))
+        """Take what waits: as events of the executor, messages cost twice as much."""
+        if self.done:
+            return
+        taken = self._take_until_empty_or(_MOST_TAKEN)
         for _, name, data in taken:
             self._on_raw(name, data)
+        self._empty_takes = 0 if taken else self._empty_takes + 1
+        idle = self._empty_takes >= _IDLE_TAKES
+        if idle != (self._taking.timer_period_ns > _TAKE_S * 1e9):
+            self._taking.timer_period_ns = round((_IDLE_S if idle else _TAKE_S) * 1e9)
+
+    def _take_until_empty_or(self, most: int) -> list[_Taken]:
+        """Return what waits in the order in which it came, states first of what came at one time.
+
+        What is there before its state may be somebody else's. Anybody can publish faster than it is
+        written: of a topic, `most` are taken. What came after the last of these is held until the
+        rest of the topic is there.
+        """
+        taken, end = self._held, NEVER
+        for queue, name in self._queues.items():
+            found: list[_Taken] = []
+            moment = 0
+            for _ in range(most):
+                message = queue.handle.take_message(queue.msg_type, True)
+                if message is None:
+                    break
+                # The machine's clock may be set back: a topic stays in order.
+                moment = max(moment, message[1]['received_timestamp'])
+                found.append((moment, name, message[0]))
+            else:
+                end = min(end, moment)
+            taken = found + taken if found else taken
+        taken.sort(key=_MOMENT)
+        count = bisect_right(taken, end, key=_MOMENT)
+        self._held = taken[count:]
+        return taken[:count]
 
     def _topic(self, name: str) -> str:
         """Return where a signal is recorded: where the run has it, unless this node is remapped."""
@@ -165,7 +201,7 @@ class RecorderNode(FlightNode):
                 self.log.record(name, data)
                 self._report_progress(self.log)
             elif self._decisions is not None and name == self._decision_topic:
-                self._decisions.record(data, self.log.latest)
+                self._decisions.record(data, self.log.orderer.reached)
         elif len(self._early) < _MOST_EARLY:
             self._early.append((name, data))
 
@@ -281,8 +317,7 @@ class RecorderNode(FlightNode):
             self._newest = log.latest
             self._timeout.broken()
         silent_s = self._timeout.look()
-        numbers = [name for name in self._expected if interfaces.CLOCK not in name]
-        publishers = {name: self.count_publishers(name) for name in numbers}
+        publishers = {name: self.count_publishers(name) for name in self._numbers}
         gone = not publishers.get(self._state_topic)
         if self._anew and silent_s > _ANEW_S:
             self._lose_plant('the plant was started anew')
@@ -294,7 +329,21 @@ class RecorderNode(FlightNode):
                 log.ask()
                 self.get_logger().warning(f'{name} has several publishers: the log holds what acts')
             self._contested |= contested
+            self._go_on_where_the_plant_waits(log)
             self._report_progress(log)
+
+    def _go_on_where_the_plant_waits(self, log: RunLogWriter) -> None:
+        """Pass over what is missing where the plant passes no tick before it is in the log."""
+        order = log.orderer
+        before, self._halt = self._halt, (order.next_tick, order.furthest)
+        waits = order.furthest - self._reported >= MOST_AHEAD_TICKS
+        if self._halt != before or not waits:
+            self._held_up.broken()
+        if self._held_up.look() > _HELD_S:
+            self._held_up.broken()
+            missing = f'what is missing at tick {order.next_tick} is passed over'
+            self.get_logger().warning(f'the plant waits for the log: {missing}')
+            log.pass_over()
 
     def _lose_plant(self, reason: str) -> None:
         if self._end is None:
@@ -338,6 +387,7 @@ class RecorderNode(FlightNode):
         )
         self._recorded = {self._topic(row.name): Topic(self._topic(row.name), row) for row in due}
         self._expected = list(self._recorded)
+        self._numbers = [self._topic(row.name) for row in due if row.name != interfaces.CLOCK]
         self._state_topic = self._topic(interfaces.RELATIVE_STATE)
         for topic in self._recorded.values():
             if topic.name != self.resolve_topic_name(topic.row.topic):
@@ -375,7 +425,8 @@ class RecorderNode(FlightNode):
     def _finish(self) -> None:
         if self.log is None or self.done:
             return
-        self._take()
+        for _, name, data in (*self._take_until_empty_or(_MOST_TAKEN), *self._held):
+            self._on_raw(name, data)
         for name, data in self._manifests.remaps(self._recorded.values()).items():
             self.log.attach(name, data)
         summary = self.log.close()
@@ -469,6 +520,7 @@ class RecorderNode(FlightNode):
         """Close the log; to be ended before anything is recorded is no success."""
         wants = self._wants
         self._finish()
+        self._status.wait_for_all_acked(Duration(seconds=_LAST_WORD_S))
         if not self._interrupted:
             return
         empty = self.log is None or not any(self.log.summary.messages.values())

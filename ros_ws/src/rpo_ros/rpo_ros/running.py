@@ -56,7 +56,8 @@ _LAST_WORDS_S = 2.0
 
 RANGE, PEERS = 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_STATIC_PEERS'
 PROFILES = ('FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE')
-LOOPBACK = Path(__file__).with_name('loopback.xml')
+LOOPBACK = tuple(map(Path(__file__).with_name, ('loopback_3.xml', 'loopback.xml')))
+"""For Fast DDS 3 and 2, which refuse each other's names of times."""
 
 
 def keep_to_this_machine(env: MutableMapping[str, str] = os.environ) -> None:
@@ -67,7 +68,7 @@ def keep_to_this_machine(env: MutableMapping[str, str] = os.environ) -> None:
     if env.get(RANGE) != 'LOCALHOST' or env.get(PEERS) or any(env.get(name) for name in PROFILES):
         return
     old = env.get('ROS_DISTRO', 'jazzy') in ('humble', 'jazzy')  # Fast DDS 2; 3 warns of it
-    env[PROFILES[old]] = str(LOOPBACK)
+    env[PROFILES[old]] = str(LOOPBACK[old])
 
 
 class FlightNode(Node):

@@ -22,6 +22,9 @@ what the plant reports of it (`report`), and a state leads once the plant has re
 before it. The message that the plant published or took is let go, and the others are ignored. What
 the plant does not report, nobody knows: the first message stays, and the tick has a conflict.
 
+A plant that waits for the log brings none of these about: then nothing more is waited for
+(`pass_over`).
+
 Events are rare, and are not waited for; only the first run_status is, before tick 1. An event
 whose tick is written already is passed on by itself with the last tick written: none is lost. A
 topic that the plant has dropped (`drop`) is neither waited for nor missing. The wall clock has no
@@ -125,6 +128,7 @@ class TickOrderer:
         self._silent = [False] * self.width
         self._holes: list[set[int]] = [set() for _ in range(self.width)]
         self._latest, self._last = -1, NEVER
+        self._in_vain = False  # asked
         self._event_due = self.awaited is not None
 
     @property
@@ -137,6 +141,19 @@ class TickOrderer:
     def latest(self) -> int:
         """Tick of the newest state."""
         return self._latest
+
+    @property
+    def reached(self) -> int:
+        """The last of the states that follow the newest one: a plant that is asked is ahead."""
+        tick = self._latest
+        while self.messages(self.leader, tick + 1):
+            tick += 1
+        return tick
+
+    @property
+    def furthest(self) -> int:
+        """The last tick of which something waits; -1 if nothing does."""
+        return max(self._pending, default=-1)
 
     def messages(self, index: int, tick: int) -> Sequence[bytes]:
         """Return the different messages of a topic at a tick, as far as they are still known."""
@@ -164,6 +181,7 @@ class TickOrderer:
         """
         if not self.next_tick - WINDOW <= tick <= self._latest + WINDOW:
             return
+        self._in_vain = False
         if self._reports.setdefault(tick, taken) != taken:
             self._reports[tick] = {}
         for past in [t for t in self._reports if t < self.next_tick - WINDOW]:
@@ -173,9 +191,22 @@ class TickOrderer:
             self._choose(tick, released)
         self._go_on()
 
+    def pass_over(self) -> None:
+        """Wait no more for what is missing at the next tick, nor for a plant that reports nothing.
+
+        A topic that is missing is silent until its next message.
+        """
+        if self._asks and not self._reports:
+            self._in_vain = True
+            self._latest = self.reached
+        if self._latest > self.next_tick:
+            for index in self._missing(self._pending.get(self.next_tick)):
+                self._silent[index] = True
+        self._advance()
+
     def add(self, index: int, tick: int, data: bytes) -> None:
         """Take one message; releases the ticks that it completes."""
-        asks = self.asks_from is not None
+        asks = self.asks_from is not None and not self._in_vain
         if index in self.events:
             self._add_event(index, tick, data)
         elif index == self.leader and tick > self._latest + (WINDOW if asks else 1):
@@ -189,7 +220,7 @@ class TickOrderer:
         self._go_on()
 
     def _go_on(self) -> None:
-        if self.asks_from is not None:
+        if self.asks_from is not None and not self._in_vain:
             self._follow()
         self._advance()
 
@@ -312,8 +343,7 @@ class TickOrderer:
         if self._latest < 0:
             self._go_ahead(0)
         elif self._asks and not self._reports:  # of a plant that reports nothing
-            while self.messages(self.leader, self._latest + 1):
-                self._latest += 1
+            self._latest = self.reached
         for tick, data in self._states_ahead.items():
             self._take(self.leader, tick, data)
         newest = self._last if self._last != NEVER else self._latest
@@ -383,7 +413,7 @@ class TickOrderer:
             self._event_due = ahead < WINDOW
             if self._event_due:
                 return False
-        if self.asks_from is not None and tick >= self.asks_from:
+        if self.asks_from is not None and tick >= self.asks_from and not self._in_vain:
             if tick not in self._reports and ahead < WINDOW:
                 return False
         elif entry is not None and entry.early and self._latest < min(tick + HOLD, self._last):

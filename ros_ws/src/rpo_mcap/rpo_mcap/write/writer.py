@@ -103,6 +103,10 @@ class RunLogWriter:
         """Ask the plant from now on: several nodes publish a topic."""
         self.orderer.ask(self.orderer.next_tick)
 
+    def pass_over(self) -> None:
+        """Wait no more for what is missing, see `TickOrderer.pass_over`; never raises."""
+        self._try(self.orderer.pass_over)
+
     def report(self, tick: int, taken: Mapping[str, str]) -> None:
         """Take what the plant reports of a tick: numbers by signal (`PlantTick`); never raises."""
         index = self._index
