@@ -180,19 +180,22 @@ def test_no_tick_from_a_strip_changes_the_force_faster_than_its_bound():
 
 
 def test_the_bounds_of_a_state_are_of_the_slopes_of_its_cell_alone():
-    """In the middle of a cell, for a tick so short that it does not leave it."""
+    """In the middle of a cell, for a tick so short that it does not leave it; rounded outward."""
     table = problem_of('allround', half=(100.0, 100.0, 100.0, 0.0, 0.0, 0.0)).table
-    drift, pull = slew.Drift(0.0, -1e-3, 1e-3, 0.1, 1e-6), 1e-3 + 0.1 * 0.5
+    drift, dt_s = slew.Drift(0.0, -1e-3, 1e-3, 0.1, 1e-6), Fraction(1e-6)
+    pull = Fraction(1e-3) + Fraction(0.1) / 2
     last = np.array(table.slopes.shape[:2]) - 1
     for i, j in np.random.default_rng(7).integers(1, last, (60, 2)):
         r = -table.e[i : i + 2].mean() * table.position_m
         v = -table.w[j : j + 2].mean() * table.velocity_m_s
         state = slew.Strip(r, v, 0.0, 0.0, 0.0)
         along, across = table.slopes[i, j, :2], table.slopes[i, j, 2:]
-        rate = max(0.0, -along[0], along[1]) * (abs(v) + 1e-6 * pull) / table.position_m
-        rate += max(0.0, -across[0], across[1]) * pull / table.velocity_m_s
+        moved = (Fraction(abs(v)) + dt_s * pull) / Fraction(table.position_m)
+        rate = Fraction(max(0.0, -along[0], along[1])) * moved
+        rate += Fraction(max(0.0, -across[0], across[1])) * pull / Fraction(table.velocity_m_s)
+        exact = (rate + 2 * Fraction(table.slack) / dt_s) * Fraction(table.force_n)
         bound = slew.slew_of(table, drift, state, -0.5, 0.5, np.inf)
-        assert bound == pytest.approx((rate + 2e6 * table.slack) * table.force_n, rel=1e-9)
+        assert exact <= Fraction(bound) <= exact * Fraction(1.0 + 1e-9)
         assert slew.slew_of(table, drift, state, -0.5, 0.5, 0.0) <= bound * (1.0 + 1e-5)
 
 
