@@ -217,6 +217,22 @@ def test_a_strip_in_parts_sharpens_the_slew():
         assert (slew <= prover.trace.slew[:judged]).all()
 
 
+def test_what_is_kept_of_a_tube_is_rounded_outward():
+    """By more than sums of its ticks are rounded: a checker adds them up in another order."""
+    problem = problem_of('robust', half=BOX)
+    prover, judged = Prover(problem, 'planar', NOWHERE), problem.scenario.ticks - 1
+    kept = prover.values(cells.Cell((1.0, 0.5, 0.0, 0.0), (0.5, 0.25, 0.0, 0.0)))[0]
+    found, t = dict(zip(cells.VALUES, kept, strict=True)), prover.trace
+    low, high = t.force_low[: judged + 1], t.force_high[: judged + 1]
+    commands, least = np.maximum(-low, high), np.maximum(np.maximum(low, -high), 0.0)
+    dt_s, out = problem.scenario.dt_s, 1.0 + 5e-13
+    assert found['force_n'] > commands.max() * out
+    assert found['slew_n_s'] > t.slew[:judged].max() * out
+    assert found['speed_m_s'] > np.maximum(-t.low, t.high)[: judged + 2, 2:].max() * out
+    assert found['energy_high_n2s'] > (commands**2).sum() * dt_s * out
+    assert 0.0 < found['energy_low_n2s'] < (least**2).sum() * dt_s / out
+
+
 def test_flights_of_a_proof_have_the_bits_of_simulate():
     problem = problem_of('robust')
     scenario = flights.vary(problem, np.random.default_rng(1), np.array([9.0, -7.0, 3.0, 0, 0, 0]))
@@ -461,8 +477,9 @@ def test_half_of_the_box_is_enough_where_all_is_odd():
 
 
 def test_a_box_is_divided_into_so_many_strips():
-    """Four by four that fit are no five by five."""
-    made = per_axis.cover([Strip(1.0, 0.5, 2.0, 0.0, 0.2)], (0.5, 0.05))
+    """Four by four that fit are no five by five; what is inside of another strip adds none."""
+    strips = [Strip(1.0, 0.5, 2.0, 0.0, 0.2), Strip(1.1, 0.5, 0.3, 0.0, 0.1)]
+    made = per_axis.cover(strips, (0.5, 0.05))
     want = [(r, v) for r in (-0.5, 0.5, 1.5, 2.5) for v in (0.35, 0.45, 0.55, 0.65)]
     np.testing.assert_allclose([(one.r, one.v) for one in made], want, atol=1e-12)
     np.testing.assert_allclose([(one.half_m, one.half) for one in made], [(0.5, 0.05)] * 16)
