@@ -483,7 +483,7 @@ def test_a_box_is_divided_into_so_many_strips():
     want = [(r, v) for r in (-0.5, 0.5, 1.5, 2.5) for v in (0.35, 0.45, 0.55, 0.65)]
     np.testing.assert_allclose([(one.r, one.v) for one in made], want, atol=1e-12)
     np.testing.assert_allclose([(one.half_m, one.half) for one in made], [(0.5, 0.05)] * 16)
-    assert {one.tilt for one in made} == {0.0}
+    assert max(abs(one.tilt) for one in made) < 1e-12
 
 
 def test_a_box_has_no_more_cells_than_memory():
@@ -513,3 +513,13 @@ def test_a_proof_names_what_it_is_about_and_its_digests(sound):
             ('controller', 'scenario'), lines, words, digests, strict=True
         ):
             assert line.startswith(f'{kind}: ') and said in line and line.endswith(one), line
+
+
+def test_an_invariant_set_is_within_the_speed_that_is_asked_for():
+    """The largest set is taken where its fastest state is slower, else a smaller one."""
+    problem = problem_of('robust')
+    largest = invariant_set_of(problem, 0.5, None)
+    fast = largest.rate * largest.radius_m + largest.speed_m_s
+    assert invariant_set_of(problem, 0.5, 1.001 * fast / 0.98) == largest
+    slower = invariant_set_of(problem, 0.5, 0.999 * fast / 0.98)
+    assert slower.rate * slower.radius_m + slower.speed_m_s < 0.999 * fast
