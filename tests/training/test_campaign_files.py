@@ -268,9 +268,7 @@ def test_results_of_two_configurations_are_never_mixed(begun, name):
 def test_results_of_two_versions_are_never_mixed(begun, monkeypatch):
     other = dict.fromkeys(versions(), '0.1')
     monkeypatch.setattr('rpo_montecarlo.campaign.store.versions', lambda: other)
-    with pytest.raises(
-        InputError, match=r'was begun with .* requires the same versions, not .*0\.1'
-    ):
+    with pytest.raises(InputError, match=r'begun with .* requires the same versions, not .*0\.1'):
         Store.open(begun)
 
 

@@ -21,6 +21,7 @@ import rpo_proof
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import FuzzyController, load_controller, load_fuzzy
 from rpo_core.control.fuzzy import RuleTable
+from rpo_core.files import find
 from rpo_core.files.scenario import load, load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.world.disturbance import Disturbance
@@ -484,6 +485,12 @@ def test_a_box_is_divided_into_so_many_strips():
     np.testing.assert_allclose([(one.r, one.v) for one in made], want, atol=1e-12)
     np.testing.assert_allclose([(one.half_m, one.half) for one in made], [(0.5, 0.05)] * 16)
     assert max(abs(one.tilt) for one in made) < 1e-12
+
+
+def test_a_proof_is_about_a_single_flight(sound):
+    texts = (sound.texts[0], find('scenario', 'paper_training').read_text(), sound.texts[2])
+    with pytest.raises(InputError, match='must be a single flight; it is a set'):
+        Problem.of_texts(texts)
 
 
 def test_a_box_has_no_more_cells_than_memory():
