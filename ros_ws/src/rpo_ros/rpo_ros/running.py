@@ -249,11 +249,11 @@ def spin(
     for node in nodes:
         executor.add_node(node)
     one_by_one = isinstance(executor, SingleThreadedExecutor)
-    rest_s = 0.0 if one_by_one else min(node.rest_s for node in nodes)
     gc.freeze()  # what is there now stays: collections in flight need not look at it
     # EventsExecutor.spin() of rclpy 7.1.6 runs no callback in the wheels, and spin_once returns to
     # Python after each callback, which costs a third of a tick.
     while not until() and not stop.name:
+        rest_s = 0.0 if one_by_one else min(node.rest_s for node in nodes)
         stop.pending = _Pending()  # a new one: the executor adds a callback to it each time
         time.sleep(rest_s)
         if not stop.name:
