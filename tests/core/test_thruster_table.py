@@ -28,7 +28,15 @@ from rpo_kernels.jit import as_table
 from rpo_safety.guard import guard_of
 from rpo_safety.settings import Assurance
 from rpo_thrusters import allocation_kernels as kernels
-from rpo_thrusters.allocation_kernels import DUAL, FULL, LIMIT, ROWS, SCRATCH, THRUST
+from rpo_thrusters.allocation_kernels import (
+    DUAL,
+    FULL,
+    LIMIT,
+    MOST_THRUSTERS,
+    ROWS,
+    SCRATCH,
+    THRUST,
+)
 from rpo_thrusters.authority import authority, failures, known
 from rpo_thrusters.table import PRESETS, Failure, Thruster, ThrusterTable, table_of
 from rpo_thrusters.thrusters import Propellant, Thrusters, stage_of
@@ -303,6 +311,18 @@ def test_a_switch_in_flight_is_a_failure_from_its_tick_on():
     assert stage.step(5, commands[0])[2] == exerted(table, [])[2].step(5, commands[0])[2]
 
 
+THRUSTER = {'name': 'a', 'position_m': [0, 0, 0], 'direction': [0, 0, 1], 'force_n': 1.0}
+
+
+def test_as_many_thrusters_as_an_allocation_takes_are_a_table():
+    many = [{**THRUSTER, 'name': f't{i}'} for i in range(MOST_THRUSTERS)]
+    thrusters = {'table': {'thrusters': many}}
+    assert len(parse_scenario({**BASE_DOCUMENT, 'thrusters': thrusters}).thrusters.names) == 24
+    pulses = {'count': 6, 'modulation': 'pulse_width', 'minimum_on_time_s': 0.01}
+    with pytest.raises(InputError, match='must have one of `pulses` and `table`; got both'):
+        parse_scenario({**BASE_DOCUMENT, 'thrusters': {**thrusters, 'pulses': pulses}})
+
+
 @pytest.mark.parametrize(
     ('document', 'message'),
     [
@@ -318,6 +338,11 @@ def test_a_switch_in_flight_is_a_failure_from_its_tick_on():
             {'thrusters': [{'name': 'a', 'position_m': [0, 0, 0], 'direction': [0, 0, 0],
                             'force_n': 1.0}]},
             '`direction` must not be zero',
+        ),
+        ({'thrusters': [THRUSTER, THRUSTER]}, '`table.thrusters` must have different names'),
+        (
+            {'thrusters': [{**THRUSTER, 'name': f't{i}'} for i in range(MOST_THRUSTERS + 1)]},
+            f'`table.thrusters` must be at most {MOST_THRUSTERS}; got {MOST_THRUSTERS + 1}',
         ),
     ],
 )  # fmt: skip

@@ -44,6 +44,7 @@ POSITION = {
     'noise_floor_m': 0.05,
     'velocity_floor_m_s': 0.002,
 }  # linear, with a constant R: filterpy's filter
+STILL = {'kind': 'relative_position', 'noise_floor_m': 0.05}
 
 
 def oracle(flown, start, spread):
@@ -381,6 +382,15 @@ def test_without_the_covariance_the_state_has_the_same_bits():
         ({'units': [{**LIDAR, 'boresight': [0, 1.1e6, 0]}]}, '`boresight[1]` must be'),
         ({'units': [{'kind': 'bearing', 'bearing_noise_rad': 0.1, 'noise_share': 0.1}]}, 'range'),
         ({'units': [{'kind': 'sonar'}]}, 'must be one of relative_position, range_bearing'),
+        (
+            {'estimator': {'thrust_noise_s0_5': 0.1, 'acceleration_noise_m_s1_5': 0.0}},
+            '`acceleration_noise_m_s1_5` must be > 0 with `thrust_noise_s0_5`',
+        ),
+        ({'units': [{**STILL, 'bearing_noise_rad': 0.1}]}, '`bearing_noise_rad` must be 0'),
+        ({'units': [{'kind': 'bearing', 'noise_floor_m': 0.1}]}, '`bearing_noise_rad` must be > 0'),
+        ({'units': [{**STILL, 'velocity_share_1_s': 0.1}]}, '`velocity_floor_m_s` must be > 0 m/s'),
+        ({'units': [{**LIDAR, 'velocity_floor_m_s': 0.1}]}, '`velocity_floor_m_s` must be 0 but'),
+        ({'units': [{**STILL, 'velocity_bias_m_s': [0, 0.1, 0]}]}, '`velocity_bias_m_s` must be 0'),
     ],
 )  # fmt: skip
 def test_bad_input_is_one_sentence(changes, sentence):
