@@ -10,7 +10,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import yaml
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -20,8 +19,7 @@ from rpo_attitude.turns import apart, docking_axis, too_fast, turned
 from rpo_attitude.unloading import Unloading
 from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.chain.stage import Place, Stage
-from rpo_core.files import find
-from rpo_core.files.scenario import Scenario, load_scenario, parse
+from rpo_core.files.scenario import Scenario, load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge.zones import Cone
 from rpo_core.wire import interfaces
@@ -228,18 +226,6 @@ def test_what_cannot_be_emptied_is_refused(fields, sentence):
 
 
 @pytest.mark.parametrize(
-    ('fields', 'sentence'),
-    [
-        ({'rates_deg_s': (60.0, 0.0, 0.0)}, 'must turn at most 0.1 rad in a tick'),
-        ({'attitude': (0.0, 0.0, 0.0, 0.0)}, 'must be a quaternion with a length'),
-    ],
-)
-def test_a_chaser_that_cannot_be_is_refused(fields, sentence):
-    with pytest.raises(InputError, match=sentence):
-        scenario_of(10, **fields)
-
-
-@pytest.mark.parametrize(
     ('name', 'section'),
     [('attitude', Chaser(inertia_kg_m2=INERTIA)), ('target', Target(kind='fixed'))],
 )
@@ -255,14 +241,6 @@ def test_a_wheel_begins_with_no_more_than_it_holds():
     assert Wheels(torque_nm=0.1, momentum_nms=0.5, start_nms=(0.0, -0.5, 0.5)).start_nms[1] == -0.5
     with pytest.raises(InputError, match=r'`start_nms` must be at most `momentum_nms`, 0\.5 N m s'):
         Wheels(torque_nm=0.1, momentum_nms=0.5, start_nms=(0.0, -0.501, 0.0))
-
-
-def test_an_estimator_needs_commands_that_are_turned():
-    document = yaml.safe_load(find('scenario', 'tumbling_docking').read_text())
-    for name in ('attitude_control', 'assurance', 'unloading'):
-        del document[name]
-    with pytest.raises(InputError, match='`attitude_control` is missing'):
-        parse(document)
 
 
 # How far attitudes are apart, against SciPy's rotations.

@@ -9,7 +9,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from core_documents import document, refusal
 
 from rpo_core import files
 from rpo_core.chain.flight import OpenLoop, fly
@@ -233,50 +232,6 @@ def test_a_scenario_with_pulses_is_written_and_read_back():
     )
     flown = BASE.equipped(whole)
     assert files.loads(scenario.dumps(flown), scenario.parse, 'again') == flown
-
-
-PULSES = {'count': 6, 'modulation': 'sigma_delta', 'minimum_on_time_s': 0.01}
-
-
-@pytest.mark.parametrize(
-    ('section', 'said'),
-    [
-        ({'pulses': {**PULSES, 'count': 8}}, '`count` must be 6 or 12; got 8'),
-        ({'pulses': {**PULSES, 'modulation': 'pwm'}}, '`modulation` must be one of pulse_width,'),
-        ({'pulses': {**PULSES, 'minimum_on_time_s': 0.2}}, 'must be at most `dt_s`, 0.1 s'),
-        ({'pulses': {**PULSES, 'rise_time_s': 0.11}}, 'together must be at most `dt_s`'),
-        (
-            {'pulses': {**PULSES, 'failures': [{'thruster': 'x+a', 'stuck': 'off'}]}},
-            '`failures[0].thruster` must be one of x+, x-, y+, y-, z+, z-; got',
-        ),
-        (
-            {'pulses': {**PULSES, 'failures': [{'thruster': 'w+', 'stuck': 'off'}]}},
-            '`failures[0].thruster` must be one of x+, x-',
-        ),
-        (
-            {'pulses': {**PULSES, 'failures': [{'thruster': 'x+', 'stuck': 'off', 'from_s': 9.0}]}},
-            'must begin before the end of the flight, 5.0 s',
-        ),
-        (
-            {'pulses': {**PULSES, 'failures': [{'thruster': 'x+', 'stuck': 'off', 'from_s': 5.0}]}},
-            'must begin before the end of the flight, 5.0 s',
-        ),
-        (
-            {'pulses': {**PULSES, 'failures': [{'thruster': 'x+', 'stuck': 'on', 'until_s': 0.0}]}},
-            '`until_s` must be > `from_s`',
-        ),
-        (
-            {'propellant': {'specific_impulse_s': 220.0}},
-            '`thrusters.propellant.mass_kg` is missing',
-        ),
-        (
-            {'propellant': {'specific_impulse_s': 220.0, 'mass_kg': 10.0}},
-            '`thrusters.propellant.mass_kg` must be below `mass_kg`, 10.0 kg',
-        ),
-    ],
-)
-def test_bad_thrusters_are_one_sentence(section, said):
-    assert said in refusal('scenario', {**document('scenario', 'quick'), 'thrusters': section})
 
 
 def test_pulses_may_fill_a_tick_and_no_more():

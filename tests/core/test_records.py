@@ -21,7 +21,7 @@ import pytest
 from kept import assert_kept
 
 from rpo_core.files.validation import InputError
-from rpo_core.wire import interfaces
+from rpo_core.wire import interfaces, statuses
 from rpo_kernels.compile_cache import MARKS
 
 LIST = Path(__file__).with_name('records.txt')
@@ -113,7 +113,7 @@ def lines() -> Iterator[str]:
         yield f'  {row.columns[:1]} to {row.columns[-1:]} {row.widths} {row.rest[3:4]}'
         yield f'  {row.frames} {(row.carries, row.also, row.rider, row.rides, row.beside)}'
         yield f'  {row.qos}'
-
+    yield f'levels {statuses.LEVELS}'
     yield from limits()
     yield from constants()
 

@@ -19,6 +19,7 @@ from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge.requirements import Requirements
 from rpo_core.judge.verdicts import verdicts
+from rpo_core.wire.interfaces import CONTROL_FORCE, DISTURBANCE_FORCE
 from rpo_ctrl.attitude import AttitudeControl, FuzzyAttitude
 from rpo_ctrl.attitude_limits import AttitudeLimits
 from rpo_guidance.plan import Guidance, Leg
@@ -32,7 +33,6 @@ from rpo_nav.attitude_estimator import AttitudeEstimator
 from rpo_nav.attitude_sensors import AttitudeSensors, Gyro, StarTracker
 from rpo_nav.estimator import Estimator
 from rpo_nav.sensors import Sensor, Sensors
-from rpo_ros.names import CONTROL_FORCE, DISTURBANCE_FORCE
 from rpo_safety.settings import Assurance, Passage
 from rpo_safety.shaping import Shaping
 from rpo_sim.free_running import FreeRunningPlant
