@@ -62,15 +62,15 @@ def tiny_log(folder: Path) -> Path:
     quick = scenario.load_scenario('quick')
     flight = fly(quick, controller.load_controller(files.DEFAULT_CONTROLLER))
     base = run.TimeBase(quick.epoch_ns, quick.dt_ns, quick.ticks)
-    topics = (names.CLOCK, f'/{names.RELATIVE_STATE}', f'/{names.CONTROL_FORCE}')
+    topics = (names.CLOCK, f'/{interfaces.RELATIVE_STATE}', f'/{interfaces.CONTROL_FORCE}')
     log = RunLogWriter(folder, base, topics, {})
     for tick in range(quick.ticks + 1):
         stamp = base.stamp_ns(tick)
         state, force = flight.states[tick].tolist(), flight.forces_n[tick].tolist()
         log.write(topics[0], tick, cdr.encode_clock(stamp))
-        odometry = cdr.encode_odometry(stamp, names.LVLH_FRAME, names.CHASER_FRAME, state)
+        odometry = cdr.encode_odometry(stamp, interfaces.LVLH_FRAME, interfaces.CHASER_FRAME, state)
         log.write(topics[1], tick, odometry)
-        log.write(topics[2], tick, cdr.encode_wrench(stamp, names.LVLH_FRAME, force))
+        log.write(topics[2], tick, cdr.encode_wrench(stamp, interfaces.LVLH_FRAME, force))
     log.close()
     return folder
 

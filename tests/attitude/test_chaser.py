@@ -10,22 +10,22 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import yaml
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from rpo_attitude.chaser import Chaser, Wheels
+from rpo_attitude.target import Target
 from rpo_attitude.turns import apart, docking_axis, too_fast, turned
 from rpo_attitude.unloading import Unloading
 from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.chain.stage import Place, Stage
-from rpo_core.files import find
-from rpo_core.files.scenario import Scenario, load_scenario, parse
+from rpo_core.files.scenario import Scenario, load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge.zones import Cone
 from rpo_core.wire import interfaces
 from rpo_core.world.cw import Body
 from rpo_core.world.disturbance import NONE
+from rpo_core.world.dynamics import Dynamics
 from rpo_ctrl.attitude import AttitudeControl
 from rpo_thrusters.table import ThrusterTable
 from rpo_thrusters.thrusters import Thrusters
@@ -214,6 +214,7 @@ def test_thrusters_empty_the_wheels_and_the_chaser_does_not_feel_it():
     [
         ({'torque_nm': 0.05}, r'`unloading.torque_nm` must be below that of the wheels, 0\.05'),
         ({'above_nms': 0.6}, r'`unloading.above_nms` must be below that of the wheels, 0\.5'),
+        ({'above_nms': 0.5}, r'`unloading.above_nms` must be below that of the wheels, 0\.5'),
         ({'torque_nm': 0.0}, '`torque_nm` must be a finite number > 0'),
     ],
 )
@@ -225,23 +226,21 @@ def test_what_cannot_be_emptied_is_refused(fields, sentence):
 
 
 @pytest.mark.parametrize(
-    ('fields', 'sentence'),
-    [
-        ({'rates_deg_s': (60.0, 0.0, 0.0)}, 'must turn at most 0.1 rad in a tick'),
-        ({'attitude': (0.0, 0.0, 0.0, 0.0)}, 'must be a quaternion with a length'),
-    ],
+    ('name', 'section'),
+    [('attitude', Chaser(inertia_kg_m2=INERTIA)), ('target', Target(kind='fixed'))],
 )
-def test_a_chaser_that_cannot_be_is_refused(fields, sentence):
-    with pytest.raises(InputError, match=sentence):
-        scenario_of(10, **fields)
+def test_who_has_an_attitude_is_in_a_circular_orbit(name, section):
+    base = load_scenario('approach')
+    assert base.equipped(section, Dynamics(kind='clohessy_wiltshire')).named(name) == section
+    for kind in ('linear_elliptic', 'two_body'):
+        with pytest.raises(InputError, match=f'`{name}` needs a circular orbit'):
+            base.equipped(section, Dynamics(kind=kind))
 
 
-def test_an_estimator_needs_commands_that_are_turned():
-    document = yaml.safe_load(find('scenario', 'tumbling_docking').read_text())
-    for name in ('attitude_control', 'assurance', 'unloading'):
-        del document[name]
-    with pytest.raises(InputError, match='`attitude_control` is missing'):
-        parse(document)
+def test_a_wheel_begins_with_no_more_than_it_holds():
+    assert Wheels(torque_nm=0.1, momentum_nms=0.5, start_nms=(0.0, -0.5, 0.5)).start_nms[1] == -0.5
+    with pytest.raises(InputError, match=r'`start_nms` must be at most `momentum_nms`, 0\.5 N m s'):
+        Wheels(torque_nm=0.1, momentum_nms=0.5, start_nms=(0.0, -0.501, 0.0))
 
 
 # How far attitudes are apart, against SciPy's rotations.

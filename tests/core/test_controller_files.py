@@ -4,10 +4,7 @@
 
 from __future__ import annotations
 
-import math
-
-import pytest
-from core_documents import MISSING, assert_names, changed, document, keys, refusal, renamed
+from core_documents import MISSING, changed, document
 from core_strategies import functions, odd_rules, systems
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -15,7 +12,6 @@ from hypothesis import strategies as st
 from rpo_core import files
 from rpo_core.control import controller
 from rpo_core.control.controller import FuzzyController, dumps, load_controller
-from rpo_core.control.fuzzy import WORDS
 
 HANDMADE = document('controller', 'handmade')
 FEET = ['z_half_width', 'sp_left', 'sp_centre', 'sp_right', 'lp_left']
@@ -71,104 +67,13 @@ def test_what_may_be_missing_is_empty():
         assert getattr(controller.parse(changed(HANDMADE, (key,), MISSING)), key) == empty
 
 
-def test_a_misspelt_field_is_guessed():
-    for path in keys(HANDMADE):
-        if path[0] != 'provenance' and len(path[-1]) > 2:
-            message = refusal('controller', renamed(HANDMADE, path, f'{path[-1]}x'))
-            assert f'did you mean `{path[-1]}`?' in message
-
-
-def test_mappings_are_checked():
-    for path in [('scales',), ('membership_functions', 'velocity'), ('rules',), ('provenance',)]:
-        for bad in (None, 5, 'x', [], True):
-            message = refusal('controller', changed(HANDMADE, path, bad))
-            assert_names(message, path)
-            assert 'must be a mapping' in message and f'got {bad!r}' in message
-
-
-NUMBERS = [
-    *((('scales', key), -70.0, 1e7) for key in ('position_m', 'velocity_m_s', 'force_n')),
-    *(
-        (('membership_functions', variable, key), -0.1, 1.1)
-        for variable in ('position', 'velocity', 'force')
-        for key in FEET
-    ),
-]
-
-
-def test_numbers_are_checked():
-    for path, *outside in NUMBERS:
-        for bad in ('0.2', True, [0.2], math.nan, math.inf, *outside):
-            message = refusal('controller', changed(HANDMADE, path, bad))
-            assert f'{path[-1]}` must be a finite number' in message and f'got {bad!r}' in message
-
-
-@pytest.mark.parametrize(
-    ('feet', 'words'),
-    [
-        ({'sp_left': 0.6}, 'must ascend, the feet apart; got 0.6, 0.55, 0.9'),
-        ({'sp_right': 0.5}, 'must ascend, the feet apart; got 0.0, 0.55, 0.5'),
-        ({'sp_left': 0.9, 'sp_centre': 0.9}, 'must ascend, the feet apart; got 0.9, 0.9, 0.9'),
-        ({'z_half_width': 0.0}, '`z_half_width` must be a finite number > 0 and <= 1; got 0.0'),
-        ({'sp_left': 0.0, 'sp_centre': 0.0}, '`sp_centre` must be a finite number > 0'),
-        ({'lp_left': 1.0}, '`lp_left` must be a finite number >= 0 and < 1; got 1.0'),
-    ],
-)
-def test_feet_out_of_order_are_named(feet, words):
-    part = {**HANDMADE['membership_functions']['velocity'], **feet}
-    message = refusal('controller', changed(HANDMADE, ('membership_functions', 'velocity'), part))
-    assert 'membership_functions.velocity: ' in message and words in message
-
-
-def test_rule_words_are_checked():
-    for row in WORDS:
-        for bad in ('PL', 'ln', 4, None, True, ['LN']):
-            message = refusal('controller', changed(HANDMADE, ('rules', row, 1), bad))
-            assert f'`rules.{row}[SN]` must be one of LN, SN, Z, SP, LP; got {bad!r}' in message
-        for bad in (None, 'LN', ['LN'] * 4, ['LN'] * 6, {'LN': 'LN'}, []):
-            message = refusal('controller', changed(HANDMADE, ('rules', row), bad))
-            assert f'`rules.{row}` must be a list of 5 words; got {bad!r}' in message
-
-
-def test_columns_must_be_in_order():
-    for bad in (list(reversed(WORDS)), ['LN'], None, 'LN SN Z SP LP'):
-        message = refusal('controller', changed(HANDMADE, ('rules', 'columns'), bad))
-        assert '`rules.columns` must be [LN, SN, Z, SP, LP]' in message
-
-
-def test_claimed_symmetry_is_checked():
-    not_transposed = changed(HANDMADE, ('rules', 'LN', 1), 'SN')
-    message = refusal('controller', not_transposed)
-    assert '`rules.symmetry` is odd, but the table is not its own transpose' in message
+def test_a_table_may_claim_less_than_it_is():
     not_odd = changed(HANDMADE, ('rules', 'LN', 0), 'SN')
-    assert 'rule(-e, -v) = -rule(e, v) does not hold' in refusal('controller', not_odd)
     transpose = changed(not_odd, ('rules', 'symmetry'), 'transpose')
     assert controller.parse(transpose).system.rules.words[0][0] == 'SN'
-    assert 'not its own transpose' in refusal(
-        'controller', changed(not_transposed, ('rules', 'symmetry'), 'transpose')
-    )
+    not_transposed = changed(HANDMADE, ('rules', 'LN', 1), 'SN')
     free = changed(not_transposed, ('rules', 'symmetry'), 'free')
     assert controller.parse(free).system.rules.words[0][1] == 'SN'
-    message = refusal('controller', changed(HANDMADE, ('rules', 'symmetry'), 'even'))
-    assert "`rules.symmetry` must be one of free, transpose, odd; got 'even'" in message
-
-
-def test_inference_settings_are_the_supported_ones():
-    for key, only in controller.INFERENCE.items():
-        for bad in ('prod', None, 1, True):
-            message = refusal('controller', changed(HANDMADE, ('inference', key), bad))
-            assert f'`inference.{key}` must be one of {only}; got {bad!r}' in message
-    for bad in (0, 1, 100, -101, 101.0, True, '101', None, 200_001, math.nan):
-        message = refusal('controller', changed(HANDMADE, ('inference', 'samples'), bad))
-        assert '`inference.samples` must be ' in message and f'got {bad!r}' in message
-
-
-def test_names_and_schema_are_checked():
-    for bad in (None, '', ' ', 5, 'a\0b', 'a\nb', 'x' * 201):
-        assert '`name` must be ' in refusal('controller', changed(HANDMADE, ('name',), bad))
-    for bad in (None, 1, 'rpo/controller/2', 'rpo/scenario/1', ['rpo/controller/1']):
-        message = refusal('controller', changed(HANDMADE, ('schema',), bad))
-        assert '`schema` must be rpo/controller/1; got ' in message
 
 
 @given(functions)

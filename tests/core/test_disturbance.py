@@ -90,23 +90,9 @@ def test_nothing_is_zero():
     assert not Disturbance(harmonics=(Harmonic('x', 'sin', 1e-9, 1.0),)).is_zero
 
 
-@pytest.mark.parametrize(
-    ('make', 'words'),
-    [
-        (lambda: paper('sine', N), ['`reading`', 'offset, phase', "got 'sine'"]),
-        (lambda: Harmonic('w', 'sin', 1.0, 1.0), ['`axis`', 'x, y, z', "got 'w'"]),
-        (lambda: Harmonic('x', 'tan', 1.0, 1.0), ['`function`', 'sin, cos', "got 'tan'"]),
-        (lambda: Harmonic('x', 'sin', math.nan, 1.0), ['`amplitude_n`', 'finite', 'got nan']),
-        (lambda: Harmonic('x', 'sin', 1.0, 11.0), ['`angular_rate_rad_s`', '<= 10', 'got 11.0']),
-        (lambda: Harmonic('x', 'sin', 1.0, 1.0, 101.0), ['`phase_rad`', '<= 100', 'got 101.0']),
-        (lambda: Disturbance((1.0, 2.0)), ['`constant_n`', '3 numbers', 'got (1.0, 2.0)']),
-        (lambda: Disturbance((0, 0, 1e7)), ['`constant_n[2]`', '<= 1e+06', 'N', 'got 10000000.0']),
-    ],
-)
-def test_bad_values_are_named(make, words):
-    with pytest.raises(InputError) as error:
-        make()
-    assert all(word in str(error.value) for word in words), error.value
+def test_another_reading_is_refused():
+    with pytest.raises(InputError, match="`reading` must be one of offset, phase; got 'sine'"):
+        paper('sine', N)
 
 
 @given(

@@ -9,7 +9,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from core_documents import document, refusal
 from orbit_oracle import Inertial, kepler_start
 
 from rpo_core import files
@@ -17,7 +16,6 @@ from rpo_core.chain.chain import Chain
 from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.chain.stage import Place
 from rpo_core.files import scenario
-from rpo_core.files.validation import InputError
 from rpo_core.wire.interfaces import RELATIVE_STATE, THRUST_FORCE
 from rpo_core.world import cw, dynamics
 from rpo_core.world.dynamics import Drag, Dynamics, environment_of, orbit_of, target_start
@@ -279,40 +277,3 @@ def test_a_scenario_with_dynamics_is_written_and_read_back():
     own = cw.Body(4.9e12, 1.7374e6, 2e-4, 1.738e6)
     moon = replace(BASE, body=own, orbit_radius_m=1.85e6)
     assert files.loads(scenario.dumps(moon), scenario.parse, 'again') == moon
-
-
-@pytest.mark.parametrize(
-    ('section', 'said'),
-    [
-        ({}, '`dynamics.kind` is missing'),
-        ({'kind': 'hill'}, '`kind` must be one of clohessy_wiltshire, linear_elliptic, two_body'),
-        ({'kind': 'clohessy_wiltshire', 'j2': True}, '`j2` needs `kind` linear_elliptic or two_'),
-        ({'kind': 'linear_elliptic', 'j2': True}, '`j2` needs `kind` two_body'),
-        ({'kind': 'two_body', 'j2': True}, '`inclination_deg` is missing; `j2` needs it'),
-        ({'kind': 'two_body', 'j2': 1}, '`j2` must be true or false'),
-        ({'kind': 'two_body', 'eccentricity': 1.0}, '`eccentricity` must be a finite number >= 0'),
-        ({'kind': 'two_body', 'eccentricity': 0.1}, 'must keep the periapsis at or above 6.4e+06'),
-        ({'kind': 'two_body', 'drag': {}}, '`dynamics.drag.density_kg_m3` is missing'),
-        ({'kind': 'two_body', 'drag': 1.0}, '`dynamics.drag` must be a mapping'),
-    ],
-)
-def test_a_world_that_cannot_be_is_one_sentence(section, said):
-    assert said in refusal('scenario', {**document('scenario', 'quick'), 'dynamics': section})
-
-
-def test_negative_density_and_a_body_without_j2_are_refused():
-    drag = {
-        'density_kg_m3': -1e-12,
-        'target_ballistic_coefficient_kg_m2': 100.0,
-        'chaser_ballistic_coefficient_kg_m2': 100.0,
-    }
-    data = document('scenario', 'quick')
-    refused = refusal('scenario', {**data, 'dynamics': {'kind': 'two_body', 'drag': drag}})
-    assert 'dynamics.drag: `density_kg_m3` must be a finite number >= 0' in refused
-    with pytest.raises(InputError, match='missing; `drag'):
-        Dynamics(kind='two_body', drag=AIR)
-    Dynamics(kind='two_body', drag=replace(AIR, atmosphere_rate_rad_s=0.0))
-    round_body = {'mu_m3_s2': 4e14, 'radius_m': 6.4e6}
-    oblate = {'kind': 'two_body', 'j2': True, 'inclination_deg': 0.0}
-    refused = refusal('scenario', {**data, 'body': round_body, 'dynamics': oblate})
-    assert '`dynamics.j2` needs a `body` with `j2`' in refused

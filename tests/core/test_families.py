@@ -314,27 +314,6 @@ def changed(law, **changes):
     return controller.parse({**yaml.safe_load(controller.dumps(law)), **changes})
 
 
-@pytest.mark.parametrize(
-    ('law', 'changes', 'sentence'),
-    [
-        (PACE, {'pace_peaks': [0.0] * 9}, '`pace_peaks` must be 9 ascending numbers'),
-        (PACE, {'pace_peaks': [-0.9, *PACE.pace_peaks[1:]]}, '`pace_peaks` must be from -1 to 1'),
-        (PACE, {'distance_peaks_m': [1.0]}, '`distance_peaks_m` must be 7 ascending numbers'),
-        (PACE, {'forces_n': [[1.0] * 9] * 7}, r'`forces_n\[0\]` must end with minus its first'),
-        (PACE, {'forces_n': 3}, '`forces_n` must be 7 rows of 9 numbers; got 3'),
-        (PACE, {'lead_s': -1}, '`lead_s` must be'),
-        (MORE, {'speed_peaks_m_s': [0.2, 0.1]}, '`speed_peaks_m_s` must be 5 ascending numbers'),
-        (MORE, {'forces_n': [[1.0] * 9] * 6}, '`forces_n` must be 6 rows of 8 numbers'),
-        (MORE, {'damping_n_s_m': 0}, '`damping_n_s_m` must be'),
-        (TO_GO, {'rules': []}, '`rules` must be one for each of long, medium'),
-        (TO_GO, {'arrival_s': 0}, '`arrival_s` must be'),
-    ],
-)
-def test_a_bad_file_is_one_sentence(law, changes, sentence):
-    with pytest.raises(InputError, match=sentence):
-        changed(law, **changes)
-
-
 def test_peaks_that_do_not_descend_and_other_ticks_are_refused():
     rules = [replace(rule, peak_s=50.0) for rule in TO_GO.rules]
     with pytest.raises(InputError, match='`rules` must have descending `peak_s`'):

@@ -57,32 +57,6 @@ def test_a_scenario_is_written_and_read_back_to_the_same_bits():
         assert again.epoch_ns == flown.epoch_ns
 
 
-@pytest.mark.parametrize(
-    ('section', 'value', 'said'),
-    [
-        ('thrusters', [], '`thrusters` must be a mapping'),
-        ('thrusters', {'matrx': []}, 'did you mean `matrix`'),
-        (
-            'thrusters',
-            {'matrix': [[1.0, 0.0, 0.0]]},
-            'thrusters: `matrix` must be 3 rows of 3',
-        ),
-        ('thrusters', {'matrix': [[1.0, 0.0]] * 3}, '`matrix` must be 3 rows of 3 numbers'),
-        ('thrusters', {'matrix': [[11.0, 0.0, 0.0]] * 3}, '`matrix[0][0]` must be a finite'),
-        ('thrusters', {'delay_ticks': 1.5}, '`delay_ticks` must be a whole number'),
-        ('thrusters', {'delay_ticks': -1}, '`delay_ticks` must be a whole number'),
-        ('navigation', {'position_noise_m': -0.1}, '`position_noise_m` must be a finite'),
-        ('navigation', {'noise_key': [1]}, '`noise_key` must be a list of 2'),
-        ('navigation', {'noise_key': [1, 2**32]}, '`noise_key[1]` must be a whole number'),
-        ('navigation', {'velocity_bias_m_s': [0.0, 0.0]}, '`velocity_bias_m_s` must be a list'),
-    ],
-)
-def test_bad_sections_are_one_sentence(section, value, said):
-    with pytest.raises(InputError) as caught:
-        scenario.parse({**document('scenario', 'quick'), section: value})
-    assert said in str(caught.value)
-
-
 def test_a_set_has_no_sections():
     data = document('scenario', 'paper_training')
     data['thrusters'] = {'matrix': [list(row) for row in IDENTITY]}

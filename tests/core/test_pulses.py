@@ -9,12 +9,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from core_documents import document, refusal
 
 from rpo_core import files
 from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
+from rpo_core.files.validation import InputError
 from rpo_core.wire.interfaces import CHASER_MASS, EXERTED_FORCE
 from rpo_core.world.dynamics import Dynamics
 from rpo_kernels import pulse_kernels
@@ -234,41 +234,14 @@ def test_a_scenario_with_pulses_is_written_and_read_back():
     assert files.loads(scenario.dumps(flown), scenario.parse, 'again') == flown
 
 
-PULSES = {'count': 6, 'modulation': 'sigma_delta', 'minimum_on_time_s': 0.01}
-
-
-@pytest.mark.parametrize(
-    ('section', 'said'),
-    [
-        ({'pulses': {**PULSES, 'count': 8}}, '`count` must be 6 or 12; got 8'),
-        ({'pulses': {**PULSES, 'modulation': 'pwm'}}, '`modulation` must be one of pulse_width,'),
-        ({'pulses': {**PULSES, 'minimum_on_time_s': 0.2}}, 'must be at most `dt_s`, 0.1 s'),
-        ({'pulses': {**PULSES, 'rise_time_s': 0.11}}, 'together must be at most `dt_s`'),
-        (
-            {'pulses': {**PULSES, 'failures': [{'thruster': 'x+a', 'stuck': 'off'}]}},
-            '`failures[0].thruster` must be one of x+, x-, y+, y-, z+, z-; got',
-        ),
-        (
-            {'pulses': {**PULSES, 'failures': [{'thruster': 'w+', 'stuck': 'off'}]}},
-            '`failures[0].thruster` must be one of x+, x-',
-        ),
-        (
-            {'pulses': {**PULSES, 'failures': [{'thruster': 'x+', 'stuck': 'off', 'from_s': 9.0}]}},
-            'must begin before the end of the flight, 5.0 s',
-        ),
-        (
-            {'pulses': {**PULSES, 'failures': [{'thruster': 'x+', 'stuck': 'on', 'until_s': 0.0}]}},
-            '`until_s` must be > `from_s`',
-        ),
-        (
-            {'propellant': {'specific_impulse_s': 220.0}},
-            '`thrusters.propellant.mass_kg` is missing',
-        ),
-        (
-            {'propellant': {'specific_impulse_s': 220.0, 'mass_kg': 10.0}},
-            '`thrusters.propellant.mass_kg` must be below `mass_kg`, 10.0 kg',
-        ),
-    ],
-)
-def test_bad_thrusters_are_one_sentence(section, said):
-    assert said in refusal('scenario', {**document('scenario', 'quick'), 'thrusters': section})
+def test_pulses_may_fill_a_tick_and_no_more():
+    """Ticks last 0.1 s."""
+    for times in (
+        {'minimum_on_time_s': 0.1},
+        {'on_time_quantum_s': 0.1},
+        {'dead_time_s': 0.025, 'rise_time_s': 0.075},
+    ):
+        assert BASE.equipped(Thrusters(pulses=pulses(**times))).thrusters.fires
+        for name in times:
+            with pytest.raises(InputError, match='at most `dt_s`'):
+                BASE.equipped(Thrusters(pulses=pulses(**{**times, name: times[name] + 1e-6})))

@@ -21,7 +21,7 @@ import pytest
 from kept import assert_kept
 
 from rpo_core.files.validation import InputError
-from rpo_core.wire import interfaces
+from rpo_core.wire import interfaces, statuses
 from rpo_kernels.compile_cache import MARKS
 
 LIST = Path(__file__).with_name('records.txt')
@@ -47,6 +47,8 @@ LISTED = [
     'thrusters',
 ]
 """Packages whose constants are in the list: mathematics, logs, proofs and campaigns."""
+CHECKS = ('matrix', 'optional', 'real', 'vector3', 'whole')
+"""Checks that take limits."""
 MUTABLE = [
     'Checkpoint',
     'Counts',
@@ -111,8 +113,21 @@ def lines() -> Iterator[str]:
         yield f'  {row.columns[:1]} to {row.columns[-1:]} {row.widths} {row.rest[3:4]}'
         yield f'  {row.frames} {(row.carries, row.also, row.rider, row.rides, row.beside)}'
         yield f'  {row.qos}'
-
+    yield f'levels {statuses.LEVELS}'
+    yield from limits()
     yield from constants()
+
+
+def limits() -> Iterator[str]:
+    """Yield a line for each check that a function makes with numbers of its own."""
+    for module, path in PATHS.items():
+        tree = ast.parse(path.read_text())
+        for function in (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)):
+            calls = [node for node in ast.walk(function) if isinstance(node, ast.Call)]
+            for call in (c for c in calls if ast.unparse(c.func) in CHECKS):
+                values = [*call.args, *(k.value for k in call.keywords)]
+                if any(map(is_of_numbers, values)):
+                    yield f'{module} {function.name} {ast.unparse(call)}'
 
 
 def constants() -> Iterator[str]:

@@ -5,13 +5,11 @@
 from __future__ import annotations
 
 import datetime
-import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from core_documents import MISSING, assert_names, changed, document, keys, refusal, renamed
-from core_documents import with_harmonics as written_out
+from core_documents import changed, document, refusal
 
 from rpo_core import files
 from rpo_core.files import scenario, starts
@@ -21,18 +19,7 @@ from rpo_core.world.disturbance import Disturbance, Harmonic, paper
 
 SINGLE = document('scenario', 'paper_test')
 SET = document('scenario', 'paper_training')
-HARMONICS = written_out()
-
 NOT_A_NUMBER = ['heavy', None, True, [1.0], {'value': 1.0}, '1.0']
-NOT_FINITE = [math.nan, math.inf, -math.inf]
-OUT_OF_RANGE = {
-    'orbit_radius_m': [0.0, -6.678e6, 6.3e6, 6678.0, 1e10, 1e305],
-    'mass_kg': [0.0, -3.0, 1e-4, 5e-324, 1e10],
-    'max_force_n': [0.0, -0.5, 1e7, 10**400],
-    'dt_s': [0.0, -0.1, 1e-7, 1e4, 0.1 + 1e-11],
-    'duration_s': [0.0, -1.0, 0.05, 400.05, 2e9, 1e300, 5e8],
-}
-VECTORS = ['initial_position_m', 'initial_velocity_m_s']
 
 
 def test_shipped_names():
@@ -87,43 +74,9 @@ def test_ticks_and_stamps_are_integers(paper_test):
     assert paper_test.times_s.shape == (4001,) and paper_test.times_s[-1] == 400.0
 
 
-@pytest.mark.parametrize('path', keys(HARMONICS), ids=str)
-def test_missing_fields_are_named(path):
-    if path[-1] in ('description', 'phase_rad'):
-        loaded = scenario.parse(changed(HARMONICS, path, MISSING))
-        assert isinstance(loaded, scenario.Scenario)  # optional
-    else:
-        message = refusal('scenario', changed(HARMONICS, path, MISSING))
-        assert_names(message, path)
-        assert 'is missing' in message
-
-
-@pytest.mark.parametrize('path', [*keys(HARMONICS), ('initial_position_axis_m',)], ids=str)
-def test_unknown_fields_are_named_with_the_nearest_known(path):
-    data = SET if path[-1] == 'initial_position_axis_m' else HARMONICS
-    key = path[-1]
-    if key == 'schema':
-        assert '`schema`' in refusal('scenario', renamed(data, path, 'shema'))
-        return
-    for wrong in (f'{key}x', key[:-1]):
-        message = refusal('scenario', renamed(data, path, wrong))
-        assert_names(message, (*path[:-1], wrong))
-        assert f'is not a known field; did you mean `{key}`?' in message
-
-
 def test_an_unknown_field_like_no_other_lists_the_known():
     message = refusal('scenario', {**SINGLE, 'zzz': 1})
     assert '`zzz` is not a known field; known: schema, name, orbit_radius_m' in message
-
-
-@pytest.mark.parametrize('field', OUT_OF_RANGE)
-def test_numbers_are_checked(field):
-    for bad in NOT_A_NUMBER + NOT_FINITE:
-        message = refusal('scenario', changed(SINGLE, (field,), bad))
-        assert f'`{field}` must be a finite number' in message and f'; got {bad!r}' in message
-    for bad in OUT_OF_RANGE[field]:
-        message = refusal('scenario', changed(SINGLE, (field,), bad))
-        assert f'`{field}` must be ' in message and '; got ' in message
 
 
 def test_units_and_bounds_are_in_the_message():
@@ -133,48 +86,11 @@ def test_units_and_bounds_are_in_the_message():
     )
 
 
-@pytest.mark.parametrize('field', VECTORS)
-def test_vectors_are_checked(field):
-    for bad in ('1, 2, 3', 1.0, None, [1.0, 2.0], [1.0] * 4, {'x': 1.0, 'y': 2.0, 'z': 3.0}, []):
-        message = refusal('scenario', changed(SINGLE, (field,), bad))
-        assert f'`{field}` must be a list of 3 numbers [x, y, z] in m' in message
-    for index in range(3):
-        for bad in [*NOT_A_NUMBER, *NOT_FINITE, 1e6, -1e6]:
-            message = refusal('scenario', changed(SINGLE, (field, index), bad))
-            assert f'`{field}[{index}]` must be a finite number' in message
-
-
-def test_positions_of_a_set_are_checked():
+def test_a_set_has_1_to_100_positions():
     field = 'initial_position_axis_m'
-    for bad in ([], None, 5.0, 'all', [1.0] * 101):
-        message = refusal('scenario', changed(SET, (field,), bad))
-        assert f'`{field}` must be a list of 1 to 100 positions in m; got ' in message
+    said = refusal('scenario', changed(SET, (field,), [1.0] * 101))
+    assert f'`{field}` must be a list of 1 to 100 positions in m; got ' in said
     assert scenario.parse(changed(SET, (field,), [7.0])).initial_positions_m.tolist() == [[7.0] * 3]
-    for bad in [*NOT_A_NUMBER, *NOT_FINITE, 1e6]:
-        message = refusal('scenario', changed(SET, (field, 2), bad))
-        assert f'`{field}[2]` must be a finite number' in message
-
-
-@pytest.mark.parametrize('field', ['amplitude_n', 'angular_rate_rad_s', 'phase_rad'])
-def test_harmonics_are_checked(field):
-    for bad in [*NOT_A_NUMBER, *NOT_FINITE, 1e9, -1e9]:
-        data = changed(HARMONICS, ('disturbance', 'harmonics', 1, field), bad)
-        message = refusal('scenario', data)
-        assert f'disturbance.harmonics[1]: `{field}` must be a finite number' in message
-
-
-def test_disturbance_words_are_checked():
-    def spoil(path, value):
-        return refusal('scenario', changed(HARMONICS, ('disturbance', *path), value))
-
-    assert "`axis` must be one of x, y, z; got 'R-bar'" in spoil(('harmonics', 0, 'axis'), 'R-bar')
-    assert '`function` must be one of sin, cos; got 1' in spoil(('harmonics', 0, 'function'), 1)
-    assert '`disturbance.harmonics` must be a list; got None' in spoil(('harmonics',), None)
-    assert '`disturbance.harmonics[0]` must be a mapping' in spoil(('harmonics',), [3])
-    assert 'disturbance: `constant_n` must be a list of 3' in spoil(('constant_n',), 0.0)
-    message = refusal('scenario', changed(SINGLE, ('disturbance',), 'paper'))
-    assert "one of none, paper_offset, paper_phase; got 'paper'" in message
-    assert '`disturbance` must be a mapping' in refusal('scenario', {**SINGLE, 'disturbance': None})
 
 
 def test_a_written_out_disturbance_is_the_preset(paper_test):
@@ -192,26 +108,6 @@ def test_a_written_out_disturbance_is_the_preset(paper_test):
     data = {'constant_n': list(preset.constant_n), 'harmonics': harmonics}
     loaded = scenario.parse({**SINGLE, 'disturbance': data, 'epoch': datetime.datetime(2026, 1, 1)})
     assert loaded == paper_test
-
-
-def test_names_and_schema_are_checked():
-    for bad in (None, '', '  ', 5, ['a'], 'a\0b', '\x1b[31m', 'a\nb', 'x' * 201):
-        assert '`name` must be ' in refusal('scenario', changed(SINGLE, ('name',), bad))
-    for bad in (None, 5, ['a'], 'a\0b'):
-        assert '`description` must' in refusal('scenario', changed(SINGLE, ('description',), bad))
-    for bad in (None, 1, 'rpo/scenario/2', 'rpo/controller/1', ['rpo/scenario/1'], {}):
-        message = refusal('scenario', changed(SINGLE, ('schema',), bad))
-        assert '`schema` must be rpo/scenario/1 or rpo/scenario_set/1; got ' in message
-
-
-@pytest.mark.parametrize(
-    'bad',
-    [None, 5, 1767225600.0, 'tomorrow', '2026-01-01T00:00:00Z', datetime.date(2026, 1, 1)],
-    ids=str,
-)
-def test_epoch_must_be_a_date_and_time(bad):
-    message = refusal('scenario', changed(SINGLE, ('epoch',), bad))
-    assert '`epoch` must be a UTC date and time like 2026-01-01T00:00:00Z; got ' in message
 
 
 @pytest.mark.parametrize(
@@ -316,21 +212,6 @@ def test_goal_and_body_are_optional_checked_and_written_back(paper_test):
     assert scenario.parse({**SINGLE, 'body': 'earth', 'goal_position_m': [0, 0, 0]}) == paper_test
     training = scenario.parse({**SET, 'goal_position_m': [0, 10, 0]})
     assert {s.goal_position_m for s in training.scenarios()} == {(0.0, 10.0, 0.0)}
-
-
-@pytest.mark.parametrize(
-    ('changes', 'sentence'),
-    [
-        ({'body': 'venus'}, '`body` must be one of earth, moon, mars, or a mapping with mu_m3_s2'),
-        ({'body': {'mu_m3_s2': 1.0}}, '`body.radius_m` is missing'),
-        ({'body': {'mu_m3_s2': -1.0, 'radius_m': 1.0}}, '`mu_m3_s2` must be a finite number > 0'),
-        ({'body': 'moon', 'orbit_radius_m': 1.7e6}, '`orbit_radius_m` must be a finite number >= '),
-        ({'goal_position_m': 10.0}, '`goal_position_m` must be a list of 3 numbers'),
-        ({'eccentricity': 0.1}, '`eccentricity` belongs into section `dynamics`, with `kind`'),
-    ],
-)
-def test_a_wrong_goal_or_body_is_one_sentence(changes, sentence):
-    assert sentence in refusal('scenario', {**SINGLE, **changes})
 
 
 def test_starts_of_a_grid_and_of_a_box():

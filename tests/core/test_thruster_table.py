@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from datetime import datetime, timezone
 from itertools import product
 
 import numpy as np
@@ -20,7 +19,6 @@ from rpo_cli.cli import app
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
-from rpo_core.files.scenario import parse as parse_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.interfaces import EXERTED_FORCE, EXERTED_TORQUE
@@ -28,7 +26,15 @@ from rpo_kernels.jit import as_table
 from rpo_safety.guard import guard_of
 from rpo_safety.settings import Assurance
 from rpo_thrusters import allocation_kernels as kernels
-from rpo_thrusters.allocation_kernels import DUAL, FULL, LIMIT, ROWS, SCRATCH, THRUST
+from rpo_thrusters.allocation_kernels import (
+    DUAL,
+    FULL,
+    LIMIT,
+    MOST_THRUSTERS,
+    ROWS,
+    SCRATCH,
+    THRUST,
+)
 from rpo_thrusters.authority import authority, failures, known
 from rpo_thrusters.table import PRESETS, Failure, Thruster, ThrusterTable, table_of
 from rpo_thrusters.thrusters import Propellant, Thrusters, stage_of
@@ -303,37 +309,12 @@ def test_a_switch_in_flight_is_a_failure_from_its_tick_on():
     assert stage.step(5, commands[0])[2] == exerted(table, [])[2].step(5, commands[0])[2]
 
 
-@pytest.mark.parametrize(
-    ('document', 'message'),
-    [
-        ({}, 'one of `preset` and `thrusters`'),
-        ({'preset': 'pairs_12'}, '`table.force_n` belongs to a `preset`'),
-        ({'preset': 'pairs_13', 'force_n': 1.0}, 'pairs_12'),
-        ({'preset': 'pairs_12', 'force_n': -1.0}, 'force_n` must be a finite number > 0 and'),
-        (
-            {'preset': 'pairs_12', 'force_n': 1.0, 'failures': [{'thruster': 'q', 'stuck': 'on'}]},
-            'failures[0].thruster` must be one of x+a',
-        ),
-        (
-            {'thrusters': [{'name': 'a', 'position_m': [0, 0, 0], 'direction': [0, 0, 0],
-                            'force_n': 1.0}]},
-            '`direction` must not be zero',
-        ),
-    ],
-)  # fmt: skip
-def test_a_table_that_cannot_be_is_refused(document, message):
-    whole = {**BASE_DOCUMENT, 'thrusters': {'table': document}}
-    with pytest.raises(InputError) as refused:
-        parse_scenario(whole)
-    assert message in str(refused.value)
-
-
-BASE_DOCUMENT = {
-    'schema': 'rpo/scenario/1', 'name': 'table', 'orbit_radius_m': 6678000.0, 'mass_kg': 10.0,
-    'max_force_n': 0.5, 'dt_s': 0.1, 'duration_s': 30.0, 'initial_position_m': [10.0, 60.0, -40.0],
-    'initial_velocity_m_s': [0.0, 0.0, 0.0], 'disturbance': 'none',
-    'epoch': datetime(2026, 1, 1, tzinfo=timezone.utc),
-}  # fmt: skip
+def test_as_many_thrusters_as_an_allocation_takes_are_a_table():
+    first = preset('faces_6').each[0]
+    many = tuple(replace(first, name=f't{i}') for i in range(MOST_THRUSTERS + 1))
+    assert len(ThrusterTable(thrusters=many[1:]).names) == MOST_THRUSTERS
+    with pytest.raises(InputError, match=r'`table\.thrusters` must be at most 24; got 25'):
+        ThrusterTable(thrusters=many)
 
 
 def test_a_flight_ends_at_the_target_and_its_torque_is_a_signal():
@@ -409,6 +390,14 @@ def test_authority_is_that_of_scipy(name, stuck):
     draw /= np.linalg.norm(draw, axis=1)[:, None]
     least = min(*expected, *(reach(table, side, stuck) for side in draw))
     assert found.box_n - 1e-9 <= found.least_n <= least + 1e-9
+
+
+def test_a_thruster_that_is_on_takes_all_of_a_table_that_makes_up_for_a_part_of_it():
+    weak = (replace(t, force_n=0.3 if t.name == 'x-' else 0.5) for t in preset('faces_6').each)
+    table = ThrusterTable(thrusters=tuple(weak))
+    assert authority(table, {'x+': 'on'}).axes_n == (0.0,) * 6
+    left = authority(table, {'x-': 'on'})
+    assert left.axes_n == pytest.approx((0.2, 0.3, 0.5, 0.5, 0.5, 0.5))
 
 
 def test_presets_differ_in_what_a_failure_leaves():

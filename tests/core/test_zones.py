@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,60 +20,7 @@ from rpo_core.judge.zones import Cone, Corridor, Zone, zones_of
 from rpo_guidance.plan import Guidance
 from rpo_safety.settings import Assurance
 
-OLD = {
-    'around': """
-guidance:
-  keep_out_m: 10.0
-  margin_m: 3.0
-  port_m: [0.0, 1.0, 0.0]
-  corridor: {axis: [0.0, 1.0, 0.0], half_angle_deg: 10.0, from_m: 13.0}
-  legs:
-    - {name: to_the_port, kind: transfer, to_m: [0.0, 1.0, 0.0],
-       arrive_m_s: [0.0, -0.07, 0.0], duration_s: 600.0, corridor_s: 120.0}
-  retreat_m: [0.0, 40.0, 0.0]
-""",
-    'assured': """
-assurance:
-  filter: least_change
-  speed: sqrt
-  keep_out_m: 10.0
-  corridor: {along: "+y", half_angle_deg: 10.0, port_m: 1.0, outer_m: 20.0}
-  disturbance_n: 0.05
-  thrust_error: 0.05
-""",
-    'docking': """
-guidance:
-  keep_out_m: 10.0
-  margin_m: 3.0
-  port_m: [0.0, 1.0, 0.0]
-  corridor: {axis: [0.0, 1.0, 0.0], half_angle_deg: 10.0, from_m: 13.0}
-  legs:
-    - {name: to_the_port, kind: transfer, to_m: [0.0, 1.0, 0.0],
-       arrive_m_s: [0.0, -0.075, 0.0], duration_s: 600.0, corridor_s: 120.0}
-  retreat_m: [0.0, 40.0, 0.0]
-  past_port_m: 0.3
-assurance:
-  filter: least_change
-  speed: sqrt
-  keep_out_m: 10.0
-  corridor: {along: "+y", half_angle_deg: 10.0, port_m: 1.0, outer_m: 20.0,
-    width_m: 0.2, lateral_m_s: 0.034}
-  position_error_m: 0.1
-  velocity_error_m_s: 0.004
-  disturbance_n: 0.001
-  thrust_error: 0.2
-  domain_m: 250.0
-requirements:
-  contact_range_m: 0.1
-  contact_axis: "+y"
-  contact_least_closing_speed_m_s: 0.05
-  contact_closing_speed_m_s: 0.1
-  contact_lateral_speed_m_s: 0.04
-  keep_out_m: 10.0
-  corridor_half_angle_deg: 10.0
-  keep_out_depth_m: 0.0
-""",
-}  # fmt: skip
+OLD = files.parse_yaml(Path(__file__).with_name('before_zones.yaml').read_text())
 """Sections of shipped scenarios as files had them before section `zones`."""
 
 near = st.floats(-50.0, 50.0)
@@ -105,7 +53,7 @@ def document(name):
 
 @pytest.mark.parametrize('name', OLD)
 def test_a_file_without_the_section_means_the_same(name):
-    old = {**document(name), **files.parse_yaml(OLD[name])}
+    old = {**document(name), **OLD[name]}
     del old['zones']
     found, expected = scenario.parse(old), load_scenario(name)
     assert found.zones is None and expected.zones is not None

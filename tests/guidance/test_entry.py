@@ -62,9 +62,27 @@ def test_the_shipped_plan_is_the_one_that_is_chosen(found):
     assert found[0].settings == PLAN
 
 
+def test_no_plan_is_tried_whose_line_gains_speed_or_whose_corridor_begins_before_it():
+    way, line = PLAN.legs
+    ends = replace(line, end_speed_m_s=0.8 * line.speed_m_s)
+    legs = (replace(way, corridor_s=40.0), ends)
+    plans = [plan.legs for _, plan in entry._others(replace(PLAN, legs=legs), PORT)]
+    for share in (1.0, 1.5, 2.0):
+        some = [leg for leg, after in plans if after.speed_m_s == round(share * 0.075, 6)]
+        assert {leg.corridor_s for leg in some} == {40.0 * share}
+        assert {leg.arrive_m_s[1] for leg in some} == {round(-0.075 * share, 6)}
+        durations = [leg.duration_s for leg in some]
+        assert durations == [float(s) for s in range(5, 470, 5) if s > 40.0 * share]
+        plans = [legs for legs in plans if legs[0] not in some]
+    assert plans == []
+
+
 def test_a_plan_that_meets_nothing_has_no_entry():
     with pytest.raises(InputError, match='a moment of entry needs section `target`'):
         entry.entries(PLAN, replace(PORT, sections=(PLAN,)))
+    weak = replace(PLAN, force_share=0.01)
+    with pytest.raises(InputError, match='no moment was found at which the plan of tumbling_port'):
+        entry.entries(weak, replace(PORT, duration_s=40.0))
 
 
 VEHICLE = Vehicle(

@@ -17,7 +17,6 @@ from nav_scenarios import LIDAR, PD, make, unmodelled
 
 from rpo_core.chain.chain import Chain
 from rpo_core.chain.flight import fly
-from rpo_core.files.validation import InputError
 from rpo_core.world import cw
 from rpo_kernels import jit
 from rpo_nav.estimator import Estimator, EstimatorStage, gate
@@ -358,35 +357,6 @@ def test_without_the_covariance_the_state_has_the_same_bits():
         rows = (tuple(flight.signals[name][tick]) for name in ('measurement', 'measurement_2'))
         state = stage.step(tick, tuple(before), *rows)[0]
         assert np.array_equal(state, flight.signals['navigation_state'][tick])
-
-
-@pytest.mark.parametrize(
-    ('changes', 'sentence'),
-    [
-        ({'sensors': None}, '`sensors` is missing'),
-        ({'navigation': {'position_noise_m': 0.1}}, '`navigation` makes a navigation state too'),
-        ({'estimator': {'position_sigma_m': 0.0}}, '`position_sigma_m` must be a finite'),
-        ({'estimator': {'disturbance_walk_n_s0_5': 0.1}}, '`disturbance_sigma_n` must be > 0 N'),
-        ({'estimator': {'compensate': True}}, '> 0 N to `compensate` the disturbance; got 0'),
-        ({'estimator': {'compensate': 1}}, '`compensate` must be true or false; got 1'),
-        ({'units': [{**LIDAR, 'noise_floor_m': 0.0}]}, 'a covariance must be positive'),
-        ({'units': [{**LIDAR, 'latency_ticks': 90}], 'ticks': 50}, 'the length of the flight'),
-        ({'units': [{**LIDAR, 'outages_s': [[0.0, 99.0]]}]}, 'they leave none'),
-        ({'units': [{**LIDAR, 'latency_ticks': 9, 'outages_s': [[0.0, 29.5]]}]}, 'leave none'),
-        ({'units': [{**LIDAR, 'outages_s': [[1.0, 2.0, 3.0]]}]}, 'must be [begin, end] in s'),
-        ({'units': [{**LIDAR, 'outages_s': [[0.0, 1.0]] * 101}]}, 'a list of at most 100'),
-        ({'units': [{**LIDAR, 'dropout_share': 1.0}]}, '`dropout_share` must be a finite number'),
-        ({'units': []}, '`units` must be 1 to 4 sensors'),
-        ({'units': [{**LIDAR, 'boresight': [0, 0, 0]}]}, '`boresight` must have a direction'),
-        ({'units': [{**LIDAR, 'boresight': [0, 1.1e6, 0]}]}, '`boresight[1]` must be'),
-        ({'units': [{'kind': 'bearing', 'bearing_noise_rad': 0.1, 'noise_share': 0.1}]}, 'range'),
-        ({'units': [{'kind': 'sonar'}]}, 'must be one of relative_position, range_bearing'),
-    ],
-)  # fmt: skip
-def test_bad_input_is_one_sentence(changes, sentence):
-    with pytest.raises(InputError, match=r'^[^\n]*$') as error:
-        make(**changes)
-    assert sentence in str(error.value)
 
 
 def test_the_gate_decides_at_its_own_value():

@@ -17,6 +17,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
+from rpo_core.wire import interfaces
 from rpo_ros import names, qos
 
 DEADLINE_S = 60.0
@@ -36,7 +37,7 @@ class Steering:
         self.statuses: list[tuple[str, bytes, str, dict[str, str]]] = []
         self.health: dict[str, list[tuple[float, bytes, str, dict[str, str]]]] = {}
         self.node.create_subscription(
-            DiagnosticStatus, names.RUN_STATUS, self._on_status, qos.LATCHED_QUEUE
+            DiagnosticStatus, interfaces.RUN_STATUS, self._on_status, qos.LATCHED_QUEUE
         )
         self.node.create_subscription(
             DiagnosticArray, names.DIAGNOSTICS, self._on_health, qos.DIAGNOSTICS

@@ -159,8 +159,10 @@ def manifest(text):
 def test_a_manifest_that_no_plant_can_have_ends_no_node(ros_env, capfd):
     with inside() as inner:
         node = inner.start(ControllerNode({'controller': 'handmade', 'scenario': 'quick'}))
-        sender = inner.user.create_publisher(DiagnosticStatus, names.NODE_MANIFEST, qos.LATCHED)
-        inner.until(lambda: node.count_publishers(names.NODE_MANIFEST) > 1)
+        sender = inner.user.create_publisher(
+            DiagnosticStatus, interfaces.NODE_MANIFEST, qos.LATCHED
+        )
+        inner.until(lambda: node.count_publishers(interfaces.NODE_MANIFEST) > 1)
         inner.until(sender.get_subscription_count)
         for text in ('[', '!!python/object:x', 'x' * 200_000):
             sender.publish(manifest(text))
@@ -175,8 +177,11 @@ def test_bytes_that_are_no_message_are_ignored_in_one_line(ros_env, capfd):
         node, heard = inner.start(FlightNode('bare')), []
         node.create_subscription(DiagnosticStatus, 'status', heard.append, qos.LATCHED_QUEUE)
         viewer = FlightNode('viewer')  # it is not spun: it looks when it wants
-        newest = Latest(viewer, names.RELATIVE_STATE)
-        rows = {'status': DiagnosticStatus, names.RELATIVE_STATE: newest._subscription.msg_type}
+        newest = Latest(viewer, interfaces.RELATIVE_STATE)
+        rows = {
+            'status': DiagnosticStatus,
+            interfaces.RELATIVE_STATE: newest._subscription.msg_type,
+        }
         senders = [inner.user.create_publisher(k, n, qos.LATCHED) for n, k in rows.items()]
         for sender in senders:
             inner.until(sender.get_subscription_count)

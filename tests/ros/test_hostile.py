@@ -28,7 +28,7 @@ from rpo_log.verify import verify
 from rpo_mcap.errors import Fault, LogError
 from rpo_mcap.read.run_log import read_run
 from rpo_mcap.write import mcap_file
-from rpo_ros import conversions, names, qos
+from rpo_ros import conversions, qos
 from rpo_ros.signals import Outlet
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 from rpo_sim.plant_node import PlantNode
@@ -74,11 +74,11 @@ FALSE_STATUSES = (
 
 def talk(inner):
     """Publish what a flight must not care about."""
-    force = speaker(inner, WrenchStamped, names.CONTROL_FORCE)
-    state = speaker(inner, Odometry, names.RELATIVE_STATE)
+    force = speaker(inner, WrenchStamped, interfaces.CONTROL_FORCE)
+    state = speaker(inner, Odometry, interfaces.RELATIVE_STATE)
     said, manifest, refusal = (
         speaker(inner, DiagnosticStatus, name, qos.LATCHED)
-        for name in (names.RUN_STATUS, names.NODE_MANIFEST, names.STAGE_STATUS)
+        for name in (interfaces.RUN_STATUS, interfaces.NODE_MANIFEST, interfaces.STAGE_STATUS)
     )
     plant = inner.plant
     for turn in range(8):

@@ -16,10 +16,11 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
 from rpo_core.files.scenario import ScenarioSet, load_scenario
+from rpo_core.wire import interfaces
 from rpo_log.tools.diff import diff
 from rpo_log.verify import verify
 from rpo_mcap.read.run_log import read_run
-from rpo_ros import conversions, names, qos
+from rpo_ros import conversions, qos
 from tools.node_processes import node_processes
 
 
@@ -88,7 +89,7 @@ def test_in_flight_a_refusal_is_a_warning(ros, tmp_path):
         scenario='approach',
     )  # fmt: skip
     with inside() as inner:
-        out = inner.user.create_publisher(DiagnosticStatus, names.STAGE_STATUS, qos.LATCHED)
+        out = inner.user.create_publisher(DiagnosticStatus, interfaces.STAGE_STATUS, qos.LATCHED)
         inner.until(lambda: out.get_subscription_count() > 1)
         for name in ('nobody', 'user', 'recorder'):
             out.publish(refusal(name))

@@ -16,12 +16,13 @@ from std_srvs.srv import SetBool, Trigger
 
 from rpo_core import files
 from rpo_core.judge.zones import Zone
+from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import Manifest, PlantTick, numbers_text
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.verify import verify
 from rpo_mcap.read.run_log import read_run
-from rpo_ros import conversions, names, plant_scenario, qos
+from rpo_ros import conversions, plant_scenario, qos
 from rpo_ros.plant_scenario import PlantScenario
 from rpo_ros.signals import hear, listen
 from rpo_sim.plant_node import EXIT_ABORTED, PlantNode
@@ -35,7 +36,7 @@ class Bench:
         self.scenario = lasting(20.0, folder)
         self.said = []
         inner.user.create_subscription(
-            DiagnosticStatus, names.RUN_STATUS, self.said.append, qos.LATCHED_QUEUE
+            DiagnosticStatus, interfaces.RUN_STATUS, self.said.append, qos.LATCHED_QUEUE
         )
 
     def start(self, output='', **parameters):
@@ -209,13 +210,15 @@ def test_a_pause_in_free_running_makes_no_force_stale(bench):
 @pytest.mark.parametrize('mode', ['lockstep', 'free_running'])
 def test_a_state_that_would_not_be_finite_ends_the_run_with_its_cause(bench, mode):
     bench.scenario = lasting(20.0, bench.folder, 'paper_test')
-    out = bench.inner.user.create_publisher(WrenchStamped, names.DISTURBANCE_FORCE, qos.LOCKSTEP)
+    out = bench.inner.user.create_publisher(
+        WrenchStamped, interfaces.DISTURBANCE_FORCE, qos.LOCKSTEP
+    )
 
     def disturb(stamp_ns, state):
         force = (0.0, 1e308 if bench.plant.tick >= 5 else 0.0, 0.0)
         out.publish(conversions.to_wrench(conversions.to_stamp(stamp_ns), force))
 
-    listen(bench.inner.user, names.RELATIVE_STATE, disturb, print)
+    listen(bench.inner.user, interfaces.RELATIVE_STATE, disturb, print)
     bench.start(mode=mode, real_time_factor=10.0)
     status = bench.says('would not be finite')
     values = {pair.key: pair.value for pair in status.values}
@@ -247,7 +250,7 @@ def test_asked_the_plant_reports_what_it_published_and_took(bench, mode):
 
     hear(bench.inner.user, PlantTick, on_report, qos.RECORDING)
     bench.asking = bench.inner.user.create_publisher(
-        DiagnosticStatus, names.RECORDER_STATUS, qos.LATCHED
+        DiagnosticStatus, interfaces.RECORDER_STATUS, qos.LATCHED
     )
     bench.start(mode=mode, real_time_factor=20.0)
     bench.until(lambda: bench.plant.tick > 40)

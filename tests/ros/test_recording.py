@@ -30,7 +30,7 @@ from rpo_ros.signals import Outlet, listen, message_class
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 
 LATE = 'late_manifest'
-ASIDE = ['-r', f'fuzzy_controller:{names.NODE_MANIFEST}:={LATE}']
+ASIDE = ['-r', f'fuzzy_controller:{interfaces.NODE_MANIFEST}:={LATE}']
 """The controller's manifest goes elsewhere, from where the test may pass it on."""
 ODOMETRY = '/truth/odometry'
 TOY = 'toy_force'
@@ -46,7 +46,9 @@ def test_a_late_manifest_is_waited_for_however_much_is_heard_before(ros_env, tmp
     with inside(ASIDE) as inner:
         held = []
         inner.user.create_subscription(DiagnosticStatus, LATE, held.append, qos.LATCHED)
-        onward = inner.user.create_publisher(DiagnosticStatus, names.NODE_MANIFEST, qos.LATCHED)
+        onward = inner.user.create_publisher(
+            DiagnosticStatus, interfaces.NODE_MANIFEST, qos.LATCHED
+        )
         clock = inner.user.create_publisher(Clock, names.CLOCK, qos.CLOCK)
         inner.fly(tmp_path / 'run', scenario)
         inner.until(lambda: held and clock.get_subscription_count())

@@ -95,7 +95,7 @@ def test_markers_keep_their_identity_and_can_be_seen(monkeypatch):
     first, later = scene_of(), scene_of((0.5, -0.2, 0.1), (0.0, 0.0, 0.0))
     assert set(first) == set(later)
     for marker in first.values():
-        assert marker.header.frame_id == names.LVLH_FRAME
+        assert marker.header.frame_id == interfaces.LVLH_FRAME
         assert marker.color.a > 0.0
         assert marker.scale.x > 0.0 or marker.type == Marker.TEXT_VIEW_FACING
         assert marker.pose.orientation.w == 1.0
@@ -496,10 +496,10 @@ def test_nodes_show_the_newest_state(inner):
     user = inner.user
     inner.start(VisualizerNode({'rate_hz': 50.0}))
     web = inner.start(WebNode({'port': 0, 'rate_hz': 50.0}))
-    states = user.create_publisher(Odometry, names.RELATIVE_STATE, qos.LOCKSTEP)
-    forces = user.create_publisher(WrenchStamped, names.CONTROL_FORCE, qos.LOCKSTEP)
-    status = user.create_publisher(DiagnosticStatus, names.RUN_STATUS, qos.LATCHED)
-    why = user.create_publisher(DiagnosticArray, names.DECISION, qos.DIAGNOSTICS)
+    states = user.create_publisher(Odometry, interfaces.RELATIVE_STATE, qos.LOCKSTEP)
+    forces = user.create_publisher(WrenchStamped, interfaces.CONTROL_FORCE, qos.LOCKSTEP)
+    status = user.create_publisher(DiagnosticStatus, interfaces.RUN_STATUS, qos.LATCHED)
+    why = user.create_publisher(DiagnosticArray, interfaces.DECISION, qos.DIAGNOSTICS)
     scenes, poses = [], []
     user.create_subscription(MarkerArray, names.MARKERS, scenes.append, qos.LATCHED)
     user.create_subscription(PoseStamped, names.CHASER_POSE, poses.append, qos.LATCHED)
@@ -521,7 +521,7 @@ def test_nodes_show_the_newest_state(inner):
     inner.until(seen)
     shown = time.monotonic() + 0.2  # the page gets a picture each 20 ms, while the executor spins
     inner.until(lambda: time.monotonic() > shown)
-    assert poses[-1].header.frame_id == names.LVLH_FRAME
+    assert poses[-1].header.frame_id == interfaces.LVLH_FRAME
     assert poses[-1].pose.position.y == STATE[1]
     assert {m.ns for m in scenes[-1].markers} >= {'target', 'chaser', 'thrust', 'trail', 'keep_out'}
     assert web.live.force_n == FORCE
@@ -534,7 +534,7 @@ def test_pose_and_transform_turn_with_the_chaser(inner):
     body = {'inertia_kg_m2': np.eye(3).tolist()}
     turning = yaml.safe_load(scenarios.dumps(load_scenario('paper_test'))) | {'attitude': body}
     node.live.on_manifest(manifest('plant', yaml.safe_dump(turning)))
-    states = inner.user.create_publisher(Odometry, names.RELATIVE_STATE, qos.LOCKSTEP)
+    states = inner.user.create_publisher(Odometry, interfaces.RELATIVE_STATE, qos.LOCKSTEP)
     poses = []
     inner.user.create_subscription(PoseStamped, names.CHASER_POSE, poses.append, qos.LATCHED)
     message = conversions.to_odometry(START_NS, STATE)
@@ -551,7 +551,7 @@ def test_no_message_and_no_caller_ends_the_foxglove_server(inner, capfd):
     from rpo_view.foxglove_node import FoxgloveNode
 
     node = inner.start(FoxgloveNode({'port': 0, 'rate_hz': 100.0}))
-    states = inner.user.create_publisher(Odometry, names.RELATIVE_STATE, qos.LOCKSTEP)
+    states = inner.user.create_publisher(Odometry, interfaces.RELATIVE_STATE, qos.LOCKSTEP)
     inner.until(states.get_subscription_count)
     for stamp_ns in (-(2**31) * 1_000_000_000, -1, START_NS, START_NS + 1):
         for first in (math.nan, math.inf, 1.7e308, 1.0):
@@ -574,13 +574,15 @@ def test_no_message_and_no_caller_ends_the_foxglove_server(inner, capfd):
 
 
 def test_rviz_and_foxglove_look_at_topics_that_are_there():
-    topics = {names.MARKERS, names.CHASER_POSE, names.RELATIVE_STATE, names.CONTROL_FORCE,
-              names.RUN_STATUS, names.DECISION}  # fmt: skip
+    topics = {names.MARKERS, names.CHASER_POSE, interfaces.RELATIVE_STATE, interfaces.CONTROL_FORCE,
+              interfaces.RUN_STATUS, interfaces.DECISION}  # fmt: skip
     document = yaml.safe_load((BRINGUP / 'rviz' / 'final_approach.rviz').read_text())
     displays = document['Visualization Manager']['Displays']
     shown = {d['Topic']['Value'] for d in displays if 'Topic' in d}
     assert shown and shown <= topics
-    assert document['Visualization Manager']['Global Options']['Fixed Frame'] == names.LVLH_FRAME
+    assert (
+        document['Visualization Manager']['Global Options']['Fixed Frame'] == interfaces.LVLH_FRAME
+    )
     layout = json.loads((BRINGUP / 'foxglove' / 'final_approach.json').read_text())
     panels = layout['configById']
     paths = [p['value'] for panel in panels.values() for p in panel.get('paths', [])]
@@ -748,7 +750,7 @@ def staged_scene(zones=(), onboard=None) -> dict[tuple[str, int], Marker]:
         Time(sec=5), STATE[:3], FORCE, [STATE[:3]], scene.Look(), zones, onboard
     ).markers
     assert len({(m.ns, m.id) for m in found}) == len(found)
-    assert all(m.header.frame_id == names.LVLH_FRAME and m.color.a > 0.0 for m in found)
+    assert all(m.header.frame_id == interfaces.LVLH_FRAME and m.color.a > 0.0 for m in found)
     return {(m.ns, m.id): m for m in found}
 
 
@@ -882,11 +884,15 @@ def test_nodes_show_what_the_stages_say(inner):
     listener, user = inner.start(ListeningNode('listener')), inner.user
     states, estimates, references = (
         user.create_publisher(Odometry, name, qos.LOCKSTEP)
-        for name in (names.RELATIVE_STATE, names.NAVIGATION_STATE, interfaces.REFERENCE_STATE)
+        for name in (
+            interfaces.RELATIVE_STATE,
+            interfaces.NAVIGATION_STATE,
+            interfaces.REFERENCE_STATE,
+        )
     )
     said = {
         name: user.create_publisher(DiagnosticStatus, name, qos.LATCHED)
-        for name in (interfaces.GUIDANCE_STATUS, 'assurance_status', names.NODE_MANIFEST)
+        for name in (interfaces.GUIDANCE_STATUS, 'assurance_status', interfaces.NODE_MANIFEST)
     }
     health = user.create_publisher(DiagnosticArray, names.DIAGNOSTICS, qos.DIAGNOSTICS)
     scenes: list[MarkerArray] = []
@@ -898,7 +904,7 @@ def test_nodes_show_what_the_stages_say(inner):
     def publish_manifest(name):
         text = files.read_text(files.find('scenario', name))
         values = {'role': 'plant', 'file.scenario.yaml': text}
-        said[names.NODE_MANIFEST].publish(status('plant', values))
+        said[interfaces.NODE_MANIFEST].publish(status('plant', values))
 
     ticks = itertools.count()
 

@@ -153,30 +153,6 @@ def test_a_learner_is_shielded():
     assert acted > 40
 
 
-@pytest.mark.parametrize(
-    ('settings', 'sentence'),
-    [
-        ({'keep_out_m': 75.0}, 'the start exclude each other'),
-        ({'speed': 'sqrt', 'disturbance_n': 0.6}, 'something to brake with'),
-        ({'speed': {'speed_m_s': 0.1, 'deceleration_m_s2': 0.05}}, 'exclude each other'),
-        ({'keep_out_m': 10.0, 'position_error_m': 6.0}, 'exclude each other'),
-        ({'keep_out_m': 10.0, 'velocity_error_m_s': 5.0}, 'exclude each other'),
-        ({'disturbance_n': 0.001}, 'must be at least'),
-        ({'speed': 'slow'}, 'must be one of paper, sqrt, afrl'),
-        ({'filter': 'none'}, 'must be one of'),
-        ({'domain_m': 50.0}, 'must be at least the range of the start'),
-        ({'mass_kg': 0}, '`mass_kg` must be a finite number > 0'),
-        ({'mass_kg': 1e-300}, 'exclude each other|must be at least|something to brake with'),
-        ({'slew_n_s': 0}, '`slew_n_s` must be a finite number > 0'),
-    ],
-)  # fmt: skip
-def test_what_cannot_be_assured_is_refused(settings, sentence):
-    """Each names the constraints, and the number that fails."""
-    document = scenario.to_document(PAPER)
-    with pytest.raises(InputError, match=sentence):
-        scenario.parse({**document, 'assurance': settings})
-
-
 def test_a_world_whose_errors_are_not_known_needs_bounds():
     with pytest.raises(InputError, match=r'`assurance\.\w+` is missing; section `\w+` needs it'):
         scenario.load_scenario('world_leo').equipped(Assurance())

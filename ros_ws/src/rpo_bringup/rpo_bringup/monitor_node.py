@@ -27,6 +27,7 @@ from std_srvs.srv import Trigger
 
 from rpo_attitude.target import TARGET_ATTITUDE
 from rpo_core.files.validation import choice
+from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import RUNNING, RunStatus
 from rpo_ros import conversions, health, names, qos
 from rpo_ros.running import FlightNode
@@ -66,9 +67,11 @@ class MonitorNode(FlightNode):
         self.get_logger().info(f'checking the limits of table {self.table.name}')
 
     def _subscribe(self) -> None:
-        self.create_subscription(Odometry, names.RELATIVE_STATE, self._on_state, qos.LOCKSTEP)
+        self.create_subscription(Odometry, interfaces.RELATIVE_STATE, self._on_state, qos.LOCKSTEP)
         self.create_subscription(Odometry, TARGET_ATTITUDE, self._on_attitude, qos.LOCKSTEP)
-        self.create_subscription(WrenchStamped, names.CONTROL_FORCE, self._on_force, qos.LOCKSTEP)
+        self.create_subscription(
+            WrenchStamped, interfaces.CONTROL_FORCE, self._on_force, qos.LOCKSTEP
+        )
         hear(self, RunStatus, self._on_status)
         self.create_subscription(
             DiagnosticArray, names.DIAGNOSTICS, self._on_diagnostics, qos.DIAGNOSTICS

@@ -27,7 +27,7 @@ from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.interfaces import Decimation
 from rpo_ctrl import explain
-from rpo_ros import conversions, health, names, qos
+from rpo_ros import conversions, health, qos
 from rpo_ros.managed_node import ManagedNode
 
 _ANY_TICK_S = 1.0
@@ -43,7 +43,7 @@ class DecisionPublisher:
         self._decimation = Decimation(rate_hz)
         self._before_ns: int | None = None
         self._explained_ns: int | None = None
-        self._out = node.create_publisher(DiagnosticArray, names.DECISION, qos.LOCKSTEP)
+        self._out = node.create_publisher(DiagnosticArray, interfaces.DECISION, qos.LOCKSTEP)
 
     def offer(
         self,
@@ -65,7 +65,7 @@ class DecisionPublisher:
             cdr.Status(level[0], f'decision: {axis}', sentence, label, conversions.texts_of(pairs))
             for axis, (sentence, pairs) in zip('xyz', reasons, strict=True)
         ]
-        self._out.publish(cdr.encode_array(stamp_ns, names.LVLH_FRAME, statuses))
+        self._out.publish(cdr.encode_array(stamp_ns, interfaces.LVLH_FRAME, statuses))
 
     def _is_due(self, stamp_ns: int, scenario: Scenario | None) -> bool:
         tick = scenario.tick_of(stamp_ns) if scenario is not None else None

@@ -40,7 +40,7 @@ def digest() -> str:
     found = hashlib.sha256()
     for package in _PACKAGES:
         folder = Path(str(package.__file__)).parent
-        for path in sorted(folder.rglob('*.py')):
+        for path in sorted([*folder.rglob('*.py'), *folder.rglob('*.yaml')]):
             name = f'{package.__name__}/{path.relative_to(folder).as_posix()}'
             content = path.read_bytes()
             found.update(f'{name} {len(content)}\n'.encode() + content)

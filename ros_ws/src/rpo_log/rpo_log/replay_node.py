@@ -19,7 +19,7 @@ from rpo_core.wire import interfaces
 from rpo_log.bag import open_run
 from rpo_mcap.errors import LogError
 from rpo_mcap.read.decode import Message, values_of
-from rpo_ros import conversions, names, qos
+from rpo_ros import conversions, qos
 from rpo_ros.running import FlightNode
 from rpo_ros.signals import message_class
 from rpo_ros.timeout import Timeout
@@ -90,7 +90,7 @@ class ReplayNode(FlightNode):
         }
         if self.values['drive']:
             self.create_subscription(
-                WrenchStamped, names.CONTROL_FORCE, self._on_answer, qos.LOCKSTEP
+                WrenchStamped, interfaces.CONTROL_FORCE, self._on_answer, qos.LOCKSTEP
             )
         self.create_service(SetBool, '~/pause', self._on_pause)
         self.create_service(Trigger, '~/step', self._on_step)
@@ -110,9 +110,11 @@ class ReplayNode(FlightNode):
         if self.done or self._paused:
             return
         if not self._played and not self._has_listeners():
-            self._say(f'waiting for {names.CONTROL_FORCE if self.values["drive"] else "listeners"}')
+            self._say(
+                f'waiting for {interfaces.CONTROL_FORCE if self.values["drive"] else "listeners"}'
+            )
             if self._silence.look() > self.values['answer_timeout_s']:
-                self._end(f'no answer from {names.CONTROL_FORCE}', EXIT_NO_ANSWER)
+                self._end(f'no answer from {interfaces.CONTROL_FORCE}', EXIT_NO_ANSWER)
             return
         if not self._played:
             self._silence.broken()  # only now it can be asked: its start is no silence
@@ -123,7 +125,7 @@ class ReplayNode(FlightNode):
 
     def _has_listeners(self) -> bool:
         if self.values['drive']:
-            return bool(self.count_publishers(self.resolve_topic_name(names.CONTROL_FORCE)))
+            return bool(self.count_publishers(self.resolve_topic_name(interfaces.CONTROL_FORCE)))
         now_s = time.monotonic()
         found = sum(outlet.get_subscription_count() for outlet in self._outlets.values())
         if found != self._found:
@@ -164,7 +166,7 @@ class ReplayNode(FlightNode):
         waited = time.monotonic() - self._sent
         if self._silence.look() > self.values['answer_timeout_s']:
             tick = self._current[0].tick
-            self._end(f'no answer to tick {tick} from {names.CONTROL_FORCE}', EXIT_NO_ANSWER)
+            self._end(f'no answer to tick {tick} from {interfaces.CONTROL_FORCE}', EXIT_NO_ANSWER)
         elif waited > self.values['resend_after_s']:
             self._send()
 

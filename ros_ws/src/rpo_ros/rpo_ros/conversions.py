@@ -17,7 +17,7 @@ from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 
 from rpo_core.wire.cdr import encode_status
-from rpo_ros.names import CHASER_FRAME, LVLH_FRAME
+from rpo_core.wire.interfaces import CHASER_FRAME, LVLH_FRAME
 
 _NANOSECONDS = 1_000_000_000
 _NOT_UNIT = 1e-3

@@ -103,7 +103,9 @@ class Manifest:
     def __init__(self, node: FlightNode, role: str, run: str = '') -> None:
         self._run = [('run', run)] if run else []
         self._role, self._name = role, node.get_name()
-        self._publisher = node.create_publisher(DiagnosticStatus, names.NODE_MANIFEST, qos.LATCHED)
+        self._publisher = node.create_publisher(
+            DiagnosticStatus, interfaces.NODE_MANIFEST, qos.LATCHED
+        )
         self._values: list[tuple[str, Any]] = []
         self._node = node
         node.every(PERIOD_S, self.repeat)

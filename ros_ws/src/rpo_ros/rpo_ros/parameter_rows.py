@@ -22,7 +22,7 @@ from rpo_core.files.validation import InputError
 
 _LARGEST = 1e9
 
-Value = bool | int | float | str | tuple[float, ...]
+Value = bool | int | float | str
 
 _ROS_NAME = re.compile(r'(~/|/)?[A-Za-z_]\w*(/[A-Za-z_]\w*)*', re.ASCII)
 
@@ -31,9 +31,8 @@ _ROS_NAME = re.compile(r'(~/|/)?[A-Za-z_]\w*(/[A-Za-z_]\w*)*', re.ASCII)
 class ParameterRow:
     """One parameter; its type is the type of its default.
 
-    default : a tuple is an array of that many numbers
     unit : of a number, '' for others
-    least, most : range of a number, or of each number of an array, both included
+    least, most : range of a number, both included
     smallest : of a real number that is not zero; 0: any
     choices : the allowed texts; empty: any text
     ros_name : the text is the name of a node or of a topic
@@ -58,8 +57,6 @@ class ParameterRow:
     @property
     def kind(self) -> str:
         """The type in words."""
-        if isinstance(self.default, tuple):
-            return f'{len(self.default)} numbers'
         kinds = {bool: 'true or false', int: 'whole number', float: 'number', str: 'text'}
         return kinds[type(self.default)]
 
@@ -79,8 +76,6 @@ class ParameterRow:
         """The default as a user types it, with its unit."""
         if isinstance(self.default, bool):
             return str(self.default).lower()
-        if isinstance(self.default, tuple):
-            return f'{list(self.default)} {self.unit}'.strip()
         return f'{self.default} {self.unit}'.strip() or 'empty'
 
     def summary(self) -> str:
@@ -103,8 +98,6 @@ class ParameterRow:
             if 0.0 < number < self.smallest:
                 raise InputError(f'`{self.name}` must be {self.range}; got {number!r}')
             return number
-        if isinstance(self.default, tuple):
-            return self._numbers(value)
         if self.choices:
             return validation.choice(self.name, value, self.choices)
         if value == self.default == '':
@@ -115,21 +108,6 @@ class ParameterRow:
                 f'/one/{self.default}; got {validation.shown(value)}'
             )
         return validation.text(self.name, value, most=validation.MOST_PATH)
-
-    def _numbers(self, value: Any) -> tuple[float, ...]:
-        size = len(self.default) if isinstance(self.default, tuple) else 0
-        if hasattr(value, 'tolist'):  # rclpy gives an array.array
-            value = value.tolist()
-        if not isinstance(value, (list, tuple)) or len(value) != size:
-            raise InputError(
-                f'`{self.name}` must be a list of {size} numbers; got {validation.shown(value)}'
-            )
-        return tuple(
-            validation.real(
-                f'{self.name}[{i}]', number, self.unit, least=self.least, most=self.most
-            )
-            for i, number in enumerate(value)
-        )
 
 
 _STANDARD = ('use_sim_time', 'start_type_description_service')

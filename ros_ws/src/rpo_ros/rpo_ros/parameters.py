@@ -42,13 +42,7 @@ def descriptor(row: ParameterRow) -> ParameterDescriptor:
         ]
     if row.choices:
         descriptor.additional_constraints = f'one of {", ".join(row.choices)}'
-    elif isinstance(row.default, tuple):
-        descriptor.additional_constraints = f'{row.kind}, each {row.range}'
     return descriptor
-
-
-def _to_parameter(name: str, value: Value) -> Parameter:
-    return Parameter(name, value=list(value) if isinstance(value, tuple) else value)
 
 
 def declare(node: Node, rows: Sequence[ParameterRow]) -> dict[str, Any]:
@@ -71,10 +65,10 @@ def declare(node: Node, rows: Sequence[ParameterRow]) -> dict[str, Any]:
     values: dict[str, Any] = {}
     for row in rows:
         if row.name in overrides:
-            overrides[row.name] = _to_parameter(row.name, row.check(overrides[row.name].value))
-        default = list(row.default) if isinstance(row.default, tuple) else row.default
+            value = row.check(overrides[row.name].value)
+            overrides[row.name] = Parameter(row.name, value=value)
         try:
-            declared = node.declare_parameter(row.name, default, descriptor(row))
+            declared = node.declare_parameter(row.name, row.default, descriptor(row))
         except (InvalidParameterTypeException, InvalidParameterValueException) as error:
             raise InputError(f'`{row.name}`: {error}') from None
         values[row.name] = row.check(declared.value)

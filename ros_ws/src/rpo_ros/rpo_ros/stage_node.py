@@ -19,7 +19,7 @@ from rpo_core.chain.stage import WITHOUT_COMMAND, ZERO, Signal
 from rpo_core.files.scenario import Scenario
 from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import GONE, REFUSED, RUNNING, WAITING, RunStatus
-from rpo_ros import health, names, qos
+from rpo_ros import health, qos
 from rpo_ros.conversions import to_status
 from rpo_ros.heartbeat import Pulse
 from rpo_ros.patience import MOST_REPEATS, Patience
@@ -80,7 +80,7 @@ class StageNode(FlightNode):
         self._answer = Answer()
         self.manifest: health.Manifest | None = None
         self._stage_status = self.create_publisher(
-            DiagnosticStatus, names.STAGE_STATUS, qos.LATCHED
+            DiagnosticStatus, interfaces.STAGE_STATUS, qos.LATCHED
         )
         self._run = PlantScenario(self, self.values['scenario'], self._fly_in, self.refuse)
 

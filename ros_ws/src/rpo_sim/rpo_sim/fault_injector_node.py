@@ -19,6 +19,7 @@ from nav_msgs.msg import Odometry
 
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
+from rpo_core.wire import interfaces
 from rpo_core.world.link import (
     CORRUPTIONS,
     INFINITY,
@@ -29,7 +30,7 @@ from rpo_core.world.link import (
     Schedule,
     SeededLink,
 )
-from rpo_ros import conversions, health, names, qos
+from rpo_ros import conversions, health, qos
 from rpo_ros.plant_scenario import PlantScenario
 from rpo_ros.running import EXIT_BAD_INPUT, FlightNode
 
@@ -47,9 +48,10 @@ _WRONG_STAMP_NS = 1_000_000_000
 def message_type(kind: str, topics: tuple[str, str]) -> type[Odometry] | type[WrenchStamped]:
     """Return the message type of the topics; raises InputError if it is unknown."""
     if kind == AUTO:
-        states = [names.RELATIVE_STATE in topic for topic in topics]
+        states = [interfaces.RELATIVE_STATE in topic for topic in topics]
         forces = [
-            names.CONTROL_FORCE in topic or names.DISTURBANCE_FORCE in topic for topic in topics
+            interfaces.CONTROL_FORCE in topic or interfaces.DISTURBANCE_FORCE in topic
+            for topic in topics
         ]
         if any(states) == any(forces):
             raise InputError(
@@ -71,7 +73,7 @@ def corrupted(message: Odometry | WrenchStamped, corruption: str) -> Odometry | 
     elif corruption == INFINITY:
         first.x = math.inf
     elif corruption == WRONG_FRAME:
-        faulty.header.frame_id = names.CHASER_FRAME
+        faulty.header.frame_id = interfaces.CHASER_FRAME
     else:
         stamp_ns = max(0, conversions.from_stamp(message.header.stamp) - _WRONG_STAMP_NS)
         faulty.header.stamp = conversions.to_stamp(stamp_ns)

@@ -29,7 +29,7 @@ class Publications:
 
     def __init__(self, node: FlightNode, clock: bool, made: Sequence[str]) -> None:
         self._state = Outlet(node, interfaces.RELATIVE_STATE)
-        self._status = node.create_publisher(DiagnosticStatus, names.RUN_STATUS, qos.LATCHED)
+        self._status = node.create_publisher(DiagnosticStatus, interfaces.RUN_STATUS, qos.LATCHED)
         self._clock = node.create_publisher(Clock, names.CLOCK, qos.CLOCK) if clock else None
         self._made = {name: Outlet(node, name) for name in made}
 
@@ -72,7 +72,7 @@ class TickReports:
     def __init__(self, node: FlightNode, run: str, peers: Sequence[str]) -> None:
         self._run, self._peers = run, tuple(peers)
         profile = qos.of(interfaces.row_of(interfaces.PLANT_TICK).qos)
-        self._publisher = node.create_publisher(DiagnosticStatus, names.PLANT_TICK, profile)
+        self._publisher = node.create_publisher(DiagnosticStatus, interfaces.PLANT_TICK, profile)
         self.forget()
 
     def forget(self) -> None:

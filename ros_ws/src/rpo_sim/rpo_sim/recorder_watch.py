@@ -10,7 +10,6 @@ from collections.abc import Callable
 from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import CLOSED, FAILED, READY, RecorderStatus
 from rpo_core.wire.statuses import RECORDER_WAITS as WAITING
-from rpo_ros import names
 from rpo_ros.running import FlightNode
 from rpo_ros.signals import hear
 from rpo_ros.timeout import Timeout
@@ -136,7 +135,7 @@ class RecorderWatch:
 
         One that was killed stays in sight for a while, but says nothing.
         """
-        said = self._node.resolve_topic_name(names.RECORDER_STATUS)
+        said = self._node.resolve_topic_name(interfaces.RECORDER_STATUS)
         in_sight, now_s = self._node.count_publishers(said), time.monotonic()
         if in_sight > self._in_sight:
             self._seen_s = now_s

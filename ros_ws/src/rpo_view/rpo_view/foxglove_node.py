@@ -37,10 +37,10 @@ _SAMPLED = {
     **{
         name: message_class(interfaces.row_of(name).type)
         for name in (
-            names.RELATIVE_STATE,
-            names.CONTROL_FORCE,
-            names.DISTURBANCE_FORCE,
-            names.DECISION,
+            interfaces.RELATIVE_STATE,
+            interfaces.CONTROL_FORCE,
+            interfaces.DISTURBANCE_FORCE,
+            interfaces.DECISION,
         )
     },
     names.MARKERS: MarkerArray,
@@ -64,7 +64,9 @@ class FoxgloveNode(Viewer):
             name: Latest(self, name, kind=kind, raw=True) for name, kind in _SAMPLED.items()
         }
         self._channels = {name: self._channel(name, kind) for name, kind in _SAMPLED.items()}
-        self._channels[names.RUN_STATUS] = self._channel(names.RUN_STATUS, DiagnosticStatus)
+        self._channels[interfaces.RUN_STATUS] = self._channel(
+            interfaces.RUN_STATUS, DiagnosticStatus
+        )
         self._transform = FrameTransformChannel(
             self.resolve_topic_name('chaser_transform'), context=self._app_context
         )
@@ -79,7 +81,7 @@ class FoxgloveNode(Viewer):
             self._server.stop()
             raise
         self.create_subscription(
-            DiagnosticStatus, names.RUN_STATUS, self._on_status, qos.LATCHED_QUEUE, raw=True
+            DiagnosticStatus, interfaces.RUN_STATUS, self._on_status, qos.LATCHED_QUEUE, raw=True
         )
         self.every(1.0 / values['rate_hz'], self._pass_on)
         self.every(_STATUS_PERIOD_S, self._send_status)
@@ -102,7 +104,7 @@ class FoxgloveNode(Viewer):
             data = newest.take()
             if data is None:
                 continue
-            if name == names.RELATIVE_STATE and not self._on_state(
+            if name == interfaces.RELATIVE_STATE and not self._on_state(
                 deserialize_message(data, Odometry)
             ):
                 continue
@@ -139,7 +141,7 @@ class FoxgloveNode(Viewer):
     def _send_status(self) -> None:
         """Send run_status again: the apps know no latched topics."""
         if self._status and self._stamp_ns:
-            self._channels[names.RUN_STATUS].log(self._status, log_time=self._stamp_ns)
+            self._channels[interfaces.RUN_STATUS].log(self._status, log_time=self._stamp_ns)
 
     def close(self) -> None:
         """Disconnect the apps."""

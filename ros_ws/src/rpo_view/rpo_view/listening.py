@@ -24,8 +24,8 @@ class ListeningNode(Viewer):
     def __init__(self, name: str, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__(name, overrides)
         self.live = LiveRun()
-        self.topic = self.resolve_topic_name(names.RELATIVE_STATE)
-        self._states = Latest(self, names.RELATIVE_STATE)
+        self.topic = self.resolve_topic_name(interfaces.RELATIVE_STATE)
+        self._states = Latest(self, interfaces.RELATIVE_STATE)
         self._onboard = {
             name: Latest(self, name)
             for name in (interfaces.NAVIGATION_STATE, interfaces.REFERENCE_STATE)
@@ -35,11 +35,11 @@ class ListeningNode(Viewer):
             for name in (interfaces.NAVIGATION_ATTITUDE, interfaces.REFERENCE_ATTITUDE)
         }
         self._forces = {
-            'force_n': Latest(self, names.CONTROL_FORCE),
-            'disturbance_n': Latest(self, names.DISTURBANCE_FORCE),
+            'force_n': Latest(self, interfaces.CONTROL_FORCE),
+            'disturbance_n': Latest(self, interfaces.DISTURBANCE_FORCE),
             'exerted_n': Latest(self, interfaces.EXERTED_FORCE),
         }
-        self._decisions = Latest(self, names.DECISION)
+        self._decisions = Latest(self, interfaces.DECISION)
         for reader, take in (
             (RunStatus, self.live.on_status),
             (Manifest, self.live.on_manifest),

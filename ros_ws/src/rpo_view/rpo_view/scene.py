@@ -20,9 +20,9 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from rpo_core.judge.zones import Zone
+from rpo_core.wire.interfaces import LVLH_FRAME
 from rpo_kernels.attitude_kernels import Attitude
 from rpo_log.show.style import COLOURS
-from rpo_ros.names import LVLH_FRAME
 from rpo_view.onboard import Onboard
 
 Vector = Sequence[float]

@@ -11,8 +11,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import partial
+from pathlib import Path
 from typing import Annotated, Any
 
+from rpo_core import files
 from rpo_core.files import codec
 from rpo_core.files.validation import InputError, check_fields, choice, mapping, optional, real
 from rpo_core.judge.zones import Zones
@@ -45,50 +47,11 @@ class Row:
     attitude: bool = False
 
 
+_WRITTEN = files.parse_yaml(Path(__file__).with_suffix('.yaml').read_text(encoding='utf-8'))
+
 ROWS = {
-    'final_error_per_axis_m': Row('m', 'position error per axis, at the end'),
-    'final_error_norm_m': Row('m', 'position error (norm), at the end'),
-    'final_speed_per_axis_m_s': Row('m/s', 'speed per axis, at the end'),
-    'final_speed_norm_m_s': Row('m/s', 'speed (norm), at the end'),
-    'mean_error_norm_m': Row('m', 'mean error (norm), last {mean:g} s'),
-    'mean_speed_norm_m_s': Row('m/s', 'mean speed (norm), last {mean:g} s'),
-    'hold_error_per_axis_m': Row(
-        'm', 'position error per axis, after {hold:g} s', needs='hold_from_s'
-    ),
-    'hold_error_norm_m': Row('m', 'position error (norm), after {hold:g} s', needs='hold_from_s'),
-    'hold_speed_per_axis_m_s': Row('m/s', 'speed per axis, after {hold:g} s', needs='hold_from_s'),
-    'hold_speed_norm_m_s': Row('m/s', 'speed (norm), after {hold:g} s', needs='hold_from_s'),
-    'hold_force_per_axis_n': Row(
-        'N', 'force per axis, after {hold:g} s', needs='hold_from_s', effort=True
-    ),
-    'hold_force_per_disturbance': Row(
-        'N', 'force per axis, after {hold:g} s', needs='hold_from_s', effort=True, share=True
-    ),
-    'arrival_time_s': Row('s', 'time to goal, {arrival}'),
-    'contact_closing_speed_m_s': Row(
-        'm/s', 'closing speed at {contact:g} m{least}', needs='contact_range_m'
-    ),
-    'contact_lateral_speed_m_s': Row(
-        'm/s', 'lateral speed at {contact:g} m', needs='contact_range_m'
-    ),
-    'contact_angle_deg': Row(
-        'deg', 'angle about each axis at contact', needs='contact_range_m', attitude=True
-    ),
-    'contact_rate_deg_s': Row(
-        'deg/s', 'rate against the target at contact', needs='contact_range_m', attitude=True
-    ),
-    'keep_out_depth_m': Row('m', 'depth inside the sphere of {zone:g} m{cone}', needs='keep_out_m'),
-    'slew_per_axis_n_s': Row('N/s', 'slew per axis', effort=True),
-    'energy_n2s': Row('N²s', 'energy J', effort=True),
-    'delta_v_axis_sum_m_s': Row('m/s', 'Δv (sum of the axes)', effort=True),
-    'thruster_delta_v_m_s': Row(
-        'm/s',
-        'Δv of the thrusters, waste included',
-        effort=True,
-        thrusters=('pulses', 'table', 'propellant'),
-    ),
-    'propellant_kg': Row('kg', 'propellant', effort=True, thrusters=('propellant',)),
-    'valve_openings': Row('', 'openings of the valves', effort=True, thrusters=('pulses', 'table')),
+    name: Row(**{**row, 'thrusters': tuple(row.get('thrusters', ()))})
+    for name, row in _WRITTEN['rows'].items()
 }
 """Requirement -> what is known of it, in the order in which they are shown."""
 
@@ -101,18 +64,7 @@ THRUST = {name: row.unit for name, row in ROWS.items() if row.thrusters}
 PORT = 'port'
 """Value of `contact_axis` in a file: the axis of the corridor of section `zones`."""
 
-PROFILES = {
-    # International Docking System Standard: initial contact
-    'idss': {
-        'contact_range_m': 0.1,
-        'contact_axis': PORT,
-        'contact_least_closing_speed_m_s': 0.05,
-        'contact_closing_speed_m_s': 0.1,
-        'contact_lateral_speed_m_s': 0.04,
-        'contact_angle_deg': 4.0,
-        'contact_rate_deg_s': 0.2,
-    },
-}
+PROFILES: dict[str, dict[str, Any]] = _WRITTEN['profiles']
 """Requirements that a section may name; its other fields override them, or add to them."""
 
 ATTITUDES = tuple(name for name, row in ROWS.items() if row.attitude)
@@ -246,7 +198,7 @@ class Requirements:
     @property
     def unjudged(self) -> dict[str, float]:
         """Limits of the profile that it leaves out, for the scenario has no attitude."""
-        known: dict[str, Any] = PROFILES.get(self.profile or '', {})
+        known = PROFILES.get(self.profile or '', {})
         return {n: v for n, v in known.items() if n in ROWS and n not in self.limits}
 
     def to_document(self) -> dict[str, float | str]:
@@ -272,7 +224,7 @@ def parse(value: Any, zones: Zones | None = None, attitude: bool = False) -> Req
     zones : section `zones`, where the file has it; attitude : whether the chaser has one
     """
     if isinstance(value, Mapping) and value.get('profile') in list(PROFILES):
-        profile: dict[str, Any] = dict(PROFILES[value['profile']])
+        profile = dict(PROFILES[value['profile']])
         if zones is None or not zones.corridor.from_m:
             del profile['contact_axis']
         for name in () if attitude else ATTITUDES:

@@ -3,8 +3,8 @@
 """What nodes say of a run in a DiagnosticStatus: a contract and a strict reader for each topic.
 
 Anybody may publish on a topic. A reader takes a status as a whole, or raises an InputError that
-names the wrong field: no node acts on a part of it. A contract says what each field means;
-`docs/nodes/protocol.md` is written from the contracts (`tools/node_pages.py`).
+names the wrong field: no node acts on a part of it. The contracts, in `statuses.yaml`, say what
+each field means; `docs/nodes/protocol.md` is written from them (`tools/node_pages.py`).
 """
 
 from __future__ import annotations
@@ -12,9 +12,11 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, TypeVar, cast
 
+from rpo_core import files
 from rpo_core.files.validation import InputError, choice, printable, quoted, shown, text
 from rpo_core.wire import interfaces
 from rpo_core.wire.cdr import Status
@@ -22,9 +24,6 @@ from rpo_core.wire.cdr import Status
 WAITING, RUNNING, PAUSED = 'waiting', 'running', 'paused'
 FINISHED, ABORTED = 'finished', 'aborted'
 ENDED = (FINISHED, ABORTED)
-
-LEVELS = {WAITING: (0,), RUNNING: (0, 1), PAUSED: (0,), FINISHED: (0,), ABORTED: (1, 2)}
-"""Phase of a run -> levels of the `run_status` that says so."""
 
 REFUSED = 'refused'
 """State in `stage_status` of a node that takes no part in the run of the plant."""
@@ -119,6 +118,16 @@ TEXT_OR_NONE = Kind('one line, may be empty', lambda name, found: found and text
 REASON = Kind('text, may be empty', lambda _, found: printable(found))
 FILE = Kind('text', lambda _, found: found)
 
+_KINDS = {
+    'tick': TICK, 'number': NUMBER, 'figure': FIGURE, 'names': NAMES, 'text': TEXT,
+    'text_or_none': TEXT_OR_NONE, 'reason': REASON, 'file': FILE,
+}  # fmt: skip
+"""Word in `statuses.yaml` -> kind; a list there holds the words that are allowed."""
+
+
+def _kind(written: str | list[str]) -> Kind:
+    return _KINDS[written] if isinstance(written, str) else _one_of(*written)
+
 
 class Key(NamedTuple):
     """A value of a status.
@@ -150,8 +159,8 @@ class Contract:
     when: str
     peer: str
     keys: tuple[Key, ...]
-    fields: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    level: str = '0'
+    fields: Mapping[str, tuple[str, ...]]
+    level: str
 
     def read(self, status: Status, most: bool = True) -> dict[str, Any]:
         """Return the values by key, each as its kind reads it; raises InputError.
@@ -173,11 +182,42 @@ class Contract:
 Said = TypeVar('Said', bound='Reader')
 
 
+_TEXTS = {
+    'PROGRESS_TICKS': interfaces.PROGRESS_TICKS,
+    'MOST_AHEAD_TICKS': interfaces.MOST_AHEAD_TICKS,
+}
+"""Numbers in the texts of the contracts."""
+
+_WRITTEN = files.parse_yaml(Path(__file__).with_suffix('.yaml').read_text(encoding='utf-8'))
+
+LEVELS = {phase: tuple(found) for phase, found in _WRITTEN[interfaces.RUN_STATUS]['levels'].items()}
+"""Phase of a run -> levels of the `run_status` that says so."""
+
+
+def _contract(topic: str) -> Contract:
+    """Return the contract of a topic as the file has it."""
+    written = _WRITTEN[topic]
+    keys = tuple(
+        Key(name, **{**key, 'kind': _kind(key['kind'])}) for name, key in written['keys'].items()
+    )
+    said = {name: written[name].format_map(_TEXTS) for name in ('sender', 'when', 'peer')}
+    fixed = {name: tuple(allowed) for name, allowed in written.get('fields', {}).items()}
+    level = written.get('level', '0')
+    if 'levels' in written:
+        level = ', '.join(
+            f'`{phase}` {" or ".join(map(str, found))}' for phase, found in LEVELS.items()
+        )
+    return Contract(keys=keys, fields=fixed, level=level, **said)
+
+
 class Reader:
-    """What one kind of status says; `topic` carries it."""
+    """What one kind of status says; `topic` carries it, `contract` is that of the topic."""
 
     topic: ClassVar[str]
     contract: ClassVar[Contract]
+
+    def __init_subclass__(cls) -> None:
+        cls.contract = _contract(cls.topic)
 
     @classmethod
     def of(cls: type[Said], status: Status) -> Said:
@@ -191,37 +231,11 @@ class Reader:
         return cast(Said, kind(**{name: found[name] for name in names if name in found}))
 
 
-_PHASES = _one_of(*LEVELS)
-_ANY_TICK = Key('tick', TICK, 'first tick that it holds for')
-
-
 @dataclass(frozen=True)
 class RunStatus(Reader):
     """What a plant says of its run; the message is the reason of the phase."""
 
     topic: ClassVar[str] = interfaces.RUN_STATUS
-    contract: ClassVar[Contract] = Contract(
-        'the plant',
-        'as each phase begins, and when a peer is lost or comes back, the chaser enters a keep-out '
-        'zone, or the recorder is gone. The message is the reason',
-        'the recorder begins its log with `running`, at tick 0 or later, and closes it after '
-        '`finished` or `aborted`. It takes a status whose distance and speed are those of the '
-        'state of its tick, and no other. Nodes begin a new run after a new `waiting`',
-        (
-            Key('phase', _PHASES, 'of the run; `paused` is in no log'),
-            Key('tick', TICK, 'that the plant is at; `finished`: the last one'),
-            Key('time_s', FIGURE, 'since tick 0', 's', False),
-            Key('distance_m', FIGURE, 'to the target; the recorder needs it', 'm', False),
-            Key('speed_m_s', FIGURE, 'relative to the target; the recorder needs it', 'm/s', False),
-            Key('energy_n2s', FIGURE, 'sum of the squared forces that the thrusters took, per '
-                'axis, times the tick', 'N² s', False),
-            Key('saturated_ticks', FIGURE, 'ticks with a saturated command', '', False),
-            Key('dropped', NAMES, 'the plant goes on without these, from `tick` on', '', False),
-            Key('resumed', _one_of('true'), 'it goes on after a pause', '', False),
-        ),
-        {'name': ('run',), 'hardware_id': ('none',)},
-        ', '.join(f'`{phase}` {" or ".join(map(str, found))}' for phase, found in LEVELS.items()),
-    )  # fmt: skip
     phase: str
     tick: int
     reason: str
@@ -256,20 +270,6 @@ class StageStatus(Reader):
     """What a node says of a stage, from `tick` on."""
 
     topic: ClassVar[str] = interfaces.STAGE_STATUS
-    contract: ClassVar[Contract] = Contract(
-        'a node of the chain; its name is that of the node',
-        'before the answer to the first tick that it holds for',
-        'the recorder logs it, if a node of that name is there. Verify recomputes what follows '
-        f'from it. Of a node that says `{REFUSED}` before tick 0, the plant aborts the run',
-        (
-            Key('stage', TEXT, 'of the chain'),
-            Key('state', TEXT, f'`active`, `inactive`, `without_command`, `{REFUSED}`, a command '
-                'or a decision of the stage'),
-            _ANY_TICK,
-            Key('reason', REASON, 'for people'),
-        ),
-        level='0 `active`, 1 else',
-    )  # fmt: skip
     node: str
     stage: str
     state: str
@@ -282,16 +282,6 @@ class GuidanceStatus(Reader):
     """A phase of the plan, from `tick` on."""
 
     topic: ClassVar[str] = interfaces.GUIDANCE_STATUS
-    contract: ClassVar[Contract] = Contract(
-        'guidance',
-        'as a phase of the plan begins',
-        'views show it; no node of the loop needs it',
-        (
-            Key('phase', TEXT, 'of the plan'),
-            _ANY_TICK,
-            Key('reason', REASON, 'for people'),
-        ),
-    )
     phase: str
     tick: int
     reason: str
@@ -302,24 +292,6 @@ class AssuranceStatus(Reader):
     """An intervention of runtime assurance, from `tick` on."""
 
     topic: ClassVar[str] = 'assurance_status'
-    contract: ClassVar[Contract] = Contract(
-        'assurance',
-        'as an intervention begins or ends, and when its constraint changes',
-        'views show it; no node of the loop needs it',
-        (
-            Key('mode', _one_of('open', 'approach', 'contact'), 'of the zones'),
-            Key('constraint', TEXT_OR_NONE, 'for which the command is changed; empty: it passes'),
-            _ANY_TICK,
-            Key('margin_m', NUMBER, 'that the command as it came would leave', 'm'),
-            Key('margin_m_s', NUMBER, 'the same of the speed', 'm/s'),
-            *(
-                Key(f'{moment}_n.{axis}', NUMBER, f'command {moment} assurance', 'N')
-                for moment in ('before', 'after')
-                for axis in 'xyz'
-            ),
-        ),
-        level='1 while it changes commands, else 0',
-    )
     mode: str
     constraint: str
     tick: int
@@ -332,25 +304,6 @@ class RecorderStatus(Reader):
     """What a recorder says of itself; `says` is the message."""
 
     topic: ClassVar[str] = interfaces.RECORDER_STATUS
-    contract: ClassVar[Contract] = Contract(
-        'the recorder',
-        f'once a second of wall time, at each change, and every {interfaces.PROGRESS_TICKS} ticks. '
-        f'The message is its state: `{RECORDER_WAITS}`, `{READY}`, `{CLOSED}` or `{FAILED}`',
-        f'a plant that sees a recorder waits until it is `{READY}` before it passes tick 0, and in '
-        f'lockstep is never more than {interfaces.MOST_AHEAD_TICKS} ticks ahead of `next_tick`; '
-        f'after its last `run_status` it stays until `{CLOSED}`. From `asks_from` on it publishes '
-        f'`{interfaces.PLANT_TICK}`; a plant that does not leaves messages that differ '
-        'unexplained, and waits once for 6 s',
-        (
-            Key('recorder', TEXT, 'id of the recorder'),
-            Key('run', TEXT_OR_NONE, 'of the plant that it records, from its manifest'),
-            Key('reason', REASON, 'why it failed'),
-            Key('next_tick', TICK, 'first tick that its log does not have yet', '', False),
-            Key('asks_from', TICK, 'first tick of which the plant shall report', '', False),
-        ),
-        {'message': (RECORDER_WAITS, READY, CLOSED, FAILED)},
-        '0; 2 with a reason',
-    )
     says: str
     recorder: str
     run: str
@@ -364,17 +317,6 @@ class PlantTick(Reader):
     """What a plant published and took at a tick: `taken`, by signal."""
 
     topic: ClassVar[str] = interfaces.PLANT_TICK
-    contract: ClassVar[Contract] = Contract(
-        'the plant',
-        'when no answer to the state of a tick can act any more; only if a recorder asks',
-        'the recorder logs, of messages that differ, the one that the plant published or took',
-        (
-            Key('run', TEXT, 'id of the plant, from its manifest'),
-            Key('tick', TICK, 'that it tells of'),
-            Key('<topic>', NUMBER, 'numbers of the message, with spaces, each by `repr` so that '
-                'no bit is lost; empty: the plant took none', '', False),
-        ),
-    )  # fmt: skip
     run: str
     tick: int
     taken: Mapping[str, str]
@@ -409,26 +351,6 @@ class Manifest(Reader):
     """Files and parameters of a node: `values`, by key."""
 
     topic: ClassVar[str] = interfaces.NODE_MANIFEST
-    contract: ClassVar[Contract] = Contract(
-        'the plant, and each node with files or parameters that shape the flight; its name is that '
-        'of the node',
-        'once a second of wall time, and at each change',
-        'nodes take the scenario from the manifest of the plant, and the recorder waits for it. It '
-        'attaches all files and parameters to the log. A controller without a file sends its role '
-        'alone: for one that sends none, the recorder waits 5 s',
-        (
-            Key('role', TEXT, '`plant`, `controller`, `disturbance`, or another'),
-            Key('run', TEXT_OR_NONE, 'id of the plant, new for each start; of a plant', '', False),
-            Key('parameter.<name>', FILE, 'a parameter as YAML. Of a plant `parameter.mode`: '
-                '`lockstep` or `free_running`; `parameter.publish_clock` is `True` if it publishes '
-                '`/clock`', '', False),
-            Key('publishes.<topic>', TEXT, 'where the node publishes it, absolute. It is recorded '
-                'where the plant has it, else where it is published', '', False),
-            Key('hears.<topic>', TEXT, 'where the node listens to it, absolute', '', False),
-            Key('file.<name>', FILE, 'the text of a file: `file.scenario.yaml` of a plant, '
-                '`file.controller.yaml` of a controller', '', False),
-        ),
-    )  # fmt: skip
     node: str
     role: str
     run: str
@@ -454,15 +376,6 @@ class Heartbeat(Reader):
     """Sign of life of a node; `says` is the message."""
 
     topic: ClassVar[str] = interfaces.HEARTBEAT
-    contract: ClassVar[Contract] = Contract(
-        'the plant, and each node that runs stages of the scenario; its name is that of the node',
-        f'five times a second of wall time: `{ALIVE}`; as it ends in order: `{GONE}`',
-        'plant and recorder warn within a second, on their log, of a node that was heard and is '
-        'not any more; `/diagnostics` of the plant and the reason of an abort name it too. A node '
-        'that never sent one is not missed',
-        (Key('stages', TEXT, 'that the node runs'),),
-        {'message': (ALIVE, GONE)},
-    )
     node: str
     stages: str
     says: str

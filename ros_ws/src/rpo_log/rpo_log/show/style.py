@@ -4,14 +4,17 @@
 
 The hues are Okabe and Ito's (*Color Universal Design*, 2008), which colour-blind readers tell
 apart. Pictures are drawn in the light form; where a page follows the reader's theme, each colour is
-looked up by name (`NAMES`), so a picture may use no colour that is not here.
+looked up by name (`NAMES`), so a picture may use no colour that is not in `style.yaml`.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
+
+from rpo_core import files
 
 AXIS_NAMES = ('x (R-bar)', 'y (V-bar)', 'z (H-bar)')
 SHADES = 13
@@ -34,30 +37,13 @@ def _shades(negative: str, zero: str, positive: str) -> list[str]:
     return [*below, zero, *(_mixed(zero, positive, (i + 1) / half) for i in range(half))]
 
 
-COLOURS = {
-    'paper': ('#ffffff', '#14161a'),
-    'ink': ('#1c1d20', '#e3e5e9'),
-    'muted': ('#5b6068', '#a2a8b2'),
-    'grid': ('#e4e6ea', '#32363e'),
-    'x': ('#0072b2', '#56b4e9'),
-    'y': ('#d55e00', '#f58a42'),
-    'z': ('#009e73', '#3ccba2'),
-    'good': ('#00724f', '#45d0a8'),
-    'bad': ('#b04a00', '#ff9a57'),
-    'optimum': ('#b0528a', '#e08fc0'),
-    'small_negative': ('#57b5e9', '#a8dbf7'),
-    'small_positive': ('#e69f00', '#f2c55c'),
-}
+_WRITTEN = files.parse_yaml(Path(__file__).with_suffix('.yaml').read_text(encoding='utf-8'))
+
+COLOURS: dict[str, tuple[str, str]] = {n: (a, b) for n, (a, b) in _WRITTEN['colours'].items()}
 """Name -> (light, dark)."""
 COLOURS.update(
     (f'shade_{i}', pair)
-    for i, pair in enumerate(
-        zip(
-            _shades('#3f94c6', '#f4f4f5', '#e07f38'),
-            _shades('#2f7fae', '#1d2026', '#b9602a'),
-            strict=True,
-        )
-    )
+    for i, pair in enumerate(zip(*(_shades(*ends) for ends in _WRITTEN['shades']), strict=True))
 )
 
 LIGHT = {name: light for name, (light, _) in COLOURS.items()}
@@ -72,40 +58,9 @@ LIMIT = {'color': LIGHT['ink'], 'linestyle': (0, (4, 3)), 'linewidth': 1.0}
 """How the line of a limit is drawn."""
 
 _SETTINGS: dict[str, Any] = {
-    'figure.facecolor': LIGHT['paper'],
-    'savefig.facecolor': LIGHT['paper'],
-    'axes.facecolor': 'none',
-    'axes.edgecolor': LIGHT['muted'],
-    'axes.labelcolor': LIGHT['ink'],
-    'axes.titlecolor': LIGHT['ink'],
-    'axes.titlesize': 10.0,
-    'axes.labelsize': 10.0,
-    'axes.linewidth': 0.8,
-    'axes.grid': True,
-    'axes.axisbelow': True,
-    'axes.formatter.useoffset': False,
-    'axes.prop_cycle': f'cycler(color={list(AXES)})',
-    'font.size': 10.0,
-    'font.family': 'sans-serif',
-    'font.sans-serif': ['DejaVu Sans', 'Verdana', 'Helvetica', 'Arial'],
-    'grid.color': LIGHT['grid'],
-    'grid.linewidth': 0.8,
-    'legend.frameon': False,
-    'legend.fontsize': 9.0,
-    'legend.labelcolor': LIGHT['ink'],
-    'lines.linewidth': 1.5,
-    'text.color': LIGHT['ink'],
-    'text.parse_math': False,  # a name may hold dollars
-    'xtick.color': LIGHT['muted'],
-    'ytick.color': LIGHT['muted'],
-    'xtick.labelcolor': LIGHT['ink'],
-    'ytick.labelcolor': LIGHT['ink'],
-    'xtick.labelsize': 9.0,
-    'ytick.labelsize': 9.0,
-    'svg.fonttype': 'none',  # text stays text: to be read aloud, searched, copied
-    'svg.hashsalt': 'rpo',  # the same picture has the same bytes
-    'savefig.dpi': 130,
-}
+    key: LIGHT.get(value, value) if isinstance(value, str) else value
+    for key, value in _WRITTEN['settings'].items()
+} | {'axes.prop_cycle': f'cycler(color={list(AXES)})'}
 
 
 def variables() -> str:
