@@ -155,8 +155,8 @@ class RecorderNode(FlightNode):
             self._on_raw(name, data)
         self._empty_takes = 0 if taken else self._empty_takes + 1
         idle = self._empty_takes >= _IDLE_TAKES
-        self.rest_s = _IDLE_S if idle else _REST_S
-        if idle != (self._taking.timer_period_ns > _TAKE_S * 1e9):
+        if idle != (self.rest_s == _IDLE_S):
+            self.rest_s = _IDLE_S if idle else _REST_S
             self._taking.timer_period_ns = round((_IDLE_S if idle else _TAKE_S) * 1e9)
 
     def _take_until_empty_or(self, most: int) -> list[_Taken]:
@@ -174,8 +174,9 @@ class RecorderNode(FlightNode):
                 message = queue.handle.take_message(queue.msg_type, True)
                 if message is None:
                     break
-                # The machine's clock may be set back: a topic stays in order.
-                moment = max(moment, message[1]['received_timestamp'])
+                came = message[1]['received_timestamp']
+                if came > moment:  # the machine's clock may be set back: a topic stays in order
+                    moment = came
                 found.append((moment, name, message[0]))
             else:
                 end = min(end, moment)
