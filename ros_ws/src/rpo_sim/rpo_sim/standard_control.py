@@ -10,18 +10,20 @@ from __future__ import annotations
 
 from importlib import import_module
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.task import Future
 
 from rpo_core.wire.statuses import ENDED, RUNNING
-from rpo_sim.loop import Loop
+
+if TYPE_CHECKING:
+    from rpo_sim.plant_node import PlantNode
 
 PACKAGE = 'simulation_interfaces'
 
 
-def offer(loop: Loop) -> StandardControl | None:
+def offer(loop: PlantNode) -> StandardControl | None:
     """Offer the standard services of a plant; None: the package is not installed."""
     try:
         parts = [import_module(f'{PACKAGE}.{part}') for part in ('msg', 'srv', 'action')]
@@ -36,7 +38,9 @@ class StandardControl:
     A step is a tick. Steps that were asked for by others meanwhile are waited for too.
     """
 
-    def __init__(self, loop: Loop, msg: ModuleType, srv: ModuleType, action: ModuleType) -> None:
+    def __init__(
+        self, loop: PlantNode, msg: ModuleType, srv: ModuleType, action: ModuleType
+    ) -> None:
         self.loop, self.msg, self.action = loop, msg, action
         self._waiting: list[Future] = []
         for kind, name, answer in (
