@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from datetime import datetime, timezone
 from itertools import product
 
 import numpy as np
@@ -300,14 +299,6 @@ def test_a_switch_in_flight_is_a_failure_from_its_tick_on():
     assert 'must be one of x+a' in stage.refusal('x+q off')
     stage.reset()
     assert stage.step(5, commands[0])[2] == exerted(table, [])[2].step(5, commands[0])[2]
-
-
-BASE_DOCUMENT = {
-    'schema': 'rpo/scenario/1', 'name': 'table', 'orbit_radius_m': 6678000.0, 'mass_kg': 10.0,
-    'max_force_n': 0.5, 'dt_s': 0.1, 'duration_s': 30.0, 'initial_position_m': [10.0, 60.0, -40.0],
-    'initial_velocity_m_s': [0.0, 0.0, 0.0], 'disturbance': 'none',
-    'epoch': datetime(2026, 1, 1, tzinfo=timezone.utc),
-}  # fmt: skip
 
 
 def test_a_flight_ends_at_the_target_and_its_torque_is_a_signal():
