@@ -24,7 +24,7 @@ from rpo_log.bag import is_bag
 from rpo_log.show import style
 from rpo_mcap.format.run import log_files
 from rpo_montecarlo.outputs import writing
-from rpo_report.replay import Replayed, page_of
+from rpo_report.replay import Replayed, filled, page_of
 
 
 @dataclass(frozen=True)
@@ -163,31 +163,19 @@ def _save(picture: Picture, target: Any, **options: Any) -> None:
 
 def html(report: Report) -> str:
     """Return the page."""
-    title = escape(report.title)
-    links = ''.join(
-        f'<li><a href="#{_anchor(s)}">{escape(s.title)}</a></li>' for s in report.sections
+    sections = report.sections
+    links = (f'<li><a href="#{_anchor(s)}">{escape(s.title)}</a></li>' for s in sections)
+    return filled(
+        'page.html',
+        policy=_POLICY,
+        title=escape(report.title),
+        style=f'{style.variables()}\n{files("rpo_report").joinpath("page.css").read_text("utf-8")}',
+        verdict=_verdict(report),
+        summary=escape(report.summary),
+        replay=_replay(report),
+        links=''.join(links),
+        sections=''.join(map(_section, sections)),
     )
-    return f"""<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy" content="{_POLICY}">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta name="color-scheme" content="light dark">
-<title>{title}</title>
-<link rel="icon" href="data:,">
-<style>
-{style.variables()}
-{files('rpo_report').joinpath('page.css').read_text('utf-8')}</style>
-</head>
-<body>
-<header><h1>{title}</h1>{_verdict(report)}<p>{escape(report.summary)}</p>{_replay(report)}</header>
-<nav aria-label="Sections"><ul>{links}</ul></nav>
-<main>
-{''.join(map(_section, report.sections))}</main>
-</body>
-</html>
-"""
 
 
 def _verdict(report: Report) -> str:

@@ -149,11 +149,15 @@ def _room(zone: Zone, positions_m: Floats) -> Floats:
     return np.where(depths > 0.0, -depths, np.maximum(away, 0.0))
 
 
+def filled(template: str, **parts: str) -> str:
+    """Return a template of this package with its parts in place of their names."""
+    page = resources.files('rpo_report').joinpath(template).read_text('utf-8')
+    return re.sub(r'\{\{(\w+)\}\}', lambda name: parts[name[1]], page)
+
+
 def page_of(title: str, flights: Sequence[Replayed], note: str = '') -> str:
     """Return the page; note : what its flights have in common, in a sentence."""
     package, path = LIBRARY
-    own = resources.files('rpo_report')
-    page = own.joinpath('replay.html').read_text('utf-8')
     try:
         library = resources.files(package).joinpath(path).read_text('utf-8')
     except ModuleNotFoundError:
@@ -163,14 +167,14 @@ def page_of(title: str, flights: Sequence[Replayed], note: str = '') -> str:
         'scene': _scene(flights[0].flight),
         'flights': [_document(one, len(flights)) for one in flights],
     }
-    parts = {
-        'title': escape(title),
-        'colours': style.variables(),
-        'library': library,
-        'data': json.dumps(document, separators=(',', ':')).replace('<', '\\u003c'),
-        'program': own.joinpath('replay.js').read_text('utf-8'),
-    }
-    return re.sub(r'\{\{(\w+)\}\}', lambda name: parts[name[1]], page)
+    return filled(
+        'replay.html',
+        title=escape(title),
+        colours=style.variables(),
+        library=library,
+        data=json.dumps(document, separators=(',', ':')).replace('<', '\\u003c'),
+        program=resources.files('rpo_report').joinpath('replay.js').read_text('utf-8'),
+    )
 
 
 def _scene(flight: Flight) -> dict[str, Any]:

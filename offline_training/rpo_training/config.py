@@ -204,11 +204,16 @@ def updated(base: Any, data: Any, name: str) -> Any:
     return replace(base, **changes)
 
 
+def written(section: str) -> Any:
+    """Return a section of `presets.yaml`."""
+    text = resources.files('rpo_training').joinpath('presets.yaml').read_text('utf-8')
+    return yaml.safe_load(text)[section]
+
+
 def presets(section: str, base: Config) -> dict[str, Config]:
     """Return the presets of a section of `presets.yaml`; what they leave out is as in `base`."""
-    text = resources.files('rpo_training').joinpath('presets.yaml').read_text('utf-8')
     found: dict[str, Config] = {}
-    for name, data in yaml.safe_load(text)[section].items():
+    for name, data in written(section).items():
         found[name] = updated(found.get(data.pop('like', ''), base), data, name)
     return found
 

@@ -23,11 +23,10 @@ from rpo_core.files.validation import InputError, shown, text
 from rpo_core.judge.metrics import PENALTY
 from rpo_ctrl.family import Family, Gene, Mission, family_of
 from rpo_judge.evaluation.assessment import PAPER
-from rpo_judge.scoring.drawn import POSITION_AND_SPEED, DrawnSettings
 from rpo_judge.scoring.fitness import Fitness, FitnessSettings, Scores
 from rpo_montecarlo.outputs import check_name
 from rpo_training.algorithms import CmaSettings, Search
-from rpo_training.config import Configuration
+from rpo_training.config import Configuration, updated, written
 from rpo_training.fitting import penalty_n2s, training_set, units_of
 from rpo_training.run import SearchRun
 from rpo_training.staged import StagedSearch, StagedSettings
@@ -37,22 +36,7 @@ Floats = NDArray[np.float64]
 SCHEMA = 'rpo/family_training/1'
 CONFIG = 'family.yaml'
 
-_JUDGED = FitnessSettings(
-    penalty='graded',
-    margin=0.03,
-    limit_cycle=20.0,
-    robustness=100.0,
-    between=40,
-    drawn=DrawnSettings(
-        weight=100.0,
-        margin=0.03,
-        flights=80,
-        judged={
-            'paper_test': POSITION_AND_SPEED,
-            'paper_test_measured': (*POSITION_AND_SPEED, 'slew_per_axis_n_s'),
-        },
-    ),
-)
+_JUDGED: FitnessSettings = updated(FitnessSettings(), written('family')['fitness'], 'fitness')
 
 _DESCENT = CmaSettings(population=20, sigma=0.05, descents=1)
 

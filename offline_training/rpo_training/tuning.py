@@ -11,7 +11,7 @@ conditions, the flat penalty does not show which way is better. The folder holds
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -26,7 +26,7 @@ from rpo_judge.evaluation.assessment import PAPER
 from rpo_judge.scoring.fitness import Fitness, FitnessSettings
 from rpo_kernels.arrays import Floats
 from rpo_training.algorithms import CmaSearch, CmaSettings, Search
-from rpo_training.config import Configuration
+from rpo_training.config import Configuration, written
 from rpo_training.fitting import penalty_n2s, units_of
 from rpo_training.genetic import GaSettings
 from rpo_training.run import SearchRun
@@ -45,10 +45,9 @@ PLANAR, VERTICAL = [0, 1, 3, 4], [2, 5]
 
 
 class TuningSpace(NamedTuple):
-    """What is tuned of a kind, and how a baseline is made of it."""
+    """What is tuned of a kind of baseline."""
 
     genes: tuple[Gene, ...]
-    make: Callable[[Mapping[str, float], Model], Baseline]
     description: str
 
 
@@ -81,52 +80,23 @@ def lqr_gains(model: Model, position_weight: float, velocity_weight: float) -> F
     return gains
 
 
-def _lqr(values: Mapping[str, float], model: Model) -> Lqr:
-    gains = lqr_gains(model, values['position_weight'], values['velocity_weight'])
-    return Lqr(name='lqr', model=model, gains=gains, **values)  # type: ignore[arg-type]
-
-
 TUNING_SPACES: Mapping[str, TuningSpace] = {
-    Pd.kind: TuningSpace(
-        (
-            _gene('position_gain_n_m', 1e-4, 1.0, -1, 0, 1),
-            _gene('velocity_gain_n_s_m', 1e-2, 20.0, -1, 1, 1),
-        ),
-        lambda values, _model: Pd(name='pd', **values),  # type: ignore[arg-type]
-        'Saturated proportional-derivative law, axis by axis.',
-    ),
-    Lqr.kind: TuningSpace(
-        (
-            _gene('position_weight', 1e-9, 1e-2, -2, 0, 2),
-            _gene('velocity_weight', 1e-7, 10.0, -2, 2, 2),
-        ),
-        _lqr,
-        'Infinite-horizon linear quadratic regulator of the discrete relative dynamics.',
-    ),
-    Mpc.kind: TuningSpace(
-        (
-            _gene('horizon_s', 100.0, 200.0, 0, 1, 0),
-            _gene('least_time_to_go_s', 2.0, 60.0, 0, 1, 0),
-        ),
-        lambda values, model: Mpc(name='mpc', model=model, **values),  # type: ignore[arg-type]
-        'Shrinking-horizon least-energy transfer to rest, planned anew at every tick.',
-    ),
-    PotentialField.kind: TuningSpace(
-        (
-            _gene('approach_speed_m_s', 0.1, 10.0, 1, -1, 0),
-            _gene('rounding_radius_m', 0.1, 500.0, 1, 0, 0),
-            _gene('switching_gain_n', 1e-3, 1.0, 0, 0, 1),
-            _gene('boundary_layer_m_s', 1e-3, 10.0, 1, -1, 0),
-        ),
-        lambda values, model: PotentialField(
-            name='apf_smc',
-            model=model,
-            **values,  # type: ignore[arg-type]
-        ),
-        'Artificial potential field tracked by sliding mode with a boundary layer.',
-    ),
+    kind: TuningSpace(tuple(_gene(*gene) for gene in space['genes']), space['description'])
+    for kind, space in written('tuning').items()
 }
-"""Kind -> tuning space; drift has nothing to tune."""
+"""Kind -> tuning space, of `presets.yaml`; drift has nothing to tune."""
+
+
+def baseline_of(kind: str, values: Mapping[str, Any], model: Model) -> Baseline:
+    """Return the baseline of a kind with these numbers."""
+    if kind == Pd.kind:
+        return Pd(name=kind, **values)
+    if kind == Lqr.kind:
+        gains: Any = lqr_gains(model, **values)
+        return Lqr(name=kind, model=model, gains=gains, **values)
+    return {Mpc.kind: Mpc, PotentialField.kind: PotentialField}[kind](
+        name=kind, model=model, **values
+    )
 
 
 @dataclass(frozen=True)
@@ -227,7 +197,7 @@ class Tuning(SearchRun[TuningConfig, Baseline]):
         """Return the baseline of a chromosome, without provenance."""
         pairs = zip(self.genes, genes.tolist(), strict=True)
         values = {gene.name: gene.value(share) for gene, share in pairs}
-        made = self.space.make(values, self.model)
+        made = baseline_of(self.config.kind, values, self.model)
         most_n = self.starts.base.max_force_n
         return replace(made, name=self.config.name, max_force_n=most_n)
 

@@ -60,20 +60,28 @@ def test_the_folder_is_the_same_on_any_threads_interrupted_or_not(write, tmp_pat
     assert not list((tmp_path / 'one').glob('*.part'))
 
 
-@pytest.mark.slow
-def test_a_killed_campaign_goes_on(write, tmp_path):
-    folder = tmp_path / 'killed'
-    path = write(runs=20000)
+def stopped(path, folder, number):
+    """Send a signal to a campaign that has come so far as to save; return its process and words."""
     command = [sys.executable, '-c', 'from rpo_cli.cli import app; app()', 'campaign']
-    process = subprocess.Popen([*command, str(path), '-o', str(folder)], stderr=subprocess.PIPE)
-    deadline = time.monotonic() + 40.0
+    process = subprocess.Popen(
+        [*command, str(path), '-o', str(folder)],
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, 'COLUMNS': '200'},
+    )
+    deadline, done = time.monotonic() + 40.0, folder / 'done.part'
     while time.monotonic() < deadline:
-        done = folder / 'done.part'
         if done.is_file() and (folder / 'campaign.yaml').is_file() and any(done.read_bytes()):
             break
         time.sleep(0.02)
-    process.send_signal(signal.SIGKILL)
-    process.communicate()
+    process.send_signal(number)
+    return process, process.communicate(timeout=20)[1]
+
+
+@pytest.mark.slow
+def test_a_killed_campaign_goes_on(write, tmp_path):
+    folder, path = tmp_path / 'killed', write(runs=20000)
+    process, _ = stopped(path, folder, signal.SIGKILL)
     assert process.returncode == -signal.SIGKILL, 'it had ended before'
     assert 0 < len(Store.open(folder).pending()) < 100
     execution.fly(Store.open(folder))
@@ -85,21 +93,7 @@ def test_a_killed_campaign_goes_on(write, tmp_path):
 @pytest.mark.slow
 def test_ctrl_c_stops_cleanly_and_says_how_to_go_on(write, tmp_path):
     folder = tmp_path / 'stopped'
-    command = [sys.executable, '-c', 'from rpo_cli.cli import app; app()', 'campaign']
-    process = subprocess.Popen(
-        [*command, str(write(runs=1000000)), '-o', str(folder)],
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, 'COLUMNS': '200'},
-    )
-    deadline = time.monotonic() + 40.0
-    while time.monotonic() < deadline:
-        done = folder / 'done.part'
-        if done.is_file() and any(done.read_bytes()):
-            break
-        time.sleep(0.02)
-    process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=20)
+    process, errors = stopped(write(runs=1000000), folder, signal.SIGINT)
     assert process.returncode == 130, errors
     assert 'Traceback' not in errors
     assert f'rpo campaign --resume {folder}' in errors

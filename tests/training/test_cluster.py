@@ -182,9 +182,16 @@ def contents(folder: Path):
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
 
 
+@pytest.fixture(scope='module')
+def alone(tmp_path_factory):
+    """What the folder of a training on threads holds."""
+    folder = tmp_path_factory.mktemp('alone') / 'f'
+    Training.create(configured(), folder, 2).run()
+    return contents(folder)
+
+
 @pytest.mark.slow
-def test_a_worker_killed_in_mid_training_changes_no_byte(tmp_path):
-    Training.create(configured(), tmp_path / 'alone', 2).run()
+def test_a_worker_killed_in_mid_training_changes_no_byte(alone, tmp_path):
     with cluster(2, tmp_path) as (address, (_, first, second)):
 
         def kill_once(progress):
@@ -194,12 +201,11 @@ def test_a_worker_killed_in_mid_training_changes_no_byte(tmp_path):
         Training.create(configured(), tmp_path / 'together', address=address).run(kill_once)
         assert first.wait() == -signal.SIGKILL
         assert second.poll() is None
-    assert contents(tmp_path / 'together') == contents(tmp_path / 'alone')
+    assert contents(tmp_path / 'together') == alone
 
 
 @pytest.mark.slow
-def test_a_lost_scheduler_is_one_sentence_and_the_run_goes_on_elsewhere(tmp_path):
-    Training.create(configured(), tmp_path / 'alone', 2).run()
+def test_a_lost_scheduler_is_one_sentence_and_the_run_goes_on_elsewhere(alone, tmp_path):
     folder = tmp_path / 'f'
     with cluster(1, tmp_path) as (address, (scheduler, _)):
 
@@ -212,11 +218,10 @@ def test_a_lost_scheduler_is_one_sentence_and_the_run_goes_on_elsewhere(tmp_path
     again = Training.resume(folder, 2)
     assert len(again.checkpoint.scores) == 5
     again.run()
-    assert contents(folder) == contents(tmp_path / 'alone')
+    assert contents(folder) == alone
 
 
 @pytest.mark.slow
-def test_a_local_cluster_trains_the_same_bits(tmp_path):
-    Training.create(configured(), tmp_path / 'alone', 2).run()
+def test_a_local_cluster_trains_the_same_bits(alone, tmp_path):
     Training.create(configured(), tmp_path / 'local', 2, 'local').run()
-    assert contents(tmp_path / 'local') == contents(tmp_path / 'alone')
+    assert contents(tmp_path / 'local') == alone

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import pi
+from math import ceil, pi
 from pathlib import Path
 
 import numpy as np
@@ -84,23 +84,6 @@ def recorded(controller, case, loops):
         yield np.concatenate([states[:, axes, 0], states[:, axes, 1]], axis=1), forces[:, axes]
 
 
-@pytest.mark.parametrize(
-    'controller',
-    [load_controller('handmade'), *random_controllers('free', 3, 1)],
-    ids=lambda c: c.name,
-)
-def test_states_and_forces_are_the_bits_of_the_core(controller):
-    base = replace(TRAINING.base, duration_s=40.0)
-    case = case_of_set(replace(TRAINING, base=base))
-    starts = list(recorded(controller, case, case.full))
-    for index in range(0, 216, 7):
-        flight = fly(
-            replace(base, initial_position_m=tuple(TRAINING.initial_positions_m[index])), controller
-        )
-        np.testing.assert_array_equal(starts[index][0], flight.states)
-        np.testing.assert_array_equal(starts[index][1], flight.forces_n)
-
-
 def test_a_disturbed_flight_has_the_bits_of_the_core():
     controller = load_controller('handmade')
     flights = [
@@ -175,15 +158,18 @@ LAWS = ('pd', 'lqr', 'mpc', 'apf_smc', 'drift', 'more_words', 'pace', 'time_to_g
 
 
 @pytest.mark.parametrize(
-    ('flown', 'name'),
-    [*((GRID, n) for n in ('trained', 'handmade', 'pd')), *((PAPERS, n) for n in LAWS),
-     (PLANNED, 'allround')],
+    ('flown', 'controller', 'every'),
+    [*((GRID, load_controller(n), 12) for n in ('trained', 'handmade', 'pd')),
+     *((PAPERS, load_controller(n), 200) for n in LAWS),
+     (PLANNED, load_controller('allround'), 5),
+     *((PAPERS, c, 7) for c in (load_controller('handmade'), *random_controllers('free', 3, 1)))],
+    ids=lambda one: getattr(one, 'name', str(one)),
 )  # fmt: skip
-def test_flights_of_a_set_have_the_bits_of_the_core(flown, name):
-    controller, members = load_controller(name), flown.scenarios()
+def test_flights_of_a_set_have_the_bits_of_the_core(flown, controller, every):
+    members = flown.scenarios()
     flights = list(flights_of(controller, flown))
     assert len(flights) == len(members)
-    for number in {3, len(members) - 1}:
+    for number in {*range(0, len(members), every), min(3, len(members) - 1), len(members) - 1}:
         expected = fly(members[number], controller)
         np.testing.assert_array_equal(flights[number].states, expected.states)
         np.testing.assert_array_equal(flights[number].forces_n, expected.forces_n)
@@ -223,6 +209,14 @@ def test_inference_in_lanes_has_the_bits_of_the_kernel(seed, rules, samples, cou
     lanes.infer_lanes(rows, count, law_of(replace(controller, system=system)))
     expected = [kernels.infer(float(r), float(v), system.tables) for r, v in errors.T]
     np.testing.assert_array_equal(rows[lanes.OUTPUT : lanes.OUTPUT + count], expected)
+
+
+@pytest.mark.parametrize('half', [1, 8, 9, 50])
+def test_a_law_has_the_positive_samples_and_is_padded_to_whole_registers(half):
+    found = lanes.make_law(2 * half + 1).samples
+    assert len(found) == lanes.LANES * ceil(half / lanes.LANES)
+    assert found[:half].tolist() == [(i + 1) / half for i in range(half)]
+    assert not found[half:].any()
 
 
 @pytest.mark.parametrize('name', ['handmade', 'trained', 'pd'])
