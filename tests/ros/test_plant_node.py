@@ -104,7 +104,7 @@ def steer(bench):
     assert bench.trigger('step').success
     bench.passes(0.1)  # a pause times out no peer
     bench.inner.executor.add_node(bench.controller)
-    bench.until(lambda: bench.plant.plant.tick == tick + 3 and not bench.plant.steps)
+    bench.until(lambda: bench.plant.plant.tick == tick + 3 and not bench.plant.stepping)
     assert not bench.inner.set('plant', real_time_factor=-1.0)[0]
     assert bench.inner.set('plant', real_time_factor=0)[0]
     assert bench.plant.plant.tick == tick + 3
@@ -198,7 +198,7 @@ def test_a_pause_in_free_running_makes_no_force_stale(bench):
     bench.passes(0.6)  # 24 ticks
     assert bench.plant.plant.tick == tick
     assert bench.inner.set('plant', step_ticks=5)[0] and bench.trigger('step').success
-    bench.until(lambda: bench.plant.plant.tick == tick + 5 and not bench.plant.steps)
+    bench.until(lambda: bench.plant.plant.tick == tick + 5 and not bench.plant.stepping)
     bench.pause(False)
     bench.until(lambda: bench.plant.plant.tick > tick + 10)
     assert bench.plant.plant.stale_ticks == 0

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import time
 from abc import abstractmethod
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rpo_core.files.scenario import Scenario
 from rpo_core.wire import interfaces
@@ -14,11 +14,9 @@ from rpo_ros import health
 from rpo_ros.timeout import Timeout
 from rpo_sim.free_running import FreeRunningPlant
 from rpo_sim.lockstep import LockstepPlant
+from rpo_sim.loop import Loop
 from rpo_sim.plant import Force
 from rpo_sim.timing import Pace
-
-if TYPE_CHECKING:
-    from rpo_sim.plant_node import PlantNode
 
 DEFAULT_FREE_RUNNING_FACTOR = 1.0
 
@@ -31,7 +29,7 @@ class Pacing:
 
     plant: LockstepPlant | FreeRunningPlant
 
-    def __init__(self, loop: PlantNode, scenario: Scenario) -> None:
+    def __init__(self, loop: Loop, scenario: Scenario) -> None:
         self.loop = loop
         self._dt_s = scenario.dt_s
         self._timer: Any = None
@@ -74,7 +72,7 @@ class Pacing:
 class LockstepPacing(Pacing):
     """A tick passes when every peer has answered, but not faster than the pace."""
 
-    def __init__(self, loop: PlantNode, scenario: Scenario, expected: list[str]) -> None:
+    def __init__(self, loop: Loop, scenario: Scenario, expected: list[str]) -> None:
         super().__init__(loop, scenario)
         self.plant = LockstepPlant(scenario, expected)
         self.resends = 0
@@ -91,7 +89,7 @@ class LockstepPacing(Pacing):
         """Pass the tick if all answers are in and it is time."""
         if self.plant.missing or not self.loop.moving or self.loop.waits_for_recorder:
             return
-        if self._overdue or self._timer is None or self.loop.steps:
+        if self._overdue or self._timer is None or self.loop.stepping:
             self._pass()
 
     def on_pace(self) -> None:
@@ -128,7 +126,7 @@ class LockstepPacing(Pacing):
             self.loop.abort(reason)
             return
         dropped = ' '.join(self.plant.drop_missing())
-        self.loop.get_logger().warning(f'{reason}: coasting', throttle_duration_sec=1.0)
+        self.loop.warn(f'{reason}: coasting')
         self.loop.report(health.WARN, 'running', f'coasting without {lost}', dropped=dropped)
         self._pass()
 
@@ -140,7 +138,7 @@ class LockstepPacing(Pacing):
 class FreeRunningPacing(Pacing):
     """A tick passes by the wall clock, with the forces that are there."""
 
-    def __init__(self, loop: PlantNode, scenario: Scenario, expected: list[str]) -> None:
+    def __init__(self, loop: Loop, scenario: Scenario, expected: list[str]) -> None:
         super().__init__(loop, scenario)
         self.plant = FreeRunningPlant(scenario, expected, loop.values['stale_after_ticks'])
         self.pace = Pace()
@@ -167,13 +165,13 @@ class FreeRunningPacing(Pacing):
         if stale == self._stale or self.plant.finished:
             return
         self._stale = stale
-        tick, log = self.plant.tick, self.loop.get_logger()
+        tick = self.plant.tick
         if stale:
             reason = f'no force for tick {tick} from {", ".join(stale)}: zero'
-            log.warning(reason, throttle_duration_sec=1.0)
+            self.loop.warn(reason)
             self.loop.report(health.WARN, 'running', reason)
         else:
-            log.info('forces are back', throttle_duration_sec=1.0)
+            self.loop.inform('forces are back')
             self.loop.report(health.OK, 'running', f'forces are back at tick {tick}')
 
     def applied(self) -> dict[str, Force]:

@@ -23,11 +23,11 @@ from rpo_ros import health, qos
 from rpo_ros.conversions import to_status
 from rpo_ros.heartbeat import Pulse, Watch
 from rpo_ros.plant_scenario import FREE_RUNNING, LOCKSTEP
-from rpo_ros.running import FlightNode
 from rpo_ros.signals import listen
 from rpo_sim import standard_control
 from rpo_sim.free_running import FreeRunningPlant
 from rpo_sim.lockstep import LockstepPlant
+from rpo_sim.loop import Loop
 from rpo_sim.loop_health import LoopHealth
 from rpo_sim.pacing import FreeRunningPacing, LockstepPacing
 from rpo_sim.plant import ACCEPTED, NotFiniteError, topics_of
@@ -46,21 +46,13 @@ _LAST_WORD_S = 5.0
 _INTERRUPTED_S = 0.2
 
 
-class PlantNode(FlightNode):
-    """Publishes state k, passes tick k as its mode requires, continues with k + 1.
-
-    phase : WAITING, RUNNING, FINISHED or ABORTED
-    paused : only requested ticks pass
-    steps : requested ticks that have not passed
-    watch : the signs of life of the other nodes
-    progress_s, sent_s : monotonic times of the last tick, of the last state sent
-    """
+class PlantNode(Loop):
+    """Publishes state k, passes tick k as its mode requires, continues with k + 1."""
 
     package = 'rpo_sim'
 
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__('plant', overrides)
-        self.phase = WAITING
         path = files.find('scenario', self.values['scenario'])
         self.scenario = scenario.load_scenario(path)
         self.run_id = uuid.uuid4().hex
@@ -124,13 +116,8 @@ class PlantNode(FlightNode):
 
     @property
     def waits_for_recorder(self) -> bool:
-        """Whether a tick in lockstep must wait until the recorder has caught up."""
+        """Whether the recorder must catch up first."""
         return self.recorder.behind(self.tick)
-
-    @property
-    def moving(self) -> bool:
-        """Whether ticks may pass."""
-        return self.phase == RUNNING and (not self.paused or self.steps > 0)
 
     def _on_progress(self) -> None:
         """Go on if the tick waited for the recorder."""
@@ -284,24 +271,6 @@ class PlantNode(FlightNode):
         """End the run and start another at tick 0; the recorder closes the log of the first."""
         self._again = True
         self._end(ABORTED, 'reset', health.WARN)
-
-    def pause(self, wanted: bool) -> None:
-        """Pause a run, or go on; what it does already changes nothing."""
-        if wanted == self.paused:
-            return
-        self.paused, self.steps = wanted, 0
-        if wanted:
-            self.report(health.OK, PAUSED, PAUSED)
-        else:
-            self.report(health.OK, RUNNING, 'flying', resumed='true')
-            self.go_on()
-
-    def step(self, ticks: int) -> None:
-        """Let so many more ticks pass of a run that is paused."""
-        fresh = not self.steps
-        self.steps += ticks
-        if fresh and ticks:
-            self.go_on()
 
     def go_on(self) -> None:
         """Continue after a pause, for good or for some ticks; the pause times out no peer."""

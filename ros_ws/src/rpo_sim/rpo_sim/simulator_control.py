@@ -8,14 +8,10 @@ call returns at once; `run_status` reports when the request is done.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from std_srvs.srv import SetBool, Trigger
 
 from rpo_core.wire.statuses import PAUSED, RUNNING, WAITING
-
-if TYPE_CHECKING:
-    from rpo_sim.plant_node import PlantNode
+from rpo_sim.loop import Loop
 
 Answer = SetBool.Response | Trigger.Response
 
@@ -29,7 +25,7 @@ def _answer(response: Answer, refusal: str, done: str) -> Answer:
 class SimulatorControl:
     """The plant's services `~/pause`, `~/step`, `~/reset` and `~/abort`."""
 
-    def __init__(self, loop: PlantNode) -> None:
+    def __init__(self, loop: Loop) -> None:
         self.loop = loop
         loop.create_service(SetBool, '~/pause', self._on_pause)
         loop.create_service(Trigger, '~/step', self._on_step)

@@ -10,20 +10,18 @@ from __future__ import annotations
 
 from importlib import import_module
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.task import Future
 
 from rpo_core.wire.statuses import ENDED, RUNNING
-
-if TYPE_CHECKING:
-    from rpo_sim.plant_node import PlantNode
+from rpo_sim.loop import Loop
 
 PACKAGE = 'simulation_interfaces'
 
 
-def offer(loop: PlantNode) -> StandardControl | None:
+def offer(loop: Loop) -> StandardControl | None:
     """Offer the standard services of a plant; None: the package is not installed."""
     try:
         parts = [import_module(f'{PACKAGE}.{part}') for part in ('msg', 'srv', 'action')]
@@ -38,9 +36,7 @@ class StandardControl:
     A step is a tick. Steps that were asked for by others meanwhile are waited for too.
     """
 
-    def __init__(
-        self, loop: PlantNode, msg: ModuleType, srv: ModuleType, action: ModuleType
-    ) -> None:
+    def __init__(self, loop: Loop, msg: ModuleType, srv: ModuleType, action: ModuleType) -> None:
         self.loop, self.msg, self.action = loop, msg, action
         self._waiting: list[Future] = []
         for kind, name, answer in (
