@@ -26,7 +26,15 @@ from rpo_kernels.jit import as_table
 from rpo_safety.guard import guard_of
 from rpo_safety.settings import Assurance
 from rpo_thrusters import allocation_kernels as kernels
-from rpo_thrusters.allocation_kernels import DUAL, FULL, LIMIT, ROWS, SCRATCH, THRUST
+from rpo_thrusters.allocation_kernels import (
+    DUAL,
+    FULL,
+    LIMIT,
+    MOST_THRUSTERS,
+    ROWS,
+    SCRATCH,
+    THRUST,
+)
 from rpo_thrusters.authority import authority, failures, known
 from rpo_thrusters.table import PRESETS, Failure, Thruster, ThrusterTable, table_of
 from rpo_thrusters.thrusters import Propellant, Thrusters, stage_of
@@ -299,6 +307,14 @@ def test_a_switch_in_flight_is_a_failure_from_its_tick_on():
     assert 'must be one of x+a' in stage.refusal('x+q off')
     stage.reset()
     assert stage.step(5, commands[0])[2] == exerted(table, [])[2].step(5, commands[0])[2]
+
+
+def test_as_many_thrusters_as_an_allocation_takes_are_a_table():
+    first = preset('faces_6').each[0]
+    many = tuple(replace(first, name=f't{i}') for i in range(MOST_THRUSTERS + 1))
+    assert len(ThrusterTable(thrusters=many[1:]).names) == MOST_THRUSTERS
+    with pytest.raises(InputError, match=r'`table\.thrusters` must be at most 24; got 25'):
+        ThrusterTable(thrusters=many)
 
 
 def test_a_flight_ends_at_the_target_and_its_torque_is_a_signal():
