@@ -10,9 +10,11 @@ from functools import cache
 import numpy as np
 import pytest
 
+from rpo_core.chain import stage
 from rpo_core.chain.chain import Chain, signals_of, start_of
 from rpo_core.chain.flight import Flight, fly
 from rpo_core.chain.stage import Place, Stage
+from rpo_core.control import controller_file
 from rpo_core.control.controller import load_controller
 from rpo_core.control.controller_file import followed, received
 from rpo_core.files import overrides
@@ -21,6 +23,7 @@ from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import CONTROL_FORCE, NEXT, RELATIVE_STATE
+from rpo_ctrl.baselines import Pd
 
 NAMES = ['apollo', 'assured', 'docking_leo', 'on_command', 'paper_test_measured', 'paper_test']
 NAMES += ['tumbling_docking', 'world_leo']
@@ -194,3 +197,30 @@ def test_a_set_is_no_flight_and_a_field_is_told_its_section():
         overrides.load('paper_training', ['mass_kg=9.0'])
     with pytest.raises(InputError, match=r'did you mean `zones\.keep_out_m`'):
         overrides.load('assured', ['keep_out_m=9.0'])
+
+
+def test_what_is_registered_is_registered_once():
+    with pytest.raises(InputError, match='section `thrusters` must be registered once'):
+        stage.register(stage.sections()['thrusters'])
+    with pytest.raises(InputError, match='section must be registered; got settings of int'):
+        stage.section_of(3)
+    with pytest.raises(InputError, match='controller kind `pd` must be registered once'):
+        controller_file.register(Pd)
+    row, before = interfaces.row_of(RELATIVE_STATE), list(interfaces.table())
+    with pytest.raises(InputError, match='`relative_state` must be added once'):
+        interfaces.add(row)
+    for changes, place, said in (
+        ({'name': 'mine', 'type': 'std_msgs/msg/Bool'}, '', '`mine` must be .* to be logged; got'),
+        ({'name': 'mine'}, 'nowhere', "`before` must be one of clock, .*; got 'nowhere'"),
+    ):
+        with pytest.raises(InputError, match=said):
+            interfaces.add(replace(row, **changes), before=place)
+    with pytest.raises(InputError, match=r"interface must be one of clock, .*; got 'mine'"):
+        interfaces.row_of('mine')
+    assert list(interfaces.table()) == before
+
+
+def test_settings_of_a_kind_are_there_once():
+    scenario, _, _ = flown('docking_leo')
+    with pytest.raises(InputError, match='`sections` must hold settings of each kind once'):
+        replace(scenario, sections=(*scenario.sections, scenario.thrusters))

@@ -114,6 +114,13 @@ def test_a_kind_that_does_not_say_how_it_scales_is_refused():
     assert similarity.hint(fly(scenario, drift), drift, 'x') == ''
 
 
+def test_what_starts_at_its_goal_has_no_length_to_scale_by():
+    paper = load_scenario('paper_test')
+    here = replace(paper, goal_position_m=paper.initial_position_m)
+    with pytest.raises(InputError, match='scenario paper_test starts at its goal'):
+        similarity.units_of(here)
+
+
 def test_no_scaled_baseline_commands_more_than_the_vehicle_has():
     scenario = replace(load_scenario('paper_test'), max_force_n=0.2)
     assert load_controller('pace').scaled(Scaling(1.0, 1.0, 1.0, scenario)).max_force_n == 0.2

@@ -80,6 +80,9 @@ def test_no_plan_is_tried_whose_line_gains_speed_or_whose_corridor_begins_before
 def test_a_plan_that_meets_nothing_has_no_entry():
     with pytest.raises(InputError, match='a moment of entry needs section `target`'):
         entry.entries(PLAN, replace(PORT, sections=(PLAN,)))
+    weak = replace(PLAN, force_share=0.01)
+    with pytest.raises(InputError, match='no moment was found at which the plan of tumbling_port'):
+        entry.entries(weak, replace(PORT, duration_s=40.0))
 
 
 VEHICLE = Vehicle(

@@ -152,6 +152,17 @@ def test_after_an_abort_the_drift_leads_away_for_two_orbits(around):
         assert stage.command('go') == 'guidance is drifting: an abort is not taken back'
 
 
+LINE = {'name': 'line', 'kind': 'straight', 'to_m': [0.0, 20.0, 0.0]}
+
+
+def test_a_leg_may_burn_all_the_time_and_ease_as_long_and_keep_its_speed():
+    whole = {'kind': 'transfer', 'to_m': (0.0, 5.0, 0.0), 'duration_s': 60.0}
+    assert plan.Leg(name='burns', burn_s=30.0, **whole).burn_s == 30.0
+    assert plan.Leg(name='eases', ease_s=60.0, **whole).ease_s == 60.0
+    line = plan.Leg(**LINE, speed_m_s=0.2, end_speed_m_s=0.2)
+    assert line.end_speed_m_s == line.speed_m_s
+
+
 def test_the_search_of_a_plan_is_bounded_by_its_work(monkeypatch):
     """Counted, not timed: the same on every machine. What ships takes far less than the bound."""
     data, spent = document('around'), []

@@ -187,7 +187,7 @@ def test_holes_and_contradictions_in_a_bag_are_gaps(short_run, tmp_path):
 
 def test_what_is_no_bag_of_one_run_is_refused(short_run, tmp_path):
     others = [(f'/b{name}', tick, data) for name, tick, data in short_run.messages]
-    states = [m for m in short_run.messages if m[0] == STATE]
+    states, clock = ([m for m in short_run.messages if m[0] == of] for of in (STATE, CLOCK))
     jitter = [(n, t, cdr.encode_odometry(t * t * 17 + 3, 'target_lvlh', 'chaser', [0.0] * 6))
               for n, t, _ in states]  # fmt: skip
     forces = [m for m in short_run.messages if m[0] == FORCE]
@@ -196,7 +196,7 @@ def test_what_is_no_bag_of_one_run_is_refused(short_run, tmp_path):
     file.write_bytes(file.read_bytes()[:-100])
     cases = {
         write_bag(tmp_path / 'two', [*short_run.messages, *others]): 'several runs',
-        write_bag(tmp_path / 'open', states): 'has no topic control_force',
+        write_bag(tmp_path / 'open', [*states, *clock]): 'control_force; it has /clock, /relative',
         write_bag(tmp_path / 'jitter', [*jitter, *forces]): 'no length of a tick',
         broken: 'cannot be read as a bag',
     }

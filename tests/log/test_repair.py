@@ -46,7 +46,7 @@ def test_a_cut_folder(run, log_bytes, tmp_path, share):
     done = repair(folder)
     assert done.output == tmp_path / 'log-repaired'
     assert done.exit_code == ExitCode.OK
-    assert 'repaired' in done.files[0].sentence()
+    assert done.files[0].sentence().startswith(f'{done.output / "run.mcap"}: repaired, ')
     assert digest(folder / 'run.mcap') == before
     mended = read_run(done.output)
     assert not mended.damage

@@ -72,6 +72,9 @@ def test_the_picture_has_the_flight_and_its_limits(flight):
     assert len(panels[0][0].lines) == 3, 'too small to see from the start'
     assert panels[0][0].get_ylabel() == 'relative position [m]'
     assert panels[0][1].get_title() == 'last 200 s'
+    assert panels[2][0].get_ylabel() == report.force_label(flight.scenario) == 'control force [N]'
+    turning = flight.scenario.equipped(load_scenario('tumbling_docking').attitude)
+    assert report.force_label(turning) == "force in the\nchaser's axes [N]"
     short = replace(flight.scenario, requirements=None, duration_s=150.0)
     assert report.close_up_s(short) == 0.0
     assert report.close_up_s(replace(short, duration_s=500.0)) == 300.0

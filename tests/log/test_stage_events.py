@@ -23,7 +23,7 @@ from rpo_core.world.dynamics import DynamicsStage
 from rpo_guidance.guidance import GuidanceStage
 from rpo_log.verify import verify
 from rpo_mcap.errors import ExitCode
-from rpo_mcap.read.run_log import read_run
+from rpo_mcap.read.run_log import read_flight, read_run
 from rpo_nav.attitude_estimator import AttitudeEstimatorStage
 from rpo_nav.attitude_sensors import AttitudeSensors
 from rpo_nav.estimator import EstimatorStage
@@ -330,6 +330,7 @@ def test_a_hold_that_the_table_decides_verifies(blocks, flown, held, tmp_path):
     found = written(flown, tmp_path, decided('holding', held))
     assert found.exit_code == ExitCode.OK, found.sentence()
     assert 'assurance' in found.stages
+    assert read_flight(tmp_path).events == {'assurance': [(held, 'holding')]}
 
 
 @pytest.mark.parametrize('state', ['aborting', 'resumed', 'warned'])

@@ -24,6 +24,7 @@ from rpo_safety import manoeuvre
 from rpo_safety.abort import BURN_S, Seen
 from rpo_safety.abort_table import AbortTable, Row
 from rpo_safety.assurance import ASSURED_FORCE
+from rpo_safety.recovery import APPROACH_1_S, PASSING_M, around
 from rpo_safety.settings import Assurance
 from rpo_thrusters.thrusters import Failure, Pulses, Thrusters
 
@@ -102,6 +103,38 @@ def test_a_retreat_goes_around_the_sphere():
     fastest = np.linalg.norm(np.array(flight.states)[1100:, 3:], axis=1).max()
     assert 0.25 < fastest < 0.31, 'a retreat is no race'
     assert flight.ranges().min() > 12.0
+
+
+def test_a_velocity_into_the_sphere_becomes_one_along_its_tangents():
+    """Of the same size, in the same plane and to the same side; any other velocity stands."""
+    rng, radius = np.random.default_rng(11), 10.0 + PASSING_M
+    for _ in range(300):
+        place, wanted = rng.normal(size=(2, 3))
+        place *= rng.uniform(0.5, 3.0) * radius / np.linalg.norm(place)
+        wanted *= 0.3 / np.linalg.norm(wanted)
+        rho = np.linalg.norm(place)
+        got = np.array(around((*place, 0.0, 0.0, 0.0), tuple(wanted), 10.0))
+        up, along = (v @ place / rho for v in (got, wanted))
+        sine = np.linalg.norm(np.cross(place, wanted)) / rho / 0.3
+        if along >= 0.0 or sine * rho >= radius:
+            assert (got == wanted).all()
+            continue
+        assert np.linalg.norm(got) == pytest.approx(0.3)
+        assert abs(np.linalg.det([place, wanted, got])) < 1e-9 * rho
+        assert np.cross(place, got) @ np.cross(place, wanted) > -1e-12
+        cosine = math.sqrt(max(1.0 - (radius / rho) ** 2, 0.0))
+        out = min(APPROACH_1_S * (radius - rho), 0.3) if rho < radius else -0.3 * cosine
+        assert up == pytest.approx(out, abs=1e-12)
+    assert around((20.0, 0.0, 0.0, 0.0, 0.0, 0.0), (-0.3, 0.0, 0.0), 10.0)[2] > 0.1, 'beside it'
+    assert around((0.0, 20.0, 0.0, 0.0, 0.0, 0.0), (0.0, -0.3, 0.0), 10.0)[0] < -0.1, 'below it'
+
+
+def test_a_held_chaser_needs_no_command_but_where_it_resumes():
+    flight = Flight(with_table(), (0, 'hold'), (5, 'resume'))
+    assert not flight.stage.goes_without(0), 'before the hold'
+    for tick in range(7):
+        flight.until(tick)
+        assert flight.stage.goes_without(tick) == (0 < tick < 5), tick
 
 
 def drift(state, n, along):

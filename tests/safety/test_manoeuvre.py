@@ -57,6 +57,13 @@ def burnt(states, wanted, stuck, tick_s=0.1):
     return states, nearest
 
 
+def test_the_other_thruster_can_only_oppose_one_that_is_stuck():
+    for force in (-0.5, -0.2, 0.0, 0.2, 0.5):
+        for side in (1.0, -1.0):
+            opposed = abs(force) if force * side < 0.0 else 0.0
+            assert manoeuvre.with_stuck(force, side, 0.5) == side * (0.5 - opposed)
+
+
 def drifted(states, along):
     """Return the least distances (n,) of drifts for two orbits, looked at every 4 s.
 

@@ -2,12 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Campaigns in true worlds: the engine flies the bits of the core; dispersions act."""
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from campaign_documents import EVERYTHING, write_campaign
 from invoking import invoke
+from kept import assert_kept
 from scipy import stats
 
 from rpo_attitude.chaser import Chaser, Wheels
@@ -324,6 +327,59 @@ def test_the_run_of_a_campaign_is_a_scenario_of_its_own(write):
     assert flown.thrusters.matrix != Thrusters().matrix
     assert flown.thrusters.pulses == replace(LEO.thrusters.pulses, failures=(failure,))
     assert flown.thrusters.propellant == LEO.thrusters.propellant
+
+
+SHOWN = (
+    'leo',
+    'measured and shaped',
+    'a camera on a chaser that estimates its attitude',
+    'a chaser that looks at a port that tumbles',
+    'a table of thrusters',
+    'a target that spins',
+    'a corridor that turns',
+)
+
+
+def drawn_lines(write):
+    """Yield, for each quantity, the lines of the file of a run's scenario that it changes."""
+    sizes = {'delay_ticks': 1.0, 'stuck_off_thruster': 1.0, 'orbit_radius_m': 1000.0}
+    seen = set()
+    for case in SHOWN:
+        flown, spreads = CASES[case][0], {}
+        for name, quantity in QUANTITIES.items():
+            acts = quantity.need is None or quantity.need.is_met(flown)
+            if acts and not (name.startswith('navigation') and flown.named('sensors')):
+                spreads[name] = {quantity.distributions[0]: 0}
+        campaign = write(flown, dispersions=spreads, runs=1)
+        none = sampling.draw(campaign, 0, 1)
+        before = written_lines(campaign, none)
+        yield case
+        for i, name in enumerate(none.names):
+            drawn = none._replace(parameters=none.parameters.copy())
+            drawn.parameters[0, i] += sizes.get(name, 0.01)
+            changed = [
+                line.strip() for line in written_lines(campaign, drawn) if line not in before
+            ]
+            said = f'  {name}: {" | ".join(changed)}'
+            if said not in seen:
+                yield said
+            seen.add(said)
+
+
+def written_lines(campaign, drawn):
+    """Return the lines of the file of the scenario of a run, or why there is none.
+
+    Numbers are by seven digits.
+    """
+    try:
+        text = scenario.dumps(single.scenarios_of(campaign, drawn)[0])
+    except InputError as error:
+        text = str(error)
+    return re.sub(r'-?\d+\.\d+(e-?\d+)?', lambda n: f'{float(n[0]) + 0.0:.7g}', text).splitlines()
+
+
+def test_what_draws_change_is_what_the_list_says(write):
+    assert_kept(Path(__file__).with_name('expected') / 'drawn.txt', drawn_lines(write))
 
 
 def test_new_dispersions_leave_the_draws_of_the_others_alone(write):

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import pi
+from math import ceil, pi
 from pathlib import Path
 
 import numpy as np
@@ -209,6 +209,14 @@ def test_inference_in_lanes_has_the_bits_of_the_kernel(seed, rules, samples, cou
     lanes.infer_lanes(rows, count, law_of(replace(controller, system=system)))
     expected = [kernels.infer(float(r), float(v), system.tables) for r, v in errors.T]
     np.testing.assert_array_equal(rows[lanes.OUTPUT : lanes.OUTPUT + count], expected)
+
+
+@pytest.mark.parametrize('half', [1, 8, 9, 50])
+def test_a_law_has_the_positive_samples_and_is_padded_to_whole_registers(half):
+    found = lanes.make_law(2 * half + 1).samples
+    assert len(found) == lanes.LANES * ceil(half / lanes.LANES)
+    assert found[:half].tolist() == [(i + 1) / half for i in range(half)]
+    assert not found[half:].any()
 
 
 @pytest.mark.parametrize('name', ['handmade', 'trained', 'pd'])

@@ -4,10 +4,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,14 +25,26 @@ from rpo_core.files.scenario import load, load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.world.disturbance import Disturbance
 from rpo_nav.navigation_errors import Navigation
-from rpo_proof import cells, check, check_sets, enclosure, flights, folder, proving, sets, slew
+from rpo_proof import (
+    cells,
+    check,
+    check_sets,
+    enclosure,
+    flights,
+    folder,
+    per_axis,
+    proving,
+    sets,
+    slew,
+)
 from rpo_proof.cells import Prover
 from rpo_proof.claims import ranges_of
 from rpo_proof.folder import Folder
 from rpo_proof.invariant import invariant_set_of, motion_inside
-from rpo_proof.problem import GROUPS, Problem, Settings
+from rpo_proof.problem import GROUPS, MOST_CELLS, Problem, Settings
 from rpo_proof.proving import estimate
 from rpo_proof.sets import InvariantSet
+from rpo_proof.slew import Strip
 
 SHIPPED = ('robust', 'trained', 'handmade')
 NOWHERE = InvariantSet(0.0, 0.06, 0.0)
@@ -441,3 +455,41 @@ def test_half_of_the_box_is_enough_where_all_is_odd():
     assert not replace(plain, settings=replace(settings, axes_apart=True)).odd
     assert not replace(plain, settings=replace(settings, centre=(1.0, *(0.0,) * 5))).odd
     assert not replace(plain, controller=replace(plain.controller, system=even)).odd
+
+
+def test_a_box_is_divided_into_so_many_strips():
+    """Four by four that fit are no five by five."""
+    made = per_axis.cover([Strip(1.0, 0.5, 2.0, 0.0, 0.2)], (0.5, 0.05))
+    want = [(r, v) for r in (-0.5, 0.5, 1.5, 2.5) for v in (0.35, 0.45, 0.55, 0.65)]
+    np.testing.assert_allclose([(one.r, one.v) for one in made], want, atol=1e-12)
+    np.testing.assert_allclose([(one.half_m, one.half) for one in made], [(0.5, 0.05)] * 16)
+    assert {one.tilt for one in made} == {0.0}
+
+
+def test_a_box_has_no_more_cells_than_memory():
+    """As many along each axis: per axis they are squared, else the plane has the fourth power."""
+    along = 1.01 * MOST_CELLS**0.25
+    half = (along, along, 0.0, along, along, 0.0)
+    assert Settings(half, half, axes_apart=True, cell_m=1.0, cell_m_s=1.0).half == half
+    with pytest.raises(InputError, match=f'at most {MOST_CELLS} cells .* it is of 1.04e\\+07'):
+        Settings(half, half, cell_m=1.0, cell_m_s=1.0)
+
+
+def test_a_proof_names_what_it_is_about_and_its_digests(sound):
+    problem = sound.problem
+    other = replace(
+        problem,
+        controller=replace(problem.controller, name='handmade'),
+        scenario=replace(problem.scenario, name='mine'),
+    )
+    stand_in = SimpleNamespace(problem=other, texts=sound.texts)
+    digests = [hashlib.sha256(content.encode()).hexdigest() for content in sound.texts[:2]]
+    for found, words in (
+        (sound, ('means the same as the shipped robust', 'means the same as the shipped ')),
+        (stand_in, ('named handmade, and NOT the one that ships', '`mine`, which does not ship')),
+    ):
+        lines = folder.origins(found)
+        for kind, line, said, one in zip(
+            ('controller', 'scenario'), lines, words, digests, strict=True
+        ):
+            assert line.startswith(f'{kind}: ') and said in line and line.endswith(one), line

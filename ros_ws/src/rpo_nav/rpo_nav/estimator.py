@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from rpo_core.chain.stage import Place, Section, Signal, Stage, register
 from rpo_core.files.codec import unless_default
-from rpo_core.files.validation import InputError, check_fields, flag, real, whole
+from rpo_core.files.validation import Checked, InputError, flag, real, whole
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import ATTITUDE, PREVIOUS_COMMAND
 from rpo_core.world import cw
@@ -53,7 +53,7 @@ _least = partial(real, least=0.0, most=1e6)
 
 
 @dataclass(frozen=True)
-class Estimator:
+class Estimator(Checked):
     """A Kalman filter; it assumes the noise of the sensors that the scenario has.
 
     position_sigma_m, velocity_sigma_m_s : each axis, of the state at the start: the filter begins
@@ -89,7 +89,7 @@ class Estimator:
     thrust_noise_s0_5: Annotated[float, partial(_least, unit='s^0.5')] = unless_default(0.0)
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         if self.thrust_noise_s0_5 > 0.0 and self.acceleration_noise_m_s1_5 == 0.0:
             raise InputError('`acceleration_noise_m_s1_5` must be > 0 with `thrust_noise_s0_5`')
         if self.disturbance_walk_n_s0_5 > 0.0 and self.disturbance_sigma_n == 0.0:

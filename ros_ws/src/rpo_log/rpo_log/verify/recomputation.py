@@ -373,7 +373,7 @@ class HeldForces:
         sure = np.full(len(ticks), self._most >= 0)
         for age in range(self._most, -1, -1):
             wanted = ticks - age
-            at = np.searchsorted(known, wanted).clip(max=len(known) - 1)
+            at = np.searchsorted(known, wanted)
             there = (known[at] == wanted) & np.isfinite(commanded[at]).all(axis=1)
             sure &= there | (wanted < 0)
             computed[there] = np.where(found[there, None], computed[there], commanded[at][there])
