@@ -14,7 +14,6 @@ from rpo_cli.commands.shared import Workers, draw, echo, interruptible
 from rpo_cli.display import print_table, progress
 from rpo_core.files.validation import InputError
 
-
 _HEADING = 11  # longest word of a heading
 
 
