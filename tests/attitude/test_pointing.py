@@ -203,6 +203,14 @@ def test_angles_at_contact_are_those_of_the_docked_attitude(angles, rate):
     assert spin == pytest.approx(degrees(np.linalg.norm(rate)), abs=1e-9)
 
 
+def test_without_a_corridor_a_chaser_may_dock_with_any_side():
+    scenario = scenarios.load_scenario('approach').equipped(
+        Chaser(inertia_kg_m2=np.eye(3).tolist())
+    )
+    for axis in ((0.0, 1.0, 0.0), (0.0, -1.0, 0.0)):
+        assert scenario.equipped(Pointing(docking_axis=axis)).named('pointing').docking_axis == axis
+
+
 def test_an_axis_without_length_is_refused():
     with pytest.raises(InputError, match='`docking_axis` must be at least 1e-06 long'):
         Pointing(docking_axis=(0.0, 0.0, 0.0))
