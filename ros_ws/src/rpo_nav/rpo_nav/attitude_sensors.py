@@ -156,16 +156,12 @@ class AttitudeSensorsStage(Stage):
         return (0,)
 
 
-def _check(_settings: AttitudeSensors, scenario: Any) -> None:
-    """Raise InputError where the chaser has no attitude of its own."""
-    if scenario.attitude is None:
-        raise InputError(
-            '`attitude_sensors` must have an attitude to measure: `attitude` is missing'
-        )
-
-
 register(
     Section(
-        'attitude_sensors', AttitudeSensors, Place.ATTITUDE_SENSOR, AttitudeSensorsStage, _check
+        'attitude_sensors',
+        AttitudeSensors,
+        Place.ATTITUDE_SENSOR,
+        AttitudeSensorsStage,
+        needs=('attitude', 'an attitude to measure'),
     )
 )

@@ -194,7 +194,7 @@ class EstimatorStage(Stage):
     memory_ticks = None
 
     def __init__(self, settings: Estimator, scenario: Any) -> None:
-        sensors = _sensors_of(scenario)
+        sensors = scenario.named('sensors')
         self.inputs = (PREVIOUS_COMMAND, *sensors.signals)
         self.filter = filter_of(settings, sensors, scenario)
         self._silent_ticks = 10 * max(unit.period_ticks for unit in sensors.units)
@@ -274,18 +274,19 @@ class EstimatorStage(Stage):
         return max(0, int(self.memory[RESETS]))
 
 
-def _sensors_of(scenario: Any) -> Sensors:
-    found = scenario.section(Sensors)
-    if found is None:
-        raise InputError('`estimator` must have something to measure: `sensors` is missing')
-    return found
-
-
 def _check(_settings: Estimator, scenario: Any) -> None:
-    """Raise InputError if there are no sensors, or another stage makes the navigation state."""
-    _sensors_of(scenario)
+    """Raise InputError if another stage makes the navigation state."""
     if scenario.named('navigation') is not None:
         raise InputError('`estimator` must be alone: `navigation` makes a navigation state too')
 
 
-register(Section('estimator', Estimator, Place.ESTIMATOR, EstimatorStage, _check))
+register(
+    Section(
+        'estimator',
+        Estimator,
+        Place.ESTIMATOR,
+        EstimatorStage,
+        _check,
+        needs=('sensors', 'something to measure'),
+    )
+)

@@ -119,9 +119,12 @@ class Scenario(Checked):
             raise InputError('`sections` must hold settings of each kind once')
         store(self, sections=tuple(order))
         for settings in order:
-            check = section_of(settings).check
-            if check is not None:
-                check(settings, self)
+            section = found[id(settings)]
+            if section.needs is not None and self.named(section.needs[0]) is None:
+                name, what = section.needs
+                raise InputError(f'`{section.name}` must have {what}: `{name}` is missing')
+            if section.check is not None:
+                section.check(settings, self)
         if self.requirements is not None:
             self.requirements.check_scenario(self.thrusters, self.attitude)
 
