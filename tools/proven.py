@@ -48,15 +48,9 @@ def result_of(path: Path) -> Proof:
         ['rpo', 'prove', '--check', str(path), '--no-fail', *CHECK], check=False
     ).returncode:
         sys.exit(f'{path}: is not right, and was not written')
+    names = ('statement', 'unit', 'limit', 'bound', 'found')
     claims = (
-        ProvenClaim(
-            key,
-            claim['statement'],
-            claim['unit'],
-            claim['limit'],
-            claim['bound'],
-            claim['found'],
-        )
+        ProvenClaim(key, *(claim[name] for name in names))
         for key, claim in folder.summary()['claims'].items()
     )
     checked = f'rpo prove --check {path.name} {" ".join(CHECK)}'

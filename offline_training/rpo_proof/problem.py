@@ -20,8 +20,8 @@ from rpo_core.control.controller import AnyController, FuzzyController
 from rpo_core.files import scenario
 from rpo_core.files.scenario import Scenario, ScenarioSet
 from rpo_core.files.validation import (
+    Checked,
     InputError,
-    check_fields,
     flag,
     mapping,
     real,
@@ -72,7 +72,7 @@ def _names(name: str, value: Any) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class Settings:
+class Settings(Checked):
     """What of a scenario may differ, and how finely the proof begins.
 
     centre, half : (6,) of the box of starts [m, m/s]
@@ -98,7 +98,7 @@ class Settings:
     claims: Annotated[tuple[str, ...], _names] = ()
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         sizes = 3 * [self.cell_m] + 3 * [self.cell_m_s]
         counts = [max(1.0, half / size) for half, size in zip(self.half, sizes, strict=True)]
         groups = (PER_AXIS if self.axes_apart else GROUPS).values()

@@ -19,7 +19,7 @@ from rpo_core.files import scenario as scenarios
 from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
 from rpo_ctrl import attitude
-from rpo_ctrl.attitude import AttitudeControl, AttitudeLqr, AttitudePd, FuzzyAttitude
+from rpo_ctrl.attitude import AttitudeControl, AttitudeLqr, AttitudePd, FuzzyAttitude, axis_of
 from rpo_ctrl.attitude_law_kernels import LAW, attitude_torque, steer
 from rpo_ctrl.attitude_limits import AttitudeLimits
 from rpo_kernels.jit import as_table
@@ -211,6 +211,22 @@ def test_wheels_keep_the_smaller_of_their_momentum_and_the_one_asked_for(asked_n
 def test_what_is_no_attitude_controller_is_refused(content, sentence):
     with pytest.raises(InputError, match=sentence):
         AttitudeControl(controller=content)
+
+
+def test_what_a_controller_is_made_of_is_looked_at():
+    with pytest.raises(InputError, match='`provenance` must be a mapping; got 3'):
+        AttitudePd(name='x', bandwidth_rad_s=0.1, damping=1.0, provenance=3)
+    with pytest.raises(InputError, match='must be fuzzy here; attitude_pd is of kind attitude_pd'):
+        axis_of('attitude_pd')
+
+
+def test_limits_of_rates_hold_from_the_start():
+    control = AttitudeControl(
+        controller='attitude_pd', limits=AttitudeLimits(rate_deg_s=2.0, angle_deg=5.0)
+    )
+    start = replace(CHASER, rates_deg_s=(0.0, -2.01, 0.0))
+    with pytest.raises(InputError, match=r'`attitude\.rates_deg_s` must begin within .*, 2\.0;'):
+        load_scenario('paper_test').equipped(start, control)
 
 
 def test_it_needs_a_chaser_that_turns():

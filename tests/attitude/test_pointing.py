@@ -203,6 +203,24 @@ def test_angles_at_contact_are_those_of_the_docked_attitude(angles, rate):
     assert spin == pytest.approx(degrees(np.linalg.norm(rate)), abs=1e-9)
 
 
+@given(st.tuples(*[st.floats(-9.0, 9.0)] * 3))
+def test_the_axis_of_half_a_turn_is_across_the_docking_axis(axis):
+    assume(np.linalg.norm(axis) > 0.01)
+    aim = replace(SETTINGS, docking_axis=axis).aim(0.1)
+    ahead = Rotation.from_quat(aim.mate).apply(np.array(axis) / np.linalg.norm(axis))
+    assert_allclose(aim.axis, ahead, atol=1e-12)
+    assert np.linalg.norm(aim.aside) == pytest.approx(1.0)
+    assert abs(np.dot(aim.aside, ahead)) < 1e-12
+
+
+def test_without_a_corridor_a_chaser_may_dock_with_any_side():
+    scenario = scenarios.load_scenario('approach').equipped(
+        Chaser(inertia_kg_m2=np.eye(3).tolist())
+    )
+    for axis in ((0.0, 1.0, 0.0), (0.0, -1.0, 0.0)):
+        assert scenario.equipped(Pointing(docking_axis=axis)).named('pointing').docking_axis == axis
+
+
 def test_an_axis_without_length_is_refused():
     with pytest.raises(InputError, match='`docking_axis` must be at least 1e-06 long'):
         Pointing(docking_axis=(0.0, 0.0, 0.0))

@@ -108,13 +108,6 @@ def refusal(kind: str, data: Any) -> str:
     return message
 
 
-def assert_names(message: str, path: Path) -> None:
-    """Check that a message names a field, wherever its place and its last name are written."""
-    whole, last = name(path), name(path[-1:])
-    parents = name(path[:-1])
-    assert f'`{whole}' in message or (f'{parents}: ' in message and f'`{last}' in message), message
-
-
 def one_harmonic() -> Any:
     """Return a scenario whose disturbance is written out, with one harmonic."""
     data = with_harmonics()
@@ -145,9 +138,6 @@ def with_requirements() -> Any:
     return data
 
 
-CONTROLLERS = (
-    'handmade', 'pd', 'lqr', 'mpc', 'apf_smc', 'drift', 'pace', 'more_words', 'time_to_go',
-)  # fmt: skip
 DOCUMENTS = {
     ('scenario', 'requirements'): with_requirements(),
     ('scenario', 'paper_test'): document('scenario', 'paper_test'),

@@ -41,18 +41,6 @@ smooth_functions = st.builds(
 )
 """Without vertical edges: every slope is at most 20."""
 
-grid_functions = st.builds(
-    lambda left, rise, fall, z, large: MembershipFunctions(
-        z / 50, left / 50, (left + rise) / 50, (left + rise + fall) / 50, large / 50
-    ),
-    st.integers(0, 20),
-    st.integers(1, 15),
-    st.integers(1, 15),
-    st.integers(1, 50),
-    st.integers(0, 49),
-)
-"""With feet and peaks on the 101 samples of [-1, 1], where sampling loses nothing of the shape."""
-
 words = st.integers(0, 4)
 
 

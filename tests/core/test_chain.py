@@ -4,23 +4,30 @@
 
 from __future__ import annotations
 
+import sys
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from rpo_core import files
+from rpo_core.chain import stage
 from rpo_core.chain.chain import Chain, signals_of, start_of
 from rpo_core.chain.flight import Flight, fly
 from rpo_core.chain.stage import Place, Stage
+from rpo_core.control import controller_file
 from rpo_core.control.controller import load_controller
 from rpo_core.control.controller_file import followed, received
-from rpo_core.files import overrides
-from rpo_core.files.scenario import load_scenario
+from rpo_core.files import overrides, plugins
+from rpo_core.files.scenario import dumps, load_scenario, text_for_logs
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import CONTROL_FORCE, NEXT, RELATIVE_STATE
+from rpo_ctrl.baselines import Pd
 
 NAMES = ['apollo', 'assured', 'docking_leo', 'on_command', 'paper_test_measured', 'paper_test']
 NAMES += ['tumbling_docking', 'world_leo']
@@ -194,3 +201,84 @@ def test_a_set_is_no_flight_and_a_field_is_told_its_section():
         overrides.load('paper_training', ['mass_kg=9.0'])
     with pytest.raises(InputError, match=r'did you mean `zones\.keep_out_m`'):
         overrides.load('assured', ['keep_out_m=9.0'])
+
+
+def test_what_is_registered_is_registered_once():
+    with pytest.raises(InputError, match='section `thrusters` must be registered once'):
+        stage.register(stage.sections()['thrusters'])
+    with pytest.raises(InputError, match='section must be registered; got settings of int'):
+        stage.section_of(3)
+    with pytest.raises(InputError, match='controller kind `pd` must be registered once'):
+        controller_file.register(Pd)
+    row, before = interfaces.row_of(RELATIVE_STATE), list(interfaces.table())
+    with pytest.raises(InputError, match='`relative_state` must be added once'):
+        interfaces.add(row)
+    for changes, place, said in (
+        ({'name': 'mine', 'type': 'std_msgs/msg/Bool'}, '', '`mine` must be .* to be logged; got'),
+        ({'name': 'mine'}, 'nowhere', "`before` must be one of clock, .*; got 'nowhere'"),
+    ):
+        with pytest.raises(InputError, match=said):
+            interfaces.add(replace(row, **changes), before=place)
+    with pytest.raises(InputError, match=r"interface must be one of clock, .*; got 'mine'"):
+        interfaces.row_of('mine')
+    assert list(interfaces.table()) == before
+
+
+def test_settings_of_a_kind_are_there_once():
+    scenario, _, _ = flown('docking_leo')
+    with pytest.raises(InputError, match='`sections` must hold settings of each kind once'):
+        replace(scenario, sections=(*scenario.sections, scenario.thrusters))
+
+
+def test_the_table_knows_topics_axes_and_what_a_plant_took():
+    state = interfaces.row_of(RELATIVE_STATE)
+    assert interfaces.find('/mine/relative_state') is state is interfaces.find(RELATIVE_STATE)
+    assert interfaces.find('/mine/nothing') is None
+    assert (state.topic, interfaces.row_of('clock').topic) == ('relative_state', '/clock')
+    for name, took in (
+        ('control_force', 'applied_force'),
+        ('disturbance_force', 'applied_disturbance'),
+        ('body_force', 'applied_body_force'),
+        ('body_torque', 'applied_torque'),
+        ('relative_state', ''),
+    ):
+        assert interfaces.applied(name) == took
+    row = interfaces.row_of('measurement')
+    for name, frame in (('approach', row.layout.texts[0]), ('tumbling_docking', row.also)):
+        assert row.layout_in(load_scenario(name)).texts[0] == frame
+    assert row.also != row.layout.texts[0] != ''
+
+
+def test_what_empties_the_wheels_is_computed_again():
+    _, _, flight = flown('tumbling_docking')
+    known = dict(flight.signals)
+    torque = known.pop(interfaces.UNLOADING_TORQUE)
+    again = replace(flight, signals=known)
+    np.testing.assert_array_equal(again.signal(interfaces.UNLOADING_TORQUE), torque)
+    np.testing.assert_array_equal(again.thrust.forces_n, flight.thrust.forces_n)
+    with pytest.raises(KeyError):
+        again.signal('nothing')
+
+
+def test_a_log_has_the_text_of_its_file_unless_that_names_others():
+    assert text_for_logs('as it is', load_scenario('approach')) == 'as it is'
+    docking = load_scenario('tumbling_docking')
+    assert text_for_logs('as it is', docking) == dumps(docking)
+
+
+def test_plugins_are_loaded_once_and_named_where_they_are_missing(tmp_path, monkeypatch):
+    (tmp_path / 'my_stage_of_this_test.py').write_text('')
+    monkeypatch.syspath_prepend(tmp_path)
+    for named, said in (('my_stage_of_this_test,', ''), ('my_stage_of_nobody', '`RPO_PLUGINS`: ')):
+        monkeypatch.setenv(plugins.VARIABLE, named)
+        monkeypatch.setattr(plugins, '_loaded', False)
+        with pytest.raises(InputError, match=said) if said else nullcontext():
+            plugins.load()
+        plugins.load()
+    assert 'my_stage_of_this_test' in sys.modules
+
+
+def test_a_path_may_begin_at_a_home():
+    assert files.expanded('bag', '~/run') == Path.home() / 'run'
+    with pytest.raises(InputError, match=r'`bag` must be a path; got .*no such home folder'):
+        files.expanded('bag', '~nobody_of_that_name/run')

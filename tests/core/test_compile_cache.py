@@ -9,8 +9,9 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 
+import numpy as np
 import pytest
 
 import rpo_core
@@ -120,6 +121,42 @@ def test_an_edit_of_another_module_reaches_what_was_compiled_from_it(tmp_path, i
     assert imported(modules.parent) == ['196.0 1']  # seen before, and kept
     shutil.copytree(modules, tmp_path / 'second/small')
     assert imported(tmp_path / 'second') == ['196.0 1']  # another checkout of the same sources
+
+
+@pytest.fixture
+def digest(tmp_path, monkeypatch):
+    """Return a function that returns the digest of a module that uses one with some source."""
+    top, low = ModuleType('top'), ModuleType('low')
+    for module in (top, low):
+        monkeypatch.setitem(sys.modules, module.__name__, module)
+        module.__file__ = str(tmp_path / f'{module.__name__}.py')
+        Path(module.__file__).write_text('jit')
+
+    def digest(source: str, **names: object) -> str:
+        Path(low.__file__).write_text(source)
+        vars(top).update(names)
+        compile_cache.digest.cache_clear()
+        compile_cache._sources.cache_clear()
+        return compile_cache.digest('top')
+
+    yield digest
+    compile_cache.digest.cache_clear()
+    compile_cache._sources.cache_clear()
+
+
+def test_a_digest_has_what_compiled_code_depends_on(digest):
+    """Sources of the modules whose kernels or tuples it uses, and the values of constants."""
+    kernel = SimpleNamespace(py_func=None, __module__='low')
+    pair = type('Pair', (tuple,), {'_fields': ('x', 'y'), '__module__': 'low'})
+    whole = sys.modules['low']
+    whole.kernel = kernel
+    for used in (kernel, pair, whole):
+        assert digest('jit 1', used=used) == digest('jit 1') != digest('jit 2')
+        assert digest('of 1') == digest('of 2')  # there is nothing to compile in it
+    other = SimpleNamespace(__module__='low')
+    assert digest('jit 1', used=other) == digest('jit 2')
+    for one, two in ((1, 2), (0.5, -0.5), ((1, 'a'), (1, 'b')), (np.zeros(2), np.zeros((2, 1)))):
+        assert digest('', used=one) == digest('', used=one) != digest('', used=two)
 
 
 @pytest.fixture

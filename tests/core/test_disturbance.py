@@ -37,13 +37,6 @@ def test_phase_reading_moves_the_offset_into_the_sine():
         assert z == pytest.approx(1e-2 * 1.4 * math.cos(angle), abs=1e-17)
 
 
-def test_readings_at_the_start():
-    assert paper('offset', N).force_n(0.0) == (-1.1e-2, 1e-2 * (math.pi / 3), 1.4e-2)
-    x, y, z = paper('phase', N).force_n(0.0)
-    assert (x, z) == (-1.1e-2, 1.4e-2)
-    assert y == pytest.approx(-2.2e-2 * math.sqrt(3) / 2, abs=1e-17)
-
-
 def test_scenarios_carry_the_readings(paper_test):
     from rpo_core.files.scenario import load_scenario
 

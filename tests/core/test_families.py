@@ -310,10 +310,6 @@ def test_a_limited_force_is_said_to_be_limited():
     assert y == reasons(TO_GO, state, (0.0,) * 3, 1000)[1][0] and 'force −' in y
 
 
-def changed(law, **changes):
-    return controller.parse({**yaml.safe_load(controller.dumps(law)), **changes})
-
-
 def test_peaks_that_do_not_descend_and_other_ticks_are_refused():
     rules = [replace(rule, peak_s=50.0) for rule in TO_GO.rules]
     with pytest.raises(InputError, match='`rules` must have descending `peak_s`'):

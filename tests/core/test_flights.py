@@ -17,7 +17,7 @@ from rpo_core.chain.chain import Chain
 from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.chain.stage import Place
 from rpo_core.control.controller import FuzzyController, load_controller
-from rpo_core.files.scenario import load_scenario, load_set
+from rpo_core.files.scenario import load_scenario
 from rpo_core.judge import metrics
 from rpo_core.judge.verdicts import verdicts
 from rpo_core.wire import interfaces
@@ -82,14 +82,6 @@ def mirrored(scenario):
         initial_velocity_m_s=tuple(-v for v in scenario.initial_velocity_m_s),
         disturbance=Disturbance(tuple(-c for c in old.constant_n), harmonics),
     )
-
-
-@pytest.mark.parametrize('name', ['approach', 'paper_test', 'paper_test_phase'])
-def test_the_mirrored_flight_is_the_negative_bit_for_bit(name, handmade):
-    scenario = load_scenario(name)
-    flight, mirror = fly(scenario, handmade), fly(mirrored(scenario), handmade)
-    np.testing.assert_array_equal(mirror.states, -flight.states)
-    np.testing.assert_array_equal(mirror.forces_n, -flight.forces_n)
 
 
 starts = st.tuples(*[st.floats(-100, 100)] * 3)
@@ -159,20 +151,6 @@ def test_a_stage_makes_all_its_outputs(paper_test, handmade, monkeypatch):
     monkeypatch.setattr(chain.links[0].stage, 'step', lambda *_: ())
     with pytest.raises(ValueError, match='shorter'):
         chain.step(0, {RELATIVE_STATE: paper_test.start})
-
-
-def test_shapes_and_views(paper_flight):
-    assert paper_flight.states.shape == (4001, 6)
-    assert paper_flight.forces_n.shape == paper_flight.disturbances_n.shape == (4001, 3)
-    np.testing.assert_array_equal(
-        np.hstack([paper_flight.positions_m, paper_flight.velocities_m_s]), paper_flight.states
-    )
-
-
-def test_a_member_of_the_training_set_flies(handmade):
-    corner = load_set('paper_training').scenarios()[-1]
-    assert corner.initial_position_m == (100.0, 100.0, 100.0)
-    assert fly(corner, handmade).states.shape == (2001, 6)
 
 
 def holding(goal_m, **changes):

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import skfuzzy
 from core_oracles import aggregate, rule_cells, steepest, triangles
-from core_strategies import functions, grid_functions, systems, unit
+from core_strategies import functions, systems, unit
 from hypothesis import assume, given
 
 from rpo_core.control.fuzzy import FuzzySystem
@@ -165,23 +165,6 @@ def test_scikit_fuzzy_forms_the_same_set(system, e, v):
     assume(area == 0 or area > 1e-6)  # a set of rounding errors has no shape to compare
     expected = (universe * output).sum() / area if area else 0.0
     assert system.output(e, v) == pytest.approx(expected, abs=1e-12)
-
-
-def polygon_centroid(samples, output):
-    """Return the centroid of the polygon through the samples."""
-    y1, y2 = np.array(samples[:-1]), np.array(samples[1:])
-    mu1, mu2 = np.array(output[:-1]), np.array(output[1:])
-    area = (mu1 + mu2) / 2
-    moment = (y1 * (2 * mu1 + mu2) + y2 * (mu1 + 2 * mu2)) / 6
-    return moment.sum() / area.sum()
-
-
-@given(systems(parts=grid_functions), unit, unit)
-def test_scikit_fuzzy_centroid_is_the_polygon_of_our_samples(system, e, v):
-    samples, output = aggregate(system, e, v)
-    assume(sum(output) > 1e-6)
-    theirs = skfuzzy.defuzz(np.array(samples), np.array(output), 'centroid')
-    assert theirs == pytest.approx(polygon_centroid(samples, output), abs=1e-12)
 
 
 @pytest.mark.every_landing

@@ -213,6 +213,7 @@ def test_a_reset_stage_has_forgotten():
     stage = stage_of(flown.thrusters, flown)
     assert isinstance(stage, ThrustersStage) and stage.memory_ticks is None
     assert pulse_kernels.MEMORY == 33
+    assert 'needs a scenario with `thrusters.table`' in stage.refusal('x+ off')
     commands = [(0.013, -0.3, 0.2)] * 20
     first = [stage.step(k, c) for k, c in enumerate(commands)]
     assert first[0][2] == (0.0, 0.0, 0.0)  # the delay

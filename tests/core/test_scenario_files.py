@@ -19,7 +19,6 @@ from rpo_core.world.disturbance import Disturbance, Harmonic, paper
 
 SINGLE = document('scenario', 'paper_test')
 SET = document('scenario', 'paper_training')
-NOT_A_NUMBER = ['heavy', None, True, [1.0], {'value': 1.0}, '1.0']
 
 
 def test_shipped_names():

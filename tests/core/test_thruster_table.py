@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from datetime import datetime, timezone
 from itertools import product
 
 import numpy as np
@@ -27,7 +26,15 @@ from rpo_kernels.jit import as_table
 from rpo_safety.guard import guard_of
 from rpo_safety.settings import Assurance
 from rpo_thrusters import allocation_kernels as kernels
-from rpo_thrusters.allocation_kernels import DUAL, FULL, LIMIT, ROWS, SCRATCH, THRUST
+from rpo_thrusters.allocation_kernels import (
+    DUAL,
+    FULL,
+    LIMIT,
+    MOST_THRUSTERS,
+    ROWS,
+    SCRATCH,
+    THRUST,
+)
 from rpo_thrusters.authority import authority, failures, known
 from rpo_thrusters.table import PRESETS, Failure, Thruster, ThrusterTable, table_of
 from rpo_thrusters.thrusters import Propellant, Thrusters, stage_of
@@ -302,12 +309,12 @@ def test_a_switch_in_flight_is_a_failure_from_its_tick_on():
     assert stage.step(5, commands[0])[2] == exerted(table, [])[2].step(5, commands[0])[2]
 
 
-BASE_DOCUMENT = {
-    'schema': 'rpo/scenario/1', 'name': 'table', 'orbit_radius_m': 6678000.0, 'mass_kg': 10.0,
-    'max_force_n': 0.5, 'dt_s': 0.1, 'duration_s': 30.0, 'initial_position_m': [10.0, 60.0, -40.0],
-    'initial_velocity_m_s': [0.0, 0.0, 0.0], 'disturbance': 'none',
-    'epoch': datetime(2026, 1, 1, tzinfo=timezone.utc),
-}  # fmt: skip
+def test_as_many_thrusters_as_an_allocation_takes_are_a_table():
+    first = preset('faces_6').each[0]
+    many = tuple(replace(first, name=f't{i}') for i in range(MOST_THRUSTERS + 1))
+    assert len(ThrusterTable(thrusters=many[1:]).names) == MOST_THRUSTERS
+    with pytest.raises(InputError, match=r'`table\.thrusters` must be at most 24; got 25'):
+        ThrusterTable(thrusters=many)
 
 
 def test_a_flight_ends_at_the_target_and_its_torque_is_a_signal():

@@ -143,6 +143,7 @@ def test_outside_agrees_with_angles(position):
 def test_between_ticks_a_path_is_as_deep_as_where_it_is_nearest():
     path = np.array([(-1.0, 4.5, 0.0, 2.0, 0.0, 0.0), (1.0, 4.5, 0.0, 2.0, 0.0, 0.0)])
     assert Zone(5.0).deepest_m(path, 1.0) == pytest.approx(0.5, abs=1e-12)
+    assert Zone().deepest_m(path, 1.0) == 0.0
 
 
 def test_what_is_inside_a_zone():

@@ -77,9 +77,23 @@ def test_no_plan_is_tried_whose_line_gains_speed_or_whose_corridor_begins_before
     assert plans == []
 
 
+def test_the_last_transfer_into_the_turning_axes_is_the_entry():
+    way, line = PLAN.legs
+    before = replace(way, name='before')
+    found = list(entry._others(replace(PLAN, legs=(before, way, line)), PORT))
+    assert {(i, plan.legs[0], plan.legs[2].end_speed_m_s) for i, plan in found} == {
+        (1, before, line.end_speed_m_s)
+    }
+    alone = [plan.legs for _, plan in entry._others(replace(PLAN, legs=(way,)), PORT)]
+    assert alone == [(replace(way, duration_s=float(s)),) for s in range(5, 470, 5)]
+
+
 def test_a_plan_that_meets_nothing_has_no_entry():
     with pytest.raises(InputError, match='a moment of entry needs section `target`'):
         entry.entries(PLAN, replace(PORT, sections=(PLAN,)))
+    weak = replace(PLAN, force_share=0.01)
+    with pytest.raises(InputError, match='no moment was found at which the plan of tumbling_port'):
+        entry.entries(weak, replace(PORT, duration_s=40.0))
 
 
 VEHICLE = Vehicle(

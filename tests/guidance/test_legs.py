@@ -59,6 +59,29 @@ def test_a_reference_moves_as_its_velocity_says():
         assert np.linalg.norm(states[:, 3:], axis=1).max() <= 0.51
 
 
+@pytest.mark.parametrize(
+    ('start', 'half_way'),
+    [
+        ((40.0, 0.0, 0.0), (0.0, 0.0, 40.0)),
+        ((0.0, 0.0, -40.0), (-40.0, 0.0, 0.0)),
+        ((24.0, 0.0, 32.0), (-32.0, 0.0, 24.0)),
+    ],
+)
+def test_half_a_turn_leads_by_below_or_out_of_plane(start, half_way):
+    leg = FlyingAround((*start, 0.0, 0.0, 0.0), tuple(-x for x in start), VEHICLE, 0.5)
+    places = np.array([leg.at(tick)[0][:3] for tick in range(leg.ticks + 1)])
+    np.testing.assert_allclose(np.linalg.norm(places, axis=1), 40.0)
+    np.testing.assert_allclose(places[-1], np.negative(start), atol=1e-5)
+    np.testing.assert_allclose(places[len(places) // 2], half_way, atol=0.1)
+
+
+def test_a_line_to_where_it_begins_is_over_at_once():
+    leg = Straight((*REST[:3], 0.1, 0.0, 0.0), REST[:3], VEHICLE, 0.3, 0.0)
+    assert leg.ticks == 0 and leg.moved(3.0) == (REST, (0.0, 0.0, 0.0))
+    short = Straight(REST, (0.0, -60.0, 1e-5), VEHICLE, 0.3, 0.0)
+    assert short.ticks > 0
+
+
 def test_an_arc_keeps_between_its_radii_and_ends_where_it_shall():
     leg = LEGS['around']()
     ranges = np.array([np.linalg.norm(leg.at(tick)[0][:3]) for tick in range(leg.ticks + 1)])

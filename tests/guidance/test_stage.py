@@ -127,6 +127,31 @@ def test_go_without_conditions_is_refused(hold_points):
     assert stage.command('go').startswith('`dwell_s` = 30 s is not over')
 
 
+def test_a_hold_says_why_it_cannot_end(hold_points):
+    begun = next(c.tick for c in follow(hold_points, 9000).changes if c.phase == 'hold_60')
+    stage = follow(hold_points, begun + 1)
+    leg, wanted = stage._leg, np.array(stage._reference)
+    late = begun + round(leg.dwell_s / hold_points.dt_s)
+    for miss, said in (
+        ((leg.within_m * 1.01, 0.0), 'the error is 0.505 m, more than `within_m` = 0.5 m'),
+        ((0.0, leg.within_m_s * 1.01), 'the speed is 0.0505 m/s, more than `within_m_s` = 0.05'),
+        ((leg.within_m * 0.99, leg.within_m_s * 0.99), ''),
+    ):
+        stage._tick, stage._seen = late, tuple(wanted + np.array([0, 0, miss[0], 0, miss[1], 0]))
+        assert stage.command('go').startswith(said) and bool(stage.command('go')) == bool(said)
+    stage._tick = late - 1
+    assert stage.command('go').startswith(f'`dwell_s` = {leg.dwell_s:g} s is not over: ')
+    stage._tick, stage._seen = late, None
+    assert stage.command('go') == 'no state has come'
+
+
+def test_a_command_that_a_log_tells_of_is_followed_and_other_words_are_not(around):
+    stage = follow(around, 1000)
+    stage.take_event(1000, 'hold')
+    stage.take_event(1000, 'waiting')
+    assert stage.commands == {1000: 'hold'} and stage.next_tick == 1000
+
+
 def test_hold_stops_and_go_goes_on(around):
     for command, phase in (('hold', guidance.STOPPED), ('retreat', guidance.RETREATED)):
         stage = follow(around, 3000, {1000: [command], 2500: ['go']})
@@ -150,6 +175,17 @@ def test_after_an_abort_the_drift_leads_away_for_two_orbits(around):
             nearest = min(nearest, float(np.linalg.norm(state[:3])))
         assert nearest > KEEP_OUT_M
         assert stage.command('go') == 'guidance is drifting: an abort is not taken back'
+
+
+LINE = {'name': 'line', 'kind': 'straight', 'to_m': [0.0, 20.0, 0.0]}
+
+
+def test_a_leg_may_burn_all_the_time_and_ease_as_long_and_keep_its_speed():
+    whole = {'kind': 'transfer', 'to_m': (0.0, 5.0, 0.0), 'duration_s': 60.0}
+    assert plan.Leg(name='burns', burn_s=30.0, **whole).burn_s == 30.0
+    assert plan.Leg(name='eases', ease_s=60.0, **whole).ease_s == 60.0
+    line = plan.Leg(**LINE, speed_m_s=0.2, end_speed_m_s=0.2)
+    assert line.end_speed_m_s == line.speed_m_s
 
 
 def test_the_search_of_a_plan_is_bounded_by_its_work(monkeypatch):

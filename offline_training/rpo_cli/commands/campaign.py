@@ -22,6 +22,7 @@ from rpo_cli.commands.shared import (
     interruptible,
     write_flight,
 )
+from rpo_cli.display import CampaignDisplay, print_table, progress
 from rpo_core.files.validation import InputError
 from rpo_montecarlo import outputs
 
@@ -110,7 +111,6 @@ def campaign(
 
 
 def _sweep(chosen: Campaign, runs: int) -> None:
-    from rpo_cli.display import print_table, progress
     from rpo_montecarlo.campaign.faults import Faults
     from rpo_montecarlo.campaign.judging import sentence
     from rpo_montecarlo.campaign.sweep import FAULTS, PERCENTS, Sweep
@@ -163,7 +163,6 @@ def _of_source(source: str, changes: dict[str, Any]) -> tuple[Campaign, Store | 
 
 def _fly(store: Store, workers: int, cluster: str, least: float | None) -> bool:
     """Fly what is missing of a campaign and print it; return whether too few runs succeed."""
-    from rpo_cli.display import CampaignDisplay
     from rpo_montecarlo.campaign.execution import fly
 
     again = shlex.join(['rpo', 'campaign', '--resume', str(store.folder)])
@@ -180,7 +179,6 @@ def _fly(store: Store, workers: int, cluster: str, least: float | None) -> bool:
 
 def _print(store: Store, least: float | None) -> bool:
     """Print a campaign; return whether fewer percent of its runs succeed than `least`."""
-    from rpo_cli.display import print_table
     from rpo_montecarlo.campaign import judging
     from rpo_montecarlo.campaign.config import SHARE
     from rpo_montecarlo.campaign.holding import rate_at_rest
@@ -215,7 +213,6 @@ def _print(store: Store, least: float | None) -> bool:
 
 
 def _show_run(chosen: Campaign, store: Store | None, number: int, csv: Path | None) -> None:
-    from rpo_cli.display import print_table
     from rpo_montecarlo.campaign import judging
     from rpo_montecarlo.campaign.run_batch import fly_runs
     from rpo_montecarlo.campaign.single import fly_run

@@ -6,16 +6,13 @@ from __future__ import annotations
 
 from pathlib import Path
 from textwrap import fill
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from rpo_cli.commands.shared import Workers, draw, echo, interruptible
+from rpo_cli.display import print_table, progress
 from rpo_core.files.validation import InputError
-
-if TYPE_CHECKING:
-    pass
-
 
 _HEADING = 11  # longest word of a heading
 
@@ -52,7 +49,6 @@ def compare(
 
     Results are kept: Ctrl-C stops cleanly, the same command goes on.
     """
-    from rpo_cli.display import print_table, progress
     from rpo_core.files import find
     from rpo_judge.evaluation import comparison, comparison_table
     from rpo_training.provenance import saw
@@ -86,7 +82,6 @@ def compare(
 
 def _attitudes(names: list[str] | None, runs: int) -> None:
     """Print how controllers of attitude fly the same slews, which no training has flown."""
-    from rpo_cli.display import print_table
     from rpo_core import files
     from rpo_ctrl import attitude
     from rpo_judge.attitude import HEADINGS, SENTENCE, compared, judged_draws

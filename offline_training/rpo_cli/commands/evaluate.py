@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rpo_cli.commands.shared import NoFail, Workers, draw, end
+from rpo_cli.display import print_table, progress
 from rpo_core.files.validation import InputError
 from rpo_montecarlo.outputs import identifier, writing
 
@@ -76,7 +77,6 @@ def evaluate(
 
     Exit code 1: something that was judged is missed.
     """
-    from rpo_cli.display import print_table
     from rpo_core.control.controller import FuzzyController, load_controller
     from rpo_core.files.scenario import load
     from rpo_judge.evaluation.assessment import PAPER, assess
@@ -125,7 +125,6 @@ def evaluate(
 
 def judge_by(controller: AnyController, name: str, found: Scenario | ScenarioSet) -> bool:
     """Print how a controller keeps the requirements of a scenario; return whether it misses any."""
-    from rpo_cli.display import print_table, progress
     from rpo_judge.evaluation.judgement import HEADINGS, judge, rows_of
 
     with progress() as show:
@@ -142,7 +141,6 @@ def _judge_estimator(name: str, runs: int) -> bool:
     attitude filter, with an outage of the star tracker too: this is what is asked. Then, as the
     world is: this is reported.
     """
-    from rpo_cli.display import print_table, progress
     from rpo_core.control.controller import load_controller
     from rpo_core.files import DEFAULT_CONTROLLER
     from rpo_core.files.scenario import load_scenario
@@ -203,7 +201,6 @@ def _judge_estimator(name: str, runs: int) -> bool:
 
 
 def _print_targets(found: Assessment) -> None:
-    from rpo_cli.display import print_table
     from rpo_judge.evaluation.assessment import QUESTIONS
 
     rows = [
@@ -223,7 +220,6 @@ def _print_targets(found: Assessment) -> None:
 
 def _everywhere(controller: AnyController, seed: int | None, workers: int) -> bool:
     """Print how a controller does in draws of this seed; return whether it misses a target."""
-    from rpo_cli.display import print_table, progress
     from rpo_judge.evaluation.judgement import SEED, everywhere
     from rpo_training.provenance import saw
 
@@ -253,7 +249,6 @@ def _everywhere(controller: AnyController, seed: int | None, workers: int) -> bo
 
 def _sensitivity(controller: FuzzyController, workers: int) -> None:
     """Print what each parameter does, the strongest first."""
-    from rpo_cli.display import print_table
     from rpo_judge.evaluation.sensitivity import RUNS, STEP, effects
 
     base, found = effects(controller, workers)
@@ -285,7 +280,6 @@ def _sensitivity(controller: FuzzyController, workers: int) -> None:
 
 def _robustness(controller: AnyController, folder: Path, workers: int) -> bool:
     """Print and draw the margins of a controller; return whether a start misses a condition."""
-    from rpo_cli.display import print_table, progress
     from rpo_judge.evaluation.robustness import (
         CROSSED,
         HEADINGS,

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rpo_cli.commands.shared import NoFail, end
+from rpo_cli.display import plain_console, print_table
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.files.validation import InputError, printable
 
@@ -67,7 +68,6 @@ def explain(
 
     Exit code 1: the certificate fails, or the run holds another force or reason than is computed.
     """
-    from rpo_cli.display import plain_console
     from rpo_core.control.controller import load_controller, only_fuzzy
     from rpo_ctrl import attitude
     from rpo_ctrl.explain import decisions
@@ -283,7 +283,6 @@ def _compare_decision(console: Console, path: str, stamp_ns: int, found: Sequenc
 def _print_decisions(
     console: Console, found: tuple[Decision, ...], words: Words = _AS_THEY_ARE
 ) -> None:
-    from rpo_cli.display import print_table
     from rpo_core.control.fuzzy import WORDS
 
     def error(value: float, saturated: bool) -> str:
@@ -361,7 +360,6 @@ def _explain_controller(
 
 
 def _print_rules(controller: FuzzyController, words: Words) -> None:
-    from rpo_cli.display import print_table
     from rpo_judge.analysis.rule_base import FORCES, force_rows
 
     headings, rows = force_rows(controller.system)
@@ -369,7 +367,6 @@ def _print_rules(controller: FuzzyController, words: Words) -> None:
 
 
 def _print_functions(controller: FuzzyController, words: Words) -> None:
-    from rpo_cli.display import print_table
     from rpo_export.formats import variables
 
     parts, rows = variables(controller), []
@@ -413,8 +410,6 @@ def _print_certificate(
 
 def _print_family(console: Console, controller: Family, certify: bool) -> bool:
     """Print the rules of a controller, with `certify` what is proven; return whether it holds."""
-    from rpo_cli.display import print_table
-
     console.print(controller.name, style='bold', end='')
     console.print(f': {printable(controller.description)}')
     for title, headings, rows in controller.tables():

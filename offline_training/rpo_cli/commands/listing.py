@@ -9,6 +9,7 @@ from typing import Annotated, Any, TypeVar, get_type_hints
 
 import typer
 
+from rpo_cli.display import plain_console
 from rpo_core import files
 from rpo_core.files.validation import choice, printable
 
@@ -36,8 +37,6 @@ def list_(
     what: Annotated[str, typer.Argument(help=f'{", ".join(KINDS)}  [all]')] = '',
 ) -> None:
     """Print the names of what ships: scenarios, plans, controllers, campaigns."""
-    from rpo_cli.display import plain_console
-
     console = plain_console()
     for kind in [choice('what', what, KINDS)] if what else KINDS:
         console.print(kind, style='bold')

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rpo_cli.commands.shared import SameScenario, chosen_scenario, write_flight
+from rpo_cli.display import print_table, progress
 from rpo_core.files import DEFAULT_SCENARIO
 from rpo_core.files.validation import InputError, shown
 
@@ -110,7 +111,6 @@ def _of_start(scenario: Scenario, controller: str | None, csv: Path | None, marg
 
 
 def _print(scenario: Scenario, flights: dict[str, Flight]) -> None:
-    from rpo_cli.display import print_table
     from rpo_core.judge import metrics
 
     best = metrics.of_flight(flights[_BEST]).energy_n2s
@@ -133,7 +133,6 @@ def _print(scenario: Scenario, flights: dict[str, Flight]) -> None:
 def _of_set(starts: ScenarioSet, margin: float) -> None:
     import numpy as np
 
-    from rpo_cli.display import progress
     from rpo_judge.evaluation import optimal as limits
 
     base, positions = starts.base, starts.initial_positions_m

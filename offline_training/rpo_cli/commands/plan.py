@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rpo_cli.commands.shared import Set
+from rpo_cli.display import print_table, progress
 from rpo_core.files.validation import InputError
 
 if TYPE_CHECKING:
@@ -45,7 +46,6 @@ def plan(
     Others have the same begin, end and time: the best that is found, and a bound that is below all.
     For the folder of a campaign: the energy that its runs flew, beside others.
     """
-    from rpo_cli.display import print_table
     from rpo_core.files import overrides
     from rpo_guidance.plan import Guidance
     from rpo_judge.evaluation import plan_bound
@@ -78,7 +78,6 @@ def plan(
 
 def _entered(settings: Guidance, scenario: Scenario, path: Path) -> tuple[Guidance, Scenario]:
     """Print plans that meet the target at other moments, and write the one of least energy."""
-    from rpo_cli.display import print_table
     from rpo_core.files.scenario import dumps
     from rpo_guidance.entry import entries
     from rpo_montecarlo import outputs
@@ -150,7 +149,6 @@ def _compare(folder: Path, sample: int) -> None:
     """Print how the flown energy of some runs compares with other paths out of their zones."""
     import numpy as np
 
-    from rpo_cli.display import print_table, progress
     from rpo_judge.evaluation.plan_bound import ratios
     from rpo_montecarlo.campaign.store import Store
 

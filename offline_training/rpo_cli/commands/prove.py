@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rpo_cli.commands.shared import Cluster, NoFail, Workers, echo, end, interruptible
+from rpo_cli.display import ProofDisplay, print_table, progress
 from rpo_core.files.validation import InputError, printable
 
 if TYPE_CHECKING:
@@ -161,7 +162,6 @@ def _problem(
 
 def _prove(folder: Folder, workers: int, cluster: str) -> bool:
     """Make a proof; return whether a claim is refuted or open."""
-    from rpo_cli.display import ProofDisplay
     from rpo_judge.analysis.certificate import PROVEN
     from rpo_proof.claims import worst
     from rpo_proof.proving import prove as make
@@ -192,7 +192,6 @@ def _prove(folder: Folder, workers: int, cluster: str) -> bool:
 
 
 def _estimate(problem: Problem, count: int) -> None:
-    from rpo_cli.display import print_table, progress
     from rpo_proof.problem import title_of
     from rpo_proof.proving import estimate
 
@@ -215,7 +214,6 @@ def _check(folder: Folder, cells: int, flights: int, seed: int | None) -> bool:
     """Check a proof, end at a wrong one; return whether a claim is refuted or open."""
     import secrets
 
-    from rpo_cli.display import progress
     from rpo_judge.analysis.certificate import PROVEN
     from rpo_proof.check import Sample, check
     from rpo_proof.claims import worst
@@ -277,7 +275,6 @@ def _print(
     checked: Checked | None = None,
 ) -> None:
     """Print what was computed in this call."""
-    from rpo_cli.display import print_table
     from rpo_proof.claims import lower, row_of, unknown, upper
     from rpo_proof.problem import range_of, title_of
 

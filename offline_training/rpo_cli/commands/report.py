@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rpo_cli.commands.shared import NoFail, echo, end
+from rpo_cli.display import plain_console
 from rpo_core.files.validation import InputError, printable, within
 
 if TYPE_CHECKING:
@@ -55,7 +56,6 @@ def report(
     """
     from rich.text import Text
 
-    from rpo_cli.display import plain_console
     from rpo_report import page
     from rpo_report.page import write
 

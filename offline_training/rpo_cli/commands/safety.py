@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rpo_cli.commands.shared import NoFail, Set, echo, end, interruptible, tool
+from rpo_cli.display import print_table, progress
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.files.validation import InputError
 
@@ -42,7 +43,6 @@ def show(scenario: Name, changes: Set = None) -> None:
 
     With `RPO_JIT=0` in the environment, the time is that of plain Python.
     """
-    from rpo_cli.display import print_table
     from rpo_core.files import overrides
     from rpo_proof.safety.counts import speeds
     from rpo_safety.guard import proof_of
@@ -88,8 +88,6 @@ def attack(
     disperses; it is flown to its end. Its attitude is estimated, and must keep
     `chaser_attitude_error_deg`; its position is known as badly as assurance assumes.
     """
-    from rpo_cli.display import print_table, progress
-
     if campaign:
         from rpo_montecarlo.campaign import config
         from rpo_proof.safety.whole_chain import bounded
@@ -150,7 +148,6 @@ def _attack_campaign(chosen: Campaign) -> bool:
     """
     import numpy as np
 
-    from rpo_cli.display import print_table, progress
     from rpo_proof.safety.attack import settings_of
     from rpo_proof.safety.whole_chain import attack_campaign
 
@@ -186,7 +183,6 @@ def quiet(
     speed: Annotated[str, typer.Option(help='preset of the speed limit')] = 'sqrt',
 ) -> None:
     """Fly without assurance, and count the commands that it would change."""
-    from rpo_cli.display import print_table
     from rpo_core.control.controller import load_controller
     from rpo_core.files.scenario import load
     from rpo_proof.safety import counts as counting
@@ -216,7 +212,6 @@ def drift(
     ] = False,
 ) -> None:
     """Print from how many moments of flights a thruster silence would lead to the target."""
-    from rpo_cli.display import print_table
     from rpo_core.control.controller import load_controller
     from rpo_core.files.scenario import load
     from rpo_proof.safety.counts import silence
@@ -241,7 +236,6 @@ def abort(
     changes: Set = None,
 ) -> None:
     """Choose an abort from states of a plan or a flight, and random ones; count what is clear."""
-    from rpo_cli.display import print_table
     from rpo_core.control.controller import load_controller
     from rpo_core.files import overrides
     from rpo_guidance.plan import Guidance
@@ -287,7 +281,6 @@ def thrusters(
     """
     from collections import Counter
 
-    from rpo_cli.display import print_table
     from rpo_core.files import overrides
     from rpo_export import c_allocation
     from rpo_montecarlo.outputs import writing

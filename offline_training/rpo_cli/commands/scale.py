@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rpo_cli.commands.shared import NoFail, Set, echo, end
+from rpo_cli.display import print_table, progress
 
 if TYPE_CHECKING:
     from rpo_training.scaling import Found
@@ -37,7 +38,6 @@ def scale(
     written.
     """
     from rpo_cli.commands.evaluate import judge_by
-    from rpo_cli.display import print_table, progress
     from rpo_core import files
     from rpo_core.chain.flight import fly
     from rpo_core.control.controller import dumps, load_controller

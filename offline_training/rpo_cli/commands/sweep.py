@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rpo_cli.commands.shared import echo
+from rpo_cli.display import print_table, progress
 from rpo_core.chain.flight import fly
 from rpo_core.files import overrides
 from rpo_core.files.validation import InputError, real, shown, whole
@@ -41,8 +42,6 @@ def sweep(
     scenario: str, controller: AnyController, changes: Sequence[str], text: str, folder: Path | None
 ) -> bool:
     """Fly each value; print the table, draw the picture; return whether a requirement is missed."""
-    from rpo_cli.display import print_table, progress
-
     key, values = values_of(text)
     flown = [overrides.load(scenario, [*changes, f'{key}={value!r}']) for value in values]
     found: list[list[Verdict]] = []

@@ -12,6 +12,7 @@ import typer
 
 from rpo_cli.commands import shared
 from rpo_cli.commands.shared import Cluster, NoFail, Workers, echo, interruptible
+from rpo_cli.display import TrainingDisplay
 from rpo_core.files.validation import InputError, choice
 
 if TYPE_CHECKING:
@@ -180,7 +181,6 @@ def _draw(training: Training, best: FuzzyController) -> None:
 
 def fly(run: SearchRun[Config, Found]) -> Found:
     """Fly a run to its end and return the best; if interrupted, print how to go on, and exit."""
-    from rpo_cli.display import TrainingDisplay
 
     def sentence() -> str:
         return (

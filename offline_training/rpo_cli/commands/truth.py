@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rpo_cli.commands.shared import SameScenario, chosen_scenario, draw, tool
+from rpo_cli.display import print_table
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_montecarlo import outputs
 
@@ -112,8 +113,6 @@ def _tables(found: Comparison) -> list[tuple[str, Cells, str]]:
 
 
 def _print(found: Comparison) -> None:
-    from rpo_cli.display import print_table
-
     for title, (heads, *rows), after in _tables(found):
         print_table(heads, rows, title)
         if after:

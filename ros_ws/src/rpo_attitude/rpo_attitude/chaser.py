@@ -16,7 +16,7 @@ from typing import Annotated, Any
 from rpo_attitude.target import ALIGNED, MOST_TURN_RAD, Quaternion, body_of, inertia, quaternion
 from rpo_core.chain.stage import ZERO, Place, Section, Signal, Stage, register
 from rpo_core.files.codec import unless_default
-from rpo_core.files.validation import InputError, check_fields, flag, optional, real, vector3
+from rpo_core.files.validation import Checked, InputError, flag, optional, real, vector3
 from rpo_core.wire import interfaces
 from rpo_core.world.dynamics import CLOHESSY_WILTSHIRE
 from rpo_kernels.attitude_kernels import Attitude, frame_of
@@ -32,7 +32,7 @@ _rates = partial(optional, check=vector3, unit='deg/s', bound=360.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wheels:
+class Wheels(Checked):
     """Three wheels, one along each axis of the chaser.
 
     torque_nm, momentum_nms : largest of each, momentum against inertial space
@@ -44,7 +44,7 @@ class Wheels:
     start_nms: Annotated[Vector, _momenta] = unless_default(ZERO)
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         if max(map(abs, self.start_nms)) > self.momentum_nms:
             raise InputError(
                 f'`start_nms` must be at most `momentum_nms`, {self.momentum_nms!r} N m s; '
@@ -53,7 +53,7 @@ class Wheels:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Chaser:
+class Chaser(Checked):
     """The chaser as a rigid body.
 
     inertia_kg_m2 : (3, 3) about its centre of mass, its axes
@@ -72,9 +72,6 @@ class Chaser:
     wheels: Wheels | None = unless_default(None)
     gravity_gradient: Annotated[bool, flag] = unless_default(True)
     disturbance_torque_nm: Annotated[Vector, _torques] = unless_default(ZERO)
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
     def craft(self, orbit_rad_s: float) -> Craft:
         """Return the chaser as the kernels read it."""

@@ -15,7 +15,7 @@ from typing import Annotated, Any
 
 from rpo_attitude.target import ALIGNED, Quaternion, known_motion, of_vector, quaternion
 from rpo_core.chain.stage import Place, Section, Signal, Stage, register
-from rpo_core.files.validation import InputError, check_fields, real, vector3
+from rpo_core.files.validation import Checked, InputError, real, vector3
 from rpo_core.judge.zones import Zones
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import ATTITUDE, STATE
@@ -32,7 +32,7 @@ NOWHERE: Quaternion = (0.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pointing:
+class Pointing(Checked):
     """Where the chaser looks.
 
     mate : quaternion x, y, z, w from the chaser's axes to the target's when docked
@@ -50,7 +50,7 @@ class Pointing:
     port_m: Annotated[Vector, partial(vector3, unit='m', bound=1e4)] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         if norm(*self.docking_axis) < 1e-6:
             raise InputError(
                 f'`docking_axis` must be at least 1e-06 long; got {list(self.docking_axis)!r}'

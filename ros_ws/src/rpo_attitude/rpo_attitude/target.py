@@ -18,7 +18,7 @@ import numpy as np
 
 from rpo_core.chain.stage import Place, Section, Signal, Stage, register
 from rpo_core.files.codec import unless_default
-from rpo_core.files.validation import InputError, check_fields, choice, matrix, real, shown, vector3
+from rpo_core.files.validation import Checked, InputError, choice, matrix, real, shown, vector3
 from rpo_core.judge.zones import Zone
 from rpo_core.wire import interfaces
 from rpo_core.world.dynamics import CLOHESSY_WILTSHIRE
@@ -119,7 +119,7 @@ def of_vector(rotation_rad: Vector) -> Quaternion:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Target:
+class Target(Checked):
     """How the target turns.
 
     kind : `fixed` to target LVLH; `spin`, at a constant rate about an axis of its own; `tumble`, a
@@ -143,7 +143,7 @@ class Target:
     known_error_deg: Annotated[Vector, _angles] = unless_default((0.0, 0.0, 0.0))
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         if norm(*self.axis) < 1e-6:
             raise InputError(f'`axis` must be at least 1e-06 long; got {list(self.axis)!r}')
         for kind, names in _OF_KIND.items():

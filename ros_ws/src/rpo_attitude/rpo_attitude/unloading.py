@@ -13,14 +13,14 @@ from functools import partial
 from typing import Annotated, Any
 
 from rpo_core.chain.stage import Place, Section, Signal, Stage, register
-from rpo_core.files.validation import InputError, check_fields, real
+from rpo_core.files.validation import Checked, InputError, real
 from rpo_core.wire import interfaces
 from rpo_kernels.chaser_kernels import unloaded, wheels_after
 from rpo_kernels.kernels import Vector
 
 
 @dataclass(frozen=True, kw_only=True)
-class Unloading:
+class Unloading(Checked):
     """When the thrusters empty the wheels.
 
     above_nms : momentum of a wheel above which they do
@@ -29,9 +29,6 @@ class Unloading:
 
     above_nms: Annotated[float, partial(real, unit='N m s', least=0.0, most=1e6)]
     torque_nm: Annotated[float, partial(real, unit='N m', above=0.0, most=1e6)]
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
 
 class UnloadingStage(Stage):

@@ -36,10 +36,11 @@ from rpo_core.control.fuzzy import FuzzySystem
 from rpo_core.files import codec
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import (
+    Checked,
     Description,
     InputError,
     Name,
-    check_fields,
+    Provenance,
     choice,
     flag,
     mapping,
@@ -48,7 +49,6 @@ from rpo_core.files.validation import (
     real,
     schema,
     shown,
-    store,
 )
 from rpo_core.wire import interfaces
 from rpo_ctrl.attitude_law_kernels import steer
@@ -66,7 +66,7 @@ _positive = partial(real, above=0.0, most=1e6)
 
 
 @dataclass(frozen=True, kw_only=True)
-class AttitudeController:
+class AttitudeController(Checked):
     """A controller of the attitude.
 
     feed_forward : whether the torque that the reference and the turning body need is added
@@ -78,13 +78,7 @@ class AttitudeController:
     name: Name
     description: Description = field(default='', compare=False)
     feed_forward: Annotated[bool, flag] = True
-    provenance: Mapping[str, Any] = field(default_factory=dict, compare=False)
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.provenance, Mapping):
-            raise InputError(f'`provenance` must be a mapping; got {shown(self.provenance)}')
-        store(self, provenance=dict(self.provenance))
-        check_fields(self)
+    provenance: Provenance = field(default_factory=dict, compare=False)
 
     @abstractmethod
     def law(self, inertia_kg_m2: Floats, time_scale: float) -> Floats:
@@ -242,7 +236,7 @@ def _controller(name: str, value: Any) -> AttitudeController:
 
 
 @dataclass(frozen=True, kw_only=True)
-class AttitudeControl:
+class AttitudeControl(Checked):
     """How the chaser turns: section `attitude_control`.
 
     controller : name of a shipped file, a path, or its content
@@ -261,9 +255,6 @@ class AttitudeControl:
         unless_default(None)
     )
     limits: AttitudeLimits | None = unless_default(None)
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
     def table(
         self,

@@ -13,7 +13,7 @@ from math import radians, sqrt
 from typing import Annotated, NamedTuple
 
 from rpo_core.files.codec import unless_default
-from rpo_core.files.validation import InputError, check_fields, optional, real
+from rpo_core.files.validation import Checked, InputError, optional, real
 from rpo_ctrl.attitude_limit_kernels import TorqueLimits
 from rpo_kernels.attitude_kernels import Body
 
@@ -26,7 +26,7 @@ _least = partial(real, least=0.0, most=1e6)
 
 
 @dataclass(frozen=True, kw_only=True)
-class AttitudeLimits:
+class AttitudeLimits(Checked):
     """What the torque must keep, and what the proof may assume.
 
     rate_deg_s : largest rate about each axis of the chaser, against inertial space
@@ -48,9 +48,6 @@ class AttitudeLimits:
     disturbance_nm: Annotated[float, partial(_least, unit='N m')] = 0.0
     inertia_share: Annotated[float, _share] = unless_default(0.0)
     reference_deg_s2: Annotated[float, partial(_rates, unit='deg/s^2')] = 0.1
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
 
 class Bounds(NamedTuple):

@@ -29,7 +29,7 @@ from rpo_core.control.controller_file import (
     register,
 )
 from rpo_core.files import codec
-from rpo_core.files.validation import check_fields, matrix, real, store
+from rpo_core.files.validation import Checked, matrix, real, store
 from rpo_core.world import cw
 from rpo_ctrl.baseline_kernels import (
     GAINS,
@@ -50,7 +50,7 @@ _SCALE = np.array([100.0, 100.0, 100.0, 1.0, 1.0, 1.0])  # of states [m, m/s], f
 
 
 @dataclass(frozen=True)
-class Model:
+class Model(Checked):
     """The relative dynamics that a design takes for true.
 
     body : what the target orbits; a file names one of `cw.BODIES`, or has a mapping
@@ -62,7 +62,7 @@ class Model:
     body: Annotated[Any, cw.body_of] = codec.unless_default(cw.EARTH)
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         store(self, orbit_radius_m=cw.orbit_radius(self.orbit_radius_m, self.body))
 
     @property

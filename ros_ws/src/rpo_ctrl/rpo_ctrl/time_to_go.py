@@ -20,7 +20,7 @@ import numpy as np
 
 from rpo_core.control.blend import Reasons, is_same, newtons
 from rpo_core.control.controller_file import Reason, Scaling, Units, register
-from rpo_core.files.validation import InputError, check_fields, choice, real, store
+from rpo_core.files.validation import Checked, InputError, choice, real, store
 from rpo_core.judge import metrics
 from rpo_core.world.cw import TickLength
 from rpo_ctrl import textbook
@@ -39,7 +39,7 @@ _gain = partial(real, least=0.0, most=MAX_GAIN)
 
 
 @dataclass(frozen=True)
-class Rule:
+class Rule(Checked):
     """If the time to go is `time_to_go`, then f = -position_gain r - velocity_gain v.
 
     peak_s : time to go at which only this rule fires
@@ -51,7 +51,7 @@ class Rule:
     velocity_gain_n_s_m: Annotated[float, partial(_gain, unit='N s/m')]
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         choice('time_to_go', self.time_to_go, WORDS)
 
 

@@ -394,16 +394,14 @@ def _polar(position_m: tuple[float, ...]) -> tuple[float, Vector]:
 def _arc(a: Vector, end: Vector) -> tuple[float, Vector]:
     """Return the angle [rad] from a to end, unit vectors, and the unit vector b ahead at a."""
     cosine = a[0] * end[0] + a[1] * end[1] + a[2] * end[2]
-    b: Vector | None = None
     for towards in (end, (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)):  # opposite: by below, or H-bar
         along = towards[0] * a[0] + towards[1] * a[1] + towards[2] * a[2]
         across = [t - along * u for t, u in zip(towards, a, strict=True)]
         size = norm(*across)
-        if size > 1e-6:
-            b = (across[0] / size, across[1] / size, across[2] / size)
+        if size > 1e-6:  # of the last, where those before are not
             break
     low, high = 1e-9, PI
     for _ in range(60):  # bisection: the cosine falls from 0 to pi
         angle = 0.5 * (low + high)
         low, high = (angle, high) if sin_cos(angle)[1] > cosine else (low, angle)
-    return high, b if b is not None else (0.0, 1.0, 0.0)
+    return high, (across[0] / size, across[1] / size, across[2] / size)

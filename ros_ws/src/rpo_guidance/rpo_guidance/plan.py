@@ -18,9 +18,9 @@ from rpo_core.files.codec import unless_default
 from rpo_core.files.scenario import MAX_VELOCITY_M_S
 from rpo_core.files.starts import MAX_POSITION_M
 from rpo_core.files.validation import (
+    Checked,
     InputError,
     Name,
-    check_fields,
     choice,
     optional,
     real,
@@ -58,7 +58,7 @@ Speed = Annotated[float | None, partial(optional, check=_speed)]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Leg:
+class Leg(Checked):
     """One leg of a plan.
 
     kind : `transfer`, least energy in `duration_s`, around the keep-out sphere; with `burn_s` the
@@ -95,7 +95,7 @@ class Leg:
     on_timeout: Annotated[str, partial(choice, known=(GO_ON, ABORT))] = ABORT
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         for name, kinds in _KINDS_OF.items():
             if getattr(self, name) != _DEFAULTS[name] and self.kind not in kinds:
                 raise InputError(
@@ -144,7 +144,7 @@ _DEFAULTS = {name: Leg.__dataclass_fields__[name].default for name in _KINDS_OF}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Guidance:
+class Guidance(Checked):
     """Settings of guidance.
 
     keep_out_m, port_m, corridor : as in section `zones`, unless they differ for guidance
@@ -172,7 +172,7 @@ class Guidance:
     mass_kg: Annotated[float | None, partial(optional, check=_some_mass)] = unless_default(None)
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         if not 1 <= len(self.legs) <= MAX_LEGS:
             raise InputError(f'`legs` must be 1 to {MAX_LEGS} legs; got {shown(list(self.legs))}')
         for leg in self.legs:

@@ -71,9 +71,9 @@ def _side(states: Floats, distances: list[float]) -> Vector:
         along = sum(c * a for c, a in zip(candidate, ahead, strict=True))
         across = [c - along * a for c, a in zip(candidate, ahead, strict=True)]
         size = norm(*across)
-        if size > 0.1:
-            return across[0] / size, across[1] / size, across[2] / size
-    return 0.0, 0.0, 1.0
+        if size > 0.1:  # of the last, where those before are not
+            break
+    return across[0] / size, across[1] / size, across[2] / size
 
 
 class Limits(NamedTuple):

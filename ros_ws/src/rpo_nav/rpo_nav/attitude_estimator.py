@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rpo_core.chain.stage import Place, Section, Signal, Stage, register
 from rpo_core.files.codec import unless_default
-from rpo_core.files.validation import InputError, check_fields, real, vector3, whole
+from rpo_core.files.validation import Checked, real, vector3, whole
 from rpo_core.wire import interfaces
 from rpo_kernels.jit import as_table
 from rpo_kernels.kernels import Vector, sin_cos
@@ -48,7 +48,7 @@ _angles = partial(vector3, unit='deg', bound=90.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class AttitudeEstimator:
+class AttitudeEstimator(Checked):
     """A multiplicative extended Kalman filter; it assumes the noise of the sensors.
 
     attitude_sigma_deg, bias_sigma_rad_s : each axis, of attitude and bias at the start: the filter
@@ -67,9 +67,6 @@ class AttitudeEstimator:
     gate_sigmas: Annotated[float, partial(real, least=0.0, most=100.0)] = 5.0
     restart_after: Annotated[int, partial(whole, least=0, most=1_000_000)] = 20
     start_error_deg: Annotated[Vector, _angles] = unless_default((0.0, 0.0, 0.0))
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
 
 def attitude_filter_of(settings: AttitudeEstimator, sensors: AttitudeSensors, scenario: Any) -> Any:
@@ -122,7 +119,7 @@ class AttitudeEstimatorStage(Stage):
     memory_ticks = None
 
     def __init__(self, settings: AttitudeEstimator, scenario: Any) -> None:
-        sensors = _sensors_of(scenario)
+        sensors = scenario.named('attitude_sensors')
         self.filter = attitude_filter_of(settings, sensors, scenario)
         self._silent_ticks = 10 * sensors.star_tracker.period_ticks
         self._measured = as_table([0.0] * MEASURED)
@@ -176,26 +173,12 @@ class AttitudeEstimatorStage(Stage):
         return ''
 
 
-def _sensors_of(scenario: Any) -> AttitudeSensors:
-    found = scenario.section(AttitudeSensors)
-    if found is None:
-        raise InputError(
-            '`attitude_estimator` must have something to measure: `attitude_sensors` is missing'
-        )
-    return found
-
-
-def _check(_settings: AttitudeEstimator, scenario: Any) -> None:
-    """Raise InputError if there are no sensors."""
-    _sensors_of(scenario)
-
-
 register(
     Section(
         'attitude_estimator',
         AttitudeEstimator,
         Place.ATTITUDE_ESTIMATOR,
         AttitudeEstimatorStage,
-        _check,
+        needs=('attitude_sensors', 'something to measure'),
     )
 )

@@ -15,7 +15,7 @@ from typing import Annotated, Any
 
 from rpo_core.chain.stage import Place, Section, Signal, Stage, register
 from rpo_core.files.codec import unless_default
-from rpo_core.files.validation import InputError, check_fields, real, vector3, whole
+from rpo_core.files.validation import Checked, InputError, real, vector3, whole
 from rpo_core.wire import interfaces
 from rpo_kernels.jit import as_table
 from rpo_kernels.kernels import Vector, norm, sin_cos
@@ -34,7 +34,7 @@ _rate = partial(vector3, unit='rad/s', bound=1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class StarTracker:
+class StarTracker(Checked):
     """A star tracker. Its noise is white.
 
     cross_noise_arcsec, boresight_noise_arcsec : sigma of each axis across its boresight, and of the
@@ -58,7 +58,7 @@ class StarTracker:
     )
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         for name in ('boresight', 'light'):
             if norm(*getattr(self, name)) < 1e-6:
                 raise InputError(f'`{name}` must have a direction; got {getattr(self, name)!r}')
@@ -72,7 +72,7 @@ class StarTracker:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Gyro:
+class Gyro(Checked):
     """A gyro of three axes: the rate against inertial space, with noise and a bias that walks.
 
     noise_rad_s0_5 : root of the density of the white noise, the angle's random walk
@@ -83,12 +83,9 @@ class Gyro:
     bias_rad_s: Annotated[Vector, _rate] = (0.0, 0.0, 0.0)
     bias_walk_rad_s1_5: Annotated[float, partial(_least, unit='rad/s^1.5')] = 1e-8
 
-    def __post_init__(self) -> None:
-        check_fields(self)
-
 
 @dataclass(frozen=True, kw_only=True)
-class AttitudeSensors:
+class AttitudeSensors(Checked):
     """What the chaser measures of its attitude.
 
     noise_key : two words of 32 bits, the key of Philox4x32-10, for both and for the start of the
@@ -98,9 +95,6 @@ class AttitudeSensors:
     star_tracker: StarTracker = StarTracker()
     gyro: Gyro = Gyro()
     noise_key: Annotated[tuple[int, int], key] = (0, 0)
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
 
 class AttitudeSensing:
@@ -162,16 +156,12 @@ class AttitudeSensorsStage(Stage):
         return (0,)
 
 
-def _check(_settings: AttitudeSensors, scenario: Any) -> None:
-    """Raise InputError where the chaser has no attitude of its own."""
-    if scenario.attitude is None:
-        raise InputError(
-            '`attitude_sensors` must have an attitude to measure: `attitude` is missing'
-        )
-
-
 register(
     Section(
-        'attitude_sensors', AttitudeSensors, Place.ATTITUDE_SENSOR, AttitudeSensorsStage, _check
+        'attitude_sensors',
+        AttitudeSensors,
+        Place.ATTITUDE_SENSOR,
+        AttitudeSensorsStage,
+        needs=('attitude', 'an attitude to measure'),
     )
 )

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from rpo_core.chain.stage import Place, Section, Signal, Stage, register
 from rpo_core.files.codec import unless_default
-from rpo_core.files.validation import InputError, check_fields, flag, real, whole
+from rpo_core.files.validation import Checked, InputError, flag, real, whole
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import ATTITUDE, PREVIOUS_COMMAND
 from rpo_core.world import cw
@@ -53,7 +53,7 @@ _least = partial(real, least=0.0, most=1e6)
 
 
 @dataclass(frozen=True)
-class Estimator:
+class Estimator(Checked):
     """A Kalman filter; it assumes the noise of the sensors that the scenario has.
 
     position_sigma_m, velocity_sigma_m_s : each axis, of the state at the start: the filter begins
@@ -89,7 +89,7 @@ class Estimator:
     thrust_noise_s0_5: Annotated[float, partial(_least, unit='s^0.5')] = unless_default(0.0)
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         if self.thrust_noise_s0_5 > 0.0 and self.acceleration_noise_m_s1_5 == 0.0:
             raise InputError('`acceleration_noise_m_s1_5` must be > 0 with `thrust_noise_s0_5`')
         if self.disturbance_walk_n_s0_5 > 0.0 and self.disturbance_sigma_n == 0.0:
@@ -194,7 +194,7 @@ class EstimatorStage(Stage):
     memory_ticks = None
 
     def __init__(self, settings: Estimator, scenario: Any) -> None:
-        sensors = _sensors_of(scenario)
+        sensors = scenario.named('sensors')
         self.inputs = (PREVIOUS_COMMAND, *sensors.signals)
         self.filter = filter_of(settings, sensors, scenario)
         self._silent_ticks = 10 * max(unit.period_ticks for unit in sensors.units)
@@ -274,18 +274,19 @@ class EstimatorStage(Stage):
         return max(0, int(self.memory[RESETS]))
 
 
-def _sensors_of(scenario: Any) -> Sensors:
-    found = scenario.section(Sensors)
-    if found is None:
-        raise InputError('`estimator` must have something to measure: `sensors` is missing')
-    return found
-
-
 def _check(_settings: Estimator, scenario: Any) -> None:
-    """Raise InputError if there are no sensors, or another stage makes the navigation state."""
-    _sensors_of(scenario)
+    """Raise InputError if another stage makes the navigation state."""
     if scenario.named('navigation') is not None:
         raise InputError('`estimator` must be alone: `navigation` makes a navigation state too')
 
 
-register(Section('estimator', Estimator, Place.ESTIMATOR, EstimatorStage, _check))
+register(
+    Section(
+        'estimator',
+        Estimator,
+        Place.ESTIMATOR,
+        EstimatorStage,
+        _check,
+        needs=('sensors', 'something to measure'),
+    )
+)

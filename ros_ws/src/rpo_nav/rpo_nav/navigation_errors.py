@@ -12,7 +12,7 @@ from functools import partial
 from typing import Annotated, Any
 
 from rpo_core.chain.stage import Place, Section, Signal, Stage, register
-from rpo_core.files.validation import InputError, check_fields, real, shown, vector3, whole
+from rpo_core.files.validation import Checked, InputError, real, shown, vector3, whole
 from rpo_core.wire import interfaces
 from rpo_kernels import kernels
 from rpo_kernels.kernels import State, Vector
@@ -36,7 +36,7 @@ _velocity_noise = partial(real, unit='m/s', least=0.0, most=MAX_VELOCITY_ERROR_M
 
 
 @dataclass(frozen=True)
-class Navigation:
+class Navigation(Checked):
     """Error of the navigation solution, which is what the controller sees.
 
     position_bias_m, velocity_bias_m_s : (3,) added to the truth, target LVLH
@@ -49,9 +49,6 @@ class Navigation:
     position_noise_m: Annotated[float, _position_noise] = 0.0
     velocity_noise_m_s: Annotated[float, _velocity_noise] = 0.0
     noise_key: Annotated[tuple[int, int], key] = (0, 0)
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
     def solution(self, tick: int, state: Signal) -> State:
         """Return the state (x, y, z, vx, vy, vz) [m, m/s] that navigation finds at a tick."""

@@ -20,8 +20,8 @@ from rpo_attitude.target import Target, motion_of
 from rpo_core.chain.stage import Place, Section, Signal, Stage, register
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import (
+    Checked,
     InputError,
-    check_fields,
     choice,
     flag,
     real,
@@ -95,7 +95,7 @@ _direction = partial(vector3, unit='', bound=1e6)
 
 
 @dataclass(frozen=True)
-class Sensor:
+class Sensor(Checked):
     """One sensor. Noise is white; its sigma is the larger one of a floor and a share of the range.
 
     kind : `relative_position` (each axis alike), `range_bearing` (a lidar, a camera that knows the
@@ -139,7 +139,7 @@ class Sensor:
     looks_at: Annotated[str, partial(choice, known=(CENTRE, PORT))] = unless_default(CENTRE)
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         if self.noise_floor_m <= 0.0:
             raise InputError('`noise_floor_m` must be > 0 m: a covariance must be positive; got 0')
         if self.kind == POSITION and self.bearing_noise_rad > 0.0:
@@ -196,7 +196,7 @@ class Sensor:
 
 
 @dataclass(frozen=True)
-class Sensors:
+class Sensors(Checked):
     """The sensors of a chaser.
 
     noise_key : two words of 32 bits, the key of Philox4x32-10, for all of them and for the start of
@@ -212,7 +212,7 @@ class Sensors:
     )
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         if not 1 <= len(self.units) <= MAX_SENSORS:
             raise InputError(f'`units` must be 1 to {MAX_SENSORS} sensors; got {len(self.units)}')
         store(self, units=tuple(self.units))

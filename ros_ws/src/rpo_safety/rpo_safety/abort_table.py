@@ -12,8 +12,8 @@ from rpo_core.chain.stage import Place, section_of
 from rpo_core.files.codec import unless_default
 from rpo_core.files.starts import MAX_POSITION_M
 from rpo_core.files.validation import (
+    Checked,
     InputError,
-    check_fields,
     choice,
     flag,
     optional,
@@ -56,7 +56,7 @@ _LONGEST = 1_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
-class Row:
+class Row(Checked):
     """A row of the table: a fault holds when `count` of the last `window` ticks exceed `most`."""
 
     quantity: Annotated[str, partial(choice, known=QUANTITIES)]
@@ -66,7 +66,7 @@ class Row:
     window: Annotated[int, partial(whole, least=1, most=_LONGEST)] = 1
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         whole('count', self.count, least=1, most=self.window)
 
 
@@ -74,7 +74,7 @@ _retreat = partial(optional, check=vector3, unit='m', bound=MAX_POSITION_M)
 
 
 @dataclass(frozen=True, kw_only=True)
-class AbortTable:
+class AbortTable(Checked):
     """When a flight is interrupted, and how.
 
     table : rows; where several begin to hold at once, the last of REACTIONS acts
@@ -100,7 +100,7 @@ class AbortTable:
         return any(row.quantity == 'pointing_error_deg' for row in self.table)
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         names = [row.quantity + row.reaction for row in self.table]
         for row, name in zip(self.table, names, strict=True):
             if names.count(name) > 1:

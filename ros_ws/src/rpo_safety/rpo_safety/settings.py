@@ -13,7 +13,7 @@ from typing import Annotated, Any
 from rpo_core.files import codec
 from rpo_core.files.codec import unless_default
 from rpo_core.files.starts import MAX_POSITION_M
-from rpo_core.files.validation import InputError, check_fields, choice, optional, real
+from rpo_core.files.validation import Checked, InputError, choice, optional, real
 from rpo_core.judge.requirements import DIRECTIONS
 from rpo_core.judge.zones import Cone, Zone, Zones, along_and_across, tangent
 from rpo_core.world.disturbance import MAX_FORCE_N
@@ -27,7 +27,7 @@ _speed = partial(real, unit='m/s', least=0.0, most=1e3)
 
 
 @dataclass(frozen=True)
-class Speed:
+class Speed(Checked):
     """Largest speed by range: speed_m_s + per_range_1_s rho + sqrt(2 deceleration_m_s2 rho).
 
     per_range_mean_motions : per_range_1_s in mean motions of the target, as some sources have it
@@ -39,7 +39,7 @@ class Speed:
     per_range_mean_motions: Annotated[float, partial(real, least=0.0, most=1e3)] = 0.0
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         given = (self.per_range_1_s, self.deceleration_m_s2, self.per_range_mean_motions)
         if sum(value > 0.0 for value in given) > 1:
             raise InputError(
@@ -70,7 +70,7 @@ def _speed_of(name: str, value: Any) -> Speed:
 
 
 @dataclass(frozen=True)
-class Passage:
+class Passage(Checked):
     """The way to the port through the keep-out sphere: a pyramid in a cone about an axis.
 
     along : axis from the target to the port, of target LVLH
@@ -87,9 +87,6 @@ class Passage:
     width_m: Annotated[float, partial(real, unit='m', above=0.0, most=100.0)] = 0.07
     closing_m_s: Annotated[float, partial(real, unit='m/s', above=0.0, most=10.0)] = 0.1
     lateral_m_s: Annotated[float, partial(real, unit='m/s', above=0.0, most=10.0)] = 0.028
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
     @property
     def slope(self) -> float:
@@ -113,7 +110,7 @@ Kilograms = Annotated[float | None, partial(optional, unit='kg', above=0.0, most
 
 
 @dataclass(frozen=True)
-class Assurance:
+class Assurance(Checked):
     """What shall never happen, and what the proof may assume of the world.
 
     filter : the command with the least change, or the backup law where it would break a limit
@@ -152,7 +149,7 @@ class Assurance:
     abort: AbortTable | None = unless_default(None)
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         zone, way = self.keep_out_m, self.corridor
         if way is not None and not way.port_m < zone < way.outer_m <= self.domain_m:
             raise InputError(

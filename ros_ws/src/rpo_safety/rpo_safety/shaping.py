@@ -13,7 +13,7 @@ from functools import partial
 from typing import Annotated, Any
 
 from rpo_core.chain.stage import ZERO, Signal, Stage
-from rpo_core.files.validation import InputError, check_fields, real
+from rpo_core.files.validation import Checked, InputError, real
 from rpo_core.wire import interfaces
 from rpo_kernels.jit import kernel
 from rpo_kernels.kernels import saturate
@@ -25,7 +25,7 @@ _least = partial(real, least=0.0, most=1e6)
 
 
 @dataclass(frozen=True)
-class Shaping:
+class Shaping(Checked):
     """What becomes of the command of a controller.
 
     slew_n_s : largest change of a command per second, each axis; the first command of a flight is
@@ -35,9 +35,6 @@ class Shaping:
 
     slew_n_s: Annotated[float, partial(_above, unit='N/s')]
     dead_zone_n: Annotated[float, partial(_least, unit='N')] = 0.0
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
 
 @kernel

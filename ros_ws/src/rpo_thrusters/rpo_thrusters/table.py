@@ -20,8 +20,8 @@ import numpy as np
 from rpo_core.chain.stage import ZERO
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import (
+    Checked,
     InputError,
-    check_fields,
     choice,
     flag,
     optional,
@@ -84,7 +84,7 @@ _specific = partial(optional, unit='s', least=1.0, most=1e5)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Failure:
+class Failure(Checked):
     """A thruster that is stuck for a time.
 
     stuck : `off` or `on`
@@ -98,13 +98,13 @@ class Failure:
     known: Annotated[bool, flag] = unless_default(False)
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         if self.until_s <= self.from_s:
             raise InputError(f'`until_s` must be > `from_s`, {self.from_s!r}; got {self.until_s!r}')
 
 
 @dataclass(frozen=True, kw_only=True)
-class Thruster:
+class Thruster(Checked):
     """One thruster, body axes.
 
     position_m : where it pushes; direction : to where it pushes the chaser, of any length
@@ -120,13 +120,13 @@ class Thruster:
     specific_impulse_s: Annotated[float | None, _specific] = unless_default(None)
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         if not any(self.direction):
             raise InputError(f'`direction` must not be zero; got {list(self.direction)}')
 
 
 @dataclass(frozen=True, kw_only=True)
-class ThrusterTable:
+class ThrusterTable(Checked):
     """Thrusters one by one, or a preset of alike ones.
 
     preset : name; `force_n`, `arm_m`, `minimum_impulse_bit_n_s` are those of its thrusters
@@ -149,7 +149,7 @@ class ThrusterTable:
     finds_failures: Annotated[bool, flag] = unless_default(False)
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         if (self.preset is None) == (not self.thrusters):
             raise InputError('`table` must have one of `preset` and `thrusters`')
         if (self.preset is None) != (self.force_n is None):

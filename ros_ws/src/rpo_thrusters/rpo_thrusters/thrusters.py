@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from rpo_core.chain.stage import ZERO, Place, Section, Signal, Stage, register
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import (
+    Checked,
     InputError,
-    check_fields,
     choice,
     matrix,
     real,
@@ -81,19 +81,16 @@ _misalignment = partial(vector3, unit='deg', bound=90.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class ThrusterError:
+class ThrusterError(Checked):
     """One thruster's error of magnitude, and of direction as a rotation vector, LVLH axes."""
 
     thruster: Annotated[str, partial(choice, known=[*valve_names(6), *valve_names(12)])]
     magnitude_share: Annotated[float, partial(real, least=-1.0, most=1.0)] = 0.0
     misalignment_deg: Annotated[Vector, _misalignment] = ZERO
 
-    def __post_init__(self) -> None:
-        check_fields(self)
-
 
 @dataclass(frozen=True, kw_only=True)
-class Pulses:
+class Pulses(Checked):
     """Thrusters that are open or shut.
 
     count : 6, one in each direction of each axis, or 12, two of half the thrust
@@ -114,7 +111,7 @@ class Pulses:
     failures: tuple[Failure, ...] = unless_default(())
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         names = valve_names(self.count)
         for part in ('errors', 'failures'):
             for i, item in enumerate(getattr(self, part)):
@@ -122,7 +119,7 @@ class Pulses:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Propellant:
+class Propellant(Checked):
     """What thrust costs: the mass falls by impulse / (specific impulse x 9.80665 m/s^2).
 
     mass_kg : in the tank at the start, part of the mass of the chaser; without any there is no
@@ -132,12 +129,9 @@ class Propellant:
     specific_impulse_s: Annotated[float, partial(real, unit='s', least=1.0, most=1e5)]
     mass_kg: Annotated[float, partial(real, unit='kg', above=0.0, most=1e9)]
 
-    def __post_init__(self) -> None:
-        check_fields(self)
-
 
 @dataclass(frozen=True)
-class Thrusters:
+class Thrusters(Checked):
     """What becomes of a command.
 
     matrix : 3 rows of 3, force exerted = matrix x saturated command, target LVLH axes
@@ -154,7 +148,7 @@ class Thrusters:
     propellant: Propellant | None = unless_default(None)
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         if self.pulses is not None and self.table is not None:
             raise InputError('`thrusters` must have one of `pulses` and `table`; got both')
 

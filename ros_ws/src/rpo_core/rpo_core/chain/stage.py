@@ -158,6 +158,7 @@ class Section:
     place : of the stage
     make : from the settings and the scenario to the stage
     check : raises InputError where the settings and the scenario do not go together
+    needs : another section that the scenario must have, and what that is to this one
     rehearse : the same by a trial, which takes a moment; of scenario files only, as they are read
     zones : what views draw about the target (`rpo_core.judge.zones`), of settings and scenario
     of_zones : fields that a mapping of the section takes from section `zones`, of both
@@ -170,6 +171,7 @@ class Section:
     place: Place
     make: Callable[[Any, Any], Stage]
     check: Callable[[Any, Any], None] | None = None
+    needs: tuple[str, str] | None = None
     rehearse: Callable[[Any, Any], None] | None = None
     zones: Callable[[Any, Any], Any] | None = None
     of_zones: Callable[[Any, Any], Mapping[str, Any]] | None = None

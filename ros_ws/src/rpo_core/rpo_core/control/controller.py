@@ -21,10 +21,11 @@ from rpo_core.control.controller_file import SCHEMA, ControllerFile, ControllerS
 from rpo_core.control.fuzzy import WORDS, FuzzySystem, MembershipFunctions, RuleTable, odd_samples
 from rpo_core.files import codec
 from rpo_core.files.validation import (
+    Checked,
     Description,
     InputError,
     Name,
-    check_fields,
+    Provenance,
     choice,
     mapping,
     real,
@@ -98,7 +99,7 @@ _scale = partial(real, above=0.0, most=1e6)
 
 
 @dataclass(frozen=True)
-class FuzzyController:
+class FuzzyController(Checked):
     """One fuzzy inference system for each axis alike, with its scales.
 
     position_scale_m, velocity_scale_m_s : the error that saturates an input
@@ -112,10 +113,7 @@ class FuzzyController:
     velocity_scale_m_s: Annotated[float, partial(_scale, unit='m/s')]
     force_scale_n: Annotated[float, partial(_scale, unit='N')]
     description: Description = field(default='', compare=False)
-    provenance: Mapping[str, Any] = field(default_factory=dict, compare=False)
-
-    def __post_init__(self) -> None:
-        check_fields(self)
+    provenance: Provenance = field(default_factory=dict, compare=False)
 
     @property
     def scales(self) -> tuple[float, float, float]:
@@ -175,9 +173,6 @@ def _parse_fuzzy(document: Any) -> FuzzyController:
     position_scale, velocity_scale, force_scale = (
         _scale(f'scales.{key}', scales[key], unit) for key, unit in _SCALES.items()
     )
-    provenance = data.get('provenance', {})
-    if not isinstance(provenance, Mapping):
-        raise InputError(f'`provenance` must be a mapping; got {shown(provenance)}')
     return FuzzyController(
         name=data['name'],
         description=data.get('description', ''),
@@ -185,7 +180,7 @@ def _parse_fuzzy(document: Any) -> FuzzyController:
         position_scale_m=position_scale,
         velocity_scale_m_s=velocity_scale,
         force_scale_n=force_scale,
-        provenance=dict(provenance),
+        provenance=data.get('provenance', {}),
     )
 
 

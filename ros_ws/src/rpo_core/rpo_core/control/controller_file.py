@@ -22,14 +22,13 @@ from rpo_core.control.blend import Reasons
 from rpo_core.files import codec, plugins
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import (
+    Checked,
     Description,
     InputError,
     Name,
-    check_fields,
+    Provenance,
     choice,
     real,
-    shown,
-    store,
 )
 from rpo_core.wire import interfaces
 from rpo_kernels.kernels import State, Vector
@@ -172,7 +171,7 @@ def received(scenario: Any, signals: Mapping[str, Any]) -> tuple[Signal, Signal]
 
 
 @dataclass(frozen=True, kw_only=True)
-class ControllerFile:
+class ControllerFile(Checked):
     """A controller of a kind that names itself.
 
     units : of the numbers that `scaled` multiplies; None: the kind does not say how it scales
@@ -186,13 +185,7 @@ class ControllerFile:
     name: Name
     description: Description = field(default='', compare=False)
     max_force_n: Annotated[float, partial(real, unit='N', above=0.0, most=1e6)] = 0.5
-    provenance: Mapping[str, Any] = field(default_factory=dict, compare=False)
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.provenance, Mapping):
-            raise InputError(f'`provenance` must be a mapping; got {shown(self.provenance)}')
-        store(self, provenance=dict(self.provenance))
-        check_fields(self)
+    provenance: Provenance = field(default_factory=dict, compare=False)
 
     @property
     def clock_s(self) -> float | None:

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rpo_core.files.validation import (
+    Checked,
     InputError,
-    check_fields,
     choice,
     real,
     shown,
@@ -43,7 +43,7 @@ _LOWER_TRIANGLE = [(row, column) for column in range(5) for row in range(column,
 
 
 @dataclass(frozen=True)
-class MembershipFunctions:
+class MembershipFunctions(Checked):
     """Five triangles LN, SN, Z, SP, LP on [-1, 1]; the negative side mirrors the positive.
 
     z_half_width : Z is (-z_half_width, 0, z_half_width); in (0, 1]
@@ -58,7 +58,7 @@ class MembershipFunctions:
     lp_left: Annotated[float, partial(real, least=0.0, below=1.0)]
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         feet = (self.sp_left, self.sp_centre, self.sp_right)
         if not (feet[0] <= feet[1] <= feet[2] and feet[0] < feet[2]):
             raise InputError(
@@ -129,7 +129,7 @@ def odd_samples(name: str, value: Any) -> int:
 
 
 @dataclass(frozen=True)
-class FuzzySystem:
+class FuzzySystem(Checked):
     """A complete fuzzy inference system, normalised.
 
     samples : odd number of output samples in the centroid
@@ -140,9 +140,6 @@ class FuzzySystem:
     force: MembershipFunctions
     rules: RuleTable
     samples: Annotated[int, odd_samples] = DEFAULT_SAMPLES
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
     @cached_property
     def tables(self) -> kernels.FisTables:

@@ -21,10 +21,10 @@ from rpo_core.chain.stage import Section, section_of, sections
 from rpo_core.files import codec, starts
 from rpo_core.files.starts import MAX_POSITION_M, Starts
 from rpo_core.files.validation import (
+    Checked,
     Description,
     InputError,
     Name,
-    check_fields,
     choice,
     mapping,
     real,
@@ -74,7 +74,7 @@ class Goal(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Scenario:
+class Scenario(Checked):
     """One flight: target orbit, chaser, times, start and disturbance.
 
     initial_position_m, initial_velocity_m_s : (3,) target LVLH
@@ -104,7 +104,7 @@ class Scenario:
     requirements: Requirements | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         store(self, orbit_radius_m=cw.orbit_radius(self.orbit_radius_m, self.body))
         self._check_sections()
         self._check_ticks()
@@ -119,9 +119,12 @@ class Scenario:
             raise InputError('`sections` must hold settings of each kind once')
         store(self, sections=tuple(order))
         for settings in order:
-            check = section_of(settings).check
-            if check is not None:
-                check(settings, self)
+            section = found[id(settings)]
+            if section.needs is not None and self.named(section.needs[0]) is None:
+                name, what = section.needs
+                raise InputError(f'`{section.name}` must have {what}: `{name}` is missing')
+            if section.check is not None:
+                section.check(settings, self)
         if self.requirements is not None:
             self.requirements.check_scenario(self.thrusters, self.attitude)
 

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from rpo_core.files import codec
-from rpo_core.files.validation import InputError, check_fields, real, shown, store, vector3, whole
+from rpo_core.files.validation import Checked, InputError, real, shown, store, vector3, whole
 from rpo_kernels.arrays import Floats
 from rpo_kernels.kernels import Vector
 from rpo_kernels.noise import philox
@@ -34,15 +34,12 @@ def positions(name: str, value: Any) -> tuple[float, ...]:
 
 
 @dataclass(frozen=True)
-class Grid:
+class Grid(Checked):
     """All combinations of the positions [m] on each axis, z fastest."""
 
     x: Annotated[tuple[float, ...], positions]
     y: Annotated[tuple[float, ...], positions]
     z: Annotated[tuple[float, ...], positions]
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
     @property
     def positions_m(self) -> Floats:
@@ -54,7 +51,7 @@ _corner = partial(vector3, unit='m', bound=MAX_POSITION_M)
 
 
 @dataclass(frozen=True)
-class Box:
+class Box(Checked):
     """The corners of a box, and random starts in it.
 
     least, most : (3,) [m], target LVLH
@@ -67,7 +64,7 @@ class Box:
     seed: Annotated[int, partial(whole, least=0, most=2**32 - 1)] = 1
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         if any(a > b for a, b in zip(self.least, self.most, strict=True)):
             raise InputError(
                 f'`least` must not be beyond `most`; got {list(self.least)} and {list(self.most)}'

@@ -29,15 +29,17 @@ def store(instance: Any, **checked: Any) -> None:
         object.__setattr__(instance, name, value)
 
 
-def check_fields(instance: object) -> None:
-    """Check and store the fields of a frozen dataclass, from its `__post_init__`.
+class Checked:
+    """A frozen dataclass whose fields are checked and stored as it is made.
 
     The annotation of a field holds its check, which takes the name and the value:
     `mass_kg: Annotated[float, partial(real, unit='kg', above=0.0)]`. Raises InputError.
     """
-    kind: Any = type(instance)
-    for name, check in _checks(kind):
-        object.__setattr__(instance, name, check(name, getattr(instance, name)))
+
+    def __post_init__(self) -> None:
+        kind: Any = type(self)
+        for name, check in _checks(kind):
+            object.__setattr__(self, name, check(name, getattr(self, name)))
 
 
 @cache
@@ -191,9 +193,17 @@ def description(name: str, value: Any) -> str:
     return value
 
 
+def provenance(name: str, value: Any) -> dict[str, Any]:
+    """Return a mapping of whatever texts and numbers; raises InputError."""
+    if not isinstance(value, Mapping):
+        raise InputError(f'`{name}` must be a mapping; got {shown(value)}')
+    return dict(value)
+
+
 Name = Annotated[str, text]
 Description = Annotated[str, description]
-"""Annotations of fields that hold a text, see `check_fields`."""
+Provenance = Annotated[Mapping[str, Any], provenance]
+"""Annotations of fields, see `Checked`."""
 
 
 def choice(name: str, value: Any, known: Iterable[str]) -> str:

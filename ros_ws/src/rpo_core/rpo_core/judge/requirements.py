@@ -16,7 +16,7 @@ from typing import Annotated, Any
 
 from rpo_core import files
 from rpo_core.files import codec
-from rpo_core.files.validation import InputError, check_fields, choice, mapping, optional, real
+from rpo_core.files.validation import Checked, InputError, choice, mapping, optional, real
 from rpo_core.judge.zones import Zones
 
 DIRECTIONS = ('+x', '-x', '+y', '-y', '+z', '-z')
@@ -102,7 +102,7 @@ Angle = Annotated[float | None, partial(optional, unit='deg', above=0.0, most=60
 
 
 @dataclass(frozen=True, kw_only=True)
-class Requirements:
+class Requirements(Checked):
     """Upper limits; None: no requirement.
 
     profile : one of `PROFILES`, whose limits these are but for what a file changes
@@ -161,7 +161,7 @@ class Requirements:
     valve_openings: Limit = None
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         for key, limits in _NEEDS.items():
             given = [name for name in limits if getattr(self, name) is not None]
             if given and getattr(self, key) is None:

@@ -20,7 +20,7 @@ import numpy as np
 
 from rpo_core.chain.stage import section_of
 from rpo_core.files.starts import MAX_POSITION_M
-from rpo_core.files.validation import InputError, check_fields, real, vector3
+from rpo_core.files.validation import Checked, InputError, real, vector3
 from rpo_kernels.arrays import Floats
 from rpo_kernels.jit import kernel
 from rpo_kernels.kernels import Vector, norm, sin_cos
@@ -67,7 +67,7 @@ beside_kernel = kernel(beside_m)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Corridor:
+class Corridor(Checked):
     """The cone by which the chaser enters the keep-out sphere; its tip is the port.
 
     axis : (3,) from the port outward; half_angle_deg : of the cone
@@ -79,7 +79,7 @@ class Corridor:
     from_m: Annotated[float, partial(real, unit='m', least=0.0, most=1e4)] = 0.0
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         if math.hypot(*self.axis) < SHORTEST_AXIS:  # a kernel here would be loaded at each import
             raise InputError(
                 f'`axis` must be at least {SHORTEST_AXIS:g} long; got {list(self.axis)!r}'
@@ -119,7 +119,7 @@ def tangent(angle_deg: float) -> float:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Zones:
+class Zones(Checked):
     """Section `zones`: where nobody may be, and the way in.
 
     keep_out_m : radius of the sphere about the target; 0: none. The corridor leads through it
@@ -129,9 +129,6 @@ class Zones:
     keep_out_m: Annotated[float, partial(real, unit='m', least=0.0, most=1e4)] = 0.0
     port_m: Annotated[Vector, partial(vector3, unit='m', bound=MAX_POSITION_M)] = (0.0, 0.0, 0.0)
     corridor: Corridor = NO_CORRIDOR
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
     def zone(self, points_m: Mapping[str, Point] | None = None) -> Zone:
         """Return what views draw; points_m : name -> point (3,) of a plan."""

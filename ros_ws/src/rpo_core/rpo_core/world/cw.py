@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from rpo_core.files import codec
 from rpo_core.files.codec import unless_default
-from rpo_core.files.validation import InputError, check_fields, optional, real, shown
+from rpo_core.files.validation import Checked, InputError, optional, real, shown
 from rpo_kernels.kernels import CwStep, Vector, sin_cos
 
 MU_EARTH_M3_S2 = 3.986004418e14
@@ -32,14 +32,14 @@ MU_EARTH_M3_S2 = 3.986004418e14
 MAX_ORBIT_RADIUS_M = 1e9
 Mass = Annotated[float, partial(real, unit='kg', least=1e-3, most=1e9)]
 TickLength = Annotated[float, partial(real, unit='s', least=1e-6, most=1e3)]
-"""Annotations of the fields of a dataclass, see `rpo_core.files.validation.check_fields`."""
+"""Annotations of the fields of a dataclass, see `rpo_core.files.validation.Checked`."""
 
 
 _some_radius = partial(optional, unit='m', above=0.0, most=MAX_ORBIT_RADIUS_M)
 
 
 @dataclass(frozen=True)
-class Body:
+class Body(Checked):
     """What the target orbits.
 
     radius_m : no orbit is lower
@@ -50,9 +50,6 @@ class Body:
     radius_m: Annotated[float, partial(real, unit='m', above=0.0, most=MAX_ORBIT_RADIUS_M)]
     j2: Annotated[float, partial(real, least=0.0, most=0.1)] = unless_default(0.0)
     equatorial_radius_m: Annotated[float | None, _some_radius] = unless_default(None)
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
     @property
     def equator_m(self) -> float:

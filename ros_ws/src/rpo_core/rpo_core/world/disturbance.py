@@ -12,7 +12,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.files.validation import check_fields, choice, real, vector3
+from rpo_core.files.validation import Checked, choice, real, vector3
 from rpo_kernels.kernels import Vector, sin_cos
 
 AXES = ('x', 'y', 'z')
@@ -22,7 +22,7 @@ MAX_FORCE_N = 1e6
 
 
 @dataclass(frozen=True)
-class Harmonic:
+class Harmonic(Checked):
     """One term: amplitude_n * function(angular_rate_rad_s * t + phase_rad) on one axis."""
 
     axis: Annotated[str, partial(choice, known=AXES)]
@@ -31,19 +31,13 @@ class Harmonic:
     angular_rate_rad_s: Annotated[float, partial(real, unit='rad/s', least=-10.0, most=10.0)]
     phase_rad: Annotated[float, partial(real, unit='rad', least=-100.0, most=100.0)] = 0.0
 
-    def __post_init__(self) -> None:
-        check_fields(self)
-
 
 @dataclass(frozen=True)
-class Disturbance:
+class Disturbance(Checked):
     """Force on the chaser from outside, in target LVLH axes [N]."""
 
     constant_n: Annotated[Vector, partial(vector3, unit='N', bound=MAX_FORCE_N)] = (0.0, 0.0, 0.0)
     harmonics: tuple[Harmonic, ...] = ()
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
     @property
     def is_zero(self) -> bool:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from rpo_core.chain.stage import Place, Section, Signal, Stage, register
 from rpo_core.files.codec import unless_default
-from rpo_core.files.validation import InputError, check_fields, choice, flag, optional, real
+from rpo_core.files.validation import Checked, InputError, choice, flag, optional, real
 from rpo_core.wire.interfaces import (
     CHASER_MASS,
     DISTURBANCE,
@@ -56,7 +56,7 @@ _inclination = partial(optional, unit='deg', least=0.0, most=180.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Drag:
+class Drag(Checked):
     """Drag on target and chaser: acceleration = -1/2 density v^2 / ballistic coefficient.
 
     density_kg_m3 : of the atmosphere at the distance `density_radius_m` from the body's centre;
@@ -79,12 +79,9 @@ class Drag:
         unless_default(0.0)
     )
 
-    def __post_init__(self) -> None:
-        check_fields(self)
-
 
 @dataclass(frozen=True, kw_only=True)
-class Dynamics:
+class Dynamics(Checked):
     """The target's orbit at tick 0, and what acts on both spacecraft.
 
     The semi-major axis is the scenario's `orbit_radius_m`. Where the orbit is circular, the true
@@ -105,7 +102,7 @@ class Dynamics:
     drag: Drag | None = unless_default(None)
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        super().__post_init__()
         others = [f.name for f in fields(self) if f.name != 'kind']
         given = [name for name in others if getattr(self, name) not in (0.0, False, None)]
         if self.kind == CLOHESSY_WILTSHIRE and given:

@@ -17,7 +17,7 @@ from functools import partial
 from random import Random
 from typing import Annotated, Generic, TypeVar
 
-from rpo_core.files.validation import InputError, check_fields, real
+from rpo_core.files.validation import Checked, InputError, real
 
 Message = TypeVar('Message')
 
@@ -30,7 +30,7 @@ Share = Annotated[float, partial(real, least=0.0, most=1.0)]
 
 
 @dataclass(frozen=True)
-class FaultRates:
+class FaultRates(Checked):
     """Shares in [0, 1] of the messages that each fault hits; each fault is applied independently.
 
     drop : lost, whatever else hits the message
@@ -47,9 +47,6 @@ class FaultRates:
     delay: Share = 0.0
     reorder: Share = 0.0
     repeat: Share = 0.0
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
 
 KINDS = tuple(field.name for field in fields(FaultRates))
