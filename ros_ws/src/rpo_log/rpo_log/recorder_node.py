@@ -50,8 +50,8 @@ NEVER = 1 << 62
 MANIFEST_PATIENCE_S = 5.0
 """A controller heard for so long without a manifest is not one of ours, and has none."""
 _TAKE_S, _LOOK_S, _SAY_S = 0.002, 0.02, 4.0
-_IDLE_TAKES, _IDLE_S = 50, 0.02
-"""After so many looks into empty queues it looks less often: each costs 0.1 ms."""
+_REST_S, _IDLE_S, _IDLE_TAKES = 0.005, 0.02, 50
+"""After so many looks into empty queues it looks, and wakes up, less often: that costs 0.1 ms."""
 _HELD_S = 6.0
 """A plant that waits so long for the log, as none of ours does, waits for what will not come."""
 _LAST_WORD_S = 0.5
@@ -67,7 +67,7 @@ _MOMENT = itemgetter(0)
 class RecorderNode(FlightNode):
     """Begins when the manifests are there, ends when run_status says that the run has."""
 
-    rest_s = 0.005
+    rest_s = _REST_S
 
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__('recorder', overrides)
@@ -155,7 +155,8 @@ class RecorderNode(FlightNode):
             self._on_raw(name, data)
         self._empty_takes = 0 if taken else self._empty_takes + 1
         idle = self._empty_takes >= _IDLE_TAKES
-        if idle != (self._taking.timer_period_ns > _TAKE_S * 1e9):
+        if idle != (self.rest_s == _IDLE_S):
+            self.rest_s = _IDLE_S if idle else _REST_S
             self._taking.timer_period_ns = round((_IDLE_S if idle else _TAKE_S) * 1e9)
 
     def _take_until_empty_or(self, most: int) -> list[_Taken]:
@@ -173,8 +174,9 @@ class RecorderNode(FlightNode):
                 message = queue.handle.take_message(queue.msg_type, True)
                 if message is None:
                     break
-                # The machine's clock may be set back: a topic stays in order.
-                moment = max(moment, message[1]['received_timestamp'])
+                came = message[1]['received_timestamp']
+                if came > moment:  # the machine's clock may be set back: a topic stays in order
+                    moment = came
                 found.append((moment, name, message[0]))
             else:
                 end = min(end, moment)

@@ -7,11 +7,17 @@ They are those of rclpy 7.1 (Jazzy) and 9.1 (Kilted).
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNodeMixin, TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.task import Future
+
+RCLError = rclpy_implementation.RCLError
+"""What a middleware that does not start raises; rclpy names it nowhere else."""
 
 
 def overrides_of(node: Node) -> dict[str, Parameter]:
@@ -22,6 +28,17 @@ def overrides_of(node: Node) -> dict[str, Parameter]:
     """
     found: dict[str, Parameter] = getattr(node, '_parameter_overrides', {})
     return found
+
+
+class Pending(Future):
+    """A future that a signal handler may complete: one thread can take its lock twice.
+
+    rclpy's own lock cannot: a signal that comes while a future is looked at would stop the node.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._lock = threading.RLock()
 
 
 class Lifecycle(LifecycleNodeMixin):

@@ -14,7 +14,6 @@ import gc
 import os
 import signal
 import sys
-import threading
 import time
 import weakref
 from collections import Counter
@@ -27,7 +26,6 @@ import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import NameValidationException
 from rclpy.executors import Executor, SingleThreadedExecutor
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -35,7 +33,6 @@ from rclpy.serialization import deserialize_message
 from rclpy.service import Service
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
-from rclpy.task import Future
 from rclpy.timer import Timer
 from rosgraph_msgs.msg import Clock as ClockMessage
 
@@ -44,6 +41,7 @@ from rpo_core.wire.cdr import CdrError
 from rpo_ros import parameter_rows
 from rpo_ros.entry_point import EXIT_BAD_INPUT, end_in_time
 from rpo_ros.parameters import declare
+from rpo_ros.rclpy_private import Pending, RCLError
 
 LONGEST_S = 1e9
 """Longest period of a timer: 32 years. rclpy's nanoseconds overflow at 292."""
@@ -198,14 +196,6 @@ def message_of(data: bytes, kind: Any) -> Any:
     return message
 
 
-class _Pending(Future):
-    """A future that a signal handler may complete: one thread can take its lock twice."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._lock = threading.RLock()
-
-
 class StopSignal:
     """Remembers SIGINT and SIGTERM, so that nodes can still publish and close their files.
 
@@ -214,7 +204,7 @@ class StopSignal:
 
     def __init__(self) -> None:
         self.name = ''
-        self.pending = _Pending()
+        self.pending = Pending()
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._remember)
 
@@ -249,12 +239,12 @@ def spin(
     for node in nodes:
         executor.add_node(node)
     one_by_one = isinstance(executor, SingleThreadedExecutor)
-    rest_s = 0.0 if one_by_one else min(node.rest_s for node in nodes)
     gc.freeze()  # what is there now stays: collections in flight need not look at it
     # EventsExecutor.spin() of rclpy 7.1.6 runs no callback in the wheels, and spin_once returns to
     # Python after each callback, which costs a third of a tick.
     while not until() and not stop.name:
-        stop.pending = _Pending()  # a new one: the executor adds a callback to it each time
+        rest_s = 0.0 if one_by_one else min(node.rest_s for node in nodes)
+        stop.pending = Pending()  # a new one: the executor adds a callback to it each time
         time.sleep(rest_s)
         if not stop.name:
             executor.spin_until_future_complete(stop.pending, 0.0 if rest_s else _POLL_S)
@@ -281,7 +271,7 @@ def _begin(
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         return make()
-    except rclpy_implementation.RCLError as error:
+    except RCLError as error:
         reason = str(error).partition('\n')[0].partition(', at /')[0]
         secured = os.environ.get('ROS_SECURITY_ENABLE') == 'true'
         hint = '; ROS_SECURITY_ENABLE is set, see docs/network.md' if secured else ''
