@@ -37,6 +37,7 @@ from rpo_proof import (
     proving,
     sets,
     slew,
+    tube,
 )
 from rpo_proof.cells import Prover
 from rpo_proof.claims import ranges_of
@@ -530,3 +531,18 @@ def test_an_invariant_set_is_within_the_speed_that_is_asked_for():
     assert invariant_set_of(problem, 0.5, 1.001 * fast / 0.98) == largest
     slower = invariant_set_of(problem, 0.5, 0.999 * fast / 0.98)
     assert slower.rate * slower.radius_m + slower.speed_m_s < 0.999 * fast
+
+
+def test_a_tick_of_one_state_is_as_wide_as_rounding_and_as_an_unknown_mass():
+    """Its strip holds the rounded velocity; the unknown mass moves it along its force."""
+    problem = problem_of('robust')
+    motion = problem.motion('vertical', 1)
+    motion = motion._replace(mass=0.1, carried=np.zeros((1, 1, 1)))
+    c, g, d = np.array([7.0, -0.05]), np.zeros((2, sets.MOST + 8)), np.zeros(2)
+    low, high, law, least, most = c.copy(), c.copy(), np.zeros((1, 6)), np.zeros(1), np.zeros(1)
+    tube.step(problem.table, motion, 0, c, g, d, 1, low, high, law, least, most)
+    assert 2.0**-46 * 0.05 < law[0, 5] < 1e-12
+    force_n = problem.controller.stage(0.1).step(0, (0.0, 0.0, 7.0, 0.0, 0.0, -0.05))[0][2]
+    assert least[0] <= force_n <= most[0] < least[0] + 0.01
+    assert abs(force_n) > 0.1
+    np.testing.assert_allclose(g[:, 0], 0.1 * motion.b[:, 0] * (least[0] + most[0]) / 2.0)
