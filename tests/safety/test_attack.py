@@ -100,7 +100,10 @@ def test_each_state_outside_is_counted_once_in_its_band():
     assert sum(band.states for band in found) == len(outside)
     assert [band.clear for band in found][2:] == [band.states for band in found][2:]
     assert all(band.clear <= band.states for band in found)
-    far = counts.bands(machine, counts.at_random(machine, 36, 3))
+    states, guard = counts.at_random(machine, 36, 3), machine.guard
+    open_set = [open_margins(state, guard.here_m, guard.here_m_s, guard) for state in states]
+    assert min(map(min, open_set)) >= 0.0
+    far = counts.bands(machine, states)
     assert [band.states for band in far] == [6] * 6
     assert far[-1].clear == 6
 

@@ -23,7 +23,7 @@ from rpo_nav.sensors import Sensors
 from rpo_safety.abort_table import AbortTable, Row
 from rpo_safety.assumed import ahead
 from rpo_safety.assurance import AssuranceStage
-from rpo_safety.doubt import doubt_at, doubt_of, doubted, unless_unsure
+from rpo_safety.doubt import DOUBT, doubt_at, doubt_of, doubted, unless_unsure
 from rpo_safety.filters import backup, margins
 from rpo_safety.guard import guard_of, proof_of
 from rpo_safety.kernels import APPROACH, OPEN
@@ -238,3 +238,7 @@ def test_a_corridor_is_lost_where_the_walls_leave_too_little_room(distance_m, cl
     narrow = slope * (max(closing_m_s, 0.0) + 0.004) + 2.0 * 0.004
     most = (half - narrow**2 / plain.wall_m_s2) / (1.0 + slope)
     assert most > 0.0 and not is_lost(most * (1.0 - 1e-9)) and is_lost(most * (1.0 + 1e-9))
+
+
+def test_the_doubt_of_a_run_lies_in_a_table_from_its_place_on():
+    assert doubt_at(as_table(np.arange(30.0)), 11) == tuple(range(11, 11 + DOUBT))

@@ -81,3 +81,24 @@ def test_the_moment_of_entry_is_not_passed_over():
     for height, speed in ((30.0, 0.5), (45.0, 1.0), (200.0, 2.5)):
         found = passive.clear_for((0.0, 0.0, height, 0.0, 0.0, -speed), 10.0, 1000.0, N, 0.0, 0.0)
         assert 0.9 * (height - 10.0) / speed < found <= 1.01 * (height - 10.0) / speed
+
+
+def test_no_drift_is_faster_than_its_bound_and_each_axis_comes_near_it():
+    """The swing in the plane is reached along x and along y, not at once: a share of the bound."""
+    random, times = np.random.default_rng(4), np.linspace(0.0, TWO_ORBITS, 400)
+    steps = [exact_step(N, 1.0, t)[0][3:] for t in times]
+    shares = []
+    moved = {'x': (0, 1, 0, 1, 0, 0), 'y': (1, 1, 0, 0, 1, 0), 'z': (0, 0, 1, 0, 0, 1)}
+    for axis in 'xyz':
+        for _ in range(20):
+            state = random.normal(size=6) * (80.0, 80.0, 80.0, 0.1, 0.1, 0.1)
+            state *= moved[axis]
+            speeds = np.array([velocity @ state for velocity in steps])
+            bound = passive.fastest(tuple(state), TWO_ORBITS, N, 0.0)
+            most = np.linalg.norm(speeds, axis=1).max()
+            assert most <= bound * (1.0 + 1e-9)
+            shares.append(most / bound)
+    assert min(shares) > 0.85 and min(shares[40:]) > 0.9999
+    pushed = [exact_step(N, 1.0, t)[1][3:, 1] * 1e-5 for t in times]
+    bound = passive.fastest((0.0,) * 6, TWO_ORBITS, N, -1e-5)
+    assert 0.8 * bound < np.linalg.norm(pushed, axis=1).max() <= bound

@@ -14,8 +14,18 @@ from rpo_core.chain.flight import fly
 from rpo_core.files.validation import InputError
 from rpo_montecarlo.campaign import config
 from rpo_montecarlo.campaign.single import scenario_of
-from rpo_montecarlo.engine.lanes import RUNS, STRIDE, R, V, make_scratch
+from rpo_montecarlo.engine.lanes import (
+    FORCE,
+    KNOWN_R,
+    KNOWN_V,
+    RUNS,
+    STRIDE,
+    R,
+    V,
+    make_scratch,
+)
 from rpo_montecarlo.engine.tick import table_of
+from rpo_proof.safety.attack import NOT_FINITE, wanted
 from rpo_proof.safety.whole_chain import (
     BEFORE,
     CLOSING,
@@ -24,6 +34,7 @@ from rpo_proof.safety.whole_chain import (
     USED,
     attack_campaign,
     bounded,
+    command,
     watch,
 )
 
@@ -77,6 +88,28 @@ def test_no_command_turns_the_shipped_mission_beyond_what_is_proven(campaign):
     assert bounds.momentum < 0.2 < long.scenario.attitude.wheels.momentum_nms
     with pytest.raises(InputError, match='chaser_attitude_error_deg'):
         config.load('tumbling_docking', ['thrusters.delay_ticks=3'], runs=8)
+
+
+def test_each_run_has_the_hostile_commands_of_its_kind():
+    """Those of `wanted`, from what it knows and from its command of the tick before."""
+    random, w, m = np.random.default_rng(2), make_scratch(), np.zeros(3 * RUNS)
+    kinds, words = np.arange(RUNS) % len(KINDS) - 1, random.integers(0, 2**31, (2, RUNS))
+    t = table_of(0.5, *(2 + np.arange(RUNS) % 3), *kinds, *words.ravel())
+    held = np.zeros((RUNS, 3))
+    for tick in range(9):
+        for row in (KNOWN_R, KNOWN_V, FORCE):
+            w[row : row + 3 * RUNS] = random.normal(size=3 * RUNS)
+        rows = [w[row : row + 3 * RUNS].reshape(3, RUNS).T.copy() for row in (KNOWN_R, KNOWN_V)]
+        expected = w[FORCE : FORCE + 3 * RUNS].reshape(3, RUNS).T.copy()
+        command(w, m, t, tick)
+        for s in range(RUNS):
+            since, state = tick - 2 - s % 3, (*rows[0][s], *rows[1][s])
+            if kinds[s] >= 0 and since >= 0:
+                own = (int(words[0, s]), int(words[1, s]))
+                expected[s] = wanted(int(kinds[s]), since, *own, state, tuple(held[s]), 0.5)
+                odd = kinds[s] == NOT_FINITE
+                held[s] = (0.25, -0.5, 0.5) if odd else expected[s]
+        np.testing.assert_array_equal(w[FORCE : FORCE + 3 * RUNS].reshape(3, RUNS).T, expected)
 
 
 def watched(states):

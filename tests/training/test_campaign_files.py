@@ -29,6 +29,7 @@ from rpo_montecarlo.campaign.run_batch import fly_runs
 from rpo_montecarlo.campaign.single import fly_run
 from rpo_montecarlo.campaign.statistics import kept, successes
 from rpo_montecarlo.campaign.store import Store
+from rpo_montecarlo.cluster.pool import versions
 
 ROOT = Path(__file__).resolve().parents[2]
 WIDE = {'COLUMNS': '300'}
@@ -262,6 +263,13 @@ def test_results_of_two_configurations_are_never_mixed(begun, name):
     with pytest.raises(InputError, match='must be as they were'):
         Store.open(begun)
     (begun / name).write_text(text)
+
+
+def test_results_of_two_versions_are_never_mixed(begun, monkeypatch):
+    other = dict.fromkeys(versions(), '0.1')
+    monkeypatch.setattr('rpo_montecarlo.campaign.store.versions', lambda: other)
+    with pytest.raises(InputError, match=r'begun with .* requires the same versions, not .*0\.1'):
+        Store.open(begun)
 
 
 def test_a_damaged_part_is_flown_again(begun):

@@ -341,7 +341,11 @@ SHOWN = (
 
 
 def drawn_lines(write):
-    """Yield, for each quantity, the lines of the file of a run's scenario that it changes."""
+    """Yield quantities, then the lines that each changes in the file of a run's scenario."""
+    for name, quantity in QUANTITIES.items():
+        needed = '' if quantity.need is None else f' of {quantity.need.what}'
+        ways = '/'.join(quantity.distributions)
+        yield f'{name}{needed}: {quantity.components} {ways} <= {quantity.most:g} {quantity.unit}'
     sizes = {'delay_ticks': 1.0, 'stuck_off_thruster': 1.0, 'orbit_radius_m': 1000.0}
     seen = set()
     for case in SHOWN:

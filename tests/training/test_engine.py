@@ -33,7 +33,7 @@ from rpo_kernels.jit import COMPILED, as_table
 from rpo_kernels.pulse_kernels import DELTA_V, MEMORY, OPENINGS, SPENT
 from rpo_montecarlo.campaign import config, run_batch, single
 from rpo_montecarlo.engine import lanes, support
-from rpo_montecarlo.engine.calls import rows_of
+from rpo_montecarlo.engine.calls import _interpreted, rows_of
 from rpo_montecarlo.engine.cases import case_of_flights, case_of_set
 from rpo_montecarlo.engine.counters import Trace
 from rpo_montecarlo.engine.flights import flights_of
@@ -580,3 +580,9 @@ def test_a_gain_multiplies_the_force_of_each_lane_up_to_the_limit():
     part = gain_part(lanes.PAIRED_LANES, 1.5, 0.5)
     part.steps[0][1](w, part.memory, as_table(part.table), 0)
     np.testing.assert_allclose(force, np.clip(1.5 * before, -0.5, 0.5))
+
+
+def test_what_is_not_compiled_calls_the_kernel_of_a_row():
+    taken = []
+    _interpreted((lambda *given: taken.append(given), 'memory', 'table'), 'scratch', 7)
+    assert taken == [('scratch', 'memory', 'table', 7)]

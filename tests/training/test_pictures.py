@@ -81,30 +81,6 @@ def test_pictures_of_a_training_and_of_the_truth(tmp_path, drawn, monkeypatch):
     assert {'10', '100'} <= set(texts(drawn['convergence.png']))
 
 
-def test_names_hide_no_point_no_line_and_no_other_name():
-    rng = np.random.default_rng(3)
-    crowd = [(*spot, f'controller_{k}') for k, spot in enumerate(rng.normal(3.0, 0.7, (9, 2)))]
-    points = [*crowd, (1.0, 1.0, 'corner'), (9.0, 9.0, 'other corner')]
-    found = []
-    for _ in range(2):
-        with style.applied():
-            figure, axes = style.new_panels(5.0)
-            axes.plot([1.0, 9.0], [5.0, 5.0])
-            axes.plot(*zip(*(point[:2] for point in points), strict=True), 'o')
-            axes.set(xlim=(1.0, 9.0), ylim=(1.0, 9.0))
-            axes.lines[-1].set_linestyle('none')
-            style.label_points(axes, points)
-            figure.draw_without_rendering()
-            boxes = [Text.get_window_extent(text) for text in axes.texts]  # without its line
-        assert len(boxes) == len(points)
-        marks = axes.transData.transform([point[:2] for point in points])
-        for i, box in enumerate(boxes):
-            assert not any(box.overlaps(other) for other in boxes[:i])
-            assert not any(box.contains(*mark) for mark in marks)
-        found.append([text.get_position() for text in axes.texts])
-    assert found[0] == found[1]
-
-
 def test_only_the_style_makes_a_scale_logarithmic():
     own = re.compile(r"\.semilog|\.loglog|scale\('log'|mathtext")
     places = [

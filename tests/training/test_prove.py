@@ -21,6 +21,7 @@ import rpo_proof
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import FuzzyController, load_controller, load_fuzzy
 from rpo_core.control.fuzzy import RuleTable
+from rpo_core.files import find
 from rpo_core.files.scenario import load, load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.world.disturbance import Disturbance
@@ -180,19 +181,22 @@ def test_no_tick_from_a_strip_changes_the_force_faster_than_its_bound():
 
 
 def test_the_bounds_of_a_state_are_of_the_slopes_of_its_cell_alone():
-    """In the middle of a cell, for a tick so short that it does not leave it."""
+    """In the middle of a cell, for a tick so short that it does not leave it; rounded outward."""
     table = problem_of('allround', half=(100.0, 100.0, 100.0, 0.0, 0.0, 0.0)).table
-    drift, pull = slew.Drift(0.0, -1e-3, 1e-3, 0.1, 1e-6), 1e-3 + 0.1 * 0.5
+    drift, dt_s = slew.Drift(0.0, -1e-3, 1e-3, 0.1, 1e-6), Fraction(1e-6)
+    pull = Fraction(1e-3) + Fraction(0.1) / 2
     last = np.array(table.slopes.shape[:2]) - 1
     for i, j in np.random.default_rng(7).integers(1, last, (60, 2)):
         r = -table.e[i : i + 2].mean() * table.position_m
         v = -table.w[j : j + 2].mean() * table.velocity_m_s
         state = slew.Strip(r, v, 0.0, 0.0, 0.0)
         along, across = table.slopes[i, j, :2], table.slopes[i, j, 2:]
-        rate = max(0.0, -along[0], along[1]) * (abs(v) + 1e-6 * pull) / table.position_m
-        rate += max(0.0, -across[0], across[1]) * pull / table.velocity_m_s
+        moved = (Fraction(abs(v)) + dt_s * pull) / Fraction(table.position_m)
+        rate = Fraction(max(0.0, -along[0], along[1])) * moved
+        rate += Fraction(max(0.0, -across[0], across[1])) * pull / Fraction(table.velocity_m_s)
+        exact = (rate + 2 * Fraction(table.slack) / dt_s) * Fraction(table.force_n)
         bound = slew.slew_of(table, drift, state, -0.5, 0.5, np.inf)
-        assert bound == pytest.approx((rate + 2e6 * table.slack) * table.force_n, rel=1e-9)
+        assert exact <= Fraction(bound) <= exact * Fraction(1.0 + 1e-9)
         assert slew.slew_of(table, drift, state, -0.5, 0.5, 0.0) <= bound * (1.0 + 1e-5)
 
 
@@ -212,6 +216,22 @@ def test_a_strip_in_parts_sharpens_the_slew():
         flight = flights.fly(problem, flights.vary(problem, rng, start))
         slew = np.abs(np.diff(flight.forces_n[: judged + 1, :2], axis=0)) / problem.scenario.dt_s
         assert (slew <= prover.trace.slew[:judged]).all()
+
+
+def test_what_is_kept_of_a_tube_is_rounded_outward():
+    """By more than sums of its ticks are rounded: a checker adds them up in another order."""
+    problem = problem_of('robust', half=BOX)
+    prover, judged = Prover(problem, 'planar', NOWHERE), problem.scenario.ticks - 1
+    kept = prover.values(cells.Cell((1.0, 0.5, 0.0, 0.0), (0.5, 0.25, 0.0, 0.0)))[0]
+    found, t = dict(zip(cells.VALUES, kept, strict=True)), prover.trace
+    low, high = t.force_low[: judged + 1], t.force_high[: judged + 1]
+    commands, least = np.maximum(-low, high), np.maximum(np.maximum(low, -high), 0.0)
+    dt_s, out = problem.scenario.dt_s, 1.0 + 5e-13
+    assert found['force_n'] > commands.max() * out
+    assert found['slew_n_s'] > t.slew[:judged].max() * out
+    assert found['speed_m_s'] > np.maximum(-t.low, t.high)[: judged + 2, 2:].max() * out
+    assert found['energy_high_n2s'] > (commands**2).sum() * dt_s * out
+    assert 0.0 < found['energy_low_n2s'] < (least**2).sum() * dt_s / out
 
 
 def test_flights_of_a_proof_have_the_bits_of_simulate():
@@ -458,12 +478,19 @@ def test_half_of_the_box_is_enough_where_all_is_odd():
 
 
 def test_a_box_is_divided_into_so_many_strips():
-    """Four by four that fit are no five by five."""
-    made = per_axis.cover([Strip(1.0, 0.5, 2.0, 0.0, 0.2)], (0.5, 0.05))
+    """Four by four that fit are no five by five; what is inside of another strip adds none."""
+    strips = [Strip(1.0, 0.5, 2.0, 0.0, 0.2), Strip(1.1, 0.5, 0.3, 0.0, 0.1)]
+    made = per_axis.cover(strips, (0.5, 0.05))
     want = [(r, v) for r in (-0.5, 0.5, 1.5, 2.5) for v in (0.35, 0.45, 0.55, 0.65)]
     np.testing.assert_allclose([(one.r, one.v) for one in made], want, atol=1e-12)
     np.testing.assert_allclose([(one.half_m, one.half) for one in made], [(0.5, 0.05)] * 16)
-    assert {one.tilt for one in made} == {0.0}
+    assert max(abs(one.tilt) for one in made) < 1e-12
+
+
+def test_a_proof_is_about_a_single_flight(sound):
+    texts = (sound.texts[0], find('scenario', 'paper_training').read_text(), sound.texts[2])
+    with pytest.raises(InputError, match='must be a single flight; it is a set'):
+        Problem.of_texts(texts)
 
 
 def test_a_box_has_no_more_cells_than_memory():
@@ -493,3 +520,13 @@ def test_a_proof_names_what_it_is_about_and_its_digests(sound):
             ('controller', 'scenario'), lines, words, digests, strict=True
         ):
             assert line.startswith(f'{kind}: ') and said in line and line.endswith(one), line
+
+
+def test_an_invariant_set_is_within_the_speed_that_is_asked_for():
+    """The largest set is taken where its fastest state is slower, else a smaller one."""
+    problem = problem_of('robust')
+    largest = invariant_set_of(problem, 0.5, None)
+    fast = largest.rate * largest.radius_m + largest.speed_m_s
+    assert invariant_set_of(problem, 0.5, 1.001 * fast / 0.98) == largest
+    slower = invariant_set_of(problem, 0.5, 0.999 * fast / 0.98)
+    assert slower.rate * slower.radius_m + slower.speed_m_s < 0.999 * fast
