@@ -14,6 +14,7 @@ from core_strategies import systems
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rpo_core.control.blend import Cause, Reasons
 from rpo_core.control.controller import FuzzyController, load_controller
 from rpo_core.control.fuzzy import WORDS, MembershipFunctions
 from rpo_core.files.validation import InputError
@@ -165,3 +166,13 @@ def test_without_a_rule_there_is_no_force(handmade):
 def test_states_outside_the_domain_are_refused(handmade, state, message):
     with pytest.raises(InputError, match=message):
         explain.decisions(handmade, state)
+
+
+def test_causes_are_said_the_greatest_first_and_the_least_together():
+    shares = (0.049, 0.05, 0.85, 0.049, 0.002)
+    causes = [Cause(s, f'{i} N', f'rule {i}', f'why {i}') for i, s in enumerate(shares)]
+    said = Reasons('+1 N', causes)
+    assert said.brief == '+1 N: 85 % rule 2 → 2 N; 5 % rule 1 → 1 N; 10 % others'
+    assert said.sentence.startswith('+1 N: 85 % from 2 N, because why 2; 5 % from 1 N, because why')
+    assert Reasons('0 N').brief == Reasons('0 N').sentence == '0 N'
+    assert Reasons('1 N', [causes[2], causes[4]]).brief == '1 N: 85 % rule 2 → 2 N'
