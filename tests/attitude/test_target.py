@@ -224,3 +224,13 @@ def test_a_quaternion_that_is_written_is_read_with_its_bits(q):
 def test_a_scenario_whose_quaternion_is_not_of_length_1_flies_from_its_own_text():
     turned = APPROACH.equipped(Target(kind='fixed', attitude=(0.1, 0.1, 0.1, 0.2)))
     assert scenarios.parse(yaml.safe_load(scenarios.dumps(turned))) == turned
+
+
+def test_a_plate_is_a_body_and_a_line_is_none():
+    def solid(*moments):
+        return Target(kind='tumble', inertia_kg_m2=tuple(map(tuple, np.diag(moments).tolist())))
+
+    assert solid(1.0, 2.0, 3.0).inertia_kg_m2[2] == (0.0, 0.0, 3.0)
+    for moments in ((0.0, 1.0, 1.0), (1.0, 2.0, 3.001), (-1.0, 2.0, 2.0)):
+        with pytest.raises(InputError, match='its principal moments > 0 and none above the sum'):
+            solid(*moments)
