@@ -551,15 +551,21 @@ def columns_of(campaign, count=40):
     return run_batch.fly_runs(campaign, 0, count)
 
 
-def test_a_run_alone_has_the_bits_of_the_campaign(tmp_path):
-    campaign = config.load(write_campaign(tmp_path, faults=LOSSY))
-    columns = columns_of(campaign)
-    for number in (0, 7, 39):
+def flown_alone(campaign, *numbers):
+    """Return the flights of some runs, whose ends and energies are those of the campaign."""
+    columns, flights = columns_of(campaign), []
+    for number in numbers:
         flight = single.fly_run(campaign, number)
         final = [columns[name][number] for name in run_batch.FINAL]
         np.testing.assert_array_equal(final, flight.states[-1])
-        energy = (flight.saturated_forces_n**2).sum() * 0.1
+        energy = (flight.saturated_forces_n**2).sum() * campaign.scenario.dt_s
         assert columns['energy_n2s'][number] == pytest.approx(energy, rel=1e-12)
+        flights.append(flight)
+    return flights
+
+
+def test_a_run_alone_has_the_bits_of_the_campaign(tmp_path):
+    flown_alone(config.load(write_campaign(tmp_path, faults=LOSSY)), 0, 7, 39)
 
 
 def test_torques_are_lost_and_late_with_their_forces(tmp_path):
@@ -570,12 +576,7 @@ def test_torques_are_lost_and_late_with_their_forces(tmp_path):
         tmp_path, scenario=str(tmp_path / 'turning.yaml'), faults=LOSSY, success=None,
         dispersions={'chaser_rate_x_deg_s': {'normal': 0.1}},
     )  # fmt: skip
-    campaign = config.load(path)
-    columns = columns_of(campaign)
-    for number in (0, 39):
-        flight = single.fly_run(campaign, number)
-        final = [columns[name][number] for name in run_batch.FINAL]
-        np.testing.assert_array_equal(final, flight.states[-1])
+    for flight in flown_alone(config.load(path), 0, 39):
         torque, force = flight.signals['body_torque'], flight.signals['applied_body_force']
         silent = ~torque.any(axis=1)
         assert 0 < silent[5:].sum() < len(torque) / 2
@@ -583,9 +584,6 @@ def test_torques_are_lost_and_late_with_their_forces(tmp_path):
         held = (np.diff(force, axis=0) == 0.0).all(axis=1)
         assert held.sum() > 10 and not np.diff(torque, axis=0)[held].any()
         assert np.diff(torque, axis=0)[~held].any()
-        assert columns['energy_n2s'][number] == pytest.approx(
-            (flight.saturated_forces_n**2).sum() * turning.dt_s, rel=1e-12
-        )
 
 
 def test_it_is_what_the_free_running_plant_does(tmp_path):
@@ -620,11 +618,7 @@ def test_thrusters_empty_the_wheels_by_the_torques_that_acted(tmp_path):
         dispersions={'wheel_start_x_share': {'uniform': 0.1}},
     )  # fmt: skip
     campaign = config.load(path)
-    columns = columns_of(campaign)
-    for number in (0, 39):
-        flight = single.fly_run(campaign, number)
-        final = [columns[name][number] for name in run_batch.FINAL]
-        np.testing.assert_array_equal(final, flight.states[-1])
+    flight = flown_alone(campaign, 0, 39)[-1]
     flown = single.scenario_of(campaign, 39)
     torques, made = flight.signals['body_torque'], flight.signals['unloading_torque']
     plant = UnloadingStage(flown.named('unloading'), flown)

@@ -149,7 +149,9 @@ GRID = ScenarioSet(
     replace(load(GEO), duration_s=20.0, dt_s=0.5, requirements=None),
     Grid((-5.0, 20.0), (30.0,), (0.0, -4.0, 7.0)),
 )
-PAPERS = replace(TRAINING, base=replace(TRAINING.base, duration_s=20.0))
+PAPERS, LONGER = (
+    replace(TRAINING, base=replace(TRAINING.base, duration_s=s)) for s in (20.0, 40.0)
+)
 PLANNED = load_set('least_energy_starts')
 PLANNED = replace(
     PLANNED, base=replace(PLANNED.base, duration_s=190.0), starts=Cube((-100.0, 100.0))
@@ -162,7 +164,7 @@ LAWS = ('pd', 'lqr', 'mpc', 'apf_smc', 'drift', 'more_words', 'pace', 'time_to_g
     [*((GRID, load_controller(n), 12) for n in ('trained', 'handmade', 'pd')),
      *((PAPERS, load_controller(n), 200) for n in LAWS),
      (PLANNED, load_controller('allround'), 5),
-     *((PAPERS, c, 7) for c in (load_controller('handmade'), *random_controllers('free', 3, 1)))],
+     *((LONGER, c, 7) for c in (load_controller('handmade'), *random_controllers('free', 3, 1)))],
     ids=lambda one: getattr(one, 'name', str(one)),
 )  # fmt: skip
 def test_flights_of_a_set_have_the_bits_of_the_core(flown, controller, every):
