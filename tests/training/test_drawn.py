@@ -55,8 +55,10 @@ def test_half_of_the_flights_are_the_hardest():
     assert flights.choose(None) == list(range(6))
 
 
-def test_the_term_is_the_mean_graded_penalty_of_the_flights():
-    settings = FitnessSettings(penalty='graded', margin=0.03, drawn=FEW)
+@pytest.mark.parametrize('at_limit', [0.1, 0.0])
+def test_the_term_is_the_mean_graded_penalty_of_the_flights(at_limit):
+    few = replace(FEW, at_limit=at_limit)
+    settings = FitnessSettings(penalty='graded', margin=0.03, drawn=few)
     fitness = Fitness(ONE_START, settings, 1)
     alone = Fitness(ONE_START, replace(settings, drawn=DrawnSettings()), 1)
     flights = DrawnFlights('paper_test', FEW)
@@ -66,7 +68,7 @@ def test_the_term_is_the_mean_graded_penalty_of_the_flights():
         scores, without = fitness.score(population), alone.score(population)
         values = flights.values(simulator.fly(population)[0])
     limits = 0.97 * flights.limits
-    shares = 0.1 + 0.9 * (1.0 - (limits / np.maximum(values, limits)) ** 0.25)
+    shares = at_limit + (1.0 - at_limit) * (1.0 - (limits / np.maximum(values, limits)) ** 0.25)
     expected = 100.0 * np.where(values > limits, shares, 0.0).sum(axis=(-2, -1)) / FEW.flights
     np.testing.assert_allclose(scores.fitness - without.fitness, expected, rtol=1e-9)
     assert fitness.labels == (*alone.labels, 'paper_test')

@@ -52,6 +52,7 @@ class DrawnSettings:
     campaigns : shipped names or files; each adds a term
     judged : campaign of these -> the limits that its runs are judged by; otherwise all of them
     margin : share by which the limits of a run are made stricter, in [0, 1)
+    at_limit : share of the graded penalty that is taken just beyond a limit; 0: it grows from there
     flights : of each campaign, in each stage
     pool : drawn runs of which half of the flights are the hardest; 0: all are as drawn
     held_out : runs of each campaign that decide among the finalists
@@ -63,6 +64,7 @@ class DrawnSettings:
     weight: float = 0.0
     campaigns: tuple[str, ...] = ()
     margin: float = 0.0
+    at_limit: float = 0.1
     flights: int = 40
     pool: int = 2000
     held_out: int = 2000
@@ -80,6 +82,7 @@ class DrawnSettings:
             text(f'fitness.drawn.campaigns[{i}]', name, most=MOST_PATH)
         if real('fitness.drawn.margin', self.margin, least=0.0, most=1.0) == 1.0:
             raise InputError('`fitness.drawn.margin` must be below 1; got 1.0')
+        real('fitness.drawn.at_limit', self.at_limit, least=0.0, most=1.0)
         whole('fitness.drawn.flights', self.flights, least=1, most=10_000)
         whole('fitness.drawn.pool', self.pool, least=0, most=1_000_000)
         whole('fitness.drawn.held_out', self.held_out, least=1, most=1_000_000)

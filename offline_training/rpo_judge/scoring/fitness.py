@@ -396,7 +396,8 @@ class Fitness:
             self.drawn, self.simulator.fly(members, slice(len(self._fixed), None)), strict=True
         ):
             values = drawn.values(rows)
-            over = self._missed(values, drawn.limits, self.settings.drawn.margin).sum(axis=-1)
+            own = self.settings.drawn
+            over = self._missed(values, drawn.limits, own.margin, own.at_limit).sum(axis=-1)
             share = over.shape[-1] / drawn.count  # held-out runs: as dear as those of a pool
             fitness = fitness + self.settings.drawn.weight * share * mean(over)
             missed.append((values > drawn.limits).any(axis=-1).sum(axis=-1))
@@ -414,12 +415,14 @@ class Fitness:
                 total = total + weight * missed[..., index]
         return self.settings.penalty_n2s * total
 
-    def _missed(self, values: Floats, limits: Floats, margin: float) -> Floats:
+    def _missed(
+        self, values: Floats, limits: Floats, margin: float, at_limit: float = AT_LIMIT
+    ) -> Floats:
         """Return the shares of the penalty of values (..., k) at limits less a margin."""
         limits = limits * (1.0 - margin)
         missed = (values > limits).astype(np.float64)
         if self.settings.penalty == 'graded':
-            missed *= AT_LIMIT + (1.0 - AT_LIMIT) * excess(values, limits)
+            missed *= at_limit + (1.0 - at_limit) * excess(values, limits)
         return missed
 
     def _cycling(self, training: Floats) -> Floats:
