@@ -50,7 +50,7 @@ def short(preset, folder):
     return repeated(f'rpo train --preset {preset}', folder, *words)
 
 
-SHIPPED = ['allround', 'paper_ga', 'robust', 'trained', 'world']
+SHIPPED = ['allround', 'everywhere', 'paper_ga', 'robust', 'trained', 'world']
 FAMILIES = ['more_words', 'time_to_go']
 TUNED = ['pd', 'pd_disturbed', 'lqr', 'mpc', 'apf_smc']
 UNPINNED = ['robust', 'trained']
@@ -98,6 +98,14 @@ def _columns(campaign, controller, runs):
     return int(successes(loaded.config, columns).sum()), columns
 
 
+def test_everywhere_meets_its_conditions_in_the_corner_where_the_default_misses_some():
+    """2000 runs of the corner are as many as 625 000 of the box."""
+    kept, _ = _columns('corner_starts', 'everywhere', 2000)
+    default, _ = _columns('corner_starts', DEFAULT_CONTROLLER, 2000)
+    assert default < 1990 < 1998 <= kept, 'at most 1 of 100 000 would be 6'
+    assert _columns('paper_test', 'everywhere', 400)[1]['hold_error_per_axis_m'].max() < 0.5
+
+
 def test_world_meets_its_world_and_saves_valves():
     kept, world = _columns('world_leo', 'world', 40)
     with_stuck, _ = _columns('world_leo_stuck', 'world', 40)
@@ -130,7 +138,7 @@ def test_targets_follow_the_numbers_and_not_the_name():
     assert 'those of any controller' in assess(own).verdict()
 
 
-@pytest.mark.parametrize('name', ['allround', 'paper_ga', 'robust', 'trained'])
+@pytest.mark.parametrize('name', ['allround', 'everywhere', 'paper_ga', 'robust', 'trained'])
 @pytest.mark.parametrize('scenario', ['paper_test', 'paper_test_phase'])
 def test_the_papers_claims_hold(name, scenario):
     flight = fly(load_scenario(scenario), load_controller(name))

@@ -28,7 +28,7 @@ def train(
     preset: Annotated[
         str | None,
         typer.Option(
-            help='paper, best, robust, allround, world, front, mission  '
+            help='paper, best, robust, allround, everywhere, world, front, mission  '
             '[paper; with --scenario, mission]'
         ),
     ] = None,
