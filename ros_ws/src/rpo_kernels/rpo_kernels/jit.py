@@ -69,7 +69,8 @@ def compiled(function: Kernel, **options: Any) -> Kernel:
         numba.config.CACHE_LOCATOR_CLASSES = before
     if folder is not None:
         made.compile = _once(made.compile, folder / f'{function.__qualname__}.lock')
-    made.get_call_template = _of_any_value(made.get_call_template)
+    if options.get('forceinline'):
+        made.get_call_template = _of_any_value(made.get_call_template)
     return cast(Kernel, made)
 
 
@@ -86,9 +87,10 @@ def _once(compile_for: Callable[[Any], Any], lock: Path) -> Callable[[Any], Any]
 
 
 def _of_any_value(template_of: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-    """Return a kernel's `get_call_template` for which a constant is any number of its type.
+    """Return the `get_call_template` of an inlined kernel for which a constant is any number.
 
     By default numba compiles a kernel once more for each constant that another one calls it with.
+    Of an inlined one LLVM sees the constant all the same.
     """
     from numba.core.types import unliteral
 
