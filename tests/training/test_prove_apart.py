@@ -173,6 +173,46 @@ def test_a_proof_is_that_of_the_list(folder, groups):
     assert_kept(path, (*lines_of('proof', folder), *lines_of_tubes(folder, groups)))
 
 
+def test_an_estimate_of_all_first_cells_is_the_proof(folder, groups):
+    """Its bounds and flights are those of the proof; none is halved here."""
+    problem, summary = folder.problem, folder.summary()
+    found = proving.estimate(problem, 1000, lambda *_: None)
+    count = len(cells.roots(problem, 'x'))
+    assert (found.cells, found.sampled, found.tubes) == (count, count, count)
+    assert {key: claim['bound'] for key, claim in summary['claims'].items()} == found.bounds
+    assert set(found.open_cells.values()) == {0} and found.flown.keys() == found.bounds.keys()
+    assert found.never_inside == count and 0.0 < found.hours < 1.0
+    few = proving.estimate(problem, 2, lambda *_: None)
+    assert (few.cells, few.sampled, few.tubes) == (count, 2, 2)
+    assert all(bound <= found.bounds[key] for key, bound in few.bounds.items())
+
+
+@pytest.mark.parametrize('key', ['mean_error_norm_m', 'slew_per_axis_n_s'])
+def test_worst_starts_are_in_the_cells_of_the_greatest_bounds(folder, groups, key):
+    """Four of each cell, of every axis; the bounds are made such that none is like another."""
+    rng, column, problem = np.random.default_rng(4), 'mean_error_m', folder.problem
+    column = 'slew_n_s' if key.startswith('slew') else column
+    made = {}
+    for group, found in groups.items():
+        values, half = found.values.copy(), found.half.copy()
+        values[:, cells.VALUES.index(column)] = rng.permutation(len(values)) + 1.0
+        half[:, 0], centre = 0.01, found.centre.copy()
+        centre[:, 0] = np.arange(len(values))
+        made[group] = replace(found, values=values, half=half, centre=centre)
+    starts = np.array(list(flights.worst_starts(problem, made, key, 12, 1)))
+    for group, chosen in problem.groups.items():
+        worst = np.argsort(-made[group].column(column))[:3]
+        away = starts[:, chosen[0]] - np.repeat(worst, 4)
+        assert (np.abs(away) <= 0.01).all() and np.ptp(away) > 0.01
+        assert len(np.unique(starts[:, chosen[1]])) == 12
+    low, high = (
+        {'a': (1.0, (), None), 'b': (2.0, (), None)},
+        {'a': (3.0, (), None), 'c': (1.0, (), None)},
+    )
+    assert flights.merged(low, high) == {'a': high['a'], 'b': low['b'], 'c': high['c']}
+    assert flights.merged(high, low)['a'] == high['a']
+
+
 @pytest.mark.parametrize('mass_share', [0.0, 0.05])
 def test_a_known_disturbance_is_proven_and_checked(tmp_path, problem, mass_share):
     """Without unknown constants there is one cell of each axis; the mass alone has some."""

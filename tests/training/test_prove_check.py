@@ -184,6 +184,24 @@ def test_a_hundred_planted_errors_are_found(bench, kind):
     assert missed(bench, kind, 10) == []
 
 
+def test_planted_errors_of_the_surface_are_found(bench):
+    """Each array of the table in turn, a little wrong everywhere."""
+    table, rng = bench.problem.table, np.random.default_rng(1)
+    assert not list(check_sets.surface_faults(bench.problem, rng, 3))
+    inward = 0.1 * np.array([1.0, -1.0, 1.0, -1.0])
+    for wrong, said in (
+        ({'u': table.u + 1e-6}, 'the value at'),
+        ({'bend': 0.0 * table.bend - 1e-9}, 'the bend at'),
+        ({'slopes': table.slopes[..., [1, 0, 3, 2]] + inward}, 'a slope at'),
+        ({'part_range': table.part_range[..., ::-1] + inward[:2]}, 'the range of a part'),
+        ({'part_slopes': table.part_slopes[..., [1, 0, 3, 2]] + inward}, 'a slope of a part'),
+    ):
+        problem = replace(bench.problem)
+        problem.__dict__['table'] = table._replace(**wrong)
+        found = list(check_sets.surface_faults(problem, rng, 2))
+        assert found and all(said in one for one in found)
+
+
 def test_a_law_holds_as_far_as_slopes_and_pieces_of_its_cells_say(bench):
     """In four cells: by their slopes where the pieces are bent, and the other way round.
 

@@ -125,6 +125,24 @@ def test_a_negative_box_is_refused(copy_of):
     assert '`half` must be a finite number >= 0' in sentence
 
 
+def test_a_folder_is_of_one_problem_and_of_this_code(copy_of, monkeypatch):
+    path = copy_of('together')
+    found = Folder.open(path)
+    found.refuse_other_code()
+    assert found.others() == []
+    for name in ('notes.txt', 'counterexample_peace.yaml', 'more.npz'):
+        (path / name).write_text('certified')
+    assert found.others() == ['counterexample_peace.yaml', 'more.npz', 'notes.txt']
+    for key, word in (('numpy', 'libraries'), ('code_sha256', 'code')):
+        other = shutil.copytree(path, path.parent / key)
+        edit(other / 'versions.yaml', lambda document, key=key: document.update({key: '1.0'}))
+        with pytest.raises(InputError, match=f'was begun with other {word}'):
+            Folder.open(other).refuse_other_code()
+    edit(path / 'proof.yaml', lambda document: document['half'].__setitem__(0, 0.7))
+    (sentence,) = faults(path)
+    assert 'must be as they were when it was begun' in sentence
+
+
 def test_cells_without_number_are_refused():
     half = (100.0, 100.0, 100.0, 0.1, 0.1, 0.1)
     with pytest.raises(InputError, match='at most 10000000 cells'):
