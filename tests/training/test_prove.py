@@ -40,7 +40,7 @@ from rpo_proof import (
     tube,
 )
 from rpo_proof.cells import Prover
-from rpo_proof.claims import ranges_of
+from rpo_proof.claims import ranges_of, values_of
 from rpo_proof.folder import Folder
 from rpo_proof.invariant import invariant_set_of, motion_inside
 from rpo_proof.problem import GROUPS, MOST_CELLS, Problem, Settings
@@ -385,6 +385,15 @@ def test_an_invariant_set_stands_the_whole_disturbance_at_any_tick(group):
     forces = [pushed.disturbance.force_n(pushed.time_s(tick)) for tick in range(0, 4000, 7)]
     assert inside.any_n >= abs(np.array(forces)).max() > 0.01
     assert not inside.constant.any() and not inside.carried.any()
+
+
+def test_what_is_held_is_judged_on_either_side_of_the_target():
+    """Without requirements the error is held from the end on; it is the greatest of any axis."""
+    base = replace(load('paper_training').base, requirements=None, duration_s=2.0)
+    problem = replace(problem_of('robust'), scenario=base)
+    flight = flights.fly(problem, replace(base, initial_position_m=(1.0, -9.0, 2.0)))
+    found = values_of(problem, flight)
+    assert found == {'hold_error_per_axis_m': abs(flight.states[-1, 1])}
 
 
 def test_the_package_names_modules_that_are_there():

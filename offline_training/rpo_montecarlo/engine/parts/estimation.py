@@ -237,8 +237,6 @@ def estimators_of(batch: Batch) -> Part | None:
         tables.append(table_of(head, sensing.table, f))
         memories.append(table_of(np.zeros(HEADING), sensing.memory, memory_of(f)))
         true.append(s.target or STILL)
-    longest = max(map(len, memories))
-    memories = [np.pad(m, (0, longest - len(m))) for m in memories]
     both = [targets_of(batch, some, [0] * len(some)) for some in (true, [t.known for t in true])]
     ports = [table_of(np.zeros(PAIRED_LANES), attitudes) for _, attitudes in both]
     units = np.zeros((filter_kernels.MOST_SENSORS, COLUMNS))
