@@ -276,7 +276,7 @@ def test_the_slew_of_strips_holds_flights_of_any_disturbance_and_mass(folder, gr
         assert check._in_some(prover, flights.fly(problem, drawn), tubes)
 
 
-def test_a_tube_outside_the_corridor_gives_nothing(folder, groups):
+def test_a_tube_outside_the_corridor_gives_nothing(folder, groups, monkeypatch):
     """What is known of y follows from the corridor of x; a tube of x that leaves it is open."""
     prover = prover_of(folder, groups, 'x')
     cell = cells.roots(folder.problem, 'x')[0]
@@ -286,6 +286,8 @@ def test_a_tube_outside_the_corridor_gives_nothing(folder, groups):
     row = prover.values(cell)[0]
     assert row[cells.VALUES.index('last_s')] < 20.0
     assert np.isinf(row[cells.VALUES.index('hold_error_m')])
+    monkeypatch.setattr(cells, 'WIDEST', (1.0, 0.0))  # no stage lasts, so nothing has left it
+    assert prover.fly(cell) == (0, -1)
 
 
 @pytest.mark.parametrize('group', PER_AXIS)
