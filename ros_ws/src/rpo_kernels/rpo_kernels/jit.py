@@ -92,7 +92,7 @@ def _of_any_value(template_of: Callable[[Any, Any], Any]) -> Callable[[Any, Any]
     By default numba compiles a kernel once more for each constant that another one calls it with.
     Of an inlined one LLVM sees the constant all the same.
     """
-    from numba.core.types import unliteral
+    from numba.core.types.misc import unliteral
 
     def template_of_types(args: Any, kws: Any) -> Any:
         named = {name: unliteral(value) for name, value in kws.items()}
