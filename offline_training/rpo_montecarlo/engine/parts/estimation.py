@@ -18,6 +18,7 @@ from rpo_kernels.noise import six_normals
 from rpo_kernels.vectors import OWN, WIDTH, over_runs, own_tables
 from rpo_montecarlo.engine.lanes import (
     FORCE,
+    FOUND_PUSH,
     KNOWN_SPREAD,
     PAIRED_LANES,
     QUAT,
@@ -159,7 +160,7 @@ def _estimate(tick, w, m, s, settings, memory):  # type: ignore[no-untyped-def]
     for i in range(3):
         lane = s + i * RUNS
         w[SEEN_R + lane], w[SEEN_V + lane] = f[X + i], f[X + 3 + i]
-        m[FOUND + lane] = f[X + 6 + i]
+        w[FOUND_PUSH + lane] = m[FOUND + lane] = f[X + 6 + i]
     w[KNOWN_SPREAD + s], w[KNOWN_SPREAD + RUNS + s] = spreads(f)
 
 
