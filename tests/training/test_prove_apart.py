@@ -223,7 +223,6 @@ def test_a_known_disturbance_is_proven_and_checked(tmp_path, problem, mass_share
     proving.prove(made, 1, '', lambda *_: None, probes=10)
     assert {claim['verdict'] for claim in made.summary()['claims'].values()} == {'proven'}
     assert len(made.cells('y').values) == (1 if mass_share == 0.0 else cells.PARTS)
-    assert [b.name for b in report_of(made.path).pictures] == ['reach']
     assert check.check(made, check.Sample(starts=1, ticks=2, surface=1, flights=10)).faults == []
 
 
