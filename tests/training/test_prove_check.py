@@ -187,7 +187,7 @@ def test_a_hundred_planted_errors_are_found(bench, kind):
 def test_planted_errors_of_the_surface_are_found(bench):
     """Each array of the table in turn, a little wrong everywhere."""
     table, rng = bench.problem.table, np.random.default_rng(1)
-    assert not list(check_sets.surface_faults(bench.problem, rng, 3))
+    assert not list(check_sets.surface_faults(bench.problem, rng, 1))
     inward = 0.1 * np.array([1.0, -1.0, 1.0, -1.0])
     for wrong, said in (
         ({'u': table.u + 1e-6}, 'the value at'),
