@@ -417,7 +417,8 @@ class Prover(threading.local):
         most = (MOST_TUBES_PER_AXIS if self.per_axis else MOST_TUBES) * len(cells)
         if not np.isfinite(self.motion.coupling).all():
             most = 0  # nothing is known of the other axis: no smaller cell helps
-        todo, tubes, reach = list(reversed(cells)), 0, None
+        todo, tubes = list(reversed(cells)), 0
+        reach = self._bounds(np.inf, -np.inf)
         while todo:
             cell = todo.pop()
             row, box, squares, far = self.values(cell)
@@ -426,7 +427,7 @@ class Prover(threading.local):
             if not reached and cell.depth < deepest and tubes < most:
                 todo += reversed(list(halves(cell, self.weights(cell))))
                 continue
-            reach = far if reach is None else joint(reach, far)
+            reach = joint(reach, far)
             rows.append(row)
             boxes.append(box)
             tails.append(squares)
@@ -437,7 +438,7 @@ class Prover(threading.local):
             np.array(rows),
             np.array(boxes),
             np.max(tails, axis=0)[None],
-            np.empty((2, 0, 0)) if reach is None else reach,
+            reach,
         )
 
     def nothing(self, cells: list[Cell]) -> CellBounds:
@@ -445,15 +446,19 @@ class Prover(threading.local):
         n, k = len(self.motion.a), len(cells)
         values = np.full((k, len(VALUES)), np.inf)
         values[:, :2] = 0.0
-        reach = np.array([-np.inf, np.inf])[:, None, None] * np.ones((self.layout.reach, n))
         return CellBounds(
             np.array([cell.centre for cell in cells]),
             np.array([cell.half for cell in cells]),
             values,
             np.full((k, self.layout.checkpoints, 2, n), np.nan),
             np.full((1, *self.above.shape[1:]), np.inf),
-            reach,
+            self._bounds(-np.inf, np.inf),
         )
+
+    def _bounds(self, least: float, greatest: float) -> Floats:
+        """Return the same least and greatest state at every tick, as `CellBounds.reach`."""
+        one = np.ones((self.layout.reach, len(self.motion.a)))
+        return np.stack([least * one, greatest * one])
 
     def arrived(self, row: Floats) -> bool:
         """Whether a tube enters the invariant set or, without one, lasts to the end."""

@@ -15,7 +15,15 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from rpo_attitude.target import Motion, Target, TargetStage, in_lvlh, motion_of, move_together
+from rpo_attitude.target import (
+    Motion,
+    Target,
+    TargetStage,
+    in_lvlh,
+    motion_of,
+    move_together,
+    quaternion,
+)
 from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.files import scenario as scenarios
 from rpo_core.files.validation import InputError
@@ -234,3 +242,12 @@ def test_a_plate_is_a_body_and_a_line_is_none():
     for moments in ((0.0, 1.0, 1.0), (1.0, 2.0, 3.001), (-1.0, 2.0, 2.0)):
         with pytest.raises(InputError, match='its principal moments > 0 and none above the sum'):
             solid(*moments)
+
+
+def test_a_quaternion_of_any_length_but_none_is_an_attitude():
+    """From a millionth on, with its sign such that w >= 0."""
+    for size in (1.01e-6, 1.0, 999.0):
+        found = quaternion('attitude', [0.6 * size, 0.0, 0.0, -0.8 * size])
+        assert_allclose(found, (-0.6, 0.0, 0.0, 0.8), rtol=1e-14)
+    with pytest.raises(InputError, match='`attitude` must be a quaternion with a length'):
+        quaternion('attitude', [0.0, 0.99e-6, 0.0, 0.0])

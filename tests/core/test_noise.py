@@ -35,7 +35,8 @@ def test_a_pair_of_normals_is_that_of_box_and_muller(a, b):
     angle = 2.0 * np.pi * (b + 0.5) / 2**32 - np.pi / 4.0
     # The quarter of the circle comes from the first bits; the angle from its middle.
     expected = radius * np.sin(angle), radius * np.cos(angle)
-    assert noise.normal_pair(a, b) == pytest.approx(expected, abs=1e-11)
+    assert noise.normal_pair(a, b) == pytest.approx(expected, abs=2e-14)
+    assert noise.log_unit(a) == pytest.approx(np.log((a + 0.5) / 2**32), rel=1e-15)
     interpreted = getattr(noise.normal_pair, 'py_func', noise.normal_pair)
     assert interpreted(a, b) == noise.normal_pair(a, b)
 

@@ -126,11 +126,13 @@ def test_a_valve_stuck_on_pushes_for_its_time_only():
 
 def test_dead_and_rise_time_cost_impulse_at_the_start_of_a_pulse_only():
     late = {'modulation': 'pulse_width', 'dead_time_s': 0.004, 'rise_time_s': 0.02}
-    commands = np.zeros((5, 3))
-    commands[:, 0] = [0.05, 0.25, 0.5, 0.5, 0.25]  # 10, 50, 100, 100, 50 ms
-    given = exerted(commands, **late, on_time_quantum_s=0.0)[:, 0] * BASE.dt_s / 0.5
+    commands = np.zeros((7, 3))
+    # 10, 50, 100, 100, 50 ms, and nothing of a pulse that ends within the dead time
+    commands[:, 0] = [0.05, 0.25, 0.5, 0.5, 0.25, 0.0, 0.015]
+    late |= {'minimum_on_time_s': 0.0, 'on_time_quantum_s': 0.0}
+    given = exerted(commands, **late)[:, 0] * BASE.dt_s / 0.5
     full = 0.05 - 0.004 - 0.01
-    expected = [0.006**2 / 0.04, full, full + 0.05, 0.1, 0.05]  # the last goes on from the fourth
+    expected = [0.006**2 / 0.04, full, full + 0.05, 0.1, 0.05, 0.0, 0.0]  # the fifth goes on
     np.testing.assert_allclose(given, expected, rtol=1e-12)
 
 

@@ -33,7 +33,7 @@ def act(tick, w, m, s, own, memory):  # type: ignore[no-untyped-def]
     memory[0] += 1.0
     x, wrong = w[s], 0
     if own[1] > 0.5:
-        memory[1] -= -abs(x) * own[0]
+        memory[1] -= -abs(x) * own[0] + -x
     else:
         memory[1] = sqrt(abs(x / 3)) + tick
     wrong += memory[1] != memory[1]

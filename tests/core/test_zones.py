@@ -130,6 +130,20 @@ def test_edges_hold_the_whole_cone_of_a_plane_that_holds_its_axis(axis, plane):
     assert upright.edges(*plane) == []
 
 
+@given(directions, st.sampled_from([(1, 0), (1, 2), (0, 2)]))
+def test_edges_are_as_far_apart_as_the_corridor_is_wide_in_any_plane(axis, plane):
+    """Across the axis as the plane shows it, about its ends, however steep it is."""
+    corridor = corridor_along(axis)
+    shown = np.array(corridor.ahead)[list(plane)]
+    assume(np.linalg.norm(shown) > 1e-3)
+    widths = (corridor.half_width_m, corridor.end_half_width_m)
+    middles = (corridor.tip_m, corridor.end_m)
+    for one, other, width, middle in zip(*corridor.edges(*plane), widths, middles, strict=True):
+        assert np.linalg.norm(np.subtract(one, other)) == pytest.approx(2.0 * width)
+        assert np.subtract(one, other) @ shown == pytest.approx(0.0, abs=1e-9)
+        assert np.add(one, other) / 2.0 == pytest.approx(np.array(middle)[list(plane)], abs=1e-9)
+
+
 @given(st.tuples(near, near, near))
 def test_outside_agrees_with_angles(position):
     """Beside trigonometry: outside of a cone of 10 degrees, measured across its axis."""

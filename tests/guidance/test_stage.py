@@ -206,6 +206,24 @@ def test_the_search_of_a_plan_is_bounded_by_its_work(monkeypatch):
         scenario.parse(data)
 
 
+@pytest.mark.parametrize('sign', [-1.0, 1.0])
+def test_a_plan_needs_no_more_than_its_share_of_the_force(hold_points, monkeypatch, sign):
+    """One of its axes at one of its ticks, by a thousandth less and more."""
+    settings = hold_points.section(plan.Guidance)
+    found, most = rehearsal.nominal(settings, hold_points, to_rest=True), hold_points.max_force_n
+    for share, refused in ((0.999, False), (1.001, True)):
+        rehearsal.check.cache_clear()
+        forces = [(0.0, 0.0, 0.0)] * len(found.forces)
+        forces[70] = (0.0, sign * share * settings.force_share * most, 0.0)
+        pushed = found._replace(forces=forces)
+        monkeypatch.setattr(rehearsal, 'nominal', lambda *_, made=pushed, **__: made)
+        if not refused:
+            rehearsal.check(settings, hold_points)
+            continue
+        with pytest.raises(InputError, match=r'must need at most `force_share` = .* 7 s: '):
+            rehearsal.check(settings, hold_points)
+
+
 def lines():
     """Yield what plans are: their phases, sums of references and forces, ways out of them."""
     for name in ('apollo', 'docking', 'least_energy', 'passive_approach', 'tumbling_port', *LEFT):

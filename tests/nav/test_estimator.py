@@ -37,6 +37,7 @@ from rpo_nav.filter_kernels import (
     step_state,
     update,
 )
+from rpo_nav.sensor_kernels import COLUMNS
 
 POSITION = {
     'kind': 'relative_position',
@@ -140,6 +141,20 @@ def test_a_wrong_noise_is_seen_in_nees():
     """The test above can fail: a filter that takes the sensors for twice as good."""
     nees, _ = consistency(8, 100, estimator={'noise_scale': 0.5})
     assert nees[:, -1].mean() > 9.0
+
+
+@pytest.mark.parametrize(
+    'unit', [LIDAR, {**POSITION, 'noise_share': 0.01, 'velocity_share_1_s': 0.001}]
+)
+def test_the_filter_takes_every_noise_of_a_sensor_for_so_many_times_as_large(unit):
+    """Noise of position and velocity, floor and share, and of a bearing; nothing else."""
+    rows = []
+    for scale in (1.0, 3.0):
+        made = make([unit], estimator={'noise_scale': scale})
+        table = np.array(EstimatorStage(made.section(Estimator), made).filter)
+        rows.append(table[SENSORS : SENSORS + COLUMNS])
+    assert (rows[0][:5] > 0.0).sum() == (3 if unit is LIDAR else 5)
+    np.testing.assert_allclose(rows[1], [*(3.0 * rows[0][:5]), *rows[0][5:]], rtol=1e-15)
 
 
 @pytest.mark.parametrize('n', [6, 9])

@@ -89,7 +89,7 @@ def lines() -> Iterator[str]:
             found = found.equipped(replace(found.section(Assurance), filter=way))
             for result in attack.attack(found, 16, 5, 120):
                 least, total = result.rows.min(axis=0), result.rows.sum(axis=0)
-                yield f'{name} {way} {result.kind}: {digits((*total[:5], *least[5:]))}'
+                yield f'{name} {way} {result.kind}: {digits((*total[:5], *least[5:7], *total[7:]))}'
     for command, tick in (('hold', 300), ('retreat', 300), ('abort', 0), ('abort', 300)):
         yield f'{command} at {tick}: {digits(commanded(command, tick))}'
 

@@ -20,9 +20,17 @@ from rpo_core.judge.metrics import LATE_POSITION, SLEW, row_of
 from rpo_nav.navigation_errors import Navigation
 from rpo_safety.assurance import ASSURED_FORCE
 from rpo_safety.settings import Assurance
-from rpo_safety.shaping import SHAPED_FORCE, Shaping, ShapingStage
+from rpo_safety.shaping import (
+    SHAPED_FORCE,
+    HoldLimit,
+    Shaping,
+    ShapingStage,
+    followed,
+    largest_ahead,
+)
 
 PAPER = scenario.load_scenario('paper_test')
+MEASURED = scenario.load_scenario('paper_test_measured')
 NOISY = PAPER.equipped(Navigation(position_noise_m=0.01, velocity_noise_m_s=5e-4))
 forces = st.floats(-1.0, 1.0)
 
@@ -75,3 +83,61 @@ def test_files():
         Shaping(0.0)
     with pytest.raises(InputError, match=r'dead_zone_n. must be below max_force_n'):
         replace(PAPER, sections=(Shaping(0.1, 0.5),))
+    with pytest.raises(InputError, match=r'hold_share. needs an `estimator`'):
+        PAPER.equipped(Shaping(0.1, hold_share=0.9, hold_within_m=0.1))
+    with pytest.raises(InputError, match=r'hold_within_m. must be > 0 m'):
+        MEASURED.equipped(Shaping(0.1, hold_share=0.9))
+    with pytest.raises(InputError, match=r'hold_share. is for a hold at the target'):
+        replace(MEASURED, goal_position_m=(0.0, 5.0, 0.0))
+
+
+def test_the_fit_is_that_of_least_squares():
+    """Values weighed by their sigma, rate and curve by those of a disturbance that changes."""
+    limit, rate = (
+        HoldLimit.of(MEASURED.section(Shaping), MEASURED),
+        np.pi * MEASURED.mean_motion_rad_s,
+    )
+    values = 0.02 * np.cos(1.3 * rate * np.arange(60.0) + 1.0) + 1e-4 * np.sin(
+        9.0 * np.arange(60.0)
+    )
+    fit = (0.0, 0.0, 0.0)
+    for number, value in enumerate(values):
+        fit = followed(value, fit, number == 0, tuple(limit.gains[number]), 1.0)
+    times = np.arange(60.0)[:, None] - 59.0
+    rows = np.hstack([times**0, times, times**2 / 2]) / 0.015
+    start = np.array([[0.0, 1.0, -59.0], [0.0, 0.0, 1.0]]) / [[rate], [rate**2]]
+    sums = np.vstack([rows, start]), np.append(values / 0.015, [0.0, 0.0])
+    expected = np.linalg.lstsq(*sums, rcond=None)[0]
+    np.testing.assert_allclose(fit, expected, rtol=1e-6, atol=1e-12)
+
+
+@given(st.tuples(forces, forces, forces), st.floats(0.0, 10.0))
+def test_the_largest_ahead_is_that_of_all_moments(fit, span_s):
+    times = np.linspace(0.0, span_s, 2001)
+    values = np.abs(fit[0] + fit[1] * times + 0.5 * fit[2] * times**2)
+    found = largest_ahead(fit, span_s)
+    assert values.max() <= found * (1.0 + 1e-12)
+    assert found <= values.max() + (span_s / 4000.0) ** 2
+
+
+def test_in_the_hold_the_force_stays_below_the_disturbance():
+    """Thrusters that are 2 % too weak need more than the largest disturbance, at the end."""
+    harmonic = {'axis': 'y', 'function': 'sin', 'amplitude_n': 0.02, 'angular_rate_rad_s': 0.004}
+    changed = {
+        'disturbance': {'constant_n': [0.0, 0.0, 0.0], 'harmonics': [harmonic]},
+        'initial_position_m': [0.0, 5.0, 0.0],
+        'thrusters': {'matrix': np.diag([0.98] * 3).tolist()},
+    }
+    base = scenario.parse(yaml.safe_load(scenario.dumps(MEASURED)) | changed)
+    controller, hold = load_controller('allround'), slice(2000, None)
+    largest = {}
+    for share in (0.0, 0.96):
+        flown = base.equipped(replace(MEASURED.section(Shaping), hold_share=share))
+        flight = fly(flown, controller)
+        largest[share] = np.abs(flight.signals[SHAPED_FORCE][hold]).max()
+        assert np.abs(flight.positions_m[hold]).max() < 0.5
+    assert largest[0.0] > 0.02 > largest[0.96] > 0.019
+    # farther away than it may be, the limit opens
+    far = replace(MEASURED.section(Shaping), hold_share=0.5, hold_within_m=0.1)
+    flight = fly(base.equipped(far), controller)
+    assert 0.1 < np.abs(flight.positions_m[hold]).max() < 0.2

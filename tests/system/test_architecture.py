@@ -107,7 +107,7 @@ def rooms() -> dict[str, list[Path]]:
     """Return room -> its modules."""
     found = {name: sorted((path / name).rglob('*.py')) for name, path in PACKAGES.items()}
     for room in sorted(FLOWN - {'rpo_attitude', 'rpo_core', 'rpo_kernels', 'rpo_mcap'}):
-        kinds = ('_node.py', 'commands.py', 'parameters.py')
+        kinds = ('_node.py', 'commands.py')
         nodes = [path for path in found[room] if path.name.endswith(kinds)]
         found[f'{room} nodes'] = nodes
         found[room] = [path for path in found[room] if path not in nodes]

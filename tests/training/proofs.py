@@ -6,6 +6,9 @@ from __future__ import annotations
 
 from functools import cache
 
+import numpy as np
+from kept import digits
+
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load
 from rpo_proof import proving
@@ -30,3 +33,25 @@ def small_proof(path):
     folder = Folder.create(path, problem_of('robust', half=BOX))
     proving.prove(folder, 1, '', lambda *_: None, probes=20)
     return folder
+
+
+def lines_of(name, folder):
+    """Yield a line for each array of a proof, and one for each number of its summary."""
+    for path in sorted(folder.path.glob('*.npz')):
+        with np.load(path) as saved:
+            for key in saved.files:
+                finite = saved[key][np.isfinite(saved[key])].astype(float)
+                said = [np.abs(finite).sum(), finite.min(), finite.max()] if finite.size else []
+                yield f'{name} {path.stem} {key} {saved[key].shape} {finite.size} {digits(said)}'
+    yield from _leaves(f'{name} summary', folder.summary())
+
+
+def _leaves(name, value):
+    """Yield a line for each number of a document."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from _leaves(f'{name} {key}', inner)
+    else:
+        numbers = value if isinstance(value, list) else [value]
+        said = (f'{x:.7g}' if isinstance(x, float) else str(x) for x in numbers)
+        yield f'{name} {" ".join(said)}'

@@ -5,6 +5,7 @@
 import json
 import re
 
+import numpy as np
 import pytest
 from invoking import invoke
 
@@ -45,6 +46,8 @@ def test_every_run_is_kept(tmp_path):
     assert kept['figures'] == {'a_s': 1.5}
     assert kept['rows'][1]['holds'] is False
     assert kept['machine']['cores'] >= 1
+    assert machine.machine().startswith(f'{kept["machine"]["processor"]}, Python 3.')
+    assert machine.machine().endswith(f', NumPy {np.__version__}')
 
 
 def test_times_of_a_flight_are_the_plants():

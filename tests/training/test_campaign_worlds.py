@@ -5,6 +5,7 @@
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -30,6 +31,7 @@ from rpo_montecarlo.campaign import config, faults, run_batch, sampling, single,
 from rpo_montecarlo.campaign.quantities import QUANTITIES, Dispersion
 from rpo_montecarlo.campaign.run_batch import fly_runs
 from rpo_montecarlo.campaign.sampling import draw
+from rpo_montecarlo.campaign.statistics import rate
 from rpo_montecarlo.engine import support
 from rpo_montecarlo.engine.parts import link
 from rpo_nav.attitude_estimator import AttitudeEstimator
@@ -136,7 +138,7 @@ CASES = {
     'leo': (LEO, WORLD),
     'leo, compensated': (COMPENSATED, SOME),
     'measured and shaped': (
-        MEASURED.equipped(Shaping(0.01, 0.001)),
+        MEASURED.equipped(Shaping(0.01, 0.001, 0.9, hold_within_m=50.0, hold_from_s=2.0)),
         {name: {d.distribution: list(d.spread) if len(d.spread) > 1 else d.spread[0]}
          for name, d in AS_FLOWN.items()},
     ),
@@ -659,6 +661,27 @@ def test_a_run_with_faults_is_no_scenario(tmp_path):
     done = invoke('campaign', path, '--run', 3, '--export', tmp_path / 'x.yaml')
     assert done.exit_code == 2 and 'message faults' in done.stderr.splitlines()[-1]
     assert not (tmp_path / 'x.yaml').exists()
+
+
+@pytest.mark.parametrize(
+    ('all_up_to', 'none_from'), [(37, 62), (40, 60), (0, 1), (99, 100), (None, 31), (100, None)]
+)
+def test_the_edges_of_a_sweep_are_found_to_a_percent(all_up_to, none_from):
+    """Of a campaign whose flights all succeed up to one share, and none from another on."""
+    looked = []
+
+    def rated(campaign, kind, percent):
+        assert (campaign, kind) == ('alone', 'late')
+        looked.append(percent)
+        most = -1 if all_up_to is None else all_up_to
+        kept = 20 if percent <= most else 0 if percent >= (none_from or 101) else 7
+        return rate('success', kept, 20)
+
+    every = SimpleNamespace(_campaigns=['dispersed', 'alone'], _rate=rated)
+    rows = [sweep.SweepPoint(k, None, rated('alone', 'late', k)) for k in sweep.PERCENTS]
+    looked.clear()
+    assert sweep.Sweep.edge(every, 'late', rows) == (all_up_to, none_from)
+    assert len(looked) <= 2 * sweep.STEP and all(0 <= percent <= 100 for percent in looked)
 
 
 @pytest.mark.slow

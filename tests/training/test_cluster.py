@@ -3,22 +3,36 @@
 """A campaign on a dask cluster of real processes: lost workers, lost scheduler, the same bytes."""
 
 import os
+import pickle
 import shutil
 import signal
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import dask
+import numpy as np
 import pytest
 from clusters import cluster
 from invoking import invoke
+from proofs import BOX, problem_of
 
+from rpo_core.control.controller import load_fuzzy
+from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
 from rpo_montecarlo.campaign import config, execution
 from rpo_montecarlo.campaign.store import Store
 from rpo_montecarlo.cluster import pool
+from rpo_montecarlo.cluster.simulator import ClusterSimulator
+from rpo_montecarlo.engine.cases import case_of_flights
+from rpo_montecarlo.engine.population import population_of
+from rpo_montecarlo.engine.simulator import Simulator
+from rpo_proof import cells, proving
+from rpo_proof.claims import empty_set
+from rpo_proof.per_axis import UNCOUPLED
 from rpo_training import config as configs
 from rpo_training.training import Training
 
@@ -41,6 +55,90 @@ def campaign(tmp_path):
     path = tmp_path / 'campaign.yaml'
     path.write_text(CAMPAIGN)
     return config.load(path)
+
+
+@pytest.fixture(scope='module')
+def client():
+    """A cluster of two threads of this process."""
+    from distributed import Client
+
+    with (
+        dask.config.set({'distributed.worker.daemon': False}),
+        Client(processes=False, n_workers=1, threads_per_worker=2, dashboard_address=None) as made,
+    ):
+        yield made
+
+
+@pytest.fixture
+def connected(client, monkeypatch):
+    """Let every address be that cluster; return what was asked for."""
+    asked = []
+
+    @contextmanager
+    def connect(address, workers):
+        asked.append((address, workers))
+        yield client
+
+    monkeypatch.setattr(pool, 'connected', connect)
+    return asked
+
+
+def failing(kind):
+    raise kind('as planted')
+
+
+def test_calls_come_in_with_their_numbers_a_few_at_a_time(client, monkeypatch):
+    assert pool.threads(client) == 2
+    begun = []
+
+    def calls():
+        for number in range(20):
+            begun.append(number)
+            yield number, (number, 2)
+
+    found = {}
+    for number, result in pool.results(client, pow, calls()):
+        found[number] = result
+        assert len(begun) <= min(20, len(found) + 2 * pool.AHEAD)
+    assert found == {number: number**2 for number in range(20)}
+    for kind, said in (
+        (ImportError, 'a worker of .* cannot import the work: as planted'),
+        (OSError, 'cluster inproc://.* was lost; finished work is saved, go on with --resume'),
+    ):
+        with pytest.raises(InputError, match=said):
+            list(pool.results(client, failing, [(0, (kind,))]))
+    here = pool.versions()
+    monkeypatch.setattr(pool, 'versions', lambda: dict(here, numpy='1.0') if begun else here)
+    monkeypatch.setattr(pool, '_call', lambda function, *_: (here, function(*_)))
+    with pytest.raises(InputError, match=r'a worker has .* the same bits need .*1\.0'):
+        list(pool.results(client, pow, [(0, (2, 2))]))
+
+
+def test_a_cluster_gives_the_arrays_of_one_thread(connected, campaign):
+    """Of a population through two cases, of some of it, of units of a campaign and of a proof."""
+    test, quick = load_scenario('paper_test'), load_scenario('quick')
+    shorter = [replace(test, duration_s=12.0, mass_kg=mass) for mass in (9.0, 11.0)]
+    cases = [case_of_flights([quick], 10.0), case_of_flights(shorter, 10.0)]
+    population = population_of(*map(load_fuzzy, ('robust', 'trained', 'handmade', 'allround')))
+    with ClusterSimulator(cases, 3, 'here') as ours:
+        for some in (slice(None), slice(1, 2)):
+            for one, other in zip(
+                ours.fly(population, some), Simulator(cases, 1).fly(population, some), strict=True
+            ):
+                np.testing.assert_array_equal(one, other)
+    pending = [1, 0]
+    ours = dict(execution.on_cluster(campaign, pending, 2, 'there'))
+    alone = dict(execution.on_threads(campaign, pending, 1))
+    assert sorted(ours) == [0, 1]
+    for unit in pending:
+        np.testing.assert_array_equal(ours[unit], alone[unit])
+    problem = problem_of('robust', half=BOX)
+    work = proving.Work(problem, 'vertical', empty_set(problem), None, None, UNCOUPLED)
+    units = [[cell] for cell in cells.roots(problem, 'vertical')[:2]]
+    ((number, found),) = proving._on_cluster(work, units, [1], 1, 'elsewhere')
+    ((_, expected),) = proving._on_threads(work, units, [1], 1, '')
+    assert number == 1 and pickle.dumps(found) == pickle.dumps(expected)
+    assert connected == [('here', 3), ('there', 2), ('elsewhere', 1)]
 
 
 @pytest.mark.slow

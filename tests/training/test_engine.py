@@ -392,6 +392,17 @@ def test_both_ways_give_the_same_rows(elsewhere, laws, tmp_path, monkeypatch):
         np.testing.assert_array_equal(ours, singly)
 
 
+def test_means_of_a_case_are_of_its_own_window():
+    """Beside a case with a longer one, in either order."""
+    test, robust = load_scenario('paper_test'), load_controller('robust')
+    cases = [case_of_flights([replace(test, duration_s=s)], 10.0) for s in (5.0, 12.0)]
+    expected = [metrics.row_of(fly(case.base, robust), case.windows) for case in cases]
+    for order in ([0, 1], [1, 0]):
+        with Simulator([cases[k] for k in order], 1) as simulator:
+            for found, k in zip(simulator.fly([robust]), order, strict=True):
+                np.testing.assert_allclose(found[0, 0], expected[k], rtol=1e-9)
+
+
 def test_strangers_are_flown_through_cases(capfd):
     test = replace(load_scenario('paper_test'), duration_s=20.0)
     case = case_of_flights([test], 10.0)

@@ -40,10 +40,10 @@ from rpo_proof import (
     tube,
 )
 from rpo_proof.cells import Prover
-from rpo_proof.claims import ranges_of
+from rpo_proof.claims import ranges_of, values_of
 from rpo_proof.folder import Folder
 from rpo_proof.invariant import invariant_set_of, motion_inside
-from rpo_proof.problem import GROUPS, MOST_CELLS, Problem, Settings
+from rpo_proof.problem import GROUPS, MOST_CELLS, Problem, Settings, range_of
 from rpo_proof.proving import estimate
 from rpo_proof.sets import InvariantSet
 from rpo_proof.slew import Strip
@@ -139,6 +139,7 @@ def test_tubes_hold_the_flights_of_their_cells(name):
 def test_divided_cells_sharpen_the_slew():
     """The bound of a cell is above what flies from its corners, and not far above."""
     problem = problem_of('allround', half=(100.0, 100.0, 100.0, 0.0, 0.0, 0.0))
+    problem = replace(problem, scenario=replace(problem.scenario, duration_s=60.0))
     table, bounds = problem.table, []
     cell = cells.Cell((73.0, 51.0, 0.0, 0.0), (0.1, 0.1, 0.0, 0.0))
     for division in (table.division, np.full_like(table.division, -1)):
@@ -146,7 +147,6 @@ def test_divided_cells_sharpen_the_slew():
         prover = Prover(problem, 'planar', NOWHERE)
         prover.fly(cell)
         bounds.append(prover.trace.slew[: problem.scenario.ticks - 1].max())
-    problem.__dict__['table'] = table
     flown = 0.0
     for x, y in ((72.9, 50.9), (72.9, 51.1), (73.1, 50.9), (73.1, 51.1)):
         start = np.array([x, y, 0.0, 0.0, 0.0, 0.0])
@@ -385,6 +385,27 @@ def test_an_invariant_set_stands_the_whole_disturbance_at_any_tick(group):
     forces = [pushed.disturbance.force_n(pushed.time_s(tick)) for tick in range(0, 4000, 7)]
     assert inside.any_n >= abs(np.array(forces)).max() > 0.01
     assert not inside.constant.any() and not inside.carried.any()
+
+
+def test_a_range_names_all_that_may_differ():
+    plain = problem_of('robust')
+    pushed = replace(plain.scenario, disturbance=Disturbance((0.0, 0.001, 0.0)))
+    wide = replace(plain.settings, mass_share=0.05, disturbance_share=0.6, any_n=0.002)
+    assert range_of(plain) == 'mass 10 kg; no disturbance; 200 s'
+    assert range_of(replace(plain, scenario=pushed)) == 'mass 10 kg; disturbance as it is; 200 s'
+    assert range_of(replace(plain, scenario=pushed, settings=wide)) == (
+        'mass 10 kg, and more or less by a share of 0.05; disturbance at any phase, up to 0.6 '
+        'times as it is, and any other of 0.002 N per axis at every tick; 200 s'
+    )
+
+
+def test_what_is_held_is_judged_on_either_side_of_the_target():
+    """Without requirements the error is held from the end on; it is the greatest of any axis."""
+    base = replace(load('paper_training').base, requirements=None, duration_s=2.0)
+    problem = replace(problem_of('robust'), scenario=base)
+    flight = flights.fly(problem, replace(base, initial_position_m=(1.0, -9.0, 2.0)))
+    found = values_of(problem, flight)
+    assert found == {'hold_error_per_axis_m': abs(flight.states[-1, 1])}
 
 
 def test_the_package_names_modules_that_are_there():

@@ -6,15 +6,20 @@ from __future__ import annotations
 
 import copy
 from dataclasses import replace
+from fractions import Fraction
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from landing import rest_at_landing
+from scipy.interpolate import RegularGridInterpolator
 
 from rpo_proof import cells, check, check_sets, sets
 from rpo_proof.cells import Prover
 from rpo_proof.check import WrittenSummary, recompute
+from rpo_proof.enclosure import Law
+from rpo_proof.exact import ExactStrip, exact, law_holds, output
 from rpo_proof.problem import GROUPS
 
 KINDS = ('row', 'boxes', 'cell', 'gap', 'claim', 'law', 'rounding', 'set', 'boxed', 'rest', 'table')
@@ -177,6 +182,73 @@ def test_a_planted_error_is_found(bench, kind):
 def test_a_hundred_planted_errors_are_found(bench, kind):
     """Ten of each kind."""
     assert missed(bench, kind, 10) == []
+
+
+def test_planted_errors_of_the_surface_are_found(bench):
+    """Each array of the table in turn, a little wrong everywhere."""
+    table, rng = bench.problem.table, np.random.default_rng(1)
+    assert not list(check_sets.surface_faults(bench.problem, rng, 1))
+    inward = 0.1 * np.array([1.0, -1.0, 1.0, -1.0])
+    for wrong, said in (
+        ({'u': table.u + 1e-6}, 'the value at'),
+        ({'bend': 0.0 * table.bend - 1e-9}, 'the bend at'),
+        ({'slopes': table.slopes[..., [1, 0, 3, 2]] + inward}, 'a slope at'),
+        ({'part_range': table.part_range[..., ::-1] + inward[:2]}, 'the range of a part'),
+        ({'part_slopes': table.part_slopes[..., [1, 0, 3, 2]] + inward}, 'a slope of a part'),
+    ):
+        problem = replace(bench.problem)
+        problem.__dict__['table'] = table._replace(**wrong)
+        found = list(check_sets.surface_faults(problem, rng, 2))
+        assert found and all(said in one for one in found)
+
+
+def test_a_law_holds_as_far_as_slopes_and_pieces_of_its_cells_say(bench):
+    """In four cells: by their slopes where the pieces are bent, and the other way round.
+
+    Either side of a slope is farther from the law in turn; the pieces are those of SciPy.
+    """
+    controller, table, rng = bench.problem.controller, bench.problem.table, np.random.default_rng(2)
+    position, velocity, force = controller.scales
+    edges, pieces = (table.e, table.w), RegularGridInterpolator((table.e, table.w), table.u)
+    bent = table._replace(bend=np.ones_like(table.bend))
+    steep = table._replace(
+        bend=0.0 * table.bend + 1e-4, slopes=1e3 * np.sign([-1, 1, -1, 1]) + 0.0 * table.slopes
+    )
+    slack = 1e-6
+    for number in range(24):
+        i, j = (int(rng.choice(np.flatnonzero(np.abs(one) < 0.7)[2:-3])) for one in edges)
+        half_e, half_w = (
+            0.4 * np.diff(x[k : k + 3]).min() for x, k in zip(edges, (i, j), strict=True)
+        )
+        tilt = 0.0
+        if number % 2:
+            tilt, half_e = -2.0, min(half_e, half_w / 8.0)
+        e, w = table.e[i + 1] + 0.1 * half_e, table.w[j + 1] + 0.1 * half_w
+        r, v = half_e * position, half_w * velocity
+        g = exact([[r, 0.0], [tilt * half_e * velocity, v]])
+        strip = ExactStrip(exact([-e * position, -w * velocity]), g, exact([0.0, 0.0]), 0)
+        slopes = table.slopes[i : i + 2, j : j + 2].reshape(-1, 4)
+        least, most = slopes.min(axis=0)[[0, 2]], slopes.max(axis=0)[[1, 3]]
+        law = least + rng.choice([0.2, 0.8], 2) * (most - least)
+        u = float(output(controller, exact(e), exact(w), exact(table.limit)))
+        level = u - law @ (e, w) + rng.choice([-1e-3, 1e-3])
+        far = np.maximum(most - law, law - least)
+        need = 1e-3 + slack + (far[0] + abs(tilt) * far[1]) * half_e + far[1] * half_w
+        found = [(bent, need)]
+        if tilt == 0.0:
+            ends = (
+                [e - half_e, table.e[i + 1], e + half_e],
+                [w - half_w, table.w[j + 1], w + half_w],
+            )
+            points = np.array(list(product(*ends)))
+            found.append(
+                (steep, np.abs(pieces(points) - points @ law - level).max() + 1e-4 + slack)
+            )
+        for made, need in found:
+            for share, holds in ((1.0 + 1e-9, True), (1.0 - 1e-9, False)):
+                k_r, k_v = -law * force / (position, velocity)
+                said = Law(k_r, k_v, level * force, need * share * force)
+                assert law_holds(controller, made, said, strip, Fraction(slack)) is holds
 
 
 def test_tubes_hold_the_flights_of_the_proof(bench):

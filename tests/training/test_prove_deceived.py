@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 import yaml
 from invoking import invoke
-from kept import assert_kept, digits
+from kept import assert_kept
 from landing import rest_at_landing
+from proofs import lines_of
 
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import dumps, load_controller
@@ -122,6 +123,24 @@ def test_a_negative_box_is_refused(copy_of):
     edit(path / 'proof.yaml', lambda document: document['half'].__setitem__(0, -0.6))
     (sentence,) = faults(path)
     assert '`half` must be a finite number >= 0' in sentence
+
+
+def test_a_folder_is_of_one_problem_and_of_this_code(copy_of, monkeypatch):
+    path = copy_of('together')
+    found = Folder.open(path)
+    found.refuse_other_code()
+    assert found.others() == []
+    for name in ('notes.txt', 'counterexample_peace.yaml', 'more.npz'):
+        (path / name).write_text('certified')
+    assert found.others() == ['counterexample_peace.yaml', 'more.npz', 'notes.txt']
+    for key, word in (('numpy', 'libraries'), ('code_sha256', 'code')):
+        other = shutil.copytree(path, path.parent / key)
+        edit(other / 'versions.yaml', lambda document, key=key: document.update({key: '1.0'}))
+        with pytest.raises(InputError, match=f'was begun with other {word}'):
+            Folder.open(other).refuse_other_code()
+    edit(path / 'proof.yaml', lambda document: document['half'].__setitem__(0, 0.7))
+    (sentence,) = faults(path)
+    assert 'must be as they were when it was begun' in sentence
 
 
 def test_cells_without_number_are_refused():
@@ -443,27 +462,6 @@ def test_the_bench_notices_a_checker_that_is_deceived(proofs, tmp_path, monkeypa
     assert any(word.startswith('ACCEPTED') for word in outcomes(proofs['apart'], tmp_path, 60))
 
 
-def lines(name, folder):
-    """Yield a line for each array of a proof, and one for each number of its summary."""
-    for path in sorted(folder.path.glob('*.npz')):
-        with np.load(path) as saved:
-            for key in saved.files:
-                finite = saved[key][np.isfinite(saved[key])].astype(float)
-                said = [np.abs(finite).sum(), finite.min(), finite.max()] if finite.size else []
-                yield f'{name} {path.stem} {key} {saved[key].shape} {finite.size} {digits(said)}'
-    yield from leaves(f'{name} summary', yaml.safe_load((folder.path / 'summary.yaml').read_text()))
-
-
-def leaves(name, value):
-    if isinstance(value, dict):
-        for key, inner in value.items():
-            yield from leaves(f'{name} {key}', inner)
-    else:
-        numbers = value if isinstance(value, list) else [value]
-        said = (f'{x:.7g}' if isinstance(x, float) else str(x) for x in numbers)
-        yield f'{name} {" ".join(said)}'
-
-
 def test_small_proofs_are_those_of_the_list(proofs):
     """The checker finds what is not true; a bound that is wider than it must be, only this list."""
-    assert_kept(LIST, (line for name in KINDS for line in lines(name, proofs[name])))
+    assert_kept(LIST, (line for name in KINDS for line in lines_of(name, proofs[name])))

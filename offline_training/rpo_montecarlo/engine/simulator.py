@@ -43,13 +43,16 @@ class Scratch(threading.local):
     """What a thread writes while it flies.
 
     w : rows of lanes; pairs : metrics of all pairs of loops
-    norms : (2, tail, lanes) squared distances and speeds, see `counters.counting`
     """
 
     def __init__(self, tail: int) -> None:
         self.w = lanes.make_scratch()
         self.pairs = np.empty((lanes.STRIDE**2, counters.COLUMNS))
-        self.norms = np.empty((2, tail, lanes.STRIDE))
+        self._norms = np.empty(2 * tail * lanes.STRIDE)
+
+    def norms(self, tail: int) -> Floats:
+        """Return room (2, tail, lanes) for squared distances and speeds of a case."""
+        return self._norms[: 2 * tail * lanes.STRIDE].reshape(2, tail, lanes.STRIDE)
 
 
 class Simulator:
@@ -120,8 +123,9 @@ class Simulator:
         if crossed is None:
             self._fly_paired(control, case, rows)
             return
-        w, norms, pairs = self._scratch.w, self._scratch.norms, self._scratch.pairs
+        w, pairs = self._scratch.w, self._scratch.pairs
         runs, windows, base, judged = crossed.runs, case.windows, case.base, case.judged
+        norms = self._scratch.norms(windows.tail)
         trace = Trace(windows.horizon, runs.lanes) if judged else None
         fly_lanes(control, runs, windows, w, norms=norms, trace=trace)
         p, q = len(runs.planar), len(runs.vertical)

@@ -51,9 +51,9 @@ LONGEST_DELAY = 64
 MOST_LATE = 30
 
 # Columns of the results.
-VIOLATED, INFEASIBLE, TOO_FAST, ACTED, CONTACTS, LEAST_MARGIN, LEAST_FREE, EXCESS, TICKS = range(9)
-OUTSIDE, HARD, PORT_EXCESS = range(9, 12)
-COLUMNS = 12
+VIOLATED, INFEASIBLE, TOO_FAST, ACTED, CONTACTS, LEAST_MARGIN, LEAST_FREE = range(7)
+OUTSIDE, HARD = range(7, 9)
+COLUMNS = 9
 
 
 class Bounds(NamedTuple):
@@ -321,12 +321,11 @@ def fly_hostile(k0, k1, kind, ticks, c, fine, g, w, frames, world, drawn, row): 
         total = (tx + d * dx, ty + d * dy, tz + d * dz)
         after = cw_step(state, total, c)
         if look(state, total, rho, fine, g, world, frames, at, m[9:], row):
-            row[CONTACTS], row[TICKS] = 1.0, tick
+            row[CONTACTS] = 1.0
             return
         state, at = after, at + PARTS
         if tick >= world.delay:  # no force has arrived before
             judge(state, seen_at(state, frames, at), g, w, world, row)
-    row[TICKS] = ticks
 
 
 @compiled
@@ -360,7 +359,7 @@ def look(state, total, rho, fine, g, world, frames, at, true, row):  # type: ign
 
 @compiled
 def touch(before, after, g, world, row):  # type: ignore[no-untyped-def]
-    """Keep by how much a contact between two states is faster than the port allows."""
+    """Count a contact between two states that is faster than the port allows."""
     d, w, _, _, vp, vq = in_corridor(before, g)
     end, faster, _, _, up, uq = in_corridor(after, g)
     share = d / (d - end)
@@ -368,7 +367,6 @@ def touch(before, after, g, world, row):  # type: ignore[no-untyped-def]
     p, q = abs(vp + share * (up - vp)), abs(vq + share * (uq - vq))
     across = (p if p > q else q) - world.lateral_m_s
     worst = closes if closes > across else across
-    row[PORT_EXCESS] = worst if worst > row[PORT_EXCESS] else row[PORT_EXCESS]
     row[HARD] += worst > 1e-6
 
 
@@ -384,7 +382,6 @@ def judge(state, seen, g, w, world, row):  # type: ignore[no-untyped-def]
     row[LEAST_MARGIN] = a if a < row[LEAST_MARGIN] else row[LEAST_MARGIN]
     speed = closing(state)[2]
     row[TOO_FAST] += b < 0.0 and speed > world.floor_m_s
-    row[EXCESS] = -b if -b > row[EXCESS] and speed > world.floor_m_s else row[EXCESS]
 
 
 @compiled

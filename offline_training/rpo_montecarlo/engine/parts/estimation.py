@@ -18,6 +18,7 @@ from rpo_kernels.noise import six_normals
 from rpo_kernels.vectors import OWN, WIDTH, over_runs, own_tables
 from rpo_montecarlo.engine.lanes import (
     FORCE,
+    FOUND_PUSH,
     KNOWN_SPREAD,
     PAIRED_LANES,
     QUAT,
@@ -159,7 +160,7 @@ def _estimate(tick, w, m, s, settings, memory):  # type: ignore[no-untyped-def]
     for i in range(3):
         lane = s + i * RUNS
         w[SEEN_R + lane], w[SEEN_V + lane] = f[X + i], f[X + 3 + i]
-        m[FOUND + lane] = f[X + 6 + i]
+        w[FOUND_PUSH + lane] = m[FOUND + lane] = f[X + 6 + i]
     w[KNOWN_SPREAD + s], w[KNOWN_SPREAD + RUNS + s] = spreads(f)
 
 
@@ -236,8 +237,6 @@ def estimators_of(batch: Batch) -> Part | None:
         tables.append(table_of(head, sensing.table, f))
         memories.append(table_of(np.zeros(HEADING), sensing.memory, memory_of(f)))
         true.append(s.target or STILL)
-    longest = max(map(len, memories))
-    memories = [np.pad(m, (0, longest - len(m))) for m in memories]
     both = [targets_of(batch, some, [0] * len(some)) for some in (true, [t.known for t in true])]
     ports = [table_of(np.zeros(PAIRED_LANES), attitudes) for _, attitudes in both]
     units = np.zeros((filter_kernels.MOST_SENSORS, COLUMNS))

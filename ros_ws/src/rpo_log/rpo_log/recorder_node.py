@@ -27,7 +27,6 @@ from rpo_core.wire.interfaces import MOST_AHEAD_TICKS, PROGRESS_TICKS
 from rpo_core.wire.statuses import READERS, WAITING, Manifest, PlantTick, RunStatus
 from rpo_log import provenance, signature
 from rpo_log.manifests import CONTROLLER, PLANT, Manifests
-from rpo_log.parameters import RECORDER as PARAMETERS
 from rpo_mcap.errors import Fault, LogError
 from rpo_mcap.format import run as run_log
 from rpo_mcap.format import sums
@@ -37,8 +36,7 @@ from rpo_mcap.write.writer import PHASES, Claims, RunLogWriter
 from rpo_ros import health, names, qos
 from rpo_ros.conversions import texts_of
 from rpo_ros.heartbeat import Watch
-from rpo_ros.parameters import declare
-from rpo_ros.running import FlightNode, run_node
+from rpo_ros.running import FlightNode
 from rpo_ros.signals import hear, message_class
 from rpo_ros.timeout import Timeout
 
@@ -67,11 +65,11 @@ _MOMENT = itemgetter(0)
 class RecorderNode(FlightNode):
     """Begins when the manifests are there, ends when run_status says that the run has."""
 
+    package = 'rpo_log'
     rest_s = _REST_S
 
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__('recorder', overrides)
-        self.values = declare(self, PARAMETERS)
         now = datetime.datetime.now().strftime('%Y%m%d-%H%M%S')
         self.folder = files.expanded('output', self.values['output'] or f'runs/recording-{now}')
         key = self.values['sign_key']
@@ -84,7 +82,8 @@ class RecorderNode(FlightNode):
         self._early: list[tuple[str, bytes]] = []
         self._commanded_s: float | None = None
         self._force_topic, self._status_topic, self._decision_topic = map(
-            self.resolve_topic_name, (names.CONTROL_FORCE, names.RUN_STATUS, names.DECISION)
+            self.resolve_topic_name,
+            (interfaces.CONTROL_FORCE, interfaces.RUN_STATUS, interfaces.DECISION),
         )
         self._expected: list[str] = []
         self._events: list[interfaces.Interface] = []
@@ -109,7 +108,9 @@ class RecorderNode(FlightNode):
             if error.fault == Fault.EXISTS:
                 raise
             raise InputError(f'{error} (parameter `output`)') from None
-        self._status = self.create_publisher(DiagnosticStatus, names.RECORDER_STATUS, qos.LATCHED)
+        self._status = self.create_publisher(
+            DiagnosticStatus, interfaces.RECORDER_STATUS, qos.LATCHED
+        )
         self._announce('waiting')
         self._subscribe()
         health.publish_health(self, self._health)
@@ -285,7 +286,8 @@ class RecorderNode(FlightNode):
         """What it waits for; '' while it records."""
         if self.log is None:
             roles = ' and of the '.join(self._manifests.missing) or 'nodes before the controller'
-            return f'the manifest of the {roles} on {self.resolve_topic_name(names.NODE_MANIFEST)}'
+            topic = self.resolve_topic_name(interfaces.NODE_MANIFEST)
+            return f'the manifest of the {roles} on {topic}'
         silent = self._awaited - self._heard
         return '' if self._ready else f'messages on {", ".join(sorted(silent))}'
 
@@ -401,7 +403,7 @@ class RecorderNode(FlightNode):
             if not row.beside or self._topic(row.beside) in self._expected:
                 name = self.resolve_topic_name(row.topic)
                 self._recorded[name] = Topic(name, row)
-        own = {row.name: self.values[row.name] for row in PARAMETERS if not row.wall}
+        own = {row.name: self.values[row.name] for row in self.rows if not row.wall}
         log = RunLogWriter(
             self.folder, base, self._recorded.values(), self._manifests.attachments(own),
             split_s=self.values['split_s'], split_bytes=round(self.values['split_mb'] * 1e6),
@@ -533,6 +535,4 @@ class RecorderNode(FlightNode):
             )
 
 
-def main() -> int:
-    """Entry point of `ros2 run rpo_log recorder`."""
-    return run_node(RecorderNode)
+main = RecorderNode.main

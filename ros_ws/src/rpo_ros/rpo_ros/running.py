@@ -313,10 +313,3 @@ def run(
         rclpy.try_shutdown()
         faulthandler.cancel_dump_traceback_later()  # a caller may have more to do
         stop.ignore()
-
-
-def run_node(
-    make: Callable[[], FlightNode], executor_kind: Callable[[], Executor] = new_executor
-) -> int:
-    """Run one node: the `main` of each node. `rpo_ros.entry_point` has checked the arguments."""
-    return run(lambda: [make()], executor_kind=executor_kind)

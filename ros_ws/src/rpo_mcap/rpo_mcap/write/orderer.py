@@ -206,27 +206,33 @@ class TickOrderer:
 
     def add(self, index: int, tick: int, data: bytes) -> None:
         """Take one message; releases the ticks that it completes."""
-        asks = self.asks_from is not None and not self._in_vain
+        awaits = self._awaits_reports
         if index in self.events:
             self._add_event(index, tick, data)
-        elif index == self.leader and tick > self._latest + (WINDOW if asks else 1):
+        elif index == self.leader and tick > self._latest + (WINDOW if awaits else 1):
             self._keep_state_ahead(tick, data)
         elif tick > self._latest + WINDOW:
             self._keep_ahead(index, tick, data)
         else:
-            if index == self.leader and not asks:
+            if index == self.leader and not awaits:
                 self._lead(tick)
             self._take(index, tick, data)
         self._go_on()
 
     def _go_on(self) -> None:
-        if self.asks_from is not None and not self._in_vain:
+        if self._awaits_reports:
             self._follow()
         self._advance()
 
     @property
     def _asks(self) -> bool:
+        """Whether the plant is asked what it took, from some tick on."""
         return self.asks_from is not None
+
+    @property
+    def _awaits_reports(self) -> bool:
+        """Whether it is asked and not in vain: then a tick waits for what is reported of it."""
+        return self._asks and not self._in_vain
 
     def _lead(self, tick: int) -> None:
         """Go on to a state, where it is the next one; no state ahead is of this flight."""
@@ -413,7 +419,7 @@ class TickOrderer:
             self._event_due = ahead < WINDOW
             if self._event_due:
                 return False
-        if self.asks_from is not None and tick >= self.asks_from and not self._in_vain:
+        if self._awaits_reports and tick >= (self.asks_from or 0):
             if tick not in self._reports and ahead < WINDOW:
                 return False
         elif entry is not None and entry.early and self._latest < min(tick + HOLD, self._last):
