@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
+import numba
 import numpy as np
 import pytest
 
@@ -22,6 +23,7 @@ import rpo_montecarlo
 import rpo_nav
 import rpo_safety
 from rpo_kernels import compile_cache
+from rpo_kernels.jit import inlined
 
 LOW = """
 from typing import NamedTuple
@@ -235,3 +237,15 @@ def test_a_flipped_sign_of_the_plant_changes_the_chain_and_the_engine(tmp_path):
     edit(kernels, 'c.xx * x + c.xvx * vx + c.xvy', 'c.xx * x - c.xvx * vx + c.xvy')
     second = run(tmp_path, FLOWN).split()
     assert second[0] == second[1] != first[0]
+
+
+@inlined
+def moved(x: int, by: int) -> int:
+    return x + by
+
+
+def test_an_inlined_kernel_is_compiled_once_for_all_constants():
+    """numba would compile it for each constant; LLVM folds them into its caller anyway."""
+    moved_twice = numba.njit(lambda x: moved(x, 1) + moved(x, by=2))
+    assert moved_twice(5) == 13
+    assert len(moved.signatures) == 1

@@ -12,7 +12,7 @@ import ast
 import re
 from collections.abc import Iterator
 from dataclasses import MISSING, Field, fields, is_dataclass
-from functools import partial
+from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any, get_type_hints
@@ -68,6 +68,25 @@ MUTABLE = [
 """What counts, or is put together, piece by piece."""
 
 
+@cache
+def nodes_of(path: Path, kind: type[ast.AST]) -> list[Any]:
+    """Return the nodes of a kind in a source."""
+    return [node for node in all_nodes(path) if isinstance(node, kind)]
+
+
+@cache
+def all_nodes(path: Path) -> list[ast.AST]:
+    return list(ast.walk(ast.parse(path.read_text())))
+
+
+@pytest.fixture(scope='module', autouse=True)
+def forgotten() -> Iterator[None]:
+    """Free the trees of all sources behind the last test."""
+    yield
+    for cached in (nodes_of, all_nodes):
+        cached.cache_clear()
+
+
 def records() -> Iterator[Any]:
     """Yield the classes that check their fields, of all packages."""
     for name, path in PATHS.items():
@@ -121,8 +140,7 @@ def lines() -> Iterator[str]:
 def limits() -> Iterator[str]:
     """Yield a line for each check that a function makes with numbers of its own."""
     for module, path in PATHS.items():
-        tree = ast.parse(path.read_text())
-        for function in (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)):
+        for function in nodes_of(path, ast.FunctionDef):
             calls = [node for node in ast.walk(function) if isinstance(node, ast.Call)]
             for call in (c for c in calls if ast.unparse(c.func) in CHECKS):
                 values = [*call.args, *(k.value for k in call.keywords)]
@@ -136,7 +154,7 @@ def constants() -> Iterator[str]:
     for module, path in PATHS.items():
         if module.split('.')[0].removeprefix('rpo_') not in LISTED or path.stem.endswith('_node'):
             continue
-        tree = ast.parse(path.read_text())
+        (tree,) = nodes_of(path, ast.Module)
         for node in tree.body:
             if isinstance(node, ast.Assign | ast.AnnAssign) and is_constant(node):
                 yield f'{module} {ast.unparse(node)}'
@@ -146,8 +164,7 @@ def constants() -> Iterator[str]:
             found = [text for text in found if 'ClassVar' not in text]
             if found and f'{module}.{kind.name}' not in checked:
                 yield f'{module} {kind.name}: {"; ".join(found)}'
-        functions = (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef))
-        for function in functions:
+        for function in nodes_of(path, ast.FunctionDef):
             own = function.args
             named = [*zip([a.arg for a in own.args][::-1], own.defaults[::-1], strict=False)][::-1]
             named += [(a.arg, v) for a, v in zip(own.kwonlyargs, own.kw_defaults, strict=True) if v]
@@ -192,8 +209,7 @@ def test_a_record_checks_its_fields_when_it_is_made(kind):
 
 
 def test_dataclasses_are_frozen():
-    nodes = (n for path in PATHS.values() for n in ast.walk(ast.parse(path.read_text())))
-    classes = [node for node in nodes if isinstance(node, ast.ClassDef)]
+    classes = [node for path in PATHS.values() for node in nodes_of(path, ast.ClassDef)]
     made = [(c.name, ast.unparse(how)) for c in classes for how in c.decorator_list]
     data = [(name, how) for name, how in made if how.startswith('dataclass')]
     assert len(data) > 150

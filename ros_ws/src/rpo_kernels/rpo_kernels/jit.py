@@ -57,8 +57,9 @@ def compiled(function: Kernel, **options: Any) -> Kernel:
         return function
     numba = _numba()
     folder = folder_for(function.__module__)
-    # error_model 'numpy' drops the zero-division branch; kernels never divide by zero.
-    options = {'error_model': 'numpy', 'fastmath': False, **options}
+    # error_model 'numpy' drops the zero-division branch; kernels never divide by zero. Nobody calls
+    # one as C does: the wrapper for that would take a tenth of the compiling.
+    options = {'error_model': 'numpy', 'fastmath': False, 'no_cfunc_wrapper': True, **options}
     before = numba.config.CACHE_LOCATOR_CLASSES
     # numba's own look at the sources stops at the file: see `compile_cache`.
     numba.config.CACHE_LOCATOR_CLASSES = f'{Locator.__module__}.{Locator.__name__}'
@@ -68,6 +69,8 @@ def compiled(function: Kernel, **options: Any) -> Kernel:
         numba.config.CACHE_LOCATOR_CLASSES = before
     if folder is not None:
         made.compile = _once(made.compile, folder / f'{function.__qualname__}.lock')
+    if options.get('forceinline'):
+        made.get_call_template = _of_any_value(made.get_call_template)
     return cast(Kernel, made)
 
 
@@ -81,6 +84,21 @@ def _once(compile_for: Callable[[Any], Any], lock: Path) -> Callable[[Any], Any]
             return compile_for(signature)
 
     return compile_alone
+
+
+def _of_any_value(template_of: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+    """Return the `get_call_template` of an inlined kernel for which a constant is any number.
+
+    By default numba compiles a kernel once more for each constant that another one calls it with.
+    Of an inlined one LLVM sees the constant all the same.
+    """
+    from numba.core.types.misc import unliteral
+
+    def template_of_types(args: Any, kws: Any) -> Any:
+        named = {name: unliteral(value) for name, value in kws.items()}
+        return template_of(tuple(map(unliteral, args)), named)
+
+    return template_of_types
 
 
 @cache

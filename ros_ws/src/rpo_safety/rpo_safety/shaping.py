@@ -225,8 +225,8 @@ class ShapingStage(Stage):
         if tick < hold.act:
             return command
         most = hold.share * max(self._largest_n, self._ahead_n)
-        pairs = zip(command, state, strict=False)  # the positions come first
-        return tuple(held(u, most, r, hold.within_m) for u, r in pairs)
+        axes = zip(command, state, strict=False)  # the positions come first
+        return tuple(held(u, most, r, hold.within_m) for u, r in axes)
 
 
 def check(settings: Shaping, scenario: Any) -> None:
