@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -11,6 +13,7 @@ from typer.testing import CliRunner
 
 from rpo_cli.cli import app
 from rpo_core.chain.flight import fly
+from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
 from rpo_montecarlo.campaign import config
 from rpo_montecarlo.campaign.single import scenario_of
@@ -32,11 +35,13 @@ from rpo_proof.safety.whole_chain import (
     KINDS,
     LATERAL,
     USED,
+    _watched,
     attack_campaign,
     bounded,
     command,
     watch,
 )
+from rpo_safety.settings import Assurance
 
 SHORT = ['duration_s=40.0']
 
@@ -132,6 +137,22 @@ def test_what_is_outside_the_corridor_is_in_the_zone():
     assert watched([(0.0, 6.0, 1.1, *rest)])[0] == pytest.approx(0.2)
     assert watched([(0.0, -9.0, 0.0, *rest)])[0] == pytest.approx(1.0)  # from the other side
     assert watched([(9.99, 0.0, 0.0, *rest)])[0] == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize('along', ['+y', '-y', '+x', '-z'])
+def test_the_corridor_of_assurance_is_watched_on_its_own_side(along):
+    """Six metres from the target the zone begins, of 10 m, but in the corridor."""
+    docking = load_scenario('docking')
+    settings = docking.section(Assurance)
+    settings = replace(settings, corridor=replace(settings.corridor, along=along))
+    axis, sign = 'xyz'.index(along[1]), 1.0 if along[0] == '+' else -1.0
+    for place, depth in ((6.0 * sign, 0.0), (-6.0 * sign, 4.0)):
+        part = _watched(docking.equipped(settings), np.array([1.0, 3.0]))
+        w, m = make_scratch(), part.memory.copy()
+        w[R + axis * RUNS : R + (axis + 1) * RUNS] = place
+        watch(w, m, part.table, 0)
+        np.testing.assert_allclose(m[:RUNS], depth)
+    assert part.table[-RUNS:].tolist() == [1.0, 3.0, *[0.0] * (RUNS - 2)]
 
 
 def test_contact_is_where_the_port_is_passed():
