@@ -15,6 +15,7 @@ import pytest
 from landing import rest_at_landing
 from scipy.interpolate import RegularGridInterpolator
 
+from rpo_core.world.disturbance import Disturbance, Harmonic
 from rpo_proof import cells, check, check_sets, sets
 from rpo_proof.cells import Prover
 from rpo_proof.check import WrittenSummary, recompute
@@ -289,3 +290,13 @@ def test_what_differs_is_named():
         'summary.yaml: `b` is missing',
         'summary.yaml: `c.d` is 2.0; the cells say 3.0',
     ]
+
+
+@pytest.mark.parametrize('constant_n', [-0.015, 0.015, -0.0151, 0.0151])
+def test_a_disturbance_of_the_other_sign_is_judged_by_its_size(constant_n):
+    """Harmonics have any phase, so each of both signs; a constant is judged alike."""
+    harmonic = Harmonic('x', 'cos', 0.01, 0.004)
+    proven = Disturbance((0.01, 0.0, 0.0), (harmonic,))
+    flown = Disturbance((constant_n, 0.0, 0.0), (replace(harmonic, amplitude_n=-0.01),))
+    assert check._is_within(flown, proven, 1.5) == (abs(constant_n) <= 0.015)
+    assert not check._is_within(flown, proven, 0.0) and check._is_within(proven, proven, 0.0)
