@@ -25,8 +25,8 @@ from rpo_core.files.validation import choice
 from rpo_ctrl import attitude
 from rpo_ctrl.attitude import AttitudeControl, FuzzyAttitude
 from rpo_judge.attitude import MOMENT_KG_M2, Flights, Outcome, trained_draws
+from rpo_judge.scoring.conditions import AT_LIMIT
 from rpo_judge.scoring.fitness import (
-    AT_LIMIT,
     FitnessSettings,
     Scores,
     driving,

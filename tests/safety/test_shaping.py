@@ -93,17 +93,13 @@ def test_files():
 
 def test_the_fit_is_that_of_least_squares():
     """Values weighed by their sigma, rate and curve by those of a disturbance that changes."""
-    limit, rate = (
-        HoldLimit.of(MEASURED.section(Shaping), MEASURED),
-        np.pi * MEASURED.mean_motion_rad_s,
-    )
-    values = 0.02 * np.cos(1.3 * rate * np.arange(60.0) + 1.0) + 1e-4 * np.sin(
-        9.0 * np.arange(60.0)
-    )
+    gains = HoldLimit.of(MEASURED.section(Shaping), MEASURED).gains
+    rate, seconds = np.pi * MEASURED.mean_motion_rad_s, np.arange(60.0)
+    values = 0.02 * np.cos(1.3 * rate * seconds + 1.0) + 1e-4 * np.sin(9.0 * seconds)
     fit = (0.0, 0.0, 0.0)
     for number, value in enumerate(values):
-        fit = followed(value, fit, number == 0, tuple(limit.gains[number]), 1.0)
-    times = np.arange(60.0)[:, None] - 59.0
+        fit = followed(value, fit, number == 0, tuple(gains[number]), 1.0)
+    times = seconds[:, None] - 59.0
     rows = np.hstack([times**0, times, times**2 / 2]) / 0.015
     start = np.array([[0.0, 1.0, -59.0], [0.0, 0.0, 1.0]]) / [[rate], [rate**2]]
     sums = np.vstack([rows, start]), np.append(values / 0.015, [0.0, 0.0])

@@ -63,9 +63,7 @@ SHIPPED = {
     'allround': Asked(
         4.0, 0.03, _ALL, 'a margin of 3 % to every condition, and the energy that it shipped with'
     ),
-    'everywhere': Asked(
-        4.0, 0.03, _ALL, 'as `allround`, and at most 1 of 100 000 moving starts that misses'
-    ),
+    'everywhere': Asked(4.0, 0.03, _ALL, 'those of `allround`'),
     'trained': Asked(3.7, 0.0, _ALL, 'little energy'),
     'robust': Asked(4.0, 0.0, _ALL, 'the energy that it shipped with'),
     'paper_ga': Asked(None, 0.0, (), "the paper's search, asked for the conditions of the paper"),

@@ -34,6 +34,9 @@ LABELS = {
 }
 """Short names of these three, in the order in which their penalties add up."""
 
+AT_LIMIT = 0.1
+"""Share of the penalty that the graded one takes just beyond a limit."""
+
 _COLUMNS = {
     name: list(metrics.UNITS).index(name)
     for name in (

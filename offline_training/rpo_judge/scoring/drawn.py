@@ -22,6 +22,7 @@ import numpy as np
 from rpo_core.files.validation import MOST_PATH, InputError, choice, real, shown, store, text, whole
 from rpo_core.judge import metrics
 from rpo_core.judge.requirements import LIMITS
+from rpo_judge.scoring.conditions import AT_LIMIT
 from rpo_kernels.arrays import Floats
 from rpo_montecarlo.campaign.config import LEVEL, SHARE, THRUSTER_METRICS, Campaign, find, load
 from rpo_montecarlo.campaign.run_batch import case_of, side_by_side
@@ -64,7 +65,7 @@ class DrawnSettings:
     weight: float = 0.0
     campaigns: tuple[str, ...] = ()
     margin: float = 0.0
-    at_limit: float = 0.1
+    at_limit: float = AT_LIMIT
     flights: int = 40
     pool: int = 2000
     held_out: int = 2000

@@ -51,7 +51,7 @@ from rpo_core.judge.metrics import (
     SLEW,
 )
 from rpo_ctrl.baselines import Baseline
-from rpo_judge.scoring.conditions import Conditions, conditions_of
+from rpo_judge.scoring.conditions import AT_LIMIT, Conditions, conditions_of
 from rpo_judge.scoring.drawn import HELD_OUT, UNDRAWN, DrawnFlights, DrawnSettings
 from rpo_kernels.arrays import Floats
 from rpo_montecarlo.engine.cases import Case, case_of_flights, case_of_set
@@ -93,9 +93,6 @@ CONDITIONS = ('speed', 'slew', 'arrival')
 
 LIMITS = np.array([MAX_ARRIVAL_SPEED_M_S, MAX_SLEW_N_S, MAX_ARRIVAL_DISTANCE_M])
 _COLUMNS = [ARRIVAL_SPEED, SLEW, ARRIVAL_DISTANCE]
-
-AT_LIMIT = 0.1
-"""Share of the penalty that the graded one takes just beyond a limit."""
 
 SETTLED_FROM_S, SETTLED_UNTIL_S = 300.0, 400.0
 MAX_SETTLED_FORCE_N, MAX_SETTLED_SPEED_M_S = 2e-3, 1e-3

@@ -83,14 +83,13 @@ OPPOSES, COUNT, LOOKS, PLACE, PERIODS = OWN, OWN + 1, OWN + 2, OWN + 3, OWN + 6
 NOISES_OF = PERIODS + filter_kernels.MOST_SENSORS
 TARGETS = NOISES_OF + 2 * RUNS
 _PORTS = PAIRED_LANES + ATTITUDE
-COMMANDS, FOUND, PORTS = 0, PAIRED_LANES, 2 * PAIRED_LANES
+COMMANDS, PORTS = 0, PAIRED_LANES
 DRAWN = PORTS + 2 * _PORTS
 """Places in the table of estimators: whether commands oppose the disturbance that is estimated; how
 many sensors; whether one looks at the port, and its place [m] in the target's axes; the period
 [ticks] of each sensor; keys of the noise (2, 40); `targets_of` the true targets and the known ones,
-if a sensor looks there. In the memory: commands of the tick before (120,), disturbances that were
-estimated (120,), the ports (3, 40) and attitudes (7, 40) of those targets, noise of each sensor
-(8, 40).
+if a sensor looks there. In the memory: commands of the tick before (120,), the ports (3, 40) and
+attitudes (7, 40) of those targets, noise of each sensor (8, 40).
 
 A run's own table has the sizes of the table and memory of its sensors; whether one turns with the
 chaser: 1, the attitude is the true one, 2, it is estimated; whether one looks at the port; the
@@ -160,7 +159,7 @@ def _estimate(tick, w, m, s, settings, memory):  # type: ignore[no-untyped-def]
     for i in range(3):
         lane = s + i * RUNS
         w[SEEN_R + lane], w[SEEN_V + lane] = f[X + i], f[X + 3 + i]
-        w[FOUND_PUSH + lane] = m[FOUND + lane] = f[X + 6 + i]
+        w[FOUND_PUSH + lane] = f[X + 6 + i]
     w[KNOWN_SPREAD + s], w[KNOWN_SPREAD + RUNS + s] = spreads(f)
 
 
@@ -188,7 +187,7 @@ def oppose(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Subtract the disturbances that are estimated from row FORCE, where that is wanted."""
     if t[OPPOSES] > 0.0:
         for s in range(PAIRED_LANES):
-            w[FORCE + s] -= m[FOUND + s]
+            w[FORCE + s] -= w[FOUND_PUSH + s]
 
 
 @compiled

@@ -11,7 +11,6 @@ from rpo_montecarlo.engine.lanes import FORCE, FOUND_PUSH, PAIRED_LANES, RUNS, S
 from rpo_montecarlo.engine.tick import Batch, Kind, Part, register, table_of
 from rpo_safety.shaping import (
     AHEAD_S,
-    HoldLimit,
     Shaping,
     ShapingStage,
     followed,
@@ -20,11 +19,12 @@ from rpo_safety.shaping import (
     shaped,
 )
 
-FIT, RATE, CURVE, LARGEST, AHEAD = (PAIRED_LANES * place for place in range(5))
-"""Places in the memory of the limit of the hold: value, rate, rate of the rate of the fits; of each
-run, the largest disturbance so far, and the largest ahead."""
-_GAINS = 7
-"""Place of the gains in its table."""
+GAINS = 10
+"""Place of the gains of the limit of the hold in the table: its other numbers are before them, and
+before those the numbers of the shaping."""
+FIT, RATE, CURVE, LARGEST, AHEAD = (PAIRED_LANES * place for place in range(1, 6))
+"""Places in the memory, behind the commands of the tick before: value, rate, rate of the rate of
+the fits; of each run, the largest disturbance so far, and the largest ahead."""
 
 
 @compiled
@@ -37,10 +37,10 @@ def shape(w, m, t, tick):  # type: ignore[no-untyped-def]
 @compiled
 def hold(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Limit row FORCE in the hold."""
-    share, within, begin, act, period, end, dt = t[0], t[1], t[2], t[3], t[4], t[5], t[6]
+    share, within, begin, act, period, end, dt = t[3], t[4], t[5], t[6], t[7], t[8], t[9]
     if tick >= begin and (tick - begin) % period == 0:
         number = int((tick - begin) // period)
-        g = _GAINS + 3 * number
+        g = GAINS + 3 * number
         gains, span = (t[g], t[g + 1], t[g + 2]), min(AHEAD_S, (end - tick) * dt)
         for s in range(PAIRED_LANES):
             before = (m[FIT + s], m[RATE + s], m[CURVE + s])
@@ -60,19 +60,14 @@ def _part(batch: Batch) -> Part | None:
     settings = batch.base.section(Shaping)
     if settings is None:
         return None
-    table = table_of(ShapingStage(settings, batch.base).numbers)
-    return Part('shaping', ((Place.SHAPING, shape),), table, np.zeros(PAIRED_LANES))
-
-
-def _hold(batch: Batch) -> Part | None:
-    settings = batch.base.section(Shaping)
-    limit = HoldLimit.of(settings, batch.base) if settings is not None else None
+    stage = ShapingStage(settings, batch.base)
+    limit, table = stage.hold, table_of(stage.numbers)
     if limit is None:
-        return None
+        return Part('shaping', ((Place.SHAPING, shape),), table, np.zeros(PAIRED_LANES))
     ticks = (limit.begin, limit.act, limit.period, limit.end)
-    table = table_of(limit.share, limit.within_m, ticks, batch.base.dt_s, limit.gains)
-    return Part('hold', ((Place.SHAPING - 1, hold),), table, np.zeros(AHEAD + RUNS))
+    table = table_of(table, limit.share, limit.within_m, ticks, stage.dt_s, limit.gains)
+    steps = ((Place.SHAPING - 1, hold), (Place.SHAPING, shape))
+    return Part('shaping', steps, table, np.zeros(AHEAD + RUNS))
 
 
 register(Kind('shaping', _part))
-register(Kind('shaping', _hold))
