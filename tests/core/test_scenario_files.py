@@ -23,8 +23,8 @@ SET = document('scenario', 'paper_training')
 
 def test_shipped_names():
     paper = [
-        'paper_box', 'paper_corner', 'paper_test', 'paper_test_measured', 'paper_test_phase',
-        'paper_training',
+        'paper_box', 'paper_corner', 'paper_test', 'paper_test_held', 'paper_test_measured',
+        'paper_test_phase', 'paper_training',
     ]  # fmt: skip
     worlds = ['world_elliptic', 'world_leo', 'world_moon']
     assert list(files.shipped('scenario')) == [

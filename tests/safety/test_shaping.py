@@ -30,7 +30,7 @@ from rpo_safety.shaping import (
 )
 
 PAPER = scenario.load_scenario('paper_test')
-MEASURED = scenario.load_scenario('paper_test_measured')
+HELD = scenario.load_scenario('paper_test_held')
 NOISY = PAPER.equipped(Navigation(position_noise_m=0.01, velocity_noise_m_s=5e-4))
 forces = st.floats(-1.0, 1.0)
 
@@ -86,15 +86,15 @@ def test_files():
     with pytest.raises(InputError, match=r'hold_share. needs an `estimator`'):
         PAPER.equipped(Shaping(0.1, hold_share=0.9, hold_within_m=0.1))
     with pytest.raises(InputError, match=r'hold_within_m. must be > 0 m'):
-        MEASURED.equipped(Shaping(0.1, hold_share=0.9))
+        HELD.equipped(Shaping(0.1, hold_share=0.9))
     with pytest.raises(InputError, match=r'hold_share. is for a hold at the target'):
-        replace(MEASURED, goal_position_m=(0.0, 5.0, 0.0))
+        replace(HELD, goal_position_m=(0.0, 5.0, 0.0))
 
 
 def test_the_fit_is_that_of_least_squares():
     """Values weighed by their sigma, rate and curve by those of a disturbance that changes."""
-    gains = HoldLimit.of(MEASURED.section(Shaping), MEASURED).gains
-    rate, seconds = np.pi * MEASURED.mean_motion_rad_s, np.arange(60.0)
+    gains = HoldLimit.of(HELD.section(Shaping), HELD).gains
+    rate, seconds = np.pi * HELD.mean_motion_rad_s, np.arange(60.0)
     values = 0.02 * np.cos(1.3 * rate * seconds + 1.0) + 1e-4 * np.sin(9.0 * seconds)
     fit = (0.0, 0.0, 0.0)
     for number, value in enumerate(values):
@@ -124,16 +124,16 @@ def test_in_the_hold_the_force_stays_below_the_disturbance():
         'initial_position_m': [0.0, 5.0, 0.0],
         'thrusters': {'matrix': np.diag([0.98] * 3).tolist()},
     }
-    base = scenario.parse(yaml.safe_load(scenario.dumps(MEASURED)) | changed)
+    base = scenario.parse(yaml.safe_load(scenario.dumps(HELD)) | changed)
     controller, hold = load_controller('allround'), slice(2000, None)
     largest = {}
     for share in (0.0, 0.96):
-        flown = base.equipped(replace(MEASURED.section(Shaping), hold_share=share))
+        flown = base.equipped(replace(HELD.section(Shaping), hold_share=share))
         flight = fly(flown, controller)
         largest[share] = np.abs(flight.signals[SHAPED_FORCE][hold]).max()
         assert np.abs(flight.positions_m[hold]).max() < 0.5
     assert largest[0.0] > 0.02 > largest[0.96] > 0.019
     # farther away than it may be, the limit opens
-    far = replace(MEASURED.section(Shaping), hold_share=0.5, hold_within_m=0.1)
+    far = replace(HELD.section(Shaping), hold_share=0.5, hold_within_m=0.1)
     flight = fly(base.equipped(far), controller)
     assert 0.1 < np.abs(flight.positions_m[hold]).max() < 0.2
