@@ -55,7 +55,10 @@ def test_the_list_has_every_name_once():
 @pytest.mark.parametrize(
     ('line', 'names'),
     [
-        ('rpo simulate paper_t', 'paper_test paper_test_held paper_test_measured paper_test_phase paper_training'),
+        (
+            'rpo simulate paper_t',
+            'paper_test paper_test_held paper_test_measured paper_test_phase paper_training',
+        ),
         ('rpo evaluate allround pa', 'pace paper_ga'),
         ('rpo safety show gu', 'guarded'),
         ('rpo campaign world_leo_', 'world_leo_ideal world_leo_stuck'),
