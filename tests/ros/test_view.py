@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import gc
 import itertools
 import json
 import math
@@ -465,6 +466,24 @@ def test_the_gate_passes_on_what_is_of_this_machine_alone(gate, capfd):
     with pytest.raises(InputError, match=r'`port` must be free; got \d+: it is in use'):
         Gate(gate.port, ('127.0.0.1', 1))
     assert capfd.readouterr() == ('', '')
+
+
+def test_the_gate_keeps_a_connection_whose_caller_has_said_all():
+    """Only the task itself then refers to it: a collection of garbage must not end it."""
+    with socket.create_server((hidden_address(), 0)) as inner:
+        inner.settimeout(10.0)
+        gate = Gate(0, inner.getsockname())
+        with socket.create_connection(('127.0.0.1', gate.port), timeout=10.0) as client:
+            client.sendall(f'GET / HTTP/1.1\r\nHost: localhost:{gate.port}\r\n\r\n'.encode())
+            client.shutdown(socket.SHUT_WR)
+            server, _ = inner.accept()
+            with server:
+                while server.recv(1 << 16):
+                    pass
+                gc.collect()
+                server.sendall(b'late')
+            assert client.recv(1 << 16) == b'late'
+        gate.close()
 
 
 def events(url: str, most: int) -> list[str]:

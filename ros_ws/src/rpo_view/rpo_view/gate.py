@@ -46,6 +46,7 @@ class Gate:
 
     def __init__(self, port: int, inner: tuple[str, int], origins: tuple[str, ...] = ()) -> None:
         self._inner, self._origins = inner, origins
+        self._tasks: set[asyncio.Task[None] | None] = set()
         try:
             listener = socket.create_server((HOST, port))
         except OSError as error:
@@ -58,6 +59,8 @@ class Gate:
         self._thread.start()
 
     async def _connected(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.current_task()
+        self._tasks.add(task)  # asyncio holds it weakly, once the caller has said all
         try:
             head = await asyncio.wait_for(reader.readuntil(_END), _HEAD_S)
             headers = parse_headers(BytesIO(head.partition(b'\r\n')[2]))
@@ -70,6 +73,7 @@ class Gate:
             pass  # whoever it was is gone
         finally:
             writer.close()
+            self._tasks.discard(task)
 
     async def _pass_on(
         self, head: bytes, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
