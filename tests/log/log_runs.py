@@ -240,20 +240,24 @@ def rewrite(source: Path, target: Path, change: Change) -> None:
             if isinstance(record, Metadata):
                 file.add_metadata(record.name, record.metadata)
             elif isinstance(record, Attachment):
-                file.add_attachment(record.name, record.media_type, record.data, record.log_time)
+                file.add_attachment(
+                    record.log_time, record.log_time, record.name, record.media_type, record.data
+                )
             elif isinstance(record, Chunk):
                 for inner in breakup_chunk(record):
                     _copy(file, inner, schemas, channels, change)
-                file.close_chunk()
+                file.flush()
     file.finish()
     file.close()
 
 
 def _copy(file, record, schemas, channels, change: Change) -> None:
     if isinstance(record, Schema):
-        schemas[record.id] = file.add_schema(record.name, record.data, record.encoding)
+        schemas[record.id] = file.register_schema(record.name, record.encoding, record.data)
     elif isinstance(record, Channel):
-        number = file.add_channel(record.topic, schemas[record.schema_id], record.metadata)
+        number = file.register_channel(
+            record.topic, 'cdr', schemas[record.schema_id], record.metadata
+        )
         channels[record.id] = (number, record.topic)
     elif isinstance(record, Message):
         number, topic = channels[record.channel_id]

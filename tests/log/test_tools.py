@@ -34,7 +34,7 @@ from rpo_log.tools.diff import diff
 from rpo_log.tools.export import export
 from rpo_log.tools.info import inspect
 from rpo_log.verify import verify
-from rpo_mcap.errors import ExitCode, Fault, LogError
+from rpo_mcap.errors import ExitCode, LogError
 from rpo_mcap.read import stream
 from rpo_mcap.read.run_log import read_run
 from rpo_mcap.write.side_file import HealthLogWriter
@@ -281,18 +281,17 @@ def test_without_disturbance(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('name', 'kind', 'said'),
+    ('name', 'said'),
     [
-        ('taken.csv', Fault.EXISTS, 'exists already'),
-        ('run.xlsx', Fault.CANNOT_WRITE, r'must end in one of \.csv'),
-        ('nowhere/run.csv', Fault.CANNOT_WRITE, 'No such file'),
+        ('taken.csv', 'exists already'),
+        ('run.xlsx', r'must end in one of \.csv'),
+        ('nowhere/run.csv', 'No such file'),
     ],
 )
-def test_outputs_that_cannot_be(log, tmp_path, name, kind, said):
+def test_outputs_that_cannot_be(log, tmp_path, name, said):
     (tmp_path / 'taken.csv').write_text('mine')
-    with pytest.raises(LogError, match=said) as found:
+    with pytest.raises(LogError, match=said):
         export(log, tmp_path / name)
-    assert found.value.fault is kind
     assert (tmp_path / 'taken.csv').read_text() == 'mine'
 
 

@@ -51,7 +51,7 @@ from rpo_log.tools.export import export
 from rpo_log.tools.record import record
 from rpo_log.verify import evidence, verification, verify
 from rpo_log.verify.run_status import Statuses
-from rpo_mcap.errors import ExitCode, Fault, LogError
+from rpo_mcap.errors import ExitCode, LogError
 from rpo_mcap.format.run import TimeBase
 from rpo_mcap.read.run_log import flight_of, read_run
 from rpo_mcap.write.writer import RunLogWriter
@@ -349,9 +349,8 @@ def test_a_run_that_was_aborted(run, tmp_path):
 
 def test_a_disturbance_that_was_not_recorded(tmp_path):
     make_run(5.0, 'paper_test', (STATE, FORCE)).write(tmp_path)
-    with pytest.raises(LogError, match='its scenario has a disturbance') as found:
+    with pytest.raises(LogError, match='its scenario has a disturbance'):
         verify(tmp_path)
-    assert found.value.fault is Fault.MISSING_TOPIC
 
 
 def test_interpreted_and_compiled_agree(log):

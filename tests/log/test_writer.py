@@ -41,7 +41,7 @@ from rpo_core.wire.interfaces import MOST_AHEAD_TICKS, REMEMBERED_TICKS
 from rpo_core.world.disturbance import NONE
 from rpo_log.manifests import Manifests
 from rpo_log.tools.repair import repair
-from rpo_mcap.errors import Fault, LogError
+from rpo_mcap.errors import ExistsAlready, LogError
 from rpo_mcap.format import run as run_format
 from rpo_mcap.format.run import TimeBase
 from rpo_mcap.read.run_log import read_run
@@ -96,9 +96,8 @@ def test_topics_may_live_in_a_namespace(short_run, tmp_path):
 
 @pytest.mark.parametrize('names', [(STATE, '/odometry'), (STATE, '/beta/relative_state')])
 def test_topics_without_or_with_the_same_role_are_refused(short_run, tmp_path, names):
-    with pytest.raises(LogError) as found:
+    with pytest.raises(LogError, match='role'):
         RunLogWriter(tmp_path / 'log', short_run.base, names, {})
-    assert found.value.fault is Fault.WRONG_TYPE
     assert not (tmp_path / 'log').exists()
 
 
@@ -155,9 +154,8 @@ def test_an_existing_log_is_never_overwritten_without_being_asked_to(short_run, 
     short_run.write(tmp_path)
     (tmp_path / 'notes.txt').write_text('mine')
     before = digests(tmp_path)
-    with pytest.raises(LogError, match='holds a log already') as found:
+    with pytest.raises(ExistsAlready, match='holds a log already') as found:
         short_run.write(tmp_path)
-    assert found.value.fault is Fault.EXISTS
     assert '`--overwrite`' in str(found.value) and '-p overwrite:=true' in str(found.value)
     assert digests(tmp_path) == before
     short_run.write(tmp_path, split_s=2.0, overwrite=True)
@@ -168,9 +166,8 @@ def test_an_existing_log_is_never_overwritten_without_being_asked_to(short_run, 
 
 def test_a_place_that_takes_no_log_is_named(short_run, tmp_path):
     (tmp_path / 'file').write_text('')
-    with pytest.raises(LogError, match=r'file.*cannot hold a log: ') as found:
+    with pytest.raises(LogError, match=r'file.*cannot hold a log: '):
         short_run.write(tmp_path / 'file' / 'log')
-    assert found.value.fault is Fault.CANNOT_WRITE
 
 
 def test_messages_after_the_end_are_counted(short_run, tmp_path):
@@ -246,7 +243,7 @@ def test_a_side_file_whose_end_does_not_reach_the_disk_says_so(tmp_path, monkeyp
 
 
 def test_a_side_file_that_cannot_be_begun_is_refused_and_closed(tmp_path, monkeypatch):
-    monkeypatch.setattr(McapFile, 'close_chunk', Mock(side_effect=OSError(28, 'No space left')))
+    monkeypatch.setattr(McapFile, 'flush', Mock(side_effect=OSError(28, 'No space left')))
     closed = Mock()
     monkeypatch.setattr(McapFile, 'close', closed)
     with pytest.raises(LogError, match=r'health.mcap.*No space left'):

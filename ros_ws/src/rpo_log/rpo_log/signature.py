@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from rpo_core.files import open_regular
 from rpo_core.files.validation import InputError
-from rpo_mcap.errors import Fault, LogError, cannot_write
+from rpo_mcap.errors import LogError, NotARun, cannot_write
 from rpo_mcap.format.run import SIGNATURE_FILE, SUMS_FILE, write_whole
 from rpo_mcap.format.sums import Sums
 
@@ -82,7 +82,7 @@ def private_key(path: Path) -> Ed25519PrivateKey:
 def sign(folder: Path, sums: Sums, key: Ed25519PrivateKey) -> None:
     """Sign the sums of a run folder: write SHA256SUMS.sig; raises LogError."""
     if sums.content is None:
-        raise LogError(Fault.NOT_FOUND, folder, f'holds no {SUMS_FILE} to sign')
+        raise NotARun(folder, f'holds no {SUMS_FILE} to sign')
     path = folder / SIGNATURE_FILE
     try:
         write_whole(path, key.sign(sums.content))
@@ -159,11 +159,11 @@ def sign_run(folder: Path, key: Path) -> str:
     signer = signature.private_key(key)
     files_of(folder)  # refuses what is no run
     if not folder.is_dir():
-        raise LogError(Fault.NOT_FOUND, folder, 'must be the folder of a run')
+        raise NotARun(folder, 'must be the folder of a run')
     digests = Digests.of(folder)
     faults = [*digests.faults, *(f'{name} {what}' for name, what in digests.others.items())]
     if faults:
-        raise LogError(Fault.BAD_SUMS, folder, f'cannot be signed: {"; ".join(faults)}')
+        raise LogError(folder, f'cannot be signed: {"; ".join(faults)}')
     listed = digests.sums
     if digests.unlisted:
         listed = sums.write_sums(folder, digests.matched)

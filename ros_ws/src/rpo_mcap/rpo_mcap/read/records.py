@@ -34,7 +34,7 @@ from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_
 
 from rpo_core.files import open_regular
 from rpo_core.files.validation import shown
-from rpo_mcap.errors import Fault, LogError, cannot_read
+from rpo_mcap.errors import LogError, NotARun, cannot_read
 
 MAGIC = b'\x89MCAP0\r\n'
 MAX_RECORD_BYTES = 1 << 25
@@ -164,7 +164,7 @@ class FileRecords:
         magic = stream.read(len(MAGIC))
         if magic != MAGIC:
             what = f'begins with {magic.hex(" ")}' if magic else 'is empty'
-            raise LogError(Fault.NOT_MCAP, self.path, f'is not an MCAP file: it {what}')
+            raise NotARun(self.path, f'is not an MCAP file: it {what}')
         size = stream.seek(0, 2)
         stream.seek(0)
         reader = _StrictReader(stream, size, self)
@@ -203,7 +203,6 @@ class FileRecords:
         self.damage = f'the checksum of its {part} does not fit'
         if not self.tolerant:
             raise LogError(
-                Fault.CORRUPT,
                 self.path,
                 f'is corrupt: the checksum of its {part}, '
                 f'which ends at byte {self.offset}, does not fit',
@@ -219,9 +218,7 @@ class FileRecords:
     def corrupt(self, opcode: int, why: str) -> LogError:
         """Return the LogError of a damaged record, the last one read."""
         name = Opcode(opcode).name.lower().replace('_', ' ')
-        return LogError(
-            Fault.CORRUPT, self.path, f'is corrupt: the {name} at byte {self.offset}: {why}'
-        )
+        return LogError(self.path, f'is corrupt: the {name} at byte {self.offset}: {why}')
 
     def content_of(self, chunk: Chunk) -> bytes:
         """Return the records inside the chunk read last, decompressed; raises LogError."""

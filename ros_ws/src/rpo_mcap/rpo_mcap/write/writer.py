@@ -27,7 +27,7 @@ from rpo_mcap.format import rosbag2
 from rpo_mcap.format.rosbag2 import BagFile
 from rpo_mcap.format.run import RunSummary, TimeBase, prepare_folder
 from rpo_mcap.topics import Topic
-from rpo_mcap.write.mcap_file import BagFileWriter, bag_topics
+from rpo_mcap.write.mcap_file import RunFileWriter, bag_topics
 from rpo_mcap.write.orderer import TickOrderer
 
 SYNC_INTERVAL_S = 1.0
@@ -243,11 +243,11 @@ class RunLogWriter:
     def _logged(self) -> list[int]:
         return [sum(c) for c in zip(*(counts for _, counts in self._files()), strict=True)]
 
-    def _begin_file(self, number: int, ticks_before: int) -> BagFileWriter:
+    def _begin_file(self, number: int, ticks_before: int) -> RunFileWriter:
         split = self._split_ticks > 0 or self._split_bytes > 0
         name = f'run_{number}.mcap' if split else 'run.mcap'
         self._file_tick = ticks_before
-        return BagFileWriter(
+        return RunFileWriter(
             self.folder / name, self.base, self.topics, self._attachments, ticks_before
         )
 
