@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import yaml
-from log_runs import CLOCK, DISTURBANCE, FORCE, STATE, STATUS, make_run, rewrite
+from log_runs import CLOCK, DISTURBANCE, FORCE, STATE, STATUS, changed, forge, make_run
 
 from rpo_core import files
 from rpo_core.chain.chain import Chain
@@ -104,13 +104,7 @@ def free():
 
 def forged(name, tick, force):
     """Return a change that puts another force into one message."""
-
-    def change(topic, at, data):
-        if (topic, at) != (name, tick):
-            return data
-        return cdr.encode_wrench(cdr.stamp_ns(data), 'target_lvlh', force)
-
-    return change
+    return changed(name, tick, lambda d: cdr.encode_wrench(cdr.stamp_ns(d), 'target_lvlh', force))
 
 
 def test_answers_that_lack_are_no_fault_and_the_flight_verifies(free, tmp_path):
@@ -300,13 +294,10 @@ def test_torques_that_were_late_empty_the_wheels_as_they_acted(tmp_path):
 
 def test_a_command_whose_question_is_not_in_the_log_is_a_gap(tmp_path):
     """Any command passed for an answer where the log lacks what the controller read."""
-    (tmp_path / 'forged').mkdir()
     write_turning(tmp_path / 'run', FreeRunningPlant(turning(), ['body_force'], STALE_AFTER))
     assert verify(tmp_path / 'run').exit_code == 0
-    rewrite(
-        tmp_path / 'run/run.mcap', tmp_path / 'forged/run.mcap',
-        lambda name, tick, data: None if (name, tick) == ('/reference_state', 50) else data,
-    )  # fmt: skip
+    lost = changed('/reference_state', 50, None)
+    forge(tmp_path / 'run/run.mcap', tmp_path / 'forged', lost)
     gap = verify(tmp_path / 'forged').gaps[0]
     assert gap.startswith('controller could not be recomputed at 1 ticks, the first is 50')
 
