@@ -304,23 +304,6 @@ def test_time_base():
     assert TimeBase(0, 1_000, 1).chunk_ticks == 512
 
 
-def test_a_chunk_never_holds_more_than_the_rule_says(run, chunks):
-    ticks = {}
-    for chunk in chunks:
-        first = (chunk.message_start_time - run.base.epoch_ns) // run.base.dt_ns
-        last = (chunk.message_end_time - run.base.epoch_ns) // run.base.dt_ns
-        ticks.setdefault(first, last - first + 1)
-    for first, count in ticks.items():
-        assert count <= max(1, min((first + count) // 25, 10))
-
-
-def test_status_alone_is_in_a_chunk_of_its_own(chunks, run):
-    last = chunks[-1]
-    assert last.message_start_time == run.base.stamp_ns(run.base.last_tick)
-    assert len(last.message_index_offsets) == 1
-    assert STATUS in run.topics
-
-
 def hostile(run, rng):
     """Return a message that the plant ignores, or that contradicts one of its own."""
     base, last = run.base, run.base.last_tick
