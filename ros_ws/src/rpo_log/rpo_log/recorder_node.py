@@ -501,7 +501,7 @@ class RecorderNode(FlightNode):
         values = {
             'messages': messages,
             'rate_hz': self._rate.per_s(messages),
-            'backlog': self.log.waiting,
+            'backlog': self.log.orderer.waiting,
             'lost': summary.lost,
             'missing': sum(count for count, _ in summary.missing.values()),
             'decisions': self._decisions.messages if self._decisions else 0,

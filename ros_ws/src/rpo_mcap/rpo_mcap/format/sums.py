@@ -14,7 +14,6 @@ from pathlib import Path
 from rpo_core.files import open_regular
 from rpo_core.files.validation import shown
 from rpo_mcap.errors import LogError, cannot_read, cannot_write, read_at_most
-from rpo_mcap.format import sums
 from rpo_mcap.format.run import SIGNATURE_FILE, SUMS_FILE, write_whole
 from rpo_mcap.read.records import FileRecords
 
@@ -186,7 +185,7 @@ class Digests:
         read : per file that was read before, SHA-256 of the bytes that came; empty if the file was
             too long to be hashed. The others are read here.
         """
-        listed, there = sums.read_sums(folder), Contents.of(folder)
+        listed, there = read_sums(folder), Contents.of(folder)
         found = {name: _digest(folder, name, read or {}) for name in there.files
                  if name in listed.digests}  # fmt: skip
         matched = {name: digest for name, digest in found.items() if digest == listed.digests[name]}
@@ -207,7 +206,7 @@ def _digest(folder: Path, name: str, read: Mapping[str, str]) -> str:
             return '' if records.unread else records.sha256.hexdigest()
         except LogError:  # no MCAP file: it is as any other
             pass
-    return sums.digest_of(folder / name, MAX_BESIDE_BYTES)
+    return digest_of(folder / name, MAX_BESIDE_BYTES)
 
 
 def _faults(

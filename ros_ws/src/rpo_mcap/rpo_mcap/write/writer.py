@@ -86,18 +86,13 @@ class RunLogWriter:
         leader = self._index.get(RELATIVE_STATE, 0)
         plain = frozenset(i for i, topic in enumerate(self.topics) if not topic.row.columns)
         self.orderer = TickOrderer(
-            len(self.topics), events, self._status, self._write_tick, leader, plain, self._read
+            len(self.topics), events, self._status, self._write_tick, self._read, leader, plain
         )
         prepare_folder(self.folder, overwrite)
         try:
             self._file = self._begin_file(0, 0)
         except OSError as error:
             raise cannot_write(self.folder, error) from None
-
-    @property
-    def asks_from(self) -> int | None:
-        """First tick for which the plant must report what it published and took; None: for none."""
-        return self.orderer.asks_from
 
     def ask(self) -> None:
         """Ask the plant from now on: several nodes publish a topic."""
@@ -194,11 +189,6 @@ class RunLogWriter:
         self._file.finish()
         files = [entry for entry, _ in self._files()]
         rosbag2.write_metadata(self.folder, bag_topics(self.topics, self._logged()), files)
-
-    @property
-    def waiting(self) -> int:
-        """Messages that wait for others of their tick."""
-        return self.orderer.waiting
 
     @property
     def latest(self) -> int:
