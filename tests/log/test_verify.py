@@ -14,6 +14,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from free_runs import FreeRun
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from log_runs import (
@@ -37,8 +38,6 @@ from typer.testing import CliRunner
 from rpo_attitude.chaser import Chaser, Wheels
 from rpo_attitude.target import Target
 from rpo_cli.cli import app
-from rpo_core.chain.chain import Chain
-from rpo_core.chain.stage import Place
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
 from rpo_core.files.scenario import Scenario
@@ -53,11 +52,9 @@ from rpo_log.tools.record import record
 from rpo_log.verify import evidence, verification, verify
 from rpo_log.verify.run_status import Statuses
 from rpo_mcap.errors import ExitCode, LogError
-from rpo_mcap.format.run import TimeBase
 from rpo_mcap.read.run_log import flight_of, read_run
 from rpo_mcap.write.writer import RunLogWriter
 from rpo_nav.navigation_errors import Navigation
-from rpo_sim.free_running import FreeRunningPlant
 from rpo_thrusters.table import ThrusterTable
 from rpo_thrusters.thrusters import Propellant, Thrusters
 
@@ -651,66 +648,21 @@ def test_covariances_are_read_and_exported(runs, tmp_path):
     assert {'measurement_x_m', 'navigation_x_m', 'navigation_x_x_m2'} <= set(header)
 
 
-class FreeNavigation:
-    """Navigation against the wall clock: it misses some ticks, and so does the controller."""
-
-    def __init__(self, missed=(), lost=()):
-        self.missed, self.lost = missed, lost
-        navigation = Chain.of(SENSORS).part(Place.SENSOR, Place.ESTIMATOR)
-        law = CONTROLLER
-        plant = FreeRunningPlant(SENSORS, ['control_force', 'disturbance_force'], 4)
-        self.messages, before = [], (0.0, 0.0, 0.0)
-        (previous,) = (name for name in navigation.inputs if name != 'relative_state')
-        for tick in range(SENSORS.ticks + 1):
-            said = {'relative_state': plant.state}
-            if tick not in missed:
-                signals = {'relative_state': plant.state, previous: before}
-                navigation.step(tick, signals)
-                seen = signals['navigation_state']
-                said['control_force'] = law.force_n(seen[:3], seen[3:])
-                plant.answer('control_force', plant.stamp_ns, said['control_force'])
-                if tick not in lost:
-                    said |= {
-                        name: signals[name] for name in ('measurement', 'estimated_disturbance')
-                    }
-                    said['navigation_state'] = (*seen, *signals['navigation_covariance'])
-            said['applied_force'] = before = plant.applied('control_force')
-            said['applied_disturbance'] = plant.applied('disturbance_force')
-            self.messages += [(f'/{name}', tick, plant.stamp_ns, v) for name, v in said.items()]
-            if tick < SENSORS.ticks:
-                plant.advance()
-
-    def write(self, folder, flip=None):
-        """Write the log."""
-        names = dict.fromkeys(name for name, *_ in self.messages)
-        parameters = b'plant: {mode: free_running, stale_after_ticks: 4}\n'
-        attached = run_of(SENSORS).attachments | {'parameters.yaml': parameters}
-        base = TimeBase(SENSORS.epoch_ns, SENSORS.dt_ns, SENSORS.ticks)
-        writer = RunLogWriter(folder, base, names, attached)
-        order = [row.name for row in interfaces.rows()]
-        for name, tick, stamp, values in sorted(
-            self.messages, key=lambda m: (m[1], order.index(m[0][1:]))
-        ):
-            given = list(values)
-            if flip == (name, tick):
-                given[0] += 1e-9
-            row = interfaces.row_of(name[1:])
-            writer.write(name, tick, row.layout.encode(stamp, given))
-        writer.close()
-
-
 def test_a_tick_that_navigation_missed_is_recomputed_as_missed(blocks, tmp_path):
-    FreeNavigation(missed=(10, 19, 20)).write(tmp_path / 'run')
+    missed = dict.fromkeys(('sensors', 'estimator', 'controller'), (10, 19, 20))
+    run = FreeRun(SENSORS, missed=missed)
+    run.write(tmp_path / 'run')
     verified = verify(tmp_path / 'run')
     assert verified.difference is None, verified.sentence()
     assert 'estimator could not' not in verified.sentence()
-    FreeNavigation(missed=(10, 19, 20)).write(tmp_path / 'forged', flip=('/navigation_state', 25))
+    run.write(tmp_path / 'forged', flipped('/navigation_state', 25))
     found = verify(tmp_path / 'forged').difference
     assert (found.check, found.tick) == ('estimator', 25)
 
 
 def test_a_message_that_the_recorder_missed_is_a_gap_that_is_said(blocks, tmp_path):
-    FreeNavigation(lost=(10,)).write(tmp_path)
+    names = 'measurement', 'navigation_state', 'estimated_disturbance'
+    FreeRun(SENSORS, unlogged=[(name, 10) for name in names]).write(tmp_path)
     verified = verify(tmp_path)
     assert verified.difference is None, verified.sentence()
     assert 'estimator could not be recomputed at 20 ticks, the first is 11' in verified.sentence()
