@@ -7,7 +7,7 @@ from __future__ import annotations
 import importlib
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
@@ -80,6 +80,14 @@ def draw(module: str, path: Path, *subject: Any) -> None:
     except ModuleNotFoundError as error:
         typer.echo(f'No picture: {error.name} is not installed.', err=True)
     else:
+        echo(path)
+
+
+def write_texts(texts: Mapping[Path, str]) -> None:
+    """Write files, and print their names; raises InputError."""
+    for path, text in texts.items():
+        with writing(path):
+            path.write_text(text, encoding='utf-8')
         echo(path)
 
 
