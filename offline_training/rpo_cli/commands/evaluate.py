@@ -287,6 +287,7 @@ def _robustness(controller: AnyController, folder: Path, workers: int) -> bool:
         margins_of,
         rows_of,
     )
+    from rpo_report import robustness
 
     with progress() as show:
         found = margins_of(controller, workers, show)
@@ -296,7 +297,7 @@ def _robustness(controller: AnyController, folder: Path, workers: int) -> bool:
     if found.crossings:
         print_table(CROSSED, map(crossing_row, found.crossings), 'describing function of an axis')
     path = folder / f'robustness_{identifier(controller.name)}.png'
-    draw('rpo_report.robustness', path, found, controller.name)
+    draw(path, robustness.draw, found, controller.name)
     return found.starts_missed > 0
 
 

@@ -71,12 +71,14 @@ def tool(name: str) -> Any:
     return importlib.import_module(f'tools.{name}')
 
 
-def draw(module: str, path: Path, *subject: Any) -> None:
-    """Let `draw` of a module write a picture; without matplotlib, say that there is none."""
+def draw(path: Path, made: Callable[..., Any], *subject: Any) -> None:
+    """Write the figure that is made of a subject; without matplotlib, say that there is none."""
+    from rpo_log.show import style
+
     try:
-        with writing(path):
+        with writing(path), style.applied():
             path.parent.mkdir(parents=True, exist_ok=True)
-            importlib.import_module(module).draw(*subject, path)
+            made(*subject).savefig(path)
     except ModuleNotFoundError as error:
         typer.echo(f'No picture: {error.name} is not installed.', err=True)
     else:
