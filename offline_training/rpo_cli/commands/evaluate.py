@@ -203,18 +203,10 @@ def _judge_estimator(name: str, runs: int) -> bool:
 def _print_targets(found: Assessment) -> None:
     from rpo_judge.evaluation.assessment import QUESTIONS
 
-    rows = [
-        (
-            target.name,
-            target.what,
-            '' if target.limit is None else f'{target.limit:.4g} {target.unit}',
-            f'{target.reached:.4g} {target.unit}',
-            target.word,
-        )
-        for target in found.targets()
-    ]
-    headings = ('', 'what', 'limit', 'reached', '')
-    print_table(headings, rows, f'{found.controller.name}: targets', left=2)
+    rows = [target.cells() for target in found.targets()]
+    print_table(
+        ('', 'what', 'limit', 'reached', ''), rows, f'{found.controller.name}: targets', left=2
+    )
     typer.echo(f'{QUESTIONS}\n{found.verdict()}.')
 
 
