@@ -42,7 +42,7 @@ from rpo_montecarlo.outputs import (
     write_text,
 )
 from rpo_training import __version__, processor
-from rpo_training.algorithms import Search, Stage
+from rpo_training.algorithms import Search
 from rpo_training.config import Configuration
 from rpo_training.fitting import training_set
 
@@ -243,14 +243,9 @@ class SearchRun(Generic[Config, Found]):
         """What the run does now."""
         return self.search.phase
 
-    @property
-    def stage(self) -> Stage:
-        """The stage of the search; most searches have but one."""
-        return getattr(self.search, 'stage', Stage(0, np.empty(0)))
-
     def _enter_stage(self) -> None:
         """Draw the flights of the stage."""
-        number, genes = self.stage
+        number, genes = self.search.stage
         self.fitness.enter(number, self.decode(genes[None]) if len(genes) else None)
 
     def decode(self, genes: Floats) -> Any:
@@ -344,7 +339,7 @@ class SearchRun(Generic[Config, Found]):
         self.checkpoint.add(genes, scores)
         rows = self.checkpoint.scores[-1]
         index = int(rows[:, 0].argmin())
-        self.stages.append(self.stage.number)
+        self.stages.append(self.search.stage.number)
         anew = self.stages[-2:-1] != self.stages[-1:]  # another stage has another fitness
         if anew or rows[index, 0] < self.best[0]:
             self.best, self.best_genes = rows[index], genes[index].copy()
