@@ -11,7 +11,8 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from functools import partial
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from pymoo.algorithms.moo.nsga2 import NSGA2
@@ -20,7 +21,7 @@ from pymoo.core.problem import Problem
 from pymoo.core.termination import NoTermination
 from pymoo.problems.static import StaticProblem
 
-from rpo_core.files.validation import real, whole
+from rpo_core.files.validation import Checked, real, whole
 from rpo_kernels.arrays import Floats
 from rpo_training.genetic import GaSettings, PaperGa, first_generation, generator
 
@@ -51,7 +52,7 @@ class Best:
 
 
 @dataclass(frozen=True)
-class CmaSettings:
+class CmaSettings(Checked):
     """Options of CMA-ES.
 
     population : samples of a generation
@@ -62,20 +63,18 @@ class CmaSettings:
     tolerance : a descent ends when its best has improved by less [N^2 s] over `patience` samples
     """
 
-    population: int = 32
-    sigma: float = 0.05
+    PLACE = 'cmaes.'
+
+    population: Annotated[int, partial(whole, least=4, most=100_000)] = 32
+    sigma: Annotated[float, partial(real, above=0.0, most=1.0)] = 0.05
     evaluations: int = 30_000
-    descents: int = 4
-    tolerance: float = 1e-3
-    patience: int = 3000
+    descents: Annotated[int, partial(whole, least=1)] = 4
+    tolerance: Annotated[float, partial(real, unit='N^2 s', least=0.0)] = 1e-3
+    patience: Annotated[int, partial(whole, least=1)] = 3000
 
     def __post_init__(self) -> None:
-        whole('cmaes.population', self.population, least=4, most=100_000)
-        real('cmaes.sigma', self.sigma, above=0.0, most=1.0)
+        super().__post_init__()
         whole('cmaes.evaluations', self.evaluations, least=self.population)
-        whole('cmaes.descents', self.descents, least=1)
-        real('cmaes.tolerance', self.tolerance, 'N^2 s', least=0.0)
-        whole('cmaes.patience', self.patience, least=1)
 
 
 Script = Generator[Floats, Floats, str]

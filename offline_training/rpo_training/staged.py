@@ -10,11 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
+from typing import Annotated
 
 import numpy as np
 
-from rpo_core.files.validation import InputError, real, whole
+from rpo_core.files.validation import Checked, flag, real, whole
 from rpo_judge.scoring.drawn import HELD_OUT, UNDRAWN
 from rpo_kernels.arrays import Floats
 from rpo_training.algorithms import Best, CmaSettings, Script, Search, Stage
@@ -35,7 +37,7 @@ class _InStages(Search):
 
 
 @dataclass(frozen=True)
-class StagedSettings:
+class StagedSettings(Checked):
     """Options of the stages.
 
     restarts : descents from the start, without drawn flights, with the settings of CMA-ES
@@ -43,16 +45,12 @@ class StagedSettings:
     sigma, evaluations : of each stage
     """
 
-    restarts: int = 1
-    stages: int = 3
-    sigma: float = 0.015
-    evaluations: int = 1500
+    PLACE = 'staged.'
 
-    def __post_init__(self) -> None:
-        whole('staged.restarts', self.restarts, least=1, most=1000)
-        whole('staged.stages', self.stages, least=1, most=1000)
-        real('staged.sigma', self.sigma, above=0.0, most=1.0)
-        whole('staged.evaluations', self.evaluations, least=1)
+    restarts: Annotated[int, partial(whole, least=1, most=1000)] = 1
+    stages: Annotated[int, partial(whole, least=1, most=1000)] = 3
+    sigma: Annotated[float, partial(real, above=0.0, most=1.0)] = 0.015
+    evaluations: Annotated[int, partial(whole, least=1)] = 1500
 
 
 class StagedSearch(_InStages):
@@ -90,7 +88,7 @@ class StagedSearch(_InStages):
 
 
 @dataclass(frozen=True)
-class RaceSettings:
+class RaceSettings(Checked):
     """Options of the race; the descents over all genes have `CmaSettings`.
 
     rounds : at most
@@ -102,27 +100,21 @@ class RaceSettings:
     stages : whether each round draws its flights anew, and held-out flights decide at the end
     """
 
-    rounds: int = 3
-    entrants: int = 8
-    population: int = 14
-    sigma: float = 0.05
+    PLACE = 'race.'
+
+    rounds: Annotated[int, partial(whole, least=1)] = 3
+    entrants: Annotated[int, partial(whole, least=1)] = 8
+    population: Annotated[int, partial(whole, least=4)] = 14
+    sigma: Annotated[float, partial(real, above=0.0, most=1.0)] = 0.05
     evaluations: int = 2000
-    last: int = 0
-    gain: float = 0.01
-    scan: int = 0
-    stages: bool = False
+    last: Annotated[int, partial(whole, least=0)] = 0
+    gain: Annotated[float, partial(real, unit='N^2 s', least=0.0)] = 0.01
+    scan: Annotated[int, partial(whole, least=0, most=100)] = 0
+    stages: Annotated[bool, flag] = False
 
     def __post_init__(self) -> None:
-        if not isinstance(self.stages, bool):
-            raise InputError(f'`race.stages` must be true or false; got {self.stages!r}')
-        whole('race.rounds', self.rounds, least=1)
-        whole('race.entrants', self.entrants, least=1)
-        whole('race.population', self.population, least=4)
-        real('race.sigma', self.sigma, above=0.0, most=1.0)
+        super().__post_init__()
         whole('race.evaluations', self.evaluations, least=self.population)
-        whole('race.last', self.last, least=0)
-        real('race.gain', self.gain, 'N^2 s', least=0.0)
-        whole('race.scan', self.scan, least=0, most=100)
 
 
 @dataclass(frozen=True)
