@@ -215,18 +215,16 @@ class SearchRun(Generic[Config, Found]):
         self._evaluated = 0
         self._began: float | None = None
 
-    @property
-    def scenario(self) -> str:
-        """The scenario or set that is searched for."""
-        return self.config.scenario
-
     def make_starts(self) -> Any:
         """Return the set that is flown."""
-        return training_set(self.scenario)
+        return training_set(self.config.scenario)
 
     def inputs(self) -> list[str]:
         """Return the texts of the scenario, of the starts, and of the campaigns."""
-        named = [('scenario', self.scenario), *(('controller', n) for n in self.config.starts)]
+        named = [
+            ('scenario', self.config.scenario),
+            *(('controller', n) for n in self.config.starts),
+        ]
         found = [files.read_text(files.find(kind, name)) for kind, name in named]
         return found + [text for flights in self.fitness.drawn for text in flights.texts]
 
@@ -290,9 +288,6 @@ class SearchRun(Generic[Config, Found]):
     def flown(self) -> str:
         """What every candidate flies."""
         return f'{len(self.starts.initial_positions_m)} starts'
-
-    def save_more(self) -> None:
-        """Write what the folder holds at the end beside the best controller."""
 
     @classmethod
     def create(
@@ -403,8 +398,8 @@ class SearchRun(Generic[Config, Found]):
             time.monotonic() - (self._began or 0.0),
         )
 
-    def write_history(self) -> None:
-        """Write `history.csv`, a row for each generation."""
+    def save_more(self) -> None:
+        """Write what the folder holds beside the best: `history.csv`, a row for each generation."""
         history: list[Mapping[str, object]] = []
         best, evaluations, before = np.full(1, np.inf), 0, None
         for number, scores in enumerate(self.checkpoint.scores):

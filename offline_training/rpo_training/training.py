@@ -98,8 +98,8 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
         return self.controller(self.best_genes, self.config.name)
 
     def save_more(self) -> None:
-        """Write `history.csv`, a row for each generation; for a front, its controllers."""
-        self.write_history()
+        """Write `history.csv`; for a front, its controllers; the finalists."""
+        super().save_more()
         if self.config.algorithm == 'nsga2':
             self._save_front()
         if self.stages[-1] == HELD_OUT and isinstance(self.search, TableRace):
