@@ -209,8 +209,9 @@ def end(run: SearchRun[Config, Found], best: Found, no_fail: bool) -> None:
     if not which:
         return
     echo(
-        f'The best controller misses conditions of {run.scenario}: {which}. It is written. Try '
-        'another seed or more evaluations; or give the scenario more time, force or weaker limits.',
+        f'The best controller misses conditions of {run.config.scenario}: {which}. '
+        'It is written. Try another seed or more evaluations; or give the scenario more time, '
+        'force or weaker limits.',
         err=True,
     )
     shared.end(missed=True, no_fail=no_fail)
