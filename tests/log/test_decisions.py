@@ -5,7 +5,7 @@
 import random
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from log_runs import record
 
@@ -83,6 +83,7 @@ STATUS = st.builds(
 )  # fmt: skip
 
 
+@settings(max_examples=40)
 @given(st.integers(0, 2**31 * 10**9 - 1), TEXT, st.lists(STATUS, max_size=4).map(tuple))
 def test_an_array_round_trips_in_one_way(stamp_ns, frame, axes):
     data = cdr.encode_array(stamp_ns, frame, axes)

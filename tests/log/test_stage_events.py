@@ -117,13 +117,13 @@ def test_the_events_are_logged_the_same_whenever_they_come_in_time(switched, tmp
     assert (tmp_path / 'a/run.mcap').read_bytes() == (tmp_path / 'b/run.mcap').read_bytes()
 
 
-def test_zero_without_the_event_is_a_difference(blocks, switched, tmp_path):
+def test_zero_without_the_event_is_a_difference(small_blocks, switched, tmp_path):
     switched.write(tmp_path, with_events(switched, SWITCHED[1:]))
     found = verify(tmp_path).difference
     assert (found.tick, found.topic, found.check) == (OFF.start, FORCE, 'controller')
 
 
-def test_a_command_of_a_controller_that_is_switched_off_is_a_difference(blocks, tmp_path):
+def test_a_command_of_a_controller_that_is_switched_off_is_a_difference(small_blocks, tmp_path):
     run = replace(make_run(5.0), topics=(*TOPICS, STAGE_STATUS))
     run.write(tmp_path, with_events(run, SWITCHED))
     found = verify(tmp_path).difference
@@ -156,7 +156,7 @@ def lost(topic, tmp_path, say=True, until=LOST_AT):
 
 
 @pytest.mark.parametrize('topic', [FORCE, DISTURBANCE])
-def test_a_plant_that_went_on_without_a_peer_verifies(blocks, topic, tmp_path):
+def test_a_plant_that_went_on_without_a_peer_verifies(small_blocks, topic, tmp_path):
     assert lost(topic, tmp_path).whole
     found = verify(tmp_path)
     assert found.exit_code == ExitCode.OK, found.sentence()
@@ -164,7 +164,7 @@ def test_a_plant_that_went_on_without_a_peer_verifies(blocks, topic, tmp_path):
 
 
 @pytest.mark.parametrize('topic', [FORCE, DISTURBANCE])
-def test_a_peer_that_is_missing_before_it_was_lost_is_missing(blocks, topic, tmp_path):
+def test_a_peer_that_is_missing_before_it_was_lost_is_missing(small_blocks, topic, tmp_path):
     summary = lost(topic, tmp_path, until=LOST_AT - 1)
     assert summary.missing == {topic: (1, LOST_AT - 1)}
     assert read_run(tmp_path).missing == {topic: 1}
@@ -318,7 +318,7 @@ def written(flown, folder, *events):
     return verify(folder)
 
 
-def test_a_hold_that_the_table_decides_verifies(blocks, flown, held, tmp_path):
+def test_a_hold_that_the_table_decides_verifies(small_blocks, flown, held, tmp_path):
     found = written(flown, tmp_path, said('holding', held, 'assurance'))
     assert found.exit_code == ExitCode.OK, found.sentence()
     assert 'assurance' in found.stages

@@ -213,6 +213,7 @@ def test_npz(run, log, tmp_path):
             np.testing.assert_array_equal(found[name], values)
 
 
+@pytest.mark.every_landing
 def test_another_library_reads_the_oem(run, log, tmp_path):
     """Written by ccsds-ndm-py, read by oem."""
     assert export(log, tmp_path / 'run.oem') == 401

@@ -33,11 +33,9 @@ from log_runs import (
 from mcap.reader import make_reader
 from mcap.records import Schema
 from nav_scenarios import LIDAR, make
-from typer.testing import CliRunner
 
 from rpo_attitude.chaser import Chaser, Wheels
 from rpo_attitude.target import Target
-from rpo_cli.cli import app
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
 from rpo_core.files.scenario import Scenario
@@ -297,10 +295,10 @@ def test_a_disturbance_that_was_not_recorded(tmp_path):
         verify(tmp_path)
 
 
-def test_interpreted_and_compiled_agree(log):
+def test_interpreted_and_compiled_agree(short_log):
     script = (
         f'import sys; sys.path[:0] = {sys.path!r}\n'
-        f'from rpo_log.verify import verify\nprint(int(verify({str(log)!r}).exit_code))'
+        f'from rpo_log.verify import verify\nprint(int(verify({str(short_log)!r}).exit_code))'
     )
     jit = '0' if COMPILED else ''
     done = subprocess.run(
@@ -502,15 +500,6 @@ def test_what_was_given_is_named_and_all_else_is_recomputed(case, tmp_path):
     assert (found.exit_code, found.difference.check) == (ExitCode.DIFFERENT, 'controller')
 
 
-@pytest.fixture(scope='module')
-def turning(tmp_path_factory):
-    """Return the log of 5 s of tumbling_docking."""
-    out = str(tmp_path_factory.mktemp('turning') / 'run')
-    options = ['--set', 'duration_s=5.0', '--no-fail', '--output', out]
-    assert CliRunner().invoke(app, ['simulate', 'tumbling_docking', *options]).exit_code == 0
-    return out
-
-
 def test_a_plant_that_flew_on_without_the_attitude_controller_had_no_torque_either(
     turning, tmp_path
 ):
@@ -568,7 +557,9 @@ def test_only_a_topic_of_the_log_can_be_given(runs, tmp_path):
         verify(tmp_path, given=['navigation_state'])
 
 
-def test_a_controller_that_saw_another_state_than_navigation_found_is_noticed(blocks, tmp_path):
+def test_a_controller_that_saw_another_state_than_that_of_navigation_is_found(
+    small_blocks, tmp_path
+):
     """The messages of navigation are right; the commands answer the true state."""
     blind, seen = run_of(HARDWARE, replace(HARDWARE, sections=(LATE,))), []
     for tick, state in enumerate(blind.flight.states.tolist()):
@@ -587,7 +578,7 @@ def without(run: ChainRun, topic: str, tick: int):
 
 
 @pytest.mark.parametrize('topic', [STATE, FORCE, ESTIMATE])
-def test_a_missing_message_is_a_gap_and_no_difference(blocks, runs, topic, tmp_path):
+def test_a_missing_message_is_a_gap_and_no_difference(small_blocks, runs, topic, tmp_path):
     run = runs['hardware']
     run.write(tmp_path, without(run, topic, 10))
     verified = verify(tmp_path)
@@ -597,7 +588,7 @@ def test_a_missing_message_is_a_gap_and_no_difference(blocks, runs, topic, tmp_p
 
 @pytest.mark.parametrize(('name', 'ticks'), [('world', 10), ('hardware', 3)])
 def test_thrusters_with_memory_are_a_named_gap_after_a_missing_command(
-    blocks, runs, name, ticks, tmp_path
+    small_blocks, runs, name, ticks, tmp_path
 ):
     """Valves remember all commands, a delay those of its ticks."""
     runs[name].write(tmp_path, without(runs[name], FORCE, 10))
@@ -607,7 +598,7 @@ def test_thrusters_with_memory_are_a_named_gap_after_a_missing_command(
     assert gap in verified.sentence()
 
 
-def test_late_thrusters_are_verified_again_after_a_gap(blocks, runs, tmp_path):
+def test_late_thrusters_are_verified_again_after_a_gap(small_blocks, runs, tmp_path):
     run = runs['hardware']
     state = list(run.flight.states[15])
     state[0] += 1e-9
@@ -648,7 +639,7 @@ def test_covariances_are_read_and_exported(runs, tmp_path):
     assert {'measurement_x_m', 'navigation_x_m', 'navigation_x_x_m2'} <= set(header)
 
 
-def test_a_tick_that_navigation_missed_is_recomputed_as_missed(blocks, tmp_path):
+def test_a_tick_that_navigation_missed_is_recomputed_as_missed(small_blocks, tmp_path):
     missed = dict.fromkeys(('sensors', 'estimator', 'controller'), (10, 19, 20))
     run = FreeRun(SENSORS, missed=missed)
     run.write(tmp_path / 'run')
@@ -660,7 +651,7 @@ def test_a_tick_that_navigation_missed_is_recomputed_as_missed(blocks, tmp_path)
     assert (found.check, found.tick) == ('estimator', 25)
 
 
-def test_a_message_that_the_recorder_missed_is_a_gap_that_is_said(blocks, tmp_path):
+def test_a_message_that_the_recorder_missed_is_a_gap_that_is_said(small_blocks, tmp_path):
     names = 'measurement', 'navigation_state', 'estimated_disturbance'
     FreeRun(SENSORS, unlogged=[(name, 10) for name in names]).write(tmp_path)
     verified = verify(tmp_path)
