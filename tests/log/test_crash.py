@@ -21,7 +21,6 @@ from log_runs import make_run
 from rpo_log.tools.repair import repair
 from rpo_mcap.errors import LogError
 from rpo_mcap.read.run_log import read_run
-from rpo_mcap.write.orderer import REORDER
 
 # Writes ticks at a given pace and says, unbuffered, each tick that it has handed to the writer.
 WRITER = """
@@ -111,14 +110,3 @@ def test_killed_in_real_time_at_most_the_last_second_is_lost(tmp_path, how):
     held = read_and_repair(tmp_path / 'log', given)
     one_second = 10
     assert held >= given - one_second - 1
-
-
-def test_what_waits_for_a_lost_message_is_bounded(run, tmp_path):
-    from rpo_mcap.write.writer import RunLogWriter
-
-    writer = RunLogWriter(tmp_path, run.base, run.topics, run.attachments)
-    for name, tick, data in run.messages:
-        if (name, tick) != ('/control_force', 350) and tick < 350 + REORDER + 12:
-            writer.write(name, tick, data)
-    # not closed: what a kill would leave
-    assert len(read_run(tmp_path).ticks) >= 350
