@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from campaign_documents import SHORT, requiring
 from invoking import invoke, refused
+from processes import stopped
 from rich.console import Console
 
 from rpo_cli.display import COMPILING, CampaignDisplay, duration
@@ -59,24 +60,6 @@ def test_the_folder_is_the_same_on_any_threads_interrupted_or_not(write, tmp_pat
         assert set(results.files) == set(run_batch.COLUMNS)
         assert results['mass_kg'].shape == (1250,)
     assert not list((tmp_path / 'one').glob('*.part'))
-
-
-def stopped(path, folder, number):
-    """Send a signal to a campaign that has come so far as to save; return its process and words."""
-    command = [sys.executable, '-c', 'from rpo_cli.cli import app; app()', 'campaign']
-    process = subprocess.Popen(
-        [*command, str(path), '-o', str(folder)],
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, 'COLUMNS': '200'},
-    )
-    deadline, done = time.monotonic() + 40.0, folder / 'done.part'
-    while time.monotonic() < deadline:
-        if done.is_file() and (folder / 'campaign.yaml').is_file() and any(done.read_bytes()):
-            break
-        time.sleep(0.02)
-    process.send_signal(number)
-    return process, process.communicate(timeout=20)[1]
 
 
 @pytest.mark.slow
