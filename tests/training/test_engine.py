@@ -278,12 +278,12 @@ MOON = {'body': cw.BODIES['moon'], 'orbit_radius_m': 1.9e6}
     ],
     ids=['target', 'goal', 'moon'],
 )
-def test_both_ways_give_the_same_rows(elsewhere, laws, tmp_path, monkeypatch):
+def test_both_ways_give_the_same_rows(elsewhere, laws, monkeypatch, loaded):
     """A campaign, and starts, of what the engine knows are flown singly to the same bits.
 
     Of cases of two windows, disturbed in two ways, on threads; odd laws and others.
     """
-    campaign = config.load(write_campaign(tmp_path))
+    campaign = loaded()
     campaign = replace(campaign, scenario=replace(campaign.scenario, **elsewhere))
     base = replace(load_set('paper_training').base, duration_s=20.0, **elsewhere)
     training = case_of_set(
