@@ -44,14 +44,11 @@ from rpo_core.judge.metrics import (
     LATE_FORCE,
     LATE_POSITION,
     LATE_SPEED,
-    MAX_ARRIVAL_DISTANCE_M,
-    MAX_ARRIVAL_SPEED_M_S,
-    MAX_SLEW_N_S,
     PENALTY,
     SLEW,
 )
 from rpo_ctrl.baselines import Baseline
-from rpo_judge.scoring.conditions import AT_LIMIT, Conditions, conditions_of
+from rpo_judge.scoring.conditions import AT_LIMIT, LABELS, PAPER, Conditions, conditions_of
 from rpo_judge.scoring.drawn import HELD_OUT, UNDRAWN, DrawnFlights, DrawnSettings
 from rpo_kernels.arrays import Floats
 from rpo_montecarlo.engine.cases import Case, case_of_flights, case_of_set
@@ -88,10 +85,10 @@ def corner_cases() -> list[Case]:
     return [case_of_flights(corner_flights(share), CLAIM_WINDOW_S) for share in CORNER_MASS_SHARES]
 
 
-CONDITIONS = ('speed', 'slew', 'arrival')
+CONDITIONS = tuple(LABELS.values())
 """The paper's two, and the project's own, arrival."""
 
-LIMITS = np.array([MAX_ARRIVAL_SPEED_M_S, MAX_SLEW_N_S, MAX_ARRIVAL_DISTANCE_M])
+LIMITS = np.array([PAPER.limits[name] for name in LABELS])
 _COLUMNS = [ARRIVAL_SPEED, SLEW, ARRIVAL_DISTANCE]
 
 SETTLED_FROM_S, SETTLED_UNTIL_S = 300.0, 400.0
@@ -177,6 +174,11 @@ class Scores(NamedTuple):
 def failures(rows: Floats) -> NDArray[np.int64]:
     """Return how many starts of metrics (..., starts, columns) miss each of `CONDITIONS`."""
     return (rows[..., _COLUMNS] > LIMITS).sum(axis=-2)
+
+
+def shares(rows: Floats) -> Floats:
+    """Return the values of `CONDITIONS` (..., 3) of metrics (..., columns), over their limits."""
+    return np.asarray(rows[..., _COLUMNS] / LIMITS)
 
 
 def mean(values: Floats) -> Floats:
