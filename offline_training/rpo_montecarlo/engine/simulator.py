@@ -114,7 +114,7 @@ class Simulator:
     def _fly(
         self, control: Control, odd: bool | None, case: Case | DrawnCase, rows: Floats
     ) -> None:
-        """Fill rows; odd : whether a law that acts axis by axis is odd; None: it does not act so."""
+        """Fill rows; odd : whether a law that acts axis by axis is odd; None: it does not."""
         w, base, judged = self._scratch.w, case.base, case.judged
         crossed = None
         if isinstance(case, Case) and odd is not None:
