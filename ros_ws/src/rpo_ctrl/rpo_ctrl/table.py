@@ -17,7 +17,7 @@ more_words  The closing speed itself, as the paper has it, but with more words: 
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import pairwise
@@ -97,7 +97,6 @@ class ForceTable(Family):
     odd : why the force is odd and has no jump
     first, second_genes : what is searched beside distances and forces: a field of that name; peaks
     second_start : where a search begins, of the words whose forces are searched
-    start_n : force where it begins, at a peak of both inputs
     distance_peaks_m : of `distances` without `at`
     forces_n : towards the target; a row for each distance without `at`
     """
@@ -117,7 +116,6 @@ class ForceTable(Family):
     first: ClassVar[Gene]
     second_genes: ClassVar[tuple[Gene, ...]]
     second_start: ClassVar[Numbers]
-    start_n: ClassVar[Callable[[float, float], float]]
 
     distance_peaks_m: Numbers
     forces_n: tuple[Numbers, ...]
@@ -181,6 +179,11 @@ class ForceTable(Family):
         fields = cls.searched(tuple(values[n:m]), tuple(map(tuple, rows)))
         fields |= {cls.first.name: values[0], 'distance_peaks_m': tuple(values[1:n])}
         return cls(name=name, max_force_n=mission.max_force_n, **fields)
+
+    @staticmethod
+    def start_n(distance_m: float, second: float) -> float:
+        """Return the force where a search begins, at a distance and a closing speed."""
+        return pull_n(distance_m, second)
 
     @staticmethod
     @abstractmethod
@@ -367,9 +370,9 @@ class Pace(ForceTable):
         return self.lead_s
 
     @staticmethod
-    def start_n(distance_m: float, pace: float) -> float:
-        """Return the force where a search begins."""
-        return pull_n(distance_m * (1.0 - abs(pace)), distance_m * pace / _LEAD_S)
+    def start_n(distance_m: float, second: float) -> float:
+        """Return the force where a search begins, at a distance and a pace."""
+        return pull_n(distance_m * (1.0 - abs(second)), distance_m * second / _LEAD_S)
 
     @staticmethod
     def searched(peaks: Numbers, forces_n: tuple[Numbers, ...]) -> dict[str, Any]:
@@ -408,7 +411,6 @@ class MoreWords(ForceTable):
     first = Gene('damping_n_s_m', _DAMPING / 3.0, _DAMPING * 3.0, _DAMPING, -1, 1, 1, True)
     second_start = _mirrored([textbook.SPEED_M_S * ((i + 1) / 5.0) ** 1.5 for i in range(5)])
     second_genes = peak_genes(seconds[3:], second_start[3:], '_m_s', -1)
-    start_n = staticmethod(pull_n)
     units: ClassVar[Units] = {
         'distance_peaks_m': (1, 0, 0),
         'speed_peaks_m_s': (1, -1, 0),
