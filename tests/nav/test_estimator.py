@@ -101,13 +101,15 @@ class Oracle:
 
 
 SCALED = {**POSITION, 'noise_share': 0.01, 'velocity_share_1_s': 0.001}
-OUTLYING = {**LIDAR, 'outlier_share': 0.05, 'outlier_size_m': 5.0, 'dropout_share': 0.1}
+OUTLYING = {**LIDAR, 'outlier_share': 0.3, 'outlier_size_m': 1.0, 'dropout_share': 0.1}
 CASES = {
     'prompt': ([POSITION], {}),
     'late': ([{**SCALED, 'latency_ticks': 3}], {'noise_scale': 3.0}),
     'of two latencies': ([{**LIDAR, 'latency_ticks': 3}, {**POSITION, 'period_ticks': 3}], {}),
     'outlying': ([{**OUTLYING, 'latency_ticks': 2}], {'gate_sigmas': 4.0, 'noise_scale': 1.5}),
-    'diverged': ([{**LIDAR, 'bias_m': [30.0, 0.0, 0.0], 'latency_ticks': 1}], {}),
+    'diverged': (
+        [{**LIDAR, 'bias_m': [30.0, 0.0, 0.0], 'latency_ticks': 1}], {'disturbance_sigma_n': 0.01}
+    ),
     'disturbed': ([LIDAR], {'disturbance_sigma_n': 0.01, 'disturbance_walk_n_s0_5': 1e-3}),
     'of other thrust': (
         [{**LIDAR, 'outages_s': [[3.0, 9.0]]}], {'mass_kg': 11.0, 'thrust_noise_s0_5': 0.05}
@@ -283,6 +285,8 @@ def test_its_state_is_always_finite(measured, force):
         message = (*row[:6], row[6], *[0.0] * 8, row[6], *[0.0] * 8)
         found = stage.step(tick, (force, 0.0, -force), message)
         assert all(np.isfinite(values).all() for values in found)
+    stage.memory[kf.X + 1] = np.inf  # as after an overflow
+    assert np.isfinite(np.concatenate(stage.step(len(measured), (0.0,) * 3, NOTHING))).all()
 
 
 NOTHING = (0.0,) * 6 + (-1.0,) + (0.0,) * 8 + (-1.0,) + (0.0,) * 8

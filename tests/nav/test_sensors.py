@@ -14,9 +14,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from nav_scenarios import LIDAR, attitude_scenario, make
+from nav_scenarios import LIDAR, TUMBLE, attitude_scenario, make
 from scipy.spatial.transform import Rotation
 
+from rpo_attitude.target import motion_of
 from rpo_core.wire import interfaces
 from rpo_kernels.noise import normal_pair, philox
 from rpo_nav.attitude_sensors import AttitudeSensors, AttitudeSensorsStage
@@ -104,10 +105,11 @@ UNITS = [
      'velocity_share_1_s': 1e-4, 'velocity_bias_m_s': [0.1, 0.2, -0.3]},
     {'kind': 'bearing', 'bearing_noise_rad': 0.001, 'latency_ticks': 1},
     {**LIDAR, 'bias_m': [0.1, 0.2, -0.3], 'scale_error': 0.01, 'bias_walk_m_s0_5': 0.5,
-     'outlier_share': 0.1, 'outlier_size_m': 50.0},
-    {**LIDAR, 'boresight': [3.0, 4.0, 12.0], 'field_of_view_rad': 1.2, 'period_ticks': 2,
+     'outlier_share': 0.1, 'outlier_size_m': 50.0,
      'outages_s': [[1.0, 2.0], [2.5, 3.01], [20.1, 99.0]]},
+    {**LIDAR, 'boresight': [3.0, 4.0, 12.0], 'field_of_view_rad': 1.2, 'period_ticks': 2},
 ]  # fmt: skip
+BESIDE = {**LIDAR, 'bias_walk_m_s0_5': 0.1, 'outlier_share': 0.1, 'outlier_size_m': 9.0}
 EVERY, SOME = range(300), [t for t in range(300) if t >= 10 and t % 50 < 43]
 
 
@@ -118,7 +120,7 @@ def test_what_a_sensor_measures_is_what_its_definition_says(unit, ticks):
     rng = np.random.default_rng(3)
     places = rng.normal(size=(300, 3)) * 10.0 ** rng.uniform(-1.0, 2.0, (300, 1))
     states = np.hstack([places, rng.normal(size=(300, 3))])
-    flown = make([unit, LIDAR], estimator=None)
+    flown = make([unit, BESIDE], estimator=None)
     stage = SensorsStage(flown.section(Sensors), flown)
     assert stage.memory_ticks == unit.get('latency_ticks', 0)
     found = np.array([stage.step(tick, tuple(states[tick].tolist())) for tick in ticks])
@@ -128,6 +130,34 @@ def test_what_a_sensor_measures_is_what_its_definition_says(unit, ticks):
         np.testing.assert_allclose(found[:, i], expected, rtol=1e-9, atol=1e-9)
     assert np.count_nonzero(found[:, 0, 6] >= 0.0) > 20
     assert found.shape[2] == len(interfaces.row_of('measurement_2').columns)
+
+
+@pytest.mark.parametrize('kind', ['range_bearing', 'bearing'])
+@pytest.mark.parametrize('looks_at', ['centre', 'port'])
+def test_what_turns_with_the_chaser_measures_in_its_axes(kind, looks_at):
+    """And from the port, where the attitude of the target puts that."""
+    unit = {
+        'kind': kind, 'bearing_noise_rad': 0.01, 'bias_m': [0.1, -0.2, 0.3], 'latency_ticks': 2,
+        'boresight': [0.0, 0.6, 0.8], 'field_of_view_rad': 1.2, 'body_fixed': True,
+        'looks_at': looks_at,
+    }  # fmt: skip
+    flown = attitude_scenario(
+        attitude_sensors=None, attitude_estimator=None, target=TUMBLE,
+        zones={'port_m': [0.3, 1.2, -0.5]}, sensors={'units': [unit], 'noise_key': [7, 1]},
+    )  # fmt: skip
+    settings, motion = flown.section(Sensors), motion_of(flown.target, flown)
+    places, stage = np.random.default_rng(3).normal(size=(300, 3)), SensorsStage(settings, flown)
+    turned, port = Rotation.random(300, random_state=5), np.zeros((300, 3))
+    if looks_at == 'port':
+        axes = Rotation.from_quat([motion.attitude(tick)[:4] for tick in EVERY])
+        port = axes.apply(settings.port_m)
+    states, attitudes = np.hstack([places, 0.1 * places]), turned.as_quat()
+    pairs = zip(states.tolist(), attitudes.tolist(), strict=True)
+    found = np.array([stage.step(t, tuple(r), (*q, *FAR[3:]))[0] for t, (r, q) in enumerate(pairs)])
+    seen = np.hstack([turned.inv().apply(places - port), np.zeros((300, 3))])
+    rows, came = measured_by(settings.units[0], seen, (7, 1))
+    np.testing.assert_allclose(found, late(rows, came, NOTHING, 2, EVERY), rtol=1e-9, atol=1e-9)
+    assert 20 < np.count_nonzero(found[:, 6] >= 0.0) < 280
 
 
 def test_a_key_that_is_not_given_is_zero():
@@ -184,7 +214,7 @@ def test_interpreted_and_compiled_bits_are_the_same():
 
 
 STARS = [
-    {'period_ticks': 3, 'latency_ticks': 4, 'outages_s': [[1.0, 2.0], [2.5, 3.01]]},
+    {'period_ticks': 3, 'latency_ticks': 4, 'outages_s': [[0.9, 2.1], [2.5, 3.01]]},
     {'light': [-2.0, 0.0, 0.0], 'light_deg': 50.0, 'boresight': [0.0, 0.0, 3.0]},
 ]
 
