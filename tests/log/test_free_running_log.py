@@ -26,7 +26,7 @@ from rpo_mcap.format.run import TimeBase
 from rpo_mcap.read.run_log import other_signals, read_flight
 from rpo_mcap.read.stream import RunReader
 from rpo_mcap.write.writer import RunLogWriter
-from rpo_sim.free_running import FreeRunningPlant
+from rpo_sim.plant import FreeRunningPlant
 
 APPLIED, APPLIED_DISTURBANCE = '/applied_force', '/applied_disturbance'
 STALE_AFTER = 4

@@ -56,7 +56,7 @@ from rpo_mcap.format.run import TimeBase
 from rpo_mcap.read.run_log import flight_of, read_run
 from rpo_mcap.write.writer import RunLogWriter
 from rpo_nav.navigation_errors import Navigation
-from rpo_sim.free_running import FreeRunningPlant
+from rpo_sim.plant import FreeRunningPlant
 from rpo_thrusters.table import ThrusterTable
 from rpo_thrusters.thrusters import Propellant, Thrusters
 
