@@ -25,7 +25,7 @@ from rpo_ctrl.controller_node import ControllerNode
 from rpo_log import provenance
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.verify import verify
-from rpo_mcap.errors import Fault, LogError
+from rpo_mcap.errors import LogError
 from rpo_mcap.read.run_log import read_run
 from rpo_mcap.write import mcap_file
 from rpo_ros import conversions, qos
@@ -165,7 +165,7 @@ def test_without_a_need_for_a_log_the_plant_flies_on(inner, tmp_path, full):
 
 def test_a_run_info_that_cannot_be_written_is_no_success(inner, tmp_path, monkeypatch, capfd):
     def fails(folder, facts):
-        raise LogError(Fault.CANNOT_WRITE, folder, 'cannot hold a log: No space left on device')
+        raise LogError(folder, 'cannot hold a log: No space left on device')
 
     monkeypatch.setattr(provenance, 'write_run_info', fails)
     flying(inner, tmp_path)

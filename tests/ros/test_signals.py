@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 from landing import rest_at_landing
 
-from rpo_mcap.errors import Fault, LogError
+from rpo_mcap.errors import LogError
 from rpo_mcap.read.run_log import read_run
 from tools.node_cards import CARDS
 from tools.node_pages import tiny_log
@@ -35,7 +35,7 @@ def check_log(folder: Path) -> None:
     try:
         log = read_run(folder)
     except LogError as error:
-        assert error.fault == Fault.EMPTY, error
+        assert 'holds no message' in str(error) or 'only statuses' in str(error), error
         return
     assert not log.damage and (folder / 'metadata.yaml').exists()
 
