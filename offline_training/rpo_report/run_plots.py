@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,6 @@ from rpo_judge.evaluation.plan_bound import Bound
 from rpo_kernels.arrays import Floats
 from rpo_log.show import style
 from rpo_log.show.report import by_axis, force_label, legend_names, limit_lines
-from rpo_montecarlo import outputs
 from rpo_report.surface_plots import draw_force, force_bar
 from rpo_report.turned import in_lvlh
 
@@ -280,24 +278,21 @@ def phase_planes(flight: Flight, errors: Floats, controller: FuzzyController | N
     return figure
 
 
-def draw(found: Checked, bound: Bound, settings: Guidance, scenario: Scenario, path: Path) -> None:
-    """Write the picture; matplotlib must be there."""
-    with style.applied():
-        figure, (left, right) = style.new_panels(5.0, 1, 2)
-        states, names = scenario.seen(np.array(found.references)), axis_names(scenario)
-        for axes, across in ((left, 0), (right, 2)):
-            draw_zones(axes, [settings.zones(scenario)], across)
-            axes.plot(
-                bound.positions_m[:, 1], bound.positions_m[:, across], '--',
-                color=style.LIGHT['y'], label='best path found',
-            )  # fmt: skip
-            axes.plot(states[:, 1], states[:, across], color=style.LIGHT['ink'], label='plan')
-            for change in found.changes:
-                axes.plot(*states[change.tick, [1, across]], 'o', color=style.LIGHT['ink'])
-            axes.set(xlabel=f'{names[1]} [m]', ylabel=f'{names[across]} [m]')
-            axes.set_aspect('equal', adjustable='datalim')
-        left.legend(loc='best')
-        figure.suptitle(f'J = {bound.plan:.3f} N²s; best path found {bound.best:.3f} N²s')
-        with outputs.writing(path):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            figure.savefig(path)
+def draw(found: Checked, bound: Bound, settings: Guidance, scenario: Scenario) -> Any:
+    """Return the picture of a plan, beside the best path that is found."""
+    figure, (left, right) = style.new_panels(5.0, 1, 2)
+    states, names = scenario.seen(np.array(found.references)), axis_names(scenario)
+    for axes, across in ((left, 0), (right, 2)):
+        draw_zones(axes, [settings.zones(scenario)], across)
+        axes.plot(
+            bound.positions_m[:, 1], bound.positions_m[:, across], '--',
+            color=style.LIGHT['y'], label='best path found',
+        )  # fmt: skip
+        axes.plot(states[:, 1], states[:, across], color=style.LIGHT['ink'], label='plan')
+        for change in found.changes:
+            axes.plot(*states[change.tick, [1, across]], 'o', color=style.LIGHT['ink'])
+        axes.set(xlabel=f'{names[1]} [m]', ylabel=f'{names[across]} [m]')
+        axes.set_aspect('equal', adjustable='datalim')
+    left.legend(loc='best')
+    figure.suptitle(f'J = {bound.plan:.3f} N²s; best path found {bound.best:.3f} N²s')
+    return figure

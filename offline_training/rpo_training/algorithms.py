@@ -8,8 +8,11 @@ same objectives it asks for the same chromosomes again. That is how a run is res
 
 from __future__ import annotations
 
+from abc import abstractmethod
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from functools import partial
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from pymoo.algorithms.moo.nsga2 import NSGA2
@@ -18,7 +21,7 @@ from pymoo.core.problem import Problem
 from pymoo.core.termination import NoTermination
 from pymoo.problems.static import StaticProblem
 
-from rpo_core.files.validation import real, whole
+from rpo_core.files.validation import Checked, real, whole
 from rpo_kernels.arrays import Floats
 from rpo_training.genetic import GaSettings, PaperGa, first_generation, generator
 
@@ -26,34 +29,11 @@ from rpo_training.genetic import GaSettings, PaperGa, first_generation, generato
 class Stage(NamedTuple):
     """A part of a search with a fitness of its own.
 
-    number : of the draws; genes : the best chromosome when it began
+    number : of the draws; genes : the best chromosome when it began; empty: none is known
     """
 
     number: int
     genes: Floats
-
-
-class Search(Protocol):
-    """A search by ask and tell.
-
-    stopped : why it has ended; empty until then
-    """
-
-    stopped: str
-
-    @property
-    def phase(self) -> str:
-        """Name of the search that runs."""
-
-    @property
-    def left(self) -> int:
-        """Generations left, at most."""
-
-    def ask(self) -> Floats:
-        """Return chromosomes (n, size) in [0, 1] to be evaluated."""
-
-    def tell(self, values: Floats) -> None:
-        """Take the objectives (n, objectives) of those."""
 
 
 class Best:
@@ -71,74 +51,8 @@ class Best:
         return better
 
 
-class _OnPymoo:
-    """Ask and tell on a pymoo algorithm."""
-
-    phase = ''
-
-    def __init__(self, algorithm: Any, settings: GaSettings, size: int, objectives: int) -> None:
-        self.problem = Problem(n_var=size, n_obj=objectives, xl=np.zeros(size), xu=np.ones(size))
-        self.settings, self.stopped = settings, ''
-        self.algorithm = algorithm.setup(self.problem, termination=NoTermination())
-        self._asked: Any = None
-        self.generation = 0
-
-    @property
-    def left(self) -> int:
-        """Generations left, at most."""
-        return self.settings.generations + 1 - self.generation
-
-    def ask(self) -> Floats:
-        """Return chromosomes (n, size) to be evaluated."""
-        self._asked = self.algorithm.ask()
-        return np.array(self._asked.get('X'))
-
-    def tell(self, values: Floats) -> None:
-        """Take the objectives (n, objectives) of those."""
-        Evaluator().eval(StaticProblem(self.problem, F=values), self._asked)
-        self.algorithm.tell(infills=self._asked)
-        self.generation += 1
-        if self.left == 0:
-            self.stopped = f'{self.settings.generations} generations'
-
-
-class GaSearch(_OnPymoo):
-    """The paper's genetic algorithm; stops after `stall` generations without a better fitness."""
-
-    phase = 'GA'
-
-    def __init__(self, settings: GaSettings, seed: int, size: int, starts: Floats) -> None:
-        first = first_generation(settings.population, size, seed, starts)
-        super().__init__(PaperGa(settings, seed, first), settings, size, 1)
-        self.best, self._stalled = Best(first[0]), 0
-
-    def tell(self, values: Floats) -> None:
-        """Take the fitness (n, 1) of those."""
-        genes = np.array(self._asked.get('X'))
-        super().tell(values)
-        self._stalled = 0 if self.best.take(genes, values) else self._stalled + 1
-        if self._stalled >= self.settings.stall and not self.stopped:
-            self.stopped = f'no better controller in {self.settings.stall} generations'
-
-
-class ParetoSearch(_OnPymoo):
-    """NSGA-II over several objectives, with pymoo's own operators."""
-
-    phase = 'NSGA-II'
-
-    def __init__(self, settings: GaSettings, seed: int, size: int, starts: Floats) -> None:
-        first = first_generation(settings.population, size, seed, starts)
-        super().__init__(NSGA2(settings.population, sampling=first, seed=seed), settings, size, 2)
-        self.seed = seed
-
-    def ask(self) -> Floats:
-        """Return chromosomes (n, size) to be evaluated."""
-        self.algorithm.random_state = generator(self.seed, self.generation)
-        return super().ask()
-
-
 @dataclass(frozen=True)
-class CmaSettings:
+class CmaSettings(Checked):
     """Options of CMA-ES.
 
     population : samples of a generation
@@ -149,76 +63,184 @@ class CmaSettings:
     tolerance : a descent ends when its best has improved by less [N^2 s] over `patience` samples
     """
 
-    population: int = 32
-    sigma: float = 0.05
+    PLACE = 'cmaes.'
+
+    population: Annotated[int, partial(whole, least=4, most=100_000)] = 32
+    sigma: Annotated[float, partial(real, above=0.0, most=1.0)] = 0.05
     evaluations: int = 30_000
-    descents: int = 4
-    tolerance: float = 1e-3
-    patience: int = 3000
+    descents: Annotated[int, partial(whole, least=1)] = 4
+    tolerance: Annotated[float, partial(real, unit='N^2 s', least=0.0)] = 1e-3
+    patience: Annotated[int, partial(whole, least=1)] = 3000
 
     def __post_init__(self) -> None:
-        whole('cmaes.population', self.population, least=4, most=100_000)
-        real('cmaes.sigma', self.sigma, above=0.0, most=1.0)
+        super().__post_init__()
         whole('cmaes.evaluations', self.evaluations, least=self.population)
-        whole('cmaes.descents', self.descents, least=1)
-        real('cmaes.tolerance', self.tolerance, 'N^2 s', least=0.0)
-        whole('cmaes.patience', self.patience, least=1)
 
 
-class CmaSearch:
+Script = Generator[Floats, Floats, str]
+"""Yields chromosomes (n, size); each yield returns their objectives (n, objectives). Returns why it
+ends."""
+
+
+class Search:
+    """A search by ask and tell, whose course is a script.
+
+    stopped : why it has ended; empty until then
+    best : so far, of the present stage; stage : what is drawn; phase : what runs now
+    most : evaluations, at most
+    """
+
+    phase = ''
+
+    def __init__(self, seed: int, start: Floats, most: int) -> None:
+        self.seed, self.most = seed, most
+        self.stopped, self.evaluations = '', 0
+        self.best, self.stage = Best(start), Stage(0, np.empty(0))
+        self._better = False
+        self._course = self._run()
+        self._asked = next(self._course)
+
+    @abstractmethod
+    def _run(self) -> Script:
+        """Return the course."""
+
+    @property
+    def left(self) -> int:
+        """Generations left, at most, of the size of the present one."""
+        return -(-max(self.most - self.evaluations, 0) // len(self._asked))
+
+    def ask(self) -> Floats:
+        """Return chromosomes (n, size) in [0, 1] to be evaluated."""
+        return np.array(self._asked)
+
+    def tell(self, values: Floats) -> None:
+        """Take the objectives (n, objectives) of those."""
+        self.evaluations += len(values)
+        self._better = self.best.take(self._asked, values)
+        try:
+            self._asked = self._course.send(values)
+        except StopIteration as end:
+            self.stopped = end.value
+
+    def _evolve(
+        self, algorithm: Any, size: int, objectives: int, generations: int, stall: int
+    ) -> Script:
+        """Let an algorithm of pymoo ask, until `stall` generations have no better fitness."""
+        problem = Problem(n_var=size, n_obj=objectives, xl=np.zeros(size), xu=np.ones(size))
+        algorithm.setup(problem, termination=NoTermination())
+        stalled = 0
+        for number in range(generations + 1):
+            if stalled >= stall:
+                return f'no better controller in {stall} generations'
+            algorithm.random_state = generator(self.seed, number)
+            asked = algorithm.ask()
+            values = yield np.array(asked.get('X'))
+            Evaluator().eval(StaticProblem(problem, F=values), asked)
+            algorithm.tell(infills=asked)
+            stalled = 0 if self._better else stalled + 1
+        return f'{generations} generations'
+
+    def _descend(
+        self,
+        settings: CmaSettings,
+        start: Floats,
+        stream: int = 0,
+        complete: Callable[[Floats], Floats] = np.array,
+    ) -> Generator[Floats, Floats, tuple[Best, str]]:
+        """Run CMA-ES from a chromosome, restarted from its best; return that, and why it ends.
+
+        complete : from the genes that it varies to chromosomes
+        """
+        import cma  # brings matplotlib, which other searches need not wait for
+
+        best, left, back = (
+            Best(start),
+            settings.evaluations,
+            settings.patience // settings.population,
+        )
+        for descent in range(settings.descents):
+            rng = generator(self.seed, (1 << 20) + stream, descent)
+            options = {
+                'bounds': [0, 1],
+                'popsize': settings.population,
+                'randn': lambda *shape, rng=rng: rng.standard_normal(shape),
+                'seed': float('nan'),
+                'verbose': -9,
+            }
+            begin = np.clip(best.genes, 1e-3, 1.0 - 1e-3)
+            strategy = cma.CMAEvolutionStrategy(begin, settings.sigma, options)
+            bests: list[float] = []
+            spent = False
+            while not spent:
+                asked = strategy.ask()
+                values = yield complete(np.array(asked))
+                strategy.tell(asked, values[:, 0].tolist())
+                left -= len(values)
+                best.take(asked, values)
+                bests.append(min([float(values.min()), *bests[-1:]]))
+                if left <= 0:
+                    return best, f'{settings.evaluations} evaluations'
+                if len(bests) <= back:
+                    spent = bool(strategy.stop())
+                else:
+                    spent = bests[-back - 1] - bests[-1] < settings.tolerance
+        return best, f'{settings.descents} descents have converged'
+
+
+class GaSearch(Search):
+    """The paper's genetic algorithm; stops after `stall` generations without a better fitness."""
+
+    phase = 'GA'
+
+    def __init__(self, settings: GaSettings, seed: int, size: int, starts: Floats) -> None:
+        self.settings = settings
+        self._first = first_generation(settings.population, size, seed, starts)
+        most = settings.population + settings.generations * settings.children
+        super().__init__(seed, self._first[0], most)
+
+    def _run(self) -> Script:
+        own, size = self.settings, self._first.shape[1]
+        algorithm = PaperGa(own, self.seed, self._first)
+        return (yield from self._evolve(algorithm, size, 1, own.generations, own.stall))
+
+
+class ParetoSearch(GaSearch):
+    """NSGA-II over fitness and a second objective, with pymoo's own operators."""
+
+    phase = 'NSGA-II'
+
+    def _run(self) -> Script:
+        own, size = self.settings, self._first.shape[1]
+        self.most = own.population * (own.generations + 1)
+        algorithm = NSGA2(own.population, sampling=self._first, seed=self.seed)
+        return (yield from self._evolve(algorithm, size, 2, own.generations, own.generations + 1))
+
+
+class CmaSearch(Search):
     """CMA-ES in the unit box, restarted from its best."""
 
     phase = 'CMA-ES'
 
-    def __init__(self, settings: CmaSettings, seed: int, start: Floats, stream: int = 0) -> None:
-        self.settings, self.seed, self.stopped = settings, seed, ''
-        self._stream = (1 << 20) + stream
-        self.best = Best(start)
-        self.evaluations = self.descent = 0
-        self._descend()
+    def __init__(self, settings: CmaSettings, seed: int, start: Floats) -> None:
+        self.settings = settings
+        super().__init__(seed, start, settings.evaluations)
 
-    @property
-    def left(self) -> int:
-        """Generations left, at most."""
-        return -(-(self.settings.evaluations - self.evaluations) // self.settings.population)
+    def _run(self) -> Script:
+        _, reason = yield from self._descend(self.settings, self.best.genes)
+        return reason
 
-    def _descend(self) -> None:
-        import cma  # brings matplotlib, which other searches need not wait for
 
-        rng = generator(self.seed, self._stream, self.descent)
-        self.descent += 1
-        self._bests: list[float] = []
-        options = {
-            'bounds': [0, 1],
-            'popsize': self.settings.population,
-            'randn': lambda *shape: rng.standard_normal(shape),
-            'seed': float('nan'),
-            'verbose': -9,
-        }
-        start = np.clip(self.best.genes, 1e-3, 1.0 - 1e-3)
-        self._es = cma.CMAEvolutionStrategy(start, self.settings.sigma, options)
+class InTurn(GaSearch):
+    """The genetic algorithm, then CMA-ES from its best chromosome."""
 
-    def ask(self) -> Floats:
-        """Return chromosomes (n, size) to be evaluated."""
-        self._asked = self._es.ask()
-        return np.array(self._asked)
+    def __init__(
+        self, settings: GaSettings, then: CmaSettings, seed: int, size: int, starts: Floats
+    ) -> None:
+        self._then = then
+        super().__init__(settings, seed, size, starts)
 
-    def tell(self, values: Floats) -> None:
-        """Take the fitness (n, 1) of those."""
-        self._es.tell(self._asked, values[:, 0].tolist())
-        self.evaluations += len(values)
-        self.best.take(self._asked, values)
-        self._bests.append(min([float(values.min()), *self._bests[-1:]]))
-        if self.left <= 0:
-            self.stopped = f'{self.settings.evaluations} evaluations'
-        elif self._is_spent():
-            if self.descent == self.settings.descents:
-                self.stopped = f'{self.descent} descents have converged'
-            else:
-                self._descend()
-
-    def _is_spent(self) -> bool:
-        back = self.settings.patience // self.settings.population
-        if len(self._bests) <= back:
-            return bool(self._es.stop())
-        return self._bests[-back - 1] - self._bests[-1] < self.settings.tolerance
+    def _run(self) -> Script:
+        yield from super()._run()
+        self.phase, self.most = CmaSearch.phase, self.evaluations + self._then.evaluations
+        _, reason = yield from self._descend(self._then, self.best.genes)
+        return reason

@@ -171,7 +171,3 @@ class AttitudeTraining(SearchRun[AttitudeConfig, FuzzyAttitude]):
     def dumps(self, controller: Any) -> str:
         """Return the YAML text of a controller."""
         return attitude.dumps(controller)
-
-    def save_more(self) -> None:
-        """Write `history.csv`, a row for each generation."""
-        self.write_history()

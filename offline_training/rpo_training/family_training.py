@@ -169,10 +169,6 @@ class FamilyTraining(SearchRun[FamilyConfig, Family]):
         missed = self.missed_draws(scores)
         return self.credited(found, 'cmaes in stages', scores, held_out_that_miss=missed)
 
-    def save_more(self) -> None:
-        """Write `history.csv`, a row for each generation."""
-        self.write_history()
-
     def missed_draws(self, scores: Scores) -> dict[str, str]:
         """Return campaign -> how many of the held-out draws the controller misses."""
         count = len(self.fitness.conditions.labels)

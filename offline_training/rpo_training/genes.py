@@ -12,13 +12,15 @@ has few digits.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from math import floor, log10
+from typing import Annotated, Any
 
 import numpy as np
 
 from rpo_core.control.controller import FuzzyController
-from rpo_core.files.validation import InputError, choice, real
+from rpo_core.files.validation import Checked, InputError, choice, flag, real
 from rpo_kernels.arrays import Floats, Ints
 from rpo_montecarlo.engine.population import Population, functions_of
 
@@ -34,8 +36,19 @@ _SMALLEST = 0.01  # half-width, centre
 _LEAN = 0.99  # share of its bound that a left foot can reach
 
 
+def _bounds(name: str, value: Any) -> tuple[float, float]:
+    """Return (least, most) of a scale; raises InputError."""
+    found = [real(name, bound, above=0.0) for bound in value]
+    if len(found) != 2 or found[0] > found[1]:
+        raise InputError(f'`{name}` must be [least, most]; got {list(value)}')
+    return found[0], found[1]
+
+
+Bounds = Annotated[tuple[float, float], _bounds]
+
+
 @dataclass(frozen=True)
-class GeneSpace:
+class GeneSpace(Checked):
     """What a search varies.
 
     rules : one of `RULES`
@@ -48,31 +61,15 @@ class GeneSpace:
     pulls : whether SP of the position begins at 0, so that some force pulls at rest everywhere
     """
 
-    rules: str = 'free'
-    position_scale_m: tuple[float, float] = (100.0, 100.0)
-    velocity_scale_m_s: tuple[float, float] = (1.0, 1.0)
-    force_scale_n: float = 0.5
-    time_scale: tuple[float, float] = (1.0, 1.0)
-    complete: bool = False
-    pulls: bool = False
+    PLACE = 'genes.'
 
-    def __post_init__(self) -> None:
-        choice('genes.rules', self.rules, RULES)
-        for name in ('complete', 'pulls'):
-            value = getattr(self, name)
-            if not isinstance(value, bool):
-                raise InputError(f'`genes.{name}` must be true or false; got {value!r}')
-        real('genes.force_scale_n', self.force_scale_n, 'N', above=0.0)
-        for name, bounds in (
-            ('position_scale_m', self.position_scale_m),
-            ('velocity_scale_m_s', self.velocity_scale_m_s),
-            ('time_scale', self.time_scale),
-        ):
-            if len(bounds) != 2:
-                raise InputError(f'`genes.{name}` must be [least, most]; got {list(bounds)}')
-            least, most = (real(f'genes.{name}', bound, above=0.0) for bound in bounds)
-            if least > most:
-                raise InputError(f'`genes.{name}` must be [least, most]; got {list(bounds)}')
+    rules: Annotated[str, partial(choice, known=RULES)] = 'free'
+    position_scale_m: Bounds = (100.0, 100.0)
+    velocity_scale_m_s: Bounds = (1.0, 1.0)
+    force_scale_n: Annotated[float, partial(real, unit='N', above=0.0)] = 0.5
+    time_scale: Bounds = (1.0, 1.0)
+    complete: Annotated[bool, flag] = False
+    pulls: Annotated[bool, flag] = False
 
     @property
     def _scales(self) -> list[tuple[float, float]]:

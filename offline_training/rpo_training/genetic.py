@@ -15,7 +15,8 @@ Random numbers of generation g come from PCG64 seeded with (seed, g).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import Annotated, Any
 
 import numpy as np
 from pymoo.algorithms.base.genetic import GeneticAlgorithm
@@ -25,7 +26,7 @@ from pymoo.core.survival import Survival
 from pymoo.operators.crossover.pntx import TwoPointCrossover
 from pymoo.operators.selection.tournament import TournamentSelection
 
-from rpo_core.files.validation import InputError, real, whole
+from rpo_core.files.validation import Checked, InputError, real, whole
 from rpo_kernels.arrays import Floats
 
 
@@ -35,7 +36,7 @@ def generator(seed: int, *stream: int) -> np.random.Generator:
 
 
 @dataclass(frozen=True)
-class GaSettings:
+class GaSettings(Checked):
     """Options of the genetic algorithm; the defaults are the paper's.
 
     stall : generations without a better controller after which the search stops
@@ -45,26 +46,21 @@ class GaSettings:
         rounded, no longer change
     """
 
-    population: int = 60
-    generations: int = 300
-    stall: int = 100
+    PLACE = 'ga.'
+
+    population: Annotated[int, partial(whole, least=4, most=100_000)] = 60
+    generations: Annotated[int, partial(whole, least=1, most=1_000_000)] = 300
+    stall: Annotated[int, partial(whole, least=1)] = 100
     tournament: int = 4
-    crossover: float = 0.85
-    mutation: float = 0.2
-    elites: int = 3
-    mutation_scale: float = 0.25
-    mutation_floor: float = 1.0 / 64.0
+    crossover: Annotated[float, partial(real, least=0.0, most=1.0)] = 0.85
+    mutation: Annotated[float, partial(real, least=0.0, most=1.0)] = 0.2
+    elites: Annotated[int, partial(whole, least=0)] = 3
+    mutation_scale: Annotated[float, partial(real, above=0.0, most=1.0)] = 0.25
+    mutation_floor: Annotated[float, partial(real, above=0.0, most=1.0)] = 1.0 / 64.0
 
     def __post_init__(self) -> None:
-        whole('ga.population', self.population, least=4, most=100_000)
-        whole('ga.generations', self.generations, least=1, most=1_000_000)
-        whole('ga.stall', self.stall, least=1)
+        super().__post_init__()
         whole('ga.tournament', self.tournament, least=1, most=self.population)
-        whole('ga.elites', self.elites, least=0)
-        real('ga.crossover', self.crossover, least=0.0, most=1.0)
-        real('ga.mutation', self.mutation, least=0.0, most=1.0)
-        real('ga.mutation_scale', self.mutation_scale, above=0.0, most=1.0)
-        real('ga.mutation_floor', self.mutation_floor, above=0.0, most=1.0)
         if self.elites > self.population - 2:
             raise InputError(
                 f'`ga.elites` must leave room for two children in a population of '

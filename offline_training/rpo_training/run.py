@@ -42,7 +42,7 @@ from rpo_montecarlo.outputs import (
     write_text,
 )
 from rpo_training import __version__, processor
-from rpo_training.algorithms import Search, Stage
+from rpo_training.algorithms import Search
 from rpo_training.config import Configuration
 from rpo_training.fitting import training_set
 
@@ -215,18 +215,16 @@ class SearchRun(Generic[Config, Found]):
         self._evaluated = 0
         self._began: float | None = None
 
-    @property
-    def scenario(self) -> str:
-        """The scenario or set that is searched for."""
-        return self.config.scenario
-
     def make_starts(self) -> Any:
         """Return the set that is flown."""
-        return training_set(self.scenario)
+        return training_set(self.config.scenario)
 
     def inputs(self) -> list[str]:
         """Return the texts of the scenario, of the starts, and of the campaigns."""
-        named = [('scenario', self.scenario), *(('controller', n) for n in self.config.starts)]
+        named = [
+            ('scenario', self.config.scenario),
+            *(('controller', n) for n in self.config.starts),
+        ]
         found = [files.read_text(files.find(kind, name)) for kind, name in named]
         return found + [text for flights in self.fitness.drawn for text in flights.texts]
 
@@ -243,14 +241,9 @@ class SearchRun(Generic[Config, Found]):
         """What the run does now."""
         return self.search.phase
 
-    @property
-    def stage(self) -> Stage:
-        """The stage of the search; most searches have but one."""
-        return getattr(self.search, 'stage', Stage(0, np.empty(0)))
-
     def _enter_stage(self) -> None:
         """Draw the flights of the stage."""
-        number, genes = self.stage
+        number, genes = self.search.stage
         self.fitness.enter(number, self.decode(genes[None]) if len(genes) else None)
 
     def decode(self, genes: Floats) -> Any:
@@ -295,9 +288,6 @@ class SearchRun(Generic[Config, Found]):
     def flown(self) -> str:
         """What every candidate flies."""
         return f'{len(self.starts.initial_positions_m)} starts'
-
-    def save_more(self) -> None:
-        """Write what the folder holds at the end beside the best controller."""
 
     @classmethod
     def create(
@@ -344,7 +334,7 @@ class SearchRun(Generic[Config, Found]):
         self.checkpoint.add(genes, scores)
         rows = self.checkpoint.scores[-1]
         index = int(rows[:, 0].argmin())
-        self.stages.append(self.stage.number)
+        self.stages.append(self.search.stage.number)
         anew = self.stages[-2:-1] != self.stages[-1:]  # another stage has another fitness
         if anew or rows[index, 0] < self.best[0]:
             self.best, self.best_genes = rows[index], genes[index].copy()
@@ -408,8 +398,8 @@ class SearchRun(Generic[Config, Found]):
             time.monotonic() - (self._began or 0.0),
         )
 
-    def write_history(self) -> None:
-        """Write `history.csv`, a row for each generation."""
+    def save_more(self) -> None:
+        """Write what the folder holds beside the best: `history.csv`, a row for each generation."""
         history: list[Mapping[str, object]] = []
         best, evaluations, before = np.full(1, np.inf), 0, None
         for number, scores in enumerate(self.checkpoint.scores):

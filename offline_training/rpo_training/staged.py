@@ -8,110 +8,36 @@ the end, draws that are held out decide (`rpo_judge.scoring.drawn`).
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
+from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rpo_core.files.validation import InputError, real, whole
+from rpo_core.files.validation import Checked, flag, real, whole
 from rpo_judge.scoring.drawn import HELD_OUT, UNDRAWN
-from rpo_training.algorithms import Best, CmaSearch, CmaSettings, GaSearch, Stage
+from rpo_kernels.arrays import Floats
+from rpo_training.algorithms import Best, CmaSettings, Script, Search, Stage
 from rpo_training.genes import GeneSpace
 
-Floats = NDArray[np.float64]
-
-Script = Generator[Floats, Floats, None]
-"""Yields chromosomes (n, size); each yield returns their fitness (n, 1)."""
+Part = Generator[Floats, Floats, None]
+"""A part of a `Script`."""
 
 
-class ScriptedSearch:
-    """A search by ask and tell whose course is a generator.
+class _InStages(Search):
+    """A search some of whose parts judge chromosomes anew."""
 
-    stopped : why it has ended; empty until then
-    best : so far, of the present stage; stage : what is drawn; phase : what runs now
-    """
-
-    def _begin(self, start: Floats, seed: int, reason: str) -> None:
-        """Begin the course with a chromosome; `reason` is that of its regular end."""
-        self.stopped, self.phase, self.evaluations = '', '', 0
-        self.seed, self._reason = seed, reason
-        self.best, self.stage = Best(start), Stage(0, start)
-        self._course = self._run()
-        self._asked = next(self._course)
-
-    @abstractmethod
-    def _run(self) -> Script:
-        """Return the course."""
-
-    def ask(self) -> Floats:
-        """Return chromosomes (n, size) to be evaluated."""
-        return np.array(self._asked)
-
-    def tell(self, values: Floats) -> None:
-        """Take the fitness (n, 1) of those."""
-        self.evaluations += len(values)
-        self.best.take(self._asked, values)
-        try:
-            self._asked = self._course.send(values)
-        except StopIteration:
-            self.stopped = self._reason
-
-    def _enter(self, number: int, phase: str, entries: Floats) -> Script:
+    def _enter(self, number: int, phase: str, entries: Floats) -> Part:
         """Begin a stage, which judges chromosomes (n, size) anew."""
         self.stage, self.phase = Stage(number, self.best.genes), phase
         self.best = Best(self.best.genes)
         yield entries
 
-    def _descend(
-        self,
-        settings: CmaSettings,
-        start: Floats,
-        stream: int,
-        complete: Callable[[Floats], Floats] = np.array,
-    ) -> Generator[Floats, Floats, Best]:
-        """Run CMA-ES from a chromosome; return its best.
-
-        complete : from the genes that it varies to chromosomes
-        """
-        search = CmaSearch(settings, self.seed, start, stream)
-        while not search.stopped:
-            values = yield complete(search.ask())
-            search.tell(values)
-        return search.best
-
-
-class InTurn(ScriptedSearch):
-    """The genetic algorithm, then another search that starts from its best chromosome.
-
-    then : makes the second search
-    """
-
-    def __init__(self, first: GaSearch, then: Callable[[Floats], CmaSearch]) -> None:
-        self._now: GaSearch | CmaSearch = first
-        self._then = then
-        self._begin(np.empty(0), 0, '')
-
-    @property
-    def left(self) -> int:
-        """Generations left, at most, of the search that runs."""
-        return self._now.left
-
-    def _run(self) -> Script:
-        for later in (self._then, None):
-            self.phase = self._now.phase
-            while not self._now.stopped:
-                values = yield self._now.ask()
-                self._now.tell(values)
-            if later is not None:
-                self._now = later(self._now.best.genes)
-        self._reason = self._now.stopped
-
 
 @dataclass(frozen=True)
-class StagedSettings:
+class StagedSettings(Checked):
     """Options of the stages.
 
     restarts : descents from the start, without drawn flights, with the settings of CMA-ES
@@ -119,19 +45,15 @@ class StagedSettings:
     sigma, evaluations : of each stage
     """
 
-    restarts: int = 1
-    stages: int = 3
-    sigma: float = 0.015
-    evaluations: int = 1500
+    PLACE = 'staged.'
 
-    def __post_init__(self) -> None:
-        whole('staged.restarts', self.restarts, least=1, most=1000)
-        whole('staged.stages', self.stages, least=1, most=1000)
-        real('staged.sigma', self.sigma, above=0.0, most=1.0)
-        whole('staged.evaluations', self.evaluations, least=1)
+    restarts: Annotated[int, partial(whole, least=1, most=1000)] = 1
+    stages: Annotated[int, partial(whole, least=1, most=1000)] = 3
+    sigma: Annotated[float, partial(real, above=0.0, most=1.0)] = 0.015
+    evaluations: Annotated[int, partial(whole, least=1)] = 1500
 
 
-class StagedSearch(ScriptedSearch):
+class StagedSearch(_InStages):
     """CMA-ES from the start, more than once; then in stages, each from the best so far.
 
     The first descents are cheap, and far: they fly no draws. A stage draws hard flights for the
@@ -142,17 +64,15 @@ class StagedSearch(ScriptedSearch):
         self, settings: StagedSettings, descent: CmaSettings, seed: int, start: Floats
     ) -> None:
         self.settings, self.descent = settings, descent
-        self._begin(start, seed, f'{settings.stages} stages')
+        most = settings.restarts * descent.evaluations + settings.stages * settings.evaluations
+        super().__init__(seed, start, most)
 
     @property
     def left(self) -> int:
         """Generations left, at most."""
-        own, size = self.settings, self.descent.population
-        most = own.restarts * self.descent.evaluations + own.stages * own.evaluations
-        return max(0, -(-(most - self.evaluations) // size))
+        return -(-max(self.most - self.evaluations, 0) // self.descent.population)
 
     def _run(self) -> Script:
-        """Yield chromosomes; each yield returns their fitness."""
         own, start, finalists = self.settings, self.best.genes, []
         yield from self._enter(UNDRAWN, 'start', start[None])
         for number in range(1, own.restarts + 1):
@@ -164,10 +84,11 @@ class StagedSearch(ScriptedSearch):
             yield from self._descend(later, self.best.genes, own.restarts + number)
             finalists.append(np.array(self.best.genes))
         yield from self._enter(HELD_OUT, 'held-out flights', np.unique(finalists, axis=0))
+        return f'{own.stages} stages'
 
 
 @dataclass(frozen=True)
-class RaceSettings:
+class RaceSettings(Checked):
     """Options of the race; the descents over all genes have `CmaSettings`.
 
     rounds : at most
@@ -179,27 +100,21 @@ class RaceSettings:
     stages : whether each round draws its flights anew, and held-out flights decide at the end
     """
 
-    rounds: int = 3
-    entrants: int = 8
-    population: int = 14
-    sigma: float = 0.05
+    PLACE = 'race.'
+
+    rounds: Annotated[int, partial(whole, least=1)] = 3
+    entrants: Annotated[int, partial(whole, least=1)] = 8
+    population: Annotated[int, partial(whole, least=4)] = 14
+    sigma: Annotated[float, partial(real, above=0.0, most=1.0)] = 0.05
     evaluations: int = 2000
-    last: int = 0
-    gain: float = 0.01
-    scan: int = 0
-    stages: bool = False
+    last: Annotated[int, partial(whole, least=0)] = 0
+    gain: Annotated[float, partial(real, unit='N^2 s', least=0.0)] = 0.01
+    scan: Annotated[int, partial(whole, least=0, most=100)] = 0
+    stages: Annotated[bool, flag] = False
 
     def __post_init__(self) -> None:
-        if not isinstance(self.stages, bool):
-            raise InputError(f'`race.stages` must be true or false; got {self.stages!r}')
-        whole('race.rounds', self.rounds, least=1)
-        whole('race.entrants', self.entrants, least=1)
-        whole('race.population', self.population, least=4)
-        real('race.sigma', self.sigma, above=0.0, most=1.0)
+        super().__post_init__()
         whole('race.evaluations', self.evaluations, least=self.population)
-        whole('race.last', self.last, least=0)
-        real('race.gain', self.gain, 'N^2 s', least=0.0)
-        whole('race.scan', self.scan, least=0, most=100)
 
 
 @dataclass(frozen=True)
@@ -211,7 +126,7 @@ class Finalist:
     genes: Floats
 
 
-class TableRace(ScriptedSearch):
+class TableRace(_InStages):
     """A race of rule tables: the discrete genes by enumeration, the continuous ones by CMA-ES.
 
     There are only fifty odd, monotone tables. A search that moves between them by rounding a gene
@@ -226,53 +141,49 @@ class TableRace(ScriptedSearch):
 
     def __init__(
         self,
-        settings: RaceSettings,
+        own: RaceSettings,
         descent: CmaSettings,
         seed: int,
         space: GeneSpace,
         start: Floats,
     ) -> None:
-        self.settings, self.descent, self.space = settings, descent, space
+        self.settings, self.descent, self.space = own, descent, space
         self._tables, self._streams = space.rule_tables(), 0
         self.finalists: list[Finalist] = []
-        self._begin(start, seed, f'{settings.rounds} rounds')
-
-    @property
-    def left(self) -> int:
-        """Generations left, at most, of the size of the present one."""
-        own = self.settings
-        each = len(self._tables) + own.entrants * own.evaluations + self.descent.evaluations
-        most = (own.last or self.descent.evaluations) + own.rounds * each + own.scan**2
-        return -(-max(most - self.evaluations, 0) // len(self._asked))
+        each = len(self._tables) + own.entrants * own.evaluations + descent.evaluations
+        most = (own.last or descent.evaluations) + own.rounds * each + own.scan**2
+        super().__init__(seed, start, most)
 
     def _run(self) -> Script:
-        """Yield chromosomes; each yield returns their fitness."""
-        if self.settings.scan and self.space.free_scales:
+        own = self.settings
+        self.stage, reason = Stage(0, self.best.genes), f'{own.rounds} rounds'
+        if own.scan and self.space.free_scales:
             self.phase = 'scales'
             yield self._scales()
-        for number in range(1, self.settings.rounds + 1):
+        for number in range(1, own.rounds + 1):
             yield from self._draw(number)
             before = self.best.value
             self.phase = f'round {number}, descent'
             yield from self._run_descent(self.descent, self.best.genes)
             yield from self._enter_tables(number)
-            if before - self.best.value < self.settings.gain:
-                self._reason = f'round {number} gained less than {self.settings.gain:g} N^2 s'
+            if before - self.best.value < own.gain:
+                reason = f'round {number} gained less than {own.gain:g} N^2 s'
                 break
         else:
-            yield from self._draw(self.settings.rounds + 1)
+            yield from self._draw(own.rounds + 1)
             self.phase = 'last descent'
-            last = replace(self.descent, evaluations=self.settings.last or self.descent.evaluations)
+            last = replace(self.descent, evaluations=own.last or self.descent.evaluations)
             yield from self._run_descent(last, self.best.genes)
-        if self.settings.stages:
+        if own.stages:
             yield from self._decide()
+        return reason
 
-    def _draw(self, number: int) -> Script:
+    def _draw(self, number: int) -> Part:
         """Begin a stage, where there are stages."""
         if self.settings.stages:
             yield from self._enter(number, f'stage {number}', self.best.genes[None])
 
-    def _decide(self) -> Script:
+    def _decide(self) -> Part:
         """Let the draws that are held out decide."""
         recent = [f for f in self.finalists if f.stage >= self.stage.number - 1]
         self.finalists = list({f.genes.tobytes(): f for f in recent}.values())
@@ -287,7 +198,7 @@ class TableRace(ScriptedSearch):
         entries[1:, : self.space.free_scales] = scales**2  # closer where the scales are small
         return entries
 
-    def _enter_tables(self, number: int) -> Script:
+    def _enter_tables(self, number: int) -> Part:
         own, rules, best = self.settings, self.space.rule_genes, self.best.genes
         self.phase = f'round {number}, tables'
         entries = np.repeat(best[None], len(self._tables), axis=0)
@@ -314,9 +225,9 @@ class TableRace(ScriptedSearch):
         settings: CmaSettings,
         start: Floats,
         complete: Callable[[Floats], Floats] = np.array,
-    ) -> Script:
+    ) -> Part:
         self._streams += 1
-        best = yield from self._descend(settings, start, self._streams, complete)
+        best, _ = yield from self._descend(settings, start, self._streams, complete)
         if self.settings.stages:
             genes = complete(best.genes[None])[0]
             self.finalists.append(Finalist(self.stage.number, float(best.value), genes))

@@ -25,10 +25,10 @@ from rpo_kernels.arrays import Floats
 from rpo_montecarlo.cluster.simulator import ClusterSimulator
 from rpo_montecarlo.engine.population import Population
 from rpo_montecarlo.engine.simulator import Simulator
-from rpo_training.algorithms import CmaSearch, GaSearch, ParetoSearch, Search
+from rpo_training.algorithms import CmaSearch, GaSearch, InTurn, ParetoSearch, Search
 from rpo_training.config import TrainingConfig
 from rpo_training.run import SearchRun
-from rpo_training.staged import Finalist, InTurn, TableRace
+from rpo_training.staged import Finalist, TableRace
 
 CONFIG = 'config.yaml'
 FRONT, FINALISTS = 'front.csv', 'finalists.csv'
@@ -38,15 +38,14 @@ def search_of(config: Any) -> Search:
     """Return the search of a configuration of fuzzy systems, at its beginning."""
     starts = np.array([config.genes.encode(_start(name, config)) for name in config.start])
     starts = starts.reshape(-1, config.genes.size)
-    cma = partial(CmaSearch, config.cmaes, config.seed)
     if config.algorithm == 'cmaes':
-        return cma(starts[0])
+        return CmaSearch(config.cmaes, config.seed, starts[0])
     if config.algorithm == 'race':
         return TableRace(config.race, config.cmaes, config.seed, config.genes, starts[0])
-    if config.algorithm == 'nsga2':
-        return ParetoSearch(config.ga, config.seed, config.genes.size, starts)
-    ga = GaSearch(config.ga, config.seed, config.genes.size, starts)
-    return ga if config.algorithm == 'ga' else InTurn(ga, cma)
+    drawn = config.seed, config.genes.size, starts
+    if config.algorithm == 'ga-cmaes':
+        return InTurn(config.ga, config.cmaes, *drawn)
+    return (ParetoSearch if config.algorithm == 'nsga2' else GaSearch)(config.ga, *drawn)
 
 
 def _start(name: str, config: Any) -> FuzzyController:
@@ -99,8 +98,8 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
         return self.controller(self.best_genes, self.config.name)
 
     def save_more(self) -> None:
-        """Write `history.csv`, a row for each generation; for a front, its controllers."""
-        self.write_history()
+        """Write `history.csv`; for a front, its controllers; the finalists."""
+        super().save_more()
         if self.config.algorithm == 'nsga2':
             self._save_front()
         if self.stages[-1] == HELD_OUT and isinstance(self.search, TableRace):

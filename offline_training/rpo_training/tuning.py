@@ -184,6 +184,9 @@ class Tuning(SearchRun[TuningConfig, Baseline]):
         base = self.starts.base
         return Model(base.orbit_radius_m, base.mass_kg, base.dt_s, base.body)
 
+    def save_more(self) -> None:
+        """Write nothing: a tuning has no history."""
+
     @property
     def phase(self) -> str:
         """What is tuned."""

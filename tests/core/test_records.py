@@ -204,7 +204,7 @@ def test_a_record_checks_its_fields_when_it_is_made(kind):
     for field in fields(kind):
         kept = field.default_factory is dict and field.name not in checks
         object.__setattr__(made, field.name, {} if kept else object())
-    with pytest.raises(InputError, match=f'^`{next(iter(checks))}` must '):
+    with pytest.raises(InputError, match=f'^`{kind.PLACE}{next(iter(checks))}` must '):
         made.__post_init__()
 
 

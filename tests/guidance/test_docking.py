@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from references import assert_bits_of_the_stage
 
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
@@ -73,15 +74,7 @@ def test_the_port_is_left_behind_after_the_length_that_is_asked(beyond_m, there)
 def test_the_table_of_a_plan_has_the_bits_of_the_stage(docking, legs, past_m):
     settings = replace(docking.section(Guidance), past_port_m=past_m)
     settings = settings if legs is None else replace(settings, legs=legs)
-    scenario = replace(docking, duration_s=900.0)
-    rows = GuidanceStage(settings, scenario).rows(scenario.start, scenario.ticks)
-    phases = GuidanceStage(settings, scenario).phases(scenario.start, scenario.ticks)
-    last = next(tick for tick, _, _, is_last in phases if is_last)
-    stage = GuidanceStage(settings, scenario)
-    stepped = [stage.step(tick, scenario.start) for tick in range(scenario.ticks + 1)]
-    np.testing.assert_array_equal(rows, [(*r, *f) for r, f in stepped])
-    starts = {change.phase: change.tick for change in stage.changes}
-    assert last == starts[settings.legs[-1].name]
+    assert_bits_of_the_stage(settings, replace(docking, duration_s=900.0))
 
 
 @pytest.mark.parametrize(

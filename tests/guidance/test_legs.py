@@ -6,14 +6,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from references import VEHICLE
 
-from rpo_core.world import cw
-from rpo_guidance.legs import FlyingAround, Profile, Straight, Transferring, Vehicle, tabled
+from rpo_guidance.legs import FlyingAround, Profile, Straight, Transferring, tabled
 from rpo_guidance.transfers import Limits
 from rpo_kernels import kernels
 
-N_RAD_S = cw.mean_motion(6_678_000.0)
-VEHICLE = Vehicle(N_RAD_S, 10.0, 0.1, 0.3, cw.discretise(N_RAD_S, 10.0, 0.1))
 REST = (0.0, -60.0, 0.0, 0.0, 0.0, 0.0)
 
 LEGS = {

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,11 +12,11 @@ import numpy as np
 import pytest
 import yaml
 from kept import assert_kept, digits
+from landing import rest_at_landing
+from references import follow
 
 from rpo_core import files
-from rpo_core.chain.chain import Chain
 from rpo_core.chain.flight import fly
-from rpo_core.chain.stage import Place
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
@@ -27,25 +28,16 @@ from rpo_kernels import kernels
 LIST = Path(__file__).with_name('plans.txt')
 LEFT = ('around', 'hold_points', 'on_command', 'tumbling_docking')
 """Plans that commands interrupt."""
+WAITING = {'go': plan.COMMAND, 'timeout_s': None}
+FOLLOWED = (
+    ('hold_points', {'go': plan.COMMAND}, {}, 15_000),  # a hold that takes too long aborts
+    ('hold_points', WAITING, {}, 15_000),
+    ('hold_points', WAITING, {6000: 'go'}, 6200),
+    ('around', {}, {1000: 'hold', 2500: 'go'}, 3000),
+    ('around', {}, {1000: 'retreat', 2500: 'go'}, 3000),
+)
+"""Plans, how their holds are changed, commands, up to which tick they are followed."""
 KEEP_OUT_M, PORT_M = 10.0, np.array([0.0, 1.0, 0.0])
-
-
-def document(name):
-    return yaml.safe_load(files.find('scenario', name).read_text())
-
-
-def stage_of(chosen):
-    return next(link.stage for link in Chain.of(chosen).links if link.place is Place.GUIDANCE)
-
-
-def follow(chosen, until, commands=None):
-    """Fly the reference exactly up to a tick; return the stage."""
-    stage, state = stage_of(chosen), chosen.start
-    for tick in range(until):
-        for name in (commands or {}).get(tick, ()):
-            assert not stage.command(name)
-        state = stage.step(tick, state)[0]
-    return stage
 
 
 @pytest.fixture(scope='module')
@@ -58,7 +50,7 @@ def hold_points():
     return scenario.load_scenario('hold_points')
 
 
-@pytest.mark.parametrize('controller', ['trained', 'pd'])
+@pytest.mark.parametrize('controller', rest_at_landing(['trained', 'pd']))
 def test_around_the_target_and_in_by_the_corridor(around, controller):
     flight = fly(around, load_controller(controller))
     contact = int(np.argmax(np.linalg.norm(flight.positions_m - PORT_M, axis=1) < 0.1))
@@ -72,64 +64,10 @@ def test_around_the_target_and_in_by_the_corridor(around, controller):
     assert np.abs(flight.velocities_m_s[contact, [0, 2]]).max() <= 0.04
 
 
-def test_a_controller_without_guidance_keeps_its_bits(around):
-    plain = replace(around, sections=(), goal_position_m=(0.0, 0.0, 0.0))
-    assert all(link.place is not Place.GUIDANCE for link in Chain.of(plain).links)
-    stage = next(
-        link.stage
-        for link in Chain.of(plain, load_controller('trained')).links
-        if link.place is Place.CONTROLLER
-    )
-    assert type(stage).__name__ == 'FuzzyStage'
-
-
-def test_phases_follow_each_other(hold_points):
-    stage = follow(hold_points, hold_points.ticks)
-    assert [change.phase for change in stage.changes] == [
-        'fly_around', 'hold_60', 'to_20', 'hold_20', 'to_the_port', guidance.ARRIVED,
-    ]  # fmt: skip
-
-
-def test_a_hold_waits_for_the_command(hold_points):
-    legs = hold_points.section(plan.Guidance).legs
-    waiting = replace(
-        hold_points.section(plan.Guidance),
-        legs=tuple(
-            replace(leg, go=plan.COMMAND, timeout_s=None) if leg.kind == plan.HOLD else leg
-            for leg in legs
-        ),
-    )
-    chosen = hold_points.equipped(waiting)
-    held = follow(chosen, chosen.ticks)
-    assert held.changes[-1].phase == 'hold_60'
-    gone = follow(chosen, chosen.ticks, {chosen.ticks - 100: ['go']})
-    assert gone.changes[-1][:2] == (chosen.ticks - 100, 'to_20')
-
-
-def test_a_hold_that_takes_too_long_aborts(hold_points):
-    settings = hold_points.section(plan.Guidance)
-    waiting = replace(
-        settings,
-        legs=tuple(
-            replace(leg, go=plan.COMMAND) if leg.kind == plan.HOLD else leg for leg in settings.legs
-        ),
-    )
-    chosen = hold_points.equipped(waiting)
-    stage = follow(chosen, chosen.ticks)
-    assert [change.phase for change in stage.changes][-2:] == [guidance.ABORTING, guidance.DRIFTING]
-
-
-def test_go_without_conditions_is_refused(hold_points):
-    stage = follow(hold_points, 10)
-    assert stage.command('go') == '`go` ends a hold; the phase is fly_around'
-    begun = next(c.tick for c in follow(hold_points, 9000).changes if c.phase == 'hold_60')
-    stage = follow(hold_points, begun + 5)
-    assert stage.command('go').startswith('`dwell_s` = 30 s is not over')
-
-
 def test_a_hold_says_why_it_cannot_end(hold_points):
-    begun = next(c.tick for c in follow(hold_points, 9000).changes if c.phase == 'hold_60')
-    stage = follow(hold_points, begun + 1)
+    begun = 5405
+    stage, _ = follow(hold_points, begun + 1)
+    assert stage.changes[-1][:2] == (begun, 'hold_60')
     leg, wanted = stage._leg, np.array(stage._reference)
     late = begun + round(leg.dwell_s / hold_points.dt_s)
     for miss, said in (
@@ -146,18 +84,15 @@ def test_a_hold_says_why_it_cannot_end(hold_points):
 
 
 def test_a_command_that_a_log_tells_of_is_followed_and_other_words_are_not(around):
-    stage = follow(around, 1000)
+    stage, _ = follow(around, 1000)
     stage.take_event(1000, 'hold')
     stage.take_event(1000, 'waiting')
     assert stage.commands == {1000: 'hold'} and stage.next_tick == 1000
 
 
-def test_hold_stops_and_go_goes_on(around):
-    for command, phase in (('hold', guidance.STOPPED), ('retreat', guidance.RETREATED)):
-        stage = follow(around, 3000, {1000: [command], 2500: ['go']})
-        assert [c.phase for c in stage.changes] == ['to_the_port', phase, 'to_the_port']
-    stopped = follow(around, 2000, {1000: ['hold']})
-    (reference, _) = stopped.step(2000, (0.0,) * 6)
+def test_after_a_stop_the_reference_rests(around):
+    stage, _ = follow(around, 2000, {1000: 'hold'})
+    reference, _ = stage.step(2000, (0.0,) * 6)
     assert reference[3:] == (0.0, 0.0, 0.0)
 
 
@@ -166,7 +101,7 @@ def test_after_an_abort_the_drift_leads_away_for_two_orbits(around):
     n = around.mean_motion_rad_s
     step = cw.discretise(n, around.mass_kg, 1.0)
     for moment in (500, 2000, 3500):
-        stage = follow(around, moment + 5000, {moment: ['abort']})
+        stage, _ = follow(around, moment + 5000, {moment: 'abort'})
         assert stage.changes[-1].phase == guidance.DRIFTING
         state = stage.step(moment + 5000, stage._reference)[0]
         nearest = np.inf
@@ -177,20 +112,19 @@ def test_after_an_abort_the_drift_leads_away_for_two_orbits(around):
         assert stage.command('go') == 'guidance is drifting: an abort is not taken back'
 
 
-LINE = {'name': 'line', 'kind': 'straight', 'to_m': [0.0, 20.0, 0.0]}
-
-
 def test_a_leg_may_burn_all_the_time_and_ease_as_long_and_keep_its_speed():
     whole = {'kind': 'transfer', 'to_m': (0.0, 5.0, 0.0), 'duration_s': 60.0}
     assert plan.Leg(name='burns', burn_s=30.0, **whole).burn_s == 30.0
     assert plan.Leg(name='eases', ease_s=60.0, **whole).ease_s == 60.0
-    line = plan.Leg(**LINE, speed_m_s=0.2, end_speed_m_s=0.2)
+    line = plan.Leg(
+        name='line', kind='straight', to_m=(0.0, 20.0, 0.0), speed_m_s=0.2, end_speed_m_s=0.2
+    )
     assert line.end_speed_m_s == line.speed_m_s
 
 
 def test_the_search_of_a_plan_is_bounded_by_its_work(monkeypatch):
     """Counted, not timed: the same on every machine. What ships takes far less than the bound."""
-    data, spent = document('around'), []
+    data, spent = yaml.safe_load(files.find('scenario', 'around').read_text()), []
     rehearsal.check.cache_clear()
     for module in (rehearsal, transfers):
         monkeypatch.setattr(module, 'spend', spent.append)
@@ -232,11 +166,18 @@ def lines():
         yield from (f'{name}: {tick} {phase}, {why}' for tick, phase, why in found.changes)
         for part in (found.references, found.forces):
             yield f'{name}: {digits(np.abs(part).sum(axis=0))}'
+    for name, holds, commands, until in FOLLOWED:
+        chosen = scenario.load_scenario(name)
+        settings = chosen.section(plan.Guidance)
+        legs = [replace(x, **holds) if x.kind == plan.HOLD else x for x in settings.legs]
+        stage, _ = follow(chosen.equipped(replace(settings, legs=tuple(legs))), until, commands)
+        yield f'{name} {holds} {commands}: {[(*change,) for change in stage.changes]}'
     for name in LEFT:
         chosen = scenario.load_scenario(name)
         for at in (300, 2500, 4000):
+            begun, _ = follow(chosen, at)
             for command in ('hold', 'retreat', 'abort', 'go'):
-                stage = follow(chosen, at)
+                stage = deepcopy(begun)
                 yield f'{name} at {at}, {command}: {stage.command(command)}'
                 state, known = stage._reference, len(stage.changes)
                 for tick in range(at, at + 300):

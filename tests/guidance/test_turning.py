@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
+from references import N_RAD_S, VEHICLE, assert_bits_of_the_stage, follow, stage_of
 from scipy.integrate import solve_ivp
 
 from rpo_attitude.target import Target, motion_of
@@ -24,13 +25,10 @@ from rpo_core.files.validation import InputError
 from rpo_core.judge.verdicts import verdicts
 from rpo_core.world import cw
 from rpo_guidance import rehearsal
-from rpo_guidance.guidance import GuidanceStage
-from rpo_guidance.legs import FlyingAround, Resting, Straight, Turning, Vehicle, fill
+from rpo_guidance.legs import FlyingAround, Resting, Straight, Turning, fill
 from rpo_guidance.plan import Guidance, Leg
 from rpo_kernels import kernels
 
-N_RAD_S = cw.mean_motion(6_678_000.0)
-VEHICLE = Vehicle(N_RAD_S, 10.0, 0.1, 0.3, cw.discretise(N_RAD_S, 10.0, 0.1))
 SHIPPED = scenarios.load_scenario('tumbling_port')
 MOUTH = Leg(
     name='to_the_mouth', kind='transfer', frame='target', to_m=(0.0, 18.0, 0.0),
@@ -60,21 +58,6 @@ def tumble(rates=(0.3, 0.4, 0.85)):
 
 def leg_of(name, target, since=0):
     return Turning(motion_of(target, PORT), since, VEHICLE, *LEGS[name])
-
-
-def stage_of(scenario):
-    return GuidanceStage(scenario.section(Guidance), scenario)
-
-
-def follow(scenario, until, commands=None):
-    """Fly the reference exactly up to a tick; return the stage and its references."""
-    stage, state, references = stage_of(scenario), scenario.start, []
-    for tick in range(until):
-        for name in (commands or {}).get(tick, ()):
-            assert not stage.command(name)
-        state = stage.step(tick, state)[0]
-        references.append(state)
-    return stage, np.array(references)
 
 
 def test_at_rest_beside_a_spinning_target_the_force_is_that_of_the_circle():
@@ -177,11 +160,7 @@ def test_docks_at_a_port_that_tumbles(controller):
 
 
 def test_the_table_of_a_plan_has_the_bits_of_the_stage():
-    rows = stage_of(PORT).rows(PORT.start, PORT.ticks)
-    last = next(tick for tick, _, _, last in stage_of(PORT).phases(PORT.start, PORT.ticks) if last)
-    stage = stage_of(PORT)
-    stepped = [stage.step(tick, PORT.start) for tick in range(PORT.ticks + 1)]
-    assert_array_equal(rows, [(*r, *f) for r, f in stepped])
+    last, rows = assert_bits_of_the_stage(PORT.section(Guidance), PORT)
     assert last == 4000
     seen = PORT.seen(rows[:, :6])
     assert_allclose(seen[4000], [0.0, 18.0, 0.0, 0.0, -0.1, 0.0], atol=1e-12)
@@ -197,7 +176,7 @@ def test_guidance_that_knows_a_wrong_attitude_flies_to_where_it_takes_the_port_f
 
 
 def test_hold_stops_in_the_axes_of_the_target_and_go_goes_on():
-    stage, references = follow(PORT, 5900, {4600: ['hold'], 4900: ['go']})
+    stage, references = follow(PORT, 5900, {4600: 'hold', 4900: 'go'})
     assert [c.phase for c in stage.changes[:4]] == ['to_the_mouth', 'in', 'stopped', 'in']
     seen = PORT.seen(references)
     assert_allclose(seen[4800:4900], seen[4800:4801].repeat(100, 0), atol=1e-11)
@@ -220,7 +199,7 @@ def test_a_hold_of_the_plan_is_in_the_axes_of_the_leg_before():
 
 @pytest.mark.parametrize('moment', [4100, 5000, 5500, 5690])
 def test_an_abort_out_of_the_corridor_comes_no_nearer_and_then_drifts_away(moment):
-    stage, references = follow(PORT, moment + 4500, {moment: ['abort']})
+    stage, references = follow(PORT, moment + 4500, {moment: 'abort'})
     assert [c.phase for c in stage.changes[-2:]] == ['aborting', 'drifting']
     distance = np.linalg.norm(references[moment:, :3], axis=1)
     # 0.1 m/s is stopped in 0.33 m by half of the force that guidance may use
@@ -234,7 +213,7 @@ def test_an_abort_out_of_the_corridor_comes_no_nearer_and_then_drifts_away(momen
 def test_go_after_a_retreat_meets_the_target_again():
     away = PORT.equipped(replace(PORT.section(Guidance), retreat_m=(0.0, -40.0, 0.0)))
     long = replace(away, duration_s=1600.0)
-    stage, references = follow(long, 14800, {5000: ['retreat'], 9000: ['go']})
+    stage, references = follow(long, 14800, {5000: 'retreat', 9000: 'go'})
     phases = ['to_the_mouth', 'in', 'retreating', 'to_the_mouth', 'in', 'arrived', 'docked']
     assert [c.phase for c in stage.changes] == phases
     jumps = np.abs(np.diff(references[:, 3:], axis=0)).max()

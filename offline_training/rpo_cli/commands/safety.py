@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rpo_cli.commands.shared import NoFail, Set, echo, end, interruptible, tool
+from rpo_cli.commands.shared import NoFail, Set, end, interruptible, tool, write_texts
 from rpo_cli.display import print_table, progress
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.files.validation import InputError
@@ -283,7 +283,6 @@ def thrusters(
 
     from rpo_core.files import overrides
     from rpo_export import c_allocation
-    from rpo_montecarlo.outputs import writing
     from rpo_thrusters import authority
     from rpo_thrusters.table import PRESETS, ThrusterTable
 
@@ -296,12 +295,8 @@ def thrusters(
             raise InputError(f'scenario {found.name} must have `thrusters.table`; it has none')
         settings, limit_n = found.thrusters.table, float(found.max_force_n)
     if source is not None:
-        about = c_allocation.header(table, settings, source.name)
-        written = {source: c_allocation.text(table, settings), source.with_suffix('.h'): about}
-        for path, text in written.items():
-            with writing(path):
-                path.write_text(text, encoding='utf-8')
-            echo(path)
+        text, header = c_allocation.files(table, settings, source.name)
+        write_texts({source: text, source.with_suffix('.h'): header})
         return
     rows, left = [], Counter[str]()
     known = {f.thruster: f.stuck for f in settings.failures if f.known}

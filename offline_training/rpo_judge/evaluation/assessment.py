@@ -113,6 +113,11 @@ class Target(NamedTuple):
         """The verdict as it is shown."""
         return NOT_ASKED if self.limit is None else HELD if self.holds else MISSED
 
+    def cells(self, sign: str = '') -> tuple[str, ...]:
+        """Return its row in a table; `sign` stands before a limit."""
+        limit = '' if self.limit is None else f'{sign}{self.limit:.4g} {self.unit}'
+        return self.name, self.what, limit, f'{self.reached:.4g} {self.unit}', self.word
+
 
 @dataclass(frozen=True)
 class Assessment:

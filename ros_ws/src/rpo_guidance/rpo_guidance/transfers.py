@@ -122,45 +122,39 @@ _planned: dict[str, tuple[Transfer, float]] = {}
 """Transfers found in this process, and the steps that each took: a plan is checked, then flown."""
 
 
-class _HalfSpaces:
-    """Half-spaces n_j . r(t_j) >= b_j about a path."""
+class _HalfSpace(NamedTuple):
+    """A half-space normal . r >= least about a path, at the end of segment `when`."""
 
-    def __init__(self) -> None:
-        self.when: list[int] = []
-        self.normals: list[Vector] = []
-        self.least: list[float] = []
-
-    def add(self, when: int, normal: Vector, least: float) -> None:
-        """Take one, at the end of a segment."""
-        self.when.append(when)
-        self.normals.append(normal)
-        self.least.append(least)
+    when: int
+    normal: Vector
+    least: float
 
 
 def _outside_sphere(
     states: Floats, distances: list[float], zones: Limits, side: Vector | None
-) -> _HalfSpaces:
+) -> list[_HalfSpace]:
     """Return the half-spaces that keep a path out of the sphere.
 
     side : of the first round: straight through the sphere, the path is lifted to this side
     """
-    found, radius = _HalfSpaces(), zones.radius_m
+    found, radius = [], zones.radius_m
     for j in range(1, len(states) - 1):
         x, y, z = states[j, :3].tolist()
         if zones.in_cone(j):
             break
         if side is None:
             if distances[j] < NEAR * radius:
-                found.add(j, (x / distances[j], y / distances[j], z / distances[j]), radius)
+                away = x / distances[j], y / distances[j], z / distances[j]
+                found.append(_HalfSpace(j, away, radius))
         else:
             up = x * side[0] + y * side[1] + z * side[2]
             ahead = distances[j] * distances[j] - up * up
             if ahead < radius * radius:
-                found.add(j, side, sqrt(radius * radius - ahead))
+                found.append(_HalfSpace(j, side, sqrt(radius * radius - ahead)))
     return found
 
 
-def _touch_cone(planes: _HalfSpaces, states: Floats, zones: Limits) -> None:
+def _touch_cone(planes: list[_HalfSpace], states: Floats, zones: Limits) -> None:
     """Add the planes that touch the cone beside the points of a path outside it.
 
     The cone is convex: a plane that touches it is right for every path.
@@ -170,13 +164,15 @@ def _touch_cone(planes: _HalfSpaces, states: Floats, zones: Limits) -> None:
             continue
         port, axis = zones.port(j)
         (px, py, pz), (ax, ay, az) = port, axis
-        if j == zones.corridor and not planes.when:
-            planes.add(j, axis, ax * px + ay * py + az * pz + zones.gate_m)
+        if j == zones.corridor and not planes:
+            least = ax * px + ay * py + az * pz + zones.gate_m
+            planes.append(_HalfSpace(j, axis, least))
         along, (cx, cy, cz) = along_and_across(tuple(states[j, :3].tolist()), port, axis)
         size, t = norm(cx, cy, cz), zones.slope
         if size > t * along:
             normal = (t * ax - cx / size, t * ay - cy / size, t * az - cz / size)
-            planes.add(j, normal, normal[0] * px + normal[1] * py + normal[2] * pz)
+            least = normal[0] * px + normal[1] * py + normal[2] * pz
+            planes.append(_HalfSpace(j, normal, least))
 
 
 class _Problem:
@@ -204,28 +200,26 @@ class _Problem:
         reach_of(step, self._reach)
         path_of(start, np.zeros((segments, 3)), step, self._drift)
         self._missing = [e - d for e, d in zip(end, self._drift[-1].tolist(), strict=True)]
-        self.free = self._optimum(_HalfSpaces())
+        self.free = self._optimum([])
 
     def _spend(self, steps: float) -> None:
         """Count steps, before they are taken; raises TooMuch."""
         spend(steps)
         self.steps += steps
 
-    def _optimum(self, bounds: _HalfSpaces) -> Transfer:
+    def _optimum(self, bounds: list[_HalfSpace]) -> Transfer:
         """Return the transfer of least energy within half-spaces."""
         segments = len(self._reach)
-        self._spend((6 + len(bounds.when)) ** 2 * (3 * segments + PER_SEGMENT))
-        when = np.array(bounds.when, dtype=np.int64)
-        normals = np.array(bounds.normals).reshape(-1, 3)
+        self._spend((6 + len(bounds)) ** 2 * (3 * segments + PER_SEGMENT))
+        when = np.array([bound.when for bound in bounds], dtype=np.int64)
+        normals = np.array([bound.normal for bound in bounds]).reshape(-1, 3)
         rows = np.empty((6 + len(when), segments, 3))
         rows_of(self._reach, self._burn, when, normals, rows)
         if self._root is not None:
             rows *= self._root
         room = [
-            b - (n[0] * x + n[1] * y + n[2] * z)
-            for b, n, (x, y, z) in zip(
-                bounds.least, bounds.normals, self._drift[when, :3].tolist(), strict=True
-            )
+            least - (n[0] * x + n[1] * y + n[2] * z)
+            for (_, n, least), (x, y, z) in zip(bounds, self._drift[when, :3].tolist(), strict=True)
         ]
         forces, states = np.empty((segments, 3)), np.empty((segments + 1, 6))
         optimum(rows, np.array([*self._missing, *room]), forces)
@@ -236,8 +230,8 @@ class _Problem:
 
     def around(self, side: Vector | None) -> Transfer:
         """Return the transfer that passes the sphere on a side; None: where the free one does."""
-        planes, best = _HalfSpaces(), self.free
-        found = best
+        planes: list[_HalfSpace] = []
+        best = found = self.free
         for attempt in range(1, ROUNDS):
             if found.violated_m <= SLACK_M:
                 break
@@ -246,10 +240,8 @@ class _Problem:
             if attempt == 1:
                 lifted = _side(found.states, distances) if side is None else side
             _touch_cone(planes, found.states, self._zones)
-            bounds = _outside_sphere(found.states, distances, self._zones, lifted)
-            for when, normal, least in zip(planes.when, planes.normals, planes.least, strict=True):
-                bounds.add(when, normal, least)
-            found = self._optimum(bounds)
+            sphere = _outside_sphere(found.states, distances, self._zones, lifted)
+            found = self._optimum([*sphere, *planes])
             best = found if found.violated_m < best.violated_m else best
         return best
 

@@ -12,12 +12,14 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from rpo_core import files
 from rpo_core.files.validation import (
+    Checked,
     InputError,
     choice,
     description,
@@ -28,6 +30,7 @@ from rpo_core.files.validation import (
     vector3,
     whole,
 )
+from rpo_kernels.kernels import Vector
 
 SCHEMA = 'rpo/monitor/1'
 
@@ -46,14 +49,6 @@ FAULTS = {
 }
 """Fault -> what it means."""
 
-_LIMITS = {
-    'range_m': ('m', 1e6),
-    'speed_m_s': ('m/s', 1e4),
-    'speed_per_range_1_s': ('1/s', 1e3),
-    'force_n': ('N', 1e6),
-    'force_age_s': ('s', 1e6),
-    'corridor_half_angle_deg': ('deg', 180.0),
-}
 _LONGEST = 1_000_000
 
 
@@ -66,21 +61,34 @@ class Rule:
     reaction: str
 
 
+def _axis(name: str, value: Any) -> Vector:
+    """Return a direction; raises InputError."""
+    axis = vector3(name, value, 'any unit', bound=1e6)
+    if not any(axis):
+        raise InputError(f'`{name}` must not be zero; got [0, 0, 0]')
+    return axis
+
+
+_limit = partial(real, least=0.0)
+
+
 @dataclass(frozen=True)
-class Limits:
+class Limits(Checked):
     """What is allowed; see the comments of config/monitors/default.yaml.
 
     corridor_axis : (3,) direction from the target, target LVLH, any length but zero; of a target
         with an attitude, in its axes
     """
 
-    range_m: float
-    speed_m_s: float
-    speed_per_range_1_s: float
-    force_n: float
-    force_age_s: float
-    corridor_half_angle_deg: float
-    corridor_axis: tuple[float, float, float]
+    PLACE = 'limits.'
+
+    range_m: Annotated[float, partial(_limit, unit='m', most=1e6)]
+    speed_m_s: Annotated[float, partial(_limit, unit='m/s', most=1e4)]
+    speed_per_range_1_s: Annotated[float, partial(_limit, unit='1/s', most=1e3)]
+    force_n: Annotated[float, partial(_limit, unit='N', most=1e6)]
+    force_age_s: Annotated[float, partial(_limit, unit='s', most=1e6)]
+    corridor_half_angle_deg: Annotated[float, partial(_limit, unit='deg', most=180.0)]
+    corridor_axis: Annotated[Vector, _axis]
 
     def faults_of_state(
         self, state: Sequence[float], attitude: Sequence[float] = (0.0, 0.0, 0.0, 1.0)
@@ -189,19 +197,12 @@ def parse(document: Any) -> MonitorTable:
     """Return the monitor table of a parsed YAML document; raises InputError."""
     schema(document, SCHEMA)
     data = mapping('', document, ['schema', 'name', 'limits', 'faults'], ['description'])
-    limits = mapping('limits', data['limits'], [*_LIMITS, 'corridor_axis'])
-    numbers = {
-        name: real(f'limits.{name}', limits[name], unit, least=0.0, most=most)
-        for name, (unit, most) in _LIMITS.items()
-    }
-    axis = vector3('limits.corridor_axis', limits['corridor_axis'], 'any unit', bound=1e6)
-    if not any(axis):
-        raise InputError('`limits.corridor_axis` must not be zero; got [0, 0, 0]')
+    limits = mapping('limits', data['limits'], [field.name for field in fields(Limits)])
     faults = mapping('faults', data['faults'], FAULTS)
     description('description', data.get('description', ''))
     return MonitorTable(
         text('name', data['name']),
-        Limits(**numbers, corridor_axis=axis),
+        Limits(**limits),
         {fault: _rule(f'faults.{fault}', faults[fault]) for fault in FAULTS},
     )
 

@@ -8,7 +8,7 @@ import difflib
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any, ClassVar, get_type_hints
 
 from rpo_kernels.errors import InputError as InputError
 from rpo_kernels.errors import printable as printable
@@ -34,12 +34,16 @@ class Checked:
 
     The annotation of a field holds its check, which takes the name and the value:
     `mass_kg: Annotated[float, partial(real, unit='kg', above=0.0)]`. Raises InputError.
+
+    PLACE : of the fields in errors, as `ga.`
     """
+
+    PLACE: ClassVar[str] = ''
 
     def __post_init__(self) -> None:
         kind: Any = type(self)
         for name, check in _checks(kind):
-            object.__setattr__(self, name, check(name, getattr(self, name)))
+            object.__setattr__(self, name, check(f'{self.PLACE}{name}', getattr(self, name)))
 
 
 @cache
