@@ -99,10 +99,10 @@ def _columns(campaign, controller, runs):
 
 
 def test_everywhere_meets_its_conditions_in_the_corner_where_the_default_misses_some():
-    """2000 runs of the corner are as many as 625 000 of the box."""
-    kept, _ = _columns('corner_starts', 'everywhere', 2000)
-    default, _ = _columns('corner_starts', DEFAULT_CONTROLLER, 2000)
-    assert default < 1990 < 1998 <= kept, 'at most 1 of 100 000 would be 6'
+    """1000 runs of the corner are as many as 312 500 of the box."""
+    kept, _ = _columns('corner_starts', 'everywhere', 1000)
+    default, _ = _columns('corner_starts', DEFAULT_CONTROLLER, 1000)
+    assert default < 995 < 999 <= kept, 'at most 1 of 100 000 would be 3'
     assert _columns('paper_test', 'everywhere', 400)[1]['hold_error_per_axis_m'].max() < 0.5
 
 
