@@ -154,6 +154,7 @@ def test_the_torque_of_the_thrusters_is_drawn_about_the_axes_of_the_chaser(tumbl
     assert picture.figure.axes[2].get_ylabel().endswith("chaser's axes")
 
 
+@pytest.mark.every_landing
 def test_flights_beside_each_other_say_in_which_axes_they_are_drawn(tmp_path):
     run = str(tmp_path / 'run')
     options = ['--set', 'duration_s=2.0', '--no-fail', '--output', run]

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The controllers that ship: what their files claim, the targets, and how they were trained."""
 
+import itertools
 import re
 from dataclasses import replace
 from functools import cache
@@ -138,9 +139,14 @@ def test_targets_follow_the_numbers_and_not_the_name():
     assert 'those of any controller' in assess(own).verdict()
 
 
-@pytest.mark.parametrize('name', ['allround', 'everywhere', 'paper_ga', 'robust', 'trained'])
-@pytest.mark.parametrize('scenario', ['paper_test', 'paper_test_phase'])
-def test_the_papers_claims_hold(name, scenario):
+@pytest.mark.parametrize(
+    ('scenario', 'name'),
+    rest_at_landing(
+        list(itertools.product(['paper_test', 'paper_test_phase'], [*SHIPPED[:3], *UNPINNED])),
+        quick=2,
+    ),
+)
+def test_the_papers_claims_hold(scenario, name):
     flight = fly(load_scenario(scenario), load_controller(name))
     found = verdicts(flight)
     assert len(found) == 6 and [verdict for verdict in found if not verdict.holds] == []
