@@ -40,7 +40,7 @@ from rpo_nav.estimator import Estimator
 from rpo_nav.sensors import Sensor, Sensors
 from rpo_safety.settings import Assurance, Passage
 from rpo_safety.shaping import Shaping
-from rpo_sim.free_running import FreeRunningPlant
+from rpo_sim.plant import FreeRunningPlant
 from rpo_thrusters.table import Failure, ThrusterTable
 from rpo_thrusters.thrusters import Propellant, Pulses, Thrusters
 
