@@ -18,7 +18,7 @@ from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.statuses import numbers_text
 from rpo_mcap.format.run import RunSummary, TimeBase
 from rpo_mcap.write.writer import RunLogWriter
-from rpo_sim.free_running import FreeRunningPlant
+from rpo_sim.plant import FreeRunningPlant
 
 STALE_AFTER = 4
 

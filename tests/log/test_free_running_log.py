@@ -20,7 +20,7 @@ from rpo_log.tools.export import tables
 from rpo_log.verify import verify
 from rpo_mcap.read.run_log import other_signals, read_flight
 from rpo_mcap.read.stream import RunReader
-from rpo_sim.free_running import FreeRunningPlant
+from rpo_sim.plant import FreeRunningPlant
 
 APPLIED = '/applied_force'
 LAME = range(60, 75)

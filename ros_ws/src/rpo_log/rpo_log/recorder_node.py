@@ -35,10 +35,9 @@ from rpo_mcap.write.side_file import DecisionLogWriter, HealthLogWriter, SideFil
 from rpo_mcap.write.writer import PHASES, Claims, RunLogWriter
 from rpo_ros import health, names, qos
 from rpo_ros.conversions import texts_of
-from rpo_ros.heartbeat import Watch
+from rpo_ros.heartbeat import Timeout, Watch
 from rpo_ros.running import FlightNode
 from rpo_ros.signals import hear, message_class
-from rpo_ros.timeout import Timeout
 
 EXIT_INCOMPLETE = 1
 
