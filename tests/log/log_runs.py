@@ -229,10 +229,16 @@ def changed(topic: str, tick: int, new: bytes | Callable[[bytes], bytes] | None)
     return change
 
 
+def turned(content: bytes, at: int) -> bytes:
+    """Return bytes one bit of which is another one."""
+    at %= len(content)
+    return content[:at] + bytes([content[at] ^ 1]) + content[at + 1 :]
+
+
 def flipped(topic: str, tick: int, place: int = 0) -> Change:
     """Return a change that flips one bit of a number of a message."""
     byte = interfaces.row_of(topic[1:]).layout.runs[place][0]
-    return changed(topic, tick, lambda d: d[:byte] + bytes([d[byte] ^ 1]) + d[byte + 1 :])
+    return changed(topic, tick, lambda data: turned(data, byte))
 
 
 def forge(log: Path, folder: Path, *changes: Change) -> Path:

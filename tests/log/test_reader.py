@@ -19,7 +19,7 @@ import zstandard
 from doc_blocks import DOCS, code
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from log_runs import FORCE, STATE, STATUS, changed, forge
+from log_runs import FORCE, STATE, STATUS, changed, forge, turned
 from mcap.opcode import Opcode
 from mcap.records import Chunk, Message
 from mcap.writer import Writer
@@ -182,9 +182,8 @@ def test_no_flipped_bit_goes_unnoticed(run, log_bytes, data, tmp_path_factory):
 @pytest.mark.parametrize(('end', 'place'), [(True, -9), (False, 9 + 24)])  # its data, its checksum
 def test_a_corrupt_chunk_is_named(log_bytes, chunks, tmp_path, end, place):
     chunk = chunks[20]
-    content = bytearray(log_bytes)
-    content[chunk.chunk_start_offset + place + end * chunk.chunk_length] ^= 0x10
-    said = refusal(put(tmp_path, bytes(content)))
+    at = chunk.chunk_start_offset + place + end * chunk.chunk_length
+    said = refusal(put(tmp_path, turned(log_bytes, at)))
     assert f'chunk at byte {chunk.chunk_start_offset}' in said
     assert end or 'its checksum does not fit' in said
 

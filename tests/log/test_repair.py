@@ -11,6 +11,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 import yaml
+from log_runs import turned
 from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 
@@ -21,7 +22,7 @@ from rpo_mcap.read.run_log import read_run
 from rpo_mcap.write.side_file import HealthLogWriter
 
 
-def cut(folder: Path, content: bytes, size: int) -> Path:
+def cut(folder: Path, content: bytes, size: int | None = None) -> Path:
     folder.mkdir()
     (folder / 'run.mcap').write_bytes(content[:size])
     (folder / 'run_info.yaml').write_text('machine: mine\n')
@@ -113,10 +114,8 @@ def test_only_metadata_yaml_lacks(run, tmp_path, monkeypatch):
 
 
 def test_a_corrupt_chunk_is_left_out_and_said(run, log_bytes, chunks, tmp_path):
-    content = bytearray(log_bytes)
-    content[chunks[30].chunk_start_offset + chunks[30].chunk_length - 9] ^= 1
-    folder = cut(tmp_path / 'log', bytes(content), len(content))
-    done = repair(folder)
+    at = chunks[30].chunk_start_offset + chunks[30].chunk_length - 9
+    done = repair(cut(tmp_path / 'log', turned(log_bytes, at)))
     assert done.exit_code == ExitCode.INCOMPLETE
     assert '1 chunks lost' in done.files[0].sentence()
     mended = read_run(done.output)
@@ -128,18 +127,15 @@ def test_a_corrupt_chunk_is_left_out_and_said(run, log_bytes, chunks, tmp_path):
 
 
 def test_the_first_chunk_is_corrupt_but_the_summary_tells_the_topics(log_bytes, chunks, tmp_path):
-    content = bytearray(log_bytes)
-    content[chunks[0].chunk_start_offset + chunks[0].chunk_length - 9] ^= 1
-    folder = cut(tmp_path / 'log', bytes(content), len(content))
-    mended = read_run(repair(folder).output)
+    at = chunks[0].chunk_start_offset + chunks[0].chunk_length - 9
+    mended = read_run(repair(cut(tmp_path / 'log', turned(log_bytes, at))).output)
     assert mended.ticks[0] == 1
     assert any('begins at tick 1' in gap for gap in mended.gaps)
 
 
 def test_corrupt_index_only(run, log_bytes, chunks, tmp_path):
-    content = bytearray(log_bytes)
-    content[chunks[30].chunk_start_offset + chunks[30].chunk_length + 30] ^= 1
-    done = repair(cut(tmp_path / 'log', bytes(content), len(content)))
+    at = chunks[30].chunk_start_offset + chunks[30].chunk_length + 30
+    done = repair(cut(tmp_path / 'log', turned(log_bytes, at)))
     assert done.exit_code == ExitCode.OK  # nothing was lost
     assert (done.output / 'run.mcap').read_bytes() == log_bytes
 
