@@ -151,6 +151,7 @@ def test_split_logs(run, tmp_path):
     assert not mended.damage
     with AnyReader([done.output]) as reader:
         assert reader.message_count == sum(file.messages for file in done.files)
+        assert sum(topic.msgcount for topic in reader.connections) == reader.message_count
 
 
 def test_the_health_log_too(short_run, tmp_path):
