@@ -103,12 +103,20 @@ class Run:
         if 0 <= tick <= self.base.last_tick:
             writer.report(tick, reported(self.of_tick(tick)))
 
-    def write(self, folder: Path, messages: Iterable[Sent] | None = None, **options) -> RunSummary:
-        """Write the log of the run, from its messages or others."""
+    def fed(
+        self, folder: Path, messages: Iterable[Sent] | None = None, **options: Any
+    ) -> RunLogWriter:
+        """Return the open writer of a log with the messages of the run, or others."""
         writer = RunLogWriter(folder, self.base, self.topics, self.attachments, **options)
         for name, tick, data in self.messages if messages is None else messages:
             writer.write(name, tick, data)
-        return writer.close()
+        return writer
+
+    def write(
+        self, folder: Path, messages: Iterable[Sent] | None = None, **options: Any
+    ) -> RunSummary:
+        """Write the log of the run, from its messages or others."""
+        return self.fed(folder, messages, **options).close()
 
     def shuffled(self, seed: int, spread: float = 12.0) -> list[Sent]:
         """Every message, some twice, in an order in which several publishers may deliver them."""
