@@ -31,8 +31,8 @@ from rpo_proof.claims import values_of
 from rpo_proof.folder import TEXTS, Folder, cells_of, write_arrays
 from rpo_proof.problem import Problem, Settings
 from rpo_report.proof import report_of
-from tools.mutate_proofs import KINDS, SAMPLE, ProofCase, cases_of
-from tools.mutating import failures, judge_cases
+from tools.attack.cases import failures, judge_cases
+from tools.attack.proofs import KINDS, SAMPLE, ProofCase, cases_of
 
 LIST = Path(__file__).parent / 'expected' / 'small_proofs.txt'
 """Arrays, claims and ranges of two small proofs; a person reads what changes in it."""
@@ -445,7 +445,7 @@ def outcomes(folder, scratch, count):
 
 @pytest.mark.parametrize('kind', KINDS)
 def test_changed_folders_do_not_deceive(proofs, tmp_path, kind):
-    """A thousand in the slow test; ten thousand: `python -m tools.mutate_proofs --cases 10000`."""
+    """A thousand in the slow test; ten thousand: `python -m tools.attack --cases 10000 proofs`."""
     assert not [word for word in outcomes(proofs[kind], tmp_path, 3) if word.split()[0].isupper()]
 
 
