@@ -85,7 +85,7 @@ def mutate(rng: random.Random, folder: Path) -> str:
         found = [way(rng, folder) for way in ways]
     if rng.random() < 0.7 and set(ways) & {_premise, _versions, _file}:
         found.append(_stamp(folder))
-    if rng.random() < 0.5:
+    if rng.random() < 0.7:
         found.append(_summarise(folder))
     return '; '.join(filter(None, found))
 
@@ -203,7 +203,8 @@ LOWER = (0.0, 0.5, 0.99, 1.0 - 1e-12)
 def _cells(rng: random.Random, arrays: Arrays) -> None:
     """Other places, sizes, bounds and times of a cell or of all; a cell that is not looked at."""
     at: Any = rng.choice((rng.randrange(max(1, len(arrays['values']))), slice(None)))
-    what, values = rng.choice(('half', 'centre', 'bounds', 'times', 'unseen')), arrays['values']
+    kinds = 'half', 'centre', 'bounds', 'bounds', 'times', 'unseen'
+    what, values = rng.choice(kinds), arrays['values']
     if what == 'half':
         arrays['half'][at] *= rng.choice(SHARES)
     elif what == 'centre':
