@@ -15,7 +15,7 @@ from functools import partial
 from pathlib import Path
 
 from tools.attack import proofs, runs
-from tools.attack.cases import judge_all
+from tools.attack.cases import Making, judge_all
 
 
 def main() -> int:
@@ -36,7 +36,7 @@ def main() -> int:
     one.add_argument('--other', type=Path, help='run folder from which lies take files')
     options = parser.parse_args()
     if options.what == 'proofs':
-        make = partial(proofs.cases_of, kinds=tuple(options.kind or proofs.KINDS))
+        make: Making = partial(proofs.cases_of, kinds=tuple(options.kind or proofs.KINDS))
     else:
         make = partial(runs.cases_of, run=options.run, signed=options.signed, other=options.other)
     return judge_all(make, options.seed, options.first, options.cases, options.workers)

@@ -28,8 +28,8 @@ def other(rng: random.Random, value: Any) -> Any:
     if isinstance(value, bool):
         return not value
     if isinstance(value, int):
-        near = value + rng.choice((1, -1, 10**8, -(10**8)))
-        return rng.choice((0, max(0, near), max(0, near), rng.randrange(9), 1 << 31))
+        beside = max(0, value + rng.choice((1, -1, 10**8, -(10**8))))
+        return rng.choice((0, beside, beside, rng.randrange(9), 1 << 31))
     if isinstance(value, float):
         near = [value * share for share in SHARES]
         return rng.choice((*near, *near, *NUMBERS, int(min(abs(value), 1e9)), 1 << 70))

@@ -144,7 +144,7 @@ def _arrays(rng: random.Random, folder: Path) -> str:
             change(rng, arrays)
             names.append(change.__name__)
     content = io.BytesIO()
-    np.savez(content, allow_pickle=True, **arrays)  # type: ignore[arg-type]
+    np.savez(content, allow_pickle=True, **arrays)
     if arrays and rng.random() < 0.02:  # an array twice: the true one, and another
         name, twice = rng.choice(sorted(arrays)), io.BytesIO()
         np.lib.format.write_array(twice, np.zeros_like(arrays[name]))
