@@ -160,7 +160,7 @@ def test_just_below_the_largest_rate_a_chaser_docks():
 
 
 def test_the_command_writes_a_scenario_that_docks(tmp_path, monkeypatch):
-    monkeypatch.setattr(entry, 'STEP_S', 58)
+    monkeypatch.setattr(entry, 'STEP_S', 145)
     monkeypatch.setattr('rpo_judge.evaluation.plan_bound.PATH_TICKS', 60)
     path = tmp_path / 'sooner.yaml'
     printed = invoke('plan', 'tumbling_port', '--entry', path)
