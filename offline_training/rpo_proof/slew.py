@@ -295,16 +295,26 @@ def slew_by_parts(
                     most = max(most, todo[k, 4])
                 return most
             continue
-        first, second = (0.5, 0.0) if by_r > by_v else (0.0, 0.5)
         for side in (-1.0, 1.0):
-            away = side * first * half_m
-            todo[left, 0], todo[left, 1] = r + away, v + strip.tilt * away + side * second * half
-            todo[left, 2] = (1.0 - first) * half_m + TINY * (abs(r) + half_m)
-            room = TINY * (abs(v) + half + abs(strip.tilt) * (abs(r) + half_m))
-            todo[left, 3] = (1.0 - second) * half + room
-            todo[left, 4] = bound
+            part = half_of(Strip(r, v, half_m, strip.tilt, half), by_r > by_v, side)
+            todo[left] = part.r, part.v, part.half_m, part.half, bound
             left += 1
     return most
+
+
+@compiled
+def half_of(part: Strip, along: bool, side: float) -> Strip:
+    """Return a half of a part: on a side, -1 or 1, along r or v; both overlap by their rounding."""
+    r, v, half_m, tilt, half = part
+    first, second = (0.5, 0.0) if along else (0.0, 0.5)
+    away = side * first * half_m
+    return Strip(
+        r + away,
+        v + tilt * away + side * second * half,
+        (1.0 - first) * half_m + TINY * (abs(r) + half_m),
+        tilt,
+        (1.0 - second) * half + TINY * (abs(v) + half + abs(tilt) * (abs(r) + half_m)),
+    )
 
 
 @compiled

@@ -16,7 +16,7 @@ from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 
 from rpo_log.tools.repair import FileRepair, repair
-from rpo_mcap.errors import ExitCode, Fault, LogError
+from rpo_mcap.errors import ExitCode, LogError
 from rpo_mcap.format import rosbag2
 from rpo_mcap.read.run_log import read_run
 from rpo_mcap.write.side_file import HealthLogWriter
@@ -114,9 +114,8 @@ def test_one_file(log_bytes, tmp_path):
 def test_nothing_is_overwritten(log_bytes, tmp_path):
     folder = cut(tmp_path / 'log', log_bytes, len(log_bytes) // 2)
     repair(folder)
-    with pytest.raises(LogError) as found:
+    with pytest.raises(LogError, match='exists already'):
         repair(folder)
-    assert found.value.fault is Fault.EXISTS
     (tmp_path / 'taken.mcap').write_text('')
     with pytest.raises(LogError):
         repair(folder / 'run.mcap', tmp_path / 'taken.mcap')
@@ -209,15 +208,12 @@ def test_the_health_log_too(short_run, tmp_path):
 
 def test_nothing_sound_is_said(log_bytes, chunks, tmp_path):
     folder = cut(tmp_path / 'log', log_bytes, chunks[0].chunk_start_offset + 100)
-    with pytest.raises(LogError, match='cannot be repaired: no whole chunk') as found:
+    with pytest.raises(LogError, match='cannot be repaired: no whole chunk'):
         repair(folder / 'run.mcap')
-    assert found.value.fault is Fault.EMPTY
     assert FileRepair(folder).bag_file('a') == rosbag2.BagFile('a', 0, 0, 0)
-    for path in (tmp_path / 'nowhere', tmp_path):
-        with pytest.raises(LogError) as found:
+    for path, said in ((tmp_path / 'nowhere', 'not exist'), (tmp_path, 'no run.mcap')):
+        with pytest.raises(LogError, match=said):
             repair(path)
-        assert found.value.fault is Fault.NOT_FOUND
     (tmp_path / 'text.mcap').write_text('no log')
-    with pytest.raises(LogError) as found:
+    with pytest.raises(LogError, match='is not an MCAP file'):
         repair(tmp_path / 'text.mcap')
-    assert found.value.fault is Fault.NOT_MCAP

@@ -20,7 +20,7 @@ from rpo_core.files.validation import InputError
 from rpo_log import signature
 from rpo_log.signature import sign_run
 from rpo_log.verify import verify
-from rpo_mcap.errors import ExitCode, Fault, LogError
+from rpo_mcap.errors import ExitCode, LogError
 from rpo_mcap.format import sums
 from rpo_mcap.format.run import prepare_folder
 from rpo_mcap.format.sums import MAX_BESIDE_BYTES, Sums
@@ -116,9 +116,8 @@ def sign_some(folder: Path, keys: Path, *without: str) -> None:
 def test_sums_that_are_none(folder, line):
     with (folder / 'SHA256SUMS').open('a') as stream:
         stream.write(f'{line}\n')
-    with pytest.raises(LogError, match='SHA256SUMS: line 6 must be a SHA-256') as found:
+    with pytest.raises(LogError, match='SHA256SUMS: line 6 must be a SHA-256'):
         verify(folder)
-    assert found.value.fault is Fault.BAD_SUMS
 
 
 @pytest.mark.parametrize('change', [lambda _: b'', lambda data: data[:-1]])
@@ -287,9 +286,8 @@ def test_a_folder_has_one_log(folder, parts, other, tmp_path, keys, name):
     sign_run(folder, keys / 'me.pem')
     shutil.copy(other / 'run.mcap', folder / name)
     for use in (verify, RunReader, lambda path: sign_run(path, keys / 'me.pem')):
-        with pytest.raises(LogError, match=r'must hold one log, run\.mcap or run_0\.mcap') as found:
+        with pytest.raises(LogError, match=r'must hold one log, run\.mcap or run_0\.mcap'):
             use(folder)
-        assert found.value.fault is Fault.NOT_A_RUN
     prepare_folder(folder, overwrite=True)
     assert not list(folder.glob('run*.mcap'))
 

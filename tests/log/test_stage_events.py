@@ -35,6 +35,10 @@ from rpo_safety.settings import Assurance
 from rpo_safety.shaping import Shaping, ShapingStage
 from rpo_thrusters.thrusters import TableStage
 
+# Where nobody has compiled the kernels of the attitude yet, one test does: 22 s of CPU time, which
+# are more than 300 s on a machine that does ten other things.
+pytestmark = pytest.mark.timeout(900)
+
 STAGE_STATUS = '/stage_status'
 OFF = range(20, 30)
 LOST_AT = 25

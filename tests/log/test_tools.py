@@ -18,7 +18,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import yaml
-from log_runs import DISTURBANCE, FORCE, STATE, STATUS, file_size_limit, make_run, rewrite
+from log_runs import DISTURBANCE, FORCE, STATE, STATUS, changed, file_size_limit, forge, make_run
 from mcap.reader import make_reader
 from typer.testing import CliRunner
 
@@ -34,7 +34,7 @@ from rpo_log.tools.diff import diff
 from rpo_log.tools.export import export
 from rpo_log.tools.info import inspect
 from rpo_log.verify import verify
-from rpo_mcap.errors import ExitCode, Fault, LogError
+from rpo_mcap.errors import ExitCode, LogError
 from rpo_mcap.read import stream
 from rpo_mcap.read.run_log import read_run
 from rpo_mcap.write.side_file import HealthLogWriter
@@ -132,16 +132,17 @@ def test_the_same_run_twice_is_equal(run, log, tmp_path):
 def test_the_first_difference_of_each_topic(log, tmp_path, monkeypatch, blocks):
     monkeypatch.setattr(stream, 'BLOCK_TICKS', blocks)
 
-    def change(name, tick, data):
-        if name == STATE and tick in (70, 90):
+    def more(by):
+        def change(data):
             wrench = list(cdr.decode_stamped(cdr.ODOMETRY, data).floats)
             state = wrench[:3] + wrench[43:46]
-            state[4] += 0.25 if tick == 70 else 0.5
+            state[4] += by
             return cdr.encode_odometry(cdr.stamp_ns(data), 'target_lvlh', 'chaser', state)
-        return None if (name, tick) == (DISTURBANCE, 300) else data
 
-    rewrite(log, tmp_path / 'b.mcap', change)
-    found = diff(log, tmp_path / 'b.mcap')
+        return change
+
+    changes = changed(STATE, 70, more(0.25)), changed(STATE, 90, more(0.5))
+    found = diff(log, forge(log, tmp_path, *changes, changed(DISTURBANCE, 300, None)))
     assert found.exit_code == ExitCode.DIFFERENT
     tick, field, a, b = found.first['relative_state']
     assert (tick, field) == (70, 'twist.twist.linear.y')
@@ -153,18 +154,13 @@ def test_the_first_difference_of_each_topic(log, tmp_path, monkeypatch, blocks):
     assert any('is missing' in line or 'and missing' in line for line in found.lines())
 
 
-def test_minus_zero_is_not_zero(log, tmp_path):
-    for name, value in (('a', 0.0), ('b', -0.0)):
-        rewrite(
-            log,
-            tmp_path / f'{name}.mcap',
-            lambda n, t, d, value=value: (
-                cdr.encode_wrench(cdr.stamp_ns(d), 'target_lvlh', [value, 1.0, 1.0])
-                if (n, t) == (FORCE, 50)
-                else d
-            ),
-        )
-    found = diff(tmp_path / 'a.mcap', tmp_path / 'b.mcap')
+def test_minus_zero_is_not_zero(run, log, tmp_path):
+    stamp_ns = run.base.stamp_ns(50)
+    forces = (cdr.encode_wrench(stamp_ns, 'target_lvlh', [x, 1.0, 1.0]) for x in (0.0, -0.0))
+    plus, minus = (
+        forge(log, tmp_path / str(i), changed(FORCE, 50, force)) for i, force in enumerate(forces)
+    )
+    found = diff(plus, minus)
     assert found.first == {'control_force': (50, 'wrench.force.x', 0.0, -0.0)}
     assert found.largest == {}
 
@@ -177,18 +173,14 @@ def test_what_differs_beside_the_ticks(run, short_run, log, tmp_path):
     assert 'they end at ticks 400 and 50' in said
     assert not found.first  # the flight is the same as far as both go
 
-    rewrite(
-        log,
-        tmp_path / 'odd.mcap',
-        lambda n, t, d: d.replace(b'chaser', b'chased') if (n, t) == (STATE, 3) else d,
-    )
-    said = '\n'.join(diff(log, tmp_path / 'odd.mcap').lines())
+    odd = changed(STATE, 3, lambda d: d.replace(b'chaser', b'chased'))
+    said = '\n'.join(diff(log, forge(log, tmp_path, odd)).lines())
     assert 'more than a stamp' in said
 
     figures = {**run.figures(400, 'finished'), 'energy_n2s': '0.0'}
     lie = cdr.encode_status(0, 'run', 'finished', 'none', figures)
-    rewrite(log, tmp_path / 'said.mcap', lambda n, t, d: lie if (n, t) == (STATUS, 400) else d)
-    assert 'run_status differs' in '\n'.join(diff(log, tmp_path / 'said.mcap').lines())
+    found = diff(log, forge(log, tmp_path, changed(STATUS, 400, lie)))
+    assert 'run_status differs' in '\n'.join(found.lines())
 
 
 # export
@@ -281,18 +273,17 @@ def test_without_disturbance(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('name', 'kind', 'said'),
+    ('name', 'said'),
     [
-        ('taken.csv', Fault.EXISTS, 'exists already'),
-        ('run.xlsx', Fault.CANNOT_WRITE, r'must end in one of \.csv'),
-        ('nowhere/run.csv', Fault.CANNOT_WRITE, 'No such file'),
+        ('taken.csv', 'exists already'),
+        ('run.xlsx', r'must end in one of \.csv'),
+        ('nowhere/run.csv', 'No such file'),
     ],
 )
-def test_outputs_that_cannot_be(log, tmp_path, name, kind, said):
+def test_outputs_that_cannot_be(log, tmp_path, name, said):
     (tmp_path / 'taken.csv').write_text('mine')
-    with pytest.raises(LogError, match=said) as found:
+    with pytest.raises(LogError, match=said):
         export(log, tmp_path / name)
-    assert found.value.fault is kind
     assert (tmp_path / 'taken.csv').read_text() == 'mine'
 
 

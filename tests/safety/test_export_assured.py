@@ -53,11 +53,11 @@ PAPER = load_scenario('paper_test')
 
 def program(controller, scenario, folder, optimise='-O2'):
     """Return the compiled driver."""
-    header = c_assured.header(controller, scenario, 'exported.c')
-    more = 'tick, ' if 'int tick' in header else ''
-    more += 'reference, push, ' if 'reference_force_n' in header else ''
+    files = c_assured.files(controller, scenario, 'exported.c')
+    more = 'tick, ' if 'int tick' in files.header else ''
+    more += 'reference, push, ' if 'reference_force_n' in files.header else ''
     main = MAIN.replace('NAME', controller.name).replace('MORE', more)
-    return compiled(folder, c_assured.text(controller, scenario), header, main, optimise)
+    return compiled(folder, files, main, optimise)
 
 
 @pytest.mark.parametrize(

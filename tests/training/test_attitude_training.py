@@ -170,8 +170,8 @@ int main(void)
 def test_the_law_in_c_has_the_bits(tmp_path):
     done = invoke('export', 'attitude_fuzzy', '--to', 'c', '-o', tmp_path / 'exported.c')
     assert done.exit_code == 0
-    source, header = ((tmp_path / f'exported.{kind}').read_text() for kind in 'ch')
-    found = driven(compiled(tmp_path, source, header, MAIN), [[0]])
+    files_in_c = [(tmp_path / f'exported.{kind}').read_text() for kind in 'ch']
+    found = driven(compiled(tmp_path, files_in_c, MAIN), [[0]])
     force = attitude.axis_of('attitude_fuzzy').force_n((0.25, 0.0, 0.0), (-0.02, 0.0, 0.0))
     assert found.item() == force[0]
 

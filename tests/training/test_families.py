@@ -15,6 +15,7 @@ from invoking import invoke
 from landing import rest_at_landing
 
 import rpo_export as export
+from rpo_cli.commands.shared import draw
 from rpo_core.chain.flight import fly
 from rpo_core.control import controller
 from rpo_core.control.controller import load_controller
@@ -152,11 +153,11 @@ def test_the_picture_names_all_and_its_front_is_beaten_by_none(tmp_path):
     rows.append(row('drifting', 0.0, 0, met=0))
     points = [(r.mean_energy_n2s, r.moving.kept) for r in rows if r.met]
     assert training.best(points) == [(2.0, 900), (2.5, 1000)]
-    training.draw(rows, tmp_path / 'p.svg')
+    draw(tmp_path / 'p.svg', training.draw, rows)
     text = (tmp_path / 'p.svg').read_text()
     assert all(text.count(f'>{name}</text>') == 3 for name in 'abcd')
     assert 'drifting' not in text
     for what in ('position and speed kept', 'all limits kept', 'time'):
         assert f'Energy against {what}<' in text
-    training.draw(rows[-1:], tmp_path / 'none.svg')  # nobody arrives: there is no front
+    draw(tmp_path / 'none.svg', training.draw, rows[-1:])  # nobody arrives: there is no front
     assert (tmp_path / 'none.svg').is_file()

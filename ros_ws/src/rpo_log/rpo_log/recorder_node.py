@@ -27,7 +27,7 @@ from rpo_core.wire.interfaces import MOST_AHEAD_TICKS, PROGRESS_TICKS
 from rpo_core.wire.statuses import READERS, WAITING, Manifest, PlantTick, RunStatus
 from rpo_log import provenance, signature
 from rpo_log.manifests import CONTROLLER, PLANT, Manifests
-from rpo_mcap.errors import Fault, LogError
+from rpo_mcap.errors import ExistsAlready, LogError
 from rpo_mcap.format import run as run_log
 from rpo_mcap.format import sums
 from rpo_mcap.topics import Topic
@@ -35,10 +35,9 @@ from rpo_mcap.write.side_file import DecisionLogWriter, HealthLogWriter, SideFil
 from rpo_mcap.write.writer import PHASES, Claims, RunLogWriter
 from rpo_ros import health, names, qos
 from rpo_ros.conversions import texts_of
-from rpo_ros.heartbeat import Watch
+from rpo_ros.heartbeat import Timeout, Watch
 from rpo_ros.running import FlightNode
 from rpo_ros.signals import hear, message_class
-from rpo_ros.timeout import Timeout
 
 EXIT_INCOMPLETE = 1
 
@@ -104,9 +103,9 @@ class RecorderNode(FlightNode):
         self._rate = health.Rate()
         try:
             run_log.prepare_folder(self.folder, self.values['overwrite'])
+        except ExistsAlready:
+            raise
         except LogError as error:
-            if error.fault == Fault.EXISTS:
-                raise
             raise InputError(f'{error} (parameter `output`)') from None
         self._status = self.create_publisher(
             DiagnosticStatus, interfaces.RECORDER_STATUS, qos.LATCHED
@@ -501,7 +500,7 @@ class RecorderNode(FlightNode):
         values = {
             'messages': messages,
             'rate_hz': self._rate.per_s(messages),
-            'backlog': self.log.waiting,
+            'backlog': self.log.orderer.waiting,
             'lost': summary.lost,
             'missing': sum(count for count, _ in summary.missing.values()),
             'decisions': self._decisions.messages if self._decisions else 0,

@@ -20,9 +20,9 @@ from rpo_log.bag import open_run
 from rpo_mcap.errors import LogError
 from rpo_mcap.read.decode import Message, values_of
 from rpo_ros import conversions, qos
+from rpo_ros.heartbeat import Timeout
 from rpo_ros.running import FlightNode
 from rpo_ros.signals import message_class
-from rpo_ros.timeout import Timeout
 
 EXIT_DIFFERENT = 1
 EXIT_NO_ANSWER = 3

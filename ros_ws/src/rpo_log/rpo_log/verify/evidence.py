@@ -28,7 +28,7 @@ from rpo_ctrl import explain
 from rpo_log import signature
 from rpo_log.verify.run_status import Statuses
 from rpo_log.verify.verification import Difference, Verification
-from rpo_mcap.errors import Fault, LogError, read_at_most
+from rpo_mcap.errors import LogError, read_at_most
 from rpo_mcap.format import rosbag2
 from rpo_mcap.format.rosbag2 import BagFile, BagTopic
 from rpo_mcap.format.run import (
@@ -410,7 +410,7 @@ class Decisions:
             yield tick, message.data
 
     def _bad(self, number: int, why: str) -> LogError:
-        return LogError(Fault.BAD_MESSAGE, self._records.path, f'decision {number}: {why}')
+        return LogError(self._records.path, f'decision {number}: {why}')
 
     def _expected_records(self) -> list[McapRecord]:
         topics = [

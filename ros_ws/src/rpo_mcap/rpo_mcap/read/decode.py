@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rpo_core.wire import cdr
 from rpo_core.wire.layout import Layout
-from rpo_mcap.errors import Fault, LogError
+from rpo_mcap.errors import LogError
 from rpo_mcap.format.run import TimeBase
 from rpo_mcap.read.records import MESSAGE_HEAD, RECORD_HEAD
 from rpo_mcap.topics import Topic
@@ -110,7 +110,7 @@ def values_of(topic: Topic, data: bytes) -> tuple[float, ...]:
 def bad_message(path: Path, topic: Topic, tick: int, error: cdr.CdrError) -> LogError:
     """Return the LogError of a message that is not of its type."""
     sentence = f'tick {tick} of {topic.name}: a {topic.type} {error}'
-    return LogError(Fault.BAD_MESSAGE, path, sentence, tick)
+    return LogError(path, sentence, tick)
 
 
 @dataclass(frozen=True)
@@ -188,7 +188,7 @@ class Messages:
         again = np.flatnonzero(ticks[1:] == ticks[:-1])
         if len(again):
             sentence = f'has tick {ticks[again[0]]} of {topic.name} twice'
-            raise LogError(Fault.DUPLICATE_TICK, self.path, sentence)
+            raise LogError(self.path, sentence)
 
     def _numbers(
         self, topic: Topic, found: NDArray[np.intp]
@@ -320,7 +320,6 @@ class Gathering:
         back = np.flatnonzero(tick < before)
         if len(back):
             raise LogError(
-                Fault.TIME_BACKWARDS,
                 self.path,
                 f'runs backwards: tick {tick[back[0]]} of {found[int(back[0])].topic.name} '
                 f'comes after tick {before[back[0]]}',
@@ -330,7 +329,7 @@ class Gathering:
     def _refuse(self, messages: Messages, i: int, times: tuple[int, int]) -> None:
         """Raise the LogError of a message whose times are not those of its tick."""
         if messages.size[i] < 0:
-            raise LogError(Fault.CORRUPT, self.path, 'is corrupt: a message record is too short')
+            raise LogError(self.path, 'is corrupt: a message record is too short')
         topic, tick, data = messages[i]
         base = self.base
         try:
@@ -340,7 +339,6 @@ class Gathering:
         for what, time in (('stamp', stamp), ('log time', times[0]), ('publish time', times[1])):
             if time != base.stamp_ns(tick) or tick > base.last_tick:
                 raise LogError(
-                    Fault.BAD_STAMP,
                     self.path,
                     f'tick {tick} of {topic.name} must have the {what} '
                     f'{base.stamp_ns(min(tick, base.last_tick))} ns and be at most '

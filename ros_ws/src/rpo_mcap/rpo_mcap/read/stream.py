@@ -28,7 +28,7 @@ from mcap.records import Message as MessageRecord
 from rpo_core.files.validation import shown
 from rpo_core.wire import interfaces
 from rpo_mcap import topics
-from rpo_mcap.errors import Fault, LogError
+from rpo_mcap.errors import LogError, NotARun
 from rpo_mcap.format.run import LOG_FORMAT, RUN_RECORD, TimeBase, log_files
 from rpo_mcap.read.decode import Gathering, Message, Messages, TickBlock
 from rpo_mcap.read.records import RECORD_HEAD, FileRecords, as_record
@@ -92,8 +92,7 @@ class RunReader:
         self._head = b''  # SHA-256 up to the first message
         damage = self._read_head()
         if not self._bases:
-            raise LogError(
-                Fault.NOT_A_RUN,
+            raise NotARun(
                 self.files[0],
                 f'has no record {RUN_RECORD}: it is not '
                 'the log of a run' + (f' ({damage})' if damage else ''),
@@ -128,9 +127,7 @@ class RunReader:
             yield from messages
 
     def _empty(self, damage: str) -> LogError:
-        return LogError(
-            Fault.EMPTY, self.path, 'holds no message' + (f' ({damage})' if damage else '')
-        )
+        return LogError(self.path, 'holds no message' + (f' ({damage})' if damage else ''))
 
     def _complete_topics(self) -> tuple[Topic, ...]:
         recorded = topics.resolve(self._channels.values(), str(self.files[0]))
@@ -138,9 +135,7 @@ class RunReader:
         for signal in topics.REQUIRED:
             if signal not in signals:
                 there = ', '.join(topic.name for topic in recorded) or 'no topic of a run'
-                raise LogError(
-                    Fault.MISSING_TOPIC, self.files[0], f'has no topic {signal}; it has {there}'
-                )
+                raise LogError(self.files[0], f'has no topic {signal}; it has {there}')
         return recorded
 
     def _read_head(self) -> str | None:
@@ -164,7 +159,6 @@ class RunReader:
             name, _, version = record.library.partition('/')
             if name == 'rpo_log' and _NUMBER.fullmatch(version) and int(version) > LOG_FORMAT:
                 raise LogError(
-                    Fault.NEWER,
                     path,
                     f'is of log format {version}; this version reads formats up to {LOG_FORMAT}',
                 )
@@ -186,9 +180,7 @@ class RunReader:
         before = self.attachments.setdefault(record.name, record.data)
         place = (path, record.name)
         if place in self._attached or before != record.data:
-            raise LogError(
-                Fault.BAD_ATTACHMENT, path, f'carries two files named {shown(record.name)}'
-            )
+            raise LogError(path, f'carries two files named {shown(record.name)}')
         self._attached.add(place)
 
     def _declare(self, path: Path, record: Schema | Channel, name: str) -> None:
@@ -197,13 +189,12 @@ class RunReader:
         if declared != record:
             kind = type(record).__name__.lower()
             sentence = f'has two {kind} records of number {record.id}, the second for {shown(name)}'
-            raise LogError(Fault.CORRUPT, path, sentence)
+            raise LogError(path, sentence)
 
     def _take_base(self, path: Path, base: TimeBase) -> None:
         self._bases.append(base)
         if base != self._bases[0]:
-            raise LogError(
-                Fault.NOT_A_RUN,
+            raise NotARun(
                 path,
                 f'must be of the same run as {self.files[0].name}, {self._bases[0]}; got {base}',
             )
@@ -215,7 +206,6 @@ class RunReader:
         found = self._schemas.get(channel.schema_id, 'no type')
         if found != topic.type or channel.message_encoding != 'cdr':
             raise LogError(
-                Fault.WRONG_TYPE,
                 path,
                 f'{channel.topic} must be {topic.type} in cdr; got '
                 f'{found} in {channel.message_encoding or "no encoding"}',
@@ -246,7 +236,7 @@ class RunReader:
                         yield messages
                     if gathering.size > MAX_BYTES:
                         sentence = f'is corrupt: tick {gathering.newest + 1} is too long to be read'
-                        raise LogError(Fault.CORRUPT, path, sentence)
+                        raise LogError(path, sentence)
             if head:
                 raise _changed(path)
             messages = gathering.take(last=True)
@@ -284,7 +274,7 @@ class RunReader:
 
 def _changed(path: Path) -> LogError:
     """Return the LogError of a log that does not begin any more as the constructor read it."""
-    return LogError(Fault.CORRUPT, path, 'was changed while it was read')
+    return LogError(path, 'was changed while it was read')
 
 
 def _blocks_of(messages: Messages) -> Iterator[TickBlock]:
@@ -309,17 +299,16 @@ def _is_sound(records: FileRecords, record: McapRecord) -> bool:
 def files_of(path: Path) -> list[Path]:
     """Return the MCAP files of a run folder, or the file itself; raises LogError."""
     if not path.exists():
-        raise LogError(Fault.NOT_FOUND, path, 'does not exist')
+        raise NotARun(path, 'does not exist')
     if not path.is_dir():
         return [path]
     files = log_files(path)
     if not files:
         there = ', '.join(sorted(found.name for found in path.iterdir())[:8]) or 'nothing'
-        raise LogError(Fault.NOT_FOUND, path, f'holds no run.mcap; it holds {there}')
+        raise NotARun(path, f'holds no run.mcap; it holds {there}')
     for number, file in enumerate(files):
         if len(files) > 1 and file.name != f'run_{number}.mcap':
-            raise LogError(
-                Fault.NOT_FOUND,
+            raise NotARun(
                 path,
                 f'must hold run_{number}.mcap too; it holds '
                 f'{", ".join(found.name for found in files)}',
