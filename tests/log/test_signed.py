@@ -26,9 +26,9 @@ from rpo_mcap.format.run import prepare_folder
 from rpo_mcap.format.sums import MAX_BESIDE_BYTES, Sums
 from rpo_mcap.read.records import MAX_REST_BYTES
 from rpo_mcap.read.stream import RunReader
-from tools import mutate_runs
-from tools.mutate_runs import Parts, SignedCase, cases_of
-from tools.mutating import judge_cases
+from tools.attack import runs
+from tools.attack.cases import judge_cases
+from tools.attack.runs import Parts, SignedCase, cases_of
 
 NONE = '0' * 64
 FILES = ('decisions.mcap', 'health.mcap', 'metadata.yaml', 'run.mcap', 'run_info.yaml')
@@ -418,7 +418,7 @@ def test_a_log_that_is_too_long_beside_one_that_cannot_be_read(parts, tmp_path):
 
 def test_lies_about_a_signed_run_are_not_accepted(recorded, other):
     make = partial(cases_of, run=recorded, signed=True, other=other)
-    found = judge_cases(make, seed=1, first=0, last=30)
+    found = judge_cases(make, seed=1, first=0, last=20)
     assert not [key for key in found if key[0].split()[0].isupper()]
     assert {outcome for outcome, _ in found} == {'refused', 'different', 'incomplete'}
 
@@ -441,5 +441,5 @@ def test_the_bench_sees_a_verifier_that_believes(recorded, other, tmp_path, monk
         found = replace(found, gaps=('a gap',))
     if said == 'NOT EXIT CODE 1':
         found = replace(found, signed_by=None)
-    monkeypatch.setattr(mutate_runs, 'verify', lambda *_: found)
-    assert said in {case.judge(1, number, tmp_path)[0] for number in range(12)}
+    monkeypatch.setattr(runs, 'verify', lambda *_: found)
+    assert said in {case.judge(1, number, tmp_path)[0] for number in range(20)}
