@@ -105,6 +105,14 @@ def test_the_command_writes_the_text(name, tmp_path):
     assert invoke('export', 'handmade', '--to', name, '-o', '-').stdout == path.read_text()
 
 
+def test_a_controller_of_attitude_is_printed_too(tmp_path, monkeypatch):
+    """It was written into a file named `-`."""
+    monkeypatch.chdir(tmp_path)
+    done = invoke('export', 'attitude_fuzzy', '--to', 'c', '-o', '-')
+    assert done.exit_code == 0 and 'attitude_fuzzy_torque(' in done.stdout
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize('suffix', ['fis', 'fll'])
 def test_export_then_import_is_the_same_controller(suffix, tmp_path):
     file, back = tmp_path / f'h.{suffix}', tmp_path / 'back.yaml'
