@@ -361,7 +361,7 @@ def test_a_thread_that_dies_ends_the_run_and_loses_nothing(halfway, monkeypatch)
     def die(*_):
         raise MemoryError('no room')
 
-    monkeypatch.setattr(training.fitness.simulator, '_fly_fuzzy', die)
+    monkeypatch.setattr(training.fitness.simulator, '_fly', die)
     with pytest.raises(MemoryError, match='no room'):
         training.run()
     assert (halfway / 'checkpoint.npz').read_bytes() == before
