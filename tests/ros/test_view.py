@@ -113,11 +113,15 @@ def test_the_thrust_arrow_is_the_force_to_scale():
 @given(st.tuples(*[st.floats(-100.0, 100.0)] * 3).filter(any), st.floats(1.0, 60.0))
 def test_the_cone_has_its_half_angle_about_the_longest_axis(start, half_angle_deg):
     axis = max(range(3), key=lambda i: abs(start[i]))
-    for point in scene.cone(start, half_angle_deg):
+    look = scene.Look(corridor_half_angle_deg=half_angle_deg)
+    drawn = scene.markers(Time(), start, None, [start], look).markers
+    (cone,) = (marker for marker in drawn if marker.ns == 'corridor')
+    for point in ((p.x, p.y, p.z) for p in cone.points):
         length = math.hypot(*point)
         if length > 1e-9 * abs(start[axis]):
             cosine = point[axis] / length * math.copysign(1.0, start[axis])
             assert math.degrees(math.acos(min(1.0, cosine))) == pytest.approx(half_angle_deg)
+    assert max(abs((p.x, p.y, p.z)[axis]) for p in cone.points) == pytest.approx(abs(start[axis]))
 
 
 def test_the_transform_places_the_chaser():
