@@ -234,17 +234,20 @@ def disturbance(flight: Flight) -> Any:
     return figure
 
 
+def _trace(axes: Any, flight: Flight, x: Floats, y: Floats) -> None:
+    """Draw a flight in a plane, with its start and dots as time goes by."""
+    dots, label = _marked(flight), f'every {MARK_S:g} s'
+    axes.plot(x, y, color=_INK, label=FLOWN)
+    axes.plot(x[0], y[0], 'o', color=_INK, markersize=6, label='start')
+    axes.plot(x[dots], y[dots], 'o', color=_INK, markersize=3, label=label)
+
+
 def closing(flight: Flight) -> Any:
     """Return the range rate over the range, with the signs of the phase planes."""
     ranges = np.linalg.norm(flight.errors[:, :3], axis=1)
     speeds = -metrics.closing_speeds_m_s(flight)
     figure, axes = style.new_panels(3.4)
-    axes.plot(ranges, speeds, color=_INK, label='this flight')
-    axes.plot(ranges[0], speeds[0], 'o', color=_INK, markersize=6, label='start')
-    dots = _marked(flight)
-    axes.plot(
-        ranges[dots], speeds[dots], 'o', color=_INK, markersize=3, label=f'every {MARK_S:g} s'
-    )
+    _trace(axes, flight, ranges, speeds)
     axes.set(
         xlabel='range from the goal [m]',
         ylabel='range rate [m/s]',
@@ -266,10 +269,7 @@ def phase_planes(flight: Flight, errors: Floats, controller: FuzzyController | N
         position, velocity = errors[:, i], errors[:, 3 + i]
         if controller is not None:
             image = draw_force(axes, controller, (spans[0][i], spans[1][i]))
-        axes.plot(position, velocity, color=_INK, label='this flight')
-        axes.plot(position[0], velocity[0], 'o', color=_INK, markersize=6, label='start')
-        dots, label = _marked(flight), f'every {MARK_S:g} s'
-        axes.plot(position[dots], velocity[dots], 'o', color=_INK, markersize=3, label=label)
+        _trace(axes, flight, position, velocity)
         axes.set(title=name, xlabel='position [m]')
     panels[0].set_ylabel('velocity [m/s]')
     if image is not None:

@@ -127,15 +127,12 @@ def test_every_reader_takes_a_bag(bags, kind, tmp_path):
     assert len(shown.flight.states) == 51 and shown.whole != bool(scenario)
 
 
-def test_a_table_of_a_bag_has_the_attitude_and_torques_of_its_messages(tmp_path):
+def test_a_table_of_a_bag_has_the_attitude_and_torques_of_its_messages(turning, tmp_path):
     """Also of one that carries no scenario, whose table lacked them in silence."""
-    log, bag = tmp_path / 'log', tmp_path / 'bag'
-    options = ['--set', 'duration_s=3.0', '--no-fail', '--output', str(log)]
-    assert CliRunner().invoke(app, ['simulate', 'tumbling_docking', *options]).exit_code == 0
-    with (log / 'run.mcap').open('rb') as file:
+    with (turning / 'run.mcap').open('rb') as file:
         found = [(c.topic, 0, m.data) for _, c, m in make_reader(file).iter_messages()]
-    export(write_bag(bag, found), tmp_path / 'bag.csv')
-    export(log, tmp_path / 'log.csv')
+    export(write_bag(tmp_path / 'bag', found), tmp_path / 'bag.csv')
+    export(turning, tmp_path / 'log.csv')
     of_log = (tmp_path / 'log.csv').read_bytes()
     assert (tmp_path / 'bag.csv').read_bytes() == of_log
     names = of_log.split(b'\r\n')[0].decode().split(',')

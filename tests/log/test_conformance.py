@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from kept import assert_kept
 from log_runs import STATUS, TOPICS
@@ -152,6 +152,7 @@ def test_says_where_it_looked(monkeypatch, tmp_path):
     assert str(tmp_path) in str(found.value)
 
 
+@settings(max_examples=40)
 @given(
     st.lists(
         st.tuples(

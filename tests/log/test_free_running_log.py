@@ -16,7 +16,6 @@ from log_runs import FORCE, STATE, changed, forge, make_run
 from rpo_core import files
 from rpo_core.files import scenario
 from rpo_core.wire import cdr, interfaces
-from rpo_log.tools.diff import diff
 from rpo_log.tools.export import tables
 from rpo_log.verify import verify
 from rpo_mcap.read.run_log import other_signals, read_flight
@@ -105,14 +104,6 @@ def test_where_an_answer_lacks_in_the_log_no_origin_is_missed(free, tmp_path):
     run.write(tmp_path / 'forged', forged(APPLIED, 24, (0.01, 0.02, 0.03)))
     found = verify(tmp_path / 'forged').difference
     assert (found.tick, found.topic, found.check) == (25, STATE, 'dynamics')
-
-
-def test_diff_names_the_force_flown(free, tmp_path):
-    free.write(tmp_path / 'a')
-    free.write(tmp_path / 'b', forged(APPLIED, 9, (0.0, 0.0, 0.0)))
-    found = diff(tmp_path / 'a', tmp_path / 'b')
-    assert found.first['applied_force'][0] == 9
-    assert set(found.first) == {'applied_force'}
 
 
 @pytest.mark.parametrize('stale_after', ['1001', '-1', 'true', '"many"', '2026-02-30', '[1', '{}'])

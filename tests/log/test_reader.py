@@ -19,7 +19,7 @@ import zstandard
 from doc_blocks import DOCS, code
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from log_runs import FORCE, STATE, STATUS, changed, forge, make_run
+from log_runs import FORCE, STATE, STATUS, changed, forge
 from mcap.opcode import Opcode
 from mcap.records import Chunk, Message
 from mcap.writer import Writer
@@ -112,12 +112,6 @@ def test_flight_scenario_and_controller_come_back(run, log):
     log = read_run(log)
     assert scenario_of(log) == run.flight.scenario
     assert controller_of(log).name == 'handmade'
-
-
-def test_flight_without_disturbance(tmp_path):
-    run = make_run(5.0, 'approach', (STATE, FORCE))
-    run.write(tmp_path)
-    assert not read_flight(tmp_path).disturbances_n.any()
 
 
 # Cut short

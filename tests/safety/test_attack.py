@@ -98,13 +98,6 @@ def test_the_commands_say_what_they_find():
     assert attacked.exit_code == 0 and 'all limits held' in attacked.output
 
 
-@pytest.mark.parametrize('words', [('show', 'quick'), ('attack', 'quick')])
-def test_a_scenario_without_assurance_is_refused_in_a_sentence(words):
-    found = run(*words)
-    assert found.exit_code == 2
-    assert '`assurance`' in found.output
-
-
 # From where an abort is clear, as `rpo safety abort` counts it.
 
 GUARDED = scenario.load_scenario('guarded')

@@ -44,7 +44,7 @@ def bits(numbers: Any) -> Any:
     return np.ascontiguousarray(numbers, dtype=np.float64).view(np.uint64).tolist()
 
 
-def states(count=3000):
+def states(count=1000):
     """Return (ticks, states (count, 6)): near, far, and awkward."""
     draw = np.random.default_rng(5)
     found = draw.normal(size=(count, 6)) * [30, 30, 30, 0.4, 0.4, 0.4]

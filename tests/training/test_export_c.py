@@ -96,7 +96,7 @@ class Own(Pd):
 def begun(name):
     """Return the controller of a family where a search begins."""
     kind = family_of(name)
-    start = {gene.name: gene.start for gene in kind.genes()}
+    start = [gene.start for gene in kind.genes()]
     return kind.of_values(name, start, Mission((1.0, 1.0, 1.0), 0.5, 0.1))
 
 

@@ -96,46 +96,29 @@ def attack(
         end(_attack_campaign(chosen if estimated else bounded(chosen)), no_fail)
         return
     from rpo_core.files import overrides
-    from rpo_proof.safety import attack
     from rpo_proof.safety import attack as attacks
 
     found = overrides.load(scenario, changes or [])
     began = time.monotonic()
     with interruptible(lambda: 'stopped; nothing is kept'), progress() as draw:
         results = attacks.attack(found, runs, seed, ticks, lambda n: draw('runs', n, runs))
-    columns = (
-        attack.VIOLATED,
-        attack.INFEASIBLE,
-        attack.TOO_FAST,
-        attack.OUTSIDE,
-        attack.HARD,
-        attack.ACTED,
-        attack.CONTACTS,
-    )
-    heads = (
-        'command',
-        'runs',
-        'in the zone',
-        'not admissible',
-        'too fast',
-        'outside',
-        'hard',
-        'changed',
-        'contacts',
-        'nearest',
-    )
+    limits = {
+        'in the zone': attacks.VIOLATED, 'not admissible': attacks.INFEASIBLE,
+        'too fast': attacks.TOO_FAST, 'outside': attacks.OUTSIDE, 'hard': attacks.HARD,
+    }  # fmt: skip
+    counted = {**limits, 'changed': attacks.ACTED, 'contacts': attacks.CONTACTS}
     rows = [
         (
             result.kind,
             str(len(result.rows)),
-            *(str(result.total(column)) for column in columns),
-            f'{result.least(attack.LEAST_FREE):.3g} m',
+            *(str(result.total(column)) for column in counted.values()),
+            f'{result.least(attacks.LEAST_FREE):.3g} m',
         )
         for result in results
     ]
     title = f'{found.name}: {runs} runs of up to {ticks} ticks in {time.monotonic() - began:.0f} s'
-    print_table(heads, rows, title)
-    broken = sum(r.total(column) for r in results for column in columns[:5])
+    print_table(('command', 'runs', *counted, 'nearest'), rows, title)
+    broken = sum(r.total(column) for r in results for column in limits.values())
     typer.echo(LEGEND)
     typer.echo('all limits held' if not broken else f'{broken} ticks break a limit')
     end(broken > 0, no_fail)

@@ -433,19 +433,24 @@ class RecorderNode(FlightNode):
         for name, data in self._manifests.remaps(self._recorded.values()).items():
             self.log.attach(name, data)
         summary = self.log.close()
-        faults = [self._write_run_info(summary), self._seal()]
+        faults = []
+        for step in (partial(self._write_run_info, summary), self._seal):
+            try:
+                step()
+            except LogError as error:
+                faults.append(str(error))
         faults += [f'{f.name} ended early: {f.failure}' for f in self._beside if f.failure]
         log, sentence = self.get_logger(), f'{summary.sentence()}: {self.folder}'
         log.info(sentence) if summary.whole else log.error(sentence)
-        for fault in filter(None, faults):
+        for fault in faults:
             log.error(fault)
-        if not summary.whole or any(faults):
+        if not summary.whole or faults:
             self.exit_code = EXIT_INCOMPLETE
         self._announce('closed')
         self.done = True
 
-    def _write_run_info(self, summary: run_log.RunSummary) -> str:
-        """Write what depends on the wall clock and the machine; return why not, '' if done."""
+    def _write_run_info(self, summary: run_log.RunSummary) -> None:
+        """Write what depends on the wall clock and the machine; raises LogError."""
         for beside in self._beside:
             beside.close()
         phase, tick = self._end[:2] if self._end else ('interrupted', NEVER)
@@ -459,21 +464,13 @@ class RecorderNode(FlightNode):
             'ignored': {**summary.ignored, **dict(self._ignored)},
             'faults': None if summary.whole else summary.sentence(),
         }
-        try:
-            provenance.write_run_info(self.folder, facts)
-        except LogError as error:
-            return str(error)
-        return ''
+        provenance.write_run_info(self.folder, facts)
 
-    def _seal(self) -> str:
-        """Write the digest of every file of the folder, sign them; return why not, '' if done."""
-        try:
-            written = sums.write_sums(self.folder, without=run_log.REPORT)
-            if self._key is not None:
-                signature.sign(self.folder, written, self._key)
-        except LogError as error:
-            return str(error)
-        return ''
+    def _seal(self) -> None:
+        """Write the digest of every file of the folder, sign them; raises LogError."""
+        written = sums.write_sums(self.folder, without=run_log.REPORT)
+        if self._key is not None:
+            signature.sign(self.folder, written, self._key)
 
     def _announce(self, message: str, reason: str = '') -> None:
         values = {'recorder': self._id, 'run': self._manifests.run_id, 'reason': reason}

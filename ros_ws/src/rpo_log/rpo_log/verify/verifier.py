@@ -520,6 +520,20 @@ def _verification(reader: RunReader, trusted: Path | None, given: Collection[str
     answered = verifier.states.dropped.get(interfaces.CONTROL_FORCE, ticks)
     evidence.of_decisions(verifier.decisions, min(ticks, answered) - 1, verifier.free)
     evidence.of_folder(trusted)
-    shares = verifier.controllers.shares
-    found = evidence.verification(ticks, gaps, verifier.free, verifier.names, shares)
-    return replace(found, given=verifier.given)
+    return Verification(
+        reader.path,
+        ticks,
+        None,
+        (*gaps, *evidence.gaps),
+        verifier.free,
+        verifier.names,
+        evidence.faults,
+        tuple(evidence.recomputed),
+        evidence.digested,
+        tuple(evidence.unknown),
+        evidence.premises,
+        evidence.signed_by,
+        evidence.signed,
+        verifier.controllers.shares,
+        verifier.given,
+    )

@@ -57,17 +57,6 @@ class Event(NamedTuple):
         return dict(self.status.values)
 
 
-class NonCanonical(NamedTuple):
-    """A message with something else in it than its stamp and the numbers of its signal.
-
-    Another frame, an attitude, a torque, a covariance.
-    """
-
-    tick: int
-    topic: Topic
-    data: bytes
-
-
 @dataclass(frozen=True)
 class TickBlock:
     """Some ticks of a log, in order.
@@ -76,14 +65,15 @@ class TickBlock:
     values : by signal, (n, width) its numbers; NaN where the message is missing
     present : by signal, (n,) bool, which ticks have its message
     events : of these ticks
-    non_canonical : messages that hold more than `values` does
+    non_canonical : messages that hold more than a stamp and the numbers of their signal: another
+        frame, an attitude, a torque, a covariance
     """
 
     ticks: NDArray[np.int64]
     values: Mapping[str, NDArray[np.float64]]
     present: Mapping[str, NDArray[np.bool_]]
     events: tuple[Event, ...] = ()
-    non_canonical: tuple[NonCanonical, ...] = ()
+    non_canonical: tuple[Message, ...] = ()
 
     def after(self, tick: int) -> TickBlock:
         """Return the ticks after one, without events."""
@@ -100,11 +90,6 @@ class TickBlock:
             there[where] = self.present[signal][rows]
         kept = tuple(m for m in self.non_canonical if m.tick in ticks)
         return TickBlock(ticks, values, present, non_canonical=kept)
-
-
-def values_of(topic: Topic, data: bytes) -> tuple[float, ...]:
-    """Return the numbers of a signal in its message; raises CdrError."""
-    return topic.row.layout.decode(data)[1]
 
 
 def bad_message(path: Path, topic: Topic, tick: int, error: cdr.CdrError) -> LogError:
@@ -158,7 +143,7 @@ class Messages:
         ticks = np.unique(self.tick[~is_event])
         values, present = {}, {}
         events: list[Event] = []
-        non_canonical: list[NonCanonical] = []
+        non_canonical: list[Message] = []
         for index, topic in enumerate(self.topics):
             found = np.flatnonzero(self.topic == index)
             if topic.is_event:
@@ -192,7 +177,7 @@ class Messages:
 
     def _numbers(
         self, topic: Topic, found: NDArray[np.intp]
-    ) -> tuple[NDArray[np.float64], list[NonCanonical]]:
+    ) -> tuple[NDArray[np.float64], list[Message]]:
         """Return the numbers (n, width) in the messages of a topic, and those that are unlike."""
         layout = topic.row.layout.like(self[int(found[0])].data if len(found) else b'')
         numbers = np.full((len(found), len(layout.columns)), np.nan)
@@ -212,10 +197,10 @@ class Messages:
         for row in np.flatnonzero(~like | (layout is not topic.row.layout)).tolist():
             message = self[int(found[row])]
             try:
-                numbers[row] = values_of(*message[::2])
+                numbers[row] = topic.row.layout.decode(message.data)[1]
             except cdr.CdrError as error:
                 raise bad_message(self.path, topic, message.tick, error) from None
-            unlike.append(NonCanonical(message.tick, topic, message.data))
+            unlike.append(message)
         return numbers, unlike
 
     def _event(self, i: int) -> Event:

@@ -23,7 +23,7 @@ from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr, interfaces
 from rpo_mcap.errors import LogError
 from rpo_mcap.format.run import CONTROLLER, DECISIONS_FILE, PARAMETERS, SCENARIO, TimeBase
-from rpo_mcap.read.decode import Event, NonCanonical
+from rpo_mcap.read.decode import Event, Message
 from rpo_mcap.read.records import FileRecords, RawMessage, message_at
 from rpo_mcap.read.stream import Completeness, RunReader
 from rpo_mcap.topics import APPLIED, Topic, coasted, dropped
@@ -57,7 +57,7 @@ class RunLog:
     values: Mapping[str, NDArray[np.float64]]
     events: tuple[Event, ...]
     missing: Mapping[str, int]
-    non_canonical: tuple[NonCanonical, ...]
+    non_canonical: tuple[Message, ...]
     damage: str
     gaps: tuple[str, ...]
     lacks: tuple[str, ...] = ()

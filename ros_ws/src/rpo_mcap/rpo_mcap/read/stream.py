@@ -68,6 +68,7 @@ class RunReader:
     foreign : whether it is a bag that our recorder did not write
     lacks : what such a bag does not hold, and a log does
     sources : the files of the log or bag
+    attached : files of the log and names of attachments in them, by what was read
     digests : per file, SHA-256 of the bytes that `blocks` read; empty if they were not all read
     witness : called with the file and each of its records beside the messages, while `blocks` reads
     """
@@ -85,7 +86,7 @@ class RunReader:
         self._bases: list[TimeBase] = []
         self._channels: dict[int, Topic] = {}
         self._schemas: dict[int, str] = {}
-        self._attached: set[tuple[Path, str]] = set()
+        self.attached: set[tuple[Path, str]] = set()
         self._declared: dict[tuple[Path, type, int], Schema | Channel] = {}
         self._extents: dict[Path, _Extent] = {}
         self.digests: dict[Path, str] = {}
@@ -116,10 +117,6 @@ class RunReader:
         found = self._extents[path]
         stamps = [self.base.stamp_ns(max(0, tick)) for tick in (found.first, found.last)]
         return found.counts, *(stamps if found.last >= 0 else (0, 0))
-
-    def carries(self, path: Path, name: str) -> bool:
-        """Return whether a file of the log carries an attachment, by what was read of it."""
-        return (path, name) in self._attached
 
     def messages(self) -> Iterator[Message]:
         """Yield every message as it was logged, in order; afterwards `damage` as for `blocks`."""
@@ -179,9 +176,9 @@ class RunReader:
         """Take a file; each file of a log carries it once, and all the same one."""
         before = self.attachments.setdefault(record.name, record.data)
         place = (path, record.name)
-        if place in self._attached or before != record.data:
+        if place in self.attached or before != record.data:
             raise LogError(path, f'carries two files named {shown(record.name)}')
-        self._attached.add(place)
+        self.attached.add(place)
 
     def _declare(self, path: Path, record: Schema | Channel, name: str) -> None:
         """Refuse a second record with the number of another: messages would change their type."""
@@ -216,7 +213,7 @@ class RunReader:
         """Yield the messages of all files, so many whole ticks at a time."""
         self.damage, newest = '', -1
         most = BLOCK_TICKS * max(1, sum(not topic.is_event for topic in self.topics))
-        self._attached.clear()  # the records of the head are read again with the messages
+        self.attached.clear()  # the records of the head are read again with the messages
         for path in self.files:
             self._path, self._channels = path, {}
             records = FileRecords(path)
