@@ -11,7 +11,6 @@ from types import SimpleNamespace
 import fuzzylite as fl
 import numpy as np
 import pytest
-import yaml
 from invoking import invoke
 from landing import rest_at_landing
 
@@ -29,19 +28,9 @@ from rpo_montecarlo.engine.cases import case_of_set
 from rpo_montecarlo.engine.simulator import Simulator
 from rpo_report import training
 from rpo_report.controller import report_of
-from rpo_training import family_training
 
 NAMES = ('more_words', 'pace', 'time_to_go')
 TRAINING = load_set('paper_training')
-
-# Training.
-
-
-def test_the_command_of_a_family_is_its_default_configuration():
-    chosen = replace(family_training.config_of('pace'), seed=3)
-    assert chosen.command == 'rpo train --family pace --seed 3'
-    assert family_training.FamilyConfig.parse(yaml.safe_load(chosen.dumps())) == chosen
-
 
 # Export and explanation.
 
