@@ -23,8 +23,8 @@ from rpo_log.verify.recomputation import held_ticks
 from rpo_mcap.errors import ExitCode, LogError
 from rpo_mcap.format import sums
 from rpo_mcap.read.stream import RunReader
-from tools.mutate_runs import Parts, cases_of
-from tools.mutating import judge_cases
+from tools.attack.cases import judge_cases
+from tools.attack.runs import Parts, cases_of
 
 
 def test_it_says_what_is_recomputed_compared_and_unknown(recorded):
@@ -176,11 +176,11 @@ def test_changed_runs_deceive_nobody(recorded):
 
 def test_the_bench_sees_a_false_proof(recorded, monkeypatch):
     # A verifier that proves whatever it is given: the bench must say so.
-    from tools import mutate_runs
+    from tools.attack import runs
 
     true = verify(recorded)
-    monkeypatch.setattr(mutate_runs, 'verify', lambda _: true)
-    monkeypatch.setattr(mutate_runs.RunCase, '_is_same', lambda *_: False)
+    monkeypatch.setattr(runs, 'verify', lambda _: true)
+    monkeypatch.setattr(runs.RunCase, '_is_same', lambda *_: False)
     found = judge_cases(partial(cases_of, run=recorded), 1, 0, 3)
     assert any(outcome == 'FALSE PROOF' for outcome, _ in found)
 

@@ -32,7 +32,7 @@ from rpo_mcap.read import decode
 from rpo_mcap.read.records import MAGIC, RECORD_HEAD, FileRecords, as_record, message_at
 from rpo_mcap.read.run_log import controller_of, read_flight, read_run, scenario_of
 from rpo_mcap.write.mcap_file import McapFile
-from tools.mutate_runs import Parts
+from tools.attack.runs import Parts
 
 QUICK = settings(max_examples=25, deadline=None, derandomize=True, database=None)
 

@@ -26,9 +26,9 @@ from rpo_mcap.format.run import prepare_folder
 from rpo_mcap.format.sums import MAX_BESIDE_BYTES, Sums
 from rpo_mcap.read.records import MAX_REST_BYTES
 from rpo_mcap.read.stream import RunReader
-from tools import mutate_runs
-from tools.mutate_runs import Parts, SignedCase, cases_of
-from tools.mutating import judge_cases
+from tools.attack import runs
+from tools.attack.cases import judge_cases
+from tools.attack.runs import Parts, SignedCase, cases_of
 
 NONE = '0' * 64
 FILES = ('decisions.mcap', 'health.mcap', 'metadata.yaml', 'run.mcap', 'run_info.yaml')
@@ -441,5 +441,5 @@ def test_the_bench_sees_a_verifier_that_believes(recorded, other, tmp_path, monk
         found = replace(found, gaps=('a gap',))
     if said == 'NOT EXIT CODE 1':
         found = replace(found, signed_by=None)
-    monkeypatch.setattr(mutate_runs, 'verify', lambda *_: found)
-    assert said in {case.judge(1, number, tmp_path)[0] for number in range(12)}
+    monkeypatch.setattr(runs, 'verify', lambda *_: found)
+    assert said in {case.judge(1, number, tmp_path)[0] for number in range(20)}

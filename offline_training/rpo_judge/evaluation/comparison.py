@@ -356,13 +356,10 @@ class Comparison:
 
     def _missed(self, name: str, given: str) -> int:
         """Return how many runs of a campaign of random starts miss a condition."""
-        campaign, missed = _load(name, given, runs=self.random_runs), 0
-        names = run_batch.columns_of(campaign)
-        for unit in range(run_batch.units(self.random_runs)):
-            self.report(f'{given}: {name}', unit * run_batch.UNIT, self.random_runs)
-            columns = dict(zip(names, run_batch.fly_unit(campaign, unit), strict=True))
-            missed += int((~statistics.successes(campaign.config, columns)).sum())
-        return missed
+        campaign = _load(name, given, runs=self.random_runs)
+        show = partial(self.report, f'{given}: {name}')
+        (kept,) = execution.kept_of(campaign, [campaign.config.success], self.workers, show)
+        return self.random_runs - kept
 
     def _campaign(self, campaign: Campaign) -> tuple[Share, Share | None]:
         """Return the success, and that of position and speed; finish the campaign first."""
