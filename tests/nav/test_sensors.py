@@ -44,7 +44,7 @@ def test_a_navigation_of_no_errors_says_the_true_state_and_cannot_be_changed():
 
 def test_the_noise_of_a_lidar_grows_with_range_along_and_across():
     unit = {**LIDAR, 'noise_share': 0.01, 'bearing_noise_rad': 0.003, 'noise_floor_m': 0.02}
-    for state, sigmas in ((FAR, (1.0, 0.3)), ((0.3, -0.4, 0.0, 0, 0, 0), (0.02, 0.02))):
+    for state, sigmas in ((FAR, (1.0, 0.3)), ((0.3, -0.4, *[0.0] * 4), (0.02, 0.02))):
         errors = measured(unit, state=state)[:, :3] - state[:3]
         u = np.array(state[:3]) / np.linalg.norm(state[:3])
         side = np.array([-u[1], u[0], 0.0])

@@ -69,7 +69,7 @@ def test_the_filter_turns_what_it_measured_by_the_attitude_at_that_tick(kind, la
     assert (turned[0].inv() * turned[100]).magnitude() > 0.3
     stage, other = (EstimatorStage(f.section(Estimator), f) for f in (flown, still))
     assert stage.inputs[2:] == ('attitude',)
-    before = np.vstack([np.zeros(3), flight.forces_n[:-1]])
+    before = [(0.0, 0.0, 0.0), *map(tuple, flight.forces_n[:-1].tolist())]
     for tick in range(101):
         row = flight.signals['measurement'][tick]
         found = stage.step(tick, before[tick], row, flight.signals['chaser_attitude'][tick])
