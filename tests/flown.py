@@ -60,7 +60,7 @@ def said_of_families() -> Iterator[str]:
             yield f'{shipped.name} gene {" ".join(said)}'
         for number in range(6):
             shares = np.random.default_rng(number).random(len(genes))
-            values = {gene.name: gene.value(x) for gene, x in zip(genes, shares, strict=True)}
+            values = [gene.value(x) for gene, x in zip(genes, shares, strict=True)]
             with suppress(InputError):  # peaks that do not ascend
                 made.append(type(shipped).of_values(f'{shipped.name} {number}', values, mission))
         for controller in made:

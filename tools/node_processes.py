@@ -16,7 +16,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-DEADLINE_S = 40.0
+DEADLINE_S = 240.0
+"""A busy machine is no failure."""
 
 
 class NodeProcessError(Exception):
@@ -32,6 +33,15 @@ def executable(package: str, name: str, ament_prefix_path: str) -> Path:
     raise NodeProcessError(
         f'{package} {name} is not on AMENT_PREFIX_PATH: `source ros_ws/env.bash` first'
     )
+
+
+def arguments(rules: Mapping[str, str], parameters: Mapping[str, object]) -> list[str]:
+    """Return the words of a command line that remap names and set parameters."""
+    ros = [part for key, value in rules.items() for part in ('-r', f'{key}:={value}')]
+    for key, value in parameters.items():
+        shown = str(value).lower() if isinstance(value, bool) else value
+        ros += ['-p', f'{key}:={shown}']
+    return ['--ros-args', *ros] if ros else []
 
 
 class NodeProcess:
@@ -121,12 +131,8 @@ class NodeProcesses:
         command : to start in its place
         """
         rules = {**({'__ns': self.namespace} if self.namespace else {}), **(remap or {})}
-        ros = [part for key, value in rules.items() for part in ('-r', f'{key}:={value}')]
-        for key, value in parameters.items():
-            shown = str(value).lower() if isinstance(value, bool) else value
-            ros += ['-p', f'{key}:={shown}']
         command = command or [str(executable(package, name, self.env.get('AMENT_PREFIX_PATH', '')))]
-        command = [*self.prefix, *command, *args, *(['--ros-args', *ros] if ros else [])]
+        command = [*self.prefix, *command, *args, *arguments(rules, parameters)]
         log = self.folder / f'{len(self.nodes)}_{name}.txt'
         self.nodes.append(NodeProcess(command, self.env, log))
         return self.nodes[-1]

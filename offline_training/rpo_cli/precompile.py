@@ -31,7 +31,9 @@ from rpo_proof.safety.counts import quiet
 from rpo_safety.assurance import AssuranceStage
 from rpo_safety.settings import Assurance
 
-_CAMPAIGN = config.find('paper_test')
+_CAMPAIGNS = (
+    'paper_test', 'world_leo', 'docking', 'tumbling_port', 'tumbling_docking', 'least_energy',
+)  # fmt: skip
 
 
 def main() -> None:
@@ -43,13 +45,9 @@ def main() -> None:
     fly(load_scenario('tumbling_port'), controller)
     fly(load_scenario('tumbling_docking'), controller)
     assess(controller, workers=1)
-    fly_runs(config.load(_CAMPAIGN), 0, 1)
-    fly_runs(config.load(_CAMPAIGN, controller='lqr'), 0, 1)
-    fly_runs(config.load(config.find('world_leo')), 0, 1)
-    fly_runs(config.load(config.find('docking')), 0, 1)
-    fly_runs(config.load(config.find('tumbling_port')), 0, 1)
-    fly_runs(config.load(config.find('tumbling_docking')), 0, 1)
-    fly_runs(config.load(config.find('least_energy')), 0, 1)
+    fly_runs(config.load(config.find('paper_test'), controller='lqr'), 0, 1)
+    for name in _CAMPAIGNS:
+        fly_runs(config.load(config.find(name)), 0, 1)
     next(flights_of(controller, load_set('least_energy_starts')))
     next(flights_of(controller, load_set('paper_training')))
     attack(load_scenario('assured'), 1, 1, 1)

@@ -20,7 +20,7 @@ FORMATS: dict[str, Callable[[AnyController], str]] = {
     'fll': formats.fll,
     'json': formats.json,
     'python': python.text,
-    'c': c.text,
+    'c': lambda controller: c.files(controller, '').source,
 }
 """MATLAB, FuzzyLite; JSON; Python and C99 functions with the bits of the kernels."""
 
@@ -50,16 +50,14 @@ _OF_ATTITUDE = (
 )  # fmt: skip
 
 
-def attitude_texts(axis: FuzzyController, source: str) -> tuple[str, str]:
-    """Return C source and header of the law of a fuzzy attitude controller, without feed-forward.
+def attitude_files(axis: FuzzyController, file: str) -> c.Files:
+    """Return the C of the law of a fuzzy attitude controller, without feed-forward.
 
-    axis : its law (`FuzzyAttitude.axis`); source : name of the source file
+    axis : its law (`FuzzyAttitude.axis`); file : name of the source file
     """
     name = identifier(axis.name)
+    source, header = c.files(axis, file)
     own = [(f'{name}_{part}force(', f'{name}_{part}torque(') for part in ('', 'axis_')]
-    found = []
-    for text in (c.text(axis), c.header(axis, source)):
-        for old, new in (*own, *_OF_ATTITUDE):
-            text = text.replace(old, new)
-        found.append(text)
-    return found[0], found[1]
+    for old, new in (*own, *_OF_ATTITUDE):
+        source, header = source.replace(old, new), header.replace(old, new)
+    return c.Files(source, header)

@@ -9,8 +9,9 @@ So the compiler must not contract, reorder or compute in wider formats: no `-ffa
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,19 +26,45 @@ from rpo_montecarlo.outputs import identifier
 
 _CASES, _TICKS_APART = 24, 37
 
+_PUBLIC = re.compile(r'^(/\*(?:(?!\*/).)*\*/\n(?:void|int|double) [^{;]*)\n\{', re.M | re.S)
+"""Comment and prototype of a function that is not static."""
 
-def function_of(source: Source, controller: AnyController) -> str:
-    """Add the kernels of a controller to a source; return the expression of its force.
 
-    Raises InputError if it does not answer by a kernel.
+class Files(NamedTuple):
+    """A source file in C, and its header."""
+
+    source: str
+    header: str
+
+
+def files_of(
+    name: str, facts: str, kernels: Source, functions: Sequence[str], use: str, file: str,
+    *types: str,
+) -> Files:  # fmt: skip
+    """Return a source file of kernels and of functions that call them, and its header.
+
+    name : what the names of the functions begin with; facts : comments on both
+    use : an example, for the header; types : those that the functions take
+    file : name of the source file
     """
-    law = law_of(controller)
-    source.record('LAW', law.tables)
-    force = source.function(law.kernel).name
-    if law.scales:
-        scales = ', '.join(map(number, law.scales))
-        return f'{force}(state, (double3){{{{{scales}}}}}, &LAW)'
-    return f'{force}(state, {"tick" if law.counts_ticks else "0"}, &LAW)'
+    joined = '\n\n'.join([*types, *functions])
+    source = filled('c', 'source', facts=facts, kernels=kernels.text(), functions=joined)
+    prototypes = (f'{found};' for found in _PUBLIC.findall(source))
+    header = filled(
+        'c',
+        'header',
+        facts=facts,
+        source=file.replace('*/', '* /'),
+        use=use,
+        guard=f'{name.upper()}_H',
+        prototypes='\n\n'.join([*types, *prototypes]),
+    )
+    return Files(source, header)
+
+
+def counts_ticks(controller: AnyController) -> bool:
+    """Whether the answer of a controller depends on the tick."""
+    return not isinstance(controller, FuzzyController) and controller.clock_s is not None
 
 
 def facts_of(controller: AnyController) -> str:
@@ -45,29 +72,24 @@ def facts_of(controller: AnyController) -> str:
     return '\n'.join(f'/* {line} */' for line in formats.facts(controller))
 
 
-def force_prototype(controller: AnyController, name: str) -> str:
-    """Return the prototype of `NAME_force`."""
-    clock = None if isinstance(controller, FuzzyController) else controller.clock_s
-    tick = '' if clock is None else 'int tick, '
-    given = f'const double position_m[3], const double velocity_m_s[3], {tick}double force_n[3]'
-    return wrapped(f'void {name}_force({given})')
-
-
 def force_text(source: Source, controller: AnyController, name: str) -> str:
-    """Return `NAME_force` in C."""
-    prototype = force_prototype(controller, name)
-    at = ', at a tick of the run' if 'int tick' in prototype else ''
-    return filled('c', 'force', at=at, prototype=prototype, call=function_of(source, controller))
+    """Add the kernels of a controller to a source; return `NAME_force` in C, which calls them.
 
-
-def _axis_prototype(name: str) -> str:
-    return f'double {name}_axis_force(double position_m, double velocity_m_s)'
-
-
-def source_text(facts: str, source: Source, functions: Sequence[str]) -> str:
-    """Return a source file in C: comments, kernels, and the functions that call them."""
-    joined = '\n\n'.join(functions)
-    return filled('c', 'source', facts=facts, kernels=source.text(), functions=joined)
+    Raises InputError if it does not answer by a kernel.
+    """
+    law, counts = law_of(controller), counts_ticks(controller)
+    source.record('LAW', law.tables)
+    second = 'tick' if counts else '0'
+    if law.scales:
+        second = f'(double3){{{{{", ".join(map(number, law.scales))}}}}}'
+    given = f'const double position_m[3], const double velocity_m_s[3], {"int tick, " * counts}'
+    return filled(
+        'c',
+        'force',
+        at=', at a tick of the run' * counts,
+        prototype=wrapped(f'void {name}_force({given}double force_n[3])'),
+        call=f'{source.function(law.kernel).name}(state, {second}, &LAW)',
+    )
 
 
 def table(name: str, kind: str, rows: Sequence[Sequence[Any]]) -> str:
@@ -85,20 +107,20 @@ def _self_test(controller: AnyController, name: str) -> str:
     else:
         forces = [only_fuzzy(controller).force_n(s[:3], s[3:]) for s in states]
     rows = [(*s, *map(float, force)) for s, force in zip(states, forces, strict=True)]
-    counts = 'int tick' in force_prototype(controller, name)
     return filled(
         'c',
         'self_test',
         cases=table('cases', 'double', rows),
-        prototype=f'int {name}_self_test(void)',
         count=_CASES,
         name=name,
-        tick=f'{_TICKS_APART} * i, ' if counts else '',
+        tick=f'{_TICKS_APART} * i, ' * counts_ticks(controller),
     )
 
 
-def text(controller: AnyController) -> str:
-    """Return the C source of a controller: `NAME_force`, `NAME_self_test`.
+def files(controller: AnyController, file: str) -> Files:
+    """Return the C of a controller: `NAME_force` and `NAME_self_test`, and a header.
+
+    file : name of the source file, whose header has an example of its use
 
     Raises InputError if it is of a kind whose kernels are not known.
     """
@@ -107,37 +129,11 @@ def text(controller: AnyController) -> str:
     if isinstance(controller, FuzzyController):
         axis = source.function(kernels.axis_force).name
         scales = ', '.join(map(number, controller.scales))
-        functions.append(
-            filled('c', 'axis', prototype=_axis_prototype(name), function=axis, scales=scales)
-        )
+        functions.append(filled('c', 'axis', name=name, function=axis, scales=scales))
     functions.append(_self_test(controller, name))
-    return source_text(facts_of(controller), source, functions)
-
-
-def header(controller: AnyController, source: str) -> str:
-    """Return the C header of the source file of that name, with an example of its use."""
-    name = identifier(controller.name)
-    force = force_prototype(controller, name)
-    tick = '0, ' if 'int tick' in force else ''
-    at = ', at a tick of the run' if tick else ''
-    prototypes = [f'/* Commanded force [N] of a finite relative state{at}. */\n{force};']
-    if isinstance(controller, FuzzyController):
-        prototypes.append(
-            '/* Commanded force [N] on one axis, of the position [m] and velocity [m/s] on it. */\n'
-            f'{_axis_prototype(name)};'
-        )
-    prototypes.append(
-        '/* 0 if this machine computes the forces of the flown kernel; else which case differs. */'
-        f'\nint {name}_self_test(void);'
-    )
-    return filled(
-        'c',
-        'header',
-        facts=facts_of(controller),
-        source=source.replace('*/', '* /'),
-        use='double force_n[3];\n             '
+    use = (
+        'double force_n[3];\n             '
         f'{name}_force((double[]){{10.0, 60.0, -40.0}}, (double[]){{0.0, 0.0, 0.0}}, '
-        f'{tick}force_n);',
-        guard=f'{name.upper()}_H',
-        prototypes='\n\n'.join(prototypes),
+        f'{"0, " * counts_ticks(controller)}force_n);'
     )
+    return files_of(name, facts_of(controller), source, functions, use, file)

@@ -17,19 +17,11 @@ from rpo_thrusters.table import IDENTITY, ThrusterTable, table_of
 _CASES = 64
 
 
-def _prototype(name: str, count: int) -> str:
-    return wrapped(
-        f'double {name}_allocate(const double force_n[3], const double torque_nm[3], '
-        f'const double most_n[{count}], double thrust_n[{count}])'
-    )
+def files(name: str, settings: ThrusterTable, file: str) -> c.Files:
+    """Return the C of a table, `NAME_allocate` and `NAME_self_test`, and its header.
 
-
-def _facts(name: str, settings: ThrusterTable) -> str:
-    return wrapped(f'/* thrusters of {name}, in this order: {", ".join(settings.names)} */')
-
-
-def text(name: str, settings: ThrusterTable) -> str:
-    """Return the C source of a table: `NAME_allocate`, `NAME_self_test`; raises InputError."""
+    file : name of the source file. Raises InputError.
+    """
     made, source = table_of(settings, 1.0, 0.0, None, IDENTITY), Source()
     source.record('TABLE', made)
     written = source.function(allocate, ('scratch', type(made), 'scratch'))
@@ -45,15 +37,19 @@ def text(name: str, settings: ThrusterTable) -> str:
         share, _ = allocate(as_table(wanted), made, work)
         thrusts = [float(work[THRUST + i]) for i in range(made.number)]
         rows.append([*force.tolist(), *torque.tolist(), *most.tolist(), *thrusts, float(share)])
-    own = identifier(name)
+    own, count = identifier(name), made.number
+    prototype = wrapped(
+        f'double {own}_allocate(const double force_n[3], const double torque_nm[3], '
+        f'const double most_n[{count}], double thrust_n[{count}])'
+    )
     function = filled(
         'c_allocation',
         'allocate',
-        prototype=_prototype(own, made.number),
+        prototype=prototype,
         scratch=SCRATCH,
         rows=ROWS,
         lever=number(made.lever),
-        number=made.number,
+        number=count,
         limit=LIMIT,
         thrust=THRUST,
         answer=source.spelled(written.returns),
@@ -62,18 +58,6 @@ def text(name: str, settings: ThrusterTable) -> str:
         name=own,
         count=_CASES,
     )
-    return c.source_text(_facts(name, settings), source, [function])
-
-
-def header(name: str, settings: ThrusterTable, source: str) -> str:
-    """Return the C header of the source file of that name."""
-    own, count = identifier(name), len(settings.names)
-    return filled(
-        'c',
-        'header',
-        facts=_facts(name, settings),
-        source=source.replace('*/', '* /'),
-        use=f'share = {own}_allocate(force_n, torque_nm, most_n, thrust_n);',
-        guard=f'{own.upper()}_H',
-        prototypes=f'{_prototype(own, count)};\n\nint {own}_self_test(void);',
-    )
+    facts = wrapped(f'/* thrusters of {name}, in this order: {", ".join(settings.names)} */')
+    use = f'share = {own}_allocate(force_n, torque_nm, most_n, thrust_n);'
+    return c.files_of(own, facts, source, [function], use, file)

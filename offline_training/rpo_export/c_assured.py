@@ -54,6 +54,11 @@ class Assured(NamedTuple):
         return any(section_of(s).place is Place.GUIDANCE for s in self.scenario.sections)
 
     @property
+    def counts(self) -> bool:
+        """Whether the controller counts ticks."""
+        return c.counts_ticks(self.controller)
+
+    @property
     def shaping(self) -> Shaping | None:
         """What is done to the command before the filter."""
         return self.scenario.section(Shaping)
@@ -64,11 +69,6 @@ class Assured(NamedTuple):
             return {'send': '', 'sent': command}
         lines = 'double sent_n[3];', f'{self.name}_shape({memory}, {command}, sent_n);'
         return {'send': ''.join(f'\n{" " * indent}{line}' for line in lines), 'sent': 'sent_n'}
-
-    @property
-    def counts(self) -> bool:
-        """Whether the controller counts ticks."""
-        return 'int tick' in c.force_prototype(self.controller, self.name)
 
 
 def assured(controller: AnyController, scenario: Scenario) -> Assured:
@@ -97,21 +97,6 @@ def assured(controller: AnyController, scenario: Scenario) -> Assured:
     return Assured(identifier(controller.name), controller, scenario, settings, delay)
 
 
-def _prototypes(a: Assured) -> dict[str, str]:
-    state = 'const double position_m[3], const double velocity_m_s[3]'
-    memory, tick = f'{a.name}_memory *memory', 'int tick, ' if a.counts else ''
-    given = f'{state}, {tick}{_REFERENCE + ", " if a.guided else ""}'
-    out = 'double force_n[3]'
-    return {
-        'start': wrapped(f'void {a.name}_start({memory})'),
-        'command': wrapped(f'void {a.name}_command({given}double command_n[3])'),
-        'assure': wrapped(
-            f'int {a.name}_assure({memory}, {state}, const double command_n[3], {out})'
-        ),
-        'step': wrapped(f'int {a.name}_step({memory}, {given}double command_n[3], {out})'),
-    }
-
-
 def _memory(a: Assured) -> str:
     modes = ', '.join(f'{mode} {name}' for mode, name in MODES.items())
     shaped = _part('shaped') if a.shaping else ''
@@ -135,10 +120,17 @@ def _functions(a: Assured, source: Source) -> str:
     if a.shaping is not None:
         numbers = ', '.join(map(number, ShapingStage(a.shaping, a.scenario).numbers))
         shape = _part('shape', name=a.name, shaped=source.function(shaped).name, numbers=numbers)
+    state = 'const double position_m[3], const double velocity_m_s[3]'
+    memory, tick = f'{a.name}_memory *memory', 'tick, ' * a.counts
+    given = f'{state}, {"int tick, " * a.counts}{f"{_REFERENCE}, " * a.guided}'
+    out = 'double force_n[3]'
     functions = _part(
         'functions',
-        **_prototypes(a),
         **a.sending('memory', 'command_n'),
+        start=wrapped(f'void {a.name}_start({memory})'),
+        command=wrapped(f'void {a.name}_command({given}double command_n[3])'),
+        assure=wrapped(f'int {a.name}_assure({memory}, {state}, const double command_n[3], {out})'),
+        step=wrapped(f'int {a.name}_step({memory}, {given}double command_n[3], {out})'),
         shape=shape,
         forget='\n    memory->shaped = 0;' if a.shaping else '',
         name=a.name,
@@ -148,8 +140,8 @@ def _functions(a: Assured, source: Source) -> str:
         to_r='reference[axis]' if a.guided else 'GOAL_M[axis]',
         to_v='reference[3 + axis]' if a.guided else '0.0',
         extra='reference_force_n[axis]' if a.guided else 'HOLD_N[axis]',
-        tick='tick, ' if a.counts else '',
-        reference='reference, reference_force_n, ' if a.guided else '',
+        tick=tick,
+        reference='reference, reference_force_n, ' * a.guided,
         first_mode=first.name,
         filter=filtered.name,
         answer=source.spelled(filtered.returns),
@@ -213,57 +205,30 @@ def _self_test(a: Assured) -> str:
     return _part(
         'self_test',
         cases='\n\n'.join(tables),
-        prototype=f'int {a.name}_self_test(void)',
         name=a.name,
         count=len(rows),
         own=len(ticks),
-        tick='ticks[i], ' if a.counts else '',
-        reference='&c[13], &c[19], ' if a.guided else '',
+        tick='ticks[i], ' * a.counts,
+        reference='&c[13], &c[19], ' * a.guided,
         **a.sending('&memory', '&c[6]', indent=8),
     )
 
 
-def _facts(a: Assured) -> str:
-    more = formats.one_line(f'runtime assurance of {a.scenario.name}: {a.scenario.description}')
-    return '\n'.join([c.facts_of(a.controller), wrapped(f'/* {more} */')])
+def files(controller: AnyController, scenario: Scenario, file: str) -> c.Files:
+    """Return the C of both: `NAME_start`, `_step`, `_command`, `_assure`, `_self_test`, a header.
 
-
-def text(controller: AnyController, scenario: Scenario) -> str:
-    """Return the C source of both: `NAME_start`, `_step`, `_command`, `_assure`, `_self_test`."""
+    file : name of the source file, whose header has an example of its use
+    """
     a, source = assured(controller, scenario), Source()
-    force = 'static ' + c.force_text(source, controller, a.name).split('*/\n', 1)[1]
-    functions = [_memory(a), force, _functions(a, source), _self_test(a)]
-    return c.source_text(_facts(a), source, functions)
-
-
-def header(controller: AnyController, scenario: Scenario, source: str) -> str:
-    """Return the C header of the source file of that name, with an example of its use."""
-    a = assured(controller, scenario)
-    prototypes, name = _prototypes(a), a.name
-    texts = {
-        'start': 'Begin a flight.',
-        'step': 'One tick: command [N] of the controller, and the force [N] for the thrusters.',
-        'command': 'The command [N] of the controller alone.',
-        'assure': 'The force [N] for a command of anybody.',
-    }
+    about = formats.one_line(f'runtime assurance of {scenario.name}: {scenario.description}')
+    facts = '\n'.join([c.facts_of(controller), wrapped(f'/* {about} */')])
     codes = ', '.join(f'{n} {word or "none"}' for n, word in CONSTRAINTS.items())
-    blocks = [
-        f'/* The constraint that changed a command: {codes}. */',
-        _memory(a),
-        *(f'/* {said} */\n{prototypes[key]};' for key, said in texts.items()),
-        '/* 0 if this machine computes the forces of the chain; else which case differs. */\n'
-        f'int {name}_self_test(void);',
-    ]
-    tick = 'tick, ' if a.counts else ''
-    reference = 'reference, reference_force_n, ' if a.guided else ''
-    return filled(
-        'c',
-        'header',
-        facts=_facts(a),
-        source=source.replace('*/', '* /'),
-        use=f'{name}_memory memory;\n             {name}_start(&memory);\n'
-        f'             acted = {name}_step(&memory, position_m, velocity_m_s, {tick}{reference}'
-        'command_n, force_n);',
-        guard=f'{name.upper()}_H',
-        prototypes='\n\n'.join(blocks),
+    types = f'/* The constraint that changed a command: {codes}. */', _memory(a)
+    force = 'static ' + c.force_text(source, controller, a.name).split('*/\n', 1)[1]
+    functions = [force, _functions(a, source), _self_test(a)]
+    use = (
+        f'{a.name}_memory memory;\n             {a.name}_start(&memory);\n'
+        f'             acted = {a.name}_step(&memory, position_m, velocity_m_s, '
+        f'{"tick, " * a.counts}{"reference, reference_force_n, " * a.guided}command_n, force_n);'
     )
+    return c.files_of(a.name, facts, source, functions, use, file, *types)

@@ -218,7 +218,7 @@ class Flights:
 
     def fly(self, settings: AttitudeControl) -> Outcome:
         """Return what a controller does with all of them."""
-        law = settings.table(VEHICLE, self.base.mean_motion_rad_s, self.base.dt_s)
+        law = settings.law_of(self.base.equipped(VEHICLE))
         control = part_of(law, np.tile(law[:HEAD], (RUNS, 1)), np.zeros((3, RUNS)), self._seen)
         w, found = make_scratch(), []
         for part in self._parts:

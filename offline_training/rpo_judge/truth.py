@@ -18,7 +18,6 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -302,14 +301,13 @@ def compare(flight: Flight, title: str, truths: Mapping[str, Truth]) -> Comparis
     return Comparison(title, scenario, errors, disagreement_m, growth)
 
 
-def draw(found: Comparison, path: Path) -> None:
-    """Write the picture; matplotlib must be there."""
-    with style.applied():
-        figure, (left, right) = style.new_panels(4.2, 1, 2)
-        _over_time(left, found)
-        _over_distance(right, found)
-        figure.suptitle(found.title)
-        figure.savefig(path)
+def draw(found: Comparison) -> Any:
+    """Return the picture of both errors."""
+    figure, (left, right) = style.new_panels(4.2, 1, 2)
+    _over_time(left, found)
+    _over_distance(right, found)
+    figure.suptitle(found.title)
+    return figure
 
 
 def _over_time(axes: Any, found: Comparison) -> None:

@@ -206,13 +206,12 @@ def invariant_faults(problem: Problem, omega: InvariantSet) -> Iterator[str]:
         yield from law_faults(problem, before, f'{group} invariant set')
         yield from step_faults(motion, before, after, f'{group} invariant set')
         p = len(c) // 2
-        c_, g_, d_ = exact(after.c.tolist()), exact(after.g.tolist()), exact(after.d.tolist())
-        for i in range(p):
-            far = abs(c_[i]) + d_[i] + sum(map(abs, g_[i]))
-            fast = abs(c_[p + i] + rate * c_[i]) + d_[p + i] + rate * d_[i]
-            fast += sum(abs(y + rate * x) for x, y in zip(g_[i], g_[p + i], strict=True))
-            if not (far <= radius and fast <= speed):
-                yield f'{group} set of omega: a tick leaves it'
+        to_speed = np.hstack([np.diag([rate] * p), np.eye(p, dtype=int)])
+        middle, wide, box = map(exact, (after.c, after.g, after.d))
+        far = (abs(middle) + box + abs(wide).sum(axis=1))[:p]
+        fast = abs(to_speed @ middle) + to_speed @ box + abs(to_speed @ wide).sum(axis=1)
+        if (far > radius).any() or (fast > speed).any():
+            yield f'{group} set of omega: a tick leaves it'
 
 
 def _flown(found: CellBounds) -> NDArray[np.intp]:

@@ -18,7 +18,7 @@ from rpo_kernels.arrays import Floats
 from rpo_proof import enclosure, per_axis, sets, tube
 from rpo_proof.cells import VALUES, Cell, CellBounds, Prover
 from rpo_proof.enclosure import Law
-from rpo_proof.exact import FLIGHT, UNIT, ExactStrip, Matrix, Row, exact, law_holds, output
+from rpo_proof.exact import FLIGHT, UNIT, ExactStrip, exact, law_holds, output
 from rpo_proof.folder import table_arrays
 from rpo_proof.per_axis import set_of
 from rpo_proof.problem import PER_AXIS, Problem
@@ -83,8 +83,7 @@ def set_faults(
 
 def law_faults(problem: Problem, tick: Tick, where: str) -> Iterator[str]:
     """Yield axes whose law does not hold on the set."""
-    c, g, d = exact(tick.c.tolist()), exact(tick.g.tolist()), exact(tick.d.tolist())
-    slack = exact(problem.table.slack)
+    c, g, d, slack = map(exact, (tick.c, tick.g, tick.d, problem.table.slack))
     for axis, numbers in enumerate(tick.laws.tolist()):
         strip = ExactStrip(c, g, d, axis)
         if not law_holds(problem.controller, problem.table, Law(*numbers[:4]), strip, slack):
@@ -93,80 +92,49 @@ def law_faults(problem: Problem, tick: Tick, where: str) -> Iterator[str]:
 
 def step_faults(motion: Motion, before: Tick, after: Tick, where: str) -> Iterator[str]:
     """Yield components in which the next set does not hold the image of the set."""
-    a, b = exact(motion.a.tolist()), exact(motion.b.tolist())
-    c, g, d = exact(before.c.tolist()), exact(before.g.tolist()), exact(before.d.tolist())
-    new_c, new_g, new_d = exact(after.c.tolist()), exact(after.g.tolist()), exact(after.d.tolist())
-    laws = exact(before.laws.tolist())
-    n, m = len(c), len(g[0])
-    p = n // 2
-    constant = exact(motion.constant[before.number].tolist())
-    carried = exact(motion.carried[before.number].tolist())
-    any_n, mass = exact(motion.any_n), exact(motion.mass)
-    coupling = exact(motion.coupling[before.number].tolist())
-    coupling_half = exact(motion.coupling_half[before.number].tolist())
-    closed: Matrix = [list(row) for row in a]
-    for k in range(n):
-        for i in range(p):
-            closed[k][i] += b[k][i] * laws[i][0]
-            closed[k][p + i] += b[k][i] * laws[i][1]
-    sizes = [abs(c[i]) + d[i] + sum(map(abs, g[i])) for i in range(n)]
-    command = [laws[i][2] + laws[i][0] * c[i] + laws[i][1] * c[p + i] for i in range(p)]
-    spread = [_spread(laws[i], c, g, d, i) for i in range(p)]
-    known = [sum((abs(column[i]) for column in carried), Fraction(0)) for i in range(p)]
-    rho = [laws[i][3] + any_n + mass * (spread[i] + known[i] + any_n) for i in range(p)]
-    for k in range(n):
-        centre = sum(closed[k][i] * c[i] for i in range(n))
-        centre += sum(b[k][i] * (laws[i][2] + constant[i]) for i in range(p)) + coupling[k]
-        gap = (
-            abs(new_c[k] - centre)
-            + coupling_half[k]
-            + sum(abs(closed[k][i]) * d[i] for i in range(n))
-        )
-        for j in range(m):
-            image = sum(closed[k][i] * g[i][j] for i in range(n))
-            if j < len(carried):
-                image += sum(b[k][i] * carried[j][i] for i in range(p))
-                if mass and j == len(carried) - 1:
-                    image += sum(b[k][i] * mass * (command[i] + constant[i]) for i in range(p))
-            gap += abs(new_g[k][j] - image)
-        gap += sum(abs(abs(new_g[k][m + i]) - abs(b[k][i]) * rho[i]) for i in range(p))
-        terms = sum(abs(a[k][i]) * sizes[i] for i in range(n)) + abs(coupling[k]) + coupling_half[k]
-        terms += sum(
-            abs(b[k][i]) * (abs(command[i]) + spread[i] + abs(constant[i]) + known[i] + any_n)
-            for i in range(p)
-        )
-        if not gap + FLIGHT * terms <= new_d[k]:
+    a, b, any_n, mass = map(exact, (motion.a, motion.b, motion.any_n, motion.mass))
+    columns = motion.constant, motion.carried, motion.coupling, motion.coupling_half
+    constant, carried, coupling, coupling_half = (exact(rows[before.number]) for rows in columns)
+    c, g, d, laws = map(exact, (before.c, before.g, before.d, before.laws))
+    new_c, new_g, new_d = map(exact, (after.c, after.g, after.d))
+    (p, m), q = (len(laws), g.shape[1]), len(carried)
+    k_r, k_v, k_0, law_rho, *_ = laws.T
+    gains = np.hstack([np.diag(k_r), np.diag(k_v)])
+    closed = a + b @ gains
+    command, known = k_0 + gains @ c, abs(carried).sum(axis=0)
+    spread = law_rho + abs(gains) @ d + abs(gains @ g).sum(axis=1)
+    rho = law_rho + any_n + mass * (spread + known + any_n)
+    image = closed @ g
+    image[:, :q] += b @ carried.T
+    if mass:
+        image[:, q - 1] += mass * b @ (command + constant)
+    gap = abs(new_c - closed @ c - b @ (k_0 + constant) - coupling) + coupling_half
+    gap = gap + abs(closed) @ d + abs(new_g[:, :m] - image).sum(axis=1)
+    gap = gap + abs(abs(new_g[:, m : m + p]) - abs(b) * rho).sum(axis=1)
+    forces = abs(command) + spread + abs(constant) + known + any_n
+    terms = abs(a) @ (abs(c) + d + abs(g).sum(axis=1)) + abs(coupling) + coupling_half
+    for k, wide in enumerate(gap + FLIGHT * (terms + abs(b) @ forces)):
+        if not wide <= new_d[k]:
             yield f'{where}: the next set does not hold the image, component {k}'
-
-
-def _spread(law: Row, c: Row, g: Matrix, d: Row, axis: int) -> Fraction:
-    """Return the half-width of the command of an axis over a set."""
-    p = len(c) // 2
-    found = law[3] + abs(law[0]) * d[axis] + abs(law[1]) * d[p + axis]
-    pairs = zip(g[axis], g[p + axis], strict=True)
-    return Fraction(found + sum(abs(law[0] * x + law[1] * y) for x, y in pairs))
 
 
 def tidy_faults(before: Tick, after: Tick, fixed: int, where: str) -> Iterator[str]:
     """Yield components in which fewer generators hold less."""
-    old, new = exact(before.g.T.tolist()), exact(after.g.T.tolist())
+    old, new = ([tuple(column) for column in tick.g.T.tolist()] for tick in (before, after))
     if old[:fixed] != new[:fixed]:
         yield f'{where}: a generator that is carried along has changed'
         return
-    n, left = len(before.c), [tuple(column) for column in new]
-    boxed = [exact(float(x)) for x in before.d]
-    for column in map(tuple, old):
+    left, boxed, room = new, exact(before.d), exact(after.d)
+    for column in old:
         if column in left:
             left.remove(column)
         else:
-            boxed = [x + abs(y) for x, y in zip(boxed, column, strict=True)]
-    for k in range(n):
-        room = exact(float(after.d[k])) + sum(
-            (abs(column[k]) for column in left if not any(column[:k] + column[k + 1 :])),
-            Fraction(0),
-        )
-        if boxed[k] > room:
-            yield f'{where}: fewer generators hold less, component {k}'
+            boxed = boxed + abs(exact(column))
+    for column in left:
+        if np.count_nonzero(column) == 1:
+            room = room + abs(exact(column))
+    for k in np.flatnonzero(boxed > room).tolist():
+        yield f'{where}: fewer generators hold less, component {k}'
 
 
 def table_faults(problem: Problem, arrays: Mapping[str, NDArray[Any]]) -> Iterator[str]:
@@ -194,18 +162,18 @@ def _divided_cell(
     """Compare a part of a divided cell with the inference in rational numbers."""
     parts, number = table.part_slopes.shape[1], table.division[i, j]
     at = rng.integers(parts, size=2).tolist()
-    shares = [exact(float(x)) for x in rng.uniform(0.01, 0.99, 2)]
+    shares = exact(rng.uniform(0.01, 0.99, 2))
     point, small = [], []
     for edges, cell, part, share in zip((table.e, table.w), (i, j), at, shares, strict=True):
-        left, right = exact(edges[cell : cell + 2].tolist())
+        left, right = exact(edges[cell : cell + 2])
         point.append(left + (right - left) * (part + share) / parts)
         small.append((right - left) / parts / 2**20)
     limit, slack = exact(table.limit), exact(table.slack)
     u = output(problem.controller, point[0], point[1], limit)
-    least, most = exact(table.part_range[number, at[0], at[1]].tolist())
+    least, most = exact(table.part_range[number, at[0], at[1]])
     if not least - slack <= u <= most + slack:
         yield f'table: the range of a part of cell {i}, {j} does not hold its values'
-    slopes = exact(table.part_slopes[number, at[0], at[1]].tolist())
+    slopes = exact(table.part_slopes[number, at[0], at[1]])
     for axis in range(2):
         moved = [x + small[axis] if k == axis else x for k, x in enumerate(point)]
         slope = (output(problem.controller, moved[0], moved[1], limit) - u) / small[axis]
@@ -218,21 +186,21 @@ def _surface_cell(
 ) -> Iterator[str]:
     """Compare a cell of the table with the inference in rational numbers."""
     limit, slack = exact(table.limit), exact(table.slack)
-    sides = exact(table.e[i : i + 2].tolist()), exact(table.w[j : j + 2].tolist())
+    sides = exact(table.e[i : i + 2]), exact(table.w[j : j + 2])
     one = Fraction(1)
     ends = [[min(max(x, -one), one) for x in side] for side in sides]
 
     def value(e: Fraction, w: Fraction) -> Fraction:
         return output(problem.controller, e, w, limit)
 
-    least_e, most_e, least_w, most_w = (exact(float(s)) for s in table.slopes[i, j])
+    least_e, most_e, least_w, most_w = exact(table.slopes[i, j])
     corners = [[value(e, w) for w in ends[1]] for e in ends[0]]
     for k, line in enumerate(corners):
         for n, u in enumerate(line):
             if abs(u - exact(float(table.u[i + k, j + n]))) > slack:
                 yield f'table: the value at {float(ends[0][k])}, {float(ends[1][n])} is wrong'
     for _ in range(3):
-        s, t = (exact(float(share)) for share in rng.uniform(0.01, 0.99, 2))
+        s, t = exact(rng.uniform(0.01, 0.99, 2))
         e = ends[0][0] + s * (ends[0][1] - ends[0][0])
         w = ends[1][0] + t * (ends[1][1] - ends[1][0])
         mean = (1 - s) * ((1 - t) * corners[0][0] + t * corners[0][1])
@@ -284,7 +252,7 @@ def motion_faults(
     """Yield what the motion of a cell does not hold at a tick: forces, masses, the other axis."""
     yield from _force_faults(prover, cell, motion, tick, where)
     if prover.other_axis.states is not None:
-        bounds = prover.other_axis.states[:, tick].tolist()
+        bounds = prover.other_axis.states[:, tick]
         yield from _push_faults(prover, motion, tick, bounds, where)
 
 
@@ -295,48 +263,35 @@ def _force_faults(
     problem, n = prover.problem, len(motion.a)
     axis, base = PER_AXIS[prover.group][0], problem.scenario
     rng = np.random.default_rng(tick)
-    constant, carried = exact(motion.constant[tick, 0].item()), motion.carried[tick, :, 0]
+    constant, carried = exact(motion.constant[tick, 0]), exact(motion.carried[tick, :, 0])
     for _ in range(DRAWN):
         xi = rng.choice([-1.0, 1.0, 0.3], len(cell.centre) - n)
         point = np.array(cell.centre[n:]) + np.array(cell.half[n:]) * xi
         drawn = per_axis.scenario_in(problem, prover.group, point, base)
         force = exact(drawn.disturbance.force_n(base.time_s(tick))[axis])
-        shares = exact(xi.tolist())
-        ours = constant + sum(x * y for x, y in zip(shares, exact(carried.tolist()), strict=True))
-        if abs(force - ours) > exact(motion.any_n):
+        if abs(force - constant - carried @ exact(xi)) > exact(motion.any_n):
             yield f'{where}: the force of a disturbance is not in the set'
-        b = cw.matrices(drawn.step)[1][np.ix_(PER_AXIS[prover.group], [axis])][:, 0]
-        light = 1 + exact(motion.mass) * (shares[-1] if motion.mass else 0)
-        for theirs, mine in zip(exact(b.tolist()), exact(motion.b[:, 0].tolist()), strict=True):
-            if not abs(theirs - mine * light) <= COEFFICIENT * abs(theirs):
-                yield f'{where}: the mass of a flight is not in the set'
+        b = exact(cw.matrices(drawn.step)[1][np.ix_(PER_AXIS[prover.group], [axis])])
+        light = 1 + (exact(motion.mass) * exact(xi[-1]) if motion.mass else 0)
+        if (abs(b - exact(motion.b) * light) > COEFFICIENT * abs(b)).any():
+            yield f'{where}: the mass of a flight is not in the set'
 
 
 def _push_faults(
-    prover: Prover, motion: Motion, tick: int, bounds: list[list[float]], where: str
+    prover: Prover, motion: Motion, tick: int, bounds: Floats, where: str
 ) -> Iterator[str]:
     """Compare the coupling with the effect of the other axis at the corners of its bounds."""
     problem = prover.problem
     own, other = PER_AXIS[prover.group], PER_AXIS['y' if prover.group == 'x' else 'x']
     a, b = cw.matrices(problem.scenario.step)
+    a, b = exact(a[np.ix_(own, other)]), exact(b[np.ix_(own, other[:1])])
     strongest = exact(problem.scenario.max_force_n) + exact(problem.strongest_n)
-    heavy = (1 + exact(problem.inverse_mass_share)) * (strongest + exact(motion.any_n))
-    for k, row in enumerate(own):
-        middle, wide = (
-            exact(motion.coupling[tick, k].item()),
-            exact(motion.coupling_half[tick, k].item()),
-        )
-        push = heavy * abs(exact(b[row, other[0]].item()))
-        for corner in itertools.product((0, 1), repeat=2):
-            far = sum(
-                (
-                    exact(a[row, column].item()) * exact(bounds[side][i])
-                    for i, (column, side) in enumerate(zip(other, corner, strict=True))
-                ),
-                Fraction(0),
-            )
-            if abs(far - middle) + push > wide:
-                yield f'{where}: the coupling of the other axis exceeds its bound, component {k}'
+    push = (1 + exact(problem.inverse_mass_share)) * (strongest + exact(motion.any_n)) * abs(b)
+    corners = exact(list(itertools.product(*bounds.T))).T
+    far = abs(a @ corners - exact(motion.coupling[tick])[:, None]) + push
+    beyond = (far > exact(motion.coupling_half[tick])[:, None]).any(axis=1)
+    for k in np.flatnonzero(beyond).tolist():
+        yield f'{where}: the coupling of the other axis exceeds its bound, component {k}'
 
 
 def merging_faults(
@@ -367,21 +322,20 @@ def merging_faults(
 
 def start_faults(strip: Strip, c: Floats, g: Floats, d: Floats, where: str) -> Iterator[str]:
     """Yield why a set does not hold the strip that it begins as."""
-    r, v, half_m, tilt, half = exact(list(strip))
-    (along, up), across = exact(g[:, -2].tolist()), exact(g[:, -1].tolist())
-    same = exact(c.tolist()) == [r, v] and along == half_m and across == [0, half]
-    if not same or abs(up - tilt * half_m) > exact(d[1].item()):
+    r, v, half_m, tilt, half = exact(strip)
+    (along, up), across = exact(g[:, -2]), exact(g[:, -1])
+    same = [*exact(c), along, *across] == [r, v, half_m, 0, half]
+    if not same or abs(up - tilt * half_m) > exact(d[1]):
         yield f'{where}: the set is not the strip'
 
 
 def end_faults(strip: Strip, c: Floats, g: Floats, d: Floats, where: str) -> Iterator[str]:
     """Yield why a strip does not hold the set that another one has become."""
-    r, v, half_m, tilt, half = exact(list(strip))
-    (c_r, c_v), (d_r, d_v) = exact(c.tolist()), exact(d.tolist())
-    along, across = exact(g.tolist())
-    away = abs(c_r - r) + d_r + sum(map(abs, along))
+    r, v, half_m, tilt, half = exact(strip)
+    (c_r, c_v), (d_r, d_v), (along, across) = exact(c), exact(d), exact(g)
+    away = abs(c_r - r) + d_r + abs(along).sum()
     off = abs(c_v - v - tilt * (c_r - r)) + d_v + abs(tilt) * d_r
-    off += sum(abs(y - tilt * x) for x, y in zip(along, across, strict=True))
+    off += abs(across - tilt * along).sum()
     if away > half_m or off > half:
         yield f'{where}: the next ones do not begin where they end'
 
@@ -394,8 +348,8 @@ def is_covered(strip: Strip, strips: Sequence[Strip]) -> bool:
 
     A convex piece is held by the strip that holds its middle, or is cut where that one ends.
     """
-    rows: list[list[Fraction]] = [exact(list(other)) for other in strips if _near(strip, other)]
-    r, v, half_m, tilt, half = exact(list(strip))
+    rows = [exact(other) for other in strips if _near(strip, other)]
+    r, v, half_m, tilt, half = exact(strip)
     ends = [(-1, -1), (-1, 1), (1, 1), (1, -1)]
     todo = [[(r + a * half_m, v + tilt * a * half_m + b * half) for a, b in ends]]
     while todo:

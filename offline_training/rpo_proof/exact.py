@@ -7,16 +7,18 @@ The inference is written anew from the controller file, without the kernels or t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
 from fractions import Fraction
 from typing import Any
+
+import numpy as np
 
 from rpo_core.control.controller import FuzzyController
 from rpo_core.control.fuzzy import MembershipFunctions
 from rpo_proof.enclosure import Law, Table
 
-Row = list[Fraction]
-Matrix = list[Row]
+Exact = Any
+"""A row or matrix of rational numbers: an array of objects."""
 
 UNIT = Fraction(1, 2**53)
 
@@ -27,11 +29,12 @@ A component is a sum of five products: 6 roundings, and 8 of the coefficients.
 """
 
 
-def exact(values: Any) -> Any:
-    """Return numbers, rows or matrices of floats as rational numbers."""
-    if isinstance(values, (float, int)):
-        return Fraction(values)
-    return [exact(value) for value in values]
+_fractions = np.frompyfunc(Fraction, 1, 1)
+
+
+def exact(values: Any) -> Exact:
+    """Return a float as a rational number; a row or matrix of floats as an array of them."""
+    return Fraction(values) if isinstance(values, (float, int)) else _fractions(np.asarray(values))
 
 
 def _triangle(x: Fraction, left: Fraction, centre: Fraction, right: Fraction) -> Fraction:
@@ -41,7 +44,7 @@ def _triangle(x: Fraction, left: Fraction, centre: Fraction, right: Fraction) ->
     return max(share, Fraction(0))
 
 
-def grades(x: Fraction, functions: MembershipFunctions) -> Row:
+def grades(x: Fraction, functions: MembershipFunctions) -> list[Fraction]:
     """Return the memberships in LN, SN, Z, SP, LP of an error in [-1, 1]."""
     f = [exact(value) for value in vars(functions).values()][:5]
     one, two = Fraction(1), Fraction(2)
@@ -82,16 +85,14 @@ class ExactStrip:
     r, v : middle; half_r : half-width; tilt, half : |v' - v - tilt (r' - r)| <= half
     """
 
-    def __init__(self, c: Row, g: Matrix, d: Row, axis: int) -> None:
-        p = len(c) // 2
-        rows = g[axis], g[p + axis]
-        squares = sum(float(x) ** 2 for x in rows[0])
-        products = sum(float(x) * float(y) for x, y in zip(*rows, strict=True))
+    def __init__(self, c: Exact, g: Exact, d: Exact, axis: int) -> None:
+        (self.r, self.v), (d_r, d_v) = c[axis :: len(c) // 2], d[axis :: len(c) // 2]
+        along, across = g[axis :: len(c) // 2]
+        squares = sum(float(x) ** 2 for x in along)
+        products = sum(float(x) * float(y) for x, y in zip(along, across, strict=True))
         self.tilt = Fraction(products / squares) if squares else Fraction(0)
-        self.r, self.v = c[axis], c[p + axis]
-        self.half_r = d[axis] + sum(map(abs, rows[0]))
-        self.half = d[p + axis] + abs(self.tilt) * d[axis]
-        self.half += sum(abs(y - self.tilt * x) for x, y in zip(*rows, strict=True))
+        self.half_r = d_r + abs(along).sum()
+        self.half = d_v + abs(self.tilt) * d_r + abs(across - self.tilt * along).sum()
 
 
 def law_holds(
@@ -102,46 +103,44 @@ def law_holds(
     Either the bilinear pieces, with their bends, are within rho of the law at the corners of the
     cells' parts; or the output in the middle of the strip, with the slopes of all its cells.
     """
-    position, velocity, force = (exact(scale) for scale in controller.scales)
-    k_r, k_v, k_0, rho = (exact(number) for number in law)
+    position, velocity, force = map(exact, controller.scales)
+    k_r, k_v, k_0, rho = exact(law)
     a, b, c = -k_r * position / force, -k_v * velocity / force, k_0 / force
     room = rho / force
     e, w = -strip.r / position, -strip.v / velocity
     half_e, half_w = strip.half_r / position, strip.half / velocity
     tilt = strip.tilt * position / velocity
-    edges = [list(map(float, edge)) for edge in (table.e, table.w)]
     most = Fraction(0)
-    slopes: list[tuple[Fraction, ...]] = []
-    for i in _cells(edges[0], e - half_e, e + half_e):
-        left, right = max(e - half_e, exact(edges[0][i])), min(e + half_e, exact(edges[0][i + 1]))
+    slopes = []
+    for i, left, right in _cells(table.e, e - half_e, e + half_e):
         ends = [w + tilt * (x - e) for x in (left, right)]
-        for j in _cells(edges[1], min(ends) - half_w, max(ends) + half_w):
-            low = max(min(ends) - half_w, exact(edges[1][j]))
-            high = min(max(ends) + half_w, exact(edges[1][j + 1]))
-            bend = exact(float(table.bend[i, j]))
-            slopes.append(tuple(exact(float(s)) for s in table.slopes[i, j]))
+        for j, low, high in _cells(table.w, min(ends) - half_w, max(ends) + half_w):
+            slopes.append(exact(table.slopes[i, j]))
             for x in (left, right):
                 for y in (low, high):
                     rest = _bilinear(table, i, j, x, y) - a * x - b * y - c
-                    most = max(most, abs(rest) + bend + slack)
+                    most = max(most, abs(rest) + exact(float(table.bend[i, j])) + slack)
     if most <= room:
         return True
     middle = output(controller, e, w, exact(table.limit)) - a * e - b * w - c
-    radii = [
-        max(max(s[2 * k + 1] for s in slopes) - side, side - min(s[2 * k] for s in slopes))
-        for k, side in enumerate((a, b))
-    ]
+    least, greatest = np.min(slopes, axis=0)[::2], np.max(slopes, axis=0)[1::2]
+    radii = np.maximum(greatest - (a, b), (a, b) - least)
     spread = (radii[0] + abs(tilt) * radii[1]) * half_e + radii[1] * half_w
-    return abs(middle) + slack + spread <= room
+    return bool(abs(middle) + slack + spread <= room)
 
 
-def _cells(edges: Sequence[float], low: Fraction, high: Fraction) -> list[int]:
-    return [i for i in range(len(edges) - 1) if edges[i] <= high and edges[i + 1] >= low]
+def _cells(edges: Any, low: Fraction, high: Fraction) -> list[tuple[int, Fraction, Fraction]]:
+    """Return the cells that a range touches, and what it is in each."""
+    return [
+        (i, max(low, exact(left)), min(high, exact(right)))
+        for i, (left, right) in enumerate(itertools.pairwise(edges.tolist()))
+        if left <= high and right >= low
+    ]
 
 
 def _bilinear(table: Table, i: int, j: int, x: Fraction, y: Fraction) -> Fraction:
-    e0, e1, w0, w1 = (exact(float(edge)) for edge in (*table.e[i : i + 2], *table.w[j : j + 2]))
+    (e0, e1), (w0, w1) = exact(table.e[i : i + 2]), exact(table.w[j : j + 2])
     s, t = (x - e0) / (e1 - e0), (y - w0) / (w1 - w0)
-    (u00, u01), (u10, u11) = exact(table.u[i : i + 2, j : j + 2].tolist())
+    (u00, u01), (u10, u11) = exact(table.u[i : i + 2, j : j + 2])
     low, high = u00 + s * (u10 - u00), u01 + s * (u11 - u01)
     return Fraction(low + t * (high - low))

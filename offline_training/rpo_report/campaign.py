@@ -407,7 +407,7 @@ def _worst(store: Store, found: list[Spread], success: Bools) -> list[Block]:
     failures = np.flatnonzero(~success)
     if failures.size:
         rows.append((f'farthest beyond the limits, of {failures.size} failures',))
-        excess = _excess(store)
+        excess = _excess(_judged(store))
         for run in failures[np.argsort(-excess[failures])][:WORST_FAILURES].tolist():
             share = f'{excess[run]:.3g} × the limit'
             rows.append((f'run {run}', share, 'failure', _again(store, run)))
@@ -420,32 +420,34 @@ def _worst(store: Store, found: list[Spread], success: Bools) -> list[Block]:
 
 def _worst_flights(store: Store, success: Bools) -> tuple[Replayed, ...]:
     """Fly the runs again that come closest to a limit, or are farthest beyond one."""
-    campaign, found = store.campaign, []
-    for run in np.argsort(-_excess(store), kind='stable')[:REPLAYED].tolist():
-        columns = {name: store.column(name)[run : run + 1] for name in campaign.config.judging}
+    campaign, found, judged = store.campaign, [], _judged(store)
+    for run in np.argsort(-_excess(judged), kind='stable')[:REPLAYED].tolist():
         share, said = 0.0, 'Nothing is judged'
-        for name in campaign.config.success:
-            values, limits = campaign.config.limit(name, columns)
-            value, limit = values.item(), np.broadcast_to(limits, 1).item()
-            if limit > 0.0 and value / limit >= share:
-                share, unit = value / limit, ROWS[name].unit
-                said = f'{words(name, unit=False)}: {value:.3g} of {limit:.3g} {unit}'.rstrip()
-        held = bool(success[run])
+        for name, (values, limits, shares) in judged.items():
+            if limits[run] > 0.0 and shares[run] >= share:
+                share, unit = shares[run], ROWS[name].unit
+                what = words(name, unit=False)
+                said = f'{what}: {values[run]:.3g} of {limits[run]:.3g} {unit}'.rstrip()
         verdict = f'{_verdict(success, run).capitalize()}. Largest beside its limit: {said}.'
-        flown = fly_run(campaign, run)
-        found.append(Replayed(f'run {run}', flown, verdict, not held, campaign.controller))
+        flown, missed = fly_run(campaign, run), not success[run]
+        found.append(Replayed(f'run {run}', flown, verdict, bool(missed), campaign.controller))
     return tuple(found)
 
 
-def _excess(store: Store) -> Floats:
-    """Return the largest ratio (n,) of a metric to its limit, of each run."""
+def _judged(store: Store) -> dict[str, Floats]:
+    """Return limit -> (3, n): a metric of each run, its limit there, and their ratio, 0 of none."""
     config = store.campaign.config
-    columns = {name: store.column(name) for name in config.judging}
-    found = np.zeros(config.runs)
-    for values, limits in config.limits(columns).values():
-        share = np.divide(values, limits, out=np.zeros(config.runs), where=np.asarray(limits) > 0.0)
-        found = np.maximum(found, share)
+    columns, found = {name: store.column(name) for name in config.judging}, {}
+    for name, (values, limits) in config.limits(columns).items():
+        each = np.broadcast_to(np.asarray(limits, dtype=np.float64), values.shape)
+        shares = np.divide(values, each, out=np.zeros(config.runs), where=each > 0.0)
+        found[name] = np.stack([values, each, shares])
     return found
+
+
+def _excess(judged: Mapping[str, Floats]) -> Floats:
+    """Return the largest ratio (n,) of a metric to its limit, of each run."""
+    return np.asarray(np.max([shares for _, _, shares in judged.values()], axis=0))
 
 
 def _verdict(success: Bools, run: int) -> str:

@@ -4,9 +4,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -162,63 +161,64 @@ SCENARIOS = ('paper_test', 'paper_test_phase', 'approach')
 """What a report of a controller without rules flies."""
 
 
+class _Flown(NamedTuple):
+    """How a controller flies: a summary, blocks of the page, and whether something is missed."""
+
+    summary: str
+    blocks: Sequence[Block]
+    missed: bool
+
+
 def report_of(name: str, scenario: str = '') -> Report:
     """Return the report of a shipped controller or a file; raises InputError.
 
     scenario : what it is judged by; if not given, what it was trained for, else the paper's targets
     """
     controller, path = load_controller(name), files.find('controller', name)
-    of = scenario or trained_for(controller)
-    if of and (scenario or of != PAPER):
-        made = _judged(controller, load(of))
-    elif isinstance(controller, FuzzyController):
-        made = _fuzzy(controller)
-    else:
-        made = _without_rules(controller)
-    last = Section('Provenance', tuple(_provenance(controller, path.name, files.read_text(path))))
-    return replace(made, sections=(*made.sections, last))
+    of, proven = scenario or trained_for(controller), None
+    if isinstance(controller, FuzzyController):
+        proven = certify(controller.system)
+    with style.applied():
+        if of and (scenario or of != PAPER):
+            flown = _judged(controller, load(of))
+        elif isinstance(controller, FuzzyController) and proven:
+            flown = _assessed(controller, proven)
+        else:
+            flown = _flown(controller)
+        sections = (
+            Section('How it flies', tuple(flown.blocks)),
+            *_inside(controller, proven),
+            Section('Provenance', tuple(_provenance(controller, path.name, files.read_text(path)))),
+        )
+    summary = f'{controller.description} {flown.summary}'.strip()
+    return Report(f'Controller {controller.name}', summary, sections, flown.missed)
 
 
-def _judged(controller: AnyController, found: Scenario | ScenarioSet) -> Report:
-    """Return the report of a controller by what a scenario or set requires."""
+def _judged(controller: AnyController, found: Scenario | ScenarioSet) -> _Flown:
+    """Return how a controller keeps what a scenario or set requires."""
     judgements = judge(controller, found, lambda *_: None).judgements
     flight = next(flights_of(controller, found))
     table = Table(f'Requirements of {found.name}', HEADINGS, tuple(rows_of(judgements)))
-    kept = sum(not j.missed for j in judgements)
-    with style.applied():
-        histories = _histories(flight, flight.scenario.name)
-        if isinstance(controller, FuzzyController):
-            certificate = certify(controller.system)
-            inside: tuple[Section, ...] = _inside(controller, certificate)
-        else:
-            inside = _inside_baseline(controller)
-    flights = judgements[0].flights
-    return Report(
-        f'Controller {controller.name}',
-        f'{controller.description} {kept} of {len(judgements)} requirements of {found.name} held '
-        f'in {"its flight" if flights == 1 else f"all {flights} flights"}.'.strip(),
-        (Section('How it flies', (table, histories)), *inside),
-        missed=kept < len(judgements),
-    )
+    kept, flights = sum(not j.missed for j in judgements), judgements[0].flights
+    where = 'its flight' if flights == 1 else f'all {flights} flights'
+    summary = f'{kept} of {len(judgements)} requirements of {found.name} held in {where}.'
+    return _Flown(summary, [table, _histories(flight)], kept < len(judgements))
 
 
-def _histories(flight: Flight, name: str, more: str = '') -> Picture:
-    figure = flight_report.time_histories(flight)
+def _histories(flight: Flight, more: str = '') -> Picture:
+    figure, name = flight_report.time_histories(flight), flight.scenario.name
     return picture('time_histories, of a controller', figure, name=name, more=more)
 
 
-def _inside(controller: FuzzyController, certificate: Certificate) -> tuple[Section, ...]:
-    """Return how a fuzzy controller decides, and what is proven of it."""
-    return (
-        Section('Membership functions', (_functions(controller),)),
-        Section('Rules', tuple(_rules(controller))),
-        Section('Control surface', (picture('surface', control_surface(controller)),)),
-        Section('Certificate', tuple(_certificate(controller, certificate))),
-    )
-
-
-def _inside_baseline(controller: AnyController) -> tuple[Section, ...]:
-    """Return the force of a controller without the paper's rules; a family's rules and claims."""
+def _inside(controller: AnyController, proven: Certificate | None) -> tuple[Section, ...]:
+    """Return how a controller decides, and what is proven of it."""
+    if isinstance(controller, FuzzyController) and proven:
+        return (
+            Section('Membership functions', (_functions(controller),)),
+            Section('Rules', tuple(_rules(controller))),
+            Section('Control surface', (picture('surface', control_surface(controller)),)),
+            Section('Certificate', tuple(_certificate(controller, proven))),
+        )
     force = Section('Force', (picture('surface, of each axis', axis_forces(controller)),))
     if not isinstance(controller, Family):
         return (force,)
@@ -229,22 +229,6 @@ def _inside_baseline(controller: AnyController) -> tuple[Section, ...]:
     )
     certificate = Table('Claims', ('claim', 'verdict', 'statement'), claims)
     return Section('Rules', rules), force, Section('Certificate', (certificate,))
-
-
-def _fuzzy(controller: FuzzyController) -> Report:
-    found, certificate = assess(controller), certify(controller.system)
-    with style.applied():
-        sections = (
-            Section('How it flies', tuple(_flights(found))),
-            *_inside(controller, certificate),
-        )
-    return Report(
-        f'Controller {controller.name}',
-        f'{controller.description} {_sentence(found.verdict())}. Mean J of {len(found.starts)} '
-        f'starts {found.mean_energy_n2s:.4g} N²s. {_certified(controller, certificate)}',
-        sections,
-        missed=not all(target.holds for target in found.targets()),
-    )
 
 
 def _sentence(text: str) -> str:
@@ -273,53 +257,37 @@ def _places(controller: FuzzyController, claim: Claim) -> str:
     )
 
 
-def _without_rules(controller: AnyController) -> Report:
+def _flown(controller: AnyController) -> _Flown:
+    """Return how a controller without the paper's rules flies some scenarios."""
     flights = {name: fly(load_scenario(name), controller) for name in SCENARIOS}
     rows: list[tuple[str, ...]] = []
     for name, flight in flights.items():
         for section, lines in flight_report.rows(flight).items():
             rows += [(f'{name}: {section}',), *lines]
-    with style.applied():
-        more = '; the table above has its metrics'
-        histories = _histories(flights[SCENARIOS[0]], SCENARIOS[0], more)
-        inside = _inside_baseline(controller)
-    return Report(
-        f'Controller {controller.name}',
-        controller.description,
-        (
-            Section(
-                'How it flies', (Table('Flights', flight_report.COLUMNS, tuple(rows)), histories)
-            ),
-            *inside,
-        ),
-        missed=any(map(missed, flights.values())),
-    )
+    table = Table('Flights', flight_report.COLUMNS, tuple(rows))
+    histories = _histories(flights[SCENARIOS[0]], '; the table above has its metrics')
+    return _Flown('', [table, histories], any(map(missed, flights.values())))
 
 
-def _flights(found: Assessment) -> list[Block]:
-    least = float(found.least.mean())
-    rows = tuple(
-        (
-            target.name,
-            target.what,
-            '' if target.limit is None else _sentence(f'≤ {target.limit:.4g} {target.unit}'),
-            _sentence(f'{target.reached:.4g} {target.unit}'),
-            target.word,
-        )
-        for target in found.targets()
+def _assessed(controller: FuzzyController, proven: Certificate) -> _Flown:
+    """Return how a fuzzy controller reaches its targets."""
+    found = assess(controller)
+    targets = found.targets()
+    rows = tuple(tuple(map(_sentence, target.cells('≤ '))) for target in targets)
+    shown = picture(
+        'starts',
+        starts(found),
+        starts=len(found.starts),
+        mean_n2s=found.mean_energy_n2s,
+        ratio=found.mean_energy_n2s / float(found.least.mean()),
+        worst_n2s=found.metrics[:, ENERGY].max(),
     )
-    return [
-        Table('Targets', ('target', 'what', 'limit', 'reached', 'verdict'), rows),
-        Text(QUESTIONS),
-        picture(
-            'starts',
-            starts(found),
-            starts=len(found.starts),
-            mean_n2s=found.mean_energy_n2s,
-            ratio=found.mean_energy_n2s / least,
-            worst_n2s=found.metrics[:, ENERGY].max(),
-        ),
-    ]
+    summary = (
+        f'{_sentence(found.verdict())}. Mean J of {len(found.starts)} starts '
+        f'{found.mean_energy_n2s:.4g} N²s. {_certified(controller, proven)}'
+    )
+    table = Table('Targets', ('target', 'what', 'limit', 'reached', 'verdict'), rows)
+    return _Flown(summary, [table, Text(QUESTIONS), shown], not all(t.holds for t in targets))
 
 
 def _functions(controller: FuzzyController) -> Picture:

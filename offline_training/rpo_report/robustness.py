@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import textwrap
-from pathlib import Path
 from typing import Any
 
 from rpo_judge.evaluation.robustness import QUANTITIES, Margin, Margins, Quantity
@@ -18,23 +17,21 @@ _TOP, _SEEN = 1.3, 1.6
 """Largest share of a limit that is shown, and how far beyond the bound, in its distance."""
 
 
-def draw(found: Margins, name: str, path: Path) -> None:
-    """Write the picture: a panel for each quantity, and one of the describing function."""
+def draw(found: Margins, name: str) -> Any:
+    """Return the picture: a panel for each quantity, and one of the describing function."""
     known = {margin.name: margin for margin in found.margins}
-    with style.applied():
-        figure, grid = style.new_panels(8.0, 3, 3)
-        *panels, last = grid.flat
-        for axes, quantity in zip(panels, QUANTITIES, strict=True):
-            axes.set_title(f'{quantity.name}: no margin')
-            if quantity.name in known:
-                _draw_margin(axes, quantity, known[quantity.name])
-        for row in grid:
-            row[0].set_ylabel('largest value / its limit')
-        _draw_crossings(last, found)
-        shown = '● all holds   ✕ a limit is missed   ▲ beyond the scale'
-        figure.suptitle(f'{name}: how far the loop may be off   {shown}', fontsize=11.0)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path)
+    figure, grid = style.new_panels(8.0, 3, 3)
+    *panels, last = grid.flat
+    for axes, quantity in zip(panels, QUANTITIES, strict=True):
+        axes.set_title(f'{quantity.name}: no margin')
+        if quantity.name in known:
+            _draw_margin(axes, quantity, known[quantity.name])
+    for row in grid:
+        row[0].set_ylabel('largest value / its limit')
+    _draw_crossings(last, found)
+    shown = '● all holds   ✕ a limit is missed   ▲ beyond the scale'
+    figure.suptitle(f'{name}: how far the loop may be off   {shown}', fontsize=11.0)
+    return figure
 
 
 def _draw_margin(axes: Any, quantity: Quantity, margin: Margin) -> None:

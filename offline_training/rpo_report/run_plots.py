@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,6 @@ from rpo_judge.evaluation.plan_bound import Bound
 from rpo_kernels.arrays import Floats
 from rpo_log.show import style
 from rpo_log.show.report import by_axis, force_label, legend_names, limit_lines
-from rpo_montecarlo import outputs
 from rpo_report.surface_plots import draw_force, force_bar
 from rpo_report.turned import in_lvlh
 
@@ -236,17 +234,20 @@ def disturbance(flight: Flight) -> Any:
     return figure
 
 
+def _trace(axes: Any, flight: Flight, x: Floats, y: Floats) -> None:
+    """Draw a flight in a plane, with its start and dots as time goes by."""
+    dots, label = _marked(flight), f'every {MARK_S:g} s'
+    axes.plot(x, y, color=_INK, label=FLOWN)
+    axes.plot(x[0], y[0], 'o', color=_INK, markersize=6, label='start')
+    axes.plot(x[dots], y[dots], 'o', color=_INK, markersize=3, label=label)
+
+
 def closing(flight: Flight) -> Any:
     """Return the range rate over the range, with the signs of the phase planes."""
     ranges = np.linalg.norm(flight.errors[:, :3], axis=1)
     speeds = -metrics.closing_speeds_m_s(flight)
     figure, axes = style.new_panels(3.4)
-    axes.plot(ranges, speeds, color=_INK, label='this flight')
-    axes.plot(ranges[0], speeds[0], 'o', color=_INK, markersize=6, label='start')
-    dots = _marked(flight)
-    axes.plot(
-        ranges[dots], speeds[dots], 'o', color=_INK, markersize=3, label=f'every {MARK_S:g} s'
-    )
+    _trace(axes, flight, ranges, speeds)
     axes.set(
         xlabel='range from the goal [m]',
         ylabel='range rate [m/s]',
@@ -268,10 +269,7 @@ def phase_planes(flight: Flight, errors: Floats, controller: FuzzyController | N
         position, velocity = errors[:, i], errors[:, 3 + i]
         if controller is not None:
             image = draw_force(axes, controller, (spans[0][i], spans[1][i]))
-        axes.plot(position, velocity, color=_INK, label='this flight')
-        axes.plot(position[0], velocity[0], 'o', color=_INK, markersize=6, label='start')
-        dots, label = _marked(flight), f'every {MARK_S:g} s'
-        axes.plot(position[dots], velocity[dots], 'o', color=_INK, markersize=3, label=label)
+        _trace(axes, flight, position, velocity)
         axes.set(title=name, xlabel='position [m]')
     panels[0].set_ylabel('velocity [m/s]')
     if image is not None:
@@ -280,24 +278,21 @@ def phase_planes(flight: Flight, errors: Floats, controller: FuzzyController | N
     return figure
 
 
-def draw(found: Checked, bound: Bound, settings: Guidance, scenario: Scenario, path: Path) -> None:
-    """Write the picture; matplotlib must be there."""
-    with style.applied():
-        figure, (left, right) = style.new_panels(5.0, 1, 2)
-        states, names = scenario.seen(np.array(found.references)), axis_names(scenario)
-        for axes, across in ((left, 0), (right, 2)):
-            draw_zones(axes, [settings.zones(scenario)], across)
-            axes.plot(
-                bound.positions_m[:, 1], bound.positions_m[:, across], '--',
-                color=style.LIGHT['y'], label='best path found',
-            )  # fmt: skip
-            axes.plot(states[:, 1], states[:, across], color=style.LIGHT['ink'], label='plan')
-            for change in found.changes:
-                axes.plot(*states[change.tick, [1, across]], 'o', color=style.LIGHT['ink'])
-            axes.set(xlabel=f'{names[1]} [m]', ylabel=f'{names[across]} [m]')
-            axes.set_aspect('equal', adjustable='datalim')
-        left.legend(loc='best')
-        figure.suptitle(f'J = {bound.plan:.3f} N²s; best path found {bound.best:.3f} N²s')
-        with outputs.writing(path):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            figure.savefig(path)
+def draw(found: Checked, bound: Bound, settings: Guidance, scenario: Scenario) -> Any:
+    """Return the picture of a plan, beside the best path that is found."""
+    figure, (left, right) = style.new_panels(5.0, 1, 2)
+    states, names = scenario.seen(np.array(found.references)), axis_names(scenario)
+    for axes, across in ((left, 0), (right, 2)):
+        draw_zones(axes, [settings.zones(scenario)], across)
+        axes.plot(
+            bound.positions_m[:, 1], bound.positions_m[:, across], '--',
+            color=style.LIGHT['y'], label='best path found',
+        )  # fmt: skip
+        axes.plot(states[:, 1], states[:, across], color=style.LIGHT['ink'], label='plan')
+        for change in found.changes:
+            axes.plot(*states[change.tick, [1, across]], 'o', color=style.LIGHT['ink'])
+        axes.set(xlabel=f'{names[1]} [m]', ylabel=f'{names[across]} [m]')
+        axes.set_aspect('equal', adjustable='datalim')
+    left.legend(loc='best')
+    figure.suptitle(f'J = {bound.plan:.3f} N²s; best path found {bound.best:.3f} N²s')
+    return figure

@@ -41,40 +41,36 @@ def best(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
     return found
 
 
-def draw(rows: Sequence[ComparedController], path: Path) -> None:
-    """Write the picture: energy against two shares of the dispersed runs, and against time.
+def draw(rows: Sequence[ComparedController]) -> Any:
+    """Return the picture: energy against two shares of the dispersed runs, and against time.
 
     In every panel the better is higher, and further left. A controller that arrives from no start
     is left out. Shares are on a logistic scale; none and all are drawn at half a run.
     """
     shown = [row for row in rows if row.met]
-    with style.applied():
-        figure, panels = style.new_panels(11.5, 3, 1, sharex=True)
-        heights = [
-            _draw_shares(panels[0], shown, MOTION, lambda row: row.moving),
-            _draw_shares(panels[1], shown, 'all limits', _all_limits),
-            [-row.settled_s for row in shown],
-        ]
-        panels[2].set(
-            title='Energy against time',
-            ylabel='mean time to stay within 0.5 m [s]',
-            xlabel='mean J of the training starts [N²s]',
-        )
-        panels[2].yaxis.set_major_formatter(lambda value, _: f'{-value:g}')
-        style.log_scale(panels[2], x=True, y=False)
-        for axes, values in zip(panels, heights, strict=True):
-            _draw_points(axes, shown, values)
-        energies = [row.mean_energy_n2s for row in shown] or [1.0]
-        panels[2].set_xlim(0.8 * min(energies), 1.3 * max(energies))
-        _set_ticks(panels[2].xaxis, _ENERGIES)
-        figure.suptitle('fuzzy controllers ●, baselines ■; dotted: no other is better in both')
-        for axes, values in zip(panels, heights, strict=True):
-            names = [
-                (row.mean_energy_n2s, y, row.name) for row, y in zip(shown, values, strict=True)
-            ]
-            style.label_points(axes, names)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path)
+    figure, panels = style.new_panels(11.5, 3, 1, sharex=True)
+    heights = [
+        _draw_shares(panels[0], shown, MOTION, lambda row: row.moving),
+        _draw_shares(panels[1], shown, 'all limits', _all_limits),
+        [-row.settled_s for row in shown],
+    ]
+    panels[2].set(
+        title='Energy against time',
+        ylabel='mean time to stay within 0.5 m [s]',
+        xlabel='mean J of the training starts [N²s]',
+    )
+    panels[2].yaxis.set_major_formatter(lambda value, _: f'{-value:g}')
+    style.log_scale(panels[2], x=True, y=False)
+    for axes, values in zip(panels, heights, strict=True):
+        _draw_points(axes, shown, values)
+    energies = [row.mean_energy_n2s for row in shown] or [1.0]
+    panels[2].set_xlim(0.8 * min(energies), 1.3 * max(energies))
+    _set_ticks(panels[2].xaxis, _ENERGIES)
+    figure.suptitle('fuzzy controllers ●, baselines ■; dotted: no other is better in both')
+    for axes, values in zip(panels, heights, strict=True):
+        names = [(row.mean_energy_n2s, y, row.name) for row, y in zip(shown, values, strict=True)]
+        style.label_points(axes, names)
+    return figure
 
 
 def _draw_shares(

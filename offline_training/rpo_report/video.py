@@ -51,7 +51,6 @@ def write(flight: Flight, title: str, verdict: str, path: Path) -> None:
     """Write a video of `FRAMES` frames: the path so far, the force, slowly turned."""
     from matplotlib import animation
 
-    check(path)
     writer = animation.writers[WRITERS[path.suffix.lower()]](fps=FRAMES_PER_S)
     with style.applied(), writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)

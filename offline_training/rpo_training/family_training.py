@@ -138,13 +138,14 @@ class FamilyTraining(SearchRun[FamilyConfig, Family]):
 
     def make_search(self) -> Search:
         """Return the search at its beginning."""
-        config, values = self.config, {gene.name: gene.start for gene in self.genes}
+        config, values = self.config, tuple(gene.start for gene in self.genes)
         if config.start:
             start = load_controller(config.start)
             if not isinstance(start, self.family):
                 raise InputError(f'`start` must be of the family {config.family}; got {start.name}')
             values = start.values()
-        shares = np.array([gene.share(values[gene.name]) for gene in self.genes])
+        pairs = zip(self.genes, values, strict=True)
+        shares = np.array([gene.share(value) for gene, value in pairs])
         return StagedSearch(config.staged, config.cmaes, config.seed, shares)
 
     def make_fitness(self, workers: int, address: str) -> Fitness:
@@ -158,7 +159,7 @@ class FamilyTraining(SearchRun[FamilyConfig, Family]):
     def make(self, shares: Floats) -> Family:
         """Return the controller of a chromosome, without provenance."""
         pairs = zip(self.genes, shares.tolist(), strict=True)
-        values = {gene.name: gene.value(share) for gene, share in pairs}
+        values = [gene.value(share) for gene, share in pairs]
         return self.family.of_values(self.config.name, values, self.mission)
 
     def found(self) -> Family:

@@ -88,7 +88,7 @@ class DispersedApproach(gymnasium.vector.VectorEnv[Floats, Floats, Any]):
         if reason := uneven_steps(self.scenario, drawn.column('orbit_radius_m')):
             raise InputError(f'the environment is the engine: {reason}')
         self._first += self.num_envs
-        self.tick, self.stepping = 0, Stepping(case_of(self.campaign, drawn, 'gym'))
+        self.tick, self.stepping = 0, Stepping(case_of(self.campaign, drawn))
         self.stepping.sense(0)
         sees = self.stepping.case.batches[0].is_seen
         self._rows = (SEEN_R, SEEN_V) if sees else (R, V)

@@ -25,7 +25,7 @@ from rpo_ctrl.attitude_limits import AttitudeLimits
 from rpo_kernels.jit import as_table
 
 J = np.array([[0.6, 0.02, 0.0], [0.02, 0.7, 0.01], [0.0, 0.01, 0.5]])
-N, DT = 1.2e-3, 0.1
+BASE, DT = load_scenario('paper_test'), 0.1
 WHEELS = Wheels(torque_nm=0.01, momentum_nms=0.2)
 CHASER = Chaser(inertia_kg_m2=J.tolist(), wheels=WHEELS)
 PD = AttitudePd(name='pd', bandwidth_rad_s=0.2, damping=0.9)
@@ -42,7 +42,7 @@ NAMES = sorted(files.shipped('attitude_controller'))
 
 
 def table(controller, chaser=CHASER, **fields):
-    return AttitudeControl(controller=controller, **fields).table(chaser, N, DT)
+    return AttitudeControl(controller=controller, **fields).law_of(BASE.equipped(chaser))
 
 
 def attitude_of(rng, rate=0.05):
@@ -79,7 +79,7 @@ def test_the_force_is_turned_into_the_axes_of_the_middle_of_the_tick(seed):
     seen, force = attitude_of(rng), rng.uniform(-1.0, 1.0, 3)
     found, _, after = steer(tuple(force), seen, seen, seen[4:], NONE, as_table(table(PD)))
     q = Rotation.from_quat(seen[:4])
-    relative = np.array(seen[4:]) - q.inv().apply([0.0, 0.0, N])
+    relative = np.array(seen[4:]) - q.inv().apply([0.0, 0.0, BASE.mean_motion_rad_s])
     middle = q * Rotation.from_rotvec(relative * DT / 2.0)
     assert np.allclose(found, middle.inv().apply(force), atol=1e-9)
     assert np.abs(after).max() <= WHEELS.torque_nm * DT

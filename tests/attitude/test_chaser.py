@@ -57,13 +57,6 @@ def scenario_of(ticks, **fields):
     return base.equipped(chaser, Thrusters(table=table))
 
 
-def flown(ticks, wheels=None):
-    scenario = scenario_of(
-        ticks, rates_deg_s=(1.0, -0.5, 2.0), wheels=wheels, disturbance_torque_nm=PUSH
-    )
-    return scenario, fly(scenario, OpenLoop(pushes(ticks)))
-
-
 def pushes(ticks):
     """Return forces (ticks + 1, 3) that are held for 50 ticks each."""
     forces = np.random.default_rng(4).uniform(-0.5, 0.5, (ticks // 50 + 1, 3))
@@ -119,17 +112,6 @@ def off_from_oracle(scenario, flight):
     return angle, float(np.abs(flight.states[-1][:3] - y[:3]).max())
 
 
-def test_coupled_motion_with_thrusters_as_dop853_has_it():
-    angle, distance = off_from_oracle(*flown(300))
-    assert angle < 1e-9 and distance < 1e-8
-
-
-@pytest.mark.slow
-def test_400_s_as_dop853_has_them():
-    angle, distance = off_from_oracle(*flown(4000))
-    assert angle < 1e-8 and distance < 1e-6
-
-
 def steered(scenario, ticks, monkeypatch):
     """Return a flight whose wheels and thrusters are commanded at random."""
     named = Scenario.named
@@ -147,6 +129,21 @@ WHEELED = {
 }
 
 
+@pytest.mark.parametrize('ticks', [150, pytest.param(4000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize('fields', [{**WHEELED, 'wheels': None}, WHEELED], ids=['free', 'wheels'])
+def test_it_turns_and_flies_as_dop853_has_it(fields, ticks, monkeypatch):
+    scenario = scenario_of(ticks, **fields)
+    if fields['wheels']:
+        flight = steered(scenario, ticks, monkeypatch)
+        momenta = flight.signals['wheel_momentum']
+        assert np.abs(momenta).max() <= 0.05 + 1e-12
+        assert np.abs(np.diff(momenta, axis=0)).max() <= 0.001 + 1e-12  # the torque is limited
+    else:
+        flight = fly(scenario, OpenLoop(pushes(ticks)))
+    angle, distance = off_from_oracle(scenario, flight)
+    assert angle < 1e-8 and distance < (1e-8 if ticks < 1000 else 1e-6)
+
+
 @pytest.mark.slow
 def test_400_s_with_wheels_and_thrusters_as_basilisk_has_them(monkeypatch):
     if find_spec('Basilisk') is None:
@@ -161,17 +158,6 @@ def test_400_s_with_wheels_and_thrusters_as_basilisk_has_them(monkeypatch):
     assert np.abs(position_m).max() > 100.0
     assert np.abs(flight.states[-1][:3] - position_m).max() < 1e-6
     assert Rotation.from_matrix(axes.T @ ours).magnitude() < 1e-8
-
-
-@pytest.mark.parametrize('ticks', [200, pytest.param(4000, marks=pytest.mark.slow)])
-def test_wheels_turn_the_chaser_as_dop853_has_it(ticks, monkeypatch):
-    scenario = scenario_of(ticks, **WHEELED)
-    flight = steered(scenario, ticks, monkeypatch)
-    momenta = flight.signals['wheel_momentum']
-    assert np.abs(momenta).max() <= 0.05 + 1e-12
-    assert np.abs(np.diff(momenta, axis=0)).max() <= 0.001 + 1e-12  # the torque is limited
-    angle, distance = off_from_oracle(scenario, flight)
-    assert angle < 1e-8 and distance < 1e-6
 
 
 def test_without_rates_it_turns_with_the_orbit():

@@ -147,7 +147,7 @@ def test_mcap_ros2_reads_the_same_bits(state):
 
 
 def test_as_the_middleware_writes_it():
-    from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
     from geometry_msgs.msg import WrenchStamped
     from nav_msgs.msg import Odometry
     from rclpy.serialization import serialize_message
@@ -165,6 +165,9 @@ def test_as_the_middleware_writes_it():
     said = DiagnosticStatus(level=b'\x01', name='a', values=[KeyValue(key='k', value='värde')])
     ours = cdr.encode_status(1, 'a', '', '', {'k': 'värde'})
     assert cdr.canonical(STATUS, serialize_message(said)) == ours
+    ours = cdr.encode_array(0, '', [cdr.decode_status(ours)] * 2)
+    several = DiagnosticArray(status=[said, said])
+    assert cdr.canonical(ARRAY, serialize_message(several)) == ours
 
 
 def gaps(type_name: str, data: bytes) -> list[int]:

@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import yaml
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
@@ -17,7 +16,6 @@ from references import N_RAD_S, VEHICLE, assert_bits_of_the_stage, follow, stage
 from scipy.integrate import solve_ivp
 
 from rpo_attitude.target import Target, motion_of
-from rpo_core import files
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario as scenarios
@@ -223,11 +221,3 @@ def test_go_after_a_retreat_meets_the_target_again():
 def test_off_it_follows_the_chaser_itself_and_commands_nothing():
     state = (1.0, 2.0, 3.0, 0.1, 0.2, 0.3)
     assert stage_of(PORT).off(state) == (state, (0.0, 0.0, 0.0))
-
-
-def test_a_target_that_turns_too_fast_for_a_leg_is_refused_with_its_force():
-    data = yaml.safe_load(files.find('scenario', 'tumbling_port').read_text())
-    del data['assurance']
-    data['target']['rates_deg_s'] = [1.2, 1.6, 3.2]
-    with pytest.raises(InputError, match=r'leg in, .* s: 0\.\d+ N, 0'):
-        scenarios.parse(data)

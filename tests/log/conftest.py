@@ -8,6 +8,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from invoking import invoke
 from log_runs import Run, make_run, record
 from mcap.records import ChunkIndex
 from mcap.stream_reader import StreamReader
@@ -46,6 +47,15 @@ def log(run: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp('whole')
     assert run.write(folder).whole
     return folder / 'run.mcap'
+
+
+@pytest.fixture(scope='session')
+def turning(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The run folder of 5 s of tumbling_docking, flown without ROS."""
+    folder = tmp_path_factory.mktemp('turning') / 'run'
+    options = '--set', 'duration_s=5.0', '--no-fail', '--output', folder
+    assert invoke('simulate', 'tumbling_docking', *options).exit_code == 0
+    return folder
 
 
 @pytest.fixture(scope='session')

@@ -218,16 +218,36 @@ Change = Callable[[str, int, bytes], bytes | None]
 """Topic, tick, data to new data; None to leave a message out."""
 
 
-def flipped(topic: str, tick: int, place: int = 0) -> Change:
-    """Return a change that flips one bit of a number of a message."""
+def changed(topic: str, tick: int, new: bytes | Callable[[bytes], bytes] | None) -> Change:
+    """Return a change of one message: to other bytes, by what makes them of its own; or None."""
 
-    def flip(name: str, at: int, data: bytes) -> bytes:
+    def change(name: str, at: int, data: bytes) -> bytes | None:
         if (name, at) != (topic, tick):
             return data
-        byte = interfaces.row_of(name[1:]).layout.runs[place][0]
-        return data[:byte] + bytes([data[byte] ^ 1]) + data[byte + 1 :]
+        return new(data) if callable(new) else new
 
-    return flip
+    return change
+
+
+def flipped(topic: str, tick: int, place: int = 0) -> Change:
+    """Return a change that flips one bit of a number of a message."""
+    byte = interfaces.row_of(topic[1:]).layout.runs[place][0]
+    return changed(topic, tick, lambda d: d[:byte] + bytes([d[byte] ^ 1]) + d[byte + 1 :])
+
+
+def forge(log: Path, folder: Path, *changes: Change) -> Path:
+    """Return a copy of a log with other messages in it, run.mcap of a folder."""
+    folder.mkdir(exist_ok=True)
+    target = folder / 'run.mcap'
+    target.unlink(missing_ok=True)
+
+    def change(name: str, tick: int, data: bytes | None) -> bytes | None:
+        for each in changes:
+            data = None if data is None else each(name, tick, data)
+        return data
+
+    rewrite(log, target, change)
+    return target
 
 
 def rewrite(source: Path, target: Path, change: Change) -> None:
@@ -240,20 +260,24 @@ def rewrite(source: Path, target: Path, change: Change) -> None:
             if isinstance(record, Metadata):
                 file.add_metadata(record.name, record.metadata)
             elif isinstance(record, Attachment):
-                file.add_attachment(record.name, record.media_type, record.data, record.log_time)
+                file.add_attachment(
+                    record.log_time, record.log_time, record.name, record.media_type, record.data
+                )
             elif isinstance(record, Chunk):
                 for inner in breakup_chunk(record):
                     _copy(file, inner, schemas, channels, change)
-                file.close_chunk()
+                file.flush()
     file.finish()
     file.close()
 
 
 def _copy(file, record, schemas, channels, change: Change) -> None:
     if isinstance(record, Schema):
-        schemas[record.id] = file.add_schema(record.name, record.data, record.encoding)
+        schemas[record.id] = file.register_schema(record.name, record.encoding, record.data)
     elif isinstance(record, Channel):
-        number = file.add_channel(record.topic, schemas[record.schema_id], record.metadata)
+        number = file.register_channel(
+            record.topic, 'cdr', schemas[record.schema_id], record.metadata
+        )
         channels[record.id] = (number, record.topic)
     elif isinstance(record, Message):
         number, topic = channels[record.channel_id]

@@ -10,107 +10,40 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import yaml
-from log_runs import CLOCK, DISTURBANCE, FORCE, STATE, STATUS, make_run, rewrite
+from free_runs import STALE_AFTER, FreeRun
+from log_runs import FORCE, STATE, changed, forge, make_run
 
 from rpo_core import files
-from rpo_core.chain.chain import Chain
-from rpo_core.chain.stage import Place
-from rpo_core.control.controller import dumps, load_controller
 from rpo_core.files import scenario
 from rpo_core.wire import cdr, interfaces
-from rpo_core.wire.statuses import numbers_text
-from rpo_log.tools.diff import diff
 from rpo_log.tools.export import tables
 from rpo_log.verify import verify
-from rpo_mcap.format.run import TimeBase
 from rpo_mcap.read.run_log import other_signals, read_flight
 from rpo_mcap.read.stream import RunReader
-from rpo_mcap.write.writer import RunLogWriter
-from rpo_sim.free_running import FreeRunningPlant
+from rpo_sim.plant import FreeRunningPlant
 
-APPLIED, APPLIED_DISTURBANCE = '/applied_force', '/applied_disturbance'
-STALE_AFTER = 4
+APPLIED = '/applied_force'
 LAME = range(60, 75)
 """Ticks of which the plant gets no force: longer than it holds one."""
 
 
-class FreeRun:
-    """A flight with a fifth of the forces lost on their way to the plant, or late."""
-
-    def __init__(self, loss: float = 0.2, max_force_n: float = 0.5) -> None:
-        run = make_run(30.0)
-        flown = replace(run.flight.scenario, max_force_n=max_force_n)
-        run.attachments['scenario.yaml'] = scenario.dumps(flown).encode()
-        self.run, self.scenario = run, flown
-        self.plant = FreeRunningPlant(
-            self.scenario, ['control_force', 'disturbance_force'], STALE_AFTER
-        )
-        chance = random.Random(7)
-        law = load_controller('handmade')
-        self.messages: list[tuple[str, int, bytes]] = []
-        self.applied: list[tuple[float, float, float]] = []
-        self.taken: list[dict[str, str]] = []
-        for tick in range(self.scenario.ticks + 1):
-            state = self.plant.state
-            force = law.force_n(state[:3], state[3:])
-            disturbance = self.scenario.disturbance.force_n(self.scenario.time_s(tick))
-            lost = tick and (chance.random() < loss or tick in LAME)
-            self.plant.answer('disturbance_force', self.plant.stamp_ns, disturbance)
-            if not lost:
-                self.plant.answer('control_force', self.plant.stamp_ns, force)
-            logged = not lost or chance.random() < 0.5  # the recorder may have what the plant lacks
-            self._say(tick, state, force if logged else None, disturbance)
-            answers = {'control_force': () if lost else force, 'disturbance_force': disturbance}
-            self.taken.append({name: numbers_text(found) for name, found in answers.items()})
-            if tick < self.scenario.ticks:
-                self.plant.advance()
-
-    def _say(self, tick, state, force, disturbance):
-        stamp = self.scenario.stamp_ns(tick)
-        say = [(CLOCK, cdr.encode_clock(stamp))]
-        say.append((STATE, cdr.encode_odometry(stamp, 'target_lvlh', 'chaser', state)))
-        forces = {FORCE: force, DISTURBANCE: disturbance}
-        forces[APPLIED] = self.plant.applied('control_force')
-        forces[APPLIED_DISTURBANCE] = self.plant.applied('disturbance_force')
-        self.applied.append(forces[APPLIED])
-        for name, value in forces.items():
-            if value is not None:
-                say.append((name, cdr.encode_wrench(stamp, 'target_lvlh', value)))
-        if tick in (0, self.scenario.ticks):
-            values = {key: repr(value) for key, value in self.plant.figures().items()}
-            values['phase'] = 'finished' if tick else 'running'
-            say.append((STATUS, cdr.encode_status(0, 'run', '', 'none', values)))
-        self.messages += [(name, tick, data) for name, data in say]
-
-    def write(self, folder, change=None, stale_after=STALE_AFTER, **options):
-        """Write the log; `change(name, tick, data)` forges it."""
-        names = [CLOCK, STATE, FORCE, DISTURBANCE, APPLIED, APPLIED_DISTURBANCE, STATUS]
-        parameters = f'plant: {{mode: free_running, stale_after_ticks: {stale_after}}}\n'
-        attached = {**self.run.attachments, 'parameters.yaml': parameters.encode()}
-        writer = RunLogWriter(folder, self.run.base, names, attached, **options)
-        for name, tick, data in self.messages:
-            writer.write(name, tick, change(name, tick, data) if change else data)
-            if tick >= STALE_AFTER:  # no answer to an older state can act any more
-                writer.report(tick - STALE_AFTER, self.taken[tick - STALE_AFTER])
-        for tick in range(len(self.taken) - STALE_AFTER, len(self.taken)):
-            writer.report(tick, self.taken[tick])
-        return writer.close()
+def free_run(loss=0.0, max_force_n=0.5):
+    """Return a flight whose forces are lost on their way to the plant, or logged all the same."""
+    chance = random.Random(7)
+    flown = replace(make_run(30.0).flight.scenario, max_force_n=max_force_n)
+    lost = {k for k in range(1, flown.ticks + 1) if chance.random() < loss or k in LAME}
+    unlogged = {('control_force', k) for k in sorted(lost) if chance.random() < 0.5}
+    return FreeRun(flown, lost=lost, unlogged=unlogged)
 
 
 @pytest.fixture(scope='module')
 def free():
-    return FreeRun()
+    return free_run(0.2)
 
 
 def forged(name, tick, force):
     """Return a change that puts another force into one message."""
-
-    def change(topic, at, data):
-        if (topic, at) != (name, tick):
-            return data
-        return cdr.encode_wrench(cdr.stamp_ns(data), 'target_lvlh', force)
-
-    return change
+    return changed(name, tick, lambda d: cdr.encode_wrench(cdr.stamp_ns(d), 'target_lvlh', force))
 
 
 def test_answers_that_lack_are_no_fault_and_the_flight_verifies(free, tmp_path):
@@ -125,7 +58,7 @@ def test_answers_that_lack_are_no_fault_and_the_flight_verifies(free, tmp_path):
 
 
 def test_what_a_plant_limits_is_no_difference(tmp_path):
-    free = FreeRun(loss=0.0, max_force_n=0.05)
+    free = free_run(max_force_n=0.05)
     assert free.plant.saturated_ticks > 50
     free.write(tmp_path)
     assert verify(tmp_path).exit_code == 0, verify(tmp_path).sentence()
@@ -163,7 +96,7 @@ def test_a_force_flown_that_nobody_commanded_is_found(free, tmp_path):
 def test_where_an_answer_lacks_in_the_log_no_origin_is_missed(free, tmp_path):
     """The recorder may have lost what the plant got: a gap, and the dynamics are checked."""
     gone = {j for j in range(20, 26)}
-    run = FreeRun(loss=0.0)
+    run = free_run()
     run.messages = [m for m in run.messages if not (m[0] == FORCE and m[1] in gone)]
     run.write(tmp_path / 'run')
     found = verify(tmp_path / 'run')
@@ -171,14 +104,6 @@ def test_where_an_answer_lacks_in_the_log_no_origin_is_missed(free, tmp_path):
     run.write(tmp_path / 'forged', forged(APPLIED, 24, (0.01, 0.02, 0.03)))
     found = verify(tmp_path / 'forged').difference
     assert (found.tick, found.topic, found.check) == (25, STATE, 'dynamics')
-
-
-def test_diff_names_the_force_flown(free, tmp_path):
-    free.write(tmp_path / 'a')
-    free.write(tmp_path / 'b', forged(APPLIED, 9, (0.0, 0.0, 0.0)))
-    found = diff(tmp_path / 'a', tmp_path / 'b')
-    assert found.first['applied_force'][0] == 9
-    assert set(found.first) == {'applied_force'}
 
 
 @pytest.mark.parametrize('stale_after', ['1001', '-1', 'true', '"many"', '2026-02-30', '[1', '{}'])
@@ -194,7 +119,7 @@ def test_where_the_hold_is_not_known_nothing_is_said_to_be_proved(free, stale_af
 
 def test_of_two_answers_the_one_that_was_applied_is_logged(tmp_path):
     """Somebody else answers each state too, half of the time before the controller."""
-    free = FreeRun(loss=0.0)
+    free = free_run()
     free.write(tmp_path / 'a')
     chance, messages = random.Random(3), []
     for name, tick, data in free.messages:
@@ -231,66 +156,18 @@ class MixingPlant(FreeRunningPlant):
 
 
 def turning():
-    """Return 30 s of the shipped docking, whose thrusters empty its wheels at once."""
+    """Return 12 s of the shipped docking, whose thrusters empty its wheels at once."""
     found = yaml.safe_load(files.read_text(files.find('scenario', 'tumbling_docking')))
     found['attitude']['wheels']['start_nms'] = [0.07, -0.06, 0.0]
-    return scenario.parse({**found, 'duration_s': 30.0})
-
-
-def write_turning(folder, plant, lost=(), missed=()):
-    """Write the log of a chaser that turns.
-
-    lost : ticks whose body_force does not reach the plant; missed : ticks of which there is none
-    """
-    flown, law = plant.scenario, load_controller('allround')
-    chain = Chain.of(flown, law)
-    software = chain.part(*(place for place in Place if place < Place.UNLOADING))
-    steering = software.links[-1].stage
-    software.reset()
-    (delayed,) = (name for name in software.inputs if interfaces.current(name) != name)
-    before = (0.0, 0.0, 0.0)
-    said = []
-    for tick in range(flown.ticks + 1):
-        signals = {name: plant.signals[name] for name in interfaces.NEXT} | {delayed: before}
-        for link in software.links:
-            if link.stage is not steering or tick not in missed:
-                inputs = (signals[name] for name in link.reads)
-                made = link.stage.step(tick, *inputs)
-                signals |= dict(zip(link.stage.outputs, made, strict=True))
-        before = signals[interfaces.current(delayed)]
-        if 'body_force' in signals and tick not in lost:
-            whole = interfaces.row_of('body_force').whole(signals)
-            plant.answer('body_force', plant.stamp_ns, whole)
-        applied = plant.applied('body_force')
-        signals |= {'applied_body_force': applied[:3], 'applied_torque': applied[3:]}
-        stamp = plant.stamp_ns
-        if tick < flown.ticks:
-            plant.advance()
-        made = plant.signals if tick < flown.ticks else plant.last_signals(plant.answers)
-        said.append((stamp, {name: made[name] for name in plant.chain.outputs} | signals))
-    rows = [row for row in interfaces.rows(logged=True) if any(row.name in s for _, s in said)]
-    attached = {
-        'scenario.yaml': scenario.dumps(flown).encode(),
-        'controller.yaml': dumps(law).encode(),
-        'parameters.yaml': f'plant: {{stale_after_ticks: {STALE_AFTER}}}\n'.encode(),
-    }
-    base = TimeBase(flown.epoch_ns, flown.dt_ns, flown.ticks)
-    writer = RunLogWriter(folder, base, [CLOCK, *(f'/{row.name}' for row in rows)], attached)
-    for tick, (stamp, signals) in enumerate(said):
-        writer.write(CLOCK, tick, cdr.encode_clock(stamp))
-        for row in rows:
-            if row.name in signals:
-                data = row.layout_in(flown).encode(stamp, row.whole(signals))
-                writer.write(f'/{row.name}', tick, data)
-    writer.close()
+    return scenario.parse({**found, 'duration_s': 12.0})
 
 
 def test_torques_that_were_late_empty_the_wheels_as_they_acted(tmp_path):
     """And an attitude controller that missed ticks goes on with what it remembers."""
     flown = turning()
-    plant = FreeRunningPlant(flown, ['body_force'], STALE_AFTER)
     lost = {tick for tick in range(3, flown.ticks) if random.Random(tick).random() < 0.3}
-    write_turning(tmp_path / 'run', plant, lost, missed={90, 100, 101})
+    missed = {'attitude_control': {90, 100, 101}}
+    FreeRun(flown, 'allround', lost, missed).write(tmp_path / 'run')
     flight = read_flight(tmp_path / 'run')
     assert (flight.signal('unloading_torque') != 0.0).any(axis=1)[sorted(lost)].any()
     found = verify(tmp_path / 'run')
@@ -300,20 +177,18 @@ def test_torques_that_were_late_empty_the_wheels_as_they_acted(tmp_path):
 
 def test_a_command_whose_question_is_not_in_the_log_is_a_gap(tmp_path):
     """Any command passed for an answer where the log lacks what the controller read."""
-    (tmp_path / 'forged').mkdir()
-    write_turning(tmp_path / 'run', FreeRunningPlant(turning(), ['body_force'], STALE_AFTER))
+    run = FreeRun(turning(), 'allround')
+    run.write(tmp_path / 'run')
     assert verify(tmp_path / 'run').exit_code == 0
-    rewrite(
-        tmp_path / 'run/run.mcap', tmp_path / 'forged/run.mcap',
-        lambda name, tick, data: None if (name, tick) == ('/reference_state', 50) else data,
-    )  # fmt: skip
+    lost = changed('/reference_state', 50, None)
+    forge(tmp_path / 'run/run.mcap', tmp_path / 'forged', lost)
     gap = verify(tmp_path / 'forged').gaps[0]
     assert gap.startswith('controller could not be recomputed at 1 ticks, the first is 50')
 
 
 def test_a_torque_of_another_message_than_its_force_is_found(tmp_path):
     """Each of them had been commanded, and all that follows was flown."""
-    write_turning(tmp_path / 'run', MixingPlant(turning(), ['body_force'], STALE_AFTER))
+    FreeRun(turning(), 'allround', kind=MixingPlant).write(tmp_path / 'run')
     found = verify(tmp_path / 'run').difference
     assert (found.tick, found.check) == (MixingPlant.mixed, 'force applied')
     assert found.field.startswith('wrench.torque')

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from log_runs import TOPICS, Run, make_run, rewrite
+from log_runs import TOPICS, Run, changed, forge, make_run
 
 from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr, interfaces
@@ -72,14 +72,9 @@ def test_its_presence_is_verified(toy, tmp_path):
 
 def test_it_is_compared_and_exported(toy, tmp_path):
     toy.write(tmp_path / 'a')
-    (tmp_path / 'b').mkdir()
-
-    def change(name, tick, data):
-        other = cdr.encode_wrench(toy.base.stamp_ns(tick), 'target_lvlh', (0.0, 0.0, 0.0))
-        return other if (name, tick) == (TOY_FORCE, 12) else data
-
-    rewrite(tmp_path / 'a/run.mcap', tmp_path / 'b/run.mcap', change)
-    found = diff(tmp_path / 'a', tmp_path / 'b')
+    other = cdr.encode_wrench(toy.base.stamp_ns(12), 'target_lvlh', (0.0, 0.0, 0.0))
+    forged = forge(tmp_path / 'a/run.mcap', tmp_path / 'b', changed(TOY_FORCE, 12, other))
+    found = diff(tmp_path / 'a', forged)
     assert found.first == {'toy_force': (12, 'wrench.force.x', 12.0, 0.0)}
     export(tmp_path / 'a', tmp_path / 'a.npz')
     with np.load(tmp_path / 'a.npz') as table:

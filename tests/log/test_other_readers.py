@@ -12,17 +12,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from log_runs import DISTURBANCE, FORCE, STATE, STATUS
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_typestore
 
+from rpo_core.wire import cdr
 from rpo_mcap.errors import LogError
 from rpo_mcap.read.run_log import read_run
 from rpo_mcap.write.side_file import HealthLogWriter
 
-STORE = get_typestore(Stores.ROS2_JAZZY)
 JAVASCRIPT_PACKAGES = [
     '@mcap/core',
     '@foxglove/rosmsg',
@@ -69,9 +69,6 @@ def test_rosbags(folder, run):
             assert message.header.frame_id == 'target_lvlh'
     last = decoded[STATUS, run.base.stamp_ns(run.base.last_tick)]
     assert last.message == 'finished'
-
-
-def test_rosbags_opens_the_bare_file(folder):
     for path in folder.glob('*.mcap'):
         with AnyReader([path]) as reader:
             assert reader.message_count == sum(1 for _ in reader.messages())
@@ -91,23 +88,24 @@ def test_mcap_ros2_support(folder, run):
     assert sorted(found) == sorted(run.messages)
 
 
-def test_health_log_opens_in_rosbags(tmp_path):
-    kinds = STORE.types
-    stamp = kinds['builtin_interfaces/msg/Time'](sec=1, nanosec=2)
-    header = kinds['std_msgs/msg/Header'](stamp=stamp, frame_id='')
-    status = kinds['diagnostic_msgs/msg/DiagnosticStatus'](
-        level=0, name='plant: lockstep', message='running', hardware_id='none', values=[]
-    )
-    array = kinds['diagnostic_msgs/msg/DiagnosticArray'](header=header, status=[status] * 3)
-    data = bytes(STORE.serialize_cdr(array, array.__msgtype__))
+def test_the_health_log_opens_in_rosbags_and_is_never_overwritten(tmp_path):
+    data = cdr.encode_array(1, '', [cdr.Status(0, 'plant', 'flying', 'none', ())])
     log = HealthLogWriter(tmp_path)
-    for second in range(5):
+    for second in range(20):
         log.write(second * 10**9, data)
     log.close()
-    assert log.failure is None
+    assert log.failure is None and log.messages == 20
     with AnyReader([tmp_path / 'health.mcap']) as reader:
-        read = [bytes(raw) for _, _, raw in reader.messages()]
-    assert read == [data] * 5
+        read = [(c.msgtype, stamp, bytes(raw)) for c, stamp, raw in reader.messages()]
+    kind = 'diagnostic_msgs/msg/DiagnosticArray'
+    assert read == [(kind, second * 10**9, data) for second in range(20)]
+    with (tmp_path / 'health.mcap').open('rb') as stream:
+        records = make_reader(stream, validate_crcs=True).iter_metadata()
+        said = [yaml.safe_load(record.metadata['serialized_metadata']) for record in records]
+    assert [document['message_count'] for document in said] == [0, 20]
+    assert said[1]['duration'] == {'nanoseconds': 19 * 10**9}
+    with pytest.raises(LogError, match='exists already'):
+        HealthLogWriter(tmp_path)
 
 
 def javascript_packages() -> str | None:

@@ -19,20 +19,20 @@ import zstandard
 from doc_blocks import DOCS, code
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from log_runs import FORCE, STATE, STATUS, make_run, rewrite
+from log_runs import FORCE, STATE, STATUS, changed, forge
 from mcap.opcode import Opcode
 from mcap.records import Chunk, Message
 from mcap.writer import Writer
 
-from rpo_core.wire import cdr
-from rpo_mcap.errors import ExitCode, Fault, LogError
+from rpo_core.wire import cdr, interfaces
+from rpo_mcap.errors import ExitCode, LogError
 from rpo_mcap.format import rosbag2
 from rpo_mcap.format.run import TimeBase
-from rpo_mcap.read import decode, stream
+from rpo_mcap.read import decode
 from rpo_mcap.read.records import MAGIC, RECORD_HEAD, FileRecords, as_record, message_at
 from rpo_mcap.read.run_log import controller_of, read_flight, read_run, scenario_of
 from rpo_mcap.write.mcap_file import McapFile
-from tools.mutate_runs import Parts
+from tools.attack.runs import Parts
 
 QUICK = settings(max_examples=25, deadline=None, derandomize=True, database=None)
 
@@ -53,16 +53,15 @@ def put(tmp_path: Path, content: bytes) -> Path:
     return path
 
 
-def refusal(path: Path, kind: Fault) -> str:
+def refusal(path: Path) -> str:
     with pytest.raises(LogError) as found:
         read_run(path)
-    assert found.value.fault is kind, str(found.value)
     assert found.value.exit_code == ExitCode.BAD_INPUT
     assert '\n' not in str(found.value)
     return str(found.value)
 
 
-def test_arrays_are_the_flight(run, log):
+def test_arrays_are_the_flight(run, log, blocks):
     log = read_run(log)
     equal(log, run.flight)
     assert log.complete
@@ -84,11 +83,6 @@ def test_one_by_one_is_the_same(run, log, monkeypatch):
     assert len(log.non_canonical) == 4 * len(log.ticks)
 
 
-def test_in_small_blocks(run, log, monkeypatch):
-    monkeypatch.setattr(stream, 'BLOCK_TICKS', 3)
-    equal(read_run(log), run.flight)
-
-
 def test_in_chunks_of_another_writer(short_run, tmp_path):
     # one message a chunk, and none in a chunk: what tools that copy logs may make of it
     for name, options in (('tiny', {'chunk_size': 1}), ('bare', {'use_chunking': False})):
@@ -98,7 +92,7 @@ def test_in_chunks_of_another_writer(short_run, tmp_path):
             writer.add_metadata('rpo_run', short_run.base.to_record())
             channels = {}
             for topic in short_run.topics:
-                kind = rosbag2.definition({t.name: t for t in topics_of(short_run)}[topic].type)
+                kind = rosbag2.definition(interfaces.find(topic).type)
                 schema = writer.register_schema(kind.name, 'ros2msg', kind.text.encode())
                 channels[topic] = writer.register_channel(topic, 'cdr', schema, {})
             for topic, tick, data in short_run.messages:
@@ -110,12 +104,6 @@ def test_in_chunks_of_another_writer(short_run, tmp_path):
         assert log.complete
 
 
-def topics_of(run):
-    from rpo_mcap.topics import resolve
-
-    return resolve(run.topics)
-
-
 def test_flight_scenario_and_controller_come_back(run, log):
     flight = read_flight(log)
     assert flight.scenario == run.flight.scenario
@@ -124,12 +112,6 @@ def test_flight_scenario_and_controller_come_back(run, log):
     log = read_run(log)
     assert scenario_of(log) == run.flight.scenario
     assert controller_of(log).name == 'handmade'
-
-
-def test_flight_without_disturbance(tmp_path):
-    run = make_run(5.0, 'approach', (STATE, FORCE))
-    run.write(tmp_path)
-    assert not read_flight(tmp_path).disturbances_n.any()
 
 
 # Cut short
@@ -144,9 +126,8 @@ def test_a_log_cut_short_is_read_as_far_as_it_goes(run, log_bytes, chunks, tmp_p
     assert not log.complete
     assert 'cut short' in '; '.join(log.gaps) and 'rpo repair' in '; '.join(log.gaps)
     assert f'ends at tick {log.ticks[-1]} of 400' in '; '.join(log.gaps)
-    with pytest.raises(LogError, match='whole flight') as found:
+    with pytest.raises(LogError, match='whole flight'):
         read_flight(tmp_path)
-    assert found.value.fault is Fault.TRUNCATED
 
 
 @QUICK
@@ -161,11 +142,9 @@ def test_cut_anywhere(run, log_bytes, chunks, data, tmp_path_factory):
     path = put(tmp_path_factory.mktemp('cut'), log_bytes[:size])
     whole = sum(end <= size for end in ends)
     if size < 8:
-        refusal(path, Fault.NOT_MCAP)
+        refusal(path)
     elif whole == 0:
-        with pytest.raises(LogError) as found:
-            read_run(path)
-        assert found.value.fault in (Fault.NOT_A_RUN, Fault.EMPTY)
+        assert 'not the log of a run' in (said := refusal(path)) or 'no message' in said
     else:
         log = read_run(path)
         equal(log, run.flight)
@@ -200,51 +179,42 @@ def test_no_flipped_bit_goes_unnoticed(run, log_bytes, data, tmp_path_factory):
     equal(log, run.flight)
 
 
-def test_a_corrupt_chunk_is_named(log_bytes, chunks, tmp_path):
+@pytest.mark.parametrize(('end', 'place'), [(True, -9), (False, 9 + 24)])  # its data, its checksum
+def test_a_corrupt_chunk_is_named(log_bytes, chunks, tmp_path, end, place):
     chunk = chunks[20]
     content = bytearray(log_bytes)
-    content[chunk.chunk_start_offset + chunk.chunk_length - 9] ^= 0x10
-    said = refusal(put(tmp_path, bytes(content)), Fault.CORRUPT)
+    content[chunk.chunk_start_offset + place + end * chunk.chunk_length] ^= 0x10
+    said = refusal(put(tmp_path, bytes(content)))
     assert f'chunk at byte {chunk.chunk_start_offset}' in said
-
-
-def test_a_wrong_checksum_is_named(log_bytes, chunks, tmp_path):
-    chunk = chunks[20]
-    content = bytearray(log_bytes)
-    content[chunk.chunk_start_offset + 9 + 24] ^= 1  # the stored checksum itself
-    said = refusal(put(tmp_path, bytes(content)), Fault.CORRUPT)
-    assert 'its checksum does not fit' in said
+    assert end or 'its checksum does not fit' in said
 
 
 # Not a log of a run
 
 
 def test_what_is_no_mcap_file(tmp_path):
-    assert 'is empty' in refusal(put(tmp_path, b''), Fault.NOT_MCAP)
-    assert 'begins with 23 20' in refusal(put(tmp_path, b'# no log\n' * 9), Fault.NOT_MCAP)
-    assert 'does not exist' in refusal(tmp_path / 'nowhere', Fault.NOT_FOUND)
+    assert 'is empty' in refusal(put(tmp_path, b''))
+    assert 'begins with 23 20' in refusal(put(tmp_path, b'# no log\n' * 9))
+    assert 'does not exist' in refusal(tmp_path / 'nowhere')
     (tmp_path / 'folder').mkdir()
     (tmp_path / 'folder' / 'other.txt').write_text('')
-    said = refusal(tmp_path / 'folder', Fault.NOT_FOUND)
+    said = refusal(tmp_path / 'folder')
     assert 'no run.mcap' in said and 'other.txt' in said
-
-
-def test_a_folder_in_place_of_the_file_and_a_file_not_readable(tmp_path):
-    (tmp_path / 'run.mcap').mkdir()
-    assert 'cannot be read' in refusal(tmp_path, Fault.NOT_FOUND)
+    (tmp_path / 'folder' / 'run.mcap').mkdir()
+    assert 'cannot be read' in refusal(tmp_path / 'folder')
 
 
 def test_a_missing_part_is_named(run, tmp_path):
     run.write(tmp_path, split_s=10.0)
     (tmp_path / 'run_1.mcap').unlink()
-    assert 'run_1.mcap' in refusal(tmp_path, Fault.NOT_FOUND)
+    assert 'run_1.mcap' in refusal(tmp_path)
 
 
 def test_parts_of_different_runs(run, short_run, tmp_path):
     run.write(tmp_path / 'a', split_s=10.0)
     short_run.write(tmp_path / 'b')
     shutil.copy(tmp_path / 'b' / 'run.mcap', tmp_path / 'a' / 'run_4.mcap')
-    assert 'same run as run_0.mcap' in refusal(tmp_path / 'a', Fault.NOT_A_RUN)
+    assert 'same run as run_0.mcap' in refusal(tmp_path / 'a')
 
 
 def hand_made(
@@ -261,12 +231,12 @@ def hand_made(
         file.add_metadata('rpo_run', base if isinstance(base, dict) else base.to_record())
     channels = {}
     for topic, kind in types.items():
-        schema = file.add_schema(kind, rosbag2.definition(kind).text.encode())
-        channels[topic] = file.add_channel(topic, schema, {})
+        schema = file.register_schema(kind, 'ros2msg', rosbag2.definition(kind).text.encode())
+        channels[topic] = file.register_channel(topic, 'cdr', schema, {})
     for number, (topic, tick, time, data) in enumerate(messages, 1):
         file.add_messages(time, tick, [(channels[topic], data)])
         if number % chunk_messages == 0:
-            file.close_chunk()
+            file.flush()
     file.finish()
     file.close()
 
@@ -298,43 +268,41 @@ def late(tick: int, shift_ns: int):
 
 
 ONLY_STATUS = cdr.encode_status(0, 'run', 'x', 'none', {'tick': '0'})
-# What is in the log, the fault, and what is said of it.
+# What is in the log, and what is said of it.
 HAND_MADE = {
-    'no command': (({STATE: ODOMETRY}, [state_at(0)]), Fault.MISSING_TOPIC,
+    'no command': (({STATE: ODOMETRY}, [state_at(0)]),
                    ('no topic control_force', '/relative_state')),
-    'another type': (({STATE: ODOMETRY, FORCE: ODOMETRY}, [state_at(0)]), Fault.WRONG_TYPE,
-                     (WRENCH, ODOMETRY)),
-    'two runs': (({**USUAL, '/beta/control_force': WRENCH}, [state_at(0)]), Fault.WRONG_TYPE,
-                 ('same role',)),
-    'no message': ((USUAL, []), Fault.EMPTY, ('holds no message',)),
+    'another type': (({STATE: ODOMETRY, FORCE: ODOMETRY}, [state_at(0)]), (WRENCH, ODOMETRY)),
+    'two runs': (({**USUAL, '/beta/control_force': WRENCH}, [state_at(0)]), ('same role',)),
+    'no message': ((USUAL, []), ('holds no message',)),
     'only statuses': (({**USUAL, STATUS: STATUS_TYPE}, [(STATUS, 0, BASE.epoch_ns, ONLY_STATUS)]),
-                      Fault.EMPTY, ('only statuses',)),
-    'no time base': ((USUAL, both(0), None), Fault.NOT_A_RUN, ('rpo_run',)),
+                      ('only statuses',)),
+    'no time base': ((USUAL, both(0), None), ('rpo_run',)),
     'no tick length': ((USUAL, both(0), {'epoch_ns': '1', 'dt_ns': '0', 'last_tick': '3'}),
-                       Fault.NOT_A_RUN, ('rpo_run',)),
-    'half a time base': ((USUAL, both(0), {'epoch_ns': 'x'}), Fault.NOT_A_RUN, ('rpo_run',)),
-    'a newer format': ((USUAL, both(0), BASE, 'rpo_log/2'), Fault.NEWER, ('log format 2',)),
-    'a tick twice': ((USUAL, [*both(0), state_at(1), state_at(1)]), Fault.DUPLICATE_TICK,
+                       ('rpo_run',)),
+    'half a time base': ((USUAL, both(0), {'epoch_ns': 'x'}), ('rpo_run',)),
+    'a newer format': ((USUAL, both(0), BASE, 'rpo_log/2'), ('log format 2',)),
+    'a tick twice': ((USUAL, [*both(0), state_at(1), state_at(1)]),
                      ('tick 1 of /relative_state twice',)),
-    'time backwards': ((USUAL, both(0, 1, 2, 1)), Fault.TIME_BACKWARDS,
+    'time backwards': ((USUAL, both(0, 1, 2, 1)),
                        ('tick 1 of /relative_state comes after tick 2',)),
-    'another log time': ((USUAL, [*both(0), late(3, 1)]), Fault.BAD_STAMP, ('log time',)),
-    'a stamp of another tick': ((USUAL, [*both(0), late(4, 100_000_000)]), Fault.BAD_STAMP,
+    'another log time': ((USUAL, [*both(0), late(3, 1)]), ('log time',)),
+    'a stamp of another tick': ((USUAL, [*both(0), late(4, 100_000_000)]),
                                 ('tick 4 of /relative_state',)),
     'half a message': ((USUAL, [state_at(0), (FORCE, 0, BASE.epoch_ns, force_at(0)[3][:-8])]),
-                       Fault.BAD_MESSAGE, ('tick 0 of /control_force', WRENCH)),
+                       ('tick 0 of /control_force', WRENCH)),
     'half a status': (({**USUAL, STATUS: STATUS_TYPE},
                        [(STATUS, 0, BASE.epoch_ns, ONLY_STATUS[:-8]), *both(0)]),
-                      Fault.BAD_MESSAGE, ('tick 0 of /run_status', STATUS_TYPE)),
+                      ('tick 0 of /run_status', STATUS_TYPE)),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize('case', HAND_MADE)
 def test_what_is_wrong_with_a_log_is_said(tmp_path, case):
-    (types, messages, *more), fault, said = HAND_MADE[case]
+    (types, messages, *more), said = HAND_MADE[case]
     path = tmp_path / 'run.mcap'
     hand_made(path, types, messages, *(more or (BASE,)))
-    sentence = refusal(path, fault)
+    sentence = refusal(path)
     assert all(words in sentence for words in said), sentence
 
 
@@ -342,15 +310,13 @@ def test_what_is_wrong_with_a_log_is_said(tmp_path, case):
 def test_order_across_chunks(tmp_path, ticks):
     path = tmp_path / 'run.mcap'
     hand_made(path, USUAL, both(*ticks), BASE, chunk_messages=2)
-    expected = Fault.DUPLICATE_TICK if ticks[-1] == 3 else Fault.TIME_BACKWARDS
-    refusal(path, expected)
+    assert ('twice' if ticks[-1] == 3 else 'runs backwards') in refusal(path)
 
 
 def test_missing_attachment(short_run, tmp_path):
     replace(short_run, attachments={}).write(tmp_path)
-    with pytest.raises(LogError, match=r'must carry scenario\.yaml; it carries no file') as found:
+    with pytest.raises(LogError, match=r'must carry scenario\.yaml; it carries no file'):
         read_flight(tmp_path)
-    assert found.value.fault is Fault.MISSING_ATTACHMENT
 
 
 @pytest.mark.parametrize(
@@ -369,24 +335,19 @@ def test_bad_attachment(short_run, tmp_path, old, new, said):
     replace(short_run, attachments=attached).write(tmp_path)
     with pytest.raises(LogError, match=said) as found:
         read_flight(tmp_path)
-    assert found.value.fault is Fault.BAD_ATTACHMENT
     assert '\n' not in str(found.value)
 
 
 def test_what_else_a_message_holds_is_kept(run, log, tmp_path):
-    def change(topic, tick, data):
-        return data[:200] + b'\x01' + data[201:] if (topic, tick) == (STATE, 77) else data
-
-    rewrite(log, tmp_path / 'other.mcap', change)
-    log = read_run(tmp_path / 'other.mcap')
+    odd = changed(STATE, 77, lambda d: d[:200] + b'\x01' + d[201:])
+    log = read_run(forge(log, tmp_path, odd))
     equal(log, run.flight)
     assert [(odd.tick, odd.topic.name) for odd in log.non_canonical] == [(77, STATE)]
 
 
 def test_holes_are_nan_and_counted(log, tmp_path):
-    lost = {(FORCE, 100), (FORCE, 101), (STATE, 250)}
-    rewrite(log, tmp_path / 'other.mcap', lambda n, t, d: None if (n, t) in lost else d)
-    log = read_run(tmp_path / 'other.mcap')
+    lost = (FORCE, 100), (FORCE, 101), (STATE, 250)
+    log = read_run(forge(log, tmp_path, *(changed(*each, None) for each in lost)))
     assert log.missing == {FORCE: 2, STATE: 1}
     assert np.flatnonzero(np.isnan(log.forces_n[:, 0])).tolist() == [100, 101]
     assert np.flatnonzero(np.isnan(log.states[:, 0])).tolist() == [250]
@@ -422,7 +383,7 @@ def test_a_bomb_is_refused_before_it_is_unpacked(tmp_path, name, packed):
     size = 1 << 28
     path = foreign(tmp_path / 'run.mcap', HEADER, chunk(packed(bytes(size)), name, size))
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    assert f'it would have {size} bytes; at most' in refusal(path, Fault.CORRUPT)
+    assert f'it would have {size} bytes; at most' in refusal(path)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000
 
 
@@ -442,7 +403,7 @@ def test_a_chunk_of_zeros_is_refused_at_its_first_record(tmp_path):
     size = 1 << 20
     packed = zstandard.compress(bytes(size - len(data)) + data)
     path = foreign(tmp_path / 'run.mcap', HEADER, chunk(packed, 'zstd', size))
-    assert 'it holds a record of kind 0' in refusal(path, Fault.CORRUPT)
+    assert 'it holds a record of kind 0' in refusal(path)
 
 
 def test_a_sparse_record_is_not_read(tmp_path):
@@ -450,7 +411,7 @@ def test_a_sparse_record_is_not_read(tmp_path):
     path = foreign(
         tmp_path / 'run.mcap', HEADER, record(Opcode.ATTACHMENT, b'', length), size=length + 100
     )
-    assert f'it has {length} bytes; at most' in refusal(path, Fault.CORRUPT)
+    assert f'it has {length} bytes; at most' in refusal(path)
 
 
 def test_what_follows_the_end_is_damage(log_bytes, tmp_path):
@@ -466,12 +427,10 @@ def test_two_files_of_one_name_are_refused(log, tmp_path, name, same):
         data = found.data if same else found.data + b'# another\n'
         parts.records.insert(5, replace(found, data=data))
 
-    assert f'carries two files named {name!r}' in refusal(
-        changed(log, tmp_path, attach), Fault.BAD_ATTACHMENT
-    )
+    assert f'carries two files named {name!r}' in refusal(rewritten(log, tmp_path, attach))
 
 
-def changed(log: Path, tmp_path: Path, change) -> Path:
+def rewritten(log: Path, tmp_path: Path, change) -> Path:
     parts = Parts.of(log)
     change(parts)
     parts.write(tmp_path / 'run.mcap')
@@ -495,7 +454,7 @@ def test_a_channel_that_changes_its_topic_is_refused(log, tmp_path):
     at = bytes(data).index(RECORD_HEAD.pack(Opcode.DATA_END, 4), end) + 9
     data[at : at + 4] = bytes(4)  # no checksum
     path.write_bytes(bytes(data))
-    assert 'two channel records of number 1' in refusal(path, Fault.CORRUPT)
+    assert 'two channel records of number 1' in refusal(path)
 
 
 @pytest.mark.parametrize('version', ['²', '٣', '9' * 5000, ''])
@@ -503,12 +462,12 @@ def test_a_version_that_is_no_number_is_no_newer_one(log, tmp_path, version):
     def rename(parts: Parts) -> None:
         parts.records[0] = replace(parts.records[0], library=f'rpo_log/{version}')
 
-    assert read_run(changed(log, tmp_path, rename)).complete
+    assert read_run(rewritten(log, tmp_path, rename)).complete
 
 
 def test_parts_of_a_split_log_are_numbered_in_plain_digits(log, tmp_path):
     shutil.copy(log, tmp_path / 'run_²0.mcap')
-    assert 'holds no run.mcap' in refusal(tmp_path, Fault.NOT_FOUND)
+    assert 'holds no run.mcap' in refusal(tmp_path)
 
 
 def test_the_recipe_of_the_python_page_reads_a_log(short_run, tmp_path, capsys):
@@ -522,7 +481,7 @@ def test_the_recipe_of_the_python_page_reads_a_log(short_run, tmp_path, capsys):
 
 def test_a_chunk_that_is_packed_in_another_way_is_refused(tmp_path):
     path = foreign(tmp_path / 'run.mcap', HEADER, chunk(b'data', 'snappy', 4))
-    assert "unknown compression 'snappy'" in refusal(path, Fault.CORRUPT)
+    assert "unknown compression 'snappy'" in refusal(path)
 
 
 def test_a_message_in_no_chunk_is_the_record_of_one_in_a_chunk():

@@ -11,12 +11,11 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 import yaml
-from mcap.records import Metadata
 from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 
 from rpo_log.tools.repair import FileRepair, repair
-from rpo_mcap.errors import ExitCode, Fault, LogError
+from rpo_mcap.errors import ExitCode, LogError
 from rpo_mcap.format import rosbag2
 from rpo_mcap.read.run_log import read_run
 from rpo_mcap.write.side_file import HealthLogWriter
@@ -60,34 +59,18 @@ def test_a_cut_folder(run, log_bytes, tmp_path, share):
     strict(done.output / 'run.mcap')
 
 
-def test_the_sound_part_keeps_its_bytes(log_bytes, chunks, tmp_path):
-    last = chunks[-3]
-    size = last.chunk_start_offset + last.chunk_length + last.message_index_length
-    folder = cut(tmp_path / 'log', log_bytes, size + 100)
-    mended = (repair(folder).output / 'run.mcap').read_bytes()
-    assert mended[:size] == log_bytes[:size]
-
-
-def test_a_repaired_log_is_the_log_of_a_shorter_recording(run, log_bytes, chunks, tmp_path):
+@pytest.mark.parametrize('more', [0, 100])
+def test_a_repaired_log_is_the_log_of_a_shorter_recording(run, log_bytes, chunks, tmp_path, more):
     # what the recorder writes when it stops there: the same bytes, index and all
     last = chunks[40]
     end = last.chunk_start_offset + last.chunk_length + last.message_index_length
-    folder = cut(tmp_path / 'log', log_bytes, end)
+    folder = cut(tmp_path / 'log', log_bytes, end + more)
     ticks = len(read_run(folder).ticks)
     sent = [m for m in run.messages if m[1] < ticks]
     run.write(tmp_path / 'shorter', sent)
     done = repair(folder)
     for name in ('run.mcap', 'metadata.yaml'):
         assert (done.output / name).read_bytes() == (tmp_path / 'shorter' / name).read_bytes()
-
-
-def test_metadata_yaml_and_the_record_in_the_file_agree(log_bytes, tmp_path):
-    done = repair(cut(tmp_path / 'log', log_bytes, len(log_bytes) // 2))
-    said = [r for r in strict(done.output / 'run.mcap') if isinstance(r, Metadata)]
-    rosbag2 = [r.metadata['serialized_metadata'] for r in said if r.name == 'rosbag2']
-    assert len(rosbag2) == 2
-    on_disk = yaml.safe_load((done.output / 'metadata.yaml').read_text())
-    assert yaml.safe_load(rosbag2[1]) == on_disk['rosbag2_bagfile_information']
 
 
 def test_in_place_keeps_the_damaged_file(run, log_bytes, tmp_path):
@@ -114,9 +97,8 @@ def test_one_file(log_bytes, tmp_path):
 def test_nothing_is_overwritten(log_bytes, tmp_path):
     folder = cut(tmp_path / 'log', log_bytes, len(log_bytes) // 2)
     repair(folder)
-    with pytest.raises(LogError) as found:
+    with pytest.raises(LogError, match='exists already'):
         repair(folder)
-    assert found.value.fault is Fault.EXISTS
     (tmp_path / 'taken.mcap').write_text('')
     with pytest.raises(LogError):
         repair(folder / 'run.mcap', tmp_path / 'taken.mcap')
@@ -209,15 +191,12 @@ def test_the_health_log_too(short_run, tmp_path):
 
 def test_nothing_sound_is_said(log_bytes, chunks, tmp_path):
     folder = cut(tmp_path / 'log', log_bytes, chunks[0].chunk_start_offset + 100)
-    with pytest.raises(LogError, match='cannot be repaired: no whole chunk') as found:
+    with pytest.raises(LogError, match='cannot be repaired: no whole chunk'):
         repair(folder / 'run.mcap')
-    assert found.value.fault is Fault.EMPTY
     assert FileRepair(folder).bag_file('a') == rosbag2.BagFile('a', 0, 0, 0)
-    for path in (tmp_path / 'nowhere', tmp_path):
-        with pytest.raises(LogError) as found:
+    for path, said in ((tmp_path / 'nowhere', 'not exist'), (tmp_path, 'no run.mcap')):
+        with pytest.raises(LogError, match=said):
             repair(path)
-        assert found.value.fault is Fault.NOT_FOUND
     (tmp_path / 'text.mcap').write_text('no log')
-    with pytest.raises(LogError) as found:
+    with pytest.raises(LogError, match='is not an MCAP file'):
         repair(tmp_path / 'text.mcap')
-    assert found.value.fault is Fault.NOT_MCAP

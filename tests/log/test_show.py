@@ -83,7 +83,7 @@ def test_the_picture_has_the_flight_and_its_limits(flight):
 
 def test_names_hide_no_point_no_line_and_no_other_name():
     rng = np.random.default_rng(3)
-    crowd = [(*spot, f'controller_{k}') for k, spot in enumerate(rng.normal(3.0, 0.7, (9, 2)))]
+    crowd = [(*spot, f'controller_{k}') for k, spot in enumerate(rng.normal(3.0, 0.7, (6, 2)))]
     points = [*crowd, (1.0, 1.0, 'corner'), (9.0, 9.0, 'other corner')]
     found = []
     for _ in range(2):

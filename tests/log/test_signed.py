@@ -20,15 +20,15 @@ from rpo_core.files.validation import InputError
 from rpo_log import signature
 from rpo_log.signature import sign_run
 from rpo_log.verify import verify
-from rpo_mcap.errors import ExitCode, Fault, LogError
+from rpo_mcap.errors import ExitCode, LogError
 from rpo_mcap.format import sums
 from rpo_mcap.format.run import prepare_folder
 from rpo_mcap.format.sums import MAX_BESIDE_BYTES, Sums
 from rpo_mcap.read.records import MAX_REST_BYTES
 from rpo_mcap.read.stream import RunReader
-from tools import mutate_runs
-from tools.mutate_runs import Parts, SignedCase, cases_of
-from tools.mutating import judge_cases
+from tools.attack import runs
+from tools.attack.cases import judge_cases
+from tools.attack.runs import Parts, SignedCase, cases_of
 
 NONE = '0' * 64
 FILES = ('decisions.mcap', 'health.mcap', 'metadata.yaml', 'run.mcap', 'run_info.yaml')
@@ -116,9 +116,8 @@ def sign_some(folder: Path, keys: Path, *without: str) -> None:
 def test_sums_that_are_none(folder, line):
     with (folder / 'SHA256SUMS').open('a') as stream:
         stream.write(f'{line}\n')
-    with pytest.raises(LogError, match='SHA256SUMS: line 6 must be a SHA-256') as found:
+    with pytest.raises(LogError, match='SHA256SUMS: line 6 must be a SHA-256'):
         verify(folder)
-    assert found.value.fault is Fault.BAD_SUMS
 
 
 @pytest.mark.parametrize('change', [lambda _: b'', lambda data: data[:-1]])
@@ -287,9 +286,8 @@ def test_a_folder_has_one_log(folder, parts, other, tmp_path, keys, name):
     sign_run(folder, keys / 'me.pem')
     shutil.copy(other / 'run.mcap', folder / name)
     for use in (verify, RunReader, lambda path: sign_run(path, keys / 'me.pem')):
-        with pytest.raises(LogError, match=r'must hold one log, run\.mcap or run_0\.mcap') as found:
+        with pytest.raises(LogError, match=r'must hold one log, run\.mcap or run_0\.mcap'):
             use(folder)
-        assert found.value.fault is Fault.NOT_A_RUN
     prepare_folder(folder, overwrite=True)
     assert not list(folder.glob('run*.mcap'))
 
@@ -420,7 +418,7 @@ def test_a_log_that_is_too_long_beside_one_that_cannot_be_read(parts, tmp_path):
 
 def test_lies_about_a_signed_run_are_not_accepted(recorded, other):
     make = partial(cases_of, run=recorded, signed=True, other=other)
-    found = judge_cases(make, seed=1, first=0, last=30)
+    found = judge_cases(make, seed=1, first=0, last=20)
     assert not [key for key in found if key[0].split()[0].isupper()]
     assert {outcome for outcome, _ in found} == {'refused', 'different', 'incomplete'}
 
@@ -443,5 +441,5 @@ def test_the_bench_sees_a_verifier_that_believes(recorded, other, tmp_path, monk
         found = replace(found, gaps=('a gap',))
     if said == 'NOT EXIT CODE 1':
         found = replace(found, signed_by=None)
-    monkeypatch.setattr(mutate_runs, 'verify', lambda *_: found)
-    assert said in {case.judge(1, number, tmp_path)[0] for number in range(12)}
+    monkeypatch.setattr(runs, 'verify', lambda *_: found)
+    assert said in {case.judge(1, number, tmp_path)[0] for number in range(20)}

@@ -18,8 +18,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import yaml
-from log_runs import DISTURBANCE, FORCE, STATE, STATUS, file_size_limit, make_run, rewrite
-from mcap.reader import make_reader
+from log_runs import DISTURBANCE, FORCE, STATE, STATUS, changed, file_size_limit, forge, make_run
 from typer.testing import CliRunner
 
 from rpo_cli.cli import app
@@ -34,7 +33,7 @@ from rpo_log.tools.diff import diff
 from rpo_log.tools.export import export
 from rpo_log.tools.info import inspect
 from rpo_log.verify import verify
-from rpo_mcap.errors import ExitCode, Fault, LogError
+from rpo_mcap.errors import ExitCode, LogError
 from rpo_mcap.read import stream
 from rpo_mcap.read.run_log import read_run
 from rpo_mcap.write.side_file import HealthLogWriter
@@ -132,16 +131,17 @@ def test_the_same_run_twice_is_equal(run, log, tmp_path):
 def test_the_first_difference_of_each_topic(log, tmp_path, monkeypatch, blocks):
     monkeypatch.setattr(stream, 'BLOCK_TICKS', blocks)
 
-    def change(name, tick, data):
-        if name == STATE and tick in (70, 90):
+    def more(by):
+        def change(data):
             wrench = list(cdr.decode_stamped(cdr.ODOMETRY, data).floats)
             state = wrench[:3] + wrench[43:46]
-            state[4] += 0.25 if tick == 70 else 0.5
+            state[4] += by
             return cdr.encode_odometry(cdr.stamp_ns(data), 'target_lvlh', 'chaser', state)
-        return None if (name, tick) == (DISTURBANCE, 300) else data
 
-    rewrite(log, tmp_path / 'b.mcap', change)
-    found = diff(log, tmp_path / 'b.mcap')
+        return change
+
+    changes = changed(STATE, 70, more(0.25)), changed(STATE, 90, more(0.5))
+    found = diff(log, forge(log, tmp_path, *changes, changed(DISTURBANCE, 300, None)))
     assert found.exit_code == ExitCode.DIFFERENT
     tick, field, a, b = found.first['relative_state']
     assert (tick, field) == (70, 'twist.twist.linear.y')
@@ -153,18 +153,13 @@ def test_the_first_difference_of_each_topic(log, tmp_path, monkeypatch, blocks):
     assert any('is missing' in line or 'and missing' in line for line in found.lines())
 
 
-def test_minus_zero_is_not_zero(log, tmp_path):
-    for name, value in (('a', 0.0), ('b', -0.0)):
-        rewrite(
-            log,
-            tmp_path / f'{name}.mcap',
-            lambda n, t, d, value=value: (
-                cdr.encode_wrench(cdr.stamp_ns(d), 'target_lvlh', [value, 1.0, 1.0])
-                if (n, t) == (FORCE, 50)
-                else d
-            ),
-        )
-    found = diff(tmp_path / 'a.mcap', tmp_path / 'b.mcap')
+def test_minus_zero_is_not_zero(run, log, tmp_path):
+    stamp_ns = run.base.stamp_ns(50)
+    forces = (cdr.encode_wrench(stamp_ns, 'target_lvlh', [x, 1.0, 1.0]) for x in (0.0, -0.0))
+    plus, minus = (
+        forge(log, tmp_path / str(i), changed(FORCE, 50, force)) for i, force in enumerate(forces)
+    )
+    found = diff(plus, minus)
     assert found.first == {'control_force': (50, 'wrench.force.x', 0.0, -0.0)}
     assert found.largest == {}
 
@@ -177,18 +172,14 @@ def test_what_differs_beside_the_ticks(run, short_run, log, tmp_path):
     assert 'they end at ticks 400 and 50' in said
     assert not found.first  # the flight is the same as far as both go
 
-    rewrite(
-        log,
-        tmp_path / 'odd.mcap',
-        lambda n, t, d: d.replace(b'chaser', b'chased') if (n, t) == (STATE, 3) else d,
-    )
-    said = '\n'.join(diff(log, tmp_path / 'odd.mcap').lines())
+    odd = changed(STATE, 3, lambda d: d.replace(b'chaser', b'chased'))
+    said = '\n'.join(diff(log, forge(log, tmp_path, odd)).lines())
     assert 'more than a stamp' in said
 
     figures = {**run.figures(400, 'finished'), 'energy_n2s': '0.0'}
     lie = cdr.encode_status(0, 'run', 'finished', 'none', figures)
-    rewrite(log, tmp_path / 'said.mcap', lambda n, t, d: lie if (n, t) == (STATUS, 400) else d)
-    assert 'run_status differs' in '\n'.join(diff(log, tmp_path / 'said.mcap').lines())
+    found = diff(log, forge(log, tmp_path, changed(STATUS, 400, lie)))
+    assert 'run_status differs' in '\n'.join(found.lines())
 
 
 # export
@@ -221,6 +212,7 @@ def test_npz(run, log, tmp_path):
             np.testing.assert_array_equal(found[name], values)
 
 
+@pytest.mark.every_landing
 def test_another_library_reads_the_oem(run, log, tmp_path):
     """Written by ccsds-ndm-py, read by oem."""
     assert export(log, tmp_path / 'run.oem') == 401
@@ -281,41 +273,21 @@ def test_without_disturbance(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('name', 'kind', 'said'),
+    ('name', 'said'),
     [
-        ('taken.csv', Fault.EXISTS, 'exists already'),
-        ('run.xlsx', Fault.CANNOT_WRITE, r'must end in one of \.csv'),
-        ('nowhere/run.csv', Fault.CANNOT_WRITE, 'No such file'),
+        ('taken.csv', 'exists already'),
+        ('run.xlsx', r'must end in one of \.csv'),
+        ('nowhere/run.csv', 'No such file'),
     ],
 )
-def test_outputs_that_cannot_be(log, tmp_path, name, kind, said):
+def test_outputs_that_cannot_be(log, tmp_path, name, said):
     (tmp_path / 'taken.csv').write_text('mine')
-    with pytest.raises(LogError, match=said) as found:
+    with pytest.raises(LogError, match=said):
         export(log, tmp_path / name)
-    assert found.value.fault is kind
     assert (tmp_path / 'taken.csv').read_text() == 'mine'
 
 
 # beside the log
-
-
-def test_health_log(tmp_path):
-    health = HealthLogWriter(tmp_path)
-    for second in range(20):
-        health.write(second * 10**9, b'\x00\x01\x00\x00' + bytes(16))
-    health.close()
-    with (tmp_path / 'health.mcap').open('rb') as file:
-        reader = make_reader(file, validate_crcs=True)
-        messages = list(reader.iter_messages())
-        assert reader.get_header().profile == 'ros2'
-        said = [yaml.safe_load(r.metadata['serialized_metadata']) for r in reader.iter_metadata()]
-    assert [document['message_count'] for document in said] == [0, 20]
-    assert said[1]['duration'] == {'nanoseconds': 19 * 10**9}
-    assert len(messages) == health.messages == 20
-    assert messages[0][0].name == 'diagnostic_msgs/msg/DiagnosticArray'
-    assert messages[3][2].log_time == 3 * 10**9
-    with pytest.raises(LogError, match='exists already'):
-        HealthLogWriter(tmp_path)
 
 
 def test_a_full_disk_ends_the_health_log_quietly(tmp_path):
@@ -335,13 +307,6 @@ def test_run_info(tmp_path):
     assert found['machine']['libraries']['mcap']
     with pytest.raises(LogError, match='cannot hold a log'):
         write_run_info(tmp_path / 'nowhere', {})
-
-
-def test_wall_clock_and_machine_are_not_in_the_log(run, log):
-    facts = machine_facts()
-    content = log.read_bytes() + b''.join(read_run(log).attachments.values())
-    for secret in (facts['system'], facts['python'], facts['processor'], str(log.parent)):
-        assert secret.encode() not in content
 
 
 # `rpo simulate --output`: a run folder that every command takes, without ROS

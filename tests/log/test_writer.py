@@ -41,10 +41,10 @@ from rpo_core.wire.interfaces import MOST_AHEAD_TICKS, REMEMBERED_TICKS
 from rpo_core.world.disturbance import NONE
 from rpo_log.manifests import Manifests
 from rpo_log.tools.repair import repair
-from rpo_mcap.errors import Fault, LogError
+from rpo_mcap.errors import ExistsAlready, LogError
 from rpo_mcap.format import run as run_format
 from rpo_mcap.format.run import TimeBase
-from rpo_mcap.read.run_log import read_run
+from rpo_mcap.read.run_log import read_flight, read_run
 from rpo_mcap.write.mcap_file import McapFile
 from rpo_mcap.write.side_file import HealthLogWriter
 from rpo_mcap.write.writer import Claims, RunLogWriter
@@ -64,21 +64,13 @@ def test_the_same_bytes_in_any_order_of_arrival(run, tmp_path, seed, options):
     assert digests(tmp_path / 'a') == digests(tmp_path / 'b')
 
 
-def test_the_same_bytes_whatever_the_senders_buffers_held(run, tmp_path):
-    def dirty(data: bytes, size: int) -> bytes:
-        # the gap before the floats of an odometry, as the middleware leaves it
-        return data if size != 724 else data[:39] + b'\x7f\x7f\x7f\x7f\x7f' + data[44:]
-
-    run.write(tmp_path / 'a')
-    run.write(tmp_path / 'b', [(n, t, dirty(d, len(d))) for n, t, d in run.messages])
-    assert digests(tmp_path / 'a') == digests(tmp_path / 'b')
-
-
-def test_record_finds_the_tick_in_the_message(run, tmp_path):
+def test_the_same_bytes_by_the_stamps_alone_and_whatever_the_senders_buffers_held(run, tmp_path):
+    """Of an odometry there is a gap before its floats, which the middleware leaves as it was."""
     run.write(tmp_path / 'a')
     writer = RunLogWriter(tmp_path / 'b', run.base, run.topics, run.attachments)
     for name, _, data in run.messages:
-        writer.record(name, data)
+        dirty = data[:39] + b'\x7f\x7f\x7f\x7f\x7f' + data[44:]
+        writer.record(name, dirty if name == STATE else data)
     assert writer.close().whole
     assert digests(tmp_path / 'a') == digests(tmp_path / 'b')
 
@@ -96,9 +88,8 @@ def test_topics_may_live_in_a_namespace(short_run, tmp_path):
 
 @pytest.mark.parametrize('names', [(STATE, '/odometry'), (STATE, '/beta/relative_state')])
 def test_topics_without_or_with_the_same_role_are_refused(short_run, tmp_path, names):
-    with pytest.raises(LogError) as found:
+    with pytest.raises(LogError, match='role'):
         RunLogWriter(tmp_path / 'log', short_run.base, names, {})
-    assert found.value.fault is Fault.WRONG_TYPE
     assert not (tmp_path / 'log').exists()
 
 
@@ -107,7 +98,7 @@ def test_without_clock_disturbance_or_status(tmp_path):
     assert run.write(tmp_path).whole
     log = read_run(tmp_path)
     assert log.complete
-    assert log.disturbances_n is None
+    assert log.disturbances_n is None and not read_flight(tmp_path).disturbances_n.any()
     np.testing.assert_array_equal(log.forces_n, run.flight.forces_n)
 
 
@@ -155,9 +146,8 @@ def test_an_existing_log_is_never_overwritten_without_being_asked_to(short_run, 
     short_run.write(tmp_path)
     (tmp_path / 'notes.txt').write_text('mine')
     before = digests(tmp_path)
-    with pytest.raises(LogError, match='holds a log already') as found:
+    with pytest.raises(ExistsAlready, match='holds a log already') as found:
         short_run.write(tmp_path)
-    assert found.value.fault is Fault.EXISTS
     assert '`--overwrite`' in str(found.value) and '-p overwrite:=true' in str(found.value)
     assert digests(tmp_path) == before
     short_run.write(tmp_path, split_s=2.0, overwrite=True)
@@ -168,9 +158,8 @@ def test_an_existing_log_is_never_overwritten_without_being_asked_to(short_run, 
 
 def test_a_place_that_takes_no_log_is_named(short_run, tmp_path):
     (tmp_path / 'file').write_text('')
-    with pytest.raises(LogError, match=r'file.*cannot hold a log: ') as found:
+    with pytest.raises(LogError, match=r'file.*cannot hold a log: '):
         short_run.write(tmp_path / 'file' / 'log')
-    assert found.value.fault is Fault.CANNOT_WRITE
 
 
 def test_messages_after_the_end_are_counted(short_run, tmp_path):
@@ -246,7 +235,7 @@ def test_a_side_file_whose_end_does_not_reach_the_disk_says_so(tmp_path, monkeyp
 
 
 def test_a_side_file_that_cannot_be_begun_is_refused_and_closed(tmp_path, monkeypatch):
-    monkeypatch.setattr(McapFile, 'close_chunk', Mock(side_effect=OSError(28, 'No space left')))
+    monkeypatch.setattr(McapFile, 'flush', Mock(side_effect=OSError(28, 'No space left')))
     closed = Mock()
     monkeypatch.setattr(McapFile, 'close', closed)
     with pytest.raises(LogError, match=r'health.mcap.*No space left'):
@@ -268,34 +257,24 @@ def test_a_status_is_of_the_run_if_it_fits_a_state_that_was_published():
     assert [fits for _, fits in claims.weigh(log, None, 1.0)] == [True, True, False]
 
 
-def test_a_folder_that_vanishes_is_noticed(run, tmp_path):
-    folder = tmp_path / 'log'
+@pytest.mark.parametrize('moved', [False, True])
+def test_a_folder_that_vanishes_is_noticed_and_one_that_is_renamed_is_no_loss(run, tmp_path, moved):
+    folder, half = tmp_path / 'log', len(run.messages) // 2
     writer = RunLogWriter(folder, run.base, run.topics, run.attachments)
-    half = len(run.messages) // 2
     for message in run.messages[:half]:
         writer.write(*message)
     assert writer.failure is None
-    shutil.rmtree(folder)
+    folder.rename(tmp_path / 'moved') if moved else shutil.rmtree(folder)
     for message in run.messages[half:]:
         writer.write(*message)
-    assert writer.failure == 'the file was deleted'
     summary = writer.close()
-    assert summary.failure and summary.lost > 0
     assert not folder.exists()
-
-
-def test_a_renamed_folder_is_no_loss(run, tmp_path):
-    writer = RunLogWriter(tmp_path / 'log', run.base, run.topics, run.attachments)
-    half = len(run.messages) // 2
-    for message in run.messages[:half]:
-        writer.write(*message)
-    (tmp_path / 'log').rename(tmp_path / 'moved')
-    for message in run.messages[half:]:
-        writer.write(*message)
-    summary = writer.close()
-    assert summary.failure  # metadata.yaml has no place
-    assert sum(summary.messages.values()) == len(run.messages)
-    assert not read_run(tmp_path / 'moved').damage
+    if moved:
+        assert summary.failure == 'No such file or directory'  # metadata.yaml has no place
+        assert sum(summary.messages.values()) == len(run.messages)
+        assert not read_run(tmp_path / 'moved').damage
+    else:
+        assert summary.failure == 'the file was deleted' and summary.lost > 0
 
 
 def test_time_base():
@@ -305,23 +284,6 @@ def test_time_base():
     assert TimeBase(0, 100_000_000, 1).chunk_ticks == 10  # one second
     assert TimeBase(0, 2_000_000_000, 1).chunk_ticks == 1
     assert TimeBase(0, 1_000, 1).chunk_ticks == 512
-
-
-def test_a_chunk_never_holds_more_than_the_rule_says(run, chunks):
-    ticks = {}
-    for chunk in chunks:
-        first = (chunk.message_start_time - run.base.epoch_ns) // run.base.dt_ns
-        last = (chunk.message_end_time - run.base.epoch_ns) // run.base.dt_ns
-        ticks.setdefault(first, last - first + 1)
-    for first, count in ticks.items():
-        assert count <= max(1, min((first + count) // 25, 10))
-
-
-def test_status_alone_is_in_a_chunk_of_its_own(chunks, run):
-    last = chunks[-1]
-    assert last.message_start_time == run.base.stamp_ns(run.base.last_tick)
-    assert len(last.message_index_offsets) == 1
-    assert STATUS in run.topics
 
 
 def hostile(run, rng):
@@ -362,8 +324,8 @@ def test_hostile_messages_leave_the_same_bytes(tmp_path, seed, delay_ticks):
     reported: set[int] = set()
     for name, data in sent:
         writer.record(name, data)
-        if writer.asks_from is not None:
-            oldest = max(writer.asks_from, writer.next_tick - REMEMBERED_TICKS)
+        if writer.orderer.asks_from is not None:
+            oldest = max(writer.orderer.asks_from, writer.next_tick - REMEMBERED_TICKS)
             for tick in {*range(oldest, writer.latest + 1)} - reported:
                 run.report(writer, tick)
                 reported.add(tick)

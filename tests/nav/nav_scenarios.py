@@ -50,6 +50,10 @@ TUMBLING = {
     'attitude': [0.1, -0.2, 0.3, 0.9],
     'rates_deg_s': [1.5, -1.0, 2.0],
 }
+TUMBLE = {
+    'kind': 'tumble', 'attitude': [0.2, -0.4, 0.1, 0.8], 'rates_deg_s': [1.0, 2.0, -1.5],
+    'inertia_kg_m2': [[12.0, 0.0, 0.0], [0.0, 15.0, 0.0], [0.0, 0.0, 20.0]],
+}  # fmt: skip
 STAR = {'cross_noise_arcsec': 10.0, 'boresight_noise_arcsec': 60.0, 'boresight': [1.0, 2.0, -0.5]}
 GYRO = {'noise_rad_s0_5': 2e-5, 'bias_rad_s': [3e-5, -5e-5, 2e-5], 'bias_walk_rad_s1_5': 1e-6}
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from filterpy.kalman import KalmanFilter
+from filterpy.kalman import predict, update
 from flown import lines
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -19,25 +19,10 @@ from rpo_core.chain.chain import Chain
 from rpo_core.chain.flight import fly
 from rpo_core.world import cw
 from rpo_kernels import jit
+from rpo_nav import filter_kernels as kf
 from rpo_nav.estimator import Estimator, EstimatorStage, gate
-from rpo_nav.filter_kernels import (
-    ACCEPTED,
-    COMMANDS,
-    FULL,
-    IN_A_ROW,
-    LAST_RESET,
-    PROCESS_NOISE,
-    RESETS,
-    SENSORS,
-    SQUARE,
-    START,
-    TESTED,
-    X,
-    step_covariance,
-    step_state,
-    update,
-)
-from rpo_nav.sensor_kernels import COLUMNS
+from rpo_nav.sensor_kernels import across
+from rpo_nav.sensors import Sensors
 
 POSITION = {
     'kind': 'relative_position',
@@ -46,55 +31,129 @@ POSITION = {
 }  # linear, with a constant R: filterpy's filter
 
 
-def oracle(flown, start, spread):
-    """Return filterpy's filter of a scenario."""
-    settings = flown.section(Estimator)
-    motion, push = cw.matrices(flown.step)
-    filter_ = KalmanFilter(6, 6, 3)
-    filter_.F, filter_.B, filter_.H = motion, push, np.eye(6)
-    density = settings.acceleration_noise_m_s1_5 * flown.mass_kg
-    filter_.Q = push @ push.T * density**2 / flown.dt_s
-    filter_.R = np.diag([0.05**2] * 3 + [0.002**2] * 3)
-    filter_.x, filter_.P = np.array(start).reshape(6, 1), np.diag(np.square(spread))
-    return filter_
+class Oracle:
+    """The filter of a scenario by filterpy's matrices: each measurement is taken at its tick.
+
+    accepted, rejected, restarts : how many of the measurements that can come no more
+    """
+
+    def __init__(self, flown, first):
+        own, self.flown, self.units = flown.section(Estimator), flown, flown.section(Sensors).units
+        n, mass = own.states, own.mass_kg or flown.mass_kg
+        self.own = own
+        motion, push = cw.matrices(cw.discretise(flown.mean_motion_rad_s, mass, flown.dt_s))
+        self.f, self.b = np.eye(n), np.vstack([push, np.zeros((n - 6, 3))])
+        self.f[:6] = np.hstack([motion, push])[:, :n]
+        self.push, self.mass = self.b @ self.b.T / flown.dt_s, mass
+        self.walk = np.diag([0.0] * 6 + [own.disturbance_walk_n_s0_5**2 * flown.dt_s] * 3)[:n, :n]
+        self.x = np.array([*first, 0.0, 0.0, 0.0])[:n]
+        self.p = self.spread(own.velocity_sigma_m_s)
+        self.accepted = self.rejected = self.restarts = self.in_a_row = 0
+
+    def spread(self, velocity):
+        own = self.own
+        sigmas = [own.position_sigma_m] * 3 + [velocity] * 3 + [own.disturbance_sigma_n] * 3
+        return np.diag(np.square(sigmas[: len(self.x)]))
+
+    def model(self, unit, x, message):
+        """Return what of a message is a measurement, its matrix and its covariance."""
+        m, distance = np.array(message[:6]), np.linalg.norm(x[:3])
+        u = x[:3] / distance
+        rows, floor, scale = [u, *across(*u.tolist())], unit.noise_floor_m, self.own.noise_scale
+        side = unit.noise_share if unit.kind == 'relative_position' else unit.bearing_noise_rad
+        sigmas = [max(floor, share * distance) for share in (unit.noise_share, side, side)]
+        if unit.kind == 'bearing':
+            rows, sigmas, m = rows[1:], sigmas[1:], distance * m
+        h = np.hstack([rows, np.zeros((len(rows), len(x) - 3))])
+        z = np.array(rows) @ m[:3]
+        if unit.velocity_floor_m_s > 0.0:
+            h, z = np.vstack([h, np.eye(3, len(x), 3)]), np.array([*z, *m[3:]])
+            sigmas += [max(unit.velocity_floor_m_s, unit.velocity_share_1_s * distance)] * 3
+        return z, h, np.diag(np.square(scale * np.array(sigmas)))
+
+    def tick(self, tick, x, p, commands, came, last):
+        """Return state and covariance at a tick; last : whether all of it has come."""
+        own = self.own
+        if tick > 0:
+            u = np.clip(commands[tick], -0.5, 0.5)
+            density = (own.acceleration_noise_m_s1_5 * self.mass) ** 2
+            density += own.thrust_noise_s0_5**2 * (u @ u)
+            x, p = predict(x, p, self.f, self.push * density + self.walk, u, self.b)
+        for i, unit in enumerate(self.units):
+            message = came.get((tick, i))
+            if message is None:
+                continue
+            z, h, r = self.model(unit, x, message)
+            found = update(x, p, z, r, h, return_all=True)
+            taken = found[2] @ np.linalg.solve(found[4], found[2]) <= gate(len(z), own.gate_sigmas)
+            if taken or own.gate_sigmas == 0.0:
+                x, p = found[:2]
+            if last:
+                self.accepted, self.rejected = self.accepted + taken, self.rejected + (not taken)
+                self.in_a_row = 0 if taken else self.in_a_row + 1
+                if self.in_a_row == own.restart_after > 0:
+                    self.restarts, self.in_a_row = self.restarts + 1, 0
+                    x, p = x.copy(), self.spread(own.restart_velocity_sigma_m_s)
+                    x[6:] = 0.0
+                    x[:3] = x[:3] if unit.kind == 'bearing' else message[:3]
+                    x[3:6] = message[3:6] if unit.velocity_floor_m_s > 0.0 else x[3:6]
+        return x, p
 
 
-@pytest.mark.parametrize('latency', [0, 3])
-def test_it_is_the_filter_of_filterpy(latency):
-    flown = make([{**POSITION, 'latency_ticks': latency}], ticks=400)
-    stage = EstimatorStage(flown.section(Estimator), flown)
-    other = oracle(flown, stage.filter[START : START + 6], [1.0] * 3 + [0.01] * 3)
-    flight = fly(flown, PD, unmodelled(flown, 5))
-    before = [np.zeros((3, 1)), *flight.forces_n.clip(-0.5, 0.5)[:, :, None]]
-    worst = 0.0
+SCALED = {**POSITION, 'noise_share': 0.01, 'velocity_share_1_s': 0.001}
+OUTLYING = {**LIDAR, 'outlier_share': 0.3, 'outlier_size_m': 1.0, 'dropout_share': 0.1}
+CASES = {
+    'prompt': ([POSITION], {}),
+    'late': ([{**SCALED, 'latency_ticks': 3}], {'noise_scale': 3.0}),
+    'of two latencies': ([{**LIDAR, 'latency_ticks': 3}, {**POSITION, 'period_ticks': 3}], {}),
+    'outlying': ([{**OUTLYING, 'latency_ticks': 2}], {'gate_sigmas': 4.0, 'noise_scale': 1.5}),
+    'diverged': (
+        [{**LIDAR, 'bias_m': [30.0, 0.0, 0.0], 'latency_ticks': 1}], {'disturbance_sigma_n': 0.01}
+    ),
+    'disturbed': ([LIDAR], {'disturbance_sigma_n': 0.01, 'disturbance_walk_n_s0_5': 1e-3}),
+    'of other thrust': (
+        [{**LIDAR, 'outages_s': [[3.0, 9.0]]}], {'mass_kg': 11.0, 'thrust_noise_s0_5': 0.05}
+    ),
+    'a camera': ([{'kind': 'bearing', 'bearing_noise_rad': 5e-4}], {'position_sigma_m': 3.0}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize('case', CASES)
+def test_it_is_the_filter_of_filterpy(case):
+    """Another one that begins at a later tick is equal, and one that leaves out its covariance."""
+    units, fields = CASES[case]
+    flown = make(units, estimator=fields, ticks=200)
+    stage, later, short = (EstimatorStage(flown.section(Estimator), flown) for _ in range(3))
+    short.filter[kf.FULL] = 0.0
+    oracle, flight = Oracle(flown, stage.filter[kf.START : kf.START + 6]), fly(flown, PD)
+    latencies, names = [unit.latency_ticks for unit in oracle.units], flown.section(Sensors).signals
+    newest, (x, p), came = max(latencies), (oracle.x, oracle.p), {}
+    before = [(0.0,) * 3, *map(tuple, flight.forces_n.tolist())]
     for tick in range(flown.ticks + 1):
-        measured = flight.signals['measurement'][tick]
-        stage.step(tick, tuple(before[tick].ravel()), tuple(measured))
-        taken = tick - latency
-        if taken >= 0:
-            if taken > 0:
-                other.predict(u=before[taken])
-            other.update(measured[:6].reshape(6, 1))
-            x, p = other.x, other.P
-            for later in range(taken + 1, tick + 1):  # on to the present, without measurements
-                x = other.F @ x + other.B @ before[later]
-                p = other.F @ p @ other.F.T + other.Q
-            worst = max(worst, np.abs(x.ravel() - np.array(stage.memory[X : X + 6])).max())
-            worst = max(worst, np.abs(p - stage.covariance).max())
-            estimated = flight.signals['navigation_state'][tick]
-            assert np.array_equal(estimated, np.array(stage.memory[X : X + 6]))
-    assert worst < 1e-9
-
-
-def test_sensors_of_different_latency_are_each_taken_at_their_tick():
-    """One filter gets both at once; the other gets one of them three ticks later."""
-    late = {**POSITION, 'velocity_floor_m_s': 0.0, 'latency_ticks': 3}
-    both = [fly(make([late, {**LIDAR, 'latency_ticks': n}]), PD) for n in (0, 3)]
-    quick, slow = (f.signals['navigation_covariance'][50:] for f in both)
-    assert (quick[:, [0, 4, 8]] < slow[:, [0, 4, 8]]).all()
-    errors = [f.signals['navigation_state'] - f.states for f in both]
-    sigmas = np.sqrt(quick[:, [0, 4, 8]])
-    assert np.abs(errors[0][50:, :3] / sigmas).max() < 5.0
+        rows = [tuple(flight.signals[name][tick]) for name in names]
+        found = stage.step(tick, before[tick], *rows)
+        assert later.step(1001 + tick, before[tick], *rows) == found
+        assert short.step(tick, before[tick], *rows)[0] == found[0]
+        assert np.array_equal(found[0], flight.signals['navigation_state'][tick])
+        taken = zip(latencies, range(len(rows)), rows, strict=True)
+        came |= {(tick - latency, i): row for latency, i, row in taken if row[6] >= 0.0}
+        if tick >= newest:
+            x, p = oracle.tick(tick - newest, x, p, before, came, True)
+        y, q = x, p
+        for ahead in range(max(tick - newest + 1, 0), tick + 1):
+            y, q = oracle.tick(ahead, y, q, before, came, False)
+        scale = np.sqrt(q.diagonal())
+        np.testing.assert_allclose([*found[0], *sum(found[2:], ())] / scale, y / scale, atol=1e-7)
+        square = np.outer(scale, scale)
+        np.testing.assert_allclose(stage.covariance / square, q / square, atol=1e-7)
+        if case == 'of other thrust' and tick == 60:
+            said = 'the estimator is coasting: no measurement was taken for 31 ticks'
+            assert stage.trouble() == said
+    counts = [int(stage.memory[at]) for at in (kf.ACCEPTED, kf.REJECTED, kf.RESETS)]
+    assert counts == [oracle.accepted, oracle.rejected, oracle.restarts]
+    assert (oracle.rejected > 0) == (case in ('outlying', 'diverged'))
+    said = 'the estimator diverged: it was restarted 1 times, the last time at tick 20'
+    assert stage.trouble() == (said if case == 'diverged' else '')
 
 
 def consistency(runs, ticks, **changes):
@@ -108,7 +167,7 @@ def consistency(runs, ticks, **changes):
         for tick in range(ticks + 1):
             true = np.array(signals['relative_state'])
             chain.step(tick, signals)
-            error = np.array(stage.memory[X : X + 6]) - true
+            error = np.array(stage.memory[kf.X : kf.X + 6]) - true
             nees[key, tick] = error @ np.linalg.solve(stage.covariance[:6, :6], error)
             innovations += [found for found in stage.innovations if found]
     return nees, np.array(innovations)
@@ -143,20 +202,6 @@ def test_a_wrong_noise_is_seen_in_nees():
     assert nees[:, -1].mean() > 9.0
 
 
-@pytest.mark.parametrize(
-    'unit', [LIDAR, {**POSITION, 'noise_share': 0.01, 'velocity_share_1_s': 0.001}]
-)
-def test_the_filter_takes_every_noise_of_a_sensor_for_so_many_times_as_large(unit):
-    """Noise of position and velocity, floor and share, and of a bearing; nothing else."""
-    rows = []
-    for scale in (1.0, 3.0):
-        made = make([unit], estimator={'noise_scale': scale})
-        table = np.array(EstimatorStage(made.section(Estimator), made).filter)
-        rows.append(table[SENSORS : SENSORS + COLUMNS])
-    assert (rows[0][:5] > 0.0).sum() == (3 if unit is LIDAR else 5)
-    np.testing.assert_allclose(rows[1], [*(3.0 * rows[0][:5]), *rows[0][5:]], rtol=1e-15)
-
-
 @pytest.mark.parametrize('n', [6, 9])
 def test_the_covariance_is_positive_over_a_million_updates(n):
     """From 1e6 m to a sensor of 1e-4 m: twenty decades of variance, four more than a double has.
@@ -168,47 +213,27 @@ def test_the_covariance_is_positive_over_a_million_updates(n):
     noise = np.zeros((9, 9))
     noise[3:6, 3:6] = np.eye(3) * 1e-14
     noise[6:, 6:] = np.eye(3) * 1e-16
-    told, memory = np.zeros(SENSORS), np.zeros(COMMANDS)
-    told[PROCESS_NOISE : PROCESS_NOISE + SQUARE] = noise.ravel()
-    p = memory[X + 9 : X + 9 + SQUARE].reshape(9, 9)
+    told, memory = np.zeros(kf.SENSORS), np.zeros(kf.COMMANDS)
+    told[kf.PROCESS_NOISE : kf.PROCESS_NOISE + kf.SQUARE] = noise.ravel()
+    p = memory[kf.X + 9 : kf.X + 9 + kf.SQUARE].reshape(9, 9)
     p[:n, :n] = np.diag(sigmas**2)
     f, m = jit.as_table(told), jit.as_table(memory)
 
     @jit.kernel
     def many(count, f, m, n, step):
         for _ in range(count):
-            step_state(m, n, (0.0, 0.0, 0.0), step)
-            step_covariance(m, step, f, 1.0)
-            update(m, 0, (1.0, 0.0, 0.0), 0.0, 1e-8)
-            update(m, 0, (0.0, 0.6, 0.8), 0.0, 1e-8)
-            update(m, 0, (0.0, -0.8, 0.6), 0.0, 1e-8)
+            kf.step_state(m, n, (0.0, 0.0, 0.0), step)
+            kf.step_covariance(m, step, f, 1.0)
+            kf.update(m, 0, (1.0, 0.0, 0.0), 0.0, 1e-8)
+            kf.update(m, 0, (0.0, 0.6, 0.8), 0.0, 1e-8)
+            kf.update(m, 0, (0.0, -0.8, 0.6), 0.0, 1e-8)
 
     for _ in range(10):
         many(34_000 if jit.COMPILED else 100, f, m, n, step)
-        found = np.array(m[X + 9 : X + 9 + SQUARE]).reshape(9, 9)[:n, :n]
+        found = np.array(m[kf.X + 9 : kf.X + 9 + kf.SQUARE]).reshape(9, 9)[:n, :n]
         assert np.array_equal(found, found.T)
         scale = np.sqrt(np.diag(found))
         assert np.linalg.eigvalsh(found / np.outer(scale, scale)).min() > 1e-6
-
-
-def test_the_thrust_adds_noise_by_its_size():
-    """Against Van Loan's noise of a force that is held for a tick; a gate that opens at once."""
-    share, quiet = 0.05, 1e-5
-    flown = make(
-        [{**LIDAR, 'outages_s': [[0.05, 20.0]]}],
-        estimator={'thrust_noise_s0_5': share, 'acceleration_noise_m_s1_5': quiet},
-    )
-    stage = EstimatorStage(flown.section(Estimator), flown)
-    f, b = cw.matrices(cw.discretise(flown.mean_motion_rad_s, 10.0, 0.1))
-    stage.step(0, (0.0,) * 3, *[(0.0,) * 6 + (-1.0,) + (0.0,) * 17])
-    p, rng = stage.covariance, np.random.default_rng(2)
-    for tick in range(1, 60):
-        force = rng.uniform(-0.8, 0.8, 3)
-        taken = np.clip(force, -0.5, 0.5)
-        stage.step(tick, tuple(force), *[(0.0,) * 6 + (-1.0,) + (0.0,) * 17])
-        density = (quiet * 10.0) ** 2 + share**2 * (taken @ taken)
-        p = f @ p @ f.T + b @ b.T * density / 0.1
-    np.testing.assert_allclose(stage.covariance, p, rtol=1e-9, atol=1e-18)
 
 
 def test_the_gate_is_the_chi_square_quantile():
@@ -218,56 +243,6 @@ def test_the_gate_is_the_chi_square_quantile():
         for sigmas in (3.0, 4.0, 5.0):
             exact = chi2.isf(norm.sf(sigmas), numbers)
             assert gate(numbers, sigmas) == pytest.approx(exact, rel=0.12)
-
-
-def test_outliers_are_rejected():
-    outliers = {**LIDAR, 'outlier_share': 0.05, 'outlier_size_m': 20.0}
-    with_gate, without = (
-        fly(make([outliers], estimator={'gate_sigmas': gate}), PD) for gate in (4.0, 0.0)
-    )
-    errors = [
-        np.linalg.norm((f.signals['navigation_state'] - f.states)[100:, :3], axis=1).max()
-        for f in (with_gate, without)
-    ]
-    assert errors[0] < 0.3
-    assert errors[1] > 2.0 * errors[0]
-
-
-def test_it_coasts_through_an_outage_and_knows_it():
-    flight = fly(make([{**LIDAR, 'outages_s': [[10.0, 20.0]]}], ticks=400), PD)
-    sigma = np.sqrt(flight.signals['navigation_covariance'][:, [0, 4, 8]])
-    assert (sigma[199] > sigma[99]).all()
-    assert (sigma[260] < sigma[199]).all()
-    error = np.abs(flight.signals['navigation_state'] - flight.states)[:, :3]
-    assert (error < 5.0 * sigma).all()
-
-
-def test_it_restarts_when_it_has_diverged():
-    """It believes a start of 1 m; the sensor says 30 m away. It says so."""
-    flown = make([{**LIDAR, 'bias_m': [30.0, 0.0, 0.0]}], ticks=300)
-    stage = EstimatorStage(flown.section(Estimator), flown)
-    assert stage.trouble() == ''
-    flight = fly(flown, PD)
-    for tick in range(flown.ticks + 1):
-        before = flight.forces_n[tick - 1] if tick else np.zeros(3)
-        stage.step(tick, tuple(before), tuple(flight.signals['measurement'][tick]))
-    assert stage.memory[RESETS] == 1
-    assert stage.memory[LAST_RESET] == 19
-    assert stage.memory[IN_A_ROW] == 0
-    assert 'restarted 1 times' in stage.trouble()
-    error = flight.signals['navigation_state'] - flight.states
-    assert np.abs(error[-1, :3] - [30.0, 0.0, 0.0]).max() < 1.0
-
-
-def test_it_estimates_a_constant_disturbance():
-    flown = make(
-        ticks=2000,
-        disturbance={'constant_n': [0.002, -0.001, 0.003], 'harmonics': []},
-        estimator={'disturbance_sigma_n': 0.01},
-    )
-    flight = fly(flown, PD)
-    found = flight.signals['estimated_disturbance']
-    assert np.abs(found[-1] - [0.002, -0.001, 0.003]).max() < 5e-4
 
 
 @pytest.mark.parametrize('goal', [[0.0, 0.0, 0.0], [0.0, -10.0, 0.0]])
@@ -294,14 +269,6 @@ def test_a_controller_that_compensates_holds_closer(goal):
     assert (errors[1] < 0.1 * errors[0]).all()
 
 
-def test_a_camera_alone_finds_the_distance_while_the_chaser_manoeuvres():
-    camera = {'kind': 'bearing', 'bearing_noise_rad': 0.0005}
-    flown = make([camera], ticks=600, estimator={'position_sigma_m': 3.0})
-    flight = fly(flown, PD)
-    error = np.linalg.norm((flight.signals['navigation_state'] - flight.states)[:, :3], axis=1)
-    assert error[-1] < 0.5 * error[0]
-
-
 @settings(max_examples=15)
 @given(
     st.lists(
@@ -318,6 +285,8 @@ def test_its_state_is_always_finite(measured, force):
         message = (*row[:6], row[6], *[0.0] * 8, row[6], *[0.0] * 8)
         found = stage.step(tick, (force, 0.0, -force), message)
         assert all(np.isfinite(values).all() for values in found)
+    stage.memory[kf.X + 1] = np.inf  # as after an overflow
+    assert np.isfinite(np.concatenate(stage.step(len(measured), (0.0,) * 3, NOTHING))).all()
 
 
 NOTHING = (0.0,) * 6 + (-1.0,) + (0.0,) * 8 + (-1.0,) + (0.0,) * 8
@@ -347,47 +316,6 @@ def test_it_may_begin_at_any_tick_and_says_when_it_coasts():
         coasting = f'the estimator is coasting: no measurement was taken for {silent} ticks'
         said = {stage.trouble() for stage in stages.values()}
         assert said == {coasting if silent > 20 else ''}
-
-
-def test_each_measurement_is_counted_once():
-    """Those that are taken anew in each tick until the late ones have come, too."""
-    flown = make([{**LIDAR, 'latency_ticks': 3}, LIDAR], ticks=50)
-    flight, stage = fly(flown, PD), EstimatorStage(flown.section(Estimator), flown)
-    for tick in range(flown.ticks + 1):
-        before = flight.forces_n[tick - 1] if tick else np.zeros(3)
-        rows = (tuple(flight.signals[name][tick]) for name in ('measurement', 'measurement_2'))
-        stage.step(tick, tuple(before), *rows)
-    assert stage.memory[ACCEPTED] + stage.rejected == 2 * (51 - 3)
-
-
-def test_without_the_covariance_the_state_has_the_same_bits():
-    """A campaign asks for the state alone where nobody reads how sure it is."""
-    late = {**LIDAR, 'latency_ticks': 2, 'period_ticks': 3}
-    flown = make([late, {**POSITION, 'period_ticks': 5}])
-    flight = fly(flown, PD)
-    stage = EstimatorStage(flown.section(Estimator), flown)
-    stage.filter[FULL] = 0.0
-    for tick in range(flown.ticks + 1):
-        before = flight.forces_n[tick - 1] if tick else np.zeros(3)
-        rows = (tuple(flight.signals[name][tick]) for name in ('measurement', 'measurement_2'))
-        state = stage.step(tick, tuple(before), *rows)[0]
-        assert np.array_equal(state, flight.signals['navigation_state'][tick])
-
-
-def test_the_gate_decides_at_its_own_value():
-    """A first measurement is taken if its NIS is within the gate, and not if it is just beyond."""
-    unit = {'kind': 'relative_position', 'noise_floor_m': 0.5}
-    flown = make([unit], estimator={'gate_sigmas': 4.0, 'position_sigma_m': 1e-4})
-    found = []
-    for off in np.linspace(0.0, 5.0, 101):
-        stage = EstimatorStage(flown.section(Estimator), flown)
-        x, y, z = flown.initial_position_m
-        stage.step(0, (0.0, 0.0, 0.0), (x + off, y, z, 0.0, 0.0, 0.0, 0.0))
-        numbers, nis = stage.memory[TESTED : TESTED + 2]
-        assert numbers == 3
-        assert stage.memory[IN_A_ROW] == (nis > gate(3, 4.0))
-        found.append(nis / gate(3, 4.0))
-    assert any(0.8 < share < 1.0 for share in found) and any(1.0 < share < 1.3 for share in found)
 
 
 def test_shipped_flights_are_those_of_the_list():

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from nav_scenarios import LIDAR, PD, attitude_scenario, unmodelled
+from nav_scenarios import LIDAR, PD, TUMBLE, attitude_scenario, unmodelled
 from scipy.spatial.transform import Rotation
 
 from rpo_core.chain.flight import fly
@@ -15,11 +15,9 @@ from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
 from rpo_nav.estimator import Estimator, EstimatorStage
 from rpo_nav.filter_kernels import START
-from rpo_nav.sensors import Sensors, SensorsStage
 
 CAMERA = {**LIDAR, 'body_fixed': True}
 TURNED = Rotation.from_euler('xyz', [20.0, -30.0, 50.0], degrees=True)
-FAR = (60.0, -80.0, 0.0, 0.1, 0.2, 0.3)  # 100 m
 
 
 def scenario_with(unit=(), **changes):
@@ -32,27 +30,6 @@ def scenario_with(unit=(), **changes):
 def quaternion(turned):
     """Return an attitude (7,) that is at rest."""
     return (*turned.as_quat(canonical=True).tolist(), 0.0, 0.0, 0.0)
-
-
-def test_it_measures_in_the_axes_of_the_chaser():
-    flown = scenario_with({'bias_m': [1.0, -2.0, 3.0], 'noise_share': 0.0, 'noise_floor_m': 1e-6,
-                           'bearing_noise_rad': 1e-8})  # fmt: skip
-    stage = SensorsStage(flown.section(Sensors), flown)
-    rows = np.array([stage.step(tick, FAR, quaternion(TURNED))[0] for tick in range(5)])
-    expected = TURNED.inv().apply(FAR[:3]) + np.array([1.0, -2.0, 3.0])
-    np.testing.assert_allclose(rows[:, :3], np.tile(expected, (5, 1)), atol=1e-5)
-    assert (rows[:, 15] == -1.0).all()
-
-
-def test_its_field_of_view_turns_with_the_chaser():
-    flown = scenario_with({'boresight': [0.0, 0.0, 1.0], 'field_of_view_rad': 0.5})
-    stage, to_target = SensorsStage(flown.section(Sensors), flown), -np.array(FAR[:3])
-    for angle in (0.0, 0.45, 0.55, 2.0):
-        for about in (0.3, 4.0):
-            aside = Rotation.from_rotvec([angle * np.cos(about), angle * np.sin(about), 0.0])
-            looking = Rotation.align_vectors([to_target], [[0.0, 0.0, 1.0]])[0] * aside
-            row = stage.step(0, FAR, quaternion(looking))[0]
-            assert (row[6] >= 0.0) == (angle < 0.5)
 
 
 @pytest.mark.parametrize('latency', [0, 3])
@@ -139,10 +116,6 @@ def test_only_a_camera_that_turns_is_written_so():
 
 
 PORT = (0.3, 1.2, -0.5)
-TUMBLE = {
-    'kind': 'tumble', 'attitude': [0.2, -0.4, 0.1, 0.8], 'rates_deg_s': [1.0, 2.0, -1.5],
-    'inertia_kg_m2': [[12.0, 0.0, 0.0], [0.0, 15.0, 0.0], [0.0, 0.0, 20.0]],
-}  # fmt: skip
 EXACT = {
     'looks_at': 'port', 'noise_share': 0.0, 'noise_floor_m': 1e-6, 'bearing_noise_rad': 1e-8,
 }  # fmt: skip
@@ -152,40 +125,6 @@ def looking(unit=(), target=(), **changes):
     """Return a scenario whose camera looks at the port of a target that tumbles."""
     found = {'target': {**TUMBLE, **dict(target)}, 'zones': {'port_m': list(PORT)}}
     return scenario_with({**EXACT, **dict(unit)}, **{**found, **changes})
-
-
-@pytest.mark.parametrize('latency', [0, 2])
-def test_it_measures_the_port_where_the_attitude_of_the_target_puts_it(latency):
-    flown = looking({'latency_ticks': latency})
-    flight = fly(flown, PD)
-    at = np.arange(latency, 300, 7)
-    chaser, target = (
-        Rotation.from_quat(flight.signals[name][at - latency, :4])
-        for name in ('chaser_attitude', 'target_attitude')
-    )
-    expected = chaser.inv().apply(flight.states[at - latency, :3] - target.apply(PORT))
-    np.testing.assert_allclose(flight.signals['measurement'][at, :3], expected, atol=2e-5)
-    assert (target[0].inv() * target[-1]).magnitude() > 0.5
-
-
-@pytest.mark.parametrize('kind', ['range_bearing', 'bearing'])
-def test_its_field_of_view_ends_where_the_port_leaves_it(kind):
-    unit = {'kind': kind, 'boresight': [0.0, 0.0, 1.0], 'field_of_view_rad': 0.3}
-    flown = looking(unit, initial_position_m=[1.0, 3.0, 2.0])
-    stage, state = SensorsStage(flown.section(Sensors), flown), (1.0, 3.0, 2.0, 0.0, 0.0, 0.0)
-    port = Rotation.from_quat(TUMBLE['attitude']).apply(PORT)
-    rng, seen = np.random.default_rng(3), []
-    for to in (port, np.zeros(3)):
-        for angle in (0.29, 0.31, *rng.uniform(0.0, 0.6, 20)):
-            about = rng.uniform(0.0, 7.0)
-            aside = Rotation.from_rotvec([angle * np.cos(about), angle * np.sin(about), 0.0])
-            attitude = Rotation.align_vectors([to - state[:3]], [[0.0, 0.0, 1.0]])[0] * aside
-            off = np.array(port - state[:3])
-            cosine = attitude.apply([0.0, 0.0, 1.0]) @ off / np.linalg.norm(off)
-            seen.append(stage.step(0, state, quaternion(attitude))[0][6] >= 0.0)
-            assert seen[-1] == (np.arccos(cosine) < 0.3)
-    assert seen[:2] == [True, False]
-    assert len(set(seen[22:])) == 2  # some that look at the centre do not see the port
 
 
 def test_the_filter_takes_the_port_where_it_knows_the_target():

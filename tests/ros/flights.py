@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -31,21 +32,27 @@ def lasting(duration_s: float, folder: Path, name: str = 'approach', **changes: 
     return str(path)
 
 
-def one_process(ros: NodeProcesses, scenario: str, *options: str, deadline_s: float = 40.0) -> Path:
+def one_process(ros: NodeProcesses, scenario: str, *options: str) -> Path:
     """Fly with all nodes in one process, without a report; return the run's folder."""
     folder = ros.folder / 'run'
     options = ('--scenario', scenario, '--output', str(folder), '--no-report', *options)
     node = ros.node('rpo_bringup', 'final_approach', *options)
-    assert node.wait(deadline_s) == 0, node.output
+    assert node.wait(600.0) == 0, node.output
     return folder
 
 
 def processes(
-    ros: NodeProcesses, scenario: str, *others: str, controller: str = 'handmade', **plant: Any
+    ros: NodeProcesses,
+    scenario: str,
+    *others: str,
+    controller: str = 'handmade',
+    end: int = signal.SIGINT,
+    **plant: Any,
 ) -> Path:
     """Fly with each node in a process of its own; return the run's folder.
 
     others : package and executable of nodes beside controller, recorder and plant
+    end : signal that ends all but the last two
     """
     folder = ros.folder / 'run'
     software = [ros.node('rpo_ctrl', 'fuzzy_controller', controller=controller)]
@@ -55,7 +62,7 @@ def processes(
     for node in (flown, recorder):
         assert node.wait() == 0, node.output
     for node in software:
-        assert node.stop() == 0, node.output
+        assert node.stop(end) == 0, node.output
     return folder
 
 

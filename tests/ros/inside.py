@@ -11,33 +11,24 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
+from std_srvs.srv import SetBool, Trigger
 
+from rpo_core.wire import interfaces
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_log.recorder_node import RecorderNode
+from rpo_ros import names, qos
 from rpo_ros.running import FlightNode, new_executor
 from rpo_sim.plant_node import PlantNode
 
-DEADLINE_S = 20.0
-
-
-def call(node: Node, until: Callable[..., Any], kind: type, service: str, request: Any) -> Any:
-    """Call a service and return its response; `until` spins the node until a condition holds."""
-    client = node.create_client(kind, service)
-    try:
-        until(client.service_is_ready)
-    except AssertionError as error:
-        error.add_note(f'no {service}; there are {node.get_node_names_and_namespaces()}')
-        raise
-    future = client.call_async(request)
-    until(future.done)
-    node.destroy_client(client)
-    return future.result()
+DEADLINE_S = 240.0
+"""A busy machine is no failure; pytest ends a test after 300 s."""
 
 
 class Inside:
@@ -72,9 +63,13 @@ class Inside:
     def record_and_fly(
         self, folder: Path, scenario: str, plant: type[FlightNode] = PlantNode, **options: Any
     ) -> None:
-        """Start recorder and plant, which are attributes then; options : those of the plant."""
+        """Start recorder and plant, which are attributes then.
+
+        options : those of the plant; a peer that gets no processor is not lost
+        """
         self.recorder = self.start(RecorderNode({'output': str(folder)}))
-        options = {'scenario': scenario, 'wait_for_recorder': True, **options}
+        patient = {'wait_for_recorder': True, 'peer_timeout_s': DEADLINE_S}
+        options = {'scenario': scenario, **patient, **options}
         self.plant = self.start(plant(options))
 
     def reaches(self, tick: int) -> None:
@@ -83,20 +78,44 @@ class Inside:
 
     def ends(self) -> int:
         """Wait until plant and recorder are done; return the exit code of the recorder."""
-        self.until(lambda: self.plant.done and self.recorder.done, 60.0)
+        self.until(lambda: self.plant.done and self.recorder.done)
         return self.recorder.exit_code
 
-    def until(self, condition: Callable[[], Any], deadline_s: float = DEADLINE_S) -> Any:
+    def until(self, condition: Callable[[], Any]) -> Any:
         """Spin until the condition holds; return what it returned."""
-        end = time.monotonic() + deadline_s
+        end = time.monotonic() + DEADLINE_S
         while not (found := condition()):
             assert time.monotonic() < end, 'the deadline passed'
             self.executor.spin_once(timeout_sec=0.02)
         return found
 
+    def passes(self, seconds: float) -> None:
+        """Spin for a time."""
+        end = time.monotonic() + seconds
+        self.until(lambda: time.monotonic() > end)
+
+    def publisher(self, kind: type, topic: str, profile: Any = qos.LOCKSTEP) -> Any:
+        """Return a publisher of the user, once somebody listens."""
+        made = self.user.create_publisher(kind, topic, profile)
+        self.until(made.get_subscription_count)
+        return made
+
     def call(self, kind: type, service: str, request: Any) -> Any:
         """Call a service and return its response."""
-        return call(self.user, self.until, kind, service, request)
+        client = self.user.create_client(kind, service)
+        try:
+            self.until(client.service_is_ready)
+        except AssertionError as error:
+            error.add_note(f'no {service}; there are {self.user.get_node_names_and_namespaces()}')
+            raise
+        future = client.call_async(request)
+        self.until(future.done)
+        self.user.destroy_client(client)
+        return future.result()
+
+    def trigger(self, service: str) -> Any:
+        """Call a service without arguments; return its response."""
+        return self.call(Trigger, service, Trigger.Request())
 
     def transition(self, node: str, label: str) -> bool:
         """Ask for a lifecycle transition, as `ros2 lifecycle set` does; return its success."""
@@ -117,6 +136,43 @@ class Inside:
             SetParametersAtomically, f'{node}/set_parameters_atomically', request
         ).result
         return result.successful, result.reason
+
+
+class Hand:
+    """A hand on a plant that flies here or elsewhere, and an ear for what the nodes say.
+
+    statuses : the messages of run_status as they came
+    health : node -> its statuses on /diagnostics as they came, each with its wall time [s]
+    """
+
+    def __init__(self, inner: Inside) -> None:
+        self.inner, self.until, self.passes = inner, inner.until, inner.passes
+        self.statuses: list[DiagnosticStatus] = []
+        self.health: dict[str, list[tuple[float, DiagnosticStatus]]] = {}
+        inner.user.create_subscription(
+            DiagnosticStatus, interfaces.RUN_STATUS, self.statuses.append, qos.LATCHED_QUEUE
+        )
+        inner.user.create_subscription(
+            DiagnosticArray, names.DIAGNOSTICS, self._on_health, qos.DIAGNOSTICS
+        )
+
+    def _on_health(self, array: DiagnosticArray) -> None:
+        said_s = array.header.stamp.sec + 1e-9 * array.header.stamp.nanosec
+        for status in array.status:
+            name = status.name.partition(':')[0]
+            self.health.setdefault(name, []).append((said_s, status))
+
+    def says(self, text: str) -> DiagnosticStatus:
+        """Wait until run_status gives a reason; return the newest status with it."""
+        return self.until(lambda: [said for said in self.statuses if text in said.message])[-1]
+
+    def trigger(self, name: str) -> Any:
+        """Call ~/step, ~/reset or ~/abort of the plant."""
+        return self.inner.trigger(f'plant/{name}')
+
+    def pause(self, data: bool = True) -> Any:
+        """Pause the plant, or let it go on."""
+        return self.inner.call(SetBool, 'plant/pause', SetBool.Request(data=data))
 
 
 @contextmanager

@@ -8,8 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flights import assert_flown, one_process
-from inside import inside
+from flights import assert_flown
 
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
@@ -22,15 +21,14 @@ from rpo_safety.settings import Assurance
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 
 
-def test_a_controller_that_wants_the_target_is_stopped_recorded_and_verified(ros_env, tmp_path):
+def test_a_controller_that_wants_the_target_is_stopped_recorded_and_verified(inner, tmp_path):
     found = scenario.load_scenario('paper_test').equipped(Assurance(keep_out_m=66.0))
     found = replace(found, duration_s=20.0)
     path = tmp_path / 'zone.yaml'
     path.write_text(scenario.dumps(found))
-    with inside() as inner:
-        others = (AssuranceNode, DisturbanceInjectorNode)
-        inner.fly(tmp_path / 'run', str(path), *others, controller='trained')
-        assert inner.ends() == 0
+    others = (AssuranceNode, DisturbanceInjectorNode)
+    inner.fly(tmp_path / 'run', str(path), *others, controller='trained')
+    assert inner.ends() == 0
     log, flight = read_run(tmp_path / 'run'), fly(found, load_controller('trained'))
     assert_flown(tmp_path / 'run', flight, 'assurance')
     assert metrics.of_flight(flight_of(log)) == metrics.of_flight(flight)  # of what was flown
@@ -44,7 +42,7 @@ def test_a_controller_that_wants_the_target_is_stopped_recorded_and_verified(ros
 
 
 @pytest.mark.every_landing
-def test_the_covariance_of_an_estimate_reaches_assurance(ros, tmp_path):
+def test_the_covariance_of_an_estimate_reaches_assurance(together, tmp_path):
     """It travels in `navigation_state`; where it is large, the node decides as the core does."""
     sure = Assurance(
         keep_out_m=15.0,
@@ -57,10 +55,7 @@ def test_the_covariance_of_an_estimate_reaches_assurance(ros, tmp_path):
     found = replace(scenario.load_scenario('world_leo').equipped(sure), duration_s=5.0)
     path = tmp_path / 'world.yaml'
     path.write_text(scenario.dumps(found))
-    run, flight = (
-        one_process(ros, str(path), '--controller', 'pd'),
-        fly(found, load_controller('pd')),
-    )
+    run, flight = together(path, '--controller', 'pd'), fly(found, load_controller('pd'))
     assert_flown(run, flight, 'assurance')
     assured = read_run(run).values[ASSURED_FORCE]
     assert (assured != flight.forces_n).any(axis=1)[:2].all()  # the first estimates are poor

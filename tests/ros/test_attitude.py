@@ -19,7 +19,7 @@ from rpo_core.wire.interfaces import BODY_TORQUE, CHASER_ATTITUDE
 from rpo_core.wire.statuses import PlantTick, numbers_text
 from rpo_log.verify import verify
 from rpo_mcap.read.run_log import flight_of, read_run
-from rpo_sim.lockstep import LockstepPlant
+from rpo_sim.plant import LockstepPlant
 
 TURNING = {
     'attitude': {

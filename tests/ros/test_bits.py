@@ -14,10 +14,9 @@ import pytest
 import yaml
 from campaign_documents import write_campaign
 from flights import INJECTOR, assert_flown, one_process, processes
+from invoking import invoke
 from landing import rest_at_landing
-from typer.testing import CliRunner
 
-from rpo_cli.cli import app
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import overrides, scenario
@@ -83,9 +82,9 @@ def test_every_state_and_force_is_that_of_the_core(way, ros_env, tmp_path, tmp_p
         landing=1,
     ),
 )
-def test_every_baseline_flies_the_bits_of_the_core(ros, flown, controller):
+def test_every_baseline_flies_the_bits_of_the_core(together, flown, controller):
     """`mpc` counts ticks."""
-    run = one_process(ros, flown, '--controller', controller)
+    run = together(flown, '--controller', controller)
     assert_flown(run, fly(load_scenario(flown), load_controller(controller)), 'controller')
 
 
@@ -112,10 +111,10 @@ LATE_AND_SLOW = [f'sensors.units={UNITS}', 'estimator.disturbance_sigma_n=0.01']
         ]
     ),
 )
-def test_a_world_flies_the_bits_of_the_core(ros, world, more):
+def test_a_world_flies_the_bits_of_the_core(together, world, more):
     changes = ['duration_s=20.0', *more]
     changed = [word for change in changes for word in ('--set', change)]
-    run = one_process(ros, world, '--no-fail', '--controller', 'pd', *changed)
+    run = together(world, '--controller', 'pd', *changed)
     flight = fly(overrides.load(world, changes), load_controller('pd'))
     assert_flown(run, flight, 'controller', 'dynamics')
     flown = flight_of(read_run(run))
@@ -157,29 +156,20 @@ def test_the_full_chain_flies_as_seven_processes(ros):
 RUN = 7
 
 
-def as_printed(ros, arguments):
-    """Fly in one process, by the command that the campaign prints."""
-    node = ros.node(*arguments, '--output', str(ros.folder / 'run'), '--no-report')
-    assert node.wait() == 0, node.output
-
-
-def five_processes(ros, arguments):
-    path = arguments[arguments.index('--scenario') + 1]
-    processes(ros, path, INJECTOR, 'rpo_sim navigation')
-
-
-@pytest.mark.parametrize('way', [as_printed, pytest.param(five_processes, marks=pytest.mark.slow)])
-def test_a_run_through_the_nodes_has_the_bits_of_the_campaign(way, ros, tmp_path):
+@pytest.mark.parametrize('as_printed', [True, pytest.param(False, marks=pytest.mark.slow)])
+def test_a_run_through_the_nodes_has_the_bits_of_the_campaign(as_printed, ros, together, tmp_path):
+    """In one process, by the command that the campaign prints; or each node in one of its own."""
     path = write_campaign(tmp_path)
     table = tmp_path / 'run.csv'
-    command = ['campaign', str(path), '--run', str(RUN), '--csv', str(table), '--export']
-    result = CliRunner().invoke(app, [*command, f'{tmp_path}/run_7.yaml'], env={'COLUMNS': '300'})
+    command = ['campaign', path, '--run', RUN, '--csv', table, '--export']
+    result = invoke(*command, tmp_path / 'run_7.yaml')
     assert result.exit_code == 0, result.output
-    ros2, run, *arguments = shlex.split(
-        re.search(r'^ros2 run .*final_approach.*', result.output, re.M).group()
-    )
-    assert (ros2, run) == ('ros2', 'run')
-    way(ros, arguments)
+    printed = 'ros2 run rpo_bringup final_approach --scenario '
+    words = shlex.split(re.search(f'^{printed}(.*)', result.output, re.M)[1])
+    if as_printed:
+        together(*words)
+    else:
+        processes(ros, words[0], INJECTOR, 'rpo_sim navigation')
     flown = read_run(tmp_path / 'run')
     assert flown.complete, flown.gaps
     expected = np.loadtxt(table, delimiter=',', skiprows=1)

@@ -8,11 +8,12 @@ import subprocess
 
 import pytest
 import yaml
-from std_srvs.srv import Trigger
-from steering import steering
+from inside import Hand
 
 from rpo_core import files
 from rpo_mcap.read.run_log import read_run
+from rpo_ros.conversions import values_of
+from rpo_safety.assurance_node import AssuranceNode
 from tools.node_processes import executable
 
 NODES = {
@@ -41,26 +42,6 @@ def start(ros, folder, scenario, **plant):
     return found
 
 
-class Operator:
-    """Sends commands to a flight that passes ticks when told, and keeps no time of its own."""
-
-    def __init__(self, hand):
-        self._hand = hand
-
-    def asks(self, service):
-        """Call a service; return why it is refused, '' if it is not."""
-        answer = self._hand.call(Trigger, service, Trigger.Request())
-        return answer.message if not answer.success else ''
-
-    def passes(self, seconds):
-        """Let the paused flight go on for so long."""
-        hand, ticks = self._hand, round(seconds * 10.0)
-        due = int(hand.statuses[-1][3]['tick']) + ticks
-        assert hand.set('plant', step_ticks=ticks) == ['']
-        assert hand.trigger('step').success
-        hand.until(lambda: int(hand.statuses[-1][3]['tick']) == due)
-
-
 def verified(env, folder):
     """Return exit code and output of `rpo verify`."""
     command = [str(executable('rpo_log', 'verify', env['AMENT_PREFIX_PATH'])), str(folder)]
@@ -76,35 +57,50 @@ def told(folder, stage):
 
 
 @pytest.mark.every_landing
-def test_every_command_is_obeyed_or_refused_logged_and_verified(ros, ros_env, tmp_path):
+def test_every_command_is_obeyed_or_refused_logged_and_verified(ros, inner, tmp_path):
     """go, hold, retreat, abort of guidance; arm, inhibit, hold, resume, abort of the table."""
     scenario, folder = guarded(tmp_path, 100.0), tmp_path / 'run'
-    with steering() as hand:
-        nodes = start(ros, folder, scenario, real_time_factor=1.0)
-        operator = Operator(hand)
-        asks, passes = operator.asks, operator.passes
-        hand.says('flying')
-        assert hand.pause().success
-        hand.says('paused')
-        assert asks('guidance/go').startswith('`dwell_s` = 10 s is not over')
-        passes(11.0)
-        assert asks('guidance/go') == ''
-        passes(5.0)
-        assert asks('guidance/go') == '`go` ends a hold; the phase is to_20'
-        for command in ('guidance/hold', 'guidance/go', 'assurance/inhibit', 'assurance/arm'):
-            assert asks(command) == ''
-            passes(2.0)
-        assert asks('assurance/resume').startswith('`resume` ends a hold or a retreat')
-        for command in ('assurance/hold', 'assurance/resume', 'guidance/retreat'):
-            assert asks(command) == ''
-            passes(1.0)
-        assert asks('assurance/abort') == asks('guidance/abort') == ''
+    hand = Hand(inner)
+
+    def asks(service):
+        """Call a service; return why it is refused, '' if it is not."""
+        answer = inner.trigger(service)
+        return answer.message if not answer.success else ''
+
+    def tick():
+        return int(values_of(hand.statuses[-1])['tick'])
+
+    def passes(seconds):
+        """Let the paused flight go on for so long: it keeps no time of its own."""
+        ticks = round(seconds * 10.0)
+        due = tick() + ticks
+        assert inner.set('plant', step_ticks=ticks)[0]
+        assert hand.trigger('step').success
+        inner.until(lambda: tick() == due)
+
+    nodes = start(ros, folder, scenario, real_time_factor=1.0)
+    hand.says('flying')
+    assert hand.pause().success
+    hand.says('paused')
+    assert asks('guidance/go').startswith('`dwell_s` = 10 s is not over')
+    passes(11.0)
+    assert asks('guidance/go') == ''
+    passes(5.0)
+    assert asks('guidance/go') == '`go` ends a hold; the phase is to_20'
+    for command in ('guidance/hold', 'guidance/go', 'assurance/inhibit', 'assurance/arm'):
+        assert asks(command) == ''
+        passes(2.0)
+    assert asks('assurance/resume').startswith('`resume` ends a hold or a retreat')
+    for command in ('assurance/hold', 'assurance/resume', 'guidance/retreat'):
+        assert asks(command) == ''
         passes(1.0)
-        assert 'the phase is aborting' in asks('assurance/hold')
-        assert asks('guidance/go').endswith('an abort is not taken back')
-        assert hand.set('plant', real_time_factor=0.0) == ['']
-        assert hand.pause(False).success
-        assert (nodes['plant'].wait(), nodes['recorder'].wait()) == (0, 0), nodes['recorder'].output
+    assert asks('assurance/abort') == asks('guidance/abort') == ''
+    passes(1.0)
+    assert 'the phase is aborting' in asks('assurance/hold')
+    assert asks('guidance/go').endswith('an abort is not taken back')
+    assert inner.set('plant', real_time_factor=0.0)[0]
+    assert hand.pause(False).success
+    assert (nodes['plant'].wait(), nodes['recorder'].wait()) == (0, 0), nodes['recorder'].output
     for name in NODES:
         assert nodes[name].stop() == 0, nodes[name].output
         assert 'Traceback' not in nodes[name].output
@@ -122,7 +118,7 @@ def test_every_command_is_obeyed_or_refused_logged_and_verified(ros, ros_env, tm
 
 
 @pytest.mark.every_landing
-def test_a_lost_guidance_is_a_hold_and_then_an_abort(ros, ros_env, tmp_path):
+def test_a_lost_guidance_is_a_hold_and_then_an_abort(ros, tmp_path):
     """Killed in flight: with it goes the controller's command; assurance flies on alone."""
     scenario, folder = guarded(tmp_path, 25.0, hold_s=3.0, stuck_s=5.0), tmp_path / 'run'
     nodes = start(ros, folder, scenario, real_time_factor=10.0, resend_after_s=0.1)
@@ -141,11 +137,10 @@ def test_a_lost_guidance_is_a_hold_and_then_an_abort(ros, ros_env, tmp_path):
     assert 'assurance could not be recomputed' not in said
 
 
-def test_a_table_is_not_commanded_without_one(ros, ros_env, tmp_path):
+def test_a_table_is_not_commanded_without_one(inner):
     """A scenario without an abort table: each command is refused with the reason."""
-    assurance = ros.node('rpo_safety', 'assurance', scenario='assured')
-    with steering() as hand:
-        for name in ('arm', 'abort'):
-            answer = Operator(hand).asks(f'assurance/{name}')
-            assert answer == 'no scenario with `assurance.abort` is here'
-    assert assurance.stop() == 0
+    inner.start(AssuranceNode({'scenario': 'assured'}))
+    for name in ('arm', 'abort'):
+        answer = inner.trigger(f'assurance/{name}')
+        assert not answer.success
+        assert answer.message == 'no scenario with `assurance.abort` is here'

@@ -40,9 +40,8 @@ def heard(bench, rate_hz, ticks, deactivate_at=None):
     return said
 
 
-def test_it_says_what_it_does_once_a_period(ros_env):
-    with inside() as bench:
-        said = heard(bench, 5.0, ticks=11)
+def test_it_says_what_it_does_once_a_period(inner):
+    said = heard(inner, 5.0, ticks=11)
     ticks = [(conversions.from_stamp(m.header.stamp) - EPOCH_NS) // 100_000_000 for m in said]
     assert sorted(set(ticks)) == [0, 2, 4, 6, 8, 10]
     node_said = {(s.name, s.message, tuple((v.key, v.value) for v in s.values))
@@ -54,17 +53,15 @@ def test_it_says_what_it_does_once_a_period(ros_env):
     assert node_said == expected
 
 
-def test_inactive_it_says_that_it_commands_zero(ros_env):
-    with inside() as bench:
-        said = heard(bench, 10.0, ticks=4, deactivate_at=2)
+def test_inactive_it_says_that_it_commands_zero(inner):
+    said = heard(inner, 10.0, ticks=4, deactivate_at=2)
     levels = [m.status[0].level for m in said]
     assert levels[0] == b'\x00' and levels[-1] == b'\x01'
     assert said[-1].status[0].message == 'inactive: commands zero'
 
 
-def test_off_it_says_nothing(ros_env):
-    with inside() as bench:
-        assert heard(bench, 0.0, ticks=3) == []
+def test_off_it_says_nothing(inner):
+    assert heard(inner, 0.0, ticks=3) == []
 
 
 def test_the_log_has_what_was_said_and_it_is_true(ros_env, tmp_path):

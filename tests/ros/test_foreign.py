@@ -32,6 +32,8 @@ from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 from rpo_sim.plant_node import PlantNode
 from tools.basilisk_plant import BasiliskPlant
 
+PATIENT = {'plant_timeout_s': 200.0}
+"""A plant that gets no processor is not gone."""
 FOREIGN = Path(__file__).parents[2] / 'docs' / 'foreign'
 
 
@@ -55,20 +57,19 @@ def foreign(ros_env):
 
 @pytest.mark.parametrize('script', rest_at_landing(['plant.py', 'paced.py']))
 def test_a_plant_of_somebody_else_flies_is_recorded_replayed_and_verified(
-    ros_env, foreign, tmp_path, script, capfd
+    inner, foreign, tmp_path, script, capfd
 ):
     scenario, folder = lasting(8.0, tmp_path), tmp_path / 'run'
     plant = foreign(script, scenario)
-    with inside() as inner:
-        controller = inner.start(ControllerNode({'controller': 'handmade'}))
-        recorder = inner.start(RecorderNode({'output': str(folder)}))
-        inner.until(lambda: recorder.done and plant.poll() is not None)
-        assert (plant.returncode, recorder.exit_code) == (0, 0)
-        assert ('80 ticks, ' in capfd.readouterr().out) == (script == 'paced.py')
-        controller.new_run()
-        replay = inner.start(ReplayNode({'bag': str(folder), 'drive': True, 'rate': 0.0}))
-        inner.until(lambda: replay.done)
-        assert (replay.exit_code, replay._played, replay.differences) == (0, 81, 0)
+    controller = inner.start(ControllerNode({'controller': 'handmade'}))
+    recorder = inner.start(RecorderNode({'output': str(folder), **PATIENT}))
+    inner.until(lambda: recorder.done and plant.poll() is not None)
+    assert (plant.returncode, recorder.exit_code) == (0, 0)
+    assert ('80 ticks, ' in capfd.readouterr().out) == (script == 'paced.py')
+    controller.new_run()
+    replay = inner.start(ReplayNode({'bag': str(folder), 'drive': True, 'rate': 0.0}))
+    inner.until(lambda: replay.done)
+    assert (replay.exit_code, replay._played, replay.differences) == (0, 81, 0)
     assert verify(folder).exit_code == ExitCode.DIFFERENT
     found = verify(folder, given=['relative_state'])
     assert (found.exit_code, found.gaps) == (ExitCode.GIVEN, ())
@@ -78,32 +79,26 @@ def test_a_plant_of_somebody_else_flies_is_recorded_replayed_and_verified(
     )
 
 
+@pytest.mark.every_landing
 def test_a_plant_that_reports_nothing_does_not_wait_for_ever_where_two_answer(
-    ros_env, foreign, tmp_path, monkeypatch
+    inner, foreign, tmp_path, monkeypatch
 ):
     """The recorder asked it what it took, and the plant waited for the recorder."""
     monkeypatch.setattr(recorder_node, '_HELD_S', 0.3)
     plant = foreign('plant.py', lasting(12.0, tmp_path))
-    with inside() as inner:
-        said = set()
-        again = inner.user.create_publisher(WrenchStamped, 'control_force', 64)
+    said = set()
+    again = inner.user.create_publisher(WrenchStamped, 'control_force', 64)
 
-        def repeat(data):
-            if data not in said:
-                said.add(data)
-                again.publish(data)
+    def repeat(data):
+        if data not in said:
+            said.add(data)
+            again.publish(data)
 
-        inner.user.create_subscription(
-            WrenchStamped,
-            'control_force',
-            repeat,
-            64,
-            raw=True,
-        )
-        inner.start(ControllerNode({'controller': 'handmade'}))
-        recorder = inner.start(RecorderNode({'output': str(tmp_path / 'run')}))
-        inner.until(lambda: recorder.done and plant.poll() is not None)
-        assert (plant.returncode, recorder.exit_code) == (0, 0)
+    inner.user.create_subscription(WrenchStamped, 'control_force', repeat, 64, raw=True)
+    inner.start(ControllerNode({'controller': 'handmade'}))
+    recorder = inner.start(RecorderNode({'output': str(tmp_path / 'run'), **PATIENT}))
+    inner.until(lambda: recorder.done and plant.poll() is not None)
+    assert (plant.returncode, recorder.exit_code) == (0, 0)
     found = verify(tmp_path / 'run', given=['relative_state'])
     assert (found.exit_code, found.gaps) == (ExitCode.GIVEN, ()), found.sentence()
 
@@ -129,18 +124,17 @@ OURS = {
 }
 
 
-@pytest.mark.parametrize('role', rest_at_landing(OTHERS, quick=3))
-def test_verify_names_what_somebody_else_made_and_nothing_else(ros_env, foreign, tmp_path, role):
+@pytest.mark.parametrize('role', rest_at_landing(OTHERS))
+def test_verify_names_what_somebody_else_made_and_nothing_else(inner, foreign, tmp_path, role):
     name, given, recomputed = OTHERS[role]
     more = {} if name else {'sensors': {'units': [SENSOR]}, 'estimator': {}}
     scenario = lasting(2.0, tmp_path, name or 'approach', **more)
     foreign('answers.py', role)
-    with inside() as inner:
-        for ours, (node, options) in OURS.items():
-            if ours != role:
-                inner.start(node(options))
-        inner.record_and_fly(tmp_path / 'run', scenario)
-        assert inner.ends() == 0
+    for ours, (node, options) in OURS.items():
+        if ours != role:
+            inner.start(node(options))
+    inner.record_and_fly(tmp_path / 'run', scenario)
+    assert inner.ends() == 0
     assert verify(tmp_path / 'run').exit_code != ExitCode.OK
     found = verify(tmp_path / 'run', given=given)
     assert (found.exit_code, found.gaps) == (ExitCode.GIVEN, ()), found.sentence()

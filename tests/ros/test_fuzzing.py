@@ -24,7 +24,7 @@ from rpo_ros import conversions, names, qos
 from rpo_ros.parameter_rows import tables
 from rpo_ros.running import FlightNode
 from rpo_ros.signals import message_class
-from rpo_view.latest import Latest
+from rpo_view.listening import Latest
 from tools.fuzzing import messages
 from tools.fuzzing.flight import LOOP
 

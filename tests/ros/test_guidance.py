@@ -9,7 +9,6 @@ from functools import partial
 import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
-from inside import inside
 from std_srvs.srv import Trigger
 
 from rpo_core import files
@@ -59,7 +58,7 @@ def fly(inner, folder, real_time_factor, duration_s=30.0):
     inner.fly(folder / 'run', str(path), *STAGES, **options)
 
 
-def test_a_plan_is_flown_beside_all_other_stages_and_obeys(ros_env, tmp_path):
+def test_a_plan_is_flown_beside_all_other_stages_and_obeys(inner, tmp_path):
     """The controller could not take several inputs: every guided flight on ROS broke."""
     phases: list[str] = []
 
@@ -70,21 +69,20 @@ def test_a_plan_is_flown_beside_all_other_stages_and_obeys(ros_env, tmp_path):
         answer = inner.call(Trigger, f'/guidance/{name}', Trigger.Request())
         return answer.success, answer.message
 
-    with inside() as inner:
-        topic = interfaces.GUIDANCE_STATUS
-        inner.user.create_subscription(DiagnosticStatus, topic, hear, qos.LATCHED_QUEUE)
-        fly(inner, tmp_path, 15.0)
-        inner.until(lambda: 'wait' in phases and inner.plant.tick > 0)
-        success, message = call('go')
-        assert not success and '`dwell_s` = 5 s is not over' in message
-        inner.reaches(80)
-        assert call('go')[0]
-        inner.until(lambda: phases[-1] == 'in')
-        assert call('hold')[0]
-        inner.until(lambda: phases[-1] == 'stopped')
-        assert call('retreat')[0]
-        inner.until(lambda: phases[-1] == 'retreating')
-        assert inner.ends() == 0
+    topic = interfaces.GUIDANCE_STATUS
+    inner.user.create_subscription(DiagnosticStatus, topic, hear, qos.LATCHED_QUEUE)
+    fly(inner, tmp_path, 15.0)
+    inner.until(lambda: 'wait' in phases and inner.plant.tick > 0)
+    success, message = call('go')
+    assert not success and '`dwell_s` = 5 s is not over' in message
+    inner.reaches(80)
+    assert call('go')[0]
+    inner.until(lambda: phases[-1] == 'in')
+    assert call('hold')[0]
+    inner.until(lambda: phases[-1] == 'stopped')
+    assert call('retreat')[0]
+    inner.until(lambda: phases[-1] == 'retreating')
+    assert inner.ends() == 0
     log = read_run(tmp_path / 'run')
     told = [e.values['state'] for e in log.events if e.values.get('stage') == 'guidance']
     assert told == ['go', 'hold', 'retreat']
@@ -94,15 +92,14 @@ def test_a_plan_is_flown_beside_all_other_stages_and_obeys(ros_env, tmp_path):
 
 
 @pytest.mark.every_landing
-def test_an_operator_waits_for_its_phase_and_says_go_until_it_is_followed(ros_env, tmp_path):
-    with inside() as inner:
-        go = inner.start(OperatorNode({'command': 'go', 'phase': 'wait'}))
-        abort = inner.start(OperatorNode({'command': 'abort', 'phase': 'in'}))
-        early = inner.start(OperatorNode({'command': 'go', 'phase': 'never'}))
-        impatient = inner.start(OperatorNode({'patience_s': 0.1}))
-        inner.until(lambda: impatient.done)
-        fly(inner, tmp_path, 15.0, duration_s=45.0)
-        inner.until(lambda: inner.recorder.done and go.done and abort.done and early.done)
+def test_an_operator_waits_for_its_phase_and_says_go_until_it_is_followed(inner, tmp_path):
+    go = inner.start(OperatorNode({'command': 'go', 'phase': 'wait'}))
+    abort = inner.start(OperatorNode({'command': 'abort', 'phase': 'in'}))
+    early = inner.start(OperatorNode({'command': 'go', 'phase': 'never'}))
+    impatient = inner.start(OperatorNode({'patience_s': 0.1}))
+    inner.until(lambda: impatient.done)
+    fly(inner, tmp_path, 15.0, duration_s=45.0)
+    inner.until(lambda: inner.recorder.done and go.done and abort.done and early.done)
     assert (go.exit_code, abort.exit_code, early.exit_code, impatient.exit_code) == (0, 0, 1, 1)
     events = [e.values for e in read_run(tmp_path / 'run').events if e.values.get('stage')]
     told = [(e['state'], int(e['tick'])) for e in events if e['stage'] == 'guidance']
@@ -111,7 +108,7 @@ def test_an_operator_waits_for_its_phase_and_says_go_until_it_is_followed(ros_en
     assert verify(tmp_path / 'run').exit_code == 0
 
 
-def test_each_node_is_switched_off_and_on_in_flight_logged_and_verified(ros_env, tmp_path):
+def test_each_node_is_switched_off_and_on_in_flight_logged_and_verified(inner, tmp_path):
     """And says so; an inactive guidance takes no command."""
     heard = set()
 
@@ -123,24 +120,21 @@ def test_each_node_is_switched_off_and_on_in_flight_logged_and_verified(ros_env,
         assert all(key.startswith(tuple(known)) for key, _ in said.values), said
         heard.add(topic)
 
-    with inside() as inner:
-        for topic in READERS:
-            take = partial(hear, topic)
-            inner.user.create_subscription(
-                DiagnosticStatus, topic, take, qos.LATCHED_QUEUE, raw=True
-            )
-        fly(inner, tmp_path, 20.0)
-        recorder, stages = inner.recorder, [n for n in inner.nodes if isinstance(n, STAGES)]
-        for node in stages:
-            for label in ('deactivate', 'activate'):
-                at = recorder.log.next_tick if recorder.log is not None else 0
-                inner.until(lambda: recorder.log is not None and recorder.log.next_tick > at + 20)  # noqa: B023
-                assert inner.transition(f'/{node.get_name()}', label)
-                assert node.health()[2]['state'] == ('inactive', 'active')[label == 'activate']
-                if label == 'deactivate' and node is stages[1]:
-                    response = inner.call(Trigger, '/guidance/go', Trigger.Request())
-                    assert (response.success, response.message) == (False, 'guidance is inactive')
-        inner.ends()
+    for topic in READERS:
+        take = partial(hear, topic)
+        inner.user.create_subscription(DiagnosticStatus, topic, take, qos.LATCHED_QUEUE, raw=True)
+    fly(inner, tmp_path, 20.0)
+    recorder, stages = inner.recorder, [n for n in inner.nodes if isinstance(n, STAGES)]
+    for node in stages:
+        for label in ('deactivate', 'activate'):
+            at = recorder.log.next_tick if recorder.log is not None else 0
+            inner.until(lambda: recorder.log is not None and recorder.log.next_tick > at + 20)  # noqa: B023
+            assert inner.transition(f'/{node.get_name()}', label)
+            assert node.health()[2]['state'] == ('inactive', 'active')[label == 'activate']
+            if label == 'deactivate' and node is stages[1]:
+                response = inner.call(Trigger, '/guidance/go', Trigger.Request())
+                assert (response.success, response.message) == (False, 'guidance is inactive')
+    inner.ends()
     assert heard >= {'run_status', 'stage_status', 'node_manifest', 'recorder_status'}
     log = read_run(tmp_path / 'run')
     said = [

@@ -7,46 +7,42 @@ import time
 
 import pytest
 from flights import lasting
-from inside import inside
 
 from rpo_nav.navigation_node import NavigationNode
-from rpo_ros.heartbeat import Pulse, Watch
+from rpo_ros.heartbeat import MOST_STEP_S, Pulse, Timeout, Watch
 from rpo_ros.running import FlightNode
-from rpo_ros.timeout import MOST_STEP_S, Timeout
 
 
-def test_a_node_that_says_nothing_any_more_is_named(ros_env, tmp_path, capfd):
+def test_a_node_that_says_nothing_any_more_is_named(inner, tmp_path, capfd):
     path = lasting(60.0, tmp_path, navigation={'position_noise_m': 0.01})
-    with inside() as inner:
-        inner.fly(tmp_path / 'run', path, NavigationNode, real_time_factor=10.0, peer_timeout_s=1.5)
-        navigation, plant, recorder = inner.nodes[1], inner.plant, inner.recorder
-        inner.reaches(20)
-        assert not plant.watch.silent
-        inner.executor.remove_node(navigation)
-        since_s = time.monotonic()
-        inner.until(lambda: plant.watch.silent and recorder._watch.silent)
-        assert time.monotonic() - since_s < 1.5, 'test_killed.py holds it to one second'
-        assert plant.watch.silent == recorder._watch.silent == {'navigation': 'navigation'}
-        assert plant._health()[2]['silent'] == 'navigation'
-        inner.ends()
+    inner.fly(tmp_path / 'run', path, NavigationNode, real_time_factor=10.0, peer_timeout_s=1.5)
+    navigation, plant, recorder = inner.nodes[1], inner.plant, inner.recorder
+    inner.reaches(20)
+    assert not plant.watch.silent
+    inner.executor.remove_node(navigation)
+    since_s = time.monotonic()
+    inner.until(lambda: plant.watch.silent and recorder._watch.silent)
+    assert time.monotonic() - since_s < 1.5, 'test_killed.py holds it to one second'
+    assert plant.watch.silent == recorder._watch.silent == {'navigation': 'navigation'}
+    assert plant._health()[2]['silent'] == 'navigation'
+    inner.ends()
     said = capfd.readouterr().err
     assert '[plant]: navigation (navigation) is silent for 0.6 s: gone, or stuck' in said
     assert 'no answer to tick ' in said and 'from control_force; silent: navigation' in said
 
 
-def test_who_ends_in_order_is_named_at_once_and_may_come_back(ros_env, capfd):
-    with inside() as inner:
-        stages, flies = ['guidance'], [True]
-        node, other = inner.start(FlightNode('plant')), inner.start(FlightNode('mine'))
-        watch, pulse = Watch(node, lambda: flies[0]), Pulse(other, lambda: stages)
-        inner.until(lambda: watch._heard)
-        pulse.beat('gone')
-        inner.until(lambda: watch.silent == {'mine': 'guidance'})
-        inner.until(lambda: not watch.silent)  # it beats again
-        stages.clear()  # without a stage it says nothing, and before the flight nobody is missed
-        flies.clear(), flies.append(False)
-        inner.until(lambda: not watch._heard)
-        assert not watch.silent
+def test_who_ends_in_order_is_named_at_once_and_may_come_back(inner, capfd):
+    stages, flies = ['guidance'], [True]
+    node, other = inner.start(FlightNode('plant')), inner.start(FlightNode('mine'))
+    watch, pulse = Watch(node, lambda: flies[0]), Pulse(other, lambda: stages)
+    inner.until(lambda: watch._heard)
+    pulse.beat('gone')
+    inner.until(lambda: watch.silent == {'mine': 'guidance'})
+    inner.until(lambda: not watch.silent)  # it beats again
+    stages.clear()  # without a stage it says nothing, and before the flight nobody is missed
+    flies.clear(), flies.append(False)
+    inner.until(lambda: not watch._heard)
+    assert not watch.silent
     said = capfd.readouterr().err
     assert 'mine (guidance) has ended' in said and 'mine is back' in said
 

@@ -9,30 +9,41 @@ import time
 
 import pytest
 from flights import lasting
-from steering import steering
+from inside import Hand
 
 from rpo_log.verify import verify
 from rpo_mcap.errors import ExitCode
-from tools.node_processes import node_processes
+from rpo_ros import conversions
 
-pytestmark = pytest.mark.slow
 MODES = ('lockstep', 'free_running')
 WARN, ERROR = b'\x01', b'\x02'
-MOMENTS = 8
 SLACK_S = 5.0
 """For a busy machine; health is told once a second."""
+
+moments = pytest.mark.parametrize(
+    'moments',
+    [
+        pytest.param(1, marks=pytest.mark.every_landing),
+        pytest.param(8, marks=[pytest.mark.slow, pytest.mark.timeout(1200)]),
+    ],
+)
 PEER_TIMEOUT_S, STALE_TICKS, PLANT_TIMEOUT_S, RECORDER_LEASE_S, SILENT_S = 0.5, 5, 2.0, 5.0, 3.0
 TOPICS = {'fuzzy_controller': 'control_force', 'disturbance_injector': 'disturbance_force'}
+
+
+def phase(status):
+    """Return phase and level of a run_status."""
+    return conversions.values_of(status)['phase'], status.level
 
 
 class Run:
     """The nodes of a flight, any of which may die and be started anew."""
 
-    def __init__(self, ros, hand, mode, seed, duration_s):
+    def __init__(self, ros, hand, mode, seed):
         self.ros, self.hand, self.mode = ros, hand, mode
         self.chance = random.Random(seed)
         self.count = 0
-        self.scenario = lasting(duration_s, ros.folder, 'paper_test')
+        self.scenario = lasting(3600.0, ros.folder, 'paper_test')
 
     def controller(self):
         return self.ros.node('rpo_ctrl', 'fuzzy_controller')
@@ -68,36 +79,36 @@ class Run:
         def said():
             return [
                 moment
-                for moment, level, message, values in self.hand.health.get(node, ())
-                if level != b'\x00' and text in f'{message} {values}' and moment >= since_s
+                for moment, status in self.hand.health.get(node, ())
+                if status.level != b'\x00'
+                and text in f'{status.message} {conversions.values_of(status)}'
+                and moment >= since_s
             ]
 
         assert self.hand.until(said)[0] - since_s <= within_s + 1.0 + SLACK_S
 
 
 @pytest.fixture
-def make(ros_env, tmp_path):
-    """Yield a maker of runs; nothing is left of them."""
-    with node_processes(ros_env, tmp_path) as ros, steering() as hand:
-        yield lambda mode, seed=1, duration_s=3600.0: Run(ros, hand, mode, seed, duration_s)
+def make(ros, inner):
+    """Return a maker of runs."""
+    return lambda mode, seed: Run(ros, Hand(inner), mode, seed)
 
 
-@pytest.mark.timeout(900)
+@moments
 @pytest.mark.parametrize('name', TOPICS)
-def test_free_running_survives_each_peer_killed_at_many_moments(make, name):
+def test_free_running_survives_each_peer_killed_at_many_moments(make, name, moments):
     """Killed and started anew, again and again, in one flight."""
     run = make('free_running', seed=2)
     peers = {'fuzzy_controller': run.controller, 'disturbance_injector': run.injector}
     nodes = {peer: begin() for peer, begin in peers.items()}
     plant, killed = run.plant(), []
     run.hand.says('flying')
-    for _ in range(MOMENTS):
+    for _ in range(moments):
         killed_s = run.kill(nodes[name])
         killed.append(killed_s)
-        values = run.hand.says(f'from {TOPICS[name]}: zero')
+        status = run.hand.says(f'from {TOPICS[name]}: zero')
         assert time.time() - killed_s < (STALE_TICKS + 2) * 0.1 + SLACK_S
-        assert run.hand.statuses[-1][1] == WARN
-        assert values['phase'] == 'running'
+        assert phase(status) == ('running', WARN)
         run.warned('plant', 'stale_ticks', killed_s, 1.0)
         nodes[name] = peers[name]()
         run.hand.says('forces are back')
@@ -110,29 +121,29 @@ def test_free_running_survives_each_peer_killed_at_many_moments(make, name):
     assert not any('Traceback' in node.output for node in run.ros.nodes)
 
 
-@pytest.mark.timeout(900)
+@moments
 @pytest.mark.parametrize('name', TOPICS)
-def test_lockstep_aborts_when_a_peer_is_killed_at_many_moments(make, name):
+def test_lockstep_aborts_when_a_peer_is_killed_at_many_moments(make, name, moments):
     run = make('lockstep', seed=3)
     peers = {'fuzzy_controller': run.controller, 'disturbance_injector': run.injector}
     nodes = {peer: begin() for peer, begin in peers.items()}
-    for _ in range(MOMENTS):
+    for _ in range(moments):
         plant = run.plant()
         run.hand.says('flying')
         killed_s = run.kill(nodes[name])
-        run.hand.says(f'from {TOPICS[name]}')
+        status = run.hand.says(f'from {TOPICS[name]}')
         assert time.time() - killed_s < PEER_TIMEOUT_S + SLACK_S
-        assert run.hand.statuses[-1][:2] == ('aborted', ERROR)
+        assert phase(status) == ('aborted', ERROR)
         assert plant.wait() == 3, plant.output
         nodes[name] = peers[name]()
 
 
-@pytest.mark.timeout(1200)
+@moments
 @pytest.mark.parametrize('mode', MODES)
-def test_a_plant_killed_at_many_moments_is_missed_by_all(make, mode):
+def test_a_plant_killed_at_many_moments_is_missed_by_all(make, mode, moments):
     run = make(mode, seed=4)
     controller, injector = run.controller(), run.injector()
-    for _ in range(MOMENTS):
+    for _ in range(moments):
         recorder, plant = run.recorder(), run.plant(wait_for_recorder='true')
         run.hand.says('flying')
         killed_s = run.kill(plant)
@@ -149,18 +160,18 @@ def test_a_plant_killed_at_many_moments_is_missed_by_all(make, mode):
     assert not any('Traceback' in node.output for node in run.ros.nodes)
 
 
-@pytest.mark.timeout(1200)
+@moments
 @pytest.mark.parametrize('mode', MODES)
-def test_a_recorder_killed_at_many_moments_is_missed_by_the_plant(make, mode):
+def test_a_recorder_killed_at_many_moments_is_missed_by_the_plant(make, mode, moments):
     run = make(mode, seed=5)
     run.controller(), run.injector()
-    for _ in range(MOMENTS):
+    for _ in range(moments):
         recorder, plant = run.recorder(), run.plant(wait_for_recorder='true')
         run.hand.says('flying')
         killed_s = run.kill(recorder)
-        run.hand.says('the recorder is gone')
+        status = run.hand.says('the recorder is gone')
         assert time.time() - killed_s < RECORDER_LEASE_S + 1.0 + SLACK_S
-        assert run.hand.statuses[-1][:2] == ('running', WARN)
+        assert phase(status) == ('running', WARN)
         run.warned('plant', 'recorder', killed_s, RECORDER_LEASE_S + 1.0)
         assert run.hand.trigger('abort').success
         assert plant.wait() == 3

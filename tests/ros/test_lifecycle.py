@@ -51,65 +51,62 @@ def force_of(name):
     return load_controller(name).force_n(STATE[:3], STATE[3:])
 
 
-def test_each_transition_does_what_it_says(ros_env, capfd):
-    with inside() as bench:
-        node = bench.start(ControllerNode({**NAMED, 'autostart': False, 'controller': 'handmade'}))
-        asker = Asker(bench)
-        bench.until(lambda: asker.states.get_subscription_count())
-        asker.states.publish(conversions.to_odometry(1, STATE))
-        bench.until(lambda: node.ignored['not_activated'])
-        assert bench.state(NODE) == 'unconfigured'
-        assert bench.transition(NODE, 'configure')
-        asker.states.publish(conversions.to_odometry(2, STATE))
-        bench.until(lambda: node.ignored['not_activated'] == 2)
-        assert not asker.answers, 'it commanded before it was activated'
-        assert bench.transition(NODE, 'activate')
-        assert asker.ask(3) == force_of('handmade') != (0.0, 0.0, 0.0)
-        assert bench.transition(NODE, 'deactivate')
-        assert asker.ask(3) == force_of('handmade'), 'two answers to one state differ'
-        assert asker.ask(4) == (0.0, 0.0, 0.0)
-        assert bench.transition(NODE, 'cleanup')
-        assert asker.ask(5) == (0.0, 0.0, 0.0)
-        assert bench.set(NODE, controller='trained') == (True, '')
-        assert bench.transition(NODE, 'configure') and bench.transition(NODE, 'activate')
-        assert asker.ask(6) == force_of('trained')
-        assert bench.state(NODE) == 'active'
-        assert node.health()[2]['answered_zero'] == 2
-        assert bench.transition(NODE, 'shutdown') and node.done
+def test_each_transition_does_what_it_says(inner, capfd):
+    node = inner.start(ControllerNode({**NAMED, 'autostart': False, 'controller': 'handmade'}))
+    asker = Asker(inner)
+    inner.until(lambda: asker.states.get_subscription_count())
+    asker.states.publish(conversions.to_odometry(1, STATE))
+    inner.until(lambda: node.ignored['not_activated'])
+    assert inner.state(NODE) == 'unconfigured'
+    assert inner.transition(NODE, 'configure')
+    asker.states.publish(conversions.to_odometry(2, STATE))
+    inner.until(lambda: node.ignored['not_activated'] == 2)
+    assert not asker.answers, 'it commanded before it was activated'
+    assert inner.transition(NODE, 'activate')
+    assert asker.ask(3) == force_of('handmade') != (0.0, 0.0, 0.0)
+    assert inner.transition(NODE, 'deactivate')
+    assert asker.ask(3) == force_of('handmade'), 'two answers to one state differ'
+    assert asker.ask(4) == (0.0, 0.0, 0.0)
+    assert inner.transition(NODE, 'cleanup')
+    assert asker.ask(5) == (0.0, 0.0, 0.0)
+    assert inner.set(NODE, controller='trained') == (True, '')
+    assert inner.transition(NODE, 'configure') and inner.transition(NODE, 'activate')
+    assert asker.ask(6) == force_of('trained')
+    assert inner.state(NODE) == 'active'
+    assert node.health()[2]['answered_zero'] == 2
+    assert inner.transition(NODE, 'shutdown') and node.done
     assert 'inactive: commanding zero' in capfd.readouterr().err
 
 
-def test_another_controller_is_refused_in_flight_and_loaded_when_inactive(ros_env):
-    with inside() as bench:
-        node = bench.start(ControllerNode({**NAMED, 'controller': 'handmade'}))
-        asker = Asker(bench)
-        successful, reason = bench.set(NODE, controller='trained')
-        assert not successful and 'deactivate` first' in reason
-        assert bench.transition(NODE, 'deactivate')
-        successful, reason = bench.set(NODE, controller='nope')
-        assert not successful and "'nope'" in reason
-        assert node.controller.name == 'handmade' == node.values['controller']
-        assert bench.set(NODE, controller='trained')[0]
-        assert bench.transition(NODE, 'activate')
-        assert asker.ask(1) == force_of('trained')
+def test_another_controller_is_refused_in_flight_and_loaded_when_inactive(inner):
+    node = inner.start(ControllerNode({**NAMED, 'controller': 'handmade'}))
+    asker = Asker(inner)
+    successful, reason = inner.set(NODE, controller='trained')
+    assert not successful and 'deactivate` first' in reason
+    assert inner.transition(NODE, 'deactivate')
+    successful, reason = inner.set(NODE, controller='nope')
+    assert not successful and "'nope'" in reason
+    assert node.controller.name == 'handmade' == node.values['controller']
+    assert inner.set(NODE, controller='trained')[0]
+    assert inner.transition(NODE, 'activate')
+    assert asker.ask(1) == force_of('trained')
 
 
-def test_a_bad_file_leaves_the_node_unconfigured_and_says_why(ros_env, tmp_path, capfd):
+def test_a_bad_file_leaves_the_node_unconfigured_and_says_why(inner, tmp_path, capfd):
     good = files.shipped('controller')['handmade'].read_text()
     path = tmp_path / 'mine.yaml'
     path.write_text(good.replace('position_m:', 'position_km:'))
-    with inside() as bench:
-        bench.start(ControllerNode({'autostart': False, 'controller': str(path)}))
-        assert not bench.transition(NODE, 'configure')
-        assert bench.state(NODE) == 'unconfigured'
-        assert not bench.transition(NODE, 'activate'), 'there is no such transition from here'
-        path.write_text(good)
-        assert bench.transition(NODE, 'configure') and bench.state(NODE) == 'inactive'
+    inner.start(ControllerNode({'autostart': False, 'controller': str(path)}))
+    assert not inner.transition(NODE, 'configure')
+    assert inner.state(NODE) == 'unconfigured'
+    assert not inner.transition(NODE, 'activate'), 'there is no such transition from here'
+    path.write_text(good)
+    assert inner.transition(NODE, 'configure') and inner.state(NODE) == 'inactive'
     said = capfd.readouterr().err
     assert f'cannot configure: {path}: `scales.position_km`' in said and 'Traceback' not in said
 
 
-def test_what_breaks_inside_is_logged_with_its_cause(ros_env, capfd):
+def test_what_breaks_inside_is_logged_with_its_cause(inner, capfd):
     class Broken(ControllerNode):
         fault = ''
 
@@ -129,15 +126,14 @@ def test_what_breaks_inside_is_logged_with_its_cause(ros_env, capfd):
                 raise ZeroDivisionError('in the law')
             return ((0.0, 0.0, 0.0),)
 
-    with inside() as bench:
-        node = bench.start(Broken(NAMED))
-        asker = Asker(bench)
-        assert asker.ask(1) == (0.0, 0.0, 0.0), 'a broken law commands zero'
-        assert bench.state(NODE) == 'inactive'
-        assert bench.transition(NODE, 'cleanup')
-        node.fault = 'configure'
-        assert not bench.transition(NODE, 'configure')
-        assert bench.state(NODE) == 'unconfigured'
+    node = inner.start(Broken(NAMED))
+    asker = Asker(inner)
+    assert asker.ask(1) == (0.0, 0.0, 0.0), 'a broken law commands zero'
+    assert inner.state(NODE) == 'inactive'
+    assert inner.transition(NODE, 'cleanup')
+    node.fault = 'configure'
+    assert not inner.transition(NODE, 'configure')
+    assert inner.state(NODE) == 'unconfigured'
     said = capfd.readouterr().err
     assert 'ZeroDivisionError: in the law' in said
     assert 'configure broke' in said and 'ZeroDivisionError: in the parser' in said
@@ -149,15 +145,14 @@ def test_a_bad_file_at_an_automatic_start_starts_nothing(ros_env, tmp_path):
 
 
 @pytest.mark.parametrize('request_id', [0, 1, 3, 99])
-def test_a_transition_that_is_not_possible_is_refused_and_the_node_lives(ros_env, request_id):
+def test_a_transition_that_is_not_possible_is_refused_and_the_node_lives(inner, request_id):
     """1 is configure and 3 is activate: the controller is active already."""
-    with inside() as bench:
-        bench.start(ControllerNode({**NAMED, 'controller': 'handmade'}))
-        request = ChangeState.Request(transition=Transition(id=request_id))
-        assert not bench.call(ChangeState, f'{NODE}/change_state', request).success
-        assert not bench.transition(NODE, 'activate')
-        assert bench.state(NODE) == 'active'
-        assert Asker(bench).ask(1) == force_of('handmade')
+    inner.start(ControllerNode({**NAMED, 'controller': 'handmade'}))
+    request = ChangeState.Request(transition=Transition(id=request_id))
+    assert not inner.call(ChangeState, f'{NODE}/change_state', request).success
+    assert not inner.transition(NODE, 'activate')
+    assert inner.state(NODE) == 'active'
+    assert Asker(inner).ask(1) == force_of('handmade')
 
 
 def test_private_names_of_rclpy_are_in_one_module():

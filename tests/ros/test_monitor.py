@@ -9,7 +9,6 @@ import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
-from inside import inside
 from nav_msgs.msg import Odometry
 
 from rpo_bringup.monitor_node import MonitorNode
@@ -66,84 +65,74 @@ def flying(bench, path, **monitor):
         ('not_finite', (0, 0, 1.0, 0, math.nan, 0)),
     ],
 )
-def test_a_bad_state_aborts_the_run(ros_env, tmp_path, capfd, fault, lie):
-    with inside() as bench:
-        plant, _, watcher = flying(bench, table(tmp_path, **{fault: 'abort'}))
-        Liar(bench).state(*map(float, lie))
-        bench.until(lambda: plant.phase == 'aborted')
-        assert plant.exit_code == EXIT_ABORTED
-        assert watcher.checker.detected[fault] == 1
-        bench.until(lambda: watcher.phase == 'aborted' and watcher.answers == {'abort': 'done'})
+def test_a_bad_state_aborts_the_run(inner, tmp_path, capfd, fault, lie):
+    plant, _, watcher = flying(inner, table(tmp_path, **{fault: 'abort'}))
+    Liar(inner).state(*map(float, lie))
+    inner.until(lambda: plant.phase == 'aborted')
+    assert plant.exit_code == EXIT_ABORTED
+    assert watcher.checker.detected[fault] == 1
+    inner.until(lambda: watcher.phase == 'aborted' and watcher.answers == {'abort': 'done'})
     said = capfd.readouterr().err
     assert f'({fault}): abort' in said and 'abort: done by' in said
 
 
-def test_a_saturated_command_coasts(ros_env, tmp_path):
-    with inside() as bench:
-        plant, controller, watcher = flying(bench, table(tmp_path, force_saturated='coast'))
-        Liar(bench).force(0.0, 0.9, 0.0)
-        bench.until(lambda: not controller.active)
-        before = controller.answered_inactive
-        bench.until(lambda: controller.answered_inactive > before + 5)
-        assert plant.phase == 'running', 'the chaser drifts, the run goes on'
-        bench.until(lambda: watcher.checker.detected['controller_inactive'])
+def test_a_saturated_command_coasts(inner, tmp_path):
+    plant, controller, watcher = flying(inner, table(tmp_path, force_saturated='coast'))
+    Liar(inner).force(0.0, 0.9, 0.0)
+    inner.until(lambda: not controller.active)
+    before = controller.answered_inactive
+    inner.until(lambda: controller.answered_inactive > before + 5)
+    assert plant.phase == 'running', 'the chaser drifts, the run goes on'
+    inner.until(lambda: watcher.checker.detected['controller_inactive'])
 
 
-def test_a_silent_controller_aborts(ros_env, tmp_path):
-    with inside() as bench:
-        plant, controller, _ = flying(bench, table(tmp_path, force_stale='abort'))
-        bench.executor.remove_node(controller)
-        bench.until(lambda: plant.phase == 'aborted')
+def test_a_silent_controller_aborts(inner, tmp_path):
+    plant, controller, _ = flying(inner, table(tmp_path, force_stale='abort'))
+    inner.executor.remove_node(controller)
+    inner.until(lambda: plant.phase == 'aborted')
 
 
-def test_told_not_to_react_it_warns_only_and_says_so_on_diagnostics(ros_env, tmp_path):
-    with inside() as bench:
-        heard = {}
+def test_told_not_to_react_it_warns_only_and_says_so_on_diagnostics(inner, tmp_path):
+    heard = {}
 
-        def on_diagnostics(message):
-            heard.update({status.name: status for status in message.status})
+    def on_diagnostics(message):
+        heard.update({status.name: status for status in message.status})
 
-        bench.user.create_subscription(
-            DiagnosticArray, '/diagnostics', on_diagnostics, qos.DIAGNOSTICS
-        )
-        path = table(tmp_path, out_of_range='abort')
-        plant, _, _ = flying(bench, path, react=False)
-        Liar(bench).state(500.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        status = bench.until(
-            lambda: (s := heard.get('monitor: health')) and s.level != b'\x00' and s
-        )
-        values = {pair.key: pair.value for pair in status.values}
-        assert status.level == b'\x01' and values['reaction_out_of_range'] == 'warn'
-        assert plant.phase == 'running'
-        assert bench.set('/monitor', react=True) == (True, '')
+    inner.user.create_subscription(DiagnosticArray, '/diagnostics', on_diagnostics, qos.DIAGNOSTICS)
+    path = table(tmp_path, out_of_range='abort')
+    plant, _, _ = flying(inner, path, react=False)
+    Liar(inner).state(500.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    status = inner.until(lambda: (s := heard.get('monitor: health')) and s.level != b'\x00' and s)
+    values = {pair.key: pair.value for pair in status.values}
+    assert status.level == b'\x01' and values['reaction_out_of_range'] == 'warn'
+    assert plant.phase == 'running'
+    assert inner.set('/monitor', react=True) == (True, '')
 
 
-def test_nobody_there_to_react_is_an_error_on_diagnostics(ros_env, tmp_path):
-    with inside() as bench:
-        watcher = bench.start(MonitorNode({'table': table(tmp_path, out_of_range='abort')}))
-        watcher.phase = 'running'
-        Liar(bench).state(500.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        bench.until(lambda: watcher.checker.detected['out_of_range'])
-        level, said, _ = watcher._health()
-        assert level == b'\x02' and 'no service for abort' in said
+def test_nobody_there_to_react_is_an_error_on_diagnostics(inner, tmp_path):
+    watcher = inner.start(MonitorNode({'table': table(tmp_path, out_of_range='abort')}))
+    watcher.phase = 'running'
+    Liar(inner).state(500.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    inner.until(lambda: watcher.checker.detected['out_of_range'])
+    level, said, _ = watcher._health()
+    assert level == b'\x02' and 'no service for abort' in said
 
 
-def test_a_corridor_is_where_the_target_points(ros_env, tmp_path):
+def test_a_corridor_is_where_the_target_points(inner, tmp_path):
     document = yaml.safe_load(Path(table(tmp_path, off_corridor='abort')).read_text())
     document['limits'].update(corridor_half_angle_deg=20.0, corridor_axis=[1.0, 0.0, 0.0])
     path = tmp_path / 'cone.yaml'
     path.write_text(yaml.safe_dump(document))
-    with inside() as bench:
-        watcher = bench.start(MonitorNode({'table': str(path)}))
-        liar = Liar(bench)
-        attitudes = bench.user.create_publisher(Odometry, 'target_attitude', qos.LOCKSTEP)
-        turned = Odometry()  # its x along y of LVLH
-        turned.pose.pose.orientation.z = turned.pose.pose.orientation.w = math.sqrt(0.5)
-        bench.until(lambda: attitudes.get_subscription_count())
-        attitudes.publish(turned)
-        bench.until(lambda: watcher._attitude[2] > 0.0)
-        liar.state(0.0, 50.0, 0.0, 0.0, 0.0, 0.0)
-        bench.until(lambda: watcher._newest_ns == 1)
-        assert not watcher.checker.detected['off_corridor']
-        liar.states.publish(conversions.to_odometry(2, (50.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
-        bench.until(lambda: watcher.checker.detected['off_corridor'] == 1)
+    watcher = inner.start(MonitorNode({'table': str(path)}))
+    liar = Liar(inner)
+    attitudes = inner.user.create_publisher(Odometry, 'target_attitude', qos.LOCKSTEP)
+    turned = Odometry()  # its x along y of LVLH
+    turned.pose.pose.orientation.z = turned.pose.pose.orientation.w = math.sqrt(0.5)
+    inner.until(lambda: attitudes.get_subscription_count())
+    attitudes.publish(turned)
+    inner.until(lambda: watcher._attitude[2] > 0.0)
+    liar.state(0.0, 50.0, 0.0, 0.0, 0.0, 0.0)
+    inner.until(lambda: watcher._newest_ns == 1)
+    assert not watcher.checker.detected['off_corridor']
+    liar.states.publish(conversions.to_odometry(2, (50.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
+    inner.until(lambda: watcher.checker.detected['off_corridor'] == 1)

@@ -6,7 +6,6 @@ import re
 
 import pytest
 from flights import assert_flown, processes
-from inside import inside
 from nav_scenarios import LIDAR, make
 
 from rpo_core.chain.flight import fly
@@ -85,45 +84,41 @@ def test_copies_of_an_input_far_ahead_are_stray_and_a_row_is_not(monkeypatch):
     assert [waits.is_stray(5000 * dt_ns) for _ in range(3)] == [True, True, False]
 
 
-def test_copies_of_a_state_do_not_shorten_the_wait_for_a_command(ros_env, tmp_path, monkeypatch):
+def test_copies_of_a_state_do_not_shorten_the_wait_for_a_command(inner, tmp_path, monkeypatch):
     """Anybody can send them: on a busy machine they let a filter go on without a late command."""
     flown, path = written(tmp_path, ticks=5)
     monkeypatch.setattr(patience, 'LEAST_WAIT_S', 3600.0)
-    with inside() as inner:
-        node = inner.start(NavigationNode({'scenario': str(path)}))
-        states = Outlet(inner.user, 'relative_state')
-        inner.until(lambda: states.publisher.get_subscription_count())
-        state = tuple(map(float, flown.start))
-        states.publish(flown.stamp_ns(0), state)
-        inner.until(lambda: node.last_tick == 0)
-        for _ in range(2 * patience.MOST_REPEATS):
-            states.publish(flown.stamp_ns(1), state)
-        inner.until(lambda: node._patience._repeats > patience.MOST_REPEATS)
-        assert node.last_tick == 0
-        monkeypatch.setattr(patience, 'LEAST_WAIT_S', 0.0)
+    node = inner.start(NavigationNode({'scenario': str(path)}))
+    states = Outlet(inner.user, 'relative_state')
+    inner.until(lambda: states.publisher.get_subscription_count())
+    state = tuple(map(float, flown.start))
+    states.publish(flown.stamp_ns(0), state)
+    inner.until(lambda: node.last_tick == 0)
+    for _ in range(2 * patience.MOST_REPEATS):
         states.publish(flown.stamp_ns(1), state)
-        inner.until(lambda: node.last_tick == 1)
+    inner.until(lambda: node._patience._repeats > patience.MOST_REPEATS)
+    assert node.last_tick == 0
+    monkeypatch.setattr(patience, 'LEAST_WAIT_S', 0.0)
+    states.publish(flown.stamp_ns(1), state)
+    inner.until(lambda: node.last_tick == 1)
 
 
-def test_a_command_that_waits_is_not_replaced_and_answers_cause_no_answers(ros_env, tmp_path):
+def test_a_command_that_waits_is_not_replaced_and_answers_cause_no_answers(inner, tmp_path):
     """A foreign command drove out the one before, and each repeated one made a whole new tick."""
     flown, path = written(tmp_path, ticks=5)
-    with inside() as inner:
-        node = inner.start(NavigationNode({'scenario': str(path)}))
-        states, commands = (
-            Outlet(inner.user, name) for name in ('relative_state', 'control_force')
-        )
-        inner.until(lambda: all(x.publisher.get_subscription_count() for x in (states, commands)))
-        state = tuple(map(float, flown.start))
-        states.publish(flown.stamp_ns(0), state)
-        inner.until(lambda: node.answered == 1)
-        for shift_ns in (0, 1, -flown.dt_ns):
-            commands.publish(flown.stamp_ns(0) + shift_ns, (0.1, 0.0, 0.0))
-        inner.until(lambda: len(node._waiting) == 2)
-        states.publish(flown.stamp_ns(1), state)
-        inner.until(lambda: node.last_tick == 1)
-        for _ in range(5):
-            commands.publish(flown.stamp_ns(0), (0.1, 0.0, 0.0))
-        states.publish(flown.stamp_ns(0), state)
-        inner.until(lambda: node.ignored['late'])
-        assert node.answered == 2
+    node = inner.start(NavigationNode({'scenario': str(path)}))
+    states, commands = (Outlet(inner.user, name) for name in ('relative_state', 'control_force'))
+    inner.until(lambda: all(x.publisher.get_subscription_count() for x in (states, commands)))
+    state = tuple(map(float, flown.start))
+    states.publish(flown.stamp_ns(0), state)
+    inner.until(lambda: node.answered == 1)
+    for shift_ns in (0, 1, -flown.dt_ns):
+        commands.publish(flown.stamp_ns(0) + shift_ns, (0.1, 0.0, 0.0))
+    inner.until(lambda: len(node._waiting) == 2)
+    states.publish(flown.stamp_ns(1), state)
+    inner.until(lambda: node.last_tick == 1)
+    for _ in range(5):
+        commands.publish(flown.stamp_ns(0), (0.1, 0.0, 0.0))
+    states.publish(flown.stamp_ns(0), state)
+    inner.until(lambda: node.ignored['late'])
+    assert node.answered == 2

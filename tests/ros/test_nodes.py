@@ -7,186 +7,143 @@ import signal
 import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from flights import lasting
-from landing import rest_at_landing
+from flights import INJECTOR, lasting, processes
 
+from rpo_bringup import final_approach
+from rpo_core import files
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import DEFAULT_CONTROLLER, scenario
 from rpo_core.files.scenario import load_scenario
 from rpo_core.judge.requirements import Requirements
+from rpo_ctrl.controller_node import ControllerNode
+from rpo_log.recorder_node import RecorderNode
+from rpo_log.replay_node import ReplayNode
 from rpo_log.verify import verify
 from rpo_mcap.read.run_log import read_flight, read_run
-
-NODES = {
-    'plant': ('rpo_sim', {}),
-    'disturbance_injector': ('rpo_sim', {}),
-    'fuzzy_controller': ('rpo_ctrl', {}),
-    'recorder': ('rpo_log', {}),
-}
+from rpo_ros.entry_point import start_node
+from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
+from rpo_sim.fault_injector_node import FaultInjectorNode
+from rpo_sim.plant_node import PlantNode
 
 
-def test_a_controller_waits_for_its_plant_and_they_fly_approach(ros):
-    """The README starts them the other way round."""
-    controller = ros.node('rpo_ctrl', 'fuzzy_controller')
-    controller.says('controlling with')
-    plant = ros.node('rpo_sim', 'plant', scenario=lasting(60.0, ros.folder))
-    assert plant.wait() == 0, plant.output
-    plant.says('finished at 60 s')
-    assert controller.stop() == 0
+def test_four_processes_fly_and_end_cleanly(ros):
+    """The controller waits for its plant; the README starts them the other way round."""
+    run = processes(ros, lasting(20.0, ros.folder, 'paper_test'), INJECTOR, end=signal.SIGTERM)
+    assert verify(run).exit_code == 0
     assert not any('Traceback' in node.output for node in ros.nodes)
 
 
-@pytest.mark.parametrize(
-    'number', [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.slow)]
-)
-def test_a_signal_ends_every_node_cleanly(ros, number):
-    started = [
-        (
-            ros.node('rpo_sim', 'plant', scenario='paper_test', wait_for_recorder='true'),
-            'waiting for',
-        ),
-        (ros.node('rpo_sim', 'disturbance_injector'), 'disturbing as'),
-        (ros.node('rpo_ctrl', 'fuzzy_controller'), 'controlling with'),
-        (ros.node('rpo_log', 'recorder', output=str(ros.folder / 'run')), 'recording'),
-    ]
-    for node, text in started:
-        node.says(text)
-    for node, _ in started:
-        assert node.stop(number) == 0, node.output
-        assert 'Traceback' not in node.output
-
-
-@pytest.mark.parametrize(
-    'number', [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
-)
-def test_a_signal_in_flight_leaves_a_readable_log(ros, number):
+def test_a_signal_in_flight_leaves_a_readable_log(ros):
     output = ros.folder / 'run'
     options = ('--scenario', 'paper_test', '--output', str(output), '--real-time-factor', '20')
     node = ros.node('rpo_bringup', 'final_approach', *options)
     node.says('flying')
-    assert node.stop(number) == 0, node.output
+    assert node.stop() == 0, node.output
     assert 'Traceback' not in node.output
     log = read_run(output)
     expected = fly(load_scenario('paper_test'), load_controller(DEFAULT_CONTROLLER))
-    count = len(log.ticks)
-    np.testing.assert_array_equal(log.states, expected.states[:count])
+    np.testing.assert_array_equal(log.states, expected.states[: len(log.ticks)])
     assert log.outcome == 'aborted'
 
 
 BAD = {
-    'a set of scenarios': ('plant', {'scenario': 'paper_training'}, ['set of 216']),
-    'text for a number': ('plant', {'real_time_factor': 'fast'}, ['`real_time_factor`', 'fast']),
-    'a number for a text': ('fuzzy_controller', {'controller': '3'}, ['`controller`', '3']),
-    'injector, unknown': ('disturbance_injector', {'scenario': 'nope'}, ["'nope'"]),
+    'a set of scenarios': (PlantNode, {'scenario': 'paper_training'}, ['set of 216']),
+    'text for a number': (PlantNode, {'real_time_factor': 'fast'}, ['`real_time_factor`', 'fast']),
+    'a number for a text': (ControllerNode, {'controller': '3'}, ['`controller`', '3']),
+    'injector, unknown': (DisturbanceInjectorNode, {'scenario': 'nope'}, ["'nope'"]),
+    'a field of a file': (
+        ControllerNode,
+        {'controller': 'mine.yaml'},
+        ['mine.yaml', 'rules.SP[SP]', "'XL'", 'LN, SN, Z'],
+    ),
+    'an existing run': (RecorderNode, {'output': 'run'}, ['overwrite']),
+    'no log': (ReplayNode, {'bag': '.'}, ['holds no run.mcap']),
+    'one topic': (
+        FaultInjectorNode,
+        {'from_topic': '/control_force', 'to_topic': 'control_force'},
+        ['`to_topic` must differ'],
+    ),
+    'a rate above one': (FaultInjectorNode, {'drop': 1.5}, ['`drop` must be a finite number']),
+    'half a message': (
+        FaultInjectorNode,
+        {'delay_messages': 1.5},
+        ['`delay_messages` must be a whole number'],
+    ),
+    'unknown message': (
+        FaultInjectorNode,
+        {'from_topic': 'a', 'to_topic': 'b'},
+        ['`message` must be state or force'],
+    ),
 }
 
 
-@pytest.mark.parametrize('case', rest_at_landing(BAD))
-def test_bad_input_is_one_sentence_and_nothing_starts(ros, case):
-    name, parameters, said = BAD[case]
-    node = ros.node(NODES[name][0], name, **parameters)
-    assert node.wait() == 2
-    lines = [line for line in node.output.splitlines() if line.strip()]
-    assert len(lines) == 1, node.output
-    assert all(text in lines[0] for text in said), lines[0]
-    assert f'[{name}]: ' in lines[0]
+@pytest.mark.parametrize('case', BAD)
+def test_bad_input_is_one_sentence_and_nothing_starts(command, case, tmp_path, monkeypatch):
+    """As processes: test_parameter_matrix.py."""
+    monkeypatch.chdir(tmp_path)
+    shipped = files.shipped('controller')['handmade'].read_text()
+    wrong = shipped.replace('SP: [SN, Z, SP, SP, LP]', 'SP: [SN, Z, SP, XL, LP]')
+    (tmp_path / 'mine.yaml').write_text(wrong)
+    (tmp_path / 'run').mkdir()
+    (tmp_path / 'run' / 'run.mcap').write_bytes(b'precious')
+    kind, parameters, said = BAD[case]
+    code, output = command(kind.main, **parameters)
+    assert code == 2
+    (line,) = output.splitlines()
+    assert all(text in line for text in said) and ']: ' in line
+    assert (tmp_path / 'run' / 'run.mcap').read_bytes() == b'precious'
 
 
-def test_a_bad_controller_file_is_named_with_its_field(ros):
-    path = ros.folder / 'mine.yaml'
-    shipped = Path(__file__).parents[2] / 'ros_ws/src/rpo_ctrl/config/controllers/handmade.yaml'
-    path.write_text(
-        shipped.read_text().replace('SP: [SN, Z, SP, SP, LP]', 'SP: [SN, Z, SP, XL, LP]')
-    )
-    node = ros.node('rpo_ctrl', 'fuzzy_controller', controller=str(path))
-    assert node.wait() == 2
-    assert all(text in node.output for text in (str(path), 'rules.SP[SP]', "'XL'", 'LN, SN, Z'))
+def test_arguments_that_are_not_parameters_are_refused(command):
+    code, said = command(lambda: start_node('rpo_sim.plant_node'), 'scenario:=quick')
+    assert code == 2 and '--ros-args -p' in said
 
 
-def test_an_existing_run_is_not_overwritten(ros):
-    output = ros.folder / 'run'
-    output.mkdir()
-    (output / 'run.mcap').write_bytes(b'precious')
-    node = ros.node('rpo_log', 'recorder', output=str(output))
-    assert node.wait() == 2
-    assert (output / 'run.mcap').read_bytes() == b'precious'
-    assert 'overwrite' in node.output
+def test_nobody_there_says_who_is_missing(command):
+    code, said = command(PlantNode.main, scenario='paper_test', start_timeout_s=0.3)
+    assert code == 3
+    assert 'no answer in time from control_force, disturbance_force' in said
 
 
 @pytest.mark.every_landing
-def test_a_flight_over_an_older_one_verifies_after_its_report(ros):
+def test_a_flight_over_an_older_one_verifies_after_its_report(command, tmp_path):
     """The digests listed the picture of the older flight, which the report draws again."""
-    output = ros.folder / 'run'
+    output = tmp_path / 'run'
     (output / 'report').mkdir(parents=True)
     picture = output / 'report' / 'time_histories.png'
     picture.write_bytes(b'of an older flight')
     (output / 'run.mcap').write_bytes(b'an older flight')
-    arguments = ['final_approach', '--scenario', 'quick', '--output', str(output)]
-    refused = ros.node('rpo_bringup', *arguments)
-    assert refused.wait() == 2 and '`--overwrite`' in refused.output
-    again = ros.node('rpo_bringup', *arguments, '--overwrite', '--no-report')
-    assert again.wait() == 0, again.output
+    words = ('--scenario', 'quick', '--output', output)
+    code, said = command(final_approach.main, *words)
+    assert code == 2 and '`--overwrite`' in said
+    code, said = command(final_approach.main, *words, '--overwrite', '--no-report')
+    assert code == 0, said
     picture.write_bytes(b'of this flight')
     assert verify(output).exit_code == 0
 
 
-def test_arguments_that_are_not_parameters_are_refused(ros):
-    node = ros.node('rpo_sim', 'plant', 'scenario:=quick')
-    assert node.wait() == 2
-    assert '--ros-args -p' in node.output
-
-
-def test_nobody_there_says_who_is_missing(ros):
-    node = ros.node('rpo_sim', 'plant', scenario='paper_test', start_timeout_s=0.3)
-    assert node.wait() == 3
-    assert 'no answer in time from control_force, disturbance_force' in node.output
-
-
-@pytest.mark.every_landing
 @pytest.mark.parametrize(
-    ('reaction', 'code'), [pytest.param('abort', 3, marks=pytest.mark.slow), ('coast', 0)]
+    ('options', 'most_n2s', 'code', 'word'),
+    [
+        ([], 1e-3, 1, 'MISSED'),
+        pytest.param(['--no-report'], 1e-3, 0, '', marks=pytest.mark.every_landing),
+        pytest.param(['--no-fail'], 1e-3, 0, 'MISSED', marks=pytest.mark.every_landing),
+        pytest.param([], 1e3, 0, 'holds', marks=pytest.mark.every_landing),
+    ],
 )
-def test_a_controller_killed_in_flight(ros, reaction, code):
-    output = ros.folder / 'run'
-    controller = ros.node('rpo_ctrl', 'fuzzy_controller')
-    recorder = ros.node('rpo_log', 'recorder', output=str(output))
-    plant = ros.node(
-        'rpo_sim',
-        'plant',
-        scenario=lasting(20.0, ros.folder),
-        real_time_factor=10.0,
-        peer_timeout_s=0.5,
-        on_peer_timeout=reaction,
-        wait_for_recorder='true',
-    )
-    plant.says('flying')
-    controller.process.kill()
-    assert plant.wait() == code, plant.output
-    assert 'from control_force' in plant.output
-    recorder.wait()
-    assert read_run(output).outcome == {'abort': 'aborted', 'coast': 'finished'}[reaction]
-
-
-@pytest.mark.every_landing
-def test_a_plant_killed_in_flight_leaves_a_closed_log(ros):
-    output = ros.folder / 'run'
-    ros.node('rpo_ctrl', 'fuzzy_controller')
-    recorder = ros.node('rpo_log', 'recorder', output=str(output), plant_timeout_s=2.0)
-    plant = ros.node('rpo_sim', 'plant', real_time_factor=20.0, wait_for_recorder='true')
-    plant.says('flying')
-    plant.process.kill()
-    recorder.says('the plant is gone', 12.0)  # DDS alone would take 20 s
-    assert recorder.wait() == 1
-    expected = fly(load_scenario('approach'), load_controller(DEFAULT_CONTROLLER))
-    states = read_run(output).states
-    if np.isnan(states[-1]).any():  # it died between /clock and state
-        states = states[:-1]
-    np.testing.assert_array_equal(states, expected.states[: len(states)])
+def test_a_requirement_that_is_missed_is_1(options, most_n2s, code, word, command, tmp_path):
+    """`final_approach` judges the flight that it recorded."""
+    judged = replace(load_scenario('quick'), requirements=Requirements(energy_n2s=most_n2s))
+    path = tmp_path / 'judged.yaml'
+    path.write_text(scenario.dumps(judged))
+    words = ('--scenario', path, '--output', tmp_path / 'run', *options)
+    found, said = command(final_approach.main, *words)
+    assert found == code, said
+    assert word in said and ('MISSED' in said) == (word == 'MISSED')
 
 
 STUCK = """
@@ -242,23 +199,3 @@ def test_two_runs_in_two_namespaces_do_not_touch(ros):
     assert [node.wait() for node in runs] == [0, 0], [node.output for node in runs]
     alpha, beta = (read_flight(ros.folder / name) for name in ('alpha', 'beta'))
     np.testing.assert_array_equal(alpha.states, beta.states)
-
-
-@pytest.mark.parametrize(
-    ('options', 'most_n2s', 'code', 'word'),
-    [
-        ([], 1e-3, 1, 'MISSED'),
-        pytest.param(['--no-report'], 1e-3, 0, '', marks=pytest.mark.every_landing),
-        pytest.param(['--no-fail'], 1e-3, 0, 'MISSED', marks=pytest.mark.slow),
-        pytest.param([], 1e3, 0, 'holds', marks=pytest.mark.slow),
-    ],
-)
-def test_a_requirement_that_is_missed_is_1(options, most_n2s, code, word, ros):
-    """`final_approach` judges the flight that it recorded."""
-    judged = replace(load_scenario('quick'), requirements=Requirements(energy_n2s=most_n2s))
-    path = ros.folder / 'judged.yaml'
-    path.write_text(scenario.dumps(judged))
-    words = ('--scenario', str(path), '--output', f'{ros.folder}/run', *options)
-    node = ros.node('rpo_bringup', 'final_approach', *words)
-    assert node.wait() == code, node.output
-    assert word in node.output and ('MISSED' in node.output) == (word == 'MISSED')

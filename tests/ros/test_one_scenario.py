@@ -7,20 +7,22 @@ import re
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from flights import assert_flown, lasting, one_process
-from inside import inside
-from typer.testing import CliRunner
+from invoking import invoke
 
-from rpo_cli.cli import app
 from rpo_core import files
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
 from rpo_core.files.scenario import ScenarioSet, load_scenario
 from rpo_core.wire import interfaces
+from rpo_ctrl.controller_node import ControllerNode
+from rpo_ctrl.rival_controller_node import ControllerNode as RivalNode
 from rpo_log.tools.diff import diff
 from rpo_log.verify import verify
 from rpo_mcap.read.run_log import read_run
 from rpo_ros import conversions, qos
+from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
+from rpo_sim.plant_node import PlantNode
 from tools.node_processes import node_processes
 
 
@@ -41,30 +43,32 @@ def test_only_the_plant_is_told_what_to_fly(ros):
     assert read_run(output).outcome == 'finished'
 
 
-@pytest.mark.parametrize(
-    'node', ['fuzzy_controller', pytest.param('disturbance_injector', marks=pytest.mark.slow)]
-)
-def test_a_node_of_another_scenario_refuses_and_nothing_flies(ros, node):
-    package = 'rpo_ctrl' if node == 'fuzzy_controller' else 'rpo_sim'
-    plant = ros.node('rpo_sim', 'plant', scenario='approach')
-    started = ros.node(package, node, scenario='paper_test')
-    assert started.wait() == 2
-    said = '`scenario` must be the one of the plant, approach; got paper_test'
-    assert started.output.count(said) == 1 and 'Traceback' not in started.output
-    assert plant.wait() == 3, plant.output
-    assert said in plant.output and 'flying' not in plant.output
-
-
-@pytest.mark.every_landing
-def test_the_same_name_with_another_content_is_told_apart(ros):
-    changed = ros.folder / 'approach.yaml'
+def changed(folder):
+    """Write `approach` with another content; return its path."""
     text = files.find('scenario', 'approach').read_text()
-    changed.write_text(text.replace('mass_kg: 10.0', 'mass_kg: 11.0'))
-    plant = ros.node('rpo_sim', 'plant', scenario='approach')
-    controller = ros.node('rpo_ctrl', 'fuzzy_controller', scenario=str(changed))
-    assert controller.wait() == 2
-    assert 'got approach with other content' in controller.output
-    assert plant.wait() == 3
+    path = folder / 'approach.yaml'
+    path.write_text(text.replace('mass_kg: 10.0', 'mass_kg: 11.0'))
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    ('kind', 'other', 'named'),
+    [
+        (ControllerNode, 'paper_test', 'paper_test'),
+        (DisturbanceInjectorNode, 'paper_test', 'paper_test'),
+        (ControllerNode, changed, 'approach with other content'),
+    ],
+)
+def test_a_node_of_another_scenario_refuses_and_nothing_flies(
+    inner, tmp_path, capfd, kind, other, named
+):
+    plant = inner.start(PlantNode({'scenario': 'approach'}))
+    node = inner.start(kind({'scenario': other if isinstance(other, str) else other(tmp_path)}))
+    inner.until(lambda: plant.done and node.done)
+    assert (plant.exit_code, node.exit_code) == (3, 2)
+    said = f'`scenario` must be the one of the plant, approach; got {named}'
+    by_node, by_plant = [line for line in capfd.readouterr().err.splitlines() if said in line]
+    assert f'[{node.get_name()}]: ' in by_node and 'aborted at tick 0' in by_plant
 
 
 def refusal(node):
@@ -73,34 +77,26 @@ def refusal(node):
     return conversions.to_status(b'\x01', node, 'so', values.items())
 
 
-@pytest.mark.slow
-def test_in_flight_a_refusal_is_a_warning(ros, tmp_path):
+@pytest.mark.every_landing
+def test_in_flight_a_refusal_is_a_warning(inner, tmp_path, capfd):
     """A controller of another scenario that came late ended the flight of the others."""
-    path = lasting(30.0, tmp_path, 'paper_test')
-    ros.node('rpo_ctrl', 'fuzzy_controller', controller='handmade')
-    ros.node('rpo_sim', 'disturbance_injector')
-    recorder = ros.node('rpo_log', 'recorder', output=str(tmp_path / 'run'))
-    plant = ros.node(
-        'rpo_sim', 'plant', scenario=path, wait_for_recorder='true', real_time_factor=4.0
-    )
-    plant.says('flying')
-    late = ros.node(
-        'rpo_ctrl', 'fuzzy_controller', remap={'__node': 'late'}, controller='lqr',
-        scenario='approach',
-    )  # fmt: skip
-    with inside() as inner:
-        out = inner.user.create_publisher(DiagnosticStatus, interfaces.STAGE_STATUS, qos.LATCHED)
-        inner.until(lambda: out.get_subscription_count() > 1)
-        for name in ('nobody', 'user', 'recorder'):
-            out.publish(refusal(name))
-        assert late.wait() == 2, late.output
-        inner.set('plant', real_time_factor=0.0)
-        assert plant.wait() == 0, plant.output
-    assert 'late takes no part: `scenario` must be the one of the plant' in plant.output
-    assert 'the flight goes on' in plant.output and 'nobody' not in plant.output
-    assert 'user takes no part' not in plant.output, 'it neither publishes nor hears a signal'
-    assert recorder.wait() == 0, recorder.output
-    assert_flown(tmp_path / 'run', fly(load_scenario(path), load_controller('handmade')))
+    path, run = lasting(30.0, tmp_path, 'paper_test'), tmp_path / 'run'
+    inner.fly(run, path, DisturbanceInjectorNode, real_time_factor=4.0)
+    inner.reaches(1)
+    late = inner.start(RivalNode({'controller': 'lqr', 'scenario': 'approach'}))
+    out = inner.publisher(DiagnosticStatus, interfaces.STAGE_STATUS, qos.LATCHED)
+    inner.until(lambda: out.get_subscription_count() > 1)
+    for name in ('nobody', 'user', 'recorder'):
+        out.publish(refusal(name))
+    inner.until(lambda: late.done)
+    assert late.exit_code == 2
+    inner.set('plant', real_time_factor=0.0)
+    assert inner.ends() == 0
+    said = capfd.readouterr().err
+    assert 'rival_controller takes no part: `scenario` must be the one of the plant' in said
+    assert 'the flight goes on' in said and 'nobody' not in said
+    assert 'user takes no part' not in said, 'it neither publishes nor hears a signal'
+    assert_flown(run, fly(load_scenario(path), load_controller('handmade')))
 
 
 @pytest.mark.slow
@@ -134,18 +130,18 @@ def test_a_shipped_scenario_is_flown_verified_and_reported(name, ros_env, tmp_pa
     controller = 'allround'
     if name == 'apollo':  # thirty tons, as their scenario says
         controller = str(tmp_path / 'scaled.yaml')
-        scaled = CliRunner().invoke(app, ['scale', 'pd', '--scenario', name, '-o', controller])
+        scaled = invoke('scale', 'pd', '--scenario', name, '-o', controller)
         assert scaled.exit_code == 0, scaled.output
     with node_processes(env, tmp_path) as ros:
-        folder = one_process(ros, flown, '--controller', controller, deadline_s=600.0)
+        folder = one_process(ros, flown, '--controller', controller)
     verified = verify(folder)
     assert verified.exit_code == 0, verified.sentence()
-    alone = ['simulate', flown, '--controller', controller, '-o', str(tmp_path / 'alone')]
-    alone.append('--no-fail')
-    assert CliRunner().invoke(app, alone).exit_code == 0
-    _, *differ = diff(folder, tmp_path / 'alone').lines()
+    alone = tmp_path / 'alone'
+    words = ('simulate', flown, '--controller', controller, '-o', alone, '--no-fail')
+    assert invoke(*words).exit_code == 0
+    _, *differ = diff(folder, alone).lines()
     assert differ == ['parameters.yaml differs']
-    reported = CliRunner().invoke(app, ['report', str(folder)], env={'COLUMNS': '200'})
+    reported = invoke('report', folder)
     assert reported.exit_code == 0, reported.output
     page = (folder / 'report/report.html').read_text(encoding='utf-8')
     assert found.name in page and not re.search(r'>[^<]*\bnan\b', page)

@@ -66,81 +66,76 @@ def test_at_the_start_each_wrong_value_is_refused_by_name(ros_env, card):
 
 
 @each_card
-def test_a_whole_number_is_taken_for_a_real_one(ros_env, card):
-    with inside() as bench:
-        for row in card.parameters:
-            if type(row.default) is float:
-                node = bench.start(FlightNode('bare', {row.name: math.ceil(row.least)}))
-                value = declare(node, [row])[row.name]
-                assert isinstance(value, float) and value == math.ceil(row.least)
+def test_a_whole_number_is_taken_for_a_real_one(inner, card):
+    for row in card.parameters:
+        if type(row.default) is float:
+            node = inner.start(FlightNode('bare', {row.name: math.ceil(row.least)}))
+            value = declare(node, [row])[row.name]
+            assert isinstance(value, float) and value == math.ceil(row.least)
 
 
-def test_a_factor_of_time_has_a_smallest_value_and_a_timer_a_longest_period(ros_env):
+def test_a_factor_of_time_has_a_smallest_value_and_a_timer_a_longest_period(inner):
     for card, name in (('plant', 'real_time_factor'), ('replay', 'rate')):
         (row,) = (r for c in CARDS if c.executable == card for r in c.parameters if r.name == name)
         assert row.check(0) == 0.0 and row.check(row.smallest) == row.smallest
         with pytest.raises(InputError, match=f'`{name}` must be 0, or 1e-06 to 1e.06; got 1e-12'):
             row.check(1e-12)
-    with inside() as bench:
-        bench.start(FlightNode('bare')).every(1e300, lambda: None)
+    inner.start(FlightNode('bare')).every(1e300, lambda: None)
 
 
 @each_card
-def test_an_unknown_name_is_warned_of_with_the_nearest(ros_env, card, capfd):
+def test_an_unknown_name_is_warned_of_with_the_nearest(inner, card, capfd):
     row = max(card.parameters, key=lambda row: len(row.name))
-    with inside() as bench:
-        node = bench.start(FlightNode('bare', {f'{row.name}x': 1.0, 'use_sim_time': False}))
-        declare(node, card.parameters)
+    node = inner.start(FlightNode('bare', {f'{row.name}x': 1.0, 'use_sim_time': False}))
+    declare(node, card.parameters)
     said = capfd.readouterr().err
     assert f'this node has no parameter `{row.name}x`; did you mean `{row.name}`' in said
     assert 'use_sim_time' not in said
 
 
 @each_card
-def test_in_flight_nothing_wrong_is_taken_and_foreign_ones_are_not_refused(ros_env, card):
+def test_in_flight_nothing_wrong_is_taken_and_foreign_ones_are_not_refused(inner, card):
     """The table alone: a node adds its own refusals, see test_lifecycle and test_monitor."""
     rows = card.parameters
-    with inside() as bench:
-        node = bench.start(FlightNode('bare'))
-        values = declare(node, rows)
-        before = dict(values)
-        seen = []
-        node.changed = seen.append
-        for row in rows:
-            for value in wrong(row):
-                result = node.set_parameters_atomically([Parameter(row.name, value=value)])
-                assert not result.successful, f'{row.name}: {value!r} is taken'
-                assert row.name in result.reason and '\n' not in result.reason, result.reason
-            assert values == before and not seen
-            result = node.set_parameters_atomically([Parameter(row.name, value=right(row))])
-            assert result.successful == row.changeable, result.reason
-            if row.changeable:
-                assert values[row.name] == right(row) and list(seen.pop()) == [row.name]
-                before = dict(values)
-            else:
-                assert 'read-only' in result.reason
-        sim_time = Parameter('use_sim_time', value=True)
-        assert node.set_parameters_atomically([sim_time]).successful
+    node = inner.start(FlightNode('bare'))
+    values = declare(node, rows)
+    before = dict(values)
+    seen = []
+    node.changed = seen.append
+    for row in rows:
+        for value in wrong(row):
+            result = node.set_parameters_atomically([Parameter(row.name, value=value)])
+            assert not result.successful, f'{row.name}: {value!r} is taken'
+            assert row.name in result.reason and '\n' not in result.reason, result.reason
+        assert values == before and not seen
+        result = node.set_parameters_atomically([Parameter(row.name, value=right(row))])
+        assert result.successful == row.changeable, result.reason
+        if row.changeable:
+            assert values[row.name] == right(row) and list(seen.pop()) == [row.name]
+            before = dict(values)
+        else:
+            assert 'read-only' in result.reason
+    sim_time = Parameter('use_sim_time', value=True)
+    assert node.set_parameters_atomically([sim_time]).successful
 
 
-def test_one_wrong_value_of_a_request_refuses_all_of_it(ros_env):
+def test_one_wrong_value_of_a_request_refuses_all_of_it(inner):
     rows = (
         Row('speed', 1.0, 'speed', most=9.0, changeable=True),
         Row('gain', 1.0, 'gain', most=9.0, changeable=True),
         Row('steps', 3, 'steps', least=1, most=9, changeable=True),
     )
-    with inside() as bench:
-        values = declare(bench.start(FlightNode('bare')), rows)
-        good = {'speed': 2, 'gain': 4.0, 'steps': 4}
-        for bad in ({'gain': [4.0, 5.0]}, {'gain': math.nan}, {'steps': 10}):
-            successful, reason = bench.set('/bare', **{**good, **bad})
-            assert not successful and next(iter(bad)) in reason
-            assert values == {'speed': 1.0, 'gain': 1.0, 'steps': 3}
-        assert bench.set('/bare', **good) == (True, '')
-        assert values == {'speed': 2.0, 'gain': 4.0, 'steps': 4}
-        assert isinstance(values['speed'], float)
-        successful, reason = bench.set('/bare', nothing_of_ours=1)
-        assert not successful and 'undeclared' in reason
+    values = declare(inner.start(FlightNode('bare')), rows)
+    good = {'speed': 2, 'gain': 4.0, 'steps': 4}
+    for bad in ({'gain': [4.0, 5.0]}, {'gain': math.nan}, {'steps': 10}):
+        successful, reason = inner.set('/bare', **{**good, **bad})
+        assert not successful and next(iter(bad)) in reason
+        assert values == {'speed': 1.0, 'gain': 1.0, 'steps': 3}
+    assert inner.set('/bare', **good) == (True, '')
+    assert values == {'speed': 2.0, 'gain': 4.0, 'steps': 4}
+    assert isinstance(values['speed'], float)
+    successful, reason = inner.set('/bare', nothing_of_ours=1)
+    assert not successful and 'undeclared' in reason
 
 
 @pytest.mark.slow

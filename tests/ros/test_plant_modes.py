@@ -16,8 +16,7 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
 from rpo_sim import plant as kinds
-from rpo_sim.free_running import FreeRunningPlant
-from rpo_sim.lockstep import LockstepPlant
+from rpo_sim.plant import FreeRunningPlant, LockstepPlant
 from rpo_sim.timing import MOST_CATCH_UP, Histogram, Latency, Pace
 
 FORCE, DISTURBANCE = 'control_force', 'disturbance_force'

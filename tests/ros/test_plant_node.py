@@ -3,16 +3,14 @@
 """The plant as a node: both modes, the hand on the simulator; all nodes in the test's process."""
 
 import re
-import time
 from functools import partial
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from flights import lasting
 from geometry_msgs.msg import WrenchStamped
-from inside import inside
+from inside import Hand
 from landing import rest_at_landing
-from std_srvs.srv import SetBool, Trigger
 
 from rpo_core import files
 from rpo_core.judge.zones import Zone
@@ -25,19 +23,17 @@ from rpo_mcap.read.run_log import read_run
 from rpo_ros import conversions, plant_scenario, qos
 from rpo_ros.plant_scenario import PlantScenario
 from rpo_ros.signals import hear, listen
+from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 from rpo_sim.plant_node import EXIT_ABORTED, PlantNode
 
 
-class Bench:
-    """A flight of 20 s of `approach`, and what run_status says of it."""
+class Bench(Hand):
+    """A hand on a flight of 20 s of `approach`."""
 
     def __init__(self, inner, folder):
-        self.inner, self.folder = inner, folder
+        super().__init__(inner)
+        self.folder = folder
         self.scenario = lasting(20.0, folder)
-        self.said = []
-        inner.user.create_subscription(
-            DiagnosticStatus, interfaces.RUN_STATUS, self.said.append, qos.LATCHED_QUEUE
-        )
 
     def start(self, output='', **parameters):
         """Start controller, plant and perhaps a recorder."""
@@ -51,22 +47,10 @@ class Bench:
         """Start a recorder."""
         self.recorder = self.inner.start(RecorderNode({'output': str(self.folder / output)}))
 
-    def until(self, condition):
-        return self.inner.until(condition)
-
-    def says(self, text):
-        return self.until(lambda: [status for status in self.said if text in status.message])[-1]
-
-    def trigger(self, name):
-        return self.inner.call(Trigger, f'plant/{name}', Trigger.Request())
-
-    def pause(self, data=True):
-        return self.inner.call(SetBool, 'plant/pause', SetBool.Request(data=data))
-
-    def passes(self, seconds):
-        """Spin for a time."""
-        end = time.monotonic() + seconds
-        self.until(lambda: time.monotonic() > end)
+    def ends(self):
+        """Wait until plant and recorder are done; return their exit codes."""
+        self.until(lambda: self.plant.done and self.recorder.done)
+        return self.plant.exit_code, self.recorder.exit_code
 
     def gone(self, node):
         """Let a node hear and say nothing more."""
@@ -81,42 +65,33 @@ class Bench:
 
 
 @pytest.fixture
-def bench(ros_env, tmp_path):
-    with inside() as inner:
-        yield Bench(inner, tmp_path)
+def bench(inner, tmp_path):
+    return Bench(inner, tmp_path)
 
 
-def test_paused_stepped_and_sped_up_it_leaves_the_same_bytes(ros_env, tmp_path):
-    with inside() as inner:
-        steer(Bench(inner, tmp_path))
-    with inside() as inner:
-        bench = Bench(inner, tmp_path)
-        bench.start('straight')
-        bench.until(lambda: bench.plant.done and bench.recorder.done)
-    steered = (tmp_path / 'steered/run.mcap').read_bytes()
-    assert steered == (tmp_path / 'straight/run.mcap').read_bytes()
-
-
-def steer(bench):
-    """Fly with pauses, steps, and at more than one speed."""
+def test_paused_stepped_and_sped_up_it_leaves_the_same_bytes(straight, bench):
+    bench.scenario = lasting(20.0, bench.folder, 'paper_test')
+    bench.inner.start(DisturbanceInjectorNode())
     bench.start('steered', real_time_factor=10.0, peer_timeout_s=1.0)
     bench.says('flying')
     assert bench.trigger('step').message == 'not paused: pause first'
     bench.gone(bench.controller)
     bench.passes(0.2)  # the plant waits for an answer
     assert bench.pause().success
-    tick = bench.plant.plant.tick
+    tick = bench.plant.tick
     bench.passes(1.2)  # longer than it waits for a peer
     assert bench.inner.set('plant', step_ticks=3)[0]
     assert bench.trigger('step').success
     bench.passes(0.1)  # a pause times out no peer
     bench.back(bench.controller)
-    bench.until(lambda: bench.plant.plant.tick == tick + 3 and not bench.plant.stepping)
+    bench.until(lambda: bench.plant.tick == tick + 3 and not bench.plant.steps)
     assert not bench.inner.set('plant', real_time_factor=-1.0)[0]
     assert bench.inner.set('plant', real_time_factor=0)[0]
-    assert bench.plant.plant.tick == tick + 3
+    assert bench.plant.tick == tick + 3
     assert bench.pause(False).success
-    bench.until(lambda: bench.plant.done and bench.recorder.done)
+    assert bench.ends() == (0, 0)
+    steered = (bench.folder / 'steered/run.mcap').read_bytes()
+    assert steered == (straight / 'run.mcap').read_bytes()
 
 
 def test_a_flight_that_takes_long_says_how_far_it_is(bench, monkeypatch, capfd):
@@ -133,16 +108,16 @@ def test_a_zone_that_is_entered_is_said_at_once_and_at_the_end(bench, monkeypatc
     bench.start('entered')
     entered = bench.says('inside the keep-out sphere of 1000 m of `assurance`')
     assert entered.level == DiagnosticStatus.WARN
-    bench.until(lambda: bench.plant.done and bench.recorder.done)
-    assert re.match(r'reached the last tick; \d+ m inside the keep-out', bench.said[-1].message)
-    assert len([status for status in bench.said if 'inside' in status.message]) == 2
+    bench.ends()
+    assert re.match(r'reached the last tick; \d+ m inside the keep-out', bench.statuses[-1].message)
+    assert len([status for status in bench.statuses if 'inside' in status.message]) == 2
     assert re.search(r'MISSED: \d+ m inside the keep-out sphere', capfd.readouterr().err)
     assert verify(bench.folder / 'entered').exit_code == 0
 
 
 def test_reset_closes_the_log_and_begins_another_run_at_tick_0(bench):
     bench.start('first', real_time_factor=10.0)
-    bench.until(lambda: bench.plant.plant.tick > 5)
+    bench.until(lambda: bench.plant.tick > 5)
     assert bench.trigger('reset').success
     assert bench.says('reset').level == DiagnosticStatus.WARN
     bench.until(lambda: bench.recorder.done)
@@ -150,10 +125,9 @@ def test_reset_closes_the_log_and_begins_another_run_at_tick_0(bench):
     assert (bench.recorder.exit_code, first.outcome) == (0, 'aborted') and 0 < first.ticks[-1] < 200
     assert verify(bench.folder / 'first').difference is None
     bench.record('second')
-    bench.until(lambda: bench.plant.phase == 'running' and bench.plant.plant.tick < 5)
+    bench.until(lambda: bench.plant.phase == 'running' and bench.plant.tick < 5)
     bench.inner.set('plant', real_time_factor=0.0)
-    bench.until(lambda: bench.plant.done and bench.recorder.done)
-    assert bench.plant.exit_code == bench.recorder.exit_code == 0
+    assert bench.ends() == (0, 0)
     assert bench.plant.phase == 'finished'
     assert verify(bench.folder / 'second').exit_code == 0
 
@@ -164,8 +138,7 @@ def test_abort_says_so_in_the_exit_code_and_in_the_log(bench, mode):
     bench.says('flying')
     assert bench.trigger('abort').success
     assert bench.says('abort requested').level == DiagnosticStatus.ERROR
-    bench.until(lambda: bench.plant.done and bench.recorder.done)
-    assert (bench.plant.exit_code, bench.recorder.exit_code) == (EXIT_ABORTED, 0)
+    assert bench.ends() == (EXIT_ABORTED, 0)
     assert read_run(bench.folder / 'run').outcome == 'aborted'
     assert bench.trigger('step').message == 'no run in progress: aborted'
 
@@ -185,9 +158,8 @@ def test_free_running_flies_on_without_its_controller_and_with_the_next(bench):
     assert lost.level == DiagnosticStatus.WARN
     bench.inner.start(ControllerNode({'controller': 'handmade'}))
     bench.says('forces are back')
-    bench.until(lambda: bench.plant.done and bench.recorder.done)
-    assert (bench.plant.exit_code, bench.recorder.exit_code) == (0, 0)
-    figures = {pair.key: pair.value for pair in bench.said[-1].values}
+    assert bench.ends() == (0, 0)
+    figures = conversions.values_of(bench.statuses[-1])
     assert int(figures['stale_ticks']) > 0
     assert {'latency_p50_ms', 'latency_p95_ms', 'tick_lateness_max_ms', 'overruns'} <= set(figures)
     found = verify(bench.folder / 'run')
@@ -199,18 +171,18 @@ def test_free_running_flies_on_without_its_controller_and_with_the_next(bench):
 
 def test_a_pause_in_free_running_makes_no_force_stale(bench):
     bench.start('run', mode='free_running', real_time_factor=4.0, stale_after_ticks=5)
-    bench.until(lambda: bench.plant.plant.tick > 5)
+    bench.until(lambda: bench.plant.tick > 5)
     bench.pause()
-    tick = bench.plant.plant.tick
+    tick = bench.plant.tick
     bench.passes(0.6)  # 24 ticks
-    assert bench.plant.plant.tick == tick
+    assert bench.plant.tick == tick
     assert bench.inner.set('plant', step_ticks=5)[0] and bench.trigger('step').success
-    bench.until(lambda: bench.plant.plant.tick == tick + 5 and not bench.plant.stepping)
+    bench.until(lambda: bench.plant.tick == tick + 5 and not bench.plant.steps)
     bench.pause(False)
-    bench.until(lambda: bench.plant.plant.tick > tick + 10)
+    bench.until(lambda: bench.plant.tick > tick + 10)
     assert bench.plant.plant.stale_ticks == 0
     bench.trigger('abort')
-    bench.until(lambda: bench.plant.done and bench.recorder.done)
+    bench.ends()
     assert verify(bench.folder / 'run').difference is None
 
 
@@ -228,7 +200,7 @@ def test_a_state_that_would_not_be_finite_ends_the_run_with_its_cause(bench, mod
     listen(bench.inner.user, interfaces.RELATIVE_STATE, disturb, print)
     bench.start(mode=mode, real_time_factor=10.0)
     status = bench.says('would not be finite')
-    values = {pair.key: pair.value for pair in status.values}
+    values = conversions.values_of(status)
     assert values['phase'] == 'aborted' and int(values['tick']) >= 5
     cause = f'because of disturbance_force (0, 1e+308, 0) at tick {values["tick"]}'
     assert cause in status.message

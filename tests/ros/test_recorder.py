@@ -39,11 +39,13 @@ def start(ros, output, **parameters):
     return recorder, plant
 
 
-def end_in_flight(ros, number, after_s, **parameters):
-    """End the recorder by a signal, the plant held still meanwhile; return (ticks flown, log)."""
+@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize('trial', rest_at_landing(range(8), quick=0, landing=1))
+def test_the_recorder_ended_at_any_moment(ros, number, trial):
+    """The plant is held still meanwhile."""
     output = ros.folder / 'run'
-    recorder, plant = start(ros, output, **parameters)
-    time.sleep(after_s)
+    recorder, plant = start(ros, output, real_time_factor=80.0)
+    time.sleep(random.Random(1000 * trial + number).uniform(0.05, 4.0))
     plant.process.send_signal(signal.SIGSTOP)
     time.sleep(0.3)  # what is on its way arrives
     recorder.process.send_signal(number)
@@ -54,7 +56,7 @@ def end_in_flight(ros, number, after_s, **parameters):
     plant.wait()
     tick = re.search(r'(?:aborted at tick |finished at )(\d+)', plant.output)
     assert tick, plant.output
-    return int(tick[1]), read_run(output)
+    check(int(tick[1]), read_run(output), number)
 
 
 def check(flown, log, number):
@@ -83,20 +85,6 @@ def test_a_plant_waits_for_a_recorder_that_gets_no_processor(ros):
     log = read_run(output)
     check(len(log.ticks), log, signal.SIGKILL)
     assert len(log.ticks) == load_scenario('approach').ticks + 1
-
-
-@pytest.mark.slow
-def test_the_recorder_killed_in_flight_leaves_what_was_flown(ros):
-    flown, log = end_in_flight(ros, signal.SIGKILL, after_s=1.5, real_time_factor=40.0)
-    check(flown, log, signal.SIGKILL)
-
-
-@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
-@pytest.mark.parametrize('trial', rest_at_landing(range(8), quick=0, landing=1))
-def test_the_recorder_ended_at_any_moment(ros, number, trial):
-    moment = random.Random(1000 * trial + number).uniform(0.05, 4.0)
-    flown, log = end_in_flight(ros, number, after_s=moment, real_time_factor=80.0)
-    check(flown, log, number)
 
 
 @pytest.mark.slow
@@ -150,22 +138,20 @@ class Queue:
 
 
 @pytest.fixture
-def take(ros_env, tmp_path, monkeypatch):
-    """Let a recorder take once, of queues by topic; return it, or what it passed on."""
+def take(inner, tmp_path, monkeypatch):
+    """Let a recorder take once, of queues by topic; return what it passed on."""
     passed = []
-    with inside() as inner:
-        recorder = inner.start(RecorderNode({'output': str(tmp_path / 'run')}))
-        monkeypatch.setattr(recorder, '_on_raw', lambda name, data: passed.append((name, data)))
+    recorder = inner.start(RecorderNode({'output': str(tmp_path / 'run')}))
+    monkeypatch.setattr(recorder, '_on_raw', lambda name, data: passed.append((name, data)))
 
-        def once(*queues):
-            made = {queue: name for name, queue in queues} or recorder._queues
-            monkeypatch.setattr(recorder, '_queues', made)
-            passed.clear()
-            recorder._take()
-            return [(name, int(data)) for name, data in passed]
+    def once(*queues):
+        monkeypatch.setattr(recorder, '_queues', {queue: name for name, queue in queues})
+        passed.clear()
+        recorder._take()
+        return [(name, int(data)) for name, data in passed]
 
-        once.recorder = recorder
-        yield once
+    once.recorder = recorder
+    return once
 
 
 def test_messages_are_passed_on_as_they_came_and_a_flood_leaves_time_for_the_rest(take):

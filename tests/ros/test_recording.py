@@ -95,13 +95,12 @@ def test_plain_names_stay_plain():
     assert [health.as_yaml(v) for v in ('paper_test', 2, True)] == ['paper_test', '2', 'True']
 
 
-def test_a_controller_of_an_odd_name_is_recorded(ros_env, tmp_path, scenario):
+def test_a_controller_of_an_odd_name_is_recorded(inner, tmp_path, scenario):
     text = files.find('controller', 'handmade').read_text()
     path = tmp_path / 'mine.yaml'
     path.write_text(text.replace('name: handmade', 'name: "[draft] one: @x"'))
-    with inside() as inner:
-        inner.fly(tmp_path / 'run', scenario, controller=str(path))
-        assert inner.ends() == 0
+    inner.fly(tmp_path / 'run', scenario, controller=str(path))
+    assert inner.ends() == 0
     attached = yaml.safe_load(read_run(tmp_path / 'run').attachments['parameters.yaml'])
     assert attached['fuzzy_controller']['controller'] == '[draft] one: @x'
     assert verify(tmp_path / 'run').exit_code == 0
@@ -139,10 +138,9 @@ def test_one_more_topic_is_recorded_and_replayed(ros_env, tmp_path, toy, scenari
     np.testing.assert_array_equal(np.array(heard), log.values[TOY])
 
 
-def test_without_a_publisher_the_run_does_not_have_it(ros_env, tmp_path, toy, scenario):
-    with inside() as inner:
-        inner.fly(tmp_path / 'run', scenario)
-        assert inner.ends() == 0
+def test_without_a_publisher_the_run_does_not_have_it(inner, tmp_path, toy, scenario):
+    inner.fly(tmp_path / 'run', scenario)
+    assert inner.ends() == 0
     assert TOY not in read_run(tmp_path / 'run').values
 
 

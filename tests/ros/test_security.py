@@ -5,45 +5,30 @@
 import pytest
 
 from rpo_ros.running import LOOPBACK, PEERS, PROFILES, RANGE, keep_to_this_machine
-from tools.node_processes import node_processes
+from rpo_sim.plant_node import PlantNode
 
-ENFORCED = {'ROS_SECURITY_ENABLE': 'true', 'ROS_SECURITY_STRATEGY': 'Enforce'}
 ENCLAVE = (
     'identity_ca.cert.pem', 'cert.pem', 'key.pem', 'permissions_ca.cert.pem', 'governance.p7s',
     'permissions.p7s',
 )  # fmt: skip
 
 
-@pytest.fixture
-def ros(ros_env, tmp_path):
-    with node_processes({**ros_env, **ENFORCED}, tmp_path) as started:
-        yield started
-
-
-def refused(node):
-    """Return the one sentence of a node that does not start."""
-    assert node.wait() == 2, node.output
-    assert 'Traceback' not in node.output
-    lines = [line for line in node.output.splitlines() if 'ROS 2 does not start' in line]
-    assert len(lines) == 1, node.output
-    return lines[0]
-
-
-def test_no_keystore(ros):
-    ros.env['ROS_SECURITY_KEYSTORE'] = str(ros.folder / 'nowhere')
-    said = refused(ros.node('rpo_sim', 'plant'))
-    assert 'nowhere/enclaves' in said
+@pytest.mark.parametrize('nonsense', [False, True])
+def test_enforced_without_the_means_it_does_not_start(command, tmp_path, monkeypatch, nonsense):
+    """Nonsense: refused by a middleware with security for it, by one without for being asked."""
+    folder = tmp_path / 'keys' / 'enclaves'
+    if nonsense:
+        folder.mkdir(parents=True)
+        for name in ENCLAVE:
+            (folder / name).write_text('nonsense')
+    monkeypatch.setenv('ROS_SECURITY_ENABLE', 'true')
+    monkeypatch.setenv('ROS_SECURITY_STRATEGY', 'Enforce')
+    monkeypatch.setenv('ROS_SECURITY_KEYSTORE', str(folder.parent))
+    code, output = command(PlantNode.main)
+    assert code == 2 and 'Traceback' not in output
+    (said,) = [line for line in output.splitlines() if 'ROS 2 does not start' in line]
     assert 'ROS_SECURITY_ENABLE is set' in said
-
-
-def test_an_enclave_of_nonsense(ros):
-    """Refused by a middleware with security for its content, by one without for being asked."""
-    folder = ros.folder / 'keys' / 'enclaves'
-    folder.mkdir(parents=True)
-    for name in ENCLAVE:
-        (folder / name).write_text('nonsense')
-    ros.env['ROS_SECURITY_KEYSTORE'] = str(ros.folder / 'keys')
-    refused(ros.node('rpo_sim', 'plant'))
+    assert nonsense or 'keys/enclaves' in said
 
 
 @pytest.mark.parametrize(

@@ -35,14 +35,13 @@ def verified(folder):
     return log, [event.values for event in log.events if event.signal == 'stage_status']
 
 
-def test_switched_off_and_on_in_flight(ros_env, tmp_path):
-    with inside() as inner:
-        recorder = start(inner, tmp_path, 60.0)
-        for label in ('deactivate', 'activate'):
-            at = recorder.log.next_tick
-            assert inner.transition(NODE, label)
-            inner.until(lambda: recorder.log.next_tick > at + 20)  # noqa: B023
-        assert inner.ends() == 0
+def test_switched_off_and_on_in_flight(inner, tmp_path):
+    recorder = start(inner, tmp_path, 60.0)
+    for label in ('deactivate', 'activate'):
+        at = recorder.log.next_tick
+        assert inner.transition(NODE, label)
+        inner.until(lambda: recorder.log.next_tick > at + 20)  # noqa: B023
+    assert inner.ends() == 0
     log, events = verified(tmp_path)
     assert [event['state'] for event in events] == ['inactive', 'active']
     off, on = (int(event['tick']) for event in events)
@@ -50,13 +49,12 @@ def test_switched_off_and_on_in_flight(ros_env, tmp_path):
 
 
 @pytest.mark.every_landing
-def test_a_file_that_is_loaded_while_switched_off_begins_no_run(ros_env, tmp_path):
-    with inside() as inner:
-        start(inner, tmp_path, 60.0)
-        assert inner.transition(NODE, 'deactivate')
-        assert inner.set(NODE, controller='handmade')[0]
-        assert inner.transition(NODE, 'activate')
-        inner.ends()
+def test_a_file_that_is_loaded_while_switched_off_begins_no_run(inner, tmp_path):
+    start(inner, tmp_path, 60.0)
+    assert inner.transition(NODE, 'deactivate')
+    assert inner.set(NODE, controller='handmade')[0]
+    assert inner.transition(NODE, 'activate')
+    inner.ends()
     _, events = verified(tmp_path)
     assert [event['state'] for event in events] == ['inactive', 'active']
     assert int(events[0]['tick']) > 20
@@ -64,11 +62,10 @@ def test_a_file_that_is_loaded_while_switched_off_begins_no_run(ros_env, tmp_pat
 
 @pytest.mark.every_landing
 @pytest.mark.parametrize('lost', [0, 1], ids=['controller', 'disturbance'])
-def test_a_plant_that_goes_on_without_a_peer(ros_env, tmp_path, lost):
-    with inside() as inner:
-        start(inner, tmp_path, 30.0, on_peer_timeout='coast', peer_timeout_s=0.5)
-        inner.executor.remove_node(inner.nodes[lost])  # it hears and says nothing more
-        assert inner.ends() == 0
+def test_a_plant_that_goes_on_without_a_peer(inner, tmp_path, lost):
+    start(inner, tmp_path, 30.0, on_peer_timeout='coast', peer_timeout_s=0.5)
+    inner.executor.remove_node(inner.nodes[lost])  # it hears and says nothing more
+    assert inner.ends() == 0
     log, _ = verified(tmp_path)
     assert log.complete and log.outcome == 'finished'
     name = ('/control_force', '/disturbance_force')[lost]
@@ -76,17 +73,16 @@ def test_a_plant_that_goes_on_without_a_peer(ros_env, tmp_path, lost):
 
 
 @pytest.mark.every_landing
-def test_a_flight_that_the_monitor_lets_coast_verifies(ros_env, tmp_path):
+def test_a_flight_that_the_monitor_lets_coast_verifies(inner, tmp_path):
     document = yaml.safe_load(files.find('monitor', 'default').read_text())
     document['limits']['range_m'] = 50.0  # the chaser starts farther away
     document['faults']['out_of_range'] = {'count': 30, 'window': 30, 'reaction': 'coast'}
     table = tmp_path / 'table.yaml'
     table.write_text(yaml.safe_dump(document))
-    with inside() as inner:
-        monitor = inner.start(MonitorNode({'table': str(table)}))
-        start(inner, tmp_path, 30.0)
-        inner.ends()
-        assert monitor.reacted['out_of_range'] == 'coast' and not inner.controller.active
+    monitor = inner.start(MonitorNode({'table': str(table)}))
+    start(inner, tmp_path, 30.0)
+    inner.ends()
+    assert monitor.reacted['out_of_range'] == 'coast' and not inner.controller.active
     log, (event,) = verified(tmp_path)
     off = int(event['tick'])
     assert log.forces_n[:off].any() and not log.forces_n[off:].any()
@@ -97,18 +93,17 @@ def test_a_flight_that_the_monitor_lets_coast_verifies(ros_env, tmp_path):
 TABLE = {'preset': 'quads_16', 'force_n': 0.25, 'minimum_impulse_bit_n_s': 0.002}
 
 
-def test_a_thruster_is_switched_in_flight(ros_env, tmp_path):
+def test_a_thruster_is_switched_in_flight(inner, tmp_path):
     path = lasting(30.0, tmp_path, thrusters={'table': TABLE})
-    with inside() as inner:
-        options = {'real_time_factor': 20.0, 'thruster': 'x-a off'}
-        inner.fly(tmp_path / 'run', path, controller='robust', **options)
-        inner.reaches(20)
-        refused, reason = inner.set('/plant', thruster='x+q off')
-        assert not refused and 'must be one of x+a' in reason
-        assert inner.set('/plant', thruster='y-a on')[0]
-        inner.reaches(inner.plant.tick + 50)
-        assert inner.set('/plant', thruster='y-a ready')[0]
-        assert inner.ends() == 0
+    options = {'real_time_factor': 20.0, 'thruster': 'x-a off'}
+    inner.fly(tmp_path / 'run', path, controller='robust', **options)
+    inner.reaches(20)
+    refused, reason = inner.set('/plant', thruster='x+q off')
+    assert not refused and 'must be one of x+a' in reason
+    assert inner.set('/plant', thruster='y-a on')[0]
+    inner.reaches(inner.plant.tick + 50)
+    assert inner.set('/plant', thruster='y-a ready')[0]
+    assert inner.ends() == 0
     log, events = verified(tmp_path)
     assert [event['state'] for event in events] == ['x-a off', 'y-a on', 'y-a ready']
     assert int(events[0]['tick']) == 0 < int(events[1]['tick']) < int(events[2]['tick'])

@@ -10,10 +10,9 @@ import sys
 from types import ModuleType, SimpleNamespace
 
 import pytest
-from inside import inside
 from test_plant_node import Bench
 
-from rpo_sim import standard_control
+from rpo_sim import services
 from rpo_sim.plant_node import PlantNode
 
 OK, UNSUPPORTED, INCORRECT, FAILED = 1, 0, 3, 4
@@ -64,10 +63,10 @@ class Double:
         }  # fmt: skip
         parts = {'msg': messages, 'srv': kinds, 'action': {'SimulateSteps': steps}}
         for name, content in parts.items():
-            module = ModuleType(f'{standard_control.PACKAGE}.{name}')
+            module = ModuleType(f'{services.PACKAGE}.{name}')
             vars(module).update(content)
             monkeypatch.setitem(sys.modules, module.__name__, module)
-        package = ModuleType(standard_control.PACKAGE)
+        package = ModuleType(services.PACKAGE)
         monkeypatch.setitem(sys.modules, package.__name__, package)
         self.offered, real = {}, PlantNode.create_service
 
@@ -78,7 +77,7 @@ class Double:
             return real(node, kind, name, callback, **options)
 
         monkeypatch.setattr(PlantNode, 'create_service', create_service)
-        monkeypatch.setattr(standard_control, 'ActionServer', self._serve)
+        monkeypatch.setattr(services, 'ActionServer', self._serve)
 
     def _serve(self, _node, _kind, name, execute, cancel_callback):
         self.offered[name] = execute
@@ -129,15 +128,10 @@ def double(monkeypatch):
 
 
 @pytest.fixture
-def bench(double, ros_env, tmp_path):
-    with inside() as inner:
-        found = Bench(inner, tmp_path)
-        found.start(real_time_factor=10.0)
-        yield found
-
-
-def tick(bench):
-    return bench.plant.plant.tick
+def bench(double, inner, tmp_path):
+    found = Bench(inner, tmp_path)
+    found.start(real_time_factor=10.0)
+    return found
 
 
 def test_it_pauses_steps_and_plays_by_the_standard(double, bench):
@@ -150,15 +144,15 @@ def test_it_pauses_steps_and_plays_by_the_standard(double, bench):
     refused = double.call(bench, 'step_simulation', step).result
     assert refused.result == FAILED and 'pause first' in refused.error_message
     assert double.set(bench, PAUSED) == OK and double.state(bench) == PAUSED
-    before = tick(bench)
+    before = bench.plant.tick
     assert double.call(bench, 'step_simulation', step).result.result == OK
-    assert tick(bench) == before + 4 and double.state(bench) == PAUSED
+    assert bench.plant.tick == before + 4 and double.state(bench) == PAUSED
     goal = Goal(3)
     assert double.call(bench, 'simulate_steps', goal).result.result == OK
     assert goal.fed == [(1, 2), (2, 1), (3, 0)] and goal.end == 'succeeded'
     goal = Goal(50, cancel_after=2)
     assert double.call(bench, 'simulate_steps', goal).result.result == FAILED
-    assert goal.end == 'canceled' and tick(bench) == before + 9
+    assert goal.end == 'canceled' and bench.plant.tick == before + 9
     assert double.set(bench, STOPPED) == UNSUPPORTED
     assert double.set(bench, QUITTING) == OK
     bench.until(lambda: bench.plant.done)
@@ -176,7 +170,7 @@ def test_steps_that_the_run_has_not_are_no_success(double, bench):
 def test_a_reset_is_one_of_all_and_features_are_those_it_has(double, bench):
     reset = Reset(scope=Reset.SCOPE_ALL)
     assert double.call(bench, 'reset_simulation', reset).result.result == INCORRECT
-    bench.until(lambda: tick(bench) > 2)
+    bench.until(lambda: bench.plant.tick > 2)
     time_only = Reset(scope=Reset.SCOPE_TIME)
     assert double.call(bench, 'reset_simulation', time_only).result.result == UNSUPPORTED
     assert double.call(bench, 'reset_simulation', reset).result.result == OK
@@ -186,5 +180,5 @@ def test_a_reset_is_one_of_all_and_features_are_those_it_has(double, bench):
 
 
 def test_without_the_package_there_is_nothing_of_it(monkeypatch):
-    monkeypatch.setitem(sys.modules, standard_control.PACKAGE, None)
-    assert standard_control.offer(None) is None
+    monkeypatch.setitem(sys.modules, services.PACKAGE, None)
+    assert services.offer(None) is None

@@ -50,12 +50,10 @@ from rpo_core.wire.statuses import AssuranceStatus, GuidanceStatus, Manifest, Ru
 from rpo_ctrl import explain
 from rpo_ros import conversions, names, qos
 from rpo_view import scene, terminal, web_server
-from rpo_view.gate import Gate, hidden_address
+from rpo_view.gate import Gate, hidden_address, refusal
 from rpo_view.listening import ListeningNode
-from rpo_view.live import Effort, LiveRun
-from rpo_view.local import refusal
+from rpo_view.live import Effort, LiveRun, Trail
 from rpo_view.onboard import Onboard
-from rpo_view.trail import Trail
 from rpo_view.visualizer_node import VisualizerNode, transform_of
 from rpo_view.web_node import WebNode
 from rpo_view.web_server import LivePage

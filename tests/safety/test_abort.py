@@ -18,11 +18,10 @@ from rpo_core.chain.flight import fly
 from rpo_core.chain.stage import WITHOUT_COMMAND, Place
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
-from rpo_core.files.validation import InputError
 from rpo_core.wire.interfaces import COMMAND, RELATIVE_STATE
 from rpo_safety import manoeuvre
 from rpo_safety.abort import BURN_S, Seen
-from rpo_safety.abort_table import AbortTable, Row
+from rpo_safety.abort_table import Row
 from rpo_safety.assurance import ASSURED_FORCE
 from rpo_safety.kernels import speed_limit
 from rpo_safety.recovery import APPROACH_1_S, PASSING_M, around
@@ -340,8 +339,3 @@ def looked_at(guard):
     reference = (0.0, 11.0, 0.0, 0.0, 0.0, 0.0)
     still, outward = (0.0, 0.0, 0.0), (0.0, 1.0, 0.0)
     return Seen(state, state, reference, 0.5, 0.01, True, still, False, guard, state, outward)
-
-
-def test_two_rows_of_one_reaction_are_refused():
-    with pytest.raises(InputError, match='one row for range_m with reaction hold'):
-        AbortTable(table=(FAR, FAR))

@@ -110,30 +110,6 @@ def test_the_bound_is_reached():
     assert np.linalg.norm(turned - [1.0, 0.0, 0.0]) == pytest.approx(errors.thrust)
 
 
-@pytest.mark.parametrize(
-    ('degrees', 'share', 'says'),
-    [
-        (
-            None,
-            0.05,
-            '`assurance.chaser_attitude_error_deg` is missing; section `attitude` needs it',
-        ),
-        (45.0, 0.3, r'take all of it: -0\.\d+ m/s\^2 are left'),
-    ],
-)
-def test_what_leaves_nothing_is_refused_with_its_figure(degrees, share, says):
-    with pytest.raises(InputError, match=says):
-        turning(chaser_attitude_error_deg=degrees, thrust_error=share)
-
-
-def test_a_force_that_nobody_turns_is_refused():
-    own = replace(ASSURED.section(Assurance), chaser_attitude_error_deg=1.0)
-    with pytest.raises(InputError, match='needs section `attitude_control`'):
-        ASSURED.equipped(CHASER, own)
-    with pytest.raises(InputError, match='needs section `attitude`'):
-        ASSURED.equipped(own)
-
-
 def test_the_turn_of_a_tick_is_counted():
     """Half a tick at 2 deg/s about each axis, the error, and what torque does in its delay."""
     limits = AttitudeLimits(rate_deg_s=2.0, known_deg=0.1)

@@ -11,13 +11,10 @@ import numpy as np
 import pytest
 from c_programs import bits, compiled, driven
 from landing import rest_at_landing
-from typer.testing import CliRunner
 
-from rpo_cli.cli import app
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
-from rpo_core.files.validation import InputError
 from rpo_core.wire import interfaces
 from rpo_export import c_assured
 from rpo_safety.assurance import ASSURED_FORCE, CONSTRAINTS, AssuranceStage
@@ -56,11 +53,11 @@ PAPER = load_scenario('paper_test')
 
 def program(controller, scenario, folder, optimise='-O2'):
     """Return the compiled driver."""
-    header = c_assured.header(controller, scenario, 'exported.c')
-    more = 'tick, ' if 'int tick' in header else ''
-    more += 'reference, push, ' if 'reference_force_n' in header else ''
+    files = c_assured.files(controller, scenario, 'exported.c')
+    more = 'tick, ' if 'int tick' in files.header else ''
+    more += 'reference, push, ' if 'reference_force_n' in files.header else ''
     main = MAIN.replace('NAME', controller.name).replace('MORE', more)
-    return compiled(folder, c_assured.text(controller, scenario), header, main, optimise)
+    return compiled(folder, files, main, optimise)
 
 
 @pytest.mark.parametrize(
@@ -137,14 +134,3 @@ def test_hostile_commands_are_answered_with_the_bits_of_the_stage(scenario, seed
     assert bits(found[:, :3]) == bits(forces)
     assert found[:, 6].tolist() == acted
     assert len(set(acted)) >= 4  # several constraints were at work
-
-
-def test_what_the_c_file_cannot_be_is_a_sentence(tmp_path):
-    robust = load_controller('robust')
-    with pytest.raises(InputError, match='paper_test has none'):
-        c_assured.text(robust, PAPER)
-    with pytest.raises(InputError, match=r'the abort table of \w+'):
-        c_assured.text(robust, load_scenario('guarded'))
-    arguments = ['export', 'robust', '--to', 'fis', '--assurance', 'assured', '-o', '-']
-    done = CliRunner().invoke(app, arguments)
-    assert done.exit_code == 2 and '`--assurance` needs `--to c`; got fis' in done.stderr

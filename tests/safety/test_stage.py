@@ -17,7 +17,6 @@ import rpo_training.gym
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
-from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
 from rpo_core.wire.interfaces import EXERTED_FORCE
 from rpo_kernels.kernels import cw_step
@@ -26,7 +25,7 @@ from rpo_safety.assurance import ASSURED_FORCE, AssuranceStage
 from rpo_safety.guard import guard_of
 from rpo_safety.kernels import OPEN, open_margins
 from rpo_safety.packed import Filter
-from rpo_safety.settings import Assurance, Passage
+from rpo_safety.settings import Assurance
 from rpo_thrusters.thrusters import Pulses, Thrusters
 
 PAPER = scenario.load_scenario('paper_test')
@@ -151,23 +150,6 @@ def test_a_learner_is_shielded():
         acted += info['constraint'] == 'keep_out'
     assert nearest >= 10.0
     assert acted > 40
-
-
-def test_a_world_whose_errors_are_not_known_needs_bounds():
-    with pytest.raises(InputError, match=r'`assurance\.\w+` is missing; section `\w+` needs it'):
-        scenario.load_scenario('world_leo').equipped(Assurance())
-
-
-def test_a_corridor_that_is_too_narrow_for_the_errors_is_refused():
-    way = Passage('+y', 10.0, 1.0, 20.0)
-    with pytest.raises(InputError, match='to stop between the walls takes'):
-        PAPER.equipped(Assurance(keep_out_m=10.0, corridor=way, position_error_m=0.1))
-
-
-def test_a_start_that_cannot_stop_is_refused_with_its_distance():
-    fast = replace(PAPER, initial_position_m=(0.0, 20.0, 0.0), initial_velocity_m_s=(0, -0.8, 0))
-    with pytest.raises(InputError, match=r'takes 7\.\d+ m to stop|must allow the start'):
-        fast.equipped(Assurance(keep_out_m=15.0, speed='afrl'))
 
 
 def test_a_late_thruster_is_part_of_the_stage():

@@ -20,11 +20,9 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from rpo_attitude.target import Motion, Target, motion_of
-from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
 from rpo_core.world.disturbance import NONE
-from rpo_export.c_assured import assured
 from rpo_kernels.attitude_kernels import Frame, moving_with, seen_from, to_lvlh
 from rpo_kernels.kernels import cw_step
 from rpo_proof.safety import attack
@@ -124,7 +122,7 @@ def test_no_step_leaves_the_walls_that_turn(name):
     walls, guard, errors = proof.walls, proof.guard, proof.errors
     axes, random = Spinning(SPIN), np.random.default_rng(5)
     acted = stayed = 0
-    for seen in at_the_walls(walls, 600, 4):
+    for seen in at_the_walls(walls, 300, 4):
         tick = int(random.integers(0, 1990))
         now, following = motion.frame(tick), motion.frame(tick + 1)
         state = np.array(moving_with(tuple(seen), now))
@@ -150,7 +148,7 @@ def test_no_step_leaves_the_walls_that_turn(name):
         inside = approach_margins(tuple(there), 0.0, 0.0, walls)[0]
         assert inside >= 0.0 or open_margins(tuple(after), 0.0, 0.0, guard)[0] >= 0.0
         assert np.abs(there[3:]).max() <= walls.top_m_s or mode == OPEN
-    assert acted > 200 and stayed > 200
+    assert acted > 100 and stayed > 100
 
 
 @pytest.mark.parametrize('target', [SPIN, TUMBLE, LEANING], ids=['spin', 'tumble', 'leaning'])
@@ -246,11 +244,6 @@ def test_a_corridor_that_turns_too_fast_is_refused_with_the_rate_that_is_not():
         at(3.0 * share * 1.02)
 
 
-def test_a_corridor_that_is_too_narrow_at_rest_is_not_blamed_on_the_turning():
-    with pytest.raises(InputError, match=r'^`assurance\.corridor` and the errors'):
-        turned(SPIN, replace(SETTINGS, position_error_m=0.5))
-
-
 @given(vectors, st.floats(0.0, 1.0), st.tuples(*[st.floats(0.0, 1.0)] * 3))
 def test_a_leaning_corridor_is_within_all_that_are_turned_so_far(axis, share, place):
     angle = radians(1.5)
@@ -267,10 +260,6 @@ def test_a_leaning_corridor_is_within_all_that_are_turned_so_far(axis, share, pl
 def test_an_attitude_is_known_no_better_than_the_scenario_has_it():
     found = turned(LEANING)
     assert proof_of(SETTINGS, found).walls.slope < 0.9 * WAY.slope
-    with pytest.raises(InputError, match=r'`assurance.attitude_error_deg` must be at least 0.98'):
-        turned(LEANING, replace(SETTINGS, attitude_error_deg=0.5))
-    with pytest.raises(InputError, match='leaves nothing of the corridor'):
-        turned(TUMBLE, replace(SETTINGS, attitude_error_deg=8.0))
 
 
 class Tumbling:
@@ -307,7 +296,7 @@ def test_a_flight_pushed_at_the_walls_of_a_tumbling_target_stays_within(push):
     state = np.array(moving_with((0.0, 9.0, 0.0, 0.0, -0.05, 0.0), motion.frame(0)))
     random = np.random.default_rng(6)
     errors, line, acted = stage.errors, [np.zeros(3)] * 2, 0
-    for tick in range(800):
+    for tick in range(600):
         wrong = [errors.position_m * unit(random), errors.velocity_m_s * unit(random)]
         command = to_lvlh(push, motion.frame(tick))
         (force,) = stage.step(tick, tuple((state + np.concatenate(wrong)).tolist()), command)
@@ -378,8 +367,3 @@ def test_walls_that_do_not_turn_are_those_of_lvlh():
     assert still.width_m == pytest.approx(lvlh.width_m, abs=1e-3)
     assert (still.slope, still.axis, still.side) == (lvlh.slope, lvlh.axis, lvlh.side)
     assert 0.7 * lvlh.wall_m_s2 < still.wall_m_s2 < lvlh.wall_m_s2
-
-
-def test_a_corridor_that_turns_is_not_exported():
-    with pytest.raises(InputError, match='exports a corridor that stands'):
-        assured(load_controller('trained'), turned(SPIN))

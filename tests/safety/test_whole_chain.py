@@ -162,11 +162,6 @@ def test_contact_is_where_the_port_is_passed():
     assert watched([(0.5, y, 0.0, *moving) for y in (1.02, 0.99)])[1] == np.inf  # beside it
 
 
-def test_what_cannot_be_flown_is_refused():
-    with pytest.raises(InputError, match='has no `attitude_control`'):
-        attack_campaign(config.load('tumbling_port', runs=8))
-
-
 def test_the_command_says_what_broke():
     words = ['safety', 'attack', '--campaign', 'tumbling_docking', '--runs', '8', '--set', *SHORT]
     found = CliRunner().invoke(app, words)

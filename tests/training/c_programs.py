@@ -11,15 +11,17 @@ from typing import Any
 
 import numpy as np
 
+from rpo_export.c import Files
+
 FLAGS = [
     '-std=c99', '-pedantic', '-Wall', '-Wextra', '-Werror', '-Wshadow', '-Wconversion',
     '-Wstrict-prototypes', '-ffp-contract=off',
 ]  # fmt: skip
 
 
-def compiled(folder: Path, source: str, header: str, main: str, optimise: str = '-O2') -> Path:
+def compiled(folder: Path, files: Files, main: str, optimise: str = '-O2') -> Path:
     """Return the program of `exported.c`, its header and a main; warnings are errors."""
-    for name, text in (('exported.c', source), ('exported.h', header), ('main.c', main)):
+    for name, text in zip(('exported.c', 'exported.h', 'main.c'), (*files, main), strict=True):
         (folder / name).write_text(text)
     built = subprocess.run(
         ['cc', *FLAGS, optimise, '-o', 'program', 'exported.c', 'main.c', '-lm'],
@@ -42,7 +44,7 @@ def bits(numbers: Any) -> Any:
     return np.ascontiguousarray(numbers, dtype=np.float64).view(np.uint64).tolist()
 
 
-def states(count=3000):
+def states(count=1000):
     """Return (ticks, states (count, 6)): near, far, and awkward."""
     draw = np.random.default_rng(5)
     found = draw.normal(size=(count, 6)) * [30, 30, 30, 0.4, 0.4, 0.4]

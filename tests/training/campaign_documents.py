@@ -4,6 +4,7 @@
 
 import yaml
 
+from rpo_core.files.scenario import dumps
 from rpo_montecarlo.campaign import config
 
 SHORT = """
@@ -37,13 +38,17 @@ EVERYTHING = {
 }
 
 
-def write_campaign(folder, **changes):
+def write_campaign(folder, flown=None, required=None, goal=None, **changes):
     """Write a campaign, and the scenario it names, into a folder; return its path.
 
-    changes : of its fields; None: without that field
+    flown : the scenario, in place of the short one
+    required, goal : requirements of the short one, and where it flies to
+    changes : of the campaign's fields; None: without that field
     """
     scenario = folder / 'short.yaml'
-    scenario.write_text(SHORT)
+    more = {'requirements': required, 'goal_position_m': goal}
+    text = SHORT + ''.join(f'{name}: {value}\n' for name, value in more.items() if value)
+    scenario.write_text(dumps(flown) if flown else text)
     document = {
         'schema': config.SCHEMA,
         'name': 'test',
@@ -58,12 +63,4 @@ def write_campaign(folder, **changes):
     path = folder / 'c.yaml'
     given = {name: value for name, value in document.items() if value is not None}
     path.write_text(yaml.safe_dump(given))
-    return path
-
-
-def requiring(folder, required, **changes):
-    """Write a campaign whose scenario requires something; return its path."""
-    path = write_campaign(folder, **changes)
-    if required:
-        (folder / 'short.yaml').write_text(f'{SHORT}requirements: {required}\n')
     return path

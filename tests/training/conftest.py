@@ -18,10 +18,18 @@ def handmade():
 
 @pytest.fixture
 def write(tmp_path):
-    """Return a function that writes a campaign of a short flight and returns its path."""
+    """Return a function that writes a campaign, of a short flight if none is given; its path."""
     from campaign_documents import write_campaign
 
     return partial(write_campaign, tmp_path)
+
+
+@pytest.fixture
+def loaded(write):
+    """Return a function that writes such a campaign and returns it."""
+    from rpo_montecarlo.campaign import config
+
+    return lambda *flown, **changes: config.load(write(*flown, **changes))
 
 
 @pytest.fixture(scope='session')
@@ -35,6 +43,6 @@ def sound(tmp_path_factory):
 @pytest.fixture(scope='session')
 def proofs(tmp_path_factory):
     """A small proof of each kind; one claim of the first is refuted."""
-    from tools.mutate_proofs import KINDS, proof_of
+    from tools.attack.proofs import KINDS, proof_of
 
     return {kind: proof_of(kind, tmp_path_factory.mktemp(kind) / 'proof') for kind in KINDS}

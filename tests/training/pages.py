@@ -1,11 +1,20 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""A page of a report, taken apart by the standard library's parser."""
+"""Pages of reports, taken apart: elements by the standard library's parser, data of a replay."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import base64
+import json
+import re
+from dataclasses import dataclass, field, replace
 from html.parser import HTMLParser
+from typing import Any
+
+import numpy as np
+
+from rpo_core.chain.flight import Flight
+from rpo_core.files.scenario import load_scenario
 
 VOID = {'meta', 'link', 'br', 'hr', 'img', 'input'}
 
@@ -57,3 +66,25 @@ class Page(HTMLParser):
     def all(self, tag: str) -> list[Element]:
         """Return the elements of a tag."""
         return [element for element in self.elements if element.tag == tag]
+
+
+def replayed(page: str) -> dict[str, Any]:
+    """Return the data of a page with a replay."""
+    (text,) = re.findall('<script type="application/json" id="data">(.*?)</script>', page)
+    return json.loads(text)
+
+
+def unpacked(text: str, width: int) -> Any:
+    """Return the numbers (n, width) of an array in the data of a replay."""
+    return np.frombuffer(base64.b64decode(text), '<f4').reshape(-1, width)
+
+
+def straight(name: str, start: list[float], end: list[float], ticks: int) -> Flight:
+    """Return a flight of a shipped scenario along a line, whatever its dynamics."""
+    base = load_scenario(name)
+    scenario = replace(base, duration_s=ticks * base.dt_s, initial_position_m=tuple(start))
+    way = np.array(end) - np.array(start)
+    positions = np.array(start) + np.linspace(0.0, 1.0, ticks + 1)[:, None] * way
+    velocities = np.tile(way / scenario.duration_s, (ticks + 1, 1))
+    zeros = np.zeros((ticks + 1, 3))
+    return Flight(scenario, np.hstack([positions, velocities]), zeros, zeros)

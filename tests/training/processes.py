@@ -7,6 +7,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -49,3 +50,26 @@ def repeated(command: str, folder: Path, *words: str, limit_s: float = 850) -> A
     assert done.returncode in (0, 1), done.stderr
     (made,) = (path for path in folder.glob('*.yaml') if path.name not in CONFIGURATIONS)
     return load_controller(made)
+
+
+def stopped(
+    path: Path, folder: Path, number: int, *words: str
+) -> tuple[subprocess.Popen[str], str]:
+    """Signal a campaign that has saved some results; return its process, and its errors.
+
+    All processes of its group get the signal, as from a terminal.
+    """
+    process = subprocess.Popen(
+        [sys.executable, '-c', ENTRY, 'campaign', str(path), '-o', str(folder), *words],
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, 'COLUMNS': '200'},
+        start_new_session=True,
+    )
+    deadline, done = time.monotonic() + 60.0, folder / 'done.part'
+    while time.monotonic() < deadline:
+        if done.is_file() and (folder / 'campaign.yaml').is_file() and any(done.read_bytes()):
+            break
+        time.sleep(0.02)
+    os.killpg(process.pid, number)
+    return process, process.communicate(timeout=60)[1]

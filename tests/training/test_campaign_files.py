@@ -16,13 +16,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from campaign_documents import SHORT, requiring
+from campaign_documents import SHORT
 from invoking import invoke, refused
+from processes import stopped
 from rich.console import Console
 
 from rpo_cli.display import COMPILING, CampaignDisplay, duration
 from rpo_core.files.validation import InputError
-from rpo_core.judge.requirements import ATTITUDES, LIMITS, THRUST
+from rpo_core.judge.requirements import ATTITUDES, LIMITS, THRUST, Requirements
 from rpo_core.judge.verdicts import verdicts
 from rpo_montecarlo.campaign import config, execution, run_batch, sampling
 from rpo_montecarlo.campaign.run_batch import fly_runs
@@ -36,8 +37,8 @@ WIDE = {'COLUMNS': '300'}
 SHIPPED = ROOT / 'offline_training' / 'campaigns' / 'paper_test.yaml'
 
 
-def test_the_folder_is_the_same_on_any_threads_interrupted_or_not(write, tmp_path):
-    campaign = config.load(write(runs=1250))
+def test_the_folder_is_the_same_on_any_threads_interrupted_or_not(tmp_path, loaded):
+    campaign = loaded(runs=1250)
     for name, workers in (('one', 1), ('two', 2)):
         execution.fly(Store.create(tmp_path / name, campaign), workers)
 
@@ -59,24 +60,6 @@ def test_the_folder_is_the_same_on_any_threads_interrupted_or_not(write, tmp_pat
         assert set(results.files) == set(run_batch.COLUMNS)
         assert results['mass_kg'].shape == (1250,)
     assert not list((tmp_path / 'one').glob('*.part'))
-
-
-def stopped(path, folder, number):
-    """Send a signal to a campaign that has come so far as to save; return its process and words."""
-    command = [sys.executable, '-c', 'from rpo_cli.cli import app; app()', 'campaign']
-    process = subprocess.Popen(
-        [*command, str(path), '-o', str(folder)],
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, 'COLUMNS': '200'},
-    )
-    deadline, done = time.monotonic() + 40.0, folder / 'done.part'
-    while time.monotonic() < deadline:
-        if done.is_file() and (folder / 'campaign.yaml').is_file() and any(done.read_bytes()):
-            break
-        time.sleep(0.02)
-    process.send_signal(number)
-    return process, process.communicate(timeout=20)[1]
 
 
 @pytest.mark.slow
@@ -123,21 +106,6 @@ def test_memory_is_flat(tmp_path, write):
     assert peaks[1] - peaks[0] < 64 * 1024  # KiB; all columns are 312 MB
 
 
-def test_success_is_what_the_scenario_requires(tmp_path):
-    limits = {'hold_from_s': 12.0, 'hold_error_per_axis_m': 70.0, 'slew_per_axis_n_s': 0.1}
-    limits |= {'mean_window_s': 15.0, 'mean_speed_norm_m_s': 0.6}
-    campaign = config.load(requiring(tmp_path, limits, runs=30, success=None))
-    store = Store.create(tmp_path / 'f', campaign)
-    execution.fly(store)
-    again = Store.open(tmp_path / 'f').campaign
-    assert again.config.success == campaign.config.success == campaign.scenario.requirements.limits
-    successful = successes(
-        again.config, {name: store.column(name) for name in again.config.judging}
-    )
-    by_flight = [all(v.holds for v in verdicts(fly_run(campaign, n))) for n in range(30)]
-    assert successful.tolist() == by_flight and 0 < sum(by_flight) < 30
-
-
 EVERY_LIMIT = {
     'final_error_per_axis_m': 53.0, 'final_error_norm_m': 57.0, 'final_speed_per_axis_m_s': 0.7,
     'final_speed_norm_m_s': 0.8, 'mean_window_s': 5.0, 'mean_error_norm_m': 60.0,
@@ -151,24 +119,33 @@ EVERY_LIMIT = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize('goal', ['[0.0, 0.0, 0.0]', '[0.0, 5.0, -3.0]'])
-@pytest.mark.parametrize('arrival', ['per_axis', 'norm'])
-@pytest.mark.parametrize('controller', ['handmade', 'pd'])
+@pytest.mark.parametrize('goal', [(0.0, 0.0, 0.0), (0.0, 5.0, -3.0)])
+@pytest.mark.parametrize(
+    'arrival', [{'arrival_error_per_axis_m': 54.0}, {'arrival_error_norm_m': 66.0}]
+)
+@pytest.mark.parametrize(('controller', 'by'), [('handmade', 'scenario'), ('pd', 'campaign')])
 def test_a_campaign_judges_by_every_limit_as_a_single_flight_is_judged(
-    tmp_path, goal, arrival, controller
+    goal, arrival, controller, by, loaded
 ):
-    """Each value has the bits of the verdict of the run's own flight; so has each decision."""
-    path = requiring(tmp_path, EVERY_LIMIT, controller=controller, success=None)
-    short = path.parent / 'short.yaml'
-    arriving = f'arrival_error_{arrival}_m: {54.0 if arrival == "per_axis" else 66.0}'
-    text = short.read_text().replace("'slew_", f"{arriving}, 'slew_")
-    short.write_text(f'{text}goal_position_m: {goal}\n')
-    campaign = config.load(path)
+    """Each value has the bits of the verdict of the run's own flight; so has each decision.
+
+    Also where the campaign names the limits: the scenario says when and where, and few of them.
+    """
     others = {*THRUST, *ATTITUDES}  # these need pulses, and an attitude
-    required = [name for name in LIMITS if name not in others]
+    every, required = {**EVERY_LIMIT, **arrival}, [name for name in LIMITS if name not in others]
+    named = {name: every[name] for name in required} if by == 'campaign' else {}
+    few = {'hold_error_norm_m', 'mean_error_norm_m', 'arrival_time_s', 'keep_out_depth_m'}
+    few |= {'contact_closing_speed_m_s', *every.keys() - named.keys()}
+    campaign = loaded(
+        required={name: value for name, value in every.items() if name in few},
+        goal=list(goal), controller=controller, success=named or None,
+    )  # fmt: skip
     assert set(campaign.config.success) == set(required)
     columns = fly_runs(campaign, 0, 60)
-    judged = [verdicts(fly_run(campaign, number)) for number in range(0, 60, 7)]
+    flights = [fly_run(campaign, number) for number in range(0, 60, 7)]
+    own = Requirements(**every)
+    scenarios = [replace(flight.scenario, requirements=own) for flight in flights]
+    judged = [verdicts(replace(f, scenario=s)) for f, s in zip(flights, scenarios, strict=True)]
     for place, name in enumerate(required):
         values, limits = campaign.config.limit(name, columns)
         found = [row[place] for row in judged]
@@ -176,23 +153,25 @@ def test_a_campaign_judges_by_every_limit_as_a_single_flight_is_judged(
         assert [v.value for v in found] == values[::7].tolist(), name
         assert [v.limit for v in found] == np.broadcast_to(limits, 60)[::7].tolist(), name
         assert [v.holds for v in found] == kept(campaign.config, name, columns)[::7].tolist()
+    together = successes(campaign.config, columns)[::7].tolist()
+    assert together == [all(v.holds for v in row) for row in judged]
     words = {v.holds for row in judged for v in row}
     assert words == {True, False}
 
 
-def test_what_the_engine_does_not_know_is_judged_by_the_same_columns(tmp_path, monkeypatch):
+def test_what_the_engine_does_not_know_is_judged_by_the_same_columns(monkeypatch, loaded):
     limits = {**EVERY_LIMIT, 'arrival_error_norm_m': 66.0}
-    campaign = config.load(requiring(tmp_path, limits, runs=3, success=None))
+    campaign = loaded(required=limits, runs=3, success=None)
     side_by_side = run_batch.fly_unit(campaign, 0)
     monkeypatch.setattr(run_batch, 'why_not', lambda *_: 'a test')
     np.testing.assert_array_equal(run_batch.fly_unit(campaign, 0), side_by_side)
 
 
 @pytest.mark.slow
-def test_runs_that_never_arrive_are_infinite_and_reported(tmp_path):
+def test_runs_that_never_arrive_are_infinite_and_reported(tmp_path, write):
     limits = {'arrival_time_s': 9.0, 'arrival_error_norm_m': 1.0, 'final_error_norm_m': 70.0}
     limits |= {'contact_range_m': 1.0, 'contact_closing_speed_m_s': 1.0}
-    path, folder = requiring(tmp_path, limits, runs=12, success=None), tmp_path / 'f'
+    path, folder = write(required=limits, runs=12, success=None), tmp_path / 'f'
     done = invoke('campaign', path, '-o', folder)
     assert done.exit_code == 0 and 'final_error_norm_m <= 70 m' in done.output
     assert 'nan' not in done.output and 'inf' in done.output
@@ -202,15 +181,15 @@ def test_runs_that_never_arrive_are_infinite_and_reported(tmp_path):
     assert 'contact closing speed' in page
 
 
-def test_a_hold_that_begins_at_the_end_is_nothing_to_judge(tmp_path):
+def test_a_hold_that_begins_at_the_end_is_nothing_to_judge(loaded):
     limits = {'hold_from_s': 20.0, 'hold_error_per_axis_m': 0.4}
     with pytest.raises(InputError, match=r'missing, and .* from 20 s on, but ends at 20 s'):
-        config.load(requiring(tmp_path, limits, success=None))
+        loaded(required=limits, success=None)
 
 
-def test_a_folder_of_another_campaign_is_left_alone(write, tmp_path):
+def test_a_folder_of_another_campaign_is_left_alone(write, tmp_path, loaded):
     folder = tmp_path / 'f'
-    campaign = config.load(write())
+    campaign = loaded()
     Store.create(folder, campaign)
     with pytest.raises(InputError, match='of this campaign: go on with --resume'):
         Store.create(folder, campaign)
@@ -240,10 +219,10 @@ def numbers(campaign, unit):
 
 
 @pytest.fixture
-def begun(write, tmp_path, monkeypatch):
+def begun(tmp_path, monkeypatch, loaded):
     """Return the folder of a campaign with three of seven units done."""
     monkeypatch.setattr(execution, 'fly_unit', numbers)
-    store = Store.create(tmp_path / 'begun', config.load(write(runs=1250, seed=1)))
+    store = Store.create(tmp_path / 'begun', loaded(runs=1250, seed=1))
     for unit in (0, 3, 6):
         store.put(unit, numbers(store.campaign, unit))
     assert Store.open(store.folder).pending() == [1, 2, 4, 5]
@@ -318,8 +297,8 @@ def test_damaged_results_are_one_sentence(begun):
         store.column('mass_kg')
 
 
-def test_a_disk_that_is_too_small_says_so_at_once(write, tmp_path):
-    campaign = config.load(write(runs=1_000_000))
+def test_a_disk_that_is_too_small_says_so_at_once(tmp_path, loaded):
+    campaign = loaded(runs=1_000_000)
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 20, before[1]))
@@ -329,7 +308,7 @@ def test_a_disk_that_is_too_small_says_so_at_once(write, tmp_path):
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
         signal.signal(signal.SIGXFSZ, ignored)
-    Store.create(tmp_path / 'f', config.load(write()))  # nothing is in the way
+    Store.create(tmp_path / 'f', loaded())  # nothing is in the way
 
 
 def test_the_command_flies_repeats_and_refuses(write, tmp_path):
@@ -377,16 +356,26 @@ def test_the_shipped_campaign_is_valid():
     assert replace(again.config, seed=2) != campaign.config
 
 
-def test_progress_counts_no_compiling(write, tmp_path, monkeypatch):
+@pytest.fixture
+def shown(monkeypatch, tmp_path):
+    """Return a function that shows a campaign by a clock; the clock, and what was shown."""
+    now, out = [100.0], io.StringIO()
+    monkeypatch.setattr('rpo_cli.display.time', SimpleNamespace(monotonic=lambda: now[0]))
+
+    def of(campaign):
+        out.truncate(0)
+        store = SimpleNamespace(folder=tmp_path, campaign=campaign, done_runs=0)
+        return CampaignDisplay(store, Console(file=out, width=200))
+
+    return of, now, out
+
+
+def test_progress_counts_no_compiling(loaded, shown, monkeypatch):
     """It showed 15 runs/s, and minutes left, while the kernels were compiled."""
-    now = [100.0]
-    clock = SimpleNamespace(monotonic=lambda: now[0])
-    monkeypatch.setattr('rpo_cli.display.time', clock)
+    of, now, out = shown
     monkeypatch.setattr('rpo_cli.display.EVERY_S', -1.0)
     monkeypatch.setattr('rpo_cli.display.PATIENCE_S', 0.01)
-    out = io.StringIO()
-    store = Store.create(tmp_path / 'flown', config.load(write(runs=900)))
-    with CampaignDisplay(store, Console(file=out, width=200)) as display:
+    with of(loaded(runs=900)) as display:
         while COMPILING not in out.getvalue():
             time.sleep(0.01)
         for at in (130.0, 130.1, 131.0, 132.0):
@@ -397,16 +386,11 @@ def test_progress_counts_no_compiling(write, tmp_path, monkeypatch):
     assert '50.00 % succeed  200 runs/s  0:00 left' in last
 
 
-def test_a_long_campaign_is_announced_after_a_short_batch(write, tmp_path, monkeypatch):
+def test_a_long_campaign_is_announced_after_a_short_batch(loaded, shown):
     """A million runs took half an hour, unannounced; it is told once, and of no short campaign."""
-    now = [100.0]
-    clock = SimpleNamespace(monotonic=lambda: now[0])
-    monkeypatch.setattr('rpo_cli.display.time', clock)
+    of, now, out = shown
     for runs, told in ((1_000_000, 'about 83 min to go, at 200 runs/s'), (2000, '')):
-        out = io.StringIO()
-        campaign = config.load(write(runs=runs))
-        store = SimpleNamespace(folder=tmp_path, campaign=campaign, done_runs=0)
-        with CampaignDisplay(store, Console(file=out, width=200)) as display:
+        with of(loaded(runs=runs)) as display:
             for _ in range(9):
                 now[0] += 1.0
                 display.advance(200, 100)

@@ -6,12 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from campaign_documents import write_campaign
 
 from rpo_core.control.controller import load_controller
 from rpo_core.control.fuzzy import RuleTable
-from rpo_core.files import scenario
-from rpo_core.files.scenario import load_set
+from rpo_core.files.scenario import load_scenario, load_set
 from rpo_core.files.starts import Cube
 from rpo_core.files.validation import InputError
 from rpo_core.judge.verdicts import verdicts
@@ -118,7 +116,7 @@ def test_an_unknown_campaign_is_refused_by_name():
 
 # Candidates judged in a world: sensors, filter, pulses; what thrust costs.
 
-LEO = replace(scenario.load_scenario('world_leo'), duration_s=12.0)
+LEO = replace(load_scenario('world_leo'), duration_s=12.0)
 SPREAD = {
     'initial_position_m': {'uniform': 5.0},
     'true_anomaly_deg': {'uniform': 180.0},
@@ -126,19 +124,6 @@ SPREAD = {
     'sensor_noise_share': {'uniform': 0.3},
 }
 COSTS = {'openings': 0.01, 'propellant': 50.0}
-
-
-@pytest.fixture
-def write(tmp_path):
-    """Return a function that writes a campaign of a scenario and returns its path."""
-
-    def written(flown, **changes):
-        path = tmp_path / 'world.yaml'
-        path.write_text(scenario.dumps(flown))
-        changes = {'scenario': str(path), 'dispersions': SPREAD, **changes}
-        return str(write_campaign(tmp_path, **changes))
-
-    return written
 
 
 def settings_of(path, **changes):
@@ -150,7 +135,7 @@ def settings_of(path, **changes):
 def test_drawn_flights_have_the_bits_of_the_campaign(write, world):
     """Also the second time, in two threads."""
     limits = {'mean_error_norm_m': 1.0, 'valve_openings': 100.0}
-    path = write(LEO, success=limits) if world else 'paper_test'
+    path = str(write(LEO, dispersions=SPREAD, success=limits)) if world else 'paper_test'
     flights, chosen = DrawnFlights(path, settings_of(path) if world else FEW), [1, 41, 44]
     campaign, _ = flights.pool(3)
     with Simulator([flights.case(3, chosen)], 2) as simulator:
@@ -165,7 +150,7 @@ def test_drawn_flights_have_the_bits_of_the_campaign(write, world):
 
 
 def test_what_thrusters_spend_costs_fitness(write):
-    path = write(LEO)
+    path = str(write(LEO, dispersions=SPREAD))
     drawn = settings_of(path, **COSTS)
     costly = Fitness(ONE_START, FitnessSettings(drawn=drawn), 1)
     free = Fitness(ONE_START, FitnessSettings(drawn=settings_of(path)), 1)
@@ -183,7 +168,7 @@ def test_what_thrusters_spend_costs_fitness(write):
 @pytest.mark.parametrize('world', [False, True])
 def test_candidates_that_cannot_reach_the_better_half_are_not_flown(write, world):
     """The better half, and its order, are those of flying all; also where thrust costs."""
-    drawn = settings_of(write(LEO), **COSTS) if world else FEW
+    drawn = settings_of(str(write(LEO, dispersions=SPREAD)), **COSTS) if world else FEW
     fitness = Fitness(ONE_START, FitnessSettings(penalty='graded', drawn=drawn), 1)
     worse = [replace(ROBUST, velocity_scale_m_s=scale) for scale in (0.8, 0.9, 1.2, 2.0, 4.0, 6.0)]
     population = population_of(*worse, TRAINED, ROBUST)
@@ -204,8 +189,8 @@ NEAR = {'initial_position_m': {'uniform': 5.0}}
 
 def test_propellant_without_pulses_costs_fitness_too(write):
     leaking = Thrusters(propellant=Propellant(specific_impulse_s=200.0, mass_kg=1.0))
-    short = replace(scenario.load_scenario('approach'), duration_s=12.0).equipped(leaking)
-    drawn = settings_of(write(short, dispersions=NEAR), propellant=50.0)
+    short = replace(load_scenario('approach'), duration_s=12.0).equipped(leaking)
+    drawn = settings_of(str(write(short, dispersions=NEAR)), propellant=50.0)
     flights = DrawnFlights(drawn.campaigns[0], drawn)
     with Simulator([flights.case(0, range(3))], 1) as simulator:
         (rows,) = simulator.fly(population_of(ROBUST))
@@ -216,7 +201,7 @@ def test_propellant_without_pulses_costs_fitness_too(write):
 
 
 def test_what_cannot_be_judged_is_one_sentence(write):
-    path = write(scenario.load_scenario('approach'), dispersions=NEAR)
+    path = str(write(load_scenario('approach'), dispersions=NEAR))
     with pytest.raises(InputError) as caught:
         Fitness(ONE_START, FitnessSettings(drawn=settings_of(path, **COSTS)), 1)
     said = '`fitness.drawn.openings` needs drawn flights'

@@ -84,7 +84,8 @@ def test_the_bench_judges_its_whole_table(holds, tmp_path, monkeypatch):
 
 def test_a_search_whose_best_misses_a_condition_is_1():
     best = SimpleNamespace(provenance={'starts_that_miss': {'speed': 2, 'slew': 0}})
-    run = SimpleNamespace(scored=SearchRun.scored, flown='8 starts', scenario='mine')
+    config = SimpleNamespace(scenario='mine')
+    run = SimpleNamespace(scored=SearchRun.scored, flown='8 starts', config=config)
     with pytest.raises(typer.Exit) as raised:
         train.end(run, best, no_fail=False)
     assert raised.value.exit_code == 1

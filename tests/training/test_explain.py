@@ -96,20 +96,16 @@ def test_a_broken_controller_fails_with_a_true_counterexample(tmp_path):
     assert load_controller(path).system.output(e, v) == u and v == 0.0 and e * u <= 0.0
 
 
-def test_a_state_is_explained():
-    done = run('--state', '10,60,-40,0.1,0,0')
+@pytest.mark.parametrize('named', [False, True])
+def test_a_state_is_explained_by_the_default_or_the_controller_named(named, tmp_path):
+    target = broken(tmp_path) if named else DEFAULT_CONTROLLER
+    state = ('--state', '10,60,-40,0.1,0,0')
+    done = run(*state, *(['--controller', target] if named else []))
     assert done.exit_code == 0
-    for decision in decisions(load_controller(DEFAULT_CONTROLLER), (10, 60, -40, 0.1, 0, 0)):
+    for decision in decisions(load_controller(target), (10, 60, -40, 0.1, 0, 0)):
         assert decision.reasons.sentence in done.stdout
         assert f'{decision.force_n:.6f} N' in done.stdout
-
-
-def test_a_state_is_explained_by_the_controller_named(tmp_path):
-    state = (10.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    done = run('--state=10,0,0,0,0,0', '--controller', broken(tmp_path))
-    (x, _, _) = decisions(load_controller(broken(tmp_path)), state)
-    assert x.reasons.sentence in done.stdout and x.force_n > 0.0
-    assert run(broken(tmp_path), '--state=10,0,0,0,0,0').stdout == done.stdout
+    assert run(target, *state).stdout == done.stdout
 
 
 def test_an_instant_of_a_run_is_explained_with_the_bits_of_the_log(folder):

@@ -66,7 +66,7 @@ def test_python_gives_the_bits_without_us(name, tmp_path):
         'assert not [m for m in sys.modules if m.partition(".")[0] not in known], sys.modules\n'
         'print(json.dumps([force_n(s[:3], s[3:], t) for t, s in json.load(sys.stdin)]))\n'
     )
-    ticks, rows = states(count=900)
+    ticks, rows = states(count=500)
     done = subprocess.run(
         [sys.executable, '-I', '-S', '-B', '-c', program],
         input=json.dumps(list(zip(ticks, rows, strict=True))),

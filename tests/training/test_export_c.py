@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import itertools
 import shutil
 import subprocess
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files.validation import InputError
 from rpo_ctrl.baselines import Pd
 from rpo_ctrl.family import Family, Mission, family_of
-from rpo_export import c, c_allocation, text_of
+from rpo_export import c, c_allocation
 from rpo_export.c_source import Source
 from rpo_kernels.jit import as_table
 from rpo_kernels.kernels import State, Vector, saturate
@@ -43,49 +44,6 @@ int main(void)
     return 0;
 }
 """
-
-
-def family_names():
-    return sorted(n for n, kind in controller_file.kinds().items() if issubclass(kind, Family))
-
-
-def program(controller, folder, optimise, change=('', '')):
-    header = c.header(controller, 'exported.c')
-    main = MAIN.replace('NAME', controller.name)
-    main = main.replace('TICK', 'tick, ' if 'int tick' in header else '')
-    return compiled(folder, text_of(controller, 'c').replace(*change), header, main, optimise)
-
-
-def check_bits(controller, folder, optimise):
-    ticks, rows = states()
-    stage = controller.stage(0.1)
-    expected = [stage.step(t, tuple(s))[0] for t, s in zip(ticks, rows, strict=True)]
-    found = driven(
-        program(controller, folder, optimise),
-        [[t, *s] for t, s in zip(ticks, rows, strict=True)],
-    )
-    assert bits(found) == bits(expected)
-
-
-@pytest.mark.parametrize(
-    ('name', 'optimise'),
-    [('trained', '-O0'), ('paper_ga', '-O2'), ('pace', '-O2'), ('time_to_go', '-O3'),
-     ('lqr', '-O2'), ('mpc', '-O0'), ('apf_smc', '-O2')],
-)  # fmt: skip
-def test_c99_gives_the_bits(name, optimise, tmp_path):
-    check_bits(load_controller(name), tmp_path, optimise)
-
-
-@pytest.mark.parametrize('name', family_names())
-def test_every_family_is_c_where_a_search_begins(name, tmp_path):
-    kind = family_of(name)
-    start = {gene.name: gene.start for gene in kind.genes()}
-    check_bits(kind.of_values(name, start, Mission((1.0, 1.0, 1.0), 0.5, 0.1)), tmp_path, '-O2')
-
-
-def test_the_self_test_finds_another_arithmetic(tmp_path):
-    found = program(load_controller('trained'), tmp_path, '-O2', ('0.122', '0.1220000000001'))
-    assert subprocess.run([found], input='', text=True, timeout=50).returncode == 1
 
 
 class Bowl(NamedTuple):
@@ -135,8 +93,44 @@ class Own(Pd):
         return stage
 
 
-def test_a_plug_in_with_its_own_kernels_has_its_bits(tmp_path):
-    check_bits(Own(name='own', position_gain_n_m=0.01, velocity_gain_n_s_m=0.4), tmp_path, '-O2')
+def begun(name):
+    """Return the controller of a family where a search begins."""
+    kind = family_of(name)
+    start = [gene.start for gene in kind.genes()]
+    return kind.of_values(name, start, Mission((1.0, 1.0, 1.0), 0.5, 0.1))
+
+
+FAMILIES = sorted(n for n, kind in controller_file.kinds().items() if issubclass(kind, Family))
+CONTROLLERS = [
+    *map(load_controller, ('trained', 'paper_ga', 'lqr', 'mpc', 'apf_smc')),
+    *map(begun, FAMILIES),
+    Own(name='own', position_gain_n_m=0.01, velocity_gain_n_s_m=0.4),
+]
+
+
+def program(controller, folder, optimise, change=('', '')):
+    files = c.files(controller, 'exported.c')
+    main = MAIN.replace('NAME', controller.name)
+    main = main.replace('TICK', 'tick, ' if 'int tick' in files.header else '')
+    return compiled(folder, files._replace(source=files.source.replace(*change)), main, optimise)
+
+
+@pytest.mark.parametrize(
+    ('controller', 'optimise'),
+    list(zip(CONTROLLERS, itertools.cycle(['-O0', '-O2', '-O3']), strict=False)),
+    ids=lambda value: getattr(value, 'name', value),
+)
+def test_c99_gives_the_bits(controller, optimise, tmp_path):
+    ticks, rows = states()
+    stage = controller.stage(0.1)
+    expected = [stage.step(t, tuple(s))[0] for t, s in zip(ticks, rows, strict=True)]
+    given = [[t, *s] for t, s in zip(ticks, rows, strict=True)]
+    assert bits(driven(program(controller, tmp_path, optimise), given)) == bits(expected)
+
+
+def test_the_self_test_finds_another_arithmetic(tmp_path):
+    found = program(load_controller('trained'), tmp_path, '-O0', ('0.122', '0.1220000000001'))
+    assert subprocess.run([found], input='', text=True, timeout=50).returncode == 1
 
 
 def power(state: State, tick: int, gain: Bowl) -> Vector:
@@ -167,12 +161,9 @@ int main(void)
 """
 
 
-@pytest.mark.parametrize('optimise', ['-O0', '-O3'])
-def test_the_allocation_of_thrusters_in_c_gives_the_bits(tmp_path, optimise):
+def test_the_allocation_of_thrusters_in_c_gives_the_bits(tmp_path):
     table = ThrusterTable(preset='quads_16', force_n=0.25, centre_of_mass_m=(0.05, 0.0, -0.02))
-    source = c_allocation.text('quads_16', table)
-    header = c_allocation.header('quads_16', table, 'exported.c')
-    found = compiled(tmp_path, source, header, ALLOCATION, optimise)
+    files = c_allocation.files('quads_16', table, 'exported.c')
     demands = np.random.default_rng(4).normal(size=(300, 6)) * [0.4, 0.4, 0.4, 0.1, 0.1, 0.1]
     made, work = table_of(table, 1.0, 0.0, None, IDENTITY), as_table(np.zeros(SCRATCH))
     expected = []
@@ -182,8 +173,9 @@ def test_the_allocation_of_thrusters_in_c_gives_the_bits(tmp_path, optimise):
         wanted = [*demand[:3], *(value / made.lever for value in demand[3:])]
         share, _ = allocate(as_table(wanted), made, work)
         expected.append([share, *work[THRUST : THRUST + 16]])
-    assert bits(driven(found, demands.tolist())) == bits(expected)
-    assert '_MOST_PIVOTS = 100' in source
-    other = source.replace('_MOST_PIVOTS = 100', '_MOST_PIVOTS = 1')
-    wrong = compiled(tmp_path, other, header, ALLOCATION, optimise)
+    found = driven(compiled(tmp_path, files, ALLOCATION, '-O3'), demands.tolist())
+    assert bits(found) == bits(expected)
+    assert '_MOST_PIVOTS = 100' in files.source
+    other = files.source.replace('_MOST_PIVOTS = 100', '_MOST_PIVOTS = 1')
+    wrong = compiled(tmp_path, files._replace(source=other), ALLOCATION, '-O0')
     assert subprocess.run([wrong], input='', text=True, timeout=50).returncode == 1

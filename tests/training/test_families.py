@@ -11,11 +11,11 @@ from types import SimpleNamespace
 import fuzzylite as fl
 import numpy as np
 import pytest
-import yaml
 from invoking import invoke
 from landing import rest_at_landing
 
 import rpo_export as export
+from rpo_cli.commands.shared import draw
 from rpo_core.chain.flight import fly
 from rpo_core.control import controller
 from rpo_core.control.controller import load_controller
@@ -28,19 +28,9 @@ from rpo_montecarlo.engine.cases import case_of_set
 from rpo_montecarlo.engine.simulator import Simulator
 from rpo_report import training
 from rpo_report.controller import report_of
-from rpo_training import family_training
 
 NAMES = ('more_words', 'pace', 'time_to_go')
 TRAINING = load_set('paper_training')
-
-# Training.
-
-
-def test_the_command_of_a_family_is_its_default_configuration():
-    chosen = replace(family_training.config_of('pace'), seed=3)
-    assert chosen.command == 'rpo train --family pace --seed 3'
-    assert family_training.FamilyConfig.parse(yaml.safe_load(chosen.dumps())) == chosen
-
 
 # Export and explanation.
 
@@ -163,11 +153,11 @@ def test_the_picture_names_all_and_its_front_is_beaten_by_none(tmp_path):
     rows.append(row('drifting', 0.0, 0, met=0))
     points = [(r.mean_energy_n2s, r.moving.kept) for r in rows if r.met]
     assert training.best(points) == [(2.0, 900), (2.5, 1000)]
-    training.draw(rows, tmp_path / 'p.svg')
+    draw(tmp_path / 'p.svg', training.draw, rows)
     text = (tmp_path / 'p.svg').read_text()
     assert all(text.count(f'>{name}</text>') == 3 for name in 'abcd')
     assert 'drifting' not in text
     for what in ('position and speed kept', 'all limits kept', 'time'):
         assert f'Energy against {what}<' in text
-    training.draw(rows[-1:], tmp_path / 'none.svg')  # nobody arrives: there is no front
+    draw(tmp_path / 'none.svg', training.draw, rows[-1:])  # nobody arrives: there is no front
     assert (tmp_path / 'none.svg').is_file()

@@ -13,6 +13,7 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
+from rpo_cli.commands.shared import draw
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
 from rpo_judge import truth
@@ -74,7 +75,8 @@ def test_pictures_of_a_training_and_of_the_truth(tmp_path, drawn, monkeypatch):
     growth = tuple(
         truth.Growth(d, np.array([1e-6, 1e-5, 1e-4]) * d * d, np.zeros(3)) for d in (10.0, 1e3)
     )
-    truth.draw(truth.Comparison('so', flown, errors, None, growth), tmp_path / 'truth.png')
+    found = truth.Comparison('so', flown, errors, None, growth)
+    draw(tmp_path / 'truth.png', truth.draw, found)
     assert {'convergence.png', 'held_out.png', 'truth.png'} <= set(drawn)
     for name, figure in drawn.items():
         assert not [text for text in texts(figure) if re.search(r'[$\\]', text)], name

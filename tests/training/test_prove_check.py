@@ -203,6 +203,16 @@ def test_planted_errors_of_the_surface_are_found(bench):
         assert found and all(said in one for one in found)
 
 
+def test_a_slope_is_looked_at_where_the_other_error_is_saturated(bench):
+    """Beyond the scale of an error its own slope is none; that of the other one is."""
+    table, rng = bench.problem.table, np.random.default_rng(1)
+    problem = replace(bench.problem)
+    problem.__dict__['table'] = table._replace(slopes=table.slopes + 9.0)
+    for i, j in ((0, len(table.w) // 2), (len(table.e) // 2, 0)):
+        said = list(check_sets._surface_cell(problem, problem.table, i, j, rng))
+        assert said and all('a slope at' in one for one in said)
+
+
 def test_a_law_holds_as_far_as_slopes_and_pieces_of_its_cells_say(bench):
     """In four cells: by their slopes where the pieces are bent, and the other way round.
 

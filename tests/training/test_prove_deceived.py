@@ -31,8 +31,8 @@ from rpo_proof.claims import values_of
 from rpo_proof.folder import TEXTS, Folder, cells_of, write_arrays
 from rpo_proof.problem import Problem, Settings
 from rpo_report.proof import report_of
-from tools.mutate_proofs import KINDS, SAMPLE, ProofCase, cases_of
-from tools.mutating import failures, judge_cases
+from tools.attack.cases import failures, judge_cases
+from tools.attack.proofs import KINDS, SAMPLE, ProofCase, cases_of
 
 LIST = Path(__file__).parent / 'expected' / 'small_proofs.txt'
 """Arrays, claims and ranges of two small proofs; a person reads what changes in it."""
@@ -274,6 +274,13 @@ def test_a_counterexample_is_one_of_the_flights(copy_of):
     assert faults(path) == []  # nothing is unknown: the flight follows from its start
 
 
+def test_a_refuted_claim_has_its_flight_in_the_folder(proofs, monkeypatch):
+    """Where it does not follow from its start."""
+    monkeypatch.setattr(checker, '_flight', lambda *_: None)
+    fault, *_ = faults(proofs['together'].path)
+    assert fault.endswith('is refuted, and its flight is not in the folder')
+
+
 def test_a_flight_of_a_claim_is_under_what_is_asked_for(proofs):
     problem = proofs['apart'].problem
     rng, base = np.random.default_rng(1), problem.scenario
@@ -445,7 +452,7 @@ def outcomes(folder, scratch, count):
 
 @pytest.mark.parametrize('kind', KINDS)
 def test_changed_folders_do_not_deceive(proofs, tmp_path, kind):
-    """A thousand in the slow test; ten thousand: `python -m tools.mutate_proofs --cases 10000`."""
+    """A thousand in the slow test; ten thousand: `python -m tools.attack --cases 10000 proofs`."""
     assert not [word for word in outcomes(proofs[kind], tmp_path, 3) if word.split()[0].isupper()]
 
 
@@ -459,7 +466,7 @@ def test_a_thousand_changed_folders_do_not_deceive():
 def test_the_bench_notices_a_checker_that_is_deceived(proofs, tmp_path, monkeypatch):
     """One that looks at no tube: lower bounds, with a summary that fits, are accepted."""
     monkeypatch.setattr(checker, 'tube_faults', lambda *_: iter(()))
-    assert any(word.startswith('ACCEPTED') for word in outcomes(proofs['apart'], tmp_path, 60))
+    assert any(word.startswith('ACCEPTED') for word in outcomes(proofs['apart'], tmp_path, 140))
 
 
 def test_small_proofs_are_those_of_the_list(proofs):

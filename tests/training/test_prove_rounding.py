@@ -126,6 +126,24 @@ def test_a_tick_is_widened_by_a_share_of_all_its_terms(p):
             assert is_near(Fraction(d[k]) - held, whole * terms)
 
 
+@pytest.mark.parametrize(
+    ('table', 'widest', 'until', 'most_m'),
+    [({}, 0.5, 9, 9.0), ({}, 9.0, 0, 0.5), ({'e': (-0.1, 0.1)}, 9.0, 9, 9.0)],
+)
+def test_a_set_that_is_given_up_is_in_no_invariant_set(table, widest, until, most_m):
+    """Too wide, too far from the target when it must hold, or beyond the table."""
+    motion = tube.Motion(np.eye(2), np.zeros((2, 1)), 0.1, np.zeros((9, 1)), np.zeros((9, 0, 1)),
+                         0.0, 0.0, np.zeros((9, 2)), np.zeros((9, 2)))  # fmt: skip
+    trace = tube.Trace(np.zeros((10, 2)), np.zeros((10, 2)), np.zeros((9, 1)), np.zeros((9, 1)),
+                       np.zeros((9, 1)), np.zeros((9, 1, 6)), np.zeros(2))  # fmt: skip
+    g = np.zeros((2, sets.MOST + 8))
+    g[0, 0] = 1.0
+    found = tube.fly(surface(**table), motion, np.zeros(2), g, np.zeros(2), 1, 1,
+                     sets.InvariantSet(9.0, 1.0, 9.0), until, np.full(2, widest), most_m,
+                     trace)  # fmt: skip
+    assert found[:2] == (0, -1)
+
+
 @SIDES
 def test_forces_of_a_tick_are_within_the_limit(side):
     table, still = surface(u=np.full((2, 2), side), limit=0.75), np.zeros(2)

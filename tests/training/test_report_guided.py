@@ -4,12 +4,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import yaml
 from log_runs import chain_run
+from pages import straight
 from test_report import check_page, refuse_optima
 
 from rpo_core import files
@@ -71,23 +70,17 @@ def flown(tmp_path_factory):
     return read_run(path), made.flight
 
 
-def test_the_log_is_that_of_the_chain(flown):
-    log, _ = flown
-    found = verify(log.path)
-    assert found.exit_code == 0, found.sentence()
-    for name in ('estimator', 'guidance', 'controller', 'assurance', 'thrusters'):
-        assert name in found.sentence()
-
-
 def test_stages_run_again_give_what_was_logged(flown):
-    """The estimator read the command before assurance, and its errors were those of no flight."""
+    """The estimator read the command before assurance, and NEES was some hundreds."""
     log, made = flown
+    assert verify(log.path).exit_code == 0
     for kind in (GuidanceStage, EstimatorStage, AssuranceStage):
         rows = list(logged.steps_again(log, flight_of(log), kind))
         assert [tick for tick, _, _ in rows] == list(range(len(made.states)))
         for i, name in enumerate(rows[0][1].outputs):
             np.testing.assert_array_equal([row[2][i] for row in rows], made.signals[name])
     assert (made.signals['assured_force'] != made.forces_n).any(), 'else it proves less'
+    assert navigation.filtered(log, flight_of(log)).nees.mean() < 20.0
 
 
 def test_phases_and_interventions_are_told_as_they_were(flown):
@@ -153,50 +146,30 @@ def test_phases_stand_on_the_time_axis(made):
         assert {0.1 * GO, 0.1 * HOLD} <= {round(float(x), 6) for x in lines}
 
 
-def test_the_filter_is_consistent_under_assurance(flown):
-    """NEES was some hundreds while assurance acted."""
-    found = navigation.filtered(flown[0], flight_of(flown[0]))
-    assert found.nees.mean() < 20.0
-
-
-def test_a_flight_without_these_stages_has_no_such_part():
-    paper = scenario.load_scenario('paper_test')
-    assert zones_of(paper) == []
-
-
-def straight(start, end, ticks=200):
-    """Return a flight of `hold_points` along a line, whatever its dynamics."""
-    base = scenario.load_scenario('hold_points')
-    share = np.linspace(0.0, 1.0, ticks + 1)[:, None]
-    positions = (1.0 - share) * np.array(start) + share * np.array(end)
-    velocity = (np.array(end) - np.array(start)) / (ticks * base.dt_s)
-    zeros = np.zeros((ticks + 1, 3))
-    return run.Flight(
-        replace(base, duration_s=ticks * base.dt_s, initial_position_m=tuple(start)),
-        np.hstack([positions, np.tile(velocity, (ticks + 1, 1))]), zeros, zeros,
-    )  # fmt: skip
+def along(start, end):
+    return straight('hold_points', start, end, 200)
 
 
 def test_passage_of_zones_on_straight_lines():
     (zones,) = zones_of(scenario.load_scenario('hold_points'))
-    inside = dict(run_plots.zone_passage(straight([0.0, 21.0, 0.0], [0.0, 1.0, 0.0]), zones))
+    inside = dict(run_plots.zone_passage(along([0.0, 21.0, 0.0], [0.0, 1.0, 0.0]), zones))
     assert inside['ticks in the keep-out sphere of 10 m outside the corridor'] == 'none'
     # 1 m/s from 21 m: at 11 s it is at 10 m, and the sphere begins below
     assert inside['enters the keep-out sphere of 10 m at'] == '11.1 s'
     assert inside['closing speed at the entry'] == '1 m/s'
     # from the other side: from 10 m to 4.5 m behind the target, where the corridor ends
-    beside = dict(run_plots.zone_passage(straight([0.0, -21.0, 0.0], [0.0, -1.0, 0.0]), zones))
+    beside = dict(run_plots.zone_passage(along([0.0, -21.0, 0.0], [0.0, -1.0, 0.0]), zones))
     assert beside['ticks in the keep-out sphere of 10 m outside the corridor'] == '54 of 201'
-    rest = straight([0.0, 21.0, 0.0], [0.0, 1.0, 0.0])
+    rest = along([0.0, 21.0, 0.0], [0.0, 1.0, 0.0])
     rest.states[-5:, :3] = (0.02, 1.0, 0.0)  # at the port, beside the tip of the cone
     passed = dict(run_plots.zone_passage(rest, zones))
     assert passed['ticks in the keep-out sphere of 10 m outside the corridor'] == 'none'
-    away = dict(run_plots.zone_passage(straight([0.0, 21.0, 0.0], [0.0, 41.0, 0.0]), zones))
+    away = dict(run_plots.zone_passage(along([0.0, 21.0, 0.0], [0.0, 41.0, 0.0]), zones))
     assert away['enters the keep-out sphere of 10 m'] == 'never'
 
 
 def test_a_plane_shows_the_zones_of_the_scenario_alone():
-    flight = straight([0.0, 21.0, 0.0], [0.0, 1.0, 0.0])
+    flight = along([0.0, 21.0, 0.0], [0.0, 1.0, 0.0])
     figure = run_plots.approach(flight, {}, zones_of(flight.scenario))
     labels = {line.get_label() for axes in figure.axes for line in axes.lines}
     assert {'corridor', 'keep-out sphere', 'holds, retreat'} <= labels

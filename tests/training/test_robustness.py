@@ -13,6 +13,7 @@ import pytest
 from invoking import invoke
 from landing import rest_at_landing
 
+from rpo_cli.commands.shared import draw
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import codec
@@ -216,7 +217,7 @@ def test_margins_are_kept_as_they_are(tmp_path):
     assert robustness.numbers(kept) == robustness.numbers(found)
     assert kept.headline() == found.headline() and 'slew per axis (by 7)' in found.headline()
     for kind in (kept, replace(kept, margins=(), crossings=())):
-        picture.draw(kind, 'so', tmp_path / 'so.svg')
+        draw(tmp_path / 'so.svg', picture.draw, kind, 'so')
 
 
 def test_a_controller_that_the_engine_does_not_know_is_refused():

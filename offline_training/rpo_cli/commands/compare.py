@@ -51,6 +51,7 @@ def compare(
     """
     from rpo_core.files import find
     from rpo_judge.evaluation import comparison, comparison_table
+    from rpo_report import training
     from rpo_training.provenance import saw
 
     if attitude:
@@ -73,7 +74,7 @@ def compare(
     for path in comparison_table.write(rows, least, flown, output):
         echo(path)
     for path in [output / 'compare.svg', *([picture] if picture is not None else [])]:
-        draw('rpo_report.training', path, rows)
+        draw(path, training.draw, rows)
     if write is not None:
         page = comparison_table.markdown(rows, least, flown, comparison_table.TABLES[:-1])
         comparison_table.put_into(write, page)

@@ -203,18 +203,10 @@ def _judge_estimator(name: str, runs: int) -> bool:
 def _print_targets(found: Assessment) -> None:
     from rpo_judge.evaluation.assessment import QUESTIONS
 
-    rows = [
-        (
-            target.name,
-            target.what,
-            '' if target.limit is None else f'{target.limit:.4g} {target.unit}',
-            f'{target.reached:.4g} {target.unit}',
-            target.word,
-        )
-        for target in found.targets()
-    ]
-    headings = ('', 'what', 'limit', 'reached', '')
-    print_table(headings, rows, f'{found.controller.name}: targets', left=2)
+    rows = [target.cells() for target in found.targets()]
+    print_table(
+        ('', 'what', 'limit', 'reached', ''), rows, f'{found.controller.name}: targets', left=2
+    )
     typer.echo(f'{QUESTIONS}\n{found.verdict()}.')
 
 
@@ -287,6 +279,7 @@ def _robustness(controller: AnyController, folder: Path, workers: int) -> bool:
         margins_of,
         rows_of,
     )
+    from rpo_report import robustness
 
     with progress() as show:
         found = margins_of(controller, workers, show)
@@ -296,7 +289,7 @@ def _robustness(controller: AnyController, folder: Path, workers: int) -> bool:
     if found.crossings:
         print_table(CROSSED, map(crossing_row, found.crossings), 'describing function of an axis')
     path = folder / f'robustness_{identifier(controller.name)}.png'
-    draw('rpo_report.robustness', path, found, controller.name)
+    draw(path, robustness.draw, found, controller.name)
     return found.starts_missed > 0
 
 

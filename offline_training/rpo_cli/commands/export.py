@@ -4,12 +4,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from rpo_cli.commands.shared import echo
+from rpo_cli.commands.shared import echo, write_texts
 
 
 def export(
@@ -41,45 +42,30 @@ def export(
     from rpo_core.files.scenario import load_scenario
     from rpo_core.files.validation import InputError
     from rpo_ctrl import attitude
-    from rpo_export import SUFFIXES, attitude_texts, c, c_assured, text_of
+    from rpo_export import SUFFIXES, attitude_files, c, c_assured, text_of
     from rpo_montecarlo.outputs import identifier, make_folder
 
-    if attitude.is_one(controller):
-        if to != 'c' or assurance is not None:
-            raise InputError('a controller of attitude needs `--to c`, without `--assurance`')
-        axis = attitude.axis_of(controller)
-        path = output or Path(identifier(axis.name) + SUFFIXES[to])
-        text, header = attitude_texts(axis, path.name)
-        _write({path: text, path.with_suffix('.h'): header})
-        return
-    loaded = load_controller(controller)
-    if assurance is None:
-        text = text_of(loaded, to)
-    elif to != 'c':
-        raise InputError(f'`--assurance` needs `--to c`; got {to}')
-    else:
-        scenario = load_scenario(assurance)
-        text = c_assured.text(loaded, scenario)
-    if output == Path('-'):
-        typer.echo(text, nl=False)
-        return
-    path = output or Path(identifier(loaded.name) + SUFFIXES[to])
-    make_folder(path.parent)
-    written = {path: text}
+    axis = attitude.axis_of(controller) if attitude.is_one(controller) else None
+    if axis is not None and (to != 'c' or assurance is not None):
+        raise InputError('a controller of attitude needs `--to c`, without `--assurance`')
+    loaded = load_controller(controller) if axis is None else axis
+    path = output or Path(identifier(loaded.name) + SUFFIXES.get(to, ''))
+    made: Sequence[str]
     if assurance is not None:
-        written[path.with_suffix('.h')] = c_assured.header(loaded, scenario, path.name)
+        if to != 'c':
+            raise InputError(f'`--assurance` needs `--to c`; got {to}')
+        made = c_assured.files(loaded, load_scenario(assurance), path.name)
+    elif axis is not None:
+        made = attitude_files(axis, path.name)
     elif to == 'c':
-        written[path.with_suffix('.h')] = c.header(loaded, path.name)
-    _write(written)
-
-
-def _write(written: dict[Path, str]) -> None:
-    from rpo_montecarlo.outputs import writing
-
-    for name, content in written.items():
-        with writing(name):
-            name.write_text(content, encoding='utf-8')
-        echo(name)
+        made = c.files(loaded, path.name)
+    else:
+        made = [text_of(loaded, to)]
+    if output == Path('-'):
+        typer.echo(made[0], nl=False)
+        return
+    make_folder(path.parent)
+    write_texts(dict(zip((path, path.with_suffix('.h')), made, strict=False)))
 
 
 _HELP = 'of an error (force) of 1, if the file does not say'
@@ -101,11 +87,8 @@ def import_(
     from rpo_core.control.controller import dumps
     from rpo_export.importing import load
     from rpo_judge.analysis.rule_base import warnings
-    from rpo_montecarlo.outputs import writing
 
     loaded = replace(load(file, (position_scale, velocity_scale, force_scale)), name=output.stem)
-    with writing(output):
-        output.write_text(dumps(loaded), encoding='utf-8')
+    write_texts({output: dumps(loaded)})
     for warning in warnings(loaded.system):
         echo(f'warning: {warning}', err=True)
-    echo(output)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rpo_cli.commands.shared import Set
+from rpo_cli.commands.shared import Set, draw
 from rpo_cli.display import print_table, progress
 from rpo_core.files.validation import InputError
 
@@ -70,10 +70,9 @@ def plan(
     if chosen.target is not None and any(map(settings.turns, range(len(settings.legs)))):
         typer.echo(_followed(settings, chosen))
     if picture is not None:
-        from rpo_report.run_plots import draw
+        from rpo_report import run_plots
 
-        draw(found, energies, settings, chosen, picture)
-        typer.echo(picture)
+        draw(picture, run_plots.draw, found, energies, settings, chosen)
 
 
 def _entered(settings: Guidance, scenario: Scenario, path: Path) -> tuple[Guidance, Scenario]:

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -76,9 +75,14 @@ def report(
         moving.check(video)
     doing = Text(printable(f'{target}: reporting this {subject}'))
     with plain_console(stderr=True).status(doing):
-        made, folder, code = (
-            _of_runs(targets, scenario) if others else _OF[subject](target, scenario)
-        )
+        if others:
+            made, folder, code = _of_runs(targets, scenario)
+        elif subject == 'run':
+            made, folder, code = _of_run(target, scenario)
+        elif subject == 'controller':
+            made, folder, code = _of_controller(target, scenario)
+        else:
+            made, folder, code = _of_folder(target, subject)
         paths = write(made, output or folder)
         if video is not None:
             (one,) = made.flights
@@ -125,16 +129,11 @@ def _of_runs(targets: list[str], scenario: str) -> Made:
     return made, folder, ExitCode.OK if whole else ExitCode.INCOMPLETE
 
 
-def _of_campaign(target: str, _: str) -> Made:
-    from rpo_report import campaign
+def _of_folder(target: str, subject: str) -> Made:
+    from rpo_report import campaign, proof
 
-    return campaign.report_of(Path(target)), Path(target) / 'report', 0
-
-
-def _of_proof(target: str, _: str) -> Made:
-    from rpo_report import proof
-
-    return proof.report_of(Path(target)), Path(target) / 'report', 0
+    module = campaign if subject == 'campaign' else proof
+    return module.report_of(Path(target)), Path(target) / 'report', 0
 
 
 def _of_controller(target: str, scenario: str) -> Made:
@@ -161,11 +160,3 @@ def _folder(target: str) -> str:
     parent, digest = path.resolve().parent.name, digest_of(str(path.resolve()))[:8]
     names = [parent] if parent and parent != path.stem else []
     return '_'.join(['report', *names, path.stem, digest])
-
-
-_OF: dict[str, Callable[[str, str], Made]] = {
-    'run': _of_run,
-    'campaign': _of_campaign,
-    'proof': _of_proof,
-    'controller': _of_controller,
-}

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rpo_cli.commands.shared import NoFail, Set, echo, end, interruptible, tool
+from rpo_cli.commands.shared import NoFail, Set, end, interruptible, tool, write_texts
 from rpo_cli.display import print_table, progress
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.files.validation import InputError
@@ -96,46 +96,29 @@ def attack(
         end(_attack_campaign(chosen if estimated else bounded(chosen)), no_fail)
         return
     from rpo_core.files import overrides
-    from rpo_proof.safety import attack
     from rpo_proof.safety import attack as attacks
 
     found = overrides.load(scenario, changes or [])
     began = time.monotonic()
     with interruptible(lambda: 'stopped; nothing is kept'), progress() as draw:
         results = attacks.attack(found, runs, seed, ticks, lambda n: draw('runs', n, runs))
-    columns = (
-        attack.VIOLATED,
-        attack.INFEASIBLE,
-        attack.TOO_FAST,
-        attack.OUTSIDE,
-        attack.HARD,
-        attack.ACTED,
-        attack.CONTACTS,
-    )
-    heads = (
-        'command',
-        'runs',
-        'in the zone',
-        'not admissible',
-        'too fast',
-        'outside',
-        'hard',
-        'changed',
-        'contacts',
-        'nearest',
-    )
+    limits = {
+        'in the zone': attacks.VIOLATED, 'not admissible': attacks.INFEASIBLE,
+        'too fast': attacks.TOO_FAST, 'outside': attacks.OUTSIDE, 'hard': attacks.HARD,
+    }  # fmt: skip
+    counted = {**limits, 'changed': attacks.ACTED, 'contacts': attacks.CONTACTS}
     rows = [
         (
             result.kind,
             str(len(result.rows)),
-            *(str(result.total(column)) for column in columns),
-            f'{result.least(attack.LEAST_FREE):.3g} m',
+            *(str(result.total(column)) for column in counted.values()),
+            f'{result.least(attacks.LEAST_FREE):.3g} m',
         )
         for result in results
     ]
     title = f'{found.name}: {runs} runs of up to {ticks} ticks in {time.monotonic() - began:.0f} s'
-    print_table(heads, rows, title)
-    broken = sum(r.total(column) for r in results for column in columns[:5])
+    print_table(('command', 'runs', *counted, 'nearest'), rows, title)
+    broken = sum(r.total(column) for r in results for column in limits.values())
     typer.echo(LEGEND)
     typer.echo('all limits held' if not broken else f'{broken} ticks break a limit')
     end(broken > 0, no_fail)
@@ -283,7 +266,6 @@ def thrusters(
 
     from rpo_core.files import overrides
     from rpo_export import c_allocation
-    from rpo_montecarlo.outputs import writing
     from rpo_thrusters import authority
     from rpo_thrusters.table import PRESETS, ThrusterTable
 
@@ -296,12 +278,8 @@ def thrusters(
             raise InputError(f'scenario {found.name} must have `thrusters.table`; it has none')
         settings, limit_n = found.thrusters.table, float(found.max_force_n)
     if source is not None:
-        about = c_allocation.header(table, settings, source.name)
-        written = {source: c_allocation.text(table, settings), source.with_suffix('.h'): about}
-        for path, text in written.items():
-            with writing(path):
-                path.write_text(text, encoding='utf-8')
-            echo(path)
+        text, header = c_allocation.files(table, settings, source.name)
+        write_texts({source: text, source.with_suffix('.h'): header})
         return
     rows, left = [], Counter[str]()
     known = {f.thruster: f.stuck for f in settings.failures if f.known}

@@ -7,7 +7,7 @@ from __future__ import annotations
 import importlib
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
@@ -71,15 +71,25 @@ def tool(name: str) -> Any:
     return importlib.import_module(f'tools.{name}')
 
 
-def draw(module: str, path: Path, *subject: Any) -> None:
-    """Let `draw` of a module write a picture; without matplotlib, say that there is none."""
+def draw(path: Path, made: Callable[..., Any], *subject: Any) -> None:
+    """Write the figure that is made of a subject; without matplotlib, say that there is none."""
+    from rpo_log.show import style
+
     try:
-        with writing(path):
+        with writing(path), style.applied():
             path.parent.mkdir(parents=True, exist_ok=True)
-            importlib.import_module(module).draw(*subject, path)
+            made(*subject).savefig(path)
     except ModuleNotFoundError as error:
         typer.echo(f'No picture: {error.name} is not installed.', err=True)
     else:
+        echo(path)
+
+
+def write_texts(texts: Mapping[Path, str]) -> None:
+    """Write files, and print their names; raises InputError."""
+    for path, text in texts.items():
+        with writing(path):
+            path.write_text(text, encoding='utf-8')
         echo(path)
 
 

@@ -6,11 +6,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rpo_cli.commands.shared import echo
+from rpo_cli.commands.shared import draw
 from rpo_cli.display import print_table, progress
 from rpo_core.chain.flight import fly
 from rpo_core.files import overrides
@@ -63,29 +63,27 @@ def sweep(
     rows[0][-1] = rows[0][-1].partition(' inf ')[2]
     rows.append(['all', *(MISSED if bad else HOLDS for bad in lost), ''])
     print_table((key, *(f'{value:.6g}' for value in values), 'limit'), rows, title)
-    path = (folder or Path('runs') / f'sweep_{key}') / 'sweep.png'
-    _draw(values, found, key, title, path)
-    echo(path)
+    draw(
+        (folder or Path('runs') / f'sweep_{key}') / 'sweep.png', _figure, values, found, key, title
+    )
     return any(lost)
 
 
-def _draw(
-    values: Sequence[float], found: Sequence[Sequence[Verdict]], key: str, title: str, path: Path
-) -> None:
-    """Draw each figure over the values of the field, with its limit."""
+def _figure(
+    values: Sequence[float], found: Sequence[Sequence[Verdict]], key: str, title: str
+) -> Any:
+    """Return the figure of each quantity over the values of the field, with its limit."""
     from rpo_log.show import style
 
     lines = list(zip(*found, strict=True))
-    with style.applied():
-        figure, panels = style.new_panels(1.6 * len(lines) + 0.8, len(lines), 1, sharex=True)
-        for axes, line in zip(np.atleast_1d(panels), lines, strict=True):
-            axes.plot(values, [verdict.value for verdict in line], marker='o', markersize=4)
-            if np.isfinite(line[0].limit):
-                axes.plot(values, [verdict.limit for verdict in line], **style.LIMIT)
-            axes.set_title(line[0].statement, loc='left')
-            axes.set_ylabel(f'[{line[0].unit}]')
-            axes.set_ylim(bottom=0.0)
-        axes.set_xlabel(key)
-        figure.suptitle(f'{title} (dashed: required)')
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path)
+    figure, panels = style.new_panels(1.6 * len(lines) + 0.8, len(lines), 1, sharex=True)
+    for axes, line in zip(np.atleast_1d(panels), lines, strict=True):
+        axes.plot(values, [verdict.value for verdict in line], marker='o', markersize=4)
+        if np.isfinite(line[0].limit):
+            axes.plot(values, [verdict.limit for verdict in line], **style.LIMIT)
+        axes.set_title(line[0].statement, loc='left')
+        axes.set_ylabel(f'[{line[0].unit}]')
+        axes.set_ylim(bottom=0.0)
+    axes.set_xlabel(key)
+    figure.suptitle(f'{title} (dashed: required)')
+    return figure

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -16,12 +16,10 @@ from rpo_cli.display import TrainingDisplay
 from rpo_core.files.validation import InputError, choice
 
 if TYPE_CHECKING:
-    from rpo_core.control.controller import FuzzyController
     from rpo_training.attitude_training import AttitudeConfig
     from rpo_training.config import TrainingConfig
-    from rpo_training.family_training import FamilyTraining
+    from rpo_training.family_training import FamilyConfig
     from rpo_training.run import Config, Found, SearchRun
-    from rpo_training.training import Training
 
 
 def train(
@@ -66,53 +64,54 @@ def train(
     the best controller, which is written, misses a condition.
     """
     from rpo_training import config as configs
-    from rpo_training.attitude_training import AttitudeConfig, AttitudeTraining
-    from rpo_training.family_training import CONFIG as FAMILY
+    from rpo_training.attitude_training import AttitudeTraining
     from rpo_training.family_training import FamilyTraining, is_family
     from rpo_training.training import Training
 
+    kinds: tuple[type[SearchRun[Any, Any]], ...] = FamilyTraining, AttitudeTraining, Training
     if resume is not None:
         given = (preset, config, seed, algorithm, settings, output)
         if attitude or family or scenario or any(option is not None for option in given):
             raise InputError('`--resume` takes its configuration from the run folder: give none')
-        if (resume / FAMILY).exists():
-            training = FamilyTraining.resume(resume, workers)
-            end(training, fly(training), no_fail)
-        elif (resume / AttitudeTraining.config_file).exists():
-            turning = AttitudeTraining.resume(resume, workers)
-            end(turning, fly(turning), no_fail)
-        else:
-            _fly(Training.resume(resume, workers, cluster), plots, no_fail)
+        kind = next((k for k in kinds if (resume / k.config_file).exists()), Training)
+        _finish(kind.resume(resume, workers, cluster), plots, no_fail)
         return
+    changes = list(settings or ())
     if family or (config is not None and is_family(config)):
         if preset or algorithm or cluster or attitude:
             raise InputError(
                 '`--family` takes no `--preset`, `--algorithm`, `--attitude` and `--cluster`'
             )
-        found = _family(family, scenario, config, seed, settings or [], output, workers, show)
-        if found is not None:
-            end(found, fly(found), no_fail)
-        return
+        base: Any = _base_of_family(family, scenario, config)
+    elif any(setting.startswith('scenario=') for setting in changes):
+        raise InputError('`--set scenario=...` would keep the scales: use `--scenario`')
+    elif not attitude:
+        base = _base(preset, scenario, config)
+    elif scenario or cluster:
+        raise InputError('`--attitude` takes no `--scenario` and `--cluster`')
+    else:
+        base = _base_of_attitude(preset, config)
     options = {'seed': seed, 'algorithm': algorithm}
     named = [f'{key}={value}' for key, value in options.items() if value is not None]
-    for setting in settings or []:
-        if setting.startswith('scenario='):
-            raise InputError('`--set scenario=...` would keep the scales: use `--scenario`')
-    if attitude and (scenario or cluster):
-        raise InputError('`--attitude` takes no `--scenario` and `--cluster`')
-    base = _base_of_attitude(preset, config) if attitude else _base(preset, scenario, config)
-    chosen = configs.override(base, [*named, *(settings or [])])
+    chosen = configs.override(base, [*named, *changes])
     folder = output or Path('runs') / f'{chosen.name}_{chosen.seed}'
-    if not any(setting.startswith('name=') for setting in settings or []):
+    if not any(setting.startswith('name=') for setting in changes):
         chosen = configs.override(chosen, [f'name={folder.resolve().name}'])
     if show:
         typer.echo(chosen.dumps(), nl=False)
         return
-    if isinstance(chosen, AttitudeConfig):
-        turning = AttitudeTraining.create(chosen, folder, workers)
-        end(turning, fly(turning), no_fail)
-    else:
-        _fly(Training.create(chosen, folder, workers, cluster), plots, no_fail)
+    kind = next(k for k in kinds if k.config_type is type(chosen))
+    _finish(kind.create(chosen, folder, workers, cluster), plots, no_fail)
+
+
+def _base_of_family(family: str, scenario: str, path: Path | None) -> FamilyConfig:
+    from rpo_training import family_training
+
+    if path is None:
+        return family_training.config_of(family, scenario)
+    if family or scenario:
+        raise InputError('`--config` says family and scenario: give neither')
+    return family_training.FamilyConfig.load(path)
 
 
 def _base_of_attitude(preset: str | None, path: Path | None) -> AttitudeConfig:
@@ -120,37 +119,6 @@ def _base_of_attitude(preset: str | None, path: Path | None) -> AttitudeConfig:
 
     known = PRESETS[choice('--preset', preset or 'paper', PRESETS)]
     return known if path is None else AttitudeConfig.load(path)
-
-
-def _family(
-    family: str,
-    scenario: str,
-    path: Path | None,
-    seed: int | None,
-    settings: list[str],
-    output: Path | None,
-    workers: int,
-    show: bool,
-) -> FamilyTraining | None:
-    """Return a training run of a family; None where its configuration was shown instead."""
-    from rpo_training import config as configs
-    from rpo_training import family_training
-
-    if path is None:
-        chosen = family_training.config_of(family, scenario)
-    elif family or scenario:
-        raise InputError('`--config` says family and scenario: give neither')
-    else:
-        chosen = family_training.FamilyConfig.load(path)
-    named = [] if seed is None else [f'seed={seed}']
-    chosen = configs.override(chosen, [*named, *settings])
-    folder = output or Path('runs') / f'{chosen.name}_{chosen.seed}'
-    if not any(setting.startswith('name=') for setting in settings):
-        chosen = configs.override(chosen, [f'name={folder.resolve().name}'])
-    if show:
-        typer.echo(chosen.dumps(), nl=False)
-        return None
-    return family_training.FamilyTraining.create(chosen, folder, workers)
 
 
 def _base(preset: str | None, scenario: str, path: Path | None) -> TrainingConfig:
@@ -162,21 +130,20 @@ def _base(preset: str | None, scenario: str, path: Path | None) -> TrainingConfi
     return configs.fitted(base, scenario) if scenario else base
 
 
-def _fly(training: Training, plots: bool, no_fail: bool) -> None:
-    best = fly(training)
-    if plots:
-        _draw(training, best)
-    end(training, best, no_fail)
+def _finish(run: SearchRun[Config, Found], plots: bool, no_fail: bool) -> None:
+    """Fly a run to its end, and draw what the training of a force has found."""
+    from rpo_training.training import Training
 
-
-def _draw(training: Training, best: FuzzyController) -> None:
-    try:
-        from rpo_report.training import draw_run
-    except ImportError:
-        typer.echo('No pictures: matplotlib is not installed.', err=True)
-        return
-    for path in draw_run(training.folder, best):
-        echo(path)
+    best = fly(run)
+    if plots and isinstance(run, Training):
+        try:
+            from rpo_report.training import draw_run
+        except ImportError:
+            typer.echo('No pictures: matplotlib is not installed.', err=True)
+        else:
+            for path in draw_run(run.folder, best):
+                echo(path)
+    end(run, best, no_fail)
 
 
 def fly(run: SearchRun[Config, Found]) -> Found:
@@ -247,9 +214,8 @@ def tune(
         raise InputError('say what to tune, pd, lqr, mpc or apf_smc; or --resume FOLDER')
     if resume is not None:
         tuning = Tuning.resume(resume, workers)
-        end(tuning, fly(tuning), no_fail)
-        return
-    budget = BUDGET if evaluations is None else evaluations
-    config = TuningConfig(str(kind), seed, budget, disturbance, scenario=scenario)
-    tuning = Tuning.create(config, output or Path(f'runs/tune_{config.name}_{seed}'), workers)
-    end(tuning, fly(tuning), no_fail)
+    else:
+        budget = BUDGET if evaluations is None else evaluations
+        config = TuningConfig(str(kind), seed, budget, disturbance, scenario=scenario)
+        tuning = Tuning.create(config, output or Path(f'runs/tune_{config.name}_{seed}'), workers)
+    _finish(tuning, False, no_fail)

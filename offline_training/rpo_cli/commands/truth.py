@@ -42,6 +42,7 @@ def truth(
 
     By Basilisk where it is installed (layer `truth`; not with drag), and by SciPy.
     """
+    from rpo_judge import truth
     from rpo_judge.truth import attitude_by_scipy, attitude_error_rad, by_scipy, compare
     from rpo_log.show.report import folder_of
 
@@ -61,7 +62,7 @@ def truth(
         off = attitude_error_rad(flight.scenario, true(flight.scenario))
         typer.echo(f'Attitude of the target at the end: {off:.1e} rad off {name}.')
     folder = Path('runs') if run is None else folder_of(run)
-    draw('rpo_judge.truth', plot or folder / 'truth.png', found)
+    draw(plot or folder / 'truth.png', truth.draw, found)
     if write is not None:
         outputs.put(write, 'rpo truth --write', markdown(found))
         typer.echo(write)

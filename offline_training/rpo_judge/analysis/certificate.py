@@ -103,9 +103,7 @@ class _Examination:
     """The grid and the enclosures that the claims share."""
 
     def __init__(self, system: FuzzySystem, max_fall: float, most_boxes: int) -> None:
-        self.system = system
-        self.max_fall = max_fall
-        self.most_boxes = most_boxes
+        self.system, self.max_fall, self.most_boxes = system, max_fall, most_boxes
         self.boxes = 0
         self.rounding = surface.rounding(system)
         self.e = surface.divided(surface.breakpoints(system.position), _GRID)
@@ -124,16 +122,13 @@ class _Examination:
         return Point(float(e), float(v), self.system.output(float(e), float(v)))
 
     def certificate(self) -> Certificate:
+        errors = list(enumerate(('position error', 'velocity error')))
         claims = (
             self.output_bound(),
-            self.lipschitz('position error', 0),
-            self.lipschitz('velocity error', 1),
+            *(self.lipschitz(name, axis) for axis, name in errors),
             self.oddness(),
-            self.monotonicity('position error', 0),
-            self.monotonicity('velocity error', 1),
-            self.damping(),
-            self.equilibrium(),
-            self.pull(),
+            *(self.monotonicity(name, axis) for axis, name in errors),
+            *(self.damping(), self.equilibrium(), self.pull()),
         )
         return Certificate(claims, self.boxes, self.rounding)
 
@@ -248,9 +243,7 @@ class _Examination:
         """Claim that the force falls by at most `max_fall` as one error grows."""
         fall = _FallSearch(self, axis)
         bound, found, points = fall.search()
-        verdict = PROVEN if bound <= self.max_fall else UNDECIDED
-        if found > self.max_fall:
-            verdict = REFUTED
+        verdict = verdict_of(self.max_fall, bound, found)
         seen = f'; {found:.4f} seen' if found > self.rounding else '; no fall was seen'
         allowed = f'(allowed {self.max_fall:g})'
         statement = f'u falls by at most {bound:.4f} as the {name} grows {allowed}{seen}'
@@ -262,8 +255,7 @@ class _Examination:
         bound, spent = damping.bound(self.system, self.e, self.v, found, self.most_boxes // 4)
         self.boxes += spent
         points = self.point(self.e[column], 0.0), self.point(self.e[column], self.v[row])
-        verdict = PROVEN if bound <= self.max_fall else UNDECIDED
-        verdict = REFUTED if found > self.max_fall else verdict
+        verdict = verdict_of(self.max_fall, bound, found)
         statement = (
             f'a velocity error moves u to the other side by at most {bound:.4f} '
             f'(allowed {self.max_fall:g}); {found:.4f} seen'
@@ -315,9 +307,7 @@ class _FallSearch:
     """Bounds the fall of F along one error, strip by strip of the other."""
 
     def __init__(self, examination: _Examination, axis: int) -> None:
-        self.examination = examination
-        self.axis = axis
-        self.found = 0.0
+        self.examination, self.axis, self.found = examination, axis, 0.0
         self.points: tuple[Point, ...] = ()
         functions = (examination.system.position, examination.system.velocity)[axis]
         self.continuous = surface.is_continuous(functions)

@@ -14,15 +14,7 @@ from typing import NamedTuple
 
 from rpo_core.control.controller import FuzzyController, load_controller
 from rpo_core.files.scenario import load_scenario, load_set
-from rpo_core.judge.metrics import (
-    ARRIVAL_DISTANCE,
-    ARRIVAL_SPEED,
-    ENERGY,
-    LATE_FORCE,
-    LATE_POSITION,
-    LATE_SPEED,
-    SLEW,
-)
+from rpo_core.judge.metrics import ENERGY, LATE_FORCE, LATE_POSITION, LATE_SPEED
 from rpo_judge.evaluation.optimal import least_energy
 from rpo_judge.evaluation.proven import numbers_of
 from rpo_judge.scoring import fitness
@@ -113,6 +105,11 @@ class Target(NamedTuple):
         """The verdict as it is shown."""
         return NOT_ASKED if self.limit is None else HELD if self.holds else MISSED
 
+    def cells(self, sign: str = '') -> tuple[str, ...]:
+        """Return its row in a table; `sign` stands before a limit."""
+        limit = '' if self.limit is None else f'{sign}{self.limit:.4g} {self.unit}'
+        return self.name, self.what, limit, f'{self.reached:.4g} {self.unit}', self.word
+
 
 @dataclass(frozen=True)
 class Assessment:
@@ -138,14 +135,12 @@ class Assessment:
     @property
     def binding(self) -> list[str]:
         """The condition nearest to its limit, per start."""
-        shares = self.metrics[:, [ARRIVAL_SPEED, SLEW, ARRIVAL_DISTANCE]] / fitness.LIMITS
-        return [fitness.CONDITIONS[i] for i in shares.argmax(axis=1)]
+        return [fitness.CONDITIONS[i] for i in fitness.shares(self.metrics).argmax(axis=1)]
 
     @property
     def margin(self) -> float:
         """The smallest margin of a condition over all starts, as a share of its limit."""
-        worst = self.metrics[:, [ARRIVAL_SPEED, SLEW, ARRIVAL_DISTANCE]].max(axis=0)
-        return float(1.0 - (worst / fitness.LIMITS).max())
+        return float(1.0 - fitness.shares(self.metrics).max())
 
     @cached_property
     def asked(self) -> tuple[str, Asked]:

@@ -14,7 +14,7 @@ import json
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -29,13 +29,7 @@ from rpo_core.files import codec
 from rpo_core.files.scenario import Scenario, load_scenario, load_set
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
-from rpo_core.judge.metrics import (
-    ARRIVAL_DISTANCE,
-    ARRIVAL_SPEED,
-    ARRIVAL_TIME,
-    ENERGY,
-    SLEW,
-)
+from rpo_core.judge.metrics import ARRIVAL_DISTANCE, ARRIVAL_TIME, ENERGY, SLEW
 from rpo_core.judge.verdicts import verdicts
 from rpo_ctrl.family import Family
 from rpo_judge.analysis.certificate import PROVEN
@@ -91,66 +85,6 @@ class Examined:
     contact_m_s: float | None
     contact_median_m_s: float | None
     proof: str
-
-
-def examine(
-    controller: AnyController,
-    name: str,
-    rows: Floats,
-    campaign: Campaign,
-    random_runs: int,
-    report: Report,
-) -> Examined:
-    """Return what else is known of a controller.
-
-    name : shipped name or file; rows : (starts, columns) metrics of the training starts
-    campaign : whose first runs count the openings
-    """
-    missed = {}
-    for drawn in RANDOM if random_runs else ():
-        missed[drawn] = _missed(config.find(drawn), name, random_runs, report)
-    report(f'{controller.name}: contact and thrusters', 0, 1)
-    contacts = _contacts(controller)
-    margin, condition = _margin(controller, rows)
-    runs = [fly_run(campaign, i) for i in range(min(OPENED_RUNS, campaign.config.runs))]
-    return Examined(
-        random_runs=random_runs,
-        random_missed=missed,
-        margin=margin,
-        margin_of=condition,
-        openings=float(np.mean([openings(flight.forces_n) for flight in runs])),
-        contact_m_s=max(contacts) if contacts else None,
-        contact_median_m_s=float(np.median(contacts)) if contacts else None,
-        proof=proof_of(controller),
-    )
-
-
-def _missed(path: Path, name: str, runs: int, report: Report) -> int:
-    """Return how many runs of a campaign miss a condition."""
-    campaign, missed = config.load(path, controller=name, runs=runs), 0
-    names = run_batch.columns_of(campaign)
-    for unit in range(run_batch.units(runs)):
-        report(f'{name}: {campaign.config.name}', unit * run_batch.UNIT, runs)
-        columns = dict(zip(names, run_batch.fly_unit(campaign, unit), strict=True))
-        missed += int((~statistics.successes(campaign.config, columns)).sum())
-    return missed
-
-
-def _margin(controller: AnyController, rows: Floats) -> tuple[float, str]:
-    """Return the smallest margin, and its condition."""
-    values = rows[:, [ARRIVAL_SPEED, SLEW, ARRIVAL_DISTANCE]].max(axis=0)
-    shares = list(zip((values / fitness.LIMITS).tolist(), fitness.CONDITIONS, strict=True))
-    for test in fitness.TESTS:
-        judged = verdicts(fly(load_scenario(test), controller))
-        shares += [(v.value / v.limit, v.key) for v in judged if v.holds is not None]
-    share, condition = max(shares)
-    return 1.0 - share, condition
-
-
-def _contacts(controller: AnyController) -> list[float]:
-    """Return the speeds [m/s] at the first state within `CONTACT_M`, of the starts that arrive."""
-    found = (contact_speed(flight) for flight in flights_of(controller, load_set('paper_training')))
-    return [speed for speed in found if speed is not None]
 
 
 def contact_speed(flight: Flight) -> float | None:
@@ -281,10 +215,8 @@ class Comparison:
     ) -> None:
         self.folder, self.workers, self.report, self._saw = folder, workers, report, saw
         self.names, self.random_runs = list(names), random_runs
-        for name in names:
-            controllers.load_controller(
-                name
-            )  # so that a wrong one is not blamed on the campaign file
+        for name in names:  # so that a wrong one is not blamed on the campaign file
+            controllers.load_controller(name)
         changes: dict[str, Any] = {} if runs is None else {'runs': runs}
         if len(set(names)) < len(names):
             raise InputError('each controller can be compared once; one is named twice')
@@ -313,16 +245,13 @@ class Comparison:
 
     def least(self) -> float:
         """Return the mean J [N^2 s] of the optima under training's conditions."""
-        return float(
-            self._kept('optimum', [self._shared[0]], lambda: {'mean': self._optimum()})['mean']
-        )
 
-    def _optimum(self) -> float:
-        def progress(done: int, total: int) -> None:
-            self.report('optima by convex programming', done, total)
+        def make() -> dict[str, Any]:
+            show = partial(self.report, 'optima by convex programming')
+            energies = least_constrained(self.case.base, self.case.starts, show)
+            return {'mean': float(fitness.mean(energies))}
 
-        energies = least_constrained(self.case.base, self.case.starts, progress)
-        return float(fitness.mean(energies))
+        return float(self._kept('optimum', [self._shared[0]], make)['mean'])
 
     def _kept(
         self, name: str, texts: Sequence[str], make: Callable[[], dict[str, Any]]
@@ -343,49 +272,38 @@ class Comparison:
         return found
 
     def _row(self, campaign: Campaign, label: str, given: str, least: float) -> ComparedController:
-        controller = campaign.controller
-        text = controllers.dumps(controller)
-        name = controller.name
+        """Return a controller, a shipped name or file as it was given."""
+        controller, name = campaign.controller, campaign.controller.name
+        text, world = controllers.dumps(controller), _load(WORLD, given, runs=WORLD_RUNS)
+        drawn = (*self._random, str(self.random_runs), files.read_text(proven.PATH))
         found = self._kept(name, [text, *self._shared], lambda: self._starts_and_tests(controller))
         rate, moving = self._campaign(campaign)
         more = self._kept(
             f'{name}-more',
-            [
-                *(text, *self._shared, *campaign.texts, *self._random, str(self.random_runs)),
-                files.read_text(proven.PATH),
-            ],
-            lambda: self._more(controller, given, campaign),
+            [text, *self._shared, *campaign.texts, *drawn],
+            lambda: self._more(campaign, given),
         )
-        world = config.load(config.find(WORLD), controller=given, runs=WORLD_RUNS)
-        spent = self._kept(f'{name}-world', [text, *world.texts], lambda: _spent(world))
-        return ComparedController(
-            name=label,
-            kind='fuzzy' if isinstance(controller, FuzzyController) else controller.kind,
-            ratio=found['mean_energy_n2s'] / least,
-            tests={test: Test(**found['tests'][test]) for test in TESTS},
-            kept=rate.kept,
-            runs=rate.runs,
-            low=rate.low,
-            high=rate.high,
-            moving=moving,
-            saw=self._saw(controller, campaign.config.name),
-            command_us=command_us(controller, load_scenario(TESTS[0])),
-            **spent,
-            more=Examined(**more),
-            margins=self._margins(controller, text, given),
-            **{key: value for key, value in found.items() if key != 'tests'},
-        )
+        found |= self._kept(f'{name}-world', [text, *world.texts], lambda: _spent(world))
+        found |= {
+            'name': label,
+            'kind': 'fuzzy' if isinstance(controller, FuzzyController) else controller.kind,
+            'ratio': found['mean_energy_n2s'] / least,
+            'tests': {test: Test(**found['tests'][test]) for test in TESTS},
+            **asdict(rate),
+            'runs': campaign.config.runs,
+            'moving': moving,
+            'saw': self._saw(controller, campaign.config.name),
+            'command_us': command_us(controller, load_scenario(TESTS[0])),
+            'more': Examined(**more),
+            'margins': self._margins(controller, text, given),
+        }
+        return ComparedController(**found)
 
     def _margins(
         self, controller: AnyController, text: str, given: str
     ) -> robustness.Margins | None:
         """Return how far the loop may be off; None if the engine cannot fly the controller."""
-        drawn = config.load(
-            config.find(robustness.DRAWN),
-            controller=given,
-            runs=robustness.RUNS,
-            seed=robustness.SEED,
-        )
+        drawn = _load(robustness.DRAWN, given, runs=robustness.RUNS, seed=robustness.SEED)
         if why_not(drawn.scenario, controller):
             return None
         found = self._kept(
@@ -411,24 +329,49 @@ class Comparison:
             'tests': {name: asdict(_test(fly(load_scenario(name), controller))) for name in TESTS},
         }
 
-    def _more(self, controller: AnyController, given: str, campaign: Campaign) -> dict[str, Any]:
-        """Return random starts, smallest margin, thrusters, contact and proof."""
-        rows = metrics_of(controller, self.case, self.workers)
-        runs = self.random_runs
-        return asdict(examine(controller, given, rows, campaign, runs, self.report))
+    def _more(self, campaign: Campaign, given: str) -> dict[str, Any]:
+        """Return the fields of `Examined`; the first runs of the campaign count the openings."""
+        controller, runs = campaign.controller, self.random_runs
+        missed = {name: self._missed(name, given) for name in RANDOM if runs}
+        self.report(f'{controller.name}: contact and thrusters', 0, 1)
+        flights = flights_of(controller, load_set(STARTS))
+        contacts = [speed for speed in map(contact_speed, flights) if speed is not None]
+        shares = fitness.shares(metrics_of(controller, self.case, self.workers)).max(axis=0)
+        conditions = list(zip(shares.tolist(), fitness.CONDITIONS, strict=True))
+        for test in TESTS:
+            judged = verdicts(fly(load_scenario(test), controller))
+            conditions += [(v.value / v.limit, v.key) for v in judged if v.holds is not None]
+        share, condition = max(conditions)
+        flown = [fly_run(campaign, i) for i in range(min(OPENED_RUNS, campaign.config.runs))]
+        return {
+            'random_runs': runs,
+            'random_missed': missed,
+            'margin': 1.0 - share,
+            'margin_of': condition,
+            'openings': float(np.mean([openings(flight.forces_n) for flight in flown])),
+            'contact_m_s': max(contacts, default=None),
+            'contact_median_m_s': float(np.median(contacts)) if contacts else None,
+            'proof': proof_of(controller),
+        }
 
-    def _campaign(self, campaign: Campaign) -> tuple[statistics.Rate, Share | None]:
-        """Return the rate of success, and of position and speed; finish the campaign first."""
+    def _missed(self, name: str, given: str) -> int:
+        """Return how many runs of a campaign of random starts miss a condition."""
+        campaign = _load(name, given, runs=self.random_runs)
+        show = partial(self.report, f'{given}: {name}')
+        (kept,) = execution.kept_of(campaign, [campaign.config.success], self.workers, show)
+        return self.random_runs - kept
+
+    def _campaign(self, campaign: Campaign) -> tuple[Share, Share | None]:
+        """Return the success, and that of position and speed; finish the campaign first."""
         name = campaign.controller.name
         folder = self.folder / f'{identifier(name)}-campaign-{key_of(*campaign.texts)}'
         store = Store.open(folder) if folder.is_dir() else Store.create(folder, campaign)
-        total = campaign.config.runs
         done = store.done_runs
 
         def progress(runs: int, _successful: int) -> None:
             nonlocal done
             done += runs
-            self.report(f'{name}: campaign', done, total)
+            self.report(f'{name}: campaign', done, campaign.config.runs)
 
         execution.fly(store, self.workers, progress=progress)
         success = campaign.config.success
@@ -437,15 +380,19 @@ class Comparison:
             store, {name: limits for name, limits in groups.items() if limits}
         )
         shares = [Share(rate.kept, rate.low, rate.high) for rate in found]
-        return found[0], shares[1] if len(shares) > 1 else None
+        return shares[0], shares[1] if len(shares) > 1 else None
+
+
+def _load(name: str, controller: str, **changes: Any) -> Campaign:
+    """Return a shipped campaign with fields changed."""
+    return config.load(config.find(name), controller=controller, **changes)
 
 
 def _spent(world: Campaign) -> dict[str, Any]:
     """Return the mean valve openings, and the mean propellant [kg], of a campaign."""
     columns = run_batch.fly_runs(world, 0, world.config.runs)
-    return {
-        name: float(fitness.mean(columns[name])) for name in ('valve_openings', 'propellant_kg')
-    }
+    names = ('valve_openings', 'propellant_kg')
+    return {name: float(fitness.mean(columns[name])) for name in names}
 
 
 def _labels(own: Sequence[str], given: Sequence[str]) -> list[str]:

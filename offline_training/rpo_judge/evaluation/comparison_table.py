@@ -7,8 +7,9 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from rpo_judge.evaluation.comparison import (
     WORLD,
     WORLD_RUNS,
     ComparedController,
+    Examined,
     Share,
 )
 from rpo_judge.evaluation.robustness import DRAWN, RUNS, SEED, cells, numbers
@@ -40,7 +42,9 @@ Table = list[tuple[str, ...]]
 """Headings, then a line for each controller; all texts."""
 
 
-_OVERVIEW: dict[str, Callable[[ComparedController], str]] = {
+Column = Callable[[ComparedController], str]
+
+_OVERVIEW: dict[str, Column] = {
     'controller': lambda row: row.name,
     'mean J [N²s]': lambda row: f'{row.mean_energy_n2s:.3f}',
     '× least': lambda row: f'{row.ratio:.3f}' if row.met else '–',
@@ -54,7 +58,43 @@ _OVERVIEW: dict[str, Callable[[ComparedController], str]] = {
     'its training saw these': lambda row: row.saw,
     'command [µs]': lambda row: f'{row.command_us:.1f}',
 }
-"""Heading -> cell of the main table."""
+_ROBUSTNESS: dict[str, Column] = {
+    'controller': lambda row: row.name,
+    'random starts missed: at rest [%]': lambda row: _missed(row.more, RANDOM[0]),
+    'moving [%]': lambda row: _missed(row.more, RANDOM[1]),
+    'smallest margin [%]': lambda row: (
+        f'{100 * row.more.margin:.1f}' if row.more.margin >= 0.0 else 'missed'
+    ),
+    'of': lambda row: LABELS.get(row.more.margin_of, row.more.margin_of).replace('_', ' '),
+    'thrust starts per axis': lambda row: f'{row.more.openings:.1f}',
+    'valve openings': lambda row: f'{row.valve_openings:.0f}',
+    'propellant [g]': lambda row: f'{1e3 * row.propellant_kg:.1f}',
+    'speed at 1 m, largest (median) [m/s]': lambda row: (
+        '–'
+        if row.more.contact_m_s is None
+        else f'{row.more.contact_m_s:.3f} ({row.more.contact_median_m_s:.3f})'
+    ),
+    'proof': lambda row: row.more.proof,
+}
+"""Heading -> cell: of the main table, and of random starts, margins, thrusters, contact, proof."""
+
+
+def _of_test(test: str, reading: str) -> dict[str, Column]:
+    """Return the columns of one reading of the paper's test."""
+    return {
+        f'{reading}: ∣r∣ [m]': lambda row: f'{row.tests[test].position_m:.3g}',
+        f'{reading}: ∣v∣ [mm/s]': lambda row: f'{1e3 * row.tests[test].velocity_m_s:.3g}',
+        f'{reading}: J [N²s]': lambda row: f'{row.tests[test].energy_n2s:.3f}',
+    }
+
+
+_TESTS: dict[str, Column] = {
+    f"the paper's test, largest of an axis in the last {CLAIM_WINDOW_S:g} s; J over 400 s": (
+        lambda row: row.name
+    ),
+    **_of_test(TESTS[0], 'offset'),
+    **_of_test(TESTS[1], 'phase'),
+}
 
 
 def _share(found: Share | None, runs: int) -> str:
@@ -64,53 +104,16 @@ def _share(found: Share | None, runs: int) -> str:
     return f'{100 * found.kept / runs:.2f} ({100 * found.low:.2f}…{100 * found.high:.2f})'
 
 
-def _missed(count: int, runs: int) -> str:
-    """Return a share of the random starts with its interval."""
-    found = rate('missed', count, runs)
+def _missed(more: Examined, name: str) -> str:
+    """Return a share of the random starts with its interval; a dash where none flew."""
+    if name not in more.random_missed:
+        return '–'
+    found = rate('missed', more.random_missed[name], more.random_runs)
     return f'{found.percent} ({found.interval.replace(" to ", "…")})'
 
 
-def overview(rows: Sequence[ComparedController]) -> Table:
-    """Return the main table."""
-    return [tuple(_OVERVIEW), *(tuple(cell(row) for cell in _OVERVIEW.values()) for row in rows)]
-
-
-def robustness(rows: Sequence[ComparedController]) -> Table:
-    """Return random starts, margins, thrusters, contact and proof."""
-    headings = (
-        'controller',
-        'random starts missed: at rest [%]',
-        'moving [%]',
-        'smallest margin [%]',
-        'of',
-        'thrust starts per axis',
-        'valve openings',
-        'propellant [g]',
-        'speed at 1 m, largest (median) [m/s]',
-        'proof',
-    )
-    lines: Table = [headings]
-    for row in rows:
-        more = row.more
-        missed = [more.random_missed.get(name) for name in RANDOM]
-        shares = ['–' if n is None else _missed(n, more.random_runs) for n in missed]
-        speed = '–'
-        if more.contact_m_s is not None and more.contact_median_m_s is not None:
-            speed = f'{more.contact_m_s:.3f} ({more.contact_median_m_s:.3f})'
-        lines.append(
-            (
-                row.name,
-                *shares,
-                f'{100 * more.margin:.1f}' if more.margin >= 0.0 else 'missed',
-                LABELS.get(more.margin_of, more.margin_of).replace('_', ' '),
-                f'{more.openings:.1f}',
-                f'{row.valve_openings:.0f}',
-                f'{1e3 * row.propellant_kg:.1f}',
-                speed,
-                more.proof,
-            )
-        )
-    return lines
+def _table(columns: Mapping[str, Column], rows: Sequence[ComparedController]) -> Table:
+    return [tuple(columns), *(tuple(cell(row) for cell in columns.values()) for row in rows)]
 
 
 def margins(rows: Sequence[ComparedController]) -> Table:
@@ -120,23 +123,8 @@ def margins(rows: Sequence[ComparedController]) -> Table:
     return [('controller', *lines[0]), *((row.name, *line.values()) for row, line in named)]
 
 
-def tests(rows: Sequence[ComparedController]) -> Table:
-    """Return the paper's test in both readings."""
-    metrics = ('∣r∣ [m]', '∣v∣ [mm/s]', 'J [N²s]')
-    headings = (f'{reading}: {m}' for reading in ('offset', 'phase') for m in metrics)
-    title = f"the paper's test, largest of an axis in the last {CLAIM_WINDOW_S:g} s; J over 400 s"
-    lines: Table = [(title, *headings)]
-    for row in rows:
-        found = [row.tests[test] for test in TESTS]
-        cells = (
-            (f'{t.position_m:.3g}', f'{1e3 * t.velocity_m_s:.3g}', f'{t.energy_n2s:.3f}')
-            for t in found
-        )
-        lines.append((row.name, *(text for cell in cells for text in cell)))
-    return lines
-
-
-TABLES = (overview, robustness, margins, tests)
+overview = partial(_table, _OVERVIEW)
+TABLES = (overview, partial(_table, _ROBUSTNESS), margins, partial(_table, _TESTS))
 
 
 def notes(rows: Sequence[ComparedController], least: float, campaign: Campaign) -> list[str]:

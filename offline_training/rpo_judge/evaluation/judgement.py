@@ -10,13 +10,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from contextlib import closing
 from dataclasses import replace
-from os import sched_getaffinity
+from functools import partial
 from statistics import fmean
 from typing import NamedTuple
-
-import numpy as np
 
 from rpo_core.control.controller import AnyController
 from rpo_core.files.scenario import Scenario, ScenarioSet
@@ -24,11 +21,10 @@ from rpo_core.files.validation import InputError
 from rpo_core.judge.metrics import of_flight
 from rpo_core.judge.verdicts import HOLDS, MISSED, NOT_JUDGED, Verdict, verdicts
 from rpo_log.show.report import shown
-from rpo_montecarlo.campaign.config import Campaign, find, load
-from rpo_montecarlo.campaign.execution import on_threads
+from rpo_montecarlo.campaign.config import find, load
+from rpo_montecarlo.campaign.execution import kept_of
 from rpo_montecarlo.campaign.judging import MOTION, motion, sentence
-from rpo_montecarlo.campaign.run_batch import columns_of, units
-from rpo_montecarlo.campaign.statistics import Rate, rate, successes
+from rpo_montecarlo.campaign.statistics import Rate, rate
 from rpo_montecarlo.engine.flights import flights_of
 
 
@@ -175,22 +171,16 @@ def everywhere(
 
     Where less is asked than the campaign judges, a second outcome is that of all its limits.
     """
-    found, threads = [], workers or len(sched_getaffinity(0))
+    found = []
     for name, (runs, share, only) in DEMANDS.items():
         loaded = load(find(name), runs=runs, seed=seed, controller='handmade')
-        campaign = replace(loaded, controller=controller)
-        judgements: list[tuple[str, Campaign, float | None]] = [(ALL, campaign, share)]
+        campaign, limits = replace(loaded, controller=controller), list(loaded.config.success)
+        judged: dict[str, tuple[list[str], float | None]] = {ALL: (limits, share)}
         if only:
-            moving = campaign.judging(motion(campaign.config.success))
-            judgements = [(MOTION, moving, share), (ALL, campaign, None)]
-        kept, done = [0] * len(judgements), 0
-        with closing(on_threads(campaign, list(range(units(runs))), threads)) as source:
-            for _, results in source:
-                report(f'{controller.name}: {name}', done, runs)
-                columns = dict(zip(columns_of(campaign), results, strict=True))
-                for place, (_, judged, _) in enumerate(judgements):
-                    kept[place] += int(np.count_nonzero(successes(judged.config, columns)))
-                done += results.shape[1]
-        for count, (what, judged, least) in zip(kept, judgements, strict=True):
-            found.append(Outcome(name, rate(what, count, runs), sentence(judged), least))
+            judged = {MOTION: (motion(limits), share), ALL: (limits, None)}
+        show = partial(report, f'{controller.name}: {name}')
+        kept = kept_of(campaign, [names for names, _ in judged.values()], workers, show)
+        for (what, (names, least)), count in zip(judged.items(), kept, strict=True):
+            words = sentence(campaign.judging(names))
+            found.append(Outcome(name, rate(what, count, runs), words, least))
     return found

@@ -161,7 +161,7 @@ class DrawnFlights:
             known = side_by_side(campaign, drawn)
             limits = [campaign.config.limit(name, known)[1] for name in self.judged]
             self.limits = np.column_stack(np.broadcast_arrays(*limits, known[LEVEL])[:-1])
-        return case_of(campaign, drawn, f'{self.label}, stage {stage}')
+        return case_of(campaign, drawn)
 
     def choose(self, rows: Floats | None) -> list[int]:
         """Return the numbers of the flights of a stage.

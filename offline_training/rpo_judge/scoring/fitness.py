@@ -21,7 +21,7 @@ by how far a limit is exceeded:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
@@ -44,14 +44,11 @@ from rpo_core.judge.metrics import (
     LATE_FORCE,
     LATE_POSITION,
     LATE_SPEED,
-    MAX_ARRIVAL_DISTANCE_M,
-    MAX_ARRIVAL_SPEED_M_S,
-    MAX_SLEW_N_S,
     PENALTY,
     SLEW,
 )
 from rpo_ctrl.baselines import Baseline
-from rpo_judge.scoring.conditions import AT_LIMIT, Conditions, conditions_of
+from rpo_judge.scoring.conditions import AT_LIMIT, LABELS, PAPER, conditions_of
 from rpo_judge.scoring.drawn import HELD_OUT, UNDRAWN, DrawnFlights, DrawnSettings
 from rpo_kernels.arrays import Floats
 from rpo_montecarlo.engine.cases import Case, case_of_flights, case_of_set
@@ -88,10 +85,10 @@ def corner_cases() -> list[Case]:
     return [case_of_flights(corner_flights(share), CLAIM_WINDOW_S) for share in CORNER_MASS_SHARES]
 
 
-CONDITIONS = ('speed', 'slew', 'arrival')
+CONDITIONS = tuple(LABELS.values())
 """The paper's two, and the project's own, arrival."""
 
-LIMITS = np.array([MAX_ARRIVAL_SPEED_M_S, MAX_SLEW_N_S, MAX_ARRIVAL_DISTANCE_M])
+LIMITS = np.array([PAPER.limits[name] for name in LABELS])
 _COLUMNS = [ARRIVAL_SPEED, SLEW, ARRIVAL_DISTANCE]
 
 SETTLED_FROM_S, SETTLED_UNTIL_S = 300.0, 400.0
@@ -105,6 +102,9 @@ TESTS = {'paper_test': 0.1, 'paper_test_phase': 0.2}
 MAX_TEST_SPEED_M_S = 3e-3
 TEST_WINDOW_S = 200.0
 """Q3: the paper's test and the largest |position| [m] over its last 200 s, per reading."""
+
+Limits = Mapping[int, float | Floats]
+"""Column of a row -> limit, of all flights or of each."""
 
 _SOME = 4  # candidates that fly together after the better half
 
@@ -179,6 +179,11 @@ def failures(rows: Floats) -> NDArray[np.int64]:
     return (rows[..., _COLUMNS] > LIMITS).sum(axis=-2)
 
 
+def shares(rows: Floats) -> Floats:
+    """Return the values of `CONDITIONS` (..., 3) of metrics (..., columns), over their limits."""
+    return np.asarray(rows[..., _COLUMNS] / LIMITS)
+
+
 def mean(values: Floats) -> Floats:
     """Return the mean over the last axis, correctly rounded: independent of the order."""
     rows = values.reshape(-1, values.shape[-1])
@@ -194,17 +199,15 @@ def excess(values: Floats, limits: float | Floats) -> Floats:
     return 1.0 - np.sqrt(np.sqrt(limits / np.maximum(values, limits)))
 
 
-class _Tests(NamedTuple):
-    """The paper's test in both readings: flights, and what each is judged by."""
+class Term(NamedTuple):
+    """A term of the fitness.
 
-    flights: list[Scenario]
-    conditions: list[Conditions]
+    cost : (n,) of the rows (n, flights, columns) of the cases at some places
+    """
 
-    @classmethod
-    def of_the_paper(cls) -> _Tests:
-        """Return both; they are judged by the same columns."""
-        flights = [load_scenario(name) for name in TESTS]
-        return cls(flights, [conditions_of(flight) for flight in flights])
+    weight: float
+    places: list[int]
+    cost: Callable[[Floats], Floats]
 
 
 def _between(case: Case, count: int) -> Case:
@@ -240,13 +243,15 @@ class Fitness:
         make_simulator: Callable[[Sequence[Case], int], Any] = Simulator,
     ) -> None:
         self.settings, self.conditions = settings, conditions_of(scenarios.base)
-        self._tests = _Tests.of_the_paper() if settings.tests else None
-        self._fixed = self._cases(scenarios)
+        self._fixed: list[Case] = []
+        self._terms = [
+            Term(weight, list(map(self._place, cases)), cost)
+            for weight, cases, cost in self._costs(scenarios)
+        ]
         self.stage: int | None = None
         names = settings.drawn.campaigns if settings.drawn.weight else ()
         self.drawn = [DrawnFlights(name, settings.drawn) for name in names]
         self._refuse_free_thrust()
-        self._drawn: list[Any] = []
         self.simulator = make_simulator(self._fixed, workers)
 
     def _refuse_free_thrust(self) -> None:
@@ -288,64 +293,69 @@ class Fitness:
             ]
         self.simulator.take([*self._fixed, *cases])
 
-    def _cases(self, scenarios: ScenarioSet) -> list[Case]:
-        """Return the cases: the training, on to its limit cycle, its masses; other terms."""
-        settings, conditions = self.settings, self.conditions
-        late = SETTLED_UNTIL_S - SETTLED_FROM_S
+    def _place(self, case: Case) -> int:
+        """Return the place of a case among those that fly in each stage."""
+        known = [id(one) for one in self._fixed]
+        if id(case) not in known:
+            self._fixed.append(case)
+        return [*known, id(case)].index(id(case))
+
+    def _costs(
+        self, scenarios: ScenarioSet
+    ) -> Iterator[tuple[float, list[Case], Callable[[Floats], Floats]]]:
+        """Yield weight, cases and cost of each term, the training's first."""
+        own, conditions, late = self.settings, self.conditions, SETTLED_UNTIL_S - SETTLED_FROM_S
         make = partial(case_of_set, scenarios, arrival_m=conditions.arrival_m)
         judged = partial(
             make,
             late_s=conditions.late_s if conditions.late else late,
             together=conditions.together,
         )
-        cases = []
-        if settings.limit_cycle:
-            cases.append(make(horizon_s=SETTLED_UNTIL_S, late_s=late))
-        if self._is_judged_alone:
-            cases.append(judged())
-        cases += [judged(mass_kg=mass) for mass in settings.mass_kg]
-        if settings.between:
-            cases.append(_between(judged(), settings.between))
-        if settings.disturbance:
-            cases.append(case_of_flights([load_scenario(name) for name in TESTS], TEST_WINDOW_S))
-        if self._tests:
-            cases.append(case_of_flights(self._tests.flights, self._tests.conditions[0].late_s))
-        if settings.robustness:
-            cases += corner_cases()
-        return cases
+        cycling = make(horizon_s=SETTLED_UNTIL_S, late_s=late)
+        alone = not own.limit_cycle or conditions.late or conditions.together
+        others = [judged(mass_kg=mass) for mass in own.mass_kg]
+        if own.between:
+            others.append(_between(judged(), own.between))
+        for case in (judged() if alone else cycling, *others):
+            yield 1.0, [case], lambda rows: mean(self._penalties(conditions.values(rows)))
+        if own.limit_cycle:
+            settled = {LATE_SPEED: MAX_SETTLED_SPEED_M_S, LATE_FORCE: MAX_SETTLED_FORCE_N}
+            yield own.limit_cycle, [cycling], lambda rows: self._beyond(rows.max(axis=1), settled)
+        tests = [load_scenario(name) for name in TESTS if own.disturbance or own.tests]
+        if own.disturbance:
+            distances = np.array(list(TESTS.values()))
+            held: Limits = {LATE_POSITION: distances, LATE_SPEED: MAX_TEST_SPEED_M_S}
+            case = case_of_flights(tests, TEST_WINDOW_S)
+            yield own.disturbance, [case], lambda rows: self._beyond(rows, held).sum(axis=1)
+        if own.tests:
+            required = [conditions_of(test) for test in tests]  # of the same columns
+            limits = np.array([each.limits for each in required])
 
-    @property
-    def _is_judged_alone(self) -> bool:
-        """Whether the flights to the limit cycle do not tell all that is judged."""
-        conditions = self.conditions
-        return not self.settings.limit_cycle or conditions.late or conditions.together
+            def missed(rows: Floats) -> Floats:
+                found = self._missed(required[0].values(rows), limits, own.margin)
+                return np.asarray(found.sum(axis=(-2, -1)))
+
+            yield own.tests, [case_of_flights(tests, required[0].late_s)], missed
+        if own.robustness:
+            claim = {LATE_POSITION: CLAIM_POSITION_M, LATE_SPEED: CLAIM_VELOCITY_M_S}
+            yield own.robustness, corner_cases(), lambda rows: mean(self._beyond(rows, claim))
 
     def score(self, population: Population | Sequence[Baseline]) -> Scores:
         """Return the scores of a population."""
         settings = self.settings
         if self.drawn and self.stage is None:
             self.enter(0)
-        outcomes = iter(self.simulator.fly(population, slice(len(self._fixed))))
-        cycling = [next(outcomes)] if settings.limit_cycle else []
-        training = next(outcomes) if self._is_judged_alone else cycling[0]
-        energy, values = mean(training[..., ENERGY]), self.conditions.values(training)
-        fitness = energy + mean(self._penalties(values))
-        for _ in range(len(settings.mass_kg) + bool(settings.between)):
-            others = self.conditions.values(next(outcomes))
-            fitness = fitness + mean(self._penalties(others))
-        if settings.limit_cycle:
-            fitness = fitness + settings.limit_cycle * self._cycling(cycling[0])
-        if settings.disturbance:
-            fitness = fitness + settings.disturbance * self._disturbed(next(outcomes))
-        if self._tests:
-            fitness = fitness + settings.tests * self._tested(self._tests, next(outcomes))
-        if settings.robustness:
-            fitness = fitness + settings.robustness * self._cornered(np.hstack(list(outcomes)))
+        outcomes = self.simulator.fly(population, slice(len(self._fixed)))
+        training = outcomes[0]
+        fitness = energy = mean(training[..., ENERGY])
+        for term in self._terms:
+            rows = np.hstack([outcomes[place] for place in term.places])
+            fitness = fitness + term.weight * term.cost(rows)
         if settings.damping and isinstance(population, Population):
             fitness = fitness + settings.damping * driving(population)
         if settings.falls and isinstance(population, Population):
             fitness = fitness + settings.falls * falls(population)
-        missed = (values > self.conditions.limits).sum(axis=-2)
+        missed = (self.conditions.values(training) > self.conditions.limits).sum(axis=-2)
         if self.drawn:
             fitness, flights = self._with_drawn(population, fitness)
             missed = np.hstack([missed, flights])
@@ -422,32 +432,12 @@ class Fitness:
             missed *= at_limit + (1.0 - at_limit) * excess(values, limits)
         return missed
 
-    def _cycling(self, training: Floats) -> Floats:
-        keep = 1.0 - self.settings.margin
-        return excess(training[..., LATE_SPEED].max(axis=1), keep * MAX_SETTLED_SPEED_M_S) + excess(
-            training[..., LATE_FORCE].max(axis=1), keep * MAX_SETTLED_FORCE_N
-        )
-
-    def _disturbed(self, tests: Floats) -> Floats:
-        keep = 1.0 - self.settings.margin
-        distances = np.array(list(TESTS.values()))
-        over = excess(tests[..., LATE_POSITION], keep * distances) + excess(
-            tests[..., LATE_SPEED], keep * MAX_TEST_SPEED_M_S
-        )
-        return over[:, 0] + over[:, 1]
-
-    def _tested(self, tests: _Tests, flown: Floats) -> Floats:
-        values = tests.conditions[0].values(flown)
-        limits = np.array([judged.limits for judged in tests.conditions])
-        found: Floats = self._missed(values, limits, self.settings.margin).sum(axis=(-2, -1))
-        return found
-
-    def _cornered(self, flights: Floats) -> Floats:
-        keep = 1.0 - self.settings.margin
-        return mean(
-            excess(flights[..., LATE_POSITION], keep * CLAIM_POSITION_M)
-            + excess(flights[..., LATE_SPEED], keep * CLAIM_VELOCITY_M_S)
-        )
+    def _beyond(self, rows: Floats, limits: Limits) -> Floats:
+        """Return how far values of rows (..., columns) lie beyond limits of columns, in all."""
+        keep, total = 1.0 - self.settings.margin, np.zeros(rows.shape[:-1])
+        for column, limit in limits.items():
+            total = total + excess(rows[..., column], keep * limit)
+        return total
 
 
 POSITIONS, VELOCITIES = 41, 20

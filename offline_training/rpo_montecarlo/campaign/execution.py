@@ -9,13 +9,13 @@ few units per worker are under way at a time, so that memory stays flat.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Collection, Generator, Iterable, Sequence
 from contextlib import closing
 from functools import lru_cache, partial
 
 from rpo_kernels.arrays import Floats
 from rpo_montecarlo.campaign.config import Campaign
-from rpo_montecarlo.campaign.run_batch import columns_of, fly_unit
+from rpo_montecarlo.campaign.run_batch import columns_of, fly_unit, units
 from rpo_montecarlo.campaign.statistics import document, successes
 from rpo_montecarlo.campaign.store import Store
 from rpo_montecarlo.cluster import pool
@@ -52,6 +52,28 @@ def on_threads(campaign: Campaign, pending: Iterable[int], workers: int) -> Resu
     """Yield results as they come in."""
     calls = ((unit, (campaign, unit)) for unit in pending)
     return pool.on_threads(fly_unit, calls, workers)
+
+
+def kept_of(
+    campaign: Campaign,
+    groups: Sequence[Collection[str]],
+    workers: int = 0,
+    progress: Callable[[int, int], None] = lambda done, runs: None,
+) -> list[int]:
+    """Fly all runs on threads; return how many keep all limits of each group.
+
+    progress : called with the runs that were done before each unit, and their number in all
+    """
+    kept, done, runs = [0] * len(groups), 0, campaign.config.runs
+    threads = workers or len(os.sched_getaffinity(0))
+    with closing(on_threads(campaign, range(units(runs)), threads)) as source:
+        for _, results in source:
+            progress(done, runs)
+            columns = dict(zip(columns_of(campaign), results, strict=True))
+            for place, names in enumerate(groups):
+                kept[place] += int(successes(campaign.config, columns, names).sum())
+            done += results.shape[1]
+    return kept
 
 
 @lru_cache(maxsize=2)

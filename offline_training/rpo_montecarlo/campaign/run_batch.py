@@ -102,7 +102,7 @@ def side_by_side(
 
     control : in the place of the campaign's controller; more : parts of every tick beside theirs
     """
-    case, w = case_of(campaign, drawn, 'campaign'), _scratch.w
+    case, w = case_of(campaign, drawn), _scratch.w
     control = control or control_of(campaign.controller)
     if more:
         batches = (runs._replace(parts=(*runs.parts, *more)) for runs in case.batches)
@@ -154,11 +154,10 @@ def is_together(campaign: Campaign) -> bool:
     return by_norm or bool(set(campaign.config.more) & set(VALUES))
 
 
-def case_of(campaign: Campaign, drawn: DrawnRuns, name: str) -> DrawnCase:
+def case_of(campaign: Campaign, drawn: DrawnRuns) -> DrawnCase:
     """Return drawn runs as the engine flies them."""
     firsts = range(0, len(drawn.numbers), RUNS)
     return DrawnCase(
-        name,
         campaign.scenario,
         drawn.starts,
         drawn.column('mass_kg'),

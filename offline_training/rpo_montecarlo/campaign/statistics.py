@@ -132,14 +132,8 @@ def document(store: Store) -> dict[str, Any]:
         'judged': judging.judged(campaign),
         'not_judged': judging.not_judged(campaign),
         'rates': {
-            r.name: {
-                'count': r.kept,
-                'runs': r.runs,
-                'share': r.kept / r.runs,
-                'low': r.low,
-                'high': r.high,
-            }
-            for r in found_rates
+            name: dict(count=kept, runs=runs, share=kept / runs, low=low, high=high)
+            for name, kept, runs, low, high in found_rates
         },
         'figures': {
             s.name: {

@@ -20,8 +20,8 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import IO, Any
 
@@ -158,11 +158,9 @@ class Store:
         total = self.campaign.config.runs
         return total - sum(min(UNIT, total - unit * UNIT) for unit in self.pending())
 
-    @contextmanager
-    def alone(self) -> Iterator[None]:
+    def alone(self) -> AbstractContextManager[None]:
         """Lock the folder; raises InputError if another process holds it."""
-        with alone(self.folder / _TEXTS[0], 'flies this campaign'):
-            yield
+        return alone(self.folder / _TEXTS[0], 'flies this campaign')
 
     def put(self, unit: int, results: Floats) -> None:
         """Store results (columns, n) of a unit; they are safe from kill -9 afterwards."""

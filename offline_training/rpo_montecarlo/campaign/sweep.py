@@ -4,18 +4,14 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from rpo_montecarlo.campaign.config import Campaign
+from rpo_montecarlo.campaign.execution import kept_of
 from rpo_montecarlo.campaign.faults import SHARES, Faults
-from rpo_montecarlo.campaign.run_batch import columns_of, fly_unit, units
-from rpo_montecarlo.campaign.statistics import Rate, rate, successes
+from rpo_montecarlo.campaign.statistics import Rate, rate
 
 STEP = 10
 PERCENTS = tuple(range(0, 101, STEP))
@@ -58,7 +54,6 @@ class Sweep:
         config = replace(campaign.config, runs=runs)
         self._campaigns = [campaign.with_config(config)]
         self._campaigns.append(campaign.with_config(replace(config, dispersions={})))
-        self._pool = ThreadPoolExecutor(len(os.sched_getaffinity(0)), 'rpo-sweep')
 
     def rows(self, kind: str) -> list[SweepPoint]:
         """Return the rows of a kind of fault."""
@@ -92,8 +87,5 @@ class Sweep:
             shares: dict[str, Any] = {name: share * (name in FAULTS[kind]) for name in SHARES}
             chosen = replace(self._base, **shares)
         faulty = campaign.with_config(replace(campaign.config, faults=chosen))
-        runs = faulty.config.runs
-        parts = self._pool.map(lambda unit: fly_unit(faulty, unit), range(units(runs)))
-        names = columns_of(faulty)
-        columns = dict(zip(names, np.hstack(list(parts)), strict=True))
-        return rate('success', int(successes(faulty.config, columns).sum()), runs)
+        (kept,) = kept_of(faulty, [faulty.config.success])
+        return rate('success', kept, faulty.config.runs)

@@ -48,7 +48,6 @@ class Case(JudgedTogether):
     together : whether rows have the columns of `judged.VALUES` too; the horizon is the duration
     """
 
-    name: str
     base: Scenario
     starts: Floats
     disturbances: tuple[Disturbance, ...]
@@ -168,7 +167,6 @@ class DrawnCase(JudgedTogether):
         are the last ones where thrusters fire in pulses or spend propellant
     """
 
-    name: str
     base: Scenario
     starts: Floats
     masses_kg: Floats
@@ -177,16 +175,11 @@ class DrawnCase(JudgedTogether):
     together: bool = False
 
     @property
-    def spends(self) -> bool:
-        """Whether it is counted what thrusters spend: pulses, or propellant."""
-        own = self.base.thrusters
-        return own is not None and bool(own.fires or own.propellant)
-
-    @property
     def names(self) -> tuple[str, ...]:
         """Names of the columns of a row."""
-        together, spent = VALUES if self.together else (), THRUST if self.spends else ()
-        return (*UNITS, *together, *spent)
+        together, own = VALUES if self.together else (), self.base.thrusters
+        spends = own is not None and bool(own.fires or own.propellant)
+        return (*UNITS, *together, *(THRUST if spends else ()))
 
     @property
     def columns(self) -> int:
@@ -208,7 +201,6 @@ def case_of_set(
     velocity = base.initial_velocity_m_s
     starts = np.array([(*position, *velocity) for position in scenarios.initial_positions_m])
     return Case(
-        f'{scenarios.name}, {base.mass_kg:g} kg',
         base,
         starts,
         (base.disturbance,),
@@ -225,7 +217,6 @@ def case_of_flights(scenarios: Sequence[Scenario], late_s: float) -> Case:
     base = scenarios[0]
     disturbances = tuple(dict.fromkeys(s.disturbance for s in scenarios))
     return Case(
-        ', '.join(dict.fromkeys(s.name for s in scenarios)),
         base,
         np.array([s.start for s in scenarios]),
         disturbances,

@@ -25,14 +25,14 @@ from rpo_core.judge.verdicts import verdicts
 from rpo_ctrl.baselines import Baseline
 from rpo_kernels.arrays import Floats
 from rpo_montecarlo.engine import counters, lanes
-from rpo_montecarlo.engine.cases import Case, Crossed, DrawnCase
+from rpo_montecarlo.engine.cases import Case, DrawnCase
 from rpo_montecarlo.engine.counters import Trace, fly_lanes
 from rpo_montecarlo.engine.judged import VALUES, judge
 from rpo_montecarlo.engine.lanes import PAIRED_LANES, RUNS, paired_lanes
 from rpo_montecarlo.engine.parts.control import Control, control_of, fuzzy_control
 from rpo_montecarlo.engine.parts.pointing import turned_at_contact
 from rpo_montecarlo.engine.parts.thrusters import spent_of
-from rpo_montecarlo.engine.population import Population, population_of
+from rpo_montecarlo.engine.population import Population
 from rpo_montecarlo.engine.support import announce, why_not
 from rpo_montecarlo.engine.tick import Runs
 
@@ -89,42 +89,41 @@ class Simulator:
 
         def one(index: int) -> None:
             for case, rows in zip(cases, found, strict=True):
-                if isinstance(case, DrawnCase):
-                    self._fly_paired(self._control(candidates, index), case, rows[index])
-                elif isinstance(candidates, Population):
-                    self._fly_fuzzy(candidates, index, self.samples, case, rows[index])
+                if isinstance(candidates, Population):
+                    control = fuzzy_control(candidates.law(index, self.samples))
+                    self._fly(control, candidates.is_odd(index), case, rows[index])
                 else:
                     self._fly_controller(candidates[index], case, rows[index])
 
         list((map if self.workers == 1 else self._pool.map)(one, range(n)))
         return found
 
-    def _fly_controller(self, controller: Controller, case: Case, rows: Floats) -> None:
-        reason = why_not(case.base, controller, ())
-        if reason:
-            announce(reason)
-            _fly_singly(controller, case, rows)
-        elif isinstance(controller, FuzzyController):
-            self._fly_fuzzy(population_of(controller), 0, controller.system.samples, case, rows)
-        elif isinstance(controller, Baseline):
-            controller.refuse_other_ticks(case.base.dt_s)
-            crossed = case.half if controller.alike else None
-            self._fly_case(control_of(controller), case, crossed, rows)
+    def _fly_controller(self, controller: Controller, case: Case | DrawnCase, rows: Floats) -> None:
+        if isinstance(case, Case):
+            if reason := why_not(case.base, controller, ()):
+                announce(reason)
+                _fly_singly(controller, case, rows)
+                return
+            if isinstance(controller, Baseline):
+                controller.refuse_other_ticks(case.base.dt_s)
+        odd = getattr(controller, 'alike', False) or None
+        if isinstance(controller, FuzzyController):
+            odd = controller.system.rules.is_odd
+        self._fly(control_of(controller), odd, case, rows)
 
-    def _fly_fuzzy(
-        self, population: Population, index: int, samples: int, case: Case, rows: Floats
+    def _fly(
+        self, control: Control, odd: bool | None, case: Case | DrawnCase, rows: Floats
     ) -> None:
-        crossed = case.half if population.is_odd(index) else case.full
-        self._fly_case(fuzzy_control(population.law(index, samples)), case, crossed, rows)
-
-    def _fly_case(
-        self, control: Control, case: Case, crossed: Crossed | None, rows: Floats
-    ) -> None:
+        """Fill rows; odd : whether a law that acts axis by axis is odd; None: it does not."""
+        w, base, judged = self._scratch.w, case.base, case.judged
+        crossed = None
+        if isinstance(case, Case) and odd is not None:
+            crossed = case.half if odd else case.full
         if crossed is None:
-            self._fly_paired(control, case, rows)
+            for found in fly_pairs(control, case, w):
+                rows[found.some] = found.rows
             return
-        w, pairs = self._scratch.w, self._scratch.pairs
-        runs, windows, base, judged = crossed.runs, case.windows, case.base, case.judged
+        runs, windows, pairs = crossed.runs, case.windows, self._scratch.pairs
         norms = self._scratch.norms(windows.tail)
         trace = Trace(windows.horizon, runs.lanes) if judged else None
         fly_lanes(control, runs, windows, w, norms=norms, trace=trace)
@@ -133,15 +132,6 @@ class Simulator:
         rows[:, : counters.COLUMNS] = pairs[crossed.pairs]
         if judged and trace:
             rows[:, counters.COLUMNS :] = judge(trace.states, crossed.lanes, base, judged)
-
-    def _fly_paired(self, control: Control, case: Case | DrawnCase, rows: Floats) -> None:
-        for pairs in fly_pairs(control, case, self._scratch.w):
-            rows[pairs.some] = pairs.rows
-
-    def _control(self, candidates: Candidates, index: int) -> Control:
-        if isinstance(candidates, Population):
-            return fuzzy_control(candidates.law(index, self.samples))
-        return control_of(candidates[index])
 
 
 class Pairs(NamedTuple):

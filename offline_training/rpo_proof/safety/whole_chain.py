@@ -249,7 +249,7 @@ def attack_campaign(
     control = control_of(campaign.controller)
     for first in range(0, runs, UNIT):
         drawn = draw(campaign, first, min(UNIT, runs - first))
-        case, batches = case_of(campaign, drawn, 'attack'), []
+        case, batches = case_of(campaign, drawn), []
         for at, batch in zip(range(0, UNIT, RUNS), case.batches, strict=False):
             late = drawn.column('delay_ticks')[at : at + RUNS]
             parts: Sequence[Part] = batch.parts

@@ -13,12 +13,11 @@ from functools import partial
 from math import radians
 from typing import Annotated, Any
 
-from rpo_attitude.target import ALIGNED, MOST_TURN_RAD, Quaternion, body_of, inertia, quaternion
+from rpo_attitude.target import ALIGNED, Quaternion, body_of, check_turning, inertia, quaternion
 from rpo_core.chain.stage import ZERO, Place, Section, Signal, Stage, register
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import Checked, InputError, flag, optional, real, vector3
 from rpo_core.wire import interfaces
-from rpo_core.world.dynamics import CLOHESSY_WILTSHIRE
 from rpo_kernels.attitude_kernels import Attitude, frame_of
 from rpo_kernels.chaser_kernels import Craft, chaser_tick, turned_force, unit
 from rpo_kernels.jit import kernel
@@ -156,18 +155,8 @@ class AttitudeStage(Stage):
 
 def _check(settings: Chaser, scenario: Any) -> None:
     """Raise InputError where a scenario does not allow a chaser that turns."""
-    dynamics = scenario.dynamics
-    if dynamics is not None and dynamics.kind != CLOHESSY_WILTSHIRE:
-        raise InputError(
-            '`attitude` needs a circular orbit, `dynamics.kind` clohessy_wiltshire; got '
-            f'{dynamics.kind}'
-        )
-    turn = norm(*settings.start(scenario.mean_motion_rad_s)[4:]) * scenario.dt_s
-    if turn > MOST_TURN_RAD:
-        raise InputError(
-            f'`attitude` must turn at most {MOST_TURN_RAD:g} rad in a tick of `dt_s` = '
-            f'{scenario.dt_s!r} s; got {turn:.3g}'
-        )
+    rates = settings.start(scenario.mean_motion_rad_s)[4:]
+    check_turning('attitude', norm(*rates), scenario)
     if scenario.named('estimator') is not None and scenario.named('attitude_control') is None:
         raise InputError(
             '`attitude_control` is missing: `estimator` takes commands to act as they are in LVLH'

@@ -365,20 +365,28 @@ class TargetStage(Stage):
         return ((*positive((x, y, z, w)), *rate),)
 
 
-def _check(settings: Target, scenario: Any) -> None:
-    """Raise InputError where a scenario does not allow such a target."""
+def check_turning(name: str, rate_rad_s: float, scenario: Any) -> None:
+    """Raise InputError where a scenario does not allow a body that turns at a rate.
+
+    name : of its section
+    """
     dynamics = scenario.dynamics
     if dynamics is not None and dynamics.kind != CLOHESSY_WILTSHIRE:
         raise InputError(
-            '`target` needs a circular orbit, `dynamics.kind` clohessy_wiltshire; got '
+            f'`{name}` needs a circular orbit, `dynamics.kind` clohessy_wiltshire; got '
             f'{dynamics.kind}'
         )
-    turn = settings.fastest_rad_s * scenario.dt_s
+    turn = rate_rad_s * scenario.dt_s
     if turn > MOST_TURN_RAD:
         raise InputError(
-            f'`target` must turn at most {MOST_TURN_RAD:g} rad in a tick of `dt_s` = '
+            f'`{name}` must turn at most {MOST_TURN_RAD:g} rad in a tick of `dt_s` = '
             f'{scenario.dt_s!r} s; got {turn:.3g}'
         )
+
+
+def _check(settings: Target, scenario: Any) -> None:
+    """Raise InputError where a scenario does not allow such a target."""
+    check_turning('target', settings.fastest_rad_s, scenario)
     if scenario.goal is not None and scenario.named('guidance') is None:
         raise InputError(
             '`goal_position_m` is in the axes of `target`; to fly there needs section `guidance`'

@@ -30,9 +30,9 @@ from rpo_core.files.validation import choice
 from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import RUNNING, RunStatus
 from rpo_ros import conversions, health, names, qos
+from rpo_ros.heartbeat import Timeout
 from rpo_ros.running import FlightNode
 from rpo_ros.signals import hear
-from rpo_ros.timeout import Timeout
 from rpo_safety.limit_checker import ABORT, COAST, WARN, Detection, LimitChecker, load_monitor
 
 _LOOK_S = 0.2

@@ -256,35 +256,21 @@ class AttitudeControl(Checked):
     )
     limits: AttitudeLimits | None = unless_default(None)
 
-    def table(
-        self,
-        chaser: Any,
-        orbit_rad_s: float,
-        dt_s: float,
-        kept: TorqueLimits = NONE,
-        delay_ticks: int = 0,
-        unloading: tuple[float, float] = (0.0, 0.0),
-    ) -> Floats:
-        """Return the law as the kernels read it (`attitude_law_kernels`).
+    def law_of(self, scenario: Any) -> Floats:
+        """Return the law of a scenario as the kernels read it (`attitude_law_kernels`).
 
-        chaser : section `attitude`: `inertia_kg_m2`, and `wheels` or None; kept : see `kept`;
-        delay_ticks : of the force; unloading : as section `unloading` has it
+        Raises InputError where the torque cannot keep its limits.
         """
+        chaser, thrusters, dt_s = scenario.attitude, scenario.thrusters, scenario.dt_s
         j = np.array(self.inertia_kg_m2 or chaser.inertia_kg_m2, np.float64)
         momentum = chaser.wheels.momentum_nms if chaser.wheels else 0.0
         assumed = [j[0, 0], j[1, 1], j[2, 2], j[0, 1], j[0, 2], j[1, 2]]
         if not self.controller.feed_forward:
             assumed = [0.0] * 6
-        numbers = momentum, orbit_rad_s, dt_s, (delay_ticks + 0.5) * dt_s, *unloading
-        head = [self._limit_nm(chaser, unloading[1])] * 3, numbers, assumed, kept
+        ahead_s = ((thrusters.delay_ticks if thrusters else 0) + 0.5) * dt_s
+        numbers = momentum, scenario.mean_motion_rad_s, dt_s, ahead_s, *_unloading(scenario)
+        head = [self.limit_of(scenario)] * 3, numbers, assumed, self.kept(scenario)
         return np.concatenate([*head, self.controller.law(j, self.time_scale)])
-
-    def law_of(self, scenario: Any) -> Floats:
-        """Return the law of a scenario as the kernels read it; raises InputError."""
-        orbit, kept, thrusters = scenario.mean_motion_rad_s, self.kept(scenario), scenario.thrusters
-        delay = thrusters.delay_ticks if thrusters else 0
-        chaser, dt_s = scenario.attitude, scenario.dt_s
-        return self.table(chaser, orbit, dt_s, kept, delay, _unloading(scenario))
 
     def kept(self, scenario: Any) -> TorqueLimits:
         """Return what the torque must keep in a scenario; raises InputError where it cannot."""
@@ -332,12 +318,9 @@ class AttitudeControl(Checked):
         return _body_of(chaser, inertia, scenario.mean_motion_rad_s)
 
     def limit_of(self, scenario: Any) -> float:
-        """Return the largest torque [N m] of an axis that it commands."""
-        return self._limit_nm(scenario.attitude, _unloading(scenario)[1])
-
-    def _limit_nm(self, chaser: Any, unloading_nm: float) -> float:
-        """Return the torque [N m] of an axis: of wheels what unloading leaves them."""
-        has: float = chaser.wheels.torque_nm - unloading_nm if chaser.wheels else UNLIMITED_NM
+        """Return the largest torque [N m] of an axis: of wheels what unloading leaves them."""
+        wheels, left = scenario.attitude.wheels, _unloading(scenario)[1]
+        has: float = wheels.torque_nm - left if wheels else UNLIMITED_NM
         return min(self.limit_nm or has, has)
 
 

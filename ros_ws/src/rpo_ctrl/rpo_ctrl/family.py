@@ -10,7 +10,7 @@ search varies, and makes a controller of them. It may live in a module of your o
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import exp, log
 from typing import ClassVar, NamedTuple
@@ -121,12 +121,12 @@ class Family(Baseline):
 
     @classmethod
     @abstractmethod
-    def of_values(cls, name: str, values: Mapping[str, float], mission: Mission) -> Family:
-        """Return the controller of the values of all genes."""
+    def of_values(cls, name: str, values: Sequence[float], mission: Mission) -> Family:
+        """Return the controller of the values of all genes, in their order."""
 
     @abstractmethod
-    def values(self) -> dict[str, float]:
-        """Return the values of all genes; a search can begin there."""
+    def values(self) -> tuple[float, ...]:
+        """Return the values of all genes, in their order; a search can begin there."""
 
     @abstractmethod
     def tables(self) -> list[Table]:

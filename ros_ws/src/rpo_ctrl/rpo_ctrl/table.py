@@ -23,6 +23,8 @@ from functools import cached_property, partial
 from itertools import pairwise
 from typing import Annotated, Any, ClassVar
 
+import numpy as np
+
 from rpo_core.control import blend
 from rpo_core.control.blend import Reasons
 from rpo_core.control.controller_file import Reason, Units, register
@@ -44,8 +46,11 @@ from rpo_kernels.kernels import State
 HELD_M = 0.5
 """Error within which a disturbance is held, the paper's."""
 
-RESTING = 2
-"""The place of the word `resting`, in the words of either second input."""
+RESTING, SEARCHED = 2, 8
+"""In the words of either second input: the place of `resting`; how many have forces of their own.
+The peaks of those after `resting` are searched."""
+
+_LEAD_S, _DAMPING = textbook.LEAD_S, textbook.gains(textbook.LEAST_S)[1]
 
 Numbers = tuple[float, ...]
 
@@ -68,6 +73,16 @@ def ascending(name: str, peaks: Numbers, count: int, positive: bool = False) -> 
         raise InputError(f'`{name}` must be {count} ascending numbers{above}; got {list(peaks)}')
 
 
+def peak_genes(words: Sequence[str], peaks: Numbers, unit: str, seconds: int) -> tuple[Gene, ...]:
+    """Return genes of ascending peaks, of whose ranges no two touch."""
+    around = (peaks[0] / 4.0, *peaks, peaks[-1] * 4.0)
+    found = []
+    for i, (word, peak) in enumerate(zip(words, peaks, strict=True)):
+        least, most = (peak * (other / peak) ** 0.45 for other in (around[i], around[i + 2]))
+        found.append(Gene(f'{word}: peak{unit}', least, most, peak, 1, seconds, logarithmic=True))
+    return tuple(found)
+
+
 class ForceTable(Family):
     """Forces by distance and a second input: a table of rules in words, each axis alike.
 
@@ -80,6 +95,8 @@ class ForceTable(Family):
     heading : of its peaks
     braking : the columns in which the force shall fall, and how a sentence says it
     odd : why the force is odd and has no jump
+    first, second_genes : what is searched beside distances and forces: a field of that name; peaks
+    second_start : where a search begins, of the words whose forces are searched
     distance_peaks_m : of `distances` without `at`
     forces_n : towards the target; a row for each distance without `at`
     """
@@ -96,6 +113,9 @@ class ForceTable(Family):
     heading: ClassVar[str]
     braking: ClassVar[tuple[slice, str]]
     odd: ClassVar[str]
+    first: ClassVar[Gene]
+    second_genes: ClassVar[tuple[Gene, ...]]
+    second_start: ClassVar[Numbers]
 
     distance_peaks_m: Numbers
     forces_n: tuple[Numbers, ...]
@@ -134,6 +154,47 @@ class ForceTable(Family):
         """What the kernels read."""
         table = self.peaks_m, self.second_peaks, self.table_n, self.lead_or_0_s
         return law_of(self.max_force_n, pace=table)
+
+    @classmethod
+    def genes(cls) -> tuple[Gene, ...]:
+        """Return what a search varies, in the order of `values`; it begins at `textbook`.
+
+        Each force is free by its own size and that at rest there.
+        """
+        words = cls.distances[1:]
+        peaks_m = textbook.geometric(MAX_ARRIVAL_DISTANCE_M, textbook.RANGE_M, len(words))
+        found = [cls.first, *peak_genes(words, peaks_m, '_m', 0), *cls.second_genes]
+        for word, peak_m in zip(words, peaks_m, strict=True):
+            starts = [cls.start_n(peak_m, peak) for peak in cls.second_start]
+            for second, start in zip(cls.seconds, starts, strict=False):
+                off = abs(start) + abs(starts[RESTING])
+                found.append(Gene(f'{word}, {second}', start - off, start + off, start, newtons=1))
+        return tuple(found)
+
+    @classmethod
+    def of_values(cls, name: str, values: Sequence[float], mission: Mission) -> ForceTable:
+        """Return the controller of the values of all genes."""
+        n, m = len(cls.distances), len(cls.distances) + len(cls.second_genes)
+        rows = np.reshape(values[m:], (n - 1, SEARCHED)).tolist()
+        fields = cls.searched(tuple(values[n:m]), tuple(map(tuple, rows)))
+        fields |= {cls.first.name: values[0], 'distance_peaks_m': tuple(values[1:n])}
+        return cls(name=name, max_force_n=mission.max_force_n, **fields)
+
+    @staticmethod
+    def start_n(distance_m: float, second: float) -> float:
+        """Return the force where a search begins, at a distance and a closing speed."""
+        return pull_n(distance_m, second)
+
+    @staticmethod
+    @abstractmethod
+    def searched(peaks: Numbers, forces_n: tuple[Numbers, ...]) -> dict[str, Any]:
+        """Return the fields of searched peaks of the second input, and rows of searched forces."""
+
+    def values(self) -> tuple[float, ...]:
+        """Return the values of all genes."""
+        second = self.second_peaks[RESTING + 1 : SEARCHED]
+        forces = (force for row in self.forces_n for force in row[:SEARCHED])
+        return (getattr(self, self.first.name), *self.distance_peaks_m, *second, *forces)
 
     def tables(self) -> list[Table]:
         """Return its rules as a table, and the peaks of its words."""
@@ -244,20 +305,6 @@ def _towards(pull_n: float) -> str:
     return f'{abs(pull_n):.3g} N{way}'
 
 
-def _peak_values(words: Sequence[str], peaks: Sequence[float], unit: str) -> dict[str, float]:
-    return {f'{word}: peak{unit}': peak for word, peak in zip(words, peaks, strict=True)}
-
-
-def _force_values(
-    distances: Sequence[str], seconds: Sequence[str], forces_n: Sequence[Sequence[float]]
-) -> dict[str, float]:
-    return {
-        f'{word}, {second}': force
-        for word, row in zip(distances, forces_n, strict=True)
-        for second, force in zip(seconds, row, strict=True)
-    }
-
-
 @register
 @dataclass(frozen=True, kw_only=True)
 class Pace(ForceTable):
@@ -278,6 +325,12 @@ class Pace(ForceTable):
     in_unit, heading = '{:.2f}', 'peak of the pace'
     braking = slice(RESTING, -1), 'pace grows from resting to fast'
     odd = 'each row ends with minus its first number'
+    first = Gene('lead_s', _LEAD_S / 3.0, _LEAD_S * 3.0, _LEAD_S, seconds=1, logarithmic=True)
+    second_start = (-1.0, -0.4, 0.0, *((i + 1) / 6.0 for i in range(5)))
+    second_genes = tuple(
+        Gene(f'{word}: peak', peak - 0.075, peak + 0.075, peak)
+        for word, peak in zip(seconds[3:-1], second_start[3:], strict=True)
+    )
     units: ClassVar[Units] = {
         'lead_s': (0, 1, 0),
         'distance_peaks_m': (1, 0, 0),
@@ -316,48 +369,24 @@ class Pace(ForceTable):
         """The lead."""
         return self.lead_s
 
-    def values(self) -> dict[str, float]:
-        """Return the values of all genes."""
+    @staticmethod
+    def start_n(distance_m: float, second: float) -> float:
+        """Return the force where a search begins, at a distance and a pace."""
+        return pull_n(distance_m * (1.0 - abs(second)), distance_m * second / _LEAD_S)
+
+    @staticmethod
+    def searched(peaks: Numbers, forces_n: tuple[Numbers, ...]) -> dict[str, Any]:
+        """Return paces from -1 to 1, and rows that end with minus their first number."""
         return {
-            'lead_s': self.lead_s,
-            **_peak_values(self.distances[1:], self.distance_peaks_m, '_m'),
-            **_peak_values(self.seconds[3:-1], self.pace_peaks[3:-1], ''),
-            **_force_values(
-                self.distances[1:], self.seconds[:-1], [row[:-1] for row in self.forces_n]
-            ),
+            'description': 'Forces by distance and pace, in words.',
+            'pace_peaks': (-1.0, -0.4, 0.0, *peaks, 1.0),
+            'forces_n': tuple((*row, -row[0]) for row in forces_n),
         }
 
-    @classmethod
-    def genes(cls) -> tuple[Gene, ...]:
-        """Return what a search varies; it begins at `textbook`."""
-        paces = [(i + 1) / 6.0 for i in range(5)]
-        seconds = (-1.0, -0.4, 0.0, *paces)
-        lead, distances_m = textbook.LEAD_S, _distances_m(cls.distances)
-        forces_n = [
-            [pull_n(rho * (1.0 - abs(pace)), rho * pace / lead) for pace in seconds]
-            for rho in distances_m
-        ]
-        found = [Gene('lead_s', lead / 3.0, lead * 3.0, lead, seconds=1, logarithmic=True)]
-        found += _peak_genes(cls.distances[1:], distances_m, '_m', 0)
-        for name, peak in _peak_values(cls.seconds[3:-1], paces, '').items():
-            found.append(Gene(name, peak - 0.075, peak + 0.075, peak))
-        return (*found, *_force_genes(cls.distances[1:], cls.seconds[:-1], forces_n))
 
-    @classmethod
-    def of_values(cls, name: str, values: Mapping[str, float], mission: Mission) -> Pace:
-        """Return the controller of the values of all genes."""
-        words, seconds = cls.distances[1:], cls.seconds
-        forces_n = [[values[f'{word}, {second}'] for second in seconds[:-1]] for word in words]
-        paces = (values[f'{second}: peak'] for second in seconds[3:-1])
-        return cls(
-            name=name,
-            description='Forces by distance and pace, in words.',
-            max_force_n=mission.max_force_n,
-            lead_s=values['lead_s'],
-            distance_peaks_m=tuple(values[f'{word}: peak_m'] for word in words),
-            pace_peaks=(-1.0, -0.4, 0.0, *paces, 1.0),
-            forces_n=tuple((*row, -row[0]) for row in forces_n),
-        )
+def _mirrored(speeds: Sequence[float]) -> Numbers:
+    """Return the peaks of closing speeds, with those of moving away."""
+    return (-speeds[-1], -speeds[0], 0.0, *speeds)
 
 
 @register
@@ -379,6 +408,9 @@ class MoreWords(ForceTable):
     in_unit, heading = '{:.3g} m/s', 'peak of the speed [m/s]'
     braking = slice(None), 'closing speed grows'
     odd = 'there the force is odd in the speed, because its peaks mirror each other'
+    first = Gene('damping_n_s_m', _DAMPING / 3.0, _DAMPING * 3.0, _DAMPING, -1, 1, 1, True)
+    second_start = _mirrored([textbook.SPEED_M_S * ((i + 1) / 5.0) ** 1.5 for i in range(5)])
+    second_genes = peak_genes(seconds[3:], second_start[3:], '_m_s', -1)
     units: ClassVar[Units] = {
         'distance_peaks_m': (1, 0, 0),
         'speed_peaks_m_s': (1, -1, 0),
@@ -399,79 +431,15 @@ class MoreWords(ForceTable):
     @property
     def second_peaks(self) -> Numbers:
         """Peaks of the words of the closing speed."""
-        creeping, *_, fast = self.speed_peaks_m_s
-        return (-fast, -creeping, 0.0, *self.speed_peaks_m_s)
+        return _mirrored(self.speed_peaks_m_s)
 
     @property
     def forces_at_n(self) -> Numbers:
         """Damping."""
         return tuple(0.0 - self.damping_n_s_m * speed for speed in self.second_peaks)
 
-    def values(self) -> dict[str, float]:
-        """Return the values of all genes."""
-        return {
-            'damping_n_s_m': self.damping_n_s_m,
-            **_peak_values(self.distances[1:], self.distance_peaks_m, '_m'),
-            **_peak_values(self.seconds[RESTING + 1 :], self.speed_peaks_m_s, '_m_s'),
-            **_force_values(self.distances[1:], self.seconds, self.forces_n),
-        }
-
-    @classmethod
-    def genes(cls) -> tuple[Gene, ...]:
-        """Return what a search varies; it begins at `textbook`."""
-        damping = textbook.gains(textbook.LEAST_S)[1]
-        distances_m = _distances_m(cls.distances)
-        speeds_m_s = [textbook.SPEED_M_S * ((i + 1) / 5.0) ** 1.5 for i in range(5)]
-        seconds = (-speeds_m_s[-1], -speeds_m_s[0], 0.0, *speeds_m_s)
-        forces_n = [[pull_n(distance, speed) for speed in seconds] for distance in distances_m]
-        return (
-            Gene('damping_n_s_m', damping / 3.0, damping * 3.0, damping, -1, 1, 1, True),
-            *_peak_genes(cls.distances[1:], distances_m, '_m', 0),
-            *_peak_genes(cls.seconds[RESTING + 1 :], speeds_m_s, '_m_s', -1),
-            *_force_genes(cls.distances[1:], cls.seconds, forces_n),
-        )
-
-    @classmethod
-    def of_values(cls, name: str, values: Mapping[str, float], mission: Mission) -> MoreWords:
-        """Return the controller of the values of all genes."""
-        words, seconds = cls.distances[1:], cls.seconds
-        return cls(
-            name=name,
-            description='Forces by distance and closing speed, in seven and eight words.',
-            max_force_n=mission.max_force_n,
-            distance_peaks_m=tuple(values[f'{word}: peak_m'] for word in words),
-            speed_peaks_m_s=tuple(values[f'{second}: peak_m_s'] for second in seconds[3:]),
-            damping_n_s_m=values['damping_n_s_m'],
-            forces_n=tuple(
-                tuple(values[f'{word}, {second}'] for second in seconds) for word in words
-            ),
-        )
-
-
-def _distances_m(words: Sequence[str]) -> Numbers:
-    """Return peaks for the words of a distance, without `at`."""
-    return textbook.geometric(MAX_ARRIVAL_DISTANCE_M, textbook.RANGE_M, len(words) - 1)
-
-
-def _peak_genes(
-    words: Sequence[str], peaks: Sequence[float], unit: str, seconds: int
-) -> list[Gene]:
-    """Return genes of ascending peaks, of whose ranges no two touch."""
-    around = (peaks[0] / 4.0, *peaks, peaks[-1] * 4.0)
-    found = []
-    for i, (name, peak) in enumerate(_peak_values(words, peaks, unit).items()):
-        least, most = (peak * (other / peak) ** 0.45 for other in (around[i], around[i + 2]))
-        found.append(Gene(name, least, most, peak, 1, seconds, logarithmic=True))
-    return found
-
-
-def _force_genes(
-    words: Sequence[str], seconds: Sequence[str], forces_n: Sequence[Sequence[float]]
-) -> list[Gene]:
-    """Return genes of forces, each free by its own size and that at rest there."""
-    rest = {word: abs(row[RESTING]) for word, row in zip(words, forces_n, strict=True)}
-    found = []
-    for name, start in _force_values(words, seconds, forces_n).items():
-        off = abs(start) + rest[name.partition(',')[0]]
-        found.append(Gene(name, start - off, start + off, start, newtons=1))
-    return found
+    @staticmethod
+    def searched(peaks: Numbers, forces_n: tuple[Numbers, ...]) -> dict[str, Any]:
+        """Return speeds and rows as they are."""
+        said = 'Forces by distance and closing speed, in seven and eight words.'
+        return {'description': said, 'speed_peaks_m_s': peaks, 'forces_n': forces_n}

@@ -11,7 +11,7 @@ time T is the law k = 6 m / T^2, d = 4 m / T (Bryson and Ho, Applied Optimal Con
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise, product
 from typing import Annotated, Any, ClassVar, NamedTuple
@@ -176,29 +176,21 @@ class TimeToGo(Family):
         return tuple(found)
 
     @classmethod
-    def of_values(cls, name: str, values: Mapping[str, float], mission: Mission) -> TimeToGo:
+    def of_values(cls, name: str, values: Sequence[float], mission: Mission) -> TimeToGo:
         """Return the controller of the values of all genes."""
-        rules = (
-            Rule(word, *(values[f'{word}: {key}'] for key in ('peak_s', 'k', 'd')))
-            for word in WORDS
-        )
+        rules = (Rule(word, *values[3 * i + 1 : 3 * i + 4]) for i, word in enumerate(WORDS))
         return cls(
             name=name,
             description='Gains by the time to go, in five words.',
             max_force_n=mission.max_force_n,
-            arrival_s=values['arrival_s'],
+            arrival_s=values[0],
             tick_s=mission.dt_s,
             rules=tuple(rules),
         )
 
-    def values(self) -> dict[str, float]:
+    def values(self) -> tuple[float, ...]:
         """Return the values of all genes."""
-        found = {'arrival_s': self.arrival_s}
-        for rule in self.rules:
-            numbers = (rule.peak_s, rule.position_gain_n_m, rule.velocity_gain_n_s_m)
-            for key, number in zip(('peak_s', 'k', 'd'), numbers, strict=True):
-                found[f'{rule.time_to_go}: {key}'] = number
-        return found
+        return (self.arrival_s, *(number for rule in self.rules for number in astuple(rule)[1:]))
 
     def tables(self) -> list[Table]:
         """Return its rules as a table."""

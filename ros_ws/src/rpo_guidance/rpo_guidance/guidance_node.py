@@ -18,7 +18,7 @@ from rpo_core.wire import interfaces
 from rpo_guidance.guidance import COMMANDS, GuidanceStage
 from rpo_ros import health, qos
 from rpo_ros.conversions import to_status
-from rpo_ros.place_node import PlaceNode
+from rpo_ros.managed_node import PlaceNode
 
 
 class GuidanceNode(PlaceNode):

@@ -27,7 +27,7 @@ from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.statuses import Manifest, RunStatus
 from rpo_log.manifests import CONTROLLER, PLANT, Manifests
 from rpo_mcap import topics
-from rpo_mcap.errors import Fault, LogError
+from rpo_mcap.errors import LogError, NotARun
 from rpo_mcap.format import run
 from rpo_mcap.format.run import METADATA_FILE, TimeBase
 from rpo_mcap.read.stream import RunReader
@@ -35,7 +35,6 @@ from rpo_mcap.topics import Topic
 from rpo_mcap.write.writer import PHASES, RunLogWriter
 
 _STORAGE = ('.mcap', '.db3')
-_NOT_OURS = (Fault.NOT_FOUND, Fault.NOT_A_RUN, Fault.NOT_MCAP)
 _MOST_HOLES = 10
 """Stamps on a grid have at most so many ticks for each of them; else they are on none."""
 
@@ -49,8 +48,8 @@ def open_run(path: str | Path, scenario: str = '', controller: str = '') -> RunR
     """
     try:
         reader = RunReader(path)
-    except LogError as error:
-        bag = _bag_at(Path(path)) if error.fault in _NOT_OURS else None
+    except NotARun:
+        bag = _bag_at(Path(path))
         if bag is None:
             raise
         return BagReader(bag, scenario, controller)
@@ -87,7 +86,7 @@ def _files_of(bag: Path) -> list[Path]:
     found = [path for path in beside if set(_STORAGE) & set(path.suffixes)]
     for path in found:
         if not path.is_file():
-            raise LogError(Fault.NOT_FOUND, path, 'must be a regular file')
+            raise NotARun(path, 'must be a regular file')
     return found
 
 
@@ -115,7 +114,7 @@ class BagReader(RunReader):
             raise
         except Exception as error:  # of a library that reads what anybody may have written
             sentence = f'cannot be read as a bag: {error}; try `ros2 bag reindex`'
-            raise LogError(Fault.CORRUPT, path, sentence) from None
+            raise LogError(path, sentence) from None
         super().__init__(folder)
         self.path, self.sources = path, sources
 
@@ -141,7 +140,7 @@ class BagReader(RunReader):
                 writer.record(topic, data)
         found = writer.close()
         if found.failure:
-            raise LogError(Fault.CANNOT_WRITE, folder, f'cannot hold a log: {found.failure}')
+            raise LogError(folder, f'cannot hold a log: {found.failure}')
         lacks += [
             f'{count} messages of {topic} contradict another of their tick: the first was taken'
             for topic, count in found.conflicts.items()
@@ -169,7 +168,7 @@ def _topics_of(
     states = [name for name in there if name.rpartition('/')[2] == interfaces.RELATIVE_STATE]
     if len(said or states) > 1:
         sentence = f'holds several runs ({", ".join(states)}); record one namespace alone'
-        raise LogError(Fault.WRONG_TYPE, path, sentence)
+        raise LogError(path, sentence)
     space = (*said, *states, '')[0].rpartition('/')[0]
     found = {}
     for name, connection in there.items():
@@ -181,12 +180,12 @@ def _topics_of(
             continue
         if connection.msgtype != topic.type:
             sentence = f'{name} must be {topic.type}; got {connection.msgtype}'
-            raise LogError(Fault.WRONG_TYPE, path, sentence)
+            raise LogError(path, sentence)
         found[name] = topic
     for signal in topics.REQUIRED:
         if signal not in {topic.signal for topic in found.values()}:
             names = ', '.join(sorted(there)) or 'no message'
-            raise LogError(Fault.MISSING_TOPIC, path, f'has no topic {signal}; it has {names}')
+            raise LogError(path, f'has no topic {signal}; it has {names}')
     return found
 
 
@@ -236,7 +235,7 @@ def _base_of(
     first, last = int(stamps[0]), int(stamps[-1])
     if not dt_ns or (last - first) // dt_ns > _MOST_HOLES * len(stamps):
         sentence = f'the stamps of {state} show no length of a tick; `--scenario` names it'
-        raise LogError(Fault.BAD_STAMP, path, sentence)
+        raise LogError(path, sentence)
     lacks.append(
         f'its scenario is not known: ticks are the stamps of {state}, every {dt_ns / 1e9:g} s from '
         'the first to the last'

@@ -27,7 +27,7 @@ from rpo_core.wire.interfaces import MOST_AHEAD_TICKS, PROGRESS_TICKS
 from rpo_core.wire.statuses import READERS, WAITING, Manifest, PlantTick, RunStatus
 from rpo_log import provenance, signature
 from rpo_log.manifests import CONTROLLER, PLANT, Manifests
-from rpo_mcap.errors import Fault, LogError
+from rpo_mcap.errors import ExistsAlready, LogError
 from rpo_mcap.format import run as run_log
 from rpo_mcap.format import sums
 from rpo_mcap.topics import Topic
@@ -35,10 +35,9 @@ from rpo_mcap.write.side_file import DecisionLogWriter, HealthLogWriter, SideFil
 from rpo_mcap.write.writer import PHASES, Claims, RunLogWriter
 from rpo_ros import health, names, qos
 from rpo_ros.conversions import texts_of
-from rpo_ros.heartbeat import Watch
+from rpo_ros.heartbeat import Timeout, Watch
 from rpo_ros.running import FlightNode
 from rpo_ros.signals import hear, message_class
-from rpo_ros.timeout import Timeout
 
 EXIT_INCOMPLETE = 1
 
@@ -104,9 +103,9 @@ class RecorderNode(FlightNode):
         self._rate = health.Rate()
         try:
             run_log.prepare_folder(self.folder, self.values['overwrite'])
+        except ExistsAlready:
+            raise
         except LogError as error:
-            if error.fault == Fault.EXISTS:
-                raise
             raise InputError(f'{error} (parameter `output`)') from None
         self._status = self.create_publisher(
             DiagnosticStatus, interfaces.RECORDER_STATUS, qos.LATCHED
@@ -434,19 +433,24 @@ class RecorderNode(FlightNode):
         for name, data in self._manifests.remaps(self._recorded.values()).items():
             self.log.attach(name, data)
         summary = self.log.close()
-        faults = [self._write_run_info(summary), self._seal()]
+        faults = []
+        for step in (partial(self._write_run_info, summary), self._seal):
+            try:
+                step()
+            except LogError as error:
+                faults.append(str(error))
         faults += [f'{f.name} ended early: {f.failure}' for f in self._beside if f.failure]
         log, sentence = self.get_logger(), f'{summary.sentence()}: {self.folder}'
         log.info(sentence) if summary.whole else log.error(sentence)
-        for fault in filter(None, faults):
+        for fault in faults:
             log.error(fault)
-        if not summary.whole or any(faults):
+        if not summary.whole or faults:
             self.exit_code = EXIT_INCOMPLETE
         self._announce('closed')
         self.done = True
 
-    def _write_run_info(self, summary: run_log.RunSummary) -> str:
-        """Write what depends on the wall clock and the machine; return why not, '' if done."""
+    def _write_run_info(self, summary: run_log.RunSummary) -> None:
+        """Write what depends on the wall clock and the machine; raises LogError."""
         for beside in self._beside:
             beside.close()
         phase, tick = self._end[:2] if self._end else ('interrupted', NEVER)
@@ -460,21 +464,13 @@ class RecorderNode(FlightNode):
             'ignored': {**summary.ignored, **dict(self._ignored)},
             'faults': None if summary.whole else summary.sentence(),
         }
-        try:
-            provenance.write_run_info(self.folder, facts)
-        except LogError as error:
-            return str(error)
-        return ''
+        provenance.write_run_info(self.folder, facts)
 
-    def _seal(self) -> str:
-        """Write the digest of every file of the folder, sign them; return why not, '' if done."""
-        try:
-            written = sums.write_sums(self.folder, without=run_log.REPORT)
-            if self._key is not None:
-                signature.sign(self.folder, written, self._key)
-        except LogError as error:
-            return str(error)
-        return ''
+    def _seal(self) -> None:
+        """Write the digest of every file of the folder, sign them; raises LogError."""
+        written = sums.write_sums(self.folder, without=run_log.REPORT)
+        if self._key is not None:
+            signature.sign(self.folder, written, self._key)
 
     def _announce(self, message: str, reason: str = '') -> None:
         values = {'recorder': self._id, 'run': self._manifests.run_id, 'reason': reason}
@@ -501,7 +497,7 @@ class RecorderNode(FlightNode):
         values = {
             'messages': messages,
             'rate_hz': self._rate.per_s(messages),
-            'backlog': self.log.waiting,
+            'backlog': self.log.orderer.waiting,
             'lost': summary.lost,
             'missing': sum(count for count, _ in summary.missing.values()),
             'decisions': self._decisions.messages if self._decisions else 0,

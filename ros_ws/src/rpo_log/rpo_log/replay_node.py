@@ -18,11 +18,11 @@ from rpo_core.files.validation import InputError
 from rpo_core.wire import interfaces
 from rpo_log.bag import open_run
 from rpo_mcap.errors import LogError
-from rpo_mcap.read.decode import Message, values_of
+from rpo_mcap.read.decode import Message
 from rpo_ros import conversions, qos
+from rpo_ros.heartbeat import Timeout
 from rpo_ros.running import FlightNode
 from rpo_ros.signals import message_class
-from rpo_ros.timeout import Timeout
 
 EXIT_DIFFERENT = 1
 EXIT_NO_ANSWER = 3
@@ -158,7 +158,7 @@ class ReplayNode(FlightNode):
                 self._outlets[message.topic.signal].publish(message.data)
             else:
                 self._awaited_ns = self._reader.base.stamp_ns(message.tick)
-                self._logged_force = values_of(message.topic, message.data)
+                self._logged_force = message.topic.row.layout.decode(message.data)[1]
         self._sent = time.monotonic()
 
     def _wait(self) -> None:

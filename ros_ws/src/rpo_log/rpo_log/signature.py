@@ -14,23 +14,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rpo_core.files import open_regular
-from rpo_core.files.validation import InputError
-from rpo_mcap.errors import Fault, LogError, cannot_write
+from rpo_core.files.validation import InputError, printable
+from rpo_mcap.errors import LogError, NotARun, cannot_write
 from rpo_mcap.format.run import SIGNATURE_FILE, SUMS_FILE, write_whole
-from rpo_mcap.format.sums import Sums
+from rpo_mcap.format.sums import Digests, Sums, write_sums
+from rpo_mcap.read.stream import files_of
 
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import (
         Ed25519PrivateKey,
         Ed25519PublicKey,
     )
-
-
-from rpo_core.files.validation import printable
-from rpo_log import signature
-from rpo_mcap.format import sums
-from rpo_mcap.format.sums import Digests
-from rpo_mcap.read.stream import files_of
 
 MAX_KEY_BYTES = 1 << 14
 
@@ -40,10 +34,8 @@ def make_key(path: Path) -> Path:
 
     The public key ends in `.pub.pem`. Raises InputError if either is there already.
     """
-    serialization = _library()[1]
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-
-    key = Ed25519PrivateKey.generate()
+    _, serialization, ed25519 = _library()
+    key = ed25519.Ed25519PrivateKey.generate()
     private = key.private_bytes(
         serialization.Encoding.PEM,
         serialization.PrivateFormat.PKCS8,
@@ -64,14 +56,12 @@ def make_key(path: Path) -> Path:
 
 def private_key(path: Path) -> Ed25519PrivateKey:
     """Return the private key of a PEM file; raises InputError."""
-    exceptions, serialization = _library()
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-
+    exceptions, serialization, ed25519 = _library()
     try:
         key = serialization.load_pem_private_key(_read(path), password=None)
     except (ValueError, TypeError, exceptions.UnsupportedAlgorithm):
         key = None
-    if not isinstance(key, Ed25519PrivateKey):
+    if not isinstance(key, ed25519.Ed25519PrivateKey):
         raise InputError(
             f'{path}: must be an Ed25519 private key in PEM without a password, as `rpo keygen` '
             'or `openssl genpkey -algorithm ed25519` writes it'
@@ -82,7 +72,7 @@ def private_key(path: Path) -> Ed25519PrivateKey:
 def sign(folder: Path, sums: Sums, key: Ed25519PrivateKey) -> None:
     """Sign the sums of a run folder: write SHA256SUMS.sig; raises LogError."""
     if sums.content is None:
-        raise LogError(Fault.NOT_FOUND, folder, f'holds no {SUMS_FILE} to sign')
+        raise NotARun(folder, f'holds no {SUMS_FILE} to sign')
     path = folder / SIGNATURE_FILE
     try:
         write_whole(path, key.sign(sums.content))
@@ -112,9 +102,7 @@ def signer(folder: Path, sums: Sums, trusted: Path) -> str | None:
 
 
 def _public_keys(trusted: Path) -> Iterator[tuple[str, Ed25519PublicKey]]:
-    exceptions, serialization = _library()
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
-
+    exceptions, serialization, ed25519 = _library()
     paths = sorted(trusted.glob('*.pem')) if trusted.is_dir() else [trusted]
     if not paths:
         raise InputError(f'{trusted}: must hold public keys, *.pem; it holds none')
@@ -123,7 +111,7 @@ def _public_keys(trusted: Path) -> Iterator[tuple[str, Ed25519PublicKey]]:
             key = serialization.load_pem_public_key(_read(path))
         except (ValueError, exceptions.UnsupportedAlgorithm):
             key = None
-        if not isinstance(key, Ed25519PublicKey):
+        if not isinstance(key, ed25519.Ed25519PublicKey):
             raise InputError(f'{path}: must be an Ed25519 public key in PEM')
         yield path.name, key
 
@@ -136,16 +124,18 @@ def _read(path: Path) -> bytes:
         raise InputError(f'{path}: {error.strerror or error}') from None
 
 
-def _library() -> tuple[Any, Any]:
+def _library() -> tuple[Any, Any, Any]:
+    """Return the modules of cryptography that signatures need; raises InputError."""
     try:
         from cryptography import exceptions
         from cryptography.hazmat.primitives import serialization
+        from cryptography.hazmat.primitives.asymmetric import ed25519
     except ImportError:
         raise InputError(
             'signatures need the Python package `cryptography` (rosdep: python3-cryptography; '
             'pip: cryptography)'
         ) from None
-    return exceptions, serialization
+    return exceptions, serialization, ed25519
 
 
 def sign_run(folder: Path, key: Path) -> str:
@@ -156,17 +146,17 @@ def sign_run(folder: Path, key: Path) -> str:
     Raises InputError if the key cannot sign, LogError if a file differs from its digest, or if the
     folder holds what SHA256SUMS cannot list: that would not be signed.
     """
-    signer = signature.private_key(key)
+    private = private_key(key)
     files_of(folder)  # refuses what is no run
     if not folder.is_dir():
-        raise LogError(Fault.NOT_FOUND, folder, 'must be the folder of a run')
+        raise NotARun(folder, 'must be the folder of a run')
     digests = Digests.of(folder)
     faults = [*digests.faults, *(f'{name} {what}' for name, what in digests.others.items())]
     if faults:
-        raise LogError(Fault.BAD_SUMS, folder, f'cannot be signed: {"; ".join(faults)}')
+        raise LogError(folder, f'cannot be signed: {"; ".join(faults)}')
     listed = digests.sums
     if digests.unlisted:
-        listed = sums.write_sums(folder, digests.matched)
-    signature.sign(folder, listed, signer)
+        listed = write_sums(folder, digests.matched)
+    sign(folder, listed, private)
     names = ', '.join(listed.digests)
     return f'{folder / SIGNATURE_FILE}: signs {len(listed.digests)} files: {printable(names)}'

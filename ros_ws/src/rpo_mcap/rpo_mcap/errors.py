@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from enum import Enum, IntEnum
+from enum import IntEnum
 from pathlib import Path
 
 from rpo_core.files import open_regular
@@ -21,34 +21,9 @@ class ExitCode(IntEnum):
     GIVEN = 4  # whole and as computed, from signals that the caller declared given
 
 
-class Fault(str, Enum):
-    """What is wrong with a log or with the place it should go."""
-
-    EXISTS = 'exists'  # the output is there already
-    CANNOT_WRITE = 'cannot write'
-    NO_DEFINITIONS = 'no message definitions'
-    NOT_FOUND = 'not found'
-    NOT_MCAP = 'not MCAP'
-    NOT_A_RUN = 'not a run'  # MCAP, but not written by this recorder
-    NEWER = 'newer format'
-    TRUNCATED = 'truncated'
-    CORRUPT = 'corrupt'
-    EMPTY = 'no messages'
-    MISSING_TOPIC = 'missing topic'
-    WRONG_TYPE = 'wrong type'
-    MISSING_ATTACHMENT = 'missing attachment'
-    BAD_ATTACHMENT = 'bad attachment'
-    DUPLICATE_TICK = 'duplicate tick'
-    TIME_BACKWARDS = 'time backwards'
-    BAD_STAMP = 'bad stamp'
-    BAD_MESSAGE = 'bad message'
-    BAD_SUMS = 'bad sums'
-
-
 class LogError(InputError):
-    """A log that cannot be written or read: one sentence, and which fault it is.
+    """A log that cannot be written or read, said in one sentence.
 
-    fault : Fault
     path : Path, the file or folder concerned
     sentence : what is wrong, without the path
     tick : of the message that is wrong; None if it is not one message
@@ -56,29 +31,34 @@ class LogError(InputError):
 
     exit_code = ExitCode.BAD_INPUT
 
-    def __init__(
-        self, fault: Fault, path: str | Path, sentence: str, tick: int | None = None
-    ) -> None:
+    def __init__(self, path: str | Path, sentence: str, tick: int | None = None) -> None:
         super().__init__(f'{path}: {sentence}')
-        self.fault = fault
         self.sentence = printable(sentence)
         self.tick = tick
         self.path = Path(path)
 
 
+class NotARun(LogError):
+    """There is no log of a run: nothing, nothing that can be read, or somebody else's file."""
+
+
+class ExistsAlready(LogError):
+    """The output is there already."""
+
+
 def cannot_read(path: Path, error: OSError) -> LogError:
     """Return the LogError of a file that cannot be read."""
-    return LogError(Fault.NOT_FOUND, path, f'cannot be read: {error.strerror or error}')
+    return NotARun(path, f'cannot be read: {error.strerror or error}')
 
 
 def cannot_write(path: Path, error: OSError) -> LogError:
     """Return the LogError of a place that takes no log."""
-    return LogError(Fault.CANNOT_WRITE, path, f'cannot hold a log: {error.strerror or error}')
+    return LogError(path, f'cannot hold a log: {error.strerror or error}')
 
 
 def exists(path: Path, what: str = 'a log is never overwritten') -> LogError:
     """Return the LogError of an output that is there already."""
-    return LogError(Fault.EXISTS, path, f'exists already; {what}')
+    return ExistsAlready(path, f'exists already; {what}')
 
 
 def read_at_most(path: Path, most: int) -> bytes:

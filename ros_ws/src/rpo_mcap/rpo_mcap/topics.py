@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rpo_core.wire import cdr, interfaces, statuses
 from rpo_core.wire.interfaces import Interface
-from rpo_mcap.errors import Fault, LogError
+from rpo_mcap.errors import LogError
 
 REQUIRED = (interfaces.RELATIVE_STATE, interfaces.CONTROL_FORCE)
 """Signals without which a log is not that of a closed loop."""
@@ -85,14 +85,12 @@ def resolve(names: Iterable[str | Topic], path: str = 'topics') -> tuple[Topic, 
         topic = name if isinstance(name, Topic) else find(name)
         if topic is None:
             raise LogError(
-                Fault.WRONG_TYPE,
                 path,
                 f'topic {name} has no role in a run; the last '
                 f'part of a name must be one of {", ".join(order)}',
             )
         if topic.signal in found:
             raise LogError(
-                Fault.WRONG_TYPE,
                 path,
                 f'topics {found[topic.signal].name} and {topic.name} have '
                 f'the same role, {topic.signal}; one run is recorded in one log',

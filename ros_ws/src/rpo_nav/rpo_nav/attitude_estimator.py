@@ -15,32 +15,17 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.chain.stage import Place, Section, Signal, Stage, register
+from rpo_core.chain.stage import Place, Section, Signal, register
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import Checked, real, vector3, whole
 from rpo_core.wire import interfaces
 from rpo_kernels.jit import as_table
 from rpo_kernels.kernels import Vector, sin_cos
-from rpo_nav.attitude_filter_kernels import (
-    BASE,
-    HISTORY,
-    LAST_ACCEPTED,
-    LAST_RESET,
-    LATENCY,
-    NOW,
-    RATE,
-    RECORD,
-    RESETS,
-    SETTINGS,
-    SQUARE,
-    STATES,
-    P,
-    X,
-    estimate_attitude,
-)
+from rpo_nav import attitude_filter_kernels as mekf
+from rpo_nav.attitude_filter_kernels import RATE, SQUARE, STATES, P, X, estimate_attitude
 from rpo_nav.attitude_sensor_kernels import MEASURED, START_STREAM, turned_by
 from rpo_nav.attitude_sensors import ARCSEC, AttitudeSensors
-from rpo_nav.estimator import gate
+from rpo_nav.estimator import FilterStage, gate
 from rpo_nav.sensor_kernels import three_normals
 
 _angle = partial(real, unit='deg', above=0.0, most=30.0)
@@ -99,24 +84,25 @@ def attitude_filter_of(settings: AttitudeEstimator, sensors: AttitudeSensors, sc
         angle * angle,
         settings.bias_sigma_rad_s * settings.bias_sigma_rad_s,
     ]
-    if len(table) != SETTINGS:
-        raise RuntimeError(f'a filter must have {SETTINGS} settings; it has {len(table)}')
+    if len(table) != mekf.SETTINGS:
+        raise RuntimeError(f'a filter must have {mekf.SETTINGS} settings; it has {len(table)}')
     return as_table(table)
 
 
 def attitude_memory_of(f: Any) -> Any:
     """Return the memory of a filter that has not begun, a table of `attitude_filter_kernels`."""
-    slots = int(f[LATENCY]) + 2
-    return as_table([-1.0] * RATE + [0.0] * (HISTORY - RATE + RECORD * slots))
+    slots = int(f[mekf.LATENCY]) + 2
+    return as_table([-1.0] * RATE + [0.0] * (mekf.HISTORY - RATE + mekf.RECORD * slots))
 
 
-class AttitudeEstimatorStage(Stage):
+class AttitudeEstimatorStage(FilterStage):
     """From star tracker and gyro to the estimated attitude and rate, and their covariance."""
 
     name = 'attitude_estimator'
     inputs = (interfaces.ATTITUDE_MEASUREMENT,)
     outputs = (interfaces.NAVIGATION_ATTITUDE, interfaces.ATTITUDE_COVARIANCE)
-    memory_ticks = None
+    title = 'attitude estimator'
+    silence = 'no star tracker'
 
     def __init__(self, settings: AttitudeEstimator, scenario: Any) -> None:
         sensors = scenario.named('attitude_sensors')
@@ -158,19 +144,6 @@ class AttitudeEstimatorStage(Stage):
     def covariance(self) -> NDArray[np.float64]:
         """Covariance (6, 6) of the newest estimate: angles [rad], bias [rad/s]."""
         return np.array(self.memory[P : P + SQUARE]).reshape(STATES, STATES)
-
-    def trouble(self) -> str:
-        """Return what is wrong, for /diagnostics; '' if nothing is."""
-        restarts, m = max(0, int(self.memory[RESETS])), self.memory
-        if restarts > 0:
-            return (
-                f'the attitude estimator diverged: it was restarted {restarts} times, the last '
-                f'time at tick {int(m[LAST_RESET])}'
-            )
-        silent = int(m[BASE] - m[LAST_ACCEPTED])
-        if m[NOW] >= 0 and silent > self._silent_ticks:
-            return f'the attitude estimator is coasting: no star tracker for {silent} ticks'
-        return ''
 
 
 register(

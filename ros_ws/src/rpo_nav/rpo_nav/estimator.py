@@ -24,24 +24,8 @@ from rpo_core.wire.interfaces import ATTITUDE, PREVIOUS_COMMAND
 from rpo_core.world import cw
 from rpo_kernels.jit import as_table
 from rpo_kernels.kernels import CwStep, cw_step
-from rpo_nav.filter_kernels import (
-    BASE,
-    HEADING,
-    LAST_ACCEPTED,
-    LAST_RESET,
-    NOW,
-    PORT,
-    REJECTED,
-    RESETS,
-    SQUARE,
-    STATES,
-    TESTED,
-    TESTS,
-    UNITS,
-    X,
-    estimate,
-    numbers_of,
-)
+from rpo_nav import filter_kernels as kf
+from rpo_nav.filter_kernels import SQUARE, STATES, X, estimate, numbers_of
 from rpo_nav.sensor_kernels import MEASURED, three_normals
 from rpo_nav.sensors import PortSeen, Sensors
 
@@ -186,12 +170,46 @@ def memory_of(f: Any) -> Any:
     return as_table([-1.0] * X + [0.0] * (numbers_of(f) - X))
 
 
-class EstimatorStage(Stage):
+class FilterStage(Stage):
+    """A filter in the chain: its table of settings, its memory, and how it fares.
+
+    The memory begins with the counts of `filter_kernels`, those of the attitude filter too.
+
+    title, silence : of the filter in words, and what it says of ticks without a measurement
+    """
+
+    memory_ticks = None
+    title: str
+    silence: str
+
+    filter: Any
+    memory: Any
+    _silent_ticks: int
+
+    def trouble(self) -> str:
+        """Return what is wrong, for /diagnostics; '' if nothing is."""
+        if self.restarts > 0:
+            return (
+                f'the {self.title} diverged: it was restarted {self.restarts} times, the last time '
+                f'at tick {int(self.memory[kf.LAST_RESET])}'
+            )
+        silent = int(self.memory[kf.BASE] - self.memory[kf.LAST_ACCEPTED])
+        if self.memory[kf.NOW] >= 0 and silent > self._silent_ticks:
+            return f'the {self.title} is coasting: {self.silence} for {silent} ticks'
+        return ''
+
+    @property
+    def restarts(self) -> int:
+        """How often it was restarted."""
+        return max(0, int(self.memory[kf.RESETS]))
+
+
+class EstimatorStage(FilterStage):
     """From measurements and the command before to the estimated state and its covariance."""
 
-    name = 'estimator'
+    name = title = 'estimator'
+    silence = 'no measurement was taken'
     outputs: tuple[str, ...] = (interfaces.NAVIGATION_STATE, interfaces.NAVIGATION_COVARIANCE)
-    memory_ticks = None
 
     def __init__(self, settings: Estimator, scenario: Any) -> None:
         sensors = scenario.named('sensors')
@@ -200,7 +218,7 @@ class EstimatorStage(Stage):
         self._silent_ticks = 10 * max(unit.period_ticks for unit in sensors.units)
         self._states = settings.states
         self._measured = as_table(np.zeros(MEASURED * len(sensors.units)))
-        self._count, self._attitude = len(sensors.units), as_table([0.0] * HEADING)
+        self._count, self._attitude = len(sensors.units), as_table([0.0] * kf.HEADING)
         self._port = PortSeen(sensors, scenario, known=True)
         if sensors.turn:
             known = scenario.named('attitude_estimator') is not None
@@ -222,8 +240,8 @@ class EstimatorStage(Stage):
         if len(inputs) > 1 + self._count:
             self._attitude[:4] = inputs[1 + self._count][:4]
         if len(inputs) > 2 + self._count:
-            self._attitude[4:PORT] = inputs[2 + self._count]
-        self._port.put(tick, self._attitude, PORT)
+            self._attitude[4 : kf.PORT] = inputs[2 + self._count]
+        self._port.put(tick, self._attitude, kf.PORT)
         for i, values in enumerate(measurements):
             self._measured[MEASURED * i] = float(values[6] >= 0.0)
             self._measured[MEASURED * i + 1 : MEASURED * (i + 1)] = values[:6]
@@ -246,32 +264,15 @@ class EstimatorStage(Stage):
     @property
     def innovations(self) -> list[list[float]]:
         """Per sensor, innovations over sigma of what was measured newly; empty if nothing was."""
-        rows = [TESTED + TESTS * i for i in range(int(self.filter[UNITS]))]
+        rows = [kf.TESTED + kf.TESTS * i for i in range(int(self.filter[kf.UNITS]))]
         ends = [row + 2 + int(self.memory[row]) for row in rows]
         tested = zip(rows, ends, strict=True)
         return [list(map(float, self.memory[row + 2 : end])) for row, end in tested]
 
-    def trouble(self) -> str:
-        """Return what is wrong, for /diagnostics; '' if nothing is."""
-        if self.restarts > 0:
-            return (
-                f'the estimator diverged: it was restarted {self.restarts} times, the last time '
-                f'at tick {int(self.memory[LAST_RESET])}'
-            )
-        silent = int(self.memory[BASE] - self.memory[LAST_ACCEPTED])
-        if self.memory[NOW] >= 0 and silent > self._silent_ticks:
-            return f'the estimator is coasting: no measurement was taken for {silent} ticks'
-        return ''
-
     @property
     def rejected(self) -> int:
         """How many measurements were rejected."""
-        return max(0, int(self.memory[REJECTED]))
-
-    @property
-    def restarts(self) -> int:
-        """How often it was restarted."""
-        return max(0, int(self.memory[RESETS]))
+        return max(0, int(self.memory[kf.REJECTED]))
 
 
 def _check(_settings: Estimator, scenario: Any) -> None:

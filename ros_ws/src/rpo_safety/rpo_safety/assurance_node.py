@@ -24,7 +24,7 @@ from rpo_core.files.scenario import Scenario
 from rpo_core.wire import interfaces
 from rpo_ros import health, qos
 from rpo_ros.conversions import to_status
-from rpo_ros.place_node import PlaceNode
+from rpo_ros.managed_node import PlaceNode
 from rpo_safety.abort import COMMANDS
 from rpo_safety.assurance import ASSURANCE_STATUS, AssuranceStage, Decision
 

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from rpo_core.chain.stage import Place
-from rpo_ros.place_node import PlaceNode
+from rpo_ros.managed_node import PlaceNode
 
 
 class DisturbanceInjectorNode(PlaceNode):

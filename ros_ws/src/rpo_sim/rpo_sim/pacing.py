@@ -1,24 +1,93 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""When a tick passes: after all answers (lockstep), or by the wall clock (free running)."""
+"""The loop of a plant, and when a tick passes.
+
+After all answers (lockstep), or by the wall clock (free running).
+"""
 
 from __future__ import annotations
 
 import time
 from abc import abstractmethod
+from collections.abc import Mapping
 from typing import Any
 
 from rpo_core.files.scenario import Scenario
 from rpo_core.wire import interfaces
+from rpo_core.wire.statuses import PAUSED, RUNNING, WAITING
 from rpo_ros import health
-from rpo_ros.timeout import Timeout
-from rpo_sim.free_running import FreeRunningPlant
-from rpo_sim.lockstep import LockstepPlant
-from rpo_sim.loop import Loop
-from rpo_sim.plant import Force
+from rpo_ros.heartbeat import Timeout, Watch
+from rpo_ros.running import FlightNode
+from rpo_sim.plant import Force, FreeRunningPlant, LockstepPlant
 from rpo_sim.timing import Pace
 
 DEFAULT_FREE_RUNNING_FACTOR = 1.0
+
+
+class Loop(FlightNode):
+    """The loop of a plant, as its pacing and its services see it.
+
+    `PlantNode` has `send` for the current state, `advance` to pass the current tick, `go_on` after
+    a pause, `reset` and `abort` to end the run, and `report` to publish run_status.
+
+    tick : the current one
+    waits_for_recorder : whether a tick in lockstep must wait for the recorder
+    phase : WAITING, RUNNING, FINISHED or ABORTED
+    paused : only requested ticks pass
+    steps : requested ticks that have not passed
+    watch : the signs of life of the other nodes
+    progress_s, sent_s : monotonic times of the last tick, of the last state sent
+    """
+
+    watch: Watch
+
+    def __init__(self, name: str, overrides: Mapping[str, Any] | None = None) -> None:
+        super().__init__(name, overrides)
+        self.phase = WAITING
+        self.paused = False
+        self.steps = 0
+        self.progress_s = self.sent_s = time.monotonic()
+
+    def pause(self, wanted: bool) -> None:
+        """Pause a run, or go on; what it does already changes nothing."""
+        if wanted == self.paused:
+            return
+        self.paused, self.steps = wanted, 0
+        if wanted:
+            self.report(health.OK, PAUSED, PAUSED)
+        else:
+            self.report(health.OK, RUNNING, 'flying', resumed='true')
+            self.go_on()
+
+    def step(self, ticks: int) -> None:
+        """Let so many more ticks pass of a run that is paused."""
+        fresh = not self.steps
+        self.steps += ticks
+        if fresh and ticks:
+            self.go_on()
+
+    @property
+    def no_run(self) -> str:
+        """Why there is nothing to steer; '' while a run is in progress."""
+        return '' if self.phase == RUNNING else f'no run in progress: {self.phase}'
+
+    @property
+    def not_paused(self) -> str:
+        """Why no step can be asked for; '' while a run is paused."""
+        return self.no_run or ('' if self.paused else 'not paused: pause first')
+
+    @property
+    def moving(self) -> bool:
+        """Whether ticks may pass."""
+        return self.phase == RUNNING and (not self.paused or self.steps > 0)
+
+    def warn(self, text: str) -> None:
+        """Log a warning, at most one a second."""
+        self.get_logger().warning(text, throttle_duration_sec=1.0)
+
+    def inform(self, text: str) -> None:
+        """Log a message, at most one a second."""
+        self.get_logger().info(text, throttle_duration_sec=1.0)
 
 
 class Pacing:
@@ -89,7 +158,7 @@ class LockstepPacing(Pacing):
         """Pass the tick if all answers are in and it is time."""
         if self.plant.missing or not self.loop.moving or self.loop.waits_for_recorder:
             return
-        if self._overdue or self._timer is None or self.loop.stepping:
+        if self._overdue or self._timer is None or self.loop.steps:
             self._pass()
 
     def on_pace(self) -> None:

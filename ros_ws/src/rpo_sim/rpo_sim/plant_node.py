@@ -24,17 +24,13 @@ from rpo_ros.conversions import to_status
 from rpo_ros.heartbeat import Pulse, Watch
 from rpo_ros.plant_scenario import FREE_RUNNING, LOCKSTEP
 from rpo_ros.signals import listen
-from rpo_sim import standard_control
-from rpo_sim.free_running import FreeRunningPlant
-from rpo_sim.lockstep import LockstepPlant
-from rpo_sim.loop import Loop
+from rpo_sim import services
 from rpo_sim.loop_health import LoopHealth
-from rpo_sim.pacing import FreeRunningPacing, LockstepPacing
-from rpo_sim.plant import ACCEPTED, NotFiniteError, topics_of
+from rpo_sim.pacing import FreeRunningPacing, LockstepPacing, Loop
+from rpo_sim.plant import ACCEPTED, FreeRunningPlant, LockstepPlant, NotFiniteError, topics_of
 from rpo_sim.publications import Publications, TickReports
 from rpo_sim.recorder_watch import RecorderWatch
 from rpo_sim.refusals import Refusals
-from rpo_sim.simulator_control import SimulatorControl
 
 EXIT_ABORTED = 3
 
@@ -58,8 +54,8 @@ class PlantNode(Loop):
         self.run_id = uuid.uuid4().hex
         self._peers, self._own = topics_of(self.scenario)
         self._connect()
-        self.control = SimulatorControl(self)
-        self._standard = standard_control.offer(self)
+        services.SimulatorControl(self)
+        self._standard = services.offer(self)
         self._manifest(scenario.text_for_logs(files.read_text(path), self.scenario))
         self._begin_run()
         self.refuse_change(self.values)

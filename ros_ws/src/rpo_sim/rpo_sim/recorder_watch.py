@@ -10,9 +10,9 @@ from collections.abc import Callable
 from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import CLOSED, FAILED, READY, RecorderStatus
 from rpo_core.wire.statuses import RECORDER_WAITS as WAITING
+from rpo_ros.heartbeat import Timeout
 from rpo_ros.running import FlightNode
 from rpo_ros.signals import hear
-from rpo_ros.timeout import Timeout
 
 LEASE_S = 5.0
 """Longest silence of a live recorder: it publishes its status once a second."""

@@ -6,8 +6,7 @@ from datetime import datetime, timezone
 
 from rpo_core.files import scenario
 from rpo_core.wire.interfaces import CONTROL_FORCE
-from rpo_sim.lockstep import LockstepPlant
-from rpo_sim.plant import ACCEPTED, EARLY, LATE, REPEATED
+from rpo_sim.plant import ACCEPTED, EARLY, LATE, REPEATED, LockstepPlant
 
 SCENARIO = {
     'schema': 'rpo/scenario/1',

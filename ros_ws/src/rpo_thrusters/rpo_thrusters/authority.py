@@ -21,18 +21,8 @@ from rpo_core.chain.stage import ZERO
 from rpo_kernels.arrays import Floats
 from rpo_kernels.jit import as_table, kernel
 from rpo_kernels.kernels import Vector
-from rpo_thrusters.allocation_kernels import (
-    AIM,
-    INVERSE,
-    LARGEST,
-    LIMIT,
-    ROWS,
-    SCRATCH,
-    Table,
-    advance,
-    allocate,
-    start,
-)
+from rpo_thrusters import allocation_kernels as simplex
+from rpo_thrusters.allocation_kernels import ROWS, SCRATCH, Table, allocate
 from rpo_thrusters.table import IDENTITY, ThrusterTable, at_rest, table_of
 
 FULL, PARTIAL, NONE = LEFT = ('full', 'partial', 'none')
@@ -68,7 +58,7 @@ class _Reach:
         self, settings: ThrusterTable, stuck: Mapping[str, str], torque_nm: Vector = ZERO
     ) -> None:
         whole = table_of(settings, 1.0, 0.0, None, IDENTITY)
-        self._table: Table = whole._replace(penalty=LARGEST, bases=as_table(at_rest()))
+        self._table: Table = whole._replace(penalty=simplex.LARGEST, bases=as_table(at_rest()))
         columns, most = np.array(whole.columns).reshape(-1, ROWS), np.array(whole.most)
         self._far = 2.0 * float(most.sum())
         self._against = np.concatenate([np.zeros(3), torque_nm]) / whole.lever
@@ -85,13 +75,13 @@ class _Reach:
 
         Thrusters that are stuck on are made up for first; where they cannot be, it is 0.
         """
-        start(0, self._table, self._work)
+        simplex.start(0, self._table, self._work)
         for i, value in enumerate(self._most.tolist()):
-            self._work[LIMIT + i] = value
+            self._work[simplex.LIMIT + i] = value
         if self._against.any() and self._advance(self._against)[0] < 1.0:
             return 0.0, direction
         share, row = self._advance(np.concatenate([direction * self._far, np.zeros(3)]))
-        at = INVERSE + ROWS * row
+        at = simplex.INVERSE + ROWS * row
         normal = np.array(self._work[at : at + 3])
         normal = normal if normal @ direction > 0.0 else -normal
         size = float(np.linalg.norm(normal))
@@ -99,8 +89,8 @@ class _Reach:
 
     def _advance(self, aim: Floats) -> tuple[float, int]:
         for i, value in enumerate(aim.tolist()):
-            self._work[AIM + i] = value
-        found: tuple[float, int] = advance(self._table, self._work)
+            self._work[simplex.AIM + i] = value
+        found: tuple[float, int] = simplex.advance(self._table, self._work)
         return found
 
     def least(self) -> float:
@@ -153,7 +143,7 @@ def allocation_s(settings: ThrusterTable, size_n: float) -> float:
     """Return the time [s] of an allocation: of 1000 forces of a length (1 sigma), best of 100."""
     table, work = table_of(settings, 1.0, 0.0, None, IDENTITY), as_table(np.zeros(SCRATCH))
     for i in range(table.number):
-        work[LIMIT + i] = table.most[i]
+        work[simplex.LIMIT + i] = table.most[i]
     wanted = np.zeros((1000, ROWS))
     wanted[:, :3] = np.random.default_rng(1).normal(size=(1000, 3)) * size_n
     least, rows = math.inf, as_table(wanted)

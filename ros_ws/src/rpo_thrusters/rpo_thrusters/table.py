@@ -31,20 +31,10 @@ from rpo_core.files.validation import (
 )
 from rpo_kernels.arrays import Floats
 from rpo_kernels.jit import as_table
-from rpo_kernels.kernels import Vector
+from rpo_kernels.kernels import Vector, norm
 from rpo_kernels.pulse_kernels import OFF, ON
-from rpo_thrusters import allocation_kernels
-from rpo_thrusters.allocation_kernels import (
-    BASIS,
-    DUAL,
-    INVERSE,
-    LARGEST,
-    LIMIT,
-    MOST_THRUSTERS,
-    ROWS,
-    SCRATCH,
-    Table,
-)
+from rpo_thrusters import allocation_kernels as simplex
+from rpo_thrusters.allocation_kernels import MOST_THRUSTERS, ROWS, Table
 
 PULSE_WIDTH, SIGMA_DELTA = MODULATIONS = ('pulse_width', 'sigma_delta')
 FACES_6, PAIRS_12, QUADS_16, CORNERS_24 = PRESETS = (
@@ -254,7 +244,7 @@ def table_of(
     )
     arms, units = _arms(settings.each, settings.centre_of_mass_m)
     acting = np.array([_times(matrix, unit) for unit in units.tolist()])
-    acts = as_table(np.hstack([acting, _cross(arms, acting)]).ravel())
+    acts = as_table(np.hstack([acting, np.cross(arms, acting)]).ravel())
     return found._replace(dt=dt_s, bound=bound_n, acts=acts)
 
 
@@ -266,7 +256,8 @@ def _programme(
     reference = specific_impulse_s or max((t.specific_impulse_s or 1.0) for t in each)
     burns = [reference / (t.specific_impulse_s or reference) for t in each]
     arms, units = _arms(each, centre)
-    lever_m = _lever(arms, units)
+    # the largest distance of a thruster's line from the centre of mass; 1 m without
+    lever_m = max(norm(*row) for row in np.cross(arms, units).tolist()) or 1.0
     found = Table(
         number=len(each),
         carries=int(modulation == SIGMA_DELTA),
@@ -274,7 +265,7 @@ def _programme(
         bound=0.0,
         penalty=PENALTY * max(burns),
         lever=lever_m,
-        columns=as_table(np.hstack([units, _cross(arms, units) / lever_m]).ravel()),
+        columns=as_table(np.hstack([units, np.cross(arms, units) / lever_m]).ravel()),
         most=as_table([t.force_n for t in each]),
         cost=as_table([b * (1.0 + _PREFERENCE * (i * _GOLDEN % 1)) for i, b in enumerate(burns)]),
         burns=as_table(burns),
@@ -289,29 +280,11 @@ def _programme(
 def _arms(each: tuple[Thruster, ...], centre: Vector) -> tuple[Floats, Floats]:
     """Return from the centre of mass to each thruster (n, 3) [m], and its direction (n, 3)."""
     arms = np.array([t.position_m for t in each]) - np.array(centre)
-    return arms, np.array([_unit(t.direction) for t in each])
+    return arms, np.array([np.divide(t.direction, norm(*t.direction)) for t in each])
 
 
 def _times(matrix: Sequence[Sequence[float]], vector: Sequence[float]) -> list[float]:
     return [row[0] * vector[0] + row[1] * vector[1] + row[2] * vector[2] for row in matrix]
-
-
-def _unit(direction: Vector) -> list[float]:
-    x, y, z = direction
-    size = math.sqrt(x * x + y * y + z * z)
-    return [x / size, y / size, z / size]
-
-
-def _cross(arms: Floats, forces: Floats) -> Floats:
-    (x, y, z), (a, b, c) = arms.T, forces.T
-    return np.stack([y * c - z * b, z * a - x * c, x * b - y * a], axis=1)
-
-
-def _lever(arms: Floats, units: Floats) -> float:
-    """Return the largest distance [m] of a thruster's line from the centre of mass; 1 without."""
-    x, y, z = _cross(arms, units).T
-    found = math.sqrt(float((x * x + y * y + z * z).max()))
-    return found if found > 0.0 else 1.0
 
 
 def at_rest() -> Floats:
@@ -323,16 +296,16 @@ def at_rest() -> Floats:
 def _bases(table: Table) -> Floats:
     """Return bases to start from: those of forces in all directions, each once."""
     found = [at_rest()]
-    work = as_table(np.zeros(SCRATCH))
+    work = as_table(np.zeros(simplex.SCRATCH))
     for order in chain.from_iterable(map(permutations, _GENERIC)):
         for signs in product((1.0, -1.0), repeat=3):
             wanted = [s * v for s, v in zip(signs, order, strict=True)] + [0.0] * 3
             for i in range(table.number):
-                work[LIMIT + i] = LARGEST
-            allocation_kernels.allocate(as_table(wanted), table, work)
-            row = np.array([work[i] for i in range(BASIS, LIMIT)])
-            parts = (row[DUAL:INVERSE], row[BASIS : BASIS + ROWS], row[INVERSE : INVERSE + ROWS**2])
-            start = np.concatenate(parts)
+                work[simplex.LIMIT + i] = simplex.LARGEST
+            simplex.allocate(as_table(wanted), table, work)
+            row = np.array(work)
+            dual, inverse = row[simplex.DUAL :][:ROWS], row[simplex.INVERSE :][: ROWS**2]
+            start = np.concatenate([dual, row[simplex.BASIS :][:ROWS], inverse])
             if not any(np.array_equal(start[ROWS : 2 * ROWS], o[ROWS : 2 * ROWS]) for o in found):
                 found.append(start)
     return np.concatenate(found)

@@ -17,9 +17,8 @@ from rpo_core.wire import interfaces
 from rpo_mcap.format import rosbag2
 from rpo_ros import conversions, names, qos
 from rpo_ros.signals import message_class
-from rpo_view.gate import Gate, hidden_address
-from rpo_view.latest import Latest, Viewer
-from rpo_view.local import HOST
+from rpo_view.gate import HOST, Gate, hidden_address
+from rpo_view.listening import Latest, Viewer
 
 try:
     import foxglove

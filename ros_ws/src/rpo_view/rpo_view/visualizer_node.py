@@ -13,10 +13,9 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from rpo_attitude.target import TARGET_ATTITUDE
 from rpo_ros import conversions, names, qos
-from rpo_view.latest import Latest
-from rpo_view.listening import ListeningNode
+from rpo_view.listening import Latest, ListeningNode
+from rpo_view.live import Trail
 from rpo_view.scene import Look, markers, turn
-from rpo_view.trail import Trail
 
 try:
     from tf2_msgs.msg import TFMessage

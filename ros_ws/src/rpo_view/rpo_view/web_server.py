@@ -13,7 +13,7 @@ from importlib import resources
 from typing import Any
 
 from rpo_log.show import style
-from rpo_view.local import HOST, port_taken, refusal
+from rpo_view.gate import HOST, port_taken, refusal
 
 _HEADERS = {
     'Cache-Control': 'no-store',

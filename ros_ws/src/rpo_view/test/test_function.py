@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The path of a run, as the views draw it."""
 
-from rpo_view.trail import Trail
+from rpo_view.live import Trail
 
 
 def test_a_trail_keeps_its_ends_and_its_bound():

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rpo_core.wire import interfaces
 from rpo_log.bag import open_run
-from rpo_mcap.errors import Fault, LogError, cannot_write, exists
+from rpo_mcap.errors import LogError, cannot_write, exists
 from rpo_mcap.read.decode import TickBlock
 from rpo_mcap.read.run_log import scenario_of
 from rpo_mcap.read.stream import RunReader
@@ -152,7 +152,7 @@ def _oem(reader: RunReader, output: Path) -> int:
         rows = zip(epochs, (values[there] / 1000.0).tolist(), strict=True)
         states += [ndm.StateVectorAcc(epoch, *row) for epoch, row in rows]
     if not states:
-        raise LogError(Fault.EMPTY, reader.path, 'holds no state')
+        raise LogError(reader.path, 'holds no state')
     metadata = ndm.OemMetadata(
         object_name='CHASER', object_id='CHASER', center_name='TARGET', ref_frame=OEM_FRAME,
         time_system='UTC', start_time=states[0].epoch, stop_time=states[-1].epoch,
@@ -191,13 +191,10 @@ def export(path: str | Path, output: str | Path) -> int:
     write = FORMATS.get(target.suffix)
     if write is None:
         raise LogError(
-            Fault.CANNOT_WRITE,
-            target,
-            f'must end in one of {", ".join(FORMATS)}; got {target.suffix or "no suffix"}',
+            target, f'must end in one of {", ".join(FORMATS)}; got {target.suffix or "no suffix"}'
         )
     if target.suffix == '.parquet' and importlib.util.find_spec('pyarrow') is None:
         raise LogError(
-            Fault.CANNOT_WRITE,
             target,
             'Parquet needs pyarrow, which is not installed; install it, or export to .csv or .npz',
         )

@@ -13,7 +13,7 @@ from rpo_core.wire.interfaces import CLOCK, DUE_FORCE, EVENT, RUN_STATUS
 from rpo_core.wire.statuses import FINISHED, RUNNING
 from rpo_kernels.kernels import norm
 from rpo_log import provenance
-from rpo_mcap.errors import Fault, LogError
+from rpo_mcap.errors import LogError
 from rpo_mcap.format import sums
 from rpo_mcap.format.run import RunSummary, TimeBase
 from rpo_mcap.write.writer import RunLogWriter
@@ -55,7 +55,7 @@ def record(
             log.write(topics[RUN_STATUS], tick, _status(flight, tick))
     summary = log.close()
     if not summary.whole:
-        raise LogError(Fault.CANNOT_WRITE, folder, summary.sentence())
+        raise LogError(folder, summary.sentence())
     provenance.write_run_info(folder, {'messages': dict(summary.messages)})
     sums.write_sums(folder)
     return summary

@@ -19,7 +19,7 @@ import yaml
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Header, McapRecord, Metadata, Schema
 
-from rpo_mcap.errors import ExitCode, Fault, LogError, cannot_write, exists
+from rpo_mcap.errors import ExitCode, LogError, NotARun, cannot_write, exists
 from rpo_mcap.format import rosbag2, sums
 from rpo_mcap.format.run import (
     DECISIONS_FILE,
@@ -179,7 +179,7 @@ def rebuild(path: Path, target: Path) -> FileRepair:
     found = examine(path)
     if not found.messages:
         why = f' ({found.damage})' if found.damage else ''
-        raise LogError(Fault.EMPTY, path, f'cannot be repaired: no whole chunk is in it{why}')
+        raise LogError(path, f'cannot be repaired: no whole chunk is in it{why}')
     if target.exists():
         raise exists(target)
     draft = target.with_name(target.name + '.part')
@@ -207,13 +207,15 @@ def _write(found: FileRepair, draft: Path, name: str) -> None:
                     if message.channel in channels:
                         pair = channels[message.channel], message.data
                         file.add_messages(message.log_ns, message.sequence, [pair])
-                file.close_chunk()
+                file.flush()
             elif isinstance(record, Metadata):
                 if record.name != rosbag2.RECORD or open_record:
                     file.add_metadata(record.name, record.metadata)
                 open_record = open_record and record.name != rosbag2.RECORD
             elif isinstance(record, Attachment):
-                file.add_attachment(record.name, record.media_type, record.data, record.log_time)
+                file.add_attachment(
+                    record.log_time, record.log_time, record.name, record.media_type, record.data
+                )
         values = rosbag2.record_values(_bag_topics([found]), found.bag_file(name))
         file.add_metadata(rosbag2.RECORD, values)
         file.finish()
@@ -230,9 +232,9 @@ def _add_channels(found: FileRepair, file: McapFile) -> dict[int, int]:
         if schema is None:
             continue
         if schema.id not in schemas:
-            schemas[schema.id] = file.add_schema(schema.name, schema.data, schema.encoding)
-        channels[number] = file.add_channel(
-            channel.topic, schemas[schema.id], channel.metadata, channel.message_encoding
+            schemas[schema.id] = file.register_schema(schema.name, schema.encoding, schema.data)
+        channels[number] = file.register_channel(
+            channel.topic, channel.message_encoding, schemas[schema.id], channel.metadata
         )
     return channels
 
@@ -247,7 +249,7 @@ def repair(path: str | Path, output: str | Path | None = None, *, in_place: bool
     """
     source = Path(path)
     if not source.exists():
-        raise LogError(Fault.NOT_FOUND, source, 'does not exist')
+        raise NotARun(source, 'does not exist')
     if source.is_dir():
         return _repair_folder(source, output, in_place)
     found = examine(source)
@@ -275,7 +277,7 @@ def _set_aside(path: Path) -> Path:
 def _repair_folder(folder: Path, output: str | Path | None, in_place: bool) -> Repair:
     files = log_files(folder)
     if not files:
-        raise LogError(Fault.NOT_FOUND, folder, 'holds no run.mcap')
+        raise NotARun(folder, 'holds no run.mcap')
     beside = [folder / name for name in _BESIDE if (folder / name).exists()]
     examined = {file: examine(file) for file in [*files, *beside]}
     if all(found.is_whole for found in examined.values()) and (folder / METADATA_FILE).exists():

@@ -11,8 +11,8 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import zip_longest
 from pathlib import Path
 
@@ -27,8 +27,8 @@ from rpo_core.wire.interfaces import Decimation
 from rpo_ctrl import explain
 from rpo_log import signature
 from rpo_log.verify.run_status import Statuses
-from rpo_log.verify.verification import Difference, Verification
-from rpo_mcap.errors import Fault, LogError, read_at_most
+from rpo_log.verify.verification import Difference
+from rpo_mcap.errors import LogError, read_at_most
 from rpo_mcap.format import rosbag2
 from rpo_mcap.format.rosbag2 import BagFile, BagTopic
 from rpo_mcap.format.run import (
@@ -79,6 +79,8 @@ class Evidence:
     """Gathers what is proven beside the flight, what it rests on, and what is not known.
 
     reader : its records are looked at while its blocks are read
+
+    The others are as in `Verification`.
     """
 
     def __init__(self, reader: RunReader) -> None:
@@ -86,11 +88,15 @@ class Evidence:
         most = 2 * len(reader.topics) + len(reader.attachments) + MOST_CONTROLLERS + 8
         self._forms = {path: Form(path, most) for path in reader.files}
         reader.witness = lambda path, record: self._forms[path].take(record)
-        self._gaps: list[str] = []
-        self._recomputed: list[str] = []
-        self._unknown: list[str] = []
+        self.gaps: list[str] = []
+        self.recomputed: list[str] = []
+        self.unknown: list[str] = []
+        self.premises: dict[str, str] = {}
+        self.faults: tuple[str, ...] = ()
+        self.digested: tuple[str, ...] = ()
+        self.signed_by: str | None = None
+        self.signed: Mapping[str, str] = {}
         self._read: dict[str, str] = {}  # digests of the files that were read, by name
-        self._found = Verification(reader.path, 0, None, ())
 
     def of_log(
         self, statuses: Statuses, free: bool, unjudged: Sequence[str], foreign: bool = False
@@ -100,24 +106,24 @@ class Evidence:
         unjudged : what of the messages is not compared, for people
         """
         if interfaces.RUN_STATUS in (topic.signal for topic in self._reader.topics):
-            self._recomputed.append('phases' + ' and figures' * (not foreign) + ' of run_status')
+            self.recomputed.append('phases' + ' and figures' * (not foreign) + ' of run_status')
         else:
-            self._unknown.append('how the flight began and ended: no run_status says it')
-        self._unknown += ['texts of events', *unjudged]
+            self.unknown.append('how the flight began and ended: no run_status says it')
+        self.unknown += ['texts of events', *unjudged]
         if free:
-            self._unknown.append('when forces came')
+            self.unknown.append('when forces came')
         carried = self._reader.attachments
-        premises = {name: _sha256(data) for name, data in sorted(carried.items())}
-        self._found = replace(self._found, premises={**premises, 'events': statuses.said})
-        self._unknown.append(f'whether {PARAMETERS} is what the nodes ran with')
+        self.premises = {name: _sha256(data) for name, data in sorted(carried.items())}
+        self.premises['events'] = statuses.said
+        self.unknown.append(f'whether {PARAMETERS} is what the nodes ran with')
         if self._reader.foreign:
-            self._unknown.append('records of the bag beside its messages')
+            self.unknown.append('records of the bag beside its messages')
         if self._reader.foreign or self._reader.damage:
             return
         found = [f.deviation(records_of_run(self._reader, p)) for p, f in self._forms.items()]
         self._take(next(filter(None, found), ''), 'records beside the messages')
-        self._unknown.append('the order of the messages within a tick')
-        self._unknown.append('indexes and chunks of the files, which only speed up other readers')
+        self.unknown.append('the order of the messages within a tick')
+        self.unknown.append('indexes and chunks of the files, which only speed up other readers')
 
     def of_decisions(self, decisions: Decisions | None, last_tick: int, free: bool) -> None:
         """Judge the decisions beside the log; free running may be without some.
@@ -128,7 +134,7 @@ class Evidence:
         if decisions is None:
             missing = not (self._reader.path / DECISIONS_FILE).is_file()
             if rate_hz and missing and self._reader.path.is_dir() and not self._reader.foreign:
-                self._gaps.append(f'{DECISIONS_FILE} is missing')
+                self.gaps.append(f'{DECISIONS_FILE} is missing')
             return
         self._take('; '.join(decisions.gaps(rate_hz, last_tick)), DECISIONS_FILE)
         self._read[DECISIONS_FILE] = decisions.digest
@@ -139,7 +145,7 @@ class Evidence:
         if not folder.is_dir() or self._reader.foreign:
             if trusted is not None:
                 what = 'a bag' if self._reader.foreign else 'a single file'
-                self._gaps.append(f'{what} has no signature')
+                self.gaps.append(f'{what} has no signature')
             return
         if not self._reader.damage and os.path.lexists(folder / METADATA_FILE):
             gap, self._read[METADATA_FILE] = metadata_fault(self._reader)
@@ -147,11 +153,11 @@ class Evidence:
         logs = {path.name: digest for path, digest in self._reader.digests.items()}
         self._read.update(logs)
         digests = Digests.of(folder, self._read)
-        proven = {*self._recomputed, *logs}
-        matched = tuple(name for name in digests.matched if name not in proven)
-        self._found = replace(self._found, faults=digests.faults, digested=matched)
-        self._unknown += [name for name in digests.unlisted if name not in proven]
-        self._unknown += [f'{name} {what}' for name, what in digests.others.items()]
+        proven = {*self.recomputed, *logs}
+        self.faults = digests.faults
+        self.digested = tuple(name for name in digests.matched if name not in proven)
+        self.unknown += [name for name in digests.unlisted if name not in proven]
+        self.unknown += [f'{name} {what}' for name, what in digests.others.items()]
         self._judge_signature(folder, trusted, digests)
 
     def _judge_signature(self, folder: Path, trusted: Path | None, digests: Digests) -> None:
@@ -159,38 +165,23 @@ class Evidence:
         unsigned = ', '.join(name for name in self._read if name not in digests.sums.digests)
         if trusted is None:
             if os.path.lexists(folder / SIGNATURE_FILE):
-                self._unknown.append(f'{SIGNATURE_FILE}, which was not checked: no key is trusted')
+                self.unknown.append(f'{SIGNATURE_FILE}, which was not checked: no key is trusted')
             if digests.sums.content is not None and unsigned:
-                self._unknown.append(f'{SUMS_FILE} does not list {unsigned}')
+                self.unknown.append(f'{SUMS_FILE} does not list {unsigned}')
             return
         signer = signature.signer(folder, digests.sums, trusted)
         if signer is None:
-            self._gaps.append(f'no key of {trusted} has signed it')
+            self.gaps.append(f'no key of {trusted} has signed it')
         elif unsigned:
-            self._gaps.append(f'{signer} has not signed {unsigned}: {SUMS_FILE} does not list it')
+            self.gaps.append(f'{signer} has not signed {unsigned}: {SUMS_FILE} does not list it')
         elif not digests.faults:
-            self._found = replace(self._found, signed_by=signer, signed=digests.matched)
+            self.signed_by, self.signed = signer, digests.matched
 
     def _take(self, gap: str, what: str) -> None:
         if gap:
-            self._gaps.append(gap)
+            self.gaps.append(gap)
         else:
-            self._recomputed.append(what)
-
-    def verification(
-        self,
-        ticks: int,
-        gaps: Sequence[str],
-        free: bool,
-        stages: tuple[str, ...],
-        controllers: tuple[str, ...],
-    ) -> Verification:
-        """Return all of it as the outcome of a flight without difference."""
-        return replace(
-            self._found, ticks=ticks, gaps=(*gaps, *self._gaps), free_running=free, stages=stages,
-            recomputed=tuple(self._recomputed), unknown=tuple(self._unknown),
-            controllers=controllers,
-        )  # fmt: skip
+            self.recomputed.append(what)
 
 
 def decision_rate_hz(reader: RunReader) -> float | None:
@@ -262,7 +253,7 @@ def records_of_run(reader: RunReader, path: Path) -> list[McapRecord]:
     attached = [
         Attachment(base.epoch_ns, base.epoch_ns, name, MEDIA_TYPE, data)
         for name, data in sorted(reader.attachments.items(), key=_order)
-        if (name in (*_CARRIED, TOPICS) or is_controller(name)) and reader.carries(path, name)
+        if (name in (*_CARRIED, TOPICS) or is_controller(name)) and (path, name) in reader.attached
     ]
     file = BagFile(path.name, first_ns, last_ns, sum(counts))
     return [
@@ -410,7 +401,7 @@ class Decisions:
             yield tick, message.data
 
     def _bad(self, number: int, why: str) -> LogError:
-        return LogError(Fault.BAD_MESSAGE, self._records.path, f'decision {number}: {why}')
+        return LogError(self._records.path, f'decision {number}: {why}')
 
     def _expected_records(self) -> list[McapRecord]:
         topics = [

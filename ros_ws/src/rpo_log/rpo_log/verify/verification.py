@@ -14,7 +14,7 @@ from rpo_core.wire import cdr
 from rpo_log import provenance
 from rpo_mcap.errors import ExitCode
 from rpo_mcap.format.run import SUMS_FILE
-from rpo_mcap.read.decode import NonCanonical, values_of
+from rpo_mcap.read.decode import Message
 from rpo_mcap.topics import Topic
 
 
@@ -141,11 +141,11 @@ class Difference:
         )
 
 
-def non_canonical_difference(message: NonCanonical, flown: Scenario) -> Difference | None:
+def non_canonical_difference(message: Message, flown: Scenario) -> Difference | None:
     """Name what it holds beside stamp and numbers in the axes of its scenario; None: nothing."""
-    tick, topic, data = message
-    layout, values = topic.row.layout_in(flown), values_of(topic, data)
-    expected = layout.encode(flown.stamp_ns(tick), values)
+    topic, tick, data = message
+    values = topic.row.layout.decode(data)[1]
+    expected = topic.row.layout_in(flown).encode(flown.stamp_ns(tick), values)
     if expected == data:
         return None
     pairs = zip(_items(topic, data), _items(topic, expected), strict=True)

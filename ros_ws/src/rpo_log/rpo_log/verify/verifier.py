@@ -59,7 +59,7 @@ from rpo_log.verify.verification import (
     non_canonical_difference,
 )
 from rpo_mcap import topics
-from rpo_mcap.errors import Fault, LogError
+from rpo_mcap.errors import LogError
 from rpo_mcap.format import run
 from rpo_mcap.format.run import CONTROLLER
 from rpo_mcap.format.sums import Digests
@@ -93,9 +93,7 @@ class _Verifier:
         except InputError as error:
             if isinstance(error, LogError):
                 raise
-            raise LogError(
-                Fault.BAD_ATTACHMENT, reader.path, f'its {CONTROLLER}: {error}'
-            ) from None
+            raise LogError(reader.path, f'its {CONTROLLER}: {error}') from None
         self.topics = {topic.signal: topic for topic in reader.topics}
         for topic in reader.topics:
             if topic.row.rider:
@@ -184,10 +182,10 @@ class _Verifier:
                 if row.type and row.logged and name not in self.topics:
                     what = _SECTIONS.get(link.stage.name, f'the stage {link.stage.name}')
                     sentence = f'has no topic {name}, but its scenario has {what}'
-                    raise LogError(Fault.MISSING_TOPIC, reader.path, sentence)
+                    raise LogError(reader.path, sentence)
         for name in sorted(self._applied - self.topics.keys()):
             sentence = f'has no topic {name}, but is a log of free running'
-            raise LogError(Fault.MISSING_TOPIC, reader.path, sentence)
+            raise LogError(reader.path, sentence)
 
     @property
     def unjudged(self) -> list[str]:
@@ -522,6 +520,20 @@ def _verification(reader: RunReader, trusted: Path | None, given: Collection[str
     answered = verifier.states.dropped.get(interfaces.CONTROL_FORCE, ticks)
     evidence.of_decisions(verifier.decisions, min(ticks, answered) - 1, verifier.free)
     evidence.of_folder(trusted)
-    shares = verifier.controllers.shares
-    found = evidence.verification(ticks, gaps, verifier.free, verifier.names, shares)
-    return replace(found, given=verifier.given)
+    return Verification(
+        reader.path,
+        ticks,
+        None,
+        (*gaps, *evidence.gaps),
+        verifier.free,
+        verifier.names,
+        evidence.faults,
+        tuple(evidence.recomputed),
+        evidence.digested,
+        tuple(evidence.unknown),
+        evidence.premises,
+        evidence.signed_by,
+        evidence.signed,
+        verifier.controllers.shares,
+        verifier.given,
+    )

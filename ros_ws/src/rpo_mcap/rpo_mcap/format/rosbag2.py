@@ -17,7 +17,7 @@ from typing import Any
 import yaml
 
 from rpo_core.wire.interfaces import Qos
-from rpo_mcap.errors import Fault, LogError
+from rpo_mcap.errors import LogError
 from rpo_mcap.format.run import METADATA_FILE, write_whole
 from rpo_mcap.topics import SIGNAL
 
@@ -192,7 +192,6 @@ def _find(package: str, name: str, suffix: str) -> Path:
         if path.is_file():
             return path
     raise LogError(
-        Fault.NO_DEFINITIONS,
         f'{package}/msg/{name}',
         f'no {name}.{suffix} under share/{package}'
         f'/msg of {", ".join(map(str, prefixes))}; is the ROS environment '
@@ -235,4 +234,4 @@ def _type_hash(type_name: str) -> str:
     for entry in json.loads(path.read_text())['type_hashes']:
         if entry['type_name'] == type_name:
             return str(entry['hash_string'])
-    raise LogError(Fault.NO_DEFINITIONS, path, f'holds no hash of {type_name}')
+    raise LogError(path, f'holds no hash of {type_name}')

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from rpo_mcap.errors import Fault, LogError, cannot_write
+from rpo_mcap.errors import ExistsAlready, NotARun, cannot_write
 
 LOG_FORMAT = 1
 """Version of the layout of a run's log: its records, its attachments, its order."""
@@ -99,8 +99,7 @@ class TimeBase:
         except (KeyError, ValueError):
             base = cls(0, 0, 0)
         if base.dt_ns <= 0 or base.last_tick < 0 or base.epoch_ns < 0:
-            raise LogError(
-                Fault.NOT_A_RUN,
+            raise NotARun(
                 path,
                 f'its record {RUN_RECORD} must hold epoch_ns, '
                 f'dt_ns > 0 and last_tick as whole numbers; got {dict(values)}',
@@ -163,8 +162,7 @@ def log_files(folder: Path) -> list[Path]:
     """
     found = _all_logs(folder)
     if len(found) > 1 and found[0].name == _WHOLE:
-        raise LogError(
-            Fault.NOT_A_RUN,
+        raise NotARun(
             folder,
             f'must hold one log, {_WHOLE} or run_0.mcap, run_1.mcap, ...; '
             f'it holds {", ".join(path.name for path in found)}',
@@ -187,8 +185,7 @@ def prepare_folder(folder: Path, overwrite: bool) -> None:
         taken = _all_logs(folder)
         taken += [folder / name for name in _BESIDE if os.path.lexists(folder / name)]
         if taken and not overwrite:
-            raise LogError(
-                Fault.EXISTS,
+            raise ExistsAlready(
                 folder,
                 f'holds a log already ({", ".join(path.name for path in taken)}); '
                 'name another folder, or overwrite this one (`--overwrite`; '

@@ -13,8 +13,7 @@ from pathlib import Path
 
 from rpo_core.files import open_regular
 from rpo_core.files.validation import shown
-from rpo_mcap.errors import Fault, LogError, cannot_read, cannot_write, read_at_most
-from rpo_mcap.format import sums
+from rpo_mcap.errors import LogError, cannot_read, cannot_write, read_at_most
 from rpo_mcap.format.run import SIGNATURE_FILE, SUMS_FILE, write_whole
 from rpo_mcap.read.records import FileRecords
 
@@ -110,7 +109,6 @@ def write_sums(folder: Path, known: Mapping[str, str] | None = None, without: st
     content = text.encode('utf-8', 'surrogateescape')
     if len(content) > MAX_SUMS_BYTES:
         raise LogError(
-            Fault.BAD_SUMS,
             folder,
             f'has {len(names)} files, too many for {SUMS_FILE}: at most {MAX_SUMS_BYTES} bytes',
         )
@@ -133,7 +131,6 @@ def read_sums(folder: Path) -> Sums:
         name = match[2] if match else ''
         if match is None or name in digests or not _is_inside(name):
             raise LogError(
-                Fault.BAD_SUMS,
                 folder / SUMS_FILE,
                 f'line {number} must be a SHA-256, two spaces and the name of another file of the '
                 f'folder; got {shown(line)}',
@@ -148,9 +145,7 @@ def _content(path: Path) -> bytes | None:
         return None
     content = read_at_most(path, MAX_SUMS_BYTES + 1)
     if len(content) > MAX_SUMS_BYTES or not content.endswith(b'\n'):
-        raise LogError(
-            Fault.BAD_SUMS, path, f'must hold whole lines, at most {MAX_SUMS_BYTES} bytes'
-        )
+        raise LogError(path, f'must hold whole lines, at most {MAX_SUMS_BYTES} bytes')
     return content
 
 
@@ -190,7 +185,7 @@ class Digests:
         read : per file that was read before, SHA-256 of the bytes that came; empty if the file was
             too long to be hashed. The others are read here.
         """
-        listed, there = sums.read_sums(folder), Contents.of(folder)
+        listed, there = read_sums(folder), Contents.of(folder)
         found = {name: _digest(folder, name, read or {}) for name in there.files
                  if name in listed.digests}  # fmt: skip
         matched = {name: digest for name, digest in found.items() if digest == listed.digests[name]}
@@ -211,7 +206,7 @@ def _digest(folder: Path, name: str, read: Mapping[str, str]) -> str:
             return '' if records.unread else records.sha256.hexdigest()
         except LogError:  # no MCAP file: it is as any other
             pass
-    return sums.digest_of(folder / name, MAX_BESIDE_BYTES)
+    return digest_of(folder / name, MAX_BESIDE_BYTES)
 
 
 def _faults(

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rpo_core.wire import cdr
 from rpo_core.wire.layout import Layout
-from rpo_mcap.errors import Fault, LogError
+from rpo_mcap.errors import LogError
 from rpo_mcap.format.run import TimeBase
 from rpo_mcap.read.records import MESSAGE_HEAD, RECORD_HEAD
 from rpo_mcap.topics import Topic
@@ -57,17 +57,6 @@ class Event(NamedTuple):
         return dict(self.status.values)
 
 
-class NonCanonical(NamedTuple):
-    """A message with something else in it than its stamp and the numbers of its signal.
-
-    Another frame, an attitude, a torque, a covariance.
-    """
-
-    tick: int
-    topic: Topic
-    data: bytes
-
-
 @dataclass(frozen=True)
 class TickBlock:
     """Some ticks of a log, in order.
@@ -76,14 +65,15 @@ class TickBlock:
     values : by signal, (n, width) its numbers; NaN where the message is missing
     present : by signal, (n,) bool, which ticks have its message
     events : of these ticks
-    non_canonical : messages that hold more than `values` does
+    non_canonical : messages that hold more than a stamp and the numbers of their signal: another
+        frame, an attitude, a torque, a covariance
     """
 
     ticks: NDArray[np.int64]
     values: Mapping[str, NDArray[np.float64]]
     present: Mapping[str, NDArray[np.bool_]]
     events: tuple[Event, ...] = ()
-    non_canonical: tuple[NonCanonical, ...] = ()
+    non_canonical: tuple[Message, ...] = ()
 
     def after(self, tick: int) -> TickBlock:
         """Return the ticks after one, without events."""
@@ -102,15 +92,10 @@ class TickBlock:
         return TickBlock(ticks, values, present, non_canonical=kept)
 
 
-def values_of(topic: Topic, data: bytes) -> tuple[float, ...]:
-    """Return the numbers of a signal in its message; raises CdrError."""
-    return topic.row.layout.decode(data)[1]
-
-
 def bad_message(path: Path, topic: Topic, tick: int, error: cdr.CdrError) -> LogError:
     """Return the LogError of a message that is not of its type."""
     sentence = f'tick {tick} of {topic.name}: a {topic.type} {error}'
-    return LogError(Fault.BAD_MESSAGE, path, sentence, tick)
+    return LogError(path, sentence, tick)
 
 
 @dataclass(frozen=True)
@@ -158,7 +143,7 @@ class Messages:
         ticks = np.unique(self.tick[~is_event])
         values, present = {}, {}
         events: list[Event] = []
-        non_canonical: list[NonCanonical] = []
+        non_canonical: list[Message] = []
         for index, topic in enumerate(self.topics):
             found = np.flatnonzero(self.topic == index)
             if topic.is_event:
@@ -188,11 +173,11 @@ class Messages:
         again = np.flatnonzero(ticks[1:] == ticks[:-1])
         if len(again):
             sentence = f'has tick {ticks[again[0]]} of {topic.name} twice'
-            raise LogError(Fault.DUPLICATE_TICK, self.path, sentence)
+            raise LogError(self.path, sentence)
 
     def _numbers(
         self, topic: Topic, found: NDArray[np.intp]
-    ) -> tuple[NDArray[np.float64], list[NonCanonical]]:
+    ) -> tuple[NDArray[np.float64], list[Message]]:
         """Return the numbers (n, width) in the messages of a topic, and those that are unlike."""
         layout = topic.row.layout.like(self[int(found[0])].data if len(found) else b'')
         numbers = np.full((len(found), len(layout.columns)), np.nan)
@@ -212,10 +197,10 @@ class Messages:
         for row in np.flatnonzero(~like | (layout is not topic.row.layout)).tolist():
             message = self[int(found[row])]
             try:
-                numbers[row] = values_of(*message[::2])
+                numbers[row] = topic.row.layout.decode(message.data)[1]
             except cdr.CdrError as error:
                 raise bad_message(self.path, topic, message.tick, error) from None
-            unlike.append(NonCanonical(message.tick, topic, message.data))
+            unlike.append(message)
         return numbers, unlike
 
     def _event(self, i: int) -> Event:
@@ -320,7 +305,6 @@ class Gathering:
         back = np.flatnonzero(tick < before)
         if len(back):
             raise LogError(
-                Fault.TIME_BACKWARDS,
                 self.path,
                 f'runs backwards: tick {tick[back[0]]} of {found[int(back[0])].topic.name} '
                 f'comes after tick {before[back[0]]}',
@@ -330,7 +314,7 @@ class Gathering:
     def _refuse(self, messages: Messages, i: int, times: tuple[int, int]) -> None:
         """Raise the LogError of a message whose times are not those of its tick."""
         if messages.size[i] < 0:
-            raise LogError(Fault.CORRUPT, self.path, 'is corrupt: a message record is too short')
+            raise LogError(self.path, 'is corrupt: a message record is too short')
         topic, tick, data = messages[i]
         base = self.base
         try:
@@ -340,7 +324,6 @@ class Gathering:
         for what, time in (('stamp', stamp), ('log time', times[0]), ('publish time', times[1])):
             if time != base.stamp_ns(tick) or tick > base.last_tick:
                 raise LogError(
-                    Fault.BAD_STAMP,
                     self.path,
                     f'tick {tick} of {topic.name} must have the {what} '
                     f'{base.stamp_ns(min(tick, base.last_tick))} ns and be at most '

@@ -27,14 +27,14 @@ from typing import BinaryIO, NamedTuple
 import lz4.frame
 import zstandard
 from mcap.data_stream import ReadDataStream, RecordBuilder
-from mcap.exceptions import EndOfFile, InvalidMagic, McapError
+from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
-from mcap.records import Chunk, McapRecord, Message
+from mcap.records import Chunk, Footer, McapRecord, Message
 from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_stream
 
 from rpo_core.files import open_regular
 from rpo_core.files.validation import shown
-from rpo_mcap.errors import Fault, LogError, cannot_read
+from rpo_mcap.errors import LogError, NotARun, cannot_read
 
 MAGIC = b'\x89MCAP0\r\n'
 MAX_RECORD_BYTES = 1 << 25
@@ -61,74 +61,13 @@ _INDEXES = frozenset(
 class _WholeReads(ReadDataStream):
     """The library's stream, but each read gets all the bytes that it asks for, or EndOfFile."""
 
-    def __init__(self, stream: BinaryIO, size: int) -> None:
-        super().__init__(stream)
-        self._size = size
-        self.sha256: hashlib._Hash | None = None  # of all that was read
-
-    @property
-    def rest(self) -> int:
-        """Number of bytes that are not read yet."""
-        return self._size - self._count
-
     def read(self, length: int) -> bytes:
         """Return the next bytes."""
-        data = self._stream.read(length) if length <= self.rest else b''
-        if self.sha256 is not None:
-            self.sha256.update(data)
+        data = self._stream.read(min(length, MAX_RECORD_BYTES))
         if len(data) != length:
             raise EndOfFile
         self._count += length
         return data
-
-
-class _WholeReader(StreamReader):
-    """The library's reader of such a stream."""
-
-    def __init__(self, stream: BinaryIO, size: int) -> None:
-        super().__init__(stream, emit_chunks=True, record_size_limit=None)
-        self._stream: _WholeReads = _WholeReads(stream, size)
-
-
-class _StrictReader(_WholeReader):
-    """A reader that keeps each record to its length and checks each checksum."""
-
-    def __init__(self, stream: BinaryIO, size: int, records: FileRecords) -> None:
-        super().__init__(stream, size)
-        self._records = records
-        self._stream.sha256 = records.sha256 = hashlib.sha256()
-        self._crc = zlib.crc32(MAGIC)  # up to the end of the last record
-        self.end = len(MAGIC)
-        self.closed = False
-
-    def _read_record(self, opcode: int, length: int) -> McapRecord | None:
-        if opcode not in _OPCODES:
-            raise EndOfFile
-        self._records.offset = self.end
-        if MAX_RECORD_BYTES < length <= self._stream.rest:
-            self._records.pass_over(
-                opcode,
-                self._records.corrupt(
-                    opcode, f'it has {length} bytes; at most {MAX_RECORD_BYTES} are read'
-                ),
-            )
-            raise EndOfFile
-        content = self._stream.read(length)
-        self.end = self._stream.count
-        head_crc = zlib.crc32(RECORD_HEAD.pack(opcode, length), self._crc)
-        if opcode == Opcode.DATA_END:
-            self._records.check(content, self._crc, 'data section')
-            self._crc = 0
-        elif opcode == Opcode.FOOTER:
-            self._records.check(content, zlib.crc32(content[:-4], head_crc), 'summary')
-            self.closed = True
-        else:
-            self._crc = zlib.crc32(content, head_crc)
-        try:
-            return None if opcode in _INDEXES else self._records.parse(opcode, content)
-        except LogError as error:
-            self._records.pass_over(opcode, error)
-            return None
 
 
 @dataclass
@@ -152,6 +91,7 @@ class FileRecords:
     unread: int = 0
     _zstd: zstandard.ZstdDecompressor = field(default_factory=zstandard.ZstdDecompressor)
     sha256: hashlib._Hash = field(default_factory=hashlib.sha256)
+    _end: int = 0  # of the last whole record
 
     def __iter__(self) -> Iterator[McapRecord]:
         try:
@@ -164,21 +104,25 @@ class FileRecords:
         magic = stream.read(len(MAGIC))
         if magic != MAGIC:
             what = f'begins with {magic.hex(" ")}' if magic else 'is empty'
-            raise LogError(Fault.NOT_MCAP, self.path, f'is not an MCAP file: it {what}')
+            raise NotARun(self.path, f'is not an MCAP file: it {what}')
         size = stream.seek(0, 2)
-        stream.seek(0)
-        reader = _StrictReader(stream, size, self)
+        stream.seek(len(MAGIC))
+        self.sha256 = hashlib.sha256(MAGIC)
+        self._end = len(MAGIC)
+        closed = False
         try:
-            yield from reader.records
-            rest = size - reader.end - len(MAGIC)
-            self.damage = (
-                f'{rest} bytes follow its end' if rest and not self.damage else self.damage
-            )
-        except (EndOfFile, InvalidMagic):
+            for record in self._records(stream, size):
+                closed = isinstance(record, Footer)
+                yield record
+            if self._read(stream, len(MAGIC)) != MAGIC:
+                raise EndOfFile
+            rest = size - self._end - len(MAGIC)
+            self.damage = self.damage or (f'{rest} bytes follow its end' if rest else '')
+        except EndOfFile:
             self.damage = (
                 'the last 8 bytes are missing'
-                if reader.closed
-                else f'no whole record at byte {reader.end} of {size}'
+                if closed
+                else f'no whole record at byte {self._end} of {size}'
             )
         self.unread = size - stream.tell()
         if self.unread <= MAX_REST_BYTES:
@@ -186,24 +130,65 @@ class FileRecords:
                 self.sha256.update(block)
             self.unread = 0
 
+    def _records(self, stream: BinaryIO, size: int) -> Iterator[McapRecord]:
+        """Yield the records up to the footer, each with its length and checksum judged.
+
+        Raises EndOfFile where no whole record follows.
+        """
+        crc, opcode = zlib.crc32(MAGIC), 0  # of all up to the last record, and its kind
+        while opcode != Opcode.FOOTER:
+            head = self._read(stream, RECORD_HEAD.size)
+            opcode, length = RECORD_HEAD.unpack(head)
+            if opcode not in _OPCODES:
+                raise EndOfFile
+            self.offset = self._end
+            if MAX_RECORD_BYTES < length <= size - stream.tell():
+                why = f'it has {length} bytes; at most {MAX_RECORD_BYTES} are read'
+                self.pass_over(opcode, self.corrupt(opcode, why))
+                raise EndOfFile
+            content = self._read(stream, length)
+            self._end = self.offset + len(head) + length
+            before, crc = crc, zlib.crc32(head, crc)
+            if opcode == Opcode.DATA_END:
+                self._check(content, before, 'data section')
+                crc = 0
+            elif opcode == Opcode.FOOTER:
+                self._check(content, zlib.crc32(content[:-4], crc), 'summary')
+            else:
+                crc = zlib.crc32(content, crc)
+            try:
+                record = None if opcode in _INDEXES else self.parse(opcode, content)
+            except LogError as error:
+                self.pass_over(opcode, error)
+                continue
+            if record is not None:
+                yield record
+
+    def _read(self, stream: BinaryIO, length: int) -> bytes:
+        data = stream.read(min(length, MAX_RECORD_BYTES))
+        self.sha256.update(data)
+        if len(data) != length:
+            raise EndOfFile
+        return data
+
     def parse(self, opcode: int, content: bytes) -> McapRecord | None:
         """Return a record by its content; raises LogError if a field reaches beyond it."""
         if opcode == Opcode.ATTACHMENT and not _fits(content, zlib.crc32(content[:-4])):
             raise self.corrupt(opcode, 'its checksum does not fit')
-        reader = _WholeReader(BytesIO(content), len(content))
+        reader = StreamReader(BytesIO())
+        reader._stream = _WholeReads(BytesIO(content))
         try:
             return reader._read_record(opcode, len(content))
         except (McapError, struct.error, UnicodeDecodeError):
             raise self.corrupt(opcode, 'its fields do not fit its length') from None
 
-    def check(self, content: bytes, actual: int, part: str) -> None:
+    def _check(self, content: bytes, actual: int, part: str) -> None:
         """Compare the checksum of a section with the last 4 bytes of a record."""
         if _fits(content, actual):
             return
         self.damage = f'the checksum of its {part} does not fit'
         if not self.tolerant:
             raise LogError(
-                Fault.CORRUPT,
                 self.path,
                 f'is corrupt: the checksum of its {part}, '
                 f'which ends at byte {self.offset}, does not fit',
@@ -219,9 +204,7 @@ class FileRecords:
     def corrupt(self, opcode: int, why: str) -> LogError:
         """Return the LogError of a damaged record, the last one read."""
         name = Opcode(opcode).name.lower().replace('_', ' ')
-        return LogError(
-            Fault.CORRUPT, self.path, f'is corrupt: the {name} at byte {self.offset}: {why}'
-        )
+        return LogError(self.path, f'is corrupt: the {name} at byte {self.offset}: {why}')
 
     def content_of(self, chunk: Chunk) -> bytes:
         """Return the records inside the chunk read last, decompressed; raises LogError."""

@@ -21,9 +21,9 @@ from rpo_core.files import scenario
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr, interfaces
-from rpo_mcap.errors import Fault, LogError
+from rpo_mcap.errors import LogError
 from rpo_mcap.format.run import CONTROLLER, DECISIONS_FILE, PARAMETERS, SCENARIO, TimeBase
-from rpo_mcap.read.decode import Event, NonCanonical
+from rpo_mcap.read.decode import Event, Message
 from rpo_mcap.read.records import FileRecords, RawMessage, message_at
 from rpo_mcap.read.stream import Completeness, RunReader
 from rpo_mcap.topics import APPLIED, Topic, coasted, dropped
@@ -57,7 +57,7 @@ class RunLog:
     values: Mapping[str, NDArray[np.float64]]
     events: tuple[Event, ...]
     missing: Mapping[str, int]
-    non_canonical: tuple[NonCanonical, ...]
+    non_canonical: tuple[Message, ...]
     damage: str
     gaps: tuple[str, ...]
     lacks: tuple[str, ...] = ()
@@ -116,7 +116,7 @@ def read_run(path: str | Path | RunReader) -> RunLog:
         blocks.append(block)
     ticks = np.concatenate([b.ticks for b in blocks])
     if not len(ticks):
-        raise LogError(Fault.EMPTY, reader.path, 'holds no tick, only statuses')
+        raise LogError(reader.path, 'holds no tick, only statuses')
     return RunLog(
         path=reader.path,
         base=reader.base,
@@ -137,15 +137,11 @@ def scenario_of(log: RunLog | RunReader) -> Scenario:
     """Return the scenario that a log carries; LogError if it is missing, or of other ticks."""
     found = _parsed(log, SCENARIO, scenario.parse)
     if not isinstance(found, Scenario):
-        raise LogError(
-            Fault.BAD_ATTACHMENT, log.path, f'its {SCENARIO} must be a single flight; it is a set'
-        )
+        raise LogError(log.path, f'its {SCENARIO} must be a single flight; it is a set')
     base = TimeBase(found.epoch_ns, found.dt_ns, found.ticks)
     if base != log.base:
         raise LogError(
-            Fault.BAD_ATTACHMENT,
-            log.path,
-            f'its {SCENARIO} must have the ticks of the log, {log.base}; it has {base}',
+            log.path, f'its {SCENARIO} must have the ticks of the log, {log.base}; it has {base}'
         )
     return found
 
@@ -169,16 +165,15 @@ def _parsed(log: RunLog | RunReader, name: str, parse: Callable[[Any], _Parsed])
     try:
         return files.loads(data.decode(), parse, name)
     except UnicodeDecodeError:
-        raise LogError(Fault.BAD_ATTACHMENT, log.path, f'its {name} is not UTF-8 text') from None
+        raise LogError(log.path, f'its {name} is not UTF-8 text') from None
     except InputError as error:
-        raise LogError(Fault.BAD_ATTACHMENT, log.path, f'its {error}') from None
+        raise LogError(log.path, f'its {error}') from None
 
 
 def attachment(path: Path, attachments: Mapping[str, bytes], name: str) -> bytes:
     """Return the bytes of an attached file; raises LogError."""
     if name not in attachments:
         raise LogError(
-            Fault.MISSING_ATTACHMENT,
             path,
             f'must carry {name}; it carries {", ".join(attachments) or "no file"}'
             + ('; `--scenario` names that of a bag' if name == SCENARIO else ''),
@@ -195,7 +190,6 @@ def flight_of(log: RunLog) -> Flight:
     found = scenario_of(log)
     if not log.complete:
         raise LogError(
-            Fault.TRUNCATED,
             log.path,
             f'must hold a whole flight, ticks 0 to {found.ticks}, but {"; ".join(log.gaps)}',
         )

@@ -28,7 +28,7 @@ from mcap.records import Message as MessageRecord
 from rpo_core.files.validation import shown
 from rpo_core.wire import interfaces
 from rpo_mcap import topics
-from rpo_mcap.errors import Fault, LogError
+from rpo_mcap.errors import LogError, NotARun
 from rpo_mcap.format.run import LOG_FORMAT, RUN_RECORD, TimeBase, log_files
 from rpo_mcap.read.decode import Gathering, Message, Messages, TickBlock
 from rpo_mcap.read.records import RECORD_HEAD, FileRecords, as_record
@@ -68,6 +68,7 @@ class RunReader:
     foreign : whether it is a bag that our recorder did not write
     lacks : what such a bag does not hold, and a log does
     sources : the files of the log or bag
+    attached : files of the log and names of attachments in them, by what was read
     digests : per file, SHA-256 of the bytes that `blocks` read; empty if they were not all read
     witness : called with the file and each of its records beside the messages, while `blocks` reads
     """
@@ -85,15 +86,14 @@ class RunReader:
         self._bases: list[TimeBase] = []
         self._channels: dict[int, Topic] = {}
         self._schemas: dict[int, str] = {}
-        self._attached: set[tuple[Path, str]] = set()
+        self.attached: set[tuple[Path, str]] = set()
         self._declared: dict[tuple[Path, type, int], Schema | Channel] = {}
         self._extents: dict[Path, _Extent] = {}
         self.digests: dict[Path, str] = {}
         self._head = b''  # SHA-256 up to the first message
         damage = self._read_head()
         if not self._bases:
-            raise LogError(
-                Fault.NOT_A_RUN,
+            raise NotARun(
                 self.files[0],
                 f'has no record {RUN_RECORD}: it is not '
                 'the log of a run' + (f' ({damage})' if damage else ''),
@@ -118,19 +118,13 @@ class RunReader:
         stamps = [self.base.stamp_ns(max(0, tick)) for tick in (found.first, found.last)]
         return found.counts, *(stamps if found.last >= 0 else (0, 0))
 
-    def carries(self, path: Path, name: str) -> bool:
-        """Return whether a file of the log carries an attachment, by what was read of it."""
-        return (path, name) in self._attached
-
     def messages(self) -> Iterator[Message]:
         """Yield every message as it was logged, in order; afterwards `damage` as for `blocks`."""
         for messages in self._read():
             yield from messages
 
     def _empty(self, damage: str) -> LogError:
-        return LogError(
-            Fault.EMPTY, self.path, 'holds no message' + (f' ({damage})' if damage else '')
-        )
+        return LogError(self.path, 'holds no message' + (f' ({damage})' if damage else ''))
 
     def _complete_topics(self) -> tuple[Topic, ...]:
         recorded = topics.resolve(self._channels.values(), str(self.files[0]))
@@ -138,9 +132,7 @@ class RunReader:
         for signal in topics.REQUIRED:
             if signal not in signals:
                 there = ', '.join(topic.name for topic in recorded) or 'no topic of a run'
-                raise LogError(
-                    Fault.MISSING_TOPIC, self.files[0], f'has no topic {signal}; it has {there}'
-                )
+                raise LogError(self.files[0], f'has no topic {signal}; it has {there}')
         return recorded
 
     def _read_head(self) -> str | None:
@@ -164,7 +156,6 @@ class RunReader:
             name, _, version = record.library.partition('/')
             if name == 'rpo_log' and _NUMBER.fullmatch(version) and int(version) > LOG_FORMAT:
                 raise LogError(
-                    Fault.NEWER,
                     path,
                     f'is of log format {version}; this version reads formats up to {LOG_FORMAT}',
                 )
@@ -185,11 +176,9 @@ class RunReader:
         """Take a file; each file of a log carries it once, and all the same one."""
         before = self.attachments.setdefault(record.name, record.data)
         place = (path, record.name)
-        if place in self._attached or before != record.data:
-            raise LogError(
-                Fault.BAD_ATTACHMENT, path, f'carries two files named {shown(record.name)}'
-            )
-        self._attached.add(place)
+        if place in self.attached or before != record.data:
+            raise LogError(path, f'carries two files named {shown(record.name)}')
+        self.attached.add(place)
 
     def _declare(self, path: Path, record: Schema | Channel, name: str) -> None:
         """Refuse a second record with the number of another: messages would change their type."""
@@ -197,13 +186,12 @@ class RunReader:
         if declared != record:
             kind = type(record).__name__.lower()
             sentence = f'has two {kind} records of number {record.id}, the second for {shown(name)}'
-            raise LogError(Fault.CORRUPT, path, sentence)
+            raise LogError(path, sentence)
 
     def _take_base(self, path: Path, base: TimeBase) -> None:
         self._bases.append(base)
         if base != self._bases[0]:
-            raise LogError(
-                Fault.NOT_A_RUN,
+            raise NotARun(
                 path,
                 f'must be of the same run as {self.files[0].name}, {self._bases[0]}; got {base}',
             )
@@ -215,7 +203,6 @@ class RunReader:
         found = self._schemas.get(channel.schema_id, 'no type')
         if found != topic.type or channel.message_encoding != 'cdr':
             raise LogError(
-                Fault.WRONG_TYPE,
                 path,
                 f'{channel.topic} must be {topic.type} in cdr; got '
                 f'{found} in {channel.message_encoding or "no encoding"}',
@@ -226,7 +213,7 @@ class RunReader:
         """Yield the messages of all files, so many whole ticks at a time."""
         self.damage, newest = '', -1
         most = BLOCK_TICKS * max(1, sum(not topic.is_event for topic in self.topics))
-        self._attached.clear()  # the records of the head are read again with the messages
+        self.attached.clear()  # the records of the head are read again with the messages
         for path in self.files:
             self._path, self._channels = path, {}
             records = FileRecords(path)
@@ -246,7 +233,7 @@ class RunReader:
                         yield messages
                     if gathering.size > MAX_BYTES:
                         sentence = f'is corrupt: tick {gathering.newest + 1} is too long to be read'
-                        raise LogError(Fault.CORRUPT, path, sentence)
+                        raise LogError(path, sentence)
             if head:
                 raise _changed(path)
             messages = gathering.take(last=True)
@@ -284,7 +271,7 @@ class RunReader:
 
 def _changed(path: Path) -> LogError:
     """Return the LogError of a log that does not begin any more as the constructor read it."""
-    return LogError(Fault.CORRUPT, path, 'was changed while it was read')
+    return LogError(path, 'was changed while it was read')
 
 
 def _blocks_of(messages: Messages) -> Iterator[TickBlock]:
@@ -309,17 +296,16 @@ def _is_sound(records: FileRecords, record: McapRecord) -> bool:
 def files_of(path: Path) -> list[Path]:
     """Return the MCAP files of a run folder, or the file itself; raises LogError."""
     if not path.exists():
-        raise LogError(Fault.NOT_FOUND, path, 'does not exist')
+        raise NotARun(path, 'does not exist')
     if not path.is_dir():
         return [path]
     files = log_files(path)
     if not files:
         there = ', '.join(sorted(found.name for found in path.iterdir())[:8]) or 'nothing'
-        raise LogError(Fault.NOT_FOUND, path, f'holds no run.mcap; it holds {there}')
+        raise NotARun(path, f'holds no run.mcap; it holds {there}')
     for number, file in enumerate(files):
         if len(files) > 1 and file.name != f'run_{number}.mcap':
-            raise LogError(
-                Fault.NOT_FOUND,
+            raise NotARun(
                 path,
                 f'must hold run_{number}.mcap too; it holds '
                 f'{", ".join(found.name for found in files)}',

@@ -8,6 +8,7 @@ import os
 import struct
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import IO, Any, cast
 
@@ -16,7 +17,7 @@ from mcap.opcode import Opcode
 from mcap.records import MessageIndex
 from mcap.writer import CompressionType, Writer
 
-from rpo_mcap.errors import Fault, LogError, exists
+from rpo_mcap.errors import LogError, exists
 from rpo_mcap.format import rosbag2
 from rpo_mcap.format.run import LOG_FORMAT, RUN_RECORD, TimeBase
 from rpo_mcap.topics import Topic
@@ -90,39 +91,7 @@ _MESSAGE = struct.Struct('<BQHIQQ')
 """Of a message: opcode, length of the rest, channel, sequence, log time, publish time."""
 
 
-class _Writer(Writer):
-    """The library's writer packs each number by itself; this one writes the same bytes at once."""
-
-    def __init__(self, output: IO[Any], **options: Any) -> None:
-        super().__init__(output, **options)
-        own = vars(self)
-        self._counted, self._chunk = own['_Writer__statistics'], own['_Writer__chunk_builder']
-
-    def add_messages(
-        self, stamp_ns: int, sequence: int, messages: Sequence[tuple[int, bytes]]
-    ) -> None:
-        counted, chunk = self._counted, self._chunk
-        for times, count in ((counted, counted.message_count), (chunk, chunk.num_messages)):
-            if not count or stamp_ns < times.message_start_time:
-                times.message_start_time = stamp_ns
-            if stamp_ns > times.message_end_time:
-                times.message_end_time = stamp_ns
-        counted.message_count += len(messages)
-        chunk.num_messages += len(messages)
-        at, parts = chunk.count, list[bytes]()
-        for channel_id, data in messages:
-            counted.channel_message_counts[channel_id] += 1
-            if channel_id not in chunk.message_indices:
-                chunk.message_indices[channel_id] = _Index(channel_id, [])
-            chunk.message_indices[channel_id].records.append((stamp_ns, at))
-            size = _MESSAGE.size + len(data)
-            rest = channel_id, sequence, stamp_ns, stamp_ns
-            parts += (_MESSAGE.pack(Opcode.MESSAGE, size - 9, *rest), data)
-            at += size
-        chunk.record_writer.write(b''.join(parts))
-
-
-class McapFile:
+class McapFile(Writer):
     """One MCAP file with the profile ros2, zstd chunks, all indexes, statistics and checksums.
 
     Every method that writes may raise OSError; the file then ends with the last whole chunk.
@@ -145,64 +114,52 @@ class McapFile:
         except FileExistsError:
             raise exists(path) from None
         except OSError as error:
-            raise LogError(
-                Fault.CANNOT_WRITE, path, f'cannot be created: {error.strerror}'
-            ) from None
-        self.path = path
-        self._writer = _Writer(
+            raise LogError(path, f'cannot be created: {error.strerror}') from None
+        super().__init__(
             cast(IO[Any], self._sink),
             chunk_size=_UNLIMITED,
             compression=CompressionType.ZSTD,
             use_summary_offsets=summary_offsets,
             enable_data_crcs=True,
         )
-        self._writer.start(profile=profile, library=library)
+        self.path = path
+        own = vars(self)
+        self._counted, self._chunk = own['_Writer__statistics'], own['_Writer__chunk_builder']
         self._syncer = ThreadPoolExecutor(max_workers=1, thread_name_prefix='fsync')
         self._syncing: Future[None] | None = None
-        self._schemas: dict[str, int] = {}
+        self.start(profile=profile, library=library)
 
     @property
     def size(self) -> int:
         """Bytes that have reached the system."""
         return self._sink.committed
 
-    def add_topic(self, topic: rosbag2.BagTopic) -> int:
-        """Return the id of a new channel for a topic of an installed type; raises LogError."""
-        if topic.type not in self._schemas:
-            text = rosbag2.definition(topic.type).text
-            self._schemas[topic.type] = self.add_schema(topic.type, text.encode())
-        return self.add_channel(topic.name, self._schemas[topic.type], topic.channel_metadata)
-
-    def add_schema(self, name: str, text: bytes, encoding: str = 'ros2msg') -> int:
-        """Return the id of a new schema."""
-        return self._writer.register_schema(name, encoding, text)
-
-    def add_channel(
-        self, topic: str, schema_id: int, metadata: Mapping[str, str], encoding: str = 'cdr'
-    ) -> int:
-        """Return the id of a new channel."""
-        return self._writer.register_channel(topic, encoding, schema_id, dict(metadata))
-
     def add_messages(
         self, stamp_ns: int, sequence: int, messages: Sequence[tuple[int, bytes]]
     ) -> None:
-        """Add messages, each with its channel, to the open chunk.
+        """Add messages, each with its channel, to the open chunk, all numbers packed at once.
 
-        Their log and publish times are their stamp.
+        Their log and publish times are their stamp. The bytes are those of the library.
         """
-        self._writer.add_messages(stamp_ns, sequence, messages)
-
-    def add_attachment(self, name: str, media_type: str, data: bytes, time_ns: int) -> None:
-        """Write an attachment; both its times are `time_ns`."""
-        self._writer.add_attachment(time_ns, time_ns, name, media_type, data)
-
-    def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """Write a metadata record."""
-        self._writer.add_metadata(name, dict(values))
-
-    def close_chunk(self) -> None:
-        """End the open chunk, if it has messages, and hand all bytes to the system."""
-        self._writer.flush()
+        counted, chunk = self._counted, self._chunk
+        for times, count in ((counted, counted.message_count), (chunk, chunk.num_messages)):
+            if not count or stamp_ns < times.message_start_time:
+                times.message_start_time = stamp_ns
+            if stamp_ns > times.message_end_time:
+                times.message_end_time = stamp_ns
+        counted.message_count += len(messages)
+        chunk.num_messages += len(messages)
+        at, parts = chunk.count, list[bytes]()
+        for channel_id, data in messages:
+            counted.channel_message_counts[channel_id] += 1
+            if channel_id not in chunk.message_indices:
+                chunk.message_indices[channel_id] = _Index(channel_id, [])
+            chunk.message_indices[channel_id].records.append((stamp_ns, at))
+            size = _MESSAGE.size + len(data)
+            rest = channel_id, sequence, stamp_ns, stamp_ns
+            parts += (_MESSAGE.pack(Opcode.MESSAGE, size - 9, *rest), data)
+            at += size
+        chunk.record_writer.write(b''.join(parts))
 
     def sync(self) -> None:
         """Ask for the bytes to reach the disk, without waiting; raises what the last call met."""
@@ -214,7 +171,7 @@ class McapFile:
 
     def finish(self) -> None:
         """End the file with its summary and wait until it is on the disk."""
-        self._writer.finish()
+        super().finish()
         self._sink.flush()
         os.fsync(self._sink.fileno())
 
@@ -240,10 +197,93 @@ def bag_topics(recorded: Sequence[Topic], counts: Sequence[int]) -> list[rosbag2
     ]
 
 
-class BagFileWriter:
-    """Writes ticks, in order, to one MCAP file; may raise OSError, see `McapFile`.
+class BagFileWriter(McapFile):
+    """Writes messages of some topics, with rosbag2's record at the begin and at the end.
 
-    ticks_before : ticks of this run in the files before
+    topics : as rosbag2 describes them
+    base : the ticks, in the log of a run
+    attachments : name to bytes, of a log
+    counts : per topic, messages of the chunks that were closed: the system has them
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        topics: Sequence[rosbag2.BagTopic],
+        base: TimeBase | None = None,
+        attachments: Mapping[str, bytes] | None = None,
+    ) -> None:
+        super().__init__(path, summary_offsets=base is not None)
+        self.topics = topics
+        self.counts = [0] * len(topics)
+        self._chunk_counts = [0] * len(topics)
+        self._first_ns: int | None = None
+        self._last_ns = self._newest_ns = 0
+        try:
+            self._add_record()
+            if base is not None:
+                self.add_metadata(RUN_RECORD, base.to_record())
+                for name, data in (attachments or {}).items():
+                    self.add_attachment(base.epoch_ns, base.epoch_ns, name, MEDIA_TYPE, data)
+            self._channels = self._declare()
+            self.flush()
+        except OSError:
+            self.close()
+            raise
+
+    def _declare(self) -> list[int]:
+        """Return the ids of the channels, one for each topic; one schema for each type."""
+        schemas: dict[str, int] = {}
+        channels = []
+        for topic in self.topics:
+            if topic.type not in schemas:
+                text = rosbag2.definition(topic.type).text.encode()
+                schemas[topic.type] = self.register_schema(topic.type, 'ros2msg', text)
+            known = schemas[topic.type], topic.channel_metadata
+            channels.append(self.register_channel(topic.name, 'cdr', *known))
+        return channels
+
+    @property
+    def entry(self) -> rosbag2.BagFile:
+        """What rosbag2 says of this file now."""
+        stamps = self._first_ns or 0, self._last_ns
+        return rosbag2.BagFile(self.path.name, *stamps, sum(self.counts))
+
+    def add(self, stamp_ns: int, sequence: int, messages: Sequence[tuple[int, bytes]]) -> None:
+        """Add messages, each with the index of its topic, to the open chunk."""
+        channels = self._channels
+        self.add_messages(stamp_ns, sequence, [(channels[index], data) for index, data in messages])
+        for index, _ in messages:
+            self._chunk_counts[index] += 1
+        self._newest_ns = stamp_ns
+        if self._first_ns is None:
+            self._first_ns = stamp_ns
+
+    def close_chunk(self) -> None:
+        """End the open chunk and hand all bytes to the system; then its messages count."""
+        self.flush()
+        self.counts = [sum(pair) for pair in zip(self.counts, self._chunk_counts, strict=True)]
+        self._chunk_counts = [0] * len(self.topics)
+        self._last_ns = self._newest_ns
+
+    def finish(self) -> None:
+        """End the file: rosbag2's record again, summary, statistics, indexes."""
+        self.close_chunk()
+        self._add_record()
+        super().finish()
+
+    def _add_record(self) -> None:
+        topics = [
+            replace(topic, messages=count)
+            for topic, count in zip(self.topics, self.counts, strict=True)
+        ]
+        self.add_metadata(rosbag2.RECORD, rosbag2.record_values(topics, self.entry))
+
+
+class RunFileWriter(BagFileWriter):
+    """Writes ticks, in order, to one file of a run's log.
+
+    ticks : of this run in this file and the files before
     """
 
     def __init__(
@@ -254,92 +294,35 @@ class BagFileWriter:
         attachments: Mapping[str, bytes],
         ticks_before: int,
     ) -> None:
-        self._file = McapFile(path)
+        super().__init__(path, bag_topics(recorded, [0] * len(recorded)), base, attachments)
         self.base = base
-        self.topics = recorded
         self.ticks = ticks_before
-        self.counts = [0] * len(recorded)
-        self._chunk_counts = [0] * len(recorded)
         self._chunk_ticks = 0
         self.newest_tick = -1
-        self._first_ns = self._last_ns = self._newest_ns = 0
         self._events = {index for index, topic in enumerate(recorded) if topic.is_event}
-        self._file.add_metadata(rosbag2.RECORD, self._rosbag2_record())
-        self._file.add_metadata(RUN_RECORD, base.to_record())
-        for name, data in attachments.items():
-            self._file.add_attachment(name, MEDIA_TYPE, data, base.epoch_ns)
-        self._channels = [self._file.add_topic(t) for t in bag_topics(recorded, self.counts)]
-        self._file.close_chunk()
-
-    @property
-    def size(self) -> int:
-        """Bytes that have reached the system."""
-        return self._file.size
-
-    @property
-    def entry(self) -> rosbag2.BagFile:
-        """What rosbag2 says of this file now."""
-        return rosbag2.BagFile(
-            self._file.path.name, self._first_ns, self._last_ns, sum(self.counts)
-        )
 
     def add_tick(self, tick: int, messages: Sequence[tuple[int, bytes]]) -> None:
         """Add the messages of one tick, each with the index of its topic; events come last."""
+        stamp_ns = self.base.stamp_ns(tick)
         regular = [pair for pair in messages if pair[0] not in self._events]
         if regular:
-            self._add(tick, regular)
+            self.add(stamp_ns, tick, regular)
             self.ticks += 1
             self._chunk_ticks += 1
+        self.newest_tick = tick
         if len(regular) < len(messages):
-            self._close_chunk()  # events: a chunk of their own, the same bytes whenever they came
-            self._add(tick, messages[len(regular) :])
-            self._close_chunk()
+            self.close_chunk()  # events: a chunk of their own, the same bytes whenever they came
+            self.add(stamp_ns, tick, messages[len(regular) :])
+            self.close_chunk()
         elif self._chunk_ticks >= min(self.ticks // CHUNK_SHARE, self.base.chunk_ticks):
-            self._close_chunk()
+            self.close_chunk()
+
+    def close_chunk(self) -> None:
+        """End the open chunk."""
+        super().close_chunk()
+        self._chunk_ticks = 0
 
     def attach(self, name: str, data: bytes) -> None:
         """Write an attachment between two chunks."""
-        self._file.add_attachment(name, MEDIA_TYPE, data, self.base.epoch_ns)
-        self._file.close_chunk()
-        self._count_chunk()
-
-    def sync(self) -> None:
-        """Ask for the bytes to reach the disk, without waiting."""
-        self._file.sync()
-
-    def finish(self) -> None:
-        """End the file: rosbag2's record again, summary, statistics, indexes."""
-        self._close_chunk()
-        self._file.add_metadata(rosbag2.RECORD, self._rosbag2_record())
-        self._file.finish()
-
-    def close(self) -> None:
-        """Release the file, finished or not."""
-        self._file.close()
-
-    def _add(self, tick: int, messages: Sequence[tuple[int, bytes]]) -> None:
-        stamp, channels = self.base.stamp_ns(tick), self._channels
-        self._file.add_messages(stamp, tick, [(channels[index], data) for index, data in messages])
-        for index, _ in messages:
-            self._chunk_counts[index] += 1
-        self._newest_ns = stamp
-        if self.newest_tick < 0:
-            self._first_ns = stamp
-        self.newest_tick = tick
-
-    def _close_chunk(self) -> None:
-        """End the open chunk; its messages count once the system has them."""
-        if not any(self._chunk_counts):
-            return
-        self._file.close_chunk()
-        self._count_chunk()
-
-    def _count_chunk(self) -> None:
-        """Count the messages of a chunk that was closed."""
-        self.counts = [sum(pair) for pair in zip(self.counts, self._chunk_counts, strict=True)]
-        self._chunk_counts = [0] * len(self.topics)
-        self._chunk_ticks = 0
-        self._last_ns = self._newest_ns
-
-    def _rosbag2_record(self) -> dict[str, str]:
-        return rosbag2.record_values(bag_topics(self.topics, self.counts), self.entry)
+        self.add_attachment(self.base.epoch_ns, self.base.epoch_ns, name, MEDIA_TYPE, data)
+        self.close_chunk()

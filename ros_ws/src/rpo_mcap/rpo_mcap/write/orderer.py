@@ -56,11 +56,6 @@ NOTHING = ''
 """Reported of a topic of whose messages the plant took none."""
 
 
-def unread(index: int, data: bytes) -> tuple[str, bool]:
-    """Know nothing of the numbers of a message."""
-    return data.hex(), True
-
-
 @dataclass(slots=True)
 class Counts:
     """What happened to the messages of one topic."""
@@ -70,7 +65,6 @@ class Counts:
     first_missing: int | None = None
     duplicates: int = 0
     conflicts: int = 0
-    first_conflict: int | None = None
     late: int = 0
     ignored: int = 0
 
@@ -97,19 +91,20 @@ class TickOrderer:
     awaited : index of the event topic whose first message is waited for; None: of none
     release : called with (tick, [(index, message), ...]) in the order of ticks. A second call with
         the same tick brings an event alone.
+    read : returns the numbers of a message as a text, and whether it holds nothing else
     leader : index of the topic of true states
     plain : indices of the topics whose messages hold their stamp only, so that none differ
-    read : returns the numbers of a message as a text, and whether it holds nothing else
     asks_from : first tick for which the plant is asked; None: for none
+    latest : tick of the newest state
     """
 
     width: int
     events: frozenset[int]
     awaited: int | None
     release: Callable[[int, Sequence[tuple[int, bytes]]], None]
+    read: Callable[[int, bytes], tuple[str, bool]]
     leader: int = 0
     plain: frozenset[int] = frozenset()
-    read: Callable[[int, bytes], tuple[str, bool]] = unread
     counts: list[Counts] = field(init=False)
     asks_from: int | None = field(default=None, init=False)
 
@@ -127,7 +122,7 @@ class TickOrderer:
         self._newest = [-1] * self.width
         self._silent = [False] * self.width
         self._holes: list[set[int]] = [set() for _ in range(self.width)]
-        self._latest, self._last = -1, NEVER
+        self.latest, self._last = -1, NEVER
         self._in_vain = False  # asked
         self._event_due = self.awaited is not None
 
@@ -138,14 +133,9 @@ class TickOrderer:
         return sum(len(tick.events) + sum(map(bool, tick.messages)) for tick in ticks)
 
     @property
-    def latest(self) -> int:
-        """Tick of the newest state."""
-        return self._latest
-
-    @property
     def reached(self) -> int:
         """The last of the states that follow the newest one: a plant that is asked is ahead."""
-        tick = self._latest
+        tick = self.latest
         while self.messages(self.leader, tick + 1):
             tick += 1
         return tick
@@ -179,7 +169,7 @@ class TickOrderer:
 
         Two reports that differ say nothing.
         """
-        if not self.next_tick - WINDOW <= tick <= self._latest + WINDOW:
+        if not self.next_tick - WINDOW <= tick <= self.latest + WINDOW:
             return
         self._in_vain = False
         if self._reports.setdefault(tick, taken) != taken:
@@ -198,8 +188,8 @@ class TickOrderer:
         """
         if self._asks and not self._reports:
             self._in_vain = True
-            self._latest = self.reached
-        if self._latest > self.next_tick:
+            self.latest = self.reached
+        if self.latest > self.next_tick:
             for index in self._missing(self._pending.get(self.next_tick)):
                 self._silent[index] = True
         self._advance()
@@ -209,9 +199,9 @@ class TickOrderer:
         awaits = self._awaits_reports
         if index in self.events:
             self._add_event(index, tick, data)
-        elif index == self.leader and tick > self._latest + (WINDOW if awaits else 1):
+        elif index == self.leader and tick > self.latest + (WINDOW if awaits else 1):
             self._keep_state_ahead(tick, data)
-        elif tick > self._latest + WINDOW:
+        elif tick > self.latest + WINDOW:
             self._keep_ahead(index, tick, data)
         else:
             if index == self.leader and not awaits:
@@ -239,7 +229,7 @@ class TickOrderer:
         if self._states_ahead:
             self.counts[self.leader].ignored += len(self._states_ahead)
             self._states_ahead.clear()
-        self._latest = max(self._latest, tick)
+        self.latest = max(self.latest, tick)
 
     def _keep_state_ahead(self, tick: int, data: bytes) -> None:
         """Keep a state ahead, until states follow each other there or the next one comes."""
@@ -262,7 +252,7 @@ class TickOrderer:
         states = {tick: data for tick, data in self._states_ahead.items() if tick >= first}
         for tick in states:
             del self._states_ahead[tick]
-        self._lead(max(states, default=self._latest))
+        self._lead(max(states, default=self.latest))
         for tick, data in sorted(states.items()):
             self._take(self.leader, tick, data)
 
@@ -271,13 +261,13 @@ class TickOrderer:
 
         Or once a whole window of states came: then the plant reports nothing.
         """
-        while self.messages(self.leader, self._latest + 1) and (
-            self._latest in self._reports
-            or self._latest < (self.asks_from or 0)
-            or all(self.messages(self.leader, self._latest + n) for n in range(2, WINDOW + 1))
+        while self.messages(self.leader, self.latest + 1) and (
+            self.latest in self._reports
+            or self.latest < (self.asks_from or 0)
+            or all(self.messages(self.leader, self.latest + n) for n in range(2, WINDOW + 1))
         ):
-            self._lead(self._latest + 1)
-            self._newest[self.leader] = self._latest
+            self._lead(self.latest + 1)
+            self._newest[self.leader] = self.latest
             self._silent[self.leader] = False
 
     def _take(self, index: int, tick: int, data: bytes) -> None:
@@ -302,7 +292,7 @@ class TickOrderer:
         entry.missing -= 1
         if index not in self.plain and index != self.leader and not entry.messages[self.leader]:
             entry.early = True
-        elif tick <= self._latest:
+        elif tick <= self.latest:
             self._newest[index] = max(tick, self._newest[index])
             self._silent[index] = False
 
@@ -327,7 +317,7 @@ class TickOrderer:
         if (index, tick, data) in self._known_events:
             self.counts[index].duplicates += 1
             return
-        if tick > self._latest + WINDOW and len(self._pending) >= MOST_AHEAD:
+        if tick > self.latest + WINDOW and len(self._pending) >= MOST_AHEAD:
             self.counts[index].ignored += 1
             return
         self._known_events[(index, tick, data)] = None
@@ -346,13 +336,13 @@ class TickOrderer:
         The flight ends in the newest tick: its answers are due only if it is the last of all.
         What is stamped with a later tick is no part of it.
         """
-        if self._latest < 0:
+        if self.latest < 0:
             self._go_ahead(0)
         elif self._asks and not self._reports:  # of a plant that reports nothing
-            self._latest = self.reached
+            self.latest = self.reached
         for tick, data in self._states_ahead.items():
             self._take(self.leader, tick, data)
-        newest = self._last if self._last != NEVER else self._latest
+        newest = self._last if self._last != NEVER else self.latest
         for tick in [tick for tick in self._pending if tick > newest]:
             entry = self._pending[tick]
             for index, found in enumerate(entry.messages):
@@ -389,30 +379,24 @@ class TickOrderer:
                 numbers = first
             right = [data for data in found if read[data][0] == numbers]
             if not right or (written and found[0] not in right):
-                self._count_conflicts(index, tick, max(1, len(found) - 1))
+                self.counts[index].conflicts += max(1, len(found) - 1)
             else:
                 self.counts[index].ignored += len(found) - 1
             if right and not written:
                 found[0] = next((data for data in right if read[data][1]), right[0])
             del found[1:]
 
-    def _count_conflicts(self, index: int, tick: int, number: int) -> None:
-        counts = self.counts[index]
-        counts.conflicts += number
-        if counts.first_conflict is None:
-            counts.first_conflict = tick
-
     def _advance(self) -> None:
-        while self._latest >= self.next_tick and self._settled():
+        while self.latest >= self.next_tick and self._settled():
             if self.next_tick not in self._pending:
-                ahead = min(min(self._pending, default=NEVER), self._latest - WINDOW + 1)
+                ahead = min(min(self._pending, default=NEVER), self.latest - WINDOW + 1)
                 self._skip(max(ahead, self.next_tick + 1) - 1)
             self._let_go()
 
     def _settled(self) -> bool:
         """Return whether nothing more is waited for at the next tick."""
         tick, entry = self.next_tick, self._pending.get(self.next_tick)
-        ahead = self._latest - tick
+        ahead = self.latest - tick
         if ahead < 1 and entry is not None and entry.missing and not self._dropped:
             return False
         if self._event_due and tick > 0:
@@ -422,7 +406,7 @@ class TickOrderer:
         if self._awaits_reports and tick >= (self.asks_from or 0):
             if tick not in self._reports and ahead < WINDOW:
                 return False
-        elif entry is not None and entry.early and self._latest < min(tick + HOLD, self._last):
+        elif entry is not None and entry.early and self.latest < min(tick + HOLD, self._last):
             return False
         missing = self._missing(entry) if entry is None or entry.missing else []
         if entry is not None and not missing:

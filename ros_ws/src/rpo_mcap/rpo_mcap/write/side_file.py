@@ -13,10 +13,10 @@ from pathlib import Path
 
 from rpo_core.wire import cdr
 from rpo_core.wire.interfaces import ARRAY_TYPE, LOCKSTEP, Decimation
-from rpo_mcap.errors import LogError, cannot_write
-from rpo_mcap.format.rosbag2 import RECORD, BagFile, BagTopic, record_values
+from rpo_mcap.errors import cannot_write
+from rpo_mcap.format.rosbag2 import BagTopic
 from rpo_mcap.format.run import DECISIONS_FILE, HEALTH_FILE, TimeBase
-from rpo_mcap.write.mcap_file import CHUNK_SHARE, McapFile
+from rpo_mcap.write.mcap_file import CHUNK_SHARE, BagFileWriter
 from rpo_mcap.write.orderer import NEVER, REORDER
 
 CHUNK_S = 2.0
@@ -39,16 +39,10 @@ class SideFile:
         self.failure: str | None = None
         self.messages = 0
         self._closed = False
-        self._stamps = (0, 0)
-        self._path, self._name = path, name
         self.name = path.name
-        self._file = McapFile(path, summary_offsets=False)
         try:
-            self._add_rosbag2_record()
-            self._channel = self._file.add_topic(BagTopic.of(name, ARRAY_TYPE, LOCKSTEP))
-            self._file.close_chunk()
+            self._file = BagFileWriter(path, [BagTopic.of(name, ARRAY_TYPE, LOCKSTEP)])
         except OSError as error:
-            self._file.close()
             raise cannot_write(path, error) from None
 
     def write(self, stamp_ns: int, data: bytes) -> None:
@@ -56,8 +50,7 @@ class SideFile:
         if self.failure is not None or self._closed:
             return
         try:
-            self._file.add_messages(stamp_ns, self.messages, [(self._channel, data)])
-            self._stamps = (self._stamps[0] if self.messages else stamp_ns, stamp_ns)
+            self._file.add(stamp_ns, self.messages, [(0, data)])
             self.messages += 1
             if self.chunk_is_full():
                 self._file.close_chunk()
@@ -73,21 +66,11 @@ class SideFile:
         if self._closed:
             return
         self._closed = True
-        try:
-            if self.failure is None:
-                self._add_rosbag2_record()
-                self._file.finish()
-        except (OSError, LogError) as error:
-            self.failure = getattr(error, 'strerror', None) or str(error)
-        try:
-            self._file.close()
-        except OSError as error:
-            self.failure = error.strerror or str(error)
-
-    def _add_rosbag2_record(self) -> None:
-        topic = BagTopic.of(self._name, ARRAY_TYPE, LOCKSTEP, self.messages)
-        file = BagFile(self._path.name, *self._stamps, self.messages)
-        self._file.add_metadata(RECORD, record_values([topic], file))
+        for step in (self._file.close,) if self.failure else (self._file.finish, self._file.close):
+            try:
+                step()
+            except OSError as error:
+                self.failure = error.strerror or str(error)
 
 
 class HealthLogWriter(SideFile):

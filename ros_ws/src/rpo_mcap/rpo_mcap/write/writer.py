@@ -27,7 +27,7 @@ from rpo_mcap.format import rosbag2
 from rpo_mcap.format.rosbag2 import BagFile
 from rpo_mcap.format.run import RunSummary, TimeBase, prepare_folder
 from rpo_mcap.topics import Topic
-from rpo_mcap.write.mcap_file import BagFileWriter, bag_topics
+from rpo_mcap.write.mcap_file import RunFileWriter, bag_topics
 from rpo_mcap.write.orderer import TickOrderer
 
 SYNC_INTERVAL_S = 1.0
@@ -86,18 +86,13 @@ class RunLogWriter:
         leader = self._index.get(RELATIVE_STATE, 0)
         plain = frozenset(i for i, topic in enumerate(self.topics) if not topic.row.columns)
         self.orderer = TickOrderer(
-            len(self.topics), events, self._status, self._write_tick, leader, plain, self._read
+            len(self.topics), events, self._status, self._write_tick, self._read, leader, plain
         )
         prepare_folder(self.folder, overwrite)
         try:
             self._file = self._begin_file(0, 0)
         except OSError as error:
             raise cannot_write(self.folder, error) from None
-
-    @property
-    def asks_from(self) -> int | None:
-        """First tick for which the plant must report what it published and took; None: for none."""
-        return self.orderer.asks_from
 
     def ask(self) -> None:
         """Ask the plant from now on: several nodes publish a topic."""
@@ -196,11 +191,6 @@ class RunLogWriter:
         rosbag2.write_metadata(self.folder, bag_topics(self.topics, self._logged()), files)
 
     @property
-    def waiting(self) -> int:
-        """Messages that wait for others of their tick."""
-        return self.orderer.waiting
-
-    @property
     def latest(self) -> int:
         """Tick of the newest state."""
         return self.orderer.latest
@@ -243,11 +233,11 @@ class RunLogWriter:
     def _logged(self) -> list[int]:
         return [sum(c) for c in zip(*(counts for _, counts in self._files()), strict=True)]
 
-    def _begin_file(self, number: int, ticks_before: int) -> BagFileWriter:
+    def _begin_file(self, number: int, ticks_before: int) -> RunFileWriter:
         split = self._split_ticks > 0 or self._split_bytes > 0
         name = f'run_{number}.mcap' if split else 'run.mcap'
         self._file_tick = ticks_before
-        return BagFileWriter(
+        return RunFileWriter(
             self.folder / name, self.base, self.topics, self._attachments, ticks_before
         )
 

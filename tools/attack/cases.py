@@ -1,17 +1,15 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""One frame for programs that change folders and look whether a checker is deceived.
+"""Cases of an attack: each changes a copy of a true folder, and judges what the checker says of it.
 
-A case is drawn from its seed and number alone: it changes a copy of a true folder, and judges what
-the checker says of it. An outcome in capitals is a failure: something false was accepted, anything
-but one sentence came out, or it took more than 10 s of CPU time, or the process more than 1 GB.
+A case is drawn from its seed and number alone. An outcome in capitals is a failure: something false
+was accepted, anything but one sentence came out, or it took more than 10 s of CPU time, or the
+process more than 1 GB.
 """
 
 from __future__ import annotations
 
-import argparse
 import multiprocessing
-import os
 import random
 import resource
 import shutil
@@ -29,6 +27,8 @@ from rpo_core.files.validation import InputError
 
 MOST_S = 10.0
 MOST_BYTES = 1 << 30
+PART = 250
+"""Cases of a task of a process."""
 
 Outcomes = Counter[tuple[str, str]]
 """How often an outcome came; of a failure, with what was changed."""
@@ -74,6 +74,10 @@ class Case(ABC):
         return outcome, kind
 
 
+def _failed(outcome: str) -> bool:
+    return outcome.split()[0].isupper()
+
+
 def judge_cases(make: Making, seed: int, first: int, last: int) -> Outcomes:
     """Judge the cases from `first` to before `last`, in turn of each true folder."""
     found = Outcomes()
@@ -82,9 +86,9 @@ def judge_cases(make: Making, seed: int, first: int, last: int) -> Outcomes:
         cases = make(scratch)
         for number in range(first, last):
             outcome, kind = cases[number % len(cases)].judge(seed, number, scratch)
-            if failed := outcome.split()[0].isupper():
+            if _failed(outcome):
                 print(f'case {number}: {outcome}: {kind}', flush=True)
-            found[outcome, kind if failed else ''] += 1
+            found[outcome, kind if _failed(outcome) else ''] += 1
     return found
 
 
@@ -94,66 +98,23 @@ def _judge_part(make: Making, seed: int, part: tuple[int, int]) -> Outcomes:
 
 def failures(found: Outcomes) -> int:
     """Return how many cases failed."""
-    return sum(count for (outcome, _), count in found.items() if outcome.split()[0].isupper())
+    return sum(count for (outcome, _), count in found.items() if _failed(outcome))
 
 
-def parser_of(description: str | None) -> argparse.ArgumentParser:
-    """Return a parser with the options of every such program: which cases, how many processes."""
-    parser = argparse.ArgumentParser(
-        description=description, formatter_class=argparse.RawTextHelpFormatter
-    )
-    parser.add_argument('--cases', type=int, default=1000)
-    parser.add_argument('--seed', type=int, default=1)
-    parser.add_argument('--first', type=int, default=0, help='number of the first case')
-    parser.add_argument('--workers', type=int, default=1, help='processes')
-    return parser
-
-
-def judge_all(make: Making, options: argparse.Namespace, size: int) -> int:
-    """Judge all cases, print what came out; return the exit code.
-
-    size : cases of a part, each a task of a process
-    """
-    begun, end = time.monotonic(), options.first + options.cases
-    parts = [(first, min(first + size, end)) for first in range(options.first, end, size)]
+def judge_all(make: Making, seed: int, first: int, count: int, workers: int) -> int:
+    """Judge some cases in processes, print what came out; return the exit code."""
+    begun, end = time.monotonic(), first + count
+    parts = [(at, min(at + PART, end)) for at in range(first, end, PART)]
     found = Outcomes()
-    with multiprocessing.Pool(options.workers) as pool:
-        for part in pool.imap(partial(_judge_part, make, options.seed), parts):
+    with multiprocessing.Pool(workers) as pool:
+        for part in pool.imap(partial(_judge_part, make, seed), parts):
             found += part
-            print(f'{found.total()} of {options.cases} cases, {failures(found)} failures, '
+            print(f'{found.total()} of {count} cases, {failures(found)} failures, '
                   f'{time.monotonic() - begun:.0f} s', file=sys.stderr, flush=True)  # fmt: skip
     outcomes: Counter[str] = Counter()
-    for (outcome, _), count in found.items():
-        outcomes[outcome] += count
-    for outcome, count in outcomes.most_common():
-        print(f'{count:8d}  {outcome}')
-    print(f'{failures(found)} failures in {options.cases} cases of seed {options.seed}')
+    for (outcome, _), number in found.items():
+        outcomes[outcome] += number
+    for outcome, number in outcomes.most_common():
+        print(f'{number:8d}  {outcome}')
+    print(f'{failures(found)} failures in {count} cases of seed {seed}')
     return 1 if failures(found) else 0
-
-
-def flipped(rng: random.Random, data: bytes, at: int) -> bytes:
-    """Return bytes with one bit changed."""
-    return data[:at] + bytes([data[at] ^ 1 << rng.randrange(8)]) + data[at + 1 :]
-
-
-def replace_file(rng: random.Random, way: str, path: Path, other: Path, link: Path) -> None:
-    """Let something else be in the place of a file, in one of some ways.
-
-    other : file that it is exchanged with; link : what a link leads to
-    """
-    if way == 'swap':
-        content = path.read_bytes()
-        path.write_bytes(other.read_bytes())
-        other.write_bytes(content)
-    elif way == 'empty':
-        path.write_bytes(b'')
-    elif way == 'sparse':
-        os.truncate(path, rng.choice((1 << 36, 1 << 30)))
-    else:
-        path.unlink()
-        if way == 'link':
-            path.symlink_to(link)
-        elif way == 'pipe':
-            os.mkfifo(path)
-        elif way == 'folder':
-            path.mkdir()

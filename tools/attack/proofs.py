@@ -1,11 +1,10 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Changes proof folders in every way that it can, and looks whether the checker is deceived.
+"""Proofs under attack: what `rpo prove --check` says of changed copies of a proof's folder.
 
-It makes a small proof of each kind, axes together and per axis, and checks changed copies of
-both as `rpo prove --check` does: `python -m tools.mutate_proofs --cases 10000`. A case is drawn
-from its number alone. All tubes are made anew (`--cells 0`); the checker's look at its own table
-and at single ticks in rational numbers is left out, for no change of a folder touches them.
+A small proof of each kind is made, axes together and per axis. All tubes are made anew (`--cells
+0`); the checker's look at its own table and at single ticks in rational numbers is left out, for no
+change of a folder touches them.
 
 What is a lie? Not each change: a comment, cells in another order, or a limit that is larger leave
 what is printed true. So a case that is accepted (no fault) is judged by what the command prints:
@@ -19,26 +18,22 @@ what is printed true. So a case that is accepted (no fault) is judged by what th
   the ends of its disturbance and mass, flown by `rpo_core.chain.flight` and for twice the time
   where a claim is for ever, must keep every bound and range that is printed.
 
-Anything else is ACCEPTED. A case also fails as every case of `tools.mutating`. The forger changes
-arrays, figures, texts and whole files. Then he makes the rest fit, as far as he can without new
-tubes: digests of the premises, and a summary that follows from his cells.
+Anything else is ACCEPTED. The forger changes arrays, figures, texts and whole files. Then he makes
+the rest fit, as far as he can without new tubes: digests of the premises, and a summary that
+follows from his cells.
 """
 
 from __future__ import annotations
 
-import copy
 import hashlib
 import io
-import pickle
 import random
 import shutil
-import sys
 import warnings
 import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -60,33 +55,37 @@ from rpo_proof.check import Checked, Sample, WrittenSummary, check, recompute
 from rpo_proof.claims import Claim, summary_of, values_of
 from rpo_proof.folder import SUMMARY, TEXTS, Folder, origins
 from rpo_proof.problem import Problem, Settings, range_of, title_of
-from tools.mutating import Case, flipped, judge_all, parser_of, replace_file
+from tools.attack.cases import Case
+from tools.attack.edits import NUMBERS, SHARES, displace, edit, reordered, spoil
 
 Arrays = dict[str, NDArray[Any]]
 
-NUMBERS = (0.0, -0.0, 1e-300, 1e300, float('inf'), -float('inf'), float('nan'), 1.0, -1.0, 1e9)
-SHARES = (-1.0, 0.0, 0.5, 0.9, 1.0 - 1e-9, 1.0 + 1e-9, 1.1, 2.0, 1e3, 20.0)
-WORDS = (
-    'proven', 'refuted', 'undecided', 'allround', 'robust', 'paper_test', 'mm', 'km', 'for ever',
-)  # fmt: skip
 VERSIONS = 'versions.yaml'
 LARGE = 1 << 22
 """A file that is larger is not taken apart."""
 
 
+def _summary(rng: random.Random, folder: Path) -> str:
+    return _edit(rng, folder / SUMMARY)
+
+
+def _versions(rng: random.Random, folder: Path) -> str:
+    return _edit(rng, folder / VERSIONS)
+
+
 def mutate(rng: random.Random, folder: Path) -> str:
     """Change a proof's folder; return what kind of change it was."""
     ways = rng.choices(
-        (_arrays, _summary, _premise, _flight, _versions, _bytes, _file),
-        (40, 20, 14, 6, 2, 8, 10),
+        (_arrays, _summary, _premise, _flight, _versions, _file),
+        (40, 20, 14, 6, 2, 18),
         k=rng.choice((1, 1, 1, 2)),
     )
     with np.errstate(all='ignore'), warnings.catch_warnings():
         warnings.simplefilter('ignore')
         found = [way(rng, folder) for way in ways]
-    if rng.random() < 0.7 and set(ways) & {_premise, _versions, _bytes, _file}:
+    if rng.random() < 0.7 and set(ways) & {_premise, _versions, _file}:
         found.append(_stamp(folder))
-    if rng.random() < 0.5:
+    if rng.random() < 0.7:
         found.append(_summarise(folder))
     return '; '.join(filter(None, found))
 
@@ -144,19 +143,15 @@ def _arrays(rng: random.Random, folder: Path) -> str:
         with suppress(KeyError, IndexError, ValueError, TypeError):  # changed already, out of shape
             change(rng, arrays)
             names.append(change.__name__)
-    _write(rng, path, arrays)
-    return f'{path.name} {"+".join(names)}'
-
-
-def _write(rng: random.Random, path: Path, arrays: Arrays) -> None:
     content = io.BytesIO()
-    np.savez(content, allow_pickle=True, **arrays)  # type: ignore[arg-type]
+    np.savez(content, allow_pickle=True, **arrays)
     if arrays and rng.random() < 0.02:  # an array twice: the true one, and another
         name, twice = rng.choice(sorted(arrays)), io.BytesIO()
         np.lib.format.write_array(twice, np.zeros_like(arrays[name]))
         with zipfile.ZipFile(content, 'a') as archived:
             archived.writestr(f'{name}.npy', twice.getvalue())
     path.write_bytes(content.getvalue())
+    return f'{path.name} {"+".join(names)}'
 
 
 Change = Callable[[random.Random, Arrays], None]
@@ -177,239 +172,118 @@ def _number(rng: random.Random, arrays: Arrays) -> None:
     arrays[name] = values
 
 
-def _kind(rng: random.Random, arrays: Arrays) -> None:
-    """Another type."""
-    name = rng.choice(sorted(arrays))
-    kind = rng.choice((np.float32, np.int64, complex, '>f8', object, bool, 'U8', np.float16))
-    arrays[name] = arrays[name].astype(kind)
-
-
-def _shape(rng: random.Random, arrays: Arrays) -> None:
-    """Another shape."""
-    name = rng.choice(sorted(arrays))
-    values = arrays[name]
-    ways = (
-        values.T,
-        values[None],
-        values.ravel(),
-        values[:0],
-        values[..., :-1],
-        values[:1],
-        values[()],
-    )
-    arrays[name] = rng.choice(ways) if values.ndim else values.reshape(1, 1)
-
-
-def _missing(rng: random.Random, arrays: Arrays) -> None:
-    """Less, more or others."""
-    name = rng.choice(sorted(arrays))
-    way = rng.randrange(3)
-    if way == 0 and len(arrays) > 1:
+def _form(rng: random.Random, arrays: Arrays) -> None:
+    """Another type or shape; fewer arrays, more or others."""
+    name, another = rng.choice(sorted(arrays)), rng.choice((*sorted(arrays), 'more'))
+    values, kinds = arrays[name], (np.float32, np.int64, complex, '>f8', object, bool, 'U8')
+    ways: list[Callable[[], Any]] = [
+        lambda: {name: values.astype(rng.choice(kinds))},
+        lambda: {name: rng.choice((values.T, values[None], values.ravel(), values[()]))},
+        lambda: {name: rng.choice((values[:0], values[..., :-1], values[:1]))},
+        lambda: {another: rng.choice((values, np.zeros(3)))},
+    ]
+    if len(arrays) > 1 and rng.random() < 0.1:
         del arrays[name]
-    elif way == 1:
-        arrays['more'] = np.zeros(3)
     else:
-        arrays['more' if rng.random() < 0.3 else rng.choice(sorted(arrays))] = arrays[name]
+        arrays |= rng.choice(ways)()
 
 
-def _pick(rng: random.Random, arrays: Arrays) -> int:
-    return rng.randrange(max(1, len(arrays['values'])))
-
-
-def _rows(arrays: Arrays, order: Any) -> None:
-    for name in ('centre', 'half', 'values', 'boxes'):
+def _rows(rng: random.Random, arrays: Arrays) -> None:
+    """Other cells, which may be no lie, or what is known of them in another order."""
+    order = reordered(rng, len(arrays['values']))
+    names = ('centre', 'half', 'values', 'boxes')
+    for name in names if rng.random() < 0.6 else (rng.choice(names),):
         arrays[name] = arrays[name][order]
 
 
-def _swap(rng: random.Random, arrays: Arrays) -> None:
-    """Exchange what is known of two cells; or all of them, which is no lie."""
-    order = np.arange(len(arrays['values']))
-    a, b = _pick(rng, arrays), _pick(rng, arrays)
-    order[[a, b]] = order[[b, a]]
-    if rng.random() < 0.1:
-        _rows(arrays, order)
-    else:
-        name = rng.choice(('values', 'boxes', 'centre', 'half'))
-        arrays[name] = arrays[name][order]
+LOWER = (0.0, 0.5, 0.99, 1.0 - 1e-12)
+"""Shares to which a bound is lowered."""
 
 
-def _drop(rng: random.Random, arrays: Arrays) -> None:
-    _rows(arrays, np.delete(np.arange(len(arrays['values'])), _pick(rng, arrays)))
-
-
-def _repeat(rng: random.Random, arrays: Arrays) -> None:
-    _rows(arrays, [*range(len(arrays['values'])), _pick(rng, arrays)])
-
-
-def _wide(rng: random.Random, arrays: Arrays) -> None:
-    """Make a cell, or all, wider or narrower, or put it elsewhere."""
-    at: Any = rng.choice((_pick(rng, arrays), slice(None)))
-    if rng.random() < 0.7:
+def _cells(rng: random.Random, arrays: Arrays) -> None:
+    """Other places, sizes, bounds and times of a cell or of all; a cell that is not looked at."""
+    at: Any = rng.choice((rng.randrange(max(1, len(arrays['values']))), slice(None)))
+    kinds = 'half', 'centre', 'bounds', 'bounds', 'times', 'unseen'
+    what, values = rng.choice(kinds), arrays['values']
+    if what == 'half':
         arrays['half'][at] *= rng.choice(SHARES)
-    else:
+    elif what == 'centre':
         arrays['centre'][at] += rng.choice((1e-9, -1e-3, 0.1, 1.0))
-
-
-def _low(rng: random.Random, arrays: Arrays) -> None:
-    """Lower bounds, of a cell or of all."""
-    at: Any = rng.choice((_pick(rng, arrays), slice(None)))
-    column: Any = rng.choice((slice(3, None), rng.randrange(3, len(VALUES))))
-    arrays['values'][at, column] *= rng.choice((0.0, 0.5, 0.99, 1.0 - 1e-12))
-
-
-def _earlier(rng: random.Random, arrays: Arrays) -> None:
-    """Other times, or boxes of other times."""
-    if rng.random() < 0.3:
-        arrays['boxes'] = np.roll(arrays['boxes'], rng.choice((-1, 1)), axis=1)
-        return
-    column = VALUES.index(rng.choice(('last_s', 'inside_s', 'arrival_s')))
-    arrays['values'][_pick(rng, arrays), column] += rng.choice((-0.1, 0.1, -1e3, 10.0, 1e-9))
-
-
-def _unseen(rng: random.Random, arrays: Arrays) -> None:
-    """Let a cell not be looked at: no tube, empty, or not a number."""
-    at = _pick(rng, arrays)
-    arrays['values'][at, VALUES.index('last_s')] = rng.choice((float('nan'), 0.0, -0.1, -1.0, -0.0))
-    if rng.random() < 0.6:
-        arrays['values'][at, VALUES.index('inside_s')] = rng.choice((float('inf'), 0.0))
-        arrays['values'][at, 3:] = rng.choice((0.0, float('nan'), float('inf'), -1.0))
+    elif what == 'bounds':
+        column: Any = rng.choice((slice(3, None), rng.randrange(3, len(VALUES))))
+        values[at, column] *= rng.choice(LOWER)
+    elif what == 'times':
+        column = VALUES.index(rng.choice(('last_s', 'inside_s', 'arrival_s')))
+        values[at, column] += rng.choice((-0.1, 0.1, -1e3, 10.0, 1e-9))
+    else:
+        values[at, VALUES.index('last_s')] = rng.choice((float('nan'), 0.0, -0.1, -1.0, -0.0))
+        if rng.random() < 0.6:
+            values[at, VALUES.index('inside_s')] = rng.choice((float('inf'), 0.0))
+            values[at, 3:] = rng.choice((0.0, float('nan'), float('inf'), -1.0))
 
 
 def _closer(rng: random.Random, arrays: Arrays) -> None:
-    """Less that is reached, or norms that are smaller."""
-    name = rng.choice(('tail', 'reach'))
-    arrays[name] = arrays[name] * rng.choice((0.0, 0.5, 0.999, 1.0 - 1e-12, -1.0))
+    """Less that is reached, norms that are smaller, boxes of other times."""
+    name = rng.choice(('tail', 'reach', 'boxes'))
+    if name == 'boxes':
+        arrays[name] = np.roll(arrays[name], rng.choice((-1, 1)), axis=1)
+    else:
+        arrays[name] = arrays[name] * rng.choice((*LOWER, -1.0))
 
 
 CELLS: tuple[Change, ...] = (
-    _number, _number, _number, _swap, _drop, _repeat, _wide, _wide, _low, _low, _earlier, _unseen,
-    _unseen, _closer,
-)  # fmt: skip
-ANY: tuple[Change, ...] = (_number, _number, _kind, _shape, _missing)
-
-
-def _leaves(document: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
-    """Return the places of a document: of values, lists and mappings."""
-    found = [path] if path else []
-    pairs: Any = ()
-    if isinstance(document, dict):
-        pairs = document.items()
-    elif isinstance(document, list):
-        pairs = enumerate(document)
-    return [*found, *(leaf for key, value in pairs for leaf in _leaves(value, (*path, key)))]
+    _number,
+    _number,
+    _rows,
+    _rows,
+    _cells,
+    _cells,
+    _cells,
+    _cells,
+    _closer,
+)
+ANY: tuple[Change, ...] = (_number, _form)
 
 
 def _edit(rng: random.Random, path: Path) -> str:
     """Change a value of a YAML file, or a line of it."""
     try:
-        text = _text(path)
-        document = yaml.safe_load(text)
-    except (OSError, ValueError, yaml.YAMLError):
+        document = yaml.safe_load(_text(path))
+        if rng.random() < 0.1:
+            return f'{path.name} {spoil(rng, path)}'
+        place = edit(rng, document)
+    except (OSError, ValueError, IndexError, yaml.YAMLError):
         return ''
-    places = _leaves(document)
-    if not places or rng.random() < 0.1:
-        return f'{path.name} {_line(rng, path, text)}'
-    place = rng.choice(places)
-    holder = document
-    for key in place[:-1]:
-        holder = holder[key]
-    value = holder[place[-1]]
-    what = rng.randrange(10)
-    if what == 0 and isinstance(holder, dict):
-        del holder[place[-1]]
-    elif what == 1 and isinstance(holder, dict):
-        holder[f'{place[-1]}x'] = copy.deepcopy(value)
-    elif what == 2:
-        holder[place[-1]] = rng.choice(([value], {'x': value}, [], {}, None, str(value), True))
-    elif isinstance(value, bool):
-        holder[place[-1]] = not value
-    elif isinstance(value, (int, float)):
-        near = [value * share for share in SHARES]
-        holder[place[-1]] = rng.choice((*near, *near, *NUMBERS, int(abs(value)), 1 << 70))
-    else:
-        holder[place[-1]] = rng.choice((*WORDS, 'x', '', '\x1b[2J', '9' * 5000))
     path.write_text(yaml.safe_dump(document, sort_keys=False))
-    return f'{path.name} {".".join(map(str, place))}'
-
-
-def _line(rng: random.Random, path: Path, text: str) -> str:
-    """Change a line: twice, not at all, or a comment behind it, which is no lie."""
-    lines = text.split('\n')
-    at = rng.randrange(len(lines))
-    way = rng.choice(('twice', 'dropped', 'comment', 'list', 'tag'))
-    lines[at : at + 1] = {
-        'twice': [lines[at]] * 2,
-        'dropped': [],
-        'comment': [f'{lines[at]} # {rng.choice(WORDS)}'],
-        'list': [f'- {line}' for line in lines],
-        'tag': [lines[at].replace(': ', ': !!python/object/apply:os.getcwd ', 1)],
-    }[way]
-    path.write_text('\n'.join(lines))
-    return f'line {way}'
-
-
-def _summary(rng: random.Random, folder: Path) -> str:
-    return _edit(rng, folder / SUMMARY)
+    return f'{path.name} {place}'
 
 
 def _premise(rng: random.Random, folder: Path) -> str:
     """Change controller, scenario or settings; or put another controller under the same name."""
     if rng.random() < 0.1:
-        other = replace(load_controller(rng.choice(('trained', 'handmade'))), name='robust')
-        (folder / TEXTS[0]).write_text(dumps(other))
+        another = replace(load_controller(rng.choice(('trained', 'handmade'))), name='robust')
+        (folder / TEXTS[0]).write_text(dumps(another))
         return 'another controller'
     return _edit(rng, folder / rng.choice(TEXTS))
 
 
-def _versions(rng: random.Random, folder: Path) -> str:
-    return _edit(rng, folder / VERSIONS)
-
-
 def _flight(rng: random.Random, folder: Path) -> str:
-    """Change a flight of a claim, or let it be that of another claim."""
+    """Change a flight of a claim."""
     paths = sorted([*folder.glob('counterexample_*.yaml'), *folder.glob('flown_*.yaml')])
-    paths = [path for path in paths if path.is_file()]
-    if not paths:
-        return ''
-    path, other = rng.choice(paths), rng.choice(paths)
-    if rng.random() < 0.2:
-        replace_file(rng, 'swap', path, other, other)
-        return f'{path.name} exchanged'
-    return _edit(rng, path)
-
-
-def _bytes(rng: random.Random, folder: Path) -> str:
-    """Change bytes of a file, or cut it short."""
-    paths = sorted(p for p in folder.iterdir() if p.is_file() and 0 < p.stat().st_size < LARGE)
-    path = rng.choice(paths)
-    data = path.read_bytes()
-    at = rng.randrange(len(data))
-    changed = flipped(rng, data, at)
-    path.write_bytes(rng.choice((changed, changed, data[:at], data[:at] + b'\0' + data[at:], b'')))
-    return f'{path.name} bytes'
+    return _edit(rng, rng.choice(paths)) if paths else ''
 
 
 def _file(rng: random.Random, folder: Path) -> str:
-    """Remove, exchange, rename or add a file, or put in its place what is none."""
+    """Change bytes or a line of a file, or let something else be in its place."""
     paths = sorted(p for p in folder.iterdir() if p.is_file() and not p.is_symlink())
-    path, other = rng.choice(paths), rng.choice(paths)
-    what = rng.choice(
-        ('remove', 'swap', 'rename', 'link', 'pipe', 'folder', 'more', 'pickle', 'sparse')
-    )
-    if what == 'more':
-        shutil.copy(
-            path, folder / rng.choice(('notes\n.txt', 'q.npz', f'counterexample_{path.name}'))
-        )
-    elif what == 'pickle':
-        path.write_bytes(pickle.dumps({'values': [1.0]}))
-    elif what == 'rename':
-        path.rename(other)
-    else:
-        if what == 'link':
-            (folder.parent / 'aside').write_bytes(path.read_bytes())
-        replace_file(rng, what, path, other, folder.parent / 'aside')
-    return f'{path.name} {what}'
+    path = rng.choice(paths)
+    if rng.random() < 0.4 and path.stat().st_size < LARGE:
+        return f'{path.name} {spoil(rng, path)}'
+    return f'{path.name} {displace(rng, path, STRAY)}'
 
+
+STRAY = ('notes\n.txt', 'q.npz', 'counterexample_peace.yaml', 'counterexample_planar.npz')
+"""Names of files that are put beside those of a proof."""
 
 KINDS = ('together', 'apart')
 SAMPLE = Sample(starts=0, ticks=0, surface=0)
@@ -579,15 +453,3 @@ def _flights(problem: Problem) -> Iterator[Scenario]:
 def cases_of(scratch: Path, kinds: tuple[str, ...] = KINDS) -> list[ProofCase]:
     """Return a case for the proof of each kind, which is made in a folder of scratch."""
     return [ProofCase(proof_of(kind, scratch / kind)) for kind in kinds]
-
-
-def main() -> int:
-    """Entry point."""
-    parser = parser_of(__doc__)
-    parser.add_argument('--kind', choices=KINDS, action='append', help='may be repeated  [both]')
-    options = parser.parse_args()
-    return judge_all(partial(cases_of, kinds=tuple(options.kind or KINDS)), options, size=500)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

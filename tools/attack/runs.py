@@ -1,17 +1,16 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Changes a run folder in every way that it can, and looks whether `rpo verify` is deceived.
+"""Runs under attack: what `rpo verify` says of changed copies of a run folder.
 
 Each case takes the records of a run's files apart, changes some of them, puts them together again
-with checksums that fit, and verifies the result: `python -m tools.mutate_runs runs/demo`. It fails
-if the changed folder verifies, proves what the true one proves, rests on the same files, and a
-command shows something else of what is proven; and as every case of `tools.mutating`.
+with checksums that fit, and verifies the result. It fails if the changed folder verifies, proves
+what the true one proves, rests on the same files, and a command shows something else of what is
+proven.
 
-With `--signed` the folder is signed first, and each case is a lie of someone without the key. Such
-a forger has a key of his own, another run that the same key signed, and every file of the folder.
-He changes files, exchanges the log, adds a second one, edits the digests and the signature. A case
-fails if the folder verifies or is called signed, or if a signed file that differs is not exit code
-1.
+A signed run is attacked by lies of someone without the key. Such a forger has a key of his own,
+another run that the same key signed, and every file of the folder. He changes files, exchanges the
+log, adds a second one, edits the digests and the signature. A case fails if the folder verifies or
+is called signed, or if a signed file that differs is not exit code 1.
 """
 
 from __future__ import annotations
@@ -22,11 +21,8 @@ import random
 import re
 import shutil
 import stat
-import struct
-import sys
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -43,9 +39,8 @@ from rpo_mcap.format import sums
 from rpo_mcap.format.run import DECISIONS_FILE, METADATA_FILE, SIGNATURE_FILE, SUMS_FILE
 from rpo_mcap.read.records import FileRecords, RawMessage, message_at
 from rpo_mcap.read.run_log import read_decisions, read_run
-from tools.mutating import NOT_WRITTEN, Case, flipped, judge_all, parser_of, replace_file
-
-_NUMBERS = (0.0, -0.0, 1e-300, 1e308, float('inf'), float('nan'), 1.0, -1.0)
+from tools.attack.cases import NOT_WRITTEN, Case
+from tools.attack.edits import displace, other, reordered, spoil, spoilt
 
 
 @dataclass
@@ -110,165 +105,46 @@ def _add(
         )  # fmt: skip
 
 
-Change = Callable[[random.Random, list[Any]], None]
-
-
-def _drop(rng: random.Random, records: list[Any]) -> None:
-    records.pop(rng.randrange(len(records)))
-
-
-def _repeat(rng: random.Random, records: list[Any]) -> None:
-    at = rng.randrange(len(records))
-    records.insert(rng.choice((at, rng.randrange(len(records)))), records[at])
-
-
-def _swap(rng: random.Random, records: list[Any]) -> None:
-    a, b = rng.randrange(len(records)), rng.randrange(len(records))
-    records[a], records[b] = records[b], records[a]
-
-
-def _move_on(rng: random.Random, records: list[Any]) -> None:
-    at = rng.randrange(len(records))
-    records[at : at + 2] = records[at : at + 2][::-1]
-
-
-def _edit(rng: random.Random, records: list[Any]) -> None:
-    """Change one record; the rare ones as often as messages."""
-    kinds = {type(record) for record in records if record is not None}
-    kind = rng.choice(sorted(kinds, key=lambda kind: kind.__name__))
-    at = rng.choice([i for i, record in enumerate(records) if type(record) is kind])
-    records[at] = _edited(rng, records[at])
-
-
 def _edited(rng: random.Random, record: Any) -> Any:
-    if isinstance(record, RawMessage):
-        return _edited_message(rng, record)
-    fields = [name for name in vars(record) if name not in ('crc',)]
-    name = rng.choice(fields)
-    value = getattr(record, name)
-    if isinstance(value, dict):
-        value = dict(value)
-        key = rng.choice(sorted(value)) if value else 'key'
-        what = rng.randrange(3)
-        if what == 0:
-            value.pop(key, None)
-        elif what == 1:
-            value[key + 'x'] = '1'
-        else:
-            value[key] = _text(rng, value.get(key, ''))
-    elif isinstance(value, bytes):
-        value = _bytes(rng, value)
-    elif isinstance(value, str):
-        value = _text(rng, value)
-    else:
-        value = rng.choice((0, value + 1, max(0, value - 1), rng.randrange(8)))
-    return replace(record, **{name: value})
+    """Return a record with another value in one of its fields."""
+    plain = record._asdict() if isinstance(record, RawMessage) else vars(record)
+    name = rng.choice([name for name in plain if name != 'crc'])
+    changed = {name: other(rng, plain[name])}
+    return (
+        record._replace(**changed) if isinstance(record, RawMessage) else replace(record, **changed)
+    )
 
 
-def _edited_message(rng: random.Random, message: RawMessage) -> RawMessage:
-    what = rng.randrange(8)
-    if what == 0:
-        return message._replace(channel=rng.randrange(9))
-    if what == 1:
-        return message._replace(sequence=rng.choice((0, message.sequence + 1, 1 << 31)))
-    if what == 2:
-        step = rng.choice((1, -1, 100_000_000))
-        return message._replace(log_ns=max(0, message.log_ns + step))
-    if what == 3:
-        return message._replace(publish_ns=message.publish_ns + 1)
-    if what == 4 and len(message.data) >= 20:
-        at = 4 + 8 * rng.randrange((len(message.data) - 4) // 8)
-        number = struct.pack('<d', rng.choice(_NUMBERS))
-        return message._replace(data=message.data[:at] + number + message.data[at + 8 :])
-    if what == 5:
-        return message._replace(data=_text_of(rng, message.data))
-    return message._replace(data=_bytes(rng, message.data))
-
-
-def _text_of(rng: random.Random, data: bytes) -> bytes:
-    """Change a digit or a letter that stands in the bytes."""
-    places = [i for i, byte in enumerate(data) if chr(byte).isascii() and chr(byte).isalnum()]
-    if not places:
-        return data
-    at = rng.choice(places)
-    return data[:at] + rng.choice(b'0123456789aeiou').to_bytes(1, 'big') + data[at + 1 :]
-
-
-def _bytes(rng: random.Random, data: bytes) -> bytes:
-    what, at = rng.randrange(5), rng.randrange(len(data) + 1)
-    if what == 0 and at < len(data):
-        return flipped(rng, data, at)
-    if what == 1:
-        return data[:at]
-    if what == 2:
-        return data[:at] + rng.randbytes(rng.randrange(1, 9)) + data[at:]
-    if what == 3:
-        return data[:at] + bytes(rng.randrange(1, 9)) + data[at + 8 :]
-    return _text_of(rng, data)
-
-
-def _text(rng: random.Random, text: str) -> str:
-    changed = _bytes(rng, text.encode()).decode('utf-8', 'replace')
-    return rng.choice((changed, text + ' ', text.upper(), '', '9' * 5000, '²', text * 2))
-
-
-CHANGES: tuple[Change, ...] = (_drop, _repeat, _swap, _move_on, _edit, _edit, _edit, _edit)
-
-
-def _mutate_records(rng: random.Random, path: Path) -> str:
-    parts = Parts.of(path)
-    names = []
+def _change_records(rng: random.Random, path: Path) -> str:
+    """Change records of a file, the rare ones as often as messages, or their order."""
+    parts, edits = Parts.of(path), []
     for _ in range(rng.choice((1, 1, 1, 2, 3))):
-        change = rng.choice(CHANGES)
-        change(rng, parts.records)
-        names.append(change.__name__)
+        edits.append(rng.choice(('edited', 'reordered')))
+        if edits[-1] == 'reordered':
+            places = reordered(rng, len(parts.records))
+            parts.records = [parts.records[at] for at in places]
+            continue
+        kinds = {type(record) for record in parts.records if record is not None}
+        kind = rng.choice(sorted(kinds, key=lambda kind: kind.__name__))
+        at = rng.choice([i for i, record in enumerate(parts.records) if type(record) is kind])
+        parts.records[at] = _edited(rng, parts.records[at])
     parts.compression = rng.choice((CompressionType.ZSTD,) * 8 + tuple(CompressionType))
     parts.write(path)
-    return f'records{"".join(sorted(set(names)))}'
+    return f'records {"+".join(sorted(set(edits)))}'
 
 
-def _mutate_bytes(rng: random.Random, path: Path) -> str:
-    data = path.read_bytes()
-    what = rng.randrange(4)
-    if what == 0 and data:  # a length that asks for more than there is
-        at = rng.randrange(len(data))
-        data = data[:at] + struct.pack('<Q', 1 << rng.randrange(64)) + data[at + 8 :]
-    elif what == 1 and path.suffix in ('.yaml', '') and data:
-        lines = data.split(b'\n')
-        at = rng.randrange(len(lines))
-        lines[at : at + 1] = rng.choice(([], [lines[at]] * 2, [_text_of(rng, lines[at])]))
-        data = b'\n'.join(lines)
-    else:
-        data = _bytes(rng, data)
-    path.write_bytes(data)
-    return 'bytes'
-
-
-def _mutate_files(rng: random.Random, path: Path) -> str:
-    what = rng.choice(('remove', 'swap', 'empty', 'link', 'pipe', 'folder', 'more', 'sparse'))
-    others = sorted(p for p in path.parent.iterdir() if p.is_file() and p != path)
-    other = rng.choice(others)
-    if what == 'more':
-        names = ('run_1.mcap', 'run_².mcap', 'notes\n.txt', 'x.mcap', 'run_0.mcap')
-        shutil.copy(path, path.parent / rng.choice(names))
-    else:
-        replace_file(rng, what, path, other, Path(other.name))
-    return f'file {what}'
+STRAY = ('run_1.mcap', 'run_².mcap', 'notes\n.txt', 'x.mcap', 'run_0.mcap')
+"""Names of files that are put beside those of a run."""
 
 
 def change(rng: random.Random, folder: Path) -> tuple[Path, str]:
     """Change a file of a run folder; return which, and what kind of change it was."""
     paths = sorted(path for path in folder.iterdir() if path.is_file())
     weights = [12 if p.name == 'run.mcap' else 4 if p.suffix == '.mcap' else 1 for p in paths]
-    path = rng.choices(paths, weights)[0]
-    way = rng.random()
+    path, way = rng.choices(paths, weights)[0], rng.random()
     if path.suffix == '.mcap' and way < 0.8:
-        kind = _mutate_records(rng, path)
-    elif way < 0.95:
-        kind = _mutate_bytes(rng, path)
-    else:
-        kind = _mutate_files(rng, path)
-    return path, kind
+        return path, _change_records(rng, path)
+    return path, spoil(rng, path) if way < 0.95 else displace(rng, path, STRAY)
 
 
 def mutate(rng: random.Random, folder: Path) -> str:
@@ -424,23 +300,9 @@ def _edit_sums(rng: random.Random, folder: Path, forger: Forger) -> str:
 def _edit_signature(rng: random.Random, folder: Path, forger: Forger) -> str:
     path = folder / SIGNATURE_FILE
     data = path.read_bytes() or b'\0'
-    at = rng.randrange(len(data))
-    ways = (
-        flipped(rng, data, at),
-        data[:at],
-        data + b'\0',
-        b'',
-        bytes(64),
-        data.hex().encode(),
-        data * 2,
-    )
-    data = rng.choice(ways)
-    path.write_bytes(data)
+    ways = spoilt(rng, data), data + b'\0', b'', bytes(64), data.hex().encode(), data * 2
+    path.write_bytes(rng.choice(ways))
     return 'another signature'
-
-
-def _keep(rng: random.Random, folder: Path, forger: Forger) -> str:
-    return 'digests kept'
 
 
 def _forge(rng: random.Random, folder: Path, forger: Forger) -> str:
@@ -471,11 +333,21 @@ def _remove(rng: random.Random, folder: Path, forger: Forger) -> str:
     return f'no {name}'
 
 
+def _kept(rng: random.Random, folder: Path, forger: Forger) -> str:
+    return 'digests kept'
+
+
 LIES: tuple[Lie, ...] = (
     _change, _change, _change, _exchange, _exchange, _stray, _stray, _link, _edit_sums,
     _edit_signature, _replay,
 )  # fmt: skip
-ENDS: tuple[Lie, ...] = (_keep,) * 5 + (_forge, _forge, _edit_sums, _replay, _remove)
+ENDS: tuple[Lie, ...] = (_kept,) * 5 + (
+    _forge,
+    _forge,
+    _edit_sums,
+    _replay,
+    _remove,
+)
 
 
 _WORDS = {ExitCode.DIFFERENT: 'different', ExitCode.INCOMPLETE: 'incomplete'}
@@ -603,18 +475,3 @@ def cases_of(
 ) -> list[RunCase]:
     """Return the case of a run; signed, other : whether its cases are lies, see `SignedCase`."""
     return [SignedCase(run, other, scratch) if signed else RunCase(run)]
-
-
-def main() -> int:
-    """Entry point."""
-    parser = parser_of(__doc__)
-    parser.add_argument('run', type=Path, help='run folder that verifies')
-    parser.add_argument('--signed', action='store_true', help='sign the run; each case is a lie')
-    parser.add_argument('--other', type=Path, help='run folder from which lies take files')
-    options = parser.parse_args()
-    make = partial(cases_of, run=options.run, signed=options.signed, other=options.other)
-    return judge_all(make, options, size=250)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

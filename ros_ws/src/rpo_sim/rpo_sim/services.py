@@ -1,8 +1,11 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The standard services to steer a simulator (package `simulation_interfaces`), where installed.
+"""Services to steer a simulation: pause, step, reset, abort; and the standard ones.
 
-The wheels have no such package: tests use a double of its messages, and what goes over DDS with the
+The first use std_srvs. A call returns at once; `run_status` reports when the request is done.
+
+The standard ones are those of the package `simulation_interfaces`, where it is installed. The
+wheels have no such package: tests use a double of its messages, and what goes over DDS with the
 real one is not tested. Sources: simulation_interfaces 1.x, srv/*.srv and action/SimulateSteps.
 """
 
@@ -14,11 +17,57 @@ from typing import Any
 
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.task import Future
+from std_srvs.srv import SetBool, Trigger
 
-from rpo_core.wire.statuses import ENDED, RUNNING
-from rpo_sim.loop import Loop
+from rpo_core.wire.statuses import ENDED, PAUSED, RUNNING, WAITING
+from rpo_sim.pacing import Loop
 
 PACKAGE = 'simulation_interfaces'
+Answer = SetBool.Response | Trigger.Response
+
+
+def _answer(response: Answer, refusal: str, done: str) -> Answer:
+    response.success = not refusal
+    response.message = refusal or done
+    return response
+
+
+class SimulatorControl:
+    """The plant's services `~/pause`, `~/step`, `~/reset` and `~/abort`."""
+
+    def __init__(self, loop: Loop) -> None:
+        self.loop = loop
+        loop.create_service(SetBool, '~/pause', self._on_pause)
+        loop.create_service(Trigger, '~/step', self._on_step)
+        loop.create_service(Trigger, '~/reset', self._on_reset)
+        loop.create_service(Trigger, '~/abort', self._on_abort)
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        refusal = self.loop.no_run
+        if not refusal:
+            self.loop.pause(request.data)
+        done = PAUSED if request.data else RUNNING
+        return _answer(response, refusal, f'{done} at tick {self.loop.tick}')
+
+    def _on_step(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        loop = self.loop
+        refusal, tick, requested = loop.not_paused, loop.tick, loop.values['step_ticks']
+        if not refusal:
+            loop.step(requested)
+        return _answer(response, refusal, f'{requested} ticks from tick {tick}')
+
+    def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        refusal, tick = self.loop.no_run, self.loop.tick
+        if not refusal:
+            self.loop.reset()
+        return _answer(response, refusal, f'reset at tick {tick}')
+
+    def _on_abort(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        refusal = self.loop.no_run if self.loop.phase != WAITING else ''
+        tick = self.loop.tick
+        if not refusal:
+            self.loop.abort('abort requested')
+        return _answer(response, refusal, f'aborted at tick {tick}')
 
 
 def offer(loop: Loop) -> StandardControl | None:
@@ -113,16 +162,13 @@ class StandardControl:
         if request.scope not in (kind.SCOPE_DEFAULT, kind.SCOPE_ALL):
             reason = 'time and state are reset together: SCOPE_DEFAULT or SCOPE_ALL'
             return self._fill(response, result.RESULT_FEATURE_UNSUPPORTED, reason)
-        if self.loop.phase != RUNNING:
-            reason = f'no run in progress: {self.loop.phase}'
-            return self._fill(response, result.RESULT_INCORRECT_STATE, reason)
+        if self.loop.no_run:
+            return self._fill(response, result.RESULT_INCORRECT_STATE, self.loop.no_run)
         self.loop.reset()
         return self._ok(response)
 
     def _refusal(self) -> str:
-        if self.loop.phase != RUNNING:
-            return f'no run in progress: {self.loop.phase}'
-        return '' if self.loop.paused and not self.loop.steps else 'not paused: pause first'
+        return self.loop.not_paused or ('not paused: pause first' if self.loop.steps else '')
 
     async def _passes(self, steps: int) -> str:
         """Let ticks pass; return why they did not all pass, or ''."""
