@@ -179,11 +179,10 @@ class Writer:
             raise self.refused(node)
         return [wrapped(f'return {self.of(node.value, self._returns).text};', block.depth)]
 
-    def _break(self, node: ast.Break, block: _Block) -> list[str]:
-        return [wrapped('break;', block.depth)]
+    def _break(self, node: ast.Break | ast.Continue, block: _Block) -> list[str]:
+        return [wrapped(f'{ast.unparse(node)};', block.depth)]
 
-    def _continue(self, node: ast.Continue, block: _Block) -> list[str]:
-        return [wrapped('continue;', block.depth)]
+    _continue = _break
 
     def _augassign(self, node: ast.AugAssign, block: _Block) -> list[str]:
         target: Any = node.target
@@ -276,11 +275,9 @@ class Writer:
             and ast.unparse(call.func) == 'range'
         ):
             raise self.refused(node)
-        start, stop, step = {
-            1: lambda a: ('0', a[0], '1'),
-            2: lambda a: (a[0], a[1], '1'),
-            3: lambda a: (a[0], a[1], a[2]),
-        }[len(call.args)]([self.of(argument).text for argument in call.args])
+        given = [self.of(argument).text for argument in call.args]
+        start, stop, *steps = given if len(given) > 1 else ['0', *given]
+        step = steps[0] if steps else '1'
         name = own_name(node.target.id)
         self.types[node.target.id] = 'int'
         more = f'{name}++' if step == '1' else f'{name} += {step}'
@@ -316,12 +313,10 @@ class Writer:
     def _global(self, name: str, value: Any, node: ast.expr) -> Expression:
         if not isinstance(value, (int, float)):
             raise self.refused(node)
-        kind = 'double' if isinstance(value, float) else 'int'
-        return Expression(self._source.constant(name, value), WHOLE, kind)
+        return Expression(self._source.constant(name, value), WHOLE, type_of_value(value))
 
     def _constant(self, node: ast.Constant) -> Expression:
-        kind = 'double' if isinstance(node.value, float) else 'int'
-        return Expression(number(node.value), WHOLE, kind)
+        return Expression(number(node.value), WHOLE, type_of_value(node.value))
 
     def _attribute(self, node: ast.Attribute) -> Expression:
         module = self._module(node.value)

@@ -31,6 +31,7 @@ from rpo_core.files.validation import InputError, choice, quoted, shown, within
 from rpo_export.formats import SCALES
 
 _SYMMETRY = 1e-9  # of a range: how far apart mirrored feet may be, for files with rounded numbers
+_NORMS = {'and': 'min', 'implication': 'min', 'aggregation': 'max', 'defuzzification': 'centroid'}
 _FACT = re.compile(r'[%#]\s*rpo:\s*(\w+)\s*=\s*(\S+)')
 
 
@@ -102,43 +103,36 @@ def controller_of(
     described: Description, source: str, scales: Sequence[float | None]
 ) -> FuzzyController:
     """Return the controller that a file describes; raises InputError if it has another shape."""
-    for name, method in described.norms.items():
-        wanted = {'and': 'min', 'implication': 'min', 'aggregation': 'max'}.get(name, 'centroid')
-        choice(name, method, [wanted])
-    parts, sizes, orders = zip(*map(_normalised, described.variables), strict=True)
+    for name, wanted in _NORMS.items():
+        choice(name, described.norms[name], [wanted])
+    normalised = []
+    for variable in described.variables:
+        with within(f'variable {quoted(variable.name)}'):
+            normalised.append(_normalised(variable))
+    parts, sizes, orders = zip(*normalised, strict=True)
     facts = described.facts
     samples = facts.get('samples', float(DEFAULT_SAMPLES))
     system = FuzzySystem(
-        position=parts[0],
-        velocity=parts[1],
-        force=parts[2],
+        parts[0],
+        parts[1],
+        parts[2],
         rules=_table(described.rules, orders),
         samples=int(samples) if samples.is_integer() else odd_samples('samples', samples),
     )
-    position, velocity, force = (
-        _scale(*each, facts) for each in zip(SCALES, scales, sizes, strict=True)
-    )
+    chosen: list[float] = []
+    for name, option, size in zip(SCALES, scales, sizes, strict=True):
+        said = facts.get(name) if size == 1.0 else size
+        found = said if option is None else option
+        if found is None:
+            raise InputError(f'does not say `{name}`: give --{name.partition("_")[0]}-scale')
+        chosen.append(found)
+    position, velocity, force = chosen
     provenance = {'method': 'imported', 'file': source}
     return FuzzyController(described.name, system, position, velocity, force, provenance=provenance)
 
 
-def _scale(name: str, option: float | None, size: float, facts: dict[str, float]) -> float:
-    if option is not None:
-        return option
-    if size != 1.0:
-        return size
-    if name not in facts:
-        raise InputError(f'does not say `{name}`: give --{name.partition("_")[0]}-scale')
-    return facts[name]
-
-
 def _normalised(variable: FileVariable) -> tuple[MembershipFunctions, float, list[int]]:
     """Return functions on [-1, 1], the size S, and the term indices in the order of `WORDS`."""
-    with within(f'variable {quoted(variable.name)}'):
-        return _checked(variable)
-
-
-def _checked(variable: FileVariable) -> tuple[MembershipFunctions, float, list[int]]:
     if len(variable.terms) != 5:
         raise InputError(f'must have 5 terms; it has {len(variable.terms)}')
     for name, kind, points in variable.terms:

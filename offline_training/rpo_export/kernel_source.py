@@ -59,7 +59,6 @@ class Law(NamedTuple):
     kernel: Callable[..., Vector]
     tables: Any
     scales: tuple[float, ...] = ()
-    counts_ticks: bool = False
 
 
 def law_of(controller: AnyController) -> Law:
@@ -75,7 +74,7 @@ def law_of(controller: AnyController) -> Law:
     gains = getattr(tables, 'gains', ())
     if kernel is baseline_force and controller.alike and len(gains):
         kernel, tables = alike_force, AlikeGains(np.asarray(gains)[:, [0, 3]], tables.limit)
-    return Law(kernel, tables, counts_ticks=controller.clock_s is not None)
+    return Law(kernel, tables)
 
 
 def type_of(annotation: Any) -> Type:

@@ -12,7 +12,7 @@ import io
 import os
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -112,7 +112,7 @@ class Report:
 
     title: str
     summary: str
-    sections: tuple[Section, ...] = field(default=())
+    sections: tuple[Section, ...] = ()
     missed: bool = False
     verdict: str = ''
     flights: tuple[Replayed, ...] = ()

@@ -15,12 +15,7 @@ from rpo_judge.evaluation.comparison import ComparedController, Share
 from rpo_judge.evaluation.sensitivity import effects
 from rpo_log.show import style
 from rpo_montecarlo.campaign.judging import MOTION
-from rpo_report.controller import (
-    control_surface,
-    draw_effects,
-    membership_functions,
-    rules,
-)
+from rpo_report.controller import control_surface, draw_effects, membership_functions, rules
 from rpo_training.run import HISTORY
 from rpo_training.training import FINALISTS, FRONT
 

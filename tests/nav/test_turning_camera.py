@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from nav_scenarios import LIDAR, PD, TUMBLE, attitude_scenario, unmodelled
+from nav_scenarios import LIDAR, TUMBLE, attitude_scenario, unmodelled
 from scipy.spatial.transform import Rotation
 
 from rpo_core.chain.flight import fly
@@ -30,31 +30,6 @@ def scenario_with(unit=(), **changes):
 def quaternion(turned):
     """Return an attitude (7,) that is at rest."""
     return (*turned.as_quat(canonical=True).tolist(), 0.0, 0.0, 0.0)
-
-
-@pytest.mark.parametrize('latency', [0, 3])
-@pytest.mark.parametrize('kind', ['range_bearing', 'bearing'])
-def test_the_filter_turns_what_it_measured_by_the_attitude_at_that_tick(kind, latency):
-    """The same measurements in LVLH, to a filter of a camera that does not turn: same estimates."""
-    unit = {'kind': kind, 'latency_ticks': latency, 'period_ticks': 2}
-    if kind == 'bearing':
-        unit['noise_share'] = 0.0
-    flown = scenario_with(unit, ticks=100)
-    still = scenario_with({**unit, 'body_fixed': False}, ticks=100)
-    flight = fly(flown, PD)
-    turned = Rotation.from_quat(flight.signals['chaser_attitude'][:, :4])
-    assert (turned[0].inv() * turned[100]).magnitude() > 0.3
-    stage, other = (EstimatorStage(f.section(Estimator), f) for f in (flown, still))
-    assert stage.inputs[2:] == ('attitude',)
-    before = [(0.0, 0.0, 0.0), *map(tuple, flight.forces_n[:-1].tolist())]
-    for tick in range(101):
-        row = flight.signals['measurement'][tick]
-        found = stage.step(tick, before[tick], row, flight.signals['chaser_attitude'][tick])
-        seen = turned[max(0, tick - latency)].apply(row[:3])
-        expected = other.step(tick, before[tick], (*seen, *row[3:]))
-        np.testing.assert_allclose(found[0], expected[0], atol=1e-9)
-        np.testing.assert_allclose(stage.covariance, other.covariance, rtol=1e-6, atol=1e-13)
-        assert found[0] == tuple(flight.signals['navigation_state'][tick])
 
 
 def covariance_after_one(spread):
@@ -125,39 +100,6 @@ def looking(unit=(), target=(), **changes):
     """Return a scenario whose camera looks at the port of a target that tumbles."""
     found = {'target': {**TUMBLE, **dict(target)}, 'zones': {'port_m': list(PORT)}}
     return scenario_with({**EXACT, **dict(unit)}, **{**found, **changes})
-
-
-def test_the_filter_takes_the_port_where_it_knows_the_target():
-    """Where it knows the target's axes wrongly, it is off by what that turns the port."""
-    wrong = [3.0, -2.0, 4.0]
-    flown = looking({'latency_ticks': 1}, {'known_error_deg': wrong}, ticks=600)
-    flight = fly(flown, PD)
-    target = Rotation.from_quat(flight.signals['target_attitude'][200:, :4])
-    error = Rotation.from_rotvec(wrong, degrees=True)
-    off = (target * error).apply(PORT) - target.apply(PORT)
-    found = flight.signals['navigation_state'] - flight.states
-    np.testing.assert_allclose(found[200:, :3], off, atol=5e-3)
-    assert np.linalg.norm(off, axis=1).max() > 0.05
-
-
-def test_the_line_of_sight_of_the_filter_is_that_to_the_port():
-    """A measurement of a camera alone leaves what the Kalman filter of matrices does."""
-    unit = {'kind': 'bearing', 'looks_at': 'port', 'bearing_noise_rad': 0.05, 'noise_floor_m': 1e-9}
-    flown = looking(
-        unit, initial_position_m=[1.0, 3.0, 2.0],
-        estimator={'position_sigma_m': 0.1, 'gate_sigmas': 0.0},
-    )  # fmt: skip
-    stage = EstimatorStage(flown.section(Estimator), flown)
-    port = Rotation.from_quat(TUMBLE['attitude']).apply(PORT)
-    sight = np.array(stage.filter[START : START + 3]) - port
-    distance = np.linalg.norm(sight)
-    u = sight / distance
-    seen = (*TURNED.inv().apply(u), 0.0, 0.0, 0.0, *[0.0] * 18)
-    stage.step(0, (0.0,) * 3, seen, quaternion(TURNED))
-    across = (np.eye(3) - np.outer(u, u)) / (0.05 * distance) ** 2
-    expected = np.linalg.inv(np.eye(3) / 0.1**2 + across)
-    np.testing.assert_allclose(stage.covariance[:3, :3], expected, atol=1e-12)
-    np.testing.assert_allclose(stage.memory[10:13], port + sight, atol=1e-12)
 
 
 def test_what_looks_at_the_port_needs_one():

@@ -105,6 +105,14 @@ def test_the_command_writes_the_text(name, tmp_path):
     assert invoke('export', 'handmade', '--to', name, '-o', '-').stdout == path.read_text()
 
 
+def test_a_controller_of_attitude_is_printed_too(tmp_path, monkeypatch):
+    """It was written into a file named `-`."""
+    monkeypatch.chdir(tmp_path)
+    done = invoke('export', 'attitude_fuzzy', '--to', 'c', '-o', '-')
+    assert done.exit_code == 0 and 'attitude_fuzzy_torque(' in done.stdout
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize('suffix', ['fis', 'fll'])
 def test_export_then_import_is_the_same_controller(suffix, tmp_path):
     file, back = tmp_path / f'h.{suffix}', tmp_path / 'back.yaml'
@@ -120,31 +128,15 @@ FLL = text_of(load_controller('handmade'), 'fll')
 
 def test_a_file_in_units_brings_its_scales(tmp_path):
     """As a MATLAB user would write it: other words, ranges in units, feet within them."""
-    rows = [line for line in PLAIN.splitlines() if not re.match(r'MF\d|Range|Name', line)]
-    system = load_controller('handmade').system
-    blocks, text = {}, []
-    for header, part, scale in (
-        ('[Input1]', system.position, 60.0),
-        ('[Input2]', system.velocity, 0.8),
-        ('[Output1]', system.force, 0.25),
-    ):
-        feet = [0, part.z_half_width], [part.sp_left, part.sp_centre, part.sp_right], [part.lp_left]
-        (_, z), small, (large,) = (np.array(group) * scale for group in feet)
-        triangles = {
-            'NB': [-scale, -scale, -large], 'PB': [large, scale, scale], 'ZE': [-z, 0, z],
-            'NS': [-small[2], -small[1], -small[0]], 'PS': list(small),
-        }  # fmt: skip
-        lines = [f"Name='{header[1:3]}'", f'Range=[{-scale!r} {scale!r}]']
-        for number, word in enumerate(['NB', 'NS', 'ZE', 'PS', 'PB'], 1):
-            points = ' '.join(f'{float(x)!r}' for x in triangles[word])
-            lines.append(f"MF{number}='{word}':'trimf',[{points}]")
-        blocks[header] = lines
-    for line in rows:
-        text += [line, *blocks.get(line, [])]
+    scales, blocks = (60.0, 0.8, 0.25), re.split(r'^(?=\[)', PLAIN, flags=re.M)
+    for i, (scale, block) in enumerate(zip(scales, blocks[2:5], strict=True), 2):
+        block = block.replace('[-2.0', '[-1.0').replace('2.0]', '1.0]').replace("'L", "'far ")
+        numbers = re.compile(r'(?<=[\[ ])-?\d+\.?\d*(?=[ \]])')
+        blocks[i] = numbers.sub(lambda x, scale=scale: repr(float(x[0]) * scale), block)
     path = tmp_path / 'plant.fis'
-    path.write_text('\n'.join(text))
-    read = importing.load(path)
-    assert read.scales == (60.0, 0.8, 0.25)
+    path.write_text(''.join(blocks))
+    read, system = importing.load(path), load_controller('handmade').system
+    assert read.scales == scales
     for e, v in np.random.default_rng(2).uniform(-1, 1, (50, 2)):
         assert read.system.output(e, v) == pytest.approx(system.output(e, v), abs=1e-12)
 

@@ -274,18 +274,17 @@ class Motion:
         found: Attitude = tuple(self._have(tick + 1)[tick].tolist())
         return found
 
-    def frame(self, tick: int, *, half: bool = False) -> Frame:
-        """Return the frame at a tick, or half a tick later."""
-        if tick < len(self._frames[half]) + _BLOCK:
-            return Frame(*self.frames(tick + 1, half=half)[tick].tolist())
+    def frame(self, tick: int) -> Frame:
+        """Return the frame at a tick."""
+        if tick < len(self._frames[False]) + _BLOCK:
+            return Frame(*self.frames(tick + 1)[tick].tolist())
         alone = np.empty((1, FRAME))  # far ahead: those in between are not wanted
         rows = np.ascontiguousarray(self._have(tick + 1)[tick : tick + 1])
-        later = 0.5 * self._dt_s if half else 0.0
-        attitude_kernels.frames(rows, later, self.body, alone)
+        attitude_kernels.frames(rows, 0.0, self.body, alone)
         return Frame(*alone[0].tolist())
 
     def frames(self, ticks: int, *, half: bool = False) -> Floats:
-        """Return the frames (ticks, 15) of the first ticks."""
+        """Return the frames (ticks, 15) of the first ticks, or half a tick later."""
         found = self._frames[half]
         have = len(found)
         if ticks > have:

@@ -55,16 +55,8 @@ class Navigation(Checked):
         noisy = self.position_noise_m > 0.0 or self.velocity_noise_m_s > 0.0
         n = six_normals(tick, *self.noise_key) if noisy else (0.0,) * 6
         r, v = self.position_noise_m, self.velocity_noise_m_s
-        x, y, z, vx, vy, vz = (
-            kernels.measured(truth, bias, sigma, normal)
-            for truth, bias, sigma, normal in zip(
-                state,
-                (*self.position_bias_m, *self.velocity_bias_m_s),
-                (r, r, r, v, v, v),
-                n,
-                strict=True,
-            )
-        )
+        bias = (*self.position_bias_m, *self.velocity_bias_m_s)
+        x, y, z, vx, vy, vz = map(kernels.measured, state, bias, (r, r, r, v, v, v), n)
         return x, y, z, vx, vy, vz
 
 
