@@ -50,8 +50,7 @@ ALLOWED_SKIPS = {
     'tests/ros/test_launch_files.py::test_a_real_launch': 'ros2 launch is not installed',
     'tests/log/test_writer.py::test_a_small_tmpfs': 'a tmpfs can be mounted by root only',
     'tests/ros/test_two_hosts.py::*': 'network namespaces are not allowed here',
-    'tests/ros/test_two_hosts.py::*netem*': 'the kernel has no netem',
-    'tests/ros/test_two_hosts.py::*relay*': 'there is no /dev/net/tun',
+    'tests/ros/test_two_hosts.py::*link*': 'there is no /dev/net/tun',
 }
 os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'  # read when the first message module is imported
 os.environ['OPENBLAS_NUM_THREADS'] = '1'  # read with NumPy; threads that wait for work take time

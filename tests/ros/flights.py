@@ -14,7 +14,7 @@ import yaml
 from rpo_core import files
 from rpo_core.chain.flight import Flight
 from rpo_log.verify import verify
-from rpo_mcap.read.run_log import read_run
+from rpo_mcap.read.run_log import RunLog, read_run
 from tools.node_processes import NodeProcesses
 
 INJECTOR = 'rpo_sim disturbance_injector'
@@ -77,6 +77,19 @@ def assert_flown(folder: Path, flight: Flight, *stages: str) -> None:
     np.testing.assert_array_equal(log.forces_n, flight.forces_n)
     for name in flight.signals.keys() & log.values.keys():
         np.testing.assert_array_equal(log.values[name], flight.signals[name], err_msg=name)
-    verified = verify(folder)
-    assert verified.exit_code == 0, verified.sentence()
-    assert set(stages) <= set(verified.stages)
+    found = verify(folder)
+    assert found.exit_code == 0, found.sentence()
+    assert set(stages) <= set(found.stages)
+
+
+def verified(folder: Path) -> RunLog:
+    """Verify a run; return its log."""
+    found = verify(folder)
+    assert found.exit_code == 0, found.sentence()
+    return read_run(folder)
+
+
+def told(log: RunLog) -> list[tuple[str, str, int]]:
+    """Return stage, state and tick of each stage_status of a log."""
+    events = [event.values for event in log.events if event.signal == 'stage_status']
+    return [(event['stage'], event['state'], int(event['tick'])) for event in events]

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Two hosts in one machine: network namespaces joined by a link that can be cut, or be a bad one.
 
-`python links.py NAME NAME LOSS DELAY_S SEED` is the bad link where the kernel has no netem: it
-passes Ethernet frames between two TAP interfaces, and loses and delays them.
+`python links.py NAME NAME LOSS DELAY_S SEED` is the bad link, as few kernels have netem: it passes
+Ethernet frames between two TAP interfaces, and loses and delays them.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ from collections.abc import Iterator
 
 ADDRESSES = {'plant': '10.77.0.1', 'controller': '10.77.0.2'}
 NO_NAMESPACES = 'network namespaces are not allowed here'
-NO_NETEM = 'the kernel has no netem'
 NO_TAP = 'there is no /dev/net/tun'
 
 _TUNSETIFF, _TAP_WITHOUT_HEADER = 0x400454CA, 0x1002
@@ -32,11 +31,11 @@ class LinkError(Exception):
     """What cannot be had on this machine."""
 
 
-def _ip(*words: str, reason: str = NO_NAMESPACES) -> None:
+def _ip(*words: str) -> None:
     try:
-        subprocess.run(words, check=True, capture_output=True, text=True)
+        subprocess.run(['ip', *words], check=True, capture_output=True, text=True)
     except (OSError, subprocess.CalledProcessError) as error:
-        raise LinkError(reason) from error
+        raise LinkError(NO_NAMESPACES) from error
 
 
 class Hosts:
@@ -54,20 +53,12 @@ class Hosts:
         """Make both hosts and a cable between them."""
         self._make_namespaces()
         a, b = self.interfaces.values()
-        _ip('ip', 'link', 'add', a, 'type', 'veth', 'peer', 'name', b)
+        _ip('link', 'add', a, 'type', 'veth', 'peer', 'name', b)
         self._plug()
-
-    def join_badly(self, loss: float, delay_s: float) -> None:
-        """Make both hosts and a cable that loses and delays frames in both directions."""
-        self.join()
-        for host, interface in self.interfaces.items():
-            delay, share = f'{1000 * delay_s}ms', f'{100 * loss}%'
-            words = ('tc', 'qdisc', 'add', 'dev', interface, 'root', 'netem')
-            _ip(*self.on(host), *words, 'delay', delay, 'loss', share, reason=NO_NETEM)
 
     @contextlib.contextmanager
     def relay(self, loss: float, delay_s: float) -> Iterator[None]:
-        """Like `join_badly`, by a process that passes the frames on."""
+        """Join both hosts by a process that passes frames on, but for some, in both directions."""
         self._make_namespaces()
         if not os.path.exists('/dev/net/tun'):
             raise LinkError(NO_TAP)
@@ -84,28 +75,27 @@ class Hosts:
 
     def _make_namespaces(self) -> None:
         for name in self.names.values():
-            _ip('ip', 'netns', 'add', name)
+            _ip('netns', 'add', name)
 
     def _plug(self) -> None:
         for host, name in self.names.items():
             interface = self.interfaces[host]
-            _ip('ip', 'link', 'set', interface, 'netns', name)
-            _ip('ip', '-n', name, 'addr', 'add', f'{ADDRESSES[host]}/24', 'dev', interface)
-            _ip('ip', '-n', name, 'link', 'set', 'lo', 'up')
+            _ip('link', 'set', interface, 'netns', name)
+            _ip('-n', name, 'addr', 'add', f'{ADDRESSES[host]}/24', 'dev', interface)
+            _ip('-n', name, 'link', 'set', 'lo', 'up')
         self.heal()
 
     def cut(self) -> None:
         """Pull the cable."""
         for host, name in self.names.items():
-            _ip('ip', '-n', name, 'link', 'set', self.interfaces[host], 'down')
+            _ip('-n', name, 'link', 'set', self.interfaces[host], 'down')
 
     def heal(self) -> None:
         """Plug it in again."""
         for host, name in self.names.items():
-            _ip('ip', '-n', name, 'link', 'set', self.interfaces[host], 'up')
+            _ip('-n', name, 'link', 'set', self.interfaces[host], 'up')
             # A host without a default route has none for multicast either.
-            route = ('route', 'replace', '239.0.0.0/8', 'dev', self.interfaces[host])
-            _ip('ip', '-n', name, *route)
+            _ip('-n', name, 'route', 'replace', '239.0.0.0/8', 'dev', self.interfaces[host])
 
     def remove(self) -> None:
         """Leave nothing behind; a namespace takes its interface with it."""

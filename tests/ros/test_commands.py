@@ -8,6 +8,7 @@ import subprocess
 
 import pytest
 import yaml
+from flights import told
 from inside import Hand
 
 from rpo_core import files
@@ -50,10 +51,9 @@ def verified(env, folder):
     return done.returncode, done.stdout
 
 
-def told(folder, stage):
+def states_of(folder, name):
     """Return what the log tells of a stage, each with its tick."""
-    events = [e.values for e in read_run(folder).events if e.signal == 'stage_status']
-    return [(e['state'], int(e['tick'])) for e in events if e['stage'] == stage]
+    return [(state, tick) for stage, state, tick in told(read_run(folder)) if stage == name]
 
 
 @pytest.mark.every_landing
@@ -104,10 +104,10 @@ def test_every_command_is_obeyed_or_refused_logged_and_verified(ros, inner, tmp_
     for name in NODES:
         assert nodes[name].stop() == 0, nodes[name].output
         assert 'Traceback' not in nodes[name].output
-    assert [state for state, _ in told(folder, 'guidance')] == [
+    assert [state for state, _ in states_of(folder, 'guidance')] == [
         'go', 'hold', 'go', 'retreat', 'abort',
     ]  # fmt: skip
-    states = [state for state, _ in told(folder, 'assurance')]
+    states = [state for state, _ in states_of(folder, 'assurance')]
     for command, state in (
         ('inhibit', 'inhibited'), ('arm', 'armed'), ('hold', 'holding'), ('resume', 'resumed'),
         ('abort', 'aborting'),
@@ -128,7 +128,7 @@ def test_a_lost_guidance_is_a_hold_and_then_an_abort(ros, tmp_path):
     assert nodes['recorder'].wait() == 1
     for name in ('controller', 'assurance'):
         assert nodes[name].stop() == 0, nodes[name].output
-    states = dict(reversed(told(folder, 'assurance')))
+    states = dict(reversed(states_of(folder, 'assurance')))
     assert list(reversed(states)) == ['without_command', 'holding', 'aborting', 'drifting']
     assert states['holding'] == states['without_command'] + 2
     assert states['aborting'] == states['holding'] + 30

@@ -5,11 +5,12 @@
 from __future__ import annotations
 
 from functools import partial
+from types import SimpleNamespace
 
 import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
-from std_srvs.srv import Trigger
+from flights import told, verified
 
 from rpo_core import files
 from rpo_core.files import scenario
@@ -21,6 +22,7 @@ from rpo_log.verify import verify
 from rpo_mcap.read.run_log import read_run
 from rpo_nav.navigation_node import NavigationNode
 from rpo_ros import conversions, qos
+from rpo_ros.managed_node import PlaceNode
 from rpo_safety.assurance_node import AssuranceNode
 
 LEGS = [
@@ -65,27 +67,22 @@ def test_a_plan_is_flown_beside_all_other_stages_and_obeys(inner, tmp_path):
     def hear(status: DiagnosticStatus) -> None:
         phases.append(conversions.values_of(status)['phase'])
 
-    def call(name):
-        answer = inner.call(Trigger, f'/guidance/{name}', Trigger.Request())
-        return answer.success, answer.message
-
     topic = interfaces.GUIDANCE_STATUS
     inner.user.create_subscription(DiagnosticStatus, topic, hear, qos.LATCHED_QUEUE)
     fly(inner, tmp_path, 15.0)
     inner.until(lambda: 'wait' in phases and inner.plant.tick > 0)
-    success, message = call('go')
-    assert not success and '`dwell_s` = 5 s is not over' in message
+    answer = inner.trigger('/guidance/go')
+    assert not answer.success and '`dwell_s` = 5 s is not over' in answer.message
     inner.reaches(80)
-    assert call('go')[0]
+    assert inner.trigger('/guidance/go').success
     inner.until(lambda: phases[-1] == 'in')
-    assert call('hold')[0]
+    assert inner.trigger('/guidance/hold').success
     inner.until(lambda: phases[-1] == 'stopped')
-    assert call('retreat')[0]
+    assert inner.trigger('/guidance/retreat').success
     inner.until(lambda: phases[-1] == 'retreating')
     assert inner.ends() == 0
-    log = read_run(tmp_path / 'run')
-    told = [e.values['state'] for e in log.events if e.values.get('stage') == 'guidance']
-    assert told == ['go', 'hold', 'retreat']
+    said = told(read_run(tmp_path / 'run'))
+    assert [state for stage, state, _ in said if stage == 'guidance'] == ['go', 'hold', 'retreat']
     found = verify(tmp_path / 'run')
     assert found.exit_code == 0, found.sentence()
     assert all(name in found.sentence() for name in ('estimator', 'guidance', 'assurance'))
@@ -101,11 +98,9 @@ def test_an_operator_waits_for_its_phase_and_says_go_until_it_is_followed(inner,
     fly(inner, tmp_path, 15.0, duration_s=45.0)
     inner.until(lambda: inner.recorder.done and go.done and abort.done and early.done)
     assert (go.exit_code, abort.exit_code, early.exit_code, impatient.exit_code) == (0, 0, 1, 1)
-    events = [e.values for e in read_run(tmp_path / 'run').events if e.values.get('stage')]
-    told = [(e['state'], int(e['tick'])) for e in events if e['stage'] == 'guidance']
-    assert [name for name, _ in told] == ['go', 'abort']
-    assert told[0][1] >= 50, 'not before `dwell_s`'
-    assert verify(tmp_path / 'run').exit_code == 0
+    said = [event for event in told(verified(tmp_path / 'run')) if event[0] == 'guidance']
+    assert [state for _, state, _ in said] == ['go', 'abort']
+    assert said[0][2] >= 50, 'not before `dwell_s`'
 
 
 def test_each_node_is_switched_off_and_on_in_flight_logged_and_verified(inner, tmp_path):
@@ -124,23 +119,34 @@ def test_each_node_is_switched_off_and_on_in_flight_logged_and_verified(inner, t
         take = partial(hear, topic)
         inner.user.create_subscription(DiagnosticStatus, topic, take, qos.LATCHED_QUEUE, raw=True)
     fly(inner, tmp_path, 20.0)
-    recorder, stages = inner.recorder, [n for n in inner.nodes if isinstance(n, STAGES)]
-    for node in stages:
-        for label in ('deactivate', 'activate'):
+    recorder, controller = inner.recorder, inner.controller
+    for node in (n for n in inner.nodes if isinstance(n, (*STAGES, type(controller)))):
+        for label, state in (('deactivate', 'inactive'), ('activate', 'active')):
             at = recorder.log.next_tick if recorder.log is not None else 0
             inner.until(lambda: recorder.log is not None and recorder.log.next_tick > at + 20)  # noqa: B023
             assert inner.transition(f'/{node.get_name()}', label)
-            assert node.health()[2]['state'] == ('inactive', 'active')[label == 'activate']
-            if label == 'deactivate' and node is stages[1]:
-                response = inner.call(Trigger, '/guidance/go', Trigger.Request())
+            assert node.health()[2]['state'] == state
+            if state == 'inactive' and isinstance(node, GuidanceNode):
+                response = inner.trigger('/guidance/go')
                 assert (response.success, response.message) == (False, 'guidance is inactive')
     inner.ends()
     assert heard >= {'run_status', 'stage_status', 'node_manifest', 'recorder_status'}
-    log = read_run(tmp_path / 'run')
-    said = [
-        (e.values['stage'], e.values['state']) for e in log.events if e.signal == 'stage_status'
+    log = verified(tmp_path / 'run')
+    said = told(log)
+    together = ('controller',), ('sensors', 'estimator'), ('guidance',), ('assurance',)
+    assert [(stage, state) for stage, state, _ in said] == [
+        (stage, state) for some in together for state in ('inactive', 'active') for stage in some
     ]
-    stages = ('sensors', 'estimator'), ('guidance',), ('assurance',)
-    assert said == [(s, state) for some in stages for state in ('inactive', 'active') for s in some]
-    found = verify(tmp_path / 'run')
-    assert found.exit_code == 0, found.sentence()
+    off, on = said[0][2], said[1][2]
+    assert off < on and not log.forces_n[off:on].any() and log.forces_n[on:].any()
+
+
+def test_a_new_run_that_begins_as_the_one_before_is_said_again(monkeypatch):
+    """A run that ended in its first leg was followed by one whose first phase nobody heard of."""
+    monkeypatch.setattr(PlaceNode, 'new_run', lambda node: None)
+    monkeypatch.setattr(GuidanceNode, 'listener', SimpleNamespace(changes=['begun']))
+    node = object.__new__(GuidanceNode)
+    node._said = 0
+    assert (node.begun(), node.begun()) == (['begun'], [])
+    node.new_run()
+    assert node.begun() == ['begun']

@@ -4,19 +4,17 @@
 
 import errno
 import math
-import os
-import subprocess
-import sys
 
 import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
-from flights import assert_flown, lasting
+from flights import assert_flown, lasting, told, verified
 from geometry_msgs.msg import WrenchStamped
 from inside import inside
 from nav_msgs.msg import Odometry
 from test_guidance import STAGES, written
 
+from rpo_bringup import final_approach
 from rpo_core import files
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
@@ -121,9 +119,7 @@ def test_two_controllers_at_a_time_are_recorded_as_they_acted(ros_env, tmp_path,
         second = inner.start(ControllerNode({'controller': 'trained'}))
         assert inner.ends() == 0 and second.answered
     assert 'has several publishers' in capfd.readouterr().err
-    found = verify(tmp_path / 'run')
-    assert found.exit_code == 0, found.sentence()
-    log = read_run(tmp_path / 'run')
+    found, log = verify(tmp_path / 'run'), verified(tmp_path / 'run')
     assert {'controller.yaml', 'controller-2.yaml'} <= set(log.attachments)
     assert 'handmade' in found.sentence() and 'trained' in found.sentence()
 
@@ -173,27 +169,12 @@ def test_a_run_info_that_cannot_be_written_is_no_success(inner, tmp_path, monkey
     assert 'cannot hold a log: No space left on device' in capfd.readouterr().err
 
 
-FULL = """
-import errno, sys
-from rpo_mcap.write import mcap_file
-def fails(sink):
-    raise OSError(errno.ENOSPC, 'No space left on device')
-mcap_file._Sink.flush = fails
-sys.argv = ['final_approach', '--scenario', 'quick', '--output', {output!r}]
-from rpo_bringup.final_approach import main
-sys.exit(main())
-"""
-
-
 @pytest.mark.every_landing
-def test_final_approach_without_a_place_for_its_log(ros_env, tmp_path):
-    script = FULL.format(output=str(tmp_path / 'run'))
-    env = {**os.environ, **ros_env}
-    done = subprocess.run(
-        [sys.executable, '-c', script], capture_output=True, text=True, timeout=50, env=env
-    )
-    said = done.stdout + done.stderr
-    assert done.returncode == 1, said
+def test_final_approach_without_a_place_for_its_log(command, tmp_path, full):
+    full('')
+    words = ('--scenario', 'quick', '--output', tmp_path / 'run')
+    code, said = command(final_approach.main, *words)
+    assert code == 1, said
     assert 'No space left on device' in said and 'simulated' not in said
     assert 'Traceback' not in said
 
@@ -213,7 +194,10 @@ def test_another_controller_in_flight_is_recorded_and_verified(inner, tmp_path):
     assert first.startswith('handmade (controller.yaml) at ')
     assert second.startswith('trained (controller-2.yaml) at ')
     parameters = {'controller.yaml', 'controller-2.yaml', 'parameters.yaml', 'scenario.yaml'}
-    assert set(read_run(tmp_path / 'run').attachments) == parameters
+    log = read_run(tmp_path / 'run')
+    assert set(log.attachments) == parameters
+    (_, off, since), (_, on, _) = told(log)
+    assert (off, on) == ('inactive', 'active') and since > 20
 
 
 @pytest.mark.every_landing

@@ -28,50 +28,24 @@ def scenario():
     return load_scenario('quick')
 
 
-def test_steps_only_when_every_answer_is_in(scenario):
-    plant = LockstepPlant(scenario, [FORCE, DISTURBANCE])
-    assert plant.missing == [FORCE, DISTURBANCE]
-    assert plant.answer(FORCE, plant.stamp_ns, (0.1, 0.0, 0.0)) == kinds.ACCEPTED
-    assert plant.missing == [DISTURBANCE]
-    assert plant.answer(DISTURBANCE, plant.stamp_ns, (0.0, 0.0, 0.0)) == kinds.ACCEPTED
-    before = plant.state
-    plant.advance()
-    assert plant.tick == 1
-    assert plant.state != before
-    assert plant.missing == [FORCE, DISTURBANCE]
-
-
-@pytest.mark.parametrize(
-    ('shift', 'kind'),
-    [(-1, kinds.LATE), (1, kinds.EARLY), (1_000_000, kinds.FOREIGN)],
-)
-def test_an_answer_of_another_tick_changes_nothing(scenario, shift, kind):
-    plant = LockstepPlant(scenario, [FORCE])
-    plant.answer(FORCE, plant.stamp_ns, (0.1, 0.2, 0.3))
-    plant.advance()
-    before = plant.state
-    assert plant.answer(FORCE, scenario.stamp_ns(1 + shift), (9.0, 9.0, 9.0)) == kind
-    assert plant.missing == [FORCE]
-    assert plant.state == before
-    assert plant.ignored == {kind: 1}
-
-
-def test_a_stamp_between_ticks_is_foreign(scenario):
-    plant = LockstepPlant(scenario, [FORCE])
-    assert plant.answer(FORCE, plant.stamp_ns + 1, (0.0,) * 3) == kinds.FOREIGN
-
-
-def test_the_first_of_two_answers_counts(scenario):
-    def state_after(*forces):
-        plant = LockstepPlant(scenario, [FORCE])
-        kinds = [plant.answer(FORCE, plant.stamp_ns, force) for force in forces]
-        plant.advance()
-        return kinds, plant.state
-
-    once = state_after((0.1, 0.2, 0.3))
-    twice = state_after((0.1, 0.2, 0.3), (0.4, 0.4, 0.4))
-    assert twice[0] == [kinds.ACCEPTED, kinds.REPEATED]
-    assert twice[1] == once[1]
+def test_lockstep_takes_the_first_answer_to_its_state_alone(scenario):
+    flown, dt_ns = [], scenario.dt_ns
+    for others in (False, True):
+        plant = LockstepPlant(scenario, [FORCE, DISTURBANCE])
+        for before in (kinds.FOREIGN, kinds.LATE):
+            wrong = {dt_ns: kinds.EARLY, -dt_ns: before, 1: kinds.FOREIGN, 10**16: kinds.FOREIGN}
+            assert plant.missing == [FORCE, DISTURBANCE]
+            for shift_ns, kind in wrong.items() if others else ():
+                assert plant.answer(FORCE, plant.stamp_ns + shift_ns, (9.0,) * 3) == kind
+            assert plant.answer(FORCE, plant.stamp_ns, (0.1, 0.2, 0.3)) == kinds.ACCEPTED
+            if others:
+                assert plant.answer(FORCE, plant.stamp_ns, (0.4,) * 3) == kinds.REPEATED
+            assert plant.missing == [DISTURBANCE]
+            assert plant.answer(DISTURBANCE, plant.stamp_ns, (0.0,) * 3) == kinds.ACCEPTED
+            plant.advance()
+        flown.append((plant.tick, plant.state))
+    assert flown[0] == flown[1] and flown[0][0] == 2
+    assert plant.ignored == {'foreign_stamp': 5, 'early': 2, 'late': 1, 'repeated': 2}
 
 
 def test_thrusters_saturate_in_the_plant(scenario):
@@ -141,39 +115,34 @@ def test_a_force_is_held_and_then_cut_off(scenario):
     assert plant.stale == (FORCE,)
 
 
-def test_a_held_force_is_flown_like_a_repeated_one(scenario):
-    held, told = at_tick(scenario, 3), at_tick(scenario, 0)
-    for _ in range(3):
-        told.answer(FORCE, told.stamp_ns, (0.1, 0.2, 0.3))
+@pytest.mark.parametrize('flown', [3, 6])
+def test_a_held_force_is_flown_like_a_repeated_one_and_then_it_drifts(scenario, flown):
+    held, told = at_tick(scenario, flown), at_tick(scenario, 0)
+    for tick in range(flown):
+        told.answer(FORCE, told.stamp_ns, (0.1, 0.2, 0.3) if tick <= 3 else (0.0,) * 3)
         told.advance()
     assert held.state == told.state
     assert held.energy_n2s == told.energy_n2s
 
 
-def test_after_the_cut_off_it_drifts(scenario):
-    plant = at_tick(scenario, 4)
-    expected = at_tick(scenario, 4)
-    expected.answer(FORCE, expected.stamp_ns, (0.0, 0.0, 0.0))
-    plant.advance()
-    expected.advance()
-    assert plant.state == expected.state
-
-
 @pytest.mark.parametrize(
-    ('tick', 'kind'), [(5, kinds.ACCEPTED), (3, kinds.REPEATED), (2, kinds.LATE), (6, kinds.EARLY)]
+    ('tick', 'kind'),
+    [
+        (5, kinds.ACCEPTED),
+        (3, kinds.REPEATED),
+        (2, kinds.LATE),
+        (6, kinds.EARLY),
+        (5.01, kinds.FOREIGN),
+        (-1, kinds.FOREIGN),
+    ],
 )
 def test_only_a_newer_answer_replaces_the_held_one(scenario, tick, kind):
     plant = at_tick(scenario, 5)
     plant.answer(FORCE, scenario.stamp_ns(3), (0.4, 0.0, 0.0))
-    assert plant.answer(FORCE, scenario.stamp_ns(tick), (0.5, 0.0, 0.0)) == kind
+    stamp_ns = scenario.epoch_ns + round(tick * scenario.dt_ns)
+    assert plant.answer(FORCE, stamp_ns, (0.5, 0.0, 0.0)) == kind
     assert plant.applied(FORCE)[0] == (0.5 if kind == kinds.ACCEPTED else 0.4)
     assert plant.ignored == ({} if kind == kinds.ACCEPTED else {kind: 1})
-
-
-def test_a_stamp_of_no_tick_is_foreign(scenario):
-    plant = at_tick(scenario, 1)
-    assert plant.answer(FORCE, plant.stamp_ns + 1, (0.0,) * 3) == kinds.FOREIGN
-    assert plant.answer(FORCE, scenario.stamp_ns(-1), (0.0,) * 3) == kinds.FOREIGN
 
 
 def test_what_is_applied_is_what_the_thrusters_can(scenario):

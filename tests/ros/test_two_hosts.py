@@ -13,7 +13,6 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
 from rpo_mcap.read.run_log import read_run
-from tools.node_processes import node_processes
 
 pytestmark = pytest.mark.slow
 
@@ -52,9 +51,11 @@ class Two:
 
 
 @pytest.fixture
-def two(ros_env, tmp_path):
-    with node_processes(ros_env, tmp_path) as ros, hosts() as network:
+def two(ros):
+    with hosts() as network:
         yield Two(ros, network)
+        for node in ros.nodes:
+            node.discard()
 
 
 @pytest.fixture
@@ -66,9 +67,7 @@ def joined(two):
     return two
 
 
-@pytest.mark.parametrize(
-    'outsider', [SUBNET, PEERS['controller']], ids=['by multicast', 'by naming the plant']
-)
+@pytest.mark.parametrize('outsider', [SUBNET, PEERS['controller']])
 def test_by_default_nobody_outside_commands_the_chaser(joined, outsider):
     joined.controller(outsider)
     plant = joined.plant(LOCALHOST, start_timeout_s=8.0)
@@ -76,11 +75,7 @@ def test_by_default_nobody_outside_commands_the_chaser(joined, outsider):
     assert 'no answer in time from control_force' in plant.output
 
 
-@pytest.mark.parametrize(
-    'ways',
-    [(SUBNET, SUBNET), (PEERS['plant'], PEERS['controller'])],
-    ids=['by multicast', 'by static peers'],
-)
+@pytest.mark.parametrize('ways', [(SUBNET, SUBNET), (PEERS['plant'], PEERS['controller'])])
 def test_opened_they_find_each_other_and_fly(joined, ways):
     controller = joined.controller(ways[1])
     plant = joined.plant(ways[0], scenario=joined.scenario(20.0), start_timeout_s=30.0)
@@ -139,16 +134,12 @@ def test_lockstep_waits_for_a_link_that_heals_in_time_and_the_bits_are_the_same(
     np.testing.assert_array_equal(read_run(joined.ros.folder / 'run').states, expected)
 
 
-@pytest.fixture(params=['netem', 'relay'])
-def badly_joined(two, request):
+@pytest.fixture
+def badly_joined(two):
     """Both hosts, on a link that loses a tenth and delays by 20 ms."""
     try:
-        if request.param == 'netem':
-            two.network.join_badly(0.1, 0.02)
+        with two.network.relay(0.1, 0.02):
             yield two
-        else:
-            with two.network.relay(0.1, 0.02):
-                yield two
     except LinkError as error:
         pytest.skip(str(error))
 

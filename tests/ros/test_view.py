@@ -41,7 +41,7 @@ from rpo_attitude.turns import docking_axis
 from rpo_core import files
 from rpo_core.control.controller import load_fuzzy
 from rpo_core.files import scenario as scenarios
-from rpo_core.files.scenario import load_scenario
+from rpo_core.files.scenario import Scenario, load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge.zones import zones_of
 from rpo_core.wire import interfaces
@@ -51,7 +51,6 @@ from rpo_ctrl import explain
 from rpo_ros import conversions, names, qos
 from rpo_view import scene, terminal, web_server
 from rpo_view.gate import Gate, hidden_address, refusal
-from rpo_view.listening import ListeningNode
 from rpo_view.live import Effort, LiveRun, Trail
 from rpo_view.onboard import Onboard
 from rpo_view.visualizer_node import VisualizerNode, transform_of
@@ -83,19 +82,19 @@ def test_a_long_straight_trail_stays_even():
     assert max(gaps) < 2.5 * min(gaps)
 
 
-def scene_of(position=STATE[:3], force=FORCE, look=None) -> dict[tuple[str, int], Marker]:
+def scene_of(position=STATE[:3], force=FORCE, look=None, **more) -> dict[tuple[str, int], Marker]:
     trail = [STATE[:3], position]
-    found = scene.markers(Time(sec=5), position, force, trail, look or scene.Look()).markers
-    assert len({(m.ns, m.id) for m in found}) == len(found)
-    return {(m.ns, m.id): m for m in found}
+    found = scene.markers(Time(sec=5), position, force, trail, look or scene.Look(), **more).markers
+    by_name = {(m.ns, m.id): m for m in found}
+    assert len(by_name) == len(found)
+    assert all(m.header.frame_id == interfaces.LVLH_FRAME and m.color.a > 0.0 for m in found)
+    return by_name
 
 
-def test_markers_keep_their_identity_and_can_be_seen(monkeypatch):
+def test_markers_keep_their_identity_and_can_be_seen():
     first, later = scene_of(), scene_of((0.5, -0.2, 0.1), (0.0, 0.0, 0.0))
     assert set(first) == set(later)
     for marker in first.values():
-        assert marker.header.frame_id == interfaces.LVLH_FRAME
-        assert marker.color.a > 0.0
         assert marker.scale.x > 0.0 or marker.type == Marker.TEXT_VIEW_FACING
         assert marker.pose.orientation.w == 1.0
     assert first['thrust', 0].action == Marker.ADD
@@ -114,11 +113,15 @@ def test_the_thrust_arrow_is_the_force_to_scale():
 @given(st.tuples(*[st.floats(-100.0, 100.0)] * 3).filter(any), st.floats(1.0, 60.0))
 def test_the_cone_has_its_half_angle_about_the_longest_axis(start, half_angle_deg):
     axis = max(range(3), key=lambda i: abs(start[i]))
-    for point in scene.cone(start, half_angle_deg):
+    look = scene.Look(corridor_half_angle_deg=half_angle_deg)
+    drawn = scene.markers(Time(), start, None, [start], look).markers
+    (cone,) = (marker for marker in drawn if marker.ns == 'corridor')
+    for point in ((p.x, p.y, p.z) for p in cone.points):
         length = math.hypot(*point)
         if length > 1e-9 * abs(start[axis]):
             cosine = point[axis] / length * math.copysign(1.0, start[axis])
             assert math.degrees(math.acos(min(1.0, cosine))) == pytest.approx(half_angle_deg)
+    assert max(abs((p.x, p.y, p.z)[axis]) for p in cone.points) == pytest.approx(abs(start[axis]))
 
 
 def test_the_transform_places_the_chaser():
@@ -143,11 +146,16 @@ def status(phase: str = 'running', reason: str = 'flying') -> RunStatus:
     return RunStatus.of(Status(0, 'run', reason, 'none', (('phase', phase), ('tick', '0'))))
 
 
+def watching(name: str) -> LiveRun:
+    """Return a run whose plant flies a shipped scenario."""
+    run = LiveRun()
+    run.on_manifest(manifest('plant', files.read_text(files.find('scenario', name))))
+    return run
+
+
 def heard() -> LiveRun:
     """Return a run of `quick` that was heard for a second."""
-    run = LiveRun()
-    text = files.read_text(files.find('scenario', 'quick'))
-    run.on_manifest(manifest('plant', text))
+    run = watching('quick')
     run.on_manifest(manifest('controller', 'trained'))
     run.on_status(status())
     for i in range(11):
@@ -194,6 +202,17 @@ def test_numbers_beyond_all_floats_are_not_shown():
     run.force_n = (1.7e308, 1.7e308, 0.0)
     run.on_state(START_NS + 10**10, STATE)
     shown(run)
+    run = guided()
+    huge = (1.7e308, -1.7e308, 1.7e308, 0.0, 0.0, 0.0)
+    for covariance in ((math.nan,) * 9, (math.inf,) * 9, (-1.0,) * 9, (1.7e308,) * 9):
+        run.onboard.on_estimate(START_NS, STATE, covariance)
+        assert shown(run)['sigmas_m'] is None
+    run.onboard.on_estimate(START_NS, huge, COVARIANCE)
+    run.onboard.on_reference(START_NS, huge)
+    run.onboard.on_health({'openings': '1e308', 'interventions': 'nan'})
+    assert (shown(run)['openings'], shown(run)['reference_m']) == (1234, list(REFERENCE[:3]))
+    run.onboard.on_estimate(START_NS, STATE, (0.0,) * 9)  # navigation has errors, no estimator
+    assert 'off the truth' in printed(run) and 'sigma' not in printed(run)
 
 
 HOSTILE = '[/bold]\x1b[2J\x1b]0;owned\x07\n\u202e' + 'x' * 200_000
@@ -239,9 +258,7 @@ def test_the_terminal_view_names_units_and_reasons():
 
 def test_effort_and_rates_of_a_run_are_shown():
     """Δv, duty, range rate and arrival: of what was seen, each force held until the next."""
-    run = LiveRun()
-    text = files.read_text(files.find('scenario', 'quick'))
-    run.on_manifest(manifest('plant', text))
+    run = watching('quick')
     assert run.snapshot('/s')['range_rate_m_s'] is None
     for tick, x in ((0, 4.0), (10, 3.0), (20, 0.4), (30, 0.3)):
         run.on_state(START_NS + tick * 100_000_000, (x, 3.0 if x > 1 else 0.0, 0.0, -0.5, 0.0, 0.0))
@@ -255,9 +272,7 @@ def test_effort_and_rates_of_a_run_are_shown():
 
 
 def test_valves_and_propellant_of_a_world_are_shown():
-    run = LiveRun()
-    text = files.read_text(files.find('scenario', 'world_leo'))
-    run.on_manifest(manifest('plant', text))
+    run = watching('world_leo')
     assert run.snapshot('/s')['propellant_kg'] is None
     for tick in range(0, 40, 10):
         run.on_state(START_NS + tick * 100_000_000, (4.0, 3.0, 0.0, -0.5, 0.0, 0.0))
@@ -305,18 +320,20 @@ def test_all_rules_that_make_a_force_are_shown():
 
 
 def test_a_small_terminal_shows_all_of_it():
-    """At 80 x 24 half of the force bars was cut."""
-    run = heard()
+    """At 80 x 24 half of the force bars was cut; the stages of a flight take lines too."""
+    run, staged = heard(), guided()
     run.scenario = replace(run.scenario, goal_position_m=(0.0, 10.0, 0.0))
     run.on_manifest(manifest('controller', controller_text('allround')))
+    staged.exerted_n, staged.force_n = (0.1, 0.0, -0.1), FORCE
     for axis in 'xyz':
         run.on_decision(axis, *said_of('allround', -11.0, 0.5))
+        staged.on_decision(axis, 'position error is large negative ' * 3, {'rule.Z.Z.Z': '0.5'})
     run.on_state(START_NS + 2 * 10**9, (-100.0, -100.0, -100.0, -1.0, -1.0, -1.0))
-    lines = printed(run).splitlines()
-    assert len(lines) <= 24 and max(map(len, lines)) <= 80
+    for text in (printed(staged), printed(run)):
+        lines = text.splitlines()
+        assert len(lines) <= 24 and max(map(len, lines)) <= 80 and '…' not in text
     assert sum('│·' in line or '·│' in line for line in lines) == 3
-    assert not any('…' in line for line in lines)
-    assert 'Δv about' in '\n'.join(lines) and 'range rate' in '\n'.join(lines)
+    assert 'Δv about' in text and 'range rate' in text
     assert sum('15 %' in line for line in lines) == 3, 'the last of the rules that make a force'
 
 
@@ -331,6 +348,8 @@ def test_the_page_fits_a_phone_and_shows_rules_as_the_surface_does():
     assert '[...WORDS].reverse().map(v =>' in text  # LP of the velocity error is at the top
     for words in ('range rate', 'Δv', 'thruster duty', 'Closing speed against range'):
         assert words in text
+    for name in ('said-guidance', 'said-estimate', 'said-assurance', 'openings', 'zone-legend'):
+        assert f'id="{name}"' in text
 
 
 @pytest.mark.parametrize(('share', 'left', 'right'), [(-1.0, 10, 0), (0.5, 0, 5), (9.0, 0, 10)])
@@ -508,60 +527,6 @@ def inner(ros_env):
         yield found
 
 
-def test_nodes_show_the_newest_state(inner):
-    """A sender at full speed; the viewers see some of it, and its end."""
-    user = inner.user
-    inner.start(VisualizerNode({'rate_hz': 50.0}))
-    web = inner.start(WebNode({'port': 0, 'rate_hz': 50.0}))
-    states = user.create_publisher(Odometry, interfaces.RELATIVE_STATE, qos.LOCKSTEP)
-    forces = user.create_publisher(WrenchStamped, interfaces.CONTROL_FORCE, qos.LOCKSTEP)
-    status = user.create_publisher(DiagnosticStatus, interfaces.RUN_STATUS, qos.LATCHED)
-    why = user.create_publisher(DiagnosticArray, interfaces.DECISION, qos.DIAGNOSTICS)
-    scenes, poses = [], []
-    user.create_subscription(MarkerArray, names.MARKERS, scenes.append, qos.LATCHED)
-    user.create_subscription(PoseStamped, names.CHASER_POSE, poses.append, qos.LATCHED)
-    values = [('phase', 'running'), ('tick', 0)]
-    status.publish(conversions.to_status(b'\0', 'run', 'flying', values))
-    decision = DiagnosticArray()
-    decision.status = [conversions.to_status(b'\0', 'decision: x', 'so', [('rule.Z.Z.Z', 1.0)])]
-    ticks = itertools.count()
-
-    def seen():
-        tick = next(ticks)
-        stamp_ns = START_NS + 100_000_000 * tick
-        states.publish(conversions.to_odometry(stamp_ns, (float(tick), *STATE[1:])))
-        forces.publish(conversions.to_wrench(conversions.to_stamp(stamp_ns), FORCE))
-        why.publish(decision)
-        live = web.live
-        return poses and scenes and live.force_n and live.decisions and live.phase
-
-    inner.until(seen)
-    shown = time.monotonic() + 0.2  # the page gets a picture each 20 ms, while the executor spins
-    inner.until(lambda: time.monotonic() > shown)
-    assert poses[-1].header.frame_id == interfaces.LVLH_FRAME
-    assert poses[-1].pose.position.y == STATE[1]
-    assert {m.ns for m in scenes[-1].markers} >= {'target', 'chaser', 'thrust', 'trail', 'keep_out'}
-    assert web.live.force_n == FORCE
-    assert web.live.decisions['x'].rules == (('Z', 'Z', 'Z', 1.0),)
-    assert json.loads(events(web.page.url, 2)[1])['sentence'] == 'running: flying'
-
-
-def test_pose_and_transform_turn_with_the_chaser(inner):
-    node = inner.start(VisualizerNode({'rate_hz': 50.0}))
-    body = {'inertia_kg_m2': np.eye(3).tolist()}
-    turning = yaml.safe_load(scenarios.dumps(load_scenario('paper_test'))) | {'attitude': body}
-    node.live.on_manifest(manifest('plant', yaml.safe_dump(turning)))
-    states = inner.user.create_publisher(Odometry, interfaces.RELATIVE_STATE, qos.LOCKSTEP)
-    poses = []
-    inner.user.create_subscription(PoseStamped, names.CHASER_POSE, poses.append, qos.LATCHED)
-    message = conversions.to_odometry(START_NS, STATE)
-    scene.turn(message.pose.pose.orientation, (0.5, 0.5, -0.5, 0.5))
-    inner.until(lambda: states.publish(message) or poses)
-    q = poses[-1].pose.orientation
-    assert (q.x, q.y, q.z, q.w) == (0.5, 0.5, -0.5, 0.5)
-    assert transform_of(message).transform.rotation == q
-
-
 @pytest.mark.skipif(find_spec('foxglove') is None, reason='foxglove-sdk is not installed')
 def test_no_message_and_no_caller_ends_the_foxglove_server(inner, capfd):
     """A negative stamp did; and every page of every site could read the flight."""
@@ -644,9 +609,7 @@ def acts(values: Mapping[str, str] = ACTS) -> AssuranceStatus:
 
 def guided(tick: int = 10) -> LiveRun:
     """Return a run of `hold_points` that was heard to the end of a second."""
-    run = LiveRun()
-    text = files.read_text(files.find('scenario', 'hold_points'))
-    run.on_manifest(manifest('plant', text))
+    run = watching('hold_points')
     run.onboard.on_guidance(phase())
     run.onboard.on_assurance(acts())
     for i in range(tick + 1):
@@ -732,47 +695,8 @@ def test_no_status_breaks_a_view(values):
     assert terminal.line(run, '/s').isprintable()
 
 
-def test_numbers_of_stages_beyond_all_floats_are_not_shown():
-    run = guided()
-    huge = (1.7e308, -1.7e308, 1.7e308, 0.0, 0.0, 0.0)
-    for covariance in ((math.nan,) * 9, (math.inf,) * 9, (-1.0,) * 9, (1.7e308,) * 9):
-        run.onboard.on_estimate(START_NS, STATE, covariance)
-        assert shown(run)['sigmas_m'] is None
-    run.onboard.on_estimate(START_NS, huge, COVARIANCE)
-    run.onboard.on_reference(START_NS, huge)
-    run.onboard.on_health({'openings': '1e308', 'interventions': 'nan'})
-    assert (shown(run)['openings'], shown(run)['reference_m']) == (1234, list(REFERENCE[:3]))
-    run.onboard.on_estimate(START_NS, STATE, (0.0,) * 9)  # navigation has errors, no estimator
-    assert 'off the truth' in printed(run) and 'sigma' not in printed(run)
-
-
-def test_a_small_terminal_shows_all_stages():
-    run = guided()
-    run.exerted_n, run.force_n = (0.1, 0.0, -0.1), FORCE
-    for axis in 'xyz':
-        run.on_decision(axis, 'position error is large negative ' * 3, {'rule.Z.Z.Z': '0.5'})
-    lines = printed(run).splitlines()
-    assert len(lines) <= 24 and max(map(len, lines)) <= 80
-    assert not any('…' in line for line in lines)
-
-
-def test_the_page_has_a_place_for_each_stage():
-    text = web_server.page().decode()
-    for name in ('said-guidance', 'said-estimate', 'said-assurance', 'openings', 'zone-legend'):
-        assert f'id="{name}"' in text
-
-
-def staged_scene(zones=(), onboard=None) -> dict[tuple[str, int], Marker]:
-    found = scene.markers(
-        Time(sec=5), STATE[:3], FORCE, [STATE[:3]], scene.Look(), zones, onboard
-    ).markers
-    assert len({(m.ns, m.id) for m in found}) == len(found)
-    assert all(m.header.frame_id == interfaces.LVLH_FRAME and m.color.a > 0.0 for m in found)
-    return {(m.ns, m.id): m for m in found}
-
-
 def test_zones_of_the_scenario_replace_the_aids():
-    found = staged_scene(zones_of(load_scenario('hold_points')))
+    found = scene_of(zones=zones_of(load_scenario('hold_points')))
     assert found['keep_out', 0].scale.x == 20.0  # the aid has 10
     tip = found['port', 0].pose.position
     assert (tip.x, tip.y, tip.z) == (0.0, 1.0, 0.0)
@@ -783,7 +707,7 @@ def test_zones_of_the_scenario_replace_the_aids():
     named = {m.text: m.pose.position.y for (ns, _), m in found.items() if ns == 'hold_names'}
     assert named == {'hold_60': 60.0, 'hold_20': 20.0, 'retreat': 60.0}
     both = zones_of(load_scenario('hold_points')) + zones_of(load_scenario('assured'))
-    assert ('keep_out', 1) in staged_scene(both)
+    assert ('keep_out', 1) in scene_of(zones=both)
 
 
 def test_a_turning_target_is_drawn_as_it_is_now():
@@ -797,36 +721,35 @@ def test_a_turning_target_is_drawn_as_it_is_now():
     assert math.hypot(*run.errors[3:]) > 0.02 and run.errors[4] == pytest.approx(0.0, abs=1e-9)
     drawn = run.snapshot('/s')['zones'][0]
     assert drawn['port_m'] == pytest.approx(tuple(turned @ (0.0, 1.0, 0.0)), abs=1e-9)
-    body = scene.markers(
-        Time(), run.position_m, None, [run.position_m], scene.Look(), run.zones_now, None,
-        run.attitude,
-    ).markers[0].pose.orientation  # fmt: skip
+    drawn = scene_of(run.position_m, zones=run.zones_now, attitude=run.attitude)
+    body = drawn['target', 0].pose.orientation
     np.testing.assert_allclose(matrix_of(body), turned, atol=1e-12)
+
+
+def turning(**sections: object) -> Scenario:
+    """Return the paper's test with a chaser that turns."""
+    document = yaml.safe_load(scenarios.dumps(load_scenario('paper_test')))
+    body = {'inertia_kg_m2': np.eye(3).tolist()}
+    return scenarios.parse({**document, 'attitude': body, **sections})
 
 
 def test_the_attitude_of_a_chaser_is_drawn_and_said():
     """An hour hand: turned by 90 degrees about z, the axis along -y looks along x."""
-    run, still = LiveRun(), load_scenario('paper_test')
-    body = {'inertia_kg_m2': np.eye(3).tolist()}
-    turning = scenarios.parse({**yaml.safe_load(scenarios.dumps(still)), 'attitude': body})
+    run, still, turns = LiveRun(), load_scenario('paper_test'), turning()
     half = math.sqrt(0.5)
     attitude = (0.0, 0.0, half, half, 0.0, 0.0, 0.02)
-    for scenario, known in ((still, False), (turning, True)):
+    for scenario, known in ((still, False), (turns, True)):
         run.on_manifest(manifest('plant', scenarios.dumps(scenario)))
         run.on_state(START_NS, STATE, attitude)
         run.onboard.on_turn(interfaces.NAVIGATION_ATTITUDE, START_NS, attitude)
         assert (run.docking_axis is not None) is known is bool(shown(run)['turns'])
-    x, y, z = docking_axis(turning)
+    x, y, z = docking_axis(turns)
     assert run.docking_axis == pytest.approx((-y, x, z), abs=1e-12)
-    rate = math.degrees(0.02 - turning.mean_motion_rad_s)
+    rate = math.degrees(0.02 - turns.mean_motion_rad_s)
     for text in (shown(run)['turns'], printed(run, 120), terminal.line(run, '/s')):
         assert f'90.000° and {rate:.3f} °/s from the reference; turns at 1.146 °/s' in text
         assert 'estimate 0.000° off the truth' in text
-    drawn = scene.markers(
-        Time(), run.position_m, FORCE, [run.position_m], scene.Look(), (), run.onboard,
-        docking_axis=run.docking_axis,
-    ).markers  # fmt: skip
-    found = {(m.ns, m.id): m for m in drawn}
+    found = scene_of(onboard=run.onboard, docking_axis=run.docking_axis)
     q = found['chaser', 0].pose.orientation
     assert (q.x, q.y, q.z, q.w) == attitude[:4]
     tail, tip = found['docking_axis', 0].points
@@ -838,15 +761,8 @@ def test_the_attitude_of_a_chaser_is_drawn_and_said():
     ahead = (-FORCE[1], FORCE[0], FORCE[2])
     assert run.command_n == pytest.approx(ahead, abs=1e-12)
     assert shown(run)['force_n'] == pytest.approx(ahead, abs=1e-12)
-    steered = {'attitude_control': {'controller': 'attitude_pd', 'limit_nm': 0.1}}
-    run.on_manifest(
-        manifest(
-            'plant',
-            scenarios.dumps(
-                scenarios.parse({**yaml.safe_load(scenarios.dumps(turning)), **steered})
-            ),
-        )
-    )
+    steered = turning(attitude_control={'controller': 'attitude_pd', 'limit_nm': 0.1})
+    run.on_manifest(manifest('plant', scenarios.dumps(steered)))
     assert run.command_n == FORCE
     run.on_state(START_NS, STATE, (*attitude[:6], 1.7e308))  # foreign: beyond all floats
     run.onboard.on_turn(interfaces.NAVIGATION_ATTITUDE, START_NS, (*attitude[:6], 1.7e308))
@@ -886,42 +802,40 @@ def test_the_ellipsoid_is_three_sigma(numbers):
 
 
 def test_estimate_and_reference_are_in_the_scene():
-    found = staged_scene(onboard=guided().onboard)
+    found = scene_of(onboard=guided().onboard)
     for name, place in (('estimate', ESTIMATE), ('reference', REFERENCE), ('sigma', ESTIMATE)):
         at = found[name, 0].pose.position
         assert (at.x, at.y, at.z) == place[:3]
-    assert not {'estimate', 'reference', 'sigma'} & {
-        ns for ns, _ in staged_scene(onboard=Onboard())
-    }
+    assert not {'estimate', 'reference', 'sigma'} & {ns for ns, _ in scene_of(onboard=Onboard())}
 
 
-def test_nodes_show_what_the_stages_say(inner):
-    """Messages as the nodes send them; zones go when a plant has another scenario."""
+def test_nodes_show_what_a_run_says(inner):
+    """A sender at full speed; zones go when a plant has another scenario."""
+    user, said = inner.user, conversions.to_status
     view = inner.start(VisualizerNode({'rate_hz': 50.0}))
-    listener, user = inner.start(ListeningNode('listener')), inner.user
+    web = inner.start(WebNode({'port': 0, 'rate_hz': 50.0}))
     states, estimates, references = (
         user.create_publisher(Odometry, name, qos.LOCKSTEP)
-        for name in (
-            interfaces.RELATIVE_STATE,
-            interfaces.NAVIGATION_STATE,
-            interfaces.REFERENCE_STATE,
-        )
+        for name in ('relative_state', 'navigation_state', 'reference_state')
     )
-    said = {
-        name: user.create_publisher(DiagnosticStatus, name, qos.LATCHED)
-        for name in (interfaces.GUIDANCE_STATUS, 'assurance_status', interfaces.NODE_MANIFEST)
-    }
+    forces = user.create_publisher(WrenchStamped, interfaces.CONTROL_FORCE, qos.LOCKSTEP)
+    why = user.create_publisher(DiagnosticArray, interfaces.DECISION, qos.DIAGNOSTICS)
     health = user.create_publisher(DiagnosticArray, names.DIAGNOSTICS, qos.DIAGNOSTICS)
+    latched = {
+        name: user.create_publisher(DiagnosticStatus, name, qos.LATCHED)
+        for name in ('run_status', 'guidance_status', 'assurance_status', 'node_manifest')
+    }
     scenes: list[MarkerArray] = []
+    poses: list[PoseStamped] = []
     user.create_subscription(MarkerArray, names.MARKERS, scenes.append, qos.LATCHED)
+    user.create_subscription(PoseStamped, names.CHASER_POSE, poses.append, qos.LATCHED)
 
-    def status(name, values):
-        return conversions.to_status(b'\0', name, 'so', values.items())
+    def say(name, values):
+        latched[name].publish(said(b'\0', name.partition('_')[0], 'flying', values.items()))
 
-    def publish_manifest(name):
+    def flies(name):
         text = files.read_text(files.find('scenario', name))
-        values = {'role': 'plant', 'file.scenario.yaml': text}
-        said[interfaces.NODE_MANIFEST].publish(status('plant', values))
+        say('node_manifest', {'role': 'plant', 'file.scenario.yaml': text})
 
     ticks = itertools.count()
 
@@ -929,22 +843,21 @@ def test_nodes_show_what_the_stages_say(inner):
         """Let the nodes speak, tick by tick, until a condition holds."""
 
         def said_once():
-            tick = next(ticks)
-            stamp_ns = START_NS + 100_000_000 * tick
+            stamp_ns = START_NS + 100_000_000 * next(ticks)
             states.publish(conversions.to_odometry(stamp_ns, STATE))
             references.publish(conversions.to_odometry(stamp_ns, REFERENCE))
             estimate = conversions.to_odometry(stamp_ns, ESTIMATE)
-            for row in range(3):
-                for column in range(3):
-                    estimate.pose.covariance[6 * row + column] = COVARIANCE[3 * row + column]
+            for row, column in itertools.product(range(3), repeat=2):
+                estimate.pose.covariance[6 * row + column] = COVARIANCE[3 * row + column]
             estimates.publish(estimate)
+            forces.publish(conversions.to_wrench(conversions.to_stamp(stamp_ns), FORCE))
+            why.publish(
+                DiagnosticArray(status=[said(b'\0', 'decision: x', 'so', [('rule.Z.Z.Z', 1.0)])])
+            )
             array = DiagnosticArray()
-            array.status = [
-                status('plant: health', {'openings': '7'}),
-                status('elsewhere/plant: health', {'openings': '99'}),
-            ]
+            for name, openings in (('plant', '7'), ('elsewhere/plant', '99')):
+                array.status.append(said(b'\0', f'{name}: health', '', [('openings', openings)]))
             health.publish(array)
-            listener.look()
             return condition()
 
         inner.until(said_once)
@@ -953,19 +866,42 @@ def test_nodes_show_what_the_stages_say(inner):
         last = scenes[-1].markers if scenes else ()
         return {m.ns for m in last if m.action == Marker.ADD}
 
-    live = listener.live
-    publish_manifest('hold_points')
-    said[interfaces.GUIDANCE_STATUS].publish(status('guidance', {**PHASE, 'tick': '0'}))
-    said['assurance_status'].publish(status('assurance', {**ACTS, 'tick': '0'}))
-    said_until(lambda: {'port', 'holds', 'sigma', 'reference'} <= shown_ns())
+    live = web.live
+    say('run_status', {'phase': 'running', 'tick': '0'})
+    flies('hold_points')
+    say('guidance_status', {**PHASE, 'tick': '0'})
+    say('assurance_status', {**ACTS, 'tick': '0'})
+    said_until(
+        lambda: {'port', 'holds', 'sigma', 'reference'} <= shown_ns() and live.phase and poses
+    )
+    assert {'target', 'chaser', 'thrust', 'trail', 'keep_out'} <= shown_ns()
+    assert poses[-1].header.frame_id == interfaces.LVLH_FRAME
+    assert poses[-1].pose.position.y == STATE[1]
     said_until(lambda: live.onboard.openings and live.onboard.error and live.onboard.miss)
+    said_until(lambda: live.force_n and live.decisions)
+    assert live.force_n == FORCE and live.decisions['x'].rules == (('Z', 'Z', 'Z', 1.0),)
     assert live.onboard.openings == 7
     assert live.onboard.covariance == COVARIANCE
     assert live.onboard.phase(live.tick).phase == 'hold_60'
     assert live.onboard.acting(live.tick).constraint == 'keep_out'
-    assert live.onboard.error == pytest.approx(
-        [e - s for e, s in zip(ESTIMATE, STATE, strict=True)]
-    )
-    publish_manifest('assured')
+    error = [e - s for e, s in zip(ESTIMATE, STATE, strict=True)]
+    assert live.onboard.error == pytest.approx(error)
+    inner.passes(0.2)  # the page gets a picture each 20 ms, while the executor spins
+    assert json.loads(events(web.page.url, 2)[1])['sentence'] == 'running: flying'
+    flies('assured')
     said_until(lambda: 'port' in shown_ns() and 'holds' not in shown_ns())
     assert len(view.live.zones) == 2
+
+
+def test_pose_and_transform_turn_with_the_chaser(inner):
+    node = inner.start(VisualizerNode({'rate_hz': 50.0}))
+    node.live.on_manifest(manifest('plant', scenarios.dumps(turning())))
+    states = inner.user.create_publisher(Odometry, interfaces.RELATIVE_STATE, qos.LOCKSTEP)
+    poses = []
+    inner.user.create_subscription(PoseStamped, names.CHASER_POSE, poses.append, qos.LATCHED)
+    message = conversions.to_odometry(START_NS, STATE)
+    scene.turn(message.pose.pose.orientation, (0.5, 0.5, -0.5, 0.5))
+    inner.until(lambda: states.publish(message) or poses)
+    q = poses[-1].pose.orientation
+    assert (q.x, q.y, q.z, q.w) == (0.5, 0.5, -0.5, 0.5)
+    assert transform_of(message).transform.rotation == q

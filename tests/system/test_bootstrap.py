@@ -36,13 +36,16 @@ def sentence(error: pytest.ExceptionInfo[SetupError]) -> str:
 
 
 class TestInterpreter:
-    def test_the_first_that_fits_is_taken(self):
-        found = [python('3.9.18'), python('3.14.0'), python('3.13.1'), python('3.12.1')]
-        assert host.choose_interpreter(found) == found[2]
-
-    @pytest.mark.parametrize('version', ['3.10.0', '3.11.9', '3.12.3', '3.13.0'])
-    def test_all_supported_versions_fit(self, version):
-        assert host.choose_interpreter([python(version)]).version[:2] in host.SUPPORTED_VERSIONS
+    @pytest.mark.parametrize(
+        ('found', 'chosen'),
+        [
+            ([python('3.9.18'), python('3.14.0'), python('3.13.1'), python('3.12.1')], 2),
+            ([python('3.11.2', has_venv=False), python('3.12.1')], 1),
+            *(([python(version)], 0) for version in ('3.10.0', '3.11.9', '3.12.3', '3.13.0')),
+        ],
+    )
+    def test_the_first_that_fits_is_taken(self, found, chosen):
+        assert host.choose_interpreter(found) == found[chosen]
 
     @pytest.mark.parametrize(
         'stranger',
@@ -59,90 +62,82 @@ class TestInterpreter:
         assert str(stranger) in sentence(error)
         assert '3.10, 3.11, 3.12 or 3.13 is needed' in str(error.value)
 
-    def test_one_without_venv_is_passed_over(self):
-        found = [python('3.11.2', has_venv=False), python('3.12.1')]
-        assert host.choose_interpreter(found) == found[1]
-
-    def test_venv_missing_everywhere_names_the_package(self):
-        with pytest.raises(SetupError, match=r'apt install python3\.11-venv') as error:
-            host.choose_interpreter([python('3.9.2'), python('3.11.2', has_venv=False)])
+    @pytest.mark.parametrize(
+        ('found', 'asked', 'said'),
+        [
+            ([python('3.9.2'), python('3.11.2', has_venv=False)], None,
+             r'apt install python3\.11-venv'),
+            ([], None, 'none of python3, '),
+            ([], '/no/python', '`/no/python` does not run'),
+        ],
+    )  # fmt: skip
+    def test_none_is_a_sentence_that_says_what_to_do(self, found, asked, said):
+        with pytest.raises(SetupError, match=said) as error:
+            host.choose_interpreter(found, asked)
         sentence(error)
 
-    def test_none_at_all(self):
-        with pytest.raises(SetupError, match='none of python3, ') as error:
-            host.choose_interpreter([])
-        sentence(error)
-
-    def test_the_one_asked_for_does_not_run(self):
-        with pytest.raises(SetupError, match='`/no/python` does not run'):
-            host.choose_interpreter([], '/no/python')
-
-    def test_probe_sees_through_a_virtual_environment(self):
+    def test_a_probe_sees_through_a_virtual_environment(self):
         found = host.probe(sys.executable)
         assert found.version == sys.version_info[:3]
         assert Path(found.path).resolve().is_relative_to(Path(sys.base_prefix).resolve())
-
-    def test_probe_of_what_does_not_run(self):
-        assert host.probe('/no/such/python') is None
-        assert host.probe('false') is None
+        assert host.probe('/no/such/python') is None and host.probe('false') is None
 
 
-class TestPlatform:
-    def test_where_the_wheels_run(self):
-        assert host.platform_problem('Linux', 'x86_64', (2, 28)) is None
-        assert host.platform_problem('Linux', 'x86_64', (2, 39)) is None
+@pytest.mark.parametrize(
+    ('facts', 'word'),
+    [
+        (('Linux', 'x86_64', (2, 28)), ''),
+        (('Linux', 'x86_64', (2, 39)), ''),
+        (('Linux', 'aarch64', (2, 39)), 'aarch64 Linux'),
+        (('Darwin', 'x86_64', None), 'Darwin'),
+        (('Linux', 'x86_64', None), 'another C library'),
+        (('Linux', 'x86_64', (2, 17)), 'glibc 2.17'),
+    ],
+)
+def test_where_the_wheels_run_and_elsewhere_one_sentence(facts, word):
+    problem = host.platform_problem(*facts) or ''
+    assert word in problem and bool(word) == bool(problem)
+    assert not problem or (problem.endswith('.') and '\n' not in problem)
 
-    @pytest.mark.parametrize(
-        ('facts', 'word'),
-        [
-            (('Linux', 'aarch64', (2, 39)), 'aarch64 Linux'),
-            (('Darwin', 'x86_64', None), 'Darwin'),
-            (('Linux', 'x86_64', None), 'another C library'),
-            (('Linux', 'x86_64', (2, 17)), 'glibc 2.17'),
-        ],
-    )
-    def test_elsewhere_one_sentence(self, facts, word):
-        problem = host.platform_problem(*facts)
-        assert word in problem
-        assert problem.endswith('.') and '\n' not in problem
+
+USUAL = '/opt/ros/jazzy/setup.bash'
 
 
 class TestRos:
-    @staticmethod
-    def find(environ, *files):
-        return host.find_ros(environ, files.__contains__)
+    @pytest.mark.parametrize(
+        ('environ', 'files', 'found'),
+        [
+            ({}, (), None),
+            ({}, (USUAL,), '/opt/ros/jazzy'),
+            ({'ROS_DISTRO': 'jazzy', 'AMENT_PREFIX_PATH': '/overlay:/mine'},
+             ('/mine/share/rclpy/package.xml', '/mine/setup.bash', USUAL), '/mine'),
+            # built from source in isolated folders
+            ({'ROS_DISTRO': 'jazzy', 'AMENT_PREFIX_PATH': '/ws/install/rclpy'},
+             ('/ws/install/rclpy/share/rclpy/package.xml', '/ws/install/setup.bash'),
+             '/ws/install'),
+            # our own wheels are no installation
+            ({'ROS_DISTRO': 'jazzy', 'AMENT_PREFIX_PATH': '/p/.venv'},
+             ('/p/.venv/share/rclpy/package.xml', '/p/.venv/pyvenv.cfg', '/p/.venv/setup.bash'),
+             None),
+            ({'RPO_ROS_PREFIX': ''}, (USUAL,), None),
+            ({'RPO_ROS_PREFIX': '/x/'}, (USUAL, '/x/setup.bash'), '/x'),
+        ],
+    )  # fmt: skip
+    def test_which_installation_is_used(self, environ, files, found):
+        """The variable decides; a sourced one goes before that in the usual place."""
+        assert host.find_ros(environ, files.__contains__) == found
 
-    def test_none(self):
-        assert self.find({}) is None
-
-    def test_in_the_usual_place(self):
-        assert self.find({}, '/opt/ros/jazzy/setup.bash') == '/opt/ros/jazzy'
-
-    def test_sourced_goes_before_the_usual_place(self):
-        files = ('/mine/share/rclpy/package.xml', '/mine/setup.bash', '/opt/ros/jazzy/setup.bash')
-        environ = {'ROS_DISTRO': 'jazzy', 'AMENT_PREFIX_PATH': '/overlay:/mine'}
-        assert self.find(environ, *files) == '/mine'
-
-    def test_sourced_and_built_from_source_in_isolated_folders(self):
-        files = ('/ws/install/rclpy/share/rclpy/package.xml', '/ws/install/setup.bash')
-        environ = {'ROS_DISTRO': 'jazzy', 'AMENT_PREFIX_PATH': '/ws/install/rclpy'}
-        assert self.find(environ, *files) == '/ws/install'
-
-    def test_our_own_wheels_are_no_installation(self):
-        files = ('/p/.venv/share/rclpy/package.xml', '/p/.venv/pyvenv.cfg', '/p/.venv/setup.bash')
-        assert self.find({'ROS_DISTRO': 'jazzy', 'AMENT_PREFIX_PATH': '/p/.venv'}, *files) is None
-
-    def test_another_distribution_is_refused(self):
-        with pytest.raises(SetupError, match='ROS 2 humble is sourced') as error:
-            self.find({'ROS_DISTRO': 'humble'}, '/opt/ros/jazzy/setup.bash')
+    @pytest.mark.parametrize(
+        ('environ', 'said'),
+        [
+            ({'ROS_DISTRO': 'humble'}, 'ROS 2 humble is sourced'),
+            ({'RPO_ROS_PREFIX': '/x'}, r'/x/setup\.bash does not exist'),
+        ],
+    )
+    def test_another_distribution_or_none_in_its_place_is_refused(self, environ, said):
+        with pytest.raises(SetupError, match=said) as error:
+            host.find_ros(environ, {USUAL}.__contains__)
         sentence(error)
-
-    def test_the_variable_decides(self):
-        usual = '/opt/ros/jazzy/setup.bash'
-        assert self.find({'RPO_ROS_PREFIX': ''}, usual) is None
-        assert self.find({'RPO_ROS_PREFIX': '/x/'}, usual, '/x/setup.bash') == '/x'
-        with pytest.raises(SetupError, match=r'/x/setup\.bash does not exist'):
-            self.find({'RPO_ROS_PREFIX': '/x'}, usual)
 
     def test_an_environment_keeps_the_installation_it_stands_on(self, tmp_path, monkeypatch):
         monkeypatch.setattr(host, 'find_ros', lambda environ: None)
@@ -154,15 +149,14 @@ class TestRos:
         monkeypatch.setenv('RPO_ROS_PREFIX', '')
         assert bootstrap.ros_for(on_it) == ''
 
-    def test_variables_of_a_sourced_installation(self, tmp_path):
-        (tmp_path / 'setup.bash').write_text('export A="b\nc" ROS_DISTRO=jazzy; echo noise\n')
-        found = host.ros_environment(str(tmp_path), {'PATH': '/usr/bin:/bin'})
+    def test_variables_of_a_sourced_installation_and_of_a_broken_one(self, tmp_path):
+        script, environ = tmp_path / 'setup.bash', {'PATH': '/usr/bin:/bin'}
+        script.write_text('export A="b\nc" ROS_DISTRO=jazzy; echo noise\n')
+        found = host.ros_environment(str(tmp_path), environ)
         assert (found['A'], found['ROS_DISTRO']) == ('b\nc', 'jazzy')
-
-    def test_a_broken_installation(self, tmp_path):
-        (tmp_path / 'setup.bash').write_text('echo it is broken >&2; return 3\n')
+        script.write_text('echo it is broken >&2; return 3\n')
         with pytest.raises(SetupError, match='it is broken'):
-            host.ros_environment(str(tmp_path), {'PATH': '/usr/bin:/bin'})
+            host.ros_environment(str(tmp_path), environ)
 
     def test_no_interpreter_for_the_installation(self):
         here = host.probe(sys.executable)._replace(path='/bin/false')
@@ -255,28 +249,22 @@ class TestLayers:
         assert len(commands) == 1  # uv is there
 
     @pytest.mark.slow
-    def test_an_installed_ros_needs_no_wheels(self, venv):
-        venv.write(identity={**venv.record['identity'], 'ros_prefix': '/opt/ros/jazzy'})
-        assert venv.layers_for(['test']) == ['fly', 'test']
-
-    @pytest.mark.slow
-    def test_an_unknown_layer_is_refused_before_anything_is_made(self, venv):
+    def test_layers_are_known_before_anything_is_made(self, venv):
         venv.check_layers(['test', 'fly'])
         with pytest.raises(SetupError, match='no layer `tset`: choose from fly, ros, test'):
             venv.check_layers(['tset'])
+        venv.write(identity={**venv.record['identity'], 'ros_prefix': '/opt/ros/jazzy'})
+        assert venv.layers_for(['test']) == ['fly', 'test'], 'an installed ROS 2 needs no wheels'
 
     @pytest.mark.slow
-    def test_pip_that_changed_nothing_leaves_the_environment_whole(self, venv):
-        with pytest.raises(SetupError):
-            venv.run(venv.pip('install', '--no-index', 'no-such-package==1.0'))
-        assert layers.Environment(venv.root).record['installing'] is False
-
-    @pytest.mark.slow
-    def test_an_installation_that_stopped_halfway_does_not(self, venv):
+    def test_only_an_installation_that_stopped_halfway_leaves_it_damaged(self, venv):
         folder = next(venv.path.glob('lib/python3.*/site-packages'))
-        with pytest.raises(SetupError):
-            venv.run(['sh', '-c', f'mkdir {folder}/half && exit 1'])
-        assert layers.Environment(venv.root).record['installing'] is True
+        nothing = venv.pip('install', '--no-index', 'no-such-package==1.0')
+        half = ['sh', '-c', f'mkdir {folder}/half && exit 1']
+        for command, damaged in ((nothing, False), (half, True)):
+            with pytest.raises(SetupError):
+                venv.run(command)
+            assert layers.Environment(venv.root).record['installing'] is damaged
 
     def test_uv_asks_what_pip_is_configured_to_ask(self):
         config = (

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.callback_groups import CallbackGroup
 from rclpy.executors import SingleThreadedExecutor
@@ -87,14 +88,15 @@ class ListeningNode(Viewer):
         super().__init__(name, overrides)
         self.live = LiveRun()
         self.topic = self.resolve_topic_name(interfaces.RELATIVE_STATE)
-        self._states = Latest(self, interfaces.RELATIVE_STATE)
-        self._onboard = {
+        self._odometry = {
             name: Latest(self, name)
-            for name in (interfaces.NAVIGATION_STATE, interfaces.REFERENCE_STATE)
-        }
-        self._turns = {
-            name: Latest(self, name)
-            for name in (interfaces.NAVIGATION_ATTITUDE, interfaces.REFERENCE_ATTITUDE)
+            for name in (
+                interfaces.RELATIVE_STATE,
+                interfaces.NAVIGATION_STATE,
+                interfaces.REFERENCE_STATE,
+                interfaces.NAVIGATION_ATTITUDE,
+                interfaces.REFERENCE_ATTITUDE,
+            )
         }
         self._forces = {
             'force_n': Latest(self, interfaces.CONTROL_FORCE),
@@ -118,10 +120,7 @@ class ListeningNode(Viewer):
 
         Other frames, and what is not finite, are skipped.
         """
-        heard = self._state(self._states)
-        if heard is not None:
-            self.live.on_state(*heard[:2], heard[3])
-        self._look_onboard()
+        heard = [self._hear(name) for name in self._odometry]
         for name, newest in self._forces.items():
             force = newest.take()
             if force is not None:
@@ -132,39 +131,26 @@ class ListeningNode(Viewer):
         for status in decision.status if decision is not None else ():
             axis = status.name.rpartition(': ')[2]
             self.live.on_decision(axis, status.message, values_of(status))
-        return heard is not None
+        return heard[0]
 
-    def _look_onboard(self) -> None:
-        """Take the newest estimates and the newest references."""
-        for name, newest in self._onboard.items():
-            heard = self._state(newest)
-            if heard is None:
-                continue
-            stamp_ns, values, covariance, _ = heard
-            if name == interfaces.REFERENCE_STATE:
-                self.live.onboard.on_reference(stamp_ns, values)
-            else:
-                block = [covariance[6 * row + column] for row in range(3) for column in range(3)]
-                self.live.onboard.on_estimate(stamp_ns, values, block)
-        for name, newest in self._turns.items():
-            heard = self._state(newest)
-            if heard is not None and heard[3] is not None:
-                self.live.onboard.on_turn(name, heard[0], heard[3])
-
-    @staticmethod
-    def _state(newest: Latest) -> tuple[int, tuple[float, ...], Any, Any] | None:
-        """Return stamp, state (6,), covariance (36,) and attitude (7,) of the newest message.
-
-        None if it is not sound; the attitude is None where that is not.
-        """
-        message = newest.take()
-        if message is None:
-            return None
-        values = conversions.from_odometry(message)
-        if conversions.fault_of(message, values):
-            return None
+    def _hear(self, name: str) -> bool:
+        """Take the newest state or attitude of a topic; return whether a sound one came."""
+        message = self._odometry[name].take()
+        values = () if message is None else conversions.from_odometry(message)
+        if message is None or conversions.fault_of(message, values):
+            return False
         stamp_ns = conversions.from_stamp(message.header.stamp)
-        return stamp_ns, values, message.pose.covariance, conversions.attitude_of(message)
+        attitude, onboard = conversions.attitude_of(message), self.live.onboard
+        if name == interfaces.RELATIVE_STATE:
+            self.live.on_state(stamp_ns, values, attitude)
+        elif name == interfaces.REFERENCE_STATE:
+            onboard.on_reference(stamp_ns, values)
+        elif name == interfaces.NAVIGATION_STATE:
+            rows = np.reshape(message.pose.covariance, (6, 6))
+            onboard.on_estimate(stamp_ns, values, rows[:3, :3].ravel())
+        elif attitude is not None:
+            onboard.on_turn(name, stamp_ns, attitude)
+        return True
 
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
         """Take the health of the nodes in this namespace."""

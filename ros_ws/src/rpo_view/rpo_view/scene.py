@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from rpo_core.judge.zones import Zone
+from rpo_attitude.turns import turned
+from rpo_core.judge.zones import Cone, Zone
 from rpo_core.wire.interfaces import LVLH_FRAME
 from rpo_kernels.attitude_kernels import Attitude
 from rpo_log.show.style import COLOURS
@@ -28,8 +29,6 @@ from rpo_view.onboard import Onboard
 Vector = Sequence[float]
 
 _DARK = 1
-_RIM_POINTS = 36
-_EDGES = 8
 _ARROW = (0.25, 0.6, 0.8)
 """Diameters of shaft and head, length of the head [m]."""
 _AXIS_M = 3.0
@@ -115,14 +114,14 @@ def _line(ns: str, number: int, points: Iterable[Vector], colour: str, width_m: 
 def _target(attitude: Attitude | None) -> list[Marker]:
     """Return a body with two panels along its z."""
     body, panel = _colour('ink'), _colour('x')
-    x, y, z, w = attitude[:4] if attitude is not None else (0.0, 0.0, 0.0, 1.0)
-    third = (2.0 * (x * z + y * w), 2.0 * (y * z - x * w), 1.0 - 2.0 * (x * x + y * y))
+    q = attitude[:4] if attitude is not None else (0.0, 0.0, 0.0, 1.0)
+    third = turned((0.0, 0.0, 1.0), q)
     found = [_marker('target', 0, Marker.CUBE, (1.6, 1.6, 1.6), body)]
     for number, away_m in ((1, 2.8), (2, -2.8)):
         at_m = [away_m * part for part in third]
         found.append(_marker('target', number, Marker.CUBE, (0.1, 1.4, 3.6), panel, at_m))
     for marker in found:
-        turn(marker.pose.orientation, (x, y, z, w))
+        turn(marker.pose.orientation, q)
     return found
 
 
@@ -166,15 +165,12 @@ def _thrust(position_m: Vector, force_n: Vector, arrow_m_per_n: float) -> Marker
 
 def _aids(start_m: Vector, look: Look) -> list[Marker]:
     """Return the sphere, and a cone along the LVLH axis with the largest start coordinate."""
-    found = []
-    if look.keep_out_radius_m > 0.0:
-        size_m = (2.0 * look.keep_out_radius_m,) * 3
-        found.append(_marker('keep_out', 0, Marker.SPHERE, size_m, _colour('bad', 0.15)))
-    if look.corridor_half_angle_deg > 0.0:
-        corridor = _marker('corridor', 0, Marker.LINE_LIST, (0.06, 0.0, 0.0), _colour('good', 0.6))
-        corridor.points = _points(cone(start_m, look.corridor_half_angle_deg))
-        found.append(corridor)
-    return found
+    axis = max(range(3), key=lambda i: abs(start_m[i]))
+    ahead = tuple(math.copysign(float(i == axis), start_m[axis]) for i in range(3))
+    slope = math.tan(math.radians(look.corridor_half_angle_deg))
+    corridor = Cone((0.0, 0.0, 0.0), ahead, slope, abs(start_m[axis])) if slope > 0.0 else None
+    around = zone_markers([Zone(look.keep_out_radius_m, corridor=corridor)])
+    return [marker for marker in around if marker.ns != 'port']
 
 
 def zone_markers(zones: Sequence[Zone]) -> list[Marker]:
@@ -230,44 +226,11 @@ def ellipsoid(at_m: Vector, covariance_m2: Vector) -> Marker:
     return marker
 
 
-def quaternion(matrix: NDArray[np.float64]) -> tuple[float, float, float, float]:
-    """Return x, y, z, w of a rotation (3, 3): the largest of the four first (Shepperd, 1978)."""
-    m = matrix.tolist()
-    squares = [
-        1.0 + m[0][0] - m[1][1] - m[2][2],
-        1.0 - m[0][0] + m[1][1] - m[2][2],
-        1.0 - m[0][0] - m[1][1] + m[2][2],
-        1.0 + m[0][0] + m[1][1] + m[2][2],
-    ]
-    largest = max(range(4), key=lambda i: squares[i])
-    rest = {
-        (0, 1): m[1][0] + m[0][1], (0, 2): m[0][2] + m[2][0], (1, 2): m[2][1] + m[1][2],
-        (0, 3): m[2][1] - m[1][2], (1, 3): m[0][2] - m[2][0], (2, 3): m[1][0] - m[0][1],
-    }  # fmt: skip
-    size = 2.0 * math.sqrt(squares[largest])
-    x, y, z, w = (
-        squares[i] / size if i == largest else rest[min(i, largest), max(i, largest)] / size
-        for i in range(4)
-    )
-    return x, y, z, w
-
-
-def cone(start_m: Vector, half_angle_deg: float) -> list[list[float]]:
-    """Return the ends of line pieces (2n, 3) [m] along a cone and around its wide end.
-
-    The apex is in the target. Axis and length are those of the largest coordinate of `start_m`.
-    """
-    axis = max(range(3), key=lambda i: abs(start_m[i]))
-    across, up = (i for i in range(3) if i != axis)
-    radius_m = abs(start_m[axis]) * math.tan(math.radians(half_angle_deg))
-    rim = []
-    for k in range(_RIM_POINTS):
-        point = [0.0, 0.0, 0.0]
-        angle = 2.0 * math.pi * k / _RIM_POINTS
-        point[axis] = float(start_m[axis])
-        point[across], point[up] = radius_m * math.cos(angle), radius_m * math.sin(angle)
-        rim.append(point)
-    pieces = [end for k in range(_RIM_POINTS) for end in (rim[k - 1], rim[k])]
-    for k in range(0, _RIM_POINTS, _RIM_POINTS // _EDGES):
-        pieces += [[0.0, 0.0, 0.0], rim[k]]
-    return pieces
+def quaternion(matrix: NDArray[np.float64]) -> tuple[float, ...]:
+    """Return x, y, z, w of a rotation (3, 3): an eigenvector (Bar-Itzhack, 2000)."""
+    m, trace = matrix, float(np.trace(matrix))
+    k = np.empty((4, 4))
+    k[:3, :3] = m + m.T - trace * np.eye(3)
+    k[:3, 3] = k[3, :3] = (m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1])
+    k[3, 3] = trace
+    return tuple(np.linalg.eigh(k)[1][:, 3].tolist())
