@@ -18,7 +18,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.integrate import DOP853
@@ -219,34 +219,25 @@ def attitude_error_rad(scenario: Scenario, true: Floats) -> float:
     return float(Rotation.from_matrix(true.T @ orbit @ ours).magnitude())
 
 
-class Growth(NamedTuple):
-    """Error of the linear plant [m, m/s] after drifting freely from rest, at one distance.
+def drift_errors(scenario: Scenario, duration_s: float) -> dict[float, Floats]:
+    """Return distance [m] -> errors (3,) [m] of the linear plant on a circle after free drift.
 
-    position_m, velocity_m_s : (3,) start along R-bar, V-bar, H-bar
+    From rest at that distance along R-bar, V-bar, H-bar.
     """
-
-    distance_m: float
-    position_m: Floats
-    velocity_m_s: Floats
-
-
-def drift_errors(scenario: Scenario, duration_s: float) -> list[Growth]:
-    """Return how the error of the linear plant on a circle grows with the distance of the start."""
     plain = replace(scenario, sections=(), requirements=None)
     world, rest = World(plain), np.zeros(3)
     linear, _ = cw.matrices(cw.discretise(plain.mean_motion_rad_s, plain.mass_kg, duration_s))
-    target, found = world.target(), []
+    target, found = world.target(), {}
     for distance in DISTANCES_M:
-        errors = []
+        errors = np.empty(3)
         for axis in range(3):
             start = np.zeros(6)
             start[axis] = distance
             y = np.concatenate([target, world.to_inertial(target, start)])
             y = integrate(lambda _t_s, y: world.rate(y, rest, plain.mass_kg), 0.0, duration_s, y)
-            errors.append(linear @ start - world.to_lvlh(y[:6], y[6:]))
-        parts = np.array(errors).reshape(3, 2, 3)
-        norms = np.linalg.norm(parts, axis=2)
-        found.append(Growth(distance, norms[:, 0], norms[:, 1]))
+            error = linear @ start - world.to_lvlh(y[:6], y[6:])
+            errors[axis] = np.linalg.norm(error[:3])
+        found[distance] = errors
     return found
 
 
@@ -260,13 +251,14 @@ class Comparison:
 
     errors : name of the truth -> states of the plant less true ones (N + 1, 6)
     disagreement_m : largest distance between two truths; None if there is only one
+    growth : `drift_errors`
     """
 
     title: str
     scenario: Scenario
     errors: Mapping[str, Floats]
     disagreement_m: float | None
-    growth: tuple[Growth, ...]
+    growth: Mapping[float, Floats]
 
     @property
     def plant(self) -> str:
@@ -297,7 +289,7 @@ def compare(flight: Flight, title: str, truths: Mapping[str, Truth]) -> Comparis
         first, second = true.values()
         disagreement_m = float(np.linalg.norm((first - second)[:, :3], axis=1).max())
     errors = {name: flight.states - states for name, states in true.items()}
-    growth = tuple(drift_errors(scenario, scenario.duration_s))
+    growth = drift_errors(scenario, scenario.duration_s)
     return Comparison(title, scenario, errors, disagreement_m, growth)
 
 
@@ -323,12 +315,11 @@ def _over_time(axes: Any, found: Comparison) -> None:
 
 
 def _over_distance(axes: Any, found: Comparison) -> None:
-    distances = np.array([g.distance_m for g in found.growth])
-    for axis, (colour, line) in enumerate(zip(style.AXES, ('o-', 'o-', 's--'), strict=True)):
-        errors = np.array([g.position_m[axis] for g in found.growth])
-        axes.plot(
-            distances, errors, line, color=colour, label=f'along {AXIS_NAMES[axis]}', markersize=4
-        )
+    along = zip(AXIS_NAMES, style.AXES, ('o-', 'o-', 's--'), strict=True)
+    for axis, (name, colour, line) in enumerate(along):
+        errors = [grown[axis] for grown in found.growth.values()]
+        label = f'along {name}'
+        axes.plot(list(found.growth), errors, line, color=colour, label=label, markersize=4)
     style.log_scale(axes, x=True)
     axes.set(
         xlabel='distance at the start [m]',

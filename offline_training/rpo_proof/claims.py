@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from typing import Any
@@ -65,41 +65,25 @@ def _others(groups: Groups, name: str) -> list[float]:
     return [float(found.column(name).max()) for found in list(groups.values())[:-1]]
 
 
-def _planar(name: str) -> Callable[[Groups], Floats]:
-    """Return the bound of each planar cell, in which every vertical start is counted."""
-
-    def bounds(groups: Groups) -> Floats:
-        return main(groups).column(name)
-
-    return bounds
-
-
-def _per_axis(name: str) -> Callable[[Groups], Floats]:
-    """Return the bound of each planar cell, or of the vertical one where that is greater."""
-
-    def bounds(groups: Groups) -> Floats:
-        above = max(_others(groups, name), default=0.0)
-        return np.asarray(np.maximum(main(groups).column(name), above))
-
-    return bounds
-
-
-def _sum(name: str) -> Callable[[Groups], Floats]:
-    def bounds(groups: Groups) -> Floats:
-        return np.asarray(main(groups).column(name) + sum(_others(groups, name)))
-
-    return bounds
-
-
-BOUNDS: dict[str, Callable[[Groups], Floats]] = {
-    HOLD: _per_axis('hold_error_m'),
-    'hold_speed_per_axis_m_s': _per_axis('hold_speed_m_s'),
-    'mean_error_norm_m': _planar('mean_error_m'),
-    'mean_speed_norm_m_s': _planar('mean_speed_m_s'),
-    'slew_per_axis_n_s': _per_axis('slew_n_s'),
-    'energy_n2s': _sum('energy_high_n2s'),
+BOUNDS = {
+    HOLD: ('hold_error_m', 'greatest'),
+    'hold_speed_per_axis_m_s': ('hold_speed_m_s', 'greatest'),
+    'mean_error_norm_m': ('mean_error_m', 'counted'),
+    'mean_speed_norm_m_s': ('mean_speed_m_s', 'counted'),
+    'slew_per_axis_n_s': ('slew_n_s', 'greatest'),
+    'energy_n2s': ('energy_high_n2s', 'sum'),
 }
-"""Requirement -> bound (k,) for the planar cells, whatever the vertical start."""
+"""Requirement -> column of the cells, and what the groups before the last one add to its bounds: of
+a norm they are counted in it, of what is per axis the greatest counts, of a sum the sum."""
+
+
+def bounds_of(groups: Groups, key: str) -> Floats:
+    """Return the bound (k,) of each cell of the last group, whatever the start of the others."""
+    name, way = BOUNDS[key]
+    own, others = main(groups).column(name), _others(groups, name)
+    if way == 'greatest':
+        return np.asarray(np.maximum(own, max(others, default=0.0)))
+    return np.asarray(own + sum(others)) if way == 'sum' else own
 
 
 def of_planar(groups: Groups, key: str) -> Floats:
@@ -107,7 +91,7 @@ def of_planar(groups: Groups, key: str) -> Floats:
     still = {
         k: replace(found, values=np.zeros_like(found.values[:1])) for k, found in groups.items()
     }
-    return BOUNDS[key]({**still, list(groups)[-1]: main(groups)})
+    return bounds_of({**still, list(groups)[-1]: main(groups)}, key)
 
 
 def unknown(problem: Problem) -> list[str]:
@@ -162,7 +146,7 @@ def claims_of(
 
 def bound_of(problem: Problem, groups: Groups, omega: InvariantSet | None, key: str) -> float:
     """Return what no start exceeds; what is held for ever, in the invariant set too."""
-    found = float(BOUNDS[key](groups).max())
+    found = float(bounds_of(groups, key).max())
     if key == HOLD and omega is not None and holds_for_ever(problem, groups, omega):
         return max(found, omega.radius_m)
     return found
@@ -170,7 +154,7 @@ def bound_of(problem: Problem, groups: Groups, omega: InvariantSet | None, key: 
 
 def _open(groups: Groups, key: str, limit: float) -> int:
     """Return the number of cells that exceed a limit: of the last group, and of those before it."""
-    earlier = [BOUNDS[key]({name: groups[name]}) for name in list(groups)[:-1]]
+    earlier = [bounds_of({name: groups[name]}, key) for name in list(groups)[:-1]]
     return sum(int((bounds > limit).sum()) for bounds in [of_planar(groups, key), *earlier])
 
 

@@ -37,7 +37,7 @@ from rpo_judge.scoring.fitness import (
 from rpo_kernels.arrays import Floats
 from rpo_montecarlo.engine.population import Population
 from rpo_training.algorithms import Search
-from rpo_training.config import TrainingConfig, presets
+from rpo_training.config import ALGORITHMS, TrainingConfig, presets
 from rpo_training.run import SearchRun
 from rpo_training.training import search_of
 
@@ -59,6 +59,7 @@ class AttitudeConfig(TrainingConfig):
     def __post_init__(self) -> None:
         super().__post_init__()
         choice('scenario', self.scenario, (FLIGHTS,))
+        choice('algorithm', self.algorithm, ALGORITHMS[:-1])  # there is no second objective
 
     @property
     def command(self) -> str:

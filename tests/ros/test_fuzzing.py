@@ -25,8 +25,8 @@ from rpo_ros.parameter_rows import tables
 from rpo_ros.running import FlightNode
 from rpo_ros.signals import message_class
 from rpo_view.listening import Latest
-from tools.fuzzing import messages
-from tools.fuzzing.flight import LOOP
+from tools.trials import messages
+from tools.trials.fuzz import LOOP
 
 SCENARIO = load_scenario('paper_test')
 NOT_CDR = (b'', b'\x00', b'\x00\x01\x00\x00' + b'\xff' * 40)

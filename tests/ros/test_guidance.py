@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from functools import partial
+from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -21,6 +22,7 @@ from rpo_log.verify import verify
 from rpo_mcap.read.run_log import read_run
 from rpo_nav.navigation_node import NavigationNode
 from rpo_ros import conversions, qos
+from rpo_ros.managed_node import PlaceNode
 from rpo_safety.assurance_node import AssuranceNode
 
 LEGS = [
@@ -137,3 +139,14 @@ def test_each_node_is_switched_off_and_on_in_flight_logged_and_verified(inner, t
     ]
     off, on = said[0][2], said[1][2]
     assert off < on and not log.forces_n[off:on].any() and log.forces_n[on:].any()
+
+
+def test_a_new_run_that_begins_as_the_one_before_is_said_again(monkeypatch):
+    """A run that ended in its first leg was followed by one whose first phase nobody heard of."""
+    monkeypatch.setattr(PlaceNode, 'new_run', lambda node: None)
+    monkeypatch.setattr(GuidanceNode, 'listener', SimpleNamespace(changes=['begun']))
+    node = object.__new__(GuidanceNode)
+    node._said = 0
+    assert (node.begun(), node.begun()) == (['begun'], [])
+    node.new_run()
+    assert node.begun() == ['begun']

@@ -72,9 +72,7 @@ def test_pictures_of_a_training_and_of_the_truth(tmp_path, drawn, monkeypatch):
     training.draw_run(tmp_path, load_controller('handmade'))
     flown = replace(load_scenario('approach'), duration_s=8.0)
     errors = {'two bodies': 1e-5 * np.arange(6.0 * (flown.ticks + 1)).reshape(-1, 6)}
-    growth = tuple(
-        truth.Growth(d, np.array([1e-6, 1e-5, 1e-4]) * d * d, np.zeros(3)) for d in (10.0, 1e3)
-    )
+    growth = {d: np.array([1e-6, 1e-5, 1e-4]) * d * d for d in (10.0, 1e3)}
     found = truth.Comparison('so', flown, errors, None, growth)
     draw(tmp_path / 'truth.png', truth.draw, found)
     assert {'convergence.png', 'held_out.png', 'truth.png'} <= set(drawn)

@@ -23,14 +23,6 @@ N_RAD_S, DT_S = cw.mean_motion(6_678_000.0), 10.0
 STEP = cw.discretise(N_RAD_S, 10.0, DT_S)
 PORT, AXIS, SLOPE = np.array([0.0, 1.0, 0.0]), np.array([0.0, 1.0, 0.0]), np.tan(np.radians(15.0))
 SMALL = KeepOut(5.0, PORT, AXIS, SLOPE)
-KNOWN_TENTHS_MN = np.array([
-    (-151, 277, -28), (-133, 257, -27), (-115, 236, -25), (-99, 214, -23), (-84, 193, -21),
-    (-70, 170, -19), (-57, 146, -17), (-46, 122, -15), (-36, 98, -13), (-27, 73, -11),
-    (-19, 47, -9), (-13, 22, -7), (-7, -4, -5), (-2, -30, -4), (0, -57, -2),
-    (2, -83, 0), (2, -110, 2), (2, -136, 4), (0, -162, 5), (-2, -189, 8),
-    (-8, -214, 10), (-15, -240, 13), (-39, -253, 22), (-68, -262, 33), (-97, -269, 44),
-    (-112, -247, 49), (-84, -145, 38), (-49, -38, 25), (-8, 66, 11), (37, 168, -1),
-])  # fmt: skip
 END = np.array([0.0, 1.0, 0.0, 0.0, -0.1, 0.0])
 
 
@@ -196,26 +188,20 @@ def test_no_random_path_out_of_the_zones_is_below_the_bound(start):
 @pytest.mark.timeout(900)
 @STARTS
 def test_no_path_is_found_below_the_bound(start):
-    """Of few ticks, all of which the bound looks at; SLSQP begins at random forces."""
+    """Of few ticks, all of which the bound looks at; SLSQP begins at random forces.
+
+    A bound of one moment of entry alone would be above some of these paths.
+    """
     rng, length = np.random.default_rng(7), 12
     bridge = Bridge(np.array(start), END, STEP, DT_S, length, 1)
     lower = lower_bound(bridge, SMALL)
-    found = refuters(np.array(start), SMALL, length, (7, 8, 9, 10, 11), 2, rng)
+    entries = {e: min(refuters(np.array(start), SMALL, length, (e,), 2, rng)) for e in range(6, 12)}
+    found = [entries[entry] for entry in range(7, 12)]
+    assert min(entries[6], entries[11]) > 1.03 * min(found)
     assert bridge.free < 0.9 * lower.energy
     assert min(found) >= lower.energy * (1.0 - 1e-4)
     assert min(found) <= 1.05 * lower.energy  # SLSQP looks at ticks as the bound does
     assert lower.closed and SMALL.depth_m(lower.path).max() < 0.2
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(900)
-def test_a_cone_that_must_be_entered_late_gives_no_lower_bound():
-    """What this bound is for: with the moment of entry given, paths are below it."""
-    rng, start, length = np.random.default_rng(3), np.array([0.0, -15.0, 2.0, 0.0, 0.0, 0.0]), 12
-    lower = lower_bound(Bridge(start, END, STEP, DT_S, length, 1), SMALL)
-    frozen = [min(refuters(start, SMALL, length, (entry,), 2, rng)) for entry in (6, 11)]
-    free = min(refuters(start, SMALL, length, (8, 9, 10), 2, rng))
-    assert min(frozen) > 1.03 * free and free >= lower.energy * (1.0 - 1e-4)
 
 
 @pytest.fixture(scope='module')
@@ -257,31 +243,6 @@ def test_the_best_path_around_is_out_of_the_zones_and_the_bound_is_below_it(arou
     assert (force**2).sum() * 0.1 == pytest.approx(found.best, rel=2e-3)
     assert np.abs(force).max() < scenario.max_force_n
     assert 0.94 * found.best < found.lower <= found.best < 0.206 < found.plan and found.closed
-
-
-def test_a_path_that_is_known_is_not_below_the_bound(around):
-    """Forces held for 20 s each. The bound of the moment at which the plan enters was 0.3240."""
-    scenario, _, found = around
-    forces = np.repeat(KNOWN_TENTHS_MN, 200, axis=0) * 1e-4
-    a, b = cw.matrices(scenario.step)
-    reach = [b]
-    for _ in range(5999):
-        reach.append(a @ reach[-1])
-    to_end = np.concatenate(reach[::-1], axis=1)
-    start = np.array(scenario.start)
-    arrival = np.array([0.0, 1.0, 0.0, 0.0, -0.07, 0.0])
-    missing = arrival - np.linalg.matrix_power(a, 6000) @ start - to_end @ forces.ravel()
-    forces += (to_end.T @ np.linalg.solve(to_end @ to_end.T, missing)).reshape(-1, 3)
-    states = [start]
-    for force in forces:
-        states.append(a @ states[-1] + b @ force)
-    path = np.array(states)[:, :3]
-    np.testing.assert_allclose(states[-1], arrival, atol=1e-9)
-    inside = np.linalg.norm(path[:-1], axis=1) < 10.0
-    assert (outside_m(path[:-1][inside], 10.0) <= 0.0).all()
-    assert np.abs(forces).max() < scenario.max_force_n
-    energy = (forces**2).sum() * 0.1
-    assert found.lower <= energy < 0.207
 
 
 @pytest.fixture(scope='module')

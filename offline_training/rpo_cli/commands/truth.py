@@ -99,8 +99,8 @@ def _tables(found: Comparison) -> list[tuple[str, Cells, str]]:
         for t_s, *pairs in found.moments()
     ]
     drifts = [
-        (f'{growth.distance_m:g} m', *(f'{error:.2g} m' for error in growth.position_m))
-        for growth in found.growth
+        (f'{distance_m:g} m', *(f'{error:.2g} m' for error in errors_m))
+        for distance_m, errors_m in found.growth.items()
     ]
     apart_m = found.disagreement_m
     differ = '' if apart_m is None else f'The two truths differ by at most {apart_m:.1e} m.'

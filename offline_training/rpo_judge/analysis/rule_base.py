@@ -19,12 +19,9 @@ def holes(functions: MembershipFunctions) -> tuple[tuple[float, float], ...]:
 
     An interval may be a single point. The negative side mirrors the positive.
     """
-    f = functions
-    points = np.unique([*np.clip(astuple(f), 0.0, 1.0), 0.0, 1.0])
-    bare = [
-        (float(a), float(b)) for a, b in pairwise(points) if not functions.grades((a + b) / 2).any()
-    ]
-    bare += [(float(p), float(p)) for p in points if not functions.grades(p).any()]
+    points = np.unique([*np.clip(astuple(functions), 0.0, 1.0), 0.0, 1.0]).tolist()
+    pairs = [*pairwise(points), *zip(points, points, strict=True)]
+    bare = [(low, high) for low, high in pairs if not functions.grades((low + high) / 2).any()]
     merged: list[tuple[float, float]] = []
     for low, high in sorted(bare):
         if merged and low <= merged[-1][1]:
@@ -59,9 +56,7 @@ def activities(system: FuzzySystem) -> tuple[Activity, ...]:
     v = surface.divided(surface.breakpoints(system.velocity), GRID)
     position, velocity = system.position.grades(e).T, system.velocity.grades(v).T
     codes = system.rules.codes
-    strengths = {
-        (i, j): np.minimum(velocity[i][:, None], position[j]) for i in range(5) for j in range(5)
-    }
+    strengths = {(i, j): np.minimum(velocity[i][:, None], position[j]) for i, j in np.ndindex(5, 5)}
     found = []
     for (i, j), own in strengths.items():
         others = [strengths[k] for k in strengths if k != (i, j) and codes[k] == codes[i, j]]
@@ -131,15 +126,14 @@ def _rule_warnings(system: FuzzySystem) -> list[str]:
 def _order_warnings(system: FuzzySystem) -> list[str]:
     found = []
     words, codes = system.rules.words, system.rules.codes
-    for i in range(5):
-        for j in range(5):
-            for other, k, m in (('position', i, j + 1), ('velocity', i + 1, j)):
-                if k < 5 and m < 5 and codes[k, m] < codes[i, j]:
-                    found.append(
-                        f'not monotone: as the {other} error grows from (velocity {WORDS[i]}, '
-                        f'position {WORDS[j]}) to (velocity {WORDS[k]}, position {WORDS[m]}), '
-                        f'the force falls from {words[i][j]} to {words[k][m]}'
-                    )
+    for i, j in np.ndindex(5, 5):
+        for other, k, m in (('position', i, j + 1), ('velocity', i + 1, j)):
+            if k < 5 and m < 5 and codes[k, m] < codes[i, j]:
+                found.append(
+                    f'not monotone: as the {other} error grows from (velocity {WORDS[i]}, '
+                    f'position {WORDS[j]}) to (velocity {WORDS[k]}, position {WORDS[m]}), '
+                    f'the force falls from {words[i][j]} to {words[k][m]}'
+                )
     for name, functions in (('position', system.position), ('velocity', system.velocity)):
         if not surface.is_continuous(functions):
             found.append(f'{name} word SP has a vertical edge: the force jumps there')

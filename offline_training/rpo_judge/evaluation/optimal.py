@@ -11,7 +11,7 @@ solved by Clarabel through cvxpy. Both return a `Flight` with the metrics of any
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, astuple, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,12 +26,7 @@ from rpo_kernels.arrays import Floats
 COAST_S = metrics.ARRIVAL_WINDOW_S
 """Arriving at rest this long before the end and coasting meets every arrival condition."""
 
-_UNITS = {
-    'force': 'N',
-    'slew': 'N/s',
-    'arrival_speed': 'm/s',
-    'arrival_distance': 'm',
-}
+_UNITS = {'force': 'N', 'slew': 'N/s', 'arrival_speed': 'm/s', 'arrival_distance': 'm'}
 _SCALE = np.array([100.0, 100.0, 100.0, 1.0, 1.0, 1.0])  # of the solver's states [m, m/s]
 _FORCE_SCALE_N = 0.1
 
@@ -62,8 +57,8 @@ class Conditions:
     arrival_distance: float = metrics.MAX_ARRIVAL_DISTANCE_M
 
     def __post_init__(self) -> None:
-        for f in fields(self):
-            real(f'conditions.{f.name}', getattr(self, f.name), _UNITS[f.name], above=0.0)
+        for name, unit in _UNITS.items():
+            real(f'conditions.{name}', getattr(self, name), unit, above=0.0)
 
     @classmethod
     def of(cls, scenario: Scenario, margin: float = 0.0) -> Conditions:
@@ -73,13 +68,8 @@ class Conditions:
         """
         if real('margin', margin, least=0.0, most=1.0) == 1.0:
             raise InputError('`margin` must be below 1; got 1.0')
-        plain, keep = cls(scenario.max_force_n), 1.0 - margin
-        return cls(
-            plain.force,
-            keep * plain.slew,
-            keep * plain.arrival_speed,
-            keep * plain.arrival_distance,
-        )
+        force, *others = astuple(cls(scenario.max_force_n))
+        return cls(force, *((1.0 - margin) * limit for limit in others))
 
 
 def gramian(scenario: Scenario, ticks: int) -> tuple[Floats, Floats, Floats]:
@@ -174,9 +164,7 @@ class Program:
         self._start = cp.Parameter(6)
         self._states = cp.Variable((scenario.ticks + 1, 6))
         self._forces = cp.Variable((scenario.ticks, 3))
-        limits: dict[str, Any] = {
-            f.name: getattr(self.conditions, f.name) for f in fields(Conditions)
-        }
+        limits: dict[str, Any] = asdict(self.conditions)
         cost: Any = cp.sum_squares(self._forces)
         if relaxed:
             cost = limits[relaxed] = cp.Variable(nonneg=True)

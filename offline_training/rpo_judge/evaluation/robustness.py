@@ -23,7 +23,6 @@ import numpy as np
 from scipy.optimize import brentq
 
 from rpo_core.control.controller import AnyController, FuzzyController
-from rpo_core.control.controller_file import ControllerFile
 from rpo_core.files.scenario import ScenarioSet, load_set
 from rpo_core.files.validation import InputError
 from rpo_judge.scoring.conditions import LABELS, PAPER
@@ -383,8 +382,7 @@ class Flights:
         nominal = draw(self.starts, 0, count)
         nominal.starts[:, :3] = scenarios.initial_positions_m
         self._runs = {DRAWN: draw(self.drawn, 0, RUNS), SET: nominal}
-        own = controller.max_force_n if isinstance(controller, ControllerFile) else math.inf
-        self._limit_n = own
+        self._limit_n: float = getattr(controller, 'max_force_n', math.inf)
         self._known: dict[Off, tuple[float, str]] = {}
 
     def shares(self, campaign: Campaign, off: Off = Off()) -> dict[str, Floats]:
@@ -450,14 +448,9 @@ def margins_of(
                 flights.stop.set()
                 raise
     base = flights.starts.scenario
-    return Margins(
-        judged,
-        others,
-        tuple(missed[name] for name in others),
-        starts_missed,
-        tuple(margins),
-        tuple(crossings(controller, base.mass_kg, base.dt_s)),
-    )
+    crossed = tuple(crossings(controller, base.mass_kg, base.dt_s))
+    counts = tuple(missed[name] for name in others)
+    return Margins(judged, others, counts, starts_missed, tuple(margins), crossed)
 
 
 def _margin(flights: Flights, judged: Sequence[str], quantity: Quantity) -> Margin:
@@ -498,29 +491,23 @@ def crossings(controller: AnyController, mass_kg: float, dt_s: float) -> list[Cr
     The loop is L(jw) = N(A, w) / (m (jw)^2) exp(-jw dt / 2): a double integrator, and the hold of a
     tick. Rates are searched from 1e-4 rad/s to those of half a sample per tick.
     """
-    rates, found = np.geomspace(1e-4, math.pi / dt_s, _RATES), []
+    found = []
     alike = isinstance(controller, FuzzyController) or getattr(controller, 'alike', False)
-    axes = (0,) if alike else (0, 1, 2)
     for amplitude in AMPLITUDES_M:
-        at_amplitude = [
-            crossing
-            for axis in axes
-            for crossing in _crossings(
-                partial(describing, controller, axis, amplitude, dt_s),
-                amplitude,
-                rates,
-                mass_kg,
-                dt_s,
-            )
-        ]
-        found += sorted(at_amplitude, key=_delay_s)[:1]
+        answers = (
+            partial(describing, controller, axis, amplitude, dt_s)
+            for axis in range(1 if alike else 3)
+        )
+        crossed = (c for answer in answers for c in _crossings(answer, amplitude, mass_kg, dt_s))
+        found += sorted(crossed, key=_delay_s)[:1]
     return found
 
 
 def _crossings(
-    answer: Callable[[Floats], Floats], amplitude: float, rates: Floats, mass_kg: float, dt_s: float
+    answer: Callable[[Floats], Floats], amplitude: float, mass_kg: float, dt_s: float
 ) -> Iterator[Crossing]:
     """Yield all crossings of an amplitude; answer : from rates (n,) to -N (n,)."""
+    rates = np.geomspace(1e-4, math.pi / dt_s, _RATES)
 
     def excess(rates: Floats) -> Floats:
         """Loop gain less 1."""

@@ -26,9 +26,9 @@ from rpo_core.wire.statuses import READERS
 from rpo_ros import qos
 from rpo_ros.parameter_rows import ParameterRow
 from rpo_ros.running import keep_to_this_machine, new_executor
-from tools.fuzzing import messages
-from tools.fuzzing.messages import ALWAYS, is_act, is_order, one_wrong, row_for
 from tools.node_processes import NodeProcessError
+from tools.trials import messages
+from tools.trials.messages import ALWAYS, is_act, is_order, one_wrong, row_for
 
 VOLLEY = 48
 """Cases that are sent before the answers to the calls among them are awaited."""
