@@ -3,7 +3,7 @@
 """`node_pages`: writes one page per node: purpose, topics, parameters, failures, exit codes.
 
 Parameters come from the table of the node. For topics and services the node is started, except a
-node that needs an optional library.
+node that needs an optional library. `node_cards.yaml` has what comes from neither.
 """
 
 from __future__ import annotations
@@ -13,11 +13,15 @@ import os
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 from xml.etree import ElementTree
 
 import rclpy
+import yaml
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.utilities import remove_ros_args
@@ -31,9 +35,8 @@ from rpo_core.wire.statuses import MOST_IN_ALL, READERS
 from rpo_mcap.format import run
 from rpo_mcap.write.writer import RunLogWriter
 from rpo_ros import names, qos
-from rpo_ros.parameter_rows import ParameterRow
+from rpo_ros.parameter_rows import ParameterRow, tables
 from rpo_ros.running import FlightNode
-from tools.node_cards import CARDS, MEANINGS, Card
 
 INDEX, PROTOCOL, POLICY = 'index.md', 'protocol.md', 'sros2_policy.xml'
 _EXAMPLE = 'example: ros2 run rpo_bringup node_pages docs/nodes'
@@ -55,6 +58,69 @@ _LIFECYCLE = tuple(
         'get_transition_graph',
     )
 )  # fmt: skip
+
+
+Outcomes = tuple[tuple[str, str], ...]
+"""Event -> outcome."""
+
+_WRITTEN = yaml.safe_load(Path(__file__).with_name('node_cards.yaml').read_text('utf-8'))
+
+MEANINGS: dict[str, str] = {row.topic: row.meaning for row in interfaces.rows()}
+MEANINGS |= _WRITTEN['meanings']
+"""Topic or service -> what it carries or does."""
+
+_CODES = {0: 'done, or ended by a signal', 2: 'a bad parameter or file'}
+
+
+@dataclass(frozen=True)
+class Card:
+    """A node: its module, its start for the page, its failures.
+
+    cls : name of its class in the module <executable>_node
+    trial : parameters for its start by `node_pages`, to find its topics
+    also : scenarios of other starts, whose topics it has too
+    listens : its topics, for a node that needs an optional layer and is not started
+    publishes_tf : it does where `tf2_msgs` is installed, which the ROS 2 wheels lack
+    """
+
+    package: str
+    executable: str
+    cls: str
+    failures: Outcomes
+    exit_codes: Mapping[int, str] = field(default_factory=lambda: _CODES)
+    trial: Mapping[str, Any] = field(default_factory=dict)
+    also: Sequence[str] = ()
+    listens: Sequence[str] = ()
+    publishes_tf: bool = False
+
+    @property
+    def module(self) -> ModuleType:
+        """The node's module."""
+        return import_module(f'{self.package}.{self.executable}_node')
+
+    @property
+    def parameters(self) -> Sequence[ParameterRow]:
+        """The node's table of parameters."""
+        return tables(self.package)[self.executable]
+
+    @property
+    def command(self) -> str:
+        """The command of the node."""
+        return f'ros2 run {self.package} {self.executable}'
+
+
+def _outcomes(rows: Sequence[Any]) -> Outcomes:
+    """Return events and outcomes: pairs, and those that several nodes have, by their name."""
+    found: list[tuple[str, str]] = []
+    for row in rows:
+        found += _outcomes(_WRITTEN['shared'][row]) if isinstance(row, str) else row.items()
+    return tuple(found)
+
+
+CARDS = tuple(
+    Card(**{**card, 'failures': _outcomes(card['failures'])}) for card in _WRITTEN['nodes']
+)
+"""Every node of the stack."""
 
 
 def tiny_log(folder: Path) -> Path:

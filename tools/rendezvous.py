@@ -28,6 +28,7 @@ from rpo_cli.display import print_table, progress
 from rpo_core.files.scenario import Scenario, load_scenario
 from rpo_core.files.validation import choice
 from rpo_montecarlo.engine.lanes import compiled
+from rpo_proof.exact import Exact, exact
 from rpo_proof.sets import ROUND, box_of, reduce
 from tools import peers
 
@@ -44,15 +45,14 @@ SHARE = 0.01
 """Share of position, or of velocity, by which moments of an abort that share a drift may differ."""
 
 Floats = NDArray[np.float64]
-Matrix = list[list[Fraction]]
 
 
 class Laws(NamedTuple):
-    """Matrices (4, 4) of s' = A s, in m and s; `near` acts beyond the plane x = switch_m."""
+    """Matrices (4, 4) of s' = A s, in m and s, rational; `near` acts beyond x = switch_m."""
 
-    far: Matrix
-    near: Matrix
-    free: Matrix
+    far: Exact
+    near: Exact
+    free: Exact
     switch_m: float
 
 
@@ -79,25 +79,22 @@ class Tables(NamedTuple):
 
 def tables_of(laws: Laws, horizon_s: float) -> Tables:
     """Return the tables of some laws; drifts last until the horizon."""
-    half = Fraction(1, 2)
-    mean = each(lambda u, v: half * (u + v), laws.far, laws.near)
-    apart = each(lambda u, v: half * (v - u), laws.far, laws.near)
-    flows = (laws.far, laws.near, mean)
-    largest = each(lambda u, v: max(abs(u), abs(v)), laws.far, laws.near)
-    sizes = each(abs, laws.free)
-    drift = exponential(laws.free, DRIFT_S)
+    far, near, free = map(exact, laws[:3])
+    flows = (far, near, (far + near) / 2)
+    largest, sizes = np.maximum(abs(far), abs(near)), abs(free)
+    drift = exponential(free, DRIFT_S)
     powers, off = [np.eye(4)], [np.zeros((4, 4))]
     for _ in range(math.ceil(horizon_s / DRIFT_S)):
         wrong = np.abs(drift) @ off[-1] + ROUND * (np.abs(drift) @ (np.abs(powers[-1]) + off[-1]))
         powers.append(drift @ powers[-1])
         off.append(wrong * (1.0 + ROUND))
-    bent = np.array(times(sizes, sizes), float) @ exponential(sizes, DRIFT_S)
+    bent = (sizes @ sizes).astype(float) @ exponential(sizes, DRIFT_S)
     up = 1.0 + ROUND
     return Tables(
         np.array([exponential(flow, TICK_S) for flow in flows]),
         np.array(flows, float),
-        np.array([times(flow, flow) for flow in flows], float),
-        np.array(apart[2:], float),
+        np.array([flow @ flow for flow in flows], float),
+        ((near - far) / 2)[2:].astype(float),
         exponential(largest, TICK_S) * up,
         np.array(powers),
         np.array(off),
@@ -320,41 +317,25 @@ def fly(tables: Tables, c: Any, g: Any, d: Any, limits: Trace, ticks: int, trace
     return len(trace.cone)
 
 
-def times(a: Matrix, b: Matrix) -> Matrix:
-    """Return the product."""
-    columns = list(zip(*b, strict=True))
-    return [[sum(map(Fraction.__mul__, row, c), Fraction(0)) for c in columns] for row in a]
-
-
-def each(function: Callable[..., Fraction], *matrices: Matrix) -> Matrix:
-    """Return a function of the entries of matrices."""
-    rows = zip(*matrices, strict=True)
-    return [[function(*entries) for entries in zip(*row, strict=True)] for row in rows]
-
-
-def _series(a: Matrix, t: Fraction) -> tuple[Matrix, Fraction]:
+def _series(a: Exact, t: Fraction) -> tuple[Exact, Fraction]:
     """Return exp(A t), and a bound of what each entry may be wrong by.
 
     Up to |At| = 1 it is a sum of rational numbers, else a square; digits below 2^-300 are cut.
     """
-
-    def cut(matrix: Matrix) -> Matrix:
-        return each(lambda v: Fraction(round(v * 2**300), 2**300), matrix)
-
-    step = each(lambda v: v * t, a)
-    norm = max(sum(map(abs, row)) for row in step)
-    if norm > 1:
+    cut = np.frompyfunc(lambda v: Fraction(round(v * 2**300), 2**300), 1, 1)
+    step = a * t
+    if abs(step).sum(axis=1).max() > 1:
         half, wrong = _series(a, t / 2)
-        far = max(sum(map(abs, row)) for row in half)
-        return cut(times(half, half)), (2 * far + 4 * wrong) * wrong + Fraction(1, 2**280)
-    term = total = [[Fraction(i == j) for j in range(len(a))] for i in range(len(a))]
+        far = abs(half).sum(axis=1).max()
+        return cut(half @ half), (2 * far + 4 * wrong) * wrong + Fraction(1, 2**280)
+    term = total = exact(np.eye(len(a)))
     for k in range(1, 60):
-        term = cut(each(lambda v, k=k: v / k, times(term, step)))
-        total = each(Fraction.__add__, total, term)
+        term = cut(term @ step / k)
+        total = total + term
     return total, Fraction(1, 2**250)
 
 
-def exponential(a: Matrix, time_s: float) -> Floats:
+def exponential(a: Exact, time_s: float) -> Floats:
     """Return exp(A t), each entry right to a share of 2^-52.
 
     An entry that the first powers of A leave at 0 is 0.
@@ -364,11 +345,11 @@ def exponential(a: Matrix, time_s: float) -> Floats:
     ValueError
         If an entry is too small, or A t too large, for that.
     """
-    total, wrong = _series(a, Fraction(time_s))
-    least = min(abs(v) for row in total for v in row if v)
+    total, wrong = _series(exact(a), Fraction(time_s))
+    least = abs(total[total != 0]).min()
     if wrong > least / 2**54:
         raise ValueError(f'`a` must have an exponential without tiny entries; got {float(least):g}')
-    return np.array([[float(v) for v in row] for row in total])
+    return np.asarray(total.astype(float))
 
 
 Start = tuple[float, float, float, float]
@@ -385,21 +366,16 @@ PROVEN, REFUTED, OPEN = 'proven', 'refuted', 'open'
 
 def laws_of(scenario: Scenario) -> Laws:
     """Return ARCH-COMP's closed loops about the scenario's target, and its drift."""
-    n, zero, one = Fraction(scenario.mean_motion_rad_s), Fraction(0), Fraction(1)
-    free = [
-        [zero, zero, one, zero],
-        [zero, zero, zero, one],
-        [3 * n * n, zero, zero, 2 * n],
-        [zero, zero, -2 * n, zero],
-    ]
+    n, mass = Fraction(scenario.mean_motion_rad_s), Fraction(repr(scenario.mass_kg))
+    rows = [0, 0, 1, 0], [0, 0, 0, 1], [3 * n * n, 0, 0, 2 * n], [0, 0, -2 * n, 0]
+    free = exact(rows)
 
-    def closed(gains: peers.Gains) -> list[list[Fraction]]:
-        mass = Fraction(repr(scenario.mass_kg))
-        rows = [list(row) for row in free]
-        for row, per_axis in zip(rows[2:], gains, strict=True):
+    def closed(gains: peers.Gains) -> Exact:
+        found = free.copy()
+        for row, per_axis in zip(found[2:], gains, strict=True):
             for i, gain in enumerate(per_axis):
                 row[i] += Fraction(repr(gain)) * (60 if i > 1 else 1) / 3600 / mass
-        return rows
+        return found
 
     return Laws(closed(peers.K_FAR), closed(peers.K_NEAR), free, -peers.CONE_M)
 

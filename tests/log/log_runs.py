@@ -103,12 +103,20 @@ class Run:
         if 0 <= tick <= self.base.last_tick:
             writer.report(tick, reported(self.of_tick(tick)))
 
-    def write(self, folder: Path, messages: Iterable[Sent] | None = None, **options) -> RunSummary:
-        """Write the log of the run, from its messages or others."""
+    def fed(
+        self, folder: Path, messages: Iterable[Sent] | None = None, **options: Any
+    ) -> RunLogWriter:
+        """Return the open writer of a log with the messages of the run, or others."""
         writer = RunLogWriter(folder, self.base, self.topics, self.attachments, **options)
         for name, tick, data in self.messages if messages is None else messages:
             writer.write(name, tick, data)
-        return writer.close()
+        return writer
+
+    def write(
+        self, folder: Path, messages: Iterable[Sent] | None = None, **options: Any
+    ) -> RunSummary:
+        """Write the log of the run, from its messages or others."""
+        return self.fed(folder, messages, **options).close()
 
     def shuffled(self, seed: int, spread: float = 12.0) -> list[Sent]:
         """Every message, some twice, in an order in which several publishers may deliver them."""
@@ -229,10 +237,16 @@ def changed(topic: str, tick: int, new: bytes | Callable[[bytes], bytes] | None)
     return change
 
 
+def turned(content: bytes, at: int) -> bytes:
+    """Return bytes one bit of which is another one."""
+    at %= len(content)
+    return content[:at] + bytes([content[at] ^ 1]) + content[at + 1 :]
+
+
 def flipped(topic: str, tick: int, place: int = 0) -> Change:
     """Return a change that flips one bit of a number of a message."""
     byte = interfaces.row_of(topic[1:]).layout.runs[place][0]
-    return changed(topic, tick, lambda d: d[:byte] + bytes([d[byte] ^ 1]) + d[byte + 1 :])
+    return changed(topic, tick, lambda data: turned(data, byte))
 
 
 def forge(log: Path, folder: Path, *changes: Change) -> Path:

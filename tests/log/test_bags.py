@@ -9,14 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from invoking import invoke
 from log_runs import CLOCK, FORCE, STATE, Run, flipped
 from mcap.reader import make_reader
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 from rosbags.typesys import Stores, get_typestore
-from typer.testing import CliRunner
 
-from rpo_cli.cli import app
 from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr, interfaces
 from rpo_log.bag import open_run
@@ -143,7 +142,7 @@ def test_a_table_of_a_bag_has_the_attitude_and_torques_of_its_messages(turning, 
 @pytest.mark.slow
 def test_a_bag_is_reported(bags, tmp_path):
     options = ['-o', str(tmp_path), '--no-fail', '--scenario', 'paper_test']
-    found = CliRunner().invoke(app, ['report', str(bags['bare']), *options])
+    found = invoke('report', bags['bare'], *options)
     assert found.exit_code == 3 and 'no manifest of the plant' in found.output
     assert 'no manifest of the plant' in (tmp_path / 'report.html').read_text()
 

@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from log_runs import record
+from log_runs import record, turned
 
 from rpo_core import files
 from rpo_core.files.validation import InputError
@@ -251,8 +251,7 @@ def more(data: bytes) -> bytes:
 
 def spoilt(data: bytes) -> bytes:
     """Change a byte in the middle, in a chunk: its checksum does not fit."""
-    at = len(data) // 2
-    return data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :]
+    return turned(data, len(data) // 2)
 
 
 @pytest.mark.parametrize('name', FILES)

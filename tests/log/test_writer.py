@@ -131,11 +131,8 @@ def test_split_files_are_whole_each(run, tmp_path):
     summary = run.write(tmp_path, split_s=15.0)
     assert summary.files == ('run_0.mcap', 'run_1.mcap', 'run_2.mcap')
     parts = [read_run(tmp_path / name) for name in summary.files]
-    assert [(int(p.ticks[0]), int(p.ticks[-1])) for p in parts] == [
-        (0, 149),
-        (150, 299),
-        (300, 400),
-    ]
+    ends = [(int(part.ticks[0]), int(part.ticks[-1])) for part in parts]
+    assert ends == [(0, 149), (150, 299), (300, 400)]
     assert all(part.attachments == run.attachments for part in parts)
     whole = read_run(tmp_path)
     assert whole.complete
@@ -163,9 +160,7 @@ def test_a_place_that_takes_no_log_is_named(short_run, tmp_path):
 
 
 def test_messages_after_the_end_are_counted(short_run, tmp_path):
-    writer = RunLogWriter(tmp_path, short_run.base, short_run.topics, short_run.attachments)
-    for message in short_run.messages:
-        writer.write(*message)
+    writer = short_run.fed(tmp_path)
     first = writer.close()
     writer.write(*short_run.messages[0])
     assert writer.close().lost == first.lost + 1
@@ -173,11 +168,8 @@ def test_messages_after_the_end_are_counted(short_run, tmp_path):
 
 @pytest.mark.parametrize('size', [20_000, 40_001, 70_003])
 def test_a_full_disk_ends_the_log_and_not_the_flight(run, tmp_path, size):
-    writer = RunLogWriter(tmp_path, run.base, run.topics, run.attachments)
     with file_size_limit(size):
-        for message in run.messages:
-            writer.write(*message)
-        summary = writer.close()
+        summary = run.write(tmp_path)
     assert summary.failure == 'File too large'
     assert summary.lost + sum(summary.messages.values()) == len(run.messages)
     assert not summary.whole
@@ -190,9 +182,7 @@ def test_a_full_disk_ends_the_log_and_not_the_flight(run, tmp_path, size):
 
 
 def test_a_disk_that_is_full_when_the_log_ends(short_run, tmp_path):
-    writer = RunLogWriter(tmp_path, short_run.base, short_run.topics, short_run.attachments)
-    for message in short_run.messages:
-        writer.write(*message)
+    writer = short_run.fed(tmp_path)
     with file_size_limit((tmp_path / 'run.mcap').stat().st_size + 10):
         summary = writer.close()
     assert summary.failure == 'File too large'
@@ -260,9 +250,7 @@ def test_a_status_is_of_the_run_if_it_fits_a_state_that_was_published():
 @pytest.mark.parametrize('moved', [False, True])
 def test_a_folder_that_vanishes_is_noticed_and_one_that_is_renamed_is_no_loss(run, tmp_path, moved):
     folder, half = tmp_path / 'log', len(run.messages) // 2
-    writer = RunLogWriter(folder, run.base, run.topics, run.attachments)
-    for message in run.messages[:half]:
-        writer.write(*message)
+    writer = run.fed(folder, run.messages[:half])
     assert writer.failure is None
     folder.rename(tmp_path / 'moved') if moved else shutil.rmtree(folder)
     for message in run.messages[half:]:

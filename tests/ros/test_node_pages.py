@@ -7,7 +7,7 @@ from pathlib import Path
 from test_launch_files import executables
 
 from tools import node_pages
-from tools.node_cards import CARDS, MEANINGS
+from tools.node_pages import CARDS, MEANINGS
 
 ROOT = Path(__file__).parents[2]
 COMMANDS = {'final_approach', 'flight_software', 'trial', 'node_pages', 'ping_pong'}

@@ -17,8 +17,7 @@ from landing import rest_at_landing
 
 from rpo_mcap.errors import LogError
 from rpo_mcap.read.run_log import read_run
-from tools.node_cards import CARDS
-from tools.node_pages import tiny_log
+from tools.node_pages import CARDS, tiny_log
 
 LONGEST_S = 2.0
 SPEED = 40.0

@@ -32,7 +32,7 @@ from rpo_mcap.errors import LogError
 from rpo_mcap.format.run import TimeBase
 from rpo_mcap.read.run_log import read_flight
 from rpo_mcap.write.writer import RunLogWriter
-from tools.node_cards import CARDS
+from tools.node_pages import CARDS
 from tools.node_processes import (
     NodeProcess,
     NodeProcessError,
