@@ -168,6 +168,9 @@ def test_a_recorder_killed_at_many_moments_is_missed_by_the_plant(make, mode, mo
     for _ in range(moments):
         recorder, plant = run.recorder(), run.plant(wait_for_recorder='true')
         run.hand.says('flying')
+        log = run.output / 'run.mcap'
+        begun = log.stat().st_size
+        run.hand.until(lambda: log.stat().st_size > begun)  # noqa: B023
         killed_s = run.kill(recorder)
         status = run.hand.says('the recorder is gone')
         assert time.time() - killed_s < RECORDER_LEASE_S + 1.0 + SLACK_S
