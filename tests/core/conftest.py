@@ -16,7 +16,7 @@ from rpo_core.files.scenario import Scenario, load_scenario
 # Derandomised: the same examples on every run, so that a failure is a change of ours.
 settings.register_profile(
     'quick',
-    max_examples=40,
+    max_examples=25,
     deadline=None,
     derandomize=True,
     database=None,

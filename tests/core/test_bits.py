@@ -137,32 +137,27 @@ def test_bits_are_those_of_every_other_machine(interpreted):
     assert interpreted[1:] == RECORDED
 
 
-def test_unset_takes_numba_where_it_is():
-    installed = importlib.util.find_spec('numba') is not None
-    assert (
-        python('from rpo_kernels import jit; print(jit.COMPILED)', RPO_JIT='') == f'{installed}\n'
-    )
+def test_numba_is_taken_where_it_is_unless_somebody_says_so(monkeypatch):
+    monkeypatch.delenv('RPO_JIT', raising=False)
+    assert jit._wanted() == (importlib.util.find_spec('numba') is not None)
+    monkeypatch.setattr(importlib.util, 'find_spec', lambda name: None)
+    for word, said in (
+        ('1', '`RPO_JIT=1` needs compiled kernels, but numba is not installed'),
+        ('yes', "`RPO_JIT` must be 0, 1 or unset; got 'yes'"),
+    ):
+        monkeypatch.setenv('RPO_JIT', word)
+        with pytest.raises(InputError, match=said):
+            jit._wanted()
 
 
 WITHOUT_NUMBA = """
 import importlib.util
 find_spec = importlib.util.find_spec
 importlib.util.find_spec = lambda name: None if name == 'numba' else find_spec(name)
-from rpo_core.files.validation import InputError
-try:
-    from rpo_kernels import jit
-    print(jit.COMPILED)
-except InputError as error:
-    print(error)
+from rpo_kernels import jit
+print(jit.COMPILED)
 """
 
 
-def test_without_numba_kernels_are_interpreted_or_refused():
+def test_without_numba_kernels_are_interpreted():
     assert python(WITHOUT_NUMBA, RPO_JIT='') == 'False\n'
-    assert python(WITHOUT_NUMBA, RPO_JIT='1').endswith('but numba is not installed\n')
-
-
-def test_the_switch_takes_no_other_word(monkeypatch):
-    monkeypatch.setenv('RPO_JIT', 'yes')
-    with pytest.raises(InputError, match="`RPO_JIT` must be 0, 1 or unset; got 'yes'"):
-        jit._wanted()

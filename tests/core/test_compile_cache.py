@@ -244,8 +244,11 @@ def moved(x: int, by: int) -> int:
     return x + by
 
 
-def test_an_inlined_kernel_is_compiled_once_for_all_constants():
-    """numba would compile it for each constant; LLVM folds them into its caller anyway."""
+def test_a_kernel_is_compiled_once_for_all_constants_and_python_calls_it_too():
+    """numba would compile it for each constant; what kernels call alone has no wrapper."""
     moved_twice = numba.njit(lambda x: moved(x, 1) + moved(x, by=2))
     assert moved_twice(5) == 13
-    assert len(moved.signatures) == 1
+    assert (len(moved.inside().signatures), len(moved.signatures)) == (1, 0)
+    assert moved(5, by=2) == 7 == moved(5, 2)
+    assert numba.njit(lambda x: moved(x, 3))(5) == 8, 'that of Python serves kernels too'
+    assert (len(moved.inside().signatures), len(moved.signatures)) == (1, 1)

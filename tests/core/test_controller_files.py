@@ -38,7 +38,7 @@ def test_handmade_is_odd_and_monotone(handmade):
 positive = st.floats(1e-6, 1e6)
 
 
-@settings(max_examples=30)
+@settings(max_examples=10)
 @given(systems(odd_rules), positive, positive, positive, st.text(max_size=20), st.integers())
 def test_any_controller_round_trips_bit_for_bit(system, position, velocity, force, note, seed):
     built = FuzzyController(

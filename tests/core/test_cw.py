@@ -100,7 +100,7 @@ def test_step_follows_scipy_under_piecewise_constant_forces():
 def test_drift_free_ellipse_is_two_to_one_for_fifty_orbits():
     a_m, centre_m, per_orbit = 50.0, 20.0, 720
     step = cw.discretise(LEO, MASS_KG, 2 * math.pi / LEO / per_orbit)
-    track = coast((a_m, centre_m, 0, 0, -2 * LEO * a_m, 0), step, 50 * per_orbit)
+    track = coast((a_m, centre_m, 0.0, 0.0, -2 * LEO * a_m, 0.0), step, 50 * per_orbit)
     x, y = track[:, 0], track[:, 1]
     np.testing.assert_allclose((x / a_m) ** 2 + ((y - centre_m) / (2 * a_m)) ** 2, 1, atol=1e-11)
     quarter = per_orbit // 4  # moves to -y first: clockwise, seen from +z

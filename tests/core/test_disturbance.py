@@ -19,22 +19,15 @@ N = cw.mean_motion(6.678e6)
 TIMES_S = np.arange(4001) * 0.1
 
 
-def test_offset_reading_is_the_formula_as_printed():
-    forces = paper('offset', N).over(TIMES_S)
-    for t, (x, y, z) in zip(TIMES_S, forces, strict=True):
+@pytest.mark.parametrize(('reading', 'phase', 'offset'), [('offset', 0, 1), ('phase', 1, 0)])
+def test_a_reading_is_its_formula(reading, phase, offset):
+    """As printed, or with the offset moved into the sine."""
+    third = math.pi / 3
+    for t, force in zip(TIMES_S, paper(reading, N).over(TIMES_S), strict=True):
         angle = math.pi * N * t
-        assert x == pytest.approx(1e-2 * -1.1 * math.cos(angle), abs=1e-17)
-        assert y == pytest.approx(1e-2 * (-2.2 * math.sin(angle) + math.pi / 3), abs=1e-17)
-        assert z == pytest.approx(1e-2 * 1.4 * math.cos(angle), abs=1e-17)
-
-
-def test_phase_reading_moves_the_offset_into_the_sine():
-    forces = paper('phase', N).over(TIMES_S)
-    for t, (x, y, z) in zip(TIMES_S, forces, strict=True):
-        angle = math.pi * N * t
-        assert x == pytest.approx(1e-2 * -1.1 * math.cos(angle), abs=1e-17)
-        assert y == pytest.approx(1e-2 * -2.2 * math.sin(angle + math.pi / 3), abs=1e-17)
-        assert z == pytest.approx(1e-2 * 1.4 * math.cos(angle), abs=1e-17)
+        y = -2.2 * math.sin(angle + phase * third) + offset * third
+        expected = [-1.1 * math.cos(angle), y, 1.4 * math.cos(angle)]
+        assert force == pytest.approx(1e-2 * np.array(expected), abs=2e-17)
 
 
 def test_scenarios_carry_the_readings(paper_test):
@@ -52,7 +45,7 @@ harmonics = st.builds(
     st.sampled_from(['sin', 'cos']),
     st.floats(-1, 1),
     st.floats(-10, 10),
-    st.floats(-100, 100),
+    st.floats(-97, 97),
 )
 constants = st.tuples(*[st.floats(-1, 1)] * 3)
 

@@ -20,6 +20,7 @@ from rpo_core.wire.interfaces import RELATIVE_STATE, THRUST_FORCE
 from rpo_core.world import cw, dynamics
 from rpo_core.world.dynamics import Drag, Dynamics, environment_of, orbit_of, target_start
 from rpo_kernels import orbit_kernels
+from rpo_kernels.jit import as_table
 
 BASE = replace(
     scenario.load_scenario('approach'),
@@ -84,7 +85,7 @@ def test_drag_slows_a_chaser_of_half_its_mass_twice_as_much():
     flown = true(**WORLDS['all'])
     heavy = environment_of(flown.dynamics, flown)
     light = heavy._replace(chaser=2.0 * heavy.chaser)
-    row = orbit_kernels.orbit_row(target_start(flown.dynamics, flown), heavy)
+    row = as_table(orbit_kernels.orbit_row(target_start(flown.dynamics, flown), heavy))
     still = (flown.start, (0.0, 0.0, 0.0))
     after = orbit_kernels.relative_rate(*still, 2.0, row, heavy)
     assert after == orbit_kernels.relative_rate(*still, 1.0, row, light)

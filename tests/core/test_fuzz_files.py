@@ -20,8 +20,6 @@ from rpo_core.control.controller import FuzzyController
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 
-SOME, MANY = settings(max_examples=40), settings(max_examples=10_000)
-
 scalars = st.one_of(
     st.none(),
     st.booleans(),
@@ -120,43 +118,33 @@ def check_document(kind, data):
         PARSERS[kind](data)  # and without YAML between
 
 
-@pytest.mark.parametrize('kind', PARSERS)
-@SOME
-@given(data=st.data())
-def test_anything_at_all(kind, data):
-    check_document(kind, data.draw(structures))
+DRAWN = {
+    'anything': lambda kind: structures,
+    'soup': lambda kind: yaml_soup,
+    'spoilt documents': spoilt,
+    'mangled texts': mangled,
+}
+"""What files hold, by kind; texts, or documents."""
+
+
+def check_drawn(kind, drawn):
+    check(kind, drawn) if isinstance(drawn, str) else check_document(kind, drawn)
 
 
 @pytest.mark.parametrize('kind', PARSERS)
-@SOME
+@pytest.mark.parametrize('source', DRAWN)
 @given(data=st.data())
-def test_soup(kind, data):
-    check(kind, data.draw(yaml_soup))
-
-
-@pytest.mark.parametrize('kind', PARSERS)
-@SOME
-@given(data=st.data())
-def test_spoilt_documents(kind, data):
-    check_document(kind, data.draw(spoilt(kind)))
-
-
-@pytest.mark.parametrize('kind', PARSERS)
-@SOME
-@given(data=st.data())
-def test_mangled_texts(kind, data):
-    check(kind, data.draw(mangled(kind)))
+def test_files(kind, source, data):
+    check_drawn(kind, data.draw(DRAWN[source](kind)))
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize('kind', PARSERS)
-@MANY
+@settings(max_examples=10_000)
 @given(data=st.data())
 def test_ten_thousand_files(kind, data):
-    source = data.draw(st.sampled_from([spoilt, mangled]))
-    drawn = data.draw(source(kind))
-    check(kind, drawn) if isinstance(drawn, str) else check_document(kind, drawn)
+    check_drawn(kind, data.draw(data.draw(st.sampled_from([spoilt, mangled]))(kind)))
 
 
 @given(data=st.data())

@@ -3,18 +3,14 @@
 """Imperfect thrusters and navigation: an independent flight, files, the perfect ones as a limit."""
 
 import numpy as np
-import pytest
-from core_documents import document
 from core_oracles import exact_step
 
 from rpo_core import files
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
-from rpo_core.files.validation import InputError
 from rpo_kernels import noise
 from rpo_nav.navigation_errors import Navigation
-from rpo_thrusters.table import IDENTITY
 from rpo_thrusters.thrusters import Thrusters
 
 QUICK = scenario.load_scenario('quick')
@@ -55,10 +51,3 @@ def test_a_scenario_is_written_and_read_back_to_the_same_bits():
         again = files.loads(scenario.dumps(flown), scenario.parse, 'again')
         assert again == flown
         assert again.epoch_ns == flown.epoch_ns
-
-
-def test_a_set_has_no_sections():
-    data = document('scenario', 'paper_training')
-    data['thrusters'] = {'matrix': [list(row) for row in IDENTITY]}
-    with pytest.raises(InputError, match='`thrusters` is not a known field'):
-        scenario.parse(data)

@@ -42,11 +42,6 @@ def test_grades_are_the_triangles_of_the_definition(part, x):
     np.testing.assert_array_equal(part.grades(x), expected)
 
 
-@given(functions, unit)
-def test_grades_mirror(part, x):
-    np.testing.assert_array_equal(part.grades(-x), part.grades(x)[::-1])
-
-
 def test_grades_keep_the_shape_of_their_argument():
     assert TEXTBOOK.grades(0.25).shape == (5,)
     assert TEXTBOOK.grades(np.zeros((3, 2))).shape == (3, 2, 5)

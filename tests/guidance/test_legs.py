@@ -80,14 +80,6 @@ def test_a_line_to_where_it_begins_is_over_at_once():
     assert short.ticks > 0
 
 
-def test_an_arc_keeps_between_its_radii_and_ends_where_it_shall():
-    leg = LEGS['around']()
-    ranges = np.array([np.linalg.norm(leg.at(tick)[0][:3]) for tick in range(leg.ticks + 1)])
-    assert (ranges <= 60.0 + 1e-9).all()
-    assert (ranges >= 40.0 - 1e-9).all()
-    np.testing.assert_allclose(leg.at(leg.ticks)[0][:3], (0.0, 40.0, 0.0), atol=1e-6)
-
-
 @pytest.mark.parametrize(
     ('length', 'first', 'cruise', 'last'),
     [(40.0, 0.0, 0.3, 0.0), (1.0, 0.0, 0.3, 0.0), (19.0, 0.0, 0.1, 0.07), (0.5, 0.2, 0.3, 0.0),

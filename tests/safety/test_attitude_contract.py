@@ -55,23 +55,14 @@ def test_the_proof_counts_the_turned_force_and_the_ball():
     assert guard.authority_m_s2 < synchronised.authority_m_s2 / sqrt(3.0)
 
 
-def test_a_table_has_its_ball():
-    """Least of all directions, by a search over them; the box inscribed in it is smaller."""
-    table = ThrusterTable(preset='corners_24', force_n=0.34, arm_m=0.3)
-    found = turning(Thrusters(table=table), chaser_attitude_error_deg=1.0, thrust_error=0.1)
-    least = known(table).least_n
-    assert limit_n(found) == pytest.approx(min(least, found.max_force_n) / sqrt(3.0))
-
-
-def test_thrusters_that_keep_limits_of_the_attitude_have_their_torque_beside_the_force():
+def test_a_table_has_its_ball_beside_the_torque_that_keeps_limits_of_the_attitude():
     """The table gives the force first: at all of it the limits of the torque would hold nothing."""
     table = ThrusterTable(preset='pairs_12', force_n=0.6, arm_m=0.3)
-    limits = AttitudeLimits(rate_deg_s=2.0)
-    found = turning(
-        Thrusters(table=table), replace(CHASER, wheels=None),
-        replace(STEERED, limit_nm=0.1, limits=limits),
-        chaser_attitude_error_deg=2.0, thrust_error=0.05,
-    )  # fmt: skip
+    own = {'chaser_attitude_error_deg': 2.0, 'thrust_error': 0.1}
+    found = turning(Thrusters(table=table), **own)
+    assert limit_n(found) == pytest.approx(min(known(table).least_n, 1.0) / sqrt(3.0))
+    control = replace(STEERED, limit_nm=0.1, limits=AttitudeLimits(rate_deg_s=2.0))
+    found = turning(Thrusters(table=table), replace(CHASER, wheels=None), control, **own)
     least = known(table, 0.1).least_n
     assert 0.0 < least < 0.9 * min(known(table).least_n, found.max_force_n)
     assert limit_n(found) == pytest.approx(least / sqrt(3.0))

@@ -16,7 +16,7 @@ from rpo_core.chain.stage import Place
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
 from rpo_core.judge.requirements import DIRECTIONS
-from rpo_core.wire.interfaces import CHASER_ATTITUDE, NAVIGATION_COVARIANCE, RELATIVE_STATE
+from rpo_core.wire.interfaces import CHASER_ATTITUDE, RELATIVE_STATE
 from rpo_kernels.jit import as_table
 from rpo_kernels.kernels import cw_step
 from rpo_nav.sensors import Sensors
@@ -67,11 +67,6 @@ def covariance(sigma_m, sigma_m_s):
     """Return covariances (18,) whose traces have these roots."""
     three = np.eye(3).ravel() / 3.0
     return (*(sigma_m**2 * three).tolist(), *(sigma_m_s**2 * three).tolist())
-
-
-def test_the_stage_reads_the_covariance():
-    stage = AssuranceStage(SETTINGS, ASSURED)
-    assert stage.inputs[-1] == NAVIGATION_COVARIANCE
 
 
 def test_a_worse_estimate_never_has_more_room():

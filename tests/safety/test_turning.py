@@ -101,7 +101,8 @@ def at_the_walls(walls, count, seed):
         for _ in range(30):  # as fast as the set allows in this direction
             k = 0.5 * (low + high)
             state = (q, walls.port_m + d, p, *(k * v).tolist())
-            low, high = (k, high) if min(approach_margins(state, 0, 0, walls)) >= 0 else (low, k)
+            inside = min(approach_margins(state, 0.0, 0.0, walls)) >= 0
+            low, high = (k, high) if inside else (low, k)
         if low > 0.0:
             found.append([q, walls.port_m + d, p, *(low * random.choice([1.0, 0.5]) * v)])
     return np.array(found)

@@ -17,7 +17,6 @@ from rpo_core.control.controller import load_controller
 from rpo_core.control.fuzzy import WORDS, MembershipFunctions, RuleTable
 from rpo_core.files.validation import InputError
 from rpo_judge.analysis import rule_base
-from rpo_montecarlo.engine.population import population_of
 from rpo_training.genes import RULES, GeneSpace
 
 SPACES = [
@@ -91,11 +90,6 @@ def test_a_controller_outside_the_bounds_is_refused():
     free = GeneSpace('free').decode(np.random.default_rng(4).random((1, 30))).controller(0, 'free')
     with pytest.raises(InputError, match='are not odd'):
         GeneSpace('odd').encode(free)
-
-
-def test_a_population_is_read_from_controllers():
-    population = population_of(load_controller('handmade'))
-    assert population.controller(0, 'handmade') == load_controller('handmade')
 
 
 def test_the_monotone_tables_are_distinct_and_all_there():

@@ -15,7 +15,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import lru_cache, partial
+from functools import partial
 from math import degrees, radians, sqrt
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -312,10 +312,10 @@ class AttitudeControl(Checked):
         )  # fmt: skip
 
     def _body(self, scenario: Any) -> Body:
-        """Return the body that it assumes."""
+        """Return the body that it assumes; raises InputError for an inertia that none has."""
         inertia = self.inertia_kg_m2 or scenario.attitude.inertia_kg_m2
-        chaser: Any = type(scenario.attitude)
-        return _body_of(chaser, inertia, scenario.mean_motion_rad_s)
+        assumed: Any = replace(scenario.attitude, inertia_kg_m2=inertia)
+        return assumed.craft(scenario.mean_motion_rad_s).body
 
     def limit_of(self, scenario: Any) -> float:
         """Return the largest torque [N m] of an axis: of wheels what unloading leaves them."""
@@ -368,13 +368,6 @@ class AttitudeControlStage(Stage):
         force, torque, self._wheels = found
         self._before, self._last = wanted[4:], tick
         return force, torque
-
-
-@lru_cache(maxsize=64)
-def _body_of(chaser: Any, inertia_kg_m2: Any, orbit_rad_s: float) -> Body:
-    """Return the body of a class of chasers; raises InputError for an inertia that none has."""
-    found: Body = chaser(inertia_kg_m2=inertia_kg_m2).craft(orbit_rad_s).body
-    return found
 
 
 def _check(settings: AttitudeControl, scenario: Any) -> None:

@@ -126,11 +126,9 @@ class Baseline(ControllerFile):
 
         The state must be finite; callers at the edge check it.
         """
-        x, y, z = position_m
-        vx, vy, vz = velocity_m_s
-        state = (float(x), float(y), float(z), float(vx), float(vy), float(vz))
-        fx, fy, fz = baseline_force(state, tick, self.law)
-        return float(fx), float(fy), float(fz)
+        state: Any = tuple(map(float, (*position_m, *velocity_m_s)))
+        x, y, z = map(float, baseline_force(state, tick, self.law))
+        return x, y, z
 
 
 _matrix = partial(matrix, rows=3, columns=6, bound=MAX_GAIN)

@@ -79,14 +79,14 @@ def rows_of(reach: Floats, burn: int, when: Any, normals: Floats, rows: Floats) 
     burn : segments with thrust at each end; none in between
     """
     count = len(reach)
-    rows[:] = 0.0
+    rows[:] = 0.0  # an array that is stored in a slice would take numba 3 s to compile; a sum not
     for k in range(count):
         for axis in range(3):
             for i in range(6):
                 rows[i, k, axis] = reach[count - 1 - k, i, axis]
     for j in range(len(when)):
-        moved, n = reach[: when[j]][::-1], normals[j]
-        rows[6 + j, : when[j]] = n[0] * moved[:, 0] + n[1] * moved[:, 1] + n[2] * moved[:, 2]
+        moved, n, row = reach[: when[j]][::-1], normals[j], rows[6 + j, : when[j]]
+        row += n[0] * moved[:, 0] + n[1] * moved[:, 1] + n[2] * moved[:, 2]
     if burn < count - burn:
         rows[:, burn : count - burn] = 0.0
 
@@ -121,8 +121,8 @@ def eliminate(m: Floats) -> None:
     """
     for i in range(6):
         for row in range(i + 1, len(m)):
-            factor = m[row, i] / m[i, i]
-            m[row, i:] -= factor * m[i, i:]
+            factor, rest = m[row, i] / m[i, i], m[row, i:]
+            rest -= factor * m[i, i:]
 
 
 @kernel

@@ -66,6 +66,14 @@ class Locator:
         return str(self._line)
 
 
+class InsideLocator(Locator):
+    """The same for what other kernels call, which has no wrapper for Python."""
+
+    def get_disambiguator(self) -> str:
+        """Return what differs between functions of one name."""
+        return f'{self._line}-inside'
+
+
 _held: set[Path] = set()
 
 

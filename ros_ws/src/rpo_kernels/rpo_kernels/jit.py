@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import importlib.util
 import os
-from collections.abc import Callable
-from functools import cache, wraps
+from collections.abc import Callable, Mapping
+from functools import cache, partial, wraps
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from rpo_kernels.compile_cache import Locator, alone, folder_for
+from rpo_kernels.compile_cache import InsideLocator, Locator, alone, folder_for
 from rpo_kernels.errors import InputError
 
 Kernel = TypeVar('Kernel', bound=Callable[..., Any])
@@ -52,9 +52,34 @@ def inlined(function: Kernel) -> Kernel:
 
 
 def compiled(function: Kernel, **options: Any) -> Kernel:
-    """Compile with more options of numba where `COMPILED`, else return it as it is."""
+    """Compile with more options of numba where `COMPILED`, else return it as it is.
+
+    For calls from Python and from other kernels it is compiled apart: the latter need no wrapper
+    that unpacks Python's objects, which takes a fifth of the compiling.
+    """
     if not COMPILED:
         return function
+    made = _dispatcher(function, Locator, options)
+    made.inside = cache(
+        partial(_dispatcher, function, InsideLocator, {'no_cpython_wrapper': True, **options})
+    )
+    template_of, overload_of = made.get_call_template, made.get_overload
+
+    def template_inside(args: Any, kws: Any) -> Any:
+        types = _of_any_value(made.fold_argument_types(args, kws)[1])
+        known = types in made.overloads
+        return template_of(types, {}) if known else made.inside().get_call_template(types, {})
+
+    def overload_inside(types: Any) -> Any:
+        known = tuple(types) in made.overloads
+        return overload_of(types) if known else made.inside().get_overload(types)
+
+    made.get_call_template, made.get_overload = template_inside, overload_inside
+    return cast(Kernel, made)
+
+
+def _dispatcher(function: Kernel, locator: type[Locator], options: Mapping[str, Any]) -> Any:
+    """Return what numba makes of a kernel, kept where the locator says."""
     numba = _numba()
     folder = folder_for(function.__module__)
     # error_model 'numpy' drops the zero-division branch; kernels never divide by zero. Nobody calls
@@ -62,16 +87,14 @@ def compiled(function: Kernel, **options: Any) -> Kernel:
     options = {'error_model': 'numpy', 'fastmath': False, 'no_cfunc_wrapper': True, **options}
     before = numba.config.CACHE_LOCATOR_CLASSES
     # numba's own look at the sources stops at the file: see `compile_cache`.
-    numba.config.CACHE_LOCATOR_CLASSES = f'{Locator.__module__}.{Locator.__name__}'
+    numba.config.CACHE_LOCATOR_CLASSES = f'{locator.__module__}.{locator.__name__}'
     try:
         made = numba.njit(cache=folder is not None, **options)(function)
     finally:
         numba.config.CACHE_LOCATOR_CLASSES = before
     if folder is not None:
         made.compile = _once(made.compile, folder / f'{function.__qualname__}.lock')
-    if options.get('forceinline'):
-        made.get_call_template = _of_any_value(made.get_call_template)
-    return cast(Kernel, made)
+    return made
 
 
 def _once(compile_for: Callable[[Any], Any], lock: Path) -> Callable[[Any], Any]:
@@ -86,19 +109,15 @@ def _once(compile_for: Callable[[Any], Any], lock: Path) -> Callable[[Any], Any]
     return compile_alone
 
 
-def _of_any_value(template_of: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-    """Return the `get_call_template` of an inlined kernel for which a constant is any number.
+def _of_any_value(types: Any) -> Any:
+    """Return the types of arguments with any number in the place of a constant.
 
     By default numba compiles a kernel once more for each constant that another one calls it with.
-    Of an inlined one LLVM sees the constant all the same.
+    Where LLVM inlines it, it sees the constant all the same.
     """
     from numba.core.types.misc import unliteral
 
-    def template_of_types(args: Any, kws: Any) -> Any:
-        named = {name: unliteral(value) for name, value in kws.items()}
-        return template_of(tuple(map(unliteral, args)), named)
-
-    return template_of_types
+    return tuple(map(unliteral, types))
 
 
 @cache

@@ -19,7 +19,7 @@ from rpo_core.files.validation import Checked, InputError, real, vector3, whole
 from rpo_core.wire import interfaces
 from rpo_kernels.jit import as_table
 from rpo_kernels.kernels import Vector, norm, sin_cos
-from rpo_nav.attitude_sensor_kernels import MEASURED, OUTAGES, QUEUE, sense_attitude
+from rpo_nav.attitude_sensor_kernels import MEASURED, QUEUE, sense_attitude
 from rpo_nav.navigation_errors import key
 from rpo_nav.sensor_kernels import across
 from rpo_nav.sensors import MAX_LATENCY_TICKS, first_tick, intervals
@@ -119,10 +119,9 @@ class AttitudeSensing:
             *(part / size for part in star.light),
             sin_cos(radians(star.light_deg))[1] if star.light_deg > 0.0 else 2.0,
             len(ticks),
+            *ticks,
         ]
-        if len(table) != OUTAGES:
-            raise RuntimeError(f'the table must have {OUTAGES} numbers; it has {len(table)}')
-        self.table = as_table([*table, *ticks])
+        self.table = as_table(table)
         self.reset()
 
     def reset(self) -> None:

@@ -14,7 +14,6 @@ from math import sqrt
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.chain.stage import Place, Section, Signal, Stage, register
 from rpo_core.files.codec import unless_default
@@ -22,6 +21,7 @@ from rpo_core.files.validation import Checked, InputError, flag, real, whole
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import ATTITUDE, PREVIOUS_COMMAND
 from rpo_core.world import cw
+from rpo_kernels.arrays import Floats
 from rpo_kernels.jit import as_table
 from rpo_kernels.kernels import CwStep, cw_step
 from rpo_nav import filter_kernels as kf
@@ -132,36 +132,21 @@ def filter_of(settings: Estimator, sensors: Sensors, scenario: Any) -> Any:
         *step,
         *(gate(numbers, settings.gate_sigmas) for numbers in range(7)),
         *start,
-        *_process_noise(settings, step, mass_kg, scenario.dt_s),
-        *_diagonal([*sigmas, *disturbed]),
-        *_diagonal([*again, *disturbed]),
+        *_process_noise(settings, step, mass_kg, scenario.dt_s).ravel(),
+        *np.diag(np.square([*sigmas, *disturbed])).ravel(),
+        *np.diag(np.square([*again, *disturbed])).ravel(),
         *rows.ravel(),
     ]
     return as_table(table)
 
 
-def _diagonal(sigmas: list[float]) -> list[float]:
-    n = len(sigmas)
-    return [sigmas[i] * sigmas[i] if i == j else 0.0 for i in range(n) for j in range(n)]
-
-
-def _process_noise(settings: Estimator, step: CwStep, mass_kg: float, dt_s: float) -> list[float]:
-    """Return Q (81,): white acceleration, held for a tick; the walk of the disturbance."""
-    zero = (0.0,) * 6
-    density = settings.acceleration_noise_m_s1_5 * mass_kg
-    variance = density * density / dt_s
+def _process_noise(settings: Estimator, step: CwStep, mass_kg: float, dt_s: float) -> Floats:
+    """Return Q (9, 9): white acceleration, held for a tick; the walk of the disturbance."""
+    density, walk = settings.acceleration_noise_m_s1_5 * mass_kg, settings.disturbance_walk_n_s0_5
     unit = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    columns = [cw_step(zero, force, step) for force in unit]
-    noise = [0.0] * SQUARE
-    for i in range(6):
-        for j in range(6):
-            shared = 0.0
-            for column in columns:
-                shared += column[i] * column[j]
-            noise[STATES * i + j] = variance * shared
-    walk = settings.disturbance_walk_n_s0_5
-    for i in range(6, STATES):
-        noise[STATES * i + i] = walk * walk * dt_s
+    columns = [cw_step((0.0,) * 6, force, step) for force in unit]
+    noise = np.diag([0.0] * 6 + [walk * walk * dt_s] * 3)
+    noise[:6, :6] = density * density / dt_s * sum(np.outer(column, column) for column in columns)
     return noise
 
 
@@ -256,7 +241,7 @@ class EstimatorStage(FilterStage):
         return (1, (), ())[: len(self.outputs)]
 
     @property
-    def covariance(self) -> NDArray[np.float64]:
+    def covariance(self) -> Floats:
         """Whole covariance (n, n) of the newest estimate; SI units."""
         n, table = self._states, self.memory[X + STATES : X + STATES + SQUARE]
         return np.array(table).reshape(STATES, STATES)[:n, :n]

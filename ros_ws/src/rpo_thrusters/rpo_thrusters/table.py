@@ -243,7 +243,8 @@ def table_of(
         settings.each, settings.centre_of_mass_m, settings.modulation, specific_impulse_s
     )
     arms, units = _arms(settings.each, settings.centre_of_mass_m)
-    acting = np.array([_times(matrix, unit) for unit in units.tolist()])
+    x, y, z = np.array(matrix).T
+    acting = units[:, :1] * x + units[:, 1:2] * y + units[:, 2:] * z
     acts = as_table(np.hstack([acting, np.cross(arms, acting)]).ravel())
     return found._replace(dt=dt_s, bound=bound_n, acts=acts)
 
@@ -281,10 +282,6 @@ def _arms(each: tuple[Thruster, ...], centre: Vector) -> tuple[Floats, Floats]:
     """Return from the centre of mass to each thruster (n, 3) [m], and its direction (n, 3)."""
     arms = np.array([t.position_m for t in each]) - np.array(centre)
     return arms, np.array([np.divide(t.direction, norm(*t.direction)) for t in each])
-
-
-def _times(matrix: Sequence[Sequence[float]], vector: Sequence[float]) -> list[float]:
-    return [row[0] * vector[0] + row[1] * vector[1] + row[2] * vector[2] for row in matrix]
 
 
 def at_rest() -> Floats:

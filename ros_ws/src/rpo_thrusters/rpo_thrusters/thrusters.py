@@ -215,9 +215,9 @@ def rotation(vector_rad: Floats) -> Floats:
     return np.eye(3) + c1 * cross + c2 * square
 
 
-def directions(settings: Thrusters, pulses: Pulses, thrust_n: float) -> list[Vector]:
-    """Return the force (3,) [N] of each valve at full thrust, with its errors."""
-    names = valve_names(pulses.count)
+def directions(settings: Thrusters, pulses: Pulses, thrust_n: float) -> Floats:
+    """Return the force (n, 3) [N] of each valve at full thrust, with its errors."""
+    names, columns = valve_names(pulses.count), np.array(settings.matrix).T
     each = len(names) // 6
     errors = {error.thruster: error for error in pulses.errors}
     found = []
@@ -225,11 +225,9 @@ def directions(settings: Thrusters, pulses: Pulses, thrust_n: float) -> list[Vec
         error = errors.get(name, ThrusterError(thruster=name))
         axis, sign = i // each // 2, 1.0 if i // each % 2 == 0 else -1.0
         size = sign * thrust_n * (1.0 + error.magnitude_share)
-        turned = rotation(np.array(error.misalignment_deg) * (math.pi / 180.0))[:, axis] * size
-        x, y, z = turned.tolist()
-        a, b, c = (row[0] * x + row[1] * y + row[2] * z for row in settings.matrix)
-        found.append((a, b, c))
-    return found
+        x, y, z = rotation(np.array(error.misalignment_deg) * (math.pi / 180.0))[:, axis] * size
+        found.append(columns[0] * x + columns[1] * y + columns[2] * z)
+    return np.array(found)
 
 
 def valves_of(settings: Thrusters, pulses: Pulses, scenario: Any) -> Valves:
@@ -305,16 +303,10 @@ class ThrustersStage(Stage):
         if self._delay:
             self._line.append(due)
             due = self._line.popleft()
-        limit = self._limit_n
-        fx, fy, fz = due
-        saturated = (
-            kernels.saturate(fx, limit),
-            kernels.saturate(fy, limit),
-            kernels.saturate(fz, limit),
-        )
+        saturated = tuple(kernels.saturate(force, self._limit_n) for force in due)
         if not self._matrix:
             return due, saturated, saturated
-        exerted: Any = kernels.exerted_force(*self._matrix, *saturated)  # type: ignore[call-arg]
+        exerted: Any = kernels.exerted_force(*self._matrix, *saturated)
         return due, saturated, exerted
 
     def steps(self, ticks: NDArray[np.int64], *inputs: Floats) -> tuple[Floats, ...]:
