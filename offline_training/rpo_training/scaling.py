@@ -19,7 +19,7 @@ from typing import NamedTuple
 from rpo_core.control.controller import AnyController
 from rpo_core.control.controller_file import Scaling
 from rpo_core.files.scenario import Scenario, ScenarioSet
-from rpo_core.files.starts import Box, Cube, Grid, Starts
+from rpo_core.files.starts import Box, Grid, Starts
 from rpo_core.files.validation import InputError
 from rpo_core.judge.verdicts import Verdict, verdicts
 from rpo_ctrl import similarity
@@ -190,7 +190,7 @@ def _few(starts: Starts) -> Starts:
     """Return the outermost starts of a set, and some between."""
     if isinstance(starts, Box):
         return replace(starts, random=min(starts.random, _RANDOM))
-    axes = [starts.axis_positions_m] * 3 if isinstance(starts, Cube) else [*vars(starts).values()]
+    axes = vars(starts).values()
     return Grid(*(tuple(sorted({min(a), sorted(a)[len(a) // 2], max(a)})) for a in axes))
 
 

@@ -248,7 +248,7 @@ def test_a_set_has_one_field_of_starts():
     assert starts.parse(one, grid) == starts.Grid((1.0,), (2.0,), (3.0,))
     box = {'least': [0.0, 0.0, 0.0], 'most': [1.0, 1.0, 1.0]}
     assert starts.parse(other, box) == starts.Box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
-    assert starts.parse(starts.FIELDS[0], [1.0]) == starts.Cube((1.0,))
+    assert starts.parse(starts.FIELDS[0], [1.0]) == starts.Grid.cube((1.0,))
 
 
 def test_the_farthest_of_a_set_is_the_one_that_is_rehearsed():

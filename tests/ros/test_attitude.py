@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import yaml
 from flights import INJECTOR, assert_flown, lasting, processes
+from landing import rest_at_landing
 
 from rpo_attitude.turns import apart
 from rpo_core.chain.chain import Chain
@@ -38,30 +39,33 @@ def turning(folder, **more):
     return lasting(25.0, folder, 'paper_test', requirements=None, **{**TURNING, **more})
 
 
-@pytest.mark.every_landing
-@pytest.mark.parametrize(('wheels', 'together'), [(True, False), (False, False), (True, True)])
-def test_it_flies_the_bits_of_the_chain_and_verifies(ros, tmp_path, wheels, together):
+@pytest.mark.parametrize('wheels', rest_at_landing([True, False], quick=0))
+def test_it_flies_the_bits_of_the_chain_and_verifies(together, tmp_path, wheels):
     attitude = dict(TURNING['attitude'])
     if not wheels:
         del attitude['wheels']  # the table gives the torque
-    path, run = turning(tmp_path, attitude=attitude), tmp_path / 'run'
-    if together:
-        named = {'fuzzy_controller:controller': 'handmade'}
-        software = [ros.node('rpo_bringup', 'flight_software', **named)]
-    else:
-        software = [ros.node('rpo_ctrl', 'fuzzy_controller', controller='handmade')]
-        software += [ros.node('rpo_ctrl', 'attitude_controller')]
-    ros.node('rpo_sim', 'disturbance_injector')
-    recorder = ros.node('rpo_log', 'recorder', output=str(run))
-    plant = ros.node('rpo_sim', 'plant', scenario=path, wait_for_recorder='true')
-    assert plant.wait() == 0, plant.output
-    assert recorder.wait() == 0, recorder.output
-    assert [node.stop() for node in software] == [0] * len(software)
+    path = turning(tmp_path, attitude=attitude)
+    run = together(path, '--controller', 'handmade')
     assert_flown(run, fly(load_scenario(path), load_controller('handmade')), 'attitude')
     log = read_run(run)
     assert np.abs(log.values[CHASER_ATTITUDE][:, 3] - 1.0).max() > 1e-3, 'it turned'
     said = yaml.safe_load(log.attachments['scenario.yaml'])['attitude_control']['controller']
     assert said['kind'] == 'attitude_pd', 'the log says what flew, not where it was'
+
+
+@pytest.mark.every_landing
+def test_as_a_process_of_all_that_fly_the_chaser_it_has_the_same_bits(ros, tmp_path):
+    path, run = turning(tmp_path), tmp_path / 'run'
+    software = ros.node(
+        'rpo_bringup', 'flight_software', **{'fuzzy_controller:controller': 'handmade'}
+    )
+    ros.node('rpo_sim', 'disturbance_injector')
+    recorder = ros.node('rpo_log', 'recorder', output=str(run))
+    plant = ros.node('rpo_sim', 'plant', scenario=path, wait_for_recorder='true')
+    for node in (plant, recorder):
+        assert node.wait() == 0, node.output
+    assert software.stop() == 0
+    assert_flown(run, fly(load_scenario(path), load_controller('handmade')), 'attitude')
 
 
 def test_a_chaser_that_nobody_steers_gets_nothing(tmp_path):

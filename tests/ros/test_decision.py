@@ -24,9 +24,8 @@ def heard(bench, rate_hz, ticks, deactivate_at=None):
     """Return the decisions on so many states, 0.1 s apart."""
     node = bench.start(ControllerNode({'decision_rate_hz': rate_hz, 'scenario': 'approach'}))
     said = []
-    states = bench.user.create_publisher(Odometry, 'relative_state', qos.LOCKSTEP)
+    states = bench.publisher(Odometry, 'relative_state')
     bench.user.create_subscription(DiagnosticArray, 'decision', said.append, qos.LOCKSTEP)
-    bench.until(lambda: states.get_subscription_count())
     bench.until(lambda: bench.user.count_publishers('decision'))
     for tick in range(ticks):
         if tick == deactivate_at:

@@ -31,21 +31,14 @@ def table(folder, **rules):
     return str(path)
 
 
-class Liar:
-    """Publishes what the system should not hear."""
-
-    def __init__(self, bench):
-        self.bench = bench
-        self.states = bench.user.create_publisher(Odometry, 'relative_state', qos.LOCKSTEP)
-        self.forces = bench.user.create_publisher(WrenchStamped, 'control_force', qos.LOCKSTEP)
-
-    def state(self, *state):
-        self.bench.until(lambda: self.states.get_subscription_count())
-        self.states.publish(conversions.to_odometry(1, state))
-
-    def force(self, *force):
-        self.bench.until(lambda: self.forces.get_subscription_count())
-        self.forces.publish(conversions.to_wrench(conversions.to_stamp(1), force))
+def lie(inner, *values, stamp_ns=1):
+    """Publish a state (6,) or a command (3,) that the system should not hear."""
+    if len(values) == 6:
+        state = conversions.to_odometry(stamp_ns, values)
+        inner.publisher(Odometry, 'relative_state').publish(state)
+    else:
+        force = conversions.to_wrench(conversions.to_stamp(stamp_ns), values)
+        inner.publisher(WrenchStamped, 'control_force').publish(force)
 
 
 def flying(bench, path, **monitor):
@@ -58,16 +51,16 @@ def flying(bench, path, **monitor):
 
 
 @pytest.mark.parametrize(
-    ('fault', 'lie'),
+    ('fault', 'state'),
     [
         ('out_of_range', (500.0, 0, 0, 0, 0, 0)),
         ('too_fast', (0, 0, 1.0, 0, 0, 0.5)),
         ('not_finite', (0, 0, 1.0, 0, math.nan, 0)),
     ],
 )
-def test_a_bad_state_aborts_the_run(inner, tmp_path, capfd, fault, lie):
+def test_a_bad_state_aborts_the_run(inner, tmp_path, capfd, fault, state):
     plant, _, watcher = flying(inner, table(tmp_path, **{fault: 'abort'}))
-    Liar(inner).state(*map(float, lie))
+    lie(inner, *state)
     inner.until(lambda: plant.phase == 'aborted')
     assert plant.exit_code == EXIT_ABORTED
     assert watcher.checker.detected[fault] == 1
@@ -78,7 +71,7 @@ def test_a_bad_state_aborts_the_run(inner, tmp_path, capfd, fault, lie):
 
 def test_a_saturated_command_coasts(inner, tmp_path):
     plant, controller, watcher = flying(inner, table(tmp_path, force_saturated='coast'))
-    Liar(inner).force(0.0, 0.9, 0.0)
+    lie(inner, 0.0, 0.9, 0.0)
     inner.until(lambda: not controller.active)
     before = controller.answered_inactive
     inner.until(lambda: controller.answered_inactive > before + 5)
@@ -101,7 +94,7 @@ def test_told_not_to_react_it_warns_only_and_says_so_on_diagnostics(inner, tmp_p
     inner.user.create_subscription(DiagnosticArray, '/diagnostics', on_diagnostics, qos.DIAGNOSTICS)
     path = table(tmp_path, out_of_range='abort')
     plant, _, _ = flying(inner, path, react=False)
-    Liar(inner).state(500.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    lie(inner, 500.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     status = inner.until(lambda: (s := heard.get('monitor: health')) and s.level != b'\x00' and s)
     values = {pair.key: pair.value for pair in status.values}
     assert status.level == b'\x01' and values['reaction_out_of_range'] == 'warn'
@@ -112,7 +105,7 @@ def test_told_not_to_react_it_warns_only_and_says_so_on_diagnostics(inner, tmp_p
 def test_nobody_there_to_react_is_an_error_on_diagnostics(inner, tmp_path):
     watcher = inner.start(MonitorNode({'table': table(tmp_path, out_of_range='abort')}))
     watcher.phase = 'running'
-    Liar(inner).state(500.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    lie(inner, 500.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     inner.until(lambda: watcher.checker.detected['out_of_range'])
     level, said, _ = watcher._health()
     assert level == b'\x02' and 'no service for abort' in said
@@ -124,15 +117,12 @@ def test_a_corridor_is_where_the_target_points(inner, tmp_path):
     path = tmp_path / 'cone.yaml'
     path.write_text(yaml.safe_dump(document))
     watcher = inner.start(MonitorNode({'table': str(path)}))
-    liar = Liar(inner)
-    attitudes = inner.user.create_publisher(Odometry, 'target_attitude', qos.LOCKSTEP)
     turned = Odometry()  # its x along y of LVLH
     turned.pose.pose.orientation.z = turned.pose.pose.orientation.w = math.sqrt(0.5)
-    inner.until(lambda: attitudes.get_subscription_count())
-    attitudes.publish(turned)
+    inner.publisher(Odometry, 'target_attitude').publish(turned)
     inner.until(lambda: watcher._attitude[2] > 0.0)
-    liar.state(0.0, 50.0, 0.0, 0.0, 0.0, 0.0)
+    lie(inner, 0.0, 50.0, 0.0, 0.0, 0.0, 0.0)
     inner.until(lambda: watcher._newest_ns == 1)
     assert not watcher.checker.detected['off_corridor']
-    liar.states.publish(conversions.to_odometry(2, (50.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
+    lie(inner, 50.0, 0.0, 0.0, 0.0, 0.0, 0.0, stamp_ns=2)
     inner.until(lambda: watcher.checker.detected['off_corridor'] == 1)

@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sensors and estimator as a node: a command that is lost, late or foreign."""
 
-import re
-
 import pytest
-from flights import assert_flown, processes, told, verified
+from flights import assert_flown, told, verified
+from inside import inside
 from nav_scenarios import LIDAR, make
 
 from rpo_core.chain.flight import fly
@@ -16,6 +15,7 @@ from rpo_nav.navigation_node import NavigationNode
 from rpo_ros import patience
 from rpo_ros.signals import Outlet
 from rpo_ros.stage_node import WITHOUT_COMMAND
+from rpo_sim.fault_injector_node import FaultInjectorNode
 
 LATE = {**LIDAR, 'latency_ticks': 3, 'dropout_share': 0.1}
 SLOW = {
@@ -31,36 +31,31 @@ def written(folder, **changes):
     return flown, path
 
 
-def fly_with(ros, path, remap):
-    """Fly with a navigation that hears the commands elsewhere; return the run's folder."""
-    navigation = ros.node('rpo_nav', 'navigation', '--ros-args', '-r', remap, scenario=path)
-    navigation.says('navigating')  # else it misses commands while nodes find each other
-    return processes(ros, path, resend_after_s=0.02)
-
-
-@pytest.mark.every_landing
-def test_it_goes_on_without_a_command_that_is_lost_and_says_so(ros, tmp_path):
-    """Navigation hears no commands: each repeated state is answered, and the log verifies."""
-    _, path = written(tmp_path, ticks=5)
-    folder = fly_with(ros, path, 'control_force:=nobody')
-    without = [('estimator', WITHOUT_COMMAND, tick) for tick in range(1, 6)]
-    assert told(verified(folder)) == without
-
-
-@pytest.mark.slow
-def test_a_command_that_was_lost_is_sent_again(ros, tmp_path):
-    """Half of the commands do not reach navigation; its repeated answers bring them again."""
+@pytest.mark.parametrize(
+    ('heard', 'wait_s'),
+    [('control_force_heard', 3600.0), pytest.param('nobody', 0.1, marks=pytest.mark.every_landing)],
+)
+def test_a_command_that_is_lost_is_sent_again_or_gone_without(
+    ros_env, tmp_path, monkeypatch, heard, wait_s
+):
+    """Half or none of them reach navigation; answers to repeated states bring the rest again."""
+    monkeypatch.setattr(patience, 'LEAST_WAIT_S', wait_s)
     flown, path = written(tmp_path, ticks=20)
-    injector = ros.node(
-        'rpo_sim', 'fault_injector',
-        from_topic='control_force', to_topic='control_force_heard', drop=0.5, seed=1,
-    )  # fmt: skip
-    injector.says('faults between')
-    folder = fly_with(ros, path, 'control_force:=control_force_heard')
-    assert injector.stop() == 0
-    assert re.search(r'drop \d', injector.output), injector.output
-    assert not told(read_run(folder))
-    assert_flown(folder, fly(flown, load_controller('handmade')))
+    with inside(['-r', f'navigation:control_force:={heard}']) as inner:
+        injector = inner.start(
+            FaultInjectorNode(
+                {'from_topic': 'control_force', 'to_topic': 'control_force_heard', 'drop': 0.5}
+            )
+        )
+        inner.fly(tmp_path / 'run', str(path), NavigationNode, resend_after_s=0.02)
+        assert inner.ends() == 0
+    assert injector.link.counts['drop'] > 5
+    if heard == 'nobody':
+        without = [('estimator', WITHOUT_COMMAND, tick) for tick in range(1, 21)]
+        assert told(verified(tmp_path / 'run')) == without
+    else:
+        assert not told(read_run(tmp_path / 'run'))
+        assert_flown(tmp_path / 'run', fly(flown, load_controller('handmade')))
 
 
 def test_copies_of_an_input_far_ahead_are_stray_and_a_row_is_not(monkeypatch):

@@ -19,28 +19,10 @@ from rpo_ctrl.controller_node import ControllerNode
 from rpo_ctrl.rival_controller_node import ControllerNode as RivalNode
 from rpo_log.tools.diff import diff
 from rpo_log.verify import verify
-from rpo_mcap.read.run_log import read_run
 from rpo_ros import conversions, qos
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 from rpo_sim.plant_node import PlantNode
 from tools.node_processes import node_processes
-
-
-@pytest.mark.every_landing
-def test_only_the_plant_is_told_what_to_fly(ros):
-    """Navigation, controller and injector start first and know nothing of the scenario."""
-    output = ros.folder / 'run'
-    peers = [
-        ros.node('rpo_sim', 'disturbance_injector'),
-        ros.node('rpo_ctrl', 'rival_controller', controller='mpc'),
-        ros.node('rpo_log', 'recorder', output=str(output)),
-    ]
-    plant = ros.node('rpo_sim', 'plant', scenario='quick', wait_for_recorder='true')
-    assert plant.wait() == 0, plant.output
-    assert peers[-1].wait() == 0, peers[-1].output
-    assert 'disturbing as in quick' in peers[0].output
-    assert_flown(output, fly(load_scenario('quick'), load_controller('mpc')), 'controller')
-    assert read_run(output).outcome == 'finished'
 
 
 def changed(folder):

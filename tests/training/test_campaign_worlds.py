@@ -495,7 +495,7 @@ def test_plans_and_assurance_fly_side_by_side_with_the_bits_of_the_chain(monkeyp
 def test_docking_from_anywhere(name):
     """A few of the ten thousand runs of `rpo campaign`."""
     campaign = config.load(config.find(name))
-    columns = fly_runs(campaign, 400, 16)
+    columns = fly_runs(campaign, 400, 8)
     for judged in campaign.config.success:
         values, limit = campaign.config.limit(judged, columns)
         assert (values <= limit).all(), judged

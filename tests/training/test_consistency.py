@@ -150,7 +150,7 @@ def test_a_thousand_flights(changes):
 
 
 def test_the_command_and_its_bad_input():
-    done = invoke('evaluate', '--estimator', 'world_moon', '--runs', '3')
+    done = invoke('evaluate', '--estimator', 'world_moon', '--runs', '2')
     assert done.exit_code == 0, done.output
     assert 'NEES of 6 states' in done.output
     assert '10 % lost' in done.output

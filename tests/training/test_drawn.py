@@ -10,7 +10,7 @@ import pytest
 from rpo_core.control.controller import load_controller
 from rpo_core.control.fuzzy import RuleTable
 from rpo_core.files.scenario import load_scenario, load_set
-from rpo_core.files.starts import Cube
+from rpo_core.files.starts import Grid
 from rpo_core.files.validation import InputError
 from rpo_core.judge.verdicts import verdicts
 from rpo_judge.scoring.conditions import PAPER
@@ -31,7 +31,7 @@ FEW = DrawnSettings(
     100.0, ('paper_test',), margin=0.03, flights=6, pool=50, held_out=45, judged=JUDGED
 )
 FAMILIES = ('more_words', 'pace', 'time_to_go')
-ONE_START = replace(load_set('paper_training'), starts=Cube((50.0,)))
+ONE_START = replace(load_set('paper_training'), starts=Grid.cube((50.0,)))
 
 
 def test_stages_and_what_is_held_out_have_draws_of_their_own():

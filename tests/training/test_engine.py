@@ -20,7 +20,7 @@ from rpo_core.chain.stage import Place, Section, Stage
 from rpo_core.control.controller import load_controller
 from rpo_core.control.controller_file import ControllerStage
 from rpo_core.files.scenario import ScenarioSet, load, load_scenario, load_set
-from rpo_core.files.starts import Box, Cube, Grid
+from rpo_core.files.starts import Box, Grid
 from rpo_core.judge import metrics
 from rpo_core.judge.requirements import Requirements
 from rpo_core.judge.verdicts import verdicts
@@ -84,7 +84,7 @@ PAPERS, LONGER = (
 )
 PLANNED = load_set('least_energy_starts')
 PLANNED = replace(
-    PLANNED, base=replace(PLANNED.base, duration_s=190.0), starts=Cube((-100.0, 100.0))
+    PLANNED, base=replace(PLANNED.base, duration_s=190.0), starts=Grid.cube((-100.0, 100.0))
 )
 LAWS = ('pd', 'lqr', 'mpc', 'apf_smc', 'drift', 'more_words', 'pace', 'time_to_go')
 
@@ -287,7 +287,7 @@ def test_both_ways_give_the_same_rows(elsewhere, laws, monkeypatch, loaded):
     campaign = replace(campaign, scenario=replace(campaign.scenario, **elsewhere))
     base = replace(load_set('paper_training').base, duration_s=20.0, **elsewhere)
     training = case_of_set(
-        replace(load_set('paper_training'), base=base, starts=Cube((50.0, -100.0))),
+        replace(load_set('paper_training'), base=base, starts=Grid.cube((50.0, -100.0))),
         horizon_s=30.0,
         late_s=5.0,
     )

@@ -14,7 +14,7 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario as scenarios
 from rpo_core.files.scenario import load_set
-from rpo_core.files.starts import Cube
+from rpo_core.files.starts import Grid
 from rpo_core.judge import metrics
 from rpo_core.judge.metrics import LATE_POSITION, LATE_SPEED
 from rpo_judge.evaluation.assessment import assess
@@ -25,7 +25,7 @@ from rpo_montecarlo.engine.population import population_of
 from rpo_montecarlo.engine.simulator import Simulator
 
 TRAINING = load_set('paper_training')
-SMALL = replace(TRAINING, starts=Cube((-50.0, 100.0)))
+SMALL = replace(TRAINING, starts=Grid.cube((-50.0, 100.0)))
 HANDMADE = load_controller('handmade')
 
 

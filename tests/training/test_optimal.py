@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario, load_set
-from rpo_core.files.starts import Cube
+from rpo_core.files.starts import Grid
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
 from rpo_core.world import cw
@@ -206,7 +206,7 @@ def test_the_command():
 # A fuzzy controller on the way of least energy: from the starts of a set, and dispersed.
 
 FARTHEST = load_set('least_energy_starts')
-CORNERS = replace(FARTHEST, starts=Cube((-100.0, 100.0)))
+CORNERS = replace(FARTHEST, starts=Grid.cube((-100.0, 100.0)))
 
 
 @pytest.mark.parametrize('controller', ['allround', 'trained'])

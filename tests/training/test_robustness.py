@@ -105,12 +105,18 @@ def test_flights_that_are_off_are_those_of_the_chain():
         assert {name: found[name][number] for name in found} == pytest.approx(wanted, rel=1e-12)
 
 
+def shorter(controller):
+    """Return the flights of a controller, of which the drawn ones end after 40 s."""
+    flights = robustness.Flights(controller)
+    short = replace(flights.drawn.scenario, duration_s=40.0)
+    flights.drawn = replace(flights.drawn, scenario=short)
+    return flights
+
+
 def test_drawn_flights_feel_all_that_is_off(monkeypatch):
     """Where a sensor measures, its bias changes: that of navigation would change nothing."""
     monkeypatch.setattr(robustness, 'RUNS', 4)
-    flights = robustness.Flights(load_controller('time_to_go'))
-    shorter = replace(flights.drawn.scenario, duration_s=40.0)
-    flights.drawn = replace(flights.drawn, scenario=shorter)
+    flights = shorter(load_controller('time_to_go'))
     offs = [Off(0.8), Off(thrust=0.9), Off(mass=1.1), Off(delay_ticks=2.0), Off(position_m=0.05)]
     nominal = flights.shares(flights.drawn, Off())
     for off in (*offs, Off(velocity_m_s=0.001)):
@@ -122,8 +128,7 @@ def test_drawn_flights_feel_all_that_is_off(monkeypatch):
 def test_gain_comes_before_the_limit(gain, monkeypatch):
     """A PD with gain k is the PD with gains k times as large, saturated or not."""
     monkeypatch.setattr(robustness, 'RUNS', 20)
-    flights = robustness.Flights(pd(0.01, 0.5))
-    scaled = robustness.Flights(pd(gain * 0.01, gain * 0.5))
+    flights, scaled = shorter(pd(0.01, 0.5)), shorter(pd(gain * 0.01, gain * 0.5))
     for one, other in ((flights.starts, scaled.starts), (flights.drawn, scaled.drawn)):
         found, wanted = flights.shares(one, Off(gain=gain)), scaled.shares(other)
         for name in wanted:

@@ -7,6 +7,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from invoking import invoke
 
@@ -16,19 +17,28 @@ from rpo_core.files import overrides
 from rpo_core.judge.verdicts import verdicts
 from rpo_judge.evaluation import judgement, sensitivity
 from rpo_judge.evaluation.judgement import Demand
+from rpo_judge.evaluation.sensitivity import Outcome
 from rpo_montecarlo.campaign import config as campaigns
 from rpo_montecarlo.campaign import run_batch
 from rpo_montecarlo.campaign.statistics import successes
+from rpo_montecarlo.engine.population import population_of
 from rpo_report.controller import draw_effects
 
 ROBUST = load_controller('robust')
 
 
+def told(controllers, _workers):
+    """Return an outcome of each controller that no other has, without a flight."""
+    sizes = [population_of(c) for c in controllers]
+    sums = [s.scales.sum() + s.functions.sum() + (s.rules * np.arange(25)).sum() for s in sizes]
+    return [Outcome(float(x), 0.05, int(x) % 7) for x in sums]
+
+
 @pytest.fixture(scope='module')
 def found():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sensitivity, 'RUNS', 10)
-        yield sensitivity.effects(ROBUST, 1)
+        patch.setattr(sensitivity, 'outcomes', told)
+        return sensitivity.effects(ROBUST, 1)
 
 
 def test_each_parameter_has_one_effect(found):
@@ -39,13 +49,14 @@ def test_each_parameter_has_one_effect(found):
     assert len({(e.part, e.parameter) for e in effects}) == len(effects) == 23
 
 
-def test_an_outcome_is_that_of_the_flights(found):
-    base, effects = found
-    assert base.energy_n2s == pytest.approx(ROBUST.provenance['mean_energy_n2s'], rel=1e-12)
-    by_name = {(e.part, e.parameter): e for e in effects}
+def test_an_outcome_is_that_of_the_flights(found, monkeypatch):
+    monkeypatch.setattr(sensitivity, 'RUNS', 10)
     wider = replace(ROBUST, velocity_scale_m_s=ROBUST.velocity_scale_m_s * 1.02)
-    (alone,) = sensitivity.outcomes([wider], 1)
-    assert by_name['velocity', 'scale'].up == alone
+    base, other = sensitivity.outcomes([ROBUST, wider], 1)
+    assert base.energy_n2s == pytest.approx(ROBUST.provenance['mean_energy_n2s'], rel=1e-12)
+    assert [other] == sensitivity.outcomes([wider], 1) and other != base
+    by_name = {(e.part, e.parameter): e for e in found[1]}
+    assert [found[0], by_name['velocity', 'scale'].up] == told([ROBUST, wider], 1)
     assert by_name['position', 'small: near foot'].down is None, 'the foot is at zero'
 
 

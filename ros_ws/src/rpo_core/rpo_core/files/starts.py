@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from rpo_core.files import codec
-from rpo_core.files.validation import Checked, InputError, real, shown, store, vector3, whole
+from rpo_core.files.validation import Checked, InputError, real, shown, vector3, whole
 from rpo_kernels.arrays import Floats
 from rpo_kernels.kernels import Vector
 from rpo_kernels.noise import philox
@@ -40,6 +40,11 @@ class Grid(Checked):
     x: Annotated[tuple[float, ...], positions]
     y: Annotated[tuple[float, ...], positions]
     z: Annotated[tuple[float, ...], positions]
+
+    @classmethod
+    def cube(cls, axis: tuple[float, ...]) -> Grid:
+        """Return the grid of the same positions [m] on the three axes."""
+        return cls(axis, axis, axis)
 
     @property
     def positions_m(self) -> Floats:
@@ -81,22 +86,7 @@ class Box(Checked):
         return np.vstack([corners, least + shares * (most - least)])
 
 
-@dataclass(frozen=True)
-class Cube:
-    """All combinations of one list of positions [m] for the three axes."""
-
-    axis_positions_m: tuple[float, ...]
-
-    def __post_init__(self) -> None:
-        store(self, axis_positions_m=positions('initial_position_axis_m', self.axis_positions_m))
-
-    @property
-    def positions_m(self) -> Floats:
-        """Starts (n, 3) [m], target LVLH, z fastest."""
-        return np.array(list(itertools.product(self.axis_positions_m, repeat=3)))
-
-
-Starts = Cube | Grid | Box
+Starts = Grid | Box
 
 FIELDS = ('initial_position_axis_m', 'initial_position_grid_m', 'initial_position_box_m')
 """Fields of a set that say its starts; it has one of them."""
@@ -113,6 +103,6 @@ def field_of(document: Any) -> str:
 def parse(name: str, value: Any) -> Starts:
     """Return the starts of a field of `FIELDS`; raises InputError."""
     if name == FIELDS[0]:
-        return Cube(value)
+        return Grid.cube(positions(name, value))
     kind: type[Grid] | type[Box] = Grid if name == FIELDS[1] else Box
     return codec.from_mapping(kind, name, value)

@@ -92,7 +92,7 @@ class _Side:
 
     def take(self, block: TickBlock, ticks: NDArray[np.int64]) -> TickBlock:
         """Take the next ticks out of what `fill` returned; NaN for those that are not there."""
-        self.held = block.after(int(ticks[-1]))
+        self.held = block.at(block.ticks[block.ticks > ticks[-1]])
         return block.at(ticks)
 
     def drain(self) -> None:

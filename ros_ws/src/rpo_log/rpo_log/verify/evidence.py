@@ -12,7 +12,7 @@ import hashlib
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 from pathlib import Path
 
@@ -246,23 +246,30 @@ class Form:
 
 
 def records_of_run(reader: RunReader, path: Path) -> list[McapRecord]:
-    """Return the records that the recorder writes beside the messages of a file; LogError."""
+    """Return the records that the recorder writes beside the messages of a log; LogError."""
     counts, first_ns, last_ns = reader.extent_of(path)
     base = reader.base
-    open_topics = bag_topics(reader.topics, [0] * len(reader.topics))
     attached = [
         Attachment(base.epoch_ns, base.epoch_ns, name, MEDIA_TYPE, data)
         for name, data in sorted(reader.attachments.items(), key=_order)
         if (name in (*_CARRIED, TOPICS) or is_controller(name)) and (path, name) in reader.attached
     ]
     file = BagFile(path.name, first_ns, last_ns, sum(counts))
+    between = [Metadata(RUN_RECORD, base.to_record()), *attached]
+    return records_of_file(bag_topics(reader.topics, counts), file, between)
+
+
+def records_of_file(
+    topics: Sequence[BagTopic], file: BagFile, between: Sequence[McapRecord] = ()
+) -> list[McapRecord]:
+    """Return the records beside the messages of a file, with some before its schemas; LogError."""
+    opened = [replace(topic, messages=0) for topic in topics]
     return [
         Header(PROFILE, LIBRARY),
-        Metadata(rosbag2.RECORD, rosbag2.record_values(open_topics, BagFile(path.name))),
-        Metadata(RUN_RECORD, base.to_record()),
-        *attached,
-        *declarations(open_topics),
-        Metadata(rosbag2.RECORD, rosbag2.record_values(bag_topics(reader.topics, counts), file)),
+        Metadata(rosbag2.RECORD, rosbag2.record_values(opened, BagFile(file.path))),
+        *between,
+        *declarations(opened),
+        Metadata(rosbag2.RECORD, rosbag2.record_values(topics, file)),
     ]
 
 
@@ -404,19 +411,11 @@ class Decisions:
         return LogError(self._records.path, f'decision {number}: {why}')
 
     def _expected_records(self) -> list[McapRecord]:
-        topics = [
-            BagTopic.of(self._topic, interfaces.ARRAY_TYPE, interfaces.LOCKSTEP, count)
-            for count in (0, len(self._ticks))
-        ]
-        ends = (0, 0)
+        count, ends = len(self._ticks), (0, 0)
         if self._ticks:
             ends = (self._base.stamp_ns(self._ticks[0]), self._base.stamp_ns(self._ticks[-1]))
-        files = BagFile(DECISIONS_FILE), BagFile(DECISIONS_FILE, *ends, len(self._ticks))
-        first, last = (
-            Metadata(rosbag2.RECORD, rosbag2.record_values([topic], file))
-            for topic, file in zip(topics, files, strict=True)
-        )
-        return [Header(PROFILE, LIBRARY), first, *declarations(topics[:1]), last]
+        topic = BagTopic.of(self._topic, interfaces.ARRAY_TYPE, interfaces.LOCKSTEP, count)
+        return records_of_file([topic], BagFile(DECISIONS_FILE, *ends, count))
 
     def _compared(
         self, tick: int, data: bytes, inputs: list[float], active: bool

@@ -130,7 +130,8 @@ class Statuses:
         """Yield (field, logged, computed) of a run_status."""
         status, values = event.status, event.values
         phase = values.get('phase', '')
-        wanted = self._next_phases()
+        goes_on = self._phases[-1:] in ([], [_RUNNING])  # the first may be missing: a gap
+        wanted = (_RUNNING, _FINISHED, _ABORTED) if goes_on else ()
         yield 'phase', phase, phase if phase in wanted else ' or '.join(wanted) or 'none'
         level = _LEVELS[phase]
         yield 'level', str(status.level), str(status.level if status.level in level else level[0])
@@ -146,10 +147,6 @@ class Statuses:
         yield 'dropped', ' '.join(dropped), ' '.join(awaited)
         yield from self._figures(tick, values)
         yield from self._others(phase, status)
-
-    def _next_phases(self) -> tuple[str, ...]:
-        goes_on = self._phases[-1:] in ([], [_RUNNING])  # the first may be missing: a gap
-        return (_RUNNING, _FINISHED, _ABORTED) if goes_on else ()
 
     def _figures(self, tick: int, values: dict[str, str]) -> Iterator[tuple[str, str, str]]:
         found = [block.at(tick, self._scenario) for block in self._blocks]

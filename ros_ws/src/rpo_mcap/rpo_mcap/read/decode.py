@@ -75,10 +75,6 @@ class TickBlock:
     events: tuple[Event, ...] = ()
     non_canonical: tuple[Message, ...] = ()
 
-    def after(self, tick: int) -> TickBlock:
-        """Return the ticks after one, without events."""
-        return self.at(self.ticks[self.ticks > tick])
-
     def at(self, ticks: NDArray[np.int64]) -> TickBlock:
         """Return some ticks, without events; those that are not here have no message."""
         where, rows = np.isin(ticks, self.ticks), np.isin(self.ticks, ticks)

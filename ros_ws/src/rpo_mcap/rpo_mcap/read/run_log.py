@@ -278,12 +278,6 @@ class LoggedDecision(NamedTuple):
         return tuple(dict(status.values) for status in self.axes)
 
 
-def decisions_file(run: str | Path) -> Path:
-    """Return where the decisions of a run folder, or of the folder of a .mcap file, would be."""
-    path = Path(run)
-    return (path if path.is_dir() else path.parent) / DECISIONS_FILE
-
-
 def read_decisions(path: Path) -> Iterator[LoggedDecision]:
     """Yield the decisions of a file in order, as far as it is whole; raises LogError, CdrError."""
     for message in messages_of(FileRecords(path), lambda _: None):
@@ -302,8 +296,12 @@ def messages_of(records: FileRecords, take: Callable[[McapRecord], None]) -> Ite
 
 
 def decision_at(run: str | Path, stamp_ns: int) -> LoggedDecision | None:
-    """Return the last decision of a run at or before a stamp; None if there is none."""
-    path = decisions_file(run)
+    """Return the last decision of a run at or before a stamp; None if there is none.
+
+    run : its folder, or a file in it
+    """
+    folder = Path(run) if Path(run).is_dir() else Path(run).parent
+    path = folder / DECISIONS_FILE
     found = None
     if path.exists():
         for decision in read_decisions(path):
