@@ -119,7 +119,7 @@ def worst_of(
 
 def test_hostile_torques_stay_within_all_limits():
     """Errors and disturbance at the corners of their bounds."""
-    found = np.array([worst_of(run) for run in range(200)])
+    found = np.array([worst_of(run) for run in range(100)])
     rate, angle, momentum = found.max(axis=0)
     assert rate <= radians(LIMITS.rate_deg_s)
     assert angle <= radians(LIMITS.angle_deg)

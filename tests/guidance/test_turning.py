@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
+from landing import rest_at_landing
 from numpy.testing import assert_allclose, assert_array_equal
 from references import N_RAD_S, VEHICLE, assert_bits_of_the_stage, follow, stage_of
 from scipy.integrate import solve_ivp
@@ -146,7 +147,7 @@ def test_a_transfer_stays_in_a_corridor_that_turns():
         rehearsal.check(straight, PORT.equipped(straight))
 
 
-@pytest.mark.parametrize('controller', ['allround', 'pd'])
+@pytest.mark.parametrize('controller', rest_at_landing(['allround', 'pd']))
 def test_docks_at_a_port_that_tumbles(controller):
     flight = fly(SHIPPED, load_controller(controller))
     judged = verdicts(flight)

@@ -81,7 +81,7 @@ def read_and_repair(folder: Path, given: int) -> int:
     return len(log.ticks)
 
 
-@pytest.mark.parametrize('seed', rest_at_landing(range(2)))
+@pytest.mark.parametrize('seed', rest_at_landing(range(2), quick=0))
 def test_kill_9_at_full_speed(tmp_path, seed):
     kill_at_random(tmp_path, seed, 40.0)
 

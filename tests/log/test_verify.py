@@ -281,6 +281,7 @@ def test_a_disturbance_that_was_not_recorded(tmp_path):
         verify(tmp_path)
 
 
+@pytest.mark.every_landing
 def test_interpreted_and_compiled_agree(short_log):
     script = (
         f'import sys; sys.path[:0] = {sys.path!r}\n'

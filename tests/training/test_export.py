@@ -178,9 +178,9 @@ def test_files_of_another_shape_are_refused(suffix, text, message, tmp_path):
     assert not (tmp_path / 'mine.yaml').exists()
 
 
-def test_scales_may_be_given(tmp_path):
-    path = tmp_path / 'plain.fis'
-    path.write_text(PLAIN)
+def test_scales_that_are_given_count_more_than_those_of_the_file(tmp_path):
+    path = tmp_path / 'mine.fis'
+    path.write_text(FIS)
     scales = ('--position-scale', 50, '--velocity-scale', 0.7, '--force-scale', 0.4)
     assert invoke('import', path, '-o', tmp_path / 'mine.yaml', *scales).exit_code == 0
     assert load_controller(tmp_path / 'mine.yaml').scales == (50.0, 0.7, 0.4)

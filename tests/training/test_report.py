@@ -198,6 +198,10 @@ def test_a_campaign_where_every_run_succeeds_or_none(limit, kept, tmp_path):
                    if isinstance(b, Table) for row in b.rows)  # fmt: skip
     run = int(np.argmax(store.column('energy_n2s')))
     assert worst.rows[1][-1] == f'rpo campaign {store.folder} --run {run}'
+    nearest = int(np.argmax(store.column('hold_error_per_axis_m'))) if limit else 0
+    assert made.flights[0].name == f'run {nearest}', 'the replay begins with the worst'
+    said = 'hold error per axis: ' if limit else 'Nothing is judged'
+    assert f'Largest beside its limit: {said}' in made.flights[0].verdict
 
 
 def test_folders_are_recognised(folder, store, tmp_path):

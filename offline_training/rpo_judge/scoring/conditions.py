@@ -104,8 +104,7 @@ def conditions_of(base: Scenario) -> Conditions:
             f'a search cannot judge the starts of a set by `{name}`; give a campaign in '
             '`fitness.drawn.campaigns`'
         )
-    keys = [key for key in (*_COLUMNS, *VALUES) if key in limits]
-    keys = list(dict.fromkeys(keys))
+    keys = [key for key in dict.fromkeys((*_COLUMNS, *VALUES)) if key in limits]
     if hold is not None and hold >= base.ticks:  # the flight ends before; it is not judged by these
         keys = [key for key in keys if not key.startswith('hold_')]
     found = tuple(columns[key] for key in keys)

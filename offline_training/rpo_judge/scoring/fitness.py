@@ -349,7 +349,8 @@ class Fitness:
         training = outcomes[0]
         fitness = energy = mean(training[..., ENERGY])
         for term in self._terms:
-            rows = np.hstack([outcomes[place] for place in term.places])
+            first, *others = (outcomes[place] for place in term.places)
+            rows = np.hstack([first, *others]) if others else first
             fitness = fitness + term.weight * term.cost(rows)
         if settings.damping and isinstance(population, Population):
             fitness = fitness + settings.damping * driving(population)

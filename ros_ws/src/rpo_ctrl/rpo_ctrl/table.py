@@ -130,14 +130,14 @@ class ForceTable(Family):
         """Peaks of all words of the second input."""
 
     @property
-    @abstractmethod
     def forces_at_n(self) -> Numbers:
-        """The row of forces at the target itself."""
+        """The row of forces at the target itself: at rest there, none."""
+        return (0.0,) * len(self.seconds)
 
     @property
     def lead_or_0_s(self) -> float:
         """What makes the second input a pace (`baseline_kernels.pace_inputs`); 0: a speed."""
-        return 0.0
+        return getattr(self, 'lead_s', 0.0)
 
     @property
     def peaks_m(self) -> Numbers:
@@ -358,16 +358,6 @@ class Pace(ForceTable):
     def second_peaks(self) -> Numbers:
         """Peaks of the words of the pace."""
         return self.pace_peaks
-
-    @property
-    def forces_at_n(self) -> Numbers:
-        """No force at a distance of 0, which is at rest at the target."""
-        return (0.0,) * len(self.seconds)
-
-    @property
-    def lead_or_0_s(self) -> float:
-        """The lead."""
-        return self.lead_s
 
     @staticmethod
     def start_n(distance_m: float, second: float) -> float:

@@ -229,18 +229,14 @@ class TimeToGo(Family):
             )
             for name, what, value, limit, unit in conditions
         ]
-        radius = self._hold_radius()
+        due = np.asarray(self.law.gains[-1]).reshape(3, 6)
+        radius = np.abs(np.linalg.eigvals(self._closed_loop(due))).max()
         hold = f'stable after arrival: spectral radius {radius:.6f}'
-        return [*claims, Claim('hold', hold, radius < 1.0)]
+        return [*claims, Claim('hold', hold, bool(radius < 1.0))]
 
     def _closed_loop(self, gains: Any) -> Any:
         a, b = replace(PAPER_MODEL, dt_s=self.tick_s).matrices()
         return a - b @ gains
-
-    def _hold_radius(self) -> float:
-        """Return the spectral radius of the loop with the gains of `due`."""
-        last = np.asarray(self.law.gains[-1]).reshape(3, 6)
-        return float(np.abs(np.linalg.eigvals(self._closed_loop(last))).max())
 
     def _worst_of_box(self, mean_s: float) -> _Worst:
         """Return the largest values over all starts in the box; means over the last `mean_s`."""

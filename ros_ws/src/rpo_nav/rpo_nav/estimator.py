@@ -231,10 +231,9 @@ class EstimatorStage(FilterStage):
             self._measured[MEASURED * i] = float(values[6] >= 0.0)
             self._measured[MEASURED * i + 1 : MEASURED * (i + 1)] = values[:6]
         estimate(tick, command, self._measured, self._attitude, self.filter, self.memory)
-        y = list(map(float, self.memory[X : X + STATES + SQUARE]))
-        blocks = [(i, j) for at in (0, 3) for i in range(at, at + 3) for j in range(at, at + 3)]
-        found = (tuple(y[:6]), tuple(y[STATES + STATES * i + j] for i, j in blocks))
-        return found if self._states == 6 else (*found, tuple(y[6:STATES]))
+        y, p = tuple(map(float, self.memory[X : X + STATES])), self.covariance
+        spread = (*p[:3, :3].ravel().tolist(), *p[3:6, 3:6].ravel().tolist())
+        return (y[:6], spread) if self._states == 6 else (y[:6], spread, y[6:])
 
     def passes_on(self) -> tuple[int | Signal, ...]:
         """Return that the state is what the first sensor measured; all else is zero."""
