@@ -5,9 +5,10 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from rpo_kernels.arrays import Floats
 from rpo_proof import enclosure, per_axis, sets, tube
 from rpo_proof.cells import VALUES, Cell, CellBounds, Prover
 from rpo_proof.enclosure import Law
-from rpo_proof.exact import FLIGHT, UNIT, ExactStrip, exact, law_holds, output
+from rpo_proof.exact import FLIGHT, UNIT, Exact, ExactStrip, exact, law_holds, output
 from rpo_proof.folder import table_arrays
 from rpo_proof.per_axis import set_of
 from rpo_proof.problem import PER_AXIS, Problem
@@ -160,63 +161,56 @@ def _divided_cell(
     problem: Problem, table: enclosure.Table, i: int, j: int, rng: np.random.Generator
 ) -> Iterator[str]:
     """Compare a part of a divided cell with the inference in rational numbers."""
-    parts, number = table.part_slopes.shape[1], table.division[i, j]
-    at = rng.integers(parts, size=2).tolist()
-    shares = exact(rng.uniform(0.01, 0.99, 2))
-    point, small = [], []
-    for edges, cell, part, share in zip((table.e, table.w), (i, j), at, shares, strict=True):
-        left, right = exact(edges[cell : cell + 2])
-        point.append(left + (right - left) * (part + share) / parts)
-        small.append((right - left) / parts / 2**20)
-    limit, slack = exact(table.limit), exact(table.slack)
-    u = output(problem.controller, point[0], point[1], limit)
-    least, most = exact(table.part_range[number, at[0], at[1]])
-    if not least - slack <= u <= most + slack:
+    parts, at = table.part_slopes.shape[1], rng.integers(table.part_slopes.shape[1], size=2)
+    ends, slack = exact([table.e[i : i + 2], table.w[j : j + 2]]), exact(table.slack)
+    wide = (ends[:, 1] - ends[:, 0]) / parts
+    point = ends[:, 0] + wide * (at + exact(rng.uniform(0.01, 0.99, 2)))
+    value, part = _value_of(problem, table), (table.division[i, j], *at)
+    least, most = exact(table.part_range[part])
+    if not least - slack <= value(*point) <= most + slack:
         yield f'table: the range of a part of cell {i}, {j} does not hold its values'
-    slopes = exact(table.part_slopes[number, at[0], at[1]])
-    for axis in range(2):
-        moved = [x + small[axis] if k == axis else x for k, x in enumerate(point)]
-        slope = (output(problem.controller, moved[0], moved[1], limit) - u) / small[axis]
-        if not slopes[2 * axis] <= slope <= slopes[2 * axis + 1]:
-            yield f'table: a slope of a part of cell {i}, {j} is out of bounds'
+    where = f'of a part of cell {i}, {j}'
+    yield from _slope_faults(value, point, wide, table.part_slopes[part], where)
 
 
 def _surface_cell(
     problem: Problem, table: enclosure.Table, i: int, j: int, rng: np.random.Generator
 ) -> Iterator[str]:
     """Compare a cell of the table with the inference in rational numbers."""
-    limit, slack = exact(table.limit), exact(table.slack)
-    sides = exact(table.e[i : i + 2]), exact(table.w[j : j + 2])
-    one = Fraction(1)
-    ends = [[min(max(x, -one), one) for x in side] for side in sides]
-
-    def value(e: Fraction, w: Fraction) -> Fraction:
-        return output(problem.controller, e, w, limit)
-
-    least_e, most_e, least_w, most_w = exact(table.slopes[i, j])
-    corners = [[value(e, w) for w in ends[1]] for e in ends[0]]
-    for k, line in enumerate(corners):
-        for n, u in enumerate(line):
-            if abs(u - exact(float(table.u[i + k, j + n]))) > slack:
-                yield f'table: the value at {float(ends[0][k])}, {float(ends[1][n])} is wrong'
+    slack, value = exact(table.slack), _value_of(problem, table)
+    ends = exact(np.clip([table.e[i : i + 2], table.w[j : j + 2]], -1.0, 1.0))
+    corners = np.array([[value(e, w) for w in ends[1]] for e in ends[0]])
+    for k, n in np.argwhere(abs(corners - exact(table.u[i : i + 2, j : j + 2])) > slack).tolist():
+        yield f'table: the value at {float(ends[0, k])}, {float(ends[1, n])} is wrong'
+    wide = ends[:, 1] - ends[:, 0]
     for _ in range(3):
         s, t = exact(rng.uniform(0.01, 0.99, 2))
-        e = ends[0][0] + s * (ends[0][1] - ends[0][0])
-        w = ends[1][0] + t * (ends[1][1] - ends[1][0])
-        mean = (1 - s) * ((1 - t) * corners[0][0] + t * corners[0][1])
-        mean += s * ((1 - t) * corners[1][0] + t * corners[1][1])
-        u = value(e, w)
-        if abs(u - mean) > exact(float(table.bend[i, j])) + slack:
-            yield f'table: the bend at {float(e)}, {float(w)} is more than {table.bend[i, j]}'
-        for least, most, (low, high), axis in (
-            (least_e, most_e, ends[0], 0),
-            (least_w, most_w, ends[1], 1),
-        ):
-            small = (high - low) / 2**20
-            if small:
-                moved = value(e + small, w) if axis == 0 else value(e, w + small)
-                if not least <= (moved - u) / small <= most:
-                    yield f'table: a slope at {float(e)}, {float(w)} is out of bounds'
+        point = ends[:, 0] + wide * (s, t)
+        mean, where = (1 - s, s) @ corners @ (1 - t, t), ', '.join(map(str, point.astype(float)))
+        if abs(value(*point) - mean) > exact(float(table.bend[i, j])) + slack:
+            yield f'table: the bend at {where} is more than {table.bend[i, j]}'
+        yield from _slope_faults(value, point, wide, table.slopes[i, j], f'at {where}')
+
+
+Value = Callable[[Fraction, Fraction], Fraction]
+"""The output of the inference at two errors."""
+
+
+def _value_of(problem: Problem, table: enclosure.Table) -> Value:
+    return partial(output, problem.controller, limit=exact(table.limit))
+
+
+def _slope_faults(
+    value: Value, point: Exact, wide: Exact, slopes: Floats, where: str
+) -> Iterator[str]:
+    """Yield slopes from a point (2,) of a box of some widths (2,) that leave their bounds (4,)."""
+    for small, way, (least, most) in zip(
+        wide / 2**20, np.eye(2, dtype=int), exact(slopes).reshape(2, 2), strict=True
+    ):
+        if small:
+            slope = (value(*(point + small * way)) - value(*point)) / small
+            if not least <= slope <= most:
+                yield f'table: a slope {where} is out of bounds'
 
 
 DRAWN = 4

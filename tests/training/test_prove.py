@@ -37,7 +37,6 @@ from rpo_proof import (
     proving,
     sets,
     slew,
-    tube,
 )
 from rpo_proof.cells import Prover
 from rpo_proof.claims import ranges_of, values_of
@@ -89,8 +88,6 @@ def test_a_law_of_a_point_is_sharp(surface):
         enclosure.law_of(table, 9.0 - s, 9.0 + s, -0.3, 0.0, 0.0).rho for s in (1.0, 0.01)
     )
     assert fine < 0.02 * coarse
-    room = enclosure._physical(table, 0.0, 0.0, 0.0, 1e9, 0.0, 0.0).rho / table.force_n
-    assert room > 1e9 * (1.0 + enclosure.TINY)  # what is left is rounded too
 
 
 @pytest.mark.every_landing
@@ -520,6 +517,7 @@ def test_a_box_has_no_more_cells_than_memory():
     along = 1.01 * MOST_CELLS**0.25
     half = (along, along, 0.0, along, along, 0.0)
     assert Settings(half, half, axes_apart=True, cell_m=1.0, cell_m_s=1.0).half == half
+    assert Settings(half, (0.0, 0.0, 1e6, 0.0, 0.0, 0.0), cell_m=1e6 / MOST_CELLS)
     with pytest.raises(InputError, match=f'at most {MOST_CELLS} cells .* it is of 1.04e\\+07'):
         Settings(half, half, cell_m=1.0, cell_m_s=1.0)
 
@@ -552,18 +550,3 @@ def test_an_invariant_set_is_within_the_speed_that_is_asked_for():
     assert invariant_set_of(problem, 0.5, 1.001 * fast / 0.98) == largest
     slower = invariant_set_of(problem, 0.5, 0.999 * fast / 0.98)
     assert slower.rate * slower.radius_m + slower.speed_m_s < 0.999 * fast
-
-
-def test_a_tick_of_one_state_is_as_wide_as_rounding_and_as_an_unknown_mass():
-    """Its strip holds the rounded velocity; the unknown mass moves it along its force."""
-    problem = problem_of('robust')
-    motion = problem.motion('vertical', 1)
-    motion = motion._replace(mass=0.1, carried=np.zeros((1, 1, 1)))
-    c, g, d = np.array([7.0, -0.05]), np.zeros((2, sets.MOST + 8)), np.zeros(2)
-    low, high, law, least, most = c.copy(), c.copy(), np.zeros((1, 6)), np.zeros(1), np.zeros(1)
-    tube.step(problem.table, motion, 0, c, g, d, 1, low, high, law, least, most)
-    assert 2.0**-46 * 0.05 < law[0, 5] < 1e-12
-    force_n = problem.controller.stage(0.1).step(0, (0.0, 0.0, 7.0, 0.0, 0.0, -0.05))[0][2]
-    assert least[0] <= force_n <= most[0] < least[0] + 0.01
-    assert abs(force_n) > 0.1
-    np.testing.assert_allclose(g[:, 0], 0.1 * motion.b[:, 0] * (least[0] + most[0]) / 2.0)
