@@ -304,7 +304,10 @@ def test_a_controller_that_compensates_holds_closer(goal):
 @settings(max_examples=15)
 @given(
     st.lists(
-        st.tuples(*[st.floats(-1e5, 1e5)] * 6, st.sampled_from([-1.0, 1.0])),
+        st.tuples(
+            *[st.floats(-1e5, 1e5) | st.floats(allow_nan=False, allow_infinity=False)] * 6,
+            st.sampled_from([-1.0, 1.0]),
+        ),
         min_size=1, max_size=30,
     ),
     st.floats(-1e300, 1e300),
@@ -317,8 +320,10 @@ def test_its_state_is_always_finite(measured, force):
         message = (*row[:6], row[6], *[0.0] * 8, row[6], *[0.0] * 8)
         found = stage.step(tick, (force, 0.0, -force), message)
         assert all(np.isfinite(values).all() for values in found)
+    for tick in range(len(measured), len(measured) + 8):  # so often that it starts there
+        stage.step(tick, (0.0,) * 3, (1e300, 0.0, 0.0, *message[3:6], 1.0, *message[7:]))
     stage.memory[kf.X + 1] = np.inf  # as after an overflow
-    assert np.isfinite(np.concatenate(stage.step(len(measured), (0.0,) * 3, NOTHING))).all()
+    assert np.isfinite(np.concatenate(stage.step(tick + 1, (0.0,) * 3, NOTHING))).all()
 
 
 NOTHING = (0.0,) * 6 + (-1.0,) + (0.0,) * 8 + (-1.0,) + (0.0,) * 8

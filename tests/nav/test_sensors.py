@@ -22,7 +22,7 @@ from rpo_core.wire import interfaces
 from rpo_kernels.noise import normal_pair, philox
 from rpo_nav.attitude_sensors import AttitudeSensors, AttitudeSensorsStage
 from rpo_nav.navigation_errors import Navigation
-from rpo_nav.sensor_kernels import across
+from rpo_nav.sensor_kernels import across, sight
 from rpo_nav.sensors import Sensor, Sensors, SensorsStage
 
 FAR = (60.0, -80.0, 0.0, 0.1, 0.2, 0.3)
@@ -172,6 +172,14 @@ def test_the_frame_of_the_line_of_sight_is_right_handed():
         frame = np.column_stack([u, first, second])
         assert np.allclose(frame.T @ frame, np.eye(3))
         assert np.allclose(np.cross(u, first), second)
+
+
+@pytest.mark.parametrize('size', [0.0, 1e-320, 1e200, 1.7e308])
+def test_a_point_without_a_direction_gets_one(size):
+    """Its square is no number any more: a filter that took a direction of zeros divided by zero."""
+    _, *u = sight(size, -size, size)
+    assert np.linalg.norm(u) == pytest.approx(1.0)
+    np.testing.assert_allclose(np.linalg.norm(across(*u), axis=1), 1.0)
 
 
 DIGEST = """

@@ -8,7 +8,7 @@ A sensor is a row of floats; the names below are its columns. Random numbers are
 
 from __future__ import annotations
 
-from math import sqrt
+from math import inf, sqrt
 from typing import Any
 
 from rpo_kernels.chaser_kernels import Quaternion, turn_back
@@ -54,9 +54,12 @@ def larger(floor: float, value: float) -> float:
 
 @inlined
 def sight(x: float, y: float, z: float) -> tuple[float, float, float, float]:
-    """Return the distance [m] of a point, and its direction (3,)."""
+    """Return the distance [m] of a point, and its direction (3,).
+
+    A point at the sensor, or so far away that the distance overflows, has no direction: y is taken.
+    """
     distance = sqrt(x * x + y * y + z * z)
-    if distance < NO_DIRECTION_M:
+    if not NO_DIRECTION_M <= distance < inf:
         return distance, 0.0, 1.0, 0.0
     return distance, x / distance, y / distance, z / distance
 
