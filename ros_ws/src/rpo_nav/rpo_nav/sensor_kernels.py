@@ -8,7 +8,7 @@ A sensor is a row of floats; the names below are its columns. Random numbers are
 
 from __future__ import annotations
 
-from math import inf, sqrt
+from math import nan, sqrt
 from typing import Any
 
 from rpo_kernels.chaser_kernels import Quaternion, turn_back
@@ -54,12 +54,9 @@ def larger(floor: float, value: float) -> float:
 
 @inlined
 def sight(x: float, y: float, z: float) -> tuple[float, float, float, float]:
-    """Return the distance [m] of a point, and its direction (3,).
-
-    A point at the sensor, or so far away that the distance overflows, has no direction: y is taken.
-    """
+    """Return the distance [m] of a point, and its direction (3,)."""
     distance = sqrt(x * x + y * y + z * z)
-    if not NO_DIRECTION_M <= distance < inf:
+    if distance < NO_DIRECTION_M:
         return distance, 0.0, 1.0, 0.0
     return distance, x / distance, y / distance, z / distance
 
@@ -68,7 +65,8 @@ def sight(x: float, y: float, z: float) -> tuple[float, float, float, float]:
 def across(ux: float, uy: float, uz: float) -> tuple[Vector, Vector]:
     """Return two unit vectors that form a right-handed frame with a unit vector.
 
-    The first is at right angles to the axis that is farthest from the vector.
+    The first is at right angles to the axis that is farthest from the vector. Of a vector of zeros,
+    as `sight` has where the distance overflows, they are no numbers.
     """
     sx, sy, sz = abs(ux), abs(uy), abs(uz)
     no_z = sy <= sz
@@ -77,6 +75,7 @@ def across(ux: float, uy: float, uz: float) -> tuple[Vector, Vector]:
     ay = pick(no_x, uz, pick(no_z, 0.0, -ux))
     az = pick(no_x, -uy, pick(no_z, ux, 0.0))
     size = sqrt(ax * ax + ay * ay + az * az)
+    size = pick(size > 0.0, size, nan)  # interpreted, a division by zero raises
     ax, ay, az = ax / size, ay / size, az / size
     return (ax, ay, az), (uy * az - uz * ay, uz * ax - ux * az, ux * ay - uy * ax)
 
