@@ -88,6 +88,11 @@ def compiled(function: Kernel) -> Kernel:
     return jit.compiled(function, nogil=True)
 
 
+def by_constant(function: Kernel) -> Kernel:
+    """Compile so for each row or count that it is called with: its loops over lanes become SIMD."""
+    return jit.compiled(function, by_constant=True, nogil=True)
+
+
 class Law(NamedTuple):
     """A fuzzy controller as the kernels read it; filled by `set_law`.
 
@@ -135,7 +140,7 @@ def set_law(law, scales, functions, rules):  # type: ignore[no-untyped-def]
             _, _, law.z[i], law.sp[i], law.lp[i] = memberships(sample, force)
 
 
-@compiled
+@by_constant
 def fuzzify(w, n, source, target, functions):  # type: ignore[no-untyped-def]
     """Write the five grades of row `source` to the five rows from `target`."""
     feet = (functions[0], functions[1], functions[2], functions[3], functions[4])
@@ -183,7 +188,7 @@ def clip_pair(i, law, ln, sn, zero, sp, lp):  # type: ignore[no-untyped-def]
     return right, left
 
 
-@compiled
+@by_constant
 def _add_partial_sums(w, n, lane, terms, law, strengths):  # type: ignore[no-untyped-def]
     for s in range(n):
         moment = area = 0.0

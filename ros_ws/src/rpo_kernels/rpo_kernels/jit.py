@@ -51,8 +51,11 @@ def inlined(function: Kernel) -> Kernel:
     return compiled(function, forceinline=True)
 
 
-def compiled(function: Kernel, **options: Any) -> Kernel:
+def compiled(function: Kernel, by_constant: bool = False, **options: Any) -> Kernel:
     """Compile with more options of numba where `COMPILED`, else return it as it is.
+
+    by_constant : compile once more for each constant that another kernel calls it with, where
+        loops become SIMD only if LLVM knows it
 
     For calls from Python and from other kernels it is compiled apart: the latter need no wrapper
     that unpacks Python's objects, which takes a fifth of the compiling.
@@ -66,7 +69,9 @@ def compiled(function: Kernel, **options: Any) -> Kernel:
     template_of, overload_of = made.get_call_template, made.get_overload
 
     def template_inside(args: Any, kws: Any) -> Any:
-        types = _of_any_value(made.fold_argument_types(args, kws)[1])
+        types = made.fold_argument_types(args, kws)[1]
+        if not by_constant:
+            types = _of_any_value(types)
         known = types in made.overloads
         return template_of(types, {}) if known else made.inside().get_call_template(types, {})
 
@@ -112,8 +117,7 @@ def _once(compile_for: Callable[[Any], Any], lock: Path) -> Callable[[Any], Any]
 def _of_any_value(types: Any) -> Any:
     """Return the types of arguments with any number in the place of a constant.
 
-    By default numba compiles a kernel once more for each constant that another one calls it with.
-    Where LLVM inlines it, it sees the constant all the same.
+    Where LLVM inlines a kernel, it sees the constant all the same.
     """
     from numba.core.types.misc import unliteral
 
