@@ -32,7 +32,7 @@ import numpy as np
 from rpo_core.files.scenario import Scenario
 from rpo_core.world import cw
 from rpo_core.world.disturbance import Disturbance, Harmonic
-from rpo_kernels.arrays import Floats
+from rpo_kernels.arrays import Floats, contracted
 from rpo_proof.enclosure import Table
 from rpo_proof.problem import PER_AXIS, Problem
 from rpo_proof.sets import MOST, ROUND, WORTH_S, InvariantSet, strip_of
@@ -103,7 +103,7 @@ def is_outside(problem: Problem, group: str, centre: Floats, half: Floats) -> bo
 def motion_of(problem: Problem, motion: Motion, centre: Floats, half: Floats) -> Motion:
     """Return the motion of a cell: the middle of its constants is known."""
     c, h = centre[len(motion.a) :], half[len(motion.a) :]
-    middle = motion.constant + np.einsum('kji,j->ki', motion.carried, c)
+    middle = motion.constant + contracted('kji,j->ki', motion.carried, c)
     carried = motion.carried * h[:, None]
     if not motion.mass:
         return motion._replace(constant=middle, carried=carried)

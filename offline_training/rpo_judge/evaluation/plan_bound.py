@@ -53,7 +53,7 @@ from rpo_guidance.guidance import CONE_SHARE
 from rpo_guidance.plan import Guidance
 from rpo_guidance.rehearsal import Checked, nominal
 from rpo_guidance.transfer_kernels import path_of
-from rpo_kernels.arrays import Floats
+from rpo_kernels.arrays import Floats, contracted
 from rpo_kernels.kernels import CwStep, cw_step
 from rpo_montecarlo.campaign.single import scenario_of
 from rpo_montecarlo.campaign.store import Store
@@ -197,7 +197,7 @@ class Bridge:
         """Return the path (n, 3) [m] of the optimum that has these multipliers."""
         chosen = np.flatnonzero(multipliers)
         pushes = spaces.normals[chosen] * multipliers[chosen, None]
-        moved: Floats = np.einsum('jmik,mk->ji', self._products[:, spaces.when[chosen]], pushes)
+        moved = contracted('jmik,mk->ji', self._products[:, spaces.when[chosen]], pushes)
         return self.path + moved
 
     def forces(self, spaces: HalfSpaces, multipliers: Floats) -> Floats:
@@ -206,7 +206,7 @@ class Bridge:
         weighted = spaces.normals * multipliers[:, None]
         axes = self._turned[self.ticks[spaces.when]]
         np.add.at(pushes, self.ticks[spaces.when], np.einsum('mab,mb->ma', axes, weighted))
-        moved = np.einsum('mik,mi->k', self._to_end[spaces.when], weighted)
+        moved = contracted('mik,mi->k', self._to_end[spaces.when], weighted)
         forces = np.empty((self._length, 3))
         adjoint = np.linalg.solve(self._end_gramian, self._missing - moved)
         for tick in range(self._length - 1, -1, -1):
