@@ -17,8 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Schema
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.records import Channel
 
 from rpo_core import files
 from rpo_core.chain.flight import Flight, fly
@@ -30,9 +29,10 @@ from rpo_core.wire.statuses import numbers_text
 from rpo_ctrl import explain
 from rpo_mcap.format import sums
 from rpo_mcap.format.run import RunSummary, TimeBase
-from rpo_mcap.write.mcap_file import McapFile
+from rpo_mcap.read.records import RawMessage
 from rpo_mcap.write.side_file import DecisionLogWriter, HealthLogWriter
 from rpo_mcap.write.writer import RunLogWriter
+from tools.attack.runs import Parts
 
 CLOCK, STATE = '/clock', '/relative_state'
 FORCE, DISTURBANCE, STATUS = '/control_force', '/disturbance_force', '/run_status'
@@ -266,38 +266,18 @@ def forge(log: Path, folder: Path, *changes: Change) -> Path:
 
 def rewrite(source: Path, target: Path, change: Change) -> None:
     """Copy a log with other messages in it, all checksums right: a forgery, not damage."""
-    file = McapFile(target)
-    schemas: dict[int, int] = {}
-    channels: dict[int, tuple[int, str]] = {}
-    with source.open('rb') as stream:
-        for record in StreamReader(stream, emit_chunks=True).records:
-            if isinstance(record, Metadata):
-                file.add_metadata(record.name, record.metadata)
-            elif isinstance(record, Attachment):
-                file.add_attachment(
-                    record.log_time, record.log_time, record.name, record.media_type, record.data
-                )
-            elif isinstance(record, Chunk):
-                for inner in breakup_chunk(record):
-                    _copy(file, inner, schemas, channels, change)
-                file.flush()
-    file.finish()
-    file.close()
-
-
-def _copy(file, record, schemas, channels, change: Change) -> None:
-    if isinstance(record, Schema):
-        schemas[record.id] = file.register_schema(record.name, record.encoding, record.data)
-    elif isinstance(record, Channel):
-        number = file.register_channel(
-            record.topic, 'cdr', schemas[record.schema_id], record.metadata
-        )
-        channels[record.id] = (number, record.topic)
-    elif isinstance(record, Message):
-        number, topic = channels[record.channel_id]
-        data = change(topic, record.sequence, record.data)
-        if data is not None:
-            file.add_messages(record.log_time, record.sequence, [(number, data)])
+    parts = Parts.of(source)
+    topics = {one.id: one.topic for one in parts.records if isinstance(one, Channel)}
+    kept: list[Any] = []
+    for record in parts.records:
+        if isinstance(record, RawMessage):
+            data = change(topics[record.channel], record.sequence, record.data)
+            if data is None:
+                continue
+            record = record._replace(data=data)
+        kept.append(record)
+    parts.records = kept
+    parts.write(target)
 
 
 @contextmanager
