@@ -144,6 +144,7 @@ gc.disable()  # imports make no garbage; looking for it would take a third of th
 
 def pytest_collection_finish() -> None:
     gc.freeze()
+    gc.set_threshold(20_000)  # compiling makes many objects and little garbage
     gc.enable()
 
 

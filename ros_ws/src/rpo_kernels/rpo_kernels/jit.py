@@ -134,7 +134,29 @@ def _numba() -> Any:
         features = codegen.get_host_cpu_features()
         if '+avx512f' in features:
             numba.config.CPU_FEATURES = f'{features},-prefer-256-bit'
+    _remember_calls()
     return numba
+
+
+def _remember_calls() -> None:
+    """Let numba ask only once what a function of its own returns for arguments of some types.
+
+    Else it tries all templates of `+` at each `+` of each kernel: a fifth of the compiling.
+    """
+    from numba.core.targetconfig import ConfigStack
+    from numba.core.types.functions import BaseFunction
+
+    ask, known = BaseFunction.get_call_type, {}
+
+    def get_call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
+        asked = self.key, context, tuple(args), tuple(kws.items()), ConfigStack.top_or_none()
+        if asked not in known:
+            found = ask(self, context, args, kws)
+            known[asked] = found, self._impl_keys[found.args]
+        found, self._impl_keys[found.args] = known[asked]
+        return found
+
+    BaseFunction.get_call_type = get_call_type
 
 
 def as_table(values: Any, dtype: Any = np.float64) -> Any:
