@@ -14,6 +14,9 @@ from types import ModuleType, SimpleNamespace
 import numba
 import numpy as np
 import pytest
+from numba.core.errors import TypingError
+from numba.core.types import Float, Integer
+from numba.extending import overload
 
 import rpo_core
 import rpo_guidance
@@ -252,3 +255,18 @@ def test_a_kernel_is_compiled_once_for_all_constants_and_python_calls_it_too():
     assert moved(5, by=2) == 7 == moved(5, 2)
     assert numba.njit(lambda x: moved(x, 3))(5) == 8, 'that of Python serves kernels too'
     assert (len(moved.inside().signatures), len(moved.signatures)) == (1, 1)
+
+
+def test_what_numba_is_taught_later_is_not_hidden_by_what_it_remembers():
+    def kind(value):
+        raise NotImplementedError
+
+    def called(value):
+        return kind(value)
+
+    overload(kind)(lambda value: (lambda value: 1) if isinstance(value, Integer) else None)
+    assert inlined(called)(1) == 1
+    with pytest.raises(TypingError):
+        inlined(called)(1.0)
+    overload(kind)(lambda value: (lambda value: 2) if isinstance(value, Float) else None)
+    assert (inlined(called)(1.0), inlined(called)(1)) == (2, 1)

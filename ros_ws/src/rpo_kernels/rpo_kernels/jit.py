@@ -144,9 +144,11 @@ def _remember_calls() -> None:
     Else it tries all templates of `+` at each `+` of each kernel: a fifth of the compiling.
     """
     from numba.core.targetconfig import ConfigStack
-    from numba.core.types.functions import BaseFunction
+    from numba.core.types import functions
 
-    ask, known = BaseFunction.get_call_type, {}
+    function_type: Any = functions.BaseFunction
+    ask = function_type.get_call_type
+    known: dict[Any, Any] = {}
 
     def get_call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
         asked = self.key, context, tuple(args), tuple(kws.items()), ConfigStack.top_or_none()
@@ -156,7 +158,7 @@ def _remember_calls() -> None:
         found, self._impl_keys[found.args] = known[asked]
         return found
 
-    BaseFunction.get_call_type = get_call_type
+    function_type.get_call_type = get_call_type
 
 
 def as_table(values: Any, dtype: Any = np.float64) -> Any:
