@@ -27,6 +27,7 @@ from rpo_montecarlo.campaign.run_batch import fly_runs
 from rpo_montecarlo.campaign.statistics import successes
 from rpo_montecarlo.engine.population import population_of
 from rpo_montecarlo.engine.simulator import Simulator
+from rpo_report import controller as report
 from rpo_report.controller import report_of
 from rpo_report.page import Table
 
@@ -196,6 +197,7 @@ def test_the_report_of_the_default_opens_with_its_own_targets_and_where_its_surf
     """At rest within 6 mm of the target it commands no force: the pull is refuted there."""
     made, controller = report_of(DEFAULT_CONTROLLER), load_controller(DEFAULT_CONTROLLER)
     assert '10 of 10 targets held: its own' in made.summary and 'MISSED' not in made.summary
+    assert not made.missed
     refuted = re.search(
         r'pull is refuted, at errors of ([\d.]+) m and 0 m/s the force is 0 N', made.summary
     )
@@ -204,10 +206,43 @@ def test_the_report_of_the_default_opens_with_its_own_targets_and_where_its_surf
     assert (
         controller.system.output(edge * 0.9, 0.0) == 0.0 < controller.system.output(edge * 1.1, 0.0)
     )
-    (claims,) = (
-        b for s in made.sections for b in s.blocks if isinstance(b, Table) and b.caption == 'Claims'
-    )
+    (claims,) = _tables(made, 'Claims')
     assert all(row[3] for row in claims.rows if row[0] != 'oddness')
+
+
+def _tables(made, caption):
+    blocks = (block for section in made.sections for block in section.blocks)
+    return [b for b in blocks if isinstance(b, Table) and b.caption.startswith(caption)]
+
+
+@pytest.mark.every_landing
+def test_a_report_has_the_targets_of_its_controller_and_says_if_one_is_missed(monkeypatch):
+    found = assessed(DEFAULT_CONTROLLER)
+    targets = found.targets()
+    targets[1] = targets[1]._replace(limit=0.5 * targets[1].reached)
+    monkeypatch.setattr(assessment.Assessment, 'targets', lambda _: targets)
+    monkeypatch.setattr(report, 'assess', lambda _: found)
+    made = report_of(DEFAULT_CONTROLLER)
+    (table,) = _tables(made, 'Targets')
+    assert made.missed and ['MISSED' in row for row in table.rows] == [
+        t == targets[1] for t in targets
+    ]
+    assert [row[:2] for row in table.rows] == [(t.name, t.what) for t in targets]
+    for row, target in zip(table.rows, targets, strict=True):
+        assert float(row[3].split()[0]) == pytest.approx(target.reached, rel=1e-3)
+        assert (target.limit is None) == (row[2] == '')
+
+
+def test_the_report_of_a_family_says_which_claim_is_not_proven(monkeypatch):
+    controller = load_controller('time_to_go')
+    claims = list(controller.claims())
+    claims[0] = claims[0]._replace(holds=False)
+    monkeypatch.setattr(type(controller), 'claims', lambda _: claims)
+    (table,) = _tables(report_of('time_to_go'), 'Claims')
+    words = ['not proven', *['proven'] * (len(claims) - 1)]
+    assert [row[:2] for row in table.rows] == [
+        (claim.name, word) for claim, word in zip(claims, words, strict=True)
+    ]
 
 
 PAGE = (Path(__file__).parents[2] / 'docs' / 'training.md').read_text()
