@@ -373,3 +373,25 @@ def test_a_part_is_empty_where_its_law_says_so_but_for_rounding(side):
             bound = slew._bound_of_part(table, drift, part, *ends, np.inf)
             found.append((bound > 0.0) == some)
     assert all(found)
+
+
+@SIDES
+@pytest.mark.parametrize('sign', [-1.0, 1.0])
+@pytest.mark.parametrize('by', ['e', 'w'])
+def test_parts_of_a_divided_cell_are_looked_at_as_far_as_rounding_goes(by, sign, side):
+    """A cell is steep in one of its halves; a state beside that half is near it, or just not."""
+    ends = sorted((sign * 2048.0, sign * 4096.0))
+    edges = {'e': (-FAR, FAR), 'w': (-FAR, FAR), by: (-FAR, *ends, FAR)}
+    slopes, steep = np.zeros((1, 2, 2, 4)), int(side < 0.0)
+    (slopes[:, steep] if by == 'e' else slopes[:, :, steep])[..., 1] = 1.0
+    table = surface(**edges)._replace(
+        division=np.zeros((3, 3), np.int32), part_slopes=slopes,
+        part_range=np.tile([-1.0, 1.0], (1, 2, 2, 1)),
+    )  # fmt: skip
+    still, reach = Drift(0.0, 0.0, 0.0, 0.0, 0.125), slew.Reach(-1e9, 1e9, 1.0, 1e3)
+    for share, reached in ((0.9, True), (1.1, False)):
+        at = sign * 3072.0 + side * share * TINY * abs(ends[int(side > 0.0)])
+        e, w = (at, 1.0) if by == 'e' else (1.0, at)
+        path = slew.Path(e, w, 0.0, 0.0, 0.0)
+        i, j = (1, 0) if by == 'e' else (0, 1)
+        assert (slew._rate_of_parts(table, still, i, j, path, reach, 0.0) > 0.0) == reached
