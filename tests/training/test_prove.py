@@ -20,7 +20,7 @@ from proofs import BOX, COARSE, problem_of
 import rpo_proof
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import FuzzyController, load_controller, load_fuzzy
-from rpo_core.control.fuzzy import RuleTable
+from rpo_core.control.fuzzy import MembershipFunctions, RuleTable
 from rpo_core.files import find
 from rpo_core.files.scenario import load, load_scenario
 from rpo_core.files.validation import InputError
@@ -39,7 +39,7 @@ from rpo_proof import (
     slew,
 )
 from rpo_proof.cells import Prover
-from rpo_proof.claims import ranges_of, values_of
+from rpo_proof.claims import Claim, ranges_of, row_of, values_of
 from rpo_proof.folder import Folder
 from rpo_proof.invariant import invariant_set_of, motion_inside
 from rpo_proof.problem import GROUPS, MOST_CELLS, Problem, Settings, range_of
@@ -550,3 +550,19 @@ def test_an_invariant_set_is_within_the_speed_that_is_asked_for():
     assert invariant_set_of(problem, 0.5, 1.001 * fast / 0.98) == largest
     slower = invariant_set_of(problem, 0.5, 0.999 * fast / 0.98)
     assert slower.rate * slower.radius_m + slower.speed_m_s < 0.999 * fast
+
+
+def test_the_edges_of_the_grid_ascend_where_a_step_ends_at_a_breakpoint():
+    """From 0.25 on cells are 1/64 wide, so the last one ends at 0.5 by itself."""
+    functions = MembershipFunctions(0.5, 0.25, 0.5, 0.75, 0.5)
+    found = enclosure.edges(functions, COARSE)
+    assert (np.diff(found) > 0.0).all() and (found == -found[::-1]).all()
+    assert {0.0, 0.25, 0.5, 0.75, 1.0} <= set(found.tolist())
+    assert np.diff(found)[1:-1].max() == 1 / 64
+
+
+@pytest.mark.parametrize(('start', 'flown'), [((), ''), ((1.0,) * 6, '0.1234')])
+def test_a_table_says_what_was_flown_only_where_something_was(start, flown):
+    """Rounded to four digits: what is proven up, what was flown down."""
+    claim = Claim('slew_per_axis_n_s', 'slew', 'N/s', 0.25, 0.20001, 0.12349, start, 0)
+    assert row_of(claim) == ('slew', '0.25 N/s', '0.2001', flown, '0', 'proven')
