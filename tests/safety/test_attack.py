@@ -84,10 +84,11 @@ def test_the_shipped_controllers_need_no_help(name, found):
 
 def test_the_speed_of_the_filter_is_that_of_commands_that_pass_and_that_do_not(monkeypatch):
     """The best of five loops each, by a clock that says what it took; the first loop compiles."""
-    clock, changed, count = [0.0], [], counts._count_changes
+    clock, changed, ranges, count = [0.0], [], [], counts._count_changes
     took = iter([9.0, 0.3, 0.2, 0.4, 0.3, 0.5, 9.0, 0.8, 0.7, 0.9, 0.6, 0.8])
 
     def counting(states, *rest):
+        ranges.append(np.linalg.norm(states[:, :3], axis=1))
         changed.append(count(states, *rest)[0] / len(states))
         clock[0] += next(took)
         return 0, 0.0
@@ -97,6 +98,7 @@ def test_the_speed_of_the_filter_is_that_of_commands_that_pass_and_that_do_not(m
     guard = proof_of(ASSURED.section(Assurance), ASSURED).guard
     assert counts.speeds(guard, ASSURED) == pytest.approx((100.0, 300.0))
     assert changed[:6] == [0.0] * 6 and min(changed[6:]) > 0.99
+    assert np.min(ranges) > guard.keep_out_m
 
 
 def run(*words):
@@ -147,6 +149,37 @@ def test_a_longer_failure_is_harder_to_leave_from():
 def test_a_scenario_without_a_table_is_refused():
     with pytest.raises(InputError, match=r'around must have `assurance\.abort` and'):
         counts.machine_of(scenario.load_scenario('around'))
+
+
+def test_hostile_commands_go_every_way_and_are_of_each_kind_of_no_number():
+    """Random ones up to three times the limit, of either sign on each axis."""
+    state, held = (20.0, 3.0, -4.0, 0.0, 0.1, 0.0), (0.1, 0.2, 0.3)
+    free, odd = (
+        np.array([attack.wanted(kind, tick, 1, 2, state, held, 0.5) for tick in range(200)])
+        for kind in (attack.RANDOM, attack.NOT_FINITE)
+    )
+    assert (np.abs(free) <= 1.5).all() and (free.min(axis=0) < -1.0).all()
+    assert (free.max(axis=0) > 1.0).all()
+    assert np.isnan(odd[:, 0]).any() and np.isinf(odd[:, 1]).any()
+    assert (~np.isfinite(odd)).sum(axis=1).max() == 1
+
+
+@pytest.mark.parametrize(
+    ('contact_m_s', 'lateral_m_s', 'hard'),
+    [(0.1251, 0.0321, 0), (0.1249, 1.0, 1), (1.0, 0.0319, 1)],
+)
+def test_a_contact_is_judged_by_the_speeds_at_the_port_itself(contact_m_s, lateral_m_s, hard):
+    """Three quarters of the way between two states, so are its speeds: 0.125 m/s, 0.032 across."""
+    found = scenario.load_scenario('docking')
+    settings = found.section(Assurance)
+    proof, row = proof_of(settings, found), np.zeros(attack.COLUMNS)
+    world, g = attack._bounds(settings, found, proof), proof.guard
+    assert (g.axis, g.side) == (1, 1.0)
+    world = world._replace(contact_m_s=contact_m_s, lateral_m_s=lateral_m_s)
+    before = (0.0, g.port_m + 0.03, 0.0, 0.005, -0.08, 0.008)
+    after = (0.0, g.port_m - 0.01, 0.0, 0.013, -0.14, 0.04)
+    attack.touch(before, after, g, world, row)
+    assert row[attack.HARD] == hard
 
 
 @pytest.mark.parametrize('along', ['+x', '-y', '+z'])
