@@ -25,6 +25,7 @@ from rpo_core.files import find
 from rpo_core.files.scenario import load, load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.world.disturbance import Disturbance
+from rpo_judge.analysis.surface import rounding
 from rpo_nav.navigation_errors import Navigation
 from rpo_proof import (
     cells,
@@ -88,6 +89,15 @@ def test_a_law_of_a_point_is_sharp(surface):
         enclosure.law_of(table, 9.0 - s, 9.0 + s, -0.3, 0.0, 0.0).rho for s in (1.0, 0.01)
     )
     assert fine < 0.02 * coarse
+
+
+def test_the_slack_holds_what_a_rounded_error_changes(surface):
+    """An error is at most 1 and is rounded twice at least; the surface is as steep as its table."""
+    controller, table = surface
+    along = np.abs(np.diff(table.u, axis=0) / np.diff(table.e)[:, None]).max()
+    across = np.abs(np.diff(table.u, axis=1) / np.diff(table.w)).max()
+    more = table.slack - rounding(controller.system)
+    assert more >= 2 * 2.0**-53 * (along + across)
 
 
 @pytest.mark.every_landing
