@@ -212,7 +212,7 @@ def test_the_report_of_the_default_opens_with_its_own_targets_and_where_its_surf
 
 def _tables(made, caption):
     blocks = (block for section in made.sections for block in section.blocks)
-    return [b for b in blocks if isinstance(b, Table) and b.caption.startswith(caption)]
+    return [b for b in blocks if isinstance(b, Table) and b.caption == caption]
 
 
 @pytest.mark.every_landing

@@ -126,7 +126,10 @@ def _of_any_value(types: Any) -> Any:
 
 @cache
 def _numba() -> Any:
-    """Return numba, set to fill AVX-512 registers: by default LLVM fills half, a tenth slower."""
+    """Return numba, set to compile in less time, and to fill AVX-512 registers.
+
+    By default LLVM fills half of each, a tenth slower.
+    """
     import numba
     from numba.core import codegen
 
@@ -141,7 +144,7 @@ def _numba() -> Any:
 def _remember_calls() -> None:
     """Let numba ask only once what a function of its own returns for arguments of some types.
 
-    Else it tries all templates of `+` at each `+` of each kernel: a fifth of the compiling.
+    Else it tries all templates of `+` at each `+` of each kernel: a sixth of the compiling.
     """
     from numba.core.targetconfig import ConfigStack
     from numba.core.types import functions
