@@ -22,6 +22,7 @@ from rpo_log.verify.recomputation import held_ticks
 from rpo_mcap.errors import ExitCode, LogError
 from rpo_mcap.format import sums
 from rpo_mcap.read.stream import RunReader
+from tools.attack import cases
 from tools.attack.cases import judge_cases
 from tools.attack.runs import Parts, cases_of
 
@@ -177,6 +178,18 @@ def test_the_bench_sees_a_false_proof(recorded, monkeypatch):
     monkeypatch.setattr(runs.RunCase, '_is_same', lambda *_: False)
     found = judge_cases(partial(cases_of, run=recorded), 1, 0, 3)
     assert any(outcome == 'FALSE PROOF' for outcome, _ in found)
+
+
+@pytest.mark.parametrize(
+    ('before_gb', 'after_gb', 'failed'), [(0.5, 1.5, True), (1.5, 2.0, True), (1.5, 1.5, False)]
+)
+def test_a_check_is_too_large_that_makes_its_process_so(
+    recorded, monkeypatch, before_gb, after_gb, failed
+):
+    sizes = iter([round(size * 2**30) for size in (before_gb, after_gb)])
+    monkeypatch.setattr(cases, 'peak_bytes', lambda: next(sizes))
+    found = judge_cases(partial(cases_of, run=recorded), 1, 0, 1)
+    assert ('TOO LARGE' in {outcome for outcome, _ in found}) == failed
 
 
 @pytest.mark.slow

@@ -3,8 +3,8 @@
 """Cases of an attack: each changes a copy of a true folder, and judges what the checker says of it.
 
 A case is drawn from its seed and number alone. An outcome in capitals is a failure: something false
-was accepted, anything but one sentence came out, or it took more than 10 s of CPU time, or the
-process more than 1 GB.
+was accepted, anything but one sentence came out, or it took more than 10 s of CPU time, or made
+the process larger than 1 GB and than it ever was.
 """
 
 from __future__ import annotations
@@ -40,6 +40,11 @@ NOT_WRITTEN = (struct.error, OverflowError, KeyError, OSError, InputError, Unico
 """What a writer raises that refuses a change."""
 
 
+def peak_bytes() -> int:
+    """Return the largest size that this process ever had, as Linux counts it."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+
+
 class Case(ABC):
     """Judges changed copies of one true folder."""
 
@@ -60,7 +65,7 @@ class Case(ABC):
             folder, kind = self.change(rng, scratch / 'case')
         except NOT_WRITTEN as error:
             return 'not written', type(error).__name__
-        begun = time.process_time()
+        begun, largest = time.process_time(), max(MOST_BYTES, peak_bytes())
         try:
             outcome = self.outcome(folder)
         except InputError as error:
@@ -69,7 +74,7 @@ class Case(ABC):
             outcome = f'TRACEBACK {type(error).__name__} {error}'
         if time.process_time() - begun > MOST_S:
             outcome = 'TOO SLOW'
-        if resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 > MOST_BYTES:
+        if peak_bytes() > largest:
             outcome = 'TOO LARGE'
         return outcome, kind
 

@@ -87,7 +87,8 @@ class RecorderNode(FlightNode):
         self._expected: list[str] = []
         self._events: list[interfaces.Interface] = []
         self._recorded: dict[str, Topic] = {}
-        self._end: tuple[str, int, float] | None = None
+        self._end: tuple[str, int] | None = None
+        self._still, self._reached = Timeout(), -1
         self._heard: set[str] = set()
         self._contested: set[str] = set()
         self._queues: dict[Subscription, str] = {}
@@ -261,7 +262,7 @@ class RecorderNode(FlightNode):
             self.log.record(self._status_topic, data)
             status = RunStatus.of(cdr.decode_status(data))
             if status.ended and self._end is None:
-                self._end = (status.phase, status.tick, time.monotonic())
+                self._end_at(status.phase, status.tick)
                 self.log.end(status.tick)
 
     def _on_diagnostics(self, data: bytes) -> None:
@@ -302,12 +303,26 @@ class RecorderNode(FlightNode):
             self._ready = True
             self._announce('ready')
         if self._end is not None:
-            phase, tick, moment = self._end
-            grace = self.values['grace_s'] if phase == 'finished' else _ABORT_GRACE_S
-            if self._complete(tick) or time.monotonic() - moment > grace:
+            phase, tick = self._end
+            grace_s = self.values['grace_s'] if phase == 'finished' else _ABORT_GRACE_S
+            if self._complete(tick) or self._still_s(phase) > grace_s:
                 self._finish()
         elif self._ready and self.log is not None:
             self._watch_plant(self.log)
+
+    def _end_at(self, phase: str, tick: int = NEVER) -> None:
+        self._end = phase, tick
+        self._still = Timeout()
+
+    def _still_s(self, phase: str) -> float:
+        """Return how long nothing of the flight came; of an ended one, since its end.
+
+        DDS repairs a loss in steps of 3 s, and what repairs it may be lost too.
+        """
+        if self.log is not None and phase == 'finished' and self.log.next_tick != self._reached:
+            self._reached = self.log.next_tick
+            self._still.broken()
+        return self._still.look()
 
     def _complete(self, tick: int) -> bool:
         """Return whether all is there up to the last tick of the flight."""
@@ -351,7 +366,7 @@ class RecorderNode(FlightNode):
     def _lose_plant(self, reason: str) -> None:
         if self._end is None:
             self.get_logger().error(reason)
-            self._end = ('aborted', NEVER, time.monotonic())
+            self._end_at('aborted')
             self.exit_code = EXIT_INCOMPLETE
 
     def _begin(self) -> None:
@@ -453,7 +468,7 @@ class RecorderNode(FlightNode):
         """Write what depends on the wall clock and the machine; raises LogError."""
         for beside in self._beside:
             beside.close()
-        phase, tick = self._end[:2] if self._end else ('interrupted', NEVER)
+        phase, tick = self._end if self._end else ('interrupted', NEVER)
         facts = {
             'recorded_from': provenance.utc(self._begun),
             'recorded_to': provenance.utc(time.time()),
@@ -510,11 +525,11 @@ class RecorderNode(FlightNode):
         return level, failure or 'recording', values
 
     def interrupt(self, reason: str) -> None:
-        """Wait a moment for the last messages; an interruption is no fault of the log."""
-        self._interrupted = True
+        """Wait a moment for the last messages; an interruption in flight is no fault of the log."""
         self.done = self.done or self.log is None
         if self._end is None:
-            self._end = ('interrupted', NEVER, time.monotonic())
+            self._interrupted = True
+            self._end_at('interrupted')
 
     def close(self) -> None:
         """Close the log; to be ended before anything is recorded is no success."""

@@ -37,8 +37,8 @@ EXIT_ABORTED = 3
 _LOOK_S = 0.05
 _LOG_S = 4.0
 """Between two lines of what it waits for, or of how far it is."""
-_LAST_WORD_S = 5.0
-"""Longest wait, after the end of a run, until the recorder has closed its log."""
+_LAST_WORD_S = 15.0
+"""Longest wait, after the end of a run, until a recorder that lives has closed its log."""
 _INTERRUPTED_S = 0.2
 
 
