@@ -37,3 +37,10 @@ def test_a_folder_that_holds_other_things_is_left_alone(words, tmp_path):
     (tmp_path / 'letter.txt').write_text('something')
     assert 'it holds other things' in refused(*words.split(), tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ['letter.txt']
+
+
+@pytest.mark.parametrize('config', ['family.yaml', 'attitude.yaml'])
+def test_a_resumed_training_off_the_cluster_refuses_one(config, tmp_path):
+    (tmp_path / config).touch()
+    said = refused('train', '--resume', tmp_path, '--cluster', 'local')
+    assert '`--cluster` is for a training of the 30 numbers' in said and '`--resume`' in said

@@ -20,6 +20,8 @@ from rpo_cli.commands.shared import (
     echo,
     end,
     interruptible,
+    refuse_beside,
+    refuse_workers_of_a_scheduler,
     write_flight,
 )
 from rpo_cli.display import CampaignDisplay, print_table, progress
@@ -37,6 +39,7 @@ SWEEP_RUNS = 400
 
 
 def campaign(
+    context: typer.Context,
     source: Annotated[
         str, typer.Argument(help='shipped name or file of a campaign, or the folder of one')
     ] = '',
@@ -81,9 +84,9 @@ def campaign(
         'runs': runs, 'seed': seed, 'controller': controller, 'set': sets, 'judge': judge,
     }  # fmt: skip
     changes = {name: value for name, value in options.items() if value is not None}
+    refuse_workers_of_a_scheduler(workers, cluster)
     if resume is not None:
-        if source or output is not None or run is not None or changes:
-            raise InputError('`--resume` takes everything from the folder: give nothing else')
+        refuse_beside(context, 'resume', 'workers', 'cluster', 'least', 'no_fail')
         missed = _fly(Store.open(resume), workers, cluster, least)
         end(missed, no_fail)
         return

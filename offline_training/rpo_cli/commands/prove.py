@@ -13,7 +13,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rpo_cli.commands.shared import Cluster, NoFail, Workers, echo, end, interruptible
+from rpo_cli.commands.shared import (
+    Cluster,
+    NoFail,
+    Workers,
+    echo,
+    end,
+    interruptible,
+    refuse_beside,
+    refuse_workers_of_a_scheduler,
+)
 from rpo_cli.display import ProofDisplay, print_table, progress
 from rpo_core.files.validation import InputError, printable
 
@@ -25,6 +34,7 @@ if TYPE_CHECKING:
 
 
 def prove(
+    context: typer.Context,
     controller: Annotated[str, typer.Argument(help='shipped name or file')] = '',
     scenario: Annotated[
         str,
@@ -97,14 +107,13 @@ def prove(
     """
     from rpo_proof.folder import Folder
 
+    refuse_workers_of_a_scheduler(workers, cluster)
     if check is not None:
-        if controller or resume is not None:
-            raise InputError('`--check` takes everything from the folder: give nothing else')
+        refuse_beside(context, 'check', 'cells', 'flights', 'seed', 'no_fail')
         end(_check(Folder.open(check), cells, flights, seed), no_fail)
         return
     if resume is not None:
-        if controller:
-            raise InputError('`--resume` takes everything from the folder: give nothing else')
+        refuse_beside(context, 'resume', 'workers', 'cluster', 'no_fail')
         found = Folder.open(resume)
         found.refuse_other_code()
         end(_prove(found, workers, cluster), no_fail)

@@ -52,6 +52,36 @@ def chosen_scenario(positional: str, option: str, default: str = DEFAULT_SCENARI
     return positional or option or default
 
 
+def given(context: typer.Context) -> dict[str, str]:
+    """Return parameter -> how the command line writes it, for all that this command line gives."""
+    found = {}
+    for each in context.command.params:
+        source = context.get_parameter_source(str(each.name))
+        if source is not None and source.name == 'COMMANDLINE':
+            found[str(each.name)] = max(each.opts, key=len)
+    return found
+
+
+def refuse_beside(context: typer.Context, option: str, *allowed: str) -> None:
+    """Raise InputError if more is given beside an option that takes everything from its folder.
+
+    allowed : parameters that the folder does not hold
+    """
+    others = [text for name, text in given(context).items() if name not in (option, *allowed)]
+    if others:
+        names = ' and '.join(f'`{text}`' for text in others)
+        raise InputError(f'`--{option}` takes everything from its folder: leave out {names}')
+
+
+def refuse_workers_of_a_scheduler(workers: int, cluster: str) -> None:
+    """Raise InputError if a number of workers is given with the address of a scheduler."""
+    if workers and cluster not in ('', 'local'):
+        raise InputError(
+            '`--workers` goes with threads or `--cluster local`; '
+            f'the scheduler {cluster} has workers of its own'
+        )
+
+
 def end(missed: bool, no_fail: bool) -> None:
     """End with exit code 1 where something that the command judged is missed.
 

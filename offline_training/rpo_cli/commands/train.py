@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 
 def train(
+    context: typer.Context,
     preset: Annotated[
         str | None,
         typer.Option(
@@ -69,39 +70,64 @@ def train(
     from rpo_training.training import Training
 
     kinds: tuple[type[SearchRun[Any, Any]], ...] = FamilyTraining, AttitudeTraining, Training
+    shared.refuse_workers_of_a_scheduler(workers, cluster)
     if resume is not None:
-        given = (preset, config, seed, algorithm, settings, output)
-        if attitude or family or scenario or any(option is not None for option in given):
-            raise InputError('`--resume` takes its configuration from the run folder: give none')
+        shared.refuse_beside(context, 'resume', 'workers', 'cluster', 'plots', 'no_fail')
         kind = next((k for k in kinds if (resume / k.config_file).exists()), Training)
+        _refuse_of_another_kind(context, kind)
         _finish(kind.resume(resume, workers, cluster), plots, no_fail)
         return
     changes = list(settings or ())
+    _refuse_given_twice(context, changes)
+    if config is not None and preset:
+        raise InputError('`--preset` and `--config` are two configurations: give one of them')
     if family or (config is not None and is_family(config)):
-        if preset or algorithm or cluster or attitude:
-            raise InputError(
-                '`--family` takes no `--preset`, `--algorithm`, `--attitude` and `--cluster`'
-            )
+        if preset or algorithm or attitude:
+            raise InputError('`--family` takes no `--preset`, `--algorithm` and `--attitude`')
         base: Any = _base_of_family(family, scenario, config)
-    elif any(setting.startswith('scenario=') for setting in changes):
+    elif any(_key(setting) == 'scenario' for setting in changes):
         raise InputError('`--set scenario=...` would keep the scales: use `--scenario`')
     elif not attitude:
         base = _base(preset, scenario, config)
-    elif scenario or cluster:
-        raise InputError('`--attitude` takes no `--scenario` and `--cluster`')
+    elif scenario:
+        raise InputError('`--attitude` takes no `--scenario`')
     else:
         base = _base_of_attitude(preset, config)
+    kind = next(k for k in kinds if k.config_type is type(base))
+    _refuse_of_another_kind(context, kind)
     options = {'seed': seed, 'algorithm': algorithm}
     named = [f'{key}={value}' for key, value in options.items() if value is not None]
     chosen = configs.override(base, [*named, *changes])
     folder = output or Path('runs') / f'{chosen.name}_{chosen.seed}'
-    if not any(setting.startswith('name=') for setting in changes):
+    if not any(_key(setting) == 'name' for setting in changes):
         chosen = configs.override(chosen, [f'name={folder.resolve().name}'])
     if show:
         typer.echo(chosen.dumps(), nl=False)
         return
-    kind = next(k for k in kinds if k.config_type is type(chosen))
     _finish(kind.create(chosen, folder, workers, cluster), plots, no_fail)
+
+
+def _key(setting: str) -> str:
+    """Return the key of a setting KEY=VALUE."""
+    return setting.partition('=')[0].strip()
+
+
+def _refuse_given_twice(context: typer.Context, settings: list[str]) -> None:
+    """Raise InputError if an option and a setting say the same."""
+    for key in sorted({_key(each) for each in settings} & set(shared.given(context))):
+        raise InputError(f'`--{key}` and `--set {key}=...` say the same: give one of them')
+
+
+def _refuse_of_another_kind(context: typer.Context, kind: type[SearchRun[Any, Any]]) -> None:
+    """Raise InputError for options that only the training of the 30 numbers takes."""
+    from rpo_training.training import Training
+
+    for option in sorted({'cluster', 'plots'} & set(shared.given(context))):
+        if kind is not Training and context.params[option]:
+            raise InputError(
+                f'`--{option}` is for a training of the 30 numbers: one of a family or attitude, '
+                'new or with `--resume`, runs on the threads of `--workers` and has no pictures'
+            )
 
 
 def _base_of_family(family: str, scenario: str, path: Path | None) -> FamilyConfig:
@@ -185,6 +211,7 @@ def end(run: SearchRun[Config, Found], best: Found, no_fail: bool) -> None:
 
 
 def tune(
+    context: typer.Context,
     kind: Annotated[str | None, typer.Argument(help='pd, lqr, mpc or apf_smc')] = None,
     seed: Annotated[int, typer.Option(help='seed of the random numbers')] = 1,
     evaluations: Annotated[
@@ -213,6 +240,7 @@ def tune(
     if (kind is None) == (resume is None):
         raise InputError('say what to tune, pd, lqr, mpc or apf_smc; or --resume FOLDER')
     if resume is not None:
+        shared.refuse_beside(context, 'resume', 'workers', 'no_fail')
         tuning = Tuning.resume(resume, workers)
     else:
         budget = BUDGET if evaluations is None else evaluations
