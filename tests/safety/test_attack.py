@@ -146,6 +146,16 @@ def test_a_longer_failure_is_harder_to_leave_from():
     assert worst[0] >= worst[1] > worst[2], worst
 
 
+def test_a_band_outside_the_domain_has_no_random_states_and_the_command_says_so():
+    changes = ['--set', 'initial_position_m=[0.0,30.0,0.0]', '--set', 'assurance.domain_m=36']
+    shown = run('abort', 'guarded', '--states', '12', *changes)
+    assert shown.exit_code == 0 and 'random   20 to 40 m     2 of 2' in shown.stdout
+    assert shown.stderr == (
+        '0 of 2 random states found from 40 to inf m: '
+        '10000 draws in a row were outside the open set\n'
+    )
+
+
 def test_a_scenario_without_a_table_is_refused():
     with pytest.raises(InputError, match=r'around must have `assurance\.abort` and'):
         counts.machine_of(scenario.load_scenario('around'))

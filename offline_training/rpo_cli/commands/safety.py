@@ -232,10 +232,18 @@ def abort(
         (name, counts.of_flight(found, load_controller(controller))),
         ('random', counts.at_random(machine, states, seed)),
     ):
-        for band in counts.bands(machine, looked):
+        found_bands = counts.bands(machine, looked)
+        wanted = states // len(found_bands) if kind == 'random' else 0
+        for band in found_bands:
+            beyond = f'{band.least_m:g} to {band.most_m:g} m'
+            if band.states < wanted:
+                typer.echo(
+                    f'{band.states} of {wanted} random states found from {beyond}: '
+                    f'{counts.MISSES} draws in a row were outside the open set',
+                    err=True,
+                )
             if band.states:
                 share = f'{band.clear} of {band.states}'
-                beyond = f'{band.least_m:g} to {band.most_m:g} m'
                 rows.append((kind, beyond, share, f'{band.margin_m:.2f} m'))
     table = machine.table
     title = f'{found.name}: aborts that stay out of {machine.keep_out_m:g} m for {table.orbits:g} '

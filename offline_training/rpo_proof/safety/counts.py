@@ -149,6 +149,9 @@ def _count_drifts(  # type: ignore[no-untyped-def]
 STEPS_M = (1.0, 2.0, 5.0, 10.0, 30.0)
 """Widths of the bands of range outside the keep-out sphere; the last one has no end."""
 
+MISSES = 10_000
+"""After so many draws in a row outside the open set, a band gets no more random states."""
+
 
 class Band(NamedTuple):
     """States of a band of range [m], and of how many an abort is clear; the least margin [m]."""
@@ -182,18 +185,23 @@ def of_flight(scenario: Scenario, controller: AnyController) -> list[State]:
 
 
 def at_random(machine: AbortMachine, count: int, seed: int) -> list[State]:
-    """Return states of the open set, as many in each band, moving in any direction."""
+    """Return states of the open set, moving in any direction, as many in each band.
+
+    A band that the open set leaves out, or nearly, gets fewer: see `MISSES`.
+    """
     random, guard = np.random.default_rng(seed), machine.guard
     found: list[State] = []
     edges = _edges(machine.keep_out_m)
-    for least, most in zip(edges, [*edges[1:-1], 200.0], strict=False):
-        wanted = len(found) + count // (len(edges) - 1)
-        while len(found) < wanted:
+    for least, most in zip(edges, [*edges[1:-1], edges[-2] + 160.0], strict=False):
+        wanted, missed = len(found) + count // len(edges[1:]), 0
+        while len(found) < wanted and missed < MISSES:
             e, u = (v / np.linalg.norm(v) for v in random.normal(size=(2, 3)))
             position = (random.uniform(least, most) * e).tolist()
             state: Any = (*position, *(random.uniform(0.0, 1.0) * u).tolist())
+            missed += 1
             if min(open_margins(state, guard.here_m, guard.here_m_s, guard)) >= 0.0:
                 found.append(state)
+                missed = 0
     return found
 
 
