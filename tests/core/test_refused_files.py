@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 from core_documents import MISSING, changed, document, refusal
 
-ROWS = yaml.safe_load(Path(__file__).with_name('refused.yaml').read_text())
+from rpo_core import files
+
+ROWS = files.load(Path(__file__).with_name('refused.yaml'), dict)
 CASES = [(base, changes, said) for base, rows in ROWS.items() for changes, said in rows]
 OUTAGES = [[float(i), i + 1.0] for i in range(101)]
 MANY = {'kind': 'range_bearing', 'bearing_noise_rad': 0.002, 'outages_s': OUTAGES}

@@ -8,10 +8,12 @@ import shlex
 from pathlib import Path
 
 import pytest
-import yaml
 from invoking import refused
 
-REFUSED = yaml.safe_load(Path(__file__).with_name('refused.yaml').read_text())
+from rpo_core import files
+
+# Read strictly: a row whose key stands twice would be lost.
+REFUSED = files.load(Path(__file__).with_name('refused.yaml'), dict)
 
 
 @pytest.mark.parametrize('words', REFUSED['words'])
