@@ -246,7 +246,8 @@ def drift_of(
         rest = b[axis, i] / dt - 0.5 * b[v, i]
         bend += abs(rest) * size + 8.0 * TINY * size
         slope = b[v, i] / dt
-        outside = abs(slope) * other_n
+        # Also for the roundings of other_n, and of the axis's own push.
+        outside = abs(slope) * (other_n + 8.0 * TINY * size)
         if i != axis:
             outside += abs(slope) * max(abs(f0[i]), abs(f1[i]))
         least -= outside

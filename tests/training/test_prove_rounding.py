@@ -186,6 +186,7 @@ def test_the_drift_of_a_tick_is_widened_by_a_share_of_all_its_terms():
             room += tiny * (size + beside)
             outside = abs(rows[1]) / step * (beside + (i != axis) * size)
             least, most = least - outside, most + outside
+            fast_room += tiny * abs(rows[1]) / step * (size + beside)
         assert is_near(Fraction(found.bend_m_s) - bend, room)
         assert is_near(Fraction(found.high) - most, fast_room, most)
         assert is_near(least - Fraction(found.low), fast_room, least)
