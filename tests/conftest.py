@@ -4,21 +4,19 @@
 
 from __future__ import annotations
 
-import fcntl
 import fnmatch
 import gc
 import os
-import random
 import resource
 import signal
-import tempfile
 import time
-from collections.abc import Generator, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
+
+from tools.node_processes import own_domain
 
 # A busy machine is no failure, and a run that fails fails again.
 settings.register_profile(
@@ -56,40 +54,6 @@ os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'  # read when the first message modul
 os.environ['OPENBLAS_NUM_THREADS'] = '1'  # read with NumPy; threads that wait for work take time
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # `make test &`; processes would inherit it
     signal.signal(signal.SIGINT, signal.default_int_handler)
-DOMAINS = range(1, 102)  # 0 is everybody's default; above 101 the ports are not safe on Linux
-
-
-@contextmanager
-def own_domain() -> Iterator[int]:
-    """Hold a ROS domain that no other test on this machine holds, in this run or another.
-
-    Domains take turns: DDS may remember a process that was killed for as long as 20 s. The first
-    is drawn: a container beside this one may share its network, but not its folder of locks.
-    """
-    folder = Path(tempfile.gettempdir(), f'rpo_ros_domains_{os.getuid()}')
-    folder.mkdir(exist_ok=True)
-    for domain in _in_turn(folder):
-        with (folder / str(domain)).open('w') as file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                continue
-            yield domain
-            return
-    raise RuntimeError('all ROS domains are taken by other tests')
-
-
-def _in_turn(folder: Path) -> Sequence[int]:
-    """Return the domains, the one that was given the longest time ago first."""
-    with (folder / 'last').open('a+') as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        file.seek(0)
-        text = file.read()
-        last = int(text) if text.isdigit() and int(text) in DOMAINS else random.choice(DOMAINS)
-        turned = [*range(last + 1, DOMAINS[-1] + 1), *range(DOMAINS[0], last + 1)]
-        file.truncate(0)
-        file.write(str(turned[0]))
-    return turned
 
 
 @pytest.fixture(autouse=True)

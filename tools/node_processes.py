@@ -8,9 +8,12 @@ a stock `ros2 run` in between would not pass signals on.
 
 from __future__ import annotations
 
+import fcntl
 import os
+import random
 import signal
 import subprocess
+import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -18,6 +21,9 @@ from pathlib import Path
 
 DEADLINE_S = 240.0
 """A busy machine is no failure."""
+
+DOMAINS = range(1, 102)
+"""0 is everybody's default; above 101 the ports are not safe on Linux."""
 
 
 class NodeProcessError(Exception):
@@ -149,3 +155,36 @@ def node_processes(
     finally:
         for node in started.nodes:
             node.discard()
+
+
+@contextmanager
+def own_domain() -> Iterator[int]:
+    """Hold a ROS domain that no other test or benchmark on this machine holds.
+
+    Domains take turns: DDS may remember a process that was killed for as long as 20 s. The first
+    is drawn: a container beside this one may share its network, but not its folder of locks.
+    """
+    folder = Path(tempfile.gettempdir(), f'rpo_ros_domains_{os.getuid()}')
+    folder.mkdir(exist_ok=True)
+    for domain in _in_turn(folder):
+        with (folder / str(domain)).open('w') as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                continue
+            yield domain
+            return
+    raise NodeProcessError('all ROS domains are held by other tests and benchmarks')
+
+
+def _in_turn(folder: Path) -> Sequence[int]:
+    """Return the domains, the one that was given the longest time ago first."""
+    with (folder / 'last').open('a+') as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        file.seek(0)
+        text = file.read()
+        last = int(text) if text.isdigit() and int(text) in DOMAINS else random.choice(DOMAINS)
+        turned = [*range(last + 1, DOMAINS[-1] + 1), *range(DOMAINS[0], last + 1)]
+        file.truncate(0)
+        file.write(str(turned[0]))
+    return turned

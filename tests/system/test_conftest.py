@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import ast
-import importlib.util
 import os
 import runpy
 import subprocess
@@ -15,6 +14,8 @@ from pathlib import Path
 
 import landing
 import pytest
+
+from tools.node_processes import DOMAINS, own_domain
 
 CONFTEST = Path(__file__).resolve().parents[1] / 'conftest.py'
 INNER = """
@@ -42,7 +43,7 @@ def test_a_skip_without_a_known_reason_is_a_failure(tmp_path, workers):
     text = CONFTEST.read_text()
     allowed = "ALLOWED_SKIPS = {\n    '*test_known': 'known',"
     (tmp_path / 'conftest.py').write_text(text.replace('ALLOWED_SKIPS = {', allowed))
-    (tmp_path / 'pytest.ini').write_text('[pytest]\n')
+    (tmp_path / 'pytest.ini').write_text(f'[pytest]\npythonpath = {CONFTEST.parents[1]}\n')
     command = [sys.executable, '-m', 'pytest', '-p', 'xdist', '-n', workers, '-rA']
     command += ['--continue-on-collection-errors']
     env = {**os.environ, 'PYTEST_DISABLE_PLUGIN_AUTOLOAD': '1', 'PYTEST_ADDOPTS': ''}
@@ -88,13 +89,10 @@ def test_a_skip_that_is_not_seen_here_has_a_known_reason():
 
 
 def test_domains_are_held_one_by_one():
-    spec = importlib.util.spec_from_file_location('conftest_of_all', CONFTEST)
-    conftest = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(conftest)
-    with conftest.own_domain() as one, conftest.own_domain() as two:
+    with own_domain() as one, own_domain() as two:
         assert one != two
-        assert {one, two} <= set(conftest.DOMAINS)
-    with conftest.own_domain() as three:
+        assert {one, two} <= set(DOMAINS)
+    with own_domain() as three:
         assert three not in (one, two)
 
 

@@ -3,7 +3,10 @@
 """The table of benchmarks: what it reads, how it is kept; the measuring itself is slow."""
 
 import json
+import os
 import re
+import subprocess
+import time
 
 import numpy as np
 import pytest
@@ -107,6 +110,29 @@ def test_without_ros_it_says_what_to_do(monkeypatch):
     monkeypatch.setenv('AMENT_PREFIX_PATH', '')
     with pytest.raises(InputError, match=r'source ros_ws/env\.bash'):
         ros.ping_pong()
+
+
+def test_each_run_of_nodes_has_a_domain_of_its_own():
+    with ros._nodes() as one, ros._nodes() as two:
+        assert one.env['ROS_DOMAIN_ID'] != two.env['ROS_DOMAIN_ID']
+
+
+@pytest.mark.cpu_s(5)
+def test_a_stopped_benchmark_leaves_no_node(tmp_path, monkeypatch):
+    node, began = tmp_path / 'lib' / 'rpo_bringup' / 'ping_pong', tmp_path / 'began'
+    node.parent.mkdir(parents=True)
+    node.write_text(f'#!/bin/sh\necho $$ > {began}.new; mv {began}.new {began}\nexec sleep 200\n')
+    node.chmod(0o755)
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
+    bench = subprocess.Popen(['rpo', 'bench', 'ros'], stderr=subprocess.PIPE, text=True)
+    while not began.exists():
+        assert bench.poll() is None
+        time.sleep(0.02)
+    bench.terminate()
+    assert 'Interrupted; its nodes have ended' in bench.communicate()[1]
+    assert bench.returncode == 130
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(began.read_text()), 0)
 
 
 @pytest.mark.slow

@@ -7,8 +7,8 @@ chaser turns. The peer runs before and after each flight, which is compared with
 the same peer, on the same machine, differs by a factor of two from one start to the next, and a
 machine that becomes faster or slower meets both alike.
 
-All run in a ROS domain of their own. The time is from `flying` to `finished` in the
-log lines of the plant, without start and discovery.
+Each run has a ROS domain of its own: a node that one left behind does not reach the next. The time
+is from `flying` to `finished` in the log lines of the plant, without start and discovery.
 """
 
 from __future__ import annotations
@@ -28,14 +28,18 @@ from typing import NamedTuple
 
 from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
-from tools.node_processes import NodeProcess, NodeProcessError, NodeProcesses, node_processes
+from tools.node_processes import (
+    NodeProcess,
+    NodeProcessError,
+    NodeProcesses,
+    node_processes,
+    own_domain,
+)
 
 SCENARIO, FULL, TURNING = 'paper_test', 'docking_leo', 'tumbling_docking'
 ANSWERING = ('rpo_ctrl', 'fuzzy_controller'), ('rpo_sim', 'disturbance_injector')
 FURTHER = ('rpo_nav', 'navigation'), ('rpo_guidance', 'guidance'), ('rpo_safety', 'assurance')
 BASILISK = sys.executable, '-m', 'tools.basilisk_plant'
-DOMAIN = '98'
-"""Not the default 0, and not the first domains of the tests."""
 
 TURNS = {'P4': 7, 'P5': 7}
 LEAST_TURNS = 3
@@ -65,16 +69,16 @@ class Loop(NamedTuple):
 @contextmanager
 def _nodes() -> Iterator[NodeProcesses]:
     """Start nodes in a domain and a folder of their own; raises InputError if one does not work."""
-    with tempfile.TemporaryDirectory() as folder:
-        environment = {'ROS_DOMAIN_ID': DOMAIN, 'ROS_LOG_DIR': folder}
-        environment['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-        try:
+    try:
+        with tempfile.TemporaryDirectory() as folder, own_domain() as domain:
+            environment = {'ROS_DOMAIN_ID': str(domain), 'ROS_LOG_DIR': folder}
+            environment['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
             with node_processes(environment, Path(folder)) as started:
                 yield started
                 for node in started.nodes:
                     node.stop(signal.SIGTERM)
-        except NodeProcessError as error:
-            raise InputError(f'`rpo bench ros` starts ROS nodes: {error}') from None
+    except NodeProcessError as error:
+        raise InputError(f'`rpo bench ros` starts ROS nodes: {error}') from None
 
 
 def _output(node: NodeProcess) -> str:

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from rpo_cli.commands.shared import NoFail, Workers, end, tool
+from rpo_cli.commands.shared import NoFail, Workers, end, interruptible, tool
 from rpo_core.files.validation import InputError, choice
 
 PARTS = ('all', 'inference', 'training', 'campaign', 'learning', 'ros')
@@ -34,4 +34,6 @@ def bench(
     if write is not None and what != 'all':
         raise InputError('`--write` writes the whole table: leave the part out')
     bench = tool('bench.command')
-    end(bench.run(what, evaluations, runs, workers, output, write), no_fail)
+    with interruptible(lambda: 'Interrupted; its nodes have ended, and nothing was saved.'):
+        missed = bench.run(what, evaluations, runs, workers, output, write)
+    end(missed, no_fail)
