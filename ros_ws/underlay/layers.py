@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The project's virtual environment and the layers of locked packages in it.
 
-pip installs uv, and uv the rest, from the same indexes. `.venv/rpo_setup.json` records what is
-installed, after each step. It also marks an installation in progress; an environment with that mark
-is built again.
+The pip of the base interpreter installs uv, and uv the rest, from the same indexes; where there is
+none, ensurepip brings one, which takes seconds. `.venv/rpo_setup.json` records what is installed,
+after each step. It also marks an installation in progress; an environment with that mark is built
+again.
 """
 
 import ast
@@ -154,9 +155,18 @@ class Environment:
         ground = f'ROS 2 in {ros_prefix}' if ros_prefix else 'ROS 2 wheels'
         say(f'making .venv ({reason}): Python {version} ({python.path}), {ground}')
         shutil.rmtree(str(self.path), ignore_errors=True)
-        command = [python.path, '-m', 'venv', str(self.path)]
+        version = '%d.%d' % python.version[:2]
+        identity = Identity(str(self.root), python.path, version, ros_prefix)
+        self.record = {'identity': identity._asdict()}
+        command = [python.path, '-m', 'venv', '--without-pip', str(self.path)]
         command += ['--system-site-packages'] if ros_prefix else []
         done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+        asked = subprocess.run(
+            self.pip('--version'), stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        )
+        if done.returncode == 0 and asked.returncode != 0:
+            command = [str(self.python), '-m', 'ensurepip']
+            done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
         if done.returncode != 0:
             raise SetupError(
                 f'`{" ".join(command)}` failed ({_last_line(done.stdout.decode())}): repair that '
@@ -164,17 +174,15 @@ class Environment:
             )
         (self.path / 'COLCON_IGNORE').touch()
         (self.path / 'rpo_ros_prefix').write_text(ros_prefix + '\n')
-        version = '%d.%d' % python.version[:2]
-        self.record = {}
-        identity = Identity(str(self.root), python.path, version, ros_prefix)
-        self.write(identity=identity._asdict(), layers={}, installing=False)
+        self.write(layers={}, installing=False)
 
     def install(self, layers: Sequence[str]) -> None:
         """Install the locked packages of `layers`, checking every hash."""
         say(f'installing {", ".join(layers)}')
         mark = digest(self._lock(INSTALLER))
         if self.record.get(INSTALLER) != mark:
-            self.run(self.pip('install', *_LOCKED, *self._requirements([INSTALLER])))
+            locked = (*_LOCKED, *self._requirements([INSTALLER]))
+            self.run(self.pip('install', '--no-compile', *locked))
             self.write(**{INSTALLER: mark})
         self.run(self.uv(*_LOCKED, *self._left_out(), *self._requirements(layers)))
         have = {**self.record['layers'], **{x: digest(self._lock(x)) for x in layers}}
@@ -208,7 +216,10 @@ class Environment:
     def pip(self, *arguments: str) -> List[str]:
         """Return a command of pip."""
         options = ['--no-input', '--disable-pip-version-check', '--no-color']
-        return [str(self.python), '-m', 'pip', *options, *arguments]
+        python = str(self.python)
+        if not any(self.path.glob('lib/python3.*/site-packages/pip')):
+            python, options = self.record['identity']['python'], ['--python', python, *options]
+        return [python, '-m', 'pip', *options, *arguments]
 
     def uv(self, *arguments: str) -> List[str]:
         """Return a command of uv that installs."""

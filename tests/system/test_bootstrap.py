@@ -194,6 +194,22 @@ class TestLayers:
         return copy
 
     @pytest.mark.slow
+    @pytest.mark.parametrize('has_pip', [True, False])
+    def test_pip_is_that_of_the_interpreter_or_of_ensurepip(self, has_pip, tmp_path):
+        here, name = host.probe(sys.executable), tmp_path / 'python'
+        without = '' if has_pip else 'case "$*" in "-m pip "*) exit 1;; esac\n'
+        name.write_text(f'#!/bin/sh\n{without}exec {here.path} "$@"\n')
+        name.chmod(0o755)
+        venv = layers.Environment(tmp_path)
+        venv.create(here._replace(path=str(name)), '', 'a test')
+        command = venv.pip('--version')
+        assert command[0] == str(name if has_pip else venv.python)
+        found = subprocess.run(command, capture_output=True, text=True).stdout
+        assert ('.venv' in found) is not has_pip, found
+        where = 'import sysconfig; print(sysconfig.get_path("purelib"))'
+        assert str(tmp_path) in subprocess.check_output([venv.python, '-c', where], text=True)
+
+    @pytest.mark.slow
     def test_what_is_built_anew_and_why(self, venv, monkeypatch):
         def reason(asked=None, ros_prefix=''):
             return bootstrap.reason_to_rebuild(layers.Environment(venv.root), asked, ros_prefix)
