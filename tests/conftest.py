@@ -65,6 +65,13 @@ def own_signals() -> Iterator[None]:
         signal.signal(number, handler)
 
 
+SET_ELSEWHERE = (
+    'ROS_LOCALHOST_ONLY', 'ROS_STATIC_PEERS',
+    'FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE',
+)  # fmt: skip
+"""What changes whom a node finds; a node in this process sets the last two."""
+
+
 @pytest.fixture
 def ros_env(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[dict[str, str]]:
     """Give the test its own ROS domain, in this process and, as variables, for others it starts."""
@@ -78,8 +85,9 @@ def ros_env(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[dict[st
         }
         for name, value in variables.items():
             monkeypatch.setenv(name, value)
-        for name in ('ROS_LOCALHOST_ONLY', 'ROS_STATIC_PEERS'):
-            monkeypatch.delenv(name, raising=False)
+        for name in SET_ELSEWHERE:
+            monkeypatch.setenv(name, '')  # so that what a node of this process sets ends with it
+            monkeypatch.delenv(name)
         yield variables
 
 

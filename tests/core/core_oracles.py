@@ -143,7 +143,7 @@ def python(code: str, *arguments: str, **environment: str) -> str:
         env={**os.environ, 'PYTHONPATH': path, **environment},
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=280,
     )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
