@@ -4,13 +4,27 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from rpo_core.chain.stage import Place
-from rpo_montecarlo.engine.lanes import FORCE, FOUND_PUSH, PAIRED_LANES, RUNS, SEEN_R, compiled
+from rpo_montecarlo.engine.lanes import (
+    FORCE,
+    FOUND_PUSH,
+    MEASURED_V,
+    PAIRED_LANES,
+    RUNS,
+    SEEN_R,
+    SEEN_V,
+    compiled,
+)
+from rpo_montecarlo.engine.parts.attitude import vector_in
 from rpo_montecarlo.engine.tick import Batch, Kind, Part, register, table_of
+from rpo_safety.learning import ACT, BEGIN, NUMBERS, PERIOD, foresee, given_way, learn
 from rpo_safety.shaping import (
     AHEAD_S,
+    HoldLimit,
     Shaping,
     ShapingStage,
     followed,
@@ -56,6 +70,24 @@ def hold(w, m, t, tick):  # type: ignore[no-untyped-def]
             w[FORCE + s] = held(w[FORCE + s], most, w[SEEN_R + s], within)
 
 
+@compiled
+def give_way(w, m, t, tick):  # type: ignore[no-untyped-def]
+    """Limit row FORCE in the hold by what is learnt; the tables of the runs follow each other."""
+    size = int(t[3])
+    for s in range(RUNS):
+        numbers, own = t[4 + size * s : 4 + size * (s + 1)], PAIRED_LANES + NUMBERS * s
+        memory, begin = m[own : own + NUMBERS], numbers[BEGIN]
+        r, v = vector_in(w, SEEN_R, s), vector_in(w, SEEN_V, s)
+        learn(tick, vector_in(m, 0, s), r, v, vector_in(w, MEASURED_V, s), memory, numbers)
+        if tick < begin:
+            continue
+        if (tick - begin) % numbers[PERIOD] == 0.0:
+            foresee(tick, r, v, memory, numbers)
+        for axis in range(3):
+            lane, acts = FORCE + RUNS * axis + s, tick >= numbers[ACT]
+            w[lane] = given_way(acts, w[lane], r[axis], v[axis], axis, memory, numbers)
+
+
 def _part(batch: Batch) -> Part | None:
     settings = batch.base.section(Shaping)
     if settings is None:
@@ -64,9 +96,17 @@ def _part(batch: Batch) -> Part | None:
     limit, table = stage.hold, table_of(stage.numbers)
     if limit is None:
         return Part('shaping', ((Place.SHAPING, shape),), table, np.zeros(PAIRED_LANES))
+    steps = ((Place.SHAPING - 1, hold), (Place.SHAPING, shape))
+    if limit.learnt is not None:
+        limits = [HoldLimit.of(settings, scenario) for scenario in batch.scenarios]
+        limits += [limit] * (RUNS - len(limits))
+        learnt: Any = [found.learnt for found in limits if found is not None]
+        rows = [table_of(settings) for settings, _ in learnt]
+        memory = table_of(np.zeros(PAIRED_LANES), *(memory for _, memory in learnt))
+        steps = ((Place.SHAPING - 1, give_way), (Place.SHAPING, shape))
+        return Part('shaping', steps, table_of(table, len(rows[0]), *rows), memory)
     ticks = (limit.begin, limit.act, limit.period, limit.end)
     table = table_of(table, limit.share, limit.within_m, ticks, stage.dt_s, limit.gains)
-    steps = ((Place.SHAPING - 1, hold), (Place.SHAPING, shape))
     return Part('shaping', steps, table, np.zeros(AHEAD + RUNS))
 
 

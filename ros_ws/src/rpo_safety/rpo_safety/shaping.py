@@ -11,6 +11,8 @@ by axis, by a Kalman filter (its gains depend on time alone); the largest is tha
 far, or that of the quadratics ahead. At the peak the chaser then gives way, by some decimetres,
 instead of pushing back as hard. Farther from the target than it may, the limit opens with distance,
 like a spring: a command that jumps there would break the limit of speed.
+
+With `hold_learns` it learns the thrust too, and gives way before the peak: `rpo_safety.learning`.
 """
 
 from __future__ import annotations
@@ -24,17 +26,22 @@ import numpy as np
 
 from rpo_core.chain.stage import ZERO, Signal, Stage
 from rpo_core.files.codec import unless_default
-from rpo_core.files.validation import Checked, InputError, real
+from rpo_core.files.validation import Checked, InputError, flag, real
 from rpo_core.wire import interfaces
 from rpo_kernels.arrays import Floats
 from rpo_kernels.jit import kernel
 from rpo_kernels.kernels import Vector, saturate
+from rpo_safety.learning import foresee, given_way, learn, tables
 
 SHAPED_FORCE = 'shaped_force'
 
 AHEAD_S, SETTLING_S, PERIOD_S = 60.0, 5.0, 1.0
 """Limit of the hold: how far it looks ahead; how long the fit runs before the limit acts; how often
 a value is taken."""
+PUSH_S = 15.0
+"""How long it may push harder before the limit acts, where it learns."""
+MEASURED = 'measurement'
+"""Signal of the sensor from which it learns."""
 
 _NOISE_SHARE = 0.015
 """Sigma of a value that is taken, as a share of the disturbance's."""
@@ -55,6 +62,8 @@ class Shaping(Checked):
     hold_within_m : so far the chaser may give way, each axis, as it knows it; from there the limit
         opens, once more with each fifth of it
     hold_from_s : from then on the disturbance is followed; the limit acts 5 s later
+    hold_learns : whether it learns the thrust from the measured velocity, and gives way before the
+        disturbance peaks; `hold_from_s` is then the begin of that, and the limit acts 15 s later
     """
 
     slew_n_s: Annotated[float, partial(_above, unit='N/s')]
@@ -62,6 +71,7 @@ class Shaping(Checked):
     hold_share: Annotated[float, partial(real, least=0.0, most=10.0)] = unless_default(0.0)
     hold_within_m: Annotated[float, partial(_least, unit='m')] = unless_default(0.0)
     hold_from_s: Annotated[float, partial(_least, unit='s')] = unless_default(0.0)
+    hold_learns: Annotated[bool, flag] = unless_default(False)
 
 
 @kernel
@@ -124,6 +134,7 @@ class HoldLimit:
     period : ticks between values
     end : last tick of the flight
     gains : (values, 3) of the fit, per second each
+    learnt : settings and first memory of `rpo_safety.learning`, where it learns
     """
 
     share: float
@@ -133,6 +144,7 @@ class HoldLimit:
     period: int
     end: int
     gains: Floats
+    learnt: tuple[Any, Any] | None = None
 
     @classmethod
     def of(cls, settings: Shaping, scenario: Any) -> HoldLimit | None:
@@ -142,11 +154,20 @@ class HoldLimit:
         dt_s, begin = scenario.dt_s, round(settings.hold_from_s / scenario.dt_s)
         period = max(1, round(PERIOD_S / dt_s))
         rate = math.pi * scenario.mean_motion_rad_s  # of the paper's disturbance
-        count = (scenario.ticks - begin) // period + 1
-        gains = _gains(max(1, count), period * dt_s, rate)
-        act = begin + math.ceil(SETTLING_S / dt_s)
+        count = 0 if settings.hold_learns else max(1, (scenario.ticks - begin) // period + 1)
+        act = begin + math.ceil((PUSH_S if settings.hold_learns else SETTLING_S) / dt_s)
         share, within_m = settings.hold_share, settings.hold_within_m
-        return cls(share, within_m, begin, act, period, scenario.ticks, gains)
+        ticks, gains, learnt = scenario.ticks, _gains(count, period * dt_s, rate), None
+        if settings.hold_learns:
+            known, sensor = scenario.named('estimator'), scenario.named('sensors').units[0]
+            learnt = tables(
+                (dt_s, known.mass_kg or scenario.mass_kg, scenario.mean_motion_rad_s),
+                (period, begin, act, ticks),
+                (share, within_m),
+                sensor.velocity_floor_m_s * known.noise_scale,
+                rate,
+            )
+        return cls(share, within_m, begin, act, period, ticks, gains, learnt)
 
 
 def _gains(count: int, step_s: float, rate_rad_s: float) -> Floats:
@@ -191,6 +212,8 @@ class ShapingStage(Stage):
                 interfaces.ESTIMATED_DISTURBANCE,
                 interfaces.STATE,
             )
+            if self.hold.learnt is not None:
+                self.inputs = (interfaces.COMMAND, interfaces.STATE, MEASURED)
             self.counts_ticks = True
         self.reset()
 
@@ -200,11 +223,15 @@ class ShapingStage(Stage):
         self._first = True
         self._fits: list[Vector] = [ZERO] * 3
         self._largest_n, self._ahead_n = 0.0, 0.0
+        learnt = self.hold.learnt if self.hold is not None else None
+        self._learnt: Any = None if learnt is None else (learnt[1].copy(), learnt[0])
 
     def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
         """Return the shaped command (3,) [N]."""
         wanted = inputs[0]
-        if self.hold is not None:
+        if self._learnt is not None:
+            wanted = self._given_way(self.hold, tick, *inputs)
+        elif self.hold is not None:
             wanted = self._held(self.hold, tick, *inputs)
         pairs = zip(wanted, self._before, strict=True)
         self._before = tuple(shaped(u, b, self._first, *self.numbers) for u, b in pairs)
@@ -228,6 +255,20 @@ class ShapingStage(Stage):
         axes = zip(command, state, strict=False)  # the positions come first
         return tuple(held(u, most, r, hold.within_m) for u, r in axes)
 
+    def _given_way(
+        self, hold: Any, tick: int, command: Signal, state: Signal, measured: Signal
+    ) -> Signal:
+        (memory, table), before = self._learnt, self._before
+        x, y, z, vx, vy, vz = state[:6]
+        r, v, seen = (x, y, z), (vx, vy, vz), (measured[3], measured[4], measured[5])
+        learn(tick, (before[0], before[1], before[2]), r, v, seen, memory, table)
+        if tick < hold.begin:
+            return command
+        if (tick - hold.begin) % hold.period == 0:
+            foresee(tick, r, v, memory, table)
+        acts, axes = tick >= hold.act, zip(command, r, v, range(3), strict=True)
+        return tuple(given_way(acts, *axis, memory, table) for axis in axes)
+
 
 def check(settings: Shaping, scenario: Any) -> None:
     """Raise InputError if the dead zone leaves no command, or nothing tells the hold's limit."""
@@ -244,7 +285,23 @@ def check(settings: Shaping, scenario: Any) -> None:
                 '`shaping.hold_share` needs an `estimator` with `disturbance_sigma_n` > 0 N: the '
                 'limit is a share of the disturbance that is estimated'
             )
+        if settings.hold_learns:
+            _check_sensor(scenario)
         if scenario.goal is not None or scenario.named('guidance') is not None:
             raise InputError(
                 '`shaping.hold_share` is for a hold at the target; got a goal elsewhere'
             )
+
+
+def _check_sensor(scenario: Any) -> None:
+    """Raise InputError if it cannot learn from the first sensor, or from its own commands."""
+    unit = scenario.named('sensors').units[0]
+    misses = unit.latency_ticks or unit.dropout_share or unit.outages_s or unit.outlier_share
+    seldom = misses or unit.period_ticks > 1 or unit.field_of_view_rad < math.pi
+    if seldom or unit.velocity_floor_m_s == 0.0:
+        raise InputError(
+            '`shaping.hold_learns` needs a first sensor that measures velocity at each tick, '
+            'without latency, losses and outliers'
+        )
+    if scenario.named('assurance') is not None:
+        raise InputError('`shaping.hold_learns` needs its own commands; got `assurance` after it')
