@@ -15,8 +15,10 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
 from rpo_core.judge.metrics import LATE_POSITION, SLEW, row_of
+from rpo_nav.estimator import Estimator
 from rpo_nav.navigation_errors import Navigation
 from rpo_safety.assurance import ASSURED_FORCE
+from rpo_safety.learning import AXIS, LIMIT
 from rpo_safety.settings import Assurance
 from rpo_safety.shaping import (
     SHAPED_FORCE,
@@ -28,7 +30,11 @@ from rpo_safety.shaping import (
 )
 
 PAPER = scenario.load_scenario('paper_test')
-HELD = scenario.load_scenario('paper_test_held')
+LEARNING = scenario.load_scenario('paper_test_held')
+FOLLOWED = replace(
+    LEARNING.section(Shaping), hold_share=0.975, hold_within_m=0.35, hold_learns=False
+)
+HELD = LEARNING.equipped(replace(FOLLOWED, hold_from_s=190.0))
 NOISY = PAPER.equipped(Navigation(position_noise_m=0.01, velocity_noise_m_s=5e-4))
 forces = st.floats(-1.0, 1.0)
 
@@ -125,3 +131,51 @@ def test_in_the_hold_the_force_stays_below_the_disturbance():
     far = replace(HELD.section(Shaping), hold_share=0.5, hold_within_m=0.1)
     flight = fly(base.equipped(far), controller)
     assert 0.1 < np.abs(flight.positions_m[hold]).max() < 0.2
+
+
+WEAK = {'matrix': np.diag([0.99, 0.985, 1.02]).tolist(), 'delay_ticks': 2}
+PEAK = {'axis': 'y', 'function': 'cos', 'amplitude_n': 0.02, 'angular_rate_rad_s': 0.0036}
+
+
+def peaked():
+    """Return a flight of a chaser whose mass and thrust are others than it knows.
+
+    The disturbance of y is largest at 280 s.
+    """
+    harmonics = [{**PEAK, 'phase_rad': -280.0 * PEAK['angular_rate_rad_s']}]
+    changed = {
+        'disturbance': {'constant_n': [0.002, 0.005, -0.004], 'harmonics': harmonics},
+        'thrusters': WEAK,
+        'mass_kg': 9.8,
+    }
+    known = replace(LEARNING.section(Estimator), mass_kg=10.0)
+    return scenario.parse(yaml.safe_load(scenario.dumps(LEARNING.equipped(known))) | changed)
+
+
+def test_it_learns_thrust_over_mass_and_the_disturbance():
+    flight = fly(peaked(), load_controller('allround'))
+    stage = ShapingStage(flight.scenario.section(Shaping), flight.scenario)
+    signals, made = flight.signals, []
+    for tick in range(1801):
+        inputs = (flight.forces_n, signals['navigation_state'], signals['measurement'])
+        made.append(stage.step(tick, *(tuple(rows[tick]) for rows in inputs))[0])
+    np.testing.assert_array_equal(made, signals[SHAPED_FORCE][:1801])
+    memory = np.asarray(stage._learnt[0])
+    errors = [memory[AXIS * axis + 4] for axis in range(3)]
+    np.testing.assert_allclose(errors, np.diag(WEAK['matrix']) / 0.98 - 1.0, atol=0.003)
+    pulls = [memory[AXIS * axis + 1] for axis in range(3)]
+    np.testing.assert_allclose(pulls, flight.disturbances_n[1795] / 0.98, atol=2e-4)
+    # the mass: a share of the sum of the errors
+    assert 0.95 < memory[LIMIT] / (0.98 * 0.025) < 1.02
+
+
+def test_it_drifts_through_the_peak_with_less_force_than_the_disturbance():
+    """It was on one side of the target before; without what is learnt the force exceeds it."""
+    base, controller, hold = peaked(), load_controller('allround'), slice(2000, None)
+    learnt = fly(base, controller)
+    followed = fly(base.equipped(HELD.section(Shaping)), controller)
+    most = [np.abs(flight.signals[SHAPED_FORCE][hold]).max() for flight in (learnt, followed)]
+    assert most[0] < np.abs(learnt.disturbances_n).max() < most[1]
+    y = learnt.positions_m[hold, 1]
+    assert y.min() < 0.0 < 0.1 < y.max() and np.abs(learnt.positions_m[hold]).max() < 0.45
+    assert np.abs(learnt.states[hold, 3:]).max() < 0.01

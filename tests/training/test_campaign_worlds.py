@@ -143,6 +143,13 @@ CASES = {
         {name: {d.distribution: list(d.spread) if len(d.spread) > 1 else d.spread[0]}
          for name, d in AS_FLOWN.items()},
     ),
+    'measured, thrust learnt': (
+        replace(MEASURED, duration_s=19.0, initial_position_m=(0.2, 0.3, -0.1)).equipped(
+            Shaping(0.09, 0.001, 0.5, hold_within_m=0.1, hold_from_s=2.0, hold_learns=True)
+        ),
+        {name: {d.distribution: list(d.spread) if len(d.spread) > 1 else d.spread[0]}
+         for name, d in AS_FLOWN.items()},
+    ),
     'linear': (replace(PLAIN, sections=(replace(ELLIPTIC.dynamics, kind='linear_elliptic', j2=False,
                                                 eccentricity=0.01),)), SOME),
     'propellant alone': (

@@ -36,15 +36,14 @@ disturbance so far; the limit [N]; of each axis, how far it pushes towards the l
 side to which it is pulled (1, -1), the force [N] that balances the pull; pulls of as many steps
 ahead."""
 
-(DT, MASS, RATE, PERIOD, BEGIN, ACT, END, SHARE, WITHIN, SIN, COS, NOISE, VARIANCE, TURN) = range(
-    14
-)
+DT, MASS, RATE, PERIOD, BEGIN, ACT, END, SHARE, WITHIN = range(9)
+SIN, COS, NOISE, VARIANCE, TURN = range(9, 14)
 """Places in the settings: tick [s]; mass [kg]; mean motion [rad/s]; ticks of a second, of the first
 push, of the first limit, of the end; as in `Shaping`; sine and cosine of the disturbance's phase of
 a second; variances that a second adds to the last rate, and of a measured impulse; the rate [rad/s]
 of that phase."""
 
-_MASS_SHARE, _THRUST_SHARE, _TURN, _DELAY_S = 0.03, 0.02, 0.018, 0.15
+_MASS_SHARE, _THRUST_SHARE, _MISALIGNED, _DELAY_S = 0.03, 0.02, 0.018, 0.15
 _STARTS_N_S, _LEVEL_N = 10.0, 0.02
 """Sigmas at the start: of mass, of a thruster, of a misalignment [rad], of the delay; of the
 impulse that the first velocity is, and of the disturbance."""
@@ -57,10 +56,13 @@ taken as smaller."""
 _AIM_M, _SOFT_M, _FAST_M_S, _SOFT_M_S = 0.15, 0.1, 0.0085, 0.002
 """It pushes as hard as it may where it would drift farther, or faster; less hard, up to as much
 before that."""
-_EXTRA, _BACK_N, _NEAR_M, _NEAR_M_S, _AWAY_M_S = 0.15, 0.002, 0.6, 0.03, 0.007
-"""Before the limit acts, the push is by this share stronger; force of the way back; before that, a
-push begins within so much of the target, and below such a speed; speed against the pull."""
-_STIFF_N_M, _DAMP_N_S_M, _BRAKE_N_S_M, _TOO_FAST_M_S = 0.02, 2.0, 5.0, 0.0092
+_EXTRA, _NEAR_M, _NEAR_M_S = 0.15, 0.6, 0.03
+"""Before the limit acts, the push is by this share stronger, so near the target and so slow."""
+_BACK_N, _MARGIN_M, _STIFF_N_M, _AWAY_M_S, _DAMP_N_S_M = 0.002, 0.03, 0.02, 0.007, 2.0
+"""Against the pull, it moves up to such a margin of where it may be, and so fast; the command is
+less than what balances the pull by this force at most, or more of it beyond place and speed."""
+_BRAKE_N_S_M, _TOO_FAST_M_S = 5.0, 0.0092
+"""The limit opens beyond such a speed: the requirement of speed comes first."""
 
 
 def tables(
@@ -82,7 +84,7 @@ def tables(
     noise = 30.0 * (rate_rad_s * rate_rad_s * rate_rad_s * _LEVEL_N) ** 2 * second
     variance = (world[1] * velocity_sigma_m_s) ** 2 / ticks[0]
     sigmas = [_STARTS_N_S, _LEVEL_N, _LEVEL_N * rate_rad_s, _LEVEL_N * rate_rad_s * rate_rad_s]
-    sigmas += [sqrt(_MASS_SHARE**2 + _THRUST_SHARE**2), _TURN, _TURN, _DELAY_S]
+    sigmas += [sqrt(_MASS_SHARE**2 + _THRUST_SHARE**2), _MISALIGNED, _MISALIGNED, _DELAY_S]
     m = [0.0] * NUMBERS
     for axis in range(3):
         for i, sigma in enumerate(sigmas):
@@ -138,22 +140,18 @@ def learn(tick: int, command: Vector, r: Vector, v: Vector, seen: Vector, m: Any
     command : (3,) [N] of the tick before; r, v : (3,) as the estimator knows them
     seen : (3,) [m/s] measured velocity
     """
-    dt, n, mass = t[DT], t[RATE], t[MASS]
+    n, b, kick = t[RATE], BEFORE, t[DT] * t[MASS]
     if tick > 0:
-        b = BEFORE
-        kicks = (
-            3.0 * n * n * m[b] + 2.0 * n * m[b + 4],
-            -2.0 * n * m[b + 3],
-            -n * n * m[b + 2],
-        )
+        m[ORBIT] += kick * n * (3.0 * n * m[b] + 2.0 * m[b + 4])
+        m[ORBIT + 1] -= kick * n * 2.0 * m[b + 3]
+        m[ORBIT + 2] -= kick * n * n * m[b + 2]
         for i in range(3):
-            m[IMPULSE + i] += dt * command[i]
-            m[ORBIT + i] += dt * mass * kicks[i]
+            m[IMPULSE + i] += t[DT] * command[i]
     for i in range(3):
         m[BEFORE + i], m[BEFORE + 3 + i] = r[i], v[i]
         m[SUMS + i] += m[IMPULSE + i]
         m[SUMS + 3 + i] += command[i]
-        m[SUMS + 6 + i] += mass * seen[i] - m[ORBIT + i] - m[IMPULSE + i]
+        m[SUMS + 6 + i] += t[MASS] * seen[i] - m[ORBIT + i] - m[IMPULSE + i]
     m[COUNT] += 1.0
     if m[COUNT] < t[PERIOD]:
         return
@@ -247,11 +245,9 @@ def given_way(acts: bool, command: float, r: float, v: float, axis: int, m: Any,
     """Return the command [N] of an axis at r [m], v [m/s]; acts : whether the limit does."""
     side, limit, need, within = m[SIDE + axis], m[LIMIT], m[NEED + axis], t[WITHIN]
     force, x, speed = -side * command, side * r, side * v
-    share = _share((x + within - 0.03) / 0.05) * _share((speed + _AWAY_M_S) / 0.002)
-    share = m[PUSH + axis] * share
-    least = need - _BACK_N
-    least -= _STIFF_N_M * max(0.0, 0.03 - within - x)
-    least -= _DAMP_N_S_M * max(0.0, 0.001 - _AWAY_M_S - speed)
+    room, slow = x + within - _MARGIN_M, speed + _AWAY_M_S
+    share = m[PUSH + axis] * _share(room / 0.05) * _share(slow / 0.002)
+    least = need - _BACK_N + _STIFF_N_M * min(0.0, room) + _DAMP_N_S_M * min(0.0, slow - 0.001)
     if not acts:
         if m[PUSH + axis] == 0.0 or abs(x) > _NEAR_M or abs(speed) > _NEAR_M_S:
             return command

@@ -160,13 +160,9 @@ class HoldLimit:
         ticks, gains, learnt = scenario.ticks, _gains(count, period * dt_s, rate), None
         if settings.hold_learns:
             known, sensor = scenario.named('estimator'), scenario.named('sensors').units[0]
-            learnt = tables(
-                (dt_s, known.mass_kg or scenario.mass_kg, scenario.mean_motion_rad_s),
-                (period, begin, act, ticks),
-                (share, within_m),
-                sensor.velocity_floor_m_s * known.noise_scale,
-                rate,
-            )
+            world = (dt_s, known.mass_kg or scenario.mass_kg, scenario.mean_motion_rad_s)
+            sigma = sensor.velocity_floor_m_s * known.noise_scale
+            learnt = tables(world, (period, begin, act, ticks), (share, within_m), sigma, rate)
         return cls(share, within_m, begin, act, period, ticks, gains, learnt)
 
 
