@@ -139,7 +139,7 @@ CASES = {
     'leo': (LEO, WORLD),
     'leo, compensated': (COMPENSATED, SOME),
     'measured and shaped': (
-        MEASURED.equipped(Shaping(0.01, 0.001, 0.9, hold_within_m=50.0, hold_from_s=2.0)),
+        MEASURED.equipped(Shaping(0.05, 0.001, 0.2, hold_within_m=500.0, hold_from_s=2.0)),
         {name: {d.distribution: list(d.spread) if len(d.spread) > 1 else d.spread[0]}
          for name, d in AS_FLOWN.items()},
     ),

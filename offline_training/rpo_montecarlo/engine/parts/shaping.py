@@ -33,9 +33,10 @@ from rpo_safety.shaping import (
     shaped,
 )
 
-GAINS = 10
-"""Place of the gains of the limit of the hold in the table: its other numbers are before them, and
-before those the numbers of the shaping."""
+GAINS = 11
+"""Place of the gains of the limit of the hold in the table, value by value, run by run: its other
+numbers, and how many gains a run has, are before them, and before those the numbers of the
+shaping."""
 FIT, RATE, CURVE, LARGEST, AHEAD = (PAIRED_LANES * place for place in range(1, 6))
 """Places in the memory, behind the commands of the tick before: value, rate, rate of the rate of
 the fits; of each run, the largest disturbance so far, and the largest ahead."""
@@ -53,11 +54,10 @@ def hold(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Limit row FORCE in the hold."""
     share, within, begin, act, period, end, dt = t[3], t[4], t[5], t[6], t[7], t[8], t[9]
     if tick >= begin and (tick - begin) % period == 0:
-        number = int((tick - begin) // period)
-        g = GAINS + 3 * number
-        gains, span = (t[g], t[g + 1], t[g + 2]), min(AHEAD_S, (end - tick) * dt)
+        number, span = int((tick - begin) // period), min(AHEAD_S, (end - tick) * dt)
         for s in range(PAIRED_LANES):
-            before = (m[FIT + s], m[RATE + s], m[CURVE + s])
+            g = GAINS + int(t[10]) * (s % RUNS) + 3 * number
+            gains, before = (t[g], t[g + 1], t[g + 2]), (m[FIT + s], m[RATE + s], m[CURVE + s])
             fit = followed(w[FOUND_PUSH + s], before, number == 0, gains, period * dt)
             m[FIT + s], m[RATE + s], m[CURVE + s] = fit
             run = s % RUNS
@@ -97,16 +97,17 @@ def _part(batch: Batch) -> Part | None:
     if limit is None:
         return Part('shaping', ((Place.SHAPING, shape),), table, np.zeros(PAIRED_LANES))
     steps = ((Place.SHAPING - 1, hold), (Place.SHAPING, shape))
+    limits: Any = [HoldLimit.of(settings, scenario) for scenario in batch.scenarios]
+    limits += [limit] * (RUNS - len(limits))
     if limit.learnt is not None:
-        limits = [HoldLimit.of(settings, scenario) for scenario in batch.scenarios]
-        limits += [limit] * (RUNS - len(limits))
-        learnt: Any = [found.learnt for found in limits if found is not None]
+        learnt = [found.learnt for found in limits]
         rows = [table_of(settings) for settings, _ in learnt]
         memory = table_of(np.zeros(PAIRED_LANES), *(memory for _, memory in learnt))
         steps = ((Place.SHAPING - 1, give_way), (Place.SHAPING, shape))
         return Part('shaping', steps, table_of(table, len(rows[0]), *rows), memory)
     ticks = (limit.begin, limit.act, limit.period, limit.end)
-    table = table_of(table, limit.share, limit.within_m, ticks, stage.dt_s, limit.gains)
+    table = table_of(table, limit.share, limit.within_m, ticks, stage.dt_s, limit.gains.size)
+    table = table_of(table, *(found.gains for found in limits))
     return Part('shaping', steps, table, np.zeros(AHEAD + RUNS))
 
 

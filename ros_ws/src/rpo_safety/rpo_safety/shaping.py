@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -166,6 +166,7 @@ class HoldLimit:
         return cls(share, within_m, begin, act, period, ticks, gains, learnt)
 
 
+@lru_cache(maxsize=64)
 def _gains(count: int, step_s: float, rate_rad_s: float) -> Floats:
     """Return the Kalman gains (count, 3) of a quadratic that changes at about a rate.
 
