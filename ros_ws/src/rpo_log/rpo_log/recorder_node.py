@@ -283,11 +283,13 @@ class RecorderNode(FlightNode):
 
     @property
     def _wants(self) -> str:
-        """What it waits for; '' while it records."""
+        """What it waits for; '' while it records and nothing is overdue."""
         if self.log is None:
             roles = ' and of the '.join(self._manifests.missing) or 'nodes before the controller'
             topic = self.resolve_topic_name(interfaces.NODE_MANIFEST)
             return f'the manifest of the {roles} on {topic}'
+        if self._end is not None and self._end[0] == 'finished':
+            return f'what is missing from tick {self.log.next_tick} on; the flight has ended'
         silent = self._awaited - self._heard
         return '' if self._ready else f'messages on {", ".join(sorted(silent))}'
 
