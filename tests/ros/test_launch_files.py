@@ -99,6 +99,15 @@ def test_rviz_keeps_the_simulated_time_of_its_run():
     }
 
 
+def test_each_run_has_its_own_simulated_time():
+    """A node with `use_sim_time` in a namespace listens to the clock of its plant there."""
+    for name, tree in FILES.items():
+        if name != 'view.launch.xml':  # of its nodes only RViz needs it: above
+            groups = [group for group in tree.iter('group') if group.iter('node')]
+            pairs = [{(t.get('from'), t.get('to')) for t in g.findall('set_remap')} for g in groups]
+            assert all(('/clock', 'clock') in found for found in pairs), name
+
+
 def test_package_xml_declares_whose_nodes_are_started():
     manifest = ElementTree.parse(BRINGUP / 'package.xml').getroot()
     started = {tag.get('pkg') for tree in FILES.values() for tag in tree.iter('node')}

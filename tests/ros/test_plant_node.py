@@ -3,6 +3,7 @@
 """The plant as a node: both modes, the hand on the simulator; all nodes in the test's process."""
 
 import re
+import time
 from functools import partial
 
 import pytest
@@ -22,6 +23,7 @@ from rpo_log.verify import verify
 from rpo_mcap.read.run_log import read_run
 from rpo_ros import conversions, plant_scenario, qos
 from rpo_ros.plant_scenario import PlantScenario
+from rpo_ros.running import FlightNode
 from rpo_ros.signals import hear, listen
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 from rpo_sim.plant_node import EXIT_ABORTED, PlantNode
@@ -100,6 +102,33 @@ def test_a_flight_that_takes_long_says_how_far_it_is(bench, monkeypatch, capfd):
     bench.until(lambda: bench.plant.done)
     lines = re.findall(r'\[plant\]: at ([\d.]+) s of 20 s', capfd.readouterr().err)
     assert lines and lines == sorted(lines, key=float)
+
+
+@pytest.mark.parametrize('mode', ['lockstep', 'free_running'])
+def test_no_state_is_in_the_future_of_a_node_with_simulated_time(bench, mode):
+    viewer, ahead_ns = bench.inner.start(FlightNode('viewer', {'use_sim_time': True})), []
+
+    def take(stamp_ns, _):
+        now_ns = viewer.get_clock().now().nanoseconds
+        if now_ns:  # it hears /clock
+            ahead_ns.append(stamp_ns - now_ns)
+
+    listen(viewer, interfaces.RELATIVE_STATE, take, pytest.fail)
+    bench.start(mode=mode, real_time_factor=20.0)
+    bench.until(lambda: bench.plant.done)
+    assert len(ahead_ns) > 100 and max(ahead_ns) <= 0
+
+
+@pytest.mark.parametrize('simulated', [True, False])
+def test_health_has_the_time_of_the_node_that_says_it(bench, simulated):
+    """As with diagnostic_updater: of /clock with `use_sim_time`, else of the wall."""
+    bench.start(real_time_factor=10.0, use_sim_time=simulated)
+    bench.says('flying')
+    bench.health.clear()
+    said_s, _ = bench.until(lambda: bench.health.get('plant'))[-1]
+    flown_s = said_s - 1e-9 * bench.plant.scenario.epoch_ns
+    assert (0.0 <= flown_s <= 20.0) == simulated
+    assert (abs(said_s - time.time()) < 60.0) != simulated
 
 
 def test_a_zone_that_is_entered_is_said_at_once_and_at_the_end(bench, monkeypatch, capfd):

@@ -15,7 +15,6 @@ from typing import Any
 
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from rpo_core.wire import interfaces
@@ -54,14 +53,17 @@ def age_s(moment_s: float | None) -> float:
 
 
 def publish_health(node: FlightNode, health: Callable[[], Health]) -> None:
-    """Publish `health()` on /diagnostics once a second of wall time."""
+    """Publish `health()` on /diagnostics once a second of wall time.
+
+    The stamp is of the node's clock, as that of diagnostic_updater: of /clock with `use_sim_time`.
+    """
     publisher = node.create_publisher(DiagnosticArray, names.DIAGNOSTICS, qos.DIAGNOSTICS)
     name = f'{node.get_fully_qualified_name().lstrip("/")}: health'
 
     def publish() -> None:
         level, message, values = health()
         array = DiagnosticArray()
-        array.header.stamp = Clock(clock_type=ClockType.SYSTEM_TIME).now().to_msg()
+        array.header.stamp = node.get_clock().now().to_msg()
         array.status = [to_status(level, name, message, values.items())]
         array.status[0].hardware_id = HARDWARE
         publisher.publish(array)

@@ -34,10 +34,10 @@ class Publications:
         self._made = {name: Outlet(node, name) for name in made}
 
     def state(self, stamp_ns: int, signals: Signals) -> None:
-        """Publish a state, and then its time on /clock, for which no node waits."""
-        self._state.publish_of(stamp_ns, signals)
+        """Publish the time of a state on /clock, and then the state: it is in nobody's future."""
         if self._clock is not None:
             self._clock.handle.publish_raw(cdr.encode_clock(stamp_ns))  # as an Outlet does
+        self._state.publish_of(stamp_ns, signals)
 
     def made(self, stamp_ns: int, signals: Signals) -> Signals:
         """Publish those of some signals that are outputs of the plant; return what they say."""
