@@ -30,7 +30,7 @@ from rpo_nav.estimator import EstimatorStage
 from rpo_nav.navigation_errors import Navigation, NavigationStage
 from rpo_nav.sensors import SensorsStage
 from rpo_safety.abort_table import AbortTable, Row
-from rpo_safety.assurance import ASSURED_FORCE
+from rpo_safety.assurance import ASSURED_FORCE, AssuranceStage
 from rpo_safety.settings import Assurance
 from rpo_safety.shaping import Shaping, ShapingStage
 from rpo_thrusters.thrusters import TableStage
@@ -97,6 +97,7 @@ def test_a_controller_that_was_switched_off_verifies(blocks, switched, late, tmp
     assert found.exit_code == ExitCode.OK, found.sentence()
     assert found.stages == ('controller', 'disturbance', 'thrusters', 'dynamics')
     assert 'recomputed: controller, disturbance' in found.sentence()
+    assert 'by events of the log: controller off at ticks 20 to 29; ' in found.sentence()
     log = read_run(tmp_path)
     assert [e.values['state'] for e in log.events if e.signal == 'stage_status'] == [
         'inactive', 'active',
@@ -137,6 +138,93 @@ def test_another_stage_that_is_switched_off_excuses_nothing(switched, tmp_path):
     assert verify(tmp_path).difference.tick == OFF.start
 
 
+def test_events_of_stages_that_are_not_there_are_named(tmp_path):
+    run = replace(make_run(5.0), topics=(*TOPICS, STAGE_STATUS))
+    stages = ('b', 'a', 'nobody\n', 'dynamics', 'guidance')  # the last is written first
+    events = [said('inactive', 20, stage) for stage in stages] + [said('active', 21, 'guidance')]
+    run.write(tmp_path, with_events(run, events))
+    found = verify(tmp_path)
+    assert (found.exit_code, found.by_events) == (ExitCode.OK, ())
+    named = [text for text in found.unknown if text.startswith('events of')]
+    assert [text.partition(',')[0] for text in named[:3]] == [
+        "events of 'guidance' (2", "events of 'dynamics' (1", "events of 'nobody\\n' (1",
+    ]  # fmt: skip
+    assert named[3:] == ['events of 2 other such stages']
+
+
+def test_an_event_that_has_two_readings_is_a_difference(switched, tmp_path):
+    """One reader takes the first of two values of a name, another one the last."""
+    for name in 'stage', 'state', 'tick':
+        values = {'stage': 'controller', 'state': 'inactive', 'tick': '20', 'reason': 'test'}
+        pairs = [*values.items(), (name, values[name])]
+        event = STAGE_STATUS, 20, cdr.encode_status(1, 'controller', '', 'none', pairs)
+        switched.write(tmp_path / name, with_events(switched, [event, SWITCHED[1]]))
+        found = verify(tmp_path / name).difference
+        assert (found.tick, found.topic, found.field) == (20, 'stage_status', 'values')
+
+
+@pytest.mark.parametrize(
+    ('states', 'text'),
+    [
+        (('inactive', 'inactive'), 'controller off at ticks 20 to 29'),
+        (('active', 'inactive'), 'controller off at ticks 20 to 29'),
+        (('inactive', 'active'), ''),
+    ],
+)
+def test_of_two_events_at_one_tick_the_last_counts(switched, tmp_path, states, text):
+    run = switched if text else replace(make_run(5.0), topics=(*TOPICS, STAGE_STATUS))
+    first = [said(states[0], 20)] * (states[0] != states[1])
+    run.write(tmp_path, with_events(run, [said(states[1], 20), *first, *SWITCHED[1:]]))
+    assert [e.values['state'] for e in read_run(tmp_path).events if e.tick == 20] == [
+        *states[1 - len(first) :]
+    ]
+    found = verify(tmp_path)
+    assert found.difference is None, found.sentence()
+    assert found.by_events == ((text,) if text else ())
+
+
+ASSURED = replace(load_scenario('assured'), duration_s=4.0)
+
+
+@pytest.mark.parametrize(
+    ('off', 'text'),
+    [
+        (range(1000), 'off at ticks 0 to 40'),
+        (range(20, 30), 'off at ticks 20 to 29'),
+        (range(40, 41), 'off at tick 40'),
+    ],
+)
+def test_the_first_line_names_a_stage_that_was_off(small_blocks, off, text, tmp_path):
+    """A flight without assurance was verified: recomputed, it said, was assurance too."""
+    events = [said('inactive', off.start, 'assurance')]
+    events += [said('active', off.stop, 'assurance')] * (off.stop < 40)
+    run = flown_without(AssuranceStage, ASSURED, off, tuple(events))
+    run.write(tmp_path)
+    found = verify(tmp_path)
+    assert found.difference is None and not found.gaps, found.sentence()
+    assert f'by events of the log: assurance {text}; recomputed: navigation' in found.sentence()
+    assert ('assurance' in found.stages) == (off != range(1000))
+
+
+def test_what_else_events_alone_say_of_a_stage_is_named(small_blocks, tmp_path):
+    """A filter that forgets, a command to the abort table: nothing computes that it was so."""
+    events = [said('active', tick, 'estimator') for tick in (10, 20)]
+    plain = EstimatorStage.step
+
+    def forgets(self, tick, *inputs):
+        if tick in (10, 20):
+            self.reset()
+        return plain(self, tick, *inputs)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(EstimatorStage, 'step', forgets)
+        run = chain_run(WHOLE, load_controller('handmade'), events=tuple(events))
+    run.write(tmp_path)
+    found = verify(tmp_path)
+    assert found.difference is None and 'estimator' in found.stages, found.sentence()
+    assert 'log: estimator without memory from ticks 10, 20 on;' in found.sentence()
+
+
 def lost(topic, tmp_path, say=True, until=LOST_AT):
     """Write the log of a flight whose plant went on without a peer; return its summary."""
     run = make_run(5.0)
@@ -160,7 +248,41 @@ def test_a_plant_that_went_on_without_a_peer_verifies(small_blocks, topic, tmp_p
     assert lost(topic, tmp_path).whole
     found = verify(tmp_path)
     assert found.exit_code == ExitCode.OK, found.sentence()
+    assert f'log: flown without {topic[1:]} from tick {LOST_AT} on; rec' in found.sentence()
     assert read_run(tmp_path).complete
+
+
+@pytest.mark.parametrize('again', [LOST_AT - 5, LOST_AT + 5])
+def test_of_a_peer_that_was_lost_twice_the_first_word_counts(small_blocks, again, tmp_path):
+    """As in the nodes; a command after it counted as one that acted."""
+    run = make_run(5.0)
+    flown = Run(fly(run.flight.scenario, Switched(range(LOST_AT, 100))), run.attachments)
+    sent = [m for m in flown.messages if m[0] != FORCE or m[1] < LOST_AT]
+    for tick, at in ((LOST_AT, LOST_AT), (again, LOST_AT + 5)):
+        values = {**flown.figures(tick, 'running'), 'dropped': FORCE[1:]}
+        status = cdr.encode_status(1, 'run', f'without it from {tick} on', 'none', values)
+        place = next(i for i, m in enumerate(sent) if m[1] == at) + 1
+        sent.insert(place, (STATUS, at, status))
+    assert run.write(tmp_path, sent).whole
+    found = verify(tmp_path)
+    assert found.exit_code == ExitCode.OK, found.sentence()
+    assert f'flown without control_force from tick {LOST_AT} on;' in found.sentence()
+    assert read_run(tmp_path).complete
+    assert read_flight(tmp_path).forces_n.tolist() == flown.flight.forces_n.tolist()
+
+
+def test_a_controller_that_was_lost_from_the_start_was_not_recomputed(tmp_path):
+    run = make_run(5.0)
+    flown = Run(fly(run.flight.scenario, Switched(range(100))), run.attachments)
+    sent = [m for m in flown.messages if m[0] != FORCE or m[1] > 0]
+    values = {**flown.figures(0, 'running'), 'dropped': FORCE[1:]}
+    lost = STATUS, 0, cdr.encode_status(1, 'run', 'without it', 'none', values)
+    sent = [m for m in sent if m[0] != FORCE and m[:2] != (STATUS, 0)]
+    run.write(tmp_path, [lost, *sent])
+    found = verify(tmp_path)
+    assert found.difference is None, found.sentence()
+    assert found.stages == ('disturbance', 'thrusters', 'dynamics')
+    assert 'flown without control_force from tick 0 on' in found.sentence()
 
 
 @pytest.mark.parametrize('topic', [FORCE, DISTURBANCE])
@@ -212,6 +334,7 @@ def test_a_stage_that_is_switched_off_passes_on_what_it_gets(kind, tmp_path):
     found = verify(tmp_path / 'told')
     assert found.difference is None and kind.name in found.stages, found.sentence()
     assert not found.gaps, found.gaps
+    assert f'log: {kind.name} off at ticks 20 to 29; recomputed:' in found.sentence()
     run.write(tmp_path / 'untold', [m for m in run.messages if m not in words])
     found = verify(tmp_path / 'untold').difference
     assert (found.tick, found.check) == (OFF.start, kind.name)
@@ -241,7 +364,9 @@ def test_a_thruster_that_was_switched_off_verifies_by_its_event(monkeypatch, tmp
         patch.setattr(TableStage, 'reset', told)
         run = chain_run(DOCKED, load_controller('handmade'), events=(event,))
     run.write(tmp_path / 'told')
-    assert verify(tmp_path / 'told').exit_code == ExitCode.OK
+    told = verify(tmp_path / 'told')
+    assert told.exit_code == ExitCode.OK
+    assert told.by_events == ('thrusters y-b off at tick 20',)
     run.write(tmp_path / 'untold', [m for m in run.messages if m != event])
     found = verify(tmp_path / 'untold').difference
     assert found.tick >= OFF.start and found.check in ('thrusters', 'attitude')

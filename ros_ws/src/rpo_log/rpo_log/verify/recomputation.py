@@ -18,6 +18,7 @@ from rpo_core.chain.chain import Chain
 from rpo_core.chain.stage import WITHOUT_COMMAND, Place, Stage
 from rpo_core.control.controller import AnyController
 from rpo_core.files.scenario import Scenario
+from rpo_core.files.validation import shown
 from rpo_core.wire import interfaces
 from rpo_log.verify.evidence import Decisions
 from rpo_log.verify.verification import Difference
@@ -30,16 +31,23 @@ from rpo_mcap.read.stream import RunReader
 
 Floats = NDArray[np.float64]
 
+MAX_NAMED = 3
+"""So many spans of ticks, or names, of one kind are listed; of the others, the number."""
+
 
 class StageStates:
     """Which stages were switched off, and what the plant went on without, as the events say.
 
     stages : names of those that an event may switch off: nobody switches a stage of the plant off,
         but single thrusters; None: all
+    others : names of those that it may only tell of
+    unfollowed : stage -> number, and first tick, of the events that have no effect here: no such
+        stage, or it cannot be switched off, or no tick
     """
 
-    def __init__(self, stages: Collection[str] | None = None) -> None:
-        self._stages = stages
+    def __init__(self, stages: Collection[str] | None = None, others: Collection[str] = ()) -> None:
+        self._stages, self._others = stages, others
+        self.unfollowed: dict[str, tuple[int, int]] = {}
         self._changes: dict[str, list[tuple[int, bool]]] = {}
         self._missing: dict[str, set[int]] = {}
         self._commands: dict[str, list[tuple[int, str]]] = {}
@@ -50,12 +58,15 @@ class StageStates:
         for event in block_events:
             tick = topics.tick_of(event.status)
             if event.signal == interfaces.RUN_STATUS:
-                self.dropped.update(topics.dropped(event.status))
-            elif event.signal == interfaces.STAGE_STATUS and tick is not None:
+                for signal, since in topics.dropped(event.status).items():
+                    self.dropped.setdefault(signal, since)  # as the nodes do
+            elif event.signal == interfaces.STAGE_STATUS:
                 state = event.values.get('state')
                 name = event.values.get('stage', '')
                 switched = state in (WITHOUT_COMMAND, topics.ACTIVE, topics.INACTIVE)
-                if switched and self._stages is not None and name not in self._stages:
+                if tick is None or not self._follows(name, switched):
+                    count, first = self.unfollowed.get(name, (0, event.tick))
+                    self.unfollowed[name] = count + 1, first
                     continue
                 if state == WITHOUT_COMMAND:
                     self._missing.setdefault(name, set()).add(tick)
@@ -65,6 +76,11 @@ class StageStates:
                     changes.sort(key=lambda change: change[0])
                 elif state is not None:
                     self._commands.setdefault(name, []).append((tick, state))
+
+    def _follows(self, name: str, switched: bool) -> bool:
+        """Return whether an event has an effect on a stage."""
+        may_tell = not switched and name in self._others
+        return self._stages is None or name in self._stages or may_tell
 
     def commands(self, stage: str) -> list[tuple[int, str]]:
         """Return the commands that a stage got in flight, each with its tick; each one once."""
@@ -98,10 +114,14 @@ class Recomputation:
     gaps : ticks whose inputs are there, and the memory is not; or, in free running, whose outputs
         are there, and the inputs are not
     first_gap : the first of them
+    compared : number of ticks at which it was on, and outputs in the log could be compared
     """
 
     def __init__(self, stage: Stage) -> None:
         self.stage = stage
+        self.compared = 0
+        self._off: list[tuple[int, int]] = []  # spans of ticks, first and last
+        self._anew: list[tuple[int, int]] = []  # where it began anew and had not been off
         self.gaps, self.first_gap = 0, -1
         self._next = 0  # the tick that follows the last one
         self._filled: int | None = None  # ticks since the memory was lost; None: it was not
@@ -120,6 +140,24 @@ class Recomputation:
         """Return what the stage decided so far: tick and state of each."""
         return [*self._decided, *self.stage.decided()]
 
+    def by_events(self) -> list[str]:
+        """Return what the log's events say of the stage and nothing computes, for people."""
+        name = self.stage.name
+        found = [f'{name} off at {_spans_text(self._off)}'] if self._off else []
+        if self._anew and self.stage.memory_ticks != 0:
+            found.append(f'{name} without memory from {_spans_text(self._anew)} on')
+        ticks: dict[str, list[tuple[int, int]]] = {}
+        for tick, state in self._told:
+            if state not in self.stage.decides:
+                ticks.setdefault(state, []).append((tick, tick))
+        states = list(ticks)
+        for state in states[:MAX_NAMED]:
+            said = state if state.isprintable() and len(state) <= 40 else shown(state, 40)
+            found.append(f'{name} {said} at {_spans_text(ticks[state])}')
+        if len(states) > MAX_NAMED:
+            found.append(f'{len(states) - MAX_NAMED} other events of {name}')
+        return found
+
     def run(
         self,
         ticks: NDArray[np.int64],
@@ -135,6 +173,9 @@ class Recomputation:
         began : where it began without memory
         logged : (n, width) each, outputs in the log, NaN where missing: in free running
         """
+        _extend(self._off, ticks[~active])
+        after_off = np.array([0, *(last + 1 for _, last in self._off)])
+        _extend(self._anew, ticks[began & active & ~np.isin(ticks, after_off)])
         there, absent = active.copy(), np.zeros(len(ticks), dtype=bool)
         for name, values in zip(self.stage.inputs, inputs, strict=True):
             finite = np.isfinite(values).all(axis=1)
@@ -279,6 +320,22 @@ class Recomputation:
         self._filled += count
         most = self.stage.memory_ticks
         return np.zeros(count, dtype=bool) if most is None else ages >= most
+
+
+def _extend(spans: list[tuple[int, int]], ticks: NDArray[np.int64]) -> None:
+    """Add ticks, in order, to spans of ticks: first and last of each."""
+    for tick in ticks.tolist():
+        if spans and tick == spans[-1][1] + 1:
+            spans[-1] = spans[-1][0], tick
+        else:
+            spans.append((tick, tick))
+
+
+def _spans_text(spans: Sequence[tuple[int, int]]) -> str:
+    words = [f'{a} to {b}' if a < b else f'{a}' for a, b in spans[:MAX_NAMED]]
+    several = len(spans) > 1 or spans[0][0] < spans[0][1]
+    rest = f' and {len(spans) - MAX_NAMED} more times' if len(spans) > MAX_NAMED else ''
+    return f'tick{"s" * several} {", ".join(words)}{rest}'
 
 
 def _same(made: Sequence[Floats], logged: Sequence[Floats], row: np.intp) -> bool:

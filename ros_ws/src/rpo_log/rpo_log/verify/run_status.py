@@ -117,6 +117,10 @@ class Statuses:
         status = event.status
         self._said.update(b'%d %d ' % (event.tick, len(event.signal)) + event.signal.encode())
         self._said.update(cdr.encode_status(*status))
+        repeated = len(event.values) < len(status.values)
+        if event.signal == interfaces.STAGE_STATUS and repeated:  # readers take one or the other
+            names = ' '.join(name for name, _ in status.values)
+            return Difference(event.tick, event.signal, 'values', names, 'each name once', REST)
         if event.signal != interfaces.RUN_STATUS or self._topic is None:
             return None
         for field, logged, computed in self._compared(event):

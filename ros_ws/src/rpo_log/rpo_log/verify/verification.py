@@ -27,7 +27,8 @@ class Verification:
     faults : files of the folder that are not those that were recorded
     gaps : why not all is proven; empty if it is
     free_running : the plant kept the wall clock: which force it applied depended on when it came
-    stages : names of the stages that were recomputed, in the order of the chain
+    stages : names of the stages that were recomputed, at one tick at least, in the order of the
+        chain
     recomputed : what else follows from the flight, and was compared
     digested : files that do not follow from it, and have the digest that they had
     unknown : what nothing here proves
@@ -37,6 +38,7 @@ class Verification:
     signed : files that it signed, and that are as they were; SHA-256 each
     controllers : per controller its commands, if there was more than one
     given : signals that were taken as they are, not judged; each with the stage that makes it
+    by_events : what the log's events say and nothing computes: which stages were off, and when
     """
 
     path: Path
@@ -54,6 +56,7 @@ class Verification:
     signed: Mapping[str, str] = field(default_factory=dict)
     controllers: tuple[str, ...] = ()
     given: tuple[str, ...] = ()
+    by_events: tuple[str, ...] = ()
 
     @property
     def exit_code(self) -> ExitCode:
@@ -73,6 +76,8 @@ class Verification:
         stages = f'recomputed: {", ".join(self.stages) or "nothing"}'
         if self.controllers:
             stages += f'; {len(self.controllers)} controllers: {", ".join(self.controllers)}'
+        if self.by_events:
+            stages = f'by events of the log: {", ".join(self.by_events)}; {stages}'
         if self.given:
             stages = f'given, not judged: {", ".join(self.given)}; {stages}'
         if self.gaps:

@@ -31,13 +31,14 @@ from rpo_core.chain.chain import NO_FORCE, Chain, Link, start_of
 from rpo_core.chain.stage import Place
 from rpo_core.control.controller import AnyController
 from rpo_core.control.controller_file import followed
-from rpo_core.files.validation import InputError, choice
+from rpo_core.files.validation import InputError, choice, shown
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import NEXT, RELATIVE_STATE, Interface, current, row_of
 from rpo_log.bag import open_run
 from rpo_log.manifests import HEARS, PUBLISHES
 from rpo_log.verify.evidence import Decisions, Evidence
 from rpo_log.verify.recomputation import (
+    MAX_NAMED,
     MOST_HELD_TICKS,
     Controllers,
     Floats,
@@ -104,7 +105,7 @@ class _Verifier:
         self._require_topics(reader)
         self.stages = [Recomputation(link.stage) for link in self.chain.links]
         nodes = [x.stage.name for x in self.chain.links if x.place < Place.UNLOADING]
-        self.states = StageStates(nodes)
+        self.states = StageStates(nodes, [x.stage.name for x in self.chain.links])
         ticks = held_ticks(reader) if self.free else 0
         self._hold_known = ticks >= 0
         self._unchecked, self._first_unchecked = 0, -1  # applied forces without a known command
@@ -206,6 +207,31 @@ class _Verifier:
         return row.carries == interfaces.DISTURBANCE or bool(row.rides)
 
     @property
+    def recomputed(self) -> tuple[str, ...]:
+        """Names of the stages that were on, and were compared, at one tick at least."""
+        compared = {found.stage.name for found in self.stages if found.compared}
+        return tuple(name for name in self.names if name in compared)
+
+    @property
+    def by_events(self) -> tuple[str, ...]:
+        """What the events of the log say of stages and peers, and nothing computes, for people."""
+        found = [text for stage in self.stages for text in stage.by_events()]
+        dropped = self.states.dropped.items()
+        return (*found, *(f'flown without {name} from tick {tick} on' for name, tick in dropped))
+
+    @property
+    def unfollowed(self) -> list[str]:
+        """The events that have no effect on what is recomputed, for people."""
+        found = self.states.unfollowed.items()
+        texts = [
+            f'events of {shown(name)} ({count}, the first at tick {tick}), which switch no stage '
+            'that is recomputed'
+            for name, (count, tick) in list(found)[:MAX_NAMED]
+        ]
+        others = len(found) - MAX_NAMED
+        return [*texts, *[f'events of {others} other such stages'] * (others > 0)]
+
+    @property
     def gaps(self) -> list[str]:
         """What could not be checked, for people."""
         found = [
@@ -298,6 +324,9 @@ class _Verifier:
                         block.ticks, [signals[name] for name in names],
                         active, began),  # noqa: B023
                     active)  # fmt: skip
+            logged = [block.present[x] for x in link.stage.outputs if x in self.topics]
+            there = np.logical_or.reduce(logged) if logged else True
+            stage.compared += int((active & known & there).sum())
             for name, values in zip(link.stage.outputs, made, strict=True):
                 if name in NEXT:
                     yield self._next_states(link.stage.name, name, block, values, known)
@@ -509,14 +538,16 @@ def _verification(reader: RunReader, trusted: Path | None, given: Collection[str
     ticks = completeness.last + 1
     if difference is not None:
         return Verification(
-            reader.path, ticks, difference, (), verifier.free, verifier.names, given=verifier.given
-        )
+            reader.path, ticks, difference, (), verifier.free, verifier.recomputed,
+            given=verifier.given,
+        )  # fmt: skip
     gaps = [*completeness.gaps(reader.damage), *reader.lacks, *verifier.gaps]
     gaps += verifier.stated.gaps(completeness.last)
     gaps += verifier.statuses.gaps if not gaps else []
     gaps += verifier.unknown_controller
     foreign = FIGURES in verifier.given
-    evidence.of_log(verifier.statuses, verifier.free, verifier.unjudged, foreign)
+    unjudged = [*verifier.unfollowed, *verifier.unjudged]
+    evidence.of_log(verifier.statuses, verifier.free, unjudged, foreign)
     answered = verifier.states.dropped.get(interfaces.CONTROL_FORCE, ticks)
     evidence.of_decisions(verifier.decisions, min(ticks, answered) - 1, verifier.free)
     evidence.of_folder(trusted)
@@ -526,7 +557,7 @@ def _verification(reader: RunReader, trusted: Path | None, given: Collection[str
         None,
         (*gaps, *evidence.gaps),
         verifier.free,
-        verifier.names,
+        verifier.recomputed,
         evidence.faults,
         tuple(evidence.recomputed),
         evidence.digested,
@@ -536,4 +567,5 @@ def _verification(reader: RunReader, trusted: Path | None, given: Collection[str
         evidence.signed,
         verifier.controllers.shares,
         verifier.given,
+        verifier.by_events,
     )

@@ -202,7 +202,9 @@ def flown_of(log: RunLog, flown: Scenario) -> Flight:
     Without a recorded disturbance it is zero, as is what the plant flew on without. Of free
     running, its forces are those applied; of a chaser that turns, in the chaser's axes.
     """
-    gone = {name: tick for _, said in log.statuses for name, tick in dropped(said).items()}
+    # If it was said twice, the first counts, as in the nodes.
+    said = reversed(log.statuses)
+    gone = {name: tick for _, status in said for name, tick in dropped(status).items()}
     log = replace(log, values=coasted(log.values, log.ticks, gone))
     zero = np.zeros((len(log.ticks), 3))
     forces = log.values.get(interfaces.APPLIED_FORCE, log.forces_n)

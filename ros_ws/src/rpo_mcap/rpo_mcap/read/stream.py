@@ -330,7 +330,7 @@ class Completeness:
         for event in block.events:
             if event.signal == interfaces.RUN_STATUS:
                 self.outcome = event.values.get('phase', self.outcome)
-                self.dropped.update(topics.dropped(event.status))
+                self.dropped = topics.dropped(event.status) | self.dropped  # the first counts
         for topic in self.messages:
             if topic.is_event:
                 self.messages[topic] += sum(e.signal == topic.signal for e in block.events)
