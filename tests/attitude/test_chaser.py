@@ -19,6 +19,7 @@ from rpo_attitude.turns import apart, docking_axis, too_fast, turned
 from rpo_attitude.unloading import Unloading
 from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.chain.stage import Place, Stage
+from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import Scenario, load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge.zones import Cone
@@ -268,3 +269,28 @@ def test_the_docking_axis_is_that_of_pointing_or_against_the_corridor(monkeypatc
     empty = SimpleNamespace(corridor=None)
     monkeypatch.setattr('rpo_attitude.turns.zones_of', lambda scenario: [empty, way])
     assert docking_axis(load_scenario('docking')) == (-0.0, -0.0, 1.0)
+
+
+def test_the_twist_of_a_chaser_that_turns_is_as_the_page_says():
+    """In `relative_state`: linear in target LVLH, angular in body axes against inertial space.
+
+    Against differences of the positions and of the attitudes, by SciPy. Read as Odometry defines
+    it, in the child frame, the velocity is another one.
+    """
+    columns = interfaces.row_of(interfaces.RELATIVE_STATE).columns
+    riding = interfaces.row_of(interfaces.CHASER_ATTITUDE).columns
+    assert columns[3:] == tuple(f'twist.twist.linear.{axis}' for axis in 'xyz')
+    assert riding[4:] == tuple(f'twist.twist.angular.{axis}' for axis in 'xyz')
+    scenario = replace(load_scenario('tumbling_docking'), duration_s=20.0)
+    flight = fly(scenario, load_controller('allround'))
+    attitudes = flight.signals[interfaces.CHASER_ATTITUDE]
+    turns, dt_s = Rotation.from_quat(attitudes[:, :4]), scenario.dt_s
+    moved = np.gradient(flight.states[:, :3], dt_s, axis=0)[1:-1]
+    linear = flight.states[1:-1, 3:]
+    assert np.abs(moved - linear).max() < 1e-4
+    assert np.abs(moved - turns[1:-1].apply(linear)).max() > 0.1
+    turned = (turns[:-1].inv() * turns[1:]).as_rotvec() / dt_s
+    orbit = turns[:-1].inv().apply([0.0, 0.0, scenario.mean_motion_rad_s])
+    angular = (attitudes[:-1, 4:] + attitudes[1:, 4:]) / 2.0
+    assert np.abs(turned - (angular - orbit)).max() < 1e-5
+    assert np.abs(turned - angular).max() > 1e-3

@@ -38,7 +38,10 @@ def from_stamp(stamp: Time) -> int:
 def to_odometry(stamp_ns: int, state: Sequence[float]) -> Odometry:
     """Return the relative state (x, y, z, vx, vy, vz) [m, m/s], target LVLH, as Odometry.
 
-    The twist of Odometry is in the child frame. The attitudes are equal, so that is LVLH too.
+    `twist.linear` is in target LVLH. Odometry defines it in the child frame: here that has the same
+    axes, for the attitude is the identity. A chaser with an attitude of its own has other axes, but
+    its plant sends `twist.linear` in target LVLH all the same, and `twist.angular` in the chaser's
+    axes, against inertial space: docs/attitude.md says how to read them.
     """
     message = Odometry()
     message.header.stamp = to_stamp(stamp_ns)
@@ -58,7 +61,10 @@ def from_odometry(message: Odometry) -> tuple[float, ...]:
 
 
 def attitude_of(message: Odometry) -> tuple[float, ...] | None:
-    """Return quaternion x, y, z, w and rate (3,) of a message; None if that is no attitude."""
+    """Return quaternion x, y, z, w and rate (3,) of a message; None if that is no attitude.
+
+    The rate is in the axes of the body, against inertial space.
+    """
     q, rate = message.pose.pose.orientation, message.twist.twist.angular
     found = (q.x, q.y, q.z, q.w, rate.x, rate.y, rate.z)
     sound = all(map(math.isfinite, found)) and abs(math.hypot(*found[:4]) - 1.0) < _NOT_UNIT
