@@ -54,7 +54,8 @@ def print_table(
     for place, heading in enumerate(headings):
         table.add_column(Text(heading), justify='left' if place < left else 'right', no_wrap=True)
     for row in rows:
-        table.add_row(*(Text(cell, _STYLES.get(cell, '')) for cell in row))
+        styles = (_STYLES.get(cell, '') if i >= left else '' for i, cell in enumerate(row))
+        table.add_row(*map(Text, row, styles))  # what is left are names: one may be `holds`
     console = plain_console()
     any_width = console.options.update(width=1000)
     console.width = max(console.width, console.measure(table, options=any_width).maximum)

@@ -142,8 +142,9 @@ def digest_of(*texts: str) -> str:
 
 
 def markdown_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """Return the lines of a Markdown table."""
-    lines = [f'| {" | ".join(cells)} |' for cells in (headings, *rows)]
+    """Return the lines of a Markdown table; a cell may hold a `|`."""
+    escaped = ([cell.replace('|', '\\|') for cell in cells] for cells in (headings, *rows))
+    lines = [f'| {" | ".join(cells)} |' for cells in escaped]
     return [lines[0], '|' + '---|' * len(headings), *lines[1:]]
 
 

@@ -233,13 +233,14 @@ def _rows(table: Table) -> Iterator[str]:
             yield f'<tr>{head}{escape(row[0])}</th></tr>\n'
             continue
         head, *cells = row
-        yield f'<tr><th scope="row">{escape(head)}</th>{"".join(map(_cell, cells))}</tr>\n'
+        shown = ''.join(map(_cell, cells, table.columns[1:]))
+        yield f'<tr><th scope="row">{escape(head)}</th>{shown}</tr>\n'
 
 
-def _cell(text: str) -> str:
-    kind = _VERDICTS.get(text) or (
-        'number' if _NUMBER.match(text) and len(text) <= _LONGEST else ''
-    )
+def _cell(text: str, column: str = '') -> str:
+    """Return a cell; only in a column of verdicts is a word one, elsewhere it may be a name."""
+    verdict = _VERDICTS.get(text) if column in ('', 'verdict') else ''
+    kind = verdict or ('number' if _NUMBER.match(text) and len(text) <= _LONGEST else '')
     return f'<td class="{kind}">{escape(text)}</td>' if kind else f'<td>{escape(text)}</td>'
 
 
@@ -251,21 +252,31 @@ def svg(picture: Picture) -> str:
     text = buffer.getvalue()
     text = text[text.index('<svg') :]
     text = re.sub(r'<metadata>.*?</metadata>', '', text, flags=re.DOTALL)
-    text = re.sub('#[0-9a-f]{6}', _named, text)
     numbers: dict[str, int] = {}
-    text = re.sub(
-        r'( id="|xlink:href="#|url\(#)([^")]+)',
-        lambda m: f'{m[1]}{picture.name}-{numbers.setdefault(m[2], len(numbers))}',
-        text,
-    )
-    text = re.sub(r'\s*\n\s*', '\n', text)
-    text = re.sub(r' d="[^"]*"', lambda d: re.sub(r'(\.\d\d)\d+', r'\1', d.group()), text)
+
+    def of_tag(tag: str) -> str:
+        tag = re.sub('#[0-9a-f]{6}', _named, tag)
+        tag = re.sub(
+            r'( id="|xlink:href="#|url\(#)([^")]+)',
+            lambda m: f'{m[1]}{picture.name}-{numbers.setdefault(m[2], len(numbers))}',
+            tag,
+        )
+        tag = re.sub(r'\s*\n\s*', '\n', tag)
+        return re.sub(r' d="[^"]*"', lambda d: re.sub(r'(\.\d\d)\d+', r'\1', d.group()), tag)
+
+    # Names are between tags, where < and > are escaped: no pattern for tags may match them.
+    text = re.sub(r'(<[^>]*>)|[^<]+', lambda m: of_tag(m[0]) if m[1] else _stripped(m[0]), text)
     box = re.search(r'viewBox="[^"]+"', text)
     body = text[text.index('>') + 1 :]
     return (
         f'<svg xmlns:xlink="http://www.w3.org/1999/xlink" {box.group() if box else ""} '
         f'role="img" aria-label="{escape(picture.alt)}">{body}'
     )
+
+
+def _stripped(text: str) -> str:
+    """Return what is between two tags; indentation is one end of line."""
+    return text if text.strip() else '\n' * ('\n' in text)
 
 
 def _named(match: re.Match[str]) -> str:

@@ -110,11 +110,14 @@ def approach(
 
 
 def _paths(flight: Flight, others: FlightsByName, name: str) -> Iterator[tuple[str, Flight, Any]]:
-    """Yield name, flight and how it is drawn, the flight last, on top."""
+    """Yield name, flight and how it is drawn, the flight last, on top.
+
+    A legend leaves out a label that begins with `_`, so a space comes before it.
+    """
     looks = itertools.product(_LINES, _OTHERS)
     for (other, beside), (line, colour) in zip(others.items(), looks, strict=False):
-        yield other, beside, {'color': colour, 'linestyle': line}
-    yield name, flight, {'color': _INK}
+        yield ' ' * (other[:1] == '_') + other, beside, {'color': colour, 'linestyle': line}
+    yield ' ' * (name[:1] == '_') + name, flight, {'color': _INK}
 
 
 def _marked(flight: Flight) -> slice:

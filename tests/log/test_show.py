@@ -53,6 +53,14 @@ def test_the_table_has_each_requirement_with_limit_and_verdict(flight, rich, mon
     assert next(iter(report.rows(alone).items())) == (report.NO_REQUIREMENTS, [])
 
 
+def test_a_name_in_the_table_is_as_it_is(flight, monkeypatch, capsys):
+    monkeypatch.setenv('COLUMNS', '200')
+    name = '[/] [bold]x[/bold] :bomb: #123456'
+    report.print_table(replace(flight, scenario=replace(flight.scenario, name=name)), name)
+    title, *rest = capsys.readouterr().out.splitlines()
+    assert name in title and any(f'requirements of {name}' in line for line in rest)
+
+
 def test_the_picture_has_the_flight_and_its_limits(flight):
     with style.applied():
         figure = report.time_histories(flight)

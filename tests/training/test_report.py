@@ -30,9 +30,10 @@ from rpo_judge.evaluation import optimal
 from rpo_log.show import style
 from rpo_mcap.errors import LogError
 from rpo_mcap.read.run_log import read_run
+from rpo_montecarlo import outputs
 from rpo_montecarlo.campaign import config, execution
 from rpo_montecarlo.campaign.store import Store
-from rpo_report import campaign, logged, page, replay, run, video
+from rpo_report import campaign, logged, page, replay, run, run_plots, video
 from rpo_report.page import File, Picture, Report, Section, Table, Text
 from rpo_report.replay import Replayed
 
@@ -251,6 +252,42 @@ def test_a_picture_may_use_no_colour_of_its_own():
     assert 'var(--x)' in good and not re.search('#[0-9a-f]{6}', good)
     with pytest.raises(ValueError, match='#123456'):
         page.svg(bad)
+
+
+NAMES = [
+    '#123456', 'colour #0072b2', 'a id="b" url(#c) xlink:href="#d" d="0.12345"',
+    '</text></svg><script>', "$a$ | 'b' & é", 'two  spaces',
+]  # fmt: skip
+
+
+def test_a_picture_has_a_name_as_it_is():
+    """Whatever a leg or a run is called: patterns are for tags."""
+    with style.applied():
+        figure = style.new_figure(2.0)
+        axes = figure.subplots()
+        for name in NAMES:
+            axes.plot([0.0, 1.0], [0.0, 1.0], label=name)
+            axes.annotate(name, (0.5, 0.5))
+        style.legend_below(figure, axes)
+        source = page.svg(Picture('one', figure, '', 'a line'))
+    found = [element.text for element in Page(source).all('text')]
+    assert [found.count(name) for name in NAMES] == [2] * len(NAMES)
+    assert not re.findall('#[0-9a-f]{6}', re.sub('>[^<]*<', '', source))
+
+
+def test_a_flight_whose_name_begins_with_an_underscore_is_in_the_legend(flight):
+    with style.applied():
+        drawn = run_plots.energy(flight, {'_a': flight}, '_b')
+    assert [text.get_text() for text in drawn.legends[0].get_texts()] == [' _a', ' _b']
+
+
+def test_a_name_is_no_verdict():
+    row = ('holds', 'holds', 'holds')
+    source = page.html(
+        Report('', '', (Section('s', (Table('', ('metric', 'MISSED', 'verdict'), (row,)),)),))
+    )
+    assert '<th scope="row">holds</th><td>holds</td><td class="good">holds</td>' in source
+    assert outputs.markdown_table(['a', 'b'], [('x|y', 'z')])[-1] == '| x\\|y | z |'
 
 
 def test_influence_is_spearmans():

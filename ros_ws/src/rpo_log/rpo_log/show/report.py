@@ -109,10 +109,10 @@ def print_table(flight: Flight, title: str) -> None:
 
     table = Table(*COLUMNS, title=Text(printable(title)), title_justify='left')
     for section, lines in sections.items():
-        table.add_row(f'[bold]{section}[/]')
+        table.add_row(Text(section, 'bold'))  # not markup: a name may hold `[/]`
         for name, value, limit, verdict in lines:
-            colour = {'holds': 'green', 'MISSED': 'bold red'}.get(verdict, 'none')
-            table.add_row(f'  {name}', value, limit, f'[{colour}]{verdict}[/]')
+            colour = {'holds': 'green', 'MISSED': 'bold red'}.get(verdict, '')
+            table.add_row(Text(f'  {name}'), Text(value), Text(limit), Text(verdict, colour))
         table.add_section()
     Console(highlight=False).print(table)
 
