@@ -6,13 +6,14 @@ from __future__ import annotations
 
 import fcntl
 import hashlib
+import math
 import os
 import re
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
 import yaml
 
@@ -56,25 +57,78 @@ def alone(path: Path, doing: str) -> Iterator[None]:
         yield
 
 
-def read_arrays(path: Path, *names: str) -> dict[str, NDArray[Any]]:
+MAX_ARRAY_BYTES = 1 << 31
+"""Arrays that are read at once have at most so many bytes."""
+
+MAX_EXPANSION = 64
+"""Ours deflate to a half, and not to less than this share."""
+
+_SMALL_BYTES = 1 << 24
+
+
+class ArrayHeader(NamedTuple):
+    """What an array of an .npz file is said to be, before it is read."""
+
+    shape: tuple[int, ...]
+    dtype: Any
+
+
+def read_arrays(
+    path: Path,
+    *names: str,
+    check: Callable[[Mapping[str, ArrayHeader]], object] = lambda headers: None,
+) -> dict[str, NDArray[Any]]:
     """Return arrays of an .npz file, all if none is named.
+
+    check : raises InputError for headers that are not as expected; nothing large is read before
 
     Raises
     ------
     InputError
-        If it is missing, no regular file, or damaged in any way.
+        If it is missing, no regular file, damaged in any way, or larger than memory should hold.
     """
-    import numpy as np
+    from numpy.lib import format as npy
 
     try:
-        with files.open_regular(path) as file, np.load(file, allow_pickle=False) as saved:
-            if len(set(saved.files)) < len(saved.files):
-                raise ValueError('it holds an array twice')
-            return {name: saved[name] for name in names or saved.files}
+        with files.open_regular(path) as file, zipfile.ZipFile(file) as archive:
+            headers, sizes = {}, {}
+            for entry in archive.infolist():
+                name = entry.filename.removesuffix('.npy')
+                if name in headers:
+                    raise ValueError('it holds an array twice')
+                with archive.open(entry) as member:
+                    headers[name] = _header_of(member, entry.file_size)
+                sizes[name] = entry.file_size
+            check(headers)
+            found: dict[str, NDArray[Any]] = {}
+            total = sum(sizes[name] for name in names or sizes)
+            most = max(_SMALL_BYTES, MAX_EXPANSION * os.fstat(file.fileno()).st_size)
+            most = min(most, MAX_ARRAY_BYTES)
+            if total > most:
+                raise InputError(f'{path}: must hold arrays of at most {most} bytes; got {total}')
+            for name in names or headers:
+                with archive.open(f'{name}.npy') as member:
+                    found[name] = npy.read_array(member, allow_pickle=False)
+            return found
     except OSError as error:
         raise InputError(f'{path}: cannot be read: {error.strerror or error}') from None
+    except InputError:
+        raise
     except Exception as error:  # zipfile and NumPy raise all kinds of them for damaged bytes
         raise InputError(f'{path}: is damaged: {error}') from None
+
+
+def _header_of(member: IO[bytes], size: int) -> ArrayHeader:
+    """Read the header of an array; raises ValueError if it does not fit the size of its file."""
+    from numpy.lib import format as npy
+
+    if npy.read_magic(member) != (1, 0):  # a header of later ones may be gigabytes long
+        raise ValueError('an array is not in version 1.0 of the format')
+    shape, _, dtype = npy.read_array_header_1_0(member)
+    numbers = math.prod(shape) * dtype.itemsize
+    if dtype.hasobject or not dtype.itemsize or numbers != size - member.tell():
+        raise ValueError(f'an array has {size - member.tell()} bytes for {dtype} of shape {shape}')
+    return ArrayHeader(shape, dtype)
 
 
 def write_aside(path: Path, write: Callable[[IO[bytes]], object]) -> None:

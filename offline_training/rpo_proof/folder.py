@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import hashlib
 import zipfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import reduce
 from pathlib import Path
 from typing import Any
@@ -41,7 +41,14 @@ from rpo_core.files.scenario import Scenario, ScenarioSet
 from rpo_core.files.validation import InputError, mapping, quoted, real, shown, text, within
 from rpo_montecarlo import outputs
 from rpo_montecarlo.cluster.pool import versions
-from rpo_montecarlo.outputs import VERSIONS, digest_of, make_folder, read_arrays, write_text
+from rpo_montecarlo.outputs import (
+    VERSIONS,
+    ArrayHeader,
+    digest_of,
+    make_folder,
+    read_arrays,
+    write_text,
+)
 from rpo_proof import cells
 from rpo_proof.cells import VALUES, CellBounds, Layout
 from rpo_proof.enclosure import Table
@@ -213,32 +220,40 @@ def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
     outputs.write_arrays(path, arrays.items(), zipfile.ZIP_DEFLATED)
 
 
-def exactly(path: Path, *names: str) -> dict[str, NDArray[Any]]:
+def exactly(
+    path: Path, *names: str, check: Callable[[Mapping[str, ArrayHeader]], object] = lambda _: None
+) -> dict[str, NDArray[Any]]:
     """Return the arrays of a file that holds these, each once, and no other.
+
+    check : raises InputError for headers that are not as expected, before the arrays are read
 
     Raises
     ------
     InputError
-        If it is missing, a link or damaged, or holds other arrays.
+        If it is missing, a link or damaged, holds other arrays, or is too large.
     """
-    found = read_arrays(path)
-    if sorted(found) != sorted(names):
-        raise InputError(f'{path}: must hold the arrays {", ".join(names)}; got {", ".join(found)}')
-    return found
+
+    def check_all(headers: Mapping[str, ArrayHeader]) -> None:
+        if sorted(headers) != sorted(names):
+            there = shown(', '.join(headers), 200)
+            raise InputError(f'{path}: must hold the arrays {", ".join(names)}; got {there}')
+        with within(str(path)):
+            check(headers)
+
+    return read_arrays(path, check=check_all)
 
 
 def cells_of(path: Path, problem: Problem, group: str) -> CellBounds:
     """Return the cells of a group that a file holds; raises InputError."""
-    arrays = exactly(path, *FIELDS)
     layout = Layout.of(problem, group)
+    arrays = exactly(path, *FIELDS, check=lambda headers: _check_shapes(headers, layout))
     with within(str(path)):
-        _check_shapes(arrays, layout)
         found = CellBounds(**arrays)
         _check_ranges(found)
     return found
 
 
-def _check_shapes(arrays: Mapping[str, NDArray[Any]], layout: Layout) -> None:
+def _check_shapes(arrays: Mapping[str, ArrayHeader], layout: Layout) -> None:
     """Refuse arrays of other shapes, of other types, or without a row."""
     rows, units = (arrays[name].shape[:1] for name in ('values', 'tail'))
     shapes = {

@@ -5,7 +5,10 @@
 from __future__ import annotations
 
 import copy
+import io
 import shutil
+import tracemalloc
+import zipfile
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -254,6 +257,57 @@ def test_arrays_are_read_strictly(copy_of, kind, lie):
     edit_arrays(path / name, ARRAYS[lie])
     (sentence,) = faults(path)
     assert name in sentence and '\n' not in sentence
+
+
+MUCH = 2**23  # numbers: 64 MiB, which deflate to a thousandth
+LONG_HEADER = b'\x93NUMPY\x02\x00' + (2**26).to_bytes(4, 'little') + b' ' * 2**26
+
+
+@pytest.mark.parametrize(
+    ('lie', 'said'),
+    [
+        ('rows', 'must hold arrays of at most 16777216 bytes'),
+        ('shape', '`boxes` must be float64 of shape'),
+        ('another', 'must hold the arrays centre'),
+        ('object', 'is damaged: an array has'),
+        ('header', 'is damaged: an array is not in version 1.0'),
+        ('size', 'is damaged: an array has'),
+    ],
+)
+def test_what_would_take_much_memory_is_refused_by_its_headers(copy_of, lie, said):
+    """Three megabytes took three gigabytes before they were refused."""
+    folder = Folder.open(copy_of('together'))
+    path = folder.path / 'planar.npz'
+    with np.load(path) as saved:
+        arrays = {name: saved[name] for name in saved.files}
+    if lie == 'rows':
+        rows = MUCH // arrays['boxes'][0].size
+        for name in ('centre', 'half', 'values', 'boxes'):
+            arrays[name] = np.zeros((rows, *arrays[name].shape[1:]))
+    elif lie in ('shape', 'another'):
+        arrays['boxes' if lie == 'shape' else 'more'] = np.zeros(MUCH)
+    elif lie == 'object':
+        arrays['boxes'] = np.zeros(2, dtype=object)
+    else:
+        del arrays['boxes']
+    np.savez_compressed(path, **arrays)
+    if 'boxes' not in arrays:
+        content = LONG_HEADER
+        if lie == 'size':  # the header says more than there is
+            whole = io.BytesIO()
+            np.save(whole, np.zeros(1000))
+            content = whole.getvalue().replace(b'(1000,)', b'(9999,)')
+        with zipfile.ZipFile(path, 'a', zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+            archive.writestr('boxes.npy', content)
+    assert path.stat().st_size < 2**20
+    tracemalloc.start()
+    try:
+        with pytest.raises(InputError) as refused:
+            folder.cells('planar')
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert said in str(refused.value) and peak < 2**22
 
 
 def test_a_link_is_refused(copy_of, tmp_path):
