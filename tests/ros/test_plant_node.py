@@ -13,6 +13,7 @@ from geometry_msgs.msg import WrenchStamped
 from inside import Hand
 from landing import rest_at_landing
 
+from rpo_bringup import final_approach
 from rpo_core import files
 from rpo_core.judge.zones import Zone
 from rpo_core.wire import interfaces
@@ -24,9 +25,9 @@ from rpo_mcap.read.run_log import read_run
 from rpo_ros import conversions, plant_scenario, qos
 from rpo_ros.plant_scenario import PlantScenario
 from rpo_ros.running import FlightNode
-from rpo_ros.signals import hear, listen
+from rpo_ros.signals import hear, listen, message_class
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
-from rpo_sim.plant_node import EXIT_ABORTED, PlantNode
+from rpo_sim.plant_node import EXIT_ABORTED, EXIT_MISSED, PlantNode
 
 
 class Bench(Hand):
@@ -137,11 +138,47 @@ def test_a_zone_that_is_entered_is_said_at_once_and_at_the_end(bench, monkeypatc
     bench.start('entered')
     entered = bench.says('inside the keep-out sphere of 1000 m of `assurance`')
     assert entered.level == DiagnosticStatus.WARN
-    bench.ends()
+    assert bench.ends() == (EXIT_MISSED, 0)
     assert re.match(r'reached the last tick; \d+ m inside the keep-out', bench.statuses[-1].message)
     assert len([status for status in bench.statuses if 'inside' in status.message]) == 2
     assert re.search(r'MISSED: \d+ m inside the keep-out sphere', capfd.readouterr().err)
     assert verify(bench.folder / 'entered').exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ('words', 'code'),
+    [(['--no-report'], 1), (['--no-report', '--no-fail'], 0), ([], 1), (['--no-fail'], 0)],
+)
+def test_a_zone_that_is_entered_is_exit_1_with_and_without_a_report(command, tmp_path, words, code):
+    changes = {'zones': {'keep_out_m': 1000.0}, 'requirements': None}
+    path = lasting(2.0, tmp_path, **changes)
+    words = ['--scenario', path, '--output', tmp_path / 'run', *words]
+    found, said = command(final_approach.main, *words)
+    assert found == code and 'inside the keep-out sphere of 1000 m' in said
+
+
+@pytest.mark.parametrize('topic', ['control_force', 'relative_state'])
+@pytest.mark.parametrize('name', ['intruder', 'fuzzy_controller'])
+def test_a_second_publisher_of_a_topic_of_the_flight_is_named(bench, topic, name, capfd):
+    intruder = bench.inner.start(FlightNode(name))
+    rightful = '/fuzzy_controller' if topic == 'control_force' else '/plant'
+    bench.start(real_time_factor=10.0)
+    bench.says('flying')
+    row = interfaces.row_of(topic)
+    out = intruder.create_publisher(message_class(row.type), topic, qos.LOCKSTEP)
+    bench.health.clear()
+    error = bench.until(lambda: [s for _, s in bench.health.get('plant', ()) if s.level == b'\2'])
+    nodes = conversions.values_of(error[-1])[f'publishers_of_{topic}']
+    if f'/{name}' == rightful:
+        assert nodes.startswith(f'{rightful} 2 times (')
+    else:
+        assert nodes == ' and '.join(sorted((rightful, f'/{name}')))
+    assert f'[plant]: /{topic} is published by {nodes}; it must have one' in capfd.readouterr().err
+    intruder.destroy_publisher(out)
+    bench.health.clear()
+    bench.until(lambda: [s for _, s in bench.health.get('plant', ()) if s.level == b'\0'])
+    bench.until(lambda: bench.plant.done)
+    assert bench.plant.exit_code == 0 and 'is published by' not in capfd.readouterr().err
 
 
 def test_reset_closes_the_log_and_begins_another_run_at_tick_0(bench):

@@ -17,6 +17,7 @@ from rpo_bringup.options import parser
 from rpo_core.chain.chain import Chain
 from rpo_core.files import overrides, scenario
 from rpo_core.files.validation import InputError, real
+from rpo_core.wire.statuses import FINISHED
 from rpo_ctrl.attitude_controller_node import AttitudeControllerNode
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_ctrl.similarity import command
@@ -93,13 +94,16 @@ def main() -> int:
         code = run(make, sys.argv, lambda made: made[0].done and made[-1].done)
     if code and nodes and nodes[-1].log is None:
         code = nodes[-1].exit_code or code  # the plant gave up because there is no place for a log
-    if code == 0 and nodes[0].phase == 'finished' and not options.no_report:
+    if nodes and nodes[0].phase == FINISHED:
+        missed = bool(nodes[0].exit_code)  # a keep-out zone was entered: no report is needed
+        code = next((node.exit_code for node in nodes[1:] if node.exit_code), 0)
         try:
-            missed = _report(nodes[-1].folder, nodes[0], time.monotonic() - begun, scale)
-            code = int(missed and not options.no_fail)
+            if code == 0 and not options.no_report:
+                missed |= _report(nodes[-1].folder, nodes[0], time.monotonic() - begun, scale)
         except (InputError, LogError) as error:
             print(error, file=sys.stderr)
             return EXIT_BAD_INPUT
+        code = code or int(missed and not options.no_fail)
     return code
 
 

@@ -12,8 +12,8 @@ _EXAMPLE = """example:
   ros2 run rpo_bringup final_approach --scenario paper_test --output runs/first
   ros2 run rpo_bringup final_approach --set 'initial_position_m=[0,80,0]'
 
-exit code: 0 complete run, complete log, no requirement missed; 1 a requirement is missed, or the
-log is not complete; 2 bad input; 3 aborted
+exit code: 0 complete run, complete log, no requirement missed; 1 a requirement is missed (without
+a report: a keep-out zone was entered), or the log is not complete; 2 bad input; 3 aborted
 """
 
 
@@ -56,6 +56,8 @@ def parser() -> argparse.ArgumentParser:
         '--no-fail', action='store_true', help='exit code 0 although a requirement is missed'
     )
     found.add_argument(
-        '--no-report', action='store_true', help='write the log only: no report, no verdicts'
+        '--no-report',
+        action='store_true',
+        help='write the log only: no report, no verdicts but on keep-out zones',
     )
     return found

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from rpo_ros import health
@@ -43,8 +43,14 @@ class LoopHealth:
         """Return the values that depend on the wall clock: counts, latency and lateness."""
         return {**self._figures(), **self._latency.histogram.figures('latency')}
 
-    def status(self, phase: str, unrecorded: bool, silent: str) -> health.Health:
-        """Return level, message and values; a warning while faults happen, or nodes are silent."""
+    def status(
+        self, phase: str, unrecorded: bool, silent: str, doubled: Mapping[str, str]
+    ) -> health.Health:
+        """Return level, message and values.
+
+        A warning while faults happen, or nodes are silent; an error while a topic has two
+        publishers (`doubled`: topic -> their names).
+        """
         plant = self._plant
         figures = self.wall_figures()
         values: dict[str, Any] = {
@@ -63,4 +69,6 @@ class LoopHealth:
         faults = sum(plant.ignored.values()) + sum(figures.get(name, 0) for name in _FAULTS)
         level = health.WARN if faults > self._faults or unrecorded or silent else health.OK
         self._faults = faults
+        for topic, publishers in doubled.items():
+            level, values[f'publishers_of_{topic.strip("/")}'] = health.ERROR, publishers
         return level, f'{phase}, the recorder is gone' if unrecorded else phase, values

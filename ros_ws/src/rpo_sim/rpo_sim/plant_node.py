@@ -13,7 +13,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from rpo_core import files
-from rpo_core.chain.chain import Signals
+from rpo_core.chain.chain import Signals, signals_of
 from rpo_core.chain.stage import Signal
 from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
@@ -29,10 +29,11 @@ from rpo_sim.loop_health import LoopHealth
 from rpo_sim.pacing import FreeRunningPacing, LockstepPacing, Loop
 from rpo_sim.plant import ACCEPTED, FreeRunningPlant, LockstepPlant, NotFiniteError, topics_of
 from rpo_sim.publications import Publications, TickReports
+from rpo_sim.publisher_check import PublisherCheck
 from rpo_sim.recorder_watch import RecorderWatch
 from rpo_sim.refusals import Refusals
 
-EXIT_ABORTED = 3
+EXIT_MISSED, EXIT_ABORTED = 1, 3
 
 _LOOK_S = 0.05
 _LOG_S = 4.0
@@ -67,6 +68,7 @@ class PlantNode(Loop):
         free = self.values['mode'] == FREE_RUNNING
         applied = [interfaces.applied(name) for name in self._peers] if free else []
         self.topics = Publications(self, self.values['publish_clock'], [*applied, *self._own])
+        self._publisher_check = PublisherCheck(self, [*signals_of(self.scenario), *applied])
         for name in self._peers:
             listen(self, name, partial(self._on_answer, name), self._ignore, with_rider=True)
         self.watch = Watch(self, lambda: self.phase not in (WAITING, *ENDED))
@@ -185,6 +187,7 @@ class PlantNode(Loop):
     def _look(self) -> None:
         """Check by wall time: start the run, check the peers, leave at the end."""
         now_s = time.monotonic()
+        self._publisher_check.look()
         self._heed_refusals()
         if self.phase == WAITING:
             if not self._refusals.in_doubt:
@@ -244,6 +247,7 @@ class PlantNode(Loop):
 
     def _end(self, phase: str, reason: str, level: bytes = health.OK) -> None:
         self.pacing.stop()
+        self._publisher_check.look()  # a flight may be over before the next look
         self.reports.end(self.plant)
         self.report(level, phase, reason)
         self.progress_s = time.monotonic()
@@ -257,6 +261,7 @@ class PlantNode(Loop):
         time_s = self.plant.scenario.time_s(self.tick)
         self.get_logger().info(f'finished at {time_s:g} s: {self.plant.ending()}')
         if self.plant.entered:
+            self.exit_code = EXIT_MISSED
             self.get_logger().error(f'MISSED: {self.plant.entered}')
 
     def close(self) -> None:
@@ -309,7 +314,8 @@ class PlantNode(Loop):
 
     def _health(self) -> health.Health:
         phase = PAUSED if self.paused else self.phase
-        return self.loop.status(phase, self._unrecorded, ', '.join(self.watch.silent))
+        doubled = self._publisher_check.doubled
+        return self.loop.status(phase, self._unrecorded, ', '.join(self.watch.silent), doubled)
 
     def interrupt(self, reason: str) -> None:
         """Publish that the run was interrupted, and let the recorder close its log."""
