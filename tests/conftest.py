@@ -56,10 +56,13 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # `make test &`; processe
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+_ENDING = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
+
+
 @pytest.fixture(autouse=True)
 def own_signals() -> Iterator[None]:
     """Put back what a test does with signals: later tests start processes, which inherit it."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.getsignal(number) for number in _ENDING}
     yield
     for number, handler in before.items():
         signal.signal(number, handler)

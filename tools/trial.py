@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 from rpo_core.files.validation import InputError
 from rpo_mcap.errors import LogError
+from rpo_ros.entry_point import stop_signals
 from tools.node_processes import NodeProcessError
 from tools.trials import fuzz, links, soak
 
@@ -76,7 +77,8 @@ def _arguments(argv: Sequence[str]) -> argparse.Namespace:
 def main() -> int:
     """Entry point of `ros2 run rpo_bringup trial`."""
     options = _arguments(sys.argv[1:])
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # no node is left behind
+    for number in stop_signals():
+        signal.signal(number, signal.default_int_handler)  # no node is left behind
     try:
         if options.trial == 'latency':
             links.run_latency(options.rates, options.seconds)

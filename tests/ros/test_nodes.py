@@ -7,10 +7,12 @@ import signal
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from flights import INJECTOR, lasting, processes
+from landing import rest_at_landing
 
 from rpo_bringup import final_approach
 from rpo_core import files
@@ -37,17 +39,63 @@ def test_four_processes_fly_and_end_cleanly(ros):
     assert not any('Traceback' in node.output for node in ros.nodes)
 
 
-def test_a_signal_in_flight_leaves_a_readable_log(ros):
+ROOT = Path(__file__).resolve().parents[2]
+FLIGHT = 'run', 'rpo_bringup', 'final_approach'
+OURS = sys.executable, str(ROOT / 'ros_ws' / 'underlay' / 'bin' / 'ros2'), *FLIGHT
+STOCK = str(ROOT / 'tests' / 'system' / 'stock' / 'ros2'), *FLIGHT
+
+
+@pytest.mark.parametrize(
+    ('command', 'number', 'to_all'),
+    rest_at_landing(
+        [
+            (OURS, signal.SIGINT, True),
+            (OURS, signal.SIGINT, False),
+            (OURS, signal.SIGTERM, True),
+            (OURS, signal.SIGTERM, False),
+            (OURS, signal.SIGHUP, True),
+            (STOCK, signal.SIGINT, True),
+        ]
+    ),
+)
+def test_a_signal_in_flight_leaves_a_readable_log(ros, command, number, to_all):
+    """The exit code is 130, so that a shell does not go on behind `&&`."""
     output = ros.folder / 'run'
     options = ('--scenario', 'paper_test', '--output', str(output), '--real-time-factor', '20')
-    node = ros.node('rpo_bringup', 'final_approach', *options)
+    node = ros.node('rpo_bringup', 'final_approach', *options, command=command)
     node.says('flying')
-    assert node.stop() == 0, node.output
+    node.send(number) if to_all else node.process.send_signal(number)
+    assert node.wait() == 130, node.output
     assert 'Traceback' not in node.output
     log = read_run(output)
+    assert not log.damage and (output / 'metadata.yaml').exists()
     expected = fly(load_scenario('paper_test'), load_controller(DEFAULT_CONTROLLER))
     np.testing.assert_array_equal(log.states, expected.states[: len(log.ticks)])
     assert log.outcome == 'aborted'
+
+
+@pytest.mark.every_landing
+def test_nohup_lets_a_flight_go_on(ros):
+    output = ros.folder / 'run'
+    options = ('--scenario', lasting(20.0, ros.folder), '--output', str(output), '--no-report')
+    begin = ('nohup', *OURS)
+    node = ros.node('rpo_bringup', 'final_approach', *options, command=begin)
+    node.says('flying')
+    assert node.stop(signal.SIGHUP) == 0, node.output
+    assert read_run(output).complete
+
+
+BEFORE = """
+import os, signal, sys, types
+from rpo_ros import entry_point
+sys.modules['early'] = types.SimpleNamespace(main=lambda: os.kill(os.getpid(), signal.SIGHUP))
+entry_point.start('early', int(sys.argv[1]))
+"""
+
+
+@pytest.mark.parametrize('code', [0, 130])
+def test_a_signal_before_a_command_has_begun_has_the_code_of_one_after(code):
+    assert subprocess.run([sys.executable, '-c', BEFORE, str(code)], timeout=30).returncode == code
 
 
 BAD = {

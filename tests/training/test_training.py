@@ -12,8 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import typer
 from invoking import invoke
 
+from rpo_cli.commands.shared import interruptible
 from rpo_core import files
 from rpo_core.control.controller import load_controller
 from rpo_core.files.validation import InputError
@@ -326,6 +328,16 @@ def start_rpo_train(folder, *settings):
         assert time.monotonic() < deadline
         time.sleep(0.02)
     return process
+
+
+def test_a_closed_terminal_interrupts_but_not_under_nohup(capsys):
+    with pytest.raises(typer.Exit) as ended, interruptible(lambda: 'stopped'):
+        os.kill(os.getpid(), signal.SIGHUP)
+    assert ended.value.exit_code == 130
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    with interruptible(lambda: 'stopped'):
+        os.kill(os.getpid(), signal.SIGHUP)
+    assert capsys.readouterr().err == 'stopped\n'
 
 
 @pytest.mark.every_landing

@@ -158,8 +158,10 @@ def write_flight(flight: Any, path: Path) -> None:
 
 @contextmanager
 def interruptible(sentence: Callable[[], str]) -> Iterator[None]:
-    """Let Ctrl-C or SIGTERM end the work inside with a sentence and exit code 130."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    """Let Ctrl-C, SIGTERM or SIGHUP end the work inside with a sentence and exit code 130."""
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) is not signal.SIG_IGN:  # as under nohup
+            signal.signal(number, signal.default_int_handler)
     try:
         yield
     except KeyboardInterrupt:

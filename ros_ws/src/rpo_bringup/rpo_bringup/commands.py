@@ -8,7 +8,7 @@ from importlib import import_module
 from pathlib import Path
 
 from rpo_bringup.options import parser
-from rpo_ros.entry_point import EXIT_BAD_INPUT, asks_for_help, start, start_node
+from rpo_ros.entry_point import EXIT_BAD_INPUT, EXIT_INTERRUPTED, asks_for_help, start, start_node
 from rpo_ros.parameter_rows import refusal, tables
 
 _NODES = (
@@ -29,7 +29,7 @@ def final_approach() -> int:
     if sentence := refusal(sys.argv, rows, 'ros2 run rpo_bringup final_approach'):
         print(sentence, file=sys.stderr)
         return EXIT_BAD_INPUT
-    return start('rpo_bringup.final_approach')
+    return start('rpo_bringup.final_approach', EXIT_INTERRUPTED)
 
 
 def _tool(name: str) -> int:

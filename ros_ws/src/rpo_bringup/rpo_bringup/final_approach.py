@@ -26,6 +26,7 @@ from rpo_log.recorder_node import RecorderNode
 from rpo_log.show import report
 from rpo_mcap.errors import LogError
 from rpo_nav.navigation_node import NavigationNode
+from rpo_ros.entry_point import EXIT_INTERRUPTED
 from rpo_ros.running import EXIT_BAD_INPUT, FlightNode, run
 from rpo_safety.assurance_node import AssuranceNode
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
@@ -91,7 +92,14 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as temporary:
         changed = Path(temporary) / 'scenario.yaml'
         # The first node is the plant, the last the recorder.
-        code = run(make, sys.argv, lambda made: made[0].done and made[-1].done)
+        code = run(
+            make,
+            sys.argv,
+            lambda made: made[0].done and made[-1].done,
+            interrupted=EXIT_INTERRUPTED,
+        )
+    if code == EXIT_INTERRUPTED:
+        return code
     if code and nodes and nodes[-1].log is None:
         code = nodes[-1].exit_code or code  # the plant gave up because there is no place for a log
     if nodes and nodes[0].phase == FINISHED:

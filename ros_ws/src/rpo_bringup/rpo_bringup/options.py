@@ -13,7 +13,8 @@ _EXAMPLE = """example:
   ros2 run rpo_bringup final_approach --set 'initial_position_m=[0,80,0]'
 
 exit code: 0 complete run, complete log, no requirement missed; 1 a requirement is missed (without
-a report: a keep-out zone was entered), or the log is not complete; 2 bad input; 3 aborted
+a report: a keep-out zone was entered), or the log is not complete; 2 bad input; 3 aborted;
+130 interrupted by a signal
 """
 
 

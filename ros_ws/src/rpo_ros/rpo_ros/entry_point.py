@@ -17,6 +17,7 @@ from itertools import takewhile
 from types import FrameType
 
 EXIT_BAD_INPUT = 2
+EXIT_INTERRUPTED = 130
 
 GENERATOR = 'rosidl_generator_py.generate_py_impl'
 """Writes Python code from message definitions, which no node does. Every message module imports it
@@ -35,17 +36,26 @@ def end_in_time() -> None:
     faulthandler.dump_traceback_later(LONGEST_END_S, exit=True)
 
 
-def _leave(_number: int, _frame: FrameType | None) -> None:
-    os._exit(0)  # nothing has started yet
+def stop_signals() -> tuple[signal.Signals, ...]:
+    """Return the signals that end a node: Ctrl-C, `kill`, a closed terminal unless under nohup."""
+    if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+        return signal.SIGINT, signal.SIGTERM
+    return signal.SIGINT, signal.SIGTERM, signal.SIGHUP
 
 
-def start(module: str) -> int:
+def start(module: str, interrupted: int = 0) -> int:
     """Return the exit code of a module's `main`; `rpo_ros.running` then takes over the signals.
 
     Without mcap, which rosdep cannot install, one sentence says what does.
+
+    interrupted : exit code where a signal comes before
     """
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, _leave)
+
+    def leave(_number: int, _frame: FrameType | None) -> None:
+        os._exit(interrupted)  # nothing has started yet
+
+    for number in stop_signals():
+        signal.signal(number, leave)
     sys.modules.setdefault(GENERATOR, None)  # type: ignore[arg-type]
     try:
         code: int = import_module(module).main()

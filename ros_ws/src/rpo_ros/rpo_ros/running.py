@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Clean start and stop of nodes: one line for a bad input, exit code 0 on SIGINT and SIGTERM.
+"""Clean start and stop of nodes: one line for a bad input, exit code 0 on a signal.
 
 ROS's discovery range LOCALHOST keeps a node from looking outside this machine. It does not keep
 others out: a node elsewhere that names this machine as a static peer gets in. So a node that the
@@ -39,7 +39,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from rpo_core.files.validation import InputError, shown
 from rpo_core.wire.cdr import CdrError
 from rpo_ros import parameter_rows
-from rpo_ros.entry_point import EXIT_BAD_INPUT, end_in_time
+from rpo_ros.entry_point import EXIT_BAD_INPUT, end_in_time, stop_signals
 from rpo_ros.parameters import declare
 from rpo_ros.rclpy_private import Pending, RCLError
 
@@ -197,7 +197,7 @@ def message_of(data: bytes, kind: Any) -> Any:
 
 
 class StopSignal:
-    """Remembers SIGINT and SIGTERM, so that nodes can still publish and close their files.
+    """Remembers SIGINT, SIGTERM and SIGHUP, so that nodes can still publish and close their files.
 
     pending : completed by a signal, so that whoever spins until then stops at once
     """
@@ -205,17 +205,17 @@ class StopSignal:
     def __init__(self) -> None:
         self.name = ''
         self.pending = Pending()
-        for number in (signal.SIGINT, signal.SIGTERM):
+        self._numbers = stop_signals()
+        for number in self._numbers:
             signal.signal(number, self._remember)
 
     def _remember(self, number: int, _frame: FrameType | None) -> None:
         self.name = signal.Signals(number).name
         self.pending.set_result(None)
 
-    @staticmethod
-    def ignore() -> None:
+    def ignore(self) -> None:
         """Ignore further signals: the process ends already, and Python's defaults would kill it."""
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in self._numbers:
             signal.signal(number, signal.SIG_IGN)
 
 
@@ -248,7 +248,8 @@ def spin(
         time.sleep(rest_s)
         if not stop.name:
             executor.spin_until_future_complete(stop.pending, 0.0 if rest_s else _POLL_S)
-    if stop.name:
+    ended_by = '' if until() else stop.name
+    if ended_by:
         for node in nodes:
             node.interrupt(stop.name)
         deadline = time.monotonic() + _LAST_WORDS_S
@@ -260,7 +261,7 @@ def spin(
     for node in nodes:
         executor.remove_node(node)
     executor.shutdown(timeout_sec=1.0)
-    return stop.name
+    return ended_by
 
 
 def _begin(
@@ -285,11 +286,13 @@ def run(
     args: Sequence[str] | None = None,
     until: Callable[[Sequence[Any]], bool] | None = None,
     executor_kind: Callable[[], Executor] = new_executor,
+    interrupted: int | None = None,
 ) -> int:
     """Make nodes, run them to their end and return the exit code of the process.
 
     until : returns from the nodes whether to end; by default when the first is done
     executor_kind : SingleThreadedExecutor for nodes that need callback groups
+    interrupted : exit code where a signal ends them; None: that of the nodes
     """
     stop = StopSignal()  # first: loading and compiling take seconds
     FlightNode.newest = Path(sys.argv[0]).stem or 'rpo'
@@ -297,7 +300,9 @@ def run(
     nodes: Sequence[FlightNode] = ()
     try:
         nodes = _begin(make, args)
-        spin(nodes, lambda: until(nodes) if until else nodes[0].done, stop, executor_kind)
+        ended = spin(nodes, lambda: until(nodes) if until else nodes[0].done, stop, executor_kind)
+        if ended and interrupted is not None:
+            return interrupted
         return next((node.exit_code for node in nodes if node.exit_code), 0)
     except InputError as error:
         if rclpy.ok():
