@@ -128,6 +128,84 @@ def test_an_edit_of_another_module_reaches_what_was_compiled_from_it(tmp_path, i
     assert imported(tmp_path / 'second') == ['196.0 1']  # another checkout of the same sources
 
 
+def damaged(content: bytes, how: str) -> bytes:
+    """Return the content of an entry, damaged."""
+    half = len(content) // 2
+    flipped = {'a bit of the code': half, 'a bit of the digest': 3, 'its last bit': -1}
+    if how in flipped:
+        changed = bytearray(content)
+        changed[flipped[how]] ^= 1
+        return bytes(changed)
+    return {'cut': content[:half], 'empty': b'', 'longer': content + b'\0'}[how]
+
+
+DAMAGES = ('a bit of the code', 'a bit of the digest', 'its last bit', 'cut', 'empty', 'longer')
+
+
+@pytest.mark.every_landing
+def test_damaged_entries_are_compiled_again_and_a_folder_may_vanish(tmp_path, imported):
+    """A flipped bit ended every command, and made `rpo verify` of a good log exit 1."""
+    modules, home = tmp_path / 'first/small', tmp_path / 'home'
+    modules.mkdir(parents=True)
+    for name, text in (('__init__', ''), ('low', LOW), ('middle', MIDDLE), ('top', TOP)):
+        (modules / f'{name}.py').write_text(text)
+    assert imported(modules.parent) == ['204.0 0']
+    for how in DAMAGES:
+        entries = [path for path in home.rglob('*.compiled') if 'small' in str(path)]
+        assert len(entries) == 3
+        for path in entries:
+            path.write_bytes(damaged(path.read_bytes(), how))
+        assert imported(modules.parent) == ['204.0 0'], how
+    assert imported(modules.parent) == ['204.0 1']
+    swapped = [path.read_bytes() for path in reversed(entries)]
+    for path, content in zip(entries, swapped, strict=True):
+        path.write_bytes(content)
+    assert imported(modules.parent, processes=2) == ['204.0 0', '204.0 1']
+    shutil.rmtree(home)
+    assert imported(modules.parent) == ['204.0 0']
+
+
+@pytest.mark.parametrize('how', DAMAGES)
+def test_an_entry_that_does_not_fit_is_removed(tmp_path, how):
+    entries, key = compile_cache.Entries(tmp_path, 'f-1'), ('int64', 'x86')
+    entries.save(key, 'code')
+    assert entries.load(key) == 'code' and entries.load(('float64', 'x86')) is None
+    (path,) = tmp_path.iterdir()
+    path.write_bytes(damaged(path.read_bytes(), how))
+    assert entries.load(key) is None and not path.exists()
+
+
+def test_an_entry_is_of_one_function_and_of_one_key(tmp_path):
+    first, second = (compile_cache.Entries(tmp_path, name) for name in ('f-1', 'g-2'))
+    first.save('key', 'code')
+    (path,) = tmp_path.iterdir()
+    shutil.copy(path, second._path('key'))
+    assert second.load('key') is None and first.load('key') == 'code'
+    same_name = SimpleNamespace(__class__=str)
+    first._path = lambda key: path  # keys whose texts are equal
+    assert first.load(same_name) is None
+
+
+def test_a_folder_that_vanishes_is_made_again_or_named_in_one_sentence(tmp_path, capsys):
+    folder = tmp_path / 'home/kernels'
+    entries = compile_cache.Entries(folder, 'f-1')
+    assert entries.load('key') is None
+    entries.save('key', 'code')
+    shutil.rmtree(tmp_path / 'home')
+    with compile_cache.alone(folder / 'f.lock'):
+        shutil.rmtree(tmp_path / 'home')
+        entries.save('key', 'code')
+    assert entries.load('key') == 'code'
+    shutil.rmtree(tmp_path / 'home')
+    (tmp_path / 'home').write_text('')
+    with compile_cache.alone(folder / 'f.lock'):
+        for key in ('key', 'key', 'other'):
+            entries.save(key, 'code')
+            assert entries.load(key) is None
+    sentence = f'{folder}: cannot keep compiled code: Not a directory\n'
+    assert capsys.readouterr() == ('', sentence)
+
+
 @pytest.fixture
 def digest(tmp_path, monkeypatch):
     """Return a function that returns the digest of a module that uses one with some source."""

@@ -8,6 +8,9 @@ Here the folder is named by a digest of the compiler, of the constants of the mo
 sources with kernels or types of tuples in its package and in the packages whose kernels it uses.
 numba adds the version of Python, the processor and the types of the arguments. No path is part of
 the name, so all checkouts of a user share the folders, and a second one compiles nothing.
+
+Each entry begins with its digest: machine code with a flipped bit would end the process, or compute
+something else. One that does not fit is removed, and compiled again.
 """
 
 from __future__ import annotations
@@ -15,10 +18,12 @@ from __future__ import annotations
 import fcntl
 import hashlib
 import os
+import pickle
 import shutil
 import sys
+import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -54,8 +59,7 @@ class Locator:
         return str(folder_for(self._module))
 
     def ensure_cache_path(self) -> None:
-        """Make that folder again where another process has removed it as an old one."""
-        os.makedirs(self.get_cache_path(), exist_ok=True)
+        """Leave it to `Entries` to make that folder."""
 
     def get_source_stamp(self) -> str:
         """Return what changes with the sources."""
@@ -74,6 +78,67 @@ class InsideLocator(Locator):
         return f'{self._line}-inside'
 
 
+class Entries:
+    """The compiled code of one function, a file for each types of its arguments.
+
+    It stands in the place of numba's own files, which are believed whatever is in them.
+
+    name : of the function, as numba makes it of its place in the source and the version of Python
+    """
+
+    def __init__(self, folder: Path, name: str) -> None:
+        self._folder, self._name = folder, name
+
+    def load(self, key: Any) -> Any:
+        """Return what was saved under a key, None if there is nothing, or nothing that fits."""
+        path = self._path(key)
+        try:
+            content = path.read_bytes()
+            digest, body = content[:_DIGEST], content[_DIGEST:]
+            if digest == self._digest(path, body):
+                saved_key, found = pickle.loads(body)
+                return found if saved_key == key else None
+            path.unlink()
+        except OSError:  # there is none, or another process has removed it
+            pass
+        return None
+
+    def save(self, key: Any, found: Any) -> None:
+        """Keep what was compiled; where that cannot be done, say so, once."""
+        from numba.core.serialize import dumps
+
+        path, body = self._path(key), dumps((key, found))
+        aside = path.with_suffix(f'.{os.getpid()}-{threading.get_ident()}')
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)  # another process may have removed it
+            try:
+                aside.write_bytes(self._digest(path, body) + body)
+                aside.replace(path)
+            finally:
+                aside.unlink(missing_ok=True)
+        except OSError as error:
+            _say_once(f'{self._folder}: cannot keep compiled code: {error.strerror or error}')
+
+    def flush(self) -> None:
+        """Remove nothing: what the sources do not make any more is in another folder."""
+
+    def _path(self, key: Any) -> Path:
+        types = hashlib.sha256(repr(key).encode()).hexdigest()[:20]
+        return self._folder / f'{self._name}.{types}.compiled'
+
+    @staticmethod
+    def _digest(path: Path, body: bytes) -> bytes:
+        return hashlib.sha256(path.name.encode() + b' ' + body).digest()
+
+
+_DIGEST = hashlib.sha256().digest_size
+
+
+@cache
+def _say_once(sentence: str) -> None:
+    print(sentence, file=sys.stderr)
+
+
 _held: set[Path] = set()
 
 
@@ -81,22 +146,22 @@ _held: set[Path] = set()
 def alone(path: Path) -> Iterator[None]:
     """Hold the lock of a file, so that of several processes one compiles and the others load.
 
-    A process that holds it goes on. A file system without locks costs time only.
+    A process that holds it goes on. A file system without locks, or without the folder, costs time
+    only.
     """
     if path in _held:
         yield
         return
-    path.parent.mkdir(exist_ok=True)
-    with path.open('w') as file:
+    with ExitStack() as stack:
         with suppress(OSError):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            file = stack.enter_context(path.open('w'))
             fcntl.flock(file, fcntl.LOCK_EX)
+            # A process that was forked meanwhile has the file too: to close it is not enough.
+            stack.callback(fcntl.flock, file, fcntl.LOCK_UN)
         _held.add(path)
-        try:
-            yield
-        finally:
-            _held.remove(path)
-            with suppress(OSError):
-                fcntl.flock(file, fcntl.LOCK_UN)  # a process forked meanwhile has the file too
+        stack.callback(_held.remove, path)
+        yield
 
 
 @cache
@@ -187,6 +252,14 @@ def _is_kernel(value: Any) -> bool:
 def _forget(base: Path, module: str) -> None:
     """Remove all but the folders of one module that were used last."""
     folders = [path for path in base.glob(f'{module}-*') if path.is_dir()]
-    folders.sort(key=lambda path: path.stat().st_mtime, reverse=True)
+    folders.sort(key=_used_s, reverse=True)
     for path in folders[KEPT:]:
         shutil.rmtree(path, ignore_errors=True)
+
+
+def _used_s(folder: Path) -> float:
+    """Return when a folder was used last; long ago if another process has just removed it."""
+    try:
+        return folder.stat().st_mtime
+    except OSError:
+        return 0.0

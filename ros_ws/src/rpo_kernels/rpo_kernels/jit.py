@@ -17,7 +17,7 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from rpo_kernels.compile_cache import InsideLocator, Locator, alone, folder_for
+from rpo_kernels.compile_cache import Entries, InsideLocator, Locator, alone, folder_for
 from rpo_kernels.errors import InputError
 
 Kernel = TypeVar('Kernel', bound=Callable[..., Any])
@@ -98,6 +98,7 @@ def _dispatcher(function: Kernel, locator: type[Locator], options: Mapping[str, 
     finally:
         numba.config.CACHE_LOCATOR_CLASSES = before
     if folder is not None:
+        made._cache._cache_file = Entries(folder, made._cache._impl.filename_base)
         made.compile = _once(made.compile, folder / f'{function.__qualname__}.lock')
     return made
 
