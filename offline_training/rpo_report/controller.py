@@ -196,9 +196,10 @@ def report_of(name: str, scenario: str = '') -> Report:
 
 def _judged(controller: AnyController, found: Scenario | ScenarioSet) -> _Flown:
     """Return how a controller keeps what a scenario or set requires."""
-    judgements = judge(controller, found, lambda *_: None).judgements
+    judged = judge(controller, found, lambda *_: None)
+    judgements = judged.judgements
     flight = next(flights_of(controller, found))
-    table = Table(f'Requirements of {found.name}', HEADINGS, tuple(rows_of(judgements)))
+    table = Table(f'Requirements of {found.name}', HEADINGS, tuple(rows_of(judged)))
     kept, flights = sum(not j.missed for j in judgements), judgements[0].flights
     where = 'its flight' if flights == 1 else f'all {flights} flights'
     summary = f'{kept} of {len(judgements)} requirements of {found.name} held in {where}.'

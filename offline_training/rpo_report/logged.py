@@ -14,7 +14,7 @@ from rpo_core.chain.chain import Chain
 from rpo_core.chain.flight import Flight
 from rpo_core.chain.stage import Stage
 from rpo_core.files.scenario import Scenario
-from rpo_core.judge.verdicts import missed, verdicts
+from rpo_core.judge.verdicts import missed, unbounded, verdicts
 from rpo_core.wire import interfaces
 from rpo_kernels.arrays import Floats
 from rpo_log.verify.recomputation import StageStates
@@ -85,16 +85,18 @@ def verdict_of(flight: Flight, gaps: Sequence[str] = ()) -> str:
     found = verdicts(flight)
     if not found:
         return 'The scenario has no requirements.'
+    names = ', '.join(unbounded(flight.scenario))
+    rest = f' No requirement bounds {names}.' if names else ''
     if missed(flight):
         bad = [verdict for verdict in found if verdict.holds is False]
         said = '; '.join(f'{v.statement}: {_of(v.value, v.limit, v.unit)}' for v in bad)
-        return f'{len(bad)} of {len(found)} requirements missed. {said}.'
+        return f'{len(bad)} of {len(found)} requirements missed. {said}.{rest}'
     few = {1: 'The requirement holds.', 2: 'Both requirements hold.'}
     said = few.get(len(found), f'All {len(found)} requirements hold.')
     if tight := [verdict for verdict in found if verdict.limit > 0.0 and verdict.holds]:
         v = max(tight, key=lambda verdict: verdict.value / verdict.limit)
         said += f' The tightest is {v.statement}: {_of(v.value, v.limit, v.unit)}.'
-    return said
+    return said + rest
 
 
 def _of(value: float, limit: float, unit: str) -> str:

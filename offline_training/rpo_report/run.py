@@ -16,7 +16,8 @@ from rpo_core.control.controller import AnyController, FuzzyController
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
-from rpo_core.judge.verdicts import ZONE_DEPTH, Verdict, missed, verdicts
+from rpo_core.judge.contact import docked_at
+from rpo_core.judge.verdicts import UNBOUNDED, ZONE_DEPTH, Verdict, missed, unbounded, verdicts
 from rpo_core.judge.zones import zones_of
 from rpo_ctrl.explain import decisions
 from rpo_judge.evaluation import optimal
@@ -160,13 +161,21 @@ def _replayed(
         name,
         shown.flight,
         verdict_of(shown.flight, shown.gaps),
-        missed(shown.flight) if shown.whole and verdicts(shown.flight) else None,
+        _missed(shown),
         controller,
         [(phase.name, phase.reason, phase.begin) for phase in phases],
         assured.interventions(acted.constraints) if acted else (),
         acted.margins if acted else None,
         estimated.estimates if estimated else None,
     )
+
+
+def _missed(shown: LoggedFlight) -> bool | None:
+    """Return whether a flight misses a requirement; None: none is missed, but not all is judged."""
+    flight = shown.flight
+    if not shown.whole or not verdicts(flight):
+        return None
+    return missed(flight) or (None if unbounded(flight.scenario) else False)
 
 
 def _optimum(shown: LoggedFlight) -> _Beside:
@@ -194,7 +203,10 @@ def _summary(shown: LoggedFlight, log: RunLog) -> str:
     when = (
         f'every axis stays within {metrics.MAX_ARRIVAL_DISTANCE_M:g} m after {arrived or 0.0:.1f} s'
     )
-    if arrived is None:
+    docked = docked_at(flight)
+    if docked is not None:
+        when = f'contact at {flight.scenario.time_s(docked):.1f} s'
+    elif arrived is None:
         when = f'it does not stay within {metrics.MAX_ARRIVAL_DISTANCE_M:g} m of its goal'
     if not shown.whole:
         when = f'the log does not show all of its {shown.planned.duration_s:g} s'
@@ -214,6 +226,8 @@ def _limits_and_path(shown: LoggedFlight, beside: _Beside) -> list[Block]:
         _row(v, judged=shown.whole or (v.key == ZONE_DEPTH and not v.holds))
         for v in verdicts(flight)
     )
+    if rows:
+        rows += tuple((n, '–', 'none', '–', UNBOUNDED) for n in unbounded(flight.scenario))
     found = [row for zone in zones for row in zone_passage(flight, zone)]
     least_m = np.linalg.norm(flight.positions_m, axis=1).min()
     near = bool(zones) and least_m < run_plots.reach_m(zones)

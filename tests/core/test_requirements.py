@@ -17,7 +17,7 @@ from rpo_core.files.scenario import dumps, load, load_scenario, parse
 from rpo_core.files.validation import InputError
 from rpo_core.judge import contact, metrics
 from rpo_core.judge.requirements import LIMITS, THRUST, Requirements
-from rpo_core.judge.verdicts import missed, verdicts
+from rpo_core.judge.verdicts import missed, unbounded, verdicts
 from rpo_core.world.disturbance import Disturbance
 from rpo_thrusters.thrusters import Propellant, Thrusters
 
@@ -294,3 +294,37 @@ def test_without_requirements_nothing_is_judged():
     flight = made_up(energy_n2s=1.0)
     bare = replace(flight, scenario=replace(flight.scenario, requirements=None))
     assert verdicts(bare) == []
+
+
+CONTACT = {'contact_range_m': 0.1, 'contact_closing_speed_m_s': 0.1}
+
+
+@pytest.mark.parametrize(
+    ('limits', 'rest'),
+    [
+        ({'slew_per_axis_n_s': 1.0, 'energy_n2s': 9.0}, ['arrival', 'contact', 'end state']),
+        ({'final_speed_norm_m_s': 0.1}, ['arrival', 'contact', 'end state']),
+        ({'mean_speed_norm_m_s': 0.1}, ['arrival', 'contact', 'end state']),
+        ({'final_error_norm_m': 0.1}, ['contact', 'end state']),
+        ({'final_error_norm_m': 0.1, 'mean_speed_norm_m_s': 0.1}, ['contact']),
+        ({'mean_error_norm_m': 0.1}, ['contact']),
+        ({'hold_from_s': 1.0, 'hold_error_norm_m': 0.1}, ['contact']),
+        ({'hold_from_s': 1.0, 'hold_speed_norm_m_s': 0.1}, ['arrival', 'contact', 'end state']),
+        ({'arrival_time_s': 1.0, 'arrival_error_norm_m': 0.1}, ['contact']),
+        (CONTACT, []),
+    ],
+)
+def test_what_no_requirement_bounds_is_named(limits, rest):
+    """Of a scenario that docks; of one without a port nobody asks for a contact."""
+    docking = replace(load_scenario('docking'), requirements=Requirements(**limits))
+    assert unbounded(docking) == rest
+    assert unbounded(required(**limits)) == [name for name in rest if name != 'contact']
+    assert unbounded(docking, CONTACT) == []
+
+
+def test_of_the_shipped_scenarios_one_leaves_something_open():
+    """It is about what an abort table keeps."""
+    known = {name: load(path) for name, path in files.shipped('scenario').items()}
+    judged = {n: s for n, s in known.items() if getattr(s, 'requirements', None) is not None}
+    assert len(judged) > 15 and {n for n, s in judged.items() if unbounded(s)} == set()
+    assert unbounded(known['guarded']) == ['arrival', 'contact', 'end state']

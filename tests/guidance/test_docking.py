@@ -13,11 +13,14 @@ from references import assert_bits_of_the_stage
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
+from rpo_core.judge import contact, metrics
+from rpo_core.judge.requirements import Requirements
 from rpo_core.judge.verdicts import verdicts
 from rpo_guidance.guidance import DOCKED, GuidanceStage
 from rpo_guidance.plan import Guidance, Leg
 from rpo_guidance.rehearsal import nominal
 from rpo_guidance.transfer_kernels import at_port
+from rpo_log.show import report
 
 
 @pytest.fixture(scope='module')
@@ -41,6 +44,26 @@ def test_no_force_acts_once_it_has_docked(flight, docking):
     first = beyond[np.linalg.norm(flight.errors[beyond, :3], axis=1) < 0.3][0]
     assert first == pytest.approx(600.0 / docking.dt_s, abs=5)
     assert not flight.forces_n[first:].any() and flight.forces_n[first - 1].any()
+
+
+@pytest.mark.parametrize('required', [True, False])
+def test_the_table_says_when_it_docks_and_nothing_of_what_comes_after(flight, required):
+    """With the requirements on contact, and by guidance alone; it drifts on for 8 s."""
+    if not required:
+        limits = Requirements(slew_per_axis_n_s=2.0)
+        flight = replace(flight, scenario=replace(flight.scenario, requirements=limits))
+    docked = np.flatnonzero(flight.positions_m[:, 1] > 1.0)[-1] + 1
+    shown = {figure.statement: figure.value for figure in metrics.others_of(flight)}
+    assert shown['time to contact'] == docked * flight.scenario.dt_s
+    assert shown['speed (norm), at contact'] == pytest.approx(0.075, abs=1e-4)
+    assert shown['position error (norm), at contact'] < 1e-3
+    assert not [name for name in shown if 'at the end' in name or 'time to goal' in name]
+    assert shown['largest closing speed'] < 0.5
+    rows = report.rows(flight)
+    said = [row for row in rows['requirements of docking'] if row[3] == 'NOT judged']
+    assert [row[0] for row in said] == ([] if required else ['arrival', 'contact', 'end state'])
+    away = flight.states + np.array([0.0, 2.0, 0.0, 0.0, 0.0, 0.0])
+    assert contact.docked_at(replace(flight, states=away)) is None
 
 
 def test_a_chaser_that_is_late_finds_the_reference_moving_on(docking):

@@ -129,7 +129,7 @@ def judge_by(controller: AnyController, name: str, found: Scenario | ScenarioSet
 
     with progress() as show:
         judged = judge(controller, found, show)
-    print_table(HEADINGS, rows_of(judged.judgements), f'{name}: requirements of {found.name}')
+    print_table(HEADINGS, rows_of(judged), f'{name}: requirements of {found.name}')
     typer.echo(f'mean J {judged.mean_energy_n2s:.4f} N^2 s, {judged.judgements[0].flights} flights')
     return any(j.missed for j in judged.judgements)
 

@@ -16,7 +16,16 @@ from rpo_core.chain.flight import fly
 from rpo_core.files import overrides
 from rpo_core.files.validation import InputError, real, shown, whole
 from rpo_core.judge import metrics
-from rpo_core.judge.verdicts import HOLDS, MISSED, Verdict, missed, verdicts
+from rpo_core.judge.verdicts import (
+    HOLDS,
+    MISSED,
+    UNBOUNDED,
+    Verdict,
+    missed,
+    unbounded,
+    verdicts,
+)
+from rpo_log.show import report
 
 if TYPE_CHECKING:
     from rpo_core.control.controller import AnyController
@@ -54,13 +63,16 @@ def sweep(
             found.append([effort, *verdicts(flight)])
             lost.append(missed(flight))
             show('flights', number, len(flown))
-    title = f'{overrides.load(scenario, changes).name}, {controller.name}: {key}'
+    base = overrides.load(scenario, changes)
+    title = f'{base.name}, {controller.name}: {key}'
     rows = [
-        [v.statement, *(f'{x.value:.3g}' for x in line), f'≤ {v.limit:.3g} {v.unit}']
+        [v.statement, *(report.shown(x.value, '') for x in line), f'≤ {v.limit:.3g} {v.unit}']
         for line in zip(*found, strict=True)
         if (v := line[0])
     ]
     rows[0][-1] = rows[0][-1].partition(' inf ')[2]
+    if len(rows) > 1:
+        rows += [[name, *[UNBOUNDED] * len(lost), 'none'] for name in unbounded(base)]
     rows.append(['all', *(MISSED if bad else HOLDS for bad in lost), ''])
     print_table((key, *(f'{value:.6g}' for value in values), 'limit'), rows, title)
     draw(

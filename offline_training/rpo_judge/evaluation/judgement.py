@@ -9,7 +9,7 @@ SEED` repeats each.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from statistics import fmean
@@ -19,7 +19,15 @@ from rpo_core.control.controller import AnyController
 from rpo_core.files.scenario import Scenario, ScenarioSet
 from rpo_core.files.validation import InputError
 from rpo_core.judge.metrics import of_flight
-from rpo_core.judge.verdicts import HOLDS, MISSED, NOT_JUDGED, Verdict, verdicts
+from rpo_core.judge.verdicts import (
+    HOLDS,
+    MISSED,
+    NOT_JUDGED,
+    UNBOUNDED,
+    Verdict,
+    unbounded,
+    verdicts,
+)
 from rpo_log.show.report import shown
 from rpo_montecarlo.campaign.config import find, load
 from rpo_montecarlo.campaign.execution import kept_of
@@ -48,18 +56,19 @@ class Judgement(NamedTuple):
 
 
 class Judged(NamedTuple):
-    """Judgement of each requirement, and the mean J over all flights."""
+    """Judgement of each requirement, the mean J over all flights, and what is not judged."""
 
     judgements: list[Judgement]
     mean_energy_n2s: float
+    unbounded: list[str]
 
 
 HEADINGS = ('requirement', 'limit', 'worst', 'missed by', '')
 
 
-def rows_of(judgements: Sequence[Judgement]) -> list[tuple[str, ...]]:
+def rows_of(judged: Judged) -> list[tuple[str, ...]]:
     """Return the rows of a table of judgements."""
-    return [
+    rows: list[tuple[str, ...]] = [
         (
             j.worst.statement,
             f'≤ {shown(j.worst.limit, j.worst.unit)}',
@@ -67,8 +76,9 @@ def rows_of(judgements: Sequence[Judgement]) -> list[tuple[str, ...]]:
             f'{j.missed} of {j.flights}',
             j.word,
         )
-        for j in judgements
+        for j in judged.judgements
     ]
+    return rows + [(name, 'none', '–', '–', UNBOUNDED) for name in judged.unbounded]
 
 
 def trained_for(controller: AnyController) -> str:
@@ -103,7 +113,7 @@ def judge(
         Judgement(max(rows, key=_badness), sum(v.holds is False for v in rows), len(rows))
         for rows in zip(*columns, strict=True)
     ]
-    return Judged(judgements, fmean(energies))
+    return Judged(judgements, fmean(energies), unbounded(base))
 
 
 def _badness(verdict: Verdict) -> float:

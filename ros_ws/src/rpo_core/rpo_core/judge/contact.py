@@ -11,6 +11,10 @@ from __future__ import annotations
 from math import inf
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from rpo_core.chain.flight import Flight
+from rpo_core.files.scenario import Scenario
 from rpo_core.judge.requirements import Requirements
 from rpo_core.judge.zones import beside_kernel, tangent
 from rpo_kernels.jit import as_table, kernel
@@ -156,3 +160,39 @@ def caught_at(errors: Any, required: Requirements | None, goal: Vector) -> int |
         return None
     x, y, z, vx, vy, vz = table[tick]
     return None if contact_speeds(x, y, z, vx, vy, vz, port)[0] == inf else tick
+
+
+class Dock(NamedTuple):
+    """Where the guidance of a scenario docks.
+
+    port_m, ahead : (3,) of the port, and unit vector outward, as the target sees them
+    past_m : at its plane, no farther than this, it has docked
+    """
+
+    port_m: Vector
+    ahead: Vector
+    past_m: float
+
+
+def dock_of(scenario: Scenario) -> Dock | None:
+    """Return where the last leg of a scenario docks; None: it does not."""
+    guidance: Any = scenario.named('guidance')
+    past_m = getattr(guidance, 'past_port_m', 0.0)
+    return Dock(guidance.port_m, guidance.corridor.ahead, past_m) if past_m else None
+
+
+def docked_at(flight: Flight) -> int | None:
+    """Return the first tick at which the chaser has docked; None: it never does, or shall not.
+
+    As the requirements on contact have it; without any, as guidance does, from the true states.
+    Where a flight goes on past it, that says nothing of the flight.
+    """
+    scenario, required = flight.scenario, flight.scenario.requirements
+    if required is not None and required.contact_range_m is not None:
+        return caught_at(flight.errors, required, scenario.goal_position_m)
+    dock = dock_of(scenario)
+    if dock is None:
+        return None
+    offsets = flight.positions_m - np.array(dock.port_m)
+    at = (offsets @ dock.ahead <= 0.0) & (np.linalg.norm(offsets, axis=1) <= dock.past_m)
+    return int(np.argmax(at)) if at.any() else None

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from rpo_core.chain.flight import Flight
 from rpo_core.files.scenario import Scenario
+from rpo_core.judge.contact import docked_at
 from rpo_kernels.jit import as_table, kernel
 from rpo_kernels.kernels import norm
 
@@ -341,21 +342,29 @@ class Figure(NamedTuple):
 def others_of(flight: Flight) -> list[Figure]:
     """Return what a table shows of any flight, whatever is required of it.
 
-    Per axis: the largest absolute value of any axis.
+    Per axis: the largest absolute value of any axis. Of a flight that docks, nothing that comes
+    after the contact is shown as where it arrives or ends.
     """
-    row, arrived, closing = row_of(flight), arrival_time_s(flight), closing_speeds_m_s(flight)
-    error, speed = flight.errors[-1, :3].tolist(), flight.errors[-1, 3:].tolist()
+    row, docked = row_of(flight), docked_at(flight)
+    last, place = (-1, 'at the end') if docked is None else (docked, 'at contact')
+    closing = closing_speeds_m_s(flight)[: None if docked is None else docked + 1]
+    error, speed = flight.errors[last, :3].tolist(), flight.errors[last, 3:].tolist()
+    arrived = arrival_time_s(flight)
+    when = Figure('time to goal, within 0.5 m per axis', 's', inf if arrived is None else arrived)
+    rate = [Figure('range rate, at the end', 'm/s', -float(closing[-1]))]
+    if docked is not None:  # the goal may be reached exactly: then a range has no rate
+        when, rate = Figure('time to contact', 's', flight.scenario.time_s(docked)), []
     return [
         Figure('energy J', 'N²s', float(row[ENERGY])),
         Figure('Δv (sum of the axes)', 'm/s', float(row[DELTA_V])),
         Figure('thruster duty (mean of the axes)', '', thruster_duty(flight)),
         Figure('slew per axis', 'N/s', float(row[SLEW])),
-        Figure('time to goal, within 0.5 m per axis', 's', inf if arrived is None else arrived),
+        when,
         Figure('largest closing speed', 'm/s', float(closing.max())),
-        Figure('position error per axis, at the end', 'm', max(map(abs, error))),
-        Figure('position error (norm), at the end', 'm', norm(*error)),
-        Figure('speed (norm), at the end', 'm/s', norm(*speed)),
-        Figure('range rate, at the end', 'm/s', -float(closing[-1])),
+        Figure(f'position error per axis, {place}', 'm', max(map(abs, error))),
+        Figure(f'position error (norm), {place}', 'm', norm(*error)),
+        Figure(f'speed (norm), {place}', 'm/s', norm(*speed)),
+        *rate,
         *_of_valves(flight),
     ]
 

@@ -11,14 +11,16 @@ and campaigns show these.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from rpo_core.chain.flight import Flight
+from rpo_core.files.scenario import Scenario
 from rpo_core.judge import contact, metrics
 from rpo_core.judge.requirements import ATTITUDES, ROWS, THRUST, Requirements
-from rpo_core.judge.zones import zones_of
+from rpo_core.judge.zones import AT_PORT_M, zones_of
 from rpo_core.wire.interfaces import ALIGNED, CHASER_ATTITUDE
 from rpo_kernels.arrays import Floats
 from rpo_kernels.attitude_kernels import synchronised
@@ -26,6 +28,8 @@ from rpo_kernels.jit import as_table
 from rpo_kernels.pointing_kernels import contact_turn
 
 HOLDS, MISSED, NOT_JUDGED = 'holds', 'MISSED', 'not flown'
+UNBOUNDED = 'NOT judged'
+"""The word beside what no requirement bounds."""
 
 ZONE_DEPTH = 'zone_depth_m'
 """Key of the verdicts about keep-out zones, one for each zone."""
@@ -78,6 +82,34 @@ def _of_requirements(flight: Flight, required: Requirements) -> list[Verdict]:
 def missed(flight: Flight) -> bool:
     """Return whether a requirement that the flight is judged by is missed."""
     return any(verdict.holds is False for verdict in verdicts(flight))
+
+
+def unbounded(scenario: Scenario, limits: Iterable[str] = ()) -> list[str]:
+    """Return which of arrival, contact and end state no requirement bounds: nobody judges those.
+
+    A contact is an arrival and an end; an error that stays within a limit up to the end is both.
+
+    limits : names of limits by which it is judged too
+    """
+    required = scenario.requirements
+    names = [*limits, *(required.limits if required else ())]
+    if any(name.startswith('contact_') for name in names):
+        return []
+    found = ['contact'] if _docks(scenario) else []
+    if any(name.startswith(('arrival_time', 'mean_error', 'hold_error')) for name in names):
+        return found
+    if not any(name.startswith('final_error') for name in names):
+        return ['arrival', *found, 'end state']
+    slow = any(name.startswith(('final_speed', 'mean_speed', 'hold_speed')) for name in names)
+    return found if slow else [*found, 'end state']
+
+
+def _docks(scenario: Scenario) -> bool:
+    """Return whether a flight is to end at a port: of its guidance, or where its corridor leads."""
+    tips = [zone.corridor.tip_m for zone in zones_of(scenario) if zone.corridor is not None]
+    goal_m = scenario.goal_position_m
+    at_tip = any(math.dist(tip, goal_m) <= AT_PORT_M for tip in tips)
+    return at_tip or contact.dock_of(scenario) is not None
 
 
 def _of_zones(flight: Flight) -> list[Verdict]:

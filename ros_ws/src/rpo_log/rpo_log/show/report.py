@@ -17,7 +17,7 @@ from rpo_core.chain.flight import Flight
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import printable
 from rpo_core.judge import metrics
-from rpo_core.judge.verdicts import Verdict, missed, verdicts
+from rpo_core.judge.verdicts import UNBOUNDED, Verdict, missed, unbounded, verdicts
 from rpo_ctrl.similarity import hint
 from rpo_log.bag import open_run
 from rpo_log.show import style
@@ -78,7 +78,9 @@ def rows(flight: Flight) -> dict[str, list[TableLine]]:
         for statement, unit, value in metrics.others_of(flight)
         if statement not in judged
     ]
-    return {title: [_row(verdict) for verdict in required], METRICS: others}
+    names = unbounded(flight.scenario) if required else []
+    rest = [(name, '–', 'none', UNBOUNDED) for name in names]
+    return {title: [*map(_row, required), *rest], METRICS: others}
 
 
 def shown(value: float, unit: str) -> str:
