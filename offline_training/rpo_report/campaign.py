@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,7 +14,8 @@ from scipy.stats import norm, rankdata
 
 from rpo_core.files.validation import InputError
 from rpo_core.judge.requirements import ROWS
-from rpo_kernels.arrays import Bools, Floats
+from rpo_core.judge.verdicts import unbounded
+from rpo_kernels.arrays import Bools, Floats, Ints
 from rpo_log.show import report as log_report
 from rpo_log.show import style
 from rpo_montecarlo.campaign import judging
@@ -23,7 +24,17 @@ from rpo_montecarlo.campaign.quantities import QUANTITIES
 from rpo_montecarlo.campaign.run_batch import FINAL
 from rpo_montecarlo.campaign.sampling import parameters_of
 from rpo_montecarlo.campaign.single import fly_run
-from rpo_montecarlo.campaign.statistics import QUANTILES, Rate, Spread, rates, spreads, successes
+from rpo_montecarlo.campaign.statistics import (
+    QUANTILES,
+    Rate,
+    Spread,
+    cells,
+    ends_m,
+    nevers,
+    rates,
+    spreads,
+    successes,
+)
 from rpo_montecarlo.campaign.store import Store
 from rpo_report.page import Block, File, Fold, Picture, Report, Section, Table, Text, picture
 from rpo_report.replay import Replayed
@@ -224,16 +235,6 @@ WORST_FAILURES = 5
 REPLAYED = 20
 """Runs in the replay of a campaign."""
 
-_SHOWN = {
-    'energy_n2s': 'energy J [N²s]',
-    'arrival_time_s': 'arrival within 0.5 m [s]',
-    'slew_per_axis_n_s': 'slew per axis [N/s]',
-    'delta_v_axis_sum_m_s': 'Δv (sum of the axes) [m/s]',
-    'hold_error_per_axis_m': 'hold: position error per axis [m]',
-    'hold_speed_per_axis_m_s': 'hold: speed per axis [m/s]',
-}
-"""Metrics whose distributions are drawn."""
-
 
 def report_of(folder: Path) -> Report:
     """Return the report of a finished campaign's folder; raises InputError."""
@@ -242,14 +243,16 @@ def report_of(folder: Path) -> Report:
         raise InputError(f'{folder}: is not finished: go on with rpo campaign --resume')
     config = store.campaign.config
     success = successes(config, {name: store.column(name) for name in config.judging})
-    found_rates, found_spreads = rates(store), spreads(store)
+    asked = judging.figures(store.campaign)
+    found_rates, found_spreads = rates(store), spreads(store, asked)
+    never = nevers(found_spreads, config.runs)
     found_rates = [rate._replace(name=_condition(rate)) for rate in found_rates]
     found_spreads = [s._replace(name=words(s.name, unit=False)) for s in found_spreads]
     with style.applied():
         sections = (
             Section('Success', tuple(_success(store, found_rates))),
-            Section('Figures', tuple(_figures(store, found_spreads, success))),
-            Section('Where it ends', (_clouds(store, success),)),
+            Section('Figures', tuple(_figures(store, found_spreads, never, success))),
+            *([Section('Where it ends', (_clouds(store, success),))] if _ends(asked) else []),
             Section('What matters', tuple(_what_matters(store, success))),
             Section('Worst runs', tuple(_worst(store, found_spreads, success))),
             Section('Configuration', tuple(_configuration(store))),
@@ -311,22 +314,27 @@ def _success(store: Store, found: list[Rate]) -> list[Block]:
     ]
 
 
-def _figures(store: Store, found: list[Spread], success: Bools) -> list[Block]:
-    drawn = {label: store.column(name) for name, label in _SHOWN.items()}
+def _ends(asked: Iterable[str]) -> bool:
+    """Return whether it is asked where runs end, and how fast: those that dock go on past that."""
+    return any(name.startswith(('final', 'mean', 'hold_error', 'arrival')) for name in asked)
+
+
+def _figures(store: Store, found: list[Spread], never: list[str], success: Bools) -> list[Block]:
+    drawn = {words(name): store.column(name) for name in judging.figures(store.campaign)}
     heads = ('figure', 'unit', 'mean', *(f'{100 * q:g} %' for q in QUANTILES), 'worst', 'run')
     rows = tuple(
         (
             s.name,
             _unit(s.unit),
-            *(f'{x:.3g}' for x in (s.mean, *s.quantiles, s.worst)),
-            str(s.worst_run),
+            *cells(s),
         )
         for s in found
     )
-    medians = (f'{s.name}: median {s.quantiles[0]:.3g} {_unit(s.unit)}' for s in found)
+    medians = (f'{s.name}: median {judging.number(s.quantiles[0], _unit(s.unit))}' for s in found)
     return [
         picture('distributions', distributions(drawn, success), medians='; '.join(medians)),
         Table('Mean, quantiles and the worst run', heads, rows),
+        *(Text(f'{line}.') for line in never),
     ]
 
 
@@ -347,11 +355,10 @@ def _clouds(store: Store, success: Bools) -> Picture:
 
 def _what_matters(store: Store, success: Bools) -> list[Block]:
     drawn = {words(name): store.column(name) for name in parameters_of(store.campaign.config)}
-    outcomes = {
-        'failing': (~success).astype(np.float64),
-        'energy J': store.column('energy_n2s'),
-        'arrival time': store.column('arrival_time_s'),
-    }
+    outcomes = {'failing': (~success).astype(np.float64)}
+    asked = judging.figures(store.campaign)
+    names = [name for name in ('energy_n2s', 'arrival_time_s') if name in asked]
+    outcomes |= {words(name, unit=False): store.column(name) for name in names}
     found = {
         name: found_influences
         for name, values in outcomes.items()
@@ -398,56 +405,90 @@ def _worst(store: Store, found: list[Spread], success: Bools) -> list[Block]:
     rows += [
         (
             s.name,
-            f'{s.worst:.4g} {_unit(s.unit)}',
+            judging.number(s.worst, _unit(s.unit), '.4g'),
             _verdict(success, s.worst_run),
             _again(store, s.worst_run),
         )
         for s in found
     ]
-    failures = np.flatnonzero(~success)
-    if failures.size:
-        rows.append((f'farthest beyond the limits, of {failures.size} failures',))
-        excess = _excess(_judged(store))
-        for run in failures[np.argsort(-excess[failures])][:WORST_FAILURES].tolist():
-            share = f'{excess[run]:.3g} × the limit'
-            rows.append((f'run {run}', share, 'failure', _again(store, run)))
+    judged, ends, count = _judged(store), ends_m(store), int((~success).sum())
+    for name, runs in _first_missed(judged).items():
+        what = f'miss first: {words(name, unit=False)}'
+        if np.isinf(judged[name][0, runs]).all():
+            what = judging.never(name, len(runs))
+        rows.append((f'{len(runs)} of {count} failures {what}',))
+        for run in _farthest_first(judged[name], ends, runs)[:WORST_FAILURES].tolist():
+            said = _beside(name, judged[name][:, run], ends[run])
+            rows.append((f'run {run}', said, 'failure', _again(store, run)))
     heads = ('figure', 'value', 'run', 'to fly it again')
     return [
         Text('Each command flies one run again with the same bits; --csv writes its flight.'),
+        Text('Failures are by what they miss first, in the order in which a flight comes to it.'),
         Table('Runs to look at', heads, tuple(rows)),
     ]
+
+
+def _first_missed(judged: Mapping[str, Floats]) -> dict[str, Ints]:
+    """Return limit -> runs of which it is the first one missed, in the order of a flight."""
+    found, left = {}, np.array(True)
+    for name in judging.in_flight(judged):
+        values, limits, _ = judged[name]
+        missed = ~(values <= limits)
+        if (missed & left).any():
+            found[name] = np.flatnonzero(missed & left)
+        left = left & ~missed
+    return found
+
+
+def _farthest_first(judged: Floats, ends: Floats, runs: Ints) -> Ints:
+    """Return runs by how far they are beyond a limit; of those that never are, by where they end.
+
+    judged : (3, n) metric, limit, share of it
+    """
+    values, _, shares = judged
+    values = np.where(np.isinf(values), ends, values)
+    return runs[np.lexsort((-values[runs], -shares[runs]))]
+
+
+def _beside(name: str, judged: Floats, end_m: float) -> str:
+    """Return the metric of a run beside its limit, in words.
+
+    judged : (3,) metric, limit, share of it; end_m : distance from the goal at the end
+    """
+    value, limit, _ = judged.tolist()
+    if np.isinf(value):
+        return f'{judging.never(name)}, ends {end_m:.3g} m from the goal'
+    return f'{words(name, unit=False)}: {value:.3g} of {limit:.3g} {ROWS[name].unit}'.rstrip()
 
 
 def _worst_flights(store: Store, success: Bools) -> tuple[Replayed, ...]:
     """Fly the runs again that come closest to a limit, or are farthest beyond one."""
     campaign, found, judged = store.campaign, [], _judged(store)
-    for run in np.argsort(-_excess(judged), kind='stable')[:REPLAYED].tolist():
-        share, said = 0.0, 'Nothing is judged'
-        for name, (values, limits, shares) in judged.items():
-            if limits[run] > 0.0 and shares[run] >= share:
-                share, unit = shares[run], ROWS[name].unit
-                what = words(name, unit=False)
-                said = f'{what}: {values[run]:.3g} of {limits[run]:.3g} {unit}'.rstrip()
-        verdict = f'{_verdict(success, run).capitalize()}. Largest beside its limit: {said}.'
-        flown, missed = fly_run(campaign, run), not success[run]
-        found.append(Replayed(f'run {run}', flown, verdict, bool(missed), campaign.controller))
+    lax = unbounded(campaign.scenario, campaign.config.success)
+    ends, nearest = ends_m(store), np.max([shares for _, _, shares in judged.values()], axis=0)
+    for run in np.lexsort((-ends, -nearest))[:REPLAYED].tolist():
+        beside = {name: rows[:, run] for name, rows in judged.items()}
+        missed = [n for n in judging.in_flight(judged) if not beside[n][0] <= beside[n][1]]
+        title = 'Missed, in the order of a flight' if missed else 'Largest beside its limit'
+        largest = list(beside)[int(np.argmax([share for _, _, share in beside.values()]))]
+        shown = missed or [largest]
+        said = dict.fromkeys(_beside(name, beside[name], ends[run]) for name in shown)
+        verdict = f'{_verdict(success, run).capitalize()}. {title}: {"; ".join(said)}.'
+        flown, bad = fly_run(campaign, run), None if lax and success[run] else not success[run]
+        found.append(Replayed(f'run {run}', flown, verdict, bad, campaign.controller))
     return tuple(found)
 
 
 def _judged(store: Store) -> dict[str, Floats]:
-    """Return limit -> (3, n): a metric of each run, its limit there, and their ratio, 0 of none."""
+    """Return limit -> (3, n): a metric of each run, its limit there, and their ratio."""
     config = store.campaign.config
     columns, found = {name: store.column(name) for name in config.judging}, {}
     for name, (values, limits) in config.limits(columns).items():
         each = np.broadcast_to(np.asarray(limits, dtype=np.float64), values.shape)
-        shares = np.divide(values, each, out=np.zeros(config.runs), where=each > 0.0)
+        none = np.where(values > 0.0, np.inf, 0.0)
+        shares = np.divide(values, each, out=none, where=each > 0.0)
         found[name] = np.stack([values, each, shares])
     return found
-
-
-def _excess(judged: Mapping[str, Floats]) -> Floats:
-    """Return the largest ratio (n,) of a metric to its limit, of each run."""
-    return np.asarray(np.max([shares for _, _, shares in judged.values()], axis=0))
 
 
 def _verdict(success: Bools, run: int) -> str:

@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from campaign_documents import SHORT
 from invoking import invoke, refused
+from pages import Page
 from processes import stopped
 from rich.console import Console
 
@@ -174,11 +175,16 @@ def test_runs_that_never_arrive_are_infinite_and_reported(tmp_path, write):
     path, folder = write(required=limits, runs=12, success=None), tmp_path / 'f'
     done = invoke('campaign', path, '-o', folder)
     assert done.exit_code == 0 and 'final_error_norm_m <= 70 m' in done.output
-    assert 'nan' not in done.output and 'inf' in done.output
+    assert not re.search(r'\b(nan|inf)\b', done.output)
+    assert '12 of 12 never arrive' in done.output and '12 of 12 never touch' in done.output
+    assert 'hold_error' not in done.output, 'nobody asked'
     done = invoke('report', folder)
     assert done.exit_code == 0, done.output
     page = (folder / 'report' / 'report.html').read_text()
-    assert 'contact closing speed' in page
+    assert 'contact closing speed' in page and not re.search(
+        r'\b(nan|inf)\b', Page(page).all('main')[0].text
+    )
+    assert '12 of 12 failures never touch' in page
 
 
 def test_a_hold_that_begins_at_the_end_is_nothing_to_judge(loaded):

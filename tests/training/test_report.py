@@ -25,6 +25,7 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
+from rpo_core.judge.requirements import Requirements
 from rpo_core.judge.verdicts import verdicts
 from rpo_judge.evaluation import optimal
 from rpo_log.show import style
@@ -189,20 +190,47 @@ def test_a_log_that_ends_early_shows_a_shorter_flight(short_run, tmp_path):
 def test_a_campaign_where_every_run_succeeds_or_none(limit, kept, tmp_path):
     store = campaign_of(tmp_path, success={'hold_error_per_axis_m': limit})
     made = campaign.report_of(store.folder)
+    sections = {section.title: section for section in made.sections}
     rates, worst = (
-        next(b for b in section.blocks if isinstance(b, Table))
-        for section in (made.sections[0], made.sections[4])
+        next(b for b in sections[title].blocks if isinstance(b, Table))
+        for title in ('Success', 'Worst runs')
     )
     assert rates.rows[0][:2] == ('success', kept)
     assert rates.rows[1][0] == f'hold error per axis ≤ {limit:g} m'  # no raw column name
     assert not any('_' in row[0] for s in made.sections for b in s.blocks
                    if isinstance(b, Table) for row in b.rows)  # fmt: skip
-    run = int(np.argmax(store.column('energy_n2s')))
+    run = int(np.argmax(store.column('hold_error_per_axis_m')))
+    assert [b.title for b in made.sections].count('Where it ends') == 1
     assert worst.rows[1][-1] == f'rpo campaign {store.folder} --run {run}'
-    nearest = int(np.argmax(store.column('hold_error_per_axis_m'))) if limit else 0
-    assert made.flights[0].name == f'run {nearest}', 'the replay begins with the worst'
-    said = 'hold error per axis: ' if limit else 'Nothing is judged'
-    assert f'Largest beside its limit: {said}' in made.flights[0].verdict
+    assert made.flights[0].name == (f'run {run}' if limit else made.flights[0].name)
+    said = 'Largest beside its limit' if limit else 'Missed, in the order of a flight'
+    assert f'{said}: hold error per axis: ' in made.flights[0].verdict
+    headings = [row[0] for row in worst.rows if len(row) == 1]
+    failures = [] if limit else ['90 of 90 failures miss first: hold error per axis']
+    assert headings == ['worst of each figure', *failures]
+    if not limit:
+        assert worst.rows[3][0] == f'run {run}', 'the farthest beyond comes first'
+
+
+def test_failures_are_by_what_they_miss_first():
+    """Of runs that never touch, the one that ends farthest away is the worst, not the first."""
+    inf = np.inf
+    judged = {  # metric, limit, ratio of runs 0 to 4
+        'contact_closing_speed_m_s': np.array([[inf, inf, inf, 0.2, 0.05], [0.1] * 5, [inf] * 5]),
+        'keep_out_depth_m': np.array([[0.0, 0.0, 4.0, 0.0, 0.0], [0.0] * 5, [0, 0, inf, 0, 0]]),
+        'energy_n2s': np.array([[1.0] * 4 + [9.0], [2.0] * 5, [0.5] * 4 + [4.5]]),
+    }
+    found = {name: runs.tolist() for name, runs in campaign._first_missed(judged).items()}
+    assert list(found.items()) == [
+        ('keep_out_depth_m', [2]), ('contact_closing_speed_m_s', [0, 1, 3]), ('energy_n2s', [4]),
+    ]  # fmt: skip
+    ends, some = np.array([5.0, 953.0, 0.0, 0.0, 0.0]), judged['contact_closing_speed_m_s']
+    some[2, 3] = 2.0
+    assert campaign._farthest_first(some, ends, np.array([0, 1, 3])).tolist() == [1, 0, 3]
+    said = campaign._beside('contact_closing_speed_m_s', some[:, 1], 953.0)
+    assert said == 'never touches, ends 953 m from the goal'
+    said = campaign._beside('keep_out_depth_m', judged['keep_out_depth_m'][:, 2], 0.0)
+    assert said == 'keep out depth: 4 of 0 m'
 
 
 def test_folders_are_recognised(folder, store, tmp_path):
@@ -252,6 +280,10 @@ def test_a_picture_may_use_no_colour_of_its_own():
     assert 'var(--x)' in good and not re.search('#[0-9a-f]{6}', good)
     with pytest.raises(ValueError, match='#123456'):
         page.svg(bad)
+
+
+SLEW = Requirements(slew_per_axis_n_s=0.1)
+WHOLE = Requirements(mean_error_norm_m=1e3)
 
 
 NAMES = [
@@ -330,6 +362,17 @@ def test_the_verdict_in_words():
     assert logged.verdict_of(still) == said
     free = replace(still, scenario=replace(still.scenario, requirements=None))
     assert logged.verdict_of(free) == 'The scenario has no requirements.'
+    slew = replace(still, scenario=replace(free.scenario, requirements=SLEW))
+    said = 'The requirement holds. The tightest is slew per axis: 0 of 0.1 N/s. '
+    assert logged.verdict_of(slew) == said + 'No requirement bounds arrival, end state.'
+
+
+def test_a_verdict_that_leaves_the_end_open_is_not_green(short_run):
+    """The flight ends 66 m away."""
+    shown = short_run.flight
+    for required, missed in ((shown.scenario.requirements, True), (SLEW, None), (WHOLE, False)):
+        flown = replace(shown, scenario=replace(shown.scenario, requirements=required))
+        assert run._missed(logged.LoggedFlight(flown, flown.scenario, ())) is missed
 
 
 def test_a_sentence_that_begins_with_a_number_is_folded():

@@ -185,7 +185,7 @@ def _print(store: Store, least: float | None) -> bool:
     from rpo_montecarlo.campaign import judging
     from rpo_montecarlo.campaign.config import SHARE
     from rpo_montecarlo.campaign.holding import rate_at_rest
-    from rpo_montecarlo.campaign.statistics import QUANTILES, rates, spreads
+    from rpo_montecarlo.campaign.statistics import QUANTILES, cells, nevers, rates, spreads
 
     config = store.campaign.config
     found = rates(store)
@@ -203,11 +203,11 @@ def _print(store: Store, least: float | None) -> bool:
             f'{at_rest.percent} % of these runs: in the others its thrusters need more to balance '
             'the disturbance'
         )
-    numbers = [
-        (s.name, *(f'{x:.3g}' for x in (s.mean, *s.quantiles, s.worst)), str(s.worst_run))
-        for s in spreads(store)
-    ]
+    shown = spreads(store, judging.figures(store.campaign))
+    numbers = [(s.name, *cells(s)) for s in shown]
     print_table(('', 'mean', *(f'{100 * q:g} %' for q in QUANTILES), 'worst', 'run'), numbers)
+    for line in nevers(shown, config.runs):
+        echo(line)
     if least is None:
         return False
     holds = 100 * found[0].kept >= least * found[0].runs
@@ -217,6 +217,7 @@ def _print(store: Store, least: float | None) -> bool:
 
 def _show_run(chosen: Campaign, store: Store | None, number: int, csv: Path | None) -> None:
     from rpo_montecarlo.campaign import judging
+    from rpo_montecarlo.campaign.config import METRICS
     from rpo_montecarlo.campaign.run_batch import fly_runs
     from rpo_montecarlo.campaign.single import fly_run
 
@@ -225,8 +226,11 @@ def _show_run(chosen: Campaign, store: Store | None, number: int, csv: Path | No
     columns = fly_runs(chosen, number, 1)
     flight = fly_run(chosen, number)
     rows = []
+    asked = judging.figures(chosen)
     for name, (value,) in columns.items():
-        rows.append((name, f'{value:.6g} {chosen.metrics.get(name, "")}'.rstrip()))
+        if name in METRICS and name not in asked:
+            continue
+        rows.append((name, judging.number(value, chosen.metrics.get(name, ''), '.6g')))
     print_table(('', 'value'), rows, f'{chosen.config.name}, run {number}')
     print_table(('judged', 'value', 'limit', ''), judging.of_run(chosen, columns))
     echo(f'success: {judging.sentence(chosen)}')

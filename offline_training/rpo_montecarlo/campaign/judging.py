@@ -22,7 +22,10 @@ EFFORT = tuple(name for name, row in ROWS.items() if row.effort)
 MOTION = 'position and speed'
 """What the requirements beside `EFFORT` are about, as tables name them together."""
 
-NOT_JUDGED = 'NOT judged'
+NOT_JUDGED = verdicts.UNBOUNDED
+
+_IN_FLIGHT = ('keep_out', 'slew', 'contact', 'arrival', 'hold', 'mean', 'final')
+"""What requirements are about, as a flight comes to it; after these, what it spends."""
 
 OF_ITS_OWN = 'x disturbance of its run'
 """Unit of the limit that each run has of its own."""
@@ -67,6 +70,36 @@ def label(name: str, limit: float) -> str:
     return f'{name} <= {limit:g} {unit_of(name)}'.rstrip()
 
 
+def in_flight(names: Iterable[str]) -> list[str]:
+    """Return limits in the order in which a flight comes to them."""
+
+    def place(name: str) -> int:
+        kinds = [i for i, kind in enumerate(_IN_FLIGHT) if name.startswith(kind)]
+        return kinds[0] if kinds else len(_IN_FLIGHT)
+
+    return sorted(names, key=place)
+
+
+def number(value: float, unit: str = '', form: str = '.3g') -> str:
+    """Return a number with its unit for people; infinite: what a run never did."""
+    return 'never' if np.isinf(value) else f'{value:{form}} {unit}'.rstrip()
+
+
+def never(name: str, runs: int = 1) -> str:
+    """Return what so many runs do of which a metric is infinite."""
+    end = '' if runs != 1 else 'es' if name.startswith('contact_') else 's'
+    if name.startswith(('contact_', 'arrival_')):
+        return f'never {"touch" if name.startswith("contact_") else "arrive"}{end}'
+    return f'never {"has" if end else "have"} a finite {words(name, unit=False)}'
+
+
+def figures(campaign: Campaign) -> dict[str, str]:
+    """Return the metrics that tables show, name -> unit: what is judged, or required."""
+    names = {column for name in campaign.required for column in campaign.config.judging_of(name)}
+    asked = names.union(campaign.config.judging)
+    return {name: unit for name, unit in campaign.metrics.items() if name in asked}
+
+
 def judged(campaign: Campaign) -> list[str]:
     """Return the requirements of the scenario's file that runs are judged by, limit for limit."""
     success = campaign.config.success
@@ -83,16 +116,18 @@ def sentence(campaign: Campaign) -> str:
     """Return what success means: the limits, and what the scenario requires that is not judged."""
     success, scenario = campaign.config.success, campaign.scenario.name
     seen, unseen = judged(campaign), not_judged(campaign)
+    rest = ', '.join(verdicts.unbounded(campaign.scenario, success))
+    rest = f'; no limit on {rest}' if rest else ''
     if not unseen and len(seen) == len(success):
-        return f'all {len(seen)} requirements of {scenario}'
+        return f'all {len(seen)} requirements of {scenario}{rest}'
     names = ', '.join(
         words(name, unit=False) + ('' if name in seen else f' ≤ {limit:g} {unit_of(name)}'.rstrip())
         for name, limit in success.items()
     )
     if not campaign.required:
-        return f'{names} ({scenario} has no requirements)'
-    rest = ', '.join(words(name, unit=False) for name in unseen)
-    rest = f'; {NOT_JUDGED}: {rest}' if rest else ''
+        return f'{names} ({scenario} has no requirements{rest})'
+    if unseen:
+        rest = f'; {NOT_JUDGED}: {", ".join(words(name, unit=False) for name in unseen)}{rest}'
     return f'{names} ({len(seen)} of the {len(campaign.required)} requirements of {scenario}{rest})'
 
 
@@ -107,8 +142,8 @@ def of_run(campaign: Campaign, columns: Mapping[str, Any]) -> list[tuple[str, st
         (size,) = np.broadcast_to(own, 1)
         word = verdicts.HOLDS if value <= size else verdicts.MISSED
         unit = ROWS[name].unit
-        row = label(name, limit), f'{value:.6g} {unit}'.rstrip(), f'{size:.6g} {unit}'.rstrip()
-        rows.append((*row, word))
+        beside = number(value, unit, '.6g'), number(size, unit, '.6g')
+        rows.append((label(name, limit), *beside, word))
     return rows + [
         (label(name, campaign.required[name]), '', '', NOT_JUDGED) for name in not_judged(campaign)
     ]

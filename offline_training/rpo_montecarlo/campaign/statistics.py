@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -70,7 +70,11 @@ def kept(config: CampaignConfig, name: str, columns: Mapping[str, Floats]) -> ND
 
 
 class Spread(NamedTuple):
-    """A metric over all runs; worst_run : number of the run with the largest value."""
+    """A metric over all runs.
+
+    worst_run : number of the run with the largest value
+    never : runs of which it is infinite: they never do that
+    """
 
     name: str
     unit: str
@@ -78,17 +82,44 @@ class Spread(NamedTuple):
     quantiles: tuple[float, ...]
     worst: float
     worst_run: int
+    never: int = 0
 
 
-def spread(name: str, unit: str, values: Floats) -> Spread:
-    """Return how a metric is distributed; infinite: what a run never did, like to arrive."""
-    worst = int(np.argmax(values))
+def spread(name: str, unit: str, values: Floats, ends_m: Floats | None = None) -> Spread:
+    """Return how a metric is distributed; infinite: what a run never did, like to arrive.
+
+    ends_m : distances from the goal at the end; of runs that never do, the farthest is the worst
+    """
+    worst, never = int(np.argmax(values)), np.isinf(values)
+    if ends_m is not None and never[worst]:
+        worst = int(np.argmax(np.where(never, ends_m, -1.0)))
     if np.isfinite(values[worst]):
         found = np.quantile(values, QUANTILES)
     else:  # there is nothing between a number and infinity
         found = np.quantile(values, QUANTILES, method='higher')
     quantiles = tuple(float(q) for q in found)
-    return Spread(name, unit, float(values.mean()), quantiles, float(values[worst]), worst)
+    count = int(never.sum())
+    return Spread(name, unit, float(values.mean()), quantiles, float(values[worst]), worst, count)
+
+
+def ends_m(store: Store) -> Floats:
+    """Return how far (n,) the runs end from the goal."""
+    names, goal_m = ('final_x_m', 'final_y_m', 'final_z_m'), store.campaign.scenario.goal_position_m
+    offsets = [store.column(name) - r for name, r in zip(names, goal_m, strict=True)]
+    return np.asarray(np.sqrt(sum(offset * offset for offset in offsets)))
+
+
+def cells(found: Spread) -> list[str]:
+    """Return mean, quantiles and worst of a figure for people, and the run that is the worst."""
+    mean = '–' if found.never else f'{found.mean:.3g}'
+    numbers = (judging.number(x) for x in (*found.quantiles, found.worst))
+    return [mean, *numbers, str(found.worst_run)]
+
+
+def nevers(found: Iterable[Spread], runs: int) -> list[str]:
+    """Return how many of the runs never do what some figures are about, each once."""
+    said = (f'{s.never} of {runs} {judging.never(s.name, s.never)}' for s in found if s.never)
+    return list(dict.fromkeys(said))
 
 
 def rates_of(store: Store, groups: Mapping[str, Collection[str]]) -> list[Rate]:
@@ -113,10 +144,14 @@ def rates(store: Store) -> list[Rate]:
     return rates_of(store, {'success': success, **together, **each})
 
 
-def spreads(store: Store) -> list[Spread]:
-    """Return how every metric is distributed; one column in memory at a time."""
-    config, shown = store.campaign.config, store.campaign.metrics
-    found = [spread(name, unit, store.column(name)) for name, unit in shown.items()]
+def spreads(store: Store, names: Iterable[str] | None = None) -> list[Spread]:
+    """Return how metrics are distributed, all if none are named; few columns in memory at a time.
+
+    The share that is judged is added, where it is.
+    """
+    config, units, ends = store.campaign.config, store.campaign.metrics, ends_m(store)
+    chosen = units if names is None else names
+    found = [spread(name, units[name], store.column(name), ends) for name in chosen]
     if SHARE in config.success:
         value, level = (store.column(name) for name in config.judging_of(SHARE))
         found.append(spread(SHARE, judging.OF_ITS_OWN, value / level))
