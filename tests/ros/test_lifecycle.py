@@ -19,6 +19,7 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files.validation import InputError
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_ros import conversions, qos
+from rpo_safety.assurance_node import AssuranceNode
 
 STATE = (10.0, 60.0, -40.0, 0.1, -0.2, 0.05)
 NODE = '/fuzzy_controller'
@@ -151,6 +152,21 @@ def test_a_transition_that_is_not_possible_is_refused_and_the_node_lives(inner, 
     assert not inner.transition(NODE, 'activate')
     assert inner.state(NODE) == 'active'
     assert Asker(inner).ask(1) == force_of('handmade')
+
+
+def threads_of_dds():
+    """Return the threads of participants in this process; one of shared memory serves them all."""
+    names = (path / 'comm' for path in Path('/proc/self/task').iterdir())
+    found = [(str(name), name.read_text().strip()) for name in names]
+    return {(task, name) for task, name in found if 'dds' in name and name != 'dds.shm.wdog'}
+
+
+def test_a_managed_node_that_has_ended_leaves_no_participant_of_dds(command):
+    """Its threads ran while the process ended, in which it may have died of SIGSEGV."""
+    before = threads_of_dds()
+    code, said = command(AssuranceNode.main, scenario='quick')
+    assert code == 0 and 'nothing to do' in said
+    assert threads_of_dds() <= before
 
 
 def test_private_names_of_rclpy_are_in_one_module():

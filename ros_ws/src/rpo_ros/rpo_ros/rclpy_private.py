@@ -54,6 +54,16 @@ class Lifecycle(LifecycleNodeMixin):
         """State of the lifecycle: unconfigured, inactive, active or finalized."""
         return str(self._state_machine.current_state[1])
 
+    def destroy_node(self) -> None:
+        """Destroy the node with its state machine, which rclpy leaves to the end of Python.
+
+        It holds the node, and so the middleware: its threads would run while the process ends,
+        where an `assurance` once died of SIGSEGV.
+        """
+        super().destroy_node()  # type: ignore[misc]
+        if hasattr(self, '_state_machine'):  # else the node did not get ready
+            self._state_machine.destroy_when_not_in_use()
+
     def _LifecycleNodeMixin__change_state(self, transition: int) -> TransitionCallbackReturn:
         possible = {number for number, *_ in self._state_machine.available_transitions}
         if transition not in possible:
