@@ -7,14 +7,19 @@ from __future__ import annotations
 import importlib.util
 import os
 import re
+import runpy
 import subprocess
+import sys
 from configparser import ConfigParser
 from pathlib import Path
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import pytest
 import yaml
 
+from rpo_bringup.needed import OPTIONAL
+from rpo_core.files.validation import InputError
 from rpo_ros.parameter_rows import tables
 
 SRC = Path(__file__).resolve().parents[2] / 'ros_ws' / 'src'
@@ -86,6 +91,58 @@ def test_booleans_are_taken_as_xml_and_as_python_write_them(tree):
     for argument in tree.findall('arg'):
         choices = {tag.get('value') for tag in argument.findall('choice')}
         assert not choices & {'true', 'True'} or choices == {'true', 'false', 'True', 'False'}
+
+
+def switched_off(scenario: str, monkeypatch: pytest.MonkeyPatch) -> set[str]:
+    """Return the launch arguments that needed.launch.py makes false; it runs without `launch`."""
+    stubs = {'LaunchContext': None, 'LaunchDescription': list, 'SetLaunchConfiguration': pair}
+    stub = SimpleNamespace(**stubs, OpaqueFunction=lambda function: function)
+    for name in ('launch', 'launch.actions'):
+        monkeypatch.setitem(sys.modules, name, stub)
+    described = runpy.run_path(str(BRINGUP / 'launch' / 'needed.launch.py'))
+    (function,) = described['generate_launch_description']()
+    found = dict(function(SimpleNamespace(launch_configurations={'scenario': scenario})))
+    assert set(found.values()) <= {'false'}
+    return set(found)
+
+
+def pair(*words: str) -> tuple[str, ...]:
+    """Return the arguments of an action."""
+    return words
+
+
+def test_a_launch_starts_the_nodes_that_its_scenario_needs(monkeypatch):
+    chaser, disturbance = {'navigation', 'guidance', 'assurance'}, 'disturbance_injector'
+    needs = {
+        'quick': {disturbance},
+        'approach': set(),
+        'assured': {'navigation', 'assurance', disturbance},
+        'paper_test_held': {'navigation', 'assurance', disturbance},
+        'docking': {'guidance', 'assurance'},
+        'tumbling_docking': {*chaser, 'attitude_controller'},
+    }
+    for name, needed in needs.items():
+        unneeded = {kind.node_name for kind in OPTIONAL} - needed
+        assert switched_off(name, monkeypatch) == unneeded, name
+    with pytest.raises(InputError, match="got 'nowhere'"):
+        switched_off('nowhere', monkeypatch)
+
+
+def test_each_node_that_a_scenario_may_not_need_can_be_switched_off():
+    """By an argument with its name, which needed.launch.py sets before the node is started."""
+    whole = FILES['final_approach.launch.xml']
+    files = [tag.get('file').rsplit('/', 1)[-1] for tag in whole.iter('include')]
+    for kind in OPTIONAL:
+        condition = f'$(var {kind.node_name})'
+        tags = [
+            tag.get('if') or include.get('if')
+            for include, name in zip(whole.iter('include'), files, strict=True)
+            for tag in (FILES[name].iter('node') if name in FILES else ())
+            if tag.get('exec') == kind.node_name
+        ]
+        assert tags == [condition] and declared(whole)[kind.node_name][0] == 'true'
+        first = next(i for i, n in enumerate(files) if n in FILES)
+        assert files.index('needed.launch.py') < first
 
 
 def test_rviz_keeps_the_simulated_time_of_its_run():

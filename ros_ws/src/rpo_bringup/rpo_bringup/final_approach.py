@@ -13,23 +13,18 @@ from pathlib import Path
 
 from rclpy.utilities import remove_ros_args
 
+from rpo_bringup.needed import needed
 from rpo_bringup.options import parser
-from rpo_core.chain.chain import Chain
 from rpo_core.files import overrides, scenario
 from rpo_core.files.validation import InputError, real
 from rpo_core.wire.statuses import FINISHED
-from rpo_ctrl.attitude_controller_node import AttitudeControllerNode
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_ctrl.similarity import command
-from rpo_guidance.guidance_node import GuidanceNode
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.show import report
 from rpo_mcap.errors import LogError
-from rpo_nav.navigation_node import NavigationNode
 from rpo_ros.entry_point import EXIT_INTERRUPTED
 from rpo_ros.running import EXIT_BAD_INPUT, FlightNode, run
-from rpo_safety.assurance_node import AssuranceNode
-from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 from rpo_sim.plant_node import PlantNode
 
 _START_TIMEOUT_S = 30.0
@@ -48,16 +43,7 @@ def _nodes(options: argparse.Namespace, output: str) -> list[FlightNode]:
         PlantNode(plant),
         ControllerNode({**named, 'controller': options.controller}),
     ]
-    places = {link.place for link in Chain.of(chosen).links}
-    for kind in (
-        NavigationNode,
-        GuidanceNode,
-        AssuranceNode,
-        AttitudeControllerNode,
-        DisturbanceInjectorNode,
-    ):
-        if places & set(kind.places):
-            nodes.append(kind(named))
+    nodes.extend(kind(named) for kind in needed(chosen))
     # Last, because it makes the run folder: if another node fails, no folder is left behind.
     recorder = {'output': output, 'overwrite': options.overwrite, 'sign_key': options.sign}
     nodes.append(RecorderNode(recorder))
