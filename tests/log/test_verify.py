@@ -655,6 +655,17 @@ def test_a_status_without_begin_or_end_is_a_gap_with_its_phases(phases, said):
     assert found.gaps == ([] if said is None else [begins + said])
 
 
+def test_a_part_of_a_flight_is_no_forgery(small_blocks, short_run, tmp_path):
+    """What was spent before it is not known; the last part was `NOT as computed`."""
+    short_run.write(tmp_path, split_s=2.0)
+    for number, gap in enumerate(('ends at tick 19', 'begins at tick 20', 'begins at tick 40')):
+        found = verify(tmp_path / f'run_{number}.mcap')
+        assert found.exit_code == ExitCode.INCOMPLETE and gap in found.sentence()
+    sent = [m for m in short_run.messages if m[1] != 30]
+    short_run.write(tmp_path / 'hole', sent)
+    assert verify(tmp_path / 'hole').exit_code == ExitCode.INCOMPLETE
+
+
 @pytest.mark.parametrize('free', [False, True])
 def test_what_free_running_does_not_log_is_not_compared(free):
     quick = scenario.load_scenario('quick')

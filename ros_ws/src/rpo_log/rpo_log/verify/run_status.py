@@ -82,6 +82,7 @@ class Statuses:
         self._said = hashlib.sha256()
         # squares per axis [N^2], energy [N^2 s], saturated ticks; NaN from an unknown on
         self._spent = np.zeros(5)
+        self._next = 0  # tick from which they are known
         self._blocks: list[_Figures] = []
 
     @property
@@ -109,6 +110,9 @@ class Statuses:
         energy = (squares[:, 0] + squares[:, 1] + squares[:, 2]) * self._scenario.dt_s
         each = np.column_stack([squares, energy, saturated])
         sums = np.cumsum(np.concatenate([self._spent[None], each]), axis=0)
+        skipped = np.flatnonzero(block.ticks != np.append(self._next, block.ticks[:-1] + 1))
+        sums[skipped[0] if len(skipped) else len(sums) :] = np.nan
+        self._next = int(block.ticks[-1]) + 1 if len(block.ticks) else self._next
         self._spent = sums[-1]
         self._blocks = [*self._blocks[-1:], _Figures(block, sums[:-1])]
 
