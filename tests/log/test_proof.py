@@ -31,8 +31,8 @@ def test_it_says_what_is_recomputed_compared_and_unknown(recorded):
     found = verify(recorded)
     assert found.exit_code == ExitCode.OK
     assert found.recomputed == (
-        'phases and figures of run_status', 'records beside the messages', 'decisions.mcap',
-        'metadata.yaml',
+        'phases and figures of run_status', 'records beside the messages, indexes and summary',
+        'decisions.mcap', 'metadata.yaml',
     )  # fmt: skip
     assert found.digested == ('health.mcap', 'run_info.yaml')
     assert any('texts of events' in what for what in found.unknown)

@@ -68,7 +68,9 @@ class Parts:
     def write(self, path: Path) -> None:
         """Put the file together again, all checksums and indexes right."""
         with path.open('wb') as stream:
-            writer = Writer(stream, chunk_size=1 << 40, compression=self.compression)
+            writer = Writer(
+                stream, chunk_size=1 << 40, compression=self.compression, enable_data_crcs=True
+            )
             head = next((r for r in self.records if isinstance(r, Header)), Header('', ''))
             writer.start(profile=head.profile, library=head.library)
             schemas: dict[int, int] = {}

@@ -17,7 +17,7 @@ from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
-from mcap.records import Attachment, Channel, DataEnd, Header, McapRecord, Metadata, Schema
+from mcap.records import Attachment, Channel, Chunk, DataEnd, Header, McapRecord, Metadata, Schema
 from numpy.typing import NDArray
 
 from rpo_core.control.controller import AnyController
@@ -46,6 +46,7 @@ from rpo_mcap.format.run import (
     is_controller,
 )
 from rpo_mcap.format.sums import Digests
+from rpo_mcap.read.indexes import Indexes
 from rpo_mcap.read.records import FileRecords
 from rpo_mcap.read.run_log import messages_of, parameters_of
 from rpo_mcap.read.stream import RunReader
@@ -88,6 +89,7 @@ class Evidence:
         most = 2 * len(reader.topics) + len(reader.attachments) + MOST_CONTROLLERS + 8
         self._forms = {path: Form(path, most) for path in reader.files}
         reader.witness = lambda path, record: self._forms[path].take(record)
+        reader.judged = {path: form.indexes for path, form in self._forms.items()}
         self.gaps: list[str] = []
         self.recomputed: list[str] = []
         self.unknown: list[str] = []
@@ -118,12 +120,34 @@ class Evidence:
         self.unknown.append(f'whether {PARAMETERS} is what the nodes ran with')
         if self._reader.foreign:
             self.unknown.append('records of the bag beside its messages')
-        if self._reader.foreign or self._reader.damage:
+        if self._reader.foreign:
+            self._judge_bag()
             return
-        found = [f.deviation(records_of_run(self._reader, p)) for p, f in self._forms.items()]
-        self._take(next(filter(None, found), ''), 'records beside the messages')
-        self.unknown.append('the order of the messages within a tick')
-        self.unknown.append('indexes and chunks of the files, which only speed up other readers')
+        self.unknown.append('the order of the messages within a tick, and how chunks part them')
+        if self._reader.damage:
+            self.gaps += [f.misleading for f in self._forms.values() if f.misleading]
+            return
+        gaps = list[str]()
+        for path, form in self._forms.items():
+            gaps += form.deviations(records_of_run(self._reader, path))
+        self._take('; '.join(gaps), 'records beside the messages, indexes and summary')
+
+    def _judge_bag(self) -> None:
+        """Compare the indexes of the files of a bag: rosbags follows them, others do not."""
+        for path in self._reader.sources:
+            if path.suffix != '.mcap':
+                if '.mcap' in path.suffixes:
+                    self.unknown.append(f'where the indexes of {path.name} lead')
+                continue
+            form = Form(path, 0)
+            records = FileRecords(path, indexes=form.indexes)
+            try:
+                for record in records:
+                    if isinstance(record, Chunk):
+                        records.messages_in(records.content_of(record), form.take)
+            except LogError as error:
+                self.gaps.append(f'the indexes of {path.name} were not compared: {error.sentence}')
+            self.gaps += [gap for gap in (form.misleading, records.damage) if gap]
 
     def of_decisions(self, decisions: Decisions | None, last_tick: int, free: bool) -> None:
         """Judge the decisions beside the log; free running may be without some.
@@ -208,15 +232,17 @@ _COMPARED = (Header, Metadata, Attachment, Schema, Channel)
 
 @dataclass
 class Form:
-    """Keeps the records of one file as they come; says the first that is not as written.
+    """Keeps the records of one file as they come; says which are not as written.
 
     path : the file
     excess : whether there were more records than any file of the recorder has
+    indexes : what leads other readers through the file
     """
 
     path: Path
     most: int
     excess: bool = False
+    indexes: Indexes = field(default_factory=Indexes)
     _found: list[McapRecord] = field(default_factory=list)
     _ended: bool = False
 
@@ -230,19 +256,57 @@ class Form:
         else:
             self.excess = True
 
-    def deviation(self, expected: Sequence[McapRecord]) -> str:
-        """Return the first record that is not as expected, for people; empty if there is none.
+    @property
+    def misleading(self) -> str:
+        """What may show another reader something else, for people; empty if nothing does."""
+        return f'{self.path.name}: {self.indexes.fault}' if self.indexes.fault else ''
 
-        Where the chunk with the schemas and channels stands among the others does not count.
+    def deviations(self, expected: Sequence[McapRecord]) -> list[str]:
+        """Return what is not as expected, for people.
+
+        Where the chunk with the schemas and channels stands among the others does not count. Where
+        another writer wrote the same records, numbers and order are not named, what they say is.
         """
+        name = self.path.name
         expected = sorted(expected, key=_is_declaration)
-        for number, record in enumerate(sorted(self._found, key=_is_declaration)):
-            wanted = expected[number] if number < len(expected) else None
-            if wanted is None or not _same(record, wanted):
-                return f'{self.path.name}: {_name(record)} is not as the recorder writes it'
-        if len(self._found) < len(expected):
-            return f'{self.path.name}: {_name(expected[len(self._found)])} is missing'
-        return f'{self.path.name}: it has too many records' if self.excess else ''
+        found = sorted(self._found, key=_is_declaration)
+        gaps = [self.misleading] if self.indexes.fault else []
+        if not self.excess and len(found) == len(expected) and all(map(_same, found, expected)):
+            lacks = self.indexes.lacks[:1]
+            return gaps + [f'{name}: it has no {what}, as the recorder writes it' for what in lacks]
+        other, missing = _without(found, expected), _without(expected, found)
+        names = [_name(record) for record in found]
+        gaps += [f'{name}: {_name(record)} is not as the recorder writes it' for record in other]
+        gaps += [f'{name}: {_name(r)} is missing' for r in missing if _name(r) not in names]
+        if self.excess:
+            gaps.append(f'{name}: it has too many records')
+        return gaps or [f'{name}: its records are not in the order of the recorder']
+
+
+def _without(records: Sequence[McapRecord], others: Sequence[McapRecord]) -> list[McapRecord]:
+    """Return the records that say something else than all others; each name once."""
+    schemas = [{one.id: one.name for one in each if isinstance(one, Schema)}
+               for each in (records, others)]  # fmt: skip
+    rest = [_unnumbered(record, schemas[1]) for record in others]
+    found: dict[str, McapRecord] = {}
+    for record in records:
+        plain = _unnumbered(record, schemas[0])
+        at = next((i for i, other in enumerate(rest) if _same(plain, other)), -1)
+        if at < 0:
+            found.setdefault(_name(record), record)
+        elif not _is_declaration(record):  # which may be repeated
+            del rest[at]
+    return list(found.values())
+
+
+def _unnumbered(record: McapRecord, schemas: Mapping[int, str]) -> McapRecord:
+    """Return a schema or a channel without the numbers that its writer chose."""
+    if isinstance(record, Schema):
+        return replace(record, id=0)
+    if isinstance(record, Channel):
+        named = {**record.metadata, '': schemas.get(record.schema_id, '')}
+        return replace(record, id=0, schema_id=0, metadata=named)
+    return record
 
 
 def records_of_run(reader: RunReader, path: Path) -> list[McapRecord]:
@@ -331,8 +395,8 @@ class Decisions:
         self._base, self._topic = base, topic
         self._controllers: list[tuple[AnyController, str]] = []
         self.add(controller, content)
-        self._records = FileRecords(folder / DECISIONS_FILE)
-        self._form = Form(self._records.path, _MOST_RECORDS)
+        self._form = Form(folder / DECISIONS_FILE, _MOST_RECORDS)
+        self._records = FileRecords(self._form.path, indexes=self._form.indexes)
         self._ticks: list[int] = []
         self._unknown = 0
         self._messages = self._read()
@@ -372,7 +436,7 @@ class Decisions:
 
         rate_hz : decisions per simulated second; None: not known
         """
-        found = [self._form.deviation(self._expected_records()), self._records.damage]
+        found = [*self._form.deviations(self._expected_records()), self._records.damage]
         if self._waiting is not None:
             found.append(f'it has a decision of tick {self._waiting[0]}, after the end')
             for _ in self._messages:  # so that all of the file is hashed

@@ -522,7 +522,7 @@ class Controllers:
 
     def _find(self) -> None:
         """Take the files that were attached since."""
-        for file in sorted(self._reader.attachments):
+        for file in sorted(self._reader.attachments, key=lambda name: (len(name), name)):
             if is_controller(file) and file not in self._files:
                 found = controller_of(self._reader, file)
                 (link,) = Chain.of(self._scenario, found).part(Place.CONTROLLER).links

@@ -5,7 +5,7 @@
 The library's `StreamReader` reads them. What it does not do is done here:
 
 - it takes the bytes that are there for those that should be, so a record cut short looks whole;
-- it skips what it does not know, so the zeros that a power cut leaves look like records;
+- it skips what it does not know, also the zeros that a power cut leaves;
 - a field may reach beyond the end of its record, and a damaged length may ask for terabytes;
 - it does not check the checksums of attachments and of the summary, and after one that fails it
   cannot go on, as `rpo repair` must;
@@ -29,12 +29,13 @@ import zstandard
 from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
-from mcap.records import Chunk, Footer, McapRecord, Message
+from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Schema
 from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_stream
 
 from rpo_core.files import open_regular
 from rpo_core.files.validation import shown
 from rpo_mcap.errors import LogError, NotARun, cannot_read
+from rpo_mcap.read.indexes import Indexes
 
 MAGIC = b'\x89MCAP0\r\n'
 MAX_RECORD_BYTES = 1 << 25
@@ -48,7 +49,6 @@ RECORD_HEAD = struct.Struct('<BQ')
 MESSAGE_HEAD = struct.Struct('<HIQQ')
 """Channel, sequence, log time and publish time, before the data of a message."""
 
-_OPCODES = frozenset(int(opcode) for opcode in Opcode)
 _IN_CHUNKS = frozenset((int(Opcode.SCHEMA), int(Opcode.CHANNEL)))
 _INDEXES = frozenset(
     (
@@ -56,6 +56,8 @@ _INDEXES = frozenset(
         Opcode.STATISTICS, Opcode.SUMMARY_OFFSET,
     )
 )  # fmt: skip
+_FILLING = frozenset((int(Opcode.CHUNK), int(Opcode.MESSAGE)))
+_SKIMMED = _FILLING | {int(Opcode.MESSAGE_INDEX)}
 
 
 class _WholeReads(ReadDataStream):
@@ -81,6 +83,10 @@ class FileRecords:
     lost_chunks : chunks passed over
     sha256 : of the bytes read so far; after the iteration, of the file but for `unread`
     unread : after the iteration, bytes behind the damage that are too many to be hashed
+    skim : pass over chunks, messages and indexes: nothing is hashed, no checksum is compared
+    filled : whether there were chunks or messages
+    known : outline of the file when it was skimmed: it may have grown since, and not changed
+    indexes : takes all records, to compare what leads other readers through the file
     """
 
     path: Path
@@ -89,9 +95,15 @@ class FileRecords:
     damage: str = ''
     lost_chunks: int = 0
     unread: int = 0
+    skim: bool = False
+    filled: bool = False
+    known: tuple[int, bytes] = (0, b'')
+    indexes: Indexes | None = None
     _zstd: zstandard.ZstdDecompressor = field(default_factory=zstandard.ZstdDecompressor)
     sha256: hashlib._Hash = field(default_factory=hashlib.sha256)
     _end: int = 0  # of the last whole record
+    _count: int = 0
+    _outline: hashlib._Hash = field(default_factory=hashlib.sha256)
 
     def __iter__(self) -> Iterator[McapRecord]:
         try:
@@ -99,6 +111,11 @@ class FileRecords:
                 yield from self._walk(stream)
         except OSError as error:
             raise cannot_read(self.path, error) from None
+
+    @property
+    def outline(self) -> tuple[int, bytes]:
+        """Number of records so far, and SHA-256 of those that skimming reads."""
+        return self._count, self._outline.digest()
 
     def _walk(self, stream: BinaryIO) -> Iterator[McapRecord]:
         magic = stream.read(len(MAGIC))
@@ -124,7 +141,11 @@ class FileRecords:
                 if closed
                 else f'no whole record at byte {self._end} of {size}'
             )
+        if self._count < self.known[0]:
+            raise self._changed()
         self.unread = size - stream.tell()
+        if self.skim:
+            return
         if self.unread <= MAX_REST_BYTES:
             while block := stream.read(MAX_RECORD_BYTES):
                 self.sha256.update(block)
@@ -136,33 +157,59 @@ class FileRecords:
         Raises EndOfFile where no whole record follows.
         """
         crc, opcode = zlib.crc32(MAGIC), 0  # of all up to the last record, and its kind
+        ended = False
         while opcode != Opcode.FOOTER:
             head = self._read(stream, RECORD_HEAD.size)
             opcode, length = RECORD_HEAD.unpack(head)
-            if opcode not in _OPCODES:
+            if opcode == 0:  # what a power cut leaves
                 raise EndOfFile
             self.offset = self._end
+            passed = opcode in _SKIMMED
+            self.filled = self.filled or opcode in _FILLING
+            if self.skim and passed:
+                if length > size - stream.tell():
+                    raise EndOfFile
+                stream.seek(length, 1)
+                self._end = self.offset + len(head) + length
+                self._sketch(head)
+                continue
             if MAX_RECORD_BYTES < length <= size - stream.tell():
                 why = f'it has {length} bytes; at most {MAX_RECORD_BYTES} are read'
                 self.pass_over(opcode, self.corrupt(opcode, why))
                 raise EndOfFile
             content = self._read(stream, length)
             self._end = self.offset + len(head) + length
+            self._sketch(head if passed else head + content)
             before, crc = crc, zlib.crc32(head, crc)
-            if opcode == Opcode.DATA_END:
+            if self.skim:
+                pass
+            elif opcode == Opcode.DATA_END and not ended:
                 self._check(content, before, 'data section')
-                crc = 0
+                crc, ended = 0, True
             elif opcode == Opcode.FOOTER:
                 self._check(content, zlib.crc32(content[:-4], crc), 'summary')
             else:
                 crc = zlib.crc32(content, crc)
+            unread = _INDEXES if self.indexes is None else (Opcode.MESSAGE_INDEX,)
             try:
-                record = None if opcode in _INDEXES else self.parse(opcode, content)
+                record = None if opcode in unread else self.parse(opcode, content)
             except LogError as error:
                 self.pass_over(opcode, error)
                 continue
-            if record is not None:
+            if self.indexes is not None:
+                self.indexes.take(opcode, self.offset, content, record)
+            if record is not None and opcode not in _INDEXES:
                 yield record
+
+    def _sketch(self, data: bytes) -> None:
+        """Add a record to the outline; LogError if it is not as it was when it was skimmed."""
+        self._count += 1
+        self._outline.update(data)
+        if self._count == self.known[0] and self.outline != self.known:
+            raise self._changed()
+
+    def _changed(self) -> LogError:
+        return LogError(self.path, 'was changed while it was read')
 
     def _read(self, stream: BinaryIO, length: int) -> bytes:
         data = stream.read(min(length, MAX_RECORD_BYTES))
@@ -203,7 +250,8 @@ class FileRecords:
 
     def corrupt(self, opcode: int, why: str) -> LogError:
         """Return the LogError of a damaged record, the last one read."""
-        name = Opcode(opcode).name.lower().replace('_', ' ')
+        known = opcode in set(Opcode)
+        name = Opcode(opcode).name.lower().replace('_', ' ') if known else f'record {opcode}'
         return LogError(self.path, f'is corrupt: the {name} at byte {self.offset}: {why}')
 
     def content_of(self, chunk: Chunk) -> bytes:
@@ -212,9 +260,11 @@ class FileRecords:
             _check_sizes(chunk)
             size = chunk.uncompressed_size
             if chunk.compression == 'zstd':  # the library makes a decompressor for each chunk
-                chunk.data = self._zstd.decompress(chunk.data, max_output_size=size)
+                chunk.data = self._zstd.decompress(
+                    chunk.data, max_output_size=size, allow_extra_data=False
+                )
             elif chunk.compression == 'lz4':  # the library sets no limit
-                chunk.data = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, size)
+                chunk.data = _unpacked_lz4(chunk.data, size)
             chunk.compression = ''
             stream, size = get_chunk_data_stream(chunk, validate_crc=True)
             records = stream.read(size)
@@ -242,11 +292,15 @@ class FileRecords:
                 found.append(at)
             elif opcode in _IN_CHUNKS:
                 record = self.parse(opcode, records[at : at + length])
+                if self.indexes is not None and isinstance(record, Schema | Channel):
+                    self.indexes.declare(record, records[at : at + length], at)
                 if record is not None:
                     take(record)
             else:
                 raise self.corrupt(Opcode.CHUNK, f'it holds a record of kind {opcode}')
             at += length
+        if self.indexes is not None:
+            self.indexes.take_content(records, found)
         return found
 
 
@@ -278,6 +332,18 @@ def as_record(message: Message) -> bytes:
 def _fits(content: bytes, actual: int) -> bool:
     """Return whether a checksum is the last 4 bytes of a record; 0 means that there is none."""
     return len(content) >= 4 and int.from_bytes(content[-4:], 'little') in (0, actual)
+
+
+def _unpacked_lz4(data: bytes, size: int) -> bytes:
+    """Return the frame that is the data of a chunk; RuntimeError if it is not all of it.
+
+    One byte more than expected is enough to see that there are more.
+    """
+    unpacker = lz4.frame.LZ4FrameDecompressor()
+    unpacked: bytes = unpacker.decompress(data, size + 1)
+    if len(unpacked) <= size and (not unpacker.eof or unpacker.unused_data):
+        raise RuntimeError('its data is not one whole frame')
+    return unpacked
 
 
 def _check_sizes(chunk: Chunk) -> None:

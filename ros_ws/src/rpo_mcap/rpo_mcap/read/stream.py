@@ -9,15 +9,18 @@ are whole; the reader says until when. Everything else that is wrong with a log 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from mcap.records import (
     Attachment,
     Channel,
     Chunk,
+    DataEnd,
     Header,
     McapRecord,
     Metadata,
@@ -25,12 +28,17 @@ from mcap.records import (
 )
 from mcap.records import Message as MessageRecord
 
-from rpo_core.files.validation import shown
+from rpo_core import files
+from rpo_core.files import scenario
+from rpo_core.files.scenario import Scenario
+from rpo_core.files.validation import InputError, shown
 from rpo_core.wire import interfaces
 from rpo_mcap import topics
 from rpo_mcap.errors import LogError, NotARun
-from rpo_mcap.format.run import LOG_FORMAT, RUN_RECORD, TimeBase, log_files
+from rpo_mcap.format import rosbag2
+from rpo_mcap.format.run import LOG_FORMAT, RUN_RECORD, SCENARIO, TimeBase, log_files
 from rpo_mcap.read.decode import Gathering, Message, Messages, TickBlock
+from rpo_mcap.read.indexes import Indexes
 from rpo_mcap.read.records import RECORD_HEAD, FileRecords, as_record
 from rpo_mcap.topics import Topic
 
@@ -59,6 +67,21 @@ class _Extent:
         self.last = int(messages.tick[-1])
 
 
+class _Skimmed(NamedTuple):
+    """What was found of one file before its messages are read.
+
+    declared : its schemas and channels
+    damage : how it ends, as `FileRecords.damage`
+    filled : whether it has chunks or messages
+    error : why its chunks could not all be read
+    """
+
+    declared: list[Schema | Channel]
+    damage: str
+    filled: bool
+    error: LogError | None
+
+
 class RunReader:
     """Opens the log of a run: its folder, or one .mcap file of it.
 
@@ -71,8 +94,10 @@ class RunReader:
     attached : files of the log and names of attachments in them, by what was read
     digests : per file, SHA-256 of the bytes that `blocks` read; empty if they were not all read
     witness : called with the file and each of its records beside the messages, while `blocks` reads
+    judged : per file, what takes all its records to compare its indexes, while `blocks` reads
     """
 
+    judged: Mapping[Path, Indexes] = MappingProxyType({})
     witness: Callable[[Path, McapRecord], None] | None = None
     foreign = False
     lacks: tuple[str, ...] = ()
@@ -90,18 +115,9 @@ class RunReader:
         self._declared: dict[tuple[Path, type, int], Schema | Channel] = {}
         self._extents: dict[Path, _Extent] = {}
         self.digests: dict[Path, str] = {}
-        self._head = b''  # SHA-256 up to the first message
-        damage = self._read_head()
-        if not self._bases:
-            raise NotARun(
-                self.files[0],
-                f'has no record {RUN_RECORD}: it is not '
-                'the log of a run' + (f' ({damage})' if damage else ''),
-            )
-        if damage is not None:
-            raise self._empty(damage)
-        self.base = self._bases[0]
-        self.topics = self._complete_topics()
+        self._outlines: dict[Path, tuple[int, bytes]] = {}  # as the constructor found the files
+        self.topics: tuple[Topic, ...] = ()
+        self._read_heads()
 
     def blocks(self) -> Iterator[TickBlock]:
         """Yield all ticks in order; afterwards `damage` says whether the log ends early."""
@@ -126,28 +142,59 @@ class RunReader:
     def _empty(self, damage: str) -> LogError:
         return LogError(self.path, 'holds no message' + (f' ({damage})' if damage else ''))
 
-    def _complete_topics(self) -> tuple[Topic, ...]:
-        recorded = topics.resolve(self._channels.values(), str(self.files[0]))
-        signals = [topic.signal for topic in recorded]
+    def _read_heads(self) -> None:
+        """Find the ticks, the topics and the files that the log carries, wherever they stand."""
+        found = [self._skim(path) for path in self.files]
+        if not self._bases:
+            self._base_of_scenario()
+        errors = [part.error for part in found if part.error is not None]
+        damage = next((part.damage for part in found if part.damage), '')
+        if not self._bases:
+            if errors:
+                raise errors[0]
+            raise NotARun(
+                self.files[0],
+                f'has no record {RUN_RECORD}: it is not '
+                'the log of a run' + (f' ({damage})' if damage else ''),
+            )
+        if not any(part.filled for part in found):
+            raise self._empty(damage)
+        self.base = self._bases[0]
+        recorded: dict[Topic, None] = {}
+        for path, part in zip(self.files, found, strict=True):
+            self._path, self._schemas, self._channels = path, {}, {}
+            for record in sorted(part.declared, key=lambda record: isinstance(record, Channel)):
+                self._take(record)
+            recorded.update(dict.fromkeys(self._channels.values()))
+        self.topics = topics.resolve(recorded, str(self.files[0]))
+        signals = [topic.signal for topic in self.topics]
         for signal in topics.REQUIRED:
+            if signal not in signals and errors:
+                raise errors[0]
             if signal not in signals:
                 there = ', '.join(topic.name for topic in recorded) or 'no topic of a run'
                 raise LogError(self.files[0], f'has no topic {signal}; it has {there}')
-        return recorded
 
-    def _read_head(self) -> str | None:
-        """Read up to the first message; if there is none, return how the file ends, '' for well."""
-        records = FileRecords(self.files[0])
+    def _skim(self, path: Path) -> _Skimmed:
+        """Take the records beside messages, schemas and channels; return the others.
+
+        Schemas and channels are in the summary; where they are not, the chunks are read for them.
+        """
+        self._path = path
+        records = FileRecords(path, skim=True)
+        declared, behind = list[Schema | Channel](), 0
         for record in records:
-            self._head = records.sha256.digest()
-            if isinstance(record, MessageRecord):
-                return None
-            if isinstance(record, Chunk):
-                if records.messages_in(records.content_of(record), self._take):
-                    return None
+            if isinstance(record, Schema | Channel):
+                declared.append(record)
+            elif isinstance(record, DataEnd):
+                behind = len(declared)
             else:
                 self._take(record)
-        return records.damage
+        self._outlines[path] = records.outline
+        error = None
+        if records.filled and not _are_all(declared, behind):
+            declared, error = _declared_in(path)
+        return _Skimmed(declared, records.damage, records.filled, error)
 
     def _take(self, record: McapRecord) -> None:
         """Take a record that is not of the time line."""
@@ -196,6 +243,16 @@ class RunReader:
                 f'must be of the same run as {self.files[0].name}, {self._bases[0]}; got {base}',
             )
 
+    def _base_of_scenario(self) -> None:
+        """Take the ticks of the scenario that the log carries, if it has no record of them."""
+        data = self.attachments.get(SCENARIO)
+        try:
+            found = files.loads((data or b'').decode(), scenario.parse, SCENARIO)
+        except (InputError, UnicodeDecodeError):
+            return
+        if isinstance(found, Scenario):
+            self._bases.append(TimeBase(found.epoch_ns, found.dt_ns, found.ticks))
+
     def _take_channel(self, path: Path, channel: Channel) -> None:
         topic = topics.find(channel.topic, channel.metadata.get(topics.SIGNAL, ''))
         if topic is None:
@@ -207,6 +264,8 @@ class RunReader:
                 f'{channel.topic} must be {topic.type} in cdr; got '
                 f'{found} in {channel.message_encoding or "no encoding"}',
             )
+        if self.topics and topic not in self.topics:
+            raise LogError(path, f'its summary lacks the channel {shown(channel.topic)}')
         self._channels[channel.id] = topic
 
     def _read(self) -> Iterator[Messages]:
@@ -215,16 +274,11 @@ class RunReader:
         most = BLOCK_TICKS * max(1, sum(not topic.is_event for topic in self.topics))
         self.attached.clear()  # the records of the head are read again with the messages
         for path in self.files:
-            self._path, self._channels = path, {}
-            records = FileRecords(path)
+            self._path, self._schemas, self._channels = path, {}, {}
+            records = FileRecords(path, known=self._outlines[path], indexes=self.judged.get(path))
             gathering = Gathering(path, self.base, self.topics, self._channels, newest)
             extent = self._extents[path] = _Extent([0] * len(self.topics))
-            head = self._head if path == self.files[0] else b''
             for data, at in self._chunks(records):
-                if head and at:
-                    if records.sha256.digest() != head:
-                        raise _changed(path)
-                    head = b''
                 gathering.add(data, at)
                 if len(gathering) > most or gathering.size > MAX_BYTES:
                     messages = gathering.take()
@@ -234,8 +288,6 @@ class RunReader:
                     if gathering.size > MAX_BYTES:
                         sentence = f'is corrupt: tick {gathering.newest + 1} is too long to be read'
                         raise LogError(path, sentence)
-            if head:
-                raise _changed(path)
             messages = gathering.take(last=True)
             newest = gathering.newest
             if len(messages):
@@ -269,9 +321,36 @@ class RunReader:
                 yield data, records.messages_in(data, self._take)
 
 
-def _changed(path: Path) -> LogError:
-    """Return the LogError of a log that does not begin any more as the constructor read it."""
-    return LogError(path, 'was changed while it was read')
+def _are_all(declared: Sequence[Schema | Channel], behind: int) -> bool:
+    """Return whether the summary seems to have all channels of a run, and their schemas are known.
+
+    behind : number of records before the summary
+    """
+    schemas = {record.id for record in declared if isinstance(record, Schema)}
+    listed = [record for record in declared[behind:] if isinstance(record, Channel)]
+    found = [topics.find(one.topic, one.metadata.get(topics.SIGNAL, '')) for one in listed]
+    signals = {topic.signal for topic in found if topic is not None}
+    return signals.issuperset(topics.REQUIRED) and schemas.issuperset(c.schema_id for c in listed)
+
+
+def _declared_in(path: Path) -> tuple[list[Schema | Channel], LogError | None]:
+    """Return the schemas and channels of a whole file, and the error that ended the reading."""
+    found: dict[str, Schema | Channel] = {}
+
+    def take(record: McapRecord) -> None:
+        if isinstance(record, Schema | Channel):
+            found.setdefault(repr(record), record)
+
+    records = FileRecords(path)
+    try:
+        for record in records:
+            if isinstance(record, Chunk):
+                records.messages_in(records.content_of(record), take)
+            else:
+                take(record)
+    except LogError as error:
+        return list(found.values()), error
+    return list(found.values()), None
 
 
 def _blocks_of(messages: Messages) -> Iterator[TickBlock]:
@@ -300,6 +379,8 @@ def files_of(path: Path) -> list[Path]:
     if not path.is_dir():
         return [path]
     files = log_files(path)
+    if not files and (renamed := rosbag2.files_in(path)):
+        return renamed
     if not files:
         there = ', '.join(sorted(found.name for found in path.iterdir())[:8]) or 'nothing'
         raise NotARun(path, f'holds no run.mcap; it holds {there}')

@@ -1,0 +1,269 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Our own log, rewritten by the `mcap` library in any layout of its specification, is verified."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from log_runs import make_run, record
+from mcap.records import Attachment, Channel, Header, Metadata, Schema
+from mcap.writer import CompressionType, IndexType, Writer
+from mcap_views import views
+
+from rpo_log.tools.info import inspect
+from rpo_log.verify import verify
+from rpo_mcap.errors import ExitCode, LogError
+from rpo_mcap.read.records import RawMessage
+from rpo_mcap.read.run_log import read_run
+from tools.attack.runs import Parts
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How a log is written.
+
+    options : of the library's writer
+    places : of the metadata records and attachments, as a share of the messages before them
+    late : whether a channel comes just before its first message
+    numbers : order of the schemas and channels
+    metadata : which metadata records are kept
+    library : in the header; empty for that of our recorder
+    ends : shares of the messages after which a chunk ends
+    """
+
+    options: dict[str, Any] = field(default_factory=dict)
+    places: tuple[float, ...] = (0.0,)
+    late: bool = False
+    numbers: int = 0
+    metadata: tuple[str, ...] = ('rosbag2', 'rpo_run')
+    library: str = 'mcap-python/1'
+    ends: tuple[float, ...] = ()
+
+    def write(self, parts: Parts, path: Path) -> None:
+        """Write the records of a log."""
+        messages = [one for one in parts.records if isinstance(one, RawMessage)]
+        channels = {one.id: one for one in parts.records if isinstance(one, Channel)}
+        schemas = {one.id: one for one in parts.records if isinstance(one, Schema)}
+        beside = [one for one in parts.records if isinstance(one, Attachment)]
+        beside += [r for r in parts.records if isinstance(r, Metadata) and r.name in self.metadata]
+        header = next(one for one in parts.records if isinstance(one, Header))
+        at: dict[int, list[Any]] = {}
+        for number, one in enumerate(beside):
+            place = self.places[number % len(self.places)]
+            at.setdefault(round(place * len(messages)), []).append(one)
+        with path.open('wb') as stream:
+            writer = Writer(stream, **self.options)
+            writer.start(header.profile, self.library or header.library)
+            kinds, numbers = dict[int, int](), dict[int, int]()
+
+            def declare(channel: Channel) -> None:
+                schema = schemas[channel.schema_id]
+                if schema.id not in kinds:
+                    text = schema.name, schema.encoding, schema.data
+                    kinds[schema.id] = writer.register_schema(*text)
+                numbers[channel.id] = writer.register_channel(
+                    channel.topic, channel.message_encoding, kinds[schema.id], channel.metadata
+                )
+
+            order = list(channels.values())
+            for channel in [] if self.late else order[self.numbers :] + order[: self.numbers]:
+                declare(channel)
+            for number, message in enumerate(messages):
+                self._add_beside(writer, at.get(number, []))
+                if message.channel not in numbers:
+                    declare(channels[message.channel])
+                writer.add_message(
+                    numbers[message.channel], message.log_ns, message.data, message.publish_ns,
+                    message.sequence,
+                )  # fmt: skip
+                if number in {round(end * len(messages)) for end in self.ends}:
+                    writer.flush()
+            self._add_beside(writer, at.get(len(messages), []))
+            writer.finish()
+
+    @staticmethod
+    def _add_beside(writer: Writer, records: list[Any]) -> None:
+        for one in records:
+            if isinstance(one, Metadata):
+                writer.add_metadata(one.name, one.metadata)
+            else:
+                times = one.create_time, one.log_time
+                writer.add_attachment(*times, one.name, one.media_type, one.data)
+
+
+@st.composite
+def layouts(draw: st.DrawFn) -> Layout:
+    """Return any layout that the library can write."""
+    flags = draw(st.lists(st.sampled_from([IndexType.ATTACHMENT, IndexType.CHUNK,
+                                           IndexType.MESSAGE, IndexType.METADATA])))  # fmt: skip
+    indexes = IndexType.NONE
+    for flag in flags:
+        indexes |= flag
+    names = ('repeat_channels', 'repeat_schemas', 'use_chunking', 'use_statistics',
+             'use_summary_offsets', 'enable_crcs', 'enable_data_crcs')  # fmt: skip
+    options = {name: draw(st.booleans()) for name in names}
+    options['chunk_size'] = draw(st.sampled_from([1, 300, 4096, 1 << 20, 1 << 40]))
+    options['compression'] = draw(st.sampled_from(list(CompressionType)))
+    options['index_types'] = draw(st.sampled_from([IndexType.ALL, indexes]))
+    share = st.one_of(st.sampled_from([0.0, 1.0]), st.floats(0.0, 1.0))
+    kept = st.sampled_from([('rosbag2', 'rpo_run'), ('rpo_run',), ('rosbag2',), ()])
+    return Layout(
+        options, tuple(draw(st.lists(share, min_size=1, max_size=6))), draw(st.booleans()),
+        draw(st.integers(0, 4)), draw(kept), draw(st.sampled_from(['mcap-python/1', '', 'x'])),
+        tuple(draw(st.lists(st.floats(0.0, 1.0), max_size=3))),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope='module')
+def true(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The log of one second."""
+    folder = tmp_path_factory.mktemp('true')
+    make_run(1.0).write(folder)
+    return folder / 'run.mcap'
+
+
+def judge_a_layout(true: Path, folder: Path, layout: Layout) -> list[str]:
+    """Return the gaps that verify names."""
+    path = folder / 'run.mcap'
+    layout.write(Parts.of(true), path)
+    found = verify(path)
+    assert found.difference is None, found.sentence()
+    assert found.exit_code == (ExitCode.INCOMPLETE if found.gaps else ExitCode.OK)
+    assert found.ticks == 11 and found.stages == verify(true).stages
+    assert all(gap.startswith('run.mcap: ') for gap in found.gaps), found.gaps
+    if layout.library:
+        assert 'run.mcap: the header is not as the recorder writes it' in '; '.join(found.gaps)
+    lacking = {'rosbag2', 'rpo_run'} - {*layout.metadata}
+    for name in lacking:
+        assert f"the metadata '{name}' is missing" in found.sentence()
+    log, same = read_run(path), read_run(true)
+    assert log.attachments == same.attachments and log.complete
+    assert inspect(path).messages == inspect(true).messages
+    for name, values in same.values.items():
+        np.testing.assert_array_equal(log.values[name], values)
+    shown = views(path)
+    assert shown['streaming'] == views(true)['streaming']
+    seeking = shown['seeking']  # without channels in the summary it ends with an error
+    assert seeking == shown['streaming'] or str(seeking).startswith('KeyError: ')
+    return list(found.gaps)
+
+
+@settings(max_examples=25)
+@given(layout=layouts())
+def test_any_layout_is_recomputed(true, layout, tmp_path_factory):
+    judge_a_layout(true, tmp_path_factory.mktemp('layout'), layout)
+
+
+@pytest.mark.slow
+@settings(max_examples=2000)
+@given(layout=layouts())
+def test_two_thousand_layouts_are_recomputed(true, layout, tmp_path_factory):
+    judge_a_layout(true, tmp_path_factory.mktemp('layout'), layout)
+
+
+BARE = {'use_chunking': False}
+LATE = {
+    'metadata first, attachments last': Layout(places=(1.0, 1.0, 1.0, 0.0, 0.0, 0.0)),
+    'metadata last': Layout(places=(1.0,)),
+    'no metadata': Layout(metadata=()),
+    '4 KiB chunks, late channels': Layout({'chunk_size': 4096}, late=True),
+    'no chunks, late channels': Layout(BARE, late=True),
+    'no index': Layout({'index_types': IndexType.NONE, 'repeat_channels': False}, late=True),
+}
+
+
+@pytest.mark.parametrize('name', LATE)
+def test_the_header_is_the_gap_of_a_log_that_another_writer_wrote(true, tmp_path, name):
+    gaps = '; '.join(judge_a_layout(true, tmp_path, LATE[name]))
+    missing = "; run.mcap: the metadata 'rosbag2' is missing; run.mcap: the metadata 'rpo_run'"
+    ends = f'{missing} is missing' if name == 'no metadata' else ''
+    assert gaps == f'run.mcap: the header is not as the recorder writes it{ends}'
+
+
+def test_what_another_writer_leaves_out_or_adds_is_named(true, tmp_path):
+    """With our header: all that differs is named, not the first thing alone."""
+    options = {'enable_data_crcs': True, 'chunk_size': 1 << 40}
+    everything = judge_a_layout(true, tmp_path, Layout(options, library=''))
+    assert everything == ['run.mcap: its records are not in the order of the recorder']
+    parts = Parts.of(true)
+    kept = [one for one in parts.records if getattr(one, 'name', '') != 'parameters.yaml']
+    topic = next(one for one in kept if isinstance(one, Channel))
+    parts.records = [
+        Channel(9, '/other', 'cdr', {}, topic.schema_id)
+        if one is None and at == [i for i, each in enumerate(kept) if each is None][2]
+        else one
+        for at, one in enumerate(kept)
+    ]  # fmt: skip
+    parts.write(tmp_path / 'run.mcap')
+    assert verify(tmp_path / 'run.mcap').gaps[0] == (
+        "run.mcap: the channel '/other' is not as the recorder writes it"
+    )
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A run folder whose log has another name, in metadata.yaml too."""
+    record(tmp_path / 'run')
+    rename(tmp_path / 'run', 'run.mcap', 'flight.mcap')
+    return tmp_path / 'run'
+
+
+def rename(folder: Path, old: str, new: str) -> None:
+    os.rename(folder / old, folder / new)
+    text = (folder / 'metadata.yaml').read_text()
+    (folder / 'metadata.yaml').write_text(text.replace(old, new))
+    (folder / 'SHA256SUMS').unlink(missing_ok=True)
+
+
+def test_a_renamed_log_is_found_by_its_metadata(folder):
+    found = verify(folder)
+    assert found.exit_code == ExitCode.INCOMPLETE and found.ticks == 31, found.sentence()
+    assert found.gaps == ("flight.mcap: the metadata 'rosbag2' is not as the recorder writes it",)
+    assert {'metadata.yaml', 'decisions.mcap'} <= set(found.recomputed)
+    assert inspect(folder).exit_code == ExitCode.OK
+
+
+def test_renamed_parts_are_read_in_the_order_of_the_metadata(tmp_path):
+    record(tmp_path, split_s=1.0)
+    for number in range(4):
+        rename(tmp_path, f'run_{number}.mcap', f'z{9 - number}.mcap')
+    found = verify(tmp_path)
+    assert found.exit_code == ExitCode.INCOMPLETE and found.ticks == 31, found.sentence()
+    assert 'metadata.yaml' in found.recomputed
+
+
+def test_a_missing_file_of_digests_is_a_fault_also_where_it_was_renamed(tmp_path):
+    folder = record(tmp_path / 'run')
+    digests = (folder / 'SHA256SUMS').read_bytes()
+    rename(folder, 'run.mcap', 'flight.mcap')
+    (folder / 'SHA256SUMS').write_bytes(digests)
+    found = verify(folder)
+    assert found.exit_code == ExitCode.DIFFERENT
+    assert 'run.mcap is missing, which SHA256SUMS lists' in found.sentence()
+
+
+@pytest.mark.parametrize(
+    'name', ['../run.mcap', '/etc/hosts', 'none.mcap', 'metadata.yaml', '', '.', '..']
+)
+def test_metadata_leads_to_no_file_that_is_not_of_the_folder(folder, name):
+    shutil.copy(folder / 'flight.mcap', folder.parent / 'run.mcap')
+    text = (folder / 'metadata.yaml').read_text()
+    (folder / 'metadata.yaml').write_text(text.replace('flight.mcap', name))
+    with pytest.raises(LogError):
+        verify(folder)
+
+
+@pytest.mark.parametrize('text', ['', '[', 'rosbag2_bagfile_information: 3\n', '\xff' * 9])
+def test_metadata_that_cannot_be_read_leads_nowhere(folder, text):
+    (folder / 'metadata.yaml').write_text(text, encoding='latin-1')
+    with pytest.raises(LogError):
+        verify(folder)
