@@ -74,7 +74,6 @@ ROSDEP_KEYS = {
 WITHOUT_KEY = {'mcap', 'zstandard', 'lz4'}
 # A command that wants one says so, or does without.
 OPTIONAL = {'ccsds_ndm', 'foxglove', 'llvmlite', 'matplotlib', 'numba', 'pyarrow', 'rosbags'}
-MAX_PACKAGE_LINES = 6500
 
 
 def is_ros(module: str) -> bool:
@@ -253,10 +252,8 @@ def test_every_public_name_of_core_and_kernels_says_what_it_is():
 
 
 @pytest.mark.parametrize('room', sorted({*PACKAGES, *OFFLINE_ROOMS}))
-def test_a_room_is_small_and_says_what_it_is(room):
+def test_a_room_says_what_it_is(room):
     folder = PACKAGES.get(room, OFFLINE / room)
-    lines = sum(len(path.read_text().splitlines()) for path in folder.rglob('*.py'))
-    assert lines <= MAX_PACKAGE_LINES, f'{room} has {lines} lines'
     assert (folder / 'README.md').read_text().startswith(f'# {room}\n')
 
 
