@@ -7,6 +7,7 @@ from __future__ import annotations
 import sys
 
 from rpo_core.files import missing
+from rpo_core.files.output import standard_output
 from rpo_training import processor
 
 # Module that is missing -> layer of `make setup` that brings it.
@@ -29,6 +30,7 @@ _LAYERS = {
 }
 
 
+@standard_output()
 def main() -> None:
     """Entry point of `rpo`."""
     try:

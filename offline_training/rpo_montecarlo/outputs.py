@@ -18,6 +18,8 @@ from typing import IO, TYPE_CHECKING, Any, NamedTuple
 import yaml
 
 from rpo_core import files
+from rpo_core.files.output import write_aside as write_aside
+from rpo_core.files.output import write_text as write_text
 from rpo_core.files.validation import InputError, shown, text
 
 if TYPE_CHECKING:
@@ -131,28 +133,6 @@ def _header_of(member: IO[bytes], size: int) -> ArrayHeader:
     return ArrayHeader(shape, dtype)
 
 
-def write_aside(path: Path, write: Callable[[IO[bytes]], object]) -> None:
-    """Write a file beside `path` and rename it into place: the old one stays whole until then.
-
-    Raises
-    ------
-    InputError
-        If it cannot be written, as on a full disk; `path` is then as it was.
-    """
-    aside = path.with_name(f'.{path.name}.new')
-    try:
-        with aside.open('wb') as file:
-            write(file)
-            file.flush()
-            os.fsync(file.fileno())
-        aside.replace(path)
-    except BaseException as error:
-        aside.unlink(missing_ok=True)
-        if isinstance(error, OSError):
-            raise InputError(f'{path}: cannot be saved: {error.strerror or error}') from None
-        raise
-
-
 def write_arrays(
     path: Path, arrays: Iterable[tuple[str, Any]], compression: int = zipfile.ZIP_STORED
 ) -> None:
@@ -200,11 +180,6 @@ def markdown_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> li
     escaped = ([cell.replace('|', '\\|') for cell in cells] for cells in (headings, *rows))
     lines = [f'| {" | ".join(cells)} |' for cells in escaped]
     return [lines[0], '|' + '---|' * len(headings), *lines[1:]]
-
-
-def write_text(path: Path, content: str) -> None:
-    """Write a text file, as `write_aside` does."""
-    write_aside(path, lambda file: file.write(content.encode()))
 
 
 def make_folder(folder: Path) -> None:

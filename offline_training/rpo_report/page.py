@@ -13,12 +13,14 @@ import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from html import escape
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal
 
 from rpo_core.files import parse_yaml
+from rpo_core.files.output import write_aside, write_text
 from rpo_core.files.validation import InputError
 from rpo_log.bag import is_bag
 from rpo_log.show import style
@@ -146,12 +148,12 @@ def write(report: Report, folder: Path) -> list[Path]:
     with writing(folder), style.applied():
         folder.mkdir(parents=True, exist_ok=True)
         for picture, path in zip(report.pictures, list(paths), strict=True):
-            _save(picture, path)
+            write_aside(path, partial(_save, picture, format='png'))
         if report.flights:
             replay = page_of(report.title, report.flights, report.note)
             paths.append(folder / REPLAY)
-            paths[-1].write_text(replay, encoding='utf-8')
-        (folder / PAGE).write_text(html(report), encoding='utf-8')
+            write_text(paths[-1], replay)
+        write_text(folder / PAGE, html(report))
     return [*paths, folder / PAGE]
 
 

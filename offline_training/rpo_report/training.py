@@ -141,7 +141,7 @@ def draw_run(folder: Path, controller: FuzzyController) -> list[Path]:
             drawings['held_out.png'] = _held_out(folder / FINALISTS)
             drawings['sensitivity.png'] = draw_effects(*effects(controller))
         for name, figure in drawings.items():
-            figure.savefig(folder / name)
+            style.save_figure(figure, folder / name)
     return [folder / name for name in drawings]
 
 

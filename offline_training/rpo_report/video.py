@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +53,7 @@ def write(flight: Flight, title: str, verdict: str, path: Path) -> None:
     from matplotlib import animation
 
     writer = animation.writers[WRITERS[path.suffix.lower()]](fps=FRAMES_PER_S)
-    with style.applied(), writing(path):
+    with style.applied(), writing(path), ExitStack() as stack:
         path.parent.mkdir(parents=True, exist_ok=True)
         figure, axes, clock = _stage(flight, title, verdict)
         x, y, z = flight.positions_m.T
@@ -65,7 +66,9 @@ def write(flight: Flight, title: str, verdict: str, path: Path) -> None:
         size = np.ptp(axes.get_w_lims()[:2])
         scale = _ARROW * size / flight.scenario.max_force_n
         body = bodies_of(flight, size)
-        with writer.saving(figure, str(path), _DPI):
+        aside = path.with_name(f'.new.{path.name}')
+        stack.callback(aside.unlink, missing_ok=True)
+        with writer.saving(figure, str(aside), _DPI):
             for share in np.linspace(0.0, 1.0, FRAMES):
                 tick = round(share * (len(x) - 2))
                 flown.set_data_3d(y[: tick + 1], z[: tick + 1], x[: tick + 1])
@@ -80,6 +83,7 @@ def write(flight: Flight, title: str, verdict: str, path: Path) -> None:
                 )
                 axes.view_init(elev=20.0, azim=-70.0 + 40.0 * share)
                 writer.grab_frame()
+        aside.replace(path)
 
 
 def forces_of(flight: Flight) -> NDArray[np.float64]:

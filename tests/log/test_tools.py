@@ -201,6 +201,22 @@ def test_npz(run, log, tmp_path):
             np.testing.assert_array_equal(found[name], values)
 
 
+@pytest.mark.parametrize('suffix', ['csv', 'npz'])
+def test_a_table_that_could_not_be_written_whole_is_not_left(log, tmp_path, monkeypatch, suffix):
+    def full(*_, **__):
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr(np, 'savez_compressed', full)
+    monkeypatch.setattr(csv, 'writer', full)
+    with pytest.raises(LogError, match='cannot hold a log: No space left on device'):
+        export(log, tmp_path / f'run.{suffix}')
+    assert not list(tmp_path.iterdir())
+    (tmp_path / f'run.{suffix}').write_text('mine')
+    with pytest.raises(LogError, match='exists already'):
+        export(log, tmp_path / f'run.{suffix}')
+    assert (tmp_path / f'run.{suffix}').read_text() == 'mine'
+
+
 @pytest.mark.every_landing
 def test_another_library_reads_the_oem(run, log, tmp_path):
     """Written by ccsds-ndm-py, read by oem."""

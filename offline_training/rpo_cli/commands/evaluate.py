@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import csv as csv_files
+import io
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,7 +15,7 @@ import typer
 from rpo_cli.commands.shared import NoFail, Workers, draw, end
 from rpo_cli.display import print_table, progress
 from rpo_core.files.validation import InputError
-from rpo_montecarlo.outputs import identifier, writing
+from rpo_montecarlo.outputs import identifier, write_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -117,9 +118,9 @@ def evaluate(
             title = f'{found.controller.name}: training starts'
             print_table(_HEADINGS, _rows(found), title, left=0)
         if csv:
-            with writing(csv), csv.open('w', newline='') as file:
-                writer = csv_files.writer(file, lineterminator='\n')
-                writer.writerows([_HEADINGS, *_rows(found)])
+            text = io.StringIO()
+            csv_files.writer(text, lineterminator='\n').writerows([_HEADINGS, *_rows(found)])
+            write_text(csv, text.getvalue())
     end(missed, no_fail)
 
 

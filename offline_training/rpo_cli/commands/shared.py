@@ -9,14 +9,16 @@ import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from operator import methodcaller
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from rpo_core.files import DEFAULT_SCENARIO
+from rpo_core.files.output import write_aside
 from rpo_core.files.validation import InputError, printable
-from rpo_montecarlo.outputs import writing
+from rpo_montecarlo.outputs import make_folder
 
 
 def echo(text: object, err: bool = False) -> None:
@@ -106,9 +108,9 @@ def draw(path: Path, made: Callable[..., Any], *subject: Any) -> None:
     from rpo_log.show import style
 
     try:
-        with writing(path), style.applied():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            made(*subject).savefig(path)
+        with style.applied():
+            make_folder(path.parent)
+            style.save_figure(made(*subject), path)
     except ModuleNotFoundError as error:
         typer.echo(f'No picture: {error.name} is not installed.', err=True)
     else:
@@ -117,9 +119,9 @@ def draw(path: Path, made: Callable[..., Any], *subject: Any) -> None:
 
 def write_texts(texts: Mapping[Path, str]) -> None:
     """Write files, and print their names; raises InputError."""
-    for path, text in texts.items():
-        with writing(path):
-            path.write_text(text, encoding='utf-8')
+    contents = {path: text.encode() for path, text in texts.items()}  # all of them, or none
+    for path, content in contents.items():
+        write_aside(path, methodcaller('write', content))
         echo(path)
 
 
@@ -145,15 +147,13 @@ def write_flight(flight: Any, path: Path) -> None:
         elif name == interfaces.WHEEL_MOMENTUM:
             heading += [f'wheel_h{axis}_nms' for axis in 'xyz']
             values.append(found)
-    with writing(path):
-        np.savetxt(
-            path,
-            np.column_stack(values),
-            fmt='%.17g',
-            delimiter=',',
-            header=','.join(heading),
-            comments='',
-        )
+    table, header = np.column_stack(values), ','.join(heading)
+    write_aside(
+        path,
+        lambda file: np.savetxt(
+            file, table, fmt='%.17g', delimiter=',', header=header, comments=''
+        ),
+    )
 
 
 @contextmanager

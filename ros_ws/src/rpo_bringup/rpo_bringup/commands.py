@@ -8,6 +8,7 @@ from importlib import import_module
 from pathlib import Path
 
 from rpo_bringup.options import parser
+from rpo_core.files.output import standard_output
 from rpo_ros.entry_point import EXIT_BAD_INPUT, EXIT_INTERRUPTED, asks_for_help, start, start_node
 from rpo_ros.parameter_rows import refusal, tables
 
@@ -21,6 +22,7 @@ _NODES = (
 """Nodes that `final_approach` runs."""
 
 
+@standard_output()
 def final_approach() -> int:
     """Run `ros2 run rpo_bringup final_approach`; answer `--help` without ROS."""
     if asks_for_help():
@@ -32,6 +34,7 @@ def final_approach() -> int:
     return start('rpo_bringup.final_approach', EXIT_INTERRUPTED)
 
 
+@standard_output()
 def _tool(name: str) -> int:
     """Run a program of `tools/`, which is in the checkout that this package is built from."""
     root = Path(__file__).resolve().parents[4]

@@ -5,13 +5,13 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Protocol
 
 from rpo_core.files import missing
+from rpo_core.files.output import standard_output
 from rpo_core.files.validation import InputError, printable
 from rpo_mcap.errors import ExitCode
 
@@ -93,6 +93,7 @@ def _find(command: str, options: argparse.Namespace) -> Finding:
     return repair(options.run, options.output, in_place=options.in_place)
 
 
+@standard_output()
 def main(command: str) -> int:
     """Entry point of `ros2 run rpo_log` with the name of the command."""
     options = parser(command).parse_args()
@@ -109,10 +110,4 @@ def main(command: str) -> int:
         return ExitCode.BAD_INPUT
     except KeyboardInterrupt:
         return 130
-    try:
-        code = show(found)
-        sys.stdout.flush()
-    except BrokenPipeError:  # as by `| head`: nobody reads on, at exit neither
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        code = int(found.exit_code)
-    return code
+    return show(found)

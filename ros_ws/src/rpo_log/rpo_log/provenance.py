@@ -20,7 +20,7 @@ import rpo_kernels
 import rpo_log
 import rpo_mcap
 from rpo_mcap.errors import cannot_write
-from rpo_mcap.format.run import INFO_FILE
+from rpo_mcap.format.run import INFO_FILE, write_whole
 
 _PACKAGES = (rpo_kernels, rpo_core, rpo_mcap, rpo_log)
 
@@ -87,6 +87,6 @@ def write_run_info(folder: str | Path, facts: Mapping[str, Any]) -> None:
     made_by = {'version': version(), 'sha256': digest()}
     text = yaml.safe_dump({**facts, 'code': made_by, 'machine': machine_facts()}, sort_keys=False)
     try:
-        path.write_text(text, encoding='utf-8')
+        write_whole(path, text.encode())
     except OSError as error:
         raise cannot_write(path, error) from None

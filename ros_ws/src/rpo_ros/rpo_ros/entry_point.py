@@ -86,6 +86,13 @@ def start_node(module: str) -> int:
 
     module : PACKAGE.NAME_node; the node's parameters are those of NAME in PACKAGE
     """
+    from rpo_core.files.output import standard_output
+
+    with standard_output():
+        return _start_node(module)
+
+
+def _start_node(module: str) -> int:
     package, _, name = module.removesuffix('_node').partition('.')
     command = f'ros2 run {package} {name}'
     from rpo_ros import parameter_rows

@@ -131,7 +131,7 @@ def draw(flight: Flight, folder: Path, title: str) -> Path | None:
     with style.applied():
         figure = time_histories(flight)
         figure.suptitle(title, fontsize=11)
-        figure.savefig(path)
+        style.save_figure(figure, path)
     return path
 
 

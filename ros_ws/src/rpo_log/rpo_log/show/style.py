@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from rpo_core import files
+from rpo_core.files.output import write_aside
 
 AXIS_NAMES = ('x (R-bar)', 'y (V-bar)', 'z (H-bar)')
 SHADES = 13
@@ -76,6 +77,11 @@ def applied() -> Any:
     import matplotlib
 
     return matplotlib.rc_context(_SETTINGS)
+
+
+def save_figure(figure: Any, path: Path) -> None:
+    """Write a figure, whole or not at all; its suffix is the format. Raises InputError."""
+    write_aside(path, lambda file: figure.savefig(file, format=path.suffix[1:] or 'png'))
 
 
 def new_figure(height_in: float) -> Any:

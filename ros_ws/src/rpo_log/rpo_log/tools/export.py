@@ -203,5 +203,9 @@ def export(path: str | Path, output: str | Path) -> int:
         return write(reader, target)
     except FileExistsError:
         raise exists(target, 'name another output') from None
-    except OSError as error:
-        raise cannot_write(target, error) from None
+    except BaseException as error:
+        with suppress(OSError):
+            target.unlink()  # what is there is not whole
+        if isinstance(error, OSError):
+            raise cannot_write(target, error) from None
+        raise

@@ -7,6 +7,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -200,8 +201,13 @@ def prepare_folder(folder: Path, overwrite: bool) -> None:
 def write_whole(path: Path, data: bytes) -> None:
     """Write a file, whole or not at all; raises OSError."""
     draft = path.with_name(f'{path.name}.part')
-    with draft.open('wb') as stream:
-        stream.write(data)
-        stream.flush()
-        os.fsync(stream.fileno())
-    draft.replace(path)
+    try:
+        with draft.open('wb') as stream:
+            stream.write(data)
+            stream.flush()
+            os.fsync(stream.fileno())
+        draft.replace(path)
+    except OSError:
+        with suppress(OSError):
+            draft.unlink()
+        raise
