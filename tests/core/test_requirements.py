@@ -174,6 +174,24 @@ def test_a_contact_by_its_axis_is_at_the_plane_of_the_port():
     assert touching(contact_range_m=0.2)['contact_closing_speed_m_s'] == math.inf, 'too far beside'
 
 
+def test_speeds_of_a_contact_are_the_velocity_along_and_across_a_direction():
+    """Against NumPy, in any place: at the port's axis, or along the line of sight."""
+    random = np.random.default_rng(5)
+    axes = {
+        f'{"-+"[side > 0]}{"xyz"[i]}': side * np.eye(3)[i] for i in range(3) for side in (-1, 1)
+    }
+    for r, v in random.uniform(-1.0, 1.0, (40, 2, 3)):
+        for axis, outward in {**axes, None: r / np.linalg.norm(r)}.items():
+            required = Requirements(
+                contact_range_m=9.0, contact_closing_speed_m_s=1.0, contact_axis=axis
+            )
+            port = contact.port_of(required, (0.0, 0.0, 0.0))
+            closing, lateral = contact.contact_speeds(*r, *v, port._replace(least_m_s=-math.inf))
+            along = v @ outward
+            assert closing == pytest.approx(-along, abs=1e-12), axis
+            assert lateral == pytest.approx(np.linalg.norm(v - along * outward), abs=1e-12), axis
+
+
 def test_a_contact_that_is_too_slow_for_the_latches_is_none():
     assert touching(contact_least_closing_speed_m_s=0.01) == {
         'contact_closing_speed_m_s': math.inf,
