@@ -19,6 +19,7 @@ from rpo_core.files.scenario import Scenario, load, load_scenario
 from rpo_core.files.validation import InputError
 from rpo_ctrl import similarity
 from rpo_ctrl.similarity import Units
+from rpo_thrusters.thrusters import Thrusters
 
 SCALE = [name for name in files.shipped('controller') if name != 'drift']
 PAPER = Units(100.0, 200.0, 10.0)
@@ -104,6 +105,16 @@ def test_the_numbers_of_a_scaled_loop_in_the_scaled_scenario_are_its_own():
     scaled = own.scaled(Scaling(2.0, 4.0, 1.0, training.base))
     found = similarity.made_for(replace(scaled, provenance=provenance))
     assert found.own == Units(200.0, 800.0, 80.0) and found.numbers == made
+
+
+@pytest.mark.parametrize('ticks', [0, 1, 3])
+def test_a_delay_counts_as_ticks_of_the_loop(ticks):
+    """A command acts for the tick after the state that it answers, and as many later."""
+    late = load_scenario('paper_test').equipped(Thrusters(delay_ticks=ticks))
+    made = similarity.numbers(late, PAPER, 0.5)
+    assert made.pop('tick and delay / T') == pytest.approx((0.1 + 0.1 * ticks) / 200.0)
+    prompt = similarity.numbers(load_scenario('paper_test'), PAPER, 0.5)
+    assert made == {name: prompt[name] for name in made}, 'and as nothing else'
 
 
 def test_a_kind_that_does_not_say_how_it_scales_is_refused():
