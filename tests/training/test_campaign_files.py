@@ -63,6 +63,15 @@ def test_the_folder_is_the_same_on_any_threads_interrupted_or_not(tmp_path, load
     assert not list((tmp_path / 'one').glob('*.part'))
 
 
+def test_runs_of_a_short_last_unit_are_counted_as_they_are(loaded, tmp_path):
+    store = Store.create(tmp_path / 'flown', loaded(runs=450))
+    done = [store.done_runs]
+    for unit, runs in ((2, 50), (0, 200), (1, 200)):
+        store.put(unit, np.ones((len(store.columns), runs)))
+        done.append(Store.open(tmp_path / 'flown').done_runs)
+    assert done == [0, 50, 250, 450]
+
+
 @pytest.mark.slow
 def test_a_killed_campaign_goes_on(write, tmp_path):
     folder, path = tmp_path / 'killed', write(runs=20000)

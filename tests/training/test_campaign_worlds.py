@@ -482,7 +482,13 @@ def test_directions_and_lengths_in_a_shell_are_equally_likely(drawn, columns, le
         assert stats.kstest(ahead[:, axis], 'uniform', (-1.0, 2.0)).pvalue > 0.001
     skew = ahead @ np.array([1.0, -2.0, 2.0]) / 3.0
     assert stats.kstest(skew, 'uniform', (-1.0, 2.0)).pvalue > 0.001
-    assert abs(stats.spearmanr(length, ahead[:, 2]).statistic) < 0.06
+    # Length, height and angle tell nothing of each other, as a table of 8 x 8 equal shares says.
+    angle = np.arctan2(ahead[:, 1], ahead[:, 0])
+    shares = [np.argsort(np.argsort(of)) * 8 // len(of) for of in (length, ahead[:, 2], angle)]
+    for one, other in ((0, 1), (0, 2), (1, 2)):
+        table = np.zeros((8, 8))
+        np.add.at(table, (shares[one], shares[other]), 1)
+        assert stats.chi2_contingency(table).pvalue > 0.001, (one, other)
 
 
 def test_plans_and_assurance_fly_side_by_side_with_the_bits_of_the_chain(monkeypatch):
