@@ -217,6 +217,15 @@ def test_a_table_that_could_not_be_written_whole_is_not_left(log, tmp_path, monk
     assert (tmp_path / f'run.{suffix}').read_text() == 'mine'
 
 
+def test_an_oem_has_kilometres_and_kilometres_a_second(run, log, tmp_path):
+    """Read by hand: lines of an epoch and six numbers; CCSDS 502.0-B-3, section 5."""
+    export(log, tmp_path / 'run.oem')
+    text = (tmp_path / 'run.oem').read_text()
+    lines = re.findall(r'^2026-\S+((?: +\S+){6})(?: .*)?$', text, re.M)
+    states = np.array([line.split() for line in lines], dtype=float)
+    np.testing.assert_array_equal(states, run.flight.states / 1000.0)
+
+
 @pytest.mark.every_landing
 def test_another_library_reads_the_oem(run, log, tmp_path):
     """Written by ccsds-ndm-py, read by oem."""
