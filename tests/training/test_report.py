@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import re
 from dataclasses import replace
 
@@ -26,7 +27,7 @@ from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
 from rpo_core.judge.requirements import Requirements
-from rpo_core.judge.verdicts import verdicts
+from rpo_core.judge.verdicts import Verdict, verdicts
 from rpo_judge.evaluation import optimal
 from rpo_log.show import style
 from rpo_mcap.errors import LogError
@@ -170,6 +171,49 @@ def test_a_picture_has_the_same_bytes_twice(run_page):
     made, source = run_page
     picture = next(p for p in made.pictures if p.name == 'limits')
     assert page.svg(picture) in source
+
+
+@pytest.mark.parametrize(
+    ('value', 'limit', 'margin', 'word'),
+    [
+        (0.5, 2.0, '75 %', 'holds'),
+        (0.0, 2.0, '100 %', 'holds'),
+        (2.0, 2.0, '0 %', 'holds'),
+        (3.0, 2.0, '-50 %', 'MISSED'),
+        (math.inf, 2.0, '–', 'MISSED'),
+        (0.0, 0.0, '–', 'holds'),
+    ],
+)
+def test_a_margin_is_the_share_of_its_limit_that_a_value_leaves(value, limit, margin, word):
+    row = run._row(Verdict('key', 'what is required', 'm', limit, value), judged=True)
+    assert row[0] == 'what is required' and row[3:] == (margin, word)
+    assert run._row(Verdict('key', '', 'm', limit, value), judged=False)[3:] == ('', '')
+
+
+def test_the_first_table_of_a_run_has_values_limits_and_margins_of_the_verdicts(
+    run_page, short_run
+):
+    table = next(b for b in run_page[0].sections[0].blocks if isinstance(b, Table))
+    found = verdicts(short_run.flight)
+    assert len(table.rows) == len(found) > 3
+    for row, v in zip(table.rows, found, strict=True):
+        cells = dict(zip(('what', 'value', 'limit', 'margin', 'word'), row, strict=True))
+        assert cells['what'] == v.statement and cells['word'] == v.word
+        if math.isfinite(v.value):
+            share = float(cells['margin'].removesuffix(' %')) / 100.0
+            assert share == pytest.approx(1.0 - v.value / v.limit, abs=0.0051)
+
+
+@pytest.mark.parametrize(('speed_m_s', 'factor'), [(0.02, 1e3), (0.3, 1.0)])
+def test_the_box_of_limits_has_the_units_of_the_cloud(speed_m_s, factor):
+    """Slow ones are drawn in mm/s: so is their limit."""
+    final = np.random.default_rng(2).uniform(-1.0, 1.0, (50, 6)) * np.repeat([1.0, speed_m_s], 3)
+    figure = campaign.clouds(final, np.ones(50, dtype=bool), (0.5, speed_m_s / 2.0))
+    for number, axes in enumerate(figure.axes):
+        (box,) = (line for line in axes.lines if line.get_label() == 'limit of success')
+        limit = 0.5 if number < 2 else factor * speed_m_s / 2.0
+        assert sorted(set(box.get_xdata())) == sorted(set(box.get_ydata())) == [-limit, limit]
+        assert ('[mm/s]' in axes.get_xlabel()) == (number >= 2 and factor > 1.0)
 
 
 def test_a_log_that_ends_early_shows_a_shorter_flight(short_run, tmp_path):
