@@ -20,6 +20,7 @@ from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
 from rpo_judge.evaluation.attitude_consistency import attitude_consistency
 from rpo_judge.evaluation.consistency import (
+    Consistency,
     as_configured,
     consistency,
     in_its_world,
@@ -137,6 +138,25 @@ def test_the_command_judges_an_attitude_filter_too(tmp_path):
     assert 'attitude, star tracker out from 35 to 65 %: 20 flights' in done.output
     with pytest.raises(InputError, match='must have section `attitude_estimator`'):
         attitude_consistency(load_scenario('world_leo'), 1)
+
+
+@pytest.mark.parametrize('wrong', [0, 1, 2, 3, None])
+def test_one_estimator_of_two_that_is_wrong_is_exit_code_1(wrong, tmp_path, monkeypatch):
+    """Also the first one, after which all others hold."""
+    told = []
+
+    def judged(*_, **__):
+        nees = 60.0 if len(told) == wrong else 6.0
+        told.append(nees)
+        return Consistency('', np.full(10, nees), np.ones(10), 3.0, 20, 0.0, 100)
+
+    for module in ('consistency.consistency', 'attitude_consistency.attitude_consistency'):
+        monkeypatch.setattr(f'rpo_judge.evaluation.{module}', judged)
+    path = tmp_path / 'short.yaml'
+    path.write_text(scenario_file.dumps(replace(load_scenario('tumbling_docking'), duration_s=2.0)))
+    done = invoke('evaluate', '--estimator', path, '--runs', '2')
+    assert len(told) == 4 and 'As its world is' in done.stdout, done.output
+    assert done.exit_code == int(wrong is not None)
 
 
 @pytest.mark.slow
