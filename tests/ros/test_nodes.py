@@ -157,6 +157,11 @@ def test_nobody_there_says_who_is_missing(command):
     assert 'no answer in time from control_force, disturbance_force' in said
 
 
+def test_the_time_to_start_is_an_option(command):
+    code, said = command(final_approach.main, '--start-timeout-s', -1)
+    assert code == 2 and '`start_timeout_s`' in said and '-1' in said
+
+
 @pytest.mark.every_landing
 def test_a_flight_over_an_older_one_verifies_after_its_report(command, tmp_path):
     """The digests listed the picture of the older flight, which the report draws again."""

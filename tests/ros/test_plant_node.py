@@ -2,23 +2,30 @@
 # SPDX-License-Identifier: Apache-2.0
 """The plant as a node: both modes, the hand on the simulator; all nodes in the test's process."""
 
+import os
 import re
+import subprocess
+import sys
 import time
 from functools import partial
+from pathlib import Path
 
 import pytest
+import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
 from flights import lasting
 from geometry_msgs.msg import WrenchStamped
-from inside import Hand
+from inside import Hand, inside
 from landing import rest_at_landing
 
 from rpo_bringup import final_approach
 from rpo_core import files
+from rpo_core.files import scenario
 from rpo_core.judge.zones import Zone
 from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import Manifest, PlantTick, numbers_text
 from rpo_ctrl.controller_node import ControllerNode
+from rpo_guidance.guidance_node import GuidanceNode
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.verify import verify
 from rpo_mcap.read.run_log import read_run
@@ -26,6 +33,7 @@ from rpo_ros import conversions, plant_scenario, qos
 from rpo_ros.plant_scenario import PlantScenario
 from rpo_ros.running import FlightNode
 from rpo_ros.signals import hear, listen, message_class
+from rpo_safety.assurance_node import AssuranceNode
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 from rpo_sim.plant_node import EXIT_ABORTED, EXIT_MISSED, PlantNode
 
@@ -95,6 +103,15 @@ def test_paused_stepped_and_sped_up_it_leaves_the_same_bytes(straight, bench):
     assert bench.ends() == (0, 0)
     steered = (bench.folder / 'steered/run.mcap').read_bytes()
     assert steered == (straight / 'run.mcap').read_bytes()
+
+
+def test_the_time_to_start_begins_when_the_nodes_run(bench):
+    """The nodes of a process are made after its plant, which takes long on a busy machine."""
+    bench.plant = bench.inner.start(PlantNode({'scenario': bench.scenario, 'start_timeout_s': 3.0}))
+    time.sleep(3.5)
+    bench.passes(0.5)
+    assert bench.plant.phase == 'waiting'
+    bench.until(lambda: bench.plant.phase == 'aborted')
 
 
 def test_a_flight_that_takes_long_says_how_far_it_is(bench, monkeypatch, capfd):
@@ -325,6 +342,84 @@ QUICK, DOCKING = (files.read_text(files.find('scenario', n)) for n in ('quick', 
 def manifest(run: str, text: str, mode: str = 'lockstep') -> Manifest:
     values = {plant_scenario.SCENARIO_FILE: text, 'parameter.mode': mode}
     return Manifest('plant', 'plant', run, values)
+
+
+@pytest.fixture
+def parsed(monkeypatch):
+    """Return the names of the scenarios that are parsed."""
+    names, parse = [], scenario.parse
+
+    def noted(document, *more, **others):
+        names.append(document['name'])
+        return parse(document, *more, **others)
+
+    monkeypatch.setattr(scenario, 'parse', noted)
+    return names
+
+
+@pytest.mark.parametrize('name', ['docking', 'apollo'])
+def test_a_node_that_knows_the_scenario_does_not_read_it_again(name, monkeypatch, parsed):
+    """That of `apollo` is longer in logs than its file."""
+    monkeypatch.setattr(plant_scenario, 'hear', lambda *_: None)
+    heard = PlantScenario(None, name, print, pytest.fail)
+    content = files.read_text(files.find('scenario', name))
+    heard._on_manifest(manifest('one', scenario.text_for_logs(content, heard.scenario)))
+    heard._on_manifest(manifest('one', scenario.text_for_logs(content, heard.scenario)))
+    assert parsed == [name]
+
+
+BARE = """
+import sys
+from rpo_ros import plant_scenario
+plant_scenario.hear = lambda *_: None
+heard = plant_scenario.PlantScenario(None, '', id, print, bare=True)
+heard._on_manifest(plant_scenario.Manifest('plant', 'plant', '', {
+    plant_scenario.SCENARIO_FILE: sys.stdin.read(), 'parameter.mode': 'lockstep'}))
+assert heard.scenario.name == 'tumbling_docking' and not heard.scenario.sections
+import rpo_sim.disturbance_injector_node, rpo_sim.fault_injector_node
+print(*sys.modules)
+"""
+
+
+def test_a_node_that_needs_no_section_imports_none_nor_numba(ros_env):
+    """It took 4 s of CPU time until its first answer, on paper_test too."""
+    text = files.read_text(files.find('scenario', 'tumbling_docking'))
+    said = subprocess.run(
+        [sys.executable, '-c', BARE], input=text, capture_output=True, text=True, timeout=60,
+        env={**os.environ, **ros_env}, check=True,
+    ).stdout.split()  # fmt: skip
+    assert not {'numba', 'rpo_safety', 'rpo_guidance', 'rpo_nav', 'rpo_attitude'} & set(said)
+
+
+@pytest.mark.every_landing
+def test_the_injector_starts_without_numba_and_answers_as_it_did(ros):
+    del ros.env['RPO_JIT']
+    injector = ros.node('rpo_sim', 'disturbance_injector')
+    with inside() as inner:
+        inner.fly(ros.folder / 'run', lasting(20.0, ros.folder, 'paper_test'))
+        inner.reaches(1)
+        loaded = Path('/proc', str(injector.process.pid), 'maps').read_text()
+        assert inner.ends() == 0
+    assert 'rclpy' in loaded and 'llvmlite' not in loaded
+    assert injector.stop() == 0, injector.output
+    assert verify(ros.folder / 'run').exit_code == 0
+
+
+def test_with_a_plug_in_the_injector_reads_all_sections(monkeypatch, inner):
+    assert inner.start(DisturbanceInjectorNode())._run.bare
+    monkeypatch.setenv('RPO_PLUGINS', 'json')
+    assert not inner.start(DisturbanceInjectorNode())._run.bare
+
+
+def test_of_a_plan_that_cannot_be_flown_guidance_alone_says_so(inner):
+    """The plant of somebody else may not have tried it; other nodes leave that to it."""
+    document = files.parse_yaml(DOCKING)
+    document['guidance']['force_share'] = 0.05
+    hasty = manifest('one', yaml.safe_dump(document))
+    nodes = [inner.start(kind()) for kind in (GuidanceNode, AssuranceNode, ControllerNode)]
+    for node in nodes:
+        node._run._on_manifest(hasty)
+    assert [node.exit_code for node in nodes] == [2, 0, 0]
 
 
 @pytest.mark.parametrize('silent_s', [0.0, 10.0])

@@ -18,7 +18,7 @@ SRC = Path(__file__).resolve().parents[2] / 'ros_ws' / 'src'
 NODES = sorted(
     words
     for path in SRC.glob('*/*/commands.py')
-    for words in re.findall(r"start_node, '(\w+)\.(\w+)_node'\)", path.read_text())
+    for words in re.findall(r"start_node, '(\w+)\.(\w+)_node'", path.read_text())
 )
 COMMANDS = [('rpo_bringup', 'final_approach'), *NODES]
 SLOW = {'matplotlib', 'mcap', 'numba', 'numpy', 'rclpy', 'scipy'}

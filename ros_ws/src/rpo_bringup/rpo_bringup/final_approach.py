@@ -27,8 +27,6 @@ from rpo_ros.entry_point import EXIT_INTERRUPTED
 from rpo_ros.running import EXIT_BAD_INPUT, FlightNode, run
 from rpo_sim.plant_node import PlantNode
 
-_START_TIMEOUT_S = 30.0
-
 
 def _nodes(options: argparse.Namespace, output: str) -> list[FlightNode]:
     chosen = scenario.load_scenario(options.scenario)
@@ -37,7 +35,7 @@ def _nodes(options: argparse.Namespace, output: str) -> list[FlightNode]:
         **named,
         'real_time_factor': real('real_time_factor', options.real_time_factor, least=0.0),
         'wait_for_recorder': True,
-        'start_timeout_s': _START_TIMEOUT_S,
+        'start_timeout_s': real('start_timeout_s', options.start_timeout_s, least=0.0),
     }
     nodes: list[FlightNode] = [
         PlantNode(plant),

@@ -54,6 +54,13 @@ def parser() -> argparse.ArgumentParser:
         help='simulated seconds per second; 0: as fast as it goes (default)',
     )
     found.add_argument(
+        '--start-timeout-s',
+        default=30.0,
+        type=float,
+        metavar='S',
+        help='wall time to wait for all nodes before tick 0 (%(default)s); 0: for ever',
+    )
+    found.add_argument(
         '--no-fail', action='store_true', help='exit code 0 although a requirement is missed'
     )
     found.add_argument(

@@ -7,4 +7,4 @@ from functools import partial
 from rpo_ros.entry_point import start_node
 
 guidance = partial(start_node, 'rpo_guidance.guidance_node')
-operator = partial(start_node, 'rpo_guidance.operator_node')
+operator = partial(start_node, 'rpo_guidance.operator_node', interpreted=True)

@@ -6,12 +6,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from typing import Any
 
 import yaml
 
 from rpo_core import files
 from rpo_core.chain.chain import signals_of
+from rpo_core.chain.stage import sections
 from rpo_core.control import controller
 from rpo_core.files import scenario
 from rpo_core.files.scenario import Scenario
@@ -54,6 +56,7 @@ class Manifests:
     """
 
     def __init__(self) -> None:
+        sections()  # imported now: in flight a node that imports for a second hears nobody
         self.scenario: Scenario | None = None
         self.plant: Values = {}
         self._by_role: dict[str, tuple[str, Values]] = {}
@@ -83,7 +86,8 @@ class Manifests:
             ours = values.get(_RUN, '') == self.run_id
             return '' if ours else f'{name} is a second plant: the log is that of the first'
         try:
-            found = files.loads(values[_FILE + run.SCENARIO], scenario.parse, 'scenario')
+            text = values[_FILE + run.SCENARIO]
+            found = files.loads(text, partial(scenario.parse, rehearsed=True), 'scenario')
         except (InputError, KeyError) as error:
             return f'the manifest of {name} has no usable scenario: {error}'
         if not isinstance(found, Scenario):

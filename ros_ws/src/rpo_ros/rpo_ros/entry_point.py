@@ -81,11 +81,15 @@ def asks_for_help() -> bool:
     return bool({'-h', '--help'} & set(sys.argv[1:]))
 
 
-def start_node(module: str) -> int:
+def start_node(module: str, interpreted: bool = False) -> int:
     """Run the node of a module, or answer `--help` without importing it; return the exit code.
 
     module : PACKAGE.NAME_node; the node's parameters are those of NAME in PACKAGE
+    interpreted : whether kernels are interpreted unless `RPO_JIT` says otherwise: where a node
+        calls few, importing numba takes most of the CPU time of its start
     """
+    if interpreted and not os.environ.get('RPO_JIT'):
+        os.environ['RPO_JIT'] = '0'
     from rpo_core.files.output import standard_output
 
     with standard_output():

@@ -86,7 +86,9 @@ def topics_of(node: Node) -> Iterator[tuple[str, str]]:
     """Yield where a node publishes and hears the signals of the table, as a manifest has it."""
     made = {publisher.topic_name for publisher in node.publishers}
     heard = {subscription.topic_name for subscription in node.subscriptions}
-    for row in interfaces.rows(logged=True):
+    for row in interfaces.rows_so_far():
+        if not (row.type and row.logged):
+            continue
         name = node.resolve_topic_name(row.topic)
         yield from [(f'publishes.{row.name}', name)] if name in made else []
         yield from [(f'hears.{row.name}', name)] if name in heard else []

@@ -15,7 +15,7 @@ from typing import Any
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
 from rpo_core.chain.chain import Chain, Signals
-from rpo_core.chain.stage import Place
+from rpo_core.chain.stage import Place, section_of
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_ros import health
@@ -196,15 +196,23 @@ class PlaceNode(ManagedNode):
         super().__init__(self.node_name, overrides)
         self.start()
 
+    def chain_of(self, scenario: Scenario) -> Chain:
+        """Return the stages of its places."""
+        return Chain.of(scenario).part(*self.places)
+
     def part(self, scenario: Scenario) -> Chain | None:
         """Return the stages of its places; without any, the node ends."""
-        chain = Chain.of(scenario).part(*self.places)
+        chain = self.chain_of(scenario)
         does, makes = self.what
         if not chain.links:
             # No error: one launch file serves every scenario.
             self.get_logger().info(f'{scenario.name} has no {makes}: nothing to do')
             self.done = True
             return None
+        for settings in scenario.sections:
+            section = section_of(settings)
+            if section.rehearse is not None and section.place in self.places:
+                section.rehearse(settings, scenario)
         self.manifest = self.manifest or health.Manifest(self, self.role or self.node_name)
         self.manifest.publish({'scenario': scenario.name} if self.role else {}, {})
         self.get_logger().info(f'{does} as in {scenario.name}')

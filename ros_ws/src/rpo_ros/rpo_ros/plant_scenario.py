@@ -4,12 +4,14 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable
 from typing import Any
 
 from rpo_core import files
-from rpo_core.files import scenario
+from rpo_core.chain.stage import sections
+from rpo_core.files import plugins, scenario
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError, choice
 from rpo_core.wire.statuses import Manifest
@@ -26,9 +28,19 @@ LOCKSTEP, FREE_RUNNING = 'lockstep', 'free_running'
 """Modes of a plant."""
 
 
-def _flown(text: str, mode: str) -> Scenario:
-    """Return the scenario that a plant flies in a mode; raises InputError if no plant does."""
-    found = files.loads(text, scenario.parse, 'the scenario of the plant')
+def _flown(text: str, mode: str, bare: bool, known: Scenario | None) -> Scenario:
+    """Return the scenario that a plant flies in a mode; raises InputError if no plant does.
+
+    bare : whether to leave out its sections: to import and to check all of them takes time
+    known : what the text says; None: to be read
+    """
+
+    def parse(document: Any) -> Any:
+        if bare:
+            return scenario.parse(scenario.bare(document), known={})
+        return scenario.parse(document, rehearsed=True)  # by the plant, as it read the file
+
+    found = known or files.loads(text, parse, 'the scenario of the plant')
     if not isinstance(found, Scenario):
         raise InputError('the scenario of the plant must be a single flight; got a set')
     choice(_MODE, mode, ('', LOCKSTEP, FREE_RUNNING))
@@ -40,6 +52,8 @@ class PlantScenario:
 
     take : takes the scenario of the run; raises InputError if the node cannot take part
     refuse : gets the reason why the node cannot take part
+    bare : whether to read it without sections, where no plug-in may have added one: what the node
+        does depends on none
     free_running : whether the plant keeps the wall clock; then it publishes the forces that act
     scenario : of the run; the one of the parameter until the plant publishes its own; None: unknown
     """
@@ -50,9 +64,17 @@ class PlantScenario:
         asserted: str,
         take: Callable[[Scenario], Any],
         refuse: Callable[[str], Any],
+        bare: bool = False,
     ) -> None:
         self._node, self._take, self._refuse = node, take, refuse
+        self.bare = bare and not asserted and not os.environ.get(plugins.VARIABLE)
+        if not self.bare:
+            sections()  # imported now: in flight a node that imports for a second answers nobody
         self._asserted = scenario.load_scenario(asserted) if asserted else None
+        self._asserted_text = ''
+        if self._asserted is not None:
+            content = files.read_text(files.find('scenario', asserted))
+            self._asserted_text = scenario.text_for_logs(content, self._asserted)
         self._text = self._run = self._mode = ''
         self._heard_s = self._asked_s = 0.0
         self.scenario = self._asserted
@@ -79,7 +101,10 @@ class PlantScenario:
         heard = self._run != '' and now_s - self._heard_s < ANEW_S
         if other and (heard or self._run == run != ''):
             return  # while a plant is there, and within a run, neither changes
-        found = _flown(text, mode) if other else None
+        found = None
+        if other:
+            known = self._asserted if text == self._asserted_text else None
+            found = _flown(text, mode, self.bare, known)
         self._run, self._heard_s = run, now_s
         if found is None:
             return

@@ -9,7 +9,7 @@ from abc import abstractmethod
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.duration import Duration
@@ -55,8 +55,11 @@ class StageNode(FlightNode):
     of a chaser that turns, whose plant says that in other axes, what was sent. A stage that may
     miss a command of this tick waits as long, once a run has begun.
 
+    bare : whether its stages depend on no section of the scenario
     chain : the stages, None until the scenario is known
     """
+
+    bare: ClassVar[bool] = False
 
     def __init__(self, name: str, overrides: Mapping[str, Any] | None) -> None:
         super().__init__(name, overrides)
@@ -82,7 +85,9 @@ class StageNode(FlightNode):
         self._stage_status = self.create_publisher(
             DiagnosticStatus, interfaces.STAGE_STATUS, qos.LATCHED
         )
-        self._run = PlantScenario(self, self.values['scenario'], self._fly_in, self.refuse)
+        self._run = PlantScenario(
+            self, self.values['scenario'], self._fly_in, self.refuse, self.bare
+        )
 
     def begin(self) -> None:
         """Start to listen; the subclass is ready."""

@@ -4,7 +4,9 @@
 
 from __future__ import annotations
 
+from rpo_core.chain.chain import Chain, DisturbanceStage, Link
 from rpo_core.chain.stage import Place
+from rpo_core.files.scenario import Scenario
 from rpo_ros.managed_node import PlaceNode
 
 
@@ -17,6 +19,14 @@ class DisturbanceInjectorNode(PlaceNode):
     what = ('disturbing', 'disturbance')
     role = 'disturbance'
     off = 'no disturbance'
+    bare = True
+
+    def chain_of(self, scenario: Scenario) -> Chain:
+        """Return the disturbance; a plug-in may add stages, without any this one is alone."""
+        if not self._run.bare:
+            return super().chain_of(scenario)
+        stage = DisturbanceStage(scenario.disturbance, scenario)
+        return Chain([] if scenario.disturbance.is_zero else [Link(Place.DISTURBANCE, stage, ())])
 
 
 main = DisturbanceInjectorNode.main

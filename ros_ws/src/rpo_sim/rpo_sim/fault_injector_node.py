@@ -105,7 +105,7 @@ class FaultInjectorNode(FlightNode):
         last = math.inf if values['to_tick'] == LAST_TICK else values['to_tick']
         self._schedule = Schedule(values['from_tick'], last)
         self._scenario: Scenario | None = None
-        PlantScenario(self, values['scenario'], self._take, self._refuse).begin()
+        PlantScenario(self, values['scenario'], self._take, self._refuse, bare=True).begin()
         self._out = self.create_publisher(kind, sink, qos.LOCKSTEP)
         self.create_subscription(kind, source, self._on_message, qos.LOCKSTEP)
         if values['delay_s'] > 0.0:

@@ -21,7 +21,7 @@ from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import ABORTED, ENDED, FINISHED, GONE, PAUSED, RUNNING, WAITING
 from rpo_ros import health, qos
 from rpo_ros.conversions import to_status
-from rpo_ros.heartbeat import Pulse, Watch
+from rpo_ros.heartbeat import Pulse, Timeout, Watch
 from rpo_ros.plant_scenario import FREE_RUNNING, LOCKSTEP
 from rpo_ros.signals import listen
 from rpo_sim import services
@@ -99,7 +99,8 @@ class PlantNode(Loop):
         self._again, self._unrecorded, self._logged_s = False, False, 0.0
         self._zones_entered = 0
         self._complete = False  # whether all was there at the last look
-        self._begun = self.sent_s = self.progress_s = time.monotonic()
+        self._start_timeout: Timeout | None = None
+        self.sent_s = self.progress_s = time.monotonic()
         self.report(health.OK, WAITING, 'waiting for peers')
 
     @property
@@ -216,7 +217,12 @@ class PlantNode(Loop):
             self._begin_run()
 
     def _wait(self, now_s: float) -> None:
-        """Send state 0 until all peers have answered and a recorder is ready: all are connected."""
+        """Send state 0 until all peers have answered and a recorder is ready: all are connected.
+
+        The time-out begins here, not before: other nodes of the process are made after the plant.
+        """
+        self._start_timeout = self._start_timeout or Timeout()
+        waited_s = self._start_timeout.look()
         where = {name: self.resolve_topic_name(name) for name in self._peers}
         absent = [name for name, topic in where.items() if not self.count_publishers(topic)]
         self._latched.repeat()  # so that nodes get the scenario quickly
@@ -234,7 +240,7 @@ class PlantNode(Loop):
             self._switch()
             self.advance()
             self.pacing.begin()
-        elif awaited and 0.0 < self.values['start_timeout_s'] < now_s - self._begun:
+        elif awaited and 0.0 < self.values['start_timeout_s'] < waited_s:
             self.abort(f'no answer in time from {", ".join(awaited)}')
         elif awaited and now_s - self._logged_s > _LOG_S:
             self._logged_s = now_s

@@ -159,7 +159,8 @@ class Section:
     make : from the settings and the scenario to the stage
     check : raises InputError where the settings and the scenario do not go together
     needs : another section that the scenario must have, and what that is to this one
-    rehearse : the same by a trial, which takes a moment; of scenario files only, as they are read
+    rehearse : the same by a trial, which takes a moment; of scenario files only, as they are read.
+        Of the scenario of a plant, only the node of that place does it
     zones : what views draw about the target (`rpo_core.judge.zones`), of settings and scenario
     of_zones : fields that a mapping of the section takes from section `zones`, of both
     names_files : whether its settings may name a file, whose content is then part of a log

@@ -112,6 +112,8 @@ class Scenario(Checked):
 
     def _check_sections(self) -> None:
         """Put the sections in the order of the chain."""
+        if not self.sections and self.requirements is None:
+            return  # without importing the modules of all sections
         known = list(sections().values())  # of one place, in the order of registration
         found = {id(s): section_of(s) for s in self.sections}
         order = sorted(self.sections, key=lambda s: (found[id(s)].place, known.index(found[id(s)])))
@@ -307,11 +309,26 @@ class ScenarioSet:
         ]
 
 
-def parse(document: Any) -> Scenario | ScenarioSet:
-    """Return the scenario, or set, of a parsed YAML document; raises InputError."""
+def bare(document: Any) -> Any:
+    """Return a document without sections, zones and requirements; another one as it is."""
+    core = ('schema', 'name', 'initial_position_m', *_FIELDS, 'epoch', 'disturbance', 'body')
+    if not isinstance(document, Mapping) or document.get('schema') != SCHEMA:
+        return document
+    return {key: value for key, value in document.items() if key in core}
+
+
+def parse(
+    document: Any, known: Mapping[str, Section] | None = None, rehearsed: bool = False
+) -> Scenario | ScenarioSet:
+    """Return the scenario, or set, of a parsed YAML document; raises InputError.
+
+    known : sections that it may have; None: all, whose modules are imported then
+    rehearsed : whether somebody has made the trials of `Section.rehearse` before
+    """
     is_set = schema(document, SCHEMA, SET_SCHEMA) == SET_SCHEMA
     start = starts.field_of(document) if is_set else 'initial_position_m'
-    known = {n: s for n, s in sections().items() if not is_set or n in SET_SECTIONS}
+    known = sections() if known is None else known
+    known = {n: s for n, s in known.items() if not is_set or n in SET_SECTIONS}
     required = ['schema', 'name', *_FIELDS, start, 'epoch', 'disturbance']
     _refuse_ellipses(document)
     data = mapping('', document, required, [*known, *_OPTIONAL])
@@ -338,11 +355,11 @@ def parse(document: Any) -> Scenario | ScenarioSet:
     )
     base = replace(base, disturbance=_disturbance(data['disturbance'], base.mean_motion_rad_s))
     found = ScenarioSet(base, starts.parse(start, data[start])) if is_set else None
-    rehearsed = base if found is None else found.farthest
+    farthest = base if found is None else found.farthest
     for settings in base.sections:
         rehearse = section_of(settings).rehearse
-        if rehearse is not None:
-            rehearse(settings, rehearsed)
+        if rehearse is not None and not rehearsed:
+            rehearse(settings, farthest)
     return base if found is None else found
 
 

@@ -262,6 +262,11 @@ def table() -> dict[str, Interface]:
     return _TABLE
 
 
+def rows_so_far() -> tuple[Interface, ...]:
+    """Return the rows of the modules imported so far: of whatever is in use, others too."""
+    return tuple(_TABLE.values())
+
+
 def previous(name: str) -> str:
     """Return the name of a signal as it was one tick ago."""
     return name + _PREVIOUS
