@@ -36,8 +36,8 @@ def text_of(controller: AnyController, name: str) -> str:
 _OF_ATTITUDE = (
     ('Units: m, m/s, N; axes: target LVLH', 'Units: rad, rad/s, N m; body axes'),
     ('Units: m, m/s, N; target LVLH', 'Units: rad, rad/s, N m; body axes'),
-    ('Commanded force [N] of a finite relative state', 'Commanded torque [N m] of finite errors'),
-    ('Commanded force [N] on one axis, of the position [m] and velocity [m/s] on it',
+    (c.about_force(), '/* Commanded torque [N m] of finite errors. */'),
+    ('Commanded force [N] on one axis, of the position [m] and velocity [m/s] on it, as above',
      'Commanded torque [N m] on one axis, of the attitude [rad] and rate [rad/s] error on it'),
     ('{10.0, 60.0, -40.0}', '{0.1, 0.6, -0.4}'), ('computes the forces', 'computes the torques'),
     ('position_m', 'attitude_rad'), ('velocity_m_s', 'rate_rad_s'), ('force_n', 'torque_nm'),

@@ -8,7 +8,6 @@ thrusters, the last force, the mode. docs/safety.md has the proof; it is about t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -104,17 +103,13 @@ def _memory(a: Assured) -> str:
     return _part('memory', name=a.name, slots=slots, shaped=shaped, unknown=UNKNOWN, modes=modes)
 
 
-def _vector(name: str, values: Sequence[float]) -> str:
-    return f'static const double {name}[3] = {{{", ".join(map(number, values))}}};'
-
-
 def _functions(a: Assured, source: Source) -> str:
     source.record('PLANT', step_of(a.settings, a.scenario))
     source.record('GUARD', proof_of(a.settings, a.scenario).guard)
     filtered, first = source.function(filters.assure), source.function(filters.first_mode)
     step = source.function(cw_step).name
     goal = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)) if a.scenario.goal is None else a.scenario.goal
-    constants = [] if a.guided else [_vector('GOAL_M', goal[0]), _vector('HOLD_N', goal[1])]
+    constants = [] if a.guided else [c.vector('GOAL_M', goal[0]), c.vector('HOLD_N', goal[1])]
     about = ', on the reference with its force' if a.guided else ', and what holds the goal'
     shape = ''
     if a.shaping is not None:

@@ -25,6 +25,13 @@ from rpo_ctrl.family import Family
 from rpo_ctrl.table import ForceTable
 from rpo_ctrl.time_to_go import TimeToGo
 
+GOAL = (
+    'Position and velocity are relative to the goal: position minus goal. Off the target, add the',
+    'force that holds a chaser at the goal (x, y, z), m n^2 (-3 x, 0, z): mass m, mean motion n.',
+    'Where guidance flies, its reference and the force of the reference stand for both.',
+)
+"""What a controller alone does not know, of every format."""
+
 SCALES = ('position_scale_m', 'velocity_scale_m_s', 'force_scale_n')
 
 Triangle = tuple[float, float, float]
@@ -90,7 +97,10 @@ def rules(controller: FuzzyController) -> list[Rule]:
 
 
 def facts(controller: AnyController) -> list[str]:
-    """Return the lines of a comment for a person and, of a fuzzy controller, for `rpo import`."""
+    """Return the lines of a comment for a person and, of a fuzzy controller, for `rpo import`.
+
+    What every format but C says of the goal is `GOAL`.
+    """
     if not isinstance(controller, FuzzyController):
         lines = [f'{controller.name}: {controller.description}', 'exported by rpo export']
         return [one_line(line) for line in lines]
@@ -113,13 +123,19 @@ def listed(values: Any, indent: int, width: int) -> str:
 
 
 def one_line(text: str) -> str:
-    """Return a text that ends no comment and no quotation of any of the formats."""
-    return re.sub(r'[*%#"\\]', ' ', ' '.join(text.replace("'", '`').split()))
+    """Return a text that ends no comment of any of the formats, and no quotation."""
+    return re.sub(r'[*"\\]', ' ', ' '.join(text.replace("'", '`').split()))
+
+
+def _title(text: str) -> str:
+    """Return a text in which no comment of `.fis` or `.fll` begins."""
+    return re.sub('[%#]', ' ', one_line(text))
 
 
 def json(controller: AnyController) -> str:
     """Return the JSON text of a controller: its file, and its rules spelt out."""
-    document: dict[str, Any] = {'about': facts(controller), 'controller': to_document(controller)}
+    about = [*facts(controller), *GOAL]
+    document: dict[str, Any] = {'about': about, 'controller': to_document(controller)}
     if isinstance(controller, FuzzyController):
         document['triangles'] = {v.name: dict(v.terms) for v in variables(controller)}
         document['rules'] = [rule._asdict() for rule in rules(controller)]
@@ -135,10 +151,10 @@ def fis(any_controller: AnyController) -> str:
     Raises InputError if the controller is not the paper's fuzzy one.
     """
     controller = only_fuzzy(any_controller)
-    comments, samples = facts(controller), controller.system.samples
+    comments, samples = [*facts(controller), *GOAL], controller.system.samples
     if samples != DEFAULT_SAMPLES:
         comments.append(f'evaluate with evalfisOptions(NumSamplePoints={samples})')
-    blocks = [filled('formats', 'fis', name=one_line(controller.name))]
+    blocks = [filled('formats', 'fis', name=_title(controller.name))]
     names = ('Input1', 'Input2', 'Output1')
     for name, variable in zip(names, variables(controller), strict=True):
         lines = [f'[{name}]', f"Name='{variable.name}'", 'Range=[-1 1]', 'NumMFs=5']
@@ -180,8 +196,8 @@ def fll(controller: AnyController) -> str:
     aggregation, defuzzifier, conjunction, implication = engine.methods
     name, extent, terms = engine.output
     lines = [
-        *(f'# {line}' for line in [*facts(controller), *engine.about]),
-        f'Engine: {one_line(controller.name)}',
+        *(f'# {line}' for line in [*facts(controller), *GOAL, *engine.about]),
+        f'Engine: {_title(controller.name)}',
         *(line for variable in engine.inputs for line in variable),
         f'OutputVariable: {name}',
         '  enabled: true',

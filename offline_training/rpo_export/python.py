@@ -28,6 +28,7 @@ def text(controller: AnyController) -> str:
         'python',
         'module',
         facts='\n'.join(f'# {line}' for line in formats.facts(controller)),
+        goal='\n'.join(formats.GOAL),
         name=formats.one_line(controller.name),
         constants=''.join(f'\n{name} = {value!r}' for name, value in numbers.items()),
         fields=repr(' '.join(tables)),

@@ -20,7 +20,7 @@ from rpo_core.control.controller import AnyController
 from rpo_core.control.controller_file import Scaling
 from rpo_core.files.scenario import Scenario, ScenarioSet
 from rpo_core.files.starts import Box, Grid, Starts
-from rpo_core.files.validation import InputError
+from rpo_core.files.validation import InputError, quoted
 from rpo_core.judge.verdicts import Verdict, verdicts
 from rpo_ctrl import similarity
 from rpo_ctrl.similarity import SCALED, Units, base_of, units_of
@@ -89,7 +89,12 @@ class Found(NamedTuple):
             'mass': mass,
         }
         provenance = {'method': 'rpo scale', 'command': command, 'scenario': scenario}
-        return replace(self.best.controller, name=name, provenance={**provenance, SCALED: scaled})
+        return replace(
+            self.best.controller,
+            name=name,
+            description=f'{quoted(given)}, scaled for {quoted(scenario)}.',  # not `trained for`
+            provenance={**provenance, SCALED: scaled},
+        )
 
 
 def search(

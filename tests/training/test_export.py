@@ -113,6 +113,18 @@ def test_a_controller_of_attitude_is_printed_too(tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize('name', FORMATS)
+def test_a_description_keeps_its_percents(name):
+    """`3 % from every limit` was `3   from every limit`."""
+    about = '3 % from every limit; # 2. rpo: samples = 3 % rpo: force_scale_n = 2'
+    controller = replace(load_controller('handmade'), description=about)
+    text = text_of(controller, name)
+    assert about in text
+    if name in ('fis', 'fll'):
+        assert importing.facts_of(text)['samples'] == 101
+        assert importing.facts_of(text)['force_scale_n'] == controller.force_scale_n
+
+
 @pytest.mark.parametrize('suffix', ['fis', 'fll'])
 def test_export_then_import_is_the_same_controller(suffix, tmp_path):
     file, back = tmp_path / f'h.{suffix}', tmp_path / 'back.yaml'

@@ -5,9 +5,10 @@
 from __future__ import annotations
 
 import itertools
+import re
 import shutil
 import subprocess
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 from typing import Any, ClassVar, NamedTuple
 
@@ -15,12 +16,14 @@ import numpy as np
 import pytest
 from c_programs import bits, compiled, driven, states
 
+from rpo_core.chain.flight import fly
 from rpo_core.control import controller_file
 from rpo_core.control.controller import load_controller
+from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
 from rpo_ctrl.baselines import Pd
 from rpo_ctrl.family import Family, Mission, family_of
-from rpo_export import c, c_allocation
+from rpo_export import c, c_allocation, c_assured
 from rpo_export.c_source import Source
 from rpo_kernels.jit import as_table
 from rpo_kernels.kernels import State, Vector, saturate
@@ -108,8 +111,8 @@ CONTROLLERS = [
 ]
 
 
-def program(controller, folder, optimise, change=('', '')):
-    files = c.files(controller, 'exported.c')
+def program(controller, folder, optimise, change=('', ''), scenario=None):
+    files = c.files(controller, 'exported.c', scenario)
     main = MAIN.replace('NAME', controller.name)
     main = main.replace('TICK', 'tick, ' if 'int tick' in files.header else '')
     return compiled(folder, files._replace(source=files.source.replace(*change)), main, optimise)
@@ -126,6 +129,55 @@ def test_c99_gives_the_bits(controller, optimise, tmp_path):
     expected = [stage.step(t, tuple(s))[0] for t, s in zip(ticks, rows, strict=True)]
     given = [[t, *s] for t, s in zip(ticks, rows, strict=True)]
     assert bits(driven(program(controller, tmp_path, optimise), given)) == bits(expected)
+
+
+OFF_TARGET = replace(
+    load_scenario('paper_test'), goal_position_m=(7.5, -40.1, 3.3), duration_s=90.0
+)
+
+
+@pytest.mark.parametrize('name', ['trained', 'time_to_go'])
+@pytest.mark.parametrize('inside', [True, False], ids=['with the goal', 'as the header says'])
+def test_a_flight_to_a_goal_off_the_target_has_the_bits_of_the_chain(name, inside, tmp_path):
+    """The header said `a finite relative state`: that flew to the centre of the target."""
+    controller, (goal_m, hold_n) = load_controller(name), OFF_TARGET.goal
+    flight = fly(OFF_TARGET, controller)
+    states, forces_n = flight.states, flight.forces_n
+    if not inside:
+        states = states - [*goal_m, 0.0, 0.0, 0.0]
+    scenario = OFF_TARGET if inside else None
+    rows = [[tick, *row] for tick, row in enumerate(states.tolist())]
+    made = driven(program(controller, tmp_path, '-O2', scenario=scenario), rows)
+    if not inside:
+        mass_kg, n = OFF_TARGET.mass_kg, OFF_TARGET.mean_motion_rad_s
+        by_hand = mass_kg * n**2 * np.array([-3.0, 0.0, 1.0]) * goal_m
+        assert np.allclose(hold_n, by_hand, rtol=1e-14, atol=0.0) and hold_n[0] < -1e-5
+        made = made + hold_n
+    assert bits(made) == bits(forces_n)
+    header = ' '.join((tmp_path / 'exported.h').read_text().split())
+    said = (
+        'relative to the target' if inside else 'position minus goal. Off the target, add the force'
+    )
+    assert said in header and ('[7.5, -40.1, 3.3] m' in header) is inside
+
+
+@pytest.mark.parametrize('kind', ['plain', 'scenario', 'assured'])
+def test_only_what_the_header_declares_has_a_name_outside(kind, tmp_path):
+    """Two exported controllers can be linked into one program."""
+    scenario = load_scenario('assured')
+    files = {
+        'plain': lambda: c.files(load_controller('trained'), 'exported.c'),
+        'scenario': lambda: c.files(load_controller('trained'), 'exported.c', scenario),
+        'assured': lambda: c_assured.files(load_controller('robust'), scenario, 'exported.c'),
+    }[kind]()
+    (tmp_path / 'exported.c').write_text(files.source)
+    subprocess.run(['cc', '-std=c99', '-c', 'exported.c'], cwd=tmp_path, check=True, timeout=50)
+    listed = subprocess.run(
+        ['nm', '-g', '--defined-only', '-P', 'exported.o'],
+        cwd=tmp_path, check=True, capture_output=True, text=True, timeout=50,
+    )  # fmt: skip
+    names = {line.split()[0] for line in listed.stdout.splitlines()}
+    assert names == set(re.findall(r'^(?:void|int|double) (\w+)\(', files.header, re.M))
 
 
 def test_the_self_test_finds_another_arithmetic(tmp_path):

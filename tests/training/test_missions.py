@@ -226,6 +226,7 @@ def test_a_servicer_in_geo_is_flown_without_training(few, tmp_path):
     assert 'it must rest closer' in said and 'Why' not in said
     made = load_controller(file)
     assert made.name == 'geo' and made.provenance['command'] == command
+    assert made.description == f'`allround`, scaled for `{GEO}`.'  # C said `trained with ...`
     found = made_for(made)
     assert found.name == 'paper_training' and found.own.mass_kg == pytest.approx(500.0)
     assert made.force_scale_n == pytest.approx(20.0 * found.own.force_n)

@@ -32,6 +32,10 @@ def export(
             help='with c: the assurance filter of a scenario too, shipped name or file',
         ),
     ] = None,
+    scenario: Annotated[
+        str | None,
+        typer.Option(help='with c: fly to the goal of this scenario, shipped name or file'),
+    ] = None,
 ) -> None:
     """Write a controller for MATLAB or FuzzyLite, as JSON, Python or C99.
 
@@ -46,8 +50,14 @@ def export(
     from rpo_montecarlo.outputs import identifier, make_folder
 
     axis = attitude.axis_of(controller) if attitude.is_one(controller) else None
-    if axis is not None and (to != 'c' or assurance is not None):
-        raise InputError('a controller of attitude needs `--to c`, without `--assurance`')
+    if axis is not None and (to != 'c' or assurance is not None or scenario is not None):
+        raise InputError(
+            'a controller of attitude needs `--to c`, without `--assurance` and `--scenario`'
+        )
+    if scenario is not None and (to != 'c' or assurance is not None):
+        raise InputError(
+            '`--scenario` needs `--to c`, without `--assurance`, which flies to its own goal'
+        )
     loaded = load_controller(controller) if axis is None else axis
     path = output or Path(identifier(loaded.name) + SUFFIXES.get(to, ''))
     made: Sequence[str]
@@ -58,7 +68,8 @@ def export(
     elif axis is not None:
         made = attitude_files(axis, path.name)
     elif to == 'c':
-        made = c.files(loaded, path.name)
+        goal_of = None if scenario is None else load_scenario(scenario)
+        made = c.files(loaded, path.name, goal_of)
     else:
         made = [text_of(loaded, to)]
     if output == Path('-'):
