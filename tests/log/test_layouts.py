@@ -7,6 +7,7 @@ from __future__ import annotations
 import os
 import shutil
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -131,27 +132,33 @@ def true(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / 'run.mcap'
 
 
+@cache
+def seen(log: Path) -> tuple[Any, ...]:
+    """Return what is known of the log that is rewritten."""
+    return Parts.of(log), read_run(log), verify(log).stages, inspect(log).messages, views(log)
+
+
 def judge_a_layout(true: Path, folder: Path, layout: Layout) -> list[str]:
     """Return the gaps that verify names."""
+    parts, same, stages, messages, shown_before = seen(true)
     path = folder / 'run.mcap'
-    layout.write(Parts.of(true), path)
+    layout.write(parts, path)
     found = verify(path)
     assert found.difference is None, found.sentence()
     assert found.exit_code == (ExitCode.INCOMPLETE if found.gaps else ExitCode.OK)
-    assert found.ticks == 11 and found.stages == verify(true).stages
+    assert found.ticks == 11 and found.stages == stages
     assert all(gap.startswith('run.mcap: ') for gap in found.gaps), found.gaps
     if layout.library:
         assert 'run.mcap: the header is not as the recorder writes it' in '; '.join(found.gaps)
-    lacking = {'rosbag2', 'rpo_run'} - {*layout.metadata}
-    for name in lacking:
+    for name in {'rosbag2', 'rpo_run'} - {*layout.metadata}:
         assert f"the metadata '{name}' is missing" in found.sentence()
-    log, same = read_run(path), read_run(true)
+    log = read_run(path)
     assert log.attachments == same.attachments and log.complete
-    assert inspect(path).messages == inspect(true).messages
+    assert inspect(path).messages == messages
     for name, values in same.values.items():
         np.testing.assert_array_equal(log.values[name], values)
     shown = views(path)
-    assert shown['streaming'] == views(true)['streaming']
+    assert shown['streaming'] == shown_before['streaming']
     seeking = shown['seeking']  # without channels in the summary it ends with an error
     assert seeking == shown['streaming'] or str(seeking).startswith('KeyError: ')
     return list(found.gaps)
@@ -164,9 +171,9 @@ def test_any_layout_is_recomputed(true, layout, tmp_path_factory):
 
 
 @pytest.mark.slow
-@settings(max_examples=2000)
+@settings(max_examples=500)
 @given(layout=layouts())
-def test_two_thousand_layouts_are_recomputed(true, layout, tmp_path_factory):
+def test_many_layouts_are_recomputed(true, layout, tmp_path_factory):
     judge_a_layout(true, tmp_path_factory.mktemp('layout'), layout)
 
 

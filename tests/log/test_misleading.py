@@ -15,7 +15,7 @@ import pytest
 import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from log_runs import STATE, make_run
+from log_runs import STATE, make_run, record
 from mcap.opcode import Opcode
 from mcap.records import (
     Attachment,
@@ -191,6 +191,12 @@ def a_channel_only_in_the_summary(raw: Raw) -> bytes:
     return raw.bytes()
 
 
+def a_channel_without_messages(raw: Raw) -> bytes:
+    at, one = list(raw.records(Channel))[-1]
+    raw.summary.insert(at, packed(replace(one, id=77, topic='/other')))
+    return raw.bytes()
+
+
 def another_channel_in_the_summary(raw: Raw) -> bytes:
     raw.change(Channel, lambda one: replace(one, topic='/other') if one.topic == STATE else one)
     return raw.bytes()
@@ -363,6 +369,7 @@ FORGERIES = {
     a_chunk_with_another_time: (LED, True),
     a_chunk_without_channels: (LED, True),
     a_channel_only_in_the_summary: ('comes before any record of its channel', True),
+    a_channel_without_messages: ("the channel '/other' is in its summary only", False),
     another_channel_in_the_summary: ('two channel records of number', True),
     another_schema_in_the_summary: ('two schema records of number', True),
     a_channel_less_in_the_summary: ('its summary lacks the channel', True),
@@ -400,6 +407,18 @@ def test_a_log_that_shows_others_something_else_is_not_verified(true, tmp_path, 
     assert found.exit_code == ExitCode.INCOMPLETE, found.sentence()
     assert words in found.sentence()
     assert not [what for what in found.recomputed if 'indexes' in what]
+
+
+def test_decisions_that_show_others_something_else_are_named(tmp_path):
+    path = record(tmp_path / 'run') / 'decisions.mcap'
+    (path.parent / 'SHA256SUMS').unlink()
+    assert verify(path.parent).exit_code == ExitCode.OK
+    raw = Raw(path.read_bytes())
+    raw.change(ChunkIndex, lambda one: replace(one, chunk_start_offset=one.chunk_start_offset + 1))
+    path.write_bytes(raw.bytes())
+    found = verify(path.parent)
+    assert found.exit_code == ExitCode.INCOMPLETE and f'decisions.mcap: {LED}' in found.gaps
+    assert 'decisions.mcap' not in found.recomputed
 
 
 @st.composite
@@ -445,7 +464,7 @@ def test_where_another_reader_is_shown_something_else_nothing_is_verified(
 
 
 @pytest.mark.slow
-@settings(max_examples=3000)
+@settings(max_examples=1000)
 @given(edit=edits())
 def test_many_edits_of_a_log_mislead_nobody(true, edit, tmp_path_factory):
     judge_an_edit(true, tmp_path_factory.mktemp('edit'), edit)

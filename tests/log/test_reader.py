@@ -31,6 +31,7 @@ from rpo_mcap.format.run import TimeBase
 from rpo_mcap.read import decode
 from rpo_mcap.read.records import MAGIC, RECORD_HEAD, FileRecords, as_record, message_at
 from rpo_mcap.read.run_log import controller_of, read_flight, read_run, scenario_of
+from rpo_mcap.read.stream import RunReader
 from rpo_mcap.write.mcap_file import McapFile
 from tools.attack.runs import Parts
 
@@ -154,6 +155,19 @@ def test_zeros_at_the_end_are_what_a_power_cut_leaves(run, log_bytes, tmp_path):
     log = read_run(put(tmp_path, log_bytes[: len(log_bytes) // 2] + bytes(5000)))
     equal(log, run.flight)
     assert log.damage
+
+
+def test_a_log_that_grows_is_read_to_its_new_end(run, log_bytes, tmp_path):
+    path = put(tmp_path, log_bytes[: len(log_bytes) // 2])
+    reader = RunReader(path)
+    path.write_bytes(log_bytes)
+    equal(read_run(reader), run.flight)
+    assert not reader.damage
+    path.write_bytes(log_bytes)
+    reader = RunReader(path)
+    path.write_bytes(log_bytes[: len(log_bytes) // 2])
+    with pytest.raises(LogError, match='was changed while it was read'):
+        read_run(reader)
 
 
 # Corrupt

@@ -270,7 +270,8 @@ class Form:
         name = self.path.name
         expected = sorted(expected, key=_is_declaration)
         found = sorted(self._found, key=_is_declaration)
-        gaps = [self.misleading] if self.indexes.fault else []
+        unused = f'{name}: {self.indexes.unused}' if self.indexes.unused else ''
+        gaps = [gap for gap in (self.misleading, unused) if gap]
         if not self.excess and len(found) == len(expected) and all(map(_same, found, expected)):
             lacks = self.indexes.lacks[:1]
             return gaps + [f'{name}: it has no {what}, as the recorder writes it' for what in lacks]

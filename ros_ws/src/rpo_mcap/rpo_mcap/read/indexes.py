@@ -105,11 +105,14 @@ class Indexes:
     fault : the first thing that can show another reader something else; empty if there is none
     lacks : indexes and checksums that a file may have, and this one has not; without summary
         offsets, since our own files beside a log have none
+    unused : a schema or channel that only the summary has: rosbag2 writes those of topics without
+        messages; empty if there is none
     """
 
     def __init__(self) -> None:
         self.fault = ''
         self.lacks: list[str] = []
+        self.unused = ''
         self._records = 0
         self._data_end = -1  # where the summary begins
         self._chunk: _OpenChunk | None = None
@@ -345,7 +348,7 @@ class Indexes:
             only = [after[key] for key in after.keys() - before.keys()]
             lacking = [before[key] for key in before.keys() - after.keys()]
             if only:
-                self._find(f'the {min(only)} is in its summary only')
+                self.unused = f'the {min(only)} is in its summary only'
             if lacking and after:
                 self._find(f'its summary lacks the {min(lacking)}')
             elif lacking:
@@ -355,19 +358,22 @@ class Indexes:
         if not self._statistics:
             self._lack('statistics')
             return
-        kinds = [kind for kind, _ in self._declared.keys() | self._repeated.keys()]
         groups = [self._groups[kind].due for kind in self._groups]
         first, last = self._times or (0, 0)
-        numbers = [kinds.count(int(kind)) for kind in (Opcode.SCHEMA, Opcode.CHANNEL)]
-        expected = (self._counts.total(), *numbers, *groups, first, last, dict(self._counts))
+        written = [kind for kind, _ in self._declared]
+        all_kinds = [kind for kind, _ in self._declared.keys() | self._repeated.keys()]
+        numbers = [
+            (kinds.count(int(Opcode.SCHEMA)), kinds.count(int(Opcode.CHANNEL)))
+            for kinds in (written, all_kinds)
+        ]
+        expected = (self._counts.total(), *groups, first, last, dict(self._counts))
         for said in self._statistics:
             counts = {channel: n for channel, n in said.channel_message_counts.items() if n}
             found = (
-                said.message_count, said.schema_count, said.channel_count, said.chunk_count,
-                said.attachment_count, said.metadata_count, said.message_start_time,
-                said.message_end_time, counts,
+                said.message_count, said.chunk_count, said.attachment_count, said.metadata_count,
+                said.message_start_time, said.message_end_time, counts,
             )  # fmt: skip
-            if found != expected:
+            if found != expected or (said.schema_count, said.channel_count) not in numbers:
                 self._find('the statistics in its summary are not those of its records')
         if len(self._statistics) > 1:
             self._find('its summary has two statistics records')
