@@ -177,14 +177,16 @@ def test_many_layouts_are_recomputed(true, layout, tmp_path_factory):
     judge_a_layout(true, tmp_path_factory.mktemp('layout'), layout)
 
 
-BARE = {'use_chunking': False}
+BARE, SMALL = {'use_chunking': False}, {'chunk_size': 4096}
 LATE = {
-    'metadata first, attachments last': Layout(places=(1.0, 1.0, 1.0, 0.0, 0.0, 0.0)),
-    'metadata last': Layout(places=(1.0,)),
-    'no metadata': Layout(metadata=()),
-    '4 KiB chunks, late channels': Layout({'chunk_size': 4096}, late=True),
+    'metadata first, attachments last': Layout(SMALL, places=(1.0, 1.0, 1.0, 0.0, 0.0, 0.0)),
+    'metadata last': Layout(SMALL, places=(1.0,)),
+    'no metadata': Layout(SMALL, metadata=()),
+    '4 KiB chunks, late channels': Layout(SMALL, late=True),
     'no chunks, late channels': Layout(BARE, late=True),
-    'no index': Layout({'index_types': IndexType.NONE, 'repeat_channels': False}, late=True),
+    'no index': Layout(
+        {**SMALL, 'index_types': IndexType.NONE, 'repeat_channels': False}, late=True
+    ),
 }
 
 
