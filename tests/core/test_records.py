@@ -62,7 +62,9 @@ MUTABLE = [
     'Onboard',
     'TickOrderer',
     '_Extent',
+    '_Group',
     '_Held',
+    '_OpenChunk',
     '_Tick',
 ]
 """What counts, or is put together, piece by piece."""
