@@ -15,15 +15,13 @@ from rpo_core.files.validation import InputError
 from rpo_core.world import cw
 from rpo_core.world.disturbance import Disturbance
 from rpo_nav.navigation_errors import Navigation
+from rpo_nav.sensors import Sensors
+from rpo_safety.known_errors import moving_n, ready, sensed_m, stuck_n, thrust_share, upwards
 from rpo_safety.settings import Assurance
-from rpo_thrusters.authority import FULL, NONE, known
+from rpo_thrusters import authority
+from rpo_thrusters.authority import FULL, NONE
 from rpo_thrusters.table import IDENTITY
 from rpo_thrusters.thrusters import Thrusters
-
-ERRORS = (
-    '`position_error_m`, `velocity_error_m_s`, `disturbance_n`, `thrust_error`, '
-    '`chaser_attitude_error_deg`'
-)
 
 ROUNDING_M = 1e-6
 """Covers the rounding of the kernels, below 1e-9 m in 1 km; added to the error of a position."""
@@ -59,59 +57,115 @@ def largest_n(disturbance: Disturbance) -> float:
 def errors_of(settings: Assurance, scenario: Any) -> Errors:
     """Return what the proof assumes: what the section says, else what the scenario has.
 
-    Raises InputError if the section assumes less than the scenario has, or says nothing where the
-    scenario has sensors, thrusters or dynamics whose errors are not known beforehand.
+    Raises InputError, with all conflicts, if the section assumes less than the scenario has, or
+    says nothing where the scenario has sensors, thrusters or dynamics whose errors are not known
+    beforehand.
+    """
+    found = known(settings, scenario)
+    conflicts, _ = compared(settings, found)
+    if conflicts:
+        raise InputError('; '.join(conflicts))
+
+    def assumed(name: str) -> float:
+        given: float | None = getattr(settings, name)
+        return found[name][0] if given is None else given
+
+    return Errors(
+        assumed('position_error_m'),
+        assumed('velocity_error_m_s'),
+        assumed('disturbance_n'),
+        assumed('thrust_error') + turned_share(settings, scenario),
+        settings.mass_kg or scenario.mass_kg,
+    )
+
+
+def compared(
+    settings: Assurance, found: dict[str, tuple[float, str, str]]
+) -> tuple[list[str], dict[str, Any]]:
+    """Return in what a section conflicts with what is known of its scenario, and what would do.
+
+    found : of `known`
+    """
+    conflicts: list[str] = []
+    changed: dict[str, Any] = {}
+    for name, (least, source, reason) in found.items():
+        given = getattr(settings, name)
+        if given is not None and given < least:
+            would_do = f'must be at least {upwards(least)}, which {source}; got {given!r}'
+        elif given is None and reason:
+            more = f', at least {upwards(least)}' if least > 0.0 else ''
+            would_do = f'is missing; section `{reason}` needs it{more}'
+        else:
+            continue
+        if name == 'thrust_error' and least > 1.0:
+            would_do += ' (1 at most can be assumed: `thrusters` must exert more of a command)'
+        conflicts.append(f'`assurance.{name}` {would_do}')
+        changed[name] = float(upwards(least))
+    return conflicts, changed
+
+
+def known(settings: Assurance, scenario: Any) -> dict[str, tuple[float, str, str]]:
+    """Return of each assumption what is known at least, whose that is, and what makes it unknown.
+
+    The last is the section whose part is not known beforehand; '' if there is none.
     """
     navigation = scenario.section(Navigation) or Navigation()
     mass_kg = settings.mass_kg or scenario.mass_kg
-    own = {
-        'position_error_m': _norm(navigation.position_bias_m)
-        + LARGEST_NORMAL * navigation.position_noise_m,
-        'velocity_error_m_s': _norm(navigation.velocity_bias_m_s)
-        + LARGEST_NORMAL * navigation.velocity_noise_m_s,
-        'disturbance_n': largest_n(scenario.disturbance) * mass_kg / scenario.mass_kg,
-        'thrust_error': _thrust_error(scenario, mass_kg / scenario.mass_kg),
+    lighter = mass_kg / scenario.mass_kg
+    seeing = _seeing(scenario)
+    # Sensors without an estimator change nothing; what another stage makes of noise is its own.
+    most = LARGEST_NORMAL * all(isinstance(s, Sensors) for s in seeing)
+    position_m = _norm(navigation.position_bias_m) + most * navigation.position_noise_m
+    velocity_m_s = _norm(navigation.velocity_bias_m_s) + most * navigation.velocity_noise_m_s
+    seen = next((section_of(s).name for s in seeing), '')
+    moved_n = max(largest_n(scenario.disturbance), moving_n(scenario), stuck_n(scenario))
+    disturbance_n = moved_n * mass_kg / scenario.mass_kg
+    pushed = _first_of(scenario, (Place.DISTURBANCE, Place.DYNAMICS))
+    own, assumed_n = scenario.thrusters, settings.disturbance_n
+    thrust, exerting = _thrust_error(scenario, lighter), ''
+    if own is not None and own != Thrusters(matrix=own.matrix, delay_ticks=own.delay_ticks):
+        exerting = 'thrusters'
+        covered_n = disturbance_n if assumed_n is None else assumed_n
+        share = thrust_share(settings, scenario, lighter, covered_n)
+        alike = own.pulses is None or not own.pulses.errors
+        thrust = max(share * (1.0 - 1e-9), thrust if alike else 0.0)
+    after = (Place.ASSURANCE, Place.LINK, Place.THRUSTERS)
+    exerting = exerting or _first_of(scenario, after, Thrusters)
+    has = 'the scenario has'
+    found = {
+        'position_error_m': (max(position_m, sensed_m(settings, scenario)), has, seen),
+        'velocity_error_m_s': (velocity_m_s, has, seen),
+        'disturbance_n': (disturbance_n, has, pushed),
+        'thrust_error': (thrust, has + (' with `mass_kg`' if settings.mass_kg else ''), exerting),
     }
-    for name, bound in own.items():
-        given, reason = getattr(settings, name), _why_unknown(name, scenario)
-        if reason and given is None:
-            raise InputError(f'`assurance.{name}` is missing; section `{reason}` needs it')
-        if not reason and given is not None and given < bound:
-            other = ' with `mass_kg`' if name == 'thrust_error' and settings.mass_kg else ''
-            raise InputError(
-                f'`assurance.{name}` must be at least {bound:.6g}, which the scenario has{other}; '
-                f'got {given!r}'
-            )
-        own[name] = bound if given is None else given
-    own['thrust_error'] += turned_share(settings, scenario)
-    return Errors(**dict(zip(Errors._fields, (*own.values(), mass_kg), strict=True)))
+    if scenario.target is not None and settings.corridor is not None:
+        found['attitude_error_deg'] = (_norm(scenario.target.known_error_deg), has, '')
+    if scenario.attitude is not None:
+        found['chaser_attitude_error_deg'] = (
+            _turned_deg(scenario),
+            '`attitude_control.limits` and the delay of the thrusters have',
+            'attitude',
+        )
+    return found
 
 
-def _why_unknown(name: str, scenario: Any) -> str:
-    """Return the section whose part of a bound is not known beforehand; '' if there is none."""
-    if name.startswith(('position', 'velocity')):
-        seen = (Place.SENSOR, Place.ESTIMATOR)
-        seeing = [s for s in scenario.sections if section_of(s).place in seen]
-        return next((section_of(s).name for s in seeing if not isinstance(s, Navigation)), '')
-    if name == 'disturbance_n':
-        return _first_of(scenario, (Place.DISTURBANCE, Place.DYNAMICS))
-    own = scenario.thrusters
-    plain = own is None or own == Thrusters(matrix=own.matrix, delay_ticks=own.delay_ticks)
-    if not plain:
-        return 'thrusters'
-    return _first_of(scenario, (Place.ASSURANCE, Place.LINK, Place.THRUSTERS), Thrusters)
+def _seeing(scenario: Any) -> list[Any]:
+    """Return the settings of sensors and estimators whose errors are not known beforehand."""
+    places = (Place.SENSOR, Place.ESTIMATOR)
+    found = [s for s in scenario.sections if section_of(s).place in places]
+    return [s for s in found if not isinstance(s, Navigation)]
 
 
-def _first_of(scenario: Any, places: tuple[Place, ...], *known: type) -> str:
+def _first_of(scenario: Any, places: tuple[Place, ...], *skipped: type) -> str:
     """Return the name of the first section after assurance in some places; '' if there is none.
 
-    known : settings whose errors are known beforehand
+    skipped : settings whose errors are known beforehand
     """
     kinds = [type(s) for s in scenario.sections]
     after = kinds.index(Assurance) + 1 if Assurance in kinds else 0
     for settings in scenario.sections[after:]:
         section = section_of(settings)
-        if section.place in places and not isinstance(settings, known):
+        if section.place in places and not isinstance(settings, skipped):
             return section.name
     return ''
 
@@ -140,31 +194,21 @@ def turned_share(settings: Assurance, scenario: Any) -> float:
         if degrees is not None:
             raise InputError('`assurance.chaser_attitude_error_deg` needs section `attitude`')
         return 0.0
-    control = scenario.named('attitude_control')
-    if control is None:
+    if scenario.named('attitude_control') is None:
         raise InputError(
             '`assurance` needs section `attitude_control` beside `attitude`: it turns the force '
             "into the chaser's axes"
         )
-    if degrees is None:
-        raise InputError(
-            '`assurance.chaser_attitude_error_deg` is missing; section `attitude` needs it'
-        )
-    least = _turned_deg(control, scenario)
-    if degrees < least:
-        raise InputError(
-            f'`assurance.chaser_attitude_error_deg` must be at least {least:.6g}, which '
-            f'`attitude_control.limits` and the delay of the thrusters have; got {degrees!r}'
-        )
-    return 2.0 * math.sin(0.5 * math.radians(degrees))
+    return 2.0 * math.sin(0.5 * math.radians(degrees or 0.0))
 
 
-def _turned_deg(control: Any, scenario: Any) -> float:
+def _turned_deg(scenario: Any) -> float:
     """Return the angle that limits of the torque leave certain: errors, and the turn of a tick.
 
     A force is turned for the middle of the tick in which it acts, by the rate of now.
     """
-    limits = control.limits
+    control = scenario.named('attitude_control')
+    limits = control.limits if control is not None else None
     if limits is None:
         return 0.0
     delay = scenario.thrusters.delay_ticks if scenario.thrusters else 0
@@ -213,16 +257,25 @@ def ahead(errors: Errors, scenario: Any, ticks: int) -> tuple[float, float]:
 def limit_n(scenario: Any) -> float:
     """Return the force [N] that all axes of target LVLH have at once.
 
-    Of a table of thrusters that is what is left without torque when all that are known to fail have
-    failed, and while the wheels are unloaded, or, without wheels, limits of the attitude kept;
-    raises InputError where nothing is. Where the thrusters turn with the chaser, it is that of the
-    largest ball of forces: what there is in every attitude.
+    Of pulses and of a table that is what is left when all that are known to fail have failed; of a
+    table without torque, and while the wheels are unloaded, or, without wheels, limits of the
+    attitude kept. Raises InputError where nothing is. Where the thrusters turn with the chaser, it
+    is that of the largest ball of forces: what there is in every attitude.
     """
     most, turns = float(scenario.max_force_n), scenario.attitude is not None
     own = scenario.thrusters
+    if own is not None and own.pulses is not None:
+        sides = ready(own.pulses)
+        without = [side for side, count in sides.items() if count <= 0]
+        if without:
+            raise InputError(
+                '`assurance` needs a force to all sides; `thrusters.pulses`, with the failures '
+                f'that are known, have none to {", ".join(without)}'
+            )
+        most *= min(1.0, min(sides.values()) / (own.pulses.count // 6))
     if own is None or own.table is None:
         return most / SQRT_3 if turns else most
-    left = known(own.table, _torque_nm(scenario))
+    left = authority.known(own.table, _torque_nm(scenario))
     has = left.left(most)
     if has == NONE:
         raise InputError(

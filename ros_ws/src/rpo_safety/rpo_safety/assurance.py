@@ -5,6 +5,9 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from math import degrees, sqrt
 from typing import Any, NamedTuple
 
@@ -19,12 +22,14 @@ from rpo_kernels.kernels import CwStep, State, Vector, cw_step, norm
 from rpo_safety import filters, kernels
 from rpo_safety.abort import DECISIONS, AbortMachine, Seen
 from rpo_safety.abort_table import check_table
-from rpo_safety.assumed import ahead
+from rpo_safety.assumed import ahead, compared, known
 from rpo_safety.doubt import doubt_of, doubted, unless_unsure, unless_unsure_turning
 from rpo_safety.guard import proof_of
 from rpo_safety.kernels import APPROACH, CONTACT, OPEN, Guard
+from rpo_safety.known_errors import short_tank, upwards
 from rpo_safety.packed import Filter
 from rpo_safety.settings import Assurance
+from rpo_safety.working import values_that_work
 
 ASSURED_FORCE, ASSURANCE_STATUS = 'assured_force', 'assurance_status'
 """Signal and topic of the force; topic of the interventions."""
@@ -283,33 +288,85 @@ def _spreads(covariance: Signal) -> tuple[float, float]:
 
 
 def check_start(settings: Assurance, scenario: Any) -> None:
-    """Refuse a flight that begins outside the assured sets, with what it would need.
+    """Refuse what cannot be assured, and a flight that begins outside the assured sets.
 
-    Raises InputError that names the constraints and the numbers.
+    Raises InputError with all that conflicts, and values that work if trials find some.
     """
+    conflicts, changed = _conflicts(settings, scenario)
+    if conflicts:
+        least = {name: bound for name, (bound, _, _) in known(settings, scenario).items()}
+
+        def works(section: Assurance) -> bool:
+            return not _conflicts(section, scenario)[0]
+
+        start_m = scenario.initial_position_m
+        would_do = values_that_work(settings, changed, least, start_m, works)
+        raise InputError('; '.join(conflicts) + would_do)
+
+
+def _conflicts(settings: Assurance, scenario: Any) -> tuple[list[str], dict[str, Any]]:
+    """Return what a section and its scenario refuse of each other, and what it must assume.
+
+    Where it assumes too little, the rest is looked at with what is known at least.
+    """
+    conflicts, changed = compared(settings, known(settings, scenario))
+    conflicts += filter(None, [short_tank(settings, scenario)])
     if settings.abort is not None:
-        check_table(settings.abort, scenario, settings.keep_out_m, settings.corridor)
-    stage = AssuranceStage(settings, scenario)
-    state, g = stage.ahead(scenario.start), stage.guard
-    mode = stage.mode_of(state, stage.delay_ticks)
-    rho, _, speed = kernels.closing(state)
-    if max(rho, norm(*scenario.initial_position_m)) > settings.domain_m:
+        with _noted(conflicts):
+            check_table(settings.abort, scenario, settings.keep_out_m, settings.corridor)
+    if changed.get('thrust_error', 0.0) > 1.0:
+        return conflicts, changed
+    with _noted(conflicts):
+        stage = AssuranceStage(replace(settings, **changed), scenario)
+        for check in (_check_range, _check_speed, _check_sets, _check_first_ticks):
+            with _noted(conflicts):
+                check(stage, settings, scenario)
+    return conflicts, changed
+
+
+@contextmanager
+def _noted(conflicts: list[str]) -> Iterator[None]:
+    """Note an InputError instead of raising it."""
+    try:
+        yield
+    except InputError as error:
+        conflicts.append(str(error))
+
+
+def _check_range(stage: AssuranceStage, settings: Assurance, scenario: Any) -> None:
+    rho = max(kernels.closing(stage.ahead(scenario.start))[0], norm(*scenario.initial_position_m))
+    if rho > settings.domain_m:
         raise InputError(
-            f'`assurance.domain_m` must be at least the range of the start, {rho:.6g} m; '
+            f'`assurance.domain_m` must be at least the range of the start, {upwards(rho)} m; '
             f'got {settings.domain_m!r}'
         )
-    drift = _drift(stage, scenario, stage.delay_ticks)
+
+
+def _check_speed(stage: AssuranceStage, _settings: Assurance, scenario: Any) -> None:
+    state, g = stage.ahead(scenario.start), stage.guard
+    mode, (rho, _, speed) = stage.mode_of(state, stage.delay_ticks), kernels.closing(state)
     seen, own = stage.view(state, mode, stage.delay_ticks)
-    doubt = (own.here_m, own.here_m_s) if g.side != 0.0 else drift
+    doubt = _drift(stage, scenario, stage.delay_ticks)
+    doubt = (own.here_m, own.here_m_s) if g.side != 0.0 else doubt
     if filters.margins(seen, mode, *doubt, own)[1] < 0.0:
         raise InputError(
             f'`assurance.speed` must allow the start: {kernels.speed_limit(rho, g):.6g} m/s at '
             f'{rho:.6g} m; got {speed:.6g} m/s, known to {doubt[1]:.6g} m/s'
         )
+
+
+def _check_sets(stage: AssuranceStage, _settings: Assurance, scenario: Any) -> None:
+    state = stage.ahead(scenario.start)
+    mode = stage.mode_of(state, stage.delay_ticks)
+    seen, own = stage.view(state, mode, stage.delay_ticks)
     begins, numbers = stage.view(scenario.start, mode, 0)
     _check_room(begins, mode, (0.0, 0.0), numbers)
     _check_room(seen, mode, (own.here_m, own.here_m_s), own)
+
+
+def _check_first_ticks(stage: AssuranceStage, _settings: Assurance, scenario: Any) -> None:
     state = scenario.start
+    mode = stage.mode_of(stage.ahead(state), stage.delay_ticks)
     for tick in range(stage.delay_ticks):
         off_m = _drift(stage, scenario, tick)[0]
         if _clear_m(*stage.view(state, mode, tick), mode, off_m) < 0.0:

@@ -9,7 +9,7 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 from rpo_core.files.validation import InputError
-from rpo_safety.assumed import ERRORS, SQRT_3, Errors, ahead, errors_of, limit_n, unknown_n
+from rpo_safety.assumed import SQRT_3, Errors, ahead, errors_of, limit_n, unknown_n
 from rpo_safety.doubt import most_m
 from rpo_safety.edge import speed_floor, within_domain
 from rpo_safety.kernels import FAR, Guard, speed_limit
@@ -72,7 +72,7 @@ def proof_of(settings: Assurance, scenario: Any) -> Proof:
         own['port_m'] = settings.corridor.port_m
         return Proof(guard._replace(**own), errors, floor, walls)
     raise InputError(
-        f'`assurance` and `max_force_n` exclude each other: with errors ({ERRORS}) of '
+        f'`assurance` and `max_force_n` exclude each other: with errors of '
         f'{errors.position_m:.6g} m and {errors.velocity_m_s:.6g} m/s no speed is kept for certain'
     )
 
@@ -148,7 +148,7 @@ def _between_ticks(
     moved = here[0] + (top_m_s + here[1]) * dt + 0.5 * most * dt * dt
     if moved >= 0.5 * zone_m:
         raise InputError(
-            f'`assurance.keep_out_m` and the errors ({ERRORS}), or the way of a tick by `speed`, '
+            f'`assurance.keep_out_m` and the assumed errors, or the way of a tick by `speed`, '
             'exclude each other: the direction to the target must be known to half the radius, '
             f'{0.5 * zone_m:.6g} m; got {moved:.6g} m'
         )
@@ -161,8 +161,8 @@ def _check_speed(
     """Refuse limits that the thrusters cannot keep."""
     if min(slowing, sure) <= 0.0:
         raise InputError(
-            '`assurance` must leave the thrusters something to brake with; errors and tides '
-            f'({ERRORS}, `speed`) up to domain_m = {settings.domain_m!r} m take all of it: '
+            '`assurance` must leave the thrusters something to brake with; the assumed errors '
+            f'and tides up to domain_m = {settings.domain_m!r} m take all of it: '
             f'{min(slowing, sure):.6g} m/s^2 are left'
         )
     asked = max(speed.deceleration_m_s2, per_range * speed.speed_m_s)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from rpo_attitude.target import FIXED, known_motion
 from rpo_core.files.validation import InputError
 from rpo_kernels.kernels import Vector, norm
-from rpo_safety.assumed import ERRORS, SQRT_3, Errors, limit_n, unknown_n
+from rpo_safety.assumed import SQRT_3, Errors, limit_n, unknown_n
 from rpo_safety.kernels import Guard, authority, speed_limit
 from rpo_safety.settings import Assurance, Passage
 
@@ -93,8 +93,8 @@ class _Walls(NamedTuple):
             room, half = wide + narrow * narrow / max(wall, 1e-9), width + slope * ahead_m
             if wall <= 0.0 or room >= half:
                 raise InputError(
-                    f'`assurance.corridor` and the errors ({ERRORS}, `mass_kg`) exclude each '
-                    f'other: {ahead_m:.6g} m before the port, to stop between the walls takes '
+                    f'`assurance.corridor` and the assumed errors exclude each other: '
+                    f'{ahead_m:.6g} m before the port, to stop between the walls takes '
                     f'{room:.6g} m to each side, and `width_m` and `half_angle_deg` leave '
                     f'{half:.6g} m'
                 )
@@ -122,7 +122,7 @@ class _Walls(NamedTuple):
         """
         if self.closing_m_s < rest_m_s or self.lateral_m_s < across_m_s:
             raise InputError(
-                f'`assurance.corridor` and the errors ({ERRORS}) exclude each other: at the port, '
+                f'`assurance.corridor` and the assumed errors exclude each other: at the port, '
                 f'{rest_m_s:.6g} m/s closing and {across_m_s:.6g} m/s across are kept for certain; '
                 f'got {self.closing_m_s!r} and {self.lateral_m_s!r}'
             )
@@ -204,14 +204,8 @@ def turning(guard: Guard, settings: Assurance, scenario: Any, errors: Errors) ->
 
 def attitude_rad(settings: Assurance, scenario: Any) -> float:
     """Return the largest angle between the target's axes and those that assurance takes."""
-    own = norm(*scenario.target.known_error_deg)
     given = settings.attitude_error_deg
-    if given is not None and given < own:
-        raise InputError(
-            f'`assurance.attitude_error_deg` must be at least {own:.6g}, which the scenario has; '
-            f'got {given!r}'
-        )
-    return math.radians(own if given is None else given)
+    return math.radians(norm(*scenario.target.known_error_deg) if given is None else given)
 
 
 def _leaning(way: Passage, angle: float, reached_m: float) -> _Walls:
