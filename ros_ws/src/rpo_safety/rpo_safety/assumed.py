@@ -126,7 +126,7 @@ def known(settings: Assurance, scenario: Any) -> dict[str, tuple[float, str, str
     if own is not None and own != Thrusters(matrix=own.matrix, delay_ticks=own.delay_ticks):
         exerting = 'thrusters'
         covered_n = disturbance_n if assumed_n is None else assumed_n
-        share = thrust_share(settings, scenario, lighter, covered_n)
+        share = thrust_share(scenario, lighter, covered_n)
         alike = own.pulses is None or not own.pulses.errors
         thrust = max(share * (1.0 - 1e-9), thrust if alike else 0.0)
     after = (Place.ASSURANCE, Place.LINK, Place.THRUSTERS)

@@ -310,7 +310,7 @@ def _conflicts(settings: Assurance, scenario: Any) -> tuple[list[str], dict[str,
     Where it assumes too little, the rest is looked at with what is known at least.
     """
     conflicts, changed = compared(settings, known(settings, scenario))
-    conflicts += filter(None, [short_tank(settings, scenario)])
+    conflicts += filter(None, [short_tank(scenario)])
     if settings.abort is not None:
         with _noted(conflicts):
             check_table(settings.abort, scenario, settings.keep_out_m, settings.corridor)

@@ -28,6 +28,7 @@ from rpo_kernels.kernels import Vector, cw_step, norm
 from rpo_kernels.orbit_kernels import relative_step
 from rpo_nav.sensors import BEARING, PORT, Sensor, Sensors
 from rpo_safety.settings import Assurance
+from rpo_thrusters.authority import known
 from rpo_thrusters.table import IDENTITY, PULSE_WIDTH
 from rpo_thrusters.thrusters import (
     STANDARD_GRAVITY_M_S2,
@@ -140,24 +141,28 @@ def ready(pulses: Pulses) -> dict[str, int]:
     return counts
 
 
-def thrust_share(settings: Assurance, scenario: Any, lighter: float, disturbance_n: float) -> float:
+def thrust_share(scenario: Any, lighter: float, disturbance_n: float) -> float:
     """Return the largest share of a command by which the thrust is known to differ from it.
 
     lighter : mass as the filter takes it, over what it is; forces act by so much more
     disturbance_n : as assumed; so much of a difference it covers
     """
     own, found = scenario.thrusters, [0.0]
-    falls = math.exp(0.5 * stopping_m_s(settings, scenario) / _exhaust_m_s(own))
-    if own.propellant is not None:
-        falls = min(falls, scenario.mass_kg / (scenario.mass_kg - own.propellant.mass_kg))
+    falls = _falls(own, scenario)
     for signs, sides in _octants(own):
-        for mass in (lighter, lighter * falls):
-            off = mass * sides - IDENTITY
-            found += [_size(off @ f) / _size(f) for f in _worst(off, signs) if f.any()]
+        whole, empty = (_share(mass * sides, signs) for mass in (lighter, lighter * falls))
+        # What commands burn counts by itself: it does not make the most of all other errors.
+        found += [whole, min(empty, falls - 1.0)]
         if own.pulses is not None:
             thrust = lighter * sides @ signs
             found += _of_pulses(own.pulses, signs, thrust, scenario, disturbance_n)
     return max(found)
+
+
+def _share(sides: Floats, signs: Floats) -> float:
+    """Return by how much of a command with some signs its force differs, of the worst."""
+    off = sides - IDENTITY
+    return max(_size(off @ f) / _size(f) for f in _worst(off, signs) if f.any())
 
 
 def _worst(off: Floats, signs: Floats) -> list[Floats]:
@@ -166,29 +171,18 @@ def _worst(off: Floats, signs: Floats) -> list[Floats]:
     return [*np.diag(signs), signs, *(np.where(f * signs > 0.0, f, 0.0) for f in (far, -far))]
 
 
-def stopping_m_s(settings: Assurance, scenario: Any) -> float:
-    """Return the change of velocity [m/s] that a flight may need for certain.
-
-    Any command may bring the chaser to the speed that the limit allows at the zone, and it must
-    then stop.
-    """
-    speed, n = settings.speed, scenario.mean_motion_rad_s
-    zone, rho = settings.keep_out_m, norm(*scenario.initial_position_m)
-    # Where the thrusters cannot brake for the limit, it is lower, but never below this.
-    slowing = max(speed.deceleration_m_s2, speed.slope(n) * speed.speed_m_s)
-    allowed = math.sqrt(speed.speed_m_s * speed.speed_m_s + 2.0 * slowing * zone)
-    a, room_m = scenario.max_force_n / scenario.mass_kg, max(rho - zone, settings.domain_m - rho)
-    allowed -= 2.0 * (settings.velocity_error_m_s or 0.0)
-    return max(
-        0.0, min(2.0 * allowed, 2.0 * math.sqrt(a * max(room_m, 0.0)), a * scenario.duration_s)
-    )
+def _falls(own: Thrusters, scenario: Any) -> float:
+    """Return the mass at the start over what commands on all axes can leave of it."""
+    if own.propellant is None:
+        return 1.0
+    burnt = 3.0 * scenario.max_force_n * scenario.duration_s / _exhaust_m_s(own)
+    start: float = scenario.mass_kg
+    return start / (start - min(own.propellant.mass_kg, burnt))
 
 
 def _exhaust_m_s(own: Thrusters) -> float:
-    """Return the exhaust velocity of the best thruster; infinite without propellant."""
-    if own.propellant is None:
-        return math.inf
-    isp_s = own.propellant.specific_impulse_s
+    """Return the exhaust velocity of the best thruster."""
+    isp_s: float = own.propellant.specific_impulse_s if own.propellant is not None else 0.0
     if own.table is not None:
         isp_s = max([isp_s, *(t.specific_impulse_s or 0.0 for t in own.table.each)])
     return isp_s * STANDARD_GRAVITY_M_S2
@@ -239,26 +233,27 @@ def _of_pulses(
         yield 1.0 - disturbance_n / lost_n
 
 
-def short_tank(settings: Assurance, scenario: Any) -> str:
-    """Return why a tank does not hold what a flight needs for certain; '' if it does."""
+def short_tank(scenario: Any) -> str:
+    """Return why a tank does not last for one axis at full thrust all the time; '' if it does.
+
+    Any command may ask for that, to and fro.
+    """
     own = scenario.thrusters
     tank = own.propellant if own is not None else None
     if tank is None:
         return ''
-    # The thrusters may give more than is commanded.
-    mass, exhaust = scenario.mass_kg, _exhaust_m_s(own) * (1.0 + (settings.thrust_error or 0.0))
-    change, needed = (
-        exhaust * math.log(mass / (mass - tank.mass_kg)),
-        stopping_m_s(settings, scenario),
-    )
-    if change >= needed:
+    force_n = float(scenario.max_force_n)
+    if own.table is not None:
+        force_n = min(force_n, max(known(own.table).axes_n))
+    needed_kg = force_n * scenario.duration_s / _exhaust_m_s(own)
+    if needed_kg <= tank.mass_kg:
         return ''
+    longer = upwards(tank.specific_impulse_s * needed_kg / tank.mass_kg)
+    more = f', or `mass_kg` {upwards(needed_kg)}' if needed_kg < 0.99 * scenario.mass_kg else ''
     return (
-        f'`thrusters.propellant.mass_kg` must be at least '
-        f'{upwards(-mass * math.expm1(-needed / exhaust))}, or `specific_impulse_s` '
-        f'{upwards(tank.specific_impulse_s * needed / change)}: any command may bring the chaser '
-        f'to {0.5 * needed:.3g} m/s, and it must then stop before the zone; got {tank.mass_kg!r} '
-        f'and {tank.specific_impulse_s!r}'
+        '`thrusters.propellant` must last for one axis at full thrust all the time: '
+        f'`specific_impulse_s` at least {longer}{more}; got {tank.specific_impulse_s!r} and '
+        f'{tank.mass_kg!r}'
     )
 
 
