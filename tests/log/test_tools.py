@@ -93,14 +93,16 @@ def test_the_commands_of_the_ros_package_are_those_of_rpo(
 
 @pytest.mark.every_landing
 def test_nobody_reads_on(log):
-    """`ros2 run rpo_log info runs/demo | head` ends without a traceback."""
+    """`ros2 run rpo_log info runs/demo | head` ends with one sentence, without a traceback."""
     read, write = os.pipe()
     os.close(read)
     start = 'import sys; from rpo_log import commands; sys.exit(commands.info())'
     command = [sys.executable, '-c', start, str(log)]
     done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True, timeout=50)
     os.close(write)
-    assert (done.returncode, done.stderr) == (0, '')
+    assert done.returncode == ExitCode.BAD_INPUT
+    assert done.stderr.endswith(': standard output cannot be written: Broken pipe\n')
+    assert done.stderr.count('\n') == 1
 
 
 def test_a_bad_log_is_one_sentence(monkeypatch, capsys):
