@@ -54,6 +54,8 @@ os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'  # read when the first message modul
 os.environ['OPENBLAS_NUM_THREADS'] = '1'  # read with NumPy; threads that wait for work take time
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # `make test &`; processes would inherit it
     signal.signal(signal.SIGINT, signal.default_int_handler)
+if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:  # `nohup make test`; processes start with
+    signal.signal(signal.SIGHUP, lambda *_: None)  # the default, and these tests live on
 
 
 _ENDING = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
