@@ -375,7 +375,7 @@ def test_too_little_is_refused_beside_anything(seed):
 @pytest.mark.slow
 @pytest.mark.usefixtures('foreign')
 @given(SEEDS)
-@settings(max_examples=3000)
+@settings(max_examples=1000)
 def test_too_little_is_refused_in_many_scenarios(seed):
     check(drawn(seed))
 
