@@ -24,7 +24,6 @@ from rpo_ros.conversions import to_status
 from rpo_ros.heartbeat import Pulse, Timeout, Watch
 from rpo_ros.plant_scenario import FREE_RUNNING, LOCKSTEP
 from rpo_ros.signals import listen
-from rpo_sim import services
 from rpo_sim.loop_health import LoopHealth
 from rpo_sim.pacing import FreeRunningPacing, LockstepPacing, Loop
 from rpo_sim.plant import ACCEPTED, FreeRunningPlant, LockstepPlant, NotFiniteError, topics_of
@@ -32,6 +31,7 @@ from rpo_sim.publications import Publications, TickReports
 from rpo_sim.publisher_check import PublisherCheck
 from rpo_sim.recorder_watch import RecorderWatch
 from rpo_sim.refusals import Refusals
+from rpo_sim.services import SimulatorControl
 
 EXIT_MISSED, EXIT_ABORTED = 1, 3
 
@@ -55,8 +55,7 @@ class PlantNode(Loop):
         self.run_id = uuid.uuid4().hex
         self._peers, self._own = topics_of(self.scenario)
         self._connect()
-        services.SimulatorControl(self)
-        self._standard = services.offer(self)
+        SimulatorControl(self)
         self._manifest(scenario.text_for_logs(files.read_text(path), self.scenario))
         self._begin_run()
         self.refuse_change(self.values)
@@ -168,8 +167,6 @@ class PlantNode(Loop):
             self.steps -= 1
         if self.paused and not self.steps:
             self.report(health.OK, PAUSED, PAUSED)
-        if self._standard is not None:
-            self._standard.moved()
 
     def _judge_zones(self) -> None:
         """Say so when the chaser has come into a keep-out zone in which it was not before."""
@@ -257,8 +254,6 @@ class PlantNode(Loop):
         self.reports.end(self.plant)
         self.report(level, phase, reason)
         self.progress_s = time.monotonic()
-        if self._standard is not None:
-            self._standard.moved()
         if phase == ABORTED:
             text = f'aborted at tick {self.tick}: {reason}'
             log = self.get_logger()
