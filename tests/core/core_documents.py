@@ -16,12 +16,10 @@ from rpo_core.control import controller
 from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge.requirements import ATTITUDES, THRUST, Requirements
-from rpo_safety import limit_checker
 
 PARSERS = {
     'scenario': scenario.parse,
     'controller': controller.parse,
-    'monitor': limit_checker.parse,
 }
 
 Path = tuple[Any, ...]
@@ -151,6 +149,5 @@ DOCUMENTS = {
             *['pd', 'lqr', 'mpc', 'apf_smc', 'drift', 'pace', 'more_words', 'time_to_go'],
         )
     },
-    ('monitor', 'default'): document('monitor', 'default'),
 }
 """Kind and name -> a document of each kind of section and controller."""

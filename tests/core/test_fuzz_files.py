@@ -76,7 +76,6 @@ def spoilt(kind):
 NAMES = {
     'scenario': ['paper_test', 'paper_training', 'quick'],
     'controller': ['handmade'],
-    'monitor': ['default'],
 }
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Fields of scenarios, controllers and monitor tables that are refused, each in one sentence."""
+"""Fields of scenarios and controllers that are refused, each in one sentence."""
 
 from pathlib import Path
 from typing import Any

@@ -95,7 +95,7 @@ def test_an_unknown_name_is_warned_of_with_the_nearest(inner, card, capfd):
 
 @each_card
 def test_in_flight_nothing_wrong_is_taken_and_foreign_ones_are_not_refused(inner, card):
-    """The table alone: a node adds its own refusals, see test_lifecycle and test_monitor."""
+    """The table alone: a node adds its own refusals, see test_lifecycle."""
     rows = card.parameters
     node = inner.start(FlightNode('bare'))
     values = declare(node, rows)

@@ -92,7 +92,6 @@ OTHERS = {
     'fault_injector': ('faults between', {}),
     'rival_controller': ('controlling', {}),
     'replay': ('', {'loop': 'true', 'rate': 1.0}),
-    'monitor': ('checking the limits', {}),
     'visualizer': ('showing', {}),
     'web': ('is shown at', {'port': 0}),
     'watch': ('', {}),

@@ -190,7 +190,6 @@ class Flight:
             'operator': {'phase': 'never', 'patience_s': 1e6},
             'fuzzy_controller': {'controller': _CONTROLLER},
             'recorder': {'output': self.folder / 'run', 'plant_timeout_s': 30.0},
-            'monitor': {'react': False},
             'web': {'port': 0},
             'foxglove': {'port': 0},
         }.get(name, {})  # type: ignore[assignment]

@@ -15,7 +15,6 @@ of_tools = [
 scripts = [
     'final_approach = rpo_bringup.commands:final_approach',
     'flight_software = rpo_bringup.commands:flight_software',
-    'monitor = rpo_bringup.commands:monitor',
 ]
 
 setup(entry_points={'console_scripts': scripts + of_tools * linked})  # setup.cfg says the rest

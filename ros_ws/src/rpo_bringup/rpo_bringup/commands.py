@@ -54,7 +54,6 @@ def flight_software() -> int:
     return start_node('rpo_bringup.flight_software_node')
 
 
-monitor = partial(start_node, 'rpo_bringup.monitor_node', interpreted=True)
 trial, ping_pong, node_pages = (
     partial(_tool, name) for name in ('trial', 'ping_pong', 'node_pages')
 )

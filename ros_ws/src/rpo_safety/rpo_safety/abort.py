@@ -116,7 +116,7 @@ class AbortMachine:
 
     def reset(self) -> None:
         """Forget the flight before."""
-        rules = {k: Rule(row.count, row.window, row.reaction) for k, row in self._rows.items()}
+        rules = {k: Rule(row.count, row.window) for k, row in self._rows.items()}
         self._checker = LimitChecker(rules)
         self._commands: dict[int, list[str]] = {}
         self._missed: set[int] = set()
@@ -206,8 +206,9 @@ class AbortMachine:
             if not (self.reaction and row.quantity in OF_THE_COMMAND)
         }
         worst, reason = '', ''
-        for detection in self._checker.sample(over):
-            row, reaction = self._rows[detection.fault], detection.reaction
+        for fault in self._checker.sample(over):
+            row = self._rows[fault]
+            reaction = row.reaction
             why = f'{row.quantity} above {row.most:g} in {row.count} of {row.window} ticks'
             if reaction == WARN or not self.armed:
                 inhibited = '' if reaction == WARN else f'; inhibited: no {reaction}'

@@ -36,7 +36,6 @@ _SHIPPED = {
     'scenario': ('rpo_bringup', 'config/scenarios'),
     'controller': ('rpo_ctrl', 'config/controllers'),
     'attitude_controller': ('rpo_ctrl', 'config/attitude_controllers'),
-    'monitor': ('rpo_bringup', 'config/monitors'),
     'campaign': ('offline_training', 'campaigns'),
 }
 
@@ -197,7 +196,7 @@ def _folders(kind: str) -> list[Path]:
 
 
 def shipped(kind: str) -> dict[str, Path]:
-    """Return name -> file of what ships of a kind: scenario, controller, monitor or campaign."""
+    """Return name -> file of what ships of a kind: scenario, controller or campaign."""
     found: dict[str, Path] = {}
     for folder in _folders(kind):
         for path in sorted(folder.glob('*.yaml')):
