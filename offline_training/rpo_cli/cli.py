@@ -28,7 +28,6 @@ from rpo_cli.commands import (
     simulate,
     train,
     truth,
-    watch,
 )
 from rpo_core.files import parse_yaml
 from rpo_core.files.validation import InputError
@@ -82,7 +81,7 @@ for _function in (
     train.train, train.tune, simulate.simulate, scale.scale, evaluate.evaluate, bench.bench,
     optimal.optimal, plan.plan, campaign.campaign, truth.truth, prove.prove, compare.compare,
     explain.explain, export.export, export.import_, log.verify, log.keygen, log.sign, log.repair,
-    listing.list_, report.report, watch.watch,
+    listing.list_, report.report,
 ):  # fmt: skip
     app.command(_function.__name__.rstrip('_'))(_function)
 app.add_typer(log.log, name='log')

@@ -6,7 +6,6 @@ Moments are drawn by a seed. One start of a system serves several nodes, each wi
 own, so some end while the others fly on.
 """
 
-import importlib.util
 import random
 import signal
 import time
@@ -94,10 +93,7 @@ OTHERS = {
     'replay': ('', {'loop': 'true', 'rate': 1.0}),
     'visualizer': ('showing', {}),
     'web': ('is shown at', {'port': 0}),
-    'watch': ('', {}),
 }
-if importlib.util.find_spec('foxglove') is not None:  # an optional layer
-    OTHERS['foxglove'] = ('open ws://', {'port': 0})
 
 
 @trials
@@ -115,4 +111,4 @@ def test_all_other_nodes(ros, number, trial):
 
 def test_no_node_is_left_out():
     run = {'plant', 'disturbance_injector', 'fuzzy_controller', 'recorder'}
-    assert run | set(OTHERS) | {'foxglove'} == {card.executable for card in CARDS}
+    assert run | set(OTHERS) == {card.executable for card in CARDS}

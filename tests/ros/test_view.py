@@ -4,22 +4,17 @@
 
 from __future__ import annotations
 
-import gc
 import itertools
 import json
 import math
 import socket
-import socketserver
 import struct
-import threading
 import time
 import urllib.error
 import urllib.request
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import replace
 from email.message import Message
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +28,6 @@ from hypothesis import strategies as st
 from inside import inside
 from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
-from rich.console import Console
 from visualization_msgs.msg import Marker, MarkerArray
 
 from rpo_attitude.target import motion_of
@@ -49,13 +43,12 @@ from rpo_core.wire.cdr import Status
 from rpo_core.wire.statuses import AssuranceStatus, GuidanceStatus, Manifest, RunStatus
 from rpo_ctrl import explain
 from rpo_ros import conversions, names, qos
-from rpo_view import scene, terminal, web_server
-from rpo_view.gate import Gate, hidden_address, refusal
+from rpo_view import scene, web_server
 from rpo_view.live import Effort, LiveRun, Trail
 from rpo_view.onboard import Onboard
 from rpo_view.visualizer_node import VisualizerNode, transform_of
 from rpo_view.web_node import WebNode
-from rpo_view.web_server import LivePage
+from rpo_view.web_server import LivePage, refusal
 
 START_NS = 1_767_225_600_000_000_000
 STATE = (10.0, 60.0, -40.0, 0.1, -0.2, 0.3)
@@ -170,12 +163,6 @@ def shown(run: LiveRun) -> dict:
     return json.loads(json.dumps(run.snapshot('/s'), allow_nan=False))
 
 
-def printed(run: LiveRun, width: int = 80) -> str:
-    console = Console(width=width, record=True, file=open('/dev/null', 'w'))  # noqa: SIM115
-    console.print(terminal.view(run, '/s'))
-    return console.export_text()
-
-
 def test_what_is_heard_is_what_is_shown():
     found = shown(heard())
     assert found['scenario'] == 'quick'
@@ -212,14 +199,14 @@ def test_numbers_beyond_all_floats_are_not_shown():
     run.onboard.on_health({'openings': '1e308', 'interventions': 'nan'})
     assert (shown(run)['openings'], shown(run)['reference_m']) == (1234, list(REFERENCE[:3]))
     run.onboard.on_estimate(START_NS, STATE, (0.0,) * 9)  # navigation has errors, no estimator
-    assert 'off the truth' in printed(run) and 'sigma' not in printed(run)
+    assert shown(run)['sigmas_m'] is None
 
 
 HOSTILE = '[/bold]\x1b[2J\x1b]0;owned\x07\n\u202e' + 'x' * 200_000
 
 
 def test_foreign_texts_are_shown_as_texts():
-    """A name like `[/bold]` ended the terminal view; escape sequences went to the terminal."""
+    """Escape sequences and endless names stay texts."""
     run = heard()
     run.on_manifest(manifest('controller', HOSTILE))
     with pytest.raises(InputError):
@@ -229,9 +216,7 @@ def test_foreign_texts_are_shown_as_texts():
     run.on_status(status(reason=HOSTILE[:3000]))
     run.on_decision('x', HOSTILE, {f'rule.{HOSTILE}.{i}.Z': '0.5' for i in range(1000)})
     run.on_decision(HOSTILE, 'an axis that is none', {})
-    text = printed(run, 110)
-    assert r'[/bold]\x1b[2J' in text and all(c.isprintable() or c == '\n' for c in text)
-    assert terminal.line(run, '/relative_state').isprintable()
+    assert r'[/bold]\x1b[2J' in run.controller and run.controller.isprintable()
     assert len(json.dumps(run.snapshot('/relative_state'))) < 20_000
 
 
@@ -245,15 +230,6 @@ def test_silence_is_said():
     assert run.sentence('/s') == 'no message on /s for 7 s'
     run.on_status(status(phase='finished', reason='reached the last tick'))
     assert run.sentence('/s') == 'finished: reached the last tick'
-
-
-def test_the_terminal_view_names_units_and_reasons():
-    text = printed(LiveRun(), 110) + printed(heard(), 110)
-    for words in ('no message on /s yet', 'position [m]',
-                  'velocity [mm/s]', 'force [N]',
-                  'time 1.0 of 5 s', 'of ±0.5 N', '-0.5000', 'position error is zero'):  # fmt: skip
-        assert words in text
-    assert '72.8' in terminal.line(heard(), '/relative_state')
 
 
 def test_effort_and_rates_of_a_run_are_shown():
@@ -281,7 +257,6 @@ def test_valves_and_propellant_of_a_world_are_shown():
     impulse, exhaust = 0.5 * 3.0, 70.0 * 9.80665
     assert shown['propellant_kg'] == pytest.approx(impulse / exhaust, rel=1e-3)
     assert shown['exerted_n'] == (-0.3, 0.2, 0.0)
-    assert 'valves x y z − + ·' in printed(run)
     run.on_state(START_NS, (4.0, 3.0, 0.0, -0.5, 0.0, 0.0))
     assert run.snapshot('/s')['exerted_n'] is None
 
@@ -319,28 +294,6 @@ def test_all_rules_that_make_a_force_are_shown():
         assert found == f'strongest rule: {said}'
 
 
-def test_a_small_terminal_shows_all_of_it():
-    """At 80 x 24 half of the force bars was cut; the stages of a flight take lines too."""
-    run, staged = heard(), guided()
-    run.scenario = replace(run.scenario, goal_position_m=(0.0, 10.0, 0.0))
-    run.on_manifest(manifest('controller', controller_text('allround')))
-    staged.exerted_n, staged.force_n = (0.1, 0.0, -0.1), FORCE
-    for axis in 'xyz':
-        run.on_decision(axis, *said_of('allround', -11.0, 0.5))
-        staged.on_decision(axis, 'position error is large negative ' * 3, {'rule.Z.Z.Z': '0.5'})
-    run.on_state(START_NS + 2 * 10**9, (-100.0, -100.0, -100.0, -1.0, -1.0, -1.0))
-    for text in (printed(staged), printed(run)):
-        lines = text.splitlines()
-        assert len(lines) <= 24 and max(map(len, lines)) <= 80 and '…' not in text
-    assert sum('│·' in line or '·│' in line for line in lines) == 3
-    assert 'Δv about' in text and 'range rate' in text
-    assert sum('15 %' in line for line in lines) == 3, 'the last of the rules that make a force'
-
-
-def test_zero_has_no_sign():
-    assert terminal.fixed(-0.0001, 3) == '0.000' and terminal.fixed(-0.0001, 4, '+') == '-0.0001'
-
-
 def test_the_page_fits_a_phone_and_shows_rules_as_the_surface_does():
     """The live test looks at it in a browser, where there is one."""
     text = web_server.page().decode()
@@ -350,13 +303,6 @@ def test_the_page_fits_a_phone_and_shows_rules_as_the_surface_does():
         assert words in text
     for name in ('said-guidance', 'said-estimate', 'said-assurance', 'openings', 'zone-legend'):
         assert f'id="{name}"' in text
-
-
-@pytest.mark.parametrize(('share', 'left', 'right'), [(-1.0, 10, 0), (0.5, 0, 5), (9.0, 0, 10)])
-def test_a_bar_starts_from_the_middle(share, left, right):
-    before, after = terminal.bar(share, 'red').plain.split('│')
-    assert (before.count('█'), after.count('█')) == (left, right)
-    assert len(before) == len(after) == 10
 
 
 def get(url: str, host: str = '', origin: str = '') -> tuple[int, str]:
@@ -403,8 +349,7 @@ def headers(**lines: str) -> Message:
     [
         ('127.0.0.1:8765', None, True),
         ('localhost:8765', 'http://localhost:3000', True),
-        ('localhost:8765', 'https://app.example.org', True),
-        ('localhost:8765', 'https://app.example.org.evil.example', False),
+        ('localhost:8765', 'https://app.example.org', False),
         ('localhost:8765', 'http://localhost.evil.example', False),
         ('localhost:8765', 'null', False),
         ('localhost:8765', '', False),
@@ -416,9 +361,9 @@ def headers(**lines: str) -> Message:
 )
 def test_who_may_connect(host, origin, welcome):
     told = headers(Host=host) if origin is None else headers(Host=host, Origin=origin)
-    assert (refusal(told, 8765, ('https://app.example.org',)) == '') is welcome
+    assert (refusal(told, 8765) == '') is welcome
     told['Host'] = host
-    assert refusal(told, 8765, ('https://app.example.org',))  # two of them
+    assert refusal(told, 8765)  # two of them
 
 
 def reset(port: int, data: bytes) -> None:
@@ -438,69 +383,6 @@ def test_a_lost_connection_is_not_worth_a_word(page, capfd):
     assert get(page.url)[0] == 200
     time.sleep(0.1)
     assert capfd.readouterr() == ('', '')
-
-
-@pytest.fixture
-def gate():
-    """A gate before a server that answers what it gets, in capitals."""
-
-    class Handler(socketserver.BaseRequestHandler):
-        def handle(self):
-            while data := self.request.recv(1 << 16):
-                self.request.sendall(data.upper())
-
-    class Server(socketserver.ThreadingTCPServer):
-        daemon_threads, block_on_close = True, False
-
-    with Server((hidden_address(), 0), Handler) as inner:
-        threading.Thread(target=inner.serve_forever, daemon=True).start()
-        made = Gate(0, inner.server_address, ('https://app.example.org',))
-        yield made
-        made.close()
-        inner.shutdown()
-
-
-def asked(port: int, *lines: str) -> bytes:
-    """Return the answer to the head of a request."""
-    with socket.create_connection(('127.0.0.1', port), timeout=10.0) as client:
-        client.sendall('\r\n'.join(['GET / HTTP/1.1', *lines, '', '']).encode())
-        client.shutdown(socket.SHUT_WR)
-        return b''.join(iter(lambda: client.recv(1 << 16), b''))
-
-
-def test_the_gate_passes_on_what_is_of_this_machine_alone(gate, capfd):
-    host = f'Host: localhost:{gate.port}'
-    refused = b'HTTP/1.1 403 Forbidden'
-    assert asked(gate.port, host).startswith(b'GET / HTTP/1.1\r\nHOST: LOCALHOST')
-    assert asked(gate.port, host, 'Origin: https://app.example.org').startswith(b'GET /')
-    assert asked(gate.port, host, 'Origin: https://evil.example').startswith(refused)
-    assert asked(gate.port, f'Host: evil.example:{gate.port}').startswith(refused)
-    assert asked(gate.port, host, *(f'a{i}: b' for i in range(1000))) == b''  # too many
-    assert asked(gate.port, host, f'a: {"b" * 100_000}') == b''
-    for data in (b'', b'GET /', f'GET / HTTP/1.1\r\n{host}\r\n\r\n'.encode()):
-        reset(gate.port, data)
-    assert asked(gate.port, host).startswith(b'GET /')
-    with pytest.raises(InputError, match=r'`port` must be free; got \d+: it is in use'):
-        Gate(gate.port, ('127.0.0.1', 1))
-    assert capfd.readouterr() == ('', '')
-
-
-def test_the_gate_keeps_a_connection_whose_caller_has_said_all():
-    """Only the task itself then refers to it: a collection of garbage must not end it."""
-    with socket.create_server((hidden_address(), 0)) as inner:
-        inner.settimeout(10.0)
-        gate = Gate(0, inner.getsockname())
-        with socket.create_connection(('127.0.0.1', gate.port), timeout=10.0) as client:
-            client.sendall(f'GET / HTTP/1.1\r\nHost: localhost:{gate.port}\r\n\r\n'.encode())
-            client.shutdown(socket.SHUT_WR)
-            server, _ = inner.accept()
-            with server:
-                while server.recv(1 << 16):
-                    pass
-                gc.collect()
-                server.sendall(b'late')
-            assert client.recv(1 << 16) == b'late'
-        gate.close()
 
 
 def events(url: str, most: int) -> list[str]:
@@ -525,34 +407,6 @@ def test_a_reader_gets_the_trail_and_then_the_newest(page):
 def inner(ros_env):
     with inside(executor=SingleThreadedExecutor) as found:  # as viewers are run
         yield found
-
-
-@pytest.mark.skipif(find_spec('foxglove') is None, reason='foxglove-sdk is not installed')
-def test_no_message_and_no_caller_ends_the_foxglove_server(inner, capfd):
-    """A negative stamp did; and every page of every site could read the flight."""
-    from rpo_view.foxglove_node import FoxgloveNode
-
-    node = inner.start(FoxgloveNode({'port': 0, 'rate_hz': 100.0}))
-    states = inner.user.create_publisher(Odometry, interfaces.RELATIVE_STATE, qos.LOCKSTEP)
-    inner.until(states.get_subscription_count)
-    for stamp_ns in (-(2**31) * 1_000_000_000, -1, START_NS, START_NS + 1):
-        for first in (math.nan, math.inf, 1.7e308, 1.0):
-            states.publish(conversions.to_odometry(stamp_ns, (first, *STATE[1:])))
-            looked = time.monotonic() + 0.02
-            inner.until(lambda: time.monotonic() > looked)  # noqa: B023
-    assert node._stamp_ns == START_NS + 1
-    port = node._gate.port
-    upgrade = ('Upgrade: websocket', 'Connection: Upgrade', 'Sec-WebSocket-Version: 13',
-               'Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==',
-               'Sec-WebSocket-Protocol: foxglove.sdk.v1')  # fmt: skip
-    host = f'Host: 127.0.0.1:{port}'
-    assert b' 403 ' in asked(port, host, *upgrade, 'Origin: https://evil.example')
-    assert b' 403 ' in asked(port, f'Host: evil.example:{port}', *upgrade)
-    for origin in ('file://', 'https://app.foxglove.dev', 'http://localhost:8080'):
-        assert b' 101 ' in asked(port, host, *upgrade, f'Origin: {origin}')
-    reset(port, '\r\n'.join(['GET / HTTP/1.1', host, *upgrade, '', '']).encode())
-    assert b' 101 ' in asked(port, host, *upgrade)
-    assert 'Traceback' not in capfd.readouterr().err
 
 
 def test_rviz_and_foxglove_look_at_topics_that_are_there():
@@ -623,12 +477,10 @@ def guided(tick: int = 10) -> LiveRun:
 
 
 def test_a_flight_without_these_stages_looks_as_before():
-    found, text = shown(heard()), printed(heard())
+    found = shown(heard())
     assert found['zones'] == []
     keys = ('guidance', 'assurance', 'estimate_m', 'sigmas_m', 'reference_m', 'openings', 'miss_m')
     assert [found[key] for key in keys] == [None] * len(keys)
-    for word in ('guidance', 'estimate', 'assurance', 'openings'):
-        assert word not in text
 
 
 def test_what_the_stages_say_is_shown():
@@ -646,17 +498,11 @@ def test_what_the_stages_say_is_shown():
     assert set(zones['points_m']) == {'hold_60', 'hold_20', 'retreat'}
     (near, far), _ = zones['edges_m']['0']
     assert near == [1.0, 0.0] and far == pytest.approx([20.0, 19.0 * math.tan(math.radians(10.0))])
-    text = printed(guided())
-    for words in ('hold_60 since 0.3 s, 1.000 m from reference', 'sigma x y z 0.200 0.300 0.100 m',
-                  '0.500 m off the truth', 'acts: keep_out since 0.5 s, margin -0.25 m, 0.125 m/s',
-                  ):  # fmt: skip
-        assert words in text
-    assert 'phase hold_60  assurance acts: keep_out' in terminal.line(guided(), '/s')
     run = guided()
     run.onboard.on_health({'table': 'armed', 'phase': 'aborting'})
     assert shown(run)['assurance']['table'] == 'armed, aborting'
     run.onboard.on_assurance(acts({**PASSES, 'tick': '10'}))
-    assert 'the command passes, margin 1.50 m' in printed(run)
+    assert shown(run)['assurance']['constraint'] == ''
 
 
 def test_errors_are_of_one_stamp():
@@ -691,8 +537,7 @@ def test_no_status_breaks_a_view(values):
         with suppress(InputError):
             taker(reader({**(PHASE if reader is phase else ACTS), **values}))
     run.onboard.on_health({'margin_m': HOSTILE, **values})
-    shown(run), printed(run)
-    assert terminal.line(run, '/s').isprintable()
+    shown(run)
 
 
 def test_zones_of_the_scenario_replace_the_aids():
@@ -746,9 +591,9 @@ def test_the_attitude_of_a_chaser_is_drawn_and_said():
     x, y, z = docking_axis(turns)
     assert run.docking_axis == pytest.approx((-y, x, z), abs=1e-12)
     rate = math.degrees(0.02 - turns.mean_motion_rad_s)
-    for text in (shown(run)['turns'], printed(run, 120), terminal.line(run, '/s')):
-        assert f'90.000° and {rate:.3f} °/s from the reference; turns at 1.146 °/s' in text
-        assert 'estimate 0.000° off the truth' in text
+    text = shown(run)['turns']
+    assert f'90.000° and {rate:.3f} °/s from the reference; turns at 1.146 °/s' in text
+    assert 'estimate 0.000° off the truth' in text
     found = scene_of(onboard=run.onboard, docking_axis=run.docking_axis)
     q = found['chaser', 0].pose.orientation
     assert (q.x, q.y, q.z, q.w) == attitude[:4]

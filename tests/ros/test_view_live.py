@@ -1,33 +1,22 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The live views while real nodes fly: in a browser, on a terminal, over Foxglove's protocol.
+"""The live page in a browser while real nodes fly.
 
 RPO_PICTURES=docs/images draws the pictures of docs/viewing.md anew.
 """
 
 from __future__ import annotations
 
-import asyncio
-import json
 import os
 import re
 import shutil
-import struct
 import time
 from pathlib import Path
 
 import pytest
-import rclpy
 from browser import browser
-from mcap_ros2._dynamic import generate_dynamic
-from rclpy.executors import SingleThreadedExecutor
-from rich.console import Console
-from rich.terminal_theme import DEFAULT_TERMINAL_THEME, SVG_EXPORT_THEME
-from tornado.websocket import websocket_connect
 
 from rpo_core.files import DEFAULT_CONTROLLER
-from rpo_view import terminal
-from rpo_view.listening import ListeningNode
 from tools.node_processes import node_processes
 
 CHROMIUM = shutil.which('chromium')
@@ -160,78 +149,3 @@ def test_the_page_shows_how_the_chaser_turns(ros_env, tmp_path):
         assert page.evaluate('Math.abs(Math.hypot(...now.docking_axis) - 1) < 1e-9')
         assert page.evaluate('!el("axis-legend").hidden && el("has-pulses").hidden')
         assert not [m for m in page.messages if 'ERR_' not in m and 'Canvas2D' not in m]
-
-
-def test_the_terminal_view_follows_a_flight(ros_env, tmp_path):
-    pictures = Path(os.environ.get('RPO_PICTURES', tmp_path))
-    rclpy.init()
-    node, executor = ListeningNode('listener'), SingleThreadedExecutor()
-    executor.add_node(node)
-    with node_processes(ros_env, tmp_path) as ros:
-        ros.node('rpo_bringup', *FLIGHT, '--output', str(tmp_path / 'run'))
-        end = time.monotonic() + DEADLINE_S
-        while node.live.position_m is None or node.live.time_s < 62.0 or not node.live.decisions:
-            assert time.monotonic() < end
-            executor.spin_once(timeout_sec=0.05)
-            node.look()
-    console = Console(width=80, record=True, file=(tmp_path / 'out.txt').open('w'))
-    console.print(terminal.view(node.live, node.topic))
-    for name, theme in (('light', DEFAULT_TERMINAL_THEME), ('dark', SVG_EXPORT_THEME)):
-        svg = console.export_svg(title='rpo watch', theme=theme, clear=False)
-        svg = re.sub(r'@font-face {.*?}', '', svg, flags=re.S)  # the reader's own font
-        assert 'url(http' not in svg
-        (pictures / f'watch_{name}.svg').write_text(svg)
-    shown = console.export_text()
-    assert f'paper_test · {DEFAULT_CONTROLLER}' in shown
-    assert re.search(r'of 0.5 N\): \d+ % ', shown), 'the rules that make the force'
-    executor.remove_node(node)
-    node.destroy_node()
-    rclpy.try_shutdown()
-
-
-async def heard(url: str, topics: set[str]) -> dict[str, object]:
-    """Return the first message of each topic, as an app decodes it."""
-    socket = await websocket_connect(url, subprotocols=['foxglove.sdk.v1'])
-    channels: dict[int, dict[str, str]] = {}
-    found: dict[str, object] = {}
-    end = time.monotonic() + DEADLINE_S
-    while not topics <= set(found):
-        message = await asyncio.wait_for(socket.read_message(), end - time.monotonic())
-        if isinstance(message, str):
-            told = json.loads(message)
-            if told['op'] == 'advertise':
-                new = {channel['id']: channel for channel in told['channels']}
-                channels |= new
-                asked = [{'id': number, 'channelId': number} for number in new]
-                await socket.write_message(json.dumps({'op': 'subscribe', 'subscriptions': asked}))
-            continue
-        kind, number, _ = struct.unpack_from('<BIQ', message)
-        if kind == 1:  # message data
-            channel, data = channels[number], message[13:]
-            if channel['encoding'] == 'cdr':
-                name = channel['schemaName']
-                data = generate_dynamic(name, channel['schema'])[name](data)
-            found.setdefault(channel['topic'], data)
-    socket.close()
-    return found
-
-
-def test_an_app_is_told_what_ros_says(ros_env, tmp_path):
-    topics = {'/relative_state', '/control_force', '/decision', '/run_status', '/chaser_transform'}
-    with node_processes(ros_env, tmp_path) as ros:
-        server = ros.node('rpo_view', 'foxglove', port=0)
-        server.says('open ws://')
-        url = re.search(r'ws://127\.0\.0\.1:\d+', server.output)[0]
-        ros.node('rpo_bringup', *FLIGHT, '--output', str(tmp_path / 'run'))
-        found = asyncio.run(heard(url, topics))
-        taken = ros.node('rpo_view', 'foxglove', port=url.rpartition(':')[2])
-        assert taken.wait() == 2
-        assert '`port` must be free' in taken.output
-        assert server.stop() == 0
-    state = found['/relative_state']
-    assert (state.header.frame_id, state.child_frame_id) == ('target_lvlh', 'chaser')
-    assert abs(state.pose.pose.position.y) <= 60.0
-    assert [status.name for status in found['/decision'].status] == [
-        f'decision: {axis}' for axis in 'xyz'
-    ]
-    assert b'target_lvlh' in found['/chaser_transform']

@@ -44,7 +44,7 @@ MAY_IMPORT = {
     'rpo_proof': JUDGED,
     'rpo_training': JUDGED,
     'rpo_report': JUDGED | {'rpo_proof', 'rpo_training', 'rpo_export'},
-    'rpo_cli': FLOWN | OFFLINE_ROOMS | {'rpo_view'},
+    'rpo_cli': FLOWN | OFFLINE_ROOMS,
     'rpo_ros': CORE,
     'rpo_ctrl': CORE,
     'rpo_guidance': CORE | {'rpo_attitude'},
@@ -73,7 +73,7 @@ ROSDEP_KEYS = {
 # pip brings them: rosdep has no key for mcap, and the other two come with it.
 WITHOUT_KEY = {'mcap', 'zstandard', 'lz4'}
 # A command that wants one says so, or does without.
-OPTIONAL = {'ccsds_ndm', 'foxglove', 'llvmlite', 'matplotlib', 'numba', 'pyarrow', 'rosbags'}
+OPTIONAL = {'ccsds_ndm', 'llvmlite', 'matplotlib', 'numba', 'pyarrow', 'rosbags'}
 
 
 def is_ros(module: str) -> bool:

@@ -191,7 +191,6 @@ class Flight:
             'fuzzy_controller': {'controller': _CONTROLLER},
             'recorder': {'output': self.folder / 'run', 'plant_timeout_s': 30.0},
             'web': {'port': 0},
-            'foxglove': {'port': 0},
         }.get(name, {})  # type: ignore[assignment]
         remap = {}
         if name in ('replay', 'rival_controller'):

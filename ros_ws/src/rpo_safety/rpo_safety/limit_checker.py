@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Mapping
-from typing import NamedTuple
+from dataclasses import dataclass
 
 
-class Rule(NamedTuple):
+@dataclass(frozen=True)
+class Rule:
     """A fault holds when `count` of the last `window` samples show it."""
 
     count: int

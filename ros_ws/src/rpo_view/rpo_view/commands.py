@@ -8,5 +8,3 @@ from rpo_ros.entry_point import start_node
 
 visualizer = partial(start_node, 'rpo_view.visualizer_node')
 web = partial(start_node, 'rpo_view.web_node')
-foxglove = partial(start_node, 'rpo_view.foxglove_node')
-watch = partial(start_node, 'rpo_view.watch_node')

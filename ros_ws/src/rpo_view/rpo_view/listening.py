@@ -41,16 +41,10 @@ class _Unspun(CallbackGroup):
 
 
 class Latest:
-    """The newest message of one topic; its node is a `Viewer`.
+    """The newest message of one topic; its node is a `ListeningNode`."""
 
-    kind : of a topic that is not in the table of interfaces
-    """
-
-    def __init__(
-        self, node: Node, topic: str, *, kind: type | None = None, raw: bool = False
-    ) -> None:
-        kind = kind or message_class(interfaces.row_of(topic).type)
-        self._raw = raw
+    def __init__(self, node: Node, topic: str) -> None:
+        kind = message_class(interfaces.row_of(topic).type)
         self._subscription = node.create_subscription(
             kind, topic, self._never, qos.NEWEST, callback_group=_Unspun(), raw=True
         )
@@ -68,21 +62,16 @@ class Latest:
         if newest is None:
             return None
         try:
-            message = deserialize_message(newest, topic.msg_type)
+            return deserialize_message(newest, topic.msg_type)
         except RuntimeError:  # bytes that are no message of this type
             return None
-        return newest if self._raw else message
 
 
-class Viewer(FlightNode):
-    """A node of views, run by the stock executor: only that one respects callback groups."""
+class ListeningNode(FlightNode):
+    """Fills `live` when it looks. Only the stock executor, which runs it, respects its groups."""
 
     executor_kind = SingleThreadedExecutor
     package = 'rpo_view'
-
-
-class ListeningNode(Viewer):
-    """Fills `live` when it looks; see `Viewer`."""
 
     def __init__(self, name: str, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__(name, overrides)

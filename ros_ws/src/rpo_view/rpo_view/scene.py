@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The scene for RViz and Foxglove: markers of one state, all in target LVLH.
+"""The scene for RViz: markers of one state, all in target LVLH.
 
 Each marker keeps its (ns, id), so that a viewer replaces the old one.
 """

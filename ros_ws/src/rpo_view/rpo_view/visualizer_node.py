@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Node `visualizer`: the run for RViz and Foxglove: /tf, a pose, markers."""
+"""Node `visualizer`: the run for RViz: /tf, a pose, markers."""
 
 from __future__ import annotations
 

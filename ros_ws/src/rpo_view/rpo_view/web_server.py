@@ -1,19 +1,30 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Server of the live page and its stream of events, for this machine only; no ROS."""
+"""Server of the live page and its stream of events, for this machine only; no ROS.
+
+A server on 127.0.0.1 is still open to every page that a browser of this machine shows, and a page
+elsewhere may give its own name to this machine (DNS rebinding). `Host` and `Origin`, which a
+browser writes and a page cannot change, show both.
+"""
 
 from __future__ import annotations
 
+import errno
 import json
 import sys
 import threading
+from email.message import Message
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
 from typing import Any
+from urllib.parse import urlsplit
 
+from rpo_core.files.validation import InputError
 from rpo_log.show import style
-from rpo_view.gate import HOST, port_taken, refusal
+
+HOST = '127.0.0.1'
+_NAMES = (HOST, 'localhost')
 
 _HEADERS = {
     'Cache-Control': 'no-store',
@@ -29,6 +40,23 @@ _TIMEOUT_S = 30.0
 """A reader that sends no request, or takes no event, for so long is disconnected."""
 
 _PALETTE_GOES = '/* The palette of rpo_log.show.style comes here. */'
+
+
+def refusal(headers: Message, port: int) -> str:
+    """Return why a request to the server at `port` is refused; '' if it is of this machine."""
+    host, origin = headers.get_all('Host', []), headers.get_all('Origin', [])
+    if len(host) != 1 or host[0] not in [f'{name}:{port}' for name in _NAMES]:
+        return 'only as 127.0.0.1 or localhost'
+    if len(origin) > 1 or (origin and not _is_local(origin[0])):
+        return 'only for programs and pages of this machine'
+    return ''
+
+
+def _is_local(origin: str) -> bool:
+    try:
+        return urlsplit(origin).hostname in _NAMES
+    except ValueError:  # it is no address
+        return False
 
 
 def page() -> bytes:
@@ -142,7 +170,8 @@ class LivePage(ThreadingHTTPServer):
         try:
             super().__init__((HOST, port), _Handler)
         except OSError as error:
-            raise port_taken(port, error) from None
+            why = 'it is in use' if error.errno == errno.EADDRINUSE else error.strerror
+            raise InputError(f'`port` must be free; got {port}: {why}') from None
         threading.Thread(target=self.serve_forever, daemon=True).start()
 
     @property
