@@ -19,7 +19,6 @@ from invoking import invoke, refused
 from landing import rest_at_landing
 from log_runs import FORCE, Run, make_run
 from pages import Page, replayed, straight, unpacked
-from PIL import Image
 
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
@@ -35,7 +34,7 @@ from rpo_mcap.read.run_log import read_run
 from rpo_montecarlo import outputs
 from rpo_montecarlo.campaign import config, execution
 from rpo_montecarlo.campaign.store import Store
-from rpo_report import campaign, logged, page, replay, run, run_plots, video
+from rpo_report import campaign, logged, page, replay, run, run_plots
 from rpo_report.page import File, Picture, Report, Section, Table, Text
 from rpo_report.replay import Replayed
 
@@ -491,8 +490,7 @@ def test_zones_count_only_where_a_scenario_has_them(flight):
     np.testing.assert_allclose(room[-3].values, away)
 
 
-def test_two_runs_beside_each_other_and_a_video(short_run, tmp_path, monkeypatch):
-    monkeypatch.setattr(video, 'FRAMES', 3)
+def test_two_runs_beside_each_other(short_run, tmp_path, monkeypatch):
     refuse_optima(monkeypatch)
     short_run.write(tmp_path / 'short')
     make_run(30.0).write(tmp_path / 'long')
@@ -506,6 +504,3 @@ def test_two_runs_beside_each_other_and_a_video(short_run, tmp_path, monkeypatch
     assert ends == [20.0, 30.0]
     text = (tmp_path / 'both' / 'report.html').read_text('utf-8')
     assert 'The flights beside each other' in text and 'Replay 2 flights' in text
-    video.write(short_run.flight, 'title', 'verdict', tmp_path / 'a.gif')
-    with Image.open(tmp_path / 'a.gif') as picture:
-        assert picture.n_frames == 3 and picture.size == (960, 540)

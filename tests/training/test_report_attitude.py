@@ -15,7 +15,6 @@ from pages import replayed, unpacked
 from scipy.spatial.transform import Rotation
 from test_report import check_labels
 
-from rpo_attitude.target import motion_of
 from rpo_attitude.turns import docking_axis
 from rpo_cli.commands.shared import write_flight
 from rpo_core import files
@@ -26,7 +25,7 @@ from rpo_core.wire.interfaces import BODY_TORQUE, CHASER_ATTITUDE, EXERTED_FORCE
 from rpo_log.show import report, style
 from rpo_log.tools.export import export
 from rpo_mcap.read.run_log import read_flight, read_run
-from rpo_report import attitude, replay, video
+from rpo_report import attitude, replay
 from rpo_report.logged import logged_flight, until
 from rpo_report.replay import Replayed
 from rpo_report.run import _Stages, _thrusters, compared
@@ -240,29 +239,6 @@ def test_the_replay_turns_the_chaser(flight):
     names = [limit['name'] for limit in flown['limits']]
     assert 'momentum of a wheel' in names and 'torque commanded, per axis' in names
     assert found['scene']['cameras'] == [{'axis': [0.0, 1.0, 0.0], 'half': 0.4, 'turns': False}]
-
-
-def test_a_video_has_the_force_in_the_axes_of_the_target(spinning):
-    motion = motion_of(spinning.scenario.target, spinning.scenario)
-    target = Rotation.from_quat([motion.attitude(tick)[:4] for tick in range(200)])
-    exerted = spinning.signals[EXERTED_FORCE][:-1]
-    np.testing.assert_allclose(video.forces_of(spinning), target.inv().apply(exerted), atol=1e-5)
-    assert not np.allclose(video.forces_of(spinning), exerted, atol=0.1)
-
-
-@pytest.mark.parametrize('name', ['flight', 'spinning'])
-def test_a_video_turns_the_chaser(name, request):
-    """Seen from a target that spins; its docking axis is the last line."""
-    flight = request.getfixturevalue(name)
-    edges, axis = video.bodies_of(flight, 100.0)(150)
-    attitude = Rotation.from_quat(flight.signals[CHASER_ATTITUDE][150, :4])
-    if flight.scenario.target is not None:
-        seen_by = motion_of(flight.scenario.target, flight.scenario).attitude(150)[:4]
-        attitude = Rotation.from_quat(seen_by).inv() * attitude
-    ahead = attitude.apply(docking_axis(flight.scenario))
-    np.testing.assert_allclose(axis, [np.zeros(3), 8.0 * ahead], atol=1e-9)
-    np.testing.assert_allclose(np.abs(attitude.inv().apply(edges)), 1.2, atol=1e-9)
-    assert len({tuple(corner) for corner in edges.round(6)}) == 8
 
 
 def test_a_flight_without_attitude_says_nothing_of_it():

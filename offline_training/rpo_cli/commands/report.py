@@ -41,9 +41,6 @@ def report(
             '[what it was trained for]; of a bag without manifests: what was flown'
         ),
     ] = '',
-    video: Annotated[
-        Path | None, typer.Option(help='of one run: write a moving picture too (.gif, .mp4)')
-    ] = None,
     open_: Annotated[bool, typer.Option('--open', help='show the page in the browser')] = False,
     no_fail: NoFail = False,
 ) -> None:
@@ -67,12 +64,6 @@ def report(
             raise InputError(
                 f'several targets must be runs; {target} is a {subject}, {other} a {kind}'
             )
-    if video is not None:
-        if subject != 'run' or others:
-            raise InputError(f'`--video` is of one run; {target} is a {subject}')
-        from rpo_report import video as moving
-
-        moving.check(video)
     doing = Text(printable(f'{target}: reporting this {subject}'))
     with plain_console(stderr=True).status(doing):
         if others:
@@ -84,10 +75,6 @@ def report(
         else:
             made, folder, code = _of_folder(target, subject)
         paths = write(made, output or folder)
-        if video is not None:
-            (one,) = made.flights
-            moving.write(one.flight, made.title, one.verdict, video)
-            paths.insert(0, video)
     for path in paths:
         echo(path)
     if open_:
