@@ -12,8 +12,6 @@ import struct
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Mapping
-from contextlib import suppress
 from email.message import Message
 from pathlib import Path
 
@@ -23,7 +21,7 @@ import yaml
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, Quaternion, WrenchStamped
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from inside import inside
 from nav_msgs.msg import Odometry
@@ -40,12 +38,11 @@ from rpo_core.files.validation import InputError
 from rpo_core.judge.zones import zones_of
 from rpo_core.wire import interfaces
 from rpo_core.wire.cdr import Status
-from rpo_core.wire.statuses import AssuranceStatus, GuidanceStatus, Manifest, RunStatus
+from rpo_core.wire.statuses import Manifest, RunStatus
 from rpo_ctrl import explain
 from rpo_ros import conversions, names, qos
 from rpo_view import scene, web_server
 from rpo_view.live import Effort, LiveRun, Trail
-from rpo_view.onboard import Onboard
 from rpo_view.visualizer_node import VisualizerNode, transform_of
 from rpo_view.web_node import WebNode
 from rpo_view.web_server import LivePage, refusal
@@ -189,17 +186,6 @@ def test_numbers_beyond_all_floats_are_not_shown():
     run.force_n = (1.7e308, 1.7e308, 0.0)
     run.on_state(START_NS + 10**10, STATE)
     shown(run)
-    run = guided()
-    huge = (1.7e308, -1.7e308, 1.7e308, 0.0, 0.0, 0.0)
-    for covariance in ((math.nan,) * 9, (math.inf,) * 9, (-1.0,) * 9, (1.7e308,) * 9):
-        run.onboard.on_estimate(START_NS, STATE, covariance)
-        assert shown(run)['sigmas_m'] is None
-    run.onboard.on_estimate(START_NS, huge, COVARIANCE)
-    run.onboard.on_reference(START_NS, huge)
-    run.onboard.on_health({'openings': '1e308', 'interventions': 'nan'})
-    assert (shown(run)['openings'], shown(run)['reference_m']) == (1234, list(REFERENCE[:3]))
-    run.onboard.on_estimate(START_NS, STATE, (0.0,) * 9)  # navigation has errors, no estimator
-    assert shown(run)['sigmas_m'] is None
 
 
 HOSTILE = '[/bold]\x1b[2J\x1b]0;owned\x07\n\u202e' + 'x' * 200_000
@@ -301,8 +287,7 @@ def test_the_page_fits_a_phone_and_shows_rules_as_the_surface_does():
     assert '[...WORDS].reverse().map(v =>' in text  # LP of the velocity error is at the top
     for words in ('range rate', 'Δv', 'thruster duty', 'Closing speed against range'):
         assert words in text
-    for name in ('said-guidance', 'said-estimate', 'said-assurance', 'openings', 'zone-legend'):
-        assert f'id="{name}"' in text
+    assert 'id="zone-legend"' in text
 
 
 def get(url: str, host: str = '', origin: str = '') -> tuple[int, str]:
@@ -411,7 +396,8 @@ def inner(ros_env):
 
 def test_rviz_and_foxglove_look_at_topics_that_are_there():
     topics = {names.MARKERS, names.CHASER_POSE, interfaces.RELATIVE_STATE, interfaces.CONTROL_FORCE,
-              interfaces.RUN_STATUS, interfaces.DECISION}  # fmt: skip
+              interfaces.RUN_STATUS, interfaces.DECISION, interfaces.NAVIGATION_STATE,
+              interfaces.REFERENCE_STATE}  # fmt: skip
     document = yaml.safe_load((BRINGUP / 'rviz' / 'final_approach.rviz').read_text())
     displays = document['Visualization Manager']['Displays']
     shown = {d['Topic']['Value'] for d in displays if 'Topic' in d}
@@ -440,104 +426,6 @@ def test_a_time_that_goes_back_takes_no_impulse_away():
     for time_s in (0.0, 1.0, -1e300, -1e300 + 1.0, 2.0):
         effort.add(time_s, (1.0, 0.0, 0.0), (0.5, 0.0, 0.0))
     assert effort.known and effort.impulse_n_s >= 0.5
-
-
-COVARIANCE = (0.04, 0.01, 0.0, 0.01, 0.09, 0.0, 0.0, 0.0, 0.01)
-ESTIMATE = (10.3, 60.0, -40.4, 0.1, -0.2, 0.3)
-REFERENCE = (10.0, 60.0, -39.0, 0.1, -0.2, 0.26)
-PHASE = {'phase': 'hold_60', 'tick': '3', 'reason': 'fly_around is flown'}
-ACTS = {'tick': '5', 'mode': 'open', 'constraint': 'keep_out', 'margin_m': '-0.25',
-        'margin_m_s': '0.125', **dict.fromkeys(
-            [f'{moment}_n.{axis}' for moment in ('before', 'after') for axis in 'xyz'], '0.0')
-        }  # fmt: skip
-PASSES = {**ACTS, 'tick': '9', 'constraint': '', 'margin_m': '1.5'}
-
-
-def phase(values: Mapping[str, str] = PHASE) -> GuidanceStatus:
-    return GuidanceStatus.of(Status(0, 'guidance', 'so', 'none', tuple(values.items())))
-
-
-def acts(values: Mapping[str, str] = ACTS) -> AssuranceStatus:
-    return AssuranceStatus.of(Status(0, 'assurance', 'so', 'none', tuple(values.items())))
-
-
-def guided(tick: int = 10) -> LiveRun:
-    """Return a run of `hold_points` that was heard to the end of a second."""
-    run = watching('hold_points')
-    run.onboard.on_guidance(phase())
-    run.onboard.on_assurance(acts())
-    for i in range(tick + 1):
-        run.on_state(START_NS + i * 100_000_000, STATE)
-    stamp_ns = START_NS + tick * 100_000_000
-    run.onboard.on_estimate(stamp_ns, ESTIMATE, COVARIANCE)
-    run.onboard.on_reference(stamp_ns, REFERENCE)
-    run.onboard.on_health({'openings': '1234', 'tick': str(tick)})
-    run.onboard.on_health({**ACTS, 'tick': str(tick), 'interventions': '2'})
-    return run
-
-
-def test_a_flight_without_these_stages_looks_as_before():
-    found = shown(heard())
-    assert found['zones'] == []
-    keys = ('guidance', 'assurance', 'estimate_m', 'sigmas_m', 'reference_m', 'openings', 'miss_m')
-    assert [found[key] for key in keys] == [None] * len(keys)
-
-
-def test_what_the_stages_say_is_shown():
-    found = shown(guided())
-    assert found['estimate_error_m'] == pytest.approx(0.5)
-    assert found['sigmas_m'] == pytest.approx([0.2, 0.3, 0.1])
-    assert found['miss_m'] == pytest.approx(1.0) and found['miss_m_s'] == pytest.approx(0.04)
-    assert found['guidance'] == {'phase': 'hold_60', 'reason': PHASE['reason'], 'since_s': 3 * 0.1}
-    assert found['assurance'] == {
-        'constraint': 'keep_out', 'mode': 'open', 'since_s': 0.5, 'margin_m': -0.25,
-        'margin_m_s': 0.125, 'interventions': 2, 'table': '',
-    }  # fmt: skip
-    (zones,) = found['zones']
-    assert zones['keep_out_m'] == 10.0 and zones['port_m'] == [0.0, 1.0, 0.0]
-    assert set(zones['points_m']) == {'hold_60', 'hold_20', 'retreat'}
-    (near, far), _ = zones['edges_m']['0']
-    assert near == [1.0, 0.0] and far == pytest.approx([20.0, 19.0 * math.tan(math.radians(10.0))])
-    run = guided()
-    run.onboard.on_health({'table': 'armed', 'phase': 'aborting'})
-    assert shown(run)['assurance']['table'] == 'armed, aborting'
-    run.onboard.on_assurance(acts({**PASSES, 'tick': '10'}))
-    assert shown(run)['assurance']['constraint'] == ''
-
-
-def test_errors_are_of_one_stamp():
-    """An estimate beside a state of another tick is off by the way between them."""
-    run = guided()
-    run.onboard.on_estimate(START_NS - 1, (99.0,) * 6, COVARIANCE)
-    run.onboard.on_reference(START_NS - 1, (99.0,) * 6)
-    assert shown(run)['estimate_error_m'] == pytest.approx(0.5)
-    assert shown(run)['miss_m'] == pytest.approx(1.0)
-
-
-def test_another_run_takes_nothing_of_the_one_before():
-    run = guided()
-    run.on_state(START_NS, STATE)
-    found = shown(run)
-    assert found['guidance'] is found['assurance'] is found['estimate_m'] is None
-    run.onboard.on_guidance(phase({**PHASE, 'tick': '0', 'phase': 'fly_around'}))
-    assert shown(run)['guidance']['phase'] == 'fly_around'
-    known = guided()
-    known.on_manifest(manifest('plant', 'kind: other'))
-    assert known.scenario is None and known.zones == []
-
-
-KEYS = ('tick', 'phase', 'constraint', 'margin_m', 'openings', 'interventions', 'reason')
-
-
-@settings(max_examples=40)
-@given(st.dictionaries(st.sampled_from(KEYS), st.text(max_size=40)))
-def test_no_status_breaks_a_view(values):
-    run = guided()
-    for reader, taker in ((phase, run.onboard.on_guidance), (acts, run.onboard.on_assurance)):
-        with suppress(InputError):
-            taker(reader({**(PHASE if reader is phase else ACTS), **values}))
-    run.onboard.on_health({'margin_m': HOSTILE, **values})
-    shown(run)
 
 
 def test_zones_of_the_scenario_replace_the_aids():
@@ -578,7 +466,7 @@ def turning(**sections: object) -> Scenario:
     return scenarios.parse({**document, 'attitude': body, **sections})
 
 
-def test_the_attitude_of_a_chaser_is_drawn_and_said():
+def test_the_attitude_of_a_chaser_is_drawn():
     """An hour hand: turned by 90 degrees about z, the axis along -y looks along x."""
     run, still, turns = LiveRun(), load_scenario('paper_test'), turning()
     half = math.sqrt(0.5)
@@ -586,15 +474,10 @@ def test_the_attitude_of_a_chaser_is_drawn_and_said():
     for scenario, known in ((still, False), (turns, True)):
         run.on_manifest(manifest('plant', scenarios.dumps(scenario)))
         run.on_state(START_NS, STATE, attitude)
-        run.onboard.on_turn(interfaces.NAVIGATION_ATTITUDE, START_NS, attitude)
-        assert (run.docking_axis is not None) is known is bool(shown(run)['turns'])
+        assert (run.docking_axis is not None) is known is bool(shown(run)['docking_axis'])
     x, y, z = docking_axis(turns)
     assert run.docking_axis == pytest.approx((-y, x, z), abs=1e-12)
-    rate = math.degrees(0.02 - turns.mean_motion_rad_s)
-    text = shown(run)['turns']
-    assert f'90.000° and {rate:.3f} °/s from the reference; turns at 1.146 °/s' in text
-    assert 'estimate 0.000° off the truth' in text
-    found = scene_of(onboard=run.onboard, docking_axis=run.docking_axis)
+    found = scene_of(chaser_attitude=attitude, docking_axis=run.docking_axis)
     q = found['chaser', 0].pose.orientation
     assert (q.x, q.y, q.z, q.w) == attitude[:4]
     tail, tip = found['docking_axis', 0].points
@@ -610,10 +493,7 @@ def test_the_attitude_of_a_chaser_is_drawn_and_said():
     run.on_manifest(manifest('plant', scenarios.dumps(steered)))
     assert run.command_n == FORCE
     run.on_state(START_NS, STATE, (*attitude[:6], 1.7e308))  # foreign: beyond all floats
-    run.onboard.on_turn(interfaces.NAVIGATION_ATTITUDE, START_NS, (*attitude[:6], 1.7e308))
-    assert run.onboard.attitude == attitude
-    run.on_state(START_NS - 1, STATE, attitude)
-    assert run.onboard.off[interfaces.REFERENCE_ATTITUDE] and len(run.onboard.off) == 1
+    assert run.chaser_attitude == attitude
 
 
 @pytest.mark.parametrize(
@@ -633,42 +513,17 @@ def matrix_of(q) -> np.ndarray:
     return (w * w - v @ v) * np.eye(3) + 2.0 * np.outer(v, v) + 2.0 * w * cross
 
 
-@given(st.lists(st.floats(-1.0, 1.0), min_size=9, max_size=9))
-def test_the_ellipsoid_is_three_sigma(numbers):
-    root = np.array(numbers).reshape(3, 3)
-    covariance = root @ root.T + 1e-4 * np.eye(3)
-    marker = scene.ellipsoid((1.0, 2.0, 3.0), tuple(covariance.ravel()))
-    turned = matrix_of(marker.pose.orientation)
-    radii = np.array([marker.scale.x, marker.scale.y, marker.scale.z]) / 2.0
-    np.testing.assert_allclose(turned @ turned.T, np.eye(3), atol=1e-9)
-    np.testing.assert_allclose(
-        turned @ np.diag(radii**2) @ turned.T, 9.0 * covariance, atol=1e-6 * covariance.max()
-    )
-
-
-def test_estimate_and_reference_are_in_the_scene():
-    found = scene_of(onboard=guided().onboard)
-    for name, place in (('estimate', ESTIMATE), ('reference', REFERENCE), ('sigma', ESTIMATE)):
-        at = found[name, 0].pose.position
-        assert (at.x, at.y, at.z) == place[:3]
-    assert not {'estimate', 'reference', 'sigma'} & {ns for ns, _ in scene_of(onboard=Onboard())}
-
-
 def test_nodes_show_what_a_run_says(inner):
     """A sender at full speed; zones go when a plant has another scenario."""
     user, said = inner.user, conversions.to_status
     view = inner.start(VisualizerNode({'rate_hz': 50.0}))
     web = inner.start(WebNode({'port': 0, 'rate_hz': 50.0}))
-    states, estimates, references = (
-        user.create_publisher(Odometry, name, qos.LOCKSTEP)
-        for name in ('relative_state', 'navigation_state', 'reference_state')
-    )
+    states = user.create_publisher(Odometry, interfaces.RELATIVE_STATE, qos.LOCKSTEP)
     forces = user.create_publisher(WrenchStamped, interfaces.CONTROL_FORCE, qos.LOCKSTEP)
     why = user.create_publisher(DiagnosticArray, interfaces.DECISION, qos.DIAGNOSTICS)
-    health = user.create_publisher(DiagnosticArray, names.DIAGNOSTICS, qos.DIAGNOSTICS)
     latched = {
         name: user.create_publisher(DiagnosticStatus, name, qos.LATCHED)
-        for name in ('run_status', 'guidance_status', 'assurance_status', 'node_manifest')
+        for name in ('run_status', 'node_manifest')
     }
     scenes: list[MarkerArray] = []
     poses: list[PoseStamped] = []
@@ -690,19 +545,10 @@ def test_nodes_show_what_a_run_says(inner):
         def said_once():
             stamp_ns = START_NS + 100_000_000 * next(ticks)
             states.publish(conversions.to_odometry(stamp_ns, STATE))
-            references.publish(conversions.to_odometry(stamp_ns, REFERENCE))
-            estimate = conversions.to_odometry(stamp_ns, ESTIMATE)
-            for row, column in itertools.product(range(3), repeat=2):
-                estimate.pose.covariance[6 * row + column] = COVARIANCE[3 * row + column]
-            estimates.publish(estimate)
             forces.publish(conversions.to_wrench(conversions.to_stamp(stamp_ns), FORCE))
             why.publish(
                 DiagnosticArray(status=[said(b'\0', 'decision: x', 'so', [('rule.Z.Z.Z', 1.0)])])
             )
-            array = DiagnosticArray()
-            for name, openings in (('plant', '7'), ('elsewhere/plant', '99')):
-                array.status.append(said(b'\0', f'{name}: health', '', [('openings', openings)]))
-            health.publish(array)
             return condition()
 
         inner.until(said_once)
@@ -714,23 +560,12 @@ def test_nodes_show_what_a_run_says(inner):
     live = web.live
     say('run_status', {'phase': 'running', 'tick': '0'})
     flies('hold_points')
-    say('guidance_status', {**PHASE, 'tick': '0'})
-    say('assurance_status', {**ACTS, 'tick': '0'})
-    said_until(
-        lambda: {'port', 'holds', 'sigma', 'reference'} <= shown_ns() and live.phase and poses
-    )
+    said_until(lambda: {'port', 'holds'} <= shown_ns() and live.phase and poses)
     assert {'target', 'chaser', 'thrust', 'trail', 'keep_out'} <= shown_ns()
     assert poses[-1].header.frame_id == interfaces.LVLH_FRAME
     assert poses[-1].pose.position.y == STATE[1]
-    said_until(lambda: live.onboard.openings and live.onboard.error and live.onboard.miss)
     said_until(lambda: live.force_n and live.decisions)
     assert live.force_n == FORCE and live.decisions['x'].rules == (('Z', 'Z', 'Z', 1.0),)
-    assert live.onboard.openings == 7
-    assert live.onboard.covariance == COVARIANCE
-    assert live.onboard.phase(live.tick).phase == 'hold_60'
-    assert live.onboard.acting(live.tick).constraint == 'keep_out'
-    error = [e - s for e, s in zip(ESTIMATE, STATE, strict=True)]
-    assert live.onboard.error == pytest.approx(error)
     inner.passes(0.2)  # the page gets a picture each 20 ms, while the executor spins
     assert json.loads(events(web.page.url, 2)[1])['sentence'] == 'running: flying'
     flies('assured')

@@ -110,42 +110,12 @@ def test_the_page_follows_a_flight(ros_env, tmp_path):
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason='chromium is not installed')
-def test_the_page_shows_what_guidance_and_assurance_say(ros_env, tmp_path):
-    """And nothing of stages that the flight has not: here an estimator and pulses."""
-    pictures = Path(os.environ.get('RPO_PICTURES', tmp_path))
-    with node_processes(ros_env, tmp_path) as ros, browser(CHROMIUM, tmp_path / 'profile') as page:
-        opened(ros, page)
-        approach(ros, 'on_command', '40')
-        until(page, 'typeof now !== "undefined" && now && now.guidance && now.assurance')
-        until(page, 'now.miss_m !== null && now.time_s > 150')
-        page.screenshot(pictures / 'live_guided.png')
-        shown = 'el("said-%s").closest("tr").getClientRects().length'
-        for name in ('guidance', 'assurance', 'estimate'):  # an error of navigation, no filter
-            assert page.evaluate(shown % name), name
-        assert page.evaluate('el("said-guidance").textContent').startswith('around since 0.0 s')
-        assert 'margin' in page.evaluate('el("said-assurance").textContent')
-        assert page.evaluate('el("has-openings").hidden') and page.evaluate('!now.sigmas_m')
-        assert page.evaluate('!el("zone-legend").hidden && now.zones.length') == 2
-        colours = ink(page, 'plane')
-        page.evaluate('now.zones = []; draw()')
-        assert ink(page, 'plane') < colours, 'the zones have colours of their own'
-        page.evaluate('el("chaser").click()')
-        for width in (WIDTH, 390):
-            look(page, width, 'dark')
-            time.sleep(0.5)
-            assert page.evaluate('document.documentElement.scrollWidth') <= width
-        assert not [m for m in page.messages if 'ERR_' not in m and 'Canvas2D' not in m]
-
-
-@pytest.mark.skipif(CHROMIUM is None, reason='chromium is not installed')
-def test_the_page_shows_how_the_chaser_turns(ros_env, tmp_path):
+def test_the_page_shows_zones_and_how_the_chaser_turns(ros_env, tmp_path):
     with node_processes(ros_env, tmp_path) as ros, browser(CHROMIUM, tmp_path / 'profile') as page:
         opened(ros, page)
         approach(ros, 'tumbling_docking', '10')
-        until(page, 'typeof now !== "undefined" && now && now.time_s > 20 && now.turns')
-        until(page, 'el("said-attitude").textContent.includes("off the truth")')
-        said = page.evaluate('el("said-attitude").textContent')
-        assert re.match(r'[0-9.]+° and [0-9.]+ °/s from the reference; turns at [0-9.]+ °/s', said)
+        until(page, 'typeof now !== "undefined" && now && now.time_s > 20 && now.docking_axis')
         assert page.evaluate('Math.abs(Math.hypot(...now.docking_axis) - 1) < 1e-9')
         assert page.evaluate('!el("axis-legend").hidden && el("has-pulses").hidden')
+        assert page.evaluate('!el("zone-legend").hidden && now.zones.length') > 0
         assert not [m for m in page.messages if 'ERR_' not in m and 'Canvas2D' not in m]

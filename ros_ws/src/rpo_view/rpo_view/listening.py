@@ -11,16 +11,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.callback_groups import CallbackGroup
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
 from rpo_core.wire import interfaces
-from rpo_core.wire.statuses import AssuranceStatus, GuidanceStatus, Manifest, RunStatus
-from rpo_ros import conversions, names, qos
+from rpo_core.wire.statuses import Manifest, RunStatus
+from rpo_ros import conversions, qos
 from rpo_ros.conversions import values_of
 from rpo_ros.running import FlightNode
 from rpo_ros.signals import hear, message_class
@@ -77,39 +75,22 @@ class ListeningNode(FlightNode):
         super().__init__(name, overrides)
         self.live = LiveRun()
         self.topic = self.resolve_topic_name(interfaces.RELATIVE_STATE)
-        self._odometry = {
-            name: Latest(self, name)
-            for name in (
-                interfaces.RELATIVE_STATE,
-                interfaces.NAVIGATION_STATE,
-                interfaces.REFERENCE_STATE,
-                interfaces.NAVIGATION_ATTITUDE,
-                interfaces.REFERENCE_ATTITUDE,
-            )
-        }
+        self._state = Latest(self, interfaces.RELATIVE_STATE)
         self._forces = {
             'force_n': Latest(self, interfaces.CONTROL_FORCE),
             'disturbance_n': Latest(self, interfaces.DISTURBANCE_FORCE),
             'exerted_n': Latest(self, interfaces.EXERTED_FORCE),
         }
         self._decisions = Latest(self, interfaces.DECISION)
-        for reader, take in (
-            (RunStatus, self.live.on_status),
-            (Manifest, self.live.on_manifest),
-            (GuidanceStatus, lambda status: self.live.onboard.on_guidance(status)),
-            (AssuranceStatus, lambda status: self.live.onboard.on_assurance(status)),
-        ):
-            hear(self, reader, take)
-        self.create_subscription(
-            DiagnosticArray, names.DIAGNOSTICS, self._on_diagnostics, qos.DIAGNOSTICS
-        )
+        hear(self, RunStatus, self.live.on_status)
+        hear(self, Manifest, self.live.on_manifest)
 
     def look(self) -> bool:
         """Take the newest message of each topic; return whether a state came.
 
         Other frames, and what is not finite, are skipped.
         """
-        heard = [self._hear(name) for name in self._odometry]
+        heard = self._hear()
         for name, newest in self._forces.items():
             force = newest.take()
             if force is not None:
@@ -120,30 +101,14 @@ class ListeningNode(FlightNode):
         for status in decision.status if decision is not None else ():
             axis = status.name.rpartition(': ')[2]
             self.live.on_decision(axis, status.message, values_of(status))
-        return heard[0]
+        return heard
 
-    def _hear(self, name: str) -> bool:
-        """Take the newest state or attitude of a topic; return whether a sound one came."""
-        message = self._odometry[name].take()
+    def _hear(self) -> bool:
+        """Take the newest state; return whether a sound one came."""
+        message = self._state.take()
         values = () if message is None else conversions.from_odometry(message)
         if message is None or conversions.fault_of(message, values):
             return False
         stamp_ns = conversions.from_stamp(message.header.stamp)
-        attitude, onboard = conversions.attitude_of(message), self.live.onboard
-        if name == interfaces.RELATIVE_STATE:
-            self.live.on_state(stamp_ns, values, attitude)
-        elif name == interfaces.REFERENCE_STATE:
-            onboard.on_reference(stamp_ns, values)
-        elif name == interfaces.NAVIGATION_STATE:
-            rows = np.reshape(message.pose.covariance, (6, 6))
-            onboard.on_estimate(stamp_ns, values, rows[:3, :3].ravel())
-        elif attitude is not None:
-            onboard.on_turn(name, stamp_ns, attitude)
+        self.live.on_state(stamp_ns, values, conversions.attitude_of(message))
         return True
-
-    def _on_diagnostics(self, array: DiagnosticArray) -> None:
-        """Take the health of the nodes in this namespace."""
-        for status in array.status:
-            node, _, _ = status.name.partition(': ')
-            if f'/{node}'.rpartition('/')[0] == self.get_namespace().rstrip('/'):
-                self.live.onboard.on_health(values_of(status))

@@ -23,12 +23,10 @@ from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import MOST_NAME, InputError, printable
 from rpo_core.judge.metrics import MAX_ARRIVAL_DISTANCE_M
 from rpo_core.judge.zones import Zone, zones_of
-from rpo_core.wire.interfaces import REFERENCE_ATTITUDE
 from rpo_core.wire.statuses import ENDED, Manifest, RunStatus
 from rpo_ctrl import explain
-from rpo_kernels.attitude_kernels import Attitude, Frame, seen_from, synchronised
+from rpo_kernels.attitude_kernels import Attitude, Frame, seen_from
 from rpo_thrusters.thrusters import STANDARD_GRAVITY_M_S2
-from rpo_view.onboard import Onboard, number
 
 Vector = tuple[float, ...]
 
@@ -36,6 +34,9 @@ _NANOSECONDS = 1_000_000_000
 _AXES = ('x', 'y', 'z')
 _MOST_RULES = 25
 """Rules of a table; what claims more is shown no further."""
+
+_LARGEST = 1e100
+"""A larger number of a foreign message is not shown: its square is beyond all floats."""
 
 SILENCE_S = 3.0
 """A run in progress without a state for so long is silent."""
@@ -60,8 +61,8 @@ class AxisDecision:
         rules, published = [], {}
         for key, value in values.items():
             kind, *words = key.split('.')
-            found = number(value)
-            if found is None:
+            found = _number(value)
+            if not math.isfinite(found):
                 continue
             published[key] = found
             if kind == 'rule' and len(words) == 3:
@@ -70,6 +71,14 @@ class AxisDecision:
         rules.sort(key=lambda rule: -rule[3])
         said = explain.in_words(controller, printable(sentence), published)
         return cls(said, tuple(rules[:_MOST_RULES]))
+
+
+def _number(text: str) -> float:
+    """Return a number; not a number where the text is something else."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
 
 
 class Trail:
@@ -137,7 +146,7 @@ class LiveRun:
     position_m, velocity_m_s, disturbance_n : (3,), target LVLH
     force_n : (3,) as the controller commands it; views show `command_n`
     exerted_n : (3,) mean force of pulses in a tick, where thrusters fire in pulses
-    onboard : what the stages of the run say, beside the controller
+    chaser_attitude : (7,) true quaternion and rate of a chaser that has one
     zones : about the target, as the scenario has them
     flights : number of runs since the start of the viewer
     clock : wall time [s]
@@ -156,7 +165,7 @@ class LiveRun:
     exerted_n: Vector | None = None
     decisions: dict[str, AxisDecision] = field(default_factory=dict)
     effort: Effort = field(default_factory=Effort)
-    onboard: Onboard = field(default_factory=Onboard)
+    chaser_attitude: Vector | None = None
     zones: list[Zone] = field(default_factory=list)
     flights: int = 0
     _text: str = ''
@@ -180,12 +189,9 @@ class LiveRun:
         self._stamp_ns, self._heard_s = stamp_ns, self.clock()
         self.position_m, self.velocity_m_s = tuple(state[:3]), tuple(state[3:])
         self.trail.add(self.position_m)
-        self.onboard.on_state(stamp_ns, (*self.position_m, *self.velocity_m_s))
-        if attitude is not None and self.scenario is not None and self.scenario.attitude:
-            self.onboard.on_attitude(stamp_ns, attitude)
-            if self.scenario.named('pointing') is None:
-                wanted = synchronised(self.scenario.mean_motion_rad_s)
-                self.onboard.on_turn(REFERENCE_ATTITUDE, stamp_ns, wanted)
+        turns = self.scenario is not None and self.scenario.attitude
+        if attitude is not None and turns and all(abs(q) < _LARGEST for q in attitude):
+            self.chaser_attitude = attitude
         self.effort.add(self.time_s, self.errors[:3], self.force_n)
 
     def _begin(self, stamp_ns: int) -> None:
@@ -194,7 +200,7 @@ class LiveRun:
         self.trail.clear()
         self.decisions.clear()
         self.force_n = self.disturbance_n = self.exerted_n = None
-        self.effort, self.onboard = Effort(), self.onboard.anew()
+        self.effort, self.chaser_attitude = Effort(), None
 
     def on_status(self, status: RunStatus) -> None:
         """Take a run_status."""
@@ -274,9 +280,9 @@ class LiveRun:
     @property
     def docking_axis(self) -> Vector | None:
         """Unit vector (3,) of the chaser's docking axis, target LVLH; None: it has no attitude."""
-        if self.scenario is None or self.onboard.attitude is None:
+        if self.scenario is None or self.chaser_attitude is None:
             return None
-        axis = turned(docking_axis(self.scenario), self.onboard.attitude[:4])
+        axis = turned(docking_axis(self.scenario), self.chaser_attitude[:4])
         return tuple(axis.tolist())
 
     @property
@@ -327,7 +333,7 @@ class LiveRun:
     @property
     def command_n(self) -> Vector | None:
         """Commanded force (3,), target LVLH, to which the attitude may have to turn it."""
-        found, attitude = self.force_n, self.onboard.attitude
+        found, attitude = self.force_n, self.chaser_attitude
         if found is None or attitude is None or self.scenario is None:
             return found
         if self.scenario.named('attitude_control') is not None:
@@ -397,7 +403,6 @@ class LiveRun:
                 for axis, decision in sorted(self.decisions.items())
             },
             'zones': [_drawn(zones) for zones in self.zones_now],
-            **self.onboard.snapshot(self.tick, self.scenario.dt_s if self.scenario else None),
         }
 
 

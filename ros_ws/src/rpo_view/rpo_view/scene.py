@@ -12,10 +12,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Quaternion
-from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -24,7 +22,6 @@ from rpo_core.judge.zones import Cone, Zone
 from rpo_core.wire.interfaces import LVLH_FRAME
 from rpo_kernels.attitude_kernels import Attitude
 from rpo_log.show.style import COLOURS
-from rpo_view.onboard import Onboard
 
 Vector = Sequence[float]
 
@@ -35,7 +32,6 @@ _AXIS_M = 3.0
 """Length of the docking axis."""
 _MOST_POINTS = 100
 """Points of a plan have the numbers from this one times that of their zone."""
-_LEAST_SIZE_M = 1e-3
 _MIN_FORCE_N = 1e-3
 """A smaller force is not drawn: RViz warns of an arrow without length."""
 
@@ -61,19 +57,18 @@ def markers(
     trail: Sequence[Vector],
     look: Look,
     zones: Sequence[Zone] = (),
-    onboard: Onboard | None = None,
     attitude: Attitude | None = None,
+    chaser_attitude: Vector | None = None,
     docking_axis: Vector | None = None,
 ) -> MarkerArray:
     """Return the whole scene; the aids of `look` where the scenario has no zones of its own.
 
     position_m : (3,), force_n : (3,) commanded, trail : (n, 3), n >= 1; m, N, target LVLH
-    attitude : of the target, where it has one; that of the chaser is in `onboard`
+    attitude : of the target, where it has one; chaser_attitude : of the chaser
     docking_axis : (3,) of a chaser that has an attitude, target LVLH
     """
-    said = onboard or Onboard()
     around = zone_markers(zones) if zones else _aids(trail[0], look)
-    found = [*_target(attitude), *_chaser(position_m, said.attitude), *around, *_said(said)]
+    found = [*_target(attitude), *_chaser(position_m, chaser_attitude), *around]
     found += _axis(position_m, docking_axis)
     found.append(_line('trail', 0, trail, 'muted', 0.12))
     found.append(_thrust(position_m, force_n or (0.0, 0.0, 0.0), look.arrow_m_per_n))
@@ -199,38 +194,3 @@ def zone_markers(zones: Sequence[Zone]) -> list[Marker]:
             label.text = name
             found += [point, label]
     return found
-
-
-def _said(onboard: Onboard) -> list[Marker]:
-    """Return the estimate with its ellipsoid of three sigma, and the reference; none unknown."""
-    found = []
-    if onboard.reference is not None:
-        at_m = onboard.reference[:3]
-        found.append(_marker('reference', 0, Marker.SPHERE, (0.7,) * 3, _colour('optimum'), at_m))
-    if onboard.estimate is not None:
-        at_m = onboard.estimate[:3]
-        found.append(_marker('estimate', 0, Marker.SPHERE, (0.5,) * 3, _colour('z'), at_m))
-        if onboard.covariance is not None:
-            found.append(ellipsoid(at_m, onboard.covariance))
-    return found
-
-
-def ellipsoid(at_m: Vector, covariance_m2: Vector) -> Marker:
-    """Return the ellipsoid of three sigma about a position; covariance : (9,), row by row."""
-    values, axes = np.linalg.eigh(np.array(covariance_m2).reshape(3, 3))
-    if np.linalg.det(axes) < 0.0:  # a rotation has no mirror
-        axes[:, 0] = -axes[:, 0]
-    size_m = np.maximum(6.0 * np.sqrt(np.maximum(values, 0.0)), _LEAST_SIZE_M)
-    marker = _marker('sigma', 0, Marker.SPHERE, size_m.tolist(), _colour('z', 0.25), at_m)
-    turn(marker.pose.orientation, quaternion(axes))
-    return marker
-
-
-def quaternion(matrix: NDArray[np.float64]) -> tuple[float, ...]:
-    """Return x, y, z, w of a rotation (3, 3): an eigenvector (Bar-Itzhack, 2000)."""
-    m, trace = matrix, float(np.trace(matrix))
-    k = np.empty((4, 4))
-    k[:3, :3] = m + m.T - trace * np.eye(3)
-    k[:3, 3] = k[3, :3] = (m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1])
-    k[3, 3] = trace
-    return tuple(np.linalg.eigh(k)[1][:, 3].tolist())

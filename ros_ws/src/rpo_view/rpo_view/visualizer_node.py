@@ -52,14 +52,14 @@ class VisualizerNode(ListeningNode):
         if not self.look() or run.position_m is None or run.velocity_m_s is None:
             return
         state = conversions.to_odometry(run.stamp_ns, (*run.position_m, *run.velocity_m_s))
-        if run.onboard.attitude is not None:
-            turn(state.pose.pose.orientation, run.onboard.attitude[:4])
+        if run.chaser_attitude is not None:
+            turn(state.pose.pose.orientation, run.chaser_attitude[:4])
         self._pose.publish(PoseStamped(header=state.header, pose=state.pose.pose))
         if self._tf is not None:
             turned = [transform_of(attitude)] if (attitude := self._attitude.take()) else []
             self._tf.publish(TFMessage(transforms=[transform_of(state), *turned]))
         trail, stamp = [*run.trail.points, run.position_m], state.header.stamp
-        seen = trail, self._look, run.zones_now, run.onboard, run.attitude, run.docking_axis
+        seen = trail, self._look, run.zones_now, run.attitude, run.chaser_attitude, run.docking_axis
         scene = markers(stamp, run.position_m, run.command_n, *seen)
         self._markers.publish(self._with_deletions(scene))
 
