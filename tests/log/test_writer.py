@@ -13,7 +13,6 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from unittest.mock import Mock
 
 import numpy as np
@@ -47,7 +46,7 @@ from rpo_mcap.format.run import TimeBase
 from rpo_mcap.read.run_log import read_flight, read_run
 from rpo_mcap.write.mcap_file import McapFile
 from rpo_mcap.write.side_file import HealthLogWriter
-from rpo_mcap.write.writer import Claims, RunLogWriter
+from rpo_mcap.write.writer import RunLogWriter
 from rpo_thrusters.thrusters import Thrusters
 
 
@@ -231,20 +230,6 @@ def test_a_side_file_that_cannot_be_begun_is_refused_and_closed(tmp_path, monkey
     with pytest.raises(LogError, match=r'health.mcap.*No space left'):
         HealthLogWriter(tmp_path)
     assert closed.called
-
-
-def test_a_status_is_of_the_run_if_it_fits_a_state_that_was_published():
-    """Two were published at that tick, and nobody knows yet which one is the plant's."""
-    states = [(3.0, 4.0, 0.0, 0.0, 0.1, 0.0), (30.0, 40.0, 0.0, 0.0, 0.2, 0.0)]
-    said = [cdr.encode_odometry(0, 'target_lvlh', 'chaser', state) for state in states]
-    log = SimpleNamespace(base=TimeBase(0, 10**8, 50), latest=7, messages=lambda *_: said)
-    claims = Claims()
-    heard = [('5.0', '0.1'), ('50.0', '0.2'), ('5.0', '0.2')]
-    values = [(('phase', 'running'), ('tick', '7'), ('distance_m', d), ('speed_m_s', v))
-              for d, v in heard]  # fmt: skip
-    for found in values:
-        claims.take(cdr.encode_status(0, 'run', '', 'none', found))
-    assert [fits for _, fits in claims.weigh(log, None, 1.0)] == [True, True, False]
 
 
 @pytest.mark.parametrize('moved', [False, True])

@@ -58,7 +58,7 @@ FALSE_STATUSES = (
     {'phase': 'aborted', 'tick': '-1'},
     {'phase': 'finished', 'tick': '9' * 5000},
     {'phase': 'finished', 'tick': '200', 'distance_m': '1.0', 'speed_m_s': 'nan'},
-    {'phase': 'aborted', 'tick': '30', 'distance_m': '1.0', 'speed_m_s': '0.0'},
+    {'phase': 'finished', 'tick': '30', 'distance_m': '1.0', 'speed_m_s': '0.0'},
     {'phase': 'waiting'},
 )
 

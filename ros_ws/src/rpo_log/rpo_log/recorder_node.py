@@ -24,7 +24,7 @@ from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.interfaces import MOST_AHEAD_TICKS, PROGRESS_TICKS
-from rpo_core.wire.statuses import READERS, WAITING, Manifest, PlantTick, RunStatus
+from rpo_core.wire.statuses import FINISHED, READERS, WAITING, Manifest, PlantTick, RunStatus
 from rpo_log import provenance, signature
 from rpo_log.manifests import CONTROLLER, PLANT, Manifests
 from rpo_mcap.errors import ExistsAlready, LogError
@@ -32,7 +32,7 @@ from rpo_mcap.format import run as run_log
 from rpo_mcap.format import sums
 from rpo_mcap.topics import Topic
 from rpo_mcap.write.side_file import DecisionLogWriter, HealthLogWriter, SideFile
-from rpo_mcap.write.writer import PHASES, Claims, RunLogWriter
+from rpo_mcap.write.writer import PHASES, RunLogWriter
 from rpo_ros import health, names, qos
 from rpo_ros.conversions import texts_of
 from rpo_ros.heartbeat import Timeout, Watch
@@ -77,7 +77,6 @@ class RecorderNode(FlightNode):
         self._id = uuid.uuid4().hex
         self._manifests = Manifests()
         self._ignored: Counter[str] = Counter()
-        self._claims = Claims()
         self._early: list[tuple[str, bytes]] = []
         self._commanded_s: float | None = None
         self._force_topic, self._status_topic, self._decision_topic = map(
@@ -236,8 +235,7 @@ class RecorderNode(FlightNode):
         if status.phase == WAITING and self._running:
             self._anew = True
         if status.phase in PHASES and not status.resumed:
-            self._claims.take(data)
-            self._weigh()
+            self._on_phase(status, data)
 
     def _on_event(self, row: interfaces.Interface, data: bytes) -> None:
         """Take the word of a node that is there."""
@@ -249,21 +247,20 @@ class RecorderNode(FlightNode):
         else:
             self._ignore(row.name, f'a {row.name} of no node that is here')
 
-    def _weigh(self) -> None:
-        """Take each run_status that fits the states of this run, once its state is there."""
+    def _on_phase(self, status: RunStatus, data: bytes) -> None:
+        """Take the word of the plant that the run goes on or has ended."""
         if self.log is None:
+            self._on_raw(self._status_topic, data)
             return
-        scenario, patience_s = self._manifests.scenario, self.values['grace_s']
-        for data, fits in self._claims.weigh(self.log, scenario, patience_s):
-            if not fits:
-                self._ignore('run_status', 'a run_status that does not fit the states of this run')
-                continue
-            self._running = True
-            self.log.record(self._status_topic, data)
-            status = RunStatus.of(cdr.decode_status(data))
-            if status.ended and self._end is None:
-                self._end_at(status.phase, status.tick)
-                self.log.end(status.tick)
+        last, tick = self.log.base.last_tick, status.tick
+        if tick > last or (status.phase == FINISHED and tick < last):
+            self._ignore('run_status', 'a run_status of no tick of this run')
+            return
+        self._running = True
+        self.log.record(self._status_topic, data)
+        if status.ended and self._end is None:
+            self._end_at(status.phase, tick)
+            self.log.end(tick)
 
     def _on_diagnostics(self, data: bytes) -> None:
         if self._health_log is not None:
@@ -300,7 +297,6 @@ class RecorderNode(FlightNode):
     def _look(self) -> None:
         if self.log is None and not self._interrupted and not self.done:
             self._begin()
-        self._weigh()
         if not self._ready and self.log is not None and self._heard >= self._awaited:
             self._ready = True
             self._announce('ready')
@@ -383,9 +379,10 @@ class RecorderNode(FlightNode):
             self._announce('failed', str(error))
             self.exit_code, self.done = EXIT_INCOMPLETE, True
             return
-        for name, data in self._early:
-            self._on_raw(name, data)
-        self._early.clear()
+        early, self._early = self._early, []
+        for name, data in early:
+            take = self._on_status if name == self._status_topic else partial(self._on_raw, name)
+            take(data)
         self.get_logger().info(f'recording {found.name} to {self.folder}')
 
     def _unknown(self, flown: Scenario) -> bool:
