@@ -59,7 +59,6 @@ MUTABLE = [
     'Gathering',
     'LiveRun',
     'LogDiff',
-    'Onboard',
     'TickOrderer',
     '_Extent',
     '_Group',
