@@ -18,7 +18,6 @@ from rpo_core.judge.zones import Zone
 from rpo_core.wire.interfaces import EXERTED_TORQUE
 from rpo_guidance.plan import Guidance
 from rpo_guidance.rehearsal import Checked
-from rpo_judge.evaluation.plan_bound import Bound
 from rpo_kernels.arrays import Floats
 from rpo_log.show import style
 from rpo_log.show.report import by_axis, force_label, legend_names, limit_lines
@@ -281,21 +280,17 @@ def phase_planes(flight: Flight, errors: Floats, controller: FuzzyController | N
     return figure
 
 
-def draw(found: Checked, bound: Bound, settings: Guidance, scenario: Scenario) -> Any:
-    """Return the picture of a plan, beside the best path that is found."""
+def draw(flown: Checked, energy_n2s: float, settings: Guidance, scenario: Scenario) -> Any:
+    """Return the picture of a plan."""
     figure, (left, right) = style.new_panels(5.0, 1, 2)
-    states, names = scenario.seen(np.array(found.references)), axis_names(scenario)
+    states, names = scenario.seen(np.array(flown.references)), axis_names(scenario)
     for axes, across in ((left, 0), (right, 2)):
         draw_zones(axes, [settings.zones(scenario)], across)
-        axes.plot(
-            bound.positions_m[:, 1], bound.positions_m[:, across], '--',
-            color=style.LIGHT['y'], label='best path found',
-        )  # fmt: skip
         axes.plot(states[:, 1], states[:, across], color=style.LIGHT['ink'], label='plan')
-        for change in found.changes:
+        for change in flown.changes:
             axes.plot(*states[change.tick, [1, across]], 'o', color=style.LIGHT['ink'])
         axes.set(xlabel=f'{names[1]} [m]', ylabel=f'{names[across]} [m]')
         axes.set_aspect('equal', adjustable='datalim')
     left.legend(loc='best')
-    figure.suptitle(f'J = {bound.plan:.3f} N²s; best path found {bound.best:.3f} N²s')
+    figure.suptitle(f'J = {energy_n2s:.3f} N²s')
     return figure

@@ -12,10 +12,9 @@ import numpy as np
 
 from rpo_core.control.controller import FuzzyController
 from rpo_judge.evaluation.comparison import ComparedController, Share
-from rpo_judge.evaluation.sensitivity import effects
 from rpo_log.show import style
 from rpo_montecarlo.campaign.judging import MOTION
-from rpo_report.controller import control_surface, draw_effects, membership_functions, rules
+from rpo_report.controller import control_surface, membership_functions, rules
 from rpo_training.run import HISTORY
 from rpo_training.training import FINALISTS, FRONT
 
@@ -139,7 +138,6 @@ def draw_run(folder: Path, controller: FuzzyController) -> list[Path]:
             drawings['front.png'] = _front(folder / FRONT)
         if (folder / FINALISTS).exists():
             drawings['held_out.png'] = _held_out(folder / FINALISTS)
-            drawings['sensitivity.png'] = draw_effects(*effects(controller))
         for name, figure in drawings.items():
             style.save_figure(figure, folder / name)
     return [folder / name for name in drawings]

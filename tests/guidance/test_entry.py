@@ -161,7 +161,6 @@ def test_just_below_the_largest_rate_a_chaser_docks():
 
 def test_the_command_writes_a_scenario_that_docks(tmp_path, monkeypatch):
     monkeypatch.setattr(entry, 'STEP_S', 145)
-    monkeypatch.setattr('rpo_judge.evaluation.plan_bound.PATH_TICKS', 60)
     path = tmp_path / 'sooner.yaml'
     printed = invoke('plan', 'tumbling_port', '--entry', path)
     assert printed.exit_code == 0, printed.output
@@ -170,3 +169,13 @@ def test_the_command_writes_a_scenario_that_docks(tmp_path, monkeypatch):
     assert 'at most 2.095 deg/s' in said
     flight = fly(scenarios.load_scenario(path), load_controller('allround'))
     assert all(v.holds for v in verdicts(flight))
+
+
+def test_the_command_prints_the_energy_of_the_legs_as_the_flight_commands_it(tmp_path):
+    picture = tmp_path / 'plan.png'
+    printed = invoke('plan', 'around', '--picture', picture)
+    assert printed.exit_code == 0, printed.output
+    said = ' '.join(printed.output.split())
+    assert 'The legs take 600.0 s and 0.2505 N^2 s' in said and picture.stat().st_size
+    flown = fly(scenarios.load_scenario('around'), load_controller('drift'))
+    assert f'{(flown.forces_n[:6000] ** 2).sum() * 0.1:.4f}' == '0.2505'

@@ -14,7 +14,7 @@ from rpo_core.files.starts import Grid
 from rpo_core.files.validation import InputError
 from rpo_core.judge.verdicts import verdicts
 from rpo_judge.scoring.conditions import PAPER
-from rpo_judge.scoring.drawn import HELD_OUT, POSITION_AND_SPEED, DrawnFlights, DrawnSettings
+from rpo_judge.scoring.drawn import HELD_OUT, DrawnFlights, DrawnSettings
 from rpo_judge.scoring.fitness import Fitness, FitnessSettings, driving
 from rpo_montecarlo.campaign import config as campaigns
 from rpo_montecarlo.campaign import run_batch
@@ -26,7 +26,7 @@ from rpo_training import config as configs
 from rpo_training.family_training import config_of
 
 TRAINED, ROBUST = load_controller('trained'), load_controller('robust')
-JUDGED = {'paper_test': POSITION_AND_SPEED}
+JUDGED = {'paper_test': ('hold_error_per_axis_m', 'hold_speed_per_axis_m_s')}
 FEW = DrawnSettings(
     100.0, ('paper_test',), margin=0.03, flights=6, pool=50, held_out=45, judged=JUDGED
 )

@@ -67,8 +67,6 @@ def test_pictures_of_a_training_and_of_the_truth(tmp_path, drawn, monkeypatch):
     ):
         lines = [','.join(heads), *(','.join(map(str, row)) for row in table)]
         (tmp_path / name).write_text('\n'.join(lines))
-    monkeypatch.setattr(training, 'effects', lambda controller: ())  # flights, and no log axes
-    monkeypatch.setattr(training, 'draw_effects', lambda: style.new_panels(2.0)[0])
     training.draw_run(tmp_path, load_controller('handmade'))
     flown = replace(load_scenario('approach'), duration_s=8.0)
     errors = {'two bodies': 1e-5 * np.arange(6.0 * (flown.ticks + 1)).reshape(-1, 6)}

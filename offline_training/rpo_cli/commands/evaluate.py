@@ -20,11 +20,10 @@ from rpo_montecarlo.outputs import identifier, write_text
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rpo_core.control.controller import AnyController, FuzzyController
+    from rpo_core.control.controller import AnyController
     from rpo_core.files.scenario import Scenario, ScenarioSet
     from rpo_judge.evaluation.assessment import Assessment
     from rpo_judge.evaluation.consistency import Consistency
-    from rpo_judge.evaluation.sensitivity import Effect, Outcome
 
 
 WORLD_RUNS = 100
@@ -46,9 +45,6 @@ def evaluate(
     csv: Annotated[Path | None, typer.Option(help='write the starts to this file')] = None,
     everywhere: Annotated[
         bool, typer.Option('--everywhere', help='fly dispersed runs and random starts: 50 000')
-    ] = False,
-    sensitivity: Annotated[
-        bool, typer.Option('--sensitivity', help='change each parameter alone, and fly again')
     ] = False,
     robustness: Annotated[
         bool,
@@ -89,7 +85,7 @@ def evaluate(
         raise InputError('`--seed` needs `--everywhere`')
     if output is not None and not robustness:
         raise InputError('`--output` needs `--robustness`')
-    if robustness and (estimator or scenario or starts or csv or everywhere or sensitivity):
+    if robustness and (estimator or scenario or starts or csv or everywhere):
         raise InputError('`--robustness` takes controllers, `--output`, `--workers` and no more')
     missed = _judge_estimator(estimator, runs) if estimator else False
     for name in controllers or ():
@@ -99,10 +95,10 @@ def evaluate(
             continue
         of = scenario or trained_for(loaded) or PAPER
         if scenario or of != PAPER or not isinstance(loaded, FuzzyController):
-            if starts or csv or everywhere or sensitivity:
+            if starts or csv or everywhere:
                 raise InputError(
-                    '`--starts`, `--csv`, `--everywhere`, `--sensitivity` need a controller that '
-                    f'is judged by the targets; {name} is judged by {of}'
+                    '`--starts`, `--csv` and `--everywhere` need a controller that is judged by '
+                    f'the targets; {name} is judged by {of}'
                 )
             missed |= judge_by(loaded, name, load(of))
             continue
@@ -112,8 +108,6 @@ def evaluate(
         typer.echo(_bindings(found))
         if everywhere:
             missed |= _everywhere(loaded, seed, workers)
-        if sensitivity:
-            _sensitivity(found.controller, workers)
         if starts:
             title = f'{found.controller.name}: training starts'
             print_table(_HEADINGS, _rows(found), title, left=0)
@@ -238,37 +232,6 @@ def _everywhere(controller: AnyController, seed: int | None, workers: int) -> bo
     for name in dict.fromkeys(o.campaign for o in outcomes):
         typer.echo(f'its training and {name}: {saw(controller, name)}')
     return not all(o.holds for o in outcomes)
-
-
-def _sensitivity(controller: FuzzyController, workers: int) -> None:
-    """Print what each parameter does, the strongest first."""
-    from rpo_judge.evaluation.sensitivity import RUNS, STEP, effects
-
-    base, found = effects(controller, workers)
-
-    def both(effect: Effect, text: Callable[[Outcome], str]) -> tuple[str, str]:
-        down, up = (('–' if o is None else text(o)) for o in (effect.down, effect.up))
-        return down, up
-
-    rows = [
-        (
-            effect.part,
-            effect.parameter,
-            effect.value,
-            *both(effect, lambda o: f'{o.energy_n2s - base.energy_n2s:+.3f}'),
-            *both(effect, lambda o: f'{100 * o.margin:.1f}'),
-            *both(effect, lambda o: f'{o.missed}'),
-        )
-        for effect in found
-    ]
-    headings = ('', 'parameter', 'value', 'J -', 'J +', 'margin -', 'margin +', 'miss -', 'miss +')
-    print_table(headings, rows, f'{controller.name}: what each parameter does', left=2)
-    typer.echo(
-        f'A step down (-) and up (+): {100 * STEP:g} % of the range of a scale or a foot; one word '
-        f'of a rule. J: change of the mean, N^2 s. margin: the least of a condition over the 216 '
-        f'starts, % (now {100 * base.margin:.1f}). miss: of {RUNS} dispersed runs, judged by '
-        f'position and speed, not by force and slew (now {base.missed}). -: no such step.'
-    )
 
 
 def _robustness(controller: AnyController, folder: Path, workers: int) -> bool:

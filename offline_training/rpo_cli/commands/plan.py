@@ -6,20 +6,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rpo_cli.commands.shared import Set, draw
-from rpo_cli.display import print_table, progress
+from rpo_cli.display import print_table
 from rpo_core.files.validation import InputError
 
 if TYPE_CHECKING:
     from rpo_core.files.scenario import Scenario
     from rpo_guidance.plan import Guidance
-    from rpo_judge.evaluation.plan_bound import Bound, KeepOut
+    from rpo_guidance.rehearsal import Checked
 
 ENTRIES = 8
 """Moments of entry that are shown."""
@@ -29,50 +28,65 @@ DOCKED_S = 6.0
 
 
 def plan(
-    scenario: Annotated[str, typer.Argument(help='shipped name or file, or folder of a campaign')],
+    scenario: Annotated[str, typer.Argument(help='shipped name or file')],
     changes: Set = None,
     picture: Annotated[Path | None, typer.Option(help='write the plan as a picture')] = None,
-    margins: Annotated[
-        bool, typer.Option('--margins', help='others keep to the zones that transfers plan with')
-    ] = False,
     entry: Annotated[
         Path | None,
         typer.Option(help='meet a target that turns when that needs least energy: write the plan'),
     ] = None,
-    sample: Annotated[int, typer.Option(min=1, help='runs of a campaign that are compared')] = 100,
 ) -> None:
-    """Print the legs of a plan, and its energy beside other paths out of its zones.
-
-    Others have the same begin, end and time: the best that is found, and a bound that is below all.
-    For the folder of a campaign: the energy that its runs flew, beside others.
-    """
+    """Print the legs of a plan, flown without errors, and their energy."""
     from rpo_core.files import overrides
     from rpo_guidance.plan import Guidance
-    from rpo_judge.evaluation import plan_bound
-    from rpo_judge.evaluation.plan_bound import KeepOut
+    from rpo_guidance.rehearsal import nominal
 
-    if Path(scenario).is_dir():
-        _compare(Path(scenario), sample)
-        return
     chosen = overrides.load(scenario, changes or [])
     settings = chosen.section(Guidance)
     if settings is None:
         raise InputError(f'scenario {chosen.name} has no section `guidance`')
     if entry is not None:
         settings, chosen = _entered(settings, chosen, entry)
-    found, energies = plan_bound.bound(settings, chosen, margins)
+    flown = nominal(settings, chosen)
     print_table(
         ('phase', 'begins, s', 'ends, s', 'J, N^2 s', 'range, m', '|f|, N', 'why'),
-        plan_bound.rows(found, chosen),
+        _rows(flown, chosen),
         title=f'Plan of {chosen.name}',
     )
-    typer.echo(_said(energies, KeepOut.of(settings, margins)))
+    over = len(flown.changes) > len(settings.legs)
+    ticks = flown.changes[len(settings.legs)].tick if over else chosen.ticks
+    energy = _energy_n2s(flown, 0, ticks, chosen)
+    typer.echo(f'The legs take {ticks * chosen.dt_s:.1f} s and {energy:.4f} N^2 s')
     if chosen.target is not None and any(map(settings.turns, range(len(settings.legs)))):
         typer.echo(_followed(settings, chosen))
     if picture is not None:
         from rpo_report import run_plots
 
-        draw(picture, run_plots.draw, found, energies, settings, chosen)
+        draw(picture, run_plots.draw, flown, energy, settings, chosen)
+
+
+def _energy_n2s(flown: Checked, begin: int, end: int, scenario: Scenario) -> float:
+    """Return the energy of the forces of these ticks."""
+    return math.fsum(f * f for force in flown.forces[begin:end] for f in force) * scenario.dt_s
+
+
+def _rows(flown: Checked, scenario: Scenario) -> list[tuple[str, ...]]:
+    """Return a row of text for each phase: name, times, energy, least range, largest force, why."""
+    from rpo_kernels.kernels import norm
+
+    ends = [*(change.tick for change in flown.changes[1:]), scenario.ticks + 1]
+    return [
+        (
+            change.phase,
+            f'{change.tick * scenario.dt_s:.1f}',
+            f'{(end - 1) * scenario.dt_s:.1f}',
+            f'{_energy_n2s(flown, change.tick, end, scenario):.4f}',
+            f'{min(norm(*state[:3]) for state in flown.references[change.tick : end]):.2f}',
+            f'{max(abs(f) for force in flown.forces[change.tick : end] for f in force):.3f}',
+            change.reason,
+        )
+        for change, end in zip(flown.changes, ends, strict=True)
+    ]
 
 
 def _entered(settings: Guidance, scenario: Scenario, path: Path) -> tuple[Guidance, Scenario]:
@@ -119,52 +133,4 @@ def _followed(settings: Guidance, scenario: Scenario) -> str:
         f'At {far_m:g} m from the target and {fast_m_s:g} m/s, guidance with these thrusters '
         f'follows a target that turns at most {math.degrees(rate):.3f} deg/s, whatever its '
         f'attitude; this one turns at most {math.degrees(scenario.target.fastest_rad_s):.3f} deg/s'
-    )
-
-
-def _said(energies: Bound, zone: KeepOut) -> str:
-    """Return in words how a plan compares with others."""
-    lower = math.floor(energies.lower * 1e4) / 1e4  # what is printed is a bound too
-    within = f' that never come within {zone.radius_m:g} m of the target' if zone.radius_m else ''
-    if zone.slope:
-        within += f' but in the cone of {math.degrees(math.atan(zone.slope)):.1f} degrees'
-    best = 'none was found that keeps to the force of the thrusters too'
-    if math.isfinite(energies.best):
-        more = energies.plan / energies.best
-        best = f'the best found needs {energies.best:.4f}: the plan {more:.3f} times as much'
-    least = f'none needs less than {lower:.4f}'
-    if lower > 0.0:
-        more = math.ceil(energies.plan / lower * 1e3) / 1e3
-        least += f': the plan at most {more:.3f} times the least'
-    if not energies.closed:
-        least += '. The search for this bound ended early: a higher one may hold'
-    return (
-        f'{energies.duration_s:g} s: the plan needs {energies.plan:.4f} N^2 s. Of all paths with '
-        f'its begin, end and time{within},\n  {best};\n  {least}'
-    )
-
-
-def _compare(folder: Path, sample: int) -> None:
-    """Print how the flown energy of some runs compares with other paths out of their zones."""
-    import numpy as np
-
-    from rpo_judge.evaluation.plan_bound import ratios
-    from rpo_montecarlo.campaign.store import Store
-
-    store = Store.open(folder)
-    if not store.finished:
-        raise InputError(f'{folder}: is not finished: go on with `rpo campaign --resume`')
-    with progress() as show:
-        found = ratios(store, sample, lambda n: show('runs', n, sample))
-    rows = []
-    for name, other in product(('flown', 'plan'), ('best', 'lower')):
-        shares = np.array([getattr(r, name) / getattr(r, other) for r in found])
-        worst = found[int(shares.argmax())].run
-        numbers = (*np.quantile(shares, (0.0, 0.5, 0.95)), shares.max())
-        over = 'best path found' if other == 'best' else 'lower bound'
-        rows.append((name, over, *(f'{x:.3f}' for x in numbers), str(worst)))
-    print_table(
-        ('energy', 'over the', 'least', '50 %', '95 %', 'worst', 'run'),
-        rows,
-        title=f'{store.campaign.config.name}: {len(found)} of {store.campaign.config.runs} runs',
     )

@@ -33,9 +33,6 @@ from rpo_montecarlo.engine.judged import VALUES
 from rpo_montecarlo.engine.parts.dynamics import uneven_steps
 from rpo_montecarlo.engine.support import why_not
 
-POSITION_AND_SPEED = ('hold_error_per_axis_m', 'hold_speed_per_axis_m_s')
-"""What the shipped trainings judge the runs of `paper_test` by; force and slew they do not."""
-
 HELD_OUT = -1
 """The stage of the draws that no search has seen."""
 

@@ -1,13 +1,12 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Sensitivity to parameters, and judgement where a controller was not trained."""
+"""Judgement where a controller was not trained, and over a sweep."""
 
 from __future__ import annotations
 
 import re
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from invoking import invoke
 
@@ -15,74 +14,13 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import overrides
 from rpo_core.judge.verdicts import verdicts
-from rpo_judge.evaluation import judgement, sensitivity
+from rpo_judge.evaluation import judgement
 from rpo_judge.evaluation.judgement import Demand
-from rpo_judge.evaluation.sensitivity import Outcome
 from rpo_montecarlo.campaign import config as campaigns
 from rpo_montecarlo.campaign import run_batch
 from rpo_montecarlo.campaign.statistics import successes
-from rpo_montecarlo.engine.population import population_of
-from rpo_report.controller import draw_effects
 
 ROBUST = load_controller('robust')
-
-
-def told(controllers, _workers):
-    """Return an outcome of each controller that no other has, without a flight."""
-    sizes = [population_of(c) for c in controllers]
-    sums = [s.scales.sum() + s.functions.sum() + (s.rules * np.arange(25)).sum() for s in sizes]
-    return [Outcome(float(x), 0.05, int(x) % 7) for x in sums]
-
-
-@pytest.fixture(scope='module')
-def found():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sensitivity, 'outcomes', told)
-        return sensitivity.effects(ROBUST, 1)
-
-
-def test_each_parameter_has_one_effect(found):
-    """Two scales, fifteen feet, six groups of rules that oddness and symmetry leave free."""
-    _, effects = found
-    counts = {part: sum(e.part == part for e in effects) for part in ('position', 'force', 'rules')}
-    assert counts == {'position': 6, 'force': 5, 'rules': 6}
-    assert len({(e.part, e.parameter) for e in effects}) == len(effects) == 23
-
-
-def test_an_outcome_is_that_of_the_flights(found, monkeypatch):
-    monkeypatch.setattr(sensitivity, 'RUNS', 10)
-    wider = replace(ROBUST, velocity_scale_m_s=ROBUST.velocity_scale_m_s * 1.02)
-    base, other = sensitivity.outcomes([ROBUST, wider], 1)
-    assert base.energy_n2s == pytest.approx(ROBUST.provenance['mean_energy_n2s'], rel=1e-12)
-    assert [other] == sensitivity.outcomes([wider], 1) and other != base
-    by_name = {(e.part, e.parameter): e for e in found[1]}
-    assert [found[0], by_name['velocity', 'scale'].up] == told([ROBUST, wider], 1)
-    assert by_name['position', 'small: near foot'].down is None, 'the foot is at zero'
-
-
-def test_a_table_without_symmetry_has_25_rules():
-    codes = ROBUST.system.rules.codes.copy()
-    codes[0, 1] = 2
-    system = replace(ROBUST.system, rules=type(ROBUST.system.rules).from_codes(codes))
-    rows = list(sensitivity._variants(replace(ROBUST, system=system)))
-    assert sum(part == 'rules' for part, *_ in rows) == 25
-
-
-def test_the_picture_has_a_bar_for_each_step(found):
-    base, effects = found
-    figure = draw_effects(base, effects)
-    steps = sum(o is not None for e in effects for o in (e.down, e.up))
-    assert len(figure.axes[0].patches) == steps
-
-
-def test_the_table_names_the_strongest_first(found, monkeypatch):
-    monkeypatch.setattr(sensitivity, 'effects', lambda controller, workers: found)
-    result = invoke('evaluate', 'robust', '--sensitivity', '--workers', '1')
-    assert result.exit_code == 0
-    base, effects = found
-    places = [result.stdout.index(e.parameter) for e in effects[:2]]
-    assert places == sorted(places)
-    assert f'now {100 * base.margin:.1f}' in result.stdout
 
 
 def test_everywhere_counts_the_runs_of_the_campaigns(monkeypatch):
