@@ -29,7 +29,7 @@ from rpo_cli.commands import (
     train,
     truth,
 )
-from rpo_core.files import parse_yaml
+from rpo_core.files import gone, parse_yaml
 from rpo_core.files.validation import InputError
 from rpo_mcap.errors import LogError
 
@@ -44,6 +44,15 @@ def _version(wanted: bool) -> None:
 
 class _Commands(TyperGroup):
     """Subcommands; a bad input or log of any is one sentence and exit code 2."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        for command in (' '.join(args[:1]), ' '.join(args[:2])):
+            options = (f'{command} {word.partition("=")[0]}' for word in args if word[:1] == '-')
+            for subject, name in (('command', command), *(('option', name) for name in options)):
+                if answer := gone.answer(subject, name):
+                    typer.echo(f'rpo: `{name}` is {answer}', err=True)
+                    raise typer.Exit(2)
+        return super().parse_args(ctx, args)
 
     def invoke(self, ctx: Any) -> Any:
         try:

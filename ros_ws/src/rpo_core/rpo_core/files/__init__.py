@@ -16,6 +16,7 @@ from typing import Any, BinaryIO, TypeVar
 
 import yaml
 
+from rpo_core.files import gone
 from rpo_core.files.validation import InputError, near, quoted, shown, within
 
 DEFAULT_CONTROLLER = 'allround'
@@ -224,6 +225,8 @@ def find(kind: str, name: str) -> Path:
         return Path(path)
     known = shipped(kind)
     if name not in known:
+        if answer := gone.answer(kind, name):
+            raise InputError(f'`{kind}` {name} is {answer}')
         others = [other for other in _SHIPPED if name in shipped(other)]
         what = others[0].replace('_', ' ') if others else ''
         article = 'an' if what.startswith('a') else 'a'

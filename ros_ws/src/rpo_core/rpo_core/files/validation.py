@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from typing import Annotated, Any, ClassVar, get_type_hints
 
+from rpo_core.files import gone
 from rpo_kernels.errors import InputError as InputError
 from rpo_kernels.errors import printable as printable
 from rpo_kernels.errors import quoted as quoted
@@ -214,6 +215,8 @@ def choice(name: str, value: Any, known: Iterable[str]) -> str:
     """Return `value` if it is one of `known`; raises InputError listing them."""
     names = list(known)
     if not isinstance(value, str) or value not in names:
+        if answer := gone.answer(name.rpartition('.')[2], value):
+            raise InputError(f'`{name}` {value} is {answer}')
         hint = near(value, names)
         raise InputError(f'`{name}` must be one of {", ".join(names)}; got {shown(value)}{hint}')
     return value
@@ -242,6 +245,8 @@ def mapping(
         raise InputError(f'{label} must be a mapping with {_listed(known)}; got {shown(value)}')
     for key in value:
         if key not in known:
+            if answer := gone.answer('field', f'{prefix}{key}'):
+                raise InputError(f'`{prefix}{key}` is {answer}')
             hint = near(key, known) or f'; known: {_listed(known)}'
             raise InputError(f'{quoted(f"{prefix}{key}")} is not a known field{hint}')
     for key in required:
@@ -269,6 +274,8 @@ def schema(document: Any, *known: str) -> str:
         raise InputError('`schema` is missing')
     found = document['schema']
     if not isinstance(found, str) or found not in known:
+        if answer := gone.answer('schema', found):
+            raise InputError(f'`schema` {found} is {answer}')
         raise InputError(
             f'`schema` must be {" or ".join(known)}; got {shown(found)}{_kinds(found, known)}'
         )

@@ -1,0 +1,46 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What version 0.2 no longer has, and what to use instead: one table, and one sentence."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+GONE: dict[str, dict[str, str]] = {
+    'command': {},
+    'option': {},
+    'executable': {},
+    'controller': {},
+    'scenario': {},
+    'campaign': {},
+    'preset': {},
+    'family': {},
+    'field': {},
+    'schema': {},
+}
+"""Subject -> name -> what to use.
+
+The name of a command is the words after `rpo`; that of an option begins with its command
+(`evaluate --sensitivity`); that of a field has its section (`shaping.hold_learns`). Another subject
+is the name of a field whose value is gone (`preset`).
+"""
+
+_READ = ('field', 'schema')
+"""Subjects that stand in files."""
+
+
+def answer(subject: str, name: object) -> str:
+    """Return 'gone in 0.2; use ...' of a name, '' if the table has it not."""
+    instead = GONE.get(subject, {}).get(name) if isinstance(name, str) else None
+    if instead is None:
+        return ''
+    last = ', and 0.1 is the last version that reads it' if subject in _READ else ''
+    return f'gone in 0.2{last}; use {instead}'
+
+
+def executable() -> int:
+    """Answer `ros2 run PACKAGE NAME` of an executable that is gone: its entry point."""
+    name = Path(sys.argv[0]).name
+    print(f'`{name}` is {answer("executable", name)}', file=sys.stderr)
+    return 2
