@@ -87,7 +87,7 @@ def _options(
 
 
 for _function in (
-    train.train, train.tune, simulate.simulate, scale.scale, evaluate.evaluate, bench.bench,
+    train.train, simulate.simulate, scale.scale, evaluate.evaluate, bench.bench,
     optimal.optimal, plan.plan, campaign.campaign, truth.truth, prove.prove, compare.compare,
     explain.explain, export.export, export.import_, log.verify, log.keygen, log.sign, log.repair,
     listing.list_, report.report,

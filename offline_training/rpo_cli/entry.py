@@ -35,7 +35,7 @@ def main() -> None:
     """Entry point of `rpo`."""
     try:
         asked = set(sys.argv[1:])
-        if sys.argv[1:2] and sys.argv[1] in processor.SEARCHES and not asked & {'-h', '--help'}:
+        if sys.argv[1:2] == [processor.SEARCH] and not asked & {'-h', '--help'}:
             processor.restart_pinned()
         from rpo_cli.cli import app
 

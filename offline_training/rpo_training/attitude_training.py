@@ -133,7 +133,7 @@ class AttitudeTraining(SearchRun[AttitudeConfig, FuzzyAttitude]):
     """The training of a fuzzy attitude controller."""
 
     config_type, config_file = AttitudeConfig, 'attitude.yaml'
-    kind, command, unit = 'run', 'rpo train', 'mN^2 m^2 s'
+    unit = 'mN^2 m^2 s'
     scored = ('fitness', 'mean_energy_mn2m2s', 'mean_settling_s', 'flights_that_miss')
 
     def make_starts(self) -> Any:

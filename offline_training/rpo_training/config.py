@@ -171,6 +171,12 @@ class TrainingConfig(Configuration):
         return cls()
 
 
+def schema_of(path: Path) -> object:
+    """Return the schema that a configuration names; raises InputError if it is unreadable."""
+    document = files.load(path, lambda document: document)
+    return document.get('schema') if isinstance(document, dict) else None
+
+
 def override(config: Config, settings: Sequence[str]) -> Config:
     """Return the configuration with settings like `ga.population=30` applied."""
     for setting in settings:

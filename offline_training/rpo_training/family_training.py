@@ -11,13 +11,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import files
 from rpo_core.control.controller import load_controller
 from rpo_core.files.validation import InputError, shown, text
 from rpo_core.judge.metrics import PENALTY
@@ -106,17 +104,10 @@ def config_of(family: str, scenario: str = '') -> FamilyConfig:
     return replace(config, scenario=scenario, fitness=fitness, cmaes=cmaes)
 
 
-def is_family(path: Path) -> bool:
-    """Return whether a configuration is one of a family; raises InputError if it is unreadable."""
-    document = files.load(path, lambda document: document)
-    return isinstance(document, dict) and document.get('schema') == SCHEMA
-
-
 class FamilyTraining(SearchRun[FamilyConfig, Family]):
     """The training of a family."""
 
     config_type, config_file = FamilyConfig, CONFIG
-    kind, command = 'run', 'rpo train'
 
     @cached_property
     def family(self) -> type[Family]:

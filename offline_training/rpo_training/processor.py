@@ -19,8 +19,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-SEARCHES = ('train', 'tune')
-"""Commands whose process is pinned."""
+SEARCH = 'train'
+"""The command whose process is pinned."""
 
 OPENBLAS, NUMPY, LIBM, PINNED = 'openblas', 'numpy', 'libm', 'pinned'
 """Keys of `in_use`."""
@@ -132,7 +132,7 @@ def warn_unless_pinned() -> None:
     if not in_use()[PINNED]:
         warnings.warn(
             f'this process computes with forms that its processor chose, {named()}: the same seed '
-            'may give another controller on another processor. `rpo train` and `rpo tune` use the '
-            'forms that every x86-64 has',
+            'may give another controller on another processor. `rpo train` uses the forms that '
+            'every x86-64 has',
             stacklevel=3,
         )

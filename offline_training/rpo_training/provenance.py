@@ -14,13 +14,13 @@ from pathlib import Path
 
 from rpo_core.control.controller import AnyController, load_controller
 from rpo_core.files.validation import InputError
-from rpo_judge.scoring import fitness
 from rpo_judge.scoring.fitness import FitnessSettings
 from rpo_training.config import PRESETS
 from rpo_training.family_training import config_of
+from rpo_training.tuning import TUNING_SPACES
 
 NOTHING, NOT_KNOWN = 'no', 'not known'
-DRAWN, CORNERS, UNDISPERSED = 'drawn flights', 'corner flights', 'its test, undispersed'
+DRAWN, CORNERS = 'drawn flights', 'corner flights'
 
 _TEST = 'paper_test'
 """The campaign whose corners `search.corners` flies, and its scenario."""
@@ -42,12 +42,11 @@ def saw(controller: AnyController, campaign: str) -> str:
 
 def _of_command(words: list[str], campaign: str) -> str:
     options = dict(pairwise(words))
-    if words[:2] == ['rpo', 'tune']:
-        seen = campaign == _TEST and float(options.get('--disturbance', 0.0)) > 0.0
-        return UNDISPERSED if seen else NOTHING
     if words[:2] != ['rpo', 'train']:
         return NOT_KNOWN
     scenario = options.get('--scenario', '')
+    if any(word in TUNING_SPACES for word in words[2:3]):
+        return NOTHING
     if '--family' in options:
         return _of_settings(config_of(options['--family'], scenario).fitness, campaign)
     if options.get('--preset') not in PRESETS:
@@ -61,9 +60,7 @@ def _of_settings(settings: FitnessSettings, campaign: str) -> str:
     drawn = settings.drawn
     if drawn.weight and campaign in (Path(name).stem for name in drawn.campaigns):
         return DRAWN
-    if campaign == _TEST and settings.robustness:
-        return CORNERS
-    return UNDISPERSED if campaign in fitness.TESTS and settings.disturbance else NOTHING
+    return CORNERS if campaign == _TEST and settings.robustness else NOTHING
 
 
 def _of_starts(starts: tuple[str, ...], campaign: str) -> str:

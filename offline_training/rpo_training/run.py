@@ -49,6 +49,9 @@ from rpo_training.fitting import training_set
 CHECKPOINT, HISTORY = 'checkpoint.npz', 'history.csv'
 SCHEMA = 'rpo/checkpoint/2'
 
+COMMAND = 'rpo train'
+"""It creates a run, and resumes it."""
+
 LIBRARIES = ('numpy', 'numba', 'pymoo', 'cma')
 """The bits of a run depend on these, and on this package."""
 
@@ -187,7 +190,6 @@ class SearchRun(Generic[Config, Found]):
     """A search in its folder; `run` runs it to its end, from its checkpoint if there is one.
 
     config_type, config_file : class and file name of the configuration
-    kind, command : the name of the run in messages, and the command that resumes it
     unit, scored : of fitness and energy; what the provenance calls these, arrival, and misses
     workers : threads, or processes of a local cluster; 0, one per core
     address : of a cluster: '', on threads; 'local'; that of a scheduler, tcp://host:port
@@ -195,8 +197,6 @@ class SearchRun(Generic[Config, Found]):
 
     config_type: ClassVar[type[Configuration]]
     config_file: ClassVar[str]
-    kind: ClassVar[str]
-    command: ClassVar[str]
     unit: ClassVar[str] = 'N^2 s'
     scored: ClassVar[tuple[str, ...]] = (
         'fitness_n2s', 'mean_energy_n2s', 'mean_arrival_s', 'starts_that_miss',
@@ -268,7 +268,7 @@ class SearchRun(Generic[Config, Found]):
         values: list[Any] = [float(scores.fitness[0]), float(scores.energy[0])]
         values += [float(scores.arrival[0]), self.misses(scores)]
         provenance = {
-            'method': self.command,
+            'method': COMMAND,
             'command': self.config.command,
             'algorithm': algorithm,
             'seed': self.config.seed,
@@ -296,8 +296,8 @@ class SearchRun(Generic[Config, Found]):
         """Return a new run; raises InputError if its folder holds another."""
         if (folder / cls.config_file).exists():
             raise InputError(
-                f'{folder}: holds a {cls.kind} already; resume it with `{cls.command} --resume '
-                f'{folder}`, or name another folder with `-o`'
+                f'{folder}: holds a run already; resume it with `{COMMAND} --resume {folder}`, or '
+                ' name another folder with `-o`'
             )
         new = cls(config, folder, workers, address)
         make_folder(folder)
@@ -352,8 +352,8 @@ class SearchRun(Generic[Config, Found]):
         """
         processor.warn_unless_pinned()
         self._began = None
-        doing = f'goes on with this {self.kind}'
-        with alone(self.folder / self.config_file, doing), self.fitness.simulator:
+        path = self.folder / self.config_file
+        with alone(path, 'goes on with this run'), self.fitness.simulator:
             while not self.search.stopped:
                 self._enter_stage()
                 genes = self.search.ask()

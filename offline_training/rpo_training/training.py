@@ -64,7 +64,6 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
     """The training of a fuzzy controller."""
 
     config_type, config_file = TrainingConfig, CONFIG
-    kind, command = 'run', 'rpo train'
 
     def __init__(
         self, config: TrainingConfig, folder: Path, workers: int = 0, address: str = ''

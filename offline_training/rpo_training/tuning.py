@@ -6,7 +6,7 @@ A few numbers of each kind are tuned, within a range (`TUNING_SPACES`).
 
 The search is CMA-ES on the graded fitness of the preset `best`: where no parameters meet all
 conditions, the flat penalty does not show which way is better. The folder holds `tuning.yaml`,
-`checkpoint.npz` after each generation, and at the end `<kind>.yaml`.
+`checkpoint.npz` after each generation, and at the end `<name>.yaml` and `history.csv`.
 """
 
 from __future__ import annotations
@@ -14,26 +14,28 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
-from rpo_core.files.validation import choice, real, whole
+from rpo_core.files.validation import choice, text, whole
 from rpo_ctrl.baselines import Baseline, Lqr, Model, Mpc, Pd, PotentialField
 from rpo_ctrl.family import Gene
 from rpo_judge.evaluation.assessment import PAPER
 from rpo_judge.scoring.fitness import Fitness, FitnessSettings
 from rpo_kernels.arrays import Floats
+from rpo_montecarlo.outputs import check_name
 from rpo_training.algorithms import CmaSearch, CmaSettings, Search
 from rpo_training.config import Configuration, written
 from rpo_training.fitting import penalty_n2s, units_of
 from rpo_training.genetic import GaSettings
-from rpo_training.run import SearchRun
+from rpo_training.run import COMMAND, SearchRun
 
 BUDGET = GaSettings().population * (GaSettings().generations + 1)
 """Evaluations of the paper's genetic algorithm: 60 x 301."""
 
+SCHEMA = 'rpo/tuning/1'
 CONFIG = 'tuning.yaml'
 
 SEARCHED = FitnessSettings(penalty='graded', margin=0.001, limit_cycle=20.0)
@@ -101,51 +103,47 @@ def baseline_of(kind: str, values: Mapping[str, Any], model: Model) -> Baseline:
 
 @dataclass(frozen=True)
 class TuningConfig(Configuration):
-    """The tuning of a baseline.
+    """The tuning of a baseline."""
 
-    disturbance : weight [N^2 s] of how far the paper's test is missed, see
-        `rpo_judge.scoring.fitness`; 0, as in the training of the fuzzy controllers: without it
-    """
-
+    schema: ClassVar[str] = SCHEMA
     required = ('kind',)
 
     kind: str
+    name: str
     seed: int = 1
     evaluations: int = BUDGET
-    disturbance: float = 0.0
     sigma: float = 0.2
     scenario: str = PAPER
 
     def __post_init__(self) -> None:
         choice('kind', self.kind, TUNING_SPACES)
+        check_name(self.name, 'a file')
         self.check()
         whole('evaluations', self.evaluations, least=20, most=BUDGET)
-        real('disturbance', self.disturbance, 'N^2 s', least=0.0, most=1e6)
 
     @property
     def command(self) -> str:
-        """The command that repeats it."""
-        less = '' if self.evaluations == BUDGET else f' --evaluations {self.evaluations}'
-        test = f' --disturbance {self.disturbance:g}' if self.disturbance else ''
-        mission = '' if self.scenario == PAPER else f' --scenario {self.scenario}'
-        return f'rpo tune {self.kind}{mission} --seed {self.seed}{less}{test}'
+        """The command that repeats it; `-o` alone changes the name."""
+        if replace(self.of(self.kind, self.scenario), seed=self.seed, name=self.name) != self:
+            return f'{COMMAND} --config {CONFIG}, of its run folder'
+        scenario = '' if self.scenario == PAPER else f' --scenario {self.scenario}'
+        return f'{COMMAND} {self.kind}{scenario} --seed {self.seed}'
 
-    @property
-    def name(self) -> str:
-        """Name of the baseline."""
-        return f'{self.kind}_disturbed' if self.disturbance else self.kind
+    @classmethod
+    def of(cls, kind: str, scenario: str = '') -> TuningConfig:
+        """Return the tuning of a kind for a scenario."""
+        return cls(kind, kind, scenario=scenario or PAPER)
 
     @classmethod
     def base(cls, data: Mapping[str, Any]) -> TuningConfig:
         """Return the tuning of a kind."""
-        return cls(data['kind'])
+        return cls.of(text('kind', data['kind']))
 
 
 class Tuning(SearchRun[TuningConfig, Baseline]):
     """The tuning of a baseline."""
 
     config_type, config_file = TuningConfig, CONFIG
-    kind, command = 'tuning', 'rpo tune'
 
     def make_search(self) -> Search:
         """Return the search over the space, from the middle of each."""
@@ -156,9 +154,8 @@ class Tuning(SearchRun[TuningConfig, Baseline]):
     def make_fitness(self, workers: int, address: str) -> Fitness:
         """Return the graded fitness; a baseline's generation is too small for a cluster."""
         searched = replace(self.flat, penalty='graded', margin=SEARCHED.margin)
-        if self.config.scenario == PAPER:
-            searched = replace(SEARCHED, disturbance=self.config.disturbance)
-        return Fitness(self.starts, searched, workers)
+        paper = self.config.scenario == PAPER
+        return Fitness(self.starts, SEARCHED if paper else searched, workers)
 
     @property
     def flat(self) -> FitnessSettings:
@@ -183,9 +180,6 @@ class Tuning(SearchRun[TuningConfig, Baseline]):
         """The model of the plant for baselines."""
         base = self.starts.base
         return Model(base.orbit_radius_m, base.mass_kg, base.dt_s, base.body)
-
-    def save_more(self) -> None:
-        """Write nothing: a tuning has no history."""
 
     @property
     def phase(self) -> str:

@@ -44,7 +44,7 @@ def rpo(
 
 
 def repeated(command: str, folder: Path, *words: str, limit_s: float = 850) -> Any:
-    """Return the controller that a command `rpo train` or `rpo tune` makes, in its own process."""
+    """Return the controller that a command `rpo train` makes, in its own process."""
     plots = ['--no-plots'] if '--preset' in command else []
     done = rpo(*command.split()[1:], *words, *plots, '-o', folder, limit_s=limit_s)
     assert done.returncode in (0, 1), done.stderr

@@ -135,7 +135,7 @@ def test_a_search_that_misses_says_so_and_writes_the_file(tmp_path):
 
 def test_a_baseline_is_tuned_for_a_scenario_and_its_body(tmp_path):
     moon = str(ROOT / MISSIONS / 'lunar_logistics.yaml')
-    tuning = Tuning(TuningConfig('mpc', evaluations=20, scenario=moon), tmp_path / 'run', 1)
+    tuning = Tuning(TuningConfig('mpc', 'mpc', evaluations=20, scenario=moon), tmp_path / 'run', 1)
     made = tuning.make(np.full(2, 0.5))
     assert made.model.body == load(moon).body and made.max_force_n == 40.0
     assert made.model.mean_motion_rad_s == load(moon).mean_motion_rad_s

@@ -77,7 +77,7 @@ def test_the_processes_of_a_local_cluster_are_pinned():
 @pytest.mark.slow
 def test_a_tuning_is_pinned(tmp_path):
     """The trainings: tests/training/test_shipped.py."""
-    found = repeated('rpo tune pd --seed 2 --evaluations 40', tmp_path / 'pd')
+    found = repeated('rpo train pd --seed 2 --set evaluations=40', tmp_path / 'pd')
     assert found.provenance['arithmetic']['pinned'] is True
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""`rpo train` and `rpo tune`: show a search, stop it cleanly, print its result."""
+"""`rpo train`: show a search, stop it cleanly, print its result."""
 
 from __future__ import annotations
 
@@ -18,12 +18,15 @@ from rpo_core.files.validation import InputError, choice
 if TYPE_CHECKING:
     from rpo_training.attitude_training import AttitudeConfig
     from rpo_training.config import TrainingConfig
-    from rpo_training.family_training import FamilyConfig
     from rpo_training.run import Config, Found, SearchRun
 
 
 def train(
     context: typer.Context,
+    kind: Annotated[
+        str | None,
+        typer.Argument(help='tune a baseline: pd, lqr, mpc or apf_smc; else, train a fuzzy one'),
+    ] = None,
     preset: Annotated[
         str | None,
         typer.Option(
@@ -59,52 +62,64 @@ def train(
     plots: Annotated[bool, typer.Option(help='pictures at the end')] = True,
     no_fail: NoFail = False,
 ) -> None:
-    """Train a controller; the same configuration and seed give the same bits anywhere.
+    """Train or tune a controller; the same configuration and seed give the same bits anywhere.
 
-    Progress is saved after each generation: Ctrl-C stops cleanly, --resume goes on. Exit code 1:
-    the best controller, which is written, misses a condition.
+    Progress is saved after each generation: Ctrl-C stops cleanly, --resume goes on. A baseline has
+    the same starts and fitness, and at most the evaluations of the paper: 60 x 301.
+
+    Exit code 1: the best controller, which is written, misses a condition.
     """
     from rpo_training import config as configs
     from rpo_training.attitude_training import AttitudeTraining
-    from rpo_training.family_training import FamilyTraining, is_family
+    from rpo_training.family_training import FamilyConfig, FamilyTraining, config_of
     from rpo_training.training import Training
+    from rpo_training.tuning import Tuning, TuningConfig
 
-    kinds: tuple[type[SearchRun[Any, Any]], ...] = FamilyTraining, AttitudeTraining, Training
+    runs: tuple[type[SearchRun[Any, Any]], ...]
+    runs = FamilyTraining, AttitudeTraining, Tuning, Training
     shared.refuse_workers_of_a_scheduler(workers, cluster)
     if resume is not None:
         shared.refuse_beside(context, 'resume', 'workers', 'cluster', 'plots', 'no_fail')
-        kind = next((k for k in kinds if (resume / k.config_file).exists()), Training)
-        _refuse_of_another_kind(context, kind)
-        _finish(kind.resume(resume, workers, cluster), plots, no_fail)
+        run = next((r for r in runs if (resume / r.config_file).exists()), Training)
+        _refuse_of_another_kind(context, run)
+        _finish(run.resume(resume, workers, cluster), plots, no_fail)
         return
     changes = list(settings or ())
     _refuse_given_twice(context, changes)
     if config is not None and preset:
         raise InputError('`--preset` and `--config` are two configurations: give one of them')
-    if family or (config is not None and is_family(config)):
-        if preset or algorithm or attitude:
-            raise InputError('`--family` takes no `--preset`, `--algorithm` and `--attitude`')
-        base: Any = _base_of_family(family, scenario, config)
-    elif any(_key(setting) == 'scenario' for setting in changes):
+    if any(_key(setting) == 'scenario' for setting in changes):
         raise InputError('`--set scenario=...` would keep the scales: use `--scenario`')
+    schema = '' if config is None else configs.schema_of(config)
+    named = 'a baseline' if kind else '`--family`' if family else '`--config`'
+    if kind or family or schema in (FamilyConfig.schema, TuningConfig.schema):
+        if preset or algorithm or attitude or (kind and family):
+            raise InputError(f'{named} takes no `--preset`, `--algorithm` and `--attitude`')
+        if config is not None and (kind or family or scenario):
+            raise InputError('`--config` says what is searched and the scenario: give neither')
+        if config is not None:
+            of = FamilyConfig if schema == FamilyConfig.schema else TuningConfig
+            base: Any = of.load(config)
+        else:
+            base = config_of(family, scenario) if family else TuningConfig.of(str(kind), scenario)
     elif not attitude:
         base = _base(preset, scenario, config)
     elif scenario:
         raise InputError('`--attitude` takes no `--scenario`')
     else:
         base = _base_of_attitude(preset, config)
-    kind = next(k for k in kinds if k.config_type is type(base))
-    _refuse_of_another_kind(context, kind)
+    run = next(r for r in runs if r.config_type is type(base))
+    _refuse_of_another_kind(context, run)
     options = {'seed': seed, 'algorithm': algorithm}
-    named = [f'{key}={value}' for key, value in options.items() if value is not None]
-    chosen = configs.override(base, [*named, *changes])
+    options = {key: value for key, value in options.items() if value is not None}
+    chosen = configs.override(base, [*(f'{k}={v}' for k, v in options.items()), *changes])
     folder = output or Path('runs') / f'{chosen.name}_{chosen.seed}'
     if not any(_key(setting) == 'name' for setting in changes):
         chosen = configs.override(chosen, [f'name={folder.resolve().name}'])
     if show:
         typer.echo(chosen.dumps(), nl=False)
         return
-    _finish(kind.create(chosen, folder, workers, cluster), plots, no_fail)
+    _finish(run.create(chosen, folder, workers, cluster), plots, no_fail)
 
 
 def _key(setting: str) -> str:
@@ -115,29 +130,21 @@ def _key(setting: str) -> str:
 def _refuse_given_twice(context: typer.Context, settings: list[str]) -> None:
     """Raise InputError if an option and a setting say the same."""
     for key in sorted({_key(each) for each in settings} & set(shared.given(context))):
-        raise InputError(f'`--{key}` and `--set {key}=...` say the same: give one of them')
+        option = shared.given(context)[key]
+        raise InputError(f'`{option}` and `--set {key}=...` say the same: give one of them')
 
 
-def _refuse_of_another_kind(context: typer.Context, kind: type[SearchRun[Any, Any]]) -> None:
+def _refuse_of_another_kind(context: typer.Context, run: type[SearchRun[Any, Any]]) -> None:
     """Raise InputError for options that only the training of the 30 numbers takes."""
     from rpo_training.training import Training
 
     for option in sorted({'cluster', 'plots'} & set(shared.given(context))):
-        if kind is not Training and context.params[option]:
+        if run is not Training and context.params[option]:
             raise InputError(
-                f'`--{option}` is for a training of the 30 numbers: one of a family or attitude, '
-                'new or with `--resume`, runs on the threads of `--workers` and has no pictures'
+                f'`--{option}` is for a training of the 30 numbers: one of a baseline, a family or '
+                'attitude, new or with `--resume`, runs on the threads of `--workers` and has no '
+                'pictures'
             )
-
-
-def _base_of_family(family: str, scenario: str, path: Path | None) -> FamilyConfig:
-    from rpo_training import family_training
-
-    if path is None:
-        return family_training.config_of(family, scenario)
-    if family or scenario:
-        raise InputError('`--config` says family and scenario: give neither')
-    return family_training.FamilyConfig.load(path)
 
 
 def _base_of_attitude(preset: str | None, path: Path | None) -> AttitudeConfig:
@@ -174,11 +181,12 @@ def _finish(run: SearchRun[Config, Found], plots: bool, no_fail: bool) -> None:
 
 def fly(run: SearchRun[Config, Found]) -> Found:
     """Fly a run to its end and return the best; if interrupted, print how to go on, and exit."""
+    from rpo_training.run import COMMAND
 
     def sentence() -> str:
         return (
             f'Interrupted after {len(run.checkpoint.scores)} generations, which are saved. '
-            f'Go on with: {run.command} {shlex.join(["--resume", str(run.folder)])}'
+            f'Go on with: {COMMAND} {shlex.join(["--resume", str(run.folder)])}'
         )
 
     with interruptible(sentence), TrainingDisplay(run.folder) as display:
@@ -208,42 +216,3 @@ def end(run: SearchRun[Config, Found], best: Found, no_fail: bool) -> None:
         err=True,
     )
     shared.end(missed=True, no_fail=no_fail)
-
-
-def tune(
-    context: typer.Context,
-    kind: Annotated[str | None, typer.Argument(help='pd, lqr, mpc or apf_smc')] = None,
-    seed: Annotated[int, typer.Option(help='seed of the random numbers')] = 1,
-    evaluations: Annotated[
-        int | None, typer.Option(help="at most, and no more than the paper's 60 x 301")
-    ] = None,
-    scenario: Annotated[
-        str, typer.Option(help='tune for this scenario or set (name or file)')
-    ] = 'paper_training',
-    disturbance: Annotated[
-        float, typer.Option(help="weight [N² s] of the paper's test, which training does not see")
-    ] = 0.0,
-    output: Annotated[
-        Path | None, typer.Option('--output', '-o', help='folder  [runs/tune_NAME_SEED]')
-    ] = None,
-    resume: Annotated[Path | None, typer.Option(help='folder to go on with')] = None,
-    workers: Workers = 0,
-    no_fail: NoFail = False,
-) -> None:
-    """Tune a baseline controller: same starts and fitness as training, the paper's budget at most.
-
-    Progress is saved after each generation: Ctrl-C stops cleanly, --resume goes on. Exit code 1:
-    the best one, which is written, misses a condition.
-    """
-    from rpo_training.tuning import BUDGET, Tuning, TuningConfig
-
-    if (kind is None) == (resume is None):
-        raise InputError('say what to tune, pd, lqr, mpc or apf_smc; or --resume FOLDER')
-    if resume is not None:
-        shared.refuse_beside(context, 'resume', 'workers', 'no_fail')
-        tuning = Tuning.resume(resume, workers)
-    else:
-        budget = BUDGET if evaluations is None else evaluations
-        config = TuningConfig(str(kind), seed, budget, disturbance, scenario=scenario)
-        tuning = Tuning.create(config, output or Path(f'runs/tune_{config.name}_{seed}'), workers)
-    _finish(tuning, False, no_fail)

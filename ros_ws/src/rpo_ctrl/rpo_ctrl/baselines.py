@@ -170,7 +170,7 @@ class Lqr(Baseline):
     """Linear quadratic regulator: f = -K x minimises sum of x' Q x + f' f over all ticks.
 
     Q = diag(position_weight (3), velocity_weight (3)) with the weights per tick. The file holds the
-    solution too, so that it flies without a Riccati solver; `rpo tune lqr` writes both.
+    solution too, so that it flies without a Riccati solver; `rpo train lqr` writes both.
 
     position_weight, velocity_weight : of Q [N^2/m^2], [N^2 s^2/m^2]
     gains : (3, 6) K [N/m, N s/m]

@@ -8,8 +8,18 @@ import sys
 from pathlib import Path
 
 GONE: dict[str, dict[str, str]] = {
-    'command': {},
-    'option': {},
+    'command': {
+        'tune': '`rpo train lqr`, or another kind of baseline: pd, mpc, apf_smc',
+    },
+    'option': {
+        **dict.fromkeys(
+            ('plan --margins', 'plan --sample'),
+            '`rpo plan` for legs and energy, `rpo optimal` for the least energy of a start',
+        ),
+        'evaluate --sensitivity': (
+            '`rpo evaluate --robustness`, or `rpo report` of a campaign for what misses depend on'
+        ),
+    },
     'executable': {},
     'controller': {},
     'scenario': {},
