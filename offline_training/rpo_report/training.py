@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from rpo_core.control.controller import FuzzyController
-from rpo_judge.evaluation.comparison import ComparedController, Share
+from rpo_judge.evaluation.comparison import Row
 from rpo_log.show import style
 from rpo_montecarlo.campaign.judging import MOTION
 from rpo_report.controller import control_surface, membership_functions, rules
@@ -35,18 +35,18 @@ def best(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
     return found
 
 
-def draw(rows: Sequence[ComparedController]) -> Any:
+def draw(rows: Sequence[Row]) -> Any:
     """Return the picture: energy against two shares of the dispersed runs, and against time.
 
     In every panel the better is higher, and further left. A controller that arrives from no start
     is left out. Shares are on a logistic scale; none and all are drawn at half a run.
     """
-    shown = [row for row in rows if row.met]
+    shown = [row for row in rows if row['met']]
     figure, panels = style.new_panels(11.5, 3, 1, sharex=True)
     heights = [
-        _draw_shares(panels[0], shown, MOTION, lambda row: row.moving),
-        _draw_shares(panels[1], shown, 'all limits', _all_limits),
-        [-row.settled_s for row in shown],
+        _draw_shares(panels[0], shown, MOTION, lambda row: row['moving']),
+        _draw_shares(panels[1], shown, 'all limits', lambda row: row),
+        [-row['settled_s'] for row in shown],
     ]
     panels[2].set(
         title='Energy against time',
@@ -57,31 +57,33 @@ def draw(rows: Sequence[ComparedController]) -> Any:
     style.log_scale(panels[2], x=True, y=False)
     for axes, values in zip(panels, heights, strict=True):
         _draw_points(axes, shown, values)
-    energies = [row.mean_energy_n2s for row in shown] or [1.0]
+    energies = [row['mean_energy_n2s'] for row in shown] or [1.0]
     panels[2].set_xlim(0.8 * min(energies), 1.3 * max(energies))
     _set_ticks(panels[2].xaxis, _ENERGIES)
     figure.suptitle('fuzzy controllers ●, baselines ■; dotted: no other is better in both')
     for axes, values in zip(panels, heights, strict=True):
-        names = [(row.mean_energy_n2s, y, row.name) for row, y in zip(shown, values, strict=True)]
+        names = [
+            (row['mean_energy_n2s'], y, row['name']) for row, y in zip(shown, values, strict=True)
+        ]
         style.label_points(axes, names)
     return figure
 
 
 def _draw_shares(
     axes: Any,
-    rows: Sequence[ComparedController],
+    rows: Sequence[Row],
     what: str,
-    share: Callable[[ComparedController], Share | None],
+    share: Callable[[Row], Row | None],
 ) -> list[float]:
     """Draw the intervals of shares [%], and return the shares; none of a controller is 0."""
     found = []
     for row in rows:
-        own, least = share(row) or Share(0, 0.0, 0.0), 0.5 / row.runs
+        own, least = share(row) or {'kept': 0, 'low': 0.0, 'high': 0.0}, 0.5 / row['runs']
         low, middle, high = (
             100.0 * min(max(part, least), 1.0 - least)
-            for part in (own.low, own.kept / row.runs, own.high)
+            for part in (own['low'], own['kept'] / row['runs'], own['high'])
         )
-        axes.plot([row.mean_energy_n2s] * 2, [low, high], color=_colour(row), linewidth=1)
+        axes.plot([row['mean_energy_n2s']] * 2, [low, high], color=_colour(row), linewidth=1)
         found.append(middle)
     axes.set_yscale('function', functions=(_logit, _share))
     axes.margins(y=0.15)
@@ -90,12 +92,12 @@ def _draw_shares(
     return found
 
 
-def _draw_points(axes: Any, rows: Sequence[ComparedController], values: Sequence[float]) -> None:
+def _draw_points(axes: Any, rows: Sequence[Row], values: Sequence[float]) -> None:
     """Draw points, the higher the better, and the line of those that no other beats."""
     for row, value in zip(rows, values, strict=True):
-        marker = 'o' if row.kind in _FUZZY else 's'
-        axes.plot(row.mean_energy_n2s, value, marker, color=_colour(row), markersize=6)
-    front = best([(row.mean_energy_n2s, value) for row, value in zip(rows, values, strict=True)])
+        marker = 'o' if row['kind'] in _FUZZY else 's'
+        axes.plot(row['mean_energy_n2s'], value, marker, color=_colour(row), markersize=6)
+    front = best([(row['mean_energy_n2s'], value) for row, value in zip(rows, values, strict=True)])
     x, y = np.repeat(np.reshape(front, (-1, 2)), 2, axis=0).T
     axes.plot(x[1:], y[:-1], ':', color=style.LIGHT['ink'], linewidth=0.8)
 
@@ -117,12 +119,8 @@ def _share(logit: Any) -> Any:
     return 100.0 / (1.0 + np.exp(-np.asarray(logit)))
 
 
-def _colour(row: ComparedController) -> str:
-    return style.LIGHT['x' if row.kind in _FUZZY else 'muted']
-
-
-def _all_limits(row: ComparedController) -> Share:
-    return Share(row.kept, row.low, row.high)
+def _colour(row: Row) -> str:
+    return style.LIGHT['x' if row['kind'] in _FUZZY else 'muted']
 
 
 def draw_run(folder: Path, controller: FuzzyController) -> list[Path]:

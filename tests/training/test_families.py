@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from types import SimpleNamespace
 
 import fuzzylite as fl
 import numpy as np
@@ -23,7 +22,6 @@ from rpo_core.files.scenario import load_scenario, load_set
 from rpo_core.judge import metrics
 from rpo_ctrl.baseline_kernels import pace_inputs
 from rpo_judge.evaluation import comparison
-from rpo_judge.evaluation.comparison import Share
 from rpo_montecarlo.engine.cases import case_of_set
 from rpo_montecarlo.engine.simulator import Simulator
 from rpo_report import training
@@ -144,14 +142,15 @@ def test_only_what_is_proven_counts_as_proven():
 @pytest.mark.every_landing
 def test_the_picture_names_all_and_its_front_is_beaten_by_none(tmp_path):
     def row(name, energy, kept, met=216):
-        moving = Share(kept, kept / 1000 - 0.01, min(kept / 1000 + 0.01, 1.0))
+        low, high = kept / 1000 - 0.01, min(kept / 1000 + 0.01, 1.0)
+        moving = {'kept': kept, 'low': low, 'high': high}
         figures = {'kept': 0, 'low': 0.0, 'high': 0.004, 'runs': 1000, 'moving': moving}
         figures['settled_s'] = 150.0 - energy
-        return SimpleNamespace(name=name, kind='pd', mean_energy_n2s=energy, met=met, **figures)
+        return {'name': name, 'kind': 'pd', 'mean_energy_n2s': energy, 'met': met, **figures}
 
     rows = [row('a', 3.0, 990), row('b', 2.5, 1000), row('c', 4.0, 1000), row('d', 2.0, 900)]
     rows.append(row('drifting', 0.0, 0, met=0))
-    points = [(r.mean_energy_n2s, r.moving.kept) for r in rows if r.met]
+    points = [(r['mean_energy_n2s'], r['moving']['kept']) for r in rows if r['met']]
     assert training.best(points) == [(2.0, 900), (2.5, 1000)]
     draw(tmp_path / 'p.svg', training.draw, rows)
     text = (tmp_path / 'p.svg').read_text()

@@ -75,8 +75,12 @@ def train(
     from rpo_training.training import Training
     from rpo_training.tuning import Tuning, TuningConfig
 
-    runs: tuple[type[SearchRun[Any, Any]], ...]
-    runs = FamilyTraining, AttitudeTraining, Tuning, Training
+    runs: tuple[type[SearchRun[Any, Any]], ...] = (
+        FamilyTraining,
+        AttitudeTraining,
+        Tuning,
+        Training,
+    )
     shared.refuse_workers_of_a_scheduler(workers, cluster)
     if resume is not None:
         shared.refuse_beside(context, 'resume', 'workers', 'cluster', 'plots', 'no_fail')

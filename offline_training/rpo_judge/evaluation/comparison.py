@@ -13,7 +13,6 @@ import hashlib
 import json
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
 from functools import cached_property, partial
 from importlib.metadata import version
 from pathlib import Path
@@ -64,27 +63,28 @@ OPENED_RUNS = 10
 CONTACT_M = 1.0
 
 
-@dataclass(frozen=True)
-class Examined:
-    """What else is known of a controller.
+Row = dict[str, Any]
+"""A controller: name of a figure -> its value.
 
-    random_runs : of each of `RANDOM`; random_missed : that miss a condition, by campaign
-    margin : smallest distance to a limit as a share of it, over all starts and the paper's tests;
-        margin_of : the condition
-    openings : starts of thrust of an axis in a dispersed run, the mean
-    contact_m_s : speed at the first state within 1 m, the largest over the starts that come there;
-        contact_median_m_s : the median
-    proof : what is shown of the conditions from every start of the box
-    """
-
-    random_runs: int
-    random_missed: dict[str, int]
-    margin: float
-    margin_of: str
-    openings: float
-    contact_m_s: float | None
-    contact_median_m_s: float | None
-    proof: str
+mean_energy_n2s : of the starts; ratio : to the mean of the constrained optima
+starts, met : training starts, and those that meet all three conditions
+distance_m, worst_distance_m : mean and largest, over the starts, of the mean distance in the last
+    30 s; slew_per_axis_n_s : the largest; settled_s : mean time after which it stays within 0.5 m
+tests : by scenario, the largest |r| and |v| of an axis in the last 200 s, and J
+kept, runs, low, high : runs of the campaign that keep every limit of it, of how many, Wilson's 95 %
+    interval of their share; moving : the same, of its limits on position and speed alone, or None
+saw : what of the campaign the training saw
+command_us : processor time of one command on this machine
+valve_openings, propellant_kg : means of runs of the campaign `WORLD`
+random_runs, random_missed : runs of each of `RANDOM`, and those that miss a condition, by campaign
+margin, margin_of : smallest distance to a limit as a share of it, over all starts and the paper's
+    tests, and the condition
+openings : starts of thrust of an axis in a dispersed run, the mean
+contact_m_s, contact_median_m_s : speed at the first state within 1 m, the largest and the median
+    over the starts that come there; None of both if none does
+proof : what is shown of the conditions from every start of the box
+margins : how far the loop may be off; None: the engine cannot fly the controller
+"""
 
 
 def contact_speed(flight: Flight) -> float | None:
@@ -127,68 +127,6 @@ RANDOM_RUNS = 2000  # random starts, at rest and as many moving
 _CALLS, _REPETITIONS = 2000, 5
 
 
-@dataclass(frozen=True)
-class Test:
-    """The paper's test: largest |r| [m] and |v| [m/s] of an axis in the last 200 s, J [N^2 s]."""
-
-    position_m: float
-    velocity_m_s: float
-    energy_n2s: float
-
-
-@dataclass(frozen=True)
-class Share:
-    """How many of the dispersed runs keep some limits, and Wilson's 95 % interval of the share."""
-
-    kept: int
-    low: float
-    high: float
-
-
-@dataclass(frozen=True)
-class ComparedController:
-    """A controller.
-
-    mean_energy_n2s : of the starts; ratio : to the mean of the constrained optima
-    met : starts that meet all three conditions
-    distance_m, worst_distance_m : mean and largest, over the starts, of the mean distance in the
-        last 30 s; slew_per_axis_n_s : the largest
-    settled_s : mean time after which it stays within 0.5 m
-    tests : by scenario
-    kept, runs, low, high : runs of the campaign that keep every limit of it, of how many, Wilson's
-        95 % interval of their share
-    moving : the same, of its limits on position and speed alone; None if it has no such
-    saw : what of the campaign the training saw
-    command_us : processor time of one command on this machine [us]
-    valve_openings, propellant_kg : means of runs of the campaign `WORLD`
-    more : random starts, smallest margin, thrusters, contact, proof
-    margins : how far the loop may be off; None: the engine cannot fly the controller
-    """
-
-    name: str
-    kind: str
-    mean_energy_n2s: float
-    ratio: float
-    starts: int
-    met: int
-    distance_m: float
-    worst_distance_m: float
-    slew_per_axis_n_s: float
-    settled_s: float
-    tests: dict[str, Test]
-    kept: int
-    runs: int
-    low: float
-    high: float
-    moving: Share | None
-    saw: str
-    command_us: float
-    valve_openings: float
-    propellant_kg: float
-    more: Examined
-    margins: robustness.Margins | None
-
-
 def key_of(*texts: str) -> str:
     """Return a digest of texts and of the versions that results depend on."""
     libraries = {name: version(name) for name in ('numpy', 'scipy', 'numba', 'clarabel', 'cvxpy')}
@@ -225,17 +163,11 @@ class Comparison:
         self._shared = [files.read_text(files.find('scenario', name)) for name in (STARTS, *TESTS)]
 
     @cached_property
-    def _random(self) -> list[str]:
-        """The texts of the campaigns of random starts, and of what they fly."""
-        loaded = [config.load(config.find(name), controller='drift') for name in RANDOM]
-        return [text for campaign in loaded for text in campaign.texts[:2]]
-
-    @cached_property
     def case(self) -> Case:
         """The training starts."""
         return case_of_set(load_set(STARTS))
 
-    def rows(self) -> list[ComparedController]:
+    def rows(self) -> list[Row]:
         """Return all controllers; compute the results that are not kept."""
         least = self.least()
         return [
@@ -271,98 +203,86 @@ class Comparison:
         write_text(path, json.dumps(kept, indent=1))
         return found
 
-    def _row(self, campaign: Campaign, label: str, given: str, least: float) -> ComparedController:
+    def _row(self, campaign: Campaign, label: str, given: str, least: float) -> Row:
         """Return a controller, a shipped name or file as it was given."""
-        controller, name = campaign.controller, campaign.controller.name
-        text, world = controllers.dumps(controller), _load(WORLD, given, runs=WORLD_RUNS)
-        drawn = (*self._random, str(self.random_runs), files.read_text(proven.PATH))
-        found = self._kept(name, [text, *self._shared], lambda: self._starts_and_tests(controller))
-        rate, moving = self._campaign(campaign)
-        more = self._kept(
-            f'{name}-more',
-            [text, *self._shared, *campaign.texts, *drawn],
-            lambda: self._more(campaign, given),
-        )
-        found |= self._kept(f'{name}-world', [text, *world.texts], lambda: _spent(world))
-        found |= {
+        controller = campaign.controller
+        others = [
+            _load(WORLD, given, runs=WORLD_RUNS),
+            _load(robustness.DRAWN, given, runs=robustness.RUNS, seed=robustness.SEED),
+            *(_load(name, given, runs=max(1, self.random_runs)) for name in RANDOM),
+        ]
+        texts = [
+            controllers.dumps(controller), *self._shared, *campaign.texts,
+            *(text for other in others for text in other.texts),
+            str(self.random_runs), files.read_text(proven.PATH),
+        ]  # fmt: skip
+        found = self._kept(controller.name, texts, lambda: self._computed(campaign, *others))
+        margins = found.pop('margins')
+        success, moving = self._campaign(campaign)
+        return {
             'name': label,
             'kind': 'fuzzy' if isinstance(controller, FuzzyController) else controller.kind,
             'ratio': found['mean_energy_n2s'] / least,
-            'tests': {test: Test(**found['tests'][test]) for test in TESTS},
-            **asdict(rate),
-            'runs': campaign.config.runs,
+            **found,
+            **success,
             'moving': moving,
             'saw': self._saw(controller, campaign.config.name),
             'command_us': command_us(controller, load_scenario(TESTS[0])),
-            'more': Examined(**more),
-            'margins': self._margins(controller, text, given),
+            'margins': margins and codec.from_mapping(robustness.Margins, 'margins', margins),
         }
-        return ComparedController(**found)
 
-    def _margins(
-        self, controller: AnyController, text: str, given: str
-    ) -> robustness.Margins | None:
-        """Return how far the loop may be off; None if the engine cannot fly the controller."""
-        drawn = _load(robustness.DRAWN, given, runs=robustness.RUNS, seed=robustness.SEED)
-        if why_not(drawn.scenario, controller):
-            return None
-        found = self._kept(
-            f'{controller.name}-margins',
-            [text, self._shared[0], *drawn.texts],
-            lambda: codec.to_mapping(robustness.margins_of(controller, self.workers, self.report)),
-        )
-        return codec.from_mapping(robustness.Margins, 'margins', found)
-
-    def _starts_and_tests(self, controller: AnyController) -> dict[str, Any]:
-        """Return the results of the starts and of the tests."""
+    def _computed(
+        self, campaign: Campaign, world: Campaign, drawn: Campaign, *random: Campaign
+    ) -> Row:
+        """Return the figures that are kept; the first runs of the campaign count the openings."""
+        controller = campaign.controller
         self.report(f'{controller.name}: training starts and tests', 0, 1)
         rows = metrics_of(controller, self.case, self.workers)
-        missed = fitness.failures(rows[:, None, :]).sum(axis=1) > 0
+        tests = {name: fly(load_scenario(name), controller) for name in TESTS}
+        conditions = list(
+            zip(fitness.shares(rows).max(axis=0).tolist(), fitness.CONDITIONS, strict=True)
+        )
+        for flight in tests.values():
+            judged = verdicts(flight)
+            conditions += [(v.value / v.limit, v.key) for v in judged if v.holds is not None]
+        share, condition = max(conditions)
+        self.report(f'{controller.name}: contact and thrusters', 0, 1)
+        speeds = map(contact_speed, flights_of(controller, load_set(STARTS)))
+        contacts = [speed for speed in speeds if speed is not None]
+        flown = [fly_run(campaign, i) for i in range(min(OPENED_RUNS, campaign.config.runs))]
+        columns = run_batch.fly_runs(world, 0, world.config.runs)
+        margins = None
+        if not why_not(drawn.scenario, controller):
+            margins = robustness.margins_of(controller, self.workers, self.report)
         return {
             'mean_energy_n2s': float(fitness.mean(rows[:, ENERGY])),
             'starts': len(rows),
-            'met': int((~missed).sum()),
+            'met': int((fitness.failures(rows[:, None, :]).sum(axis=1) == 0).sum()),
             'distance_m': float(fitness.mean(rows[:, ARRIVAL_DISTANCE])),
             'worst_distance_m': float(rows[:, ARRIVAL_DISTANCE].max()),
             'slew_per_axis_n_s': float(rows[:, SLEW].max()),
             'settled_s': float(fitness.mean(rows[:, ARRIVAL_TIME])),
-            'tests': {name: asdict(_test(fly(load_scenario(name), controller))) for name in TESTS},
-        }
-
-    def _more(self, campaign: Campaign, given: str) -> dict[str, Any]:
-        """Return the fields of `Examined`; the first runs of the campaign count the openings."""
-        controller, runs = campaign.controller, self.random_runs
-        missed = {name: self._missed(name, given) for name in RANDOM if runs}
-        self.report(f'{controller.name}: contact and thrusters', 0, 1)
-        flights = flights_of(controller, load_set(STARTS))
-        contacts = [speed for speed in map(contact_speed, flights) if speed is not None]
-        shares = fitness.shares(metrics_of(controller, self.case, self.workers)).max(axis=0)
-        conditions = list(zip(shares.tolist(), fitness.CONDITIONS, strict=True))
-        for test in TESTS:
-            judged = verdicts(fly(load_scenario(test), controller))
-            conditions += [(v.value / v.limit, v.key) for v in judged if v.holds is not None]
-        share, condition = max(conditions)
-        flown = [fly_run(campaign, i) for i in range(min(OPENED_RUNS, campaign.config.runs))]
-        return {
-            'random_runs': runs,
-            'random_missed': missed,
+            'tests': {name: _test(flight) for name, flight in tests.items()},
+            **{n: float(fitness.mean(columns[n])) for n in ('valve_openings', 'propellant_kg')},
+            'random_runs': self.random_runs,
+            'random_missed': {c.config.name: self._missed(c) for c in random if self.random_runs},
             'margin': 1.0 - share,
             'margin_of': condition,
             'openings': float(np.mean([openings(flight.forces_n) for flight in flown])),
             'contact_m_s': max(contacts, default=None),
             'contact_median_m_s': float(np.median(contacts)) if contacts else None,
             'proof': proof_of(controller),
+            'margins': margins and codec.to_mapping(margins),
         }
 
-    def _missed(self, name: str, given: str) -> int:
+    def _missed(self, campaign: Campaign) -> int:
         """Return how many runs of a campaign of random starts miss a condition."""
-        campaign = _load(name, given, runs=self.random_runs)
-        show = partial(self.report, f'{given}: {name}')
+        show = partial(self.report, f'{campaign.controller.name}: {campaign.config.name}')
         (kept,) = execution.kept_of(campaign, [campaign.config.success], self.workers, show)
-        return self.random_runs - kept
+        return campaign.config.runs - kept
 
-    def _campaign(self, campaign: Campaign) -> tuple[Share, Share | None]:
-        """Return the success, and that of position and speed; finish the campaign first."""
+    def _campaign(self, campaign: Campaign) -> tuple[Row, Row | None]:
+        """Return success, and that of position and speed; finish the campaign first."""
         name = campaign.controller.name
         folder = self.folder / f'{identifier(name)}-campaign-{key_of(*campaign.texts)}'
         store = Store.open(folder) if folder.is_dir() else Store.create(folder, campaign)
@@ -379,20 +299,13 @@ class Comparison:
         found = statistics.rates_of(
             store, {name: limits for name, limits in groups.items() if limits}
         )
-        shares = [Share(rate.kept, rate.low, rate.high) for rate in found]
+        shares = [{n: getattr(rate, n) for n in ('kept', 'runs', 'low', 'high')} for rate in found]
         return shares[0], shares[1] if len(shares) > 1 else None
 
 
 def _load(name: str, controller: str, **changes: Any) -> Campaign:
     """Return a shipped campaign with fields changed."""
     return config.load(config.find(name), controller=controller, **changes)
-
-
-def _spent(world: Campaign) -> dict[str, Any]:
-    """Return the mean valve openings, and the mean propellant [kg], of a campaign."""
-    columns = run_batch.fly_runs(world, 0, world.config.runs)
-    names = ('valve_openings', 'propellant_kg')
-    return {name: float(fitness.mean(columns[name])) for name in names}
 
 
 def _labels(own: Sequence[str], given: Sequence[str]) -> list[str]:
@@ -409,9 +322,13 @@ def metrics_of(controller: AnyController, case: Case, workers: int = 0) -> Float
         return np.asarray(simulator.fly([controller])[0][0])
 
 
-def _test(flight: Flight) -> Test:
+def _test(flight: Flight) -> Row:
     late = metrics.window(flight, metrics.CLAIM_WINDOW_S)
-    return Test(late.position_m, late.velocity_m_s, metrics.of_flight(flight).energy_n2s)
+    return {
+        'position_m': late.position_m,
+        'velocity_m_s': late.velocity_m_s,
+        'energy_n2s': metrics.of_flight(flight).energy_n2s,
+    }
 
 
 def command_us(controller: AnyController, scenario: Scenario) -> float:

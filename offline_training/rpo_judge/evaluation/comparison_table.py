@@ -8,7 +8,6 @@ import csv
 import io
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,9 +22,7 @@ from rpo_judge.evaluation.comparison import (
     TESTS,
     WORLD,
     WORLD_RUNS,
-    ComparedController,
-    Examined,
-    Share,
+    Row,
 )
 from rpo_judge.evaluation.robustness import DRAWN, RUNS, SEED, cells, numbers
 from rpo_judge.scoring.conditions import LABELS
@@ -42,39 +39,38 @@ Table = list[tuple[str, ...]]
 """Headings, then a line for each controller; all texts."""
 
 
-Column = Callable[[ComparedController], str]
+Column = str | Callable[[Row], str]
+"""A cell: format of the figures of a controller, or a function of them."""
 
 _OVERVIEW: dict[str, Column] = {
-    'controller': lambda row: row.name,
-    'mean J [N²s]': lambda row: f'{row.mean_energy_n2s:.3f}',
-    '× least': lambda row: f'{row.ratio:.3f}' if row.met else '–',
-    'starts that meet all': lambda row: f'{row.met} of {row.starts}',
-    'arrival error, mean (worst) [m]': lambda row: (
-        f'{row.distance_m:.3g} ({row.worst_distance_m:.3g})'
-    ),
-    'slew [N/s]': lambda row: f'{row.slew_per_axis_n_s:.3g}',
-    'dispersed: position and speed [%]': lambda row: _share(row.moving, row.runs),
-    'dispersed: all limits [%]': lambda row: _share(Share(row.kept, row.low, row.high), row.runs),
-    'its training saw these': lambda row: row.saw,
-    'command [µs]': lambda row: f'{row.command_us:.1f}',
+    'controller': '{name}',
+    'mean J [N²s]': '{mean_energy_n2s:.3f}',
+    '× least': lambda row: f'{row["ratio"]:.3f}' if row['met'] else '–',
+    'starts that meet all': '{met} of {starts}',
+    'arrival error, mean (worst) [m]': '{distance_m:.3g} ({worst_distance_m:.3g})',
+    'slew [N/s]': '{slew_per_axis_n_s:.3g}',
+    'dispersed: position and speed [%]': lambda row: _share(row['moving']),
+    'dispersed: all limits [%]': lambda row: _share(row),
+    'its training saw these': '{saw}',
+    'command [µs]': '{command_us:.1f}',
 }
 _ROBUSTNESS: dict[str, Column] = {
-    'controller': lambda row: row.name,
-    'random starts missed: at rest [%]': lambda row: _missed(row.more, RANDOM[0]),
-    'moving [%]': lambda row: _missed(row.more, RANDOM[1]),
+    'controller': '{name}',
+    'random starts missed: at rest [%]': lambda row: _missed(row, RANDOM[0]),
+    'moving [%]': lambda row: _missed(row, RANDOM[1]),
     'smallest margin [%]': lambda row: (
-        f'{100 * row.more.margin:.1f}' if row.more.margin >= 0.0 else 'missed'
+        f'{100 * row["margin"]:.1f}' if row['margin'] >= 0.0 else 'missed'
     ),
-    'of': lambda row: LABELS.get(row.more.margin_of, row.more.margin_of).replace('_', ' '),
-    'thrust starts per axis': lambda row: f'{row.more.openings:.1f}',
-    'valve openings': lambda row: f'{row.valve_openings:.0f}',
-    'propellant [g]': lambda row: f'{1e3 * row.propellant_kg:.1f}',
+    'of': lambda row: str(LABELS.get(row['margin_of'], row['margin_of'])).replace('_', ' '),
+    'thrust starts per axis': '{openings:.1f}',
+    'valve openings': '{valve_openings:.0f}',
+    'propellant [g]': lambda row: f'{1e3 * row["propellant_kg"]:.1f}',
     'speed at 1 m, largest (median) [m/s]': lambda row: (
         '–'
-        if row.more.contact_m_s is None
-        else f'{row.more.contact_m_s:.3f} ({row.more.contact_median_m_s:.3f})'
+        if row['contact_m_s'] is None
+        else '{contact_m_s:.3f} ({contact_median_m_s:.3f})'.format_map(row)
     ),
-    'proof': lambda row: row.more.proof,
+    'proof': '{proof}',
 }
 """Heading -> cell: of the main table, and of random starts, margins, thrusters, contact, proof."""
 
@@ -82,73 +78,77 @@ _ROBUSTNESS: dict[str, Column] = {
 def _of_test(test: str, reading: str) -> dict[str, Column]:
     """Return the columns of one reading of the paper's test."""
     return {
-        f'{reading}: ∣r∣ [m]': lambda row: f'{row.tests[test].position_m:.3g}',
-        f'{reading}: ∣v∣ [mm/s]': lambda row: f'{1e3 * row.tests[test].velocity_m_s:.3g}',
-        f'{reading}: J [N²s]': lambda row: f'{row.tests[test].energy_n2s:.3f}',
+        f'{reading}: ∣r∣ [m]': f'{{tests[{test}][position_m]:.3g}}',
+        f'{reading}: ∣v∣ [mm/s]': lambda row: f'{1e3 * row["tests"][test]["velocity_m_s"]:.3g}',
+        f'{reading}: J [N²s]': f'{{tests[{test}][energy_n2s]:.3f}}',
     }
 
 
 _TESTS: dict[str, Column] = {
     f"the paper's test, largest of an axis in the last {CLAIM_WINDOW_S:g} s; J over 400 s": (
-        lambda row: row.name
+        '{name}'
     ),
     **_of_test(TESTS[0], 'offset'),
     **_of_test(TESTS[1], 'phase'),
 }
 
 
-def _share(found: Share | None, runs: int) -> str:
+def _share(found: Row | None) -> str:
     """Return a share of the dispersed runs with its interval; a dash where no limit is such."""
     if found is None:
         return '–'
-    return f'{100 * found.kept / runs:.2f} ({100 * found.low:.2f}…{100 * found.high:.2f})'
+    shares = (100 * x for x in (found['kept'] / found['runs'], found['low'], found['high']))
+    return '{:.2f} ({:.2f}…{:.2f})'.format(*shares)
 
 
-def _missed(more: Examined, name: str) -> str:
+def _missed(row: Row, name: str) -> str:
     """Return a share of the random starts with its interval; a dash where none flew."""
-    if name not in more.random_missed:
+    if name not in row['random_missed']:
         return '–'
-    found = rate('missed', more.random_missed[name], more.random_runs)
+    found = rate('missed', row['random_missed'][name], row['random_runs'])
     return f'{found.percent} ({found.interval.replace(" to ", "…")})'
 
 
-def _table(columns: Mapping[str, Column], rows: Sequence[ComparedController]) -> Table:
-    return [tuple(columns), *(tuple(cell(row) for cell in columns.values()) for row in rows)]
+def _table(columns: Mapping[str, Column], rows: Sequence[Row]) -> Table:
+    def cell(column: Column, row: Row) -> str:
+        return column.format_map(row) if isinstance(column, str) else column(row)
+
+    return [tuple(columns), *(tuple(cell(c, row) for c in columns.values()) for row in rows)]
 
 
-def margins(rows: Sequence[ComparedController]) -> Table:
+def margins(rows: Sequence[Row]) -> Table:
     """Return how far the loop of each controller may be off."""
-    lines = [cells(row.margins) for row in rows]
+    lines = [cells(row['margins']) for row in rows]
     named = zip(rows, lines, strict=True)
-    return [('controller', *lines[0]), *((row.name, *line.values()) for row, line in named)]
+    return [('controller', *lines[0]), *((row['name'], *line.values()) for row, line in named)]
 
 
 overview = partial(_table, _OVERVIEW)
 TABLES = (overview, partial(_table, _ROBUSTNESS), margins, partial(_table, _TESTS))
 
 
-def notes(rows: Sequence[ComparedController], least: float, campaign: Campaign) -> list[str]:
+def notes(rows: Sequence[Row], least: float, campaign: Campaign) -> list[str]:
     """Return what the columns mean, with the numbers behind them."""
     moving = ', '.join(words(name, unit=False) for name in motion(campaign.config.success))
-    starts, runs = rows[0].starts, sorted({row.runs for row in rows})
-    more = rows[0].more
+    runs, first = sorted({row['runs'] for row in rows}), rows[0]
     return [
-        f'J, conditions, arrival error and slew: {starts} training starts, 200 s. Least: '
+        f'J, conditions, arrival error and slew: {first["starts"]} training starts, 200 s. Least: '
         f'{least:.4f} N²s, the mean of the optima under all conditions. Arrival error: mean '
         'distance over the last 30 s. Slew: the largest.',
         f'Dispersed: campaign `{campaign.config.name}`, {" or ".join(map(str, runs))} runs, with '
         f"Wilson's 95 % interval. All limits: {sentence(campaign)}. Position and speed: of these "
         f'{moving or "none"}. Its training saw these: what its training, by the command in its '
         'file, flew of this campaign (with other seeds).',
-        f'Random starts: {more.random_runs} in the box of the training (±100 m on each axis) at '
-        'rest, and as many with up to ±0.05 m/s, judged by its three conditions. Smallest margin: '
-        "to any condition, over the training starts and the paper's tests. Thrust starts: how "
-        f'often an axis goes beyond {1e3 * OPEN_N:g} mN or changes sides, mean of {OPENED_RUNS} '
-        'dispersed runs. Valve openings, propellant: of 400 s with sensors, filter and pulses, '
-        f'mean of {WORLD_RUNS} runs of the campaign `{WORLD}`. Speed at 1 m: at the first state '
-        'within 1 m of the target, over the training starts. Proof: of the three conditions from '
-        'every start at rest in the box, undisturbed (`offline_training/proofs/proven.yaml`, from '
-        'checked folders; of a family, its own claims).',
+        f'Random starts: {first["random_runs"]} in the box of the training (±100 m on each axis) '
+        'at rest, and as many with up to ±0.05 m/s, judged by its three conditions. Smallest '
+        "margin: to any condition, over the training starts and the paper's tests. Thrust starts: "
+        f'how often an axis goes beyond {1e3 * OPEN_N:g} mN or changes sides, mean of '
+        f'{OPENED_RUNS} dispersed runs. Valve openings, propellant: of 400 s with sensors, filter '
+        f'and pulses, mean of {WORLD_RUNS} runs of the campaign `{WORLD}`. Speed at 1 m: at the '
+        'first state within 1 m of the target, over the training starts. Proof: of the three '
+        'conditions from every start at rest in the box, undisturbed '
+        '(`offline_training/proofs/proven.yaml`, from checked folders; of a family, its own '
+        'claims).',
         'Gain to bias: the largest checked at which, and up to which, all training starts meet '
         f'their conditions, and {RUNS} flights of `{DRAWN}` (seed {SEED}) keep the limits that '
         'they keep when nothing is off; each alone. Gain: of the command, before it is saturated. '
@@ -159,12 +159,12 @@ def notes(rows: Sequence[ComparedController], least: float, campaign: Campaign) 
     ]
 
 
-def _not_judged(rows: Sequence[ComparedController]) -> str:
+def _not_judged(rows: Sequence[Row]) -> str:
     """Return which limits the drawn flights of which controllers are not judged by."""
     found: dict[tuple[str, ...], list[str]] = {}
     for row in rows:
-        if row.margins and row.margins.margins:
-            found.setdefault(tuple(row.margins.not_judged), []).append(row.name)
+        if row['margins'] and row['margins'].margins:
+            found.setdefault(tuple(row['margins'].not_judged), []).append(row['name'])
     groups = (
         f'{", ".join(words(name, unit=False) for name in limits)} ({", ".join(names)})'
         for limits, names in found.items()
@@ -174,10 +174,10 @@ def _not_judged(rows: Sequence[ComparedController]) -> str:
 
 
 def markdown(
-    rows: Sequence[ComparedController],
+    rows: Sequence[Row],
     least: float,
     campaign: Campaign,
-    tables: Sequence[Callable[[Sequence[ComparedController]], Table]] = TABLES,
+    tables: Sequence[Callable[[Sequence[Row]], Table]] = TABLES,
 ) -> str:
     """Return some tables and their notes as Markdown."""
     parts = [markdown_table(head, lines) for head, *lines in (table(rows) for table in tables)]
@@ -185,7 +185,7 @@ def markdown(
     return '\n\n'.join('\n'.join(part) for part in parts) + '\n'
 
 
-def as_csv(rows: Sequence[ComparedController]) -> str:
+def as_csv(rows: Sequence[Row]) -> str:
     """Return all numbers as CSV, unrounded."""
     flat = [_flat(_record(row)) for row in rows]
     names = list(dict.fromkeys(name for line in flat for name in line))
@@ -196,9 +196,9 @@ def as_csv(rows: Sequence[ComparedController]) -> str:
     return text.getvalue()
 
 
-def _record(row: ComparedController) -> dict[str, Any]:
+def _record(row: Row) -> Row:
     """Return all numbers of a controller; of its margins, not all points that were checked."""
-    return {**asdict(row), 'margins': numbers(row.margins)}
+    return {**row, 'margins': numbers(row['margins'])}
 
 
 def _flat(value: dict[str, Any], prefix: str = '') -> dict[str, Any]:
@@ -210,9 +210,7 @@ def _flat(value: dict[str, Any], prefix: str = '') -> dict[str, Any]:
     return flat
 
 
-def write(
-    rows: Sequence[ComparedController], least: float, campaign: Campaign, folder: Path
-) -> list[Path]:
+def write(rows: Sequence[Row], least: float, campaign: Campaign, folder: Path) -> list[Path]:
     """Write compare.md, compare.csv and compare.json; return their paths."""
     document = {
         'least_mean_energy_n2s': least,
