@@ -11,7 +11,7 @@ overshoots; of `rpo_judge.scoring.fitness`, the margin, and the terms `damping` 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
@@ -37,7 +37,7 @@ from rpo_judge.scoring.fitness import (
 from rpo_kernels.arrays import Floats
 from rpo_montecarlo.engine.population import Population
 from rpo_training.algorithms import Search
-from rpo_training.config import ALGORITHMS, TrainingConfig, presets
+from rpo_training.config import ALGORITHMS, COMMAND, TrainingConfig, presets
 from rpo_training.run import SearchRun
 from rpo_training.training import search_of
 
@@ -56,18 +56,17 @@ _MICRO = 1e6  # N^2 m^2 s to mN^2 m^2 s
 class AttitudeConfig(TrainingConfig):
     """The search of a fuzzy attitude controller."""
 
+    file, words = 'attitude.yaml', f'{COMMAND} --attitude'
+
     def __post_init__(self) -> None:
         super().__post_init__()
         choice('scenario', self.scenario, (FLIGHTS,))
         choice('algorithm', self.algorithm, ALGORITHMS[:-1])  # there is no second objective
 
-    @property
-    def command(self) -> str:
-        """The command that trains this configuration; `-o` alone changes the name."""
+    def known(self) -> Iterator[tuple[str, Any]]:
+        """Yield the presets."""
         for preset, known in PRESETS.items():
-            if replace(known, seed=self.seed, name=self.name) == self:
-                return f'rpo train --attitude --preset {preset} --seed {self.seed}'
-        return f'rpo train --attitude --config {self.name}.yaml, the config.yaml of its run folder'
+            yield f'--attitude --preset {preset}', known
 
     @classmethod
     def base(cls, data: Mapping[str, Any]) -> AttitudeConfig:
@@ -132,7 +131,7 @@ def made_of(population: Population, index: int, name: str) -> FuzzyAttitude:
 class AttitudeTraining(SearchRun[AttitudeConfig, FuzzyAttitude]):
     """The training of a fuzzy attitude controller."""
 
-    config_type, config_file = AttitudeConfig, 'attitude.yaml'
+    config_type = AttitudeConfig
     unit = 'mN^2 m^2 s'
     scored = ('fitness', 'mean_energy_mn2m2s', 'mean_settling_s', 'flights_that_miss')
 

@@ -8,7 +8,7 @@ A configuration for a scenario of one's own is fitted to it (`fitted`, `rpo_trai
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from importlib import resources
 from math import floor, log10
@@ -41,7 +41,8 @@ from rpo_training.genes import GeneSpace
 from rpo_training.genetic import GaSettings
 from rpo_training.staged import RaceSettings
 
-SCHEMA = 'rpo/training/1'
+COMMAND = 'rpo train'
+"""It creates a run, and resumes it."""
 
 ALGORITHMS = ('ga', 'cmaes', 'ga-cmaes', 'race', 'nsga2')
 """Genetic algorithm; CMA-ES; the first, then the second; CMA-ES for each of the best rule tables;
@@ -54,18 +55,23 @@ Config = TypeVar('Config', bound='Configuration')
 class Configuration:
     """All that determines the outcome of a search; a kind of it is a dataclass of its file.
 
-    schema : of the file; '' where it names none
+    schema, file : of the file, and its name in a run folder
     required : fields that a file must have
+    words : of the command that trains any of this kind
     """
 
-    schema: ClassVar[str] = ''
+    schema: ClassVar[str]
+    file: ClassVar[str]
     required: ClassVar[tuple[str, ...]] = ()
+    words: ClassVar[str] = COMMAND
 
+    name: str
     seed: int
     scenario: str
 
     def check(self) -> None:
         """Check the fields that all kinds have; raises InputError."""
+        check_name(self.name, 'a file')
         whole('seed', self.seed, least=0, most=2**63 - 1)
         text('scenario', self.scenario, most=MOST_PATH)
 
@@ -74,10 +80,17 @@ class Configuration:
         """Controllers from which the search begins."""
         return ()
 
-    @property
     @abstractmethod
+    def known(self) -> Iterator[tuple[str, Any]]:
+        """Yield what ships for the scenario: words of its command, and the configuration."""
+
+    @property
     def command(self) -> str:
         """The command that repeats the search; `-o` alone changes the name."""
+        for words, known in self.known():
+            if replace(known, seed=self.seed, name=self.name) == self:
+                return f'{COMMAND} {words} --seed {self.seed}'
+        return f'{self.words} --config {self.name}.yaml, the {self.file} of its run folder'
 
     @classmethod
     @abstractmethod
@@ -87,10 +100,9 @@ class Configuration:
     @classmethod
     def parse(cls: type[Config], document: Any) -> Config:
         """Return the configuration of a parsed YAML document; raises InputError."""
-        schema = ('schema',) if cls.schema else ()
         names = [f.name for f in fields(cls)]  # type: ignore[arg-type]
-        data = dict(mapping('', document, [*schema, *cls.required], names))
-        if cls.schema and data.pop('schema') != cls.schema:
+        data = dict(mapping('', document, ['schema', *cls.required], names))
+        if data.pop('schema') != cls.schema:
             raise InputError(f'`schema` must be {cls.schema}; got {shown(document["schema"])}')
         found: Config = updated(cls.base(data), data, '')
         return found
@@ -102,10 +114,7 @@ class Configuration:
 
     def dumps(self) -> str:
         """Return the YAML text of the configuration, every default visible."""
-        document = to_mapping(self)
-        if not self.schema:
-            return yaml.safe_dump(document, sort_keys=False)
-        document = {'schema': self.schema, **document}
+        document = {'schema': self.schema, **to_mapping(self)}
         return yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=100)
 
 
@@ -118,7 +127,7 @@ class TrainingConfig(Configuration):
     ga : its population and generations are also those of NSGA-II
     """
 
-    schema: ClassVar[str] = SCHEMA
+    schema, file = 'rpo/training/1', 'config.yaml'
 
     name: str = 'paper_ga'
     seed: int = 1
@@ -133,7 +142,6 @@ class TrainingConfig(Configuration):
     race: RaceSettings = field(default_factory=RaceSettings)
 
     def __post_init__(self) -> None:
-        check_name(self.name, 'a file')
         self.check()
         choice('algorithm', self.algorithm, ALGORITHMS)
         for i, name in enumerate(self.start):
@@ -154,16 +162,14 @@ class TrainingConfig(Configuration):
         """Controllers from which the search begins."""
         return self.start
 
-    @property
-    def command(self) -> str:
-        """The command that trains this configuration; `-o` alone changes the name."""
+    def known(self) -> Iterator[tuple[str, Any]]:
+        """Yield the presets, fitted to the scenario."""
         for preset, known in PRESETS.items():
-            fit, scenario = known, ''
-            if self.scenario != known.scenario:
-                fit, scenario = fitted(known, self.scenario), f' --scenario {self.scenario}'
-            if replace(fit, seed=self.seed, name=self.name) == self:
-                return f'rpo train --preset {preset}{scenario} --seed {self.seed}'
-        return f'rpo train --config {self.name}.yaml, the config.yaml of its run folder'
+            if self.scenario == known.scenario:
+                yield f'--preset {preset}', known
+            else:
+                scenario = f'--scenario {self.scenario}'
+                yield f'--preset {preset} {scenario}', fitted(known, self.scenario)
 
     @classmethod
     def base(cls, data: Mapping[str, Any]) -> TrainingConfig:

@@ -8,10 +8,10 @@ controller `<name>.yaml` and `history.csv`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,6 @@ from rpo_core.judge.metrics import PENALTY
 from rpo_ctrl.family import Family, Gene, Mission, family_of
 from rpo_judge.evaluation.assessment import PAPER
 from rpo_judge.scoring.fitness import Fitness, FitnessSettings, Scores
-from rpo_montecarlo.outputs import check_name
 from rpo_training.algorithms import CmaSettings, Search
 from rpo_training.config import Configuration, updated, written
 from rpo_training.fitting import penalty_n2s, training_set, units_of
@@ -30,9 +29,6 @@ from rpo_training.run import SearchRun
 from rpo_training.staged import StagedSearch, StagedSettings
 
 Floats = NDArray[np.float64]
-
-SCHEMA = 'rpo/family_training/1'
-CONFIG = 'family.yaml'
 
 _JUDGED: FitnessSettings = updated(FitnessSettings(), written('family')['fitness'], 'fitness')
 
@@ -46,7 +42,7 @@ class FamilyConfig(Configuration):
     start : controller of the family from which the search begins; empty: the family's own
     """
 
-    schema: ClassVar[str] = SCHEMA
+    schema, file = 'rpo/family_training/1', 'family.yaml'
     required = ('family',)
 
     family: str
@@ -60,7 +56,6 @@ class FamilyConfig(Configuration):
 
     def __post_init__(self) -> None:
         family_of(self.family)
-        check_name(self.name, 'a file')
         self.check()
         if not isinstance(self.start, str):
             raise InputError(f'`start` must be a name or a path; got {shown(self.start)}')
@@ -70,14 +65,10 @@ class FamilyConfig(Configuration):
         """Controllers from which the search begins."""
         return (self.start,) if self.start else ()
 
-    @property
-    def command(self) -> str:
-        """The command that trains this configuration; `-o` alone changes the name."""
-        known = config_of(self.family, self.scenario)
-        if replace(known, seed=self.seed, name=self.name) != self:
-            return f'rpo train --config {CONFIG}, of its run folder'
+    def known(self) -> Iterator[tuple[str, Any]]:
+        """Yield that of the family for the scenario."""
         scenario = '' if self.scenario == PAPER else f' --scenario {self.scenario}'
-        return f'rpo train --family {self.family}{scenario} --seed {self.seed}'
+        yield f'--family {self.family}{scenario}', config_of(self.family, self.scenario)
 
     @classmethod
     def base(cls, data: Mapping[str, Any]) -> FamilyConfig:
@@ -107,7 +98,7 @@ def config_of(family: str, scenario: str = '') -> FamilyConfig:
 class FamilyTraining(SearchRun[FamilyConfig, Family]):
     """The training of a family."""
 
-    config_type, config_file = FamilyConfig, CONFIG
+    config_type = FamilyConfig
 
     @cached_property
     def family(self) -> type[Family]:

@@ -43,14 +43,11 @@ from rpo_montecarlo.outputs import (
 )
 from rpo_training import __version__, processor
 from rpo_training.algorithms import Search
-from rpo_training.config import Configuration
+from rpo_training.config import COMMAND, Configuration
 from rpo_training.fitting import training_set
 
 CHECKPOINT, HISTORY = 'checkpoint.npz', 'history.csv'
 SCHEMA = 'rpo/checkpoint/2'
-
-COMMAND = 'rpo train'
-"""It creates a run, and resumes it."""
 
 LIBRARIES = ('numpy', 'numba', 'pymoo', 'cma')
 """The bits of a run depend on these, and on this package."""
@@ -189,14 +186,13 @@ class Progress:
 class SearchRun(Generic[Config, Found]):
     """A search in its folder; `run` runs it to its end, from its checkpoint if there is one.
 
-    config_type, config_file : class and file name of the configuration
+    config_type : class of the configuration
     unit, scored : of fitness and energy; what the provenance calls these, arrival, and misses
     workers : threads, or processes of a local cluster; 0, one per core
     address : of a cluster: '', on threads; 'local'; that of a scheduler, tcp://host:port
     """
 
     config_type: ClassVar[type[Configuration]]
-    config_file: ClassVar[str]
     unit: ClassVar[str] = 'N^2 s'
     scored: ClassVar[tuple[str, ...]] = (
         'fitness_n2s', 'mean_energy_n2s', 'mean_arrival_s', 'starts_that_miss',
@@ -294,14 +290,14 @@ class SearchRun(Generic[Config, Found]):
         cls: type[Self], config: Any, folder: Path, workers: int = 0, address: str = ''
     ) -> Self:
         """Return a new run; raises InputError if its folder holds another."""
-        if (folder / cls.config_file).exists():
+        if (folder / cls.config_type.file).exists():
             raise InputError(
                 f'{folder}: holds a run already; resume it with `{COMMAND} --resume {folder}`, or '
                 ' name another folder with `-o`'
             )
         new = cls(config, folder, workers, address)
         make_folder(folder)
-        write_text(folder / cls.config_file, new.checkpoint.config)
+        write_text(folder / cls.config_type.file, new.checkpoint.config)
         return new
 
     @classmethod
@@ -313,7 +309,7 @@ class SearchRun(Generic[Config, Found]):
         InputError
             If folder or checkpoint are unusable, or the search asks for other chromosomes.
         """
-        config: Any = cls.config_type.load(folder / cls.config_file)
+        config: Any = cls.config_type.load(folder / cls.config_type.file)
         again = cls(config, folder, workers, address)
         own = again.checkpoint
         saved = Checkpoint.load(folder / CHECKPOINT, own.config, own.inputs)
@@ -352,7 +348,7 @@ class SearchRun(Generic[Config, Found]):
         """
         processor.warn_unless_pinned()
         self._began = None
-        path = self.folder / self.config_file
+        path = self.folder / self.config_type.file
         with alone(path, 'goes on with this run'), self.fitness.simulator:
             while not self.search.stopped:
                 self._enter_stage()

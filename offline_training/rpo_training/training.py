@@ -30,7 +30,6 @@ from rpo_training.config import TrainingConfig
 from rpo_training.run import SearchRun
 from rpo_training.staged import Finalist, TableRace
 
-CONFIG = 'config.yaml'
 FRONT, FINALISTS = 'front.csv', 'finalists.csv'
 
 
@@ -63,7 +62,7 @@ def _start(name: str, config: Any) -> FuzzyController:
 class Training(SearchRun[TrainingConfig, FuzzyController]):
     """The training of a fuzzy controller."""
 
-    config_type, config_file = TrainingConfig, CONFIG
+    config_type = TrainingConfig
 
     def __init__(
         self, config: TrainingConfig, folder: Path, workers: int = 0, address: str = ''

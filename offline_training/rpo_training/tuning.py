@@ -11,10 +11,10 @@ conditions, the flat penalty does not show which way is better. The folder holds
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_discrete_are
@@ -25,18 +25,14 @@ from rpo_ctrl.family import Gene
 from rpo_judge.evaluation.assessment import PAPER
 from rpo_judge.scoring.fitness import Fitness, FitnessSettings
 from rpo_kernels.arrays import Floats
-from rpo_montecarlo.outputs import check_name
 from rpo_training.algorithms import CmaSearch, CmaSettings, Search
 from rpo_training.config import Configuration, written
 from rpo_training.fitting import penalty_n2s, units_of
 from rpo_training.genetic import GaSettings
-from rpo_training.run import COMMAND, SearchRun
+from rpo_training.run import SearchRun
 
 BUDGET = GaSettings().population * (GaSettings().generations + 1)
 """Evaluations of the paper's genetic algorithm: 60 x 301."""
-
-SCHEMA = 'rpo/tuning/1'
-CONFIG = 'tuning.yaml'
 
 SEARCHED = FitnessSettings(penalty='graded', margin=0.001, limit_cycle=20.0)
 """The fitness that is minimised; the file has the paper's flat fitness too."""
@@ -105,7 +101,7 @@ def baseline_of(kind: str, values: Mapping[str, Any], model: Model) -> Baseline:
 class TuningConfig(Configuration):
     """The tuning of a baseline."""
 
-    schema: ClassVar[str] = SCHEMA
+    schema, file = 'rpo/tuning/1', 'tuning.yaml'
     required = ('kind',)
 
     kind: str
@@ -117,17 +113,13 @@ class TuningConfig(Configuration):
 
     def __post_init__(self) -> None:
         choice('kind', self.kind, TUNING_SPACES)
-        check_name(self.name, 'a file')
         self.check()
         whole('evaluations', self.evaluations, least=20, most=BUDGET)
 
-    @property
-    def command(self) -> str:
-        """The command that repeats it; `-o` alone changes the name."""
-        if replace(self.of(self.kind, self.scenario), seed=self.seed, name=self.name) != self:
-            return f'{COMMAND} --config {CONFIG}, of its run folder'
+    def known(self) -> Iterator[tuple[str, Any]]:
+        """Yield that of the kind for the scenario."""
         scenario = '' if self.scenario == PAPER else f' --scenario {self.scenario}'
-        return f'{COMMAND} {self.kind}{scenario} --seed {self.seed}'
+        yield f'{self.kind}{scenario}', self.of(self.kind, self.scenario)
 
     @classmethod
     def of(cls, kind: str, scenario: str = '') -> TuningConfig:
@@ -143,7 +135,7 @@ class TuningConfig(Configuration):
 class Tuning(SearchRun[TuningConfig, Baseline]):
     """The tuning of a baseline."""
 
-    config_type, config_file = TuningConfig, CONFIG
+    config_type = TuningConfig
 
     def make_search(self) -> Search:
         """Return the search over the space, from the middle of each."""

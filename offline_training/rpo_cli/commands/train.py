@@ -84,7 +84,7 @@ def train(
     shared.refuse_workers_of_a_scheduler(workers, cluster)
     if resume is not None:
         shared.refuse_beside(context, 'resume', 'workers', 'cluster', 'plots', 'no_fail')
-        run = next((r for r in runs if (resume / r.config_file).exists()), Training)
+        run = next((r for r in runs if (resume / r.config_type.file).exists()), Training)
         _refuse_of_another_kind(context, run)
         _finish(run.resume(resume, workers, cluster), plots, no_fail)
         return
@@ -185,7 +185,7 @@ def _finish(run: SearchRun[Config, Found], plots: bool, no_fail: bool) -> None:
 
 def fly(run: SearchRun[Config, Found]) -> Found:
     """Fly a run to its end and return the best; if interrupted, print how to go on, and exit."""
-    from rpo_training.run import COMMAND
+    from rpo_training.config import COMMAND
 
     def sentence() -> str:
         return (

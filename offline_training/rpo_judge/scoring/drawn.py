@@ -15,11 +15,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from functools import partial
+from typing import Annotated, Any
 
 import numpy as np
 
-from rpo_core.files.validation import MOST_PATH, InputError, choice, real, shown, store, text, whole
+from rpo_core.files.validation import (
+    MOST_PATH,
+    Checked,
+    InputError,
+    choice,
+    real,
+    shown,
+    store,
+    text,
+    whole,
+)
 from rpo_core.judge import metrics
 from rpo_core.judge.requirements import LIMITS
 from rpo_judge.scoring.conditions import AT_LIMIT
@@ -39,11 +50,15 @@ HELD_OUT = -1
 UNDRAWN = -2
 """A stage without drawn flights."""
 
+WEIGHT = partial(real, unit='N^2 s', least=0.0)
+SHARE_BELOW_1 = partial(real, least=0.0, below=1.0)
+"""Checks of settings."""
+
 _SEEDS = 1000  # between the seeds of stages and those held out
 
 
 @dataclass(frozen=True)
-class DrawnSettings:
+class DrawnSettings(Checked):
     """Settings of the term.
 
     weight : [N^2 s] of a run that misses a limit by far, over `flights`; 0 = off
@@ -59,32 +74,25 @@ class DrawnSettings:
         runs of a campaign whose thrusters fire in pulses; 0 = free
     """
 
-    weight: float = 0.0
+    PLACE = 'fitness.drawn.'
+
+    weight: Annotated[float, WEIGHT] = 0.0
     campaigns: tuple[str, ...] = ()
-    margin: float = 0.0
-    at_limit: float = AT_LIMIT
-    flights: int = 40
-    pool: int = 2000
-    held_out: int = 2000
-    seed: int = 1
-    openings: float = 0.0
-    propellant: float = 0.0
+    margin: Annotated[float, SHARE_BELOW_1] = 0.0
+    at_limit: Annotated[float, partial(real, least=0.0, most=1.0)] = AT_LIMIT
+    flights: Annotated[int, partial(whole, least=1, most=10_000)] = 40
+    pool: Annotated[int, partial(whole, least=0, most=1_000_000)] = 2000
+    held_out: Annotated[int, partial(whole, least=1, most=1_000_000)] = 2000
+    seed: Annotated[int, partial(whole, least=0, most=2**31)] = 1
+    openings: Annotated[float, WEIGHT] = 0.0
+    propellant: Annotated[float, partial(real, unit='N^2 s/kg', least=0.0)] = 0.0
     judged: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         store(self, judged=_judged(self.judged))
-        real('fitness.drawn.weight', self.weight, 'N^2 s', least=0.0)
-        real('fitness.drawn.openings', self.openings, 'N^2 s', least=0.0)
-        real('fitness.drawn.propellant', self.propellant, 'N^2 s/kg', least=0.0)
+        super().__post_init__()
         for i, name in enumerate(self.campaigns):
             text(f'fitness.drawn.campaigns[{i}]', name, most=MOST_PATH)
-        if real('fitness.drawn.margin', self.margin, least=0.0, most=1.0) == 1.0:
-            raise InputError('`fitness.drawn.margin` must be below 1; got 1.0')
-        real('fitness.drawn.at_limit', self.at_limit, least=0.0, most=1.0)
-        whole('fitness.drawn.flights', self.flights, least=1, most=10_000)
-        whole('fitness.drawn.pool', self.pool, least=0, most=1_000_000)
-        whole('fitness.drawn.held_out', self.held_out, least=1, most=1_000_000)
-        whole('fitness.drawn.seed', self.seed, least=0, most=2**31)
 
 
 def _judged(value: Any) -> dict[str, tuple[str, ...]]:

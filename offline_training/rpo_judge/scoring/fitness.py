@@ -25,14 +25,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.control.fuzzy import DEFAULT_SAMPLES
 from rpo_core.files.scenario import Scenario, ScenarioSet, load_scenario
-from rpo_core.files.validation import InputError, choice, real, whole
+from rpo_core.files.validation import Checked, InputError, choice, flag, real, whole
 from rpo_core.judge.metrics import (
     ARRIVAL_DISTANCE,
     ARRIVAL_SPEED,
@@ -49,7 +49,14 @@ from rpo_core.judge.metrics import (
 )
 from rpo_ctrl.baselines import Baseline
 from rpo_judge.scoring.conditions import AT_LIMIT, LABELS, PAPER, conditions_of
-from rpo_judge.scoring.drawn import HELD_OUT, UNDRAWN, DrawnFlights, DrawnSettings
+from rpo_judge.scoring.drawn import (
+    HELD_OUT,
+    SHARE_BELOW_1,
+    UNDRAWN,
+    WEIGHT,
+    DrawnFlights,
+    DrawnSettings,
+)
 from rpo_kernels.arrays import Floats
 from rpo_montecarlo.engine.cases import Case, case_of_flights, case_of_set
 from rpo_montecarlo.engine.lanes import infer_many, make_scratch
@@ -110,7 +117,7 @@ _SOME = 4  # candidates that fly together after the better half
 
 
 @dataclass(frozen=True)
-class FitnessSettings:
+class FitnessSettings(Checked):
     """Settings of the fitness.
 
     penalty : 'flat', the paper's, or 'graded'
@@ -128,32 +135,25 @@ class FitnessSettings:
     drawn : the runs of campaigns
     """
 
-    penalty: str = 'flat'
-    penalty_n2s: float = PENALTY
-    arrival: bool = True
-    error_weight: float = 1.0
-    margin: float = 0.0
-    limit_cycle: float = 0.0
-    disturbance: float = 0.0
-    robustness: float = 0.0
-    tests: float = 0.0
+    PLACE = 'fitness.'
+
+    penalty: Annotated[str, partial(choice, known=('flat', 'graded'))] = 'flat'
+    penalty_n2s: Annotated[float, partial(real, unit='N^2 s', above=0.0)] = PENALTY
+    arrival: Annotated[bool, flag] = True
+    error_weight: Annotated[float, partial(real, above=0.0)] = 1.0
+    margin: Annotated[float, SHARE_BELOW_1] = 0.0
+    limit_cycle: Annotated[float, WEIGHT] = 0.0
+    disturbance: Annotated[float, WEIGHT] = 0.0
+    robustness: Annotated[float, WEIGHT] = 0.0
+    tests: Annotated[float, WEIGHT] = 0.0
     mass_kg: tuple[float, ...] = ()
-    between: int = 0
-    damping: float = 0.0
-    falls: float = 0.0
+    between: Annotated[int, partial(whole, least=0, most=40)] = 0
+    damping: Annotated[float, WEIGHT] = 0.0
+    falls: Annotated[float, WEIGHT] = 0.0
     drawn: DrawnSettings = field(default_factory=DrawnSettings)
 
     def __post_init__(self) -> None:
-        choice('fitness.penalty', self.penalty, ('flat', 'graded'))
-        if not isinstance(self.arrival, bool):
-            raise InputError(f'`fitness.arrival` must be true or false; got {self.arrival!r}')
-        if real('fitness.margin', self.margin, least=0.0, most=1.0) == 1.0:
-            raise InputError('`fitness.margin` must be below 1; got 1.0')
-        for name in ('limit_cycle', 'disturbance', 'robustness', 'tests', 'damping', 'falls'):
-            real(f'fitness.{name}', getattr(self, name), 'N^2 s', least=0.0)
-        whole('fitness.between', self.between, least=0, most=40)
-        real('fitness.error_weight', self.error_weight, above=0.0)
-        real('fitness.penalty_n2s', self.penalty_n2s, 'N^2 s', above=0.0)
+        super().__post_init__()
         for i, mass in enumerate(self.mass_kg):
             real(f'fitness.mass_kg[{i}]', mass, 'kg', above=0.0)
 
