@@ -54,7 +54,7 @@ def short(preset, folder):
 
 SHIPPED = ['allround', 'everywhere', 'paper_ga', 'robust', 'trained', 'world']
 FAMILIES = ['more_words', 'time_to_go']
-TUNED = ['pd', 'pd_disturbed', 'lqr', 'mpc', 'apf_smc']
+TUNED = ['pd', 'lqr', 'mpc', 'apf_smc']
 UNPINNED = ['robust', 'trained']
 """Searches of before the pin made them; the pinned ones find others (docs/training.md)."""
 
