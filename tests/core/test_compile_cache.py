@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -240,6 +241,18 @@ def test_a_digest_has_what_compiled_code_depends_on(digest):
     assert digest('jit 1', used=other) == digest('jit 2')
     for one, two in ((1, 2), (0.5, -0.5), ((1, 'a'), (1, 'b')), (np.zeros(2), np.zeros((2, 1)))):
         assert digest('', used=one) == digest('', used=one) != digest('', used=two)
+
+
+def test_every_source_with_kernels_is_in_the_digest():
+    """Else an edit of it flies the machine code from before."""
+    root, kernel = Path(__file__).parents[2], re.compile(rb'^@(kernel|inlined|compiled|jit)', re.M)
+    paths = {
+        *root.glob('ros_ws/src/rpo_*/rpo_*/**/*.py'),
+        *root.glob('offline_training/rpo_*/**/*.py'),
+    }
+    sources = [content for path in paths if kernel.search(content := path.read_bytes())]
+    assert len(sources) > 40
+    assert all(any(mark in content for mark in compile_cache.MARKS) for content in sources)
 
 
 @pytest.fixture
