@@ -1,15 +1,13 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What all tests share: a ROS domain, no skip without a known reason, a budget of CPU time."""
+"""What all tests share: a ROS domain, no skip without a known reason."""
 
 from __future__ import annotations
 
 import fnmatch
 import gc
 import os
-import resource
 import signal
-import time
 from collections.abc import Generator, Iterator
 from pathlib import Path
 
@@ -108,13 +106,6 @@ def explained(report: pytest.TestReport | pytest.CollectReport) -> None:
     report.longrepr = f'skipped, and tests/conftest.py does not say why it may be: {reason}'
 
 
-# --- what tests may cost ----------------------------------------------------------------------
-
-BUDGET_S = 3.0
-"""CPU time that a quick test may take on the usual machine, with the processes it waits for."""
-NOISE = 1.25
-LOOP_S = 0.0065
-"""CPU time of `loop_s` on that machine."""
 gc.disable()  # imports make no garbage; looking for it would take a third of the collection
 
 
@@ -124,105 +115,10 @@ def pytest_collection_finish() -> None:
     gc.enable()
 
 
-def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption('--cpu', type=int, default=0, help='list the N dearest tests by CPU time')
-
-
-def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    wanted = terminalreporter.config.getoption('--cpu')
-    if not wanted:
-        return
-    found = [
-        (spent, name)
-        for reports in terminalreporter.stats.values()
-        for report in reports
-        for name, spent in getattr(report, 'costs', {}).items()
-    ]
-    terminalreporter.section(f'CPU time, in s: {sum(spent for spent, _ in found):.1f}')
-    for spent, name in sorted(found, reverse=True)[:wanted]:
-        terminalreporter.line(f'{spent:8.2f} {name}')
-
-
-def cpu_s() -> float:
-    """Return the CPU time of this process and of its children that it has waited for, in s."""
-    usages = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    return sum(usage.ru_utime + usage.ru_stime for usage in usages)
-
-
-def loop_s() -> float:
-    """Return the CPU time that a loop takes now, in s: how slow the machine is at the moment."""
-    before, x = cpu_s(), 0.0
-    for i in range(200_000):
-        x = x * 0.5 + i
-    return cpu_s() - before
-
-
-class Cost:
-    """CPU time of the test that runs now, in s, and of the fixtures that it made for others too."""
-
-    def __init__(self) -> None:
-        self.start = cpu_s()
-        self.begun = time.time()
-        self.fixtures: dict[str, float] = {}
-
-    @property
-    def own(self) -> float:
-        return cpu_s() - self.start - sum(self.fixtures.values())
-
-    def too_much(self, budget_s: float) -> str:
-        """Return what to say of a test that took more than its budget; '' where it did not.
-
-        A test during which a kernel was compiled, by this process or another, is not judged.
-        """
-        own, most = self.own, budget_s * NOISE
-        allowed = own <= most or own <= most * max(loop_s() for _ in range(5)) / LOOP_S
-        cache = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache', 'rpo', 'kernels')
-        if allowed or any(path.stat().st_mtime > self.begun for path in cache.glob('*/*.nbc')):
-            return ''
-        return f'took {own:.1f} s of CPU time, and has {budget_s:g} s: CONTRIBUTING.md says more'
-
-
-COST = [Cost()]
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_runtest_logstart() -> None:
-    COST[:] = [Cost()]
-
-
-class Fixtures:
-    """A plugin: pytest asks no `conftest.py` below the root about fixtures of the session."""
-
-    @pytest.hookimpl(wrapper=True)
-    def pytest_fixture_setup(
-        self, fixturedef: pytest.FixtureDef[object]
-    ) -> Generator[None, object, object]:
-        """Count a fixture of a module or of the session for itself, not for its first test."""
-        own = COST[0].own
-        try:
-            return (yield)
-        finally:
-            if fixturedef.scope != 'function':
-                COST[0].fixtures[f'{fixturedef.baseid} {fixturedef.argname}'] = COST[0].own - own
-
-
-def pytest_configure(config: pytest.Config) -> None:
-    config.pluginmanager.register(Fixtures())
-
-
 @pytest.hookimpl(wrapper=True, tryfirst=True)
-def pytest_runtest_makereport(
-    item: pytest.Item,
-) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
     report = yield
     explained(report)
-    if report.when == 'teardown':
-        report.costs = {report.nodeid: COST[0].own, **COST[0].fixtures}
-        budget = item.get_closest_marker('cpu_s')
-        said = COST[0].too_much(budget.args[0] if budget else BUDGET_S)
-        quick = not any(map(item.get_closest_marker, ('slow', 'every_landing')))
-        if said and report.passed and quick:
-            report.outcome, report.longrepr = 'failed', said
     return report
 
 

@@ -199,7 +199,6 @@ def test_the_watch_over_exit_codes_names_the_flight_nodes():
     assert watched <= {name for _, name in executables()}
 
 
-@pytest.mark.cpu_s(12)
 def test_a_real_launch(ros_env, tmp_path):
     if importlib.util.find_spec('launch_ros') is None:
         pytest.skip('ros2 launch is not installed')

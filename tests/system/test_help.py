@@ -1,17 +1,22 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""`--help` comes at once: it waits for no numerical library, no drawing, no ROS."""
+"""`--help` comes at once: no numerical library, drawing, ROS. Names are listed and completed."""
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from invoking import invoke
 from landing import rest_at_landing
+from typer.testing import CliRunner
 
+from rpo_cli.cli import app
+from rpo_core import files
 from rpo_ros.parameter_rows import ParameterRow, refusal
 
 SRC = Path(__file__).resolve().parents[2] / 'ros_ws' / 'src'
@@ -134,3 +139,38 @@ def test_the_version_names_the_code():
 @pytest.mark.parametrize('words', [(), ('train',)])
 def test_rpo(words):
     assert 'Usage' in help_of('rpo_cli.entry', 'main', 'rpo', *words)
+
+
+def test_the_list_has_every_name_once():
+    listed = invoke('list').stdout
+    first = [line.split()[0] for line in listed.splitlines() if line.startswith('  ')]
+    kinds = ('scenario', 'controller', 'attitude_controller', 'campaign')
+    assert sorted(first) == sorted(name for kind in kinds for name in files.shipped(kind))
+    plans = invoke('list', 'plans').stdout
+    assert '  guarded ' in plans and '  quick ' not in plans
+
+
+@pytest.mark.parametrize(
+    ('line', 'names'),
+    [
+        ('rpo evaluate time', 'time_to_go'),
+        ('rpo safety show gu', 'guarded'),
+        ('rpo campaign world_leo_', 'world_leo_ideal world_leo_stuck'),
+    ],
+)
+def test_a_shell_completes_names(line, names):
+    count = str(len(line.split()) - 1)
+    env = {'_RPO_COMPLETE': 'complete_bash', 'COMP_WORDS': line, 'COMP_CWORD': count}
+    done = CliRunner().invoke(app, env=env, prog_name='rpo')
+    assert done.stdout.split() == names.split()
+
+
+def test_the_command_works_in_a_bare_environment(tmp_path):
+    """Without `env.bash`: packages and files come from the checkout."""
+    bare = {'HOME': os.environ.get('HOME', '/'), 'PATH': '/usr/bin:/bin', 'RPO_JIT': '0'}
+    rpo = Path(sys.prefix) / 'bin' / 'rpo'
+    for words in (['list', 'campaigns'], ['simulate', 'quick', '--no-fail']):
+        done = subprocess.run(
+            [rpo, *words], env=bare, cwd=tmp_path, capture_output=True, text=True, timeout=60
+        )
+        assert done.returncode == 0 and 'allround' in done.stdout, done.stderr

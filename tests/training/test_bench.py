@@ -117,7 +117,6 @@ def test_each_run_of_nodes_has_a_domain_of_its_own():
         assert one.env['ROS_DOMAIN_ID'] != two.env['ROS_DOMAIN_ID']
 
 
-@pytest.mark.cpu_s(5)
 def test_a_stopped_benchmark_leaves_no_node(tmp_path, monkeypatch):
     node, began = tmp_path / 'lib' / 'rpo_bringup' / 'ping_pong', tmp_path / 'began'
     node.parent.mkdir(parents=True)

@@ -34,6 +34,14 @@ def test_campaigns_that_are_refused(write, changes, said):
     assert said in refused('campaign', write(**changes))
 
 
+@pytest.mark.parametrize(
+    ('command', 'kind', 'name'),
+    [('simulate', 'campaign', 'docking'), ('campaign', 'scenario', 'quick')],
+)
+def test_a_file_of_another_kind_is_refused(command, kind, name):
+    assert f'this is a {kind} file; expected a ' in refused(command, files.find(kind, name))
+
+
 @pytest.mark.parametrize('words', ['prove robust -o', 'campaign paper_test -o'])
 def test_a_folder_that_holds_other_things_is_left_alone(words, tmp_path):
     (tmp_path / 'letter.txt').write_text('something')
