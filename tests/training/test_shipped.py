@@ -33,23 +33,11 @@ from rpo_report.page import Table
 
 EXPECTED = Path(__file__).with_name('expected')
 
-RACE = ['race.rounds=1', 'race.entrants=2', 'race.evaluations=140', 'cmaes.evaluations=400']
-DRAWN = [f'fitness.drawn.{key}={n}' for key, n in (('flights', 4), ('pool', 40), ('held_out', 40))]
 SHORT = {
-    'paper': ['ga.generations=8'],
-    'best': RACE,
-    'robust': RACE,
-    'allround': [*RACE, *DRAWN, 'race.last=140'],
-    'world': ['cmaes.evaluations=56', *DRAWN[:1]],
+    'robust': ['race.rounds=1', 'race.entrants=2', 'race.evaluations=140', 'cmaes.evaluations=400'],
+    'world': ['cmaes.evaluations=56', 'fitness.drawn.flights=4'],
 }
-"""What shortens a preset to a few seconds; `expected/` holds the controllers it then trains."""
-
-
-def short(preset, folder):
-    """Return the controller of a shortened preset; also how `expected/` is made."""
-    settings = [*SHORT[preset], f'name={preset}_short']
-    words = [word for setting in settings for word in ('--set', setting)]
-    return repeated(f'rpo train --preset {preset}', folder, *words)
+"""What shortens presets of which `tests/digests` has no training, to a few seconds."""
 
 
 SHIPPED = ['allround', 'everywhere', 'paper_ga', 'robust', 'trained', 'world']
@@ -163,16 +151,13 @@ def test_robust_keeps_the_claims_in_every_corner():
         assert not kept[1].all(), 'the corners must be hard'
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize(
-    'preset',
-    rest_at_landing(SHORT, quick=0, landing=1),
-)
+@pytest.mark.parametrize('preset', SHORT)
 def test_a_shortened_training_gives_the_committed_bits(preset, tmp_path):
-    trained, expected = (
-        short(preset, tmp_path / 'run'),
-        load_controller(EXPECTED / f'{preset}_short.yaml'),
-    )
+    words = [word for setting in SHORT[preset] for word in ('--set', setting)]
+    trained = repeated(f'rpo train --preset {preset}', tmp_path / f'{preset}_short', *words)
+    expected = load_controller(EXPECTED / f'{preset}_short.yaml')
     assert trained.provenance['arithmetic']['pinned'] is True
     assert trained == expected
     assert trained.provenance['fitness_n2s'] == expected.provenance['fitness_n2s']
