@@ -4,5 +4,5 @@
 
 `enclosure` bounds the control surface, `tube` moves sets of states through the ticks, `invariant`
 finds a set that no flight leaves, `claims` says what follows, `check` recomputes it in exact
-arithmetic. README.md has the glossary.
+arithmetic. The glossary is on that page too.
 """
