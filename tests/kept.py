@@ -3,7 +3,7 @@
 """Lists that lie beside tests: what code says today, so that a change of it is seen.
 
 Tests of what must hold find what is wrong. A bound that is wider than it must be, a plan that costs
-more, a flight of other bits: only a list finds it. `KEEP=1 pytest -k list` writes the lists anew; a
+more: only a list finds it. `KEEP=1 pytest -k list` writes the lists anew; a
 person reads what changed in them.
 """
 

@@ -4,12 +4,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-from flown import lines
-from kept import assert_kept
 from scipy.spatial.transform import Rotation
 
 from rpo_core.chain.flight import fly
@@ -65,7 +61,3 @@ def test_a_tumbling_target_is_docked_with():
     assert loads(dumps(scenario), parse, 'written') == scenario
     found = verdicts(fly(scenario, load_controller('allround')))
     assert len(found) == 7 and all(verdict.holds for verdict in found), found
-
-
-def test_shipped_flights_are_those_of_the_list():
-    assert_kept(Path(__file__).with_name('flights.txt'), lines('attitude'))

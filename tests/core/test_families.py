@@ -324,3 +324,28 @@ def test_genes_are_shares_of_their_range():
     assert gene.share(10.0) == pytest.approx(0.5)
     assert (gene.share(0.1), gene.share(1e4)) == (0.0, 1.0)
     assert gene.fitted((2.0, 1.0, 6.0)).start == 30.0
+
+
+@pytest.mark.parametrize('name', FAMILIES)
+def test_the_values_of_a_family_are_those_of_its_genes(name):
+    shipped = controller.load_controller(name)
+    genes = type(shipped).genes()
+    for seed in range(20):
+        shares = np.random.default_rng(seed).random(len(genes))
+        values = [gene.value(x) for gene, x in zip(genes, shares, strict=True)]
+        for gene, x, value in zip(genes, shares, values, strict=True):
+            assert gene.least <= value <= gene.most
+            assert gene.share(value) == pytest.approx(x, abs=2e-2)
+            fitted = gene.fitted((2.0, 3.0, 5.0))
+            unit = 2.0**gene.metres * 3.0**gene.seconds * 5.0**gene.newtons
+            assert fitted.value(x) == pytest.approx(unit * gene.value(x), rel=1e-3, abs=1e-9)
+        try:
+            made = type(shipped).of_values('drawn', values, PAPER)
+        except InputError:
+            continue  # peaks that do not ascend
+        again = type(shipped).of_values('drawn', made.values(), PAPER)
+        assert again == made
+        for claim in made.claims() if name != 'time_to_go' else ():
+            if claim.name == 'only rest at the target' and claim.holds:
+                for distance in np.geomspace(0.01, 500.0, 40):
+                    assert made.force_n((distance, 0.0, 0.0), (0.0, 0.0, 0.0), 0)[0] < 0.0

@@ -4,15 +4,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from filterpy.kalman import predict, update
-from flown import lines
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from kept import assert_kept
 from nav_scenarios import LIDAR, PD, TUMBLE, TUMBLING, make, unmodelled
 from scipy.spatial.transform import Rotation
 
@@ -338,7 +334,3 @@ def test_of_missing_ticks_the_command_is_held():
         if tick in (0, 19):
             gapped = other.step(tick, (0.1, 0.0, 0.0) if tick else (0.0,) * 3, NOTHING)
     assert whole == gapped
-
-
-def test_shipped_flights_are_those_of_the_list():
-    assert_kept(Path(__file__).with_name('flights.txt'), lines('nav'))

@@ -11,15 +11,12 @@ import tracemalloc
 import zipfile
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 from invoking import invoke
-from kept import assert_kept
 from landing import rest_at_landing
-from proofs import lines_of
 
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import dumps, load_controller
@@ -36,9 +33,6 @@ from rpo_proof.problem import Problem, Settings
 from rpo_report.proof import report_of
 from tools.attack.cases import failures, judge_cases
 from tools.attack.proofs import KINDS, SAMPLE, ProofCase, cases_of
-
-LIST = Path(__file__).parent / 'expected' / 'small_proofs.txt'
-"""Arrays, claims and ranges of two small proofs; a person reads what changes in it."""
 
 
 @pytest.fixture
@@ -521,8 +515,3 @@ def test_the_bench_notices_a_checker_that_is_deceived(proofs, tmp_path, monkeypa
     """One that looks at no tube: lower bounds, with a summary that fits, are accepted."""
     monkeypatch.setattr(checker, 'tube_faults', lambda *_: iter(()))
     assert any(word.startswith('ACCEPTED') for word in outcomes(proofs['apart'], tmp_path, 140))
-
-
-def test_small_proofs_are_those_of_the_list(proofs):
-    """The checker finds what is not true; a bound that is wider than it must be, only this list."""
-    assert_kept(LIST, (line for name in KINDS for line in lines_of(name, proofs[name])))
