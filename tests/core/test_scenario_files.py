@@ -21,19 +21,6 @@ SINGLE = document('scenario', 'paper_test')
 SET = document('scenario', 'paper_training')
 
 
-def test_shipped_names():
-    paper = [
-        'paper_box', 'paper_corner', 'paper_test', 'paper_test_held', 'paper_test_measured',
-        'paper_test_phase', 'paper_training',
-    ]  # fmt: skip
-    worlds = ['world_elliptic', 'world_leo', 'world_moon']
-    assert list(files.shipped('scenario')) == [
-        'apollo', 'approach', 'around', 'assured', 'docking', 'docking_leo', 'guarded',
-        'hold_points', 'least_energy', 'least_energy_starts', 'on_command', *paper,
-        'passive_approach', 'quick', 'tumbling_docking', 'tumbling_port', *worlds,
-    ]  # fmt: skip
-
-
 @pytest.mark.parametrize('name', ['approach', 'paper_test', 'paper_test_phase', 'quick'])
 def test_shipped_scenarios_are_the_papers_test(name):
     loaded = scenario.load_scenario(name)

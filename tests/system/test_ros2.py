@@ -8,14 +8,12 @@ import os
 import signal
 import subprocess
 import sys
-from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 ROS2 = ROOT / 'ros_ws' / 'underlay' / 'bin' / 'ros2'
-STOCK = ROOT / 'tests' / 'system' / 'stock' / 'ros2'
 PROBE = """#!/bin/sh
 for word; do printf '<%s>' "$word"; done
 exit 7
@@ -73,31 +71,6 @@ def test_signals_reach_the_executable(prefix, number, code):
             assert process.wait(20) == code
         finally:
             process.kill()
-
-
-def test_the_double_of_the_stock_command_behaves_as_that_does(prefix):
-    """As ros2cli's `run_executable`: a child, no signal passed on, a line of its own."""
-    env = {**os.environ, 'AMENT_PREFIX_PATH': str(prefix)}
-    done = subprocess.run(
-        [STOCK, 'run', 'made_up', 'probe', 'x'], env=env, capture_output=True, text=True, timeout=20
-    )
-    assert done.returncode == 7
-    assert done.stdout == '<x>[ros2run]: Process exited with failure 7\n'
-    argv = [STOCK, 'run', 'made_up', 'waiter']
-    with subprocess.Popen(
-        argv, env=env, stdout=subprocess.PIPE, text=True, start_new_session=True
-    ) as process:
-        try:
-            assert process.stdout.readline() == 'ready\n'
-            process.send_signal(signal.SIGINT)
-            with pytest.raises(subprocess.TimeoutExpired):
-                process.wait(0.5)
-            os.killpg(process.pid, signal.SIGINT)  # as Ctrl-C in a terminal
-            assert process.wait(20) == 42
-            assert process.stdout.read() == '[ros2run]: Process exited with failure 42\n'
-        finally:
-            with suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGKILL)
 
 
 def test_the_first_prefix_on_the_path_wins(prefix, tmp_path_factory):

@@ -13,7 +13,6 @@ from rpo_core.files.scenario import load_scenario, load_set
 from rpo_core.files.starts import Grid
 from rpo_core.files.validation import InputError
 from rpo_core.judge.verdicts import verdicts
-from rpo_judge.scoring.conditions import PAPER
 from rpo_judge.scoring.drawn import HELD_OUT, DrawnFlights, DrawnSettings
 from rpo_judge.scoring.fitness import Fitness, FitnessSettings, driving
 from rpo_montecarlo.campaign import config as campaigns
@@ -22,8 +21,6 @@ from rpo_montecarlo.campaign.single import fly_run
 from rpo_montecarlo.engine.population import population_of
 from rpo_montecarlo.engine.simulator import Simulator
 from rpo_thrusters.thrusters import Propellant, Thrusters
-from rpo_training import config as configs
-from rpo_training.family_training import config_of
 
 TRAINED, ROBUST = load_controller('trained'), load_controller('robust')
 JUDGED = {'paper_test': ('hold_error_per_axis_m', 'hold_speed_per_axis_m_s')}
@@ -81,16 +78,6 @@ def test_a_force_that_drives_is_seen():
     system = replace(ROBUST.system, rules=RuleTable.from_codes(codes))
     good, bad = driving(population_of(ROBUST, replace(ROBUST, system=system)))
     assert good < 1e-3 < 0.1 < bad
-
-
-@pytest.mark.parametrize('name', ['allround', *FAMILIES])
-def test_the_shipped_trainings_say_what_they_judge(name):
-    """Position and speed of the dispersed test, and not its force and slew."""
-    known = configs.PRESETS if name in configs.PRESETS else {name: config_of(name)}
-    drawn = known[name].fitness.drawn
-    judged = {campaign: DrawnFlights(campaign, drawn).judged for campaign in drawn.campaigns}
-    assert judged['paper_test'] == ['hold_error_per_axis_m', 'hold_speed_per_axis_m_s']
-    assert set(judged['random_moving_starts']) == set(PAPER.limits)
 
 
 def test_a_force_limited_by_the_disturbance_of_each_run_is_judged_by_that_run():
