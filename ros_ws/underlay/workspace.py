@@ -73,29 +73,28 @@ class Workspace:
     def build(self, python: Path, environ: Mapping[str, str], names: Sequence[str]) -> None:
         """Build the packages `names`; a second try builds all of them from the start."""
         say(f'building {", ".join(names)}')
-        before = self._record()
-        interrupted = self.path / 'install' / '.rpo_building'
-        if interrupted.exists():
-            self.wipe()
-            names, before = [x.name for x in self.packages()], {}
-        interrupted.parent.mkdir(parents=True, exist_ok=True)
-        interrupted.touch()
-        if not self._colcon(python, environ, names):
-            say('the build failed; building all packages from the start')
-            self.wipe()
-            names, before = [x.name for x in self.packages()], {}
-            if not self._colcon(python, environ, names):
+        before, mark = self._record(), self.path / 'install' / '.rpo_building'
+        for last in (False, True):
+            if mark.exists():  # a build was interrupted, or has failed just now
+                self.wipe()
+                names, before = [x.name for x in self.packages()], {}
+            mark.parent.mkdir(parents=True, exist_ok=True)
+            mark.touch()
+            if self._colcon(python, environ, names):
+                break
+            if last:
                 raise SetupError(
                     'The colcon build of ros_ws failed (its messages are above, and in '
                     'ros_ws/log/latest_build/): correct that package, then run the same command '
                     'again.'
                 )
+            say('the build failed; building all packages from the start')
         done = {x.name: [package_digest(x), self._built(x.name)] for x in self.packages()}
         record = {**before, **{name: done[name] for name in names}}
         draft = self._record_file.with_suffix('.new')
         draft.write_text(json.dumps(record, indent=1) + '\n')
         os.replace(str(draft), str(self._record_file))
-        (self.path / 'install' / '.rpo_building').unlink()
+        mark.unlink()
 
     def _colcon(self, python: Path, environ: Mapping[str, str], names: Sequence[str]) -> bool:
         command = [str(python), '-m', 'colcon', 'build', '--symlink-install']

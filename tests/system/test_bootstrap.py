@@ -377,6 +377,15 @@ class TestWorkspace:
         assert tries == [True, False]
         assert space.outdated() == ['rpo_x']
 
+    def test_a_second_try_that_builds_is_recorded(self, package, tmp_path):
+        """Its mark went with what was wiped, once, and the set-up ended in a traceback."""
+        space = workspace.Workspace(tmp_path)
+        answers = iter((False, True))
+        space._colcon = lambda *_: next(answers)
+        space.build(Path(sys.executable), {}, ['rpo_x'])
+        assert space.outdated() == []
+        assert not (tmp_path / 'install' / '.rpo_building').exists()
+
 
 class TestProgram:
     @pytest.mark.parametrize('name', ['bootstrap', 'host', 'layers', 'workspace'])
