@@ -52,7 +52,13 @@ def test_a_logarithmic_scale_has_plain_numbers(low, high, wanted):
 def drawn(monkeypatch):
     """Return the figures that are saved: name -> figure."""
     found: dict[str, Figure] = {}
-    monkeypatch.setattr(Figure, 'savefig', lambda self, path: found.update({path.name: self}))
+
+    def savefig(figure, file, **_):
+        found[Path(getattr(file, 'name', file)).name.removeprefix('.').removesuffix('.new')] = (
+            figure
+        )
+
+    monkeypatch.setattr(Figure, 'savefig', savefig)
     return found
 
 
