@@ -89,7 +89,7 @@ def _options(
 for _function in (
     train.train, simulate.simulate, scale.scale, evaluate.evaluate, bench.bench,
     optimal.optimal, plan.plan, campaign.campaign, truth.truth, prove.prove, compare.compare,
-    explain.explain, export.export, export.import_, log.verify, log.keygen, log.sign, log.repair,
+    explain.explain, export.export, export.import_, log.verify, log.sign, log.repair,
     listing.list_, report.report,
 ):  # fmt: skip
     app.command(_function.__name__.rstrip('_'))(_function)

@@ -23,6 +23,7 @@ _LAYERS = {
     'distributed': 'campaign',
     'dask': 'campaign',
     'Basilisk': 'truth',
+    'cryptography': 'report',
     'rosbags': 'formats',
     'ccsds_ndm': 'formats',
     'fuzzylite': 'test',

@@ -9,11 +9,10 @@ from pathlib import Path
 
 import pytest
 from invoking import invoke
-from log_runs import Run, make_run, record
+from log_runs import Run, make_key, make_run, record
 from mcap.records import ChunkIndex
 from mcap.stream_reader import StreamReader
 
-from rpo_log import signature
 from rpo_mcap.read import stream
 
 
@@ -89,6 +88,6 @@ def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp('keys')
     (folder / 'trusted').mkdir()
     for name in ('me', 'other'):
-        signature.make_key(folder / f'{name}.pem')
+        make_key(folder / f'{name}.pem')
     (folder / 'me.pub.pem').rename(folder / 'trusted' / 'me.pub.pem')
     return folder

@@ -17,6 +17,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.hazmat.primitives.serialization import (
+    Encoding,
+    NoEncryption,
+    PrivateFormat,
+    PublicFormat,
+)
 from mcap.records import Channel
 
 from rpo_core import files
@@ -27,7 +34,7 @@ from rpo_core.files import scenario
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.statuses import numbers_text
 from rpo_ctrl import explain
-from rpo_mcap.format import sums
+from rpo_log import signature
 from rpo_mcap.format.run import RunSummary, TimeBase
 from rpo_mcap.read.records import RawMessage
 from rpo_mcap.write.side_file import DecisionLogWriter, HealthLogWriter
@@ -43,6 +50,17 @@ PLANT = {STATE, FORCE, DISTURBANCE}
 
 Sent = tuple[str, int, bytes]
 """Topic, tick, CDR."""
+
+
+def make_key(path: Path) -> Path:
+    """Write a private key and beside it the public one, `*.pub.pem`, as OpenSSL does."""
+    key = Ed25519PrivateKey.generate()
+    pem, secret = Encoding.PEM, NoEncryption()
+    path.write_bytes(key.private_bytes(pem, PrivateFormat.PKCS8, secret))
+    target = path.with_name(f'{path.stem}.pub.pem')
+    form = PublicFormat.SubjectPublicKeyInfo
+    target.write_bytes(key.public_key().public_bytes(pem, form))
+    return target
 
 
 @dataclass(frozen=True)
@@ -326,5 +344,5 @@ def record(
     health.write(1_700_000_000_000_000_000, cdr.encode_array(1, '', [status]))
     health.close()
     (folder / 'run_info.yaml').write_text('run: {end: finished}\n')
-    sums.write_sums(folder)
+    signature.write_sums(folder)
     return folder

@@ -14,13 +14,12 @@ import pytest
 from log_runs import STATUS, TOPICS, Run, make_run
 
 from rpo_core.wire import cdr
-from rpo_log.signature import sign_run
+from rpo_log.signature import sign_run, write_sums
 from rpo_log.tools.repair import repair
 from rpo_log.verify import Verification, verify
 from rpo_log.verify.evidence import decision_rate_hz
 from rpo_log.verify.recomputation import held_ticks
 from rpo_mcap.errors import ExitCode, LogError
-from rpo_mcap.format import sums
 from rpo_mcap.read.stream import RunReader
 from tools.attack import cases
 from tools.attack.cases import judge_cases
@@ -69,7 +68,7 @@ def test_a_log_written_anew_is_not_the_recorded_one(folder):
 def test_forged_metadata_with_fitting_digests(folder):
     path = folder / 'metadata.yaml'
     path.write_text(path.read_text().replace('message_count: 31', 'message_count: 30', 1))
-    sums.write_sums(folder)
+    write_sums(folder)
     found = verify(folder)
     assert found.exit_code == ExitCode.INCOMPLETE
     assert 'metadata.yaml is not that of the log; line' in found.sentence()
@@ -83,7 +82,7 @@ def test_forged_decisions_with_fitting_digests(folder):
     assert data != message.data
     parts.records[at] = message._replace(data=data)
     parts.write(folder / 'decisions.mcap')
-    sums.write_sums(folder)
+    write_sums(folder)
     difference = verify(folder).difference
     assert (difference.tick, difference.check, difference.field) == (20, 'decisions', 'message')
 
@@ -93,11 +92,11 @@ def test_decisions_that_are_missing(folder):
     at = [i for i, r in enumerate(parts.records) if type(r).__name__ == 'RawMessage'][-1]
     parts.records.pop(at)
     parts.write(folder / 'decisions.mcap')
-    sums.write_sums(folder)
+    write_sums(folder)
     sentence = verify(folder).sentence()
     assert '1 decisions are missing, the first at tick 30' in sentence
     (folder / 'decisions.mcap').unlink()
-    sums.write_sums(folder)
+    write_sums(folder)
     assert 'decisions.mcap is missing' in verify(folder).sentence()
 
 

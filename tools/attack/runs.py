@@ -26,6 +26,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.hazmat.primitives.serialization import (
+    Encoding,
+    NoEncryption,
+    PrivateFormat,
+    PublicFormat,
+)
 from mcap.records import Attachment, Channel, Chunk, Header, McapRecord, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
@@ -35,7 +42,6 @@ from rpo_log.signature import sign_run
 from rpo_log.tools.info import inspect
 from rpo_log.verify import Verification, verify
 from rpo_mcap.errors import ExitCode
-from rpo_mcap.format import sums
 from rpo_mcap.format.run import DECISIONS_FILE, METADATA_FILE, SIGNATURE_FILE, SUMS_FILE
 from rpo_mcap.read.records import FileRecords, RawMessage, message_at
 from rpo_mcap.read.run_log import read_decisions, read_run
@@ -154,7 +160,7 @@ def mutate(rng: random.Random, folder: Path) -> str:
     path, kind = change(rng, folder)
     digests = rng.choice(('kept', 'kept', 'forged', 'forged', 'removed'))
     if path.name != SUMS_FILE and digests == 'forged' and not kind.endswith('sparse'):
-        sums.write_sums(folder)
+        signature.write_sums(folder)
     elif digests == 'removed':
         (folder / SUMS_FILE).unlink(missing_ok=True)
     return f'{path.name}: {kind}; digests {digests}'
@@ -320,12 +326,12 @@ def _forge(rng: random.Random, folder: Path, forger: Forger) -> str:
     """Write digests that fit, and keep the signature, drop it, or sign with another key."""
     path = folder / SIGNATURE_FILE
     kept = path.read_bytes() if path.is_file() else b''
-    fitting = sums.write_sums(folder)
+    fitting = signature.write_sums(folder)
     way = rng.choice(('old', 'no', "the forger's"))
     if way == 'old':
         path.write_bytes(kept)
     elif way != 'no':
-        signature.sign(folder, fitting, signature.private_key(forger.key))
+        signature.sign(folder, fitting, signature.load_key(forger.key))
     return f'digests forged, {way} signature'
 
 
@@ -407,10 +413,21 @@ class RunCase(Case):
     def _is_same(self, folder: Path, found: Verification) -> bool:
         if list(shown(folder, found)) != list(shown(self.run, found)):
             return False
-        listed = sums.read_sums(self.run).digests
-        now = sums.read_sums(folder).digests
+        listed = signature.read_sums(self.run)[1]
+        now = signature.read_sums(folder)[1]
         kept = (name for name in found.digested if listed.get(name) == now.get(name))
-        return all(sums.digest_of(folder / name) == listed[name] for name in kept)
+        return all(signature.digest_of(folder / name) == listed[name] for name in kept)
+
+
+def make_key(path: Path) -> Path:
+    """Write a private key and beside it the public one, `*.pub.pem`, as OpenSSL does."""
+    key = Ed25519PrivateKey.generate()
+    pem, secret = Encoding.PEM, NoEncryption()
+    path.write_bytes(key.private_bytes(pem, PrivateFormat.PKCS8, secret))
+    target = path.with_name(f'{path.stem}.pub.pem')
+    form = PublicFormat.SubjectPublicKeyInfo
+    target.write_bytes(key.public_key().public_bytes(pem, form))
+    return target
 
 
 class SignedCase(RunCase):
@@ -422,21 +439,21 @@ class SignedCase(RunCase):
     """
 
     def __init__(self, run: Path, other: Path | None, scratch: Path) -> None:
-        signature.make_key(scratch / 'forger.pem')
-        self.trusted = signature.make_key(scratch / 'me.pem')
+        make_key(scratch / 'forger.pem')
+        self.trusted = make_key(scratch / 'me.pem')
         signed, self._forger = scratch / 'signed', Forger(scratch / 'forger.pem', scratch / 'other')
         shutil.copytree(run, signed)
         shutil.copytree(other or run, self._forger.other)
         if other is None:
             for path in self._forger.other.glob('run*.mcap'):
                 Parts.of(path).write(path)
-            sums.write_sums(self._forger.other)
+            signature.write_sums(self._forger.other)
         for folder in (signed, self._forger.other):
             sign_run(folder, scratch / 'me.pem')
         super().__init__(signed)
         self._names = verify(signed, self.trusted).signed
         self._true = evidence(signed, self._names)
-        self._all = {*self._names, *sums.read_sums(self._forger.other).digests}
+        self._all = {*self._names, *signature.read_sums(self._forger.other)[1]}
 
     def change(self, rng: random.Random, scratch: Path) -> tuple[Path, str]:
         """Return a changed copy of the folder that is a lie, and what was changed."""

@@ -69,16 +69,6 @@ def verify(
     _show(check(run, trusted, given, scenario, controller))
 
 
-def keygen(
-    output: Annotated[Path, typer.Argument(help='private key to write; beside it *.pub.pem')],
-) -> None:
-    """Make a pair of Ed25519 keys: one signs runs, the other checks them."""
-    from rpo_log.signature import make_key
-
-    public = make_key(output)
-    typer.echo(f'{output}: private key, keep it to yourself\n{public}: public key, give it away')
-
-
 def sign(
     run: RunArgument,
     key: Annotated[Path, typer.Option(help='private key in PEM')],
@@ -91,12 +81,9 @@ def sign(
 
 def repair(
     run: RunArgument,
-    output: Annotated[Path | None, typer.Option(help='where the repaired log goes')] = None,
-    in_place: Annotated[
-        bool, typer.Option(help='replace the log; the damaged one is set aside')
-    ] = False,
+    output: Annotated[Path | None, typer.Option(help='folder of the repaired log')] = None,
 ) -> None:
-    """Rebuild a complete log from one that ends early."""
+    """Write what can be read of a damaged log as a whole one."""
     from rpo_log.tools.repair import repair as rebuild
 
-    _show(rebuild(run, output, in_place=in_place))
+    _show(rebuild(run, output))

@@ -18,7 +18,7 @@ from rpo_mcap.errors import ExitCode
 _DESCRIPTIONS = {
     'verify': 'Compute a logged flight again, bit for bit; print what is proven and what is not.',
     'info': 'Print what a log holds, and whether it is complete.',
-    'repair': 'Rebuild a complete log from one that ends early.',
+    'repair': 'Write what can be read of a damaged log as a whole one.',
 }
 _EPILOG = """example:
   ros2 run rpo_log {} runs/demo
@@ -62,12 +62,7 @@ def parser(command: str) -> argparse.ArgumentParser:
         for kind in ('scenario', 'controller'):
             found.add_argument(f'--{kind}', default='', help=f'{kind} of a bag without manifests')
     if command == 'repair':
-        found.add_argument('--output', type=Path, help='where the repaired log goes')
-        found.add_argument(
-            '--in-place',
-            action='store_true',
-            help='replace the log; the damaged one is set aside',
-        )
+        found.add_argument('--output', type=Path, help='folder of the repaired log')
     return found
 
 
@@ -90,7 +85,7 @@ def _find(command: str, options: argparse.Namespace) -> Finding:
         return inspect(options.run)
     from rpo_log.tools.repair import repair
 
-    return repair(options.run, options.output, in_place=options.in_place)
+    return repair(options.run, options.output)
 
 
 @standard_output()

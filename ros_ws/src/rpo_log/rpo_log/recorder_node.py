@@ -29,7 +29,6 @@ from rpo_log import provenance, signature
 from rpo_log.manifests import CONTROLLER, PLANT, Manifests
 from rpo_mcap.errors import ExistsAlready, LogError
 from rpo_mcap.format import run as run_log
-from rpo_mcap.format import sums
 from rpo_mcap.topics import Topic
 from rpo_mcap.write.side_file import DecisionLogWriter, HealthLogWriter, SideFile
 from rpo_mcap.write.writer import PHASES, RunLogWriter
@@ -72,7 +71,7 @@ class RecorderNode(FlightNode):
         now = datetime.datetime.now().strftime('%Y%m%d-%H%M%S')
         self.folder = files.expanded('output', self.values['output'] or f'runs/recording-{now}')
         key = self.values['sign_key']
-        self._key = signature.private_key(files.expanded('sign_key', key)) if key else None
+        self._key = signature.load_key(files.expanded('sign_key', key)) if key else None
         self.log: RunLogWriter | None = None
         self._id = uuid.uuid4().hex
         self._manifests = Manifests()
@@ -482,7 +481,7 @@ class RecorderNode(FlightNode):
 
     def _seal(self) -> None:
         """Write the digest of every file of the folder, sign them; raises LogError."""
-        written = sums.write_sums(self.folder, without=run_log.REPORT)
+        written = signature.write_sums(self.folder, without=run_log.REPORT)
         if self._key is not None:
             signature.sign(self.folder, written, self._key)
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 GONE: dict[str, dict[str, str]] = {
     'command': {
+        'keygen': '`openssl genpkey -algorithm ed25519`',
         'tune': '`rpo train lqr`, or another kind of baseline: pd, mpc, apf_smc',
     },
     'option': {
@@ -16,6 +17,7 @@ GONE: dict[str, dict[str, str]] = {
             ('plan --margins', 'plan --sample'),
             '`rpo plan` for legs and energy, `rpo optimal` for the least energy of a start',
         ),
+        'repair --in-place': '`rpo repair RUN --output FOLDER`',
         'evaluate --sensitivity': (
             '`rpo evaluate --robustness`, or `rpo report` of a campaign for what misses depend on'
         ),

@@ -1,17 +1,21 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What to say where a library is missing that rosdep cannot install: mcap, and rosbags for bags."""
+"""What to say where a library is missing: mcap, rosbags for bags, cryptography for signatures."""
 
 from __future__ import annotations
 
 import sys
 
-_INSTALLED_BY = {'mcap': 'mcap', 'zstandard': 'mcap', 'lz4': 'mcap', 'rosbags': 'rosbags'}
+_INSTALLED_BY = {
+    **dict.fromkeys(('mcap', 'zstandard', 'lz4'), 'mcap'),
+    'rosbags': 'rosbags',
+    'cryptography': 'cryptography',
+}
 """What brings a module: mcap brings the libraries of compression too."""
 
 
 def sentence(module: str | None) -> str | None:
-    """Return how to install a missing module; None if rosdep or apt installs it.
+    """Return how to install a missing module; None if it is none of these.
 
     module : its full name, as ModuleNotFoundError has it
     """

@@ -12,9 +12,8 @@ from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.interfaces import CLOCK, DUE_FORCE, EVENT, RUN_STATUS
 from rpo_core.wire.statuses import FINISHED, RUNNING
 from rpo_kernels.kernels import norm
-from rpo_log import provenance
+from rpo_log import provenance, signature
 from rpo_mcap.errors import LogError
-from rpo_mcap.format import sums
 from rpo_mcap.format.run import RunSummary, TimeBase
 from rpo_mcap.write.writer import RunLogWriter
 
@@ -57,7 +56,7 @@ def record(
     if not summary.whole:
         raise LogError(folder, summary.sentence())
     provenance.write_run_info(folder, {'messages': dict(summary.messages)})
-    sums.write_sums(folder)
+    signature.write_sums(folder)
     return summary
 
 

@@ -25,7 +25,7 @@ from rpo_core.files.validation import shown
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.interfaces import Decimation
 from rpo_ctrl import explain
-from rpo_log import signature
+from rpo_log.signature import Digests, signer
 from rpo_log.verify.run_status import Statuses
 from rpo_log.verify.verification import Difference
 from rpo_mcap.errors import LogError, read_at_most
@@ -45,7 +45,6 @@ from rpo_mcap.format.run import (
     TimeBase,
     is_controller,
 )
-from rpo_mcap.format.sums import Digests
 from rpo_mcap.read.indexes import Indexes
 from rpo_mcap.read.records import FileRecords
 from rpo_mcap.read.run_log import messages_of, parameters_of
@@ -186,20 +185,20 @@ class Evidence:
 
     def _judge_signature(self, folder: Path, trusted: Path | None, digests: Digests) -> None:
         """Say who signed the folder, if all that was read to verify it is as it was signed."""
-        unsigned = ', '.join(name for name in self._read if name not in digests.sums.digests)
+        unsigned = ', '.join(name for name in self._read if name not in digests.listed)
         if trusted is None:
             if os.path.lexists(folder / SIGNATURE_FILE):
                 self.unknown.append(f'{SIGNATURE_FILE}, which was not checked: no key is trusted')
-            if digests.sums.content is not None and unsigned:
+            if digests.content and unsigned:
                 self.unknown.append(f'{SUMS_FILE} does not list {unsigned}')
             return
-        signer = signature.signer(folder, digests.sums, trusted)
-        if signer is None:
+        key = signer(folder, digests.content, trusted)
+        if key is None:
             self.gaps.append(f'no key of {trusted} has signed it')
         elif unsigned:
-            self.gaps.append(f'{signer} has not signed {unsigned}: {SUMS_FILE} does not list it')
+            self.gaps.append(f'{key} has not signed {unsigned}: {SUMS_FILE} does not list it')
         elif not digests.faults:
-            self.signed_by, self.signed = signer, digests.matched
+            self.signed_by, self.signed = key, digests.matched
 
     def _take(self, gap: str, what: str) -> None:
         if gap:

@@ -36,6 +36,7 @@ from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import NEXT, RELATIVE_STATE, Interface, current, row_of
 from rpo_log.bag import open_run
 from rpo_log.manifests import HEARS, PUBLISHES
+from rpo_log.signature import Digests
 from rpo_log.verify.evidence import Decisions, Evidence
 from rpo_log.verify.recomputation import (
     MAX_NAMED,
@@ -63,7 +64,6 @@ from rpo_mcap import topics
 from rpo_mcap.errors import LogError
 from rpo_mcap.format import run
 from rpo_mcap.format.run import CONTROLLER
-from rpo_mcap.format.sums import Digests
 from rpo_mcap.read.decode import TickBlock
 from rpo_mcap.read.run_log import controller_of, parameters_of, scenario_of
 from rpo_mcap.read.stream import Completeness, RunReader

@@ -8,7 +8,7 @@ The library's `StreamReader` reads them. What it does not do is done here:
 - it skips what it does not know, also the zeros that a power cut leaves;
 - a field may reach beyond the end of its record, and a damaged length may ask for terabytes;
 - it does not check the checksums of attachments and of the summary, and after one that fails it
-  cannot go on, as `rpo repair` must;
+  cannot go on, as a tolerant reader must;
 - it parses indexes and messages one number at a time, which takes longer than all the rest;
 - it decompresses what a file of some kilobytes says are gigabytes.
 """

@@ -13,9 +13,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
+from mcap.opcode import Opcode
 from mcap.records import (
     Attachment,
     Channel,
@@ -48,6 +49,7 @@ BLOCK_TICKS = 4096
 MAX_BYTES = 1 << 27
 """A log whose messages of one tick are longer is no log of a run."""
 
+_Declaration = TypeVar('_Declaration', Schema, Channel)
 _NUMBER = re.compile('[0-9]{1,9}')
 
 
@@ -88,6 +90,8 @@ class RunReader:
     After the constructor: `base`, `topics`, `attachments`. `blocks` then reads all ticks in bounded
     memory. Raises LogError.
 
+    tolerant : whether corrupt chunks are passed over
+    lost_chunks : those passed over by `blocks` or `messages`
     foreign : whether it is a bag that our recorder did not write
     lacks : what such a bag does not hold, and a log does
     sources : the files of the log or bag
@@ -102,11 +106,11 @@ class RunReader:
     foreign = False
     lacks: tuple[str, ...] = ()
 
-    def __init__(self, path: str | Path) -> None:
-        self.path = Path(path)
+    def __init__(self, path: str | Path, *, tolerant: bool = False) -> None:
+        self.path, self._tolerant = Path(path), tolerant
         self.files = self.sources = files_of(self.path)
         self._path = self.files[0]
-        self.damage = ''
+        self.damage, self.lost_chunks = '', 0
         self.attachments: dict[str, bytes] = {}
         self._bases: list[TimeBase] = []
         self._channels: dict[int, Topic] = {}
@@ -181,7 +185,7 @@ class RunReader:
         Schemas and channels are in the summary; where they are not, the chunks are read for them.
         """
         self._path = path
-        records = FileRecords(path, skim=True)
+        records = FileRecords(path, self._tolerant, skim=True)
         declared, behind = list[Schema | Channel](), 0
         for record in records:
             if isinstance(record, Schema | Channel):
@@ -192,8 +196,8 @@ class RunReader:
                 self._take(record)
         self._outlines[path] = records.outline
         error = None
-        if records.filled and not _are_all(declared, behind):
-            declared, error = _declared_in(path)
+        if records.filled and (self._tolerant or not _are_all(declared, behind)):
+            declared, error = _declared_in(path, self._tolerant)
         return _Skimmed(declared, records.damage, records.filled, error)
 
     def _take(self, record: McapRecord) -> None:
@@ -211,11 +215,9 @@ class RunReader:
         elif isinstance(record, Attachment):
             self._take_attachment(path, record)
         elif isinstance(record, Schema):
-            self._declare(path, record, record.name)
-            self._schemas[record.id] = record.name
+            self._schemas[record.id] = self._declare(path, record, record.name).name
         elif isinstance(record, Channel):
-            self._declare(path, record, record.topic)
-            self._take_channel(path, record)
+            self._take_channel(path, self._declare(path, record, record.topic))
         if self.witness is not None:
             self.witness(path, record)
 
@@ -227,13 +229,14 @@ class RunReader:
             raise LogError(path, f'carries two files named {shown(record.name)}')
         self.attached.add(place)
 
-    def _declare(self, path: Path, record: Schema | Channel, name: str) -> None:
-        """Refuse a second record with the number of another: messages would change their type."""
+    def _declare(self, path: Path, record: _Declaration, name: str) -> _Declaration:
+        """Return the first record of a number; refuse another: messages would change their type."""
         declared = self._declared.setdefault((path, type(record), record.id), record)
-        if declared != record:
+        if declared != record and not self._tolerant:
             kind = type(record).__name__.lower()
             sentence = f'has two {kind} records of number {record.id}, the second for {shown(name)}'
             raise LogError(path, sentence)
+        return declared  # type: ignore[return-value]
 
     def _take_base(self, path: Path, base: TimeBase) -> None:
         self._bases.append(base)
@@ -270,12 +273,13 @@ class RunReader:
 
     def _read(self) -> Iterator[Messages]:
         """Yield the messages of all files, so many whole ticks at a time."""
-        self.damage, newest = '', -1
+        self.damage, self.lost_chunks, newest = '', 0, -1
         most = BLOCK_TICKS * max(1, sum(not topic.is_event for topic in self.topics))
         self.attached.clear()  # the records of the head are read again with the messages
         for path in self.files:
             self._path, self._schemas, self._channels = path, {}, {}
-            records = FileRecords(path, known=self._outlines[path], indexes=self.judged.get(path))
+            outline, indexes = self._outlines[path], self.judged.get(path)
+            records = FileRecords(path, self._tolerant, known=outline, indexes=indexes)
             gathering = Gathering(path, self.base, self.topics, self._channels, newest)
             extent = self._extents[path] = _Extent([0] * len(self.topics))
             for data, at in self._chunks(records):
@@ -293,6 +297,7 @@ class RunReader:
             if len(messages):
                 extent.add(messages)
                 yield messages
+            self.lost_chunks += records.lost_chunks
             if records.damage:
                 self.damage = f'{path.name}: {records.damage}'
             self.digests[path] = '' if records.unread else records.sha256.hexdigest()
@@ -314,6 +319,9 @@ class RunReader:
                 try:
                     data = records.content_of(record)
                 except LogError as error:
+                    if self._tolerant:
+                        records.pass_over(Opcode.CHUNK, error)
+                        continue
                     if any(_is_sound(records, rest) for rest in walk) or not records.damage:
                         raise
                     records.damage = error.sentence
@@ -333,7 +341,7 @@ def _are_all(declared: Sequence[Schema | Channel], behind: int) -> bool:
     return signals.issuperset(topics.REQUIRED) and schemas.issuperset(c.schema_id for c in listed)
 
 
-def _declared_in(path: Path) -> tuple[list[Schema | Channel], LogError | None]:
+def _declared_in(path: Path, tolerant: bool) -> tuple[list[Schema | Channel], LogError | None]:
     """Return the schemas and channels of a whole file, and the error that ended the reading."""
     found: dict[str, Schema | Channel] = {}
 
@@ -341,13 +349,13 @@ def _declared_in(path: Path) -> tuple[list[Schema | Channel], LogError | None]:
         if isinstance(record, Schema | Channel):
             found.setdefault(repr(record), record)
 
-    records = FileRecords(path)
+    records = FileRecords(path, tolerant)
     try:
         for record in records:
-            if isinstance(record, Chunk):
-                records.messages_in(records.content_of(record), take)
-            else:
+            if not isinstance(record, Chunk):
                 take(record)
+            elif not tolerant or _is_sound(records, record):
+                records.messages_in(records.content_of(record), take)
     except LogError as error:
         return list(found.values()), error
     return list(found.values()), None
