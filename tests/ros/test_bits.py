@@ -106,7 +106,7 @@ LATE_AND_SLOW = [f'sensors.units={UNITS}', 'estimator.disturbance_sigma_n=0.01']
             ('world_leo', ['estimator.compensate=true']),
             ('world_elliptic', []),
             ('world_moon', []),
-            ('paper_test_held', ['shaping.hold_from_s=2.0', 'shaping.hold_within_m=100.0']),
+            ('paper_test_measured', []),
             ('quick', ['goal_position_m=[-3,10,2]', 'initial_position_m=[0,80,0]']),
         ]
     ),

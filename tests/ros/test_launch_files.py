@@ -112,7 +112,7 @@ def test_a_launch_starts_the_nodes_that_its_scenario_needs(monkeypatch):
         'quick': {disturbance},
         'approach': set(),
         'assured': {'navigation', 'assurance', disturbance},
-        'paper_test_held': {'navigation', 'assurance', disturbance},
+        'paper_test_measured': {'navigation', 'assurance', disturbance},
         'docking': {'guidance', 'assurance'},
         'tumbling_docking': {*chaser, 'attitude_controller'},
     }

@@ -139,14 +139,7 @@ CASES = {
     'leo': (LEO, WORLD),
     'leo, compensated': (COMPENSATED, SOME),
     'measured and shaped': (
-        MEASURED.equipped(Shaping(0.05, 0.001, 0.2, hold_within_m=500.0, hold_from_s=2.0)),
-        {name: {d.distribution: list(d.spread) if len(d.spread) > 1 else d.spread[0]}
-         for name, d in AS_FLOWN.items()},
-    ),
-    'measured, thrust learnt': (
-        replace(MEASURED, duration_s=19.0, initial_position_m=(0.2, 0.3, -0.1)).equipped(
-            Shaping(0.09, 0.001, 0.5, hold_within_m=0.1, hold_from_s=2.0, hold_learns=True)
-        ),
+        MEASURED.equipped(Shaping(0.05, 0.001)),
         {name: {d.distribution: list(d.spread) if len(d.spread) > 1 else d.spread[0]}
          for name, d in AS_FLOWN.items()},
     ),

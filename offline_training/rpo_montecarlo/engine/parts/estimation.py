@@ -20,7 +20,6 @@ from rpo_montecarlo.engine.lanes import (
     FORCE,
     FOUND_PUSH,
     KNOWN_SPREAD,
-    MEASURED_V,
     PAIRED_LANES,
     QUAT,
     QUAT_W,
@@ -160,7 +159,7 @@ def _estimate(tick, w, m, s, settings, memory):  # type: ignore[no-untyped-def]
     for i in range(3):
         lane = s + i * RUNS
         w[SEEN_R + lane], w[SEEN_V + lane] = f[X + i], f[X + 3 + i]
-        w[FOUND_PUSH + lane], w[MEASURED_V + lane] = f[X + 6 + i], arrived[4 + i]
+        w[FOUND_PUSH + lane] = f[X + 6 + i]
     w[KNOWN_SPREAD + s], w[KNOWN_SPREAD + RUNS + s] = spreads(f)
 
 

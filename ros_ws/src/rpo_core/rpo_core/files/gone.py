@@ -24,11 +24,21 @@ GONE: dict[str, dict[str, str]] = {
     },
     'executable': {},
     'controller': {},
-    'scenario': {},
-    'campaign': {},
+    'scenario': {'paper_test_held': '`paper_test_measured`'},
+    'campaign': {'paper_test_held': '`paper_test_measured`'},
     'preset': {},
     'family': {},
-    'field': {},
+    'field': {
+        **dict.fromkeys(
+            (
+                'shaping.hold_share',
+                'shaping.hold_within_m',
+                'shaping.hold_from_s',
+                'shaping.hold_learns',
+            ),
+            '`shaping.slew_n_s` alone',
+        ),
+    },
     'schema': {},
 }
 """Subject -> name -> what to use.
