@@ -58,11 +58,17 @@ def test_the_hold_force_of_a_chaser_at_rest_is_that_of_the_disturbance():
 
 
 def test_the_shipped_campaigns_of_the_papers_test_judge_all_that_it_requires():
-    for name in ('paper_test', 'least_energy'):
+    """The hold force by 1.10: where thrust is dispersed, to rest may take more than 1.00."""
+    for name in ('paper_test', 'paper_test_measured', 'least_energy'):
         campaign = config.load(config.find(name))
-        assert campaign.config.success == campaign.scenario.requirements.limits
-        assert {'hold_force_per_disturbance', 'slew_per_axis_n_s'} <= set(campaign.config.success)
-        assert judging.sentence(campaign) == f'all 6 requirements of {name}'
+        limits = campaign.scenario.requirements.limits
+        assert len(limits) == 6 and limits[config.SHARE] == 1.0
+        assert campaign.config.success == limits | {config.SHARE: 1.1}
+        assert judging.sentence(campaign) == (
+            f'all 6 requirements of {name}, hold force per disturbance by 1.1 instead of 1 x '
+            'disturbance of its run'
+        )
+        assert judging.stated(campaign).success == {config.SHARE: 1.0}
 
 
 def test_of_the_dispersed_test_the_default_keeps_position_and_speed_and_never_the_slew(tmp_path):
@@ -74,10 +80,15 @@ def test_of_the_dispersed_test_the_default_keeps_position_and_speed_and_never_th
     assert found['success'].kept == found['slew_per_axis_n_s <= 0.1 N/s'].kept == 0
     assert found[judging.MOTION].kept >= 199
     assert 0.1 < store.column('slew_per_axis_n_s').min() < 0.2
-    force = found['hold_force_per_disturbance <= 1 x disturbance of its run']
+    fair, force = (
+        found[f'hold_force_per_disturbance <= {share} x disturbance of its run']
+        for share in ('1.1', '1')
+    )
     assert 0 < force.kept < 40 and force.low < force.kept / 200 < force.high
+    assert force.kept < fair.kept
     summary = yaml.safe_load((store.folder / 'summary.yaml').read_text())
-    assert summary['success'] == 'all 6 requirements of paper_test' and not summary['not_judged']
+    assert summary['success'] == judging.sentence(campaign) and not summary['not_judged']
+    assert summary['rates'][force.name]['count'] == force.kept
     assert summary['rates'][judging.MOTION]['count'] == found[judging.MOTION].kept
 
 
@@ -109,8 +120,12 @@ def test_another_limit_than_the_scenarios_does_not_count_as_judging_it(loaded):
     limits = {'hold_error_per_axis_m': 1e6, 'slew_per_axis_n_s': 0.5}
     campaign = loaded(required=REQUIRED, success=limits)
     assert judging.judged(campaign) == ['slew_per_axis_n_s']
+    assert judging.stated(campaign).success == {'hold_error_per_axis_m': 60.0}
     assert 'hold error per axis ≤ 1e+06 m' in judging.sentence(campaign)
-    assert 'NOT judged: hold error per axis, ' in judging.sentence(campaign)
+    assert '(1 of the 4 requirements of short; NOT' in judging.sentence(campaign)
+    columns = {name: values[:1] for name, values in fly_runs(campaign, 0, 1).items()}
+    rows = [row[0] for row in judging.of_run(campaign, columns)]
+    assert 'hold_error_per_axis_m <= 1e+06 m' in rows and 'hold_error_per_axis_m <= 60 m' in rows
 
 
 def test_a_run_is_judged_by_the_disturbance_of_its_own(loaded):

@@ -183,7 +183,6 @@ def _fly(store: Store, workers: int, cluster: str, least: float | None) -> bool:
 def _print(store: Store, least: float | None) -> bool:
     """Print a campaign; return whether fewer percent of its runs succeed than `least`."""
     from rpo_montecarlo.campaign import judging
-    from rpo_montecarlo.campaign.config import SHARE
     from rpo_montecarlo.campaign.holding import rate_at_rest
     from rpo_montecarlo.campaign.statistics import QUANTILES, cells, nevers, rates, spreads
 
@@ -199,9 +198,8 @@ def _print(store: Store, least: float | None) -> bool:
     echo(f'success: {judging.sentence(store.campaign)}')
     if at_rest := rate_at_rest(store):
         echo(
-            f'{judging.words(SHARE, unit=False)}: a chaser that rests at the target keeps it in '
-            f'{at_rest.percent} % of these runs: in the others its thrusters need more to balance '
-            'the disturbance'
+            f'{at_rest.name}: a chaser that rests at the target keeps it in {at_rest.percent} % of '
+            'these runs: in the others its thrusters need more to balance the disturbance'
         )
     shown = spreads(store, judging.figures(store.campaign))
     numbers = [(s.name, *cells(s)) for s in shown]

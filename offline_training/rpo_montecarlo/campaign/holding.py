@@ -15,6 +15,7 @@ import numpy as np
 
 from rpo_core.judge.metrics import hold_tick
 from rpo_kernels.arrays import Floats
+from rpo_montecarlo.campaign import judging
 from rpo_montecarlo.campaign.config import LEVEL, SHARE, Campaign
 from rpo_montecarlo.campaign.statistics import Rate, rate
 from rpo_montecarlo.campaign.store import Store
@@ -51,9 +52,10 @@ def at_rest_n(campaign: Campaign, draws: Mapping[str, Floats]) -> Floats:
 
 
 def rate_at_rest(store: Store) -> Rate | None:
-    """Return how many runs keep the limit of the hold force at rest; None where it is not judged.
+    """Return how many runs keep the scenario's limit of the hold force at rest, named by it.
 
-    None also where a chaser at rest needs other forces: away from the target, in another world.
+    None where the hold force is not judged, and where a chaser at rest needs other forces: away
+    from the target, in another world.
     """
     campaign, scenario = store.campaign, store.campaign.scenario
     elsewhere = ('guidance', 'dynamics', 'thrusters')
@@ -61,5 +63,6 @@ def rate_at_rest(store: Store) -> Rate | None:
     if SHARE not in campaign.config.success or moves:
         return None
     command = at_rest_n(campaign, {name: store.column(name) for name in DRAWS})
-    limit = campaign.config.success[SHARE] * store.column(LEVEL)
-    return rate('held still', int((command <= limit).sum()), campaign.config.runs)
+    share = campaign.required.get(SHARE, campaign.config.success[SHARE])
+    kept = int((command <= share * store.column(LEVEL)).sum())
+    return rate(judging.label(SHARE, share), kept, campaign.config.runs)

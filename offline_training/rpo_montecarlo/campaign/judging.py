@@ -2,19 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a campaign judges its runs by, and what not, in words: a success says which limits it means.
 
-A requirement counts as judged where runs are judged by the limit that the scenario requires.
+A requirement counts as judged where runs are judged by the limit that the scenario requires. Where
+they are judged by another one, that is said, and the limit of the scenario is counted beside it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from rpo_core.judge import verdicts
 from rpo_core.judge.requirements import ROWS
-from rpo_montecarlo.campaign.config import METRICS, SHARE, Campaign
+from rpo_montecarlo.campaign.config import METRICS, SHARE, Campaign, CampaignConfig
 
 EFFORT = tuple(name for name, row in ROWS.items() if row.effort)
 """Requirements on what the thrusters do; the others are about where the chaser is, and how fast."""
@@ -108,18 +110,28 @@ def judged(campaign: Campaign) -> list[str]:
 
 def not_judged(campaign: Campaign) -> list[str]:
     """Return the requirements of the scenario's file that runs are not judged by."""
-    known = judged(campaign)
-    return [name for name in campaign.required if name not in known]
+    return [name for name in campaign.required if name not in campaign.config.success]
+
+
+def stated(campaign: Campaign) -> CampaignConfig:
+    """Return the configuration with the limits of the scenario's file where runs have others."""
+    success = campaign.config.success
+    limits = {n: x for n, x in campaign.required.items() if success.get(n, x) != x}
+    return replace(campaign.config, success=limits)
 
 
 def sentence(campaign: Campaign) -> str:
     """Return what success means: the limits, and what the scenario requires that is not judged."""
     success, scenario = campaign.config.success, campaign.scenario.name
-    seen, unseen = judged(campaign), not_judged(campaign)
+    seen, unseen, others = judged(campaign), not_judged(campaign), stated(campaign).success
     rest = ', '.join(verdicts.unbounded(campaign.scenario, success))
     rest = f'; no limit on {rest}' if rest else ''
-    if not unseen and len(seen) == len(success):
-        return f'all {len(seen)} requirements of {scenario}{rest}'
+    if not unseen and len(seen) + len(others) == len(success):
+        instead = (
+            f', {words(name, unit=False)} by {success[name]:g} instead of {limit:g} {unit_of(name)}'
+            for name, limit in others.items()
+        )
+        return f'all {len(success)} requirements of {scenario}{"".join(instead).rstrip()}{rest}'
     names = ', '.join(
         words(name, unit=False) + ('' if name in seen else f' ≤ {limit:g} {unit_of(name)}'.rstrip())
         for name, limit in success.items()
@@ -137,13 +149,14 @@ def of_run(campaign: Campaign, columns: Mapping[str, Any]) -> list[tuple[str, st
     columns : of this run alone, (1,) each
     """
     rows = []
-    for name, limit in campaign.config.success.items():
-        (value,), own = campaign.config.limit(name, columns)
-        (size,) = np.broadcast_to(own, 1)
-        word = verdicts.HOLDS if value <= size else verdicts.MISSED
-        unit = ROWS[name].unit
-        beside = number(value, unit, '.6g'), number(size, unit, '.6g')
-        rows.append((label(name, limit), *beside, word))
+    for config in (campaign.config, stated(campaign)):
+        for name, limit in config.success.items():
+            (value,), own = config.limit(name, columns)
+            (size,) = np.broadcast_to(own, 1)
+            word = verdicts.HOLDS if value <= size else verdicts.MISSED
+            unit = ROWS[name].unit
+            beside = number(value, unit, '.6g'), number(size, unit, '.6g')
+            rows.append((label(name, limit), *beside, word))
     return rows + [
         (label(name, campaign.required[name]), '', '', NOT_JUDGED) for name in not_judged(campaign)
     ]

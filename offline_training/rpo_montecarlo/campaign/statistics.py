@@ -135,13 +135,19 @@ def rates_of(store: Store, groups: Mapping[str, Collection[str]]) -> list[Rate]:
 def rates(store: Store) -> list[Rate]:
     """Return the rate of success, that of the limits of motion, then of each limit by itself.
 
-    The second is left out where it is one of the others.
+    The second is left out where it is one of the others. The last are those of limits of the
+    scenario that success has at another value.
     """
-    success = store.campaign.config.success
+    success, stated = store.campaign.config.success, judging.stated(store.campaign)
     moving = judging.motion(success)
     together = {judging.MOTION: moving} if 1 < len(moving) < len(success) else {}
     each = {judging.label(name, limit): [name] for name, limit in success.items()}
-    return rates_of(store, {'success': success, **together, **each})
+    columns = {name: store.column(name) for name in stated.judging}
+    beside = [
+        rate(judging.label(name, x), int(kept(stated, name, columns).sum()), stated.runs)
+        for name, x in stated.success.items()
+    ]
+    return rates_of(store, {'success': success, **together, **each}) + beside
 
 
 def spreads(store: Store, names: Iterable[str] | None = None) -> list[Spread]:
