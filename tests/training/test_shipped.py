@@ -35,12 +35,11 @@ EXPECTED = Path(__file__).with_name('expected')
 
 SHORT = {
     'robust': ['race.rounds=1', 'race.entrants=2', 'race.evaluations=140', 'cmaes.evaluations=400'],
-    'world': ['cmaes.evaluations=56', 'fitness.drawn.flights=4'],
 }
 """What shortens presets of which `tests/digests` has no training, to a few seconds."""
 
 
-SHIPPED = ['allround', 'everywhere', 'paper_ga', 'robust', 'trained', 'world']
+SHIPPED = ['allround', 'paper_ga', 'robust', 'trained']
 FAMILIES = ['more_words', 'time_to_go']
 TUNED = ['pd', 'lqr', 'mpc', 'apf_smc']
 UNPINNED = ['robust', 'trained']
@@ -88,24 +87,12 @@ def _columns(campaign, controller, runs):
     return int(successes(loaded.config, columns).sum()), columns
 
 
-def test_everywhere_meets_its_conditions_in_the_corner_where_the_default_misses_some():
-    """1000 runs of the corner are as many as 312 500 of the box."""
-    kept, _ = _columns('corner_starts', 'everywhere', 1000)
-    default, _ = _columns('corner_starts', DEFAULT_CONTROLLER, 1000)
-    assert default < 995 < 999 <= kept, 'at most 1 of 100 000 would be 3'
-    assert _columns('paper_test', 'everywhere', 400)[1]['hold_error_per_axis_m'].max() < 0.5
-
-
-def test_world_meets_its_world_and_saves_valves():
-    kept, world = _columns('world_leo', 'world', 40)
-    with_stuck, _ = _columns('world_leo_stuck', 'world', 40)
-    assert kept == 40
-    assert with_stuck >= 39, '99.8 % of 10 000'
-    _, ideal = _columns('world_leo_ideal', 'world', 40)
+def test_the_default_meets_its_world():
+    kept, world = _columns('world_leo', DEFAULT_CONTROLLER, 40)
+    with_stuck, _ = _columns('world_leo_stuck', DEFAULT_CONTROLLER, 40)
+    assert (kept, with_stuck) == (40, 40)
+    _, ideal = _columns('world_leo_ideal', DEFAULT_CONTROLLER, 40)
     assert world['energy_n2s'].mean() < 1.2 * ideal['energy_n2s'].mean()
-    _, default = _columns('world_leo', DEFAULT_CONTROLLER, 40)
-    for name in ('valve_openings', 'propellant_kg'):
-        assert world[name].mean() < 0.96 * default[name].mean()
 
 
 def test_the_default_is_asked_for_every_question_and_trained_for_less_energy():
@@ -131,7 +118,7 @@ def test_targets_follow_the_numbers_and_not_the_name():
 @pytest.mark.parametrize(
     ('scenario', 'name'),
     rest_at_landing(
-        list(itertools.product(['paper_test', 'paper_test_phase'], [*SHIPPED[:3], *UNPINNED])),
+        list(itertools.product(['paper_test', 'paper_test_phase'], SHIPPED)),
         quick=2,
     ),
 )

@@ -30,8 +30,7 @@ def train(
     preset: Annotated[
         str | None,
         typer.Option(
-            help='paper, best, robust, allround, everywhere, world, front, mission  '
-            '[paper; with --scenario, mission]'
+            help='paper, best, robust, allround, front, mission  [paper; with --scenario, mission]'
         ),
     ] = None,
     family: Annotated[

@@ -55,16 +55,9 @@ SHIPPED = {
     'allround': Asked(
         4.0, 0.03, _ALL, 'a margin of 3 % to every condition, and the energy that it shipped with'
     ),
-    'everywhere': Asked(4.0, 0.03, _ALL, 'those of `allround`'),
     'trained': Asked(3.7, 0.0, _ALL, 'little energy'),
     'robust': Asked(4.0, 0.0, _ALL, 'the energy that it shipped with'),
     'paper_ga': Asked(None, 0.0, (), "the paper's search, asked for the conditions of the paper"),
-    'world': Asked(
-        None,
-        0.0,
-        ('Q5',),
-        'trained for its world; the campaigns world_leo and world_leo_stuck judge it',
-    ),
 }
 """Shipped controller -> what is asked of it. An energy that a controller shipped with was set after
 its training: it keeps a later one from being worse."""

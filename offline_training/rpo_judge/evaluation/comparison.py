@@ -115,10 +115,10 @@ def proof_of(controller: AnyController) -> str:
 
 
 FUZZY = (
-    'allround', 'trained', 'robust', 'world', 'paper_ga', 'handmade',
+    'allround', 'trained', 'robust', 'paper_ga', 'handmade',
     'more_words', 'pace', 'time_to_go',
 )  # fmt: skip
-CONTROLLERS = (*FUZZY, 'mpc', 'apf_smc', 'lqr', 'pd', 'pd_disturbed', 'drift')
+CONTROLLERS = (*FUZZY, 'mpc', 'apf_smc', 'lqr', 'pd', 'drift')
 STARTS = 'paper_training'
 TESTS = tuple(fitness.TESTS)
 

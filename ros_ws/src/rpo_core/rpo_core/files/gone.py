@@ -23,10 +23,13 @@ GONE: dict[str, dict[str, str]] = {
         ),
     },
     'executable': {},
-    'controller': {},
+    'controller': {
+        **dict.fromkeys(('everywhere', 'world'), '`allround`'),
+        'pd_disturbed': '`pd`',
+    },
     'scenario': {'paper_test_held': '`paper_test_measured`'},
     'campaign': {'paper_test_held': '`paper_test_measured`'},
-    'preset': {},
+    'preset': dict.fromkeys(('everywhere', 'world'), '`allround`'),
     'family': {},
     'field': {
         **dict.fromkeys(
