@@ -57,7 +57,7 @@ def main() -> None:
     machine = AssuranceStage(settings, guarded).abort if settings else None
     if machine:
         machine.ready()
-    for name in ('lqr', 'pace'):
+    for name in ('lqr', 'more_words'):
         metrics_of(load_controller(name), case_of_set(load_set('paper_training')), workers=1)
     _prove(load_set('paper_training').base, controller)
 

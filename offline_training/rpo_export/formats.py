@@ -22,7 +22,7 @@ from rpo_core.control.controller import AnyController, FuzzyController, only_fuz
 from rpo_core.control.fuzzy import DEFAULT_SAMPLES, WORDS, MembershipFunctions
 from rpo_core.files.validation import InputError
 from rpo_ctrl.family import Family
-from rpo_ctrl.table import ForceTable
+from rpo_ctrl.table import MoreWords
 from rpo_ctrl.time_to_go import TimeToGo
 
 GOAL = (
@@ -187,7 +187,7 @@ def fll(controller: AnyController) -> str:
     """Return FuzzyLite Language `.fll`; raises InputError for a controller without rules."""
     if isinstance(controller, FuzzyController):
         engine = _mamdani(controller)
-    elif isinstance(controller, ForceTable):
+    elif isinstance(controller, MoreWords):
         engine = _force_table(controller)
     elif isinstance(controller, TimeToGo):
         engine = _time_to_go(controller)
@@ -269,25 +269,22 @@ def _plain(words: Sequence[str]) -> list[str]:
     return [word.replace(' ', '_') for word in words]
 
 
-def _force_table(controller: ForceTable) -> Engine:
-    """Return a table of forces by distance and another input."""
-    lead_s, (second,) = controller.lead_or_0_s, _plain([controller.second])
+def _force_table(controller: MoreWords) -> Engine:
+    """Return a table of forces by distance and closing speed."""
     about = 'distance = |r|; closing speed of an axis = -sign(r) v'
-    if lead_s:
-        about = f'h = {lead_s!r} s x closing speed; distance = |r| + |h|; pace = h / distance'
-    words, others = _plain(controller.distances), _plain(controller.seconds)
+    words, others = _plain(controller.distances), _plain(controller.speeds)
     pairs = [(i, j, f'{words[i]}_{others[j]}') for i in range(len(words))
              for j in range(len(others))]  # fmt: skip
     return Engine(
         [about, f'force of the axis = -sign(r) pull, saturated at {controller.max_force_n!r} N.'],
         [
             _peaks('distance', words, controller.peaks_m),
-            _peaks(second, others, controller.second_peaks),
+            _peaks('closing_speed', others, controller.speeds_m_s),
         ],
         ('pull', '-inf inf', [f'{n} Constant {controller.table_n[i][j]!r}' for i, j, n in pairs]),
         _WEIGHTED,
         [
-            f'distance is {words[i]} and {second} is {others[j]} then pull is {name}'
+            f'distance is {words[i]} and closing_speed is {others[j]} then pull is {name}'
             for i, j, name in pairs
         ],
     )

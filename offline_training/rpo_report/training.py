@@ -20,7 +20,7 @@ from rpo_training.training import FINALISTS, FRONT
 
 _ENERGIES = (2.5, 3, 3.5, 4, 5, 7, 10, 15, 20)
 _SHARES = (0.01, 0.1, 1, 10, 50, 90, 99, 99.9, 99.99)
-_FUZZY = ('fuzzy', 'more_words', 'pace', 'time_to_go')
+_FUZZY = ('fuzzy', 'more_words', 'time_to_go')
 
 
 def best(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:

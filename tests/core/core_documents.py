@@ -146,7 +146,7 @@ DOCUMENTS = {
         ('controller', n): document('controller', n)
         for n in (
             'handmade',
-            *['pd', 'lqr', 'mpc', 'apf_smc', 'drift', 'pace', 'more_words', 'time_to_go'],
+            *['pd', 'lqr', 'mpc', 'apf_smc', 'drift', 'more_words', 'time_to_go'],
         )
     },
 }

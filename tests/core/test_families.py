@@ -29,7 +29,7 @@ from rpo_ctrl.lane_kernels import ROWS, axis_forces
 from rpo_ctrl.time_to_go import WORDS, Rule, TimeToGo
 
 PAPER = Mission((1.0, 1.0, 1.0), 0.5, 0.1)
-FAMILIES = ('pace', 'time_to_go', 'more_words')
+FAMILIES = ('time_to_go', 'more_words')
 APPROACH = load_scenario('approach')
 
 states = st.tuples(*[st.floats(-300, 300)] * 3, *[st.floats(-5, 5)] * 3)
@@ -42,10 +42,10 @@ def start_of(name, mission=PAPER):
     return family.of_values(name, [gene.value(gene.share(gene.start)) for gene in genes], mission)
 
 
-PACE, TO_GO, MORE = map(start_of, FAMILIES)
+TO_GO, MORE = map(start_of, FAMILIES)
 
 
-@pytest.mark.parametrize('law', [PACE, TO_GO, MORE], ids=FAMILIES)
+@pytest.mark.parametrize('law', [TO_GO, MORE], ids=FAMILIES)
 @settings(max_examples=20)
 @given(state=states, tick=st.integers(0, 4000))
 def test_forces_are_odd_bit_for_bit_within_the_limit_and_the_same_axis_by_axis(law, state, tick):
@@ -57,9 +57,9 @@ def test_forces_are_odd_bit_for_bit_within_the_limit_and_the_same_axis_by_axis(l
     assert force == baseline_force(state, tick, law.law)
 
 
-@pytest.mark.parametrize('law', [PACE, TO_GO, MORE], ids=FAMILIES)
+@pytest.mark.parametrize('law', [TO_GO, MORE], ids=FAMILIES)
 def test_axes_side_by_side_have_the_forces_of_one_alone(law):
-    peaks = getattr(law, 'peaks_m', (0.0, 3.0)), getattr(law, 'second_peaks', (0.0, 0.2))
+    peaks = getattr(law, 'peaks_m', (0.0, 3.0)), getattr(law, 'speeds_m_s', (0.0, 0.2))
     rng = np.random.default_rng(1)
     sides = [(0.0, *rng.normal(0.0, 2.0 * max(p), 20), *p, *(-x for x in p)) for p in peaks]
     r, v = (np.ravel(grid) for grid in np.meshgrid(*sides))
@@ -70,36 +70,18 @@ def test_axes_side_by_side_have_the_forces_of_one_alone(law):
         assert forces.tolist() == alone
 
 
-def pace_of(r, v):
-    """Return distance and pace, by their definition."""
-    h = -np.sign(r) * v * PACE.lead_s
-    return abs(r) + abs(h), h / (abs(r) + abs(h))
-
-
 CREEPING, *_, FAST = MORE.speed_peaks_m_s
 
 
-@pytest.mark.parametrize(
-    ('law', 'seconds', 'at', 'inputs'),
-    [
-        (PACE, PACE.pace_peaks, 0.0, pace_of),
-        (
-            MORE,
-            [-FAST, -CREEPING, 0.0, *MORE.speed_peaks_m_s],
-            -MORE.damping_n_s_m,
-            lambda r, v: (abs(r), np.clip(-np.sign(r) * v, -FAST, FAST)),
-        ),
-    ],
-    ids=['pace', 'more_words'],
-)
-def test_a_law_is_the_bilinear_interpolation_of_its_table(law, seconds, at, inputs):
-    forces = np.vstack([at * np.array(seconds), law.forces_n])
-    table = RegularGridInterpolator(([0.0, *law.distance_peaks_m], seconds), forces)
+def test_a_law_is_the_bilinear_interpolation_of_its_table():
+    speeds = [-FAST, -CREEPING, 0.0, *MORE.speed_peaks_m_s]
+    forces = np.vstack([-MORE.damping_n_s_m * np.array(speeds), MORE.forces_n])
+    table = RegularGridInterpolator(([0.0, *MORE.distance_peaks_m], speeds), forces)
     for r, v in np.random.default_rng(4).uniform(-1, 1, (300, 2)) * np.array([150.0, 2.0]):
-        distance, second = inputs(r, v)
-        pull = float(table((min(distance, law.distance_peaks_m[-1]), second)))
+        closing = np.clip(-np.sign(r) * v, -FAST, FAST)
+        pull = float(table((min(abs(r), MORE.distance_peaks_m[-1]), closing)))
         expected = np.clip(-np.sign(r) * pull, -0.5, 0.5)
-        assert law.force_n((r, 0, 0), (v, 0, 0))[0] == pytest.approx(expected, abs=1e-12)
+        assert MORE.force_n((r, 0, 0), (v, 0, 0))[0] == pytest.approx(expected, abs=1e-12)
 
 
 def test_peaks_of_more_words_never_cross_in_a_search():
@@ -109,26 +91,12 @@ def test_peaks_of_more_words_never_cross_in_a_search():
         assert family_of('more_words').of_values('x', values, PAPER).values() == values
 
 
-@pytest.mark.parametrize('law', [PACE, MORE], ids=['pace', 'more_words'])
 @pytest.mark.parametrize('v', [-0.8, -0.01, 0.01, 0.8])
-def test_a_table_has_no_jump_at_the_target(law, v):
-    before, at, after = (law.force_n((r, 0, 0), (v, 0, 0))[0] for r in (-1e-9, 0.0, 1e-9))
+def test_a_table_has_no_jump_at_the_target(v):
+    before, at, after = (MORE.force_n((r, 0, 0), (v, 0, 0))[0] for r in (-1e-9, 0.0, 1e-9))
     assert before == pytest.approx(at, abs=1e-9) and after == pytest.approx(at, abs=1e-9)
-    assert law.force_n((0.0, 0, 0), (0.0, 0, 0))[0] == 0.0
+    assert MORE.force_n((0.0, 0, 0), (0.0, 0, 0))[0] == 0.0
     assert at * v < 0.0  # it brakes
-
-
-def test_pace_grows_with_the_angle_of_position_and_lead():
-    """Flights from rest at 1 and at 100 m, of a free mass, see the same paces at the same times."""
-    t, s = 170.0, np.linspace(0.0, 0.95, 20)
-    paces = []
-    for start in (1.0, 100.0):
-        r, closing = start * (1 - s) ** 2 * (1 + 2 * s), 6 * start / t * s * (1 - s)
-        h = PACE.lead_s * closing
-        paces.append(h / (r + h))
-        angles = np.arctan2(h, r)
-        assert (np.argsort(angles) == np.argsort(paces[-1])).all()
-    np.testing.assert_allclose(*paces, rtol=1e-12)
 
 
 def test_time_to_go_with_gains_6m_t2_and_4m_t_is_the_least_energy_law_of_a_free_mass():
@@ -144,7 +112,7 @@ def test_time_to_go_with_gains_6m_t2_and_4m_t_is_the_least_energy_law_of_a_free_
         np.testing.assert_allclose(law.force_n(*state, tick), mpc.force_n(*state, tick), rtol=0.02)
 
 
-@pytest.mark.parametrize('law', [PACE, TO_GO, MORE], ids=FAMILIES)
+@pytest.mark.parametrize('law', [TO_GO, MORE], ids=FAMILIES)
 def test_a_search_begins_at_the_frequency_and_damping_of_the_textbook(law):
     """With gains of one time to go T: sqrt(6) / T rad/s, damping 2 / sqrt(6)."""
     r = v = 1e-6
@@ -226,8 +194,8 @@ def test_a_time_to_go_law_that_cannot_hold_is_not_proven():
     assert {c.name for c in TO_GO.claims() if c.holds} >= {'force', 'slew', 'hold'}
 
 
-@pytest.mark.parametrize('law', [PACE, MORE], ids=['pace', 'more_words'])
-def test_a_table_holds_the_disturbance_that_it_claims(law):
+def test_a_table_holds_the_disturbance_that_it_claims():
+    law = MORE
     statement = next(c.statement for c in law.claims() if c.name == 'held disturbance')
     held = float(statement.split()[-2])
     for distance_m in np.geomspace(0.5, 300.0, 40):
@@ -241,7 +209,7 @@ def test_a_table_holds_the_disturbance_that_it_claims(law):
     assert not [c for c in law.claims() if c.needed and not c.holds]
 
 
-@pytest.mark.parametrize('law', [PACE, TO_GO, MORE], ids=FAMILIES)
+@pytest.mark.parametrize('law', [TO_GO, MORE], ids=FAMILIES)
 def test_a_file_holds_all_of_it_and_its_values_make_it_again(law):
     again = controller.parse(yaml.safe_load(controller.dumps(law)))
     assert again == law and controller.dumps(again) == controller.dumps(law)
@@ -265,36 +233,33 @@ def test_a_controller_of_another_mission_flies_the_same_flight_in_its_units(name
 
 def test_reasons_say_the_words_and_the_force_of_the_flight():
     state = (12.0, -40.0, 0.0, -0.3, 0.0, 0.0)
-    for law, tick in ((PACE, 0), (TO_GO, 1200), (MORE, 0)):
+    for law, tick in ((TO_GO, 1200), (MORE, 0)):
         found = reasons(law, state, (0.0, 0.0, 0.0), tick)
         forces = [dict(pairs)['force_n'] for _, pairs in found]
         assert tuple(forces) == law.force_n(state[:3], state[3:], tick)
         assert all(type(x) is float for _, pairs in found for _, x in pairs)
-    for law in (PACE, MORE):
-        pairs = reasons(law, state, state[:3])[0][1]
-        strengths = [x for name, x in pairs if name.startswith('rule.')]
-        assert sum(strengths) == pytest.approx(1.0)
+    pairs = reasons(MORE, state, state[:3])[0][1]
+    strengths = [x for name, x in pairs if name.startswith('rule.')]
+    assert sum(strengths) == pytest.approx(1.0)
     assert 'the closing speed is resting (0 m/s)' in reasons(MORE, state, state[:3])[1][0]
-    assert 'the pace is resting' in reasons(PACE, state, state[:3])[1][0]
     assert 'time to go is short' in reasons(TO_GO, state, state[:3], 1250)[0][0]
 
 
-@pytest.mark.parametrize('law', [PACE, MORE], ids=['pace', 'more_words'])
 @given(st.floats(-150.0, 150.0), st.floats(-1.5, 1.5))
-def test_all_rules_of_a_force_are_said_with_their_shares(law, position, velocity):
+def test_all_rules_of_a_force_are_said_with_their_shares(position, velocity):
     """Shares add up to 1, and share times force to the force, which may be limited."""
-    (said, pairs), *_ = reasons(law, (position, 0.0, 0.0, velocity, 0.0, 0.0), (0.0,) * 3)
+    (said, pairs), *_ = reasons(MORE, (position, 0.0, 0.0, velocity, 0.0, 0.0), (0.0,) * 3)
     force = dict(pairs)['force_n']
-    found = in_words(law, said, dict(pairs))
+    found = in_words(MORE, said, dict(pairs))
     assert sum(cause.share for cause in found.causes) == pytest.approx(1.0, abs=1e-12)
     pulls = [float(cause.what.split(' N')[0]) for cause in found.causes]
     ways = [-1.0 if 'away' in cause.what else 1.0 for cause in found.causes]
     pull = sum(c.share * p * way for c, p, way in zip(found.causes, pulls, ways, strict=True))
-    limited = min(max(pull, -law.max_force_n), law.max_force_n)
+    limited = min(max(pull, -MORE.max_force_n), MORE.max_force_n)
     assert limited == pytest.approx(-force if position >= 0.0 else force, abs=2e-3)
-    assert ('limited from' in found.force) == (abs(force) == law.max_force_n and abs(pull) > 0.5)
+    assert ('limited from' in found.force) == (abs(force) == MORE.max_force_n and abs(pull) > 0.5)
     assert found.force.startswith(f'{force:+.3g} N' if force else '0 N')
-    other = in_words(law, said, {**dict(pairs), 'force_n': force + 0.01}).sentence
+    other = in_words(MORE, said, {**dict(pairs), 'force_n': force + 0.01}).sentence
     assert other == f'strongest rule: {said}'
 
 
@@ -314,7 +279,7 @@ def test_peaks_that_do_not_descend_and_other_ticks_are_refused():
         replace(TO_GO, rules=tuple(rules))
     with pytest.raises(InputError, match=r'counts ticks of 0\.1 s; the scenario has 0\.05 s'):
         TO_GO.stage(0.05)
-    with pytest.raises(InputError, match='`family` must be one of more_words, pace, time_to_go'):
+    with pytest.raises(InputError, match='`family` must be one of more_words, time_to_go'):
         family_of('mpc')
 
 

@@ -143,7 +143,7 @@ def test_what_starts_at_its_goal_has_no_length_to_scale_by():
 
 def test_no_scaled_baseline_commands_more_than_the_vehicle_has():
     scenario = replace(load_scenario('paper_test'), max_force_n=0.2)
-    assert load_controller('pace').scaled(Scaling(1.0, 1.0, 1.0, scenario)).max_force_n == 0.2
+    assert load_controller('more_words').scaled(Scaling(1.0, 1.0, 1.0, scenario)).max_force_n == 0.2
 
 
 @pytest.mark.parametrize(

@@ -113,7 +113,7 @@ def test_a_log_owes_decisions_up_to_the_last_tick_and_takes_no_more_after_its_en
     assert (tmp_path / DECISIONS_FILE).read_bytes() == content
 
 
-@pytest.mark.parametrize('control', ['time_to_go', 'pace'])
+@pytest.mark.parametrize('control', ['time_to_go', 'more_words'])
 def test_the_decisions_of_a_family_verify(control, tmp_path):
     """`time_to_go` counts ticks: its reasons depend on the tick."""
     found = verify(record(tmp_path / 'run', control=control))

@@ -331,7 +331,7 @@ def test_run_info(tmp_path):
 @pytest.mark.parametrize(
     'words',
     [
-        ('quick', '--controller', 'pace'),
+        ('quick', '--controller', 'more_words'),
         ('paper_test_measured', '--set', 'duration_s=40.0'),
         ('world_leo', '--set', 'duration_s=20.0', '--set', 'max_force_n=0.05'),
     ],

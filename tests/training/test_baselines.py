@@ -25,7 +25,7 @@ from rpo_training.tuning import BUDGET
 
 TRAINING = load_set('paper_training')
 NAMES = ('pd', 'lqr', 'mpc', 'apf_smc', 'drift')
-FAMILIES = ('more_words', 'pace', 'time_to_go')
+FAMILIES = ('more_words', 'time_to_go')
 
 
 # Bits.

@@ -53,7 +53,7 @@ def test_json_holds_the_file_and_pyfuzzylite_agrees_with_fll_on_the_grid(control
 
 @pytest.mark.parametrize(
     'name',
-    ['trained', 'paper_ga', 'pace', 'more_words', 'time_to_go', 'pd', 'lqr', 'mpc', 'apf_smc'],
+    ['trained', 'paper_ga', 'more_words', 'time_to_go', 'pd', 'lqr', 'mpc', 'apf_smc'],
 )
 def test_python_gives_the_bits_without_us(name, tmp_path):
     controller = load_controller(name)

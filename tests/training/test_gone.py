@@ -37,7 +37,7 @@ def _sentence(subject: str, name: str, monkeypatch, capsys) -> str:
 
 @pytest.mark.parametrize('subject', gone.GONE)
 def test_what_is_gone_says_what_to_use(subject, monkeypatch, capsys):
-    last = ', and 0.1 is the last version that reads it' * (subject in ('field', 'schema'))
+    last = ', and 0.1 is the last version that reads it' * (subject in ('field', 'kind', 'schema'))
     for name, instead in gone.GONE[subject].items():
         said = _sentence(subject, name, monkeypatch, capsys)
         assert f'is gone in 0.2{last}; use {instead}' in said and name in said, (subject, name)

@@ -189,7 +189,7 @@ def test_position_and_speed_are_the_limits_beside_the_effort():
 
 def test_the_table_says_whose_training_saw_the_dispersed_test():
     found = {name: provenance.saw(load_controller(name), 'paper_test') for name in CONTROLLERS}
-    drawn = ('allround', 'more_words', 'pace', 'time_to_go')
+    drawn = ('allround', 'more_words', 'time_to_go')
     assert {name for name, seen in found.items() if seen == provenance.DRAWN} == set(drawn)
     assert found['robust'] == provenance.CORNERS
     rest = set(CONTROLLERS) - {*drawn, 'robust'}

@@ -144,11 +144,11 @@ def test_a_search_that_was_interrupted_in_the_middle_ends_with_the_same_bits(nam
 def test_the_command_trains_a_family_and_goes_on(tmp_path):
     mine, settings = tmp_path / 'mine', (*FAMILY, 'cmaes.sigma=0.01')
     words = [word for setting in settings for word in ('--set', setting)]
-    done = invoke('train', '--family', 'pace', '--workers', 1, '-o', mine, *words)
+    done = invoke('train', '--family', 'more_words', '--workers', 1, '-o', mine, *words)
     assert done.exit_code in (0, 1), done.output
     found = load_controller(mine / 'mine.yaml')
     made = found.provenance
-    assert found.kind == 'pace' and made['command'].startswith('rpo train --config')
+    assert found.kind == 'more_words' and made['command'].startswith('rpo train --config')
     assert made['evaluations'] - (1 + 12 + 2 * (1 + 6)) in (1, 2)  # finalists
     assert made['held_out_that_miss'].keys() == {'paper_test'}
     assert invoke('train', '--resume', mine).exit_code == done.exit_code
@@ -208,9 +208,9 @@ def test_the_preset_is_the_papers():
 
 
 def test_a_configuration_is_read_back_whole():
-    for config in (*configs.PRESETS.values(), replace(config_of('pace'), seed=3)):
+    for config in (*configs.PRESETS.values(), replace(config_of('more_words'), seed=3)):
         assert type(config).parse(files.parse_yaml(config.dumps())) == config
-    assert config.command == 'rpo train --family pace --seed 3'
+    assert config.command == 'rpo train --family more_words --seed 3'
 
 
 def test_a_folder_with_a_run_is_not_overwritten(halfway):

@@ -34,7 +34,7 @@ def train(
         ),
     ] = None,
     family: Annotated[
-        str, typer.Option(help='another family than the 30 numbers: pace, more_words, time_to_go')
+        str, typer.Option(help='another family than the 30 numbers: more_words, time_to_go')
     ] = '',
     attitude: Annotated[
         bool, typer.Option('--attitude', help='train a controller of attitude: paper, best')

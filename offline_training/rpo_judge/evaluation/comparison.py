@@ -116,7 +116,7 @@ def proof_of(controller: AnyController) -> str:
 
 FUZZY = (
     'allround', 'trained', 'robust', 'paper_ga', 'handmade',
-    'more_words', 'pace', 'time_to_go',
+    'more_words', 'time_to_go',
 )  # fmt: skip
 CONTROLLERS = (*FUZZY, 'mpc', 'apf_smc', 'lqr', 'pd', 'drift')
 STARTS = 'paper_training'

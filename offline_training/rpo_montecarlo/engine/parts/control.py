@@ -67,10 +67,10 @@ def control_of(controller: Controller, *, limited: bool = True) -> Control:
     if not isinstance(controller, Baseline):
         raise InputError(f'the engine does not know controller {controller.name}')
     law = controller.law
-    tables = [np.ravel(t) for t in (law.gains, law.field, law.distances, law.paces, law.forces)]
+    tables = [np.ravel(t) for t in (law.gains, law.field, law.distances, law.speeds, law.forces)]
     sizes = [len(table) for table in tables]
     limit_n = law.limit if limited else np.inf
-    numbers = table_of(sizes, limit_n, law.lead_s, *tables)
+    numbers = table_of(sizes, limit_n, *tables)
     return Control(command_axes if controller.alike else command_paired, numbers)
 
 
@@ -116,13 +116,13 @@ def command_fuzzy(w, m, t, tick):  # type: ignore[no-untyped-def]
 @compiled
 def _law(t):  # type: ignore[no-untyped-def]
     """Return the law of a table."""
-    a = LAW + 7
+    a = LAW + 6
     b = a + int(t[LAW])
     c = b + int(t[LAW + 1])
     d = c + int(t[LAW + 2])
     e = d + int(t[LAW + 3])
     gains = t[a:b].reshape((b - a) // GAINS, GAINS)
-    return BaselineLaw(gains, t[b:c], t[LAW + 5], t[c:d], t[d:e], t[e:], t[LAW + 6])
+    return BaselineLaw(gains, t[b:c], t[LAW + 5], t[c:d], t[d:e], t[e:])
 
 
 @compiled

@@ -27,16 +27,15 @@ class BaselineLaw(NamedTuple):
     gains : (rows, 18) f = -K x [N/m, N s/m]; row k is that of tick k, the last one stays
     field : the 6 numbers of `sliding_force`
     limit : largest |f| of an axis [N]
-    distances, paces, forces : of `pace_force`, with its `lead_s`
+    distances, speeds, forces : of `table_force`
     """
 
     gains: Any
     field: Any
     limit: float
     distances: Any
-    paces: Any
+    speeds: Any
     forces: Any
-    lead_s: float
 
 
 def law_of(
@@ -44,13 +43,12 @@ def law_of(
     *,
     gains: Any = (),
     field: Any = (),
-    pace: tuple[Any, Any, Any, float] = ((), (), (), 0.0),
+    table: tuple[Any, Any, Any] = ((), (), ()),
 ) -> BaselineLaw:
-    """Return a law of one kind: gains, or a field, or the table of `pace_force`."""
+    """Return a law of one kind: gains, or a field, or the table of `table_force`."""
     rows = np.asarray(gains, dtype=np.float64).reshape(-1, GAINS)
-    *tables, lead_s = pace
-    distances, paces, forces = (as_table(np.ravel(table)) for table in tables)
-    return BaselineLaw(as_table(rows), as_table(field), limit, distances, paces, forces, lead_s)
+    distances, speeds, forces = (as_table(np.ravel(part)) for part in table)
+    return BaselineLaw(as_table(rows), as_table(field), limit, distances, speeds, forces)
 
 
 @kernel
@@ -118,37 +116,26 @@ def interval(x: float, knots: Any) -> tuple[int, float]:
 
 
 @inlined
-def pace_inputs(r: float, v: float, lead_s: float) -> tuple[float, float]:
-    """Distance [m] and pace of an axis at position r [m] and velocity v [m/s].
-
-    With the lead h = lead_s * closing speed, the distance is |r| + |h|, and the pace h / (|r| +
-    |h|): 1 passes the target, 0 rests, -1 only moves away. The pace grows with the angle between
-    (|r|, h) and (1, 0), and needs no arc tangent, whose last bits differ between machines. Without
-    a lead, the distance is |r|, and the second input is the closing speed [m/s] itself.
-    """
-    closing = -v if r >= 0.0 else v
-    if lead_s == 0.0:
-        return abs(r), closing
-    lead = lead_s * closing
-    distance = abs(r) + abs(lead)
-    return distance, lead / distance if distance > 0.0 else 0.0
+def table_inputs(r: float, v: float) -> tuple[float, float]:
+    """Distance [m] and closing speed [m/s] of an axis at position r [m] and velocity v [m/s]."""
+    return abs(r), -v if r >= 0.0 else v
 
 
 @kernel
-def pace_force(r: float, v: float, distances: Any, paces: Any, forces: Any, lead_s: float) -> float:
-    """Force [N] of an axis by a zero-order Takagi-Sugeno system of its distance and pace.
+def table_force(r: float, v: float, distances: Any, speeds: Any, forces: Any) -> float:
+    """Force [N] of an axis by a zero-order Takagi-Sugeno system of its distance and closing speed.
 
-    Triangles with peaks at `distances` [m] and `paces` partition both inputs; AND is the product,
-    the consequents are forces towards the target. So the force is bilinear between the peaks. The
-    table begins with a distance of 0 and zeros.
+    Triangles with peaks at `distances` [m] and `speeds` [m/s] partition both inputs; AND is the
+    product, the consequents are forces towards the target. So the force is bilinear between the
+    peaks. The table begins with a distance of 0.
 
-    forces : (distances * paces,) [N], row by row; the last of a row is minus its first, which makes
+    forces : (distances * speeds,) [N], row by row; the first row is odd in the speed, which makes
         the force of the mirrored state the mirrored force, also where r = 0
     """
-    distance, pace = pace_inputs(r, v, lead_s)
+    distance, speed = table_inputs(r, v)
     i, far = interval(distance, distances)
-    j, fast = interval(pace, paces)
-    n = len(paces)
+    j, fast = interval(speed, speeds)
+    n = len(speeds)
     near = (1.0 - fast) * forces[n * i + j] + fast * forces[n * i + j + 1]
     beyond = (1.0 - fast) * forces[n * (i + 1) + j] + fast * forces[n * (i + 1) + j + 1]
     pull = (1.0 - far) * near + far * beyond
@@ -161,10 +148,10 @@ def baseline_force(state: State, tick: int, law: BaselineLaw) -> Vector:
     if len(law.field) > 0:
         fx, fy, fz = sliding_force(state, law.field)
     elif len(law.forces) > 0:
-        d, p, f, h = law.distances, law.paces, law.forces, law.lead_s
-        fx = pace_force(state[0], state[3], d, p, f, h)
-        fy = pace_force(state[1], state[4], d, p, f, h)
-        fz = pace_force(state[2], state[5], d, p, f, h)
+        d, u, f = law.distances, law.speeds, law.forces
+        fx = table_force(state[0], state[3], d, u, f)
+        fy = table_force(state[1], state[4], d, u, f)
+        fz = table_force(state[2], state[5], d, u, f)
     else:
         last = len(law.gains) - 1
         fx, fy, fz = gain_force(state, law.gains[tick if tick < last else last])

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from rpo_ctrl.baseline_kernels import BaselineLaw, pace_inputs
+from rpo_ctrl.baseline_kernels import BaselineLaw, table_inputs
 from rpo_kernels.jit import inlined
 
 ROWS = 6
@@ -61,12 +61,12 @@ def axis_forces(r: Any, v: Any, forces: Any, work: Any, tick: int, law: Baseline
     i, j = work[2 * size : 2 * size + n], work[3 * size : 3 * size + n]
     low, high = work[4 * size : 4 * size + n], work[5 * size : 5 * size + n]
     for s in range(n):
-        x[s], y[s] = pace_inputs(r[s], v[s], law.lead_s)
+        x[s], y[s] = table_inputs(r[s], v[s])
     _locate(x, law.distances, i, low, high)
-    _locate(y, law.paces, j, low, high)
-    table, one, columns = law.forces, np.uint64(1), np.uint64(len(law.paces))
+    _locate(y, law.speeds, j, low, high)
+    table, one, columns = law.forces, np.uint64(1), np.uint64(len(law.speeds))
     for s in range(n):
-        at = np.uint64(len(law.paces) * i[s] + j[s])
+        at = np.uint64(len(law.speeds) * i[s] + j[s])
         beyond = at + columns
         near = (1.0 - y[s]) * table[at] + y[s] * table[at + one]
         far = (1.0 - y[s]) * table[beyond] + y[s] * table[beyond + one]

@@ -25,12 +25,14 @@ GONE: dict[str, dict[str, str]] = {
     'executable': {},
     'controller': {
         **dict.fromkeys(('everywhere', 'world'), '`allround`'),
+        'pace': '`more_words`',
         'pd_disturbed': '`pd`',
     },
     'scenario': {'paper_test_held': '`paper_test_measured`'},
     'campaign': {'paper_test_held': '`paper_test_measured`'},
     'preset': dict.fromkeys(('everywhere', 'world'), '`allround`'),
-    'family': {},
+    'family': {'pace': '`more_words`'},
+    'kind': {'pace': '`more_words`'},
     'field': {
         **dict.fromkeys(
             (
@@ -51,7 +53,7 @@ The name of a command is the words after `rpo`; that of an option begins with it
 is the name of a field whose value is gone (`preset`).
 """
 
-_READ = ('field', 'schema')
+_READ = ('field', 'kind', 'schema')
 """Subjects that stand in files."""
 
 
