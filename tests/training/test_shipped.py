@@ -87,6 +87,7 @@ def _columns(campaign, controller, runs):
     return int(successes(loaded.config, columns).sum()), columns
 
 
+@pytest.mark.every_landing
 def test_the_default_meets_its_world():
     kept, world = _columns('world_leo', DEFAULT_CONTROLLER, 40)
     with_stuck, _ = _columns('world_leo_stuck', DEFAULT_CONTROLLER, 40)
