@@ -119,7 +119,6 @@ class Decision:
             blend.Cause(
                 part.share,
                 f'{SPOKEN[word]} ({blend.newtons(scale_n * part.centroid)})',
-                ' or '.join(f'{rule.position}, {rule.velocity}' for rule in self.deciding(word)),
                 ', or '.join(rule.condition for rule in self.deciding(word)),
             )
             for word, part in self.parts.items()

@@ -275,7 +275,6 @@ class MoreWords(Family):
             blend.Cause(
                 strength,
                 _towards(each),
-                f'{a}, {b}',
                 f'the target is {a} and the closing speed is {b}',
             )
             for a, b, strength, each in fired

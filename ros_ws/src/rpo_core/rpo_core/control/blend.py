@@ -11,7 +11,7 @@ times centroid. The part of a word is decided by its strongest rule alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -64,12 +64,11 @@ class Cause(NamedTuple):
     """A part of a force.
 
     share : in [0, 1]; those of all causes add up to 1
-    what : it commands, in words; rule : that commands it, in short; why : the same, in words
+    what : it commands, in words; why : the rule that commands it, in words
     """
 
     share: float
     what: str
-    rule: str
     why: str
 
 
@@ -81,19 +80,13 @@ class Reasons(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """The force, and for each cause its share, what it commands, and why."""
-        return self._joined(lambda c: f'from {c.what}, because {c.why}')
+        """The force, and for each cause its share, what it commands, and why.
 
-    @property
-    def brief(self) -> str:
-        """The same in fewer words: for each cause its share and its rule."""
-        return self._joined(lambda c: f'{c.rule} → {c.what}')
-
-    def _joined(self, text: Callable[[Cause], str]) -> str:
-        """Return the causes, the greatest first; what is below `LEAST_SHARE` is summed up."""
+        The greatest cause is first; those below `LEAST_SHARE` are summed up.
+        """
         ordered = sorted(self.causes, key=lambda cause: -cause.share)
         said = [cause for cause in ordered if cause.share >= LEAST_SHARE]
-        texts = [f'{100.0 * cause.share:.0f} % {text(cause)}' for cause in said]
+        texts = [f'{100.0 * c.share:.0f} % from {c.what}, because {c.why}' for c in said]
         rest = sum(cause.share for cause in ordered[len(said) :])
         if rest >= 0.005:
             texts.append(f'{100.0 * rest:.0f} % others')
