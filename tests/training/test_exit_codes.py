@@ -19,12 +19,10 @@ from rpo_core.files.validation import InputError
 from rpo_montecarlo import machine
 from rpo_proof.safety import attack
 from rpo_training.run import SearchRun
-from tools import peers
 from tools.bench import table
 
 ROOT = Path(__file__).parents[2]
 CAMPAIGN = str(ROOT / 'offline_training' / 'campaigns' / 'paper_test.yaml')
-VBAR = str(ROOT / 'offline_training' / 'examples' / 'benchmarks' / 'vbar_approach.yaml')
 PAGE = (ROOT / 'docs' / 'exit_codes.md').read_text()
 ROWS = {
     command: line.split('|')[4].strip() == 'yes'
@@ -93,13 +91,6 @@ def test_a_search_whose_best_misses_a_condition_is_1():
 def test_a_broken_limit_of_assurance_is_1(monkeypatch):
     monkeypatch.setattr(attack.Result, 'total', lambda result, column: 1)
     assert codes('safety', 'attack', 'assured', '--runs', 7, '--ticks', 5) == (1, 0)
-
-
-def test_a_broken_constraint_of_a_benchmark_is_1(monkeypatch):
-    row = SimpleNamespace(cells=(peers.OURS, *'abcdefgh'), met=False)
-    for name in peers.ROWS:
-        monkeypatch.setitem(peers.ROWS, name, lambda *_: [row])
-    assert codes('safety', 'peers', VBAR) == (1, 0)
 
 
 def commands(group: Any, before: str = 'rpo') -> dict[str, Any]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rpo_cli.commands.shared import NoFail, Set, end, interruptible, tool, write_texts
+from rpo_cli.commands.shared import NoFail, Set, end, interruptible, write_texts
 from rpo_cli.display import print_table, progress
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.files.validation import InputError
@@ -305,29 +305,3 @@ def thrusters(
     typer.echo(f'of {left.total()} {"pairs of " if pairs else ""}failures: {counts}')
     time_s = authority.allocation_s(settings, 0.3 * limit_n)
     typer.echo(f'an allocation: {1e9 * time_s:.0f} ns')
-
-
-@safety.command()
-def peers(
-    files: Annotated[
-        list[str], typer.Argument(help='arch_rendezvous.yaml, vbar_approach.yaml', metavar='FILE')
-    ],
-    controller: Annotated[
-        str, typer.Option(help='fuzzy, shipped name or file; its force is scaled')
-    ] = 'allround',
-    starts: Annotated[int, typer.Option(min=1, max=10_000, help='drawn starts of each')] = 20,
-    seed: Annotated[int, typer.Option(min=0, help='of the starts')] = 1,
-    prove: Annotated[
-        bool,
-        typer.Option('--prove', help='ARCH-COMP: prove its regulator instead, from every start'),
-    ] = False,
-    no_fail: NoFail = False,
-) -> None:
-    """Fly benchmarks of others, with our stack and with the controllers that they have.
-
-    Exit code 1 if our stack breaks a constraint; with --prove, if an instance is not as named.
-    """
-    if prove:
-        end(tool('rendezvous').print_proofs(files), no_fail)
-    else:
-        end(tool('peers').compare(files, controller, starts, seed), no_fail)
