@@ -24,6 +24,7 @@ from cryptography.hazmat.primitives.serialization import (
     PrivateFormat,
     PublicFormat,
 )
+from log_parts import Parts
 from mcap.records import Channel
 
 from rpo_core import files
@@ -39,7 +40,6 @@ from rpo_mcap.format.run import RunSummary, TimeBase
 from rpo_mcap.read.records import RawMessage
 from rpo_mcap.write.side_file import DecisionLogWriter, HealthLogWriter
 from rpo_mcap.write.writer import RunLogWriter
-from tools.attack.runs import Parts
 
 CLOCK, STATE = '/clock', '/relative_state'
 FORCE, DISTURBANCE, STATUS = '/control_force', '/disturbance_force', '/run_status'

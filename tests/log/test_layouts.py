@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from log_parts import Parts
 from log_runs import make_run, record
 from mcap.records import Attachment, Channel, Header, Metadata, Schema
 from mcap.writer import CompressionType, IndexType, Writer
@@ -25,7 +26,6 @@ from rpo_log.verify import verify
 from rpo_mcap.errors import ExitCode, LogError
 from rpo_mcap.read.records import RawMessage
 from rpo_mcap.read.run_log import read_run
-from tools.attack.runs import Parts
 
 
 @dataclass(frozen=True)

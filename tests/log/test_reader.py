@@ -19,6 +19,7 @@ import zstandard
 from doc_blocks import DOCS, code
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from log_parts import Parts
 from log_runs import FORCE, STATE, STATUS, changed, forge, turned
 from mcap.opcode import Opcode
 from mcap.records import Chunk, Message
@@ -33,7 +34,6 @@ from rpo_mcap.read.records import MAGIC, RECORD_HEAD, FileRecords, as_record, me
 from rpo_mcap.read.run_log import controller_of, read_flight, read_run, scenario_of
 from rpo_mcap.read.stream import RunReader
 from rpo_mcap.write.mcap_file import McapFile
-from tools.attack.runs import Parts
 
 QUICK = settings(max_examples=25, deadline=None, derandomize=True, database=None)
 

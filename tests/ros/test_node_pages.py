@@ -10,7 +10,7 @@ from tools import node_pages
 from tools.node_pages import CARDS, MEANINGS
 
 ROOT = Path(__file__).parents[2]
-COMMANDS = {'final_approach', 'flight_software', 'trial', 'node_pages', 'ping_pong'}
+COMMANDS = {'final_approach', 'flight_software', 'node_pages', 'ping_pong'}
 COMMANDS |= {'verify', 'info', 'repair'}
 """Executables that are no nodes."""
 

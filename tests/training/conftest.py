@@ -43,6 +43,6 @@ def sound(tmp_path_factory):
 @pytest.fixture(scope='session')
 def proofs(tmp_path_factory):
     """A small proof of each kind; one claim of the first is refuted."""
-    from tools.attack.proofs import KINDS, proof_of
+    from proofs import KINDS, proof_of
 
     return {kind: proof_of(kind, tmp_path_factory.mktemp(kind) / 'proof') for kind in KINDS}

@@ -4,14 +4,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 from kept import digits
 
 from rpo_core.control.controller import load_controller
-from rpo_core.files.scenario import load
+from rpo_core.files.scenario import load, load_set
+from rpo_core.judge.requirements import Requirements
+from rpo_core.world.disturbance import Disturbance, Harmonic
 from rpo_proof import proving
+from rpo_proof.check import Sample
 from rpo_proof.folder import Folder
 from rpo_proof.problem import Problem, Settings
 
@@ -19,6 +23,9 @@ COARSE = 4.0
 """Cells of the table beside the default ones: a sixteenth of the time."""
 
 BOX = (2.0, 1.0, 1.0, 0.0, 0.0, 0.0)
+
+KINDS = ('together', 'apart')
+SAMPLE = Sample(starts=0, ticks=0, surface=0)
 
 
 @cache
@@ -33,6 +40,42 @@ def small_proof(path):
     folder = Folder.create(path, problem_of('robust', half=BOX))
     proving.prove(folder, 1, '', lambda *_: None, probes=20)
     return folder
+
+
+def problem_of_kind(kind):
+    """Return a small problem: axes together, for ever, one claim refuted; or per axis."""
+    base, controller = load_set('paper_training').base, load_controller('robust')
+    required = {'mean_error_norm_m': 0.5, 'mean_speed_norm_m_s': 0.05}
+    required |= {'hold_error_per_axis_m': 0.5, 'mean_window_s': 10.0}
+    if kind == 'together':
+        half = 0.6, 0.4, 0.2, 0.001, 0.001, 0.001
+        required |= {'slew_per_axis_n_s': 0.04, 'hold_from_s': 40.0}
+        base = replace(base, duration_s=50.0)
+        settings = Settings(centre=(0.0,) * 6, half=half, coarseness=4.0, cell_m=0.3)
+    else:
+        known = Disturbance((0.0, 0.002, 0.0), (Harmonic('x', 'sin', 0.004, 0.05),))
+        required |= {'hold_from_s': 50.0}
+        base = replace(
+            base, duration_s=60.0, initial_position_m=(0.5, 0.5, -0.5), disturbance=known
+        )
+        settings = Settings(
+            centre=base.start,
+            half=(0.2, 0.2, 0.2, 0.01, 0.01, 0.01),
+            coarseness=4.0,
+            axes_apart=True,
+            disturbance_share=1.0,
+            cell_m=0.5,
+            cell_m_s=0.02,
+        )
+    named = replace(base, name=f'small_{kind}', requirements=Requirements(**required))
+    return Problem.of(controller, named, settings)
+
+
+def proof_of(kind, path):
+    """Make the small proof of a kind in a folder."""
+    folder = Folder.create(path, problem_of_kind(kind))
+    proving.prove(folder, 1, '', lambda *_: None, probes=20)
+    return Folder.open(path)
 
 
 def lines_of(name, folder):

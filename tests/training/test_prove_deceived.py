@@ -17,6 +17,7 @@ import pytest
 import yaml
 from invoking import invoke
 from landing import rest_at_landing
+from proofs import KINDS, SAMPLE
 
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import dumps, load_controller
@@ -31,8 +32,6 @@ from rpo_proof.claims import values_of
 from rpo_proof.folder import TEXTS, Folder, cells_of, write_arrays
 from rpo_proof.problem import Problem, Settings
 from rpo_report.proof import report_of
-from tools.attack.cases import failures, judge_cases
-from tools.attack.proofs import KINDS, SAMPLE, ProofCase, cases_of
 
 
 @pytest.fixture
@@ -490,28 +489,3 @@ def test_a_damaged_unit_is_made_again(proofs, tmp_path):
     with pytest.raises(InputError):
         cells_of(part, folder.problem, 'planar')
     assert folder.done('planar', 0) is None
-
-
-def outcomes(folder, scratch, count):
-    """Return the outcomes of changed copies of a folder."""
-    case = ProofCase(folder)
-    return [case.judge(3, number, scratch)[0] for number in range(count)]
-
-
-@pytest.mark.parametrize('kind', KINDS)
-def test_changed_folders_do_not_deceive(proofs, tmp_path, kind):
-    """A thousand in the slow test; ten thousand: `python -m tools.attack --cases 10000 proofs`."""
-    assert not [word for word in outcomes(proofs[kind], tmp_path, 3) if word.split()[0].isupper()]
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(1200)
-def test_a_thousand_changed_folders_do_not_deceive():
-    assert failures(judge_cases(cases_of, seed=4, first=0, last=1000)) == 0
-
-
-@pytest.mark.slow
-def test_the_bench_notices_a_checker_that_is_deceived(proofs, tmp_path, monkeypatch):
-    """One that looks at no tube: lower bounds, with a summary that fits, are accepted."""
-    monkeypatch.setattr(checker, 'tube_faults', lambda *_: iter(()))
-    assert any(word.startswith('ACCEPTED') for word in outcomes(proofs['apart'], tmp_path, 140))

@@ -1,0 +1,77 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""MCAP files taken apart and put together again, all checksums and indexes right."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from mcap.records import Attachment, Channel, Chunk, Header, McapRecord, Metadata, Schema
+from mcap.writer import CompressionType, Writer
+
+from rpo_mcap.read.records import FileRecords, RawMessage, message_at
+
+
+@dataclass
+class Parts:
+    """An MCAP file taken apart: its records, and where each chunk of messages ends."""
+
+    records: list[McapRecord | RawMessage | None]
+    compression: CompressionType = CompressionType.ZSTD
+
+    @classmethod
+    def of(cls, path: Path) -> Parts:
+        """Take a file apart; None stands for the end of a chunk."""
+        found: list[McapRecord | RawMessage | None] = []
+        records = FileRecords(path)
+        for record in records:
+            if isinstance(record, Chunk):
+                data = records.content_of(record)
+                inner = records.messages_in(data, found.append)
+                found += [message_at(data, at) for at in inner]
+                found.append(None)
+            elif isinstance(record, Header | Metadata | Attachment):
+                found.append(record)
+        return cls(found)
+
+    def write(self, path: Path) -> None:
+        """Put the file together again, all checksums and indexes right."""
+        with path.open('wb') as stream:
+            writer = Writer(
+                stream, chunk_size=1 << 40, compression=self.compression, enable_data_crcs=True
+            )
+            head = next((r for r in self.records if isinstance(r, Header)), Header('', ''))
+            writer.start(profile=head.profile, library=head.library)
+            schemas: dict[int, int] = {}
+            channels: dict[int, int] = {}
+            for record in self.records:
+                _add(writer, record, schemas, channels)
+            writer.finish()
+
+
+def _add(
+    writer: Writer,
+    record: McapRecord | RawMessage | None,
+    schemas: dict[int, int],
+    channels: dict[int, int],
+) -> None:
+    if record is None:
+        writer.flush()
+    elif isinstance(record, Metadata):
+        writer.add_metadata(record.name, record.metadata)
+    elif isinstance(record, Attachment):
+        writer.add_attachment(
+            record.create_time, record.log_time, record.name, record.media_type, record.data
+        )
+    elif isinstance(record, Schema):
+        schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
+    elif isinstance(record, Channel):
+        channels[record.id] = writer.register_channel(
+            record.topic, record.message_encoding, schemas.get(record.schema_id, 0), record.metadata
+        )
+    elif isinstance(record, RawMessage):
+        writer.add_message(
+            channels.get(record.channel, 0), record.log_ns, record.data, record.publish_ns,
+            record.sequence,
+        )  # fmt: skip
