@@ -43,7 +43,7 @@ test-slow:  ## the tests that `make test` leaves to `.ci/run`
 	$(SETUP) test
 	$(ENV) pytest -m 'slow or every_landing' $(ARGS)
 
-bench:  ## targets P1 to P6: speed beside the peers, in one table (some minutes; ARGS='--write docs/benchmarks.md')
+bench:  ## targets P1 to P6: speed beside a peer of the same run, in one table (some minutes; ARGS='--write docs/benchmarks.md')
 	$(SETUP) test train gym
 	$(ENV) rpo bench $(ARGS)
 

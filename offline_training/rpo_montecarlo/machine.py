@@ -12,7 +12,7 @@ from typing import Any
 BUSY = 0.5
 """Load per core above which other work lengthens the wall times."""
 
-PACKAGES = ('numpy', 'numba', 'pymoo', 'pyfuzzylite', 'scikit-fuzzy', 'ros-jazzy-rclpy')
+PACKAGES = ('numpy', 'numba', 'pymoo', 'pyfuzzylite', 'ros-jazzy-rclpy')
 
 
 def model() -> str:

@@ -13,13 +13,12 @@ import pytest
 import typer
 from invoking import invoke
 
+from rpo_cli import bench
 from rpo_cli.cli import app
 from rpo_cli.commands import train
 from rpo_core.files.validation import InputError
-from rpo_montecarlo import machine
 from rpo_proof.safety import attack
 from rpo_training.run import SearchRun
-from tools.bench import table
 
 ROOT = Path(__file__).parents[2]
 CAMPAIGN = str(ROOT / 'offline_training' / 'campaigns' / 'paper_test.yaml')
@@ -72,9 +71,8 @@ def test_a_campaign_judges_itself_only_where_a_least_share_is_given(tmp_path):
 
 @pytest.mark.parametrize('holds', [True, False])
 def test_the_bench_judges_its_whole_table(holds, tmp_path, monkeypatch):
-    row = table.Row('P1', 'inference', '≥ 2 ×', '1/s', '1/s', '1 ×', holds)
-    found = table.Bench('2026-01-01', machine.facts(), (row,), {})
-    monkeypatch.setattr(table, 'run', lambda *_: found)
+    row = bench.Row('P1', 'inference', 2.0, '1/s', '1/s', 3.0 if holds else 1.0)
+    monkeypatch.setattr(bench, 'rows', lambda *_: iter([row]))
     assert codes('bench', '--output', tmp_path) == (int(not holds), 0)
 
 

@@ -9,7 +9,8 @@ from typing import Annotated
 
 import typer
 
-from rpo_cli.commands.shared import NoFail, Workers, end, interruptible, tool
+from rpo_cli.commands.shared import NoFail, Workers, echo, end, interruptible
+from rpo_cli.display import print_table
 from rpo_core.files.validation import InputError, choice
 
 PARTS = ('all', 'inference', 'training', 'campaign', 'learning', 'ros')
@@ -26,14 +27,18 @@ def bench(
     write: Annotated[Path | None, typer.Option(help='all: page to put the table into')] = None,
     no_fail: NoFail = False,
 ) -> None:
-    """Measure speed, and that of other tools in the same run: targets P1 to P6.
+    """Measure speed beside a peer of the same run: targets P1 to P6, each a ratio.
 
     Exit code 1: a target is missed; only the whole table judges.
     """
     choice('what', what, PARTS)
     if write is not None and what != 'all':
         raise InputError('`--write` writes the whole table: leave the part out')
-    bench = tool('bench.command')
+    from rpo_cli import bench as benches
+
     with interruptible(lambda: 'Interrupted; its nodes have ended, and nothing was saved.'):
-        missed = bench.run(what, evaluations, runs, workers, output, write)
-    end(missed, no_fail)
+        found = list(benches.rows(what, evaluations, runs, workers))
+    print_table(benches.HEADINGS, [row.cells for row in found], left=2)
+    if what == 'all':
+        echo(benches.saved(found, output, write))
+        end(any(row.ratio < row.least for row in found), no_fail)

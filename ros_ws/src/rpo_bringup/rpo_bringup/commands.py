@@ -3,9 +3,6 @@
 """Entry points of the commands of this package; see `rpo_ros.entry_point`."""
 
 import sys
-from functools import partial
-from importlib import import_module
-from pathlib import Path
 
 from rpo_bringup.options import parser
 from rpo_core.files.output import standard_output
@@ -34,26 +31,11 @@ def final_approach() -> int:
     return start('rpo_bringup.final_approach', EXIT_INTERRUPTED)
 
 
-@standard_output()
-def _tool(name: str) -> int:
-    """Run a program of `tools/`, which is in the checkout that this package is built from."""
-    root = Path(__file__).resolve().parents[4]
-    if not (root / 'tools' / f'{name}.py').is_file():
-        print(
-            f'`{name}` is in tools/ of the source checkout and is not installed',
-            file=sys.stderr,
-        )
-        return 2
-    sys.path.insert(0, str(root))
-    code: int = import_module(f'tools.{name}').main()
-    return code
-
-
 def flight_software() -> int:
     """Run `ros2 run rpo_bringup flight_software`."""
     return start_node('rpo_bringup.flight_software_node')
 
 
-trial, ping_pong, node_pages = (
-    partial(_tool, name) for name in ('trial', 'ping_pong', 'node_pages')
-)
+def ping_pong() -> int:
+    """Run `ros2 run rpo_bringup ping_pong`, the peer of `rpo bench ros`."""
+    return start('rpo_bringup.ping_pong', EXIT_INTERRUPTED)
