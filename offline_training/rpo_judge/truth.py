@@ -8,8 +8,8 @@ and J2 and drag where the scenario has them, and forces held for a tick in the a
 
 Target and relative motion are integrated in inertial axes by SciPy's DOP853: z is the pole of the
 body, x the ascending node. Nothing is shared with `rpo_core.world.dynamics`. Without section
-`dynamics` the target is on a circle in the plane of x and y. In a checkout `tools.basilisk` is
-another truth, with nothing in common.
+`dynamics` the target is on a circle in the plane of x and y. `rpo_judge.basilisk` is another truth,
+with nothing in common.
 """
 
 from __future__ import annotations

@@ -6,6 +6,7 @@ They are processes that import nothing of this stack; ours run in the test's own
 """
 
 import os
+import runpy
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -30,11 +31,11 @@ from rpo_nav.navigation_node import NavigationNode
 from rpo_safety.assurance_node import AssuranceNode
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 from rpo_sim.plant_node import PlantNode
-from tools.basilisk_plant import BasiliskPlant
 
 PATIENT = {'plant_timeout_s': 200.0}
 """A plant that gets no processor is not gone."""
 FOREIGN = Path(__file__).parents[2] / 'docs' / 'foreign'
+BasiliskPlant = runpy.run_path(str(FOREIGN / 'basilisk_plant.py'))['BasiliskPlant']
 
 
 @pytest.fixture

@@ -7,8 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from invoking import refused
 from proofs import problem_of
 
+from rpo_cli.commands import prove
 from rpo_core import files
 from rpo_core.control.controller import load_controller
 from rpo_core.files import DEFAULT_CONTROLLER
@@ -16,7 +18,6 @@ from rpo_core.files.validation import InputError
 from rpo_judge.evaluation import comparison, proven
 from rpo_judge.evaluation.comparison import CONTROLLERS
 from rpo_proof.folder import Folder
-from tools import proven as tool
 
 DOCS = Path(__file__).parents[2] / 'docs'
 TRAINING_BOX = (100.0, 100.0, 100.0, 0.0, 0.0, 0.0)
@@ -90,17 +91,34 @@ def changed(kind):
 @pytest.mark.parametrize(
     ('kind', 'said'),
     [
-        ('box', 'must be the folder of `rpo prove NAME`'),
-        ('claims', 'must be the folder of `rpo prove NAME`'),
-        ('moving', 'must be the folder of `rpo prove NAME`'),
+        ('box', 'must be that of `rpo prove NAME`'),
+        ('claims', 'must be that of `rpo prove NAME`'),
+        ('moving', 'must be that of `rpo prove NAME`'),
         ('numbers', 'has other numbers than the one that ships as robust'),
-        pytest.param('unfinished', 'is not right, and was not written', marks=pytest.mark.slow),
+        ('unfinished', 'is not finished'),
     ],
 )
 def test_what_is_not_a_checked_proof_of_the_box_is_not_written(tmp_path, kind, said):
     Folder.create(tmp_path / 'f', changed(kind))
-    with pytest.raises(SystemExit, match=said):
-        tool.result_of(tmp_path / 'f')
+    assert said in refused('prove', '--check', tmp_path / 'f', '--publish')
+
+
+def test_a_proof_of_the_box_is_published_in_the_place_of_the_older_one(tmp_path, monkeypatch):
+    """The file and the page that ship are what their own results give."""
+    (tmp_path / 'a' / 'proofs').mkdir(parents=True)
+    (tmp_path / 'docs').mkdir()
+    page, kept = tmp_path / 'docs' / 'proof.md', proven.PATH.read_text()
+    page.write_text((DOCS / 'proof.md').read_text())
+    monkeypatch.setattr(proven, 'PATH', tmp_path / 'a' / 'proofs' / 'proven.yaml')
+    shipped = proven.shipped()
+    proven.write(shipped)
+    assert proven.PATH.read_text() == kept
+    monkeypatch.setattr(proven, 'shipped', lambda: files.load(proven.PATH, proven.parse))
+    prove._publish(shipped[0])
+    assert (proven.PATH.read_text(), page.read_text()) == (kept, (DOCS / 'proof.md').read_text())
+    prove._publish(replace(shipped[0], claims=()))
+    assert proven.shipped() == (replace(shipped[0], claims=()), *shipped[1:])
+    assert page.read_text() != (DOCS / 'proof.md').read_text()
 
 
 def test_a_damaged_file_of_results_is_one_sentence(tmp_path):

@@ -15,9 +15,8 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
 from rpo_core.world import cw
-from rpo_judge import truth
+from rpo_judge import basilisk, truth
 from rpo_thrusters.thrusters import Thrusters
-from tools import basilisk
 
 SCIPY, BASILISK = {'SciPy': truth.by_scipy}, {'Basilisk': basilisk.by_basilisk}
 SHORT = replace(load_scenario('paper_test'), duration_s=8.0)

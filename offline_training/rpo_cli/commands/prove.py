@@ -27,6 +27,7 @@ from rpo_cli.display import ProofDisplay, print_table, progress
 from rpo_core.files.validation import InputError, printable
 
 if TYPE_CHECKING:
+    from rpo_judge.evaluation.proven import Proof
     from rpo_proof.check import Checked, Sample
     from rpo_proof.claims import Claim, Range
     from rpo_proof.folder import Folder
@@ -82,6 +83,13 @@ def prove(
     check: Annotated[
         Path | None, typer.Option(help='folder of a finished proof to check independently')
     ] = None,
+    publish: Annotated[
+        bool,
+        typer.Option(
+            '--publish',
+            help='with --check of `rpo prove NAME`: write it into the table of docs/proof.md',
+        ),
+    ] = False,
     cells: Annotated[
         int, typer.Option(min=0, help='with --check: random cells of each group, 0 = all')
     ] = 20,
@@ -109,9 +117,16 @@ def prove(
 
     refuse_workers_of_a_scheduler(workers, cluster)
     if check is not None:
-        refuse_beside(context, 'check', 'cells', 'flights', 'seed', 'no_fail')
-        end(_check(Folder.open(check), cells, flights, seed), no_fail)
+        refuse_beside(context, 'check', 'publish', 'cells', 'flights', 'seed', 'no_fail')
+        folder = Folder.open(check)
+        proof = _proof_of(folder, f'--cells {cells} --flights {flights}') if publish else None
+        missed = _check(folder, cells, flights, seed)
+        if proof is not None:
+            _publish(proof)
+        end(missed, no_fail)
         return
+    if publish:
+        raise InputError('`--publish` goes with `--check FOLDER`')
     if resume is not None:
         refuse_beside(context, 'resume', 'workers', 'cluster', 'no_fail')
         found = Folder.open(resume)
@@ -134,8 +149,8 @@ def prove(
     if estimate:
         _estimate(problem, estimate)
         return
-    folder = output or Path('runs') / f'proof_{problem.controller.name}'
-    end(_prove(Folder.create(folder, problem), workers, cluster), no_fail)
+    path = output or Path('runs') / f'proof_{problem.controller.name}'
+    end(_prove(Folder.create(path, problem), workers, cluster), no_fail)
 
 
 def _problem(
@@ -246,6 +261,45 @@ def _check(folder: Folder, cells: int, flights: int, seed: int | None) -> bool:
     _say_what_was_checked(folder, found, sample)
     echo(f'Nothing wrong was found in {time.perf_counter() - began:.0f} s')
     return worst(found.claims) != PROVEN
+
+
+def _proof_of(folder: Folder, options: str) -> Proof:
+    """Return what the folder of `rpo prove NAME` shows; raises InputError if it is of another."""
+    from rpo_core.control.controller import load_fuzzy
+    from rpo_core.files.scenario import load_set
+    from rpo_judge.evaluation import proven
+    from rpo_proof.problem import Settings
+
+    found, problem = load_set('paper_training'), folder.problem
+    name, most = problem.controller.name, found.initial_positions_m.max(axis=0).tolist()
+    asked = Settings(centre=(0.0,) * 6, half=(*most, 0.0, 0.0, 0.0))
+    same = ('centre', 'half', 'mass_share', 'disturbance_share', 'any_n', 'claims')
+    if problem.scenario != found.base or any(
+        getattr(problem.settings, field) != getattr(asked, field) for field in same
+    ):
+        raise InputError(f'{folder.path}: must be that of `rpo prove NAME`, without other options')
+    digest = proven.numbers_of(problem.controller)
+    if proven.numbers_of(load_fuzzy(name)) != digest:
+        raise InputError(f'{folder.path}: has other numbers than the one that ships as {name}')
+    fields = ('statement', 'unit', 'limit', 'bound', 'found')
+    claims = tuple(
+        proven.ProvenClaim(key, *(claim[field] for field in fields))
+        for key, claim in folder.summary()['claims'].items()
+    )
+    checked = f'rpo prove --check {folder.path.name} {options}'
+    code = folder.recorded['code_sha256']
+    return proven.Proof(name, digest, f'rpo prove {name}', checked, code, claims)
+
+
+def _publish(proof: Proof) -> None:
+    """Write a proof in the place of an older one: into the file of results, and the page."""
+    from rpo_judge.evaluation import comparison_table, proven
+
+    made = {found.controller: found for found in proven.shipped()} if proven.PATH.exists() else {}
+    proofs = list((made | {proof.controller: proof}).values())
+    proven.write(proofs)
+    page = proven.PATH.parents[2] / 'docs' / 'proof.md'
+    comparison_table.put_into(page, proven.markdown(proofs), proven.BEGIN, proven.END)
 
 
 def _say_what_was_checked(folder: Folder, found: Checked, sample: Sample) -> None:

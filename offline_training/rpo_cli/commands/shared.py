@@ -4,9 +4,7 @@
 
 from __future__ import annotations
 
-import importlib
 import signal
-import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from operator import methodcaller
@@ -91,16 +89,6 @@ def end(missed: bool, no_fail: bool) -> None:
     """
     if missed and not no_fail:
         raise typer.Exit(1)
-
-
-def tool(name: str) -> Any:
-    """Return a module of `tools/`, which is part of a checkout; raises InputError without one."""
-    root = Path(__file__).resolve().parents[3]
-    if not (root / 'tools' / '__init__.py').is_file():
-        raise InputError(f'tools/{name.split(".")[0]} is not installed: run this from a checkout')
-    if str(root) not in sys.path:
-        sys.path.append(str(root))
-    return importlib.import_module(f'tools.{name}')
 
 
 def draw(path: Path, made: Callable[..., Any], *subject: Any) -> None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rpo_cli.commands.shared import SameScenario, chosen_scenario, draw, tool
+from rpo_cli.commands.shared import SameScenario, chosen_scenario, draw
 from rpo_cli.display import print_table
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_montecarlo import outputs
@@ -42,7 +42,7 @@ def truth(
 
     By Basilisk where it is installed (layer `truth`; not with drag), and by SciPy.
     """
-    from rpo_judge import truth
+    from rpo_judge import basilisk, truth
     from rpo_judge.truth import attitude_by_scipy, attitude_error_rad, by_scipy, compare
     from rpo_log.show.report import folder_of
 
@@ -52,7 +52,7 @@ def truth(
     truths, attitudes = {'SciPy': by_scipy}, {'SciPy': attitude_by_scipy}
     if not find_spec('Basilisk'):
         typer.echo('Without Basilisk: `make setup LAYERS=truth` installs it.', err=True)
-    elif (basilisk := tool('basilisk')).knows(flight.scenario):
+    elif basilisk.knows(flight.scenario):
         truths = {'Basilisk': basilisk.by_basilisk, **truths}
         attitudes['Basilisk'] = basilisk.attitude_by_basilisk
     found = compare(flight, title, truths)

@@ -2,18 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """What `rpo prove` has shown of shipped controllers: the one source of the tables in the pages.
 
-`proofs/proven.yaml` is written by `python -m tools.proven`, which has the folder of each proof
-checked first. It is about the conditions of the paper's training, from every start at rest in its
-box, undisturbed. A result is that of a controller with the same numbers, whatever its name.
+`rpo prove --check FOLDER --publish` writes `proofs/proven.yaml`. It is about the conditions of the
+paper's training, from every start at rest in its box, undisturbed. A result is that of a controller
+with the same numbers, whatever its name.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
+
+import yaml
 
 from rpo_core import files
 from rpo_core.control import controller as controllers
@@ -22,7 +24,7 @@ from rpo_core.files import codec
 from rpo_core.files.validation import InputError, mapping, shown
 from rpo_judge.analysis.certificate import PROVEN, REFUTED, UNDECIDED, verdict_of
 from rpo_judge.scoring.conditions import PAPER, label
-from rpo_montecarlo.outputs import digest_of, markdown_table
+from rpo_montecarlo.outputs import digest_of, markdown_table, write_text
 
 PATH = Path(__file__).parents[2] / 'proofs' / 'proven.yaml'
 """The file of the results."""
@@ -96,6 +98,14 @@ def parse(document: Any) -> tuple[Proof, ...]:
 def shipped() -> tuple[Proof, ...]:
     """Return the results that ship."""
     return files.load(PATH, parse)
+
+
+def write(proofs: Sequence[Proof]) -> None:
+    """Write the file of the results."""
+    head = f'# {__name__} reads this; `rpo prove --check FOLDER --publish` writes it.\n'
+    rows = [{**asdict(p), 'claims': [asdict(c) for c in p.claims]} for p in proofs]
+    document = {'schema': SCHEMA, 'proofs': rows}
+    write_text(PATH, head + yaml.safe_dump(document, sort_keys=False, width=100))
 
 
 def proof_of(controller: FuzzyController) -> str:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node `plant` with Basilisk as its dynamics (layer `truth`), in lockstep, one step a tick.
 
-python -m tools.basilisk_plant --ros-args -p scenario:=paper_test -p wait_for_recorder:=true
+python docs/foreign/basilisk_plant.py --ros-args -p scenario:=paper_test -p wait_for_recorder:=true
 
 Target and chaser are two of its spacecraft under its gravity; all else is the plant of `rpo_sim`:
 thrusters, topics, services. With `--thrusters`, Basilisk's exert the force, by pulses. Verify such
@@ -23,9 +23,9 @@ from rpo_core.chain.stage import Place, Signal, Stage
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire.interfaces import RELATIVE_STATE
+from rpo_judge.basilisk import BasiliskFlight, knows
 from rpo_ros.plant_scenario import LOCKSTEP
 from rpo_sim.plant_node import PlantNode
-from tools.basilisk import BasiliskFlight, knows
 
 
 class BasiliskStage(Stage):
