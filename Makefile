@@ -14,7 +14,7 @@ SETUP = @$(if $(ANY_PYTHON),,echo 'Python 3.10 to 3.13 is needed, and there is n
 # One shell line of its own: the environment that `source ros_ws/env.bash` gives an interactive shell.
 # A node starts three times faster from compiled bytecode: whoever forbids that means other folders.
 ENV = @unset PYTHONDONTWRITEBYTECODE; source ros_ws/env.bash &&
-SOURCES = ros_ws offline_training tests tools
+SOURCES = ros_ws offline_training tests docs
 
 .PHONY: help setup demo docs test tests test-slow bench compile wheels notebooks lint format lock clean
 

@@ -13,8 +13,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
-
-from tools.node_processes import own_domain
+from node_processes import own_domain
 
 # A busy machine is no failure, and a run that fails fails again.
 settings.register_profile(

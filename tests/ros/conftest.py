@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 from flights import lasting
 from inside import Inside, inside
+from node_processes import NodeProcesses, arguments, node_processes
 
 from rpo_bringup import final_approach
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
-from tools.node_processes import NodeProcesses, arguments, node_processes
 
 
 @pytest.fixture

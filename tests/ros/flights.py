@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 import yaml
+from node_processes import NodeProcesses
 
 from rpo_core import files
 from rpo_core.chain.flight import Flight
 from rpo_log.verify import verify
 from rpo_mcap.read.run_log import RunLog, read_run
-from tools.node_processes import NodeProcesses
 
 INJECTOR = 'rpo_sim disturbance_injector'
 

@@ -16,6 +16,7 @@ from campaign_documents import write_campaign
 from flights import INJECTOR, assert_flown, one_process, processes
 from invoking import invoke
 from landing import rest_at_landing
+from node_processes import node_processes
 
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
@@ -26,7 +27,6 @@ from rpo_log.verify import verify
 from rpo_mcap.read.run_log import flight_of, read_run
 from rpo_montecarlo.campaign import config
 from rpo_montecarlo.campaign.run_batch import FINAL, fly_runs
-from tools.node_processes import node_processes
 
 SCENARIO, CONTROLLER = 'paper_test', 'handmade'
 WAYS = {

@@ -10,12 +10,12 @@ import pytest
 import yaml
 from flights import told
 from inside import Hand
+from node_processes import executable
 
 from rpo_core import files
 from rpo_mcap.read.run_log import read_run
 from rpo_ros.conversions import values_of
 from rpo_safety.assurance_node import AssuranceNode
-from tools.node_processes import executable
 
 NODES = {
     'controller': ('rpo_ctrl', 'fuzzy_controller'),

@@ -176,7 +176,7 @@ def test_private_names_of_rclpy_are_in_one_module():
         private |= set(re.findall(r'self\.(_[a-z]\w*)', inspect.getsource(kind)))
     used = {}
     root = Path(__file__).parents[2]
-    for path in (*root.glob('ros_ws/src/*/*/**/*.py'), *root.glob('tools/**/*.py')):
+    for path in root.glob('ros_ws/src/*/*/**/*.py'):
         text = path.read_text()
         own = set(re.findall(r'(?:self\.|def )(_[a-z]\w*)(?:\(|: .* = | = )', text))
         found = set(re.findall(r"""[.'"](_[A-Za-z]\w*)""", text)) & private - own

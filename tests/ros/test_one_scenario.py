@@ -8,6 +8,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from flights import assert_flown, lasting, one_process
 from invoking import invoke
+from node_processes import node_processes
 
 from rpo_core import files
 from rpo_core.chain.flight import fly
@@ -22,7 +23,6 @@ from rpo_log.verify import verify
 from rpo_ros import conversions, qos
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 from rpo_sim.plant_node import PlantNode
-from tools.node_processes import node_processes
 
 
 def changed(folder):

@@ -9,6 +9,8 @@ import math
 
 import pytest
 from inside import inside
+from node_pages import CARDS
+from node_processes import node_processes
 from rclpy.parameter import Parameter
 
 from rpo_core.files.validation import InputError
@@ -16,8 +18,6 @@ from rpo_log.recorder_node import RecorderNode
 from rpo_ros.parameter_rows import ParameterRow as Row
 from rpo_ros.parameters import declare
 from rpo_ros.running import FlightNode, run
-from tools.node_pages import CARDS
-from tools.node_processes import node_processes
 
 each_card = pytest.mark.parametrize('card', CARDS, ids=lambda card: card.executable)
 

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import pytest
 from landing import rest_at_landing
+from node_pages import CARDS, tiny_log
 
 from rpo_mcap.errors import LogError
 from rpo_mcap.read.run_log import read_run
-from tools.node_pages import CARDS, tiny_log
 
 LONGEST_S = 2.0
 SPEED = 40.0

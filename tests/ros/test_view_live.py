@@ -17,7 +17,7 @@ import pytest
 from browser import browser
 
 from rpo_core.files import DEFAULT_CONTROLLER
-from tools.node_processes import node_processes
+from node_processes import node_processes
 
 CHROMIUM = shutil.which('chromium')
 DEADLINE_S = 60.0

@@ -30,7 +30,9 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / 'docs'
-PAGES = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *sorted(DOCS.rglob('*.md'))]
+GENERATED = DOCS / 'nodes'
+PAGES = [page for page in sorted(DOCS.rglob('*.md')) if page.parent != GENERATED]
+PAGES = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *PAGES]
 
 COMMANDS = {'cd', 'colcon', 'dask', 'git', 'make', 'mkdocs', 'pytest', 'python', 'python3', 'ros2'}
 COMMANDS |= {'rpo', 'source', '.venv/bin/pre-commit'}

@@ -23,7 +23,7 @@ SRC = ROOT / 'ros_ws' / 'src'
 PACKAGES = {path.parent.name: path.parent for path in sorted(SRC.glob('*/package.xml'))}
 OFFLINE = ROOT / 'offline_training'
 OFFLINE_ROOMS = {path.name for path in OFFLINE.glob('rpo_*') if path.is_dir()}
-FIRST_PARTY = {*PACKAGES, *OFFLINE_ROOMS, 'tools'}
+FIRST_PARTY = {*PACKAGES, *OFFLINE_ROOMS}
 CORE = {'rpo_core', 'rpo_kernels'}
 LOGS = {'rpo_mcap', 'rpo_log'}
 STAGES = {'rpo_attitude', 'rpo_ctrl', 'rpo_guidance', 'rpo_nav', 'rpo_safety', 'rpo_thrusters'}
@@ -59,7 +59,6 @@ MAY_IMPORT = {
     'rpo_log nodes': CORE | LOGS | {'rpo_ros'},
     'rpo_view': CORE | LOGS | {'rpo_attitude', 'rpo_ros', 'rpo_ctrl', 'rpo_thrusters'},
     'rpo_bringup': FLOWN - {'rpo_thrusters'} | {'rpo_ros', 'rpo_sim'},
-    'tools': FLOWN | OFFLINE_ROOMS | {'rpo_ros', 'rpo_sim'},
 }
 ROS_FREE = {*FLOWN, *OFFLINE_ROOMS}
 CORE_THIRD_PARTY = {'numpy', 'yaml', 'numba', 'llvmlite'}  # numba, with its own, where installed
@@ -111,14 +110,13 @@ def rooms() -> dict[str, list[Path]]:
         found[f'{room} nodes'] = nodes
         found[room] = [path for path in found[room] if path not in nodes]
     found |= {room: sorted((OFFLINE / room).rglob('*.py')) for room in OFFLINE_ROOMS}
-    found['tools'] = sorted((ROOT / 'tools').rglob('*.py'))
     return found
 
 
 def sources() -> list[Path]:
     """Return every Python file of ours."""
     found = [ROOT / 'ros_ws' / 'underlay' / 'bin' / 'ros2']
-    for folder in ('ros_ws/src', 'ros_ws/underlay', 'offline_training', 'tests', 'tools'):
+    for folder in ('ros_ws/src', 'ros_ws/underlay', 'offline_training', 'tests', 'docs'):
         found += sorted((ROOT / folder).rglob('*.py'))
     return found
 
@@ -258,14 +256,13 @@ def test_a_room_says_what_it_is(room):
 
 
 def modules() -> dict[str, Path]:
-    """Return name -> file of every module of ours, and of tools; tests left out."""
+    """Return name -> file of every module of ours; tests left out."""
     found = {}
     folders = [*((path, path) for path in PACKAGES.values()), (ROOT / 'offline_training',) * 2]
-    folders += [(ROOT / 'tools', ROOT)]
     for folder, base in folders:
         for path in sorted(folder.rglob('*.py')):
             parts = path.relative_to(base).with_suffix('').parts
-            if parts[0] in {*FIRST_PARTY, 'tools'}:
+            if parts[0] in FIRST_PARTY:
                 found['.'.join(parts).removesuffix('.__init__')] = path
     return found
 

@@ -9,9 +9,9 @@ import re
 
 import pytest
 from doc_blocks import DOCS, code, run_line
+from node_processes import node_processes
 
 from rpo_core import files
-from tools.node_processes import node_processes
 
 PAGE = DOCS / 'extend.md'
 QUICK = files.find('scenario', 'quick').read_text()

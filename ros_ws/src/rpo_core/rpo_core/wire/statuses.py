@@ -4,7 +4,7 @@
 
 Anybody may publish on a topic. A reader takes a status as a whole, or raises an InputError that
 names the wrong field: no node acts on a part of it. The contracts, in `statuses.yaml`, say what
-each field means; `docs/nodes/protocol.md` is written from them (`tools/node_pages.py`).
+each field means; `docs/nodes/protocol.md` is written from them (`docs/hooks/node_pages.py`).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Hooks of MkDocs: equations as MathML, links that leave docs/, folders in the navigation.
+"""Hooks of MkDocs: pages of the nodes, equations as MathML, links that leave docs/, the navigation.
 
 The pages also serve readers on a Git forge, with `$...$` for an equation and `../ros_ws/...` for a
 link. Here equations become MathML, which browsers draw without a script, and a link to a source
@@ -12,12 +12,14 @@ from __future__ import annotations
 import html
 import logging
 import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
 from latex2mathml.converter import convert
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 log = logging.getLogger('mkdocs.hooks.pages')  # a warning ends a strict build
 
 _EQUATION = re.compile(
@@ -27,8 +29,10 @@ _LINK = re.compile(r'(?<!!)\[(?P<text>[^\]]+)\]\((?P<target>[^)#:\s]+)(?:#[^)]*)
 
 
 def on_config(config: Any) -> Any:
-    """Replace a folder in the navigation by its pages."""
+    """Write the pages of the nodes; replace a folder in the navigation by its pages."""
     docs = Path(config['docs_dir'])
+    program = Path(__file__).with_name('node_pages.py')
+    subprocess.run([sys.executable, program, docs / 'nodes'], check=True, stdout=subprocess.DEVNULL)
     nav = []
     for entry in config['nav']:
         (title, target), *_ = entry.items() if isinstance(entry, dict) else [('', entry)]

@@ -1,6 +1,8 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""`node_pages`: writes one page per node: purpose, topics, parameters, failures, exit codes.
+"""Writes one page per node: purpose, topics, parameters, failures, exit codes.
+
+The site has them in `docs/nodes`; `python docs/hooks/node_pages.py docs/nodes` writes them alone.
 
 Parameters come from the table of the node. For topics and services the node is started, except a
 node that needs an optional library. `node_cards.yaml` has what comes from neither.
@@ -8,7 +10,6 @@ node that needs an optional library. `node_cards.yaml` has what comes from neith
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 import tempfile
@@ -24,7 +25,6 @@ import rclpy
 import yaml
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
-from rclpy.utilities import remove_ros_args
 
 from rpo_core import files
 from rpo_core.chain.flight import fly
@@ -39,7 +39,6 @@ from rpo_ros.parameter_rows import ParameterRow, tables
 from rpo_ros.running import FlightNode
 
 INDEX, PROTOCOL, POLICY = 'index.md', 'protocol.md', 'sros2_policy.xml'
-_EXAMPLE = 'example: ros2 run rpo_bringup node_pages docs/nodes'
 _LEFT_OUT = ('/rosout', '/parameter_events', names.TF)
 """Topics of every node, and a topic that not every machine has: its row comes from the card."""
 
@@ -122,6 +121,9 @@ CARDS = tuple(
 )
 """Every node of the stack."""
 
+NAMES = (INDEX, PROTOCOL, POLICY, *(f'{card.executable}.md' for card in CARDS))
+"""Files that are written."""
+
 
 def tiny_log(folder: Path) -> Path:
     """Write a log of the scenario `quick`, for the nodes that need one."""
@@ -162,7 +164,7 @@ def _type(message: type) -> str:
 
 def _meaning(name: str) -> str:
     if name not in MEANINGS:
-        raise KeyError(f'{name} has no meaning in tools/node_cards.yaml: add one')
+        raise KeyError(f'{name} has no meaning in docs/hooks/node_cards.yaml: add one')
     return MEANINGS[name]
 
 
@@ -311,8 +313,7 @@ def _index() -> str:
          (c.module.__doc__ or '').strip().splitlines()[0].split(': ', 1)[-1])
         for c in CARDS
     ]  # fmt: skip
-    text = '`ros2 run rpo_bringup node_pages docs/nodes` writes these pages from the nodes.'
-    text += f' [What nodes say of a run]({PROTOCOL}) is the contract of their statuses,'
+    text = f'[What nodes say of a run]({PROTOCOL}) is the contract of their statuses,'
     text += f' [{POLICY}]({POLICY}) a sample policy for [SROS2](../network.md).'
     return '\n'.join(['# Nodes', '', text, '', *_table(['node', 'command', 'purpose'], rows), ''])
 
@@ -334,13 +335,13 @@ def pages() -> dict[str, str]:
 
 
 def main() -> int:
-    """Entry point of `ros2 run rpo_bringup node_pages`."""
-    parser = argparse.ArgumentParser(prog='node_pages', description=__doc__, epilog=_EXAMPLE)
-    parser.add_argument('folder', type=Path, help='folder of the pages')
-    folder = parser.parse_args(remove_ros_args(sys.argv)[1:]).folder
+    """Write the pages into the folder that is named."""
+    folder = Path(sys.argv[1])
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in pages().items():
-        (folder / name).write_text(text, encoding='utf-8')
+        path = folder / name
+        if not path.is_file() or path.read_text('utf-8') != text:  # `mkdocs serve` watches it
+            path.write_text(text, encoding='utf-8')
     print(f'{len(CARDS)} pages in {folder}')
     return 0
 
