@@ -6,8 +6,10 @@ import node_pages
 from node_pages import CARDS, MEANINGS
 from test_launch_files import executables
 
+from rpo_core.files.gone import GONE
+
 COMMANDS = {'final_approach', 'flight_software', 'ping_pong'}
-COMMANDS |= {'verify', 'info', 'repair'}
+COMMANDS |= {'verify', 'info', 'repair', *GONE['executable']}
 """Executables that are no nodes."""
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 GONE: dict[str, dict[str, str]] = {
     'command': {
         'keygen': '`openssl genpkey -algorithm ed25519`',
+        'safety peers': '`rpo simulate` with a scenario of your own',
         'tune': '`rpo train lqr`, or another kind of baseline: pd, mpc, apf_smc',
     },
     'option': {
@@ -22,7 +23,10 @@ GONE: dict[str, dict[str, str]] = {
             '`rpo evaluate --robustness`, or `rpo report` of a campaign for what misses depend on'
         ),
     },
-    'executable': {},
+    'executable': {
+        'node_pages': '`python docs/hooks/node_pages.py docs/nodes`',
+        'trial': 'the latency, jitter and counts in `run_status` and on `/diagnostics`',
+    },
     'controller': {
         **dict.fromkeys(('everywhere', 'world'), '`allround`'),
         'pace': '`more_words`',
