@@ -9,9 +9,6 @@ import platform
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-BUSY = 0.5
-"""Load per core above which other work lengthens the wall times."""
-
 PACKAGES = ('numpy', 'numba', 'pymoo', 'pyfuzzylite', 'ros-jazzy-rclpy')
 
 
