@@ -15,9 +15,9 @@ from pathlib import Path
 
 import pytest
 from browser import browser
+from node_processes import node_processes
 
 from rpo_core.files import DEFAULT_CONTROLLER
-from node_processes import node_processes
 
 CHROMIUM = shutil.which('chromium')
 DEADLINE_S = 60.0
