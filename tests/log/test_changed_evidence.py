@@ -34,7 +34,6 @@ from rpo_log import signature
 from rpo_log.tools.info import inspect
 from rpo_log.verify import verify
 from rpo_mcap.errors import ExitCode
-from rpo_mcap.format import sums
 from rpo_mcap.format.run import SIGNATURE_FILE, SUMS_FILE
 from rpo_mcap.read.run_log import read_run
 from rpo_montecarlo.outputs import digest_of
@@ -113,7 +112,7 @@ def change_run(rng, folder):
     change(rng, folder)
     way = rng.choice(('kept', 'fit', 'fit', 'lack'))
     if way == 'fit' and all(path.stat().st_size < 1 << 28 for path in folder.iterdir()):
-        sums.write_sums(folder)
+        signature.write_sums(folder)
     elif way == 'lack':
         (folder / SUMS_FILE).unlink()
 
@@ -148,9 +147,9 @@ def lie(rng, folder, another, key):
         ways = spoilt(rng, found), found + b'\0', b'', bytes(64), found.hex().encode(), found * 2
         (folder / SIGNATURE_FILE).write_bytes(rng.choice(ways))
     if way == 'forge' or (way == 'change' and rng.random() < 0.3):
-        kept, fitting = (folder / SIGNATURE_FILE).read_bytes(), sums.write_sums(folder)
+        kept, fitting = (folder / SIGNATURE_FILE).read_bytes(), signature.write_sums(folder)
         if rng.random() < 0.5:
-            signature.sign(folder, fitting, signature.private_key(key))
+            signature.sign(folder, fitting, signature.load_key(key))
         elif rng.random() < 0.5:
             (folder / SIGNATURE_FILE).write_bytes(kept)
 

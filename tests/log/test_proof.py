@@ -18,7 +18,6 @@ from rpo_log.signature import sign_run, write_sums
 from rpo_log.tools.repair import repair
 from rpo_log.verify import Verification, verify
 from rpo_mcap.errors import ExitCode, LogError
-from rpo_mcap.read.stream import RunReader
 
 
 def test_it_says_what_is_recomputed_compared_and_unknown(recorded):
