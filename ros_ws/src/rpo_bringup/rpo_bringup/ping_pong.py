@@ -11,6 +11,7 @@ import time
 
 import rclpy
 from nav_msgs.msg import Odometry
+from rclpy.signals import SignalHandlerOptions
 
 from rpo_ros import qos
 from rpo_ros.running import new_executor
@@ -20,7 +21,7 @@ TRIPS, WARM_UP, START_S = 4000, 200, 30.0
 
 def run(asks: bool) -> float:
     """Ask, or answer until none asks for a second; return round trips per second, 0 for none."""
-    rclpy.init()
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node, executor = rclpy.create_node('ping' if asks else 'pong'), new_executor()
     executor.add_node(node)
     topics = ('ping', 'pong') if asks else ('pong', 'ping')
