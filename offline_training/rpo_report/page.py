@@ -24,9 +24,10 @@ from rpo_core.files.output import write_aside, write_text
 from rpo_core.files.validation import InputError
 from rpo_log.bag import is_bag
 from rpo_log.show import style
+from rpo_log.show.replay import filled
 from rpo_mcap.format.run import log_files
 from rpo_montecarlo.outputs import writing
-from rpo_report.replay import Replayed, filled, page_of
+from rpo_report.replay import Replayed, page_of
 
 
 @dataclass(frozen=True)
@@ -168,6 +169,7 @@ def html(report: Report) -> str:
     sections = report.sections
     links = (f'<li><a href="#{_anchor(s)}">{escape(s.title)}</a></li>' for s in sections)
     return filled(
+        'rpo_report',
         'page.html',
         policy=_POLICY,
         title=escape(report.title),

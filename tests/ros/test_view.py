@@ -4,14 +4,18 @@
 
 from __future__ import annotations
 
+import base64
 import itertools
 import json
 import math
+import re
 import socket
 import struct
 import time
 import urllib.error
 import urllib.request
+from collections.abc import Iterable
+from dataclasses import replace
 from email.message import Message
 from pathlib import Path
 
@@ -19,7 +23,7 @@ import numpy as np
 import pytest
 import yaml
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, Quaternion, WrenchStamped
 from hypothesis import given
 from hypothesis import strategies as st
@@ -31,21 +35,25 @@ from visualization_msgs.msg import Marker, MarkerArray
 from rpo_attitude.target import motion_of
 from rpo_attitude.turns import docking_axis
 from rpo_core import files
-from rpo_core.control.controller import load_fuzzy
+from rpo_core.chain.flight import Flight, fly
+from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario as scenarios
 from rpo_core.files.scenario import Scenario, load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge.zones import zones_of
 from rpo_core.wire import interfaces
 from rpo_core.wire.cdr import Status
-from rpo_core.wire.statuses import Manifest, RunStatus
-from rpo_ctrl import explain
+from rpo_core.wire.statuses import GuidanceStatus, Manifest, RunStatus
+from rpo_report import replay
+from rpo_report.replay import Replayed, page_of
+from rpo_report.turned import turned_of
 from rpo_ros import conversions, names, qos
-from rpo_view import scene, web_server
-from rpo_view.live import Effort, LiveRun, Trail
+from rpo_view import scene
+from rpo_view.live import LiveFlight, Trail
+from rpo_view.samples import Samples
 from rpo_view.visualizer_node import VisualizerNode, transform_of
 from rpo_view.web_node import WebNode
-from rpo_view.web_server import LivePage, refusal
+from rpo_view.web_server import Feed, LivePage, refusal
 
 START_NS = 1_767_225_600_000_000_000
 STATE = (10.0, 60.0, -40.0, 0.1, -0.2, 0.3)
@@ -122,172 +130,190 @@ def test_the_transform_places_the_chaser():
     assert transform.transform.rotation.w == 1.0
 
 
-NAMES = {'plant': 'scenario', 'controller': 'controller'}
+def manifest(role: str, text: str) -> Manifest:
+    """Return the manifest of a plant with a scenario, or of a controller with its file."""
+    key = {'plant': 'file.scenario.yaml', 'controller': 'file.controller.yaml'}[role]
+    pairs = (('role', role), (key, text), ('parameter.controller', 'mine'))
+    return Manifest.of(Status(0, role, 'manifest', 'none', pairs))
 
 
-def manifest(role: str, value: str) -> Manifest:
-    """Return the manifest of a plant with a scenario, of a controller with a name or its file."""
-    named = role == 'controller' and not value.startswith('schema:')
-    key = 'parameter.controller' if named else f'file.{NAMES[role]}.yaml'
-    return Manifest.of(Status(0, role, 'manifest', 'none', (('role', role), (key, value))))
+def said(reader, **values):
+    return reader.of(Status(0, 'run', 'so', 'none', tuple(values.items())))
 
 
-def status(phase: str = 'running', reason: str = 'flying') -> RunStatus:
-    return RunStatus.of(Status(0, 'run', reason, 'none', (('phase', phase), ('tick', '0'))))
+def watching(scenario: Scenario | str, controller: str = 'allround') -> LiveFlight:
+    """Return what a viewer knows before the first state."""
+    live = LiveFlight()
+    found = load_scenario(scenario) if isinstance(scenario, str) else scenario
+    live.on_manifest(manifest('plant', scenarios.dumps(found)))
+    path = files.find('controller', controller)
+    live.on_manifest(manifest('controller', files.read_text(path)))
+    live.on_status(said(RunStatus, phase='running', tick='0'))
+    return live
 
 
-def watching(name: str) -> LiveRun:
-    """Return a run whose plant flies a shipped scenario."""
-    run = LiveRun()
-    run.on_manifest(manifest('plant', files.read_text(files.find('scenario', name))))
-    return run
+def flown(live: LiveFlight, flight: Flight, ticks: Iterable[int]) -> Samples:
+    """Let a viewer hear ticks of a flight; return what its page holds."""
+    samples = None
+    for tick in ticks:
+        signals = {name: tuple(v[tick].tolist()) for name, v in flight.signals.items()}
+        signals[interfaces.RELATIVE_STATE] = tuple(flight.states[tick].tolist())
+        signals[interfaces.CONTROL_FORCE] = tuple(flight.forces_n[tick].tolist())
+        if live.on_signals(flight.scenario.stamp_ns(tick), signals):
+            samples = samples or Samples(live, flight.scenario)
+            samples.add(live)
+    return samples
 
 
-def heard() -> LiveRun:
-    """Return a run of `quick` that was heard for a second."""
-    run = watching('quick')
-    run.on_manifest(manifest('controller', 'trained'))
-    run.on_status(status())
-    for i in range(11):
-        run.on_state(START_NS + i * 100_000_000, STATE)
-    run.force_n = FORCE
-    rules = {'rule.SN.Z.SN': '0.25', 'rule.Z.Z.Z': '0.75', 'rule.bad': '1', 'force_n': '0.1'}
-    run.on_decision('y', 'position error is zero', rules)
-    return run
+def replayed(text: str) -> list[dict]:
+    """Return the flights of a page."""
+    (data,) = re.findall(r'id="data">(.*?)</script>', text, re.DOTALL)
+    return json.loads(data)['flights']
 
 
-def shown(run: LiveRun) -> dict:
-    return json.loads(json.dumps(run.snapshot('/s'), allow_nan=False))
+def numbers(text: str) -> np.ndarray:
+    return np.frombuffer(base64.b64decode(text), '<f4')
 
 
-def test_what_is_heard_is_what_is_shown():
-    found = shown(heard())
-    assert found['scenario'] == 'quick'
-    assert (found['time_s'], found['duration_s'], found['max_force_n']) == (1.0, 5.0, 0.5)
-    assert found['range_m'] == pytest.approx(math.hypot(*STATE[:3]))
-    assert found['sentence'] == 'running: flying'
-    assert found['decisions']['y']['rules'] == [['Z', 'Z', 'Z', 0.75], ['SN', 'Z', 'SN', 0.25]]
+@pytest.fixture(scope='module')
+def guided() -> Flight:
+    """A flight with guidance, estimate and zones, of 60 s."""
+    document = yaml.safe_load(scenarios.dumps(load_scenario('docking_leo')))
+    return fly(scenarios.parse({**document, 'duration_s': 60.0}), load_controller('allround'))
 
 
-def test_another_run_begins_anew():
-    run = heard()
-    run.on_state(START_NS, STATE)
-    assert (run.flights, run.force_n, run.decisions) == (2, None, {})
-    assert run.trail.points == [STATE[:3]]
+def test_the_page_holds_what_the_replay_of_the_log_holds(guided):
+    """Limits of moments, forces in reasons, reference and estimate; slew alone is not known."""
+    ticks = range(0, 400, 40)
+    live = watching(guided.scenario)
+    live.on_guidance(said(GuidanceStatus, phase='go', tick='0', reason='so'))
+    samples = flown(live, guided, ticks)
+    shown = samples.flight(live, 'running: so')
+    (whole,) = replayed(page_of('', [Replayed('', guided, '', None, load_controller('allround'))]))
+    take = slice(0, 400, 40)
+    for name, width in (('times', 1), ('states', 6), ('reference', 3)):
+        expected = numbers(whole[name]).reshape(-1, width)[take]
+        np.testing.assert_allclose(numbers(shown[name]).reshape(-1, width), expected, rtol=1e-6)
+    mine = {limit['name']: limit for limit in shown['limits']}
+    for limit in replay.limits_of(guided):
+        if 'slew' in limit.name or 'force' in limit.name:
+            continue
+        found = numbers(mine[limit.name]['values'])
+        np.testing.assert_allclose(found, limit.values[take], rtol=1e-5, atol=1e-6)
+        assert mine[limit.name]['from_s'] == limit.from_s
+    assert [row[0] for row in shown['phases']] == ['go'] and len(shown['reasons']['samples']) == 10
+    words = [words for words, _ in map(tuple, shown['reasons']['samples'][0])]
+    assert all(shown['reasons']['words'][n] for n in words)
+    json.dumps(samples.document(live, 'so'), allow_nan=False)
 
 
-def test_numbers_beyond_all_floats_are_not_shown():
-    """JSON has no infinity: the page showed nothing from then on."""
-    run = heard()
-    run.on_state(START_NS, (1.7e308, 1.7e308, 0.0, 0.0, 0.0, 0.0))
-    run.on_state(START_NS, (0.0, 0.0, 0.0, 1.7e308, 1.7e308, 0.0))
-    run.on_decision('x', 'so', {'rule.Z.Z.Z': 'inf', 'rule.SN.Z.Z': '1e999'})
-    assert run.position_m == STATE[:3]
-    run.force_n = (1.7e308, 1.7e308, 0.0)
-    run.on_state(START_NS + 10**10, STATE)
-    shown(run)
+def test_what_a_page_gets_bit_by_bit_is_the_whole(guided):
+    live = watching(guided.scenario)
+    samples = flown(live, guided, range(0, 100, 10))
+    first = samples.flight(live, 'so')
+    for tick in range(100, 200, 10):
+        signals = {n: tuple(v[tick].tolist()) for n, v in guided.signals.items()}
+        signals[interfaces.RELATIVE_STATE] = tuple(guided.states[tick].tolist())
+        signals[interfaces.CONTROL_FORCE] = tuple(guided.forces_n[tick].tolist())
+        live.on_signals(guided.scenario.stamp_ns(tick), signals)
+        samples.add(live)
+    rest, whole = samples.flight(live, 'so', 10), samples.flight(live, 'so')
+    for name in ('times', 'states', 'forces', 'reference', 'estimate'):
+        joined = np.concatenate([numbers(first[name]), numbers(rest[name])])
+        np.testing.assert_array_equal(joined, numbers(whole[name]))
+    for part in ('words', 'samples'):
+        joined = first['reasons'][part] + rest['reasons'][part]
+        assert joined == whole['reasons'][part]
 
 
-HOSTILE = '[/bold]\x1b[2J\x1b]0;owned\x07\n\u202e' + 'x' * 200_000
+def test_a_long_flight_is_thinned_and_its_page_begins_anew(guided, monkeypatch):
+    monkeypatch.setattr('rpo_view.samples.MOST_SAMPLES', 20)
+    live = watching(guided.scenario)
+    samples = flown(live, guided, range(30))
+    assert len(samples) <= 20 and samples.name == '1.1'
+    assert numbers(samples.flight(live, '')['times'])[0] == 0.0
+
+
+def test_a_chaser_that_turns_has_its_attitude_and_angles():
+    flight = fly(
+        replace(load_scenario('tumbling_docking'), duration_s=20.0), load_controller('allround')
+    )
+    live = watching(flight.scenario)
+    shown = flown(live, flight, range(0, 200, 50)).flight(live, '')
+    expected = flight.signals[interfaces.CHASER_ATTITUDE][0:200:50, :4]
+    np.testing.assert_allclose(numbers(shown['chaser']).reshape(-1, 4), expected, atol=1e-6)
+    motion = motion_of(flight.scenario.target, flight.scenario)
+    np.testing.assert_allclose(
+        numbers(shown['attitudes'])[-4:], motion.attitude(150)[:4], atol=1e-6
+    )
+    off, rate = (numbers(values) for _, _, values in shown['turns'])
+    whole = turned_of(flight)
+    np.testing.assert_allclose(off, whole.off_reference_deg[0:200:50], atol=1e-4)
+    rates = np.linalg.norm(whole.rates_deg_s, axis=1)[0:200:50]
+    np.testing.assert_allclose(rate, rates, atol=1e-5)
+    x, y, z = docking_axis(flight.scenario)
+    attitude = flight.signals[interfaces.CHASER_ATTITUDE][150]
+    expected = matrix_of(Quaternion(**dict(zip('xyzw', attitude[:4].tolist(), strict=True)))) @ (
+        x, y, z,
+    )  # fmt: skip
+    np.testing.assert_allclose(live.docking_axis, expected, atol=1e-12)
+
+
+def test_another_flight_begins_anew_and_a_state_sent_again_is_none():
+    live = watching('quick')
+    assert live.on_signals(START_NS + 1, {'relative_state': STATE, 'control_force': FORCE})
+    assert not live.on_signals(START_NS + 1, {'relative_state': STATE})
+    assert live.force_n == FORCE
+    assert live.on_signals(START_NS, {'relative_state': STATE})
+    assert (live.flights, live.force_n, live.trail.points) == (2, None, [STATE[:3]])
+
+
+@pytest.mark.parametrize('value', [1.7e308, -1.7e308, 1e101])
+def test_numbers_beyond_all_floats_are_not_shown(value):
+    live = watching('quick')
+    assert not live.on_signals(START_NS, {'relative_state': (value, *STATE[1:])})
+    assert not live.on_signals(START_NS, {'relative_state': STATE, 'control_force': (value, 0, 0)})
+    assert live.flights == 0
+
+
+HOSTILE = '[/bold]\x1b[2J\x1b]0;owned\x07\n\u202e' + 'x' * 2000
 
 
 def test_foreign_texts_are_shown_as_texts():
-    """Escape sequences and endless names stay texts."""
-    run = heard()
-    run.on_manifest(manifest('controller', HOSTILE))
-    with pytest.raises(InputError):
-        status(phase=HOSTILE)
-    with pytest.raises(InputError):
-        status(reason=HOSTILE)
-    run.on_status(status(reason=HOSTILE[:3000]))
-    run.on_decision('x', HOSTILE, {f'rule.{HOSTILE}.{i}.Z': '0.5' for i in range(1000)})
-    run.on_decision(HOSTILE, 'an axis that is none', {})
-    assert r'[/bold]\x1b[2J' in run.controller and run.controller.isprintable()
-    assert len(json.dumps(run.snapshot('/relative_state'))) < 20_000
+    live = watching('quick')
+    pairs = (('role', 'controller'), ('parameter.controller', HOSTILE))
+    live.on_manifest(Manifest.of(Status(0, 'c', 'manifest', 'none', pairs)))
+    assert live.controller_name.isprintable() and len(live.controller_name) < 300
+    status = Status(0, 'run', HOSTILE, 'none', (('phase', 'aborted'), ('tick', '1')))
+    live.on_status(RunStatus.of(status._replace(level=2)))
+    assert live.card('/s').isprintable()
 
 
-def test_silence_is_said():
+def test_each_state_of_a_flight_has_its_card():
     now = [0.0]
-    run = LiveRun(clock=lambda: now[0])
-    assert 'is a plant running' in run.sentence('/one/relative_state')
-    run.on_state(START_NS, STATE)
-    assert run.sentence('/s') == 'running'
+    live = LiveFlight(clock=lambda: now[0])
+    assert 'is a plant running' in live.card('/s')
+    live.on_status(said(RunStatus, phase='waiting', tick='0'))
+    assert live.card('/s') == 'Waiting: so'
+    live.on_status(said(RunStatus, phase='running', tick='0'))
+    live.on_signals(START_NS, {'relative_state': STATE})
+    assert 'another kind of plant, 72.8 m from the target' in live.card('/s')
+    live.on_manifest(manifest('plant', files.read_text(files.find('scenario', 'quick'))))
+    assert live.card('/s') == ''
     now[0] = 7.4
-    assert run.sentence('/s') == 'no message on /s for 7 s'
-    run.on_status(status(phase='finished', reason='reached the last tick'))
-    assert run.sentence('/s') == 'finished: reached the last tick'
+    assert live.card('/s') == 'No message on /s for 7 s'
+    live.on_status(said(RunStatus, phase='paused', tick='0'))
+    assert live.card('/s') == 'Paused: so'
+    live.on_status(said(RunStatus, phase='finished', tick='0'))
+    assert (live.sentence('/s'), live.card('/s')) == ('finished: so', '')
 
 
-def test_effort_and_rates_of_a_run_are_shown():
-    """Δv, duty, range rate and arrival: of what was seen, each force held until the next."""
-    run = watching('quick')
-    assert run.snapshot('/s')['range_rate_m_s'] is None
-    for tick, x in ((0, 4.0), (10, 3.0), (20, 0.4), (30, 0.3)):
-        run.on_state(START_NS + tick * 100_000_000, (x, 3.0 if x > 1 else 0.0, 0.0, -0.5, 0.0, 0.0))
-        run.force_n = (-0.25, 0.25, 0.0)
-    shown = run.snapshot('/s')
-    assert shown['delta_v_m_s'] == pytest.approx(0.5 * 3.0 / run.scenario.mass_kg)
-    assert shown['duty'] == pytest.approx(0.5 / 3.0 / run.scenario.max_force_n)
-    assert (shown['inside_s'], shown['range_rate_m_s']) == (2.0, -0.5)
-    run.on_state(START_NS, (4.0, 3.0, 0.0, -0.5, 0.0, 0.0))
-    assert run.range_rate_m_s == pytest.approx(-0.4) and run.delta_v_m_s is None
-
-
-def test_valves_and_propellant_of_a_world_are_shown():
-    run = watching('world_leo')
-    assert run.snapshot('/s')['propellant_kg'] is None
-    for tick in range(0, 40, 10):
-        run.on_state(START_NS + tick * 100_000_000, (4.0, 3.0, 0.0, -0.5, 0.0, 0.0))
-        run.force_n, run.exerted_n = (-0.25, 0.25, 0.0), (-0.3, 0.2, 0.0)
-    shown = run.snapshot('/s')
-    impulse, exhaust = 0.5 * 3.0, 70.0 * 9.80665
-    assert shown['propellant_kg'] == pytest.approx(impulse / exhaust, rel=1e-3)
-    assert shown['exerted_n'] == (-0.3, 0.2, 0.0)
-    run.on_state(START_NS, (4.0, 3.0, 0.0, -0.5, 0.0, 0.0))
-    assert run.snapshot('/s')['exerted_n'] is None
-
-
-def controller_text(name: str) -> str:
-    """Return the file of a shipped controller."""
-    return files.read_text(files.find('controller', name))
-
-
-def said_of(name: str, position_m: float, velocity_m_s: float) -> tuple[str, dict[str, str]]:
-    """Return what a shipped controller publishes of an axis."""
-    decision = explain.decide(load_fuzzy(name), position_m, velocity_m_s)
-    return decision.strongest, {key: repr(value) for key, value in decision.pairs()}
-
-
-def test_all_rules_that_make_a_force_are_shown():
-    """The controller is in its manifest; of an unknown one, the rule is said to be one of them."""
-    said, values = said_of('allround', -11.0, 0.5)
-    assert 'force zero' in said and float(values['force_n']) < -0.12
-    run = heard()
-
-    def shown(text: str, sentence: str, published: dict[str, str]) -> str:
-        run.on_manifest(manifest('controller', text))
-        run.on_decision('y', sentence, published)
-        return str(run.snapshot('/s')['decisions']['y']['sentence'])
-
-    all_of_it = '-0.12 N, between small negative and zero (24 % of 0.5 N): 67 % from small negative'
-    assert shown(controller_text('allround'), said, values).startswith(all_of_it)
-    for other in (controller_text('robust'), 'schema: other', ''):
-        assert shown(other, said, values) == f'strongest rule: {said}'
-    assert shown(controller_text('pd'), 'commands 0.1 N', {'force_n': '0.1'}) == 'commands 0.1 N'
-    for wrong in ('nan', '1e308', '-1e308', 'much', ''):
-        published = {**values, 'position_error': wrong}
-        found = shown(controller_text('allround'), said, published)
-        assert found == f'strongest rule: {said}'
-
-
-def test_the_page_fits_a_phone_and_shows_rules_as_the_surface_does():
-    """The live test looks at it in a browser, where there is one."""
-    text = web_server.page().decode()
-    assert '@media (max-width: 480px)' in text
-    assert '[...WORDS].reverse().map(v =>' in text  # LP of the velocity error is at the top
-    for words in ('range rate', 'Δv', 'thruster duty', 'Closing speed against range'):
-        assert words in text
-    assert 'id="zone-legend"' in text
+def test_a_status_that_is_ahead_of_the_first_state_is_of_this_flight():
+    live = watching('quick')
+    live.on_guidance(said(GuidanceStatus, phase='old', tick='40', reason='so'))
+    live.on_guidance(said(GuidanceStatus, phase='new', tick='0', reason='so'))
+    live.on_signals(START_NS, {'relative_state': STATE})
+    assert [status.phase for status in live.phases] == ['new']
 
 
 def get(url: str, host: str = '', origin: str = '') -> tuple[int, str]:
@@ -302,7 +328,7 @@ def get(url: str, host: str = '', origin: str = '') -> tuple[int, str]:
 
 @pytest.fixture
 def page():
-    served = LivePage(0)
+    served = LivePage(0, Feed(LiveFlight(), '/s'))
     yield served
     served.close()
 
@@ -313,13 +339,48 @@ def test_the_page_is_whole_and_for_this_machine_alone(page):
     assert status == 200
     assert '--paper:#ffffff' in text
     assert 'http://' not in text and 'https://' not in text
-    assert get(page.url + 'other')[0] == 404
+    assert get(page.url + 'other')[0] == get(page.url + 'events?flight=../&from=0')[0] == 404
     assert get(page.url, 'evil.example')[0] == 403
     assert get(page.url, f'evil.example:{page.server_port}')[0] == 403
     assert get(page.url, origin='https://evil.example')[0] == 403
     assert get(page.url, origin=page.url.rstrip('/'))[0] == 200
     with pytest.raises(InputError, match=r'`port` must be free; got \d+: it is in use'):
-        LivePage(page.server_port)
+        LivePage(page.server_port, page.feed)
+
+
+def events(url: str, most: int) -> list[dict]:
+    """Return the first data of a stream of events."""
+    found: list[dict] = []
+    with urllib.request.urlopen(url, timeout=10.0) as stream:
+        while len(found) < most:
+            line = stream.readline().decode()
+            if line.startswith('data: '):
+                found.append(json.loads(line.removeprefix('data: ')))
+    return found
+
+
+def test_a_reader_gets_what_is_new_since_its_moment(page, guided):
+    live = page.feed.live
+    live.on_manifest(manifest('plant', scenarios.dumps(guided.scenario)))
+
+    def update(tick):
+        signals = {interfaces.RELATIVE_STATE: tuple(guided.states[tick].tolist())}
+        page.feed.update(lambda: live.on_signals(guided.scenario.stamp_ns(tick), signals))
+
+    update(0)
+    assert 'id="data"' not in get(page.url)[1], 'one moment is no picture: a card'
+    (card,) = events(page.url + 'events?flight=&from=0', 1)
+    assert (card['flight'], card['more']) == ('', None)
+    update(1), update(2)
+    (document,) = re.findall(r'<script type="application/json" id="data">(.*?)</script>',
+                             get(page.url)[1], re.DOTALL)  # fmt: skip
+    document = json.loads(document)
+    assert document['live'] == {'flight': '1.0', 'samples': 3, 'end': 60.0}
+    update(3), update(4)
+    (more,) = events(page.url + 'events?flight=1.0&from=3', 1)
+    assert (more['from'], len(numbers(more['more']['times']))) == (3, 2)
+    (other,) = events(page.url + 'events?flight=7.0&from=3', 1)
+    assert (other['flight'], other['more']) == ('1.0', None)
 
 
 def headers(**lines: str) -> Message:
@@ -359,33 +420,12 @@ def reset(port: int, data: bytes) -> None:
 
 
 def test_a_lost_connection_is_not_worth_a_word(page, capfd):
-    for data in (
-        b'',
-        b'GET /',
-        f'GET /events HTTP/1.1\r\nHost: 127.0.0.1:{page.server_port}\r\n\r\n'.encode(),
-    ):
+    asks = f'GET /events?flight=&from=0 HTTP/1.1\r\nHost: 127.0.0.1:{page.server_port}\r\n\r\n'
+    for data in (b'', b'GET /', asks.encode()):
         reset(page.server_port, data)
     assert get(page.url)[0] == 200
     time.sleep(0.1)
     assert capfd.readouterr() == ('', '')
-
-
-def events(url: str, most: int) -> list[str]:
-    """Return the first lines of data of a stream of events."""
-    found: list[str] = []
-    with urllib.request.urlopen(url + 'events', timeout=10.0) as stream:
-        while len(found) < most:
-            line = stream.readline().decode()
-            if line.startswith('data: '):
-                found.append(line.removeprefix('data: '))
-    return found
-
-
-def test_a_reader_gets_the_trail_and_then_the_newest(page):
-    page.feed.publish({'time_s': 1.0}, [[1, 2, 3]])
-    page.feed.publish({'time_s': 2.0}, [[1, 2, 3], [4, 5, 6]])
-    trail, now = events(page.url, 2)
-    assert (json.loads(trail), json.loads(now)) == ([[1, 2, 3], [4, 5, 6]], {'time_s': 2.0})
 
 
 @pytest.fixture
@@ -421,13 +461,6 @@ def test_rviz_and_foxglove_look_at_topics_that_are_there():
     assert sorted(placed) == sorted(panels)
 
 
-def test_a_time_that_goes_back_takes_no_impulse_away():
-    effort = Effort()
-    for time_s in (0.0, 1.0, -1e300, -1e300 + 1.0, 2.0):
-        effort.add(time_s, (1.0, 0.0, 0.0), (0.5, 0.0, 0.0))
-    assert effort.known and effort.impulse_n_s >= 0.5
-
-
 def test_zones_of_the_scenario_replace_the_aids():
     found = scene_of(zones=zones_of(load_scenario('hold_points')))
     assert found['keep_out', 0].scale.x == 20.0  # the aid has 10
@@ -443,57 +476,11 @@ def test_zones_of_the_scenario_replace_the_aids():
     assert ('keep_out', 1) in scene_of(zones=both)
 
 
-def test_a_turning_target_is_drawn_as_it_is_now():
-    """A chaser at rest on the axis of the port, 4 m before it."""
-    run, port = LiveRun(), load_scenario('tumbling_port')
-    run.on_manifest(manifest('plant', scenarios.dumps(port)))
-    x, y, z, w, *_ = motion_of(port.target, port).attitude(2500)
-    turned = matrix_of(Quaternion(x=x, y=y, z=z, w=w))
-    run.on_state(port.stamp_ns(2500), (*(turned @ (0.0, 5.0, 0.0)).tolist(), 0.0, 0.0, 0.0))
-    assert run.errors[:3] == pytest.approx((0.0, 4.0, 0.0), abs=1e-9)
-    assert math.hypot(*run.errors[3:]) > 0.02 and run.errors[4] == pytest.approx(0.0, abs=1e-9)
-    drawn = run.snapshot('/s')['zones'][0]
-    assert drawn['port_m'] == pytest.approx(tuple(turned @ (0.0, 1.0, 0.0)), abs=1e-9)
-    drawn = scene_of(run.position_m, zones=run.zones_now, attitude=run.attitude)
-    body = drawn['target', 0].pose.orientation
-    np.testing.assert_allclose(matrix_of(body), turned, atol=1e-12)
-
-
 def turning(**sections: object) -> Scenario:
     """Return the paper's test with a chaser that turns."""
     document = yaml.safe_load(scenarios.dumps(load_scenario('paper_test')))
     body = {'inertia_kg_m2': np.eye(3).tolist()}
     return scenarios.parse({**document, 'attitude': body, **sections})
-
-
-def test_the_attitude_of_a_chaser_is_drawn():
-    """An hour hand: turned by 90 degrees about z, the axis along -y looks along x."""
-    run, still, turns = LiveRun(), load_scenario('paper_test'), turning()
-    half = math.sqrt(0.5)
-    attitude = (0.0, 0.0, half, half, 0.0, 0.0, 0.02)
-    for scenario, known in ((still, False), (turns, True)):
-        run.on_manifest(manifest('plant', scenarios.dumps(scenario)))
-        run.on_state(START_NS, STATE, attitude)
-        assert (run.docking_axis is not None) is known is bool(shown(run)['docking_axis'])
-    x, y, z = docking_axis(turns)
-    assert run.docking_axis == pytest.approx((-y, x, z), abs=1e-12)
-    found = scene_of(chaser_attitude=attitude, docking_axis=run.docking_axis)
-    q = found['chaser', 0].pose.orientation
-    assert (q.x, q.y, q.z, q.w) == attitude[:4]
-    tail, tip = found['docking_axis', 0].points
-    away = (tip.x - tail.x, tip.y - tail.y, tip.z - tail.z)
-    assert away == pytest.approx([3.0 * a for a in run.docking_axis])
-    tail, tip = found['thrust', 0].points  # a force in LVLH: it does not turn with the body
-    assert (tip.x - tail.x, tip.y - tail.y) == pytest.approx((20.0 * FORCE[0], 20.0 * FORCE[1]))
-    run.force_n = FORCE  # nothing turns this command: it is in the chaser's axes, and drawn in LVLH
-    ahead = (-FORCE[1], FORCE[0], FORCE[2])
-    assert run.command_n == pytest.approx(ahead, abs=1e-12)
-    assert shown(run)['force_n'] == pytest.approx(ahead, abs=1e-12)
-    steered = turning(attitude_control={'controller': 'attitude_pd', 'limit_nm': 0.1})
-    run.on_manifest(manifest('plant', scenarios.dumps(steered)))
-    assert run.command_n == FORCE
-    run.on_state(START_NS, STATE, (*attitude[:6], 1.7e308))  # foreign: beyond all floats
-    assert run.chaser_attitude == attitude
 
 
 @pytest.mark.parametrize(
@@ -515,12 +502,11 @@ def matrix_of(q) -> np.ndarray:
 
 def test_nodes_show_what_a_run_says(inner):
     """A sender at full speed; zones go when a plant has another scenario."""
-    user, said = inner.user, conversions.to_status
+    user, to_status = inner.user, conversions.to_status
     view = inner.start(VisualizerNode({'rate_hz': 50.0}))
     web = inner.start(WebNode({'port': 0, 'rate_hz': 50.0}))
     states = user.create_publisher(Odometry, interfaces.RELATIVE_STATE, qos.LOCKSTEP)
     forces = user.create_publisher(WrenchStamped, interfaces.CONTROL_FORCE, qos.LOCKSTEP)
-    why = user.create_publisher(DiagnosticArray, interfaces.DECISION, qos.DIAGNOSTICS)
     latched = {
         name: user.create_publisher(DiagnosticStatus, name, qos.LATCHED)
         for name in ('run_status', 'node_manifest')
@@ -531,7 +517,8 @@ def test_nodes_show_what_a_run_says(inner):
     user.create_subscription(PoseStamped, names.CHASER_POSE, poses.append, qos.LATCHED)
 
     def say(name, values):
-        latched[name].publish(said(b'\0', name.partition('_')[0], 'flying', values.items()))
+        message = to_status(b'\0', name.partition('_')[0], 'flying', values.items())
+        latched[name].publish(message)
 
     def flies(name):
         text = files.read_text(files.find('scenario', name))
@@ -539,19 +526,17 @@ def test_nodes_show_what_a_run_says(inner):
 
     ticks = itertools.count()
 
-    def said_until(condition):
+    def until(condition):
         """Let the nodes speak, tick by tick, until a condition holds."""
 
-        def said_once():
+        def once():
             stamp_ns = START_NS + 100_000_000 * next(ticks)
             states.publish(conversions.to_odometry(stamp_ns, STATE))
             forces.publish(conversions.to_wrench(conversions.to_stamp(stamp_ns), FORCE))
-            why.publish(
-                DiagnosticArray(status=[said(b'\0', 'decision: x', 'so', [('rule.Z.Z.Z', 1.0)])])
-            )
+            states.publish(conversions.to_odometry(stamp_ns + 1, (math.nan, *STATE[1:])))
             return condition()
 
-        inner.until(said_once)
+        inner.until(once)
 
     def shown_ns():
         last = scenes[-1].markers if scenes else ()
@@ -560,16 +545,15 @@ def test_nodes_show_what_a_run_says(inner):
     live = web.live
     say('run_status', {'phase': 'running', 'tick': '0'})
     flies('hold_points')
-    said_until(lambda: {'port', 'holds'} <= shown_ns() and live.phase and poses)
+    until(lambda: {'port', 'holds'} <= shown_ns() and live.phase and poses)
     assert {'target', 'chaser', 'thrust', 'trail', 'keep_out'} <= shown_ns()
     assert poses[-1].header.frame_id == interfaces.LVLH_FRAME
     assert poses[-1].pose.position.y == STATE[1]
-    said_until(lambda: live.force_n and live.decisions)
-    assert live.force_n == FORCE and live.decisions['x'].rules == (('Z', 'Z', 'Z', 1.0),)
-    inner.passes(0.2)  # the page gets a picture each 20 ms, while the executor spins
-    assert json.loads(events(web.page.url, 2)[1])['sentence'] == 'running: flying'
+    until(lambda: live.force_n == FORCE)
+    inner.passes(0.2)  # the page gets a moment each 20 ms, while the executor spins
+    assert events(web.page.url + 'events?flight=&from=0', 1)[0]['sentence'] == 'running: flying'
     flies('assured')
-    said_until(lambda: 'port' in shown_ns() and 'holds' not in shown_ns())
+    until(lambda: 'port' in shown_ns() and 'holds' not in shown_ns())
     assert len(view.live.zones) == 2
 
 
@@ -579,9 +563,14 @@ def test_pose_and_transform_turn_with_the_chaser(inner):
     states = inner.user.create_publisher(Odometry, interfaces.RELATIVE_STATE, qos.LOCKSTEP)
     poses = []
     inner.user.create_subscription(PoseStamped, names.CHASER_POSE, poses.append, qos.LATCHED)
-    message = conversions.to_odometry(START_NS, STATE)
-    scene.turn(message.pose.pose.orientation, (0.5, 0.5, -0.5, 0.5))
-    inner.until(lambda: states.publish(message) or poses)
+    stamps = itertools.count(START_NS, 100_000_000)
+
+    def publish():
+        message = conversions.to_odometry(next(stamps), STATE)
+        scene.turn(message.pose.pose.orientation, (0.5, 0.5, -0.5, 0.5))
+        states.publish(message)
+        return poses
+
+    inner.until(publish)
     q = poses[-1].pose.orientation
     assert (q.x, q.y, q.z, q.w) == (0.5, 0.5, -0.5, 0.5)
-    assert transform_of(message).transform.rotation == q

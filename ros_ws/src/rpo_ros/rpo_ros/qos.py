@@ -49,8 +49,9 @@ IN_LOOP = _profile(64, reliable=False)
 waits until DDS has repaired it, seconds on a bad link. Here the plant sends the state again, or the
 next message supersedes the lost one."""
 
-NEWEST = _profile(1, reliable=False)
-"""For viewers: they look from time to time, and no sender repeats a message for them."""
+NEWEST = _profile(32, reliable=False)
+"""For viewers: they look from time to time, and no sender repeats a message for them. Of the last
+messages of each topic some are of one tick."""
 
 TF = _profile(100)
 """As tf2's broadcasters publish."""

@@ -1,9 +1,9 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The newest message of a topic, taken when a viewer looks; a node that listens to a run so.
+"""A node that takes the newest messages of a flight when it looks.
 
 At full speed a run publishes thousands of states a second; a callback for each would use a whole
-processor. Here the middleware keeps the last message, and Python takes only that.
+processor. Here the middleware keeps the last messages, and Python takes only those.
 """
 
 from __future__ import annotations
@@ -14,15 +14,14 @@ from typing import Any
 from rclpy.callback_groups import CallbackGroup
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.serialization import deserialize_message
 
 from rpo_core.wire import interfaces
-from rpo_core.wire.statuses import Manifest, RunStatus
-from rpo_ros import conversions, qos
-from rpo_ros.conversions import values_of
+from rpo_core.wire.interfaces import Interface
+from rpo_core.wire.statuses import AssuranceStatus, GuidanceStatus, Manifest, RunStatus
+from rpo_ros import qos
 from rpo_ros.running import FlightNode
 from rpo_ros.signals import hear, message_class
-from rpo_view.live import LiveRun
+from rpo_view.live import LiveFlight, Vector
 
 
 class _Unspun(CallbackGroup):
@@ -39,30 +38,45 @@ class _Unspun(CallbackGroup):
 
 
 class Latest:
-    """The newest message of one topic; its node is a `ListeningNode`."""
+    """The newest messages of one topic; its node is a `ListeningNode`.
 
-    def __init__(self, node: Node, topic: str) -> None:
-        kind = message_class(interfaces.row_of(topic).type)
+    numbers : stamp [ns] -> those of a message that can be used, the newest last
+    """
+
+    def __init__(self, node: Node, row: Interface) -> None:
+        self._use, self._row = row.layout.use, row
+        self.numbers: dict[int, Vector] = {}
         self._subscription = node.create_subscription(
-            kind, topic, self._never, qos.NEWEST, callback_group=_Unspun(), raw=True
-        )
+            message_class(row.type), row.topic, self._never, qos.NEWEST,
+            callback_group=_Unspun(), raw=True,
+        )  # fmt: skip
 
     @staticmethod
     def _never(_message: object) -> None:
         raise RuntimeError('run a viewer by its main')
 
-    def take(self) -> Any:
-        """Return the newest message since the last look; None if none came."""
-        newest, topic = None, self._subscription
+    def take(self) -> None:
+        """Take what came since the last look."""
+        topic, numbers = self._subscription, self.numbers
         with topic.handle:
             while taken := topic.handle.take_message(topic.msg_type, True):
-                newest = taken[0]
-        if newest is None:
-            return None
-        try:
-            return deserialize_message(newest, topic.msg_type)
-        except RuntimeError:  # bytes that are no message of this type
-            return None
+                fault, stamp_ns, values = self._use(taken[0])
+                if fault:
+                    continue
+                if numbers and stamp_ns < next(reversed(numbers)):  # another flight
+                    numbers.clear()
+                numbers[stamp_ns] = values
+        while len(numbers) > qos.NEWEST.depth:
+            del numbers[next(iter(numbers))]
+
+    def signals(self, stamp_ns: int) -> dict[str, Vector]:
+        """Return the signal of a stamp, and what rides in its message, by name."""
+        values, own = self.numbers.get(stamp_ns), len(self._row.columns)
+        if values is None:
+            return {}
+        values = self._row.spoken(values)
+        riding = {self._row.rider: values[own:]} if len(values) > own else {}
+        return {self._row.name: values[:own], **riding}
 
 
 class ListeningNode(FlightNode):
@@ -73,42 +87,27 @@ class ListeningNode(FlightNode):
 
     def __init__(self, name: str, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__(name, overrides)
-        self.live = LiveRun()
+        self.live = LiveFlight()
         self.topic = self.resolve_topic_name(interfaces.RELATIVE_STATE)
-        self._state = Latest(self, interfaces.RELATIVE_STATE)
-        self._forces = {
-            'force_n': Latest(self, interfaces.CONTROL_FORCE),
-            'disturbance_n': Latest(self, interfaces.DISTURBANCE_FORCE),
-            'exerted_n': Latest(self, interfaces.EXERTED_FORCE),
+        self._latest = {
+            row.name: Latest(self, row)
+            for row in interfaces.rows(logged=True)
+            if row.due != interfaces.EVENT and row.columns
         }
-        self._decisions = Latest(self, interfaces.DECISION)
         hear(self, RunStatus, self.live.on_status)
         hear(self, Manifest, self.live.on_manifest)
+        hear(self, GuidanceStatus, self.live.on_guidance)
+        hear(self, AssuranceStatus, self.live.on_assurance)
 
     def look(self) -> bool:
-        """Take the newest message of each topic; return whether a state came.
-
-        Other frames, and what is not finite, are skipped.
-        """
-        heard = self._hear()
-        for name, newest in self._forces.items():
-            force = newest.take()
-            if force is not None:
-                values = conversions.from_wrench(force)
-                if not conversions.fault_of(force, values):
-                    setattr(self.live, name, values)
-        decision = self._decisions.take()
-        for status in decision.status if decision is not None else ():
-            axis = status.name.rpartition(': ')[2]
-            self.live.on_decision(axis, status.message, values_of(status))
-        return heard
-
-    def _hear(self) -> bool:
-        """Take the newest state; return whether a sound one came."""
-        message = self._state.take()
-        values = () if message is None else conversions.from_odometry(message)
-        if message is None or conversions.fault_of(message, values):
+        """Take the newest messages of one tick; return whether a sound state came."""
+        for latest in self._latest.values():
+            latest.take()
+        stamps = self._latest[interfaces.RELATIVE_STATE].numbers.keys()
+        for latest in self._latest.values():  # the newest tick of which the most is there
+            stamps = stamps & latest.numbers.keys() or stamps
+        if not stamps:
             return False
-        stamp_ns = conversions.from_stamp(message.header.stamp)
-        self.live.on_state(stamp_ns, values, conversions.attitude_of(message))
-        return True
+        newest_ns = max(stamps)
+        found = (latest.signals(newest_ns) for latest in self._latest.values())
+        return self.live.on_signals(newest_ns, {k: v for some in found for k, v in some.items()})

@@ -11,9 +11,9 @@ from geometry_msgs.msg import PoseStamped, TransformStamped
 from nav_msgs.msg import Odometry
 from visualization_msgs.msg import Marker, MarkerArray
 
-from rpo_attitude.target import TARGET_ATTITUDE
+from rpo_core.wire.interfaces import RELATIVE_STATE, TARGET_FRAME
 from rpo_ros import conversions, names, qos
-from rpo_view.listening import Latest, ListeningNode
+from rpo_view.listening import ListeningNode
 from rpo_view.live import Trail
 from rpo_view.scene import Look, markers, turn
 
@@ -33,7 +33,6 @@ class VisualizerNode(ListeningNode):
             values['arrow_m_per_n'], values['keep_out_radius_m'], values['corridor_half_angle_deg']
         )
         self.live.trail = Trail(values['trail_points'])
-        self._attitude = Latest(self, TARGET_ATTITUDE)
         self._shown: dict[tuple[str, int], Marker] = {}
         self._markers = self.create_publisher(MarkerArray, names.MARKERS, qos.LATCHED)
         self._pose = self.create_publisher(PoseStamped, names.CHASER_POSE, qos.LATCHED)
@@ -48,19 +47,24 @@ class VisualizerNode(ListeningNode):
         self.get_logger().info(f'showing {self.topic}')
 
     def _show(self) -> None:
-        run = self.live
-        if not self.look() or run.position_m is None or run.velocity_m_s is None:
+        if not self.look():
             return
-        state = conversions.to_odometry(run.stamp_ns, (*run.position_m, *run.velocity_m_s))
+        run = self.live
+        state = conversions.to_odometry(run.stamp_ns, run.signals[RELATIVE_STATE])
         if run.chaser_attitude is not None:
             turn(state.pose.pose.orientation, run.chaser_attitude[:4])
         self._pose.publish(PoseStamped(header=state.header, pose=state.pose.pose))
         if self._tf is not None:
-            turned = [transform_of(attitude)] if (attitude := self._attitude.take()) else []
-            self._tf.publish(TFMessage(transforms=[transform_of(state), *turned]))
+            transforms = [transform_of(state)]
+            if (attitude := run.attitude) is not None:
+                target = conversions.to_odometry(run.stamp_ns, (0.0,) * 6)
+                target.child_frame_id = TARGET_FRAME
+                turn(target.pose.pose.orientation, attitude[:4])
+                transforms.append(transform_of(target))
+            self._tf.publish(TFMessage(transforms=transforms))
         trail, stamp = [*run.trail.points, run.position_m], state.header.stamp
         seen = trail, self._look, run.zones_now, run.attitude, run.chaser_attitude, run.docking_axis
-        scene = markers(stamp, run.position_m, run.command_n, *seen)
+        scene = markers(stamp, run.position_m, run.force_n, *seen)
         self._markers.publish(self._with_deletions(scene))
 
     def _with_deletions(self, scene: MarkerArray) -> MarkerArray:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from rpo_view.listening import ListeningNode
-from rpo_view.web_server import LivePage
+from rpo_view.web_server import Feed, LivePage
 
 
 class WebNode(ListeningNode):
@@ -16,13 +16,12 @@ class WebNode(ListeningNode):
 
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__('web', overrides)
-        self.page = LivePage(self.values['port'])
+        self.page = LivePage(self.values['port'], Feed(self.live, self.topic))
         self.every(1.0 / self.values['rate_hz'], self._show)
         self.get_logger().info(f'{self.topic} is shown at {self.page.url}')
 
     def _show(self) -> None:
-        self.look()
-        self.page.feed.publish(self.live.snapshot(self.topic), list(self.live.trail.points))
+        self.page.feed.update(self.look)
 
     def close(self) -> None:
         """Disconnect the browsers."""

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Server of the live page and its stream of events, for this machine only; no ROS.
+"""Server of the page of a running flight, and of its events, for this machine only; no ROS.
 
 A server on 127.0.0.1 is still open to every page that a browser of this machine shows, and a page
 elsewhere may give its own name to this machine (DNS rebinding). `Host` and `Origin`, which a
@@ -11,17 +11,21 @@ from __future__ import annotations
 
 import errno
 import json
+import re
 import sys
 import threading
+from collections.abc import Callable, Iterator
 from email.message import Message
+from functools import partial
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from importlib import resources
 from typing import Any
 from urllib.parse import urlsplit
 
 from rpo_core.files.validation import InputError
-from rpo_log.show import style
+from rpo_log.show import replay, style
+from rpo_view.live import LiveFlight
+from rpo_view.samples import Samples
 
 HOST = '127.0.0.1'
 _NAMES = (HOST, 'localhost')
@@ -35,11 +39,13 @@ _HEADERS = {
         "frame-ancestors 'none'"
     ),
 }
+_EVENTS = re.compile(r'/events\?flight=([0-9.]{0,40})&from=([0-9]{1,9})')
+_FEWEST = 2
+"""Moments that a picture needs."""
+
 _KEEP_ALIVE_S = 5.0
 _TIMEOUT_S = 30.0
 """A reader that sends no request, or takes no event, for so long is disconnected."""
-
-_PALETTE_GOES = '/* The palette of rpo_log.show.style comes here. */'
 
 
 def refusal(headers: Message, port: int) -> str:
@@ -59,27 +65,29 @@ def _is_local(origin: str) -> bool:
         return False
 
 
-def page() -> bytes:
-    """Return the page, complete in itself."""
-    text = resources.files('rpo_view').joinpath('page/live.html').read_text(encoding='utf-8')
-    return text.replace(_PALETTE_GOES, style.variables()).encode()
-
-
 class Feed:
-    """The newest snapshot, for any number of readers; a slow reader skips some."""
+    """What the page shows now, for any number of readers; a slow reader skips some.
 
-    def __init__(self) -> None:
+    topic : of the states
+    """
+
+    def __init__(self, live: LiveFlight, topic: str) -> None:
+        self.live, self.topic = live, topic
+        self.closed = False
+        self._samples: Samples | None = None
         self._news = threading.Condition()
         self._version = 0
-        self._now = b'{}'
-        self._trail: list[Any] = []
-        self.closed = False
 
-    def publish(self, snapshot: dict[str, Any], trail: list[Any]) -> None:
-        """Set the next snapshot; a new reader also gets the trail."""
+    def update(self, look: Callable[[], bool]) -> None:
+        """Look at the flight; a sound state that came is one more moment of it."""
         with self._news:
-            self._now = json.dumps(snapshot, allow_nan=False).encode()
-            self._trail = trail
+            if look():
+                scenario, samples = self.live.scenario, self._samples
+                if samples is None or samples.number != self.live.flights:
+                    samples = Samples(self.live, scenario) if scenario is not None else None
+                if samples is not None:
+                    samples.add(self.live)
+                self._samples = samples
             self._version += 1
             self._news.notify_all()
 
@@ -89,20 +97,57 @@ class Feed:
             self.closed = True
             self._news.notify_all()
 
-    def trail(self) -> bytes:
-        """Return the trail as JSON."""
-        with self._news:
-            return json.dumps(self._trail, allow_nan=False).encode()
+    @property
+    def _flight(self) -> str:
+        """Name of the flight that a page can draw; '' while there is none."""
+        samples = self._samples
+        return samples.name if samples is not None and len(samples) >= _FEWEST else ''
 
-    def after(self, version: int) -> tuple[int, bytes]:
-        """Return the newest snapshot when it is newer than `version`; b'' if none comes."""
+    def page(self) -> bytes:
+        """Return the page, complete in itself: of the flight so far, or a card."""
         with self._news:
-            self._news.wait_for(lambda: self.closed or self._version > version, _KEEP_ALIVE_S)
-            return self._version, self._now if self._version > version else b''
+            if not self._flight or self._samples is None:
+                colours = style.variables()
+                return replay.filled('rpo_view', 'page/card.html', colours=colours).encode()
+            sentence = self.live.sentence(self.topic)
+            document = self._samples.document(self.live, sentence)
+            return replay.page_of(document['flights'][0]['name'], document).encode()
+
+    def events(self, flight: str, first: int) -> Iterator[bytes]:
+        """Yield what is new since the moment `first` of a flight, as JSON; b'' if nothing is."""
+        version, before = -1, b''
+        while not self.closed:
+            with self._news:
+                self._news.wait_for(partial(self._is_after, version), _KEEP_ALIVE_S)
+                changed, version = self._version > version, self._version
+                said, first = self._since(flight, first)
+            if changed and said != before:
+                before = said
+                yield said
+            elif not changed:
+                yield b''
+
+    def _is_after(self, version: int) -> bool:
+        return self.closed or self._version > version
+
+    def _since(self, flight: str, first: int) -> tuple[bytes, int]:
+        """Return what a page is told that shows a flight up to a moment, and the next moment."""
+        sentence, more, samples = self.live.sentence(self.topic), None, self._samples
+        last = first
+        if flight and flight == self._flight and samples is not None and len(samples) > first:
+            more, last = samples.flight(self.live, sentence, first), len(samples)
+        said = {
+            'flight': self._flight,
+            'from': first,
+            'sentence': sentence,
+            'card': self.live.card(self.topic),
+            'more': more,
+        }
+        return json.dumps(said).encode(), last
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """Serves `/`, the page, and `/events`, the stream of events."""
+    """Serves `/`, the page, and `/events`, what is new since a moment of its flight."""
 
     server: LivePage
     protocol_version = 'HTTP/1.1'
@@ -115,8 +160,8 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(HTTPStatus.FORBIDDEN, why)
         elif self.path == '/':
             self._page()
-        elif self.path == '/events':
-            self._events()
+        elif found := _EVENTS.fullmatch(self.path):
+            self._events(found[1], int(found[2]))
         else:
             self.send_error(HTTPStatus.NOT_FOUND)
 
@@ -128,22 +173,19 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _page(self) -> None:
         self._head('text/html; charset=utf-8')
-        self.send_header('Content-Length', str(len(self.server.page)))
+        page = self.server.feed.page()
+        self.send_header('Content-Length', str(len(page)))
         self.end_headers()
-        self.wfile.write(self.server.page)
+        self.wfile.write(page)
 
-    def _events(self) -> None:
+    def _events(self, flight: str, first: int) -> None:
         self._head('text/event-stream')
         self.send_header('Connection', 'close')
         self.end_headers()
         self.close_connection = True
-        feed = self.server.feed
         try:
-            self.wfile.write(b'event: trail\ndata: ' + feed.trail() + b'\n\n')
-            version = 0
-            while not feed.closed:
-                version, snapshot = feed.after(version)
-                self.wfile.write(b'data: ' + snapshot + b'\n\n' if snapshot else b': alive\n\n')
+            for said in self.server.feed.events(flight, first):
+                self.wfile.write(b'data: ' + said + b'\n\n' if said else b': alive\n\n')
                 self.wfile.flush()
         except OSError:
             pass  # the reader is gone
@@ -164,9 +206,9 @@ class LivePage(ThreadingHTTPServer):
     daemon_threads = True
     block_on_close = False
 
-    def __init__(self, port: int) -> None:
-        self.feed = Feed()
-        self.page = page()
+    def __init__(self, port: int, feed: Feed) -> None:
+        self.feed = feed
+        replay.library()  # without it there is no page
         try:
             super().__init__((HOST, port), _Handler)
         except OSError as error:

@@ -1,6 +1,6 @@
 // Copyright 2026 The RPO stack authors
 // SPDX-License-Identifier: Apache-2.0
-// The replay of flights: a scene of three.js, the time line below it, the numbers beside it.
+// Flights, over or still running: a scene of three.js, the time line below it, the numbers beside it.
 // Frame: target LVLH, x R-bar (outward, up on the screen), y V-bar, z H-bar; metres, seconds.
 'use strict';
 
@@ -32,6 +32,25 @@ class Flight {
       this[name] = data[name] && floats(data[name]);
     for (const limit of this.limits) limit.values = floats(limit.values);
     this.turns = data.turns.map(([name, unit, values]) => [name, unit, floats(values)]);
+    this.last = this.times.length - 1;
+    this.end = this.times[this.last];
+  }
+  extend(more) {  // take what was flown since, of a flight that is still running
+    const joined = (own, text) => {
+      const added = floats(text), made = new Float32Array(own.length + added.length);
+      made.set(own);
+      made.set(added, own.length);
+      return made;
+    };
+    for (const name of ['times', 'states', 'forces', 'reference', 'estimate', 'attitudes', 'chaser'])
+      if (this[name]) this[name] = joined(this[name], more[name]);
+    this.limits.forEach((limit, k) => { limit.values = joined(limit.values, more.limits[k].values); });
+    this.turns = this.turns.map(([name, unit, values], k) => [name, unit, joined(values, more.turns[k][2])]);
+    Object.assign(this, { phases: more.phases, acts: more.acts, verdict: more.verdict });
+    if (this.reasons) {
+      this.reasons.words.push(...more.reasons.words);
+      this.reasons.samples.push(...more.reasons.samples);
+    }
     this.last = this.times.length - 1;
     this.end = this.times[this.last];
   }
@@ -72,7 +91,7 @@ class Flight {
 }
 
 const flights = DATA.flights.map((data, i) => new Flight(data, i));
-const END = Math.max(...flights.map(flight => flight.end));
+const END = DATA.live ? DATA.live.end : Math.max(...flights.map(flight => flight.end));
 const MANY = flights.length > HUES.length;
 const judged = flight => flight.missed === null ? '' : flight.missed ? 'bad' : 'good';
 const hue = flight => MANY ? (flight.missed ? 'bad' : 'x') : HUES[flight.number];
@@ -289,19 +308,26 @@ ghost.userData.pixels = 6;
 // Paths: the whole one thin, the flown part of the chosen flight wide; a dot for each other chaser.
 const dot = new THREE.SphereGeometry(1, 12, 8);
 for (const flight of flights) {
-  const { points, times } = flight.path(flight.states, 6);
-  const line = new THREE.BufferGeometry().setAttribute('position', new THREE.Float32BufferAttribute(points, 3));
-  flight.thin = add(scene, new THREE.Line(line, thin(hue(flight), 0.4)));
-  flight.flown = add(scene, ribbon(points, thick(hue(flight), 2.6)));
-  Object.assign(flight, { points, pathTimes: times });
+  flight.thin = add(scene, new THREE.Line(new THREE.BufferGeometry(), thin(hue(flight), 0.4)));
+  flight.flown = add(scene, ribbon([0, 0, 0, 0, 0, 0], thick(hue(flight), 2.6)));
   flight.dot = add(scene, mesh(dot, flat(hue(flight))));
   flight.dot.userData.pixels = 4;
-  if (flight.reference) {
-    const { points } = flight.path(flight.reference, 3), line = new THREE.BufferGeometry();
-    line.setAttribute('position', new THREE.Float32BufferAttribute(points, 3));
-    const dashes = new THREE.LineDashedMaterial({ dashSize: step / 10, gapSize: step / 14 });
-    flight.planned = add(scene, new THREE.Line(line, paint(dashes, 'optimum')).computeLineDistances());
-  }
+  const dashes = new THREE.LineDashedMaterial({ dashSize: step / 10, gapSize: step / 14 });
+  if (flight.reference) flight.planned = add(scene, new THREE.Line(new THREE.BufferGeometry(), paint(dashes, 'optimum')));
+  flight.thin.frustumCulled = false;
+  if (flight.planned) flight.planned.frustumCulled = false;
+  lay(flight);
+}
+function lay(flight) {  // the paths through what is known of a flight
+  const { points, times } = flight.path(flight.states, 6), line = flight.thin.geometry;
+  line.setAttribute('position', new THREE.Float32BufferAttribute(points, 3));
+  flight.flown.geometry.dispose();
+  flight.flown.geometry = new THREE.LineGeometry().setPositions(points);
+  Object.assign(flight, { points, pathTimes: times, shown: 0 });
+  if (!flight.planned) return;
+  const planned = flight.path(flight.reference, 3).points;
+  flight.planned.geometry.setAttribute('position', new THREE.Float32BufferAttribute(planned, 3));
+  flight.planned.computeLineDistances();
 }
 
 // ---------------------------------------------------------------- the picture of a moment
@@ -539,7 +565,8 @@ function numbers(state) {
     const most = limit.floor ? Math.abs(limit.values[0]) || 1 : limit.limit || 1;
     bar.firstChild.style.width = `${Math.min(100, 100 * Math.abs(value || 0) / most)}%`;
   });
-  const told = chosen.reasons, sample = told && told.samples[Math.min(told.samples.length - 1, Math.floor(now / chosen.end * (told.samples.length - 1) + 1e-6))];
+  const told = chosen.reasons, last = told && told.samples.length - 1;
+  const sample = told && told.samples[DATA.live ? state.i : Math.min(last, Math.floor(now / chosen.end * last + 1e-6))];
   [...el('axes').children].forEach((box, k) => {
     const [line, bar, ...texts] = box.children, force = chosen.forces[3 * state.i + k];
     const words = sample ? told.words[sample[k][0]] : '';
@@ -595,13 +622,16 @@ function strip() {  // the range over the time, phases, and where assurance acts
   if (!chosen.phases.length) g.fillText('range', 2, 11);
 }
 
+let following = !!DATA.live;  // the newest moment of a flight that is still running
 function seek(t) {
-  now = Math.min(END, Math.max(0, t));
+  const newest = DATA.live ? chosen.end : END;
+  following = !!DATA.live && t >= newest;
+  now = Math.min(newest, Math.max(0, t));
   el('scrub').value = now / END;
   dirty = true;
 }
 function play(on = !playing) {
-  if (on && now >= END) seek(0);
+  if (on && now >= (DATA.live ? chosen.end : END)) seek(0);
   playing = on;
   el('play').textContent = on ? '❚❚' : '▶';
   el('play').setAttribute('aria-label', on ? 'Pause' : 'Play');
@@ -705,8 +735,7 @@ function frame(time) {
       resize();
     }
     seek(now + speed * Math.min(passed, 250) / 1e3);
-    el('scrub').value = now / END;
-    if (now >= END) play(false);
+    if (now >= (DATA.live ? chosen.end : END)) play(false);
   }
   if (!dirty) return;
   dirty = false;
@@ -736,4 +765,36 @@ matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => { th
 build();
 resize();
 requestAnimationFrame(frame);
+
+// ---------------------------------------------------------------- a flight that is still running
+
+function card(text) {
+  say(el('card'), text);
+  el('card').hidden = !text;
+}
+if (DATA.live) {
+  const stream = new EventSource(`/events?flight=${DATA.live.flight}&from=${DATA.live.samples}`);
+  let drawn = 0;
+  stream.onerror = () => card('No connection to the server; waiting for it.');
+  stream.onmessage = event => {
+    const said = JSON.parse(event.data);
+    if (said.flight !== DATA.live.flight || said.from !== flights[0].last + 1) {  // another flight, or thinned
+      stream.close();
+      location.reload();
+      return;
+    }
+    card(said.card);
+    say(el('verdict'), said.sentence);
+    if (!said.more) return;
+    flights[0].extend(said.more);
+    lay(flights[0]);
+    if (following) seek(chosen.end);
+    if (performance.now() - drawn > 500) {
+      drawn = performance.now();
+      strip();
+    }
+    dirty = true;
+  };
+  seek(chosen.end);
+}
 window.replay = { seek, play, choose, show, setSpeed, stats, get now() { return now; }, get playing() { return playing; }, get pixels() { return pixels; } };
