@@ -81,7 +81,7 @@ class Samples:
             'states': state,
             'forces': shown,
             'limits': [float(limit.values[0]) for limit in self._limits],
-            'reference': signals.get(REFERENCE_STATE, _UNKNOWN)[:3],
+            'reference': signals.get(REFERENCE_STATE, state)[:3],
             'estimate': _estimate(signals),
             'turns': [],
         }
@@ -163,7 +163,7 @@ class Samples:
 
 def _estimate(signals: dict[str, Vector]) -> list[float]:
     """Return the estimated position and the lower triangle of the factor of its covariance."""
-    position = signals.get(NAVIGATION_STATE, _UNKNOWN)[:3]
+    position = signals.get(NAVIGATION_STATE, signals[RELATIVE_STATE])[:3]
     covariance = np.reshape(signals.get(NAVIGATION_COVARIANCE, (0.0,) * 9)[:9], (3, 3))
     try:
         factor = np.linalg.cholesky(covariance)
