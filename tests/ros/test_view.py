@@ -226,6 +226,20 @@ def test_what_a_page_gets_bit_by_bit_is_the_whole(guided):
         assert joined == whole['reasons'][part]
 
 
+def test_a_controller_that_comes_to_be_known_later_explains_from_then_on(guided):
+    live, known = watching(guided.scenario), watching(guided.scenario)
+    live.controller = None
+    samples = flown(live, guided, range(0, 30, 10))
+    assert samples.name == '1.0' and samples.flight(live, '')['reasons'] is None
+    live.controller = known.controller
+    signals = {n: tuple(v[30].tolist()) for n, v in guided.signals.items()}
+    signals[interfaces.RELATIVE_STATE] = tuple(guided.states[30].tolist())
+    live.on_signals(guided.scenario.stamp_ns(30), signals)
+    samples.add(live)
+    explained = samples.flight(live, '')['reasons']['samples']
+    assert samples.name == '1.1' and explained[:3] == [None] * 3 and explained[3]
+
+
 def test_a_long_flight_is_thinned_and_its_page_begins_anew(guided, monkeypatch):
     monkeypatch.setattr('rpo_view.samples.MOST_SAMPLES', 20)
     live = watching(guided.scenario)

@@ -7,6 +7,8 @@ scripts = [
     'flight_software = rpo_bringup.commands:flight_software',
     'ping_pong = rpo_bringup.commands:ping_pong',
 ]
-scripts += [f'{name} = rpo_core.files.gone:executable' for name in ('node_pages', 'trial')]
+scripts += [
+    f'{name} = rpo_core.files.gone:executable' for name in ('monitor', 'node_pages', 'trial')
+]
 
 setup(entry_points={'console_scripts': scripts})  # setup.cfg says the rest

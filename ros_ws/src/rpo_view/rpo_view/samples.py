@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from rpo_attitude.turns import apart
+from rpo_core.control.controller import AnyController
 from rpo_core.control.controller_file import received
 from rpo_core.files.scenario import Scenario
 from rpo_core.judge.requirements import ROWS
@@ -35,12 +36,14 @@ _UNKNOWN = (math.nan,) * 3
 class Samples:
     """The flight `number` of a viewer, whose scenario is known, at the moments it was looked at.
 
-    thinned : how often every second moment was left out, because there were too many
+    anew : how often a page must begin anew: every second of too many moments was left out, or a
+        controller came to be known
     """
 
     def __init__(self, live: LiveFlight, scenario: Scenario) -> None:
-        self.number, self.thinned, self._scenario = live.flights, 0, scenario
-        self._explains = live.controller is not None
+        self.number, self.anew, self._scenario = live.flights, 0, scenario
+        self._controller: AnyController | None = None
+        self._explains = False
         required = scenario.requirements
         self._required = [
             (key, ROWS[key].unit, limit)
@@ -58,17 +61,21 @@ class Samples:
     @property
     def name(self) -> str:
         """Of this flight, as far as a page may go on with it."""
-        return f'{self.number}.{self.thinned}'
+        return f'{self.number}.{self.anew}'
 
     def add(self, live: LiveFlight) -> None:
         """Take the newest moment."""
-        self._rows.append(self._row(live))
+        row = self._row(live)
+        if live.controller is not self._controller:
+            self._controller, self._explains = live.controller, row['reasons'] is not None
+            self.anew += bool(self._rows)
+        self._rows.append(row)
         if len(self._rows) > MOST_SAMPLES:
             del self._rows[1::2]
-            self.thinned += 1
+            self.anew += 1
 
     def _row(self, live: LiveFlight) -> dict[str, Any]:
-        scenario, signals, tick = self._scenario, live.signals, live.tick
+        scenario, signals = self._scenario, live.signals
         state, frame = signals[RELATIVE_STATE], live.frame
         seen = state if frame is None else tuple(seen_from(state, frame))
         force = live.force_n or (0.0, 0.0, 0.0)
@@ -84,6 +91,7 @@ class Samples:
             'reference': signals.get(REFERENCE_STATE, state)[:3],
             'estimate': _estimate(signals),
             'turns': [],
+            'reasons': None,
         }
         if (attitude := live.attitude) is not None:
             row['attitudes'] = attitude[:4]
@@ -92,13 +100,10 @@ class Samples:
             off, _ = apart(np.array(turns), np.array(wanted))
             row['chaser'] = turns[:4]
             row['turns'] = [math.degrees(off), math.degrees(math.hypot(*turns[4:]))]
-        if self._explains and live.controller is not None:
+        if live.controller is not None:
             read = received(scenario, {REFERENCE_FORCE: (0.0, 0.0, 0.0), **signals})[0]
             answer = signals.get(CONTROL_FORCE, (0.0, 0.0, 0.0))
-            said = replay.reasons(live.controller, read, answer, tick, self._words)
-            if said is None and not self._rows:
-                self._explains = False
-            row['reasons'] = said or (self._rows[-1].get('reasons') if self._rows else None)
+            row['reasons'] = replay.reasons(live.controller, read, answer, live.tick, self._words)
         row['words'] = len(self._words)
         return row
 

@@ -11,9 +11,11 @@ GONE: dict[str, dict[str, str]] = {
     'command': {
         'keygen': '`openssl genpkey -algorithm ed25519`',
         'safety peers': '`rpo simulate` with a scenario of your own',
+        'watch': '`ros2 run rpo_view web` for a flight that runs, `rpo report` of a log',
         'tune': '`rpo train lqr`, or another kind of baseline: pd, mpc, apf_smc',
     },
     'option': {
+        'report --video': '`replay.html` of the report',
         **dict.fromkeys(
             ('plan --margins', 'plan --sample'),
             '`rpo plan` for legs and energy, `rpo optimal` for the least energy of a start',
@@ -24,7 +26,10 @@ GONE: dict[str, dict[str, str]] = {
         ),
     },
     'executable': {
+        'foxglove': 'foxglove_bridge, or open `run.mcap` in the app',
+        'monitor': 'the abort table of section `assurance`',
         'node_pages': '`python docs/hooks/node_pages.py docs/nodes`',
+        'watch': '`ros2 run rpo_view web`',
         'trial': 'the latency, jitter and counts in `run_status` and on `/diagnostics`',
     },
     'controller': {
@@ -48,7 +53,7 @@ GONE: dict[str, dict[str, str]] = {
             '`shaping.slew_n_s` alone',
         ),
     },
-    'schema': {},
+    'schema': {'rpo/monitor/1': 'the abort table of section `assurance`'},
 }
 """Subject -> name -> what to use.
 

@@ -47,7 +47,7 @@ class Flight {
     this.limits.forEach((limit, k) => { limit.values = joined(limit.values, more.limits[k].values); });
     this.turns = this.turns.map(([name, unit, values], k) => [name, unit, joined(values, more.turns[k][2])]);
     Object.assign(this, { phases: more.phases, acts: more.acts, verdict: more.verdict });
-    if (this.reasons) {
+    if (this.reasons && more.reasons) {
       this.reasons.words.push(...more.reasons.words);
       this.reasons.samples.push(...more.reasons.samples);
     }
