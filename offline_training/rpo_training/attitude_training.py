@@ -37,7 +37,7 @@ from rpo_judge.scoring.fitness import (
 from rpo_kernels.arrays import Floats
 from rpo_montecarlo.engine.population import Population
 from rpo_training.algorithms import Search
-from rpo_training.config import ALGORITHMS, COMMAND, TrainingConfig, presets
+from rpo_training.config import ALGORITHMS, COMMAND, TrainingConfig, presets, start_file
 from rpo_training.run import SearchRun
 from rpo_training.training import search_of
 
@@ -141,7 +141,7 @@ class AttitudeTraining(SearchRun[AttitudeConfig, FuzzyAttitude]):
 
     def inputs(self) -> list[str]:
         """Return the texts of the starts."""
-        return [files.read_text(files.find('controller', name)) for name in self.config.starts]
+        return [files.read_text(start_file(name)) for name in self.config.starts]
 
     def make_search(self) -> Search:
         """Return the search of the configuration, at its beginning."""

@@ -19,6 +19,8 @@ import numpy as np
 import yaml
 
 from rpo_core import files
+from rpo_core.control.controller import AnyController
+from rpo_core.control.controller import parse as parse_controller
 from rpo_core.files.codec import to_mapping
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import (
@@ -231,6 +233,20 @@ def presets(section: str, base: Config) -> dict[str, Config]:
 
 
 PRESETS = presets('force', TrainingConfig())
+
+STARTS = {path.stem: path for path in sorted(Path(__file__).parent.glob('starts/*.yaml'))}
+"""Controllers that the presets `allround` and `mission` begin with; no command lists them."""
+
+
+def start_file(name: str) -> Path:
+    """Return the file of a start: one of `STARTS`, a shipped name or a path; raises InputError."""
+    return STARTS.get(name) or files.find('controller', name)
+
+
+def load_start(name: str) -> AnyController:
+    """Return the controller that a search begins with; raises InputError."""
+    return files.load(start_file(name), parse_controller)
+
 
 AUTHORITY = 20.0
 """Of the paper's training: F T^2 / (m R)."""

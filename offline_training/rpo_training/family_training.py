@@ -16,14 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.control.controller import load_controller
 from rpo_core.files.validation import InputError, shown, text
 from rpo_core.judge.metrics import PENALTY
 from rpo_ctrl.family import Family, Gene, Mission, family_of
 from rpo_judge.evaluation.assessment import PAPER
 from rpo_judge.scoring.fitness import Fitness, FitnessSettings, Scores
 from rpo_training.algorithms import CmaSettings, Search
-from rpo_training.config import Configuration, updated, written
+from rpo_training.config import Configuration, load_start, updated, written
 from rpo_training.fitting import penalty_n2s, training_set, units_of
 from rpo_training.run import SearchRun
 from rpo_training.staged import StagedSearch, StagedSettings
@@ -122,7 +121,7 @@ class FamilyTraining(SearchRun[FamilyConfig, Family]):
         """Return the search at its beginning."""
         config, values = self.config, tuple(gene.start for gene in self.genes)
         if config.start:
-            start = load_controller(config.start)
+            start = load_start(config.start)
             if not isinstance(start, self.family):
                 raise InputError(f'`start` must be of the family {config.family}; got {start.name}')
             values = start.values()

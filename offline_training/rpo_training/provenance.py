@@ -12,10 +12,10 @@ import shlex
 from itertools import pairwise
 from pathlib import Path
 
-from rpo_core.control.controller import AnyController, load_controller
+from rpo_core.control.controller import AnyController
 from rpo_core.files.validation import InputError
 from rpo_judge.scoring.fitness import FitnessSettings
-from rpo_training.config import PRESETS
+from rpo_training.config import PRESETS, load_start
 from rpo_training.family_training import config_of
 from rpo_training.tuning import TUNING_SPACES
 
@@ -66,7 +66,7 @@ def _of_settings(settings: FitnessSettings, campaign: str) -> str:
 def _of_starts(starts: tuple[str, ...], campaign: str) -> str:
     """Return what the controllers that a search begins from saw."""
     for name in starts:
-        seen = saw(load_controller(name), campaign)
+        seen = saw(load_start(name), campaign)
         if seen != NOTHING:
             return f'{seen}, by its start {name}'
     return NOTHING

@@ -43,7 +43,7 @@ from rpo_montecarlo.outputs import (
 )
 from rpo_training import __version__, processor
 from rpo_training.algorithms import Search
-from rpo_training.config import COMMAND, Configuration
+from rpo_training.config import COMMAND, Configuration, start_file
 from rpo_training.fitting import training_set
 
 CHECKPOINT, HISTORY = 'checkpoint.npz', 'history.csv'
@@ -217,11 +217,8 @@ class SearchRun(Generic[Config, Found]):
 
     def inputs(self) -> list[str]:
         """Return the texts of the scenario, of the starts, and of the campaigns."""
-        named = [
-            ('scenario', self.config.scenario),
-            *(('controller', n) for n in self.config.starts),
-        ]
-        found = [files.read_text(files.find(kind, name)) for kind, name in named]
+        paths = [files.find('scenario', self.config.scenario), *map(start_file, self.config.starts)]
+        found = [files.read_text(path) for path in paths]
         return found + [text for flights in self.fitness.drawn for text in flights.texts]
 
     def make_search(self) -> Search:

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from rpo_core.control.controller import FuzzyController, load_fuzzy
+from rpo_core.control.controller import FuzzyController, only_fuzzy
 from rpo_judge.evaluation.assessment import PAPER, assess
 from rpo_judge.scoring.drawn import HELD_OUT
 from rpo_judge.scoring.fitness import Fitness, Scores
@@ -26,7 +26,7 @@ from rpo_montecarlo.cluster.simulator import ClusterSimulator
 from rpo_montecarlo.engine.population import Population
 from rpo_montecarlo.engine.simulator import Simulator
 from rpo_training.algorithms import CmaSearch, GaSearch, InTurn, ParetoSearch, Search
-from rpo_training.config import TrainingConfig
+from rpo_training.config import TrainingConfig, load_start
 from rpo_training.run import SearchRun
 from rpo_training.staged import Finalist, TableRace
 
@@ -49,7 +49,7 @@ def search_of(config: Any) -> Search:
 
 def _start(name: str, config: Any) -> FuzzyController:
     """Return a start with the scales of the search where those are fixed or given."""
-    start, space = load_fuzzy(name), config.genes
+    start, space = only_fuzzy(load_start(name)), config.genes
     bounds = (space.position_scale_m, space.velocity_scale_m_s)
     given = config.start_scales or start.scales
     scales = [

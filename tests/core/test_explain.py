@@ -19,6 +19,7 @@ from rpo_core.control.controller import FuzzyController, load_controller
 from rpo_core.control.fuzzy import WORDS, MembershipFunctions
 from rpo_core.files.validation import InputError
 from rpo_ctrl import explain
+from rpo_training.config import load_start
 
 component = st.floats(-300, 300)
 
@@ -95,7 +96,7 @@ def test_the_strongest_rule_is_not_the_force():
     said = dict(decision.pairs())
     for controller, words in (
         (load_controller('allround'), decision.reasons.sentence),
-        (load_controller('robust'), f'strongest rule: {decision.strongest}'),
+        (load_start('robust'), f'strongest rule: {decision.strongest}'),
         (None, f'strongest rule: {decision.strongest}'),
     ):
         assert explain.in_words(controller, decision.strongest, said).sentence == words

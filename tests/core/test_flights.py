@@ -25,6 +25,7 @@ from rpo_core.wire.interfaces import RELATIVE_STATE
 from rpo_core.world import cw
 from rpo_core.world.disturbance import Disturbance
 from rpo_kernels import kernels
+from rpo_training.config import load_start
 
 
 @pytest.mark.parametrize('name', ['paper_test', 'paper_test_phase'])
@@ -164,7 +165,7 @@ NEAR, ASIDE = (0.0, 10.0, 0.0), (-15.0, 30.0, 20.0)
 @pytest.mark.parametrize(
     ('name', 'goal'),
     [
-        ('trained', NEAR), ('trained', ASIDE), ('pd', ASIDE), ('lqr', NEAR), ('mpc', ASIDE),
+        ('allround', NEAR), ('allround', ASIDE), ('pd', ASIDE), ('lqr', NEAR), ('mpc', ASIDE),
         ('apf_smc', NEAR),
     ],
 )  # fmt: skip
@@ -212,5 +213,5 @@ def test_another_body_has_its_own_mean_motion(body, radius):
     period_s = 2.0 * np.pi / other.mean_motion_rad_s
     expected = {'moon': 7070.0, 'mars': 7100.0}[body]  # low orbits last about two hours there
     assert period_s == pytest.approx(expected, rel=0.02)
-    flight = fly(other, load_controller('trained'))
+    flight = fly(other, load_start('trained'))
     assert np.abs(flight.states[-1]).max() < 1e-3

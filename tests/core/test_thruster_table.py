@@ -17,7 +17,6 @@ from typer.testing import CliRunner
 
 from rpo_cli.cli import app
 from rpo_core.chain.flight import fly
-from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr, interfaces
@@ -38,6 +37,7 @@ from rpo_thrusters.allocation_kernels import (
 from rpo_thrusters.authority import authority, failures, known
 from rpo_thrusters.table import PRESETS, Failure, Thruster, ThrusterTable, table_of
 from rpo_thrusters.thrusters import Propellant, Thrusters, stage_of
+from rpo_training.config import load_start
 
 BASE = load_scenario('paper_test')
 EYE = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -320,7 +320,7 @@ def test_as_many_thrusters_as_an_allocation_takes_are_a_table():
 def test_a_flight_ends_at_the_target_and_its_torque_is_a_signal():
     table = preset('quads_16', 0.25, minimum_impulse_bit_n_s=0.002)
     tank = Propellant(specific_impulse_s=220.0, mass_kg=0.5)
-    flight = fly(BASE.equipped(Thrusters(table=table, propellant=tank)), load_controller('robust'))
+    flight = fly(BASE.equipped(Thrusters(table=table, propellant=tank)), load_start('robust'))
     assert np.abs(flight.states[-1, :3]).max() < 0.1
     np.testing.assert_array_equal(flight.thrust.forces_n, flight.signals[EXERTED_FORCE][:-1])
     torque = flight.signals[EXERTED_TORQUE]

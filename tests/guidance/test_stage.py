@@ -50,7 +50,7 @@ def hold_points():
     return scenario.load_scenario('hold_points')
 
 
-@pytest.mark.parametrize('controller', rest_at_landing(['trained', 'pd']))
+@pytest.mark.parametrize('controller', rest_at_landing(['allround', 'pd']))
 def test_around_the_target_and_in_by_the_corridor(around, controller):
     flight = fly(around, load_controller(controller))
     contact = int(np.argmax(np.linalg.norm(flight.positions_m - PORT_M, axis=1) < 0.1))

@@ -157,7 +157,7 @@ def lie(rng, folder, another, key):
 def change_proof(rng, folder):
     """Change a proof; then make digest and summary fit, as far as it goes without new tubes."""
     if rng.random() < 0.05:
-        (folder / TEXTS[0]).write_text(dumps(replace(load_controller('handmade'), name='robust')))
+        (folder / TEXTS[0]).write_text(dumps(replace(load_controller('handmade'), name='allround')))
     else:
         change(rng, folder)
     with suppress(NOT_WRITTEN):

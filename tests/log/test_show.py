@@ -12,15 +12,15 @@ import pytest
 from matplotlib.text import Text
 
 from rpo_core.chain.flight import fly
-from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
 from rpo_core.judge.verdicts import verdicts
 from rpo_log.show import report, style
+from rpo_training.config import load_start
 
 
 @pytest.fixture(scope='module')
 def flight():
-    return fly(load_scenario('paper_test'), load_controller('trained'))
+    return fly(load_scenario('paper_test'), load_start('trained'))
 
 
 def test_values_have_units_and_are_words_where_there_is_no_number():

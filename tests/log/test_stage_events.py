@@ -34,6 +34,7 @@ from rpo_safety.assurance import ASSURED_FORCE, AssuranceStage
 from rpo_safety.settings import Assurance
 from rpo_safety.shaping import Shaping, ShapingStage
 from rpo_thrusters.thrusters import TableStage
+from rpo_training.config import load_start
 
 # Where nobody has compiled the kernels of the attitude yet, one test does: 22 s of CPU time, which
 # are more than 300 s on a machine that does ten other things.
@@ -427,7 +428,7 @@ def flown():
 @pytest.fixture(scope='module')
 def held(flown):
     """Tick of the hold."""
-    chain, signals = Chain.of(flown, load_controller('trained')), {RELATIVE_STATE: flown.start}
+    chain, signals = Chain.of(flown, load_start('trained')), {RELATIVE_STATE: flown.start}
     for tick in range(flown.ticks + 1):
         chain.step(tick, signals)
     stage = next(link.stage for link in chain.links if link.stage.name == 'assurance')
@@ -438,7 +439,7 @@ def held(flown):
 
 def written(flown, folder, *events):
     """Write the log of the flight with some events, and verify it."""
-    run = chain_run(flown, load_controller('trained'), events=events)
+    run = chain_run(flown, load_start('trained'), events=events)
     run.write(folder)
     return verify(folder)
 

@@ -27,9 +27,9 @@ def test_a_controller_that_wants_the_target_is_stopped_recorded_and_verified(inn
     path = tmp_path / 'zone.yaml'
     path.write_text(scenario.dumps(found))
     others = (AssuranceNode, DisturbanceInjectorNode)
-    inner.fly(tmp_path / 'run', str(path), *others, controller='trained')
+    inner.fly(tmp_path / 'run', str(path), *others, controller='allround')
     assert inner.ends() == 0
-    log, flight = read_run(tmp_path / 'run'), fly(found, load_controller('trained'))
+    log, flight = read_run(tmp_path / 'run'), fly(found, load_controller('allround'))
     assert_flown(tmp_path / 'run', flight, 'assurance')
     assert metrics.of_flight(flight_of(log)) == metrics.of_flight(flight)  # of what was flown
     changed = (log.values[ASSURED_FORCE] != flight.forces_n).any(axis=1)

@@ -56,7 +56,7 @@ def fly(inner, folder, real_time_factor, duration_s=30.0):
     """Start all nodes of that scenario."""
     path = folder / 'whole.yaml'
     written(path, duration_s)
-    options = {'controller': 'trained', 'real_time_factor': real_time_factor}
+    options = {'controller': 'allround', 'real_time_factor': real_time_factor}
     inner.fly(folder / 'run', str(path), *STAGES, **options)
 
 

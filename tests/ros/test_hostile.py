@@ -116,12 +116,12 @@ def test_two_controllers_at_a_time_are_recorded_as_they_acted(ros_env, tmp_path,
     with inside(['-r', 'fuzzy_controller:__ns:=/']) as inner:
         flying(inner, tmp_path, real_time_factor=40.0)
         inner.reaches(20)
-        second = inner.start(ControllerNode({'controller': 'trained'}))
+        second = inner.start(ControllerNode({'controller': 'paper_ga'}))
         assert inner.ends() == 0 and second.answered
     assert 'has several publishers' in capfd.readouterr().err
     found, log = verify(tmp_path / 'run'), verified(tmp_path / 'run')
     assert {'controller.yaml', 'controller-2.yaml'} <= set(log.attachments)
-    assert 'handmade' in found.sentence() and 'trained' in found.sentence()
+    assert 'handmade' in found.sentence() and 'paper_ga' in found.sentence()
 
 
 @pytest.fixture
@@ -183,7 +183,7 @@ def test_another_controller_in_flight_is_recorded_and_verified(inner, tmp_path):
     flying(inner, tmp_path, real_time_factor=20.0)
     inner.reaches(20)
     assert inner.transition('/fuzzy_controller', 'deactivate')
-    assert inner.set('/fuzzy_controller', controller='trained')[0]
+    assert inner.set('/fuzzy_controller', controller='paper_ga')[0]
     inner.reaches(40)
     assert inner.transition('/fuzzy_controller', 'activate')
     inner.set('plant', real_time_factor=0.0)
@@ -192,7 +192,7 @@ def test_another_controller_in_flight_is_recorded_and_verified(inner, tmp_path):
     assert found.exit_code == 0, found.sentence()
     first, second = found.controllers
     assert first.startswith('handmade (controller.yaml) at ')
-    assert second.startswith('trained (controller-2.yaml) at ')
+    assert second.startswith('paper_ga (controller-2.yaml) at ')
     parameters = {'controller.yaml', 'controller-2.yaml', 'parameters.yaml', 'scenario.yaml'}
     log = read_run(tmp_path / 'run')
     assert set(log.attachments) == parameters

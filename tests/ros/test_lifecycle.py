@@ -68,9 +68,9 @@ def test_each_transition_does_what_it_says(inner, capfd):
     assert asker.ask(4) == (0.0, 0.0, 0.0)
     assert inner.transition(NODE, 'cleanup')
     assert asker.ask(5) == (0.0, 0.0, 0.0)
-    assert inner.set(NODE, controller='trained') == (True, '')
+    assert inner.set(NODE, controller='paper_ga') == (True, '')
     assert inner.transition(NODE, 'configure') and inner.transition(NODE, 'activate')
-    assert asker.ask(6) == force_of('trained')
+    assert asker.ask(6) == force_of('paper_ga')
     assert inner.state(NODE) == 'active'
     assert node.health()[2]['answered_zero'] == 2
     assert inner.transition(NODE, 'shutdown') and node.done
@@ -80,15 +80,15 @@ def test_each_transition_does_what_it_says(inner, capfd):
 def test_another_controller_is_refused_in_flight_and_loaded_when_inactive(inner):
     node = inner.start(ControllerNode({**NAMED, 'controller': 'handmade'}))
     asker = Asker(inner)
-    successful, reason = inner.set(NODE, controller='trained')
+    successful, reason = inner.set(NODE, controller='paper_ga')
     assert not successful and 'deactivate` first' in reason
     assert inner.transition(NODE, 'deactivate')
     successful, reason = inner.set(NODE, controller='nope')
     assert not successful and "'nope'" in reason
     assert node.controller.name == 'handmade' == node.values['controller']
-    assert inner.set(NODE, controller='trained')[0]
+    assert inner.set(NODE, controller='paper_ga')[0]
     assert inner.transition(NODE, 'activate')
-    assert asker.ask(1) == force_of('trained')
+    assert asker.ask(1) == force_of('paper_ga')
 
 
 def test_a_bad_file_leaves_the_node_unconfigured_and_says_why(inner, tmp_path, capfd):

@@ -203,7 +203,7 @@ def test_latency_counts_from_the_first_time_a_state_was_sent_and_forgets():
 
 def test_losses_cost_only_what_is_cut_off():
     """At 20 % random losses a force is rarely older than two ticks, and the flight still docks."""
-    scenario, controller = load_scenario('paper_test'), load_controller('trained')
+    scenario, controller = load_scenario('paper_test'), load_controller('allround')
     plant = FreeRunningPlant(scenario, [FORCE, DISTURBANCE], 10)
     chance = random.Random(1)
     for tick in range(scenario.ticks):

@@ -40,7 +40,7 @@ TABLE = {'preset': 'quads_16', 'force_n': 0.25, 'minimum_impulse_bit_n_s': 0.002
 def test_a_thruster_is_switched_in_flight(inner, tmp_path):
     path = lasting(30.0, tmp_path, thrusters={'table': TABLE})
     options = {'real_time_factor': 20.0, 'thruster': 'x-a off'}
-    inner.fly(tmp_path / 'run', path, controller='robust', **options)
+    inner.fly(tmp_path / 'run', path, controller='allround', **options)
     inner.reaches(20)
     refused, reason = inner.set('/plant', thruster='x+q off')
     assert not refused and 'must be one of x+a' in reason

@@ -21,6 +21,7 @@ from rpo_safety.assurance import ASSURED_FORCE, CONSTRAINTS, AssuranceStage
 from rpo_safety.settings import Assurance
 from rpo_safety.shaping import Shaping
 from rpo_thrusters.thrusters import Thrusters
+from rpo_training.config import load_start
 
 pytestmark = pytest.mark.skipif(shutil.which('cc') is None, reason='cc is not installed')
 
@@ -64,10 +65,10 @@ def program(controller, scenario, folder, optimise='-O2'):
     ('name', 'flown', 'ticks'),
     rest_at_landing(
         [
-            ('robust', ASSURED, 4000),
+            ('paper_ga', ASSURED, 4000),
             ('time_to_go', load_scenario('docking'), 6080),
             (
-                'trained',
+                'allround',
                 PAPER.equipped(Shaping(0.02, 0.001)).equipped(Assurance(keep_out_m=10.0)),
                 4000,
             ),
@@ -118,7 +119,7 @@ def test_hostile_commands_are_answered_with_the_bits_of_the_stage(scenario, seed
     states, commands = hostile(seed)
     rows = np.hstack([states, commands, np.zeros((len(states), 9))]).tolist()
     found = driven(
-        program(load_controller('trained'), scenario, tmp_path, '-O3'),
+        program(load_start('trained'), scenario, tmp_path, '-O3'),
         [[k, 1 if k % SOME else 2, *row] for k, row in enumerate(rows)],
     )
     stage, numbers = (

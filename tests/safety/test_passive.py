@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from core_oracles import exact_step
 
-from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
 from rpo_proof.safety.counts import silence
 from rpo_safety import passive
+from rpo_training.config import load_start
 
 N = scenario.load_scenario('paper_test').mean_motion_rad_s
 TWO_ORBITS = 4.0 * math.pi / N
@@ -64,7 +64,7 @@ def test_no_moment_is_missed(drag):
 
 def test_the_trained_controller_is_unprotected_in_most_flights():
     """As known from another implementation: 196 of 216 flights, 36.5 % of the time beyond 15 m."""
-    flights, trained = scenario.load('paper_training'), load_controller('trained')
+    flights, trained = scenario.load('paper_training'), load_start('trained')
     found = silence(flights, trained, 5.0, 15.0, 2.0, (0.0, 0.0))
     assert found.flights == 216
     assert 190 <= found.unprotected <= 216

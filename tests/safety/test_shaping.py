@@ -17,6 +17,7 @@ from rpo_nav.navigation_errors import Navigation
 from rpo_safety.assurance import ASSURED_FORCE
 from rpo_safety.settings import Assurance
 from rpo_safety.shaping import SHAPED_FORCE, Shaping, ShapingStage
+from rpo_training.config import load_start
 
 PAPER = scenario.load_scenario('paper_test')
 NOISY = PAPER.equipped(Navigation(position_noise_m=0.01, velocity_noise_m_s=5e-4))
@@ -51,7 +52,7 @@ def test_it_keeps_the_slew_of_the_paper_under_noise():
 def test_assurance_has_the_last_word():
     """What is shaped reaches assurance; its zone is kept though the command cannot turn fast."""
     zone = PAPER.equipped(Shaping(0.02)).equipped(Assurance(keep_out_m=10.0))
-    flight = fly(zone, load_controller('trained'))
+    flight = fly(zone, load_start('trained'))
     shaped, sent = flight.signals[SHAPED_FORCE], flight.signals[ASSURED_FORCE]
     assert np.abs(np.diff(shaped, axis=0)).max() <= 0.002 + 1e-15
     assert (shaped != sent).any(), 'assurance never acted'
@@ -59,7 +60,7 @@ def test_assurance_has_the_last_word():
 
 
 def test_a_limit_that_never_binds_changes_no_bit():
-    controller = load_controller('trained')
+    controller = load_start('trained')
     plain, shaped = fly(PAPER, controller), fly(PAPER.equipped(Shaping(100.0)), controller)
     np.testing.assert_array_equal(plain.states, shaped.states)
 

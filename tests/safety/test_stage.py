@@ -15,7 +15,6 @@ from scipy import optimize
 
 import rpo_training.gym
 from rpo_core.chain.flight import fly
-from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
 from rpo_core.judge import metrics
 from rpo_core.wire.interfaces import EXERTED_FORCE
@@ -27,6 +26,7 @@ from rpo_safety.kernels import OPEN, open_margins
 from rpo_safety.packed import Filter
 from rpo_safety.settings import Assurance
 from rpo_thrusters.thrusters import Pulses, Thrusters
+from rpo_training.config import load_start
 
 PAPER = scenario.load_scenario('paper_test')
 ASSURED = scenario.load_scenario('assured')
@@ -35,7 +35,7 @@ SURE = Assurance(keep_out_m=10.0)
 
 def test_the_shipped_scenario_arrives_and_keeps_its_zone():
     """`robust` flies to the hold point; where it would break a limit, the force is another."""
-    flight = fly(ASSURED, load_controller('robust'))
+    flight = fly(ASSURED, load_start('robust'))
     assert np.linalg.norm(flight.positions_m, axis=1).min() > 10.0
     assert np.linalg.norm(flight.errors[-1, :3]) < 0.5
 
@@ -150,7 +150,7 @@ def test_thrusters_fire_what_was_assured_and_metrics_are_of_it():
         Assurance(keep_out_m=66.0, thrust_error=0.1),
         Thrusters(pulses=Pulses(count=6, modulation='sigma_delta', minimum_on_time_s=0.01)),
     )
-    flight = fly(replace(found, duration_s=20.0), load_controller('trained'))
+    flight = fly(replace(found, duration_s=20.0), load_start('trained'))
     assert (flight.signals[ASSURED_FORCE] != flight.forces_n).any()
     np.testing.assert_array_equal(flight.thrust.forces_n, flight.signals[EXERTED_FORCE][:-1])
     logged = {name: flight.signals[name] for name in (ASSURED_FORCE, EXERTED_FORCE)}

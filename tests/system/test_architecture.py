@@ -163,7 +163,7 @@ def test_ros_free_halves_import_and_the_core_flies_with_rclpy_blocked():
         'from rpo_core.chain.flight import fly\n'
         'from rpo_core.control.controller import load_controller\n'
         'from rpo_core.files.scenario import load_scenario\n'
-        'print(fly(load_scenario("quick"), load_controller("trained")).states.shape)\n'
+        'print(fly(load_scenario("quick"), load_controller("allround")).states.shape)\n'
     )
     command = [sys.executable, '-c', block, *modules]
     env = {**os.environ, 'RPO_JIT': '0'}

@@ -252,7 +252,7 @@ def test_every_field_of_every_file_is_described():
         if baseline.__module__.startswith('rpo_core.'):
             names |= {kind, *(field.name for field in fields(baseline))}
     names |= set(baselines.Model.__dataclass_fields__)
-    names |= set(controller.to_document(controller.load_controller('trained')))
+    names |= set(controller.to_document(controller.load_controller('allround')))
     missing = sorted(name for name in names if not re.search(rf'\b{name}\b', text))
     assert not missing
 

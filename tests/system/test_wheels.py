@@ -44,7 +44,7 @@ def test_the_wheels_fly_judge_and_report_without_ros(tmp_path):
     run(bin_ / 'rpo', 'simulate', 'approach', '--output', 'flown', cwd=tmp_path)
     assert 'verified, 4001 ticks' in run(bin_ / 'rpo', 'verify', 'flown', cwd=tmp_path)
     assert 'report.html' in run(bin_ / 'rpo', 'report', 'flown', cwd=tmp_path)
-    assert 'robust.c' in run(bin_ / 'rpo', 'export', 'robust', '--to', 'c', cwd=tmp_path)
+    assert 'allround.c' in run(bin_ / 'rpo', 'export', 'allround', '--to', 'c', cwd=tmp_path)
     assert 'algorithm: race' in run(
         bin_ / 'rpo', 'train', '--preset', 'best', '--show', cwd=tmp_path
     )

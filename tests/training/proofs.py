@@ -10,7 +10,6 @@ from functools import cache
 import numpy as np
 from kept import digits
 
-from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load, load_set
 from rpo_core.judge.requirements import Requirements
 from rpo_core.world.disturbance import Disturbance, Harmonic
@@ -18,6 +17,7 @@ from rpo_proof import proving
 from rpo_proof.check import Sample
 from rpo_proof.folder import Folder
 from rpo_proof.problem import Problem, Settings
+from rpo_training.config import load_start
 
 COARSE = 4.0
 """Cells of the table beside the default ones: a sixteenth of the time."""
@@ -32,19 +32,19 @@ SAMPLE = Sample(starts=0, ticks=0, surface=0)
 def problem_of(name, half=(10.0, 10.0, 10.0, 0.0, 0.0, 0.0)):
     """Return the problem of a shipped controller, from rest in a box about the target."""
     settings = Settings(centre=(0.0,) * 6, half=half, coarseness=COARSE, cell_m_s=0.025)
-    return Problem.of(load_controller(name), load('paper_training').base, settings)
+    return Problem.of(load_start(name), load('paper_training').base, settings)
 
 
 def small_proof(path):
     """Make a proof of a few cells in a folder, with few flights beside it."""
-    folder = Folder.create(path, problem_of('robust', half=BOX))
+    folder = Folder.create(path, problem_of('allround', half=BOX))
     proving.prove(folder, 1, '', lambda *_: None, probes=20)
     return folder
 
 
 def problem_of_kind(kind):
     """Return a small problem: axes together, for ever, one claim refuted; or per axis."""
-    base, controller = load_set('paper_training').base, load_controller('robust')
+    base, controller = load_set('paper_training').base, load_start('robust')
     required = {'mean_error_norm_m': 0.5, 'mean_speed_norm_m_s': 0.05}
     required |= {'hold_error_per_axis_m': 0.5, 'mean_window_s': 10.0}
     if kind == 'together':

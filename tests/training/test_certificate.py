@@ -19,6 +19,7 @@ from rpo_core.control.fuzzy import MembershipFunctions, RuleTable
 from rpo_judge.analysis import surface
 from rpo_judge.analysis.certificate import PROVEN, REFUTED, UNDECIDED, certify
 from rpo_judge.analysis.surface import Boxes
+from rpo_training.config import load_start
 
 
 def one_box(system, data, widest=0.3):
@@ -89,7 +90,7 @@ def claims(system, **options):
 
 @pytest.fixture(scope='module')
 def trained():
-    return load_controller('trained').system
+    return load_start('trained').system
 
 
 @pytest.fixture(scope='module')
@@ -219,8 +220,8 @@ def test_too_few_boxes_prove_less_but_nothing_false(trained, proven):
 @pytest.mark.parametrize(
     'name',
     [
-        'robust',
-        *(pytest.param(x, marks=pytest.mark.slow) for x in ('trained', 'handmade', 'paper_ga')),
+        'allround',
+        *(pytest.param(x, marks=pytest.mark.slow) for x in ('handmade', 'paper_ga')),
     ],
 )
 def test_damping_is_bounded_above_what_random_points_show(name):

@@ -118,7 +118,7 @@ def test_a_cluster_gives_the_arrays_of_one_thread(connected, campaign):
     test, quick = load_scenario('paper_test'), load_scenario('quick')
     shorter = [replace(test, duration_s=12.0, mass_kg=mass) for mass in (9.0, 11.0)]
     cases = [case_of_flights([quick], 10.0), case_of_flights(shorter, 10.0)]
-    population = population_of(*map(load_fuzzy, ('robust', 'trained', 'handmade', 'allround')))
+    population = population_of(*map(load_fuzzy, ('paper_ga', 'handmade', 'allround')))
     with ClusterSimulator(cases, 3, 'here') as ours:
         for some in (slice(None), slice(1, 2)):
             for one, other in zip(
@@ -131,7 +131,7 @@ def test_a_cluster_gives_the_arrays_of_one_thread(connected, campaign):
     assert sorted(ours) == [0, 1]
     for unit in pending:
         np.testing.assert_array_equal(ours[unit], alone[unit])
-    problem = problem_of('robust', half=BOX)
+    problem = problem_of('allround', half=BOX)
     work = proving.Work(problem, 'vertical', empty_set(problem), None, None, UNCOUPLED)
     units = [[cell] for cell in cells.roots(problem, 'vertical')[:2]]
     ((number, found),) = proving._on_cluster(work, units, [1], 1, 'elsewhere')

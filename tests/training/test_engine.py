@@ -91,7 +91,7 @@ LAWS = ('pd', 'lqr', 'mpc', 'apf_smc', 'drift', 'more_words', 'time_to_go')
 
 @pytest.mark.parametrize(
     ('flown', 'controller', 'every'),
-    [*((GRID, load_controller(n), 12) for n in ('trained', 'handmade', 'pd')),
+    [*((GRID, load_controller(n), 12) for n in ('allround', 'handmade', 'pd')),
      *((PAPERS, load_controller(n), 200) for n in LAWS),
      (PLANNED, load_controller('allround'), 5),
      *((LONGER, c, 7) for c in (load_controller('handmade'), *random_controllers('free', 3, 1)))],
@@ -139,7 +139,7 @@ def test_a_law_has_the_positive_samples_and_is_padded_to_whole_registers(half):
     assert not found[half:].any()
 
 
-@pytest.mark.parametrize('name', ['handmade', 'trained', 'pd'])
+@pytest.mark.parametrize('name', ['handmade', 'allround', 'pd'])
 def test_more_starts_than_lanes_fly_batch_by_batch(name):
     """300 random starts have more loops than lanes; rows and flights have the core's bits."""
     limits = {'hold_from_s': 4.0, 'hold_error_norm_m': 1.0, 'final_speed_norm_m_s': 1.0}
@@ -227,7 +227,7 @@ def forget():
 
 def test_shipped_controllers_are_known_in_perfect_scenarios():
     scenario = load_scenario('paper_test')
-    for name in ('trained', 'handmade', 'pd', 'lqr', 'mpc', 'apf_smc', 'drift'):
+    for name in ('allround', 'handmade', 'pd', 'lqr', 'mpc', 'apf_smc', 'drift'):
         assert support.why_not(scenario, load_controller(name)) == ''
     noisy = scenario.equipped(Navigation(position_noise_m=0.1))
     assert 'section `navigation`' in support.why_not(noisy, load_controller('pd'))
@@ -296,7 +296,7 @@ def test_both_ways_give_the_same_rows(elsewhere, laws, monkeypatch, loaded):
         for name in ('paper_test', 'paper_test_phase')
     ]
     cases = [training, case_of_flights(tests, 10.0)]
-    controllers = [load_controller(name) for name in ('trained', *laws)]
+    controllers = [load_controller(name) for name in ('allround', *laws)]
     controllers += random_controllers('free', 1, 11)
 
     def both():

@@ -24,7 +24,7 @@ from rpo_core.control.fuzzy import FuzzySystem
 from rpo_core.files.validation import InputError
 from rpo_export import FORMATS, SUFFIXES, importing, text_of
 
-CONTROLLERS = ['trained', 'paper_ga']
+CONTROLLERS = ['allround', 'paper_ga']
 GRID = np.linspace(-1.0, 1.0, 101)
 
 
@@ -53,7 +53,7 @@ def test_json_holds_the_file_and_pyfuzzylite_agrees_with_fll_on_the_grid(control
 
 @pytest.mark.parametrize(
     'name',
-    ['trained', 'paper_ga', 'more_words', 'time_to_go', 'pd', 'lqr', 'mpc', 'apf_smc'],
+    ['allround', 'paper_ga', 'more_words', 'time_to_go', 'pd', 'lqr', 'mpc', 'apf_smc'],
 )
 def test_python_gives_the_bits_without_us(name, tmp_path):
     controller = load_controller(name)

@@ -29,6 +29,7 @@ from rpo_kernels.jit import as_table
 from rpo_kernels.kernels import State, Vector, saturate
 from rpo_thrusters.allocation_kernels import LIMIT, SCRATCH, THRUST, allocate
 from rpo_thrusters.table import IDENTITY, ThrusterTable, table_of
+from rpo_training.config import load_start
 
 pytestmark = pytest.mark.skipif(shutil.which('cc') is None, reason='cc is not installed')
 
@@ -105,7 +106,7 @@ def begun(name):
 
 FAMILIES = sorted(n for n, kind in controller_file.kinds().items() if issubclass(kind, Family))
 CONTROLLERS = [
-    *map(load_controller, ('trained', 'paper_ga', 'lqr', 'mpc', 'apf_smc')),
+    *map(load_controller, ('allround', 'paper_ga', 'lqr', 'mpc', 'apf_smc')),
     *map(begun, FAMILIES),
     Own(name='own', position_gain_n_m=0.01, velocity_gain_n_s_m=0.4),
 ]
@@ -136,7 +137,7 @@ OFF_TARGET = replace(
 )
 
 
-@pytest.mark.parametrize('name', ['trained', 'time_to_go'])
+@pytest.mark.parametrize('name', ['allround', 'time_to_go'])
 @pytest.mark.parametrize('inside', [True, False], ids=['with the goal', 'as the header says'])
 def test_a_flight_to_a_goal_off_the_target_has_the_bits_of_the_chain(name, inside, tmp_path):
     """The header said `a finite relative state`: that flew to the centre of the target."""
@@ -166,9 +167,9 @@ def test_only_what_the_header_declares_has_a_name_outside(kind, tmp_path):
     """Two exported controllers can be linked into one program."""
     scenario = load_scenario('assured')
     files = {
-        'plain': lambda: c.files(load_controller('trained'), 'exported.c'),
-        'scenario': lambda: c.files(load_controller('trained'), 'exported.c', scenario),
-        'assured': lambda: c_assured.files(load_controller('robust'), scenario, 'exported.c'),
+        'plain': lambda: c.files(load_controller('allround'), 'exported.c'),
+        'scenario': lambda: c.files(load_controller('allround'), 'exported.c', scenario),
+        'assured': lambda: c_assured.files(load_controller('allround'), scenario, 'exported.c'),
     }[kind]()
     (tmp_path / 'exported.c').write_text(files.source)
     subprocess.run(['cc', '-std=c99', '-c', 'exported.c'], cwd=tmp_path, check=True, timeout=50)
@@ -181,7 +182,7 @@ def test_only_what_the_header_declares_has_a_name_outside(kind, tmp_path):
 
 
 def test_the_self_test_finds_another_arithmetic(tmp_path):
-    found = program(load_controller('trained'), tmp_path, '-O0', ('0.122', '0.1220000000001'))
+    found = program(load_start('trained'), tmp_path, '-O0', ('0.122', '0.1220000000001'))
     assert subprocess.run([found], input='', text=True, timeout=50).returncode == 1
 
 

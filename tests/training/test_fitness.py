@@ -157,7 +157,7 @@ def test_a_scenario_judges_any_controller_by_its_requirements(tmp_path):
     document |= {'schema': scenarios.SET_SCHEMA, 'initial_position_axis_m': [5.0, 10.0]}
     mine = tmp_path / 'mine.yaml'
     mine.write_text(yaml.safe_dump(document))
-    told = evaluate('drift', 'trained', '--scenario', str(mine))
+    told = evaluate('drift', 'allround', '--scenario', str(mine))
     assert told.exit_code == 1, told.output
     lines = [' '.join(line.split()) for line in told.output.splitlines()]
     # drifting, only the start [10, 10, 10] is farther than 16 m after 20 s
@@ -168,7 +168,7 @@ def test_a_scenario_judges_any_controller_by_its_requirements(tmp_path):
     assert drift.endswith('17.3 m 1 of 8 MISSED')
     assert energy.endswith('0 N²s 0 of 8 holds')
     assert trained_energy.endswith('8 of 8 MISSED')
-    assert evaluate('trained', '--scenario', 'paper_test').exit_code == 0
+    assert evaluate('allround', '--scenario', 'paper_test').exit_code == 0
 
 
 def test_the_weight_of_an_error_multiplies_the_penalties_of_error_and_arrival_alone():

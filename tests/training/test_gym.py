@@ -82,8 +82,8 @@ SHORT = replace(load_scenario('paper_test'), duration_s=20.0)
 )
 def test_a_policy_that_plays_a_controller_flies_its_bits(scenario: Scenario):
     env = make(scenario=scenario)
-    total, info = played(env, 'trained')
-    flight = fly(scenario, load_controller('trained'))
+    total, info = played(env, 'allround')
+    flight = fly(scenario, load_controller('allround'))
     assert bits(env.flight) == bits(flight)
     expected, found = of_flight(flight), verdicts(flight)
     missed = sum(verdict.holds is False for verdict in found)
@@ -96,14 +96,14 @@ def test_a_policy_that_plays_a_controller_flies_its_bits(scenario: Scenario):
 
 def test_without_requirements_the_conditions_are_those_of_the_papers_training():
     scenario = replace(SHORT, requirements=None)
-    _, info = played(make(scenario=scenario), 'trained')
-    assert info['conditions'] == of_flight(fly(scenario, load_controller('trained'))).conditions
+    _, info = played(make(scenario=scenario), 'allround')
+    assert info['conditions'] == of_flight(fly(scenario, load_controller('allround'))).conditions
 
 
 def test_a_member_of_the_training_set_has_the_return_of_training():
-    total, _ = played(make(), 'trained', start=215)
+    total, _ = played(make(), 'allround', start=215)
     member = load_set('paper_training').scenarios()[215]
-    figures = of_flight(fly(member, load_controller('trained')))
+    figures = of_flight(fly(member, load_controller('allround')))
     assert all(figures.conditions)
     assert total == pytest.approx(-figures.energy_n2s, rel=1e-12)
 

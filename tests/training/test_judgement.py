@@ -19,8 +19,9 @@ from rpo_judge.evaluation.judgement import Demand
 from rpo_montecarlo.campaign import config as campaigns
 from rpo_montecarlo.campaign import run_batch
 from rpo_montecarlo.campaign.statistics import successes
+from rpo_training.config import STARTS, load_start
 
-ROBUST = load_controller('robust')
+ROBUST = load_start('robust')
 
 
 def test_everywhere_counts_the_runs_of_the_campaigns(monkeypatch):
@@ -34,7 +35,7 @@ def test_everywhere_counts_the_runs_of_the_campaigns(monkeypatch):
     assert not starts.holds
     assert dispersed.holds and dispersed.success.kept == 40
     assert all_limits.success.kept == 0 and all_limits.least is None, 'slew, in every run'
-    result = invoke('evaluate', 'robust', '--everywhere', '--seed', '7')
+    result = invoke('evaluate', STARTS['robust'], '--everywhere', '--seed', '7')
     assert re.search(
         rf'random_starts +all limits +{starts.success.kept} / 450 .*MISSED', result.stdout
     )

@@ -31,6 +31,7 @@ from rpo_judge.scoring.fitness import Fitness, FitnessSettings
 from rpo_montecarlo.engine.population import population_of
 from rpo_training import config as configs
 from rpo_training import scaling
+from rpo_training.config import load_start
 from rpo_training.fitting import around
 from rpo_training.tuning import Tuning, TuningConfig
 
@@ -76,7 +77,7 @@ def test_the_search_sees_what_the_verdicts_say():
     }  # fmt: skip
     base = replace(base, requirements=scenarios.requirements.parse(required))
     starts = scenarios.ScenarioSet(base, Grid((0.0, 20.0), (20.0, 60.0, 90.0), (0.0, 10.0)))
-    controller = replace(load_controller('trained'), force_scale_n=20.0)
+    controller = replace(load_start('trained'), force_scale_n=20.0)
     conditions, fitness = conditions_of(base), Fitness(starts, FitnessSettings(), 1)
     assert set(conditions.keys) == set(base.requirements.limits)
     with fitness.simulator:

@@ -209,7 +209,7 @@ FARTHEST = load_set('least_energy_starts')
 CORNERS = replace(FARTHEST, starts=Grid.cube((-100.0, 100.0)))
 
 
-@pytest.mark.parametrize('controller', ['allround', 'trained'])
+@pytest.mark.parametrize('controller', ['allround', 'paper_ga'])
 def test_the_farthest_starts_keep_the_conditions_near_the_least_energy(controller):
     """What is least needs no condition, and 200 s; the plan is at rest after 182 s."""
     flown = [metrics.of_flight(f) for f in flights_of(load_controller(controller), CORNERS)]

@@ -45,14 +45,17 @@ from rpo_proof.proving import estimate
 from rpo_proof.sets import InvariantSet
 from rpo_proof.slew import Strip
 
-SHIPPED = ('robust', 'trained', 'handmade')
+SHIPPED = ('allround', 'paper_ga', 'handmade')
 NOWHERE = InvariantSet(0.0, 0.06, 0.0)
 """No tube is in it, so each flies on to the end."""
 
 
 @pytest.fixture(
     scope='module',
-    params=['robust', *(pytest.param(x, marks=pytest.mark.slow) for x in ('trained', 'handmade'))],
+    params=[
+        'allround',
+        *(pytest.param(x, marks=pytest.mark.slow) for x in ('paper_ga', 'handmade')),
+    ],
 )
 def surface(request):
     controller = load_fuzzy(request.param)
@@ -107,7 +110,7 @@ def test_the_table_agrees_with_rational_numbers(surface):
     assert not list(check_sets.surface_faults(problem, rng, 8))
 
 
-@pytest.mark.parametrize('name', ['robust', pytest.param('trained', marks=pytest.mark.slow)])
+@pytest.mark.parametrize('name', ['allround', pytest.param('paper_ga', marks=pytest.mark.slow)])
 def test_tubes_hold_the_flights_of_their_cells(name):
     """States, forces and slew of every tick: corners and random starts, with a velocity."""
     problem = problem_of(name, half=(40.0, 40.0, 40.0, 0.05, 0.05, 0.05))
@@ -225,7 +228,7 @@ def test_a_strip_in_parts_sharpens_the_slew():
 
 def test_what_is_kept_of_a_tube_is_rounded_outward():
     """By more than sums of its ticks are rounded: a checker adds them up in another order."""
-    problem = problem_of('robust', half=BOX)
+    problem = problem_of('allround', half=BOX)
     prover, judged = Prover(problem, 'planar', NOWHERE), problem.scenario.ticks - 1
     kept = prover.values(cells.Cell((1.0, 0.5, 0.0, 0.0), (0.5, 0.25, 0.0, 0.0)))[0]
     found, t = dict(zip(cells.VALUES, kept, strict=True)), prover.trace
@@ -240,7 +243,7 @@ def test_what_is_kept_of_a_tube_is_rounded_outward():
 
 
 def test_flights_of_a_proof_have_the_bits_of_simulate():
-    problem = problem_of('robust')
+    problem = problem_of('allround')
     scenario = flights.vary(problem, np.random.default_rng(1), np.array([9.0, -7.0, 3.0, 0, 0, 0]))
     ours, theirs = flights.fly(problem, scenario), fly(scenario, problem.controller)
     assert (ours.states == theirs.states).all() and (ours.forces_n == theirs.forces_n).all()
@@ -266,16 +269,16 @@ def test_no_flight_leaves_the_invariant_set(name):
 @pytest.mark.every_landing
 def test_there_is_no_invariant_set_without_damping():
     """Rules that ignore the velocity: an oscillator, which never comes to rest."""
-    robust = load_fuzzy('robust')
-    rows = tuple(robust.system.rules.words[2] for _ in range(5))
-    undamped = replace(robust, system=replace(robust.system, rules=RuleTable(rows)))
-    settings = replace(problem_of('robust').settings, coarseness=8.0)
+    default = load_fuzzy('allround')
+    rows = tuple(default.system.rules.words[2] for _ in range(5))
+    undamped = replace(default, system=replace(default.system, rules=RuleTable(rows)))
+    settings = replace(problem_of('allround').settings, coarseness=8.0)
     problem = Problem.of(undamped, load('paper_training').base, settings)
     assert invariant_set_of(problem, 0.5, None) is None
 
 
 def test_rounding_of_a_cell_leaves_no_gap():
-    problem = problem_of('robust', half=(0.7, 0.7, 0.7, 0.03, 0.03, 0.03))
+    problem = problem_of('allround', half=(0.7, 0.7, 0.7, 0.03, 0.03, 0.03))
     for group in GROUPS:
         some = cells.roots(problem, group)
         halved = [half for cell in some[1:] for half in cells.halves(cell, cells.widths(cell))]
@@ -296,7 +299,7 @@ def test_a_proof_is_checked_and_an_interrupted_one_has_the_same_bytes(sound, tmp
     assert {claim['verdict'] for claim in summary['claims'].values()} == {'proven'}
     assert 'for ever' in summary['claims']['hold_error_per_axis_m']['statement']
     assert check.check(sound, check.Sample(starts=2, ticks=4, surface=5)).faults == []
-    second = Folder.create(tmp_path / 'second', problem_of('robust', half=BOX))
+    second = Folder.create(tmp_path / 'second', problem_of('allround', half=BOX))
 
     def stop(what, done, total):
         if what == 'planar cells':
@@ -317,8 +320,8 @@ def test_a_refuted_claim_has_a_flight_that_simulate_repeats(tmp_path):
     """Of two claims, the only ones listed; no flight keeps the limit of the second."""
     base, asked = load('paper_training').base, ('hold_error_per_axis_m', 'slew_per_axis_n_s')
     strict = replace(base, requirements=replace(base.requirements, slew_per_axis_n_s=0.04))
-    settings = replace(problem_of('robust', half=BOX).settings, claims=asked)
-    problem = Problem.of(load_controller('robust'), strict, settings)
+    settings = replace(problem_of('allround', half=BOX).settings, claims=asked)
+    problem = Problem.of(load_controller('allround'), strict, settings)
     folder = Folder.create(tmp_path / 'proof', problem)
     outcome = proving.prove(folder, 1, '', lambda *_: None, probes=20)
     assert outcome.counterexamples == ['slew_per_axis_n_s']
@@ -327,41 +330,41 @@ def test_a_refuted_claim_has_a_flight_that_simulate_repeats(tmp_path):
     assert claims['hold_error_per_axis_m']['limit'] == 0.5
     assert [claims[key]['verdict'] for key in asked] == ['proven', 'refuted'] and len(claims) == 2
     path = folder.path / 'counterexample_slew_per_axis_n_s.yaml'
-    run = invoke('simulate', path, '--controller', 'robust')
+    run = invoke('simulate', path, '--controller', 'allround')
     assert 'MISSED' in run.output
     assert check.check(folder, check.Sample(starts=1, ticks=1, surface=1)).faults == []
     with pytest.raises(InputError, match='`claim` must be one of'):
-        Problem.of(load_controller('robust'), base, replace(settings, claims=('x',)))
+        Problem.of(load_controller('allround'), base, replace(settings, claims=('x',)))
 
 
 def test_what_the_theory_does_not_know_is_refused():
-    base, settings = load('paper_training').base, problem_of('robust').settings
+    base, settings = load('paper_training').base, problem_of('allround').settings
     with pytest.raises(InputError, match='of kind lqr'):
         Problem.of(load_controller('lqr'), base, settings)
     noisy = base.equipped(Navigation(position_noise_m=0.1))
     with pytest.raises(InputError, match='`navigation`'):
-        Problem.of(load_controller('robust'), noisy, settings)
+        Problem.of(load_controller('allround'), noisy, settings)
     away = replace(base, goal_position_m=(0.0, 10.0, 0.0))
     with pytest.raises(InputError, match='goal_position_m'):
-        Problem.of(load_controller('robust'), away, settings)
+        Problem.of(load_controller('allround'), away, settings)
     with pytest.raises(InputError, match='`centre` must be 6 numbers'):
         replace(settings, centre=(0.0,) * 5)
-    robust = load_fuzzy('robust')
-    part = replace(robust.system.position, sp_left=robust.system.position.sp_centre)
-    jumping = replace(robust, system=replace(robust.system, position=part))
-    with pytest.raises(InputError, match=r'vertical edge at 0\.1921'):
+    default = load_fuzzy('allround')
+    part = replace(default.system.position, sp_left=default.system.position.sp_centre)
+    jumping = replace(default, system=replace(default.system, position=part))
+    with pytest.raises(InputError, match=r'vertical edge at 0\.1792'):
         enclosure.table_of(jumping, 0.5, COARSE)
 
 
 def test_rules_that_are_not_odd_are_proven_from_the_whole_box():
-    robust = load_fuzzy('robust')
-    words = [list(row) for row in robust.system.rules.words]
+    default = load_fuzzy('allround')
+    words = [list(row) for row in default.system.rules.words]
     words[0][0] = 'SN'
     rules = RuleTable(tuple(map(tuple, words)))
-    uneven: FuzzyController = replace(robust, system=replace(robust.system, rules=rules))
-    settings = problem_of('robust').settings
+    uneven: FuzzyController = replace(default, system=replace(default.system, rules=rules))
+    settings = problem_of('allround').settings
     base = load('paper_training').base
-    whole, half = (cells.roots(Problem.of(c, base, settings), 'planar') for c in (uneven, robust))
+    whole, half = (cells.roots(Problem.of(c, base, settings), 'planar') for c in (uneven, default))
     assert len(whole) == 2 * len(half)
 
 
@@ -370,7 +373,7 @@ def test_a_known_disturbance_is_part_of_the_tube():
     base = replace(load_scenario('paper_test'), duration_s=60.0, requirements=None)
     start = base.start
     settings = Settings(centre=start, half=(0.2, 0.2, 0.2, 0.0, 0.0, 0.0), coarseness=COARSE)
-    problem = Problem.of(load_controller('robust'), base, settings)
+    problem = Problem.of(load_controller('allround'), base, settings)
     flight = fly(base, problem.controller)
     for group, chosen in GROUPS.items():
         prover = Prover(problem, group, NOWHERE)
@@ -384,7 +387,7 @@ def test_a_known_disturbance_is_part_of_the_tube():
 @pytest.mark.parametrize('group', ['planar', 'vertical'])
 def test_an_invariant_set_stands_the_whole_disturbance_at_any_tick(group):
     pushed = load_scenario('paper_test')
-    problem = replace(problem_of('robust'), scenario=pushed)
+    problem = replace(problem_of('allround'), scenario=pushed)
     inside = motion_inside(problem, group)
     forces = [pushed.disturbance.force_n(pushed.time_s(tick)) for tick in range(0, 4000, 7)]
     assert inside.any_n >= abs(np.array(forces)).max() > 0.01
@@ -392,7 +395,7 @@ def test_an_invariant_set_stands_the_whole_disturbance_at_any_tick(group):
 
 
 def test_a_range_names_all_that_may_differ():
-    plain = problem_of('robust')
+    plain = problem_of('allround')
     pushed = replace(plain.scenario, disturbance=Disturbance((0.0, 0.001, 0.0)))
     wide = replace(plain.settings, mass_share=0.05, disturbance_share=0.6, any_n=0.002)
     assert range_of(plain) == 'mass 10 kg; no disturbance; 200 s'
@@ -406,7 +409,7 @@ def test_a_range_names_all_that_may_differ():
 def test_what_is_held_is_judged_on_either_side_of_the_target():
     """Without requirements the error is held from the end on; it is the greatest of any axis."""
     base = replace(load('paper_training').base, requirements=None, duration_s=2.0)
-    problem = replace(problem_of('robust'), scenario=base)
+    problem = replace(problem_of('allround'), scenario=base)
     flight = flights.fly(problem, replace(base, initial_position_m=(1.0, -9.0, 2.0)))
     found = values_of(problem, flight)
     assert found == {'hold_error_per_axis_m': abs(flight.states[-1, 1])}
@@ -414,7 +417,7 @@ def test_what_is_held_is_judged_on_either_side_of_the_target():
 
 @pytest.mark.slow
 def test_a_local_cluster_proves_the_same_bytes(sound, tmp_path):
-    together = Folder.create(tmp_path / 'together', problem_of('robust', half=BOX))
+    together = Folder.create(tmp_path / 'together', problem_of('allround', half=BOX))
     proving.prove(together, 2, 'local', lambda *_: None, probes=20)
     for name in ('planar.npz', 'vertical.npz', 'summary.yaml', 'table.npz'):
         assert (sound.path / name).read_bytes() == (together.path / name).read_bytes()
@@ -423,7 +426,7 @@ def test_a_local_cluster_proves_the_same_bytes(sound, tmp_path):
 @pytest.mark.every_landing
 def test_an_estimate_is_of_the_proof_itself(sound):
     """All first cells drawn: the bounds of the proof, and its number of cells."""
-    problem = problem_of('robust', half=BOX)
+    problem = problem_of('allround', half=BOX)
     summary = sound.summary()
     found = estimate(problem, 1000, lambda *_: None)
     assert found.cells == found.sampled and found.hours > 0.0
@@ -451,7 +454,7 @@ def test_what_follows_of_the_cells_is_the_same_in_any_order():
     values = rng.uniform(0.1, 9.0, (n, len(cells.VALUES)))
     half = rng.uniform(0.1, 1.0, (n, 4))
     rest = np.zeros((n, 1, 2, 4)), np.zeros((1, 2, 1)), np.zeros((2, 0, 4))
-    problem = problem_of('robust')
+    problem = problem_of('allround')
     plain, turned = (
         {'planar': cells.CellBounds(half, half[order], values[order], *rest)}
         for order in (np.arange(n), rng.permutation(n))
@@ -485,7 +488,7 @@ def test_the_box_of_a_set_is_rounded_outwards():
 
 
 def test_half_of_the_box_is_enough_where_all_is_odd():
-    plain = problem_of('robust')
+    plain = problem_of('allround')
     pushed = replace(plain.scenario, disturbance=Disturbance((0.0, 0.001, 0.0)))
     settings = plain.settings
     even = replace(plain.controller.system, rules=RuleTable((('SP',) * 5,) * 5))
@@ -533,7 +536,7 @@ def test_a_proof_names_what_it_is_about_and_its_digests(sound):
     stand_in = SimpleNamespace(problem=other, texts=sound.texts)
     digests = [hashlib.sha256(content.encode()).hexdigest() for content in sound.texts[:2]]
     for found, words in (
-        (sound, ('means the same as the shipped robust', 'means the same as the shipped ')),
+        (sound, ('means the same as the shipped allround', 'means the same as the shipped ')),
         (stand_in, ('named handmade, and NOT the one that ships', '`mine`, which does not ship')),
     ):
         lines = folder.origins(found)

@@ -21,7 +21,6 @@ from landing import rest_at_landing
 from proofs import COARSE, lines_of
 
 from rpo_core.chain.flight import fly
-from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
 from rpo_core.judge.requirements import Requirements
 from rpo_proof import cells, check, check_sets, flights, per_axis, proving
@@ -32,6 +31,7 @@ from rpo_proof.folder import Folder
 from rpo_proof.problem import PER_AXIS, Problem, Settings
 from rpo_proof.slew import Strip
 from rpo_report.proof import report_of
+from rpo_training.config import load_start
 
 EXPECTED = Path(__file__).parent / 'expected'
 
@@ -103,7 +103,7 @@ def paper_like(wanted, controller='allround', **options):
         coarseness=COARSE,
         **chosen,
     )
-    return Problem.of(load_controller(controller), base, made)
+    return Problem.of(load_start(controller), base, made)
 
 
 @pytest.fixture(

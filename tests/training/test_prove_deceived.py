@@ -390,7 +390,7 @@ def test_axes_apart_hold_flights_of_any_signs(tmp_path):
     base = replace(load_scenario('paper_test'), duration_s=20.0, requirements=None)
     half = (0.4, 0.4, 0.4, 0.02, 0.02, 0.02)
     settings = Settings(centre=(0.0,) * 6, half=half, axes_apart=True, coarseness=4.0)
-    problem = Problem.of(load_controller('robust'), base, settings)
+    problem = Problem.of(load_controller('allround'), base, settings)
     folder = Folder.create(tmp_path / 'proof', problem)
     proving.prove(folder, 1, '', lambda *_: None, probes=8)
     for group, chosen in problem.groups.items():
@@ -423,7 +423,7 @@ def test_the_command_says_what_it_checked(copy_of):
     assert 'if the cells that were not drawn are right' in text
     assert 'Not checked: the tubes of 1 planar cells' in text
     assert 'Not checked: notes.txt' in text
-    assert 'controller: means the same as the shipped robust; SHA-256' in text
+    assert 'controller: means the same as the shipped allround; SHA-256' in text
     assert 'scenario: `small_together`, which does not ship' in text
     code, text = said(path, '--cells', '0', '--seed', '5', '--no-fail')
     assert code == 0 and 'not drawn' not in text and '--seed 5' in text
@@ -451,7 +451,7 @@ def test_another_controller_under_a_shipped_name_is_named(copy_of):
     assert code == 0
     assert 'controller: named allround, and NOT the one that ships with this name' in text
     assert 'scenario: named paper_test, and NOT the one that ships with this name' in text
-    other = replace(load_controller('trained'), name='robust')
+    other = replace(load_controller('handmade'), name='allround')
     (path / 'controller.yaml').write_text(dumps(other))
     stamp(path)
     assert faults(path)

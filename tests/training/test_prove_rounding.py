@@ -36,7 +36,7 @@ def drawn(rng, *shape, least=-6.0, most=2.0):
 def surface(e=(-FAR, FAR), w=(-FAR, FAR), u=None, limit=1e30, scales=(4.0, 0.25, 0.5)):
     """Return a table of few cells; its slopes are not known, its bends and its slack are none."""
     m, n = len(e) - 1, len(w) - 1
-    return problem_of('robust').table._replace(
+    return problem_of('allround').table._replace(
         e=np.array(e), w=np.array(w), u=np.zeros((m + 1, n + 1)) if u is None else u,
         bend=np.zeros((m, n)), slopes=np.tile([-1e300, 1e300], (m, n, 2)),
         division=np.full((m, n), -1, np.int32), part_range=np.empty((0, 1, 1, 2)),

@@ -32,15 +32,12 @@ def test_both_pages_say_what_the_file_of_results_says():
     assert column == {name: comparison.proof_of(load_controller(name)) for name in CONTROLLERS}
 
 
-def test_the_default_is_proven_and_the_least_energy_of_its_form_is_refuted():
-    found = {name: proven.proof_of(load_controller(name)) for name in ('robust', 'trained')}
-    assert found == {'robust': 'refuted: slew', 'trained': 'refuted: arrival'}
+def test_the_default_is_proven():
     assert proven.proof_of(load_controller(DEFAULT_CONTROLLER)) == 'proven'
 
 
 def test_a_result_is_of_numbers_and_of_no_name():
-    posed = replace(load_controller('trained'), name=DEFAULT_CONTROLLER)
-    assert proven.proof_of(posed) == 'refuted: arrival'
+    posed = load_controller(DEFAULT_CONTROLLER)
     scales = posed.position_scale_m
     assert proven.proof_of(replace(posed, position_scale_m=scales + 1e-9)) == proven.NO_PROOF
     renamed = replace(load_controller(DEFAULT_CONTROLLER), name='mine', provenance={})
@@ -63,10 +60,10 @@ def test_a_condition_that_the_proof_leaves_open_is_not_proven(monkeypatch, verdi
         proven.ProvenClaim(key, key, 'm', 0.5, *figures[verdict])
         for key, verdict in zip(keys, verdicts, strict=False)
     )
-    controller = load_controller('trained')
+    controller = load_controller('paper_ga')
     digest = proven.numbers_of(controller)
     monkeypatch.setattr(
-        proven, 'shipped', lambda: (proven.Proof('trained', digest, 'c', 'c', 'd', claims),)
+        proven, 'shipped', lambda: (proven.Proof('paper_ga', digest, 'c', 'c', 'd', claims),)
     )
     head, *names = re.split(': |, ', proven.proof_of(controller))
     expected, *those = re.split(': |, ', said)
@@ -75,15 +72,13 @@ def test_a_condition_that_the_proof_leaves_open_is_not_proven(monkeypatch, verdi
 
 def changed(kind):
     """Return a problem that is not that of `rpo prove NAME`, or is."""
-    problem = problem_of('robust', TRAINING_BOX)
+    problem = problem_of('allround', TRAINING_BOX)
     own = problem.settings
     return {
-        'box': problem_of('robust'),
+        'box': problem_of('allround'),
         'claims': replace(problem, settings=replace(own, claims=('slew_per_axis_n_s',))),
         'moving': replace(problem, settings=replace(own, mass_share=0.1)),
-        'numbers': replace(
-            problem, controller=replace(problem.controller, position_scale_m=61.0, name='robust')
-        ),
+        'numbers': replace(problem, controller=replace(problem.controller, position_scale_m=61.0)),
         'unfinished': problem,
     }[kind]
 
@@ -94,7 +89,7 @@ def changed(kind):
         ('box', 'must be that of `rpo prove NAME`'),
         ('claims', 'must be that of `rpo prove NAME`'),
         ('moving', 'must be that of `rpo prove NAME`'),
-        ('numbers', 'has other numbers than the one that ships as robust'),
+        ('numbers', 'has other numbers than the one that ships as allround'),
         ('unfinished', 'is not finished'),
     ],
 )

@@ -21,7 +21,6 @@ from log_runs import FORCE, Run, make_run
 from pages import Page, replayed, straight, unpacked
 
 from rpo_core.chain.flight import fly
-from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
@@ -37,6 +36,7 @@ from rpo_montecarlo.campaign.store import Store
 from rpo_report import campaign, logged, page, replay, run, run_plots
 from rpo_report.page import File, Picture, Report, Section, Table, Text
 from rpo_report.replay import Replayed
+from rpo_training.config import load_start
 
 UNITLESS = {
     'word of the position error', 'word of the velocity error', 'grade', 'number of runs',
@@ -280,7 +280,7 @@ def test_folders_are_recognised(folder, store, tmp_path):
     assert page.subject_of(str(folder)) == 'run'
     assert page.subject_of(str(folder / 'run.mcap')) == 'run'
     assert page.subject_of(str(store.folder)) == 'campaign'
-    assert page.subject_of('trained') == 'controller'
+    assert page.subject_of('allround') == 'controller'
     with pytest.raises(InputError, match=r'the folder of a run .* of a campaign .* or of a proof'):
         page.subject_of(str(tmp_path))
 
@@ -430,13 +430,13 @@ def test_a_sentence_that_begins_with_a_number_is_folded():
 
 @pytest.fixture(scope='module')
 def flight():
-    return fly(load_scenario('paper_test'), load_controller('trained'))
+    return fly(load_scenario('paper_test'), load_start('trained'))
 
 
 def test_a_page_is_complete_and_small(flight):
     """4001 states with the rules of each second are below 3 MB, and stay what they were."""
     name = '</script><b>'
-    shown = Replayed(name, flight, 'held', False, load_controller('trained'), [('in', 'now', 7)])
+    shown = Replayed(name, flight, 'held', False, load_start('trained'), [('in', 'now', 7)])
     page = replay.page_of(name, [shown])
     assert len(page.encode()) < 3e6
     assert "default-src 'none'" in page and 'http-equiv' in page and name not in page
@@ -478,7 +478,7 @@ def test_zones_count_only_where_a_scenario_has_them(flight):
         replayed(replay.page_of('', [Replayed('', flight, '', False)]))['scene']['keep_out'] == []
     )
     scenario = replace(load_scenario('docking'), duration_s=2.0)
-    docking = fly(scenario, load_controller('trained'))
+    docking = fly(scenario, load_start('trained'))
     page = replayed(replay.page_of('', [Replayed('', docking, '', False)] * 2))
     assert page['scene']['keep_out'] == [10.0] and 'retreat' in page['scene']['points']
     assert page['scene']['ahead'] == [0.0, 1.0, 0.0] and len(page['flights']) == 2

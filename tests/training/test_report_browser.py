@@ -28,6 +28,7 @@ from rpo_montecarlo.campaign import config, execution
 from rpo_montecarlo.campaign.store import Store
 from rpo_report import campaign, controller, page, run
 from rpo_report.replay import Replayed, page_of
+from rpo_training.config import load_start
 
 CHROMIUM = shutil.which('chromium')
 
@@ -61,7 +62,7 @@ def campaign_report(folder):
 
 
 def controller_report(folder):
-    return controller.report_of('trained')
+    return controller.report_of('allround')
 
 
 def baseline_report(folder):
@@ -130,7 +131,7 @@ def test_the_optimum_is_drawn_beside_the_flight(tmp_path):
 
 def test_a_replay_in_chromium(tmp_path, capsys):
     """A flight with every stage is drawn, turned, played and scrubbed, by keys too."""
-    made = chain_run(test_report_guided.whole(), load_controller('trained'))
+    made = chain_run(test_report_guided.whole(), load_start('trained'))
     made.write(tmp_path / 'whole')
     run_report(tmp_path / 'paper')
     done = invoke('report', tmp_path / 'whole', tmp_path / 'paper', '-o', tmp_path)

@@ -23,6 +23,7 @@ from rpo_nav.estimator import EstimatorStage
 from rpo_report import assured, guided, logged, navigation, page, run, run_plots
 from rpo_report.page import Fold, Table
 from rpo_safety.assurance import AssuranceStage
+from rpo_training.config import load_start
 
 LEGS = [
     {'name': 'wait', 'kind': 'hold', 'dwell_s': 2.0, 'go': 'command', 'within_m': 3.0,
@@ -64,7 +65,7 @@ def flown(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(GuidanceStage, 'reset', commanded)
         events = (said('go', GO), said('hold', HOLD))
-        made = chain_run(flown, load_controller('trained'), events=events)
+        made = chain_run(flown, load_start('trained'), events=events)
     path = tmp_path_factory.mktemp('whole')
     made.write(path)
     return read_run(path), made.flight

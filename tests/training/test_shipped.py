@@ -30,6 +30,7 @@ from rpo_montecarlo.engine.simulator import Simulator
 from rpo_report import controller as report
 from rpo_report.controller import report_of
 from rpo_report.page import Table
+from rpo_training.config import load_start
 
 EXPECTED = Path(__file__).with_name('expected')
 
@@ -39,11 +40,9 @@ SHORT = {
 """What shortens presets of which `tests/digests` has no training, to a few seconds."""
 
 
-SHIPPED = ['allround', 'paper_ga', 'robust', 'trained']
+SHIPPED = ['allround', 'paper_ga']
 FAMILIES = ['more_words', 'time_to_go']
 TUNED = ['pd', 'lqr', 'mpc', 'apf_smc']
-UNPINNED = ['robust', 'trained']
-"""Searches of before the pin made them; the pinned ones find others (docs/training.md)."""
 
 
 @cache
@@ -61,8 +60,7 @@ def test_a_file_is_as_good_as_it_says(name):
     assert controller.provenance['starts_that_miss'] == {'speed': 0, 'slew': 0, 'arrival': 0}
     assert found.asked[0] == name
     assert [target for target in found.targets() if not target.holds] == []
-    told = controller.provenance.get('arithmetic', {'pinned': True})
-    assert told['pinned'] is (name not in UNPINNED), 'its command makes it again, or it says so'
+    assert controller.provenance.get('arithmetic', {'pinned': True})['pinned'] is True
 
 
 def test_the_default_is_good_everywhere():
@@ -98,9 +96,9 @@ def test_the_default_meets_its_world():
 
 def test_targets_follow_the_numbers_and_not_the_name():
     """A file that calls itself paper_ga, of which little is asked, is not asked for less."""
-    posed = replace(load_controller('robust'), name='paper_ga', provenance={})
+    posed = replace(load_controller(DEFAULT_CONTROLLER), name='paper_ga', provenance={})
     name, asked = assessment.asked_of(posed)
-    assert (name, asked) == ('robust', assessment.SHIPPED['robust'])
+    assert (name, asked) == (DEFAULT_CONTROLLER, assessment.SHIPPED[DEFAULT_CONTROLLER])
     own = replace(posed, velocity_scale_m_s=posed.velocity_scale_m_s + 1e-3)
     assert assessment.asked_of(own) == ('', assessment.ANY)
     found = assess(own).targets()
@@ -123,9 +121,7 @@ def test_the_papers_claims_hold(scenario, name):
 
 def test_robust_keeps_the_claims_in_every_corner():
     simulator = Simulator(fitness.corner_cases())
-    for figures in simulator.fly(
-        population_of(load_controller('robust'), load_controller('trained'))
-    ):
+    for figures in simulator.fly(population_of(load_start('robust'), load_start('trained'))):
         kept = (figures[..., LATE_POSITION] <= 0.5) & (figures[..., LATE_SPEED] <= 0.01)
         assert kept[0].all()
         assert not kept[1].all(), 'the corners must be hard'
@@ -145,7 +141,7 @@ def test_a_shortened_training_gives_the_committed_bits(preset, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
-@pytest.mark.parametrize('name', [*sorted({*SHIPPED} - {*UNPINNED}), *TUNED, *FAMILIES])
+@pytest.mark.parametrize('name', [*SHIPPED, *TUNED, *FAMILIES])
 def test_the_command_of_a_file_makes_it_again(name, tmp_path):
     """An LQR with its gains, which follow by LAPACK."""
     shipped = load_controller(name)

@@ -17,6 +17,7 @@ from rpo_core.files.scenario import load_scenario
 from rpo_core.world import cw
 from rpo_judge import basilisk, truth
 from rpo_thrusters.thrusters import Thrusters
+from rpo_training.config import load_start
 
 SCIPY, BASILISK = {'SciPy': truth.by_scipy}, {'Basilisk': basilisk.by_basilisk}
 SHORT = replace(load_scenario('paper_test'), duration_s=8.0)
@@ -99,7 +100,7 @@ def test_the_command_prints_both_tables_and_draws(tmp_path, monkeypatch):
 def test_basilisk_flies_what_scipy_flies():
     if find_spec('Basilisk') is None:
         pytest.skip('Basilisk (layer truth) is not installed')
-    flight = fly(load_scenario('paper_test'), load_controller('trained'))
+    flight = fly(load_scenario('paper_test'), load_start('trained'))
     found = truth.compare(flight, 'test', {**BASILISK, **SCIPY})
     assert list(found.errors) == ['Basilisk', 'SciPy']
     assert found.disagreement_m < 1e-7
@@ -128,7 +129,7 @@ def test_basilisk_flies_the_true_worlds(world):
         pytest.skip('Basilisk (layer truth) is not installed')
     scenario = load_scenario(world)
     scenario = scenario.equipped(replace(scenario.dynamics, drag=None))
-    found = truth.compare(fly(scenario, load_controller('trained')), world, BASILISK)
+    found = truth.compare(fly(scenario, load_start('trained')), world, BASILISK)
     assert np.linalg.norm(found.errors['Basilisk'][:, :3], axis=1).max() < 1e-5
 
 

@@ -173,7 +173,7 @@ def quiet(
 
     found, settings = load(scenario), Assurance(speed=speed)
     rows = []
-    for name in controller or ['trained', 'robust']:
+    for name in controller or [DEFAULT_CONTROLLER]:
         counted = counting.quiet(found, load_controller(name), settings)
         rows.append((name, *map(str, counted[:3]), f'{counted.margin_m_s:.3f} m/s'))
     heads = ('controller', 'flights', 'interventions', 'flights with one', 'least margin')
@@ -201,7 +201,7 @@ def drift(
 
     found, bounds = load(scenario), (-drag, 0.0 if more_drag else drag)
     rows = []
-    for name in controller or ['trained', 'robust']:
+    for name in controller or [DEFAULT_CONTROLLER]:
         f = silence(found, load_controller(name), radius, beyond, orbits, bounds)
         rows.append((name, str(f.flights), str(f.unprotected), f'{100 * f.share:.1f} %'))
     heads = ('controller', 'flights', 'unprotected', 'of the time')

@@ -49,14 +49,12 @@ class Asked:
 _ALL = ('Q3', 'Q4', 'Q5')
 
 ANY = Asked(3.7, 0.0, _ALL, "what is asked of a controller for the paper's training")
-"""Q2's 3.7 N^2 s was set before `trained` was; the least under all conditions is 2.43."""
+"""Q2's 3.7 N^2 s was set early; the least under all conditions is 2.43."""
 
 SHIPPED = {
     'allround': Asked(
         4.0, 0.03, _ALL, 'a margin of 3 % to every condition, and the energy that it shipped with'
     ),
-    'trained': Asked(3.7, 0.0, _ALL, 'little energy'),
-    'robust': Asked(4.0, 0.0, _ALL, 'the energy that it shipped with'),
     'paper_ga': Asked(None, 0.0, (), "the paper's search, asked for the conditions of the paper"),
 }
 """Shipped controller -> what is asked of it. An energy that a controller shipped with was set after

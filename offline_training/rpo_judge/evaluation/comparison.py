@@ -115,7 +115,7 @@ def proof_of(controller: AnyController) -> str:
 
 
 FUZZY = (
-    'allround', 'trained', 'robust', 'paper_ga', 'handmade',
+    'allround', 'paper_ga', 'handmade',
     'more_words', 'time_to_go',
 )  # fmt: skip
 CONTROLLERS = (*FUZZY, 'mpc', 'apf_smc', 'lqr', 'pd', 'drift')

@@ -33,7 +33,7 @@ GONE: dict[str, dict[str, str]] = {
         'trial': 'the latency, jitter and counts in `run_status` and on `/diagnostics`',
     },
     'controller': {
-        **dict.fromkeys(('everywhere', 'world'), '`allround`'),
+        **dict.fromkeys(('everywhere', 'robust', 'trained', 'world'), '`allround`'),
         'pace': '`more_words`',
         'pd_disturbed': '`pd`',
     },
