@@ -108,7 +108,7 @@ def test_wrench_as_rosbags_writes_it(stamp_ns, frame, force):
 
 def test_a_log_holds_all_topics_but_these():
     assert {row.name for row in interfaces.rows(logged=False)} == {
-        'guidance_status', 'decision', 'node_manifest', 'recorder_status', 'plant_tick',
+        'guidance_status', 'node_manifest', 'recorder_status', 'plant_tick',
         'heartbeat', 'diagnostics',
     }  # fmt: skip
 
@@ -281,3 +281,27 @@ def test_a_damaged_status_is_refused_with_its_place(at, wrong, said):
         cdr.decode_status(data[:at] + wrong + data[at + len(wrong) :])
     with pytest.raises(cdr.CdrError, match='must hold a level; got no more bytes'):
         cdr.decode_status(data[:4])
+
+
+TEXT = st.text(st.characters(codec='utf-8', exclude_characters='\x00'), max_size=9)
+SAID = st.builds(
+    cdr.Status, st.integers(0, 3), TEXT, TEXT, TEXT,
+    st.lists(st.tuples(TEXT, TEXT), max_size=3).map(tuple),
+)  # fmt: skip
+
+
+@settings(max_examples=40)
+@given(st.integers(0, 2**31 * 10**9 - 1), TEXT, st.lists(SAID, max_size=4).map(tuple))
+def test_an_array_round_trips_in_one_way(stamp_ns, frame, axes):
+    data = cdr.encode_array(stamp_ns, frame, axes)
+    assert cdr.decode_array(data) == (stamp_ns, axes)
+    assert cdr.canonical(ARRAY, data) == data
+
+
+@given(st.binary(max_size=200))
+def test_bytes_that_are_no_array_are_a_cdr_error(data):
+    for candidate in (data, cdr.HEADER + data, cdr.encode_array(0, '', ())[:40] + data):
+        try:
+            cdr.decode_array(candidate)
+        except cdr.CdrError:
+            continue

@@ -94,8 +94,6 @@ def flight_of_nodes(
         for node, values in yaml.safe_load(content).items():
             for key, value in values.items():
                 yield f'{name}:{node}.{key}', repr(value).encode()
-    if (folder / 'decisions.mcap').exists():
-        yield from ((f'decisions.mcap:{k}', v) for k, v in logged(folder / 'decisions.mcap'))
 
 
 def logged(path: Path, omitted: Iterable[str] = ()) -> Named:

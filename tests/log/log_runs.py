@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import random
 import resource
@@ -34,11 +33,10 @@ from rpo_core.control import controller
 from rpo_core.files import scenario
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.statuses import numbers_text
-from rpo_ctrl import explain
 from rpo_log import signature
 from rpo_mcap.format.run import RunSummary, TimeBase
 from rpo_mcap.read.records import RawMessage
-from rpo_mcap.write.side_file import DecisionLogWriter, HealthLogWriter
+from rpo_mcap.write.side_file import HealthLogWriter
 from rpo_mcap.write.writer import RunLogWriter
 
 CLOCK, STATE = '/clock', '/relative_state'
@@ -311,21 +309,7 @@ def file_size_limit(size: int) -> Iterator[None]:
         signal.signal(signal.SIGXFSZ, handler)
 
 
-RATE_HZ = 1.0
-PARAMETERS = b'fuzzy_controller: {decision_rate_hz: 1.0}\nplant: {scenario: paper_test}\n'
-
-
-def decision(run: Run, tick: int) -> bytes:
-    content, flight = run.attachments['controller.yaml'], run.flight
-    control = files.loads(content.decode(), controller.parse, 'controller.yaml')
-    label = explain.label(control, hashlib.sha256(content).hexdigest())
-    state, force_n = flight.states[tick].tolist(), flight.forces_n[tick].tolist()
-    reasons = explain.reasons(control, state, force_n, tick)
-    statuses = [
-        cdr.Status(0, f'decision: {axis}', sentence, label, tuple((n, repr(v)) for n, v in pairs))
-        for axis, (sentence, pairs) in zip('xyz', reasons, strict=True)
-    ]
-    return cdr.encode_array(run.base.stamp_ns(tick), 'target_lvlh', statuses)
+PARAMETERS = b'plant: {scenario: paper_test}\n'
 
 
 def record(
@@ -335,10 +319,6 @@ def record(
     run = make_run(duration_s, control=control)
     run = Run(run.flight, run.attachments | {'parameters.yaml': PARAMETERS}, TOPICS)
     run.write(folder, **options)
-    decisions = DecisionLogWriter(folder, '/decision', run.base, RATE_HZ)
-    for tick in range(0, run.base.last_tick + 1, 10):
-        decisions.record(decision(run, tick), tick)
-    decisions.close()
     health = HealthLogWriter(folder)
     status = cdr.Status(0, 'plant', 'flying', 'none', (('tick', '3'),))
     health.write(1_700_000_000_000_000_000, cdr.encode_array(1, '', [status]))

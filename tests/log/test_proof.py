@@ -25,7 +25,7 @@ def test_it_says_what_is_recomputed_compared_and_unknown(recorded):
     assert found.exit_code == ExitCode.OK
     assert found.recomputed == (
         'phases and figures of run_status', 'records beside the messages, indexes and summary',
-        'decisions.mcap', 'metadata.yaml',
+        'metadata.yaml',
     )  # fmt: skip
     assert found.digested == ('health.mcap', 'run_info.yaml')
     assert any('texts of events' in what for what in found.unknown)
@@ -66,32 +66,6 @@ def test_forged_metadata_with_fitting_digests(folder):
     found = verify(folder)
     assert found.exit_code == ExitCode.INCOMPLETE
     assert 'metadata.yaml is not that of the log; line' in found.sentence()
-
-
-def test_forged_decisions_with_fitting_digests(folder):
-    parts = Parts.of(folder / 'decisions.mcap')
-    at = [i for i, r in enumerate(parts.records) if type(r).__name__ == 'RawMessage'][2]
-    message = parts.records[at]
-    data = message.data.replace(b'force ', b'Force ', 1)
-    assert data != message.data
-    parts.records[at] = message._replace(data=data)
-    parts.write(folder / 'decisions.mcap')
-    write_sums(folder)
-    difference = verify(folder).difference
-    assert (difference.tick, difference.check, difference.field) == (20, 'decisions', 'message')
-
-
-def test_decisions_that_are_missing(folder):
-    parts = Parts.of(folder / 'decisions.mcap')
-    at = [i for i, r in enumerate(parts.records) if type(r).__name__ == 'RawMessage'][-1]
-    parts.records.pop(at)
-    parts.write(folder / 'decisions.mcap')
-    write_sums(folder)
-    sentence = verify(folder).sentence()
-    assert '1 decisions are missing, the first at tick 30' in sentence
-    (folder / 'decisions.mcap').unlink()
-    write_sums(folder)
-    assert 'decisions.mcap is missing' in verify(folder).sentence()
 
 
 def run_status(folder: Path, change) -> Verification:

@@ -25,7 +25,7 @@ from rpo_mcap.read.records import MAX_REST_BYTES
 from rpo_mcap.read.stream import RunReader
 
 NONE = '0' * 64
-FILES = ('decisions.mcap', 'health.mcap', 'metadata.yaml', 'run.mcap', 'run_info.yaml')
+FILES = ('health.mcap', 'metadata.yaml', 'run.mcap', 'run_info.yaml')
 
 
 @pytest.fixture
@@ -111,7 +111,7 @@ def sign_some(folder: Path, keys: Path, *without: str) -> None:
 def test_sums_that_are_none(folder, line):
     with (folder / 'SHA256SUMS').open('a') as stream:
         stream.write(f'{line}\n')
-    with pytest.raises(LogError, match='SHA256SUMS: line 6 must be a SHA-256'):
+    with pytest.raises(LogError, match='SHA256SUMS: line 5 must be a SHA-256'):
         verify(folder)
 
 
@@ -123,13 +123,13 @@ def test_sums_that_are_cut_short(folder, change):
 
 
 def test_a_signed_run_and_each_way_in_which_it_is_not(folder, keys):
-    assert sign_run(folder, keys / 'me.pem').endswith(f'signs 5 files: {", ".join(FILES)}')
+    assert sign_run(folder, keys / 'me.pem').endswith(f'signs 4 files: {", ".join(FILES)}')
     found = verify(folder, keys / 'trusted')
     assert (found.exit_code, found.signed_by) == (ExitCode.OK, 'me.pub.pem')
     assert dict(found.signed) == {name: signature.digest_of(folder / name) for name in FILES}
     lines = list(found.lines())
     at = lines.index('  signed by me.pub.pem (SHA-256):')
-    assert [line.split()[-1] for line in lines[at + 1 : at + 6]] == list(FILES)
+    assert [line.split()[-1] for line in lines[at + 1 : at + 5]] == list(FILES)
     assert verify(folder).exit_code == ExitCode.OK and dict(verify(folder).signed) == {}
 
     other = verify(folder, keys / 'other.pub.pem')
@@ -147,7 +147,7 @@ def test_what_came_later_is_signed_too_and_what_changed_is_not(folder, keys):
     (folder / 'report').mkdir()
     (folder / 'report' / 'index.html').write_text('fine')
     assert 'report/index.html' in verify(folder).unknown
-    assert 'signs 6 files' in sign_run(folder, keys / 'me.pem')
+    assert 'signs 5 files' in sign_run(folder, keys / 'me.pem')
     assert 'report/index.html' in verify(folder, keys / 'trusted').digested
     (folder / 'report' / 'index.html').write_text('better')
     with pytest.raises(LogError, match=r'cannot be signed: report/index\.html is not the file'):
@@ -204,12 +204,12 @@ def test_only_what_is_wholly_listed_is_signed(folder, keys, tmp_path):
     assert not (tmp_path / 'else').exists()
 
 
-READ = ('run.mcap', 'decisions.mcap', 'metadata.yaml')
+READ = ('run.mcap', 'metadata.yaml')
 
 
 @pytest.mark.parametrize(
     ('names', 'way'),
-    [(names, way) for names in (READ[:1], READ[1:2], READ[2:], READ) for way in ('kept', 'link')]
+    [(names, way) for names in (READ[:1], READ[1:], READ) for way in ('kept', 'link')]
     + [(READ, 'exchanged')],
 )
 def test_what_is_read_and_not_listed_is_not_signed(folder, keys, trusted, other, names, way):
@@ -317,7 +317,7 @@ class Exchange:
         return opened
 
 
-@pytest.mark.parametrize('name', ['run.mcap', 'decisions.mcap', 'SHA256SUMS'])
+@pytest.mark.parametrize('name', ['run.mcap', 'SHA256SUMS'])
 @pytest.mark.parametrize('back', [False, True])
 def test_what_was_verified_is_what_was_hashed(signed, trusted, monkeypatch, name, back):
     path = signed / name

@@ -141,7 +141,7 @@ def full(monkeypatch):
     return fill
 
 
-@pytest.mark.parametrize('name', ['run.mcap', 'health.mcap', 'decisions.mcap'])
+@pytest.mark.parametrize('name', ['run.mcap', 'health.mcap'])
 def test_a_disk_that_is_full_as_the_log_begins(inner, tmp_path, full, capfd, name):
     full(name)
     flying(inner, tmp_path)

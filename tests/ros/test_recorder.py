@@ -174,9 +174,9 @@ def test_a_topic_with_more_messages_than_are_taken_at_once_holds_up_the_others(t
 
 
 def test_of_messages_that_came_at_one_time_the_state_is_first(take):
-    """A middleware that does not say when: a decision far ahead of its state is not logged."""
-    passed = take(('decision', Queue(0, 0)), ('state', Queue(0, 0)))
-    assert [name for name, _ in passed] == ['state', 'state', 'decision', 'decision']
+    """A middleware that does not say when: a force far ahead of its state is ignored."""
+    passed = take(('force', Queue(0, 0)), ('state', Queue(0, 0)))
+    assert [name for name, _ in passed] == ['state', 'state', 'force', 'force']
 
 
 def test_a_topic_stays_in_order_where_the_clock_of_the_machine_is_set_back(take):

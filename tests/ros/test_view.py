@@ -450,7 +450,7 @@ def inner(ros_env):
 
 def test_rviz_and_foxglove_look_at_topics_that_are_there():
     topics = {names.MARKERS, names.CHASER_POSE, interfaces.RELATIVE_STATE, interfaces.CONTROL_FORCE,
-              interfaces.RUN_STATUS, interfaces.DECISION, interfaces.NAVIGATION_STATE,
+              interfaces.RUN_STATUS, interfaces.NAVIGATION_STATE,
               interfaces.REFERENCE_STATE}  # fmt: skip
     document = yaml.safe_load((BRINGUP / 'rviz' / 'final_approach.rviz').read_text())
     displays = document['Visualization Manager']['Displays']

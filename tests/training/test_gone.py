@@ -12,6 +12,7 @@ from invoking import refused
 from rpo_core import files
 from rpo_core.files import gone, validation
 from rpo_core.files.validation import InputError
+from rpo_ros import parameter_rows
 
 
 def _sentence(subject: str, name: str, monkeypatch, capsys) -> str:
@@ -22,6 +23,8 @@ def _sentence(subject: str, name: str, monkeypatch, capsys) -> str:
         monkeypatch.setattr(sys, 'argv', [f'/opt/lib/package/{name}'])
         assert gone.executable() == 2
         return capsys.readouterr().err
+    if subject == 'parameter':
+        return parameter_rows.unknown(name, [])
     section, _, field = name.rpartition('.')
     with pytest.raises(InputError) as caught:
         if subject in files._SHIPPED:

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from rpo_core.control.controller import AnyController, FuzzyController
-    from rpo_core.control.controller_file import Reason
     from rpo_core.files.scenario import Scenario
     from rpo_ctrl.explain import Decision, FiredRule
     from rpo_ctrl.family import Family
@@ -185,7 +184,6 @@ def _explain_run(path: str, at: float) -> bool:
 
     from rpo_core.control.controller_file import received
     from rpo_core.wire.interfaces import BODY_TORQUE, ESTIMATED_DISTURBANCE
-    from rpo_ctrl.explain import reasons
     from rpo_log.bag import open_run
     from rpo_mcap.read.run_log import controller_of, read_run, scenario_of
 
@@ -207,7 +205,6 @@ def _explain_run(path: str, at: float) -> bool:
     controller, tick = controller_of(log), int(log.ticks[row])
     _say(f'{printable(path)}, tick {tick}, {times[row]:g} s')
     same = _print_why(controller, state, tick)
-    found = reasons(controller, state, same, tick)
     if any(on_top):
         same = tuple(map(add, same, on_top))
     if scenario.compensated:
@@ -222,8 +219,7 @@ def _explain_run(path: str, at: float) -> bool:
         _say(f'The logged force differs: {logged} N; `rpo verify` says more.')
     if BODY_TORQUE in signals and scenario.named('attitude_control') is not None:
         _say_turn(signals, scenario)
-    same_decision = _compare_decision(path, log.base.stamp_ns(tick), found)
-    return same_decision and (not known or tuple(logged) == same)
+    return not known or tuple(logged) == same
 
 
 def _say_turn(signals: Mapping[str, list[float]], scenario: Scenario) -> None:
@@ -250,30 +246,6 @@ def _say_turn(signals: Mapping[str, list[float]], scenario: Scenario) -> None:
         f"The chaser is {angle:.3g} deg and {rate:.3g} deg/s off its reference attitude. Its axes' "
         f'commands, after assurance: force [{force}] N, torque [{torque}] N m.'
     )
-
-
-def _compare_decision(path: str, stamp_ns: int, found: Sequence[Reason]) -> bool:
-    """Compare with the decision that the controller published; return whether none differs."""
-    from rpo_mcap.read.run_log import decision_at
-
-    logged = decision_at(path, stamp_ns)
-    if logged is None:
-        _say('The run holds no decision of the controller: this is computed anew.')
-        return True
-    age_s = (stamp_ns - logged.stamp_ns) / 1e9
-    if age_s > 0.0:
-        _say(
-            f'The controller said why {age_s:g} s before, not at this tick: this is computed anew.'
-        )
-        return True
-    expected = [(sentence, {name: repr(x) for name, x in pairs}) for sentence, pairs in found]
-    published = [(axis.message, dict(axis.values)) for axis in logged.axes]
-    if published == expected:
-        _say('The controller said the same in flight, number by number.')
-        return True
-    for axis, (sentence, _) in zip('xyz', published, strict=False):
-        _say(f'In flight the controller said of {axis}: {printable(sentence)}')
-    return False
 
 
 def _print_why(controller: AnyController, state: Sequence[float], tick: int) -> tuple[float, ...]:

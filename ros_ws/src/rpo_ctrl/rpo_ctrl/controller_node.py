@@ -10,72 +10,21 @@ of it with different default files.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
-
-from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.node import Node
 
 from rpo_core import files
 from rpo_core.chain.chain import Chain, Link, Signals
 from rpo_core.chain.stage import ZERO, Place
 from rpo_core.control import controller
 from rpo_core.control.controller import AnyController
-from rpo_core.control.controller_file import followed
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
-from rpo_core.wire import cdr, interfaces
-from rpo_core.wire.interfaces import Decimation
-from rpo_ctrl import explain
-from rpo_ros import conversions, health, qos
+from rpo_core.wire import interfaces
+from rpo_ros import health
 from rpo_ros.managed_node import ManagedNode
 
 _ANY_TICK_S = 1.0
-
-
-class DecisionPublisher:
-    """Publishes decisions when they are due, each with the stamp of its state.
-
-    rate_hz : decisions per simulated second, by the stamps alone; 0: none
-    """
-
-    def __init__(self, node: Node, rate_hz: float) -> None:
-        self._decimation = Decimation(rate_hz)
-        self._before_ns: int | None = None
-        self._explained_ns: int | None = None
-        self._out = node.create_publisher(DiagnosticArray, interfaces.DECISION, qos.LOCKSTEP)
-
-    def offer(
-        self,
-        stamp_ns: int,
-        scenario: Scenario | None,
-        label: str,
-        reasons_of: Callable[[], tuple[bytes, Sequence[explain.Reason]]],
-    ) -> None:
-        """Publish the decision on a state if it is due; a repeated state gets it again.
-
-        scenario : of the run; without it, the state before decides what is due
-        label : controller and hash of its file
-        reasons_of : returns the level, and the reasons of x, y, z
-        """
-        if not self._is_due(stamp_ns, scenario):
-            return
-        level, reasons = reasons_of()
-        statuses = [
-            cdr.Status(level[0], f'decision: {axis}', sentence, label, conversions.texts_of(pairs))
-            for axis, (sentence, pairs) in zip('xyz', reasons, strict=True)
-        ]
-        self._out.publish(cdr.encode_array(stamp_ns, interfaces.LVLH_FRAME, statuses))
-
-    def _is_due(self, stamp_ns: int, scenario: Scenario | None) -> bool:
-        tick = scenario.tick_of(stamp_ns) if scenario is not None else None
-        if scenario is not None and tick is not None:  # a foreign state before changes nothing
-            before_ns = scenario.stamp_ns(tick - 1) if tick else None
-            return self._decimation.due(stamp_ns, before_ns)
-        if self._decimation.due(stamp_ns, self._before_ns):
-            self._explained_ns = stamp_ns
-        self._before_ns = stamp_ns
-        return stamp_ns == self._explained_ns
 
 
 class ControllerNode(ManagedNode):
@@ -91,8 +40,7 @@ class ControllerNode(ManagedNode):
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__(self.node_name, overrides)
         self.controller: AnyController | None = None
-        self._sha256, self._label = '', 'none'
-        self._decision = DecisionPublisher(self, self.values['decision_rate_hz'])
+        self._sha256 = ''
         self.start()
 
     def outlets(self) -> Sequence[str]:
@@ -125,24 +73,6 @@ class ControllerNode(ManagedNode):
         super().step(tick, signals)
         signals.setdefault(interfaces.CONTROL_FORCE, ZERO)
 
-    def after_answer(self, stamp_ns: int, signals: Signals) -> None:
-        """Publish the decision when it is due; the force is sent already."""
-        self._decision.offer(
-            stamp_ns, self.scenario, self._label, lambda: self._explain(stamp_ns, signals)
-        )
-
-    def _explain(self, stamp_ns: int, signals: Signals) -> tuple[bytes, Sequence[explain.Reason]]:
-        if not self.active or self.controller is None:
-            return health.WARN, explain.INACTIVE
-        tick = None if self.scenario is None else self.scenario.tick_of(stamp_ns)
-        state, force_n = signals[self._reads[0]], signals[interfaces.CONTROL_FORCE]
-        if interfaces.REFERENCE_STATE in self._reads:
-            seen, law = followed(state, force_n, signals)
-            state, force_n = tuple(seen.tolist()), tuple(law.tolist())
-        elif self.scenario is not None:
-            state = self.scenario.from_goal(state)
-        return health.OK, explain.reasons(self.controller, state, force_n, tick or 0)
-
     def _loaded(self, name: str) -> tuple[AnyController, str]:
         """Return the controller of a file and the file's text; raises InputError."""
         path = files.find('controller', name)
@@ -153,7 +83,6 @@ class ControllerNode(ManagedNode):
         """Make a controller the one of the run, and publish it; raises InputError."""
         self.controller = loaded
         self._sha256 = hashlib.sha256(content.encode()).hexdigest()
-        self._label = explain.label(loaded, self._sha256)
         shaping = {row.name: self.values[row.name] for row in self.rows if not row.wall}
         shaping['controller'] = loaded.name
         self.manifest = self.manifest or health.Manifest(self, 'controller')
@@ -166,7 +95,7 @@ class ControllerNode(ManagedNode):
 
     def forget(self) -> None:
         """Forget the file."""
-        self.controller, self._sha256, self._label = None, '', 'none'
+        self.controller, self._sha256 = None, ''
 
     def _activate(self) -> None:
         super()._activate()

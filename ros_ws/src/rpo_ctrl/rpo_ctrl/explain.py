@@ -94,7 +94,7 @@ class Decision:
 
     @property
     def strongest(self) -> str:
-        """The strongest rule in words, as the topic `decision` has it; not what is commanded."""
+        """The strongest rule in words, not what is commanded."""
         return self.rules[0].sentence if self.rules else 'no rule fires → no force, 0.00'
 
     @cached_property
@@ -128,7 +128,7 @@ class Decision:
         return blend.Reasons(f'{blend.newtons(self.force_n)}, {words} ({share})', causes)
 
     def pairs(self) -> list[tuple[str, float]]:
-        """Return what is published of the decision; grades and strengths that are 0 are left out.
+        """Return the numbers of the decision; grades and strengths that are 0 are left out.
 
         Keys: force_n, output, position_error, velocity_error; position.<word>, velocity.<word> the
         grades; rule.<position word>.<velocity word>.<force word> the strengths of the rules that
@@ -236,14 +236,10 @@ def decisions(controller: FuzzyController, state: Sequence[float]) -> tuple[Deci
     return tuple(decide(controller, values[i], values[3 + i], axis) for i, axis in enumerate(AXES))
 
 
-INACTIVE: Sequence[Reason] = [('inactive: commands zero', [('force_n', 0.0)])] * 3
-"""The reasons of x, y, z of a controller that is switched off."""
-
-
 def reasons(
     controller: AnyController, state: Sequence[float], force_n: Sequence[float], tick: int = 0
 ) -> Sequence[Reason]:
-    """Return the reasons of x, y, z as the topic `decision` publishes them.
+    """Return the reasons of x, y, z.
 
     state : (6,) m, m/s, that the controller read, from the goal; force_n : (3,) N, its answer
     """
@@ -261,7 +257,7 @@ def in_words(
     """Return the reasons of a force: all that makes it, not the strongest rule alone.
 
     controller : that commanded; None if it is not known
-    said, published : sentence and finite numbers of an axis on the topic `decision`
+    said, published : sentence and finite numbers of an axis, as `reasons` returns them
     """
     found = None
     if isinstance(controller, ControllerFile):
@@ -275,8 +271,3 @@ def in_words(
                 found = again.reasons
     alone = any(name.startswith('rule.') for name in published)
     return found or blend.Reasons(f'strongest rule: {said}' if alone else said)
-
-
-def label(controller: AnyController, sha256: str) -> str:
-    """Return name and file of a controller, as the topic `decision` publishes them."""
-    return f'{controller.name} {sha256[:12]}'

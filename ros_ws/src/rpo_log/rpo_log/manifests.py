@@ -38,7 +38,6 @@ _OWNERS = {run.SCENARIO: PLANT, run.CONTROLLER: CONTROLLER}
 _FILE_NAME = re.compile(r'[A-Za-z0-9_.-]{1,80}')
 _MOST_ROLES = 32
 _MOST_TEXT = 1000
-_MOST_RATE_HZ = 1e4
 _NO_YAML = (
     yaml.YAMLError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError,
     RecursionError,
@@ -147,15 +146,6 @@ class Manifests:
     def parameter(self, role: str, name: str) -> str:
         """Return a parameter of a node as text; '' if it is not known."""
         return self._by_role.get(role, ('', {}))[1].get(_PARAMETER + name, '')
-
-    @property
-    def decision_rate_hz(self) -> float:
-        """How often the controller publishes decisions; 0: never."""
-        try:
-            rate_hz = float(self.parameter(CONTROLLER, 'decision_rate_hz'))
-        except ValueError:
-            return 0.0
-        return rate_hz if 0.0 < rate_hz <= _MOST_RATE_HZ else 0.0
 
     def remaps(self, recorded: Iterable[Topic]) -> dict[str, bytes]:
         """Return the file of nodes that hear a signal where it is not recorded; {}: none does."""

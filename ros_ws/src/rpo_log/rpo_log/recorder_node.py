@@ -30,7 +30,7 @@ from rpo_log.manifests import CONTROLLER, PLANT, Manifests
 from rpo_mcap.errors import ExistsAlready, LogError
 from rpo_mcap.format import run as run_log
 from rpo_mcap.topics import Topic
-from rpo_mcap.write.side_file import DecisionLogWriter, HealthLogWriter, SideFile
+from rpo_mcap.write.side_file import HealthLogWriter
 from rpo_mcap.write.writer import PHASES, RunLogWriter
 from rpo_ros import health, names, qos
 from rpo_ros.conversions import texts_of
@@ -78,9 +78,8 @@ class RecorderNode(FlightNode):
         self._ignored: Counter[str] = Counter()
         self._early: list[tuple[str, bytes]] = []
         self._commanded_s: float | None = None
-        self._force_topic, self._status_topic, self._decision_topic = map(
-            self.resolve_topic_name,
-            (interfaces.CONTROL_FORCE, interfaces.RUN_STATUS, interfaces.DECISION),
+        self._force_topic, self._status_topic = map(
+            self.resolve_topic_name, (interfaces.CONTROL_FORCE, interfaces.RUN_STATUS)
         )
         self._expected: list[str] = []
         self._events: list[interfaces.Interface] = []
@@ -97,7 +96,6 @@ class RecorderNode(FlightNode):
         self._timeout, self._held_up, self._halt = Timeout(), Timeout(), (-1, -1)
         self._interrupted = False
         self._health_log: HealthLogWriter | None = None
-        self._decisions: DecisionLogWriter | None = None
         self._begun = time.time()
         self._rate = health.Rate()
         try:
@@ -118,8 +116,8 @@ class RecorderNode(FlightNode):
         self.every(health.PERIOD_S, self._publish_status)
 
     def _subscribe(self) -> None:
-        for row in (*interfaces.rows(logged=True), interfaces.row_of(interfaces.DECISION)):
-            if row.due == interfaces.EVENT and row.logged:
+        for row in interfaces.rows(logged=True):
+            if row.due == interfaces.EVENT:
                 take = partial(self._on_event, row)
                 take = self._on_status if row.name == interfaces.RUN_STATUS else take
                 self._events.append(row)
@@ -201,8 +199,6 @@ class RecorderNode(FlightNode):
             if name in self._recorded:
                 self.log.record(name, data)
                 self._report_progress(self.log)
-            elif self._decisions is not None and name == self._decision_topic:
-                self._decisions.record(data, self.log.orderer.reached)
         elif len(self._early) < _MOST_EARLY:
             self._early.append((name, data))
 
@@ -323,8 +319,6 @@ class RecorderNode(FlightNode):
 
     def _complete(self, tick: int) -> bool:
         """Return whether all is there up to the last tick of the flight."""
-        if self._decisions is not None and self._decisions.expects(tick):
-            return False
         return self.log is not None and self.log.next_tick > tick
 
     def _watch_plant(self, log: RunLogWriter) -> None:
@@ -422,16 +416,7 @@ class RecorderNode(FlightNode):
             overwrite=self.values['overwrite'])  # fmt: skip
         self._health_log = HealthLogWriter(self.folder)
         self._awaited = set(self._expected)
-        rate_hz = self._manifests.decision_rate_hz
-        if rate_hz > 0.0:
-            self._awaited.add(self._decision_topic)
-            self._decisions = DecisionLogWriter(self.folder, self._decision_topic, base, rate_hz)
         self.log = log
-
-    @property
-    def _beside(self) -> list[SideFile]:
-        """The files beside the log."""
-        return [file for file in (self._health_log, self._decisions) if file is not None]
 
     def _patient(self) -> bool:
         """Return whether manifests may still come, by the wall clock: states come any number."""
@@ -452,7 +437,8 @@ class RecorderNode(FlightNode):
                 step()
             except LogError as error:
                 faults.append(str(error))
-        faults += [f'{f.name} ended early: {f.failure}' for f in self._beside if f.failure]
+        health_failure = self._health_log.failure if self._health_log is not None else None
+        faults += [f'health.mcap ended early: {health_failure}'] if health_failure else []
         log, sentence = self.get_logger(), f'{summary.sentence()}: {self.folder}'
         log.info(sentence) if summary.whole else log.error(sentence)
         for fault in faults:
@@ -464,15 +450,14 @@ class RecorderNode(FlightNode):
 
     def _write_run_info(self, summary: run_log.RunSummary) -> None:
         """Write what depends on the wall clock and the machine; raises LogError."""
-        for beside in self._beside:
-            beside.close()
+        if self._health_log is not None:
+            self._health_log.close()
         phase, tick = self._end if self._end else ('interrupted', NEVER)
         facts = {
             'recorded_from': provenance.utc(self._begun),
             'recorded_to': provenance.utc(time.time()),
             'run': {'end': phase, 'last_tick': None if tick == NEVER else tick},
             'messages': dict(summary.messages),
-            'decisions': self._decisions.messages if self._decisions is not None else None,
             'resent_and_dropped': dict(summary.duplicates),
             'ignored': {**summary.ignored, **dict(self._ignored)},
             'faults': None if summary.whole else summary.sentence(),
@@ -504,8 +489,8 @@ class RecorderNode(FlightNode):
             values = {'messages': 0, 'backlog': len(self._early), 'lost': 0}
             return health.OK, f'waiting for {self._wants}', values
         summary = self.log.summary
-        failures = [summary.failure, *(file.failure for file in self._beside)]
-        failure = next(filter(None, failures), '')
+        beside = self._health_log.failure if self._health_log is not None else None
+        failure = summary.failure or beside or ''
         messages = sum(summary.messages.values())
         values = {
             'messages': messages,
@@ -513,7 +498,6 @@ class RecorderNode(FlightNode):
             'backlog': self.log.orderer.waiting,
             'lost': summary.lost,
             'missing': sum(count for count, _ in summary.missing.values()),
-            'decisions': self._decisions.messages if self._decisions else 0,
             'ignored': sum(summary.ignored.values()) + sum(self._ignored.values()),
         }
         if summary.ignored:

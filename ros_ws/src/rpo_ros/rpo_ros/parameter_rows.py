@@ -17,7 +17,7 @@ from importlib import resources
 from typing import Any
 
 from rpo_core import files
-from rpo_core.files import validation
+from rpo_core.files import gone, validation
 from rpo_core.files.validation import InputError
 
 _LARGEST = 1e9
@@ -117,6 +117,8 @@ def unknown(name: str, known: Sequence[str], node: str = 'this node') -> str:
     """Return the sentence that a node has no such parameter, '' if it or ROS itself has it."""
     if name in known or name in _STANDARD or name.startswith('qos_overrides.'):
         return ''
+    if said := gone.answer('parameter', name):
+        return f'parameter `{name}` of {node} is {said}'
     near = difflib.get_close_matches(name, known, n=3)
     hint = f'; did you mean {" or ".join(f"`{other}`" for other in near)}?' if near else ''
     return f'{node} has no parameter `{name}`{hint}'

@@ -144,16 +144,6 @@ def _plus(values: Signal, others: Signal) -> Signal:
     return tuple(map(add, values, others))
 
 
-def followed(state: Any, force_n: Any, signals: Mapping[str, Any]) -> tuple[Any, Any]:
-    """Return a state (..., 6) relative to the reference, and a command (..., 3) without its force.
-
-    That is what a controller that follows a reference sees and answers.
-    """
-    reference = np.asarray(signals[interfaces.REFERENCE_STATE])
-    force = np.asarray(signals[interfaces.REFERENCE_FORCE])
-    return np.asarray(state) - reference, np.asarray(force_n) - force
-
-
 def received(scenario: Any, signals: Mapping[str, Any]) -> tuple[Signal, Signal]:
     """Return the state (6,) that a controller was given at a tick, and the force on top of its law.
 

@@ -25,6 +25,7 @@ GONE: dict[str, dict[str, str]] = {
             '`rpo evaluate --robustness`, or `rpo report` of a campaign for what misses depend on'
         ),
     },
+    'parameter': {'decision_rate_hz': '`rpo explain RUN --at`'},
     'executable': {
         'foxglove': 'foxglove_bridge, or open `run.mcap` in the app',
         'monitor': 'the abort table of section `assurance`',

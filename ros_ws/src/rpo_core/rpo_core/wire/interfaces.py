@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 from itertools import chain
 from typing import Any
 
@@ -207,29 +206,6 @@ class Interface:
         return self.layout.also or self.layout if self.name in chain(*theirs) else self.layout
 
 
-@dataclass(frozen=True)
-class Decimation:
-    """Periods counted from 1970: the first stamp in each is due.
-
-    So the sender, which knows no tick, and the reader of its log agree on what is due.
-
-    rate_hz : periods per second; 0: nothing is ever due
-    """
-
-    rate_hz: float
-
-    @cached_property
-    def length_ns(self) -> int:
-        """Length of a period; the rate is not 0."""
-        return max(1, round(1_000_000_000 / self.rate_hz))
-
-    def due(self, stamp_ns: int, before_ns: int | None) -> bool:
-        """Return whether a stamp is the first of its period, given the one before it."""
-        if not self.rate_hz:
-            return False
-        return before_ns is None or stamp_ns // self.length_ns != before_ns // self.length_ns
-
-
 _TABLE: dict[str, Interface] = {}
 
 
@@ -381,9 +357,6 @@ GUIDANCE_STATUS = _row('guidance_status', STATUS_TYPE,
     'phase of the plan that begins, its first tick and why', due=EVENT, logged=False, qos=LATCHED)
 RUN_STATUS = _row('run_status', STATUS_TYPE,
     'waiting, running, paused, finished or aborted; reason and metrics', due=EVENT, qos=LATCHED)
-DECISION = _row('decision', ARRAY_TYPE,
-    'why the controller commands: per axis a sentence, grades and strengths',
-    due=EVENT, logged=False)
 NODE_MANIFEST = _row('node_manifest', STATUS_TYPE,
     'files and parameters that shape the flight, for the log', due=EVENT, logged=False, qos=LATCHED)
 RECORDER_STATUS = _row('recorder_status', STATUS_TYPE,

@@ -20,7 +20,6 @@ from rpo_core.control.controller import AnyController
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import shown
 from rpo_core.wire import interfaces
-from rpo_log.verify.evidence import Decisions
 from rpo_log.verify.verification import Difference
 from rpo_mcap import topics
 from rpo_mcap.errors import LogError
@@ -492,7 +491,6 @@ class Controllers:
     """The controllers of a run, each recomputed; the first is that of controller.yaml.
 
     first : None if the log carries none: no command is then recomputed
-    decisions : beside the log; they may be those of any controller
     """
 
     def __init__(
@@ -500,9 +498,7 @@ class Controllers:
         reader: RunReader,
         scenario: Scenario,
         first: AnyController | None,
-        decisions: Decisions | None,
     ) -> None:
-        self._decisions = decisions
         self._reader, self._scenario = reader, scenario
         self._files = [CONTROLLER]
         self._names = [first.name if first else '']
@@ -526,8 +522,6 @@ class Controllers:
             if is_controller(file) and file not in self._files:
                 found = controller_of(self._reader, file)
                 (link,) = Chain.of(self._scenario, found).part(Place.CONTROLLER).links
-                if self._decisions is not None:
-                    self._decisions.add(found, self._reader.attachments[file])
                 self._files.append(file)
                 self._names.append(found.name)
                 self._ticks.append(0)

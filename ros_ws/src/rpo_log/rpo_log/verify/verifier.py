@@ -12,7 +12,7 @@ From the scenario and the controller that the log carries:
 - events: where a stage was switched off its commands are zero; what the plant went on without is
   zero from then on;
 - the rest: attitude, torque, covariances, frames, phases and figures of run_status, all records of
-  the file, metadata.yaml, decisions; by digest the files that do not follow from the flight.
+  the file, metadata.yaml; by digest the files that do not follow from the flight.
 
 The first difference ends it. Logs of any length are verified in bounded memory.
 """
@@ -29,15 +29,13 @@ from numpy.typing import NDArray
 
 from rpo_core.chain.chain import NO_FORCE, Chain, Link, start_of
 from rpo_core.chain.stage import Place
-from rpo_core.control.controller import AnyController
-from rpo_core.control.controller_file import followed
 from rpo_core.files.validation import InputError, choice, shown
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import NEXT, RELATIVE_STATE, Interface, current, row_of
 from rpo_log.bag import open_run
 from rpo_log.manifests import HEARS, PUBLISHES
 from rpo_log.signature import Digests
-from rpo_log.verify.evidence import Decisions, Evidence
+from rpo_log.verify.evidence import Evidence
 from rpo_log.verify.recomputation import (
     MAX_NAMED,
     MOST_HELD_TICKS,
@@ -129,8 +127,7 @@ class _Verifier:
             [found for found in self.stages if found.stage.name in self.names],
             said.name if said else interfaces.STAGE_STATUS,
         )
-        self.decisions = self._decisions(reader, controller)
-        self.controllers = Controllers(reader, self.scenario, controller, self.decisions)
+        self.controllers = Controllers(reader, self.scenario, controller)
         self._controller_known = known or interfaces.CONTROL_FORCE in given
 
     def _take_given(self, reader: RunReader) -> None:
@@ -162,19 +159,6 @@ class _Verifier:
             stages = dict.fromkeys(makers[n] for n in (name, rider) if n in makers)
             named.append(f'{name} ({", ".join(stages)})' if stages else name)
         return (*named, *[FIGURES] * (RELATIVE_STATE in made))
-
-    def _decisions(self, reader: RunReader, controller: AnyController | None) -> Decisions | None:
-        """Return the decisions beside the log; None if there are none."""
-        if controller is None:
-            return None
-        self._controller = next(x for x in self.chain.links if x.place is Place.CONTROLLER)
-        if not (reader.path / run.DECISIONS_FILE).is_file():
-            return None
-        own = (t for t in self.topics.values() if not (t.remapped or t.row.topic.startswith('/')))
-        space = next((topic.name.rpartition('/')[0] for topic in own), '')
-        topic = f'{space}/{interfaces.DECISION}'
-        content = reader.attachments[CONTROLLER]
-        return Decisions(reader.path, reader.base, topic, controller, content)
 
     def _require_topics(self, reader: RunReader) -> None:
         for link in self.chain.links:
@@ -339,15 +323,6 @@ class _Verifier:
             yield from self._compare_applied(block)
         taken, due = signals[interfaces.SATURATED_FORCE], signals[interfaces.DUE_FORCE]
         self.statuses.account(block, taken, due)
-        if self.decisions is not None:
-            read = signals[next(self._reads(self._controller))]
-            forces_n = block.values[interfaces.CONTROL_FORCE]
-            active = self.states.active(self._controller.stage.name, block.ticks)
-            if interfaces.REFERENCE_STATE in self._controller.reads:
-                seen, forces_n = followed(read, forces_n, signals)
-            else:
-                seen = read - np.array(self.scenario.goal_state)
-            yield self.decisions.difference(block.ticks, seen, forces_n, active)
 
     def _answers(self, link: Link, block: TickBlock) -> list[Floats]:
         """Return the outputs in the log of a stage that may have missed ticks in free running."""
@@ -501,7 +476,7 @@ def verify(
 def _signal_of(difference: Difference, recorded: Iterable[Topic]) -> str:
     named = {topic.name: topic.signal for topic in recorded if not topic.row.rides}
     found = named.get(difference.topic, difference.topic.rsplit('/', 1)[-1])
-    return interfaces.CONTROL_FORCE if found == interfaces.DECISION else found
+    return found
 
 
 def _remaps(reader: RunReader) -> dict[str, tuple[str, list[str]]]:
@@ -548,8 +523,6 @@ def _verification(reader: RunReader, trusted: Path | None, given: Collection[str
     foreign = FIGURES in verifier.given
     unjudged = [*verifier.unfollowed, *verifier.unjudged]
     evidence.of_log(verifier.statuses, verifier.free, unjudged, foreign)
-    answered = verifier.states.dropped.get(interfaces.CONTROL_FORCE, ticks)
-    evidence.of_decisions(verifier.decisions, min(ticks, answered) - 1, verifier.free)
     evidence.of_folder(trusted)
     return Verification(
         reader.path,

@@ -44,7 +44,6 @@ def is_controller(name: str) -> bool:
 
 METADATA_FILE = 'metadata.yaml'
 HEALTH_FILE = 'health.mcap'
-DECISIONS_FILE = 'decisions.mcap'
 INFO_FILE = 'run_info.yaml'
 SUMS_FILE = 'SHA256SUMS'
 SIGNATURE_FILE = 'SHA256SUMS.sig'
@@ -52,7 +51,9 @@ SIGNATURE_FILE = 'SHA256SUMS.sig'
 REPORT = 'report'
 """Folder of pictures and a page, which are drawn after the recording, again and again."""
 
-_BESIDE = (METADATA_FILE, HEALTH_FILE, DECISIONS_FILE, INFO_FILE, SUMS_FILE, SIGNATURE_FILE)
+_OF_0_1 = 'decisions.mcap'
+"""What a recorder of version 0.1 wrote too: it goes with the log that it is of."""
+_BESIDE = (METADATA_FILE, HEALTH_FILE, _OF_0_1, INFO_FILE, SUMS_FILE, SIGNATURE_FILE)
 
 MAX_CHUNK_TICKS = 512
 

@@ -4,13 +4,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
-from mcap.records import Chunk, McapRecord
 from numpy.typing import NDArray
 
 from rpo_core import files
@@ -22,9 +21,8 @@ from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr, interfaces
 from rpo_mcap.errors import LogError
-from rpo_mcap.format.run import CONTROLLER, DECISIONS_FILE, PARAMETERS, SCENARIO, TimeBase
+from rpo_mcap.format.run import CONTROLLER, PARAMETERS, SCENARIO, TimeBase
 from rpo_mcap.read.decode import Event, Message
-from rpo_mcap.read.records import FileRecords, RawMessage, message_at
 from rpo_mcap.read.stream import Completeness, RunReader
 from rpo_mcap.topics import APPLIED, Topic, coasted, dropped
 
@@ -262,52 +260,3 @@ def stage_events(log: RunLog) -> dict[str, list[tuple[int, str]]]:
 def read_flight(path: str | Path) -> Flight:
     """Return the flight of a run folder or .mcap file; raises LogError, as `flight_of`."""
     return flight_of(read_run(path))
-
-
-class LoggedDecision(NamedTuple):
-    """Why the controller commanded its force in one state.
-
-    stamp_ns : of the state
-    axes : x, y, z; level, sentence and numbers as texts
-    """
-
-    stamp_ns: int
-    axes: tuple[cdr.Status, ...]
-
-    @property
-    def numbers(self) -> tuple[Mapping[str, str], ...]:
-        """Per axis, name to number as text."""
-        return tuple(dict(status.values) for status in self.axes)
-
-
-def read_decisions(path: Path) -> Iterator[LoggedDecision]:
-    """Yield the decisions of a file in order, as far as it is whole; raises LogError, CdrError."""
-    for message in messages_of(FileRecords(path), lambda _: None):
-        yield LoggedDecision(*cdr.decode_array(message.data))
-
-
-def messages_of(records: FileRecords, take: Callable[[McapRecord], None]) -> Iterator[RawMessage]:
-    """Yield the messages of a file beside a log; `take` gets its other records."""
-    for record in records:
-        if not isinstance(record, Chunk):
-            take(record)
-            continue
-        data = records.content_of(record)
-        for at in records.messages_in(data, take):
-            yield message_at(data, at)
-
-
-def decision_at(run: str | Path, stamp_ns: int) -> LoggedDecision | None:
-    """Return the last decision of a run at or before a stamp; None if there is none.
-
-    run : its folder, or a file in it
-    """
-    folder = Path(run) if Path(run).is_dir() else Path(run).parent
-    path = folder / DECISIONS_FILE
-    found = None
-    if path.exists():
-        for decision in read_decisions(path):
-            if decision.stamp_ns > stamp_ns:
-                break
-            found = decision
-    return found
