@@ -94,7 +94,7 @@ def test_the_health_log_opens_in_rosbags_and_is_never_overwritten(tmp_path):
     for second in range(20):
         log.write(second * 10**9, data)
     log.close()
-    assert log.failure is None and log.messages == 20
+    assert log.failure is None
     with AnyReader([tmp_path / 'health.mcap']) as reader:
         read = [(c.msgtype, stamp, bytes(raw)) for c, stamp, raw in reader.messages()]
     kind = 'diagnostic_msgs/msg/DiagnosticArray'

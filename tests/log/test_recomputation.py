@@ -120,7 +120,7 @@ def test_a_command_is_of_the_controller_that_made_the_one_before_where_two_would
     made = np.array([[0, 1, 2, 3, 4.0, 5], [0, 9, 2, 3, 9, 5], [9, 1, 2, 9, 9, 9]])[:, :, None]
     ticks = np.arange(6)
     block = TickBlock(ticks, {'force': made[0]}, {'force': ticks >= 0})
-    found = Controllers(reader, flown, first, None)
+    found = Controllers(reader, flown, first)
     (best,), known = found.any_of(
         block, 'force', ([made[1]], ticks != 1), lambda *_: ([made[2]], ticks < 4), ticks < 5
     )

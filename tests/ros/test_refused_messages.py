@@ -64,7 +64,7 @@ def test_bytes_that_are_no_message_are_ignored_in_one_line(ros_env, capfd):
         node, heard = inner.start(FlightNode('bare')), []
         node.create_subscription(DiagnosticStatus, 'status', heard.append, qos.LATCHED_QUEUE)
         viewer = FlightNode('viewer')  # it is not spun: it looks when it wants
-        newest = Latest(viewer, interfaces.RELATIVE_STATE)
+        newest = Latest(viewer, interfaces.row_of(interfaces.RELATIVE_STATE))
         rows = {
             'status': DiagnosticStatus,
             interfaces.RELATIVE_STATE: newest._subscription.msg_type,
