@@ -423,7 +423,7 @@ def test_the_command_says_what_it_checked(copy_of):
     assert 'if the cells that were not drawn are right' in text
     assert 'Not checked: the tubes of 1 planar cells' in text
     assert 'Not checked: notes.txt' in text
-    assert 'controller: means the same as the shipped allround; SHA-256' in text
+    assert 'controller: `robust`, which does not ship' in text
     assert 'scenario: `small_together`, which does not ship' in text
     code, text = said(path, '--cells', '0', '--seed', '5', '--no-fail')
     assert code == 0 and 'not drawn' not in text and '--seed 5' in text
