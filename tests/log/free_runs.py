@@ -29,7 +29,6 @@ class FreeRun:
     lost : ticks whose command does not reach the plant
     missed : ticks at which a stage of the software does nothing, by its name
     unlogged : topics and ticks of the messages that the recorder does not get
-    kind : of the plant
     """
 
     def __init__(
@@ -39,14 +38,13 @@ class FreeRun:
         lost: Collection[int] = (),
         missed: Mapping[str, Collection[int]] | None = None,
         unlogged: Collection[tuple[str, int]] = (),
-        kind: type[FreeRunningPlant] = FreeRunningPlant,
     ) -> None:
         self.law, self.scenario = load_controller(control), flown
         software = Chain.of(flown, self.law).part(*(p for p in Place if p < Place.UNLOADING))
         command = interfaces.CONTROL_FORCE if flown.attitude is None else interfaces.BODY_FORCE
         calm = flown.disturbance.is_zero
         peers = [command] if calm else [command, interfaces.DISTURBANCE_FORCE]
-        self.plant = plant = kind(flown, peers, STALE_AFTER)
+        self.plant = plant = FreeRunningPlant(flown, peers, STALE_AFTER)
         self.messages: list[tuple[str, int, bytes]] = []
         self.taken: list[dict[str, str]] = []
         self.applied: list[tuple[float, ...]] = []
@@ -93,15 +91,10 @@ class FreeRun:
             values = {**figures, 'phase': 'finished' if last else 'running'}
             self.messages.append((STATUS, tick, cdr.encode_status(0, 'run', '', 'none', values)))
 
-    def write(
-        self,
-        folder: Path,
-        change: Change = lambda name, tick, data: data,
-        stale_after: object = STALE_AFTER,
-    ) -> RunSummary:
+    def write(self, folder: Path, change: Change = lambda name, tick, data: data) -> RunSummary:
         """Write the log; `change` forges it."""
         flown, names = self.scenario, {name for name, *_ in self.messages}
-        parameters = f'plant: {{mode: free_running, stale_after_ticks: {stale_after}}}\n'
+        parameters = f'plant: {{mode: free_running, stale_after_ticks: {STALE_AFTER}}}\n'
         attached = {
             'scenario.yaml': scenario.dumps(flown).encode(),
             'controller.yaml': dumps(self.law).encode(),

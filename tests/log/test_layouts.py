@@ -202,7 +202,8 @@ def test_what_another_writer_leaves_out_or_adds_is_named(true, tmp_path):
     """With our header: all that differs is named, not the first thing alone."""
     options = {'enable_data_crcs': True, 'chunk_size': 1 << 40}
     everything = judge_a_layout(true, tmp_path, Layout(options, library=''))
-    assert everything == ['run.mcap: its records are not in the order of the recorder']
+    order = 'run.mcap: its records are not once each, in the order of the recorder'
+    assert everything == [order]
     parts = Parts.of(true)
     kept = [one for one in parts.records if getattr(one, 'name', '') != 'parameters.yaml']
     topic = next(one for one in kept if isinstance(one, Channel))

@@ -14,7 +14,6 @@ from rpo_core.control import controller
 from rpo_core.files import scenario
 from rpo_core.wire import interfaces
 from rpo_log.verify.recomputation import Controllers, Recomputation
-from rpo_mcap.read.decode import TickBlock
 
 
 class Sum(Stage):
@@ -119,11 +118,10 @@ def test_a_command_is_of_the_controller_that_made_the_one_before_where_two_would
     reader = SimpleNamespace(path='a.mcap', attachments=attached)
     made = np.array([[0, 1, 2, 3, 4.0, 5], [0, 9, 2, 3, 9, 5], [9, 1, 2, 9, 9, 9]])[:, :, None]
     ticks = np.arange(6)
-    block = TickBlock(ticks, {'force': made[0]}, {'force': ticks >= 0})
     found = Controllers(reader, flown, first)
-    (best,), known = found.any_of(
-        block, 'force', ([made[1]], ticks != 1), lambda *_: ([made[2]], ticks < 4), ticks < 5
-    )
+    found.find()
+    commands = [(made[1], ticks != 1), (made[2], ticks < 4)]
+    best, known = found.merged(made[0], ticks < 5, commands)
     assert best[:, 0].tolist() == [0, 1, 2, 3, 9, 5] and known.all()
     assert found.shares == tuple(
         f'{name} ({file}) at 2 ticks'

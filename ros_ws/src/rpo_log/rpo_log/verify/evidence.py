@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -21,9 +21,10 @@ from rpo_core.files.validation import shown
 from rpo_core.wire import interfaces
 from rpo_log.signature import Digests, signer
 from rpo_log.verify.run_status import Statuses
+from rpo_log.verify.verification import Verification
 from rpo_mcap.errors import LogError, read_at_most
 from rpo_mcap.format import rosbag2
-from rpo_mcap.format.rosbag2 import BagFile, BagTopic
+from rpo_mcap.format.rosbag2 import BagFile
 from rpo_mcap.format.run import (
     CONTROLLER,
     METADATA_FILE,
@@ -66,67 +67,58 @@ def metadata_fault(reader: RunReader) -> tuple[str, str]:
 
 
 class Evidence:
-    """Gathers what is proven beside the flight, what it rests on, and what is not known.
+    """Adds to a verification what is proven beside the flight, and what is not known.
 
     reader : its records are looked at while its blocks are read
-
-    The others are as in `Verification`.
     """
 
-    def __init__(self, reader: RunReader) -> None:
-        self._reader = reader
-        most = 2 * len(reader.topics) + len(reader.attachments) + MOST_CONTROLLERS + 8
-        self._forms = {path: Form(path, most) for path in reader.files}
+    def __init__(self, reader: RunReader, outcome: Verification) -> None:
+        self._reader, self._outcome = reader, outcome
+        max_records = 2 * len(reader.topics) + len(reader.attachments) + MOST_CONTROLLERS + 8
+        self._forms = {path: Form(path, max_records) for path in reader.files}
         reader.witness = lambda path, record: self._forms[path].take(record)
         reader.judged = {path: form.indexes for path, form in self._forms.items()}
-        self.gaps: list[str] = []
-        self.recomputed: list[str] = []
-        self.unknown: list[str] = []
-        self.premises: dict[str, str] = {}
-        self.faults: tuple[str, ...] = ()
-        self.digested: tuple[str, ...] = ()
-        self.signed_by: str | None = None
-        self.signed: Mapping[str, str] = {}
         self._read: dict[str, str] = {}  # digests of the files that were read, by name
 
-    def of_log(
-        self, statuses: Statuses, free: bool, unjudged: Sequence[str], foreign: bool = False
-    ) -> None:
+    def of_log(self, statuses: Statuses, unjudged: Sequence[str], foreign: bool) -> None:
         """Judge run_status, and the records of the log that are not messages.
 
         unjudged : what of the messages is not compared, for people
+        foreign : whether the plant is somebody else's
         """
-        if interfaces.RUN_STATUS in (topic.signal for topic in self._reader.topics):
-            self.recomputed.append('phases' + ' and figures' * (not foreign) + ' of run_status')
+        outcome, reader = self._outcome, self._reader
+        if interfaces.RUN_STATUS in (topic.signal for topic in reader.topics):
+            outcome.recomputed += ('phases' + ' and figures' * (not foreign) + ' of run_status',)
         else:
-            self.unknown.append('how the flight began and ended: no run_status says it')
-        self.unknown += ['texts of events', *unjudged]
-        if free:
-            self.unknown.append('when forces came')
-        carried = self._reader.attachments
-        self.premises = {name: _sha256(data) for name, data in sorted(carried.items())}
-        self.premises['events'] = statuses.said
-        self.unknown.append(f'whether {PARAMETERS} is what the nodes ran with')
-        if self._reader.foreign:
-            self.unknown.append('records of the bag beside its messages')
-        if self._reader.foreign:
+            self._do_not_know('how the flight began and ended: no run_status says it')
+        self._do_not_know('texts of events', *unjudged)
+        if outcome.free_running:
+            self._do_not_know('which commands the plant applied, and when')
+        outcome.premises = {n: _sha256(data) for n, data in sorted(reader.attachments.items())}
+        outcome.premises['events'] = statuses.said
+        self._do_not_know(f'whether {PARAMETERS} is what the nodes ran with')
+        if reader.foreign:
+            self._do_not_know('records of the bag beside its messages')
             self._judge_bag()
             return
-        self.unknown.append('the order of the messages within a tick, and how chunks part them')
-        if self._reader.damage:
-            self.gaps += [f.misleading for f in self._forms.values() if f.misleading]
+        self._do_not_know('the order of the messages within a tick, and how chunks part them')
+        if reader.damage:
+            outcome.gaps += tuple(f.misleading for f in self._forms.values() if f.misleading)
             return
         gaps = list[str]()
         for path, form in self._forms.items():
-            gaps += form.deviations(records_of_run(self._reader, path))
+            gaps += form.deviations(records_of_run(reader, path))
         self._take('; '.join(gaps), 'records beside the messages, indexes and summary')
+
+    def _do_not_know(self, *what: str) -> None:
+        self._outcome.unknown += what
 
     def _judge_bag(self) -> None:
         """Compare the indexes of the files of a bag: rosbags follows them, others do not."""
         for path in self._reader.sources:
             if path.suffix != '.mcap':
                 if '.mcap' in path.suffixes:
-                    self.unknown.append(f'where the indexes of {path.name} lead')
+                    self._do_not_know(f'where the indexes of {path.name} lead')
                 continue
             form = Form(path, 0)
             records = FileRecords(path, indexes=form.indexes)
@@ -135,16 +127,17 @@ class Evidence:
                     if isinstance(record, Chunk):
                         records.messages_in(records.content_of(record), form.take)
             except LogError as error:
-                self.gaps.append(f'the indexes of {path.name} were not compared: {error.sentence}')
-            self.gaps += [gap for gap in (form.misleading, records.damage) if gap]
+                gap = f'the indexes of {path.name} were not compared: {error.sentence}'
+                self._outcome.gaps += (gap,)
+            self._outcome.gaps += tuple(gap for gap in (form.misleading, records.damage) if gap)
 
     def of_folder(self, trusted: Path | None) -> None:
         """Judge the other files of the folder, and its signature."""
-        folder = self._reader.path
+        outcome, folder = self._outcome, self._reader.path
         if not folder.is_dir() or self._reader.foreign:
             if trusted is not None:
                 what = 'a bag' if self._reader.foreign else 'a single file'
-                self.gaps.append(f'{what} has no signature')
+                outcome.gaps += (f'{what} has no signature',)
             return
         if not self._reader.damage and os.path.lexists(folder / METADATA_FILE):
             gap, self._read[METADATA_FILE] = metadata_fault(self._reader)
@@ -152,35 +145,37 @@ class Evidence:
         logs = {path.name: digest for path, digest in self._reader.digests.items()}
         self._read.update(logs)
         digests = Digests.of(folder, self._read)
-        proven = {*self.recomputed, *logs}
-        self.faults = digests.faults
-        self.digested = tuple(name for name in digests.matched if name not in proven)
-        self.unknown += [name for name in digests.unlisted if name not in proven]
-        self.unknown += [f'{name} {what}' for name, what in digests.others.items()]
+        proven = {*outcome.recomputed, *logs}
+        outcome.faults = digests.faults
+        outcome.digested = tuple(name for name in digests.matched if name not in proven)
+        self._do_not_know(*(name for name in digests.unlisted if name not in proven))
+        self._do_not_know(*(f'{name} {what}' for name, what in digests.others.items()))
         self._judge_signature(folder, trusted, digests)
 
     def _judge_signature(self, folder: Path, trusted: Path | None, digests: Digests) -> None:
         """Say who signed the folder, if all that was read to verify it is as it was signed."""
+        outcome = self._outcome
         unsigned = ', '.join(name for name in self._read if name not in digests.listed)
         if trusted is None:
             if os.path.lexists(folder / SIGNATURE_FILE):
-                self.unknown.append(f'{SIGNATURE_FILE}, which was not checked: no key is trusted')
+                self._do_not_know(f'{SIGNATURE_FILE}, which was not checked: no key is trusted')
             if digests.content and unsigned:
-                self.unknown.append(f'{SUMS_FILE} does not list {unsigned}')
+                self._do_not_know(f'{SUMS_FILE} does not list {unsigned}')
             return
         key = signer(folder, digests.content, trusted)
         if key is None:
-            self.gaps.append(f'no key of {trusted} has signed it')
+            outcome.gaps += (f'no key of {trusted} has signed it',)
         elif unsigned:
-            self.gaps.append(f'{key} has not signed {unsigned}: {SUMS_FILE} does not list it')
+            gap = f'{key} has not signed {unsigned}: {SUMS_FILE} does not list it'
+            outcome.gaps += (gap,)
         elif not digests.faults:
-            self.signed_by, self.signed = key, digests.matched
+            outcome.signed_by, outcome.signed = key, digests.matched
 
     def _take(self, gap: str, what: str) -> None:
         if gap:
-            self.gaps.append(gap)
+            self._outcome.gaps += (gap,)
         else:
-            self.recomputed.append(what)
+            self._outcome.recomputed += (what,)
 
 
 def _sha256(data: bytes) -> str:
@@ -197,26 +192,22 @@ class Form:
     """Keeps the records of one file as they come; says which are not as written.
 
     path : the file
-    excess : whether there were more records than any file of the recorder has
+    max_records : more are not kept: no file of the recorder has them
     indexes : what leads other readers through the file
     """
 
     path: Path
-    most: int
-    excess: bool = False
+    max_records: int
     indexes: Indexes = field(default_factory=Indexes)
-    _found: list[McapRecord] = field(default_factory=list)
+    _records: list[McapRecord] = field(default_factory=list)
     _ended: bool = False
 
     def take(self, record: McapRecord) -> None:
         """Take the next record that is not a message; the summary repeats what was before it."""
         self._ended = self._ended or isinstance(record, DataEnd)
-        if self._ended or not isinstance(record, _COMPARED):
-            return
-        if len(self._found) < self.most:
-            self._found.append(record)
-        else:
-            self.excess = True
+        is_compared = isinstance(record, _COMPARED) and not self._ended
+        if is_compared and len(self._records) <= self.max_records:
+            self._records.append(record)
 
     @property
     def misleading(self) -> str:
@@ -226,77 +217,64 @@ class Form:
     def deviations(self, expected: Sequence[McapRecord]) -> list[str]:
         """Return what is not as expected, for people.
 
-        Where the chunk with the schemas and channels stands among the others does not count. Where
-        another writer wrote the same records, numbers and order are not named, what they say is.
+        Where the chunk with the schemas and channels stands among the others, and how they are
+        numbered, does not count; nor do comments of a definition.
         """
         name = self.path.name
-        expected = sorted(expected, key=_is_declaration)
-        found = sorted(self._found, key=_is_declaration)
+        records, expected = _comparable(self._records), _comparable(expected)
         unused = f'{name}: {self.indexes.unused}' if self.indexes.unused else ''
         gaps = [gap for gap in (self.misleading, unused) if gap]
-        if not self.excess and len(found) == len(expected) and all(map(_same, found, expected)):
+        if records == expected:
             lacks = self.indexes.lacks[:1]
             return gaps + [f'{name}: it has no {what}, as the recorder writes it' for what in lacks]
-        other, missing = _without(found, expected), _without(expected, found)
-        names = [_name(record) for record in found]
-        gaps += [f'{name}: {_name(record)} is not as the recorder writes it' for record in other]
-        gaps += [f'{name}: {_name(r)} is missing' for r in missing if _name(r) not in names]
-        if self.excess:
-            gaps.append(f'{name}: it has too many records')
-        return gaps or [f'{name}: its records are not in the order of the recorder']
+        others = dict.fromkeys(_label(r) for r in records if r not in expected)
+        gaps += [f'{name}: {label} is not as the recorder writes it' for label in others]
+        missing = dict.fromkeys(_label(record) for record in expected if record not in records)
+        there = {_label(record) for record in records}
+        gaps += [f'{name}: {label} is missing' for label in missing if label not in there]
+        return gaps or [f'{name}: its records are not once each, in the order of the recorder']
 
 
-def _without(records: Sequence[McapRecord], others: Sequence[McapRecord]) -> list[McapRecord]:
-    """Return the records that say something else than all others; each name once."""
-    schemas = [{one.id: one.name for one in each if isinstance(one, Schema)}
-               for each in (records, others)]  # fmt: skip
-    rest = [_unnumbered(record, schemas[1]) for record in others]
-    found: dict[str, McapRecord] = {}
-    for record in records:
-        plain = _unnumbered(record, schemas[0])
-        at = next((i for i, other in enumerate(rest) if _same(plain, other)), -1)
-        if at < 0:
-            found.setdefault(_name(record), record)
-        elif not _is_declaration(record):  # which may be repeated
-            del rest[at]
-    return list(found.values())
-
-
-def _unnumbered(record: McapRecord, schemas: Mapping[int, str]) -> McapRecord:
-    """Return a schema or a channel without the numbers that its writer chose."""
-    if isinstance(record, Schema):
-        return replace(record, id=0)
-    if isinstance(record, Channel):
-        named = {**record.metadata, '': schemas.get(record.schema_id, '')}
-        return replace(record, id=0, schema_id=0, metadata=named)
-    return record
+def _comparable(records: Sequence[McapRecord]) -> list[McapRecord]:
+    """Return records without the numbers that their writer chose, schemas and channels last."""
+    schemas = {one.id: one.name for one in records if isinstance(one, Schema)}
+    plain = list[McapRecord]()
+    for record in sorted(records, key=lambda r: (isinstance(r, Schema), isinstance(r, Channel))):
+        if isinstance(record, Schema):
+            record = replace(record, id=0, data=_COMMENT.sub(b'\n', record.data))
+        elif isinstance(record, Channel):
+            named = {**record.metadata, '': schemas.get(record.schema_id, '')}
+            record = replace(record, id=0, schema_id=0, metadata=named)
+        plain.append(record)
+    return plain
 
 
 def records_of_run(reader: RunReader, path: Path) -> list[McapRecord]:
     """Return the records that the recorder writes beside the messages of a log; LogError."""
     counts, first_ns, last_ns = reader.extent_of(path)
-    base = reader.base
-    attached = [
-        Attachment(base.epoch_ns, base.epoch_ns, name, MEDIA_TYPE, data)
-        for name, data in sorted(reader.attachments.items(), key=_order)
-        if (name in (*_CARRIED, TOPICS) or is_controller(name)) and (path, name) in reader.attached
-    ]
-    file = BagFile(path.name, first_ns, last_ns, sum(counts))
-    between = [Metadata(RUN_RECORD, base.to_record()), *attached]
-    return records_of_file(bag_topics(reader.topics, counts), file, between)
-
-
-def records_of_file(
-    topics: Sequence[BagTopic], file: BagFile, between: Sequence[McapRecord] = ()
-) -> list[McapRecord]:
-    """Return the records beside the messages of a file, with some before its schemas; LogError."""
+    file, base = BagFile(path.name, first_ns, last_ns, sum(counts)), reader.base
+    topics = bag_topics(reader.topics, counts)
     opened = [replace(topic, messages=0) for topic in topics]
+    types = list(dict.fromkeys(topic.type for topic in topics))
     return [
         Header(PROFILE, LIBRARY),
-        Metadata(rosbag2.RECORD, rosbag2.record_values(opened, BagFile(file.path))),
-        *between,
-        *declarations(opened),
+        Metadata(rosbag2.RECORD, rosbag2.record_values(opened, BagFile(path.name))),
+        Metadata(RUN_RECORD, base.to_record()),
+        *(
+            Attachment(base.epoch_ns, base.epoch_ns, name, MEDIA_TYPE, data)
+            for name, data in sorted(reader.attachments.items(), key=_order)
+            if (name in (*_CARRIED, TOPICS) or is_controller(name))
+            and (path, name) in reader.attached
+        ),
         Metadata(rosbag2.RECORD, rosbag2.record_values(topics, file)),
+        *(
+            Schema(number, rosbag2.definition(kind).text.encode(), 'ros2msg', kind)
+            for number, kind in enumerate(types)
+        ),
+        *(
+            Channel(0, topic.name, 'cdr', topic.channel_metadata, types.index(topic.type))
+            for topic in topics
+        ),
     ]
 
 
@@ -307,30 +285,7 @@ def _order(attachment: tuple[str, bytes]) -> tuple[int, int, str]:
     return later, len(name) if later else 0, name
 
 
-def declarations(topics: Sequence[BagTopic]) -> Iterator[McapRecord]:
-    """Yield the schema and channel records of some topics, as the recorder numbers them."""
-    numbers: dict[str, int] = {}
-    for channel, topic in enumerate(topics, 1):
-        if topic.type not in numbers:
-            numbers[topic.type] = len(numbers) + 1
-            text = rosbag2.definition(topic.type).text
-            yield Schema(numbers[topic.type], text.encode(), 'ros2msg', topic.type)
-        yield Channel(channel, topic.name, 'cdr', topic.channel_metadata, numbers[topic.type])
-
-
-def _is_declaration(record: McapRecord) -> bool:
-    return isinstance(record, Schema | Channel)
-
-
-def _same(found: McapRecord, wanted: McapRecord) -> bool:
-    """Return whether two records are equal; of a definition, comments do not count."""
-    if isinstance(found, Schema) and isinstance(wanted, Schema):
-        bare = _COMMENT.sub(b'\n', found.data) == _COMMENT.sub(b'\n', wanted.data)
-        found = Schema(found.id, wanted.data, found.encoding, found.name) if bare else found
-    return found == wanted
-
-
-def _name(record: McapRecord) -> str:
+def _label(record: McapRecord) -> str:
     kind = type(record).__name__.lower()
     name = getattr(record, 'topic', None) or getattr(record, 'name', None) or ''
     return f'the {kind} {shown(name)}' if name else f'the {kind}'

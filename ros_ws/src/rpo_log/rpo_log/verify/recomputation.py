@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stages of the chain, recomputed on their logged inputs block by block.
 
-And what the log says of them: switched on and off, decisions, which controller made a command,
-which commands free running may have applied.
+And what the log says of them: switched on and off, decisions, which controller made a command.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,13 +25,18 @@ from rpo_mcap import topics
 from rpo_mcap.errors import LogError
 from rpo_mcap.format.run import CONTROLLER, is_controller
 from rpo_mcap.read.decode import Event, TickBlock
-from rpo_mcap.read.run_log import controller_of, parameters_of
+from rpo_mcap.read.run_log import controller_of
 from rpo_mcap.read.stream import RunReader
 
 Floats = NDArray[np.float64]
+Ticks = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 
 MAX_NAMED = 3
 """So many spans of ticks, or names, of one kind are listed; of the others, the number."""
+
+_SWITCHES = topics.ACTIVE, topics.INACTIVE
+LATE_TICKS = 50
 
 
 class StageStates:
@@ -47,10 +52,9 @@ class StageStates:
     def __init__(self, stages: Collection[str] | None = None, others: Collection[str] = ()) -> None:
         self._stages, self._others = stages, others
         self.unfollowed: dict[str, tuple[int, int]] = {}
-        self._changes: dict[str, list[tuple[int, bool]]] = {}
-        self._missing: dict[str, set[int]] = {}
-        self._commands: dict[str, list[tuple[int, str]]] = {}
         self.dropped: dict[str, int] = {}
+        self._events: dict[str, list[tuple[int, str]]] = {}
+        self._told: dict[str, int] = {}  # how many of them `commands` has returned
 
     def take(self, block_events: Sequence[Event]) -> None:
         """Take the events of a block."""
@@ -60,45 +64,39 @@ class StageStates:
                 for signal, since in topics.dropped(event.status).items():
                     self.dropped.setdefault(signal, since)  # as the nodes do
             elif event.signal == interfaces.STAGE_STATUS:
-                state = event.values.get('state')
-                name = event.values.get('stage', '')
-                switched = state in (WITHOUT_COMMAND, topics.ACTIVE, topics.INACTIVE)
-                if tick is None or not self._follows(name, switched):
+                name, state = event.values.get('stage', ''), event.values.get('state')
+                may_tell = state not in (*_SWITCHES, WITHOUT_COMMAND) and name in self._others
+                if tick is None or not (self._stages is None or name in self._stages or may_tell):
                     count, first = self.unfollowed.get(name, (0, event.tick))
                     self.unfollowed[name] = count + 1, first
-                    continue
-                if state == WITHOUT_COMMAND:
-                    self._missing.setdefault(name, set()).add(tick)
-                if state in (topics.ACTIVE, topics.INACTIVE):
-                    changes = self._changes.setdefault(name, [])
-                    changes.append((tick, state == topics.ACTIVE))
-                    changes.sort(key=lambda change: change[0])
                 elif state is not None:
-                    self._commands.setdefault(name, []).append((tick, state))
-
-    def _follows(self, name: str, switched: bool) -> bool:
-        """Return whether an event has an effect on a stage."""
-        may_tell = not switched and name in self._others
-        return self._stages is None or name in self._stages or may_tell
+                    self._events.setdefault(name, []).append((tick, state))
 
     def commands(self, stage: str) -> list[tuple[int, str]]:
         """Return the commands that a stage got in flight, each with its tick; each one once."""
-        return self._commands.pop(stage, [])
+        events = self._events.get(stage, [])
+        begin, self._told[stage] = self._told.get(stage, 0), len(events)
+        return [(tick, state) for tick, state in events[begin:] if state not in _SWITCHES]
 
     def missing(self, stage: str) -> set[int]:
         """Return the ticks at which a stage went on without the command before."""
-        return self._missing.get(stage, set())
+        return {tick for tick, state in self._events.get(stage, []) if state == WITHOUT_COMMAND}
 
-    def active(self, stage: str, ticks: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def _switched(self, stage: str) -> list[tuple[int, bool]]:
+        """Return when a stage was switched, and whether on, in the order of ticks."""
+        events = sorted(self._events.get(stage, []), key=lambda event: event[0])
+        return [(tick, state == topics.ACTIVE) for tick, state in events if state in _SWITCHES]
+
+    def active(self, stage: str, ticks: Ticks) -> Flags:
         """Return at which ticks a stage was switched on."""
-        changes = self._changes.get(stage, [])
-        known = np.array([True, *(on for _, on in changes)])
-        at = np.array([tick for tick, _ in changes], dtype=np.int64)
-        return known[np.searchsorted(at, ticks, side='right')]
+        switched = self._switched(stage)
+        states = np.array([True, *(on for _, on in switched)])
+        at = np.array([tick for tick, _ in switched], dtype=np.int64)
+        return states[np.searchsorted(at, ticks, side='right')]
 
-    def began(self, stage: str, ticks: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def began(self, stage: str, ticks: Ticks) -> Flags:
         """Return at which ticks a stage began without memory: switched on, or started in flight."""
-        return np.isin(ticks, [tick for tick, on in self._changes.get(stage, []) if on])
+        return np.isin(ticks, [tick for tick, on in self._switched(stage) if on])
 
 
 class Recomputation:
@@ -159,12 +157,12 @@ class Recomputation:
 
     def run(
         self,
-        ticks: NDArray[np.int64],
+        ticks: Ticks,
         inputs: Sequence[Floats],
-        active: NDArray[np.bool_],
-        began: NDArray[np.bool_],
+        active: Flags,
+        began: Flags,
         logged: Sequence[Floats] = (),
-    ) -> tuple[list[Floats], NDArray[np.bool_]]:
+    ) -> tuple[list[Floats], Flags]:
         """Return the outputs (n, width) at each tick, NaN where unknown, and where they are known.
 
         inputs : (n, width) each, NaN where unknown
@@ -182,125 +180,84 @@ class Recomputation:
                 absent |= ~finite
             else:
                 there &= finite
-        if self.stage.memory_ticks == 0:
-            rows = np.flatnonzero(there)
-            made, known = self._made(rows, ticks, inputs), there.copy()
-            self._pass_on(np.flatnonzero(~active), made, known, inputs)
-            if logged:  # an answer whose question is not in the log
-                answered = np.any([np.isfinite(v).all(axis=1) for v in logged], axis=0)
-                self._count(ticks[answered & ~known])
-            return made, known
-        return self._with_memory(ticks, inputs, active, (there, absent), began, logged)
-
-    def _pass_on(
-        self,
-        rows: NDArray[np.intp],
-        made: list[Floats],
-        known: NDArray[np.bool_],
-        inputs: Sequence[Floats],
-    ) -> None:
-        """Fill the outputs of ticks at which the stage is switched off."""
-        for row in rows.tolist():
-            found = self.stage.off(*(tuple(values[row].tolist()) for values in inputs))
-            for values, numbers in zip(made, found, strict=True):
-                values[row] = numbers
-            known[row] = np.isfinite(np.concatenate(found)).all()
-
-    def _made(
-        self, rows: NDArray[np.intp], ticks: NDArray[np.int64], inputs: Sequence[Floats]
-    ) -> list[Floats]:
-        """Return the outputs, computed at some rows, NaN at the others."""
-        if not len(rows):
-            rows_of = map(interfaces.row_of, self.stage.outputs)
-            widths = (len(row.columns) or row.numbers for row in rows_of)
-            return [np.full((len(ticks), width), np.nan) for width in widths]
-        found = self.stage.steps(ticks[rows], *(values[rows] for values in inputs))
-        if len(rows) == len(ticks):
-            return list(found)
-        made = [np.full((len(ticks), values.shape[1]), np.nan) for values in found]
-        for values, computed in zip(made, found, strict=True):
-            values[rows] = computed
-        return made
-
-    def _with_memory(
-        self,
-        ticks: NDArray[np.int64],
-        inputs: Sequence[Floats],
-        active: NDArray[np.bool_],
-        present: tuple[NDArray[np.bool_], NDArray[np.bool_]],
-        began: NDArray[np.bool_],
-        logged: Sequence[Floats],
-    ) -> tuple[list[Floats], NDArray[np.bool_]]:
-        there, absent = present
-        missed = np.zeros(len(ticks), dtype=bool)
-        if logged:
-            missed = active & ~np.any([np.isfinite(v).all(axis=1) for v in logged], axis=0)
-        made = self._made(np.empty(0, dtype=np.intp), ticks, inputs)
+        missed, due = np.zeros(len(ticks), dtype=bool), there
+        if logged:  # an answer whose question is not in the log is due too
+            due = np.any([np.isfinite(v).all(axis=1) for v in logged], axis=0)
+            missed = active & ~due
+        rows = map(interfaces.row_of, self.stage.outputs)
+        made = [np.full((len(ticks), len(row.columns) or row.numbers), np.nan) for row in rows]
         known = np.zeros(len(ticks), dtype=bool)
         change = (np.diff(ticks) != 1) | np.diff(active) | np.diff(there) | began[1:]
         change |= np.diff(missed)
-        for part in np.split(np.arange(len(ticks)), np.flatnonzero(change) + 1):
-            first, last = int(ticks[part[0]]), int(ticks[part[-1]])
-            if first != self._next:
+        for first, end in pairwise([0, *(np.flatnonzero(change) + 1), len(ticks)]):
+            if ticks[first] != self._next:
                 self._forget(0)
-            if began[part[0]]:
-                self._forget(None, first)
-            self._next = last + 1
-            if missed[part[0]] and self.stage.memory_ticks is None:
-                self._doubtful = True
+            if began[first]:
+                self._forget(None, int(ticks[first]))
+            self._next = int(ticks[end - 1]) + 1
+            if missed[first]:
+                if self.stage.memory_ticks is None:
+                    self._doubtful = True
+                else:
+                    self._forget(0)
                 continue
-            if missed[part[0]]:
-                self._forget(0)
-                continue
-            if not active[part[0]]:
+            part = slice(first, end)
+            if not active[first]:
                 self._pass_on(part, made, known, inputs)
-            if not there[part[0]]:  # switched on again it begins anew
-                self._forget(0 if active[part[0]] else None)
+            if not there[first]:  # switched on again it begins anew
+                self._forget(0 if active[first] else None)
                 continue
             if absent[part].any():
-                known[part] = self._without(part, made, ticks, inputs, absent)
+                self._go_without(part, made, known, ticks, inputs, absent)
             else:
-                for values, found in zip(made, self._made(part, ticks, inputs), strict=True):
-                    values[part] = found[part]
-                known[part] = self._remembered(len(part))
-            if self._doubtful and not _same(made, logged, part[0]):
+                computed = self.stage.steps(ticks[part], *(values[part] for values in inputs))
+                for values, numbers in zip(made, computed, strict=True):
+                    values[part] = numbers
+                known[part] = self._remembered(end - first)
+            if self._doubtful and not _same(made, logged, first):
                 self._forget(0)
                 known[part] = False
             self._doubtful = False
-            self._count(ticks[part[~known[part]]])
+        gaps = ticks[due & ~known]
+        if len(gaps):
+            self.first_gap = self.first_gap if self.gaps else int(gaps[0])
+            self.gaps += len(gaps)
         for values in made:
             values[~known] = np.nan
         return made, known
 
-    def _count(self, unknown: NDArray[np.int64]) -> None:
-        """Count ticks at which it could not be computed."""
-        if len(unknown):
-            self.first_gap = self.first_gap if self.gaps else int(unknown[0])
-            self.gaps += len(unknown)
+    def _pass_on(
+        self, part: slice, made: list[Floats], known: Flags, inputs: Sequence[Floats]
+    ) -> None:
+        """Fill the outputs of ticks at which the stage is switched off."""
+        for row in range(part.start, part.stop):
+            computed = self.stage.off(*(tuple(values[row].tolist()) for values in inputs))
+            for values, numbers in zip(made, computed, strict=True):
+                values[row] = numbers
+            known[row] = np.isfinite(np.concatenate(computed)).all()
 
-    def _without(
+    def _go_without(
         self,
-        part: NDArray[np.intp],
+        part: slice,
         made: list[Floats],
-        ticks: NDArray[np.int64],
+        known: Flags,
+        ticks: Ticks,
         inputs: Sequence[Floats],
-        absent: NDArray[np.bool_],
-    ) -> NDArray[np.bool_]:
-        """Fill the outputs of ticks some of whose inputs are absent; return which are known.
+        absent: Flags,
+    ) -> None:
+        """Fill the outputs of ticks some of whose inputs are absent.
 
         The stage says whether it went on without them; if it did not, the log has lost them.
         """
-        known = np.zeros(len(part), dtype=bool)
-        for i, row in enumerate(part):
+        for row in range(part.start, part.stop):
             tick = int(ticks[row])
             if absent[row] and not self.stage.goes_without(tick):
                 self._forget(0)
                 continue
-            found = self.stage.step(tick, *(tuple(np.nan_to_num(v[row]).tolist()) for v in inputs))
-            for values, computed in zip(made, found, strict=True):
-                values[row] = computed
-            known[i] = self._remembered(1)[0]
-        return known
+            read = (tuple(np.nan_to_num(v[row]).tolist()) for v in inputs)
+            for values, numbers in zip(made, self.stage.step(tick, *read), strict=True):
+                values[row] = numbers
+            known[row] = self._remembered(1)[0]
 
     def _forget(self, filled: int | None, tick: int = 0) -> None:
         self._decided += self.stage.decided()
@@ -311,7 +268,7 @@ class Recomputation:
         self._doubtful = False
         self._filled = filled
 
-    def _remembered(self, count: int) -> NDArray[np.bool_]:
+    def _remembered(self, count: int) -> Flags:
         """Return at which of the next ticks the memory is full."""
         if self._filled is None:
             return np.ones(count, dtype=bool)
@@ -321,7 +278,7 @@ class Recomputation:
         return np.zeros(count, dtype=bool) if most is None else ages >= most
 
 
-def _extend(spans: list[tuple[int, int]], ticks: NDArray[np.int64]) -> None:
+def _extend(spans: list[tuple[int, int]], ticks: Ticks) -> None:
     """Add ticks, in order, to spans of ticks: first and last of each."""
     for tick in ticks.tolist():
         if spans and tick == spans[-1][1] + 1:
@@ -337,7 +294,7 @@ def _spans_text(spans: Sequence[tuple[int, int]]) -> str:
     return f'tick{"s" * several} {", ".join(words)}{rest}'
 
 
-def _same(made: Sequence[Floats], logged: Sequence[Floats], row: np.intp) -> bool:
+def _same(made: Sequence[Floats], logged: Sequence[Floats], row: int) -> bool:
     """Return whether the outputs of a tick are those of the log, as far as it has them."""
     pairs = zip(made, logged, strict=True)
     return all(
@@ -347,100 +304,16 @@ def _same(made: Sequence[Floats], logged: Sequence[Floats], row: np.intp) -> boo
 
 def events_ahead(blocks: Iterable[TickBlock], states: StageStates) -> Iterator[TickBlock]:
     """Yield blocks, each when the events of the one after it are known: an event may come late."""
-    before: TickBlock | None = None
+    before: list[TickBlock] = []
     try:
         for block in blocks:
             states.take(block.events)
-            if before is not None:
-                yield before
-            before = block
+            yield from before
+            before = [block]
     except LogError:
-        if before is not None:
-            yield before
+        yield from before
         raise
-    if before is not None:
-        yield before
-
-
-class PreviousSignals:
-    """Remembers the last tick of each block."""
-
-    def __init__(self) -> None:
-        self._last: dict[str, tuple[int, Floats]] = {}
-
-    def of(
-        self, name: str, ticks: NDArray[np.int64], values: Floats, missing: Collection[int]
-    ) -> Floats:
-        """Return the values (n, width) of a signal one tick before each of these ticks.
-
-        missing : ticks at which the reader went on without it: zero
-
-        Zero at tick 0; NaN where the tick before is not in the log.
-        """
-        found = np.full_like(values, np.nan)
-        follows = np.diff(ticks) == 1
-        found[1:][follows] = values[:-1][follows]
-        tick, last = self._last.get(name, (-1, np.zeros(values.shape[1])))
-        if ticks[0] == tick + 1:
-            found[0] = last
-        found[np.isin(ticks, list(missing))] = 0.0
-        self._last[name] = int(ticks[-1]), values[-1].copy()
-        return found
-
-
-MOST_HELD_TICKS = 1000
-"""A force held longer than that is not looked for."""
-
-
-def held_ticks(reader: RunReader) -> int:
-    """Return for how many ticks the plant of a log held a force; -1 if that is not known."""
-    plant = parameters_of(reader).get('plant')
-    ticks = plant.get('stale_after_ticks') if isinstance(plant, Mapping) else None
-    return ticks if type(ticks) is int and 0 <= ticks <= MOST_HELD_TICKS else -1
-
-
-class HeldForces:
-    """The answers of the last ticks, of which free running applies one.
-
-    ticks : for how many a force is held; -1: not known, and nothing is
-    limits : of each number: that of the thrusters [N], of a torque infinite
-    """
-
-    def __init__(self, ticks: int, limits: Sequence[float]) -> None:
-        self._most, self._limits = ticks, np.array(limits)
-        self._ticks = np.empty(0, dtype=np.int64)
-        self._forces = np.empty((0, len(limits)))
-
-    def held(
-        self,
-        ticks: NDArray[np.int64],
-        answers_n: NDArray[np.float64],
-        applied_n: NDArray[np.float64],
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Return the force (n, width) [N] applied, as it was commanded, and where that is known.
-
-        answers_n : (n, width) of these ticks, NaN where they are missing
-        """
-        new = ticks > self._ticks[-1] if len(self._ticks) else np.ones(len(ticks), dtype=bool)
-        known = np.concatenate([self._ticks, ticks[new]])
-        commanded = np.clip(answers_n[new], -self._limits, self._limits)
-        commanded = np.concatenate([self._forces, commanded])
-        computed, found = np.zeros_like(applied_n), (applied_n == 0.0).all(axis=1)
-        sure = np.full(len(ticks), self._most >= 0)
-        for age in range(self._most, -1, -1):
-            wanted = ticks - age
-            at = np.searchsorted(known, wanted)
-            there = (known[at] == wanted) & np.isfinite(commanded[at]).all(axis=1)
-            sure &= there | (wanted < 0)
-            computed[there] = np.where(found[there, None], computed[there], commanded[at][there])
-            found |= there & (commanded[at] == applied_n).all(axis=1)
-        computed[found] = applied_n[found]
-        kept = known >= ticks[-1] - max(self._most, 0)
-        self._ticks, self._forces = known[kept], commanded[kept]
-        return computed, sure | found
-
-
-LATE_TICKS = 50
+    yield from before
 
 
 class StatedDecisions:
@@ -483,84 +356,52 @@ class StatedDecisions:
         return found
 
 
-Made = tuple[list[Floats], NDArray[np.bool_]]
-"""Outputs of a stage at some ticks, and where they are known."""
-
-
 class Controllers:
     """The controllers of a run, each recomputed; the first is that of controller.yaml.
 
-    first : None if the log carries none: no command is then recomputed
+    others : the later ones, as far as the log has shown them, and the signals that each reads
     """
 
-    def __init__(
-        self,
-        reader: RunReader,
-        scenario: Scenario,
-        first: AnyController | None,
-    ) -> None:
+    def __init__(self, reader: RunReader, scenario: Scenario, first: AnyController | None) -> None:
         self._reader, self._scenario = reader, scenario
-        self._files = [CONTROLLER]
-        self._names = [first.name if first else '']
-        self._ticks = [0]
-        self._more: list[tuple[Recomputation, Sequence[str]]] = []
-        self._owner = 0
+        self._names = {CONTROLLER: first.name if first else ''}
+        self._ticks = {CONTROLLER: 0}
+        self._of_last = CONTROLLER
+        self.others: list[tuple[Recomputation, Sequence[str]]] = []
 
     @property
     def shares(self) -> tuple[str, ...]:
         """Per controller its name, file and number of commands; empty if there is only one."""
-        if not self._more:
-            return ()
-        return tuple(
-            f'{name} ({file}) at {ticks} ticks'
-            for name, file, ticks in zip(self._names, self._files, self._ticks, strict=True)
-        )
+        shares = [f'{name} ({file}) at {self._ticks[file]} ticks'
+                  for file, name in self._names.items()]  # fmt: skip
+        return tuple(shares) if self.others else ()
 
-    def _find(self) -> None:
+    def find(self) -> None:
         """Take the files that were attached since."""
         for file in sorted(self._reader.attachments, key=lambda name: (len(name), name)):
-            if is_controller(file) and file not in self._files:
-                found = controller_of(self._reader, file)
-                (link,) = Chain.of(self._scenario, found).part(Place.CONTROLLER).links
-                self._files.append(file)
-                self._names.append(found.name)
-                self._ticks.append(0)
-                self._more.append((Recomputation(link.stage), link.reads))
+            if is_controller(file) and file not in self._names:
+                controller = controller_of(self._reader, file)
+                (link,) = Chain.of(self._scenario, controller).part(Place.CONTROLLER).links
+                self._names[file], self._ticks[file] = controller.name, 0
+                self.others.append((Recomputation(link.stage), link.reads))
 
-    def any_of(
-        self,
-        block: TickBlock,
-        output: str,
-        first: Made,
-        run: Callable[[Recomputation, Sequence[str]], Made],
-        active: NDArray[np.bool_],
-    ) -> Made:
+    def merged(
+        self, logged: Floats, answered: Flags, commands: Sequence[tuple[Floats, Flags]]
+    ) -> tuple[Floats, Flags]:
         """Return the commands as computed by the controller that made them.
 
-        output : name of the command
-        first : as the first controller computes them
-        run : recomputes another one, with the signals that it reads
-        active : where the controllers are switched on
+        answered : where one is in the log, and the controllers are switched on
+        commands : those of each controller, and where they are known
         """
-        self._find()
-        if not self._more:
-            return first
-        logged = block.values[output]
-        equal = [_equal(logged, first)]
-        equal += [_equal(logged, run(stage, reads)) for stage, reads in self._more]
-        for row in np.flatnonzero(active & block.present[output]).tolist():
-            owners = [number for number, found in enumerate(equal) if found[row]]
-            if owners:
-                self._owner = self._owner if self._owner in owners else owners[0]
-                self._ticks[self._owner] += 1
+        equal = [
+            known & (np.ascontiguousarray(made).view(np.uint64) == logged.view(np.uint64)).all(1)
+            for made, known in commands
+        ]
+        for row in np.flatnonzero(answered).tolist():
+            makers = [file for file, same in zip(self._names, equal, strict=True) if same[row]]
+            if makers:
+                self._of_last = self._of_last if self._of_last in makers else makers[0]
+                self._ticks[self._of_last] += 1
         known = np.logical_or.reduce(equal)
-        (made,), first_known = first
-        return [np.where(known[:, None], logged, made)], known | first_known
-
-
-def _equal(logged: Floats, computed: Made) -> NDArray[np.bool_]:
-    """Return where a command has the bits that are computed."""
-    (made,), known = computed
-    bits = [np.ascontiguousarray(values).view(np.uint64) for values in (logged, made)]
-    same: NDArray[np.bool_] = known & (bits[0] == bits[1]).all(axis=1)
-    return same
+        made, first_known = commands[0]
+        return np.where(known[:, None], logged, made), known | first_known

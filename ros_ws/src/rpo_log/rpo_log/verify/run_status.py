@@ -32,33 +32,6 @@ _OF_FREE_RUNNING = ('saturated_ticks',)
 Floats = NDArray[np.float64]
 
 
-class _Figures:
-    """The figures of run_status at the ticks of one block."""
-
-    def __init__(self, block: TickBlock, before: Floats) -> None:
-        self._ticks, self._before = block.ticks, before
-        self._states = block.values[interfaces.RELATIVE_STATE]
-
-    def at(self, tick: int, scenario: Scenario) -> dict[str, tuple[float, ...]] | None:
-        """Return the figures that are known at a tick; None if it is not in this block.
-
-        Of the energy there are two: older versions of the plant added it up in another order.
-        """
-        row = int(np.searchsorted(self._ticks, tick))
-        if row == len(self._ticks) or self._ticks[row] != tick:
-            return None
-        found: dict[str, tuple[float, ...]] = {}
-        x, y, z, in_turn, saturated = self._before[row].tolist()
-        if not math.isnan(saturated):
-            found['energy_n2s'] = ((x + y + z) * scenario.dt_s, in_turn)
-            found['saturated_ticks'] = (int(saturated),)
-        state = self._states[row].tolist()
-        if not math.isnan(state[0]):
-            found['distance_m'] = (norm(*state[:3]),)
-            found['speed_m_s'] = (norm(*state[3:]),)
-        return found
-
-
 class Statuses:
     """Compares the events of a log with its flight.
 
@@ -83,7 +56,8 @@ class Statuses:
         # squares per axis [N^2], energy [N^2 s], saturated ticks; NaN from an unknown on
         self._spent = np.zeros(5)
         self._next = 0  # tick from which they are known
-        self._blocks: list[_Figures] = []
+        # of the last two blocks: ticks, states, and what was spent before each tick
+        self._blocks: list[tuple[NDArray[np.int64], Floats, Floats]] = []
 
     @property
     def said(self) -> str:
@@ -97,9 +71,8 @@ class Statuses:
             self._phases[:1] == [_RUNNING] and self._phases[-1:] == [_FINISHED]
         ):
             return []
-        said = f'its phases are {", ".join(dict.fromkeys(self._phases))}' if self._phases else (
-            'it says nothing'
-        )  # fmt: skip
+        phases = ', '.join(dict.fromkeys(self._phases))
+        said = f'its phases are {phases}' if phases else 'it says nothing'
         return [f'{self._topic.name} does not say that the flight began and finished: {said}']
 
     def account(self, block: TickBlock, taken: Floats, due: Floats) -> None:
@@ -114,7 +87,8 @@ class Statuses:
         sums[skipped[0] if len(skipped) else len(sums) :] = np.nan
         self._next = int(block.ticks[-1]) + 1 if len(block.ticks) else self._next
         self._spent = sums[-1]
-        self._blocks = [*self._blocks[-1:], _Figures(block, sums[:-1])]
+        states = block.values[interfaces.RELATIVE_STATE]
+        self._blocks = [*self._blocks[-1:], (block.ticks, states, sums[:-1])]
 
     def difference(self, event: Event) -> Difference | None:
         """Return what an event says that does not follow from the flight."""
@@ -154,22 +128,33 @@ class Statuses:
         awaited = [name for name in dropped if name in self._awaited]
         yield 'dropped', ' '.join(dropped), ' '.join(awaited)
         yield from self._figures(tick, values)
-        yield from self._others(phase, status)
-
-    def _figures(self, tick: int, values: dict[str, str]) -> Iterator[tuple[str, str, str]]:
-        found = [block.at(tick, self._scenario) for block in self._blocks]
-        for name, computed in next((f for f in found if f is not None), {}).items():
-            if self._free and name in _OF_FREE_RUNNING:
-                continue
-            logged = values.get(name, 'nothing')
-            known = [repr(value) for value in computed]
-            yield name, logged, logged if logged in known else known[0]
-
-    def _others(self, phase: str, status: cdr.Status) -> Iterator[tuple[str, str, str]]:
-        """Compare the names of the values: each once, none that the plant does not write."""
         names = [name for name, _ in status.values]
-        known = ['phase', 'tick', 'dropped', *_FIGURES]
+        allowed = ['phase', 'tick', 'dropped', *_FIGURES]
         ended_free = self._free and phase in (_FINISHED, _ABORTED)
         for name in names:
-            allowed = names.count(name) == 1 and (name in known or ended_free)
-            yield 'values', name, name if allowed else 'no such value'
+            is_there = names.count(name) == 1 and (name in allowed or ended_free)
+            yield 'values', name, name if is_there else 'no such value'
+
+    def _figures(self, tick: int, values: dict[str, str]) -> Iterator[tuple[str, str, str]]:
+        for name, computed in self._figures_at(tick).items():
+            if not (self._free and name in _OF_FREE_RUNNING):
+                logged, known = values.get(name, 'nothing'), [repr(value) for value in computed]
+                yield name, logged, logged if logged in known else known[0]
+
+    def _figures_at(self, tick: int) -> dict[str, tuple[float, ...]]:
+        """Return the figures that are known at a tick of the last blocks.
+
+        Of the energy there are two: older versions of the plant added it up in another order.
+        """
+        figures: dict[str, tuple[float, ...]] = {}
+        for ticks, states, spent in self._blocks:
+            for row in np.flatnonzero(ticks == tick).tolist():
+                x, y, z, in_turn, saturated = spent[row].tolist()
+                if not math.isnan(saturated):
+                    figures['energy_n2s'] = ((x + y + z) * self._scenario.dt_s, in_turn)
+                    figures['saturated_ticks'] = (int(saturated),)
+                state = states[row].tolist()
+                if not math.isnan(state[0]):
+                    figures['distance_m'] = (norm(*state[:3]),)
+                    figures['speed_m_s'] = (norm(*state[3:]),)
+        return figures

@@ -18,7 +18,7 @@ from rpo_mcap.read.decode import Message
 from rpo_mcap.topics import Topic
 
 
-@dataclass(frozen=True)
+@dataclass
 class Verification:
     """The outcome of `verify`.
 
@@ -26,7 +26,7 @@ class Verification:
     difference : the first thing in the flight that is not as computed; None if there is none
     faults : files of the folder that are not those that were recorded
     gaps : why not all is proven; empty if it is
-    free_running : the plant kept the wall clock: which force it applied depended on when it came
+    free_running : the plant kept the wall clock: what it said that it applied was taken as it is
     stages : names of the stages that were recomputed, at one tick at least, in the order of the
         chain
     recomputed : what else follows from the flight, and was compared
@@ -42,9 +42,9 @@ class Verification:
     """
 
     path: Path
-    ticks: int
-    difference: Difference | None
-    gaps: tuple[str, ...]
+    ticks: int = 0
+    difference: Difference | None = None
+    gaps: tuple[str, ...] = ()
     free_running: bool = False
     stages: tuple[str, ...] = ()
     faults: tuple[str, ...] = ()
@@ -86,13 +86,10 @@ class Verification:
         verified = 'as computed from what was given' if self.given else 'verified'
         sentence = f'{self.path}: {verified}, {self.ticks} ticks bit for bit; {stages}'
         if self.free_running:
-            sentence += '; a free-running flight: '
-            if not self.given:
-                sentence += (
-                    'each state follows from the force applied, and each force applied is one that '
-                    'had been commanded, or none. '
-                )
-            sentence += 'When forces came cannot be computed'
+            sentence += (
+                '; a free-running flight: each state follows from the force that the plant says it '
+                'applied. When forces came cannot be computed'
+            )
         return sentence
 
     def lines(self) -> Iterator[str]:
@@ -113,14 +110,11 @@ class Verification:
             yield f'  signed by {self.signed_by} (SHA-256):'
             yield from (f'    {digest}  {name}' for name, digest in self.signed.items())
         yield '  rests on (SHA-256):'
-        premises = {
-            **self.premises,
-            f'verified with rpo_core {provenance.version()}': provenance.digest(),
-        }
-        yield from (f'    {digest}  {name}' for name, digest in premises.items())
+        yield from (f'    {digest}  {name}' for name, digest in self.premises.items())
+        yield f'    {provenance.digest()}  verified with rpo_core {provenance.version()}'
 
 
-START, APPLIED, REST = 'start', 'force applied', 'rest'
+START, REST = 'start', 'rest'
 """Checks beside the stages, as a difference names them."""
 
 

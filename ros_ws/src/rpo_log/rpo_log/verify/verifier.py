@@ -7,8 +7,7 @@ From the scenario and the controller that the log carries:
 - start: the first state is the scenario's;
 - each stage of the chain: its logged outputs follow from its logged inputs; the next state follows
   from the dynamics. So the whole flight follows, tick by tick from its start;
-- free running, where the wall clock had its part: each force applied is one that was commanded not
-  long before;
+- free running: what the plant says that it applied is given, all else follows from it;
 - events: where a stage was switched off its commands are zero; what the plant went on without is
   zero from then on;
 - the rest: attitude, torque, covariances, frames, phases and figures of run_status, all records of
@@ -21,11 +20,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.chain.chain import NO_FORCE, Chain, Link, start_of
 from rpo_core.chain.stage import Place
@@ -38,20 +35,17 @@ from rpo_log.signature import Digests
 from rpo_log.verify.evidence import Evidence
 from rpo_log.verify.recomputation import (
     MAX_NAMED,
-    MOST_HELD_TICKS,
     Controllers,
+    Flags,
     Floats,
-    HeldForces,
-    PreviousSignals,
     Recomputation,
     StageStates,
     StatedDecisions,
+    Ticks,
     events_ahead,
-    held_ticks,
 )
 from rpo_log.verify.run_status import Statuses
 from rpo_log.verify.verification import (
-    APPLIED,
     REST,
     START,
     Difference,
@@ -66,12 +60,6 @@ from rpo_mcap.read.decode import TickBlock
 from rpo_mcap.read.run_log import controller_of, parameters_of, scenario_of
 from rpo_mcap.read.stream import Completeness, RunReader
 from rpo_mcap.topics import Topic
-
-_SECTIONS = {
-    'disturbance': 'a disturbance', 'navigation': 'errors of navigation',
-    'sensors': 'sensors', 'estimator': 'an estimator',
-}  # fmt: skip
-
 
 FIGURES = 'figures of run_status'
 
@@ -97,40 +85,32 @@ class _Verifier:
         for topic in reader.topics:
             if topic.row.rider:
                 self.topics[topic.row.rider] = Topic(topic.name, row_of(topic.row.rider))
-        self._take_given(reader)
+        self._take_given()
         self.free = topics.free_running(reader.topics)
-        self._applied = {self._taken(x, name) for x in self.chain.links for name in x.reads} - {''}
+        self._reads = {link.stage.name: self._read_by(link) for link in self.chain.links}
+        self._applied = {name for link in self.chain.links
+                         for name in {*self._reads[link.stage.name]} - {*link.reads}}  # fmt: skip
         self._require_topics(reader)
         self.stages = [Recomputation(link.stage) for link in self.chain.links]
         nodes = [x.stage.name for x in self.chain.links if x.place < Place.UNLOADING]
         self.states = StageStates(nodes, [x.stage.name for x in self.chain.links])
-        ticks = held_ticks(reader) if self.free else 0
-        self._hold_known = ticks >= 0
-        self._unchecked, self._first_unchecked = 0, -1  # applied forces without a known command
-        most_n = float(self.scenario.max_force_n)
-        self._held = {
-            interfaces.APPLIED_FORCE: HeldForces(ticks, [most_n] * 3),
-            interfaces.APPLIED_BODY_FORCE: HeldForces(ticks, [most_n] * 3 + [math.inf] * 3),
-            interfaces.APPLIED_DISTURBANCE: HeldForces(ticks, [math.inf] * 3),
-        }
-        self._previous = PreviousSignals()
+        self._last: dict[str, tuple[int, Floats]] = {}  # of signals, before the next block
         rows = (topic.row for topic in reader.topics if topic.row.also)
         own = [row.name for row in rows if row.layout_in(self.scenario) is row.layout.also]
         self._own_axes, self._old_frames = own, set[str]()
-        self._following: dict[str, tuple[int, Floats] | None] = {}  # computed for the next tick
         status = self.topics.get(interfaces.RUN_STATUS)
-        foreign = RELATIVE_STATE in self._given
+        self.foreign = RELATIVE_STATE in self._given
         awaited = self.chain.after(Place.STEERING).inputs
-        self.statuses = Statuses(self.scenario, status, self.free, awaited, foreign)
+        self.statuses = Statuses(self.scenario, status, self.free, awaited, self.foreign)
         said = self.topics.get(interfaces.STAGE_STATUS)
         self.stated = StatedDecisions(
             [found for found in self.stages if found.stage.name in self.names],
             said.name if said else interfaces.STAGE_STATUS,
         )
         self.controllers = Controllers(reader, self.scenario, controller)
-        self._controller_known = known or interfaces.CONTROL_FORCE in given
+        self.controller_known = known or interfaces.CONTROL_FORCE in given
 
-    def _take_given(self, reader: RunReader) -> None:
+    def _take_given(self) -> None:
         """Check what is given, and find which stages are judged all the same.
 
         A stage is judged if something that is compared follows from its outputs. Raises InputError.
@@ -163,11 +143,10 @@ class _Verifier:
     def _require_topics(self, reader: RunReader) -> None:
         for link in self.chain.links:
             for name in link.stage.outputs:
-                row = interfaces.row_of(name)
+                row = row_of(name)
                 if row.type and row.logged and name not in self.topics:
-                    what = _SECTIONS.get(link.stage.name, f'the stage {link.stage.name}')
-                    sentence = f'has no topic {name}, but its scenario has {what}'
-                    raise LogError(reader.path, sentence)
+                    sentence = f'has no topic {name}, but its scenario has the stage '
+                    raise LogError(reader.path, sentence + link.stage.name)
         for name in sorted(self._applied - self.topics.keys()):
             sentence = f'has no topic {name}, but is a log of free running'
             raise LogError(reader.path, sentence)
@@ -218,31 +197,11 @@ class _Verifier:
     @property
     def gaps(self) -> list[str]:
         """What could not be checked, for people."""
-        found = [
+        return [
             f'{found.stage.name} could not be recomputed at {found.gaps} ticks, the first is '
             f'{found.first_gap}: what it read or remembered was lost with a missing message'
             for found in self.stages
             if found.gaps and found.stage.name in self.names
-        ]
-        if self._unchecked:
-            why = 'the log lacks commands of the ticks before it'
-            if not self._hold_known:
-                why = f'{run.PARAMETERS} does not say for how long, up to {MOST_HELD_TICKS} ticks, '
-                why += 'the plant held a force'
-            found.append(
-                f'{self._unchecked} applied forces could not be compared with a command, the first '
-                f'at tick {self._first_unchecked}: {why}'
-            )
-        return found
-
-    @property
-    def unknown_controller(self) -> list[str]:
-        """Say that the commands do not follow from anything that the log carries."""
-        if self._controller_known:
-            return []
-        return [
-            f'{interfaces.CONTROL_FORCE} could not be recomputed: the log carries no {CONTROLLER}, '
-            'and all else follows from the commands as logged'
         ]
 
     def first_difference(self, block: TickBlock) -> Difference | None:
@@ -254,7 +213,9 @@ class _Verifier:
         ]
         if len(block.ticks):
             found += self._compare(block)
-        found += [self._not_finite(name, block) for name in self._given & block.values.keys()]
+        for name in self._given & block.values.keys():  # from such a number nothing follows
+            wrong = ~np.isfinite(block.values[name])
+            found.append(self._named('given', name, block, wrong, 'a finite number'))
         self._note_frames(block)
         found += [self.statuses.difference(event) for event in block.events]
         for event in block.events:
@@ -264,19 +225,6 @@ class _Verifier:
             (d for d in found if d is not None),
             default=None,
             key=lambda d: (d.tick, order[_signal_of(d, self.topics.values())]),
-        )
-
-    def _not_finite(self, signal: str, block: TickBlock) -> Difference | None:
-        """Return the first number of a given signal that no node takes: nothing follows from it."""
-        values = block.values[signal]
-        wrong = ~np.isfinite(values) & block.present[signal][:, None]
-        if not wrong.any():
-            return None
-        row, column = divmod(int(wrong.argmax()), wrong.shape[1])
-        topic = self.topics[signal]
-        name, logged = topic.row.columns[column], float(values[row, column])
-        return Difference(
-            int(block.ticks[row]), topic.name, name, logged, 'a finite number', 'given'
         )
 
     def _note_frames(self, block: TickBlock) -> None:
@@ -296,31 +244,34 @@ class _Verifier:
             for name, start in start_of(self.scenario).items():
                 yield self._first(START, name, block, np.tile(start, (len(known), 1)), known)
         for link, stage in zip(self.chain.links, self.stages, strict=True):
-            reads = [signals[name] for name in self._reads(link)]
-            stage.take_events(self.states.commands(link.stage.name))
-            active = self.states.active(link.stage.name, block.ticks)
-            began = self.states.began(link.stage.name, block.ticks)
+            name, outputs = link.stage.name, link.stage.outputs
+            reads = [signals[signal] for signal in self._reads[name]]
+            stage.take_events(self.states.commands(name))
+            active = self.states.active(name, block.ticks)
+            began = self.states.began(name, block.ticks)
             made, known = stage.run(block.ticks, reads, active, began, self._answers(link, block))
+            logged = [block.present[output] for output in outputs if output in self.topics]
+            there = active & (np.logical_or.reduce(logged) if logged else True)
             if link.place is Place.CONTROLLER:
-                made, known = self.controllers.any_of(
-                    block, link.stage.outputs[0], (made, known),
-                    lambda other, names: other.run(
-                        block.ticks, [signals[name] for name in names],
-                        active, began),  # noqa: B023
-                    active)  # fmt: skip
-            logged = [block.present[x] for x in link.stage.outputs if x in self.topics]
-            there = np.logical_or.reduce(logged) if logged else True
-            stage.compared += int((active & known & there).sum())
-            for name, values in zip(link.stage.outputs, made, strict=True):
-                if name in NEXT:
-                    yield self._next_states(link.stage.name, name, block, values, known)
-                elif name in self.topics:
-                    yield self._first(link.stage.name, name, block, values, known)
+                self.controllers.find()
+                commands = [(made[0], known)]
+                for other, others in self.controllers.others:
+                    reads = [signals[signal] for signal in others]
+                    (command,), sure = other.run(block.ticks, reads, active, began)
+                    commands.append((command, sure))
+                if self.controllers.others:
+                    made[0], known = self.controllers.merged(
+                        block.values[outputs[0]], there, commands
+                    )
+            stage.compared += int((there & known).sum())
+            for output, values in zip(outputs, made, strict=True):
+                if output in NEXT:
+                    yield self._next_states(name, output, block, values, known)
+                elif output in self.topics:
+                    yield self._first(name, output, block, values, known)
                 else:
-                    signals[name] = values
+                    signals[output] = values
         yield from self._unmade(block)
-        if self.free:
-            yield from self._compare_applied(block)
         taken, due = signals[interfaces.SATURATED_FORCE], signals[interfaces.DUE_FORCE]
         self.statuses.account(block, taken, due)
 
@@ -343,34 +294,41 @@ class _Verifier:
                 source = current(name)
                 if self.free and self.scenario.named('attitude_control') is None:
                     source = interfaces.applied(source) or source
-                missing = self.states.missing(link.stage.name)
-                signals[name] = self._previous.of(source, block.ticks, signals[source], missing)
+                before = self._before(source, block.ticks, signals[source])
+                before[np.isin(block.ticks, list(self.states.missing(link.stage.name)))] = 0.0
+                signals[name] = before
 
-    def _reads(self, link: Link) -> Iterator[str]:
-        """Yield the signals that a stage reads; in free running the plant says what it took."""
-        yield from (self._taken(link, name) or name for name in link.reads)
+    def _before(self, name: str, ticks: Ticks, values: Floats) -> Floats:
+        """Return the values (n, width) of a signal one tick before each of these ticks.
 
-    def _taken(self, link: Link, name: str) -> str:
-        """Return what says what the plant took of a signal that its stage reads; '' if nothing."""
-        if not self.free or link.place < Place.UNLOADING or name == NO_FORCE:
-            return ''
-        plants = (x.stage.outputs for x in self.chain.links if x.place >= Place.UNLOADING)
-        return '' if any(name in made for made in plants) else interfaces.applied(name)
+        Zero at tick 0; NaN where the tick before is not in the log.
+        """
+        before = np.full_like(values, np.nan)
+        follows = np.diff(ticks) == 1
+        before[1:][follows] = values[:-1][follows]
+        tick, last = self._last.get(name, (-1, np.zeros(values.shape[1])))
+        if ticks[0] == tick + 1:
+            before[0] = last
+        self._last[name] = int(ticks[-1]), values[-1].copy()
+        return before
+
+    def _read_by(self, link: Link) -> tuple[str, ...]:
+        """Return the signals that a stage reads; in free running the plant says what it took."""
+        if not self.free or link.place < Place.UNLOADING:
+            return tuple(link.reads)
+        stages = (x.stage for x in self.chain.links if x.place >= Place.UNLOADING)
+        made = {NO_FORCE, *(name for stage in stages for name in stage.outputs)}
+        return tuple(
+            name if name in made else interfaces.applied(name) or name for name in link.reads
+        )
 
     def _next_states(
-        self, stage: str, name: str, block: TickBlock, following: Floats, known: NDArray[np.bool_]
+        self, stage: str, name: str, block: TickBlock, following: Floats, known: Flags
     ) -> Difference | None:
         """Compare each state, or attitude, with the one that follows from the tick before it."""
-        computed = np.full_like(following, np.nan)
-        where = np.zeros(len(block.ticks), dtype=bool)
-        follows = known[:-1] & (np.diff(block.ticks) == 1)
-        computed[1:][follows], where[1:] = following[:-1][follows], follows
-        before = self._following.get(name)
-        if before is not None and before[0] == block.ticks[0]:
-            computed[0], where[0] = before[1], True
-        last = int(block.ticks[-1]) + 1
-        self._following[name] = (last, following[-1]) if known[-1] else None
-        return self._first(stage, name, block, computed, where)
+        rows = np.column_stack([following, known])  # at tick 0 nothing is known
+        before = self._before(f'next {name}', block.ticks, rows)
+        return self._first(stage, name, block, before[:, :-1], before[:, -1] == 1.0)
 
     def _unmade(self, block: TickBlock) -> Iterator[Difference | None]:
         """Compare disturbances, and what rides in messages, that no stage makes with rest."""
@@ -383,54 +341,29 @@ class _Verifier:
                 rest = np.tile(row.rest, (len(values), 1))
                 yield self._first(check, name, block, rest, known)
 
-    def _compare_applied(self, block: TickBlock) -> Iterator[Difference | None]:
-        """Compare the forces applied with those commanded not long before, where they are known.
-
-        With the torque in their messages. Zero is always one: the plant cuts off what is too old.
-        """
-        pairs = {name: self._taken(link, name) for link in self.chain.links for name in link.reads}
-        for name, taken in pairs.items():
-            if not taken or name not in block.values or row_of(name).rides:
-                continue
-            said, names = ([n, row_of(n).rider][: 1 + bool(row_of(n).rider)] for n in (name, taken))
-            answers, applied = (np.hstack([block.values[n] for n in ns]) for ns in (said, names))
-            computed, known = self._held[taken].held(block.ticks, answers, applied)
-            if taken not in self._given:
-                there = np.isfinite(applied).all(axis=1)
-                self._count_unchecked(block.ticks[~known & there])
-            for one, values in zip(names, np.hsplit(computed, len(names)), strict=True):
-                yield self._first(APPLIED, one, block, values, known)
-
-    def _count_unchecked(self, ticks: NDArray[np.int64]) -> None:
-        if len(ticks) and not self._unchecked:
-            self._first_unchecked = int(ticks[0])
-        self._unchecked += len(ticks)
-
     def _first(
-        self,
-        check: str,
-        signal: str,
-        block: TickBlock,
-        computed: Floats,
-        known: NDArray[np.bool_],
+        self, check: str, signal: str, block: TickBlock, computed: Floats, known: Flags
     ) -> Difference | None:
         """Return the first logged message of a signal whose bits differ from what is computed."""
-        logged = np.ascontiguousarray(block.values[signal])
-        computed = np.ascontiguousarray(computed)
-        unequal = logged.view(np.uint64) != computed.view(np.uint64)
-        unequal &= (known & block.present[signal])[:, None]
-        if signal in self._given or not unequal.any():
+        if signal in self._given:
             return None
-        row, column = divmod(int(unequal.argmax()), unequal.shape[1])
-        topic = self.topics[signal]
-        return Difference(
-            int(block.ticks[row]),
-            topic.name,
-            topic.row.columns[column],
-            float(logged[row, column]),
-            float(computed[row, column]),
-            check,
-        )
+        pair = (np.ascontiguousarray(values) for values in (block.values[signal], computed))
+        logged_bits, computed_bits = (values.view(np.uint64) for values in pair)
+        wrong = (logged_bits != computed_bits) & known[:, None]
+        return self._named(check, signal, block, wrong, computed)
+
+    def _named(
+        self, check: str, signal: str, block: TickBlock, wrong: Flags, computed: Floats | str
+    ) -> Difference | None:
+        """Return the first of the wrong numbers (n, width) of a signal that are in the log."""
+        wrong = wrong & block.present[signal][:, None]
+        if not wrong.any():
+            return None
+        place = divmod(int(wrong.argmax()), wrong.shape[1])
+        tick, topic = int(block.ticks[place[0]]), self.topics[signal]
+        logged = float(block.values[signal][place])
+        wanted = computed if isinstance(computed, str) else float(computed[place])
+        return Difference(tick, topic.name, topic.row.columns[place[1]], logged, wanted, check)
 
 
 def verify(
@@ -446,37 +379,36 @@ def verify(
     given : signals of the log that somebody else's node made: they are taken as they are
     scenario, controller : names or files, of a bag that does not carry them
 
-
     Raises LogError if it is not the log of a run, InputError if `trusted` holds no keys, or what is
     given is no signal of the log. A log that cannot be read and is not the one that SHA256SUMS
     lists is a difference, no LogError.
     """
     try:
         reader = open_run(path, scenario, controller)
-        found, remaps = _verification(reader, trusted, given), _remaps(reader)
+        outcome, remaps = _verification(reader, trusted, given), _remaps(reader)
         said: list[str] = []
-        while (difference := found.difference) is not None:
+        while (difference := outcome.difference) is not None:
             signal = _signal_of(difference, reader.topics)
             node = next((n for n, (_, made) in remaps.items() if signal in made), None)
             if node is None:
-                return found
+                return outcome
             sentence, made = remaps.pop(node)
             said.append(sentence)
             given = {*given, *made}
-            found = _verification(open_run(path, scenario, controller), trusted, given)
-        return replace(found, gaps=(*said, *found.gaps))
+            outcome = _verification(open_run(path, scenario, controller), trusted, given)
+        outcome.gaps = (*said, *outcome.gaps)
+        return outcome
     except LogError as error:
         faults = _faults_of(Path(path))
         if not faults:
             raise
         gap = f'{error.path.name} {error.sentence}'
-        return Verification(Path(path), 0, None, (gap,), faults=faults)
+        return Verification(Path(path), gaps=(gap,), faults=faults)
 
 
 def _signal_of(difference: Difference, recorded: Iterable[Topic]) -> str:
     named = {topic.name: topic.signal for topic in recorded if not topic.row.rides}
-    found = named.get(difference.topic, difference.topic.rsplit('/', 1)[-1])
-    return found
+    return named.get(difference.topic, difference.topic.rsplit('/', 1)[-1])
 
 
 def _remaps(reader: RunReader) -> dict[str, tuple[str, list[str]]]:
@@ -501,44 +433,29 @@ def _faults_of(folder: Path) -> tuple[str, ...]:
 
 
 def _verification(reader: RunReader, trusted: Path | None, given: Collection[str]) -> Verification:
-    verifier, evidence = _Verifier(reader, given), Evidence(reader)
-    completeness = Completeness(reader)
+    verifier, outcome = _Verifier(reader, given), Verification(reader.path)
+    evidence, completeness = Evidence(reader, outcome), Completeness(reader)
+    outcome.free_running, outcome.given = verifier.free, verifier.given
     for block in events_ahead(reader.blocks(), verifier.states):
         completeness.add(block)
-        difference = verifier.first_difference(block)
-        if difference is not None:
+        outcome.difference = verifier.first_difference(block)
+        if outcome.difference is not None:
             break
     else:
-        difference = verifier.stated.difference()
-    ticks = completeness.last + 1
-    if difference is not None:
-        return Verification(
-            reader.path, ticks, difference, (), verifier.free, verifier.recomputed,
-            given=verifier.given,
-        )  # fmt: skip
+        outcome.difference = verifier.stated.difference()
+    outcome.ticks, outcome.stages = completeness.last + 1, verifier.recomputed
+    if outcome.difference is not None:
+        return outcome
     gaps = [*completeness.gaps(reader.damage), *reader.lacks, *verifier.gaps]
     gaps += verifier.stated.gaps(completeness.last)
     gaps += verifier.statuses.gaps if not gaps else []
-    gaps += verifier.unknown_controller
-    foreign = FIGURES in verifier.given
-    unjudged = [*verifier.unfollowed, *verifier.unjudged]
-    evidence.of_log(verifier.statuses, verifier.free, unjudged, foreign)
+    if not verifier.controller_known:
+        gaps.append(
+            f'{interfaces.CONTROL_FORCE} could not be recomputed: the log carries no {CONTROLLER}, '
+            'and all else follows from the commands as logged'
+        )
+    outcome.gaps = tuple(gaps)
+    outcome.controllers, outcome.by_events = verifier.controllers.shares, verifier.by_events
+    evidence.of_log(verifier.statuses, [*verifier.unfollowed, *verifier.unjudged], verifier.foreign)
     evidence.of_folder(trusted)
-    return Verification(
-        reader.path,
-        ticks,
-        None,
-        (*gaps, *evidence.gaps),
-        verifier.free,
-        verifier.recomputed,
-        evidence.faults,
-        tuple(evidence.recomputed),
-        evidence.digested,
-        tuple(evidence.unknown),
-        evidence.premises,
-        evidence.signed_by,
-        evidence.signed,
-        verifier.controllers.shares,
-        verifier.given,
-        verifier.by_events,
-    )
+    return outcome
