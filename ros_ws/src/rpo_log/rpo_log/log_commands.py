@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import argparse
+import pkgutil
 import sys
 from collections.abc import Iterable
 from pathlib import Path
@@ -15,18 +16,24 @@ from rpo_core.files.output import standard_output
 from rpo_core.files.validation import InputError, printable
 from rpo_mcap.errors import ExitCode
 
-_DESCRIPTIONS = {
-    'verify': 'Compute a logged flight again, bit for bit; print what is proven and what is not.',
-    'info': 'Print what a log holds, and whether it is complete.',
-    'repair': 'Write what can be read of a damaged log as a whole one.',
+_COMMANDS = {
+    'verify': (
+        'rpo_log.verify:verify',
+        'Compute a logged flight again, bit for bit; print what is proven and what is not.',
+    ),
+    'info': ('rpo_log.tools.info:inspect', 'Print what a log holds, and whether it is complete.'),
+    'repair': (
+        'rpo_log.tools.repair:repair',
+        'Write what can be read of a damaged log as a whole one.',
+    ),
 }
+"""Where its function is, which takes the options by their names, and what it does."""
 _EPILOG = """example:
   ros2 run rpo_log {} runs/demo
 
 exit code: 0 no problem; 1 not as computed; 2 not a readable log; 3 the log is incomplete;
 4 no problem but for what was given
 """
-
 
 GIVEN = 'topic that a node of somebody else made: it is taken as it is; may be repeated'
 
@@ -46,18 +53,14 @@ def parser(command: str) -> argparse.ArgumentParser:
     """Return the parser of the command line of one command."""
     found = argparse.ArgumentParser(
         prog=f'ros2 run rpo_log {command}',
-        description=_DESCRIPTIONS[command],
+        description=_COMMANDS[command][1],
         epilog=_EPILOG.format(command),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    found.add_argument('run', type=Path, help='run folder, .mcap file or bag')
+    found.add_argument('path', type=Path, metavar='run', help='run folder, .mcap file or bag')
     if command == 'verify':
-        found.add_argument(
-            '--trusted',
-            type=Path,
-            metavar='KEYS',
-            help='public key, or folder of them (*.pem): one must have signed the run',
-        )
+        trusted = 'public key, or folder of them (*.pem): one must have signed the run'
+        found.add_argument('--trusted', type=Path, metavar='KEYS', help=trusted)
         found.add_argument('--given', action='append', default=[], metavar='TOPIC', help=GIVEN)
         for kind in ('scenario', 'controller'):
             found.add_argument(f'--{kind}', default='', help=f'{kind} of a bag without manifests')
@@ -73,36 +76,19 @@ def show(found: Finding) -> int:
     return int(found.exit_code)
 
 
-def _find(command: str, options: argparse.Namespace) -> Finding:
-    if command == 'verify':
-        from rpo_log.verify import verify
-
-        more = options.given, options.scenario, options.controller
-        return verify(options.run, options.trusted, *more)
-    if command == 'info':
-        from rpo_log.tools.info import inspect
-
-        return inspect(options.run)
-    from rpo_log.tools.repair import repair
-
-    return repair(options.run, options.output)
-
-
 @standard_output()
 def main(command: str) -> int:
     """Entry point of `ros2 run rpo_log` with the name of the command."""
     options = parser(command).parse_args()
     try:
-        found = _find(command, options)
+        return show(pkgutil.resolve_name(_COMMANDS[command][0])(**vars(options)))
     except InputError as error:
-        print(f'{command}: {error}', file=sys.stderr)
-        return ExitCode.BAD_INPUT
+        sentence = str(error)
     except ModuleNotFoundError as error:
-        sentence = missing.sentence(error.name)
-        if sentence is None:
+        if (needed := missing.sentence(error.name)) is None:
             raise
-        print(f'{command}: {sentence}', file=sys.stderr)
-        return ExitCode.BAD_INPUT
+        sentence = needed
     except KeyboardInterrupt:
         return 130
-    return show(found)
+    print(f'{command}: {sentence}', file=sys.stderr)
+    return ExitCode.BAD_INPUT

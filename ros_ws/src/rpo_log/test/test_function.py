@@ -8,4 +8,4 @@ from rpo_log.log_commands import parser
 def test_the_options_of_verify_are_read(tmp_path):
     """A run folder, and keys that are trusted."""
     options = parser('verify').parse_args([str(tmp_path), '--trusted', 'keys'])
-    assert options.run == tmp_path and str(options.trusted) == 'keys'
+    assert options.path == tmp_path and str(options.trusted) == 'keys'

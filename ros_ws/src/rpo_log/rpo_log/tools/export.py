@@ -5,11 +5,12 @@
 from __future__ import annotations
 
 import csv
-import importlib.util
+import io
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,11 +64,9 @@ def _with_riders(reader: RunReader, block: TickBlock) -> Iterator[Topic]:
 
     As far as the scenario has them, or the first ticks say one that is not at rest.
     """
-    told: set[str] = set()
-    for name, found in block.values.items():
-        row = interfaces.row_of(name)
-        if row.rides and (np.isfinite(found) & (found != row.rest)).any():
-            told.add(name)
+    rows = (row for row in map(interfaces.row_of, block.values) if row.rides)
+    values = {row: block.values[row.name] for row in rows}
+    told = {row.name for row, v in values.items() if (np.isfinite(v) & (v != row.rest)).any()}
     with suppress(LogError):  # a bag may lack it
         scenario = scenario_of(reader)
         if scenario.thrusters is not None and scenario.thrusters.table is not None:
@@ -100,39 +99,40 @@ def columns(topic: Topic) -> list[str]:
     return [prefix + name for name in (_PUSHES if pushes else _COLUMNS[topic.type])]
 
 
-def _csv(reader: RunReader, output: Path) -> int:
-    rows = 0
-    with open(output, 'x', newline='', encoding='utf-8') as stream:
-        writer = csv.writer(stream)
-        for table in tables(reader):
-            if not rows:
-                writer.writerow(table)
-            writer.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
-            rows += len(table['tick'])
+def _csv(reader: RunReader, stream: IO[bytes]) -> int:
+    rows, text = 0, io.TextIOWrapper(stream, encoding='utf-8', newline='', write_through=True)
+    writer = csv.writer(text)
+    for table in tables(reader):
+        if not rows:
+            writer.writerow(table)
+        writer.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
+        rows += len(table['tick'])
+    text.detach()
     return rows
 
 
-def _npz(reader: RunReader, output: Path) -> int:
+def _npz(reader: RunReader, stream: IO[bytes]) -> int:
     parts = list(tables(reader))
     table = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    with open(output, 'xb') as stream:
-        np.savez_compressed(stream, **table)  # type: ignore[arg-type]
+    np.savez_compressed(stream, **table)  # type: ignore[arg-type]
     return len(table['tick'])
 
 
-def _parquet(reader: RunReader, output: Path) -> int:
-    import pyarrow as pa  # type: ignore[import-untyped,import-not-found,unused-ignore]
-    import pyarrow.parquet as pq  # type: ignore[import-untyped,import-not-found,unused-ignore]
-
+def _parquet(reader: RunReader, stream: IO[bytes]) -> int:
+    try:
+        import pyarrow as pa  # type: ignore[import-untyped,import-not-found,unused-ignore]
+        import pyarrow.parquet as pq  # type: ignore[import-untyped,import-not-found,unused-ignore]
+    except ModuleNotFoundError:
+        sentence = 'Parquet needs pyarrow, which is not installed; install it, or export to '
+        raise LogError(stream.name, f'{sentence}.csv or .npz') from None
     rows, writer = 0, None
-    with open(output, 'xb') as stream:
-        for part in tables(reader):
-            table = pa.table(part)
-            writer = writer or pq.ParquetWriter(stream, table.schema)
-            writer.write_table(table)
-            rows += len(table)
-        if writer is not None:
-            writer.close()
+    for part in tables(reader):
+        table = pa.table(part)
+        writer = writer or pq.ParquetWriter(stream, table.schema)
+        writer.write_table(table)
+        rows += len(table)
+    if writer is not None:
+        writer.close()
     return rows
 
 
@@ -140,7 +140,7 @@ OEM_FRAME = 'RSW_ROTATING'
 """Name of `target_lvlh` in the registry of CCSDS; its other names are in docs/theory.md."""
 
 
-def _oem(reader: RunReader, output: Path) -> int:
+def _oem(reader: RunReader, stream: IO[bytes]) -> int:
     import ccsds_ndm as ndm  # type: ignore[import-untyped,import-not-found,unused-ignore]
 
     states = []
@@ -161,8 +161,7 @@ def _oem(reader: RunReader, output: Path) -> int:
     header = ndm.OdmHeader(creation_date=_utc(time.time_ns()), originator='RPO')
     message = ndm.Oem(header, [ndm.OemSegment(metadata, ndm.OemData(state_vectors=states))])
     message.validate()
-    with open(output, 'x', encoding='ascii') as stream:
-        stream.write(message.to_str('kvn'))
+    stream.write(message.to_str('kvn').encode('ascii'))
     return len(states)
 
 
@@ -172,7 +171,7 @@ def _utc(stamp_ns: int) -> str:
     return f'{time.strftime("%Y-%m-%dT%H:%M:%S", time.gmtime(second))}.{ns:09d}'
 
 
-FORMATS: dict[str, Callable[[RunReader, Path], int]] = {
+FORMATS: dict[str, Callable[[RunReader, IO[bytes]], int]] = {
     '.csv': _csv,
     '.npz': _npz,
     '.parquet': _parquet,
@@ -188,19 +187,13 @@ def export(path: str | Path, output: str | Path) -> int:
     is not overwritten.
     """
     target = Path(output)
-    write = FORMATS.get(target.suffix)
-    if write is None:
-        raise LogError(
-            target, f'must end in one of {", ".join(FORMATS)}; got {target.suffix or "no suffix"}'
-        )
-    if target.suffix == '.parquet' and importlib.util.find_spec('pyarrow') is None:
-        raise LogError(
-            target,
-            'Parquet needs pyarrow, which is not installed; install it, or export to .csv or .npz',
-        )
+    if target.suffix not in FORMATS:
+        suffix = target.suffix or 'no suffix'
+        raise LogError(target, f'must end in one of {", ".join(FORMATS)}; got {suffix}')
     reader = open_run(path)
     try:
-        return write(reader, target)
+        with open(target, 'xb') as stream:
+            return FORMATS[target.suffix](reader, stream)
     except FileExistsError:
         raise exists(target, 'name another output') from None
     except BaseException as error:

@@ -18,13 +18,14 @@ from rpo_mcap.topics import Topic
 class LogInfo:
     """A log at a glance.
 
+    files : of the log, each with its size in bytes
     messages : per topic
     ticks : first and last in the log
+    attachments : per file that it carries, its size in bytes
     outcome : last phase in run_status; None if there is none
     gaps : why the log does not show a whole flight; empty if it does
     """
 
-    path: Path
     files: tuple[tuple[Path, int], ...]
     base: TimeBase
     messages: dict[Topic, int]
@@ -38,24 +39,18 @@ class LogInfo:
         """OK, or INCOMPLETE."""
         return ExitCode.INCOMPLETE if self.gaps else ExitCode.OK
 
-    @property
-    def duration_s(self) -> float:
-        """Simulated time from the first to the last tick."""
-        return (self.ticks[1] - self.ticks[0]) * self.base.dt_ns / 1_000_000_000
-
     def lines(self) -> list[str]:
         """Return the table as lines of text."""
-        lines = [f'{path}  {size} bytes' for path, size in self.files]
-        lines.append(
-            f'ticks {self.ticks[0]} to {self.ticks[1]} of {self.base.last_tick}, '
-            f'{self.duration_s:g} s, outcome: {self.outcome or "unknown"}'
-        )
-        lines += [
-            f'{topic.name}  {topic.type}  {count} messages'
-            for topic, count in self.messages.items()
+        first, last = self.ticks
+        seconds = (last - first) * self.base.dt_ns / 1_000_000_000
+        return [
+            *(f'{path}  {size} bytes' for path, size in self.files),
+            f'ticks {first} to {last} of {self.base.last_tick}, '
+            f'{seconds:g} s, outcome: {self.outcome or "unknown"}',
+            *(f'{t.name}  {t.type}  {count} messages' for t, count in self.messages.items()),
+            *(f'attached: {name}  {size} bytes' for name, size in self.attachments.items()),
+            *self.gaps,
         ]
-        lines += [f'attached: {name}  {size} bytes' for name, size in self.attachments.items()]
-        return [*lines, *self.gaps]
 
 
 def inspect(path: str | Path) -> LogInfo:
@@ -65,7 +60,6 @@ def inspect(path: str | Path) -> LogInfo:
     for block in reader.blocks():
         completeness.add(block)
     return LogInfo(
-        path=reader.path,
         files=tuple((file, file.stat().st_size) for file in reader.sources),
         base=reader.base,
         messages=completeness.messages,
