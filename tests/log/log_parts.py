@@ -7,32 +7,28 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from mcap.records import Attachment, Channel, Chunk, Header, McapRecord, Metadata, Schema
+from mcap.records import Attachment, Channel, Chunk, Header, McapRecord, Message, Metadata, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
-
-from rpo_mcap.read.records import FileRecords, RawMessage, message_at
 
 
 @dataclass
 class Parts:
     """An MCAP file taken apart: its records, and where each chunk of messages ends."""
 
-    records: list[McapRecord | RawMessage | None]
+    records: list[McapRecord | None]
     compression: CompressionType = CompressionType.ZSTD
 
     @classmethod
     def of(cls, path: Path) -> Parts:
         """Take a file apart; None stands for the end of a chunk."""
-        found: list[McapRecord | RawMessage | None] = []
-        records = FileRecords(path)
-        for record in records:
-            if isinstance(record, Chunk):
-                data = records.content_of(record)
-                inner = records.messages_in(data, found.append)
-                found += [message_at(data, at) for at in inner]
-                found.append(None)
-            elif isinstance(record, Header | Metadata | Attachment):
-                found.append(record)
+        found: list[McapRecord | None] = []
+        with path.open('rb') as stream:
+            for record in StreamReader(stream, emit_chunks=True).records:
+                if isinstance(record, Chunk):
+                    found += [*breakup_chunk(record), None]
+                elif isinstance(record, Header | Metadata | Attachment):
+                    found.append(record)
         return cls(found)
 
     def write(self, path: Path) -> None:
@@ -52,7 +48,7 @@ class Parts:
 
 def _add(
     writer: Writer,
-    record: McapRecord | RawMessage | None,
+    record: McapRecord | None,
     schemas: dict[int, int],
     channels: dict[int, int],
 ) -> None:
@@ -70,8 +66,7 @@ def _add(
         channels[record.id] = writer.register_channel(
             record.topic, record.message_encoding, schemas.get(record.schema_id, 0), record.metadata
         )
-    elif isinstance(record, RawMessage):
-        writer.add_message(
-            channels.get(record.channel, 0), record.log_ns, record.data, record.publish_ns,
-            record.sequence,
-        )  # fmt: skip
+    elif isinstance(record, Message):
+        channel = channels.get(record.channel_id, 0)
+        times = record.publish_time, record.sequence
+        writer.add_message(channel, record.log_time, record.data, *times)

@@ -24,7 +24,7 @@ from cryptography.hazmat.primitives.serialization import (
     PublicFormat,
 )
 from log_parts import Parts
-from mcap.records import Channel
+from mcap.records import Channel, Message
 
 from rpo_core import files
 from rpo_core.chain.flight import Flight, fly
@@ -35,7 +35,6 @@ from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.statuses import numbers_text
 from rpo_log import signature
 from rpo_mcap.format.run import RunSummary, TimeBase
-from rpo_mcap.read.records import RawMessage
 from rpo_mcap.write.side_file import HealthLogWriter
 from rpo_mcap.write.writer import RunLogWriter
 
@@ -286,11 +285,11 @@ def rewrite(source: Path, target: Path, change: Change) -> None:
     topics = {one.id: one.topic for one in parts.records if isinstance(one, Channel)}
     kept: list[Any] = []
     for record in parts.records:
-        if isinstance(record, RawMessage):
-            data = change(topics[record.channel], record.sequence, record.data)
+        if isinstance(record, Message):
+            data = change(topics[record.channel_id], record.sequence, record.data)
             if data is None:
                 continue
-            record = record._replace(data=data)
+            record = replace(record, data=data)
         kept.append(record)
     parts.records = kept
     parts.write(target)

@@ -17,14 +17,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from log_parts import Parts
 from log_runs import make_run, record
-from mcap.records import Attachment, Channel, Header, Metadata, Schema
+from mcap.records import Attachment, Channel, Header, Message, Metadata, Schema
 from mcap.writer import CompressionType, IndexType, Writer
 from mcap_views import views
 
 from rpo_log.tools.info import inspect
 from rpo_log.verify import verify
 from rpo_mcap.errors import ExitCode, LogError
-from rpo_mcap.read.records import RawMessage
 from rpo_mcap.read.run_log import read_run
 
 
@@ -51,7 +50,7 @@ class Layout:
 
     def write(self, parts: Parts, path: Path) -> None:
         """Write the records of a log."""
-        messages = [one for one in parts.records if isinstance(one, RawMessage)]
+        messages = [one for one in parts.records if isinstance(one, Message)]
         channels = {one.id: one for one in parts.records if isinstance(one, Channel)}
         schemas = {one.id: one for one in parts.records if isinstance(one, Schema)}
         beside = [one for one in parts.records if isinstance(one, Attachment)]
@@ -80,11 +79,11 @@ class Layout:
                 declare(channel)
             for number, message in enumerate(messages):
                 self._add_beside(writer, at.get(number, []))
-                if message.channel not in numbers:
-                    declare(channels[message.channel])
+                if message.channel_id not in numbers:
+                    declare(channels[message.channel_id])
                 writer.add_message(
-                    numbers[message.channel], message.log_ns, message.data, message.publish_ns,
-                    message.sequence,
+                    numbers[message.channel_id], message.log_time, message.data,
+                    message.publish_time, message.sequence,
                 )  # fmt: skip
                 if number in {round(end * len(messages)) for end in self.ends}:
                     writer.flush()

@@ -26,15 +26,13 @@ class LogError(InputError):
 
     path : Path, the file or folder concerned
     sentence : what is wrong, without the path
-    tick : of the message that is wrong; None if it is not one message
     """
 
     exit_code = ExitCode.BAD_INPUT
 
-    def __init__(self, path: str | Path, sentence: str, tick: int | None = None) -> None:
+    def __init__(self, path: str | Path, sentence: str) -> None:
         super().__init__(f'{path}: {sentence}')
         self.sentence = printable(sentence)
-        self.tick = tick
         self.path = Path(path)
 
 

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -90,8 +90,7 @@ class TickBlock:
 
 def bad_message(path: Path, topic: Topic, tick: int, error: cdr.CdrError) -> LogError:
     """Return the LogError of a message that is not of its type."""
-    sentence = f'tick {tick} of {topic.name}: a {topic.type} {error}'
-    return LogError(path, sentence, tick)
+    return LogError(path, f'tick {tick} of {topic.name}: a {topic.type} {error}')
 
 
 @dataclass(frozen=True)
@@ -124,14 +123,6 @@ class Messages:
     def data(self, i: int) -> bytes:
         """Return the CDR of one message."""
         return self.raw[self.start[i] : self.start[i] + self.size[i]]
-
-    def before(self, tick: int) -> Messages:
-        """Return the messages of the ticks before one."""
-        end = int(np.searchsorted(self.tick, tick))
-        return replace(
-            self, topic=self.topic[:end], tick=self.tick[:end], start=self.start[:end],
-            size=self.size[:end],
-        )  # fmt: skip
 
     def block(self) -> TickBlock:
         """Return them as arrays; raises LogError."""

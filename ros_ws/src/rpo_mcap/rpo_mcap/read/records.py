@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The records of an MCAP file in their order, as far as they are whole.
 
-The library's `StreamReader` reads them. What it does not do is done here:
+The library's `StreamReader` parses each of them. What it does not do is done here:
 
 - it takes the bytes that are there for those that should be, so a record cut short looks whole;
 - it skips what it does not know, also the zeros that a power cut leaves;
@@ -18,7 +18,7 @@ from __future__ import annotations
 import hashlib
 import struct
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -26,11 +26,10 @@ from typing import BinaryIO, NamedTuple
 
 import lz4.frame
 import zstandard
-from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Schema
-from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_stream
+from mcap.records import Channel, Chunk, McapRecord, Schema
+from mcap.stream_reader import StreamReader
 
 from rpo_core.files import open_regular
 from rpo_core.files.validation import shown
@@ -49,63 +48,71 @@ RECORD_HEAD = struct.Struct('<BQ')
 MESSAGE_HEAD = struct.Struct('<HIQQ')
 """Channel, sequence, log time and publish time, before the data of a message."""
 
-_IN_CHUNKS = frozenset((int(Opcode.SCHEMA), int(Opcode.CHANNEL)))
-_INDEXES = frozenset(
-    (
-        Opcode.MESSAGE_INDEX, Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX,
-        Opcode.STATISTICS, Opcode.SUMMARY_OFFSET,
-    )
-)  # fmt: skip
 _FILLING = frozenset((int(Opcode.CHUNK), int(Opcode.MESSAGE)))
 _SKIMMED = _FILLING | {int(Opcode.MESSAGE_INDEX)}
+_IN_CHUNKS = frozenset((int(Opcode.SCHEMA), int(Opcode.CHANNEL)))
+_PARSED = _IN_CHUNKS | {
+    Opcode.HEADER, Opcode.FOOTER, Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.METADATA,
+    Opcode.DATA_END,
+}  # fmt: skip
+_INDEXES = {
+    Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX, Opcode.STATISTICS,
+    Opcode.SUMMARY_OFFSET,
+}  # fmt: skip
 
 
-class _WholeReads(ReadDataStream):
-    """The library's stream, but each read gets all the bytes that it asks for, or EndOfFile."""
+class Content(NamedTuple):
+    """The records of a chunk, or a message that is in no chunk.
 
-    def read(self, length: int) -> bytes:
-        """Return the next bytes."""
-        data = self._stream.read(min(length, MAX_RECORD_BYTES))
+    at : where the content of each message begins
+    """
+
+    data: bytes
+    at: list[int]
+
+
+class _WholeReads(BytesIO):
+    """Each read gets all the bytes that it asks for, or EndOfFile."""
+
+    def read(self, length: int | None = None) -> bytes:
+        data = super().read(min(length or 0, MAX_RECORD_BYTES))
         if len(data) != length:
             raise EndOfFile
-        self._count += length
         return data
 
 
 @dataclass
 class FileRecords:
-    """Iterates the records of one file but for its indexes; raises LogError if one is corrupt.
+    """Iterates the records of one file, messages as `Content`; raises LogError if one is corrupt.
 
     tolerant : go on after a checksum that fails, and without records that are corrupt
+    skim : pass over chunks, messages and indexes: nothing is hashed, no checksum is compared
+    known : outline of the file when it was skimmed: it may have grown since, and not changed
+    indexes : takes all records, to compare what leads other readers through the file
     offset : where the last record begins
     damage : after the iteration, what is wrong with the file: where it ends early, or, tolerant,
         what does not fit; empty if it is whole
     lost_chunks : chunks passed over
-    sha256 : of the bytes read so far; after the iteration, of the file but for `unread`
-    unread : after the iteration, bytes behind the damage that are too many to be hashed
-    skim : pass over chunks, messages and indexes: nothing is hashed, no checksum is compared
     filled : whether there were chunks or messages
-    known : outline of the file when it was skimmed: it may have grown since, and not changed
-    indexes : takes all records, to compare what leads other readers through the file
+    digest : after the iteration, SHA-256 of the file; empty if it was not read to its end
     """
 
     path: Path
     tolerant: bool = False
+    skim: bool = False
+    known: tuple[int, bytes] = (0, b'')
+    indexes: Indexes | None = None
     offset: int = 0
     damage: str = ''
     lost_chunks: int = 0
-    unread: int = 0
-    skim: bool = False
     filled: bool = False
-    known: tuple[int, bytes] = (0, b'')
-    indexes: Indexes | None = None
-    _zstd: zstandard.ZstdDecompressor = field(default_factory=zstandard.ZstdDecompressor)
-    sha256: hashlib._Hash = field(default_factory=hashlib.sha256)
-    _end: int = 0  # of the last whole record
+    digest: str = ''
     _count: int = 0
+    _sha256: hashlib._Hash = field(default_factory=hashlib.sha256)
     _outline: hashlib._Hash = field(default_factory=hashlib.sha256)
+    _zstd: zstandard.ZstdDecompressor = field(default_factory=zstandard.ZstdDecompressor)
 
-    def __iter__(self) -> Iterator[McapRecord]:
+    def __iter__(self) -> Iterator[McapRecord | Content]:
         try:
             with open_regular(self.path) as stream:
                 yield from self._walk(stream)
@@ -117,68 +124,79 @@ class FileRecords:
         """Number of records so far, and SHA-256 of those that skimming reads."""
         return self._count, self._outline.digest()
 
-    def _walk(self, stream: BinaryIO) -> Iterator[McapRecord]:
+    def _walk(self, stream: BinaryIO) -> Iterator[McapRecord | Content]:
+        """Yield the records.
+
+        What a power cut leaves may end with a chunk whose bytes never reached the disk: a corrupt
+        chunk is the end of a file that was not closed, if no sound one follows.
+        """
         magic = stream.read(len(MAGIC))
         if magic != MAGIC:
             what = f'begins with {magic.hex(" ")}' if magic else 'is empty'
             raise NotARun(self.path, f'is not an MCAP file: it {what}')
         size = stream.seek(0, 2)
         stream.seek(len(MAGIC))
-        self.sha256 = hashlib.sha256(MAGIC)
-        self._end = len(MAGIC)
-        closed = False
+        self._sha256.update(MAGIC)
+        opcode, corrupt = 0, None
         try:
-            for record in self._records(stream, size):
-                closed = isinstance(record, Footer)
-                yield record
+            for opcode, content in self._contents(stream, size):
+                try:
+                    records = self._opened(opcode, content)
+                except LogError as error:
+                    if self.tolerant or opcode != Opcode.CHUNK:
+                        self._pass_over(opcode, error)
+                    else:
+                        corrupt = corrupt or error
+                    continue
+                if corrupt is None:
+                    yield from records
+                elif opcode == Opcode.CHUNK:
+                    raise corrupt
             if self._read(stream, len(MAGIC)) != MAGIC:
                 raise EndOfFile
-            rest = size - self._end - len(MAGIC)
+            rest = size - stream.tell()
             self.damage = self.damage or (f'{rest} bytes follow its end' if rest else '')
         except EndOfFile:
-            self.damage = (
-                'the last 8 bytes are missing'
-                if closed
-                else f'no whole record at byte {self._end} of {size}'
-            )
+            torn = f'no whole record at byte {self.offset} of {size}'
+            self.damage = 'the last 8 bytes are missing' if opcode == Opcode.FOOTER else torn
         if self._count < self.known[0]:
             raise self._changed()
-        self.unread = size - stream.tell()
-        if self.skim:
-            return
-        if self.unread <= MAX_REST_BYTES:
+        if corrupt is not None:
+            if not self.damage:
+                raise corrupt
+            self.damage = corrupt.sentence
+        if not self.skim and size - stream.tell() <= MAX_REST_BYTES:
             while block := stream.read(MAX_RECORD_BYTES):
-                self.sha256.update(block)
-            self.unread = 0
+                self._sha256.update(block)
+            self.digest = self._sha256.hexdigest()
 
-    def _records(self, stream: BinaryIO, size: int) -> Iterator[McapRecord]:
-        """Yield the records up to the footer, each with its length and checksum judged.
+    def _contents(self, stream: BinaryIO, size: int) -> Iterator[tuple[int, bytes]]:
+        """Yield opcode and content of each record up to the footer, its checksum judged.
 
         Raises EndOfFile where no whole record follows.
         """
         crc, opcode = zlib.crc32(MAGIC), 0  # of all up to the last record, and its kind
         ended = False
         while opcode != Opcode.FOOTER:
+            self.offset = stream.tell()
             head = self._read(stream, RECORD_HEAD.size)
             opcode, length = RECORD_HEAD.unpack(head)
             if opcode == 0:  # what a power cut leaves
                 raise EndOfFile
-            self.offset = self._end
-            passed = opcode in _SKIMMED
+            passed, left = opcode in _SKIMMED, size - stream.tell()
             self.filled = self.filled or opcode in _FILLING
             if self.skim and passed:
-                if length > size - stream.tell():
+                if length > left:
                     raise EndOfFile
                 stream.seek(length, 1)
-                self._end = self.offset + len(head) + length
                 self._sketch(head)
                 continue
-            if MAX_RECORD_BYTES < length <= size - stream.tell():
+            if MAX_RECORD_BYTES < length <= left:
+                where = f'the record at byte {self.offset}'
                 why = f'it has {length} bytes; at most {MAX_RECORD_BYTES} are read'
-                self.pass_over(opcode, self.corrupt(opcode, why))
+                self._pass_over(opcode, LogError(self.path, f'is corrupt: {where}: {why}'))
                 raise EndOfFile
             content = self._read(stream, length)
-            self._end = self.offset + len(head) + length
             self._sketch(head if passed else head + content)
             before, crc = crc, zlib.crc32(head, crc)
             if self.skim:
@@ -190,16 +208,7 @@ class FileRecords:
                 self._check(content, zlib.crc32(content[:-4], crc), 'summary')
             else:
                 crc = zlib.crc32(content, crc)
-            unread = _INDEXES if self.indexes is None else (Opcode.MESSAGE_INDEX,)
-            try:
-                record = None if opcode in unread else self.parse(opcode, content)
-            except LogError as error:
-                self.pass_over(opcode, error)
-                continue
-            if self.indexes is not None:
-                self.indexes.take(opcode, self.offset, content, record)
-            if record is not None and opcode not in _INDEXES:
-                yield record
+            yield opcode, content
 
     def _sketch(self, data: bytes) -> None:
         """Add a record to the outline; LogError if it is not as it was when it was skimmed."""
@@ -213,120 +222,94 @@ class FileRecords:
 
     def _read(self, stream: BinaryIO, length: int) -> bytes:
         data = stream.read(min(length, MAX_RECORD_BYTES))
-        self.sha256.update(data)
+        self._sha256.update(data)
         if len(data) != length:
             raise EndOfFile
         return data
 
-    def parse(self, opcode: int, content: bytes) -> McapRecord | None:
-        """Return a record by its content; raises LogError if a field reaches beyond it."""
-        if opcode == Opcode.ATTACHMENT and not _fits(content, zlib.crc32(content[:-4])):
-            raise self.corrupt(opcode, 'its checksum does not fit')
-        reader = StreamReader(BytesIO())
-        reader._stream = _WholeReads(BytesIO(content))
-        try:
-            return reader._read_record(opcode, len(content))
-        except (McapError, struct.error, UnicodeDecodeError):
-            raise self.corrupt(opcode, 'its fields do not fit its length') from None
-
     def _check(self, content: bytes, actual: int, part: str) -> None:
         """Compare the checksum of a section with the last 4 bytes of a record."""
-        if _fits(content, actual):
-            return
-        self.damage = f'the checksum of its {part} does not fit'
-        if not self.tolerant:
-            raise LogError(
-                self.path,
-                f'is corrupt: the checksum of its {part}, '
-                f'which ends at byte {self.offset}, does not fit',
-            )
+        if not _fits(content, actual):
+            where = f'the checksum of its {part}, which ends at byte {self.offset},'
+            self._pass_over(0, LogError(self.path, f'is corrupt: {where} does not fit'))
 
-    def pass_over(self, opcode: int, error: LogError) -> None:
+    def _pass_over(self, opcode: int, error: LogError) -> None:
         """Go on after a record that is corrupt, where that is allowed."""
         if not self.tolerant:
             raise error
         self.damage = error.sentence
         self.lost_chunks += opcode == Opcode.CHUNK
 
-    def corrupt(self, opcode: int, why: str) -> LogError:
+    def _corrupt(self, opcode: int, why: str) -> LogError:
         """Return the LogError of a damaged record, the last one read."""
-        known = opcode in set(Opcode)
-        name = Opcode(opcode).name.lower().replace('_', ' ') if known else f'record {opcode}'
-        return LogError(self.path, f'is corrupt: the {name} at byte {self.offset}: {why}')
+        where = f'the {Opcode(opcode).name.lower().replace("_", " ")} at byte {self.offset}'
+        return LogError(self.path, f'is corrupt: {where}: {why}')
 
-    def content_of(self, chunk: Chunk) -> bytes:
-        """Return the records inside the chunk read last, decompressed; raises LogError."""
+    def _opened(self, opcode: int, content: bytes) -> list[McapRecord | Content]:
+        """Return a record, or those of a chunk; none if it is an index, or of an unknown kind."""
+        record = None
+        if opcode in (_PARSED if self.indexes is None else _PARSED | _INDEXES):
+            record = self._parse(opcode, content)
+        if self.indexes is not None:
+            self.indexes.take(opcode, self.offset, content, record)
+        if isinstance(record, Chunk):
+            return self._records_of(self._content_of(record))
+        if opcode == Opcode.MESSAGE:
+            return [Content(RECORD_HEAD.pack(opcode, len(content)) + content, [RECORD_HEAD.size])]
+        return [] if record is None else [record]
+
+    def _parse(self, opcode: int, content: bytes) -> McapRecord:
+        """Return a record by its content; raises LogError if a field reaches beyond it."""
+        if opcode == Opcode.ATTACHMENT and not _fits(content, zlib.crc32(content[:-4])):
+            raise self._corrupt(opcode, 'its checksum does not fit')
+        stream = _WholeReads(RECORD_HEAD.pack(opcode, len(content)) + content)
+        try:
+            return next(iter(StreamReader(stream, skip_magic=True, emit_chunks=True).records))
+        except (McapError, struct.error, UnicodeDecodeError):
+            raise self._corrupt(opcode, 'its fields do not fit its length') from None
+
+    def _content_of(self, chunk: Chunk) -> bytes:
+        """Return the records inside a chunk, decompressed; raises LogError."""
         try:
             _check_sizes(chunk)
-            size = chunk.uncompressed_size
+            data = chunk.data
             if chunk.compression == 'zstd':  # the library makes a decompressor for each chunk
-                chunk.data = self._zstd.decompress(
-                    chunk.data, max_output_size=size, allow_extra_data=False
+                data = self._zstd.decompress(
+                    data, max_output_size=chunk.uncompressed_size, allow_extra_data=False
                 )
             elif chunk.compression == 'lz4':  # the library sets no limit
-                chunk.data = _unpacked_lz4(chunk.data, size)
-            chunk.compression = ''
-            stream, size = get_chunk_data_stream(chunk, validate_crc=True)
-            records = stream.read(size)
-        except CRCValidationError:
-            raise self.corrupt(Opcode.CHUNK, 'its checksum does not fit') from None
-        except (McapError, zstandard.ZstdError, RuntimeError, ValueError, MemoryError) as error:
-            raise self.corrupt(Opcode.CHUNK, f'it cannot be decompressed ({error})') from None
-        if len(records) != chunk.uncompressed_size:
-            raise self.corrupt(Opcode.CHUNK, 'its lengths do not fit')
-        return records
+                data = _unpacked_lz4(data, chunk.uncompressed_size)
+        except (zstandard.ZstdError, RuntimeError, ValueError, MemoryError) as error:
+            raise self._corrupt(Opcode.CHUNK, f'it cannot be decompressed ({error})') from None
+        if len(data) != chunk.uncompressed_size:
+            raise self._corrupt(Opcode.CHUNK, 'its lengths do not fit')
+        if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
+            raise self._corrupt(Opcode.CHUNK, 'its checksum does not fit')
+        return data
 
-    def messages_in(self, records: bytes, take: Callable[[McapRecord], None]) -> list[int]:
-        """Return where the content of each message begins in the records of a chunk.
-
-        take : gets each record that is no message, first
-        """
-        found, at, end = [], 0, len(records)
+    def _records_of(self, data: bytes) -> list[McapRecord | Content]:
+        """Return the records of a chunk, its messages last."""
+        records: list[McapRecord | Content] = []
+        places, at, end = list[int](), 0, len(data)
         unpack, head, message = RECORD_HEAD.unpack_from, RECORD_HEAD.size, int(Opcode.MESSAGE)
         while at < end:
-            opcode, length = unpack(records, at) if at + head <= end else (0, end)
+            opcode, length = unpack(data, at) if at + head <= end else (0, end)
             at += head
             if at + length > end:
-                raise self.corrupt(Opcode.CHUNK, 'its last record is cut short')
+                raise self._corrupt(Opcode.CHUNK, 'its last record is cut short')
             if opcode == message:
-                found.append(at)
+                places.append(at)
             elif opcode in _IN_CHUNKS:
-                record = self.parse(opcode, records[at : at + length])
+                record = self._parse(opcode, data[at : at + length])
                 if self.indexes is not None and isinstance(record, Schema | Channel):
-                    self.indexes.declare(record, records[at : at + length], at)
-                if record is not None:
-                    take(record)
+                    self.indexes.declare(record, data[at : at + length], at)
+                records.append(record)
             else:
-                raise self.corrupt(Opcode.CHUNK, f'it holds a record of kind {opcode}')
+                raise self._corrupt(Opcode.CHUNK, f'it holds a record of kind {opcode}')
             at += length
         if self.indexes is not None:
-            self.indexes.take_content(records, found)
-        return found
-
-
-class RawMessage(NamedTuple):
-    """A message record: its fields as they stand in the file."""
-
-    channel: int
-    sequence: int
-    log_ns: int
-    publish_ns: int
-    data: bytes
-
-
-def message_at(records: bytes, at: int) -> RawMessage:
-    """Return the message whose content begins at a place that `messages_in` found."""
-    _, length = RECORD_HEAD.unpack_from(records, at - RECORD_HEAD.size)
-    content = records[at : at + length].ljust(MESSAGE_HEAD.size, b'\0')
-    data = content[MESSAGE_HEAD.size :]
-    return RawMessage._make((*MESSAGE_HEAD.unpack_from(content), data))
-
-
-def as_record(message: Message) -> bytes:
-    """Return the record of a message that is in no chunk, as it stands in the file."""
-    builder = RecordBuilder()
-    message.write(builder)
-    return bytes(builder.end())
+            self.indexes.take_content(data, places)
+        return [*records, Content(data, places)]
 
 
 def _fits(content: bytes, actual: int) -> bool:

@@ -9,25 +9,12 @@ are whole; the reader says until when. Everything else that is wrong with a log 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple, TypeVar
 
 import numpy as np
-from mcap.opcode import Opcode
-from mcap.records import (
-    Attachment,
-    Channel,
-    Chunk,
-    DataEnd,
-    Header,
-    McapRecord,
-    Metadata,
-    Schema,
-)
-from mcap.records import Message as MessageRecord
+from mcap.records import Attachment, Channel, DataEnd, Header, McapRecord, Metadata, Schema
 
 from rpo_core import files
 from rpo_core.files import scenario
@@ -40,7 +27,7 @@ from rpo_mcap.format import rosbag2
 from rpo_mcap.format.run import LOG_FORMAT, RUN_RECORD, SCENARIO, TimeBase, log_files
 from rpo_mcap.read.decode import Gathering, Message, Messages, TickBlock
 from rpo_mcap.read.indexes import Indexes
-from rpo_mcap.read.records import RECORD_HEAD, FileRecords, as_record
+from rpo_mcap.read.records import Content, FileRecords
 from rpo_mcap.topics import Topic
 
 BLOCK_TICKS = 4096
@@ -49,39 +36,9 @@ BLOCK_TICKS = 4096
 MAX_BYTES = 1 << 27
 """A log whose messages of one tick are longer is no log of a run."""
 
-_Declaration = TypeVar('_Declaration', Schema, Channel)
 _NUMBER = re.compile('[0-9]{1,9}')
 
-
-@dataclass
-class _Extent:
-    """What was read of one file: messages per topic, first and last tick; -1: none."""
-
-    counts: list[int]
-    first: int = -1
-    last: int = -1
-
-    def add(self, messages: Messages) -> None:
-        """Count messages."""
-        found = np.bincount(messages.topic, minlength=len(self.counts)).tolist()
-        self.counts = [sum(pair) for pair in zip(self.counts, found, strict=True)]
-        self.first = int(messages.tick[0]) if self.first < 0 else self.first
-        self.last = int(messages.tick[-1])
-
-
-class _Skimmed(NamedTuple):
-    """What was found of one file before its messages are read.
-
-    declared : its schemas and channels
-    damage : how it ends, as `FileRecords.damage`
-    filled : whether it has chunks or messages
-    error : why its chunks could not all be read
-    """
-
-    declared: list[Schema | Channel]
-    damage: str
-    filled: bool
-    error: LogError | None
+Declarations = list[Schema | Channel]
 
 
 class RunReader:
@@ -96,6 +53,7 @@ class RunReader:
     lacks : what such a bag does not hold, and a log does
     sources : the files of the log or bag
     attached : files of the log and names of attachments in them, by what was read
+    extents : per file, what `blocks` read: messages per topic, first and last stamp [ns]
     digests : per file, SHA-256 of the bytes that `blocks` read; empty if they were not all read
     witness : called with the file and each of its records beside the messages, while `blocks` reads
     judged : per file, what takes all its records to compare its indexes, while `blocks` reads
@@ -109,18 +67,16 @@ class RunReader:
     def __init__(self, path: str | Path, *, tolerant: bool = False) -> None:
         self.path, self._tolerant = Path(path), tolerant
         self.files = self.sources = files_of(self.path)
-        self._path = self.files[0]
         self.damage, self.lost_chunks = '', 0
         self.attachments: dict[str, bytes] = {}
-        self._bases: list[TimeBase] = []
-        self._channels: dict[int, Topic] = {}
-        self._schemas: dict[int, str] = {}
         self.attached: set[tuple[Path, str]] = set()
-        self._declared: dict[tuple[Path, type, int], Schema | Channel] = {}
-        self._extents: dict[Path, _Extent] = {}
+        self.extents: dict[Path, tuple[list[int], int, int]] = {}
         self.digests: dict[Path, str] = {}
-        self._outlines: dict[Path, tuple[int, bytes]] = {}  # as the constructor found the files
         self.topics: tuple[Topic, ...] = ()
+        self._bases: list[TimeBase] = []
+        self._declared: dict[tuple[Path, type, int], Schema | Channel] = {}
+        self._outlines: dict[Path, tuple[int, bytes]] = {}  # as the constructor found the files
+        self._begin(self.files[0])
         self._read_heads()
 
     def blocks(self) -> Iterator[TickBlock]:
@@ -128,15 +84,9 @@ class RunReader:
         empty = True
         for messages in self._read():
             empty = False
-            yield from _blocks_of(messages)
+            yield messages.block()
         if empty:
             raise self._empty(self.damage)
-
-    def extent_of(self, path: Path) -> tuple[list[int], int, int]:
-        """Return what was read of a file: messages per topic, first and last stamp [ns]."""
-        found = self._extents[path]
-        stamps = [self.base.stamp_ns(max(0, tick)) for tick in (found.first, found.last)]
-        return found.counts, *(stamps if found.last >= 0 else (0, 0))
 
     def messages(self) -> Iterator[Message]:
         """Yield every message as it was logged, in order; afterwards `damage` as for `blocks`."""
@@ -146,59 +96,61 @@ class RunReader:
     def _empty(self, damage: str) -> LogError:
         return LogError(self.path, 'holds no message' + (f' ({damage})' if damage else ''))
 
+    def _begin(self, path: Path) -> None:
+        self._path = path
+        self._schemas: dict[int, str] = {}
+        self._channels: dict[int, Topic] = {}
+
     def _read_heads(self) -> None:
         """Find the ticks, the topics and the files that the log carries, wherever they stand."""
-        found = [self._skim(path) for path in self.files]
+        heads = {path: self._skim(path) for path in self.files}
+        damage = next((damage for _, damage, _ in heads.values() if damage), '')
         if not self._bases:
             self._base_of_scenario()
-        errors = [part.error for part in found if part.error is not None]
-        damage = next((part.damage for part in found if part.damage), '')
         if not self._bases:
-            if errors:
-                raise errors[0]
             raise NotARun(
                 self.files[0],
                 f'has no record {RUN_RECORD}: it is not '
                 'the log of a run' + (f' ({damage})' if damage else ''),
             )
-        if not any(part.filled for part in found):
+        if not any(filled for *_, filled in heads.values()):
             raise self._empty(damage)
         self.base = self._bases[0]
         recorded: dict[Topic, None] = {}
-        for path, part in zip(self.files, found, strict=True):
-            self._path, self._schemas, self._channels = path, {}, {}
-            for record in sorted(part.declared, key=lambda record: isinstance(record, Channel)):
+        for path, (declared, *_) in heads.items():
+            self._begin(path)
+            for record in sorted(declared, key=lambda record: isinstance(record, Channel)):
                 self._take(record)
-            recorded.update(dict.fromkeys(self._channels.values()))
+            recorded |= dict.fromkeys(self._channels.values())
         self.topics = topics.resolve(recorded, str(self.files[0]))
-        signals = [topic.signal for topic in self.topics]
         for signal in topics.REQUIRED:
-            if signal not in signals and errors:
-                raise errors[0]
-            if signal not in signals:
+            if signal not in [topic.signal for topic in self.topics]:
                 there = ', '.join(topic.name for topic in recorded) or 'no topic of a run'
                 raise LogError(self.files[0], f'has no topic {signal}; it has {there}')
 
-    def _skim(self, path: Path) -> _Skimmed:
-        """Take the records beside messages, schemas and channels; return the others.
+    def _skim(self, path: Path) -> tuple[Declarations, str, bool]:
+        """Take the records beside messages, schemas and channels.
 
-        Schemas and channels are in the summary; where they are not, the chunks are read for them.
+        Return its schemas and channels, its damage, and whether it has messages. The channels are
+        in the summary; where they are not, the chunks are read for them.
         """
-        self._path = path
+        self._begin(path)
         records = FileRecords(path, self._tolerant, skim=True)
-        declared, behind = list[Schema | Channel](), 0
+        declared, in_summary = Declarations(), Declarations()
+        ended = False
         for record in records:
+            ended = ended or isinstance(record, DataEnd)
             if isinstance(record, Schema | Channel):
                 declared.append(record)
-            elif isinstance(record, DataEnd):
-                behind = len(declared)
-            else:
+                in_summary += [record] if ended else []
+            elif not isinstance(record, Content):
                 self._take(record)
         self._outlines[path] = records.outline
-        error = None
-        if records.filled and (self._tolerant or not _are_all(declared, behind)):
-            declared, error = _declared_in(path, self._tolerant)
-        return _Skimmed(declared, records.damage, records.filled, error)
+        if records.filled and (self._tolerant or not _is_whole(in_summary, declared)):
+            all_records = FileRecords(path, self._tolerant)
+            found = {repr(r): r for r in all_records if isinstance(r, Schema | Channel)}
+            declared, records.damage = list(found.values()), all_records.damage
+        return declared, records.damage, records.filled
 
     def _take(self, record: McapRecord) -> None:
         """Take a record that is not of the time line."""
@@ -211,40 +163,33 @@ class RunReader:
                     f'is of log format {version}; this version reads formats up to {LOG_FORMAT}',
                 )
         elif isinstance(record, Metadata) and record.name == RUN_RECORD:
-            self._take_base(path, TimeBase.from_record(record.metadata, path))
+            self._bases.append(TimeBase.from_record(record.metadata, path))
+            if (base := self._bases[-1]) != self._bases[0]:
+                ours = f'{self.files[0].name}, {self._bases[0]}'
+                raise NotARun(path, f'must be of the same run as {ours}; got {base}')
         elif isinstance(record, Attachment):
-            self._take_attachment(path, record)
-        elif isinstance(record, Schema):
-            self._schemas[record.id] = self._declare(path, record, record.name).name
-        elif isinstance(record, Channel):
-            self._take_channel(path, self._declare(path, record, record.topic))
+            # Each file of a log carries it once, and all the same one.
+            before = self.attachments.setdefault(record.name, record.data)
+            if (path, record.name) in self.attached or before != record.data:
+                raise LogError(path, f'carries two files named {shown(record.name)}')
+            self.attached.add((path, record.name))
+        elif isinstance(record, Schema | Channel):
+            self._declare(path, record)
         if self.witness is not None:
             self.witness(path, record)
 
-    def _take_attachment(self, path: Path, record: Attachment) -> None:
-        """Take a file; each file of a log carries it once, and all the same one."""
-        before = self.attachments.setdefault(record.name, record.data)
-        place = (path, record.name)
-        if place in self.attached or before != record.data:
-            raise LogError(path, f'carries two files named {shown(record.name)}')
-        self.attached.add(place)
-
-    def _declare(self, path: Path, record: _Declaration, name: str) -> _Declaration:
-        """Return the first record of a number; refuse another: messages would change their type."""
-        declared = self._declared.setdefault((path, type(record), record.id), record)
-        if declared != record and not self._tolerant:
-            kind = type(record).__name__.lower()
-            sentence = f'has two {kind} records of number {record.id}, the second for {shown(name)}'
+    def _declare(self, path: Path, record: Schema | Channel) -> None:
+        """Take the first record of a number; refuse another: messages would change their type."""
+        first = self._declared.setdefault((path, type(record), record.id), record)
+        if first != record and not self._tolerant:
+            kind, name = type(record).__name__.lower(), getattr(record, 'topic', None)
+            named = shown(name or getattr(record, 'name', ''))
+            sentence = f'has two {kind} records of number {record.id}, the second for {named}'
             raise LogError(path, sentence)
-        return declared  # type: ignore[return-value]
-
-    def _take_base(self, path: Path, base: TimeBase) -> None:
-        self._bases.append(base)
-        if base != self._bases[0]:
-            raise NotARun(
-                path,
-                f'must be of the same run as {self.files[0].name}, {self._bases[0]}; got {base}',
-            )
+        if isinstance(first, Schema):
+            self._schemas[first.id] = first.name
+        else:
+            self._take_channel(path, first)
 
     def _base_of_scenario(self) -> None:
         """Take the ticks of the scenario that the log carries, if it has no record of them."""
@@ -274,110 +219,48 @@ class RunReader:
     def _read(self) -> Iterator[Messages]:
         """Yield the messages of all files, so many whole ticks at a time."""
         self.damage, self.lost_chunks, newest = '', 0, -1
-        most = BLOCK_TICKS * max(1, sum(not topic.is_event for topic in self.topics))
         self.attached.clear()  # the records of the head are read again with the messages
         for path in self.files:
-            self._path, self._schemas, self._channels = path, {}, {}
-            outline, indexes = self._outlines[path], self.judged.get(path)
-            records = FileRecords(path, self._tolerant, known=outline, indexes=indexes)
+            self._begin(path)
+            known, indexes = self._outlines[path], self.judged.get(path)
+            records = FileRecords(path, self._tolerant, known=known, indexes=indexes)
             gathering = Gathering(path, self.base, self.topics, self._channels, newest)
-            extent = self._extents[path] = _Extent([0] * len(self.topics))
-            for data, at in self._chunks(records):
-                gathering.add(data, at)
-                if len(gathering) > most or gathering.size > MAX_BYTES:
-                    messages = gathering.take()
-                    if len(messages):
-                        extent.add(messages)
-                        yield messages
-                    if gathering.size > MAX_BYTES:
-                        sentence = f'is corrupt: tick {gathering.newest + 1} is too long to be read'
-                        raise LogError(path, sentence)
-            messages = gathering.take(last=True)
-            newest = gathering.newest
-            if len(messages):
-                extent.add(messages)
+            counts, stamps = np.zeros(len(self.topics), dtype=np.int64), [0, 0]
+            for messages in filter(len, self._gathered(records, gathering)):
+                ends = [self.base.stamp_ns(int(messages.tick[at])) for at in (0, -1)]
+                stamps = [stamps[0] if counts.any() else ends[0], ends[1]]
+                counts += np.bincount(messages.topic, minlength=len(counts))
                 yield messages
+            newest = gathering.newest
+            self.extents[path] = counts.tolist(), *stamps
             self.lost_chunks += records.lost_chunks
             if records.damage:
                 self.damage = f'{path.name}: {records.damage}'
-            self.digests[path] = '' if records.unread else records.sha256.hexdigest()
+            self.digests[path] = records.digest
 
-    def _chunks(self, records: FileRecords) -> Iterator[tuple[bytes, list[int]]]:
-        """Yield the bytes of chunks and where their messages begin; take the other records.
-
-        What a power cut leaves may end with a chunk whose bytes never reached the disk: a corrupt
-        chunk is the end of a file that was not closed, if no sound one follows.
-        """
-        walk = iter(records)
-        for record in walk:
-            if isinstance(record, MessageRecord):
-                data = as_record(record)
-                yield data, [RECORD_HEAD.size]
-            elif not isinstance(record, Chunk):
+    def _gathered(self, records: FileRecords, gathering: Gathering) -> Iterator[Messages]:
+        """Yield the messages of a file, and take its other records."""
+        most = BLOCK_TICKS * max(1, sum(not topic.is_event for topic in self.topics))
+        for record in records:
+            if not isinstance(record, Content):
                 self._take(record)
-            else:
-                try:
-                    data = records.content_of(record)
-                except LogError as error:
-                    if self._tolerant:
-                        records.pass_over(Opcode.CHUNK, error)
-                        continue
-                    if any(_is_sound(records, rest) for rest in walk) or not records.damage:
-                        raise
-                    records.damage = error.sentence
-                    return
-                yield data, records.messages_in(data, self._take)
+                continue
+            gathering.add(*record)
+            if len(gathering) > most or gathering.size > MAX_BYTES:
+                yield gathering.take()
+                if gathering.size > MAX_BYTES:
+                    tick = gathering.newest + 1
+                    raise LogError(records.path, f'is corrupt: tick {tick} is too long to be read')
+        yield gathering.take(last=True)
 
 
-def _are_all(declared: Sequence[Schema | Channel], behind: int) -> bool:
-    """Return whether the summary seems to have all channels of a run, and their schemas are known.
-
-    behind : number of records before the summary
-    """
+def _is_whole(in_summary: Declarations, declared: Declarations) -> bool:
+    """Return whether the summary seems to have all channels of a run, with known schemas."""
     schemas = {record.id for record in declared if isinstance(record, Schema)}
-    listed = [record for record in declared[behind:] if isinstance(record, Channel)]
+    listed = [record for record in in_summary if isinstance(record, Channel)]
     found = [topics.find(one.topic, one.metadata.get(topics.SIGNAL, '')) for one in listed]
     signals = {topic.signal for topic in found if topic is not None}
     return signals.issuperset(topics.REQUIRED) and schemas.issuperset(c.schema_id for c in listed)
-
-
-def _declared_in(path: Path, tolerant: bool) -> tuple[list[Schema | Channel], LogError | None]:
-    """Return the schemas and channels of a whole file, and the error that ended the reading."""
-    found: dict[str, Schema | Channel] = {}
-
-    def take(record: McapRecord) -> None:
-        if isinstance(record, Schema | Channel):
-            found.setdefault(repr(record), record)
-
-    records = FileRecords(path, tolerant)
-    try:
-        for record in records:
-            if not isinstance(record, Chunk):
-                take(record)
-            elif not tolerant or _is_sound(records, record):
-                records.messages_in(records.content_of(record), take)
-    except LogError as error:
-        return list(found.values()), error
-    return list(found.values()), None
-
-
-def _blocks_of(messages: Messages) -> Iterator[TickBlock]:
-    """Yield the messages as a block; if one is not of its type, those before it first."""
-    try:
-        block = messages.block()
-    except LogError as error:
-        if error.tick is not None and len(before := messages.before(error.tick)):
-            yield from _blocks_of(before)
-        raise
-    yield block
-
-
-def _is_sound(records: FileRecords, record: McapRecord) -> bool:
-    """Return whether a record is a chunk that can be read."""
-    try:
-        return isinstance(record, Chunk) and bool(records.content_of(record))
-    except LogError:
-        return False
 
 
 def files_of(path: Path) -> list[Path]:
