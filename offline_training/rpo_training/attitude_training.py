@@ -11,7 +11,7 @@ overshoots; of `rpo_judge.scoring.fitness`, the margin, and the terms `damping` 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
@@ -26,14 +26,7 @@ from rpo_ctrl import attitude
 from rpo_ctrl.attitude import AttitudeControl, FuzzyAttitude
 from rpo_judge.attitude import MOMENT_KG_M2, Flights, Outcome, trained_draws
 from rpo_judge.scoring.conditions import AT_LIMIT
-from rpo_judge.scoring.fitness import (
-    FitnessSettings,
-    Scores,
-    driving,
-    excess,
-    falls,
-    mean,
-)
+from rpo_judge.scoring.fitness import FitnessSettings, Scores, excess, mean, with_surface
 from rpo_kernels.arrays import Floats
 from rpo_montecarlo.engine.population import Population
 from rpo_training.algorithms import Search
@@ -69,7 +62,7 @@ class AttitudeConfig(TrainingConfig):
             yield f'--attitude --preset {preset}', known
 
     @classmethod
-    def base(cls, data: Mapping[str, Any]) -> AttitudeConfig:
+    def of(cls, *subject: str, scenario: str = FLIGHTS) -> AttitudeConfig:
         """Return the preset `paper`."""
         return PRESETS['paper']
 
@@ -103,10 +96,7 @@ class AttitudeFitness:
         if self._settings.penalty == 'graded':
             over *= AT_LIMIT + (1.0 - AT_LIMIT) * excess(values, 1.0)
         fitness = energy + self._settings.penalty_n2s * mean(over.sum(axis=1))
-        if self._settings.damping:
-            fitness = fitness + self._settings.damping * driving(population)
-        if self._settings.falls:
-            fitness = fitness + self._settings.falls * falls(population)
+        fitness = with_surface(fitness, self._settings, population)
         settled = mean(np.array([np.minimum(o.settled_s, 1e3) for o in outcomes]))
         return Scores(fitness, energy, (values > 1.0).sum(axis=-1), settled)
 
@@ -134,10 +124,6 @@ class AttitudeTraining(SearchRun[AttitudeConfig, FuzzyAttitude]):
     config_type = AttitudeConfig
     unit = 'mN^2 m^2 s'
     scored = ('fitness', 'mean_energy_mn2m2s', 'mean_settling_s', 'flights_that_miss')
-
-    def make_starts(self) -> Any:
-        """Return nothing: the flights are those of the fitness."""
-        return None
 
     def inputs(self) -> list[str]:
         """Return the texts of the starts."""

@@ -34,7 +34,7 @@ from rpo_core.files.validation import (
     whole,
 )
 from rpo_core.judge.metrics import PENALTY
-from rpo_ctrl.similarity import range_m, time_s
+from rpo_ctrl.similarity import PAPER, range_m, time_s
 from rpo_judge.scoring.fitness import FitnessSettings
 from rpo_montecarlo.outputs import check_name
 from rpo_training.algorithms import CmaSettings
@@ -51,6 +51,14 @@ ALGORITHMS = ('ga', 'cmaes', 'ga-cmaes', 'race', 'nsga2')
 NSGA-II, energy against arrival time."""
 
 
+_UNUSED = {
+    'fitness.disturbance': 0.0,
+    'fitness.drawn.at_limit': 0.1,
+    'fitness.drawn.openings': 0.0,
+    'fitness.drawn.propellant': 0.0,
+}
+"""Fields that are gone, at the values by which files of 0.1 say that they do not use them."""
+
 Config = TypeVar('Config', bound='Configuration')
 
 
@@ -58,13 +66,13 @@ class Configuration:
     """All that determines the outcome of a search; a kind of it is a dataclass of its file.
 
     schema, file : of the file, and its name in a run folder
-    required : fields that a file must have
+    subject : field that a file must have, and option (or '', an argument) that gives it, if any
     words : of the command that trains any of this kind
     """
 
     schema: ClassVar[str]
     file: ClassVar[str]
-    required: ClassVar[tuple[str, ...]] = ()
+    subject: ClassVar[tuple[str, ...]] = ()
     words: ClassVar[str] = COMMAND
 
     name: str
@@ -82,9 +90,17 @@ class Configuration:
         """Controllers from which the search begins."""
         return ()
 
+    @classmethod
     @abstractmethod
+    def of(cls: type[Config], *subject: str, scenario: str = PAPER) -> Config:
+        """Return the configuration that ships, for a subject and a scenario; raises InputError."""
+
     def known(self) -> Iterator[tuple[str, Any]]:
         """Yield what ships for the scenario: words of its command, and the configuration."""
+        name, option = self.subject
+        of = getattr(self, name)
+        scenario = '' if self.scenario == PAPER else f' --scenario {self.scenario}'
+        yield f'{option}{of}{scenario}', self.of(of, scenario=self.scenario)
 
     @property
     def command(self) -> str:
@@ -95,18 +111,17 @@ class Configuration:
         return f'{self.words} --config {self.name}.yaml, the {self.file} of its run folder'
 
     @classmethod
-    @abstractmethod
-    def base(cls: type[Config], data: Mapping[str, Any]) -> Config:
-        """Return the configuration whose fields a file may leave out; raises InputError."""
-
-    @classmethod
     def parse(cls: type[Config], document: Any) -> Config:
-        """Return the configuration of a parsed YAML document; raises InputError."""
+        """Return the configuration of a parsed YAML document; raises InputError.
+
+        A file may leave out fields that are as in the one that ships.
+        """
         names = [f.name for f in fields(cls)]  # type: ignore[arg-type]
-        data = dict(mapping('', document, ['schema', *cls.required], names))
+        required = cls.subject[:1]
+        data = dict(mapping('', document, ['schema', *required], names))
         if data.pop('schema') != cls.schema:
             raise InputError(f'`schema` must be {cls.schema}; got {shown(document["schema"])}')
-        found: Config = updated(cls.base(data), data, '')
+        found: Config = updated(cls.of(*(text(name, data[name]) for name in required)), data, '')
         return found
 
     @classmethod
@@ -133,7 +148,7 @@ class TrainingConfig(Configuration):
 
     name: str = 'paper_ga'
     seed: int = 1
-    scenario: str = 'paper_training'
+    scenario: str = PAPER
     algorithm: str = 'ga'
     start: tuple[str, ...] = ('handmade',)
     start_scales: tuple[float, ...] = ()
@@ -174,9 +189,9 @@ class TrainingConfig(Configuration):
                 yield f'--preset {preset} {scenario}', fitted(known, self.scenario)
 
     @classmethod
-    def base(cls, data: Mapping[str, Any]) -> TrainingConfig:
+    def of(cls, *subject: str, scenario: str = PAPER) -> TrainingConfig:
         """Return the preset `paper`."""
-        return cls()
+        return cls(scenario=scenario)
 
 
 def schema_of(path: Path) -> object:
@@ -200,11 +215,13 @@ def override(config: Config, settings: Sequence[str]) -> Config:
 
 def updated(base: Any, data: Any, name: str) -> Any:
     """Return a configuration with the fields of a mapping changed; `name` is its place."""
-    known = mapping(name, data, [], [f.name for f in fields(base)])
+    names, prefix = [f.name for f in fields(base)], f'{name}.' if name else ''
+    if isinstance(data, Mapping):
+        data = {k: v for k, v in data.items() if _UNUSED.get(f'{prefix}{k}', ...) != v}
     changes = {}
-    for key, value in known.items():
+    for key, value in mapping(name, data, [], names).items():
         current = getattr(base, key)
-        place = f'{name}.{key}' if name else key
+        place = f'{prefix}{key}'
         if is_dataclass(current):
             changes[key] = updated(current, value, place)
         elif isinstance(current, tuple):
@@ -291,7 +308,6 @@ def fitted(base: TrainingConfig, scenario: str) -> TrainingConfig:
             fitness,
             penalty_n2s=_short(fitness.penalty_n2s * energy),
             limit_cycle=0.0,
-            disturbance=0.0,
             robustness=0.0,
             drawn=replace(fitness.drawn, weight=0.0),
         ),

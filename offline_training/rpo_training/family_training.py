@@ -8,30 +8,61 @@ controller `<name>.yaml` and `history.csv`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rpo_core.files.validation import InputError, shown, text
+from rpo_core.files.validation import InputError, shown
 from rpo_core.judge.metrics import PENALTY
 from rpo_ctrl.family import Family, Gene, Mission, family_of
-from rpo_judge.evaluation.assessment import PAPER
-from rpo_judge.scoring.fitness import Fitness, FitnessSettings, Scores
+from rpo_ctrl.similarity import PAPER
+from rpo_judge.scoring.fitness import Fitness, FitnessSettings
+from rpo_kernels.arrays import Floats
 from rpo_training.algorithms import CmaSettings, Search
 from rpo_training.config import Configuration, load_start, updated, written
 from rpo_training.fitting import penalty_n2s, training_set, units_of
-from rpo_training.run import SearchRun
+from rpo_training.run import Config, Found, SearchRun
 from rpo_training.staged import StagedSearch, StagedSettings
-
-Floats = NDArray[np.float64]
 
 _JUDGED: FitnessSettings = updated(FitnessSettings(), written('family')['fitness'], 'fitness')
 
 _DESCENT = CmaSettings(population=20, sigma=0.05, descents=1)
+
+
+class GeneRun(SearchRun[Config, Found]):
+    """A search of some numbers of a kind of controller, each in its range."""
+
+    @property
+    @abstractmethod
+    def paper_genes(self) -> Sequence[Gene]:
+        """What is searched in the paper's training."""
+
+    @abstractmethod
+    def of_values(self, values: list[float]) -> Found:
+        """Return the controller of some values of the genes, without provenance."""
+
+    @cached_property
+    def units(self) -> tuple[float, float, float]:
+        """Length, time and force, as multiples of those of the paper's training."""
+        return units_of(self.starts)
+
+    @cached_property
+    def genes(self) -> tuple[Gene, ...]:
+        """What is searched, in the units of the scenario."""
+        return tuple(gene.fitted(self.units) for gene in self.paper_genes)
+
+    def decode(self, genes: Floats) -> list[Found]:
+        """Return the controllers of a generation."""
+        return [self.make(row) for row in genes]
+
+    def make(self, shares: Floats) -> Found:
+        """Return the controller of a chromosome, without provenance."""
+        pairs = zip(self.genes, shares.tolist(), strict=True)
+        return self.of_values([gene.value(share) for gene, share in pairs])
 
 
 @dataclass(frozen=True)
@@ -42,7 +73,7 @@ class FamilyConfig(Configuration):
     """
 
     schema, file = 'rpo/family_training/1', 'family.yaml'
-    required = ('family',)
+    subject = 'family', '--family '
 
     family: str
     name: str
@@ -64,58 +95,45 @@ class FamilyConfig(Configuration):
         """Controllers from which the search begins."""
         return (self.start,) if self.start else ()
 
-    def known(self) -> Iterator[tuple[str, Any]]:
-        """Yield that of the family for the scenario."""
-        scenario = '' if self.scenario == PAPER else f' --scenario {self.scenario}'
-        yield f'--family {self.family}{scenario}', config_of(self.family, self.scenario)
-
     @classmethod
-    def base(cls, data: Mapping[str, Any]) -> FamilyConfig:
-        """Return the configuration of the family."""
-        return config_of(text('family', data['family']))
+    def of(cls, *subject: str, scenario: str = PAPER) -> FamilyConfig:
+        """Return that of a family; of another scenario, without the paper's own terms."""
+        (name,) = subject
+        family = family_of(name)
+        first, later, stages = family.effort
+        most = first * len(family.genes())
+        descent = replace(_DESCENT, evaluations=most, patience=max(_DESCENT.patience, most // 10))
+        staged = StagedSettings(stages=stages, evaluations=later * len(family.genes()))
+        drawn = replace(_JUDGED.drawn, campaigns=family.drawn)
+        fitness = replace(_JUDGED, tests=family.tests, mass_kg=family.masses_kg, drawn=drawn)
+        if scenario != PAPER:
+            energy = penalty_n2s(training_set(scenario)) / PENALTY
+            penalty = round(PENALTY * energy, 6)
+            fitness = FitnessSettings('graded', penalty, margin=0.15, error_weight=3.0)
+            descent = replace(descent, tolerance=descent.tolerance * energy)
+        return cls(name, name, 1, scenario, '', fitness, descent, staged)
 
 
-def config_of(family: str, scenario: str = '') -> FamilyConfig:
-    """Return the configuration of a family; of another scenario, without the paper's own terms."""
-    kind = family_of(family)
-    first, later, stages = kind.effort
-    most = first * len(kind.genes())
-    descent = replace(_DESCENT, evaluations=most, patience=max(_DESCENT.patience, most // 10))
-    staged = StagedSettings(stages=stages, evaluations=later * len(kind.genes()))
-    drawn = replace(_JUDGED.drawn, campaigns=kind.drawn)
-    fitness = replace(_JUDGED, tests=kind.tests, mass_kg=kind.masses_kg, drawn=drawn)
-    config = FamilyConfig(family, family, fitness=fitness, cmaes=descent, staged=staged)
-    if scenario in ('', PAPER):
-        return config
-    starts = training_set(scenario)
-    energy = penalty_n2s(starts) / PENALTY
-    fitness = FitnessSettings('graded', round(PENALTY * energy, 6), margin=0.15, error_weight=3.0)
-    cmaes = replace(config.cmaes, tolerance=config.cmaes.tolerance * energy)
-    return replace(config, scenario=scenario, fitness=fitness, cmaes=cmaes)
-
-
-class FamilyTraining(SearchRun[FamilyConfig, Family]):
+class FamilyTraining(GeneRun[FamilyConfig, Family]):
     """The training of a family."""
 
     config_type = FamilyConfig
 
-    @cached_property
+    @property
     def family(self) -> type[Family]:
         """The kind of controller that is searched."""
         return family_of(self.config.family)
 
-    @cached_property
-    def mission(self) -> Mission:
-        """What the family needs of the mission."""
-        base = self.starts.base
-        paper = self.config.scenario == PAPER
-        units = (1.0, 1.0, 1.0) if paper else units_of(self.starts)
-        return Mission(units, base.max_force_n, base.dt_s)
+    @property
+    def paper_genes(self) -> Sequence[Gene]:
+        """What is searched in the paper's training."""
+        return self.family.genes()
 
-    @cached_property
-    def genes(self) -> tuple[Gene, ...]:
-        """What is searched."""
-        return tuple(gene.fitted(self.mission.units) for gene in self.family.genes())
+    def of_values(self, values: list[float]) -> Family:
+        """Return the controller of some values of the genes, without provenance."""
+        base = self.starts.base
+        mission = Mission(self.units, base.max_force_n, base.dt_s)
+        return self.family.of_values(self.config.name, values, mission)
 
     def make_search(self) -> Search:
         """Return the search at its beginning."""
@@ -133,27 +151,13 @@ class FamilyTraining(SearchRun[FamilyConfig, Family]):
         """Return the fitness of the configuration; the flights of one controller fill a thread."""
         return Fitness(self.starts, self.config.fitness, workers)
 
-    def decode(self, genes: Floats) -> list[Family]:
-        """Return the controllers of a generation."""
-        return [self.make(row) for row in genes]
-
-    def make(self, shares: Floats) -> Family:
-        """Return the controller of a chromosome, without provenance."""
-        pairs = zip(self.genes, shares.tolist(), strict=True)
-        values = [gene.value(share) for gene, share in pairs]
-        return self.family.of_values(self.config.name, values, self.mission)
-
     def found(self) -> Family:
-        """Return the best so far, its provenance filled in."""
+        """Return the best so far, its provenance filled in: how many held-out draws it misses."""
         found = self.make(self.best_genes)
         scores = self.fitness.score([found])
-        missed = self.missed_draws(scores)
-        return self.credited(found, 'cmaes in stages', scores, held_out_that_miss=missed)
-
-    def missed_draws(self, scores: Scores) -> dict[str, str]:
-        """Return campaign -> how many of the held-out draws the controller misses."""
-        count = len(self.fitness.conditions.labels)
-        drawn = self.fitness.drawn
-        missed = scores.failures[0, count:]
-        of = self.config.fitness.drawn.held_out
-        return {d.label: f'{int(n)} of {of}' for d, n in zip(drawn, missed, strict=True)}
+        drawn, of = self.fitness.drawn, self.config.fitness.drawn.held_out
+        missed = scores.failures[0, len(self.fitness.conditions.labels) :].tolist()
+        counts: dict[str, Any] = {
+            d.label: f'{n} of {of}' for d, n in zip(drawn, missed, strict=True)
+        }
+        return self.credited(found, 'cmaes in stages', scores, held_out_that_miss=counts)

@@ -14,9 +14,10 @@ from pathlib import Path
 
 from rpo_core.control.controller import AnyController
 from rpo_core.files.validation import InputError
+from rpo_ctrl.similarity import PAPER
 from rpo_judge.scoring.fitness import FitnessSettings
 from rpo_training.config import PRESETS, load_start
-from rpo_training.family_training import config_of
+from rpo_training.family_training import FamilyConfig
 from rpo_training.tuning import TUNING_SPACES
 
 NOTHING, NOT_KNOWN = 'no', 'not known'
@@ -48,12 +49,13 @@ def _of_command(words: list[str], campaign: str) -> str:
     if any(word in TUNING_SPACES for word in words[2:3]):
         return NOTHING
     if '--family' in options:
-        return _of_settings(config_of(options['--family'], scenario).fitness, campaign)
+        config = FamilyConfig.of(options['--family'], scenario=scenario or PAPER)
+        return _of_settings(config.fitness, campaign)
     if options.get('--preset') not in PRESETS:
         return NOT_KNOWN
-    config = PRESETS[options['--preset']]
-    found = NOTHING if scenario else _of_settings(config.fitness, campaign)
-    return found if found != NOTHING else _of_starts(config.start, campaign)
+    preset = PRESETS[options['--preset']]
+    found = NOTHING if scenario else _of_settings(preset.fitness, campaign)
+    return found if found != NOTHING else _of_starts(preset.start, campaign)
 
 
 def _of_settings(settings: FitnessSettings, campaign: str) -> str:

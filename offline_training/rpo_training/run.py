@@ -18,15 +18,17 @@ import io
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
 from rpo_core import files
 from rpo_core.control import controller as controllers
 from rpo_core.control.controller import FuzzyController
+from rpo_core.files.scenario import ScenarioSet
 from rpo_core.files.validation import InputError
 from rpo_ctrl.attitude import FuzzyAttitude
 from rpo_ctrl.baselines import Baseline
@@ -115,8 +117,11 @@ class Checkpoint:
         try:
             theirs = dict(entry.split(' ', 1) for entry in data['versions'].tolist())
             written, bound = str(data['config']), str(data['inputs'])
-            sizes, digests = data['sizes'].tolist(), data['digests'].tolist()
-            scores = _split(data['marks'], sizes)
+            sizes, digests, rows = data['sizes'], data['digests'].tolist(), data['marks']
+            scores = np.split(rows, np.cumsum(sizes)[:-1]) if len(sizes) else []
+            fits = rows.ndim == 2 and rows.shape[1] >= 3 and rows.dtype == np.float64
+            if not fits or [len(s) for s in scores] != sizes.tolist() or min(sizes, default=1) < 1:
+                raise ValueError(f'{rows.shape} scores of {len(sizes)} generations')
             if len(sizes) != len(digests):
                 raise ValueError('a generation has no digest')
         except (KeyError, ValueError, TypeError, AttributeError) as error:
@@ -141,14 +146,6 @@ class Checkpoint:
         return cls(config, inputs, scores, digests)
 
 
-def _split(rows: Floats, sizes: list[int]) -> list[Floats]:
-    """Return the rows (n, 3 + k) of each generation; raises ValueError if they do not fit."""
-    fits = rows.ndim == 2 and len(rows) == sum(sizes) and rows.shape[1] >= 3
-    if not fits or rows.dtype != np.float64 or min(sizes, default=1) < 1:
-        raise ValueError(f'{rows.shape} scores of {len(sizes)} generations')
-    return np.split(rows, np.cumsum(sizes)[:-1]) if sizes else []
-
-
 def digest(genes: Floats) -> str:
     """Return a short digest of chromosomes."""
     return hashlib.sha256(np.ascontiguousarray(genes).tobytes()).hexdigest()[:16]
@@ -159,8 +156,7 @@ Found = TypeVar('Found', FuzzyController, Baseline, Family, FuzzyAttitude)
 Self = TypeVar('Self', bound='SearchRun[Any, Any]')
 
 
-@dataclass(frozen=True)
-class Progress:
+class Progress(NamedTuple):
     """The state of a run after a generation.
 
     mean, spread : mean and standard deviation of the generation's fitness [N^2 s]
@@ -176,7 +172,6 @@ class Progress:
     best: float
     energy: float
     failures: dict[str, int]
-    arrival_s: float
     mean: float
     spread: float
     evaluated: int
@@ -201,18 +196,19 @@ class SearchRun(Generic[Config, Found]):
     def __init__(self, config: Config, folder: Path, workers: int = 0, address: str = '') -> None:
         self.config: Config = config
         self.folder = folder
-        self.starts = self.make_starts()
         self.search = self.make_search()
         self.fitness = self.make_fitness(workers, address)
         self.checkpoint = Checkpoint(self.config.dumps(), self.inputs())
         self.best = np.full(3, np.inf)
         self.best_genes: Floats = np.empty(0)
-        self.stages: list[int] = []
+        self.chromosomes: list[Floats] = []
+        self.history: list[dict[str, Any]] = []
         self._evaluated = 0
         self._began: float | None = None
 
-    def make_starts(self) -> Any:
-        """Return the set that is flown."""
+    @cached_property
+    def starts(self) -> ScenarioSet:
+        """The set that is flown."""
         return training_set(self.config.scenario)
 
     def inputs(self) -> list[str]:
@@ -248,9 +244,9 @@ class SearchRun(Generic[Config, Found]):
         labels = self.fitness.conditions.labels
         return dict(zip(labels, map(int, scores.failures[0]), strict=False))
 
-    def objectives(self, genes: Floats, scores: Scores) -> Floats:
+    def objectives(self, scores: Scores) -> Floats:
         """Return the objectives (n, objectives) of a generation."""
-        return self.checkpoint.scores[-1][:, :1]
+        return scores.fitness[:, None]
 
     def found(self) -> Found:
         """Return the best so far, its provenance filled in."""
@@ -323,15 +319,30 @@ class SearchRun(Generic[Config, Found]):
         return again
 
     def _enter(self, genes: Floats, scores: Scores) -> None:
-        """Take in a generation: checkpoint, best (of equals the first), search."""
+        """Take in a generation: checkpoint, best (of equals the first), history, search."""
         self.checkpoint.add(genes, scores)
-        rows = self.checkpoint.scores[-1]
+        self.chromosomes.append(genes)
+        rows, stage = self.checkpoint.scores[-1], self.search.stage.number
         index = int(rows[:, 0].argmin())
-        self.stages.append(self.search.stage.number)
-        anew = self.stages[-2:-1] != self.stages[-1:]  # another stage has another fitness
+        anew = not self.history or self.history[-1]['stage'] != stage  # it has another fitness
         if anew or rows[index, 0] < self.best[0]:
             self.best, self.best_genes = rows[index], genes[index].copy()
-        self.search.tell(self.objectives(genes, scores))
+        best, energy, *misses, arrival = self.best.tolist()
+        missed = zip(self.fitness.labels, map(int, misses), strict=True)
+        self.history.append(
+            {
+                'generation': len(self.history),
+                'evaluations': self.checkpoint.evaluations,
+                'best_fitness': best,
+                'mean_fitness': float(rows[:, 0].mean()),
+                'fitness_spread': float(rows[:, 0].std()),
+                'best_energy_n2s': energy,
+                **{f'best_misses_{name}': n for name, n in missed},
+                'best_arrival_s': arrival,
+                'stage': stage,
+            }
+        )
+        self.search.tell(self.objectives(scores))
 
     def run(self, report: Callable[[Progress], None] = lambda _: None) -> Found:
         """Run the search to its end; save after each generation; return the best.
@@ -374,47 +385,24 @@ class SearchRun(Generic[Config, Found]):
 
     def progress(self) -> Progress:
         """Return the state of the run, after one generation at least."""
-        fitness = self.checkpoint.scores[-1][:, 0]
-        best, energy, *failures, arrival = self.best.tolist()
+        row = self.history[-1]
         return Progress(
             self.phase,
-            len(self.checkpoint.scores) - 1,
+            row['generation'],
             self.search.left,
-            self.checkpoint.evaluations,
-            best,
-            energy,
-            dict(zip(self.fitness.labels, map(int, failures), strict=True)),
-            arrival,
-            float(fitness.mean()),
-            float(fitness.std()),
+            row['evaluations'],
+            row['best_fitness'],
+            row['best_energy_n2s'],
+            {name: row[f'best_misses_{name}'] for name in self.fitness.labels},
+            row['mean_fitness'],
+            row['fitness_spread'],
             self._evaluated,
             time.monotonic() - (self._began or 0.0),
         )
 
     def save_more(self) -> None:
         """Write what the folder holds beside the best: `history.csv`, a row for each generation."""
-        history: list[Mapping[str, object]] = []
-        best, evaluations, before = np.full(1, np.inf), 0, None
-        for number, scores in enumerate(self.checkpoint.scores):
-            evaluations += len(scores)
-            first, stage = scores[int(scores[:, 0].argmin())], self.stages[number]
-            best = first if stage != before or first[0] < best[0] else best
-            before = stage
-            missed = dict(zip(self.fitness.labels, best[2:-1].astype(int), strict=True))
-            history.append(
-                {
-                    'generation': number,
-                    'evaluations': evaluations,
-                    'best_fitness': float(best[0]),
-                    'mean_fitness': float(scores[:, 0].mean()),
-                    'fitness_spread': float(scores[:, 0].std()),
-                    'best_energy_n2s': float(best[1]),
-                    **{f'best_misses_{name}': n for name, n in missed.items()},
-                    'best_arrival_s': float(best[-1]),
-                    'stage': stage,
-                }
-            )
-        self.write_csv(HISTORY, history)
+        self.write_csv(HISTORY, self.history)
 
     def write_csv(
         self, name: str, rows: Sequence[Mapping[str, object]], columns: Sequence[str] = ()

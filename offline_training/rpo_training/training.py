@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -64,12 +63,6 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
 
     config_type = TrainingConfig
 
-    def __init__(
-        self, config: TrainingConfig, folder: Path, workers: int = 0, address: str = ''
-    ) -> None:
-        super().__init__(config, folder, workers, address)
-        self._genes: list[Floats] = []
-
     def make_search(self) -> Search:
         """Return the search of the configuration, at its beginning."""
         return search_of(self.config)
@@ -83,11 +76,10 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
         """Return the controllers of a generation."""
         return self.config.genes.decode(genes)
 
-    def objectives(self, genes: Floats, scores: Scores) -> Floats:
+    def objectives(self, scores: Scores) -> Floats:
         """Return the fitness (n, 1); for a front, with the penalised arrival time (n, 2)."""
         if self.config.algorithm != 'nsga2':
-            return super().objectives(genes, scores)
-        self._genes.append(genes)
+            return super().objectives(scores)
         penalty = scores.fitness - scores.energy
         return np.column_stack([scores.fitness, scores.arrival + penalty])
 
@@ -100,7 +92,7 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
         super().save_more()
         if self.config.algorithm == 'nsga2':
             self._save_front()
-        if self.stages[-1] == HELD_OUT and isinstance(self.search, TableRace):
+        if self.history[-1]['stage'] == HELD_OUT and isinstance(self.search, TableRace):
             self._save_finalists(self.search.finalists)
 
     def _save_finalists(self, finalists: list[Finalist]) -> None:
@@ -131,7 +123,7 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
 
     def _save_front(self) -> None:
         """Write the controllers without penalty that no other beats in both objectives."""
-        genes, scores = np.concatenate(self._genes), np.concatenate(self.checkpoint.scores)
+        genes, scores = np.concatenate(self.chromosomes), np.concatenate(self.checkpoint.scores)
         clean = np.flatnonzero(scores[:, 2:-1].sum(axis=1) == 0)
         order = clean[np.lexsort((scores[clean, -1], scores[clean, 1]))]
         columns = ('controller', 'mean_energy_n2s', 'mean_arrival_s')

@@ -5,48 +5,38 @@
 A few numbers of each kind are tuned, within a range (`TUNING_SPACES`).
 
 The search is CMA-ES on the graded fitness of the preset `best`: where no parameters meet all
-conditions, the flat penalty does not show which way is better. The folder holds `tuning.yaml`,
-`checkpoint.npz` after each generation, and at the end `<name>.yaml` and `history.csv`.
+conditions, the flat penalty, by which the result is judged, does not show which way is better. The
+folder holds `tuning.yaml`, `checkpoint.npz` after each generation, and at the end `<name>.yaml` and
+`history.csv`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
-from rpo_core.files.validation import choice, text, whole
+from rpo_core.files.validation import choice, whole
 from rpo_ctrl.baselines import Baseline, Lqr, Model, Mpc, Pd, PotentialField
 from rpo_ctrl.family import Gene
-from rpo_judge.evaluation.assessment import PAPER
+from rpo_ctrl.similarity import PAPER
 from rpo_judge.scoring.fitness import Fitness, FitnessSettings
 from rpo_kernels.arrays import Floats
 from rpo_training.algorithms import CmaSearch, CmaSettings, Search
 from rpo_training.config import Configuration, written
-from rpo_training.fitting import penalty_n2s, units_of
+from rpo_training.family_training import GeneRun
+from rpo_training.fitting import penalty_n2s
 from rpo_training.genetic import GaSettings
-from rpo_training.run import SearchRun
 
 BUDGET = GaSettings().population * (GaSettings().generations + 1)
 """Evaluations of the paper's genetic algorithm: 60 x 301."""
 
-SEARCHED = FitnessSettings(penalty='graded', margin=0.001, limit_cycle=20.0)
-"""The fitness that is minimised; the file has the paper's flat fitness too."""
-
-
 PLANAR, VERTICAL = [0, 1, 3, 4], [2, 5]
 """States of the two decoupled parts of the relative motion."""
-
-
-class TuningSpace(NamedTuple):
-    """What is tuned of a kind of baseline."""
-
-    genes: tuple[Gene, ...]
-    description: str
 
 
 def _gene(name: str, least: float, most: float, metres: int, seconds: int, newtons: int) -> Gene:
@@ -78,11 +68,8 @@ def lqr_gains(model: Model, position_weight: float, velocity_weight: float) -> F
     return gains
 
 
-TUNING_SPACES: Mapping[str, TuningSpace] = {
-    kind: TuningSpace(tuple(_gene(*gene) for gene in space['genes']), space['description'])
-    for kind, space in written('tuning').items()
-}
-"""Kind -> tuning space, of `presets.yaml`; drift has nothing to tune."""
+TUNING_SPACES: Mapping[str, Any] = written('tuning')
+"""Kind -> its description, and what is tuned of it; drift has nothing to tune."""
 
 
 def baseline_of(kind: str, values: Mapping[str, Any], model: Model) -> Baseline:
@@ -102,7 +89,7 @@ class TuningConfig(Configuration):
     """The tuning of a baseline."""
 
     schema, file = 'rpo/tuning/1', 'tuning.yaml'
-    required = ('kind',)
+    subject = 'kind', ''
 
     kind: str
     name: str
@@ -116,23 +103,14 @@ class TuningConfig(Configuration):
         self.check()
         whole('evaluations', self.evaluations, least=20, most=BUDGET)
 
-    def known(self) -> Iterator[tuple[str, Any]]:
-        """Yield that of the kind for the scenario."""
-        scenario = '' if self.scenario == PAPER else f' --scenario {self.scenario}'
-        yield f'{self.kind}{scenario}', self.of(self.kind, self.scenario)
-
     @classmethod
-    def of(cls, kind: str, scenario: str = '') -> TuningConfig:
+    def of(cls, *subject: str, scenario: str = PAPER) -> TuningConfig:
         """Return the tuning of a kind for a scenario."""
-        return cls(kind, kind, scenario=scenario or PAPER)
-
-    @classmethod
-    def base(cls, data: Mapping[str, Any]) -> TuningConfig:
-        """Return the tuning of a kind."""
-        return cls.of(text('kind', data['kind']))
+        (kind,) = subject
+        return cls(kind, kind, scenario=scenario)
 
 
-class Tuning(SearchRun[TuningConfig, Baseline]):
+class Tuning(GeneRun[TuningConfig, Baseline]):
     """The tuning of a baseline."""
 
     config_type = TuningConfig
@@ -145,27 +123,19 @@ class Tuning(SearchRun[TuningConfig, Baseline]):
 
     def make_fitness(self, workers: int, address: str) -> Fitness:
         """Return the graded fitness; a baseline's generation is too small for a cluster."""
-        searched = replace(self.flat, penalty='graded', margin=SEARCHED.margin)
-        paper = self.config.scenario == PAPER
-        return Fitness(self.starts, SEARCHED if paper else searched, workers)
+        cycle = 20.0 if self.config.scenario == PAPER else 0.0
+        searched = replace(self.flat, penalty='graded', margin=0.001, limit_cycle=cycle)
+        return Fitness(self.starts, searched, workers)
 
     @property
     def flat(self) -> FitnessSettings:
-        """The flat penalty; of another scenario than the paper's, in its unit of energy."""
-        if self.config.scenario == PAPER:
-            return FitnessSettings()
+        """The flat penalty, in the scenario's unit of energy."""
         return FitnessSettings(penalty_n2s=penalty_n2s(self.starts))
 
     @property
-    def space(self) -> TuningSpace:
-        """The tuning space of the kind."""
-        return TUNING_SPACES[self.config.kind]
-
-    @cached_property
-    def genes(self) -> tuple[Gene, ...]:
-        """What is tuned; of another scenario than the paper's, in its units."""
-        own = (1.0, 1.0, 1.0) if self.config.scenario == PAPER else units_of(self.starts)
-        return tuple(gene.fitted(own) for gene in self.space.genes)
+    def paper_genes(self) -> Sequence[Gene]:
+        """What is tuned in the paper's training."""
+        return [_gene(*gene) for gene in TUNING_SPACES[self.config.kind]['genes']]
 
     @cached_property
     def model(self) -> Model:
@@ -178,15 +148,10 @@ class Tuning(SearchRun[TuningConfig, Baseline]):
         """What is tuned."""
         return f'tuning {self.config.kind}'
 
-    def decode(self, genes: Floats) -> list[Baseline]:
-        """Return the baselines of a generation."""
-        return [self.make(row) for row in genes]
-
-    def make(self, genes: Floats) -> Baseline:
-        """Return the baseline of a chromosome, without provenance."""
-        pairs = zip(self.genes, genes.tolist(), strict=True)
-        values = {gene.name: gene.value(share) for gene, share in pairs}
-        made = baseline_of(self.config.kind, values, self.model)
+    def of_values(self, values: list[float]) -> Baseline:
+        """Return the baseline of some values of the genes, without provenance."""
+        names = (gene.name for gene in self.genes)
+        made = baseline_of(self.config.kind, dict(zip(names, values, strict=True)), self.model)
         most_n = self.starts.base.max_force_n
         return replace(made, name=self.config.name, max_force_n=most_n)
 
@@ -196,5 +161,5 @@ class Tuning(SearchRun[TuningConfig, Baseline]):
         judge = Fitness(self.starts, self.flat, 1)
         with judge.simulator:
             scores = judge.score([found])
-        made = replace(found, description=self.space.description)
+        made = replace(found, description=TUNING_SPACES[self.config.kind]['description'])
         return self.credited(made, 'cmaes', scores, searched_fitness_n2s=float(self.best[0]))

@@ -164,7 +164,7 @@ class Work:
 
 
 def configured():
-    settings = ['ga.generations=12', 'ga.population=24', 'fitness.disturbance=1.0']
+    settings = ['ga.generations=12', 'ga.population=24', 'fitness.robustness=1.0']
     return configs.override(configs.PRESETS['paper'], settings)
 
 

@@ -65,7 +65,7 @@ def test_excess_grows_from_zero_at_the_limit():
     'terms',
     [
         {'limit_cycle': 5.0},
-        {'disturbance': 5.0},
+        {'tests': 5.0},
         {'robustness': 5.0},
         {'mass_kg': (30.0,)},
         {'between': 2},

@@ -22,7 +22,7 @@ from rpo_core.files.validation import InputError
 from rpo_judge.scoring.drawn import HELD_OUT
 from rpo_montecarlo.outputs import alone
 from rpo_training import config as configs
-from rpo_training.family_training import FamilyTraining, config_of
+from rpo_training.family_training import FamilyConfig, FamilyTraining
 from rpo_training.genetic import AdaptiveFeasibleMutation, generator
 from rpo_training.run import Checkpoint
 from rpo_training.training import Training
@@ -76,7 +76,7 @@ def small(algorithm='ga', *more):
 SEARCHES = {
     **{name: (Training, small(name)) for name in configs.ALGORITHMS},
     'race by stages': (Training, configs.override(configs.PRESETS['best'], STAGED)),
-    'family': (FamilyTraining, configs.override(config_of('time_to_go'), FAMILY)),
+    'family': (FamilyTraining, configs.override(FamilyConfig.of('time_to_go'), FAMILY)),
     'tuning': (Tuning, TuningConfig('pd', 'pd', 2, 40)),
 }
 
@@ -133,8 +133,9 @@ def test_a_search_that_was_interrupted_in_the_middle_ends_with_the_same_bits(nam
     kind, chosen = SEARCHES[name]
     whole = kind.create(chosen, tmp_path / 'whole', 1)
     best, parts = whole.run(), tmp_path / 'parts'
-    assert (sorted(set(whole.stages)) == [HELD_OUT, 1, 2, 3]) == (name == 'race by stages')
-    interrupted(kind.create(chosen, parts, 2), (len(whole.stages) - 1) // 2)
+    stages = {row['stage'] for row in whole.history}
+    assert (stages == {HELD_OUT, 1, 2, 3}) == (name == 'race by stages')
+    interrupted(kind.create(chosen, parts, 2), (len(whole.history) - 1) // 2)
     assert kind.resume(parts, 1).run() == best
     assert contents(parts) == contents(tmp_path / 'whole')
     with pytest.raises(InputError, match='holds a run already'):
@@ -208,9 +209,15 @@ def test_the_preset_is_the_papers():
 
 
 def test_a_configuration_is_read_back_whole():
-    for config in (*configs.PRESETS.values(), replace(config_of('more_words'), seed=3)):
+    for config in (*configs.PRESETS.values(), replace(FamilyConfig.of('more_words'), seed=3)):
         assert type(config).parse(files.parse_yaml(config.dumps())) == config
     assert config.command == 'rpo train --family more_words --seed 3'
+    older = {'disturbance': 0.0, 'drawn': {'at_limit': 0.1, 'openings': 0.0, 'propellant': 0.0}}
+    document = {'schema': 'rpo/training/1', 'fitness': older}
+    assert configs.TrainingConfig.parse(document) == configs.PRESETS['paper']
+    older['drawn']['openings'] = 0.01
+    with pytest.raises(InputError, match=r'`fitness\.drawn\.openings` is gone in 0\.2'):
+        configs.TrainingConfig.parse(document)
 
 
 def test_a_folder_with_a_run_is_not_overwritten(halfway):

@@ -68,9 +68,10 @@ def train(
 
     Exit code 1: the best controller, which is written, misses a condition.
     """
+    from rpo_ctrl.similarity import PAPER
     from rpo_training import config as configs
     from rpo_training.attitude_training import AttitudeTraining
-    from rpo_training.family_training import FamilyConfig, FamilyTraining, config_of
+    from rpo_training.family_training import FamilyConfig, FamilyTraining
     from rpo_training.training import Training
     from rpo_training.tuning import Tuning, TuningConfig
 
@@ -101,10 +102,11 @@ def train(
         if config is not None and (kind or family or scenario):
             raise InputError('`--config` says what is searched and the scenario: give neither')
         if config is not None:
-            of = FamilyConfig if schema == FamilyConfig.schema else TuningConfig
+            of: Any = FamilyConfig if schema == FamilyConfig.schema else TuningConfig
             base: Any = of.load(config)
         else:
-            base = config_of(family, scenario) if family else TuningConfig.of(str(kind), scenario)
+            of = FamilyConfig if family else TuningConfig
+            base = of.of(family or str(kind), scenario=scenario or PAPER)
     elif not attitude:
         base = _base(preset, scenario, config)
     elif scenario:

@@ -18,7 +18,7 @@ from rpo_core.judge import metrics
 from rpo_core.judge.requirements import THRUST, Requirements
 from rpo_kernels.arrays import Floats
 from rpo_montecarlo.engine.counters import COLUMNS
-from rpo_montecarlo.engine.judged import VALUES, judged_by
+from rpo_montecarlo.engine.judged import VALUES
 
 PAPER = Requirements(
     mean_speed_norm_m_s=metrics.MAX_ARRIVAL_SPEED_M_S,
@@ -37,19 +37,18 @@ LABELS = {
 AT_LIMIT = 0.1
 """Share of the penalty that the graded one takes just beyond a limit."""
 
-_COLUMNS = {
-    name: list(metrics.UNITS).index(name)
-    for name in (
-        *LABELS,
-        'arrival_time_s',
-        'energy_n2s',
-        'delta_v_axis_sum_m_s',
-        'hold_error_per_axis_m',
-        'hold_speed_per_axis_m_s',
-        'hold_force_per_axis_n',
-    )
-} | {'hold_force_per_disturbance': metrics.LATE_FORCE}
-"""Requirement -> column of a row of metrics; the paper's three come first."""
+_ORDER = (
+    *LABELS,
+    'arrival_time_s',
+    'energy_n2s',
+    'delta_v_axis_sum_m_s',
+    'hold_error_per_axis_m',
+    'hold_speed_per_axis_m_s',
+    'hold_force_per_axis_n',
+    'hold_force_per_disturbance',
+    *VALUES,
+)
+"""Requirements in the order in which their penalties add up: the bits of a fitness depend on it."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +62,7 @@ class Conditions:
     """
 
     keys: tuple[str, ...]
-    columns: tuple[int, ...]
+    columns: list[int]
     limits: Floats
     late: bool
     late_s: float
@@ -77,12 +76,24 @@ class Conditions:
 
     def values(self, rows: Floats) -> Floats:
         """Return what is judged (..., k) of rows (..., columns)."""
-        return rows[..., list(self.columns)]
+        return rows[..., self.columns]
 
 
 def label(key: str) -> str:
     """Return the short name of a requirement."""
     return LABELS.get(key, key)
+
+
+def column_of(name: str, required: Requirements | None) -> int:
+    """Return the column of a row that has the value of a requirement."""
+    by_norm = required is not None and required.arrival_error_norm_m is not None
+    if name in metrics.UNITS and not (name == 'arrival_time_s' and by_norm):
+        return list(metrics.UNITS).index(name)
+    if name == 'hold_force_per_disturbance':
+        return metrics.LATE_FORCE
+    if name in THRUST:
+        return list(THRUST).index(name) - len(THRUST)
+    return COLUMNS + VALUES.index(name)
 
 
 def conditions_of(base: Scenario) -> Conditions:
@@ -92,22 +103,17 @@ def conditions_of(base: Scenario) -> Conditions:
     if 'hold_force_per_disturbance' in limits:
         level_n = float(np.abs(base.disturbances_n).max())
         limits['hold_force_per_disturbance'] *= level_n
-    columns = dict(_COLUMNS)
-    if judged_by(base) is not None:
-        columns = {name: COLUMNS + place for place, name in enumerate(VALUES)} | columns
-    if required.arrival_error_norm_m is not None:
-        columns['arrival_time_s'] = COLUMNS + VALUES.index('arrival_time_s')
-    elif 'arrival_time_s' in limits:
+    if required.arrival_error_norm_m is None and 'arrival_time_s' in limits:
         limits['arrival_time_s'] = _counted_s(base, limits['arrival_time_s'])
     for name in limits.keys() & THRUST.keys():
         raise InputError(
             f'a search cannot judge the starts of a set by `{name}`; give a campaign in '
             '`fitness.drawn.campaigns`'
         )
-    keys = [key for key in dict.fromkeys((*_COLUMNS, *VALUES)) if key in limits]
+    keys = [key for key in dict.fromkeys(_ORDER) if key in limits]
     if hold is not None and hold >= base.ticks:  # the flight ends before; it is not judged by these
         keys = [key for key in keys if not key.startswith('hold_')]
-    found = tuple(columns[key] for key in keys)
+    found = [column_of(key, required) for key in keys]
     return Conditions(
         tuple(keys),
         found,

@@ -8,7 +8,7 @@ pool, the runs that are hardest for the best controller so far (largest value be
 as many that are simply the first. At the end, draws of another seed decide among finalists.
 
 A campaign may be of a world, with sensors, an estimator and thrusters that fire in pulses. Each run
-then has its own noise, the same for all candidates; what its thrusters spend can cost fitness.
+then has its own noise, the same for all candidates.
 """
 
 from __future__ import annotations
@@ -31,16 +31,13 @@ from rpo_core.files.validation import (
     text,
     whole,
 )
-from rpo_core.judge import metrics
 from rpo_core.judge.requirements import LIMITS
-from rpo_judge.scoring.conditions import AT_LIMIT
+from rpo_judge.scoring.conditions import column_of
 from rpo_kernels.arrays import Floats
-from rpo_montecarlo.campaign.config import LEVEL, SHARE, THRUSTER_METRICS, Campaign, find, load
+from rpo_montecarlo.campaign.config import LEVEL, SHARE, Campaign, find, load
 from rpo_montecarlo.campaign.run_batch import case_of, side_by_side
 from rpo_montecarlo.campaign.sampling import DrawnRuns, draw
 from rpo_montecarlo.engine.cases import DrawnCase
-from rpo_montecarlo.engine.counters import COLUMNS
-from rpo_montecarlo.engine.judged import VALUES
 from rpo_montecarlo.engine.parts.dynamics import uneven_steps
 from rpo_montecarlo.engine.support import why_not
 
@@ -65,13 +62,10 @@ class DrawnSettings(Checked):
     campaigns : shipped names or files; each adds a term
     judged : campaign of these -> the limits that its runs are judged by; otherwise all of them
     margin : share by which the limits of a run are made stricter, in [0, 1)
-    at_limit : share of the graded penalty that is taken just beyond a limit; 0: it grows from there
     flights : of each campaign, in each stage
     pool : drawn runs of which half of the flights are the hardest; 0: all are as drawn
     held_out : runs of each campaign that decide among the finalists
     seed : of the draws
-    openings, propellant : cost of a valve opening [N^2 s], of propellant [N^2 s/kg], mean over the
-        runs of a campaign whose thrusters fire in pulses; 0 = free
     """
 
     PLACE = 'fitness.drawn.'
@@ -79,13 +73,10 @@ class DrawnSettings(Checked):
     weight: Annotated[float, WEIGHT] = 0.0
     campaigns: tuple[str, ...] = ()
     margin: Annotated[float, SHARE_BELOW_1] = 0.0
-    at_limit: Annotated[float, partial(real, least=0.0, most=1.0)] = AT_LIMIT
     flights: Annotated[int, partial(whole, least=1, most=10_000)] = 40
     pool: Annotated[int, partial(whole, least=0, most=1_000_000)] = 2000
     held_out: Annotated[int, partial(whole, least=1, most=1_000_000)] = 2000
     seed: Annotated[int, partial(whole, least=0, most=2**31)] = 1
-    openings: Annotated[float, WEIGHT] = 0.0
-    propellant: Annotated[float, partial(real, unit='N^2 s/kg', least=0.0)] = 0.0
     judged: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -115,7 +106,6 @@ class DrawnFlights:
     count : in a stage
     columns, limits : of the metrics by which a run succeeds; limits (k,), or (runs, k) of the runs
         of the last case if the force is limited by each run's own disturbance
-    fires : whether thrusters fire in pulses, and what they spend has a column
 
     Raises InputError if the engine cannot fly the campaign.
     """
@@ -129,9 +119,8 @@ class DrawnFlights:
         reason = why_not(self._campaign.scenario, self._campaign.controller)
         if reason:
             raise InputError(f'a search cannot fly campaign {self.label}: {reason}')
-        self.fires = bool(self._campaign.metrics_of_thrusters)
-        success = self._campaign.config.success
-        self.columns = [_column(metric, self._campaign) for metric in success]
+        success, required = self._campaign.config.success, self._campaign.scenario.requirements
+        self.columns = [column_of(name, required) for name in success]
         self.limits = np.array(list(success.values()))
 
     @property
@@ -184,24 +173,3 @@ class DrawnFlights:
     def values(self, rows: Floats) -> Floats:
         """Return what is judged (..., k) of metrics (..., columns)."""
         return rows[..., self.columns]
-
-    def cost(self, rows: Floats) -> Floats:
-        """Return the cost (..., runs) [N^2 s] of thrust, of metrics (..., columns)."""
-        if not self.fires:
-            return np.zeros(rows.shape[:-1])
-        own, names = self._settings, ('propellant_kg', 'valve_openings')
-        spent, opened = (rows[..., _column(name, self._campaign)] for name in names)
-        return own.propellant * spent + own.openings * opened
-
-
-def _column(name: str, campaign: Campaign) -> int:
-    """Return the column of a row that has what success is judged by."""
-    required = campaign.scenario.requirements
-    by_norm = required is not None and required.arrival_error_norm_m is not None
-    if name in metrics.UNITS and not (name == 'arrival_time_s' and by_norm):
-        return list(metrics.UNITS).index(name)
-    if name == SHARE:
-        return metrics.LATE_FORCE
-    if name in THRUSTER_METRICS:
-        return list(THRUSTER_METRICS).index(name) - len(THRUSTER_METRICS)
-    return COLUMNS + VALUES.index(name)

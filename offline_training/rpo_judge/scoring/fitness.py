@@ -8,13 +8,12 @@ limit, rising to 100 far from it, which shows a search which way is better. Opti
 by how far a limit is exceeded:
 
 - `limit_cycle`: force and speed of the undisturbed flight from 300 s to 400 s;
-- `disturbance`: position and speed in the last 200 s of the paper's test, in both readings;
 - `tests`: all that the paper's test requires, in both readings;
 - `robustness`: position and speed in the last 200 s of the flights of `search.corners`;
 - `mass_kg`: the training set flown with these masses too, its penalties (not its energy) added;
 - `between`: so are flights from random states between the starts of the training;
 - `drawn`: runs of campaigns, judged by their limits (`search.drawn`);
-- `damping`: where on a grid of errors the force of a velocity does not oppose it.
+- `damping`: where on a grid of errors the force of a velocity does not oppose it;
 - `falls`: by how much on a grid the force falls as an error grows, beyond 0.05 of full output.
 """
 
@@ -32,7 +31,7 @@ from numpy.typing import NDArray
 
 from rpo_core.control.fuzzy import DEFAULT_SAMPLES
 from rpo_core.files.scenario import Scenario, ScenarioSet, load_scenario
-from rpo_core.files.validation import Checked, InputError, choice, flag, real, whole
+from rpo_core.files.validation import Checked, choice, flag, real, whole
 from rpo_core.judge.metrics import (
     ARRIVAL_DISTANCE,
     ARRIVAL_SPEED,
@@ -110,9 +109,6 @@ MAX_TEST_SPEED_M_S = 3e-3
 TEST_WINDOW_S = 200.0
 """Q3: the paper's test and the largest |position| [m] over its last 200 s, per reading."""
 
-Limits = Mapping[int, float | Floats]
-"""Column of a row -> limit, of all flights or of each."""
-
 _SOME = 4  # candidates that fly together after the better half
 
 
@@ -126,7 +122,7 @@ class FitnessSettings(Checked):
     error_weight : penalty of an error of position or of a late arrival, as a multiple; above 1, it
         costs more not to fly than to fly badly
     margin : share by which every limit is made stricter, in [0, 1)
-    limit_cycle, disturbance, robustness, tests : weight [N^2 s] of the optional terms, 0 = off
+    limit_cycle, robustness, tests : weight [N^2 s] of the optional terms, 0 = off
     mass_kg : further masses whose penalties count
     between : random planar loops, and as many vertical ones, whose penalties count; 0 = off; for
         attitude, slews
@@ -143,7 +139,6 @@ class FitnessSettings(Checked):
     error_weight: Annotated[float, partial(real, above=0.0)] = 1.0
     margin: Annotated[float, SHARE_BELOW_1] = 0.0
     limit_cycle: Annotated[float, WEIGHT] = 0.0
-    disturbance: Annotated[float, WEIGHT] = 0.0
     robustness: Annotated[float, WEIGHT] = 0.0
     tests: Annotated[float, WEIGHT] = 0.0
     mass_kg: tuple[float, ...] = ()
@@ -200,13 +195,10 @@ def excess(values: Floats, limits: float | Floats) -> Floats:
 
 
 class Term(NamedTuple):
-    """A term of the fitness.
-
-    cost : (n,) of the rows (n, flights, columns) of the cases at some places
-    """
+    """A term of the fitness; cost : (n,) of the rows (n, flights, columns) of its cases."""
 
     weight: float
-    places: list[int]
+    cases: list[Case]
     cost: Callable[[Floats], Floats]
 
 
@@ -243,25 +235,12 @@ class Fitness:
         make_simulator: Callable[[Sequence[Case], int], Any] = Simulator,
     ) -> None:
         self.settings, self.conditions = settings, conditions_of(scenarios.base)
-        self._fixed: list[Case] = []
-        self._terms = [
-            Term(weight, list(map(self._place, cases)), cost)
-            for weight, cases, cost in self._costs(scenarios)
-        ]
+        self._terms = list(self._terms_of(scenarios))
+        self._fixed = list({id(case): case for term in self._terms for case in term.cases}.values())
         self.stage: int | None = None
         names = settings.drawn.campaigns if settings.drawn.weight else ()
         self.drawn = [DrawnFlights(name, settings.drawn) for name in names]
-        self._refuse_free_thrust()
         self.simulator = make_simulator(self._fixed, workers)
-
-    def _refuse_free_thrust(self) -> None:
-        own = self.settings.drawn
-        for name in ('openings', 'propellant'):
-            if getattr(own, name) and not any(flights.fires for flights in self.drawn):
-                raise InputError(
-                    f'`fitness.drawn.{name}` needs drawn flights of a campaign whose thrusters '
-                    f'fire in pulses; got {", ".join(own.campaigns) or "none"}'
-                )
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -293,17 +272,8 @@ class Fitness:
             ]
         self.simulator.take([*self._fixed, *cases])
 
-    def _place(self, case: Case) -> int:
-        """Return the place of a case among those that fly in each stage."""
-        known = [id(one) for one in self._fixed]
-        if id(case) not in known:
-            self._fixed.append(case)
-        return [*known, id(case)].index(id(case))
-
-    def _costs(
-        self, scenarios: ScenarioSet
-    ) -> Iterator[tuple[float, list[Case], Callable[[Floats], Floats]]]:
-        """Yield weight, cases and cost of each term, the training's first."""
+    def _terms_of(self, scenarios: ScenarioSet) -> Iterator[Term]:
+        """Yield the terms, the training's first."""
         own, conditions, late = self.settings, self.conditions, SETTLED_UNTIL_S - SETTLED_FROM_S
         make = partial(case_of_set, scenarios, arrival_m=conditions.arrival_m)
         judged = partial(
@@ -317,17 +287,14 @@ class Fitness:
         if own.between:
             others.append(_between(judged(), own.between))
         for case in (judged() if alone else cycling, *others):
-            yield 1.0, [case], lambda rows: mean(self._penalties(conditions.values(rows)))
+            yield Term(1.0, [case], lambda rows: mean(self._penalties(conditions.values(rows))))
         if own.limit_cycle:
             settled = {LATE_SPEED: MAX_SETTLED_SPEED_M_S, LATE_FORCE: MAX_SETTLED_FORCE_N}
-            yield own.limit_cycle, [cycling], lambda rows: self._beyond(rows.max(axis=1), settled)
-        tests = [load_scenario(name) for name in TESTS if own.disturbance or own.tests]
-        if own.disturbance:
-            distances = np.array(list(TESTS.values()))
-            held: Limits = {LATE_POSITION: distances, LATE_SPEED: MAX_TEST_SPEED_M_S}
-            case = case_of_flights(tests, TEST_WINDOW_S)
-            yield own.disturbance, [case], lambda rows: self._beyond(rows, held).sum(axis=1)
+            yield Term(
+                own.limit_cycle, [cycling], lambda rows: self._beyond(rows.max(axis=1), settled)
+            )
         if own.tests:
+            tests = [load_scenario(name) for name in TESTS]
             required = [conditions_of(test) for test in tests]  # of the same columns
             limits = np.array([each.limits for each in required])
 
@@ -335,10 +302,10 @@ class Fitness:
                 found = self._missed(required[0].values(rows), limits, own.margin)
                 return np.asarray(found.sum(axis=(-2, -1)))
 
-            yield own.tests, [case_of_flights(tests, required[0].late_s)], missed
+            yield Term(own.tests, [case_of_flights(tests, required[0].late_s)], missed)
         if own.robustness:
             claim = {LATE_POSITION: CLAIM_POSITION_M, LATE_SPEED: CLAIM_VELOCITY_M_S}
-            yield own.robustness, corner_cases(), lambda rows: mean(self._beyond(rows, claim))
+            yield Term(own.robustness, corner_cases(), lambda rows: mean(self._beyond(rows, claim)))
 
     def score(self, population: Population | Sequence[Baseline]) -> Scores:
         """Return the scores of a population."""
@@ -348,14 +315,12 @@ class Fitness:
         outcomes = self.simulator.fly(population, slice(len(self._fixed)))
         training = outcomes[0]
         fitness = energy = mean(training[..., ENERGY])
+        rows_of = dict(zip(map(id, self._fixed), outcomes, strict=True))
         for term in self._terms:
-            first, *others = (outcomes[place] for place in term.places)
-            rows = np.hstack([first, *others]) if others else first
+            rows = np.hstack([rows_of[id(case)] for case in term.cases])
             fitness = fitness + term.weight * term.cost(rows)
-        if settings.damping and isinstance(population, Population):
-            fitness = fitness + settings.damping * driving(population)
-        if settings.falls and isinstance(population, Population):
-            fitness = fitness + settings.falls * falls(population)
+        if isinstance(population, Population):
+            fitness = with_surface(fitness, settings, population)
         missed = (self.conditions.values(training) > self.conditions.limits).sum(axis=-2)
         if self.drawn:
             fitness, flights = self._with_drawn(population, fitness)
@@ -369,8 +334,7 @@ class Fitness:
 
         A search that looks at ranks needs the better half. So the half that is best without the
         term flies first; then those that this term, never negative, can still let into the better
-        half. The rest get the term and the misses of flights that all miss by far, and the
-        largest cost of thrust that another has.
+        half. The rest get the term and the misses of flights that all miss by far.
         """
         if self.stage == UNDRAWN:
             return fitness, np.zeros((len(fitness), len(self.drawn)), np.int64)
@@ -378,39 +342,34 @@ class Fitness:
         if self.stage == HELD_OUT:
             half = len(fitness)
         worst = self.settings.drawn.weight * sum(len(d.columns) for d in self.drawn)
-        total, waiting, dearest = fitness + worst, np.ones(len(fitness), np.bool_), 0.0
+        total = fitness + worst
         missed = np.array([[d.count for d in self.drawn]] * len(fitness))
         for first in (0, *range(half, len(fitness), _SOME)):
             some = order[first : first + _SOME if first else half]
             if first:
                 some = some[fitness[some] < np.sort(total)[half - 1]]
             if len(some):
-                flown, missed[some], cost = self._fly_drawn(population, some, fitness[some])
-                total[some], waiting[some] = flown + cost, False
-                dearest = max(dearest, float(cost.max()))
-                total[waiting] = (fitness + worst + dearest)[waiting]
+                total[some], missed[some] = self._fly_drawn(population, some, fitness[some])
         return total, missed
 
     def _fly_drawn(
         self, population: Population | Sequence[Baseline], some: NDArray[np.int64], fitness: Floats
-    ) -> tuple[Floats, NDArray[np.int64], Floats]:
-        """Return the fitness with the penalties, how many miss, and the cost of thrust."""
+    ) -> tuple[Floats, NDArray[np.int64]]:
+        """Return the fitness with the penalties, and how many miss."""
         if isinstance(population, Population):
             members: Any = population.members(some)
         else:
             members = [population[i] for i in some]
-        missed, cost = [], np.zeros(len(some))
+        missed = []
         for drawn, rows in zip(
             self.drawn, self.simulator.fly(members, slice(len(self._fixed), None)), strict=True
         ):
-            values = drawn.values(rows)
-            own = self.settings.drawn
-            over = self._missed(values, drawn.limits, own.margin, own.at_limit).sum(axis=-1)
+            values, own = drawn.values(rows), self.settings.drawn
+            over = self._missed(values, drawn.limits, own.margin).sum(axis=-1)
             share = over.shape[-1] / drawn.count  # held-out runs: as dear as those of a pool
-            fitness = fitness + self.settings.drawn.weight * share * mean(over)
+            fitness = fitness + own.weight * share * mean(over)
             missed.append((values > drawn.limits).any(axis=-1).sum(axis=-1))
-            cost = cost + mean(drawn.cost(rows))
-        return fitness, np.column_stack(missed), cost
+        return fitness, np.column_stack(missed)
 
     def _penalties(self, values: Floats) -> Floats:
         """Return the penalty (n, starts) of what is judged (n, starts, conditions)."""
@@ -423,22 +382,28 @@ class Fitness:
                 total = total + weight * missed[..., index]
         return self.settings.penalty_n2s * total
 
-    def _missed(
-        self, values: Floats, limits: Floats, margin: float, at_limit: float = AT_LIMIT
-    ) -> Floats:
+    def _missed(self, values: Floats, limits: Floats, margin: float) -> Floats:
         """Return the shares of the penalty of values (..., k) at limits less a margin."""
         limits = limits * (1.0 - margin)
         missed = (values > limits).astype(np.float64)
         if self.settings.penalty == 'graded':
-            missed *= at_limit + (1.0 - at_limit) * excess(values, limits)
+            missed *= AT_LIMIT + (1.0 - AT_LIMIT) * excess(values, limits)
         return missed
 
-    def _beyond(self, rows: Floats, limits: Limits) -> Floats:
+    def _beyond(self, rows: Floats, limits: Mapping[int, float]) -> Floats:
         """Return how far values of rows (..., columns) lie beyond limits of columns, in all."""
         keep, total = 1.0 - self.settings.margin, np.zeros(rows.shape[:-1])
         for column, limit in limits.items():
             total = total + excess(rows[..., column], keep * limit)
         return total
+
+
+def with_surface(fitness: Floats, settings: FitnessSettings, population: Population) -> Floats:
+    """Return the fitness (n,) with the terms `damping` and `falls`."""
+    for weight, term in ((settings.damping, driving), (settings.falls, falls)):
+        if weight:
+            fitness = fitness + weight * term(population)
+    return fitness
 
 
 POSITIONS, VELOCITIES = 41, 20

@@ -53,6 +53,12 @@ GONE: dict[str, dict[str, str]] = {
             ),
             '`shaping.slew_n_s` alone',
         ),
+        'fitness.disturbance': '`fitness.tests`',
+        'fitness.drawn.at_limit': '0.1, which it was by default',
+        **dict.fromkeys(
+            ('fitness.drawn.openings', 'fitness.drawn.propellant'),
+            'a limit on `valve_openings` or `propellant_kg` in `success` of the campaign',
+        ),
     },
     'schema': {'rpo/monitor/1': 'the abort table of section `assurance`'},
 }
