@@ -97,14 +97,8 @@ class CellBounds:
     @property
     def flown(self) -> CellBounds:
         """The cells that are not empty."""
-        some = self.column('last_s') >= 0.0
-        return replace(
-            self,
-            centre=self.centre[some],
-            half=self.half[some],
-            values=self.values[some],
-            boxes=self.boxes[some],
-        )
+        some, names = self.column('last_s') >= 0.0, ('centre', 'half', 'values', 'boxes')
+        return replace(self, **{name: getattr(self, name)[some] for name in names})
 
     def column(self, name: str) -> Floats:
         """Return a column of values (k,)."""
@@ -240,17 +234,8 @@ class Prover(threading.local):
         if other_axis.states is not None:
             self.motion = per_axis.coupled(problem, self.motion, group, other_axis.states)
         self.slew_n_s = problem.limits.get('slew_per_axis_n_s', math.inf)
-        n = len(problem.groups[group])
-        p = n // 2
-        self.trace = Trace(
-            np.zeros((self.ticks + 1, n)),
-            np.zeros((self.ticks + 1, n)),
-            np.zeros((self.ticks, p)),
-            np.zeros((self.ticks, p)),
-            np.zeros((self.ticks, p)),
-            np.zeros((self.ticks, p, 6)),
-            np.zeros(n + self.motion.carried.shape[1]),
-        )
+        carried = self.motion.carried.shape[1]
+        self.trace = Trace.empty(self.ticks, len(problem.groups[group]), carried)
 
     def motion_of(self, cell: Cell) -> Motion:
         """Return what moves the set of a cell."""

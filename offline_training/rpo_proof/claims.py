@@ -60,11 +60,6 @@ def main(groups: Groups) -> CellBounds:
     return groups[list(groups)[-1]]
 
 
-def _others(groups: Groups, name: str) -> list[float]:
-    """Return the greatest bound of each other group."""
-    return [float(found.column(name).max()) for found in list(groups.values())[:-1]]
-
-
 BOUNDS = {
     HOLD: ('hold_error_m', 'greatest'),
     'hold_speed_per_axis_m_s': ('hold_speed_m_s', 'greatest'),
@@ -80,10 +75,11 @@ a norm they are counted in it, of what is per axis the greatest counts, of a sum
 def bounds_of(groups: Groups, key: str) -> Floats:
     """Return the bound (k,) of each cell of the last group, whatever the start of the others."""
     name, way = BOUNDS[key]
-    own, others = main(groups).column(name), _others(groups, name)
+    *others, own = (found.column(name) for found in groups.values())
+    greatest = [float(other.max()) for other in others]
     if way == 'greatest':
-        return np.asarray(np.maximum(own, max(others, default=0.0)))
-    return np.asarray(own + sum(others)) if way == 'sum' else own
+        return np.asarray(np.maximum(own, max(greatest, default=0.0)))
+    return np.asarray(own + sum(greatest)) if way == 'sum' else own
 
 
 def of_planar(groups: Groups, key: str) -> Floats:

@@ -242,16 +242,8 @@ def _moved(
 
 def moved(table: Table, motion: Motion, strip: Strip, limits: Limits) -> Moved:
     """Move a strip for all ticks of a motion."""
-    n, ticks, carried = 2, len(motion.constant), motion.carried.shape[1]
-    trace = Trace(
-        np.zeros((ticks + 1, n)),
-        np.zeros((ticks + 1, n)),
-        np.zeros((ticks, 1)),
-        np.zeros((ticks, 1)),
-        np.full((ticks, 1), np.inf),
-        np.zeros((ticks, 1, 6)),
-        np.zeros(n + carried),
-    )
+    ticks, carried = len(motion.constant), motion.carried.shape[1]
+    trace = Trace.empty(ticks, 2, carried)
     c, g, d, m = set_of(strip, carried)
     widest = np.array(limits.widest)
     last, _, m = fly(table, motion, c, g, d, m, m, NEVER, ticks, widest, np.inf, trace)

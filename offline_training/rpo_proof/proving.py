@@ -4,13 +4,12 @@
 
 from __future__ import annotations
 
-import os
 import pickle
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +34,7 @@ from rpo_proof.flights import context_of
 from rpo_proof.folder import Folder, joined
 from rpo_proof.invariant import invariant_set_of
 from rpo_proof.per_axis import OtherAxis
-from rpo_proof.problem import HOLD, Problem
+from rpo_proof.problem import Problem
 from rpo_proof.sets import InvariantSet
 
 UNIT, UNIT_PER_AXIS = 25, 1
@@ -114,15 +113,8 @@ def prove(
 
 def targets_of(problem: Problem, refuted: set[str]) -> Targets:
     """Return what tubes should show; nothing of what is refuted already."""
-    limits = {k: v for k, v in problem.limits.items() if k not in refuted}
-    keys = (
-        HOLD,
-        'hold_speed_per_axis_m_s',
-        'mean_error_norm_m',
-        'mean_speed_norm_m_s',
-        'slew_per_axis_n_s',
-    )
-    return Targets(*(limits.get(key, np.inf) for key in keys))
+    keys = {column: key for key, (column, _) in BOUNDS.items() if key not in refuted}
+    return Targets(*(problem.limits.get(keys.get(name, ''), np.inf) for name in Targets._fields))
 
 
 def _worst_flown(
@@ -153,8 +145,7 @@ def _cells(
     pending = [unit for unit, found in parts.items() if found is None]
     resumed = finished = len(units) - len(pending)
     progress(f'{group} cells', finished * size, len(cells))
-    make = _on_cluster if address else _on_threads
-    for unit, found in make(work, units, pending, workers, address):
+    for unit, found in proven(work, units, pending, workers, address):
         folder.put(group, unit, found)
         parts[unit] = found
         finished += 1
@@ -163,13 +154,18 @@ def _cells(
     return every, (resumed, len(units))
 
 
-def _on_threads(
-    work: Work, units: Sequence[list[Cell]], pending: Sequence[int], workers: int, _: str
+def proven(
+    work: Work, units: Sequence[list[Cell]], pending: Sequence[int], workers: int, address: str
 ) -> Iterator[tuple[int, CellBounds]]:
-    """Yield units as they are finished."""
+    """Yield units as they are finished; a cluster gets the texts of the problem."""
+    if address:
+        around = pickle.dumps((work.above, work.other_axis))
+        same = work.problem.texts, work.group, work.omega, around
+        calls: Any = ((unit, (*same, units[unit], work.targets)) for unit in pending)
+        return pool.run(prove_remote, calls, workers, address)
     prover = Prover(work.problem, work.group, work.omega, work.above, work.other_axis)
     calls = ((unit, (units[unit], work.targets)) for unit in pending)
-    return pool.on_threads(prover.prove, calls, workers or len(os.sched_getaffinity(0)))
+    return pool.run(prover.prove, calls, workers, '')
 
 
 @lru_cache(maxsize=2)
@@ -187,17 +183,6 @@ def prove_remote(
 ) -> CellBounds:
     """Prove a unit on a worker."""
     return _prover(texts, group, omega, around).prove(cells, targets)
-
-
-def _on_cluster(
-    work: Work, units: Sequence[list[Cell]], pending: Sequence[int], workers: int, address: str
-) -> Iterator[tuple[int, CellBounds]]:
-    """Yield units as they come in."""
-    around = pickle.dumps((work.above, work.other_axis))
-    same = work.problem.texts, work.group, work.omega, around
-    calls = ((unit, (*same, units[unit], work.targets)) for unit in pending)
-    with pool.connected(address, workers or len(os.sched_getaffinity(0))) as client:
-        yield from pool.results(client, prove_remote, calls)
 
 
 class Estimate(NamedTuple):

@@ -60,6 +60,20 @@ class Trace(NamedTuple):
     laws: Any
     weights: Any
 
+    @classmethod
+    def empty(cls, ticks: int, n: int, carried: int) -> Trace:
+        """Return an empty trace of n states, and of so many generators that forces have."""
+        p = n // 2
+        return cls(
+            np.zeros((ticks + 1, n)),
+            np.zeros((ticks + 1, n)),
+            np.zeros((ticks, p)),
+            np.zeros((ticks, p)),
+            np.full((ticks, p), np.inf),
+            np.zeros((ticks, p, 6)),
+            np.zeros(n + carried),
+        )
+
 
 @compiled
 def step(

@@ -126,16 +126,16 @@ def test_a_cluster_gives_the_arrays_of_one_thread(connected, campaign):
             ):
                 np.testing.assert_array_equal(one, other)
     pending = [1, 0]
-    ours = dict(execution.on_cluster(campaign, pending, 2, 'there'))
-    alone = dict(execution.on_threads(campaign, pending, 1))
+    ours = dict(execution.results_of(campaign, pending, 2, 'there'))
+    alone = dict(execution.results_of(campaign, pending, 1, ''))
     assert sorted(ours) == [0, 1]
     for unit in pending:
         np.testing.assert_array_equal(ours[unit], alone[unit])
     problem = problem_of('allround', half=BOX)
     work = proving.Work(problem, 'vertical', empty_set(problem), None, None, UNCOUPLED)
     units = [[cell] for cell in cells.roots(problem, 'vertical')[:2]]
-    ((number, found),) = proving._on_cluster(work, units, [1], 1, 'elsewhere')
-    ((_, expected),) = proving._on_threads(work, units, [1], 1, '')
+    ((number, found),) = proving.proven(work, units, [1], 1, 'elsewhere')
+    ((_, expected),) = proving.proven(work, units, [1], 1, '')
     assert number == 1 and pickle.dumps(found) == pickle.dumps(expected)
     assert connected == [('here', 3), ('there', 2), ('elsewhere', 1)]
 

@@ -106,11 +106,6 @@ class CampaignConfig:
         names = [name for name in self.success if name not in METRICS]
         return dict((LEVEL, 'N') if name == SHARE else (name, ROWS[name].unit) for name in names)
 
-    @property
-    def metrics(self) -> dict[str, str]:
-        """What is known of a run: name -> unit."""
-        return {**METRICS, **self.more}
-
     def limit(self, name: str, columns: Mapping[str, Any]) -> tuple[Any, Any]:
         """Return the values of a condition of success, and its limit, which may be a run's own."""
         if name == SHARE:

@@ -8,10 +8,9 @@ few units per worker are under way at a time, so that memory stays flat.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Collection, Generator, Iterable, Sequence
 from contextlib import closing
-from functools import lru_cache, partial
+from functools import lru_cache
 
 from rpo_kernels.arrays import Floats
 from rpo_montecarlo.campaign.config import Campaign
@@ -35,12 +34,11 @@ def fly(
     address : of a cluster: '', on threads; 'local'; that of a scheduler, tcp://host:port
     progress : called with the runs of each finished unit, and how many of them succeeded
     """
-    campaign, workers = store.campaign, workers or len(os.sched_getaffinity(0))
+    campaign = store.campaign
     with store.alone():
         if store.finished:
             return
-        fly_units = partial(on_cluster, address=address) if address else on_threads
-        with closing(fly_units(campaign, store.pending(), workers)) as source:
+        with closing(results_of(campaign, store.pending(), workers, address)) as source:
             for unit, results in source:
                 store.put(unit, results)
                 columns = dict(zip(columns_of(campaign), results, strict=True))
@@ -48,10 +46,12 @@ def fly(
         store.finish(document(store))
 
 
-def on_threads(campaign: Campaign, pending: Iterable[int], workers: int) -> Results:
-    """Yield results as they come in."""
-    calls = ((unit, (campaign, unit)) for unit in pending)
-    return pool.on_threads(fly_unit, calls, workers)
+def results_of(campaign: Campaign, pending: Iterable[int], workers: int, address: str) -> Results:
+    """Yield the results of units as they come in; a cluster gets the texts of the campaign."""
+    if address:
+        calls = ((unit, (campaign.texts, unit)) for unit in pending)
+        return pool.run(fly_remote, calls, workers, address)
+    return pool.run(fly_unit, ((unit, (campaign, unit)) for unit in pending), workers, '')
 
 
 def kept_of(
@@ -65,8 +65,7 @@ def kept_of(
     progress : called with the runs that were done before each unit, and their number in all
     """
     kept, done, runs = [0] * len(groups), 0, campaign.config.runs
-    threads = workers or len(os.sched_getaffinity(0))
-    with closing(on_threads(campaign, range(units(runs)), threads)) as source:
+    with closing(results_of(campaign, range(units(runs)), workers, '')) as source:
         for _, results in source:
             progress(done, runs)
             columns = dict(zip(columns_of(campaign), results, strict=True))
@@ -84,16 +83,3 @@ def _campaign(texts: tuple[str, str, str]) -> Campaign:
 def fly_remote(texts: tuple[str, str, str], unit: int) -> Floats:
     """Fly a unit on a worker."""
     return fly_unit(_campaign(texts), unit)
-
-
-def on_cluster(campaign: Campaign, pending: list[int], workers: int, address: str) -> Results:
-    """Yield results as they come in; a unit whose worker is lost is flown by another.
-
-    Raises
-    ------
-    InputError
-        If the cluster does not answer, is lost, or has other versions of what bits depend on.
-    """
-    calls = ((unit, (campaign.texts, unit)) for unit in pending)
-    with pool.connected(address, workers) as client:
-        yield from pool.results(client, fly_remote, calls)

@@ -9,6 +9,7 @@ machine. A few tasks per thread are under way at a time, so that memory stays fl
 
 from __future__ import annotations
 
+import os
 import signal
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ThreadPoolExecutor, wait
@@ -59,6 +60,30 @@ def on_threads(
                 yield under_way.pop(future), future.result()
     finally:
         executor.shutdown(cancel_futures=True)
+
+
+def run(
+    function: Callable[..., Result],
+    calls: Iterable[tuple[int, tuple[Any, ...]]],
+    workers: int,
+    address: str,
+) -> Generator[tuple[int, Result], None, None]:
+    """Call a function on threads or on a cluster; yield (number, result) of each as they come in.
+
+    workers : threads, or processes of a local cluster; 0, one per core
+    address : of a cluster: '', on threads; 'local'; that of a scheduler, tcp://host:port
+
+    Raises
+    ------
+    InputError
+        If the cluster does not answer, is lost, or has other versions of what bits depend on.
+    """
+    workers = workers or len(os.sched_getaffinity(0))
+    if not address:
+        yield from on_threads(function, calls, workers)
+        return
+    with connected(address, workers) as client:
+        yield from results(client, function, calls)
 
 
 def _call(function: Callable[..., Any], *arguments: Any) -> tuple[dict[str, str], Any]:

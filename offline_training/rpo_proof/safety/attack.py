@@ -130,18 +130,24 @@ def may_start(state, c, g, world):  # type: ignore[no-untyped-def]
 
 
 @compiled
+def on_axis(a, b, c, axis):  # type: ignore[no-untyped-def]
+    """Return a vector that has a on an axis, b and c on those that follow it."""
+    if axis == 0:
+        return a, b, c
+    return (c, a, b) if axis == 1 else (b, c, a)
+
+
+@compiled
 def start_of(k0, k1, c, g, world):  # type: ignore[no-untyped-def]
     """Return a state of the OPEN set, half of the runs at the edge of it."""
     ex, ey, ez, far = direction(0, START, k0, k1)
     vx, vy, vz, fast = direction(1, START, k0, k1)
     if g.side != 0.0 and k1 % 5 == 0:  # behind the target, in line with the corridor
         along, off = -g.side, 0.02 * far * g.width_m / g.keep_out_m
-        if g.axis == 0:
-            ex, ey, ez, vx, vy, vz = along, off * ey, off * ez, -along, 0.0, 0.0
-        elif g.axis == 1:
-            ex, ey, ez, vx, vy, vz = off * ex, along, off * ez, 0.0, -along, 0.0
-        else:
-            ex, ey, ez, vx, vy, vz = off * ex, off * ey, along, 0.0, 0.0, -along
+        ex = along if g.axis == 0 else off * ex
+        ey = along if g.axis == 1 else off * ey
+        ez = along if g.axis == 2 else off * ez
+        vx, vy, vz = on_axis(-along, 0.0, 0.0, g.axis)
     rho = g.keep_out_m + 2.0 * world.drift_m + 1e-6 + far * far * world.reach_m
     if k1 % 3 == 0:  # at the edge of the domain instead of that of the zone
         rho = g.domain_m - 2.0 * world.drift_m - 1e-6 - far * far * world.reach_m
@@ -183,13 +189,8 @@ def start_within(k0, k1, c, g, world, frames, at):  # type: ignore[no-untyped-de
         p, q = half * (2.0 * unit(b) - 1.0), half * (2.0 * unit(d) - 1.0)
         vx, vy, vz, fast = direction(turn, START + 100, k0, k1)
         s = fast * speed_limit(far + g.port_m, g)
-        along = g.side * (far + g.port_m)
-        if g.axis == 0:
-            state = (along, p, q, s * vx, s * vy, s * vz)
-        elif g.axis == 1:
-            state = (q, along, p, s * vx, s * vy, s * vz)
-        else:
-            state = (p, q, along, s * vx, s * vy, s * vz)
+        x, y, z = on_axis(g.side * (far + g.port_m), p, q, g.axis)
+        state = (x, y, z, s * vx, s * vy, s * vz)
         if approach_margins(state, 0.0, 0.0, g)[0] < 0.0:
             continue
         state = after = in_lvlh(state, frames, at)
@@ -199,14 +200,8 @@ def start_within(k0, k1, c, g, world, frames, at):  # type: ignore[no-untyped-de
         room, slower = approach_margins(after, world.drift_m, world.drift_m_s, g)
         if room >= 0.0 and slower >= 0.0:
             return state
-    along = g.side * (g.port_m + 0.5 * reach)
-    if g.axis == 0:
-        state = (along, 0.0, 0.0, 0.0, 0.0, 0.0)
-    elif g.axis == 1:
-        state = (0.0, along, 0.0, 0.0, 0.0, 0.0)
-    else:
-        state = (0.0, 0.0, along, 0.0, 0.0, 0.0)
-    return in_lvlh(state, frames, at)
+    x, y, z = on_axis(g.side * (g.port_m + 0.5 * reach), 0.0, 0.0, g.axis)
+    return in_lvlh((x, y, z, 0.0, 0.0, 0.0), frames, at)
 
 
 @compiled
