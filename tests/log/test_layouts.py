@@ -163,17 +163,14 @@ def judge_a_layout(true: Path, folder: Path, layout: Layout) -> list[str]:
     return list(found.gaps)
 
 
-@settings(max_examples=25)
-@given(layout=layouts())
-def test_any_layout_is_recomputed(true, layout, tmp_path_factory):
-    judge_a_layout(true, tmp_path_factory.mktemp('layout'), layout)
+@pytest.mark.parametrize('count', [25, pytest.param(500, marks=pytest.mark.slow)])
+def test_any_layout_is_recomputed(true, tmp_path, count):
+    @settings(max_examples=count)
+    @given(layout=layouts())
+    def judge(layout):
+        judge_a_layout(true, tmp_path, layout)
 
-
-@pytest.mark.slow
-@settings(max_examples=500)
-@given(layout=layouts())
-def test_many_layouts_are_recomputed(true, layout, tmp_path_factory):
-    judge_a_layout(true, tmp_path_factory.mktemp('layout'), layout)
+    judge()
 
 
 BARE, SMALL = {'use_chunking': False}, {'chunk_size': 4096}

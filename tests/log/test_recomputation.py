@@ -53,46 +53,32 @@ def run(memory_ticks, ticks, missing=(), off=(), began=(), block=4096):
     return known, found
 
 
-@pytest.fixture(params=[4096, 3, 1])
-def block(request):
-    return request.param
-
-
-def test_from_the_start_all_is_known(block):
-    assert run(None, range(6), block=block)[0] == {k: k + 1.0 for k in range(6)}
-    assert run(2, range(6), block=block)[0] == {k: min(k + 1.0, 3.0) for k in range(6)}
+FULL = {k: k + 1.0 for k in range(10)}
+ENDLESS = {**FULL, 4: 0.0, 5: 0.0} | {k: k - 5.0 for k in range(6, 10)}
+LOST, HOLE = dict(missing=(4,)), dict(ticks=[0, 1, 2, 3, 5, 6, 7, 8, 9])
 
 
 @pytest.mark.parametrize(
-    ('ticks', 'missing'), [(range(10), (4,)), ([0, 1, 2, 3, 5, 6, 7, 8, 9], ())]
-)
-def test_after_a_gap_it_is_known_when_its_memory_is_full(ticks, missing, block):
-    known, found = run(2, ticks, missing, block=block)
-    assert sorted(known) == [0, 1, 2, 3, 7, 8, 9]
-    assert {known[k] for k in (7, 8, 9)} == {3.0}
-    assert (found.gaps, found.first_gap) == (2, 5)
-
-
-def test_after_a_gap_an_endless_memory_is_never_known_again(block):
-    known, found = run(None, range(10), (4,), block=block)
-    assert sorted(known) == [0, 1, 2, 3]
-    assert (found.gaps, found.first_gap) == (5, 5)
-
-
-def test_without_memory_a_gap_is_one_tick(block):
-    known, found = run(0, range(10), (4,), block=block)
-    assert sorted(set(range(10)) - set(known)) == [4]
-    assert found.gaps == 0
-
-
-def test_a_log_that_begins_late_has_no_memory(block):
-    assert sorted(run(2, range(5, 10), block=block)[0]) == [7, 8, 9]
-
-
-def test_switched_off_it_commands_zero_and_switched_on_it_begins_anew(block):
-    known, found = run(None, range(10), off=(4, 5), block=block)
-    assert [known[k] for k in range(10)] == [1, 2, 3, 4, 0, 0, 1, 2, 3, 4]
-    assert found.gaps == 0
+    ('memory', 'flight', 'known', 'gaps'),
+    [
+        (None, {}, FULL, (0, -1)),
+        (2, {}, {k: min(k + 1.0, 3.0) for k in range(10)}, (0, -1)),
+        *((2, gap, {0: 1.0, 1: 2.0} | dict.fromkeys((2, 3, 7, 8, 9), 3.0), (2, 5))
+          for gap in (LOST, HOLE)),
+        (None, LOST, {k: FULL[k] for k in range(4)}, (5, 5)),
+        (0, LOST, dict.fromkeys((0, 1, 2, 3, 5, 6, 7, 8, 9), 1.0), (0, -1)),
+        (2, dict(ticks=range(5, 10)), {7: 3.0, 8: 3.0, 9: 3.0}, (2, 5)),
+        (None, dict(off=(4, 5)), ENDLESS, (0, -1)),
+        (None, dict(began=[4]), {k: k + 1.0 if k < 4 else k - 3.0 for k in range(10)}, (0, -1)),
+    ],
+    ids=['all', 'window', 'lost, window', 'hole, window', 'lost, endless', 'lost, no memory',
+         'late', 'switched off', 'began in flight'],
+)  # fmt: skip
+@pytest.mark.parametrize('block', [4096, 3, 1])
+def test_it_is_known_where_its_memory_is_full(memory, flight, known, gaps, block):
+    values, found = run(memory, **{'ticks': range(10), **flight}, block=block)
+    assert values == known
+    assert (found.gaps, found.first_gap) == gaps
 
 
 def test_switched_off_what_it_passes_on_is_known_where_all_of_it_was_there():
@@ -102,12 +88,6 @@ def test_switched_off_what_it_passes_on_is_known_where_all_of_it_was_there():
     (made, none), known = Recomputation(Estimator(None)).run(ticks, [states], off, off)
     assert known.tolist() == [True, False, False, True]
     assert (made[known] == 1.0).all() and not none[known].any()
-
-
-def test_a_stage_that_began_in_flight_has_no_memory(block):
-    known, found = run(None, range(8), began=[4], block=block)
-    assert known == {k: k + 1.0 if k < 4 else k - 3.0 for k in range(8)}
-    assert not found.gaps
 
 
 def test_a_command_is_of_the_controller_that_made_the_one_before_where_two_would_make_it():
