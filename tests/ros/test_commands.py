@@ -9,12 +9,11 @@ import subprocess
 import pytest
 import yaml
 from flights import told
-from inside import Hand
+from inside import Hand, values_of
 from node_processes import executable
 
 from rpo_core import files
 from rpo_mcap.read.run_log import read_run
-from rpo_ros.conversions import values_of
 from rpo_safety.assurance_node import AssuranceNode
 
 NODES = {

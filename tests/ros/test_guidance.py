@@ -11,6 +11,7 @@ import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
 from flights import told, verified
+from inside import values_of
 
 from rpo_core import files
 from rpo_core.files import scenario
@@ -21,7 +22,7 @@ from rpo_guidance.operator_node import OperatorNode
 from rpo_log.verify import verify
 from rpo_mcap.read.run_log import read_run
 from rpo_nav.navigation_node import NavigationNode
-from rpo_ros import conversions, qos
+from rpo_ros import qos
 from rpo_ros.managed_node import PlaceNode
 from rpo_safety.assurance_node import AssuranceNode
 
@@ -65,7 +66,7 @@ def test_a_plan_is_flown_beside_all_other_stages_and_obeys(inner, tmp_path):
     phases: list[str] = []
 
     def hear(status: DiagnosticStatus) -> None:
-        phases.append(conversions.values_of(status)['phase'])
+        phases.append(values_of(status)['phase'])
 
     topic = interfaces.GUIDANCE_STATUS
     inner.user.create_subscription(DiagnosticStatus, topic, hear, qos.LATCHED_QUEUE)

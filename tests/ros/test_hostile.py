@@ -10,7 +10,8 @@ import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
 from flights import assert_flown, lasting, told, verified
 from geometry_msgs.msg import WrenchStamped
-from inside import inside
+from inside import inside, odometry
+from inside import wrench as force_message
 from nav_msgs.msg import Odometry
 from test_guidance import STAGES, written
 
@@ -41,8 +42,7 @@ def flying(inner, folder, output='run', **options):
 
 
 def wrench(plant, tick, force, frame=''):
-    stamp = conversions.to_stamp(plant.scenario.stamp_ns(tick))
-    message = conversions.to_wrench(stamp, force)
+    message = force_message(plant.scenario.stamp_ns(tick), force)
     message.header.frame_id = frame or message.header.frame_id
     return message
 
@@ -77,7 +77,7 @@ def talk(inner):
         for ahead in (30, 31, 170 - plant.tick):
             force(wrench(plant, plant.tick + ahead, (0.1, 0.2, 0.3)))
             force(wrench(plant, plant.tick + ahead, (0.3, turn * 0.1, 0.3)))
-            state(conversions.to_odometry(plant.scenario.stamp_ns(plant.tick + ahead), [1.0] * 6))
+            state(odometry(plant.scenario.stamp_ns(plant.tick + ahead), [1.0] * 6))
         force(wrench(plant, plant.tick, (math.nan, 0.0, 0.0)))
         force(wrench(plant, plant.tick, (9.0, 9.0, 9.0), 'chaser'))
         force(wrench(plant, plant.tick - 10, (9.0, 9.0, 9.0)))

@@ -9,11 +9,10 @@ import time
 
 import pytest
 from flights import lasting
-from inside import Hand
+from inside import Hand, values_of
 
 from rpo_log.verify import verify
 from rpo_mcap.errors import ExitCode
-from rpo_ros import conversions
 
 MODES = ('lockstep', 'free_running')
 WARN, ERROR = b'\x01', b'\x02'
@@ -33,7 +32,7 @@ TOPICS = {'fuzzy_controller': 'control_force', 'disturbance_injector': 'disturba
 
 def phase(status):
     """Return phase and level of a run_status."""
-    return conversions.values_of(status)['phase'], status.level
+    return values_of(status)['phase'], status.level
 
 
 class Run:
@@ -81,7 +80,7 @@ class Run:
                 moment
                 for moment, status in self.hand.health.get(node, ())
                 if status.level != b'\x00'
-                and text in f'{status.message} {conversions.values_of(status)}'
+                and text in f'{status.message} {values_of(status)}'
                 and moment >= since_s
             ]
 

@@ -8,17 +8,18 @@ from pathlib import Path
 
 import pytest
 from geometry_msgs.msg import WrenchStamped
-from inside import inside
+from inside import inside, odometry
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from nav_msgs.msg import Odometry
 from rclpy.lifecycle import LifecycleNode
+from rclpy.time import Time
 
 from rpo_core import files
 from rpo_core.control.controller import load_controller
 from rpo_core.files.validation import InputError
 from rpo_ctrl.controller_node import ControllerNode
-from rpo_ros import conversions, qos
+from rpo_ros import qos
 from rpo_safety.assurance_node import AssuranceNode
 
 STATE = (10.0, 60.0, -40.0, 0.1, -0.2, 0.05)
@@ -37,12 +38,12 @@ class Asker:
         user.create_subscription(WrenchStamped, 'control_force', self._on_force, qos.LOCKSTEP)
 
     def _on_force(self, message):
-        stamp = conversions.from_stamp(message.header.stamp)
-        self.answers.setdefault(stamp, []).append(conversions.from_wrench(message))
+        stamp, force = Time.from_msg(message.header.stamp).nanoseconds, message.wrench.force
+        self.answers.setdefault(stamp, []).append((force.x, force.y, force.z))
 
     def ask(self, stamp_ns, state=STATE):
         before = len(self.answers.get(stamp_ns, []))
-        self.states.publish(conversions.to_odometry(stamp_ns, state))
+        self.states.publish(odometry(stamp_ns, state))
         self.bench.until(lambda: len(self.answers.get(stamp_ns, [])) > before)
         return self.answers[stamp_ns][-1]
 
@@ -54,11 +55,11 @@ def force_of(name):
 def test_each_transition_does_what_it_says(inner, capfd):
     node = inner.start(ControllerNode({**NAMED, 'autostart': False, 'controller': 'handmade'}))
     asker = Asker(inner)
-    asker.states.publish(conversions.to_odometry(1, STATE))
+    asker.states.publish(odometry(1, STATE))
     inner.until(lambda: node.ignored['not_activated'])
     assert inner.state(NODE) == 'unconfigured'
     assert inner.transition(NODE, 'configure')
-    asker.states.publish(conversions.to_odometry(2, STATE))
+    asker.states.publish(odometry(2, STATE))
     inner.until(lambda: node.ignored['not_activated'] == 2)
     assert not asker.answers, 'it commanded before it was activated'
     assert inner.transition(NODE, 'activate')

@@ -15,7 +15,7 @@ import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
 from flights import lasting
 from geometry_msgs.msg import WrenchStamped
-from inside import Hand, inside
+from inside import Hand, inside, values_of, wrench
 from landing import rest_at_landing
 
 from rpo_bringup import final_approach
@@ -185,7 +185,7 @@ def test_a_second_publisher_of_a_topic_of_the_flight_is_named(bench, topic, name
     out = intruder.create_publisher(message_class(row.type), topic, qos.LOCKSTEP)
     bench.health.clear()
     error = bench.until(lambda: [s for _, s in bench.health.get('plant', ()) if s.level == b'\2'])
-    nodes = conversions.values_of(error[-1])[f'publishers_of_{topic}']
+    nodes = values_of(error[-1])[f'publishers_of_{topic}']
     if f'/{name}' == rightful:
         assert nodes.startswith(f'{rightful} 2 times (')
     else:
@@ -242,7 +242,7 @@ def test_free_running_flies_on_without_its_controller_and_with_the_next(bench):
     bench.inner.start(ControllerNode({'controller': 'handmade'}))
     bench.says('forces are back')
     assert bench.ends() == (0, 0)
-    figures = conversions.values_of(bench.statuses[-1])
+    figures = values_of(bench.statuses[-1])
     assert int(figures['stale_ticks']) > 0
     assert {'latency_p50_ms', 'latency_p95_ms', 'tick_lateness_max_ms', 'overruns'} <= set(figures)
     found = verify(bench.folder / 'run')
@@ -276,12 +276,12 @@ def test_a_state_that_would_not_be_finite_ends_the_run_with_its_cause(bench, mod
 
     def disturb(stamp_ns, state):
         force = (0.0, 1e308 if bench.plant.tick >= 5 else 0.0, 0.0)
-        out.publish(conversions.to_wrench(conversions.to_stamp(stamp_ns), force))
+        out.publish(wrench(stamp_ns, force))
 
     listen(bench.inner.user, interfaces.RELATIVE_STATE, disturb, print)
     bench.start(mode=mode, real_time_factor=10.0)
     status = bench.says('would not be finite')
-    values = conversions.values_of(status)
+    values = values_of(status)
     assert values['phase'] == 'aborted' and int(values['tick']) >= 5
     cause = f'because of disturbance_force (0, 1e+308, 0) at tick {values["tick"]}'
     assert cause in status.message

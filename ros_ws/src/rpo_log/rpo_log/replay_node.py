@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
+from rclpy.time import Time
 from std_srvs.srv import SetBool, Trigger
 
 from rpo_core import files
@@ -19,7 +20,7 @@ from rpo_core.wire import interfaces
 from rpo_log.bag import open_run
 from rpo_mcap.errors import LogError
 from rpo_mcap.read.decode import Message
-from rpo_ros import conversions, qos
+from rpo_ros import qos
 from rpo_ros.heartbeat import Timeout
 from rpo_ros.running import FlightNode
 from rpo_ros.signals import message_class
@@ -171,9 +172,9 @@ class ReplayNode(FlightNode):
             self._send()
 
     def _on_answer(self, message: WrenchStamped) -> None:
-        if conversions.from_stamp(message.header.stamp) != self._awaited_ns:
+        if Time.from_msg(message.header.stamp).nanoseconds != self._awaited_ns:
             return
-        force = conversions.from_wrench(message)
+        force = (message.wrench.force.x, message.wrench.force.y, message.wrench.force.z)
         if _bits(force) != _bits(self._logged_force or ()):  # -0.0 is not 0.0 here
             self.differences += 1
             if self.differences == 1:

@@ -1,16 +1,18 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Messages and numbers."""
+"""A status as a message and as bytes."""
 
+from rclpy.serialization import serialize_message
+
+from rpo_core.wire import cdr
 from rpo_ros import conversions
 
-STATE = (10.0, 60.0, -40.0, 0.1, -0.2, 0.3)
+VALUES = [('phase', 'to the port'), ('tick', 7), ('distance_m', 0.1)]
 
 
-def test_a_state_goes_through_its_message():
-    """Frame and stamp are those of the state."""
-    message = conversions.to_odometry(1_500_000_000, STATE)
-    assert conversions.from_odometry(message) == STATE
-    assert conversions.from_stamp(message.header.stamp) == 1_500_000_000
-    assert conversions.fault_of(message, STATE) == ''
-    assert conversions.fault_of(message, (float('nan'),)) == 'not_finite'
+def test_the_bytes_of_a_status_are_those_of_its_message():
+    """Numbers become texts without loss of a digit."""
+    message = conversions.to_status(b'\x00', 'plant', 'flying', VALUES)
+    assert [pair.value for pair in message.values] == ['to the port', '7', '0.1']
+    written = cdr.canonical('diagnostic_msgs/msg/DiagnosticStatus', serialize_message(message))
+    assert conversions.packed_status('plant', 'flying', VALUES) == written

@@ -16,6 +16,7 @@ from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
+from rclpy.time import Time
 
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
@@ -30,7 +31,7 @@ from rpo_core.world.link import (
     Schedule,
     SeededLink,
 )
-from rpo_ros import conversions, health, qos
+from rpo_ros import health, qos
 from rpo_ros.plant_scenario import PlantScenario
 from rpo_ros.running import EXIT_BAD_INPUT, FlightNode
 
@@ -75,8 +76,8 @@ def corrupted(message: Odometry | WrenchStamped, corruption: str) -> Odometry | 
     elif corruption == WRONG_FRAME:
         faulty.header.frame_id = interfaces.CHASER_FRAME
     else:
-        stamp_ns = max(0, conversions.from_stamp(message.header.stamp) - _WRONG_STAMP_NS)
-        faulty.header.stamp = conversions.to_stamp(stamp_ns)
+        stamp_ns = max(0, Time.from_msg(message.header.stamp).nanoseconds - _WRONG_STAMP_NS)
+        faulty.header.stamp = Time(nanoseconds=stamp_ns).to_msg()
     return faulty
 
 
@@ -121,7 +122,7 @@ class FaultInjectorNode(FlightNode):
         self.exit_code, self.done = EXIT_BAD_INPUT, True
 
     def _on_message(self, message: Odometry | WrenchStamped) -> None:
-        stamp_ns = conversions.from_stamp(message.header.stamp)
+        stamp_ns = Time.from_msg(message.header.stamp).nanoseconds
         tick = self._scenario.tick_of(stamp_ns) if self._scenario is not None else None
         faulty = self._schedule.covers(tick)
         self._pass_on(self.link.take(message, faulty, time.monotonic()))

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from rclpy.callback_groups import CallbackGroup
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
@@ -24,17 +24,11 @@ from rpo_ros.signals import hear, message_class
 from rpo_view.live import LiveFlight, Vector
 
 
-class _Unspun(CallbackGroup):
+class _Unspun(ReentrantCallbackGroup):
     """Keeps its subscriptions away from the executor."""
 
     def can_execute(self, entity: object) -> bool:
         return False
-
-    def beginning_execution(self, entity: object) -> bool:
-        return False
-
-    def ending_execution(self, entity: object) -> None:
-        """Do nothing."""
 
 
 class Latest:
@@ -47,13 +41,9 @@ class Latest:
         self._use, self._row = row.layout.use, row
         self.numbers: dict[int, Vector] = {}
         self._subscription = node.create_subscription(
-            message_class(row.type), row.topic, self._never, qos.NEWEST,
+            message_class(row.type), row.topic, lambda _: None, qos.NEWEST,
             callback_group=_Unspun(), raw=True,
         )  # fmt: skip
-
-    @staticmethod
-    def _never(_message: object) -> None:
-        raise RuntimeError('run a viewer by its main')
 
     def take(self) -> None:
         """Take what came since the last look."""
@@ -71,10 +61,9 @@ class Latest:
 
     def signals(self, stamp_ns: int) -> dict[str, Vector]:
         """Return the signal of a stamp, and what rides in its message, by name."""
-        values, own = self.numbers.get(stamp_ns), len(self._row.columns)
-        if values is None:
+        if stamp_ns not in self.numbers:
             return {}
-        values = self._row.spoken(values)
+        values, own = self._row.spoken(self.numbers[stamp_ns]), len(self._row.columns)
         riding = {self._row.rider: values[own:]} if len(values) > own else {}
         return {self._row.name: values[:own], **riding}
 
@@ -108,6 +97,7 @@ class ListeningNode(FlightNode):
             stamps = stamps & latest.numbers.keys() or stamps
         if not stamps:
             return False
-        newest_ns = max(stamps)
-        found = (latest.signals(newest_ns) for latest in self._latest.values())
-        return self.live.on_signals(newest_ns, {k: v for some in found for k, v in some.items()})
+        signals: dict[str, Vector] = {}
+        for latest in self._latest.values():
+            signals |= latest.signals(max(stamps))
+        return self.live.on_signals(max(stamps), signals)

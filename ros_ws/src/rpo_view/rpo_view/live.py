@@ -6,12 +6,12 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TypeVar
 
-from rpo_attitude.target import in_lvlh, motion_of
+from rpo_attitude.target import Motion, in_lvlh, motion_of
 from rpo_attitude.turns import docking_axis, turned
 from rpo_core import files
 from rpo_core.control import controller as controllers
@@ -53,22 +53,17 @@ class Trail:
     every second one is deleted and the spacing doubles: the path stays complete, but coarser.
     """
 
-    def __init__(self, most: int = 2000, spacing_m: float = 0.02) -> None:
-        self._most, self._first_spacing_m = most, spacing_m
-        self.clear()
+    def __init__(self, most: int = 2000) -> None:
+        self.most = most
+        self.points: list[Vector] = []
+        self.spacing_m = 0.02
 
-    def clear(self) -> None:
-        """Delete all points."""
-        self.points: list[tuple[float, float, float]] = []
-        self.spacing_m = self._first_spacing_m
-
-    def add(self, position_m: Sequence[float]) -> None:
+    def add(self, position_m: Vector) -> None:
         """Take a position (3,)."""
-        x, y, z = position_m
-        if self.points and math.dist(self.points[-1], (x, y, z)) < self.spacing_m:
+        if self.points and math.dist(self.points[-1], position_m) < self.spacing_m:
             return
-        self.points.append((x, y, z))
-        if len(self.points) > self._most:
+        self.points.append(position_m)
+        if len(self.points) > self.most:
             del self.points[1::2]
             self.spacing_m *= 2.0
 
@@ -110,7 +105,7 @@ class LiveFlight:
             return False
         if not self.signals or stamp_ns < self.stamp_ns:
             self.flights += 1
-            self.trail.clear()
+            self.trail = Trail(self.trail.most)
             self.signals, self.stamp_ns = {}, stamp_ns - 1
             # What guidance and assurance say at once may be there before the first state.
             self.phases, self.acts = self.phases[-1:], self.acts[-1:]
@@ -136,10 +131,11 @@ class LiveFlight:
     def on_manifest(self, manifest: Manifest) -> None:
         """Take the manifest of a node; of plant and controller the files, where they are ours."""
         role, values = manifest.role, manifest.values
-        key = {'plant': 'file.scenario.yaml', 'controller': 'file.controller.yaml'}.get(role)
-        if key is None or self._texts.get(role) == values.get(key, ''):
+        file = {'plant': 'scenario', 'controller': 'controller'}.get(role)
+        text = values.get(f'file.{file}.yaml', '')
+        if file is None or self._texts.get(role) == text:
             return  # said again each second
-        text = self._texts[role] = values.get(key, '')
+        self._texts[role] = text
         if role == 'controller':
             name = values.get('parameter.controller', '')
             self.controller, self.controller_name = None, printable(name, MOST_NAME)
@@ -172,18 +168,21 @@ class LiveFlight:
         return min(max(0, tick), self.scenario.ticks)
 
     @property
-    def attitude(self) -> Attitude | None:
-        """Quaternion and rate of the target at the newest state; None where it has no attitude."""
+    def motion(self) -> Motion | None:
+        """How the target turns; None where it has no attitude."""
         if self.scenario is None or self.scenario.target is None:
             return None
-        return motion_of(self.scenario.target, self.scenario).attitude(self.tick)
+        return motion_of(self.scenario.target, self.scenario)
+
+    @property
+    def attitude(self) -> Attitude | None:
+        """Quaternion and rate of the target at the newest state; None where it has no attitude."""
+        return self.motion.attitude(self.tick) if self.motion is not None else None
 
     @property
     def frame(self) -> Frame | None:
         """The same as a frame."""
-        if self.scenario is None or self.scenario.target is None:
-            return None
-        return motion_of(self.scenario.target, self.scenario).frame(self.tick)
+        return self.motion.frame(self.tick) if self.motion is not None else None
 
     @property
     def zones_now(self) -> list[Zone]:
@@ -208,11 +207,6 @@ class LiveFlight:
         said = [r.name for r in rows if r.carries == interfaces.COMMAND and r.name in self.signals]
         return self.signals[said[-1]] if said else None
 
-    @property
-    def is_foreign(self) -> bool:
-        """Whether a flight runs whose scenario is not known."""
-        return bool(self.signals) and self.scenario is None
-
     def sentence(self, topic: str) -> str:
         """Return the status of the run in a sentence; `topic` is the topic of its states."""
         if not self.signals and not self.phase:
@@ -225,10 +219,10 @@ class LiveFlight:
     def card(self, topic: str) -> str:
         """Return what stands before the picture; '' where the flight goes on or has finished."""
         said = self.sentence(topic)
-        if self.is_foreign:
-            x, y, z = self.position_m
+        if self.signals and self.scenario is None:
+            away_m = math.hypot(*self.position_m)
             return (
-                f'A flight of another kind of plant, {math.hypot(x, y, z):.1f} m from the target: '
+                f'A flight of another kind of plant, {away_m:.1f} m from the target: '
                 f'its manifest has no scenario that this page can draw ({said}).'
             )
         halted = self.phase in (WAITING, PAUSED, ABORTED) or said.startswith('no message')

@@ -29,6 +29,7 @@ from rpo_log.show.replay import MOST_SAMPLES, Limit, Moments
 from rpo_view.live import LiveFlight, Vector
 
 _TURNS = (('off reference', '°'), ('turn rate', '°/s'))
+_COLUMNS = 'times', 'states', 'forces', 'reference', 'estimate', 'attitudes', 'chaser'
 _CORNER = np.tril_indices(3)
 _UNKNOWN = (math.nan,) * 3
 
@@ -38,6 +39,7 @@ class Samples:
 
     anew : how often a page must begin anew: every second of too many moments was left out, or a
         controller came to be known
+    rows : of each moment, its numbers by their names in the document
     """
 
     def __init__(self, live: LiveFlight, scenario: Scenario) -> None:
@@ -51,12 +53,9 @@ class Samples:
             if not ROWS[key].share
         ]
         self._words: dict[str, int] = {}
-        self._rows: list[dict[str, Any]] = []
         self._limits: list[Limit] = []
-
-    def __len__(self) -> int:
-        """Return the number of moments."""
-        return len(self._rows)
+        self.rows: list[dict[str, Any]] = []
+        self._told: list[tuple[Any, int]] = []  # reasons of each moment, and words until then
 
     @property
     def name(self) -> str:
@@ -65,13 +64,14 @@ class Samples:
 
     def add(self, live: LiveFlight) -> None:
         """Take the newest moment."""
-        row = self._row(live)
+        row, told = self._row(live), self._reasons(live)
         if live.controller is not self._controller:
-            self._controller, self._explains = live.controller, row['reasons'] is not None
-            self.anew += bool(self._rows)
-        self._rows.append(row)
-        if len(self._rows) > MOST_SAMPLES:
-            del self._rows[1::2]
+            self._controller, self._explains = live.controller, told is not None
+            self.anew += bool(self.rows)
+        self.rows.append(row)
+        self._told.append((told, len(self._words)))
+        if len(self.rows) > MOST_SAMPLES:
+            del self.rows[1::2], self._told[1::2]
             self.anew += 1
 
     def _row(self, live: LiveFlight) -> dict[str, Any]:
@@ -88,11 +88,12 @@ class Samples:
             'states': state,
             'forces': shown,
             'limits': [float(limit.values[0]) for limit in self._limits],
-            'reference': signals.get(REFERENCE_STATE, state)[:3],
-            'estimate': _estimate(signals),
             'turns': [],
-            'reasons': None,
         }
+        if scenario.named('guidance') is not None:
+            row['reference'] = signals.get(REFERENCE_STATE, state)[:3]
+        if scenario.named('estimator') is not None:
+            row['estimate'] = _estimate(signals)
         if (attitude := live.attitude) is not None:
             row['attitudes'] = attitude[:4]
         if (turns := live.chaser_attitude) is not None:
@@ -100,41 +101,32 @@ class Samples:
             off, _ = apart(np.array(turns), np.array(wanted))
             row['chaser'] = turns[:4]
             row['turns'] = [math.degrees(off), math.degrees(math.hypot(*turns[4:]))]
-        if live.controller is not None:
-            read = received(scenario, {REFERENCE_FORCE: (0.0, 0.0, 0.0), **signals})[0]
-            answer = signals.get(CONTROL_FORCE, (0.0, 0.0, 0.0))
-            row['reasons'] = replay.reasons(live.controller, read, answer, live.tick, self._words)
-        row['words'] = len(self._words)
         return row
+
+    def _reasons(self, live: LiveFlight) -> Any:
+        """Return why the controller commands its force; None: it is not known, or says no more."""
+        if live.controller is None:
+            return None
+        read = received(self._scenario, {REFERENCE_FORCE: (0.0, 0.0, 0.0), **live.signals})[0]
+        answer = live.signals.get(CONTROL_FORCE, (0.0, 0.0, 0.0))
+        return replay.reasons(live.controller, read, answer, live.tick, self._words)
 
     def flight(self, live: LiveFlight, sentence: str, first: int = 0) -> dict[str, Any]:
         """Return the flight from a moment on, as a replay has it."""
-        rows, known = self._rows[first:], {*self._rows[0]}
-        dt_s = self._scenario.dt_s
+        rows, dt_s = self.rows[first:], self._scenario.dt_s
 
-        def column(name: str, there: bool = True) -> str | None:
-            return replay.packed([row[name] for row in rows]) if there and name in known else None
+        def column(name: str) -> str | None:
+            return replay.packed([row[name] for row in rows]) if name in rows[0] else None
 
         limits = np.array([row['limits'] for row in rows]).T
         turns = np.array([row['turns'] for row in rows]).T
         ends = [*(said.tick * dt_s for said in live.acts[1:]), self._scenario.duration_s]
-        acts = [
-            [said.constraint, said.tick * dt_s, end_s]
-            for said, end_s in zip(live.acts, ends, strict=False)
-            if said.constraint
-        ]
-        words = list(self._words)[self._rows[first - 1]['words'] if first else 0 :]
+        words = list(self._words)[self._told[first - 1][1] if first else 0 :]
         return {
             'name': self._scenario.name,
             'verdict': sentence,
             'missed': None,
-            'times': column('times'),
-            'states': column('states'),
-            'forces': column('forces'),
-            'reference': column('reference', self._scenario.named('guidance') is not None),
-            'estimate': column('estimate', self._scenario.named('estimator') is not None),
-            'attitudes': column('attitudes'),
-            'chaser': column('chaser'),
+            **{name: column(name) for name in _COLUMNS},
             'limits': [
                 {**limit._asdict(), 'values': replay.packed(values)}
                 for limit, values in zip(self._limits, limits, strict=True)
@@ -144,25 +136,24 @@ class Samples:
                 for (name, unit), values in zip(_TURNS, turns, strict=False)
             ],
             'phases': [[said.phase, said.reason, said.tick * dt_s] for said in live.phases],
-            'acts': acts,
-            'reasons': {'words': words, 'samples': [row['reasons'] for row in rows]}
+            'acts': [
+                [said.constraint, said.tick * dt_s, end_s]
+                for said, end_s in zip(live.acts, ends, strict=False)
+                if said.constraint
+            ],
+            'reasons': {'words': words, 'samples': [told for told, _ in self._told[first:]]}
             if self._explains
             else None,
         }
 
     def document(self, live: LiveFlight, sentence: str) -> dict[str, Any]:
         """Return what a page shows at first, and from where it asks for more."""
-        start = replay.scene_of(self._scenario, self._rows[0]['states'][:3])
-        controller = live.controller_name
+        name, end_s = live.controller_name, self._scenario.duration_s
         return {
-            'note': f'controller {controller}' if controller else '',
-            'scene': start,
+            'note': f'controller {name}' if name else '',
+            'scene': replay.scene_of(self._scenario, self.rows[0]['states'][:3]),
             'flights': [self.flight(live, sentence)],
-            'live': {
-                'flight': self.name,
-                'samples': len(self),
-                'end': self._scenario.duration_s,
-            },
+            'live': {'flight': self.name, 'samples': len(self.rows), 'end': end_s},
         }
 
 

@@ -16,7 +16,6 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from email.message import Message
-from functools import partial
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
@@ -76,7 +75,6 @@ class Feed:
         self.closed = False
         self._samples: Samples | None = None
         self._news = threading.Condition()
-        self._version = 0
 
     def update(self, look: Callable[[], bool]) -> None:
         """Look at the flight; a sound state that came is one more moment of it."""
@@ -88,7 +86,6 @@ class Feed:
                 if samples is not None:
                     samples.add(self.live)
                 self._samples = samples
-            self._version += 1
             self._news.notify_all()
 
     def close(self) -> None:
@@ -98,51 +95,40 @@ class Feed:
             self._news.notify_all()
 
     @property
-    def _flight(self) -> str:
-        """Name of the flight that a page can draw; '' while there is none."""
+    def _drawn(self) -> Samples | None:
+        """What a page can draw; None while there is none."""
         samples = self._samples
-        return samples.name if samples is not None and len(samples) >= _FEWEST else ''
+        return samples if samples is not None and len(samples.rows) >= _FEWEST else None
 
     def page(self) -> bytes:
         """Return the page, complete in itself: of the flight so far, or a card."""
         with self._news:
-            if not self._flight or self._samples is None:
+            if self._drawn is None:
                 colours = style.variables()
                 return replay.filled('rpo_view', 'page/card.html', colours=colours).encode()
-            sentence = self.live.sentence(self.topic)
-            document = self._samples.document(self.live, sentence)
+            document = self._drawn.document(self.live, self.live.sentence(self.topic))
             return replay.page_of(document['flights'][0]['name'], document).encode()
 
     def events(self, flight: str, first: int) -> Iterator[bytes]:
         """Yield what is new since the moment `first` of a flight, as JSON; b'' if nothing is."""
-        version, before = -1, b''
+        before, news = b'', True
         while not self.closed:
             with self._news:
-                self._news.wait_for(partial(self._is_after, version), _KEEP_ALIVE_S)
-                changed, version = self._version > version, self._version
                 said, first = self._since(flight, first)
-            if changed and said != before:
-                before = said
-                yield said
-            elif not changed:
-                yield b''
-
-    def _is_after(self, version: int) -> bool:
-        return self.closed or self._version > version
+                if said == before:
+                    news = self._news.wait(_KEEP_ALIVE_S)
+            if said != before or not news:
+                yield said if said != before else b''
+                before, news = said, True
 
     def _since(self, flight: str, first: int) -> tuple[bytes, int]:
         """Return what a page is told that shows a flight up to a moment, and the next moment."""
-        sentence, more, samples = self.live.sentence(self.topic), None, self._samples
-        last = first
-        if flight and flight == self._flight and samples is not None and len(samples) > first:
-            more, last = samples.flight(self.live, sentence, first), len(samples)
-        said = {
-            'flight': self._flight,
-            'from': first,
-            'sentence': sentence,
-            'card': self.live.card(self.topic),
-            'more': more,
-        }
+        sentence, samples, more, last = self.live.sentence(self.topic), self._drawn, None, first
+        name = samples.name if samples is not None else ''
+        if samples is not None and flight == name and len(samples.rows) > first:
+            more, last = samples.flight(self.live, sentence, first), len(samples.rows)
+        card = self.live.card(self.topic)
+        said = {'flight': name, 'from': first, 'sentence': sentence, 'card': card, 'more': more}
         return json.dumps(said).encode(), last
 
 

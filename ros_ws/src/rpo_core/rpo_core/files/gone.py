@@ -25,7 +25,12 @@ GONE: dict[str, dict[str, str]] = {
             '`rpo evaluate --robustness`, or `rpo report` of a campaign for what misses depend on'
         ),
     },
-    'parameter': {'decision_rate_hz': '`rpo explain RUN --at`'},
+    'parameter': {
+        'decision_rate_hz': '`rpo explain RUN --at`',
+        **dict.fromkeys(
+            ('keep_out_radius_m', 'corridor_half_angle_deg'), 'section `zones` of the scenario'
+        ),
+    },
     'executable': {
         'foxglove': 'foxglove_bridge, or open `run.mcap` in the app',
         'monitor': 'the abort table of section `assurance`',
