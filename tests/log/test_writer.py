@@ -44,7 +44,7 @@ from rpo_mcap.errors import ExistsAlready, LogError
 from rpo_mcap.format import run as run_format
 from rpo_mcap.format.run import TimeBase
 from rpo_mcap.read.run_log import read_flight, read_run
-from rpo_mcap.write.mcap_file import McapFile
+from rpo_mcap.write.mcap_file import BagFileWriter
 from rpo_mcap.write.side_file import HealthLogWriter
 from rpo_mcap.write.writer import RunLogWriter
 from rpo_thrusters.thrusters import Thrusters
@@ -224,9 +224,9 @@ def test_a_side_file_whose_end_does_not_reach_the_disk_says_so(tmp_path, monkeyp
 
 
 def test_a_side_file_that_cannot_be_begun_is_refused_and_closed(tmp_path, monkeypatch):
-    monkeypatch.setattr(McapFile, 'flush', Mock(side_effect=OSError(28, 'No space left')))
+    monkeypatch.setattr(BagFileWriter, 'flush', Mock(side_effect=OSError(28, 'No space left')))
     closed = Mock()
-    monkeypatch.setattr(McapFile, 'close', closed)
+    monkeypatch.setattr(BagFileWriter, 'close', closed)
     with pytest.raises(LogError, match=r'health.mcap.*No space left'):
         HealthLogWriter(tmp_path)
     assert closed.called

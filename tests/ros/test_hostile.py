@@ -132,7 +132,7 @@ def full(monkeypatch):
         flush = mcap_file._Sink.flush
 
         def fails(sink):
-            if sink._file.name.endswith(name):
+            if sink.file.name.endswith(name):
                 raise OSError(errno.ENOSPC, 'No space left on device')
             flush(sink)
 

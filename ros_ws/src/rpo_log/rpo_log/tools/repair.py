@@ -15,7 +15,7 @@ from rpo_mcap.errors import ExitCode, LogError, cannot_write, exists
 from rpo_mcap.format import rosbag2
 from rpo_mcap.format.run import METADATA_FILE, SIGNATURE_FILE, SUMS_FILE
 from rpo_mcap.read.stream import RunReader
-from rpo_mcap.write.mcap_file import RunFileWriter, bag_topics
+from rpo_mcap.write.mcap_file import RunFileWriter
 
 _NEW = (METADATA_FILE, SUMS_FILE, SIGNATURE_FILE)
 
@@ -75,5 +75,5 @@ def _write(reader: RunReader, folder: Path) -> int:
         if not file.ticks:
             raise LogError(reader.path, f'holds no whole chunk ({reader.damage})')
         file.finish()
-        rosbag2.write_metadata(folder, bag_topics(reader.topics, file.counts), [file.entry])
-        return file.entry.messages
+        rosbag2.write_metadata(folder, reader.topics, [file.entry])
+        return sum(file.entry.counts)

@@ -40,7 +40,7 @@ from rpo_mcap.format.run import (
 from rpo_mcap.read.indexes import Indexes
 from rpo_mcap.read.records import FileRecords
 from rpo_mcap.read.stream import RunReader
-from rpo_mcap.write.mcap_file import LIBRARY, MEDIA_TYPE, PROFILE, bag_topics
+from rpo_mcap.write.mcap_file import LIBRARY, MEDIA_TYPE, PROFILE
 
 MAX_METADATA_BYTES = 1 << 22
 
@@ -51,12 +51,7 @@ def metadata_fault(reader: RunReader) -> tuple[str, str]:
     The digest is that of the bytes compared, and empty if there are more. Raises LogError.
     """
     path = reader.path / METADATA_FILE
-    counts, bag = [0] * len(reader.topics), []
-    for file in reader.files:
-        found, first_ns, last_ns = reader.extents[file]
-        counts = [sum(pair) for pair in zip(counts, found, strict=True)]
-        bag.append(BagFile(file.name, first_ns, last_ns, sum(found)))
-    expected = rosbag2.metadata_text(bag_topics(reader.topics, counts), bag)
+    expected = rosbag2.metadata_text(reader.topics, list(reader.extents.values()))
     content = read_at_most(path, MAX_METADATA_BYTES + 1)
     digest = _sha256(content) if len(content) <= MAX_METADATA_BYTES else ''
     if content == expected.encode():
@@ -250,14 +245,12 @@ def _comparable(records: Sequence[McapRecord]) -> list[McapRecord]:
 
 def records_of_run(reader: RunReader, path: Path) -> list[McapRecord]:
     """Return the records that the recorder writes beside the messages of a log; LogError."""
-    counts, first_ns, last_ns = reader.extents[path]
-    file, base = BagFile(path.name, first_ns, last_ns, sum(counts)), reader.base
-    topics = bag_topics(reader.topics, counts)
-    opened = [replace(topic, messages=0) for topic in topics]
+    base, topics = reader.base, reader.topics
+    opened = BagFile(path.name, [0] * len(topics))
     types = list(dict.fromkeys(topic.type for topic in topics))
     return [
         Header(PROFILE, LIBRARY),
-        Metadata(rosbag2.RECORD, rosbag2.record_values(opened, BagFile(path.name))),
+        Metadata(rosbag2.RECORD, rosbag2.record_values(topics, opened)),
         Metadata(RUN_RECORD, base.to_record()),
         *(
             Attachment(base.epoch_ns, base.epoch_ns, name, MEDIA_TYPE, data)
@@ -265,13 +258,13 @@ def records_of_run(reader: RunReader, path: Path) -> list[McapRecord]:
             if (name in (*_CARRIED, TOPICS) or is_controller(name))
             and (path, name) in reader.attached
         ),
-        Metadata(rosbag2.RECORD, rosbag2.record_values(topics, file)),
+        Metadata(rosbag2.RECORD, rosbag2.record_values(topics, reader.extents[path])),
         *(
             Schema(number, rosbag2.definition(kind).text.encode(), 'ros2msg', kind)
             for number, kind in enumerate(types)
         ),
         *(
-            Channel(0, topic.name, 'cdr', topic.channel_metadata, types.index(topic.type))
+            Channel(0, topic.name, 'cdr', rosbag2.channel_metadata(topic), types.index(topic.type))
             for topic in topics
         ),
     ]

@@ -24,6 +24,7 @@ from rpo_core.wire import interfaces
 from rpo_mcap import topics
 from rpo_mcap.errors import LogError, NotARun
 from rpo_mcap.format import rosbag2
+from rpo_mcap.format.rosbag2 import BagFile
 from rpo_mcap.format.run import LOG_FORMAT, RUN_RECORD, SCENARIO, TimeBase, log_files
 from rpo_mcap.read.decode import Gathering, Message, Messages, TickBlock
 from rpo_mcap.read.indexes import Indexes
@@ -53,7 +54,7 @@ class RunReader:
     lacks : what such a bag does not hold, and a log does
     sources : the files of the log or bag
     attached : files of the log and names of attachments in them, by what was read
-    extents : per file, what `blocks` read: messages per topic, first and last stamp [ns]
+    extents : per file, what `blocks` read of it
     digests : per file, SHA-256 of the bytes that `blocks` read; empty if they were not all read
     witness : called with the file and each of its records beside the messages, while `blocks` reads
     judged : per file, what takes all its records to compare its indexes, while `blocks` reads
@@ -70,7 +71,7 @@ class RunReader:
         self.damage, self.lost_chunks = '', 0
         self.attachments: dict[str, bytes] = {}
         self.attached: set[tuple[Path, str]] = set()
-        self.extents: dict[Path, tuple[list[int], int, int]] = {}
+        self.extents: dict[Path, BagFile] = {}
         self.digests: dict[Path, str] = {}
         self.topics: tuple[Topic, ...] = ()
         self._bases: list[TimeBase] = []
@@ -232,7 +233,7 @@ class RunReader:
                 counts += np.bincount(messages.topic, minlength=len(counts))
                 yield messages
             newest = gathering.newest
-            self.extents[path] = counts.tolist(), *stamps
+            self.extents[path] = BagFile(path.name, counts.tolist(), *stamps)
             self.lost_chunks += records.lost_chunks
             if records.damage:
                 self.damage = f'{path.name}: {records.damage}'

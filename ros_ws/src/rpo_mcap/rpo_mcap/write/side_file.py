@@ -11,10 +11,10 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-from rpo_core.wire.interfaces import ARRAY_TYPE, LOCKSTEP
+from rpo_core.wire import interfaces
 from rpo_mcap.errors import cannot_write
-from rpo_mcap.format.rosbag2 import BagTopic
 from rpo_mcap.format.run import HEALTH_FILE
+from rpo_mcap.topics import Topic
 from rpo_mcap.write.mcap_file import BagFileWriter
 
 CHUNK_S = 2.0
@@ -35,7 +35,8 @@ class HealthLogWriter:
         self._closed_s = time.monotonic()
         path = Path(folder) / HEALTH_FILE
         try:
-            self._file = BagFileWriter(path, [BagTopic.of(name, ARRAY_TYPE, LOCKSTEP)])
+            topic = Topic(name, interfaces.row_of(interfaces.DIAGNOSTICS))
+            self._file = BagFileWriter(path, [topic])
         except OSError as error:
             raise cannot_write(path, error) from None
 

@@ -25,7 +25,7 @@ from rpo_mcap.format import rosbag2
 from rpo_mcap.format.rosbag2 import BagFile
 from rpo_mcap.format.run import RunSummary, TimeBase, prepare_folder
 from rpo_mcap.topics import Topic
-from rpo_mcap.write.mcap_file import RunFileWriter, bag_topics
+from rpo_mcap.write.mcap_file import RunFileWriter
 from rpo_mcap.write.orderer import TickOrderer
 
 SYNC_INTERVAL_S = 1.0
@@ -73,7 +73,7 @@ class RunLogWriter:
         self._attachments = dict(sorted(attachments.items()))
         self._split_ticks = round(split_s * _NS) // base.dt_ns
         self._split_bytes = split_bytes
-        self._finished: list[tuple[BagFile, list[int]]] = []
+        self._finished: list[BagFile] = []
         self._foreign = self._unwanted = 0
         self.ignored: Counter[str] = Counter()
         self._closed = False
@@ -185,8 +185,7 @@ class RunLogWriter:
     def _finish(self) -> None:
         self.orderer.close(self.base.last_tick)
         self._file.finish()
-        files = [entry for entry, _ in self._files()]
-        rosbag2.write_metadata(self.folder, bag_topics(self.topics, self._logged()), files)
+        rosbag2.write_metadata(self.folder, self.topics, self._files())
 
     @property
     def latest(self) -> int:
@@ -203,11 +202,12 @@ class RunLogWriter:
         """What the log holds now."""
         counts = dict(zip((topic.name for topic in self.topics), self.orderer.counts, strict=True))
         due = {topic.name for topic in self.topics if topics.is_due(topic, self.topics)}
-        logged = self._logged()
+        files = self._files()
+        logged = [sum(file.counts[index] for file in files) for index in range(len(counts))]
         taken = sum(c.written for c in counts.values()) + self.orderer.waiting
         owed = {name: count for name, count in counts.items() if name in due}
         return RunSummary(
-            files=tuple(entry.path for entry, _ in self._files()),
+            files=tuple(file.path for file in files),
             messages=dict(zip(counts, logged, strict=True)),
             missing={n: (c.missing, c.first_missing or 0) for n, c in owed.items() if c.missing},
             duplicates={name: c.duplicates for name, c in counts.items() if c.duplicates},
@@ -219,12 +219,8 @@ class RunLogWriter:
             failure=self.failure,
         )
 
-    def _files(self) -> list[tuple[BagFile, list[int]]]:
-        """Each file as rosbag2 describes it, and its messages per topic."""
-        return [*self._finished, (self._file.entry, self._file.counts)]
-
-    def _logged(self) -> list[int]:
-        return [sum(c) for c in zip(*(counts for _, counts in self._files()), strict=True)]
+    def _files(self) -> list[BagFile]:
+        return [*self._finished, self._file.entry]
 
     def _begin_file(self, number: int, ticks_before: int) -> RunFileWriter:
         split = self._split_ticks > 0 or self._split_bytes > 0
@@ -243,7 +239,7 @@ class RunLogWriter:
             file.finish()
             file.close()
             following = self._begin_file(len(self._finished) + 1, file.ticks)
-            self._finished.append((file.entry, file.counts))
+            self._finished.append(file.entry)
             self._file = file = following
         file.add_tick(tick, messages)
         now_s = time.monotonic()
