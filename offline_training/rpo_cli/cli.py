@@ -8,6 +8,7 @@ from importlib.resources import files
 from typing import Annotated, Any
 
 import typer
+from typer import Option
 from typer.core import TyperGroup
 
 from rpo_cli.commands import (
@@ -48,7 +49,7 @@ class _Commands(TyperGroup):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         for command in (' '.join(args[:1]), ' '.join(args[:2])):
             options = (f'{command} {word.partition("=")[0]}' for word in args if word[:1] == '-')
-            for subject, name in (('command', command), *(('option', name) for name in options)):
+            for subject, name in (('command', command), *(('option', each) for each in options)):
                 if answer := gone.answer(subject, name):
                     typer.echo(f'rpo: `{name}` is {answer}', err=True)
                     raise typer.Exit(2)
@@ -71,18 +72,12 @@ app = typer.Typer(
 )
 
 
+_HELP = 'print the version and the digest that `rpo verify` prints, and end'
+_Version = Annotated[bool, Option('--version', callback=_version, is_eager=True, help=_HELP)]
+
+
 @app.callback()
-def _options(
-    version: Annotated[
-        bool,
-        typer.Option(
-            '--version',
-            callback=_version,
-            is_eager=True,
-            help='print the version and the digest that `rpo verify` prints, and end',
-        ),
-    ] = False,
-) -> None:
+def _options(version: _Version = False) -> None:
     pass
 
 
@@ -102,4 +97,4 @@ for _prefix, _typer in (('', app), ('log ', log.log), ('safety ', safety.safety)
         if _command.callback is not None:
             name = _command.name or _command.callback.__name__
             _command.epilog = _EXAMPLES[f'{_prefix}{name}']
-            listing.completing(_command.callback)
+            listing.complete_names(_command.callback)

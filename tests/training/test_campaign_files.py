@@ -22,7 +22,7 @@ from pages import Page
 from processes import stopped
 from rich.console import Console
 
-from rpo_cli.display import COMPILING, CampaignDisplay, duration
+from rpo_cli.display import COMPILING, progress
 from rpo_core.files.validation import InputError
 from rpo_core.judge.requirements import ATTITUDES, LIMITS, THRUST, Requirements
 from rpo_core.judge.verdicts import verdicts
@@ -371,44 +371,18 @@ def test_the_shipped_campaign_is_valid():
     assert replace(again.config, seed=2) != campaign.config
 
 
-@pytest.fixture
-def shown(monkeypatch, tmp_path):
-    """Return a function that shows a campaign by a clock; the clock, and what was shown."""
+def test_progress_counts_no_compiling(monkeypatch, tmp_path):
+    """It showed 15 runs/s, and minutes left, while the kernels were compiled."""
     now, out = [100.0], io.StringIO()
     monkeypatch.setattr('rpo_cli.display.time', SimpleNamespace(monotonic=lambda: now[0]))
-
-    def of(campaign):
-        out.truncate(0)
-        store = SimpleNamespace(folder=tmp_path, campaign=campaign, done_runs=0)
-        return CampaignDisplay(store, Console(file=out, width=200))
-
-    return of, now, out
-
-
-def test_progress_counts_no_compiling(loaded, shown, monkeypatch):
-    """It showed 15 runs/s, and minutes left, while the kernels were compiled."""
-    of, now, out = shown
     monkeypatch.setattr('rpo_cli.display.EVERY_S', -1.0)
     monkeypatch.setattr('rpo_cli.display.PATIENCE_S', 0.01)
-    with of(loaded(runs=900)) as display:
+    with progress(tmp_path, Console(file=out, width=200)) as show:
         while COMPILING not in out.getvalue():
             time.sleep(0.01)
-        for at in (130.0, 130.1, 131.0, 132.0):
-            now[0] = at
-            display.advance(200, 100)
-    *_, first, second, third, last = out.getvalue().splitlines()
-    assert all('runs/s' not in line and '? left' in line for line in (first, second, third))
-    assert '50.00 % succeed  200 runs/s  0:00 left' in last
-
-
-def test_a_long_campaign_is_announced_after_a_short_batch(loaded, shown):
-    """A million runs took half an hour, unannounced; it is told once, and of no short campaign."""
-    of, now, out = shown
-    for runs, told in ((1_000_000, 'about 83 min to go, at 200 runs/s'), (2000, '')):
-        with of(loaded(runs=runs)) as display:
-            for _ in range(9):
-                now[0] += 1.0
-                display.advance(200, 100)
-        lines = [line for line in out.getvalue().splitlines() if 'to go' in line]
-        assert len(lines) == bool(told) and all(told in line for line in lines)
-    assert [duration(s) for s in (61.0, 5000.0, 10_000.0)] == ['1 min', '83 min', '2 h 47 min']
+        for now[0], done in ((130.0, 200), (132.0, 400)):
+            show('runs', done, 900, '50.00 % succeed')
+    assert out.getvalue().splitlines()[-2:] == [
+        'runs 200/900  50.00 % succeed',
+        'runs 400/900  50.00 % succeed  100/s  0:05 left',
+    ]

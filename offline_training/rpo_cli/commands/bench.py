@@ -7,7 +7,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from rpo_cli.commands.shared import NoFail, Workers, echo, end, interruptible
 from rpo_cli.display import print_table
@@ -17,14 +17,14 @@ PARTS = ('all', 'inference', 'training', 'campaign', 'learning', 'ros')
 
 
 def bench(
-    what: Annotated[str, typer.Argument(help=', '.join(PARTS))] = 'all',
+    what: Annotated[str, Argument(help=', '.join(PARTS))] = 'all',
     evaluations: Annotated[
-        int, typer.Option(min=1, help="training: controllers; the paper's budget is 60 x 301")
+        int, Option(min=1, help="training: controllers; the paper's budget is 60 x 301")
     ] = 60 * 301,
-    runs: Annotated[int, typer.Option(min=1, help='campaign: runs')] = 10_000,
+    runs: Annotated[int, Option(min=1, help='campaign: runs')] = 10_000,
     workers: Workers = 0,
-    output: Annotated[Path, typer.Option(help='all: folder of the JSON file')] = Path('runs/bench'),
-    write: Annotated[Path | None, typer.Option(help='all: page to put the table into')] = None,
+    output: Annotated[Path, Option(help='all: folder of the JSON file')] = Path('runs/bench'),
+    write: Annotated[Path | None, Option(help='all: page to put the table into')] = None,
     no_fail: NoFail = False,
 ) -> None:
     """Measure speed beside a peer of the same run: targets P1 to P6, each a ratio.
@@ -37,8 +37,8 @@ def bench(
     from rpo_cli import bench as benches
 
     with interruptible(lambda: 'Interrupted; its nodes have ended, and nothing was saved.'):
-        found = list(benches.rows(what, evaluations, runs, workers))
-    print_table(benches.HEADINGS, [row.cells for row in found], left=2)
+        rows = list(benches.rows(what, evaluations, runs, workers))
+    print_table(benches.HEADINGS, [row.cells for row in rows], left=2)
     if what == 'all':
-        echo(benches.saved(found, output, write))
-        end(any(row.ratio < row.least for row in found), no_fail)
+        echo(benches.saved(rows, output, write))
+        end(any(row.ratio < row.least for row in rows), no_fail)

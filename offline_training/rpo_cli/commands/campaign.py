@@ -6,68 +6,50 @@ from __future__ import annotations
 
 import itertools
 import shlex
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
-from rpo_cli.commands.shared import (
-    Cluster,
-    NoFail,
-    Set,
-    Workers,
-    echo,
-    end,
-    interruptible,
-    refuse_beside,
-    refuse_workers_of_a_scheduler,
-    write_flight,
-)
-from rpo_cli.display import CampaignDisplay, print_table, progress
+from rpo_cli.commands import shared
+from rpo_cli.commands.shared import Cluster, NoFail, Resume, Set, Workers, echo, end
+from rpo_cli.display import print_table, progress
 from rpo_core.files.validation import InputError
 from rpo_montecarlo import outputs
 
 if TYPE_CHECKING:
-    from rpo_core.chain.flight import Flight
     from rpo_montecarlo.campaign.config import Campaign
     from rpo_montecarlo.campaign.store import Store
 
-
-SWEEP_RUNS = 400
+FAULT_RUNS = 400
 """Flights per share of `--faults`, if `--runs` does not say."""
 
 
 def campaign(
     context: typer.Context,
     source: Annotated[
-        str, typer.Argument(help='shipped name or file of a campaign, or the folder of one')
+        str, Argument(help='shipped name or file of a campaign, or the folder of one')
     ] = '',
     output: Annotated[
-        Path | None, typer.Option('--output', '-o', help='folder  [runs/NAME_SEED]')
+        Path | None, Option('--output', '-o', help='folder  [runs/NAME_SEED]')
     ] = None,
-    resume: Annotated[Path | None, typer.Option(help='folder to go on with')] = None,
-    run: Annotated[
-        int | None, typer.Option(min=0, help='fly this run alone, bit for bit, and show it')
-    ] = None,
-    csv: Annotated[Path | None, typer.Option(help='with --run: write its flight')] = None,
-    export: Annotated[
-        Path | None, typer.Option(help='with --run: write its scenario for the ROS nodes')
-    ] = None,
-    runs: Annotated[int | None, typer.Option(help="instead of the file's")] = None,
-    seed: Annotated[int | None, typer.Option(help="instead of the file's")] = None,
-    controller: Annotated[str | None, typer.Option(help="instead of the file's")] = None,
+    resume: Resume = None,
+    run: Annotated[int | None, Option(min=0, help='fly this run alone, bit for bit')] = None,
+    csv: Annotated[Path | None, Option(help='with --run: write its flight')] = None,
+    export: Annotated[Path | None, Option(help='with --run: its scenario for ROS nodes')] = None,
+    runs: Annotated[int | None, Option(help="instead of the file's")] = None,
+    seed: Annotated[int | None, Option(help="instead of the file's")] = None,
+    controller: Annotated[str | None, Option(help="instead of the file's")] = None,
     judge: Annotated[
-        list[str] | None,
-        typer.Option(help='limit to judge by, may be repeated  [all of the campaign]'),
+        list[str] | None, Option(help='limit to judge by, repeatable  [all of the campaign]')
     ] = None,
     sets: Set = None,
     faults: Annotated[
-        bool, typer.Option('--faults', help='success against the share of messages lost, late')
+        bool, Option('--faults', help='success against the share of messages lost, late')
     ] = False,
     least: Annotated[
-        float | None,
-        typer.Option(min=0.0, max=100.0, help='exit code 1 if fewer percent of the runs succeed'),
+        float | None, Option(min=0.0, max=100.0, help='percent of the runs that must succeed')
     ] = None,
     workers: Workers = 0,
     cluster: Cluster = '',
@@ -76,19 +58,16 @@ def campaign(
     """Fly dispersed closed loops, and print how many succeed, with confidence intervals.
 
     Results are saved as they come in: Ctrl-C stops cleanly, --resume goes on. It judges each run;
-    the campaign as a whole only with --least.
+    the campaign as a whole only with --least. Exit code 1: fewer runs than that succeed.
     """
     from rpo_montecarlo.campaign.store import Store
 
-    options = {
-        'runs': runs, 'seed': seed, 'controller': controller, 'set': sets, 'judge': judge,
-    }  # fmt: skip
+    options = {'runs': runs, 'seed': seed, 'controller': controller, 'set': sets, 'judge': judge}
     changes = {name: value for name, value in options.items() if value is not None}
-    refuse_workers_of_a_scheduler(workers, cluster)
+    shared.refuse_workers_of_a_scheduler(workers, cluster)
     if resume is not None:
-        refuse_beside(context, 'resume', 'workers', 'cluster', 'least', 'no_fail')
-        missed = _fly(Store.open(resume), workers, cluster, least)
-        end(missed, no_fail)
+        shared.refuse_beside(context, 'resume', 'workers', 'cluster', 'least', 'no_fail')
+        end(_fly(Store.open(resume), workers, cluster, least), no_fail)
         return
     if not source:
         raise InputError('a campaign file, the folder of a campaign, or --resume FOLDER is needed')
@@ -97,23 +76,20 @@ def campaign(
             raise InputError(f'`--{option}` writes one run: give --run too')
     if least is not None and (faults or run is not None):
         raise InputError('`--least` judges a whole campaign: no `--run` and no `--faults`')
-    if run is not None:
-        found = _of_source(source, changes)
-        _show_run(*found, run, csv)
-        _for_ros(found[0], source, run, export, sets or [])
-        return
     chosen, store = _of_source(source, changes)
-    if store is not None:
+    if run is not None:
+        _show_run(chosen, store, run, csv)
+        _for_ros(chosen, source, run, export, sets or [])
+    elif store is not None:
         end(_print(store, least), no_fail)
-        return
-    if faults:
-        _sweep(chosen, runs or min(chosen.config.runs, SWEEP_RUNS))
-        return
-    folder = output or Path('runs') / f'{chosen.config.name}_{chosen.config.seed}'
-    end(_fly(Store.create(folder, chosen), workers, cluster, least), no_fail)
+    elif faults:
+        _faults(chosen, runs or min(chosen.config.runs, FAULT_RUNS))
+    else:
+        folder = output or Path('runs') / f'{chosen.config.name}_{chosen.config.seed}'
+        end(_fly(Store.create(folder, chosen), workers, cluster, least), no_fail)
 
 
-def _sweep(chosen: Campaign, runs: int) -> None:
+def _faults(chosen: Campaign, runs: int) -> None:
     from rpo_montecarlo.campaign.faults import Faults
     from rpo_montecarlo.campaign.judging import sentence
     from rpo_montecarlo.campaign.sweep import FAULTS, PERCENTS, Sweep
@@ -134,8 +110,8 @@ def _sweep(chosen: Campaign, runs: int) -> None:
     for rows in zip(*found.values(), strict=True):
         cells = [str(rows[0].percent)]
         for _, d, alone in rows:
-            interval = f'{100 * d.low:.1f} to {100 * d.high:.1f}'
-            cells += [f'{100 * d.kept / d.runs:.1f}', interval]
+            cells.append(f'{100 * d.kept / d.runs:.1f}')
+            cells.append(f'{100 * d.low:.1f} to {100 * d.high:.1f}')
             cells.append(f'{100 * alone.kept / alone.runs:.1f}')
         table.append(cells)
     headings = (heading for kind in FAULTS for heading in (kind, 'Wilson 95 %', 'alone'))
@@ -168,14 +144,17 @@ def _fly(store: Store, workers: int, cluster: str, least: float | None) -> bool:
     """Fly what is missing of a campaign and print it; return whether too few runs succeed."""
     from rpo_montecarlo.campaign.execution import fly
 
-    again = shlex.join(['rpo', 'campaign', '--resume', str(store.folder)])
-    sentence = f'Interrupted; finished runs are saved. Go on with: {again}'
-    began, cpu = time.perf_counter(), time.process_time()
-    with interruptible(lambda: sentence), CampaignDisplay(store) as display:
-        fly(store, workers, cluster, display.advance)
-    began, cpu = time.perf_counter() - began, time.process_time() - cpu
+    before, new, kept = store.done_runs, 0, 0
+    with shared.saved_work(store.folder, 'finished runs', 'rpo', 'campaign') as show:
+
+        def advance(runs: int, successful: int) -> None:
+            nonlocal new, kept
+            new, kept = new + runs, kept + successful
+            sentence = f'{100 * kept / new:.2f} % succeed'
+            show('runs', before + new, store.campaign.config.runs, sentence)
+
+        fly(store, workers, cluster, advance)
     missed = _print(store, least)
-    typer.echo(f'took {began:.1f} s; {cpu:.1f} s of CPU time of this process')
     echo(store.folder / 'results.npz')
     return missed
 
@@ -186,13 +165,11 @@ def _print(store: Store, least: float | None) -> bool:
     from rpo_montecarlo.campaign.holding import rate_at_rest
     from rpo_montecarlo.campaign.statistics import QUANTILES, cells, nevers, rates, spreads
 
-    config = store.campaign.config
+    config, required = store.campaign.config, store.campaign.required
     found = rates(store)
     shares = [(r.name, f'{r.kept} / {r.runs}', f'{r.percent} %', f'{r.interval} %') for r in found]
-    shares += [
-        (judging.label(name, store.campaign.required[name]), judging.NOT_JUDGED, '', '')
-        for name in judging.not_judged(store.campaign)
-    ]
+    for name in judging.not_judged(store.campaign):
+        shares.append((judging.label(name, required[name]), judging.NOT_JUDGED, '', ''))
     title = f'{config.name}: {config.controller}, {config.scenario}, seed {config.seed}'
     print_table(('', 'runs', 'share', 'Wilson 95 %'), shares, title)
     echo(f'success: {judging.sentence(store.campaign)}')
@@ -214,27 +191,34 @@ def _print(store: Store, least: float | None) -> bool:
 
 
 def _show_run(chosen: Campaign, store: Store | None, number: int, csv: Path | None) -> None:
+    """Print a run, flown by the core too: the bits must be the same, and those of its folder."""
     from rpo_montecarlo.campaign import judging
     from rpo_montecarlo.campaign.config import METRICS
-    from rpo_montecarlo.campaign.run_batch import fly_runs
+    from rpo_montecarlo.campaign.run_batch import FINAL, fly_runs
     from rpo_montecarlo.campaign.single import fly_run
 
     if number >= chosen.config.runs:
         raise InputError(f'`--run` must be at most {chosen.config.runs - 1}; got {number}')
     columns = fly_runs(chosen, number, 1)
     flight = fly_run(chosen, number)
-    rows = []
     asked = judging.figures(chosen)
-    for name, (value,) in columns.items():
-        if name in METRICS and name not in asked:
-            continue
-        rows.append((name, judging.number(value, chosen.metrics.get(name, ''), '.6g')))
+    rows = [
+        (name, judging.number(value, chosen.metrics.get(name, ''), '.6g'))
+        for name, (value,) in columns.items()
+        if name not in METRICS or name in asked
+    ]
     print_table(('', 'value'), rows, f'{chosen.config.name}, run {number}')
     print_table(('judged', 'value', 'limit', ''), judging.of_run(chosen, columns))
     echo(f'success: {judging.sentence(chosen)}')
-    _compare(flight, columns, store, number)
+    same = [float(columns[name][0]) for name in FINAL] == flight.states[-1].tolist()
+    if store is not None:
+        same = same and all(store.column(name)[number] == columns[name][0] for name in columns)
+    if not same:
+        raise InputError(f'run {number}: the second flight has other bits: this is a defect')
+    what = 'the core' if store is None else 'the core and of the campaign'
+    typer.echo(f'The bits are those of {what}.')
     if csv:
-        write_flight(flight, csv)
+        shared.write_flight(flight, csv)
 
 
 def _for_ros(
@@ -254,23 +238,8 @@ def _for_ros(
         again += [part for change in sets for part in ('--set', change)]
         echo(f'On ROS 2: {shlex.join(again)}')
     else:
-        content = scenario.dumps(scenario_of(chosen, number)).encode()
-        outputs.write_aside(path, lambda file: file.write(content))
+        outputs.write_text(path, scenario.dumps(scenario_of(chosen, number)))
     flown = Path(source, 'controller.yaml')
     controller = str(flown) if flown.is_file() else chosen.config.controller
     fly = ['--scenario', str(path), '--controller', controller]
     echo(shlex.join(['ros2', 'run', 'rpo_bringup', 'final_approach', *fly]))
-
-
-def _compare(flight: Flight, columns: dict[str, Any], store: Store | None, number: int) -> None:
-    """Check that the core flies the same bits, and that the folder holds the same."""
-    from rpo_montecarlo.campaign.run_batch import FINAL
-
-    final = [float(columns[name][0]) for name in FINAL]
-    same = final == flight.states[-1].tolist()
-    if store is not None:
-        same = same and all(store.column(name)[number] == columns[name][0] for name in columns)
-    if not same:
-        raise InputError(f'run {number}: the second flight has other bits: this is a defect')
-    what = 'the core' if store is None else 'the core and of the campaign'
-    typer.echo(f'The bits are those of {what}.')

@@ -8,9 +8,10 @@ import csv as csv_files
 import io
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from rpo_cli.commands.shared import NoFail, Workers, draw, end
 from rpo_cli.display import print_table, progress
@@ -18,13 +19,9 @@ from rpo_core.files.validation import InputError
 from rpo_montecarlo.outputs import identifier, write_text
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from rpo_core.control.controller import AnyController
     from rpo_core.files.scenario import Scenario, ScenarioSet
     from rpo_judge.evaluation.assessment import Assessment
-    from rpo_judge.evaluation.consistency import Consistency
-
 
 WORLD_RUNS = 100
 """Flights that judge an estimator as its world is, at most: each takes a third of a second."""
@@ -32,35 +29,31 @@ WORLD_RUNS = 100
 
 def evaluate(
     controllers: Annotated[
-        list[str] | None, typer.Argument(help='shipped names or files; none with --estimator')
+        list[str] | None, Argument(help='shipped names or files; none with --estimator')
     ] = None,
     scenario: Annotated[
         str,
-        typer.Option(
+        Option(
             help='judge by what this scenario or set requires (name or file)  [what each was '
             'trained for; the targets for paper_training]'
         ),
     ] = '',
-    starts: Annotated[bool, typer.Option('--starts', help='print all 216 starts')] = False,
-    csv: Annotated[Path | None, typer.Option(help='write the starts to this file')] = None,
+    starts: Annotated[bool, Option('--starts', help='print all 216 starts')] = False,
+    csv: Annotated[Path | None, Option(help='write the starts to this file')] = None,
     everywhere: Annotated[
-        bool, typer.Option('--everywhere', help='fly dispersed runs and random starts: 50 000')
+        bool, Option('--everywhere', help='fly dispersed runs and random starts: 50 000')
     ] = False,
     robustness: Annotated[
-        bool,
-        typer.Option('--robustness', help='margins: gain, thrust, delay, mass, bias; nothing else'),
+        bool, Option('--robustness', help='margins: gain, thrust, delay, mass, bias; nothing else')
     ] = False,
     output: Annotated[
-        Path | None,
-        typer.Option('--output', '-o', help='folder of the pictures of --robustness  [runs]'),
+        Path | None, Option('--output', '-o', help='folder of the pictures of --robustness  [runs]')
     ] = None,
-    seed: Annotated[
-        int | None, typer.Option(help='of the draws of --everywhere  [2026]', show_default=False)
-    ] = None,
+    seed: Annotated[int | None, Option(help='of the draws of --everywhere  [2026]')] = None,
     estimator: Annotated[
-        str, typer.Option(help='judge the estimator of this scenario (name or file) instead')
+        str, Option(help='judge the estimator of this scenario (name or file) instead')
     ] = '',
-    runs: Annotated[int, typer.Option(help='flights that judge an estimator', min=2)] = 1000,
+    runs: Annotated[int, Option(help='flights that judge an estimator', min=2)] = 1000,
     workers: Workers = 0,
     no_fail: NoFail = False,
 ) -> None:
@@ -90,31 +83,28 @@ def evaluate(
     missed = _judge_estimator(estimator, runs) if estimator else False
     for name in controllers or ():
         loaded = load_controller(name)
+        of = scenario or trained_for(loaded) or PAPER
         if robustness:
             missed |= _robustness(loaded, output or Path('runs'), workers)
-            continue
-        of = scenario or trained_for(loaded) or PAPER
-        if scenario or of != PAPER or not isinstance(loaded, FuzzyController):
-            if starts or csv or everywhere:
-                raise InputError(
-                    '`--starts`, `--csv` and `--everywhere` need a controller that is judged by '
-                    f'the targets; {name} is judged by {of}'
-                )
+        elif not scenario and of == PAPER and isinstance(loaded, FuzzyController):
+            assessment = assess(loaded, workers)
+            missed |= _print_targets(assessment)
+            if everywhere:
+                missed |= _everywhere(loaded, seed, workers)
+            rows = _starts(assessment) if starts or csv else []
+            if starts:
+                print_table(_HEADINGS, rows, f'{loaded.name}: training starts', left=0)
+            if csv:
+                text = io.StringIO()
+                csv_files.writer(text, lineterminator='\n').writerows([_HEADINGS, *rows])
+                write_text(csv, text.getvalue())
+        elif starts or csv or everywhere:
+            raise InputError(
+                '`--starts`, `--csv` and `--everywhere` need a controller that is judged by '
+                f'the targets; {name} is judged by {of}'
+            )
+        else:
             missed |= judge_by(loaded, name, load(of))
-            continue
-        found = assess(loaded, workers)
-        missed |= not all(target.holds for target in found.targets())
-        _print_targets(found)
-        typer.echo(_bindings(found))
-        if everywhere:
-            missed |= _everywhere(loaded, seed, workers)
-        if starts:
-            title = f'{found.controller.name}: training starts'
-            print_table(_HEADINGS, _rows(found), title, left=0)
-        if csv:
-            text = io.StringIO()
-            csv_files.writer(text, lineterminator='\n').writerows([_HEADINGS, *_rows(found)])
-            write_text(csv, text.getvalue())
     end(missed, no_fail)
 
 
@@ -139,29 +129,20 @@ def _judge_estimator(name: str, runs: int) -> bool:
     from rpo_core.control.controller import load_controller
     from rpo_core.files import DEFAULT_CONTROLLER
     from rpo_core.files.scenario import load_scenario
+    from rpo_judge.evaluation import consistency
     from rpo_judge.evaluation.attitude_consistency import OUTAGE, attitude_consistency
-    from rpo_judge.evaluation.consistency import (
-        HEADINGS,
-        as_configured,
-        consistency,
-        in_its_world,
-        rows_in_its_world,
-        rows_of,
-        sigmas_at_goal,
-        size_of,
-    )
     from rpo_nav.attitude_estimator import AttitudeEstimator
     from rpo_nav.estimator import Estimator
 
     scenario = load_scenario(name)
-    late = round(0.3 / scenario.dt_s)
     positions = scenario.section(Estimator) is not None
     attitudes = scenario.section(AttitudeEstimator) is not None
-    cases: dict[str, Callable[..., Consistency]] = {}
+    cases: dict[str, Any] = {}
     if positions or not attitudes:
-        lost = as_configured(scenario, dropout_share=0.1, latency_ticks=late)
-        cases['noise as the filter assumes'] = partial(consistency, as_configured(scenario))
-        cases['noise as the filter assumes, 10 % lost, 0.3 s late'] = partial(consistency, lost)
+        worse = {'dropout_share': 0.1, 'latency_ticks': round(0.3 / scenario.dt_s)}
+        for what, changes in (('', {}), (', 10 % lost, 0.3 s late', worse)):
+            sensed = consistency.as_configured(scenario, **changes)
+            cases[f'noise as the filter assumes{what}'] = partial(consistency.consistency, sensed)
     if attitudes:
         turning, (begin, end_) = partial(attitude_consistency, scenario), OUTAGE
         cases['attitude, noise as the filter assumes'] = turning
@@ -171,21 +152,22 @@ def _judge_estimator(name: str, runs: int) -> bool:
     for case, fly in cases.items():
         with progress() as show:
             found = fly(runs=runs, show=show)
-        print_table(HEADINGS, rows_of(found), f'{scenario.name}, {case}: {runs} flights')
+        title = f'{scenario.name}, {case}: {runs} flights'
+        print_table(consistency.HEADINGS, consistency.rows_of(found), title)
         missed |= not found.holds
     if not positions:
         return missed
     controller, count = load_controller(DEFAULT_CONTROLLER), min(runs, WORLD_RUNS)
     with progress() as show:
-        world = in_its_world(scenario, controller, count, show)
+        world = consistency.in_its_world(scenario, controller, count, show)
     title = f'{scenario.name}, as its world is, {controller.name}: {count} flights'
-    print_table(HEADINGS, rows_in_its_world(world), title)
+    print_table(consistency.HEADINGS, consistency.rows_in_its_world(world), title)
+    size_of, (position_m, velocity_m_s) = consistency.size_of, consistency.sigmas_at_goal(scenario)
     typer.echo(
         f'As its world is, errors of position are {size_of(world.position)} than the filter says, '
         f'those of velocity {size_of(world.velocity)} (root of the mean NEES over 3). This is '
         'reported, not asked: the filter does not model all of its world.'
     )
-    position_m, velocity_m_s = sigmas_at_goal(scenario)
     if attitudes:
         typer.echo(f'Errors of attitude are {size_of(world.attitude)} than the filter says.')
     typer.echo(
@@ -195,14 +177,27 @@ def _judge_estimator(name: str, runs: int) -> bool:
     return missed
 
 
-def _print_targets(found: Assessment) -> None:
+def _print_targets(found: Assessment) -> bool:
+    """Print the figures of a controller beside its targets; return whether it misses one."""
+    from rpo_core.judge.metrics import ARRIVAL_DISTANCE, ARRIVAL_SPEED, ENERGY, SLEW
     from rpo_judge.evaluation.assessment import QUESTIONS
 
-    rows = [target.cells() for target in found.targets()]
-    print_table(
-        ('', 'what', 'limit', 'reached', ''), rows, f'{found.controller.name}: targets', left=2
+    targets, name = found.targets(), found.controller.name
+    rows = [target.cells() for target in targets]
+    print_table(('', 'what', 'limit', 'reached', ''), rows, f'{name}: targets', left=2)
+    bindings, worst, least = found.binding, found.metrics.max(axis=0), float(found.least.mean())
+    counts = ', '.join(f'{name} {bindings.count(name)}' for name in sorted(set(bindings)))
+    farthest = found.metrics[-1, ENERGY]
+    typer.echo(
+        f'{QUESTIONS}\n{found.verdict()}.\n'
+        f'mean J {found.mean_energy_n2s:.4f} N^2 s = {found.mean_energy_n2s / least:.2f} x the '
+        f'least to rest in 200 s without conditions ({least:.3f}); from [100, 100, 100] m '
+        f'{farthest:.3f} = {farthest / found.least[-1]:.2f} x\n'
+        f'worst start: speed {worst[ARRIVAL_SPEED]:.4f} m/s, slew {worst[SLEW]:.4f} N/s, '
+        f'distance {worst[ARRIVAL_DISTANCE]:.4f} m; smallest margin '
+        f'{100 * found.margin:.1f} %; condition nearest its limit: {counts}'
     )
-    typer.echo(f'{QUESTIONS}\n{found.verdict()}.')
+    return not all(target.holds for target in targets)
 
 
 def _everywhere(controller: AnyController, seed: int | None, workers: int) -> bool:
@@ -210,21 +205,15 @@ def _everywhere(controller: AnyController, seed: int | None, workers: int) -> bo
     from rpo_judge.evaluation.judgement import SEED, everywhere
     from rpo_training.provenance import saw
 
+    seed, rows = SEED if seed is None else seed, []
     with progress() as show:
-        seed = SEED if seed is None else seed
         outcomes = everywhere(controller, seed, workers, show)
-    rows = [
-        (
-            o.campaign,
-            o.success.name,
-            f'{o.success.kept} / {o.success.runs}',
-            f'{o.success.percent} %',
-            f'{o.success.interval} %',
-            '' if o.least is None else f'{100 * o.least:g} %',
-            'not asked' if o.least is None else 'held' if o.holds else 'MISSED',
-        )
-        for o in outcomes
-    ]
+    for o in outcomes:
+        asked = '' if o.least is None else f'{100 * o.least:g} %'
+        verdict = 'not asked' if o.least is None else 'held' if o.holds else 'MISSED'
+        s = o.success
+        shares = f'{s.kept} / {s.runs}', f'{s.percent} %', f'{s.interval} %'
+        rows.append((o.campaign, s.name, *shares, asked, verdict))
     headings = ('campaign', 'judged', 'runs that keep it', 'share', 'Wilson 95 %', 'least', '')
     print_table(headings, rows, f'{controller.name}: draws of seed {seed}', left=2)
     for o in outcomes:
@@ -236,71 +225,37 @@ def _everywhere(controller: AnyController, seed: int | None, workers: int) -> bo
 
 def _robustness(controller: AnyController, folder: Path, workers: int) -> bool:
     """Print and draw the margins of a controller; return whether a start misses a condition."""
-    from rpo_judge.evaluation.robustness import (
-        CROSSED,
-        HEADINGS,
-        crossing_row,
-        margins_of,
-        rows_of,
-    )
-    from rpo_report import robustness
+    from rpo_judge.evaluation import robustness
+    from rpo_report import robustness as pictures
 
     with progress() as show:
-        found = margins_of(controller, workers, show)
+        found = robustness.margins_of(controller, workers, show)
     typer.echo(f'{controller.name}: {found.headline()}.')
     if found.margins:
-        print_table(HEADINGS, rows_of(found), left=1)
+        print_table(robustness.HEADINGS, robustness.rows_of(found))
     if found.crossings:
-        print_table(CROSSED, map(crossing_row, found.crossings), 'describing function of an axis')
+        rows = map(robustness.crossing_row, found.crossings)
+        print_table(robustness.CROSSED, rows, 'describing function of an axis')
     path = folder / f'robustness_{identifier(controller.name)}.png'
-    draw(path, robustness.draw, found, controller.name)
+    draw(path, pictures.draw, found, controller.name)
     return found.starts_missed > 0
 
 
-def _bindings(found: Assessment) -> str:
-    from rpo_core.judge.metrics import ARRIVAL_DISTANCE, ARRIVAL_SPEED, ENERGY, SLEW
-
-    rows, bindings = found.metrics, found.binding
-    worst = rows.max(axis=0)
-    counts = ', '.join(f'{name} {bindings.count(name)}' for name in sorted(set(bindings)))
-    least = float(found.least.mean())
-    return (
-        f'mean J {found.mean_energy_n2s:.4f} N^2 s = {found.mean_energy_n2s / least:.2f} x the '
-        f'least to rest in 200 s without conditions ({least:.3f}); from [100, 100, 100] m '
-        f'{rows[-1, ENERGY]:.3f} = {rows[-1, ENERGY] / found.least[-1]:.2f} x\n'
-        f'worst start: speed {worst[ARRIVAL_SPEED]:.4f} m/s, slew {worst[SLEW]:.4f} N/s, '
-        f'distance {worst[ARRIVAL_DISTANCE]:.4f} m; smallest margin '
-        f'{100 * found.margin:.1f} %; condition nearest its limit: {counts}'
-    )
-
-
 _HEADINGS = (
-    'x [m]',
-    'y [m]',
-    'z [m]',
-    'J [N^2 s]',
-    'J / least',
-    'speed [m/s]',
-    'slew [N/s]',
-    'distance [m]',
-    'nearest limit',
-)
+    'x [m]', 'y [m]', 'z [m]', 'J [N^2 s]', 'J / least', 'speed [m/s]', 'slew [N/s]',
+    'distance [m]', 'nearest limit',
+)  # fmt: skip
 
 
-def _rows(found: Assessment) -> list[list[str]]:
+def _starts(found: Assessment) -> list[list[str]]:
+    """Return the rows of the starts, under `_HEADINGS`."""
     from rpo_core.judge.metrics import ARRIVAL_DISTANCE, ARRIVAL_SPEED, ENERGY, SLEW
 
-    return [
-        [
-            *(f'{r:g}' for r in start),
-            f'{row[ENERGY]:.4f}',
-            f'{row[ENERGY] / least:.3f}',
-            f'{row[ARRIVAL_SPEED]:.5f}',
-            f'{row[SLEW]:.5f}',
-            f'{row[ARRIVAL_DISTANCE]:.5f}',
-            binding,
-        ]
-        for start, row, least, binding in zip(
-            found.starts, found.metrics, found.least, found.binding, strict=True
-        )
-    ]
+    rows = []
+    for start, row, least, binding in zip(
+        found.starts, found.metrics, found.least, found.binding, strict=True
+    ):
+        energies = f'{row[ENERGY]:.4f}', f'{row[ENERGY] / least:.3f}'
+        others = (f'{row[column]:.5f}' for column in (ARRIVAL_SPEED, SLEW, ARRIVAL_DISTANCE))
+        rows.append([*(f'{r:g}' for r in start), *energies, *others, binding])
+    return rows

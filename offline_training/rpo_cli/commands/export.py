@@ -4,37 +4,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Argument, Option
 
 from rpo_cli.commands.shared import echo, write_texts
+from rpo_core.files.validation import InputError
 
 
 def export(
-    controller: Annotated[str, typer.Argument(help='shipped name or file')],
-    to: Annotated[
-        str,
-        typer.Option(help='fis (MATLAB), fll (FuzzyLite), json, python or c'),
-    ],
+    controller: Annotated[str, Argument(help='shipped name or file')],
+    to: Annotated[str, Option(help='fis (MATLAB), fll (FuzzyLite), json, python or c')],
     output: Annotated[
         Path | None,
-        typer.Option(
-            '--output', '-o', help='file, - for the terminal; if none, named after the controller'
-        ),
+        Option('--output', '-o', help='file, - for the terminal  [named after the controller]'),
     ] = None,
     assurance: Annotated[
         str | None,
-        typer.Option(
+        Option(
             metavar='SCENARIO',
             help='with c: the assurance filter of a scenario too, shipped name or file',
         ),
     ] = None,
     scenario: Annotated[
         str | None,
-        typer.Option(help='with c: fly to the goal of this scenario, shipped name or file'),
+        Option(help='with c: fly to the goal of this scenario, shipped name or file'),
     ] = None,
 ) -> None:
     """Write a controller for MATLAB or FuzzyLite, as JSON, Python or C99.
@@ -44,57 +41,55 @@ def export(
     """
     from rpo_core.control.controller import load_controller
     from rpo_core.files.scenario import load_scenario
-    from rpo_core.files.validation import InputError
     from rpo_ctrl import attitude
     from rpo_export import SUFFIXES, attitude_files, c, c_assured, text_of
     from rpo_montecarlo.outputs import identifier, make_folder
 
     axis = attitude.axis_of(controller) if attitude.is_one(controller) else None
-    if axis is not None and (to != 'c' or assurance is not None or scenario is not None):
+    alone = to == 'c' and assurance is None
+    if axis is not None and not (alone and scenario is None):
         raise InputError(
             'a controller of attitude needs `--to c`, without `--assurance` and `--scenario`'
         )
-    if scenario is not None and (to != 'c' or assurance is not None):
+    if scenario is not None and not alone:
         raise InputError(
             '`--scenario` needs `--to c`, without `--assurance`, which flies to its own goal'
         )
+    if assurance is not None and to != 'c':
+        raise InputError(f'`--assurance` needs `--to c`; got {to}')
     loaded = load_controller(controller) if axis is None else axis
     path = output or Path(identifier(loaded.name) + SUFFIXES.get(to, ''))
-    made: Sequence[str]
+    texts: tuple[str, ...]
     if assurance is not None:
-        if to != 'c':
-            raise InputError(f'`--assurance` needs `--to c`; got {to}')
-        made = c_assured.files(loaded, load_scenario(assurance), path.name)
+        texts = c_assured.files(loaded, load_scenario(assurance), path.name)
     elif axis is not None:
-        made = attitude_files(axis, path.name)
+        texts = attitude_files(axis, path.name)
     elif to == 'c':
         goal_of = None if scenario is None else load_scenario(scenario)
-        made = c.files(loaded, path.name, goal_of)
+        texts = c.files(loaded, path.name, goal_of)
     else:
-        made = [text_of(loaded, to)]
+        texts = (text_of(loaded, to),)
     if output == Path('-'):
-        typer.echo(made[0], nl=False)
+        typer.echo(texts[0], nl=False)
         return
     make_folder(path.parent)
-    write_texts(dict(zip((path, path.with_suffix('.h')), made, strict=False)))
+    write_texts(dict(zip((path, path.with_suffix('.h')), texts, strict=False)))
 
 
 _HELP = 'of an error (force) of 1, if the file does not say'
 
 
 def import_(
-    file: Annotated[Path, typer.Argument(help='.fis or .fll file')],
-    output: Annotated[Path, typer.Option('--output', '-o', help='controller file to write')],
-    position_scale: Annotated[float | None, typer.Option(help=f'metres {_HELP}')] = None,
-    velocity_scale: Annotated[float | None, typer.Option(help=f'm/s {_HELP}')] = None,
-    force_scale: Annotated[float | None, typer.Option(help=f'newtons {_HELP}')] = None,
+    file: Annotated[Path, Argument(help='.fis or .fll file')],
+    output: Annotated[Path, Option('--output', '-o', help='controller file to write')],
+    position_scale: Annotated[float | None, Option(help=f'metres {_HELP}')] = None,
+    velocity_scale: Annotated[float | None, Option(help=f'm/s {_HELP}')] = None,
+    force_scale: Annotated[float | None, Option(help=f'newtons {_HELP}')] = None,
 ) -> None:
     """Make a controller file from a MATLAB .fis or FuzzyLite .fll file of the paper's shape.
 
     Two inputs and one output of five mirrored triangles each, 25 rules, min-max, centroid.
     """
-    from dataclasses import replace
-
     from rpo_core.control.controller import dumps
     from rpo_export.importing import load
     from rpo_judge.analysis.rule_base import warnings

@@ -5,30 +5,24 @@
 from __future__ import annotations
 
 import math
+import secrets
 import shlex
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
-from rpo_cli.commands.shared import (
-    Cluster,
-    NoFail,
-    Workers,
-    echo,
-    end,
-    interruptible,
-    refuse_beside,
-    refuse_workers_of_a_scheduler,
-)
-from rpo_cli.display import ProofDisplay, print_table, progress
-from rpo_core.files.validation import InputError, printable
+from rpo_cli.commands import shared
+from rpo_cli.commands.shared import Cluster, NoFail, Resume, Workers, echo, end
+from rpo_cli.display import print_table, progress
+from rpo_core.files.validation import InputError
 
 if TYPE_CHECKING:
     from rpo_judge.evaluation.proven import Proof
-    from rpo_proof.check import Checked, Sample
+    from rpo_proof.check import Checked
     from rpo_proof.claims import Claim, Range
     from rpo_proof.folder import Folder
     from rpo_proof.problem import Problem
@@ -36,74 +30,60 @@ if TYPE_CHECKING:
 
 def prove(
     context: typer.Context,
-    controller: Annotated[str, typer.Argument(help='shipped name or file')] = '',
+    controller: Annotated[str, Argument(help='shipped name or file')] = '',
     scenario: Annotated[
         str,
-        typer.Option(
+        Option(
             help='set whose outermost starts are the box, or single flight, the middle of the box'
         ),
     ] = 'paper_training',
     position: Annotated[
-        float | None, typer.Option(help='half-width of the box of starts, each axis [m]')
+        float | None, Option(help='half-width of the box of starts, each axis [m]')
     ] = None,
     velocity: Annotated[
-        float, typer.Option(min=0.0, help='half-width in velocity, each axis [m/s]')
+        float, Option(min=0.0, help='half-width in velocity, each axis [m/s]')
     ] = 0.0,
-    mass: Annotated[float, typer.Option(help='share by which the mass may differ')] = 0.0,
+    mass: Annotated[float, Option(help='share by which the mass may differ')] = 0.0,
     disturbance: Annotated[
         float,
-        typer.Option(
-            help="the scenario's disturbance at any phase, up to so many times; 0: as it is"
-        ),
+        Option(help="the scenario's disturbance at any phase, up to so many times; 0: as it is"),
     ] = 0.0,
     any_disturbance: Annotated[
-        float, typer.Option(help='any other disturbance of an axis, changing at every tick [N]')
+        float, Option(help='any other disturbance of an axis, changing at every tick [N]')
     ] = 0.0,
     axes_apart: Annotated[
         bool,
-        typer.Option(
-            '--axes-apart',
-            help='each axis alone, in cells of its unknown disturbance and mass',
-        ),
+        Option('--axes-apart', help='each axis alone, in cells of its unknown disturbance, mass'),
     ] = False,
     cell: Annotated[
-        float, typer.Option(help='half-width of the first cells, or of strips of --axes-apart [m]')
+        float, Option(help='half-width of the first cells, or of strips of --axes-apart [m]')
     ] = 1.0,
-    cell_velocity: Annotated[
-        float, typer.Option(help='half-width of them in velocity [m/s]')
-    ] = 0.025,
+    cell_velocity: Annotated[float, Option(help='half-width of them in velocity [m/s]')] = 0.025,
     claim: Annotated[
         list[str] | None,
-        typer.Option(help='requirement to prove, may be repeated  [all of the scenario]'),
+        Option(help='requirement to prove, repeatable  [all of the scenario]'),
     ] = None,
     output: Annotated[
-        Path | None, typer.Option('--output', '-o', help='folder  [runs/proof_NAME]')
+        Path | None, Option('--output', '-o', help='folder  [runs/proof_NAME]')
     ] = None,
-    resume: Annotated[Path | None, typer.Option(help='folder to go on with')] = None,
+    resume: Resume = None,
     check: Annotated[
-        Path | None, typer.Option(help='folder of a finished proof to check independently')
+        Path | None, Option(help='folder of a finished proof to check independently')
     ] = None,
     publish: Annotated[
-        bool,
-        typer.Option(
-            '--publish',
-            help='with --check of `rpo prove NAME`: write it into the table of docs/proof.md',
-        ),
+        bool, Option('--publish', help='with --check of `rpo prove NAME`: into docs/proof.md')
     ] = False,
     cells: Annotated[
-        int, typer.Option(min=0, help='with --check: random cells of each group, 0 = all')
+        int, Option(min=0, help='with --check: random cells of each group, 0 = all')
     ] = 20,
     flights: Annotated[
-        int, typer.Option(min=0, help='with --check: random flights held against their tubes')
+        int, Option(min=0, help='with --check: random flights held against their tubes')
     ] = 1000,
     seed: Annotated[
-        int | None, typer.Option(min=0, help='with --check: of what is drawn  [another each time]')
+        int | None, Option(min=0, help='with --check: of what is drawn  [another each time]')
     ] = None,
     estimate: Annotated[
-        int,
-        typer.Option(
-            min=0, help='prove so many first cells only, at random, and say what all cost'
-        ),
+        int, Option(min=0, help='prove so many first cells only, at random; say what all cost')
     ] = 0,
     workers: Workers = 0,
     cluster: Cluster = '',
@@ -115,9 +95,9 @@ def prove(
     """
     from rpo_proof.folder import Folder
 
-    refuse_workers_of_a_scheduler(workers, cluster)
+    shared.refuse_workers_of_a_scheduler(workers, cluster)
     if check is not None:
-        refuse_beside(context, 'check', 'publish', 'cells', 'flights', 'seed', 'no_fail')
+        shared.refuse_beside(context, 'check', 'publish', 'cells', 'flights', 'seed', 'no_fail')
         folder = Folder.open(check)
         proof = _proof_of(folder, f'--cells {cells} --flights {flights}') if publish else None
         missed = _check(folder, cells, flights, seed)
@@ -128,14 +108,13 @@ def prove(
     if publish:
         raise InputError('`--publish` goes with `--check FOLDER`')
     if resume is not None:
-        refuse_beside(context, 'resume', 'workers', 'cluster', 'no_fail')
-        found = Folder.open(resume)
-        found.refuse_other_code()
-        end(_prove(found, workers, cluster), no_fail)
+        shared.refuse_beside(context, 'resume', 'workers', 'cluster', 'no_fail')
+        folder = Folder.open(resume)
+        folder.refuse_other_code()
+        end(_prove(folder, workers, cluster), no_fail)
         return
     if not controller:
         raise InputError('say what to prove: a controller, --resume FOLDER or --check FOLDER')
-    half = None if position is None else (position, position, position)
     options = {
         'mass_share': mass,
         'disturbance_share': disturbance,
@@ -145,7 +124,7 @@ def prove(
         'cell_m_s': cell_velocity,
         'claims': tuple(claim or ()),
     }
-    problem = _problem(controller, scenario, half, velocity, options)
+    problem = _problem(controller, scenario, position, velocity, options)
     if estimate:
         _estimate(problem, estimate)
         return
@@ -156,7 +135,7 @@ def prove(
 def _problem(
     controller: str,
     scenario: str,
-    position: Sequence[float] | None,
+    position: float | None,
     velocity: float,
     options: dict[str, Any],
 ) -> Problem:
@@ -165,17 +144,17 @@ def _problem(
     from rpo_proof.claims import requirements_of
     from rpo_proof.problem import Problem, Settings
 
-    found = load(scenario)
-    if isinstance(found, ScenarioSet):
-        base, starts = found.base, found.initial_positions_m
+    loaded = load(scenario)
+    if isinstance(loaded, ScenarioSet):
+        base, starts = loaded.base, loaded.initial_positions_m
         least, most = starts.min(axis=0), starts.max(axis=0)
         centre, half = ((least + most) / 2).tolist(), ((most - least) / 2).tolist()
-        half = half if position is None else list(position)
+    elif position is None:
+        raise InputError('`--scenario` names a single flight: give `--position` too')
     else:
-        base, centre = found, list(found.initial_position_m)
-        if position is None:
-            raise InputError('`--scenario` names a single flight: give `--position` too')
-        half = list(position)
+        base, centre = loaded, loaded.initial_position_m
+    if position is not None:
+        half = [position] * 3
     settings = Settings(
         centre=(*centre, *base.initial_velocity_m_s), half=(*half, *3 * [velocity]), **options
     )
@@ -191,14 +170,10 @@ def _prove(folder: Folder, workers: int, cluster: str) -> bool:
     from rpo_proof.proving import prove as make
 
     problem = folder.problem
-    again = shlex.join(['rpo', 'prove', '--resume', str(folder.path)])
-    sentence = f'Interrupted; finished cells are saved. Go on with: {again}'
     if not problem.controller.system.rules.is_odd:
         echo('The rules are not odd: the whole box is proven, not half of it.', err=True)
-    began, cpu = time.perf_counter(), time.process_time()
-    with interruptible(lambda: sentence), ProofDisplay(folder.path) as display:
-        outcome = make(folder, workers, cluster, display.advance)
-    began, cpu = time.perf_counter() - began, time.process_time() - cpu
+    with shared.saved_work(folder.path, 'finished cells', 'rpo', 'prove') as show:
+        outcome = make(folder, workers, cluster, show)
     _print(problem, outcome.claims, outcome.ranges)
     for key in outcome.counterexamples:
         flight, _ = folder.flights(key)
@@ -210,7 +185,6 @@ def _prove(folder: Folder, workers: int, cluster: str) -> bool:
                 f'Not checked: {resumed} of {every} units of {group} cells are of an earlier call, '
                 'as the folder says; --check looks at them'
             )
-    echo(f'took {began:.1f} s; {cpu:.1f} s of CPU time of this process')
     echo(folder.path)
     return worst(outcome.claims) != PROVEN
 
@@ -236,12 +210,10 @@ def _estimate(problem: Problem, count: int) -> None:
 
 def _check(folder: Folder, cells: int, flights: int, seed: int | None) -> bool:
     """Check a proof, end at a wrong one; return whether a claim is refuted or open."""
-    import secrets
-
     from rpo_judge.analysis.certificate import PROVEN
     from rpo_proof.check import Sample, check
     from rpo_proof.claims import worst
-    from rpo_proof.folder import code_digest
+    from rpo_proof.folder import code_digest, origins
 
     if folder.recorded['code_sha256'] != code_digest():
         echo(
@@ -253,12 +225,23 @@ def _check(folder: Folder, cells: int, flights: int, seed: int | None) -> bool:
     sample = Sample(starts=cells, flights=flights, seed=seed)
     with progress() as show:
         found = check(folder, sample, show)
+    for fault in found.faults:
+        echo(f'WRONG: {fault}')
     if found.faults:
-        for fault in found.faults:
-            echo(printable(f'WRONG: {fault}'))
         raise typer.Exit(1)
     _print(folder.problem, found.claims, found.ranges, found)
-    _say_what_was_checked(folder, found, sample)
+    for line in origins(folder):
+        echo(line)
+    echo(f'checked by code of SHA-256 {code_digest()}')
+    drawn = ', '.join(f'{some} of {every} {g}' for g, (some, every) in found.drawn.items())
+    echo(
+        'Checked: that the cells cover the starts, and what follows from all of them; flights of '
+        f'claims, flown again; the table of the surface; tubes of {drawn} cells, '
+        f'{sample.ticks} ticks of each in rational numbers; {flights} flights from cells of '
+        f'each kind at every tick; drawn by --seed {seed}'
+    )
+    for left in _not_checked(folder, found):
+        echo(f'Not checked: {left}')
     echo(f'Nothing wrong was found in {time.perf_counter() - began:.0f} s')
     return worst(found.claims) != PROVEN
 
@@ -300,23 +283,6 @@ def _publish(proof: Proof) -> None:
     proven.write(proofs)
     page = proven.PATH.parents[2] / 'docs' / 'proof.md'
     comparison_table.put_into(page, proven.markdown(proofs), proven.BEGIN, proven.END)
-
-
-def _say_what_was_checked(folder: Folder, found: Checked, sample: Sample) -> None:
-    from rpo_proof.folder import code_digest, origins
-
-    for line in origins(folder):
-        echo(line)
-    echo(f'checked by code of SHA-256 {code_digest()}')
-    drawn = ', '.join(f'{some} of {every} {g}' for g, (some, every) in found.drawn.items())
-    echo(
-        'Checked: that the cells cover the starts, and what follows from all of them; flights of '
-        f'claims, flown again; the table of the surface; tubes of {drawn} cells, '
-        f'{sample.ticks} ticks of each in rational numbers; {sample.flights} flights from cells of '
-        f'each kind at every tick; drawn by --seed {sample.seed}'
-    )
-    for left in _not_checked(folder, found):
-        echo(printable(f'Not checked: {left}'))
 
 
 def _not_checked(folder: Folder, found: Checked) -> Iterable[str]:

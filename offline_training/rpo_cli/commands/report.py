@@ -8,19 +8,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
 from rpo_cli.commands.shared import NoFail, echo, end
 from rpo_cli.display import plain_console
 from rpo_core.files.validation import InputError, printable, within
 
 if TYPE_CHECKING:
-    from rpo_report.page import Report
+    from rpo_report.page import Report, Subject
 
 
 def report(
     targets: Annotated[
         list[str],
-        typer.Argument(
+        Argument(
             metavar='TARGET...',
             help='runs (folder, .mcap or bag), or one campaign, proof (folder), controller '
             '(name or file)',
@@ -28,20 +29,16 @@ def report(
     ],
     output: Annotated[
         Path | None,
-        typer.Option(
-            '--output',
-            '-o',
-            help='folder  [report/ in the folder, runs/report_NAME of a controller]',
-        ),
+        Option('--output', '-o', help='folder  [report/ in the folder, runs/report_NAME else]'),
     ] = None,
     scenario: Annotated[
         str,
-        typer.Option(
+        Option(
             help='of a controller: judge by what this scenario or set requires (name or file)  '
             '[what it was trained for]; of a bag without manifests: what was flown'
         ),
     ] = '',
-    open_: Annotated[bool, typer.Option('--open', help='show the page in the browser')] = False,
+    open_: Annotated[bool, Option('--open', help='show the page in the browser')] = False,
     no_fail: NoFail = False,
 ) -> None:
     """Draw runs, a campaign, a proof or a controller: PNGs, and one HTML page, self-contained.
@@ -53,7 +50,6 @@ def report(
     from rich.text import Text
 
     from rpo_report import page
-    from rpo_report.page import write
 
     target, *others = targets
     subject = page.subject_of(target)
@@ -66,72 +62,55 @@ def report(
             )
     doing = Text(printable(f'{target}: reporting this {subject}'))
     with plain_console(stderr=True).status(doing):
-        if others:
+        if subject == 'run':
             made, folder, code = _of_runs(targets, scenario)
-        elif subject == 'run':
-            made, folder, code = _of_run(target, scenario)
-        elif subject == 'controller':
-            made, folder, code = _of_controller(target, scenario)
         else:
-            made, folder, code = _of_folder(target, subject)
-        paths = write(made, output or folder)
+            (made, folder), code = _of_another(target, subject, scenario), 0
+        paths = page.write(made, output or folder)
     for path in paths:
         echo(path)
     if open_:
         typer.launch(paths[-1].resolve().as_uri())
     if code:
-        raise typer.Exit(int(code))
+        raise typer.Exit(code)
     end(made.missed, no_fail)
 
 
-Made = tuple['Report', Path, int]
-"""A report, where it goes if nothing else is said, and the exit code."""
-
-
-def _of_run(target: str, scenario: str) -> Made:
+def _of_runs(targets: list[str], scenario: str) -> tuple[Report, Path, int]:
+    """Return a report, where it goes if nothing else is said, and the exit code."""
     from rpo_log.show.report import folder_of, print_table
     from rpo_mcap.errors import ExitCode
     from rpo_report import run
 
-    made, shown = run.report_of(Path(target), scenario)
-    if shown.lacks:
-        echo(f'{target}: {"; ".join(shown.lacks)}', err=True)
-    if shown.whole:
-        print_table(shown.flight, made.title)
+    paths = [Path(target) for target in targets]
+    if len(paths) == 1:
+        made, shown = run.report_of(paths[0], scenario)
+        every, folder = [shown], folder_of(paths[0])
+        if shown.whole:
+            print_table(shown.flight, made.title)
     else:
-        echo(f'{target}: {"; ".join(shown.gaps)}', err=True)
-    return made, folder_of(Path(target)), ExitCode.OK if shown.whole else ExitCode.INCOMPLETE
-
-
-def _of_runs(targets: list[str], scenario: str) -> Made:
-    from rpo_mcap.errors import ExitCode
-    from rpo_report import run
-
-    made, every = run.compared([Path(target) for target in targets], scenario)
+        made, every = run.compared(paths, scenario)
+        folder = Path('runs') / '_'.join(['report', *(path.stem for path in paths)])
     for target, shown in zip(targets, every, strict=True):
         if missing := (*shown.lacks, *shown.gaps):
             echo(f'{target}: {"; ".join(missing)}', err=True)
     whole = all(shown.whole for shown in every)
-    folder = Path('runs') / '_'.join(['report', *(Path(target).stem for target in targets)])
-    return made, folder, ExitCode.OK if whole else ExitCode.INCOMPLETE
+    return made, folder, int(ExitCode.OK if whole else ExitCode.INCOMPLETE)
 
 
-def _of_folder(target: str, subject: str) -> Made:
-    from rpo_report import campaign, proof
-
-    module = campaign if subject == 'campaign' else proof
-    return module.report_of(Path(target)), Path(target) / 'report', 0
-
-
-def _of_controller(target: str, scenario: str) -> Made:
+def _of_another(target: str, subject: Subject, scenario: str) -> tuple[Report, Path]:
+    """Return the report of a campaign, a proof or a controller, and where it goes."""
     from rpo_ctrl import attitude
-    from rpo_report import controller
+    from rpo_report import campaign, controller, proof
 
+    if subject != 'controller':
+        module = campaign if subject == 'campaign' else proof
+        return module.report_of(Path(target)), Path(target) / 'report'
     if attitude.is_one(target):
         fly = f'rpo simulate tumbling_docking --set attitude_control.controller={target}'
         raise InputError(f'{target} turns the chaser: `{fly}` flies it, and that run has a report')
     with within(f'{target}: no run and no campaign; as a controller'):
-        return controller.report_of(target, scenario), Path('runs') / _folder(target), 0
+        return controller.report_of(target, scenario), Path('runs') / _folder(target)
 
 
 def _folder(target: str) -> str:

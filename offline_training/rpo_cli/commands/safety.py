@@ -5,12 +5,21 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
-from rpo_cli.commands.shared import NoFail, Set, end, interruptible, write_texts
+from rpo_cli.commands.shared import (
+    Controller,
+    NoFail,
+    Set,
+    end,
+    interruptible,
+    write_texts,
+)
 from rpo_cli.display import print_table, progress
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.files.validation import InputError
@@ -24,17 +33,14 @@ safety = typer.Typer(
     no_args_is_help=True,
 )
 
-
 LEGEND = (
     'Ticks with a path in the zone, without an admissible command, above the speed limit, and with '
     'a changed command; nearest: the least distance of a path to the zone.'
 )
 
-Name = Annotated[str, typer.Argument(help='shipped scenario, or file', metavar='SCENARIO')]
-_Flights = Annotated[
-    str, typer.Argument(help='shipped scenario or set, or file', metavar='SCENARIO')
-]
-_Controllers = Annotated[list[str] | None, typer.Option(help='shipped name or file; repeatable')]
+Name = Annotated[str, Argument(help='shipped scenario, or file', metavar='SCENARIO')]
+Flights = Annotated[str, Argument(help='shipped scenario or set, or file', metavar='SCENARIO')]
+Controllers = Annotated[list[str] | None, Option(help='shipped name or file; repeatable')]
 
 
 @safety.command()
@@ -53,11 +59,11 @@ def show(scenario: Name, changes: Set = None) -> None:
     if settings is None:
         raise InputError(f'scenario {found.name} must have a section `assurance`; it has none')
     proof = proof_of(settings, found)
-    rows = [*proof.errors._asdict().items(), *proof.guard._asdict().items()]
-    rows.append(('floor_m_s', proof.floor_m_s))
+    guard = proof.guard._asdict()
+    rows = [*proof.errors._asdict().items(), *guard.items(), ('floor_m_s', proof.floor_m_s)]
     if proof.walls is not None:  # what differs in the corridor, in the axes of the target
-        own, walls = proof.guard._asdict(), proof.walls._asdict()
-        rows += [(f'turning {name}', walls[name]) for name in walls if walls[name] != own[name]]
+        walls = proof.walls._asdict().items()
+        rows += [(f'turning {name}', value) for name, value in walls if value != guard[name]]
     cells = [(name, f'{value:.6g}') for name, value in rows]
     print_table(('constant', 'value'), cells, f'{found.name}: what is assumed, and what follows')
     passing, acting = speeds(proof.guard, found)
@@ -67,14 +73,14 @@ def show(scenario: Name, changes: Set = None) -> None:
 @safety.command()
 def attack(
     scenario: Name = 'assured',
-    runs: Annotated[int, typer.Option(min=1, max=10_000_000, help='flights')] = 7000,
-    seed: Annotated[int, typer.Option(min=0, help='of all that is drawn')] = 1,
-    ticks: Annotated[int, typer.Option(min=1, max=1_000_000, help='length of a flight')] = 1000,
+    runs: Annotated[int, Option(min=1, max=10_000_000, help='flights')] = 7000,
+    seed: Annotated[int, Option(min=0, help='of all that is drawn')] = 1,
+    ticks: Annotated[int, Option(min=1, max=1_000_000, help='length of a flight')] = 1000,
     campaign: Annotated[
-        str, typer.Option(help='shipped name or file: fly its runs instead, with all stages')
+        str, Option(help='shipped name or file: fly its runs instead, with all stages')
     ] = '',
     estimated: Annotated[
-        bool, typer.Option('--estimated', help='with its own sensors and estimator of the position')
+        bool, Option('--estimated', help='with its own sensors and estimator of the position')
     ] = False,
     changes: Set = None,
     no_fail: NoFail = False,
@@ -107,15 +113,11 @@ def attack(
         'too fast': attacks.TOO_FAST, 'outside': attacks.OUTSIDE, 'hard': attacks.HARD,
     }  # fmt: skip
     counted = {**limits, 'changed': attacks.ACTED, 'contacts': attacks.CONTACTS}
-    rows = [
-        (
-            result.kind,
-            str(len(result.rows)),
-            *(str(result.total(column)) for column in counted.values()),
-            f'{result.least(attacks.LEAST_FREE):.3g} m',
-        )
-        for result in results
-    ]
+    rows = []
+    for result in results:
+        totals = (str(result.total(column)) for column in counted.values())
+        nearest = f'{result.least(attacks.LEAST_FREE):.3g} m'
+        rows.append((result.kind, str(len(result.rows)), *totals, nearest))
     title = f'{found.name}: {runs} runs of up to {ticks} ticks in {time.monotonic() - began:.0f} s'
     print_table(('command', 'runs', *counted, 'nearest'), rows, title)
     broken = sum(r.total(column) for r in results for column in limits.values())
@@ -146,14 +148,14 @@ def _attack_campaign(chosen: Campaign) -> bool:
         if way is not None:
             fast = one.closing_m_s > way.closing_m_s
             hard = touched & (fast | (one.lateral_m_s > way.lateral_m_s))
-        zone, turned = one.depth_m > 0.0, one.turned_deg > most_deg
-        counts = [int(some.sum()) for some in (zone, hard, turned)]
+        misses = one.depth_m > 0.0, hard, one.turned_deg > most_deg
+        counts = [int(some.sum()) for some in misses]
         broken += sum(counts)
         worst = f'{one.turned_deg.max(initial=0.0):.3f} deg'
-        rows.append((one.kind, *map(str, (len(zone), *counts, int(touched.sum()))), worst))
+        rows.append((one.kind, *map(str, (len(hard), *counts, int(touched.sum()))), worst))
     heads = ('command', 'runs', 'in the zone', 'hard', 'turned too far', 'contacts', 'turned')
-    title = f'{chosen.config.name}: {runs} runs, hostile from a drawn tick on, '
-    print_table(heads, rows, f'{title}in {time.monotonic() - began:.0f} s')
+    title = f'{chosen.config.name}: {runs} runs, hostile from a drawn tick on, in '
+    print_table(heads, rows, f'{title}{time.monotonic() - began:.0f} s')
     typer.echo(f'turned: largest angle by which a force was turned wrongly, of {most_deg:g} deg')
     typer.echo('all limits held' if not broken else f'{broken} runs break a limit')
     return broken > 0
@@ -161,9 +163,9 @@ def _attack_campaign(chosen: Campaign) -> bool:
 
 @safety.command()
 def quiet(
-    scenario: _Flights = 'paper_training',
-    controller: _Controllers = None,
-    speed: Annotated[str, typer.Option(help='preset of the speed limit')] = 'sqrt',
+    scenario: Flights = 'paper_training',
+    controller: Controllers = None,
+    speed: Annotated[str, Option(help='preset of the speed limit')] = 'sqrt',
 ) -> None:
     """Fly without assurance, and count the commands that it would change."""
     from rpo_core.control.controller import load_controller
@@ -182,16 +184,14 @@ def quiet(
 
 @safety.command()
 def drift(
-    scenario: _Flights = 'paper_training',
-    controller: _Controllers = None,
-    radius: Annotated[float, typer.Option(min=0.0, help='of the sphere to keep clear [m]')] = 5.0,
-    beyond: Annotated[float, typer.Option(min=0.0, help='look beyond this range only [m]')] = 15.0,
-    orbits: Annotated[float, typer.Option(min=0.0, max=100.0, help='length of a drift')] = 2.0,
-    drag: Annotated[
-        float, typer.Option(min=0.0, help='largest differential acceleration [m/s^2]')
-    ] = 0.0,
+    scenario: Flights = 'paper_training',
+    controller: Controllers = None,
+    radius: Annotated[float, Option(min=0.0, help='of the sphere to keep clear [m]')] = 5.0,
+    beyond: Annotated[float, Option(min=0.0, help='look beyond this range only [m]')] = 15.0,
+    orbits: Annotated[float, Option(min=0.0, max=100.0, help='length of a drift')] = 2.0,
+    drag: Annotated[float, Option(min=0.0, help='largest differential acceleration [m/s^2]')] = 0.0,
     more_drag: Annotated[
-        bool, typer.Option('--more-drag', help='it is known that the chaser has the more drag')
+        bool, Option('--more-drag', help='it is known that the chaser has the more drag')
     ] = False,
 ) -> None:
     """Print from how many moments of flights a thruster silence would lead to the target."""
@@ -213,9 +213,9 @@ def drift(
 @safety.command()
 def abort(
     scenario: Name = 'guarded',
-    controller: Annotated[str, typer.Option(help='shipped name or file')] = DEFAULT_CONTROLLER,
-    states: Annotated[int, typer.Option(min=6, max=1_000_000, help='random states')] = 1000,
-    seed: Annotated[int, typer.Option(min=0, help='of the random states')] = 1,
+    controller: Controller = DEFAULT_CONTROLLER,
+    states: Annotated[int, Option(min=6, max=1_000_000, help='random states')] = 1000,
+    seed: Annotated[int, Option(min=0, help='of the random states')] = 1,
     changes: Set = None,
 ) -> None:
     """Choose an abort from states of a plan or a flight, and random ones; count what is clear."""
@@ -227,14 +227,12 @@ def abort(
     found = overrides.load(scenario, changes or [])
     machine = counts.machine_of(found)
     name = 'plan' if found.section(Guidance) else f'flight of {controller}'
+    flown = counts.of_flight(found, load_controller(controller))
     rows = []
-    for kind, looked in (
-        (name, counts.of_flight(found, load_controller(controller))),
-        ('random', counts.at_random(machine, states, seed)),
-    ):
-        found_bands = counts.bands(machine, looked)
-        wanted = states // len(found_bands) if kind == 'random' else 0
-        for band in found_bands:
+    for kind, looked in ((name, flown), ('random', counts.at_random(machine, states, seed))):
+        bands = counts.bands(machine, looked)
+        wanted = states // len(bands) if kind == 'random' else 0
+        for band in bands:
             beyond = f'{band.least_m:g} to {band.most_m:g} m'
             if band.states < wanted:
                 typer.echo(
@@ -246,8 +244,8 @@ def abort(
                 share = f'{band.clear} of {band.states}'
                 rows.append((kind, beyond, share, f'{band.margin_m:.2f} m'))
     table = machine.table
-    title = f'{found.name}: aborts that stay out of {machine.keep_out_m:g} m for {table.orbits:g} '
-    title += (
+    title = (
+        f'{found.name}: aborts that stay out of {machine.keep_out_m:g} m for {table.orbits:g} '
         f'orbits, one thruster stuck on for {table.stuck_s:g} s, drag {table.drag_m_s2:g} m/s^2'
     )
     print_table(('states', 'range', 'clear', 'least margin'), rows, title)
@@ -256,11 +254,11 @@ def abort(
 @safety.command()
 def thrusters(
     table: Annotated[
-        str, typer.Argument(help='preset, or scenario with `thrusters.table`', metavar='TABLE')
+        str, Argument(help='preset, or scenario with `thrusters.table`', metavar='TABLE')
     ] = 'pairs_12',
-    pairs: Annotated[bool, typer.Option('--pairs', help='any two failures, not one')] = False,
+    pairs: Annotated[bool, Option('--pairs', help='any two failures, not one')] = False,
     source: Annotated[
-        Path | None, typer.Option('--c', help='write the allocation as C99 instead, and its header')
+        Path | None, Option('--c', help='write the allocation as C99 instead, and its header')
     ] = None,
     changes: Set = None,
 ) -> None:
@@ -270,8 +268,6 @@ def thrusters(
     `max_force_n` of the scenario, at once; none: to some side there is no force. Failures that the
     scenario knows are in every row.
     """
-    from collections import Counter
-
     from rpo_core.files import overrides
     from rpo_export import c_allocation
     from rpo_thrusters import authority

@@ -6,27 +6,23 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from rpo_cli.commands.shared import NoFail, Set, echo, end
 from rpo_cli.display import print_table, progress
-
-if TYPE_CHECKING:
-    from rpo_training.scaling import Found
-
 
 LEAST = 1.1
 """Factor from which a number counts as harder."""
 
 
 def scale(
-    controller: Annotated[str, typer.Argument(help='shipped name or file')],
-    scenario: Annotated[str, typer.Option(help='scenario or set (name or file) to scale for')],
+    controller: Annotated[str, Argument(help='shipped name or file')],
+    scenario: Annotated[str, Option(help='scenario or set (name or file) to scale for')],
     changes: Set = None,
     output: Annotated[
-        Path | None, typer.Option('--output', '-o', help='file  [runs/scaled/NAME.yaml]')
+        Path | None, Option('--output', '-o', help='file  [runs/scaled/NAME.yaml]')
     ] = None,
     no_fail: NoFail = False,
 ) -> None:
@@ -51,10 +47,10 @@ def scale(
 
     given, named = load_controller(controller), scenario
     content = overrides.text_of(scenario, changes or [])
-    found = files.loads(content, scenarios.parse, scenario)
+    loaded = files.loads(content, scenarios.parse, scenario)
     with progress() as show:
-        chosen = search(given, found, show)
-    goal = found.name.replace(overrides.CHANGED, '_changed')
+        found = search(given, loaded, show)
+    goal = loaded.name.replace(overrides.CHANGED, '_changed')
     name = outputs.identifier(f'{given.name}_{goal}') if output is None else output.stem
     path = output or Path(f'runs/scaled/{name}.yaml')
     outputs.make_folder(path.parent)
@@ -62,45 +58,31 @@ def scale(
         named = str(path.with_name(f'{path.stem}_scenario.yaml'))
         outputs.write_text(Path(named), content)
     command = similarity.command(controller, scenario, changes or ())
-    made = chosen.named(name, controller, named, command)
-    outputs.write_text(path, dumps(made))
-    print_table(*_numbers(chosen), f'{found.name}, {controller} scaled: similarity numbers')
-    echo(_choice(chosen))
-    if isinstance(found, scenarios.ScenarioSet):
-        failed = judge_by(made, made.name, found)
+    scaled = found.named(name, controller, named, command)
+    outputs.write_text(path, dumps(scaled))
+    rows = []
+    for number, made in found.made.items():
+        by = similarity.factor(number, made, found.here[number])
+        cells = ('–' if v is None else f'{v:.3g}' for v in (made, found.here[number], by))
+        rows.append((number, *cells, similarity.HARDER[number][1] if by and by > LEAST else ''))
+    headings = ('number', f'in {found.trained_for}', 'here', 'times harder', '')
+    print_table(headings, rows, f'{loaded.name}, {controller} scaled: similarity numbers')
+    units, ratio = found.best.units, found.multiples
+    echo(
+        f'L = {units.length_m:.4g} m, T = {units.time_s:.4g} s, m = {units.mass_kg:g} kg: length × '
+        f'{ratio.length_m:.3g}, time × {ratio.time_s:.3g}, mass × {ratio.mass_kg:.3g}, force × '
+        f'{ratio.force_n:.3g}. It misses the fewest requirements of the {found.tried} scalings '
+        'that were flown, and then keeps the most room to the limits.'
+    )
+    if isinstance(loaded, scenarios.ScenarioSet):
+        failed = judge_by(scaled, scaled.name, loaded)
     else:
-        flight = fly(found, made)
-        report.print_table(flight, f'{found.name}, controller {made.name}')
+        flight = fly(loaded, scaled)
+        report.print_table(flight, f'{loaded.name}, controller {scaled.name}')
         failed = missed(flight)
-    for sentence in chosen.why:
+    for sentence in found.why:
         echo(f'Why: {sentence}.')
-    if chosen.why:
+    if found.why:
         echo(f'Training may do more: `{shlex.join(["rpo", "train", "--scenario", named])}`')
     echo(path)
     end(failed, no_fail)
-
-
-def _numbers(chosen: Found) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return headings and rows of the similarity numbers."""
-    from rpo_ctrl.similarity import HARDER, factor
-
-    rows = []
-    for name, made in chosen.made.items():
-        here, meaning = chosen.here[name], ''
-        by = factor(name, made, here)
-        if by is not None and by > LEAST:
-            meaning = HARDER[name][1]
-        cells = ('–' if value is None else f'{value:.3g}' for value in (made, here, by))
-        rows.append((name, *cells, meaning))
-    trained = f'in {chosen.trained_for}'
-    return ('number', trained, 'here', 'times harder', ''), rows
-
-
-def _choice(chosen: Found) -> str:
-    units, by = chosen.best.units, chosen.multiples
-    return (
-        f'L = {units.length_m:.4g} m, T = {units.time_s:.4g} s, m = {units.mass_kg:g} kg: '
-        f'length × {by.length_m:.3g}, time × {by.time_s:.3g}, mass × {by.mass_kg:.3g}, force × '
-        f'{by.force_n:.3g}. It misses the fewest requirements of the {chosen.tried} scalings that '
-        'were flown, and then keeps the most room to the limits.'
-    )

@@ -4,45 +4,40 @@
 
 from __future__ import annotations
 
+import shlex
 import signal
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from operator import methodcaller
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer import Option
 
+from rpo_cli.display import Show, progress
 from rpo_core.files import DEFAULT_SCENARIO
 from rpo_core.files.output import write_aside
 from rpo_core.files.validation import InputError, printable
-from rpo_montecarlo.outputs import make_folder
+from rpo_montecarlo.outputs import make_folder, write_text
+
+Workers = Annotated[int, Option(min=0, help='threads, 0 = one per core')]
+Set = Annotated[
+    list[str] | None,
+    Option('--set', metavar='KEY=VALUE', help='change a field of the scenario; repeatable'),
+]
+Cluster = Annotated[
+    str, Option(help='local, or a dask scheduler: tcp://127.0.0.1:8786, tls://host:8786')
+]
+Controller = Annotated[str, Option(help='shipped name or file')]
+SameScenario = Annotated[str, Option('--scenario', help='the same, as an option')]
+Resume = Annotated[Path | None, Option(help='folder to go on with')]
+NoFail = Annotated[bool, Option('--no-fail', help='exit code 0 although something is missed')]
 
 
 def echo(text: object, err: bool = False) -> None:
     """Print a line that holds names of files or texts of logs, which may be anything."""
     typer.echo(printable(text), err=err)
-
-
-Workers = Annotated[int, typer.Option(min=0, help='threads, 0 = one per core')]
-Set = Annotated[
-    list[str] | None,
-    typer.Option(
-        '--set',
-        metavar='KEY=VALUE',
-        help='change a field of the scenario, like mass_kg=12.0; repeatable',
-    ),
-]
-Cluster = Annotated[
-    str,
-    typer.Option(help='local, or a dask scheduler: tcp://127.0.0.1:8786, tls://host:8786'),
-]
-
-
-SameScenario = Annotated[str, typer.Option('--scenario', help='the same, as an option')]
-NoFail = Annotated[
-    bool, typer.Option('--no-fail', help='exit code 0 although something judged is missed')
-]
 
 
 def chosen_scenario(positional: str, option: str, default: str = DEFAULT_SCENARIO) -> str:
@@ -54,12 +49,9 @@ def chosen_scenario(positional: str, option: str, default: str = DEFAULT_SCENARI
 
 def given(context: typer.Context) -> dict[str, str]:
     """Return parameter -> how the command line writes it, for all that this command line gives."""
-    found = {}
-    for each in context.command.params:
-        source = context.get_parameter_source(str(each.name))
-        if source is not None and source.name == 'COMMANDLINE':
-            found[str(each.name)] = max(each.opts, key=len)
-    return found
+    options = {str(each.name): max(each.opts, key=len) for each in context.command.params}
+    sources = {name: context.get_parameter_source(name) for name in options}
+    return {name: options[name] for name, s in sources.items() if s and s.name == 'COMMANDLINE'}
 
 
 def refuse_beside(context: typer.Context, option: str, *allowed: str) -> None:
@@ -107,9 +99,8 @@ def draw(path: Path, made: Callable[..., Any], *subject: Any) -> None:
 
 def write_texts(texts: Mapping[Path, str]) -> None:
     """Write files, and print their names; raises InputError."""
-    contents = {path: text.encode() for path, text in texts.items()}  # all of them, or none
-    for path, content in contents.items():
-        write_aside(path, methodcaller('write', content))
+    for path, text in texts.items():
+        write_text(path, text)
         echo(path)
 
 
@@ -135,13 +126,9 @@ def write_flight(flight: Any, path: Path) -> None:
         elif name == interfaces.WHEEL_MOMENTUM:
             heading += [f'wheel_h{axis}_nms' for axis in 'xyz']
             values.append(found)
-    table, header = np.column_stack(values), ','.join(heading)
-    write_aside(
-        path,
-        lambda file: np.savetxt(
-            file, table, fmt='%.17g', delimiter=',', header=header, comments=''
-        ),
-    )
+    options: dict[str, Any] = {'header': ','.join(heading), 'comments': ''}
+    table = np.column_stack(values)
+    write_aside(path, lambda f: np.savetxt(f, table, fmt='%.17g', delimiter=',', **options))
 
 
 @contextmanager
@@ -155,3 +142,18 @@ def interruptible(sentence: Callable[[], str]) -> Iterator[None]:
     except KeyboardInterrupt:
         echo(sentence(), err=True)
         raise typer.Exit(130) from None
+
+
+@contextmanager
+def saved_work(folder: Path, saved: str, *command: str) -> Iterator[Show]:
+    """Show work that is saved in a folder as it comes in, and how long it took.
+
+    saved : what is saved; command : with `--resume FOLDER`, goes on where the work was interrupted
+    """
+    again = shlex.join([*command, '--resume', str(folder)])
+    began, cpu = time.perf_counter(), time.process_time()
+    sentence = f'Interrupted; {saved} are saved. Go on with: {again}'
+    with interruptible(lambda: sentence), progress(folder) as show:
+        yield show
+    began, cpu = time.perf_counter() - began, time.process_time() - cpu
+    typer.echo(f'took {began:.1f} s; {cpu:.1f} s of CPU time of this process')

@@ -7,41 +7,27 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
-from rpo_cli.commands.shared import (
-    NoFail,
-    SameScenario,
-    Set,
-    chosen_scenario,
-    echo,
-    end,
-    write_flight,
-)
+from rpo_cli.commands import shared
+from rpo_cli.commands.shared import Controller, NoFail, SameScenario, Set, echo, end
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.files.validation import InputError
 
 
 def simulate(
-    scenario: Annotated[str, typer.Argument(help='shipped name or file  [approach]')] = '',
+    scenario: Annotated[str, Argument(help='shipped name or file  [approach]')] = '',
     named: SameScenario = '',
-    controller: Annotated[str, typer.Option(help='shipped name or file')] = DEFAULT_CONTROLLER,
+    controller: Controller = DEFAULT_CONTROLLER,
     changes: Set = None,
-    csv: Annotated[
-        Path | None, typer.Option(help='write time, state, force, disturbance, attitude')
-    ] = None,
+    csv: Annotated[Path | None, Option(help='write states, forces, attitudes')] = None,
     output: Annotated[
-        Path | None,
-        typer.Option(
-            '--output', '-o', help='run folder: a log, as the recorder of ROS 2 writes it'
-        ),
+        Path | None, Option('--output', '-o', help='run folder: a log, as of the ROS 2 recorder')
     ] = None,
-    overwrite: Annotated[
-        bool, typer.Option('--overwrite', help='replace the run in an existing folder')
-    ] = False,
+    overwrite: Annotated[bool, Option('--overwrite', help='replace the run in a folder')] = False,
     span: Annotated[
         str,
-        typer.Option(
+        Option(
             '--sweep',
             metavar='KEY=FROM:TO:NUMBER',
             help='fly so many values of a field: one table, one picture in --output',
@@ -67,32 +53,31 @@ def simulate(
     from rpo_log.tools.record import record
     from rpo_mcap.format.run import CONTROLLER, PARAMETERS, SCENARIO
 
-    chosen, loaded = chosen_scenario(scenario, named), load_controller(controller)
+    chosen, loaded = shared.chosen_scenario(scenario, named), load_controller(controller)
+    changes = changes or []
     if span:
         from rpo_cli.commands.sweep import sweep
 
         if csv or overwrite:
             raise InputError('`--sweep` writes a picture: no `--csv` and no `--overwrite`')
-        end(sweep(chosen, loaded, changes or [], span, output), no_fail)
+        end(sweep(chosen, loaded, changes, span, output), no_fail)
         return
-    flown = overrides.load(chosen, changes or [])
+    flown = overrides.load(chosen, changes)
     flight = fly(flown, loaded)
     print_table(flight, f'{flown.name}, controller {controller}')
-    if line := turns.too_fast(flight):
-        echo(line)
-    if line := similarity.hint(
-        flight, loaded, similarity.command(controller, chosen, changes or ())
-    ):
-        echo(line)
+    again = similarity.command(controller, chosen, changes)
+    for line in (turns.too_fast(flight), similarity.hint(flight, loaded, again)):
+        if line:
+            echo(line)
     if csv:
-        write_flight(flight, csv)
+        shared.write_flight(flight, csv)
     if output:
-        named_by = {'scenario': chosen, 'controller': controller, 'set': list(changes or ())}
-        attached = {
-            SCENARIO: text_for_logs(overrides.text_of(chosen, changes or []), flown),
+        named_by = {'scenario': chosen, 'controller': controller, 'set': changes}
+        texts = {
+            SCENARIO: text_for_logs(overrides.text_of(chosen, changes), flown),
             CONTROLLER: files.read_text(files.find('controller', controller)),
             PARAMETERS: yaml.safe_dump({'simulate': named_by}),
         }
-        texts = {name: text.encode() for name, text in attached.items()}
-        echo(f'{output}: {record(flight, texts, output, overwrite=overwrite).sentence()}')
+        attached = {name: text.encode() for name, text in texts.items()}
+        echo(f'{output}: {record(flight, attached, output, overwrite=overwrite).sentence()}')
     end(missed(flight), no_fail)

@@ -11,93 +11,87 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
-from rpo_cli.commands.shared import SameScenario, chosen_scenario, draw
+from rpo_cli.commands.shared import Controller, SameScenario, chosen_scenario, draw
 from rpo_cli.display import print_table
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_montecarlo import outputs
 
 if TYPE_CHECKING:
-    from rpo_core.chain.flight import Flight
     from rpo_judge.truth import Comparison
 
 
 def truth(
     subject: Annotated[
         str,
-        typer.Argument(
-            help='run folder or .mcap file; or a scenario (shipped name or file), flown here'
-        ),
+        Argument(help='run folder or .mcap file; or a scenario (shipped name or file), flown here'),
     ] = '',
     scenario: SameScenario = '',
-    controller: Annotated[
-        str, typer.Option(help='of a flight here: shipped name or file')
-    ] = DEFAULT_CONTROLLER,
+    controller: Controller = DEFAULT_CONTROLLER,
     plot: Annotated[
-        Path | None, typer.Option(help='picture  [RUN/report/truth.png, or runs/truth.png]')
+        Path | None, Option(help='picture  [RUN/report/truth.png, or runs/truth.png]')
     ] = None,
-    write: Annotated[Path | None, typer.Option(help='page to put the tables into')] = None,
+    write: Annotated[Path | None, Option(help='page to put the tables into')] = None,
 ) -> None:
     """Fly a run's forces again under true gravity, and print the error of the plant.
 
-    By Basilisk where it is installed (layer `truth`; not with drag), and by SciPy.
+    By Basilisk where it is installed (layer `truth`; not with drag), and by SciPy. The controller
+    is that of a flight here.
     """
+    from rpo_core.chain.flight import fly
+    from rpo_core.control.controller import load_controller
+    from rpo_core.files.scenario import load_scenario
     from rpo_judge import basilisk, truth
-    from rpo_judge.truth import attitude_by_scipy, attitude_error_rad, by_scipy, compare
+    from rpo_log.bag import open_run
     from rpo_log.show.report import folder_of
+    from rpo_mcap.read.run_log import flight_of, read_run
 
     run = Path(subject) if subject.endswith('.mcap') or os.path.isdir(subject) else None
     chosen = chosen_scenario('' if run else subject, scenario)
-    flight, title = _flight(run, chosen, controller)
-    truths, attitudes = {'SciPy': by_scipy}, {'SciPy': attitude_by_scipy}
+    if run is not None:
+        flight = flight_of(read_run(open_run(run)))
+        title = f'{run}, {flight.scenario.name}'
+    else:
+        loaded = load_controller(controller)
+        flight, title = fly(load_scenario(chosen), loaded), f'{chosen}, controller {loaded.name}'
+    truths, attitudes = {'SciPy': truth.by_scipy}, {'SciPy': truth.attitude_by_scipy}
     if not find_spec('Basilisk'):
         typer.echo('Without Basilisk: `make setup LAYERS=truth` installs it.', err=True)
     elif basilisk.knows(flight.scenario):
         truths = {'Basilisk': basilisk.by_basilisk, **truths}
         attitudes['Basilisk'] = basilisk.attitude_by_basilisk
-    found = compare(flight, title, truths)
-    _print(found)
+    found = truth.compare(flight, title, truths)
+    tables = _tables(found)
+    for title, (heads, *rows), after in tables:
+        print_table(heads, rows, title)
+        if after:
+            typer.echo(f'{after}\n')
     target = flight.scenario.target
     for name, true in attitudes.items() if target is not None and target.kind != 'fixed' else ():
-        off = attitude_error_rad(flight.scenario, true(flight.scenario))
+        off = truth.attitude_error_rad(flight.scenario, true(flight.scenario))
         typer.echo(f'Attitude of the target at the end: {off:.1e} rad off {name}.')
     folder = Path('runs') if run is None else folder_of(run)
     draw(plot or folder / 'truth.png', truth.draw, found)
     if write is not None:
-        outputs.put(write, 'rpo truth --write', markdown(found))
+        parts = []
+        for title, (heads, *rows), after in tables:
+            table = '\n'.join(outputs.markdown_table(heads, rows))
+            parts += [title, table, *filter(None, [after])]
+        outputs.put(write, 'rpo truth --write', '\n\n'.join(parts) + '\n')
         typer.echo(write)
 
 
-def _flight(run: Path | None, scenario: str, controller: str) -> tuple[Flight, str]:
-    from rpo_core.chain.flight import fly
-    from rpo_core.control.controller import load_controller
-    from rpo_core.files.scenario import load_scenario
-    from rpo_log.bag import open_run
-    from rpo_mcap.read.run_log import flight_of, read_run
-
-    if run is not None:
-        flight = flight_of(read_run(open_run(run)))
-        return flight, f'{run}, {flight.scenario.name}'
-    chosen = load_controller(controller)
-    return fly(load_scenario(scenario), chosen), f'{scenario}, controller {chosen.name}'
-
-
-Cells = Sequence[Sequence[str]]
-
-
-def _tables(found: Comparison) -> list[tuple[str, Cells, str]]:
+def _tables(found: Comparison) -> list[tuple[str, Sequence[Sequence[str]], str]]:
     """Return title, headings and rows, and what follows, of both tables."""
     from rpo_judge.truth import AXIS_NAMES
 
-    duration = f'{found.scenario.duration_s:g} s'
-    heads = (
-        'time',
-        *(h for n in found.errors for h in (f'{found.plant} − {n}, position', 'velocity')),
-    )
-    errors = [
-        (f'{t_s:g} s', *(cell for r, v in pairs for cell in (f'{r:.2e} m', f'{v:.2e} m/s')))
-        for t_s, *pairs in found.moments()
-    ]
+    duration, heads, errors = f'{found.scenario.duration_s:g} s', ['time'], []
+    for name in found.errors:
+        heads += [f'{found.plant} − {name}, position', 'velocity']
+    for t_s, *pairs in found.moments():
+        cells = (cell for r, v in pairs for cell in (f'{r:.2e} m', f'{v:.2e} m/s'))
+        errors.append((f'{t_s:g} s', *cells))
     drifts = [
         (f'{distance_m:g} m', *(f'{error:.2g} m' for error in errors_m))
         for distance_m, errors_m in found.growth.items()
@@ -105,24 +99,6 @@ def _tables(found: Comparison) -> list[tuple[str, Cells, str]]:
     apart_m = found.disagreement_m
     differ = '' if apart_m is None else f'The two truths differ by at most {apart_m:.1e} m.'
     flown = f'{found.title}: {duration} under the same forces, open loop.'
-    drifted = (
-        f'Drifting freely for {duration} from rest at a distance, error of the linear plant '
-        '(SciPy):'
-    )
+    drifted = f'Drifting freely for {duration} from rest at a distance, error of the linear plant'
     along = ('distance', *(f'along {name}' for name in AXIS_NAMES))
-    return [(flown, [heads, *errors], differ), (drifted, [along, *drifts], '')]
-
-
-def _print(found: Comparison) -> None:
-    for title, (heads, *rows), after in _tables(found):
-        print_table(heads, rows, title)
-        if after:
-            typer.echo(f'{after}\n')
-
-
-def markdown(found: Comparison) -> str:
-    """Return the tables in the form of the documentation."""
-    parts = []
-    for title, (heads, *rows), after in _tables(found):
-        parts += [title, '\n'.join(outputs.markdown_table(heads, rows)), *filter(None, [after])]
-    return '\n\n'.join(parts) + '\n'
+    return [(flown, [heads, *errors], differ), (f'{drifted} (SciPy):', [along, *drifts], '')]
