@@ -17,7 +17,7 @@ from rpo_core.chain.flight import Flight
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import printable
 from rpo_core.judge import metrics
-from rpo_core.judge.verdicts import UNBOUNDED, Verdict, missed, unbounded, verdicts
+from rpo_core.judge.verdicts import UNBOUNDED, missed, unbounded, verdicts
 from rpo_ctrl.similarity import hint
 from rpo_log.bag import open_run
 from rpo_log.show import style
@@ -25,11 +25,6 @@ from rpo_mcap.format.run import CONTROLLER, REPORT
 from rpo_mcap.read.run_log import RunLog, controller_of, flight_of, read_run, scenario_of
 
 PICTURE = 'time_histories.png'
-
-CLOSE_UP_S = metrics.CLAIM_WINDOW_S
-"""The last part is drawn a second time, close up, where no requirement says from when."""
-
-_LIMIT = 'required'
 
 METRICS = 'metrics'
 NO_REQUIREMENTS = 'no requirements in the scenario'
@@ -80,7 +75,11 @@ def rows(flight: Flight) -> dict[str, list[TableLine]]:
     ]
     names = unbounded(flight.scenario) if required else []
     rest = [(name, '–', 'none', UNBOUNDED) for name in names]
-    return {title: [*map(_row, required), *rest], METRICS: others}
+    judged_rows = [
+        (v.statement, shown(v.value, v.unit), f'≤ {shown(v.limit, v.unit)}', v.word)
+        for v in required
+    ]
+    return {title: judged_rows + rest, METRICS: others}
 
 
 def shown(value: float, unit: str) -> str:
@@ -88,11 +87,6 @@ def shown(value: float, unit: str) -> str:
     if math.isinf(value):
         return 'never'
     return '–' if math.isnan(value) else f'{value:.3g} {unit}'.strip()
-
-
-def _row(verdict: Verdict) -> TableLine:
-    limit = f'≤ {shown(verdict.limit, verdict.unit)}'
-    return verdict.statement, shown(verdict.value, verdict.unit), limit, verdict.word
 
 
 def print_table(flight: Flight, title: str) -> None:
@@ -136,12 +130,15 @@ def draw(flight: Flight, folder: Path, title: str) -> Path | None:
 
 
 def close_up_s(scenario: Scenario) -> float:
-    """Return from when a flight is drawn close up: where its requirements begin to hold [s]."""
+    """Return from when a flight is drawn close up: where its requirements begin to hold [s].
+
+    Where no requirement says from when, it is the last part.
+    """
     required = scenario.requirements
     held_s = None if required is None else required.hold_from_s
     if held_s is not None and held_s < scenario.duration_s:
         return held_s
-    return max(0.0, scenario.duration_s - CLOSE_UP_S)
+    return max(0.0, scenario.duration_s - metrics.CLAIM_WINDOW_S)
 
 
 def time_histories(flight: Flight) -> Any:
@@ -157,24 +154,20 @@ def time_histories(flight: Flight) -> Any:
     if scenario.target is not None:
         place = place.replace('[m]', "[m],\nthe target's axes")
     figure, panels = style.new_panels(6.6, 3, 2, sharex='col', width_ratios=(3, 2))
-    for (wide, close), values, label, keys in zip(
-        panels,
-        (flight.errors[:, :3], flight.velocities_m_s, flight.saturated_forces_n),
-        (place, 'relative velocity [m/s]', force_label(scenario)),
-        (
-            ('hold_error_per_axis_m',),
-            ('hold_speed_per_axis_m_s',),
-            ('hold_force_per_axis_n', 'hold_force_per_disturbance'),
-        ),
-        strict=True,
-    ):
+    rows = (
+        (flight.errors[:, :3], place, ['hold_error_per_axis_m']),
+        (flight.velocities_m_s, 'relative velocity [m/s]', ['hold_speed_per_axis_m_s']),
+        (flight.saturated_forces_n, force_label(scenario),
+         ['hold_force_per_axis_n', 'hold_force_per_disturbance']),
+    )  # fmt: skip
+    for (wide, close), (values, label, keys) in zip(panels, rows, strict=True):
         by_axis(wide, times[: len(values)], values, label, names=legend_names(scenario))
         by_axis(close, times[: len(values)][-last:], values[-last:], '')
-        for key in keys:
-            if key in limits:
-                limit_lines(close, limits[key], _LIMIT, (begin_s, end_s))
-                if wide is panels[2][0]:  # the other two are too small to see from the start
-                    limit_lines(wide, limits[key], _LIMIT, (begin_s, end_s))
+        # From the start the limits of the other two are too small to see.
+        drawn_on = (close, wide) if wide is panels[2][0] else (close,)
+        for key in (key for key in keys if key in limits):
+            for axes in drawn_on:
+                limit_lines(axes, limits[key], 'required', (begin_s, end_s))
     panels[0][0].set_title('from the start')
     panels[0][1].set_title(f'last {last * scenario.dt_s:g} s')
     for axes in panels[2]:

@@ -9,7 +9,6 @@ looked up by name (`NAMES`), so a picture may use no colour that is not in `styl
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -140,6 +139,7 @@ def label_points(axes: Any, points: Sequence[tuple[float, float, str]]) -> None:
     """
     import numpy as np
     from matplotlib.text import Text
+    from matplotlib.transforms import Bbox
 
     if not points:
         return
@@ -149,12 +149,7 @@ def label_points(axes: Any, points: Sequence[tuple[float, float, str]]) -> None:
     half = _MARK_PT * pixel
     taken = np.hstack([marks - half, marks + half])
     placed: dict[int, Any] = {}
-    lines = [np.empty((0, 2))]
-    for line in axes.lines:
-        corners = line.get_transform().transform(line.get_xydata())
-        for a, b in itertools.pairwise(corners):
-            lines.append(np.linspace(a, b, 2 + int(np.hypot(*(b - a)) / (2.0 * pixel))))
-    drawn = np.vstack(lines)
+    lines = [line.get_transform().transform_path(line.get_path()) for line in axes.lines]
 
     def cost(own: int, box: Any) -> float:
         """Return how bad a place [x0, y0, x1, y1] of a name is; 0: perfect.
@@ -166,7 +161,8 @@ def label_points(axes: Any, points: Sequence[tuple[float, float, str]]) -> None:
         both = np.minimum(hidden, box)[:, 2:] - np.maximum(hidden, box)[:, :2]
         hides = np.prod(np.maximum(both, 0.0), axis=1).sum() / area
         seen = np.prod(np.maximum(np.minimum(frame, box)[2:] - np.maximum(frame, box)[:2], 0.0))
-        covers = np.all((drawn > box[:2]) & (drawn < box[2:]), axis=1).any()
+        bounds = Bbox.from_extents(*box)
+        covers = any(line.intersects_bbox(bounds, filled=False) for line in lines)
         away = np.hypot(*(marks - np.clip(marks, box[:2], box[2:])).T)
         way = np.linspace(marks[own], (box[:2] + box[2:]) / 2.0, 20)[:, None]
         others = np.delete(hidden, own, axis=0)

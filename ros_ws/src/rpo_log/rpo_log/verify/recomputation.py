@@ -72,19 +72,23 @@ class StageStates:
                 elif state is not None:
                     self._events.setdefault(name, []).append((tick, state))
 
+    def of(self, stage: str) -> list[tuple[int, str]]:
+        """Return all events of a stage so far: tick and state of each."""
+        return self._events.get(stage, [])
+
     def commands(self, stage: str) -> list[tuple[int, str]]:
         """Return the commands that a stage got in flight, each with its tick; each one once."""
-        events = self._events.get(stage, [])
+        events = self.of(stage)
         begin, self._told[stage] = self._told.get(stage, 0), len(events)
         return [(tick, state) for tick, state in events[begin:] if state not in _SWITCHES]
 
     def missing(self, stage: str) -> set[int]:
         """Return the ticks at which a stage went on without the command before."""
-        return {tick for tick, state in self._events.get(stage, []) if state == WITHOUT_COMMAND}
+        return {tick for tick, state in self.of(stage) if state == WITHOUT_COMMAND}
 
     def _switched(self, stage: str) -> list[tuple[int, bool]]:
         """Return when a stage was switched, and whether on, in the order of ticks."""
-        events = sorted(self._events.get(stage, []), key=lambda event: event[0])
+        events = sorted(self.of(stage), key=lambda event: event[0])
         return [(tick, state == topics.ACTIVE) for tick, state in events if state in _SWITCHES]
 
     def active(self, stage: str, ticks: Ticks) -> Flags:
@@ -316,44 +320,28 @@ def events_ahead(blocks: Iterable[TickBlock], states: StageStates) -> Iterator[T
     yield from before
 
 
-class StatedDecisions:
-    """Keeps the decisions that a log tells of, and compares them when all is recomputed."""
+def compare_decisions(
+    stages: Iterable[Recomputation], states: StageStates, topic: str, last: int
+) -> tuple[Difference | None, list[str]]:
+    """Return the first decision in the log that its stage does not make, and those not told of.
 
-    def __init__(self, stages: Sequence[Recomputation], topic: str) -> None:
-        self._stages = {found.stage.name: found for found in stages if found.stage.decides}
-        self._topic = topic
-        self._logged: dict[str, list[tuple[int, str]]] = {name: [] for name in self._stages}
-
-    def take(self, event: Event) -> None:
-        """Take an event; those that are no decision of a stage here are no matter."""
-        name, state = event.values.get('stage', ''), event.values.get('state', '')
-        tick = topics.tick_of(event.status)
-        if event.signal != interfaces.STAGE_STATUS or name not in self._stages or tick is None:
-            return
-        if state in self._stages[name].stage.decides:
-            self._logged[name].append((tick, state))
-
-    def difference(self) -> Difference | None:
-        """Return the first decision in the log that the stage does not make."""
-        for name, found in self._stages.items():
-            extra = Counter(self._logged[name]) - Counter(found.decided())
-            if extra and not found.gaps:
-                tick, state = min(extra)
-                return Difference(tick, self._topic, 'state', state, 'nothing', name)
-        return None
-
-    def gaps(self, last: int) -> list[str]:
-        """Return the decisions that the log does not tell of, for people.
-
-        last : newest tick of the log; what is said right before it may come after it
-        """
-        found = []
-        for name, stage in self._stages.items():
-            missing = Counter(stage.decided()) - Counter(self._logged[name])
-            tick, state = min(missing, default=(last, ''))
-            if tick < last - LATE_TICKS and not stage.gaps:
-                found.append(f'{self._topic} does not say that {name} is {state} from tick {tick}')
-        return found
+    topic : of the events; last : newest tick of the log; what is said right before it may come
+        after it
+    """
+    gaps = []
+    for stage in stages:
+        name, decides = stage.stage.name, stage.stage.decides
+        if not decides or stage.gaps:
+            continue
+        logged = Counter(event for event in states.of(name) if event[1] in decides)
+        decided = Counter(stage.decided())
+        if extra := logged - decided:
+            tick, state = min(extra)
+            return Difference(tick, topic, 'state', state, 'nothing', name), []
+        tick, state = min(decided - logged, default=(last, ''))
+        if tick < last - LATE_TICKS:
+            gaps.append(f'{topic} does not say that {name} is {state} from tick {tick}')
+    return None, gaps
 
 
 class Controllers:

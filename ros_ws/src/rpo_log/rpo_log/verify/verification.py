@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,7 +14,6 @@ from rpo_log import provenance
 from rpo_mcap.errors import ExitCode
 from rpo_mcap.format.run import SUMS_FILE
 from rpo_mcap.read.decode import Message
-from rpo_mcap.topics import Topic
 
 
 @dataclass
@@ -147,20 +145,11 @@ def non_canonical_difference(message: Message, flown: Scenario) -> Difference | 
     expected = topic.row.layout_in(flown).encode(flown.stamp_ns(tick), values)
     if expected == data:
         return None
-    pairs = zip(_items(topic, data), _items(topic, expected), strict=True)
-    for (name, logged), (_, computed) in pairs:
-        if _bits(logged) != _bits(computed):
+    texts, floats = cdr.FIELDS[topic.type]
+    messages = (cdr.decode_stamped(topic.type, each) for each in (data, expected))
+    numbers = ((*found.texts, *found.floats) for found in messages)
+    for name, logged, computed in zip((*texts, *floats), *numbers, strict=True):
+        if repr(logged) != repr(computed):  # -0.0 is not 0.0
             return Difference(tick, topic.name, name, logged, computed, REST)
     where = 'bytes between its fields'
     return Difference(tick, topic.name, where, data.hex(), expected.hex(), REST)
-
-
-def _items(topic: Topic, data: bytes) -> list[tuple[str, float | str]]:
-    """Return the fields of a message, by name, in their order."""
-    texts, floats = cdr.FIELDS[topic.type]
-    found = cdr.decode_stamped(topic.type, data)
-    return list(zip((*texts, *floats), (*found.texts, *found.floats), strict=True))
-
-
-def _bits(value: float | str) -> bytes:
-    return value.encode() if isinstance(value, str) else struct.pack('<d', value)

@@ -40,8 +40,8 @@ from rpo_log.verify.recomputation import (
     Floats,
     Recomputation,
     StageStates,
-    StatedDecisions,
     Ticks,
+    compare_decisions,
     events_ahead,
 )
 from rpo_log.verify.run_status import Statuses
@@ -102,11 +102,6 @@ class _Verifier:
         self.foreign = RELATIVE_STATE in self._given
         awaited = self.chain.after(Place.STEERING).inputs
         self.statuses = Statuses(self.scenario, status, self.free, awaited, self.foreign)
-        said = self.topics.get(interfaces.STAGE_STATUS)
-        self.stated = StatedDecisions(
-            [found for found in self.stages if found.stage.name in self.names],
-            said.name if said else interfaces.STAGE_STATUS,
-        )
         self.controllers = Controllers(reader, self.scenario, controller)
         self.controller_known = known or interfaces.CONTROL_FORCE in given
 
@@ -204,6 +199,13 @@ class _Verifier:
             if found.gaps and found.stage.name in self.names
         ]
 
+    def compare_decisions(self, last: int) -> tuple[Difference | None, list[str]]:
+        """Compare what stages decided with what the log, whose newest tick is `last`, says."""
+        stages = (stage for stage in self.stages if stage.stage.name in self.names)
+        topic = self.topics.get(interfaces.STAGE_STATUS)
+        name = topic.name if topic else interfaces.STAGE_STATUS
+        return compare_decisions(stages, self.states, name, last)
+
     def first_difference(self, block: TickBlock) -> Difference | None:
         """Return the first difference in a block, None if there is none."""
         found: list[Difference | None] = [
@@ -218,8 +220,6 @@ class _Verifier:
             found.append(self._named('given', name, block, wrong, 'a finite number'))
         self._note_frames(block)
         found += [self.statuses.difference(event) for event in block.events]
-        for event in block.events:
-            self.stated.take(event)
         order = {row.name: index for index, row in enumerate(interfaces.rows())}
         return min(
             (d for d in found if d is not None),
@@ -441,13 +441,13 @@ def _verification(reader: RunReader, trusted: Path | None, given: Collection[str
         outcome.difference = verifier.first_difference(block)
         if outcome.difference is not None:
             break
-    else:
-        outcome.difference = verifier.stated.difference()
-    outcome.ticks, outcome.stages = completeness.last + 1, verifier.recomputed
+    last, untold = completeness.last, list[str]()
+    if outcome.difference is None:
+        outcome.difference, untold = verifier.compare_decisions(last)
+    outcome.ticks, outcome.stages = last + 1, verifier.recomputed
     if outcome.difference is not None:
         return outcome
-    gaps = [*completeness.gaps(reader.damage), *reader.lacks, *verifier.gaps]
-    gaps += verifier.stated.gaps(completeness.last)
+    gaps = [*completeness.gaps(reader.damage), *reader.lacks, *verifier.gaps, *untold]
     gaps += verifier.statuses.gaps if not gaps else []
     if not verifier.controller_known:
         gaps.append(
