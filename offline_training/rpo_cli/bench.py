@@ -264,5 +264,5 @@ def saved(found: Sequence[Row], folder: Path, page: Path | None) -> Path:
         load = f'load per core {facts["load_per_core"]:g}'
         head = f'Measured {date:%Y-%m-%d} on {machine.machine()}; {load}.'
         table = outputs.markdown_table(HEADINGS, [row.cells for row in found])
-        outputs.put(page, 'rpo bench --write', '\n'.join([head, '', *table, '']))
+        outputs.put(page, 'rpo bench', '\n'.join([head, '', *table]))
     return path

@@ -25,8 +25,6 @@ from rpo_core.files.validation import InputError, shown, text
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-END = '<!-- end -->'
-
 VERSIONS = 'versions.yaml'
 """Of resumable work in a folder: versions of the libraries, and digests."""
 
@@ -199,12 +197,20 @@ def check_name(name: str, what: str) -> None:
         )
 
 
-def put(page: Path, command: str, content: str) -> None:
-    """Replace the text between the marker of a command and END; add both to a page without."""
-    begin = f'<!-- printed by `{command}` -->'
-    page_text = files.read_text(page) if page.is_file() else ''
-    if begin not in page_text:
-        page_text = f'{page_text.rstrip()}\n\n{begin}\n{END}\n'.lstrip()
-    before, _, rest = page_text.partition(begin)
-    after = rest.partition(END)[2]
-    write_text(page, f'{before}{begin}\n{content}{END}{after}')
+def put(page: Path, name: str, content: str) -> None:
+    """Replace the text between the two markers of a name; a page without them gets them at its end.
+
+    Raises
+    ------
+    InputError
+        If the page has not one marker of the beginning before one of the end.
+    """
+    begin, end = f'<!-- {name}: begin -->', f'<!-- {name}: end -->'
+    text = files.read_text(page) if page.exists() else ''
+    if begin not in text and end not in text:
+        text = f'{text.rstrip()}\n\n{begin}{end}\n'.lstrip()
+    before, _, rest = text.partition(begin)
+    _, last, after = rest.partition(end)
+    if not last or begin in rest or end in before or end in after:
+        raise InputError(f'{page}: must have one line `{begin}` and, below it, one `{end}`')
+    write_text(page, f'{before}{begin}\n\n{content.strip()}\n\n{end}{after}')

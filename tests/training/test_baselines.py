@@ -10,16 +10,18 @@ import pytest
 from campaign_documents import SHORT, write_campaign
 from invoking import invoke
 
+from rpo_core import files
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario, load_set
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
 from rpo_ctrl.baselines import PAPER_MODEL, Mpc
-from rpo_judge.evaluation import comparison, comparison_table, optimal
+from rpo_judge.evaluation import comparison, optimal
 from rpo_montecarlo.campaign import config, run_batch, single
 from rpo_montecarlo.engine.cases import case_of_set
 from rpo_montecarlo.engine.simulator import Simulator
+from rpo_montecarlo.outputs import put
 from rpo_training import tuning
 from rpo_training.tuning import BUDGET
 
@@ -125,12 +127,8 @@ def compare(tmp_path, monkeypatch):
     def run(*arguments):
         return invoke('compare', *arguments, '--campaign', path, '--random', '200', '-o', 'out')
 
-    text = comparison.files.read_text(comparison.files.find('scenario', comparison.STARTS))
-    kept = tmp_path / 'out' / f'optimum-{comparison.key_of("optimum", text)}.json'
-    kept.parent.mkdir()
-    optimum = {'mean': 2.5}
-    digest = comparison.digest_of(json.dumps(optimum))
-    kept.write_text(json.dumps({'sha256': digest, 'result': optimum}))
+    text = files.read_text(files.find('scenario', comparison.STARTS))
+    comparison.kept(tmp_path / 'out', 'optimum', [text], lambda: {'mean': 2.5})
     return run
 
 
@@ -175,24 +173,35 @@ def test_a_comparison_is_printed_written_and_kept(name, compare, tmp_path, monke
     assert {**rows[1], 'command_us': 0} == {**baseline, 'command_us': 0}
 
 
-@pytest.mark.parametrize('kept', ['', '[', '[' * 100_000, '3', '{"result": {"mean": 1.0}}', None])
-def test_a_kept_result_that_was_changed_is_computed_anew(kept, tmp_path):
-    made = comparison.Comparison([], tmp_path, tmp_path, lambda *_: '')
-    assert made._kept('../[/x]', ['text'], lambda: {'mean': 1.0}) == {'mean': 1.0}
+@pytest.mark.parametrize('text', ['', '[', '[' * 100_000, '3', '{"result": {"mean": 1.0}}', None])
+def test_a_kept_result_that_was_changed_is_computed_anew(text, tmp_path):
+    def kept(mean):
+        return comparison.kept(tmp_path, '../[/x]', ['text'], lambda: {'mean': mean})['mean']
+
+    assert kept(1.0) == 1.0
     (path,) = tmp_path.iterdir()  # a name is no way out of the folder
-    path.write_text(path.read_text().replace('1.0', '9.0') if kept is None else kept)
-    assert made._kept('../[/x]', ['text'], lambda: {'mean': 2.0}) == {'mean': 2.0}
-    assert made._kept('../[/x]', ['text'], lambda: {'mean': 3.0}) == {'mean': 2.0}
+    path.write_text(path.read_text().replace('1.0', '9.0') if text is None else text)
+    assert (kept(2.0), kept(3.0)) == (2.0, 2.0)
+
+
+def test_two_controllers_of_one_name_are_told_apart(tmp_path):
+    path = tmp_path / 'mine.yaml'
+    path.write_text(files.find('controller', 'drift').read_text())
+    names, campaign = ['drift', 'pd', str(path)], write_campaign(tmp_path)
+    compared = comparison.Comparison(names, tmp_path, campaign, lambda *_: '')
+    assert compared.labels == ['drift', 'pd', f'drift ({path})']
 
 
 def test_a_table_goes_between_its_marks_only(tmp_path):
-    path = tmp_path / 'doc.md'
-    path.write_text(f'before\n{comparison_table.BEGIN}\nold\n{comparison_table.END}\nafter\n')
-    comparison_table.put_into(path, 'new\n')
-    text = path.read_text()
-    assert 'old' not in text and text.index('before') < text.index('new') < text.index('after')
-    for bad in ('no marks', f'{comparison_table.END}{comparison_table.BEGIN}'):
+    path, begin, end = tmp_path / 'doc.md', '<!-- x: begin -->', '<!-- x: end -->'
+    path.write_text(f'before\n{begin}\nold\n{end}\nafter\n')
+    put(path, 'x', 'new\n')
+    assert path.read_text() == f'before\n{begin}\n\nnew\n\n{end}\nafter\n'
+    path.write_text('no marks\n')
+    put(path, 'x', 'new')
+    assert path.read_text() == f'no marks\n\n{begin}\n\nnew\n\n{end}\n'
+    for bad in (begin, f'{end}{begin}', f'{begin}{begin}{end}', f'{begin}{end}{end}'):
         path.write_text(bad)
         with pytest.raises(InputError, match='must have one line'):
-            comparison_table.put_into(path, 'new')
+            put(path, 'x', 'new')
         assert path.read_text() == bad

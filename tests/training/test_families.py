@@ -21,7 +21,7 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario, load_set
 from rpo_core.judge import metrics
 from rpo_ctrl.baseline_kernels import table_inputs
-from rpo_judge.evaluation import comparison
+from rpo_judge.evaluation import comparison, proven
 from rpo_montecarlo.engine.cases import case_of_set
 from rpo_montecarlo.engine.simulator import Simulator
 from rpo_report import training
@@ -131,8 +131,7 @@ def test_the_contact_speed_is_that_of_the_first_state_within_a_metre():
 
 def test_only_what_is_proven_counts_as_proven():
     found = {
-        name: comparison.proof_of(load_controller(name))
-        for name in ('time_to_go', 'more_words', 'mpc')
+        name: proven.proof_of(load_controller(name)) for name in ('time_to_go', 'more_words', 'mpc')
     }
     assert found == {'time_to_go': 'proven', 'more_words': 'not proven', 'mpc': 'none made'}
 

@@ -25,7 +25,6 @@ from rpo_core.files.starts import Box, Grid
 from rpo_core.files.validation import InputError
 from rpo_core.judge.verdicts import Verdict, verdicts
 from rpo_ctrl.similarity import AUTHORITY, made_for
-from rpo_judge.evaluation.comparison import _labels
 from rpo_judge.scoring.conditions import conditions_of
 from rpo_judge.scoring.fitness import Fitness, FitnessSettings
 from rpo_montecarlo.engine.population import population_of
@@ -153,9 +152,7 @@ def test_a_baseline_is_tuned_for_a_scenario_and_its_body(tmp_path):
         load_controller(again)
 
 
-def test_two_controllers_of_one_name_are_told_apart(tmp_path):
-    assert _labels(['a', 'b'], ['a', 'x/b.yaml']) == ['a', 'b']
-    assert _labels(['a', 'a'], ['a', 'x/a.yaml']) == ['a', 'a (x/a.yaml)']
+def test_reports_of_controllers_of_one_name_have_folders_of_their_own():
     files_ = ['x/a.yaml', 'y/a.yaml', 'a/a.yaml', 'p/x/a.yaml', 'q/x/a.yaml', 'x_a.yaml', 'a.yaml']
     folders = [_folder(name) for name in ('a', *files_)]
     assert folders[0] == 'report_a' and len(set(folders)) == 8

@@ -15,7 +15,7 @@ from rpo_core import files
 from rpo_core.control.controller import load_controller
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.files.validation import InputError
-from rpo_judge.evaluation import comparison, proven
+from rpo_judge.evaluation import proven
 from rpo_judge.evaluation.comparison import CONTROLLERS
 from rpo_proof.folder import Folder
 
@@ -25,11 +25,11 @@ TRAINING_BOX = (100.0, 100.0, 100.0, 0.0, 0.0, 0.0)
 
 def test_both_pages_say_what_the_file_of_results_says():
     page = (DOCS / 'proof.md').read_text()
-    block = page.partition(proven.BEGIN)[2].partition(proven.END)[0]
+    block = page.partition('<!-- proven: begin -->')[2].partition('<!-- proven: end -->')[0]
     assert block.strip() == proven.markdown(proven.shipped()).strip()
     table = (DOCS / 'compare.md').read_text().partition('speed at 1 m')[2]
     column = dict(re.findall(r'^\| (\w+) \|.*\| ([^|]+) \|$', table.partition('\n\n')[0], re.M))
-    assert column == {name: comparison.proof_of(load_controller(name)) for name in CONTROLLERS}
+    assert column == {name: proven.proof_of(load_controller(name)) for name in CONTROLLERS}
 
 
 def test_the_default_is_proven():

@@ -51,13 +51,14 @@ def compare(
     """
     from rpo_core.files import find
     from rpo_judge.evaluation import comparison, comparison_table
+    from rpo_montecarlo.outputs import put
     from rpo_report import training
     from rpo_training.provenance import saw
 
     if attitude:
         _attitudes(controllers, 10_000 if runs is None else runs)
         return
-    names = controllers or list(comparison.CONTROLLERS)
+    names = controllers or comparison.CONTROLLERS
     sentence = 'Interrupted; what was computed is kept: the same command goes on.'
     with interruptible(lambda: sentence), progress() as show:
         compared = comparison.Comparison(
@@ -73,11 +74,11 @@ def compare(
         echo(f'- {note}')
     for path in comparison_table.write(rows, least, flown, output):
         echo(path)
-    for path in [output / 'compare.svg', *([picture] if picture is not None else [])]:
+    for path in filter(None, [output / 'compare.svg', picture]):
         draw(path, training.draw, rows)
     if write is not None:
-        page = comparison_table.markdown(rows, least, flown, comparison_table.TABLES[:-1])
-        comparison_table.put_into(write, page)
+        tables = comparison_table.TABLES[:-1]
+        put(write, 'rpo compare', comparison_table.markdown(rows, least, flown, tables))
         echo(write)
 
 
@@ -89,7 +90,7 @@ def _attitudes(names: list[str] | None, runs: int) -> None:
 
     if runs < 1:
         raise InputError(f'`--runs` must be at least 1; got {runs}')
-    found = [attitude.load(name) for name in names or files.shipped('attitude_controller')]
-    rows = [row.cells for row in compared(found, judged_draws(runs))]
+    loaded = [attitude.load(name) for name in names or files.shipped('attitude_controller')]
+    rows = [row.cells for row in compared(loaded, judged_draws(runs))]
     print_table(HEADINGS, rows, f'{runs} slews of up to 180 deg')
     typer.echo(SENTENCE)

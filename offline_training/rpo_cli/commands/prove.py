@@ -276,13 +276,14 @@ def _proof_of(folder: Folder, options: str) -> Proof:
 
 def _publish(proof: Proof) -> None:
     """Write a proof in the place of an older one: into the file of results, and the page."""
-    from rpo_judge.evaluation import comparison_table, proven
+    from rpo_judge.evaluation import proven
+    from rpo_montecarlo.outputs import put
 
     made = {found.controller: found for found in proven.shipped()} if proven.PATH.exists() else {}
     proofs = list((made | {proof.controller: proof}).values())
     proven.write(proofs)
     page = proven.PATH.parents[2] / 'docs' / 'proof.md'
-    comparison_table.put_into(page, proven.markdown(proofs), proven.BEGIN, proven.END)
+    put(page, 'proven', proven.markdown(proofs))
 
 
 def _not_checked(folder: Folder, found: Checked) -> Iterable[str]:

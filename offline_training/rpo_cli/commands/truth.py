@@ -78,7 +78,7 @@ def truth(
         for title, (heads, *rows), after in tables:
             table = '\n'.join(outputs.markdown_table(heads, rows))
             parts += [title, table, *filter(None, [after])]
-        outputs.put(write, 'rpo truth --write', '\n\n'.join(parts) + '\n')
+        outputs.put(write, 'rpo truth', '\n\n'.join(parts))
         typer.echo(write)
 
 

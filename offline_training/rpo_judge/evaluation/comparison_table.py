@@ -10,21 +10,10 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
-from rpo_core import files
-from rpo_core.files.validation import InputError
 from rpo_core.judge.metrics import CLAIM_WINDOW_S
-from rpo_judge.evaluation.comparison import (
-    OPEN_N,
-    OPENED_RUNS,
-    RANDOM,
-    TESTS,
-    WORLD,
-    WORLD_RUNS,
-    Row,
-)
-from rpo_judge.evaluation.robustness import DRAWN, RUNS, SEED, cells, numbers
+from rpo_judge.evaluation.comparison import OPEN_N, OPENED_RUNS, RANDOM, WORLD, WORLD_RUNS, Row
+from rpo_judge.evaluation.robustness import COLUMNS, CROSSED, DRAWN, RUNS, SEED, cells
 from rpo_judge.scoring.conditions import LABELS
 from rpo_montecarlo.campaign.config import Campaign
 from rpo_montecarlo.campaign.judging import NOT_JUDGED, motion, sentence, words
@@ -32,12 +21,8 @@ from rpo_montecarlo.campaign.statistics import rate
 from rpo_montecarlo.machine import machine
 from rpo_montecarlo.outputs import markdown_table, write_text
 
-BEGIN, END = '<!-- rpo compare: begin -->', '<!-- rpo compare: end -->'
-"""The lines of a document around the table."""
-
 Table = list[tuple[str, ...]]
 """Headings, then a line for each controller; all texts."""
-
 
 Column = str | Callable[[Row], str]
 """A cell: format of the figures of a controller, or a function of them."""
@@ -75,22 +60,21 @@ _ROBUSTNESS: dict[str, Column] = {
 """Heading -> cell: of the main table, and of random starts, margins, thrusters, contact, proof."""
 
 
-def _of_test(test: str, reading: str) -> dict[str, Column]:
-    """Return the columns of one reading of the paper's test."""
-    return {
-        f'{reading}: ∣r∣ [m]': f'{{tests[{test}][position_m]:.3g}}',
-        f'{reading}: ∣v∣ [mm/s]': lambda row: f'{1e3 * row["tests"][test]["velocity_m_s"]:.3g}',
-        f'{reading}: J [N²s]': f'{{tests[{test}][energy_n2s]:.3f}}',
-    }
-
-
 _TESTS: dict[str, Column] = {
     f"the paper's test, largest of an axis in the last {CLAIM_WINDOW_S:g} s; J over 400 s": (
         '{name}'
     ),
-    **_of_test(TESTS[0], 'offset'),
-    **_of_test(TESTS[1], 'phase'),
+    'offset: ∣r∣ [m]': '{tests[paper_test][position_m]:.3g}',
+    'offset: ∣v∣ [mm/s]': lambda row: _speed(row, 'paper_test'),
+    'offset: J [N²s]': '{tests[paper_test][energy_n2s]:.3f}',
+    'phase: ∣r∣ [m]': '{tests[paper_test_phase][position_m]:.3g}',
+    'phase: ∣v∣ [mm/s]': lambda row: _speed(row, 'paper_test_phase'),
+    'phase: J [N²s]': '{tests[paper_test_phase][energy_n2s]:.3f}',
 }
+
+
+def _speed(row: Row, test: str) -> str:
+    return f'{1e3 * row["tests"][test]["velocity_m_s"]:.3g}'
 
 
 def _share(found: Row | None) -> str:
@@ -118,13 +102,16 @@ def _table(columns: Mapping[str, Column], rows: Sequence[Row]) -> Table:
 
 def margins(rows: Sequence[Row]) -> Table:
     """Return how far the loop of each controller may be off."""
-    lines = [cells(row['margins']) for row in rows]
-    named = zip(rows, lines, strict=True)
-    return [('controller', *lines[0]), *((row['name'], *line.values()) for row, line in named)]
+    headings = ('controller', *COLUMNS, CROSSED[1], CROSSED[4])
+    return [headings, *((row['name'], *cells(row['margins'])) for row in rows)]
 
 
-overview = partial(_table, _OVERVIEW)
-TABLES = (overview, partial(_table, _ROBUSTNESS), margins, partial(_table, _TESTS))
+TABLES = (
+    partial(_table, _OVERVIEW),
+    partial(_table, _ROBUSTNESS),
+    margins,
+    partial(_table, _TESTS),
+)
 
 
 def notes(rows: Sequence[Row], least: float, campaign: Campaign) -> list[str]:
@@ -161,16 +148,12 @@ def notes(rows: Sequence[Row], least: float, campaign: Campaign) -> list[str]:
 
 def _not_judged(rows: Sequence[Row]) -> str:
     """Return which limits the drawn flights of which controllers are not judged by."""
-    found: dict[tuple[str, ...], list[str]] = {}
+    groups: dict[str, list[str]] = {}
     for row in rows:
-        if row['margins'] and row['margins'].margins:
-            found.setdefault(tuple(row['margins'].not_judged), []).append(row['name'])
-    groups = (
-        f'{", ".join(words(name, unit=False) for name in limits)} ({", ".join(names)})'
-        for limits, names in found.items()
-        if limits
-    )
-    return f'{NOT_JUDGED} in these flights: {"; ".join(groups) or "nothing"}.'
+        if limits := row['margins'].get('not_judged'):
+            groups.setdefault(limits, []).append(row['name'])
+    texts = [f'{limits} ({", ".join(names)})' for limits, names in groups.items()]
+    return f'{NOT_JUDGED} in these flights: {"; ".join(texts) or "nothing"}.'
 
 
 def markdown(
@@ -187,7 +170,7 @@ def markdown(
 
 def as_csv(rows: Sequence[Row]) -> str:
     """Return all numbers as CSV, unrounded."""
-    flat = [_flat(_record(row)) for row in rows]
+    flat = [_flat(row) for row in rows]
     names = list(dict.fromkeys(name for line in flat for name in line))
     text = io.StringIO()
     writer = csv.DictWriter(text, names, lineterminator='\n')
@@ -196,17 +179,11 @@ def as_csv(rows: Sequence[Row]) -> str:
     return text.getvalue()
 
 
-def _record(row: Row) -> Row:
-    """Return all numbers of a controller; of its margins, not all points that were checked."""
-    return {**row, 'margins': numbers(row['margins'])}
-
-
-def _flat(value: dict[str, Any], prefix: str = '') -> dict[str, Any]:
-    flat: dict[str, Any] = {}
+def _flat(value: Row, prefix: str = '') -> Row:
+    """Return the figures of nested mappings: their keys are joined by `_`."""
+    flat: Row = {}
     for key, item in value.items():
-        flat.update(
-            _flat(item, f'{prefix}{key}_') if isinstance(item, dict) else {prefix + key: item}
-        )
+        flat |= _flat(item, f'{prefix}{key}_') if isinstance(item, dict) else {prefix + key: item}
     return flat
 
 
@@ -217,7 +194,7 @@ def write(rows: Sequence[Row], least: float, campaign: Campaign, folder: Path) -
         'campaign': campaign.config.name,
         'success': sentence(campaign),
         'machine': machine(),
-        'controllers': [_record(row) for row in rows],
+        'controllers': list(rows),
     }
     texts = {
         'compare.md': markdown(rows, least, campaign),
@@ -227,23 +204,3 @@ def write(rows: Sequence[Row], least: float, campaign: Campaign, folder: Path) -
     for name, text in texts.items():
         write_text(folder / name, text)
     return [folder / name for name in texts]
-
-
-def put_into(path: Path, table: str, begin: str = BEGIN, end: str = END) -> None:
-    """Put a table between the markers of a document; a new document is the table alone.
-
-    Raises
-    ------
-    InputError
-        If the document exists, and has not one begin marker before one end marker.
-    """
-    block = f'{begin}\n\n{table}\n{end}'
-    if not path.exists():
-        write_text(path, f'{block}\n')
-        return
-    text = files.read_text(path)
-    before, first, rest = text.partition(begin)
-    _, last, after = rest.partition(end)
-    if not first or not last or begin in rest or end in after:
-        raise InputError(f'{path}: must have one line `{begin}` and, below it, one `{end}`')
-    write_text(path, before + block + after)

@@ -10,7 +10,7 @@ with the same numbers, whatever its name.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -19,20 +19,18 @@ import yaml
 
 from rpo_core import files
 from rpo_core.control import controller as controllers
-from rpo_core.control.controller import FuzzyController
+from rpo_core.control.controller import AnyController, FuzzyController
 from rpo_core.files import codec
-from rpo_core.files.validation import InputError, mapping, shown
+from rpo_core.files.validation import schema
+from rpo_ctrl.family import Family
 from rpo_judge.analysis.certificate import PROVEN, REFUTED, UNDECIDED, verdict_of
-from rpo_judge.scoring.conditions import PAPER, label
+from rpo_judge.scoring.conditions import LABELS, PAPER, label
 from rpo_montecarlo.outputs import digest_of, markdown_table, write_text
 
 PATH = Path(__file__).parents[2] / 'proofs' / 'proven.yaml'
 """The file of the results."""
 
 SCHEMA = 'rpo/proven/1'
-
-BEGIN, END = '<!-- proven: begin -->', '<!-- proven: end -->'
-"""The lines of a document around the tables."""
 
 NO_PROOF, OPEN = 'none made', 'open'
 
@@ -82,16 +80,18 @@ def numbers_of(controller: FuzzyController) -> str:
     )
 
 
+@dataclass(frozen=True)
+class Proofs:
+    """The file of the results."""
+
+    schema: str
+    proofs: tuple[Proof, ...]
+
+
 def parse(document: Any) -> tuple[Proof, ...]:
     """Return the results of a parsed file; raises InputError."""
-    data = mapping('', document, ['schema', 'proofs'])
-    if data['schema'] != SCHEMA:
-        raise InputError(f'`schema` must be {SCHEMA}; got {shown(data["schema"])}')
-    if not isinstance(data['proofs'], list):
-        raise InputError(f'`proofs` must be a list; got {shown(data["proofs"])}')
-    return tuple(
-        codec.from_mapping(Proof, f'proofs[{i}]', item) for i, item in enumerate(data['proofs'])
-    )
+    schema(document, SCHEMA)
+    return codec.from_mapping(Proofs, '', document).proofs
 
 
 @lru_cache(maxsize=1)
@@ -103,20 +103,22 @@ def shipped() -> tuple[Proof, ...]:
 def write(proofs: Sequence[Proof]) -> None:
     """Write the file of the results."""
     head = f'# {__name__} reads this; `rpo prove --check FOLDER --publish` writes it.\n'
-    rows = [{**asdict(p), 'claims': [asdict(c) for c in p.claims]} for p in proofs]
-    document = {'schema': SCHEMA, 'proofs': rows}
+    document = codec.to_mapping(Proofs(SCHEMA, tuple(proofs)))
     write_text(PATH, head + yaml.safe_dump(document, sort_keys=False, width=100))
 
 
-def proof_of(controller: FuzzyController) -> str:
+def proof_of(controller: AnyController) -> str:
     """Return what is shown of the conditions of the training, in a few words."""
-    digest = numbers_of(controller)
-    made = [proof for proof in shipped() if proof.numbers_sha256 == digest]
-    if not made:
+    if isinstance(controller, Family):
+        holding = {claim.name for claim in controller.claims() if claim.holds}
+        return PROVEN if holding.issuperset(LABELS.values()) else 'not proven'
+    digest = numbers_of(controller) if isinstance(controller, FuzzyController) else ''
+    claims = [proof.claims for proof in shipped() if proof.numbers_sha256 == digest]
+    if not claims:
         return NO_PROOF
-    claims = {claim.key: claim.verdict for claim in made[0].claims}
+    words = {claim.key: claim.verdict for claim in claims[0]}
     for word in (REFUTED, OPEN):
-        names = [key for key in PAPER.limits if claims.get(key, OPEN) == word]
+        names = [key for key in PAPER.limits if words.get(key, OPEN) == word]
         if names:
             return f'{word}: {", ".join(map(label, names))}'
     return PROVEN

@@ -11,10 +11,10 @@ points between and beyond are checked too, because nothing says that it fails on
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, astuple, dataclass, replace
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import cache, partial
 from os import sched_getaffinity
 from threading import Event
 from typing import Any, NamedTuple
@@ -22,8 +22,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
-from rpo_core.control.controller import AnyController, FuzzyController
-from rpo_core.files.scenario import ScenarioSet, load_set
+from rpo_core.control.controller import AnyController
+from rpo_core.files.scenario import load_set
 from rpo_core.files.validation import InputError
 from rpo_judge.scoring.conditions import LABELS, PAPER
 from rpo_kernels.arrays import Floats
@@ -35,10 +35,6 @@ from rpo_montecarlo.campaign.sampling import DrawnRuns, draw
 from rpo_montecarlo.engine.lanes import PAIRED_LANES
 from rpo_montecarlo.engine.parts.control import control_of, gain_part
 from rpo_montecarlo.engine.support import why_not
-from rpo_montecarlo.engine.tick import Part
-
-Check = Callable[[float], tuple[float, str]]
-"""From a point to the largest value as a share of its limit, and which limit that is."""
 
 SET, DRAWN = 'paper_training', 'paper_test_measured'
 RUNS, SEED = 200, 90210
@@ -53,11 +49,8 @@ BEYOND = (1.25, 1.5)
 SHARE = 0.01
 """The bisection ends when its interval is this share of the distance from nominal."""
 
-_AXES, _BIASES = ('x', 'y', 'z'), ('bias_', 'bias_v')
 
-
-@dataclass(frozen=True)
-class Off:
+class Off(NamedTuple):
     """How far flights are off, on top of what was drawn of each.
 
     gain : factor of the command, before it is saturated; slew and force are those after it
@@ -75,49 +68,40 @@ class Off:
 
     def of(self, drawn: DrawnRuns) -> DrawnRuns:
         """Return drawn runs that are off so far."""
-        found = drawn.parameters.copy()
-
-        def column(name: str) -> Floats:
-            return found[:, drawn.names.index(name)]
-
-        column('mass_kg')[:] *= self.mass
-        column('delay_ticks')[:] += self.delay_ticks
-        for axis in _AXES:
-            share = column(f'thrust_share_{axis}')
+        runs = drawn._replace(parameters=drawn.parameters.copy())
+        measured = 'sensor_bias_x_m' in drawn.names  # else navigation errs by itself
+        biases = ('sensor_bias_', 'sensor_velocity_bias_') if measured else ('bias_', 'bias_v')
+        runs.column('mass_kg')[:] *= self.mass
+        runs.column('delay_ticks')[:] += self.delay_ticks
+        for axis in 'xyz':
+            share = runs.column(f'thrust_share_{axis}')
             share[:] = (1.0 + share) * self.thrust - 1.0
-            measured = f'sensor_bias_{axis}_m' in drawn.names  # else navigation errs by itself
-            position, velocity = ('sensor_bias_', 'sensor_velocity_bias_') if measured else _BIASES
-            column(f'{position}{axis}_m')[:] += self.position_m
-            column(f'{velocity}{axis}_m_s')[:] += self.velocity_m_s
-        return drawn._replace(parameters=found)
+            runs.column(f'{biases[0]}{axis}_m')[:] += self.position_m
+            runs.column(f'{biases[1]}{axis}_m_s')[:] += self.velocity_m_s
+        return runs
+
+
+NOMINAL = Off()
 
 
 class Quantity(NamedTuple):
     """What is made larger, or smaller, until the claim fails.
 
-    field, zero, slope : of `Off`: a point x makes it zero + slope x; of `both` signs, the worse
-    nominal, most : where the search begins, and where it ends
-    first : its first step; it doubles; digits : decimals of the points that are checked
-    form, unit, factor : a point in a table: form and unit, of the point over the factor
+    offs : from a point to what is flown there, of which the worst counts
+    nominal, bound : where the search begins, and where it ends; first : its first step; it doubles
+    form, unit, factor : a point in a table: format and unit, of the point over the factor
+    digits : decimals of the points that are checked
     """
 
     name: str
-    field: str
-    zero: float
-    slope: float
+    offs: Callable[[float], Sequence[Off]]
     nominal: float
-    most: float
+    bound: float
     first: float
-    digits: int
     form: str
     unit: str
     factor: float = 1.0
-    both: bool = False
-
-    def offs(self, x: float) -> list[Off]:
-        """Return what is flown at a point."""
-        signs = (1.0, -1.0) if self.both else (1.0,)
-        return [Off(**{self.field: self.zero + sign * self.slope * x}) for sign in signs]
+    digits: int = 3
 
     def number(self, x: float) -> str:
         """Return a point as a number of the unit that tables show."""
@@ -125,30 +109,32 @@ class Quantity(NamedTuple):
 
     def shown(self, x: float) -> str:
         """Return a point as tables show it."""
-        number = self.number(x)
-        return f'× {number}' if self.unit == '×' else f'{number} {self.unit}'
+        return f'{self.number(x)} {self.unit}'
 
 
 QUANTITIES = (
-    Quantity('gain up', 'gain', 0.0, 1.0, 1.0, 32.0, 0.25, 3, '{:.4g}', '×'),
-    Quantity('gain down', 'gain', 0.0, 1.0, 1.0, 0.01, 0.1, 3, '{:.4g}', '×'),
-    Quantity('thrust loss', 'thrust', 1.0, -1.0, 0.0, 0.99, 0.1, 3, '{:.1f}', '%', 0.01),
-    Quantity('delay', 'delay_ticks', 0.0, 1.0, 0.0, 200.0, 1.0, 0, '{:g}', 'ticks'),
-    Quantity('mass up', 'mass', 1.0, 1.0, 0.0, 31.0, 0.1, 3, '+{:.1f}', '%', 0.01),
-    Quantity('mass down', 'mass', 1.0, -1.0, 0.0, 0.99, 0.1, 3, '−{:.1f}', '%', 0.01),
+    Quantity('gain up', lambda x: [Off(gain=x)], 1.0, 32.0, 0.25, '{:.4g}', '×'),
+    Quantity('gain down', lambda x: [Off(gain=x)], 1.0, 0.01, 0.1, '{:.4g}', '×'),
+    Quantity('thrust loss', lambda x: [Off(thrust=1.0 - x)], 0.0, 0.99, 0.1, '{:.1f}', '%', 0.01),
     Quantity(
-        'position bias', 'position_m', 0.0, 1.0, 0.0, 10.0, 0.05, 3, '{:.4g}', 'mm', 1e-3, True
+        'delay', lambda x: [Off(delay_ticks=x)], 0.0, 200.0, 1.0, '{:g}', 'ticks', digits=0
+    ),
+    Quantity('mass up', lambda x: [Off(mass=1.0 + x)], 0.0, 31.0, 0.1, '+{:.1f}', '%', 0.01),
+    Quantity('mass down', lambda x: [Off(mass=1.0 - x)], 0.0, 0.99, 0.1, '−{:.1f}', '%', 0.01),
+    Quantity(
+        'position bias', lambda x: [Off(position_m=x), Off(position_m=-x)],
+        0.0, 10.0, 0.05, '{:.4g}', 'mm', 1e-3,
     ),
     Quantity(
-        'velocity bias', 'velocity_m_s', 0.0, 1.0, 0.0, 1.0, 0.001, 5, '{:.4g}', 'mm/s', 1e-3, True
+        'velocity bias', lambda x: [Off(velocity_m_s=x), Off(velocity_m_s=-x)],
+        0.0, 1.0, 0.001, '{:.4g}', 'mm/s', 1e-3, digits=5,
     ),
 )  # fmt: skip
-"""What margins are found of. Bias: the same on all three axes."""
+"""What margins are found of. Bias: the same on all three axes, of the worse sign."""
 
 
-@dataclass(frozen=True)
-class Point:
-    """A point that was checked; share, limit : see `Check`."""
+class Point(NamedTuple):
+    """A point that was checked: the largest value as a share of its limit, and which limit."""
 
     at: float
     share: float
@@ -160,35 +146,34 @@ class Point:
         return self.share <= 1.0
 
 
-@dataclass(frozen=True)
-class Margin:
-    """What was checked of a quantity, from nominal outward."""
+class Margin(NamedTuple):
+    """What was checked of a quantity.
 
-    name: str
+    points : from nominal outward
+    holds : the largest up to which, and at which, the claim holds
+    fails, limit : the smallest at which it fails, and what fails there; None: it fails at none
+    holds_again : one beyond at which it holds again; None: none seen
+    """
+
+    quantity: Quantity
     points: tuple[Point, ...]
-
-    @property
-    def holds(self) -> float:
-        """The largest point checked up to which, and at which, the claim holds."""
-        fails = self.fails
-        held = self.points if fails is None else self.points[: self.points.index(fails)]
-        return held[-1].at
-
-    @property
-    def fails(self) -> Point | None:
-        """The smallest point checked at which it fails; None: at no point."""
-        return next((point for point in self.points if not point.holds), None)
-
-    @property
-    def again(self) -> float | None:
-        """A point beyond the first failure at which the claim holds again; None: none seen."""
-        fails = self.fails
-        later = self.points[self.points.index(fails) :] if fails else ()
-        return next((point.at for point in later if point.holds), None)
+    holds: float
+    fails: float | None
+    limit: str
+    holds_again: float | None
 
 
-@dataclass(frozen=True)
-class Crossing:
+def margin_of(quantity: Quantity, points: Iterable[Point]) -> Margin:
+    """Return the margin that points show; the claim holds at nominal."""
+    outward = tuple(sorted(points, key=lambda point: abs(point.at - quantity.nominal)))
+    count = next((i for i, point in enumerate(outward) if not point.holds), len(outward))
+    beyond = outward[count:]
+    fails, limit = (beyond[0].at, beyond[0].limit) if beyond else (None, '')
+    again = next((point.at for point in beyond if point.holds), None)
+    return Margin(quantity, outward, outward[count - 1].at, fails, limit, again)
+
+
+class Crossing(NamedTuple):
     """Where the loop gain of a describing function falls through 1.
 
     amplitude_m : of the error of position; rate_rad_s : of the crossing
@@ -203,31 +188,25 @@ class Crossing:
     delay_margin_ticks: float
 
 
-def _delay_s(crossing: Crossing) -> float:
-    return crossing.delay_margin_s
-
-
 @dataclass(frozen=True)
 class Margins:
     """Margins of a controller.
 
-    judged : limits of the drawn flights that margins are judged by: all of them keep these
-    not_judged : the other limits; missed : by how many of the drawn flights each
+    missed : limit of the drawn flights -> how many miss it when nothing is off; margins are judged
+        by those that none misses
     starts_missed : starts that miss a condition when nothing is off; more than 0: no margins
     margins : of `QUANTITIES`; crossings : of `AMPLITUDES_M` that have one
     """
 
-    judged: tuple[str, ...]
-    not_judged: tuple[str, ...]
-    missed: tuple[int, ...]
+    missed: dict[str, int]
     starts_missed: int
     margins: tuple[Margin, ...]
     crossings: tuple[Crossing, ...]
 
     @property
-    def least(self) -> Crossing | None:
-        """The crossing with the least delay margin."""
-        return min(self.crossings, key=_delay_s, default=None)
+    def not_judged(self) -> list[str]:
+        """Limits of the drawn flights that margins are not judged by."""
+        return [name for name, count in self.missed.items() if count]
 
     def headline(self) -> str:
         """Return what margins are judged by, and what not."""
@@ -236,14 +215,33 @@ class Margins:
                 f'no margins: {self.starts_missed} of the starts of {SET} miss a condition already '
                 'when nothing is off'
             )
-        pairs = zip(self.not_judged, self.missed, strict=True)
-        rest = ', '.join(f'{words(n, unit=False)} (by {k})' for n, k in pairs)
+        rest = ', '.join(f'{name} (by {self.missed[name]})' for name in self.not_judged)
         rest = f'; {NOT_JUDGED}, because missed when nothing is off: {rest}' if rest else ''
-        names = ', '.join(words(name, unit=False) for name in self.judged) or 'nothing'
+        judged = ', '.join(name for name, count in self.missed.items() if not count)
         return (
             f'judged: all starts of {SET} by {", ".join(LABELS.values())}; {RUNS} flights of '
-            f'{DRAWN}, seed {SEED}, by {names}{rest}'
+            f'{DRAWN}, seed {SEED}, by {judged or "nothing"}{rest}'
         )
+
+    def numbers(self) -> dict[str, Any]:
+        """Return the numbers, unrounded, as nested mappings."""
+        margins = {
+            margin.quantity.name.replace(' ', '_'): dict(
+                zip(Margin._fields[2:], margin[2:], strict=True)
+            )
+            for margin in self.margins
+        }
+        least = min(self.crossings, key=_delay_s, default=None)
+        return {
+            'judged': self.headline(),
+            'not_judged': '' if self.starts_missed else ', '.join(self.not_judged),
+            **margins,
+            'crossing': least._asdict() if least else {},
+        }
+
+
+def _delay_s(crossing: Crossing) -> float:
+    return crossing.delay_margin_s
 
 
 HEADINGS = ('', 'largest at which all holds', 'smallest at which not', 'what fails there', '')
@@ -263,88 +261,70 @@ COLUMNS = {
 """Column of a table of controllers -> its margins."""
 
 
-def _named(found: Margins) -> list[tuple[Quantity, Margin]]:
-    known = {quantity.name: quantity for quantity in QUANTITIES}
-    return [(known[margin.name], margin) for margin in found.margins]
-
-
-def rows_of(found: Margins) -> list[tuple[str, ...]]:
+def rows_of(margins: Margins) -> list[tuple[str, ...]]:
     """Return the margins as the rows of a table; a point that holds again is named."""
     rows: list[tuple[str, ...]] = []
-    for q, margin in _named(found):
-        fails, again = margin.fails, margin.again
-        beyond = ('none', '') if fails is None else (q.shown(fails.at), fails.limit)
+    for margin in margins.margins:
+        q, _, holds, fails, limit, again = margin
+        beyond = 'none' if fails is None else q.shown(fails)
         note = '' if again is None else f'NOT monotone: holds again at {q.shown(again)}'
-        rows.append((q.name, q.shown(margin.holds), *beyond, note))
+        rows.append((q.name, q.shown(holds), beyond, limit, note))
     return rows
 
 
-def crossing_row(c: Crossing) -> tuple[str, ...]:
+def crossing_row(crossing: Sequence[float]) -> tuple[str, ...]:
     """Return a crossing as a row of a table."""
     formats = ('g', '.4f', '.1f', '.2f', '.1f')
-    return tuple(f'{value:{form}}' for value, form in zip(astuple(c), formats, strict=True))
+    return tuple(f'{value:{form}}' for value, form in zip(crossing, formats, strict=True))
 
 
-def cells(found: Margins | None) -> dict[str, str]:
-    """Return heading -> cell of a line; None: the engine cannot fly the controller."""
-    line = dict.fromkeys((*COLUMNS, CROSSED[1], CROSSED[4]), '–')
-    known = {margin.name: (q, margin) for q, margin in _named(found)} if found else {}
-    for heading, names in COLUMNS.items():
-        ends = [
-            '≥' * (margin.fails is None) + q.number(margin.holds) + '!' * (margin.again is not None)
-            for q, margin in (known[name] for name in names if name in known)
-        ]
-        line[heading] = '…'.join(ends) or '–'
-    least = found.least if found else None
-    crossed = zip(CROSSED, crossing_row(least), strict=True) if least else ()
-    return line | {heading: cell for heading, cell in crossed if heading in line}
+def cells(numbers: Mapping[str, Any]) -> list[str]:
+    """Return a line under `COLUMNS`, of `Margins.numbers`: then crossing and delay margin.
+
+    ! : the claim holds again beyond; ≥ : nothing fails; – : there is no margin
+    """
+    quantities = {quantity.name: quantity for quantity in QUANTITIES}
+    line = []
+    for names in COLUMNS.values():
+        ends = []
+        for name in names:
+            if margin := numbers.get(name.replace(' ', '_')):
+                holds = quantities[name].number(margin['holds'])
+                beyond = '≥' if margin['fails'] is None else ''
+                ends.append(f'{beyond}{holds}{"" if margin["holds_again"] is None else "!"}')
+        line.append('…'.join(ends) or '–')
+    crossing = numbers.get('crossing')
+    row = crossing_row(crossing.values()) if crossing else ('–',) * len(CROSSED)
+    return [*line, row[1], row[4]]
 
 
-def numbers(found: Margins | None) -> dict[str, Any]:
-    """Return the numbers behind `cells`, unrounded, as nested mappings."""
-    if found is None:
-        return {}
-    margins = {
-        margin.name.replace(' ', '_'): {
-            'holds': margin.holds,
-            'fails': margin.fails.at if margin.fails else None,
-            'limit': margin.fails.limit if margin.fails else '',
-            'holds_again': margin.again,
-        }
-        for margin in found.margins
-    }
-    return {
-        'judged': found.headline(),
-        **margins,
-        'crossing': asdict(found.least) if found.least else {},
-    }
-
-
-def search(quantity: Quantity, check: Check) -> Margin:
+def search(quantity: Quantity, check: Callable[[float], tuple[float, str]]) -> Margin:
     """Return the points checked; the claim holds at nominal.
 
     Doubling steps, bisection, points between and beyond. Where one of these fails below the bound,
     the bisection goes on there, and the points between are those of the smaller interval.
+
+    check : from a point to the largest value as a share of its limit, and which limit that is
     """
-    start, sign = quantity.nominal, 1.0 if quantity.most > quantity.nominal else -1.0
-    far = abs(quantity.most - start)
-    seen: dict[float, Point] = {}
+    start, far = quantity.nominal, abs(quantity.bound - quantity.nominal)
+    points: dict[float, Point] = {}
 
     def at(distance: float) -> Point:
         """Check a distance from nominal, rounded to the digits that are shown."""
-        x = round(start + sign * min(distance, far), quantity.digits)
-        if x not in seen:
-            seen[x] = Point(x, *check(x))
-        return seen[x]
+        x = start + math.copysign(min(distance, far), quantity.bound - start)
+        x = round(x, quantity.digits)
+        if x not in points:
+            points[x] = Point(x, *check(x))
+        return points[x]
 
     def bracket() -> tuple[float, float]:
         """Return the distances of the largest point that holds and the smallest that fails."""
-        found = Margin('', tuple(seen[x] for x in sorted(seen, key=lambda x: abs(x - start))))
-        fails = found.fails
-        return abs(found.holds - start), abs(fails.at - start) if fails else math.inf
+        found = margin_of(quantity, points.values())
+        return abs(found.holds - start), math.inf if found.fails is None else abs(
+            found.fails - start
+        )
 
-    seen[start] = Point(start, *check(start))
-    if not seen[start].holds:
+    if not at(0.0).holds:
         raise InputError(f'{quantity.name}: the claim must hold at nominal; it fails')
     step = quantity.first
     while at(step).holds and step < far:
@@ -360,65 +340,52 @@ def search(quantity: Quantity, check: Check) -> Margin:
             break
     for share in BEYOND if high < math.inf else ():
         at(high * share)
-    ordered = sorted(seen.values(), key=lambda point: abs(point.at - start))
-    return Margin(quantity.name, tuple(ordered))
+    return margin_of(quantity, points.values())
 
 
 class Flights:
     """The flights of the claim for one controller; raises InputError if the engine cannot fly it.
 
-    stop : set, to end a search that waits for more of them
+    starts, drawn : campaigns of the starts of the training, and of the dispersed test
     """
 
     def __init__(self, controller: AnyController) -> None:
-        self.controller, self.stop = controller, Event()
+        self.controller = controller
         loaded = config.load(config.find(DRAWN), controller='handmade', runs=RUNS, seed=SEED)
         self.drawn, scenarios = replace(loaded, controller=controller), load_set(SET)
-        self.starts = _campaign_of(scenarios, controller)
+        own = CampaignConfig(
+            name=SET, scenario=SET, controller=controller.name, sampling='random', dispersions={},
+            runs=len(scenarios.initial_positions_m),
+            success={name: PAPER.limits[name] for name in LABELS},
+        )  # fmt: skip
+        self.starts = Campaign(own, scenarios.base, controller, ('', '', ''))
         for campaign in (self.starts, self.drawn):
             if reason := why_not(campaign.scenario, controller):
                 raise InputError(f'margins need thousands of flights, side by side: {reason}')
-        count = self.starts.config.runs
-        nominal = draw(self.starts, 0, count)
+        nominal = draw(self.starts, 0, own.runs)
         nominal.starts[:, :3] = scenarios.initial_positions_m
         self._runs = {DRAWN: draw(self.drawn, 0, RUNS), SET: nominal}
-        self._limit_n: float = getattr(controller, 'max_force_n', math.inf)
-        self._known: dict[Off, tuple[float, str]] = {}
 
-    def shares(self, campaign: Campaign, off: Off = Off()) -> dict[str, Floats]:
+    def shares(self, campaign: Campaign, off: Off = NOMINAL) -> dict[str, Floats]:
         """Return the values (n,) of each limit, as shares of it."""
-        more: list[Part] = []
-        control = control_of(self.controller, limited=off.gain == 1.0)
+        control, parts = control_of(self.controller, limited=off.gain == 1.0), []
         if off.gain != 1.0:
-            more = [gain_part(PAIRED_LANES, off.gain, self._limit_n)]
+            limit_n = getattr(self.controller, 'max_force_n', math.inf)
+            parts.append(gain_part(PAIRED_LANES, off.gain, limit_n))
         drawn = off.of(self._runs[campaign.config.name])
-        columns = side_by_side(campaign, drawn, control, more)
+        columns = side_by_side(campaign, drawn, control, parts)
         limits = campaign.config.limits(columns)
         return {name: values / limit for name, (values, limit) in limits.items()}
 
     def check(self, off: Off, judged: Sequence[str]) -> tuple[float, str]:
         """Return the largest share of a limit, and which; drawn flights fly if all starts hold."""
-        if self.stop.is_set():
-            raise InputError('stopped')
-        if off not in self._known:
-            found = self.shares(self.starts, off)
-            worst = max((float(found[name].max()), f'starts: {LABELS[name]}') for name in found)
-            if judged and worst[0] <= 1.0:
-                found = self.shares(self.drawn, off)
-                named = ((name, f'drawn: {words(name, unit=False)}') for name in judged)
-                worst = max(worst, *((float(found[name].max()), label) for name, label in named))
-            self._known[off] = worst
-        return self._known[off]
-
-
-def _campaign_of(scenarios: ScenarioSet, controller: AnyController) -> Campaign:
-    """Return the starts of the training as a campaign without dispersions."""
-    runs, success = len(scenarios.initial_positions_m), PAPER.limits
-    own = CampaignConfig(
-        name=SET, scenario=SET, controller=controller.name, runs=runs, sampling='random',
-        dispersions={}, success={name: success[name] for name in LABELS},
-    )  # fmt: skip
-    return Campaign(own, scenarios.base, controller, ('', '', ''))
+        starts = self.shares(self.starts, off)
+        worst = max((float(starts[name].max()), f'starts: {LABELS[name]}') for name in starts)
+        if judged and worst[0] <= 1.0:
+            drawn = self.shares(self.drawn, off)
+            named = ((name, f'drawn: {words(name, unit=False)}') for name in judged)
+            worst = max(worst, *((float(drawn[name].max()), label) for name, label in named))
+        return worst
 
 
 def margins_of(
@@ -430,31 +397,34 @@ def margins_of(
 
     Raises InputError if the engine cannot fly it.
     """
-    flights = Flights(controller)
+    flights, stop = Flights(controller), Event()
     starts, drawn = flights.shares(flights.starts), flights.shares(flights.drawn)
     starts_missed = int(np.any([share > 1.0 for share in starts.values()], axis=0).sum())
     missed = {name: int((share > 1.0).sum()) for name, share in drawn.items()}
-    judged = tuple(name for name, count in missed.items() if not count)
-    others = tuple(name for name, count in missed.items() if count)
+    judged = [name for name, count in missed.items() if not count]
+
+    @cache
+    def check(off: Off) -> tuple[float, str]:
+        if stop.is_set():
+            raise InputError('stopped')
+        return flights.check(off, judged)
+
+    def margin(quantity: Quantity) -> Margin:
+        return search(quantity, lambda x: max(map(check, quantity.offs(x))))
+
     margins: list[Margin] = []
-    if not starts_missed:
-        threads = workers or len(sched_getaffinity(0))
-        with ThreadPoolExecutor(threads, 'rpo-margins') as pool:
-            try:
-                for margin in pool.map(partial(_margin, flights, judged), QUANTITIES):
-                    report(f'{controller.name}: margins', len(margins), len(QUANTITIES))
-                    margins.append(margin)
-            except BaseException:
-                flights.stop.set()
-                raise
+    with ThreadPoolExecutor(workers or len(sched_getaffinity(0)), 'rpo-margins') as pool:
+        try:
+            for found in pool.map(margin, () if starts_missed else QUANTITIES):
+                report(f'{controller.name}: margins', len(margins), len(QUANTITIES))
+                margins.append(found)
+        except BaseException:
+            stop.set()  # a search waits for many flights
+            raise
     base = flights.starts.scenario
     crossed = tuple(crossings(controller, base.mass_kg, base.dt_s))
-    counts = tuple(missed[name] for name in others)
-    return Margins(judged, others, counts, starts_missed, tuple(margins), crossed)
-
-
-def _margin(flights: Flights, judged: Sequence[str], quantity: Quantity) -> Margin:
-    return search(quantity, lambda x: max(flights.check(o, judged) for o in quantity.offs(x)))
+    missed = {words(name, unit=False): count for name, count in missed.items()}
+    return Margins(missed, starts_missed, tuple(margins), crossed)
 
 
 AMPLITUDES_M = (0.05, 0.5, 5.0, 50.0)
@@ -492,30 +462,26 @@ def crossings(controller: AnyController, mass_kg: float, dt_s: float) -> list[Cr
     tick. Rates are searched from 1e-4 rad/s to those of half a sample per tick.
     """
     found = []
-    alike = isinstance(controller, FuzzyController) or getattr(controller, 'alike', False)
     for amplitude in AMPLITUDES_M:
-        answers = (
-            partial(describing, controller, axis, amplitude, dt_s)
-            for axis in range(1 if alike else 3)
-        )
-        crossed = (c for answer in answers for c in _crossings(answer, amplitude, mass_kg, dt_s))
+        responses = [partial(describing, controller, axis, amplitude, dt_s) for axis in range(3)]
+        crossed = (c for r in responses for c in _crossings(r, amplitude, mass_kg, dt_s))
         found += sorted(crossed, key=_delay_s)[:1]
     return found
 
 
 def _crossings(
-    answer: Callable[[Floats], Floats], amplitude: float, mass_kg: float, dt_s: float
+    response: Callable[[Floats], Floats], amplitude: float, mass_kg: float, dt_s: float
 ) -> Iterator[Crossing]:
-    """Yield all crossings of an amplitude; answer : from rates (n,) to -N (n,)."""
+    """Yield all crossings of an amplitude; response : from rates (n,) to -N (n,)."""
     rates = np.geomspace(1e-4, math.pi / dt_s, _RATES)
 
     def excess(rates: Floats) -> Floats:
         """Loop gain less 1."""
-        return np.abs(answer(rates)) / (mass_kg * rates**2) - 1.0
+        return np.abs(response(rates)) / (mass_kg * rates**2) - 1.0
 
     above = excess(rates) > 0.0
     for i in np.flatnonzero(above[:-1] != above[1:]):
         rate = brentq(lambda x: float(excess(np.array([x]))[0]), rates[i], rates[i + 1], rtol=1e-9)
-        phase = float(np.angle(answer(np.array([rate]))[0])) - rate * dt_s / 2.0
+        phase = float(np.angle(response(np.array([rate]))[0])) - rate * dt_s / 2.0
         delay_s = phase / rate
         yield Crossing(amplitude, rate, math.degrees(phase), delay_s, delay_s / dt_s)
