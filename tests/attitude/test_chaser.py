@@ -149,7 +149,7 @@ def test_it_turns_and_flies_as_dop853_has_it(fields, ticks, monkeypatch):
 def test_400_s_with_wheels_and_thrusters_as_basilisk_has_them(monkeypatch):
     if find_spec('Basilisk') is None:
         pytest.skip('Basilisk (layer truth) is not installed')
-    from rpo_judge.basilisk import turned_by_basilisk
+    from basilisk_oracle import turned_by_basilisk
 
     far = {'body': Body(1e-3, 1e5), 'orbit_radius_m': 4e8, 'disturbance': NONE}  # no gravity
     scenario = replace(scenario_of(4000, **WHEELED), **far)

@@ -21,7 +21,7 @@ from rpo_mcap.format import rosbag2
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 ODOMETRY, WRENCH = interfaces.STATE_TYPE, interfaces.FORCE_TYPE
-CLOCK, STATUS, ARRAY = interfaces.CLOCK_TYPE, interfaces.STATUS_TYPE, interfaces.ARRAY_TYPE
+CLOCK, STATUS = interfaces.CLOCK_TYPE, interfaces.STATUS_TYPE
 
 QUICK = settings(max_examples=30, deadline=None, derandomize=True, database=None)
 stamps = st.integers(0, 2**31 * 10**9 - 1)
@@ -147,7 +147,7 @@ def test_mcap_ros2_reads_the_same_bits(state):
 
 
 def test_as_the_middleware_writes_it():
-    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+    from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
     from geometry_msgs.msg import WrenchStamped
     from nav_msgs.msg import Odometry
     from rclpy.serialization import serialize_message
@@ -165,9 +165,6 @@ def test_as_the_middleware_writes_it():
     said = DiagnosticStatus(level=b'\x01', name='a', values=[KeyValue(key='k', value='värde')])
     ours = cdr.encode_status(1, 'a', '', '', {'k': 'värde'})
     assert cdr.canonical(STATUS, serialize_message(said)) == ours
-    ours = cdr.encode_array(0, '', [cdr.decode_status(ours)] * 2)
-    several = DiagnosticArray(status=[said, said])
-    assert cdr.canonical(ARRAY, serialize_message(several)) == ours
 
 
 def gaps(type_name: str, data: bytes) -> list[int]:
@@ -191,9 +188,8 @@ def gaps(type_name: str, data: bytes) -> list[int]:
         (ODOMETRY, cdr.encode_odometry(5, 'target_lvlh', 'chaser', [1.0] * 6)),
         (WRENCH, cdr.encode_wrench(5, 'lvlh', [1.0] * 3)),
         (STATUS, cdr.encode_status(2, 'abc', 'de', 'f', {'k': 'value', '': 'x'})),
-        (ARRAY, cdr.encode_array(5, 'f', [cdr.Status(2, 'abc', 'de', 'f', (('k', 'value'),))] * 2)),
     ],
-    ids=['odometry', 'wrench', 'status', 'array'],
+    ids=['odometry', 'wrench', 'status'],
 )
 def test_canonical_clears_what_no_field_holds(type_name, data):
     found = gaps(type_name, data)
@@ -203,12 +199,6 @@ def test_canonical_clears_what_no_field_holds(type_name, data):
         dirty[at] = 0xAA
     assert cdr.canonical(type_name, bytes(dirty)) == data
     assert cdr.canonical(type_name, data) == data
-
-
-def test_canonical_writes_the_stamp_and_the_header_of_an_array_in_one_way():
-    data = cdr.encode_array(2 * 10**9 + 5, 'f', ())
-    twisted = data[:2] + b'\x00\x03' + struct.pack('<iI', 1, 10**9 + 5) + data[12:]
-    assert cdr.canonical(ARRAY, twisted) == data
 
 
 DECODERS = {
@@ -281,27 +271,3 @@ def test_a_damaged_status_is_refused_with_its_place(at, wrong, said):
         cdr.decode_status(data[:at] + wrong + data[at + len(wrong) :])
     with pytest.raises(cdr.CdrError, match='must hold a level; got no more bytes'):
         cdr.decode_status(data[:4])
-
-
-TEXT = st.text(st.characters(codec='utf-8', exclude_characters='\x00'), max_size=9)
-SAID = st.builds(
-    cdr.Status, st.integers(0, 3), TEXT, TEXT, TEXT,
-    st.lists(st.tuples(TEXT, TEXT), max_size=3).map(tuple),
-)  # fmt: skip
-
-
-@settings(max_examples=40)
-@given(st.integers(0, 2**31 * 10**9 - 1), TEXT, st.lists(SAID, max_size=4).map(tuple))
-def test_an_array_round_trips_in_one_way(stamp_ns, frame, axes):
-    data = cdr.encode_array(stamp_ns, frame, axes)
-    assert cdr.decode_array(data) == (stamp_ns, axes)
-    assert cdr.canonical(ARRAY, data) == data
-
-
-@given(st.binary(max_size=200))
-def test_bytes_that_are_no_array_are_a_cdr_error(data):
-    for candidate in (data, cdr.HEADER + data, cdr.encode_array(0, '', ())[:40] + data):
-        try:
-            cdr.decode_array(candidate)
-        except cdr.CdrError:
-            continue

@@ -25,6 +25,7 @@ from cryptography.hazmat.primitives.serialization import (
 )
 from log_parts import Parts
 from mcap.records import Channel, Message
+from rosbags.typesys import Stores, get_typestore
 
 from rpo_core import files
 from rpo_core.chain.flight import Flight, fly
@@ -311,6 +312,18 @@ def file_size_limit(size: int) -> Iterator[None]:
 PARAMETERS = b'plant: {scenario: paper_test}\n'
 
 
+def health_message() -> bytes:
+    """Return the CDR of a DiagnosticArray, written by rosbags."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    types = store.types
+    stamp = types['builtin_interfaces/msg/Time'](sec=0, nanosec=1)
+    head = types['std_msgs/msg/Header'](stamp=stamp, frame_id='')
+    value = types['diagnostic_msgs/msg/KeyValue'](key='tick', value='3')
+    status = types['diagnostic_msgs/msg/DiagnosticStatus'](0, 'plant', 'flying', 'none', [value])
+    name = 'diagnostic_msgs/msg/DiagnosticArray'
+    return bytes(store.serialize_cdr(types[name](header=head, status=[status]), name))
+
+
 def record(
     folder: Path, duration_s: float = 3.0, control: str = 'handmade', **options: Any
 ) -> Path:
@@ -319,8 +332,7 @@ def record(
     run = Run(run.flight, run.attachments | {'parameters.yaml': PARAMETERS}, TOPICS)
     run.write(folder, **options)
     health = HealthLogWriter(folder)
-    status = cdr.Status(0, 'plant', 'flying', 'none', (('tick', '3'),))
-    health.write(1_700_000_000_000_000_000, cdr.encode_array(1, '', [status]))
+    health.write(1_700_000_000_000_000_000, health_message())
     health.close()
     (folder / 'run_info.yaml').write_text('run: {end: finished}\n')
     signature.write_sums(folder)

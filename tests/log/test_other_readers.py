@@ -13,12 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from log_runs import DISTURBANCE, FORCE, STATE, STATUS
+from log_runs import DISTURBANCE, FORCE, STATE, STATUS, health_message
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
-from rpo_core.wire import cdr
 from rpo_mcap.errors import LogError
 from rpo_mcap.read.run_log import read_run
 from rpo_mcap.write.side_file import HealthLogWriter
@@ -89,7 +88,7 @@ def test_mcap_ros2_support(folder, run):
 
 
 def test_the_health_log_opens_in_rosbags_and_is_never_overwritten(tmp_path):
-    data = cdr.encode_array(1, '', [cdr.Status(0, 'plant', 'flying', 'none', ())])
+    data = health_message()
     log = HealthLogWriter(tmp_path)
     for second in range(20):
         log.write(second * 10**9, data)

@@ -125,11 +125,8 @@ def is_act(row, data, plant):
             tick = plant.scenario.tick_of(stamp_ns)  # an estimator reads the one before
             due = tick is not None and plant.tick - 1 <= tick < plant.tick + FAR_TICKS
             return due and right_frame and all(map(math.isfinite, values))
-        if row.type == interfaces.ARRAY_TYPE and row.name != interfaces.DIAGNOSTICS:
-            return True  # what a controller says of its own command is taken from anybody
-        if row.type == interfaces.ARRAY_TYPE:
-            _, found = cdr.decode_array(data)
-            return any(dict(status.values).get('state') in STATES for status in found)
+        if row.name == interfaces.DIAGNOSTICS:
+            return any(state.encode() + b'\0' in data for state in STATES)
         if row.name not in statuses.READERS:
             return False
         said = statuses.READERS[row.name].of(cdr.decode_status(data))

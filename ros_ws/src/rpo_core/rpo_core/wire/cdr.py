@@ -56,7 +56,6 @@ FIELDS = {
 
 _NS = 1_000_000_000
 _LENGTH = struct.Struct('<I')
-_GAPS = tuple(map(bytes, range(4)))
 _IDENTITY_POSE = (0.0, 0.0, 0.0, 1.0) + (0.0,) * 36
 _NO_ROTATION = (0.0,) * 39
 
@@ -135,9 +134,13 @@ def encode_status(
 ) -> bytes:
     """Return the CDR of a DiagnosticStatus."""
     pairs = tuple(values.items() if isinstance(values, Mapping) else values)
-    buffer = bytearray(HEADER)
-    _put_status(buffer, Status(level, name, message, hardware_id, pairs))
-    return bytes(buffer)
+    parts = [HEADER, bytes((level, 0, 0, 0)), _key(name), _field(message), _key(hardware_id)]
+    parts.append(_LENGTH.pack(len(pairs)))
+    for key, value in pairs:
+        parts += _key(key), _field(value)
+    if pairs:
+        parts[-1] = _string(pairs[-1][1])
+    return b''.join(parts)
 
 
 def _field(text: str) -> bytes:
@@ -148,28 +151,6 @@ def _field(text: str) -> bytes:
 
 _key = lru_cache(maxsize=512)(_field)
 """The same, of a text that comes again and again."""
-
-
-def _put_status(buffer: bytearray, status: Status) -> None:
-    buffer.append(status.level)
-    _pad(buffer, 4)
-    parts = [_key(status.name), _field(status.message), _key(status.hardware_id)]
-    parts.append(_LENGTH.pack(len(status.values)))
-    for key, value in status.values:
-        parts += _key(key), _field(value)
-    if status.values:
-        parts[-1] = _string(status.values[-1][1])
-    buffer += b''.join(parts)
-
-
-def encode_array(stamp_ns: int, frame_id: str, statuses: Sequence[Status]) -> bytes:
-    """Return the CDR of a DiagnosticArray."""
-    buffer = bytearray(_stamp(stamp_ns) + _string(frame_id))
-    _pad(buffer, 4)
-    buffer += _LENGTH.pack(len(statuses))
-    for status in statuses:
-        _put_status(buffer, status)
-    return bytes(buffer)
 
 
 class _Cursor:
@@ -183,11 +164,9 @@ class _Cursor:
             )
         self.data = data
         self.at = 4
-        self.clear = True  # whether the gaps so far are
 
     def align(self, alignment: int) -> None:
-        start, self.at = self.at, self.at + -(self.at - 4) % alignment
-        self.clear = self.clear and not any(self.data[start : self.at])
+        self.at += -(self.at - 4) % alignment
 
     def unpack(self, layout: struct.Struct) -> tuple[float, ...]:
         start, self.at = self.at, self.at + layout.size
@@ -207,11 +186,7 @@ class _Cursor:
         data, at, found = self.data, self.at, []
         size = len(data)
         for _ in range(count):
-            gap = -at % 4  # the header has 4 bytes
-            if gap:
-                if data[at : at + gap] != _GAPS[gap]:
-                    self.clear = False
-                at += gap
+            at += -at % 4  # the header has 4 bytes
             start = at + 4
             (length,) = _LENGTH.unpack_from(data, at) if start <= size else (0,)
             at = start + length
@@ -239,13 +214,6 @@ class _Cursor:
         texts = self.strings(2 * self.count())
         values = tuple(zip(texts[::2], texts[1::2], strict=True))
         return Status(level, name, message, hardware_id, values)
-
-    def array(self) -> tuple[int, str, tuple[Status, ...]]:
-        """Return stamp, frame and statuses of a whole DiagnosticArray."""
-        stamp, (frame_id,) = self.stamp(), self.strings(1)
-        statuses = tuple(self.status() for _ in range(self.count()))
-        self.end(spare=3)
-        return stamp, frame_id, statuses
 
     def end(self, spare: int = 0) -> None:
         if not 0 <= len(self.data) - self.at <= spare:
@@ -276,12 +244,6 @@ def decode_status(data: bytes) -> Status:
     return status
 
 
-def decode_array(data: bytes) -> tuple[int, tuple[Status, ...]]:
-    """Return stamp [ns] and statuses of a diagnostic_msgs/msg/DiagnosticArray; raises CdrError."""
-    stamp, _, statuses = _Cursor(data).array()
-    return stamp, statuses
-
-
 def canonical(type_name: str, data: bytes) -> bytes:
     """Return a message with the gaps between its fields cleared; raises CdrError."""
     if type_name == CLOCK:
@@ -289,13 +251,6 @@ def canonical(type_name: str, data: bytes) -> bytes:
         return data
     if type_name == 'diagnostic_msgs/msg/DiagnosticStatus':
         return data[:4] + encode_status(*decode_status(data))[4:]
-    if type_name == 'diagnostic_msgs/msg/DiagnosticArray':
-        cursor = _Cursor(data)
-        stamp, frame_id, statuses = cursor.array()
-        head = _stamp(stamp)
-        if cursor.clear and data[4:12] == head[4:]:
-            return head + data[12 : cursor.at]
-        return encode_array(stamp, frame_id, statuses)
     strings, floats = map(len, FIELDS[type_name])
     texts, numbers = data[12 : -8 * floats], data[-8 * floats :]
     if data[:2] != HEADER[:2] or len(data) < 12 + 8 * floats:
