@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from mcap.records import Attachment, Channel, Chunk, Header, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
@@ -31,12 +32,11 @@ class Parts:
                     found.append(record)
         return cls(found)
 
-    def write(self, path: Path) -> None:
-        """Put the file together again, all checksums and indexes right."""
+    def write(self, path: Path, **options: Any) -> None:
+        """Put the file together again, all checksums and indexes right; options of the writer."""
+        ours = {'chunk_size': 1 << 40, 'compression': self.compression, 'enable_data_crcs': True}
         with path.open('wb') as stream:
-            writer = Writer(
-                stream, chunk_size=1 << 40, compression=self.compression, enable_data_crcs=True
-            )
+            writer = Writer(stream, **(options or ours))
             head = next((r for r in self.records if isinstance(r, Header)), Header('', ''))
             writer.start(profile=head.profile, library=head.library)
             schemas: dict[int, int] = {}
@@ -61,7 +61,8 @@ def _add(
             record.create_time, record.log_time, record.name, record.media_type, record.data
         )
     elif isinstance(record, Schema):
-        schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
+        if record.id not in schemas:
+            schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
     elif isinstance(record, Channel):
         channels[record.id] = writer.register_channel(
             record.topic, record.message_encoding, schemas.get(record.schema_id, 0), record.metadata

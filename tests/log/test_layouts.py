@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from log_parts import Parts
 from log_runs import make_run, record
 from mcap.records import Attachment, Channel, Header, Message, Metadata, Schema
-from mcap.writer import CompressionType, IndexType, Writer
+from mcap.writer import CompressionType, IndexType
 from mcap_views import views
 
 from rpo_log.tools.info import inspect
@@ -60,44 +60,18 @@ class Layout:
         for number, one in enumerate(beside):
             place = self.places[number % len(self.places)]
             at.setdefault(round(place * len(messages)), []).append(one)
-        with path.open('wb') as stream:
-            writer = Writer(stream, **self.options)
-            writer.start(header.profile, self.library or header.library)
-            kinds, numbers = dict[int, int](), dict[int, int]()
-
-            def declare(channel: Channel) -> None:
-                schema = schemas[channel.schema_id]
-                if schema.id not in kinds:
-                    text = schema.name, schema.encoding, schema.data
-                    kinds[schema.id] = writer.register_schema(*text)
-                numbers[channel.id] = writer.register_channel(
-                    channel.topic, channel.message_encoding, kinds[schema.id], channel.metadata
-                )
-
-            order = list(channels.values())
-            for channel in [] if self.late else order[self.numbers :] + order[: self.numbers]:
-                declare(channel)
-            for number, message in enumerate(messages):
-                self._add_beside(writer, at.get(number, []))
-                if message.channel_id not in numbers:
-                    declare(channels[message.channel_id])
-                writer.add_message(
-                    numbers[message.channel_id], message.log_time, message.data,
-                    message.publish_time, message.sequence,
-                )  # fmt: skip
-                if number in {round(end * len(messages)) for end in self.ends}:
-                    writer.flush()
-            self._add_beside(writer, at.get(len(messages), []))
-            writer.finish()
-
-    @staticmethod
-    def _add_beside(writer: Writer, records: list[Any]) -> None:
-        for one in records:
-            if isinstance(one, Metadata):
-                writer.add_metadata(one.name, one.metadata)
-            else:
-                times = one.create_time, one.log_time
-                writer.add_attachment(*times, one.name, one.media_type, one.data)
+        order = list(channels)
+        first = [] if self.late else order[self.numbers :] + order[: self.numbers]
+        ends = {round(end * len(messages)) for end in self.ends}
+        records: list[Any] = [Header(header.profile, self.library or header.library)]
+        declared: dict[int, None] = {}
+        for number, message in enumerate(messages):
+            for channel in [*first, message.channel_id] if number == 0 else [message.channel_id]:
+                if channel not in declared:
+                    records += schemas[channels[channel].schema_id], channels[channel]
+                    declared[channel] = None
+            records += [*at.get(number, []), message, *[None] * (number in ends)]
+        Parts(records + at.get(len(messages), [])).write(path, **self.options)
 
 
 @st.composite

@@ -59,23 +59,14 @@ def test_it_is_logged_in_its_place_and_comes_back(toy, tmp_path):
     assert sorted(again) == sorted(toy.messages)
 
 
-def test_its_presence_is_verified(toy, tmp_path):
+def test_it_is_verified_compared_and_exported(toy, tmp_path):
     toy.write(tmp_path / 'a')
     assert verify(tmp_path / 'a').exit_code == ExitCode.OK
-    lost = [m for m in toy.messages if m[:2] != (TOY_FORCE, 9)]
-    summary = toy.write(tmp_path / 'b', lost)
-    assert summary.missing == {TOY_FORCE: (1, 9)}
-    found = verify(tmp_path / 'b')
-    assert found.exit_code == ExitCode.INCOMPLETE
-    assert f'1 messages of {TOY_FORCE} are missing' in found.sentence()
-
-
-def test_it_is_compared_and_exported(toy, tmp_path):
-    toy.write(tmp_path / 'a')
+    lost = forge(tmp_path / 'a/run.mcap', tmp_path / 'b', changed(TOY_FORCE, 9, None))
+    assert f'1 messages of {TOY_FORCE} are missing' in verify(lost).sentence()
     other = cdr.encode_wrench(toy.base.stamp_ns(12), 'target_lvlh', (0.0, 0.0, 0.0))
-    forged = forge(tmp_path / 'a/run.mcap', tmp_path / 'b', changed(TOY_FORCE, 12, other))
-    found = diff(tmp_path / 'a', forged)
-    assert found.first == {'toy_force': (12, 'wrench.force.x', 12.0, 0.0)}
+    forged = forge(tmp_path / 'a/run.mcap', tmp_path / 'c', changed(TOY_FORCE, 12, other))
+    assert diff(tmp_path / 'a', forged).first == {'toy_force': (12, 'wrench.force.x', 12.0, 0.0)}
     export(tmp_path / 'a', tmp_path / 'a.npz')
     with np.load(tmp_path / 'a.npz') as table:
         assert table['toy_fx_n'].tolist() == list(range(51))

@@ -104,19 +104,15 @@ def test_the_first_chunk_is_corrupt_but_the_summary_tells_the_topics(log_bytes, 
     assert any('begins at tick 1' in gap for gap in mended.gaps)
 
 
-def test_a_schema_that_the_summary_repeats_otherwise(log_bytes, tmp_path):
+@pytest.mark.parametrize('where', ['schema in the summary', 'index of a chunk'])
+def test_what_only_repeats_is_written_anew(log_bytes, chunks, tmp_path, where):
     """The first record of a number counts, as it does when the summary is lost."""
-    at = log_bytes.rindex(b'nav_msgs/msg/Odometry')
+    at = chunks[30].chunk_start_offset + chunks[30].chunk_length + 30
+    at = log_bytes.rindex(b'nav_msgs/msg/Odometry') if where.startswith('schema') else at
     folder = cut(tmp_path / 'log', turned(log_bytes, at))
     with pytest.raises(LogError):
         read_run(folder)
     done = repair(folder)
-    assert (done.output / 'run.mcap').read_bytes() == log_bytes
-
-
-def test_corrupt_index_only(log_bytes, chunks, tmp_path):
-    at = chunks[30].chunk_start_offset + chunks[30].chunk_length + 30
-    done = repair(cut(tmp_path / 'log', turned(log_bytes, at)))
     assert done.exit_code == ExitCode.OK  # nothing was lost
     assert (done.output / 'run.mcap').read_bytes() == log_bytes
 

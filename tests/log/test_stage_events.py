@@ -70,7 +70,12 @@ def said(state, tick, stage='controller'):
     return STAGE_STATUS, tick, cdr.encode_status(1, stage, state, 'none', values)
 
 
-SWITCHED = (said('inactive', OFF.start), said('active', OFF.stop))
+def switched_off(stage='controller'):
+    """Return what it says when a stage is switched off, and on again."""
+    return said('inactive', OFF.start, stage), said('active', OFF.stop, stage)
+
+
+SWITCHED = switched_off()
 
 
 @pytest.fixture(scope='module')
@@ -119,8 +124,13 @@ def test_the_events_are_logged_the_same_whenever_they_come_in_time(switched, tmp
     assert (tmp_path / 'a/run.mcap').read_bytes() == (tmp_path / 'b/run.mcap').read_bytes()
 
 
-def test_zero_without_the_event_is_a_difference(small_blocks, switched, tmp_path):
-    switched.write(tmp_path, with_events(switched, SWITCHED[1:]))
+@pytest.mark.parametrize(
+    'events',
+    [SWITCHED[1:], switched_off('guidance')],
+    ids=['not said', 'said of another stage'],
+)
+def test_zero_without_the_event_is_a_difference(small_blocks, switched, events, tmp_path):
+    switched.write(tmp_path, with_events(switched, events))
     found = verify(tmp_path).difference
     assert (found.tick, found.topic, found.check) == (OFF.start, FORCE, 'controller')
 
@@ -131,12 +141,6 @@ def test_a_command_of_a_controller_that_is_switched_off_is_a_difference(small_bl
     found = verify(tmp_path).difference
     assert (found.tick, found.topic, found.check) == (OFF.start, FORCE, 'controller')
     assert found.computed == 0.0
-
-
-def test_another_stage_that_is_switched_off_excuses_nothing(switched, tmp_path):
-    events = [said('inactive', OFF.start, 'guidance'), said('active', OFF.stop, 'guidance')]
-    switched.write(tmp_path, with_events(switched, events))
-    assert verify(tmp_path).difference.tick == OFF.start
 
 
 def test_events_of_stages_that_are_not_there_are_named(tmp_path):
@@ -226,27 +230,30 @@ def test_what_else_events_alone_say_of_a_stage_is_named(small_blocks, tmp_path):
     assert 'log: estimator without memory from ticks 10, 20 on;' in found.sentence()
 
 
-def lost(topic, tmp_path, say=True, until=LOST_AT):
-    """Write the log of a flight whose plant went on without a peer; return its summary."""
+def lost(folder, topic=FORCE, since=LOST_AT, says=((LOST_AT, LOST_AT),), until=LOST_AT):
+    """Write the log of a flight whose plant went on without a peer; return summary and flight.
+
+    says : of which tick run_status says so, and at which; until : the first tick without a message
+    """
     run = make_run(5.0)
-    off, scenario = range(LOST_AT, 100), run.flight.scenario
+    scenario, off = run.flight.scenario, range(since, 100)
     if topic == FORCE:
         flight = fly(scenario, Switched(off))
     else:
         flight = flown_without(DisturbanceStage, scenario, off).flight
     flown = Run(flight, run.attachments)
     sent = [m for m in flown.messages if m[0] != topic or m[1] < until]
-    values = {**flown.figures(LOST_AT, 'running'), 'dropped': topic[1:]}
-    status = cdr.encode_status(1, 'run', f'coasting without {topic[1:]}', 'none', values)
-    if say:
-        sent.insert(next(i for i, m in enumerate(sent) if m[1] == LOST_AT) + 1,
-                    (STATUS, LOST_AT, status))  # fmt: skip
-    return run.write(tmp_path, sent)
+    for tick, at in says:
+        values = {**flown.figures(tick, 'running'), 'dropped': topic[1:]}
+        status = cdr.encode_status(1, 'run', f'coasting from {tick} on', 'none', values)
+        place = next(i for i, m in enumerate(sent) if m[1] == at) + 1
+        sent.insert(place, (STATUS, at, status))
+    return run.write(folder, sent), flight
 
 
 @pytest.mark.parametrize('topic', [FORCE, DISTURBANCE])
 def test_a_plant_that_went_on_without_a_peer_verifies(small_blocks, topic, tmp_path):
-    assert lost(topic, tmp_path).whole
+    assert lost(tmp_path, topic)[0].whole
     found = verify(tmp_path)
     assert found.exit_code == ExitCode.OK, found.sentence()
     assert f'log: flown without {topic[1:]} from tick {LOST_AT} on; rec' in found.sentence()
@@ -256,30 +263,16 @@ def test_a_plant_that_went_on_without_a_peer_verifies(small_blocks, topic, tmp_p
 @pytest.mark.parametrize('again', [LOST_AT - 5, LOST_AT + 5])
 def test_of_a_peer_that_was_lost_twice_the_first_word_counts(small_blocks, again, tmp_path):
     """As in the nodes; a command after it counted as one that acted."""
-    run = make_run(5.0)
-    flown = Run(fly(run.flight.scenario, Switched(range(LOST_AT, 100))), run.attachments)
-    sent = [m for m in flown.messages if m[0] != FORCE or m[1] < LOST_AT]
-    for tick, at in ((LOST_AT, LOST_AT), (again, LOST_AT + 5)):
-        values = {**flown.figures(tick, 'running'), 'dropped': FORCE[1:]}
-        status = cdr.encode_status(1, 'run', f'without it from {tick} on', 'none', values)
-        place = next(i for i, m in enumerate(sent) if m[1] == at) + 1
-        sent.insert(place, (STATUS, at, status))
-    assert run.write(tmp_path, sent).whole
+    summary, flight = lost(tmp_path, says=((LOST_AT, LOST_AT), (again, LOST_AT + 5)))
     found = verify(tmp_path)
-    assert found.exit_code == ExitCode.OK, found.sentence()
+    assert summary.whole and found.exit_code == ExitCode.OK, found.sentence()
     assert f'flown without control_force from tick {LOST_AT} on;' in found.sentence()
     assert read_run(tmp_path).complete
-    assert read_flight(tmp_path).forces_n.tolist() == flown.flight.forces_n.tolist()
+    assert read_flight(tmp_path).forces_n.tolist() == flight.forces_n.tolist()
 
 
 def test_a_controller_that_was_lost_from_the_start_was_not_recomputed(tmp_path):
-    run = make_run(5.0)
-    flown = Run(fly(run.flight.scenario, Switched(range(100))), run.attachments)
-    sent = [m for m in flown.messages if m[0] != FORCE or m[1] > 0]
-    values = {**flown.figures(0, 'running'), 'dropped': FORCE[1:]}
-    lost = STATUS, 0, cdr.encode_status(1, 'run', 'without it', 'none', values)
-    sent = [m for m in sent if m[0] != FORCE and m[:2] != (STATUS, 0)]
-    run.write(tmp_path, [lost, *sent])
+    lost(tmp_path, since=0, says=((0, 0),), until=0)
     found = verify(tmp_path)
     assert found.difference is None, found.sentence()
     assert found.stages == ('disturbance', 'thrusters', 'dynamics')
@@ -288,13 +281,13 @@ def test_a_controller_that_was_lost_from_the_start_was_not_recomputed(tmp_path):
 
 @pytest.mark.parametrize('topic', [FORCE, DISTURBANCE])
 def test_a_peer_that_is_missing_before_it_was_lost_is_missing(small_blocks, topic, tmp_path):
-    summary = lost(topic, tmp_path, until=LOST_AT - 1)
+    summary, _ = lost(tmp_path, topic, until=LOST_AT - 1)
     assert summary.missing == {topic: (1, LOST_AT - 1)}
     assert read_run(tmp_path).missing == {topic: 1}
 
 
 def test_without_the_word_of_the_plant_its_messages_are_missing(tmp_path):
-    assert not lost(FORCE, tmp_path, say=False).whole
+    assert not lost(tmp_path, says=())[0].whole
     assert verify(tmp_path).exit_code == ExitCode.INCOMPLETE
 
 
@@ -328,9 +321,8 @@ def flown_without(kind, scenario, off, events=()):
 
 @pytest.mark.parametrize('kind', STAGES, ids=lambda kind: kind.name)
 def test_a_stage_that_is_switched_off_passes_on_what_it_gets(kind, tmp_path):
-    words = [said(state, tick, kind.name) for state, tick in
-             (('inactive', OFF.start), ('active', OFF.stop))]  # fmt: skip
-    run = flown_without(kind, STAGES[kind], OFF, tuple(words))
+    words = switched_off(kind.name)
+    run = flown_without(kind, STAGES[kind], OFF, words)
     run.write(tmp_path / 'told')
     found = verify(tmp_path / 'told')
     assert found.difference is None and kind.name in found.stages, found.sentence()
@@ -347,9 +339,7 @@ def test_a_stage_that_is_switched_off_passes_on_what_it_gets(kind, tmp_path):
 )
 def test_no_event_switches_a_stage_of_the_plant_off(kind, tick, tmp_path):
     """A flight whose chaser stood still for a second was verified: an event said so."""
-    words = [said(state, at, kind.name) for state, at in
-             (('inactive', OFF.start), ('active', OFF.stop))]  # fmt: skip
-    flown_without(kind, DOCKED, OFF, tuple(words)).write(tmp_path)
+    flown_without(kind, DOCKED, OFF, switched_off(kind.name)).write(tmp_path)
     found = verify(tmp_path).difference
     assert (found.tick, found.check) == (tick, kind.name)
 
