@@ -153,8 +153,7 @@ def _reasons(flight: Flight, controller: AnyController | None, most: int) -> dic
     samples = []
     ticks = np.linspace(0, last, max(2, min(most, round(flight.scenario.duration_s) + 1)))
     for tick in ticks.round().astype(int).tolist():
-        force_n = flight.forces_n[tick].tolist()
-        row = page.reasons(controller, seen(flight, tick), force_n, tick, words)
+        row = page.reasons(controller, seen(flight, tick), tick, words)
         if row is None:
             return None
         samples.append(row)

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from operator import add, sub
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option
 
 from rpo_cli.commands.shared import NoFail, end
 from rpo_cli.display import plain_console, print_table
@@ -23,9 +23,7 @@ if TYPE_CHECKING:
 
     from rpo_core.control.controller import AnyController, FuzzyController
     from rpo_core.files.scenario import Scenario
-    from rpo_ctrl.explain import Decision, FiredRule
     from rpo_ctrl.family import Family
-
 
 Words = Callable[[str], str]
 
@@ -33,29 +31,23 @@ Words = Callable[[str], str]
 def explain(
     target: Annotated[
         str,
-        typer.Argument(
-            help='controller (shipped name or file), or run (folder or .mcap)  '
-            f'[{DEFAULT_CONTROLLER}]'
+        Argument(
+            help=f'controller (name or file), or run (folder or .mcap)  [{DEFAULT_CONTROLLER}]'
         ),
     ] = '',
-    at: Annotated[float | None, typer.Option(help='seconds into a run  [0]')] = None,
+    at: Annotated[float | None, Option(help='seconds into a run  [0]')] = None,
     state: Annotated[
         str | None,
-        typer.Option(
+        Option(
             metavar='X,Y,Z,VX,VY,VZ',
-            help='state in m and m/s, target LVLH; for a controller of attitude, how far it is '
-            'turned off the reference and turns, in rad and rad/s',
+            help='in m and m/s, target LVLH; of attitude, error and its rate, in rad and rad/s',
         ),
     ] = None,
-    controller: Annotated[str, typer.Option(hidden=True, help='the same, as an option')] = '',
+    controller: Annotated[str, Option(hidden=True, help='the same, as an option')] = '',
     scenario: Annotated[
-        str,
-        typer.Option(
-            help='with --state: scenario whose goal the chaser flies to (name or file)  [what the '
-            'controller was trained for]'
-        ),
+        str, Option(help='with --state: scenario whose goal it flies to  [what it was trained for]')
     ] = '',
-    certify: Annotated[bool, typer.Option('--certify', help='prove the control surface')] = False,
+    certify: Annotated[bool, Option('--certify', help='prove the control surface')] = False,
     no_fail: NoFail = False,
 ) -> None:
     """Say in words why the controller fires: its rules, or one decision of a run or a state.
@@ -75,6 +67,7 @@ def explain(
         raise InputError('`--certify` takes one controller, and nothing else')
     if scenario and state is None:
         raise InputError('`--scenario` needs `--state`')
+    holds = True
     if attitude.is_one(target):
         if at is not None or scenario:
             raise InputError('a controller of attitude takes no `--at` and `--scenario`')
@@ -82,13 +75,12 @@ def explain(
         _say('One system for each axis of the chaser alike.')
         if state is not None:
             _print_decisions(axis, _state_of(state), _of_angles)
-            return
-        holds = _explain_fuzzy(axis, certify, _of_angles)
+        else:
+            holds = _explain_fuzzy(axis, certify, _of_angles)
     elif state is not None:
         loaded = controller_of(read_run(target)) if is_run else load_controller(target)
-        seen, tick = _from_goal(loaded, _state_of(state), scenario), _tick_of(loaded, at)
-        _print_why(loaded, seen, tick)
-        return
+        read = _from_goal(loaded, _state_of(state), scenario)
+        _print_why(loaded, read, _tick_of(loaded, at))
     elif is_run:
         holds = _explain_run(target, at or 0.0)
     elif at is not None:
@@ -122,33 +114,28 @@ def _say(text: str, title: str = '', style: str = 'bold', words: Words = str) ->
     console.print(words(text), soft_wrap=True)
 
 
-def _state_of(text: str) -> tuple[float, ...]:
+def _state_of(text: str) -> list[float]:
     """Return the six numbers of a text `x,y,z,vx,vy,vz`; raises InputError."""
-    from rpo_ctrl.explain import STATE
-
-    parts = text.split(',')
     try:
-        values = tuple(float(part) for part in parts)
+        values = [float(part) for part in text.split(',')]
     except ValueError:
-        values = ()
+        values = []
     if len(values) != 6 or not all(map(math.isfinite, values)):
         raise InputError(
-            f'`state` must be 6 finite numbers {",".join(STATE)} in m and m/s; got {text!r}'
+            f'`state` must be 6 finite numbers x,y,z,vx,vy,vz in m and m/s; got {text!r}'
         )
     return values
 
 
 def _from_goal(controller: AnyController, state: Sequence[float], scenario: str) -> Sequence[float]:
     """Return a state relative to the goal of a scenario, of what it was trained for by default."""
-    from rpo_core.files.scenario import ScenarioSet, load
+    from rpo_core.files.scenario import load
+    from rpo_ctrl.similarity import base_of
     from rpo_judge.evaluation.judgement import trained_for
 
     name = scenario or trained_for(controller)
-    if not name:
-        return state
-    found = load(name)
-    base = found.base if isinstance(found, ScenarioSet) else found
-    if base.goal is None:
+    base = base_of(load(name)) if name else None
+    if base is None or base.goal is None:
         return state
     force = ', '.join(f'{f:.6f}' for f in base.goal.force_n)
     _say(
@@ -202,24 +189,24 @@ def _explain_run(path: str, at: float) -> bool:
     pushed = signals[ESTIMATED_DISTURBANCE] if scenario.compensated else ()
     if not np.isfinite([*state, *pushed]).all():
         raise InputError(f'{path}: does not hold what the controller read at {times[row]:g} s')
-    controller, tick = controller_of(log), int(log.ticks[row])
+    tick = int(log.ticks[row])
     _say(f'{printable(path)}, tick {tick}, {times[row]:g} s')
-    same = _print_why(controller, state, tick)
+    force_n = _print_why(controller_of(log), state, tick)
     if any(on_top):
-        same = tuple(map(add, same, on_top))
+        force_n = tuple(map(add, force_n, on_top))
     if scenario.compensated:
-        same = tuple(map(sub, same, pushed))
+        force_n = tuple(map(sub, force_n, pushed))
     logged = log.forces_n[row].tolist()
-    known = np.isfinite(logged).all()
-    if not known:
+    lost, same = not np.isfinite(logged).all(), tuple(logged) == force_n
+    if lost:
         _say('The log holds no force for this tick.')
-    elif tuple(logged) == same:
+    elif same:
         _say('The logged force is the same, bit for bit.')
     else:
         _say(f'The logged force differs: {logged} N; `rpo verify` says more.')
     if BODY_TORQUE in signals and scenario.named('attitude_control') is not None:
         _say_turn(signals, scenario)
-    return not known or tuple(logged) == same
+    return lost or same
 
 
 def _say_turn(signals: Mapping[str, list[float]], scenario: Scenario) -> None:
@@ -228,19 +215,16 @@ def _say_turn(signals: Mapping[str, list[float]], scenario: Scenario) -> None:
     from rpo_core.wire import interfaces
     from rpo_kernels.attitude_kernels import synchronised
 
-    wanted = signals.get(interfaces.REFERENCE_ATTITUDE, synchronised(scenario.mean_motion_rad_s))
-    commanded = signals[interfaces.BODY_FORCE]
-    for name, values in (
-        (interfaces.REFERENCE_ATTITUDE, wanted),
-        (interfaces.BODY_FORCE, commanded),
-    ):
+    reference, command = interfaces.REFERENCE_ATTITUDE, interfaces.BODY_FORCE
+    wanted = signals.get(reference, synchronised(scenario.mean_motion_rad_s))
+    for name, values in ((reference, wanted), (command, signals[command])):
         if not all(map(math.isfinite, values)):
             _say(f'The log holds no {name} for this tick.')
             return
     angle, rate = map(math.degrees, apart(signals[interfaces.CHASER_ATTITUDE], wanted))
     force, torque = (
         ', '.join(f'{value:.3g}' for value in signals[name])
-        for name in (interfaces.BODY_FORCE, interfaces.BODY_TORQUE)
+        for name in (command, interfaces.BODY_TORQUE)
     )
     _say(
         f"The chaser is {angle:.3g} deg and {rate:.3g} deg/s off its reference attitude. Its axes' "
@@ -251,7 +235,6 @@ def _say_turn(signals: Mapping[str, list[float]], scenario: Scenario) -> None:
 def _print_why(controller: AnyController, state: Sequence[float], tick: int) -> tuple[float, ...]:
     """Print why a controller answers to a state at a tick as it does; return its force [N]."""
     from rpo_core.control.controller import only_fuzzy
-    from rpo_ctrl.explain import in_words
     from rpo_ctrl.family import Family
 
     x, y, z, vx, vy, vz = state
@@ -260,54 +243,40 @@ def _print_why(controller: AnyController, state: Sequence[float], tick: int) -> 
         _print_decisions(fuzzy, state)
         return fuzzy.force_n((x, y, z), (vx, vy, vz))
     reasons = controller.reasons((x, y, z, vx, vy, vz), tick)
-    for axis, (sentence, pairs) in zip('xyz', reasons, strict=True):
-        _say(f': {in_words(controller, sentence, dict(pairs)).sentence}', f'\n{axis}')
-        _say(', '.join(f'{name} {value:.4g}' for name, value in pairs))
+    for axis, reason in zip('xyz', reasons, strict=True):
+        _say(f': {reason.sentence}', f'\n{axis}')
+        _say(', '.join(f'{name} {value:.4g}' for name, value in reason.numbers))
     return controller.force_n((x, y, z), (vx, vy, vz), tick)
 
 
 def _print_decisions(
     controller: FuzzyController, state: Sequence[float], words: Words = str
 ) -> None:
-    from rpo_core.control.fuzzy import WORDS
     from rpo_ctrl.explain import decisions
 
     def error(value: float, saturated: bool) -> str:
         return f'{value + 0.0:.4f}{" (saturated)" if saturated else ""}'
 
-    def share(decision: Decision, rule: FiredRule) -> str:
-        part = decision.parts.get(rule.force) if rule.decides else None
-        ties = len(decision.deciding(rule.force))
-        return f'{100.0 * part.share / ties:.1f} %' if part else ''
-
-    for decision in decisions(controller, state):
+    for d in decisions(controller, state):
         said = (
-            f': position {decision.position_m:g} m, velocity '
-            f'{decision.velocity_m_s:g} m/s; position error '
-            f'{error(decision.position_error, decision.position_saturated)}, velocity error '
-            f'{error(decision.velocity_error, decision.velocity_saturated)}'
+            f': position {d.position_m:g} m, velocity {d.velocity_m_s:g} m/s; '
+            f'position error {error(d.position_error, d.position_saturated)}, '
+            f'velocity error {error(d.velocity_error, d.velocity_saturated)}'
         )
-        _say(said, f'\n{decision.axis}', words=words)
-        _say(decision.reasons.sentence, words=words)
-        position = dict(zip(WORDS, decision.position_grades, strict=True))
-        velocity = dict(zip(WORDS, decision.velocity_grades, strict=True))
-        rows = [
-            (
-                f'{rule.position} {position[rule.position]:.4f}',
-                f'{rule.velocity} {velocity[rule.velocity]:.4f}',
-                rule.force,
-                f'{rule.strength:.4f}',
-                share(decision, rule),
-            )
-            for rule in decision.rules
-        ]
+        _say(said, f'\n{d.axis}', words=words)
+        _say(d.reasons.sentence, words=words)
+        rows = []
+        for rule in d.rules:
+            part = d.parts.get(rule.force) if rule.decides else None
+            ties = len(d.deciding(rule.force))
+            position = f'{rule.position} {rule.position_grade:.4f}'
+            velocity = f'{rule.velocity} {rule.velocity_grade:.4f}'
+            share = f'{100.0 * part.share / ties:.1f} %' if part else ''
+            rows.append((position, velocity, rule.force, f'{rule.strength:.4f}', share))
         headings = ('position error', 'velocity error', 'force', 'strength', 'share')
         print_table(tuple(map(words, headings)), rows, left=3)
-        sums = ' + '.join(
-            f'{part.share:.4f} × {part.centroid:.4f} ({word})'
-            for word, part in decision.parts.items()
-        )
-        made = f'{decision.output:.4f} → {decision.force_n:.6f} N'
+        sums = ' + '.join(f'{p.share:.4f} × {p.centroid:.4f} ({w})' for w, p in d.parts.items())
+        made = f'{d.output:.4f} → {d.force_n:.6f} N'
         _say(f'centroid: {sums or "no rule"} = {made}', words=words)
 
 
@@ -374,10 +343,9 @@ def _explain_family(controller: Family, certify: bool) -> bool:
     _say(f': {printable(controller.description)}', controller.name)
     for title, headings, rows in controller.tables():
         print_table(headings, rows, title)
-    if not certify:
-        return True
-    claims = controller.claims()
-    _say('', '\nCertificate')
+    claims = controller.claims() if certify else []
+    if certify:
+        _say('', '\nCertificate')
     for claim in claims:
         word, colour = ('proven', 'green') if claim.holds else ('not proven', 'yellow')
         _say(f' {claim.name}: {claim.statement}', f'{word:10s}', colour)

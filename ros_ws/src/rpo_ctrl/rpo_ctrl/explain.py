@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from bisect import bisect
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from operator import attrgetter
@@ -13,11 +13,10 @@ from typing import NamedTuple
 
 from rpo_core.control import blend
 from rpo_core.control.controller import AnyController, FuzzyController
-from rpo_core.control.controller_file import ControllerFile, Reason
 from rpo_core.control.fuzzy import WORDS, FuzzySystem
 from rpo_core.files.scenario import MAX_VELOCITY_M_S
 from rpo_core.files.starts import MAX_POSITION_M
-from rpo_core.files.validation import InputError, real
+from rpo_core.files.validation import real
 from rpo_kernels import kernels
 
 AXES = ('x', 'y', 'z')
@@ -40,12 +39,15 @@ STATE = ('x', 'y', 'z', 'vx', 'vy', 'vz')
 class FiredRule(NamedTuple):
     """If the velocity error is `velocity` and the position error is `position`, force is `force`.
 
+    position_grade, velocity_grade : memberships of the errors in these words
     strength : the lesser of the two grades, in (0, 1]
     decides : whether no rule with the same consequent is stronger
     """
 
     position: str
+    position_grade: float
     velocity: str
+    velocity_grade: float
     force: str
     strength: float
     decides: bool
@@ -56,11 +58,6 @@ class FiredRule(NamedTuple):
         position, velocity = SPOKEN[self.position], SPOKEN[self.velocity]
         return f'position error is {position} and velocity error is {velocity}'
 
-    @property
-    def sentence(self) -> str:
-        """The rule in words, with its strength."""
-        return f'{self.condition} → force {SPOKEN[self.force]}, {self.strength:.2f}'
-
 
 @dataclass(frozen=True)
 class Decision:
@@ -69,7 +66,6 @@ class Decision:
     position_m, velocity_m_s : of the chaser, target LVLH
     position_error, velocity_error : normalised, saturated to [-1, 1]
     position_saturated, velocity_saturated : whether the error was beyond its scale
-    position_grades, velocity_grades : (5,) memberships, in the order of `WORDS`
     rules : that fire, the strongest first
     strengths : (5,) of the output words, in the order of `WORDS`
     output : normalised force
@@ -84,18 +80,11 @@ class Decision:
     velocity_error: float
     position_saturated: bool
     velocity_saturated: bool
-    position_grades: kernels.Five
-    velocity_grades: kernels.Five
     rules: tuple[FiredRule, ...]
     strengths: kernels.Five
     output: float
     force_n: float
     controller: FuzzyController
-
-    @property
-    def strongest(self) -> str:
-        """The strongest rule in words, not what is commanded."""
-        return self.rules[0].sentence if self.rules else 'no rule fires → no force, 0.00'
 
     @cached_property
     def parts(self) -> dict[str, blend.Part]:
@@ -126,33 +115,6 @@ class Decision:
         words = place(self.output, self.controller.system.force.sp_centre)
         share = f'{100.0 * abs(self.output):.0f} % of {scale_n:g} N'
         return blend.Reasons(f'{blend.newtons(self.force_n)}, {words} ({share})', causes)
-
-    def pairs(self) -> list[tuple[str, float]]:
-        """Return the numbers of the decision; grades and strengths that are 0 are left out.
-
-        Keys: force_n, output, position_error, velocity_error; position.<word>, velocity.<word> the
-        grades; rule.<position word>.<velocity word>.<force word> the strengths of the rules that
-        fire; force.<word> those of the output words.
-        """
-        five = (('position', self.position_grades), ('velocity', self.velocity_grades))
-        return [
-            ('force_n', self.force_n),
-            ('output', self.output),
-            ('position_error', self.position_error),
-            ('velocity_error', self.velocity_error),
-            *_grades(five),
-            *((f'rule.{r.position}.{r.velocity}.{r.force}', r.strength) for r in self.rules),
-            *_grades([('force', self.strengths)]),
-        ]
-
-
-def _grades(named: Iterable[tuple[str, kernels.Five]]) -> list[tuple[str, float]]:
-    return [
-        (f'{name}.{word}', grade)
-        for name, grades in named
-        for word, grade in zip(WORDS, grades, strict=True)
-        if grade > 0.0
-    ]
 
 
 def place(output: float, small: float) -> str:
@@ -189,32 +151,25 @@ def decide(
         velocity_error=v,
         position_saturated=abs(errors[0]) > 1.0,
         velocity_saturated=abs(errors[1]) > 1.0,
-        position_grades=_floats(position),
-        velocity_grades=_floats(velocity),
         rules=_fired(system, position, velocity, strengths),
-        strengths=_floats(strengths),
+        strengths=strengths,
         output=float(kernels.centroid(strengths, tables)),
         force_n=float(kernels.axis_force(position_m, velocity_m_s, *controller.scales, tables)),
         controller=controller,
     )
 
 
-def _floats(five: kernels.Five) -> kernels.Five:
-    ln, sn, z, sp, lp = map(float, five)
-    return ln, sn, z, sp, lp
-
-
 def _fired(
     system: FuzzySystem, position: kernels.Five, velocity: kernels.Five, strengths: kernels.Five
 ) -> tuple[FiredRule, ...]:
     fired = []
-    columns = [column for column, grade in enumerate(position) if grade > 0.0]
-    for row in (row for row, grade in enumerate(velocity) if grade > 0.0):
-        for column in columns:
-            strength = float(min(position[column], velocity[row]))
-            word = system.rules.words[row][column]
-            decides = strength == strengths[WORDS.index(word)]
-            fired.append(FiredRule(WORDS[column], WORDS[row], word, strength, decides))
+    for words, velocity_word, v in zip(system.rules.words, WORDS, velocity, strict=True):
+        for force, position_word, p in zip(words, WORDS, position, strict=True):
+            if (strength := min(p, v)) > 0.0:
+                decides = strength == strengths[WORDS.index(force)]
+                fired.append(
+                    FiredRule(position_word, p, velocity_word, v, force, strength, decides)
+                )
     return tuple(sorted(fired, key=attrgetter('strength'), reverse=True))
 
 
@@ -224,10 +179,8 @@ def decisions(controller: FuzzyController, state: Sequence[float]) -> tuple[Deci
     Raises
     ------
     InputError
-        If the state is not six finite numbers in the domain of the scenarios.
+        If a number is not finite, or outside the domain of the scenarios.
     """
-    if len(state) != 6:
-        raise InputError(f'`state` must be 6 numbers {",".join(STATE)}; got {len(state)}')
     bounds = [('m', MAX_POSITION_M)] * 3 + [('m/s', MAX_VELOCITY_M_S)] * 3
     values = [
         real(name, float(value), unit, least=-bound, most=bound)
@@ -237,37 +190,13 @@ def decisions(controller: FuzzyController, state: Sequence[float]) -> tuple[Deci
 
 
 def reasons(
-    controller: AnyController, state: Sequence[float], force_n: Sequence[float], tick: int = 0
-) -> Sequence[Reason]:
-    """Return the reasons of x, y, z.
+    controller: AnyController, state: Sequence[float], tick: int = 0
+) -> Sequence[blend.Reasons]:
+    """Return why x, y, z get their force; empty: the controller has no more to say.
 
-    state : (6,) m, m/s, that the controller read, from the goal; force_n : (3,) N, its answer
+    state : (6,) m, m/s, that the controller read, from the goal
     """
-    if isinstance(controller, FuzzyController):
-        found = [decide(controller, state[i], state[3 + i], axis) for i, axis in enumerate(AXES)]
-        return [(decision.strongest, decision.pairs()) for decision in found]
     x, y, z, vx, vy, vz = state
-    own = controller.reasons((x, y, z, vx, vy, vz), tick)
-    return own or [(f'commands {f:.3g} N', [('force_n', f)]) for f in force_n]
-
-
-def in_words(
-    controller: AnyController | None, said: str, published: Mapping[str, float]
-) -> blend.Reasons:
-    """Return the reasons of a force: all that makes it, not the strongest rule alone.
-
-    controller : that commanded; None if it is not known
-    said, published : sentence and finite numbers of an axis, as `reasons` returns them
-    """
-    found = None
-    if isinstance(controller, ControllerFile):
-        found = controller.in_words(published)
-    elif isinstance(controller, FuzzyController):
-        e, v = published.get('position_error'), published.get('velocity_error')
-        if e is not None and v is not None:
-            scales = controller.position_scale_m, controller.velocity_scale_m_s
-            again = decide(controller, -e * scales[0], -v * scales[1])
-            if blend.is_same(again.force_n, published.get('force_n')):
-                found = again.reasons
-    alone = any(name.startswith('rule.') for name in published)
-    return found or blend.Reasons(f'strongest rule: {said}' if alone else said)
+    if isinstance(controller, FuzzyController):
+        return [decide(controller, *pair).reasons for pair in ((x, vx), (y, vy), (z, vz))]
+    return controller.reasons((x, y, z, vx, vy, vz), tick)

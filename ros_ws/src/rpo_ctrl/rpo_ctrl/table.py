@@ -10,7 +10,7 @@ and eight for the speed. Each rule has a force of its own.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import pairwise
@@ -20,7 +20,7 @@ import numpy as np
 
 from rpo_core.control import blend
 from rpo_core.control.blend import Reasons
-from rpo_core.control.controller_file import Reason, Units, register
+from rpo_core.control.controller_file import Units, register
 from rpo_core.files.validation import InputError, matrix, real, shown
 from rpo_core.judge.metrics import MAX_ARRIVAL_DISTANCE_M
 from rpo_ctrl import textbook
@@ -242,46 +242,29 @@ class MoreWords(Family):
         ]
         return sorted(found, key=lambda rule: -rule[2])
 
-    def reasons(self, state: State, tick: int) -> Sequence[Reason]:
-        """Return the reasons of x, y, z."""
-        forces = baseline_force(state, tick, self.law)
-        return [self._reason(state[i], state[3 + i], forces[i]) for i in range(3)]
-
-    def _reason(self, r: float, v: float, force: float) -> Reason:
-        distance, speed = table_inputs(r, v)
-        fired = self.fired(distance, speed)
-        a, b, strength, pull = fired[0]
-        sentence = (
-            f'the target is {a} ({distance:.3g} m) and the closing speed is {b} '
-            f'({speed:.3g} m/s) → {pull:.3g} N towards it, {strength:.2f}'
-        )
-        rules = [(f'rule.{a}.{b}'.replace(' ', '_'), strength) for a, b, strength, _ in fired]
-        return sentence, [
-            ('force_n', force), ('distance_m', distance), ('closing_speed_m_s', speed), *rules
-        ]  # fmt: skip
-
-    def in_words(self, published: Mapping[str, float]) -> Reasons | None:
-        """Return all rules that make a force, with their shares; None if it is not of this one."""
-        force_n = published.get('force_n')
-        fired = self.fired(
-            published.get('distance_m', 0.0), published.get('closing_speed_m_s', 0.0)
-        )
-        pull = sum(strength * each for *_, strength, each in fired)
-        limit_n = self.max_force_n
-        limited = min(max(pull, -limit_n), limit_n)
-        if force_n is None or not blend.is_same(abs(limited), abs(force_n)):
-            return None
-        causes = [
-            blend.Cause(
-                strength,
-                _towards(each),
-                f'the target is {a} and the closing speed is {b}',
-            )
-            for a, b, strength, each in fired
-        ]
-        whole = f', limited from {_towards(pull)}' if limited != pull else ''
-        share = f'{100.0 * abs(limited) / limit_n:.0f} % of {limit_n:g} N'
-        return Reasons(f'{blend.newtons(force_n)}, {_towards(limited)} ({share}{whole})', causes)
+    def reasons(self, state: State, tick: int) -> Sequence[Reasons]:
+        """Return why x, y, z get their force: all rules that make it, with their shares."""
+        forces, limit_n, found = baseline_force(state, tick, self.law), self.max_force_n, []
+        for r, v, force_n in zip(state[:3], state[3:], forces, strict=True):
+            distance_m, speed_m_s = table_inputs(r, v)
+            fired = self.fired(distance_m, speed_m_s)
+            pull = sum(strength * each for *_, strength, each in fired)
+            limited = min(max(pull, -limit_n), limit_n)
+            causes = [
+                blend.Cause(
+                    strength,
+                    _towards(each),
+                    f'the target is {a} and the closing speed is {b}',
+                )
+                for a, b, strength, each in fired
+            ]
+            whole = f', limited from {_towards(pull)}' if limited != pull else ''
+            share = f'{100.0 * abs(limited) / limit_n:.0f} % of {limit_n:g} N'
+            said = f'{blend.newtons(force_n)}, {_towards(limited)} ({share}{whole})'
+            rules = [(f'rule.{a}.{b}'.replace(' ', '_'), strength) for a, b, strength, _ in fired]
+            inputs = ('distance_m', distance_m), ('closing_speed_m_s', speed_m_s)
+            found.append(Reasons(said, causes, [('force_n', force_n), *inputs, *rules]))
+        return found
 
 
 def _towards(pull_n: float) -> str:

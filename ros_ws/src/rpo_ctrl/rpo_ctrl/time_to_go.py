@@ -10,7 +10,7 @@ time T is the law k = 6 m / T^2, d = 4 m / T (Bryson and Ho, Applied Optimal Con
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import astuple, dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise, product
@@ -18,8 +18,8 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from rpo_core.control.blend import Reasons, is_same, newtons
-from rpo_core.control.controller_file import Reason, Scaling, Units, register
+from rpo_core.control.blend import Reasons, newtons
+from rpo_core.control.controller_file import Scaling, Units, register
 from rpo_core.files.validation import Checked, InputError, choice, real, store
 from rpo_core.judge import metrics
 from rpo_core.world.cw import TickLength
@@ -256,42 +256,29 @@ class TimeToGo(Family):
         largest = (np.abs(found).max(), steps, np.max(distance), np.max(speed))
         return _Worst(*map(float, largest))
 
-    def in_words(self, published: Mapping[str, float]) -> Reasons | None:
-        """Return a limited force in words; the sentence of any other reason says it all."""
-        names = 'force_n', 'position_gain_n_m', 'position_m', 'velocity_gain_n_s_m', 'velocity_m_s'
-        force, k, r, d, v = (published.get(name, 0.0) for name in names)
-        wanted = -(k * r + d * v)
-        limited = min(max(wanted, -self.max_force_n), self.max_force_n)
-        if limited == wanted or not is_same(limited, force):
-            return None
-        words = ', '.join(
-            f'{name.partition(".")[2].replace("_", " ")} {grade:.2f}'
-            for name, grade in published.items()
-            if name.startswith('time_to_go.')
-        )
-        law = f'−{k:.3g} r − {d:.3g} v = {newtons(wanted)}'
-        return Reasons(f'{newtons(force)}, limited from {law}, because time to go is {words}')
-
-    def reasons(self, state: State, tick: int) -> Sequence[Reason]:
-        """Return the reasons of x, y, z."""
+    def reasons(self, state: State, tick: int) -> Sequence[Reasons]:
+        """Return why x, y, z get their force."""
         to_go, grades, (k, d) = self.time_to_go_s(tick), self.grades(tick), self.gains(tick)
         fired = [(w, g) for w, g in zip(WORDS, grades, strict=True) if g > 0.0]
         fired.sort(key=lambda word: -word[1])
         words = ', '.join(f'{word} {grade:.2f}' for word, grade in fired)
-        found = []
-        for axis, force in enumerate(baseline_force(state, tick, self.law)):
-            sentence = (
-                f'time to go is {words} ({to_go:.1f} s) → force −{k:.3g} r − {d:.3g} v '
-                f'= {force:.3g} N'
-            )
-            pairs = [
+        found, law = [], f'−{k:.3g} r − {d:.3g} v'
+        for r, v, force in zip(
+            state[:3], state[3:], baseline_force(state, tick, self.law), strict=True
+        ):
+            said = f'time to go is {words} ({to_go:.1f} s) → force {law} = {force:.3g} N'
+            wanted = -(k * r + d * v)
+            if abs(wanted) > self.max_force_n:
+                said = f'{newtons(force)}, limited from {law} = {newtons(wanted)}, because '
+                said += f'time to go is {words}'
+            numbers = [
                 ('force_n', force),
                 ('time_to_go_s', to_go),
                 *((f'time_to_go.{word.replace(" ", "_")}', grade) for word, grade in fired),
                 ('position_gain_n_m', k),
                 ('velocity_gain_n_s_m', d),
-                ('position_m', state[axis]),
-                ('velocity_m_s', state[3 + axis]),
+                ('position_m', r),
+                ('velocity_m_s', v),
             ]
-            found.append((sentence, pairs))
+            found.append(Reasons(said, (), numbers))
         return found

@@ -15,7 +15,6 @@ from rpo_core.control.controller_file import received
 from rpo_core.files.scenario import Scenario
 from rpo_core.judge.requirements import ROWS
 from rpo_core.wire.interfaces import (
-    CONTROL_FORCE,
     NAVIGATION_COVARIANCE,
     NAVIGATION_STATE,
     REFERENCE_ATTITUDE,
@@ -108,8 +107,7 @@ class Samples:
         if live.controller is None:
             return None
         read = received(self._scenario, {REFERENCE_FORCE: (0.0, 0.0, 0.0), **live.signals})[0]
-        answer = live.signals.get(CONTROL_FORCE, (0.0, 0.0, 0.0))
-        return replay.reasons(live.controller, read, answer, live.tick, self._words)
+        return replay.reasons(live.controller, read, live.tick, self._words)
 
     def flight(self, live: LiveFlight, sentence: str, first: int = 0) -> dict[str, Any]:
         """Return the flight from a moment on, as a replay has it."""

@@ -73,10 +73,14 @@ class Cause(NamedTuple):
 
 
 class Reasons(NamedTuple):
-    """A force in words, and what makes it; without causes the words say it all."""
+    """A force in words, and what makes it; without causes the words say it all.
+
+    numbers : of the decision, with their names
+    """
 
     force: str
     causes: Sequence[Cause] = ()
+    numbers: Sequence[tuple[str, float]] = ()
 
     @property
     def sentence(self) -> str:
@@ -91,11 +95,6 @@ class Reasons(NamedTuple):
         if rest >= 0.005:
             texts.append(f'{100.0 * rest:.0f} % others')
         return f'{self.force}: {"; ".join(texts)}' if texts else self.force
-
-
-def is_same(force_n: float, other_n: float | None) -> bool:
-    """Return whether two forces are the same but for rounding."""
-    return other_n is not None and abs(force_n - other_n) <= 1e-9 * max(1.0, abs(force_n))
 
 
 def newtons(force_n: float) -> str:

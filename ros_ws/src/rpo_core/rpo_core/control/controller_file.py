@@ -40,9 +40,6 @@ Units = Mapping[str, tuple[int, int, int]]
 
 Scaled = TypeVar('Scaled', bound='ControllerFile')
 
-Reason = tuple[str, Sequence[tuple[str, float]]]
-"""Why an axis gets its force: a sentence, and numbers with names."""
-
 
 class Scaling(NamedTuple):
     """Units of length, time and force as multiples of former ones, and the vehicle that is flown.
@@ -203,17 +200,9 @@ class ControllerFile(Checked):
         found = {name: scaling.of(getattr(self, name), by) for name, by in self.units.items()}
         return replace(self, max_force_n=most_n, **{**found, **also})
 
-    def reasons(self, state: State, tick: int) -> Sequence[Reason]:
-        """Return the reasons of x, y, z for the force that answers a state; empty: it has none."""
+    def reasons(self, state: State, tick: int) -> Sequence[Reasons]:
+        """Return why x, y, z get the force that answers a state; empty: it has no more to say."""
         return ()
-
-    def in_words(self, published: Mapping[str, float]) -> Reasons | None:
-        """Return all that makes a force, from the numbers in its reason.
-
-        None where the sentence of the reason says it all, or the numbers are not of this
-        controller.
-        """
-        return None
 
     def refuse_other_ticks(self, dt_s: float) -> None:
         """Raise InputError if it counts ticks of another length than `dt_s`."""

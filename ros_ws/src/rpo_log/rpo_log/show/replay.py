@@ -193,11 +193,7 @@ def packed(values: Any) -> str:
 
 
 def reasons(
-    controller: AnyController,
-    read: Sequence[float],
-    force_n: Sequence[float],
-    tick: int,
-    words: dict[str, int],
+    controller: AnyController, read: Sequence[float], tick: int, words: dict[str, int]
 ) -> list[Any] | None:
     """Return for each axis the force in words and the shares of its causes.
 
@@ -205,12 +201,8 @@ def reasons(
 
     read : (6,) state that it received; words : text -> number; new ones are added
     """
-    said = explain.reasons(controller, read, force_n, tick)
-    if all(len(pairs) < 2 for _, pairs in said):
-        return None
     row = []
-    for sentence, pairs in said:
-        found = explain.in_words(controller, sentence, dict(pairs))
+    for found in explain.reasons(controller, read, tick):
         causes = sorted(found.causes, key=lambda cause: -cause.share)
         causes = [cause for cause in causes if cause.share >= 0.01][:_MOST_CAUSES]
         texts = [(round(100.0 * c.share), c.what.partition(' (')[0], c.why) for c in causes]
@@ -221,4 +213,4 @@ def reasons(
             number(force, len(words)),
             [[p, number(what, len(words)), number(why, len(words))] for p, what, why in texts],
         ])  # fmt: skip
-    return row
+    return row or None
