@@ -53,7 +53,8 @@ def test_answers_that_lack_are_no_fault_and_the_flight_verifies(free, tmp_path):
     assert found.difference is None
     assert found.exit_code == 0, found.gaps
     assert found.free_running
-    assert 'follows from the force that the plant says it applied' in found.sentence()
+    assert 'as computed from the forces that the plant says it applied, 301' in found.sentence()
+    assert 'when forces came cannot be computed' in found.sentence()
     assert 'which commands the plant applied, and when' in found.unknown
 
 

@@ -81,13 +81,14 @@ class Verification:
         if self.gaps:
             gaps = '; '.join(self.gaps)
             return f'{self.path}: as computed as far as it goes, but {gaps}; {stages}'
-        verified = 'as computed from what was given' if self.given else 'verified'
+        verified = 'verified'
+        if self.given:
+            verified = 'as computed from what was given'
+        elif self.free_running:
+            verified = 'as computed from the forces that the plant says it applied'
         sentence = f'{self.path}: {verified}, {self.ticks} ticks bit for bit; {stages}'
         if self.free_running:
-            sentence += (
-                '; a free-running flight: each state follows from the force that the plant says it '
-                'applied. When forces came cannot be computed'
-            )
+            sentence += '; a free-running flight: when forces came cannot be computed'
         return sentence
 
     def lines(self) -> Iterator[str]:
