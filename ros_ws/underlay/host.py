@@ -10,7 +10,7 @@ import json
 import os
 import platform
 import subprocess
-from typing import Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Callable, Dict, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 SUPPORTED_VERSIONS = ((3, 10), (3, 11), (3, 12), (3, 13))
 CANDIDATES = ('python3', 'python3.12', 'python3.13', 'python3.11', 'python3.10')
@@ -26,8 +26,10 @@ import importlib.util, json, os, sys, sysconfig
 path = sys.executable
 if sys.prefix != sys.base_prefix:
     path = os.path.join(sys.base_prefix, 'bin', 'python%d.%d' % sys.version_info[:2])
-print(json.dumps([os.path.realpath(path), list(sys.version_info[:3]), sys.implementation.name,
-                  bool(sysconfig.get_config_var('Py_GIL_DISABLED')),
+variant = '' if sys.implementation.name == 'cpython' else sys.implementation.name
+if sysconfig.get_config_var('Py_GIL_DISABLED'):
+    variant = 'free-threaded'
+print(json.dumps([os.path.realpath(path), list(sys.version_info[:3]), variant,
                   all(importlib.util.find_spec(m) is not None for m in ('venv', 'ensurepip'))]))
 """
 
@@ -42,20 +44,16 @@ class Interpreter(NamedTuple):
     name: str  #: as requested, e.g. ``python3``
     path: str  #: the base executable, links resolved
     version: Tuple[int, int, int]
-    implementation: str
-    free_threaded: bool
+    variant: str  #: '' for the usual CPython; `free-threaded`, or another implementation
     has_venv: bool
 
     @property
     def fits(self) -> bool:
         """Whether the packages of this project have wheels for it."""
-        standard = self.implementation == 'cpython' and not self.free_threaded
-        return standard and self.version[:2] in SUPPORTED_VERSIONS
+        return not self.variant and self.version[:2] in SUPPORTED_VERSIONS
 
     def __str__(self) -> str:
-        kind = '' if self.implementation == 'cpython' else f' {self.implementation}'
-        kind += ' free-threaded' if self.free_threaded else ''
-        return f'{self.name} is {".".join(map(str, self.version))}{kind}'
+        return f'{self.name} is {".".join(map(str, self.version))} {self.variant}'.rstrip()
 
 
 def run_python(
@@ -63,18 +61,16 @@ def run_python(
 ) -> Optional[str]:
     """Return the output of `python` for `code`, or None if it does not run."""
     try:
-        done = subprocess.run(
+        return subprocess.check_output(
             [python, *flags, '-c', code],
-            stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             stdin=subprocess.DEVNULL,
             universal_newlines=True,
-            env=dict(env) if env is not None else None,
+            env=env,
             timeout=60,
         )
-    except (OSError, subprocess.TimeoutExpired):
+    except (OSError, subprocess.SubprocessError):
         return None
-    return done.stdout if done.returncode == 0 else None
 
 
 def probe(name: str) -> Optional[Interpreter]:
@@ -82,9 +78,8 @@ def probe(name: str) -> Optional[Interpreter]:
     out = run_python(name, _PROBE, flags=['-I'])
     if out is None:
         return None
-    path, version, implementation, free_threaded, has_venv = json.loads(out)
-    major, minor, micro = version
-    return Interpreter(name, path, (major, minor, micro), implementation, free_threaded, has_venv)
+    path, version, variant, has_venv = json.loads(out)
+    return Interpreter(name, path, tuple(version), variant, has_venv)
 
 
 def choose_interpreter(found: Sequence[Interpreter], asked: Optional[str] = None) -> Interpreter:
@@ -126,13 +121,12 @@ def platform_problem(system: str, machine: str, glibc: Optional[Tuple[int, ...]]
 
 def this_platform() -> Tuple[str, str, Optional[Tuple[int, ...]]]:
     """Return (system, machine, glibc version) of this machine; no version without glibc."""
-    glibc = None
+    # Not platform.libc_ver: that of Python 3.6 reads an older version from its own executable.
     try:
-        words = (os.confstr('CS_GNU_LIBC_VERSION') or '').split()
-        if words[:1] == ['glibc']:
-            glibc = tuple(int(part) for part in words[1].split('.')[:2])
-    except (AttributeError, ValueError, OSError):
-        pass  # macOS and musl do not have this name
+        name, _, version = (os.confstr('CS_GNU_LIBC_VERSION') or '').partition(' ')
+    except (AttributeError, ValueError, OSError):  # macOS and musl do not have this name
+        name = version = ''
+    glibc = tuple(int(part) for part in version.split('.')[:2]) if name == 'glibc' else None
     return platform.system(), platform.machine(), glibc
 
 
@@ -181,19 +175,15 @@ def ros_environment(prefix: str, environ: Mapping[str, str]) -> Dict[str, str]:
             f'Sourcing {prefix}/setup.bash fails ({done.stderr.strip() or "no message"}): repair '
             f'that ROS 2 installation, or set {ROS_PREFIX_VARIABLE} empty to use the wheels.'
         )
-    pairs = (item.split('=', 1) for item in done.stdout.split('\0') if '=' in item)
-    return {key: value for key, value in pairs}
+    return dict(item.split('=', 1) for item in done.stdout.split('\0') if '=' in item)
 
 
 def interpreter_for_ros(
     found: Sequence[Interpreter], prefix: str, env: Mapping[str, str]
 ) -> Interpreter:
     """Return the first interpreter that imports the rclpy of the installation at `prefix`."""
-    usable: List[Interpreter] = [
-        python
-        for python in found
-        if run_python(python.path, 'import numpy, rclpy', env) is not None
-    ]
+    imports = 'import numpy, rclpy'
+    usable = [python for python in found if run_python(python.path, imports, env) is not None]
     if usable:
         return choose_interpreter(usable)
     tried = '; '.join(str(python) for python in found) or 'no interpreter runs'

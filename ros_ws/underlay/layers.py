@@ -67,6 +67,14 @@ def digest(*parts: bytes) -> str:
     return hashlib.sha256(b''.join(b'%d:' % len(part) + part for part in parts)).hexdigest()
 
 
+def write_record(path: Path, record: Mapping[str, Any]) -> None:
+    """Write a record, in one step on disk."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draft = path.with_suffix('.new')
+    draft.write_text(json.dumps(record, indent=1) + '\n')
+    os.replace(str(draft), str(path))
+
+
 def uv_environment(pip_config: str, environ: Mapping[str, str]) -> Dict[str, str]:
     """Return the environment in which uv uses the indexes of the configuration of pip.
 
@@ -109,11 +117,9 @@ class Environment:
             return {}
 
     def write(self, **changes: Any) -> None:
-        """Change the record, in one step on disk."""
+        """Change the record."""
         self.record.update(changes)
-        draft = self._record_file.with_suffix('.new')
-        draft.write_text(json.dumps(self.record, indent=1) + '\n')
-        os.replace(str(draft), str(self._record_file))
+        write_record(self._record_file, self.record)
 
     @property
     def identity(self) -> Optional[Identity]:
@@ -134,7 +140,7 @@ class Environment:
     def missing(self, wanted: Sequence[str]) -> List[str]:
         """Return the layers whose lock file has changed since their installation."""
         have = self.record.get('layers', {})
-        return [x for x in self.layers_for(wanted) if have.get(x) != digest(self._lock(x))]
+        return [x for x in self.layers_for(wanted) if have.get(x) != self._mark(x)]
 
     def check_layers(self, wanted: Sequence[str]) -> None:
         """Raise SetupError for a layer that has no lock file."""
@@ -143,35 +149,26 @@ class Environment:
             if layer not in known:
                 raise SetupError(f'There is no layer `{layer}`: choose from {", ".join(known)}.')
 
-    def _lock_file(self, layer: str) -> Path:
-        return self.requirements / f'{layer}.txt'
+    def _mark(self, layer: str) -> str:
+        """Return the hash of a lock file."""
+        return digest((self.requirements / f'{layer}.txt').read_bytes())
 
-    def _lock(self, layer: str) -> bytes:
-        return self._lock_file(layer).read_bytes()
+    def _requirements(self, layers: Sequence[str]) -> List[str]:
+        return [f'--requirement={self.requirements / layer}.txt' for layer in layers]
 
     def create(self, python: Interpreter, ros_prefix: str, reason: str) -> None:
         """Build an empty environment on `python`; it replaces any other."""
-        version = '.'.join(map(str, python.version))
         ground = f'ROS 2 in {ros_prefix}' if ros_prefix else 'ROS 2 wheels'
-        say(f'making .venv ({reason}): Python {version} ({python.path}), {ground}')
+        say(f'making .venv ({reason}): {python} ({python.path}), {ground}')
         shutil.rmtree(str(self.path), ignore_errors=True)
         version = '%d.%d' % python.version[:2]
         identity = Identity(str(self.root), python.path, version, ros_prefix)
         self.record = {'identity': identity._asdict()}
-        command = [python.path, '-m', 'venv', '--without-pip', str(self.path)]
-        command += ['--system-site-packages'] if ros_prefix else []
-        done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
-        asked = subprocess.run(
-            self.pip('--version'), stdout=subprocess.PIPE, stderr=subprocess.PIPE
-        )
-        if done.returncode == 0 and asked.returncode != 0:
-            command = [str(self.python), '-m', 'ensurepip']
-            done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
-        if done.returncode != 0:
-            raise SetupError(
-                f'`{" ".join(command)}` failed ({_last_line(done.stdout.decode())}): repair that '
-                'Python or name another one with PYTHON=, then run the same command again.'
-            )
+        more = ['--system-site-packages'] if ros_prefix else []
+        make_with([python.path, '-m', 'venv', '--without-pip', str(self.path), *more])
+        pip = subprocess.run(self.pip('--version'), stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        if pip.returncode != 0:
+            make_with([str(self.python), '-m', 'ensurepip'])
         (self.path / 'COLCON_IGNORE').touch()
         (self.path / 'rpo_ros_prefix').write_text(ros_prefix + '\n')
         self.write(layers={}, installing=False)
@@ -179,23 +176,17 @@ class Environment:
     def install(self, layers: Sequence[str]) -> None:
         """Install the locked packages of `layers`, checking every hash."""
         say(f'installing {", ".join(layers)}')
-        mark = digest(self._lock(INSTALLER))
+        mark, more = self._mark(INSTALLER), []
         if self.record.get(INSTALLER) != mark:
             locked = (*_LOCKED, *self._requirements([INSTALLER]))
             self.run(self.pip('install', '--no-compile', *locked))
             self.write(**{INSTALLER: mark})
-        self.run(self.uv(*_LOCKED, *self._left_out(), *self._requirements(layers)))
-        have = {**self.record['layers'], **{x: digest(self._lock(x)) for x in layers}}
-        self.write(layers=have)
-
-    def _requirements(self, layers: Sequence[str]) -> List[str]:
-        return [f'--requirement={self._lock_file(layer)}' for layer in layers]
-
-    def _left_out(self) -> List[str]:
-        """Return the options that leave out the packages of an installed ROS 2."""
-        names = self.path / 'rpo_from_ros.txt'
-        names.write_text('\n'.join(FROM_ROS) + '\n')
-        return [f'--excludes={names}'] if self.identity and self.identity.ros_prefix else []
+        if self.record['identity']['ros_prefix']:
+            names = self.path / 'rpo_from_ros.txt'
+            names.write_text('\n'.join(FROM_ROS) + '\n')
+            more = [f'--excludes={names}']
+        self.run(self.uv(*_LOCKED, *more, *self._requirements(layers)))
+        self.write(layers={**self.record['layers'], **{x: self._mark(x) for x in layers}})
 
     def install_editable(self, project: Path) -> None:
         """Install `project` as a link to its source, if its metadata has changed."""
@@ -231,9 +222,8 @@ class Environment:
         """Return the environment variables of an installation; pip is called once."""
         if not self._environ:
             environ = {k: v for k, v in os.environ.items() if k not in _IN_THE_WAY}
-            command = self.pip('config', 'list')
-            pip = subprocess.run(command, env=environ, stdout=subprocess.PIPE)
-            self._environ = uv_environment(pip.stdout.decode(), environ)
+            config = subprocess.run(self.pip('config', 'list'), env=environ, stdout=subprocess.PIPE)
+            self._environ = uv_environment(config.stdout.decode(), environ)
         return self._environ
 
     def _contents(self) -> List[int]:
@@ -243,30 +233,34 @@ class Environment:
 
     def run(self, command: Sequence[str]) -> None:
         """Run an installation; raise SetupError if it fails."""
-        before = self._contents()
-        lines: List[str] = []
+        before, output = self._contents(), ''
         self.write(installing=True)
-        process = subprocess.Popen(
+        with subprocess.Popen(
             command,
             env=self._environment(),
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             stdin=subprocess.DEVNULL,
             universal_newlines=True,
-        )
-        assert process.stdout is not None
-        try:
-            for line in process.stdout:
-                lines.append(line)
+        ) as process:
+            for line in process.stdout or ():
+                output += line
                 if line.startswith(('Downloading', 'Installed')):  # uv prints the large packages
                     print(f'  {line}', end='', flush=True)
-        finally:  # an interrupt also reaches the installer, which then ends
-            output = ''.join([*lines, *process.stdout])
-            code = process.wait()
-            self._log.write_text(output)
-            self.write(installing=code != 0 and self._contents() != before)
-        if code != 0:
+        self._log.write_text(output)
+        self.write(installing=process.returncode != 0 and self._contents() != before)
+        if process.returncode != 0:
             raise SetupError(failure(output, str(self._log)))
+
+
+def make_with(command: Sequence[str]) -> None:
+    """Run a step of making an environment; raise SetupError if it fails."""
+    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    if done.returncode != 0:
+        raise SetupError(
+            f'`{" ".join(command)}` failed ({_last_line(done.stdout.decode())}): repair that '
+            'Python or name another one with PYTHON=, then run the same command again.'
+        )
 
 
 def _last_line(text: str) -> str:

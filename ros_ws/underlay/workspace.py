@@ -14,26 +14,28 @@ from pathlib import Path
 from typing import Any, Dict, List, Mapping, Sequence
 
 from host import SetupError
-from layers import digest, say
+from layers import digest, say, write_record
 
 METADATA = ('package.xml', 'setup.py', 'setup.cfg')
 
 
 def package_digest(package: Path) -> str:
     """Return a hash of the inputs of the build of `package`."""
-    files: List[str] = []
-    for folder, folders, names in os.walk(str(package)):
-        folders[:] = [
-            x for x in folders if x[0] != '.' and x != '__pycache__' and x[-9:] != '.egg-info'
-        ]
-        names = [x for x in names if x[0] != '.' and x[-4:] != '.pyc']
-        files += [os.path.relpath(os.path.join(folder, name), str(package)) for name in names]
+    files = []
+    for path in package.rglob('*'):
+        name = str(path.relative_to(package))
+        made = any(part[0] == '.' or part[-9:] == '.egg-info' for part in Path(name).parts)
+        if path.is_file() and path.suffix != '.pyc' and not made:
+            files.append(name)
     contents = [(package / x).read_bytes() for x in METADATA if (package / x).is_file()]
     return digest('\n'.join(sorted(files)).encode(), *contents)
 
 
 class Workspace:
-    """The folders of a colcon workspace and the record of what is built."""
+    """The folders of a colcon workspace and the record of what is built.
+
+    While a build runs, and after one that was interrupted or has failed, there is no record.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -52,18 +54,18 @@ class Workspace:
     def outdated(self) -> List[str]:
         """Return the names of the packages that must be built."""
         record = self._record()
-        return [
-            package.name
-            for package in self.packages()
-            if record.get(package.name) != [package_digest(package), self._built(package.name)]
-        ]
+        return [x.name for x in self.packages() if record.get(x.name) != self._state(x)]
 
-    def _built(self, name: str) -> List[str]:
-        """Return the existing files of a built package: its marks and its executables."""
-        install = self.path / 'install' / name
-        marks = [install / 'share' / name / 'package.xml', self.path / 'build' / name]
-        executables = sorted((install / 'lib' / name).glob('*'))
-        return [str(x.relative_to(self.path)) for x in [*marks, *executables] if x.exists()]
+    def _state(self, package: Path) -> List[Any]:
+        """Return the hash of a package, and what of it is built: its marks and executables."""
+        install = self.path / 'install' / package.name
+        marks = [
+            install / 'share' / package.name / 'package.xml',
+            self.path / 'build' / package.name,
+        ]
+        executables = sorted((install / 'lib' / package.name).glob('*'))
+        built = [str(x.relative_to(self.path)) for x in [*marks, *executables] if x.exists()]
+        return [package_digest(package), built]
 
     def wipe(self) -> None:
         """Remove everything built."""
@@ -71,30 +73,23 @@ class Workspace:
             shutil.rmtree(str(self.path / name), ignore_errors=True)
 
     def build(self, python: Path, environ: Mapping[str, str], names: Sequence[str]) -> None:
-        """Build the packages `names`; a second try builds all of them from the start."""
-        say(f'building {", ".join(names)}')
-        before, mark = self._record(), self.path / 'install' / '.rpo_building'
-        for last in (False, True):
-            if mark.exists():  # a build was interrupted, or has failed just now
-                self.wipe()
-                names, before = [x.name for x in self.packages()], {}
-            mark.parent.mkdir(parents=True, exist_ok=True)
-            mark.touch()
-            if self._colcon(python, environ, names):
-                break
-            if last:
+        """Build the packages `names`; without a record, or at a second try, all from the start."""
+        record = self._record()
+        if record:
+            say(f'building {", ".join(names)}')
+            self._record_file.unlink()
+        if not record or not self._colcon(python, environ, names):
+            say('building all packages from the start')
+            self.wipe()
+            names = [x.name for x in self.packages()]
+            if not self._colcon(python, environ, names):
                 raise SetupError(
                     'The colcon build of ros_ws failed (its messages are above, and in '
                     'ros_ws/log/latest_build/): correct that package, then run the same command '
                     'again.'
                 )
-            say('the build failed; building all packages from the start')
-        done = {x.name: [package_digest(x), self._built(x.name)] for x in self.packages()}
-        record = {**before, **{name: done[name] for name in names}}
-        draft = self._record_file.with_suffix('.new')
-        draft.write_text(json.dumps(record, indent=1) + '\n')
-        os.replace(str(draft), str(self._record_file))
-        mark.unlink()
+        done = {x.name: self._state(x) for x in self.packages() if x.name in names}
+        write_record(self._record_file, {**record, **done})
 
     def _colcon(self, python: Path, environ: Mapping[str, str], names: Sequence[str]) -> bool:
         command = [str(python), '-m', 'colcon', 'build', '--symlink-install']

@@ -23,9 +23,10 @@ UNDERLAY = ROOT / 'ros_ws' / 'underlay'
 
 def python(version: str, name: str = 'python3', **facts: object) -> Interpreter:
     major, minor, micro = map(int, version.split('.'))
-    defaults = {'implementation': 'cpython', 'free_threaded': False, 'has_venv': True}
     path = f'/usr/bin/python{major}.{minor}'
-    return Interpreter(name, path, (major, minor, micro), **{**defaults, **facts})
+    return Interpreter(
+        name, path, (major, minor, micro), **{'variant': '', 'has_venv': True, **facts}
+    )
 
 
 def sentence(error: pytest.ExceptionInfo[SetupError]) -> str:
@@ -52,8 +53,8 @@ class TestInterpreter:
         [
             python('3.9.18'),
             python('3.14.0'),
-            python('3.11.9', implementation='pypy'),
-            python('3.13.1', free_threaded=True),
+            python('3.11.9', variant='pypy'),
+            python('3.13.1', variant='free-threaded'),
         ],
     )
     def test_others_are_refused_by_name(self, stranger):
@@ -352,39 +353,39 @@ class TestWorkspace:
         space = workspace.Workspace(tmp_path)
         assert space.outdated() == ['rpo_x']
         install = tmp_path / 'install' / 'rpo_x'
-        (install / 'share' / 'rpo_x').mkdir(parents=True)
-        (install / 'lib' / 'rpo_x').mkdir(parents=True)
+        files = [install / 'share' / 'rpo_x' / 'package.xml', install / 'lib' / 'rpo_x' / 'node']
 
         def colcon(*_):
-            (tmp_path / 'build' / 'rpo_x').mkdir(parents=True, exist_ok=True)
-            (install / 'share' / 'rpo_x' / 'package.xml').touch()
-            (install / 'lib' / 'rpo_x' / 'node').touch()
+            for path in (*files, tmp_path / 'build' / 'rpo_x' / 'any'):
+                path.parent.mkdir(parents=True)
+                path.touch()
             return True
 
         space._colcon = colcon
         space.build(Path(sys.executable), {}, ['rpo_x'])
         assert space.outdated() == []
-        (install / 'lib' / 'rpo_x' / 'node').unlink()
+        files[1].unlink()
         assert space.outdated() == ['rpo_x']
 
-    def test_a_failed_build_is_tried_from_nothing_once(self, package, tmp_path):
+    def test_a_failed_or_interrupted_build_is_followed_by_one_from_nothing(self, package, tmp_path):
         space = workspace.Workspace(tmp_path)
-        tries = []
-        space._colcon = lambda *_: tries.append((tmp_path / 'build').exists()) is not None
-        (tmp_path / 'build').mkdir()
-        with pytest.raises(SetupError, match='colcon build of ros_ws failed'):
-            space.build(Path(sys.executable), {}, ['rpo_x'])
-        assert tries == [True, False]
-        assert space.outdated() == ['rpo_x']
+        build, tries = tmp_path / 'build', []
+        answers = iter((True, False, False, True))
 
-    def test_a_second_try_that_builds_is_recorded(self, package, tmp_path):
-        """Its mark went with what was wiped, once, and the set-up ended in a traceback."""
-        space = workspace.Workspace(tmp_path)
-        answers = iter((False, True))
-        space._colcon = lambda *_: next(answers)
+        def colcon(*_):
+            tries.append(build.exists())
+            build.mkdir(exist_ok=True)
+            return next(answers)
+
+        space._colcon = colcon
         space.build(Path(sys.executable), {}, ['rpo_x'])
         assert space.outdated() == []
-        assert not (tmp_path / 'install' / '.rpo_building').exists()
+        with pytest.raises(SetupError, match='colcon build of ros_ws failed'):
+            space.build(Path(sys.executable), {}, ['rpo_x'])
+        assert space.outdated() == ['rpo_x']
+        space.build(Path(sys.executable), {}, ['rpo_x'])
+        assert space.outdated() == []
+        assert tries == [False, True, False, False]
 
 
 class TestProgram:
