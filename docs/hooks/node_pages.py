@@ -4,8 +4,8 @@
 
 The site has them in `docs/nodes`; `python docs/hooks/node_pages.py docs/nodes` writes them alone.
 
-Parameters come from the table of the node. For topics and services the node is started, except a
-node that needs an optional library. `node_cards.yaml` has what comes from neither.
+Parameters come from the table of the node; for topics and services the node is started.
+`node_cards.yaml` has what comes from neither.
 """
 
 from __future__ import annotations
@@ -30,10 +30,9 @@ from rpo_core import files
 from rpo_core.chain.flight import fly
 from rpo_core.control import controller
 from rpo_core.files import scenario
-from rpo_core.wire import cdr, interfaces
+from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import MOST_IN_ALL, READERS
-from rpo_mcap.format import run
-from rpo_mcap.write.writer import RunLogWriter
+from rpo_log.tools.record import record
 from rpo_ros import names, qos
 from rpo_ros.parameter_rows import ParameterRow, tables
 from rpo_ros.running import FlightNode
@@ -78,7 +77,6 @@ class Card:
     cls : name of its class in the module <executable>_node
     trial : parameters for its start by `node_pages`, to find its topics
     also : scenarios of other starts, whose topics it has too
-    listens : its topics, for a node that needs an optional layer and is not started
     publishes_tf : it does where `tf2_msgs` is installed, which the ROS 2 wheels lack
     """
 
@@ -89,7 +87,6 @@ class Card:
     exit_codes: Mapping[int, str] = field(default_factory=lambda: _CODES)
     trial: Mapping[str, Any] = field(default_factory=dict)
     also: Sequence[str] = ()
-    listens: Sequence[str] = ()
     publishes_tf: bool = False
 
     @property
@@ -129,17 +126,7 @@ def tiny_log(folder: Path) -> Path:
     """Write a log of the scenario `quick`, for the nodes that need one."""
     quick = scenario.load_scenario('quick')
     flight = fly(quick, controller.load_controller(files.DEFAULT_CONTROLLER))
-    base = run.TimeBase(quick.epoch_ns, quick.dt_ns, quick.ticks)
-    topics = (names.CLOCK, f'/{interfaces.RELATIVE_STATE}', f'/{interfaces.CONTROL_FORCE}')
-    log = RunLogWriter(folder, base, topics, {})
-    for tick in range(quick.ticks + 1):
-        stamp = base.stamp_ns(tick)
-        state, force = flight.states[tick].tolist(), flight.forces_n[tick].tolist()
-        log.write(topics[0], tick, cdr.encode_clock(stamp))
-        odometry = cdr.encode_odometry(stamp, interfaces.LVLH_FRAME, interfaces.CHASER_FRAME, state)
-        log.write(topics[1], tick, odometry)
-        log.write(topics[2], tick, cdr.encode_wrench(stamp, interfaces.LVLH_FRAME, force))
-    log.close()
+    record(flight, {}, folder)
     return folder
 
 
@@ -162,12 +149,6 @@ def _type(message: type) -> str:
     return f'{message.__module__.split(".")[0]}/{message.__name__}'
 
 
-def _meaning(name: str) -> str:
-    if name not in MEANINGS:
-        raise KeyError(f'{name} has no meaning in docs/hooks/node_cards.yaml: add one')
-    return MEANINGS[name]
-
-
 def _short(node: FlightNode, name: str) -> str:
     """Return a name as in the code: ~/ for the names of the node, else no leading slash."""
     own = f'{node.get_fully_qualified_name()}/'
@@ -185,17 +166,17 @@ def _topics(node: FlightNode) -> Iterator[tuple[str, ...]]:
         }
         for name, end in sorted(found.items()):
             kind = _type(end.msg_type)
-            yield way, f'`{name}`', f'`{kind}`', _qos(end.qos_profile), _meaning(name)
+            yield way, f'`{name}`', f'`{kind}`', _qos(end.qos_profile), MEANINGS[name]
     if hasattr(node, 'label'):  # rclpy hides the publisher of the lifecycle
         name = '~/transition_event'
-        yield 'publishes', f'`{name}`', '`lifecycle_msgs/TransitionEvent`', '', _meaning(name)
+        yield 'publishes', f'`{name}`', '`lifecycle_msgs/TransitionEvent`', '', MEANINGS[name]
 
 
 def _services(node: FlightNode) -> Iterator[tuple[str, ...]]:
     for service in sorted(node.services, key=lambda service: service.service_name):
         name = _short(node, service.service_name)
         if not any(stock in name for stock in _STOCK_SERVICES):
-            yield f'`{name}`', f'`{_type(service.srv_type)}`', _meaning(name)
+            yield f'`{name}`', f'`{_type(service.srv_type)}`', MEANINGS[name]
 
 
 def _parameters(rows: Sequence[ParameterRow]) -> Iterator[tuple[str, ...]]:
@@ -215,8 +196,6 @@ Found = tuple[list[tuple[str, ...]], list[tuple[str, ...]]]
 
 def _found(card: Card, folder: Path) -> Found:
     """Start a node; rclpy must be initialised."""
-    if card.listens:
-        return [('listens', f'`{name}`', '', '', _meaning(name)) for name in card.listens], []
     found: dict[tuple[str, ...], tuple[str, ...]] = {}
     for more in ({}, *({'scenario': name} for name in card.also)):
         node = _make(card, more, folder)
@@ -230,7 +209,7 @@ def _found(card: Card, folder: Path) -> Found:
     if card.also:
         topics.sort(key=lambda row: (row[0] == 'listens', row[1]))
     if card.publishes_tf:
-        row = (f'`{names.TF}`', '`tf2_msgs/TFMessage`', _qos(qos.TF), _meaning(names.TF))
+        row = (f'`{names.TF}`', '`tf2_msgs/TFMessage`', _qos(qos.TF), MEANINGS[names.TF])
         topics.insert(0, ('publishes', *row))
     return topics, services
 

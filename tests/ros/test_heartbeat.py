@@ -47,41 +47,21 @@ def test_who_ends_in_order_is_named_at_once_and_may_come_back(inner, capfd):
     assert 'mine (guidance) has ended' in said and 'mine is back' in said
 
 
-class Clock:
-    """A clock that stands until it is moved."""
+def test_silence_adds_up_is_broken_and_a_listener_that_slept_accuses_nobody():
+    now_s = [100.0]
+    silence = Timeout(lambda: now_s[0])
 
-    now_s = 100.0
+    def after(*steps_s):
+        for step_s in steps_s:
+            now_s[0] += step_s
+            found = silence.look()
+        return found
 
-    def __call__(self):
-        return self.now_s
-
-
-def after(*steps_s):
-    """Return the silence that is found after looks at these intervals."""
-    clock = Clock()
-    silence = Timeout(clock)
-    for step_s in steps_s:
-        clock.now_s += step_s
-        found = silence.look()
-    return found
-
-
-def test_silence_adds_up():
     assert after(*[0.05] * 100) == pytest.approx(5.0)
-
-
-def test_a_listener_that_slept_accuses_nobody():
-    assert after(0.05, 3600.0) == pytest.approx(0.05 + MOST_STEP_S)
-
-
-def test_what_is_heard_breaks_it():
-    clock = Clock()
-    silence = Timeout(clock)
-    clock.now_s += 0.2
-    silence.look()
     silence.broken()
-    clock.now_s += 0.1
-    assert silence.look() == pytest.approx(0.1)
+    assert after(0.1) == pytest.approx(0.1)
+    silence.broken()
+    assert after(0.05, 3600.0) == pytest.approx(0.05 + MOST_STEP_S)
 
 
 @pytest.mark.slow

@@ -64,28 +64,22 @@ def test_executables_and_parameters_exist(tree):
         assert named <= parameters(*who), (who, named - parameters(*who))
 
 
-def test_every_argument_is_described_and_used_once_declared(tree):
+def test_arguments_and_included_files_are_known(tree):
     arguments = declared(tree)
     assert all(description for _, description in arguments.values())
     text = ElementTree.tostring(tree.getroot(), encoding='unicode')
     known = {*arguments, *(tag.get('name') for tag in tree.iter('let'))}
     assert set(re.findall(r'\$\(var (\w+)\)', text)) <= known
-
-
-def test_included_files_exist_and_get_known_arguments(tree):
+    for argument in tree.findall('arg'):  # as XML and as Python write them
+        choices = {tag.get('value') for tag in argument.findall('choice')}
+        assert not choices & {'true', 'True'} or choices == {'true', 'false', 'True', 'False'}
     for include in tree.iter('include'):
         name = include.get('file').rsplit('/', 1)[-1]
-        assert (BRINGUP / 'launch' / name).is_file()
         given = {tag.get('name') for tag in include.findall('arg')}
+        assert (BRINGUP / 'launch' / name).is_file()
         assert not given or given <= set(declared(FILES[name]))
         # Any other form hides the arguments of the included file from `--show-args`.
         assert include.get('file') == f'$(find-pkg-share rpo_bringup)/launch/{name}'
-
-
-def test_booleans_are_taken_as_xml_and_as_python_write_them(tree):
-    for argument in tree.findall('arg'):
-        choices = {tag.get('value') for tag in argument.findall('choice')}
-        assert not choices & {'true', 'True'} or choices == {'true', 'false', 'True', 'False'}
 
 
 def switched_off(scenario: str, monkeypatch: pytest.MonkeyPatch) -> set[str]:
@@ -140,24 +134,22 @@ def test_each_node_that_a_scenario_may_not_need_can_be_switched_off():
         assert files.index('needed.launch.py') < first
 
 
-def test_rviz_keeps_the_simulated_time_of_its_run():
-    """By the wall clock, tf2 refuses the transforms of a second run: they are older."""
-    (rviz,) = (tag for tag in FILES['view.launch.xml'].iter('node') if tag.get('pkg') == 'rviz2')
-    assert {(tag.get('from'), tag.get('to')) for tag in rviz.findall('remap')} == {
-        ('/clock', 'clock')
-    }
-    assert {tag.get('name'): tag.get('value') for tag in rviz.findall('param')} == {
-        'use_sim_time': 'true'
-    }
-
-
 def test_each_run_has_its_own_simulated_time():
-    """A node with `use_sim_time` in a namespace listens to the clock of its plant there."""
+    """A node with `use_sim_time` in a namespace listens to the clock of its plant there.
+
+    So does RViz: by the wall clock, tf2 refuses the transforms of a second run, which are older.
+    """
     for name, tree in FILES.items():
-        if name != 'view.launch.xml':  # of its nodes only RViz needs it: above
+        if name != 'view.launch.xml':
             groups = [group for group in tree.iter('group') if group.iter('node')]
             pairs = [{(t.get('from'), t.get('to')) for t in g.findall('set_remap')} for g in groups]
             assert all(('/clock', 'clock') in found for found in pairs), name
+    (rviz,) = (tag for tag in FILES['view.launch.xml'].iter('node') if tag.get('pkg') == 'rviz2')
+    assert [(tag.get('from'), tag.get('to')) for tag in rviz.findall('remap')] == [
+        ('/clock', 'clock')
+    ]
+    (parameter,) = rviz.findall('param')
+    assert (parameter.get('name'), parameter.get('value')) == ('use_sim_time', 'true')
 
 
 def test_package_xml_declares_whose_nodes_are_started():

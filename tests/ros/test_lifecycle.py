@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The controller as a managed node: what each transition does, and what a bad one leaves."""
 
-import inspect
-import re
 from pathlib import Path
 
 import pytest
@@ -12,7 +10,6 @@ from inside import inside, odometry
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from nav_msgs.msg import Odometry
-from rclpy.lifecycle import LifecycleNode
 from rclpy.time import Time
 
 from rpo_core import files
@@ -168,21 +165,3 @@ def test_a_managed_node_that_has_ended_leaves_no_participant_of_dds(command):
     code, said = command(AssuranceNode.main, scenario='quick')
     assert code == 0 and 'nothing to do' in said
     assert threads_of_dds() <= before
-
-
-def test_private_names_of_rclpy_are_in_one_module():
-    kinds = [kind for kind in LifecycleNode.__mro__ if kind.__module__.startswith('rclpy')]
-    private = {name for kind in kinds for name in vars(kind) if re.match('_[A-Za-z]', name)}
-    for kind in kinds:
-        private |= set(re.findall(r'self\.(_[a-z]\w*)', inspect.getsource(kind)))
-    used = {}
-    root = Path(__file__).parents[2]
-    for path in root.glob('ros_ws/src/*/*/**/*.py'):
-        text = path.read_text()
-        own = set(re.findall(r'(?:self\.|def )(_[a-z]\w*)(?:\(|: .* = | = )', text))
-        found = set(re.findall(r"""[.'"](_[A-Za-z]\w*)""", text)) & private - own
-        found |= set(re.findall(r'_[A-Z]\w*Mixin__\w+|rclpy\.impl\b|\(Future\)', text))
-        if found and re.search('rclpy|rpo_ros', text):
-            used[path.name] = found
-    expected = '_LifecycleNodeMixin__change_state', '_parameter_overrides', '_state_machine'
-    assert used == {'rclpy_private.py': {*expected, 'rclpy.impl', '(Future)'}}

@@ -10,7 +10,6 @@ import math
 import pytest
 from inside import inside
 from node_pages import CARDS
-from node_processes import node_processes
 from rclpy.parameter import Parameter
 
 from rpo_core.files.validation import InputError
@@ -136,20 +135,6 @@ def test_one_wrong_value_of_a_request_refuses_all_of_it(inner):
     assert isinstance(values['speed'], float)
     successful, reason = inner.set('/bare', nothing_of_ours=1)
     assert not successful and 'undeclared' in reason
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(1200)
-@each_card
-def test_as_a_process_each_wrong_value_is_one_line_and_exit_code_2(ros_env, card, tmp_path):
-    """One wrong value of each row, as people type them."""
-    with node_processes(ros_env, tmp_path) as ros:
-        for row in card.parameters:
-            value = 'maybe' if isinstance(row.default, bool) else wrong(row)[0]
-            node = ros.node(card.package, card.executable, **{row.name: value})
-            assert node.wait() == 2, node.output
-            lines = [line for line in node.output.splitlines() if line.strip()]
-            assert len(lines) == 1 and f'`{row.name}' in lines[0], node.output
 
 
 @pytest.mark.parametrize(

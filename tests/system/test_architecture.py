@@ -193,18 +193,13 @@ def test_package_declares_what_it_imports(package):
 
 
 @pytest.mark.parametrize('package', sorted(PACKAGES))
-def test_version_is_said_once(package):
-    manifest = ElementTree.parse(PACKAGES[package] / 'package.xml').getroot()
-    setup = ConfigParser()
-    setup.read(PACKAGES[package] / 'setup.cfg')
-    assert setup['metadata']['name'] == package
-    assert setup['metadata']['version'] == manifest.findtext('version')
-
-
-@pytest.mark.parametrize('package', sorted(PACKAGES))
 def test_a_package_has_what_a_release_needs(package):
     folder = PACKAGES[package]
     manifest = ElementTree.parse(folder / 'package.xml').getroot()
+    setup = ConfigParser()
+    setup.read(folder / 'setup.cfg')
+    said = setup['metadata']
+    assert (said['name'], said['version']) == (package, manifest.findtext('version'))
     kinds = {tag.get('type') for tag in manifest.findall('url')}
     assert kinds == {'website', 'repository', 'bugtracker'}
     assert manifest.find('maintainer').get('email')
@@ -227,32 +222,6 @@ def test_every_source_file_names_owner_and_licence():
             '# Copyright 2026 The RPO stack authors',
             '# SPDX-License-Identifier: Apache-2.0',
         ], f'{path.relative_to(ROOT)} lacks its first two lines'
-
-
-def undocumented(node: ast.AST, place: str) -> list[str]:
-    """Return the public names below a node that have no docstring."""
-    missing = []
-    for child in ast.iter_child_nodes(node):
-        if isinstance(child, (ast.ClassDef, ast.FunctionDef)) and not child.name.startswith('_'):
-            name = f'{place}.{child.name}'
-            missing += [] if ast.get_docstring(child) else [name]
-            missing += undocumented(child, name) if isinstance(child, ast.ClassDef) else []
-    return missing
-
-
-def test_every_public_name_of_core_and_kernels_says_what_it_is():
-    modules = [*rooms()['rpo_core'], *rooms()['rpo_kernels']]
-    assert {'jit', 'cw', 'fuzzy', 'scenario'} <= {path.stem for path in modules}
-    for path in modules:
-        tree = ast.parse(path.read_text())
-        assert ast.get_docstring(tree), path
-        assert undocumented(tree, path.stem) == []
-
-
-@pytest.mark.parametrize('room', sorted({*PACKAGES, *OFFLINE_ROOMS}))
-def test_a_room_says_what_it_is(room):
-    folder = PACKAGES.get(room, OFFLINE / room)
-    assert (folder / 'README.md').read_text().startswith(f'# {room}\n')
 
 
 def modules() -> dict[str, Path]:

@@ -16,18 +16,15 @@ LIMITS = {'constraints', 'overrides'}
 LAYERS = sorted({path.stem for path in REQUIREMENTS.glob('*.in')} - LIMITS)
 
 
-def blocks(text: str) -> list[tuple[Requirement, list[str]]]:
+def locked(layer: str) -> list[tuple[Requirement, list[str]]]:
     """Return (requirement, hashes) of every entry of a lock file."""
+    text = (REQUIREMENTS / f'{layer}.txt').read_text()
     joined = re.sub(r'#.*', '', text).replace('\\\n', ' ')
     entries = []
     for line in filter(None, map(str.strip, joined.splitlines())):
         requirement, *hashes = re.split(r'\s+--hash=', line)
         entries.append((Requirement(requirement), hashes))
     return entries
-
-
-def locked(layer: str) -> list[tuple[Requirement, list[str]]]:
-    return blocks((REQUIREMENTS / f'{layer}.txt').read_text())
 
 
 def versions_for(layer: str, python: str) -> dict[str, str]:
@@ -48,33 +45,22 @@ def versions_for(layer: str, python: str) -> dict[str, str]:
 
 
 @pytest.mark.parametrize('layer', LAYERS)
-def test_every_entry_is_one_version_with_sha256_hashes(layer):
+def test_every_entry_is_one_version_with_sha256_hashes_and_no_address(layer):
     for requirement, hashes in locked(layer):
         assert re.fullmatch(r'==[^*,]+', str(requirement.specifier)), requirement
         assert hashes, f'{requirement} has no hash'
         assert all(re.fullmatch('sha256:[0-9a-f]{64}', value) for value in hashes)
-
-
-@pytest.mark.parametrize('layer', LAYERS)
-def test_no_address_is_written_down(layer):
     text = (REQUIREMENTS / f'{layer}.txt').read_text()
     assert not re.search(r'://|--(extra-)?index-url|--find-links|^-[if] ', text, re.MULTILINE)
 
 
 @pytest.mark.parametrize('python', ['3.10', '3.11', '3.12', '3.13'])
-def test_layers_agree_on_versions(python):
+def test_layers_have_what_they_name_and_agree_on_versions(python):
     all_versions: dict[str, str] = {}
     for layer in LAYERS:
-        for name, version in versions_for(layer, python).items():
+        versions = versions_for(layer, python)
+        for name, version in versions.items():
             assert all_versions.setdefault(name, version) == version, f'{name} in {layer}'
-
-
-@pytest.mark.parametrize('python', ['3.10', '3.11', '3.12', '3.13'])
-@pytest.mark.parametrize('layer', LAYERS)
-def test_what_a_layer_names_is_locked(layer, python):
-    names = {
-        Requirement(line).name.lower()
-        for line in re.sub('#.*', '', (REQUIREMENTS / f'{layer}.in').read_text()).splitlines()
-        if line.strip() and not line.startswith('-r')
-    }
-    assert names <= set(versions_for(layer, python))
+        text = (REQUIREMENTS / f'{layer}.in').read_text()
+        lines = filter(None, map(str.strip, re.sub('#.*', '', text).splitlines()))
+        assert {Requirement(x).name.lower() for x in lines if x[:2] != '-r'} <= set(versions)

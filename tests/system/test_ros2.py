@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -54,9 +55,6 @@ def test_arguments_and_exit_code_pass_through(prefix):
     done = ros2(prefix, 'run', 'made_up', 'probe', *words)
     assert done.stdout == ''.join(f'<{word}>' for word in words)
     assert done.returncode == 7
-
-
-def test_a_prefix_command_goes_before_it(prefix):
     done = ros2(prefix, 'run', '--prefix', 'env -i WORD="a b"', 'made_up', 'probe', 'x')
     assert (done.stdout, done.returncode) == ('<x>', 7)
 
@@ -73,13 +71,15 @@ def test_signals_reach_the_executable(prefix, number, code):
             process.kill()
 
 
-def test_the_first_prefix_on_the_path_wins(prefix, tmp_path_factory):
+def test_the_first_prefix_on_the_path_wins_and_one_name_twice_is_refused(prefix, tmp_path_factory):
     other = tmp_path_factory.mktemp('other')
-    index = other / 'share' / 'ament_index' / 'resource_index' / 'packages'
-    index.mkdir(parents=True)
-    (index / 'made_up').touch()
+    shutil.copytree(prefix, other, dirs_exist_ok=True)
+    (other / 'lib' / 'made_up' / 'sub').mkdir()
+    (other / 'lib' / 'made_up' / 'sub' / 'probe').symlink_to('../probe')
     assert ros2(f'{other}:{prefix}', 'pkg', 'prefix', 'made_up').stdout == f'{other}\n'
     assert ros2(f'{prefix}:{other}', 'pkg', 'prefix', 'made_up').stdout == f'{prefix}\n'
+    done = ros2(other, 'run', 'made_up', 'probe')
+    assert done.returncode == 1 and 'Multiple executables found' in done.stderr
 
 
 def test_pkg_verbs(prefix):
@@ -111,15 +111,6 @@ def test_one_sentence_and_a_failure_code(prefix, words, message):
     assert message in done.stderr
     assert len(done.stderr.splitlines()) == 1
     assert done.stdout == ''
-
-
-def test_two_executables_of_one_name_are_refused(prefix):
-    twin = prefix / 'lib' / 'made_up' / 'sub'
-    twin.mkdir()
-    (twin / 'probe').symlink_to('../probe')
-    done = ros2(prefix, 'run', 'made_up', 'probe')
-    assert done.returncode == 1
-    assert 'Multiple executables found' in done.stderr
 
 
 def test_help_has_an_example(prefix):
