@@ -28,25 +28,6 @@ LOCKSTEP, FREE_RUNNING = 'lockstep', 'free_running'
 """Modes of a plant."""
 
 
-def _flown(text: str, mode: str, bare: bool, known: Scenario | None) -> Scenario:
-    """Return the scenario that a plant flies in a mode; raises InputError if no plant does.
-
-    bare : whether to leave out its sections: to import and to check all of them takes time
-    known : what the text says; None: to be read
-    """
-
-    def parse(document: Any) -> Any:
-        if bare:
-            return scenario.parse(scenario.bare(document), known={})
-        return scenario.parse(document, rehearsed=True)  # by the plant, as it read the file
-
-    found = known or files.loads(text, parse, 'the scenario of the plant')
-    if not isinstance(found, Scenario):
-        raise InputError('the scenario of the plant must be a single flight; got a set')
-    choice(_MODE, mode, ('', LOCKSTEP, FREE_RUNNING))
-    return found
-
-
 class PlantScenario:
     """Reads the manifest of the plant, and compares its scenario with the parameter of the node.
 
@@ -101,10 +82,7 @@ class PlantScenario:
         heard = self._run != '' and now_s - self._heard_s < ANEW_S
         if other and (heard or self._run == run != ''):
             return  # while a plant is there, and within a run, neither changes
-        found = None
-        if other:
-            known = self._asserted if text == self._asserted_text else None
-            found = _flown(text, mode, self.bare, known)
+        found = self._flown(text, mode) if other else None
         self._run, self._heard_s = run, now_s
         if found is None:
             return
@@ -117,6 +95,21 @@ class PlantScenario:
                 self._take(found)
         except InputError as error:
             self._refuse(str(error))
+
+    def _flown(self, text: str, mode: str) -> Scenario:
+        """Return the scenario that a plant flies in a mode; raises InputError if no plant does."""
+
+        def parse(document: Any) -> Any:
+            if self.bare:  # to import and to check all of its sections takes time
+                return scenario.parse(scenario.bare(document), known={})
+            return scenario.parse(document, rehearsed=True)  # by the plant, as it read the file
+
+        known = self._asserted if text == self._asserted_text else None
+        found = known or files.loads(text, parse, 'the scenario of the plant')
+        if not isinstance(found, Scenario):
+            raise InputError('the scenario of the plant must be a single flight; got a set')
+        choice(_MODE, mode, ('', LOCKSTEP, FREE_RUNNING))
+        return found
 
     def _compare(self, found: Scenario) -> None:
         if self._asserted is not None and found != self._asserted:

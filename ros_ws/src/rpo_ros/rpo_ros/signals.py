@@ -10,7 +10,7 @@ interfaces knows the place of each number in the bytes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from functools import cache, lru_cache
 from importlib import import_module
 from typing import Any
@@ -56,24 +56,6 @@ class Outlet:
         data = self._encode(stamp_ns, values)
         self._send(data)
         return data
-
-
-class Answer:
-    """The newest answer of a node, which it can give again."""
-
-    def __init__(self) -> None:
-        self._sent: list[tuple[Outlet, bytes]] = []
-
-    def publish(
-        self, outlets: Iterable[Outlet], stamp_ns: int, signals: Mapping[str, Signal]
-    ) -> None:
-        """Publish the signals of some outlets."""
-        self._sent = [(outlet, outlet.publish_of(stamp_ns, signals)) for outlet in outlets]
-
-    def again(self) -> None:
-        """Publish the same bytes again."""
-        for outlet, data in self._sent:
-            outlet.publisher.publish(data)
 
 
 def listen(

@@ -25,7 +25,7 @@ from rpo_ros.heartbeat import Pulse
 from rpo_ros.patience import MOST_REPEATS, Patience
 from rpo_ros.plant_scenario import PlantScenario
 from rpo_ros.running import EXIT_BAD_INPUT, FlightNode
-from rpo_ros.signals import Answer, Outlet, hear, listen
+from rpo_ros.signals import Outlet, hear, listen
 
 FOREIGN, LATE = 'foreign_stamp', 'late'
 _NOTHING: tuple[int, Signal] = (-1, ())
@@ -80,7 +80,7 @@ class StageNode(FlightNode):
         self._asked: tuple[Any, ...] = ()
         self._signals: Signals = {}
         self._dropped: dict[str, int] = {}
-        self._answer = Answer()
+        self._sent: list[tuple[Outlet, bytes]] = []
         self.manifest: health.Manifest | None = None
         self._stage_status = self.create_publisher(
             DiagnosticStatus, interfaces.STAGE_STATUS, qos.LATCHED
@@ -266,7 +266,7 @@ class StageNode(FlightNode):
         if not missing:
             self._ask(stamp_ns, {name: found for name, found in inputs.items() if found})
         elif again and any(interfaces.current(name) != name for name in missing):
-            self._answer.again()  # and so the command that was lost is sent again
+            self._send_again()  # and so the command that was lost is sent again
 
     def _goes_smoothly(self, stamp_ns: int) -> bool:
         """Return whether a tick follows an answered one, and nothing was lost: it needs all."""
@@ -332,7 +332,7 @@ class StageNode(FlightNode):
         if self._anew:
             self._begin_anew(stamp_ns)
         if asked == self._asked:
-            self._answer.again()
+            self._send_again()
             self.answered += 1
             self.after_answer(stamp_ns, self._signals)
             return
@@ -345,7 +345,7 @@ class StageNode(FlightNode):
                 return  # it joins in flight: the plant may fly another scenario
             self._say_begun(self.chain, tick)
         self.step(tick, signals)
-        self._answer.publish(self._outlets.values(), stamp_ns, signals)
+        self._sent = [(out, out.publish_of(stamp_ns, signals)) for out in self._outlets.values()]
         self._asked, self._signals = asked, signals
         self.last_tick = max(tick, self.last_tick)
         if self.scenario is not None:
@@ -353,6 +353,10 @@ class StageNode(FlightNode):
         self.answered += 1
         self._answered_s = time.monotonic()
         self.after_answer(stamp_ns, signals)
+
+    def _send_again(self) -> None:
+        for outlet, data in self._sent:
+            outlet.publisher.publish(data)
 
     def _begin_anew(self, stamp_ns: int) -> None:
         """Begin a new run with its first state: the word of anybody alone does not end one."""
