@@ -68,6 +68,7 @@ app = typer.Typer(
     help='Train, fly, judge and explain the final-approach controller.',
     no_args_is_help=True,
     pretty_exceptions_enable=False,
+    rich_markup_mode='markdown',  # as markup, `[m]` would be a style, and not be shown
     context_settings={'help_option_names': ['-h', '--help']},
 )
 

@@ -18,9 +18,7 @@ PARTS = ('all', 'inference', 'training', 'campaign', 'learning', 'ros')
 
 def bench(
     what: Annotated[str, Argument(help=', '.join(PARTS))] = 'all',
-    evaluations: Annotated[
-        int, Option(min=1, help="training: controllers; the paper's budget is 60 x 301")
-    ] = 60 * 301,
+    evaluations: Annotated[int, Option(min=1, help='training: controllers')] = 60 * 301,
     runs: Annotated[int, Option(min=1, help='campaign: runs')] = 10_000,
     workers: Workers = 0,
     output: Annotated[Path, Option(help='all: folder of the JSON file')] = Path('runs/bench'),

@@ -13,7 +13,7 @@ import typer
 from typer import Argument, Option
 
 from rpo_cli.commands import shared
-from rpo_cli.commands.shared import Cluster, NoFail, Resume, Set, Workers, echo, end
+from rpo_cli.commands.shared import Cluster, NoFail, Output, Resume, Set, Workers, echo, end
 from rpo_cli.display import print_table, progress
 from rpo_core.files.validation import InputError
 from rpo_montecarlo import outputs
@@ -28,12 +28,8 @@ FAULT_RUNS = 400
 
 def campaign(
     context: typer.Context,
-    source: Annotated[
-        str, Argument(help='shipped name or file of a campaign, or the folder of one')
-    ] = '',
-    output: Annotated[
-        Path | None, Option('--output', '-o', help='folder  [runs/NAME_SEED]')
-    ] = None,
+    source: Annotated[str, Argument(help='campaign (shipped name or file), or folder of one')] = '',
+    output: Output = None,
     resume: Resume = None,
     run: Annotated[int | None, Option(min=0, help='fly this run alone, bit for bit')] = None,
     csv: Annotated[Path | None, Option(help='with --run: write its flight')] = None,
@@ -41,16 +37,10 @@ def campaign(
     runs: Annotated[int | None, Option(help="instead of the file's")] = None,
     seed: Annotated[int | None, Option(help="instead of the file's")] = None,
     controller: Annotated[str | None, Option(help="instead of the file's")] = None,
-    judge: Annotated[
-        list[str] | None, Option(help='limit to judge by, repeatable  [all of the campaign]')
-    ] = None,
+    judge: Annotated[list[str] | None, Option(help='limit to judge by, repeatable  [all]')] = None,
     sets: Set = None,
-    faults: Annotated[
-        bool, Option('--faults', help='success against the share of messages lost, late')
-    ] = False,
-    least: Annotated[
-        float | None, Option(min=0.0, max=100.0, help='percent of the runs that must succeed')
-    ] = None,
+    faults: Annotated[bool, Option('--faults', help='success over messages lost or late')] = False,
+    least: Annotated[float | None, Option(min=0.0, max=100.0, help='that must succeed [%]')] = None,
     workers: Workers = 0,
     cluster: Cluster = '',
     no_fail: NoFail = False,

@@ -28,9 +28,7 @@ WORLD_RUNS = 100
 
 
 def evaluate(
-    controllers: Annotated[
-        list[str] | None, Argument(help='shipped names or files; none with --estimator')
-    ] = None,
+    controllers: Annotated[list[str] | None, Argument(help='shipped names or files')] = None,
     scenario: Annotated[
         str,
         Option(
@@ -40,9 +38,7 @@ def evaluate(
     ] = '',
     starts: Annotated[bool, Option('--starts', help='print all 216 starts')] = False,
     csv: Annotated[Path | None, Option(help='write the starts to this file')] = None,
-    everywhere: Annotated[
-        bool, Option('--everywhere', help='fly dispersed runs and random starts: 50 000')
-    ] = False,
+    everywhere: Annotated[bool, Option('--everywhere', help='fly 50 000 drawn runs')] = False,
     robustness: Annotated[
         bool, Option('--robustness', help='margins: gain, thrust, delay, mass, bias; nothing else')
     ] = False,
@@ -50,9 +46,7 @@ def evaluate(
         Path | None, Option('--output', '-o', help='folder of the pictures of --robustness  [runs]')
     ] = None,
     seed: Annotated[int | None, Option(help='of the draws of --everywhere  [2026]')] = None,
-    estimator: Annotated[
-        str, Option(help='judge the estimator of this scenario (name or file) instead')
-    ] = '',
+    estimator: Annotated[str, Option(help='judge the estimator of this scenario instead')] = '',
     runs: Annotated[int, Option(help='flights that judge an estimator', min=2)] = 1000,
     workers: Workers = 0,
     no_fail: NoFail = False,

@@ -29,10 +29,7 @@ def export(
             help='with c: the assurance filter of a scenario too, shipped name or file',
         ),
     ] = None,
-    scenario: Annotated[
-        str | None,
-        Option(help='with c: fly to the goal of this scenario, shipped name or file'),
-    ] = None,
+    scenario: Annotated[str | None, Option(help='with c: fly to the goal of this scenario')] = None,
 ) -> None:
     """Write a controller for MATLAB or FuzzyLite, as JSON, Python or C99.
 

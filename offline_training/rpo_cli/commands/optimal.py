@@ -24,10 +24,7 @@ _BEST = 'under all conditions'
 
 def optimal(
     named: Annotated[
-        str,
-        Argument(
-            metavar='SCENARIO', help='shipped name or file  [approach; for starts paper_training]'
-        ),
+        str, Argument(metavar='SCENARIO', help='name or file  [approach; of starts paper_training]')
     ] = '',
     start: Annotated[
         str | None, Option(metavar='X,Y,Z[,VX,VY,VZ]', help='position [m], velocity [m/s]')
@@ -36,12 +33,8 @@ def optimal(
     duration: Annotated[float | None, Option(help='time of flight [s]')] = None,
     controller: Annotated[str | None, Option(help='fly this one too, and compare its J')] = None,
     csv: Annotated[Path | None, Option(help='write the constrained optimum')] = None,
-    whole_set: Annotated[
-        bool, Option('--all-starts', help='the means over all starts of a scenario set')
-    ] = False,
-    margin: Annotated[
-        float, Option(help='share by which each condition is stricter, 0.03 for 3 %')
-    ] = 0.0,
+    whole_set: Annotated[bool, Option('--all-starts', help='means over a set of starts')] = False,
+    margin: Annotated[float, Option(help='share by which each condition is stricter')] = 0.0,
 ) -> None:
     """Print the least energy that physics allows, without and with training's conditions.
 

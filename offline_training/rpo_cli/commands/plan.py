@@ -32,8 +32,7 @@ def plan(
     changes: Set = None,
     picture: Annotated[Path | None, Option(help='write the plan as a picture')] = None,
     entry: Annotated[
-        Path | None,
-        Option(help='meet a target that turns when that needs least energy: write the plan'),
+        Path | None, Option(help='when to meet a target that turns, by energy: write the plan')
     ] = None,
 ) -> None:
     """Print the legs of a plan, flown without errors, and their energy."""

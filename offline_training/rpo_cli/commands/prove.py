@@ -16,7 +16,7 @@ import typer
 from typer import Argument, Option
 
 from rpo_cli.commands import shared
-from rpo_cli.commands.shared import Cluster, NoFail, Resume, Workers, echo, end
+from rpo_cli.commands.shared import Cluster, NoFail, Output, Resume, Workers, echo, end
 from rpo_cli.display import print_table, progress
 from rpo_core.files.validation import InputError
 
@@ -32,59 +32,27 @@ def prove(
     context: typer.Context,
     controller: Annotated[str, Argument(help='shipped name or file')] = '',
     scenario: Annotated[
-        str,
-        Option(
-            help='set whose outermost starts are the box, or single flight, the middle of the box'
-        ),
+        str, Option(help='set, whose outermost starts are the box, or flight, its middle')
     ] = 'paper_training',
-    position: Annotated[
-        float | None, Option(help='half-width of the box of starts, each axis [m]')
-    ] = None,
-    velocity: Annotated[
-        float, Option(min=0.0, help='half-width in velocity, each axis [m/s]')
-    ] = 0.0,
+    position: Annotated[float | None, Option(help='half-width of the box, each axis [m]')] = None,
+    velocity: Annotated[float, Option(min=0.0, help='half-width, each axis [m/s]')] = 0.0,
     mass: Annotated[float, Option(help='share by which the mass may differ')] = 0.0,
     disturbance: Annotated[
-        float,
-        Option(help="the scenario's disturbance at any phase, up to so many times; 0: as it is"),
+        float, Option(help="the scenario's at any phase, up to so many times; 0: as it is")
     ] = 0.0,
-    any_disturbance: Annotated[
-        float, Option(help='any other disturbance of an axis, changing at every tick [N]')
-    ] = 0.0,
-    axes_apart: Annotated[
-        bool,
-        Option('--axes-apart', help='each axis alone, in cells of its unknown disturbance, mass'),
-    ] = False,
-    cell: Annotated[
-        float, Option(help='half-width of the first cells, or of strips of --axes-apart [m]')
-    ] = 1.0,
+    any_disturbance: Annotated[float, Option(help='any other one of an axis [N]')] = 0.0,
+    axes_apart: Annotated[bool, Option('--axes-apart', help='each axis alone')] = False,
+    cell: Annotated[float, Option(help='half-width of the first cells, or strips [m]')] = 1.0,
     cell_velocity: Annotated[float, Option(help='half-width of them in velocity [m/s]')] = 0.025,
-    claim: Annotated[
-        list[str] | None,
-        Option(help='requirement to prove, repeatable  [all of the scenario]'),
-    ] = None,
-    output: Annotated[
-        Path | None, Option('--output', '-o', help='folder  [runs/proof_NAME]')
-    ] = None,
+    claim: Annotated[list[str] | None, Option(help='requirement, repeatable  [all]')] = None,
+    output: Output = None,
     resume: Resume = None,
-    check: Annotated[
-        Path | None, Option(help='folder of a finished proof to check independently')
-    ] = None,
-    publish: Annotated[
-        bool, Option('--publish', help='with --check of `rpo prove NAME`: into docs/proof.md')
-    ] = False,
-    cells: Annotated[
-        int, Option(min=0, help='with --check: random cells of each group, 0 = all')
-    ] = 20,
-    flights: Annotated[
-        int, Option(min=0, help='with --check: random flights held against their tubes')
-    ] = 1000,
-    seed: Annotated[
-        int | None, Option(min=0, help='with --check: of what is drawn  [another each time]')
-    ] = None,
-    estimate: Annotated[
-        int, Option(min=0, help='prove so many first cells only, at random; say what all cost')
-    ] = 0,
+    check: Annotated[Path | None, Option(help='folder of a proof to check independently')] = None,
+    publish: Annotated[bool, Option('--publish', help='after --check: in docs/proof.md')] = False,
+    cells: Annotated[int, Option(min=0, help='to check of each group, random; 0: all')] = 20,
+    flights: Annotated[int, Option(min=0, help='to check against their tubes, random')] = 1000,
+    seed: Annotated[int | None, Option(min=0, help='of a check  [another each time]')] = None,
+    estimate: Annotated[int, Option(min=0, help='so many first cells: what would all cost')] = 0,
     workers: Workers = 0,
     cluster: Cluster = '',
     no_fail: NoFail = False,

@@ -76,12 +76,8 @@ def attack(
     runs: Annotated[int, Option(min=1, max=10_000_000, help='flights')] = 7000,
     seed: Annotated[int, Option(min=0, help='of all that is drawn')] = 1,
     ticks: Annotated[int, Option(min=1, max=1_000_000, help='length of a flight')] = 1000,
-    campaign: Annotated[
-        str, Option(help='shipped name or file: fly its runs instead, with all stages')
-    ] = '',
-    estimated: Annotated[
-        bool, Option('--estimated', help='with its own sensors and estimator of the position')
-    ] = False,
+    campaign: Annotated[str, Option(help='name or file: fly its runs, with all stages')] = '',
+    estimated: Annotated[bool, Option('--estimated', help='with its own sensors')] = False,
     changes: Set = None,
     no_fail: NoFail = False,
 ) -> None:
@@ -190,9 +186,7 @@ def drift(
     beyond: Annotated[float, Option(min=0.0, help='look beyond this range only [m]')] = 15.0,
     orbits: Annotated[float, Option(min=0.0, max=100.0, help='length of a drift')] = 2.0,
     drag: Annotated[float, Option(min=0.0, help='largest differential acceleration [m/s^2]')] = 0.0,
-    more_drag: Annotated[
-        bool, Option('--more-drag', help='it is known that the chaser has the more drag')
-    ] = False,
+    more_drag: Annotated[bool, Option('--more-drag', help='the chaser has the more drag')] = False,
 ) -> None:
     """Print from how many moments of flights a thruster silence would lead to the target."""
     from rpo_core.control.controller import load_controller
@@ -257,9 +251,7 @@ def thrusters(
         str, Argument(help='preset, or scenario with `thrusters.table`', metavar='TABLE')
     ] = 'pairs_12',
     pairs: Annotated[bool, Option('--pairs', help='any two failures, not one')] = False,
-    source: Annotated[
-        Path | None, Option('--c', help='write the allocation as C99 instead, and its header')
-    ] = None,
+    source: Annotated[Path | None, Option('--c', help='write the allocation in C instead')] = None,
     changes: Set = None,
 ) -> None:
     """Print the force that thrusters have without torque, whole and with failures.

@@ -10,7 +10,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from rpo_cli.commands.shared import NoFail, Set, echo, end
+from rpo_cli.commands.shared import NoFail, Output, Set, echo, end
 from rpo_cli.display import print_table, progress
 
 LEAST = 1.1
@@ -21,9 +21,7 @@ def scale(
     controller: Annotated[str, Argument(help='shipped name or file')],
     scenario: Annotated[str, Option(help='scenario or set (name or file) to scale for')],
     changes: Set = None,
-    output: Annotated[
-        Path | None, Option('--output', '-o', help='file  [runs/scaled/NAME.yaml]')
-    ] = None,
+    output: Output = None,
     no_fail: NoFail = False,
 ) -> None:
     """Scale a controller for another vehicle and mission, without training, and fly it.

@@ -31,6 +31,9 @@ Cluster = Annotated[
 ]
 Controller = Annotated[str, Option(help='shipped name or file')]
 SameScenario = Annotated[str, Option('--scenario', help='the same, as an option')]
+Output = Annotated[
+    Path | None, Option('--output', '-o', help='where to write  [in runs/, by its name]')
+]
 Resume = Annotated[Path | None, Option(help='folder to go on with')]
 NoFail = Annotated[bool, Option('--no-fail', help='exit code 0 although something is missed')]
 

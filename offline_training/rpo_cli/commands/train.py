@@ -11,7 +11,7 @@ import typer
 from typer import Argument, Option
 
 from rpo_cli.commands import shared
-from rpo_cli.commands.shared import Cluster, NoFail, Resume, Workers, echo
+from rpo_cli.commands.shared import Cluster, NoFail, Output, Resume, Workers, echo
 from rpo_core.files.validation import InputError, choice
 
 if TYPE_CHECKING:
@@ -20,25 +20,16 @@ if TYPE_CHECKING:
 
 def train(
     context: typer.Context,
-    kind: Annotated[
-        str | None,
-        Argument(help='tune a baseline: pd, lqr, mpc or apf_smc; else, train a fuzzy one'),
-    ] = None,
+    kind: Annotated[str | None, Argument(help='baseline to tune: pd, lqr, mpc, apf_smc')] = None,
     preset: Annotated[
         str | None,
         Option(
             help='paper, best, robust, allround, front, mission  [paper; with --scenario, mission]'
         ),
     ] = None,
-    family: Annotated[
-        str, Option(help='another family than the 30 numbers: more_words, time_to_go')
-    ] = '',
-    attitude: Annotated[
-        bool, Option('--attitude', help='train a controller of attitude: paper, best')
-    ] = False,
-    scenario: Annotated[
-        str, Option(help='train for this scenario or set (name or file); scales are fitted')
-    ] = '',
+    family: Annotated[str, Option(help='another form of rules: more_words, time_to_go')] = '',
+    attitude: Annotated[bool, Option('--attitude', help='of attitude: paper, best')] = False,
+    scenario: Annotated[str, Option(help='train for this scenario or set (name or file)')] = '',
     config: Annotated[Path | None, Option(help='YAML file, instead of a preset')] = None,
     seed: Annotated[int | None, Option(help='seed of the random numbers')] = None,
     algorithm: Annotated[str | None, Option(help='ga, cmaes, ga-cmaes, race or nsga2')] = None,
@@ -46,9 +37,7 @@ def train(
         list[str] | None,
         Option('--set', metavar='KEY=VALUE', help='any setting, as --show names it'),
     ] = None,
-    output: Annotated[
-        Path | None, Option('--output', '-o', help='run folder  [runs/NAME_SEED]')
-    ] = None,
+    output: Output = None,
     resume: Resume = None,
     workers: Workers = 0,
     cluster: Cluster = '',

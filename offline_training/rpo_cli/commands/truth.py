@@ -23,15 +23,10 @@ if TYPE_CHECKING:
 
 
 def truth(
-    subject: Annotated[
-        str,
-        Argument(help='run folder or .mcap file; or a scenario (shipped name or file), flown here'),
-    ] = '',
+    subject: Annotated[str, Argument(help='run (folder or .mcap), or scenario to fly')] = '',
     scenario: SameScenario = '',
     controller: Controller = DEFAULT_CONTROLLER,
-    plot: Annotated[
-        Path | None, Option(help='picture  [RUN/report/truth.png, or runs/truth.png]')
-    ] = None,
+    plot: Annotated[Path | None, Option(help='picture  [in RUN/report, or in runs]')] = None,
     write: Annotated[Path | None, Option(help='page to put the tables into')] = None,
 ) -> None:
     """Fly a run's forces again under true gravity, and print the error of the plant.
