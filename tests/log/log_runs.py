@@ -36,7 +36,7 @@ from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.statuses import numbers_text
 from rpo_log import signature
 from rpo_mcap.format.run import RunSummary, TimeBase
-from rpo_mcap.write.side_file import HealthLogWriter
+from rpo_mcap.write.mcap_file import HealthLogWriter
 from rpo_mcap.write.writer import RunLogWriter
 
 CLOCK, STATE = '/clock', '/relative_state'

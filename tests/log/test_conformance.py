@@ -26,8 +26,7 @@ from rpo_core.wire import interfaces
 from rpo_mcap import topics
 from rpo_mcap.errors import LogError
 from rpo_mcap.format import rosbag2
-from rpo_mcap.write.mcap_file import BagFileWriter
-from rpo_mcap.write.side_file import HealthLogWriter
+from rpo_mcap.write.mcap_file import BagFileWriter, HealthLogWriter
 
 KEPT = Path(__file__).with_name('metadata.txt')
 """The metadata.yaml of the run, as version 9 of rosbag2 has it."""

@@ -5,7 +5,6 @@
 import math
 import random
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +17,7 @@ from rpo_core.files import scenario
 from rpo_core.wire import cdr, interfaces
 from rpo_log.tools.export import tables
 from rpo_log.verify import verify
-from rpo_mcap.read.run_log import other_signals, read_flight
+from rpo_mcap.read.run_log import flight_of, other_signals, read_run
 from rpo_mcap.read.stream import RunReader
 
 APPLIED = '/applied_force'
@@ -67,7 +66,7 @@ def test_what_a_plant_limits_is_no_difference(tmp_path):
 
 def test_the_flight_of_a_log_is_what_was_flown(free, tmp_path):
     free.write(tmp_path / 'run')
-    flight = read_flight(tmp_path / 'run')
+    flight = flight_of(read_run(tmp_path / 'run'))
     np.testing.assert_array_equal(flight.forces_n, np.array(free.applied))
     energy = float((flight.saturated_forces_n**2).sum() * flight.scenario.dt_s)
     assert math.isclose(energy, free.plant.energy_n2s, rel_tol=1e-12)
@@ -118,7 +117,7 @@ def test_torques_that_were_late_empty_the_wheels_as_they_acted(tmp_path):
     lost = {tick for tick in range(3, flown.ticks) if random.Random(tick).random() < 0.3}
     missed = {'attitude_control': {90, 100, 101}}
     FreeRun(flown, 'allround', lost, missed).write(tmp_path / 'run')
-    flight = read_flight(tmp_path / 'run')
+    flight = flight_of(read_run(tmp_path / 'run'))
     assert (flight.signal('unloading_torque') != 0.0).any(axis=1)[sorted(lost)].any()
     found = verify(tmp_path / 'run')
     assert found.difference is None, found.sentence()
@@ -140,15 +139,13 @@ def test_signals_beside_the_flight_are_those_that_say_something_else():
     one = np.ones((3, 3))
     names = [interfaces.RELATIVE_STATE, interfaces.CONTROL_FORCE, interfaces.DISTURBANCE_FORCE]
     names += [interfaces.REFERENCE_STATE, 'assured_force']
-    lockstep = SimpleNamespace(values=dict.fromkeys(names, one))
+    lockstep = dict.fromkeys(names, one)
     assert list(other_signals(lockstep)) == [interfaces.REFERENCE_STATE, 'assured_force']
     applied = [interfaces.APPLIED_FORCE, interfaces.APPLIED_DISTURBANCE]
-    free = SimpleNamespace(values=dict.fromkeys([*names, *applied], one))
+    free = dict.fromkeys([*names, *applied], one)
     assert list(other_signals(free)) == [interfaces.REFERENCE_STATE]
     turns = [interfaces.APPLIED_BODY_FORCE, interfaces.APPLIED_TORQUE, interfaces.BODY_FORCE]
-    found = other_signals(
-        SimpleNamespace(values={name: i * one for i, name in enumerate([*names, *turns], 1)})
-    )
+    found = other_signals({name: i * one for i, name in enumerate([*names, *turns], 1)})
     assert {name: rows[0, 0] for name, rows in found.items()} == {
         interfaces.REFERENCE_STATE: 4.0,
         interfaces.BODY_FORCE: 6.0,

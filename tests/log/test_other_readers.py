@@ -20,7 +20,7 @@ from rosbags.highlevel import AnyReader
 
 from rpo_mcap.errors import LogError
 from rpo_mcap.read.run_log import read_run
-from rpo_mcap.write.side_file import HealthLogWriter
+from rpo_mcap.write.mcap_file import HealthLogWriter
 
 JAVASCRIPT_PACKAGES = [
     '@mcap/core',

@@ -23,7 +23,7 @@ from rpo_core.world.dynamics import DynamicsStage
 from rpo_guidance.guidance import GuidanceStage
 from rpo_log.verify import verify
 from rpo_mcap.errors import ExitCode
-from rpo_mcap.read.run_log import read_flight, read_run
+from rpo_mcap.read.run_log import flight_of, read_run
 from rpo_nav.attitude_estimator import AttitudeEstimatorStage
 from rpo_nav.attitude_sensors import AttitudeSensors
 from rpo_nav.estimator import EstimatorStage
@@ -268,7 +268,7 @@ def test_of_a_peer_that_was_lost_twice_the_first_word_counts(small_blocks, again
     assert summary.whole and found.exit_code == ExitCode.OK, found.sentence()
     assert f'flown without control_force from tick {LOST_AT} on;' in found.sentence()
     assert read_run(tmp_path).complete
-    assert read_flight(tmp_path).forces_n.tolist() == flight.forces_n.tolist()
+    assert flight_of(read_run(tmp_path)).forces_n.tolist() == flight.forces_n.tolist()
 
 
 def test_a_controller_that_was_lost_from_the_start_was_not_recomputed(tmp_path):
@@ -438,7 +438,7 @@ def test_a_hold_that_the_table_decides_verifies(small_blocks, flown, held, tmp_p
     found = written(flown, tmp_path, said('holding', held, 'assurance'))
     assert found.exit_code == ExitCode.OK, found.sentence()
     assert 'assurance' in found.stages
-    assert read_flight(tmp_path).events == {'assurance': [(held, 'holding')]}
+    assert flight_of(read_run(tmp_path)).events == {'assurance': [(held, 'holding')]}
 
 
 @pytest.mark.parametrize(

@@ -34,7 +34,7 @@ from rpo_log.tools.info import inspect
 from rpo_log.verify import verify
 from rpo_mcap.errors import ExitCode, LogError
 from rpo_mcap.read.run_log import read_run
-from rpo_mcap.write.side_file import HealthLogWriter
+from rpo_mcap.write.mcap_file import HealthLogWriter
 
 
 def test_numbers_along_a_logarithmic_axis_are_plain():

@@ -43,9 +43,8 @@ from rpo_log.tools.repair import repair
 from rpo_mcap.errors import ExistsAlready, LogError
 from rpo_mcap.format import run as run_format
 from rpo_mcap.format.run import TimeBase
-from rpo_mcap.read.run_log import read_flight, read_run
-from rpo_mcap.write.mcap_file import BagFileWriter
-from rpo_mcap.write.side_file import HealthLogWriter
+from rpo_mcap.read.run_log import flight_of, read_run
+from rpo_mcap.write.mcap_file import BagFileWriter, HealthLogWriter
 from rpo_mcap.write.writer import RunLogWriter
 from rpo_thrusters.thrusters import Thrusters
 
@@ -97,7 +96,8 @@ def test_without_clock_disturbance_or_status(tmp_path):
     assert run.write(tmp_path).whole
     log = read_run(tmp_path)
     assert log.complete
-    assert log.disturbances_n is None and not read_flight(tmp_path).disturbances_n.any()
+    assert interfaces.DISTURBANCE_FORCE not in log.values
+    assert not flight_of(read_run(tmp_path)).disturbances_n.any()
     np.testing.assert_array_equal(log.forces_n, run.flight.forces_n)
 
 

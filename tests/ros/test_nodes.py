@@ -25,7 +25,7 @@ from rpo_ctrl.controller_node import ControllerNode
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.replay_node import ReplayNode
 from rpo_log.verify import verify
-from rpo_mcap.read.run_log import read_flight, read_run
+from rpo_mcap.read.run_log import flight_of, read_run
 from rpo_ros.entry_point import start_node
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 from rpo_sim.fault_injector_node import FaultInjectorNode
@@ -238,5 +238,5 @@ def test_two_runs_in_two_namespaces_do_not_touch(ros):
         remap = {'__ns': f'/{name}', '/clock': f'/{name}/clock'}
         runs.append(ros.node('rpo_bringup', 'final_approach', *options, remap=remap))
     assert [node.wait() for node in runs] == [0, 0], [node.output for node in runs]
-    alpha, beta = (read_flight(ros.folder / name) for name in ('alpha', 'beta'))
+    alpha, beta = (flight_of(read_run(ros.folder / name)) for name in ('alpha', 'beta'))
     np.testing.assert_array_equal(alpha.states, beta.states)

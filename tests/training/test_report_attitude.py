@@ -24,7 +24,7 @@ from rpo_core.files import scenario as scenarios
 from rpo_core.wire.interfaces import BODY_TORQUE, CHASER_ATTITUDE, EXERTED_FORCE, WHEEL_MOMENTUM
 from rpo_log.show import report, style
 from rpo_log.tools.export import export
-from rpo_mcap.read.run_log import read_flight, read_run
+from rpo_mcap.read.run_log import flight_of, read_run
 from rpo_report import attitude, replay
 from rpo_report.logged import logged_flight, until
 from rpo_report.replay import Replayed
@@ -88,8 +88,8 @@ def logged(tmp_path_factory):
 
 def test_the_wheels_of_a_log_are_those_that_flew(flight, logged):
     """The stage is run again: a log has the torques alone."""
-    found, known = turned_of(read_flight(logged)), turned_of(flight)
-    assert WHEEL_MOMENTUM not in read_flight(logged).signals
+    found, known = turned_of(flight_of(read_run(logged))), turned_of(flight)
+    assert WHEEL_MOMENTUM not in flight_of(read_run(logged)).signals
     np.testing.assert_array_equal(found.momenta_nms, flight.signals[WHEEL_MOMENTUM])
     for one, other in zip(found, known, strict=True):
         np.testing.assert_array_equal(one, other)
@@ -109,7 +109,7 @@ def test_a_log_that_lost_a_command_in_the_chasers_axes_is_shown_up_to_it(logged)
     values['body_force'][100] = values[BODY_TORQUE][100] = np.nan
     shown = logged_flight(replace(log, values=values, gaps=('one is missing',)))
     assert shown.flight.scenario.duration_s == 9.9
-    expected = until(read_flight(logged), 99)
+    expected = until(flight_of(read_run(logged)), 99)
     assert shown.flight.thrust.delta_v_m_s == expected.thrust.delta_v_m_s > 0.0
     np.testing.assert_array_equal(turned_of(shown.flight).momenta_nms, turned_of(expected)[-1])
 
@@ -217,7 +217,7 @@ def test_a_limit_counts_once_it_is_reached():
 
 def test_the_page_shows_angles_rates_and_wheels(logged):
     with style.applied():
-        (section,) = attitude.sections(read_flight(logged))
+        (section,) = attitude.sections(flight_of(read_run(logged)))
     rows = {row[0]: row[1:] for row in section.blocks[0].rows}
     assert set(rows) == {
         'off the reference, per axis', 'θ, force turned wrongly by', 'rate, per axis',
@@ -258,7 +258,7 @@ def test_the_report_names_axes_that_turn_and_no_optimum(logged, tmp_path):
     text = (tmp_path / 'report.html').read_text()
     assert 'The optimum is computed where neither chaser nor target turns.' in text
     assert 'velocity and control force; right' in text
-    flight = read_flight(logged)
+    flight = flight_of(read_run(logged))
     drawn = report.time_histories(flight).axes[0].get_legend_handles_labels()[1]
     assert drawn == ['x', 'y', 'z']
     still = fly(scenarios.load_scenario('quick'), load_controller('allround'))

@@ -30,7 +30,7 @@ from rpo_log.manifests import CONTROLLER, PLANT, Manifests
 from rpo_mcap.errors import ExistsAlready, LogError
 from rpo_mcap.format import run as run_log
 from rpo_mcap.topics import Topic
-from rpo_mcap.write.side_file import HealthLogWriter
+from rpo_mcap.write.mcap_file import HealthLogWriter
 from rpo_mcap.write.writer import PHASES, RunLogWriter
 from rpo_ros import health, names, qos
 from rpo_ros.conversions import texts_of

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,10 +55,10 @@ def free_running(recorded: Iterable[Topic]) -> bool:
     return any(topic.signal in APPLIED for topic in recorded)
 
 
-def is_due(topic: Topic, recorded: Iterable[Topic]) -> bool:
-    """Return whether each tick must have a message; in free running an answer may be missing."""
-    answers = topic.row.due == interfaces.EACH_TICK
-    return not (topic.is_event or (answers and free_running(recorded)))
+def due(recorded: Sequence[Topic]) -> list[Topic]:
+    """Return those with a message at each tick; in free running an answer may be missing."""
+    missing = {interfaces.EVENT, *[interfaces.EACH_TICK] * free_running(recorded)}
+    return [topic for topic in recorded if topic.row.due not in missing]
 
 
 SIGNAL = 'rpo_signal'
@@ -84,18 +84,11 @@ def resolve(names: Iterable[str | Topic], path: str = 'topics') -> tuple[Topic, 
     for name in names:
         topic = name if isinstance(name, Topic) else find(name)
         if topic is None:
-            raise LogError(
-                path,
-                f'topic {name} has no role in a run; the last '
-                f'part of a name must be one of {", ".join(order)}',
-            )
-        if topic.signal in found:
-            raise LogError(
-                path,
-                f'topics {found[topic.signal].name} and {topic.name} have '
-                f'the same role, {topic.signal}; one run is recorded in one log',
-            )
-        found[topic.signal] = topic
+            rule = f'the last part of a name must be one of {", ".join(order)}'
+            raise LogError(path, f'topic {name} has no role in a run; {rule}')
+        if (other := found.setdefault(topic.signal, topic)) is not topic:
+            both = f'topics {other.name} and {topic.name} have the same role, {topic.signal}'
+            raise LogError(path, f'{both}; one run is recorded in one log')
     return tuple(found[signal] for signal in order if signal in found)
 
 
@@ -105,12 +98,10 @@ ACTIVE, INACTIVE = 'active', 'inactive'
 
 def dropped(status: cdr.Status) -> dict[str, int]:
     """Return the signals that the plant goes on without, by a run_status, and from which tick."""
-    values = dict(status.values)
-    tick = tick_of(status)
-    if tick is None:
+    if (tick := tick_of(status)) is None:
         return {}
-    rows = [interfaces.find(name) for name in values.get('dropped', '').split()]
-    return {row.name: tick for row in rows if row is not None}
+    names = dict(status.values).get('dropped', '').split()
+    return {row.name: tick for row in map(interfaces.find, names) if row is not None}
 
 
 def coasted(

@@ -87,25 +87,18 @@ class TimeBase:
 
     def to_record(self) -> dict[str, str]:
         """Return the values of the MCAP metadata record."""
-        return {
-            'epoch_ns': str(self.epoch_ns),
-            'dt_ns': str(self.dt_ns),
-            'last_tick': str(self.last_tick),
-        }
+        return {name: str(value) for name, value in vars(self).items()}
 
     @classmethod
     def from_record(cls, values: Mapping[str, str], path: Path) -> TimeBase:
         """Return the time base of an MCAP metadata record; raises LogError."""
         try:
-            base = cls(int(values['epoch_ns']), int(values['dt_ns']), int(values['last_tick']))
+            base = cls(*(int(values[name]) for name in ('epoch_ns', 'dt_ns', 'last_tick')))
         except (KeyError, ValueError):
             base = cls(0, 0, 0)
         if base.dt_ns <= 0 or base.last_tick < 0 or base.epoch_ns < 0:
-            raise NotARun(
-                path,
-                f'its record {RUN_RECORD} must hold epoch_ns, '
-                f'dt_ns > 0 and last_tick as whole numbers; got {dict(values)}',
-            )
+            what = 'epoch_ns, dt_ns > 0 and last_tick as whole numbers'
+            raise NotARun(path, f'its record {RUN_RECORD} must hold {what}; got {dict(values)}')
         return base
 
 
@@ -164,11 +157,9 @@ def log_files(folder: Path) -> list[Path]:
     """
     found = _all_logs(folder)
     if len(found) > 1 and found[0].name == _WHOLE:
-        raise NotARun(
-            folder,
-            f'must hold one log, {_WHOLE} or run_0.mcap, run_1.mcap, ...; '
-            f'it holds {", ".join(path.name for path in found)}',
-        )
+        names = ', '.join(path.name for path in found)
+        one = f'one log, {_WHOLE} or run_0.mcap, run_1.mcap, ...'
+        raise NotARun(folder, f'must hold {one}; it holds {names}')
     return found
 
 
@@ -187,12 +178,10 @@ def prepare_folder(folder: Path, overwrite: bool) -> None:
         taken = _all_logs(folder)
         taken += [folder / name for name in _BESIDE if os.path.lexists(folder / name)]
         if taken and not overwrite:
-            raise ExistsAlready(
-                folder,
-                f'holds a log already ({", ".join(path.name for path in taken)}); '
-                'name another folder, or overwrite this one (`--overwrite`; '
-                'recorder: `-p overwrite:=true`)',
-            )
+            names = ', '.join(path.name for path in taken)
+            way = 'overwrite this one (`--overwrite`; recorder: `-p overwrite:=true`)'
+            sentence = f'holds a log already ({names}); name another folder, or {way}'
+            raise ExistsAlready(folder, sentence)
         for path in taken:
             path.unlink()
     except OSError as error:

@@ -12,28 +12,15 @@ from __future__ import annotations
 
 import hashlib
 import struct
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
+from mcap import records
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import (
-    Attachment,
-    AttachmentIndex,
-    Channel,
-    Chunk,
-    ChunkIndex,
-    DataEnd,
-    Footer,
-    McapRecord,
-    Metadata,
-    MetadataIndex,
-    Schema,
-    Statistics,
-    SummaryOffset,
-)
+from mcap.records import Channel, McapRecord, Schema
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
@@ -42,43 +29,23 @@ from rpo_core.files.validation import shown
 _HEAD_BYTES = 9
 """Opcode and length before the content of each record."""
 
-_DATA = frozenset(
+LEADING = frozenset(
     (
-        Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK,
-        Opcode.MESSAGE_INDEX, Opcode.ATTACHMENT, Opcode.METADATA, Opcode.DATA_END,
+        Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX, Opcode.STATISTICS,
+        Opcode.SUMMARY_OFFSET,
     )
 )  # fmt: skip
-_SUMMARY = frozenset(
-    (
-        Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS, Opcode.CHUNK_INDEX,
-        Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX, Opcode.SUMMARY_OFFSET, Opcode.FOOTER,
-    )
-)  # fmt: skip
+"""Records that only a summary has."""
+
+_DATA = frozenset(Opcode) - LEADING - {Opcode.FOOTER}
+_SUMMARY = LEADING | {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.FOOTER}
 _IN_NO_GROUP = (Opcode.DATA_END, Opcode.FOOTER, Opcode.SUMMARY_OFFSET)
+_INDEXES = (records.ChunkIndex, records.AttachmentIndex, records.MetadataIndex)
+_DECLARATIONS = (Schema, Channel)
 _MESSAGE = np.dtype([('channel', '<u2'), ('sequence', '<u4'), ('log_ns', '<u8')])
 _INDEX = struct.Struct('<HI')
 
 Pairs = NDArray[np.uint64]
-
-
-@dataclass
-class _Group:
-    """The index records of one kind: those that must be there, and those that are."""
-
-    due: int = 0
-    count: int = 0
-    expected: hashlib._Hash = field(default_factory=hashlib.sha256)
-    actual: hashlib._Hash = field(default_factory=hashlib.sha256)
-
-    def expect(self, index: McapRecord) -> None:
-        """Take an index record that must be there."""
-        self.due += 1
-        self.expected.update(repr(index).encode())
-
-    def take(self, index: McapRecord) -> None:
-        """Take one that is there."""
-        self.count += 1
-        self.actual.update(repr(index).encode())
 
 
 class Indexes:
@@ -98,16 +65,18 @@ class Indexes:
         self._data_end = -1  # where the summary begins
         # Of the last chunk, while its message indexes come: what leads to it, and per channel
         # (n, 2) log time and offset of each message.
-        self._chunk: ChunkIndex | None = None
+        self._chunk: records.ChunkIndex | None = None
         self._messages: dict[int, Pairs] = {}
         self._begins: dict[int, int] = {}  # where it declares channels
-        self._indexes = {kind: _Group() for kind in (ChunkIndex, AttachmentIndex, MetadataIndex)}
+        # Index records by type, those that must be there (True) and those that are.
+        self._numbers: Counter[tuple[type, bool]] = Counter()
+        self._digests: dict[tuple[type, bool], hashlib._Hash] = defaultdict(hashlib.sha256)
         self._declared: dict[tuple[type, int], tuple[bytes, str]] = {}  # digest and name
         self._repeated: dict[tuple[type, int], tuple[bytes, str]] = {}  # in the summary
         self._loose = 0  # messages in no chunk
         self._counts: Counter[int] = Counter()
         self._times: tuple[int, int] | None = None
-        self._statistics: Statistics | None = None
+        self._statistics: records.Statistics | None = None
         self._groups: dict[int, tuple[int, int]] = {}  # by opcode, start and length
         self._offsets: dict[int, tuple[int, int]] = {}  # to them
         self._offsets_start = 0
@@ -130,8 +99,8 @@ class Indexes:
         match record:
             case Schema() | Channel():
                 self.declare(record, content)
-            case Chunk():
-                self._chunk = ChunkIndex(
+            case records.Chunk():
+                self._chunk = records.ChunkIndex(
                     length, offset, record.compression, len(record.data), record.message_end_time,
                     0, {}, record.message_start_time, record.uncompressed_size,
                 )  # fmt: skip
@@ -140,28 +109,28 @@ class Indexes:
                 channel, _, log_ns = struct.unpack_from('<HIQ', content)
                 self._loose += 1
                 self._count(channel, 1, (log_ns, log_ns), offset)
-            case Attachment(create_time, log_time, name, media_type, data):
+            case records.Attachment(create_time, log_time, name, media_type, data):
                 self._require_checksum(int.from_bytes(content[-4:], 'little'), 'its attachments')
                 times = log_time, create_time
-                index = AttachmentIndex(offset, length, *times, len(data), name, media_type)
-                self._indexes[AttachmentIndex].expect(index)
-            case Metadata():
-                self._indexes[MetadataIndex].expect(MetadataIndex(offset, length, record.name))
-            case DataEnd():
+                index = records.AttachmentIndex(offset, length, *times, len(data), name, media_type)
+                self._note(index, due=True)
+            case records.Metadata():
+                self._note(records.MetadataIndex(offset, length, record.name), due=True)
+            case records.DataEnd():
                 self._data_end = offset + length if self._data_end < 0 else self._data_end
                 self._require_checksum(record.data_section_crc, 'its data')
-            case ChunkIndex() | AttachmentIndex() | MetadataIndex():
-                self._indexes[type(record)].take(_in_order(record))
-            case Statistics():
+            case records.ChunkIndex() | records.AttachmentIndex() | records.MetadataIndex():
+                self._note(record, due=False)
+            case records.Statistics():
                 if self._statistics is not None:
                     self._find('its summary has two statistics records')
                 self._statistics = record
-            case SummaryOffset(kind, start, size):
+            case records.SummaryOffset(kind, start, size):
                 self._offsets_start = self._offsets_start or offset
                 if kind in self._offsets:
                     self._find(f'{_named(opcode, offset)} leads to a group that has another')
                 self._offsets[kind] = start, size
-            case Footer():
+            case records.Footer():
                 self._finish(offset, record)
 
     def declare(self, record: Schema | Channel, content: bytes, begin: int = -1) -> None:
@@ -230,7 +199,7 @@ class Indexes:
             self._find(f'{where} has no message index for its channel {min(missing)}')
         elif missing:
             self._lack('message indexes')
-        self._indexes[ChunkIndex].expect(_in_order(self._chunk))
+        self._note(self._chunk, due=True)
         self._chunk, self._messages, self._begins = None, {}, {}
 
     def _count(
@@ -265,7 +234,7 @@ class Indexes:
             self._find(f'{_named(opcode, offset)} stands apart from its group in the summary')
         self._groups[opcode] = start, size + length
 
-    def _finish(self, offset: int, footer: Footer) -> None:
+    def _finish(self, offset: int, footer: records.Footer) -> None:
         """Compare the summary, after its last record."""
         self._require_checksum(footer.summary_crc, 'its summary')
         empty = not self._groups and not self._offsets
@@ -275,21 +244,23 @@ class Indexes:
         begins = (self._offsets_start,) if self._offsets else (0, offset)
         if footer.summary_offset_start not in begins or (self._offsets and filled != self._groups):
             self._find('the summary offsets do not lead to the groups of its summary')
-        for kind, group in self._indexes.items():
+        for kind in _INDEXES:
             name = kind.__name__.removesuffix('Index').lower()
-            if group.count and group.actual.digest() != group.expected.digest():
+            due, count = self._numbers[kind, True], self._numbers[kind, False]
+            expected, actual = (self._digests[kind, is_due].digest() for is_due in (True, False))
+            if count and actual != expected:
                 where = f'the {name} index records of its summary'
                 self._find(f'{where} do not lead to each {name} in turn')
-            elif group.due > group.count:
+            elif due > count:
                 self._lack(f'{name} index records')
-        if self._indexes[ChunkIndex].count and self._loose:
+        if self._numbers[records.ChunkIndex, False] and self._loose:
             self._find(f'its index does not lead to {self._loose} messages that are in no chunk')
         self._compare_declared()
         self._compare_statistics()
 
     def _compare_declared(self) -> None:
         """Compare the schemas and channels of the summary with those before."""
-        for kind in (Schema, Channel):
+        for kind in _DECLARATIONS:
             before, after = (
                 {key: name for key, (_, name) in found.items() if key[0] is kind}
                 for found in (self._declared, self._repeated)
@@ -308,19 +279,27 @@ class Indexes:
             self._lack('statistics')
             return
         first, last = self._times or (0, 0)
-        chunks, attachments, metadata = (group.due for group in self._indexes.values())
-        expected = Statistics(
+        chunks, attachments, metadata = (self._numbers[kind, True] for kind in _INDEXES)
+        expected = records.Statistics(
             attachments, said.channel_count, dict(self._counts), chunks, self._counts.total(),
             last, first, metadata, said.schema_count,
         )  # fmt: skip
         counts = {channel: n for channel, n in said.channel_message_counts.items() if n}
         numbers = [
-            tuple(sum(kind is wanted for kind, _ in keys) for wanted in (Schema, Channel))
+            tuple(sum(kind is wanted for kind, _ in keys) for wanted in _DECLARATIONS)
             for keys in (self._declared.keys(), self._declared.keys() | self._repeated.keys())
         ]
         same = replace(said, channel_message_counts=counts) == expected
         if not same or (said.schema_count, said.channel_count) not in numbers:
             self._find('the statistics in its summary are not those of its records')
+
+    def _note(self, index: McapRecord, due: bool) -> None:
+        """Take an index record that must be there, or one that is."""
+        if isinstance(index, records.ChunkIndex):  # its message indexes come in any order
+            offsets = dict(sorted(index.message_index_offsets.items()))
+            index = replace(index, message_index_offsets=offsets)
+        self._numbers[type(index), due] += 1
+        self._digests[type(index), due].update(repr(index).encode())
 
     def _find(self, fault: str) -> None:
         self.fault = self.fault or fault
@@ -332,21 +311,14 @@ class Indexes:
 
 def _is_exact(record: McapRecord, content: bytes) -> bool:
     """Return whether a record is all that its bytes hold: each field once, and nothing behind."""
-    if isinstance(record, Chunk):
+    if isinstance(record, records.Chunk):
         fields = 8 + 8 + 8 + 4 + 4 + len(record.compression.encode()) + 8 + len(record.data)
         return fields == len(content)
     builder = RecordBuilder()
     record.write(builder)
     written = builder.end()[_HEAD_BYTES:]
-    end = -4 if isinstance(record, Attachment) else None  # its checksum may be left out
+    end = -4 if isinstance(record, records.Attachment) else None  # its checksum may be left out
     return written[:end] == content[:end] and len(written) == len(content)
-
-
-def _in_order(index: McapRecord) -> McapRecord:
-    """Return an index record with its message indexes in the order of their channels."""
-    if not isinstance(index, ChunkIndex):
-        return index
-    return replace(index, message_index_offsets=dict(sorted(index.message_index_offsets.items())))
 
 
 def _sorted(pairs: Pairs) -> Pairs:

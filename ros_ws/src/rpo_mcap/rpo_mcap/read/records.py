@@ -34,7 +34,7 @@ from mcap.stream_reader import StreamReader
 from rpo_core.files import open_regular
 from rpo_core.files.validation import shown
 from rpo_mcap.errors import LogError, NotARun, cannot_read
-from rpo_mcap.read.indexes import Indexes
+from rpo_mcap.read.indexes import LEADING, Indexes
 
 MAGIC = b'\x89MCAP0\r\n'
 MAX_RECORD_BYTES = 1 << 25
@@ -51,14 +51,7 @@ MESSAGE_HEAD = struct.Struct('<HIQQ')
 _FILLING = frozenset((int(Opcode.CHUNK), int(Opcode.MESSAGE)))
 _SKIMMED = _FILLING | {int(Opcode.MESSAGE_INDEX)}
 _IN_CHUNKS = frozenset((int(Opcode.SCHEMA), int(Opcode.CHANNEL)))
-_PARSED = _IN_CHUNKS | {
-    Opcode.HEADER, Opcode.FOOTER, Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.METADATA,
-    Opcode.DATA_END,
-}  # fmt: skip
-_INDEXES = {
-    Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX, Opcode.STATISTICS,
-    Opcode.SUMMARY_OFFSET,
-}  # fmt: skip
+_PARSED = frozenset(Opcode) - {Opcode.MESSAGE, Opcode.MESSAGE_INDEX}
 
 
 class Content(NamedTuple):
@@ -248,7 +241,7 @@ class FileRecords:
     def _opened(self, opcode: int, content: bytes) -> list[McapRecord | Content]:
         """Return a record, or those of a chunk; none if it is an index, or of an unknown kind."""
         record = None
-        if opcode in (_PARSED if self.indexes is None else _PARSED | _INDEXES):
+        if opcode in _PARSED and (self.indexes is not None or opcode not in LEADING):
             record = self._parse(opcode, content)
         if self.indexes is not None:
             self.indexes.take(opcode, self.offset, content, record)

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -71,11 +71,6 @@ class RunLog:
         return self.values[interfaces.CONTROL_FORCE]
 
     @property
-    def disturbances_n(self) -> NDArray[np.float64] | None:
-        """Disturbances (n, 3); None if the topic was not recorded."""
-        return self.values.get(interfaces.DISTURBANCE_FORCE)
-
-    @property
     def statuses(self) -> tuple[tuple[int, cdr.Status], ...]:
         """Each run_status with its tick."""
         return tuple((e.tick, e.status) for e in self.events if e.signal == interfaces.RUN_STATUS)
@@ -84,11 +79,6 @@ class RunLog:
     def complete(self) -> bool:
         """Whether the log shows a whole flight: every message of every tick, closed in order."""
         return not self.gaps
-
-    @property
-    def dt_s(self) -> float:
-        """Tick length."""
-        return self.base.dt_ns / 1_000_000_000
 
     @property
     def times_s(self) -> NDArray[np.float64]:
@@ -159,24 +149,16 @@ def parameters_of(log: RunLog | RunReader, name: str = PARAMETERS) -> Mapping[st
 
 
 def _parsed(log: RunLog | RunReader, name: str, parse: Callable[[Any], _Parsed]) -> _Parsed:
-    data = attachment(log.path, log.attachments, name)
+    if name not in log.attachments:
+        sentence = f'must carry {name}; it carries {", ".join(log.attachments) or "no file"}'
+        hint = '; `--scenario` names that of a bag' if name == SCENARIO else ''
+        raise LogError(log.path, sentence + hint)
     try:
-        return files.loads(data.decode(), parse, name)
+        return files.loads(log.attachments[name].decode(), parse, name)
     except UnicodeDecodeError:
         raise LogError(log.path, f'its {name} is not UTF-8 text') from None
     except InputError as error:
         raise LogError(log.path, f'its {error}') from None
-
-
-def attachment(path: Path, attachments: Mapping[str, bytes], name: str) -> bytes:
-    """Return the bytes of an attached file; raises LogError."""
-    if name not in attachments:
-        raise LogError(
-            path,
-            f'must carry {name}; it carries {", ".join(attachments) or "no file"}'
-            + ('; `--scenario` names that of a bag' if name == SCENARIO else ''),
-        )
-    return attachments[name]
 
 
 def flight_of(log: RunLog) -> Flight:
@@ -203,15 +185,20 @@ def flown_of(log: RunLog, flown: Scenario) -> Flight:
     # If it was said twice, the first counts, as in the nodes.
     said = reversed(log.statuses)
     gone = {name: tick for _, status in said for name, tick in dropped(status).items()}
-    log = replace(log, values=coasted(log.values, log.ticks, gone))
+    values = coasted(log.values, log.ticks, gone)
     zero = np.zeros((len(log.ticks), 3))
-    forces = log.values.get(interfaces.APPLIED_FORCE, log.forces_n)
-    pushes = log.values.get(interfaces.DISTURBANCE_FORCE, zero)
-    if APPLIED & log.values.keys():
-        pushes = log.values.get(interfaces.APPLIED_DISTURBANCE, zero)
-        if interfaces.APPLIED_FORCE not in log.values:
+    forces = values.get(interfaces.APPLIED_FORCE, values[interfaces.CONTROL_FORCE])
+    pushes = values.get(interfaces.DISTURBANCE_FORCE, zero)
+    if APPLIED & values.keys():
+        pushes = values.get(interfaces.APPLIED_DISTURBANCE, zero)
+        if interfaces.APPLIED_FORCE not in values:
             forces = np.nan_to_num(forces)  # an answer may be missing
-    return Flight(flown, log.states, forces, pushes, other_signals(log), stage_events(log))
+    events: dict[str, list[tuple[int, str]]] = {}
+    for event in log.events:
+        if event.signal == interfaces.STAGE_STATUS:
+            told = event.values
+            events.setdefault(told.get('stage', ''), []).append((event.tick, told.get('state', '')))
+    return Flight(flown, log.states, forces, pushes, other_signals(values), events)
 
 
 _OF_FLIGHT = (
@@ -228,35 +215,19 @@ _TAKEN = {
 """What free running says of a chaser that turns, and what it stands for."""
 
 
-def other_signals(log: RunLog) -> dict[str, NDArray[np.float64]]:
+def other_signals(logged: Mapping[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:
     """Return the logged signals beside state, force and disturbance.
 
     In free running the force applied is the last of the commands: those before it are left out.
     That of a chaser that turns has both names, by which one knows that it may have come late.
     """
-    applied = APPLIED & log.values.keys()
+    applied = APPLIED & logged.keys()
     found = {
         name: values
-        for name, values in log.values.items()
+        for name, values in logged.items()
         if name not in _OF_FLIGHT
         and not (applied and interfaces.row_of(name).carries == interfaces.COMMAND)
     }
-    taken = {name: found.pop(said, log.values.get(said)) for said, name in _TAKEN.items()}
+    taken = {name: found.pop(said, logged.get(said)) for said, name in _TAKEN.items()}
     taken[interfaces.APPLIED_BODY_FORCE] = taken[interfaces.BODY_FORCE]
     return found | {name: values for name, values in taken.items() if values is not None}
-
-
-def stage_events(log: RunLog) -> dict[str, list[tuple[int, str]]]:
-    """Return stage -> tick and state of what `stage_status` says of it."""
-    found: dict[str, list[tuple[int, str]]] = {}
-    for event in log.events:
-        if event.signal == interfaces.STAGE_STATUS:
-            values = event.values
-            named = found.setdefault(values.get('stage', ''), [])
-            named.append((event.tick, values.get('state', '')))
-    return found
-
-
-def read_flight(path: str | Path) -> Flight:
-    """Return the flight of a run folder or .mcap file; raises LogError, as `flight_of`."""
-    return flight_of(read_run(path))

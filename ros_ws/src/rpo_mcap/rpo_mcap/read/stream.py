@@ -276,13 +276,10 @@ def files_of(path: Path) -> list[Path]:
     if not files:
         there = ', '.join(sorted(found.name for found in path.iterdir())[:8]) or 'nothing'
         raise NotARun(path, f'holds no run.mcap; it holds {there}')
-    for number, file in enumerate(files):
-        if len(files) > 1 and file.name != f'run_{number}.mcap':
-            raise NotARun(
-                path,
-                f'must hold run_{number}.mcap too; it holds '
-                f'{", ".join(found.name for found in files)}',
-            )
+    names = [file.name for file in files]
+    for number, name in enumerate(names):
+        if len(names) > 1 and name != f'run_{number}.mcap':
+            raise NotARun(path, f'must hold run_{number}.mcap too; it holds {", ".join(names)}')
     return files
 
 
@@ -292,8 +289,7 @@ class Completeness:
     def __init__(self, reader: RunReader) -> None:
         self.base = reader.base
         self.messages: dict[Topic, int] = dict.fromkeys(reader.topics, 0)
-        self._may_miss = {t for t in reader.topics if not topics.is_due(t, reader.topics)}
-        self._due = dict.fromkeys(reader.topics, 0)
+        self._due = dict.fromkeys(topics.due(reader.topics), 0)  # before it is expected no more
         self.dropped: dict[str, int] = {}
         self.first = self.last = -1
         self.outcome: str | None = None
@@ -310,7 +306,8 @@ class Completeness:
             else:
                 ticks = block.ticks[block.present[topic.signal]]
                 self.messages[topic] += len(ticks)
-                self._due[topic] += int((ticks < self._until(topic)).sum())
+                if topic in self._due:
+                    self._due[topic] += int((ticks < self._until(topic)).sum())
         if len(block.ticks):
             self.first = int(block.ticks[0]) if self.first < 0 else self.first
             self.last = int(block.ticks[-1])
@@ -328,7 +325,6 @@ class Completeness:
         found = {
             topic.name: min(self.last + 1, self._until(topic)) - max(self.first, 0) - count
             for topic, count in self._due.items()
-            if topic not in self._may_miss
         }
         return {name: count for name, count in found.items() if count > 0}
 

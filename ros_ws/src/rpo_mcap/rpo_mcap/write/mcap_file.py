@@ -1,13 +1,18 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""One growing MCAP file that a crash leaves readable: whole chunks reach the system or nothing."""
+"""Growing MCAP files that a crash leaves readable: whole chunks reach the system or nothing.
+
+The file of a bag, that of a run, and that of its health.
+"""
 
 from __future__ import annotations
 
 import os
 import struct
+import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import closing
 from io import BytesIO
 from pathlib import Path
 
@@ -16,10 +21,11 @@ from mcap.opcode import Opcode
 from mcap.records import MessageIndex
 from mcap.writer import CompressionType, Writer
 
-from rpo_mcap.errors import LogError, exists
+from rpo_core.wire.interfaces import DIAGNOSTICS, row_of
+from rpo_mcap.errors import LogError, cannot_write, exists
 from rpo_mcap.format import rosbag2
 from rpo_mcap.format.rosbag2 import BagFile
-from rpo_mcap.format.run import LOG_FORMAT, RUN_RECORD, TimeBase
+from rpo_mcap.format.run import HEALTH_FILE, LOG_FORMAT, RUN_RECORD, TimeBase
 from rpo_mcap.topics import Topic
 
 PROFILE = 'ros2'
@@ -249,3 +255,54 @@ class RunFileWriter(BagFileWriter):
         """Write an attachment between two chunks."""
         self.add_attachment(self.base.epoch_ns, self.base.epoch_ns, name, MEDIA_TYPE, data)
         self.close_chunk()
+
+
+CHUNK_S = 2.0
+"""Wall time after which a chunk of health.mcap is closed: a crash loses no more."""
+
+
+class HealthLogWriter:
+    """Writes `/diagnostics` to health.mcap, stamped with the wall clock; never raises once open.
+
+    It is apart from run.mcap, which holds the same messages every tick, and is therefore read many
+    ticks at once.
+
+    folder : of the run, which is prepared (`rpo_mcap.format.run.prepare_folder`)
+    name : full name of the topic
+    failure : why the file ended early; None if it did not
+    """
+
+    def __init__(self, folder: str | Path, name: str = '/diagnostics') -> None:
+        self.failure: str | None = None
+        self._count, self._closed = 0, False
+        self._closed_s = time.monotonic()
+        path, topic = Path(folder) / HEALTH_FILE, Topic(name, row_of(DIAGNOSTICS))
+        try:
+            self._file = BagFileWriter(path, [topic])
+        except OSError as error:
+            raise cannot_write(path, error) from None
+
+    def write(self, stamp_ns: int, data: bytes) -> None:
+        """Log the CDR of one DiagnosticArray under a stamp (UTC since 1970)."""
+        if self.failure is not None or self._closed:
+            return
+        try:
+            self._file.add(stamp_ns, self._count, [(0, data)])
+            self._count += 1
+            if time.monotonic() - self._closed_s >= CHUNK_S:
+                self._closed_s = time.monotonic()
+                self._file.close_chunk()
+        except OSError as error:
+            self.failure = error.strerror or str(error)
+
+    def close(self) -> None:
+        """End the file; what comes after is dropped. Never raises."""
+        if self._closed:
+            return
+        self._closed = True
+        try:
+            with closing(self._file):
+                if self.failure is None:
+                    self._file.finish()
+        except OSError as error:
+            self.failure = error.strerror or str(error)

@@ -201,7 +201,7 @@ class RunLogWriter:
     def summary(self) -> RunSummary:
         """What the log holds now."""
         counts = dict(zip((topic.name for topic in self.topics), self.orderer.counts, strict=True))
-        due = {topic.name for topic in self.topics if topics.is_due(topic, self.topics)}
+        due = {topic.name for topic in topics.due(self.topics)}
         files = self._files()
         logged = [sum(file.counts[index] for file in files) for index in range(len(counts))]
         taken = sum(c.written for c in counts.values()) + self.orderer.waiting
