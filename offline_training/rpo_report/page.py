@@ -22,7 +22,7 @@ from typing import Any, Literal
 from rpo_core.files import parse_yaml
 from rpo_core.files.output import write_aside, write_text
 from rpo_core.files.validation import InputError
-from rpo_log.bag import is_bag
+from rpo_log.bag import bag_at
 from rpo_log.show import style
 from rpo_log.show.replay import filled
 from rpo_mcap.format.run import log_files
@@ -308,7 +308,7 @@ def subject_of(target: str) -> Subject:
     if not os.path.isdir(target):  # unlike Path's, never raises on odd names
         return 'controller'
     folder = Path(target)
-    if log_files(folder) or is_bag(folder):
+    if log_files(folder) or bag_at(folder):
         return 'run'
     if (folder / _CAMPAIGN).is_file():
         return 'campaign'

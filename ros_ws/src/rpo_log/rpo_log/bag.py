@@ -14,6 +14,7 @@ import shutil
 import tempfile
 import weakref
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.statuses import Manifest, RunStatus
-from rpo_log.manifests import CONTROLLER, PLANT, Manifests
+from rpo_log.manifests import Manifests
 from rpo_mcap import topics
 from rpo_mcap.errors import LogError, NotARun
 from rpo_mcap.format import run
@@ -35,6 +36,7 @@ from rpo_mcap.topics import Topic
 from rpo_mcap.write.writer import PHASES, RunLogWriter
 
 _STORAGE = ('.mcap', '.db3')
+_NOT_NEEDED = '`--scenario` and `--controller` are for a bag that does not carry them'
 _MOST_HOLES = 10
 """Stamps on a grid have at most so many ticks for each of them; else they are on none."""
 
@@ -49,28 +51,16 @@ def open_run(path: str | Path, scenario: str = '', controller: str = '') -> RunR
     try:
         reader = RunReader(path)
     except NotARun:
-        bag = _bag_at(Path(path))
-        if bag is None:
+        if (bag := bag_at(Path(path))) is None:
             raise
         return BagReader(bag, scenario, controller)
     if scenario or controller:
-        raise _not_needed(reader.path)
+        raise InputError(f'{_NOT_NEEDED}; {reader.path} does')
     return reader
 
 
-def _not_needed(path: Path) -> InputError:
-    return InputError(
-        f'`--scenario` and `--controller` are for a bag that does not carry them; {path} does'
-    )
-
-
-def is_bag(path: Path) -> bool:
-    """Return whether a path is that of a bag, by its files' names."""
-    return _bag_at(path) is not None
-
-
-def _bag_at(path: Path) -> Path | None:
-    """Return the folder of a bag, or its file; None if it is none."""
+def bag_at(path: Path) -> Path | None:
+    """Return the folder of a bag, or its file, by the names of its files; None if it is none."""
     if path.name == METADATA_FILE:
         path = path.parent
     if path.suffix in _STORAGE and path.is_file():
@@ -124,18 +114,21 @@ class BagReader(RunReader):
         said = [name for name in there if name.rpartition('/')[2] == interfaces.NODE_MANIFEST]
         manifests, controllers = _manifests(bag, said)
         recorded = _topics_of(there, said, manifests, path)
-        attachments, lacks = _carried(manifests, controllers, recorded)
-        for name, kind, value in zip(
-            (run.SCENARIO, run.CONTROLLER), ('scenario', 'controller'), given, strict=True
-        ):
+        lacks = [f'it has no manifest of the {role}' for role in manifests.missing]
+        attachments = dict[str, bytes]()
+        if manifests.scenario is not None:
+            attachments = manifests.attachments({}) | manifests.remaps(recorded.values())
+            attachments |= controllers  # the first of them as controller.yaml
+        for kind, value in zip(('scenario', 'controller'), given, strict=True):
+            name = f'{kind}.yaml'
             if value and name in attachments:
-                raise _not_needed(path)
+                raise InputError(f'{_NOT_NEEDED}; {path} does')
             if value:
                 attachments[name] = files.read_text(files.find(kind, value)).encode()
                 lacks.append(f'its {kind} is not in the bag: {value} is given')
         base = _base_of(bag, path, recorded, attachments, lacks)
         writer = RunLogWriter(folder, base, recorded.values(), attachments)
-        for topic, _, data in _messages(bag, set(recorded)):
+        for topic, data in _messages(bag, recorded):
             if recorded[topic].signal != interfaces.RUN_STATUS or _is_phase(data):
                 writer.record(topic, data)
         found = writer.close()
@@ -150,11 +143,11 @@ class BagReader(RunReader):
         self.lacks = tuple(lacks)
 
 
-def _messages(bag: Any, names: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
-    """Yield topic, time of recording and CDR of the messages of some topics, in their order."""
+def _messages(bag: Any, names: Collection[str]) -> Iterator[tuple[str, bytes]]:
+    """Yield topic and CDR of the messages of some topics, in their order."""
     wanted = [connection for connection in bag.connections if connection.topic in names]
-    for connection, stamp_ns, data in bag.messages(wanted) if wanted else ():
-        yield connection.topic, stamp_ns, bytes(data)
+    for connection, _, data in bag.messages(wanted) if wanted else ():
+        yield connection.topic, bytes(data)
 
 
 def _topics_of(
@@ -189,33 +182,16 @@ def _topics_of(
     return found
 
 
-def _manifests(bag: Any, names: Sequence[str]) -> tuple[Manifests, list[str]]:
-    """Return the manifests in a bag, and the texts of controller files in their order."""
-    manifests = Manifests()
-    controllers: list[str] = []
-    for _, _, data in _messages(bag, names):
-        try:
+def _manifests(bag: Any, names: Sequence[str]) -> tuple[Manifests, dict[str, bytes]]:
+    """Return the manifests in a bag, and the controller files, in their order."""
+    manifests, controllers = Manifests(), dict[str, bytes]()
+    for _, data in _messages(bag, names):
+        with suppress(InputError, cdr.CdrError):
             manifest = Manifest.of(cdr.decode_status(data))
-        except (InputError, cdr.CdrError):
-            continue
-        if manifests.take(manifest.node, manifest.values) or manifest.role != CONTROLLER:
-            continue
-        text = manifest.values.get(f'file.{run.CONTROLLER}')
-        if text is not None and text not in controllers:
-            controllers.append(text)
+            manifests.take(manifest.node, manifest.values)
+            if another := manifests.another_controller():
+                controllers[another[0]] = another[1]
     return manifests, controllers
-
-
-def _carried(
-    manifests: Manifests, controllers: Sequence[str], recorded: Mapping[str, Topic]
-) -> tuple[dict[str, bytes], list[str]]:
-    """Return the files that the manifests bring, and what they lack."""
-    if manifests.scenario is None:
-        return {}, [f'it has no manifest of the {PLANT}']
-    found = manifests.attachments({}) | manifests.remaps(recorded.values())
-    for number, text in enumerate(controllers[: run.MOST_CONTROLLERS], 1):
-        found[run.controller_name(number)] = text.encode()
-    return found, [f'it has no manifest of the {role}' for role in manifests.missing]
 
 
 def _base_of(
@@ -230,7 +206,7 @@ def _base_of(
             raise InputError('`--scenario` must be a single flight; it is a set')
         return TimeBase(found.epoch_ns, found.dt_ns, found.ticks)
     state = next(name for name, t in recorded.items() if t.signal == interfaces.RELATIVE_STATE)
-    stamps = np.unique([cdr.stamp_ns(data) for _, _, data in _messages(bag, {state})])
+    stamps = np.unique([cdr.stamp_ns(data) for _, data in _messages(bag, {state})])
     dt_ns = int(np.gcd.reduce(np.diff(stamps))) if len(stamps) > 1 else 0
     first, last = int(stamps[0]), int(stamps[-1])
     if not dt_ns or (last - first) // dt_ns > _MOST_HOLES * len(stamps):

@@ -38,11 +38,6 @@ _OWNERS = {run.SCENARIO: PLANT, run.CONTROLLER: CONTROLLER}
 _FILE_NAME = re.compile(r'[A-Za-z0-9_.-]{1,80}')
 _MOST_ROLES = 32
 _MOST_TEXT = 1000
-_NO_YAML = (
-    yaml.YAMLError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError,
-    RecursionError,
-)  # fmt: skip
-"""What PyYAML raises: it converts tagged scalars unchecked."""
 
 Values = Mapping[str, str]
 
@@ -51,20 +46,21 @@ class Manifests:
     """The manifests heard so far; the first usable one of a plant is that of the run.
 
     scenario : of the run; None until its plant is known
-    plant : values of the plant's manifest
     """
 
     def __init__(self) -> None:
         sections()  # imported now: in flight a node that imports for a second hears nobody
         self.scenario: Scenario | None = None
-        self.plant: Values = {}
         self._by_role: dict[str, tuple[str, Values]] = {}
         self._attached: list[str] = []
 
     @property
     def run_id(self) -> str:
         """Id of the plant; '' if it gives none."""
-        return self.plant.get(_RUN, '')
+        return self._value(PLANT, _RUN)
+
+    def _value(self, role: str, key: str) -> str:
+        return self._by_role.get(role, ('', {}))[1].get(key, '')
 
     def take(self, name: str, values: Values) -> str:
         """Take the manifest of a node; return why it is not one of this run, '' if it is."""
@@ -91,7 +87,7 @@ class Manifests:
             return f'the manifest of {name} has no usable scenario: {error}'
         if not isinstance(found, Scenario):
             return f'the manifest of {name} has a set of scenarios'
-        self.scenario, self.plant = found, values
+        self.scenario = found
         self._by_role[PLANT] = (name, values)
         return ''
 
@@ -100,8 +96,8 @@ class Manifests:
 
         It is then attached: whoever asks writes it to the log.
         """
-        text = self._by_role.get(CONTROLLER, ('', {}))[1].get(_FILE + run.CONTROLLER)
-        if text is None or text in self._attached or len(self._attached) >= run.MOST_CONTROLLERS:
+        text = self._value(CONTROLLER, _FILE + run.CONTROLLER)
+        if not text or text in self._attached or len(self._attached) >= run.MOST_CONTROLLERS:
             return None
         self._attached.append(text)
         return run.controller_name(len(self._attached)), text.encode()
@@ -117,8 +113,7 @@ class Manifests:
     def topic_of(self, signal: str) -> str:
         """Return where the run has a signal: at the plant, else at its publisher; '' if unsaid."""
         keys = [(PLANT, HEARS), (PLANT, PUBLISHES), *((role, PUBLISHES) for role in self._by_role)]
-        found = (self._by_role.get(role, ('', {}))[1].get(kind + signal) for role, kind in keys)
-        return next(filter(None, found), '')
+        return next(filter(None, (self._value(role, kind + signal) for role, kind in keys)), '')
 
     def due_each_tick(
         self, found: Scenario, publishers: Callable[[interfaces.Interface], int]
@@ -134,18 +129,14 @@ class Manifests:
         for row in interfaces.rows(logged=True):
             if row.due == interfaces.EACH_TICK and row.name not in _BY_SCENARIO:
                 made |= {row.name} if publishers(row) else set()
-        if self.parameter(PLANT, 'publish_clock') == 'True':
+        if self._value(PLANT, f'{_PARAMETER}publish_clock') == 'True':
             made.add(interfaces.CLOCK)
-        if self.parameter(PLANT, 'mode') == 'free_running':
+        if self._value(PLANT, f'{_PARAMETER}mode') == 'free_running':
             turns = interfaces.BODY_FORCE in made
             made.add(interfaces.APPLIED_BODY_FORCE if turns else interfaces.APPLIED_FORCE)
             if not found.disturbance.is_zero:
                 made.add(interfaces.APPLIED_DISTURBANCE)
         return [row for row in interfaces.rows(logged=True) if row.name in made]
-
-    def parameter(self, role: str, name: str) -> str:
-        """Return a parameter of a node as text; '' if it is not known."""
-        return self._by_role.get(role, ('', {}))[1].get(_PARAMETER + name, '')
 
     def remaps(self, recorded: Iterable[Topic]) -> dict[str, bytes]:
         """Return the file of nodes that hear a signal where it is not recorded; {}: none does."""
@@ -166,15 +157,13 @@ class Manifests:
         found: dict[str, bytes] = {}
         parameters: dict[str, dict[str, Any]] = {'recorder': dict(recorder)}
         for role, (name, values) in self._by_role.items():
+            own = {}
             for key, text in values.items():
-                file = key.removeprefix(_FILE)
-                if key.startswith(_FILE) and _may_bring(role, file):
-                    found[file] = text.encode()
-            own = {
-                key.removeprefix(_PARAMETER): _parsed(text)
-                for key, text in values.items()
-                if key.startswith(_PARAMETER)
-            }
+                kind, _, what = key.partition('.')
+                if kind == 'file' and _may_bring(role, what):
+                    found[what] = text.encode()
+                elif kind == 'parameter':
+                    own[what] = _parsed(text)
             if own or role in _ROLES:
                 parameters.setdefault(name, own)
         if run.CONTROLLER in found:
@@ -201,9 +190,7 @@ def _may_bring(role: str, file: str) -> bool:
 
 def _parsed(text: str) -> Any:
     """Return the value of a parameter in a manifest; the text itself where it is no YAML."""
-    if len(text) > _MOST_TEXT:
-        return text
     try:
-        return yaml.safe_load(text)
-    except _NO_YAML:
+        return files.parse_yaml(text) if len(text) <= _MOST_TEXT else text
+    except InputError:
         return text

@@ -8,6 +8,7 @@ import datetime
 import hashlib
 import platform
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import cache
 from importlib import metadata
 from pathlib import Path
@@ -25,11 +26,10 @@ from rpo_mcap.format.run import INFO_FILE, write_whole
 _PACKAGES = (rpo_kernels, rpo_core, rpo_mcap, rpo_log)
 
 
-@cache
-def version() -> str:
-    """Return the version of the flight software, as installed."""
+def version(package: str = rpo_core.__name__) -> str:
+    """Return the version of a package, that of the flight software by default, as installed."""
     try:
-        return metadata.version(rpo_core.__name__)
+        return metadata.version(package)
     except metadata.PackageNotFoundError:
         return 'not installed'
 
@@ -52,28 +52,17 @@ _LIBRARIES = ('numpy', 'PyYAML', 'mcap', 'zstandard', 'numba', 'rclpy')
 
 def machine_facts() -> dict[str, Any]:
     """Return where a run was made: processor, system, Python and libraries."""
-    libraries: dict[str, str | None] = {}
-    for name in _LIBRARIES:
-        try:
-            libraries[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            libraries[name] = None
+    lines = list[str]()
+    with suppress(OSError):
+        lines = Path('/proc/cpuinfo').read_text().splitlines()
+    models = [line.partition(':')[2].strip() for line in lines if line.startswith('model name')]
     return {
         'machine': platform.machine(),
-        'processor': _processor(),
+        'processor': f'{len(models)} x {models[0]}' if models else platform.processor(),
         'system': platform.platform(),
         'python': platform.python_version(),
-        'libraries': libraries,
+        'libraries': {name: version(name) for name in _LIBRARIES},
     }
-
-
-def _processor() -> str:
-    try:
-        lines = Path('/proc/cpuinfo').read_text().splitlines()
-    except OSError:
-        return platform.processor()
-    models = [line.partition(':')[2].strip() for line in lines if line.startswith('model name')]
-    return f'{len(models)} x {models[0]}' if models else platform.processor()
 
 
 def utc(moment_s: float) -> str:
