@@ -96,13 +96,6 @@ def assured(controller: AnyController, scenario: Scenario) -> Assured:
     return Assured(identifier(controller.name), controller, scenario, settings, delay)
 
 
-def _memory(a: Assured) -> str:
-    modes = ', '.join(f'{mode} {name}' for mode, name in MODES.items())
-    shaped = _part('shaped') if a.shaping else ''
-    slots = max(a.delay, 1)
-    return _part('memory', name=a.name, slots=slots, shaped=shaped, unknown=UNKNOWN, modes=modes)
-
-
 def _functions(a: Assured, source: Source) -> str:
     source.record('PLANT', step_of(a.settings, a.scenario))
     source.record('GUARD', proof_of(a.settings, a.scenario).guard)
@@ -165,7 +158,7 @@ def cases(a: Assured) -> tuple[list[int], list[list[float]]]:
     none = np.zeros((a.scenario.ticks + 1, 6))
     references = flight.signals.get(interfaces.REFERENCE_STATE, none)
     forces = flight.signals.get(interfaces.REFERENCE_FORCE, none[:, :3])
-    draw = np.random.default_rng(2)
+    numbers, draw = {name: float(n) for n, name in CONSTRAINTS.items()}, np.random.default_rng(2)
     for hostile in (False, True):
         stage.reset()
         if shaping is not None:
@@ -179,15 +172,10 @@ def cases(a: Assured) -> tuple[list[int], list[list[float]]]:
                 command = (limit * sides * draw.uniform(0.5, 1.2, 3)).tolist()
             (sent,) = shaping.step(tick, command) if shaping else (tuple(command),)
             (force,) = stage.step(tick, tuple(state), sent)
-            acted = _number_of(stage)
+            acted = numbers[stage.decision.constraint if stage.decision is not None else '']
             more = [*references[tick].tolist(), *forces[tick].tolist()] if a.guided else []
             rows.append([*state, *command, *map(float, force), acted, *more])
     return ticks, rows
-
-
-def _number_of(stage: AssuranceStage) -> float:
-    acted = stage.decision.constraint if stage.decision is not None else ''
-    return float(next(n for n, name in CONSTRAINTS.items() if name == acted))
 
 
 def _self_test(a: Assured) -> str:
@@ -218,7 +206,15 @@ def files(controller: AnyController, scenario: Scenario, file: str) -> c.Files:
     about = formats.one_line(f'runtime assurance of {scenario.name}: {scenario.description}')
     facts = '\n'.join([c.facts_of(controller), wrapped(f'/* {about} */')])
     codes = ', '.join(f'{n} {word or "none"}' for n, word in CONSTRAINTS.items())
-    types = f'/* The constraint that changed a command: {codes}. */', _memory(a)
+    memory = _part(
+        'memory',
+        name=a.name,
+        slots=max(a.delay, 1),
+        shaped=_part('shaped') if a.shaping else '',
+        unknown=UNKNOWN,
+        modes=', '.join(f'{mode} {name}' for mode, name in MODES.items()),
+    )
+    types = f'/* The constraint that changed a command: {codes}. */', memory
     force = 'static ' + c.force_text(source, controller, a.name).split('*/\n', 1)[1]
     functions = [force, _functions(a, source), _self_test(a)]
     use = (

@@ -101,11 +101,11 @@ def _uses(nodes: Sequence[ast.AST], context: type[ast.expr_context] | None = Non
     )
 
 
-class _Block:
-    """Where a block begins: names that are declared in it end with it."""
+class _Block(NamedTuple):
+    """A block: how often it uses each name, which ends with it if it is declared in it."""
 
-    def __init__(self, statements: Sequence[ast.stmt], depth: int) -> None:
-        self.uses, self.depth = _uses(statements), depth
+    uses: Counter[str]
+    depth: int
 
 
 class Writer:
@@ -128,7 +128,7 @@ class Writer:
             self.types[name] = known if table or hint is None else hint
         self._parameters = tuple(self.types.items())
         self._returns = hints['return']
-        self._early: list[str] = []
+        self._early: dict[str, str] = {}  # declarations before the first statement
         self._copies = 0
 
     def written(self) -> Written:
@@ -147,7 +147,7 @@ class Writer:
             [
                 wrapped(f'static {self._source.spelled(self._returns)} {self._title}({head})'),
                 '{',
-                *self._early,
+                *self._early.values(),
                 *idle,
                 *lines,
                 '}',
@@ -157,15 +157,13 @@ class Writer:
         return Written(self._title, comment + text, kinds, self._returns)
 
     def _block(self, statements: Sequence[ast.stmt], depth: int) -> list[str]:
-        block, before, lines = _Block(statements, depth), dict(self.types), []
+        block, before = _Block(_uses(statements), depth), dict(self.types)
+        lines = list[str]()
         for statement in statements:
             lines += self._statement(statement, block)
-        hoisted = {n: k for n, k in self.types.items() if n in self._hoisted()}
+        hoisted = {name: self.types[name] for name in self._early}
         self.types = {**hoisted, **before}
         return lines
-
-    def _hoisted(self) -> set[str]:
-        return {line.split()[-1].rstrip(';') for line in self._early}
 
     def _statement(self, node: ast.stmt, block: _Block) -> list[str]:
         method: Any = getattr(self, f'_{type(node).__name__.lower()}', None)
@@ -249,7 +247,7 @@ class Writer:
             if block.uses[name] == self._all[name]:
                 text = f'{"const " if self._stores[name] == 1 else ""}{kind} {text}'
             else:
-                self._early.append(f'    {kind} {own_name(name)};')
+                self._early[name] = f'    {kind} {own_name(name)};'
         return wrapped(text, block.depth)
 
     def _if(self, node: ast.If, block: _Block) -> list[str]:

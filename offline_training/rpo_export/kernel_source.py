@@ -120,11 +120,10 @@ def read(function: Callable[..., Any], constants: Mapping[type, Any]) -> Read:
     constants : class -> the one value of it; an argument of that class is this value
     """
     function = plain(function)
-    if not isinstance(function, types.FunctionType):
-        raise InputError(f'a kernel must be a plain function; got {function!r}')
-    node = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
+    is_function = isinstance(function, types.FunctionType)
+    node = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0] if is_function else None
     if not isinstance(node, ast.FunctionDef):
-        raise InputError(f'a kernel must be a plain function; got {function.__name__}')
+        raise InputError(f'a kernel must be a plain function; got {function!r}')
     node.decorator_list, node.returns = [], None
     hints = {name: type_of(found) for name, found in get_type_hints(function).items()}
     for argument in node.args.args:
