@@ -77,25 +77,16 @@ def test_both_shells_give_the_same_environment_zsh():
     assert bash == zsh
 
 
-def test_what_the_user_had_is_kept():
-    done = run(
-        'bash',
-        f'. {ENV}; env -0',
-        PYTHONPATH='/mine/python',
-        AMENT_PREFIX_PATH='/mine/overlay',
-        LD_LIBRARY_PATH='/mine/lib',
-        ROS_AUTOMATIC_DISCOVERY_RANGE='SUBNET',
-        ROS_DOMAIN_ID='17',
-    )
-    found = variables(done.stdout)
-    assert found['PYTHONPATH'].endswith(':/mine/python')
-    assert found['AMENT_PREFIX_PATH'].endswith(':/mine/overlay')
-    assert found['LD_LIBRARY_PATH'].endswith(':/mine/lib')
-    assert found['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'SUBNET'
-    assert found['ROS_DOMAIN_ID'] == '17'
-
-
-def test_defaults():
+def test_what_the_user_had_is_kept_and_what_is_not_set_has_a_default():
+    mine = {
+        'PYTHONPATH': '/mine/python',
+        'AMENT_PREFIX_PATH': '/mine/overlay',
+        'LD_LIBRARY_PATH': '/mine/lib',
+    }
+    theirs = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET', 'ROS_DOMAIN_ID': '17'}
+    found = variables(run('bash', f'. {ENV}; env -0', **mine, **theirs).stdout)
+    assert all(found[name].endswith(f':{value}') for name, value in mine.items())
+    assert {name: found[name] for name in theirs} == theirs
     found = variables(run('bash', f'. {ENV}; env -0').stdout)
     assert found['ROS_DISTRO'] == 'jazzy'
     assert found['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'LOCALHOST'

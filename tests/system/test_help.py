@@ -28,32 +28,34 @@ NODES = sorted(
 COMMANDS = [('rpo_bringup', 'final_approach'), *NODES]
 SLOW = {'matplotlib', 'mcap', 'numba', 'numpy', 'rclpy', 'scipy'}
 
-HELP = """
+RUN = """
 import importlib, sys
-module, function, name = sys.argv[1:4]
-sys.argv = [name, *sys.argv[4:]]
-try:
-    getattr(importlib.import_module(module), function)()
-except SystemExit as error:
-    assert not error.code, error
-print(*sys.modules, file=sys.stderr)
-"""
-
-
-HIDE = """
-import sys
 class Hidden:
     def find_spec(self, name, path=None, target=None):
         if name.partition('.')[0] in ('mcap', 'lz4', 'zstandard'):
             raise ModuleNotFoundError(name + ' is hidden', name=name)
 sys.meta_path.insert(0, Hidden())
+module, function, *sys.argv = sys.argv[1:]
+code = 0
+try:
+    code = getattr(importlib.import_module(module), function)()
+except SystemExit as error:
+    code = error.code
+if '--help' in sys.argv:
+    print(*sys.modules, file=sys.stderr)
+sys.exit(code)
 """
 
 
-def help_of(module: str, function: str, name: str, *words: str) -> str:
+def run_main(module: str, function: str, *words: str) -> subprocess.CompletedProcess[str]:
+    """Run an entry point; without mcap, so nothing flies by mistake."""
+    command = [sys.executable, '-c', RUN, module, function, function, *words]
+    return subprocess.run(command, capture_output=True, text=True, timeout=50)
+
+
+def help_of(module: str, function: str, *words: str) -> str:
     """Return what `--help` prints; fails if it imported what takes long."""
-    command = [sys.executable, '-c', HIDE + HELP, module, function, name, *words, '--help']
-    done = subprocess.run(command, capture_output=True, text=True, timeout=50)
+    done = run_main(module, function, *words, '--help')
     assert done.returncode == 0, done.stderr
     assert not {loaded.partition('.')[0] for loaded in done.stderr.split()} & SLOW
     return done.stdout
@@ -61,26 +63,16 @@ def help_of(module: str, function: str, name: str, *words: str) -> str:
 
 @pytest.mark.parametrize(('package', 'name'), rest_at_landing(NODES, quick=4))
 def test_a_node_says_its_parameters(package, name):
-    text = help_of(f'{package}.commands', name, name)
+    text = help_of(f'{package}.commands', name)
     assert text.startswith(f'usage: ros2 run {package} {name} [--ros-args')
     assert f'\nNode `{name}`' in text
     assert f'example:\n  ros2 run {package} {name} --ros-args -p ' in text
 
 
 def test_final_approach():
-    text = help_of('rpo_bringup.commands', 'final_approach', 'final_approach')
+    text = help_of('rpo_bringup.commands', 'final_approach')
     assert text.startswith('usage: final_approach')
     assert '--real-time-factor' in text
-
-
-def run_main(module: str, function: str, *words: str) -> subprocess.CompletedProcess[str]:
-    """Run an entry point; without mcap, so nothing flies by mistake."""
-    start = (
-        'import importlib; module, function, *sys.argv = sys.argv[1:]; '
-        'sys.exit(getattr(importlib.import_module(module), function)())'
-    )
-    command = [sys.executable, '-c', HIDE + start, module, function, function, *words]
-    return subprocess.run(command, capture_output=True, text=True, timeout=50)
 
 
 @pytest.mark.parametrize(('package', 'name'), rest_at_landing(COMMANDS, quick=4))
@@ -134,7 +126,7 @@ def test_the_version_names_the_code():
 
 @pytest.mark.parametrize('words', [(), ('train',)])
 def test_rpo(words):
-    assert 'Usage' in help_of('rpo_cli.entry', 'main', 'rpo', *words)
+    assert 'Usage' in help_of('rpo_cli.entry', 'main', *words)
 
 
 def test_the_list_has_every_name_once():
