@@ -26,6 +26,7 @@ BRINGUP = SRC / 'rpo_bringup'
 FILES = {path.name: ElementTree.parse(path) for path in BRINGUP.glob('launch/*.launch.xml')}
 PARAMETER_FILE = BRINGUP / 'config' / 'final_approach.yaml'
 FOREIGN = {('rviz2', 'rviz2')}
+DEPENDS = {tag.text for tag in ElementTree.parse(BRINGUP / 'package.xml').iter('exec_depend')}
 
 
 def executables() -> set[tuple[str, str]]:
@@ -62,6 +63,7 @@ def test_executables_and_parameters_exist(tree):
         assert who in executables(), who
         named = {tag.get('name') for tag in node.findall('param') if tag.get('name')}
         assert named <= parameters(*who), (who, named - parameters(*who))
+        assert who[0] in DEPENDS
 
 
 def test_arguments_and_included_files_are_known(tree):
@@ -152,12 +154,6 @@ def test_each_run_has_its_own_simulated_time():
     assert (parameter.get('name'), parameter.get('value')) == ('use_sim_time', 'true')
 
 
-def test_package_xml_declares_whose_nodes_are_started():
-    manifest = ElementTree.parse(BRINGUP / 'package.xml').getroot()
-    started = {tag.get('pkg') for tree in FILES.values() for tag in tree.iter('node')}
-    assert started - {'rpo_bringup'} <= {tag.text for tag in manifest.iter('exec_depend')}
-
-
 def test_an_argument_means_the_same_in_every_file():
     """Included files take the arguments of the file that includes them, by name."""
     said: dict[str, set[str | None]] = {}
@@ -173,17 +169,14 @@ def test_an_argument_means_the_same_in_every_file():
             assert set(declared(piece)) - given <= set(whole)
 
 
-def test_the_parameter_file_fits_the_tables():
+def test_the_parameter_file_and_the_watch_over_exit_codes_name_what_there_is():
     packages = {name: package for package, name in executables()}
     for block, content in yaml.safe_load(PARAMETER_FILE.read_text()).items():
         name = block.removeprefix('/**/')
         assert set(content['ros__parameters']) <= parameters(packages[name], name)
-
-
-def test_the_watch_over_exit_codes_names_the_flight_nodes():
     text = (BRINGUP / 'launch' / 'exit_code.launch.py').read_text()
     watched = set(re.findall(r"'(\w+)'", re.search(r'FLIGHT_NODES = \((.*?)\)', text, re.S)[1]))
-    assert watched <= {name for _, name in executables()}
+    assert watched <= set(packages)
 
 
 def test_a_real_launch(ros_env, tmp_path):
