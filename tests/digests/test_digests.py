@@ -57,6 +57,7 @@ TRAININGS = {
     'paper': ('--preset paper', ('ga.generations=4',)),
     'best': ('--preset best', RACE),
     'allround': ('--preset allround', (*RACE, *DRAWN, 'fitness.drawn.flights=4', 'race.last=70')),
+    'robust': ('--preset robust', RACE),
     'front': ('--preset front', ('ga.generations=3', 'ga.population=20')),
     'family': ('--family time_to_go', (*FAMILY, *DRAWN)),
     'attitude': ('--attitude --preset best', RACE),

@@ -372,14 +372,6 @@ def test_too_little_is_refused_beside_anything(seed):
     check(drawn(seed))
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures('foreign')
-@given(SEEDS)
-@settings(max_examples=1000)
-def test_too_little_is_refused_in_many_scenarios(seed):
-    check(drawn(seed))
-
-
 def at_60_m(*sections, disturbance=NONE, **given):
     """Return the scenario of the issue; raises InputError."""
     found = [replace(SURE, **given), *sections]

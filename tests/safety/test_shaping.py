@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import numpy as np
-import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -63,8 +62,3 @@ def test_a_limit_that_never_binds_changes_no_bit():
     controller = load_start('trained')
     plain, shaped = fly(PAPER, controller), fly(PAPER.equipped(Shaping(100.0)), controller)
     np.testing.assert_array_equal(plain.states, shaped.states)
-
-
-def test_a_file_is_read_back_the_same():
-    again = scenario.parse(yaml.safe_load(scenario.dumps(PAPER.equipped(Shaping(0.1, 0.002)))))
-    assert again.section(Shaping) == Shaping(0.1, 0.002)

@@ -2,13 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Campaigns: the bits of the core, dispersions that act, statistics."""
 
-import os
-import subprocess
-import sys
-
 import numpy as np
 import pytest
-from campaign_documents import EVERYTHING, SHORT
+from campaign_documents import EVERYTHING
 from scipy import stats
 
 from rpo_core.chain.flight import fly as fly_core
@@ -69,25 +65,6 @@ def test_a_run_does_not_depend_on_what_flies_beside_it(loaded):
         some = run_batch.fly_runs(campaign, first, count)
         for name in run_batch.COLUMNS:
             np.testing.assert_array_equal(some[name], columns[name][first : first + count])
-
-
-@pytest.mark.slow
-def test_interpreted_and_compiled_fly_the_same_bits(write, tmp_path):
-    blink = tmp_path / 'blink.yaml'
-    blink.write_text(SHORT.replace('duration_s: 20.0', 'duration_s: 1.0'))
-    path = write(scenario=str(blink), runs=3)
-    code = (
-        'import hashlib, sys\n'
-        'from rpo_montecarlo.campaign import config, run_batch\n'
-        'results = run_batch.fly_unit(config.load(sys.argv[1]), 0)\n'
-        'print(hashlib.sha256(results.tobytes()).hexdigest())\n'
-    )
-    command = [sys.executable, '-W', 'error', '-c', code, str(path)]
-    digests = {
-        subprocess.check_output(command, env={**os.environ, 'RPO_JIT': choice})
-        for choice in ('0', '1')
-    }
-    assert len(digests) == 1
 
 
 # Dispersions.

@@ -26,7 +26,7 @@ from rpo_cli.display import COMPILING, progress
 from rpo_core.files.validation import InputError
 from rpo_core.judge.requirements import ATTITUDES, LIMITS, THRUST, Requirements
 from rpo_core.judge.verdicts import verdicts
-from rpo_montecarlo.campaign import config, execution, run_batch, sampling
+from rpo_montecarlo.campaign import config, execution, run_batch
 from rpo_montecarlo.campaign.run_batch import fly_runs
 from rpo_montecarlo.campaign.single import fly_run
 from rpo_montecarlo.campaign.statistics import kept, successes
@@ -360,15 +360,6 @@ def test_the_command_changes_fields_of_the_scenario(write, tmp_path):
     one = invoke('campaign', path, '--run', '1', *change)
     assert "--set 'initial_position_m=[0,80,0]' --set duration_s=5.0" in one.output
     assert '`--set` cannot change' in refused('campaign', folder, *change)
-
-
-def test_the_shipped_campaign_is_valid():
-    campaign = config.load(SHIPPED)
-    others = set(sampling.ON_THEIR_OWN)  # of worlds
-    assert set(campaign.config.dispersions) == set(config.QUANTITIES) - others
-    again = config.Campaign.of_texts(campaign.texts, ('a', 'b', 'c'))
-    assert again.config == campaign.config
-    assert replace(again.config, seed=2) != campaign.config
 
 
 def test_progress_counts_no_compiling(monkeypatch, tmp_path):

@@ -26,7 +26,6 @@ JUDGED = {'paper_test': ('hold_error_per_axis_m', 'hold_speed_per_axis_m_s')}
 FEW = DrawnSettings(
     100.0, ('paper_test',), margin=0.03, flights=6, pool=50, held_out=45, judged=JUDGED
 )
-FAMILIES = ('more_words', 'time_to_go')
 ONE_START = replace(load_set('paper_training'), starts=Grid.cube((50.0,)))
 
 

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import ceil, pi
+from math import ceil
 from pathlib import Path
 
 import numpy as np
@@ -24,12 +24,11 @@ from rpo_core.files.starts import Box, Grid
 from rpo_core.judge import metrics
 from rpo_core.judge.requirements import Requirements
 from rpo_core.judge.verdicts import verdicts
-from rpo_core.wire.interfaces import ALIGNED, APPLIED_FORCE, COMMAND
+from rpo_core.wire.interfaces import APPLIED_FORCE, COMMAND
 from rpo_core.world import cw
 from rpo_ctrl.baselines import Pd
 from rpo_kernels import kernels
 from rpo_kernels.jit import COMPILED, as_table
-from rpo_kernels.pulse_kernels import DELTA_V, MEMORY, OPENINGS, SPENT
 from rpo_montecarlo.campaign import config, run_batch, single
 from rpo_montecarlo.engine import lanes, support
 from rpo_montecarlo.engine.calls import _interpreted, rows_of
@@ -37,20 +36,14 @@ from rpo_montecarlo.engine.cases import case_of_flights, case_of_set
 from rpo_montecarlo.engine.flights import flights_of
 from rpo_montecarlo.engine.judged import VALUES
 from rpo_montecarlo.engine.lanes import compiled
-from rpo_montecarlo.engine.parts import estimation, thrusters
+from rpo_montecarlo.engine.parts import estimation
 from rpo_montecarlo.engine.parts.control import gain_part
 from rpo_montecarlo.engine.population import population_of
 from rpo_montecarlo.engine.simulator import Simulator
-from rpo_montecarlo.engine.tick import Batch, Draw
-from rpo_nav.estimator import Estimator, filter_of, memory_of
-from rpo_nav.filter_kernels import FULL, HEADING, RESETS, X, estimate
+from rpo_montecarlo.engine.tick import Draw
+from rpo_nav.estimator import Estimator
 from rpo_nav.navigation_errors import Navigation
-from rpo_nav.sensor_kernels import sense
-from rpo_nav.sensors import Sensing, Sensor, Sensors
-from rpo_thrusters.allocation_kernels import SCRATCH, fire
-from rpo_thrusters.table import MODULATIONS, Failure, ThrusterTable
-from rpo_thrusters.table import rows_of as rows_of_failures
-from rpo_thrusters.thrusters import Propellant, Thrusters, table_for, tank_of
+from rpo_nav.sensors import Sensor, Sensors
 from rpo_training import stepping
 from rpo_training.genes import GeneSpace
 
@@ -339,159 +332,11 @@ def test_an_error_of_a_kernel_ends_the_flights():
     assert w[0, 0] == 3.0
 
 
-# Sensors and filters in lanes have the bits of the kernels, also where no flight goes.
-
-PLAIN = replace(load_scenario('approach'), duration_s=8.0)
-LIDAR = Sensor(
-    'range_bearing', 0.02, 0.01, 0.002, latency_ticks=2, dropout_share=0.2, outlier_share=0.1,
-    outlier_size_m=50.0, bias_m=(0.1, 0.0, -0.2), bias_walk_m_s0_5=0.01, scale_error=0.01,
-)  # fmt: skip
-CAMERA = Sensor('bearing', bearing_noise_rad=0.003, period_ticks=3, field_of_view_rad=1.2)
-RADIO = Sensor(
-    'relative_position', 0.05, 0.01, velocity_floor_m_s=0.003, velocity_share_1_s=1e-4,
-    latency_ticks=5, period_ticks=2, outages_s=((2.0, 4.0),),
-)  # fmt: skip
-CASES = {
-    'lidar, 9 states': ((LIDAR,), Estimator(disturbance_sigma_n=0.01, restart_after=3)),
-    'lidar, 6 states': ((LIDAR,), Estimator(restart_after=2, restart_velocity_sigma_m_s=0.1)),
-    'three of different latency': (
-        (LIDAR, CAMERA, RADIO),
-        Estimator(disturbance_sigma_n=0.01, disturbance_walk_n_s0_5=1e-3, delay_ticks=2),
-    ),
-    'a camera without a gate': (
-        (replace(CAMERA, field_of_view_rad=pi),),
-        Estimator(gate_sigmas=0.0),
-    ),
-}
-
-
-def runs(units, settings, count):
-    """Return scenarios that differ in start, mass and key."""
-    base = PLAIN.equipped(Sensors(units), settings)
-    return [
-        replace(base, mass_kg=10.0 + i, initial_position_m=(5.0, 40.0 + i, -20.0)).equipped(
-            Sensors(units, (i, 9))
-        )
-        for i in range(count)
-    ]
-
-
-def lost(truth, tick, run):
-    """Return the true state of a run, of which nothing is finite for a while."""
-    return truth * 1e200 if run == 3 and 20 <= tick < 23 else truth
-
-
-@pytest.mark.parametrize('case', CASES)
-def test_lanes_have_the_bits_of_the_kernels(case):
-    flown = runs(*CASES[case], count=40)
-    starts, keys = np.array([s.start for s in flown]), np.zeros((40, 2))
-    part = estimation.estimators_of(Batch(flown[0], starts, flown.copy, {}, keys, {}))
-    m, t = part.memory.copy(), part.table
-    sensing = [Sensing(s.section(Sensors), s) for s in flown]
-    filters = [filter_of(s.section(Estimator), s.section(Sensors), s) for s in flown]
-    memories = [memory_of(f) for f in filters]
-    for f in filters:
-        f[FULL] = 0.0
-    w, rng = lanes.make_scratch(), np.random.default_rng(1)
-    command, trouble, attitude = np.zeros((40, 3)), set(), np.zeros(HEADING)
-    for tick in range(PLAIN.ticks + 1):
-        truth = np.array([s.start for s in flown]) * (1.0 - 0.01 * tick)
-        truth = np.array([lost(row, tick, run) for run, row in enumerate(truth)])
-        for axis in range(3):
-            rows = slice(axis * 40, axis * 40 + 40)
-            w[lanes.R :][rows], w[lanes.V :][rows] = truth[:, axis], truth[:, 3 + axis]
-        estimation.navigate(w, m, t, tick)
-        for run, (s, f, own) in enumerate(zip(sensing, filters, memories, strict=True)):
-            state = tuple(truth[run].tolist())
-            sense(tick, state, ALIGNED[:4], s.table, s.memory)
-            estimate(tick, tuple(command[run].tolist()), s.memory, attitude, f, own)
-            found = [w[row + axis * 40 + run] for row in (lanes.SEEN_R, lanes.SEEN_V)
-                     for axis in range(3)]  # fmt: skip
-            assert found == list(own[X : X + 6]), (tick, run)
-            trouble.add(own[RESETS] > 0)
-        command = rng.uniform(-0.7, 0.7, (40, 3))
-        for axis in range(3):
-            w[lanes.FORCE + axis * 40 :][:40] = command[:, axis]
-        estimation.remember(w, m, t, tick)
-    assert trouble == {False, True}
-
-
 def test_a_run_of_which_nothing_is_drawn_has_the_sensors_of_the_scenario():
-    sensors, estimator = Sensors((LIDAR, RADIO)), Estimator(noise_scale=1.5)
-    varied = estimation.vary_sensors(PLAIN.equipped(sensors, estimator), Draw({}, {}, (3, 4)))
+    sensors, estimator = Sensors((Sensor('relative_position', 0.05),)), Estimator(noise_scale=1.5)
+    equipped = load_scenario('approach').equipped(sensors, estimator)
+    varied = estimation.vary_sensors(equipped, Draw({}, {}, (3, 4)))
     assert varied[0] == replace(sensors, noise_key=(3, 4)) and varied[1].noise_scale == 1.5
-
-
-# Tables of thrusters in lanes have the bits of the kernel that the chain flies.
-
-FIRED_TICKS = 40
-
-
-def firing_runs(table, propellant):
-    """Return scenarios whose thrusters differ in errors, failure, mass and tank."""
-    draw, found = np.random.default_rng(5), []
-    for i in range(lanes.RUNS):
-        failure = Failure(
-            thruster=table.names[i % len(table.names)],
-            stuck='on' if i % 3 == 0 else 'off',
-            from_s=0.5 * (i % 4) * PLAIN.dt_s,
-            until_s=(10 + i) * PLAIN.dt_s,
-            known=i % 2 == 0,
-        )
-        own = Thrusters(
-            table=replace(table, failures=(failure,)),
-            matrix=tuple(map(tuple, (np.eye(3) + 0.02 * draw.normal(size=(3, 3))).tolist())),
-            propellant=Propellant(mass_kg=2e-4 + 2e-3 * (i % 3), specific_impulse_s=70.0)
-            if propellant
-            else None,
-        )
-        found.append(replace(PLAIN, mass_kg=10.0 + i).equipped(own))
-    return found
-
-
-def one_by_one(flown, forces, torques):
-    """Return force, torque and mass (7,) of each tick and run, and what the runs have spent."""
-    results, spent = np.empty((FIRED_TICKS, lanes.RUNS, 7)), []
-    for s, one in enumerate(flown):
-        settings = one.thrusters
-        rows = rows_of_failures(settings.table.failures, settings.table.names, one.dt_s)
-        table = table_for(settings, one)._replace(failures=as_table(np.ravel(rows), np.int64))
-        memory, scratch = as_table(np.zeros(MEMORY)), as_table(np.zeros(SCRATCH))
-        for tick in range(FIRED_TICKS):
-            given = tuple(forces[tick, s].tolist()), tuple(torques[tick, s].tolist())
-            force, torque, mass = fire(tick, *given, memory, table, tank_of(settings, one), scratch)
-            results[tick, s] = (*force, *torque, mass)
-        spent.append([memory[at] for at in (DELTA_V, SPENT, OPENINGS)])
-    return results, np.array(spent).T
-
-
-@pytest.mark.parametrize('modulation', MODULATIONS)
-@pytest.mark.parametrize('propellant', [False, True])
-def test_lanes_have_the_bits_of_the_kernel(modulation, propellant):
-    """Of small demands, of such that no table can meet, of none, and of tanks that get empty."""
-    table = ThrusterTable(
-        preset='corners_24', force_n=0.2, minimum_impulse_bit_n_s=0.02, modulation=modulation
-    )
-    flown = firing_runs(table, propellant)
-    part = thrusters._part(Batch(flown[0], np.zeros((lanes.RUNS, 6)), flown.copy, {}, None, {}))
-    draw = np.random.default_rng(6)
-    sizes = draw.choice([0.0, 0.05, 0.3, 2.0], size=(2, FIRED_TICKS, lanes.RUNS, 1))
-    forces, torques = sizes * draw.normal(size=(2, FIRED_TICKS, lanes.RUNS, 3))
-    expected, spent = one_by_one(flown, forces, torques)
-    w, memory, found = lanes.make_scratch(), part.memory.copy(), np.empty_like(expected)
-    for tick in range(FIRED_TICKS):
-        for row, values in ((lanes.FORCE, forces), (lanes.UNLOADING, torques)):
-            w[row : row + lanes.PAIRED_LANES] = values[tick].T.ravel()
-        ((_, kernel),) = part.steps
-        kernel(w, memory, part.table, tick)
-        for at, row in ((0, lanes.FORCE), (3, lanes.EXERTED_TORQUE)):
-            found[tick, :, at : at + 3] = w[row : row + lanes.PAIRED_LANES].reshape(3, -1).T
-        found[tick, :, 6] = w[lanes.MASS : lanes.MASS + lanes.RUNS]
-    assert found.tobytes() == expected.tobytes()
-    counted = thrusters.spent_of({part.name: memory})
-    assert np.array(list(counted.values())).tobytes() == spent.tobytes()
-    tanks = np.array([s.thrusters.propellant.mass_kg for s in flown] if propellant else [1.0])
-    assert (spent[2] > 10).all() and (not propellant or (spent[1] == tanks).sum() > 5)
 
 
 def test_a_gain_multiplies_the_force_of_each_lane_up_to_the_limit():

@@ -415,14 +415,6 @@ def test_what_is_held_is_judged_on_either_side_of_the_target():
     assert found == {'hold_error_per_axis_m': abs(flight.states[-1, 1])}
 
 
-@pytest.mark.slow
-def test_a_local_cluster_proves_the_same_bytes(sound, tmp_path):
-    together = Folder.create(tmp_path / 'together', problem_of('allround', half=BOX))
-    proving.prove(together, 2, 'local', lambda *_: None, probes=20)
-    for name in ('planar.npz', 'vertical.npz', 'summary.yaml', 'table.npz'):
-        assert (sound.path / name).read_bytes() == (together.path / name).read_bytes()
-
-
 @pytest.mark.every_landing
 def test_an_estimate_is_of_the_proof_itself(sound):
     """All first cells drawn: the bounds of the proof, and its number of cells."""

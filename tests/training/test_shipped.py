@@ -32,14 +32,6 @@ from rpo_report.controller import report_of
 from rpo_report.page import Table
 from rpo_training.config import load_start
 
-EXPECTED = Path(__file__).with_name('expected')
-
-SHORT = {
-    'robust': ['race.rounds=1', 'race.entrants=2', 'race.evaluations=140', 'cmaes.evaluations=400'],
-}
-"""What shortens presets of which `tests/digests` has no training, to a few seconds."""
-
-
 SHIPPED = ['allround', 'paper_ga']
 FAMILIES = ['more_words', 'time_to_go']
 TUNED = ['pd', 'lqr', 'mpc', 'apf_smc']
@@ -77,23 +69,6 @@ def test_the_default_is_good_everywhere():
         assert missed <= (name == 'random_moving_starts'), 'of these, 5 in 100 000 miss'
 
 
-def _columns(campaign, controller, runs):
-    """Return how many of some runs that no training has seen succeed, and their columns."""
-    path = campaigns.find(campaign)
-    loaded = campaigns.load(path, controller=controller, runs=runs, seed=99)
-    columns = fly_runs(loaded, 0, runs)
-    return int(successes(loaded.config, columns).sum()), columns
-
-
-@pytest.mark.every_landing
-def test_the_default_meets_its_world():
-    kept, world = _columns('world_leo', DEFAULT_CONTROLLER, 40)
-    with_stuck, _ = _columns('world_leo_stuck', DEFAULT_CONTROLLER, 40)
-    assert (kept, with_stuck) == (40, 40)
-    _, ideal = _columns('world_leo_ideal', DEFAULT_CONTROLLER, 40)
-    assert world['energy_n2s'].mean() < 1.2 * ideal['energy_n2s'].mean()
-
-
 def test_targets_follow_the_numbers_and_not_the_name():
     """A file that calls itself paper_ga, of which little is asked, is not asked for less."""
     posed = replace(load_controller(DEFAULT_CONTROLLER), name='paper_ga', provenance={})
@@ -125,18 +100,6 @@ def test_robust_keeps_the_claims_in_every_corner():
         kept = (figures[..., LATE_POSITION] <= 0.5) & (figures[..., LATE_SPEED] <= 0.01)
         assert kept[0].all()
         assert not kept[1].all(), 'the corners must be hard'
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(900)
-@pytest.mark.parametrize('preset', SHORT)
-def test_a_shortened_training_gives_the_committed_bits(preset, tmp_path):
-    words = [word for setting in SHORT[preset] for word in ('--set', setting)]
-    trained = repeated(f'rpo train --preset {preset}', tmp_path / f'{preset}_short', *words)
-    expected = load_controller(EXPECTED / f'{preset}_short.yaml')
-    assert trained.provenance['arithmetic']['pinned'] is True
-    assert trained == expected
-    assert trained.provenance['fitness_n2s'] == expected.provenance['fitness_n2s']
 
 
 @pytest.mark.slow
