@@ -178,6 +178,13 @@ def test_a_planted_error_is_found(bench, kind):
     assert missed(bench, kind, 1) == []
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize('kind', KINDS)
+def test_a_hundred_planted_errors_are_found(bench, kind):
+    """Ten of each kind."""
+    assert missed(bench, kind, 10) == []
+
+
 def test_planted_errors_of_the_surface_are_found(bench):
     """Each array of the table in turn, a little wrong everywhere."""
     table, rng = bench.problem.table, np.random.default_rng(1)
