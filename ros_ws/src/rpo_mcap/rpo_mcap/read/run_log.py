@@ -71,6 +71,11 @@ class RunLog:
         return self.values[interfaces.CONTROL_FORCE]
 
     @property
+    def disturbances_n(self) -> NDArray[np.float64] | None:
+        """Disturbances (n, 3); None if the topic was not recorded."""
+        return self.values.get(interfaces.DISTURBANCE_FORCE)
+
+    @property
     def statuses(self) -> tuple[tuple[int, cdr.Status], ...]:
         """Each run_status with its tick."""
         return tuple((e.tick, e.status) for e in self.events if e.signal == interfaces.RUN_STATUS)
@@ -79,6 +84,11 @@ class RunLog:
     def complete(self) -> bool:
         """Whether the log shows a whole flight: every message of every tick, closed in order."""
         return not self.gaps
+
+    @property
+    def dt_s(self) -> float:
+        """Tick length."""
+        return self.base.dt_ns / 1_000_000_000
 
     @property
     def times_s(self) -> NDArray[np.float64]:

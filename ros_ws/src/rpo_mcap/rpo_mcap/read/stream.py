@@ -147,7 +147,8 @@ class RunReader:
             elif not isinstance(record, Content):
                 self._take(record)
         self._outlines[path] = records.outline
-        if records.filled and (self._tolerant or not _is_whole(in_summary, declared)):
+        cut = self._tolerant or records.damage  # then the summary may lack some
+        if records.filled and (cut or not _is_whole(in_summary, declared)):
             all_records = FileRecords(path, self._tolerant)
             found = {repr(r): r for r in all_records if isinstance(r, Schema | Channel)}
             declared, records.damage = list(found.values()), all_records.damage
