@@ -42,21 +42,7 @@ _LEFT_OUT = ('/rosout', '/parameter_events', names.TF)
 """Topics of every node, and a topic that not every machine has: its row comes from the card."""
 
 _STOCK_SERVICES = ('parameter', 'get_type_description')
-_OF_EVERY_NODE = tuple(
-    f'~/{name}'
-    for name in (
-        'describe_parameters', 'get_parameter_types', 'get_parameters', 'list_parameters',
-        'set_parameters', 'set_parameters_atomically', 'get_type_description',
-    )
-)  # fmt: skip
-_LIFECYCLE = tuple(
-    f'~/{name}'
-    for name in (
-        'change_state', 'get_state', 'get_available_states', 'get_available_transitions',
-        'get_transition_graph',
-    )
-)  # fmt: skip
-
+"""In the names of services that every node has, which the pages leave out."""
 
 Outcomes = tuple[tuple[str, str], ...]
 """Event -> outcome."""
@@ -173,10 +159,11 @@ def _topics(node: FlightNode) -> Iterator[tuple[str, ...]]:
 
 
 def _services(node: FlightNode) -> Iterator[tuple[str, ...]]:
+    """Yield the services; those that every node has are without a meaning."""
     for service in sorted(node.services, key=lambda service: service.service_name):
         name = _short(node, service.service_name)
-        if not any(stock in name for stock in _STOCK_SERVICES):
-            yield f'`{name}`', f'`{_type(service.srv_type)}`', MEANINGS[name]
+        stock = any(word in name for word in _STOCK_SERVICES)
+        yield f'`{name}`', f'`{_type(service.srv_type)}`', '' if stock else MEANINGS[name]
 
 
 def _parameters(rows: Sequence[ParameterRow]) -> Iterator[tuple[str, ...]]:
@@ -218,7 +205,7 @@ def page(card: Card, found: Found) -> str:
     """Return the page of a node as Markdown."""
     purpose = (card.module.__doc__ or '').strip().split(': ', 1)[-1]
     rows = card.parameters
-    topics, services = found
+    topics, services = found[0], [row for row in found[1] if row[-1]]
     example = f'{card.command} --ros-args -p {rows[0].name}:={rows[0].example}'
     lines = [f'# {card.executable}', '', purpose[:1].upper() + purpose[1:], '']
     lines += ['```sh', card.command, example, '```', '', '## Topics', '']
@@ -246,8 +233,7 @@ def policy(nodes: Mapping[str, Found]) -> str:
             [row[1].strip('`') for row in topics if row[0] == way]
             for way in ('publishes', 'listens')
         )
-        own = _LIFECYCLE if '~/transition_event' in made else ()
-        offered = sorted({*(row[0].strip('`') for row in services), *own, *_OF_EVERY_NODE})
+        offered = sorted(row[0].strip('`') for row in services)
         for kind, way, names_of in (
             ('topic', 'publish', [*made, 'rosout', 'parameter_events']),
             ('topic', 'subscribe', heard), ('service', 'reply', offered),

@@ -5,18 +5,15 @@
 from pathlib import Path
 
 import pytest
-from geometry_msgs.msg import WrenchStamped
-from inside import inside, odometry
+from inside import inside
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
-from nav_msgs.msg import Odometry
-from rclpy.time import Time
 
 from rpo_core import files
 from rpo_core.control.controller import load_controller
 from rpo_core.files.validation import InputError
 from rpo_ctrl.controller_node import ControllerNode
-from rpo_ros import qos
+from rpo_ros.signals import Outlet, listen
 from rpo_safety.assurance_node import AssuranceNode
 
 STATE = (10.0, 60.0, -40.0, 0.1, -0.2, 0.05)
@@ -28,20 +25,19 @@ class Asker:
     """Sends states and keeps the answers."""
 
     def __init__(self, bench):
-        self.bench = bench
+        self.until = bench.until
         self.answers = {}
-        user = bench.user
-        self.states = bench.publisher(Odometry, 'relative_state')
-        user.create_subscription(WrenchStamped, 'control_force', self._on_force, qos.LOCKSTEP)
+        self.states = Outlet(bench.user, 'relative_state')
+        self.until(self.states.publisher.get_subscription_count)
+        listen(bench.user, 'control_force', self._on_force, print)
 
-    def _on_force(self, message):
-        stamp, force = Time.from_msg(message.header.stamp).nanoseconds, message.wrench.force
-        self.answers.setdefault(stamp, []).append((force.x, force.y, force.z))
+    def _on_force(self, stamp_ns, force):
+        self.answers.setdefault(stamp_ns, []).append(force)
 
     def ask(self, stamp_ns, state=STATE):
         before = len(self.answers.get(stamp_ns, []))
-        self.states.publish(odometry(stamp_ns, state))
-        self.bench.until(lambda: len(self.answers.get(stamp_ns, [])) > before)
+        self.states.publish(stamp_ns, state)
+        self.until(lambda: len(self.answers.get(stamp_ns, [])) > before)
         return self.answers[stamp_ns][-1]
 
 
@@ -52,11 +48,11 @@ def force_of(name):
 def test_each_transition_does_what_it_says(inner, capfd):
     node = inner.start(ControllerNode({**NAMED, 'autostart': False, 'controller': 'handmade'}))
     asker = Asker(inner)
-    asker.states.publish(odometry(1, STATE))
+    asker.states.publish(1, STATE)
     inner.until(lambda: node.ignored['not_activated'])
     assert inner.state(NODE) == 'unconfigured'
     assert inner.transition(NODE, 'configure')
-    asker.states.publish(odometry(2, STATE))
+    asker.states.publish(2, STATE)
     inner.until(lambda: node.ignored['not_activated'] == 2)
     assert not asker.answers, 'it commanded before it was activated'
     assert inner.transition(NODE, 'activate')

@@ -13,10 +13,6 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / 'docs' / 'notebooks'
 NOTEBOOKS = sorted(FOLDER.glob('*.ipynb'))
-COMMON = {'cell_type', 'id', 'metadata', 'source'}
-KEYS = {'markdown': COMMON, 'code': COMMON | {'execution_count', 'outputs'}}
-
-each_notebook = pytest.mark.parametrize('path', NOTEBOOKS, ids=lambda path: path.stem)
 COURSE = [
     'fly_and_compare', 'understand_a_rule', 'train_your_own', 'disperse', 'make_it_safe',
     'turn_and_dock',
@@ -34,33 +30,17 @@ def test_all_are_here_and_linked_in_the_order_of_the_course():
     assert re.findall(r'\]\((\w+)\.ipynb\)', (FOLDER / 'index.md').read_text()) == COURSE
 
 
-@each_notebook
-def test_it_has_the_form_of_nbformat_4_5_and_its_outputs(path):
+@pytest.mark.parametrize('path', NOTEBOOKS, ids=lambda path: path.stem)
+def test_it_is_run_from_the_top_without_a_warning_and_its_links_lead_somewhere(path):
     notebook = json.loads(path.read_text())
-    assert set(notebook) == {'cells', 'metadata', 'nbformat', 'nbformat_minor'}
-    assert (notebook['nbformat'], notebook['nbformat_minor']) == (4, 5)
+    cells = notebook['cells']
     assert notebook['metadata']['kernelspec']['name'] == 'python3'
-    names = [cell['id'] for cell in notebook['cells']]
-    assert len(set(names)) == len(names)
-    assert all(re.fullmatch(r'[a-zA-Z0-9_-]{1,64}', name) for name in names)
-    for cell in notebook['cells']:
-        assert set(cell) == KEYS[cell['cell_type']]
-        assert all(line.endswith('\n') for line in cell['source'][:-1])
-    outputs = [out for cell in notebook['cells'] for out in cell.get('outputs', ())]
+    outputs = [out for cell in cells for out in cell.get('outputs', ())]
     assert any('image/png' in out.get('data', ()) for out in outputs)
-    assert not {out['output_type'] for out in outputs} - {
-        'stream',
-        'display_data',
-        'execute_result',
-    }
-    assert all(out.get('name', 'stdout') == 'stdout' for out in outputs)  # no warning
-    counts = [c['execution_count'] for c in notebook['cells'] if c['cell_type'] == 'code']
-    assert counts == list(range(1, len(counts) + 1))  # run once, from the top
-
-
-@each_notebook
-def test_its_links_lead_somewhere(path):
-    cells = json.loads(path.read_text())['cells']
+    assert all(out['output_type'] != 'error' for out in outputs)
+    assert all(out.get('name', 'stdout') == 'stdout' for out in outputs)
+    counts = [cell['execution_count'] for cell in cells if cell['cell_type'] == 'code']
+    assert counts == list(range(1, len(counts) + 1))
     text = '\n'.join(''.join(c['source']) for c in cells if c['cell_type'] == 'markdown')
     assert 'SPDX-License-Identifier' in text
     for target in re.findall(r'\]\(([^)#:\s]+)', text):
