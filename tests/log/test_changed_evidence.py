@@ -25,7 +25,7 @@ from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 from log_runs import Parts, record
 from mcap.writer import CompressionType
-from proofs import KINDS, SAMPLE, proof_of
+from proofs import KINDS, SAMPLE, problem_of_kind, proof_of
 
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import dumps, load_controller
@@ -258,7 +258,7 @@ def test_a_lie_about_a_signed_run_is_not_accepted(recorded, keys, tmp_path_facto
 @cases
 @pytest.mark.parametrize('kind', KINDS)
 def test_a_changed_proof_is_wrong_unless_what_it_says_is_true(kind, tmp_path_factory, count):
-    true = proof_of(kind, tmp_path_factory.mktemp(kind) / 'proof')
+    true = proof_of(problem_of_kind(kind), tmp_path_factory.mktemp(kind) / 'proof')
     wanted = printed(true, ask(true.path))
 
     def one(rng):

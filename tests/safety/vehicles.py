@@ -1,75 +1,21 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Random vehicles, orbits and sections `assurance`: those that are not refused are attacked.
-
-Each is drawn at the borders of what may be kept: weak thrusters, small domains, large errors.
-"""
+"""Random vehicles, orbits and sections `assurance`, at the borders of what may be kept."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from rpo_core.files.scenario import Scenario, load_scenario
-from rpo_core.files.validation import InputError
 from rpo_core.world.disturbance import NONE
-from rpo_proof.safety.attack import KINDS, Result, attack
 from rpo_safety.settings import FILTERS, SPEEDS, Assurance, Passage, Speed
 from rpo_thrusters.thrusters import Thrusters
 
 DIRECTIONS = ('+x', '-x', '+y', '-y', '+z', '-z')
-
-
-class Attacked(NamedTuple):
-    """Vehicles that were drawn, and what became of the runs of those that were not refused.
-
-    refused : sentence, up to its first number -> how many
-    broken : runs, number of the vehicle and its scenario, in which a limit did not hold
-    """
-
-    drawn: int
-    accepted: int
-    runs: int
-    refused: dict[str, int]
-    broken: list[tuple[int, Scenario, Result]]
-
-
-def attack_vehicles(
-    count: int,
-    seed: int,
-    ticks: int,
-    limits: tuple[int, ...],
-    advance: Callable[[int], None] = lambda _: None,
-) -> Attacked:
-    """Draw vehicles, and fly one run of each kind of command with those that are not refused.
-
-    limits : columns of `rpo_proof.safety.attack` that must be zero
-    advance : gets how many vehicles are done
-    """
-    refused: dict[str, int] = {}
-    broken: list[tuple[int, Scenario, Result]] = []
-    accepted = runs = 0
-    for number in range(count):
-        random = np.random.default_rng([seed, number])
-        try:
-            scenario = drawn(random)
-            results = attack(scenario, len(KINDS), int(random.integers(2**31)), ticks)
-        except InputError as error:
-            sentence = str(error).split(';')[0]
-            refused[sentence] = refused.get(sentence, 0) + 1
-        else:
-            accepted, runs = accepted + 1, runs + len(KINDS)
-            broken += [
-                (number, scenario, result)
-                for result in results
-                if any(result.total(column) for column in limits)
-            ]
-        advance(number + 1)
-    return Attacked(count, accepted, runs, refused, broken)
 
 
 def _between(random: np.random.Generator, least: float, most: float) -> float:

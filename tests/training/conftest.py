@@ -35,14 +35,17 @@ def loaded(write):
 @pytest.fixture(scope='session')
 def sound(tmp_path_factory):
     """The folder of a proof of a few cells, all of whose claims are proven."""
-    from proofs import small_proof
+    from proofs import BOX, problem_of, proof_of
 
-    return small_proof(tmp_path_factory.mktemp('sound') / 'proof')
+    return proof_of(problem_of('allround', half=BOX), tmp_path_factory.mktemp('sound') / 'proof')
 
 
 @pytest.fixture(scope='session')
 def proofs(tmp_path_factory):
     """A small proof of each kind; one claim of the first is refuted."""
-    from proofs import KINDS, proof_of
+    from proofs import KINDS, problem_of_kind, proof_of
 
-    return {kind: proof_of(kind, tmp_path_factory.mktemp(kind) / 'proof') for kind in KINDS}
+    return {
+        kind: proof_of(problem_of_kind(kind), tmp_path_factory.mktemp(kind) / 'proof')
+        for kind in KINDS
+    }

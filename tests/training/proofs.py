@@ -7,9 +7,6 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 
-import numpy as np
-from kept import digits
-
 from rpo_core.files.scenario import load, load_set
 from rpo_core.judge.requirements import Requirements
 from rpo_core.world.disturbance import Disturbance, Harmonic
@@ -33,13 +30,6 @@ def problem_of(name, half=(10.0, 10.0, 10.0, 0.0, 0.0, 0.0)):
     """Return the problem of a shipped controller, from rest in a box about the target."""
     settings = Settings(centre=(0.0,) * 6, half=half, coarseness=COARSE, cell_m_s=0.025)
     return Problem.of(load_start(name), load('paper_training').base, settings)
-
-
-def small_proof(path):
-    """Make a proof of a few cells in a folder, with few flights beside it."""
-    folder = Folder.create(path, problem_of('allround', half=BOX))
-    proving.prove(folder, 1, '', lambda *_: None, probes=20)
-    return folder
 
 
 def problem_of_kind(kind):
@@ -71,30 +61,8 @@ def problem_of_kind(kind):
     return Problem.of(controller, named, settings)
 
 
-def proof_of(kind, path):
-    """Make the small proof of a kind in a folder."""
-    folder = Folder.create(path, problem_of_kind(kind))
+def proof_of(problem, path):
+    """Make a proof in a folder, with few flights beside it."""
+    folder = Folder.create(path, problem)
     proving.prove(folder, 1, '', lambda *_: None, probes=20)
     return Folder.open(path)
-
-
-def lines_of(name, folder):
-    """Yield a line for each array of a proof, and one for each number of its summary."""
-    for path in sorted(folder.path.glob('*.npz')):
-        with np.load(path) as saved:
-            for key in saved.files:
-                finite = saved[key][np.isfinite(saved[key])].astype(float)
-                said = [np.abs(finite).sum(), finite.min(), finite.max()] if finite.size else []
-                yield f'{name} {path.stem} {key} {saved[key].shape} {finite.size} {digits(said)}'
-    yield from _leaves(f'{name} summary', folder.summary())
-
-
-def _leaves(name, value):
-    """Yield a line for each number of a document."""
-    if isinstance(value, dict):
-        for key, inner in value.items():
-            yield from _leaves(f'{name} {key}', inner)
-    else:
-        numbers = value if isinstance(value, list) else [value]
-        said = (f'{x:.7g}' if isinstance(x, float) else str(x) for x in numbers)
-        yield f'{name} {" ".join(said)}'

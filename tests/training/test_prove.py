@@ -41,7 +41,6 @@ from rpo_proof.claims import Claim, ranges_of, row_of, values_of
 from rpo_proof.folder import Folder
 from rpo_proof.invariant import invariant_set_of, motion_inside
 from rpo_proof.problem import GROUPS, MOST_CELLS, Problem, Settings, range_of
-from rpo_proof.proving import estimate
 from rpo_proof.sets import InvariantSet
 from rpo_proof.slew import Strip
 
@@ -413,17 +412,6 @@ def test_what_is_held_is_judged_on_either_side_of_the_target():
     flight = flights.fly(problem, replace(base, initial_position_m=(1.0, -9.0, 2.0)))
     found = values_of(problem, flight)
     assert found == {'hold_error_per_axis_m': abs(flight.states[-1, 1])}
-
-
-@pytest.mark.every_landing
-def test_an_estimate_is_of_the_proof_itself(sound):
-    """All first cells drawn: the bounds of the proof, and its number of cells."""
-    problem = problem_of('allround', half=BOX)
-    summary = sound.summary()
-    found = estimate(problem, 1000, lambda *_: None)
-    assert found.cells == found.sampled and found.hours > 0.0
-    assert {k: c['bound'] for k, c in summary['claims'].items()} == found.bounds
-    assert found.tubes == 2 * summary['cells']['planar'] - found.sampled
 
 
 @pytest.mark.every_landing

@@ -193,15 +193,6 @@ def test_a_mutant_is_feasible_and_a_fair_step_away():
         assert moved > 0
 
 
-def test_the_step_of_mutation_follows_success():
-    mutation = AdaptiveFeasibleMutation(0.25, 1e-3)
-    steps = []
-    for generation, improved in enumerate([False, False, False, True, True, False], 1):
-        mutation.adapt(generation, improved)
-        steps.append(mutation.step)
-    assert steps == [1.0, 1.0, 0.25, 1.0, 1.0, 0.25]
-
-
 def test_the_preset_is_the_papers():
     ga = configs.PRESETS['paper'].ga
     assert (ga.population, ga.generations, ga.stall, ga.tournament) == (60, 300, 100, 4)
