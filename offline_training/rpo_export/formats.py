@@ -10,7 +10,7 @@ from __future__ import annotations
 import json as json_module
 import re
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cache
 from importlib import resources
 from string import Template
@@ -170,39 +170,39 @@ def fis(any_controller: AnyController) -> str:
     return ''.join(f'% {line}\n' for line in comments) + '\n'.join(blocks)
 
 
-class Engine(NamedTuple):
-    """A controller as FuzzyLite has it: comments, variables as lines, and rules.
-
-    methods : of the output, and of the block of rules
-    """
-
-    about: Sequence[str]
-    inputs: Sequence[Sequence[str]]
-    output: tuple[str, str, Sequence[str]]
-    methods: tuple[str, str, str, str]
-    rules: Sequence[str]
-
-
 def fll(controller: AnyController) -> str:
     """Return FuzzyLite Language `.fll`; raises InputError for a controller without rules."""
     if isinstance(controller, FuzzyController):
-        engine = _mamdani(controller)
-    elif isinstance(controller, MoreWords):
-        engine = _force_table(controller)
-    elif isinstance(controller, TimeToGo):
-        engine = _time_to_go(controller)
-    else:
-        raise InputError(f'`--to fll` does not know kind {controller.kind}; there are json and c')
-    aggregation, defuzzifier, conjunction, implication = engine.methods
-    name, extent, terms = engine.output
+        return _mamdani(controller)
+    if isinstance(controller, MoreWords):
+        return _force_table(controller)
+    if isinstance(controller, TimeToGo):
+        return _time_to_go(controller)
+    raise InputError(f'`--to fll` does not know kind {controller.kind}; there are json and c')
+
+
+def _engine(
+    controller: AnyController,
+    about: Sequence[str],
+    inputs: Sequence[str],
+    output: tuple[str, str, Sequence[str]],
+    methods: tuple[str, str, str, str],
+    rules: Iterable[str],
+) -> str:
+    """Return the text of an engine.
+
+    about : more comments
+    inputs : variables, each as its lines
+    output : name, range, terms
+    methods : aggregation, defuzzifier, conjunction, implication
+    """
+    name, extent, terms = output
+    aggregation, defuzzifier, conjunction, implication = methods
     lines = [
-        *(f'# {line}' for line in [*facts(controller), *GOAL, *engine.about]),
+        *(f'# {line}' for line in [*facts(controller), *GOAL, *about]),
         f'Engine: {_title(controller.name)}',
-        *(line for variable in engine.inputs for line in variable),
-        f'OutputVariable: {name}',
-        '  enabled: true',
-        f'  range: {extent}',
-        '  lock-range: false',
+        *inputs,
+        _variable('OutputVariable', name, extent, 'false', []),
         f'  aggregation: {aggregation}',
         f'  defuzzifier: {defuzzifier}',
         '  default: 0.0',
@@ -214,22 +214,17 @@ def fll(controller: AnyController) -> str:
         '  disjunction: none',
         f'  implication: {implication}',
         '  activation: General',
-        *(f'  rule: if {rule}' for rule in engine.rules),
+        *(f'  rule: if {rule}' for rule in rules),
     ]
     return '\n'.join(lines) + '\n'
 
 
-def _input(name: str, extent: str, terms: Sequence[str], locked: bool = True) -> list[str]:
-    return [
-        f'InputVariable: {name}',
-        '  enabled: true',
-        f'  range: {extent}',
-        f'  lock-range: {str(locked).lower()}',
-        *(f'  term: {term}' for term in terms),
-    ]
+def _variable(block: str, name: str, extent: str, locked: str, terms: Sequence[str]) -> str:
+    head = [f'{block}: {name}', '  enabled: true', f'  range: {extent}', f'  lock-range: {locked}']
+    return '\n'.join(head + [f'  term: {term}' for term in terms])
 
 
-def _mamdani(controller: FuzzyController) -> Engine:
+def _mamdani(controller: FuzzyController) -> str:
     """Return the paper's system.
 
     FuzzyLite integrates over the middles of equal cells: on a range wider by half a cell on each
@@ -237,77 +232,69 @@ def _mamdani(controller: FuzzyController) -> Engine:
     """
     samples = controller.system.samples
     edge = 1.0 + 1.0 / (samples - 1)
-    *inputs, output = (
+    *inputs, (output, words) = (
         (v.name, [f'{word} Triangle {" ".join(map(repr, feet))}' for word, feet in v.terms])
         for v in variables(controller)
     )
-    return Engine(
+    return _engine(
+        controller,
         [],
-        [_input(name, '-1.0 1.0', terms) for name, terms in inputs],
-        (output[0], f'{-edge!r} {edge!r}', output[1]),
+        [_variable('InputVariable', name, '-1.0 1.0', 'true', terms) for name, terms in inputs],
+        (output, f'{-edge!r} {edge!r}', words),
         ('Maximum', f'Centroid {samples}', 'Minimum', 'Minimum'),
-        [
-            f'position_error is {r.position} and velocity_error is {r.velocity} then force is '
-            f'{r.force}'
-            for r in rules(controller)
-        ],
-    )
+        (f'position_error is {p} and velocity_error is {v} then force is {f}'
+         for p, v, f in rules(controller)),
+    )  # fmt: skip
 
 
 _WEIGHTED = ('none', 'WeightedAverage TakagiSugeno', 'AlgebraicProduct', 'none')
 
 
-def _peaks(name: str, words: Sequence[str], peaks: Sequence[float]) -> list[str]:
+def _peaks(name: str, words: Sequence[str], peaks: Sequence[float]) -> str:
     """Return an input whose triangles partition it."""
-    low, high = [peaks[0], *peaks[:-1]], [*peaks[1:], peaks[-1]]
-    feet = zip(words, low, peaks, high, strict=True)
+    feet = zip(words, [peaks[0], *peaks], peaks, [*peaks[1:], peaks[-1]], strict=False)
     terms = [f'{word} Triangle {a!r} {b!r} {c!r}' for word, a, b, c in feet]
-    return _input(name, f'{peaks[0]!r} {peaks[-1]!r}', terms)
+    return _variable('InputVariable', name, f'{peaks[0]!r} {peaks[-1]!r}', 'true', terms)
 
 
-def _plain(words: Sequence[str]) -> list[str]:
+def _plain(words: Iterable[str]) -> list[str]:
     return [word.replace(' ', '_') for word in words]
 
 
-def _force_table(controller: MoreWords) -> Engine:
+def _force_table(controller: MoreWords) -> str:
     """Return a table of forces by distance and closing speed."""
-    about = 'distance = |r|; closing speed of an axis = -sign(r) v'
     words, others = _plain(controller.distances), _plain(controller.speeds)
-    pairs = [(i, j, f'{words[i]}_{others[j]}') for i in range(len(words))
-             for j in range(len(others))]  # fmt: skip
-    return Engine(
-        [about, f'force of the axis = -sign(r) pull, saturated at {controller.max_force_n!r} N.'],
-        [
-            _peaks('distance', words, controller.peaks_m),
-            _peaks('closing_speed', others, controller.speeds_m_s),
-        ],
-        ('pull', '-inf inf', [f'{n} Constant {controller.table_n[i][j]!r}' for i, j, n in pairs]),
+    cells = [(i, j) for i in range(len(words)) for j in range(len(others))]
+    forces = [f'{words[i]}_{others[j]} Constant {controller.table_n[i][j]!r}' for i, j in cells]
+    return _engine(
+        controller,
+        ['distance = |r|; closing speed of an axis = -sign(r) v',
+         f'force of the axis = -sign(r) pull, saturated at {controller.max_force_n!r} N.'],
+        [_peaks('distance', words, controller.peaks_m),
+         _peaks('closing_speed', others, controller.speeds_m_s)],
+        ('pull', '-inf inf', forces),
         _WEIGHTED,
-        [
-            f'distance is {words[i]} and closing_speed is {others[j]} then pull is {name}'
-            for i, j, name in pairs
-        ],
-    )
+        (f'distance is {words[i]} and closing_speed is {others[j]} then pull is '
+         f'{words[i]}_{others[j]}' for i, j in cells),
+    )  # fmt: skip
 
 
-def _time_to_go(controller: TimeToGo) -> Engine:
+def _time_to_go(controller: TimeToGo) -> str:
     """Return gains by the time to go."""
     laws = list(reversed(controller.rules))
-    words = _plain([rule.time_to_go for rule in laws])
+    words = _plain(rule.time_to_go for rule in laws)
     linear = [
         f'{word} Linear 0.0 {-rule.position_gain_n_m!r} {-rule.velocity_gain_n_s_m!r} 0.0'
         for word, rule in zip(words, laws, strict=True)
     ]
-    return Engine(
-        [
-            f'time_to_go = max({controller.arrival_s!r} s - time since the start, 0); force of the',
-            f'axis saturated at {controller.max_force_n!r} N.',
-        ],
-        [
-            _peaks('time_to_go', words, [rule.peak_s for rule in laws]),
-            *(_input(name, '-inf inf', [], locked=False) for name in ('position', 'velocity')),
-        ],
+    return _engine(
+        controller,
+        [f'time_to_go = max({controller.arrival_s!r} s - time since the start, 0); force of the',
+         f'axis saturated at {controller.max_force_n!r} N.'],
+        [_peaks('time_to_go', words, [rule.peak_s for rule in laws]),
+         *(_variable('InputVariable', name, '-inf inf', 'false', [])
+           for name in ('position', 'velocity'))],
         ('force', '-inf inf', linear),
         _WEIGHTED,
-        [f'time_to_go is {word} then force is {word}' for word in words],
-    )
+        (f'time_to_go is {word} then force is {word}' for word in words),
+    )  # fmt: skip

@@ -12,9 +12,9 @@ refused by name.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,25 +35,60 @@ from rpo_export.formats import SCALES
 _SYMMETRY = 1e-9  # of a range: how far apart mirrored feet may be, for files with rounded numbers
 _FACT = re.compile(r'\s*[%#]\s*rpo:\s*(\w+)\s*=\s*(\S+)')
 
-_Keys = Mapping[str, tuple[str | None, ...]]
-"""Key of a file -> the values that our inference has, None: absent; empty: read elsewhere."""
+_MF = re.compile(r"(.*)'\s*:\s*'(\w+)'\s*,\s*\[(.*)\]")
+_MFS = tuple(f'MF{i}' for i in range(1, 6))
+_RULE = re.compile(r'(\d{1,9})\s+(\d{1,9})\s*,\s*(\d{1,9})\s*\((.+)\)\s*:\s*1')
+_CLAUSES = re.compile(r'if (\w+) is (\w+) and (\w+) is (\w+) then (\w+) is (\w+)')
+
+# Key -> the values that our inference has; `?`: it may be absent; nothing: it is read elsewhere.
+_SYSTEM = {
+    'Name': '', 'Type': 'mamdani', 'Version': '2.0|2?', 'NumInputs': '2?', 'NumOutputs': '1?',
+    'NumRules': '25?', 'AndMethod': 'min', 'OrMethod': 'max?', 'ImpMethod': 'min',
+    'AggMethod': 'max', 'DefuzzMethod': 'centroid',
+}  # fmt: skip
+_VARIABLE = {'Name': '', 'Range': '', 'NumMFs': '5?', **dict.fromkeys(_MFS, '')}
+_INPUT = {
+    'description': '', 'enabled': 'true?', 'range': '',
+    'lock-range': 'true',  # else the grade of an outer word falls beyond its peak
+}  # fmt: skip
+_OUTPUT = {
+    **_INPUT, 'lock-range': 'true|false?', 'aggregation': 'Maximum', 'defuzzifier': '',
+    'default': '', 'lock-previous': 'false?',
+}  # fmt: skip
+_RULES = {
+    'description': '', 'enabled': 'true?', 'conjunction': 'Minimum',
+    'disjunction': 'none|Maximum?',  # no rule has an OR
+    'implication': 'Minimum', 'activation': 'General',
+}  # fmt: skip
+
+_Format = Sequence[tuple[str, dict[str, str]]]
+_FIS: _Format = (
+    ('System', _SYSTEM), ('Input1', _VARIABLE), ('Input2', _VARIABLE), ('Output1', _VARIABLE),
+    ('Rules', {}),
+)  # fmt: skip
+_FLL: _Format = (
+    ('Engine', {'description': ''}), ('InputVariable', _INPUT), ('InputVariable', _INPUT),
+    ('OutputVariable', _OUTPUT), ('RuleBlock', _RULES),
+)  # fmt: skip
+"""Blocks of a file, each once, and their keys."""
+
+_ITEMS = {'InputVariable': 'term', 'OutputVariable': 'term', 'RuleBlock': 'rule'}
+"""The key of a block that may stand several times."""
 
 
-@dataclass(frozen=True)
-class FileVariable:
+class FileVariable(NamedTuple):
     """A variable as the file has it: range and (name, kind, parameters) of its terms.
 
     reach : where the range must end, as a multiple of the outer peak
     """
 
     name: str
-    range: tuple[float, float]
-    terms: tuple[tuple[str, str, tuple[float, ...]], ...]
+    range: tuple[float, ...]
+    terms: list[tuple[str, str, tuple[float, ...]]]
     reach: float = 1.0
 
 
-@dataclass(frozen=True)
-class Description:
+class Description(NamedTuple):
     """The content of a file before the check of its shape.
 
     rules : indices (position, velocity, force) of the terms
@@ -61,9 +96,18 @@ class Description:
     """
 
     name: str
-    variables: tuple[FileVariable, ...]
-    rules: tuple[tuple[int, int, int], ...]
+    variables: list[FileVariable]
+    rules: list[tuple[int, ...]]
     facts: dict[str, float]
+
+
+class _Block(NamedTuple):
+    """A section of `.fis`, or a block of `.fll` with its name; items : terms or rules."""
+
+    label: str
+    name: str
+    keys: dict[str, str]
+    items: list[str]
 
 
 def load(path: Path, scales: Sequence[float | None] = (None, None, None)) -> FuzzyController:
@@ -77,9 +121,8 @@ def load(path: Path, scales: Sequence[float | None] = (None, None, None)) -> Fuz
         If the file cannot be read, has another format or another shape, or has no scale.
     """
     readers = {'.fis': read_fis, '.fll': read_fll}
-    suffix = path.suffix.lower()
     with within(str(path)):
-        read = readers[choice('file name suffix', suffix, readers)]
+        read = readers[choice('file name suffix', path.suffix.lower(), readers)]
     content = files.read_text(path)
     with within(str(path)):
         return controller_of(read(content.removeprefix('\ufeff')), path.name, scales)
@@ -87,12 +130,9 @@ def load(path: Path, scales: Sequence[float | None] = (None, None, None)) -> Fuz
 
 def facts_of(content: str) -> dict[str, float]:
     """Return the numbers that `rpo export` noted in comments."""
-    found = filter(None, (_FACT.match(line) for line in content.splitlines()))
-    return {
-        fact[1]: number(fact[2], f'rpo: {fact[1]}')
-        for fact in found
-        if fact[1] in (*SCALES, 'samples')
-    }
+    facts = dict(match.groups() for match in map(_FACT.match, content.splitlines()) if match)
+    names = [name for name in (*SCALES, 'samples') if name in facts]
+    return {name: number(facts[name], f'rpo: {name}') for name in names}
 
 
 def number(text: str, place: str) -> float:
@@ -118,22 +158,19 @@ def controller_of(
     facts = described.facts
     samples = facts.get('samples', float(DEFAULT_SAMPLES))
     system = FuzzySystem(
-        parts[0],
-        parts[1],
-        parts[2],
+        *parts,
         rules=_table(described.rules, orders),
         samples=int(samples) if samples.is_integer() else odd_samples('samples', samples),
     )
     chosen: list[float] = []
     for name, option, size in zip(SCALES, scales, sizes, strict=True):
-        said = facts.get(name) if size == 1.0 else size
-        found = said if option is None else option
-        if found is None:
+        in_file = facts.get(name) if size == 1.0 else size
+        scale = in_file if option is None else option
+        if scale is None:
             raise InputError(f'does not say `{name}`: give --{name.partition("_")[0]}-scale')
-        chosen.append(found)
-    position, velocity, force = chosen
+        chosen.append(scale)
     provenance = {'method': 'imported', 'file': source}
-    return FuzzyController(described.name, system, position, velocity, force, provenance=provenance)
+    return FuzzyController(described.name, system, *chosen, provenance=provenance)
 
 
 def _normalised(variable: FileVariable) -> tuple[MembershipFunctions, float, list[int]]:
@@ -141,34 +178,30 @@ def _normalised(variable: FileVariable) -> tuple[MembershipFunctions, float, lis
     if len(variable.terms) != 5:
         raise InputError(f'must have 5 terms; it has {len(variable.terms)}')
     for name, kind, points in variable.terms:
-        if kind not in ('trimf', 'Triangle') or len(points) != 3:
+        is_triangle = kind in ('trimf', 'Triangle') and len(points) == 3
+        if not (is_triangle and points[0] <= points[1] <= points[2]):
             raise InputError(
-                f'term {quoted(name)} must be a triangle of 3 points; got {kind} {list(points)}'
-            )
-        if not points[0] <= points[1] <= points[2]:
-            raise InputError(
-                f'term {quoted(name)} must have its feet on both sides of its peak: left foot, '
-                f'peak, right foot; got {list(points)}'
+                f'term {quoted(name)} must be a triangle of 3 points: left foot, peak, right foot; '
+                f'got {kind} {list(points)}'
             )
     order = sorted(range(5), key=lambda i: variable.terms[i][2][1])
+    names = [variable.terms[i][0] for i in order]
     feet = np.array([variable.terms[i][2] for i in order])
     size, reach = float(feet[4, 1]), variable.reach
     ends = np.array([-size, size]) * reach
     if not (size > 0.0 and np.abs(ends - variable.range).max() <= _SYMMETRY * size):
-        wanted, more = '[-S, S]', ''
-        if reach > 1.0:
-            wanted, more = f'[{-reach:g} S, {reach:g} S]', ', half a cell of the `defuzzifier` more'
+        end = 'S' if reach == 1.0 else f'{reach:g} S'
         raise InputError(
-            f'`range` must be {wanted} with the outer peaks at -S and S{more}; '
+            f'`range` must be [-{end}, {end}] with the outer peaks at -S and S; '
             f'got {list(variable.range)} and peaks at {feet[0, 1]:g} and {size:g}'
         )
     if reach > 1.0 and (feet[0, 0] > ends[0] or feet[4, 2] < ends[1]):
-        outer = ' and '.join(quoted(variable.terms[order[i]][0]) for i in (0, 4))
         raise InputError(
-            f'terms {outer} must have their outer feet outside the range, like {2.0 * ends[0]:g} '
-            f'and {2.0 * ends[1]:g}: the outer samples lie at the peaks but for rounding'
+            f'terms {quoted(names[0])} and {quoted(names[4])} must have their outer feet outside '
+            f'the range, like {2.0 * ends[0]:g} and {2.0 * ends[1]:g}: the outer samples lie at '
+            'the peaks but for rounding'
         )
-    return _functions(feet / size, [variable.terms[i][0] for i in order]), size, order
+    return _functions(feet / size, names), size, order
 
 
 def _functions(feet: NDArray[np.float64], names: list[str]) -> MembershipFunctions:
@@ -184,7 +217,7 @@ def _functions(feet: NDArray[np.float64], names: list[str]) -> MembershipFunctio
     return MembershipFunctions(half, left, centre, right, large)
 
 
-def _table(rules: Sequence[tuple[int, int, int]], orders: Sequence[list[int]]) -> RuleTable:
+def _table(rules: Sequence[Sequence[int]], orders: Sequence[list[int]]) -> RuleTable:
     """Return the rule table; a rule has the index of a term in the order of each variable."""
     codes = np.full((5, 5), -1)
     for rule in rules:
@@ -200,250 +233,141 @@ def _table(rules: Sequence[tuple[int, int, int]], orders: Sequence[list[int]]) -
     return RuleTable.from_codes(codes)
 
 
-def _expected(keys: Mapping[str, str], known: _Keys) -> None:
+def _blocks(
+    content: str, comment: str, sign: str, header: re.Pattern[str], known: _Format
+) -> list[_Block]:
+    """Return the blocks of a file in the order of its format; raises InputError.
+
+    header : begins a block; its groups are the kind and the name of the block
+    """
+    blocks: list[tuple[str, _Block]] = []
+    for text in content.splitlines():
+        line = text.partition(comment)[0].strip()
+        key, equals, value = (part.strip() for part in line.partition(sign))
+        if begin := header.fullmatch(line):
+            kind, name = begin[1], begin[2].strip()
+            label = f'{kind} {quoted(name)}' if name else f'[{kind}]'
+            blocks.append((kind, _Block(label, name, {}, [])))
+        elif not line:
+            continue
+        elif blocks and (blocks[-1][0] == 'Rules' or key == _ITEMS.get(blocks[-1][0])):
+            blocks[-1][1].items.append(line if blocks[-1][0] == 'Rules' else value)
+        elif not (blocks and equals):
+            raise InputError(f'not a line of such a file: {shown(line)}')
+        else:
+            _, block = blocks[-1]
+            if key in block.keys:
+                raise InputError(f'{block.label}: {quoted(key)} must stand once; it stands twice')
+            block.keys[key] = value.strip('\'"') if sign == '=' else value
+    kinds, wanted = [kind for kind, _ in blocks], [kind for kind, _ in known]
+    if sorted(kinds) != sorted(wanted):
+        raise InputError(f'must have {", ".join(wanted)}; it has {", ".join(kinds) or "none"}')
+    for kind, block in blocks:
+        with within(block.label):
+            _check(block.keys, dict(known)[kind])
+    return [block for _, block in sorted(blocks, key=lambda each: wanted.index(each[0]))]
+
+
+def _check(keys: dict[str, str], known: dict[str, str]) -> None:
     """Check that keys are known, and have values that our inference has; raises InputError."""
     for key in keys:
         if key not in known:
             raise InputError(f'{quoted(key)} is not a known key{near(key, known)}')
-    for key, values in known.items():
-        if values and keys.get(key) not in values:
-            wanted = ' or '.join(value for value in values if value is not None)
+    for key, text in known.items():
+        values = text.rstrip('?').split('|')
+        if text and keys.get(key) not in values and (key in keys or not text.endswith('?')):
             got = shown(keys[key]) if key in keys else 'no such key'
-            raise InputError(f'`{key}` must be {wanted}; got {got}')
-
-
-def _once(found: dict[str, str], key: str, value: str) -> None:
-    if key in found:
-        raise InputError(f'{quoted(key)} must stand once; it stands twice')
-    found[key] = value
-
-
-_SECTION = re.compile(r'\[(\w+)\]')
-_MF = re.compile(r"'(.*)'\s*:\s*'(\w+)'\s*,\s*\[(.*)\]")
-_RULE = re.compile(r'(\d{1,9})\s+(\d{1,9})\s*,\s*(\d{1,9})\s*\((.+)\)\s*:\s*1')
-_MFS = tuple(f'MF{i}' for i in range(1, 6))
-_SYSTEM: _Keys = {
-    'Name': (),
-    'Type': ('mamdani',),
-    'Version': ('2.0', '2', None),
-    'NumInputs': ('2', None),
-    'NumOutputs': ('1', None),
-    'NumRules': ('25', None),
-    'AndMethod': ('min',),
-    'OrMethod': ('max', None),
-    'ImpMethod': ('min',),
-    'AggMethod': ('max',),
-    'DefuzzMethod': ('centroid',),
-}
-_VARIABLE: _Keys = {'Name': (), 'Range': (), 'NumMFs': ('5', None), **dict.fromkeys(_MFS, ())}
-
-
-def read_fis(content: str) -> Description:
-    """Return the description of a MATLAB `.fis` text; raises InputError."""
-    sections: dict[str, dict[str, str]] = {'': {}}
-    rules: list[tuple[int, int, int]] = []
-    current = ''
-    for line in _lines(content, '%'):
-        section = _SECTION.fullmatch(line)
-        if section:
-            current = section[1]
-            if current in sections:
-                raise InputError(f'section [{current}] must stand once; it stands twice')
-            sections[current] = {}
-        elif current == 'Rules':
-            rules.append(_fis_rule(line))
-        else:
-            key, equals, value = line.partition('=')
-            if not equals:
-                raise InputError(f'not a .fis line: {shown(line)}')
-            with within(f'[{current}]'):
-                _once(sections[current], key.strip(), value.strip())
-    system = sections.get('System')
-    if system is None:
-        raise InputError('not a .fis file: it has no [System]')
-    names = [name for name in sections if name.startswith(('Input', 'Output'))]
-    if sorted(names) != ['Input1', 'Input2', 'Output1']:
-        raise InputError(
-            f'must have two inputs and one output; it has {", ".join(names) or "none"}'
-        )
-    for name, keys in sections.items():
-        if name not in ('', 'System', 'Rules', *names):
-            raise InputError(f'section [{name}] is not known')
-        known = {'': {}, 'Rules': {}, 'System': _SYSTEM}.get(name, _VARIABLE)
-        with within(f'[{name}]'):
-            _expected({key: _bare(value) for key, value in keys.items()}, known)
-    return Description(
-        name=_bare(system.get('Name', '')) or 'imported',
-        variables=tuple(_fis_variable(sections[name]) for name in sorted(names)),
-        rules=tuple(rules),
-        facts=facts_of(content),
-    )
-
-
-def _lines(content: str, comment: str) -> list[str]:
-    stripped = (line.partition(comment)[0].strip() for line in content.splitlines())
-    return [line for line in stripped if line]
-
-
-def _bare(text: str) -> str:
-    return text.strip().strip('\'"')
+            raise InputError(f'`{key}` must be {" or ".join(values)}; got {got}')
 
 
 def _numbers(text: str, place: str) -> tuple[float, ...]:
     return tuple(number(part, place) for part in re.split(r'[\s,]+', text.strip(' []')))
 
 
-def _range(text: str, place: str) -> tuple[float, float]:
+def _range(text: str, place: str) -> tuple[float, ...]:
     numbers = _numbers(text, place)
     if len(numbers) != 2:
         raise InputError(f'{quoted(place)} must be two numbers; got {shown(text)}')
-    return numbers[0], numbers[1]
+    return numbers
 
 
-def _fis_variable(section: dict[str, str]) -> FileVariable:
-    name = _bare(section.get('Name', ''))
-    terms = []
-    for key in _MFS:  # rules number the words
-        value = section.get(key, '')
-        match = _MF.fullmatch(value)
-        if not match:
-            raise InputError(f"`{key}` must be like 'LN':'trimf',[-2 -1 0]; got {shown(value)}")
-        terms.append((match[1], match[2], _numbers(match[3], key)))
-    return FileVariable(name, _range(section.get('Range', ''), f'{name}.Range'), tuple(terms))
+def read_fis(content: str) -> Description:
+    """Return the description of a MATLAB `.fis` text; raises InputError."""
+    system, *blocks, rules = _blocks(content, '%', '=', re.compile(r'\[(\w+)\]()'), _FIS)
+    variables = []
+    for block in blocks:
+        name, terms = block.keys.get('Name', ''), []
+        for key in _MFS:  # rules number the words
+            value = block.keys.get(key, '')
+            match = _MF.fullmatch(value)
+            if not match:
+                raise InputError(f"`{key}` must be like 'LN':'trimf',[-2 -1 0]; got {shown(value)}")
+            terms.append((match[1], match[2], _numbers(match[3], key)))
+        extent = _range(block.keys.get('Range', ''), f'{name}.Range')
+        variables.append(FileVariable(name, extent, terms))
+    name = system.keys.get('Name', '') or 'imported'
+    return Description(name, variables, list(map(_fis_rule, rules.items)), facts_of(content))
 
 
-def _fis_rule(line: str) -> tuple[int, int, int]:
+def _fis_rule(line: str) -> tuple[int, ...]:
     match = _RULE.fullmatch(line)
-    indices = [int(i) for i in match.groups()[:3]] if match else []
-    if not match or number(match[4], 'weight') != 1.0 or not all(1 <= i <= 5 for i in indices):
+    words = [int(i) - 1 for i in match.groups()[:3]] if match else []
+    if not match or number(match[4], 'weight') != 1.0 or not all(0 <= i < 5 for i in words):
         raise InputError(
             'a rule must be like `1 2, 3 (1) : 1`: words 1 to 5, weight 1, joined by AND; '
             f'got {shown(line)}'
         )
-    return indices[0] - 1, indices[1] - 1, indices[2] - 1
-
-
-_BLOCKS: dict[str, _Keys] = {
-    'Engine': {'description': ()},
-    'InputVariable': {
-        'description': (),
-        'enabled': ('true', None),
-        'range': (),
-        'lock-range': ('true',),  # else the grade of an outer word falls beyond its peak
-        'term': (),
-    },
-    'OutputVariable': {
-        'description': (),
-        'enabled': ('true', None),
-        'range': (),
-        'lock-range': ('true', 'false', None),
-        'aggregation': ('Maximum',),
-        'defuzzifier': (),
-        'default': (),
-        'lock-previous': ('false', None),
-        'term': (),
-    },
-    'RuleBlock': {
-        'description': (),
-        'enabled': ('true', None),
-        'conjunction': ('Minimum',),
-        'disjunction': ('none', 'Maximum', None),  # no rule has an OR
-        'implication': ('Minimum',),
-        'activation': ('General',),
-        'rule': (),
-    },
-}
+    return tuple(words)
 
 
 def read_fll(content: str) -> Description:
     """Return the description of a FuzzyLite `.fll` text; raises InputError."""
-    blocks: list[tuple[str, str, dict[str, str], list[str]]] = []
-    for line in _lines(content, '#'):
-        key, colon, value = line.partition(':')
-        key, value = key.strip(), value.strip()
-        if not colon:
-            raise InputError(f'not a .fll line: {shown(line)}')
-        if key in _BLOCKS:
-            blocks.append((key, value, {}, []))
-        elif not blocks:
-            raise InputError(f'not a .fll file: it starts with {shown(line)}')
-        elif key in ('term', 'rule') and key in _BLOCKS[blocks[-1][0]]:
-            blocks[-1][3].append(value)
-        else:
-            with within(f'{blocks[-1][0]} {quoted(blocks[-1][1])}'):
-                _once(blocks[-1][2], key, value)
-    kinds = [kind for kind, *_ in blocks]
-    if sorted(kinds) != sorted([*_BLOCKS, 'InputVariable']):
-        raise InputError(
-            'must be one Engine with two InputVariables, one OutputVariable and one RuleBlock; '
-            f'it has {", ".join(kinds) or "none"}'
-        )
-    for kind, name, keys, _ in blocks:
-        with within(f'{kind} {quoted(name)}'):
-            _expected(keys, _BLOCKS[kind])
-    blocks.sort(key=lambda block: list(_BLOCKS).index(block[0]))
-    engine, *variables, rules = blocks
-    facts, output = facts_of(content), variables[2][2]
-    samples = _samples(output.get('defuzzifier', ''))
-    if facts.setdefault('samples', float(samples)) != samples:
-        raise InputError(
-            f'`defuzzifier` must have the samples of the comment `rpo: samples`, '
-            f'{facts["samples"]:g}; got {shown(output["defuzzifier"])}'
-        )
-    if not re.fullmatch(r'-?0+(\.0*)?', output.get('default', '')):
-        raise InputError(
-            '`default` must be 0.0, our output where no rule fires; '
-            f'got {shown(output.get("default", "no such key"))}'
-        )
-    reaches = 1.0, 1.0, 1.0 + 1.0 / (samples - 1)
-    described = tuple(
-        _fll_variable(name, keys, terms, reach)
-        for (_, name, keys, terms), reach in zip(variables, reaches, strict=True)
-    )
-    return Description(
-        name=engine[1] or 'imported',
-        variables=described,
-        rules=tuple(_fll_rule(rule, described) for rule in rules[3]),
-        facts=facts,
-    )
-
-
-def _samples(defuzzifier: str) -> int:
-    """Return the samples of FuzzyLite's centroid; raises InputError."""
+    header = re.compile(rf'({"|".join(dict(_FLL))})\s*:(.*)')
+    engine, *blocks, rules = _blocks(content, '#', ':', header, _FLL)
+    facts, output = facts_of(content), blocks[2].keys
+    defuzzifier, default = output.get('defuzzifier', ''), output.get('default', 'no such key')
     match = re.fullmatch(r'Centroid\s+(\d{1,6})', defuzzifier, re.ASCII)
-    if not match or int(match[1]) % 2 == 0 or int(match[1]) < 3:
+    samples = int(match[1]) if match else 0
+    if samples % 2 == 0 or samples < 3:
         raise InputError(
             '`defuzzifier` must be Centroid with an odd number of samples, so that 0 is one of '
             f'them, like `Centroid {DEFAULT_SAMPLES}`; got {shown(defuzzifier)}'
         )
-    return int(match[1])
+    if facts.setdefault('samples', float(samples)) != samples:
+        raise InputError(
+            f'`defuzzifier` must have the samples of the comment `rpo: samples`, '
+            f'{facts["samples"]:g}; got {shown(defuzzifier)}'
+        )
+    if not re.fullmatch(r'-?0+(\.0*)?', default):
+        raise InputError(
+            f'`default` must be 0.0, our output where no rule fires; got {shown(default)}'
+        )
+    reaches = 1.0, 1.0, 1.0 + 1.0 / (samples - 1)
+    variables = [_fll_variable(*each) for each in zip(blocks, reaches, strict=True)]
+    read = [_fll_rule(rule, variables) for rule in rules.items]
+    return Description(engine.name or 'imported', variables, read, facts)
 
 
-def _fll_variable(
-    name: str, keys: dict[str, str], values: Sequence[str], reach: float
-) -> FileVariable:
+def _fll_variable(block: _Block, reach: float) -> FileVariable:
     terms = []
-    for value in values:
+    for value in block.items:
         label, kind, numbers = (*value.split(maxsplit=2), '', '', '')[:3]
-        terms.append((label, kind, _numbers(numbers, f'{name}.{label}')))
+        terms.append((label, kind, _numbers(numbers, f'{block.name}.{label}')))
     if len({label for label, _, _ in terms}) < len(terms):
-        raise InputError(f'the terms of {quoted(name)} must have different names')
-    place = f'{name}.range'
-    return FileVariable(name, _range(keys.get('range', ''), place), tuple(terms), reach)
+        raise InputError(f'the terms of {quoted(block.name)} must have different names')
+    extent = _range(block.keys.get('range', ''), f'{block.name}.range')
+    return FileVariable(block.name, extent, terms, reach)
 
 
-def _fll_rule(rule: str, variables: tuple[FileVariable, ...]) -> tuple[int, int, int]:
-    terms = [{name: i for i, (name, _, _) in enumerate(v.terms)} for v in variables]
-    clauses = re.fullmatch(r'if (\w+) is (\w+) and (\w+) is (\w+) then (\w+) is (\w+)', rule)
+def _fll_rule(rule: str, variables: list[FileVariable]) -> tuple[int, ...]:
+    clauses = _CLAUSES.fullmatch(rule)
     parts = clauses.groups() if clauses else ()
     word_of = dict(zip(parts[::2], parts[1::2], strict=True))
+    names = [[name for name, _, _ in variable.terms] for variable in variables]
     words = [word_of.get(variable.name, '') for variable in variables]
-    if len(word_of) != 3 or any(
-        word not in known for word, known in zip(words, terms, strict=True)
-    ):
+    if len(word_of) != 3 or any(word not in of for word, of in zip(words, names, strict=True)):
         raise InputError(
             'a rule must be like `if A is P and B is Q then F is R`, of terms that the file has; '
             f'got {shown(rule)}'
         )
-    position, velocity, force = (known[w] for known, w in zip(terms, words, strict=True))
-    return position, velocity, force
+    return tuple(of.index(word) for word, of in zip(words, names, strict=True))

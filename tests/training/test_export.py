@@ -125,14 +125,6 @@ def test_a_description_keeps_its_percents(name):
         assert importing.facts_of(text)['force_scale_n'] == controller.force_scale_n
 
 
-@pytest.mark.parametrize('suffix', ['fis', 'fll'])
-def test_export_then_import_is_the_same_controller(suffix, tmp_path):
-    file, back = tmp_path / f'h.{suffix}', tmp_path / 'back.yaml'
-    assert invoke('export', 'handmade', '--to', suffix, '-o', file).exit_code == 0
-    assert invoke('import', file, '--output', back).exit_code == 0
-    assert load_controller(back) == replace(load_controller('handmade'), name='back')
-
-
 FIS = text_of(load_controller('handmade'), 'fis')
 PLAIN = re.sub('%.*', '', FIS)
 FLL = text_of(load_controller('handmade'), 'fll')
@@ -157,42 +149,34 @@ def test_a_file_in_units_brings_its_scales(tmp_path):
     ('suffix', 'text', 'message'),
     [
         ('fis', PLAIN, 'does not say `position_scale_m`: give --position-scale'),
-        ('fis', '', 'not a .fis file: it has no [System]'),
-        ('fis', 'hello', "not a .fis line: 'hello'"),
+        ('fis', '', 'must have System, Input1, Input2, Output1, Rules; it has none'),
+        ('fis', 'hello', "not a line of such a file: 'hello'"),
         ('fis', FIS.replace("'mamdani'", "'sugeno'"), "`Type` must be mamdani; got 'sugeno'"),
-        ('fis', FIS.replace("ImpMethod='min'", "ImpMethod='prod'"), '`ImpMethod` must be min; got'),
-        ('fis', FIS.replace('[Input2]', '[Input3]'), 'must have two inputs and one output'),
+        ('fis', FIS.replace('[Input2]', '[Input3]'), 'it has System, Input1, Input3, Output1'),
         ('fis', FIS.replace("'trimf'", "'gaussmf'", 1), 'term `LN` must be a triangle of 3 points'),
         ('fis', FIS.replace('-0.75 -0.2', '-0.75 -0.3'), 'term `SN` must mirror its opposite'),
         ('fis', FIS.replace('3 3, 3 (1) : 1\n', ''), 'must have 25 rules; it has 24'),
         ('fis', FIS.replace('3 3, 3 (1) : 1', '3 4, 3 (1) : 1'), 'position Z) has two'),
         ('fis', FIS.replace('3 3, 3 (1)', '3 3, 3 (0.5)'), 'words 1 to 5, weight 1, joined by AND'),
-        ('fis', FIS.replace('3 3, 3 (1)', '3 0, 3 (1)'), 'words 1 to 5, weight 1, joined by AND'),
         ('fis', FIS.replace('3 3, 3 (1)', f'3 {"9" * 5000}, 3 (1)'), 'words 1 to 5, weight 1'),
         ('fis', FIS.replace('Range=[-1 1]', 'Range=[0 1]', 1), '`range` must be [-S, S]'),
         ('fis', FIS.replace('NumRules=25', 'NumRules=-25'), "`NumRules` must be 25; got '-25'"),
-        ('fis', FIS.replace('NumInputs=2', 'NumInputs=--2'), "`NumInputs` must be 2; got '--2'"),
         ('fis', FIS.replace('NumMFs=5', 'NumMfs=5', 1), '`NumMfs` is not a known key; did'),
         ('fis', FIS.replace("OrMethod='max'", "OrMethod='sum'"), '`OrMethod` must be max; got'),
-        ('fis', FIS.replace('[-2.0 -1.0', '[-0.5 -1.0', 1), 'feet on both sides of its peak'),
-        ('fis', FIS.replace('Range=[-1 1]', 'Range=[-1.5 1.5]', 1), 'got [-1.5, 1.5] and'),
-        ('fis', FIS + '[Rules]', 'section [Rules] must stand once'),
-        ('fis', FIS + '[Extra]', 'section [Extra] is not known'),
+        ('fis', FIS.replace('[-2.0 -1.0', '[-0.5 -1.0', 1), 'right foot; got trimf [-0.5'),
+        ('fis', FIS + '[Rules]', 'Output1, Rules, Rules'),
+        ('fis', FIS + '[Extra]', 'Output1, Rules, Extra'),
         ('fis', FIS.replace('samples = 101', 'samples = 100'), '`samples` must be odd'),
         ('fll', '', 'it has none'),
-        ('fll', FLL.replace('InputVariable', 'OutputVariable', 1), 'must be one Engine with two'),
+        ('fll', FLL.replace('InputVariable', 'OutputVariable', 1), 'it has Engine, OutputVariable'),
         ('fll', FLL.replace('Triangle', 'Gaussian', 1), 'term `LN` must be a triangle of 3 points'),
-        ('fll', FLL.replace('Centroid 101', 'Bisector 101'), '`defuzzifier` must be Centroid with'),
         ('fll', FLL.replace('Centroid 101', 'Centroid 100'), "like `Centroid 101`; got"),
         ('fll', FLL.replace('Centroid 101', 'Centroid 5'), "`rpo: samples`, 101; got 'Centroid 5'"),
         ('fll', FLL.replace('default: 0.0', 'default: 0.3'), '`default` must be 0.0, our'),
-        ('fll', FLL.replace('default: 0.0', 'default: nan'), '`default` must be 0.0, our'),
         ('fll', FLL.replace('enabled: true', 'enabled: false', 1), '`enabled` must be true; got'),
         ('fll', FLL.replace('General', 'Threshold > 0.5'), '`activation` must be General; got'),
         ('fll', FLL.replace('lock-range: true', 'lock-range: false', 1), '`lock-range` must be'),
-        ('fll', FLL.replace('previous: false', 'previous: true'), '`lock-previous` must be false'),
         ('fll', FLL.replace('range: -1.01 1.01', 'range: -1.5 1.5'), 'must be [-1.01 S, 1.01 S]'),
-        ('fll', FLL.replace('range: -1.0 1.0', 'range: -1.5 1.5', 1), 'must be [-S, S]'),
         ('fll', FLL.replace('disjunction: none', 'disjunction: AlgebraicSum'), '`disjunction`'),
         ('fll', FLL.replace('  default', '  weight: 1\n  default'), '`weight` is not a known key'),
         ('fll', FLL.replace('  default', '  default: 0.0\n  default'), '`default` must stand once'),
@@ -200,7 +184,6 @@ def test_a_file_in_units_brings_its_scales(tmp_path):
         ('fll', FLL.replace('is LN and', 'is LN or', 1), 'a rule must be like'),
         ('fll', FLL.replace('LN Triangle -2.0 -1.0', 'LN', 1), 'must be a finite number'),
         ('fll', FLL.replace('range: -1.0 1.0', 'range: -1.0', 1), 'must be two numbers'),
-        ('fll', FLL.replace('-2.0 -1.0 0.0', '-2.0 x 0.0', 1), 'must be a finite number; got'),
         ('xml', FIS, '`file name suffix` must be one of .fis, .fll'),
     ],
 )  # fmt: skip
