@@ -318,9 +318,17 @@ def _conflicts(settings: Assurance, scenario: Any) -> tuple[list[str], dict[str,
         return conflicts, changed
     with _noted(conflicts):
         stage = AssuranceStage(replace(settings, **changed), scenario)
-        for check in (_check_range, _check_speed, _check_sets, _check_first_ticks):
+        state = stage.ahead(scenario.start)
+        mode = stage.mode_of(state, stage.delay_ticks)
+        rho = max(kernels.closing(state)[0], norm(*scenario.initial_position_m))
+        if rho > settings.domain_m:
+            conflicts.append(
+                f'`assurance.domain_m` must be at least the range of the start, {upwards(rho)} m; '
+                f'got {settings.domain_m!r}'
+            )
+        for check in (_check_speed, _check_sets, _check_first_ticks):
             with _noted(conflicts):
-                check(stage, settings, scenario)
+                check(stage, scenario, state, mode)
     return conflicts, changed
 
 
@@ -333,18 +341,8 @@ def _noted(conflicts: list[str]) -> Iterator[None]:
         conflicts.append(str(error))
 
 
-def _check_range(stage: AssuranceStage, settings: Assurance, scenario: Any) -> None:
-    rho = max(kernels.closing(stage.ahead(scenario.start))[0], norm(*scenario.initial_position_m))
-    if rho > settings.domain_m:
-        raise InputError(
-            f'`assurance.domain_m` must be at least the range of the start, {upwards(rho)} m; '
-            f'got {settings.domain_m!r}'
-        )
-
-
-def _check_speed(stage: AssuranceStage, _settings: Assurance, scenario: Any) -> None:
-    state, g = stage.ahead(scenario.start), stage.guard
-    mode, (rho, _, speed) = stage.mode_of(state, stage.delay_ticks), kernels.closing(state)
+def _check_speed(stage: AssuranceStage, scenario: Any, state: State, mode: int) -> None:
+    g, (rho, _, speed) = stage.guard, kernels.closing(state)
     seen, own = stage.view(state, mode, stage.delay_ticks)
     doubt = _drift(stage, scenario, stage.delay_ticks)
     doubt = (own.here_m, own.here_m_s) if g.side != 0.0 else doubt
@@ -355,18 +353,15 @@ def _check_speed(stage: AssuranceStage, _settings: Assurance, scenario: Any) -> 
         )
 
 
-def _check_sets(stage: AssuranceStage, _settings: Assurance, scenario: Any) -> None:
-    state = stage.ahead(scenario.start)
-    mode = stage.mode_of(state, stage.delay_ticks)
-    seen, own = stage.view(state, mode, stage.delay_ticks)
+def _check_sets(stage: AssuranceStage, scenario: Any, state: State, mode: int) -> None:
     begins, numbers = stage.view(scenario.start, mode, 0)
     _check_room(begins, mode, (0.0, 0.0), numbers)
+    seen, own = stage.view(state, mode, stage.delay_ticks)
     _check_room(seen, mode, (own.here_m, own.here_m_s), own)
 
 
-def _check_first_ticks(stage: AssuranceStage, _settings: Assurance, scenario: Any) -> None:
+def _check_first_ticks(stage: AssuranceStage, scenario: Any, _state: State, mode: int) -> None:
     state = scenario.start
-    mode = stage.mode_of(stage.ahead(state), stage.delay_ticks)
     for tick in range(stage.delay_ticks):
         off_m = _drift(stage, scenario, tick)[0]
         if _clear_m(*stage.view(state, mode, tick), mode, off_m) < 0.0:
