@@ -90,12 +90,6 @@ def test_a_command_that_a_log_tells_of_is_followed_and_other_words_are_not(aroun
     assert stage.commands == {1000: 'hold'} and stage.next_tick == 1000
 
 
-def test_after_a_stop_the_reference_rests(around):
-    stage, _ = follow(around, 2000, {1000: 'hold'})
-    reference, _ = stage.step(2000, (0.0,) * 6)
-    assert reference[3:] == (0.0, 0.0, 0.0)
-
-
 def test_after_an_abort_the_drift_leads_away_for_two_orbits(around):
     """From any moment beyond the gate, without force, the chaser stays out for two orbits."""
     n = around.mean_motion_rad_s

@@ -129,16 +129,10 @@ def folder_like_the_checkout(path: Path) -> Path:
 
 def run_line(command: str, cwd: Path, env: Mapping[str, str], deadline_s: float) -> tuple[int, str]:
     """Return exit code and output of one line."""
+    output = {'stdout': subprocess.PIPE, 'stderr': subprocess.STDOUT, 'errors': 'replace'}
+    shell = ['bash', '-c', command]
     done = subprocess.run(
-        ['bash', '-c', command],
-        cwd=cwd,
-        env=env,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        errors='replace',
-        timeout=deadline_s,
+        shell, cwd=cwd, env=env, stdin=subprocess.DEVNULL, timeout=deadline_s, **output
     )
     return done.returncode, done.stdout
 
@@ -146,17 +140,9 @@ def run_line(command: str, cwd: Path, env: Mapping[str, str], deadline_s: float)
 def run_shells(block: Block, cwd: Path, env: Mapping[str, str], deadline_s: float) -> None:
     """Run the lines of a block side by side, each in a process group, as in a terminal."""
     log = (cwd / 'shells.txt').open('w+')
-    running = [
-        subprocess.Popen(
-            ['bash', '-c', f'exec {line}'],
-            cwd=cwd,
-            env=env,
-            stdout=log,
-            stderr=log,
-            start_new_session=True,
-        )
-        for line in block.commands
-    ]
+    options = {'cwd': cwd, 'env': env, 'stdout': log, 'stderr': log, 'start_new_session': True}
+    shells = [['bash', '-c', f'exec {line}'] for line in block.commands]
+    running = [subprocess.Popen(shell, **options) for shell in shells]
     try:
         end = time.monotonic() + deadline_s
         while all(process.poll() is None for process in running):

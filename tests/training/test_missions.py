@@ -122,6 +122,7 @@ def test_a_search_that_misses_says_so_and_writes_the_file(tmp_path):
     words = ['--scenario', str(tmp_path / 'mine.yaml'), '-o', str(folder), '--no-plots']
     code, said = invoked('train', *words, *settings)
     assert code == 1 and 'misses conditions of' in said and 'of 27 starts' in said
+    assert invoked('train', '--resume', str(folder), '--no-plots', '--no-fail')[0] == 0
     assert not list(folder.glob('*.png'))
     found = load_controller(folder / 'first_try.yaml')
     assert found.name == 'first_try'

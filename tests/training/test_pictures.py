@@ -20,8 +20,6 @@ from rpo_judge import truth
 from rpo_log.show import style
 from rpo_report import training
 
-ROOT = Path(__file__).resolve().parents[2]
-
 
 def texts(figure: Figure) -> list[str]:
     """Return the texts of a figure as they are drawn."""
@@ -83,14 +81,3 @@ def test_pictures_of_a_training_and_of_the_truth(tmp_path, drawn, monkeypatch):
     for name, figure in drawn.items():
         assert not [text for text in texts(figure) if re.search(r'[$\\]', text)], name
     assert {'10', '100'} <= set(texts(drawn['convergence.png']))
-
-
-def test_only_the_style_makes_a_scale_logarithmic():
-    own = re.compile(r"\.semilog|\.loglog|scale\('log'|mathtext")
-    places = [
-        path.name
-        for folder in ('offline_training', 'ros_ws/src')
-        for path in (ROOT / folder).rglob('*.py')
-        if own.search(path.read_text(encoding='utf-8'))
-    ]
-    assert places == ['style.py']

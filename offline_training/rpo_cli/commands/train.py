@@ -162,13 +162,7 @@ def _finish(run: SearchRun[Config, Found], plots: bool, no_fail: bool) -> None:
         else:
             for path in draw_run(run.folder, best):
                 echo(path)
-    end(run, best, no_fail)
-
-
-def end(run: SearchRun[Config, Found], best: Found, no_fail: bool) -> None:
-    """End with exit code 1 and a sentence if the best controller misses a condition."""
-    missed = best.provenance[run.scored[-1]].items()
-    which = ', '.join(f'{name} from {n} of {run.flown}' for name, n in missed if n)
+    which = ', '.join(f'{name} from {n} of {run.flown}' for name, n in misses.items() if n)
     if which:
         echo(
             f'The best controller misses conditions of {run.config.scenario}: {which}. It is '
@@ -176,4 +170,4 @@ def end(run: SearchRun[Config, Found], best: Found, no_fail: bool) -> None:
             'or weaker limits.',
             err=True,
         )
-        shared.end(missed=True, no_fail=no_fail)
+    shared.end(bool(which), no_fail)
