@@ -7,12 +7,10 @@ import shlex
 
 import numpy as np
 import pytest
-import yaml
 from campaign_documents import write_campaign
-from flights import INJECTOR, assert_flown, one_process, processes
+from flights import INJECTOR, assert_flown, processes
 from invoking import invoke
 from landing import rest_at_landing
-from node_processes import node_processes
 
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
@@ -24,53 +22,13 @@ from rpo_mcap.read.run_log import flight_of, read_run
 from rpo_montecarlo.campaign import config
 from rpo_montecarlo.campaign.run_batch import FINAL, fly_runs
 
-SCENARIO, CONTROLLER = 'paper_test', 'handmade'
-WAYS = {
-    'one process': lambda ros: one_process(ros, SCENARIO, '--controller', CONTROLLER),
-    'four processes': lambda ros: processes(ros, SCENARIO, INJECTOR),
-    'four processes, 20 x real time': lambda ros: processes(
-        ros, SCENARIO, INJECTOR, real_time_factor=20.0
-    ),
-}
 
-
-@pytest.mark.slow  # quickly: test_readme compares the logs of the first two ways and verifies them
-def test_every_state_and_force_is_that_of_the_core(ros_env, tmp_path):
-    """And every way gives the same log."""
-    expected = fly(load_scenario(SCENARIO), load_controller(CONTROLLER))
-    logs = set()
-    for way, begin in WAYS.items():
-        folder = tmp_path / way.replace(' ', '_')
-        folder.mkdir()
-        compiled = '1' if way == 'four processes' else '0'
-        with node_processes({**ros_env, 'RPO_JIT': compiled}, folder) as ros:
-            run = begin(ros)
-        assert_flown(run, expected)
-        np.testing.assert_array_equal(read_run(run).disturbances_n, expected.disturbances_n)
-        logs.add((run / 'run.mcap').read_bytes())
-        assert len(logs) == 1, way
-        info = yaml.safe_load((run / 'run_info.yaml').read_text())
-        counts = dict(info['messages'])
-        assert (counts.pop('/run_status'), counts.pop('/stage_status')) == (2, 0)
-        assert set(counts.values()) == {len(expected.states)} and len(counts) == 4
-        assert info['faults'] is None
-
-
-@pytest.mark.parametrize(
-    ('flown', 'controller'),
-    rest_at_landing(
-        [
-            ('quick', 'mpc'),
-            *((SCENARIO, name) for name in ('pd', 'lqr', 'mpc', 'apf_smc', 'drift')),
-        ],
-        quick=0,
-        landing=1,
-    ),
-)
-def test_every_baseline_flies_the_bits_of_the_core(together, flown, controller):
+@pytest.mark.every_landing
+@pytest.mark.parametrize('controller', ['mpc', 'drift'])
+def test_a_baseline_flies_the_bits_of_the_core(together, controller):
     """`mpc` counts ticks."""
-    run = together(flown, '--controller', controller)
-    assert_flown(run, fly(load_scenario(flown), load_controller(controller)), 'controller')
+    run = together('quick', '--controller', controller)
+    assert_flown(run, fly(load_scenario('quick'), load_controller(controller)), 'controller')
 
 
 # The shipped worlds, changed on the command line, flown by the nodes.
@@ -141,20 +99,15 @@ def test_the_full_chain_flies_as_seven_processes(ros):
 RUN = 7
 
 
-@pytest.mark.parametrize('as_printed', [True, pytest.param(False, marks=pytest.mark.slow)])
-def test_a_run_through_the_nodes_has_the_bits_of_the_campaign(as_printed, ros, together, tmp_path):
-    """In one process, by the command that the campaign prints; or each node in one of its own."""
+def test_a_run_through_the_nodes_has_the_bits_of_the_campaign(together, tmp_path):
+    """By the command that the campaign prints."""
     path = write_campaign(tmp_path)
     table = tmp_path / 'run.csv'
     command = ['campaign', path, '--run', RUN, '--csv', table, '--export']
     result = invoke(*command, tmp_path / 'run_7.yaml')
     assert result.exit_code == 0, result.output
     printed = 'ros2 run rpo_bringup final_approach --scenario '
-    words = shlex.split(re.search(f'^{printed}(.*)', result.output, re.M)[1])
-    if as_printed:
-        together(*words)
-    else:
-        processes(ros, words[0], INJECTOR, 'rpo_sim navigation')
+    together(*shlex.split(re.search(f'^{printed}(.*)', result.output, re.M)[1]))
     flown = read_run(tmp_path / 'run')
     assert flown.complete, flown.gaps
     expected = np.loadtxt(table, delimiter=',', skiprows=1)

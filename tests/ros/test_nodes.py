@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from flights import INJECTOR, lasting, processes
 from landing import rest_at_landing
 
@@ -36,6 +37,8 @@ def test_four_processes_fly_and_end_cleanly(ros):
     """The controller waits for its plant; the README starts them the other way round."""
     run = processes(ros, lasting(20.0, ros.folder, 'paper_test'), INJECTOR, end=signal.SIGTERM)
     assert verify(run).exit_code == 0
+    counted = yaml.safe_load((run / 'run_info.yaml').read_text())
+    assert counted['messages']['/control_force'] == 201 and counted['faults'] is None
     assert not any('Traceback' in node.output for node in ros.nodes)
 
 
