@@ -213,22 +213,17 @@ def test_a_renamed_log_is_found_by_its_metadata(folder):
 
 
 def test_renamed_parts_are_read_in_the_order_of_the_metadata(tmp_path):
-    record(tmp_path, split_s=1.0)
+    folder = record(tmp_path, split_s=1.0)
+    digests = (folder / 'SHA256SUMS').read_bytes()
     for number in range(4):
-        rename(tmp_path, f'run_{number}.mcap', f'z{9 - number}.mcap')
-    found = verify(tmp_path)
+        rename(folder, f'run_{number}.mcap', f'z{9 - number}.mcap')
+    found = verify(folder)
     assert found.exit_code == ExitCode.INCOMPLETE and found.ticks == 31, found.sentence()
     assert 'metadata.yaml' in found.recomputed
-
-
-def test_a_missing_file_of_digests_is_a_fault_also_where_it_was_renamed(tmp_path):
-    folder = record(tmp_path / 'run')
-    digests = (folder / 'SHA256SUMS').read_bytes()
-    rename(folder, 'run.mcap', 'flight.mcap')
     (folder / 'SHA256SUMS').write_bytes(digests)
     found = verify(folder)
     assert found.exit_code == ExitCode.DIFFERENT
-    assert 'run.mcap is missing, which SHA256SUMS lists' in found.sentence()
+    assert 'run_0.mcap is missing, which SHA256SUMS lists' in found.sentence()
 
 
 @pytest.mark.parametrize(
@@ -236,14 +231,8 @@ def test_a_missing_file_of_digests_is_a_fault_also_where_it_was_renamed(tmp_path
 )
 def test_metadata_leads_to_no_file_that_is_not_of_the_folder(folder, name):
     shutil.copy(folder / 'flight.mcap', folder.parent / 'run.mcap')
-    text = (folder / 'metadata.yaml').read_text()
-    (folder / 'metadata.yaml').write_text(text.replace('flight.mcap', name))
-    with pytest.raises(LogError):
-        verify(folder)
-
-
-@pytest.mark.parametrize('text', ['', '[', 'rosbag2_bagfile_information: 3\n', '\xff' * 9])
-def test_metadata_that_cannot_be_read_leads_nowhere(folder, text):
-    (folder / 'metadata.yaml').write_text(text, encoding='latin-1')
-    with pytest.raises(LogError):
-        verify(folder)
+    text = (folder / 'metadata.yaml').read_text().replace('flight.mcap', name)
+    for other in (text, '', '[', 'rosbag2_bagfile_information: 3\n', '\xff' * 9):
+        (folder / 'metadata.yaml').write_text(other, encoding='latin-1')
+        with pytest.raises(LogError):
+            verify(folder)
