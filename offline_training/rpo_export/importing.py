@@ -130,7 +130,7 @@ def load(path: Path, scales: Sequence[float | None] = (None, None, None)) -> Fuz
 
 def facts_of(content: str) -> dict[str, float]:
     """Return the numbers that `rpo export` noted in comments."""
-    facts = dict(match.groups() for match in map(_FACT.match, content.splitlines()) if match)
+    facts = {match[1]: match[2] for match in map(_FACT.match, content.splitlines()) if match}
     names = [name for name in (*SCALES, 'samples') if name in facts]
     return {name: number(facts[name], f'rpo: {name}') for name in names}
 
@@ -158,7 +158,9 @@ def controller_of(
     facts = described.facts
     samples = facts.get('samples', float(DEFAULT_SAMPLES))
     system = FuzzySystem(
-        *parts,
+        parts[0],
+        parts[1],
+        parts[2],
         rules=_table(described.rules, orders),
         samples=int(samples) if samples.is_integer() else odd_samples('samples', samples),
     )
@@ -169,8 +171,9 @@ def controller_of(
         if scale is None:
             raise InputError(f'does not say `{name}`: give --{name.partition("_")[0]}-scale')
         chosen.append(scale)
+    position, velocity, force = chosen
     provenance = {'method': 'imported', 'file': source}
-    return FuzzyController(described.name, system, *chosen, provenance=provenance)
+    return FuzzyController(described.name, system, position, velocity, force, provenance=provenance)
 
 
 def _normalised(variable: FileVariable) -> tuple[MembershipFunctions, float, list[int]]:
