@@ -9,9 +9,11 @@ import math
 
 import pytest
 from inside import inside
-from node_pages import CARDS
+from node_pages import CARDS, MEANINGS, NAMES, pages
 from rclpy.parameter import Parameter
+from test_launch_files import executables
 
+from rpo_core.files.gone import GONE
 from rpo_core.files.validation import InputError
 from rpo_log.recorder_node import RecorderNode
 from rpo_ros.parameter_rows import ParameterRow as Row
@@ -158,3 +160,24 @@ def test_a_name_that_ros_does_not_take_is_one_sentence(ros_env, capfd):
     said = capfd.readouterr().err.strip()
     assert 'Invalid node name: node name must not contain' in said and said.endswith(": 'a b'")
     assert '\n' not in said
+
+
+# The pages of the nodes, from the same tables.
+
+COMMANDS = {'final_approach', 'flight_software', 'ping_pong'}
+COMMANDS |= {'verify', 'info', 'repair', *GONE['executable']}
+"""Executables that are no nodes."""
+
+
+def test_every_node_has_its_page_and_every_meaning_a_node(ros_env):
+    found = pages()
+    assert set(found) == set(NAMES)
+    said = ''.join(found.values())
+    assert '| publishes | `/tf` | `tf2_msgs/TFMessage` |' in found['visualizer.md']
+    unused = [name for name in MEANINGS if f'`{name}`' not in said]
+    assert not unused, 'no node has them any more'
+
+
+def test_every_executable_has_a_card():
+    scripts = {name for _, name in executables()}
+    assert scripts - COMMANDS == {card.executable for card in CARDS}
