@@ -9,6 +9,7 @@ from textwrap import fill
 from typing import Annotated
 
 import typer
+from typer import Argument, Option
 
 from rpo_cli.commands.shared import Workers, draw, echo, interruptible
 from rpo_cli.display import print_table, progress
@@ -19,30 +20,19 @@ _HEADING = 11  # longest word of a heading
 
 def compare(
     controllers: Annotated[
-        list[str] | None,
-        typer.Argument(help='shipped names or files  [the fuzzy ones and all baselines]'),
+        list[str] | None, Argument(help='names or files  [the fuzzy ones and all baselines]')
     ] = None,
-    campaign: Annotated[
-        str, typer.Option(help='what is dispersed, and its limits: shipped name or file')
-    ] = 'paper_test',
-    runs: Annotated[int | None, typer.Option(help="of the campaign, instead of the file's")] = None,
+    campaign: Annotated[str, Option(help='what is dispersed, and its limits')] = 'paper_test',
+    runs: Annotated[int | None, Option(help="of the campaign, instead of the file's")] = None,
     random: Annotated[
-        int,
-        typer.Option(min=0, max=1_000_000, help='random starts, at rest and as many moving'),
+        int, Option(min=0, max=1_000_000, help='random starts, at rest and as many moving')
     ] = 2000,
-    picture: Annotated[
-        Path | None,
-        typer.Option(help='energy against dispersed runs kept, beside the one in the folder'),
-    ] = None,
+    picture: Annotated[Path | None, Option(help='energy against dispersed runs kept')] = None,
     output: Annotated[
-        Path, typer.Option('--output', '-o', help='folder that keeps what was computed')
+        Path, Option('--output', '-o', help='folder that keeps what was computed')
     ] = Path('runs/compare'),
-    write: Annotated[
-        Path | None, typer.Option(help='put the table into this Markdown document too')
-    ] = None,
-    attitude: Annotated[
-        bool, typer.Option('--attitude', help='controllers of attitude, over dispersed slews')
-    ] = False,
+    write: Annotated[Path | None, Option(help='page to put the table into')] = None,
+    attitude: Annotated[bool, Option('--attitude', help='of attitude, dispersed slews')] = False,
     workers: Workers = 0,
 ) -> None:
     """Compare controllers: energy, conditions, tests, limits kept under dispersion, proofs.

@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Annotated, NoReturn
 
 import typer
+from typer import Argument, Option
 
 from rpo_cli.commands.shared import echo
 from rpo_log.log_commands import GIVEN, Finding, show
 
-RunArgument = Annotated[Path, typer.Argument(help='run folder, .mcap file or bag')]
+RunArgument = Annotated[Path, Argument(help='run folder, .mcap file or bag')]
 
 log = typer.Typer(
     help='Look into the logs of runs.',
@@ -44,7 +45,7 @@ def diff(first: RunArgument, second: RunArgument) -> None:
 @log.command()
 def export(
     run: RunArgument,
-    output: Annotated[Path, typer.Argument(help='file to write: .csv, .npz, .parquet or .oem')],
+    output: Annotated[Path, Argument(help='file to write: .csv, .npz, .parquet or .oem')],
 ) -> None:
     """Write states, forces and disturbances as a table; the suffix of OUTPUT names the format."""
     from rpo_log.tools.export import export as write
@@ -57,11 +58,11 @@ def verify(
     run: RunArgument,
     trusted: Annotated[
         Path | None,
-        typer.Option(help='public key, or folder of them (*.pem): one must have signed the run'),
+        Option(help='public key, or folder of them (*.pem): one must have signed the run'),
     ] = None,
-    given: Annotated[list[str], typer.Option(metavar='TOPIC', help=GIVEN)] = [],  # noqa: B006
-    scenario: Annotated[str, typer.Option(help='of a bag without manifests: name or file')] = '',
-    controller: Annotated[str, typer.Option(help='of a bag without manifests: name or file')] = '',
+    given: Annotated[list[str], Option(metavar='TOPIC', help=GIVEN)] = [],  # noqa: B006
+    scenario: Annotated[str, Option(help='of a bag without manifests: name or file')] = '',
+    controller: Annotated[str, Option(help='of a bag without manifests: name or file')] = '',
 ) -> None:
     """Compute a logged flight again, bit for bit; print what is proven and what is not."""
     from rpo_log.verify import verify as check
@@ -69,10 +70,7 @@ def verify(
     _show(check(run, trusted, given, scenario, controller))
 
 
-def sign(
-    run: RunArgument,
-    key: Annotated[Path, typer.Option(help='private key in PEM')],
-) -> None:
+def sign(run: RunArgument, key: Annotated[Path, Option(help='private key in PEM')]) -> None:
     """Sign a run folder: its files, each with its digest. Nothing that was recorded may differ."""
     from rpo_log.signature import sign_run
 
@@ -81,7 +79,7 @@ def sign(
 
 def repair(
     run: RunArgument,
-    output: Annotated[Path | None, typer.Option(help='folder of the repaired log')] = None,
+    output: Annotated[Path | None, Option(help='folder of the repaired log')] = None,
 ) -> None:
     """Write what can be read of a damaged log as a whole one."""
     from rpo_log.tools.repair import repair as rebuild

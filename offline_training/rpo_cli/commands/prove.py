@@ -40,7 +40,7 @@ def prove(
     disturbance: Annotated[
         float, Option(help="the scenario's at any phase, up to so many times; 0: as it is")
     ] = 0.0,
-    any_disturbance: Annotated[float, Option(help='any other one of an axis [N]')] = 0.0,
+    any_disturbance: Annotated[float, Option(help='any other, each axis and tick [N]')] = 0.0,
     axes_apart: Annotated[bool, Option('--axes-apart', help='each axis alone')] = False,
     cell: Annotated[float, Option(help='half-width of the first cells, or strips [m]')] = 1.0,
     cell_velocity: Annotated[float, Option(help='half-width of them in velocity [m/s]')] = 0.025,
