@@ -29,6 +29,8 @@ _HEAD = np.dtype(
 )  # fmt: skip
 """A message record from its length to the stamp in its data."""
 
+_PLACE = np.dtype([('topic', np.intp), ('tick', '<i8'), ('start', np.intp), ('size', '<i8')])
+
 _LEAST_DATA = 12
 """Bytes of a message up to and with its stamp."""
 
@@ -88,64 +90,59 @@ class TickBlock:
         return TickBlock(ticks, values, present, non_canonical=kept)
 
 
-def bad_message(path: Path, topic: Topic, tick: int, error: cdr.CdrError) -> LogError:
-    """Return the LogError of a message that is not of its type."""
-    return LogError(path, f'tick {tick} of {topic.name}: a {topic.type} {error}')
-
-
 @dataclass(frozen=True)
 class Messages:
     """Some messages of one file in their order, still in the bytes of their chunks.
 
     raw : the bytes
     topics : of the run
-    topic, tick, start, size : (n,) each: index in `topics`, and where its data lies in `raw`
+    places : (n,) topic, an index in `topics`; tick; start and size of its data in `raw`
     """
 
     path: Path
     raw: bytes
     topics: Sequence[Topic]
-    topic: NDArray[np.intp]
-    tick: NDArray[np.int64]
-    start: NDArray[np.intp]
-    size: NDArray[np.int64]
+    places: NDArray[np.void]
 
     def __len__(self) -> int:
-        return len(self.tick)
+        return len(self.places)
 
     def __iter__(self) -> Iterator[Message]:
-        for i in range(len(self)):
-            yield self[i]
+        return map(self.__getitem__, range(len(self)))
 
     def __getitem__(self, i: int) -> Message:
-        return Message(self.topics[self.topic[i]], int(self.tick[i]), self.data(i))
+        topic, tick, start, size = self.places[i].tolist()
+        return Message(self.topics[topic], tick, self.raw[start : start + size])
 
-    def data(self, i: int) -> bytes:
-        """Return the CDR of one message."""
-        return self.raw[self.start[i] : self.start[i] + self.size[i]]
+    def bad(self, message: Message, error: cdr.CdrError) -> LogError:
+        """Return the LogError of a message that is not of its type."""
+        topic, tick, _ = message
+        return LogError(self.path, f'tick {tick} of {topic.name}: a {topic.type} {error}')
 
     def block(self) -> TickBlock:
         """Return them as arrays; raises LogError."""
-        is_event = np.array([topic.is_event for topic in self.topics])[self.topic]
-        ticks = np.unique(self.tick[~is_event])
+        is_event = np.array([topic.is_event for topic in self.topics])[self.places['topic']]
+        ticks = np.unique(self.places['tick'][~is_event])
         values, present = {}, {}
         events: list[Event] = []
         non_canonical: list[Message] = []
         for index, topic in enumerate(self.topics):
-            found = np.flatnonzero(self.topic == index)
+            found = np.flatnonzero(self.places['topic'] == index)
             if topic.is_event:
-                events += (self._event(i) for i in found.tolist())
+                events += map(self._event, found.tolist())
                 continue
-            rows = np.searchsorted(ticks, self.tick[found])
-            self._refuse_repeated(topic, found)
+            own = self.places['tick'][found]
+            if len(again := own[1:][own[1:] == own[:-1]]):
+                raise LogError(self.path, f'has tick {again[0]} of {topic.name} twice')
+            rows = np.searchsorted(ticks, own)
             there = np.zeros(len(ticks), dtype=bool)
             there[rows] = True
-            present[topic.signal] = there
             numbers, unlike = self._numbers(topic, found)
             non_canonical += unlike
             table = np.full((len(ticks), numbers.shape[1]), np.nan)
             table[rows] = numbers
             width = len(topic.row.columns)
+            present[topic.signal] = there
             if width:
                 values[topic.signal] = np.ascontiguousarray(table[:, :width])
             if topic.row.rider:
@@ -155,21 +152,14 @@ class Messages:
         non_canonical.sort(key=lambda message: message.tick)
         return TickBlock(ticks, values, present, tuple(events), tuple(non_canonical))
 
-    def _refuse_repeated(self, topic: Topic, found: NDArray[np.intp]) -> None:
-        ticks = self.tick[found]
-        again = np.flatnonzero(ticks[1:] == ticks[:-1])
-        if len(again):
-            sentence = f'has tick {ticks[again[0]]} of {topic.name} twice'
-            raise LogError(self.path, sentence)
-
     def _numbers(
         self, topic: Topic, found: NDArray[np.intp]
     ) -> tuple[NDArray[np.float64], list[Message]]:
         """Return the numbers (n, width) in the messages of a topic, and those that are unlike."""
         layout = topic.row.layout.like(self[int(found[0])].data if len(found) else b'')
         numbers = np.full((len(found), len(layout.columns)), np.nan)
-        like = self.size[found] == layout.size
-        data = _cut(self.raw, self.start[found[like]], layout.size)
+        like = self.places['size'][found] == layout.size
+        data = _cut(self.raw, self.places['start'][found[like]], layout.size)
         stamp_ns = np.ascontiguousarray(data[:, cdr.STAMP_AT + 4 : cdr.STAMP_AT + 8]).view('<u4')
         plain = stamp_ns[:, 0] < _NS
         for part in _fixed_parts(layout):
@@ -186,16 +176,16 @@ class Messages:
             try:
                 numbers[row] = topic.row.layout.decode(message.data)[1]
             except cdr.CdrError as error:
-                raise bad_message(self.path, topic, message.tick, error) from None
+                raise self.bad(message, error) from None
             unlike.append(message)
         return numbers, unlike
 
     def _event(self, i: int) -> Event:
-        topic, tick, data = self[i]
+        message = self[i]
         try:
-            return Event(tick, topic.signal, cdr.decode_status(data))
+            return Event(message.tick, message.topic.signal, cdr.decode_status(message.data))
         except cdr.CdrError as error:
-            raise bad_message(self.path, topic, tick, error) from None
+            raise self.bad(message, error) from None
 
 
 def _cut(raw: bytes, start: NDArray[np.intp], size: int) -> NDArray[np.uint8]:
@@ -250,21 +240,18 @@ class Gathering:
         last : with the newest tick, of which otherwise more may come
         """
         raw = b''.join([*self._pieces, bytes(_HEAD.itemsize)])
-        at = np.array(self._at, dtype=np.intp)
-        found = self._checked(raw, at)
+        found = self._checked(raw, np.array(self._at, dtype=np.intp))
+        ticks, starts = found.places['tick'], found.places['start']
         count = len(found)
         if not last and count:
-            count = int(np.searchsorted(found.tick, found.tick[-1]))
+            count = int(np.searchsorted(ticks, ticks[-1]))
         self._pieces, self._at, self.size = [], [], 0
         if count < len(found):
-            begin = int(found.start[count]) - MESSAGE_HEAD.size - RECORD_HEAD.size
-            rest = found.start[count:] - MESSAGE_HEAD.size - begin
+            begin = int(starts[count]) - MESSAGE_HEAD.size - RECORD_HEAD.size
+            rest = starts[count:] - MESSAGE_HEAD.size - begin
             self.add(raw[begin : -_HEAD.itemsize], rest.tolist())
-        self.newest = int(found.tick[count - 1]) if count else self.newest
-        return Messages(
-            self.path, raw, self.topics, found.topic[:count], found.tick[:count],
-            found.start[:count], found.size[:count],
-        )  # fmt: skip
+        self.newest = int(ticks[count - 1]) if count else self.newest
+        return Messages(self.path, raw, self.topics, found.places[:count])
 
     def _checked(self, raw: bytes, at: NDArray[np.intp]) -> Messages:
         """Return the messages of the run, each with the times of its tick, in order."""
@@ -274,10 +261,13 @@ class Gathering:
             if topic in self.topics:
                 of_channel[number] = self.topics.index(topic)
         ours = of_channel[heads['channel']] >= 0
-        heads, start = heads[ours], at[ours] + MESSAGE_HEAD.size
-        index, tick = of_channel[heads['channel']], heads['tick'].astype(np.int64)
-        size = heads['length'].astype(np.int64) - MESSAGE_HEAD.size
-        found = Messages(self.path, raw, self.topics, index, tick, start, size)
+        heads = heads[ours]
+        places = np.empty(len(heads), dtype=_PLACE)
+        index = places['topic'] = of_channel[heads['channel']]
+        tick = places['tick'] = heads['tick'].astype(np.int64)
+        size = places['size'] = heads['length'].astype(np.int64) - MESSAGE_HEAD.size
+        places['start'] = at[ours] + MESSAGE_HEAD.size
+        found = Messages(self.path, raw, self.topics, places)
         due = self.base.epoch_ns + tick * self.base.dt_ns
         sound = (size >= 0) & (heads['log_ns'] == due) & (heads['publish_ns'] == due)
         sound &= tick <= self.base.last_tick
@@ -287,32 +277,28 @@ class Gathering:
             (size >= _LEAST_DATA) & (heads['cdr'] == _LITTLE_ENDIAN) & (stamp == due)
         )
         for i in np.flatnonzero(~sound).tolist():
-            self._refuse(found, i, (int(heads['log_ns'][i]), int(heads['publish_ns'][i])))
+            self._refuse(found, i, heads[i])
         before = np.concatenate([[self.newest], tick])[:-1]
-        back = np.flatnonzero(tick < before)
-        if len(back):
-            raise LogError(
-                self.path,
-                f'runs backwards: tick {tick[back[0]]} of {found[int(back[0])].topic.name} '
-                f'comes after tick {before[back[0]]}',
-            )
+        for i in np.flatnonzero(tick < before).tolist():
+            name = found[i].topic.name
+            sentence = f'tick {tick[i]} of {name} comes after tick {before[i]}'
+            raise LogError(self.path, f'runs backwards: {sentence}')
         return found
 
-    def _refuse(self, messages: Messages, i: int, times: tuple[int, int]) -> None:
+    def _refuse(self, messages: Messages, i: int, head: np.void) -> None:
         """Raise the LogError of a message whose times are not those of its tick."""
-        if messages.size[i] < 0:
+        if messages.places['size'][i] < 0:
             raise LogError(self.path, 'is corrupt: a message record is too short')
         topic, tick, data = messages[i]
-        base = self.base
+        due = self.base.stamp_ns(tick)
         try:
-            stamp = base.stamp_ns(tick) if topic.is_event else cdr.stamp_ns(data)
+            stamp = due if topic.is_event else cdr.stamp_ns(data)
         except cdr.CdrError as error:
-            raise bad_message(self.path, topic, tick, error) from None
-        for what, time in (('stamp', stamp), ('log time', times[0]), ('publish time', times[1])):
-            if time != base.stamp_ns(tick) or tick > base.last_tick:
-                raise LogError(
-                    self.path,
-                    f'tick {tick} of {topic.name} must have the {what} '
-                    f'{base.stamp_ns(min(tick, base.last_tick))} ns and be at most '
-                    f'{base.last_tick}; got {time} ns',
-                )
+            raise messages.bad(messages[i], error) from None
+        times = {'stamp': stamp, 'log time': head['log_ns'], 'publish time': head['publish_ns']}
+        for what, time in times.items():
+            if time != due or tick > self.base.last_tick:
+                last = self.base.last_tick
+                wanted = f'{self.base.stamp_ns(min(tick, last))} ns and be at most {last}'
+                sentence = f'tick {tick} of {topic.name} must have the {what} {wanted}'
+                raise LogError(self.path, f'{sentence}; got {time} ns')

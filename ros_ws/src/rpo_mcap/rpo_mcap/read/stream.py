@@ -229,9 +229,9 @@ class RunReader:
             gathering = Gathering(path, self.base, self.topics, self._channels, newest)
             counts, stamps = np.zeros(len(self.topics), dtype=np.int64), [0, 0]
             for messages in filter(len, self._gathered(records, gathering)):
-                ends = [self.base.stamp_ns(int(messages.tick[at])) for at in (0, -1)]
+                ends = [self.base.stamp_ns(int(messages.places['tick'][at])) for at in (0, -1)]
                 stamps = [stamps[0] if counts.any() else ends[0], ends[1]]
-                counts += np.bincount(messages.topic, minlength=len(counts))
+                counts += np.bincount(messages.places['topic'], minlength=len(counts))
                 yield messages
             newest = gathering.newest
             self.extents[path] = BagFile(path.name, counts.tolist(), *stamps)
