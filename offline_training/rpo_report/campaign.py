@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -246,23 +246,27 @@ def report_of(folder: Path) -> Report:
     asked = judging.figures(store.campaign)
     found_rates, found_spreads = rates(store), spreads(store, asked)
     never = nevers(found_spreads, config.runs)
+    # Runs that dock go on past that: where they end is not asked.
+    ends = any(name.startswith(('final', 'mean', 'hold_error', 'arrival')) for name in asked)
     found_rates = [rate._replace(name=_condition(rate)) for rate in found_rates]
     found_spreads = [s._replace(name=words(s.name, unit=False)) for s in found_spreads]
     with style.applied():
         sections = (
             Section('Success', tuple(_success(store, found_rates))),
             Section('Figures', tuple(_figures(store, found_spreads, never, success))),
-            *([Section('Where it ends', (_clouds(store, success),))] if _ends(asked) else []),
+            *([Section('Where it ends', (_clouds(store, success),))] if ends else []),
             Section('What matters', tuple(_what_matters(store, success))),
             Section('Worst runs', tuple(_worst(store, found_spreads, success))),
             Section('Configuration', tuple(_configuration(store))),
         )
     kept = found_rates[0]
+    shares = [_percent(rate) for rate in found_rates if rate.name == judging.MOTION]
+    moving = f' By {judging.MOTION} alone: {shares[0]}.' if shares else ''
     return Report(
         f'Campaign {config.name}: {store.campaign.scenario.name}, controller '
         f'{store.campaign.controller.name}',
         f'{kept.runs} runs, seed {config.seed}; success {_percent(kept)}. '
-        f'Success: {judging.sentence(store.campaign)}.{_moving(found_rates)}',
+        f'Success: {judging.sentence(store.campaign)}.{moving}',
         sections,
         flights=_worst_flights(store, success),
         note=f'The runs of {kept.runs} that come closest to a limit, or are farthest beyond one.',
@@ -275,7 +279,7 @@ def _condition(rate: Rate) -> str:
     return f'{words(name, unit=False)} ≤ {_unit(limit)}' if keeps else name
 
 
-def _shown(name: str, limit: float) -> str:
+def _limit(name: str, limit: float) -> str:
     """Return a limit for people."""
     return f'{words(name, unit=False)} ≤ {limit:g} {_unit(judging.unit_of(name))}'.rstrip()
 
@@ -288,19 +292,13 @@ def _percent(rate: Rate) -> str:
     return f'{rate.percent} % ({rate.interval} %, Wilson 95 %)'
 
 
-def _moving(found: list[Rate]) -> str:
-    """Return the sentence on position and speed alone, where more is judged."""
-    share = next((rate for rate in found if rate.name == judging.MOTION), None)
-    return f' By {judging.MOTION} alone: {_percent(share)}.' if share else ''
-
-
 def _success(store: Store, found: list[Rate]) -> list[Block]:
     rows: list[tuple[str, ...]] = [
         (rate.name, f'{rate.kept} / {rate.runs}', f'{rate.percent} %', f'{rate.interval} %')
         for rate in found
     ]
     rows += [
-        (_shown(name, store.campaign.required[name]), judging.NOT_JUDGED, '', '')
+        (_limit(name, store.campaign.required[name]), judging.NOT_JUDGED, '', '')
         for name in judging.not_judged(store.campaign)
     ]
     return [
@@ -314,22 +312,10 @@ def _success(store: Store, found: list[Rate]) -> list[Block]:
     ]
 
 
-def _ends(asked: Iterable[str]) -> bool:
-    """Return whether it is asked where runs end, and how fast: those that dock go on past that."""
-    return any(name.startswith(('final', 'mean', 'hold_error', 'arrival')) for name in asked)
-
-
 def _figures(store: Store, found: list[Spread], never: list[str], success: Bools) -> list[Block]:
     drawn = {words(name): store.column(name) for name in judging.figures(store.campaign)}
     heads = ('figure', 'unit', 'mean', *(f'{100 * q:g} %' for q in QUANTILES), 'worst', 'run')
-    rows = tuple(
-        (
-            s.name,
-            _unit(s.unit),
-            *cells(s),
-        )
-        for s in found
-    )
+    rows = tuple((s.name, _unit(s.unit), *cells(s)) for s in found)
     medians = (f'{s.name}: median {judging.number(s.quantiles[0], _unit(s.unit))}' for s in found)
     return [
         picture('distributions', distributions(drawn, success), medians='; '.join(medians)),
@@ -359,21 +345,23 @@ def _what_matters(store: Store, success: Bools) -> list[Block]:
     asked = judging.figures(store.campaign)
     names = [name for name in ('energy_n2s', 'arrival_time_s') if name in asked]
     outcomes |= {words(name, unit=False): store.column(name) for name in names}
-    found = {
-        name: found_influences
-        for name, values in outcomes.items()
-        if (found_influences := influences(drawn, values))
-    }
+    found = {name: influences(drawn, values) for name, values in outcomes.items()}
+    found = {name: some for name, some in found.items() if some}
     if not found:
         return [Text('No dispersion was drawn, or every run came out the same.')]
     level = chance_level(store.campaign.config.runs)
     first = next(iter(found))
     strongest = ', '.join(i.column for i in found[first][:3])
-    white = [
-        n for n in store.campaign.config.dispersions if QUANTITIES[n].distributions == ('white',)
-    ]
-    unseen = ', '.join(words(name, unit=False) for name in white)
-    note = f' Not shown: {unseen}, new at each tick.' if white else ''
+    dispersed = store.campaign.config.dispersions
+    white = [words(n, unit=False) for n in dispersed if QUANTITIES[n].distributions == ('white',)]
+    note = f' Not shown: {", ".join(white)}, new at each tick.' if white else ''
+    rows: list[tuple[str, ...]] = []
+    for outcome, all_of_it in found.items():
+        rows.append((outcome,))
+        strong = [i for i in all_of_it[:5] if i.strength > level]
+        rows += [(i.column, f'{i.signed:+.3f}', f'{i.size:+.3f}') for i in strong]
+    caption = f'Strongest rank correlations; beyond chance is {level:.3f}'
+    numbers = Table(caption, ('drawn', 'of the deviation', 'of its size'), tuple(rows))
     return [
         picture(
             'sensitivity',
@@ -383,21 +371,8 @@ def _what_matters(store: Store, success: Bools) -> list[Block]:
             percent=100 * (1 - FALSE_ALARM),
             note=note,
         ),
-        Fold('Correlations as numbers', (_influence_table(found, level),)),
+        Fold('Correlations as numbers', (numbers,)),
     ]
-
-
-def _influence_table(found: dict[str, list[Influence]], level: float) -> Table:
-    rows: list[tuple[str, ...]] = []
-    for outcome, influences in found.items():
-        rows.append((outcome,))
-        rows += [
-            (i.column, f'{i.signed:+.3f}', f'{i.size:+.3f}')
-            for i in influences[:5]
-            if i.strength > level
-        ]
-    heads = ('drawn', 'of the deviation', 'of its size')
-    return Table(f'Strongest rank correlations; beyond chance is {level:.3f}', heads, tuple(rows))
 
 
 def _worst(store: Store, found: list[Spread], success: Bools) -> list[Block]:

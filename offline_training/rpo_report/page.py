@@ -12,12 +12,11 @@ import io
 import os
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import partial
 from html import escape
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from rpo_core.files import parse_yaml
 from rpo_core.files.output import write_aside, write_text
@@ -30,15 +29,13 @@ from rpo_montecarlo.outputs import writing
 from rpo_report.replay import Replayed, page_of
 
 
-@dataclass(frozen=True)
-class Text:
+class Text(NamedTuple):
     """One paragraph."""
 
     text: str
 
 
-@dataclass(frozen=True)
-class Table:
+class Table(NamedTuple):
     """A table; the first cell of a row names it.
 
     columns : headings, with units
@@ -50,8 +47,7 @@ class Table:
     rows: tuple[tuple[str, ...], ...]
 
 
-@dataclass(frozen=True)
-class Picture:
+class Picture(NamedTuple):
     """A figure.
 
     name : stem of its PNG
@@ -76,16 +72,14 @@ def picture(key: str, figure: Any, **facts: Any) -> Picture:
     return Picture(key.partition(',')[0], figure, caption, alt)
 
 
-@dataclass(frozen=True)
-class File:
+class File(NamedTuple):
     """The text of a file, word for word."""
 
     name: str
     text: str
 
 
-@dataclass(frozen=True)
-class Fold:
+class Fold(NamedTuple):
     """Blocks that a reader opens."""
 
     title: str
@@ -95,16 +89,14 @@ class Fold:
 Block = Text | Table | Picture | File | Fold
 
 
-@dataclass(frozen=True)
-class Section:
+class Section(NamedTuple):
     """A part of a report, with its heading."""
 
     title: str
     blocks: tuple[Block, ...]
 
 
-@dataclass(frozen=True)
-class Report:
+class Report(NamedTuple):
     """A whole report.
 
     summary : one sentence
@@ -130,14 +122,9 @@ class Report:
 PAGE, REPLAY = 'report.html', 'replay.html'
 
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
-_VERDICTS = {
-    'holds': 'good',
-    'held': 'good',
-    'proven': 'good',
-    'MISSED': 'bad',
-    'refuted': 'bad',
-    'undecided': 'bad',
-}
+_VERDICTS = dict.fromkeys(('holds', 'held', 'proven'), 'good') | dict.fromkeys(
+    ('MISSED', 'refuted', 'undecided'), 'bad'
+)
 _LONGEST = 40
 """Characters of a number with its unit; a sentence may begin with one, and is folded."""
 _NUMBER = re.compile(r'[≤≥<>]?\s*[-+−]?[\d.,]')
@@ -166,32 +153,25 @@ def _save(picture: Picture, target: Any, **options: Any) -> None:
 
 def html(report: Report) -> str:
     """Return the page."""
-    sections = report.sections
+    sections, flights = report.sections, report.flights
     links = (f'<li><a href="#{_anchor(s)}">{escape(s.title)}</a></li>' for s in sections)
+    judged = any(one.missed is not None for one in flights)
+    word = 'bad' if report.missed else 'good' if judged else ''
+    verdict = f'<p class="verdict {word}">{escape(report.verdict)}</p>'
+    what = 'this flight' if len(flights) == 1 else f'{len(flights)} flights'
+    replay = f'<p><a class="replay" href="{REPLAY}">Replay {what} in three dimensions</a></p>'
     return filled(
         'rpo_report',
         'page.html',
         policy=_POLICY,
         title=escape(report.title),
         style=f'{style.variables()}\n{files("rpo_report").joinpath("page.css").read_text("utf-8")}',
-        verdict=_verdict(report),
+        verdict=verdict if report.verdict else '',
         summary=escape(report.summary),
-        replay=_replay(report),
+        replay=replay if flights else '',
         links=''.join(links),
         sections=''.join(map(_section, sections)),
     )
-
-
-def _verdict(report: Report) -> str:
-    judged = any(one.missed is not None for one in report.flights)
-    kind = 'bad' if report.missed else 'good' if judged else ''
-    return report.verdict and f'<p class="verdict {kind}">{escape(report.verdict)}</p>'
-
-
-def _replay(report: Report) -> str:
-    what = 'this flight' if len(report.flights) == 1 else f'{len(report.flights)} flights'
-    link = f'<a class="replay" href="{REPLAY}">Replay {what} in three dimensions</a>'
-    return f'<p>{link}</p>' if report.flights else ''
 
 
 def _anchor(section: Section) -> str:
@@ -268,8 +248,13 @@ def svg(picture: Picture) -> str:
         tag = re.sub(r'\s*\n\s*', '\n', tag)
         return re.sub(r' d="[^"]*"', lambda d: re.sub(r'(\.\d\d)\d+', r'\1', d.group()), tag)
 
+    def between(match: re.Match[str]) -> str:
+        """Return a tag, or what is between two; indentation is one end of line."""
+        text = match[0]
+        return of_tag(text) if match[1] else text if text.strip() else '\n' * ('\n' in text)
+
     # Names are between tags, where < and > are escaped: no pattern for tags may match them.
-    text = re.sub(r'(<[^>]*>)|[^<]+', lambda m: of_tag(m[0]) if m[1] else _stripped(m[0]), text)
+    text = re.sub(r'(<[^>]*>)|[^<]+', between, text)
     box = re.search(r'viewBox="[^"]+"', text)
     body = text[text.index('>') + 1 :]
     return (
@@ -278,19 +263,12 @@ def svg(picture: Picture) -> str:
     )
 
 
-def _stripped(text: str) -> str:
-    """Return what is between two tags; indentation is one end of line."""
-    return text if text.strip() else '\n' * ('\n' in text)
-
-
 def _named(match: re.Match[str]) -> str:
     colour = match.group()
     if colour not in style.NAMES:
         raise ValueError(f'{colour} is no colour of rpo_log.show.style')
     return f'var(--{style.NAMES[colour]})'
 
-
-_CAMPAIGN, _PROOF = 'campaign.yaml', 'proof.yaml'
 
 Subject = Literal['run', 'campaign', 'proof', 'controller']
 
@@ -310,11 +288,12 @@ def subject_of(target: str) -> Subject:
     folder = Path(target)
     if log_files(folder) or bag_at(folder):
         return 'run'
-    if (folder / _CAMPAIGN).is_file():
-        return 'campaign'
-    if (folder / _PROOF).is_file():
-        return 'proof'
+    subjects: tuple[Subject, ...] = ('campaign', 'proof')
+    for subject in subjects:
+        if (folder / f'{subject}.yaml').is_file():
+            return subject
     raise InputError(
         f'{target}: must be the folder of a run (it holds run.mcap, or is a bag), of a campaign '
-        f'({_CAMPAIGN}) or of a proof ({_PROOF}); of a training, give the .yaml of its controller'
+        '(campaign.yaml) or of a proof (proof.yaml); of a training, give the .yaml of its '
+        'controller'
     )

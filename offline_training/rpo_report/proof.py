@@ -134,7 +134,7 @@ def _margins(folder: Folder, groups: dict[str, CellBounds], claim: Claim) -> Blo
     shown = picture(
         'margin', figure, statement=claim.statement, worst=place, open=number, cells=cells
     )
-    return replace(shown, name=f'margin_{claim.key}')
+    return shown._replace(name=f'margin_{claim.key}')
 
 
 _BEFORE_S = 50.0
@@ -182,17 +182,18 @@ def _constants(problem: Problem, groups: Mapping[str, CellBounds]) -> list[Pictu
     """Return the planes of cosine and sine of each axis's harmonic, by bound of the error."""
     planes, names = [], []
     for group in sorted(groups):
-        place = _place(problem, group)
-        found = groups[group].flown
-        if place is None or not len(found.values):
+        states, found = PER_AXIS[group], groups[group].flown
+        harmonic = [isinstance(wave, Harmonic) for wave in problem.waves(states[0])]
+        if not any(harmonic) or not len(found.values):
             continue
+        place = len(states) + harmonic.index(True)  # of its first constant in a cell
         chosen = slice(place, place + 2)
         low, high = (found.centre - found.half)[:, chosen], (found.centre + found.half)[:, chosen]
         a = surface_plots.points(0.0, 1.0)
         shares = found.column('hold_error_m') / problem.hold_error_m
         values = surface_plots.greatest(a, a, low, high, shares).T
         planes.append((a, a, values))
-        names.append(style.AXIS_NAMES[PER_AXIS[group][0]])
+        names.append(style.AXIS_NAMES[states[0]])
     if all(surface_plots.is_flat(values) for _, _, values in planes):
         return []
     figure, (every,) = style.new_panels(3.4, 1, len(planes), squeeze=False)
@@ -201,10 +202,3 @@ def _constants(problem: Problem, groups: Mapping[str, CellBounds]) -> list[Pictu
         axes.set(title=name, xlabel='share of the cosine')
     every[0].set_ylabel('share of the sine')
     return [picture('constants', figure)]
-
-
-def _place(problem: Problem, group: str) -> int | None:
-    """Return which number of a cell is the first constant of a harmonic; None: there is none."""
-    waves = problem.waves(PER_AXIS[group][0])
-    kinds = [isinstance(wave, Harmonic) for wave in waves]
-    return len(PER_AXIS[group]) + kinds.index(True) if any(kinds) else None

@@ -37,43 +37,22 @@ MOST_TICKS = 20_000
 """Longest flight whose optimum is computed: half a minute."""
 
 
-class _Beside(NamedTuple):
-    """The least energy with which the same start arrives as soon, and the flight as long.
-
-    why : there is none
-    """
-
-    name: str = ''
-    optimum: Flight | None = None
-    flown: Flight | None = None
-    why: str = ''
-
-    @property
-    def flights(self) -> dict[str, Flight]:
-        """The optimum by its name."""
-        return {} if self.optimum is None else {self.name: self.optimum}
-
-
 class _Stages(NamedTuple):
     """What the stages of a run did, computed again; empty or None where it has none."""
 
-    phases: list[guided.Phase]
-    acted: assured.Decided | None
-    estimated: navigation.Filtered | None
+    guidance: list[guided.Phase]
+    assurance: assured.Decided | None
+    estimator: navigation.Filtered | None
 
     @classmethod
     def of(cls, log: RunLog, flight: Flight) -> _Stages:
         """Run the stages of a run again."""
-        return cls(
-            guided.phases_of(log, flight),
-            assured.decided(log, flight),
-            navigation.filtered(log, flight),
-        )
+        decided, filtered = assured.decided(log, flight), navigation.filtered(log, flight)
+        return cls(guided.phases_of(log, flight), decided, filtered)
 
     def lacking(self, flight: Flight) -> list[Text]:
         """Say which stages of the scenario could not be run again."""
-        of = {'guidance': self.phases, 'assurance': self.acted, 'estimator': self.estimated}
-        names = [n for n, found in of.items() if not found and flight.scenario.named(n) is not None]
+        names = [n for n, found in self._asdict().items() if not found and flight.scenario.named(n)]
         why = 'the log lacks what they read at some ticks, or they were switched off'
         return [Text(f'No figures of {", ".join(names)}: {why}.')] if names else []
 
@@ -85,16 +64,16 @@ def report_of(path: Path, scenario: str = '') -> tuple[Report, LoggedFlight]:
     """
     log = read_run(open_run(path, scenario))
     shown = logged_flight(log)
-    flight, beside = shown.flight, _optimum(shown)
+    flight, (optimum, why_not) = shown.flight, _optimum(shown)
     controller, why = _controller(log)
     phases, acted, estimated = stages = _Stages.of(log, flight)
     with style.applied():
         sections = [
-            Section('Limits and path', tuple(_limits_and_path(shown, beside))),
+            Section('Limits and path', tuple(_limits_and_path(shown, optimum))),
             Section('Time histories', (_histories(flight, phases), *stages.lacking(flight))),
             *guided.sections(flight, phases),
             *assured.sections(flight, acted, phases),
-            Section('Energy', tuple(_energy(flight, beside))),
+            Section('Energy', tuple(_energy(flight, optimum, why_not))),
             Section('Force and slew', (_limits(flight),)),
             *attitude.sections(flight),
             *_thrusters(flight),
@@ -178,13 +157,16 @@ def _missed(shown: LoggedFlight) -> bool | None:
     return missed(flight) or (None if unbounded(flight.scenario) else False)
 
 
-def _optimum(shown: LoggedFlight) -> _Beside:
-    """Return the optimum that ends 30 s after the arrival of a flight, or with it if it never."""
+def _optimum(shown: LoggedFlight) -> tuple[dict[str, Flight], str]:
+    """Return name -> optimum that ends 30 s after the arrival of a flight, or with it if it never.
+
+    Where there is none, the text says why.
+    """
     scenario = shown.planned
     if scenario.ticks > MOST_TICKS:
-        return _Beside(why=f'The optimum is computed for at most {MOST_TICKS} ticks.')
+        return {}, f'The optimum is computed for at most {MOST_TICKS} ticks.'
     if log_report.turns(scenario):
-        return _Beside(why='The optimum is computed where neither chaser nor target turns.')
+        return {}, 'The optimum is computed where neither chaser nor target turns.'
     arrived = metrics.arrival_time_s(shown.flight) if shown.whole else None
     ticks = scenario.ticks
     if arrived is not None:
@@ -192,9 +174,9 @@ def _optimum(shown: LoggedFlight) -> _Beside:
     name = f'optimum in {scenario.time_s(ticks):g} s'
     try:
         ideal = replace(scenario, duration_s=scenario.time_s(ticks), sections=())
-        return _Beside(name, optimal.constrained(ideal), until(shown.flight, ticks))
+        return {name: optimal.constrained(ideal)}, ''
     except InputError as error:
-        return _Beside(why=f'No {name}: {error}.')
+        return {}, f'No {name}: {error}.'
 
 
 def _summary(shown: LoggedFlight, log: RunLog) -> str:
@@ -217,7 +199,7 @@ def _summary(shown: LoggedFlight, log: RunLog) -> str:
     )
 
 
-def _limits_and_path(shown: LoggedFlight, beside: _Beside) -> list[Block]:
+def _limits_and_path(shown: LoggedFlight, optimum: dict[str, Flight]) -> list[Block]:
     flight = shown.flight
     zones = zones_of(flight.scenario)
     shows = f'{flight.scenario.duration_s:g} of {shown.planned.duration_s:g} s'
@@ -237,7 +219,7 @@ def _limits_and_path(shown: LoggedFlight, beside: _Beside) -> list[Block]:
         *([Table('Limits and margins', columns, rows)] if rows else []),
         picture(
             'approach',
-            run_plots.approach(flight, beside.flights, zones),
+            run_plots.approach(flight, optimum, zones),
             where=_where(flight),
             mark_s=run_plots.MARK_S,
             passages=''.join(f'; {what}: {value}' for what, value in found),
@@ -312,25 +294,24 @@ def _histories(flight: Flight, phases: list[guided.Phase]) -> Picture:
     return picture(Path(log_report.PICTURE).stem, figure, where=where, phases=lines, last=last)
 
 
-def _energy(flight: Flight, beside: _Beside) -> list[Block]:
+def _energy(flight: Flight, optimum: dict[str, Flight], why_not: str) -> list[Block]:
     spent_n2s = metrics.of_flight(flight).energy_n2s
-    figure = run_plots.energy(flight, beside.flights)
-    if beside.optimum is None or beside.flown is None:
-        return [picture('energy', figure, spent_n2s=spent_n2s), Text(beside.why)]
-    least_n2s = metrics.of_flight(beside.optimum).energy_n2s
-    until_s = beside.flown.scenario.duration_s
-    each = ((f'this flight, {until_s:g} s', beside.flown), (beside.name, beside.optimum))
-    rows = tuple(_energy_row(name, one, least_n2s) for name, one in each)
+    figure = run_plots.energy(flight, optimum)
+    if not optimum:
+        return [picture('energy', figure, spent_n2s=spent_n2s), Text(why_not)]
+    ((name, ideal),) = optimum.items()
+    least_n2s, until_s = metrics.of_flight(ideal).energy_n2s, ideal.scenario.duration_s
+    rows = []
+    flown = until(flight, ideal.scenario.ticks)
+    for label, one in ((f'this flight, {until_s:g} s', flown), (name, ideal)):
+        f = metrics.of_flight(one)
+        peak = float(np.abs(one.saturated_forces_n).max())
+        ratio = f'{f.energy_n2s / least_n2s:.3g} ×' if least_n2s > 0.0 else '–'
+        numbers = f'{f.energy_n2s:.4g}', ratio, f'{peak:.3g}', f'{f.slew_per_axis_n_s:.3g}'
+        rows.append((label, *numbers))
     columns = ('flight', 'J [N²s]', 'of the optimum', 'force per axis [N]', 'slew per axis [N/s]')
     shown = picture('energy, beside the optimum', figure, spent_n2s=spent_n2s)
-    return [shown, Table('Beside the best possible', columns, rows)]
-
-
-def _energy_row(name: str, flight: Flight, least_n2s: float) -> tuple[str, ...]:
-    f = metrics.of_flight(flight)
-    peak = float(np.abs(flight.saturated_forces_n).max())
-    ratio = f'{f.energy_n2s / least_n2s:.3g} ×' if least_n2s > 0.0 else '–'
-    return name, f'{f.energy_n2s:.4g}', ratio, f'{peak:.3g}', f'{f.slew_per_axis_n_s:.3g}'
+    return [shown, Table('Beside the best possible', columns, tuple(rows))]
 
 
 def _limits(flight: Flight) -> Picture:
