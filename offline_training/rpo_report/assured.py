@@ -100,7 +100,9 @@ def sections(flight: Flight, found: Decided | None, phases: list[Phase]) -> list
     for name in dict.fromkeys(one.constraint for one in acted):
         ticks = found.constraints.count(name)
         count = sum(one.constraint == name for one in acted)
-        rows.append((name, f'{count}', f'{ticks * dt_s:.1f}', f'{_largest(found, name):.3g}'))
+        changes = zip(found.changed_n, found.constraints, strict=True)
+        largest = max(change for change, constraint in changes if constraint == name)
+        rows.append((name, f'{count}', f'{ticks * dt_s:.1f}', f'{largest:.3g}'))
     columns = ('constraint', 'interventions', 'acting [s]', 'largest change of the command [N]')
     blocks: list[Block] = [
         Text(
@@ -114,8 +116,8 @@ def sections(flight: Flight, found: Decided | None, phases: list[Phase]) -> list
         blocks.append(Table('Who acted', columns, tuple(rows)))
         blocks.append(Fold('Interventions', (_each(acted, found, times, phases),)))
     if found.changes:
-        changes = tuple((f'{times[c.tick]:.1f}', c.state, c.reason) for c in found.changes)
-        blocks.append(Table('Abort table', ('from [s]', 'what', 'why'), changes))
+        aborts = tuple((f'{times[c.tick]:.1f}', c.state, c.reason) for c in found.changes)
+        blocks.append(Table('Abort table', ('from [s]', 'what', 'why'), aborts))
     least_m, least_m_s = np.nanmin(found.margins, axis=0)
     shown = picture(
         'assurance',
@@ -127,12 +129,6 @@ def sections(flight: Flight, found: Decided | None, phases: list[Phase]) -> list
     )
     blocks.append(shown)
     return [Section('Assurance', tuple(blocks))]
-
-
-def _largest(found: Decided, name: str) -> float:
-    return float(
-        max(c for c, n in zip(found.changed_n, found.constraints, strict=True) if n == name)
-    )
 
 
 def _each(acted: list[Intervention], found: Decided, times: Floats, phases: list[Phase]) -> Table:

@@ -27,23 +27,17 @@ def sections(flight: Flight) -> list[Section]:
     if found is None:
         return []
     panels = panels_of(found, flight.scenario)
-    rows = tuple(_row(panel, flight) for panel in panels)
-    last_s = _close_ticks(flight) * flight.scenario.dt_s
+    last, rows = _close_ticks(flight), []
+    for panel in panels:
+        sizes = np.abs(panel.values)
+        limit = '–' if panel.limit is None else f'≤ {number(panel.limit, panel.unit)}'
+        values = (number(float(x), panel.unit) for x in (sizes.max(), sizes[-last:].max()))
+        rows.append((panel.name, *values, limit))
+    last_s = last * flight.scenario.dt_s
     columns = ('quantity', 'largest', f'in the last {last_s:g} s', 'limit')
-    last = found.off_reference_deg[-1]
-    shown = picture('attitude', _picture(flight, panels), last_deg=last)
-    return [Section('Attitude', (Table('How the chaser turned', columns, rows), shown))]
-
-
-def _row(panel: Panel, flight: Flight) -> tuple[str, ...]:
-    sizes = np.abs(panel.values)
-    values = [sizes.max(), sizes[-_close_ticks(flight) :].max()]
-    cells = [number(float(value), panel.unit) for value in values]
-    return (
-        panel.name,
-        *cells,
-        '–' if panel.limit is None else f'≤ {number(panel.limit, panel.unit)}',
-    )
+    last_deg = found.off_reference_deg[-1]
+    shown = picture('attitude', _picture(flight, panels), last_deg=last_deg)
+    return [Section('Attitude', (Table('How the chaser turned', columns, tuple(rows)), shown))]
 
 
 def _close_ticks(flight: Flight) -> int:

@@ -36,7 +36,7 @@ from rpo_montecarlo.campaign.statistics import (
     successes,
 )
 from rpo_montecarlo.campaign.store import Store
-from rpo_report.page import Block, File, Fold, Picture, Report, Section, Table, Text, picture
+from rpo_report.page import Block, File, Fold, Picture, Report, Section, Table, Text, picture, plain
 from rpo_report.replay import Replayed
 
 FALSE_ALARM = 0.01
@@ -162,7 +162,10 @@ def distributions(columns: Mapping[str, Floats], success: Bools) -> Any:
         axes.set_axis_off()
     for axes, (label, values) in zip(panels.flat, columns.items(), strict=False):
         known = np.isfinite(values)
-        span = _span(values[known]) if known.any() else (0.0, 1.0)
+        low, high = 0.0, 1.0
+        if known.any():
+            low, high = values[known].min(), np.quantile(values[known], 0.9995)
+        span = (low, high) if high > low else (low - 0.5, low + 0.5)
         axes.hist(
             [values[success & known], values[~success & known]],
             bins=_BINS,
@@ -177,11 +180,6 @@ def distributions(columns: Mapping[str, Floats], success: Bools) -> Any:
         axes.grid(axis='x', visible=False)
     style.legend_below(figure, panels[0][0])
     return figure
-
-
-def _span(values: Floats) -> tuple[float, float]:
-    low, high = float(values.min()), float(np.quantile(values, 0.9995))
-    return (low, high) if high > low else (low - 0.5, low + 0.5)
 
 
 def sensitivity(found: Mapping[str, Sequence[Influence]], level: float) -> Any:
@@ -248,7 +246,10 @@ def report_of(folder: Path) -> Report:
     never = nevers(found_spreads, config.runs)
     # Runs that dock go on past that: where they end is not asked.
     ends = any(name.startswith(('final', 'mean', 'hold_error', 'arrival')) for name in asked)
-    found_rates = [rate._replace(name=_condition(rate)) for rate in found_rates]
+    for place, rate in enumerate(found_rates):
+        name, keeps, limit = rate.name.partition(' <= ')
+        if keeps:
+            found_rates[place] = rate._replace(name=f'{words(name, unit=False)} ≤ {plain(limit)}')
     found_spreads = [s._replace(name=words(s.name, unit=False)) for s in found_spreads]
     with style.applied():
         sections = (
@@ -273,19 +274,9 @@ def report_of(folder: Path) -> Report:
     )
 
 
-def _condition(rate: Rate) -> str:
-    """Return what a rate counts: success, or that a limit is kept."""
-    name, keeps, limit = rate.name.partition(' <= ')
-    return f'{words(name, unit=False)} ≤ {_unit(limit)}' if keeps else name
-
-
 def _limit(name: str, limit: float) -> str:
     """Return a limit for people."""
-    return f'{words(name, unit=False)} ≤ {limit:g} {_unit(judging.unit_of(name))}'.rstrip()
-
-
-def _unit(ascii_unit: str) -> str:
-    return ascii_unit.replace('N^2 s', 'N²s')
+    return f'{words(name, unit=False)} ≤ {limit:g} {plain(judging.unit_of(name))}'.rstrip()
 
 
 def _percent(rate: Rate) -> str:
@@ -315,8 +306,8 @@ def _success(store: Store, found: list[Rate]) -> list[Block]:
 def _figures(store: Store, found: list[Spread], never: list[str], success: Bools) -> list[Block]:
     drawn = {words(name): store.column(name) for name in judging.figures(store.campaign)}
     heads = ('figure', 'unit', 'mean', *(f'{100 * q:g} %' for q in QUANTILES), 'worst', 'run')
-    rows = tuple((s.name, _unit(s.unit), *cells(s)) for s in found)
-    medians = (f'{s.name}: median {judging.number(s.quantiles[0], _unit(s.unit))}' for s in found)
+    rows = tuple((s.name, plain(s.unit), *cells(s)) for s in found)
+    medians = (f'{s.name}: median {judging.number(s.quantiles[0], plain(s.unit))}' for s in found)
     return [
         picture('distributions', distributions(drawn, success), medians='; '.join(medians)),
         Table('Mean, quantiles and the worst run', heads, rows),
@@ -380,7 +371,7 @@ def _worst(store: Store, found: list[Spread], success: Bools) -> list[Block]:
     rows += [
         (
             s.name,
-            judging.number(s.worst, _unit(s.unit), '.4g'),
+            judging.number(s.worst, plain(s.unit), '.4g'),
             _verdict(success, s.worst_run),
             _again(store, s.worst_run),
         )
@@ -486,17 +477,14 @@ def _configuration(store: Store) -> list[Block]:
         for name, dispersion in config.dispersions.items()
     )
     limits = tuple(
-        (words(name, unit=False), f'≤ {limit:g} {_unit(judging.unit_of(name))}'.rstrip())
+        (words(name, unit=False), f'≤ {limit:g} {plain(judging.unit_of(name))}'.rstrip())
         for name, limit in config.success.items()
     )
     names = ('campaign.yaml', 'scenario.yaml', 'controller.yaml')
+    dispersions = Table('Dispersions', ('quantity', 'distribution', 'spread', 'unit'), rows)
     return [
         Fold(
-            'Dispersions and limits',
-            (
-                Table('Dispersions', ('quantity', 'distribution', 'spread', 'unit'), rows),
-                Table('Success', ('figure', 'limit'), limits),
-            ),
+            'Dispersions and limits', (dispersions, Table('Success', ('figure', 'limit'), limits))
         ),
         *(File(name, text) for name, text in zip(names, store.campaign.texts, strict=True)),
     ]

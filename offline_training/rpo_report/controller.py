@@ -27,7 +27,7 @@ from rpo_judge.scoring import fitness
 from rpo_log.show import report as flight_report
 from rpo_log.show import style
 from rpo_montecarlo.engine.flights import flights_of
-from rpo_report.page import Block, File, Picture, Report, Section, Table, Text, picture
+from rpo_report.page import Block, File, Picture, Report, Section, Table, Text, picture, plain
 from rpo_report.surface_plots import axis_forces, draw_force, force_bar
 
 _SLICES = (-1.0, -0.5, 0.0, 0.5, 1.0)
@@ -153,6 +153,12 @@ def report_of(name: str, scenario: str = '') -> Report:
     of, proven = scenario or trained_for(controller), None
     if isinstance(controller, FuzzyController):
         proven = certify(controller.system)
+    rows = tuple(
+        (str(key), f'{value:.6g}' if isinstance(value, float) else str(value))
+        for key, value in controller.provenance.items()
+        if not isinstance(value, Mapping)
+    )
+    origin = [Table('How it came to be', ('what', 'value'), rows)] if rows else []
     with style.applied():
         if of and (scenario or of != PAPER):
             flown = _judged(controller, load(of))
@@ -163,7 +169,7 @@ def report_of(name: str, scenario: str = '') -> Report:
         sections = (
             Section('How it flies', tuple(flown.blocks)),
             *_inside(controller, proven),
-            Section('Provenance', tuple(_provenance(controller, path.name, files.read_text(path)))),
+            Section('Provenance', (*origin, File(path.name, files.read_text(path)))),
         )
     summary = f'{controller.description} {flown.summary}'.strip()
     return Report(f'Controller {controller.name}', summary, sections, flown.missed)
@@ -189,26 +195,25 @@ def _histories(flight: Flight, more: str = '') -> Picture:
 def _inside(controller: AnyController, proven: Certificate | None) -> tuple[Section, ...]:
     """Return how a controller decides, and what is proven of it."""
     if isinstance(controller, FuzzyController) and proven:
+        headings, rows = force_rows(controller.system)
+        said = warnings(controller.system) or (WELL,)
+        shown = picture('rules', rules(controller)), Table(FORCES, headings, tuple(rows))
         return (
             Section('Membership functions', (_functions(controller),)),
-            Section('Rules', tuple(_rules(controller))),
+            Section('Rules', (*shown, *map(Text, said))),
             Section('Control surface', (picture('surface', control_surface(controller)),)),
             Section('Certificate', tuple(_certificate(controller, proven))),
         )
     force = Section('Force', (picture('surface, of each axis', axis_forces(controller)),))
     if not isinstance(controller, Family):
         return (force,)
-    rules = tuple(Table(t.title, t.headings, tuple(t.rows)) for t in controller.tables())
+    tables = tuple(Table(t.title, t.headings, tuple(t.rows)) for t in controller.tables())
     claims = tuple(
         (claim.name, 'proven' if claim.holds else 'not proven', claim.statement)
         for claim in controller.claims()
     )
     certificate = Table('Claims', ('claim', 'verdict', 'statement'), claims)
-    return Section('Rules', rules), force, Section('Certificate', (certificate,))
-
-
-def _sentence(text: str) -> str:
-    return text.replace('N^2 s', 'N²s')
+    return Section('Rules', tables), force, Section('Certificate', (certificate,))
 
 
 def _certified(controller: FuzzyController, certificate: Certificate) -> str:
@@ -249,7 +254,7 @@ def _assessed(controller: FuzzyController, proven: Certificate) -> _Flown:
     """Return how a fuzzy controller reaches its targets."""
     found = assess(controller)
     targets = found.targets()
-    rows = tuple(tuple(map(_sentence, target.cells('≤ '))) for target in targets)
+    rows = tuple(tuple(map(plain, target.cells('≤ '))) for target in targets)
     shown = picture(
         'starts',
         starts(found),
@@ -259,7 +264,7 @@ def _assessed(controller: FuzzyController, proven: Certificate) -> _Flown:
         worst_n2s=found.metrics[:, ENERGY].max(),
     )
     summary = (
-        f'{_sentence(found.verdict())}. Mean J of {len(found.starts)} starts '
+        f'{plain(found.verdict())}. Mean J of {len(found.starts)} starts '
         f'{found.mean_energy_n2s:.4g} N²s. {_certified(controller, proven)}'
     )
     table = Table('Targets', ('target', 'what', 'limit', 'reached', 'verdict'), rows)
@@ -278,15 +283,6 @@ def _functions(controller: FuzzyController) -> Picture:
     )
 
 
-def _rules(controller: FuzzyController) -> list[Block]:
-    headings, rows = force_rows(controller.system)
-    return [
-        picture('rules', rules(controller)),
-        Table(FORCES, headings, tuple(rows)),
-        *map(Text, warnings(controller.system) or (WELL,)),
-    ]
-
-
 def _certificate(controller: FuzzyController, found: Certificate) -> list[Block]:
     rows = tuple(
         (claim.name, claim.verdict, claim.statement, _places(controller, claim))
@@ -300,16 +296,4 @@ def _certificate(controller: FuzzyController, found: Certificate) -> list[Block]
             'or the worst that were found.'
         ),
         Table('Claims', ('claim', 'verdict', 'statement', 'where'), rows),
-    ]
-
-
-def _provenance(controller: AnyController, name: str, text: str) -> list[Block]:
-    rows = tuple(
-        (str(key), f'{value:.6g}' if isinstance(value, float) else str(value))
-        for key, value in controller.provenance.items()
-        if not isinstance(value, Mapping)
-    )
-    return [
-        *([Table('How it came to be', ('what', 'value'), rows)] if rows else []),
-        File(name, text),
     ]

@@ -118,7 +118,14 @@ def _picture(flight: Flight, phases: list[Phase], ranges: Floats, misses: Sequen
 
 def mark(figure: Any, phases: list[Phase], flight: Flight) -> None:
     """Draw a line where a phase begins, in every panel over time, and name it above the first."""
-    over_time = [axes for axes in figure.axes if _is_over_time(axes)]
+    over_time = [
+        axes
+        for axes in figure.axes
+        if any(
+            one.get_xlabel() == 'time [s]'
+            for one in (axes, *axes.get_shared_x_axes().get_siblings(axes))
+        )
+    ]
     times = flight.scenario.times_s
     for i, axes in enumerate(over_time):
         low, high = axes.get_xlim()
@@ -128,11 +135,6 @@ def mark(figure: Any, phases: list[Phase], flight: Flight) -> None:
         axes.set_xlim(low, high)
         if i == 0:
             _name(axes, shown, times)
-
-
-def _is_over_time(axes: Any) -> bool:
-    shared = axes.get_shared_x_axes().get_siblings(axes)
-    return any(one.get_xlabel() == 'time [s]' for one in (axes, *shared))
 
 
 def _name(axes: Any, phases: list[Phase], times: Floats) -> None:

@@ -119,6 +119,11 @@ class Report(NamedTuple):
         return [b for s in self.sections for b in s.blocks if isinstance(b, Picture)]
 
 
+def plain(text: str) -> str:
+    """Return a text with units as a page writes them."""
+    return text.replace('N^2 s', 'N²s')
+
+
 PAGE, REPLAY = 'report.html', 'replay.html'
 
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"

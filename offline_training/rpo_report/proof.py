@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,7 +24,7 @@ from rpo_proof.folder import TEXTS, Folder, origins
 from rpo_proof.problem import PER_AXIS, Problem, range_of, title_of
 from rpo_proof.sets import InvariantSet
 from rpo_report import surface_plots
-from rpo_report.page import Block, File, Picture, Report, Section, Table, Text, picture
+from rpo_report.page import Block, File, Picture, Report, Section, Table, Text, picture, plain
 
 
 def report_of(path: Path) -> Report:
@@ -54,17 +54,7 @@ def report_of(path: Path) -> Report:
         f'As the cells of the folder say, not checked here: {counted}. `{check}` checks them. '
         'What was flown is flown again.',
         (
-            Section(
-                'Claims',
-                (
-                    Text(f'{title_of(problem)}; {range_of(problem)}.'),
-                    _table(claims),
-                    *_refuted(folder, claims),
-                    _ranges(follows.ranges),
-                    _rest(written.omega),
-                    *(Text(origin) for origin in origins(folder)),
-                ),
-            ),
+            Section('Claims', tuple(_claims(folder, claims, follows.ranges, written.omega))),
             *([Section('Margins', tuple(pictures))] if pictures else []),
             Section('Files', files_of),
         ),
@@ -72,45 +62,37 @@ def report_of(path: Path) -> Report:
     )
 
 
-def _table(claims: Sequence[Claim]) -> Table:
-    rows = tuple(tuple(map(_unit, row_of(claim))) for claim in claims)
-    columns = ('claim', 'limit', 'proven', 'flown', 'open cells', 'verdict')
-    caption = (
-        'If the cells are right, no start exceeds what is proven. A flight reaches what is flown.'
+def _claims(
+    folder: Folder,
+    claims: Sequence[Claim],
+    ranges: Mapping[str, Range],
+    omega: InvariantSet | None,
+) -> Iterator[Block]:
+    """Yield what is proven, how to fly the counterexamples again, and where it comes from."""
+    yield Text(f'{title_of(folder.problem)}; {range_of(folder.problem)}.')
+    yield Table(
+        'If the cells are right, no start exceeds what is proven. A flight reaches what is flown.',
+        ('claim', 'limit', 'proven', 'flown', 'open cells', 'verdict'),
+        tuple(tuple(map(plain, row_of(claim))) for claim in claims),
     )
-    return Table(caption, columns, rows)
-
-
-def _unit(text: str) -> str:
-    return text.replace('N^2 s', 'N²s')
-
-
-def _refuted(folder: Folder, claims: Sequence[Claim]) -> list[Block]:
-    """Return how to fly the counterexamples again."""
-    found: list[Block] = []
     for claim in claims:
         if claim.verdict == REFUTED:
             flight, controller = folder.flights(claim.key)[0], folder.path / TEXTS[0]
             command = ['rpo', 'simulate', str(flight), '--controller', str(controller)]
-            found.append(Text(f'{claim.statement}: refuted by {shlex.join(command)}'))
-    return found
-
-
-def _ranges(ranges: Mapping[str, Range]) -> Table:
+            yield Text(f'{claim.statement}: refuted by {shlex.join(command)}')
     rows = tuple(
-        (found.statement, lower(found.low), f'{upper(found.high)} {_unit(found.unit)}')
+        (found.statement, lower(found.low), f'{upper(found.high)} {plain(found.unit)}')
         for found in ranges.values()
     )
-    return Table('What no flight leaves, if the cells are right.', ('', 'from', 'to'), rows)
-
-
-def _rest(omega: InvariantSet | None) -> Text:
+    yield Table('What no flight leaves, if the cells are right.', ('', 'from', 'to'), rows)
     if omega is None:
-        return Text('No invariant set was found: nothing is proven for ever.')
-    return Text(
-        f'Invariant set, on each axis: |r| ≤ {omega.radius_m:g} m and |v + {omega.rate:g}/s r| ≤ '
-        f'{omega.speed_m_s:g} m/s. `rpo prove --check` shows that a tick maps it into itself.'
-    )
+        yield Text('No invariant set was found: nothing is proven for ever.')
+    else:
+        yield Text(
+            f'Invariant set, on each axis: |r| ≤ {omega.radius_m:g} m and |v + {omega.rate:g}/s r| '
+            f'≤ {omega.speed_m_s:g} m/s. `rpo prove --check` shows that a tick maps it into itself.'
+        )
+    yield from map(Text, origins(folder))
 
 
 def _margins(folder: Folder, groups: dict[str, CellBounds], claim: Claim) -> Block:

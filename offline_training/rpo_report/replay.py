@@ -92,7 +92,10 @@ def _document(shown: Replayed, flights: int) -> dict[str, Any]:
     forces = flight.thrust.forces_n if exerted else flight.saturated_forces_n
     mean = np.add.reduceat(forces, ticks[:-1]) / np.diff(ticks)[:, None]
     reference = flight.signals.get(REFERENCE_STATE)
-    times = flight.scenario.times_s
+    times, target, attitudes = flight.scenario.times_s, flight.scenario.target, None
+    if target is not None:
+        motion = motion_of(target, flight.scenario)
+        attitudes = packed([motion.attitude(tick)[:4] for tick in ticks.tolist()])
     return {
         'name': shown.name,
         'verdict': shown.verdict,
@@ -104,21 +107,12 @@ def _document(shown: Replayed, flights: int) -> dict[str, Any]:
         'estimate': None if shown.estimate is None else packed(shown.estimate[ticks]),
         'limits': [_limit(limit, ticks) for limit in limits_of(flight, shown.margins, turns)],
         'phases': [[name, why, float(times[min(at, last)])] for name, why, at in shown.phases],
-        'attitudes': _attitudes(flight, ticks),
+        'attitudes': attitudes,
         'chaser': None if turns is None else packed(turns.attitudes[ticks, :4]),
         'turns': [] if turns is None else _turns(turns, ticks),
         'acts': [[name, *times[np.minimum(at, last)].tolist()] for name, *at in shown.acts],
         'reasons': _reasons(flight, shown.controller, _REASONS // flights),
     }
-
-
-def _attitudes(flight: Flight, ticks: Any) -> str | None:
-    """Return the quaternions (n, 4) of a target that has an attitude."""
-    scenario = flight.scenario
-    if scenario.target is None:
-        return None
-    motion = motion_of(scenario.target, scenario)
-    return packed([motion.attitude(tick)[:4] for tick in ticks.tolist()])
 
 
 def _turns(turns: Turned, ticks: Any) -> list[tuple[str, str, str]]:

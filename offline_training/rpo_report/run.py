@@ -13,11 +13,10 @@ import numpy as np
 
 from rpo_core.chain.flight import Flight
 from rpo_core.control.controller import AnyController, FuzzyController
-from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
 from rpo_core.judge.contact import docked_at
-from rpo_core.judge.verdicts import UNBOUNDED, ZONE_DEPTH, Verdict, missed, unbounded, verdicts
+from rpo_core.judge.verdicts import UNBOUNDED, ZONE_DEPTH, missed, unbounded, verdicts
 from rpo_core.judge.zones import zones_of
 from rpo_ctrl.explain import decisions
 from rpo_judge.evaluation import optimal
@@ -74,7 +73,7 @@ def report_of(path: Path, scenario: str = '') -> tuple[Report, LoggedFlight]:
             *guided.sections(flight, phases),
             *assured.sections(flight, acted, phases),
             Section('Energy', tuple(_energy(flight, optimum, why_not))),
-            Section('Force and slew', (_limits(flight),)),
+            Section('Force and slew', (_force_and_slew(flight),)),
             *attitude.sections(flight),
             *_thrusters(flight),
             *_disturbance(flight),
@@ -204,19 +203,23 @@ def _limits_and_path(shown: LoggedFlight, optimum: dict[str, Flight]) -> list[Bl
     zones = zones_of(flight.scenario)
     shows = f'{flight.scenario.duration_s:g} of {shown.planned.duration_s:g} s'
     cut = f'The log shows {shows}: {"; ".join(shown.gaps)}.'
-    rows = tuple(
-        _row(v, judged=shown.whole or (v.key == ZONE_DEPTH and not v.holds))
-        for v in verdicts(flight)
-    )
+    rows: list[tuple[str, ...]] = []
+    for v in verdicts(flight):
+        margin = '–'
+        if v.limit > 0.0 and np.isfinite(v.value):
+            margin = f'{100.0 * (1.0 - v.value / v.limit):.0f} %'
+        judged = shown.whole or (v.key == ZONE_DEPTH and not v.holds)
+        value, limit = (log_report.shown(number, v.unit) for number in (v.value, v.limit))
+        rows.append((v.statement, value, f'≤ {limit}', *((margin, v.word) if judged else ('', ''))))
     if rows:
-        rows += tuple((n, '–', 'none', '–', UNBOUNDED) for n in unbounded(flight.scenario))
+        rows += [(name, '–', 'none', '–', UNBOUNDED) for name in unbounded(flight.scenario)]
     found = [row for zone in zones for row in zone_passage(flight, zone)]
     least_m = np.linalg.norm(flight.positions_m, axis=1).min()
     near = bool(zones) and least_m < run_plots.reach_m(zones)
     columns = ('requirement', 'value', 'limit', 'margin', 'verdict')
     return [
         *([] if shown.whole else [Text(cut)]),
-        *([Table('Limits and margins', columns, rows)] if rows else []),
+        *([Table('Limits and margins', columns, tuple(rows))] if rows else []),
         picture(
             'approach',
             run_plots.approach(flight, optimum, zones),
@@ -235,16 +238,9 @@ def _where(flight: Flight) -> str:
     return 'in LVLH: in the orbital plane, and from above'
 
 
-def _row(verdict: Verdict, judged: bool) -> tuple[str, ...]:
-    v, margin = verdict, '–'
-    if v.limit > 0.0 and np.isfinite(v.value):
-        margin = f'{100.0 * (1.0 - v.value / v.limit):.0f} %'
-    value, limit = (log_report.shown(number, v.unit) for number in (v.value, v.limit))
-    return v.statement, value, f'≤ {limit}', *((margin, v.word) if judged else ('', ''))
-
-
 def _details(shown: LoggedFlight, log: RunLog, controller: AnyController | None) -> list[Block]:
     flight, scenario = shown.flight, shown.planned
+    navigated = any(scenario.named(name) for name in ('navigation', 'estimator'))
     facts = [
         ('orbit radius', f'{scenario.orbit_radius_m / 1e3:.8g} km'),
         ('mean motion', f'{scenario.mean_motion_rad_s:.6e} rad/s'),
@@ -255,7 +251,7 @@ def _details(shown: LoggedFlight, log: RunLog, controller: AnyController | None)
         ('duration', f'{scenario.duration_s:g} s, {scenario.ticks} ticks of {scenario.dt_s:g} s'),
         ("disturbance's level", f'{metrics.disturbance_level_n(flight):.4g} N'),
         ('thrusters', 'as in the scenario' if scenario.thrusters else 'perfect'),
-        ('navigation', 'as in the scenario' if _navigated(scenario) else 'perfect'),
+        ('navigation', 'as in the scenario' if navigated else 'perfect'),
     ]
     others = tuple(row[:2] for row in log_report.rows(flight)[log_report.METRICS])
     passages = [
@@ -274,10 +270,6 @@ def _details(shown: LoggedFlight, log: RunLog, controller: AnyController | None)
         Text('The files of the log; rpo verify computes the flight again from them.'),
         *_files(log),
     ]
-
-
-def _navigated(scenario: Scenario) -> bool:
-    return any(scenario.named(name) is not None for name in ('navigation', 'estimator'))
 
 
 def _vector(values: tuple[float, ...]) -> str:
@@ -314,7 +306,7 @@ def _energy(flight: Flight, optimum: dict[str, Flight], why_not: str) -> list[Bl
     return [shown, Table('Beside the best possible', columns, tuple(rows))]
 
 
-def _limits(flight: Flight) -> Picture:
+def _force_and_slew(flight: Flight) -> Picture:
     peak = float(np.abs(flight.saturated_forces_n).max())
     slew = metrics.of_flight(flight).slew_per_axis_n_s
     limit = flight.scenario.max_force_n
@@ -368,22 +360,18 @@ def _phase_planes(flight: Flight, controller: AnyController | None, why: str) ->
 
 
 def _decisions(flight: Flight, controller: FuzzyController) -> Table:
+    """Return a table of ticks from the start to the arrival, equally spaced, and the last."""
+    arrived = metrics.arrival_time_s(flight)
+    end_s = flight.scenario.duration_s if arrived is None else arrived
+    ticks = np.linspace(0.0, end_s / flight.scenario.dt_s, 5).round().astype(int)
     rows: list[tuple[str, ...]] = []
-    for tick in _instants(flight):
+    for tick in sorted({*ticks.tolist(), flight.scenario.ticks}):
         rows.append((f'{flight.scenario.time_s(tick):g} s',))
         for d in decisions(controller, seen(flight, tick)):
             numbers = (f'{x:.3g}' for x in (d.position_m, d.velocity_m_s, d.force_n))
             rows.append((d.axis, *numbers, d.reasons.sentence))
     columns = ('axis', 'position [m]', 'velocity [m/s]', 'force [N]', 'rules and their shares')
     return Table('Why the controller fired, from the state it received', columns, tuple(rows))
-
-
-def _instants(flight: Flight) -> list[int]:
-    """Return ticks from the start to the arrival, equally spaced, and the last."""
-    arrived = metrics.arrival_time_s(flight)
-    until = flight.scenario.duration_s if arrived is None else arrived
-    ticks = np.linspace(0.0, until / flight.scenario.dt_s, 5).round().astype(int)
-    return sorted({*ticks.tolist(), flight.scenario.ticks})
 
 
 def _files(log: RunLog) -> list[Block]:

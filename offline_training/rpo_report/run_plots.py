@@ -30,18 +30,6 @@ AT_PORT_M = 0.1
 _TURN = np.linspace(0.0, 2.0 * np.pi, 49)
 
 
-def circle(radius_m: float) -> Floats:
-    """Return the outline (n, 2) of a sphere about the target in any plane through it."""
-    return radius_m * np.column_stack([np.cos(_TURN), np.sin(_TURN)])
-
-
-def _closing_m_s(flight: Flight, tick: int) -> float:
-    position, velocity = flight.positions_m[tick], flight.velocities_m_s[tick]
-    range_m = np.linalg.norm(position)
-    closing = np.vdot(position, velocity) / range_m if range_m else np.linalg.norm(velocity)
-    return float(-closing)
-
-
 def zone_passage(flight: Flight, zones: Zone) -> list[tuple[str, str]]:
     """Return names and values: how a flight passes zones of its scenario, at its ticks.
 
@@ -65,9 +53,12 @@ def zone_passage(flight: Flight, zones: Zone) -> list[tuple[str, str]]:
     if not inside.size:
         return [*found, (f'enters {name}', 'never')]
     entry = int(inside[0])
+    position, velocity = flight.positions_m[entry], flight.velocities_m_s[entry]
+    range_m = np.linalg.norm(position)
+    opening = np.vdot(position, velocity) / range_m if range_m else np.linalg.norm(velocity)
     found += [
         (f'enters {name} at', f'{flight.scenario.times_s[entry]:.1f} s'),
-        ('closing speed at the entry', f'{_closing_m_s(flight, entry):.3g} m/s'),
+        ('closing speed at the entry', f'{-opening:.3g} m/s'),
     ]
     if zones.corridor is not None:
         positions = map(tuple, flight.positions_m[inside].tolist())
@@ -131,8 +122,8 @@ def draw_zones(axes: Any, zones: Sequence[Zone], across: int) -> None:
             for edge in zone.corridor.edges(1, across):
                 axes.plot(*zip(*edge, strict=True), **_WALL, label='corridor')
         if zone.keep_out_m:
-            outline = circle(zone.keep_out_m).T
-            axes.plot(*outline, **_SPHERE, label='keep-out sphere')
+            x, y = zone.keep_out_m * np.cos(_TURN), zone.keep_out_m * np.sin(_TURN)
+            axes.plot(x, y, **_SPHERE, label='keep-out sphere')
         points = np.array(list(zone.points_m.values())).reshape(-1, 3)
         if len(points):
             axes.plot(*points[:, [1, across]].T, 'D', **_POINT, label='holds, retreat')
@@ -175,16 +166,12 @@ def energy(flight: Flight, others: FlightsByName, name: str = FLOWN) -> Any:
     """Return J over time, beside other flights."""
     figure, axes = style.new_panels(3.0)
     for label, shown, look in _paths(flight, others, name):
-        axes.plot(*_energy(shown), label=label, **look)
+        spent = np.cumsum((shown.saturated_forces_n**2).sum(axis=1)) * shown.scenario.dt_s
+        axes.plot(shown.scenario.times_s, [0.0, *spent], label=label, **look)
     axes.set(xlabel='time [s]', ylabel='energy J so far [N²s]', ylim=(0.0, None))
     axes.margins(x=0.01)
     style.legend_below(figure, axes, columns=4)
     return figure
-
-
-def _energy(flight: Flight) -> tuple[Floats, Floats]:
-    spent = np.cumsum((flight.saturated_forces_n**2).sum(axis=1)) * flight.scenario.dt_s
-    return flight.scenario.times_s, np.concatenate([[0.0], spent])
 
 
 def limits(flight: Flight) -> Any:

@@ -72,7 +72,10 @@ def draw_force(axes: Any, controller: FuzzyController, spans: tuple[float, float
         np.clip(-r / position_scale, -1.0, 1.0), np.clip(-v / velocity_scale, -1.0, 1.0)
     )
     force = force_scale * surface.values(controller.system, e.ravel(), w.ravel()).reshape(e.shape)
-    return _contours(axes, (r, v), force, _peak_n(controller))
+    # The largest of a coarse grid that has the corners of the surface.
+    coarse = np.meshgrid(np.linspace(-1.0, 1.0, 41), np.linspace(-1.0, 1.0, 41))
+    peak = float(np.abs(surface.values(controller.system, *map(np.ravel, coarse))).max())
+    return _contours(axes, (r, v), force, force_scale * peak)
 
 
 def _contours(axes: Any, grid: tuple[Floats, Floats], force: Floats, peak: float) -> Any:
@@ -105,14 +108,6 @@ def axis_forces(controller: AnyController) -> Any:
     panels[0].set_ylabel('velocity [m/s]')
     force_bar(figure, image, panels)
     return figure
-
-
-def _peak_n(controller: FuzzyController) -> float:
-    """Return the largest |force| of the surface on a coarse grid that has its corners."""
-    e, v = np.meshgrid(np.linspace(-1.0, 1.0, 41), np.linspace(-1.0, 1.0, 41))
-    return controller.force_scale_n * float(
-        np.abs(surface.values(controller.system, e.ravel(), v.ravel())).max()
-    )
 
 
 def force_bar(figure: Any, image: Any, axes: Any) -> None:

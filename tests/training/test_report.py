@@ -25,7 +25,7 @@ from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
 from rpo_core.judge.requirements import Requirements
-from rpo_core.judge.verdicts import Verdict, verdicts
+from rpo_core.judge.verdicts import verdicts
 from rpo_judge.evaluation import optimal
 from rpo_log.show import style
 from rpo_mcap.errors import LogError
@@ -170,23 +170,6 @@ def test_a_picture_has_the_same_bytes_twice(run_page):
     made, source = run_page
     picture = next(p for p in made.pictures if p.name == 'limits')
     assert page.svg(picture) in source
-
-
-@pytest.mark.parametrize(
-    ('value', 'limit', 'margin', 'word'),
-    [
-        (0.5, 2.0, '75 %', 'holds'),
-        (0.0, 2.0, '100 %', 'holds'),
-        (2.0, 2.0, '0 %', 'holds'),
-        (3.0, 2.0, '-50 %', 'MISSED'),
-        (math.inf, 2.0, '–', 'MISSED'),
-        (0.0, 0.0, '–', 'holds'),
-    ],
-)
-def test_a_margin_is_the_share_of_its_limit_that_a_value_leaves(value, limit, margin, word):
-    row = run._row(Verdict('key', 'what is required', 'm', limit, value), judged=True)
-    assert row[0] == 'what is required' and row[3:] == (margin, word)
-    assert run._row(Verdict('key', '', 'm', limit, value), judged=False)[3:] == ('', '')
 
 
 def test_the_first_table_of_a_run_has_values_limits_and_margins_of_the_verdicts(
