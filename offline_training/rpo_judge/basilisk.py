@@ -110,14 +110,6 @@ def _state(spacecraft: Any) -> Floats:
     return np.concatenate([message.r_CN_N, message.v_CN_N])
 
 
-def _mean(simulation: _Simulation, world: World, force_n: Floats) -> list[list[float]]:
-    """Return the mean of a force (3,), inertial, that turns with LVLH for the next tick."""
-    axes, rate = world.frame(_state(simulation.target))
-    begin, angle = axes @ force_n, world.scenario.dt_s * rate
-    turned = begin + cross(angle, begin) / 2.0 + cross(angle, cross(angle, begin)) / 6.0
-    return [[component] for component in turned.tolist()]
-
-
 class BasiliskFlight:
     """Target and chaser of a scenario, tick by tick; state : (6,) [m, m/s], target LVLH.
 
@@ -146,7 +138,11 @@ class BasiliskFlight:
         if scenario.dynamics is None:
             simulation.force.extForce_B = [[component] for component in force_n.tolist()]
         else:
-            simulation.force.extForce_N = _mean(simulation, self._world, force_n)
+            # The mean of a force that turns with LVLH for the next tick.
+            axes, rate = self._world.frame(_state(simulation.target))
+            begin, angle = axes @ force_n, scenario.dt_s * rate
+            turned = begin + cross(angle, begin) / 2.0 + cross(angle, cross(angle, begin)) / 6.0
+            simulation.force.extForce_N = turned[:, None].tolist()
         self.tick += 1
         simulation.model.ConfigureStopTime(self.tick * scenario.dt_ns)
         simulation.model.ExecuteSimulation()

@@ -88,12 +88,6 @@ class World:
         coefficient = self.drag.target_ballistic_coefficient_kg_m2 if self.drag else 1.0
         return self.perturbation(target[:3], target[3:], coefficient)
 
-    def of_chaser(self, position: Floats, velocity: Floats, mass_kg: float) -> Floats:
-        """Return the chaser's acceleration (3,) beside point-mass gravity."""
-        share = mass_kg / self.scenario.mass_kg
-        coefficient = self.drag.chaser_ballistic_coefficient_kg_m2 * share if self.drag else 1.0
-        return self.perturbation(position, velocity, coefficient)
-
     def target(self) -> Floats:
         """Return the target's state (6,) at tick 0, from its orbital elements."""
         s, mu = self.settings, self.body.mu_m3_s2
@@ -139,7 +133,11 @@ class World:
         mu, radius = self.body.mu_m3_s2, math.sqrt(position @ position)
         disturbed = self.of_target(y[:6])
         change = encke(offset, position, mu) - disturbed
-        change = change + self.of_chaser(position + offset, velocity + drift, mass_kg)
+        coefficient = 1.0
+        if self.drag:
+            share = mass_kg / self.scenario.mass_kg
+            coefficient = self.drag.chaser_ballistic_coefficient_kg_m2 * share
+        change = change + self.perturbation(position + offset, velocity + drift, coefficient)
         if force_n.any():
             change = change + self.frame(y[:6])[0] @ force_n / mass_kg
         return np.concatenate([velocity, disturbed - mu / radius**3 * position, drift, change])

@@ -12,6 +12,7 @@ from __future__ import annotations
 import hashlib
 import json
 import time
+import timeit
 from collections.abc import Callable, Sequence
 from functools import partial
 from importlib.metadata import version
@@ -306,10 +307,10 @@ def command_us(controller: AnyController, scenario: Scenario) -> float:
     ticks = np.linspace(0, len(flight.states) - 1, _CALLS).astype(int).tolist()
     asked = [(k, tuple(s)) for s, k in zip(flight.states[ticks].tolist(), ticks, strict=True)]
     stage = controller.stage(scenario.dt_s)
-    best = np.inf
-    for _ in range(_REPETITIONS):
-        began = time.process_time()
+
+    def call() -> None:
         for tick, state in asked:
             stage.step(tick, state)
-        best = min(best, time.process_time() - began)
-    return 1e6 * best / _CALLS
+
+    times_s = timeit.repeat(call, timer=time.process_time, repeat=_REPETITIONS, number=1)
+    return 1e6 * min(times_s) / _CALLS

@@ -90,12 +90,10 @@ HEADINGS = ('', 'mean', 'moments, least to most', '95 % of one moment', '')
 
 def rows_of(found: Consistency) -> list[tuple[str, ...]]:
     """Return the rows of a table."""
-    rows: list[tuple[str, ...]] = []
-    for name, values, bounds in (
-        ('NEES of 6 states', found.nees, found.nees_bounds),
-        ('NIS of a number', found.nis, found.nis_bounds),
-    ):
-        rows.append(_row(name, values, bounds))
+    rows = [
+        _row('NEES of 6 states', found.nees, found.nees_bounds),
+        _row('NIS of a number', found.nis, found.nis_bounds),
+    ]
     white = f'{found.correlation:.5f}', '', f'below {found.correlation_bound:.5f}'
     rows.append(('correlation of successive innovations', *white, f'{found.innovations} measured'))
     return rows
@@ -122,13 +120,16 @@ def consistency(
 ) -> Consistency:
     """Fly a scenario so often with the noise that its filter assumes; raises InputError."""
     sensors, settings = _sections(scenario)
+    white = settings.acceleration_noise_m_s1_5 * scenario.mass_kg / sqrt(scenario.dt_s)
+    walk = settings.disturbance_walk_n_s0_5 * sqrt(scenario.dt_s)
+    forces = white, settings.disturbance_sigma_n, walk
 
     def fly_once(run: int, ticks: Ints, *filled: Floats) -> None:
         mine = replace(sensors, noise_key=(run, 2**31))
         f, s = filter_of(settings, mine, scenario), Sensing(mine, scenario)
         _fly(
             ticks, scenario.start, f, memory_of(f), s.table, s.memory, run,
-            _forces(settings, scenario), *filled,
+            forces, *filled,
         )  # fmt: skip
 
     return gathered(scenario, runs, STATES, fly_once, show)
@@ -283,13 +284,6 @@ def _all_round(unit: Sensor) -> Sensor:
     return replace(unit, **plain) if turns else unit
 
 
-def _forces(settings: Estimator, scenario: Scenario) -> Vector:
-    """Return sigmas [N] of the white force of a tick, of the disturbance, and of its walk."""
-    white = settings.acceleration_noise_m_s1_5 * scenario.mass_kg / sqrt(scenario.dt_s)
-    walk = settings.disturbance_walk_n_s0_5 * sqrt(scenario.dt_s)
-    return white, settings.disturbance_sigma_n, walk
-
-
 @kernel
 def _command(m: Any, limit: float) -> Vector:
     """Return the force (3,) [N] of a PD controller that reads the estimate."""
@@ -322,6 +316,7 @@ def _fly(
 ) -> None:  # fmt: skip
     """Fly once; fill errors (times, 6), spreads (times, 81) and nis (times,).
 
+    forces : sigmas [N] of the white force of a tick, of the disturbance, and of its walk
     sums : see `counted`
     """
     state, command, key = start, (0.0, 0.0, 0.0), 2**31

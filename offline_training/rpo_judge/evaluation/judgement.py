@@ -110,14 +110,14 @@ def judge(
         columns.append(verdicts(flight))
         energies.append(of_flight(flight).energy_n2s)
     judgements = [
-        Judgement(max(rows, key=_badness), sum(v.holds is False for v in rows), len(rows))
+        Judgement(
+            max(rows, key=lambda v: -math.inf if v.holds is None else v.value - v.limit),
+            sum(v.holds is False for v in rows),
+            len(rows),
+        )
         for rows in zip(*columns, strict=True)
     ]
     return Judged(judgements, fmean(energies), unbounded(base))
-
-
-def _badness(verdict: Verdict) -> float:
-    return -math.inf if verdict.holds is None else verdict.value - verdict.limit
 
 
 SEED = 2026

@@ -168,15 +168,13 @@ class Program:
         cost: Any = cp.sum_squares(self._forces)
         if relaxed:
             cost = limits[relaxed] = cp.Variable(nonneg=True)
-        self._problem = cp.Problem(cp.Minimize(cost), [*self._motion(), *self._within(limits)])
-
-    def _motion(self) -> list[Any]:
-        a, b = cw.matrices(self.scenario.step)
-        a = a * _SCALE / _SCALE[:, None]
-        b = b / _SCALE[:, None]
-        pushed = _disturbances(self.scenario)[:-1] @ b.T
+        a, b = cw.matrices(scenario.step)
+        a, b = a * _SCALE / _SCALE[:, None], b / _SCALE[:, None]
+        pushed = _disturbances(scenario)[:-1] @ b.T
         x, f = self._states, self._forces
-        return [x[0] == self._start, x[1:] == x[:-1] @ a.T + f @ (b.T * _FORCE_SCALE_N) + pushed]
+        step = x[1:] == x[:-1] @ a.T + f @ (b.T * _FORCE_SCALE_N) + pushed
+        motion = [x[0] == self._start, step]
+        self._problem = cp.Problem(cp.Minimize(cost), [*motion, *self._within(limits)])
 
     def _within(self, limits: dict[str, Any]) -> list[Any]:
         import cvxpy as cp
@@ -277,15 +275,14 @@ def least_constrained(
         progress(done, len(distinct))
         value = program.solve(key)
         if value is None:
-            raise _infeasible(_from(scenario, key), program.conditions)
+            x, y, z, vx, vy, vz = key
+            start = replace(
+                scenario, initial_position_m=(x, y, z), initial_velocity_m_s=(vx, vy, vz)
+            )
+            raise _infeasible(start, program.conditions)
         found[key] = value
     progress(len(distinct), len(distinct))
     return np.array([found[key] for key in keys])
-
-
-def _from(scenario: Scenario, start: Sequence[float]) -> Scenario:
-    x, y, z, vx, vy, vz = start
-    return replace(scenario, initial_position_m=(x, y, z), initial_velocity_m_s=(vx, vy, vz))
 
 
 def _mirrored(start: Floats) -> tuple[float, ...]:
