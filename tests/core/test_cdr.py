@@ -108,8 +108,7 @@ def test_wrench_as_rosbags_writes_it(stamp_ns, frame, force):
 
 def test_a_log_holds_all_topics_but_these():
     assert {row.name for row in interfaces.rows(logged=False)} == {
-        'guidance_status', 'node_manifest', 'recorder_status', 'plant_tick',
-        'heartbeat', 'diagnostics',
+        'guidance_status', 'node_manifest', 'recorder_status', 'heartbeat', 'diagnostics',
     }  # fmt: skip
 
 

@@ -26,10 +26,6 @@ ASSURANCE = Status(1, 'assurance', 'so', 'none', (
 RECORDER = Status(0, 'recorder', 'ready', 'none', (
     ('recorder', 'ab12'), ('run', ''), ('reason', ''), ('next_tick', '16'),
 ))  # fmt: skip
-PLANT_TICK = Status(0, 'plant', 'tick', 'none', (
-    ('run', 'ab12'), ('tick', '7'), ('relative_state', '1e-05 -2.5 0.0 0.0 1.0 -0.0'),
-    ('control_force', ''),
-))  # fmt: skip
 MANIFEST = Status(0, 'plant', 'manifest', 'none', (
     ('role', 'plant'), ('run', 'ab12'), ('parameter.mode', 'lockstep'), ('file.scenario.yaml', ''),
 ))  # fmt: skip
@@ -40,7 +36,6 @@ WHOLE = {
     statuses.GuidanceStatus: GUIDANCE,
     statuses.AssuranceStatus: ASSURANCE,
     statuses.RecorderStatus: RECORDER,
-    statuses.PlantTick: PLANT_TICK,
     statuses.Manifest: MANIFEST,
     statuses.Heartbeat: HEARTBEAT,
 }
@@ -50,7 +45,6 @@ REQUIRED = {
     statuses.GuidanceStatus: ('phase', 'tick', 'reason'),
     statuses.AssuranceStatus: ('tick', 'mode', 'constraint', 'margin_m', 'margin_m_s', 'after_n.z'),
     statuses.RecorderStatus: ('recorder', 'run', 'reason'),
-    statuses.PlantTick: ('run', 'tick'),
     statuses.Manifest: ('role',),
     statuses.Heartbeat: ('stages',),
 }
@@ -80,11 +74,6 @@ def test_what_is_whole_is_taken():
     assert found[statuses.RunStatus] == statuses.RunStatus('running', 7, 'flying')
     assert found[statuses.StageStatus].state == 'go' and found[statuses.StageStatus].tick == 7
     assert found[statuses.RecorderStatus].next_tick == 16
-    asked = statuses.RecorderStatus.of(changed(RECORDER, asks_from='3'))
-    assert (found[statuses.RecorderStatus].asks_from, asked.asks_from) == (None, 3)
-    state = [1e-05, -2.5, 0.0, 0.0, 1.0, -0.0]
-    taken = {'relative_state': statuses.numbers_text(state), 'control_force': ''}
-    assert found[statuses.PlantTick] == statuses.PlantTick('ab12', 7, taken)
     assert found[statuses.AssuranceStatus].margin_m == float('inf')
     coasting = statuses.RunStatus.of(changed(RUN, dropped='control_force disturbance_force'))
     assert coasting.dropped == ('control_force', 'disturbance_force')
@@ -143,10 +132,6 @@ def test_a_figure_of_a_run_is_a_number(wrong):
         (changed(ASSURANCE, mode='shut'), '`mode` must be one of open'),
         (changed(ASSURANCE, margin_m='wide'), '`margin_m` must be a number'),
         (changed(RECORDER, next_tick='9' * 3000), '`next_tick` must be a whole number'),
-        (changed(RECORDER, asks_from='-1'), '`asks_from` must be a whole number'),
-        (changed(PLANT_TICK, control_force='1.0 2.0'), '`control_force` must have 3 numbers'),
-        (changed(PLANT_TICK, control_force='1.0 2.0 x'), '`control_force` must be a number'),
-        (changed(PLANT_TICK, force=''), "'force' is no signal"),
         (changed(RECORDER, recorder=''), '`recorder` must be a text'),
         (RECORDER._replace(message='shut'), '`message` must be one of waiting'),
         (HEARTBEAT._replace(message='well'), '`message` must be one of alive, gone'),

@@ -15,7 +15,6 @@ from rpo_core.control.controller import dumps, load_controller
 from rpo_core.files import scenario
 from rpo_core.files.scenario import Scenario
 from rpo_core.wire import cdr, interfaces
-from rpo_core.wire.statuses import numbers_text
 from rpo_mcap.format.run import RunSummary, TimeBase
 from rpo_mcap.write.writer import RunLogWriter
 from rpo_sim.plant import FreeRunningPlant
@@ -46,7 +45,6 @@ class FreeRun:
         peers = [command] if calm else [command, interfaces.DISTURBANCE_FORCE]
         self.plant = plant = FreeRunningPlant(flown, peers, STALE_AFTER)
         self.messages: list[tuple[str, int, bytes]] = []
-        self.taken: list[dict[str, str]] = []
         self.applied: list[tuple[float, ...]] = []
         delayed = [name for name in software.inputs if interfaces.current(name) != name]
         before: tuple[float, ...] = (0.0, 0.0, 0.0)
@@ -63,7 +61,6 @@ class FreeRun:
                 answers.pop(command, None)
             for name, values in answers.items():
                 plant.answer(name, plant.stamp_ns, values)
-            self.taken.append({name: numbers_text(answers.get(name, ())) for name in peers})
             for name in peers:
                 applied = interfaces.row_of(interfaces.applied(name))
                 signals[applied.name] = plant.applied(name)[:3]
@@ -104,8 +101,4 @@ class FreeRun:
         writer = RunLogWriter(folder, base, names, attached)
         for name, tick, data in self.messages:
             writer.write(name, tick, change(name, tick, data))
-            if tick >= STALE_AFTER:  # no answer to an older state can act any more
-                writer.report(tick - STALE_AFTER, self.taken[tick - STALE_AFTER])
-        for tick in range(len(self.taken) - STALE_AFTER, len(self.taken)):
-            writer.report(tick, self.taken[tick])
         return writer.close()

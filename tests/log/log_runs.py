@@ -33,7 +33,6 @@ from rpo_core.chain.stage import Place, Stage
 from rpo_core.control import controller
 from rpo_core.files import scenario
 from rpo_core.wire import cdr, interfaces
-from rpo_core.wire.statuses import numbers_text
 from rpo_log import signature
 from rpo_mcap.format.run import RunSummary, TimeBase
 from rpo_mcap.write.mcap_file import HealthLogWriter
@@ -42,9 +41,6 @@ from rpo_mcap.write.writer import RunLogWriter
 CLOCK, STATE = '/clock', '/relative_state'
 FORCE, DISTURBANCE, STATUS = '/control_force', '/disturbance_force', '/run_status'
 TOPICS = (CLOCK, STATE, FORCE, DISTURBANCE, STATUS)
-
-PLANT = {STATE, FORCE, DISTURBANCE}
-"""Topics of which the plant reports what it published or took."""
 
 Sent = tuple[str, int, bytes]
 """Topic, tick, CDR."""
@@ -114,11 +110,6 @@ class Run:
             'saturated_ticks': repr(int((applied != commanded).any(axis=1).sum())),
         }
 
-    def report(self, writer: RunLogWriter, tick: int) -> None:
-        """Say what the plant says of a tick when it is asked."""
-        if 0 <= tick <= self.base.last_tick:
-            writer.report(tick, reported(self.of_tick(tick)))
-
     def fed(
         self, folder: Path, messages: Iterable[Sent] | None = None, **options: Any
     ) -> RunLogWriter:
@@ -151,16 +142,6 @@ class Run:
                 if rng.random() < 0.1:
                     timed.append((at + rng.uniform(0.0, 2.0), message))
         return [message for _, message in sorted(timed, key=lambda pair: pair[0])]
-
-
-def reported(messages: Iterable[tuple[str, bytes]]) -> dict[str, str]:
-    """Return what a plant reports of the messages of a tick."""
-    rows = {name: interfaces.row_of(name[1:]) for name in PLANT}
-    return {
-        name[1:]: numbers_text(rows[name].spoken(rows[name].layout.decode(data)[1]))
-        for name, data in messages
-        if name in PLANT
-    }
 
 
 @dataclass(frozen=True)

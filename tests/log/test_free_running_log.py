@@ -85,25 +85,6 @@ def test_a_force_that_the_plant_did_not_apply_is_found_by_the_state_after_it(fre
     assert (found.tick, found.topic, found.check) == (25, STATE, 'dynamics')
 
 
-def test_of_two_answers_the_one_that_was_applied_is_logged(tmp_path):
-    """Somebody else answers each state too, half of the time before the controller."""
-    free = free_run()
-    free.write(tmp_path / 'a')
-    chance, messages = random.Random(3), []
-    for name, tick, data in free.messages:
-        messages.append((name, tick, data))
-        if name == FORCE and 0 < tick < free.scenario.ticks and tick not in LAME:
-            other = cdr.encode_wrench(cdr.stamp_ns(data), 'target_lvlh', (0.4, -0.4, 0.4))
-            messages.insert(len(messages) - chance.randrange(2), (name, tick, other))
-    free.messages = messages
-    summary = free.write(tmp_path / 'b')
-    assert f'{sum(summary.ignored.values())} ignored, as the plant' in summary.sentence()
-    assert summary.whole, summary.sentence()
-    assert summary.ignored[FORCE] > 250
-    runs = [(tmp_path / name / 'run.mcap').read_bytes() for name in 'ab']
-    assert runs[0] == runs[1]
-
-
 def turning():
     """Return 12 s of the shipped docking, whose thrusters empty its wheels at once."""
     found = yaml.safe_load(files.read_text(files.find('scenario', 'tumbling_docking')))

@@ -8,7 +8,6 @@ import hashlib
 import math
 import random
 import shutil
-import struct
 import subprocess
 import sys
 from dataclasses import replace
@@ -26,7 +25,6 @@ from log_runs import (
     STATE,
     STATUS,
     TOPICS,
-    chain_run,
     file_size_limit,
     make_run,
 )  # fmt: skip
@@ -36,15 +34,18 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
 from rpo_core.wire import cdr, interfaces
-from rpo_core.wire.interfaces import MOST_AHEAD_TICKS, REMEMBERED_TICKS
 from rpo_core.world.disturbance import NONE
 from rpo_log.manifests import Manifests
+from rpo_log.tools.info import inspect
 from rpo_log.tools.repair import repair
-from rpo_mcap.errors import ExistsAlready, LogError
+from rpo_log.verify import verify
+from rpo_mcap.errors import ExistsAlready, ExitCode, LogError
 from rpo_mcap.format import run as run_format
 from rpo_mcap.format.run import TimeBase
 from rpo_mcap.read.run_log import flight_of, read_run
+from rpo_mcap.read.stream import RunReader
 from rpo_mcap.write.mcap_file import BagFileWriter, HealthLogWriter
+from rpo_mcap.write.orderer import REORDER, WINDOW
 from rpo_mcap.write.writer import RunLogWriter
 from rpo_thrusters.thrusters import Thrusters
 
@@ -106,7 +107,7 @@ def test_summary_counts_what_is_wrong(short_run, tmp_path):
     sent.append(sent[-1])  # one comes twice
     last = short_run.base.last_tick
     other = cdr.encode_wrench(short_run.base.stamp_ns(last), 'target_lvlh', [9.0, 9.0, 9.0])
-    sent.append((FORCE, last, other))  # one contradicts
+    sent.append((FORCE, last, other))  # one differs
     sent.append((STATE, last + 1, short_run.messages[1][2]))  # one is of no tick
     sent.append((STATE, 3, b'\x00\x01\x00\x00 nonsense'))  # one is no odometry
     sent.append(('/tf', 3, other))  # one is of a topic that is not recorded
@@ -114,8 +115,8 @@ def test_summary_counts_what_is_wrong(short_run, tmp_path):
     summary = short_run.write(tmp_path, sent)
     assert summary.missing == {FORCE: (1, 20)}
     assert sum(summary.duplicates.values()) == 1
-    assert summary.conflicts == {FORCE: 1}
-    assert summary.late == {FORCE: 1}
+    assert summary.differing == {FORCE: (1, last)}
+    assert summary.ignored == {FORCE: 1}
     assert summary.foreign == 3
     assert summary.lost == 0 and summary.failure is None
     assert not summary.whole
@@ -259,56 +260,74 @@ def test_time_base():
     assert TimeBase(0, 1_000, 1).chunk_ticks == 512
 
 
-def hostile(run, rng):
-    """Return a message that the plant ignores, or that contradicts one of its own."""
-    base, last = run.base, run.base.last_tick
+def hostile(run, rng, tick):
+    """Return a message that the plant does not take at a tick."""
     numbers = [rng.choice([rng.uniform(-1.0, 1.0), 1e300, -0.0]) for _ in range(6)]
-    tick = rng.randrange(last)
-    stamp = base.stamp_ns(tick)
+    ahead = rng.choice([-20, -REORDER - 2, 6, 40, 2 * WINDOW])
+    stamp, other = (run.base.stamp_ns(max(0, k)) for k in (tick, tick + ahead))
     name = rng.choice([FORCE, DISTURBANCE])
-    kind = rng.randrange(7)
-    if kind == 0:
-        return name, cdr.encode_wrench(stamp, 'target_lvlh', [math.nan, *numbers[:2]])
-    if kind == 1:
-        return name, cdr.encode_wrench(stamp, 'chaser', numbers[:3])
-    if kind == 2:
-        return name, cdr.encode_wrench(stamp + 1, 'target_lvlh', numbers[:3])
-    if kind == 3:
-        return STATE, cdr.encode_odometry(stamp, 'target_lvlh', 'chaser', numbers)
-    if kind == 4:
-        return STATUS, cdr.encode_status(0, 'run', '', 'none', {'phase': 'running', 'tick': '²'})
-    if kind == 5:
-        return STATUS, b'\x00\x01\x00\x00 nonsense'
-    return name, cdr.encode_wrench(stamp, 'target_lvlh', numbers[:3])
+    return rng.choice(
+        [
+            (name, cdr.encode_wrench(stamp, 'target_lvlh', [math.nan, *numbers[:2]])),
+            (name, cdr.encode_wrench(stamp, 'chaser', numbers[:3])),
+            (name, cdr.encode_wrench(stamp + 1, 'target_lvlh', numbers[:3])),
+            (name, cdr.encode_wrench(other, 'target_lvlh', numbers[:3])),
+            (STATE, cdr.encode_odometry(other, 'target_lvlh', 'chaser', numbers)),
+            (STATUS, cdr.encode_status(0, 'run', '', 'none', {'phase': 'running', 'tick': '²'})),
+            (STATUS, b'\x00\x01\x00\x00 nonsense'),
+        ]
+    )
 
 
 @pytest.mark.parametrize('seed', rest_at_landing(range(6), quick=2))
 @pytest.mark.parametrize('delay_ticks', [0, 3])
 def test_hostile_messages_leave_the_same_bytes(tmp_path, seed, delay_ticks):
-    """Forces and states of any tick, early, late or beside the right ones; what cannot be used."""
+    """What the plant does not take: late, early, of no tick, not finite, in a wrong frame."""
     run = make_run(20.0)
     flown = run.flight.scenario.equipped(Thrusters(delay_ticks=delay_ticks))
     run = replace(run, flight=fly(flown, load_controller('handmade')))
     run.write(tmp_path / 'a')
     rng = random.Random(seed)
-    sent = [(name, data) for name, _, data in run.shuffled(seed, spread=2.0)]
-    sent = [pair for m in sent for pair in [hostile(run, rng)] * (rng.random() < 0.3) + [m]]
     writer = RunLogWriter(tmp_path / 'b', run.base, run.topics, run.attachments)
-    reported: set[int] = set()
-    for name, data in sent:
+    for name, _, data in run.shuffled(seed, spread=2.0):
+        if rng.random() < 0.3 and writer.latest > 30:
+            writer.record(*hostile(run, rng, writer.latest))
         writer.record(name, data)
-        if writer.orderer.asks_from is not None:
-            oldest = max(writer.orderer.asks_from, writer.next_tick - REMEMBERED_TICKS)
-            for tick in {*range(oldest, writer.latest + 1)} - reported:
-                run.report(writer, tick)
-                reported.add(tick)
     writer.end(run.base.last_tick)
-    for tick in range(writer.next_tick, run.base.last_tick + 1):
-        run.report(writer, tick)
     summary = writer.close()
     assert summary.whole, summary.sentence()
-    assert sum(summary.ignored.values()) > 100
+    assert sum(summary.ignored.values()) > 50
     assert digests(tmp_path / 'a') == digests(tmp_path / 'b')
+
+
+def test_of_two_controllers_the_first_answer_is_logged_and_the_other_named(run, tmp_path):
+    """By the recorder, in the log, and by whoever reads it; the messages are the same."""
+    run.write(tmp_path / 'a')
+    sent = []
+    for name, tick, data in run.messages:
+        sent.append((name, tick, data))
+        if name == FORCE and tick >= 100:
+            other = cdr.encode_wrench(run.base.stamp_ns(tick), 'target_lvlh', (0.4, -0.4, 0.4))
+            sent.append((name, tick, other))
+    summary = run.write(tmp_path / 'b', sent)
+    line = f'301 messages of {FORCE} differ from the first of their tick, from tick 100 on'
+    assert summary.differing_lines() == [line] and line in summary.sentence()
+    assert not summary.whole
+    logs = [RunReader(tmp_path / name) for name in 'ab']
+    assert list(logs[0].messages()) == list(logs[1].messages())
+    found = verify(tmp_path / 'b')
+    assert (found.exit_code, found.gaps) == (ExitCode.INCOMPLETE, (line,))
+    assert inspect(tmp_path / 'b').gaps == (line,)
+    assert repair(tmp_path / 'b').exit_code == ExitCode.OK
+    assert verify(tmp_path / 'b-repaired').gaps == (line,)
+    assert verify(tmp_path / 'a').exit_code == ExitCode.OK
+
+
+def test_what_differs_is_read_as_one_line_each(short_run, tmp_path):
+    """Anybody may have written it."""
+    run = replace(short_run, attachments={**short_run.attachments, 'differing.yaml': b'- a\x1bb\n'})
+    run.write(tmp_path)
+    assert read_run(tmp_path).lacks == ('a\\x1bb',)
 
 
 def test_a_clock_of_a_tick_is_always_the_same_bytes(tmp_path):
@@ -349,36 +368,6 @@ def test_a_manifest_without_a_usable_controller_is_not_attached_in_flight():
         said = found.take('b', {**values, 'file.controller.yaml': text})
         assert said == 'b has no usable controller file' and found.another_controller() is None
     assert found.take('a', values) == ''
-
-
-def test_of_two_answers_with_the_same_force_the_one_without_a_torque_is_logged(tmp_path):
-    run = make_run(2.0)
-    writer = RunLogWriter(tmp_path / 'odd', run.base, run.topics, run.attachments)
-    writer.ask()
-    for name, tick, data in run.messages:
-        if name == FORCE and tick == 7:
-            writer.record(name, data[:-8] + struct.pack('<d', math.nan))
-        writer.record(name, data)
-        run.report(writer, tick - 1)
-    writer.end(run.base.last_tick)
-    writer.close()
-    run.write(tmp_path / 'plain')
-    assert (tmp_path / 'odd/run.mcap').read_bytes() == (tmp_path / 'plain/run.mcap').read_bytes()
-
-
-def test_a_log_that_waits_for_the_plant_keeps_up(tmp_path):
-    """It lagged by more ticks than a plant in lockstep waits for, and the flight stood still."""
-    flown = replace(load_scenario('world_leo'), duration_s=15.0)
-    run = chain_run(flown, load_controller('handmade'))
-    writer = RunLogWriter(tmp_path, run.base, run.topics, run.attachments)
-    writer.ask()
-    behind = []
-    for name, tick, data in run.messages:
-        writer.write(name, tick, data)
-        run.report(writer, tick - 1)
-        behind.append(tick - writer.next_tick)
-    assert max(behind) < MOST_AHEAD_TICKS
-    assert writer.close().whole
 
 
 def test_the_first_plant_is_that_of_the_run():

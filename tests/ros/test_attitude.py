@@ -14,13 +14,9 @@ from rpo_core.chain.flight import fly
 from rpo_core.chain.stage import Place
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
-from rpo_core.wire import interfaces
-from rpo_core.wire.cdr import Status
 from rpo_core.wire.interfaces import BODY_TORQUE, CHASER_ATTITUDE
-from rpo_core.wire.statuses import PlantTick, numbers_text
 from rpo_log.verify import verify
 from rpo_mcap.read.run_log import flight_of, read_run
-from rpo_sim.plant import LockstepPlant
 
 TURNING = {
     'attitude': {
@@ -72,18 +68,6 @@ def test_a_chaser_that_nobody_steers_gets_nothing(tmp_path):
     chain = Chain.of(load_scenario(turning(tmp_path))).part(Place.STEERING)
     off = chain.links[0].stage.off((1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
     assert off == ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-
-
-def test_what_the_plant_says_of_a_tick_is_read_with_what_rides_in_it(tmp_path):
-    plant = LockstepPlant(load_scenario(turning(tmp_path)), ['body_force', 'disturbance_force'])
-    taken = {'body_force': (0.1, 0.2, 0.3, 0.0, 0.0, 0.01), 'disturbance_force': (0.0,) * 3}
-    plant.fly(taken)
-    exerted = interfaces.row_of('exerted_force').whole(plant.signals)
-    published = {**plant.truth, 'exerted_force': exerted}
-    assert [len(values) for values in published.values()] == [13, 6]
-    pairs = [(name, numbers_text(values)) for name, values in {**published, **taken}.items()]
-    found = PlantTick.of(Status(0, 'plant', 'tick', 'none', (('run', 'r'), ('tick', '1'), *pairs)))
-    assert found.taken == dict(pairs)
 
 
 @pytest.mark.every_landing

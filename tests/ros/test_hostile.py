@@ -8,9 +8,9 @@ import math
 import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
-from flights import assert_flown, lasting, told, verified
+from flights import assert_flown, lasting, told
 from geometry_msgs.msg import WrenchStamped
-from inside import inside, odometry
+from inside import odometry
 from inside import wrench as force_message
 from nav_msgs.msg import Odometry
 from test_guidance import STAGES, written
@@ -20,15 +20,16 @@ from rpo_core import files
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.wire import interfaces
+from rpo_core.wire.statuses import RecorderStatus
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_log import provenance
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.verify import verify
-from rpo_mcap.errors import LogError
+from rpo_mcap.errors import ExitCode, LogError
 from rpo_mcap.read.run_log import read_run
 from rpo_mcap.write import mcap_file
 from rpo_ros import conversions, qos
-from rpo_ros.signals import Outlet
+from rpo_ros.signals import Outlet, hear
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 from rpo_sim.plant_node import PlantNode
 
@@ -112,16 +113,24 @@ def test_what_others_say_in_flight_changes_no_byte(straight, inner, tmp_path, ca
 
 
 @pytest.mark.every_landing
-def test_two_controllers_at_a_time_are_recorded_as_they_acted(ros_env, tmp_path, capfd):
-    with inside(['-r', 'fuzzy_controller:__ns:=/']) as inner:
-        flying(inner, tmp_path, real_time_factor=40.0)
-        inner.reaches(20)
-        second = inner.start(ControllerNode({'controller': 'paper_ga'}))
-        assert inner.ends() == 0 and second.answered
-    assert 'has several publishers' in capfd.readouterr().err
-    found, log = verify(tmp_path / 'run'), verified(tmp_path / 'run')
+def test_two_controllers_at_a_time_are_named(inner, tmp_path, capfd):
+    """By the plant, the last status of the recorder, and verify."""
+    said = []
+    hear(inner.user, RecorderStatus, said.append)
+    flying(inner, tmp_path, real_time_factor=40.0)
+    inner.reaches(20)
+    second = inner.start(ControllerNode({'controller': 'paper_ga'}))
+    assert inner.ends() == 1 and second.answered and inner.plant.exit_code == 0
+    twice = 'control_force is published by /fuzzy_controller 2 times'
+    assert twice in capfd.readouterr().err
+    found = verify(tmp_path / 'run')
+    assert found.exit_code == ExitCode.INCOMPLETE and found.difference is None
+    assert 'messages of /control_force differ from the first of their tick' in found.gaps[-1]
+    inner.until(lambda: said[-1].says == 'closed')
+    assert said[-1].reason == found.gaps[-1]
+    log = read_run(tmp_path / 'run')
     assert {'controller.yaml', 'controller-2.yaml'} <= set(log.attachments)
-    assert 'handmade' in found.sentence() and 'paper_ga' in found.sentence()
+    assert len(log.ticks) == 201 and not log.gaps
 
 
 @pytest.fixture

@@ -7,7 +7,6 @@ import re
 import subprocess
 import sys
 import time
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -16,23 +15,22 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from flights import lasting
 from geometry_msgs.msg import WrenchStamped
 from inside import Hand, inside, values_of, wrench
-from landing import rest_at_landing
 
 from rpo_bringup import final_approach
 from rpo_core import files
 from rpo_core.files import scenario
 from rpo_core.judge.zones import Zone
 from rpo_core.wire import interfaces
-from rpo_core.wire.statuses import Manifest, PlantTick, numbers_text
+from rpo_core.wire.statuses import Manifest
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_guidance.guidance_node import GuidanceNode
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.verify import verify
 from rpo_mcap.read.run_log import read_run
-from rpo_ros import conversions, plant_scenario, qos
+from rpo_ros import plant_scenario, qos
 from rpo_ros.plant_scenario import PlantScenario
 from rpo_ros.running import FlightNode
-from rpo_ros.signals import hear, listen, message_class
+from rpo_ros.signals import listen, message_class
 from rpo_safety.assurance_node import AssuranceNode
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 from rpo_sim.plant_node import EXIT_ABORTED, EXIT_MISSED, PlantNode
@@ -287,49 +285,6 @@ def test_a_state_that_would_not_be_finite_ends_the_run_with_its_cause(bench, mod
     assert cause in status.message
     bench.until(lambda: bench.plant.done)
     assert bench.plant.exit_code == EXIT_ABORTED
-
-
-def ask(bench, first):
-    """Ask as a recorder does."""
-    values = {'recorder': 'mine', 'run': bench.plant.run_id, 'reason': '', 'asks_from': str(first)}
-    status = conversions.to_status(b'\x00', 'recorder', 'ready', values.items())
-    bench.asking.publish(status)
-
-
-@pytest.mark.parametrize('mode', rest_at_landing(['lockstep', 'free_running']))
-def test_asked_the_plant_reports_what_it_published_and_took(bench, mode):
-    """Also of the ticks before the question, once; and nothing before it is asked."""
-    published, reported = {}, {}
-    for name in ('relative_state', 'control_force'):
-        take = partial(lambda name, stamp, values: published.update({(name, stamp): values}), name)
-        listen(bench.inner.user, name, take, pytest.fail)
-
-    def on_report(found):
-        assert found.run == bench.plant.run_id and found.tick not in reported
-        reported[found.tick] = found.taken
-
-    hear(bench.inner.user, PlantTick, on_report, qos.RECORDING)
-    bench.asking = bench.inner.user.create_publisher(
-        DiagnosticStatus, interfaces.RECORDER_STATUS, qos.LATCHED
-    )
-    bench.start(mode=mode, real_time_factor=20.0)
-    bench.until(lambda: bench.plant.tick > 40)
-    assert not reported
-    for first, lowest in ((30, 30), (20, 20), (25, 20)):
-        ask(bench, first)
-        bench.until(lambda: min(reported, default=99) == lowest)  # noqa: B023
-    bench.until(lambda: bench.plant.done)
-    bench.until(lambda: len(reported) == 200 - 20 + 1)
-    assert set(reported) == set(range(20, 201))
-    scenario = bench.plant.scenario
-    for tick, taken in reported.items():
-        for name in ('relative_state', 'control_force'):
-            values = published.get((name, scenario.stamp_ns(tick)))
-            if mode == 'lockstep' or name == 'relative_state':
-                assert taken[name] == numbers_text(values)
-            else:
-                assert taken[name] in ('', numbers_text(values or ()))
-        assert ('applied_force' in taken) == (mode == 'free_running')
 
 
 # The scenario of a plant does not change while it is there, nor within its run.

@@ -134,11 +134,6 @@ class BagReader(RunReader):
         found = writer.close()
         if found.failure:
             raise LogError(folder, f'cannot hold a log: {found.failure}')
-        lacks += [
-            f'{count} messages of {topic} contradict another of their tick: the first was taken'
-            for topic, count in found.conflicts.items()
-        ]
-        lacks += [f'{count} messages of {name} came too late' for name, count in found.late.items()]
         lacks += [f'{found.foreign} messages are of no tick of the run'] if found.foreign else []
         self.lacks = tuple(lacks)
 

@@ -181,7 +181,7 @@ def _is_controller(text: str) -> bool:
 
 
 def _may_bring(role: str, file: str) -> bool:
-    reserved = file in (run.PARAMETERS, run.TOPICS) or (
+    reserved = file in (run.PARAMETERS, run.TOPICS, run.DIFFERING) or (
         run.is_controller(file) and file != run.CONTROLLER
     )
     allowed = _OWNERS.get(file, role) == role and not reserved

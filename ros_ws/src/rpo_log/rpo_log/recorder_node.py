@@ -24,7 +24,7 @@ from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.interfaces import MOST_AHEAD_TICKS, PROGRESS_TICKS
-from rpo_core.wire.statuses import FINISHED, READERS, WAITING, Manifest, PlantTick, RunStatus
+from rpo_core.wire.statuses import FINISHED, READERS, WAITING, Manifest, RunStatus
 from rpo_log import provenance, signature
 from rpo_log.manifests import CONTROLLER, PLANT, Manifests
 from rpo_mcap.errors import ExistsAlready, LogError
@@ -87,13 +87,12 @@ class RecorderNode(FlightNode):
         self._end: tuple[str, int] | None = None
         self._still, self._reached = Timeout(), -1
         self._heard: set[str] = set()
-        self._contested: set[str] = set()
         self._queues: dict[Subscription, str] = {}
         self._held: list[_Taken] = []
         self._empty_takes = 0
         self._ready, self._running, self._anew, self._newest = False, False, False, -1
-        self._reported, self._asked = 0, None
-        self._timeout, self._held_up, self._halt = Timeout(), Timeout(), (-1, -1)
+        self._reported = 0
+        self._timeout, self._held_up, self._held_at = Timeout(), Timeout(), -1
         self._interrupted = False
         self._health_log: HealthLogWriter | None = None
         self._begun = time.time()
@@ -129,7 +128,6 @@ class RecorderNode(FlightNode):
             DiagnosticArray, names.DIAGNOSTICS, self._on_diagnostics, qos.DIAGNOSTICS, raw=True
         )
         hear(self, Manifest, self._on_manifest)
-        hear(self, PlantTick, self._on_plant_tick, qos.RECORDING)
         self._watch = Watch(self, lambda: self._running and self._end is None)
 
     def _record_from(self, row: interfaces.Interface, topic: str) -> None:
@@ -203,16 +201,10 @@ class RecorderNode(FlightNode):
             self._early.append((name, data))
 
     def _report_progress(self, log: RunLogWriter) -> None:
-        """Publish how far the log is, so that the plant does not run away, and what is asked."""
-        order = log.orderer
-        if order.next_tick >= self._reported + PROGRESS_TICKS or order.asks_from != self._asked:
-            self._reported, self._asked = order.next_tick, order.asks_from
+        """Publish how far the log is, so that the plant does not run away."""
+        if log.next_tick >= self._reported + PROGRESS_TICKS:
+            self._reported = log.next_tick
             self._announce('ready' if self._ready else 'waiting')
-
-    def _on_plant_tick(self, found: PlantTick) -> None:
-        if self.log is not None and found.run == self._manifests.run_id:
-            self.log.report(found.tick, found.taken)
-            self._report_progress(self.log)
 
     def refused(self, topic: str, reason: str) -> None:
         """Count a message with a wrong content, as others that are not of this run."""
@@ -330,31 +322,24 @@ class RecorderNode(FlightNode):
             self._newest = log.latest
             self._timeout.broken()
         silent_s = self._timeout.look()
-        publishers = {name: self.count_publishers(name) for name in self._numbers}
-        gone = not publishers.get(self._state_topic)
+        gone = not self.count_publishers(self._state_topic)
         if self._anew and silent_s > _ANEW_S:
             self._lose_plant('the plant was started anew')
         elif silent_s > self.values['plant_timeout_s'] or gone:
             self._lose_plant('the plant is gone')
         else:
-            contested = {name for name, number in publishers.items() if number > 1}
-            for name in sorted(contested - self._contested):
-                log.ask()
-                self.get_logger().warning(f'{name} has several publishers: the log holds what acts')
-            self._contested |= contested
             self._go_on_where_the_plant_waits(log)
             self._report_progress(log)
 
     def _go_on_where_the_plant_waits(self, log: RunLogWriter) -> None:
         """Pass over what is missing where the plant passes no tick before it is in the log."""
-        order = log.orderer
-        before, self._halt = self._halt, (order.next_tick, order.furthest)
-        waits = order.furthest - self._reported >= MOST_AHEAD_TICKS
-        if self._halt != before or not waits:
+        waits = log.latest - self._reported >= MOST_AHEAD_TICKS
+        if not waits or log.next_tick != self._held_at:
+            self._held_at = log.next_tick
             self._held_up.broken()
         if self._held_up.look() > _HELD_S:
             self._held_up.broken()
-            missing = f'what is missing at tick {order.next_tick} is passed over'
+            missing = f'what is missing at tick {log.next_tick} is passed over'
             self.get_logger().warning(f'the plant waits for the log: {missing}')
             log.pass_over()
 
@@ -401,7 +386,6 @@ class RecorderNode(FlightNode):
         )
         self._recorded = {self._topic(row.name): Topic(self._topic(row.name), row) for row in due}
         self._expected = list(self._recorded)
-        self._numbers = [self._topic(row.name) for row in due if row.name != interfaces.CLOCK]
         self._state_topic = self._topic(interfaces.RELATIVE_STATE)
         for topic in self._recorded.values():
             if topic.name != self.resolve_topic_name(topic.row.topic):
@@ -449,7 +433,7 @@ class RecorderNode(FlightNode):
             log.error(fault)
         if not summary.whole or faults:
             self.exit_code = EXIT_INCOMPLETE
-        self._announce('closed')
+        self._announce('closed', '; '.join(summary.differing_lines()))
         self.done = True
 
     def _write_run_info(self, summary: run_log.RunSummary) -> None:
@@ -478,8 +462,6 @@ class RecorderNode(FlightNode):
         values = {'recorder': self._id, 'run': self._manifests.run_id, 'reason': reason}
         if self.log is not None:
             values['next_tick'] = self._reported
-            if self._asked is not None:
-                values['asks_from'] = self._asked
         status = (health.ERROR if reason else health.OK)[0], self.get_name(), message, 'none'
         self._last_status = cdr.encode_status(*status, texts_of(values.items()))
         self._publish_status()

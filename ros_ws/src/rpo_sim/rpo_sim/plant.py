@@ -77,11 +77,7 @@ class Plant:
     scenario : of the run
     expected : topics of the answers to each state
     chain : the stages that the plant runs
-    taken : tick, of the last ones -> the answers to its state that were accepted, by topic
-    settled_after_ticks : after so many ticks no answer to a state can act any more
     """
-
-    settled_after_ticks = 0
 
     def __init__(self, scenario: Scenario, expected: Sequence[str]) -> None:
         self.scenario = scenario
@@ -90,7 +86,6 @@ class Plant:
         self._squares = [0.0, 0.0, 0.0]  # of the saturated commands, per axis [N^2]
         self.saturated_ticks = 0
         self.ignored: Counter[str] = Counter()
-        self.taken: dict[int, dict[str, Force]] = {0: {}}
         self.chain = Chain.of(scenario).part(*PLACES)
         self.chain.reset()
         self.inputs = tuple(name for name in self.chain.inputs if name not in NEXT)
@@ -115,11 +110,6 @@ class Plant:
     def state(self) -> Signal:
         """True state (x, y, z, vx, vy, vz) [m, m/s], target LVLH."""
         return self.signals[RELATIVE_STATE]
-
-    @property
-    def truth(self) -> Signals:
-        """The true state, with its attitude, as it is published."""
-        return {RELATIVE_STATE: interfaces.row_of(RELATIVE_STATE).whole(self.signals)}
 
     @property
     def openings(self) -> int | None:
@@ -172,8 +162,6 @@ class Plant:
             for total, force in zip(self._squares, (x, y, z), strict=True)
         ]
         self.tick += 1
-        self.taken[self.tick] = {}
-        self.taken.pop(self.tick - interfaces.REMEMBERED_TICKS, None)
         self._stamp_ns = self.scenario.stamp_ns(self.tick)
         self._unseen.append((self.tick - 1, (before, state)))
 
@@ -258,18 +246,19 @@ class Plant:
 
 
 class LockstepPlant(Plant):
-    """The plant in lockstep: state k waits for the answers with stamp k, then steps."""
+    """The plant in lockstep: state k waits for the answers with stamp k, then steps.
 
-    @property
-    def answers(self) -> dict[str, Force]:
-        """The answers to the current state, by topic."""
-        return self.taken[self.tick]
+    answers : those to the current state, by topic
+    """
+
+    def __init__(self, scenario: Scenario, expected: Sequence[str]) -> None:
+        super().__init__(scenario, expected)
+        self.answers: dict[str, Force] = {}
 
     @property
     def missing(self) -> list[str]:
         """The missing answers to the current state."""
-        answers = self.answers
-        return [name for name in self.expected if name not in answers]
+        return [name for name in self.expected if name not in self.answers]
 
     @property
     def finished(self) -> bool:
@@ -304,6 +293,7 @@ class LockstepPlant(Plant):
     def advance(self) -> None:
         """Step to the next tick; all answers must be there and the run not finished."""
         self.fly(self.answers)
+        self.answers = {}
 
 
 class FreeRunningPlant(Plant):
@@ -318,7 +308,7 @@ class FreeRunningPlant(Plant):
 
     def __init__(self, scenario: Scenario, expected: Sequence[str], stale_after_ticks: int) -> None:
         super().__init__(scenario, expected)
-        self.stale_after_ticks = self.settled_after_ticks = stale_after_ticks
+        self.stale_after_ticks = stale_after_ticks
         self.held_ticks = 0
         self.stale_ticks = 0
         self._held: dict[str, tuple[int, Force]] = {}
@@ -347,7 +337,6 @@ class FreeRunningPlant(Plant):
         if tick <= newest:
             return self.ignore(REPEATED if tick == newest else LATE)
         self._held[name] = (tick, force_n)
-        self.taken.get(tick, {})[name] = force_n
         return ACCEPTED
 
     def age_ticks(self, name: str) -> int | None:

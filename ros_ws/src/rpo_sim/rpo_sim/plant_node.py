@@ -13,7 +13,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from rpo_core import files
-from rpo_core.chain.chain import Signals, signals_of
+from rpo_core.chain.chain import signals_of
 from rpo_core.chain.stage import Signal
 from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
@@ -27,7 +27,7 @@ from rpo_ros.signals import listen
 from rpo_sim.loop_health import LoopHealth
 from rpo_sim.pacing import FreeRunningPacing, LockstepPacing, Loop
 from rpo_sim.plant import ACCEPTED, FreeRunningPlant, LockstepPlant, NotFiniteError, topics_of
-from rpo_sim.publications import Publications, TickReports
+from rpo_sim.publications import Publications
 from rpo_sim.publisher_check import PublisherCheck
 from rpo_sim.recorder_watch import RecorderWatch
 from rpo_sim.refusals import Refusals
@@ -73,12 +73,11 @@ class PlantNode(Loop):
         self.watch = Watch(self, lambda: self.phase not in (WAITING, *ENDED))
         self._pulse = Pulse(self, lambda: ['plant'])
         self._refusals = Refusals(self, self.scenario)
-        self.reports = TickReports(self, self.run_id, self._peers)
         fitted = self.scenario.thrusters is not None and self.scenario.thrusters.table is not None
         latched = (DiagnosticStatus, interfaces.STAGE_STATUS, qos.LATCHED)
         self._switched = self.create_publisher(*latched) if fitted else None
         self.recorder = RecorderWatch(
-            self, self.values['wait_for_recorder'], self.run_id, self._on_progress, self.reports.ask
+            self, self.values['wait_for_recorder'], self.run_id, self._on_progress
         )
 
     def _manifest(self, text: str) -> None:
@@ -94,7 +93,6 @@ class PlantNode(Loop):
         self.paused, self.steps = False, 0
         self.loop = LoopHealth(self.pacing.plant, self.pacing.figures)
         self.recorder.forget()
-        self.reports.forget()
         self._again, self._unrecorded, self._logged_s = False, False, 0.0
         self._zones_entered = 0
         self._complete = False  # whether all was there at the last look
@@ -144,12 +142,10 @@ class PlantNode(Loop):
     def advance(self) -> None:
         """Pass the current tick."""
         plant, topics = self.pacing.plant, self.topics
-        tick, stamp_ns = plant.tick, plant.stamp_ns
-        state: Signals = plant.truth
+        stamp_ns = plant.stamp_ns
         applied = self.pacing.applied()
         if plant.finished:
-            made = topics.made(stamp_ns, {**plant.last_signals(plant.answers), **applied})
-            self.reports.passed(plant, tick, state | made)
+            topics.made(stamp_ns, {**plant.last_signals(plant.answers), **applied})
             self._end(FINISHED, '; '.join(filter(None, ('reached the last tick', plant.entered))))
             return
         try:
@@ -160,8 +156,7 @@ class PlantNode(Loop):
         self.progress_s = time.monotonic()
         self.send()
         self._judge_zones()
-        made = topics.made(stamp_ns, {**plant.signals, **applied} if applied else plant.signals)
-        self.reports.passed(plant, tick, state | made)
+        topics.made(stamp_ns, {**plant.signals, **applied} if applied else plant.signals)
         self.loop.sent(plant.tick, self.sent_s)
         if self.steps:
             self.steps -= 1
@@ -251,7 +246,6 @@ class PlantNode(Loop):
     def _end(self, phase: str, reason: str, level: bytes = health.OK) -> None:
         self.pacing.stop()
         self._publisher_check.look()  # a flight may be over before the next look
-        self.reports.end(self.plant)
         self.report(level, phase, reason)
         self.progress_s = time.monotonic()
         if phase == ABORTED:

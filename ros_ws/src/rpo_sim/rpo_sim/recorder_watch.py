@@ -46,7 +46,6 @@ class RecorderWatch:
     insist : a run needs one
     run : id of the plant
     on_progress : called when one says how far it is
-    on_asked : called with the first tick of which one asks what the plant published and took
     lost : all that were ready publish no more
     """
 
@@ -56,10 +55,9 @@ class RecorderWatch:
         insist: bool,
         run: str,
         on_progress: Callable[[], None],
-        on_asked: Callable[[int], None],
     ) -> None:
         self._node, self._insist, self._run = node, insist, run
-        self._on_progress, self._on_asked = on_progress, on_asked
+        self._on_progress = on_progress
         self._waited_from_s, self._impatient = 0.0, False
         self._known: dict[str, _Recorder] = {}
         self._in_sight, self._seen_s = 0, 0.0
@@ -76,8 +74,6 @@ class RecorderWatch:
         known.timeout.broken()
         if known.says == FAILED:
             self._why = status.reason
-        if status.asks_from is not None and known.says in (READY, WAITING):
-            self._on_asked(status.asks_from)
         if status.next_tick is not None:
             known.next_tick = status.next_tick
             self._on_progress()

@@ -101,10 +101,6 @@ PROGRESS_TICKS, MOST_AHEAD_TICKS = 16, 48
 """A recorder says every so many ticks how far it is; in lockstep the plant waits for one that is so
 many ticks behind. With what is under way that is less than the depth: nothing is lost."""
 
-REMEMBERED_TICKS = 160
-"""Ticks back for which a plant knows what it published and took: as far as a recorder compares
-messages (100), and as far as it may be behind."""
-
 LATCHED = Qos(durability='transient_local', depth=1)
 """Statuses and manifests: who comes late still learns the last one."""
 
@@ -175,12 +171,6 @@ class Interface:
     def rest(self) -> tuple[float, ...]:
         """Numbers in a message of which nobody knows others."""
         return ALIGNED if self.attitude else (0.0,) * len(self.columns)
-
-    @property
-    def widths(self) -> tuple[int, ...]:
-        """How many numbers a message may have: without what rides in it, and with it."""
-        own = len(self.columns)
-        return (own, own + len(row_of(self.rider).columns)) if self.rider else (own,)
 
     def whole(self, signals: Mapping[str, tuple[float, ...]]) -> tuple[float, ...]:
         """Return the numbers of a message: those of the signal, and of what rides in it."""
@@ -361,9 +351,6 @@ NODE_MANIFEST = _row('node_manifest', STATUS_TYPE,
     'files and parameters that shape the flight, for the log', due=EVENT, logged=False, qos=LATCHED)
 RECORDER_STATUS = _row('recorder_status', STATUS_TYPE,
     'waiting, ready, closed or failed', due=EVENT, logged=False, qos=LATCHED)
-PLANT_TICK = _row('plant_tick', STATUS_TYPE,
-    'what the plant published and took at a tick, from where a recorder asks',
-    due=EVENT, logged=False, qos=Qos(depth=2 * REMEMBERED_TICKS))
 HEARTBEAT = _row('heartbeat', STATUS_TYPE,
     'sign of life of a node of the loop, 5 a second of wall time',
     due=EVENT, logged=False, qos=Qos(depth=16))

@@ -132,7 +132,7 @@ def _kind(written: str | list[str]) -> Kind:
 class Key(NamedTuple):
     """A value of a status.
 
-    name : its key; 'file.<name>' stands for all that begin with 'file.', '<topic>' for any other
+    name : its key; 'file.<name>' stands for all that begin with 'file.'
     kind, unit, meaning : of the value
     needed : whether a status without it is refused
     """
@@ -309,38 +309,6 @@ class RecorderStatus(Reader):
     run: str
     reason: str
     next_tick: int | None = None
-    asks_from: int | None = None
-
-
-@dataclass(frozen=True)
-class PlantTick(Reader):
-    """What a plant published and took at a tick: `taken`, by signal."""
-
-    topic: ClassVar[str] = interfaces.PLANT_TICK
-    run: str
-    tick: int
-    taken: Mapping[str, str]
-
-    @classmethod
-    def of(cls, status: Status) -> PlantTick:
-        """Return what a status says; raises InputError."""
-        found = cls.contract.read(status)
-        taken = {name: value for name, value in status.values if name not in found}
-        for name, value in taken.items():
-            if name not in interfaces.table():
-                raise InputError(f'{shown(name)} is no signal')
-            row, numbers = interfaces.row_of(name), value.split()
-            if numbers and len(numbers) not in row.widths:
-                widths = ' or '.join(map(str, row.widths))
-                raise InputError(f'{quoted(name)} must have {widths} numbers; got {value!r}')
-            for number in numbers:
-                _number(name, number)
-        return cls(**found, taken=taken)
-
-
-def numbers_text(values: Iterable[float]) -> str:
-    """Return numbers as a text from which the same bits follow."""
-    return ' '.join(repr(float(value)) for value in values)
 
 
 _OF_MANIFEST = ('parameter.', 'file.', 'publishes.', 'hears.')
@@ -384,8 +352,8 @@ class Heartbeat(Reader):
 READERS: Mapping[str, type[Reader]] = {
     kind.topic: kind
     for kind in (
-        RunStatus, StageStatus, GuidanceStatus, AssuranceStatus, RecorderStatus, PlantTick,
-        Manifest, Heartbeat,
+        RunStatus, StageStatus, GuidanceStatus, AssuranceStatus, RecorderStatus, Manifest,
+        Heartbeat,
     )
 }  # fmt: skip
 """Name of a topic -> its reader."""

@@ -27,6 +27,7 @@ from rpo_mcap.format import rosbag2
 from rpo_mcap.format.rosbag2 import BagFile
 from rpo_mcap.format.run import (
     CONTROLLER,
+    DIFFERING,
     METADATA_FILE,
     MOST_CONTROLLERS,
     PARAMETERS,
@@ -177,6 +178,8 @@ def _sha256(data: bytes) -> str:
 
 
 _CARRIED = (SCENARIO, CONTROLLER, PARAMETERS)
+_LAST = {TOPICS: 2, DIFFERING: 3}
+_KNOWN = (*_CARRIED, *_LAST)
 _COMMENT = re.compile(rb'[ \t]*(#[^\n]*)?\n')
 _COMPARED = (Header, Metadata, Attachment, Schema, Channel)
 
@@ -255,8 +258,7 @@ def records_of_run(reader: RunReader, path: Path) -> list[McapRecord]:
         *(
             Attachment(base.epoch_ns, base.epoch_ns, name, MEDIA_TYPE, data)
             for name, data in sorted(reader.attachments.items(), key=_order)
-            if (name in (*_CARRIED, TOPICS) or is_controller(name))
-            and (path, name) in reader.attached
+            if (name in _KNOWN or is_controller(name)) and (path, name) in reader.attached
         ),
         Metadata(rosbag2.RECORD, rosbag2.record_values(topics, reader.extents[path])),
         *(
@@ -271,9 +273,9 @@ def records_of_run(reader: RunReader, path: Path) -> list[McapRecord]:
 
 
 def _order(attachment: tuple[str, bytes]) -> tuple[int, int, str]:
-    """Return the place of an attachment: later controllers by number, then topics come last."""
+    """Return the place of an attachment: later controllers by number, topics, what differed."""
     name = attachment[0]
-    later = 2 if name == TOPICS else int(name not in _CARRIED)
+    later = _LAST.get(name, int(name not in _CARRIED))
     return later, len(name) if later else 0, name
 
 

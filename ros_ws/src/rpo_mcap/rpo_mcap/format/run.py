@@ -26,6 +26,9 @@ TOPICS = 'topics.yaml'
 """Names of the attachments; the parameters are those of every node, resolved; the topics those of
 nodes that hear a signal where it is not recorded."""
 
+DIFFERING = 'differing.yaml'
+"""Name of the attachment of a log some of whose messages differed from the first of their tick."""
+
 MOST_CONTROLLERS = 16
 """Controller files of one run that are attached."""
 
@@ -108,8 +111,9 @@ class RunSummary:
 
     messages : per topic, those that have reached the file
     missing : per topic, (ticks without a message before the last tick seen, the first of them)
-    duplicates, conflicts, late : per topic, messages that came again with the same bytes (dropped,
-        as it should be), with other bytes (the first was kept), or too late to be put in order
+    duplicates : per topic, messages that came again with the same bytes (dropped)
+    differing : per topic, (messages with other bytes than the first of their tick, which is logged;
+        the first such tick)
     foreign : messages that are of no tick of this run, or not of their type
     ignored : messages that did not act, as the plant ignores them: by reason, or per topic
     lost : messages that could not be written
@@ -120,8 +124,7 @@ class RunSummary:
     messages: Mapping[str, int]
     missing: Mapping[str, tuple[int, int]]
     duplicates: Mapping[str, int]
-    conflicts: Mapping[str, int]
-    late: Mapping[str, int]
+    differing: Mapping[str, tuple[int, int]]
     foreign: int
     lost: int
     failure: str | None
@@ -130,7 +133,14 @@ class RunSummary:
     @property
     def whole(self) -> bool:
         """Whether the log has every message that it must have."""
-        return not (self.failure or self.lost or self.missing or self.conflicts or self.late)
+        return not (self.failure or self.lost or self.missing or self.differing)
+
+    def differing_lines(self) -> list[str]:
+        """Return what differs from the first message of its tick, a line for each topic."""
+        return [
+            f'{count} messages of {name} differ from the first of their tick, from tick {first} on'
+            for name, (count, first) in self.differing.items()
+        ]
 
     def sentence(self) -> str:
         """Return one line for people."""
@@ -138,8 +148,7 @@ class RunSummary:
             f'{count} missing on {name}, the first at tick {first}'
             for name, (count, first) in self.missing.items()
         ]
-        faults += [f'{count} contradicting on {name}' for name, count in self.conflicts.items()]
-        faults += [f'{count} too late on {name}' for name, count in self.late.items()]
+        faults += self.differing_lines()
         if self.failure:
             faults.append(f'the log failed ({self.failure}), {self.lost} lost')
         sentence = f'{sum(self.messages.values())} messages logged; ' + (

@@ -19,13 +19,13 @@ from mcap.records import Attachment, Channel, DataEnd, Header, McapRecord, Metad
 from rpo_core import files
 from rpo_core.files import scenario
 from rpo_core.files.scenario import Scenario
-from rpo_core.files.validation import InputError, shown
+from rpo_core.files.validation import InputError, printable, shown
 from rpo_core.wire import interfaces
 from rpo_mcap import topics
 from rpo_mcap.errors import LogError, NotARun
 from rpo_mcap.format import rosbag2
 from rpo_mcap.format.rosbag2 import BagFile
-from rpo_mcap.format.run import LOG_FORMAT, RUN_RECORD, SCENARIO, TimeBase, log_files
+from rpo_mcap.format.run import DIFFERING, LOG_FORMAT, RUN_RECORD, SCENARIO, TimeBase, log_files
 from rpo_mcap.read.decode import Gathering, Message, Messages, TickBlock
 from rpo_mcap.read.indexes import Indexes
 from rpo_mcap.read.records import Content, FileRecords
@@ -51,7 +51,8 @@ class RunReader:
     tolerant : whether corrupt chunks are passed over
     lost_chunks : those passed over by `blocks` or `messages`
     foreign : whether it is a bag that our recorder did not write
-    lacks : what such a bag does not hold, and a log does
+    lacks : what such a bag does not hold, and a log does; which messages differed from the first
+        of their tick
     sources : the files of the log or bag
     attached : files of the log and names of attachments in them, by what was read
     extents : per file, what `blocks` read of it
@@ -79,6 +80,8 @@ class RunReader:
         self._outlines: dict[Path, tuple[int, bytes]] = {}  # as the constructor found the files
         self._begin(self.files[0])
         self._read_heads()
+        differing = self.attachments.get(DIFFERING, b'').decode(errors='replace').splitlines()
+        self.lacks += tuple(printable(line.removeprefix('- ')) for line in differing)
 
     def blocks(self) -> Iterator[TickBlock]:
         """Yield all ticks in order; afterwards `damage` says whether the log ends early."""

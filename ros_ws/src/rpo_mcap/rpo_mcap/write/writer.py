@@ -18,12 +18,11 @@ from typing import Any
 
 from rpo_core.wire import cdr
 from rpo_core.wire.interfaces import RELATIVE_STATE, RUN_STATUS
-from rpo_core.wire.statuses import numbers_text
 from rpo_mcap import topics
 from rpo_mcap.errors import LogError, cannot_write
 from rpo_mcap.format import rosbag2
 from rpo_mcap.format.rosbag2 import BagFile
-from rpo_mcap.format.run import RunSummary, TimeBase, prepare_folder
+from rpo_mcap.format.run import DIFFERING, RunSummary, TimeBase, prepare_folder
 from rpo_mcap.topics import Topic
 from rpo_mcap.write.mcap_file import RunFileWriter
 from rpo_mcap.write.orderer import TickOrderer
@@ -84,7 +83,7 @@ class RunLogWriter:
         leader = self._index.get(RELATIVE_STATE, 0)
         plain = frozenset(i for i, topic in enumerate(self.topics) if not topic.row.columns)
         self.orderer = TickOrderer(
-            len(self.topics), events, self._status, self._write_tick, self._read, leader, plain
+            len(self.topics), events, self._status, self._write_tick, leader, plain
         )
         prepare_folder(self.folder, overwrite)
         try:
@@ -92,26 +91,9 @@ class RunLogWriter:
         except OSError as error:
             raise cannot_write(self.folder, error) from None
 
-    def ask(self) -> None:
-        """Ask the plant from now on: several nodes publish a topic."""
-        self.orderer.ask(self.orderer.next_tick)
-
     def pass_over(self) -> None:
         """Wait no more for what is missing, see `TickOrderer.pass_over`; never raises."""
         self._try(self.orderer.pass_over)
-
-    def report(self, tick: int, taken: Mapping[str, str]) -> None:
-        """Take what the plant reports of a tick: numbers by signal (`PlantTick`); never raises."""
-        index = self._index
-        by_index = {index[name]: text for name, text in taken.items() if name in index}
-        self._try(self.orderer.report, tick, by_index)
-
-    def _read(self, index: int, data: bytes) -> tuple[str, bool]:
-        """Return the numbers of a message as a text, and whether it holds nothing else."""
-        row = self.topics[index].row
-        layout = row.layout
-        stamp_ns, values, _ = layout.decode(data)
-        return numbers_text(row.spoken(values)), data == layout.like(data).encode(stamp_ns, values)
 
     def attach(self, name: str, data: bytes) -> None:
         """Attach one more file in flight; never raises."""
@@ -125,7 +107,8 @@ class RunLogWriter:
     def record(self, name: str, data: bytes) -> None:
         """Take the CDR of a message as it came; never raises.
 
-        Its tick is that of its stamp; of an event, its value `tick`.
+        Its tick is that of its stamp; of an event, its value `tick`. What the plant does not
+        accept is ignored here too: both ask `Layout.use`.
         """
         layout = self._intake[name][1] if name in self._intake else None
         if layout is None:
@@ -184,6 +167,8 @@ class RunLogWriter:
 
     def _finish(self) -> None:
         self.orderer.close(self.base.last_tick)
+        if differing := self.summary.differing_lines():
+            self._file.attach(DIFFERING, ''.join(f'- {line}\n' for line in differing).encode())
         self._file.finish()
         rosbag2.write_metadata(self.folder, self.topics, self._files())
 
@@ -211,8 +196,11 @@ class RunLogWriter:
             messages=dict(zip(counts, logged, strict=True)),
             missing={n: (c.missing, c.first_missing or 0) for n, c in owed.items() if c.missing},
             duplicates={name: c.duplicates for name, c in counts.items() if c.duplicates},
-            conflicts={name: c.conflicts for name, c in counts.items() if c.conflicts},
-            late={name: c.late for name, c in owed.items() if c.late},
+            differing={
+                name: (c.differing, c.first_differing or 0)
+                for name, c in counts.items()
+                if c.differing
+            },
             foreign=self._foreign,
             ignored={**self.ignored, **{n: c.ignored for n, c in counts.items() if c.ignored}},
             lost=self._unwanted + (taken - sum(logged) if self.failure else 0),
