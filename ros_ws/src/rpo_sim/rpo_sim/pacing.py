@@ -10,7 +10,10 @@ from __future__ import annotations
 import time
 from abc import abstractmethod
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
+
+from std_srvs.srv import SetBool, Trigger
 
 from rpo_core.files.scenario import Scenario
 from rpo_core.wire import interfaces
@@ -25,7 +28,7 @@ DEFAULT_FREE_RUNNING_FACTOR = 1.0
 
 
 class Loop(FlightNode):
-    """The loop of a plant, as its pacing and its services see it.
+    """The loop of a plant, as its pacing sees it, and the services of std_srvs that steer it.
 
     `PlantNode` has `send` for the current state, `advance` to pass the current tick, `go_on` after
     a pause, `reset` and `abort` to end the run, and `report` to publish run_status.
@@ -47,6 +50,9 @@ class Loop(FlightNode):
         self.paused = False
         self.steps = 0
         self.progress_s = self.sent_s = time.monotonic()
+        for service in ('pause', 'step', 'reset', 'abort'):
+            kind = SetBool if service == 'pause' else Trigger
+            self.create_service(kind, f'~/{service}', partial(self._serve, service))
 
     def pause(self, wanted: bool) -> None:
         """Pause a run, or go on; what it does already changes nothing."""
@@ -66,28 +72,32 @@ class Loop(FlightNode):
         if fresh and ticks:
             self.go_on()
 
-    @property
-    def no_run(self) -> str:
-        """Why there is nothing to steer; '' while a run is in progress."""
-        return '' if self.phase == RUNNING else f'no run in progress: {self.phase}'
-
-    @property
-    def not_paused(self) -> str:
-        """Why no step can be asked for; '' while a run is paused."""
-        return self.no_run or ('' if self.paused else 'not paused: pause first')
+    def _serve(self, service: str, request: Any, response: Any) -> Any:
+        """Answer a call at once; `run_status` reports when the request is done."""
+        refusal, done, at_tick = '', '', f'at tick {self.tick}'
+        if self.phase != RUNNING and (service, self.phase) != ('abort', WAITING):
+            refusal = f'no run in progress: {self.phase}'
+        elif service == 'pause':
+            done = f'{PAUSED if request.data else RUNNING} {at_tick}'
+            self.pause(request.data)
+        elif service == 'reset':
+            done = f'reset {at_tick}'
+            self.reset()
+        elif service == 'abort':
+            done = f'aborted {at_tick}'
+            self.abort('abort requested')
+        elif self.paused:
+            done = f'{self.values["step_ticks"]} ticks from tick {self.tick}'
+            self.step(self.values['step_ticks'])
+        else:
+            refusal = 'not paused: pause first'
+        response.success, response.message = not refusal, refusal or done
+        return response
 
     @property
     def moving(self) -> bool:
         """Whether ticks may pass."""
         return self.phase == RUNNING and (not self.paused or self.steps > 0)
-
-    def warn(self, text: str) -> None:
-        """Log a warning, at most one a second."""
-        self.get_logger().warning(text, throttle_duration_sec=1.0)
-
-    def inform(self, text: str) -> None:
-        """Log a message, at most one a second."""
-        self.get_logger().info(text, throttle_duration_sec=1.0)
 
 
 class Pacing:
@@ -195,7 +205,7 @@ class LockstepPacing(Pacing):
             self.loop.abort(reason)
             return
         dropped = ' '.join(self.plant.drop_missing())
-        self.loop.warn(f'{reason}: coasting')
+        self.loop.get_logger().warning(f'{reason}: coasting')
         self.loop.report(health.WARN, 'running', f'coasting without {lost}', dropped=dropped)
         self._pass()
 
@@ -237,10 +247,10 @@ class FreeRunningPacing(Pacing):
         tick = self.plant.tick
         if stale:
             reason = f'no force for tick {tick} from {", ".join(stale)}: zero'
-            self.loop.warn(reason)
+            self.loop.get_logger().warning(reason, throttle_duration_sec=1.0)
             self.loop.report(health.WARN, 'running', reason)
         else:
-            self.loop.inform('forces are back')
+            self.loop.get_logger().info('forces are back', throttle_duration_sec=1.0)
             self.loop.report(health.OK, 'running', f'forces are back at tick {tick}')
 
     def applied(self) -> dict[str, Force]:

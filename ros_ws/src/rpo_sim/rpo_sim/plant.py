@@ -65,18 +65,13 @@ def topics_of(scenario: Scenario) -> tuple[list[str], list[str]]:
     return inputs, outputs
 
 
-def _part_of(name: str) -> tuple[str, int]:
-    """Return the topic that carries a force or torque, and the place of its numbers there."""
-    topic = interfaces.row_of(name).rides
-    return topic or name, len(interfaces.row_of(topic).columns) if topic else 0
-
-
 class Plant:
     """The chaser at an integer tick, its energy so far, and the ignored answers.
 
     scenario : of the run
     expected : topics of the answers to each state
     chain : the stages that the plant runs
+    stamp_ns : stamp of the current state
     """
 
     def __init__(self, scenario: Scenario, expected: Sequence[str]) -> None:
@@ -89,10 +84,13 @@ class Plant:
         self.chain = Chain.of(scenario).part(*PLACES)
         self.chain.reset()
         self.inputs = tuple(name for name in self.chain.inputs if name not in NEXT)
-        self._parts = [(name, *_part_of(name)) for name in self.inputs]
+        self._parts = []  # of each input the topic that carries it, and the place of its numbers
+        for name in self.inputs:
+            topic = interfaces.row_of(name).rides
+            first = len(interfaces.row_of(topic).columns) if topic else 0
+            self._parts.append((name, topic or name, first))
         self.signals: Signals = start_of(scenario)
-        self._limit = float(scenario.max_force_n)
-        self._stamp_ns = scenario.stamp_ns(0)
+        self.stamp_ns = scenario.stamp_ns(0)
         self._zones = [zones for zones in zones_of(scenario) if zones.keep_out_m]
         self._depths_m: dict[str, float] = {}
         self._docked, most_m = False, getattr(scenario.requirements, 'contact_range_m', None)
@@ -114,31 +112,18 @@ class Plant:
     @property
     def openings(self) -> int | None:
         """How often a valve has opened; None where thrusters do not fire in pulses."""
-        for link in self.chain.links:
-            spent = link.stage.spent()
-            if spent is not None and getattr(self.scenario.thrusters, 'fires', False):
-                return spent[2]
-        return None
+        fires = getattr(self.scenario.thrusters, 'fires', False)
+        return self.thrusters.spent()[2] if fires else None
 
     @property
     def thrusters(self) -> Any:
         """The stage of the thrusters."""
         return next(link.stage for link in self.chain.links if link.place is Place.THRUSTERS)
 
-    @property
-    def stamp_ns(self) -> int:
-        """Stamp of the current state."""
-        return self._stamp_ns
-
     def ignore(self, kind: str) -> str:
         """Count an ignored answer; return its kind."""
         self.ignored[kind] += 1
         return kind
-
-    def saturated(self, command: Force) -> Force:
-        """Return a command after the saturation of the thrusters."""
-        x, y, z = (kernels.saturate(force, self._limit) for force in command)
-        return x, y, z
 
     def fly(self, answers: Mapping[str, Force]) -> None:
         """Step to the next tick with the answers by topic; a missing answer is zero force.
@@ -162,7 +147,7 @@ class Plant:
             for total, force in zip(self._squares, (x, y, z), strict=True)
         ]
         self.tick += 1
-        self._stamp_ns = self.scenario.stamp_ns(self.tick)
+        self.stamp_ns = self.scenario.stamp_ns(self.tick)
         self._unseen.append((self.tick - 1, (before, state)))
 
     def _take(self, signals: Signals, answers: Mapping[str, Force]) -> None:
@@ -270,19 +255,15 @@ class LockstepPlant(Plant):
 
         The force must be finite; `signals.listen` checks it.
         """
-        awaited = name in self.expected and name not in self.answers
-        if awaited and stamp_ns == self._stamp_ns:
+        if name not in self.expected:
+            return self.ignore(DROPPED)
+        if stamp_ns == self.stamp_ns:
+            if name in self.answers:
+                return self.ignore(REPEATED)
             self.answers[name] = force_n
             return ACCEPTED
-        return self.ignore(DROPPED if name not in self.expected else self._why_ignored(stamp_ns))
-
-    def _why_ignored(self, stamp_ns: int) -> str:
         tick = self.scenario.tick_of(stamp_ns)
-        if tick is None:
-            return FOREIGN
-        if tick == self.tick:
-            return REPEATED
-        return LATE if tick < self.tick else EARLY
+        return self.ignore(FOREIGN if tick is None else LATE if tick < self.tick else EARLY)
 
     def drop_missing(self) -> list[str]:
         """Go on without the missing peers, whose force is zero from now on; return them."""
@@ -358,8 +339,10 @@ class FreeRunningPlant(Plant):
         if name not in self.expected or self._is_stale(name):
             return ZERO + ZERO if row.rider else ZERO
         force = self._held[name][1]
-        commanded = row.carries == interfaces.COMMAND
-        return (*self.saturated(force[:3]), *force[3:]) if commanded else force
+        if row.carries != interfaces.COMMAND:
+            return force
+        limit_n = float(self.scenario.max_force_n)
+        return (*(kernels.saturate(component, limit_n) for component in force[:3]), *force[3:])
 
     def advance(self) -> None:
         """Step to the next tick with the forces held; the run must not be finished."""

@@ -11,27 +11,34 @@ from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.duration import Duration
+from rosgraph_msgs.msg import Clock
 
 from rpo_core import files
-from rpo_core.chain.chain import signals_of
+from rpo_core.chain.chain import Signals, signals_of
 from rpo_core.chain.stage import Signal
 from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
-from rpo_core.wire import interfaces
+from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.statuses import ABORTED, ENDED, FINISHED, GONE, PAUSED, RUNNING, WAITING
-from rpo_ros import health, qos
+from rpo_ros import health, names, qos
 from rpo_ros.conversions import to_status
 from rpo_ros.heartbeat import Pulse, Timeout, Watch
 from rpo_ros.plant_scenario import FREE_RUNNING, LOCKSTEP
-from rpo_ros.signals import listen
+from rpo_ros.signals import Outlet, listen
 from rpo_sim.loop_health import LoopHealth
 from rpo_sim.pacing import FreeRunningPacing, LockstepPacing, Loop
-from rpo_sim.plant import ACCEPTED, FreeRunningPlant, LockstepPlant, NotFiniteError, topics_of
-from rpo_sim.publications import Publications
+from rpo_sim.plant import (
+    ACCEPTED,
+    ZERO,
+    FreeRunningPlant,
+    LockstepPlant,
+    NotFiniteError,
+    topics_of,
+)
 from rpo_sim.publisher_check import PublisherCheck
 from rpo_sim.recorder_watch import RecorderWatch
 from rpo_sim.refusals import Refusals
-from rpo_sim.services import SimulatorControl
 
 EXIT_MISSED, EXIT_ABORTED = 1, 3
 
@@ -40,7 +47,8 @@ _LOG_S = 4.0
 """Between two lines of what it waits for, or of how far it is."""
 _LAST_WORD_S = 15.0
 """Longest wait, after the end of a run, until a recorder that lives has closed its log."""
-_INTERRUPTED_S = 0.2
+_INTERRUPTED = Duration(nanoseconds=200_000_000)
+"""Longest wait until all subscribers have the last run_status."""
 
 
 class PlantNode(Loop):
@@ -55,7 +63,6 @@ class PlantNode(Loop):
         self.run_id = uuid.uuid4().hex
         self._peers, self._own = topics_of(self.scenario)
         self._connect()
-        SimulatorControl(self)
         self._manifest(scenario.text_for_logs(files.read_text(path), self.scenario))
         self._begin_run()
         self.refuse_change(self.values)
@@ -66,7 +73,11 @@ class PlantNode(Loop):
         """Make publishers and subscriptions; in free running also of the forces that act."""
         free = self.values['mode'] == FREE_RUNNING
         applied = [interfaces.applied(name) for name in self._peers] if free else []
-        self.topics = Publications(self, self.values['publish_clock'], [*applied, *self._own])
+        self._state = Outlet(self, interfaces.RELATIVE_STATE)
+        self._made = {name: Outlet(self, name) for name in (*applied, *self._own)}
+        self._status = self.create_publisher(DiagnosticStatus, interfaces.RUN_STATUS, qos.LATCHED)
+        clock = self.values['publish_clock']
+        self._clock_out = self.create_publisher(Clock, names.CLOCK, qos.CLOCK) if clock else None
         self._publisher_check = PublisherCheck(self, [*signals_of(self.scenario), *applied])
         for name in self._peers:
             listen(self, name, partial(self._on_answer, name), self._ignore, with_rider=True)
@@ -141,11 +152,10 @@ class PlantNode(Loop):
 
     def advance(self) -> None:
         """Pass the current tick."""
-        plant, topics = self.pacing.plant, self.topics
-        stamp_ns = plant.stamp_ns
+        plant, stamp_ns = self.pacing.plant, self.plant.stamp_ns
         applied = self.pacing.applied()
         if plant.finished:
-            topics.made(stamp_ns, {**plant.last_signals(plant.answers), **applied})
+            self._publish_made(stamp_ns, {**plant.last_signals(plant.answers), **applied})
             self._end(FINISHED, '; '.join(filter(None, ('reached the last tick', plant.entered))))
             return
         try:
@@ -156,7 +166,7 @@ class PlantNode(Loop):
         self.progress_s = time.monotonic()
         self.send()
         self._judge_zones()
-        topics.made(stamp_ns, {**plant.signals, **applied} if applied else plant.signals)
+        self._publish_made(stamp_ns, {**plant.signals, **applied} if applied else plant.signals)
         self.loop.sent(plant.tick, self.sent_s)
         if self.steps:
             self.steps -= 1
@@ -172,10 +182,20 @@ class PlantNode(Loop):
             self.get_logger().error(f'at tick {plant.tick}: {plant.entered}')
 
     def send(self) -> None:
-        """Publish the current state."""
+        """Publish the time of the current state on /clock, then the state: in nobody's future."""
         self.sent_s = time.monotonic()
         plant = self.pacing.plant
-        self.topics.state(plant.stamp_ns, plant.signals)
+        if self._clock_out is not None:
+            self._clock_out.handle.publish_raw(
+                cdr.encode_clock(plant.stamp_ns)
+            )  # as an Outlet does
+        self._state.publish_of(plant.stamp_ns, plant.signals)
+
+    def _publish_made(self, stamp_ns: int, signals: Signals) -> None:
+        """Publish those of some signals that are outputs of stages and pacing."""
+        for name, outlet in self._made.items():
+            if name in signals:
+                outlet.publish_of(stamp_ns, signals)
 
     def _look(self) -> None:
         """Check by wall time: start the run, check the peers, leave at the end."""
@@ -192,7 +212,7 @@ class PlantNode(Loop):
             if self.moving:
                 self.pacing.watch(now_s)
                 self._say_how_far(now_s)
-            if self.recorder.look() and not self._unrecorded:
+            if self.recorder.lost and not self._unrecorded:
                 self._unrecorded = True
                 self.get_logger().warning('the recorder is gone: the run goes on, unrecorded')
                 self.report(health.WARN, RUNNING, 'the recorder is gone')
@@ -220,7 +240,8 @@ class PlantNode(Loop):
         self._latched.repeat()  # so that nodes get the scenario quickly
         if not absent:
             self.send()
-            self.topics.before_flight(self.scenario.stamp_ns(-1))
+            # With a stamp before the first: it connects a recorder.
+            self._publish_made(self.scenario.stamp_ns(-1), dict.fromkeys(self._made, ZERO))
         awaited = self.plant.missing + ['the recorder'] * self.recorder.awaited()
         complete, self._complete = self._complete, not awaited
         if self.recorder.failure:
@@ -305,7 +326,7 @@ class PlantNode(Loop):
         values = {'phase': phase, **self.plant.figures(), **more}
         if phase in ENDED and self.values['mode'] == FREE_RUNNING:
             values |= self.loop.wall_figures()
-        self.topics.status(level, reason, values)
+        self._status.publish(to_status(level, 'run', reason, values.items()))
 
     def _health(self) -> health.Health:
         phase = PAUSED if self.paused else self.phase
@@ -317,7 +338,7 @@ class PlantNode(Loop):
         self._again = False
         if self.phase not in ENDED:
             self._end(ABORTED, f'interrupted by {reason}', health.WARN)
-            self.topics.last_words(_INTERRUPTED_S)
+            self._status.wait_for_all_acked(_INTERRUPTED)
 
 
 main = PlantNode.main

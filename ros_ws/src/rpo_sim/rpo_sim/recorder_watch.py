@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass, field
 
 from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import CLOSED, FAILED, READY, RecorderStatus
@@ -25,19 +26,13 @@ PATIENCE_S = 5.0
 _MOST = 32
 
 
+@dataclass
 class _Recorder:
     """One recorder: the last thing it said, and how long ago; how far it is, if it said so."""
 
-    def __init__(self) -> None:
-        self.says = ''
-        self.next_tick: int | None = None
-        self.timeout = Timeout()
-        self.silent_s = 0.0
-
-    @property
-    def alive(self) -> bool:
-        """Whether it published not long ago."""
-        return self.silent_s <= LEASE_S
+    says: str = ''
+    next_tick: int | None = None
+    timeout: Timeout = field(default_factory=Timeout)
 
 
 class RecorderWatch:
@@ -46,31 +41,29 @@ class RecorderWatch:
     insist : a run needs one
     run : id of the plant
     on_progress : called when one says how far it is
-    lost : all that were ready publish no more
     """
 
     def __init__(
-        self,
-        node: FlightNode,
-        insist: bool,
-        run: str,
-        on_progress: Callable[[], None],
+        self, node: FlightNode, insist: bool, run: str, on_progress: Callable[[], None]
     ) -> None:
         self._node, self._insist, self._run = node, insist, run
         self._on_progress = on_progress
-        self._waited_from_s, self._impatient = 0.0, False
-        self._known: dict[str, _Recorder] = {}
         self._in_sight, self._seen_s = 0, 0.0
-        self._why = ''
-        self.lost = False
+        self._known: dict[str, _Recorder] = {}
+        self.forget()
         hear(node, RecorderStatus, self._on_status)
+
+    def forget(self) -> None:
+        """Expect another recorder: a new run begins."""
+        self._known.clear()
+        self._why = ''
+        self._waited_from_s, self._impatient = 0.0, False
 
     def _on_status(self, status: RecorderStatus) -> None:
         if status.recorder not in self._known and len(self._known) >= _MOST:
             return
         known = self._known.setdefault(status.recorder, _Recorder())
-        of_another = status.run not in ('', self._run)
-        known.says = _BUSY if of_another else status.says
+        known.says = _BUSY if status.run not in ('', self._run) else status.says
         known.timeout.broken()
         if known.says == FAILED:
             self._why = status.reason
@@ -78,25 +71,18 @@ class RecorderWatch:
             known.next_tick = status.next_tick
             self._on_progress()
 
-    def forget(self) -> None:
-        """Expect another recorder: a new run begins."""
-        self._known.clear()
-        self._why, self.lost = '', False
-        self._waited_from_s, self._impatient = 0.0, False
+    def _that_say(self, *words: str) -> list[_Recorder]:
+        """Return the recorders that live and said one of these words last."""
+        alive = [known for known in self._known.values() if known.timeout.look() <= LEASE_S]
+        return [known for known in alive if known.says in words]
 
     def behind(self, tick: int) -> bool:
         """Return whether a recorder is so far behind a tick that it might lose messages.
 
         After PATIENCE_S in which none came nearer, the run goes on without regard to them.
         """
-        late = [
-            known
-            for known in self._known.values()
-            if known.says == READY
-            and known.alive
-            and known.next_tick is not None
-            and tick - known.next_tick > interfaces.MOST_AHEAD_TICKS
-        ]
+        far = tick - interfaces.MOST_AHEAD_TICKS
+        late = any(k.next_tick is not None and k.next_tick < far for k in self._that_say(READY))
         if not late or self._impatient:
             self._waited_from_s = 0.0
             return False
@@ -106,11 +92,6 @@ class RecorderWatch:
             self._impatient = True
             self._node.get_logger().warning('a recorder does not keep up: the run goes on')
         return not self._impatient
-
-    def _that_say(self, *words: str) -> list[_Recorder]:
-        for known in self._known.values():
-            known.silent_s = known.timeout.look()
-        return [known for known in self._known.values() if known.alive and known.says in words]
 
     @property
     def failure(self) -> str:
@@ -144,8 +125,8 @@ class RecorderWatch:
         """Whether none needs anything more from the plant."""
         return not self._that_say(WAITING, READY)
 
-    def look(self) -> bool:
-        """Return whether those that were ready publish no more; call it often."""
-        alive = self._that_say(READY)
-        self.lost = not alive and any(known.says == READY for known in self._known.values())
-        return self.lost
+    @property
+    def lost(self) -> bool:
+        """Whether those that were ready publish no more; look at it often."""
+        was_ready = any(known.says == READY for known in self._known.values())
+        return was_ready and not self._that_say(READY)
