@@ -120,11 +120,11 @@ def judge_a_layout(true: Path, folder: Path, layout: Layout) -> list[str]:
     assert found.difference is None, found.sentence()
     assert found.exit_code == (ExitCode.INCOMPLETE if found.gaps else ExitCode.OK)
     assert found.ticks == 11 and found.stages == stages
-    assert all(gap.startswith('run.mcap: ') for gap in found.gaps), found.gaps
-    if layout.library:
-        assert 'run.mcap: the header is not as the recorder writes it' in '; '.join(found.gaps)
-    for name in {'rosbag2', 'rpo_run'} - {*layout.metadata}:
-        assert f"the metadata '{name}' is missing" in found.sentence()
+    if layout.library:  # then what follows from another writer's ways is not named beside
+        named = ['the header is not as the recorder writes it']
+        missing = [name for name in ('rosbag2', 'rpo_run') if name not in layout.metadata]
+        named += [f"the metadata '{name}' is missing" for name in missing]
+        assert '; '.join(found.gaps) == '; '.join(f'run.mcap: {gap}' for gap in named)
     log = read_run(path)
     assert log.attachments == same.attachments and log.complete
     assert inspect(path).messages == messages
@@ -145,27 +145,6 @@ def test_any_layout_is_recomputed(true, tmp_path, count):
         judge_a_layout(true, tmp_path, layout)
 
     judge()
-
-
-BARE, SMALL = {'use_chunking': False}, {'chunk_size': 4096}
-LATE = {
-    'metadata first, attachments last': Layout(SMALL, places=(1.0, 1.0, 1.0, 0.0, 0.0, 0.0)),
-    'metadata last': Layout(SMALL, places=(1.0,)),
-    'no metadata': Layout(SMALL, metadata=()),
-    '4 KiB chunks, late channels': Layout(SMALL, late=True),
-    'no chunks, late channels': Layout(BARE, late=True),
-    'no index': Layout(
-        {**SMALL, 'index_types': IndexType.NONE, 'repeat_channels': False}, late=True
-    ),
-}
-
-
-@pytest.mark.parametrize('name', LATE)
-def test_the_header_is_the_gap_of_a_log_that_another_writer_wrote(true, tmp_path, name):
-    gaps = '; '.join(judge_a_layout(true, tmp_path, LATE[name]))
-    missing = "; run.mcap: the metadata 'rosbag2' is missing; run.mcap: the metadata 'rpo_run'"
-    ends = f'{missing} is missing' if name == 'no metadata' else ''
-    assert gaps == f'run.mcap: the header is not as the recorder writes it{ends}'
 
 
 def test_what_another_writer_leaves_out_or_adds_is_named(true, tmp_path):
