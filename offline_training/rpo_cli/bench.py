@@ -8,6 +8,7 @@ import json
 import os
 import random
 import re
+import shutil
 import signal
 import subprocess
 import tempfile
@@ -37,9 +38,6 @@ from rpo_montecarlo.engine.simulator import Simulator
 from rpo_training.genes import GeneSpace
 from rpo_training.gym import FinalApproach
 from rpo_training.gym_vector import DispersedApproach
-
-NAIVE_LOOPS = 216 * 3
-"""Axis loops of a controller in the paper's training, without symmetry."""
 
 HEADINGS = '', 'what', 'target', 'ours', 'peer, same run', 'ratio', ''
 
@@ -154,15 +152,14 @@ def nodes() -> Iterator[Callable[..., subprocess.Popen[str]]]:
     started: list[subprocess.Popen[str]] = []
 
     def start(name: str, *words: str) -> subprocess.Popen[str]:
-        places = [Path(prefix, 'lib', *name.split()) for prefix in prefixes if prefix]
-        found = next((place for place in places if place.is_file()), None)
+        package, executable = name.split()
+        places = os.pathsep.join(f'{prefix}/lib/{package}' for prefix in prefixes)
+        found = shutil.which(executable, path=places)
         if found is None:
             raise InputError(f'no executable {name}: `source ros_ws/env.bash` first')
-        pipe, words = subprocess.PIPE, (str(found), *words)
-        started.append(subprocess.Popen(
-            words, env=environment, start_new_session=True, text=True, stdout=pipe,
-            stderr=subprocess.STDOUT,
-        ))  # fmt: skip
+        output: Any = {'stdout': subprocess.PIPE, 'stderr': subprocess.STDOUT, 'text': True}
+        words = found, *words
+        started.append(subprocess.Popen(words, env=environment, start_new_session=True, **output))
         return started[-1]
 
     with tempfile.TemporaryDirectory() as folder:
@@ -235,7 +232,7 @@ def rows(what: str, evaluations: int, runs: int, workers: int) -> Iterator[Row]:
         yield Row('P1', 'inference', 100.0, f'{ours:.2e}/s', f'{peer:.2e}/s', ours / peer)
     if what in ('all', 'training'):
         wall, cpu = training(evaluations, workers)
-        naive_s = evaluations * NAIVE_LOOPS * 2000 / peer
+        naive_s = evaluations * 216 * 3 * 2000 / peer  # starts, axes, steps; without symmetry
         said = f'{wall:.1f} s ({cpu:.0f} s of CPU)', f'{naive_s / 3600:.1f} h of CPU'
         yield Row('P2', f'training, {evaluations} controllers', 800.0, *said, naive_s / cpu)
     if what in ('all', 'campaign'):
@@ -261,8 +258,8 @@ def saved(found: Sequence[Row], folder: Path, page: Path | None) -> Path:
     document = {'machine': facts, 'rows': [row._asdict() for row in found]}
     outputs.write_text(path, json.dumps(document, indent=2) + '\n')
     if page is not None:
-        load = f'load per core {facts["load_per_core"]:g}'
-        head = f'Measured {date:%Y-%m-%d} on {machine.machine()}; {load}.'
+        head = f'Measured {date:%Y-%m-%d} on {machine.machine()}; '
+        head += f'load per core {facts["load_per_core"]:g}.'
         table = outputs.markdown_table(HEADINGS, [row.cells for row in found])
         outputs.put(page, 'rpo bench', '\n'.join([head, '', *table]))
     return path

@@ -86,7 +86,7 @@ def progress(folder: Path | None = None, console: Console | None = None) -> Iter
         get_time=time.monotonic,
         speed_estimate_period=math.inf,  # a generation may take minutes
     )
-    bar.add_task('')
+    bar.add_task('', total=None)
     (task,), results, last = bar.tasks, Text(), -math.inf
     silence = threading.Timer(PATIENCE_S, console.print, (COMPILING,))
     silence.daemon = True
