@@ -19,8 +19,6 @@ from rpo_core.files.starts import MAX_POSITION_M
 from rpo_core.files.validation import real
 from rpo_kernels import kernels
 
-AXES = ('x', 'y', 'z')
-
 SPOKEN = {
     'LN': 'large negative',
     'SN': 'small negative',
@@ -32,8 +30,6 @@ SPOKEN = {
 
 _ABOUT = 0.25
 """An output so much of the way from the peak of a word to the next is still called by it."""
-
-STATE = ('x', 'y', 'z', 'vx', 'vy', 'vz')
 
 
 class FiredRule(NamedTuple):
@@ -181,12 +177,12 @@ def decisions(controller: FuzzyController, state: Sequence[float]) -> tuple[Deci
     InputError
         If a number is not finite, or outside the domain of the scenarios.
     """
-    bounds = [('m', MAX_POSITION_M)] * 3 + [('m/s', MAX_VELOCITY_M_S)] * 3
-    values = [
-        real(name, float(value), unit, least=-bound, most=bound)
-        for name, value, (unit, bound) in zip(STATE, state, bounds, strict=True)
-    ]
-    return tuple(decide(controller, values[i], values[3 + i], axis) for i, axis in enumerate(AXES))
+    decided = []
+    for axis, r, v in zip('xyz', state[:3], state[3:], strict=True):
+        position = real(axis, float(r), 'm', least=-MAX_POSITION_M, most=MAX_POSITION_M)
+        velocity = real(f'v{axis}', float(v), 'm/s', least=-MAX_VELOCITY_M_S, most=MAX_VELOCITY_M_S)
+        decided.append(decide(controller, position, velocity, axis))
+    return tuple(decided)
 
 
 def reasons(
