@@ -8,8 +8,6 @@ import hashlib
 import math
 import random
 import shutil
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from unittest.mock import Mock
@@ -188,33 +186,6 @@ def test_a_disk_that_is_full_when_the_log_ends(short_run, tmp_path):
     assert summary.failure == 'File too large'
     assert summary.lost == 0  # only the index lacks
     assert len(read_run(repair(tmp_path).output).ticks) == 51
-
-
-TMPFS = """
-import pathlib, subprocess, sys
-sys.path[:0] = {path!r}
-subprocess.run(['mount', '-t', 'tmpfs', '-o', 'size=64k', 'tmpfs', {folder!r}], check=True)
-from log_runs import make_run
-run = make_run(40.0)
-summary = run.write(pathlib.Path({folder!r}))
-from rpo_mcap.read.run_log import read_run
-print(summary.failure, '|', len(read_run({folder!r}).ticks) > 10, summary.lost > 0)
-"""
-
-
-def may_mount() -> bool:
-    done = subprocess.run(['unshare', '-m', 'true'], capture_output=True)
-    return done.returncode == 0
-
-
-@pytest.mark.every_landing
-@pytest.mark.skipif(not may_mount(), reason='a tmpfs can be mounted by root only')
-def test_a_small_tmpfs(tmp_path):
-    script = TMPFS.format(path=sys.path, folder=str(tmp_path))
-    done = subprocess.run(
-        ['unshare', '-m', sys.executable, '-c', script], capture_output=True, text=True, timeout=50
-    )
-    assert done.stdout.strip() == 'No space left on device | True True', done.stderr
 
 
 def test_a_side_file_whose_end_does_not_reach_the_disk_says_so(tmp_path, monkeypatch):

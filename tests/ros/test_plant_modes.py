@@ -48,18 +48,6 @@ def test_lockstep_takes_the_first_answer_to_its_state_alone(scenario):
     assert plant.ignored == {'foreign_stamp': 5, 'early': 2, 'late': 1, 'repeated': 2}
 
 
-def test_thrusters_saturate_in_the_plant(scenario):
-    limit = scenario.max_force_n
-
-    def state_after(force):
-        plant = LockstepPlant(scenario, [FORCE])
-        plant.answer(FORCE, plant.stamp_ns, force)
-        plant.advance()
-        return plant.state, plant.saturated_ticks
-
-    assert state_after((7.0, -7.0, 0.1)) == (state_after((limit, -limit, 0.1))[0], 1)
-
-
 def test_a_dropped_peer_counts_as_zero_force(scenario):
     plant = LockstepPlant(scenario, [FORCE, DISTURBANCE])
     plant.answer(DISTURBANCE, plant.stamp_ns, (0.01, 0.0, 0.0))
@@ -145,37 +133,29 @@ def test_only_a_newer_answer_replaces_the_held_one(scenario, tick, kind):
     assert plant.ignored == ({} if kind == kinds.ACCEPTED else {kind: 1})
 
 
-def test_what_is_applied_is_what_the_thrusters_can(scenario):
-    plant = FreeRunningPlant(scenario, [FORCE], 3)
-    plant.answer(FORCE, plant.stamp_ns, (9.0, -9.0, 0.1))
+@pytest.mark.parametrize('kind', [LockstepPlant, partial(FreeRunningPlant, stale_after_ticks=3)])
+def test_thrusters_saturate_in_the_plant(scenario, kind):
     limit = scenario.max_force_n
-    assert plant.applied(FORCE) == (limit, -limit, 0.1)
-    plant.advance()
-    assert plant.saturated_ticks == 1
+    flown = []
+    for force in ((9.0, -9.0, 0.1), (limit, -limit, 0.1)):
+        plant = kind(scenario, [FORCE])
+        plant.answer(FORCE, plant.stamp_ns, force)
+        if isinstance(plant, FreeRunningPlant):
+            assert plant.applied(FORCE) == (limit, -limit, 0.1)
+        plant.advance()
+        flown.append((plant.state, plant.saturated_ticks))
+    assert flown == [(flown[0][0], 1), (flown[0][0], 0)]
 
 
-def test_ticks_are_due_by_the_clock_and_counted_when_late():
+def test_ticks_are_due_by_the_clock_without_drift_and_a_stall_is_not_made_up_for():
     pace = Pace()
     pace.restart(0, 0.01)
     assert [pace.due(now * MS) for now in (9, 10, 11, 20, 45)] == [0, 1, 0, 1, 2]
     assert (pace.overruns, pace.stalls) == (1, 0)  # the tick of 30 ms began at 45 ms
-    assert pace.lateness.count == 4
-    assert pace.lateness.largest_s == 0.015
-
-
-def test_the_pace_does_not_drift():
-    pace = Pace()
-    pace.restart(0, 0.01)
-    assert sum(pace.due(now * MS) for now in range(1, 10_001)) == 1000
-
-
-def test_a_stall_is_not_made_up_for():
-    pace = Pace()
-    pace.restart(0, 0.01)
-    assert pace.due(10_000 * MS) == MOST_CATCH_UP
-    assert pace.stalls == 1
-    assert pace.due(10_005 * MS) == 0
-    assert pace.due(10_010 * MS) == 1
+    assert (pace.lateness.count, pace.lateness.largest_s) == (4, 0.015)
+    assert sum(pace.due(now * MS) for now in range(46, 10_001)) == 1000 - 4
+    assert (pace.due(20_000 * MS), pace.stalls) == (MOST_CATCH_UP, 1)
+    assert [pace.due(now * MS) for now in (20_005, 20_010)] == [0, 1]
 
 
 @given(st.lists(st.floats(1e-6, 999.0), min_size=1, max_size=300), st.floats(0.01, 1.0))
