@@ -8,7 +8,6 @@ same objectives it asks for the same chromosomes again. That is how a run is res
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from functools import partial
@@ -81,33 +80,43 @@ Script = Generator[Floats, Floats, str]
 """Yields chromosomes (n, size); each yield returns their objectives (n, objectives). Returns why it
 ends."""
 
+Part = Generator[Floats, Floats, None]
+"""A part of a `Script`."""
+
+
+CMA_ES = 'CMA-ES'
+
 
 class Search:
     """A search by ask and tell, whose course is a script.
 
-    stopped : why it has ended; empty until then
-    best : so far, of the present stage; stage : what is drawn; phase : what runs now
     most : evaluations, at most
+    phase : what runs now
+    size : samples of most generations; 0: as many as of the present one
+    stopped : why it has ended; empty until then
+    best : so far, of the present stage; stage : what is drawn
     """
 
-    phase = ''
-
-    def __init__(self, seed: int, start: Floats, most: int) -> None:
-        self.seed, self.most = seed, most
+    def __init__(
+        self,
+        seed: int,
+        start: Floats,
+        most: int,
+        course: Callable[[Any], Script],
+        phase: str = '',
+        size: int = 0,
+    ) -> None:
+        self.seed, self.most, self.phase, self._size = seed, most, phase, size
         self.stopped, self.evaluations = '', 0
         self.best, self.stage = Best(start), Stage(0, np.empty(0))
         self._better = False
-        self._course = self._run()
+        self._course = course(self)
         self._asked = next(self._course)
-
-    @abstractmethod
-    def _run(self) -> Script:
-        """Return the course."""
 
     @property
     def left(self) -> int:
-        """Generations left, at most, of the size of the present one."""
-        return -(-max(self.most - self.evaluations, 0) // len(self._asked))
+        """Generations left, at most."""
+        return -(-max(self.most - self.evaluations, 0) // (self._size or len(self._asked)))
 
     def ask(self) -> Floats:
         """Return chromosomes (n, size) in [0, 1] to be evaluated."""
@@ -122,10 +131,15 @@ class Search:
         except StopIteration as end:
             self.stopped = end.value
 
-    def _evolve(
-        self, algorithm: Any, size: int, objectives: int, generations: int, stall: int
-    ) -> Script:
+    def enter(self, number: int, phase: str, entries: Floats) -> Part:
+        """Begin a stage, which judges chromosomes (n, size) anew."""
+        self.stage, self.phase = Stage(number, self.best.genes), phase
+        self.best = Best(self.best.genes)
+        yield entries
+
+    def evolve(self, algorithm: Any, objectives: int, generations: int, stall: int) -> Script:
         """Let an algorithm of pymoo ask, until `stall` generations have no better fitness."""
+        size = len(self.best.genes)
         problem = Problem(n_var=size, n_obj=objectives, xl=np.zeros(size), xu=np.ones(size))
         algorithm.setup(problem, termination=NoTermination())
         stalled = 0
@@ -140,7 +154,7 @@ class Search:
             stalled = 0 if self._better else stalled + 1
         return f'{generations} generations'
 
-    def _descend(
+    def descend(
         self,
         settings: CmaSettings,
         start: Floats,
@@ -187,60 +201,41 @@ class Search:
         return best, f'{settings.descents} descents have converged'
 
 
-class GaSearch(Search):
-    """The paper's genetic algorithm; stops after `stall` generations without a better fitness."""
+def genetic(
+    settings: GaSettings, seed: int, size: int, starts: Floats, then: CmaSettings | None = None
+) -> Search:
+    """Return the paper's genetic algorithm; then, if given, CMA-ES from its best chromosome."""
+    first = first_generation(settings.population, size, seed, starts)
 
-    phase = 'GA'
-
-    def __init__(self, settings: GaSettings, seed: int, size: int, starts: Floats) -> None:
-        self.settings = settings
-        self._first = first_generation(settings.population, size, seed, starts)
-        most = settings.population + settings.generations * settings.children
-        super().__init__(seed, self._first[0], most)
-
-    def _run(self) -> Script:
-        own, size = self.settings, self._first.shape[1]
-        algorithm = PaperGa(own, self.seed, self._first)
-        return (yield from self._evolve(algorithm, size, 1, own.generations, own.stall))
-
-
-class ParetoSearch(GaSearch):
-    """NSGA-II over fitness and a second objective, with pymoo's own operators."""
-
-    phase = 'NSGA-II'
-
-    def _run(self) -> Script:
-        own, size = self.settings, self._first.shape[1]
-        self.most = own.population * (own.generations + 1)
-        algorithm = NSGA2(own.population, sampling=self._first, seed=self.seed)
-        return (yield from self._evolve(algorithm, size, 2, own.generations, own.generations + 1))
-
-
-class CmaSearch(Search):
-    """CMA-ES in the unit box, restarted from its best."""
-
-    phase = 'CMA-ES'
-
-    def __init__(self, settings: CmaSettings, seed: int, start: Floats) -> None:
-        self.settings = settings
-        super().__init__(seed, start, settings.evaluations)
-
-    def _run(self) -> Script:
-        _, reason = yield from self._descend(self.settings, self.best.genes)
+    def course(search: Search) -> Script:
+        algorithm = PaperGa(settings, seed, first)
+        reason = yield from search.evolve(algorithm, 1, settings.generations, settings.stall)
+        if then is not None:
+            search.phase, search.most = CMA_ES, search.evaluations + then.evaluations
+            _, reason = yield from search.descend(then, search.best.genes)
         return reason
 
+    most = settings.population + settings.generations * settings.children
+    return Search(seed, first[0], most, course, 'GA')
 
-class InTurn(GaSearch):
-    """The genetic algorithm, then CMA-ES from its best chromosome."""
 
-    def __init__(
-        self, settings: GaSettings, then: CmaSettings, seed: int, size: int, starts: Floats
-    ) -> None:
-        self._then = then
-        super().__init__(settings, seed, size, starts)
+def pareto(settings: GaSettings, seed: int, size: int, starts: Floats) -> Search:
+    """Return NSGA-II over fitness and a second objective, with pymoo's own operators."""
+    first = first_generation(settings.population, size, seed, starts)
+    algorithm = NSGA2(settings.population, sampling=first, seed=seed)
+    generations = settings.generations
 
-    def _run(self) -> Script:
-        yield from super()._run()
-        self.phase, self.most = CmaSearch.phase, self.evaluations + self._then.evaluations
-        _, reason = yield from self._descend(self._then, self.best.genes)
+    def course(search: Search) -> Script:
+        return (yield from search.evolve(algorithm, 2, generations, generations + 1))
+
+    return Search(seed, first[0], settings.population * (generations + 1), course, 'NSGA-II')
+
+
+def cma_es(settings: CmaSettings, seed: int, start: Floats) -> Search:
+    """Return CMA-ES in the unit box, restarted from its best."""
+
+    def course(search: Search) -> Script:
+        _, reason = yield from search.descend(settings, start)
         return reason
+
+    return Search(seed, start, settings.evaluations, course, CMA_ES)

@@ -26,7 +26,7 @@ from rpo_training.algorithms import CmaSettings, Search
 from rpo_training.config import Configuration, load_start, updated, written
 from rpo_training.fitting import penalty_n2s, training_set, units_of
 from rpo_training.run import Config, Found, SearchRun
-from rpo_training.staged import StagedSearch, StagedSettings
+from rpo_training.staged import StagedSettings, staged
 
 _JUDGED: FitnessSettings = updated(FitnessSettings(), written('family')['fitness'], 'fitness')
 
@@ -145,7 +145,7 @@ class FamilyTraining(GeneRun[FamilyConfig, Family]):
             values = start.values()
         pairs = zip(self.genes, values, strict=True)
         shares = np.array([gene.share(value) for gene, value in pairs])
-        return StagedSearch(config.staged, config.cmaes, config.seed, shares)
+        return staged(config.staged, config.cmaes, config.seed, shares)
 
     def make_fitness(self, workers: int, address: str) -> Fitness:
         """Return the fitness of the configuration; the flights of one controller fill a thread."""

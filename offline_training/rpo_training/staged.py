@@ -8,7 +8,7 @@ the end, draws that are held out decide (`rpo_judge.scoring.drawn`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
@@ -19,21 +19,8 @@ import numpy as np
 from rpo_core.files.validation import Checked, flag, real, whole
 from rpo_judge.scoring.drawn import HELD_OUT, UNDRAWN
 from rpo_kernels.arrays import Floats
-from rpo_training.algorithms import Best, CmaSettings, Script, Search, Stage
+from rpo_training.algorithms import CmaSettings, Part, Script, Search, Stage
 from rpo_training.genes import GeneSpace
-
-Part = Generator[Floats, Floats, None]
-"""A part of a `Script`."""
-
-
-class _InStages(Search):
-    """A search some of whose parts judge chromosomes anew."""
-
-    def _enter(self, number: int, phase: str, entries: Floats) -> Part:
-        """Begin a stage, which judges chromosomes (n, size) anew."""
-        self.stage, self.phase = Stage(number, self.best.genes), phase
-        self.best = Best(self.best.genes)
-        yield entries
 
 
 @dataclass(frozen=True)
@@ -53,38 +40,29 @@ class StagedSettings(Checked):
     evaluations: Annotated[int, partial(whole, least=1)] = 1500
 
 
-class StagedSearch(_InStages):
-    """CMA-ES from the start, more than once; then in stages, each from the best so far.
+def staged(own: StagedSettings, descent: CmaSettings, seed: int, start: Floats) -> Search:
+    """Return CMA-ES from the start, more than once; then in stages, each from the best so far.
 
     The first descents are cheap, and far: they fly no draws. A stage draws hard flights for the
     best so far. Draws that are held out decide among the bests of the stages.
     """
 
-    def __init__(
-        self, settings: StagedSettings, descent: CmaSettings, seed: int, start: Floats
-    ) -> None:
-        self.settings, self.descent = settings, descent
-        most = settings.restarts * descent.evaluations + settings.stages * settings.evaluations
-        super().__init__(seed, start, most)
-
-    @property
-    def left(self) -> int:
-        """Generations left, at most."""
-        return -(-max(self.most - self.evaluations, 0) // self.descent.population)
-
-    def _run(self) -> Script:
-        own, start, finalists = self.settings, self.best.genes, []
-        yield from self._enter(UNDRAWN, 'start', start[None])
+    def course(search: Search) -> Script:
+        finalists = []
+        yield from search.enter(UNDRAWN, 'start', start[None])
         for number in range(1, own.restarts + 1):
-            self.phase = f'descent {number}'
-            yield from self._descend(self.descent, start, number)
-        later = replace(self.descent, sigma=own.sigma, evaluations=own.evaluations)
+            search.phase = f'descent {number}'
+            yield from search.descend(descent, start, number)
+        later = replace(descent, sigma=own.sigma, evaluations=own.evaluations)
         for number in range(1, own.stages + 1):
-            yield from self._enter(number, f'stage {number}', self.best.genes[None])
-            yield from self._descend(later, self.best.genes, own.restarts + number)
-            finalists.append(np.array(self.best.genes))
-        yield from self._enter(HELD_OUT, 'held-out flights', np.unique(finalists, axis=0))
+            yield from search.enter(number, f'stage {number}', search.best.genes[None])
+            yield from search.descend(later, search.best.genes, own.restarts + number)
+            finalists.append(np.array(search.best.genes))
+        yield from search.enter(HELD_OUT, 'held-out flights', np.unique(finalists, axis=0))
         return f'{own.stages} stages'
+
+    most = own.restarts * descent.evaluations + own.stages * own.evaluations
+    return Search(seed, start, most, course, size=descent.population)
 
 
 @dataclass(frozen=True)
@@ -126,7 +104,7 @@ class Finalist:
     genes: Floats
 
 
-class TableRace(_InStages):
+class TableRace(Search):
     """A race of rule tables: the discrete genes by enumeration, the continuous ones by CMA-ES.
 
     There are only fifty odd, monotone tables. A search that moves between them by rounding a gene
@@ -152,7 +130,7 @@ class TableRace(_InStages):
         self.finalists: list[Finalist] = []
         each = len(self._tables) + own.entrants * own.evaluations + descent.evaluations
         most = (own.last or descent.evaluations) + own.rounds * each + own.scan**2
-        super().__init__(seed, start, most)
+        super().__init__(seed, start, most, TableRace._run)
 
     def _run(self) -> Script:
         own = self.settings
@@ -181,14 +159,14 @@ class TableRace(_InStages):
     def _draw(self, number: int) -> Part:
         """Begin a stage, where there are stages."""
         if self.settings.stages:
-            yield from self._enter(number, f'stage {number}', self.best.genes[None])
+            yield from self.enter(number, f'stage {number}', self.best.genes[None])
 
     def _decide(self) -> Part:
         """Let the draws that are held out decide."""
         recent = [f for f in self.finalists if f.stage >= self.stage.number - 1]
         self.finalists = list({f.genes.tobytes(): f for f in recent}.values())
         entries = np.array([finalist.genes for finalist in self.finalists])
-        yield from self._enter(HELD_OUT, 'held-out flights', entries)
+        yield from self.enter(HELD_OUT, 'held-out flights', entries)
 
     def _scales(self) -> Floats:
         """Return the start, and the start with other scales."""
@@ -227,7 +205,7 @@ class TableRace(_InStages):
         complete: Callable[[Floats], Floats] = np.array,
     ) -> Part:
         self._streams += 1
-        best, _ = yield from self._descend(settings, start, self._streams, complete)
+        best, _ = yield from self.descend(settings, start, self._streams, complete)
         if self.settings.stages:
             genes = complete(best.genes[None])[0]
             self.finalists.append(Finalist(self.stage.number, float(best.value), genes))

@@ -24,7 +24,7 @@ from rpo_kernels.arrays import Floats
 from rpo_montecarlo.cluster.simulator import ClusterSimulator
 from rpo_montecarlo.engine.population import Population
 from rpo_montecarlo.engine.simulator import Simulator
-from rpo_training.algorithms import CmaSearch, GaSearch, InTurn, ParetoSearch, Search
+from rpo_training.algorithms import Search, cma_es, genetic, pareto
 from rpo_training.config import TrainingConfig, load_start
 from rpo_training.run import SearchRun
 from rpo_training.staged import Finalist, TableRace
@@ -37,13 +37,14 @@ def search_of(config: Any) -> Search:
     starts = np.array([config.genes.encode(_start(name, config)) for name in config.start])
     starts = starts.reshape(-1, config.genes.size)
     if config.algorithm == 'cmaes':
-        return CmaSearch(config.cmaes, config.seed, starts[0])
+        return cma_es(config.cmaes, config.seed, starts[0])
     if config.algorithm == 'race':
         return TableRace(config.race, config.cmaes, config.seed, config.genes, starts[0])
     drawn = config.seed, config.genes.size, starts
-    if config.algorithm == 'ga-cmaes':
-        return InTurn(config.ga, config.cmaes, *drawn)
-    return (ParetoSearch if config.algorithm == 'nsga2' else GaSearch)(config.ga, *drawn)
+    if config.algorithm == 'nsga2':
+        return pareto(config.ga, *drawn)
+    then = config.cmaes if config.algorithm == 'ga-cmaes' else None
+    return genetic(config.ga, *drawn, then)
 
 
 def _start(name: str, config: Any) -> FuzzyController:

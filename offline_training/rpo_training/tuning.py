@@ -26,7 +26,7 @@ from rpo_ctrl.family import Gene
 from rpo_ctrl.similarity import PAPER
 from rpo_judge.scoring.fitness import Fitness, FitnessSettings
 from rpo_kernels.arrays import Floats
-from rpo_training.algorithms import CmaSearch, CmaSettings, Search
+from rpo_training.algorithms import CmaSettings, Search, cma_es
 from rpo_training.config import Configuration, written
 from rpo_training.family_training import GeneRun
 from rpo_training.fitting import penalty_n2s
@@ -119,7 +119,7 @@ class Tuning(GeneRun[TuningConfig, Baseline]):
         """Return the search over the space, from the middle of each."""
         own = self.config
         settings = CmaSettings(population=20, sigma=own.sigma, evaluations=own.evaluations)
-        return CmaSearch(settings, own.seed, np.full(len(self.genes), 0.5))
+        return cma_es(settings, own.seed, np.full(len(self.genes), 0.5))
 
     def make_fitness(self, workers: int, address: str) -> Fitness:
         """Return the graded fitness; a baseline's generation is too small for a cluster."""
