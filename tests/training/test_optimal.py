@@ -21,8 +21,6 @@ from rpo_core.judge import metrics
 from rpo_core.world import cw
 from rpo_judge.evaluation import optimal
 from rpo_judge.evaluation.optimal import least_energy
-from rpo_montecarlo.campaign import config
-from rpo_montecarlo.campaign.run_batch import fly_runs
 from rpo_montecarlo.engine.flights import flights_of
 from rpo_training.fitting import training_set
 
@@ -218,13 +216,6 @@ def test_the_farthest_starts_keep_the_conditions_near_the_least_energy(controlle
     least = least_energy(CORNERS.base, states)
     ratio = np.array([found.energy_n2s for found in flown]) / least
     assert (ratio > 1.0).all() and ratio.max() < 1.5
-
-
-def test_the_dispersed_test_of_the_paper():
-    """Forty of the ten thousand runs of `rpo campaign least_energy`."""
-    columns = fly_runs(config.load(config.find('least_energy')), 600, 40)
-    assert columns['hold_error_per_axis_m'].max() <= 0.5
-    assert columns['hold_speed_per_axis_m_s'].max() <= 0.01
 
 
 def test_a_search_refuses_starts_with_a_plan():

@@ -84,7 +84,7 @@ def test_targets_follow_the_numbers_and_not_the_name():
 @pytest.mark.parametrize(
     ('scenario', 'name'),
     rest_at_landing(
-        list(itertools.product(['paper_test', 'paper_test_phase'], SHIPPED)),
+        list(itertools.product(['paper_test', 'paper_test_phase'], [*SHIPPED, *FAMILIES])),
         quick=2,
     ),
 )
