@@ -98,7 +98,7 @@ def check(folder: Folder, sample: Sample, say: Say = lambda what, done, total: N
     written = WrittenSummary.of(folder)
     groups = {group: folder.cells(group) for group in problem.groups}
     arrays = folder.table()
-    follows = Recomputed([], {}, [])
+    follows = Checked([], [], {}, {})
     faults = _first(
         fault
         for group, found in groups.items()
@@ -350,21 +350,9 @@ class WrittenSummary:
         return cls(document, omega, flown)
 
 
-@dataclass(frozen=True)
-class Recomputed:
-    """What follows from cells and flights.
-
-    faults : what the summary says else
-    """
-
-    claims: list[Claim]
-    ranges: dict[str, Range]
-    faults: list[str]
-
-
 def recompute(
     problem: Problem, groups: Mapping[str, CellBounds], written: WrittenSummary, flown: Flown
-) -> Recomputed:
+) -> Checked:
     """Return the claims of cells and flights, and where the summary says something else."""
     claims = claims_of(problem, groups, written.omega, flown)
     ranges = ranges_of(problem, groups)
@@ -375,7 +363,7 @@ def recompute(
             faults.append(f'claim {claim.key}: a flight reaches {value!r}, beyond its bound')
         if claim.key not in flown:  # not in the folder: the figure is not checked
             ours['claims'][claim.key].update(found=value, start=list(start))
-    return Recomputed(claims, ranges, [*differences(written.document, ours, ''), *faults])
+    return Checked([*differences(written.document, ours, ''), *faults], claims, ranges, {})
 
 
 def differences(theirs: Any, ours: Any, where: str) -> Iterator[str]:

@@ -231,11 +231,11 @@ def pareto(settings: GaSettings, seed: int, size: int, starts: Floats) -> Search
     return Search(seed, first[0], settings.population * (generations + 1), course, 'NSGA-II')
 
 
-def cma_es(settings: CmaSettings, seed: int, start: Floats) -> Search:
+def cma_es(settings: CmaSettings, seed: int, start: Floats, phase: str = CMA_ES) -> Search:
     """Return CMA-ES in the unit box, restarted from its best."""
 
     def course(search: Search) -> Script:
         _, reason = yield from search.descend(settings, start)
         return reason
 
-    return Search(seed, start, settings.evaluations, course, CMA_ES)
+    return Search(seed, start, settings.evaluations, course, phase)

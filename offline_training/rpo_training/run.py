@@ -225,11 +225,6 @@ class SearchRun(Generic[Config, Found]):
         """Return the fitness that evaluates a generation."""
         raise NotImplementedError
 
-    @property
-    def phase(self) -> str:
-        """What the run does now."""
-        return self.search.phase
-
     def _enter_stage(self) -> None:
         """Draw the flights of the stage."""
         number, genes = self.search.stage
@@ -387,7 +382,7 @@ class SearchRun(Generic[Config, Found]):
         """Return the state of the run, after one generation at least."""
         row = self.history[-1]
         return Progress(
-            self.phase,
+            self.search.phase,
             row['generation'],
             self.search.left,
             row['evaluations'],

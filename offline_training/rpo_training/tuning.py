@@ -119,7 +119,8 @@ class Tuning(GeneRun[TuningConfig, Baseline]):
         """Return the search over the space, from the middle of each."""
         own = self.config
         settings = CmaSettings(population=20, sigma=own.sigma, evaluations=own.evaluations)
-        return cma_es(settings, own.seed, np.full(len(self.genes), 0.5))
+        start = np.full(len(self.genes), 0.5)
+        return cma_es(settings, own.seed, start, f'tuning {own.kind}')
 
     def make_fitness(self, workers: int, address: str) -> Fitness:
         """Return the graded fitness; a baseline's generation is too small for a cluster."""
@@ -142,11 +143,6 @@ class Tuning(GeneRun[TuningConfig, Baseline]):
         """The model of the plant for baselines."""
         base = self.starts.base
         return Model(base.orbit_radius_m, base.mass_kg, base.dt_s, base.body)
-
-    @property
-    def phase(self) -> str:
-        """What is tuned."""
-        return f'tuning {self.config.kind}'
 
     def of_values(self, values: list[float]) -> Baseline:
         """Return the baseline of some values of the genes, without provenance."""

@@ -88,18 +88,6 @@ class CampaignConfig:
         whole('seed', self.seed, least=0, most=2**63 - 1)
         choice('sampling', self.sampling, SAMPLINGS)
 
-    def spread(self, name: str) -> tuple[float, ...]:
-        """Return the spread of a quantity, zeros where it is not dispersed."""
-        return self._dispersion(name).spread
-
-    def extreme(self, name: str) -> tuple[float, ...]:
-        """Return the largest deviation of a quantity, zeros where it is not dispersed."""
-        return self._dispersion(name).extreme
-
-    def _dispersion(self, name: str) -> Dispersion:
-        none = Dispersion('uniform', (0.0,) * QUANTITIES[name].components)
-        return self.dispersions.get(name, none)
-
     @property
     def more(self) -> dict[str, str]:
         """What runs are judged by beside `METRICS`: name -> unit."""
@@ -316,10 +304,11 @@ def _check_effects(config: CampaignConfig, scenario: Scenario) -> None:
             'noise is drawn anew for each run'
         )
     count = len(scenario.thrusters.names) if scenario.thrusters else 0
-    if count and config.spread('stuck_off_thruster')[0] >= count:
+    stuck = config.dispersions.get('stuck_off_thruster')
+    if stuck is not None and stuck.spread[0] >= count:
         raise InputError(
             f'`stuck_off_thruster.whole` must be below {count}, the number of thrusters of '
-            f'{scenario.name}; got {config.spread("stuck_off_thruster")[0]:g}'
+            f'{scenario.name}; got {stuck.spread[0]:g}'
         )
 
 
@@ -328,7 +317,8 @@ def _check_extremes(config: CampaignConfig, scenario: Scenario) -> None:
     for sign in (1.0, -1.0):
 
         def off(name: str, sign: float = sign) -> tuple[float, ...]:
-            return tuple(sign * e for e in config.extreme(name))
+            none = Dispersion('uniform', (0.0,) * QUANTITIES[name].components)
+            return tuple(sign * e for e in config.dispersions.get(name, none).extreme)
 
         def start(name: str, extreme: tuple[float, ...]) -> tuple[float, float, float]:
             found = config.dispersions.get(name)
