@@ -15,7 +15,7 @@ from rpo_mcap.errors import ExitCode, LogError, cannot_write, exists
 from rpo_mcap.format import rosbag2
 from rpo_mcap.format.run import METADATA_FILE, SIGNATURE_FILE, SUMS_FILE
 from rpo_mcap.read.stream import RunReader
-from rpo_mcap.write.mcap_file import RunFileWriter
+from rpo_mcap.write.mcap_file import BagFileWriter
 
 _NEW = (METADATA_FILE, SUMS_FILE, SIGNATURE_FILE)
 
@@ -68,8 +68,8 @@ def repair(path: str | Path, output: str | Path | None = None) -> Repair:
 def _write(reader: RunReader, folder: Path) -> int:
     """Write run.mcap and metadata.yaml of the messages; return their number."""
     index = {topic: i for i, topic in enumerate(reader.topics)}
-    parts = reader.base, reader.topics, reader.attachments
-    with closing(RunFileWriter(folder / 'run.mcap', *parts, ticks_before=0)) as file:
+    parts = reader.topics, reader.base, reader.attachments
+    with closing(BagFileWriter(folder / 'run.mcap', *parts)) as file:
         for tick, messages in groupby(reader.messages(), key=lambda message: message.tick):
             file.add_tick(tick, [(index[message.topic], message.data) for message in messages])
         if not file.ticks:

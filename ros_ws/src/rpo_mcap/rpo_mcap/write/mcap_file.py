@@ -90,6 +90,7 @@ class BagFileWriter(Writer):
 
     base : the ticks, in the log of a run
     attachments : name to bytes, of a log
+    ticks : of the run in this file and the files before
     entry : what rosbag2 says of the file; of messages, those of chunks that the system has
     """
 
@@ -99,6 +100,7 @@ class BagFileWriter(Writer):
         topics: Sequence[Topic],
         base: TimeBase | None = None,
         attachments: Mapping[str, bytes] | None = None,
+        ticks: int = 0,
     ) -> None:
         try:
             self._sink = _Sink(path)
@@ -116,6 +118,9 @@ class BagFileWriter(Writer):
             enable_data_crcs=True,
         )
         self.topics = topics
+        self.base = base or TimeBase(0, 1, 0)  # the files beside a log have no ticks
+        self.ticks, self._chunk_ticks, self.newest_tick = ticks, 0, -1
+        self._events = {index for index, topic in enumerate(topics) if topic.is_event}
         self.entry = BagFile(path.name, [0] * len(topics))
         own = vars(self)
         self._counted, self._chunk = own['_Writer__statistics'], own['_Writer__chunk_builder']
@@ -127,7 +132,7 @@ class BagFileWriter(Writer):
             if base is not None:
                 self.add_metadata(RUN_RECORD, base.to_record())
                 for name, data in (attachments or {}).items():
-                    self.add_attachment(base.epoch_ns, base.epoch_ns, name, MEDIA_TYPE, data)
+                    self.attach(name, data)
             self._declare()
             self.flush()
         except OSError:
@@ -176,8 +181,30 @@ class BagFileWriter(Writer):
             at += size
         chunk.record_writer.write(b''.join(parts))
 
+    def add_tick(self, tick: int, messages: Sequence[tuple[int, bytes]]) -> None:
+        """Add the messages of one tick, in order, each with the index of its topic; events last."""
+        stamp_ns = self.base.stamp_ns(tick)
+        regular = [pair for pair in messages if pair[0] not in self._events]
+        if regular:
+            self.add(stamp_ns, tick, regular)
+            self.ticks += 1
+            self._chunk_ticks += 1
+        self.newest_tick = tick
+        if len(regular) < len(messages):
+            self.close_chunk()  # events: a chunk of their own, the same bytes whenever they came
+            self.add(stamp_ns, tick, messages[len(regular) :])
+            self.close_chunk()
+        elif self._chunk_ticks >= min(self.ticks // CHUNK_SHARE, self.base.chunk_ticks):
+            self.close_chunk()
+
+    def attach(self, name: str, data: bytes) -> None:
+        """Write an attachment between two chunks."""
+        self.add_attachment(self.base.epoch_ns, self.base.epoch_ns, name, MEDIA_TYPE, data)
+        self.close_chunk()
+
     def close_chunk(self) -> None:
         """End the open chunk and hand all bytes to the system; then its messages count."""
+        self._chunk_ticks = 0
         self.flush()
         counted = self._counted
         counts = [counted.channel_message_counts.get(i + 1, 0) for i in range(len(self.topics))]
@@ -207,54 +234,6 @@ class BagFileWriter(Writer):
 
     def _add_record(self) -> None:
         self.add_metadata(rosbag2.RECORD, rosbag2.record_values(self.topics, self.entry))
-
-
-class RunFileWriter(BagFileWriter):
-    """Writes ticks, in order, to one file of a run's log.
-
-    ticks : of this run in this file and the files before
-    """
-
-    def __init__(
-        self,
-        path: Path,
-        base: TimeBase,
-        recorded: Sequence[Topic],
-        attachments: Mapping[str, bytes],
-        ticks_before: int,
-    ) -> None:
-        super().__init__(path, recorded, base, attachments)
-        self.base = base
-        self.ticks = ticks_before
-        self._chunk_ticks = 0
-        self.newest_tick = -1
-        self._events = {index for index, topic in enumerate(recorded) if topic.is_event}
-
-    def add_tick(self, tick: int, messages: Sequence[tuple[int, bytes]]) -> None:
-        """Add the messages of one tick, each with the index of its topic; events come last."""
-        stamp_ns = self.base.stamp_ns(tick)
-        regular = [pair for pair in messages if pair[0] not in self._events]
-        if regular:
-            self.add(stamp_ns, tick, regular)
-            self.ticks += 1
-            self._chunk_ticks += 1
-        self.newest_tick = tick
-        if len(regular) < len(messages):
-            self.close_chunk()  # events: a chunk of their own, the same bytes whenever they came
-            self.add(stamp_ns, tick, messages[len(regular) :])
-            self.close_chunk()
-        elif self._chunk_ticks >= min(self.ticks // CHUNK_SHARE, self.base.chunk_ticks):
-            self.close_chunk()
-
-    def close_chunk(self) -> None:
-        """End the open chunk."""
-        super().close_chunk()
-        self._chunk_ticks = 0
-
-    def attach(self, name: str, data: bytes) -> None:
-        """Write an attachment between two chunks."""
-        self.add_attachment(self.base.epoch_ns, self.base.epoch_ns, name, MEDIA_TYPE, data)
-        self.close_chunk()
 
 
 CHUNK_S = 2.0

@@ -24,7 +24,7 @@ from rpo_mcap.format import rosbag2
 from rpo_mcap.format.rosbag2 import BagFile
 from rpo_mcap.format.run import DIFFERING, RunSummary, TimeBase, prepare_folder
 from rpo_mcap.topics import Topic
-from rpo_mcap.write.mcap_file import RunFileWriter
+from rpo_mcap.write.mcap_file import BagFileWriter
 from rpo_mcap.write.orderer import TickOrderer
 
 SYNC_INTERVAL_S = 1.0
@@ -210,13 +210,12 @@ class RunLogWriter:
     def _files(self) -> list[BagFile]:
         return [*self._finished, self._file.entry]
 
-    def _begin_file(self, number: int, ticks_before: int) -> RunFileWriter:
+    def _begin_file(self, number: int, ticks_before: int) -> BagFileWriter:
         split = self._split_ticks > 0 or self._split_bytes > 0
         name = f'run_{number}.mcap' if split else 'run.mcap'
         self._file_tick = ticks_before
-        return RunFileWriter(
-            self.folder / name, self.base, self.topics, self._attachments, ticks_before
-        )
+        parts = self.topics, self.base, self._attachments
+        return BagFileWriter(self.folder / name, *parts, ticks_before)
 
     def _write_tick(self, tick: int, messages: Sequence[tuple[int, bytes]]) -> None:
         file = self._file
