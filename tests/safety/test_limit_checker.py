@@ -5,11 +5,13 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rpo_safety.limit_checker import LimitChecker, Rule
+from rpo_safety.abort_table import Row
+from rpo_safety.limit_checker import LimitChecker
 
 
 def of(count, window):
-    return LimitChecker({'too_fast': Rule(count, window)})
+    row = Row(quantity='speed_m_s', most=1.0, reaction='warn', count=count, window=window)
+    return LimitChecker({'too_fast': row})
 
 
 @given(st.lists(st.booleans(), max_size=60), st.integers(1, 8), st.integers(0, 8))
@@ -30,4 +32,4 @@ def test_cleared_it_begins_anew():
     watched = of(2, 3)
     for _ in range(2):
         assert [bool(watched.sample({'too_fast': True})) for _ in range(3)] == [False, True, False]
-        watched.clear(['too_fast'])
+        watched.clear()

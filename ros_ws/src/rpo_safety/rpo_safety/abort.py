@@ -26,7 +26,7 @@ from rpo_safety.abort_table import (
 from rpo_safety.corridor import in_corridor
 from rpo_safety.guard import Proof
 from rpo_safety.kernels import Guard, closing, speed_limit
-from rpo_safety.limit_checker import LimitChecker, Rule
+from rpo_safety.limit_checker import LimitChecker
 from rpo_safety.manoeuvre import PathModel
 
 ARM, INHIBIT, RESUME = 'arm', 'inhibit', 'resume'
@@ -116,8 +116,7 @@ class AbortMachine:
 
     def reset(self) -> None:
         """Forget the flight before."""
-        rules = {k: Rule(row.count, row.window) for k, row in self._rows.items()}
-        self._checker = LimitChecker(rules)
+        self._checker = LimitChecker(self._rows)
         self._commands: dict[int, list[str]] = {}
         self._missed: set[int] = set()
         self.changes: list[Change] = []
@@ -264,11 +263,11 @@ class AbortMachine:
         reason = f'command `{name}`'
         if name in (ARM, INHIBIT):
             self.armed = name == ARM
-            self._checker.clear(self._rows)  # what holds already is found anew
+            self._checker.clear()
             self.changes.append(Change(tick, ARMED if self.armed else INHIBITED, reason))
         elif name == RESUME:
             self.reaction = ''
-            self._checker.clear(self._rows)
+            self._checker.clear()
             self.changes.append(Change(tick, RESUMED, reason))
         else:
             self._begin(tick, name, reason, seen, by_table=False)

@@ -8,31 +8,21 @@ The scheme is that of NASA's cFS Limit Checker: watchpoints with persistence cou
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 
-
-@dataclass(frozen=True)
-class Rule:
-    """A fault holds when `count` of the last `window` samples show it."""
-
-    count: int
-    window: int
+from rpo_safety.abort_table import Row
 
 
 class LimitChecker:
     """Counts samples; a fault begins to hold once, and again only after a whole window without.
 
+    rows : fault -> row of the table, whose `count` of the last `window` samples must show it
     holding : the faults that hold
     """
 
-    def __init__(self, rules: Mapping[str, Rule]) -> None:
-        self.rules = rules
-        self.holding: set[str] = set()
-        self._samples = {
-            fault: deque([False] * rule.window, maxlen=rule.window) for fault, rule in rules.items()
-        }
-        self._shown = dict.fromkeys(rules, 0)
+    def __init__(self, rows: Mapping[str, Row]) -> None:
+        self.rows = rows
+        self.clear()
 
     def sample(self, seen: Mapping[str, bool]) -> list[str]:
         """Take one sample of some faults; return those that begin to hold by it."""
@@ -44,14 +34,16 @@ class LimitChecker:
             if fault in self.holding:
                 if not self._shown[fault]:
                     self.holding.discard(fault)
-            elif self._shown[fault] >= self.rules[fault].count:
+            elif self._shown[fault] >= self.rows[fault].count:
                 self.holding.add(fault)
                 begins.append(fault)
         return begins
 
-    def clear(self, faults: Iterable[str]) -> None:
-        """Forget the samples of some faults: their cause is over by design."""
-        for fault in faults:
-            self._samples[fault].extend([False] * self.rules[fault].window)
-            self._shown[fault] = 0
-            self.holding.discard(fault)
+    def clear(self) -> None:
+        """Forget all samples: what holds already is found anew."""
+        self.holding: set[str] = set()
+        self._shown = dict.fromkeys(self.rows, 0)
+        self._samples = {
+            fault: deque([False] * row.window, maxlen=row.window)
+            for fault, row in self.rows.items()
+        }
