@@ -16,7 +16,7 @@ from landing import rest_at_landing
 from proofs import BOX, COARSE, problem_of
 
 from rpo_core.chain.flight import fly
-from rpo_core.control.controller import FuzzyController, load_controller, load_fuzzy
+from rpo_core.control.controller import load_controller, load_fuzzy
 from rpo_core.control.fuzzy import MembershipFunctions, RuleTable
 from rpo_core.files import find
 from rpo_core.files.scenario import load, load_scenario
@@ -27,7 +27,6 @@ from rpo_nav.navigation_errors import Navigation
 from rpo_proof import (
     cells,
     check,
-    check_sets,
     enclosure,
     flights,
     folder,
@@ -97,16 +96,6 @@ def test_the_slack_holds_what_a_rounded_error_changes(surface):
     across = np.abs(np.diff(table.u, axis=1) / np.diff(table.w)).max()
     more = table.slack - rounding(controller.system)
     assert more >= 2 * 2.0**-53 * (along + across)
-
-
-@pytest.mark.every_landing
-def test_the_table_agrees_with_rational_numbers(surface):
-    controller, _ = surface
-    settings = Settings(centre=(0.0,) * 6, half=(1.0,) * 6, coarseness=COARSE)
-    problem = Problem.of(controller, load('paper_training').base, settings)
-    assert (problem.table.division >= 0).any()
-    rng = np.random.default_rng(1)
-    assert not list(check_sets.surface_faults(problem, rng, 8))
 
 
 @pytest.mark.parametrize('name', ['allround', pytest.param('paper_ga', marks=pytest.mark.slow)])
@@ -355,18 +344,6 @@ def test_what_the_theory_does_not_know_is_refused():
         enclosure.table_of(jumping, 0.5, COARSE)
 
 
-def test_rules_that_are_not_odd_are_proven_from_the_whole_box():
-    default = load_fuzzy('allround')
-    words = [list(row) for row in default.system.rules.words]
-    words[0][0] = 'SN'
-    rules = RuleTable(tuple(map(tuple, words)))
-    uneven: FuzzyController = replace(default, system=replace(default.system, rules=rules))
-    settings = problem_of('allround').settings
-    base = load('paper_training').base
-    whole, half = (cells.roots(Problem.of(c, base, settings), 'planar') for c in (uneven, default))
-    assert len(whole) == 2 * len(half)
-
-
 def test_a_known_disturbance_is_part_of_the_tube():
     """The paper's test, whose disturbance is known: its flight is in the tube of a small cell."""
     base = replace(load_scenario('paper_test'), duration_s=60.0, requirements=None)
@@ -477,7 +454,10 @@ def test_half_of_the_box_is_enough_where_all_is_odd():
     assert replace(plain, scenario=pushed, settings=replace(settings, disturbance_share=0.5)).odd
     assert not replace(plain, settings=replace(settings, axes_apart=True)).odd
     assert not replace(plain, settings=replace(settings, centre=(1.0, *(0.0,) * 5))).odd
-    assert not replace(plain, controller=replace(plain.controller, system=even)).odd
+    uneven = replace(plain, controller=replace(plain.controller, system=even))
+    assert not uneven.odd
+    whole, half = (len(cells.roots(problem, 'planar')) for problem in (uneven, plain))
+    assert whole == 2 * half
 
 
 def test_a_box_is_divided_into_so_many_strips():
