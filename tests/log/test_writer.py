@@ -292,6 +292,11 @@ def test_of_two_controllers_the_first_answer_is_logged_and_the_other_named(run, 
     assert repair(tmp_path / 'b').exit_code == ExitCode.OK
     assert verify(tmp_path / 'b-repaired').gaps == (line,)
     assert verify(tmp_path / 'a').exit_code == ExitCode.OK
+    at = next(i for i, (name, tick, _) in enumerate(sent) if (name, tick) == (FORCE, 200))
+    sent[at], sent[at + 1] = sent[at + 1], sent[at]  # the recorder heard the other one first
+    run.write(tmp_path / 'c', sent)
+    found = verify(tmp_path / 'c')
+    assert found.difference.tick == 200 and found.sentence().endswith(f'(controller); {line}')
 
 
 def test_what_differs_is_read_as_one_line_each(short_run, tmp_path):

@@ -215,7 +215,7 @@ def test_a_flight_endures_hostile_messages_calls_and_parameters(ros, inner, tmp_
 
     endure()
     inner.set('plant', real_time_factor=0.0)
-    assert inner.ends() in (0, 1)  # 1: it says that messages contradict each other
+    assert inner.ends() in (0, 1)  # 1: it says that messages differ
     assert_flown(tmp_path / 'run', fly(load_scenario(path), load_controller('handmade')))
     said = capfd.readouterr().err
     assert said.count('\n') < 200 * len(inner.nodes)

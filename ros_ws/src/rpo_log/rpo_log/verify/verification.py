@@ -68,7 +68,8 @@ class Verification:
     def sentence(self) -> str:
         """Return one line for people."""
         if self.difference is not None:
-            return f'{self.path}: NOT as computed: {self.difference.sentence()}'
+            found = '; '.join((self.difference.sentence(), *self.gaps))
+            return f'{self.path}: NOT as computed: {found}'
         if self.faults:
             return f'{self.path}: NOT as recorded: {"; ".join((*self.faults, *self.gaps))}'
         stages = f'recomputed: {", ".join(self.stages) or "nothing"}'

@@ -446,6 +446,7 @@ def _verification(reader: RunReader, trusted: Path | None, given: Collection[str
         outcome.difference, untold = verifier.compare_decisions(last)
     outcome.ticks, outcome.stages = last + 1, verifier.recomputed
     if outcome.difference is not None:
+        outcome.gaps = reader.lacks
         return outcome
     gaps = [*completeness.gaps(reader.damage), *reader.lacks, *verifier.gaps, *untold]
     gaps += verifier.statuses.gaps if not gaps else []
