@@ -9,8 +9,8 @@ would say nothing, and in lockstep time would stop. `docs/faults.md` has the tab
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
+from functools import partial, partialmethod
 from typing import Any, TypeVar
 
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
@@ -68,7 +68,7 @@ class ManagedNode(Lifecycle, StageNode):
             self.get_logger().info(f'unconfigured: `ros2 lifecycle set {self._full} configure`')
 
     def configure(self) -> None:
-        """Load what it needs; raises InputError."""
+        """Load what it needs; raises InputError, after which the node stays unconfigured."""
 
     def forget(self) -> None:
         """Forget what was loaded."""
@@ -100,25 +100,27 @@ class ManagedNode(Lifecycle, StageNode):
     def _full(self) -> str:
         return str(self.get_fully_qualified_name())
 
-    def on_configure(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Load and check what it needs; after a bad file the node stays unconfigured."""
-        return self._try('configure', self.configure)
+    def _try(self, name: str, act: str, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Run a transition, a method of the node, and log its error: rclpy would hide it."""
+        self._cause = None
+        try:
+            getattr(self, act)()
+        except InputError as error:
+            self._cause = error
+            if not self._starting:  # at the start `run` logs it
+                self.get_logger().error(f'cannot {name}: {error}')
+            return FAILURE
+        except Exception as error:
+            self._cause = error
+            self.get_logger().error(f'{name} broke: {traceback.format_exc()}')
+            return ERROR
+        return SUCCESS
 
-    def on_activate(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Answer with its stages from the next tick on."""
-        return self._try('activate', self._activate)
-
-    def on_deactivate(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Answer without its stages from the next tick on."""
-        return self._try('deactivate', self._deactivate)
-
-    def on_cleanup(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Forget what was loaded."""
-        return self._try('clean up', self._forget)
-
-    def on_shutdown(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Send nothing more and end the process."""
-        return self._try('shut down', self._end)
+    on_configure = partialmethod(_try, 'configure', 'configure')
+    on_activate = partialmethod(_try, 'activate', '_activate')
+    on_deactivate = partialmethod(_try, 'deactivate', '_deactivate')
+    on_cleanup = partialmethod(_try, 'clean up', '_forget')
+    on_shutdown = partialmethod(_try, 'shut down', '_end')
 
     def on_error(self, _state: LifecycleState) -> TransitionCallbackReturn:
         """Become unconfigured after an error in a transition."""
@@ -126,6 +128,7 @@ class ManagedNode(Lifecycle, StageNode):
         return SUCCESS
 
     def _activate(self) -> None:
+        """Answer with its stages from the next tick on."""
         again, self.active, self._began = self._began, True, True
         if again:
             if self.chain is not None:
@@ -133,6 +136,7 @@ class ManagedNode(Lifecycle, StageNode):
             self._publish_state('activated')
 
     def _deactivate(self) -> None:
+        """Answer without its stages from the next tick on."""
         self.active = False
         self._publish_state('deactivated')
         self.get_logger().warning(f'inactive: {self.off}')
@@ -154,25 +158,10 @@ class ManagedNode(Lifecycle, StageNode):
         self.forget()
 
     def _end(self) -> None:
+        """Send nothing more and end the process."""
         self._forget()
         self._began = False
         self.done = True
-
-    def _try(self, name: str, act: Callable[[], None]) -> TransitionCallbackReturn:
-        """Run a transition and log its error: rclpy would hide it."""
-        self._cause = None
-        try:
-            act()
-        except InputError as error:
-            self._cause = error
-            if not self._starting:  # at the start `run` logs it
-                self.get_logger().error(f'cannot {name}: {error}')
-            return FAILURE
-        except Exception as error:
-            self._cause = error
-            self.get_logger().error(f'{name} broke: {traceback.format_exc()}')
-            return ERROR
-        return SUCCESS
 
     def health(self) -> health.Health:
         """Return the health: also the state of the lifecycle."""

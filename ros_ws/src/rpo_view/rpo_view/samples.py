@@ -24,13 +24,12 @@ from rpo_core.wire.interfaces import (
 )
 from rpo_kernels.attitude_kernels import seen_from, synchronised
 from rpo_log.show import replay
-from rpo_log.show.replay import MOST_SAMPLES, Limit, Moments
+from rpo_log.show.replay import MOST_SAMPLES, Moments
 from rpo_view.live import LiveFlight, Vector
 
 _TURNS = (('off reference', '°'), ('turn rate', '°/s'))
 _COLUMNS = 'times', 'states', 'forces', 'reference', 'estimate', 'attitudes', 'chaser'
 _CORNER = np.tril_indices(3)
-_UNKNOWN = (math.nan,) * 3
 
 
 class Samples:
@@ -52,7 +51,6 @@ class Samples:
             if not ROWS[key].share
         ]
         self._words: dict[str, int] = {}
-        self._limits: list[Limit] = []
         self.rows: list[dict[str, Any]] = []
         self._told: list[tuple[Any, int]] = []  # reasons of each moment, and words until then
 
@@ -79,15 +77,12 @@ class Samples:
         seen = state if frame is None else tuple(seen_from(state, frame))
         force = live.force_n or (0.0, 0.0, 0.0)
         shown = tuple(max(-scenario.max_force_n, min(scenario.max_force_n, f)) for f in force)
-        parts = scenario.from_goal(seen), seen[3:], seen[:3], shown, _UNKNOWN
-        at = Moments(*(np.array([part]) for part in parts))
-        self._limits = list(replay.limits_of(scenario, at, self._required).values())
         row: dict[str, Any] = {
             'times': (live.stamp_ns - scenario.epoch_ns) * 1e-9,
             'states': state,
             'forces': shown,
-            'limits': [float(limit.values[0]) for limit in self._limits],
-            'turns': [],
+            'errors': scenario.from_goal(seen),
+            'seen': seen,
         }
         if scenario.named('guidance') is not None:
             row['reference'] = signals.get(REFERENCE_STATE, state)[:3]
@@ -112,27 +107,23 @@ class Samples:
     def flight(self, live: LiveFlight, sentence: str, first: int = 0) -> dict[str, Any]:
         """Return the flight from a moment on, as a replay has it."""
         rows, dt_s = self.rows[first:], self._scenario.dt_s
-
-        def column(name: str) -> str | None:
-            return replay.packed([row[name] for row in rows]) if name in rows[0] else None
-
-        limits = np.array([row['limits'] for row in rows]).T
-        turns = np.array([row['turns'] for row in rows]).T
+        columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+        seen, forces = columns['seen'], columns['forces']
+        unknown = np.full_like(forces, np.nan)
+        at = Moments(columns['errors'], seen[:, 3:], seen[:, :3], forces, unknown)
+        limits = replay.limits_of(self._scenario, at, self._required).values()
+        turns = zip(_TURNS, columns['turns'].T, strict=True) if 'turns' in columns else ()
         ends = [*(said.tick * dt_s for said in live.acts[1:]), self._scenario.duration_s]
         words = list(self._words)[self._told[first - 1][1] if first else 0 :]
         return {
             'name': self._scenario.name,
             'verdict': sentence,
             'missed': None,
-            **{name: column(name) for name in _COLUMNS},
-            'limits': [
-                {**limit._asdict(), 'values': replay.packed(values)}
-                for limit, values in zip(self._limits, limits, strict=True)
-            ],
-            'turns': [
-                [name, unit, replay.packed(values)]
-                for (name, unit), values in zip(_TURNS, turns, strict=False)
-            ],
+            **{
+                name: replay.packed(columns[name]) if name in columns else None for name in _COLUMNS
+            },
+            'limits': [{**x._asdict(), 'values': replay.packed(x.values)} for x in limits],
+            'turns': [[name, unit, replay.packed(values)] for (name, unit), values in turns],
             'phases': [[said.phase, said.reason, said.tick * dt_s] for said in live.phases],
             'acts': [
                 [said.constraint, said.tick * dt_s, end_s]
