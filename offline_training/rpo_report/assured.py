@@ -8,6 +8,7 @@ interventions, and no margins of the ticks between them.
 
 from __future__ import annotations
 
+from itertools import groupby
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -79,14 +80,12 @@ def decided(log: RunLog, flight: Flight) -> Decided | None:
 
 def interventions(constraints: list[str]) -> list[Intervention]:
     """Return the interventions, in order."""
-    found: list[Intervention] = []
-    for tick, constraint in enumerate(constraints):
-        if not constraint:
-            continue
-        if found and found[-1].constraint == constraint and found[-1].end == tick:
-            found[-1] = found[-1]._replace(end=tick + 1)
-        else:
-            found.append(Intervention(constraint, tick, tick + 1))
+    found, begin = [], 0
+    for constraint, ticks in groupby(constraints):
+        end = begin + len(list(ticks))
+        if constraint:
+            found.append(Intervention(constraint, begin, end))
+        begin = end
     return found
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.special import expit, logit
 
 from rpo_core.control.controller import FuzzyController
 from rpo_judge.evaluation.comparison import Row
@@ -85,7 +86,11 @@ def _draw_shares(
         )
         axes.plot([row['mean_energy_n2s']] * 2, [low, high], color=_colour(row), linewidth=1)
         found.append(middle)
-    axes.set_yscale('function', functions=(_logit, _share))
+    scale = (
+        lambda percent: logit(np.clip(np.asarray(percent) / 100.0, 1e-7, 1.0 - 1e-7)),
+        lambda scaled: 100.0 * expit(scaled),
+    )
+    axes.set_yscale('function', functions=scale)
     axes.margins(y=0.15)
     axes.set(title=f'Energy against {what} kept', ylabel='dispersed runs [%]')
     _set_ticks(axes.yaxis, _SHARES)
@@ -108,15 +113,6 @@ def _set_ticks(axis: Any, ticks: Sequence[float]) -> None:
     inside = [tick for tick in ticks if low <= tick <= high]
     axis.set_ticks(inside, [f'{tick:g}' for tick in inside])
     axis.set_ticks([], minor=True)
-
-
-def _logit(percent: Any) -> Any:
-    share = np.clip(np.asarray(percent) / 100.0, 1e-7, 1.0 - 1e-7)
-    return np.log(share / (1.0 - share))
-
-
-def _share(logit: Any) -> Any:
-    return 100.0 / (1.0 + np.exp(-np.asarray(logit)))
 
 
 def _colour(row: Row) -> str:
@@ -149,15 +145,9 @@ def _columns(path: Path) -> Any:
 def _convergence(history: Path) -> Any:
     columns = _columns(history)
     figure, axes = style.new_panels(4.4)
-    for (name, label), colour in zip(
-        (
-            ('mean_fitness', 'fitness, mean of the generation'),
-            ('best_fitness', 'fitness, best so far'),
-            ('best_energy_n2s', "the best's mean J"),
-        ),
-        style.AXES,
-        strict=True,
-    ):
+    labels = 'fitness, mean of the generation', 'fitness, best so far', "the best's mean J"
+    names = 'mean_fitness', 'best_fitness', 'best_energy_n2s'
+    for name, label, colour in zip(names, labels, style.AXES, strict=True):
         axes.plot(columns['evaluations'], columns[name], color=colour, label=label)
     style.log_scale(axes)
     axes.set(xlabel='controllers evaluated', ylabel='fitness, J [N²s]')

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,7 +27,7 @@ from rpo_mcap.read.run_log import flight_of, read_run
 from rpo_report import attitude, replay
 from rpo_report.logged import logged_flight, until
 from rpo_report.replay import Replayed
-from rpo_report.run import _Stages, _thrusters, compared
+from rpo_report.run import _Stages, _thrusters
 from rpo_report.turned import Panel, in_lvlh, panels_of, turned_of
 
 INERTIA = [[0.6, 0.02, 0.0], [0.02, 0.7, 0.01], [0.0, 0.01, 0.5]]
@@ -151,15 +150,6 @@ def test_the_torque_of_the_thrusters_is_drawn_about_the_axes_of_the_chaser(tumbl
     picture = section.blocks[0]
     assert 'torque that they give about the axes of the chaser' in picture.caption
     assert picture.figure.axes[2].get_ylabel().endswith("chaser's axes")
-
-
-@pytest.mark.every_landing
-def test_flights_beside_each_other_say_in_which_axes_they_are_drawn(tmp_path):
-    run = str(tmp_path / 'run')
-    options = ['--set', 'duration_s=2.0', '--no-fail', '--output', run]
-    assert invoke('simulate', 'tumbling_docking', *options).exit_code == 0
-    picture = compared([Path(run)] * 2)[0].sections[0].blocks[0]
-    assert picture.caption == 'The approaches as the target sees it, in two planes of its axes.'
 
 
 def test_a_table_of_the_flight_has_its_attitude(flight, logged, tmp_path):

@@ -185,12 +185,12 @@ def everywhere(
     for name, (runs, share, only) in DEMANDS.items():
         loaded = load(find(name), runs=runs, seed=seed, controller='handmade')
         campaign, limits = replace(loaded, controller=controller), list(loaded.config.success)
-        judged: dict[str, tuple[list[str], float | None]] = {ALL: (limits, share)}
+        judged: list[tuple[str, list[str], float | None]] = [(ALL, limits, share)]
         if only:
-            judged = {MOTION: (motion(limits), share), ALL: (limits, None)}
+            judged = [(MOTION, motion(limits), share), (ALL, limits, None)]
         show = partial(report, f'{controller.name}: {name}')
-        kept = kept_of(campaign, [names for names, _ in judged.values()], workers, show)
-        for (what, (names, least)), count in zip(judged.items(), kept, strict=True):
+        kept = kept_of(campaign, [names for _, names, _ in judged], workers, show)
+        for (what, names, least), count in zip(judged, kept, strict=True):
             words = sentence(campaign.judging(names))
             found.append(Outcome(name, rate(what, count, runs), words, least))
     return found
