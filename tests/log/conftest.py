@@ -41,6 +41,14 @@ def run() -> Run:
 
 
 @pytest.fixture(scope='session')
+def true(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The log of one second, to be forged or rewritten elsewhere."""
+    folder = tmp_path_factory.mktemp('true')
+    make_run(1.0).write(folder)
+    return folder / 'run.mcap'
+
+
+@pytest.fixture(scope='session')
 def log(run: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The log of `run`, in its folder; to be read only."""
     folder = tmp_path_factory.mktemp('whole')

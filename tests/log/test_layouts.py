@@ -16,7 +16,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from log_parts import Parts
-from log_runs import make_run, record
+from log_runs import record
 from mcap.records import Attachment, Channel, Header, Message, Metadata, Schema
 from mcap.writer import CompressionType, IndexType
 from mcap_views import views
@@ -95,14 +95,6 @@ def layouts(draw: st.DrawFn) -> Layout:
         draw(st.integers(0, 4)), draw(kept), draw(st.sampled_from(['mcap-python/1', '', 'x'])),
         tuple(draw(st.lists(st.floats(0.0, 1.0), max_size=3))),
     )  # fmt: skip
-
-
-@pytest.fixture(scope='module')
-def true(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The log of one second."""
-    folder = tmp_path_factory.mktemp('true')
-    make_run(1.0).write(folder)
-    return folder / 'run.mcap'
 
 
 @cache

@@ -44,14 +44,6 @@ from rpo_mcap.read.run_log import read_run
 X_M = 123456.0
 
 
-@pytest.fixture(scope='module')
-def true(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The log of one second."""
-    folder = tmp_path_factory.mktemp('true')
-    make_run(1.0).write(folder)
-    return folder / 'run.mcap'
-
-
 def lies(raw: Raw, compression: str = '') -> bytes:
     """Return a chunk with a state of another flight at each tick."""
     channel = next(one for _, one in raw.records(Channel) if one.topic == STATE)

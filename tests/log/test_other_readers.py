@@ -105,6 +105,8 @@ def test_the_health_log_opens_in_rosbags_and_is_never_overwritten(tmp_path):
     assert said[1]['duration'] == {'nanoseconds': 19 * 10**9}
     with pytest.raises(LogError, match='exists already'):
         HealthLogWriter(tmp_path)
+    with pytest.raises(LogError, match='not the log of a run'):
+        read_run(tmp_path / 'health.mcap')
 
 
 def javascript_packages() -> str | None:
@@ -149,10 +151,3 @@ def test_rerun(run, tmp_path):
         assert all(name in said for name in run.topics)
         assert 'ERROR' not in said
     assert (tmp_path / 'run.rrd').stat().st_size > 100_000
-
-
-def test_a_log_of_another_recorder_is_no_run(tmp_path, run):
-    log = HealthLogWriter(tmp_path)
-    log.close()
-    with pytest.raises(LogError, match='not the log of a run'):
-        read_run(tmp_path / 'health.mcap')
