@@ -1,137 +1,133 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where compiled kernels are kept: a folder for each state of the sources they were made from.
+"""Compiled kernels, kept in a folder that is named by a digest of all sources with kernels.
 
 numba looks only at the file that defines a function. A kernel that calls another one has the other
 one's machine code inside it, so numba alone would run the old code after an edit of the other file.
-Here the folder is named by a digest of the compiler, of the constants of the module, and of all
-sources with kernels or types of tuples in its package and in the packages whose kernels it uses.
-numba adds the version of Python, the processor and the types of the arguments. No path is part of
-the name, so all checkouts of a user share the folders, and a second one compiles nothing.
+numba adds the processor and the types of the arguments. No path is part of the digest, so all
+checkouts of a user share the folders. Kernels of other packages than `rpo_...` are not kept,
+because nothing says what they depend on.
 
 Each entry begins with its digest: machine code with a flipped bit would end the process, or compute
-something else. One that does not fit is removed, and compiled again.
+something else. One that does not fit is compiled again.
 """
 
 from __future__ import annotations
 
 import fcntl
 import hashlib
+import importlib.util
 import os
 import pickle
+import pkgutil
+import re
 import shutil
 import sys
-import threading
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
 from functools import cache
-from importlib.metadata import version
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
+import llvmlite  # type: ignore[import-untyped]
+import numba
 import numpy as np
+from numba.core.caching import FunctionCache
+from numba.core.codegen import get_host_cpu_features
+from numba.core.compiler import CompileResult
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.registry import CPUDispatcher
+from numba.core.serialize import dumps
+from numba.core.types.misc import unliteral
 
-KEPT = 10
-"""States of one module that are kept: edits, branches and checkouts come and go."""
+KEPT = 20
+"""Folders that are kept: edits, branches and checkouts come and go."""
 
-_FROZEN = (bool, int, float, complex, str, bytes, tuple, np.generic)
-"""Types of global names whose value a compiled function contains."""
+_KERNEL = re.compile(
+    rb'^(@|\w+ = |    return )(jit\.)?(kernel|inlined|compiled|by_constant)\b', re.M
+)
+_TUPLES = re.compile(rb'NamedTuple|namedtuple')
+_CHECK = hashlib.sha256().digest_size
 
-MARKS = (b'jit', b'@compiled', b'NamedTuple', b'namedtuple')
-"""A source with kernels, or with types of tuples, has one of these words."""
-
-
-class Locator:
-    """Tells numba where to keep what it compiles of a function: its `CACHE_LOCATOR_CLASSES`."""
-
-    def __init__(self, function: Callable[..., Any]) -> None:
-        self._module = function.__module__
-        self._line = function.__code__.co_firstlineno
-
-    @classmethod
-    def from_function(cls, function: Callable[..., Any], _file: str) -> Locator:
-        """Return the locator of a function."""
-        return cls(function)
-
-    def get_cache_path(self) -> str:
-        """Return the folder of its module."""
-        return str(folder_for(self._module))
-
-    def ensure_cache_path(self) -> None:
-        """Leave it to `Entries` to make that folder."""
-
-    def get_source_stamp(self) -> str:
-        """Return what changes with the sources."""
-        return digest(self._module)
-
-    def get_disambiguator(self) -> str:
-        """Return what differs between functions of one name."""
-        return str(self._line)
+if numba.config.CPU_FEATURES is None and '+avx512f' in get_host_cpu_features():
+    # By default LLVM fills half of each AVX-512 register, a tenth slower.
+    numba.config.CPU_FEATURES = f'{get_host_cpu_features()},-prefer-256-bit'
 
 
-class InsideLocator(Locator):
-    """The same for what other kernels call, which has no wrapper for Python."""
+class Kernel(CPUDispatcher):  # type: ignore[misc]
+    """A kernel as numba compiles it.
 
-    def get_disambiguator(self) -> str:
-        """Return what differs between functions of one name."""
-        return f'{self._line}-inside'
-
-
-class Entries:
-    """The compiled code of one function, a file for each types of its arguments.
-
-    It stands in the place of numba's own files, which are believed whatever is in them.
-
-    name : of the function, as numba makes it of its place in the source and the version of Python
+    by_constant : whether it is compiled once more for each constant that another kernel calls it
+        with. Where LLVM inlines it, it sees the constant all the same.
     """
 
-    def __init__(self, folder: Path, name: str) -> None:
-        self._folder, self._name = folder, name
+    by_constant = False
 
-    def load(self, key: Any) -> Any:
-        """Return what was saved under a key, None if there is nothing, or nothing that fits."""
-        path = self._path(key)
-        try:
-            content = path.read_bytes()
-            digest, body = content[:_DIGEST], content[_DIGEST:]
-            if digest == self._digest(path, body):
-                saved_key, found = pickle.loads(body)
-                return found if saved_key == key else None
-            path.unlink()
-        except OSError:  # there is none, or another process has removed it
-            pass
+    def enable_caching(self) -> None:
+        """Keep what is compiled, where the sources that it depends on are in the digest."""
+        if self.py_func.__module__.partition('.')[0] in _sources()[1]:
+            self._cache = Cache(self.py_func, folder())
+
+    def compile(self, sig: Any) -> Any:
+        """Compile or load it for types of arguments, one process at a time.
+
+        A file system without locks, or without the folder, costs time only.
+        """
+        with global_compiler_lock, ExitStack() as stack:  # in this order: else threads could wait
+            if isinstance(self._cache, Cache):
+                with suppress(OSError):
+                    lock = stack.enter_context(self._cache.lock.open('w'))
+                    fcntl.lockf(lock, fcntl.LOCK_EX)  # not flock: a forked process would hold it
+            return super().compile(sig)
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """Return its type for a call of another kernel."""
+        types = self.fold_argument_types(args, kws)[1]
+        any_value = types if self.by_constant else tuple(map(unliteral, types))
+        return super().get_call_template(any_value, {})
+
+
+class Cache(FunctionCache):  # type: ignore[misc]
+    """The compiled code of one kernel, a checked file for each types of its arguments.
+
+    It has no files of numba's own: these are believed whatever is in them.
+    """
+
+    def __init__(self, function: Callable[..., Any], folder: Path) -> None:
+        self._py_func, self._cache_path = function, str(folder)
+        name = f'{function.__module__}.{function.__qualname__}-{function.__code__.co_firstlineno}'
+        self.lock = folder / f'{name}.lock'
+
+    def _load_overload(self, sig: Any, target_context: Any) -> Any:
+        key = self._index_key(sig, target_context.codegen())
+        with suppress(OSError):  # there is none, or another process has removed it
+            content = self._path(key).read_bytes()
+            if content == self._checked(key, content[_CHECK:]):
+                saved_key, code = pickle.loads(content[_CHECK:])
+                return CompileResult._rebuild(target_context, *code) if saved_key == key else None
         return None
 
-    def save(self, key: Any, found: Any) -> None:
-        """Keep what was compiled; where that cannot be done, say so, once."""
-        from numba.core.serialize import dumps
-
-        path, body = self._path(key), dumps((key, found))
-        aside = path.with_suffix(f'.{os.getpid()}-{threading.get_ident()}')
+    def _save_overload(self, sig: Any, data: Any) -> None:
+        if data.library.has_dynamic_globals:  # addresses of this process
+            return
+        key = self._index_key(sig, data.codegen)
+        path = self._path(key)
+        aside = path.with_suffix(f'.{os.getpid()}')
         try:
-            self._folder.mkdir(parents=True, exist_ok=True)  # another process may have removed it
+            path.parent.mkdir(parents=True, exist_ok=True)  # another process may have removed it
             try:
-                aside.write_bytes(self._digest(path, body) + body)
+                aside.write_bytes(self._checked(key, dumps((key, data._reduce()))))
                 aside.replace(path)
             finally:
                 aside.unlink(missing_ok=True)
         except OSError as error:
-            _say_once(f'{self._folder}: cannot keep compiled code: {error.strerror or error}')
-
-    def flush(self) -> None:
-        """Remove nothing: what the sources do not make any more is in another folder."""
+            _say_once(f'{path.parent}: cannot keep compiled code: {error.strerror or error}')
 
     def _path(self, key: Any) -> Path:
-        types = hashlib.sha256(repr(key).encode()).hexdigest()[:20]
-        return self._folder / f'{self._name}.{types}.compiled'
+        return self.lock.with_suffix(f'.{hashlib.sha256(repr(key).encode()).hexdigest()[:20]}')
 
-    @staticmethod
-    def _digest(path: Path, body: bytes) -> bytes:
-        return hashlib.sha256(path.name.encode() + b' ' + body).digest()
-
-
-_DIGEST = hashlib.sha256().digest_size
+    def _checked(self, key: Any, body: bytes) -> bytes:
+        return hashlib.sha256(self._path(key).name.encode() + b' ' + body).digest() + body
 
 
 @cache
@@ -139,127 +135,37 @@ def _say_once(sentence: str) -> None:
     print(sentence, file=sys.stderr)
 
 
-_held: set[Path] = set()
-
-
-@contextmanager
-def alone(path: Path) -> Iterator[None]:
-    """Hold the lock of a file, so that of several processes one compiles and the others load.
-
-    A process that holds it goes on. A file system without locks, or without the folder, costs time
-    only.
-    """
-    if path in _held:
-        yield
-        return
-    with ExitStack() as stack:
-        with suppress(OSError):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            file = stack.enter_context(path.open('w'))
-            fcntl.flock(file, fcntl.LOCK_EX)
-            # A process that was forked meanwhile has the file too: to close it is not enough.
-            stack.callback(fcntl.flock, file, fcntl.LOCK_UN)
-        _held.add(path)
-        stack.callback(_held.remove, path)
-        yield
+@cache
+def folder() -> Path:
+    """Return the folder in the user's cache for the present sources; remove old ones."""
+    home = os.environ.get('XDG_CACHE_HOME') or os.path.expanduser('~/.cache')
+    present = Path(home) / 'rpo' / 'compiled' / _sources()[0][:20]
+    with suppress(OSError):  # a cache that cannot be written, or another process that removes
+        is_new = not present.exists()
+        present.mkdir(parents=True, exist_ok=True)
+        os.utime(present)  # used now
+        if is_new:
+            by_use = sorted(present.parent.iterdir(), key=lambda path: path.stat().st_mtime)
+            for path in by_use[:-KEPT]:
+                shutil.rmtree(path, ignore_errors=True)
+    return present
 
 
 @cache
-def folder_for(module: str) -> Path | None:
-    """Return the folder for what is compiled of a module, and remove folders of its old states.
+def _sources() -> tuple[str, set[str]]:
+    """Return a digest of the compiler and all sources with kernels, and their packages.
 
-    module : its full name. The first of its kernels asks, behind the imports of the module: what
-    it imports later, and what it computes with functions of other modules, is not in the digest.
-
-    The folder is in the user's cache; where that cannot be written, beside the sources; None where
-    these cannot be written either, or there is no file, as for what is typed into Python.
+    A kernel takes tuples whose types its module need not import, so their types count too.
     """
-    source = getattr(sys.modules[module], '__file__', None)
-    if source is None:
-        return None
-    for base in (user_cache() / 'kernels', Path(source).parent / '__pycache__'):
-        folder = base / f'{module}-{digest(module)[:20]}'
-        is_new = not folder.exists()
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            os.utime(folder)  # used now
-        except OSError:
-            continue
-        if os.access(folder, os.W_OK):
-            if is_new:
-                _forget(base, module)
-            return folder
-    return None
-
-
-def user_cache() -> Path:
-    """Return the folder for what may be computed again, below the user's home."""
-    return Path(os.environ.get('XDG_CACHE_HOME') or os.path.expanduser('~/.cache')) / 'rpo'
-
-
-@cache
-def digest(module: str) -> str:
-    """Return the SHA-256, in hexadecimal, of all that the compiled code of a module depends on."""
-    found = hashlib.sha256(_sources(module.partition('.')[0]).encode())
-    used = set()
-    for key, value in sorted(vars(sys.modules[module]).items()):
-        origin = _origin(value)
-        if origin is not None:
-            used.add(origin)
-        elif isinstance(value, np.ndarray):
-            found.update(f'{key} {value.dtype} {value.shape}'.encode() + value.tobytes())
-        elif isinstance(value, _FROZEN) and not key.startswith('__'):
-            found.update(f'{key} {value!r}'.encode())
-    for name in sorted(used - {module}):
-        found.update(f'{name} {digest(name)}'.encode())
-    return found.hexdigest()
-
-
-@cache
-def _sources(package: str) -> str:
-    """Return the digest of the compiler, and of the sources of a package that it may look into.
-
-    A kernel takes tuples whose types its module need not import: so whole packages.
-    """
-    found = hashlib.sha256(f'{version("numba")} {version("llvmlite")} {np.__version__}'.encode())
-    for path in _files(sys.modules[package]):
-        text = path.read_bytes()
-        if any(word in text for word in MARKS):
-            found.update(f'{path.name} {len(text)} '.encode() + text)
-    return found.hexdigest()
-
-
-def _files(package: ModuleType) -> list[Path]:
-    """Return the sources of a package, of one without an `__init__`, or of a single module."""
-    folders = getattr(package, '__path__', None)
-    if folders is None:
-        return [Path(str(package.__file__))]
-    return sorted(path for folder in folders for path in Path(folder).rglob('*.py'))
-
-
-def _origin(value: Any) -> str | None:
-    """Return the module of a kernel, of a type of tuples, or of kernels; None for other values."""
-    if isinstance(value, ModuleType):
-        return value.__name__ if any(map(_is_kernel, vars(value).values())) else None
-    named = _is_kernel(value) or (isinstance(value, type) and hasattr(value, '_fields'))
-    return value.__module__ if named else None
-
-
-def _is_kernel(value: Any) -> bool:
-    return 'py_func' in getattr(value, '__dict__', ())  # asks no object that makes up its answers
-
-
-def _forget(base: Path, module: str) -> None:
-    """Remove all but the folders of one module that were used last."""
-    folders = [path for path in base.glob(f'{module}-*') if path.is_dir()]
-    folders.sort(key=_used_s, reverse=True)
-    for path in folders[KEPT:]:
-        shutil.rmtree(path, ignore_errors=True)
-
-
-def _used_s(folder: Path) -> float:
-    """Return when a folder was used last; long ago if another process has just removed it."""
-    try:
-        return folder.stat().st_mtime
-    except OSError:
-        return 0.0
+    compiler = sys.version, numba.__version__, llvmlite.__version__, np.__version__
+    total, packages = hashlib.sha256(repr(compiler).encode()), set()
+    for name in sorted({m.name for m in pkgutil.iter_modules() if m.name.startswith('rpo_')}):
+        spec = importlib.util.find_spec(name)
+        roots = (spec and spec.submodule_search_locations) or ()
+        texts = [path.read_bytes() for root in roots for path in sorted(Path(root).rglob('*.py'))]
+        if any(map(_KERNEL.search, texts)):
+            packages.add(name)
+            for text in texts:
+                if _KERNEL.search(text) or _TUPLES.search(text):
+                    total.update(f'{name} {len(text)} '.encode() + text)
+    return total.hexdigest(), packages
