@@ -36,22 +36,16 @@ from rpo_core.wire.interfaces import (
 )
 from rpo_judge.scoring.conditions import LABELS, PAPER
 from rpo_kernels.arrays import Floats
-from rpo_kernels.kernels import Vector, saturate
+from rpo_kernels.kernels import saturate
 from rpo_safety.assurance import AssuranceStage
 
 ENVIRONMENT = 'rpo/FinalApproach-v0'
 
-POSITION_UNIT_M = 100.0
-"""Unit of the position in an observation: the largest start of the training set."""
+UNITS = np.array([100.0] * 3 + [1.0] * 3)
+"""Units of an observation [m, m/s]: 100 m is the largest start of the training set."""
 
-VELOCITY_UNIT_M_S = 1.0
-"""Unit of the velocity in an observation."""
-
-UNITS = (POSITION_UNIT_M,) * 3 + (VELOCITY_UNIT_M_S,) * 3
 MAX_OBSERVED = 100.0
 """Observed positions and velocities saturate here (10 km, 100 m/s); those of `info` do not."""
-
-OPTIONS = ('scenario', 'start')
 
 
 def spaces() -> tuple[gymnasium.Space[Floats], gymnasium.Space[Floats]]:
@@ -106,7 +100,7 @@ class FinalApproach(gymnasium.Env[Floats, Floats]):
         Raises InputError for bad options.
         """
         super().reset(seed=seed)
-        data: Mapping[str, Any] = mapping('options', options or {}, (), OPTIONS)
+        data: Mapping[str, Any] = mapping('options', options or {}, (), ('scenario', 'start'))
         if 'scenario' in data:
             self._members = _members(data['scenario'])
         start = data.get('start')
@@ -119,32 +113,27 @@ class FinalApproach(gymnasium.Env[Floats, Floats]):
     def _from(self, start: Any) -> Scenario:
         """Return the member of this number, or the scenario from these 3 or 6 numbers."""
         if np.ndim(start) == 0:
-            most = len(self._members) - 1
-            return self._members[whole('start', start, least=0, most=most)]
-        values = np.asarray(start).tolist()
+            return self._members[whole('start', start, least=0, most=len(self._members) - 1)]
+        first, values = self._members[0], np.asarray(start).tolist()
         if len(values) not in (3, 6):
             raise InputError(
                 f'`start` must be the number of a start, or 3 or 6 numbers; got {shown(start)}'
             )
-        velocity = values[3:] or self._members[0].initial_velocity_m_s
+        velocity = values[3:] or first.initial_velocity_m_s
         return replace(
-            self._members[0],
+            first,
             initial_position_m=vector3('start', values[:3], 'm', bound=MAX_POSITION_M),
             initial_velocity_m_s=vector3('start', velocity, 'm/s', bound=MAX_VELOCITY_M_S),
         )
 
     def _begin(self, scenario: Scenario) -> None:
-        """Place the chaser at the start of a scenario, tick 0."""
         self.scenario, self.tick = scenario, 0
         chain = Chain.of(scenario)
         self._sensors, self._plant = chain.before(Place.CONTROLLER), chain.after(Place.CONTROLLER)
         chain.reset()
         self._states = np.empty((scenario.ticks + 1, 6))
         self._commands = np.zeros((scenario.ticks + 1, 3))
-        self._signals: Signals = {
-            **start_of(scenario),
-            SATURATED_FORCE: (0.0, 0.0, 0.0),
-        }
+        self._signals: Signals = {**start_of(scenario), SATURATED_FORCE: (0.0, 0.0, 0.0)}
         self._sense()
 
     def _sense(self) -> None:
@@ -154,27 +143,26 @@ class FinalApproach(gymnasium.Env[Floats, Floats]):
 
     def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
         """Fly one tick; raises InputError if the action is not a force or the flight is over."""
-        scenario, tick = self.scenario, self.tick
-        if tick == scenario.ticks:
+        scenario, values = self.scenario, np.asarray(action)
+        if self.tick == scenario.ticks:
             raise InputError('the flight is over; call `reset` before the next `step`')
+        if values.shape != (3,):
+            raise InputError(f'`action` must be 3 numbers in [-1, 1]; got {shown(action)}')
         limit = scenario.max_force_n
-        x, y, z = (saturate(f * limit, limit) for f in _three(action))
-        self._commands[tick] = self._signals[CONTROL_FORCE] = x, y, z
-        self._plant.step(tick, self._signals)
-        self.tick = tick + 1
+        x, y, z = (saturate(real('action', f) * limit, limit) for f in values.tolist())
+        self._commands[self.tick] = self._signals[CONTROL_FORCE] = x, y, z
+        self._plant.step(self.tick, self._signals)
+        self.tick += 1
         self._sense()
         fx, fy, fz = self._signals[SATURATED_FORCE]
         reward = -(fx * fx + fy * fy + fz * fz) * scenario.dt_s
-        info = self._info()
-        over = self.tick == scenario.ticks
+        info, over = self._info(), self.tick == scenario.ticks
         if over:
             metrics, held = of_flight(self.flight), self._held()
-            missed = list(held.values()).count(False)
-            info['figures'] = asdict(metrics)
-            info['conditions'] = tuple(held.values())
-            info['requirements'] = held
-            info['fitness_n2s'] = metrics.energy_n2s + PENALTY * missed
-            reward -= PENALTY * missed
+            penalty = PENALTY * list(held.values()).count(False)
+            reward -= penalty
+            info |= {'figures': asdict(metrics), 'conditions': tuple(held.values())}
+            info |= {'requirements': held, 'fitness_n2s': metrics.energy_n2s + penalty}
         return self._observation(), reward, over, False, info
 
     def _held(self) -> dict[str, bool]:
@@ -191,8 +179,7 @@ class FinalApproach(gymnasium.Env[Floats, Floats]):
         """The flight since the last reset; after its end, whole. Its last command is zero."""
         if self.tick < self.scenario.ticks:
             raise InputError('the flight is not over; `flight` exists after the last step')
-        disturbances = self.scenario.disturbances_n
-        return Flight(self.scenario, self._states, self._commands, disturbances)
+        return Flight(self.scenario, self._states, self._commands, self.scenario.disturbances_n)
 
     @property
     def seen(self) -> Signal:
@@ -200,16 +187,10 @@ class FinalApproach(gymnasium.Env[Floats, Floats]):
         return self._signals.get(NAVIGATION_STATE, self._signals[RELATIVE_STATE])
 
     def _observation(self) -> Floats:
-        limit = self.scenario.max_force_n
-        observed = [
-            *(
-                max(-MAX_OBSERVED, min(MAX_OBSERVED, x / unit))
-                for x, unit in zip(self.scenario.from_goal(self.seen), UNITS, strict=True)
-            ),
-            *(force / limit for force in self._signals[SATURATED_FORCE]),
-            self.tick / self.scenario.ticks,
-        ]
-        return np.array(observed)
+        scenario = self.scenario
+        state = np.clip(scenario.from_goal(self.seen) / UNITS, -MAX_OBSERVED, MAX_OBSERVED)
+        command = np.array(self._signals[SATURATED_FORCE]) / scenario.max_force_n
+        return np.array([*state, *command, self.tick / scenario.ticks])
 
     def _info(self) -> dict[str, Any]:
         return {
@@ -218,27 +199,25 @@ class FinalApproach(gymnasium.Env[Floats, Floats]):
             'state': np.array(self._signals[RELATIVE_STATE]),
             'seen': np.array(self.seen),
             'force_n': np.array(self._signals[SATURATED_FORCE]),
-            'constraint': self._constraint(),
+            # The limit for which assurance changed the last command.
+            'constraint': ''.join(
+                link.stage.decision.constraint
+                for link in self._plant.links
+                if isinstance(link.stage, AssuranceStage) and link.stage.decision
+            ),
         }
-
-    def _constraint(self) -> str:
-        """Return the limit for which assurance changed the last command; '' if it did not."""
-        stages = [link.stage for link in self._plant.links]
-        acting = [stage for stage in stages if isinstance(stage, AssuranceStage)]
-        return acting[0].decision.constraint if acting and acting[0].decision else ''
 
     def render(self) -> Any:
         """Return a line of text ('ansi'), or a picture (height, width, 3) uint8 ('rgb_array')."""
-        if self.render_mode is None:
-            return None
         if self.render_mode == 'rgb_array':
             return self._picture()
         x, y, z, vx, vy, vz = self._signals[RELATIVE_STATE]
         fx, fy, fz = self._signals[SATURATED_FORCE]
-        return (
+        line = (
             f't = {self.scenario.time_s(self.tick):7.1f} s   r = [{x:8.3f} {y:8.3f} {z:8.3f}] m   '
             f'v = [{vx:7.4f} {vy:7.4f} {vz:7.4f}] m/s   f = [{fx:7.4f} {fy:7.4f} {fz:7.4f}] N'
         )
+        return line if self.render_mode == 'ansi' else None
 
     def _picture(self) -> NDArray[np.uint8]:
         """Return the path so far in both planes, and the commands over time."""
@@ -265,15 +244,6 @@ def _members(scenario: str | Path | Scenario | ScenarioSet) -> list[Scenario]:
     """Return the flights that a reset chooses from."""
     found = scenario if isinstance(scenario, (Scenario, ScenarioSet)) else load(scenario)
     return found.scenarios() if isinstance(found, ScenarioSet) else [found]
-
-
-def _three(action: Any) -> Vector:
-    """Return an action as three finite floats; raises InputError."""
-    values = np.asarray(action)
-    if values.shape != (3,):
-        raise InputError(f'`action` must be 3 numbers in [-1, 1]; got {shown(action)}')
-    x, y, z = (real('action', value) for value in values.tolist())
-    return x, y, z
 
 
 if ENVIRONMENT not in gymnasium.registry:

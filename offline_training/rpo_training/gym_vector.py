@@ -90,8 +90,6 @@ class DispersedApproach(gymnasium.vector.VectorEnv[Floats, Floats, Any]):
         self._first += self.num_envs
         self.tick, self.stepping = 0, Stepping(case_of(self.campaign, drawn))
         self.stepping.sense(0)
-        sees = self.stepping.case.batches[0].is_seen
-        self._rows = (SEEN_R, SEEN_V) if sees else (R, V)
         return self._observations(), {}
 
     def step(self, actions: Floats) -> tuple[Floats, Floats, Any, Any, dict[str, Any]]:
@@ -121,21 +119,18 @@ class DispersedApproach(gymnasium.vector.VectorEnv[Floats, Floats, Any]):
 
     def _judged(self) -> dict[str, Any]:
         """Return energies (n,) [N^2 s], values of what is limited, and which limits are kept."""
-        found = known_of(self.campaign, self.stepping.case, self.stepping.landed())
-        limits = self.campaign.config.limits(found)
+        figures = known_of(self.campaign, self.stepping.case, self.stepping.landed())
+        limits = self.campaign.config.limits(figures)
         kept = {name: np.asarray(value <= limit) for name, (value, limit) in limits.items()}
         values = {name: value for name, (value, _) in limits.items()}
-        return {'energy_n2s': found['energy_n2s'], 'values': values, 'kept': kept}
+        return {'energy_n2s': figures['energy_n2s'], 'values': values, 'kept': kept}
 
     def _observations(self) -> Floats:
-        found = np.empty((self.num_envs, 10))
-        for at, row in zip((0, 3), self._rows, strict=True):
-            found[:, at : at + 3] = self.stepping.vectors(row)
-        found[:, :6] /= UNITS
-        np.clip(found[:, :6], -MAX_OBSERVED, MAX_OBSERVED, out=found[:, :6])
-        found[:, 6:9] = self.stepping.vectors(BEFORE) / self.scenario.max_force_n
-        found[:, 9] = self.tick / self.scenario.ticks
-        return found
+        rows = (SEEN_R, SEEN_V) if self.stepping.case.batches[0].is_seen else (R, V)
+        states = np.hstack([self.stepping.vectors(row) for row in rows]) / UNITS
+        commands = self.stepping.vectors(BEFORE) / self.scenario.max_force_n
+        share = np.full((self.num_envs, 1), self.tick / self.scenario.ticks)
+        return np.hstack([states.clip(-MAX_OBSERVED, MAX_OBSERVED), commands, share])
 
 
 if ENVIRONMENT not in gymnasium.registry:

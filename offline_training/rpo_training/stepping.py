@@ -58,9 +58,7 @@ class Stepping:
             rows_of([step for place, step in steps_of(parts) if first <= place < end])
             for parts in self._parts
         ]
-        if not COMPILED:
-            return batches
-        return np.array(batches).reshape(len(batches), -1, 5)
+        return np.array(batches).reshape(len(batches), -1, 5) if COMPILED else batches
 
     def sense(self, tick: int) -> None:
         """Let sensors, navigation and guidance act."""
