@@ -16,8 +16,9 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
 from rpo_sim import plant as kinds
+from rpo_sim.loop_health import LoopHealth
 from rpo_sim.plant import FreeRunningPlant, LockstepPlant
-from rpo_sim.timing import MOST_CATCH_UP, Histogram, Latency, Pace
+from rpo_sim.timing import MOST_CATCH_UP, Histogram, Pace
 
 FORCE, DISTURBANCE = 'control_force', 'disturbance_force'
 MS = 1_000_000
@@ -170,15 +171,14 @@ def test_quantiles_are_those_of_numpy_to_the_width_of_a_bin(durations, share):
 
 
 def test_latency_counts_from_the_first_time_a_state_was_sent_and_forgets():
-    latency = Latency()
+    health = LoopHealth(FreeRunningPlant(load_scenario('quick'), [FORCE], 3), dict)
     for tick in range(5000):
-        latency.sent(tick, float(tick))
-        latency.sent(tick, tick + 0.9)  # sent again
-    latency.received(4999, 4999.25)
-    latency.received(17, 6000.0)  # long forgotten
-    latency.received(None, 6000.0)
-    assert latency.histogram.count == 1
-    assert latency.histogram.largest_s == 0.25
+        health.sent(tick, float(tick))
+        health.sent(tick, tick + 0.9)  # sent again
+    health.commanded(4999, 4999.25)
+    health.commanded(17, 6000.0)  # long forgotten
+    health.commanded(None, 6000.0)
+    assert (health.latency.count, health.latency.largest_s) == (1, 0.25)
 
 
 def test_losses_cost_only_what_is_cut_off():

@@ -4,16 +4,17 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
 from rpo_ros import health
 from rpo_sim.plant import Plant
-from rpo_sim.timing import Latency
+from rpo_sim.timing import Histogram
 
 _FAULTS = ('resends', 'overruns', 'stalls', 'stale_ticks')
 """Counts that cause a warning while they grow, as ignored answers do."""
+_SENT = 1024
+"""Number of sent states whose times are kept."""
 
 
 class LoopHealth:
@@ -21,27 +22,32 @@ class LoopHealth:
 
     plant : of the run
     figures : returns counts of the loop that depend on the wall clock
+    latency : time from a sent state to the received command, of the whole run
     """
 
     def __init__(self, plant: Plant, figures: Callable[[], dict[str, Any]]) -> None:
         self._plant, self._figures = plant, figures
-        self._latency = Latency()
+        self.latency, self._recent = Histogram(), Histogram()
+        self._sent: dict[int, float] = {}
         self._rate = health.Rate()
         self._commanded_s: float | None = None
         self._faults = 0
 
     def sent(self, tick: int, now_s: float) -> None:
-        """Note that the state of a tick was sent."""
-        self._latency.sent(tick, now_s)
+        """Note when the state of a tick was sent first."""
+        self._sent.setdefault(tick, now_s)
+        self._sent.pop(tick - _SENT, None)
 
-    def commanded(self, tick: int | None) -> None:
+    def commanded(self, tick: int | None, now_s: float) -> None:
         """Note that a command that answers a tick was accepted."""
-        self._commanded_s = time.monotonic()
-        self._latency.received(tick, self._commanded_s)
+        self._commanded_s = now_s
+        if tick in self._sent:
+            self.latency.add(now_s - self._sent[tick])
+            self._recent.add(now_s - self._sent[tick])
 
     def wall_figures(self) -> dict[str, Any]:
         """Return the values that depend on the wall clock: counts, latency and lateness."""
-        return {**self._figures(), **self._latency.histogram.figures('latency')}
+        return {**self._figures(), **self.latency.figures('latency')}
 
     def status(
         self, phase: str, unrecorded: bool, silent: str, doubled: Mapping[str, str]
@@ -51,13 +57,13 @@ class LoopHealth:
         A warning while faults happen, or nodes are silent; an error while a topic has two
         publishers (`doubled`: topic -> their names).
         """
-        plant = self._plant
+        plant, recent, self._recent = self._plant, self._recent, Histogram()
         figures = self.wall_figures()
         values: dict[str, Any] = {
             'tick': plant.tick,
             'tick_rate_hz': self._rate.per_s(plant.tick),
             **figures,
-            **self._latency.recent().figures('recent_latency'),
+            **recent.figures('recent_latency'),
             **{f'ignored_{kind}': count for kind, count in sorted(plant.ignored.items())},
             'saturation_share': plant.saturated_ticks / max(1, plant.tick),
             'command_age_s': health.age_s(self._commanded_s),

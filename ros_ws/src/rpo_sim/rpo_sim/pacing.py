@@ -125,10 +125,6 @@ class Pacing:
             self.loop.destroy_timer(self._timer)
             self._timer = None
 
-    @abstractmethod
-    def begin(self) -> None:
-        """Set the pace, and go on."""
-
     def on_answer(self) -> None:
         """React to an accepted answer; by default hold it for the end of the tick."""
 
@@ -142,10 +138,6 @@ class Pacing:
     def applied(self) -> dict[str, Force]:
         """Return the forces, by topic, that act in the current tick; none if all answers act."""
         return {}
-
-    @abstractmethod
-    def figures(self) -> dict[str, Any]:
-        """Return counts of the loop that depend on the wall clock."""
 
 
 class LockstepPacing(Pacing):

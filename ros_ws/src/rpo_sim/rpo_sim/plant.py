@@ -320,18 +320,13 @@ class FreeRunningPlant(Plant):
         self._held[name] = (tick, force_n)
         return ACCEPTED
 
-    def age_ticks(self, name: str) -> int | None:
-        """Return the age of the newest force of a peer: ticks since its state."""
-        return self.tick - self._held[name][0] if name in self._held else None
-
     @property
     def stale(self) -> tuple[str, ...]:
         """The peers whose force is too old to act."""
         return tuple(name for name in self.expected if self._is_stale(name))
 
     def _is_stale(self, name: str) -> bool:
-        age = self.age_ticks(name)
-        return age is None or age > self.stale_after_ticks
+        return name not in self._held or self.tick - self._held[name][0] > self.stale_after_ticks
 
     def applied(self, name: str) -> Force:
         """Return the force of a peer that acts in the current tick, and the torque in it if any."""
@@ -347,7 +342,7 @@ class FreeRunningPlant(Plant):
     def advance(self) -> None:
         """Step to the next tick with the forces held; the run must not be finished."""
         self.stale_ticks += bool(self.stale)
-        self.held_ticks += any(self.age_ticks(name) for name in self.expected)
+        self.held_ticks += any(self.tick > tick for tick, _ in self._held.values())
         self.fly(self.answers)
 
     @property

@@ -139,7 +139,7 @@ class PlantNode(Loop):
         if plant.answer(name, stamp_ns, force) != ACCEPTED:
             return
         if interfaces.row_of(name).carries == interfaces.COMMAND:
-            self.loop.commanded(self.scenario.tick_of(stamp_ns))
+            self.loop.commanded(self.scenario.tick_of(stamp_ns), time.monotonic())
         self.pacing.on_answer()
 
     def _heed_refusals(self) -> None:

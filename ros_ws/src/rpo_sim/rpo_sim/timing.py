@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The wall clock of a loop, without ROS: pace, overruns, latency, all in bounded memory."""
+"""The wall clock of a loop, without ROS: pace, overruns, durations, all in bounded memory."""
 
 from __future__ import annotations
 
@@ -10,9 +10,6 @@ _NS = 1_000_000_000
 _LEAST_S = 1e-6
 _PER_DECADE = 50
 _DECADES = 9
-_SENT = 1024
-"""Number of sent states whose times are kept."""
-
 MOST_CATCH_UP = 10
 """Most ticks that are caught up after an overrun; after a longer stall the pace starts anew."""
 
@@ -49,34 +46,6 @@ class Histogram:
             f'{name}_{what}_ms': round(1e3 * value, 4)
             for what, value in zip(('p50', 'p95', 'max'), values, strict=True)
         }
-
-
-class Latency:
-    """Time from a sent state to the received force, by tick.
-
-    histogram : of the whole run
-    """
-
-    def __init__(self) -> None:
-        self.histogram = Histogram()
-        self._recent = Histogram()
-        self._sent: dict[int, float] = {}
-
-    def sent(self, tick: int, now_s: float) -> None:
-        """Note when the state of a tick was sent first."""
-        self._sent.setdefault(tick, now_s)
-        self._sent.pop(tick - _SENT, None)
-
-    def received(self, tick: int | None, now_s: float) -> None:
-        """Take the answer to the state of a tick."""
-        if tick in self._sent:
-            self.histogram.add(now_s - self._sent[tick])
-            self._recent.add(now_s - self._sent[tick])
-
-    def recent(self) -> Histogram:
-        """Return the histogram since the last call."""
-        found, self._recent = self._recent, Histogram()
-        return found
 
 
 class Pace:
