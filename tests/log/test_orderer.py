@@ -76,20 +76,15 @@ def test_any_interleaving_gives_the_same_ticks(turns, event_at, data):
     assert not any(c.missing or c.differing for c in heard.orderer.counts)
 
 
-def test_tick_0_is_written_before_the_first_event_and_tick_1_after():
+@pytest.mark.parametrize('at', [1, WINDOW, WINDOW + 3])
+def test_tick_0_is_written_before_the_first_event_and_tick_1_after_or_after_a_window(at):
     # the recorder says that it is ready when it has tick 0, and the event follows from that
     heard = Listener()
-    heard.both(0, 1)
-    assert heard.ticks == [0]
-    heard.say(EVENT, 0)
-    assert heard.ticks == [0, 0, 1]
-
-
-def test_without_any_event_the_ticks_go_after_a_window():
-    heard = Listener()
-    for tick in range(WINDOW + 3):
+    for tick in range(at + 1):
         heard.both(tick)
         assert heard.ticks == ([0] if tick <= WINDOW else list(range(tick + 1)))
+    heard.say(EVENT, 0)
+    assert heard.ticks == ([0, *range(at + 1)] if at <= WINDOW else [*range(at + 1), at])
 
 
 def test_a_hole_is_passed_once_its_topic_is_beyond_it():
