@@ -62,7 +62,10 @@ def inspect(path: str | Path) -> LogInfo:
     return LogInfo(
         files=tuple((file, file.stat().st_size) for file in reader.sources),
         base=reader.base,
-        messages=completeness.messages,
+        messages={
+            topic: sum(file.counts[index] for file in reader.extents.values())
+            for index, topic in enumerate(reader.topics)
+        },
         ticks=(completeness.first, completeness.last),
         attachments={name: len(data) for name, data in reader.attachments.items()},
         outcome=completeness.outcome,

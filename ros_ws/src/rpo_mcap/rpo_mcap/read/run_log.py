@@ -138,9 +138,8 @@ def scenario_of(log: RunLog | RunReader) -> Scenario:
         raise LogError(log.path, f'its {SCENARIO} must be a single flight; it is a set')
     base = TimeBase(found.epoch_ns, found.dt_ns, found.ticks)
     if base != log.base:
-        raise LogError(
-            log.path, f'its {SCENARIO} must have the ticks of the log, {log.base}; it has {base}'
-        )
+        sentence = f'must have the ticks of the log, {log.base}; it has {base}'
+        raise LogError(log.path, f'its {SCENARIO} {sentence}')
     return found
 
 
@@ -179,10 +178,8 @@ def flight_of(log: RunLog) -> Flight:
     """
     found = scenario_of(log)
     if not log.complete:
-        raise LogError(
-            log.path,
-            f'must hold a whole flight, ticks 0 to {found.ticks}, but {"; ".join(log.gaps)}',
-        )
+        flight = f'a whole flight, ticks 0 to {found.ticks}'
+        raise LogError(log.path, f'must hold {flight}, but {"; ".join(log.gaps)}')
     return flown_of(log, found)
 
 
@@ -208,7 +205,8 @@ def flown_of(log: RunLog, flown: Scenario) -> Flight:
         if event.signal == interfaces.STAGE_STATUS:
             told = event.values
             events.setdefault(told.get('stage', ''), []).append((event.tick, told.get('state', '')))
-    return Flight(flown, log.states, forces, pushes, other_signals(values), events)
+    states = values[interfaces.RELATIVE_STATE]
+    return Flight(flown, states, forces, pushes, other_signals(values), events)
 
 
 _OF_FLIGHT = (

@@ -112,11 +112,9 @@ class RunReader:
         if not self._bases:
             self._base_of_scenario()
         if not self._bases:
-            raise NotARun(
-                self.files[0],
-                f'has no record {RUN_RECORD}: it is not '
-                'the log of a run' + (f' ({damage})' if damage else ''),
-            )
+            why = f' ({damage})' if damage else ''
+            sentence = f'has no record {RUN_RECORD}: it is not the log of a run{why}'
+            raise NotARun(self.files[0], sentence)
         if not any(filled for *_, filled in heads.values()):
             raise self._empty(damage)
         self.base = self._bases[0]
@@ -163,10 +161,8 @@ class RunReader:
         if isinstance(record, Header):
             name, _, version = record.library.partition('/')
             if name == 'rpo_log' and _NUMBER.fullmatch(version) and int(version) > LOG_FORMAT:
-                raise LogError(
-                    path,
-                    f'is of log format {version}; this version reads formats up to {LOG_FORMAT}',
-                )
+                upto = f'this version reads formats up to {LOG_FORMAT}'
+                raise LogError(path, f'is of log format {version}; {upto}')
         elif isinstance(record, Metadata) and record.name == RUN_RECORD:
             self._bases.append(TimeBase.from_record(record.metadata, path))
             if (base := self._bases[-1]) != self._bases[0]:
@@ -212,11 +208,8 @@ class RunReader:
             return
         found = self._schemas.get(channel.schema_id, 'no type')
         if found != topic.type or channel.message_encoding != 'cdr':
-            raise LogError(
-                path,
-                f'{channel.topic} must be {topic.type} in cdr; got '
-                f'{found} in {channel.message_encoding or "no encoding"}',
-            )
+            got = f'{found} in {channel.message_encoding or "no encoding"}'
+            raise LogError(path, f'{channel.topic} must be {topic.type} in cdr; got {got}')
         if self.topics and topic not in self.topics:
             raise LogError(path, f'its summary lacks the channel {shown(channel.topic)}')
         self._channels[channel.id] = topic
@@ -288,11 +281,10 @@ def files_of(path: Path) -> list[Path]:
 
 
 class Completeness:
-    """Counts the messages of a log, block by block."""
+    """Counts the messages that are due at each tick of a log, block by block."""
 
     def __init__(self, reader: RunReader) -> None:
         self.base = reader.base
-        self.messages: dict[Topic, int] = dict.fromkeys(reader.topics, 0)
         self._due = dict.fromkeys(topics.due(reader.topics), 0)  # before it is expected no more
         self.dropped: dict[str, int] = {}
         self.first = self.last = -1
@@ -304,14 +296,9 @@ class Completeness:
             if event.signal == interfaces.RUN_STATUS:
                 self.outcome = event.values.get('phase', self.outcome)
                 self.dropped = topics.dropped(event.status) | self.dropped  # the first counts
-        for topic in self.messages:
-            if topic.is_event:
-                self.messages[topic] += sum(e.signal == topic.signal for e in block.events)
-            else:
-                ticks = block.ticks[block.present[topic.signal]]
-                self.messages[topic] += len(ticks)
-                if topic in self._due:
-                    self._due[topic] += int((ticks < self._until(topic)).sum())
+        for topic in self._due:
+            ticks = block.ticks[block.present[topic.signal]]
+            self._due[topic] += int((ticks < self._until(topic)).sum())
         if len(block.ticks):
             self.first = int(block.ticks[0]) if self.first < 0 else self.first
             self.last = int(block.ticks[-1])
@@ -340,9 +327,7 @@ class Completeness:
         if self.first > 0:
             found.append(f'it begins at tick {self.first}')
         if self.last < self.base.last_tick:
-            found.append(
-                f'it ends at tick {self.last} of {self.base.last_tick}'
-                + (f' ({self.outcome})' if self.outcome else '')
-            )
+            outcome = f' ({self.outcome})' if self.outcome else ''
+            found.append(f'it ends at tick {self.last} of {self.base.last_tick}{outcome}')
         found += [f'{count} messages of {name} are missing' for name, count in self.missing.items()]
         return tuple(found)
