@@ -17,18 +17,15 @@ from numpy.typing import NDArray
 from rpo_core.files.scenario import Scenario
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.interfaces import NEXT
+from rpo_core.wire.statuses import ABORTED, FINISHED, RUNNING
 from rpo_kernels.kernels import norm
 from rpo_log.verify.verification import REST, Difference
 from rpo_mcap import topics
 from rpo_mcap.read.decode import Event, TickBlock
 from rpo_mcap.topics import Topic
 
-_RUNNING, _FINISHED, _ABORTED = 'running', 'finished', 'aborted'
-_LEVELS = {_RUNNING: (0, 1), _FINISHED: (0,), _ABORTED: (1, 2)}
+_LEVELS = {RUNNING: (0, 1), FINISHED: (0,), ABORTED: (1, 2)}
 _FIGURES = ('time_s', 'energy_n2s', 'distance_m', 'speed_m_s', 'saturated_ticks')
-_OF_FREE_RUNNING = ('saturated_ticks',)
-"""Figures that a log of free running does not tell: what was applied is saturated already."""
-
 Floats = NDArray[np.float64]
 
 
@@ -68,7 +65,7 @@ class Statuses:
     def gaps(self) -> list[str]:
         """What run_status should say of a whole flight and does not."""
         if self._topic is None or (
-            self._phases[:1] == [_RUNNING] and self._phases[-1:] == [_FINISHED]
+            self._phases[:1] == [RUNNING] and self._phases[-1:] == [FINISHED]
         ):
             return []
         phases = ', '.join(dict.fromkeys(self._phases))
@@ -112,16 +109,16 @@ class Statuses:
         """Yield (field, logged, computed) of a run_status."""
         status, values = event.status, event.values
         phase = values.get('phase', '')
-        goes_on = self._phases[-1:] in ([], [_RUNNING])  # the first may be missing: a gap
-        wanted = (_RUNNING, _FINISHED, _ABORTED) if goes_on else ()
+        goes_on = self._phases[-1:] in ([], [RUNNING])  # the first may be missing: a gap
+        wanted = (RUNNING, FINISHED, ABORTED) if goes_on else ()
         yield 'phase', phase, phase if phase in wanted else ' or '.join(wanted) or 'none'
         level = _LEVELS[phase]
         yield 'level', str(status.level), str(status.level if status.level in level else level[0])
         yield 'name', status.name, 'run'
         yield 'hardware_id', status.hardware_id, 'none'
         tick, last = topics.tick_of(status), self._scenario.ticks
-        known = tick is not None and tick <= event.tick and (phase != _FINISHED or tick == last)
-        tick = tick if tick is not None and known else last if phase == _FINISHED else event.tick
+        known = tick is not None and tick <= event.tick and (phase != FINISHED or tick == last)
+        tick = tick if tick is not None and known else last if phase == FINISHED else event.tick
         yield 'tick', values.get('tick', ''), str(tick)
         yield 'time_s', values.get('time_s', ''), repr(self._scenario.time_s(tick))
         dropped = values.get('dropped', '').split()
@@ -130,14 +127,15 @@ class Statuses:
         yield from self._figures(tick, values)
         names = [name for name, _ in status.values]
         allowed = ['phase', 'tick', 'dropped', *_FIGURES]
-        ended_free = self._free and phase in (_FINISHED, _ABORTED)
+        ended_free = self._free and phase in (FINISHED, ABORTED)
         for name in names:
             is_there = names.count(name) == 1 and (name in allowed or ended_free)
             yield 'values', name, name if is_there else 'no such value'
 
     def _figures(self, tick: int, values: dict[str, str]) -> Iterator[tuple[str, str, str]]:
         for name, computed in self._figures_at(tick).items():
-            if not (self._free and name in _OF_FREE_RUNNING):
+            # In free running what was applied is saturated already.
+            if not (self._free and name == 'saturated_ticks'):
                 logged, known = values.get(name, 'nothing'), [repr(value) for value in computed]
                 yield name, logged, logged if logged in known else known[0]
 
