@@ -243,7 +243,7 @@ class RecorderNode(FlightNode):
         if tick > last or (status.phase == FINISHED and tick < last):
             self._ignore('run_status', 'a run_status of no tick of this run')
             return
-        if status.ended and tick > 0 and self.log.orderer.latest < 0:
+        if status.ended and tick > 0 and self.log.latest < 0:
             # It comes again to who begins to listen, as after the service `reset`.
             self._ignore('run_status', 'a run_status that ends a run of which no state came')
             return

@@ -35,11 +35,11 @@ def message_class(type_name: str) -> Any:
 
 
 class Outlet:
-    """Publishes a signal; `numbers_of` signals are those of its message."""
+    """Publishes a signal, with what travels in its message."""
 
     def __init__(self, node: Node, name: str) -> None:
         self.name, row = name, interfaces.row_of(name)
-        self._encode, self.numbers_of = row.layout.encode, row.whole
+        self._encode, self._numbers_of = row.layout.encode, row.whole
         self.publisher = node.create_publisher(message_class(row.type), row.topic, qos.of(row.qos))
         self._send = self.publisher.handle.publish_raw  # rclpy asks each time whether it is bytes
 
@@ -49,7 +49,7 @@ class Outlet:
 
     def publish_of(self, stamp_ns: int, signals: Mapping[str, Signal]) -> bytes:
         """Publish a signal, with what travels in its message; return the bytes."""
-        return self.publish(stamp_ns, self.numbers_of(signals))
+        return self.publish(stamp_ns, self._numbers_of(signals))
 
     def publish(self, stamp_ns: int, values: Signal) -> bytes:
         """Publish the numbers at a stamp; return the bytes, so that they can be published again."""
