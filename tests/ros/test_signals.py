@@ -85,7 +85,7 @@ def test_the_nodes_of_a_run(ros, number, trial, begin, code):
 OTHERS = {
     'navigation': ('navigating', {'scenario': 'world_leo'}),
     'guidance': ('guiding', {'scenario': 'hold_points'}),
-    'operator': ('waiting to say', {}),
+    'operator': ('waiting to say', {'remap': {'__ns': '/apart'}}),  # else the replay's run ends it
     'assurance': ('', {'scenario': 'assured'}),
     'attitude_controller': ('steering', {'scenario': 'tumbling_docking'}),
     'fault_injector': ('faults between', {}),

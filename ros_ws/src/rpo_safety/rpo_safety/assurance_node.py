@@ -11,9 +11,6 @@ the scenario has an abort table, what it does is published on `stage_status`; th
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from rpo_core.chain.chain import Chain, Signals
@@ -37,18 +34,16 @@ class AssuranceNode(CommandedNode):
     off = 'passing commands on unchanged'
     commands = COMMANDS
     deaf = 'no scenario with `assurance.abort` is here'
+    _constraint, _interventions = '', 0
 
-    def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
-        self._constraint = ''
-        self._decision: Decision | None = None
-        self.interventions = 0
-        super().__init__(overrides)
+    @property
+    def _stage(self) -> AssuranceStage | None:
+        return self.stage_of(AssuranceStage)
 
     @property
     def listener(self) -> AbortMachine | None:
         """The abort table."""
-        stage = self.stage_of(AssuranceStage)
-        return stage.abort if stage is not None else None
+        return self._stage.abort if self._stage is not None else None
 
     def begin(self) -> None:
         """Make the publisher of interventions, and start to listen."""
@@ -59,7 +54,7 @@ class AssuranceNode(CommandedNode):
 
     def new_run(self) -> None:
         """Forget the run before."""
-        self._constraint, self._decision, self.interventions = '', None, 0
+        self._constraint, self._interventions = '', 0
         super().new_run()
 
     def part(self, scenario: Scenario) -> Chain | None:
@@ -72,7 +67,7 @@ class AssuranceNode(CommandedNode):
 
     def after_answer(self, stamp_ns: int, signals: Signals) -> None:
         """Publish an intervention when it begins, when its constraint changes, and its end."""
-        stage = self.stage_of(AssuranceStage)
+        stage = self._stage
         if stage is None or not self.active:
             return
         if stage.decision is not None:
@@ -82,11 +77,10 @@ class AssuranceNode(CommandedNode):
             self.get_logger().warning(f'{change.state}: {change.reason}')
 
     def _publish(self, decision: Decision) -> None:
-        self._decision = decision
         if decision.constraint == self._constraint:
             return
         self._constraint = decision.constraint
-        self.interventions += bool(decision.constraint)
+        self._interventions += bool(decision.constraint)
         level = health.WARN if decision.constraint else health.OK
         self._status.publish(
             to_status(level, self.get_name(), decision.sentence, decision.values(self.last_tick))
@@ -95,8 +89,9 @@ class AssuranceNode(CommandedNode):
     def health(self) -> health.Health:
         """Return the health of this node for /diagnostics."""
         level, doing, values = super().health()
-        newest = {} if self._decision is None else dict(self._decision.values(self.last_tick))
-        values = {**values, **newest, 'interventions': self.interventions}
+        decision = self._stage.decision if self._stage is not None else None
+        newest = dict(decision.values(self.last_tick)) if decision is not None else {}
+        values = {**values, **newest, 'interventions': self._interventions}
         machine = self.listener
         if machine is not None:
             values |= {'table': 'armed' if machine.armed else 'inhibited', 'phase': machine.phase}
