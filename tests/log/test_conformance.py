@@ -129,7 +129,7 @@ def test_says_where_it_looked(monkeypatch, tmp_path):
     monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
     monkeypatch.setattr('sys.prefix', str(tmp_path / 'prefix'))
     rosbag2.definition.cache_clear()
-    with pytest.raises(LogError, match=r'Clock\.msg.*ROS environment') as found:
+    with pytest.raises(LogError, match=r'Clock\.json.*ROS environment') as found:
         rosbag2.definition('rosgraph_msgs/msg/Clock')
     rosbag2.definition.cache_clear()
     assert str(tmp_path) in str(found.value)

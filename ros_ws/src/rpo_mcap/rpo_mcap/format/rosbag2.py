@@ -6,9 +6,8 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -140,10 +139,6 @@ def files_in(folder: Path) -> list[Path]:
     return paths if whole else []
 
 
-_PRIMITIVE = re.compile(r'bool|byte|char|w?string|float(32|64)|u?int(8|16|32|64)')
-_FIELD = re.compile(r'^([A-Za-z][\w/]*)(?:<=\d+)?(?:\[[^\]]*\])?\s+[A-Za-z]\w*')
-
-
 class Definition(NamedTuple):
     """A ROS type as an MCAP schema needs it.
 
@@ -155,46 +150,41 @@ class Definition(NamedTuple):
     type_hash: str
 
 
-def _find(package: str, name: str, suffix: str) -> Path:
+def _find(type_name: str, suffix: str) -> Path:
+    """Return an installed file of a type; raises LogError."""
     listed = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
     prefixes = list(dict.fromkeys([*filter(None, listed), sys.prefix]))
     for prefix in prefixes:
-        path = Path(prefix, 'share', package, 'msg', f'{name}.{suffix}')
+        path = Path(prefix, 'share', f'{type_name}.{suffix}')
         if path.is_file():
             return path
     raise LogError(
-        f'{package}/msg/{name}',
-        f'no {name}.{suffix} under share/{package}/msg of {", ".join(prefixes)}; is the ROS '
-        'environment sourced? Without ROS 2, the wheel `rpo[log]` brings them',
+        type_name,
+        f'no {type_name}.{suffix} under share of {", ".join(prefixes)}; is the ROS environment '
+        'sourced? Without ROS 2, the wheel `rpo[log]` brings them',
     )
-
-
-def _dependencies(package: str, text: str) -> Iterator[tuple[str, str]]:
-    """Yield (package, name) of each type that the fields of a definition use."""
-    for line in text.splitlines():
-        match = _FIELD.match(line.split('#', 1)[0].strip())
-        if match is not None and not _PRIMITIVE.fullmatch(match[1]):
-            *owner, name = match[1].split('/')
-            yield (owner[0] if owner else package), name
 
 
 @cache
 def definition(type_name: str) -> Definition:
     """Return schema text and hash of a type like nav_msgs/msg/Odometry; raises LogError."""
-    package, _, name = type_name.split('/')
-    texts: dict[tuple[str, str], str] = {}
-    queue = [(package, name)]
+    path = _find(type_name, 'json')
+    document = json.loads(path.read_text())
+    described = document['type_description_msg']
+    fields = {
+        one['type_name']: [field['type']['nested_type_name'] for field in one['fields']]
+        for one in (described['type_description'], *described['referenced_type_descriptions'])
+    }
+    texts: dict[str, str] = {}
+    queue = [type_name]
     while queue:
-        dependency = queue.pop(0)
-        if dependency not in texts:
-            text = texts[dependency] = _find(*dependency, 'msg').read_text()
-            queue = [*_dependencies(dependency[0], text), *queue]
-    first, *others = (text.rstrip('\n') for text in texts.values())
-    names = ('{}/{}'.format(*dependency) for dependency in list(texts)[1:])
-    parts = [f'MSG: {name}\n{text}' for name, text in zip(names, others, strict=True)]
-    path = _find(package, name, 'json')
-    hashes = json.loads(path.read_text())['type_hashes']
-    found = [entry['hash_string'] for entry in hashes if entry['type_name'] == type_name]
-    if not found:
+        name = queue.pop(0)
+        if name and name not in texts:
+            texts[name] = _find(name, 'msg').read_text().rstrip('\n')
+            queue = [*fields[name], *queue]
+    first = texts.pop(type_name)
+    parts = [f'MSG: {name.replace("/msg/", "/")}\n{text}' for name, text in texts.items()]
+    hashes = {entry['type_name']: entry['hash_string'] for entry in document['type_hashes']}
+    if type_name not in hashes:
         raise LogError(path, f'holds no hash of {type_name}')
-    return Definition(f'\n{"=" * 80}\n'.join([first, *parts]) + '\n', found[0])
+    return Definition(f'\n{"=" * 80}\n'.join([first, *parts]) + '\n', hashes[type_name])
