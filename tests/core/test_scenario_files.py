@@ -68,13 +68,6 @@ def test_an_unknown_field_like_no_other_lists_the_known():
     assert '`zzz` is not a known field; known: schema, name, orbit_radius_m' in message
 
 
-def test_units_and_bounds_are_in_the_message():
-    message = refusal('scenario', changed(SINGLE, ('mass_kg',), -3.0))
-    assert message == (
-        'mine.yaml: `mass_kg` must be a finite number >= 0.001 and <= 1e+09 kg; got -3.0'
-    )
-
-
 def test_a_set_has_1_to_100_positions():
     field = 'initial_position_axis_m'
     said = refusal('scenario', changed(SET, (field,), [1.0] * 101))
@@ -129,20 +122,17 @@ def test_epoch_in_another_zone_is_the_same_moment(paper_test):
     assert scenario.parse(scenario.to_document(moved)) == moved
 
 
-@pytest.mark.parametrize('written', ['1e-1', '1.0e-1x', '"0.1"', '0,1'])
+@pytest.mark.parametrize('written', ['1e-1', '6.678e6', '1.0e-1x', '"0.1"', '0,1'])
 def test_numbers_that_yaml_reads_as_text_are_explained(written):
     message = refusal('scenario', text('dt_s: 0.1', f'dt_s: {written}'))
     assert '`dt_s` must be a finite number' in message
+    signed = '; YAML wants a point and a signed exponent, like 1.0e-3 or 1.0e+3'
     hints = {
-        '1e-1': '; YAML wants a point and a signed exponent, like 1.0e-3 or 1.0e+3',
+        '1e-1': signed,
+        '6.678e6': signed,
         '"0.1"': '; without the quotes it is a number',
     }
     assert message.endswith(hints.get(written, f'got {written!r}'))
-
-
-def test_an_unsigned_exponent_is_explained():
-    message = refusal('scenario', text('6678000.0', '6.678e6'))
-    assert message.endswith('; YAML wants a point and a signed exponent, like 1.0e-3 or 1.0e+3')
 
 
 def test_whole_numbers_are_numbers(paper_test):

@@ -297,7 +297,7 @@ class Profile:
             a = abs(last * last - first * first) / (2.0 * length)
             up, down = (length, 0.0) if last > first else (0.0, length)
         self._a, self._first, self._cruise, self._last = a, first, cruise, last
-        self._length, self._up, self._down = length, up, down
+        self._length, self._up = length, up
         self._up_s = (cruise - first) / a if a > 0.0 else 0.0
         self._down_s = (cruise - last) / a if a > 0.0 else 0.0
         self._even_s = max(0.0, (length - up - down) / cruise)  # below 0 by rounding

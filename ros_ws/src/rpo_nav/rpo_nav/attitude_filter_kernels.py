@@ -33,7 +33,7 @@ BOTH = ESTIMATE + SQUARE
 (
     ORBIT_SINE, ORBIT_COSINE, DT, TURN_NOISE, SHARED_NOISE, BIAS_NOISE, GATE, PATIENCE, LATENCY,
 ) = range(9)  # fmt: skip
-AXES, VARIANCES, START, SPREAD, SETTINGS = 9, 18, 21, 28, 30
+AXES, VARIANCES, START, SPREAD = 9, 18, 21, 28
 """Places in a filter's settings: sine and cosine of half the angle by which LVLH turns in a tick,
 its length [s]; variances that it adds to an angle, to an angle and the bias about it, to the bias;
 largest NIS of a measurement (0: none); so many rejected ones in a row restart it (0: none do);
