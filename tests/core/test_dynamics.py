@@ -11,14 +11,13 @@ import numpy as np
 import pytest
 from orbit_oracle import Inertial, kepler_start
 
-from rpo_core import files
 from rpo_core.chain.chain import Chain
 from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.chain.stage import Place
 from rpo_core.files import scenario
 from rpo_core.wire.interfaces import RELATIVE_STATE, THRUST_FORCE
-from rpo_core.world import cw, dynamics
-from rpo_core.world.dynamics import Drag, Dynamics, environment_of, orbit_of, target_start
+from rpo_core.world import dynamics
+from rpo_core.world.dynamics import Drag, Dynamics, environment_of, target_start
 from rpo_kernels import orbit_kernels
 from rpo_kernels.jit import as_table
 
@@ -176,40 +175,6 @@ def test_linear_motion_about_an_ellipse_is_that_of_yamanaka_and_ankersen(eccentr
     assert np.linalg.norm(error[:3]) < 1e-8 and np.linalg.norm(error[3:]) < 1e-10
 
 
-def test_true_gravity_leaves_the_linear_one_with_the_square_of_the_distance():
-    errors = []
-    for distance in (10.0, 100.0, 1000.0):
-        near = replace(BASE, initial_position_m=(distance, 0.0, 0.0))
-        near = replace(near, initial_velocity_m_s=(0.0, 0.0, 0.0))
-        linear, real = (
-            fly(near.equipped(Dynamics(kind=kind, eccentricity=0.01)), REST).states[-1]
-            for kind in ('linear_elliptic', 'two_body')
-        )
-        errors.append(np.linalg.norm((real - linear)[:3]))
-    assert errors[0] < 1e-5
-    np.testing.assert_allclose(np.array(errors[1:]) / errors[:-1], 100.0, rtol=0.01)
-
-
-def rows_of(flown):
-    """Return the target's orbit, two rows a tick."""
-    return orbit_of(flown.dynamics, flown).rows(flown.ticks)
-
-
-def test_the_target_keeps_its_energy_and_its_momentum_about_the_pole():
-    flown = true(replace(BASE, dt_s=1.0, duration_s=6000.0), eccentricity=0.02, j2=True)
-    radius, _, rate, out, across, _, _, pole_z = rows_of(flown).T[:8]
-    body = flown.body
-    # sin of latitude is the pole's component along x
-    latitude = rows_of(flown)[:, 5]
-    oblate = body.j2 * (body.equator_m / radius) ** 2 * (1.5 * latitude**2 - 0.5)
-    energy = 0.5 * (out**2 + across**2) - body.mu_m3_s2 / radius * (1.0 - oblate)
-    momentum = radius * across * pole_z
-    np.testing.assert_allclose(energy / energy[0], 1.0, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(momentum / momentum[0], 1.0, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(rate, across / radius, rtol=1e-15)
-    assert np.ptp(radius * across) / radius[0] / across[0] > 1e-4  # the plane does move
-
-
 def test_j2_turns_the_node_at_its_secular_rate():
     """-3/2 J2 (Re / p)^2 n cos i: about -5 degrees a day at 51.6 degrees."""
     flown = true(replace(BASE, orbit_radius_m=6.778e6), true_anomaly_deg=0.0, j2=True)
@@ -225,20 +190,6 @@ def test_j2_turns_the_node_at_its_secular_rate():
     rate = -1.5 * flown.body.j2 * shape * n * math.cos(math.radians(51.6))
     assert turned == pytest.approx(rate * orbits * 2.0 * math.pi / n, rel=0.01)
     assert math.degrees(turned) < -4.0
-
-
-def test_differential_drag_moves_the_chaser_209_m_in_two_orbits():
-    """Density 2e-11, C_D A = 2.2 x 0.03 m^2 and 10 kg; the chaser's drag is 30 % larger."""
-    air = Drag(
-        density_kg_m3=2e-11,
-        target_ballistic_coefficient_kg_m2=10.0 / 0.066,
-        chaser_ballistic_coefficient_kg_m2=10.0 / 0.066 / 1.3,
-    )
-    still = {'initial_position_m': (0.0, 0.0, 0.0), 'initial_velocity_m_s': (0.0, 0.0, 0.0)}
-    flown = true(replace(BASE, **still, dt_s=1.0, duration_s=10861.0), drag=air)
-    states = fly(flown, REST).states
-    assert np.linalg.norm(states[-1, :3]) == pytest.approx(209.0, abs=3.0)
-    assert abs(states[200, 1]) == pytest.approx(0.02, abs=0.005)
 
 
 def test_the_target_starts_where_kepler_puts_it():
@@ -268,13 +219,3 @@ def test_a_tick_is_a_function_of_its_number_and_inputs():
     (after,) = stage.steps(ticks, flight.states[:-1], calm, calm)
     assert after.tobytes() == flight.states[1:].tobytes()
     assert {RELATIVE_STATE, THRUST_FORCE} <= set(Chain.of(flown).outputs)
-
-
-def test_a_scenario_with_dynamics_is_written_and_read_back():
-    for options in WORLDS.values():
-        flown = true(**options)
-        assert files.loads(scenario.dumps(flown), scenario.parse, 'again') == flown
-    assert cw.BODIES['moon'].j2 > 0.0
-    own = cw.Body(4.9e12, 1.7374e6, 2e-4, 1.738e6)
-    moon = replace(BASE, body=own, orbit_radius_m=1.85e6)
-    assert files.loads(scenario.dumps(moon), scenario.parse, 'again') == moon

@@ -8,32 +8,23 @@ import math
 
 import numpy as np
 import pytest
-from core_oracles import aggregate, grade, mamdani, steepest, triangles
+from core_oracles import grade, mamdani, triangles
 from core_strategies import (
     free_rules,
     functions,
     odd_rules,
-    smooth_functions,
     symmetric_rules,
     systems,
     unit,
 )
-from hypothesis import assume, given
+from hypothesis import given
 from hypothesis import strategies as st
 
 from rpo_core.control.fuzzy import WORDS, FuzzySystem, MembershipFunctions, RuleTable
 from rpo_core.files.validation import InputError
-from rpo_kernels import kernels
 
 TEXTBOOK = MembershipFunctions(0.5, 0.0, 0.5, 1.0, 0.5)
 """Five triangles half as wide as the range: grades add to 1 everywhere."""
-
-
-def strengths(system, e, v):
-    """Return the strength of each output word."""
-    t = system.tables
-    grades = kernels.memberships(e, t.position), kernels.memberships(v, t.velocity)
-    return kernels.fire_rules(*grades, t.rules)
 
 
 @given(functions, unit)
@@ -51,41 +42,6 @@ def test_grades_keep_the_shape_of_their_argument():
 @given(systems(samples=st.integers(1, 300).map(lambda half: 2 * half + 1)), unit, unit)
 def test_output_is_the_definition_for_any_number_of_samples(system, e, v):
     assert system.output(e, v) == pytest.approx(mamdani(system, e, v), abs=1e-14)
-
-
-def test_one_rule_by_hand():
-    """e = 0.75, v = 1: SP and LP fire at 0.5; both say LP, clipped at 0.5.
-
-    Samples 0.52 .. 0.74 have 0.04 .. 0.48, samples 0.76 .. 1.00 have 0.5. The area is
-    0.04 (1 + .. + 12) + 13 / 2 = 9.62, the moment 0.04 (0.5 * 78 + 0.02 * 650) + 11.44 / 2 = 7.8.
-    """
-    rules = RuleTable((('Z',) * 5,) * 4 + (('Z', 'Z', 'Z', 'LP', 'LP'),))
-    system = FuzzySystem(TEXTBOOK, TEXTBOOK, TEXTBOOK, rules)
-    assert system.output(0.75, 1.0) == pytest.approx(7.8 / 9.62, abs=1e-14)
-
-
-@given(systems(), unit, unit)
-def test_output_is_bounded_by_the_words_that_fire(system, e, v):
-    force = system.output(e, v)
-    assert -1.0 <= force <= 1.0
-    fired = [
-        triangles(system.force)[word]
-        for word, strength in zip(WORDS, strengths(system, e, v), strict=True)
-        if strength > 0.0
-    ]
-    assume(fired)
-    assume(force != 0.0)  # also where no sample lies under the words that fire
-    left, right = min(feet[0] for feet in fired), max(feet[2] for feet in fired)
-    assert max(left, -1.0) - 1e-15 <= force <= min(right, 1.0) + 1e-15
-
-
-def test_full_output_is_out_of_reach_but_for_the_crudest_sampling():
-    """The clipped LP triangle has its centroid inside: the field's |f| < f_max."""
-    rules = RuleTable((('LP',) * 5,) * 5)
-    fine = FuzzySystem(TEXTBOOK, TEXTBOOK, TEXTBOOK, rules)
-    assert fine.output(1, 1) == pytest.approx((0.5 + 2) / 3, abs=0.01)
-    crude = FuzzySystem(TEXTBOOK, TEXTBOOK, TEXTBOOK, rules, samples=3)
-    assert crude.output(1, 1) == 1.0
 
 
 @given(systems(odd_rules), unit, unit)
@@ -106,66 +62,6 @@ def test_inputs_saturate(system, far, other):
     for sign in (1, -1):
         assert system.output(sign * far, other) == system.output(sign, other)
         assert system.output(other, sign * far) == system.output(other, sign)
-
-
-gapped = st.builds(
-    lambda z, left, right: MembershipFunctions(z, left, (left + right) / 2, right, right + 0.05),
-    st.floats(0.01, 0.2),
-    st.floats(0.25, 0.4),
-    st.floats(0.5, 0.9),
-)
-"""Nothing covers [z, left]; Z ends before SP begins."""
-
-
-@given(systems(parts=gapped), st.sampled_from([-1, 1]), unit)
-def test_no_rule_fires_gives_zero(system, sign, other):
-    gap = (system.position.z_half_width + system.position.sp_left) / 2
-    assert system.output(sign * gap, other) == 0.0
-
-
-def test_words_between_two_samples_give_zero():
-    sliver = MembershipFunctions(0.1, 0.501, 0.505, 0.509, 0.9)
-    rules = RuleTable((('SP',) * 5,) * 5)
-    coarse = FuzzySystem(TEXTBOOK, TEXTBOOK, sliver, rules)
-    assert strengths(coarse, 1.0, 1.0) == (0, 0, 0, 1, 0)
-    assert coarse.output(1, 1) == 0.0
-    fine = FuzzySystem(TEXTBOOK, TEXTBOOK, sliver, rules, samples=10_001)
-    assert fine.output(1, 1) == pytest.approx(0.505, abs=1e-4)
-
-
-@given(systems(parts=smooth_functions), unit, unit, st.floats(-0.05, 0.05), st.floats(-0.05, 0.05))
-def test_output_is_continuous_where_rules_fire(system, e, v, de, dv):
-    """|df| <= sum_i |y_i - f| |d mu_i| / A: with no slope above L, mu_i changes by at most L |d|.
-
-    Exact for any two points, with the larger area A of the two; so along any line on which the area
-    does not vanish the output is Lipschitz.
-    """
-    other = (max(-1, min(1, e + de)), max(-1, min(1, v + dv)))
-    samples, near = aggregate(system, e, v)
-    _, far = aggregate(system, *other)
-    area = max(math.fsum(near), math.fsum(far))
-    assume(min(math.fsum(near), math.fsum(far)) > 0.0)
-    slope = max(steepest(system.position), steepest(system.velocity))
-    change = slope * max(abs(other[0] - e), abs(other[1] - v))
-    bound = math.fsum(abs(y) + 1.0 for y in samples) * change / area
-    assert abs(system.output(*other) - system.output(e, v)) <= bound + 1e-14
-
-
-def test_output_leaps_where_the_last_rule_stops_firing():
-    """What a gap between words costs; the reason to keep them overlapping."""
-    part = MembershipFunctions(0.2, 0.3, 0.4, 0.5, 0.4)
-    rules = RuleTable((('LN', 'LN', 'LP', 'LP', 'LP'),) * 5)
-    system = FuzzySystem(part, TEXTBOOK, TEXTBOOK, rules)
-    assert system.output(0.2 - 1e-9, 0) > 0.7 and system.output(0.2, 0) == 0.0
-
-
-def test_monotone_rules_do_not_make_the_force_quite_monotone(handmade):
-    """Between two peaks the centroid of clipped triangles may dip; nobody may claim otherwise."""
-    assert handmade.system.rules.is_monotone
-    points = np.linspace(-1, 1, 81)
-    surface = np.array([[handmade.system.output(e, v) for e in points] for v in points])
-    assert np.diff(surface, axis=1).min() < 0.0
-    assert np.diff(surface, axis=1).min() > -0.02
 
 
 @given(functions, functions, functions, symmetric_rules)
