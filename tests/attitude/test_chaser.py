@@ -161,15 +161,6 @@ def test_400_s_with_wheels_and_thrusters_as_basilisk_has_them(monkeypatch):
     assert Rotation.from_matrix(axes.T @ ours).magnitude() < 1e-8
 
 
-def test_without_rates_it_turns_with_the_orbit():
-    scenario = scenario_of(100, attitude=(0.0, 0.0, 0.0, 1.0), gravity_gradient=False)
-    scenario = scenario.equipped(replace(scenario.attitude, inertia_kg_m2=np.eye(3).tolist()))
-    flight = fly(scenario, OpenLoop(np.zeros((1, 3))))
-    assert np.allclose(flight.signals['chaser_attitude'][-1][:4], [0, 0, 0, 1], atol=1e-12)
-    plain = replace(scenario, sections=())
-    assert np.array_equal(flight.states, fly(plain, OpenLoop(np.zeros((1, 3)))).states)
-
-
 def unloading(wheels=None, **fields):
     """Return a scenario whose wheels begin full and are emptied by ideal thrusters."""
     wheels = wheels or Wheels(torque_nm=0.05, momentum_nms=0.5, start_nms=(0.3, -0.2, 0.04))

@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
@@ -142,12 +141,6 @@ def test_the_attitude_is_a_signal_with_w_of_one_sign():
     assert fly(replace(APPROACH, duration_s=60.0), OpenLoop(np.zeros((1, 3)))).states.tobytes() == (
         flight.states.tobytes()
     )
-
-
-def test_a_target_survives_its_file():
-    scenario = APPROACH.equipped(replace(TUMBLE, known_error_deg=(1.0, 0.0, 0.0)))
-    again = scenarios.parse(yaml.safe_load(scenarios.dumps(scenario)))
-    assert again.target == scenario.target
 
 
 def test_where_the_target_turns_a_goal_is_in_its_axes():

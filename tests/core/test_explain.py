@@ -109,31 +109,6 @@ def test_rules_that_tie_decide_together(handmade):
     assert decision.reasons.sentence.count(', or position error is') == 2
 
 
-@pytest.mark.parametrize(
-    ('output', 'words'),
-    [
-        (0.0, 'zero'),
-        (0.05, 'about zero'),
-        (0.25, 'between zero and small positive'),
-        (0.47, 'about small positive'),
-        (0.5, 'small positive'),
-        (-0.7, 'between large negative and small negative'),
-        (-0.95, 'about large negative'),
-        (1.0, 'large positive'),
-    ],
-)
-def test_a_force_has_words(output, words):
-    assert explain.place(output, 0.5) == words
-
-
-def test_the_strongest_rule_of_a_state(handmade):
-    """At 10 m, at rest: e = -1/7 is SN to 5/7, Z to 2/7."""
-    decision = explain.decide(handmade, 10.0, 0.0)
-    assert decision.rules[0].strength == pytest.approx(5 / 7)
-    assert [rule.force for rule in decision.rules] == ['SN', 'Z', 'LN']
-    assert decision.force_n < 0
-
-
 def test_saturated_errors_are_said(handmade):
     decision = explain.decide(handmade, -500.0, 0.9)
     assert (decision.position_error, decision.velocity_error) == (1.0, -1.0)

@@ -84,13 +84,6 @@ def test_a_law_is_the_bilinear_interpolation_of_its_table():
         assert MORE.force_n((r, 0, 0), (v, 0, 0))[0] == pytest.approx(expected, abs=1e-12)
 
 
-def test_peaks_of_more_words_never_cross_in_a_search():
-    genes = family_of('more_words').genes()
-    for even, odd in ((0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.0, 1.0)):
-        values = tuple(g.value(odd if i % 2 else even) for i, g in enumerate(genes))
-        assert family_of('more_words').of_values('x', values, PAPER).values() == values
-
-
 @pytest.mark.parametrize('v', [-0.8, -0.01, 0.01, 0.8])
 def test_a_table_has_no_jump_at_the_target(v):
     before, at, after = (MORE.force_n((r, 0, 0), (v, 0, 0))[0] for r in (-1e-9, 0.0, 1e-9))

@@ -8,10 +8,8 @@ Each is refused in one sentence that names the file and the field; nothing else 
 from __future__ import annotations
 
 import math
-import random
 
 import pytest
-import yaml
 from core_documents import DOCUMENTS, MISSING, PARSERS, changed, keys, name, renamed
 
 from rpo_core import files
@@ -98,34 +96,3 @@ def test_every_field_of_a_wrong_type_or_not_finite_is_named(file, bad, tmp_path)
         said = refusal(tmp_path, file[0], changed(data, path, bad))
         assert said is not None, f'{name(path)}: {bad} is taken'
         assert path[-1] in said or str(path[0]) in said, said
-
-
-@each_file
-def test_a_newer_version_is_refused_by_its_schema(file, tmp_path):
-    data = DOCUMENTS[file]
-    *stem, version = data['schema'].split('/')
-    newer = '/'.join([*stem, str(int(version) + 1)])
-    said = refusal(tmp_path, file[0], changed(data, ('schema',), newer))
-    assert '`schema` must be' in said and newer in said
-
-
-@each_file
-def test_a_file_cut_anywhere_is_refused_while_a_field_lacks(file, tmp_path):
-    text = yaml.safe_dump(DOCUMENTS[file], sort_keys=False)
-    needed = {path for path in fields(DOCUMENTS[file]) if not optional(path)}
-    for cut in range(0, len(text), max(1, len(text) // 20)):
-        if refusal(tmp_path, file[0], text[:cut]) is None:
-            assert needed <= set(keys(yaml.safe_load(text[:cut]))), f'taken, cut at {cut}'
-
-
-@pytest.mark.parametrize('filling', ['zeros', 'random', 'letters', 'brackets', 'lines'])
-def test_ten_megabytes_of_garbage_are_refused(filling, tmp_path):
-    size = 10_000_000
-    garbage = {
-        'zeros': bytes(size),
-        'random': random.Random(1).randbytes(size),
-        'letters': b'a' * size,
-        'brackets': b'[' * size,
-        'lines': b'- x: [1]\n' * (size // 9),
-    }[filling]
-    assert refusal(tmp_path, 'scenario', garbage) is not None

@@ -5,7 +5,6 @@
 import numpy as np
 from core_oracles import exact_step
 
-from rpo_core import files
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
@@ -43,11 +42,3 @@ def test_perfect_hardware_flies_as_none():
     perfect = fly(QUICK.equipped(Thrusters(), Navigation()), controller)
     np.testing.assert_array_equal(perfect.states, plain.states)
     np.testing.assert_array_equal(perfect.forces_n, plain.forces_n)
-
-
-def test_a_scenario_is_written_and_read_back_to_the_same_bits():
-    for sections in ((), (Thrusters(MATRIX, 3),), (NAVIGATION,)):
-        flown = scenario.load_scenario('paper_test_phase').equipped(*sections)
-        again = files.loads(scenario.dumps(flown), scenario.parse, 'again')
-        assert again == flown
-        assert again.epoch_ns == flown.epoch_ns

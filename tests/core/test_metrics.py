@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -91,29 +90,6 @@ def test_windows_hold_their_seconds(paper_test):
 def test_fitness_is_energy_and_penalties(figures, conditions, penalty):
     assert figures.conditions == conditions
     assert figures.fitness == 3.0 + penalty
-
-
-def test_figures_of_a_real_flight_by_plain_loops(paper_flight):
-    states = paper_flight.states.tolist()
-    forces = [[min(0.5, max(-0.5, f)) for f in row] for row in paper_flight.forces_n.tolist()][:-1]
-    energy = sum(f * f for row in forces for f in row) * 0.1
-    slew = max(
-        abs(new - old) / 0.1
-        for before, after in pairwise(forces)
-        for old, new in zip(before, after, strict=True)
-    )
-    arrival = states[4001 - 300 :]  # t = 370.1 s to 400.0 s
-    distance = sum(math.hypot(*row[:3]) for row in arrival) / 300
-    speed = sum(math.hypot(*row[3:]) for row in arrival) / 300
-    figures = metrics.of_flight(paper_flight)
-    assert figures.energy_n2s == pytest.approx(energy, rel=1e-13)
-    assert figures.slew_per_axis_n_s == pytest.approx(slew, rel=1e-13)
-    assert figures.mean_error_norm_m == pytest.approx(distance, rel=1e-13)
-    assert figures.mean_speed_norm_m_s == pytest.approx(speed, rel=1e-13)
-    last = metrics.window(paper_flight, 200.0)
-    assert last.position_m == max(abs(r) for row in states[2001:] for r in row[:3])
-    assert last.velocity_m_s == max(abs(v) for row in states[2001:] for v in row[3:])
-    assert last.force_n == max(abs(f) for row in forces[2000:] for f in row)
 
 
 def test_the_papers_training_example_can_be_computed(paper_test):

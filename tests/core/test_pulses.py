@@ -10,9 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rpo_core import files
 from rpo_core.chain.flight import OpenLoop, fly
-from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire.interfaces import CHASER_MASS, EXERTED_FORCE
@@ -192,24 +190,6 @@ def test_short_pulses_waste_propellant():
     assert flight.thrust.openings == pytest.approx(flown.ticks, abs=1)
 
 
-def test_a_controller_arrives_in_pulses():
-    flown = BASE.equipped(
-        Thrusters(
-            pulses=pulses(count=12, dead_time_s=0.001, rise_time_s=0.002),
-            propellant=Propellant(specific_impulse_s=220.0, mass_kg=0.5),
-        )
-    )
-    controller = load_controller('pd')
-    flight, ideal = fly(flown, controller), fly(BASE, controller)
-    assert np.abs(flight.states[-1, :3]).max() < 0.5
-    assert np.abs(flight.states - ideal.states)[:, :3].max() < 1.0
-    assert 0.0 < flight.thrust.propellant_kg < 0.05
-    assert 10.0 - flight.thrust.masses_kg[-1] == pytest.approx(
-        flight.thrust.propellant_kg, rel=1e-3
-    )
-    np.testing.assert_array_equal(flight.thrust.forces_n, flight.signals[EXERTED_FORCE][:-1])
-
-
 def test_a_reset_stage_has_forgotten():
     flown = BASE.equipped(Thrusters(delay_ticks=1, pulses=pulses()))
     stage = stage_of(flown.thrusters, flown)
@@ -221,20 +201,6 @@ def test_a_reset_stage_has_forgotten():
     assert first[0][2] == (0.0, 0.0, 0.0)  # the delay
     stage.reset()
     assert [stage.step(k, c) for k, c in enumerate(commands)] == first
-
-
-def test_a_scenario_with_pulses_is_written_and_read_back():
-    whole = Thrusters(
-        delay_ticks=2,
-        pulses=pulses(
-            count=12,
-            errors=(ThrusterError(thruster='x+a', magnitude_share=0.1),),
-            failures=(Failure(thruster='x+b', stuck='off', until_s=3.0, known=True),),
-        ),
-        propellant=Propellant(specific_impulse_s=220.0, mass_kg=0.5),
-    )
-    flown = BASE.equipped(whole)
-    assert files.loads(scenario.dumps(flown), scenario.parse, 'again') == flown
 
 
 def test_pulses_may_fill_a_tick_and_no_more():

@@ -16,11 +16,8 @@ from scipy.optimize import linprog
 from typer.testing import CliRunner
 
 from rpo_cli.cli import app
-from rpo_core.chain.flight import fly
 from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
-from rpo_core.wire import cdr, interfaces
-from rpo_core.wire.interfaces import EXERTED_FORCE, EXERTED_TORQUE
 from rpo_kernels.jit import as_table
 from rpo_safety.guard import guard_of
 from rpo_safety.settings import Assurance
@@ -34,14 +31,12 @@ from rpo_thrusters.allocation_kernels import (
     SCRATCH,
     THRUST,
 )
-from rpo_thrusters.authority import authority, failures, known
+from rpo_thrusters.authority import authority, known
 from rpo_thrusters.table import PRESETS, Failure, Thruster, ThrusterTable, table_of
 from rpo_thrusters.thrusters import Propellant, Thrusters, stage_of
-from rpo_training.config import load_start
 
 BASE = load_scenario('paper_test')
 EYE = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-SYMMETRIC = tuple(name for name in PRESETS if name != 'faces_6')
 
 
 def preset(name='pairs_12', force_n=0.5, **more):
@@ -185,17 +180,6 @@ def test_any_table_gives_the_optimum(table, force):
         programme.assert_optimal(wanted)
 
 
-@pytest.mark.parametrize('name', SYMMETRIC)
-def test_symmetric_presets_push_without_torque_and_never_against_the_demand(name):
-    programme, rng = Programme(preset(name)), np.random.default_rng(7)
-    for wanted in demands(rng, 200, 0.3):
-        thrusts, share = programme.solve(wanted)
-        np.testing.assert_allclose((programme.columns @ thrusts)[3:], 0.0, atol=1e-12)
-        against = programme.columns[:3].T @ wanted[:3] < -1e-12
-        if share == 1.0:
-            assert not thrusts[against].any()
-
-
 def exerted(table, commands, **more):
     """Return mean forces and torques of commands, and the stage."""
     scenario = BASE.equipped(Thrusters(table=table, **more))
@@ -317,27 +301,6 @@ def test_as_many_thrusters_as_an_allocation_takes_are_a_table():
         ThrusterTable(thrusters=many)
 
 
-def test_a_flight_ends_at_the_target_and_its_torque_is_a_signal():
-    table = preset('quads_16', 0.25, minimum_impulse_bit_n_s=0.002)
-    tank = Propellant(specific_impulse_s=220.0, mass_kg=0.5)
-    flight = fly(BASE.equipped(Thrusters(table=table, propellant=tank)), load_start('robust'))
-    assert np.abs(flight.states[-1, :3]).max() < 0.1
-    np.testing.assert_array_equal(flight.thrust.forces_n, flight.signals[EXERTED_FORCE][:-1])
-    torque = flight.signals[EXERTED_TORQUE]
-    assert torque.shape == (BASE.ticks + 1, 3)
-    assert 0.0 < np.abs(torque).max() <= 0.25
-    assert 0.0 < flight.thrust.propellant_kg < 0.05
-
-
-def test_the_torque_travels_in_the_message_of_the_force():
-    layout = interfaces.row_of(EXERTED_FORCE).layout
-    data = layout.encode(5, (1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
-    assert cdr.decode_stamped(cdr.WRENCH, data).floats == (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
-    alone = layout.encode(5, (1.0, 2.0, 3.0))
-    assert alone == cdr.encode_wrench(5, interfaces.LVLH_FRAME, (1.0, 2.0, 3.0))
-    assert interfaces.row_of(EXERTED_TORQUE).columns[0] == 'wrench.torque.x'
-
-
 def reach(table, direction, stuck=(), torque_nm=(0.0, 0.0, 0.0)):
     """Return the largest force along a direction with a torque, as HiGHS finds it."""
     programme = Programme(table)
@@ -398,21 +361,6 @@ def test_a_thruster_that_is_on_takes_all_of_a_table_that_makes_up_for_a_part_of_
     assert authority(table, {'x+': 'on'}).axes_n == (0.0,) * 6
     left = authority(table, {'x-': 'on'})
     assert left.axes_n == pytest.approx((0.2, 0.3, 0.5, 0.5, 0.5, 0.5))
-
-
-def test_presets_differ_in_what_a_failure_leaves():
-    counts = {}
-    for name in PRESETS:
-        table = preset(name, 1.0)
-        limit_n = authority(table, {}).box_n
-        left = [authority(table, stuck).left(limit_n) for stuck in failures(table, pairs=False)]
-        counts[name] = [left.count(kind) for kind in ('full', 'partial', 'none')]
-    assert counts == {
-        'faces_6': [0, 0, 12], 'pairs_12': [0, 0, 24], 'quads_16': [16, 16, 0],
-        'corners_24': [0, 48, 0],
-    }  # fmt: skip
-    pairs = list(failures(preset('faces_6'), pairs=True))
-    assert len(pairs) == 60 and all(len(pair) == 2 for pair in pairs)
 
 
 def assured(*failures, preset_name='quads_16', force_n=0.25):

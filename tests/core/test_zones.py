@@ -144,16 +144,6 @@ def test_edges_are_as_far_apart_as_the_corridor_is_wide_in_any_plane(axis, plane
         assert np.add(one, other) / 2.0 == pytest.approx(np.array(middle)[list(plane)], abs=1e-9)
 
 
-@given(st.tuples(near, near, near))
-def test_outside_agrees_with_angles(position):
-    """Beside trigonometry: outside of a cone of 10 degrees, measured across its axis."""
-    x, y, z = position
-    expected = math.hypot(x, z) - (y - 1.0) * math.tan(math.radians(10.0))
-    corridor = Corridor(half_angle_deg=10.0, from_m=13.0)
-    found = corridor.cone((0.0, 1.0, 0.0)).outside_m(position)
-    assert found == pytest.approx(expected, abs=1e-9)
-
-
 def test_between_ticks_a_path_is_as_deep_as_where_it_is_nearest():
     path = np.array([(-1.0, 4.5, 0.0, 2.0, 0.0, 0.0), (1.0, 4.5, 0.0, 2.0, 0.0, 0.0)])
     assert Zone(5.0).deepest_m(path, 1.0) == pytest.approx(0.5, abs=1e-12)

@@ -7,11 +7,6 @@ Random numbers are those of `rpo_kernels.noise`, which has tests of its own.
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from nav_scenarios import LIDAR, TUMBLE, attitude_scenario, make
@@ -181,45 +176,6 @@ def test_a_point_without_a_direction():
     assert near == [0.0, 1.0, 0.0]
     assert np.isinf(distance)
     assert np.isnan(across(*far)).all()
-
-
-DIGEST = """
-import hashlib, numpy as np
-from nav_scenarios import LIDAR, PD, attitude_scenario, make
-from rpo_kernels import jit
-from rpo_core.chain.flight import fly
-units = [
-    {**LIDAR, 'latency_ticks': 2, 'dropout_share': 0.1, 'outlier_share': 0.02,
-     'outlier_size_m': 9.0},
-    {'kind': 'relative_position', 'velocity_floor_m_s': 0.01, 'period_ticks': 5,
-     'noise_floor_m': 0.3, 'bias_walk_m_s0_5': 0.01, 'field_of_view_rad': 2.0},
-    {'kind': 'bearing', 'bearing_noise_rad': 0.001, 'period_ticks': 2, 'latency_ticks': 1},
-]
-camera = {'units': [{**LIDAR, 'body_fixed': True, 'latency_ticks': 1}]}
-turning = attitude_scenario({'latency_ticks': 2}, sensors=camera, estimator={})
-found = hashlib.sha256()
-for scenario in (make(units, estimator={'disturbance_sigma_n': 0.01}), turning):
-    flight = fly(scenario, PD)
-    found.update(flight.states.tobytes())
-    for name in sorted(flight.signals):
-        found.update(flight.signals[name].tobytes())
-print(jit.COMPILED, found.hexdigest())
-"""
-
-
-@pytest.mark.every_landing
-def test_interpreted_and_compiled_bits_are_the_same():
-    pytest.importorskip('numba')
-    said = []
-    for choice in '01':
-        variables = {**os.environ, 'RPO_JIT': choice, 'PYTHONPATH': os.pathsep.join(sys.path)}
-        done = subprocess.run(
-            [sys.executable, '-c', DIGEST], env=variables, cwd=Path(__file__).parent,
-            capture_output=True, text=True, check=True,
-        )  # fmt: skip
-        said.append(done.stdout.split())
-    assert [compiled for compiled, _ in said] == ['False', 'True']
-    assert said[0][1] == said[1][1]
 
 
 STARS = [
