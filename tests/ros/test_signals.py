@@ -90,7 +90,7 @@ OTHERS = {
     'attitude_controller': ('steering', {'scenario': 'tumbling_docking'}),
     'fault_injector': ('faults between', {}),
     'rival_controller': ('controlling', {}),
-    'replay': ('', {'loop': 'true', 'rate': 1.0}),
+    'replay': ('', {'rate': 1.0e-3}),
     'visualizer': ('showing', {}),
     'web': ('is shown at', {'port': 0}),
 }

@@ -12,7 +12,6 @@ from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy.time import Time
-from std_srvs.srv import SetBool, Trigger
 
 from rpo_core import files
 from rpo_core.files.validation import InputError
@@ -31,8 +30,11 @@ EXIT_NO_ANSWER = 3
 _FASTEST_S, _LOOK_S = 1e-4, 0.02
 """Between two ticks of a replay as fast as possible; between two looks at a driven controller,
 which needs the processor too: its answers bring the ticks."""
-_SETTLED_S = 0.5
-"""Topics of a listener are found one by one; after so long without a new one, all are found."""
+_SETTLED_S, _PATIENCE_S = 0.5, 1.0
+"""Topics of a listener are found one by one; after so long without a new one, all are found. For a
+first one it waits a little longer."""
+_RESEND_S = 0.25
+"""Time without an answer before a state is sent again."""
 
 _SAY_EVERY_S = 2.0
 """A replay that is under way, or waits, says so as often."""
@@ -51,8 +53,6 @@ class ReplayNode(FlightNode):
             self._reader = open_run(files.expanded('bag', self.values['bag']))
         except LogError as error:
             raise InputError(f'`bag` {error}') from None
-        self._range = self._ticks_asked()
-        self._paused = self.values['paused']
         self._current: Tick = []
         self._logged_force: tuple[float, ...] | None = None
         self._awaited_ns: int | None = None
@@ -68,18 +68,6 @@ class ReplayNode(FlightNode):
         fastest = _LOOK_S if self.values['drive'] else _FASTEST_S
         self.every(dt_s / rate if rate else fastest, self._on_time)
 
-    def _ticks_asked(self) -> range:
-        base = self._reader.base
-        dt_s = base.dt_ns / 1e9
-        first = round(self.values['start_s'] / dt_s)
-        last = round(self.values['end_s'] / dt_s) if self.values['end_s'] else base.last_tick
-        if not 0 <= first <= last:
-            raise InputError(
-                '`start_s` must not be after `end_s` or the end of the run; got '
-                f'{self.values["start_s"]:g} s of {last * dt_s:g} s'
-            )
-        return range(first, last + 1)
-
     def _connect(self) -> None:
         left_out = interfaces.CONTROL_FORCE if self.values['drive'] else ''
         self._outlets = {
@@ -93,22 +81,13 @@ class ReplayNode(FlightNode):
             self.create_subscription(
                 WrenchStamped, interfaces.CONTROL_FORCE, self._on_answer, qos.LOCKSTEP
             )
-        self.create_service(SetBool, '~/pause', self._on_pause)
-        self.create_service(Trigger, '~/step', self._on_step)
 
     def _ticks(self) -> Iterator[Tick]:
-        """Yield the ticks asked for, from the log; for ever, if that is asked for."""
-        while True:
-            for tick, messages in itertools.groupby(self._reader.messages(), lambda m: m.tick):
-                if tick >= self._range.stop:
-                    break
-                if tick in self._range:
-                    yield list(messages)
-            if not self.values['loop']:
-                return
+        for _, messages in itertools.groupby(self._reader.messages(), lambda m: m.tick):
+            yield list(messages)
 
     def _on_time(self) -> None:
-        if self.done or self._paused:
+        if self.done:
             return
         if not self._played and not self._has_listeners():
             self._say(
@@ -132,7 +111,7 @@ class ReplayNode(FlightNode):
         if found != self._found:
             self._found, self._found_s = found, now_s
         settled = found > 0 and now_s - self._found_s > _SETTLED_S
-        return settled or now_s - self._begun > self.values['delay_s']
+        return settled or now_s - self._begun > _PATIENCE_S
 
     def _play_next(self) -> None:
         try:
@@ -144,7 +123,7 @@ class ReplayNode(FlightNode):
             self._end(f'{self._played} ticks replayed', 0)
             return
         self._played += 1
-        self._say(f'tick {self._current[0].tick} of {self._range[-1]}')
+        self._say(f'tick {self._current[0].tick} of {self._reader.base.last_tick}')
         self._send()
 
     def _say(self, sentence: str) -> None:
@@ -168,7 +147,7 @@ class ReplayNode(FlightNode):
         if self._silence.look() > self.values['answer_timeout_s']:
             tick = self._current[0].tick
             self._end(f'no answer to tick {tick} from {interfaces.CONTROL_FORCE}', EXIT_NO_ANSWER)
-        elif waited > self.values['resend_after_s']:
+        elif waited > _RESEND_S:
             self._send()
 
     def _on_answer(self, message: WrenchStamped) -> None:
@@ -183,24 +162,8 @@ class ReplayNode(FlightNode):
                 )
         self._awaited_ns = None
         self._silence.broken()
-        if not self.values['rate'] and not self._paused:
+        if not self.values['rate']:
             self._play_next()
-
-    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        self._paused = request.data
-        self._silence.broken()  # the pause times out no controller
-        response.success = True
-        response.message = 'paused' if self._paused else 'playing'
-        return response
-
-    def _on_step(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success = self._paused and not self.done
-        if response.success:
-            self._play_next()
-            response.message = f'{self._played} ticks replayed'
-        else:
-            response.message = 'pause first: ~/pause {data: true}'
-        return response
 
     def _end(self, sentence: str, code: int) -> None:
         if self.values['drive'] and code == 0:

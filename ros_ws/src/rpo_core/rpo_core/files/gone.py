@@ -30,6 +30,9 @@ GONE: dict[str, dict[str, str]] = {
         **dict.fromkeys(
             ('keep_out_radius_m', 'corridor_half_angle_deg'), 'section `zones` of the scenario'
         ),
+        **dict.fromkeys(
+            ('loop', 'start_s', 'end_s', 'paused'), '`ros2 bag play` of the run folder'
+        ),
     },
     'executable': {
         'foxglove': 'foxglove_bridge, or open `run.mcap` in the app',
