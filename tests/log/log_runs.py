@@ -25,7 +25,6 @@ from cryptography.hazmat.primitives.serialization import (
 )
 from log_parts import Parts
 from mcap.records import Channel, Message
-from rosbags.typesys import Stores, get_typestore
 
 from rpo_core import files
 from rpo_core.chain.flight import Flight, fly
@@ -35,7 +34,6 @@ from rpo_core.files import scenario
 from rpo_core.wire import cdr, interfaces
 from rpo_log import signature
 from rpo_mcap.format.run import RunSummary, TimeBase
-from rpo_mcap.write.mcap_file import HealthLogWriter
 from rpo_mcap.write.writer import RunLogWriter
 
 CLOCK, STATE = '/clock', '/relative_state'
@@ -293,18 +291,6 @@ def file_size_limit(size: int) -> Iterator[None]:
 PARAMETERS = b'plant: {scenario: paper_test}\n'
 
 
-def health_message() -> bytes:
-    """Return the CDR of a DiagnosticArray, written by rosbags."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    types = store.types
-    stamp = types['builtin_interfaces/msg/Time'](sec=0, nanosec=1)
-    head = types['std_msgs/msg/Header'](stamp=stamp, frame_id='')
-    value = types['diagnostic_msgs/msg/KeyValue'](key='tick', value='3')
-    status = types['diagnostic_msgs/msg/DiagnosticStatus'](0, 'plant', 'flying', 'none', [value])
-    name = 'diagnostic_msgs/msg/DiagnosticArray'
-    return bytes(store.serialize_cdr(types[name](header=head, status=[status]), name))
-
-
 def record(
     folder: Path, duration_s: float = 3.0, control: str = 'handmade', **options: Any
 ) -> Path:
@@ -312,9 +298,7 @@ def record(
     run = make_run(duration_s, control=control)
     run = Run(run.flight, run.attachments | {'parameters.yaml': PARAMETERS}, TOPICS)
     run.write(folder, **options)
-    health = HealthLogWriter(folder)
-    health.write(1_700_000_000_000_000_000, health_message())
-    health.close()
+    (folder / 'flown.txt').write_text('of the day')
     (folder / 'run_info.yaml').write_text('run: {end: finished}\n')
     signature.write_sums(folder)
     return folder

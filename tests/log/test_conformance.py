@@ -26,7 +26,7 @@ from rpo_core.wire import interfaces
 from rpo_mcap import topics
 from rpo_mcap.errors import LogError
 from rpo_mcap.format import rosbag2
-from rpo_mcap.write.mcap_file import BagFileWriter, HealthLogWriter
+from rpo_mcap.write.mcap_file import BagFileWriter
 
 KEPT = Path(__file__).with_name('metadata.txt')
 """The metadata.yaml of the run, as version 9 of rosbag2 has it."""
@@ -91,21 +91,12 @@ def test_the_declared_qos_is_what_the_nodes_offer():
             assert declared[name] == getattr(profile, name).short_key, role
 
 
-def test_no_group_of_the_summary_is_empty(log, tmp_path):
-    """An empty one is an error to `mcap doctor`: the files beside the log name no groups."""
-    for name, messages in (('empty', 0), ('filled', 3)):
-        (tmp_path / name).mkdir()
-        health = HealthLogWriter(tmp_path / name)
-        for stamp_ns in range(messages):
-            health.write(stamp_ns, bytes(12))
-        health.close()
-    beside = [tmp_path / name for name in ('empty/health.mcap', 'filled/health.mcap')]
-    for path in (log, *beside):
-        with path.open('rb') as stream:
-            records = list(StreamReader(stream, validate_crcs=True).records)
-        groups = [record for record in records if isinstance(record, SummaryOffset)]
-        assert len(groups) == (6 if path.name == 'run.mcap' else 0)
-        assert all(group.group_length for group in groups)
+def test_no_group_of_the_summary_is_empty(log):
+    """An empty one is an error to `mcap doctor`."""
+    with log.open('rb') as stream:
+        records = list(StreamReader(stream, validate_crcs=True).records)
+    groups = [record for record in records if isinstance(record, SummaryOffset)]
+    assert len(groups) == 6 and all(group.group_length for group in groups)
 
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -150,7 +141,7 @@ def test_messages_and_chunks_are_written_as_by_the_library(short_run, tmp_path_f
     """Ours packs them by itself; in any order of stamps, and a chunk wherever it ends."""
     folder = tmp_path_factory.mktemp('mcap')
     recorded = topics.resolve((STATE, FORCE))
-    file = BagFileWriter(folder / 'ours.mcap', recorded, short_run.base)
+    file = BagFileWriter(folder / 'ours.mcap', recorded, short_run.base, {})
     file.add(50, 0, [(0, b'one')])
     for sequence, (messages, stamp_ns, ends) in enumerate(added):
         if messages:

@@ -12,15 +12,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
-from log_runs import DISTURBANCE, FORCE, STATE, STATUS, health_message
+from log_runs import DISTURBANCE, FORCE, STATE, STATUS
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
-
-from rpo_mcap.errors import LogError
-from rpo_mcap.read.run_log import read_run
-from rpo_mcap.write.mcap_file import HealthLogWriter
 
 JAVASCRIPT_PACKAGES = [
     '@mcap/core',
@@ -85,28 +80,6 @@ def test_mcap_ros2_support(folder, run):
                     rows = rows if channel.topic == FORCE else run.flight.disturbances_n
                     assert values(channel.topic, message) == rows[raw.sequence].tolist()
     assert sorted(found) == sorted(run.messages)
-
-
-def test_the_health_log_opens_in_rosbags_and_is_never_overwritten(tmp_path):
-    data = health_message()
-    log = HealthLogWriter(tmp_path)
-    for second in range(20):
-        log.write(second * 10**9, data)
-    log.close()
-    assert log.failure is None
-    with AnyReader([tmp_path / 'health.mcap']) as reader:
-        read = [(c.msgtype, stamp, bytes(raw)) for c, stamp, raw in reader.messages()]
-    kind = 'diagnostic_msgs/msg/DiagnosticArray'
-    assert read == [(kind, second * 10**9, data) for second in range(20)]
-    with (tmp_path / 'health.mcap').open('rb') as stream:
-        records = make_reader(stream, validate_crcs=True).iter_metadata()
-        said = [yaml.safe_load(record.metadata['serialized_metadata']) for record in records]
-    assert [document['message_count'] for document in said] == [0, 20]
-    assert said[1]['duration'] == {'nanoseconds': 19 * 10**9}
-    with pytest.raises(LogError, match='exists already'):
-        HealthLogWriter(tmp_path)
-    with pytest.raises(LogError, match='not the log of a run'):
-        read_run(tmp_path / 'health.mcap')
 
 
 def javascript_packages() -> str | None:

@@ -27,7 +27,7 @@ def test_it_says_what_is_recomputed_compared_and_unknown(recorded):
         'phases and figures of run_status', 'records beside the messages, indexes and summary',
         'metadata.yaml',
     )  # fmt: skip
-    assert found.digested == ('health.mcap', 'run_info.yaml')
+    assert found.digested == ('flown.txt', 'run_info.yaml')
     assert any('texts of events' in what for what in found.unknown)
     text = '\n'.join(found.lines())
     attached = make_run(3.0).attachments['controller.yaml']
@@ -46,7 +46,7 @@ def test_without_digests_the_other_files_are_not_known(folder):
     (folder / 'SHA256SUMS').unlink()
     found = verify(folder)
     assert found.exit_code == ExitCode.OK and found.digested == ()
-    assert {'health.mcap', 'run_info.yaml'} <= set(found.unknown)
+    assert {'flown.txt', 'run_info.yaml'} <= set(found.unknown)
 
 
 def test_a_log_written_anew_is_not_the_recorded_one(folder):
@@ -120,7 +120,7 @@ def test_a_repaired_run_has_new_digests(folder, keys):
 
 
 def test_pipes_do_not_hang(folder):
-    for name in ('health.mcap', 'SHA256SUMS', 'run.mcap'):
+    for name in ('flown.txt', 'SHA256SUMS', 'run.mcap'):
         (folder / name).unlink()
         os.mkfifo(folder / name)
         try:

@@ -25,7 +25,7 @@ from rpo_mcap.read.records import MAX_REST_BYTES
 from rpo_mcap.read.stream import RunReader
 
 NONE = '0' * 64
-FILES = ('health.mcap', 'metadata.yaml', 'run.mcap', 'run_info.yaml')
+FILES = ('flown.txt', 'metadata.yaml', 'run.mcap', 'run_info.yaml')
 
 
 @pytest.fixture
@@ -342,7 +342,7 @@ def test_a_name_that_is_no_text_is_signed(folder, keys, trusted):
 
 
 @pytest.mark.parametrize(
-    ('name', 'size'), [('health.mcap', MAX_FILE_BYTES + 1), ('run.mcap', MAX_REST_BYTES * 200)]
+    ('name', 'size'), [('flown.txt', MAX_FILE_BYTES + 1), ('run.mcap', MAX_REST_BYTES * 200)]
 )
 def test_a_file_that_is_too_long_is_no_recorded_one(signed, trusted, name, size):
     os.truncate(signed / name, size)

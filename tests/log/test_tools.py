@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 import yaml
 from invoking import invoke
-from log_runs import DISTURBANCE, FORCE, STATE, STATUS, changed, file_size_limit, forge, make_run
+from log_runs import DISTURBANCE, FORCE, STATE, STATUS, changed, forge, make_run
 
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
@@ -34,7 +34,6 @@ from rpo_log.tools.info import inspect
 from rpo_log.verify import verify
 from rpo_mcap.errors import ExitCode, LogError
 from rpo_mcap.read.run_log import read_run
-from rpo_mcap.write.mcap_file import HealthLogWriter
 
 
 def test_numbers_along_a_logarithmic_axis_are_plain():
@@ -296,14 +295,6 @@ def test_outputs_that_cannot_be(log, tmp_path, name, said):
 
 
 # beside the log
-
-
-def test_a_full_disk_ends_the_health_log_quietly(tmp_path):
-    health = HealthLogWriter(tmp_path)
-    with file_size_limit((tmp_path / 'health.mcap').stat().st_size + 50):
-        health.write(1, bytes(5000))
-        health.close()
-    assert health.failure == 'File too large'
 
 
 def test_run_info(tmp_path):

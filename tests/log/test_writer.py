@@ -10,7 +10,6 @@ import random
 import shutil
 from dataclasses import replace
 from pathlib import Path
-from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -42,7 +41,6 @@ from rpo_mcap.format import run as run_format
 from rpo_mcap.format.run import TimeBase
 from rpo_mcap.read.run_log import flight_of, read_run
 from rpo_mcap.read.stream import RunReader
-from rpo_mcap.write.mcap_file import BagFileWriter, HealthLogWriter
 from rpo_mcap.write.orderer import REORDER, WINDOW
 from rpo_mcap.write.writer import RunLogWriter
 from rpo_thrusters.thrusters import Thrusters
@@ -192,22 +190,6 @@ def test_a_disk_that_is_full_when_the_log_ends(short_run, tmp_path):
     assert summary.failure == 'File too large'
     assert summary.lost == 0  # only the index lacks
     assert len(read_run(repair(tmp_path).output).ticks) == 51
-
-
-def test_a_side_file_whose_end_does_not_reach_the_disk_says_so(tmp_path, monkeypatch):
-    file = HealthLogWriter(tmp_path)
-    monkeypatch.setattr(file._file, 'close', Mock(side_effect=OSError(5, 'Input/output error')))
-    file.close()
-    assert file.failure == 'Input/output error'
-
-
-def test_a_side_file_that_cannot_be_begun_is_refused_and_closed(tmp_path, monkeypatch):
-    monkeypatch.setattr(BagFileWriter, 'flush', Mock(side_effect=OSError(28, 'No space left')))
-    closed = Mock()
-    monkeypatch.setattr(BagFileWriter, 'close', closed)
-    with pytest.raises(LogError, match=r'health.mcap.*No space left'):
-        HealthLogWriter(tmp_path)
-    assert closed.called
 
 
 @pytest.mark.parametrize('moved', [False, True])

@@ -14,7 +14,7 @@ from functools import partial
 from operator import itemgetter
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.duration import Duration
 from rclpy.subscription import Subscription
 
@@ -30,9 +30,8 @@ from rpo_log.manifests import CONTROLLER, PLANT, Manifests
 from rpo_mcap.errors import ExistsAlready, LogError
 from rpo_mcap.format import run as run_log
 from rpo_mcap.topics import Topic
-from rpo_mcap.write.mcap_file import HealthLogWriter
 from rpo_mcap.write.writer import PHASES, RunLogWriter
-from rpo_ros import health, names, qos
+from rpo_ros import health, qos
 from rpo_ros.conversions import texts_of
 from rpo_ros.heartbeat import Timeout, Watch
 from rpo_ros.running import FlightNode
@@ -94,7 +93,6 @@ class RecorderNode(FlightNode):
         self._reported = 0
         self._timeout, self._held_up, self._held_at = Timeout(), Timeout(), -1
         self._interrupted = False
-        self._health_log: HealthLogWriter | None = None
         self._begun = time.time()
         self._rate = health.Rate()
         try:
@@ -124,9 +122,6 @@ class RecorderNode(FlightNode):
                 self.create_subscription(kind, row.topic, take, qos.LATCHED_QUEUE, raw=True)
             else:
                 self._record_from(row, row.topic)
-        self.create_subscription(
-            DiagnosticArray, names.DIAGNOSTICS, self._on_diagnostics, qos.DIAGNOSTICS, raw=True
-        )
         hear(self, Manifest, self._on_manifest)
         self._watch = Watch(self, lambda: self._running and self._end is None)
 
@@ -252,10 +247,6 @@ class RecorderNode(FlightNode):
         if status.ended and self._end is None:
             self._end_at(status.phase, tick)
             self.log.end(tick)
-
-    def _on_diagnostics(self, data: bytes) -> None:
-        if self._health_log is not None:
-            self._health_log.write(time.time_ns(), data)
 
     def _on_manifest(self, manifest: Manifest) -> None:
         fault = self._manifests.take(manifest.node, manifest.values)
@@ -398,13 +389,11 @@ class RecorderNode(FlightNode):
                 name = self.resolve_topic_name(row.topic)
                 self._recorded[name] = Topic(name, row)
         own = {row.name: self.values[row.name] for row in self.rows if not row.wall}
-        log = RunLogWriter(
+        self.log = RunLogWriter(
             self.folder, base, self._recorded.values(), self._manifests.attachments(own),
             split_s=self.values['split_s'], split_bytes=round(self.values['split_mb'] * 1e6),
             overwrite=self.values['overwrite'])  # fmt: skip
-        self._health_log = HealthLogWriter(self.folder)
         self._awaited = set(self._expected)
-        self.log = log
 
     def _patient(self) -> bool:
         """Return whether manifests may still come, by the wall clock: states come any number."""
@@ -425,8 +414,6 @@ class RecorderNode(FlightNode):
                 step()
             except LogError as error:
                 faults.append(str(error))
-        health_failure = self._health_log.failure if self._health_log is not None else None
-        faults += [f'health.mcap ended early: {health_failure}'] if health_failure else []
         log, sentence = self.get_logger(), f'{summary.sentence()}: {self.folder}'
         log.info(sentence) if summary.whole else log.error(sentence)
         for fault in faults:
@@ -438,8 +425,6 @@ class RecorderNode(FlightNode):
 
     def _write_run_info(self, summary: run_log.RunSummary) -> None:
         """Write what depends on the wall clock and the machine; raises LogError."""
-        if self._health_log is not None:
-            self._health_log.close()
         phase, tick = self._end if self._end else ('interrupted', NEVER)
         facts = {
             'recorded_from': provenance.utc(self._begun),
@@ -475,8 +460,7 @@ class RecorderNode(FlightNode):
             values = {'messages': 0, 'backlog': len(self._early), 'lost': 0}
             return health.OK, f'waiting for {self._wants}', values
         summary = self.log.summary
-        beside = self._health_log.failure if self._health_log is not None else None
-        failure = summary.failure or beside or ''
+        failure = summary.failure or ''
         messages = sum(summary.messages.values())
         values = {
             'messages': messages,

@@ -46,7 +46,6 @@ def is_controller(name: str) -> bool:
 
 
 METADATA_FILE = 'metadata.yaml'
-HEALTH_FILE = 'health.mcap'
 INFO_FILE = 'run_info.yaml'
 SUMS_FILE = 'SHA256SUMS'
 SIGNATURE_FILE = 'SHA256SUMS.sig'
@@ -54,9 +53,9 @@ SIGNATURE_FILE = 'SHA256SUMS.sig'
 REPORT = 'report'
 """Folder of pictures and a page, which are drawn after the recording, again and again."""
 
-_OF_0_1 = 'decisions.mcap'
+_OF_0_1 = 'decisions.mcap', 'health.mcap'
 """What a recorder of version 0.1 wrote too: it goes with the log that it is of."""
-_BESIDE = (METADATA_FILE, HEALTH_FILE, _OF_0_1, INFO_FILE, SUMS_FILE, SIGNATURE_FILE)
+_BESIDE = (METADATA_FILE, *_OF_0_1, INFO_FILE, SUMS_FILE, SIGNATURE_FILE)
 
 MAX_CHUNK_TICKS = 512
 

@@ -3,5 +3,5 @@
 """Writing a run: messages in any order of arrival in, the same bytes for the same run out.
 
 Nothing in here may raise into the flight, wait for the disk, or look at the wall clock to decide
-what it writes. The files beside the log (health, run_info) are written here too.
+what it writes.
 """

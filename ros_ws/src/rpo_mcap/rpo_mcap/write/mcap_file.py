@@ -1,18 +1,13 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Growing MCAP files that a crash leaves readable: whole chunks reach the system or nothing.
-
-The file of a bag, that of a run, and that of its health.
-"""
+"""Growing MCAP files that a crash leaves readable: whole chunks reach the system or nothing."""
 
 from __future__ import annotations
 
 import os
 import struct
-import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import closing
 from io import BytesIO
 from pathlib import Path
 
@@ -21,11 +16,10 @@ from mcap.opcode import Opcode
 from mcap.records import MessageIndex
 from mcap.writer import CompressionType, Writer
 
-from rpo_core.wire.interfaces import DIAGNOSTICS, row_of
-from rpo_mcap.errors import LogError, cannot_write, exists
+from rpo_mcap.errors import LogError, exists
 from rpo_mcap.format import rosbag2
 from rpo_mcap.format.rosbag2 import BagFile
-from rpo_mcap.format.run import HEALTH_FILE, LOG_FORMAT, RUN_RECORD, TimeBase
+from rpo_mcap.format.run import LOG_FORMAT, RUN_RECORD, TimeBase
 from rpo_mcap.topics import Topic
 
 PROFILE = 'ros2'
@@ -88,8 +82,8 @@ class BagFileWriter(Writer):
     it depends on the wall clock or the machine; the compression level is zstd's own, 3. Every
     method that writes may raise OSError; the file then ends with the last whole chunk.
 
-    base : the ticks, in the log of a run
-    attachments : name to bytes, of a log
+    base : the ticks of the run
+    attachments : name to bytes
     ticks : of the run in this file and the files before
     entry : what rosbag2 says of the file; of messages, those of chunks that the system has
     """
@@ -98,8 +92,8 @@ class BagFileWriter(Writer):
         self,
         path: Path,
         topics: Sequence[Topic],
-        base: TimeBase | None = None,
-        attachments: Mapping[str, bytes] | None = None,
+        base: TimeBase,
+        attachments: Mapping[str, bytes],
         ticks: int = 0,
     ) -> None:
         try:
@@ -108,17 +102,14 @@ class BagFileWriter(Writer):
             raise exists(path) from None
         except OSError as error:
             raise LogError(path, f'cannot be created: {error.strerror}') from None
-        # The library lists empty groups of the summary too, an error to `mcap doctor`: so it lists
-        # none in a file without attachments or messages.
         super().__init__(
             self._sink,
             chunk_size=_UNLIMITED,
             compression=CompressionType.ZSTD,
-            use_summary_offsets=base is not None,
             enable_data_crcs=True,
         )
         self.topics = topics
-        self.base = base or TimeBase(0, 1, 0)  # the files beside a log have no ticks
+        self.base = base
         self.ticks, self._chunk_ticks, self.newest_tick = ticks, 0, -1
         self._events = {index for index, topic in enumerate(topics) if topic.is_event}
         self.entry = BagFile(path.name, [0] * len(topics))
@@ -129,10 +120,9 @@ class BagFileWriter(Writer):
         try:
             self.start(PROFILE, LIBRARY)
             self._add_record()
-            if base is not None:
-                self.add_metadata(RUN_RECORD, base.to_record())
-                for name, data in (attachments or {}).items():
-                    self.attach(name, data)
+            self.add_metadata(RUN_RECORD, base.to_record())
+            for name, data in attachments.items():
+                self.attach(name, data)
             self._declare()
             self.flush()
         except OSError:
@@ -234,54 +224,3 @@ class BagFileWriter(Writer):
 
     def _add_record(self) -> None:
         self.add_metadata(rosbag2.RECORD, rosbag2.record_values(self.topics, self.entry))
-
-
-CHUNK_S = 2.0
-"""Wall time after which a chunk of health.mcap is closed: a crash loses no more."""
-
-
-class HealthLogWriter:
-    """Writes `/diagnostics` to health.mcap, stamped with the wall clock; never raises once open.
-
-    It is apart from run.mcap, which holds the same messages every tick, and is therefore read many
-    ticks at once.
-
-    folder : of the run, which is prepared (`rpo_mcap.format.run.prepare_folder`)
-    name : full name of the topic
-    failure : why the file ended early; None if it did not
-    """
-
-    def __init__(self, folder: str | Path, name: str = '/diagnostics') -> None:
-        self.failure: str | None = None
-        self._count, self._closed = 0, False
-        self._closed_s = time.monotonic()
-        path, topic = Path(folder) / HEALTH_FILE, Topic(name, row_of(DIAGNOSTICS))
-        try:
-            self._file = BagFileWriter(path, [topic])
-        except OSError as error:
-            raise cannot_write(path, error) from None
-
-    def write(self, stamp_ns: int, data: bytes) -> None:
-        """Log the CDR of one DiagnosticArray under a stamp (UTC since 1970)."""
-        if self.failure is not None or self._closed:
-            return
-        try:
-            self._file.add(stamp_ns, self._count, [(0, data)])
-            self._count += 1
-            if time.monotonic() - self._closed_s >= CHUNK_S:
-                self._closed_s = time.monotonic()
-                self._file.close_chunk()
-        except OSError as error:
-            self.failure = error.strerror or str(error)
-
-    def close(self) -> None:
-        """End the file; what comes after is dropped. Never raises."""
-        if self._closed:
-            return
-        self._closed = True
-        try:
-            with closing(self._file):
-                if self.failure is None:
-                    self._file.finish()
-        except OSError as error:
-            self.failure = error.strerror or str(error)
