@@ -98,4 +98,3 @@ for _prefix, _typer in (('', app), ('log ', log.log), ('safety ', safety.safety)
         if _command.callback is not None:
             name = _command.name or _command.callback.__name__
             _command.epilog = _EXAMPLES[f'{_prefix}{name}']
-            listing.complete_names(_command.callback)

@@ -30,7 +30,6 @@ from rpo_core.files.scenario import Scenario
 from rpo_core.world import cw
 from rpo_core.world.dynamics import Drag, Dynamics
 from rpo_kernels.arrays import Floats
-from rpo_log.show import style
 
 _TOLERANCE = 1e-13
 _CIRCLE = Dynamics(kind='two_body')
@@ -289,39 +288,3 @@ def compare(flight: Flight, title: str, truths: Mapping[str, Truth]) -> Comparis
     errors = {name: flight.states - states for name, states in true.items()}
     growth = drift_errors(scenario, scenario.duration_s)
     return Comparison(title, scenario, errors, disagreement_m, growth)
-
-
-def draw(found: Comparison) -> Any:
-    """Return the picture of both errors."""
-    figure, (left, right) = style.new_panels(4.2, 1, 2)
-    _over_time(left, found)
-    _over_distance(right, found)
-    figure.suptitle(found.title)
-    return figure
-
-
-def _over_time(axes: Any, found: Comparison) -> None:
-    times, colours = found.scenario.times_s[1:], (style.LIGHT['ink'], style.LIGHT['y'])
-    for (name, errors), colour, line in zip(
-        found.errors.items(), colours, ('-', '--'), strict=False
-    ):
-        norms = np.linalg.norm(errors[1:, :3], axis=1)
-        axes.plot(times, norms, line, color=colour, label=name)
-    style.log_scale(axes)
-    axes.set(xlabel='time [s]', ylabel=f'|{found.plant} − true position| [m]', title='the flight')
-    axes.legend(loc='lower right')
-
-
-def _over_distance(axes: Any, found: Comparison) -> None:
-    along = zip(AXIS_NAMES, style.AXES, ('o-', 'o-', 's--'), strict=True)
-    for axis, (name, colour, line) in enumerate(along):
-        errors = [grown[axis] for grown in found.growth.values()]
-        label = f'along {name}'
-        axes.plot(list(found.growth), errors, line, color=colour, label=label, markersize=4)
-    style.log_scale(axes, x=True)
-    axes.set(
-        xlabel='distance at the start [m]',
-        ylabel='|linear − true position| [m]',
-        title=f'free drift from rest, after {found.scenario.duration_s:g} s',
-    )
-    axes.legend(loc='lower right')

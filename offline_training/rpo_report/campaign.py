@@ -388,7 +388,7 @@ def _worst(store: Store, found: list[Spread], success: Bools) -> list[Block]:
             rows.append((f'run {run}', said, 'failure', _again(store, run)))
     heads = ('figure', 'value', 'run', 'to fly it again')
     return [
-        Text('Each command flies one run again with the same bits; --csv writes its flight.'),
+        Text('Each command flies one run again with the same bits.'),
         Text('Failures are by what they miss first, in the order in which a flight comes to it.'),
         Table('Runs to look at', heads, tuple(rows)),
     ]

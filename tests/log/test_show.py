@@ -9,7 +9,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from matplotlib.text import Text
 
 from rpo_core.chain.flight import fly
 from rpo_core.files.scenario import load_scenario
@@ -87,27 +86,3 @@ def test_the_picture_has_the_flight_and_its_limits(flight):
     short = replace(flight.scenario, requirements=None, duration_s=150.0)
     assert report.close_up_s(short) == 0.0
     assert report.close_up_s(replace(short, duration_s=500.0)) == 300.0
-
-
-def test_names_hide_no_point_no_line_and_no_other_name():
-    rng = np.random.default_rng(3)
-    crowd = [(*spot, f'controller_{k}') for k, spot in enumerate(rng.normal(3.0, 0.7, (6, 2)))]
-    points = [*crowd, (1.0, 1.0, 'corner'), (9.0, 9.0, 'other corner')]
-    found = []
-    for _ in range(2):
-        with style.applied():
-            figure, axes = style.new_panels(5.0)
-            axes.plot([1.0, 9.0], [5.0, 5.0])
-            axes.plot(*zip(*(point[:2] for point in points), strict=True), 'o')
-            axes.set(xlim=(1.0, 9.0), ylim=(1.0, 9.0))
-            axes.lines[-1].set_linestyle('none')
-            style.label_points(axes, points)
-            figure.draw_without_rendering()
-            boxes = [Text.get_window_extent(text) for text in axes.texts]  # without its line
-        assert len(boxes) == len(points)
-        marks = axes.transData.transform([point[:2] for point in points])
-        for i, box in enumerate(boxes):
-            assert not any(box.overlaps(other) for other in boxes[:i])
-            assert not any(box.contains(*mark) for mark in marks)
-        found.append([text.get_position() for text in axes.texts])
-    assert found[0] == found[1]

@@ -13,9 +13,7 @@ from pathlib import Path
 import pytest
 from invoking import invoke
 from landing import rest_at_landing
-from typer.testing import CliRunner
 
-from rpo_cli.cli import app
 from rpo_core import files
 from rpo_ros.parameter_rows import ParameterRow, refusal
 
@@ -133,21 +131,6 @@ def test_the_list_has_every_name_once():
     assert sorted(first) == sorted(name for kind in kinds for name in files.shipped(kind))
     plans = invoke('list', 'plans').stdout
     assert '  guarded ' in plans and '  quick ' not in plans
-
-
-@pytest.mark.parametrize(
-    ('line', 'names'),
-    [
-        ('rpo evaluate time', 'time_to_go'),
-        ('rpo safety show gu', 'guarded'),
-        ('rpo campaign world_leo_', 'world_leo_ideal world_leo_stuck'),
-    ],
-)
-def test_a_shell_completes_names(line, names):
-    count = str(len(line.split()) - 1)
-    env = {'_RPO_COMPLETE': 'complete_bash', 'COMP_WORDS': line, 'COMP_CWORD': count}
-    done = CliRunner().invoke(app, env=env, prog_name='rpo')
-    assert done.stdout.split() == names.split()
 
 
 def test_the_command_works_in_a_bare_environment(tmp_path):

@@ -14,14 +14,12 @@ from invoking import invoke
 from landing import rest_at_landing
 
 import rpo_export as export
-from rpo_cli.commands.shared import draw
 from rpo_core.chain.flight import fly
 from rpo_core.control import controller
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_set
 from rpo_ctrl.baseline_kernels import table_inputs
 from rpo_judge.evaluation import comparison, proven
-from rpo_report import training
 from rpo_report.controller import report_of
 
 NAMES = ('more_words', 'time_to_go')
@@ -117,26 +115,3 @@ def test_only_what_is_proven_counts_as_proven():
         name: proven.proof_of(load_controller(name)) for name in ('time_to_go', 'more_words', 'mpc')
     }
     assert found == {'time_to_go': 'proven', 'more_words': 'not proven', 'mpc': 'none made'}
-
-
-@pytest.mark.every_landing
-def test_the_picture_names_all_and_its_front_is_beaten_by_none(tmp_path):
-    def row(name, energy, kept, met=216):
-        low, high = kept / 1000 - 0.01, min(kept / 1000 + 0.01, 1.0)
-        moving = {'kept': kept, 'low': low, 'high': high}
-        figures = {'kept': 0, 'low': 0.0, 'high': 0.004, 'runs': 1000, 'moving': moving}
-        figures['settled_s'] = 150.0 - energy
-        return {'name': name, 'kind': 'pd', 'mean_energy_n2s': energy, 'met': met, **figures}
-
-    rows = [row('a', 3.0, 990), row('b', 2.5, 1000), row('c', 4.0, 1000), row('d', 2.0, 900)]
-    rows.append(row('drifting', 0.0, 0, met=0))
-    points = [(r['mean_energy_n2s'], r['moving']['kept']) for r in rows if r['met']]
-    assert training.best(points) == [(2.0, 900), (2.5, 1000)]
-    draw(tmp_path / 'p.svg', training.draw, rows)
-    text = (tmp_path / 'p.svg').read_text()
-    assert all(text.count(f'>{name}</text>') == 3 for name in 'abcd')
-    assert 'drifting' not in text
-    for what in ('position and speed kept', 'all limits kept', 'time'):
-        assert f'Energy against {what}<' in text
-    draw(tmp_path / 'none.svg', training.draw, rows[-1:])  # nobody arrives: there is no front
-    assert (tmp_path / 'none.svg').is_file()

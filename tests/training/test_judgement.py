@@ -1,19 +1,14 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Judgement where a controller was not trained, and over a sweep."""
+"""Judgement where a controller was not trained."""
 
 from __future__ import annotations
 
 import re
 from dataclasses import replace
 
-import pytest
 from invoking import invoke
 
-from rpo_core.chain.flight import fly
-from rpo_core.control.controller import load_controller
-from rpo_core.files import overrides
-from rpo_core.judge.verdicts import verdicts
 from rpo_judge.evaluation import judgement
 from rpo_judge.evaluation.judgement import Demand
 from rpo_montecarlo.campaign import config as campaigns
@@ -45,27 +40,3 @@ def test_everywhere_counts_the_runs_of_the_campaigns(monkeypatch):
     assert re.search(r'paper_test +all limits +0 / 40 .*not asked', result.stdout)
     assert 'paper_test, all limits: all 6 requirements of paper_test' in shown
     assert 'its training and paper_test: corner flights' in shown
-
-
-# `rpo simulate --sweep`: one table, one picture, one verdict for all flights.
-
-
-@pytest.mark.parametrize('masses', [(8.0, 30.0), (30.0, 8.0)])
-def test_each_column_is_a_flight_of_its_own(masses, tmp_path):
-    """One that misses is exit code 1, also where the last one holds."""
-    span = 'mass_kg={:g}:{:g}:2'.format(*masses)
-    words = ['paper_test', '--set', 'duration_s=230', '--sweep', span, '-o']
-    done = invoke('simulate', *words, tmp_path)
-    lines = [line.split() for line in done.stdout.splitlines() if line.strip()]
-    columns = {line[0]: line for line in lines}
-    assert columns['mass_kg'][1:3] == [f'{mass:g}' for mass in masses]
-    flown = [
-        fly(overrides.load('paper_test', ['duration_s=230', f'mass_kg={mass}']),
-            load_controller('allround'))
-        for mass in masses
-    ]  # fmt: skip
-    slews = [next(v for v in verdicts(flight) if 'slew' in v.key).value for flight in flown]
-    assert columns['slew'][3:5] == [f'{slew:.3g}' for slew in slews]
-    said = {8.0: 'holds', 30.0: 'MISSED'}
-    assert columns['all'][1:3] == [said[mass] for mass in masses] and done.exit_code == 1
-    assert (tmp_path / 'sweep.png').stat().st_size > 20_000

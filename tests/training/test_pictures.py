@@ -5,18 +5,13 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from rpo_cli.commands.shared import draw
 from rpo_core.control.controller import load_controller
-from rpo_core.files.scenario import load_scenario
-from rpo_judge import truth
 from rpo_log.show import style
 from rpo_report import training
 
@@ -61,7 +56,7 @@ def drawn(monkeypatch):
 
 
 @pytest.mark.every_landing
-def test_pictures_of_a_training_and_of_the_truth(tmp_path, drawn, monkeypatch):
+def test_pictures_of_a_training(tmp_path, drawn):
     columns = 'evaluations', 'mean_fitness', 'best_fitness', 'best_energy_n2s'
     rows = [(60 * k, 300.0 / k, 4.0 + 8.0 / k, 4.0 + 1.0 / k) for k in range(1, 9)]
     finalists = [(4.1 + 0.1 * k, 4.3 + 0.1 * k) for k in range(4)]
@@ -72,12 +67,7 @@ def test_pictures_of_a_training_and_of_the_truth(tmp_path, drawn, monkeypatch):
         lines = [','.join(heads), *(','.join(map(str, row)) for row in table)]
         (tmp_path / name).write_text('\n'.join(lines))
     training.draw_run(tmp_path, load_controller('handmade'))
-    flown = replace(load_scenario('approach'), duration_s=8.0)
-    errors = {'two bodies': 1e-5 * np.arange(6.0 * (flown.ticks + 1)).reshape(-1, 6)}
-    growth = {d: np.array([1e-6, 1e-5, 1e-4]) * d * d for d in (10.0, 1e3)}
-    found = truth.Comparison('so', flown, errors, None, growth)
-    draw(tmp_path / 'truth.png', truth.draw, found)
-    assert {'convergence.png', 'held_out.png', 'truth.png'} <= set(drawn)
+    assert {'convergence.png', 'held_out.png'} <= set(drawn)
     for name, figure in drawn.items():
         assert not [text for text in texts(figure) if re.search(r'[$\\]', text)], name
     assert {'10', '100'} <= set(texts(drawn['convergence.png']))

@@ -15,14 +15,12 @@ from scipy.spatial.transform import Rotation
 from test_report import check_labels
 
 from rpo_attitude.turns import docking_axis
-from rpo_cli.commands.shared import write_flight
 from rpo_core import files
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario as scenarios
 from rpo_core.wire.interfaces import BODY_TORQUE, CHASER_ATTITUDE, EXERTED_FORCE, WHEEL_MOMENTUM
 from rpo_log.show import report, style
-from rpo_log.tools.export import export
 from rpo_mcap.read.run_log import flight_of, read_run
 from rpo_report import attitude, replay
 from rpo_report.logged import logged_flight, until
@@ -150,20 +148,6 @@ def test_the_torque_of_the_thrusters_is_drawn_about_the_axes_of_the_chaser(tumbl
     picture = section.blocks[0]
     assert 'torque that they give about the axes of the chaser' in picture.caption
     assert picture.figure.axes[2].get_ylabel().endswith("chaser's axes")
-
-
-def test_a_table_of_the_flight_has_its_attitude(flight, logged, tmp_path):
-    """By the names of the log's export, which has no momentum."""
-    write_flight(flight, tmp_path / 'flight.csv')
-    found = np.genfromtxt(tmp_path / 'flight.csv', delimiter=',', names=True)
-    export(logged, tmp_path / 'log.csv')
-    of_log = np.genfromtxt(tmp_path / 'log.csv', delimiter=',', names=True)
-    turning = [name for name in found.dtype.names if name.startswith(('chaser_', 'body_'))]
-    assert len(turning) == 13
-    for name in turning:
-        np.testing.assert_array_equal(found[name], of_log[name])
-    wheels = np.column_stack([found[f'wheel_h{axis}_nms'] for axis in 'xyz'])
-    np.testing.assert_array_equal(wheels, flight.signals[WHEEL_MOMENTUM])
 
 
 @pytest.mark.parametrize('late', [0, 3])

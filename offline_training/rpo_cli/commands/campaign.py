@@ -32,7 +32,6 @@ def campaign(
     output: Output = None,
     resume: Resume = None,
     run: Annotated[int | None, Option(min=0, help='fly this run alone, bit for bit')] = None,
-    csv: Annotated[Path | None, Option(help='with --run: write its flight')] = None,
     export: Annotated[Path | None, Option(help='with --run: its scenario for ROS nodes')] = None,
     runs: Annotated[int | None, Option(help="instead of the file's")] = None,
     seed: Annotated[int | None, Option(help="instead of the file's")] = None,
@@ -61,14 +60,13 @@ def campaign(
         return
     if not source:
         raise InputError('a campaign file, the folder of a campaign, or --resume FOLDER is needed')
-    for option, path in (('csv', csv), ('export', export)):
-        if path is not None and run is None:
-            raise InputError(f'`--{option}` writes one run: give --run too')
+    if export is not None and run is None:
+        raise InputError('`--export` writes one run: give --run too')
     if least is not None and (faults or run is not None):
         raise InputError('`--least` judges a whole campaign: no `--run` and no `--faults`')
     chosen, store = _of_source(source, changes)
     if run is not None:
-        _show_run(chosen, store, run, csv)
+        _show_run(chosen, store, run)
         _for_ros(chosen, source, run, export, sets or [])
     elif store is not None:
         end(_print(store, least), no_fail)
@@ -180,7 +178,7 @@ def _print(store: Store, least: float | None) -> bool:
     return not holds
 
 
-def _show_run(chosen: Campaign, store: Store | None, number: int, csv: Path | None) -> None:
+def _show_run(chosen: Campaign, store: Store | None, number: int) -> None:
     """Print a run, flown by the core too: the bits must be the same, and those of its folder."""
     from rpo_montecarlo.campaign import judging
     from rpo_montecarlo.campaign.config import METRICS
@@ -207,8 +205,6 @@ def _show_run(chosen: Campaign, store: Store | None, number: int, csv: Path | No
         raise InputError(f'run {number}: the second flight has other bits: this is a defect')
     what = 'the core' if store is None else 'the core and of the campaign'
     typer.echo(f'The bits are those of {what}.')
-    if csv:
-        shared.write_flight(flight, csv)
 
 
 def _for_ros(

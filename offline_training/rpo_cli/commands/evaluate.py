@@ -4,19 +4,15 @@
 
 from __future__ import annotations
 
-import csv as csv_files
-import io
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer import Argument, Option
 
-from rpo_cli.commands.shared import NoFail, Workers, draw, end
+from rpo_cli.commands.shared import NoFail, Workers, end
 from rpo_cli.display import print_table, progress
 from rpo_core.files.validation import InputError
-from rpo_montecarlo.outputs import identifier, write_text
 
 if TYPE_CHECKING:
     from rpo_core.control.controller import AnyController
@@ -36,15 +32,10 @@ def evaluate(
             'trained for; the targets for paper_training]'
         ),
     ] = '',
-    starts: Annotated[bool, Option('--starts', help='print all 216 starts')] = False,
-    csv: Annotated[Path | None, Option(help='write the starts to this file')] = None,
     everywhere: Annotated[bool, Option('--everywhere', help='fly 50 000 drawn runs')] = False,
     robustness: Annotated[
         bool, Option('--robustness', help='margins: gain, thrust, delay, mass, bias; nothing else')
     ] = False,
-    output: Annotated[
-        Path | None, Option('--output', '-o', help='folder of the pictures of --robustness  [runs]')
-    ] = None,
     seed: Annotated[int | None, Option(help='of the draws of --everywhere  [2026]')] = None,
     estimator: Annotated[str, Option(help='judge the estimator of this scenario instead')] = '',
     runs: Annotated[int, Option(help='flights that judge an estimator', min=2)] = 1000,
@@ -70,32 +61,22 @@ def evaluate(
         raise InputError('`controllers` or `--estimator` must be given, and not both')
     if seed is not None and not everywhere:
         raise InputError('`--seed` needs `--everywhere`')
-    if output is not None and not robustness:
-        raise InputError('`--output` needs `--robustness`')
-    if robustness and (estimator or scenario or starts or csv or everywhere):
-        raise InputError('`--robustness` takes controllers, `--output`, `--workers` and no more')
+    if robustness and (estimator or scenario or everywhere):
+        raise InputError('`--robustness` takes controllers, `--workers` and no more')
     missed = _judge_estimator(estimator, runs) if estimator else False
     for name in controllers or ():
         loaded = load_controller(name)
         of = scenario or trained_for(loaded) or PAPER
         if robustness:
-            missed |= _robustness(loaded, output or Path('runs'), workers)
+            missed |= _robustness(loaded, workers)
         elif not scenario and of == PAPER and isinstance(loaded, FuzzyController):
-            assessment = assess(loaded, workers)
-            missed |= _print_targets(assessment)
+            missed |= _print_targets(assess(loaded, workers))
             if everywhere:
                 missed |= _everywhere(loaded, seed, workers)
-            rows = _starts(assessment) if starts or csv else []
-            if starts:
-                print_table(_HEADINGS, rows, f'{loaded.name}: training starts', left=0)
-            if csv:
-                text = io.StringIO()
-                csv_files.writer(text, lineterminator='\n').writerows([_HEADINGS, *rows])
-                write_text(csv, text.getvalue())
-        elif starts or csv or everywhere:
+        elif everywhere:
             raise InputError(
-                '`--starts`, `--csv` and `--everywhere` need a controller that is judged by '
-                f'the targets; {name} is judged by {of}'
+                '`--everywhere` needs a controller that is judged by the targets; '
+                f'{name} is judged by {of}'
             )
         else:
             missed |= judge_by(loaded, name, load(of))
@@ -217,10 +198,9 @@ def _everywhere(controller: AnyController, seed: int | None, workers: int) -> bo
     return not all(o.holds for o in outcomes)
 
 
-def _robustness(controller: AnyController, folder: Path, workers: int) -> bool:
-    """Print and draw the margins of a controller; return whether a start misses a condition."""
+def _robustness(controller: AnyController, workers: int) -> bool:
+    """Print the margins of a controller; return whether a start misses a condition."""
     from rpo_judge.evaluation import robustness
-    from rpo_report import robustness as pictures
 
     with progress() as show:
         found = robustness.margins_of(controller, workers, show)
@@ -230,26 +210,4 @@ def _robustness(controller: AnyController, folder: Path, workers: int) -> bool:
     if found.crossings:
         rows = map(robustness.crossing_row, found.crossings)
         print_table(robustness.CROSSED, rows, 'describing function of an axis')
-    path = folder / f'robustness_{identifier(controller.name)}.png'
-    draw(path, pictures.draw, found, controller.name)
     return found.starts_missed > 0
-
-
-_HEADINGS = (
-    'x [m]', 'y [m]', 'z [m]', 'J [N^2 s]', 'J / least', 'speed [m/s]', 'slew [N/s]',
-    'distance [m]', 'nearest limit',
-)  # fmt: skip
-
-
-def _starts(found: Assessment) -> list[list[str]]:
-    """Return the rows of the starts, under `_HEADINGS`."""
-    from rpo_core.judge.metrics import ARRIVAL_DISTANCE, ARRIVAL_SPEED, ENERGY, SLEW
-
-    rows = []
-    for start, row, least, binding in zip(
-        found.starts, found.metrics, found.least, found.binding, strict=True
-    ):
-        energies = f'{row[ENERGY]:.4f}', f'{row[ENERGY] / least:.3f}'
-        others = (f'{row[column]:.5f}' for column in (ARRIVAL_SPEED, SLEW, ARRIVAL_DISTANCE))
-        rows.append([*(f'{r:g}' for r in start), *energies, *others, binding])
-    return rows

@@ -31,10 +31,8 @@ Words = Callable[[str], str]
 def explain(
     target: Annotated[
         str,
-        Argument(
-            help=f'controller (name or file), or run (folder or .mcap)  [{DEFAULT_CONTROLLER}]'
-        ),
-    ] = '',
+        Argument(help='controller (name or file), or run (folder or .mcap)'),
+    ] = DEFAULT_CONTROLLER,
     at: Annotated[float | None, Option(help='seconds into a run  [0]')] = None,
     state: Annotated[
         str | None,
@@ -43,7 +41,6 @@ def explain(
             help='in m and m/s, target LVLH; of attitude, error and its rate, in rad and rad/s',
         ),
     ] = None,
-    controller: Annotated[str, Option(hidden=True, help='the same, as an option')] = '',
     scenario: Annotated[
         str, Option(help='with --state: scenario whose goal it flies to  [what it was trained for]')
     ] = '',
@@ -59,9 +56,6 @@ def explain(
     from rpo_ctrl.family import Family
     from rpo_mcap.read.run_log import controller_of, read_run
 
-    if target and controller:
-        raise InputError(f'give one controller; got {target} and `--controller {controller}`')
-    target = target or controller or DEFAULT_CONTROLLER
     is_run = os.path.isdir(target) or target.endswith('.mcap')
     if certify and (state is not None or at is not None or is_run):
         raise InputError('`--certify` takes one controller, and nothing else')

@@ -5,13 +5,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from typer import Argument, Option
 
-from rpo_cli.commands.shared import SameScenario, chosen_scenario, write_flight
 from rpo_cli.display import print_table, progress
 from rpo_core.files import DEFAULT_SCENARIO
 from rpo_core.files.validation import InputError, shown
@@ -23,38 +21,28 @@ _BEST = 'under all conditions'
 
 
 def optimal(
-    named: Annotated[
-        str, Argument(metavar='SCENARIO', help='name or file  [approach; of starts paper_training]')
+    scenario: Annotated[
+        str, Argument(help='name or file  [approach; with --start paper_training]')
     ] = '',
     start: Annotated[
         str | None, Option(metavar='X,Y,Z[,VX,VY,VZ]', help='position [m], velocity [m/s]')
     ] = None,
-    scenario: SameScenario = '',
     duration: Annotated[float | None, Option(help='time of flight [s]')] = None,
     controller: Annotated[str | None, Option(help='fly this one too, and compare its J')] = None,
-    csv: Annotated[Path | None, Option(help='write the constrained optimum')] = None,
-    whole_set: Annotated[bool, Option('--all-starts', help='means over a set of starts')] = False,
-    margin: Annotated[float, Option(help='share by which each condition is stricter')] = 0.0,
 ) -> None:
     """Print the least energy that physics allows, without and with training's conditions.
 
-    The start is the scenario's, if none is given.
+    The start is the scenario's, if none is given; of a set of starts it prints the means.
     """
-    from rpo_core.files.scenario import ScenarioSet, load, load_set
+    from rpo_core.files.scenario import ScenarioSet, load
 
-    default = 'paper_training' if start or whole_set else DEFAULT_SCENARIO
-    scenario = chosen_scenario(named, scenario, default)
-    if whole_set:
-        if any(option is not None for option in (start, duration, controller, csv)):
-            raise InputError(
-                '`--all-starts` takes a set of starts as it is: give only the scenario'
-            )
-        _of_set(load_set(scenario), margin)
-        return
-    loaded = load(scenario)
-    base = loaded.base if isinstance(loaded, ScenarioSet) else loaded
+    loaded = load(scenario or ('paper_training' if start else DEFAULT_SCENARIO))
     if start is None and isinstance(loaded, ScenarioSet):
-        raise InputError(f'`--start` or `--all-starts` is needed: {scenario} is a set of starts')
+        if duration is not None or controller is not None:
+            raise InputError(f'{scenario} is a set of starts: give `--start` too')
+        _of_set(loaded)
+        return
+    base = loaded.base if isinstance(loaded, ScenarioSet) else loaded
     if start is not None:
         try:
             numbers = [float(part) for part in start.split(',')]
@@ -68,10 +56,10 @@ def optimal(
         base = replace(base, initial_position_m=(x, y, z), initial_velocity_m_s=(vx, vy, vz))
     if duration is not None:
         base = replace(base, duration_s=duration)
-    _of_start(base, controller, csv, margin)
+    _of_start(base, controller)
 
 
-def _of_start(scenario: Scenario, controller: str | None, csv: Path | None, margin: float) -> None:
+def _of_start(scenario: Scenario, controller: str | None) -> None:
     from rpo_core.chain.flight import fly
     from rpo_core.control.controller import load_controller
     from rpo_core.judge import metrics
@@ -81,9 +69,7 @@ def _of_start(scenario: Scenario, controller: str | None, csv: Path | None, marg
     flights = {'to rest at the end': limits.to_rest(scenario)}
     if scenario.duration_s > coast + 2 * scenario.dt_s:
         flights[f'to rest {coast:g} s earlier'] = limits.to_rest(scenario, coast)
-    flights[_BEST] = limits.constrained(scenario, limits.Conditions.of(scenario, margin))
-    if csv:
-        write_flight(flights[_BEST], csv)
+    flights[_BEST] = limits.constrained(scenario)
     if controller is not None:
         flights[controller] = fly(scenario, load_controller(controller))
     best = metrics.of_flight(flights[_BEST]).energy_n2s
@@ -101,7 +87,7 @@ def _of_start(scenario: Scenario, controller: str | None, csv: Path | None, marg
     typer.echo('v, r: mean norms over the last 30 s. To rest: at the origin, without limits.')
 
 
-def _of_set(starts: ScenarioSet, margin: float) -> None:
+def _of_set(starts: ScenarioSet) -> None:
     import numpy as np
 
     from rpo_judge.evaluation import optimal as limits
@@ -110,7 +96,7 @@ def _of_set(starts: ScenarioSet, margin: float) -> None:
     states = np.hstack([positions, np.tile(base.initial_velocity_m_s, (len(positions), 1))])
     with progress() as show:
         constrained = limits.least_constrained(
-            base, states, lambda done, total: show('optima of all starts', done, total), margin
+            base, states, lambda done, total: show('optima of all starts', done, total)
         )
     lines = {
         'to rest at the end': limits.least_energy(base, states),

@@ -16,8 +16,6 @@ import typer
 from typer import Option
 
 from rpo_cli.display import Show, progress
-from rpo_core.files import DEFAULT_SCENARIO
-from rpo_core.files.output import write_aside
 from rpo_core.files.validation import InputError, printable
 from rpo_montecarlo.outputs import make_folder, write_text
 
@@ -30,7 +28,6 @@ Cluster = Annotated[
     str, Option(help='local, or a dask scheduler: tcp://127.0.0.1:8786, tls://host:8786')
 ]
 Controller = Annotated[str, Option(help='shipped name or file')]
-SameScenario = Annotated[str, Option('--scenario', help='the same, as an option')]
 Output = Annotated[
     Path | None, Option('--output', '-o', help='where to write  [in runs/, by its name]')
 ]
@@ -41,13 +38,6 @@ NoFail = Annotated[bool, Option('--no-fail', help='exit code 0 although somethin
 def echo(text: object, err: bool = False) -> None:
     """Print a line that holds names of files or texts of logs, which may be anything."""
     typer.echo(printable(text), err=err)
-
-
-def chosen_scenario(positional: str, option: str, default: str = DEFAULT_SCENARIO) -> str:
-    """Return the scenario of a command that takes it as an argument and, as before, an option."""
-    if positional and option:
-        raise InputError(f'give one scenario; got {positional} and `--scenario {option}`')
-    return positional or option or default
 
 
 def given(context: typer.Context) -> dict[str, str]:
@@ -105,33 +95,6 @@ def write_texts(texts: Mapping[Path, str]) -> None:
     for path, text in texts.items():
         write_text(path, text)
         echo(path)
-
-
-def write_flight(flight: Any, path: Path) -> None:
-    """Write time, state, force and disturbance of every tick as CSV; raises InputError.
-
-    Of a chaser that turns also attitudes, what is commanded in its axes, and the momentum of its
-    wheels; named as `rpo log export` names them.
-    """
-    import numpy as np
-
-    from rpo_core.wire import interfaces
-    from rpo_log.tools.export import columns
-    from rpo_mcap.topics import Topic
-
-    heading = ['t_s,x_m,y_m,z_m,vx_m_s,vy_m_s,vz_m_s,fx_n,fy_n,fz_n,dx_n,dy_n,dz_n']
-    values = [flight.scenario.times_s, flight.states, flight.forces_n, flight.disturbances_n]
-    for name, found in flight.signals.items():
-        row = interfaces.row_of(name)
-        if row.attitude or name in (interfaces.BODY_FORCE, interfaces.BODY_TORQUE):
-            heading += columns(Topic(name, row))
-            values.append(found)
-        elif name == interfaces.WHEEL_MOMENTUM:
-            heading += [f'wheel_h{axis}_nms' for axis in 'xyz']
-            values.append(found)
-    options: dict[str, Any] = {'header': ','.join(heading), 'comments': ''}
-    table = np.column_stack(values)
-    write_aside(path, lambda f: np.savetxt(f, table, fmt='%.17g', delimiter=',', **options))
 
 
 @contextmanager

@@ -9,30 +9,18 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from rpo_cli.commands import shared
-from rpo_cli.commands.shared import Controller, NoFail, SameScenario, Set, echo, end
-from rpo_core.files import DEFAULT_CONTROLLER
-from rpo_core.files.validation import InputError
+from rpo_cli.commands.shared import Controller, NoFail, Set, echo, end
+from rpo_core.files import DEFAULT_CONTROLLER, DEFAULT_SCENARIO
 
 
 def simulate(
-    scenario: Annotated[str, Argument(help='shipped name or file  [approach]')] = '',
-    named: SameScenario = '',
+    scenario: Annotated[str, Argument(help='shipped name or file')] = DEFAULT_SCENARIO,
     controller: Controller = DEFAULT_CONTROLLER,
     changes: Set = None,
-    csv: Annotated[Path | None, Option(help='write states, forces, attitudes')] = None,
     output: Annotated[
         Path | None, Option('--output', '-o', help='run folder: a log, as of the ROS 2 recorder')
     ] = None,
     overwrite: Annotated[bool, Option('--overwrite', help='replace the run in a folder')] = False,
-    span: Annotated[
-        str,
-        Option(
-            '--sweep',
-            metavar='KEY=FROM:TO:NUMBER',
-            help='fly so many values of a field: one table, one picture in --output',
-        ),
-    ] = '',
     no_fail: NoFail = False,
 ) -> None:
     """Fly one scenario without ROS: the bits that the nodes fly, and their metrics.
@@ -53,28 +41,18 @@ def simulate(
     from rpo_log.tools.record import record
     from rpo_mcap.format.run import CONTROLLER, PARAMETERS, SCENARIO
 
-    chosen, loaded = shared.chosen_scenario(scenario, named), load_controller(controller)
-    changes = changes or []
-    if span:
-        from rpo_cli.commands.sweep import sweep
-
-        if csv or overwrite:
-            raise InputError('`--sweep` writes a picture: no `--csv` and no `--overwrite`')
-        end(sweep(chosen, loaded, changes, span, output), no_fail)
-        return
-    flown = overrides.load(chosen, changes)
+    loaded, changes = load_controller(controller), changes or []
+    flown = overrides.load(scenario, changes)
     flight = fly(flown, loaded)
     print_table(flight, f'{flown.name}, controller {controller}')
-    again = similarity.command(controller, chosen, changes)
+    again = similarity.command(controller, scenario, changes)
     for line in (turns.too_fast(flight), similarity.hint(flight, loaded, again)):
         if line:
             echo(line)
-    if csv:
-        shared.write_flight(flight, csv)
     if output:
-        named_by = {'scenario': chosen, 'controller': controller, 'set': changes}
+        named_by = {'scenario': scenario, 'controller': controller, 'set': changes}
         texts = {
-            SCENARIO: text_for_logs(overrides.text_of(chosen, changes), flown),
+            SCENARIO: text_for_logs(overrides.text_of(scenario, changes), flown),
             CONTROLLER: files.read_text(files.find('controller', controller)),
             PARAMETERS: yaml.safe_dump({'simulate': named_by}),
         }

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Argument, Option
 
-from rpo_cli.commands.shared import Controller, SameScenario, chosen_scenario, draw
+from rpo_cli.commands.shared import Controller
 from rpo_cli.display import print_table
-from rpo_core.files import DEFAULT_CONTROLLER
+from rpo_core.files import DEFAULT_CONTROLLER, DEFAULT_SCENARIO
 from rpo_montecarlo import outputs
 
 if TYPE_CHECKING:
@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 
 
 def truth(
-    subject: Annotated[str, Argument(help='run (folder or .mcap), or scenario to fly')] = '',
-    scenario: SameScenario = '',
+    subject: Annotated[
+        str, Argument(help='run (folder or .mcap), or scenario to fly')
+    ] = DEFAULT_SCENARIO,
     controller: Controller = DEFAULT_CONTROLLER,
-    plot: Annotated[Path | None, Option(help='picture  [in RUN/report, or in runs]')] = None,
     write: Annotated[Path | None, Option(help='page to put the tables into')] = None,
 ) -> None:
     """Fly a run's forces again under true gravity, and print the error of the plant.
@@ -39,17 +39,15 @@ def truth(
     from rpo_core.files.scenario import load_scenario
     from rpo_judge import basilisk, truth
     from rpo_log.bag import open_run
-    from rpo_log.show.report import folder_of
     from rpo_mcap.read.run_log import flight_of, read_run
 
     run = Path(subject) if subject.endswith('.mcap') or os.path.isdir(subject) else None
-    chosen = chosen_scenario('' if run else subject, scenario)
     if run is not None:
         flight = flight_of(read_run(open_run(run)))
         title = f'{run}, {flight.scenario.name}'
     else:
         loaded = load_controller(controller)
-        flight, title = fly(load_scenario(chosen), loaded), f'{chosen}, controller {loaded.name}'
+        flight, title = fly(load_scenario(subject), loaded), f'{subject}, controller {loaded.name}'
     truths, attitudes = {'SciPy': truth.by_scipy}, {'SciPy': truth.attitude_by_scipy}
     if not find_spec('Basilisk'):
         typer.echo('Without Basilisk: `make setup LAYERS=truth` installs it.', err=True)
@@ -66,8 +64,6 @@ def truth(
     for name, true in attitudes.items() if target is not None and target.kind != 'fixed' else ():
         off = truth.attitude_error_rad(flight.scenario, true(flight.scenario))
         typer.echo(f'Attitude of the target at the end: {off:.1e} rad off {name}.')
-    folder = Path('runs') if run is None else folder_of(run)
-    draw(plot or folder / 'truth.png', truth.draw, found)
     if write is not None:
         parts = []
         for title, (heads, *rows), after in tables:

@@ -11,7 +11,7 @@ solved by Clarabel through cvxpy. Both return a `Flight` with the metrics of any
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, astuple, dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -61,15 +61,9 @@ class Conditions:
             real(f'conditions.{name}', getattr(self, name), unit, above=0.0)
 
     @classmethod
-    def of(cls, scenario: Scenario, margin: float = 0.0) -> Conditions:
-        """Return training's conditions with the thrusters of a scenario.
-
-        margin : share by which each condition is made stricter, in [0, 1); not the thrusters' force
-        """
-        if real('margin', margin, least=0.0, most=1.0) == 1.0:
-            raise InputError('`margin` must be below 1; got 1.0')
-        force, *others = astuple(cls(scenario.max_force_n))
-        return cls(force, *((1.0 - margin) * limit for limit in others))
+    def of(cls, scenario: Scenario) -> Conditions:
+        """Return training's conditions with the thrusters of a scenario."""
+        return cls(scenario.max_force_n)
 
 
 def gramian(scenario: Scenario, ticks: int) -> tuple[Floats, Floats, Floats]:
@@ -253,11 +247,8 @@ def least_constrained(
     scenario: Scenario,
     starts: Floats,
     progress: Callable[[int, int], None] = lambda done, total: None,
-    margin: float = 0.0,
 ) -> Floats:
     """Return the least J [N^2 s] (n,) from starts (n, 6) under training's conditions.
-
-    With `margin` they are stricter (`Conditions.of`).
 
     Undisturbed, the optimum does not change with the sign of the planar (x, y) or of the vertical
     (z) start: of starts that differ only in such a sign, one is solved.
@@ -269,7 +260,7 @@ def least_constrained(
     """
     keys = [_mirrored(start) if scenario.disturbance.is_zero else tuple(start) for start in starts]
     distinct = sorted(set(keys))
-    program = Program(scenario, Conditions.of(scenario, margin))
+    program = Program(scenario, Conditions.of(scenario))
     found = {}
     for done, key in enumerate(distinct):
         progress(done, len(distinct))

@@ -16,6 +16,24 @@ GONE: dict[str, dict[str, str]] = {
     },
     'option': {
         'report --video': '`replay.html` of the report',
+        'simulate --sweep': '`rpo campaign` with the field dispersed, and `rpo report` of it',
+        **dict.fromkeys(
+            ('simulate --csv', 'campaign --csv', 'optimal --csv'),
+            '`rpo simulate SCENARIO --output RUN`, then `rpo log export RUN flight.csv`',
+        ),
+        **dict.fromkeys(
+            ('simulate --scenario', 'optimal --scenario', 'truth --scenario'),
+            'its name or file alone',
+        ),
+        'explain --controller': 'its name or file alone',
+        'optimal --all-starts': '`rpo optimal paper_training`, or another set of starts',
+        'optimal --margin': '`rpo_judge.evaluation.optimal.constrained` with `Conditions`',
+        **dict.fromkeys(
+            ('evaluate --starts', 'evaluate --csv'), '`rpo report CONTROLLER`, which draws them'
+        ),
+        'evaluate --output': 'the tables of `rpo evaluate --robustness`',
+        'compare --picture': 'the tables of `rpo compare`, and its `compare.json`',
+        'truth --plot': 'the tables of `rpo truth`',
         **dict.fromkeys(
             ('plan --margins', 'plan --sample'),
             '`rpo plan` for legs and energy, `rpo optimal` for the least energy of a start',

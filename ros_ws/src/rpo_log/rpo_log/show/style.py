@@ -9,7 +9,6 @@ looked up by name (`NAMES`), so a picture may use no colour that is not in `styl
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -119,78 +118,6 @@ def log_scale(axes: Any, *, x: bool = False, y: bool = True) -> None:
     for axis in (axes.xaxis,) * x + (axes.yaxis,) * y:
         axis.set_major_formatter(Plain())
         axis.set_minor_formatter(Plain(labelOnlyBase=False))
-
-
-_AROUND = ((1, 0), (-1, 0), (1, 1), (-1, 1), (1, -1), (-1, -1), (0, 1), (0, -1))
-_DISTANCES_PT, _MARK_PT = (5.0, 12.0, 20.0, 30.0, 42.0), 4.0
-_HIDES, _MISLEADS, _FAR, _SWEEPS = 10.0, 3.0, 0.04, 3
-"""What it costs to hide as much of points and names as a name is large, or to be cut as much; to
-mislead; each point (1/72 in) of distance. To hide a line costs 1. How often each name is placed."""
-
-
-def label_points(axes: Any, points: Sequence[tuple[float, float, str]]) -> None:
-    """Name points where their names hide no point, no other name, and no line of the axes.
-
-    The names of crowded points come first. Each is at the best of some places around its point,
-    and is placed again when all others are; far from its point, a line leads there. The limits of
-    the axes must be final.
-
-    points : (x, y, name)
-    """
-    import numpy as np
-    from matplotlib.text import Text
-    from matplotlib.transforms import Bbox
-
-    if not points:
-        return
-    axes.figure.draw_without_rendering()
-    pixel, frame = axes.figure.dpi / 72.0, axes.get_window_extent().extents
-    marks = axes.transData.transform([point[:2] for point in points])
-    half = _MARK_PT * pixel
-    taken = np.hstack([marks - half, marks + half])
-    placed: dict[int, Any] = {}
-    lines = [line.get_transform().transform_path(line.get_path()) for line in axes.lines]
-
-    def cost(own: int, box: Any) -> float:
-        """Return how bad a place [x0, y0, x1, y1] of a name is; 0: perfect.
-
-        It misleads where another point is nearer, or where the line to its point passes another,
-        or a name.
-        """
-        area, hidden = np.prod(box[2:] - box[:2]), np.vstack([taken, *placed.values()])
-        both = np.minimum(hidden, box)[:, 2:] - np.maximum(hidden, box)[:, :2]
-        hides = np.prod(np.maximum(both, 0.0), axis=1).sum() / area
-        seen = np.prod(np.maximum(np.minimum(frame, box)[2:] - np.maximum(frame, box)[:2], 0.0))
-        bounds = Bbox.from_extents(*box)
-        covers = any(line.intersects_bbox(bounds, filled=False) for line in lines)
-        away = np.hypot(*(marks - np.clip(marks, box[:2], box[2:])).T)
-        way = np.linspace(marks[own], (box[:2] + box[2:]) / 2.0, 20)[:, None]
-        others = np.delete(hidden, own, axis=0)
-        passes = ((way > others[:, :2]) & (way < others[:, 2:])).all(axis=-1).any()
-        misleads = bool(away.min() < 0.75 * away[own] or passes)
-        return float(_HIDES * (hides + 1.0 - seen / area) + covers + _MISLEADS * misleads)
-
-    near = np.sum(1.0 / (1.0 + np.sum((marks[:, None] - marks) ** 2, axis=-1)), axis=-1)
-    order = np.argsort(-near, kind='stable').tolist()
-    line = {'arrowstyle': '-', 'linewidth': 0.6, 'color': LIGHT['muted'], 'shrinkA': 0.0}
-    names = [
-        axes.annotate(
-            text, (x, y), (0, 0), textcoords='offset points', ha='center', va='center',
-            arrowprops=line | {'shrinkB': _MARK_PT},
-        )
-        for x, y, text in points
-    ]  # fmt: skip
-    sizes = [np.array(Text.get_window_extent(name).size) / 2.0 + pixel for name in names]
-    for i in order * _SWEEPS:
-        placed.pop(i, None)
-        tried = [(far, np.array(side)) for far in _DISTANCES_PT for side in _AROUND]
-        shifts = [side * (sizes[i] + far * pixel) for far, side in tried]
-        boxes = [np.hstack([marks[i] + s - sizes[i], marks[i] + s + sizes[i]]) for s in shifts]
-        costs = [cost(i, box) + _FAR * far for box, (far, _) in zip(boxes, tried, strict=True)]
-        best = int(np.argmin(np.round(costs, 9)))  # the first of equal ones
-        placed[i] = boxes[best]
-        names[i].set_position(tuple(shifts[best] / pixel))
-        names[i].arrow_patch.set_visible(best >= len(_AROUND))
 
 
 def legend_below(figure: Any, *axes: Any, columns: int = 6) -> None:
