@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Lists that lie beside tests: what code says today, so that a change of it is seen.
 
-Tests of what must hold find what is wrong. A bound that is wider than it must be, a plan that costs
-more: only a list finds it. `KEEP=1 pytest -k list` writes the lists anew; a person reads what
+Tests of what must hold find what is wrong. A bound that is wider than it must be: only a
+list finds it. `KEEP=1 pytest -k list` writes the lists anew; a person reads what
 changed in them.
 """
 

@@ -7,11 +7,9 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from math import radians, sqrt
-from pathlib import Path
 
 import numpy as np
 import pytest
-from kept import assert_kept, digits
 from scipy.spatial.transform import Rotation
 
 from rpo_attitude.target import body_of
@@ -22,7 +20,6 @@ from rpo_ctrl.attitude_limits import AttitudeLimits, bounds_of, numbers_of
 from rpo_kernels.chaser_kernels import Craft, chaser_tick, times, unit, unloaded
 from rpo_kernels.jit import kernel
 
-LIST = Path(__file__).with_name('limits.txt')
 TORQUE, MOMENTUM, DT = 0.1, 1.0, 0.1
 INERTIA = np.array([[0.9, 0.05, -0.04], [0.05, 1.1, 0.06], [-0.04, 0.06, 1.3]])
 LIMITS = AttitudeLimits(
@@ -196,11 +193,20 @@ def test_wheels_that_are_emptied_never_fill(share):
     assert alone[:, 2].max() > 0.99 * MOMENTUM and alone[:, 0].max() > radians(FREE.rate_deg_s)
 
 
-def test_thrusters_that_cannot_empty_the_wheels_are_refused():
-    """Other refusals are in the list."""
-    limits = replace(FREE, disturbance_nm=0.02)
-    with pytest.raises(InputError, match=r'`unloading.torque_nm` must be above .* 0.034641'):
-        bounds_of(limits, BODY, TORQUE, 0.0, DT, 60.0, unloading=EMPTIES)
+@pytest.mark.parametrize(
+    ('limits', 'changes', 'said'),
+    [
+        (replace(FREE, disturbance_nm=0.02), {'unloading': EMPTIES},
+         '`unloading.torque_nm` must be above .* 0.034641'),
+        (FREE, {'unloading': (0.05, 0.03)}, '`unloading.above_nms` must be at least 0.064325'),
+        (replace(LIMITS, angle_deg=1.0, known_deg_s=1.0), {}, 'angle_deg` must leave room to brake in'),
+        (replace(LIMITS, momentum_nms=0.1), {}, 'limits` and the wheels exclude each other'),
+        (replace(LIMITS, rate_deg_s=40.0), {}, 'limits` must leave torque to brake with'),
+    ],
+)  # fmt: skip
+def test_limits_that_nothing_keeps_are_refused(limits, changes, said):
+    with pytest.raises(InputError, match=said):
+        numbers(limits, **changes)
 
 
 SEEN = (0.0, 0.0, 0.0, 1.0, 0.01, -0.01, 0.005)
@@ -242,37 +248,3 @@ def test_what_is_off_its_reference_is_free_to_come():
     assert kept((-0.05, 0.0, 0.0), numbers(), seen=far) == (-0.05, 0.0, 0.0, PASSED)
     near = (*far[:4], -radians(2.0), 0.0, 0.0)
     assert kept((-0.05, 0.0, 0.0), numbers(), seen=near)[0] >= 0.0
-
-
-def lines():
-    """Yield what is certain of drawn limits and chasers, or why nothing is."""
-    for number in range(60):
-        random = np.random.default_rng([4, number])
-        angle, momentum = random.uniform((1.0, 0.3), (12.0, 1.0)).tolist()
-        rate, known, known_s, push, bends = random.uniform(
-            0.0, (3.0, 0.1, 0.02, 0.002, 0.1)
-        ).tolist()
-        share, start, above, empties = random.uniform(0.0, (0.1, 0.2, 0.3, 0.05)).tolist()
-        limits = AttitudeLimits(
-            rate_deg_s=rate,
-            angle_deg=angle if number % 3 else None,
-            momentum_nms=momentum,
-            known_deg=known,
-            known_deg_s=known_s,
-            disturbance_nm=push,
-            inertia_share=share if number % 4 else 0.0,
-            reference_deg_s2=bends,
-        )
-        wheels, unloading = bool(number % 5), (above, empties) if number % 2 else (0.0, 0.0)
-        try:
-            found = bounds_of(limits, BODY, TORQUE, start, DT, 60.0, wheels, unloading)
-            made = numbers_of(limits, found, BODY, TORQUE, momentum if wheels else 1e30, DT)
-        except InputError as error:
-            yield f'{number}: {error}'
-        else:
-            yield f'{number}: {digits((*found, *made))}'
-
-
-def test_the_numbers_are_those_of_the_list():
-    """What is not certain fails above; bounds that are wider than they must be, only here."""
-    assert_kept(LIST, lines())

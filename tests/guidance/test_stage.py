@@ -4,14 +4,11 @@
 
 from __future__ import annotations
 
-from copy import deepcopy
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from kept import assert_kept, digits
 from landing import rest_at_landing
 from references import follow
 
@@ -25,18 +22,19 @@ from rpo_core.world import cw
 from rpo_guidance import guidance, plan, rehearsal, transfers
 from rpo_kernels import kernels
 
-LIST = Path(__file__).with_name('plans.txt')
-LEFT = ('around', 'hold_points', 'on_command', 'tumbling_docking')
-"""Plans that commands interrupt."""
 WAITING = {'go': plan.COMMAND, 'timeout_s': None}
+BEGUN, HOLD = (0, 'fly_around'), (5405, 'hold_60')
 FOLLOWED = (
-    ('hold_points', {'go': plan.COMMAND}, {}, 15_000),  # a hold that takes too long aborts
-    ('hold_points', WAITING, {}, 15_000),
-    ('hold_points', WAITING, {6000: 'go'}, 6200),
-    ('around', {}, {1000: 'hold', 2500: 'go'}, 3000),
-    ('around', {}, {1000: 'retreat', 2500: 'go'}, 3000),
-)
-"""Plans, how their holds are changed, commands, up to which tick they are followed."""
+    ('hold_points', {'go': plan.COMMAND}, {}, 9700,
+     [BEGUN, HOLD, (6605, 'aborting'), (9605, 'drifting')]),
+    ('hold_points', WAITING, {}, 15_000, [BEGUN, HOLD]),
+    ('hold_points', WAITING, {6000: 'go'}, 6200, [BEGUN, HOLD, (6000, 'to_20')]),
+    ('around', {}, {1000: 'hold', 2500: 'go'}, 3000,
+     [(0, 'to_the_port'), (1000, 'stopped'), (2500, 'to_the_port')]),
+    ('around', {}, {1000: 'retreat', 2500: 'go'}, 3000,
+     [(0, 'to_the_port'), (1000, 'retreating'), (2500, 'to_the_port')]),
+)  # fmt: skip
+"""Plans, how their holds are changed, commands, up to which tick they are followed, phases."""
 KEEP_OUT_M, PORT_M = 10.0, np.array([0.0, 1.0, 0.0])
 
 
@@ -88,6 +86,30 @@ def test_a_command_that_a_log_tells_of_is_followed_and_other_words_are_not(aroun
     stage.take_event(1000, 'hold')
     stage.take_event(1000, 'waiting')
     assert stage.commands == {1000: 'hold'} and stage.next_tick == 1000
+
+
+@pytest.mark.parametrize(('name', 'holds', 'commands', 'until', 'phases'), FOLLOWED)
+def test_a_plan_is_left_and_taken_up_by_commands_and_time(name, holds, commands, until, phases):
+    chosen = scenario.load_scenario(name)
+    settings = chosen.section(plan.Guidance)
+    legs = [replace(leg, **holds) if leg.kind == plan.HOLD else leg for leg in settings.legs]
+    stage, references = follow(
+        chosen.equipped(replace(settings, legs=tuple(legs))), until, commands
+    )
+    assert [change[:2] for change in stage.changes] == phases
+    most = 2.0 * chosen.dt_s * chosen.max_force_n / chosen.mass_kg
+    assert np.abs(np.diff(references[:, 3:], axis=0)).max() < most, 'the reference does not jump'
+
+
+@pytest.mark.parametrize(
+    ('name', 'command', 'said'),
+    [
+        ('around', 'go', '`go` ends a hold; the phase is to_the_port'),
+        ('tumbling_docking', 'retreat', 'the plan has no `retreat_m`'),
+    ],
+)
+def test_a_command_that_fits_no_phase_says_why(name, command, said):
+    assert follow(scenario.load_scenario(name), 300)[0].command(command) == said
 
 
 def test_after_an_abort_the_drift_leads_away_for_two_orbits(around):
@@ -150,35 +172,3 @@ def test_a_plan_needs_no_more_than_its_share_of_the_force(hold_points, monkeypat
             continue
         with pytest.raises(InputError, match=r'must need at most `force_share` = .* 7 s: '):
             rehearsal.check(settings, hold_points)
-
-
-def lines():
-    """Yield what plans are: their phases, sums of references and forces, ways out of them."""
-    for name in ('apollo', 'docking', 'least_energy', 'passive_approach', 'tumbling_port', *LEFT):
-        chosen = scenario.load_scenario(name)
-        found = rehearsal.nominal(chosen.section(plan.Guidance), chosen, to_rest=True)
-        yield from (f'{name}: {tick} {phase}, {why}' for tick, phase, why in found.changes)
-        for part in (found.references, found.forces):
-            yield f'{name}: {digits(np.abs(part).sum(axis=0))}'
-    for name, holds, commands, until in FOLLOWED:
-        chosen = scenario.load_scenario(name)
-        settings = chosen.section(plan.Guidance)
-        legs = [replace(x, **holds) if x.kind == plan.HOLD else x for x in settings.legs]
-        stage, _ = follow(chosen.equipped(replace(settings, legs=tuple(legs))), until, commands)
-        yield f'{name} {holds} {commands}: {[(*change,) for change in stage.changes]}'
-    for name in LEFT:
-        chosen = scenario.load_scenario(name)
-        for at in (300, 2500, 4000):
-            begun, _ = follow(chosen, at)
-            for command in ('hold', 'retreat', 'abort', 'go'):
-                stage = deepcopy(begun)
-                yield f'{name} at {at}, {command}: {stage.command(command)}'
-                state, known = stage._reference, len(stage.changes)
-                for tick in range(at, at + 300):
-                    state, force = stage.step(tick, state)
-                yield f'  {stage.changes[known:]} {digits((*state, *force))}'
-
-
-def test_plans_are_those_of_the_list():
-    """Other tests find what cannot be flown; what costs more than it must, only this list."""
-    assert_kept(LIST, lines())
