@@ -72,7 +72,7 @@ ROSDEP_KEYS = {
 # pip brings them: rosdep has no key for mcap, and the other two come with it.
 WITHOUT_KEY = {'mcap', 'zstandard', 'lz4'}
 # A command that wants one says so, or does without.
-OPTIONAL = {'ccsds_ndm', 'llvmlite', 'matplotlib', 'numba', 'pyarrow', 'rosbags'}
+OPTIONAL = {'ccsds_ndm', 'llvmlite', 'matplotlib', 'numba', 'rosbags'}
 
 
 def is_ros(module: str) -> bool:

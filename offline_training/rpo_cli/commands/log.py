@@ -45,7 +45,7 @@ def diff(first: RunArgument, second: RunArgument) -> None:
 @log.command()
 def export(
     run: RunArgument,
-    output: Annotated[Path, Argument(help='file to write: .csv, .npz, .parquet or .oem')],
+    output: Annotated[Path, Argument(help='file to write: .csv, .npz or .oem')],
 ) -> None:
     """Write states, forces and disturbances as a table; the suffix of OUTPUT names the format."""
     from rpo_log.tools.export import export as write

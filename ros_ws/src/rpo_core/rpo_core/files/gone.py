@@ -59,6 +59,7 @@ GONE: dict[str, dict[str, str]] = {
         'watch': '`ros2 run rpo_view web`',
         'trial': 'the latency, jitter and counts in `run_status` and on `/diagnostics`',
     },
+    'suffix': {'.parquet': '`.csv` or `.npz`'},
     'controller': {
         **dict.fromkeys(('everywhere', 'robust', 'trained', 'world'), '`allround`'),
         'pace': '`more_words`',

@@ -4,8 +4,7 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -16,8 +15,7 @@ from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import Interface
 from rpo_log.bag import open_run
 from rpo_mcap.errors import ExitCode
-from rpo_mcap.read.decode import Event, TickBlock
-from rpo_mcap.read.stream import RunReader
+from rpo_mcap.read.run_log import RunLog, read_run
 
 
 @dataclass
@@ -55,97 +53,65 @@ class LogDiff:
             yield f'largest difference of {name}: {value:.6g}'
 
 
-class _Side:
-    """One of the two logs; its events and its last tick, as far as it was read."""
-
-    def __init__(self, path: str | Path) -> None:
-        self.reader = open_run(path)
-        self.events: list[Event] = []
-        self.last = -1
-
-    def blocks(self) -> Iterator[TickBlock]:
-        """Yield all ticks in order."""
-        for block in self.reader.blocks():
-            self.events += block.events
-            if len(block.ticks):
-                self.last = int(block.ticks[-1])
-                yield block
-
-
 def diff(a: str | Path, b: str | Path) -> LogDiff:
-    """Compare two logs tick by tick, bit for bit, in bounded memory; raises LogError."""
-    sides = left, right = _Side(a), _Side(b)
-    found = LogDiff((left.reader.path, right.reader.path))
-    _compare_heads(left.reader, right.reader, found)
-    blocks = [side.blocks() for side in sides]
-    one, other = (next(rest, None) for rest in blocks)
-    while one is not None and other is not None:
-        end = min(one.ticks[-1], other.ticks[-1])
-        ticks = np.union1d(one.ticks[one.ticks <= end], other.ticks[other.ticks <= end])
-        _compare_blocks((one.at(ticks), other.at(ticks)), found)
-        one, other = (
-            block.at(block.ticks[block.ticks > end]) if block.ticks[-1] > end else next(rest, None)
-            for block, rest in zip((one, other), blocks, strict=True)
-        )
-    for rest in blocks:
-        deque(rest, maxlen=0)
-    if left.last != right.last:
-        found.remarks.append(f'they end at ticks {left.last} and {right.last}')
-    for signal in sorted({event.signal for event in (*left.events, *right.events)}):
-        in_a, in_b = ([e for e in side.events if e.signal == signal] for side in sides)
+    """Compare two logs tick by tick, bit for bit, as far as both go; raises LogError."""
+    logs = one, other = read_run(open_run(a)), read_run(open_run(b))
+    found = LogDiff((one.path, other.path))
+    if one.base != other.base:
+        found.remarks.append(f'their ticks differ: {one.base} and {other.base}')
+    if one.topics != other.topics:
+        names = (', '.join(topic.name for topic in log.topics) for log in logs)
+        found.remarks.append('their topics differ: ' + ' and '.join(names))
+    for name in sorted({*one.attachments, *other.attachments}):
+        if one.attachments.get(name) != other.attachments.get(name):
+            found.remarks.append(f'{name} differs')
+    ends = [int(log.ticks[-1]) for log in logs]
+    ticks = np.union1d(one.ticks, other.ticks)
+    ticks = ticks[ticks <= min(ends)]
+    found.compared = len(ticks)
+    for row in interfaces.table().values():
+        if row.name in {*one.values, *other.values}:
+            _compare(found, row, ticks, [_at(ticks, log, row.name) for log in logs])
+    others = [[m for m in log.non_canonical if m.tick <= min(ends)] for log in logs]
+    if others[0] != others[1]:
+        found.remarks.append('messages with more than a stamp and a state or force differ')
+    if ends[0] != ends[1]:
+        found.remarks.append(f'they end at ticks {ends[0]} and {ends[1]}')
+    for signal in sorted({event.signal for log in logs for event in log.events}):
+        in_a, in_b = ([e for e in log.events if e.signal == signal] for log in logs)
         if in_a != in_b:
             found.remarks.append(f'{signal} differs')
     return found
 
 
-def _compare_heads(a: RunReader, b: RunReader, found: LogDiff) -> None:
-    if a.base != b.base:
-        found.remarks.append(f'their ticks differ: {a.base} and {b.base}')
-    if a.topics != b.topics:
-        names = (', '.join(topic.name for topic in reader.topics) for reader in (a, b))
-        found.remarks.append('their topics differ: ' + ' and '.join(names))
-    for name in sorted({*a.attachments, *b.attachments}):
-        if a.attachments.get(name) != b.attachments.get(name):
-            found.remarks.append(f'{name} differs')
+def _at(ticks: NDArray[np.int64], log: RunLog, signal: str) -> NDArray[np.float64] | None:
+    """Return the numbers (n, width) of a signal at some ticks, NaN where the log has no message."""
+    values = log.values.get(signal)
+    if values is None:
+        return None
+    found = np.full((len(ticks), values.shape[1]), np.nan)
+    found[np.isin(ticks, log.ticks)] = values[np.isin(log.ticks, ticks)]
+    return found
 
 
-def _compare_blocks(pair: tuple[TickBlock, TickBlock], found: LogDiff) -> None:
-    """Compare the signals of two blocks of the same ticks."""
-    ticks = pair[0].ticks
-    found.compared += len(ticks)
-    for row in interfaces.table().values():
-        width = next((b.values[row.name].shape[1] for b in pair if row.name in b.values), None)
-        if width is not None:
-            nothing, never = np.full((len(ticks), width), np.nan), np.zeros(len(ticks), dtype=bool)
-            values = tuple(block.values.get(row.name, nothing) for block in pair)
-            present = tuple(block.present.get(row.name, never) for block in pair)
-            _compare_signal(found, row, ticks, present, values)
-    others = [[(m.tick, m.data) for m in block.non_canonical] for block in pair]
-    remark = 'messages with more than a stamp and a state or force differ'
-    if others[0] != others[1] and remark not in found.remarks:
-        found.remarks.append(remark)
-
-
-def _compare_signal(
+def _compare(
     found: LogDiff,
     row: Interface,
     ticks: NDArray[np.int64],
-    present: tuple[NDArray[np.bool_], ...],
-    values: tuple[NDArray[np.float64], ...],
+    pair: Sequence[NDArray[np.float64] | None],
 ) -> None:
-    bits = [np.ascontiguousarray(v).view(np.uint64) for v in values]
-    unequal = (bits[0] != bits[1]) & (present[0] & present[1])[:, None]
-    rows = np.flatnonzero(unequal.any(axis=1) | (present[0] != present[1]))
+    """Compare a signal at the same ticks of two logs; None: a log has it not."""
+    shape = next(values.shape for values in pair if values is not None)
+    a, b = (np.full(shape, np.nan) if values is None else values for values in pair)
+    unequal = a.view(np.uint64) != b.view(np.uint64)
+    rows = np.flatnonzero(unequal.any(axis=1))
     if not len(rows):
         return
-    found.ticks[row.name] = found.ticks.get(row.name, 0) + len(rows)
-    if row.name not in found.first:
-        i, column = int(rows[0]), int(unequal[rows[0]].argmax())
-        a, b = (float(v[i, column]) if p[i] else None for v, p in zip(values, present, strict=True))
-        found.first[row.name] = (int(ticks[i]), row.columns[column], a, b)
-    with np.errstate(invalid='ignore'):
-        sizes = np.nanmax(np.abs(np.where(unequal, values[0] - values[1], 0.0)), axis=0)
+    found.ticks[row.name] = len(rows)
+    i, column = int(rows[0]), int(unequal[rows[0]].argmax())
+    one, other = (None if np.isnan(v[i]).all() else float(v[i, column]) for v in (a, b))
+    found.first[row.name] = (int(ticks[i]), row.columns[column], one, other)
+    sizes = np.nan_to_num(np.abs(a - b)).max(axis=0)
     for name, size in zip(row.columns, sizes.tolist(), strict=True):
-        key = f'{row.name} {name}'
-        if size > found.largest.get(key, 0.0):
-            found.largest[key] = size
+        if size > 0.0:
+            found.largest[f'{row.name} {name}'] = size

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""A log for other tools: CSV, NumPy, Parquet, CCSDS OEM; one row a tick, units in the names."""
+"""A log for other tools: CSV, NumPy, CCSDS OEM; one row a tick, units in the names."""
 
 from __future__ import annotations
 
@@ -15,12 +15,11 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
+from rpo_core.files import gone
 from rpo_core.wire import interfaces
 from rpo_log.bag import open_run
 from rpo_mcap.errors import LogError, cannot_write, exists
-from rpo_mcap.read.decode import TickBlock
-from rpo_mcap.read.run_log import scenario_of
-from rpo_mcap.read.stream import RunReader
+from rpo_mcap.read.run_log import RunLog, read_run, scenario_of
 from rpo_mcap.topics import Topic
 
 _COLUMNS = {
@@ -41,39 +40,34 @@ Table = dict[str, NDArray[np.generic]]
 """Column name to values: tick, time_s, stamp_ns, then those of each topic."""
 
 
-def tables(reader: RunReader) -> Iterator[Table]:
-    """Yield the log as tables of some thousand ticks; NaN where a message is missing."""
-    base, topics = reader.base, list[Topic]()
-    for block in reader.blocks():
-        if not len(block.ticks):
-            continue
-        table: Table = {
-            'tick': block.ticks,
-            'time_s': block.ticks * base.dt_ns / 1_000_000_000,
-            'stamp_ns': base.epoch_ns + block.ticks * base.dt_ns,
-        }
-        topics = topics or [*_with_riders(reader, block)]
-        for topic in topics:
-            if topic.row.columns:
-                table.update(zip(columns(topic), block.values[topic.signal].T, strict=True))
-        yield table
+def table(log: RunLog) -> Table:
+    """Return the log as a table; NaN where a message is missing."""
+    found: Table = {
+        'tick': log.ticks,
+        'time_s': log.times_s,
+        'stamp_ns': log.base.epoch_ns + log.ticks * log.base.dt_ns,
+    }
+    for topic in _with_riders(log):
+        if topic.row.columns:
+            found.update(zip(columns(topic), log.values[topic.signal].T, strict=True))
+    return found
 
 
-def _with_riders(reader: RunReader, block: TickBlock) -> Iterator[Topic]:
+def _with_riders(log: RunLog) -> Iterator[Topic]:
     """Yield the topics, and what rides in them: covariances, attitudes, torques.
 
-    As far as the scenario has them, or the first ticks say one that is not at rest.
+    As far as the scenario has them, or a message says one that is not at rest.
     """
-    rows = (row for row in map(interfaces.row_of, block.values) if row.rides)
-    values = {row: block.values[row.name] for row in rows}
+    rows = (row for row in map(interfaces.row_of, log.values) if row.rides)
+    values = {row: log.values[row.name] for row in rows}
     told = {row.name for row, v in values.items() if (np.isfinite(v) & (v != row.rest)).any()}
     with suppress(LogError):  # a bag may lack it
-        scenario = scenario_of(reader)
+        scenario = scenario_of(log)
         if scenario.thrusters is not None and scenario.thrusters.table is not None:
             told.add(interfaces.EXERTED_TORQUE)
         if scenario.attitude is not None:
             told |= {interfaces.CHASER_ATTITUDE, interfaces.BODY_TORQUE, interfaces.APPLIED_TORQUE}
-    for topic in reader.topics:
+    for topic in log.topics:
         yield topic
         if topic.row.rider in told:
             yield Topic(topic.name, interfaces.row_of(topic.row.rider))
@@ -99,60 +93,33 @@ def columns(topic: Topic) -> list[str]:
     return [prefix + name for name in (_PUSHES if pushes else _COLUMNS[topic.type])]
 
 
-def _csv(reader: RunReader, stream: IO[bytes]) -> int:
-    rows, text = 0, io.TextIOWrapper(stream, encoding='utf-8', newline='', write_through=True)
-    writer = csv.writer(text)
-    for table in tables(reader):
-        if not rows:
-            writer.writerow(table)
-        writer.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
-        rows += len(table['tick'])
+def _csv(log: RunLog, stream: IO[bytes]) -> int:
+    text = io.TextIOWrapper(stream, encoding='utf-8', newline='', write_through=True)
+    writer, rows = csv.writer(text), table(log)
+    writer.writerow(rows)
+    writer.writerows(zip(*(column.tolist() for column in rows.values()), strict=True))
     text.detach()
-    return rows
+    return len(log.ticks)
 
 
-def _npz(reader: RunReader, stream: IO[bytes]) -> int:
-    parts = list(tables(reader))
-    table = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    np.savez_compressed(stream, **table)  # type: ignore[arg-type]
-    return len(table['tick'])
-
-
-def _parquet(reader: RunReader, stream: IO[bytes]) -> int:
-    try:
-        import pyarrow as pa  # type: ignore[import-untyped,import-not-found,unused-ignore]
-        import pyarrow.parquet as pq  # type: ignore[import-untyped,import-not-found,unused-ignore]
-    except ModuleNotFoundError:
-        sentence = 'Parquet needs pyarrow, which is not installed; install it, or export to '
-        raise LogError(stream.name, f'{sentence}.csv or .npz') from None
-    rows, writer = 0, None
-    for part in tables(reader):
-        table = pa.table(part)
-        writer = writer or pq.ParquetWriter(stream, table.schema)
-        writer.write_table(table)
-        rows += len(table)
-    if writer is not None:
-        writer.close()
-    return rows
+def _npz(log: RunLog, stream: IO[bytes]) -> int:
+    np.savez_compressed(stream, **table(log))  # type: ignore[arg-type]
+    return len(log.ticks)
 
 
 OEM_FRAME = 'RSW_ROTATING'
 """Name of `target_lvlh` in the registry of CCSDS; its other names are in docs/theory.md."""
 
 
-def _oem(reader: RunReader, stream: IO[bytes]) -> int:
+def _oem(log: RunLog, stream: IO[bytes]) -> int:
     import ccsds_ndm as ndm  # type: ignore[import-untyped,import-not-found,unused-ignore]
 
-    states = []
-    for table in tables(reader):
-        columns_m = [table[name] for name in _COLUMNS[interfaces.STATE_TYPE]]
-        values = np.column_stack(columns_m).astype(np.float64)
-        there = np.isfinite(values).all(axis=1)
-        epochs = map(_utc, table['stamp_ns'][there].tolist())
-        rows = zip(epochs, (values[there] / 1000.0).tolist(), strict=True)
-        states += [ndm.StateVectorAcc(epoch, *row) for epoch, row in rows]
+    there = np.isfinite(log.states).all(axis=1)
+    epochs = [_utc(log.base.stamp_ns(tick)) for tick in log.ticks[there].tolist()]
+    rows = zip(epochs, (log.states[there] / 1000.0).tolist(), strict=True)
+    states = [ndm.StateVectorAcc(epoch, *row) for epoch, row in rows]
     if not states:
-        raise LogError(reader.path, 'holds no state')
+        raise LogError(log.path, 'holds no state')
     metadata = ndm.OemMetadata(
         object_name='CHASER', object_id='CHASER', center_name='TARGET', ref_frame=OEM_FRAME,
         time_system='UTC', start_time=states[0].epoch, stop_time=states[-1].epoch,
@@ -171,29 +138,27 @@ def _utc(stamp_ns: int) -> str:
     return f'{time.strftime("%Y-%m-%dT%H:%M:%S", time.gmtime(second))}.{ns:09d}'
 
 
-FORMATS: dict[str, Callable[[RunReader, IO[bytes]], int]] = {
+FORMATS: dict[str, Callable[[RunLog, IO[bytes]], int]] = {
     '.csv': _csv,
     '.npz': _npz,
-    '.parquet': _parquet,
     '.oem': _oem,
 }
 """By the suffix of the output. CSV writes floats so that they come back bit for bit."""
 
 
 def export(path: str | Path, output: str | Path) -> int:
-    """Write a log as .csv, .npz, .parquet or .oem; return the number of rows. Raises LogError.
+    """Write a log as .csv, .npz or .oem; return the number of rows. Raises LogError.
 
-    Parquet needs pyarrow; OEM needs ccsds-ndm-py, ModuleNotFoundError without it. An existing file
-    is not overwritten.
+    OEM needs ccsds-ndm-py, ModuleNotFoundError without it. An existing file is not overwritten.
     """
     target = Path(output)
     if target.suffix not in FORMATS:
-        suffix = target.suffix or 'no suffix'
+        suffix = gone.answer('suffix', target.suffix) or target.suffix or 'no suffix'
         raise LogError(target, f'must end in one of {", ".join(FORMATS)}; got {suffix}')
-    reader = open_run(path)
+    log = read_run(open_run(path))
     try:
         with open(target, 'xb') as stream:
-            return FORMATS[target.suffix](reader, stream)
+            return FORMATS[target.suffix](log, stream)
     except FileExistsError:
         raise exists(target, 'name another output') from None
     except BaseException as error:

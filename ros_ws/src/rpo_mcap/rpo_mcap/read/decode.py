@@ -77,18 +77,6 @@ class TickBlock:
     events: tuple[Event, ...] = ()
     non_canonical: tuple[Message, ...] = ()
 
-    def at(self, ticks: NDArray[np.int64]) -> TickBlock:
-        """Return some ticks, without events; those that are not here have no message."""
-        where, rows = np.isin(ticks, self.ticks), np.isin(self.ticks, ticks)
-        values = {s: np.full((len(ticks), v.shape[1]), np.nan) for s, v in self.values.items()}
-        present = {signal: np.zeros(len(ticks), dtype=bool) for signal in self.present}
-        for signal, found in values.items():
-            found[where] = self.values[signal][rows]
-        for signal, there in present.items():
-            there[where] = self.present[signal][rows]
-        kept = tuple(m for m in self.non_canonical if m.tick in ticks)
-        return TickBlock(ticks, values, present, non_canonical=kept)
-
 
 @dataclass(frozen=True)
 class Messages:
