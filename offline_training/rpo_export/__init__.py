@@ -12,20 +12,16 @@ from collections.abc import Callable
 
 from rpo_core.control.controller import AnyController, FuzzyController
 from rpo_core.files.validation import choice
-from rpo_export import c, formats, python
+from rpo_export import c, formats
 from rpo_montecarlo.outputs import identifier
 
 FORMATS: dict[str, Callable[[AnyController], str]] = {
     'fis': formats.fis,
     'fll': formats.fll,
     'json': formats.json,
-    'python': python.text,
     'c': lambda controller: c.files(controller, '').source,
 }
-"""MATLAB, FuzzyLite; JSON; Python and C99 functions with the bits of the kernels."""
-
-SUFFIXES = {name: '.py' if name == 'python' else f'.{name}' for name in FORMATS}
-"""File name suffix of each format."""
+"""MATLAB, FuzzyLite; JSON; C99 functions with the bits of the kernels."""
 
 
 def text_of(controller: AnyController, name: str) -> str:

@@ -15,10 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rpo_core.chain.stage import Place, section_of
 from rpo_core.control.controller import AnyController, FuzzyController, only_fuzzy
-from rpo_core.files.scenario import Goal, Scenario
-from rpo_core.files.validation import InputError
 from rpo_ctrl.baselines import Baseline
 from rpo_export import formats
 from rpo_export.c_source import Source, number, wrapped
@@ -80,54 +77,31 @@ def vector(name: str, values: Sequence[float]) -> str:
     return f'static const double {name}[3] = {{{", ".join(map(number, values))}}};'
 
 
-def about_force(at: str = '', scenario: Scenario | None = None) -> str:
-    """Return the comment on `NAME_force`.
-
-    at : what else than the state the force follows from; scenario : whose goal it has
-    """
-    if scenario is None:
-        words = f'{at}. {" ".join(formats.GOAL)}'
-    else:
-        where = 'target' if scenario.goal is None else f'{list(scenario.goal.position_m)} m'
-        name = formats.one_line(scenario.name)
-        words = (
-            f' relative to the target{at}. It flies to the goal of {name}, {where}, and has the '
-            'force that holds there. Shaping, assurance and thrusters act later.'
-        )
-    return wrapped(f'/* Commanded force [N] of a finite state{words} */')
+def about_force(at: str = '') -> str:
+    """Return the comment on `NAME_force`; at : what else than the state the force follows from."""
+    return wrapped(f'/* Commanded force [N] of a finite state{at}. {" ".join(formats.GOAL)} */')
 
 
-def force_text(
-    source: Source, controller: AnyController, name: str, scenario: Scenario | None = None
-) -> str:
+def force_text(source: Source, controller: AnyController, name: str) -> str:
     """Add the kernels of a controller to a source; return `NAME_force` in C, which calls them.
-
-    scenario : whose goal the function has, and the force that holds there
 
     Raises InputError if it does not answer by a kernel.
     """
-    goal = None if scenario is None else scenario.goal
-    names = [f'position_m[{i}]' for i in range(3)]
-    if goal is not None:
-        names = [f'{name} - GOAL_M[{i}]' for i, name in enumerate(names)]
-    names += [f'velocity_m_s[{i}]' for i in range(3)]
+    names = (f'{part}[{i}]' for part in ('position_m', 'velocity_m_s') for i in range(3))
     law, counts = law_of(controller), counts_ticks(controller)
     source.record('LAW', law.tables)
     second = 'tick' if counts else '0'
     if law.scales:
         second = f'(double3){{{{{", ".join(map(number, law.scales))}}}}}'
     given = f'const double position_m[3], const double velocity_m_s[3], {"int tick, " * counts}'
-    force = filled(
+    return filled(
         'c',
         'force',
-        about=about_force(', at a tick of the run' * counts, scenario),
+        about=about_force(', at a tick of the run' * counts),
         prototype=wrapped(f'void {name}_force({given}double force_n[3])'),
         state=wrapped(f'const double6 state = {{{{{", ".join(names)}}}}};', 1),
         call=f'{source.function(law.kernel).name}(state, {second}, &LAW)',
-        hold='' if goal is None else ' + HOLD_N[axis]',
     )
-    constants = [] if goal is None else [vector('GOAL_M', goal[0]), vector('HOLD_N', goal[1])]
-    return '\n\n'.join([*constants, force])
 
 
 def table(name: str, kind: str, rows: Sequence[Sequence[Any]]) -> str:
@@ -136,37 +110,15 @@ def table(name: str, kind: str, rows: Sequence[Sequence[Any]]) -> str:
     return f'static const {kind} {name}[{len(rows)}][{len(rows[0])}] = {{\n{lines}}};'
 
 
-def _flown_to(scenario: Scenario, controller: AnyController) -> Goal | None:
-    """Return the goal of a scenario; raises InputError where C would not be what flies to it."""
-    if any(section_of(s).place is Place.GUIDANCE for s in scenario.sections):
-        raise InputError(
-            f'`--scenario` has a goal that stands; {scenario.name} has section `guidance`, whose '
-            'reference moves: export without `--scenario`, and subtract the reference'
-        )
-    if scenario.compensated:
-        raise InputError(
-            f'`--scenario` has no estimate of the disturbance, which {scenario.name} subtracts: '
-            'take `estimator.compensate` out of the file'
-        )
-    if not isinstance(controller, FuzzyController):
-        controller.refuse_other_ticks(scenario.dt_s)
-    return scenario.goal
-
-
-def _self_test(controller: AnyController, name: str, goal: Goal | None) -> str:
+def _self_test(controller: AnyController, name: str) -> str:
     draw = np.random.default_rng(1)
-    rounded = np.round(draw.normal(size=(_CASES, 6)) * [30, 30, 30, 0.4, 0.4, 0.4], 3)
-    origin, hold_n = np.zeros(6), np.zeros(3)
-    if goal is not None:
-        origin[:3], hold_n = goal.position_m, np.array(goal.force_n)
-    states = (rounded - origin).tolist()
+    states = np.round(draw.normal(size=(_CASES, 6)) * [30, 30, 30, 0.4, 0.4, 0.4], 3).tolist()
     if isinstance(controller, Baseline):
         kernel, law = controller.kernel()
         forces = [kernel(tuple(s), _TICKS_APART * i, law) for i, s in enumerate(states)]
     else:
         forces = [only_fuzzy(controller).force_n(s[:3], s[3:]) for s in states]
-    answers = np.array(forces) if goal is None else np.array(forces) + hold_n
-    rows = [(*s, *force) for s, force in zip(rounded.tolist(), answers.tolist(), strict=True)]
+    rows = [(*s, *force) for s, force in zip(states, forces, strict=True)]
     return filled(
         'c',
         'self_test',
@@ -177,22 +129,20 @@ def _self_test(controller: AnyController, name: str, goal: Goal | None) -> str:
     )
 
 
-def files(controller: AnyController, file: str, scenario: Scenario | None = None) -> Files:
+def files(controller: AnyController, file: str) -> Files:
     """Return the C of a controller: `NAME_force` and `NAME_self_test`, and a header.
 
     file : name of the source file, whose header has an example of its use
-    scenario : to whose goal it flies; None: the caller subtracts the goal
 
     Raises InputError if it is of a kind whose kernels are not known.
     """
     name, source = identifier(controller.name), Source()
-    goal = None if scenario is None else _flown_to(scenario, controller)
-    functions = [force_text(source, controller, name, scenario)]
-    if isinstance(controller, FuzzyController) and scenario is None:
+    functions = [force_text(source, controller, name)]
+    if isinstance(controller, FuzzyController):
         axis = source.function(kernels.axis_force).name
         scales = ', '.join(map(number, controller.scales))
         functions.append(filled('c', 'axis', name=name, function=axis, scales=scales))
-    functions.append(_self_test(controller, name, goal))
+    functions.append(_self_test(controller, name))
     use = (
         'double force_n[3];\n             '
         f'{name}_force((double[]){{10.0, 60.0, -40.0}}, (double[]){{0.0, 0.0, 0.0}}, '

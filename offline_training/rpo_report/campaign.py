@@ -36,7 +36,7 @@ from rpo_montecarlo.campaign.statistics import (
     successes,
 )
 from rpo_montecarlo.campaign.store import Store
-from rpo_report.page import Block, File, Fold, Picture, Report, Section, Table, Text, picture, plain
+from rpo_report.page import Block, File, Picture, Report, Section, Table, Text, picture, plain
 from rpo_report.replay import Replayed
 
 FALSE_ALARM = 0.01
@@ -206,29 +206,6 @@ def sensitivity(found: Mapping[str, Sequence[Influence]], level: float) -> Any:
     return figure
 
 
-def draw_rates(found: Sequence[Rate]) -> Any:
-    """Return success rates with their intervals."""
-    shares = np.array([rate.kept / rate.runs for rate in found])
-    below = shares - [rate.low for rate in found]
-    above = [rate.high for rate in found] - shares
-    figure, axes = style.new_panels(0.9 + 0.36 * len(found))
-    places = np.arange(len(found))
-    axes.errorbar(
-        100.0 * shares,
-        places,
-        xerr=100.0 * np.array([below, above]),
-        fmt='o',
-        color=_KEPT,
-        capsize=4,
-        markersize=5,
-        label='share of runs, Wilson 95 %',
-    )
-    axes.set_yticks(places, [rate.name for rate in found])
-    axes.set(xlabel='runs that keep it [%]', ylim=(len(found) - 0.5, -0.5))
-    style.legend_below(figure, axes)
-    return figure
-
-
 WORST_FAILURES = 5
 REPLAYED = 20
 """Runs in the replay of a campaign."""
@@ -292,15 +269,8 @@ def _success(store: Store, found: list[Rate]) -> list[Block]:
         (_limit(name, store.campaign.required[name]), judging.NOT_JUDGED, '', '')
         for name in judging.not_judged(store.campaign)
     ]
-    return [
-        picture(
-            'success',
-            draw_rates(found),
-            success=judging.sentence(store.campaign),
-            rates='; '.join(f'{rate.name}: {_percent(rate)}' for rate in found),
-        ),
-        Table('Rates', ('condition', 'runs', 'share', 'Wilson 95 %'), tuple(rows)),
-    ]
+    caption = f'Success: {judging.sentence(store.campaign)}'
+    return [Table(caption, ('condition', 'runs', 'share', 'Wilson 95 %'), tuple(rows))]
 
 
 def _figures(store: Store, found: list[Spread], never: list[str], success: Bools) -> list[Block]:
@@ -346,13 +316,6 @@ def _what_matters(store: Store, success: Bools) -> list[Block]:
     dispersed = store.campaign.config.dispersions
     white = [words(n, unit=False) for n in dispersed if QUANTITIES[n].distributions == ('white',)]
     note = f' Not shown: {", ".join(white)}, new at each tick.' if white else ''
-    rows: list[tuple[str, ...]] = []
-    for outcome, all_of_it in found.items():
-        rows.append((outcome,))
-        strong = [i for i in all_of_it[:5] if i.strength > level]
-        rows += [(i.column, f'{i.signed:+.3f}', f'{i.size:+.3f}') for i in strong]
-    caption = f'Strongest rank correlations; beyond chance is {level:.3f}'
-    numbers = Table(caption, ('drawn', 'of the deviation', 'of its size'), tuple(rows))
     return [
         picture(
             'sensitivity',
@@ -362,7 +325,6 @@ def _what_matters(store: Store, success: Bools) -> list[Block]:
             percent=100 * (1 - FALSE_ALARM),
             note=note,
         ),
-        Fold('Correlations as numbers', (numbers,)),
     ]
 
 
@@ -466,25 +428,7 @@ def _again(store: Store, run: int) -> str:
 
 
 def _configuration(store: Store) -> list[Block]:
-    config = store.campaign.config
-    rows = tuple(
-        (
-            words(name, unit=False),
-            dispersion.distribution,
-            ', '.join(f'{s:g}' for s in sorted(set(dispersion.spread))),
-            QUANTITIES[name].unit,
-        )
-        for name, dispersion in config.dispersions.items()
-    )
-    limits = tuple(
-        (words(name, unit=False), f'≤ {limit:g} {plain(judging.unit_of(name))}'.rstrip())
-        for name, limit in config.success.items()
-    )
     names = ('campaign.yaml', 'scenario.yaml', 'controller.yaml')
-    dispersions = Table('Dispersions', ('quantity', 'distribution', 'spread', 'unit'), rows)
     return [
-        Fold(
-            'Dispersions and limits', (dispersions, Table('Success', ('figure', 'limit'), limits))
-        ),
         *(File(name, text) for name, text in zip(names, store.campaign.texts, strict=True)),
     ]

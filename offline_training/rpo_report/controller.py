@@ -10,12 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rpo_core import files
-from rpo_core.chain.flight import Flight, fly
+from rpo_core.chain.flight import Flight
 from rpo_core.control.controller import AnyController, FuzzyController, load_controller
 from rpo_core.control.fuzzy import WORDS
-from rpo_core.files.scenario import Scenario, ScenarioSet, load, load_scenario
+from rpo_core.files.scenario import Scenario, ScenarioSet, load
 from rpo_core.judge.metrics import ARRIVAL_DISTANCE, ARRIVAL_SPEED, ENERGY, SLEW
-from rpo_core.judge.verdicts import missed
 from rpo_ctrl.explain import SPOKEN
 from rpo_ctrl.family import Family
 from rpo_judge.analysis import surface
@@ -132,10 +131,6 @@ def _energies(axes: Any, found: Assessment) -> None:
     )
 
 
-SCENARIOS = ('paper_test', 'paper_test_phase', 'approach')
-"""What a report of a controller without rules flies."""
-
-
 class _Flown(NamedTuple):
     """How a controller flies: a summary, blocks of the page, and whether something is missed."""
 
@@ -147,10 +142,10 @@ class _Flown(NamedTuple):
 def report_of(name: str, scenario: str = '') -> Report:
     """Return the report of a shipped controller or a file; raises InputError.
 
-    scenario : what it is judged by; if not given, what it was trained for, else the paper's targets
+    scenario : what it is judged by; if not given, what it was trained for, else the paper's starts
     """
     controller, path = load_controller(name), files.find('controller', name)
-    of, proven = scenario or trained_for(controller), None
+    of, proven = scenario or trained_for(controller) or PAPER, None
     if isinstance(controller, FuzzyController):
         proven = certify(controller.system)
     rows = tuple(
@@ -160,12 +155,10 @@ def report_of(name: str, scenario: str = '') -> Report:
     )
     origin = [Table('How it came to be', ('what', 'value'), rows)] if rows else []
     with style.applied():
-        if of and (scenario or of != PAPER):
-            flown = _judged(controller, load(of))
-        elif isinstance(controller, FuzzyController) and proven:
+        if isinstance(controller, FuzzyController) and proven and not scenario and of == PAPER:
             flown = _assessed(controller, proven)
         else:
-            flown = _flown(controller)
+            flown = _judged(controller, load(of))
         sections = (
             Section('How it flies', tuple(flown.blocks)),
             *_inside(controller, proven),
@@ -187,9 +180,9 @@ def _judged(controller: AnyController, found: Scenario | ScenarioSet) -> _Flown:
     return _Flown(summary, [table, _histories(flight)], kept < len(judgements))
 
 
-def _histories(flight: Flight, more: str = '') -> Picture:
+def _histories(flight: Flight) -> Picture:
     figure, name = flight_report.time_histories(flight), flight.scenario.name
-    return picture('time_histories, of a controller', figure, name=name, more=more)
+    return picture('time_histories, of a controller', figure, name=name)
 
 
 def _inside(controller: AnyController, proven: Certificate | None) -> tuple[Section, ...]:
@@ -236,18 +229,6 @@ def _places(controller: FuzzyController, claim: Claim) -> str:
         f'm/s the force is {p.output * force:.4g} N'
         for p in claim.points
     )
-
-
-def _flown(controller: AnyController) -> _Flown:
-    """Return how a controller without the paper's rules flies some scenarios."""
-    flights = {name: fly(load_scenario(name), controller) for name in SCENARIOS}
-    rows: list[tuple[str, ...]] = []
-    for name, flight in flights.items():
-        for section, lines in flight_report.rows(flight).items():
-            rows += [(f'{name}: {section}',), *lines]
-    table = Table('Flights', flight_report.COLUMNS, tuple(rows))
-    histories = _histories(flights[SCENARIOS[0]], '; the table above has its metrics')
-    return _Flown('', [table, histories], any(map(missed, flights.values())))
 
 
 def _assessed(controller: FuzzyController, proven: Certificate) -> _Flown:

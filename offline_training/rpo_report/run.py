@@ -18,7 +18,6 @@ from rpo_core.judge import metrics
 from rpo_core.judge.contact import docked_at
 from rpo_core.judge.verdicts import UNBOUNDED, ZONE_DEPTH, missed, unbounded, verdicts
 from rpo_core.judge.zones import zones_of
-from rpo_ctrl.explain import decisions
 from rpo_judge.evaluation import optimal
 from rpo_log.bag import open_run
 from rpo_log.show import report as log_report
@@ -29,7 +28,7 @@ from rpo_mcap.read.run_log import RunLog, controller_of, read_run
 from rpo_report import assured, attitude, guided, navigation, run_plots
 from rpo_report.logged import LoggedFlight, logged_flight, until, verdict_of
 from rpo_report.page import Block, File, Fold, Picture, Report, Section, Table, Text, picture
-from rpo_report.replay import Replayed, seen
+from rpo_report.replay import Replayed
 from rpo_report.run_plots import zone_passage
 
 MOST_TICKS = 20_000
@@ -79,7 +78,7 @@ def report_of(path: Path, scenario: str = '') -> tuple[Report, LoggedFlight]:
             *_disturbance(flight),
             *navigation.sections(flight, estimated),
             Section('Phase planes', tuple(_phase_planes(flight, controller, why))),
-            Section('Details', tuple(_details(shown, log, controller))),
+            Section('Details', tuple(_details(shown, log))),
         ]
     replayed = _replayed(path.name, shown, controller, stages)
     summary = _summary(shown, log)
@@ -213,7 +212,6 @@ def _limits_and_path(shown: LoggedFlight, optimum: dict[str, Flight]) -> list[Bl
         rows.append((v.statement, value, f'≤ {limit}', *((margin, v.word) if judged else ('', ''))))
     if rows:
         rows += [(name, '–', 'none', '–', UNBOUNDED) for name in unbounded(flight.scenario)]
-    found = [row for zone in zones for row in zone_passage(flight, zone)]
     least_m = np.linalg.norm(flight.positions_m, axis=1).min()
     near = bool(zones) and least_m < run_plots.reach_m(zones)
     columns = ('requirement', 'value', 'limit', 'margin', 'verdict')
@@ -225,7 +223,6 @@ def _limits_and_path(shown: LoggedFlight, optimum: dict[str, Flight]) -> list[Bl
             run_plots.approach(flight, optimum, zones),
             where=_where(flight),
             mark_s=run_plots.MARK_S,
-            passages=''.join(f'; {what}: {value}' for what, value in found),
         ),
         *([picture('zones', run_plots.near(flight, zones))] if near else []),
     ]
@@ -238,42 +235,22 @@ def _where(flight: Flight) -> str:
     return 'in LVLH: in the orbital plane, and from above'
 
 
-def _details(shown: LoggedFlight, log: RunLog, controller: AnyController | None) -> list[Block]:
-    flight, scenario = shown.flight, shown.planned
-    navigated = any(scenario.named(name) for name in ('navigation', 'estimator'))
-    facts = [
-        ('orbit radius', f'{scenario.orbit_radius_m / 1e3:.8g} km'),
-        ('mean motion', f'{scenario.mean_motion_rad_s:.6e} rad/s'),
-        ('chaser mass', f'{scenario.mass_kg:g} kg'),
-        ('largest force of an axis', f'{scenario.max_force_n:g} N'),
-        ('initial position', f'{_vector(scenario.initial_position_m)} m'),
-        ('initial velocity', f'{_vector(scenario.initial_velocity_m_s)} m/s'),
-        ('duration', f'{scenario.duration_s:g} s, {scenario.ticks} ticks of {scenario.dt_s:g} s'),
-        ("disturbance's level", f'{metrics.disturbance_level_n(flight):.4g} N'),
-        ('thrusters', 'as in the scenario' if scenario.thrusters else 'perfect'),
-        ('navigation', 'as in the scenario' if navigated else 'perfect'),
-    ]
+def _details(shown: LoggedFlight, log: RunLog) -> list[Block]:
+    flight = shown.flight
     others = tuple(row[:2] for row in log_report.rows(flight)[log_report.METRICS])
     passages = [
         (f'`{zone.name}`: {what}', value)
-        for zone in zones_of(scenario)
+        for zone in zones_of(shown.planned)
         for what, value in zone_passage(flight, zone)
     ]
     tables = [Table('Other metrics', ('metric', 'value'), others)]
     if passages:
         tables.append(Table('Passage of the zones', ('what', 'value'), tuple(passages)))
-    tables.append(Table('Scenario', ('quantity', 'value'), tuple(facts)))
-    if isinstance(controller, FuzzyController):
-        tables.append(_decisions(flight, controller))
     return [
         *(Fold(table.caption, (table,)) for table in tables),
         Text('The files of the log; rpo verify computes the flight again from them.'),
         *_files(log),
     ]
-
-
-def _vector(values: tuple[float, ...]) -> str:
-    return '[' + ', '.join(f'{value:g}' for value in values) + ']'
 
 
 def _histories(flight: Flight, phases: list[guided.Phase]) -> Picture:
@@ -341,9 +318,9 @@ def _phase_planes(flight: Flight, controller: AnyController | None, why: str) ->
     fuzzy = controller if isinstance(controller, FuzzyController) else None
     missing = ''
     if controller is None:
-        missing = f'No control surface and no decisions: {why}.'
+        missing = f'No control surface: {why}.'
     elif fuzzy is None:
-        missing = f'No control surface and no rules: {controller.name} is not a fuzzy controller.'
+        missing = f'No control surface: {controller.name} is not a fuzzy controller.'
     errors, follows = guided.errors_of(flight), guided.follows(flight)
     most_m_s = metrics.closing_speeds_m_s(flight).max()
     closing = picture('closing', run_plots.closing(flight), most_m_s=most_m_s)
@@ -357,21 +334,6 @@ def _phase_planes(flight: Flight, controller: AnyController | None, why: str) ->
         where=' on the control surface' if fuzzy else '',
     )
     return [planes, *([Text(missing)] if missing else []), closing]
-
-
-def _decisions(flight: Flight, controller: FuzzyController) -> Table:
-    """Return a table of ticks from the start to the arrival, equally spaced, and the last."""
-    arrived = metrics.arrival_time_s(flight)
-    end_s = flight.scenario.duration_s if arrived is None else arrived
-    ticks = np.linspace(0.0, end_s / flight.scenario.dt_s, 5).round().astype(int)
-    rows: list[tuple[str, ...]] = []
-    for tick in sorted({*ticks.tolist(), flight.scenario.ticks}):
-        rows.append((f'{flight.scenario.time_s(tick):g} s',))
-        for d in decisions(controller, seen(flight, tick)):
-            numbers = (f'{x:.3g}' for x in (d.position_m, d.velocity_m_s, d.force_n))
-            rows.append((d.axis, *numbers, d.reasons.sentence))
-    columns = ('axis', 'position [m]', 'velocity [m/s]', 'force [N]', 'rules and their shares')
-    return Table('Why the controller fired, from the state it received', columns, tuple(rows))
 
 
 def _files(log: RunLog) -> list[Block]:

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of a training run: how it converged, and the controller that it found."""
+"""Pictures of a training run: how it converged, and what it chose from."""
 
 from __future__ import annotations
 
@@ -9,21 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from rpo_core.control.controller import FuzzyController
 from rpo_log.show import style
-from rpo_report.controller import control_surface, membership_functions, rules
 from rpo_training.run import HISTORY
 from rpo_training.training import FINALISTS, FRONT
 
 
-def draw_run(folder: Path, controller: FuzzyController) -> list[Path]:
+def draw_run(folder: Path) -> list[Path]:
     """Draw the pictures of a finished run into its folder; return their paths."""
     with style.applied():
         drawings = {
             'convergence.png': _convergence(folder / HISTORY),
-            'membership_functions.png': membership_functions(controller),
-            'rules.png': rules(controller),
-            'surface.png': control_surface(controller),
         }
         if (folder / FRONT).exists():
             drawings['front.png'] = _front(folder / FRONT)

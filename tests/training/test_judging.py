@@ -108,7 +108,7 @@ def test_what_is_not_judged_is_said_by_command_summary_run_and_report(tmp_path, 
     ]
     made = report.report_of(folder)
     assert sentence in made.summary and f'Success: {sentence}' in made.sections[0].blocks[0].caption
-    rows = made.sections[0].blocks[1].rows
+    rows = made.sections[0].blocks[0].rows
     assert [row[0] for row in rows if row[1] == judging.NOT_JUDGED] == [
         'hold force per disturbance ≤ 20 x disturbance of its run',
         'slew per axis ≤ 0.5 N/s',

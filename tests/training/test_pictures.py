@@ -11,7 +11,6 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from rpo_core.control.controller import load_controller
 from rpo_log.show import style
 from rpo_report import training
 
@@ -66,7 +65,7 @@ def test_pictures_of_a_training(tmp_path, drawn):
     ):
         lines = [','.join(heads), *(','.join(map(str, row)) for row in table)]
         (tmp_path / name).write_text('\n'.join(lines))
-    training.draw_run(tmp_path, load_controller('handmade'))
+    training.draw_run(tmp_path)
     assert {'convergence.png', 'held_out.png'} <= set(drawn)
     for name, figure in drawn.items():
         assert not [text for text in texts(figure) if re.search(r'[$\\]', text)], name

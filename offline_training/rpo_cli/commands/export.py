@@ -17,7 +17,7 @@ from rpo_core.files.validation import InputError
 
 def export(
     controller: Annotated[str, Argument(help='shipped name or file')],
-    to: Annotated[str, Option(help='fis (MATLAB), fll (FuzzyLite), json, python or c')],
+    to: Annotated[str, Option(help='fis (MATLAB), fll (FuzzyLite), json or c')],
     output: Annotated[
         Path | None,
         Option('--output', '-o', help='file, - for the terminal  [named after the controller]'),
@@ -29,41 +29,32 @@ def export(
             help='with c: the assurance filter of a scenario too, shipped name or file',
         ),
     ] = None,
-    scenario: Annotated[str | None, Option(help='with c: fly to the goal of this scenario')] = None,
 ) -> None:
-    """Write a controller for MATLAB or FuzzyLite, as JSON, Python or C99.
+    """Write a controller for MATLAB or FuzzyLite, as JSON or C99.
 
-    The Python and the C function need nothing else, and give the bits of the flown controller. The
-    header beside the C file shows how to call and compile it.
+    The C function needs nothing else, and gives the bits of the flown controller. The header beside
+    the C file shows how to call and compile it.
     """
     from rpo_core.control.controller import load_controller
     from rpo_core.files.scenario import load_scenario
     from rpo_ctrl import attitude
-    from rpo_export import SUFFIXES, attitude_files, c, c_assured, text_of
+    from rpo_export import attitude_files, c, c_assured, text_of
     from rpo_montecarlo.outputs import identifier, make_folder
 
     axis = attitude.axis_of(controller) if attitude.is_one(controller) else None
-    alone = to == 'c' and assurance is None
-    if axis is not None and not (alone and scenario is None):
-        raise InputError(
-            'a controller of attitude needs `--to c`, without `--assurance` and `--scenario`'
-        )
-    if scenario is not None and not alone:
-        raise InputError(
-            '`--scenario` needs `--to c`, without `--assurance`, which flies to its own goal'
-        )
+    if axis is not None and (to != 'c' or assurance is not None):
+        raise InputError('a controller of attitude needs `--to c`, without `--assurance`')
     if assurance is not None and to != 'c':
         raise InputError(f'`--assurance` needs `--to c`; got {to}')
     loaded = load_controller(controller) if axis is None else axis
-    path = output or Path(identifier(loaded.name) + SUFFIXES.get(to, ''))
+    path = output or Path(f'{identifier(loaded.name)}.{to}')
     texts: tuple[str, ...]
     if assurance is not None:
         texts = c_assured.files(loaded, load_scenario(assurance), path.name)
     elif axis is not None:
         texts = attitude_files(axis, path.name)
     elif to == 'c':
-        goal_of = None if scenario is None else load_scenario(scenario)
-        texts = c.files(loaded, path.name, goal_of)
+        texts = c.files(loaded, path.name)
     else:
         texts = (text_of(loaded, to),)
     if output == Path('-'):

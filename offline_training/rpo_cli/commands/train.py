@@ -160,7 +160,7 @@ def _finish(run: SearchRun[Config, Found], plots: bool, no_fail: bool) -> None:
         except ImportError:
             typer.echo('No pictures: matplotlib is not installed.', err=True)
         else:
-            for path in draw_run(run.folder, best):
+            for path in draw_run(run.folder):
                 echo(path)
     which = ', '.join(f'{name} from {n} of {run.flown}' for name, n in misses.items() if n)
     if which:

@@ -33,6 +33,7 @@ GONE: dict[str, dict[str, str]] = {
         ),
         'evaluate --output': 'the tables of `rpo evaluate --robustness`',
         'compare --picture': 'the tables of `rpo compare`, and its `compare.json`',
+        'export --scenario': '`--assurance`, or subtract the goal as the header says',
         'truth --plot': 'the tables of `rpo truth`',
         **dict.fromkeys(
             ('plan --margins', 'plan --sample'),
@@ -87,6 +88,7 @@ GONE: dict[str, dict[str, str]] = {
             'a limit on `valve_openings` or `propellant_kg` in `success` of the campaign',
         ),
     },
+    '--to': {'python': '`rpo_core.control.controller.load_controller` in Python, or `--to c`'},
     'schema': {'rpo/monitor/1': 'the abort table of section `assurance`'},
 }
 """Subject -> name -> what to use.
