@@ -14,19 +14,16 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from rpo_attitude.chaser import Chaser, Wheels
-from rpo_attitude.target import Target
 from rpo_attitude.turns import apart, docking_axis, too_fast, turned
 from rpo_attitude.unloading import Unloading
 from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.chain.stage import Place, Stage
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import Scenario, load_scenario
-from rpo_core.files.validation import InputError
 from rpo_core.judge.zones import Cone
 from rpo_core.wire import interfaces
 from rpo_core.world.cw import Body
 from rpo_core.world.disturbance import NONE
-from rpo_core.world.dynamics import Dynamics
 from rpo_ctrl.attitude import AttitudeControl
 from rpo_thrusters.table import ThrusterTable
 from rpo_thrusters.thrusters import Thrusters
@@ -185,40 +182,6 @@ def test_thrusters_empty_the_wheels_and_the_chaser_does_not_feel_it():
     for one in (flight, alone):  # by SciPy: both hold the attitude of the orbit
         turned = Rotation.from_quat(one.signals['chaser_attitude'][:, :4]).magnitude()
         assert turned.max() < 2e-3
-
-
-@pytest.mark.parametrize(
-    ('fields', 'sentence'),
-    [
-        ({'torque_nm': 0.05}, r'`unloading.torque_nm` must be below that of the wheels, 0\.05'),
-        ({'above_nms': 0.6}, r'`unloading.above_nms` must be below that of the wheels, 0\.5'),
-        ({'above_nms': 0.5}, r'`unloading.above_nms` must be below that of the wheels, 0\.5'),
-        ({'torque_nm': 0.0}, '`torque_nm` must be a finite number > 0'),
-    ],
-)
-def test_what_cannot_be_emptied_is_refused(fields, sentence):
-    with pytest.raises(InputError, match=sentence):
-        unloading(**fields)
-    with pytest.raises(InputError, match=r'`unloading` needs `attitude\.wheels`'):
-        scenario_of(10).equipped(Unloading(above_nms=0.1, torque_nm=0.1))
-
-
-@pytest.mark.parametrize(
-    ('name', 'section'),
-    [('attitude', Chaser(inertia_kg_m2=INERTIA)), ('target', Target(kind='fixed'))],
-)
-def test_who_has_an_attitude_is_in_a_circular_orbit(name, section):
-    base = load_scenario('approach')
-    assert base.equipped(section, Dynamics(kind='clohessy_wiltshire')).named(name) == section
-    for kind in ('linear_elliptic', 'two_body'):
-        with pytest.raises(InputError, match=f'`{name}` needs a circular orbit'):
-            base.equipped(section, Dynamics(kind=kind))
-
-
-def test_a_wheel_begins_with_no_more_than_it_holds():
-    assert Wheels(torque_nm=0.1, momentum_nms=0.5, start_nms=(0.0, -0.5, 0.5)).start_nms[1] == -0.5
-    with pytest.raises(InputError, match=r'`start_nms` must be at most `momentum_nms`, 0\.5 N m s'):
-        Wheels(torque_nm=0.1, momentum_nms=0.5, start_nms=(0.0, -0.501, 0.0))
 
 
 # How far attitudes are apart, against SciPy's rotations.

@@ -8,12 +8,10 @@ import sys
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from rpo_core import files
 from rpo_core.chain import stage
 from rpo_core.chain.chain import Chain, signals_of, start_of
 from rpo_core.chain.flight import Flight, fly
@@ -275,9 +273,3 @@ def test_plugins_are_loaded_once_and_named_where_they_are_missing(tmp_path, monk
             plugins.load()
         plugins.load()
     assert 'my_stage_of_this_test' in sys.modules
-
-
-def test_a_path_may_begin_at_a_home():
-    assert files.expanded('bag', '~/run') == Path.home() / 'run'
-    with pytest.raises(InputError, match=r'`bag` must be a path; got .*no such home folder'):
-        files.expanded('bag', '~nobody_of_that_name/run')

@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rpo_core.files.validation import InputError
 from rpo_core.world import cw
 from rpo_core.world.disturbance import NONE, Disturbance, Harmonic, paper
 
@@ -30,15 +29,6 @@ def test_a_reading_is_its_formula(reading, phase, offset):
         assert force == pytest.approx(1e-2 * np.array(expected), abs=2e-17)
 
 
-def test_scenarios_carry_the_readings(paper_test):
-    from rpo_core.files.scenario import load_scenario
-
-    assert paper_test.disturbance == paper('offset', paper_test.mean_motion_rad_s)
-    phase = load_scenario('paper_test_phase')
-    assert phase.disturbance == paper('phase', phase.mean_motion_rad_s)
-    assert load_scenario('approach').disturbance.is_zero
-
-
 harmonics = st.builds(
     Harmonic,
     st.sampled_from('xyz'),
@@ -48,17 +38,6 @@ harmonics = st.builds(
     st.floats(-97, 97),
 )
 constants = st.tuples(*[st.floats(-1, 1)] * 3)
-
-
-@given(constants, st.lists(harmonics, max_size=6), st.floats(0, 1e4))
-def test_any_harmonics_add_up(constant, terms, t):
-    expected = list(constant)
-    for term in terms:
-        function = math.sin if term.function == 'sin' else math.cos
-        value = term.amplitude_n * function(term.angular_rate_rad_s * t + term.phase_rad)
-        expected['xyz'.index(term.axis)] += value
-    got = Disturbance(constant, tuple(terms)).force_n(t)
-    assert got == pytest.approx(expected, abs=1e-14)
 
 
 @given(constants, st.lists(harmonics, max_size=3), st.lists(st.floats(0, 1e4), max_size=5))
@@ -76,16 +55,11 @@ def test_nothing_is_zero():
     assert not Disturbance(harmonics=(Harmonic('x', 'sin', 1e-9, 1.0),)).is_zero
 
 
-def test_another_reading_is_refused():
-    with pytest.raises(InputError, match="`reading` must be one of offset, phase; got 'sine'"):
-        paper('sine', N)
-
-
 @given(
     constants,
-    st.lists(harmonics, max_size=3),
-    st.floats(-0.9, 2),
-    st.floats(-3, 3),
+    st.lists(harmonics, max_size=6),
+    st.floats(-0.9, 2) | st.just(0.0),
+    st.floats(-3, 3) | st.just(0.0),
     st.floats(-0.9, 0.0),
 )
 def test_a_varied_one_is_the_formula_with_other_numbers(constant, terms, share, phase, faster):

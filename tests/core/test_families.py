@@ -117,19 +117,6 @@ def test_a_search_begins_at_the_frequency_and_damping_of_the_textbook(law):
     assert -roots.sum().real / 2.0 / frequency == pytest.approx(2.0 / math.sqrt(6.0), rel=2e-3)
 
 
-def test_after_arrival_an_error_decays_as_the_textbook_says():
-    """r = R exp(-2 t / T) (cos w t + 2 sin(w t) / (w T)), with w = sqrt(2) / T."""
-    big_t, dt = textbook.LEAST_S, 0.01
-    a_d, b_d = cw.matrices(cw.discretise(0.0, 10.0, dt))
-    state = np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.0])
-    for tick in range(3000):
-        w, t = math.sqrt(2.0) / big_t, tick * dt
-        decay = math.exp(-2.0 * t / big_t)
-        expected = decay * (math.cos(w * t) + 2.0 * math.sin(w * t) / (w * big_t))
-        assert state[0] / 0.1 == pytest.approx(expected, abs=2e-3)
-        state = a_d @ state + b_d @ np.array(TO_GO.force_n(state[:3], state[3:], 10**6))
-
-
 def test_the_textbook_infers_the_time_to_go_of_an_approach_of_least_energy(monkeypatch):
     assert textbook.time_from_rest_s(0.1) == textbook.time_from_rest_s(0.5) == 15.0
     assert textbook.time_from_rest_s(100.0) == pytest.approx(170.0)

@@ -138,19 +138,6 @@ def test_presets_agree_with_scipy_whole_and_with_each_single_failure(name, centr
         programme.assert_agrees(wanted, most)
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(1800)
-def test_a_hundred_thousand_demands_and_all_single_failures_agree_with_scipy():
-    rng = np.random.default_rng(6)
-    for name in PRESETS:
-        programme = Programme(preset(name))
-        number = len(programme.most)
-        for failed in range(-1, number):
-            most = programme.most * (np.arange(number) != failed)
-            for wanted in demands(rng, 25_000 // (number + 1) + 1, 0.6):
-                programme.assert_agrees(wanted, most)
-
-
 @st.composite
 def tables(draw):
     """Draw some thrusters anywhere, that push anywhere."""

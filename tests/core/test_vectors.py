@@ -15,6 +15,7 @@ from hypothesis.extra.numpy import arrays
 
 from rpo_ctrl.attitude_limit_kernels import limits_at
 from rpo_kernels import jit
+from rpo_kernels.arrays import contracted
 from rpo_kernels.attitude_kernels import attitude_at, frame_at
 from rpo_kernels.chaser_kernels import craft_at
 from rpo_kernels.jit import as_table
@@ -106,3 +107,9 @@ def test_records_are_read_from_tables_in_their_order(read, steps):
     found = read(table, 3, steps) if steps else read(table, 3)
     flat = np.hstack([np.ravel(value) for value in found])
     np.testing.assert_array_equal(flat, 3.0 + (steps or 1) * np.arange(len(flat)))
+
+
+def test_a_sum_over_an_axis_of_no_length_is_zero_whatever_lies_in_memory():
+    foreign = np.full(100, np.nan)
+    empty = np.lib.stride_tricks.as_strided(foreign, (5, 0, 2), np.zeros((5, 0, 2)).strides)
+    np.testing.assert_array_equal(contracted('kji,j->ki', empty, foreign[:0]), np.zeros((5, 2)))

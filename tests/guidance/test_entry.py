@@ -62,30 +62,19 @@ def test_the_shipped_plan_is_the_one_that_is_chosen(found):
     assert found[0].settings == PLAN
 
 
-def test_no_plan_is_tried_whose_line_gains_speed_or_whose_corridor_begins_before_it():
+def test_tried_are_entries_by_the_last_transfer_that_can_be_legs():
+    """None whose line gains speed, or whose corridor begins before it."""
     way, line = PLAN.legs
-    ends = replace(line, end_speed_m_s=0.8 * line.speed_m_s)
-    legs = (replace(way, corridor_s=40.0), ends)
-    plans = [plan.legs for _, plan in entry._others(replace(PLAN, legs=legs), PORT)]
-    for share in (1.0, 1.5, 2.0):
-        some = [leg for leg, after in plans if after.speed_m_s == round(share * 0.075, 6)]
-        assert {leg.corridor_s for leg in some} == {40.0 * share}
-        assert {leg.arrive_m_s[1] for leg in some} == {round(-0.075 * share, 6)}
-        durations = [leg.duration_s for leg in some]
-        assert durations == [float(s) for s in range(5, 470, 5) if s > 40.0 * share]
-        plans = [legs for legs in plans if legs[0] not in some]
-    assert plans == []
-
-
-def test_the_last_transfer_into_the_turning_axes_is_the_entry():
-    way, line = PLAN.legs
-    before = replace(way, name='before')
-    found = list(entry._others(replace(PLAN, legs=(before, way, line)), PORT))
-    assert {(i, plan.legs[0], plan.legs[2].end_speed_m_s) for i, plan in found} == {
-        (1, before, line.end_speed_m_s)
-    }
-    alone = [plan.legs for _, plan in entry._others(replace(PLAN, legs=(way,)), PORT)]
-    assert alone == [(replace(way, duration_s=float(s)),) for s in range(5, 470, 5)]
+    before, slower = replace(way, name='before'), replace(line, end_speed_m_s=0.06)
+    legs = before, replace(way, corridor_s=40.0), slower
+    tried = [(i, *one.legs) for i, one in entry._others(replace(PLAN, legs=legs), PORT)]
+    assert {(i, first) for i, first, *_ in tried} == {(1, before)}
+    assert [(x.duration_s, x.corridor_s, x.arrive_m_s[1], y.speed_m_s) for *_, x, y in tried] == [
+        (float(s), 40.0 * share, -round(0.075 * share, 6), round(0.075 * share, 6))
+        for share in (1.0, 1.5, 2.0)
+        for s in range(5, 470, 5)
+        if s > 40.0 * share
+    ]
 
 
 def test_a_plan_that_cannot_be_flown_has_no_entry():

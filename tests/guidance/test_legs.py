@@ -47,16 +47,6 @@ def test_a_leg_is_a_function_of_its_tick(name):
     np.testing.assert_array_equal(tabled(two, 502), [np.hstack(row) for row in every.values()])
 
 
-def test_a_reference_moves_as_its_velocity_says():
-    for name in ('straight', 'around', 'out of plane'):
-        leg = LEGS[name]()
-        states = np.array([leg.at(tick)[0] for tick in range(leg.ticks + 1)])
-        moved = np.diff(states[:, :3], axis=0) / VEHICLE.dt_s
-        mean = (states[1:, 3:] + states[:-1, 3:]) / 2.0
-        assert np.abs(moved - mean)[:-1].max() < 2e-3, name  # the last tick may be a part of one
-        assert np.linalg.norm(states[:, 3:], axis=1).max() <= 0.51
-
-
 @pytest.mark.parametrize(
     ('start', 'half_way'),
     [

@@ -5,26 +5,16 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
-from nav_scenarios import LIDAR, TUMBLE, attitude_scenario, unmodelled
+from nav_scenarios import LIDAR, attitude_scenario, unmodelled
 from scipy.spatial.transform import Rotation
 
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller_file import parse
-from rpo_core.files import scenario
-from rpo_core.files.validation import InputError
 from rpo_nav.estimator import Estimator, EstimatorStage
 from rpo_nav.filter_kernels import START
 
 CAMERA = {**LIDAR, 'body_fixed': True}
 TURNED = Rotation.from_euler('xyz', [20.0, -30.0, 50.0], degrees=True)
-
-
-def scenario_with(unit=(), **changes):
-    """Return a scenario whose chaser tumbles, with a camera and the true attitude."""
-    sensors = {'units': [{**CAMERA, **dict(unit)}], 'noise_key': [7, 1]}
-    unknown = {'attitude_sensors': None, 'attitude_estimator': None}
-    return attitude_scenario(**{**unknown, 'sensors': sensors, 'estimator': {}, **changes})
 
 
 def quaternion(turned):
@@ -83,31 +73,3 @@ def test_both_filters_together_are_consistent():
         spread = flight.signals['navigation_covariance'][ticks, :9].reshape(3, 3)
         nees.append(errors @ np.linalg.solve(spread, errors))
     assert abs(np.mean(nees) - 3.0) < 4.0 * np.sqrt(6.0 / runs)
-
-
-def test_only_a_camera_that_turns_is_written_so():
-    assert 'body_fixed: true' in scenario.dumps(scenario_with())
-    assert 'body_fixed' not in scenario.dumps(scenario_with({'body_fixed': False}))
-
-
-PORT = (0.3, 1.2, -0.5)
-EXACT = {
-    'looks_at': 'port', 'noise_share': 0.0, 'noise_floor_m': 1e-6, 'bearing_noise_rad': 1e-8,
-}  # fmt: skip
-
-
-def looking(unit=(), target=(), **changes):
-    """Return a scenario whose camera looks at the port of a target that tumbles."""
-    found = {'target': {**TUMBLE, **dict(target)}, 'zones': {'port_m': list(PORT)}}
-    return scenario_with({**EXACT, **dict(unit)}, **{**found, **changes})
-
-
-def test_what_looks_at_the_port_needs_one():
-    with pytest.raises(InputError, match='`looks_at` port needs `port_m`'):
-        looking(zones=None)
-    with pytest.raises(InputError, match='`looks_at` must be centre for a sensor of relative'):
-        looking({'kind': 'relative_position', 'bearing_noise_rad': 0.0, 'body_fixed': False})
-    text = scenario.dumps(looking())
-    assert 'looks_at: port' in text
-    assert text.count('port_m') == 1
-    assert 'looks_at' not in scenario.dumps(scenario_with())
