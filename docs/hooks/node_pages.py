@@ -33,12 +33,12 @@ from rpo_core.files import scenario
 from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import MOST_IN_ALL, READERS
 from rpo_log.tools.record import record
-from rpo_ros import names, qos
+from rpo_ros import qos
 from rpo_ros.parameter_rows import ParameterRow, tables
 from rpo_ros.running import FlightNode
 
 INDEX, PROTOCOL, POLICY = 'index.md', 'protocol.md', 'sros2_policy.xml'
-_LEFT_OUT = ('/rosout', '/parameter_events', names.TF)
+_LEFT_OUT = ('/rosout', '/parameter_events', '/tf')
 """Topics of every node, and a topic that not every machine has: its row comes from the card."""
 
 _STOCK_SERVICES = ('parameter', 'get_type_description')
@@ -140,7 +140,7 @@ def _short(node: FlightNode, name: str) -> str:
     own = f'{node.get_fully_qualified_name()}/'
     if name.startswith(own):
         return f'~/{name.removeprefix(own)}'
-    absolute = (names.CLOCK, names.DIAGNOSTICS)
+    absolute = ('/clock', '/diagnostics')
     return name if name in absolute else name.lstrip('/')
 
 
@@ -196,7 +196,7 @@ def _found(card: Card, folder: Path) -> Found:
     if card.also:
         topics.sort(key=lambda row: (row[0] == 'listens', row[1]))
     if card.publishes_tf:
-        row = (f'`{names.TF}`', '`tf2_msgs/TFMessage`', _qos(qos.TF), MEANINGS[names.TF])
+        row = ('`/tf`', '`tf2_msgs/TFMessage`', _qos(qos.TF), MEANINGS['/tf'])
         topics.insert(0, ('publishes', *row))
     return topics, services
 

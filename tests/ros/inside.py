@@ -26,7 +26,7 @@ from std_srvs.srv import SetBool, Trigger
 from rpo_core.wire import interfaces
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_log.recorder_node import RecorderNode
-from rpo_ros import names, qos
+from rpo_ros import qos
 from rpo_ros.running import FlightNode, new_executor
 from rpo_sim.plant_node import PlantNode
 
@@ -173,7 +173,7 @@ class Hand:
             DiagnosticStatus, interfaces.RUN_STATUS, self.statuses.append, qos.LATCHED_QUEUE
         )
         inner.user.create_subscription(
-            DiagnosticArray, names.DIAGNOSTICS, self._on_health, qos.DIAGNOSTICS
+            DiagnosticArray, '/diagnostics', self._on_health, qos.DIAGNOSTICS
         )
 
     def _on_health(self, array: DiagnosticArray) -> None:

@@ -28,7 +28,7 @@ from rpo_log.verify import verify
 from rpo_mcap.errors import ExitCode, LogError
 from rpo_mcap.read.run_log import read_run
 from rpo_mcap.write import mcap_file
-from rpo_ros import conversions, qos
+from rpo_ros import qos, signals
 from rpo_ros.signals import Outlet, hear
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 from rpo_sim.plant_node import PlantNode
@@ -49,7 +49,7 @@ def wrench(plant, tick, force, frame=''):
 
 
 def status(**values):
-    return conversions.to_status(b'\x00', 'run', 'of somebody else', values.items())
+    return signals.to_status(b'\x00', 'run', 'of somebody else', values.items())
 
 
 FALSE_STATUSES = (

@@ -20,7 +20,7 @@ from rpo_ctrl.controller_node import ControllerNode
 from rpo_ctrl.rival_controller_node import ControllerNode as RivalNode
 from rpo_log.tools.diff import diff
 from rpo_log.verify import verify
-from rpo_ros import conversions, qos
+from rpo_ros import qos, signals
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 from rpo_sim.plant_node import PlantNode
 
@@ -56,7 +56,7 @@ def test_a_node_of_another_scenario_refuses_and_nothing_flies(
 def refusal(node):
     """Return the status of a node that takes no part."""
     values = {'stage': node, 'state': 'refused', 'tick': '0', 'reason': 'so'}
-    return conversions.to_status(b'\x01', node, 'so', values.items())
+    return signals.to_status(b'\x01', node, 'so', values.items())
 
 
 @pytest.mark.every_landing

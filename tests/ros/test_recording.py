@@ -25,7 +25,7 @@ from rpo_log.verify import ExitCode, verify
 from rpo_mcap.format.run import TOPICS
 from rpo_mcap.read.run_log import read_run
 from rpo_nav.navigation_node import NavigationNode
-from rpo_ros import health, names, qos
+from rpo_ros import health, qos
 from rpo_ros.signals import Outlet, listen, message_class
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 
@@ -49,7 +49,7 @@ def test_a_late_manifest_is_waited_for_however_much_is_heard_before(ros_env, tmp
         onward = inner.user.create_publisher(
             DiagnosticStatus, interfaces.NODE_MANIFEST, qos.LATCHED
         )
-        clock = inner.user.create_publisher(Clock, names.CLOCK, qos.CLOCK)
+        clock = inner.user.create_publisher(Clock, '/clock', qos.CLOCK)
         inner.fly(tmp_path / 'run', scenario)
         inner.until(lambda: held and clock.get_subscription_count())
         for _ in range(500):

@@ -12,7 +12,7 @@ from rosgraph_msgs.msg import Clock
 from rpo_core.files.scenario import load_scenario
 from rpo_core.wire import interfaces
 from rpo_ctrl.controller_node import ControllerNode
-from rpo_ros import conversions, names, qos
+from rpo_ros import qos, signals
 from rpo_ros.running import FlightNode
 from rpo_view.listening import Latest
 
@@ -40,7 +40,7 @@ def test_a_parameter_of_no_type_ends_no_node_and_is_warned_of_by_powers_of_ten(r
 
 def manifest(text):
     pairs = [('role', 'plant'), ('file.scenario.yaml', text)]
-    return conversions.to_status(b'\x00', 'plant', 'manifest', pairs)
+    return signals.to_status(b'\x00', 'plant', 'manifest', pairs)
 
 
 def test_a_manifest_that_no_plant_can_have_ends_no_node(ros_env, capfd):
@@ -84,7 +84,7 @@ def test_bytes_that_are_no_message_are_ignored_in_one_line(ros_env, capfd):
 def test_a_negative_time_ends_no_node_with_simulated_time(ros_env, capfd):
     with inside() as inner:
         node = inner.start(FlightNode('bare', {'use_sim_time': True}))
-        sender = inner.user.create_publisher(Clock, names.CLOCK, qos.CLOCK)
+        sender = inner.user.create_publisher(Clock, '/clock', qos.CLOCK)
         inner.until(sender.get_subscription_count)
         sender.publish(Clock(clock=Time(sec=-5)))
         inner.until(lambda: node._complaints)

@@ -45,7 +45,7 @@ from rpo_core.wire.statuses import GuidanceStatus, Manifest, RunStatus
 from rpo_report import replay
 from rpo_report.replay import Replayed, page_of
 from rpo_report.turned import turned_of
-from rpo_ros import conversions, names, qos
+from rpo_ros import qos, signals
 from rpo_ros.signals import Outlet
 from rpo_view import scene
 from rpo_view.live import LiveFlight, Trail
@@ -424,7 +424,7 @@ def inner(ros_env):
 
 
 def test_rviz_and_foxglove_look_at_topics_that_are_there():
-    topics = {names.MARKERS, names.CHASER_POSE, *(row.name for row in interfaces.rows())}
+    topics = {'markers', 'chaser_pose', *(row.name for row in interfaces.rows())}
     document = yaml.safe_load((BRINGUP / 'rviz' / 'final_approach.rviz').read_text())
     manager = document['Visualization Manager']
     shown = {d['Topic']['Value'] for d in manager['Displays'] if 'Topic' in d}
@@ -451,12 +451,12 @@ def test_nodes_show_what_a_run_says(inner):
     }
     scenes: list[MarkerArray] = []
     poses: list[PoseStamped] = []
-    user.create_subscription(MarkerArray, names.MARKERS, scenes.append, qos.LATCHED)
-    user.create_subscription(PoseStamped, names.CHASER_POSE, poses.append, qos.LATCHED)
+    user.create_subscription(MarkerArray, 'markers', scenes.append, qos.LATCHED)
+    user.create_subscription(PoseStamped, 'chaser_pose', poses.append, qos.LATCHED)
 
     def say(name, values):
         sender = name.partition('_')[0]
-        message = conversions.to_status(b'\0', sender, 'flying', values.items())
+        message = signals.to_status(b'\0', sender, 'flying', values.items())
         latched[name].publish(message)
 
     def flies(name):
@@ -501,7 +501,7 @@ def test_pose_and_transform_turn_with_the_chaser(inner):
     node.live.on_manifest(manifest('plant', scenarios.dumps(load_scenario('tumbling_docking'))))
     states = Outlet(inner.user, interfaces.RELATIVE_STATE)
     poses = []
-    inner.user.create_subscription(PoseStamped, names.CHASER_POSE, poses.append, qos.LATCHED)
+    inner.user.create_subscription(PoseStamped, 'chaser_pose', poses.append, qos.LATCHED)
     stamps, attitude = itertools.count(START_NS, 100_000_000), (0.5, 0.5, -0.5, 0.5)
 
     def publish():

@@ -12,8 +12,8 @@ from rpo_core.files.scenario import Scenario
 from rpo_core.wire import interfaces
 from rpo_guidance.guidance import COMMANDS, GuidanceStage
 from rpo_ros import health, qos
-from rpo_ros.conversions import to_status
 from rpo_ros.managed_node import CommandedNode
+from rpo_ros.signals import to_status
 
 
 class GuidanceNode(CommandedNode):

@@ -32,10 +32,9 @@ from rpo_mcap.format import run as run_log
 from rpo_mcap.topics import Topic
 from rpo_mcap.write.writer import PHASES, RunLogWriter
 from rpo_ros import health, qos
-from rpo_ros.conversions import texts_of
 from rpo_ros.heartbeat import Timeout, Watch
 from rpo_ros.running import FlightNode
-from rpo_ros.signals import hear, message_class
+from rpo_ros.signals import hear, message_class, texts_of
 
 EXIT_INCOMPLETE = 1
 

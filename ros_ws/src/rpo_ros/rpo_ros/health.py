@@ -18,9 +18,9 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 
 from rpo_core.wire import interfaces
-from rpo_ros import names, qos
-from rpo_ros.conversions import packed_status, to_status
+from rpo_ros import qos
 from rpo_ros.running import FlightNode
+from rpo_ros.signals import packed_status, to_status
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
@@ -57,7 +57,9 @@ def publish_health(node: FlightNode, health: Callable[[], Health]) -> None:
 
     The stamp is of the node's clock, as that of diagnostic_updater: of /clock with `use_sim_time`.
     """
-    publisher = node.create_publisher(DiagnosticArray, names.DIAGNOSTICS, qos.DIAGNOSTICS)
+    publisher = node.create_publisher(
+        DiagnosticArray, interfaces.row_of(interfaces.DIAGNOSTICS).topic, qos.DIAGNOSTICS
+    )
     name = f'{node.get_fully_qualified_name().lstrip("/")}: health'
 
     def publish() -> None:

@@ -12,9 +12,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import ALIVE, GONE, Heartbeat
 from rpo_ros import qos
-from rpo_ros.conversions import packed_status
 from rpo_ros.running import FlightNode
-from rpo_ros.signals import hear
+from rpo_ros.signals import hear, packed_status
 
 BEAT_S, SILENT_S, LOOK_S = 0.2, 0.6, 0.05
 """A node that is not heard for SILENT_S is silent; it says something each BEAT_S."""

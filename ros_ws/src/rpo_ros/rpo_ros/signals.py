@@ -10,12 +10,12 @@ interfaces knows the place of each number in the bytes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache, lru_cache
 from importlib import import_module
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
@@ -106,3 +106,26 @@ def hear(
         take(read(data))
 
     return node.create_subscription(DiagnosticStatus, reader.topic, on_status, profile, raw=True)
+
+
+def to_status(
+    level: bytes, name: str, message: str, values: Iterable[tuple[str, object]]
+) -> DiagnosticStatus:
+    """Return a DiagnosticStatus; values become texts, as `texts_of` makes them."""
+    return DiagnosticStatus(
+        level=level,
+        name=name,
+        message=message,
+        hardware_id='none',
+        values=[KeyValue(key=key, value=text) for key, text in texts_of(values)],
+    )
+
+
+def packed_status(name: str, message: str, values: Iterable[tuple[str, object]]) -> bytes:
+    """Return a DiagnosticStatus of level OK as bytes, always the same for the same content."""
+    return cdr.encode_status(0, name, message, 'none', texts_of(values))
+
+
+def texts_of(values: Iterable[tuple[str, object]]) -> tuple[tuple[str, str], ...]:
+    """Return keys and values as texts, floats by repr so that no digit is lost."""
+    return tuple([(k, v if isinstance(v, str) else repr(v)) for k, v in values])

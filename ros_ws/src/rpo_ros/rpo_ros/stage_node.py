@@ -20,12 +20,11 @@ from rpo_core.files.scenario import Scenario
 from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import GONE, REFUSED, RUNNING, WAITING, RunStatus
 from rpo_ros import health, qos
-from rpo_ros.conversions import to_status
 from rpo_ros.heartbeat import Pulse
 from rpo_ros.patience import MOST_REPEATS, Patience
 from rpo_ros.plant_scenario import PlantScenario
 from rpo_ros.running import EXIT_BAD_INPUT, FlightNode
-from rpo_ros.signals import Outlet, hear, listen
+from rpo_ros.signals import Outlet, hear, listen, to_status
 
 FOREIGN, LATE = 'foreign_stamp', 'late'
 _NOTHING: tuple[int, Signal] = (-1, ())

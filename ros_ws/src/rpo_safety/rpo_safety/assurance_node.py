@@ -18,8 +18,8 @@ from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
 from rpo_core.wire import interfaces
 from rpo_ros import health, qos
-from rpo_ros.conversions import to_status
 from rpo_ros.managed_node import CommandedNode
+from rpo_ros.signals import to_status
 from rpo_safety.abort import COMMANDS, AbortMachine
 from rpo_safety.assurance import ASSURANCE_STATUS, AssuranceStage, Decision
 

@@ -21,8 +21,8 @@ from rpo_core.wire.statuses import PAUSED, RUNNING, WAITING
 from rpo_ros import health
 from rpo_ros.heartbeat import Timeout, Watch
 from rpo_ros.running import FlightNode
+from rpo_sim.loop_health import Pace
 from rpo_sim.plant import Force, FreeRunningPlant, LockstepPlant
-from rpo_sim.timing import Pace
 
 DEFAULT_FREE_RUNNING_FACTOR = 1.0
 

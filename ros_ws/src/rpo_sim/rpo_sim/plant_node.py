@@ -21,13 +21,13 @@ from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.statuses import ABORTED, ENDED, FINISHED, GONE, PAUSED, RUNNING, WAITING
-from rpo_ros import health, names, qos
-from rpo_ros.conversions import to_status
+from rpo_ros import health, qos
 from rpo_ros.heartbeat import Pulse, Timeout, Watch
 from rpo_ros.plant_scenario import FREE_RUNNING, LOCKSTEP
-from rpo_ros.signals import Outlet, listen
+from rpo_ros.signals import Outlet, listen, to_status
 from rpo_sim.loop_health import LoopHealth
 from rpo_sim.pacing import FreeRunningPacing, LockstepPacing, Loop
+from rpo_sim.peers import PublisherCheck, Refusals
 from rpo_sim.plant import (
     ACCEPTED,
     ZERO,
@@ -36,9 +36,7 @@ from rpo_sim.plant import (
     NotFiniteError,
     topics_of,
 )
-from rpo_sim.publisher_check import PublisherCheck
 from rpo_sim.recorder_watch import RecorderWatch
-from rpo_sim.refusals import Refusals
 
 EXIT_MISSED, EXIT_ABORTED = 1, 3
 
@@ -77,7 +75,11 @@ class PlantNode(Loop):
         self._made = {name: Outlet(self, name) for name in (*applied, *self._own)}
         self._status = self.create_publisher(DiagnosticStatus, interfaces.RUN_STATUS, qos.LATCHED)
         clock = self.values['publish_clock']
-        self._clock_out = self.create_publisher(Clock, names.CLOCK, qos.CLOCK) if clock else None
+        self._clock_out = (
+            self.create_publisher(Clock, interfaces.row_of(interfaces.CLOCK).topic, qos.CLOCK)
+            if clock
+            else None
+        )
         self._publisher_check = PublisherCheck(self, [*signals_of(self.scenario), *applied])
         for name in self._peers:
             listen(self, name, partial(self._on_answer, name), self._ignore, with_rider=True)

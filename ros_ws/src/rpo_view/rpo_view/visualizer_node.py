@@ -12,7 +12,7 @@ from rclpy.time import Time
 from visualization_msgs.msg import MarkerArray
 
 from rpo_core.wire.interfaces import CHASER_FRAME, LVLH_FRAME, TARGET_FRAME
-from rpo_ros import names, qos
+from rpo_ros import qos
 from rpo_view.listening import ListeningNode
 from rpo_view.live import Trail
 from rpo_view.scene import markers, turn
@@ -22,6 +22,8 @@ try:
 except ImportError:  # not among the ROS 2 wheels
     TFMessage = None
 
+MARKERS, CHASER_POSE, TF = 'markers', 'chaser_pose', '/tf'
+
 
 class VisualizerNode(ListeningNode):
     """Takes the newest state and force from time to time, so that it never slows a run down."""
@@ -29,15 +31,15 @@ class VisualizerNode(ListeningNode):
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__('visualizer', overrides)
         self.live.trail = Trail(self.values['trail_points'])
-        self._markers = self.create_publisher(MarkerArray, names.MARKERS, qos.LATCHED)
-        self._pose = self.create_publisher(PoseStamped, names.CHASER_POSE, qos.LATCHED)
+        self._markers = self.create_publisher(MarkerArray, MARKERS, qos.LATCHED)
+        self._pose = self.create_publisher(PoseStamped, CHASER_POSE, qos.LATCHED)
         self._tf = None
         if TFMessage is None:
             self.get_logger().warning(
-                f'tf2_msgs is not installed: publishing {names.CHASER_POSE}, but not {names.TF}'
+                f'tf2_msgs is not installed: publishing {CHASER_POSE}, but not {TF}'
             )
         else:
-            self._tf = self.create_publisher(TFMessage, names.TF, qos.TF)
+            self._tf = self.create_publisher(TFMessage, TF, qos.TF)
         self.every(1.0 / self.values['rate_hz'], self._show)
         self.get_logger().info(f'showing {self.topic}')
 
