@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -23,7 +22,7 @@ from mcap_views import views
 
 from rpo_log.tools.info import inspect
 from rpo_log.verify import verify
-from rpo_mcap.errors import ExitCode, LogError
+from rpo_mcap.errors import ExitCode
 from rpo_mcap.read.run_log import read_run
 
 
@@ -160,50 +159,13 @@ def test_what_another_writer_leaves_out_or_adds_is_named(true, tmp_path):
     )
 
 
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    """A run folder whose log has another name, in metadata.yaml too."""
-    record(tmp_path / 'run')
-    rename(tmp_path / 'run', 'run.mcap', 'flight.mcap')
-    return tmp_path / 'run'
-
-
-def rename(folder: Path, old: str, new: str) -> None:
-    os.rename(folder / old, folder / new)
+def test_a_renamed_log_is_a_bag_and_no_recorded_folder(tmp_path):
+    folder = record(tmp_path / 'run')
+    os.rename(folder / 'run.mcap', folder / 'flight.mcap')
     text = (folder / 'metadata.yaml').read_text()
-    (folder / 'metadata.yaml').write_text(text.replace(old, new))
-    (folder / 'SHA256SUMS').unlink(missing_ok=True)
-
-
-def test_a_renamed_log_is_found_by_its_metadata(folder):
-    found = verify(folder)
-    assert found.exit_code == ExitCode.INCOMPLETE and found.ticks == 31, found.sentence()
-    assert found.gaps == ("flight.mcap: the metadata 'rosbag2' is not as the recorder writes it",)
-    assert 'metadata.yaml' in found.recomputed
-    assert inspect(folder).exit_code == ExitCode.OK
-
-
-def test_renamed_parts_are_read_in_the_order_of_the_metadata(tmp_path):
-    folder = record(tmp_path, split_s=1.0)
-    digests = (folder / 'SHA256SUMS').read_bytes()
-    for number in range(4):
-        rename(folder, f'run_{number}.mcap', f'z{9 - number}.mcap')
-    found = verify(folder)
-    assert found.exit_code == ExitCode.INCOMPLETE and found.ticks == 31, found.sentence()
-    assert 'metadata.yaml' in found.recomputed
-    (folder / 'SHA256SUMS').write_bytes(digests)
+    (folder / 'metadata.yaml').write_text(text.replace('run.mcap', 'flight.mcap'))
     found = verify(folder)
     assert found.exit_code == ExitCode.DIFFERENT
-    assert 'run_0.mcap is missing, which SHA256SUMS lists' in found.sentence()
-
-
-@pytest.mark.parametrize(
-    'name', ['../run.mcap', '/etc/hosts', 'none.mcap', 'metadata.yaml', '', '.', '..']
-)
-def test_metadata_leads_to_no_file_that_is_not_of_the_folder(folder, name):
-    shutil.copy(folder / 'flight.mcap', folder.parent / 'run.mcap')
-    text = (folder / 'metadata.yaml').read_text().replace('flight.mcap', name)
-    for other in (text, '', '[', 'rosbag2_bagfile_information: 3\n', '\xff' * 9):
-        (folder / 'metadata.yaml').write_text(other, encoding='latin-1')
-        with pytest.raises(LogError):
-            verify(folder)
+    assert 'run.mcap is missing, which SHA256SUMS lists' in found.sentence()
+    (folder / 'SHA256SUMS').unlink()
+    assert inspect(folder).ticks == (0, 30)

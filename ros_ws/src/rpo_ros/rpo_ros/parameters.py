@@ -7,13 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from rcl_interfaces.msg import (
-    FloatingPointRange,
-    IntegerRange,
-    ParameterDescriptor,
-    SetParametersResult,
-)
-from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -23,26 +17,16 @@ from rpo_ros.rclpy_private import overrides_of
 
 
 def descriptor(row: ParameterRow) -> ParameterDescriptor:
-    """Return the descriptor that `ros2 param describe` prints."""
+    """Return the descriptor that `ros2 param describe` prints; the row alone checks values."""
     text = f'{row.description} [{row.unit}]' if row.unit else row.description
     # With dynamic typing `check` finds a wrong type, and its sentence names the parameter.
-    descriptor = ParameterDescriptor(
+    return ParameterDescriptor(
         name=row.name,
         description=text,
+        additional_constraints=row.range,
         read_only=not row.changeable,
         dynamic_typing=row.changeable,
     )
-    if isinstance(row.default, float):
-        descriptor.floating_point_range = [
-            FloatingPointRange(from_value=row.least, to_value=row.most, step=0.0)
-        ]
-    elif isinstance(row.default, int) and not isinstance(row.default, bool):
-        descriptor.integer_range = [
-            IntegerRange(from_value=int(row.least), to_value=int(row.most), step=1)
-        ]
-    if row.choices:
-        descriptor.additional_constraints = f'one of {", ".join(row.choices)}'
-    return descriptor
 
 
 def declare(node: Node, rows: Sequence[ParameterRow]) -> dict[str, Any]:
@@ -64,14 +48,9 @@ def declare(node: Node, rows: Sequence[ParameterRow]) -> dict[str, Any]:
         node.get_logger().warning(f'{sentence}; ignored')
     values: dict[str, Any] = {}
     for row in rows:
-        if row.name in overrides:
-            value = row.check(overrides[row.name].value)
-            overrides[row.name] = Parameter(row.name, value=value)
-        try:
-            declared = node.declare_parameter(row.name, row.default, descriptor(row))
-        except (InvalidParameterTypeException, InvalidParameterValueException) as error:
-            raise InputError(f'`{row.name}`: {error}') from None
-        values[row.name] = row.check(declared.value)
+        given = row.name in overrides
+        values[row.name] = row.check(overrides[row.name].value) if given else row.default
+        node.declare_parameter(row.name, values[row.name], descriptor(row), ignore_override=True)
     changeable = {row.name: row for row in rows if row.changeable}
     if changeable:
         _follow_changes(node, changeable, values)

@@ -14,8 +14,6 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from rpo_core.files import parse_yaml, read_text
-from rpo_core.files.validation import InputError
 from rpo_core.wire.interfaces import Qos
 from rpo_mcap.errors import LogError
 from rpo_mcap.format.run import METADATA_FILE, write_whole
@@ -122,21 +120,6 @@ def metadata_text(topics: Sequence[Topic], files: Sequence[BagFile]) -> str:
 def write_metadata(folder: Path, topics: Sequence[Topic], files: Sequence[BagFile]) -> None:
     """Write `metadata.yaml`, whole or not at all; raises OSError."""
     write_whole(folder / METADATA_FILE, metadata_text(topics, files).encode())
-
-
-def files_in(folder: Path) -> list[Path]:
-    """Return the MCAP files that `metadata.yaml` of a folder names, in their order.
-
-    Empty if there are none, or if one of them is no MCAP file in this folder.
-    """
-    try:
-        document = parse_yaml(read_text(folder / METADATA_FILE))
-        names = document['rosbag2_bagfile_information']['relative_file_paths']
-        paths = [folder / name for name in names if Path(name).name == name]
-    except (InputError, LookupError, TypeError):
-        return []
-    whole = len(paths) == len(names) and all(p.suffix == '.mcap' and p.is_file() for p in paths)
-    return paths if whole else []
 
 
 class Definition(NamedTuple):

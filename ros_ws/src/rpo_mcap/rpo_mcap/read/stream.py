@@ -23,7 +23,6 @@ from rpo_core.files.validation import InputError, printable, shown
 from rpo_core.wire import interfaces
 from rpo_mcap import topics
 from rpo_mcap.errors import LogError, NotARun
-from rpo_mcap.format import rosbag2
 from rpo_mcap.format.rosbag2 import BagFile
 from rpo_mcap.format.run import DIFFERING, LOG_FORMAT, RUN_RECORD, SCENARIO, TimeBase, log_files
 from rpo_mcap.read.decode import Gathering, Message, Messages, TickBlock
@@ -268,8 +267,6 @@ def files_of(path: Path) -> list[Path]:
     if not path.is_dir():
         return [path]
     files = log_files(path)
-    if not files and (renamed := rosbag2.files_in(path)):
-        return renamed
     if not files:
         there = ', '.join(sorted(found.name for found in path.iterdir())[:8]) or 'nothing'
         raise NotARun(path, f'holds no run.mcap; it holds {there}')
