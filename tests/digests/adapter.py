@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the digests are of: flights, campaigns, proofs and trainings, made by our commands.
 
-Only this module names our commands and packages: where they move, only this module changes.
+Only this module and `proofs` name our commands and packages: where they move, only these change.
 """
 
 from __future__ import annotations
@@ -21,14 +21,9 @@ import numpy as np
 import yaml
 from invoking import invoke
 from mcap.reader import make_reader
+from proofs import problem_of_kind, proof_of
 
-from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import dumps, load_set
-from rpo_core.judge.requirements import Requirements
-from rpo_core.world.disturbance import Disturbance, Harmonic
-from rpo_proof import proving
-from rpo_proof.folder import Folder
-from rpo_proof.problem import Problem, Settings
 
 Named = Iterator[tuple[str, bytes]]
 """What a digest is of: its name in the list, its bytes."""
@@ -130,24 +125,7 @@ def arrays(path: Path) -> Named:
 
 def proof(folder: Path, kind: str) -> Named:
     """Prove little: axes together, for ever, one claim refuted; or each axis apart."""
-    base = load_set('paper_training').base
-    required: dict[str, Any] = {'mean_error_norm_m': 0.5, 'mean_speed_norm_m_s': 0.05}
-    required |= {'hold_error_per_axis_m': 0.5, 'mean_window_s': 10.0, 'hold_from_s': 50.0}
-    middle, half = (0.0,) * 6, (0.2, 0.2, 0.2, 0.01, 0.01, 0.01)
-    more: dict[str, Any] = {'cell_m': 0.3}
-    if kind == 'together':
-        half = 0.6, 0.4, 0.2, 0.001, 0.001, 0.001
-        required |= {'slew_per_axis_n_s': 0.04, 'hold_from_s': 40.0}
-        base = replace(base, duration_s=50.0)
-    else:
-        known = Disturbance((0.0, 0.002, 0.0), (Harmonic('x', 'sin', 0.004, 0.05),))
-        base = replace(base, duration_s=60.0, initial_position_m=(0.5, 0.5, -0.5))
-        base, middle = replace(base, disturbance=known), base.start
-        more = {'axes_apart': True, 'disturbance_share': 1.0, 'cell_m': 0.5, 'cell_m_s': 0.02}
-    named = replace(base, name=f'small_{kind}', requirements=Requirements(**required))
-    settings = Settings(centre=middle, half=half, coarseness=4.0, **more)
-    made = Folder.create(folder, Problem.of(load_controller('allround'), named, settings))
-    proving.prove(made, 1, '', lambda *_: None, probes=20)
+    made = proof_of(problem_of_kind(kind, 'allround'), folder)
     for path in sorted(folder.glob('*.npz')):
         yield from ((f'{path.stem}.{key}', content) for key, content in arrays(path))
     yield from ((f'claim:{key}', value) for key, value in leaves(made.summary()))

@@ -14,10 +14,8 @@ from rpo_cli.cli import app
 from rpo_core.control.controller import load_controller
 from rpo_core.files import overrides, scenario
 from rpo_core.files.validation import InputError
-from rpo_core.world import cw
 from rpo_proof.safety import attack, counts
 from rpo_proof.safety.counts import quiet
-from rpo_safety.corridor import approach_margins
 from rpo_safety.guard import proof_of
 from rpo_safety.kernels import open_margins
 from rpo_safety.settings import Assurance
@@ -62,14 +60,6 @@ def test_a_state_that_cannot_stop_is_counted_each_time():
         attack.judge(state, state, proof.guard, proof.guard, world, row)
         assert row[attack.INFEASIBLE] == row[attack.TOO_FAST] == count
     assert row[attack.LEAST_MARGIN] < 0.0
-
-
-def test_the_same_seed_gives_the_same_runs():
-    first, again, other = (attack.attack(ASSURED, 14, seed, 200) for seed in (1, 1, 2))
-    assert sum(len(a.rows) for a in first) == 14, 'each run is of one kind'
-    for a, b, c in zip(first, again, other, strict=True):
-        assert (a.rows == b.rows).all()
-        assert (a.rows != c.rows).any()
 
 
 @pytest.mark.parametrize('name', ['allround', pytest.param('paper_ga', marks=pytest.mark.slow)])
@@ -141,19 +131,6 @@ def test_a_scenario_without_a_table_is_refused():
         counts.machine_of(scenario.load_scenario('around'))
 
 
-def test_hostile_commands_go_every_way_and_are_of_each_kind_of_no_number():
-    """Random ones up to three times the limit, of either sign on each axis."""
-    state, held = (20.0, 3.0, -4.0, 0.0, 0.1, 0.0), (0.1, 0.2, 0.3)
-    free, odd = (
-        np.array([attack.wanted(kind, tick, 1, 2, state, held, 0.5) for tick in range(200)])
-        for kind in (attack.RANDOM, attack.NOT_FINITE)
-    )
-    assert (np.abs(free) <= 1.5).all() and (free.min(axis=0) < -1.0).all()
-    assert (free.max(axis=0) > 1.0).all()
-    assert np.isnan(odd[:, 0]).any() and np.isinf(odd[:, 1]).any()
-    assert (~np.isfinite(odd)).sum(axis=1).max() == 1
-
-
 @pytest.mark.parametrize(
     ('contact_m_s', 'lateral_m_s', 'hard'),
     [(0.1251, 0.0321, 0), (0.1249, 1.0, 1), (1.0, 0.0319, 1)],
@@ -170,35 +147,3 @@ def test_a_contact_is_judged_by_the_speeds_at_the_port_itself(contact_m_s, later
     after = (0.0, g.port_m - 0.01, 0.0, 0.013, -0.14, 0.04)
     attack.touch(before, after, g, world, row)
     assert row[attack.HARD] == hard
-
-
-@pytest.mark.parametrize('along', ['+x', '-y', '+z'])
-def test_attacks_begin_in_their_sets_and_where_none_is_found_at_rest_amid(along):
-    found = scenario.load_scenario('docking')
-    settings = found.section(Assurance)
-    settings = replace(settings, corridor=replace(settings.corridor, along=along))
-    proof = proof_of(settings, found)
-    world, g = attack._bounds(settings, found, proof), proof.guard
-    step = cw.discretise(found.mean_motion_rad_s, found.mass_kg, found.dt_s)
-    still, ahead = np.empty((0, 15)), ['xyz'.index(along[1]), float(along[0] + '1')]
-    lost = world._replace(drift_m=1e3)
-    reaches, ranges = [], []
-    for key in range(60):
-        state = attack.start_within(key, 7, step, g, world, still, 0)
-        assert min(approach_margins(state, 0.0, 0.0, g)) >= 0.0
-        reaches.append(ahead[1] * state[ahead[0]] - g.port_m)
-        state = attack.start_of(key, key, step, g, world)
-        assert min(open_margins(state, 0.0, 0.0, g)) >= 0.0
-        ranges.append(np.linalg.norm(state[:3]))
-        if key % 5 == 0:  # behind the target, towards the port through it
-            assert -ahead[1] * state[ahead[0]] > 0.999 * ranges[-1]
-            assert ahead[1] * state[3 + ahead[0]] == pytest.approx(np.linalg.norm(state[3:]))
-    reach = g.outer_m - g.port_m
-    assert min(reaches) < 0.1 * reach and 0.8 * reach < max(reaches) < reach
-    assert min(ranges) < 1.1 * g.keep_out_m and max(ranges) > 0.9 * g.domain_m
-    amid = np.zeros(6)
-    amid[ahead[0]] = ahead[1] * 0.5 * (g.port_m + g.outer_m)
-    assert attack.start_within(1, 7, step, g, lost, still, 0) == pytest.approx(amid)
-    rest = attack.start_of(1, 2, step, g, lost)
-    assert np.linalg.norm(rest[:3]) == pytest.approx(0.5 * (g.keep_out_m + g.domain_m))
-    assert not any(rest[3:])

@@ -378,33 +378,8 @@ def at_60_m(*sections, disturbance=NONE, **given):
     return replace(BASE, sections=tuple(found), disturbance=disturbance)
 
 
-TENTH = tuple(tuple(0.1 * (i == j) for j in range(3)) for i in range(3))
-REVERSED = ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0))
-PUSH = Disturbance(constant_n=(0.0, -0.45, 0.0))
-WEAK = ThrusterError(thruster='y+', magnitude_share=-0.9)
-OFF = Failure(thruster='y+', stuck='off', known=True)
 CAMERA = Sensors((Sensor('relative_position', bias_m=(0.0, 8.0, 0.0)),))
 TANK = Propellant(specific_impulse_s=1.0, mass_kg=0.2)
-EIGHT = (
-    ('thrust_error` must be at least 0.9,', Thrusters(matrix=TENTH)),
-    ('thrust_error` must be at least 0.9,', Thrusters(matrix=TENTH, pulses=IDEAL)),
-    ('thrust_error` must be at least 0.9,', Thrusters(pulses=replace(IDEAL, errors=(WEAK,)))),
-    ('disturbance_n` must be at least 0.45,', None),
-    ('disturbance_n` must be at least 0.45,', Dynamics(kind='two_body')),
-    ('position_error_m` must be at least 8,', CAMERA),
-    ('thrust_error` must be at least 2,', Thrusters(matrix=REVERSED, pulses=IDEAL)),
-    ('`specific_impulse_s` at least 101.972;', Thrusters(propellant=TANK)),
-    ('that are known, have none to y+', Thrusters(pulses=replace(IDEAL, failures=(OFF,)))),
-)
-
-
-@pytest.mark.parametrize(('said', 'section'), EIGHT)
-def test_what_was_accepted_beside_a_section_is_refused(said, section):
-    push = PUSH if section is None or isinstance(section, Dynamics) else NONE
-    sections = [section] * (section is not None) + [Estimator()] * (section is CAMERA)
-    with pytest.raises(InputError) as error:
-        at_60_m(*sections, disturbance=push)
-    assert said in str(error.value)
 
 
 def test_known_failures_of_pulses_leave_less_force():

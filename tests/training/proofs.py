@@ -32,9 +32,9 @@ def problem_of(name, half=(10.0, 10.0, 10.0, 0.0, 0.0, 0.0)):
     return Problem.of(load_start(name), load('paper_training').base, settings)
 
 
-def problem_of_kind(kind):
+def problem_of_kind(kind, controller='robust'):
     """Return a small problem: axes together, for ever, one claim refuted; or per axis."""
-    base, controller = load_set('paper_training').base, load_start('robust')
+    base = load_set('paper_training').base
     required = {'mean_error_norm_m': 0.5, 'mean_speed_norm_m_s': 0.05}
     required |= {'hold_error_per_axis_m': 0.5, 'mean_window_s': 10.0}
     if kind == 'together':
@@ -58,7 +58,7 @@ def problem_of_kind(kind):
             cell_m_s=0.02,
         )
     named = replace(base, name=f'small_{kind}', requirements=Requirements(**required))
-    return Problem.of(controller, named, settings)
+    return Problem.of(load_start(controller), named, settings)
 
 
 def proof_of(problem, path):

@@ -18,7 +18,7 @@ from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
 from rpo_ctrl.baselines import PAPER_MODEL, Mpc
 from rpo_judge.evaluation import comparison, optimal
-from rpo_montecarlo.campaign import config, run_batch, single
+from rpo_montecarlo.campaign import config, run_batch
 from rpo_montecarlo.engine.cases import case_of_set
 from rpo_montecarlo.engine.simulator import Simulator
 from rpo_montecarlo.outputs import put
@@ -31,18 +31,6 @@ FAMILIES = ('more_words', 'time_to_go')
 
 
 # Bits.
-
-
-@pytest.mark.parametrize('name', [*NAMES, *FAMILIES])
-def test_a_dispersed_campaign_has_the_bits_of_the_core(name, tmp_path):
-    campaign = config.load(write_campaign(tmp_path, controller=name))
-    found = run_batch.fly_runs(campaign, 0, 42)
-    for number in (0, 41):
-        flight = single.fly_run(campaign, number)
-        final = [found[column][number] for column in run_batch.FINAL]
-        np.testing.assert_array_equal(final, flight.states[-1])
-        energy = metrics.of_flight(flight).energy_n2s
-        assert found['energy_n2s'][number] == pytest.approx(energy, rel=1e-12)
 
 
 def test_a_campaign_refuses_ticks_that_the_law_does_not_count_by(tmp_path):

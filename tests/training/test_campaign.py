@@ -7,7 +7,6 @@ import pytest
 from campaign_documents import EVERYTHING
 from scipy import stats
 
-from rpo_core.chain.flight import fly as fly_core
 from rpo_core.judge import metrics
 from rpo_montecarlo.campaign import config, judging, run_batch, sampling, single, statistics
 from rpo_montecarlo.engine.parts.thrusters import thrust_matrix
@@ -46,25 +45,6 @@ def test_every_run_has_the_bits_and_metrics_of_the_core(loaded):
         }
         for name, value in expected.items():
             assert columns[name][number] == pytest.approx(value, rel=1e-12), name
-
-
-def test_without_dispersions_it_is_the_flight_of_the_core(loaded):
-    campaign = loaded(dispersions={})
-    flight = fly_core(campaign.scenario, campaign.controller)
-    for run in (single.fly_run(campaign, 5), single.fly_run(campaign, 70)):
-        np.testing.assert_array_equal(run.states, flight.states)
-        np.testing.assert_array_equal(run.forces_n[:-1], flight.forces_n[:-1])
-    final = [all_columns(campaign)[name][11] for name in run_batch.FINAL]
-    np.testing.assert_array_equal(final, flight.states[-1])
-
-
-def test_a_run_does_not_depend_on_what_flies_beside_it(loaded):
-    campaign = loaded()
-    columns = all_columns(campaign)
-    for first, count in ((17, 1), (17, 2), (3, 45)):
-        some = run_batch.fly_runs(campaign, first, count)
-        for name in run_batch.COLUMNS:
-            np.testing.assert_array_equal(some[name], columns[name][first : first + count])
 
 
 # Dispersions.

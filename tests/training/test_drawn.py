@@ -37,17 +37,6 @@ def test_stages_and_what_is_held_out_have_draws_of_their_own():
     np.testing.assert_array_equal(flights.case(1).starts, starts[1])
 
 
-def test_half_of_the_flights_are_the_hardest():
-    flights = DrawnFlights('paper_test', FEW)
-    with Simulator([flights.case(0)], 1) as simulator:
-        (rows,) = simulator.fly(population_of(TRAINED))
-    chosen = flights.choose(rows[0])
-    shares = (flights.values(rows[0]) / flights.limits).max(axis=1)
-    assert len(set(chosen)) == 6
-    assert set(np.argsort(shares)[-3:]) <= set(chosen)
-    assert flights.choose(None) == list(range(6))
-
-
 def test_the_term_is_the_mean_graded_penalty_of_the_flights():
     settings = FitnessSettings(penalty='graded', margin=0.03, drawn=FEW)
     fitness = Fitness(ONE_START, settings, 1)

@@ -50,12 +50,6 @@ def test_without_arrival_the_third_condition_is_reported_but_costs_nothing():
     assert scores.fitness[0] == scores.energy[0]
 
 
-def test_the_graded_penalty_lies_between_a_tenth_and_the_flat_one():
-    flat, graded = score(FitnessSettings()), score(FitnessSettings(penalty='graded'))
-    shares = (graded.fitness - graded.energy) / (flat.fitness - flat.energy)
-    assert 0.1 < shares[0] < 1.0
-
-
 def test_excess_grows_from_zero_at_the_limit():
     values = excess(np.array([0.5, 1.0, 2.0, 16.0, 1e12]), 1.0)
     np.testing.assert_allclose(values, [0.0, 0.0, 1.0 - 2.0**-0.25, 0.5, 0.999], rtol=1e-12)

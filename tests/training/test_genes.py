@@ -69,20 +69,6 @@ def test_a_time_scale_slows_the_loop_of_a_law():
         GeneSpace(time_scale=(2.0, 0.5))
 
 
-def test_the_rule_spaces_have_the_papers_sizes():
-    assert [GeneSpace(rules).size for rules in RULES] == [15 + 15, 15 + 6, 15 + 6]
-    assert GeneSpace('free', (20.0, 200.0), (0.3, 3.0)).size == 32
-
-
-def test_each_rule_of_each_space_can_take_each_word():
-    rng = np.random.default_rng(0)
-    for rules, words in (('free', range(5)), ('odd', range(5)), ('odd-monotone', range(3))):
-        space = GeneSpace(rules)
-        tables = space.decode(rng.random((4000, space.size))).rules.reshape(-1, 5, 5)
-        for row, column in ((0, 0), (1, 0), (3, 0), (2, 1)):
-            assert set(tables[:, row, column]) == set(words)
-
-
 def test_a_controller_outside_the_bounds_is_refused():
     handmade = load_controller('handmade')
     with pytest.raises(InputError, match='outside the bounds'):

@@ -80,15 +80,6 @@ def test_the_force_follows_the_law_on_its_strip(surface):
             assert abs(force - law.k_r * at - law.k_v * fast - law.k_0) <= law.rho
 
 
-def test_a_law_of_a_point_is_sharp(surface):
-    """In a smooth place, what is left shrinks with the square of the strip."""
-    _, table = surface
-    coarse, fine = (
-        enclosure.law_of(table, 9.0 - s, 9.0 + s, -0.3, 0.0, 0.0).rho for s in (1.0, 0.01)
-    )
-    assert fine < 0.02 * coarse
-
-
 def test_the_slack_holds_what_a_rounded_error_changes(surface):
     """An error is at most 1 and is rounded twice at least; the surface is as steep as its table."""
     controller, table = surface
@@ -129,26 +120,6 @@ def test_tubes_hold_the_flights_of_their_cells(name):
             assert (t.force_low[:end] <= forces).all() and (forces <= t.force_high[:end]).all()
             slew = np.abs(np.diff(forces, axis=0)) / problem.scenario.dt_s
             assert (slew <= t.slew[: end - 1]).all()
-
-
-def test_divided_cells_sharpen_the_slew():
-    """The bound of a cell is above what flies from its corners, and not far above."""
-    problem = problem_of('allround', half=(100.0, 100.0, 100.0, 0.0, 0.0, 0.0))
-    problem = replace(problem, scenario=replace(problem.scenario, duration_s=60.0))
-    table, bounds = problem.table, []
-    cell = cells.Cell((73.0, 51.0, 0.0, 0.0), (0.1, 0.1, 0.0, 0.0))
-    for division in (table.division, np.full_like(table.division, -1)):
-        problem.__dict__['table'] = table._replace(division=division)
-        prover = Prover(problem, 'planar', NOWHERE)
-        prover.fly(cell)
-        bounds.append(prover.trace.slew[: problem.scenario.ticks - 1].max())
-    flown = 0.0
-    for x, y in ((72.9, 50.9), (72.9, 51.1), (73.1, 50.9), (73.1, 51.1)):
-        start = np.array([x, y, 0.0, 0.0, 0.0, 0.0])
-        flight = flights.fly(problem, flights.vary(problem, np.random.default_rng(1), start))
-        flown = max(flown, float(np.abs(np.diff(flight.forces_n[:-1], axis=0)).max()) / 0.1)
-    assert flown <= bounds[0] < bounds[1]
-    assert bounds[0] < 1.25 * flown
 
 
 def test_no_tick_from_a_strip_changes_the_force_faster_than_its_bound():
@@ -194,24 +165,6 @@ def test_the_bounds_of_a_state_are_of_the_slopes_of_its_cell_alone():
         bound = slew.slew_of(table, drift, state, -0.5, 0.5, np.inf)
         assert exact <= Fraction(bound) <= exact * Fraction(1.0 + 1e-9)
         assert slew.slew_of(table, drift, state, -0.5, 0.5, 0.0) <= bound * (1.0 + 1e-5)
-
-
-def test_a_strip_in_parts_sharpens_the_slew():
-    """Of a cell that is a little too fast as a whole; it holds its flights."""
-    problem = problem_of('allround', half=(100.0, 100.0, 100.0, 0.0, 0.0, 0.0))
-    cell, bounds = cells.Cell((71.0, 23.0, 0.0, 0.0), (0.5, 0.5, 0.0, 0.0)), []
-    rng, judged = np.random.default_rng(1), problem.scenario.ticks - 1
-    for limit_n_s in (np.inf, 0.1):
-        prover = Prover(problem, 'planar', NOWHERE)
-        prover.slew_n_s = limit_n_s
-        prover.fly(cell)
-        bounds.append(float(prover.trace.slew[:judged].max()))
-    assert bounds[1] <= 0.1 < bounds[0]
-    for _ in range(20):
-        start = np.array([*(np.array([71.0, 23.0]) + rng.uniform(-0.5, 0.5, 2)), 0, 0, 0, 0])
-        flight = flights.fly(problem, flights.vary(problem, rng, start))
-        slew = np.abs(np.diff(flight.forces_n[: judged + 1, :2], axis=0)) / problem.scenario.dt_s
-        assert (slew <= prover.trace.slew[:judged]).all()
 
 
 def test_what_is_kept_of_a_tube_is_rounded_outward():

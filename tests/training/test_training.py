@@ -23,7 +23,6 @@ from rpo_judge.scoring.drawn import HELD_OUT
 from rpo_montecarlo.outputs import alone
 from rpo_training import config as configs
 from rpo_training.family_training import FamilyConfig, FamilyTraining
-from rpo_training.genetic import AdaptiveFeasibleMutation, generator
 from rpo_training.run import Checkpoint
 from rpo_training.training import Training
 from rpo_training.tuning import Tuning, TuningConfig
@@ -165,38 +164,6 @@ def test_the_controller_of_a_run_loads_and_is_what_its_provenance_says(trained):
     assert header.startswith('generation,evaluations,best_fitness')
     assert len(rows) == 6
     assert float(rows[-1].split(',')[2]) == best.provenance['fitness_n2s']
-
-
-@pytest.mark.every_landing
-def test_the_seed_alone_decides_what_is_drawn(tmp_path):
-    best = []
-    for number, seed in enumerate((1, 1, 2)):
-        np.random.seed(number)  # noqa: NPY002 - what a library might have drawn from
-        chosen = small('cmaes', f'seed={seed}', 'cmaes.evaluations=30')
-        best.append(Training.create(chosen, tmp_path / str(number), 1).run().system)
-    assert best[0] == best[1] != best[2]
-
-
-def test_a_mutant_is_feasible_and_a_fair_step_away():
-    rng, mutation = generator(1, 7), AdaptiveFeasibleMutation(0.25, 1e-3)
-    low, high = np.zeros(30), np.ones(30)
-    for step in (1.0, 0.25, 1 / 16):
-        mutation.step = step
-        moved = 0
-        for _ in range(50):
-            x = rng.random(30)
-            mutant = mutation._mutate(x, low, high, rng)
-            assert ((mutant >= low) & (mutant <= high)).all()
-            size = np.abs(mutant - x).max()
-            assert size == 0.0 or size == pytest.approx(0.25 * step)
-            moved += size > 0.0
-        assert moved > 0
-
-
-def test_the_preset_is_the_papers():
-    ga = configs.PRESETS['paper'].ga
-    assert (ga.population, ga.generations, ga.stall, ga.tournament) == (60, 300, 100, 4)
-    assert (ga.elites, ga.children, ga.mutants) == (3, 57, 11)
 
 
 def test_a_configuration_is_read_back_whole():
