@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 from typer import Argument, Option
 
-from rpo_cli.commands.shared import Workers, echo, interruptible
+from rpo_cli.commands.shared import Workers, draw, echo, interruptible
 from rpo_cli.display import print_table, progress
 from rpo_core.files.validation import InputError
 
@@ -27,6 +27,7 @@ def compare(
     random: Annotated[
         int, Option(min=0, max=1_000_000, help='random starts, at rest and as many moving')
     ] = 2000,
+    picture: Annotated[Path | None, Option(help='energy against runs kept, and time')] = None,
     output: Annotated[
         Path, Option('--output', '-o', help='folder that keeps what was computed')
     ] = Path('runs/compare'),
@@ -41,6 +42,7 @@ def compare(
     from rpo_core.files import find
     from rpo_judge.evaluation import comparison, comparison_table
     from rpo_montecarlo.outputs import put
+    from rpo_report import comparison as pictures
     from rpo_training.provenance import saw
 
     if attitude:
@@ -62,6 +64,8 @@ def compare(
         echo(f'- {note}')
     for path in comparison_table.write(rows, least, flown, output):
         echo(path)
+    if picture is not None:
+        draw(picture, pictures.draw, rows)
     if write is not None:
         tables = comparison_table.TABLES[:-1]
         put(write, 'rpo compare', comparison_table.markdown(rows, least, flown, tables))

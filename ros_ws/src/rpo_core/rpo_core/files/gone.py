@@ -32,7 +32,6 @@ GONE: dict[str, dict[str, str]] = {
             ('evaluate --starts', 'evaluate --csv'), '`rpo report CONTROLLER`, which draws them'
         ),
         'evaluate --output': 'the tables of `rpo evaluate --robustness`',
-        'compare --picture': 'the tables of `rpo compare`, and its `compare.json`',
         'export --scenario': '`--assurance`, or subtract the goal as the header says',
         'truth --plot': 'the tables of `rpo truth`',
         **dict.fromkeys(
