@@ -13,7 +13,6 @@ import numpy as np
 
 from rpo_core.chain.flight import fly
 from rpo_core.files.validation import InputError
-from rpo_core.world.disturbance import Harmonic
 from rpo_judge.analysis.certificate import PROVEN, REFUTED
 from rpo_log.show import style
 from rpo_log.show.report import limit_lines
@@ -44,7 +43,7 @@ def report_of(path: Path) -> Report:
             if claim.limit > 0.0 and 'planar' in groups
         ]
         if problem.settings.axes_apart:
-            pictures = [_reach(problem, groups), *_constants(problem, groups)]
+            pictures = [_reach(problem, groups)]
     verdicts = [claim.verdict for claim in claims]
     counted = ', '.join(f'{verdicts.count(v)} {v}' for v in dict.fromkeys(verdicts))
     files_of = tuple(File(name, content) for name, content in zip(TEXTS, folder.texts, strict=True))
@@ -108,7 +107,7 @@ def _margins(folder: Folder, groups: dict[str, CellBounds], claim: Claim) -> Blo
         least, most = 100.0 * np.nanmin(values), 100.0 * np.nanmax(values)
         return Text(f'{claim.statement}: {least:.0f} to {most:.0f} % of the limit everywhere.')
     figure, axes = style.new_panels(6.2)
-    surface_plots.draw_planes(figure, [axes], [(y, x, values)])
+    surface_plots.draw_plane(figure, axes, y, x, values)
     axes.set(title=claim.statement, xlabel='start y, V-bar [m]', ylabel='start x, R-bar [m]')
     worst = int(shares.argmax())
     place = ', '.join(f'{x:.4g}' for x in planar.centre[worst])
@@ -158,29 +157,3 @@ def _reach(problem: Problem, groups: Mapping[str, CellBounds]) -> Picture:
         axes.set_ylabel('position [m]')
     style.legend_below(figure, rows[0, 0])
     return picture('reach', figure)
-
-
-def _constants(problem: Problem, groups: Mapping[str, CellBounds]) -> list[Picture]:
-    """Return the planes of cosine and sine of each axis's harmonic, by bound of the error."""
-    planes, names = [], []
-    for group in sorted(groups):
-        states, found = PER_AXIS[group], groups[group].flown
-        harmonic = [isinstance(wave, Harmonic) for wave in problem.waves(states[0])]
-        if not any(harmonic) or not len(found.values):
-            continue
-        place = len(states) + harmonic.index(True)  # of its first constant in a cell
-        chosen = slice(place, place + 2)
-        low, high = (found.centre - found.half)[:, chosen], (found.centre + found.half)[:, chosen]
-        a = surface_plots.points(0.0, 1.0)
-        shares = found.column('hold_error_m') / problem.hold_error_m
-        values = surface_plots.greatest(a, a, low, high, shares).T
-        planes.append((a, a, values))
-        names.append(style.AXIS_NAMES[states[0]])
-    if all(surface_plots.is_flat(values) for _, _, values in planes):
-        return []
-    figure, (every,) = style.new_panels(3.4, 1, len(planes), squeeze=False)
-    surface_plots.draw_planes(figure, every, planes)
-    for axes, name in zip(every, names, strict=True):
-        axes.set(title=name, xlabel='share of the cosine')
-    every[0].set_ylabel('share of the sine')
-    return [picture('constants', figure)]

@@ -322,10 +322,8 @@ def _phase_planes(flight: Flight, controller: AnyController | None, why: str) ->
     elif fuzzy is None:
         missing = f'No control surface: {controller.name} is not a fuzzy controller.'
     errors, follows = guided.errors_of(flight), guided.follows(flight)
-    most_m_s = metrics.closing_speeds_m_s(flight).max()
-    closing = picture('closing', run_plots.closing(flight), most_m_s=most_m_s)
     if follows and np.abs(errors).max() < guided.EXACT:
-        return [Text('The chaser is on its reference: its phase planes would be points.'), closing]
+        return [Text('The chaser is on its reference: its phase planes would be points.')]
     planes = picture(
         'phase_planes',
         run_plots.phase_planes(flight, errors, fuzzy),
@@ -333,7 +331,7 @@ def _phase_planes(flight: Flight, controller: AnyController | None, why: str) ->
         surface=", on the controller's force at that position and velocity" if fuzzy else '',
         where=' on the control surface' if fuzzy else '',
     )
-    return [planes, *([Text(missing)] if missing else []), closing]
+    return [planes, *([Text(missing)] if missing else [])]
 
 
 def _files(log: RunLog) -> list[Block]:

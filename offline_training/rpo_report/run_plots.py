@@ -231,21 +231,6 @@ def _trace(axes: Any, flight: Flight, x: Floats, y: Floats) -> None:
     axes.plot(x[dots], y[dots], 'o', color=_INK, markersize=3, label=label)
 
 
-def closing(flight: Flight) -> Any:
-    """Return the range rate over the range, with the signs of the phase planes."""
-    ranges = np.linalg.norm(flight.errors[:, :3], axis=1)
-    speeds = -metrics.closing_speeds_m_s(flight)
-    figure, axes = style.new_panels(3.4)
-    _trace(axes, flight, ranges, speeds)
-    axes.set(
-        xlabel='range from the goal [m]',
-        ylabel='range rate [m/s]',
-        xlim=(-0.02 * max(ranges.max(), 1e-3), 1.05 * max(ranges.max(), 1e-3)),
-    )
-    style.legend_below(figure, axes)
-    return figure
-
-
 def phase_planes(flight: Flight, errors: Floats, controller: FuzzyController | None) -> Any:
     """Return velocity over position per axis, on the force that a controller answers with.
 

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -45,17 +44,14 @@ def is_flat(values: Floats) -> bool:
     return len(np.unique(np.digitize(shown, _LEVELS))) < 2
 
 
-def draw_planes(
-    figure: Any, every: Sequence[Any], planes: Sequence[tuple[Floats, Floats, Floats]]
-) -> None:
-    """Draw planes, each in its axes: places along and up, and shares (up, along); one scale."""
+def draw_plane(figure: Any, axes: Any, along: Floats, up: Floats, values: Floats) -> None:
+    """Draw a plane in its axes: places along and up, and shares (up, along), with their scale."""
     half = style.SHADES // 2
     colours = [*style.SCALE[half : half + len(_LEVELS) - 1], style.LIGHT['bad']]
-    for axes, (along, up, values) in zip(every, planes, strict=True):
-        image = axes.contourf(along, up, values, [*_LEVELS, 1e9], colors=colours)
-        axes.grid(False)
-        axes.set_aspect('equal')
-    bar = figure.colorbar(image, ax=list(every), label='bound / limit', ticks=_LEVELS)
+    image = axes.contourf(along, up, values, [*_LEVELS, 1e9], colors=colours)
+    axes.grid(False)
+    axes.set_aspect('equal')
+    bar = figure.colorbar(image, ax=axes, label='bound / limit', ticks=_LEVELS)
     bar.ax.grid(False)
 
 

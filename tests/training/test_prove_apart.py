@@ -149,8 +149,7 @@ def test_it_is_proven_and_checked(folder, groups):
     assert any(len(found.values) > 1 for found in groups.values())
     sections = {section.title: section for section in report_of(folder.path).sections}
     assert list(sections) == ['Claims', 'Margins', 'Files']
-    differ = ['constants'] if folder.problem.scenario.duration_s > 100.0 else []
-    assert [block.name for block in sections['Margins'].blocks] == ['reach', *differ]
+    assert [block.name for block in sections['Margins'].blocks] == ['reach']
     assert check.check(folder, check.Sample(starts=1, ticks=2, surface=1, flights=20)).faults == []
 
 

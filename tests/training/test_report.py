@@ -161,7 +161,6 @@ def test_a_run(run_page):
         'limits',
         'disturbance',
         'phase_planes',
-        'closing',
     ]
 
 

@@ -42,7 +42,7 @@ def evaluate(
     workers: Workers = 0,
     no_fail: NoFail = False,
 ) -> None:
-    """Judge controllers: fuzzy ones by the targets Q1-Q5; compare each start with the least energy.
+    """Judge controllers: fuzzy ones by the targets Q1-Q5, others by what a scenario requires.
 
     Q1 to Q5: conditions from every start, energy, the paper's test, no limit cycle, readable rules.
     A controller of another kind, and one that was trained for another scenario than the paper's, is

@@ -45,12 +45,8 @@ Controllers = Annotated[list[str] | None, Option(help='shipped name or file; rep
 
 @safety.command()
 def show(scenario: Name, changes: Set = None) -> None:
-    """Print the constants of the proof for a scenario (docs/safety.md), and the time of a step.
-
-    With `RPO_JIT=0` in the environment, the time is that of plain Python.
-    """
+    """Print the constants of the proof for a scenario (docs/safety.md)."""
     from rpo_core.files import overrides
-    from rpo_proof.safety.counts import speeds
     from rpo_safety.guard import proof_of
     from rpo_safety.settings import Assurance
 
@@ -66,8 +62,6 @@ def show(scenario: Name, changes: Set = None) -> None:
         rows += [(f'turning {name}', value) for name, value in walls if value != guard[name]]
     cells = [(name, f'{value:.6g}') for name, value in rows]
     print_table(('constant', 'value'), cells, f'{found.name}: what is assumed, and what follows')
-    passing, acting = speeds(proof.guard, found)
-    typer.echo(f'a step: {passing:.2f} microseconds; where it acts: {acting:.2f}')
 
 
 @safety.command()
@@ -291,5 +285,3 @@ def thrusters(
     print_table(heads, rows, f'{table}: force without torque [N], full from {limit_n:g} N', left=2)
     counts = ', '.join(f'{left[kind]} {kind}' for kind in authority.LEFT)
     typer.echo(f'of {left.total()} {"pairs of " if pairs else ""}failures: {counts}')
-    time_s = authority.allocation_s(settings, 0.3 * limit_n)
-    typer.echo(f'an allocation: {1e9 * time_s:.0f} ns')

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
@@ -17,7 +16,6 @@ from rpo_core.files.scenario import Scenario, ScenarioSet
 from rpo_core.files.validation import InputError
 from rpo_guidance.plan import Guidance
 from rpo_guidance.rehearsal import nominal
-from rpo_kernels.jit import as_table
 from rpo_kernels.kernels import CwStep, State
 from rpo_montecarlo.engine.flights import flights_of
 from rpo_montecarlo.engine.lanes import compiled
@@ -71,28 +69,6 @@ def _count_changes(states: Any, forces: Any, c: CwStep, g: Guard) -> tuple[int, 
         acted += found[4] != 0
         least = found[6] if found[6] < least else least
     return acted, least
-
-
-def speeds(guard: Guard, scenario: Scenario) -> tuple[float, float]:
-    """Return the time [us] of a step of the filter where a command passes, and where it acts.
-
-    Of a loop over 2000 states, the best of five.
-    """
-    random = np.random.default_rng(1)
-    directions = random.normal(size=(2000, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    found = []
-    for rho, speed in ((200.0, 0.0), (guard.keep_out_m + 1.0, 0.28)):
-        states = as_table(np.hstack([rho * directions, -speed * directions]))
-        forces = as_table(-guard.limit_n * directions)
-        _count_changes(states, forces, scenario.step, guard)
-        begun = []
-        for _ in range(5):
-            start = time.perf_counter()
-            _count_changes(states, forces, scenario.step, guard)
-            begun.append(time.perf_counter() - start)
-        found.append(1e6 * min(begun) / len(states))
-    return found[0], found[1]
 
 
 class Silence(NamedTuple):

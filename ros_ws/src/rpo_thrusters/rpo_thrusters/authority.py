@@ -8,21 +8,19 @@ same dual simplex method that allocates (`allocation_kernels`), here with no tor
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from itertools import combinations, product
-from time import perf_counter
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from rpo_core.chain.stage import ZERO
 from rpo_kernels.arrays import Floats
-from rpo_kernels.jit import as_table, kernel
+from rpo_kernels.jit import as_table
 from rpo_kernels.kernels import Vector
 from rpo_thrusters import allocation_kernels as simplex
-from rpo_thrusters.allocation_kernels import ROWS, SCRATCH, Table, allocate
+from rpo_thrusters.allocation_kernels import ROWS, SCRATCH, Table
 from rpo_thrusters.table import IDENTITY, ThrusterTable, at_rest, table_of
 
 FULL, PARTIAL, NONE = LEFT = ('full', 'partial', 'none')
@@ -131,28 +129,6 @@ def known(settings: ThrusterTable, torque_nm: float = 0.0) -> Authority:
     found = [authority(settings, stuck, side) for side in product(sides, sides, sides)]
     axes = tuple(map(min, zip(*(one.axes_n for one in found), strict=True)))
     return Authority(axes, min(one.box_n for one in found), min(one.least_n for one in found))
-
-
-@kernel
-def _allocate_all(wanted: Any, t: Table, w: Any) -> None:
-    for i in range(len(wanted)):
-        allocate(wanted[i], t, w)
-
-
-def allocation_s(settings: ThrusterTable, size_n: float) -> float:
-    """Return the time [s] of an allocation: of 1000 forces of a length (1 sigma), best of 100."""
-    table, work = table_of(settings, 1.0, 0.0, None, IDENTITY), as_table(np.zeros(SCRATCH))
-    for i in range(table.number):
-        work[simplex.LIMIT + i] = table.most[i]
-    wanted = np.zeros((1000, ROWS))
-    wanted[:, :3] = np.random.default_rng(1).normal(size=(1000, 3)) * size_n
-    least, rows = math.inf, as_table(wanted)
-    _allocate_all(rows[:1], table, work)
-    for _ in range(100):
-        begun = perf_counter()
-        _allocate_all(rows, table, work)
-        least = min(least, perf_counter() - begun)
-    return least / len(wanted)
 
 
 def failures(settings: ThrusterTable, pairs: bool) -> Iterator[dict[str, str]]:
