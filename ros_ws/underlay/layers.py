@@ -41,11 +41,6 @@ _UV_FOR_PIP = {  # the variable of uv for an option of pip
     'no-index': 'UV_OFFLINE',
 }
 _SYSTEM_CERTIFICATES = '/etc/ssl/certs'
-_NO_NETWORK = re.compile(
-    'NewConnectionError|NameResolutionError|Connection refused|ConnectTimeoutError|ProxyError|'
-    'Network is unreachable|Temporary failure in name resolution|ReadTimeoutError|SSLError|'
-    'error sending request|dns error|operation timed out|network was disabled'
-)
 
 
 class Identity(NamedTuple):
@@ -270,18 +265,9 @@ def _last_line(text: str) -> str:
 
 def failure(output: str, log: str) -> str:
     """Return the error of pip or uv, and what to do, in a sentence."""
-    if _NO_NETWORK.search(output):
-        return (
-            "The package index cannot be reached: check the network (or the proxy, or pip's "
-            'configuration), then run the same command again; it continues where it stopped.'
-        )
-    if 'DO NOT MATCH THE HASHES' in output or 'Hash mismatch' in output:
-        return (
-            'A downloaded package differs from the one that was locked, and was not installed: '
-            f'see {log}; if the index is a mirror, compare it with another.'
-        )
-    if 'No space left on device' in output:
-        return 'The disk is full: free about 1 GB, then run the same command again.'
     errors = re.findall(r'^(?:ERROR|error|  cause): (.*)', output, re.MULTILINE)
     reason = errors[-1] if errors else _last_line(output)
-    return f'The installation failed ({reason}): see {log}, then run the same command again.'
+    return (
+        f'The installation failed ({reason}): see {log}, then run the same command again; it '
+        'continues where it stopped.'
+    )

@@ -17,7 +17,7 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 
-from rpo_bringup.needed import OPTIONAL
+from rpo_bringup.flight_software_node import OPTIONAL
 from rpo_core.files.validation import InputError
 from rpo_ros.parameter_rows import tables
 

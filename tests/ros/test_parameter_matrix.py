@@ -165,7 +165,7 @@ def test_a_name_that_ros_does_not_take_is_one_sentence(ros_env, capfd):
 # The pages of the nodes, from the same tables.
 
 COMMANDS = {'final_approach', 'flight_software', 'ping_pong'}
-COMMANDS |= {'verify', 'info', 'repair', *GONE['executable']}
+COMMANDS |= {'verify', 'info', *GONE['executable']}
 """Executables that are no nodes."""
 
 

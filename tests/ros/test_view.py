@@ -73,7 +73,7 @@ def scene_of(name: str, force: tuple[float, ...] = FORCE) -> dict[tuple[str, int
     """Return the markers of a flight at its first state."""
     live = watching(name)
     assert live.on_signals(START_NS, {'relative_state': STATE, 'control_force': force})
-    first, *found = scene.markers(Time(sec=5), live, 20.0).markers
+    first, *found = scene.markers(Time(sec=5), live).markers
     assert first.action == Marker.DELETEALL, 'what the scene before had and this one has not'
     by_name = {(m.ns, m.id): m for m in found}
     assert len(by_name) == len(found)

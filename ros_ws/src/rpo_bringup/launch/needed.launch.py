@@ -8,7 +8,7 @@ It reads the scenario once; started, each such node would read it, say so and en
 from launch import LaunchContext, LaunchDescription
 from launch.actions import OpaqueFunction, SetLaunchConfiguration
 
-from rpo_bringup.needed import OPTIONAL, needed
+from rpo_bringup.flight_software_node import OPTIONAL, needed
 from rpo_core.files.scenario import load_scenario
 
 

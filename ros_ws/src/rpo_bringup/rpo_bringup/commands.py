@@ -1,10 +1,11 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Entry points of the commands of this package; see `rpo_ros.entry_point`."""
+"""Entry points of the commands of this package; without ROS, so that `--help` is quick."""
 
+import argparse
 import sys
 
-from rpo_bringup.options import parser
+from rpo_core.files import DEFAULT_CONTROLLER, DEFAULT_SCENARIO
 from rpo_core.files.output import standard_output
 from rpo_ros.entry_point import EXIT_BAD_INPUT, EXIT_INTERRUPTED, asks_for_help, start, start_node
 from rpo_ros.parameter_rows import refusal, tables
@@ -17,6 +18,68 @@ _NODES = (
     ('rpo_log', 'recorder'),
 )
 """Nodes that `final_approach` runs."""
+
+_EXAMPLE = """example:
+  ros2 run rpo_bringup final_approach --scenario paper_test --output runs/first
+  ros2 run rpo_bringup final_approach --set 'initial_position_m=[0,80,0]'
+
+exit code: 0 complete run, complete log, no requirement missed; 1 a requirement is missed (without
+a report: a keep-out zone was entered), or the log is not complete; 2 bad input; 3 aborted;
+130 interrupted by a signal
+"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
+    found = argparse.ArgumentParser(
+        prog='final_approach',
+        description='Fly a scenario with all its nodes in one process.',
+        epilog=_EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    found.add_argument(
+        '--scenario', default=DEFAULT_SCENARIO, help='shipped name or path (%(default)s)'
+    )
+    found.add_argument(
+        '--controller', default=DEFAULT_CONTROLLER, help='shipped name or path (%(default)s)'
+    )
+    found.add_argument(
+        '--set',
+        action='append',
+        default=[],
+        metavar='KEY=VALUE',
+        help='change a field of the scenario, like initial_position_m=[0,80,0]; repeatable',
+    )
+    found.add_argument('--output', help='run folder (runs/<scenario>-<date>-<time>)')
+    found.add_argument(
+        '--overwrite', action='store_true', help='replace the run in an existing folder'
+    )
+    found.add_argument(
+        '--sign', default='', metavar='KEY', help='private key in PEM, which signs the run folder'
+    )
+    found.add_argument(
+        '--real-time-factor',
+        default=0.0,
+        type=float,
+        metavar='X',
+        help='simulated seconds per second; 0: as fast as it goes (default)',
+    )
+    found.add_argument(
+        '--start-timeout-s',
+        default=30.0,
+        type=float,
+        metavar='S',
+        help='wall time to wait for all nodes before tick 0 (%(default)s); 0: for ever',
+    )
+    found.add_argument(
+        '--no-fail', action='store_true', help='exit code 0 although a requirement is missed'
+    )
+    found.add_argument(
+        '--no-report',
+        action='store_true',
+        help='write the log only: no report, no verdicts but on keep-out zones',
+    )
+    return found
 
 
 @standard_output()

@@ -13,8 +13,8 @@ from pathlib import Path
 
 from rclpy.utilities import remove_ros_args
 
-from rpo_bringup.needed import needed
-from rpo_bringup.options import parser
+from rpo_bringup.commands import parser
+from rpo_bringup.flight_software_node import needed
 from rpo_core.files import overrides, scenario
 from rpo_core.files.validation import InputError, real
 from rpo_core.wire.statuses import FINISHED

@@ -9,14 +9,32 @@ for all of them; `-p fuzzy_controller:controller:=handmade` is for one.
 
 from __future__ import annotations
 
+from rpo_core.chain.chain import Chain
+from rpo_core.files.scenario import Scenario
 from rpo_ctrl.attitude_controller_node import AttitudeControllerNode
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_guidance.guidance_node import GuidanceNode
 from rpo_nav.navigation_node import NavigationNode
+from rpo_ros.managed_node import PlaceNode
 from rpo_ros.running import run
 from rpo_safety.assurance_node import AssuranceNode
+from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 
 KINDS = NavigationNode, GuidanceNode, ControllerNode, AssuranceNode, AttitudeControllerNode
+OPTIONAL: tuple[type[PlaceNode], ...] = (
+    NavigationNode,
+    GuidanceNode,
+    AssuranceNode,
+    AttitudeControllerNode,
+    DisturbanceInjectorNode,
+)
+"""Nodes beside plant and controller that not every scenario needs."""
+
+
+def needed(scenario: Scenario) -> list[type[PlaceNode]]:
+    """Return those nodes of which a scenario has a stage."""
+    places = {link.place for link in Chain.of(scenario).links}
+    return [node for node in OPTIONAL if places & set(node.places)]
 
 
 def main() -> int:

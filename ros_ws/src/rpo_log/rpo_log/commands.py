@@ -9,4 +9,4 @@ from rpo_ros.entry_point import start_node
 
 recorder = partial(start_node, 'rpo_log.recorder_node')
 replay = partial(start_node, 'rpo_log.replay_node')
-verify, info, repair = (partial(main, command) for command in ('verify', 'info', 'repair'))
+verify, info = partial(main, 'verify'), partial(main, 'info')

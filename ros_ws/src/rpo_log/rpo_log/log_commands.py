@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""`ros2 run rpo_log verify`, `info` and `repair`: the commands of `rpo`, where only ROS 2 is."""
+"""`ros2 run rpo_log verify` and `info`: the commands of `rpo`, where only ROS 2 is."""
 
 from __future__ import annotations
 
@@ -22,10 +22,6 @@ _COMMANDS = {
         'Compute a logged flight again, bit for bit; print what is proven and what is not.',
     ),
     'info': ('rpo_log.tools.info:inspect', 'Print what a log holds, and whether it is complete.'),
-    'repair': (
-        'rpo_log.tools.repair:repair',
-        'Write what can be read of a damaged log as a whole one.',
-    ),
 }
 """Where its function is, which takes the options by their names, and what it does."""
 _EPILOG = """example:
@@ -64,8 +60,6 @@ def parser(command: str) -> argparse.ArgumentParser:
         found.add_argument('--given', action='append', default=[], metavar='TOPIC', help=GIVEN)
         for kind in ('scenario', 'controller'):
             found.add_argument(f'--{kind}', default='', help=f'{kind} of a bag without manifests')
-    if command == 'repair':
-        found.add_argument('--output', type=Path, help='folder of the repaired log')
     return found
 
 

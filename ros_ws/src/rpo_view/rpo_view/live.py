@@ -53,7 +53,7 @@ class Trail:
     every second one is deleted and the spacing doubles: the path stays complete, but coarser.
     """
 
-    def __init__(self, most: int = 2000) -> None:
+    def __init__(self, most: int = 1000) -> None:
         self.most = most
         self.points: list[Vector] = []
         self.spacing_m = 0.02
@@ -105,7 +105,7 @@ class LiveFlight:
             return False
         if not self.signals or stamp_ns < self.stamp_ns:
             self.flights += 1
-            self.trail = Trail(self.trail.most)
+            self.trail = Trail()
             self.signals, self.stamp_ns = {}, stamp_ns - 1
             # What guidance and assurance say at once may be there before the first state.
             self.phases, self.acts = self.phases[-1:], self.acts[-1:]

@@ -24,19 +24,16 @@ Vector = Sequence[float]
 _DARK = 1
 _ARROW = (0.25, 0.6, 0.8)
 """Diameters of shaft and head, length of the head [m]."""
-_AXIS_M = 3.0
-"""Length of the docking axis."""
+_AXIS_M, _ARROW_M_PER_N = 3.0, 20.0
+"""Length of the docking axis, and of the thrust arrow for a force."""
 _MAX_POINTS = 100
 """Points of a plan have the numbers from this one times that of their zone."""
 _MIN_FORCE_N = 1e-3
 """A smaller force is not drawn: RViz warns of an arrow without length."""
 
 
-def markers(stamp: Time, live: LiveFlight, arrow_m_per_n: float) -> MarkerArray:
-    """Return the whole scene; its first marker deletes the scene before.
-
-    arrow_m_per_n : length of the thrust arrow for a force
-    """
+def markers(stamp: Time, live: LiveFlight) -> MarkerArray:
+    """Return the whole scene; its first marker deletes the scene before."""
     at_m = live.position_m
     found = [Marker(action=Marker.DELETEALL), *_target(live), *_chaser(live)]
     found += [marker for i, zone in enumerate(live.zones_now) for marker in zone_markers(zone, i)]
@@ -44,7 +41,7 @@ def markers(stamp: Time, live: LiveFlight, arrow_m_per_n: float) -> MarkerArray:
     if live.docking_axis is not None:
         found.append(_arrow('docking_axis', at_m, live.docking_axis, _AXIS_M, 'optimum'))
     if live.force_n is not None and math.hypot(*live.force_n) >= _MIN_FORCE_N:
-        found.append(_arrow('thrust', at_m, live.force_n, arrow_m_per_n, 'small_positive'))
+        found.append(_arrow('thrust', at_m, live.force_n, _ARROW_M_PER_N, 'small_positive'))
     for marker in found:
         marker.header.frame_id = LVLH_FRAME
         marker.header.stamp = stamp

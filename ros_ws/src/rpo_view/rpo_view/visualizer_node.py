@@ -14,7 +14,6 @@ from visualization_msgs.msg import MarkerArray
 from rpo_core.wire.interfaces import CHASER_FRAME, LVLH_FRAME, TARGET_FRAME
 from rpo_ros import qos
 from rpo_view.listening import ListeningNode
-from rpo_view.live import Trail
 from rpo_view.scene import markers, turn
 
 try:
@@ -30,7 +29,6 @@ class VisualizerNode(ListeningNode):
 
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__('visualizer', overrides)
-        self.live.trail = Trail(self.values['trail_points'])
         self._markers = self.create_publisher(MarkerArray, MARKERS, qos.LATCHED)
         self._pose = self.create_publisher(PoseStamped, CHASER_POSE, qos.LATCHED)
         self._tf = None
@@ -62,8 +60,7 @@ class VisualizerNode(ListeningNode):
                 turn(target.transform.rotation, attitude[:4])
                 transforms.append(target)
             self._tf.publish(TFMessage(transforms=transforms))
-        scene = markers(pose.header.stamp, live, self.values['arrow_m_per_n'])
-        self._markers.publish(scene)
+        self._markers.publish(markers(pose.header.stamp, live))
 
 
 def transform_of(pose: PoseStamped) -> TransformStamped:

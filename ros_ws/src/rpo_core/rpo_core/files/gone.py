@@ -48,6 +48,8 @@ GONE: dict[str, dict[str, str]] = {
         **dict.fromkeys(
             ('keep_out_radius_m', 'corridor_half_angle_deg'), 'section `zones` of the scenario'
         ),
+        'trail_points': '1000 points, which it was by default',
+        'arrow_m_per_n': '20 m/N, which it was by default',
         **dict.fromkeys(
             ('loop', 'start_s', 'end_s', 'paused'), '`ros2 bag play` of the run folder'
         ),
@@ -55,6 +57,7 @@ GONE: dict[str, dict[str, str]] = {
     'executable': {
         'foxglove': 'foxglove_bridge, or open `run.mcap` in the app',
         'monitor': 'the abort table of section `assurance`',
+        'repair': '`rpo repair`',
         'node_pages': '`python docs/hooks/node_pages.py docs/nodes`',
         'watch': '`ros2 run rpo_view web`',
         'trial': 'the latency, jitter and counts in `run_status` and on `/diagnostics`',

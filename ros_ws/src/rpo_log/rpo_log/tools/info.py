@@ -10,7 +10,7 @@ from pathlib import Path
 from rpo_log.bag import open_run
 from rpo_mcap.errors import ExitCode
 from rpo_mcap.format.run import TimeBase
-from rpo_mcap.read.stream import Completeness
+from rpo_mcap.read.run_log import read_run
 from rpo_mcap.topics import Topic
 
 
@@ -54,20 +54,18 @@ class LogInfo:
 
 
 def inspect(path: str | Path) -> LogInfo:
-    """Read a log or a bag through, in bounded memory; raises LogError."""
+    """Read a log or a bag through; raises LogError."""
     reader = open_run(path)
-    completeness = Completeness(reader)
-    for block in reader.blocks():
-        completeness.add(block)
+    log = read_run(reader)
     return LogInfo(
         files=tuple((file, file.stat().st_size) for file in reader.sources),
-        base=reader.base,
+        base=log.base,
         messages={
             topic: sum(file.counts[index] for file in reader.extents.values())
-            for index, topic in enumerate(reader.topics)
+            for index, topic in enumerate(log.topics)
         },
-        ticks=(completeness.first, completeness.last),
-        attachments={name: len(data) for name, data in reader.attachments.items()},
-        outcome=completeness.outcome,
-        gaps=(*completeness.gaps(reader.damage), *reader.lacks),
+        ticks=(int(log.ticks[0]), int(log.ticks[-1])),
+        attachments={name: len(data) for name, data in log.attachments.items()},
+        outcome=log.outcome,
+        gaps=(*log.gaps, *log.lacks),
     )

@@ -283,10 +283,7 @@ class Gathering:
             stamp = due if topic.is_event else cdr.stamp_ns(data)
         except cdr.CdrError as error:
             raise messages.bad(messages[i], error) from None
-        times = {'stamp': stamp, 'log time': head['log_ns'], 'publish time': head['publish_ns']}
-        for what, time in times.items():
-            if time != due or tick > self.base.last_tick:
-                last = self.base.last_tick
-                wanted = f'{self.base.stamp_ns(min(tick, last))} ns and be at most {last}'
-                sentence = f'tick {tick} of {topic.name} must have the {what} {wanted}'
-                raise LogError(self.path, f'{sentence}; got {time} ns')
+        wanted = f'{due} ns of its tick, at most {self.base.last_tick}'
+        times = f'stamp {stamp}, log time {head["log_ns"]}, publish time {head["publish_ns"]}'
+        sentence = f'tick {tick} of {topic.name} must have the time {wanted}; got {times}'
+        raise LogError(self.path, sentence)
