@@ -42,7 +42,6 @@ ALLOWED_SKIPS = {
     'tests/ros/test_foreign.py::test_basilisk*': 'Basilisk (layer truth) is not installed',
     'tests/ros/test_view_live.py::test_the_page*': 'chromium is not installed',
     'tests/ros/test_launch_files.py::test_a_real_launch': 'ros2 launch is not installed',
-    'tests/log/test_writer.py::test_a_small_tmpfs': 'a tmpfs can be mounted by root only',
     'tests/ros/test_two_hosts.py::*': 'network namespaces are not allowed here',
     'tests/ros/test_two_hosts.py::*link*': 'there is no /dev/net/tun',
 }

@@ -57,11 +57,15 @@ def make_key(path: Path) -> Path:
 
 @dataclass(frozen=True)
 class Run:
-    """A flight and what its nodes say."""
+    """A flight and what its nodes say.
+
+    topics : those that are logged; events : more messages, each with its tick
+    """
 
     flight: Flight
     attachments: dict[str, bytes]
     topics: tuple[str, ...] = TOPICS
+    events: tuple[Sent, ...] = ()
 
     @property
     def base(self) -> TimeBase:
@@ -80,15 +84,19 @@ class Run:
     def of_tick(self, tick: int) -> Iterable[tuple[str, bytes]]:
         """Say what the nodes say at a tick."""
         flight, stamp = self.flight, self.base.stamp_ns(tick)
-        yield CLOCK, cdr.encode_clock(stamp)
-        state = flight.states[tick].tolist()
-        yield STATE, cdr.encode_odometry(stamp, 'target_lvlh', 'chaser', state)
-        yield FORCE, cdr.encode_wrench(stamp, 'target_lvlh', flight.forces_n[tick].tolist())
-        disturbance = flight.disturbances_n[tick].tolist()
-        yield DISTURBANCE, cdr.encode_wrench(stamp, 'target_lvlh', disturbance)
-        if tick in (0, self.base.last_tick):
+        own = {STATE: flight.states, FORCE: flight.forces_n, DISTURBANCE: flight.disturbances_n}
+        for row in interfaces.rows(logged=True):
+            rider = flight.signals.get(row.rider)
+            values = own.get(f'/{row.name}', flight.signals.get(row.name))
+            if row.name == interfaces.CLOCK:
+                yield CLOCK, cdr.encode_clock(stamp)
+            elif values is not None:
+                more = [] if rider is None else rider[tick].tolist()
+                yield f'/{row.name}', row.layout.encode(stamp, [*values[tick].tolist(), *more])
+        if STATUS in self.topics and tick in (0, self.base.last_tick):
             phase = 'running' if tick == 0 else 'finished'
             yield STATUS, cdr.encode_status(0, 'run', phase, 'none', self.figures(tick, phase))
+        yield from ((name, data) for name, at, data in self.events if at == tick)
 
     def figures(self, tick: int, phase: str) -> dict[str, str]:
         """What run_status says at a tick."""
@@ -142,36 +150,12 @@ class Run:
         return [message for _, message in sorted(timed, key=lambda pair: pair[0])]
 
 
-@dataclass(frozen=True)
-class ChainRun(Run):
-    """A run whose nodes publish every signal of the chain.
-
-    events : more messages, each with its tick
-    """
-
-    events: tuple[Sent, ...] = ()
-
-    def of_tick(self, tick: int) -> Iterable[tuple[str, bytes]]:
-        """Say what the nodes say at a tick."""
-        flight, stamp = self.flight, self.base.stamp_ns(tick)
-        own = {STATE: flight.states, FORCE: flight.forces_n, DISTURBANCE: flight.disturbances_n}
-        for row in interfaces.rows(logged=True):
-            rider = flight.signals.get(row.rider)
-            values = own.get(f'/{row.name}', flight.signals.get(row.name))
-            if row.name == interfaces.CLOCK:
-                yield CLOCK, cdr.encode_clock(stamp)
-            elif values is not None:
-                more = [] if rider is None else rider[tick].tolist()
-                yield f'/{row.name}', row.layout.encode(stamp, [*values[tick].tolist(), *more])
-        yield from ((name, data) for name, at, data in self.events if at == tick)
-
-
 def chain_run(
     flown: scenario.Scenario,
     control: controller.Controller,
     more: Iterable[tuple[Place, Stage]] = (),
     events: tuple[Sent, ...] = (),
-) -> ChainRun:
+) -> Run:
     """Fly a scenario with all its stages; there is no run_status.
 
     more : stages that no section names; events : what nodes say of the flight
@@ -184,7 +168,7 @@ def chain_run(
         'scenario.yaml': scenario.dumps(flown).encode(),
         'controller.yaml': controller.dumps(control).encode(),
     }
-    return ChainRun(flight, attached, (CLOCK, *topics), events)
+    return Run(flight, attached, (CLOCK, *topics), events)
 
 
 def make_run(

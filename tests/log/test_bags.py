@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from invoking import invoke
+from log_parts import Raw, joined, packed
 from log_runs import CLOCK, FORCE, STATE, Run, flipped
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.records import Channel, Chunk, Message
-from mcap_views import Raw, joined, packed
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 from rosbags.typesys import Stores, get_typestore
@@ -141,14 +140,6 @@ def test_a_table_of_a_bag_has_the_attitude_and_torques_of_its_messages(turning, 
     names = of_log.split(b'\r\n')[0].decode().split(',')
     some = {'chaser_attitude_qw', 'body_tx_nm', 'exerted_tx_nm', 'attitude_y_z_rad2'}
     assert some <= set(names) and len(set(names)) == len(names)
-
-
-@pytest.mark.slow
-def test_a_bag_is_reported(bags, tmp_path):
-    options = ['-o', str(tmp_path), '--no-fail', '--scenario', 'paper_test']
-    found = invoke('report', bags['bare'], *options)
-    assert found.exit_code == 3 and 'no manifest of the plant' in found.output
-    assert 'no manifest of the plant' in (tmp_path / 'report.html').read_text()
 
 
 def test_what_a_bag_lacks_is_named_and_can_be_given(bags, tmp_path, short_run):

@@ -14,11 +14,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from log_parts import Parts
+from log_parts import Parts, views
 from log_runs import record
 from mcap.records import Attachment, Channel, Header, Message, Metadata, Schema
 from mcap.writer import CompressionType, IndexType
-from mcap_views import views
 
 from rpo_log.tools.info import inspect
 from rpo_log.verify import verify

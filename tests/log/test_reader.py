@@ -302,15 +302,6 @@ def test_what_else_a_message_holds_is_kept(run, log, tmp_path):
     assert [(odd.tick, odd.topic.name) for odd in log.non_canonical] == [(77, STATE)]
 
 
-def test_holes_are_nan_and_counted(log, tmp_path):
-    lost = (FORCE, 100), (FORCE, 101), (STATE, 250)
-    log = read_run(forge(log, tmp_path, *(changed(*each, None) for each in lost)))
-    assert log.missing == {FORCE: 2, STATE: 1}
-    assert np.flatnonzero(np.isnan(log.forces_n[:, 0])).tolist() == [100, 101]
-    assert np.flatnonzero(np.isnan(log.states[:, 0])).tolist() == [250]
-    assert not log.complete
-
-
 def foreign(path: Path, *records: bytes) -> Path:
     """Write an MCAP file of raw records, without an end."""
     path.write_bytes(MAGIC + b''.join(records))

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +14,6 @@ from rpo_attitude.target import TargetStage
 from rpo_core.chain.chain import Chain, DisturbanceStage
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
-from rpo_core.control.controller_file import ControllerStage
 from rpo_core.files.scenario import load_scenario
 from rpo_core.wire import cdr
 from rpo_core.wire.interfaces import RELATIVE_STATE
@@ -45,23 +44,7 @@ OFF = range(20, 30)
 LOST_AT = 25
 
 
-@dataclass(frozen=True)
-class Switched:
-    """A controller that commands zero at some ticks."""
-
-    off: range
-    name: str = 'handmade'
-
-    def stage(self, dt_s):
-        return _SwitchedStage(load_controller(self.name).stage(dt_s), self.off)
-
-
-class _SwitchedStage(ControllerStage):
-    def __init__(self, stage, off):
-        self.stage, self.off = stage, off
-
-    def step(self, tick, *inputs):
-        return ((0.0, 0.0, 0.0),) if tick in self.off else self.stage.step(tick, *inputs)
+CONTROLLER = type(load_controller('handmade').stage(0.1))
 
 
 def said(state, tick, stage='controller'):
@@ -82,7 +65,7 @@ SWITCHED = switched_off()
 def switched():
     """Five seconds, the controller switched off for one."""
     run = make_run(5.0)
-    flight = fly(run.flight.scenario, Switched(OFF))
+    flight = flown_without(CONTROLLER, run.flight.scenario, OFF).flight
     return Run(flight, run.attachments, (*TOPICS, STAGE_STATUS))
 
 
@@ -109,19 +92,6 @@ def test_a_controller_that_was_switched_off_verifies(blocks, switched, late, tmp
         'inactive', 'active',
     ]  # fmt: skip
     assert [tick for tick, _ in log.statuses] == [0, 50]
-
-
-def test_the_events_are_logged_the_same_whenever_they_come_in_time(switched, tmp_path):
-    first = with_events(switched, SWITCHED)
-    switched.write(tmp_path / 'a', first)
-    ticks = {event[1] for event in SWITCHED}
-    later = [m for m in first if m not in SWITCHED]
-    for event in SWITCHED:  # the last of its tick, sent twice
-        at = max(i for i, m in enumerate(later) if m[1] == event[1])
-        later[at:at] = [event, event]
-    summary = switched.write(tmp_path / 'b', later)
-    assert summary.duplicates == {STAGE_STATUS: len(ticks)}
-    assert (tmp_path / 'a/run.mcap').read_bytes() == (tmp_path / 'b/run.mcap').read_bytes()
 
 
 @pytest.mark.parametrize(
@@ -236,11 +206,8 @@ def lost(folder, topic=FORCE, since=LOST_AT, says=((LOST_AT, LOST_AT),), until=L
     says : of which tick run_status says so, and at which; until : the first tick without a message
     """
     run = make_run(5.0)
-    scenario, off = run.flight.scenario, range(since, 100)
-    if topic == FORCE:
-        flight = fly(scenario, Switched(off))
-    else:
-        flight = flown_without(DisturbanceStage, scenario, off).flight
+    kind = CONTROLLER if topic == FORCE else DisturbanceStage
+    flight = flown_without(kind, run.flight.scenario, range(since, 100)).flight
     flown = Run(flight, run.attachments)
     sent = [m for m in flown.messages if m[0] != topic or m[1] < until]
     for tick, at in says:

@@ -210,15 +210,6 @@ def test_a_table_that_could_not_be_written_whole_is_not_left(log, tmp_path, monk
     assert not list(tmp_path.iterdir())
 
 
-def test_an_oem_has_kilometres_and_kilometres_a_second(run, log, tmp_path):
-    """Read by hand: lines of an epoch and six numbers; CCSDS 502.0-B-3, section 5."""
-    export(log, tmp_path / 'run.oem')
-    text = (tmp_path / 'run.oem').read_text()
-    lines = re.findall(r'^2026-\S+((?: +\S+){6})(?: .*)?$', text, re.M)
-    states = np.array([line.split() for line in lines], dtype=float)
-    np.testing.assert_array_equal(states, run.flight.states / 1000.0)
-
-
 @pytest.mark.every_landing
 def test_another_library_reads_the_oem(run, log, tmp_path):
     """Written by ccsds-ndm-py, read by oem."""
@@ -318,14 +309,3 @@ def test_a_flight_without_ros_leaves_a_log_that_verifies(words, tmp_path):
     changes = [change for flag, change in itertools.pairwise(words) if flag == '--set']
     flown = fly(overrides.load(words[0], changes), load_controller(name))
     assert (log.states == flown.states).all() and (log.forces_n == flown.forces_n).all()
-
-
-def test_every_command_takes_it(tmp_path):
-    run = tmp_path / 'run'
-    assert invoke('simulate', 'quick', '-o', run).exit_code == 0
-    assert 'The logged force is the same' in invoke('explain', run, '--at', 2.5).output
-    assert 'ticks 0 to 50 of 50' in invoke('log', 'info', run).output
-    refused = invoke('simulate', 'quick', '-o', run)
-    assert refused.exit_code == 2 and 'holds a log already' in refused.stderr
-    assert invoke('simulate', 'quick', '-o', run, '--overwrite').exit_code == 0
-    assert verify(run).exit_code == 0

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import signal
 from pathlib import Path
 from typing import Any
 
@@ -46,13 +45,11 @@ def processes(
     scenario: str,
     *others: str,
     controller: str = 'handmade',
-    end: int = signal.SIGINT,
     **plant: Any,
 ) -> Path:
     """Fly with each node in a process of its own; return the run's folder.
 
     others : package and executable of nodes beside controller, recorder and plant
-    end : signal that ends all but the last two
     """
     folder = ros.folder / 'run'
     software = [ros.node('rpo_ctrl', 'fuzzy_controller', controller=controller)]
@@ -62,7 +59,7 @@ def processes(
     for node in (flown, recorder):
         assert node.wait() == 0, node.output
     for node in software:
-        assert node.stop(end) == 0, node.output
+        assert node.stop() == 0, node.output
     return folder
 
 

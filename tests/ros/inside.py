@@ -12,14 +12,11 @@ from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import WrenchStamped
 from lifecycle_msgs.srv import ChangeState, GetState
-from nav_msgs.msg import Odometry
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import SetBool, Trigger
 
@@ -32,18 +29,6 @@ from rpo_sim.plant_node import PlantNode
 
 DEADLINE_S = 240.0
 """A busy machine is no failure; pytest ends a test after 300 s."""
-
-
-def odometry(stamp_ns: int, state: Sequence[float]) -> Odometry:
-    """Return the message of a relative state (x, y, z, vx, vy, vz)."""
-    data = interfaces.row_of(interfaces.RELATIVE_STATE).layout.encode(stamp_ns, state)
-    return deserialize_message(data, Odometry)
-
-
-def wrench(stamp_ns: int, force_n: Sequence[float]) -> WrenchStamped:
-    """Return the message of a commanded force (3,)."""
-    data = interfaces.row_of(interfaces.CONTROL_FORCE).layout.encode(stamp_ns, force_n)
-    return deserialize_message(data, WrenchStamped)
 
 
 def values_of(status: DiagnosticStatus) -> dict[str, str]:

@@ -11,13 +11,12 @@ import pytest
 from campaign_documents import write_campaign
 from flights import INJECTOR, assert_flown, processes
 from invoking import invoke
-from landing import rest_at_landing
 
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
-from rpo_core.files import overrides, scenario
-from rpo_core.files.scenario import load_scenario
+from rpo_core.files import DEFAULT_CONTROLLER, overrides, scenario
 from rpo_core.judge import metrics
+from rpo_core.wire.interfaces import BODY_TORQUE
 from rpo_log.verify import verify
 from rpo_mcap.read.run_log import flight_of, read_run
 from rpo_montecarlo.campaign import config
@@ -28,50 +27,28 @@ from rpo_safety.assurance_node import AssuranceNode
 from rpo_safety.settings import Assurance
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 
-
-@pytest.mark.every_landing
-@pytest.mark.parametrize('controller', ['mpc', 'drift'])
-def test_a_baseline_flies_the_bits_of_the_core(together, controller):
-    """`mpc` counts ticks."""
-    run = together('quick', '--controller', controller)
-    assert_flown(run, fly(load_scenario('quick'), load_controller(controller)), 'controller')
-
-
-# The shipped worlds, changed on the command line, flown by the nodes.
+# A shipped world, changed on the command line, flown by the nodes.
 
 UNITS = (
     '[{kind: range_bearing, noise_floor_m: 0.01, noise_share: 0.01, bearing_noise_rad: 0.002,'
     ' latency_ticks: 3, dropout_share: 0.1}, {kind: relative_position, noise_floor_m: 0.5,'
     ' velocity_floor_m_s: 0.02, period_ticks: 10}]'
 )
-LATE_AND_SLOW = [f'sensors.units={UNITS}', 'estimator.disturbance_sigma_n=0.01']
 
 
-@pytest.mark.parametrize(
-    ('world', 'more'),
-    rest_at_landing(
-        [
-            ('world_leo', ['initial_position_m=[0,80,0]', *LATE_AND_SLOW]),
-            ('world_leo', ['estimator.compensate=true']),
-            ('world_elliptic', []),
-            ('world_moon', []),
-            ('paper_test_measured', []),
-            ('quick', ['goal_position_m=[-3,10,2]', 'initial_position_m=[0,80,0]']),
-        ]
-    ),
-)
-def test_a_world_flies_the_bits_of_the_core(together, world, more):
-    changes = ['duration_s=20.0', *more]
+def test_a_world_flies_the_bits_of_the_core(together):
+    """With sensors that are late and slow."""
+    changes = ['duration_s=20.0', 'goal_position_m=[-3,10,2]', 'initial_position_m=[0,80,0]']
+    changes += [f'sensors.units={UNITS}', 'estimator.disturbance_sigma_n=0.01']
     changed = [word for change in changes for word in ('--set', change)]
-    run = together(world, '--controller', 'pd', *changed)
-    flight = fly(overrides.load(world, changes), load_controller('pd'))
+    run = together('world_leo', '--controller', 'pd', *changed)
+    flight = fly(overrides.load('world_leo', changes), load_controller('pd'))
     assert_flown(run, flight, 'controller', 'dynamics')
     flown = flight_of(read_run(run))
-    assert flown.scenario == flight.scenario and flown.scenario.name == f'{world} (changed)'
+    assert flown.scenario == flight.scenario and flown.scenario.name == 'world_leo (changed)'
     np.testing.assert_array_equal(flown.thrust.forces_n, flight.thrust.forces_n)
-    if more[1:] == LATE_AND_SLOW:
-        logged = {'measurement', 'measurement_2', 'navigation_covariance', 'estimated_disturbance'}
-        assert logged <= flight.signals.keys()
+    logged = {'measurement', 'measurement_2', 'navigation_covariance', 'estimated_disturbance'}
+    assert logged <= flight.signals.keys()
 
 
 def shortened(folder, name, duration_s):
@@ -82,15 +59,6 @@ def shortened(folder, name, duration_s):
     return flown, str(path)
 
 
-@pytest.mark.slow
-def test_a_world_flies_against_the_wall_clock(ros):
-    _, path = shortened(ros.folder, 'world_leo', 20.0)
-    free = {'mode': 'free_running', 'real_time_factor': 10.0}
-    found = verify(processes(ros, path, 'rpo_nav navigation', **free))
-    assert found.difference is None, found.sentence()
-    assert 'estimator' in found.stages
-
-
 @pytest.mark.every_landing
 def test_the_full_chain_flies_as_seven_processes(ros):
     flown, path = shortened(ros.folder, 'docking_leo', 40.0)
@@ -98,6 +66,36 @@ def test_the_full_chain_flies_as_seven_processes(ros):
     run = processes(ros, path, *others, controller='allround')
     stages = ('sensors', 'estimator', 'guidance', 'assurance', 'thrusters')
     assert_flown(run, fly(flown, load_controller('allround')), *stages)
+
+
+@pytest.mark.every_landing
+def test_the_chaser_as_one_process_has_the_same_bits(ros):
+    flown, path = shortened(ros.folder, 'tumbling_docking', 20.0)
+    software = ros.node('rpo_bringup', 'flight_software')
+    recorder = ros.node('rpo_log', 'recorder', output=str(ros.folder / 'run'))
+    plant = ros.node('rpo_sim', 'plant', scenario=path, wait_for_recorder='true')
+    for node in (plant, recorder):
+        assert node.wait() == 0, node.output
+    assert software.stop() == 0
+    assert_flown(ros.folder / 'run', fly(flown, load_controller(DEFAULT_CONTROLLER)), 'attitude')
+
+
+@pytest.mark.every_landing
+def test_a_chaser_that_turns_flies_against_the_wall_clock_and_verifies(ros):
+    """What acted, in its axes, was commanded; with every answer in its tick it is lockstep."""
+    flown, path = shortened(ros.folder, 'tumbling_docking', 20.0)
+    others = ('rpo_nav navigation', 'rpo_guidance guidance', 'rpo_safety assurance')
+    others += ('rpo_ctrl attitude_controller',)
+    run = processes(ros, path, *others, mode='free_running', real_time_factor=2.0)
+    found = verify(run)
+    assert found.exit_code == 0, found.sentence()
+    assert found.free_running and {'attitude', 'estimator'} <= set(found.stages)
+    log, expected = read_run(run), fly(flown, load_controller('handmade'))
+    torque = log.values['applied_torque']
+    assert np.abs(torque).max() > 1e-3
+    if np.array_equal(log.values['applied_body_force'], expected.signals['body_force']):
+        np.testing.assert_array_equal(log.states, expected.states)
+    np.testing.assert_array_equal(flight_of(log).signals[BODY_TORQUE], torque)
 
 
 # A run of a campaign.
@@ -150,23 +148,3 @@ def test_a_controller_that_wants_the_target_is_stopped_recorded_and_verified(inn
     assert first['constraint'] == 'keep_out'
     assert int(first['tick']) == np.flatnonzero(changed)[0]
     assert float(first['after_n.y']) == log.values[ASSURED_FORCE][int(first['tick']), 1]
-
-
-@pytest.mark.every_landing
-def test_the_covariance_of_an_estimate_reaches_assurance(together, tmp_path):
-    """It travels in `navigation_state`; where it is large, the node decides as the core does."""
-    sure = Assurance(
-        keep_out_m=15.0,
-        position_error_m=0.5,
-        velocity_error_m_s=0.02,
-        disturbance_n=0.02,
-        thrust_error=0.1,
-        sigmas=4.0,
-    )
-    found = replace(scenario.load_scenario('world_leo').equipped(sure), duration_s=5.0)
-    path = tmp_path / 'world.yaml'
-    path.write_text(scenario.dumps(found))
-    run, flight = together(path, '--controller', 'pd'), fly(found, load_controller('pd'))
-    assert_flown(run, flight, 'assurance')
-    assured = read_run(run).values[ASSURED_FORCE]
-    assert (assured != flight.forces_n).any(axis=1)[:2].all()  # the first estimates are poor

@@ -4,15 +4,13 @@
 
 from __future__ import annotations
 
-import subprocess
-
 import pytest
 import yaml
 from flights import told
 from inside import Hand, values_of
-from node_processes import executable
 
 from rpo_core import files
+from rpo_log.verify import verify
 from rpo_mcap.read.run_log import read_run
 from rpo_safety.assurance_node import AssuranceNode
 
@@ -40,14 +38,6 @@ def start(ros, folder, scenario, **plant):
     options = {'scenario': scenario, 'wait_for_recorder': 'true', **plant}
     found['plant'] = ros.node('rpo_sim', 'plant', **options)
     return found
-
-
-def verified(env, folder):
-    """Return exit code and output of `rpo verify`."""
-    command = [str(executable('rpo_log', 'verify', env['AMENT_PREFIX_PATH'])), str(folder)]
-    done = subprocess.run(command, env=env, capture_output=True, text=True)
-    assert not done.stderr
-    return done.returncode, done.stdout
 
 
 def states_of(folder, name):
@@ -112,8 +102,8 @@ def test_every_command_is_obeyed_or_refused_logged_and_verified(ros, inner, tmp_
         ('abort', 'aborting'),
     ):  # fmt: skip
         assert states.index(command) < states.index(state)
-    code, said = verified(ros.env, folder)
-    assert code == 0 and 'recomputed: guidance, controller, assurance' in said, said
+    said = (found := verify(folder)).sentence()
+    assert found.exit_code == 0 and 'recomputed: guidance, controller, assurance' in said, said
 
 
 @pytest.mark.every_landing
@@ -132,8 +122,8 @@ def test_a_lost_guidance_is_a_hold_and_then_an_abort(ros, tmp_path):
     assert list(reversed(states)) == ['without_command', 'holding', 'aborting', 'drifting']
     assert states['holding'] == states['without_command'] + 2
     assert states['aborting'] == states['holding'] + 30
-    code, said = verified(ros.env, folder)
-    assert code == 3 and 'as computed as far as it goes' in said, said
+    said = (found := verify(folder)).sentence()
+    assert found.exit_code == 3 and 'as computed as far as it goes' in said, said
     assert 'assurance could not be recomputed' not in said
 
 

@@ -11,16 +11,13 @@ import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
 from flights import told, verified
-from inside import values_of
 
 from rpo_core import files
 from rpo_core.files import scenario
-from rpo_core.wire import cdr, interfaces
+from rpo_core.wire import cdr
 from rpo_core.wire.statuses import READERS
 from rpo_guidance.guidance_node import GuidanceNode
 from rpo_guidance.operator_node import OperatorNode
-from rpo_log.verify import verify
-from rpo_mcap.read.run_log import read_run
 from rpo_nav.navigation_node import NavigationNode
 from rpo_ros import qos
 from rpo_ros.managed_node import PlaceNode
@@ -59,34 +56,6 @@ def fly(inner, folder, real_time_factor, duration_s=30.0):
     written(path, duration_s)
     options = {'controller': 'allround', 'real_time_factor': real_time_factor}
     inner.fly(folder / 'run', str(path), *STAGES, **options)
-
-
-def test_a_plan_is_flown_beside_all_other_stages_and_obeys(inner, tmp_path):
-    """The controller could not take several inputs: every guided flight on ROS broke."""
-    phases: list[str] = []
-
-    def hear(status: DiagnosticStatus) -> None:
-        phases.append(values_of(status)['phase'])
-
-    topic = interfaces.GUIDANCE_STATUS
-    inner.user.create_subscription(DiagnosticStatus, topic, hear, qos.LATCHED_QUEUE)
-    fly(inner, tmp_path, 15.0)
-    inner.until(lambda: 'wait' in phases and inner.plant.tick > 0)
-    answer = inner.trigger('/guidance/go')
-    assert not answer.success and '`dwell_s` = 5 s is not over' in answer.message
-    inner.reaches(80)
-    assert inner.trigger('/guidance/go').success
-    inner.until(lambda: phases[-1] == 'in')
-    assert inner.trigger('/guidance/hold').success
-    inner.until(lambda: phases[-1] == 'stopped')
-    assert inner.trigger('/guidance/retreat').success
-    inner.until(lambda: phases[-1] == 'retreating')
-    assert inner.ends() == 0
-    said = told(read_run(tmp_path / 'run'))
-    assert [state for stage, state, _ in said if stage == 'guidance'] == ['go', 'hold', 'retreat']
-    found = verify(tmp_path / 'run')
-    assert found.exit_code == 0, found.sentence()
-    assert all(name in found.sentence() for name in ('estimator', 'guidance', 'assurance'))
 
 
 @pytest.mark.every_landing

@@ -4,14 +4,13 @@
 
 import errno
 import math
+from functools import partial
 
 import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
 from flights import assert_flown, lasting, told
 from geometry_msgs.msg import WrenchStamped
-from inside import odometry
-from inside import wrench as force_message
 from nav_msgs.msg import Odometry
 from test_guidance import STAGES, written
 
@@ -42,26 +41,13 @@ def flying(inner, folder, output='run', **options):
     inner.fly(folder / output, scenario, DisturbanceInjectorNode, **options)
 
 
-def wrench(plant, tick, force, frame=''):
-    message = force_message(plant.scenario.stamp_ns(tick), force)
-    message.header.frame_id = frame or message.header.frame_id
-    return message
+def message(plant, name, tick, values):
+    """Return the bytes of a signal."""
+    return interfaces.row_of(name).layout.encode(plant.scenario.stamp_ns(tick), values)
 
 
 def status(**values):
     return signals.to_status(b'\x00', 'run', 'of somebody else', values.items())
-
-
-FALSE_STATUSES = (
-    {'phase': 'running'},
-    {'phase': 'finished', 'tick': 'many'},
-    {'phase': 'finished', 'tick': '²'},
-    {'phase': 'aborted', 'tick': '-1'},
-    {'phase': 'finished', 'tick': '9' * 5000},
-    {'phase': 'finished', 'tick': '200', 'distance_m': '1.0', 'speed_m_s': 'nan'},
-    {'phase': 'finished', 'tick': '30', 'distance_m': '1.0', 'speed_m_s': '0.0'},
-    {'phase': 'waiting'},
-)
 
 
 def talk(inner):
@@ -73,16 +59,17 @@ def talk(inner):
         for name in (interfaces.RUN_STATUS, interfaces.NODE_MANIFEST, interfaces.STAGE_STATUS)
     )
     plant = inner.plant
+    wrench = partial(message, plant, interfaces.CONTROL_FORCE)
     for turn in range(8):
         inner.reaches(plant.tick + 2)
         for ahead in (30, 31, 170 - plant.tick):
-            force(wrench(plant, plant.tick + ahead, (0.1, 0.2, 0.3)))
-            force(wrench(plant, plant.tick + ahead, (0.3, turn * 0.1, 0.3)))
-            state(odometry(plant.scenario.stamp_ns(plant.tick + ahead), [1.0] * 6))
-        force(wrench(plant, plant.tick, (math.nan, 0.0, 0.0)))
-        force(wrench(plant, plant.tick, (9.0, 9.0, 9.0), 'chaser'))
-        force(wrench(plant, plant.tick - 10, (9.0, 9.0, 9.0)))
-        said(status(**FALSE_STATUSES[turn]))
+            force(wrench(plant.tick + ahead, (0.1, 0.2, 0.3)))
+            force(wrench(plant.tick + ahead, (0.3, turn * 0.1, 0.3)))
+            state(message(plant, interfaces.RELATIVE_STATE, plant.tick + ahead, [1.0] * 6))
+        force(wrench(plant.tick, (math.nan, 0.0, 0.0)))
+        force(wrench(plant.tick, (9.0, 9.0, 9.0)).replace(b'target_lvlh', b'chaser_lvlh'))
+        force(wrench(plant.tick - 10, (9.0, 9.0, 9.0)))
+        said(status(phase='finished', tick='30', distance_m='1.0', speed_m_s='0.0'))
         refusal(status(stage='fuzzy_controller', state='refused', tick='0', reason='no'))
         text = files.read_text(files.find('scenario', 'quick'))
         manifest(status(role='plant', run='another', **{'file.scenario.yaml': text}))

@@ -6,8 +6,6 @@ from pathlib import Path
 
 import pytest
 from inside import inside
-from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
 
 from rpo_core import files
 from rpo_core.control.controller import load_controller
@@ -135,17 +133,6 @@ def test_what_breaks_inside_is_logged_with_its_cause(inner, capfd):
 def test_a_bad_file_at_an_automatic_start_starts_nothing(ros_env, tmp_path):
     with inside() as bench, pytest.raises(InputError, match='no file'):
         bench.start(ControllerNode({'controller': str(tmp_path / 'no.yaml')}))
-
-
-@pytest.mark.parametrize('request_id', [0, 1, 3, 99])
-def test_a_transition_that_is_not_possible_is_refused_and_the_node_lives(inner, request_id):
-    """1 is configure and 3 is activate: the controller is active already."""
-    inner.start(ControllerNode({**NAMED, 'controller': 'handmade'}))
-    request = ChangeState.Request(transition=Transition(id=request_id))
-    assert not inner.call(ChangeState, f'{NODE}/change_state', request).success
-    assert not inner.transition(NODE, 'activate')
-    assert inner.state(NODE) == 'active'
-    assert Asker(inner).ask(1) == force_of('handmade')
 
 
 def threads_of_dds():

@@ -11,8 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
-from flights import INJECTOR, lasting, processes
+from flights import lasting
 from landing import rest_at_landing
 
 from rpo_bringup import final_approach
@@ -31,16 +30,6 @@ from rpo_ros.entry_point import start_node
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 from rpo_sim.fault_injector_node import FaultInjectorNode
 from rpo_sim.plant_node import PlantNode
-
-
-def test_four_processes_fly_and_end_cleanly(ros):
-    """The controller waits for its plant; the README starts them the other way round."""
-    run = processes(ros, lasting(20.0, ros.folder, 'paper_test'), INJECTOR, end=signal.SIGTERM)
-    assert verify(run).exit_code == 0
-    counted = yaml.safe_load((run / 'run_info.yaml').read_text())
-    assert counted['messages']['/control_force'] == 201 and counted['faults'] is None
-    assert not any('Traceback' in node.output for node in ros.nodes)
-
 
 ROOT = Path(__file__).resolve().parents[2]
 FLIGHT = 'run', 'rpo_bringup', 'final_approach'

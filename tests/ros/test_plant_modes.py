@@ -131,20 +131,6 @@ def test_only_a_newer_answer_replaces_the_held_one(scenario, tick, kind):
     assert plant.ignored == ({} if kind == kinds.ACCEPTED else {kind: 1})
 
 
-@pytest.mark.parametrize('kind', [LockstepPlant, partial(FreeRunningPlant, stale_after_ticks=3)])
-def test_thrusters_saturate_in_the_plant(scenario, kind):
-    limit = scenario.max_force_n
-    flown = []
-    for force in ((9.0, -9.0, 0.1), (limit, -limit, 0.1)):
-        plant = kind(scenario, [FORCE])
-        plant.answer(FORCE, plant.stamp_ns, force)
-        if isinstance(plant, FreeRunningPlant):
-            assert plant.applied(FORCE) == (limit, -limit, 0.1)
-        plant.advance()
-        flown.append((plant.state, plant.saturated_ticks))
-    assert flown == [(flown[0][0], 1), (flown[0][0], 0)]
-
-
 def test_ticks_are_due_by_the_clock_without_drift_and_a_stall_is_not_made_up_for():
     pace = Pace()
     pace.restart(0, 0.01)

@@ -7,18 +7,15 @@ import re
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
 from flights import lasting
-from geometry_msgs.msg import WrenchStamped
-from inside import Hand, inside, values_of, wrench
+from inside import Hand, values_of
 
 from rpo_bringup import final_approach
 from rpo_core import files
-from rpo_core.files import scenario
 from rpo_core.judge.zones import Zone
 from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import Manifest
@@ -30,7 +27,7 @@ from rpo_mcap.read.run_log import read_run
 from rpo_ros import plant_scenario, qos
 from rpo_ros.plant_scenario import PlantScenario
 from rpo_ros.running import FlightNode
-from rpo_ros.signals import listen, message_class
+from rpo_ros.signals import Outlet, listen, message_class
 from rpo_safety.assurance_node import AssuranceNode
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 from rpo_sim.plant_node import EXIT_ABORTED, EXIT_MISSED, PlantNode
@@ -268,13 +265,10 @@ def test_a_pause_in_free_running_makes_no_force_stale(bench):
 @pytest.mark.parametrize('mode', ['lockstep', 'free_running'])
 def test_a_state_that_would_not_be_finite_ends_the_run_with_its_cause(bench, mode):
     bench.scenario = lasting(20.0, bench.folder, 'paper_test')
-    out = bench.inner.user.create_publisher(
-        WrenchStamped, interfaces.DISTURBANCE_FORCE, qos.LOCKSTEP
-    )
+    out = Outlet(bench.inner.user, interfaces.DISTURBANCE_FORCE)
 
     def disturb(stamp_ns, state):
-        force = (0.0, 1e308 if bench.plant.tick >= 5 else 0.0, 0.0)
-        out.publish(wrench(stamp_ns, force))
+        out.publish(stamp_ns, (0.0, 1e308 if bench.plant.tick >= 5 else 0.0, 0.0))
 
     listen(bench.inner.user, interfaces.RELATIVE_STATE, disturb, print)
     bench.start(mode=mode, real_time_factor=10.0)
@@ -295,30 +289,6 @@ QUICK, DOCKING = (files.read_text(files.find('scenario', n)) for n in ('quick', 
 def manifest(run: str, text: str, mode: str = 'lockstep') -> Manifest:
     values = {plant_scenario.SCENARIO_FILE: text, 'parameter.mode': mode}
     return Manifest('plant', 'plant', run, values)
-
-
-@pytest.fixture
-def parsed(monkeypatch):
-    """Return the names of the scenarios that are parsed."""
-    names, parse = [], scenario.parse
-
-    def noted(document, *more, **others):
-        names.append(document['name'])
-        return parse(document, *more, **others)
-
-    monkeypatch.setattr(scenario, 'parse', noted)
-    return names
-
-
-@pytest.mark.parametrize('name', ['docking', 'apollo'])
-def test_a_node_that_knows_the_scenario_does_not_read_it_again(name, monkeypatch, parsed):
-    """That of `apollo` is longer in logs than its file."""
-    monkeypatch.setattr(plant_scenario, 'hear', lambda *_: None)
-    heard = PlantScenario(None, name, print, pytest.fail)
-    content = files.read_text(files.find('scenario', name))
-    heard._on_manifest(manifest('one', scenario.text_for_logs(content, heard.scenario)))
-    heard._on_manifest(manifest('one', scenario.text_for_logs(content, heard.scenario)))
-    assert parsed == [name]
 
 
 BARE = """
@@ -342,20 +312,6 @@ def test_a_node_that_needs_no_section_imports_none_nor_numba(ros_env):
         env={**os.environ, **ros_env}, check=True,
     ).stdout.split()  # fmt: skip
     assert not {'numba', 'rpo_safety', 'rpo_guidance', 'rpo_nav', 'rpo_attitude'} & set(said)
-
-
-@pytest.mark.every_landing
-def test_the_injector_starts_without_numba_and_answers_as_it_did(ros):
-    del ros.env['RPO_JIT']
-    injector = ros.node('rpo_sim', 'disturbance_injector')
-    with inside() as inner:
-        inner.fly(ros.folder / 'run', lasting(20.0, ros.folder, 'paper_test'))
-        inner.reaches(1)
-        loaded = Path('/proc', str(injector.process.pid), 'maps').read_text()
-        assert inner.ends() == 0
-    assert 'rclpy' in loaded and 'llvmlite' not in loaded
-    assert injector.stop() == 0, injector.output
-    assert verify(ros.folder / 'run').exit_code == 0
 
 
 def test_with_a_plug_in_the_injector_reads_all_sections(monkeypatch, inner):

@@ -21,6 +21,7 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
 from rpo_log import recorder_node
 from rpo_log.recorder_node import _MOST_TAKEN, RecorderNode
+from rpo_log.tools.repair import repair
 from rpo_log.verify import verify
 from rpo_mcap.errors import ExitCode
 from rpo_mcap.read.run_log import read_run
@@ -56,7 +57,11 @@ def test_the_recorder_ended_at_any_moment(ros, number, trial):
     plant.wait()
     tick = re.search(r'(?:aborted at tick |finished at )(\d+)', plant.output)
     assert tick, plant.output
-    check(int(tick[1]), read_run(output), number)
+    log = read_run(output)
+    check(int(tick[1]), log, number)
+    mended = read_run(repair(output).output if log.damage else output)
+    np.testing.assert_array_equal(mended.states, log.states)
+    assert not mended.damage
 
 
 def check(flown, log, number):

@@ -1,39 +1,36 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is recorded: manifests that are late or none, odd names, remaps, topics of others."""
+"""What is recorded: manifests that are late or none, odd names, remaps."""
 
 import time
 from functools import partial
 
-import numpy as np
 import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
 from flights import lasting
+from hypothesis import assume, given
+from hypothesis import strategies as st
 from inside import inside
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from rosgraph_msgs.msg import Clock
 
 import rpo_log.recorder_node
-from rpo_core import files
 from rpo_core.wire import interfaces
-from rpo_core.wire.interfaces import Interface
-from rpo_log.replay_node import ReplayNode
 from rpo_log.tools.info import inspect
 from rpo_log.verify import ExitCode, verify
 from rpo_mcap.format.run import TOPICS
 from rpo_mcap.read.run_log import read_run
 from rpo_nav.navigation_node import NavigationNode
 from rpo_ros import health, qos
-from rpo_ros.signals import Outlet, listen, message_class
+from rpo_ros.signals import message_class
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 
 LATE = 'late_manifest'
 ASIDE = ['-r', f'fuzzy_controller:{interfaces.NODE_MANIFEST}:={LATE}']
 """The controller's manifest goes elsewhere, from where the test may pass it on."""
 ODOMETRY = '/truth/odometry'
-TOY = 'toy_force'
 
 
 @pytest.fixture
@@ -78,70 +75,14 @@ def test_a_controller_without_a_manifest_is_recorded_in_the_end(
     assert set(log.attachments) == {'parameters.yaml', 'scenario.yaml'}
 
 
-# fmt: off
-ODD_NAMES = [
-    '[draft] one', '@x', 'a: b', '2026-02-30', '2026-01-01', '1e3', 'true', '', '{a', '- b', "it's",
-    '"quoted"', '*', '&a', '!tag', '#1', '%', 'null', 'é', 'a\tb', 'yes', '0x10',
-]
-# fmt: on
-
-
-@pytest.mark.parametrize('name', ODD_NAMES)
+@given(st.text() | st.sampled_from(['2026-02-30', '2026-01-01', '1e3', 'yes', '0x10', 'null']))
 def test_a_name_is_read_back_as_what_it_was(name):
+    assume(name.isprintable())
     assert yaml.safe_load(health.as_yaml(name)) == name
 
 
 def test_plain_names_stay_plain():
     assert [health.as_yaml(v) for v in ('paper_test', 2, True)] == ['paper_test', '2', 'True']
-
-
-def test_a_controller_of_an_odd_name_is_recorded(inner, tmp_path, scenario):
-    text = files.find('controller', 'handmade').read_text()
-    path = tmp_path / 'mine.yaml'
-    path.write_text(text.replace('name: handmade', 'name: "[draft] one: @x"'))
-    inner.fly(tmp_path / 'run', scenario, controller=str(path))
-    assert inner.ends() == 0
-    attached = yaml.safe_load(read_run(tmp_path / 'run').attachments['parameters.yaml'])
-    assert attached['fuzzy_controller']['controller'] == '[draft] one: @x'
-    assert verify(tmp_path / 'run').exit_code == 0
-
-
-# One more row in the table of interfaces: recorded when somebody publishes it, and replayed.
-
-
-@pytest.fixture
-def toy(monkeypatch):
-    """One more row, for this test."""
-    monkeypatch.setattr(interfaces, '_TABLE', dict(interfaces._TABLE))
-    return interfaces.add(Interface(TOY, interfaces.FORCE_TYPE, 'a toy'))
-
-
-def test_one_more_topic_is_recorded_and_replayed(ros_env, tmp_path, toy, scenario):
-    with inside() as inner:
-        outlet = Outlet(inner.user, TOY)
-
-        def answer(stamp_ns, state):
-            outlet.publish(stamp_ns, state[:3])
-
-        listen(inner.user, interfaces.RELATIVE_STATE, answer, print)
-        inner.fly(tmp_path / 'run', scenario)
-        assert inner.ends() == 0
-    log = read_run(tmp_path / 'run')
-    np.testing.assert_array_equal(log.values[TOY], log.states[:, :3])
-    assert verify(tmp_path / 'run').exit_code == 0
-    heard = []
-    with inside() as inner:
-        listen(inner.user, TOY, lambda stamp_ns, values: heard.append(values), print)
-        replay = inner.start(ReplayNode({'bag': str(tmp_path / 'run'), 'rate': 20.0}))
-        inner.until(lambda: replay.done)
-        inner.until(lambda: len(heard) >= len(log.ticks))
-    np.testing.assert_array_equal(np.array(heard), log.values[TOY])
-
-
-def test_without_a_publisher_the_run_does_not_have_it(inner, tmp_path, toy, scenario):
-    inner.fly(tmp_path / 'run', scenario)
-    assert inner.ends() == 0
-    assert TOY not in read_run(tmp_path / 'run').values
 
 
 # Topics that a user has remapped: recorded where they are, or named as a gap.

@@ -107,17 +107,6 @@ def test_the_scene_has_the_zones_of_the_scenario():
     assert {ns for ns, _ in scene_of('quick')} == {'target', 'chaser', 'trail', 'thrust'}
 
 
-def test_the_transform_places_the_chaser():
-    pose = PoseStamped()
-    pose.header.frame_id = interfaces.LVLH_FRAME
-    pose.pose.position.x, pose.pose.position.y, pose.pose.position.z = STATE[:3]
-    transform = transform_of(pose)
-    assert (transform.header.frame_id, transform.child_frame_id) == ('target_lvlh', 'chaser')
-    shift = transform.transform.translation
-    assert (shift.x, shift.y, shift.z) == STATE[:3]
-    assert transform.transform.rotation.w == 1.0
-
-
 def manifest(role: str, text: str) -> Manifest:
     """Return the manifest of a plant with a scenario, or of a controller with its file."""
     key = {'plant': 'file.scenario.yaml', 'controller': 'file.controller.yaml'}[role]
@@ -509,5 +498,9 @@ def test_pose_and_transform_turn_with_the_chaser(inner):
         return poses
 
     inner.until(publish)
-    q = poses[-1].pose.orientation
-    assert (q.x, q.y, q.z, q.w) == attitude
+    transform = transform_of(poses[-1])
+    for q in (poses[-1].pose.orientation, transform.transform.rotation):
+        assert (q.x, q.y, q.z, q.w) == attitude
+    assert (transform.header.frame_id, transform.child_frame_id) == ('target_lvlh', 'chaser')
+    shift = transform.transform.translation
+    assert (shift.x, shift.y, shift.z) == STATE[:3]
