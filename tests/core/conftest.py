@@ -9,7 +9,6 @@ import os
 import pytest
 from hypothesis import HealthCheck, settings
 
-from rpo_core.chain.flight import Flight, fly
 from rpo_core.control.controller import FuzzyController, load_controller
 from rpo_core.files.scenario import Scenario, load_scenario
 
@@ -34,8 +33,3 @@ def handmade() -> FuzzyController:
 @pytest.fixture(scope='session')
 def paper_test() -> Scenario:
     return load_scenario('paper_test')
-
-
-@pytest.fixture(scope='session')
-def paper_flight(paper_test: Scenario, handmade: FuzzyController) -> Flight:
-    return fly(paper_test, handmade)

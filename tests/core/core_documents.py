@@ -38,21 +38,13 @@ def document(kind: str, name: str) -> Any:
     return yaml.safe_load(shipped_text(kind, name))
 
 
-def with_harmonics() -> Any:
+def with_harmonic() -> Any:
     """Return a scenario document whose disturbance is written out."""
     data = document('scenario', 'quick')
+    harmonic = {'axis': 'y', 'function': 'sin', 'amplitude_n': -0.022, 'angular_rate_rad_s': 3.6e-3}
     data['disturbance'] = {
         'constant_n': [0.0, 0.01, 0.0],
-        'harmonics': [
-            {'axis': 'x', 'function': 'cos', 'amplitude_n': -0.011, 'angular_rate_rad_s': 3.6e-3},
-            {
-                'axis': 'y',
-                'function': 'sin',
-                'amplitude_n': -0.022,
-                'angular_rate_rad_s': 3.6e-3,
-                'phase_rad': 1.0,
-            },
-        ],
+        'harmonics': [{**harmonic, 'phase_rad': 1.0}],
     }
     return data
 
@@ -106,13 +98,6 @@ def refusal(kind: str, data: Any) -> str:
     return message
 
 
-def one_harmonic() -> Any:
-    """Return a scenario whose disturbance is written out, with one harmonic."""
-    data = with_harmonics()
-    del data['disturbance']['harmonics'][0]
-    return data
-
-
 def with_hardware() -> Any:
     """Return a scenario whose thrusters and navigation have errors."""
     data = document('scenario', 'quick')
@@ -140,14 +125,11 @@ DOCUMENTS = {
     ('scenario', 'requirements'): with_requirements(),
     ('scenario', 'paper_test'): document('scenario', 'paper_test'),
     ('scenario', 'paper_training'): document('scenario', 'paper_training'),
-    ('scenario', 'harmonics'): one_harmonic(),
+    ('scenario', 'harmonics'): with_harmonic(),
     ('scenario', 'hardware'): with_hardware(),
     **{
         ('controller', n): document('controller', n)
-        for n in (
-            'handmade',
-            *['pd', 'lqr', 'mpc', 'apf_smc', 'drift', 'more_words', 'time_to_go'],
-        )
+        for n in ['handmade', 'pd', 'lqr', 'mpc', 'apf_smc', 'drift', 'more_words', 'time_to_go']
     },
 }
 """Kind and name -> a document of each kind of section and controller."""

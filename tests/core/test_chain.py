@@ -216,19 +216,11 @@ def test_settings_of_a_kind_are_there_once():
         replace(scenario, sections=(*scenario.sections, scenario.thrusters))
 
 
-def test_the_table_knows_topics_axes_and_what_a_plant_took():
+def test_the_table_knows_topics_and_axes():
     state = interfaces.row_of(RELATIVE_STATE)
     assert interfaces.find('/mine/relative_state') is state is interfaces.find(RELATIVE_STATE)
     assert interfaces.find('/mine/nothing') is None
     assert (state.topic, interfaces.row_of('clock').topic) == ('relative_state', '/clock')
-    for name, took in (
-        ('control_force', 'applied_force'),
-        ('disturbance_force', 'applied_disturbance'),
-        ('body_force', 'applied_body_force'),
-        ('body_torque', 'applied_torque'),
-        ('relative_state', ''),
-    ):
-        assert interfaces.applied(name) == took
     row = interfaces.row_of('measurement')
     for name, frame in (('approach', row.layout.texts[0]), ('tumbling_docking', row.also)):
         assert row.layout_in(load_scenario(name)).texts[0] == frame

@@ -50,10 +50,9 @@ def test_it_is_said_how_to_install_the_one_library_that_rosdep_has_not(monkeypat
 @pytest.mark.slow
 def test_all_tests_of_the_core_pass_with_rclpy_blocked():
     here = Path(__file__)
-    # Fewer examples, and not this test again; test_bits starts interpreters of its own, what the
-    # peers need is not for us to say, and certificates take long.
-    left_out = ('test_bits.py', 'test_fuzzy_peers.py', 'test_certificate.py')
-    others = [here, *map(here.with_name, left_out)]
+    # Fewer examples, not this test again; test_bits starts interpreters of its own, and what the
+    # peers need is not for us to say.
+    others = [here, *map(here.with_name, ('test_bits.py', 'test_fuzzy_peers.py'))]
     report = python(
         BLOCKED + TESTS,
         str(here.parent),
