@@ -8,9 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from invoking import invoke
 
-from rpo_cli.cli import app
 from rpo_core.control.controller import load_controller
 from rpo_core.files import overrides, scenario
 from rpo_core.files.validation import InputError
@@ -71,15 +70,10 @@ def test_the_shipped_controllers_need_no_help(name, found):
     assert counted.margin_m_s > 0.0
 
 
-def run(*words):
-    """Return the result of a command line."""
-    return CliRunner().invoke(app, ['safety', *words])
-
-
 def test_the_commands_say_what_they_find():
-    shown = run('show', 'assured')
+    shown = invoke('safety', 'show', 'assured')
     assert shown.exit_code == 0 and 'authority_m_s2' in shown.output
-    attacked = run('attack', 'assured', '--runs', '7', '--ticks', '50')
+    attacked = invoke('safety', 'attack', 'assured', '--runs', 7, '--ticks', 50)
     assert attacked.exit_code == 0 and 'all limits held' in attacked.output
 
 
@@ -118,7 +112,7 @@ def test_a_longer_failure_is_harder_to_leave_from():
 
 def test_a_band_outside_the_domain_has_no_random_states_and_the_command_says_so():
     changes = ['--set', 'initial_position_m=[0.0,30.0,0.0]', '--set', 'assurance.domain_m=36']
-    shown = run('abort', 'guarded', '--states', '12', *changes)
+    shown = invoke('safety', 'abort', 'guarded', '--states', 12, *changes)
     assert shown.exit_code == 0 and 'random   20 to 40 m     2 of 2' in shown.stdout
     assert shown.stderr == (
         '0 of 2 random states found from 40 to inf m: '
