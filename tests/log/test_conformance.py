@@ -12,21 +12,16 @@ from pathlib import Path
 
 import pytest
 import yaml
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from kept import assert_kept
-from log_parts import Parts
-from log_runs import FORCE, STATE, STATUS, TOPICS
+from log_runs import STATUS, TOPICS
 from mcap.records import SummaryOffset
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from rpo_core.wire import interfaces
-from rpo_mcap import topics
 from rpo_mcap.errors import LogError
 from rpo_mcap.format import rosbag2
-from rpo_mcap.write.mcap_file import BagFileWriter
 
 KEPT = Path(__file__).with_name('metadata.txt')
 """The metadata.yaml of the run, as version 9 of rosbag2 has it."""
@@ -124,31 +119,3 @@ def test_says_where_it_looked(monkeypatch, tmp_path):
         rosbag2.definition('rosgraph_msgs/msg/Clock')
     rosbag2.definition.cache_clear()
     assert str(tmp_path) in str(found.value)
-
-
-@settings(max_examples=40)
-@given(
-    st.lists(
-        st.tuples(
-            st.lists(st.tuples(st.sampled_from([0, 1]), st.binary(max_size=40)), max_size=4),
-            st.integers(0, 99),
-            st.booleans(),
-        ),
-        max_size=12,
-    )
-)
-def test_messages_and_chunks_are_written_as_by_the_library(short_run, tmp_path_factory, added):
-    """Ours packs them by itself; in any order of stamps, and a chunk wherever it ends."""
-    folder = tmp_path_factory.mktemp('mcap')
-    recorded = topics.resolve((STATE, FORCE))
-    file = BagFileWriter(folder / 'ours.mcap', recorded, short_run.base, {})
-    file.add(50, 0, [(0, b'one')])
-    for sequence, (messages, stamp_ns, ends) in enumerate(added):
-        if messages:
-            file.add(stamp_ns, sequence, messages)
-        if ends:
-            file.close_chunk()
-    file.finish()
-    file.close()
-    Parts.of(folder / 'ours.mcap').write(folder / 'theirs.mcap')
-    assert (folder / 'ours.mcap').read_bytes() == (folder / 'theirs.mcap').read_bytes()

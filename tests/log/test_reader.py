@@ -361,11 +361,6 @@ def test_a_chunk_is_unpacked_however_it_is_packed(tmp_path, name, packed):
     assert [*FileRecords(path)][1:] == [(data, [9])]
 
 
-def test_what_follows_the_end_is_damage(log_bytes, tmp_path):
-    log = read_run(put(tmp_path, log_bytes + bytes(5)))
-    assert log.damage == 'run.mcap: 5 bytes follow its end'
-
-
 @pytest.mark.parametrize('same', [False, True])
 def test_two_files_of_one_name_are_refused(log, tmp_path, same):
     def attach(parts: Parts) -> None:

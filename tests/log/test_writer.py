@@ -18,7 +18,6 @@ from log_runs import (
     FORCE,
     STATE,
     file_size_limit,
-    make_run,
 )  # fmt: skip
 
 from rpo_core import files
@@ -32,7 +31,7 @@ from rpo_log.verify import verify
 from rpo_mcap.errors import ExistsAlready, ExitCode, LogError
 from rpo_mcap.format import run as run_format
 from rpo_mcap.format.run import TimeBase
-from rpo_mcap.read.run_log import flight_of, read_run
+from rpo_mcap.read.run_log import read_run
 from rpo_mcap.read.stream import RunReader
 from rpo_mcap.write.writer import RunLogWriter
 
@@ -76,16 +75,6 @@ def test_topics_without_or_with_the_same_role_are_refused(short_run, tmp_path, n
     assert not (tmp_path / 'log').exists()
 
 
-def test_without_clock_disturbance_or_status(tmp_path):
-    run = make_run(5.0, 'approach', (STATE, FORCE))
-    assert run.write(tmp_path).whole
-    log = read_run(tmp_path)
-    assert log.complete
-    assert interfaces.DISTURBANCE_FORCE not in log.values
-    assert not flight_of(read_run(tmp_path)).disturbances_n.any()
-    np.testing.assert_array_equal(log.forces_n, run.flight.forces_n)
-
-
 def test_summary_counts_what_is_wrong(short_run, tmp_path):
     sent = [m for m in short_run.messages if m[:2] != (FORCE, 20)]  # one is lost
     sent.append(sent[-1])  # one comes twice
@@ -111,16 +100,6 @@ def test_summary_counts_what_is_wrong(short_run, tmp_path):
     assert (log.forces_n[last] == short_run.flight.forces_n[last]).all()  # the first was kept
 
 
-def test_split_files_are_whole_each(run, tmp_path):
-    summary = run.write(tmp_path, split_s=15.0)
-    assert summary.files == ('run_0.mcap', 'run_1.mcap', 'run_2.mcap')
-    parts = [read_run(tmp_path / name) for name in summary.files]
-    ends = [(int(part.ticks[0]), int(part.ticks[-1])) for part in parts]
-    assert ends == [(0, 149), (150, 299), (300, 400)]
-    assert all(part.attachments == run.attachments for part in parts)
-    np.testing.assert_array_equal(read_run(tmp_path).states, run.flight.states)
-
-
 def test_an_existing_log_is_never_overwritten_without_being_asked_to(short_run, tmp_path):
     short_run.write(tmp_path)
     (tmp_path / 'notes.txt').write_text('mine')
@@ -133,12 +112,6 @@ def test_an_existing_log_is_never_overwritten_without_being_asked_to(short_run, 
     assert sorted(digests(tmp_path)) == [
         'metadata.yaml', 'notes.txt', 'run_0.mcap', 'run_1.mcap', 'run_2.mcap',
     ]  # fmt: skip
-
-
-def test_a_place_that_takes_no_log_is_named(short_run, tmp_path):
-    (tmp_path / 'file').write_text('')
-    with pytest.raises(LogError, match=r'file.*cannot hold a log: '):
-        short_run.write(tmp_path / 'file' / 'log')
 
 
 def test_messages_after_the_end_are_counted(short_run, tmp_path):

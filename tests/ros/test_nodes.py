@@ -43,9 +43,6 @@ STOCK = str(ROOT / 'tests' / 'system' / 'stock' / 'ros2'), *FLIGHT
         [
             (OURS, signal.SIGINT, True),
             (OURS, signal.SIGINT, False),
-            (OURS, signal.SIGTERM, True),
-            (OURS, signal.SIGTERM, False),
-            (OURS, signal.SIGHUP, True),
             (STOCK, signal.SIGINT, True),
         ]
     ),
