@@ -51,15 +51,21 @@ def input_matrix(n, t, mass):
     return MP.matrix([[entry(row, column) for column in range(3)] for row in range(6)])
 
 
+def system_matrices(n, mass):
+    """Return A (6, 6) and B (6, 3) of x' = A x + B f."""
+    a = np.zeros((6, 6))
+    a[:3, 3:] = np.eye(3)
+    a[3, 0], a[3, 4] = 3 * n * n, 2 * n
+    a[4, 3] = -2 * n
+    a[5, 2] = -n * n
+    b = np.vstack([np.zeros((3, 3)), np.eye(3) / mass])
+    return a, b
+
+
 def exact_step(n, mass, dt_s):
-    """Return A (6, 6) and B (6, 3) of a step of x' = A x + B f, f held: the matrix exponential."""
-    rate = np.zeros((9, 9))
-    rate[:3, 3:6] = np.eye(3)
-    rate[3, 0], rate[3, 4] = 3 * n * n, 2 * n
-    rate[4, 3] = -2 * n
-    rate[5, 2] = -n * n
-    rate[3:6, 6:] = np.eye(3) / mass
-    whole = expm(rate * dt_s)
+    """Return A (6, 6) and B (6, 3) of a step under a held force, by the matrix exponential."""
+    a, b = system_matrices(n, mass)
+    whole = expm(np.block([[a, b], [np.zeros((3, 9))]]) * dt_s)
     return whole[:6, :6], whole[:6, 6:]
 
 

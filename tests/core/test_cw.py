@@ -8,9 +8,10 @@ import math
 
 import numpy as np
 import pytest
-from core_oracles import MP, exact_step, input_matrix, transition_matrix
+from core_oracles import MP, exact_step, input_matrix, system_matrices, transition_matrix
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
 
 from rpo_core.world import cw
 from rpo_kernels import kernels
@@ -19,9 +20,19 @@ MASS_KG = 10.0
 LEO = cw.mean_motion(6.678e6)
 GEO = cw.mean_motion(4.2164e7)
 EPS = np.finfo(float).eps
+NO_FORCE = (0.0, 0.0, 0.0)
+
 numbers = st.floats(-100.0, 100.0)
 states = st.tuples(*[numbers] * 3, *[st.floats(-1.0, 1.0)] * 3)
 forces = st.tuples(*[st.floats(-0.5, 0.5)] * 3)
+
+
+def coast(state, step, ticks):
+    """Return the states (ticks + 1, 6) of an unforced flight."""
+    track = [state]
+    for _ in range(ticks):
+        track.append(kernels.cw_step(track[-1], NO_FORCE, step))
+    return np.array(track)
 
 
 def test_mean_motion_of_the_paper_and_of_kepler():
@@ -64,6 +75,39 @@ def test_step_is_the_matrices():
         np.testing.assert_allclose(got, a @ state + b @ force, rtol=1e-13, atol=1e-14)
 
 
+def test_step_follows_scipy_under_piecewise_constant_forces():
+    a, b = system_matrices(LEO, MASS_KG)
+    dt_s = 10.0
+    step = cw.discretise(LEO, MASS_KG, dt_s)
+    rng = np.random.default_rng(2)
+    state = tuple(rng.uniform(-100, 100, 3)) + tuple(rng.uniform(-1, 1, 3))
+    reference = np.array(state)
+    for force in rng.uniform(-0.5, 0.5, (40, 3)):
+        push = b @ force
+        reference = solve_ivp(
+            lambda _, x, push=push: a @ x + push,
+            (0, dt_s),
+            reference,
+            method='DOP853',
+            rtol=1e-10,
+            atol=1e-10,
+        ).y[:, -1]
+        state = kernels.cw_step(state, tuple(force), step)
+    np.testing.assert_allclose(state[:3], reference[:3], rtol=0, atol=1e-8)
+    np.testing.assert_allclose(state[3:], reference[3:], rtol=0, atol=1e-10)
+
+
+def test_drift_free_ellipse_is_two_to_one_for_fifty_orbits():
+    a_m, centre_m, per_orbit = 50.0, 20.0, 720
+    step = cw.discretise(LEO, MASS_KG, 2 * math.pi / LEO / per_orbit)
+    track = coast((a_m, centre_m, 0.0, 0.0, -2 * LEO * a_m, 0.0), step, 50 * per_orbit)
+    x, y = track[:, 0], track[:, 1]
+    np.testing.assert_allclose((x / a_m) ** 2 + ((y - centre_m) / (2 * a_m)) ** 2, 1, atol=1e-11)
+    quarter = per_orbit // 4  # moves to -y first: clockwise, seen from +z
+    np.testing.assert_allclose(track[quarter, :2], (0, centre_m - 2 * a_m), atol=1e-9)
+    np.testing.assert_allclose(track[-1], track[0], atol=1e-9)
+
+
 @given(states, forces, numbers, numbers)
 def test_out_of_plane_motion_is_decoupled_bit_for_bit(state, force, other, other_force):
     step = cw.discretise(LEO, MASS_KG, 0.1)
@@ -75,6 +119,41 @@ def test_out_of_plane_motion_is_decoupled_bit_for_bit(state, force, other, other
     )
     assert (got[0], got[1], got[3], got[4]) == (plane[0], plane[1], plane[3], plane[4])
     assert (got[2], got[5]) == (vertical[2], vertical[5])
+
+
+@given(states)
+def test_unforced_motion_conserves_its_constants(state):
+    n = LEO
+    step = cw.discretise(n, MASS_KG, 5.0)
+    x, y, z, vx, vy, vz = coast(state, step, 300).T
+    time_s = 5.0 * np.arange(301)
+    centre_x = 4 * x + 2 * vy / n
+    centre_y = y - 2 * vx / n + 1.5 * n * centre_x[0] * time_s
+    in_plane = (3 * x + 2 * vy / n) ** 2 + (vx / n) ** 2
+    out_of_plane = z**2 + (vz / n) ** 2
+    jacobi = (vx**2 + vy**2 + vz**2) / 2 - 1.5 * (n * x) ** 2 + 0.5 * (n * z) ** 2
+    size_m = 100 + 2 / n
+    for constant, scale in (
+        (centre_x, size_m),
+        (centre_y, size_m),
+        (in_plane, size_m**2),
+        (out_of_plane, size_m**2),
+        (jacobi, (n * size_m) ** 2),
+    ):
+        np.testing.assert_allclose(constant, constant[0], rtol=0, atol=1e-12 * scale)
+
+
+@given(states, forces, st.floats(0.1, 800.0))
+def test_work_of_a_constant_force_is_the_gain_of_energy(state, force, dt_s):
+    def energy(s):
+        x, _, z, *v = s
+        return MASS_KG * (np.dot(v, v) / 2 - 1.5 * (LEO * x) ** 2 + 0.5 * (LEO * z) ** 2)
+
+    after = kernels.cw_step(state, force, cw.discretise(LEO, MASS_KG, dt_s))
+    work = np.dot(force, np.subtract(after[:3], state[:3]))
+    scale = energy(np.abs(after)) + energy(np.abs(state)) + abs(work) + 1e-300
+    scale += 30 * MASS_KG * (LEO * max(abs(after[0]), abs(state[0]))) ** 2
+    assert energy(after) - energy(state) == pytest.approx(work, abs=1e-12 * scale)
 
 
 @given(states, forces)

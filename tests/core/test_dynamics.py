@@ -17,7 +17,7 @@ from rpo_core.chain.stage import Place
 from rpo_core.files import scenario
 from rpo_core.wire.interfaces import RELATIVE_STATE, THRUST_FORCE
 from rpo_core.world import dynamics
-from rpo_core.world.dynamics import Drag, Dynamics, environment_of, target_start
+from rpo_core.world.dynamics import Drag, Dynamics, environment_of, orbit_of, target_start
 from rpo_kernels import orbit_kernels
 from rpo_kernels.jit import as_table
 
@@ -213,3 +213,23 @@ def test_a_tick_is_a_function_of_its_number_and_inputs():
     (after,) = stage.steps(ticks, flight.states[:-1], calm, calm)
     assert after.tobytes() == flight.states[1:].tobytes()
     assert {RELATIVE_STATE, THRUST_FORCE} <= set(Chain.of(flown).outputs)
+
+
+def rows_of(flown):
+    """Return the target's orbit, two rows a tick."""
+    return orbit_of(flown.dynamics, flown).rows(flown.ticks)
+
+
+def test_the_target_keeps_its_energy_and_its_momentum_about_the_pole():
+    flown = true(replace(BASE, dt_s=1.0, duration_s=6000.0), eccentricity=0.02, j2=True)
+    radius, _, rate, out, across, _, _, pole_z = rows_of(flown).T[:8]
+    body = flown.body
+    # sin of latitude is the pole's component along x
+    latitude = rows_of(flown)[:, 5]
+    oblate = body.j2 * (body.equator_m / radius) ** 2 * (1.5 * latitude**2 - 0.5)
+    energy = 0.5 * (out**2 + across**2) - body.mu_m3_s2 / radius * (1.0 - oblate)
+    momentum = radius * across * pole_z
+    np.testing.assert_allclose(energy / energy[0], 1.0, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(momentum / momentum[0], 1.0, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(rate, across / radius, rtol=1e-15)
+    assert np.ptp(radius * across) / radius[0] / across[0] > 1e-4  # the plane does move
