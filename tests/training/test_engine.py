@@ -24,7 +24,7 @@ from rpo_core.judge.verdicts import verdicts
 from rpo_core.world import cw
 from rpo_ctrl.baselines import Pd
 from rpo_kernels import kernels
-from rpo_kernels.jit import COMPILED
+from rpo_kernels.jit import COMPILED, as_table
 from rpo_montecarlo.campaign import run_batch, single
 from rpo_montecarlo.engine import lanes, support
 from rpo_montecarlo.engine.calls import rows_of
@@ -33,6 +33,7 @@ from rpo_montecarlo.engine.flights import flights_of
 from rpo_montecarlo.engine.judged import VALUES
 from rpo_montecarlo.engine.lanes import compiled
 from rpo_montecarlo.engine.parts import estimation
+from rpo_montecarlo.engine.parts.control import gain_part
 from rpo_montecarlo.engine.population import population_of
 from rpo_montecarlo.engine.simulator import Simulator
 from rpo_montecarlo.engine.tick import Draw
@@ -292,3 +293,12 @@ def test_a_run_of_which_nothing_is_drawn_has_the_sensors_of_the_scenario():
     equipped = load_scenario('approach').equipped(sensors, estimator)
     varied = estimation.vary_sensors(equipped, Draw({}, {}, (3, 4)))
     assert varied[0] == replace(sensors, noise_key=(3, 4)) and varied[1].noise_scale == 1.5
+
+
+def test_a_gain_multiplies_the_force_of_each_lane_up_to_the_limit():
+    w = as_table(np.zeros(80 * lanes.STRIDE))
+    force = np.asarray(w)[lanes.FORCE : lanes.FORCE + lanes.PAIRED_LANES]
+    force[:] = before = np.linspace(-1.0, 1.0, lanes.PAIRED_LANES)
+    part = gain_part(lanes.PAIRED_LANES, 1.5, 0.5)
+    part.steps[0][1](w, part.memory, as_table(part.table), 0)
+    np.testing.assert_allclose(force, np.clip(1.5 * before, -0.5, 0.5))
