@@ -3,5 +3,5 @@
 """Many flights at once: the engine, campaigns of dispersed flights, and clusters.
 
 `engine`: flights side by side, in SIMD lanes. `campaign`: dispersed runs and their statistics.
-`cluster`: the same work on other machines.
+`pool`: the same work on threads, or on other machines.
 """

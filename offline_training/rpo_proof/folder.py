@@ -40,7 +40,6 @@ from rpo_core.files import scenario
 from rpo_core.files.scenario import Scenario, ScenarioSet
 from rpo_core.files.validation import InputError, mapping, quoted, real, shown, text, within
 from rpo_montecarlo import outputs
-from rpo_montecarlo.cluster.pool import versions
 from rpo_montecarlo.outputs import (
     VERSIONS,
     ArrayHeader,
@@ -49,6 +48,7 @@ from rpo_montecarlo.outputs import (
     read_arrays,
     write_text,
 )
+from rpo_montecarlo.pool import versions
 from rpo_proof import cells
 from rpo_proof.cells import VALUES, CellBounds, Layout
 from rpo_proof.enclosure import Table

@@ -1,23 +1,21 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Making a proof: cells on all cores or a cluster, then the claims. Estimates from a sample."""
+"""Making a proof: cells on all cores, then the claims. Estimates from a sample."""
 
 from __future__ import annotations
 
-import pickle
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rpo_judge.analysis.certificate import REFUTED
-from rpo_montecarlo.cluster import pool
+from rpo_montecarlo import pool
 from rpo_proof import flights
-from rpo_proof.cells import Cell, CellBounds, Prover, Targets, roots
+from rpo_proof.cells import CellBounds, Prover, Targets, roots
 from rpo_proof.claims import (
     BOUNDS,
     Claim,
@@ -76,13 +74,10 @@ class Outcome:
     resumed: dict[str, tuple[int, int]]
 
 
-def prove(
-    folder: Folder, workers: int, address: str, progress: Progress, probes: int = PROBES
-) -> Outcome:
+def prove(folder: Folder, workers: int, progress: Progress, probes: int = PROBES) -> Outcome:
     """Make the proof of a folder, from where it was interrupted.
 
-    workers : threads, or processes of a local cluster; 0, one per core
-    address : of a cluster: '', on threads; 'local'; that of a scheduler
+    workers : threads; 0, one per core
     probes : flights from anywhere, before
     """
     problem = folder.problem
@@ -99,7 +94,7 @@ def prove(
     for group in problem.groups:
         around = context_of(problem, group, groups)
         work = Work(problem, group, asked, targets, *around)
-        groups[group], resumed[group] = _cells(folder, work, workers, address, progress)
+        groups[group], resumed[group] = _cells(folder, work, workers, progress)
     flown = _worst_flown(problem, groups, omega, flown, progress)
     values = {key: (value, start) for key, (value, start, _) in flown.items()}
     claims = claims_of(problem, groups, omega, values)
@@ -135,7 +130,7 @@ def _worst_flown(
 
 
 def _cells(
-    folder: Folder, work: Work, workers: int, address: str, progress: Progress
+    folder: Folder, work: Work, workers: int, progress: Progress
 ) -> tuple[CellBounds, tuple[int, int]]:
     """Return all cells of a group, and how many units of all are of an earlier call."""
     group, cells = work.group, roots(work.problem, work.group)
@@ -145,44 +140,15 @@ def _cells(
     pending = [unit for unit, found in parts.items() if found is None]
     resumed = finished = len(units) - len(pending)
     progress(f'{group} cells', finished * size, len(cells))
-    for unit, found in proven(work, units, pending, workers, address):
+    prover = Prover(work.problem, work.group, work.omega, work.above, work.other_axis)
+    calls = ((unit, (units[unit], work.targets)) for unit in pending)
+    for unit, found in pool.run(prover.prove, calls, workers, ''):
         folder.put(group, unit, found)
         parts[unit] = found
         finished += 1
         progress(f'{group} cells', min(finished * size, len(cells)), len(cells))
     every = joined(part for part in parts.values() if part is not None)
     return every, (resumed, len(units))
-
-
-def proven(
-    work: Work, units: Sequence[list[Cell]], pending: Sequence[int], workers: int, address: str
-) -> Iterator[tuple[int, CellBounds]]:
-    """Yield units as they are finished; a cluster gets the texts of the problem."""
-    if address:
-        around = pickle.dumps((work.above, work.other_axis))
-        same = work.problem.texts, work.group, work.omega, around
-        calls: Any = ((unit, (*same, units[unit], work.targets)) for unit in pending)
-        return pool.run(prove_remote, calls, workers, address)
-    prover = Prover(work.problem, work.group, work.omega, work.above, work.other_axis)
-    calls = ((unit, (units[unit], work.targets)) for unit in pending)
-    return pool.run(prover.prove, calls, workers, '')
-
-
-@lru_cache(maxsize=2)
-def _prover(texts: tuple[str, str, str], group: str, omega: InvariantSet, around: bytes) -> Prover:
-    return Prover(Problem.of_texts(texts), group, omega, *pickle.loads(around))
-
-
-def prove_remote(
-    texts: tuple[str, str, str],
-    group: str,
-    omega: InvariantSet,
-    around: bytes,
-    cells: list[Cell],
-    targets: Targets | None,
-) -> CellBounds:
-    """Prove a unit on a worker."""
-    return _prover(texts, group, omega, around).prove(cells, targets)
 
 
 class Estimate(NamedTuple):

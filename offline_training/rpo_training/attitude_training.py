@@ -133,7 +133,7 @@ class AttitudeTraining(SearchRun[AttitudeConfig, FuzzyAttitude]):
         """Return the search of the configuration, at its beginning."""
         return search_of(self.config)
 
-    def make_fitness(self, workers: int, address: str) -> Any:
+    def make_fitness(self, workers: int) -> Any:
         """Return the fitness of the configuration, on threads."""
         return AttitudeFitness(self.config.fitness, workers)
 

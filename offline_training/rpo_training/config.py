@@ -51,7 +51,8 @@ ALGORITHMS = ('ga', 'cmaes', 'ga-cmaes', 'race', 'nsga2')
 NSGA-II, energy against arrival time."""
 
 
-_UNUSED = {
+_UNUSED: dict[str, Any] = {
+    'fitness.arrival': True,
     'fitness.disturbance': 0.0,
     'fitness.drawn.at_limit': 0.1,
     'fitness.drawn.openings': 0.0,

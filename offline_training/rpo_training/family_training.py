@@ -147,7 +147,7 @@ class FamilyTraining(GeneRun[FamilyConfig, Family]):
         shares = np.array([gene.share(value) for gene, value in pairs])
         return staged(config.staged, config.cmaes, config.seed, shares)
 
-    def make_fitness(self, workers: int, address: str) -> Fitness:
+    def make_fitness(self, workers: int) -> Fitness:
         """Return the fitness of the configuration; the flights of one controller fill a thread."""
         return Fitness(self.starts, self.config.fitness, workers)
 

@@ -15,13 +15,12 @@ from __future__ import annotations
 import csv
 import hashlib
 import io
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
@@ -156,35 +155,12 @@ Found = TypeVar('Found', FuzzyController, Baseline, Family, FuzzyAttitude)
 Self = TypeVar('Self', bound='SearchRun[Any, Any]')
 
 
-class Progress(NamedTuple):
-    """The state of a run after a generation.
-
-    mean, spread : mean and standard deviation of the generation's fitness [N^2 s]
-    failures : condition -> starts that miss it, for the best so far
-    evaluated : controllers that this process has simulated; seconds : since its
-    first generation, which may have waited for the compiler, and is not counted
-    """
-
-    phase: str
-    generation: int
-    left: int
-    evaluations: int
-    best: float
-    energy: float
-    failures: dict[str, int]
-    mean: float
-    spread: float
-    evaluated: int
-    seconds: float
-
-
 class SearchRun(Generic[Config, Found]):
     """A search in its folder; `run` runs it to its end, from its checkpoint if there is one.
 
     config_type : class of the configuration
     unit, scored : of fitness and energy; what the provenance calls these, arrival, and misses
-    workers : threads, or processes of a local cluster; 0, one per core
-    address : of a cluster: '', on threads; 'local'; that of a scheduler, tcp://host:port
+    workers : threads; 0, one per core
     """
 
     config_type: ClassVar[type[Configuration]]
@@ -193,18 +169,16 @@ class SearchRun(Generic[Config, Found]):
         'fitness_n2s', 'mean_energy_n2s', 'mean_arrival_s', 'starts_that_miss',
     )  # fmt: skip
 
-    def __init__(self, config: Config, folder: Path, workers: int = 0, address: str = '') -> None:
+    def __init__(self, config: Config, folder: Path, workers: int = 0) -> None:
         self.config: Config = config
         self.folder = folder
         self.search = self.make_search()
-        self.fitness = self.make_fitness(workers, address)
+        self.fitness = self.make_fitness(workers)
         self.checkpoint = Checkpoint(self.config.dumps(), self.inputs())
         self.best = np.full(3, np.inf)
         self.best_genes: Floats = np.empty(0)
         self.chromosomes: list[Floats] = []
         self.history: list[dict[str, Any]] = []
-        self._evaluated = 0
-        self._began: float | None = None
 
     @cached_property
     def starts(self) -> ScenarioSet:
@@ -221,7 +195,7 @@ class SearchRun(Generic[Config, Found]):
         """Return the search at its beginning."""
         raise NotImplementedError
 
-    def make_fitness(self, workers: int, address: str) -> Fitness:
+    def make_fitness(self, workers: int) -> Fitness:
         """Return the fitness that evaluates a generation."""
         raise NotImplementedError
 
@@ -274,22 +248,20 @@ class SearchRun(Generic[Config, Found]):
         return f'{len(self.starts.initial_positions_m)} starts'
 
     @classmethod
-    def create(
-        cls: type[Self], config: Any, folder: Path, workers: int = 0, address: str = ''
-    ) -> Self:
+    def create(cls: type[Self], config: Any, folder: Path, workers: int = 0) -> Self:
         """Return a new run; raises InputError if its folder holds another."""
         if (folder / cls.config_type.file).exists():
             raise InputError(
                 f'{folder}: holds a run already; resume it with `{COMMAND} --resume {folder}`, or '
                 ' name another folder with `-o`'
             )
-        new = cls(config, folder, workers, address)
+        new = cls(config, folder, workers)
         make_folder(folder)
         write_text(folder / cls.config_type.file, new.checkpoint.config)
         return new
 
     @classmethod
-    def resume(cls: type[Self], folder: Path, workers: int = 0, address: str = '') -> Self:
+    def resume(cls: type[Self], folder: Path, workers: int = 0) -> Self:
         """Return the run of a folder, at its checkpoint.
 
         Raises
@@ -298,7 +270,7 @@ class SearchRun(Generic[Config, Found]):
             If folder or checkpoint are unusable, or the search asks for other chromosomes.
         """
         config: Any = cls.config_type.load(folder / cls.config_type.file)
-        again = cls(config, folder, workers, address)
+        again = cls(config, folder, workers)
         own = again.checkpoint
         saved = Checkpoint.load(folder / CHECKPOINT, own.config, own.inputs)
         for number, (rows, before) in enumerate(zip(saved.scores, saved.digests, strict=True)):
@@ -339,8 +311,8 @@ class SearchRun(Generic[Config, Found]):
         )
         self.search.tell(self.objectives(scores))
 
-    def run(self, report: Callable[[Progress], None] = lambda _: None) -> Found:
-        """Run the search to its end; save after each generation; return the best.
+    def run(self, report: Callable[[], object] = lambda: None) -> Found:
+        """Run the search to its end; save after each generation, then report; return the best.
 
         Warns if the arithmetic of this process is not pinned (`rpo_training.processor`).
 
@@ -350,20 +322,15 @@ class SearchRun(Generic[Config, Found]):
             If another process runs it, or a file cannot be written.
         """
         processor.warn_unless_pinned()
-        self._began = None
         path = self.folder / self.config_type.file
         with alone(path, 'goes on with this run'), self.fitness.simulator:
             while not self.search.stopped:
                 self._enter_stage()
                 genes = self.search.ask()
                 scores = self.fitness.score(self.decode(genes))
-                if self._began is None:  # the first generation may have waited for the compiler
-                    self._began = time.monotonic()
-                else:
-                    self._evaluated += len(genes)
                 self._enter(genes, scores)
                 self.checkpoint.save(self.folder / CHECKPOINT)
-                report(self.progress())
+                report()
             self._enter_stage()
             best = self.found()
             self.save(best)
@@ -377,23 +344,6 @@ class SearchRun(Generic[Config, Found]):
     def dumps(self, controller: Any) -> str:
         """Return the YAML text of a controller."""
         return controllers.dumps(controller)
-
-    def progress(self) -> Progress:
-        """Return the state of the run, after one generation at least."""
-        row = self.history[-1]
-        return Progress(
-            self.search.phase,
-            row['generation'],
-            self.search.left,
-            row['evaluations'],
-            row['best_fitness'],
-            row['best_energy_n2s'],
-            {name: row[f'best_misses_{name}'] for name in self.fitness.labels},
-            row['mean_fitness'],
-            row['fitness_spread'],
-            self._evaluated,
-            time.monotonic() - (self._began or 0.0),
-        )
 
     def save_more(self) -> None:
         """Write what the folder holds beside the best: `history.csv`, a row for each generation."""

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The training of a fuzzy controller: its search, its simulator, and its folder.
+"""The training of a fuzzy controller: its search and its folder.
 
 Beside the files of every search (`rpo_training.run`) the folder holds `config.yaml`,
 `history.csv`; for a front `front.csv` and a controller for each point; where held-out flights
@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,9 +20,7 @@ from rpo_judge.evaluation.assessment import PAPER, assess
 from rpo_judge.scoring.drawn import HELD_OUT
 from rpo_judge.scoring.fitness import Fitness, Scores
 from rpo_kernels.arrays import Floats
-from rpo_montecarlo.cluster.simulator import ClusterSimulator
 from rpo_montecarlo.engine.population import Population
-from rpo_montecarlo.engine.simulator import Simulator
 from rpo_training.algorithms import Search, cma_es, genetic, pareto
 from rpo_training.config import TrainingConfig, load_start
 from rpo_training.run import SearchRun
@@ -68,10 +65,9 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
         """Return the search of the configuration, at its beginning."""
         return search_of(self.config)
 
-    def make_fitness(self, workers: int, address: str) -> Fitness:
-        """Return the fitness of the configuration, on threads or on a cluster."""
-        make = partial(ClusterSimulator, address=address) if address else Simulator
-        return Fitness(self.starts, self.config.fitness, workers, make)
+    def make_fitness(self, workers: int) -> Fitness:
+        """Return the fitness of the configuration."""
+        return Fitness(self.starts, self.config.fitness, workers)
 
     def decode(self, genes: Floats) -> Population:
         """Return the controllers of a generation."""

@@ -122,8 +122,8 @@ class Tuning(GeneRun[TuningConfig, Baseline]):
         start = np.full(len(self.genes), 0.5)
         return cma_es(settings, own.seed, start, f'tuning {own.kind}')
 
-    def make_fitness(self, workers: int, address: str) -> Fitness:
-        """Return the graded fitness; a baseline's generation is too small for a cluster."""
+    def make_fitness(self, workers: int) -> Fitness:
+        """Return the graded fitness."""
         cycle = 20.0 if self.config.scenario == PAPER else 0.0
         searched = replace(self.flat, penalty='graded', margin=0.001, limit_cycle=cycle)
         return Fitness(self.starts, searched, workers)

@@ -64,5 +64,5 @@ def problem_of_kind(kind, controller='robust'):
 def proof_of(problem, path):
     """Make a proof in a folder, with few flights beside it."""
     folder = Folder.create(path, problem)
-    proving.prove(folder, 1, '', lambda *_: None, probes=20)
+    proving.prove(folder, 1, lambda *_: None, probes=20)
     return Folder.open(path)

@@ -149,7 +149,6 @@ def test_a_comparison_is_printed_written_and_kept(name, compare, tmp_path, monke
     assert f'| {name} | {shown} |' in table and table.count('| drift |') == 3
     delay = baseline['margins']['delay']
     assert delay['fails'] == delay['holds'] + 1.0 and 'no margins' in drift['margins']['judged']
-    assert (tmp_path / 'out' / 'compare.csv').read_text().count('\n') == 3
 
     def fly_again(*_):
         raise AssertionError('what is kept is not flown again')

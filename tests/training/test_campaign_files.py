@@ -31,7 +31,7 @@ from rpo_montecarlo.campaign.run_batch import fly_runs
 from rpo_montecarlo.campaign.single import fly_run
 from rpo_montecarlo.campaign.statistics import kept, successes
 from rpo_montecarlo.campaign.store import Store
-from rpo_montecarlo.cluster.pool import versions
+from rpo_montecarlo.pool import versions
 
 ROOT = Path(__file__).resolve().parents[2]
 WIDE = {'COLUMNS': '300'}

@@ -5,7 +5,6 @@
 import re
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -28,11 +27,11 @@ from rpo_core.wire.interfaces import CONTROL_FORCE, DISTURBANCE_FORCE
 from rpo_ctrl.attitude import AttitudeControl, FuzzyAttitude
 from rpo_ctrl.attitude_limits import AttitudeLimits
 from rpo_guidance.plan import Guidance, Leg
-from rpo_montecarlo.campaign import config, faults, run_batch, single, sweep
+from rpo_montecarlo.campaign import config, faults, run_batch, single
 from rpo_montecarlo.campaign.quantities import QUANTITIES
 from rpo_montecarlo.campaign.run_batch import fly_runs
 from rpo_montecarlo.campaign.sampling import draw
-from rpo_montecarlo.campaign.statistics import rate
+from rpo_montecarlo.campaign.sweep import sweep
 from rpo_montecarlo.engine import support
 from rpo_montecarlo.engine.parts import link
 from rpo_nav.attitude_estimator import AttitudeEstimator
@@ -592,27 +591,6 @@ def test_a_run_with_faults_is_no_scenario(tmp_path, write):
     assert not (tmp_path / 'x.yaml').exists()
 
 
-@pytest.mark.parametrize(
-    ('all_up_to', 'none_from'), [(37, 62), (40, 60), (0, 1), (99, 100), (None, 31), (100, None)]
-)
-def test_the_edges_of_a_sweep_are_found_to_a_percent(all_up_to, none_from):
-    """Of a campaign whose flights all succeed up to one share, and none from another on."""
-    looked = []
-
-    def rated(campaign, kind, percent):
-        assert (campaign, kind) == ('alone', 'late')
-        looked.append(percent)
-        most = -1 if all_up_to is None else all_up_to
-        kept = 20 if percent <= most else 0 if percent >= (none_from or 101) else 7
-        return rate('success', kept, 20)
-
-    every = SimpleNamespace(_campaigns=['dispersed', 'alone'], _rate=rated)
-    rows = [sweep.SweepPoint(k, None, rated('alone', 'late', k)) for k in sweep.PERCENTS]
-    looked.clear()
-    assert sweep.Sweep.edge(every, 'late', rows) == (all_up_to, none_from)
-    assert len(looked) <= 2 * sweep.STEP and all(0 <= percent <= 100 for percent in looked)
-
-
 @pytest.mark.slow
 def test_the_sweep_finds_where_it_no_longer_docks(loaded):
     plain = fly_runs(loaded(dispersions={}), 0, 1)
@@ -620,17 +598,14 @@ def test_the_sweep_finds_where_it_no_longer_docks(loaded):
     limit = float(plain['mean_error_norm_m'][0] + drift['mean_error_norm_m'][0]) / 2
     success = {'mean_error_norm_m': limit}
     campaign = loaded(dispersions={}, success=success, runs=20)
-    found = sweep.Sweep(campaign, 20)
-    rows = found.rows('lost')
+    rows = list(sweep(campaign, 20, 'lost'))
     assert [row.percent for row in rows] == list(range(0, 101, 10))
     assert rows[0].alone.kept == 20 and rows[-1].alone.kept == 0
-    edge = found.edge('lost', rows)
-    assert edge.all_up_to < edge.none_from
-    for percent, kept in ((edge.all_up_to, 20), (edge.none_from, 0)):
+    for percent, alone in ((row.percent, row.alone.kept) for row in rows[1:-1:4]):
         share = percent / 100
         lossy = {'state_loss': share, 'force_loss': share}
         again = loaded(dispersions={}, success=success, runs=20, faults=lossy)
-        assert (fly_runs(again, 0, 20)['mean_error_norm_m'] <= limit).sum() == kept
+        assert (fly_runs(again, 0, 20)['mean_error_norm_m'] <= limit).sum() == alone
 
 
 # A run whose numbers run out of range.

@@ -14,7 +14,6 @@ from core_strategies import functions, smooth_functions, systems
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rpo_core.control.controller import load_controller
 from rpo_core.control.fuzzy import MembershipFunctions, RuleTable
 from rpo_judge.analysis import surface
 from rpo_judge.analysis.certificate import PROVEN, REFUTED, UNDECIDED, certify
@@ -214,31 +213,3 @@ def test_too_few_boxes_prove_less_but_nothing_false(trained, proven):
     for name, claim in found.items():
         assert claim.bound >= proven[name].found and claim.verdict != REFUTED
     assert found['monotone in position error'].verdict == UNDECIDED
-
-
-@pytest.mark.every_landing
-@pytest.mark.parametrize(
-    'name',
-    [
-        'allround',
-        *(pytest.param(x, marks=pytest.mark.slow) for x in ('handmade', 'paper_ga')),
-    ],
-)
-def test_damping_is_bounded_above_what_random_points_show(name):
-    """sign(v) (u(e, v) - u(e, 0)) by the kernel, at points that the grid does not have."""
-    system = load_controller(name).system
-    claim = claims(system, most_boxes=20_000)['damping']  # the other claims need not be sharp
-    rng, worst = np.random.default_rng(4), 0.0
-    for e, v in rng.uniform(-1.0, 1.0, (4000, 2)):
-        worst = max(worst, -np.sign(v) * (system.output(e, v) - system.output(e, 0.0)))
-    assert worst <= claim.bound
-    assert claim.found <= claim.bound <= claim.found + 0.06
-    at_rest, moving = claim.points
-    assert abs(moving.output - at_rest.output) == pytest.approx(claim.found, abs=1e-12)
-
-
-@pytest.mark.every_landing
-def test_rules_that_push_with_the_velocity_have_no_damping(trained):
-    rows = tuple(trained.rules.words[::-1])
-    found = claims(replace(trained, rules=RuleTable(rows)), most_boxes=2000)
-    assert found['damping'].verdict == REFUTED

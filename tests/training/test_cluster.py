@@ -3,7 +3,6 @@
 """A campaign on a dask cluster of real processes: lost workers, lost scheduler, the same bytes."""
 
 import os
-import pickle
 import re
 import shutil
 import signal
@@ -12,30 +11,17 @@ import sys
 import threading
 import time
 from contextlib import contextmanager
-from dataclasses import replace
 
 import dask
 import numpy as np
 import pytest
 from invoking import invoke
 from processes import stopped
-from proofs import BOX, problem_of
 
-from rpo_core.control.controller import load_fuzzy
-from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
+from rpo_montecarlo import pool
 from rpo_montecarlo.campaign import config, execution
 from rpo_montecarlo.campaign.store import Store
-from rpo_montecarlo.cluster import pool
-from rpo_montecarlo.cluster.simulator import ClusterSimulator
-from rpo_montecarlo.engine.cases import case_of_flights
-from rpo_montecarlo.engine.population import population_of
-from rpo_montecarlo.engine.simulator import Simulator
-from rpo_proof import cells, proving
-from rpo_proof.claims import empty_set
-from rpo_proof.per_axis import UNCOUPLED
-from rpo_training import config as configs
-from rpo_training.training import Training
 
 CAMPAIGN = """
 schema: rpo/campaign/1
@@ -161,68 +147,41 @@ def test_calls_come_in_with_their_numbers_a_few_at_a_time(client, monkeypatch):
         list(pool.results(client, pow, [(0, (2, 2))]))
 
 
-def test_a_cluster_gives_the_arrays_of_one_thread(connected, campaign):
-    """Of a population through two cases, of some of it, of units of a campaign and of a proof."""
-    test, quick = load_scenario('paper_test'), load_scenario('quick')
-    shorter = [replace(test, duration_s=12.0, mass_kg=mass) for mass in (9.0, 11.0)]
-    cases = [case_of_flights([quick], 10.0), case_of_flights(shorter, 10.0)]
-    population = population_of(*map(load_fuzzy, ('paper_ga', 'handmade', 'allround')))
-    with ClusterSimulator(cases, 3, 'here') as ours:
-        for some in (slice(None), slice(1, 2)):
-            for one, other in zip(
-                ours.fly(population, some), Simulator(cases, 1).fly(population, some), strict=True
-            ):
-                np.testing.assert_array_equal(one, other)
+def test_a_cluster_gives_the_results_of_one_thread(connected, campaign):
     pending = [1, 0]
     ours = dict(execution.results_of(campaign, pending, 2, 'there'))
     alone = dict(execution.results_of(campaign, pending, 1, ''))
     assert sorted(ours) == [0, 1]
     for unit in pending:
         np.testing.assert_array_equal(ours[unit], alone[unit])
-    problem = problem_of('allround', half=BOX)
-    work = proving.Work(problem, 'vertical', empty_set(problem), None, None, UNCOUPLED)
-    units = [[cell] for cell in cells.roots(problem, 'vertical')[:2]]
-    ((number, found),) = proving.proven(work, units, [1], 1, 'elsewhere')
-    ((_, expected),) = proving.proven(work, units, [1], 1, '')
-    assert number == 1 and pickle.dumps(found) == pickle.dumps(expected)
-    assert connected == [('here', 3), ('there', 2), ('elsewhere', 1)]
+    assert connected == [('there', 2)]
 
 
 class Work:
-    """A campaign, or a training, in folders; `came` counts what has come in."""
+    """A campaign in folders; `came` counts the units that have come in."""
 
-    def __init__(self, kind, campaign):
-        self.kind, self.campaign, self.came = kind, campaign, 0
+    def __init__(self, campaign):
+        self.campaign, self.came = campaign, 0
 
     def run(self, folder, address='', after=lambda came: None):
-        """Begin a folder, or go on with it; `after` gets how many results have come in."""
+        """Begin a folder, or go on with it; `after` gets how many units have come in."""
         self.came = 0
 
         def count(*_):
             self.came += 1
             after(self.came)
 
-        if self.kind == 'campaign':
-            store = Store.open(folder) if folder.exists() else Store.create(folder, self.campaign)
-            execution.fly(store, 2, address, count)
-        elif folder.exists():
-            Training.resume(folder, 2).run(count)
-        else:
-            Training.create(configured(), folder, 2, address).run(count)
-
-
-def configured():
-    settings = ['ga.generations=12', 'ga.population=24', 'fitness.robustness=1.0']
-    return configs.override(configs.PRESETS['paper'], settings)
+        store = Store.open(folder) if folder.exists() else Store.create(folder, self.campaign)
+        execution.fly(store, 2, address, count)
 
 
 def contents(folder):
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
 
 
-@pytest.fixture(params=['campaign', 'training'])
-def work(request, campaign):
-    return Work(request.param, campaign)
+@pytest.fixture
+def work(campaign):
+    return Work(campaign)
 
 
 @pytest.fixture
@@ -309,11 +268,9 @@ def test_a_cluster_that_does_not_answer_is_one_sentence(address, tmp_path, monke
     monkeypatch.setattr(pool, 'CONNECT_S', 1)
     path = tmp_path / 'campaign.yaml'
     path.write_text(CAMPAIGN)
-    for words in (['campaign', path], ['train']):
-        done = invoke(*words, '-o', tmp_path / words[0], '--cluster', address)
-        assert done.exit_code == 2 and f'got {address}' in done.stderr.splitlines()[-1]
-        assert 'Traceback' not in done.output
-    assert not (tmp_path / 'train').exists()
+    done = invoke('campaign', path, '-o', tmp_path / 'campaign', '--cluster', address)
+    assert done.exit_code == 2 and f'got {address}' in done.stderr.splitlines()[-1]
+    assert 'Traceback' not in done.output
 
 
 def test_without_dask_it_says_what_to_install(campaign, tmp_path, monkeypatch):

@@ -10,7 +10,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from invoking import invoke
-from scipy.linalg import solve_discrete_are
 
 from rpo_attitude.chaser import Chaser
 from rpo_core.chain.flight import fly
@@ -24,12 +23,11 @@ from rpo_judge.evaluation.consistency import (
     as_configured,
     consistency,
     in_its_world,
-    sigmas_at_goal,
 )
 from rpo_nav.attitude_estimator import AttitudeEstimator, attitude_filter_of
 from rpo_nav.attitude_sensors import AttitudeSensors, Gyro, StarTracker
 from rpo_nav.estimator import Estimator
-from rpo_nav.sensors import Sensor, Sensors
+from rpo_nav.sensors import Sensors
 
 WORLDS = ('world_leo', 'world_elliptic', 'world_moon')
 
@@ -75,25 +73,9 @@ def test_in_its_world_errors_are_held_against_the_filters_own_covariance():
         error = (flight.signals['navigation_state'] - flight.states)[tick, 3:]
         spread = flight.signals['navigation_covariance'][tick, 9:].reshape(3, 3)
         expected.append(error @ np.linalg.inv(spread) @ error)
-    assert found.velocity[4] == pytest.approx(np.mean(expected), rel=1e-9)
-    assert found.velocity.mean() < 2.0
-    assert found.position.mean() < 3.0
-
-
-def test_the_sigmas_at_the_goal_are_those_of_the_riccati_equation():
-    """SciPy solves it for an axis: position, velocity, disturbance; its position is measured."""
-    flown = load_scenario('world_leo')
-    sensor = Sensor(kind='relative_position', noise_floor_m=0.02)
-    flown = flown.equipped(Sensors(units=(sensor,)))
-    own, dt, seen = flown.section(Estimator), flown.dt_s, np.eye(1, 3)
-    push = dt / flown.mass_kg
-    transition = np.array([[1.0, dt, 0.5 * dt * push], [0.0, 1.0, push], [0.0, 0.0, 1.0]])
-    white, noise = own.acceleration_noise_m_s1_5**2, np.zeros((3, 3))
-    noise[:2, :2] = white * np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
-    noise[2, 2] = own.disturbance_walk_n_s0_5**2 * dt
-    before = solve_discrete_are(transition.T, seen.T, noise, [[0.02**2]])
-    after = before - before @ seen.T @ seen @ before / (before[0, 0] + 0.02**2)
-    np.testing.assert_allclose(sigmas_at_goal(flown), np.sqrt(after.diagonal()[:2]), rtol=0.01)
+    assert found['velocity'][4] == pytest.approx(np.mean(expected), rel=1e-9)
+    assert found['velocity'].mean() < 2.0
+    assert found['position'].mean() < 3.0
 
 
 @pytest.mark.parametrize('outage', [False, True])
@@ -175,6 +157,5 @@ def test_the_command_and_its_bad_input():
     assert 'NEES of 6 states' in done.output
     assert '10 % lost' in done.output
     assert re.search(r'As its world is, .* those of velocity \d+ % smaller', done.output)
-    assert 'the sigma of the filter is 9.96 mm and 0.56 mm/s' in done.output
     with pytest.raises(InputError, match='must have sections `sensors` and `estimator`'):
         as_configured(load_scenario('paper_test'))

@@ -44,10 +44,6 @@ def test_the_flat_fitness_is_the_papers():
     assert missed.any(), 'the test must see a penalty'
 
 
-def test_without_arrival_the_third_condition_is_reported_but_costs_nothing():
-    scores = score(FitnessSettings(arrival=False))
-    assert scores.failures[0, 2] > 0
-    assert scores.fitness[0] == scores.energy[0]
 
 
 def test_excess_grows_from_zero_at_the_limit():

@@ -31,7 +31,7 @@ PIN = f'from rpo_training import processor; processor.restart_pinned(); import s
 ON_A_WORKER = """
 from rpo_training import processor
 processor.restart_pinned()
-from rpo_montecarlo.cluster import pool
+from rpo_montecarlo import pool
 with pool.connected('local', 1) as client:
     print(client.submit(processor.in_use).result(40))
 """

@@ -247,11 +247,11 @@ def test_a_proof_is_checked_and_an_interrupted_one_has_the_same_bytes(sound, tmp
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        proving.prove(second, 1, '', stop, probes=20)
+        proving.prove(second, 1, stop, probes=20)
     assert not second.finished and list((second.path / 'parts').glob('vertical*'))
     forged = {name: 0.0 * values for name, values in sound.table().items()}
     folder.write_arrays(second.path / 'table.npz', forged)
-    proving.prove(Folder.open(second.path), 2, '', lambda *_: None, probes=20)
+    proving.prove(Folder.open(second.path), 2, lambda *_: None, probes=20)
     for name in ('planar.npz', 'vertical.npz', 'summary.yaml', 'table.npz'):
         assert (sound.path / name).read_bytes() == (second.path / name).read_bytes()
 
@@ -264,7 +264,7 @@ def test_a_refuted_claim_has_a_flight_that_simulate_repeats(tmp_path):
     settings = replace(problem_of('allround', half=BOX).settings, claims=asked)
     problem = Problem.of(load_controller('allround'), strict, settings)
     folder = Folder.create(tmp_path / 'proof', problem)
-    outcome = proving.prove(folder, 1, '', lambda *_: None, probes=20)
+    outcome = proving.prove(folder, 1, lambda *_: None, probes=20)
     assert outcome.counterexamples == ['slew_per_axis_n_s']
     assert all(folder.cells(group).column('depth').min() == 0 for group in GROUPS)
     claims = Folder.open(folder.path).summary()['claims']

@@ -127,7 +127,7 @@ def problem(request):
 @pytest.fixture(scope='module')
 def folder(tmp_path_factory, problem):
     made = Folder.create(tmp_path_factory.mktemp('apart') / 'proof', problem)
-    proving.prove(made, 1, '', lambda *_: None, probes=20)
+    proving.prove(made, 1, lambda *_: None, probes=20)
     return made
 
 
@@ -219,7 +219,7 @@ def test_a_known_disturbance_is_proven_and_checked(tmp_path, problem, mass_share
     known = replace(problem.settings, disturbance_share=0.0, mass_share=mass_share)
     problem = replace(problem, settings=known)
     made = Folder.create(tmp_path / 'proof', problem)
-    proving.prove(made, 1, '', lambda *_: None, probes=10)
+    proving.prove(made, 1, lambda *_: None, probes=10)
     assert {claim['verdict'] for claim in made.summary()['claims'].values()} == {'proven'}
     assert len(made.cells('y').values) == (1 if mass_share == 0.0 else cells.PARTS)
     assert check.check(made, check.Sample(starts=1, ticks=2, surface=1, flights=10)).faults == []
@@ -308,7 +308,7 @@ def test_what_is_refuted_at_once_is_not_searched(tmp_path, problem):
     chosen = replace(problem.settings, mass_share=0.0)
     problem = Problem.of(problem.controller, strict, chosen)
     made = Folder.create(tmp_path / 'proof', problem)
-    proving.prove(made, 1, '', lambda *_: None, probes=10)
+    proving.prove(made, 1, lambda *_: None, probes=10)
     assert [claim['verdict'] for claim in made.summary()['claims'].values()] == ['refuted']
     for group in PER_AXIS:
         assert len(made.cells(group).values) == len(cells.roots(problem, group))

@@ -389,7 +389,7 @@ def test_axes_apart_hold_flights_of_any_signs(tmp_path):
     settings = Settings(centre=(0.0,) * 6, half=half, axes_apart=True, coarseness=4.0)
     problem = Problem.of(load_controller('allround'), base, settings)
     folder = Folder.create(tmp_path / 'proof', problem)
-    proving.prove(folder, 1, '', lambda *_: None, probes=8)
+    proving.prove(folder, 1, lambda *_: None, probes=8)
     for group, chosen in problem.groups.items():
         low, high = folder.cells(group).reach
         for start in flights.random_starts(problem, 8, 1):
@@ -465,7 +465,7 @@ def test_units_of_an_earlier_call_are_not_checked(proofs, tmp_path):
     write_arrays(
         folder.path / 'parts' / 'planar_0000.npz', vars(proofs['together'].cells('planar'))
     )
-    outcome = proving.prove(Folder.open(folder.path), 1, '', lambda *_: None, probes=20)
+    outcome = proving.prove(Folder.open(folder.path), 1, lambda *_: None, probes=20)
     assert outcome.resumed == {'vertical': (0, 1), 'planar': (1, 1)}
 
 

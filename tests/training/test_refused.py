@@ -50,7 +50,7 @@ def test_a_folder_that_holds_other_things_is_left_alone(words, tmp_path):
 
 
 @pytest.mark.parametrize('config', ['family.yaml', 'attitude.yaml'])
-def test_a_resumed_training_off_the_cluster_refuses_one(config, tmp_path):
+def test_a_resumed_training_without_pictures_refuses_them(config, tmp_path):
     (tmp_path / config).touch()
-    said = refused('train', '--resume', tmp_path, '--cluster', 'local')
-    assert '`--cluster` is for a training of the 30 numbers' in said and '`--resume`' in said
+    said = refused('train', '--resume', tmp_path, '--plots')
+    assert '`--plots` is for a training of the 30 numbers' in said and '`--resume`' in said

@@ -91,8 +91,8 @@ class Interrupted(Exception):
 def interrupted(search, generation):
     """Run a search until it has saved a generation."""
 
-    def stop(progress):
-        if progress.generation == generation:
+    def stop():
+        if search.history[-1]['generation'] == generation:
             raise Interrupted
 
     with pytest.raises(Interrupted):
@@ -121,7 +121,8 @@ def halfway(begun, tmp_path):
 
 def test_an_interrupted_run_ends_with_the_bits_of_an_uninterrupted_one(trained, halfway):
     flown = []
-    Training.resume(halfway, 2).run(lambda progress: flown.append(progress.generation))
+    training = Training.resume(halfway, 2)
+    training.run(lambda: flown.append(training.history[-1]['generation']))
     assert flown == [3, 4, 5]
     assert contents(halfway) == contents(trained[0].folder)
 

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import itertools
 import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -80,14 +79,16 @@ def campaign(
 def _faults(chosen: Campaign, runs: int) -> None:
     from rpo_montecarlo.campaign.faults import Faults
     from rpo_montecarlo.campaign.judging import sentence
-    from rpo_montecarlo.campaign.sweep import FAULTS, PERCENTS, Sweep
+    from rpo_montecarlo.campaign.sweep import FAULTS, PERCENTS, SweepPoint, sweep
 
     config, base = chosen.config, chosen.config.faults or Faults()
-    done, total = itertools.count(1), len(FAULTS) * len(PERCENTS)
+    found: dict[str, list[SweepPoint]] = {kind: [] for kind in FAULTS}
     with progress() as show:
-        sweep = Sweep(chosen, runs, lambda: show('flights with message faults', next(done), total))
-        found = {kind: sweep.rows(kind) for kind in FAULTS}
-        edges = {kind: sweep.edge(kind, found[kind]) for kind in FAULTS}
+        for done, kind in enumerate(FAULTS):
+            for point in sweep(chosen, runs, kind):
+                found[kind].append(point)
+                flown = done * len(PERCENTS) + len(found[kind])
+                show('flights with message faults', flown, len(FAULTS) * len(PERCENTS))
     typer.echo(
         f'{config.name}: {config.controller}, free running; % of {runs} flights that succeed,\n'
         f'dispersed and alone; states and forces lost, or late by {base.late_by_ticks} ticks;\n'
@@ -104,12 +105,6 @@ def _faults(chosen: Campaign, runs: int) -> None:
         table.append(cells)
     headings = (heading for kind in FAULTS for heading in (kind, 'Wilson 95 %', 'alone'))
     print_table(('share %', *headings), table, left=0)
-    for kind, edge in edges.items():
-        some = 'some fail even without faults'
-        if edge.all_up_to is not None:
-            some = f'all succeed up to {edge.all_up_to} %'
-        none = '' if edge.none_from is None else f', none from {edge.none_from} %'
-        typer.echo(f'{config.scenario}, undispersed, messages {kind}: {some}{none}')
 
 
 def _of_source(source: str, changes: dict[str, Any]) -> tuple[Campaign, Store | None]:

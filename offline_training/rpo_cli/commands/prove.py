@@ -16,7 +16,7 @@ import typer
 from typer import Argument, Option
 
 from rpo_cli.commands import shared
-from rpo_cli.commands.shared import Cluster, NoFail, Output, Resume, Workers, echo, end
+from rpo_cli.commands.shared import NoFail, Output, Resume, Workers, echo, end
 from rpo_cli.display import print_table, progress
 from rpo_core.files.validation import InputError
 
@@ -54,7 +54,6 @@ def prove(
     seed: Annotated[int | None, Option(min=0, help='of a check  [another each time]')] = None,
     estimate: Annotated[int, Option(min=0, help='so many first cells: what would all cost')] = 0,
     workers: Workers = 0,
-    cluster: Cluster = '',
     no_fail: NoFail = False,
 ) -> None:
     """Prove what the closed loop does from every start of a box, or show a counterexample.
@@ -63,7 +62,6 @@ def prove(
     """
     from rpo_proof.folder import Folder
 
-    shared.refuse_workers_of_a_scheduler(workers, cluster)
     if check is not None:
         shared.refuse_beside(context, 'check', 'publish', 'cells', 'flights', 'seed', 'no_fail')
         folder = Folder.open(check)
@@ -76,10 +74,10 @@ def prove(
     if publish:
         raise InputError('`--publish` goes with `--check FOLDER`')
     if resume is not None:
-        shared.refuse_beside(context, 'resume', 'workers', 'cluster', 'no_fail')
+        shared.refuse_beside(context, 'resume', 'workers', 'no_fail')
         folder = Folder.open(resume)
         folder.refuse_other_code()
-        end(_prove(folder, workers, cluster), no_fail)
+        end(_prove(folder, workers), no_fail)
         return
     if not controller:
         raise InputError('say what to prove: a controller, --resume FOLDER or --check FOLDER')
@@ -97,7 +95,7 @@ def prove(
         _estimate(problem, estimate)
         return
     path = output or Path('runs') / f'proof_{problem.controller.name}'
-    end(_prove(Folder.create(path, problem), workers, cluster), no_fail)
+    end(_prove(Folder.create(path, problem), workers), no_fail)
 
 
 def _problem(
@@ -131,7 +129,7 @@ def _problem(
     return problem
 
 
-def _prove(folder: Folder, workers: int, cluster: str) -> bool:
+def _prove(folder: Folder, workers: int) -> bool:
     """Make a proof; return whether a claim is refuted or open."""
     from rpo_judge.analysis.certificate import PROVEN
     from rpo_proof.claims import worst
@@ -141,7 +139,7 @@ def _prove(folder: Folder, workers: int, cluster: str) -> bool:
     if not problem.controller.system.rules.is_odd:
         echo('The rules are not odd: the whole box is proven, not half of it.', err=True)
     with shared.saved_work(folder.path, 'finished cells', 'rpo', 'prove') as show:
-        outcome = make(folder, workers, cluster, show)
+        outcome = make(folder, workers, show)
     _print(problem, outcome.claims, outcome.ranges)
     for key in outcome.counterexamples:
         flight, _ = folder.flights(key)

@@ -11,11 +11,11 @@ import typer
 from typer import Argument, Option
 
 from rpo_cli.commands import shared
-from rpo_cli.commands.shared import Cluster, NoFail, Output, Resume, Workers, echo
+from rpo_cli.commands.shared import NoFail, Output, Resume, Workers, echo
 from rpo_core.files.validation import InputError, choice
 
 if TYPE_CHECKING:
-    from rpo_training.run import Config, Found, Progress, SearchRun
+    from rpo_training.run import Config, Found, SearchRun
 
 
 def train(
@@ -40,7 +40,6 @@ def train(
     output: Output = None,
     resume: Resume = None,
     workers: Workers = 0,
-    cluster: Cluster = '',
     show: Annotated[bool, Option('--show', help='print the configuration, and end')] = False,
     plots: Annotated[bool, Option(help='pictures at the end')] = True,
     no_fail: NoFail = False,
@@ -60,12 +59,11 @@ def train(
     from rpo_training.tuning import Tuning, TuningConfig
 
     searches: tuple[Any, ...] = (FamilyTraining, AttitudeTraining, Tuning, Training)
-    shared.refuse_workers_of_a_scheduler(workers, cluster)
     if resume is not None:
-        shared.refuse_beside(context, 'resume', 'workers', 'cluster', 'plots', 'no_fail')
+        shared.refuse_beside(context, 'resume', 'workers', 'plots', 'no_fail')
         search = next((s for s in searches if (resume / s.config_type.file).exists()), Training)
         _refuse_of_another_kind(context, search)
-        _finish(search.resume(resume, workers, cluster), plots, no_fail)
+        _finish(search.resume(resume, workers), plots, no_fail)
         return
     changes = list(settings or ())
     keys = {setting.partition('=')[0].strip() for setting in changes}
@@ -109,20 +107,18 @@ def train(
     if show:
         typer.echo(chosen.dumps(), nl=False)
         return
-    _finish(search.create(chosen, folder, workers, cluster), plots, no_fail)
+    _finish(search.create(chosen, folder, workers), plots, no_fail)
 
 
 def _refuse_of_another_kind(context: typer.Context, search: Any) -> None:
-    """Raise InputError for options that only the training of the 30 numbers takes."""
+    """Raise InputError for the option that only the training of the 30 numbers takes."""
     from rpo_training.training import Training
 
-    for option in sorted({'cluster', 'plots'} & set(shared.given(context))):
-        if search is not Training and context.params[option]:
-            raise InputError(
-                f'`--{option}` is for a training of the 30 numbers: one of a baseline, a family or '
-                'attitude, new or with `--resume`, runs on the threads of `--workers` and has no '
-                'pictures'
-            )
+    if search is not Training and 'plots' in shared.given(context) and context.params['plots']:
+        raise InputError(
+            '`--plots` is for a training of the 30 numbers: one of a baseline, a family or '
+            'attitude, new or with `--resume`, has no pictures'
+        )
 
 
 def _finish(run: SearchRun[Config, Found], plots: bool, no_fail: bool) -> None:
@@ -131,17 +127,15 @@ def _finish(run: SearchRun[Config, Found], plots: bool, no_fail: bool) -> None:
 
     with shared.saved_work(run.folder, 'finished generations', 'rpo', 'train') as show:
 
-        def report(p: Progress) -> None:
-            missed = ' '.join(f'{name} {n}' for name, n in p.failures.items())
-            rate = (
-                f'  {p.evaluated / max(p.seconds, 1e-9):.0f} controllers/s' if p.evaluated else ''
-            )
+        def report() -> None:
+            row = run.history[-1]
+            missed = ' '.join(f'{name} {row[f"best_misses_{name}"]}' for name in run.fitness.labels)
             show(
-                p.phase,
-                p.generation,
-                p.generation + p.left,
-                f'best {p.best:.4f} (J {p.energy:.4f}; misses {missed}) '
-                f'mean {p.mean:.1f} ± {p.spread:.1f}{rate}',
+                run.search.phase,
+                row['generation'],
+                row['generation'] + run.search.left,
+                f'best {row["best_fitness"]:.4f} (J {row["best_energy_n2s"]:.4f}; misses {missed}) '
+                f'mean {row["mean_fitness"]:.1f} ± {row["fitness_spread"]:.1f}',
             )
 
         best = run.run(report)

@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rpo_core.control.fuzzy import FuzzySystem
-from rpo_judge.analysis import damping, surface
+from rpo_judge.analysis import surface
 from rpo_judge.analysis.surface import Boxes, Enclosure
 from rpo_kernels.arrays import Bools, Floats
 
@@ -128,7 +128,8 @@ class _Examination:
             *(self.lipschitz(name, axis) for axis, name in errors),
             self.oddness(),
             *(self.monotonicity(name, axis) for axis, name in errors),
-            *(self.damping(), self.equilibrium(), self.pull()),
+            self.equilibrium(),
+            self.pull(),
         )
         return Certificate(claims, self.boxes, self.rounding)
 
@@ -248,19 +249,6 @@ class _Examination:
         allowed = f'(allowed {self.max_fall:g})'
         statement = f'u falls by at most {bound:.4f} as the {name} grows {allowed}{seen}'
         return Claim(f'monotone in {name}', statement, verdict, bound, found, points)
-
-    def damping(self) -> Claim:
-        """Claim that a velocity error pushes the output to its own side, but for `max_fall`."""
-        found, row, column = damping.found(self.e, self.v, self.grid)
-        bound, spent = damping.bound(self.system, self.e, self.v, found, self.most_boxes // 4)
-        self.boxes += spent
-        points = self.point(self.e[column], 0.0), self.point(self.e[column], self.v[row])
-        verdict = verdict_of(self.max_fall, bound, found)
-        statement = (
-            f'a velocity error moves u to the other side by at most {bound:.4f} '
-            f'(allowed {self.max_fall:g}); {found:.4f} seen'
-        )
-        return Claim('damping', statement, verdict, bound, found, points)
 
     def equilibrium(self) -> Claim:
         """Claim that there is no force at rest at the target."""

@@ -141,7 +141,7 @@ class Assessment:
     def targets(self) -> list[Target]:
         """Return the figures of Q1 to Q5, each with what is asked of this controller."""
         _, asked = self.asked
-        missed = int((fitness.failures(self.metrics[:, None, :]).sum(axis=1) > 0).sum())
+        missed = int((fitness.shares(self.metrics) > 1.0).any(axis=1).sum())
         found = [Target('Q1', 'starts that miss a condition', '', 0, missed)]
         if asked.margin:
             what = 'largest value of a condition, as a share of its limit'

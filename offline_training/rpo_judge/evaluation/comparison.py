@@ -228,8 +228,8 @@ class Comparison:
         """Return the figures of the training starts and of the paper's tests."""
         rows = metrics_of(controller, self._case, self.workers)
         tests = {name: fly(load_scenario(name), controller) for name in TESTS}
-        shares = fitness.shares(rows).max(axis=0).tolist()
-        conditions = list(zip(shares, fitness.CONDITIONS, strict=True))
+        shares = fitness.shares(rows)
+        conditions = list(zip(shares.max(axis=0).tolist(), fitness.CONDITIONS, strict=True))
         for flight in tests.values():
             judged = verdicts(flight)
             conditions += [(v.value / v.limit, v.key) for v in judged if v.holds is not None]
@@ -239,7 +239,7 @@ class Comparison:
         return {
             'mean_energy_n2s': float(fitness.mean(rows[:, ENERGY])),
             'starts': len(rows),
-            'met': int((fitness.failures(rows[:, None, :]).sum(axis=1) == 0).sum()),
+            'met': int((shares <= 1.0).all(axis=1).sum()),
             'distance_m': float(fitness.mean(rows[:, ARRIVAL_DISTANCE])),
             'worst_distance_m': float(rows[:, ARRIVAL_DISTANCE].max()),
             'slew_per_axis_n_s': float(rows[:, SLEW].max()),

@@ -1,11 +1,9 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""A comparison as a table: for the terminal, Markdown, CSV and JSON."""
+"""A comparison as a table: for the terminal, Markdown and JSON."""
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -168,27 +166,8 @@ def markdown(
     return '\n\n'.join('\n'.join(part) for part in parts) + '\n'
 
 
-def as_csv(rows: Sequence[Row]) -> str:
-    """Return all numbers as CSV, unrounded."""
-    flat = [_flat(row) for row in rows]
-    names = list(dict.fromkeys(name for line in flat for name in line))
-    text = io.StringIO()
-    writer = csv.DictWriter(text, names, lineterminator='\n')
-    writer.writeheader()
-    writer.writerows(flat)
-    return text.getvalue()
-
-
-def _flat(value: Row, prefix: str = '') -> Row:
-    """Return the figures of nested mappings: their keys are joined by `_`."""
-    flat: Row = {}
-    for key, item in value.items():
-        flat |= _flat(item, f'{prefix}{key}_') if isinstance(item, dict) else {prefix + key: item}
-    return flat
-
-
 def write(rows: Sequence[Row], least: float, campaign: Campaign, folder: Path) -> list[Path]:
-    """Write compare.md, compare.csv and compare.json; return their paths."""
+    """Write compare.md and compare.json; return their paths."""
     document = {
         'least_mean_energy_n2s': least,
         'campaign': campaign.config.name,
@@ -198,7 +177,6 @@ def write(rows: Sequence[Row], least: float, campaign: Campaign, folder: Path) -
     }
     texts = {
         'compare.md': markdown(rows, least, campaign),
-        'compare.csv': as_csv(rows),
         'compare.json': json.dumps(document, indent=1) + '\n',
     }
     for name, text in texts.items():

@@ -24,12 +24,12 @@ from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire import interfaces
 from rpo_kernels.arrays import Floats, Ints
-from rpo_kernels.jit import as_table, inlined, kernel
+from rpo_kernels.jit import inlined, kernel
 from rpo_kernels.kernels import State, Vector, cw_step, saturate, unpacked
 from rpo_nav.attitude_sensor_kernels import angles_between
 from rpo_nav.attitude_sensors import AttitudeSensors
 from rpo_nav.estimator import Estimator, filter_of, memory_of
-from rpo_nav.filter_kernels import GUST, HEADING, LIMIT, SQUARE, STATES, STEP, TESTED, X, estimate
+from rpo_nav.filter_kernels import GUST, LIMIT, SQUARE, STATES, STEP, TESTED, X, estimate
 from rpo_nav.sensor_kernels import sense, three_normals
 from rpo_nav.sensors import CENTRE, Sensing, Sensor, Sensors
 
@@ -168,35 +168,16 @@ def _nees(errors: Floats, spreads: Floats) -> Floats:
     return np.asarray(np.einsum('...i,...i', errors, shares))
 
 
-@dataclass(frozen=True)
-class InItsWorld:
-    """What flights as the scenario is say of its filter.
-
-    position, velocity, attitude : (times,) mean over the runs of the NEES of three numbers; zeros
-        without an attitude filter
-    runs : how many
-    """
-
-    position: Floats
-    velocity: Floats
-    attitude: Floats
-    runs: int
-
-    @property
-    def bounds(self) -> tuple[float, float]:
-        """Where the mean of 3 lies with 95 % where the covariance is that of the errors."""
-        return _bounds(3.0, self.runs)
-
-
 def in_its_world(
     scenario: Scenario,
     controller: AnyController,
     runs: int,
     show: Callable[[str, float, float], object] = lambda what, done, of: None,
-) -> InItsWorld:
+) -> dict[str, Floats]:
     """Fly a scenario as it is so often, each with its own noise of the sensors.
 
-    Raises InputError where the scenario has no filter.
+    Returns position, velocity and, with an attitude filter, attitude -> (times,) mean over the runs
+    of the NEES of three numbers. Raises InputError where the scenario has no filter.
     """
     sensors, _ = _sections(scenario)
     ticks = [scenario.ticks * i // TIMES for i in range(1, TIMES + 1)]
@@ -214,43 +195,21 @@ def in_its_world(
             angles = np.array([angles_between(*pair) for pair in pairs])
             nees[run, :, 2] = _nees(angles, found[interfaces.ATTITUDE_COVARIANCE].reshape(-1, 3, 3))
         show('flights in its world', run + 1, runs)
-    position, velocity, attitude = nees.mean(axis=0).T
-    return InItsWorld(position, velocity, attitude, runs)
+    kinds = 'position', 'velocity', 'attitude'
+    means = zip(kinds, nees.mean(axis=0).T, strict=True)
+    return {name: values for name, values in means if values.any()}
 
 
-def rows_in_its_world(found: InItsWorld) -> list[tuple[str, ...]]:
+def rows_in_its_world(found: dict[str, Floats], runs: int) -> list[tuple[str, ...]]:
     """Return the rows of a table, under `HEADINGS`."""
-    names = ('position', 'velocity', *(['attitude'] if found.attitude.any() else []))
-    return [_row(f'NEES of {n}, 3 numbers', getattr(found, n), found.bounds) for n in names]
+    bounds = _bounds(3.0, runs)
+    return [_row(f'NEES of {name}, 3 numbers', found[name], bounds) for name in found]
 
 
 def size_of(nees: Floats) -> str:
     """Return how large errors are beside what the filter says, of the NEES of three numbers."""
     share = sqrt(float(nees.mean()) / 3.0) - 1.0
     return f'{100 * abs(share):.0f} % {"larger" if share > 0.0 else "smaller"}'
-
-
-SETTLING_S = 60.0
-"""After this time at rest at the goal, the filter's covariance is that of a hold."""
-
-
-def sigmas_at_goal(scenario: Scenario) -> tuple[float, float]:
-    """Return the filter's own sigma of a position [m] and velocity [m/s] at rest at the goal.
-
-    Of the worst axis, after `SETTLING_S`; raises InputError where the scenario has no filter.
-    """
-    sensors, settings = _sections(scenario)
-    sensors = replace(sensors, units=tuple(map(_all_round, sensors.units)))
-    f, s = filter_of(settings, sensors, scenario), Sensing(sensors, scenario)
-    m = memory_of(f)
-    attitude = as_table([*interfaces.ALIGNED[:4], *[0.0] * (HEADING - 4)])
-    x, y, z = scenario.goal_position_m
-    for tick in range(round(SETTLING_S / scenario.dt_s)):
-        state = (x, y, z, 0.0, 0.0, 0.0)
-        sense(tick, state, interfaces.ALIGNED[:4], s.table, s.memory)
-        estimate(tick, (0.0, 0.0, 0.0), s.memory, attitude, f, m)
-    variances = np.array(m[X + STATES : X + STATES + SQUARE]).reshape(STATES, STATES).diagonal()
-    return sqrt(variances[:3].max()), sqrt(variances[3:6].max())
 
 
 def _sections(scenario: Scenario) -> tuple[Sensors, Estimator]:

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from rpo_core.control.fuzzy import DEFAULT_SAMPLES
 from rpo_core.files.scenario import Scenario, ScenarioSet, load_scenario
-from rpo_core.files.validation import Checked, choice, flag, real, whole
+from rpo_core.files.validation import Checked, choice, real, whole
 from rpo_core.judge.metrics import (
     ARRIVAL_DISTANCE,
     ARRIVAL_SPEED,
@@ -118,7 +118,6 @@ class FitnessSettings(Checked):
 
     penalty : 'flat', the paper's, or 'graded'
     penalty_n2s : of a condition that is not met
-    arrival : whether the mean error counts, the third condition
     error_weight : penalty of an error of position or of a late arrival, as a multiple; above 1, it
         costs more not to fly than to fly badly
     margin : share by which every limit is made stricter, in [0, 1)
@@ -135,7 +134,6 @@ class FitnessSettings(Checked):
 
     penalty: Annotated[str, partial(choice, known=('flat', 'graded'))] = 'flat'
     penalty_n2s: Annotated[float, partial(real, unit='N^2 s', above=0.0)] = PENALTY
-    arrival: Annotated[bool, flag] = True
     error_weight: Annotated[float, partial(real, above=0.0)] = 1.0
     margin: Annotated[float, SHARE_BELOW_1] = 0.0
     limit_cycle: Annotated[float, WEIGHT] = 0.0
@@ -167,11 +165,6 @@ class Scores(NamedTuple):
     energy: Floats
     failures: NDArray[np.int64]
     arrival: Floats
-
-
-def failures(rows: Floats) -> NDArray[np.int64]:
-    """Return how many starts of metrics (..., starts, columns) miss each of `CONDITIONS`."""
-    return (rows[..., _COLUMNS] > LIMITS).sum(axis=-2)
 
 
 def shares(rows: Floats) -> Floats:
@@ -222,25 +215,16 @@ def _between(case: Case, count: int) -> Case:
 
 
 class Fitness:
-    """Computes the fitness of populations on a scenario set; holds their simulator.
+    """Computes the fitness of populations on a scenario set; holds their simulator."""
 
-    make_simulator : from cases and a number of workers
-    """
-
-    def __init__(
-        self,
-        scenarios: ScenarioSet,
-        settings: FitnessSettings,
-        workers: int = 0,
-        make_simulator: Callable[[Sequence[Case], int], Any] = Simulator,
-    ) -> None:
+    def __init__(self, scenarios: ScenarioSet, settings: FitnessSettings, workers: int = 0) -> None:
         self.settings, self.conditions = settings, conditions_of(scenarios.base)
         self._terms = list(self._terms_of(scenarios))
         self._fixed = list({id(case): case for term in self._terms for case in term.cases}.values())
         self.stage: int | None = None
         names = settings.drawn.campaigns if settings.drawn.weight else ()
         self.drawn = [DrawnFlights(name, settings.drawn) for name in names]
-        self.simulator = make_simulator(self._fixed, workers)
+        self.simulator = Simulator(self._fixed, workers)
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -376,10 +360,9 @@ class Fitness:
         missed = self._missed(values, self.conditions.limits, self.settings.margin)
         total = np.zeros(values.shape[:-1])
         for index, name in enumerate(self.conditions.labels):
-            if self.settings.arrival or name != 'arrival':
-                is_error = 'error' in name or 'arrival' in name
-                weight = self.settings.error_weight if is_error else 1.0
-                total = total + weight * missed[..., index]
+            is_error = 'error' in name or 'arrival' in name
+            weight = self.settings.error_weight if is_error else 1.0
+            total = total + weight * missed[..., index]
         return self.settings.penalty_n2s * total
 
     def _missed(self, values: Floats, limits: Floats, margin: float) -> Floats:

@@ -13,11 +13,11 @@ from contextlib import closing
 from functools import lru_cache
 
 from rpo_kernels.arrays import Floats
+from rpo_montecarlo import pool
 from rpo_montecarlo.campaign.config import Campaign
 from rpo_montecarlo.campaign.run_batch import columns_of, fly_unit, units
 from rpo_montecarlo.campaign.statistics import document, successes
 from rpo_montecarlo.campaign.store import Store
-from rpo_montecarlo.cluster import pool
 
 Results = Generator[tuple[int, Floats], None, None]
 

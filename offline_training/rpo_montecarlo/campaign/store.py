@@ -33,7 +33,6 @@ from rpo_core.files.validation import InputError, mapping
 from rpo_kernels.arrays import Floats
 from rpo_montecarlo.campaign.config import Campaign
 from rpo_montecarlo.campaign.run_batch import UNIT, columns_of, units
-from rpo_montecarlo.cluster.pool import versions
 from rpo_montecarlo.outputs import (
     VERSIONS,
     alone,
@@ -45,6 +44,7 @@ from rpo_montecarlo.outputs import (
     write_arrays,
     write_text,
 )
+from rpo_montecarlo.pool import versions
 
 _TEXTS = ('campaign.yaml', 'scenario.yaml', 'controller.yaml')
 _RESULTS, _SUMMARY, _PART, _DONE = 'results.npz', 'summary.yaml', 'results.part', 'done.part'

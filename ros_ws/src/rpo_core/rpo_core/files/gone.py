@@ -38,6 +38,7 @@ GONE: dict[str, dict[str, str]] = {
             ('plan --margins', 'plan --sample'),
             '`rpo plan` for legs and energy, `rpo optimal` for the least energy of a start',
         ),
+        **{f'{name} --cluster': f'`rpo {name} --workers`' for name in ('prove', 'train')},
         'repair --in-place': '`rpo repair RUN --output FOLDER`',
         'evaluate --sensitivity': (
             '`rpo evaluate --robustness`, or `rpo report` of a campaign for what misses depend on'
@@ -84,6 +85,7 @@ GONE: dict[str, dict[str, str]] = {
             ),
             '`shaping.slew_n_s` alone',
         ),
+        'fitness.arrival': 'the mean error, which always counts',
         'fitness.disturbance': '`fitness.tests`',
         'fitness.drawn.at_limit': '0.1, which it was by default',
         **dict.fromkeys(
