@@ -27,7 +27,8 @@ from rpo_core.control.controller import load_fuzzy
 from rpo_core.files.scenario import load_scenario, load_set
 from rpo_core.files.validation import InputError
 from rpo_export import formats
-from rpo_montecarlo import machine, outputs
+from rpo_log.provenance import machine_facts
+from rpo_montecarlo import outputs
 from rpo_montecarlo.campaign import config, run_batch, single
 from rpo_montecarlo.campaign.execution import fly
 from rpo_montecarlo.campaign.store import Store
@@ -252,13 +253,14 @@ def rows(what: str, evaluations: int, runs: int, workers: int) -> Iterator[Row]:
 
 def saved(found: Sequence[Row], folder: Path, page: Path | None) -> Path:
     """Write the table as JSON, and into a page of the documentation; return the file."""
-    date, facts = datetime.now(timezone.utc), machine.facts()
+    date, facts = datetime.now(timezone.utc), machine_facts()
+    facts['load_per_core'] = round(os.getloadavg()[0] / len(os.sched_getaffinity(0)), 2)
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f'{date:%Y-%m-%d-%H%M%S}.json'
     document = {'machine': facts, 'rows': [row._asdict() for row in found]}
     outputs.write_text(path, json.dumps(document, indent=2) + '\n')
     if page is not None:
-        head = f'Measured {date:%Y-%m-%d} on {machine.machine()}; '
+        head = f'Measured {date:%Y-%m-%d} on {facts["processor"]}, Python {facts["python"]}; '
         head += f'load per core {facts["load_per_core"]:g}.'
         table = outputs.markdown_table(HEADINGS, [row.cells for row in found])
         outputs.put(page, 'rpo bench', '\n'.join([head, '', *table]))

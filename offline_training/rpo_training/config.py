@@ -7,6 +7,7 @@ A configuration for a scenario of one's own is fitted to it (`fitted`, `rpo_trai
 
 from __future__ import annotations
 
+import re
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
@@ -296,7 +297,7 @@ def fitted(base: TrainingConfig, scenario: str) -> TrainingConfig:
     position, velocity = (_POSITION, _VELOCITY) if free else ((_FIXED[0],) * 2, (_FIXED[1],) * 2)
     return replace(
         base,
-        name=_file_name(starts.name),
+        name=re.sub(r'[^\w-]', '_', starts.name),
         scenario=scenario,
         start_scales=_scaled(_START, (length, length / time)) if free else (),
         genes=replace(
@@ -333,8 +334,3 @@ def _scaled(shares: Sequence[float], units: Sequence[float]) -> tuple[float, flo
 def _short(value: float) -> float:
     """Return a number rounded to four digits: a person reads the file."""
     return round(value, 3 - floor(log10(value)))
-
-
-def _file_name(name: str) -> str:
-    """Return the name of a scenario as that of a file."""
-    return ''.join(c if c.isalnum() or c in '-_' else '_' for c in name)

@@ -6,8 +6,7 @@ The folder holds the configuration, `checkpoint.npz` after each generation, and 
 controller `<name>.yaml`. A search with the same objectives asks for the same chromosomes. So a run
 is resumed from the scores of its generations, without flying again; the state of the search itself
 is not saved. A digest of the chromosomes of each generation shows when they differ, as under
-another version of a library. The subclasses, in `training`, `family_training` and `tuning`, define
-what is searched, and how a chromosome becomes a controller.
+another version of a library.
 """
 
 from __future__ import annotations
@@ -239,7 +238,8 @@ class SearchRun(Generic[Config, Found]):
             'arithmetic': processor.in_use(),
         }
         if self.fitness.drawn:
-            provenance['drawn_flights_judged_by'] = self.fitness.judged_in_drawn
+            judged = {flights.label: flights.judged for flights in self.fitness.drawn}
+            provenance['drawn_flights_judged_by'] = judged
         return replace(found, provenance=provenance | more)
 
     @property

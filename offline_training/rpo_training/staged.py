@@ -153,20 +153,16 @@ class TableRace(Search):
             last = replace(self.descent, evaluations=own.last or self.descent.evaluations)
             yield from self._run_descent(last, self.best.genes)
         if own.stages:
-            yield from self._decide()
+            recent = [f for f in self.finalists if f.stage >= self.stage.number - 1]
+            self.finalists = list({f.genes.tobytes(): f for f in recent}.values())
+            entries = np.array([finalist.genes for finalist in self.finalists])
+            yield from self.enter(HELD_OUT, 'held-out flights', entries)
         return reason
 
     def _draw(self, number: int) -> Part:
         """Begin a stage, where there are stages."""
         if self.settings.stages:
             yield from self.enter(number, f'stage {number}', self.best.genes[None])
-
-    def _decide(self) -> Part:
-        """Let the draws that are held out decide."""
-        recent = [f for f in self.finalists if f.stage >= self.stage.number - 1]
-        self.finalists = list({f.genes.tobytes(): f for f in recent}.values())
-        entries = np.array([finalist.genes for finalist in self.finalists])
-        yield from self.enter(HELD_OUT, 'held-out flights', entries)
 
     def _scales(self) -> Floats:
         """Return the start, and the start with other scales."""

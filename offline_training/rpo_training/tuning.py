@@ -39,15 +39,6 @@ PLANAR, VERTICAL = [0, 1, 3, 4], [2, 5]
 """States of the two decoupled parts of the relative motion."""
 
 
-def _gene(name: str, least: float, most: float, metres: int, seconds: int, newtons: int) -> Gene:
-    """Return a number in a range, searched from its middle on a logarithmic scale.
-
-    A weight is in the units of the cost, N^2.
-    """
-    middle = (least * most) ** 0.5
-    return Gene(name, least, most, middle, metres, seconds, newtons, logarithmic=True)
-
-
 def lqr_gains(model: Model, position_weight: float, velocity_weight: float) -> Floats:
     """Return K (3, 6) of the discrete linear quadratic regulator, f = -K x, R = 1 N^2.
 
@@ -135,8 +126,11 @@ class Tuning(GeneRun[TuningConfig, Baseline]):
 
     @property
     def paper_genes(self) -> Sequence[Gene]:
-        """What is tuned in the paper's training."""
-        return [_gene(*gene) for gene in TUNING_SPACES[self.config.kind]['genes']]
+        """What is tuned in the paper's training, from its middle on a logarithmic scale."""
+        return [
+            Gene(name, least, most, (least * most) ** 0.5, metre, second, newton, True)
+            for name, least, most, metre, second, newton in TUNING_SPACES[self.config.kind]['genes']
+        ]
 
     @cached_property
     def model(self) -> Model:

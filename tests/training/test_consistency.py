@@ -130,7 +130,7 @@ def test_one_estimator_of_two_that_is_wrong_is_exit_code_1(wrong, tmp_path, monk
     def judged(*_, **__):
         nees = 60.0 if len(told) == wrong else 6.0
         told.append(nees)
-        return Consistency('', np.full(10, nees), np.ones(10), 3.0, 20, 0.0, 100)
+        return Consistency(np.full(10, nees), np.ones(10), 3.0, 20, 0.0, 100)
 
     for module in ('consistency.consistency', 'attitude_consistency.attitude_consistency'):
         monkeypatch.setattr(f'rpo_judge.evaluation.{module}', judged)

@@ -46,7 +46,7 @@ def test_the_term_is_the_mean_graded_penalty_of_the_flights():
     with fitness.simulator, alone.simulator, Simulator([flights.case(HELD_OUT)], 1) as simulator:
         fitness.enter(HELD_OUT)
         scores, without = fitness.score(population), alone.score(population)
-        values = flights.values(simulator.fly(population)[0])
+        values = simulator.fly(population)[0][..., flights.columns]
     limits = 0.97 * flights.limits
     shares = 0.1 + 0.9 * (1.0 - (limits / np.maximum(values, limits)) ** 0.25)
     expected = 100.0 * np.where(values > limits, shares, 0.0).sum(axis=(-2, -1)) / FEW.flights
@@ -78,7 +78,7 @@ def test_a_force_limited_by_the_disturbance_of_each_run_is_judged_by_that_run():
     limits = np.array(limits)
     limits[:, force] *= 1.1  # the campaign's share; the scenario has 1.0
     np.testing.assert_array_equal(flights.limits, limits)
-    np.testing.assert_array_equal(flights.values(rows[0]), values)
+    np.testing.assert_array_equal(rows[0][..., flights.columns], values)
     assert flights.limits[0, force] != flights.limits[1, force]
     assert flights.choose(rows[0]) == [0, 1]
 
@@ -119,7 +119,7 @@ def test_drawn_flights_have_the_bits_of_the_campaign(write, world):
         names = list(campaign.config.success)
         assert names == flights.judged
         expected = np.column_stack([columns[name] for name in names])[chosen]
-        np.testing.assert_array_equal(flights.values(row), expected)
+        np.testing.assert_array_equal(row[..., flights.columns], expected)
 
 
 @pytest.mark.parametrize('world', [False, True])

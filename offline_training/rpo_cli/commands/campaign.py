@@ -145,7 +145,6 @@ def _fly(store: Store, workers: int, cluster: str, least: float | None) -> bool:
 def _print(store: Store, least: float | None) -> bool:
     """Print a campaign; return whether fewer percent of its runs succeed than `least`."""
     from rpo_montecarlo.campaign import judging
-    from rpo_montecarlo.campaign.holding import rate_at_rest
     from rpo_montecarlo.campaign.statistics import QUANTILES, cells, nevers, rates, spreads
 
     config, required = store.campaign.config, store.campaign.required
@@ -156,11 +155,6 @@ def _print(store: Store, least: float | None) -> bool:
     title = f'{config.name}: {config.controller}, {config.scenario}, seed {config.seed}'
     print_table(('', 'runs', 'share', 'Wilson 95 %'), shares, title)
     echo(f'success: {judging.sentence(store.campaign)}')
-    if at_rest := rate_at_rest(store):
-        echo(
-            f'{at_rest.name}: a chaser that rests at the target keeps it in {at_rest.percent} % of '
-            'these runs: in the others its thrusters need more to balance the disturbance'
-        )
     shown = spreads(store, judging.figures(store.campaign))
     numbers = [(s.name, *cells(s)) for s in shown]
     print_table(('', 'mean', *(f'{100 * q:g} %' for q in QUANTILES), 'worst', 'run'), numbers)

@@ -13,10 +13,10 @@ from rpo_core.judge.metrics import CLAIM_WINDOW_S
 from rpo_judge.evaluation.comparison import OPEN_N, OPENED_RUNS, RANDOM, WORLD, WORLD_RUNS, Row
 from rpo_judge.evaluation.robustness import COLUMNS, CROSSED, DRAWN, RUNS, SEED, cells
 from rpo_judge.scoring.conditions import LABELS
+from rpo_log.provenance import machine_facts
 from rpo_montecarlo.campaign.config import Campaign
 from rpo_montecarlo.campaign.judging import NOT_JUDGED, motion, sentence, words
 from rpo_montecarlo.campaign.statistics import rate
-from rpo_montecarlo.machine import machine
 from rpo_montecarlo.outputs import markdown_table, write_text
 
 Table = list[tuple[str, ...]]
@@ -115,6 +115,7 @@ TABLES = (
 def notes(rows: Sequence[Row], least: float, campaign: Campaign) -> list[str]:
     """Return what the columns mean, with the numbers behind them."""
     moving = ', '.join(words(name, unit=False) for name in motion(campaign.config.success))
+    facts = machine_facts()
     runs, first = sorted({row['runs'] for row in rows}), rows[0]
     return [
         f'J, conditions, arrival error and slew: {first["starts"]} training starts, 200 s. Least: '
@@ -140,7 +141,8 @@ def notes(rows: Sequence[Row], least: float, campaign: Campaign) -> list[str]:
         'Mass: the controller is not told. Bias: of navigation or sensor, on all axes, both signs. '
         f'!: holds again beyond. –: a start misses already. {_not_judged(rows)} Crossing: of the '
         'describing function of an axis, where its delay margin is least.',
-        f'Command: processor time of one call from Python on {machine()}.',
+        f'Command: processor time of one call from Python on {facts["processor"]}, Python '
+        f'{facts["python"]}.',
     ]
 
 
@@ -172,7 +174,7 @@ def write(rows: Sequence[Row], least: float, campaign: Campaign, folder: Path) -
         'least_mean_energy_n2s': least,
         'campaign': campaign.config.name,
         'success': sentence(campaign),
-        'machine': machine(),
+        'machine': machine_facts(),
         'controllers': list(rows),
     }
     texts = {

@@ -53,7 +53,6 @@ class Consistency:
     innovations : how many measurements of it that is over
     """
 
-    name: str
     nees: Floats
     nis: Floats
     numbers: float
@@ -157,7 +156,7 @@ def gathered(
         show('flights', run + 1, runs)
     count = sums[sums[:, 0] > 0]
     return Consistency(
-        scenario.name, nees.mean(axis=0), nis.mean(axis=0), count[:, 0].sum() / count[0, 0], runs,
+        nees.mean(axis=0), nis.mean(axis=0), count[:, 0].sum() / count[0, 0], runs,
         float(np.abs(count[:, 2] / count[:, 1]).max()), int(count[0, 0]),
     )  # fmt: skip
 

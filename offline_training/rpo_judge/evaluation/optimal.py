@@ -31,17 +31,6 @@ _SCALE = np.array([100.0, 100.0, 100.0, 1.0, 1.0, 1.0])  # of the solver's state
 _FORCE_SCALE_N = 0.1
 
 
-class InfeasibleError(InputError):
-    """No flight meets all conditions; the message gives the limits that would allow one.
-
-    needed : condition -> the least limit that allows a flight while the others stay
-    """
-
-    def __init__(self, message: str, needed: dict[str, float]) -> None:
-        super().__init__(message)
-        self.needed = needed
-
-
 @dataclass(frozen=True)
 class Conditions:
     """Limits of an optimum, as `rpo_core.judge.metrics` judges them.
@@ -216,7 +205,7 @@ def constrained(scenario: Scenario, conditions: Conditions | None = None) -> Fli
 
     Raises
     ------
-    InfeasibleError
+    InputError
         If there is none; it names the limits that would allow one.
     """
     program = Program(scenario, conditions)
@@ -225,21 +214,16 @@ def constrained(scenario: Scenario, conditions: Conditions | None = None) -> Fli
     return _fly_open_loop(scenario, program.forces_n)
 
 
-def _infeasible(scenario: Scenario, conditions: Conditions) -> InfeasibleError:
-    needed = {}
-    for name in _UNITS:
+def _infeasible(scenario: Scenario, conditions: Conditions) -> InputError:
+    ways = []
+    for name, unit in _UNITS.items():
         limit = Program(scenario, conditions, relaxed=name).solve(scenario.start)
         if limit is not None:
-            needed[name] = limit
-    ways = ' or '.join(
-        f'{name} {limit:.4g} {_UNITS[name]} instead of {getattr(conditions, name):.4g}'
-        for name, limit in needed.items()
-    )
+            ways.append(f'{name} {limit:.4g} {unit} instead of {getattr(conditions, name):.4g}')
     position = ', '.join(f'{r:g}' for r in scenario.initial_position_m)
-    return InfeasibleError(
+    return InputError(
         f'no flight of {scenario.duration_s:g} s from [{position}] m meets all conditions; '
-        + (f'it would take {ways}' if ways else 'lifting any single one is not enough'),
-        needed,
+        + (f'it would take {" or ".join(ways)}' if ways else 'lifting any single one is not enough')
     )
 
 
@@ -255,7 +239,7 @@ def least_constrained(
 
     Raises
     ------
-    InfeasibleError
+    InputError
         If there is none from one of the starts.
     """
     keys = [_mirrored(start) if scenario.disturbance.is_zero else tuple(start) for start in starts]

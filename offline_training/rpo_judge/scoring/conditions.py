@@ -104,7 +104,9 @@ def conditions_of(base: Scenario) -> Conditions:
         level_n = float(np.abs(base.disturbances_n).max())
         limits['hold_force_per_disturbance'] *= level_n
     if required.arrival_error_norm_m is None and 'arrival_time_s' in limits:
-        limits['arrival_time_s'] = _counted_s(base, limits['arrival_time_s'])
+        # As it is counted: ticks times dt; who never arrives has the duration.
+        ticks = (base.times_s[:-1] <= limits['arrival_time_s']).sum() - 1
+        limits['arrival_time_s'] = float(ticks) * base.dt_s
     for name in limits.keys() & THRUST.keys():
         raise InputError(
             f'a search cannot judge the starts of a set by `{name}`; give a campaign in '
@@ -123,11 +125,6 @@ def conditions_of(base: Scenario) -> Conditions:
         max(found, default=0) >= COLUMNS,
         _arrival_m(required),
     )
-
-
-def _counted_s(base: Scenario, limit_s: float) -> float:
-    """Return the limit as it is counted: ticks times dt; who never arrives has the duration."""
-    return float((base.times_s[:-1] <= limit_s).sum() - 1) * base.dt_s
 
 
 def _arrival_m(required: Requirements) -> float:

@@ -169,7 +169,3 @@ class DrawnFlights:
         hardest = np.argsort(-shares, kind='stable')[: count // 2].tolist()
         others = [i for i in range(len(rows)) if i not in hardest]
         return sorted([*hardest, *others[: count - len(hardest)]])
-
-    def values(self, rows: Floats) -> Floats:
-        """Return what is judged (..., k) of metrics (..., columns)."""
-        return rows[..., self.columns]

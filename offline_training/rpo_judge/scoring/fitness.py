@@ -3,18 +3,17 @@
 """Fitness of a controller: the paper's, and optional terms.
 
 The paper's: the mean over the starts of J = integral of f.f dt plus 100 for each condition not
-met. The conditions are what the scenario requires (`search.conditions`). Graded: 10 just beyond the
+met. The conditions are what the scenario requires (`conditions`). Graded: 10 just beyond the
 limit, rising to 100 far from it, which shows a search which way is better. Optional terms, weighted
 by how far a limit is exceeded:
 
 - `limit_cycle`: force and speed of the undisturbed flight from 300 s to 400 s;
 - `tests`: all that the paper's test requires, in both readings;
-- `robustness`: position and speed in the last 200 s of the flights of `search.corners`;
-- `mass_kg`: the training set flown with these masses too, its penalties (not its energy) added;
-- `between`: so are flights from random states between the starts of the training;
-- `drawn`: runs of campaigns, judged by their limits (`search.drawn`);
-- `damping`: where on a grid of errors the force of a velocity does not oppose it;
-- `falls`: by how much on a grid the force falls as an error grows, beyond 0.05 of full output.
+- `robustness`: position and speed in the last 200 s of `corner_flights`;
+- `drawn`: runs of campaigns, judged by their limits (`rpo_judge.scoring.drawn`);
+- `damping`, `falls`: what the force does on a grid of errors (`driving`, `falls`).
+
+`mass_kg` and `between` add the penalties, not the energy, of further flights.
 """
 
 from __future__ import annotations
@@ -231,11 +230,6 @@ class Fitness:
         """Names of the columns of `Scores.failures`."""
         return (*self.conditions.labels, *(flights.label for flights in self.drawn))
 
-    @property
-    def judged_in_drawn(self) -> dict[str, list[str]]:
-        """Campaign -> the limits that its drawn flights are judged by."""
-        return {flights.label: flights.judged for flights in self.drawn}
-
     def enter(self, stage: int, best: Population | None = None) -> None:
         """Draw the flights of a stage; `best` says which of them are hard."""
         if stage == self.stage or not self.drawn:
@@ -348,7 +342,7 @@ class Fitness:
         for drawn, rows in zip(
             self.drawn, self.simulator.fly(members, slice(len(self._fixed), None)), strict=True
         ):
-            values, own = drawn.values(rows), self.settings.drawn
+            values, own = rows[..., drawn.columns], self.settings.drawn
             over = self._missed(values, drawn.limits, own.margin).sum(axis=-1)
             share = over.shape[-1] / drawn.count  # held-out runs: as dear as those of a pool
             fitness = fitness + own.weight * share * mean(over)

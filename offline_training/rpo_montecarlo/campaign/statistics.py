@@ -122,16 +122,6 @@ def nevers(found: Iterable[Spread], runs: int) -> list[str]:
     return list(dict.fromkeys(said))
 
 
-def rates_of(store: Store, groups: Mapping[str, Collection[str]]) -> list[Rate]:
-    """Return how many runs keep some of the limits, all of a group; groups : label -> limits."""
-    config = store.campaign.config
-    columns = {name: store.column(name) for name in config.judging}
-    return [
-        rate(label, int(successes(config, columns, names).sum()), config.runs)
-        for label, names in groups.items()
-    ]
-
-
 def rates(store: Store) -> list[Rate]:
     """Return the rate of success, that of the limits of motion, then of each limit by itself.
 
@@ -142,12 +132,18 @@ def rates(store: Store) -> list[Rate]:
     moving = judging.motion(success)
     together = {judging.MOTION: moving} if 1 < len(moving) < len(success) else {}
     each = {judging.label(name, limit): [name] for name, limit in success.items()}
-    columns = {name: store.column(name) for name in stated.judging}
+    groups = {'success': list(success), **together, **each}
+    config, runs = store.campaign.config, store.campaign.config.runs
+    columns = {name: store.column(name) for name in {*config.judging, *stated.judging}}
+    found = [
+        rate(label, int(successes(config, columns, names).sum()), runs)
+        for label, names in groups.items()
+    ]
     beside = [
-        rate(judging.label(name, x), int(kept(stated, name, columns).sum()), stated.runs)
+        rate(judging.label(name, x), int(kept(stated, name, columns).sum()), runs)
         for name, x in stated.success.items()
     ]
-    return rates_of(store, {'success': success, **together, **each}) + beside
+    return found + beside
 
 
 def spreads(store: Store, names: Iterable[str] | None = None) -> list[Spread]:

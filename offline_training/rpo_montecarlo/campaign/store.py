@@ -55,10 +55,6 @@ _BOUND = 'files_sha256'
 _NOT_DONE = bytes(_BYTES)
 
 
-def _versions(document: Any) -> dict[str, Any]:
-    return dict(mapping('', document, versions(), [_BOUND]))
-
-
 class Store:
     """The folder of one campaign."""
 
@@ -99,7 +95,9 @@ class Store:
             raise InputError(f'{folder}: must be the folder of a campaign; it holds no {_TEXTS[0]}')
         names = tuple(str(folder / name) for name in _TEXTS)
         store = cls(folder, Campaign.of_texts(cls._texts(folder), names))  # type: ignore[arg-type]
-        theirs = files.load(folder / VERSIONS, _versions)
+        theirs = files.load(
+            folder / VERSIONS, lambda found: dict(mapping('', found, versions(), [_BOUND]))
+        )
         bound = theirs.pop(_BOUND, store.bound if store.finished else '')  # older ones have none
         if theirs != versions():
             raise InputError(
