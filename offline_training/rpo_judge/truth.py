@@ -162,14 +162,6 @@ DISTANCES_M = (10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0)
 AXIS_NAMES = ('R-bar', 'V-bar', 'H-bar')
 
 
-def total_forces_n(flight: Flight) -> Floats:
-    """Return the forces (N, 3) on the chaser in each tick: of the thrusters, and disturbance.
-
-    The commands are those of the flight; the controller does not run again.
-    """
-    return np.asarray(flight.thrust.forces_n + flight.disturbances_n[:-1])
-
-
 def by_scipy(scenario: Scenario, forces_n: Floats, masses_kg: Floats) -> Floats:
     """Return the states (N + 1, 6) under forces (N, 3), by DOP853 from tick to tick."""
     world, states = World(scenario), [np.array(scenario.start)]
@@ -251,7 +243,6 @@ class Comparison:
     growth : `drift_errors`
     """
 
-    title: str
     scenario: Scenario
     errors: Mapping[str, Floats]
     disagreement_m: float | None
@@ -277,9 +268,11 @@ class Comparison:
             )
 
 
-def compare(flight: Flight, title: str, truths: Mapping[str, Truth]) -> Comparison:
+def compare(flight: Flight, truths: Mapping[str, Truth]) -> Comparison:
     """Fly the forces of a flight under true gravity, by truths that have what acts."""
-    scenario, forces, masses = flight.scenario, total_forces_n(flight), flight.thrust.masses_kg
+    scenario, masses = flight.scenario, flight.thrust.masses_kg
+    # The commands are those of the flight; the controller does not run again.
+    forces = flight.thrust.forces_n + flight.disturbances_n[:-1]
     true = {name: by(scenario, forces, masses) for name, by in truths.items()}
     disagreement_m = None
     if len(true) == 2:
@@ -287,4 +280,4 @@ def compare(flight: Flight, title: str, truths: Mapping[str, Truth]) -> Comparis
         disagreement_m = float(np.linalg.norm((first - second)[:, :3], axis=1).max())
     errors = {name: flight.states - states for name, states in true.items()}
     growth = drift_errors(scenario, scenario.duration_s)
-    return Comparison(title, scenario, errors, disagreement_m, growth)
+    return Comparison(scenario, errors, disagreement_m, growth)

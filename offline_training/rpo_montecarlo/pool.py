@@ -66,7 +66,7 @@ def run(
     function: Callable[..., Result],
     calls: Iterable[tuple[int, tuple[Any, ...]]],
     workers: int,
-    address: str,
+    address: str = '',
 ) -> Generator[tuple[int, Result], None, None]:
     """Call a function on threads or on a cluster; yield (number, result) of each as they come in.
 

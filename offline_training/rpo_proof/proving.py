@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_judge.analysis.certificate import REFUTED
 from rpo_montecarlo import pool
@@ -31,7 +30,6 @@ from rpo_proof.claims import (
 from rpo_proof.flights import context_of
 from rpo_proof.folder import Folder, joined
 from rpo_proof.invariant import invariant_set_of
-from rpo_proof.per_axis import OtherAxis
 from rpo_proof.problem import Problem
 from rpo_proof.sets import InvariantSet
 
@@ -46,17 +44,6 @@ PROBES_OF_ESTIMATE = 100
 SEED = 1
 
 Progress = Callable[[str, int, int], None]
-
-
-class Work(NamedTuple):
-    """The cells of a group that are to be proven; see `Prover`."""
-
-    problem: Problem
-    group: str
-    omega: InvariantSet
-    targets: Targets | None
-    above: NDArray[np.float64] | None
-    other_axis: OtherAxis
 
 
 @dataclass(frozen=True)
@@ -92,9 +79,8 @@ def prove(folder: Folder, workers: int, progress: Progress, probes: int = PROBES
     resumed: dict[str, tuple[int, int]] = {}
     targets = targets_of(problem, refuted) if set(requirements_of(problem)) - refuted else None
     for group in problem.groups:
-        around = context_of(problem, group, groups)
-        work = Work(problem, group, asked, targets, *around)
-        groups[group], resumed[group] = _cells(folder, work, workers, progress)
+        prover = Prover(problem, group, asked, *context_of(problem, group, groups))
+        groups[group], resumed[group] = _cells(folder, prover, targets, workers, progress)
     flown = _worst_flown(problem, groups, omega, flown, progress)
     values = {key: (value, start) for key, (value, start, _) in flown.items()}
     claims = claims_of(problem, groups, omega, values)
@@ -130,19 +116,18 @@ def _worst_flown(
 
 
 def _cells(
-    folder: Folder, work: Work, workers: int, progress: Progress
+    folder: Folder, prover: Prover, targets: Targets | None, workers: int, progress: Progress
 ) -> tuple[CellBounds, tuple[int, int]]:
     """Return all cells of a group, and how many units of all are of an earlier call."""
-    group, cells = work.group, roots(work.problem, work.group)
-    size = UNIT_PER_AXIS if work.problem.settings.axes_apart else UNIT
+    problem, group = prover.problem, prover.group
+    cells, size = roots(problem, group), UNIT_PER_AXIS if problem.settings.axes_apart else UNIT
     units = [cells[first : first + size] for first in range(0, len(cells), size)]
     parts = {unit: folder.done(group, unit) for unit in range(len(units))}
     pending = [unit for unit, found in parts.items() if found is None]
     resumed = finished = len(units) - len(pending)
     progress(f'{group} cells', finished * size, len(cells))
-    prover = Prover(work.problem, work.group, work.omega, work.above, work.other_axis)
-    calls = ((unit, (units[unit], work.targets)) for unit in pending)
-    for unit, found in pool.run(prover.prove, calls, workers, ''):
+    calls = ((unit, (units[unit], targets)) for unit in pending)
+    for unit, found in pool.run(prover.prove, calls, workers):
         folder.put(group, unit, found)
         parts[unit] = found
         finished += 1

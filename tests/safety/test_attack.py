@@ -53,7 +53,6 @@ def test_a_state_that_cannot_stop_is_counted_each_time():
     settings = ASSURED.section(Assurance)
     proof, row = proof_of(settings, ASSURED), np.zeros(attack.COLUMNS)
     world, rho = attack._bounds(settings, ASSURED, proof), proof.guard.keep_out_m + 20.0
-    row[attack.LEAST_MARGIN] = 1e30
     for count, speed in ((1, -10.0), (2, -10.0), (2, 0.0)):
         state = (rho, 0.0, 0.0, speed, 0.0, 0.0)
         attack.judge(state, state, proof.guard, proof.guard, world, row)

@@ -58,7 +58,7 @@ def test_close_to_the_target_the_plant_is_right(matrix):
     """
     scenario = SHORT.equipped(Thrusters(tuple(map(tuple, np.array(matrix).tolist())), 2))
     flight = fly(scenario, load_controller('handmade'))
-    forces = truth.total_forces_n(flight)
+    forces = flight.thrust.forces_n + flight.disturbances_n[:-1]
     expected = flight.saturated_forces_n @ np.transpose(matrix) + flight.disturbances_n[:-1]
     np.testing.assert_allclose(forces, expected, rtol=1e-15)
     errors = np.abs(flight.states - truth.by_scipy(scenario, forces, masses(scenario))).max(axis=0)
@@ -100,7 +100,7 @@ def test_basilisk_flies_what_scipy_flies():
     if find_spec('Basilisk') is None:
         pytest.skip('Basilisk (layer truth) is not installed')
     flight = fly(load_scenario('paper_test'), load_start('trained'))
-    found = truth.compare(flight, 'test', {**BASILISK, **SCIPY})
+    found = truth.compare(flight, {**BASILISK, **SCIPY})
     assert list(found.errors) == ['Basilisk', 'SciPy']
     assert found.disagreement_m < 1e-7
     for errors in found.errors.values():
@@ -114,7 +114,7 @@ WORLDS = ('world_leo', 'world_elliptic', 'world_moon')
 def test_a_true_world_is_that_of_scipy(world):
     """Pulses, falling mass, J2, drag: the states of the plant in 20 s."""
     flight = fly(replace(load_scenario(world), duration_s=20.0), load_controller('pd'))
-    found = truth.compare(flight, world, SCIPY)
+    found = truth.compare(flight, SCIPY)
     errors = np.abs(found.errors['SciPy']).max(axis=0)
     assert (errors[:3] < 1e-9).all() and (errors[3:] < 1e-10).all()
     assert found.plant == 'two_body'
@@ -128,7 +128,7 @@ def test_basilisk_flies_the_true_worlds(world):
         pytest.skip('Basilisk (layer truth) is not installed')
     scenario = load_scenario(world)
     scenario = scenario.equipped(replace(scenario.dynamics, drag=None))
-    found = truth.compare(fly(scenario, load_start('trained')), world, BASILISK)
+    found = truth.compare(fly(scenario, load_start('trained')), BASILISK)
     assert np.linalg.norm(found.errors['Basilisk'][:, :3], axis=1).max() < 1e-5
 
 

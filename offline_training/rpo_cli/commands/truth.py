@@ -54,8 +54,8 @@ def truth(
     elif basilisk.knows(flight.scenario):
         truths = {'Basilisk': basilisk.by_basilisk, **truths}
         attitudes['Basilisk'] = basilisk.attitude_by_basilisk
-    found = truth.compare(flight, title, truths)
-    tables = _tables(found)
+    found = truth.compare(flight, truths)
+    tables = _tables(found, title)
     for title, (heads, *rows), after in tables:
         print_table(heads, rows, title)
         if after:
@@ -73,7 +73,7 @@ def truth(
         typer.echo(write)
 
 
-def _tables(found: Comparison) -> list[tuple[str, Sequence[Sequence[str]], str]]:
+def _tables(found: Comparison, flown: str) -> list[tuple[str, Sequence[Sequence[str]], str]]:
     """Return title, headings and rows, and what follows, of both tables."""
     from rpo_judge.truth import AXIS_NAMES
 
@@ -89,7 +89,7 @@ def _tables(found: Comparison) -> list[tuple[str, Sequence[Sequence[str]], str]]
     ]
     apart_m = found.disagreement_m
     differ = '' if apart_m is None else f'The two truths differ by at most {apart_m:.1e} m.'
-    flown = f'{found.title}: {duration} under the same forces, open loop.'
+    flown = f'{flown}: {duration} under the same forces, open loop.'
     drifted = f'Drifting freely for {duration} from rest at a distance, error of the linear plant'
     along = ('distance', *(f'along {name}' for name in AXIS_NAMES))
     return [(flown, [heads, *errors], differ), (f'{drifted} (SciPy):', [along, *drifts], '')]

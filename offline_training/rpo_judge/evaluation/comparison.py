@@ -9,7 +9,6 @@ changed controller is computed anew.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import time
 import timeit
@@ -106,18 +105,13 @@ def openings(forces_n: Floats) -> float:
     return float((begins.sum(axis=0) + (side[0] != 0.0)).mean())
 
 
-def key_of(*texts: str) -> str:
-    """Return a digest of texts and of the versions that results depend on."""
-    libraries = {name: version(name) for name in ('numpy', 'scipy', 'numba', 'clarabel', 'cvxpy')}
-    joined = '\0'.join([*texts, json.dumps(libraries, sort_keys=True)])
-    return hashlib.sha256(joined.encode()).hexdigest()[:16]
-
-
 def kept(
     folder: Path, name: str, texts: Sequence[str], make: Callable[[], dict[str, Any]]
 ) -> dict[str, Any]:
     """Return the result kept under a name for these texts; make and keep it if missing."""
-    path = folder / f'{identifier(name)}-{key_of(name, *texts)}.json'
+    libraries = {name: version(name) for name in ('numpy', 'scipy', 'numba', 'clarabel', 'cvxpy')}
+    key = digest_of(name, *texts, json.dumps(libraries, sort_keys=True))[:16]
+    path = folder / f'{identifier(name)}-{key}.json'
     try:
         document = json.loads(files.read_text(path))
         result: dict[str, Any] = document['result']

@@ -51,9 +51,6 @@ MAX_RUNS = 100_000_000
 METRICS = {name: unit for name, unit in metrics.UNITS.items() if '_bound_' not in name}
 """Metrics of every run, over the forces applied."""
 
-THRUSTER_METRICS = THRUST
-"""More metrics of a run whose thrusters fire in pulses, or spend propellant."""
-
 SHARE = 'hold_force_per_disturbance'
 """The requirement whose limit is each run's own: a share of its `LEVEL`."""
 
@@ -147,7 +144,7 @@ def _requiring(scenario: Scenario, success: Mapping[str, float]) -> Scenario:
     Raises InputError where the scenario does not say when or where such a limit holds.
     """
     required = scenario.requirements
-    known = {*METRICS, *THRUSTER_METRICS, SHARE, *(required.limits if required else ())}
+    known = {*METRICS, *THRUST, SHARE, *(required.limits if required else ())}
     more: dict[str, Any] = {n: limit for n, limit in success.items() if n not in known}
     if not more:
         return scenario
@@ -211,7 +208,7 @@ class Campaign:
                 f'thrusters: `dispersions` have them; {self.config.scenario} has'
             )
         for name in self.config.success:
-            if name in THRUSTER_METRICS and name not in self.metrics_of_thrusters:
+            if name in THRUST and name not in self.metrics_of_thrusters:
                 raise InputError(
                     f'`success.{name}` needs thrusters with `pulses` or `propellant`; scenario '
                     f'{self.scenario.name} has none'
@@ -222,13 +219,13 @@ class Campaign:
 
     @property
     def metrics_of_thrusters(self) -> dict[str, str]:
-        """Those of `THRUSTER_METRICS` that its thrusters have: name -> unit."""
+        """Those of `THRUST` that its thrusters have: name -> unit."""
         thrusters = self.scenario.thrusters
         if thrusters is not None and thrusters.fires:
-            return THRUSTER_METRICS
+            return THRUST
         if thrusters is None or thrusters.propellant is None:
             return {}
-        return {name: THRUSTER_METRICS[name] for name in THRUSTER_METRICS if 'valve' not in name}
+        return {name: THRUST[name] for name in THRUST if 'valve' not in name}
 
     @property
     def more(self) -> dict[str, str]:

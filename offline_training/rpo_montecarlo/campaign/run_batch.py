@@ -10,12 +10,12 @@ from functools import partial
 
 import numpy as np
 
-from rpo_core.files.scenario import Scenario
 from rpo_core.judge import metrics
 from rpo_core.judge.metrics import row_of, windows_of
+from rpo_core.judge.requirements import THRUST
 from rpo_core.judge.verdicts import verdicts
 from rpo_kernels.arrays import Floats
-from rpo_montecarlo.campaign.config import LEVEL, METRICS, THRUSTER_METRICS, Campaign
+from rpo_montecarlo.campaign.config import LEVEL, METRICS, Campaign
 from rpo_montecarlo.campaign.sampling import PARAMETERS, STRATA, DrawnRuns, draw, parameters_of
 from rpo_montecarlo.campaign.single import fly_run, scenarios_of
 from rpo_montecarlo.engine.cases import DrawnCase
@@ -87,7 +87,7 @@ def _singly(campaign: Campaign, drawn: DrawnRuns) -> dict[str, Floats]:
         values['arrival_time_s'] = judged.get('arrival_time_s', values['arrival_time_s'])
         values[LEVEL] = metrics.disturbance_level_n(flight)
         if campaign.metrics_of_thrusters:
-            values |= zip(THRUSTER_METRICS, flight.thrust[2:], strict=True)
+            values |= zip(THRUST, flight.thrust[2:], strict=True)
         runs.append(values)
     return {name: np.array([values[name] for values in runs]) for name in runs[0]}
 
@@ -139,31 +139,22 @@ def known_of(
     return {**found, 'arrival_time_s': by_norm}
 
 
-def windows_within(scenario: Scenario) -> metrics.Windows:
-    """Return the windows of a flight; an axis has arrived within what the scenario requires."""
-    windows, required = windows_of(scenario), scenario.requirements
-    if required is None or required.arrival_error_per_axis_m is None:
-        return windows
-    return windows._replace(arrival_m=required.arrival_error_per_axis_m)
-
-
-def is_together(campaign: Campaign) -> bool:
-    """Return whether what the scenario requires of the axes together is in the results."""
-    required = campaign.scenario.requirements
-    by_norm = required is not None and required.arrival_error_norm_m is not None
-    return by_norm or bool(set(campaign.config.more) & set(VALUES))
-
-
 def case_of(campaign: Campaign, drawn: DrawnRuns) -> DrawnCase:
     """Return drawn runs as the engine flies them."""
     firsts = range(0, len(drawn.numbers), RUNS)
+    windows, required = windows_of(campaign.scenario), campaign.scenario.requirements
+    together = bool(set(campaign.config.more) & set(VALUES))  # judged by what axes do together
+    if required is not None:
+        together |= required.arrival_error_norm_m is not None
+        if required.arrival_error_per_axis_m is not None:
+            windows = windows._replace(arrival_m=required.arrival_error_per_axis_m)
     return DrawnCase(
         campaign.scenario,
         drawn.starts,
         drawn.column('mass_kg'),
         tuple(_batch(campaign, drawn.some(slice(i, i + RUNS))) for i in firsts),
-        windows_within(campaign.scenario),
-        is_together(campaign),
+        windows,
+        together,
     )
 
 

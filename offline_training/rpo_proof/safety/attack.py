@@ -51,9 +51,8 @@ LONGEST_DELAY = 64
 MOST_LATE = 30
 
 # Columns of the results.
-VIOLATED, INFEASIBLE, TOO_FAST, ACTED, CONTACTS, LEAST_MARGIN, LEAST_FREE = range(7)
-OUTSIDE, HARD = range(7, 9)
-COLUMNS = 9
+VIOLATED, INFEASIBLE, TOO_FAST, ACTED, CONTACTS, LEAST_FREE, OUTSIDE, HARD = range(8)
+COLUMNS = 8
 
 
 class Bounds(NamedTuple):
@@ -261,7 +260,7 @@ def fly_hostile(k0, k1, kind, ticks, c, fine, g, w, frames, world, drawn, row): 
     line = np.zeros((LONGEST_DELAY, 3))
     past = np.zeros((MOST_LATE, 3))
     last, held = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    row[LEAST_MARGIN], row[LEAST_FREE] = 1e30, 1e30
+    row[LEAST_FREE] = 1e30
     m = drawn
     for tick in range(ticks):
         x, y, z, vx, vy, vz = state
@@ -374,7 +373,6 @@ def judge(state, seen, g, w, world, row):  # type: ignore[no-untyped-def]
         if p >= 0.0 or (a < 0.0 and p > a):  # its speeds are looked at when it touches
             a, b = p, 1e30
     row[INFEASIBLE] += a < 0.0
-    row[LEAST_MARGIN] = a if a < row[LEAST_MARGIN] else row[LEAST_MARGIN]
     speed = closing(state)[2]
     row[TOO_FAST] += b < 0.0 and speed > world.floor_m_s
 
