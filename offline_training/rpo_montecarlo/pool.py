@@ -43,10 +43,7 @@ def versions() -> dict[str, str]:
 def on_threads(
     function: Callable[..., Result], calls: Iterable[tuple[int, tuple[Any, ...]]], workers: int
 ) -> Generator[tuple[int, Result], None, None]:
-    """Call a function on threads; yield (number, result) of each call as they come in.
-
-    calls : (number, arguments) of each
-    """
+    """Call a function on threads, as `run` does."""
     executor, todo = ThreadPoolExecutor(workers, 'rpo-work'), iter(calls)
     under_way: dict[Future[Result], int] = {}
     try:
@@ -70,6 +67,7 @@ def run(
 ) -> Generator[tuple[int, Result], None, None]:
     """Call a function on threads or on a cluster; yield (number, result) of each as they come in.
 
+    calls : (number, arguments) of each
     workers : threads, or processes of a local cluster; 0, one per core
     address : of a cluster: '', on threads; 'local'; that of a scheduler, tcp://host:port
 
@@ -111,24 +109,10 @@ def _as_input_errors(client: Any) -> Iterator[None]:
         ) from None
 
 
-def threads(client: Any) -> int:
-    """Return the number of threads of all workers, at least 1; raises InputError."""
-    with _as_input_errors(client):
-        return max(1, sum(client.nthreads().values()))
-
-
 def results(
     client: Any, function: Callable[..., Any], calls: Iterable[tuple[int, tuple[Any, ...]]]
 ) -> Iterator[tuple[int, Any]]:
-    """Call a function on the workers; yield (number, result) of each call as they come in.
-
-    calls : (number, arguments) of each
-
-    Raises
-    ------
-    InputError
-        If the cluster is lost, has other versions of what bits depend on, or cannot do the work.
-    """
+    """Call a function on the workers, as `run` does."""
     from distributed import as_completed
 
     name, todo = f'rpo-{uuid4().hex}', iter(calls)
@@ -136,8 +120,8 @@ def results(
     def submit(call: tuple[int, tuple[Any, ...]]) -> Any:
         return client.submit(_call, function, *call[1], key=(name, call[0]))
 
-    ahead = AHEAD * threads(client)
     with _as_input_errors(client):
+        ahead = AHEAD * max(1, sum(client.nthreads().values()))
         futures = as_completed(map(submit, islice(todo, ahead)))
         for future in futures:
             number, (theirs, result) = future.key[1], future.result()

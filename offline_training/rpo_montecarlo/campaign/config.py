@@ -174,11 +174,12 @@ def dumps(config: CampaignConfig) -> str:
         name: {d.distribution: list(d.spread) if len(d.spread) > 1 else d.spread[0]}
         for name, d in config.dispersions.items()
     }
-    del document['faults']
     if not config.success:
         del document['success']
-    if config.faults is not None:
-        document['faults'] = faults.to_document(config.faults)
+    if config.faults is None:
+        del document['faults']
+    elif not config.faults.delays:
+        del document['faults']['late_by_ticks']
     return yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=100)
 
 

@@ -65,27 +65,13 @@ class Faults:
 
 def parse(value: Any) -> Faults:
     """Return the section `faults` of a campaign file; raises InputError if it has no effect."""
-    repeats = ('state_repeat', 'force_repeat')
-    data = mapping('faults', value, [], [*asdict(Faults()), *repeats])
-    for name in repeats:
-        if name in data:
-            raise InputError(
-                f'`{name}` has no effect: a second answer to a state is ignored; leave it out'
-            )
+    data = mapping('faults', value, [], asdict(Faults()))
     found = Faults(**data)
     if not found.delays and found.state_loss <= 0.0 and found.force_loss <= 0.0:
         raise InputError(f'it has no effect: one of {", ".join(SHARES)} must be > 0')
     if 'late_by_ticks' in data and not found.delays:
         raise InputError('`late_by_ticks` has no effect: no message is delayed')
     return found
-
-
-def to_document(faults: Faults) -> dict[str, Any]:
-    """Return the section that `parse` reads."""
-    document = asdict(faults)
-    if not faults.delays:
-        del document['late_by_ticks']
-    return document
 
 
 Answer = tuple[Signal, ...]
