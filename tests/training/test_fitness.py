@@ -44,8 +44,6 @@ def test_the_flat_fitness_is_the_papers():
     assert missed.any(), 'the test must see a penalty'
 
 
-
-
 def test_excess_grows_from_zero_at_the_limit():
     values = excess(np.array([0.5, 1.0, 2.0, 16.0, 1e12]), 1.0)
     np.testing.assert_allclose(values, [0.0, 0.0, 1.0 - 2.0**-0.25, 0.5, 0.999], rtol=1e-12)
