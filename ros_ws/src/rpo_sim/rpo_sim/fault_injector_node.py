@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import copy
 import math
+import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -17,6 +18,7 @@ from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.time import Time
 
+from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire import interfaces
 from rpo_core.world.link import (
@@ -26,13 +28,19 @@ from rpo_core.world.link import (
     NAN,
     WRONG_FRAME,
     FaultRates,
+    Schedule,
     SeededLink,
 )
 from rpo_ros import health, qos
-from rpo_ros.running import FlightNode
+from rpo_ros.plant_scenario import PlantScenario
+from rpo_ros.running import EXIT_BAD_INPUT, FlightNode
 
 ANY, AUTO, STATE, FORCE = 'any', 'auto', 'state', 'force'
-"""Values of its parameters."""
+LAST_TICK = 1_000_000_000
+"""Values of its parameters; the last one stands for the end of the flight."""
+
+_CLOCK_S = 0.002
+"""Resolution of delays by wall time."""
 
 _WRONG_STAMP_NS = 1_000_000_000
 """Error of a wrong stamp."""
@@ -93,14 +101,37 @@ class FaultInjectorNode(FlightNode):
             values['seed'],
             values['delay_messages'],
             CORRUPTIONS if corruption == ANY else (corruption,),
+            values['delay_s'],
         )
+        last = math.inf if values['to_tick'] == LAST_TICK else values['to_tick']
+        self._schedule = Schedule(values['from_tick'], last)
+        self._scenario: Scenario | None = None
+        PlantScenario(self, values['scenario'], self._take, self._refuse, bare=True).begin()
         self._out = self.create_publisher(kind, sink, qos.LOCKSTEP)
         self.create_subscription(kind, source, self._on_message, qos.LOCKSTEP)
+        if values['delay_s'] > 0.0:
+            self.every(_CLOCK_S, self._on_clock)
         health.publish_health(self, self._health)
         self.get_logger().info(f'faults between {source} and {sink}')
 
+    def _take(self, scenario: Scenario) -> None:
+        self._scenario = scenario
+
+    def _refuse(self, reason: str) -> None:
+        self.get_logger().error(reason)
+        self.exit_code, self.done = EXIT_BAD_INPUT, True
+
     def _on_message(self, message: Odometry | WrenchStamped) -> None:
-        for out, corruption in self.link.take(message):
+        stamp_ns = Time.from_msg(message.header.stamp).nanoseconds
+        tick = self._scenario.tick_of(stamp_ns) if self._scenario is not None else None
+        faulty = self._schedule.covers(tick)
+        self._pass_on(self.link.take(message, faulty, time.monotonic()))
+
+    def _on_clock(self) -> None:
+        self._pass_on(self.link.due(time.monotonic()))
+
+    def _pass_on(self, messages: list[tuple[Odometry | WrenchStamped, str]]) -> None:
+        for out, corruption in messages:
             self._out.publish(corrupted(out, corruption))
 
     def _health(self) -> health.Health:

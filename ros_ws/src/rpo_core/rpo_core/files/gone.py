@@ -49,7 +49,6 @@ GONE: dict[str, dict[str, str]] = {
         **dict.fromkeys(
             ('keep_out_radius_m', 'corridor_half_angle_deg'), 'section `zones` of the scenario'
         ),
-        **dict.fromkeys(('from_tick', 'to_tick'), 'a fault injector started when faults begin'),
         'trail_points': '1000 points, which it was by default',
         'arrow_m_per_n': '20 m/N, which it was by default',
         **dict.fromkeys(

@@ -9,6 +9,7 @@ seed, a message at a time: the node `fault_injector` needs no ticks for it. Camp
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
@@ -16,7 +17,7 @@ from functools import partial
 from random import Random
 from typing import Annotated, Generic, TypeVar
 
-from rpo_core.files.validation import Checked, real
+from rpo_core.files.validation import Checked, InputError, real
 
 Message = TypeVar('Message')
 
@@ -52,6 +53,27 @@ KINDS = tuple(field.name for field in fields(FaultRates))
 
 Hits = Mapping[str, str]
 """The faults that hit a message: kind -> corruption, '' for the other kinds."""
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Ticks at which faults happen, both ends included; `last` infinite: to the end.
+
+    A message whose stamp is that of no tick has faults only if the schedule covers all ticks.
+    """
+
+    first: float = 0.0
+    last: float = math.inf
+
+    def __post_init__(self) -> None:
+        if not self.first <= self.last:
+            raise InputError(f'`to_tick` must be >= from_tick = {self.first!r}; got {self.last!r}')
+
+    def covers(self, tick: int | None) -> bool:
+        """Return whether faults may hit a message of this tick."""
+        if tick is None:
+            return self == Schedule()
+        return self.first <= tick <= self.last
 
 
 @dataclass
@@ -143,20 +165,23 @@ class SeededLink(FaultyLink[Message]):
         seed: int,
         delay_messages: int = 2,
         corruptions: tuple[str, ...] = CORRUPTIONS,
+        delay_s: float = 0.0,
     ) -> None:
-        super().__init__(delay_messages)
+        super().__init__(delay_messages, delay_s)
         self.rates = rates
         self._corruptions = corruptions
         self._random = Random(seed)
 
-    def take(self, message: Message) -> list[tuple[Message, str]]:
-        """Return what goes out now, as `send` does."""
+    def take(
+        self, message: Message, faulty: bool = True, now_s: float = 0.0
+    ) -> list[tuple[Message, str]]:
+        """Return what goes out now, as `send` does; `faulty`: whether faults may hit it."""
         # Only random(): of the generator's methods it alone is the same in every Python.
         drawn = {kind: self._random.random() for kind in KINDS}
         which = self._corruptions[int(self._random.random() * len(self._corruptions))]
         hits = {
             kind: which if kind == 'corrupt' else ''
             for kind in KINDS
-            if drawn[kind] < getattr(self.rates, kind)
+            if faulty and drawn[kind] < getattr(self.rates, kind)
         }
-        return self.send(message, hits)
+        return self.send(message, hits, now_s)
