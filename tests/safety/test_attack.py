@@ -57,7 +57,6 @@ def test_a_state_that_cannot_stop_is_counted_each_time():
         state = (rho, 0.0, 0.0, speed, 0.0, 0.0)
         attack.judge(state, state, proof.guard, proof.guard, world, row)
         assert row[attack.INFEASIBLE] == row[attack.TOO_FAST] == count
-    assert row[attack.LEAST_MARGIN] < 0.0
 
 
 @pytest.mark.parametrize('name', ['allround', pytest.param('paper_ga', marks=pytest.mark.slow)])
