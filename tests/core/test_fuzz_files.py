@@ -11,7 +11,7 @@ import math
 import pytest
 import yaml
 from core_documents import DOCUMENTS, PARSERS, changed, keys, shipped_text
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from rpo_core import files
@@ -135,15 +135,6 @@ def check_drawn(kind, drawn):
 @given(data=st.data())
 def test_files(kind, source, data):
     check_drawn(kind, data.draw(DRAWN[source](kind)))
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(900)
-@pytest.mark.parametrize('kind', PARSERS)
-@settings(max_examples=10_000)
-@given(data=st.data())
-def test_ten_thousand_files(kind, data):
-    check_drawn(kind, data.draw(data.draw(st.sampled_from([spoilt, mangled]))(kind)))
 
 
 @given(data=st.data())

@@ -169,14 +169,6 @@ def test_a_campaign_judges_by_every_limit_as_a_single_flight_is_judged(
     assert words == {True, False}
 
 
-def test_what_the_engine_does_not_know_is_judged_by_the_same_columns(monkeypatch, loaded):
-    limits = {**EVERY_LIMIT, 'arrival_error_norm_m': 66.0}
-    campaign = loaded(required=limits, runs=3, success=None)
-    side_by_side = run_batch.fly_unit(campaign, 0)
-    monkeypatch.setattr(run_batch, 'why_not', lambda *_: 'a test')
-    np.testing.assert_array_equal(run_batch.fly_unit(campaign, 0), side_by_side)
-
-
 @pytest.mark.slow
 def test_runs_that_never_arrive_are_infinite_and_reported(tmp_path, write):
     limits = {'arrival_time_s': 9.0, 'arrival_error_norm_m': 1.0, 'final_error_norm_m': 70.0}

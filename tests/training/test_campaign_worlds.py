@@ -472,19 +472,6 @@ def test_directions_and_lengths_in_a_shell_are_equally_likely(drawn, columns, le
         assert stats.chi2_contingency(table).pvalue > 0.001, (one, other)
 
 
-def test_plans_and_assurance_fly_side_by_side_with_the_bits_of_the_chain(monkeypatch):
-    """The runs have different delays; assurance changes commands."""
-    campaign = config.load(config.find('docking'), ['assurance.speed={speed_m_s: 0.3}'])
-    first = 5
-    assert len(set(draw(campaign, first, 2).column('delay_ticks'))) > 1
-    side_by_side = fly_runs(campaign, first, 2)
-    free = fly_runs(config.load(config.find('docking')), first, 2)
-    assert (free['energy_n2s'] != side_by_side['energy_n2s']).all(), 'assurance had to act'
-    monkeypatch.setattr(run_batch, 'why_not', lambda *_: 'a test')
-    for name, values in fly_runs(campaign, first, 2).items():
-        np.testing.assert_array_equal(values, side_by_side[name], name)
-
-
 # Message faults in campaigns: bits, the free-running plant, effects, refusals.
 
 LOSSY = {

@@ -10,11 +10,9 @@ import pytest
 from rpo_core.control.fuzzy import RuleTable
 from rpo_core.files.scenario import load_scenario, load_set
 from rpo_core.files.starts import Grid
-from rpo_core.files.validation import InputError
 from rpo_core.judge.verdicts import verdicts
 from rpo_judge.scoring.drawn import HELD_OUT, DrawnFlights, DrawnSettings
 from rpo_judge.scoring.fitness import Fitness, FitnessSettings, driving
-from rpo_montecarlo.campaign import config as campaigns
 from rpo_montecarlo.campaign import run_batch
 from rpo_montecarlo.campaign.single import fly_run
 from rpo_montecarlo.engine.population import population_of
@@ -81,11 +79,6 @@ def test_a_force_limited_by_the_disturbance_of_each_run_is_judged_by_that_run():
     np.testing.assert_array_equal(rows[0][..., flights.columns], values)
     assert flights.limits[0, force] != flights.limits[1, force]
     assert flights.choose(rows[0]) == [0, 1]
-
-
-def test_an_unknown_campaign_is_refused_by_name():
-    with pytest.raises(InputError, match='random_starts'):
-        campaigns.find('paper_tset')
 
 
 # Candidates judged in a world: sensors, filter, pulses.

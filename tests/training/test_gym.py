@@ -128,13 +128,6 @@ def test_seeds_draw_starts_of_the_set_and_repeat_them():
     assert [tuple(env.reset()[1]['state'][:3]) for _ in range(20)] == drawn
 
 
-def test_the_next_flight_keeps_the_chosen_scenario():
-    env = make()
-    env.reset(options={'scenario': 'quick'})
-    env.reset()
-    assert env.scenario.name == 'quick'
-
-
 @pytest.mark.parametrize(
     ('options', 'message'),
     [

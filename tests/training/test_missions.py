@@ -20,10 +20,10 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import dumps, load_controller
 from rpo_core.files import overrides
 from rpo_core.files import scenario as scenarios
-from rpo_core.files.scenario import ScenarioSet, load, load_set
-from rpo_core.files.starts import Box, Grid
+from rpo_core.files.scenario import load, load_set
+from rpo_core.files.starts import Grid
 from rpo_core.files.validation import InputError
-from rpo_core.judge.verdicts import Verdict, verdicts
+from rpo_core.judge.verdicts import verdicts
 from rpo_ctrl.similarity import AUTHORITY, made_for
 from rpo_judge.scoring.conditions import conditions_of
 from rpo_judge.scoring.fitness import Fitness, FitnessSettings
@@ -31,7 +31,6 @@ from rpo_montecarlo.engine.population import population_of
 from rpo_training import config as configs
 from rpo_training import scaling
 from rpo_training.config import load_start
-from rpo_training.fitting import around
 from rpo_training.tuning import Tuning, TuningConfig
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -270,28 +269,3 @@ def test_what_it_was_trained_for_must_be_there(few, tmp_path):
     file.write_text(text)
     code, said = invoked('scale', str(file), '--scenario', str(mine), '-o', str(file))
     assert code != 0 and 'there is no file' in said and file.read_text() == text
-
-
-def test_a_set_is_flown_from_its_outermost_starts():
-    found = load('paper_training')
-    few = scaling._starts(found)
-    assert isinstance(few, ScenarioSet) and few.starts.x == few.starts.z == (-100.0, 5.0, 100.0)
-    box = ScenarioSet(found.base, Box((-1.0, 0.0, 0.0), (1.0, 2.0, 0.0), random=500))
-    assert len(scaling._starts(box).initial_positions_m) == 4 + 19
-    one = load(GEO)
-    assert scaling._starts(one).initial_positions_m.tolist() == around(one).positions_m.tolist()
-    assert scaling._starts(load('docking')) == load('docking')  # it has sections
-
-
-def test_scalings_are_ranked_by_misses_then_by_the_largest_shares():
-    def flown(*values: float) -> scaling.Flown:
-        worst = [Verdict('', '', '', 10.0, value) for value in values]
-        return scaling.Flown(load_controller('pd'), scaling.Units(1.0, 1.0, 1.0), worst)
-
-    order = [(9.001, 3.0, 8.0), (9.0, 4.0, 8.0), (9.9, 0.0, 0.0), (10.1, 0.0, 0.0)]
-    order += [(10.1, float('inf'), 0.0)]
-    ranks = [flown(*values).rank for values in order]
-    assert ranks == sorted(ranks) and [rank[0] for rank in ranks] == [0, 0, 0, 1, 2]
-    assert scaling._share(Verdict('', '', '', 0.0, 0.1)) == float('inf')
-    assert scaling._share(Verdict('', '', '', 0.0, 0.0)) == 0.0
-    assert scaling._share(Verdict('', '', '', 1.0, float('nan'))) == 0.0

@@ -116,19 +116,6 @@ def test_an_aborted_run_by_command(tmp_path):
     assert 'it would take arrival_distance' in main.text, 'no optimum in 20 s, and why'
 
 
-def test_the_optimum_is_drawn_beside_the_flight(tmp_path):
-    made = run_report(tmp_path)
-    table = next(
-        block
-        for section in made.sections
-        for block in section.blocks
-        if getattr(block, 'caption', '') == 'Beside the best possible'
-    )
-    assert table.rows[1][0].startswith('optimum in 153.5'), 'it ends 30 s after the arrival'
-    assert [float(row[2].rstrip(' ×')) for row in table.rows][1] == 1.0
-    assert float(table.rows[0][2].rstrip(' ×')) > 1.0, 'none is below the least'
-
-
 def test_a_replay_in_chromium(tmp_path, capsys):
     """A flight with every stage is drawn, turned, played and scrubbed, by keys too."""
     made = chain_run(test_report_guided.whole(), load_start('trained'))
