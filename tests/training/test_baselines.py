@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from campaign_documents import SHORT, write_campaign
 from invoking import invoke
+from landing import rest_at_landing
 
 from rpo_core import files
 from rpo_core.chain.flight import fly
@@ -123,10 +124,9 @@ def compare(tmp_path, monkeypatch):
     return run
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize('name', ['lqr', 'mpc'])
+@pytest.mark.parametrize('name', rest_at_landing(['lqr', 'mpc'], quick=0, landing=1))
 def test_a_comparison_is_printed_written_and_kept(name, compare, tmp_path, monkeypatch):
-    done = compare(name, 'drift', '--write', 'doc.md')
+    done = compare(name, 'drift', '--write', 'doc.md', '--picture', 'front.svg')
     assert done.exit_code == 0, done.output
     document = json.loads((tmp_path / 'out' / 'compare.json').read_text())
     baseline, drift = document['controllers']
@@ -144,6 +144,8 @@ def test_a_comparison_is_printed_written_and_kept(name, compare, tmp_path, monke
     assert drift['kept'] == (columns['hold_error_per_axis_m'] <= 60.0).sum()
     late = metrics.window(fly(load_scenario('paper_test'), load_controller(name)), 200.0)
     assert baseline['tests']['paper_test']['position_m'] == late.position_m
+    picture = (tmp_path / 'front.svg').read_text()
+    assert f'1 {name}' in picture and 'drift' not in picture, 'it never arrives'
     table = (tmp_path / 'doc.md').read_text()
     shown = f'{baseline["mean_energy_n2s"]:.3f} | {baseline["ratio"]:.3f} | 216 of 216'
     assert f'| {name} | {shown} |' in table and table.count('| drift |') == 3

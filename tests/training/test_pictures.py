@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from rpo_log.show import style
-from rpo_report import comparison, training
+from rpo_report import training
 
 
 def texts(figure: Figure) -> list[str]:
@@ -70,18 +70,3 @@ def test_pictures_of_a_training(tmp_path, drawn):
     for name, figure in drawn.items():
         assert not [text for text in texts(figure) if re.search(r'[$\\]', text)], name
     assert {'10', '100'} <= set(texts(drawn['convergence.png']))
-
-
-@pytest.mark.every_landing
-def test_a_comparison_numbers_those_that_arrive_by_their_energy():
-    row = {'kind': 'fuzzy', 'met': 216, 'runs': 50, 'settled_s': 160.0}
-    moving = {'kept': 50, 'low': 0.93, 'high': 1.0}
-    rows = [
-        {**row, 'name': 'late', 'mean_energy_n2s': 9.0, 'moving': moving},
-        {**row, 'name': 'thrifty', 'mean_energy_n2s': 3.0, 'moving': {**moving, 'kept': 0}},
-        {**row, 'name': 'never', 'mean_energy_n2s': 0.0, 'moving': moving, 'met': 0},
-    ]
-    with style.applied():
-        said = set(texts(comparison.draw(rows)))
-    assert {'1 thrifty', '2 late'} <= said
-    assert not any('never' in text for text in said)

@@ -22,11 +22,11 @@ import numpy as np
 
 from rpo_core import files
 from rpo_core.chain.flight import Flight, fly
-from rpo_core.control.controller import AnyController, load_controller
+from rpo_core.control.controller import AnyController, FuzzyController, load_controller
 from rpo_core.files.scenario import Scenario, load_scenario, load_set
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
-from rpo_core.judge.metrics import ARRIVAL_DISTANCE, ENERGY, SLEW
+from rpo_core.judge.metrics import ARRIVAL_DISTANCE, ARRIVAL_TIME, ENERGY, SLEW
 from rpo_core.judge.verdicts import verdicts
 from rpo_judge.evaluation import proven, robustness
 from rpo_judge.evaluation.optimal import least_constrained
@@ -71,7 +71,7 @@ Row = dict[str, Any]
 mean_energy_n2s : of the starts; ratio : to the mean of the constrained optima
 starts, met : training starts, and those that meet all three conditions
 distance_m, worst_distance_m : mean and largest, over the starts, of the mean distance in the last
-    30 s; slew_per_axis_n_s : the largest
+    30 s; slew_per_axis_n_s : the largest; settled_s : mean time after which it stays within 0.5 m
 tests : by scenario, the largest |r| and |v| of an axis in the last 200 s, and J
 margin, margin_of : smallest distance to a limit as a share of it, over all starts and the paper's
     tests, and the condition
@@ -205,6 +205,7 @@ class Comparison:
         drawn = shipped(robustness.DRAWN, runs=robustness.RUNS, seed=robustness.SEED)
         margins = part('margins', [*self._shared, *drawn.texts], partial(self._margins, drawn))
         return {
+            'kind': 'fuzzy' if isinstance(controller, FuzzyController) else controller.kind,
             'ratio': flights['mean_energy_n2s'] / least,
             **flights,
             **dispersed,
@@ -244,6 +245,7 @@ class Comparison:
             'distance_m': float(fitness.mean(rows[:, ARRIVAL_DISTANCE])),
             'worst_distance_m': float(rows[:, ARRIVAL_DISTANCE].max()),
             'slew_per_axis_n_s': float(rows[:, SLEW].max()),
+            'settled_s': float(fitness.mean(rows[:, ARRIVAL_TIME])),
             'tests': late,
             'margin': 1.0 - share,
             'margin_of': condition,
