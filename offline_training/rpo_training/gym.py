@@ -3,7 +3,7 @@
 """The final approach as a Gymnasium environment, for controllers that learn.
 
 Importing this module registers `rpo/FinalApproach-v0`. One step is one tick of the core's plant
-(`rpo_core.chain.chain`), so a policy with the forces of a controller has the bits of its flight.
+(`rpo_core.chain.chain`), so a policy that commands what a controller commands flies the same bits.
 The return of an episode is minus its fitness, -(J + 100 for each condition missed), AAS 23-199.
 
 Needs NumPy, PyYAML and gymnasium (layer `gym`).

@@ -36,7 +36,7 @@ def follow(scenario, until, commands=MappingProxyType({})):
 
 
 def assert_bits_of_the_stage(settings, scenario):
-    """Assert that a table of a plan has the bits of the stage; return when the last leg begins."""
+    """Assert that table and stage give the same bits; return when the last leg begins."""
     rows = GuidanceStage(settings, scenario).rows(scenario.start, scenario.ticks)
     phases = GuidanceStage(settings, scenario).phases(scenario.start, scenario.ticks)
     last = next(tick for tick, _, _, is_last in phases if is_last)

@@ -384,7 +384,7 @@ def flown():
 
 @pytest.fixture(scope='module')
 def held(flown):
-    """Tick of the hold."""
+    """Return the tick at which assurance holds."""
     chain, signals = Chain.of(flown, load_start('trained')), {RELATIVE_STATE: flown.start}
     for tick in range(flown.ticks + 1):
         chain.step(tick, signals)

@@ -137,7 +137,7 @@ EVERY_LIMIT = {
 def test_a_campaign_judges_by_every_limit_as_a_single_flight_is_judged(
     goal, arrival, controller, by, loaded
 ):
-    """Each value has the bits of the verdict of the run's own flight; so has each decision.
+    """Values and decisions are those of the verdicts of each run's own flight, bit for bit.
 
     Also where the campaign names the limits: the scenario says when and where, and few of them.
     """

@@ -159,7 +159,7 @@ class Plant:
     def depths_m(self) -> dict[str, float]:
         """Zone -> how deep the chaser has been in it so far, before it docked, if it was.
 
-        It is looked at when asked: the state has been sent, and nobody waits.
+        It is computed when it is read: the state is sent by then, and no node waits for it.
         """
         for first, states in self._unseen:
             self._look_for_zones(first, states)
