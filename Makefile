@@ -54,7 +54,7 @@ docs:  ## the documentation site, into site/ (SERVE=1 shows it in a browser, and
 
 compile:  ## compile the numerical kernels now, not at their first use
 	$(SETUP) train
-	$(ENV) python -m rpo_cli.precompile
+	$(ENV) python -m rpo.cli.precompile
 
 wheels:  ## the wheels rpo_core and rpo, which fly, train and report without ROS, into dist/
 	$(SETUP)

@@ -9,7 +9,7 @@ from functools import cache
 import typer.main
 from typer import testing
 
-from rpo_cli.cli import app
+from rpo.cli.cli import app
 
 # Typer would build the tree of commands anew for each call, which takes 15 ms.
 testing._get_command = cache(typer.main.get_command)

@@ -18,11 +18,11 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-import rpo_training.gym_vector
-from rpo_montecarlo.campaign import config
-from rpo_montecarlo.campaign.run_batch import fly_runs
-from rpo_montecarlo.outputs import markdown_table
-from rpo_training.gym_vector import HELD_OUT
+import rpo.training.gym_vector
+from rpo.montecarlo import config
+from rpo.montecarlo.outputs import markdown_table
+from rpo.montecarlo.run_batch import fly_runs
+from rpo.training.gym_vector import HELD_OUT
 
 Floats = NDArray[np.float64]
 
@@ -59,7 +59,7 @@ def act(weights: dict[str, Any], seen: Floats) -> Floats:
 def of_agent(campaign: str, runs: int) -> tuple[Floats, dict[str, Any]]:
     """Return energies (n,) [N^2 s] of the agent, and limit -> whether it was kept (n,)."""
     env = gymnasium.make_vec(
-        rpo_training.gym_vector.ENVIRONMENT, runs, campaign=campaign, ticks_per_step=HOLD_TICKS
+        rpo.training.gym_vector.ENVIRONMENT, runs, campaign=campaign, ticks_per_step=HOLD_TICKS
     )
     seen, _ = env.reset(seed=HELD_OUT, options={'judging': True})
     weights = dict(np.load(WEIGHTS))  # of the file, each item would be read at every step

@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from rpo_core.chain.flight import Flight
-from rpo_kernels.arrays import Floats
+from rpo_core.kernels.arrays import Floats
 
 WHEEL_KG_M2 = 1e-3
 """Inertia of each of Basilisk's wheels about its axis; the chaser's is without it."""

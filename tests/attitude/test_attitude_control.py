@@ -11,18 +11,24 @@ from hypothesis import strategies as st
 from scipy.linalg import solve_continuous_are
 from scipy.spatial.transform import Rotation
 
-from rpo_attitude.chaser import Chaser, Wheels
 from rpo_core import files
+from rpo_core.attitude.chaser import Chaser, Wheels
 from rpo_core.chain.flight import OpenLoop, fly
+from rpo_core.control import attitude
+from rpo_core.control.attitude import (
+    AttitudeControl,
+    AttitudeLqr,
+    AttitudePd,
+    FuzzyAttitude,
+    axis_of,
+)
+from rpo_core.control.attitude_law_kernels import LAW, attitude_torque, steer
+from rpo_core.control.attitude_limits import AttitudeLimits
 from rpo_core.control.controller import dumps, load_fuzzy
 from rpo_core.files import scenario as scenarios
 from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
-from rpo_ctrl import attitude
-from rpo_ctrl.attitude import AttitudeControl, AttitudeLqr, AttitudePd, FuzzyAttitude, axis_of
-from rpo_ctrl.attitude_law_kernels import LAW, attitude_torque, steer
-from rpo_ctrl.attitude_limits import AttitudeLimits
-from rpo_kernels.jit import as_table
+from rpo_core.kernels.jit import as_table
 
 J = np.array([[0.6, 0.02, 0.0], [0.02, 0.7, 0.01], [0.0, 0.01, 0.5]])
 BASE, DT = load_scenario('paper_test'), 0.1

@@ -13,20 +13,20 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from rpo_attitude.chaser import Chaser, Wheels
-from rpo_attitude.turns import apart, docking_axis, too_fast, turned
-from rpo_attitude.unloading import Unloading
+from rpo_core.attitude.chaser import Chaser, Wheels
+from rpo_core.attitude.turns import apart, docking_axis, too_fast, turned
+from rpo_core.attitude.unloading import Unloading
 from rpo_core.chain.flight import OpenLoop, fly
-from rpo_core.chain.stage import Place, Stage
+from rpo_core.control.attitude import AttitudeControl
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import Scenario, load_scenario
 from rpo_core.judge.zones import Cone
+from rpo_core.stage import Place, Stage
+from rpo_core.thrusters.table import ThrusterTable
+from rpo_core.thrusters.thrusters import Thrusters
 from rpo_core.wire import interfaces
 from rpo_core.world.cw import Body
 from rpo_core.world.disturbance import NONE
-from rpo_ctrl.attitude import AttitudeControl
-from rpo_thrusters.table import ThrusterTable
-from rpo_thrusters.thrusters import Thrusters
 
 INERTIA = ((0.6, 0.02, 0.0), (0.02, 0.7, 0.01), (0.0, 0.01, 0.5))
 PUSH = (1e-5, 0.0, 2e-5)
@@ -221,7 +221,7 @@ def test_the_docking_axis_is_that_of_pointing_or_against_the_corridor(monkeypatc
     assert docking_axis(load_scenario('paper_test')) == (-0.0, -1.0, -0.0)
     way = SimpleNamespace(corridor=Cone((0.0, 0.0, -1.0), (0.0, 0.0, -1.0), 0.2, 9.0))
     empty = SimpleNamespace(corridor=None)
-    monkeypatch.setattr('rpo_attitude.turns.zones_of', lambda scenario: [empty, way])
+    monkeypatch.setattr('rpo_core.attitude.turns.zones_of', lambda scenario: [empty, way])
     assert docking_axis(load_scenario('docking')) == (-0.0, -0.0, 1.0)
 
 

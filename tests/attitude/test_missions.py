@@ -7,13 +7,13 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from rpo.training.scaling import scaled_to
 from rpo_core.chain.flight import fly
+from rpo_core.control import similarity
 from rpo_core.control.controller import load_controller
+from rpo_core.control.similarity import Units
 from rpo_core.files.scenario import load_scenario
 from rpo_core.judge.verdicts import verdicts
-from rpo_ctrl import similarity
-from rpo_ctrl.similarity import Units
-from rpo_training.scaling import scaled_to
 
 APOLLO = load_scenario('apollo')
 

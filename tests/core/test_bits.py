@@ -10,19 +10,19 @@ import pytest
 from core_oracles import python
 
 from rpo_core.files.validation import InputError
-from rpo_kernels import jit
+from rpo_core.kernels import jit
 
 DIGESTS = """
 import hashlib
 import numpy as np
-from rpo_kernels import jit, kernels
+from rpo_core.kernels import jit, kernels
 from rpo_core.world import cw
 from rpo_core.chain.flight import fly
 from rpo_core.control.fuzzy import FuzzySystem
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
-from rpo_thrusters import table
-from rpo_thrusters.thrusters import Failure, Propellant, Pulses, ThrusterError, Thrusters
+from rpo_core.thrusters import table
+from rpo_core.thrusters.thrusters import Failure, Propellant, Pulses, ThrusterError, Thrusters
 
 def digest(name, *values):
     joined = b''.join(np.ascontiguousarray(value).tobytes() for value in values)
@@ -91,7 +91,7 @@ WITHOUT_NUMBA = """
 import importlib.util
 find_spec = importlib.util.find_spec
 importlib.util.find_spec = lambda name: None if name == 'numba' else find_spec(name)
-from rpo_kernels import jit
+from rpo_core.kernels import jit
 print(jit.COMPILED)
 """
 

@@ -17,7 +17,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.layout import Layout
-from rpo_mcap.format import rosbag2
+from rpo_log.format import rosbag2
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 ODOMETRY, WRENCH = interfaces.STATE_TYPE, interfaces.FORCE_TYPE

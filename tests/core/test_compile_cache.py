@@ -14,12 +14,12 @@ from pathlib import Path
 import numba
 import pytest
 
-from rpo_kernels import compile_cache
-from rpo_kernels.jit import inlined, kernel
+from rpo_core.kernels import compile_cache
+from rpo_core.kernels.jit import inlined, kernel
 
 LOW = """
 from typing import NamedTuple
-from rpo_kernels.jit import kernel
+from rpo_core.kernels.jit import kernel
 
 GAIN = 2.0
 
@@ -33,7 +33,7 @@ def signed(x):
 """
 MIDDLE = """
 from rpo_small.low import GAIN, signed
-from rpo_kernels.jit import kernel
+from rpo_core.kernels.jit import kernel
 
 @kernel
 def step(x, pair):
@@ -41,7 +41,7 @@ def step(x, pair):
 """
 TOP = """
 from rpo_small import low, middle
-from rpo_kernels.jit import kernel
+from rpo_core.kernels.jit import kernel
 
 @kernel
 def twice(x):
@@ -53,7 +53,7 @@ print(twice(1.0), sum(twice.stats.cache_hits.values()))
 
 FORKS = """
 import os, sys, numba
-from rpo_kernels import compile_cache
+from rpo_core.kernels import compile_cache
 numba.njit(lambda x: x)(1.0)  # what every process would do first
 for line in sys.stdin:
     count, folder = line.split()
@@ -138,8 +138,8 @@ def test_the_digest_has_the_kernels_and_tuples_of_all_packages(tmp_path, monkeyp
         digests.append(sources()[0])
     assert len(set(digests[:-1])) == 4 and digests[-1] == digests[-2]
     packages = sources()[1]
-    assert {'rpo_small', 'rpo_kernels', 'rpo_core', 'rpo_safety', 'rpo_montecarlo'} <= packages
-    assert 'rpo_report' not in packages
+    assert {'rpo_small', 'rpo_core', 'rpo'} <= packages
+    assert 'rpo_log' not in packages
 
 
 def test_every_source_that_imports_the_decorators_is_in_the_digest():

@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from rpo_core.kernels import kernels
 from rpo_core.world import cw
-from rpo_kernels import kernels
 
 MASS_KG = 10.0
 LEO = cw.mean_motion(6.678e6)

@@ -13,11 +13,11 @@ from core_strategies import systems
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rpo_core.control import explain
 from rpo_core.control.blend import Cause, Reasons
 from rpo_core.control.controller import FuzzyController, load_controller
 from rpo_core.control.fuzzy import WORDS, MembershipFunctions
 from rpo_core.files.validation import InputError
-from rpo_ctrl import explain
 
 component = st.floats(-300, 300)
 

@@ -15,18 +15,17 @@ from hypothesis import strategies as st
 from scipy.interpolate import RegularGridInterpolator
 
 from rpo_core.chain.flight import fly
-from rpo_core.control import controller
+from rpo_core.control import controller, textbook
+from rpo_core.control.baseline_kernels import baseline_force
+from rpo_core.control.baselines import Model, Mpc
+from rpo_core.control.explain import reasons
+from rpo_core.control.family import Gene, Mission, family_of
+from rpo_core.control.lane_kernels import ROWS, axis_forces
+from rpo_core.control.time_to_go import WORDS, Rule, TimeToGo
 from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
 from rpo_core.world import cw
-from rpo_ctrl import textbook
-from rpo_ctrl.baseline_kernels import baseline_force
-from rpo_ctrl.baselines import Model, Mpc
-from rpo_ctrl.explain import reasons
-from rpo_ctrl.family import Gene, Mission, family_of
-from rpo_ctrl.lane_kernels import ROWS, axis_forces
-from rpo_ctrl.time_to_go import WORDS, Rule, TimeToGo
 
 PAPER = Mission((1.0, 1.0, 1.0), 0.5, 0.1)
 FAMILIES = ('time_to_go', 'more_words')

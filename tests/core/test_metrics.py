@@ -13,8 +13,8 @@ import pytest
 from rpo_core.chain.flight import Flight
 from rpo_core.judge import metrics
 from rpo_core.judge.metrics import Metrics
+from rpo_core.thrusters.thrusters import Thrusters
 from rpo_core.world.disturbance import Disturbance
-from rpo_thrusters.thrusters import Thrusters
 
 
 def flight(paper_test, states, forces, dt_s=1.0, disturbance=None, **changes):

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from rpo_kernels import noise
+from rpo_core.kernels import noise
 
 
 @pytest.mark.parametrize(

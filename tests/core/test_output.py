@@ -13,7 +13,7 @@ import pytest
 
 from rpo_core.files.output import write_aside, write_text
 from rpo_core.files.validation import InputError
-from rpo_mcap.format.run import write_whole
+from rpo_log.format.run import write_whole
 
 COMMAND = """
 import sys

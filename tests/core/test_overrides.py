@@ -12,7 +12,7 @@ from rpo_core import files
 from rpo_core.files import overrides
 from rpo_core.files.scenario import load_scenario, parse
 from rpo_core.files.validation import InputError
-from rpo_thrusters.thrusters import Thrusters
+from rpo_core.thrusters.thrusters import Thrusters
 
 
 def test_changed_fields_are_those_of_a_file_with_them():

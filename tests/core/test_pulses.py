@@ -13,10 +13,8 @@ import pytest
 from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
-from rpo_core.wire.interfaces import CHASER_MASS, EXERTED_FORCE
-from rpo_core.world.dynamics import Dynamics
-from rpo_kernels import pulse_kernels
-from rpo_thrusters.thrusters import (
+from rpo_core.kernels import pulse_kernels
+from rpo_core.thrusters.thrusters import (
     STANDARD_GRAVITY_M_S2,
     Failure,
     Propellant,
@@ -27,6 +25,8 @@ from rpo_thrusters.thrusters import (
     stage_of,
     valve_names,
 )
+from rpo_core.wire.interfaces import CHASER_MASS, EXERTED_FORCE
+from rpo_core.world.dynamics import Dynamics
 
 BASE = scenario.load_scenario('approach')  # 10 kg, 0.5 N, ticks of 0.1 s
 BIT_N_S = 0.5 * 0.01

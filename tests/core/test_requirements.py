@@ -18,8 +18,8 @@ from rpo_core.files.validation import InputError
 from rpo_core.judge import contact
 from rpo_core.judge.requirements import LIMITS, THRUST, Requirements
 from rpo_core.judge.verdicts import missed, unbounded, verdicts
+from rpo_core.thrusters.thrusters import Propellant, Thrusters
 from rpo_core.world.disturbance import Disturbance
-from rpo_thrusters.thrusters import Propellant, Thrusters
 
 
 def required(**limits):

@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 
 from rpo_core import files
 from rpo_core.chain.flight import fly
+from rpo_core.control import similarity
 from rpo_core.control.controller import dumps, load_controller, parse
 from rpo_core.control.controller_file import ControllerFile, Scaling
+from rpo_core.control.similarity import Units
 from rpo_core.files.scenario import Scenario, load, load_scenario
 from rpo_core.files.validation import InputError
-from rpo_ctrl import similarity
-from rpo_ctrl.similarity import Units
-from rpo_thrusters.thrusters import Thrusters
+from rpo_core.thrusters.thrusters import Thrusters
 
 SCALE = [name for name in files.shipped('controller') if name != 'drift']
 PAPER = Units(100.0, 200.0, 10.0)

@@ -14,14 +14,14 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 from typer.testing import CliRunner
 
-from rpo_cli.cli import app
+from rpo.cli.cli import app
+from rpo_core.assurance.guard import guard_of
+from rpo_core.assurance.settings import Assurance
 from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
-from rpo_kernels.jit import as_table
-from rpo_safety.guard import guard_of
-from rpo_safety.settings import Assurance
-from rpo_thrusters import allocation_kernels as kernels
-from rpo_thrusters.allocation_kernels import (
+from rpo_core.kernels.jit import as_table
+from rpo_core.thrusters import allocation_kernels as kernels
+from rpo_core.thrusters.allocation_kernels import (
     DUAL,
     FULL,
     LIMIT,
@@ -30,9 +30,9 @@ from rpo_thrusters.allocation_kernels import (
     SCRATCH,
     THRUST,
 )
-from rpo_thrusters.authority import authority, known
-from rpo_thrusters.table import PRESETS, Failure, Thruster, ThrusterTable, table_of
-from rpo_thrusters.thrusters import Propellant, Thrusters, stage_of
+from rpo_core.thrusters.authority import authority, known
+from rpo_core.thrusters.table import PRESETS, Failure, Thruster, ThrusterTable, table_of
+from rpo_core.thrusters.thrusters import Propellant, Thrusters, stage_of
 
 BASE = load_scenario('paper_test')
 EYE = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))

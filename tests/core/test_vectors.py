@@ -13,16 +13,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from rpo_ctrl.attitude_limit_kernels import limits_at
-from rpo_kernels import jit
-from rpo_kernels.arrays import contracted
-from rpo_kernels.attitude_kernels import attitude_at, frame_at
-from rpo_kernels.chaser_kernels import craft_at
-from rpo_kernels.jit import as_table
-from rpo_kernels.kernels import unpacked
-from rpo_kernels.vectors import WIDTH, aligned, lanes_at, over_runs, own_tables, pick, wide
-from rpo_safety.doubt import doubt_at
-from rpo_safety.packed import guard_at
+from rpo_core.assurance.doubt import doubt_at
+from rpo_core.assurance.packed import guard_at
+from rpo_core.control.attitude_limit_kernels import limits_at
+from rpo_core.kernels import jit
+from rpo_core.kernels.arrays import contracted
+from rpo_core.kernels.attitude_kernels import attitude_at, frame_at
+from rpo_core.kernels.chaser_kernels import craft_at
+from rpo_core.kernels.jit import as_table
+from rpo_core.kernels.kernels import unpacked
+from rpo_core.kernels.vectors import WIDTH, aligned, lanes_at, over_runs, own_tables, pick, wide
 
 RUNS, SETTINGS, MEMORY = 16, 3, 4
 

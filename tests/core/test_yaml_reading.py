@@ -96,18 +96,6 @@ def test_a_path_may_be_given_in_every_form(tmp_path, monkeypatch, paper_test):
     assert all(scenario.load(form) == paper_test for form in forms)
 
 
-def test_installed_files_come_before_the_sources(tmp_path, monkeypatch):
-    folder = tmp_path / 'share/rpo_bringup/config/scenarios'
-    folder.mkdir(parents=True)
-    content = files.find('scenario', 'quick').read_text()
-    (folder / 'quick.yaml').write_text(content.replace('duration_s: 5.0', 'duration_s: 7.0'))
-    (folder / 'mine.yaml').write_text(content.replace('name: quick', 'name: mine'))
-    monkeypatch.setenv('AMENT_PREFIX_PATH', f'/nowhere{os.pathsep}{os.pathsep}{tmp_path}')
-    assert scenario.load_scenario('quick').duration_s == 7.0
-    assert scenario.load_scenario('mine').name == 'mine'
-    assert 'mine' in files.shipped('scenario')
-
-
 @pytest.mark.parametrize(
     ('content', 'words'),
     [

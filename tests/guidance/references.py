@@ -8,10 +8,10 @@ from types import MappingProxyType
 
 import numpy as np
 
+from rpo_core.guidance.guidance import GuidanceStage
+from rpo_core.guidance.legs import Vehicle
+from rpo_core.guidance.plan import Guidance
 from rpo_core.world import cw
-from rpo_guidance.guidance import GuidanceStage
-from rpo_guidance.legs import Vehicle
-from rpo_guidance.plan import Guidance
 
 N_RAD_S = cw.mean_motion(6_678_000.0)
 VEHICLE = Vehicle(N_RAD_S, 10.0, 0.1, 0.3, cw.discretise(N_RAD_S, 10.0, 0.1))

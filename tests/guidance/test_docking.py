@@ -13,13 +13,13 @@ from references import assert_bits_of_the_stage
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
+from rpo_core.guidance.guidance import DOCKED, GuidanceStage
+from rpo_core.guidance.plan import Guidance, Leg
+from rpo_core.guidance.rehearsal import nominal
+from rpo_core.guidance.transfer_kernels import at_port
 from rpo_core.judge import contact, metrics
 from rpo_core.judge.requirements import Requirements
 from rpo_core.judge.verdicts import verdicts
-from rpo_guidance.guidance import DOCKED, GuidanceStage
-from rpo_guidance.plan import Guidance, Leg
-from rpo_guidance.rehearsal import nominal
-from rpo_guidance.transfer_kernels import at_port
 from rpo_log.show import report
 
 
@@ -142,7 +142,7 @@ def test_guidance_that_is_told_a_wrong_mass_plans_with_it(docking):
 @pytest.mark.every_landing
 def test_the_passive_approach_is_protected_until_it_commits():
     """From no moment beyond 20 m a silence of the thrusters leads into the sphere in two orbits."""
-    from rpo_proof.safety.counts import silence
+    from rpo.proof.safety.counts import silence
 
     scenario = load_scenario('passive_approach')
     found = silence(scenario, load_controller('allround'), 10.0, 20.0, 2.0, (-1.8e-6, 0.0))

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from references import VEHICLE
 
-from rpo_guidance.legs import FlyingAround, Profile, Straight, Transferring, tabled
-from rpo_guidance.transfers import Limits
-from rpo_kernels import kernels
+from rpo_core.guidance.legs import FlyingAround, Profile, Straight, Transferring, tabled
+from rpo_core.guidance.transfers import Limits
+from rpo_core.kernels import kernels
 
 REST = (0.0, -60.0, 0.0, 0.0, 0.0, 0.0)
 

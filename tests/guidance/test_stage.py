@@ -17,10 +17,10 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
+from rpo_core.guidance import guidance, plan, rehearsal, transfers
+from rpo_core.kernels import kernels
 from rpo_core.wire.interfaces import REFERENCE_STATE
 from rpo_core.world import cw
-from rpo_guidance import guidance, plan, rehearsal, transfers
-from rpo_kernels import kernels
 
 WAITING = {'go': plan.COMMAND, 'timeout_s': None}
 BEGUN, HOLD = (0, 'fly_around'), (5405, 'hold_60')

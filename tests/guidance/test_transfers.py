@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+from rpo_core.guidance import transfer_kernels, transfers
+from rpo_core.guidance.transfers import Limits
 from rpo_core.world import cw
-from rpo_guidance import transfer_kernels, transfers
-from rpo_guidance.transfers import Limits
 
 N_RAD_S = cw.mean_motion(6_678_000.0)
 STEP = cw.discretise(N_RAD_S, 10.0, 4.0)

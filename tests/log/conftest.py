@@ -13,7 +13,7 @@ from log_runs import Run, make_key, make_run, record
 from mcap.records import ChunkIndex
 from mcap.stream_reader import StreamReader
 
-from rpo_mcap.read import stream
+from rpo_log.read import stream
 
 
 @pytest.fixture(scope='session')

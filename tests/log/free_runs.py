@@ -10,13 +10,13 @@ from pathlib import Path
 from log_runs import CLOCK, STATUS, Change
 
 from rpo_core.chain.chain import Chain
-from rpo_core.chain.stage import Place
 from rpo_core.control.controller import dumps, load_controller
 from rpo_core.files import scenario
 from rpo_core.files.scenario import Scenario
+from rpo_core.stage import Place
 from rpo_core.wire import cdr, interfaces
-from rpo_mcap.format.run import RunSummary, TimeBase
-from rpo_mcap.write.writer import RunLogWriter
+from rpo_log.format.run import RunSummary, TimeBase
+from rpo_log.write.writer import RunLogWriter
 from rpo_sim.plant import FreeRunningPlant
 
 STALE_AFTER = 4

@@ -20,7 +20,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader
 
-from rpo_mcap.read.records import MAGIC, RECORD_HEAD
+from rpo_log.read.records import MAGIC, RECORD_HEAD
 
 
 @dataclass

@@ -28,13 +28,13 @@ from mcap.records import Channel, Message
 
 from rpo_core import files
 from rpo_core.chain.flight import Flight, fly
-from rpo_core.chain.stage import Place, Stage
 from rpo_core.control import controller
 from rpo_core.files import scenario
+from rpo_core.stage import Place, Stage
 from rpo_core.wire import cdr, interfaces
 from rpo_log import signature
-from rpo_mcap.format.run import RunSummary, TimeBase
-from rpo_mcap.write.writer import RunLogWriter
+from rpo_log.format.run import RunSummary, TimeBase
+from rpo_log.write.writer import RunLogWriter
 
 CLOCK, STATE = '/clock', '/relative_state'
 FORCE, DISTURBANCE, STATUS = '/control_force', '/disturbance_force', '/run_status'

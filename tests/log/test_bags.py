@@ -19,17 +19,17 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 from rosbags.typesys import Stores, get_typestore
 
+from rpo.reports import page
+from rpo.reports.logged import logged_flight
 from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr, interfaces
 from rpo_log.bag import open_run
+from rpo_log.errors import ExitCode, LogError
+from rpo_log.read.run_log import read_run
 from rpo_log.tools.diff import diff
 from rpo_log.tools.export import export
 from rpo_log.tools.info import inspect
 from rpo_log.verify import verify
-from rpo_mcap.errors import ExitCode, LogError
-from rpo_mcap.read.run_log import read_run
-from rpo_report import page
-from rpo_report.logged import logged_flight
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 SQLITE, MCAP = StoragePlugin.SQLITE3, StoragePlugin.MCAP

@@ -27,20 +27,20 @@ from log_runs import Parts, record
 from mcap.writer import CompressionType
 from proofs import KINDS, SAMPLE, problem_of_kind, proof_of
 
+from rpo.montecarlo.outputs import digest_of
+from rpo.proof import check, flights
+from rpo.proof.claims import summary_of, values_of
+from rpo.proof.folder import SUMMARY, TEXTS, Folder, origins
+from rpo.proof.problem import Problem, range_of, title_of
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import dumps, load_controller
 from rpo_core.files.validation import InputError
 from rpo_log import signature
+from rpo_log.errors import ExitCode
+from rpo_log.format.run import SIGNATURE_FILE, SUMS_FILE
+from rpo_log.read.run_log import read_run
 from rpo_log.tools.info import inspect
 from rpo_log.verify import verify
-from rpo_mcap.errors import ExitCode
-from rpo_mcap.format.run import SIGNATURE_FILE, SUMS_FILE
-from rpo_mcap.read.run_log import read_run
-from rpo_montecarlo.outputs import digest_of
-from rpo_proof import check, flights
-from rpo_proof.claims import summary_of, values_of
-from rpo_proof.folder import SUMMARY, TEXTS, Folder, origins
-from rpo_proof.problem import Problem, range_of, title_of
 
 READ = 'run.mcap', 'run_0.mcap', 'run_1.mcap', 'metadata.yaml'
 STRAY = *READ, 'run_².mcap', 'notes\n.txt', 'q.npz'

@@ -20,8 +20,8 @@ from mcap.writer import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from rpo_core.wire import interfaces
-from rpo_mcap.errors import LogError
-from rpo_mcap.format import rosbag2
+from rpo_log.errors import LogError
+from rpo_log.format import rosbag2
 
 KEPT = Path(__file__).with_name('metadata.txt')
 """The metadata.yaml of the run, as version 9 of rosbag2 has it."""

@@ -19,10 +19,10 @@ from log_runs import record
 from mcap.records import Attachment, Channel, Header, Message, Metadata, Schema
 from mcap.writer import CompressionType, IndexType
 
+from rpo_log.errors import ExitCode
+from rpo_log.read.run_log import read_run
 from rpo_log.tools.info import inspect
 from rpo_log.verify import verify
-from rpo_mcap.errors import ExitCode
-from rpo_mcap.read.run_log import read_run
 
 
 @dataclass(frozen=True)

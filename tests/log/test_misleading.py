@@ -33,10 +33,10 @@ from mcap.records import (
 )
 
 from rpo_core.wire import cdr
+from rpo_log.errors import ExitCode, LogError
+from rpo_log.read.records import MAGIC, RECORD_HEAD
+from rpo_log.read.run_log import read_run
 from rpo_log.verify import verify
-from rpo_mcap.errors import ExitCode, LogError
-from rpo_mcap.read.records import MAGIC, RECORD_HEAD
-from rpo_mcap.read.run_log import read_run
 
 X_M = 123456.0
 

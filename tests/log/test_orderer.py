@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rpo_mcap.write import orderer
-from rpo_mcap.write.orderer import LINE, REORDER, WINDOW, TickOrderer
+from rpo_log.write import orderer
+from rpo_log.write.orderer import LINE, REORDER, WINDOW, TickOrderer
 
 QUICK = settings(max_examples=40, deadline=None, derandomize=True, database=None)
 EVENT = 2

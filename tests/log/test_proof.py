@@ -13,10 +13,10 @@ from log_parts import Parts
 from log_runs import STATUS, make_run
 
 from rpo_core.wire import cdr
+from rpo_log.errors import ExitCode
 from rpo_log.signature import sign_run, write_sums
 from rpo_log.tools.repair import repair
 from rpo_log.verify import Verification, verify
-from rpo_mcap.errors import ExitCode
 
 
 def test_it_says_what_is_recomputed_compared_and_unknown(recorded):

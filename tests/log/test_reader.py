@@ -25,13 +25,13 @@ from mcap.opcode import Opcode
 from mcap.writer import Writer
 
 from rpo_core.wire import cdr
-from rpo_mcap.errors import ExitCode, LogError
-from rpo_mcap.format import rosbag2
-from rpo_mcap.format.run import TimeBase
-from rpo_mcap.read import decode, stream
-from rpo_mcap.read.records import MAGIC, RECORD_HEAD, FileRecords
-from rpo_mcap.read.run_log import controller_of, flight_of, read_run
-from rpo_mcap.read.stream import RunReader
+from rpo_log.errors import ExitCode, LogError
+from rpo_log.format import rosbag2
+from rpo_log.format.run import TimeBase
+from rpo_log.read import decode, stream
+from rpo_log.read.records import MAGIC, RECORD_HEAD, FileRecords
+from rpo_log.read.run_log import controller_of, flight_of, read_run
+from rpo_log.read.stream import RunReader
 
 QUICK = settings(max_examples=25, deadline=None, derandomize=True, database=None)
 

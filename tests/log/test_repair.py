@@ -13,11 +13,11 @@ import pytest
 from log_runs import turned
 from rosbags.highlevel import AnyReader
 
+from rpo_log.errors import ExitCode, LogError
+from rpo_log.format import rosbag2
+from rpo_log.read.run_log import read_run
 from rpo_log.signature import Digests
 from rpo_log.tools.repair import repair
-from rpo_mcap.errors import ExitCode, LogError
-from rpo_mcap.format import rosbag2
-from rpo_mcap.read.run_log import read_run
 
 
 def cut(folder: Path, content: bytes, size: int | None = None) -> Path:

@@ -10,11 +10,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rpo.training.config import load_start
 from rpo_core.chain.flight import fly
 from rpo_core.files.scenario import load_scenario
 from rpo_core.judge.verdicts import verdicts
 from rpo_log.show import report, style
-from rpo_training.config import load_start
 
 
 @pytest.fixture(scope='module')

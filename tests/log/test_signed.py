@@ -17,12 +17,12 @@ from log_runs import record, turned
 from rpo_core import files
 from rpo_core.files.validation import InputError
 from rpo_log import signature
+from rpo_log.errors import ExitCode, LogError
+from rpo_log.format.run import prepare_folder
+from rpo_log.read.records import MAX_REST_BYTES
+from rpo_log.read.stream import RunReader
 from rpo_log.signature import MAX_FILE_BYTES, sign_run
 from rpo_log.verify import verify
-from rpo_mcap.errors import ExitCode, LogError
-from rpo_mcap.format.run import prepare_folder
-from rpo_mcap.read.records import MAX_REST_BYTES
-from rpo_mcap.read.stream import RunReader
 
 NONE = '0' * 64
 FILES = ('flown.txt', 'metadata.yaml', 'run.mcap', 'run_info.yaml')

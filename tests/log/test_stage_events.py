@@ -10,30 +10,30 @@ import numpy as np
 import pytest
 from log_runs import DISTURBANCE, FORCE, STATE, STATUS, TOPICS, Run, chain_run, make_run
 
-from rpo_attitude.target import TargetStage
+from rpo.training.config import load_start
+from rpo_core.assurance.abort_table import AbortTable, Row
+from rpo_core.assurance.assurance import ASSURED_FORCE, AssuranceStage
+from rpo_core.assurance.settings import Assurance
+from rpo_core.assurance.shaping import Shaping, ShapingStage
+from rpo_core.attitude.target import TargetStage
 from rpo_core.chain.chain import Chain, DisturbanceStage
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
+from rpo_core.guidance.guidance import GuidanceStage
+from rpo_core.navigation.attitude_estimator import AttitudeEstimatorStage
+from rpo_core.navigation.attitude_sensors import AttitudeSensors
+from rpo_core.navigation.estimator import EstimatorStage
+from rpo_core.navigation.navigation_errors import Navigation, NavigationStage
+from rpo_core.navigation.sensors import SensorsStage
+from rpo_core.thrusters.thrusters import TableStage
 from rpo_core.wire import cdr
 from rpo_core.wire.interfaces import RELATIVE_STATE
 from rpo_core.world.disturbance import NONE
 from rpo_core.world.dynamics import DynamicsStage
-from rpo_guidance.guidance import GuidanceStage
+from rpo_log.errors import ExitCode
+from rpo_log.read.run_log import flight_of, read_run
 from rpo_log.verify import verify
-from rpo_mcap.errors import ExitCode
-from rpo_mcap.read.run_log import flight_of, read_run
-from rpo_nav.attitude_estimator import AttitudeEstimatorStage
-from rpo_nav.attitude_sensors import AttitudeSensors
-from rpo_nav.estimator import EstimatorStage
-from rpo_nav.navigation_errors import Navigation, NavigationStage
-from rpo_nav.sensors import SensorsStage
-from rpo_safety.abort_table import AbortTable, Row
-from rpo_safety.assurance import ASSURED_FORCE, AssuranceStage
-from rpo_safety.settings import Assurance
-from rpo_safety.shaping import Shaping, ShapingStage
-from rpo_thrusters.thrusters import TableStage
-from rpo_training.config import load_start
 
 # Where nobody has compiled the kernels of the attitude yet, one test does: 22 s of CPU time, which
 # are more than 300 s on a machine that does ten other things.

@@ -24,14 +24,14 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files import overrides
 from rpo_core.wire import cdr
 from rpo_log import commands
+from rpo_log.errors import ExitCode, LogError
 from rpo_log.provenance import machine_facts, write_run_info
+from rpo_log.read.run_log import read_run
 from rpo_log.show import style
 from rpo_log.tools.diff import diff
 from rpo_log.tools.export import export
 from rpo_log.tools.info import inspect
 from rpo_log.verify import verify
-from rpo_mcap.errors import ExitCode, LogError
-from rpo_mcap.read.run_log import read_run
 
 
 def test_numbers_along_a_logarithmic_axis_are_plain():

@@ -32,25 +32,25 @@ from mcap.reader import make_reader
 from mcap.records import Schema
 from nav_scenarios import LIDAR, make
 
-from rpo_attitude.chaser import Chaser, Wheels
-from rpo_attitude.target import Target
+from rpo_core.attitude.chaser import Chaser, Wheels
+from rpo_core.attitude.target import Target
+from rpo_core.control.attitude import AttitudeControl
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
+from rpo_core.navigation.navigation_errors import Navigation
+from rpo_core.thrusters.table import ThrusterTable
+from rpo_core.thrusters.thrusters import Propellant, Thrusters
 from rpo_core.wire import cdr, interfaces
 from rpo_core.world.disturbance import Disturbance
-from rpo_ctrl.attitude import AttitudeControl
 from rpo_log import log_commands
+from rpo_log.errors import ExitCode, LogError
+from rpo_log.read.run_log import flight_of, read_run
 from rpo_log.tools.record import record
 from rpo_log.verify import evidence, verification, verify
 from rpo_log.verify.run_status import Statuses
-from rpo_mcap.errors import ExitCode, LogError
-from rpo_mcap.read.run_log import flight_of, read_run
-from rpo_mcap.write.writer import RunLogWriter
-from rpo_nav.navigation_errors import Navigation
-from rpo_thrusters.table import ThrusterTable
-from rpo_thrusters.thrusters import Propellant, Thrusters
+from rpo_log.write.writer import RunLogWriter
 
 QUICK = settings(max_examples=16, deadline=None, derandomize=True, database=None)
 
@@ -120,7 +120,7 @@ def test_the_first_of_two_is_named(log, tmp_path):
 def test_a_consistent_lie_is_found_from_the_start(run, log, tmp_path):
     # Everything after tick 100 follows from a state that was nudged there: each law holds, but for
     # the one step; and with that step's state forged too, the flight no longer starts where it did.
-    from rpo_kernels import kernels
+    from rpo_core.kernels import kernels
 
     control, flown = CONTROLLER, run.flight.scenario
     state = tuple(run.flight.states[100].tolist())

@@ -24,16 +24,16 @@ from rpo_core import files
 from rpo_core.files.scenario import load_scenario
 from rpo_core.wire import cdr, interfaces
 from rpo_core.world.disturbance import NONE
+from rpo_log.errors import ExistsAlready, ExitCode, LogError
+from rpo_log.format import run as run_format
+from rpo_log.format.run import TimeBase
 from rpo_log.manifests import Manifests
+from rpo_log.read.run_log import read_run
+from rpo_log.read.stream import RunReader
 from rpo_log.tools.info import inspect
 from rpo_log.tools.repair import repair
 from rpo_log.verify import verify
-from rpo_mcap.errors import ExistsAlready, ExitCode, LogError
-from rpo_mcap.format import run as run_format
-from rpo_mcap.format.run import TimeBase
-from rpo_mcap.read.run_log import read_run
-from rpo_mcap.read.stream import RunReader
-from rpo_mcap.write.writer import RunLogWriter
+from rpo_log.write.writer import RunLogWriter
 
 
 def digests(folder: Path) -> dict[str, str]:

@@ -7,13 +7,13 @@ from __future__ import annotations
 from datetime import datetime, timezone
 from typing import Any
 
-from rpo_core.chain.stage import Place, Stage
+from rpo_core.control.baselines import Pd
 from rpo_core.files import scenario
 from rpo_core.files.scenario import Scenario
+from rpo_core.kernels.noise import six_normals
+from rpo_core.navigation.estimator import Estimator
+from rpo_core.stage import Place, Stage
 from rpo_core.wire import interfaces
-from rpo_ctrl.baselines import Pd
-from rpo_kernels.noise import six_normals
-from rpo_nav.estimator import Estimator
 
 LIDAR = {
     'kind': 'range_bearing',

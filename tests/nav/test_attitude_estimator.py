@@ -13,9 +13,9 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from rpo_core.chain.flight import fly
-from rpo_nav.attitude_estimator import AttitudeEstimator, AttitudeEstimatorStage
-from rpo_nav.attitude_filter_kernels import TESTED, X
-from rpo_nav.attitude_sensors import AttitudeSensors
+from rpo_core.navigation.attitude_estimator import AttitudeEstimator, AttitudeEstimatorStage
+from rpo_core.navigation.attitude_filter_kernels import TESTED, X
+from rpo_core.navigation.attitude_sensors import AttitudeSensors
 
 
 def skew(v):

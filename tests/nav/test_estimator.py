@@ -12,16 +12,16 @@ from hypothesis import strategies as st
 from nav_scenarios import LIDAR, PD, TUMBLE, TUMBLING, attitude_scenario, make, unmodelled
 from scipy.spatial.transform import Rotation
 
-from rpo_attitude.target import motion_of
+from rpo_core.attitude.target import motion_of
 from rpo_core.chain.chain import Chain
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
+from rpo_core.kernels import jit
+from rpo_core.navigation import filter_kernels as kf
+from rpo_core.navigation.estimator import Estimator, EstimatorStage, gate
+from rpo_core.navigation.sensor_kernels import across
+from rpo_core.navigation.sensors import Sensors
 from rpo_core.world import cw
-from rpo_kernels import jit
-from rpo_nav import filter_kernels as kf
-from rpo_nav.estimator import Estimator, EstimatorStage, gate
-from rpo_nav.sensor_kernels import across
-from rpo_nav.sensors import Sensors
 
 POSITION = {
     'kind': 'relative_position',

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What sensors measure, against their definitions in arrays; all of it a function of the tick.
 
-Random numbers are those of `rpo_kernels.noise`, which has tests of its own.
+Random numbers are those of `rpo_core.kernels.noise`, which has tests of its own.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ import pytest
 from nav_scenarios import LIDAR, TUMBLE, attitude_scenario, make
 from scipy.spatial.transform import Rotation
 
-from rpo_attitude.target import motion_of
+from rpo_core.attitude.target import motion_of
+from rpo_core.kernels.noise import normal_pair, philox
+from rpo_core.navigation.attitude_sensors import AttitudeSensors, AttitudeSensorsStage
+from rpo_core.navigation.navigation_errors import Navigation
+from rpo_core.navigation.sensor_kernels import across, sight
+from rpo_core.navigation.sensors import Sensor, Sensors, SensorsStage
 from rpo_core.wire import interfaces
-from rpo_kernels.noise import normal_pair, philox
-from rpo_nav.attitude_sensors import AttitudeSensors, AttitudeSensorsStage
-from rpo_nav.navigation_errors import Navigation
-from rpo_nav.sensor_kernels import across, sight
-from rpo_nav.sensors import Sensor, Sensors, SensorsStage
 
 FAR = (60.0, -80.0, 0.0, 0.1, 0.2, 0.3)
 DT = 0.1

@@ -13,8 +13,8 @@ from node_processes import NodeProcesses
 
 from rpo_core import files
 from rpo_core.chain.flight import Flight
+from rpo_log.read.run_log import RunLog, read_run
 from rpo_log.verify import verify
-from rpo_mcap.read.run_log import RunLog, read_run
 
 INJECTOR = 'rpo_sim disturbance_injector'
 

@@ -12,19 +12,19 @@ from campaign_documents import write_campaign
 from flights import INJECTOR, assert_flown, processes
 from invoking import invoke
 
+from rpo.montecarlo import config
+from rpo.montecarlo.run_batch import FINAL, fly_runs
+from rpo.montecarlo.single import fly_run
+from rpo_core.assurance.assurance import ASSURANCE_STATUS, ASSURED_FORCE
+from rpo_core.assurance.settings import Assurance
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import DEFAULT_CONTROLLER, overrides, scenario
 from rpo_core.judge import metrics
 from rpo_core.wire.interfaces import BODY_TORQUE
+from rpo_ctrl.assurance_node import AssuranceNode
+from rpo_log.read.run_log import flight_of, read_run
 from rpo_log.verify import verify
-from rpo_mcap.read.run_log import flight_of, read_run
-from rpo_montecarlo.campaign import config
-from rpo_montecarlo.campaign.run_batch import FINAL, fly_runs
-from rpo_montecarlo.campaign.single import fly_run
-from rpo_safety.assurance import ASSURANCE_STATUS, ASSURED_FORCE
-from rpo_safety.assurance_node import AssuranceNode
-from rpo_safety.settings import Assurance
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 
 # A shipped world, changed on the command line, flown by the nodes.
@@ -62,7 +62,7 @@ def shortened(folder, name, duration_s):
 @pytest.mark.every_landing
 def test_the_full_chain_flies_as_seven_processes(ros):
     flown, path = shortened(ros.folder, 'docking_leo', 40.0)
-    others = (INJECTOR, 'rpo_nav navigation', 'rpo_guidance guidance', 'rpo_safety assurance')
+    others = (INJECTOR, 'rpo_ctrl navigation', 'rpo_ctrl guidance', 'rpo_ctrl assurance')
     run = processes(ros, path, *others, controller='allround')
     stages = ('sensors', 'estimator', 'guidance', 'assurance', 'thrusters')
     assert_flown(run, fly(flown, load_controller('allround')), *stages)
@@ -84,7 +84,7 @@ def test_the_chaser_as_one_process_has_the_same_bits(ros):
 def test_a_chaser_that_turns_flies_against_the_wall_clock_and_verifies(ros):
     """What acted, in its axes, was commanded; with every answer in its tick it is lockstep."""
     flown, path = shortened(ros.folder, 'tumbling_docking', 20.0)
-    others = ('rpo_nav navigation', 'rpo_guidance guidance', 'rpo_safety assurance')
+    others = ('rpo_ctrl navigation', 'rpo_ctrl guidance', 'rpo_ctrl assurance')
     others += ('rpo_ctrl attitude_controller',)
     run = processes(ros, path, *others, mode='free_running', real_time_factor=2.0)
     found = verify(run)

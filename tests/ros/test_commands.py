@@ -10,14 +10,14 @@ from flights import told
 from inside import Hand, values_of
 
 from rpo_core import files
+from rpo_ctrl.assurance_node import AssuranceNode
+from rpo_log.read.run_log import read_run
 from rpo_log.verify import verify
-from rpo_mcap.read.run_log import read_run
-from rpo_safety.assurance_node import AssuranceNode
 
 NODES = {
     'controller': ('rpo_ctrl', 'fuzzy_controller'),
-    'guidance': ('rpo_guidance', 'guidance'),
-    'assurance': ('rpo_safety', 'assurance'),
+    'guidance': ('rpo_ctrl', 'guidance'),
+    'assurance': ('rpo_ctrl', 'assurance'),
 }
 
 

@@ -20,17 +20,17 @@ from landing import rest_at_landing
 
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import Interface
+from rpo_ctrl.assurance_node import AssuranceNode
 from rpo_ctrl.controller_node import ControllerNode
-from rpo_guidance.guidance_node import GuidanceNode
+from rpo_ctrl.guidance_node import GuidanceNode
+from rpo_ctrl.navigation_node import NavigationNode
 from rpo_log import recorder_node
+from rpo_log.errors import ExitCode
+from rpo_log.read.run_log import read_run
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.replay_node import ReplayNode
 from rpo_log.verify import verify
-from rpo_mcap.errors import ExitCode
-from rpo_mcap.read.run_log import read_run
-from rpo_nav.navigation_node import NavigationNode
 from rpo_ros.signals import Outlet, listen
-from rpo_safety.assurance_node import AssuranceNode
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 from rpo_sim.plant_node import PlantNode
 

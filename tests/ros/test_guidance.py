@@ -16,12 +16,12 @@ from rpo_core import files
 from rpo_core.files import scenario
 from rpo_core.wire import cdr
 from rpo_core.wire.statuses import READERS
-from rpo_guidance.guidance_node import GuidanceNode
-from rpo_guidance.operator_node import OperatorNode
-from rpo_nav.navigation_node import NavigationNode
+from rpo_ctrl.assurance_node import AssuranceNode
+from rpo_ctrl.guidance_node import GuidanceNode
+from rpo_ctrl.navigation_node import NavigationNode
+from rpo_ctrl.operator_node import OperatorNode
 from rpo_ros import qos
 from rpo_ros.managed_node import PlaceNode
-from rpo_safety.assurance_node import AssuranceNode
 
 LEGS = [
     {'name': 'wait', 'kind': 'hold', 'dwell_s': 5.0, 'go': 'command', 'within_m': 3.0,

@@ -8,7 +8,7 @@ import time
 import pytest
 from flights import lasting
 
-from rpo_nav.navigation_node import NavigationNode
+from rpo_ctrl.navigation_node import NavigationNode
 from rpo_ros.heartbeat import MOST_STEP_S, Pulse, Timeout, Watch
 from rpo_ros.running import FlightNode
 

@@ -22,11 +22,11 @@ from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import RecorderStatus
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_log import provenance
+from rpo_log.errors import ExitCode, LogError
+from rpo_log.read.run_log import read_run
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.verify import verify
-from rpo_mcap.errors import ExitCode, LogError
-from rpo_mcap.read.run_log import read_run
-from rpo_mcap.write import mcap_file
+from rpo_log.write import mcap_file
 from rpo_ros import qos, signals
 from rpo_ros.signals import Outlet, hear
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode

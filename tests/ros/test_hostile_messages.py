@@ -28,7 +28,7 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr, interfaces, statuses
-from rpo_guidance.operator_node import OperatorNode
+from rpo_ctrl.operator_node import OperatorNode
 from rpo_ros import qos
 from rpo_ros.parameter_rows import tables
 from rpo_ros.signals import message_class
@@ -164,9 +164,6 @@ class Hostile:
             for package in (
                 'rpo_sim',
                 'rpo_ctrl',
-                'rpo_nav',
-                'rpo_guidance',
-                'rpo_safety',
                 'rpo_log',
             )
             for node, rows in tables(package).items()
@@ -199,7 +196,7 @@ def test_a_flight_endures_hostile_messages_calls_and_parameters(ros, inner, tmp_
     path = tmp_path / 'whole.yaml'
     written(path)
     path.write_text(re.sub('disturbance: .*', 'disturbance: paper_offset', path.read_text()))
-    views = [ros.node('rpo_view', 'visualizer'), ros.node('rpo_view', 'web', port=0)]
+    views = [ros.node('rpo_bringup', 'visualizer'), ros.node('rpo_bringup', 'web', port=0)]
     inner.start(OperatorNode({'phase': 'never'}))
     others = (*STAGES, DisturbanceInjectorNode)
     inner.fly(tmp_path / 'run', str(path), *others, real_time_factor=4.0)

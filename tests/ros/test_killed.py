@@ -11,8 +11,8 @@ import pytest
 from flights import lasting
 from inside import Hand, values_of
 
+from rpo_log.errors import ExitCode
 from rpo_log.verify import verify
-from rpo_mcap.errors import ExitCode
 
 MODES = ('lockstep', 'free_running')
 WARN, ERROR = b'\x01', b'\x02'

@@ -10,8 +10,8 @@ from nav_scenarios import LIDAR, make
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario as scenarios
-from rpo_mcap.read.run_log import read_run
-from rpo_nav.navigation_node import NavigationNode
+from rpo_ctrl.navigation_node import NavigationNode
+from rpo_log.read.run_log import read_run
 from rpo_ros import patience
 from rpo_ros.signals import Outlet
 from rpo_ros.stage_node import WITHOUT_COMMAND

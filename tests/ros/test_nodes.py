@@ -22,10 +22,10 @@ from rpo_core.files import DEFAULT_CONTROLLER, scenario
 from rpo_core.files.scenario import load_scenario
 from rpo_core.judge.requirements import Requirements
 from rpo_ctrl.controller_node import ControllerNode
+from rpo_log.read.run_log import flight_of, read_run
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.replay_node import ReplayNode
 from rpo_log.verify import verify
-from rpo_mcap.read.run_log import flight_of, read_run
 from rpo_ros.entry_point import start_node
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 from rpo_sim.fault_injector_node import FaultInjectorNode

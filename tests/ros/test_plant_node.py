@@ -19,16 +19,16 @@ from rpo_core import files
 from rpo_core.judge.zones import Zone
 from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import Manifest
+from rpo_ctrl.assurance_node import AssuranceNode
 from rpo_ctrl.controller_node import ControllerNode
-from rpo_guidance.guidance_node import GuidanceNode
+from rpo_ctrl.guidance_node import GuidanceNode
+from rpo_log.read.run_log import read_run
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.verify import verify
-from rpo_mcap.read.run_log import read_run
 from rpo_ros import plant_scenario, qos
 from rpo_ros.plant_scenario import PlantScenario
 from rpo_ros.running import FlightNode
 from rpo_ros.signals import Outlet, listen, message_class
-from rpo_safety.assurance_node import AssuranceNode
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 from rpo_sim.plant_node import EXIT_ABORTED, EXIT_MISSED, PlantNode
 
@@ -311,7 +311,8 @@ def test_a_node_that_needs_no_section_imports_none_nor_numba(ros_env):
         [sys.executable, '-c', BARE], input=text, capture_output=True, text=True, timeout=60,
         env={**os.environ, **ros_env}, check=True,
     ).stdout.split()  # fmt: skip
-    assert not {'numba', 'rpo_safety', 'rpo_guidance', 'rpo_nav', 'rpo_attitude'} & set(said)
+    parts = ('assurance', 'guidance', 'navigation', 'attitude')
+    assert not {'numba', *(f'rpo_core.{part}' for part in parts)} & set(said)
 
 
 def test_with_a_plug_in_the_injector_reads_all_sections(monkeypatch, inner):

@@ -20,11 +20,11 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
 from rpo_log import recorder_node
+from rpo_log.errors import ExitCode
+from rpo_log.read.run_log import read_run
 from rpo_log.recorder_node import _MOST_TAKEN, RecorderNode
 from rpo_log.tools.repair import repair
 from rpo_log.verify import verify
-from rpo_mcap.errors import ExitCode
-from rpo_mcap.read.run_log import read_run
 from rpo_ros.running import new_executor
 
 KILL_BOUND = 0.95

@@ -18,11 +18,11 @@ from rosgraph_msgs.msg import Clock
 
 import rpo_log.recorder_node
 from rpo_core.wire import interfaces
+from rpo_ctrl.navigation_node import NavigationNode
+from rpo_log.format.run import TOPICS
+from rpo_log.read.run_log import read_run
 from rpo_log.tools.info import inspect
 from rpo_log.verify import ExitCode, verify
-from rpo_mcap.format.run import TOPICS
-from rpo_mcap.read.run_log import read_run
-from rpo_nav.navigation_node import NavigationNode
 from rpo_ros import health, qos
 from rpo_ros.signals import message_class
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode

@@ -15,8 +15,8 @@ import rpo_core.files
 from rpo_core.wire import interfaces
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_log import replay_node
+from rpo_log.read.stream import RunReader
 from rpo_log.replay_node import ReplayNode
-from rpo_mcap.read.stream import RunReader
 from rpo_ros import qos
 from rpo_ros.signals import message_class
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode

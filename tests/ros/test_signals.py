@@ -15,8 +15,8 @@ import pytest
 from landing import rest_at_landing
 from node_pages import CARDS, tiny_log
 
-from rpo_mcap.errors import LogError
-from rpo_mcap.read.run_log import read_run
+from rpo_log.errors import LogError
+from rpo_log.read.run_log import read_run
 
 LONGEST_S = 2.0
 SPEED = 40.0

@@ -8,7 +8,7 @@ from flights import lasting, told, verified
 
 from rpo_core import files
 from rpo_core.wire.interfaces import EXERTED_FORCE, EXERTED_TORQUE
-from rpo_mcap.read.run_log import flight_of
+from rpo_log.read.run_log import flight_of
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 from rpo_sim.plant_node import PlantNode
 

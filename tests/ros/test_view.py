@@ -30,9 +30,18 @@ from rclpy.executors import SingleThreadedExecutor
 from scipy.spatial.transform import Rotation
 from visualization_msgs.msg import Marker, MarkerArray
 
-from rpo_attitude.target import motion_of
-from rpo_attitude.turns import docking_axis
+from rpo.reports import replay
+from rpo.reports.replay import Replayed, page_of
+from rpo.reports.turned import turned_of
+from rpo_bringup.views import scene
+from rpo_bringup.views.live import LiveFlight, Trail
+from rpo_bringup.views.samples import Samples
+from rpo_bringup.visualizer_node import VisualizerNode, transform_of
+from rpo_bringup.web_node import WebNode
+from rpo_bringup.views.web_server import Feed, LivePage, refusal
 from rpo_core import files
+from rpo_core.attitude.target import motion_of
+from rpo_core.attitude.turns import docking_axis
 from rpo_core.chain.flight import Flight, fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario as scenarios
@@ -42,17 +51,8 @@ from rpo_core.judge.zones import zones_of
 from rpo_core.wire import interfaces
 from rpo_core.wire.cdr import Status
 from rpo_core.wire.statuses import GuidanceStatus, Manifest, RunStatus
-from rpo_report import replay
-from rpo_report.replay import Replayed, page_of
-from rpo_report.turned import turned_of
 from rpo_ros import qos, signals
 from rpo_ros.signals import Outlet
-from rpo_view import scene
-from rpo_view.live import LiveFlight, Trail
-from rpo_view.samples import Samples
-from rpo_view.visualizer_node import VisualizerNode, transform_of
-from rpo_view.web_node import WebNode
-from rpo_view.web_server import Feed, LivePage, refusal
 
 START_NS = 1_767_225_600_000_000_000
 STATE = (10.0, 60.0, -40.0, 0.1, -0.2, 0.3)
@@ -213,7 +213,7 @@ def test_a_controller_that_comes_to_be_known_later_explains_from_then_on(guided)
 
 
 def test_a_long_flight_is_thinned_and_its_page_begins_anew(guided, monkeypatch):
-    monkeypatch.setattr('rpo_view.samples.MOST_SAMPLES', 20)
+    monkeypatch.setattr('rpo_bringup.views.samples.MOST_SAMPLES', 20)
     live = watching(guided.scenario)
     samples = flown(live, guided, range(30))
     assert len(samples.rows) <= 20 and samples.name == '0.1'

@@ -50,7 +50,7 @@ def until(page, expression: str) -> None:
 
 def opened(ros, page):
     """Start the node of the page, and look at it; return the node and its address."""
-    web = ros.node('rpo_view', 'web', port=0)
+    web = ros.node('rpo_bringup', 'web', port=0)
     web.says('is shown at')
     url = re.search(r'http://127\.0\.0\.1:\d+/', web.output)[0]
     look(page, WIDTH, 'light')

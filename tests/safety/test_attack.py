@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from invoking import invoke
 
+from rpo.proof.safety import attack, counts
+from rpo.proof.safety.counts import quiet
+from rpo_core.assurance.guard import proof_of
+from rpo_core.assurance.kernels import open_margins
+from rpo_core.assurance.settings import Assurance
 from rpo_core.control.controller import load_controller
 from rpo_core.files import overrides, scenario
 from rpo_core.files.validation import InputError
-from rpo_proof.safety import attack, counts
-from rpo_proof.safety.counts import quiet
-from rpo_safety.guard import proof_of
-from rpo_safety.kernels import open_margins
-from rpo_safety.settings import Assurance
 
 ASSURED = scenario.load_scenario('assured')
 

@@ -13,23 +13,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from rpo_attitude.chaser import Chaser, Wheels
-from rpo_attitude.pointing import Pointing
+from rpo_core.assurance.abort_table import AbortTable, Row
+from rpo_core.assurance.assumed import errors_of, limit_n
+from rpo_core.assurance.guard import guard_of, proof_of
+from rpo_core.assurance.settings import Assurance
+from rpo_core.attitude.chaser import Chaser, Wheels
+from rpo_core.attitude.pointing import Pointing
 from rpo_core.chain.chain import Chain
 from rpo_core.chain.flight import start_of
-from rpo_core.chain.stage import Place
+from rpo_core.control.attitude import AttitudeControl
+from rpo_core.control.attitude_limits import AttitudeLimits
 from rpo_core.control.controller import load_controller
 from rpo_core.files import overrides, scenario
 from rpo_core.files.validation import InputError
-from rpo_ctrl.attitude import AttitudeControl
-from rpo_ctrl.attitude_limits import AttitudeLimits
-from rpo_safety.abort_table import AbortTable, Row
-from rpo_safety.assumed import errors_of, limit_n
-from rpo_safety.guard import guard_of, proof_of
-from rpo_safety.settings import Assurance
-from rpo_thrusters.authority import known
-from rpo_thrusters.table import ThrusterTable
-from rpo_thrusters.thrusters import Thrusters
+from rpo_core.stage import Place
+from rpo_core.thrusters.authority import known
+from rpo_core.thrusters.table import ThrusterTable
+from rpo_core.thrusters.thrusters import Thrusters
 
 ASSURED = replace(scenario.load_scenario('assured'), max_force_n=1.0)
 INERTIA = ((0.6, 0.02, 0.0), (0.02, 0.7, 0.01), (0.0, 0.01, 0.5))

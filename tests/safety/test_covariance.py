@@ -11,25 +11,25 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rpo_core.assurance.abort_table import AbortTable, Row
+from rpo_core.assurance.assumed import ahead
+from rpo_core.assurance.assurance import AssuranceStage
+from rpo_core.assurance.doubt import DOUBT, doubt_at, doubt_of, doubted, unless_unsure
+from rpo_core.assurance.filters import backup, margins
+from rpo_core.assurance.guard import guard_of, proof_of
+from rpo_core.assurance.kernels import APPROACH, OPEN
+from rpo_core.assurance.recovery import RETREAT_M_S
+from rpo_core.assurance.settings import Assurance, Passage
 from rpo_core.chain.chain import Chain
-from rpo_core.chain.stage import Place
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
 from rpo_core.judge.requirements import DIRECTIONS
+from rpo_core.kernels.jit import as_table
+from rpo_core.kernels.kernels import cw_step
+from rpo_core.navigation.sensors import Sensors
+from rpo_core.stage import Place
+from rpo_core.thrusters.thrusters import Thrusters
 from rpo_core.wire.interfaces import CHASER_ATTITUDE, RELATIVE_STATE
-from rpo_kernels.jit import as_table
-from rpo_kernels.kernels import cw_step
-from rpo_nav.sensors import Sensors
-from rpo_safety.abort_table import AbortTable, Row
-from rpo_safety.assumed import ahead
-from rpo_safety.assurance import AssuranceStage
-from rpo_safety.doubt import DOUBT, doubt_at, doubt_of, doubted, unless_unsure
-from rpo_safety.filters import backup, margins
-from rpo_safety.guard import guard_of, proof_of
-from rpo_safety.kernels import APPROACH, OPEN
-from rpo_safety.recovery import RETREAT_M_S
-from rpo_safety.settings import Assurance, Passage
-from rpo_thrusters.thrusters import Thrusters
 
 WORLD = scenario.load_scenario('world_leo')
 SETTINGS = Assurance(

@@ -12,16 +12,16 @@ import pytest
 from c_programs import bits, compiled, driven
 from landing import rest_at_landing
 
+from rpo.exports import c_assured
+from rpo.training.config import load_start
+from rpo_core.assurance.assurance import ASSURED_FORCE, CONSTRAINTS, AssuranceStage
+from rpo_core.assurance.settings import Assurance
+from rpo_core.assurance.shaping import Shaping
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
+from rpo_core.thrusters.thrusters import Thrusters
 from rpo_core.wire import interfaces
-from rpo_export import c_assured
-from rpo_safety.assurance import ASSURED_FORCE, CONSTRAINTS, AssuranceStage
-from rpo_safety.settings import Assurance
-from rpo_safety.shaping import Shaping
-from rpo_thrusters.thrusters import Thrusters
-from rpo_training.config import load_start
 
 pytestmark = pytest.mark.skipif(shutil.which('cc') is None, reason='cc is not installed')
 

@@ -15,17 +15,17 @@ import pytest
 from core_oracles import exact_step
 from landing import rest_at_landing
 
+from rpo_core.assurance import filters, kernels
+from rpo_core.assurance.assumed import largest_n
+from rpo_core.assurance.assurance import AssuranceStage
+from rpo_core.assurance.corridor import approach_margins, backup_approach
+from rpo_core.assurance.edge import _Edge
+from rpo_core.assurance.guard import errors_of, guard_of
+from rpo_core.assurance.kernels import APPROACH, OPEN
+from rpo_core.assurance.settings import Assurance, Passage
 from rpo_core.files import scenario
+from rpo_core.thrusters.thrusters import Thrusters
 from rpo_core.world.disturbance import Disturbance, Harmonic
-from rpo_safety import filters, kernels
-from rpo_safety.assumed import largest_n
-from rpo_safety.assurance import AssuranceStage
-from rpo_safety.corridor import approach_margins, backup_approach
-from rpo_safety.edge import _Edge
-from rpo_safety.guard import errors_of, guard_of
-from rpo_safety.kernels import APPROACH, OPEN
-from rpo_safety.settings import Assurance, Passage
-from rpo_thrusters.thrusters import Thrusters
 
 PAPER = scenario.load_scenario('paper_test')
 ZONE = 10.0

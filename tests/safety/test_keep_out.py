@@ -11,23 +11,23 @@ import numpy as np
 import pytest
 from vehicles import drawn
 
-from rpo_core.chain import stage
+from rpo.proof.safety import attack
+from rpo_core import stage
+from rpo_core.assurance import guard, kernels
+from rpo_core.assurance.assumed import errors_of
+from rpo_core.assurance.assurance import AssuranceStage
+from rpo_core.assurance.corridor import approach_margins, at_port
+from rpo_core.assurance.guard import guard_of
+from rpo_core.assurance.settings import Assurance, Passage
 from rpo_core.chain.flight import OpenLoop, fly
-from rpo_core.chain.stage import Place, Section, Stage
 from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge.verdicts import ZONE_DEPTH, missed, verdicts
 from rpo_core.judge.zones import Zone
+from rpo_core.stage import Place, Section, Stage
+from rpo_core.thrusters.thrusters import Thrusters
 from rpo_core.world.disturbance import Disturbance
-from rpo_proof.safety import attack
-from rpo_safety import guard, kernels
-from rpo_safety.assumed import errors_of
-from rpo_safety.assurance import AssuranceStage
-from rpo_safety.corridor import approach_margins, at_port
-from rpo_safety.guard import guard_of
-from rpo_safety.settings import Assurance, Passage
 from rpo_sim.plant import Plant
-from rpo_thrusters.thrusters import Thrusters
 
 PAPER = scenario.load_scenario('paper_test')
 DRIFT = {

@@ -18,21 +18,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from invoking import refused
 
-from rpo_core.chain import stage
-from rpo_core.chain.stage import Place, Section, Stage
+from rpo_core import stage
+from rpo_core.assurance import assurance
+from rpo_core.assurance.assumed import limit_n
+from rpo_core.assurance.settings import Assurance
 from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
-from rpo_core.world.disturbance import NONE, Disturbance, Harmonic
-from rpo_core.world.dynamics import Drag, Dynamics, OrbitStage
-from rpo_kernels.kernels import cw_step
-from rpo_nav.estimator import Estimator
-from rpo_nav.navigation_errors import Navigation
-from rpo_nav.sensors import Sensor, Sensors
-from rpo_safety import assurance
-from rpo_safety.assumed import limit_n
-from rpo_safety.settings import Assurance
-from rpo_thrusters.table import Failure, ThrusterTable
-from rpo_thrusters.thrusters import (
+from rpo_core.kernels.kernels import cw_step
+from rpo_core.navigation.estimator import Estimator
+from rpo_core.navigation.navigation_errors import Navigation
+from rpo_core.navigation.sensors import Sensor, Sensors
+from rpo_core.stage import Place, Section, Stage
+from rpo_core.thrusters.table import Failure, ThrusterTable
+from rpo_core.thrusters.thrusters import (
     STANDARD_GRAVITY_M_S2,
     Propellant,
     Pulses,
@@ -41,6 +39,8 @@ from rpo_thrusters.thrusters import (
     stage_of,
     valve_names,
 )
+from rpo_core.world.disturbance import NONE, Disturbance, Harmonic
+from rpo_core.world.dynamics import Drag, Dynamics, OrbitStage
 
 BASE = replace(
     load_scenario('assured'),

@@ -11,12 +11,12 @@ import pytest
 from core_oracles import exact_step
 from scipy.integrate import solve_ivp
 
+from rpo_core.assurance import manoeuvre
+from rpo_core.assurance.manoeuvre import PathModel
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
 from rpo_core.world import cw
-from rpo_safety import manoeuvre
-from rpo_safety.manoeuvre import PathModel
 
 AROUND = scenario.load_scenario('around')
 N, MASS, LIMIT = AROUND.mean_motion_rad_s, 10.0, 0.5

@@ -16,20 +16,20 @@ import numpy as np
 from kept import assert_kept, digits
 from vehicles import drawn
 
-from rpo_attitude.target import Target
+from rpo.proof.safety import attack
+from rpo_core.assurance.doubt import doubt_of
+from rpo_core.assurance.guard import proof_of
+from rpo_core.assurance.kernels import Guard
+from rpo_core.assurance.settings import Assurance, Passage
+from rpo_core.attitude.target import Target
 from rpo_core.chain.chain import Chain
-from rpo_core.chain.stage import Place
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import Scenario, load_scenario
 from rpo_core.files.validation import InputError
+from rpo_core.stage import Place
+from rpo_core.thrusters.thrusters import Thrusters
 from rpo_core.wire.interfaces import RELATIVE_STATE
 from rpo_core.world.disturbance import NONE
-from rpo_proof.safety import attack
-from rpo_safety.doubt import doubt_of
-from rpo_safety.guard import proof_of
-from rpo_safety.kernels import Guard
-from rpo_safety.settings import Assurance, Passage
-from rpo_thrusters.thrusters import Thrusters
 
 LIST = Path(__file__).with_name('numbers.txt')
 SHIPPED = ('assured', 'docking', 'docking_leo', 'guarded', 'tumbling_docking', 'tumbling_port')

@@ -13,20 +13,20 @@ import pytest
 import yaml
 from scipy import optimize
 
-import rpo_training.gym
+import rpo.training.gym
+from rpo.training.config import load_start
+from rpo_core.assurance import filters
+from rpo_core.assurance.assurance import ASSURED_FORCE, AssuranceStage
+from rpo_core.assurance.guard import guard_of
+from rpo_core.assurance.kernels import OPEN, open_margins
+from rpo_core.assurance.packed import Filter
+from rpo_core.assurance.settings import Assurance
 from rpo_core.chain.flight import fly
 from rpo_core.files import scenario
 from rpo_core.judge import metrics
+from rpo_core.kernels.kernels import cw_step
+from rpo_core.thrusters.thrusters import Pulses, Thrusters
 from rpo_core.wire.interfaces import EXERTED_FORCE
-from rpo_kernels.kernels import cw_step
-from rpo_safety import filters
-from rpo_safety.assurance import ASSURED_FORCE, AssuranceStage
-from rpo_safety.guard import guard_of
-from rpo_safety.kernels import OPEN, open_margins
-from rpo_safety.packed import Filter
-from rpo_safety.settings import Assurance
-from rpo_thrusters.thrusters import Pulses, Thrusters
-from rpo_training.config import load_start
 
 PAPER = scenario.load_scenario('paper_test')
 ASSURED = scenario.load_scenario('assured')
@@ -118,7 +118,7 @@ def test_the_slew_limit_is_kept_while_nothing_else_asks():
 
 def test_a_learner_is_shielded():
     """Gymnasium flies the chain: an agent of a scenario with the section cannot reach the zone."""
-    env = gymnasium.make(rpo_training.gym.ENVIRONMENT, scenario=PAPER.equipped(SURE))
+    env = gymnasium.make(rpo.training.gym.ENVIRONMENT, scenario=PAPER.equipped(SURE))
     env.reset(seed=1)
     over, nearest, acted = False, math.inf, 0
     while not over:

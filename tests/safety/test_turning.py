@@ -19,22 +19,22 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from rpo_attitude.target import Motion, Target, motion_of
+from rpo.proof.safety import attack
+from rpo_core.assurance import turning
+from rpo_core.assurance.abort_table import AbortTable, Row
+from rpo_core.assurance.assurance import AssuranceStage
+from rpo_core.assurance.corridor import approach_margins
+from rpo_core.assurance.guard import guard_of, proof_of
+from rpo_core.assurance.kernels import APPROACH, CONTACT, OPEN, open_margins
+from rpo_core.assurance.settings import Assurance, Passage
+from rpo_core.assurance.walls import _leaning, _Taken, swing_of
+from rpo_core.attitude.target import Motion, Target, motion_of
 from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
+from rpo_core.kernels.attitude_kernels import Frame, moving_with, seen_from, to_lvlh
+from rpo_core.kernels.kernels import cw_step
+from rpo_core.thrusters.thrusters import Thrusters
 from rpo_core.world.disturbance import NONE
-from rpo_kernels.attitude_kernels import Frame, moving_with, seen_from, to_lvlh
-from rpo_kernels.kernels import cw_step
-from rpo_proof.safety import attack
-from rpo_safety import turning
-from rpo_safety.abort_table import AbortTable, Row
-from rpo_safety.assurance import AssuranceStage
-from rpo_safety.corridor import approach_margins
-from rpo_safety.guard import guard_of, proof_of
-from rpo_safety.kernels import APPROACH, CONTACT, OPEN, open_margins
-from rpo_safety.settings import Assurance, Passage
-from rpo_safety.walls import _leaning, _Taken, swing_of
-from rpo_thrusters.thrusters import Thrusters
 
 PAPER = replace(scenario.load_scenario('paper_test'), disturbance=NONE)
 INERTIA = ((120.0, 0.0, 0.0), (0.0, 150.0, 0.0), (0.0, 0.0, 200.0))

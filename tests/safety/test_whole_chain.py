@@ -11,24 +11,12 @@ import pytest
 from invoking import invoke
 from scipy.spatial.transform import Rotation
 
-from rpo_core.chain.flight import fly
-from rpo_core.files.scenario import load_scenario
-from rpo_core.files.validation import InputError
-from rpo_montecarlo.campaign import config
-from rpo_montecarlo.campaign.single import scenario_of
-from rpo_montecarlo.engine.lanes import (
-    FORCE,
-    KNOWN_R,
-    KNOWN_V,
-    RUNS,
-    STRIDE,
-    R,
-    V,
-    make_scratch,
-)
-from rpo_montecarlo.engine.tick import table_of
-from rpo_proof.safety.attack import NOT_FINITE, wanted
-from rpo_proof.safety.whole_chain import (
+from rpo.engine.lanes import FORCE, KNOWN_R, KNOWN_V, RUNS, STRIDE, R, V, make_scratch
+from rpo.engine.tick import table_of
+from rpo.montecarlo import config
+from rpo.montecarlo.single import scenario_of
+from rpo.proof.safety.attack import NOT_FINITE, wanted
+from rpo.proof.safety.whole_chain import (
     BEFORE,
     CLOSING,
     KINDS,
@@ -40,7 +28,10 @@ from rpo_proof.safety.whole_chain import (
     command,
     watch,
 )
-from rpo_safety.settings import Assurance
+from rpo_core.assurance.settings import Assurance
+from rpo_core.chain.flight import fly
+from rpo_core.files.scenario import load_scenario
+from rpo_core.files.validation import InputError
 
 SHORT = ['duration_s=40.0']
 

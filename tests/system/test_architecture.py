@@ -22,45 +22,22 @@ ROOT = Path(__file__).resolve().parents[2]
 SRC = ROOT / 'ros_ws' / 'src'
 PACKAGES = {path.parent.name: path.parent for path in sorted(SRC.glob('*/package.xml'))}
 OFFLINE = ROOT / 'offline_training'
-OFFLINE_ROOMS = {path.name for path in OFFLINE.glob('rpo_*') if path.is_dir()}
-FIRST_PARTY = {*PACKAGES, *OFFLINE_ROOMS}
-CORE = {'rpo_core', 'rpo_kernels'}
-LOGS = {'rpo_mcap', 'rpo_log'}
-STAGES = {'rpo_attitude', 'rpo_ctrl', 'rpo_guidance', 'rpo_nav', 'rpo_safety', 'rpo_thrusters'}
-FLOWN = CORE | LOGS | STAGES
-JUDGED = FLOWN | {'rpo_montecarlo', 'rpo_judge'}
+FIRST_PARTY = {*PACKAGES, 'rpo'}
+CORE = {'rpo_core'}
+ROS_FREE = {'rpo_core', 'rpo_log', 'rpo'}
+"""Packages that work without ROS; `rpo_log` has nodes too, which have a row of their own."""
 
-# Which of our packages a package may import. `FLOWN` have a half without ROS, which the offline
-# rooms use, and nodes, which have a row of their own.
+# Which of our packages a package may import.
 MAY_IMPORT = {
-    'rpo_kernels': set(),
-    'rpo_core': {'rpo_kernels'},
-    'rpo_attitude': CORE,
-    'rpo_mcap': {'rpo_core'},
-    'rpo_log': CORE | {'rpo_mcap', 'rpo_ctrl'},
-    'rpo_montecarlo': FLOWN,
-    'rpo_judge': FLOWN | {'rpo_montecarlo'},
-    'rpo_export': JUDGED,
-    'rpo_proof': JUDGED,
-    'rpo_training': JUDGED,
-    'rpo_report': JUDGED | {'rpo_proof', 'rpo_training', 'rpo_export'},
-    'rpo_cli': FLOWN | OFFLINE_ROOMS,
+    'rpo_core': set(),
+    'rpo_log': CORE,
+    'rpo': CORE | {'rpo_log'},
     'rpo_ros': CORE,
-    'rpo_ctrl': CORE,
-    'rpo_guidance': CORE | {'rpo_attitude'},
-    'rpo_nav': CORE | {'rpo_attitude'},
-    'rpo_thrusters': CORE,
-    'rpo_safety': CORE | {'rpo_attitude', 'rpo_nav', 'rpo_thrusters'},
     'rpo_sim': CORE | {'rpo_ros'},
-    'rpo_ctrl nodes': CORE | {'rpo_ctrl', 'rpo_ros'},
-    'rpo_guidance nodes': CORE | {'rpo_guidance', 'rpo_ros'},
-    'rpo_nav nodes': CORE | {'rpo_nav', 'rpo_ros'},
-    'rpo_safety nodes': CORE | {'rpo_safety', 'rpo_ros'},
-    'rpo_log nodes': CORE | LOGS | {'rpo_ros'},
-    'rpo_view': CORE | LOGS | {'rpo_attitude', 'rpo_ros', 'rpo_ctrl', 'rpo_thrusters'},
-    'rpo_bringup': FLOWN - {'rpo_thrusters'} | {'rpo_ros', 'rpo_sim'},
+    'rpo_ctrl': CORE | {'rpo_ros'},
+    'rpo_log nodes': CORE | {'rpo_ros'},
+    'rpo_bringup': CORE | {'rpo_log', 'rpo_ros', 'rpo_sim', 'rpo_ctrl'},
 }
-ROS_FREE = {*FLOWN, *OFFLINE_ROOMS}
 CORE_THIRD_PARTY = {'numpy', 'yaml', 'numba', 'llvmlite'}  # numba, with its own, where installed
 # As rosdep has them for Ubuntu 24.04, from apt.
 ROSDEP_KEYS = {
@@ -104,12 +81,11 @@ def imports(path: Path) -> set[str]:
 def rooms() -> dict[str, list[Path]]:
     """Return room -> its modules."""
     found = {name: sorted((path / name).rglob('*.py')) for name, path in PACKAGES.items()}
-    for room in sorted(FLOWN - {'rpo_attitude', 'rpo_core', 'rpo_kernels', 'rpo_mcap'}):
-        kinds = ('_node.py', 'commands.py')
-        nodes = [path for path in found[room] if path.name.endswith(kinds)]
-        found[f'{room} nodes'] = nodes
-        found[room] = [path for path in found[room] if path not in nodes]
-    found |= {room: sorted((OFFLINE / room).rglob('*.py')) for room in OFFLINE_ROOMS}
+    nodes = [p for p in found['rpo_log'] if p.name.endswith('_node.py')]
+    nodes.append(PACKAGES['rpo_log'] / 'rpo_log' / 'commands.py')
+    found['rpo_log nodes'] = nodes
+    found['rpo_log'] = [path for path in found['rpo_log'] if path not in nodes]
+    found['rpo'] = sorted((OFFLINE / 'rpo').rglob('*.py'))
     return found
 
 
@@ -138,16 +114,16 @@ def test_every_package_has_its_rule():
     assert {room.removesuffix(' nodes') for room in MAY_IMPORT} == FIRST_PARTY
 
 
-def test_core_and_kernels_need_numpy_and_yaml_alone():
-    for path in rooms()['rpo_core'] + rooms()['rpo_kernels']:
-        third = imports(path) - set(sys.stdlib_module_names) - {'rpo_core', 'rpo_kernels'}
+def test_the_core_needs_numpy_and_yaml_alone():
+    for path in rooms()['rpo_core']:
+        third = imports(path) - set(sys.stdlib_module_names) - CORE
         assert third <= CORE_THIRD_PARTY, f'{path.relative_to(ROOT)} imports {sorted(third)}'
 
 
 def test_ros_free_halves_import_and_the_core_flies_with_rclpy_blocked():
     modules = [
         '.'.join([*path.relative_to(base).parts[:-1], path.stem]).removesuffix('.__init__')
-        for room in sorted(FLOWN)
+        for room in ('rpo_core', 'rpo_log')
         for path in rooms()[room]
         for base in [PACKAGES[room]]
     ]

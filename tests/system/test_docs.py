@@ -31,15 +31,14 @@ from doc_blocks import (
 )
 from node_pages import NAMES
 
-from rpo_cli.cli import app
-from rpo_core.control import controller, controller_file
+from rpo.cli.cli import app
+from rpo_core.control import baselines, controller, controller_file
 from rpo_core.control.fuzzy import MembershipFunctions
 from rpo_core.files import missing
 from rpo_core.files.scenario import DISTURBANCES, Scenario
+from rpo_core.navigation.navigation_errors import Navigation
+from rpo_core.thrusters.thrusters import Thrusters
 from rpo_core.world.disturbance import Disturbance, Harmonic
-from rpo_ctrl import baselines
-from rpo_nav.navigation_errors import Navigation
-from rpo_thrusters.thrusters import Thrusters
 
 BLOCKS = [block for page in PAGES for block in blocks(page)]
 RUN_PAGES = [

@@ -48,7 +48,7 @@ def variables(text: str) -> dict[str, str]:
 def test_underlay_and_overlay_work(shell):
     done = run(
         shell,
-        f'. {ENV}; python -c "import rclpy, rpo_core, rpo_cli; print(rpo_core.__file__)" '
+        f'. {ENV}; python -c "import rclpy, rpo_core, rpo; print(rpo_core.__file__)" '
         '&& ros2 pkg prefix rpo_sim && command -v rpo ros2',
     )
     assert done.returncode == 0, done.stderr

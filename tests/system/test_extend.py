@@ -72,7 +72,7 @@ def test_a_campaign_flies_it_through_the_chain_and_says_so(run):
 
 
 SIDE_BY_SIDE = """
-from rpo_montecarlo.campaign import config, run_batch, single
+from rpo.montecarlo import config, run_batch, single
 campaign = config.load('campaign.yaml', controller='pd')
 columns = run_batch.fly_runs(campaign, 0, 45)
 for run in (0, 39, 44):

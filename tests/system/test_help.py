@@ -101,7 +101,7 @@ WITHOUT_MCAP = [
     ('rpo_log.commands', 'recorder', ()),
     ('rpo_log.commands', 'verify', ('runs/demo',)),
     ('rpo_bringup.commands', 'final_approach', ('--scenario', 'quick')),
-    ('rpo_cli.entry', 'main', ('log', 'info', 'runs/demo')),
+    ('rpo.cli.entry', 'main', ('log', 'info', 'runs/demo')),
 ]
 
 
@@ -121,7 +121,7 @@ def test_the_version_names_the_code():
 
 @pytest.mark.parametrize('words', [(), ('train',)])
 def test_rpo(words):
-    assert 'Usage' in help_of('rpo_cli.entry', 'main', *words)
+    assert 'Usage' in help_of('rpo.cli.entry', 'main', *words)
 
 
 def test_the_list_has_every_name_once():

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rpo_export.c import Files
+from rpo.exports.c import Files
 
 FLAGS = [
     '-std=c99', '-pedantic', '-Wall', '-Wextra', '-Werror', '-Wshadow', '-Wconversion',

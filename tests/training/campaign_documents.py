@@ -4,8 +4,8 @@
 
 import yaml
 
+from rpo.montecarlo import config
 from rpo_core.files.scenario import dumps
-from rpo_montecarlo.campaign import config
 
 SHORT = """
 schema: rpo/scenario/1

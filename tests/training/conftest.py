@@ -27,7 +27,7 @@ def write(tmp_path):
 @pytest.fixture
 def loaded(write):
     """Return a function that writes such a campaign and returns it."""
-    from rpo_montecarlo.campaign import config
+    from rpo.montecarlo import config
 
     return lambda *flown, **changes: config.load(write(*flown, **changes))
 

@@ -15,7 +15,7 @@ from typing import Any
 from rpo_core.control.controller import load_controller
 
 CONFIGURATIONS = ('config.yaml', 'family.yaml', 'tuning.yaml')
-ENTRY = 'from rpo_cli.entry import main; main()'
+ENTRY = 'from rpo.cli.entry import main; main()'
 
 ANOTHER = {'OPENBLAS_CORETYPE': 'Haswell', 'NPY_DISABLE_CPU_FEATURES': 'AVX512_ICL'}
 """What a processor without AVX-512 would choose; any with AVX2 can compute so."""

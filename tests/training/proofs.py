@@ -7,14 +7,14 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 
+from rpo.proof import proving
+from rpo.proof.check import Sample
+from rpo.proof.folder import Folder
+from rpo.proof.problem import Problem, Settings
+from rpo.training.config import load_start
 from rpo_core.files.scenario import load, load_set
 from rpo_core.judge.requirements import Requirements
 from rpo_core.world.disturbance import Disturbance, Harmonic
-from rpo_proof import proving
-from rpo_proof.check import Sample
-from rpo_proof.folder import Folder
-from rpo_proof.problem import Problem, Settings
-from rpo_training.config import load_start
 
 COARSE = 4.0
 """Cells of the table beside the default ones: a sixteenth of the time."""

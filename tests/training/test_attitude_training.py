@@ -10,13 +10,13 @@ from c_programs import compiled, driven
 from invoking import invoke
 from processes import rpo
 
+from rpo.analysis import attitude as judge
+from rpo.training import config as configs
+from rpo.training.attitude_training import PRESETS, AttitudeConfig, AttitudeTraining
 from rpo_core import files
 from rpo_core.chain.flight import OpenLoop, fly
-from rpo_ctrl import attitude
-from rpo_ctrl.attitude import AttitudeControl
-from rpo_judge import attitude as judge
-from rpo_training import config as configs
-from rpo_training.attitude_training import PRESETS, AttitudeConfig, AttitudeTraining
+from rpo_core.control import attitude
+from rpo_core.control.attitude import AttitudeControl
 
 pytestmark = pytest.mark.filterwarnings('ignore:this process computes with forms')
 

@@ -11,20 +11,20 @@ from campaign_documents import SHORT, write_campaign
 from invoking import invoke
 from landing import rest_at_landing
 
+from rpo.analysis import comparison, optimal
+from rpo.engine.cases import case_of_set
+from rpo.engine.simulator import Simulator
+from rpo.montecarlo import config, run_batch
+from rpo.montecarlo.outputs import put
+from rpo.training import tuning
+from rpo.training.tuning import BUDGET
 from rpo_core import files
 from rpo_core.chain.flight import fly
+from rpo_core.control.baselines import PAPER_MODEL, Mpc
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario, load_set
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
-from rpo_ctrl.baselines import PAPER_MODEL, Mpc
-from rpo_judge.evaluation import comparison, optimal
-from rpo_montecarlo.campaign import config, run_batch
-from rpo_montecarlo.engine.cases import case_of_set
-from rpo_montecarlo.engine.simulator import Simulator
-from rpo_montecarlo.outputs import put
-from rpo_training import tuning
-from rpo_training.tuning import BUDGET
 
 TRAINING = load_set('paper_training')
 NAMES = ('pd', 'lqr', 'mpc', 'apf_smc', 'drift')

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from invoking import invoke
 
-from rpo_cli import bench
+from rpo.cli import bench
 from rpo_core.files.validation import InputError
 
 ROWS = [

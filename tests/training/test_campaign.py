@@ -7,9 +7,9 @@ import pytest
 from campaign_documents import EVERYTHING
 from scipy import stats
 
-from rpo_montecarlo.campaign import config, judging, run_batch, sampling, single, statistics
-from rpo_montecarlo.engine.parts.thrusters import thrust_matrix
-from rpo_thrusters.thrusters import rotation
+from rpo.engine.parts.thrusters import thrust_matrix
+from rpo.montecarlo import config, judging, run_batch, sampling, single, statistics
+from rpo_core.thrusters.thrusters import rotation
 
 
 def all_columns(campaign):

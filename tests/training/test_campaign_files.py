@@ -22,16 +22,16 @@ from pages import Page
 from processes import stopped
 from rich.console import Console
 
-from rpo_cli.display import COMPILING, progress
+from rpo.cli.display import COMPILING, progress
+from rpo.montecarlo import config, execution, run_batch
+from rpo.montecarlo.pool import versions
+from rpo.montecarlo.run_batch import fly_runs
+from rpo.montecarlo.single import fly_run
+from rpo.montecarlo.statistics import kept, successes
+from rpo.montecarlo.store import Store
 from rpo_core.files.validation import InputError
 from rpo_core.judge.requirements import ATTITUDES, LIMITS, THRUST, Requirements
 from rpo_core.judge.verdicts import verdicts
-from rpo_montecarlo.campaign import config, execution, run_batch
-from rpo_montecarlo.campaign.run_batch import fly_runs
-from rpo_montecarlo.campaign.single import fly_run
-from rpo_montecarlo.campaign.statistics import kept, successes
-from rpo_montecarlo.campaign.store import Store
-from rpo_montecarlo.pool import versions
 
 ROOT = Path(__file__).resolve().parents[2]
 WIDE = {'COLUMNS': '300'}
@@ -102,8 +102,8 @@ def test_memory_is_flat(tmp_path, write):
     code = (
         'import resource, sys\n'
         'from pathlib import Path\n'
-        'from rpo_montecarlo.campaign import config, execution\n'
-        'from rpo_montecarlo.campaign.store import Store\n'
+        'from rpo.montecarlo import config, execution\n'
+        'from rpo.montecarlo.store import Store\n'
         'campaign = config.load(sys.argv[1], runs=int(sys.argv[2]))\n'
         'execution.fly(Store.create(Path(sys.argv[3]), campaign), 2)\n'
         'print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)\n'
@@ -249,7 +249,7 @@ def test_results_of_two_configurations_are_never_mixed(begun, name):
 
 def test_results_of_two_versions_are_never_mixed(begun, monkeypatch):
     other = dict.fromkeys(versions(), '0.1')
-    monkeypatch.setattr('rpo_montecarlo.campaign.store.versions', lambda: other)
+    monkeypatch.setattr('rpo.montecarlo.store.versions', lambda: other)
     with pytest.raises(InputError, match=r'begun with .* requires the same versions, not .*0\.1'):
         Store.open(begun)
 
@@ -349,9 +349,9 @@ def test_the_command_changes_fields_of_the_scenario(write, tmp_path):
 def test_progress_counts_no_compiling(monkeypatch, tmp_path):
     """It showed 15 runs/s, and minutes left, while the kernels were compiled."""
     now, out = [100.0], io.StringIO()
-    monkeypatch.setattr('rpo_cli.display.time', SimpleNamespace(monotonic=lambda: now[0]))
-    monkeypatch.setattr('rpo_cli.display.EVERY_S', -1.0)
-    monkeypatch.setattr('rpo_cli.display.PATIENCE_S', 0.01)
+    monkeypatch.setattr('rpo.cli.display.time', SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr('rpo.cli.display.EVERY_S', -1.0)
+    monkeypatch.setattr('rpo.cli.display.PATIENCE_S', 0.01)
     with progress(tmp_path, Console(file=out, width=200)) as show:
         while COMPILING not in out.getvalue():
             time.sleep(0.01)

@@ -14,35 +14,35 @@ from invoking import invoke
 from kept import assert_kept
 from scipy import stats
 
-from rpo_attitude.chaser import Chaser, Wheels
-from rpo_attitude.pointing import Pointing
-from rpo_attitude.target import Target
-from rpo_attitude.unloading import Unloading, UnloadingStage
+from rpo.engine import support
+from rpo.engine.parts import link
+from rpo.montecarlo import config, faults, run_batch, single
+from rpo.montecarlo.quantities import QUANTITIES
+from rpo.montecarlo.run_batch import fly_runs
+from rpo.montecarlo.sampling import draw
+from rpo.montecarlo.sweep import sweep
+from rpo_core.assurance.settings import Assurance, Passage
+from rpo_core.assurance.shaping import Shaping
+from rpo_core.attitude.chaser import Chaser, Wheels
+from rpo_core.attitude.pointing import Pointing
+from rpo_core.attitude.target import Target
+from rpo_core.attitude.unloading import Unloading, UnloadingStage
+from rpo_core.control.attitude import AttitudeControl, FuzzyAttitude
+from rpo_core.control.attitude_limits import AttitudeLimits
 from rpo_core.control.controller import load_fuzzy
 from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
+from rpo_core.guidance.plan import Guidance, Leg
 from rpo_core.judge.requirements import Requirements
 from rpo_core.judge.verdicts import verdicts
+from rpo_core.navigation.attitude_estimator import AttitudeEstimator
+from rpo_core.navigation.attitude_sensors import AttitudeSensors, Gyro, StarTracker
+from rpo_core.navigation.estimator import Estimator
+from rpo_core.navigation.sensors import Sensor, Sensors
+from rpo_core.thrusters.table import Failure, ThrusterTable
+from rpo_core.thrusters.thrusters import Propellant, Pulses, Thrusters
 from rpo_core.wire.interfaces import CONTROL_FORCE, DISTURBANCE_FORCE
-from rpo_ctrl.attitude import AttitudeControl, FuzzyAttitude
-from rpo_ctrl.attitude_limits import AttitudeLimits
-from rpo_guidance.plan import Guidance, Leg
-from rpo_montecarlo.campaign import config, faults, run_batch, single
-from rpo_montecarlo.campaign.quantities import QUANTITIES
-from rpo_montecarlo.campaign.run_batch import fly_runs
-from rpo_montecarlo.campaign.sampling import draw
-from rpo_montecarlo.campaign.sweep import sweep
-from rpo_montecarlo.engine import support
-from rpo_montecarlo.engine.parts import link
-from rpo_nav.attitude_estimator import AttitudeEstimator
-from rpo_nav.attitude_sensors import AttitudeSensors, Gyro, StarTracker
-from rpo_nav.estimator import Estimator
-from rpo_nav.sensors import Sensor, Sensors
-from rpo_safety.settings import Assurance, Passage
-from rpo_safety.shaping import Shaping
 from rpo_sim.plant import FreeRunningPlant
-from rpo_thrusters.table import Failure, ThrusterTable
-from rpo_thrusters.thrusters import Propellant, Pulses, Thrusters
 
 WORLD = {
     **{
@@ -297,7 +297,7 @@ def test_the_engine_flies_the_bits_of_the_core(case, controller, monkeypatch, lo
     campaign = loaded(flown, dispersions=dispersions, controller=controller, **judged)
     assert support.why_not(campaign.scenario, campaign.controller) == ''
     found = fly_runs(campaign, 0, 45)
-    monkeypatch.setattr('rpo_montecarlo.campaign.run_batch.why_not', lambda *_: 'test')
+    monkeypatch.setattr('rpo.montecarlo.run_batch.why_not', lambda *_: 'test')
     for number in (0, 39, 44):
         single_run = fly_runs(campaign, number, 1)
         assert list(single_run) == list(found)

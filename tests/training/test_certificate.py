@@ -14,11 +14,11 @@ from core_strategies import functions, smooth_functions, systems
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rpo.analysis import surface
+from rpo.analysis.certificate import PROVEN, REFUTED, UNDECIDED, certify
+from rpo.analysis.surface import Boxes
+from rpo.training.config import load_start
 from rpo_core.control.fuzzy import MembershipFunctions, RuleTable
-from rpo_judge.analysis import surface
-from rpo_judge.analysis.certificate import PROVEN, REFUTED, UNDECIDED, certify
-from rpo_judge.analysis.surface import Boxes
-from rpo_training.config import load_start
 
 
 def one_box(system, data, widest=0.3):

@@ -18,10 +18,9 @@ import pytest
 from invoking import invoke
 from processes import stopped
 
+from rpo.montecarlo import config, execution, pool
+from rpo.montecarlo.store import Store
 from rpo_core.files.validation import InputError
-from rpo_montecarlo import pool
-from rpo_montecarlo.campaign import config, execution
-from rpo_montecarlo.campaign.store import Store
 
 CAMPAIGN = """
 schema: rpo/campaign/1

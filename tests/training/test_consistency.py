@@ -11,23 +11,18 @@ import numpy as np
 import pytest
 from invoking import invoke
 
-from rpo_attitude.chaser import Chaser
+from rpo.analysis.attitude_consistency import attitude_consistency
+from rpo.analysis.consistency import Consistency, as_configured, consistency, in_its_world
+from rpo_core.attitude.chaser import Chaser
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario as scenario_file
 from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
-from rpo_judge.evaluation.attitude_consistency import attitude_consistency
-from rpo_judge.evaluation.consistency import (
-    Consistency,
-    as_configured,
-    consistency,
-    in_its_world,
-)
-from rpo_nav.attitude_estimator import AttitudeEstimator, attitude_filter_of
-from rpo_nav.attitude_sensors import AttitudeSensors, Gyro, StarTracker
-from rpo_nav.estimator import Estimator
-from rpo_nav.sensors import Sensors
+from rpo_core.navigation.attitude_estimator import AttitudeEstimator, attitude_filter_of
+from rpo_core.navigation.attitude_sensors import AttitudeSensors, Gyro, StarTracker
+from rpo_core.navigation.estimator import Estimator
+from rpo_core.navigation.sensors import Sensors
 
 WORLDS = ('world_leo', 'world_elliptic', 'world_moon')
 
@@ -99,7 +94,7 @@ def test_an_attitude_filter_is_consistent(flown, runs, outage):
 
 
 def test_an_attitude_filter_that_takes_its_gyro_for_better_is_found(monkeypatch):
-    module = 'rpo_judge.evaluation.attitude_consistency.attitude_filter_of'
+    module = 'rpo.analysis.attitude_consistency.attitude_filter_of'
 
     def proud(settings, sensors, scenario):
         f = attitude_filter_of(settings, sensors, scenario)
@@ -133,7 +128,7 @@ def test_one_estimator_of_two_that_is_wrong_is_exit_code_1(wrong, tmp_path, monk
         return Consistency(np.full(10, nees), np.ones(10), 3.0, 20, 0.0, 100)
 
     for module in ('consistency.consistency', 'attitude_consistency.attitude_consistency'):
-        monkeypatch.setattr(f'rpo_judge.evaluation.{module}', judged)
+        monkeypatch.setattr(f'rpo.analysis.{module}', judged)
     path = tmp_path / 'short.yaml'
     path.write_text(scenario_file.dumps(replace(load_scenario('tumbling_docking'), duration_s=2.0)))
     done = invoke('evaluate', '--estimator', path, '--runs', '2')

@@ -7,17 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rpo.engine.population import population_of
+from rpo.engine.simulator import Simulator
+from rpo.montecarlo import run_batch
+from rpo.montecarlo.single import fly_run
+from rpo.training.config import load_start
+from rpo.training.scoring.drawn import HELD_OUT, DrawnFlights, DrawnSettings
+from rpo.training.scoring.fitness import Fitness, FitnessSettings, driving
 from rpo_core.control.fuzzy import RuleTable
 from rpo_core.files.scenario import load_scenario, load_set
 from rpo_core.files.starts import Grid
 from rpo_core.judge.verdicts import verdicts
-from rpo_judge.scoring.drawn import HELD_OUT, DrawnFlights, DrawnSettings
-from rpo_judge.scoring.fitness import Fitness, FitnessSettings, driving
-from rpo_montecarlo.campaign import run_batch
-from rpo_montecarlo.campaign.single import fly_run
-from rpo_montecarlo.engine.population import population_of
-from rpo_montecarlo.engine.simulator import Simulator
-from rpo_training.config import load_start
 
 TRAINED, ROBUST = load_start('trained'), load_start('robust')
 JUDGED = {'paper_test': ('hold_error_per_axis_m', 'hold_speed_per_axis_m_s')}

@@ -13,7 +13,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rpo.engine import lanes, support
+from rpo.engine.calls import rows_of
+from rpo.engine.cases import case_of_flights, case_of_set
+from rpo.engine.flights import flights_of
+from rpo.engine.judged import VALUES
+from rpo.engine.lanes import compiled
+from rpo.engine.parts import estimation
+from rpo.engine.parts.control import gain_part
+from rpo.engine.population import population_of
+from rpo.engine.simulator import Simulator
+from rpo.engine.tick import Draw
+from rpo.montecarlo import run_batch, single
+from rpo.training import stepping
+from rpo.training.genes import GeneSpace
 from rpo_core.chain.flight import fly
+from rpo_core.control.baselines import Pd
 from rpo_core.control.controller import load_controller
 from rpo_core.control.controller_file import ControllerStage
 from rpo_core.files.scenario import ScenarioSet, load, load_scenario, load_set
@@ -21,27 +36,12 @@ from rpo_core.files.starts import Box, Grid
 from rpo_core.judge import metrics
 from rpo_core.judge.requirements import Requirements
 from rpo_core.judge.verdicts import verdicts
+from rpo_core.kernels import kernels
+from rpo_core.kernels.jit import COMPILED, as_table
+from rpo_core.navigation.estimator import Estimator
+from rpo_core.navigation.navigation_errors import Navigation
+from rpo_core.navigation.sensors import Sensor, Sensors
 from rpo_core.world import cw
-from rpo_ctrl.baselines import Pd
-from rpo_kernels import kernels
-from rpo_kernels.jit import COMPILED, as_table
-from rpo_montecarlo.campaign import run_batch, single
-from rpo_montecarlo.engine import lanes, support
-from rpo_montecarlo.engine.calls import rows_of
-from rpo_montecarlo.engine.cases import case_of_flights, case_of_set
-from rpo_montecarlo.engine.flights import flights_of
-from rpo_montecarlo.engine.judged import VALUES
-from rpo_montecarlo.engine.lanes import compiled
-from rpo_montecarlo.engine.parts import estimation
-from rpo_montecarlo.engine.parts.control import gain_part
-from rpo_montecarlo.engine.population import population_of
-from rpo_montecarlo.engine.simulator import Simulator
-from rpo_montecarlo.engine.tick import Draw
-from rpo_nav.estimator import Estimator
-from rpo_nav.navigation_errors import Navigation
-from rpo_nav.sensors import Sensor, Sensors
-from rpo_training import stepping
-from rpo_training.genes import GeneSpace
 
 ROOT = Path(__file__).parents[2]
 TRAINING = load_set('paper_training')
@@ -254,8 +254,8 @@ def test_both_ways_give_the_same_rows(elsewhere, laws, monkeypatch, loaded):
             return [*chain(*columns), *simulator.fly(controllers)]
 
     quickly = both()
-    for module in ('campaign.run_batch', 'engine.simulator'):
-        monkeypatch.setattr(f'rpo_montecarlo.{module}.why_not', lambda *_: 'test')
+    for module in ('montecarlo.run_batch', 'engine.simulator'):
+        monkeypatch.setattr(f'rpo.{module}.why_not', lambda *_: 'test')
     for ours, singly in zip(quickly, both(), strict=True):
         np.testing.assert_array_equal(ours, singly)
 

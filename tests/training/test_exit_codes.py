@@ -12,10 +12,10 @@ import pytest
 import typer
 from invoking import invoke
 
-from rpo_cli import bench
-from rpo_cli.cli import app
+from rpo.cli import bench
+from rpo.cli.cli import app
+from rpo.proof.safety import attack
 from rpo_core.files.validation import InputError
-from rpo_proof.safety import attack
 
 ROOT = Path(__file__).parents[2]
 CAMPAIGN = str(ROOT / 'offline_training' / 'campaigns' / 'paper_test.yaml')

@@ -14,14 +14,14 @@ from log_runs import FORCE, TOPICS, Run, chain_run, make_run, rewrite
 from rpo_core import files
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import dumps, load_controller
+from rpo_core.control.explain import decisions
 from rpo_core.control.fuzzy import RuleTable
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.files.scenario import load_scenario, parse
+from rpo_core.navigation.estimator import Estimator
 from rpo_core.wire import cdr
-from rpo_ctrl.explain import decisions
+from rpo_log.format.run import TimeBase
 from rpo_log.verify import verify
-from rpo_mcap.format.run import TimeBase
-from rpo_nav.estimator import Estimator
 
 
 def run(*arguments):

@@ -16,10 +16,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from invoking import invoke, refused
 
+from rpo.exports import FORMATS, importing, text_of
 from rpo_core.control.controller import FuzzyController, load_controller, parse
 from rpo_core.control.fuzzy import FuzzySystem
 from rpo_core.files.validation import InputError
-from rpo_export import FORMATS, importing, text_of
 
 CONTROLLERS = ['allround', 'paper_ga']
 GRID = np.linspace(-1.0, 1.0, 101)

@@ -16,20 +16,20 @@ import numpy as np
 import pytest
 from c_programs import bits, compiled, driven, states
 
+from rpo.exports import c, c_allocation, c_assured
+from rpo.exports.c_source import Source
+from rpo.training.config import load_start
 from rpo_core.chain.flight import fly
 from rpo_core.control import controller_file
+from rpo_core.control.baselines import Pd
 from rpo_core.control.controller import load_controller
+from rpo_core.control.family import Family, Mission, family_of
 from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
-from rpo_ctrl.baselines import Pd
-from rpo_ctrl.family import Family, Mission, family_of
-from rpo_export import c, c_allocation, c_assured
-from rpo_export.c_source import Source
-from rpo_kernels.jit import as_table
-from rpo_kernels.kernels import State, Vector, saturate
-from rpo_thrusters.allocation_kernels import LIMIT, SCRATCH, THRUST, allocate
-from rpo_thrusters.table import IDENTITY, ThrusterTable, table_of
-from rpo_training.config import load_start
+from rpo_core.kernels.jit import as_table
+from rpo_core.kernels.kernels import State, Vector, saturate
+from rpo_core.thrusters.allocation_kernels import LIMIT, SCRATCH, THRUST, allocate
+from rpo_core.thrusters.table import IDENTITY, ThrusterTable, table_of
 
 pytestmark = pytest.mark.skipif(shutil.which('cc') is None, reason='cc is not installed')
 

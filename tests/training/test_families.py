@@ -13,14 +13,14 @@ import pytest
 from invoking import invoke
 from landing import rest_at_landing
 
-import rpo_export as export
+from rpo import exports as export
+from rpo.analysis import comparison, proven
+from rpo.reports.controller import report_of
 from rpo_core.chain.flight import fly
 from rpo_core.control import controller
+from rpo_core.control.baseline_kernels import table_inputs
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_set
-from rpo_ctrl.baseline_kernels import table_inputs
-from rpo_judge.evaluation import comparison, proven
-from rpo_report.controller import report_of
 
 NAMES = ('more_words', 'time_to_go')
 TRAINING = load_set('paper_training')

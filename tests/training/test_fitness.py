@@ -10,6 +10,11 @@ import scipy.linalg
 import yaml
 from invoking import invoke
 
+from rpo.analysis.optimal import least_energy
+from rpo.engine.population import population_of
+from rpo.engine.simulator import Simulator
+from rpo.training.scoring import fitness
+from rpo.training.scoring.fitness import Fitness, FitnessSettings, excess
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario as scenarios
@@ -17,11 +22,6 @@ from rpo_core.files.scenario import load_set
 from rpo_core.files.starts import Grid
 from rpo_core.judge import metrics
 from rpo_core.judge.metrics import LATE_POSITION, LATE_SPEED
-from rpo_judge.evaluation.optimal import least_energy
-from rpo_judge.scoring import fitness
-from rpo_judge.scoring.fitness import Fitness, FitnessSettings, excess
-from rpo_montecarlo.engine.population import population_of
-from rpo_montecarlo.engine.simulator import Simulator
 
 TRAINING = load_set('paper_training')
 SMALL = replace(TRAINING, starts=Grid.cube((-50.0, 100.0)))

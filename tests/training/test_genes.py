@@ -11,13 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from rpo.analysis import rule_base
+from rpo.training.genes import RULES, GeneSpace
 from rpo_core import files
 from rpo_core.control import controller as controllers
 from rpo_core.control.controller import load_controller
 from rpo_core.control.fuzzy import WORDS, MembershipFunctions, RuleTable
 from rpo_core.files.validation import InputError
-from rpo_judge.analysis import rule_base
-from rpo_training.genes import RULES, GeneSpace
 
 SPACES = [
     GeneSpace(rules, scales, (0.3, 3.0), complete=complete)

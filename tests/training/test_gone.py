@@ -27,7 +27,7 @@ def _sentence(subject: str, name: str, monkeypatch, capsys) -> str:
         return parameter_rows.unknown(name, [])
     section, _, field = name.rpartition('.')
     with pytest.raises(InputError) as caught:
-        if subject in files._SHIPPED:
+        if subject in files.SHIPPED:
             files.find(subject, name)
         elif subject == 'field':
             validation.mapping(section, {field: 1}, [])

@@ -18,21 +18,21 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-import rpo_training.gym
-import rpo_training.gym_vector
+import rpo.training.gym
+import rpo.training.gym_vector
+from rpo.engine.lanes import R
+from rpo.montecarlo import config
+from rpo.montecarlo.run_batch import fly_runs
+from rpo.training.gym_vector import HELD_OUT
 from rpo_core.chain.flight import Flight, fly
+from rpo_core.control.baselines import Pd
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import Scenario, load_scenario, load_set
 from rpo_core.files.validation import InputError
 from rpo_core.judge.metrics import of_flight
 from rpo_core.judge.verdicts import verdicts
-from rpo_ctrl.baselines import Pd
-from rpo_montecarlo.campaign import config
-from rpo_montecarlo.campaign.run_batch import fly_runs
-from rpo_montecarlo.engine.lanes import R
-from rpo_nav.navigation_errors import Navigation
-from rpo_thrusters.thrusters import Thrusters
-from rpo_training.gym_vector import HELD_OUT
+from rpo_core.navigation.navigation_errors import Navigation
+from rpo_core.thrusters.thrusters import Thrusters
 
 ROOT = Path(__file__).resolve().parents[2]
 REAL = Thrusters(((0.9, 0.01, 0.0), (0.0, 1.1, 0.0), (0.0, -0.02, 1.0)), delay_ticks=2)
@@ -40,7 +40,7 @@ NOISY = Navigation((0.1, 0.0, -0.1), position_noise_m=0.02, velocity_noise_m_s=0
 
 
 def make(**options: Any) -> Any:
-    return gymnasium.make(rpo_training.gym.ENVIRONMENT, **options).unwrapped
+    return gymnasium.make(rpo.training.gym.ENVIRONMENT, **options).unwrapped
 
 
 def played(env: Any, controller: str, **options: Any) -> tuple[float, dict[str, Any]]:
@@ -167,7 +167,7 @@ def test_it_is_found_by_its_module_and_needs_the_core_alone():
     code = (
         'import sys, gymnasium\n'
         'for name in ("numba", "scipy", "cma", "pymoo", "typer"): sys.modules[name] = None\n'
-        'env = gymnasium.make("rpo_training.gym:rpo/FinalApproach-v0", scenario="quick")\n'
+        'env = gymnasium.make("rpo.training.gym:rpo/FinalApproach-v0", scenario="quick")\n'
         'env.reset(seed=1)\n'
         'print(env.step(env.action_space.sample())[1] < 0.0)\n'
     )
@@ -199,7 +199,7 @@ LAW = {'position_gain_n_m': 0.02, 'velocity_gain_n_s_m': 0.6}
 
 
 def make_many(n: int = 3, **options: Any) -> Any:
-    return gymnasium.make_vec(rpo_training.gym_vector.ENVIRONMENT, n, **options)
+    return gymnasium.make_vec(rpo.training.gym_vector.ENVIRONMENT, n, **options)
 
 
 def played_together(env: Any, seed: int) -> tuple[np.ndarray, dict[str, Any]]:

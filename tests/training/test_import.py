@@ -19,9 +19,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from invoking import invoke
 
+from rpo.exports import formats, importing, text_of
 from rpo_core.control.controller import load_controller
 from rpo_core.files.validation import InputError
-from rpo_export import formats, importing, text_of
 
 WORDS = ('far below', 'below', 'at', 'above', 'far above')
 SCALES = (60.0, 1.25, 0.5)

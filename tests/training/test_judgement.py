@@ -9,12 +9,12 @@ from dataclasses import replace
 
 from invoking import invoke
 
-from rpo_judge.evaluation import judgement
-from rpo_judge.evaluation.judgement import Demand
-from rpo_montecarlo.campaign import config as campaigns
-from rpo_montecarlo.campaign import run_batch
-from rpo_montecarlo.campaign.statistics import successes
-from rpo_training.config import STARTS, load_start
+from rpo.analysis import judgement
+from rpo.analysis.judgement import Demand
+from rpo.montecarlo import config as campaigns
+from rpo.montecarlo import run_batch
+from rpo.montecarlo.statistics import successes
+from rpo.training.config import STARTS, load_start
 
 ROBUST = load_start('robust')
 

@@ -9,18 +9,18 @@ import pytest
 import yaml
 from invoking import invoke
 
+from rpo.analysis.comparison import CONTROLLERS
+from rpo.montecarlo import config, execution, judging
+from rpo.montecarlo.run_batch import fly_runs
+from rpo.montecarlo.sampling import draw
+from rpo.montecarlo.single import scenarios_of
+from rpo.montecarlo.statistics import rate, rates
+from rpo.montecarlo.store import Store
+from rpo.reports import campaign as report
+from rpo.training import provenance
+from rpo.training.config import load_start
 from rpo_core.control.controller import load_controller
 from rpo_core.files.validation import InputError
-from rpo_judge.evaluation.comparison import CONTROLLERS
-from rpo_montecarlo.campaign import config, execution, judging
-from rpo_montecarlo.campaign.run_batch import fly_runs
-from rpo_montecarlo.campaign.sampling import draw
-from rpo_montecarlo.campaign.single import scenarios_of
-from rpo_montecarlo.campaign.statistics import rate, rates
-from rpo_montecarlo.campaign.store import Store
-from rpo_report import campaign as report
-from rpo_training import provenance
-from rpo_training.config import load_start
 
 WIDE = {'COLUMNS': '300'}
 REQUIRED = {

@@ -14,24 +14,24 @@ import pytest
 import yaml
 from invoking import invoke
 
-from rpo_cli.commands.report import _folder
+from rpo.cli.commands.report import _folder
+from rpo.engine.population import population_of
+from rpo.training import config as configs
+from rpo.training import scaling
+from rpo.training.config import load_start
+from rpo.training.scoring.conditions import conditions_of
+from rpo.training.scoring.fitness import Fitness, FitnessSettings
+from rpo.training.tuning import Tuning, TuningConfig
 from rpo_core import files
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import dumps, load_controller
+from rpo_core.control.similarity import AUTHORITY, made_for
 from rpo_core.files import overrides
 from rpo_core.files import scenario as scenarios
 from rpo_core.files.scenario import load, load_set
 from rpo_core.files.starts import Grid
 from rpo_core.files.validation import InputError
 from rpo_core.judge.verdicts import verdicts
-from rpo_ctrl.similarity import AUTHORITY, made_for
-from rpo_judge.scoring.conditions import conditions_of
-from rpo_judge.scoring.fitness import Fitness, FitnessSettings
-from rpo_montecarlo.engine.population import population_of
-from rpo_training import config as configs
-from rpo_training import scaling
-from rpo_training.config import load_start
-from rpo_training.tuning import Tuning, TuningConfig
 
 ROOT = Path(__file__).resolve().parents[2]
 MISSIONS = 'offline_training/examples/missions'

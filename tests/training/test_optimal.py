@@ -14,16 +14,16 @@ from invoking import invoke, refused
 from landing import rest_at_landing
 from scipy.optimize import minimize
 
+from rpo.analysis import optimal
+from rpo.analysis.optimal import least_energy
+from rpo.engine.flights import flights_of
+from rpo.training.fitting import training_set
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario, load_set
 from rpo_core.files.starts import Grid
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
 from rpo_core.world import cw
-from rpo_judge.evaluation import optimal
-from rpo_judge.evaluation.optimal import least_energy
-from rpo_montecarlo.engine.flights import flights_of
-from rpo_training.fitting import training_set
 
 TRAINING = load_set('paper_training')
 STARTS = np.hstack([TRAINING.initial_positions_m, np.zeros((216, 3))])

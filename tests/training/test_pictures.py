@@ -11,8 +11,8 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
+from rpo.reports import training
 from rpo_log.show import style
-from rpo_report import training
 
 
 def texts(figure: Figure) -> list[str]:

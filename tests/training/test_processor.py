@@ -10,9 +10,9 @@ import pytest
 import yaml
 from processes import ANOTHER, python, repeated, rpo
 
-from rpo_training import config as configs
-from rpo_training import processor
-from rpo_training.training import Training
+from rpo.training import config as configs
+from rpo.training import processor
+from rpo.training.training import Training
 
 OLD = {'OPENBLAS_CORETYPE': 'Nehalem', 'OPENBLAS_NUM_THREADS': '2'}
 """Kernels of a processor without AVX."""
@@ -25,13 +25,13 @@ HOSTILE = {
     'NPY_ENABLE_CPU_FEATURES': 'X86_V3',
     'GLIBC_TUNABLES': 'glibc.malloc.check=0:glibc.cpu.hwcaps=-SSE4_2',
 }
-READ = 'from rpo_training import processor; print(processor.in_use())'
-PIN = f'from rpo_training import processor; processor.restart_pinned(); import scipy.linalg; {READ}'
+READ = 'from rpo.training import processor; print(processor.in_use())'
+PIN = f'from rpo.training import processor; processor.restart_pinned(); import scipy.linalg; {READ}'
 
 ON_A_WORKER = """
-from rpo_training import processor
+from rpo.training import processor
 processor.restart_pinned()
-from rpo_montecarlo import pool
+from rpo.montecarlo import pool
 with pool.connected('local', 1) as client:
     print(client.submit(processor.in_use).result(40))
 """
@@ -41,7 +41,7 @@ SEARCH = ['train', '--scenario', 'quick', '--algorithm', 'cmaes', '--no-plots']
 UNPINNED = """
 import sys
 from pathlib import Path
-from rpo_training import config, training
+from rpo.training import config, training
 chosen = config.override(config.fitted(config.PRESETS['mission'], 'quick'), sys.argv[2:])
 training.Training.create(chosen, Path(sys.argv[1]), 1).run()
 """

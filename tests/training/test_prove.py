@@ -15,33 +15,23 @@ from invoking import invoke
 from landing import rest_at_landing
 from proofs import BOX, COARSE, problem_of
 
+from rpo.analysis.surface import rounding
+from rpo.proof import cells, check, enclosure, flights, folder, per_axis, proving, sets, slew
+from rpo.proof.cells import Prover
+from rpo.proof.claims import Claim, ranges_of, row_of, values_of
+from rpo.proof.folder import Folder
+from rpo.proof.invariant import invariant_set_of, motion_inside
+from rpo.proof.problem import GROUPS, MOST_CELLS, Problem, Settings, range_of
+from rpo.proof.sets import InvariantSet
+from rpo.proof.slew import Strip
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller, load_fuzzy
 from rpo_core.control.fuzzy import MembershipFunctions, RuleTable
 from rpo_core.files import find
 from rpo_core.files.scenario import load, load_scenario
 from rpo_core.files.validation import InputError
+from rpo_core.navigation.navigation_errors import Navigation
 from rpo_core.world.disturbance import Disturbance
-from rpo_judge.analysis.surface import rounding
-from rpo_nav.navigation_errors import Navigation
-from rpo_proof import (
-    cells,
-    check,
-    enclosure,
-    flights,
-    folder,
-    per_axis,
-    proving,
-    sets,
-    slew,
-)
-from rpo_proof.cells import Prover
-from rpo_proof.claims import Claim, ranges_of, row_of, values_of
-from rpo_proof.folder import Folder
-from rpo_proof.invariant import invariant_set_of, motion_inside
-from rpo_proof.problem import GROUPS, MOST_CELLS, Problem, Settings, range_of
-from rpo_proof.sets import InvariantSet
-from rpo_proof.slew import Strip
 
 SHIPPED = ('allround', 'paper_ga', 'handmade')
 NOWHERE = InvariantSet(0.0, 0.06, 0.0)

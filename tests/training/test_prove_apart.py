@@ -20,18 +20,18 @@ from kept import assert_kept, digits
 from landing import rest_at_landing
 from proofs import COARSE
 
+from rpo.proof import cells, check, check_sets, flights, per_axis, proving
+from rpo.proof.cells import Prover
+from rpo.proof.claims import empty_set
+from rpo.proof.flights import context_of
+from rpo.proof.folder import Folder
+from rpo.proof.problem import PER_AXIS, Problem, Settings
+from rpo.proof.slew import Strip
+from rpo.reports.proof import report_of
+from rpo.training.config import load_start
 from rpo_core.chain.flight import fly
 from rpo_core.files.scenario import load_scenario
 from rpo_core.judge.requirements import Requirements
-from rpo_proof import cells, check, check_sets, flights, per_axis, proving
-from rpo_proof.cells import Prover
-from rpo_proof.claims import empty_set
-from rpo_proof.flights import context_of
-from rpo_proof.folder import Folder
-from rpo_proof.problem import PER_AXIS, Problem, Settings
-from rpo_proof.slew import Strip
-from rpo_report.proof import report_of
-from rpo_training.config import load_start
 
 EXPECTED = Path(__file__).parent / 'expected'
 

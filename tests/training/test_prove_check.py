@@ -15,13 +15,13 @@ import pytest
 from landing import rest_at_landing
 from scipy.interpolate import RegularGridInterpolator
 
+from rpo.proof import cells, check, check_sets, sets
+from rpo.proof.cells import Prover
+from rpo.proof.check import WrittenSummary, recompute
+from rpo.proof.enclosure import Law
+from rpo.proof.exact import ExactStrip, exact, law_holds, output
+from rpo.proof.problem import GROUPS
 from rpo_core.world.disturbance import Disturbance, Harmonic
-from rpo_proof import cells, check, check_sets, sets
-from rpo_proof.cells import Prover
-from rpo_proof.check import WrittenSummary, recompute
-from rpo_proof.enclosure import Law
-from rpo_proof.exact import ExactStrip, exact, law_holds, output
-from rpo_proof.problem import GROUPS
 
 KINDS = ('row', 'boxes', 'cell', 'gap', 'claim', 'law', 'rounding', 'set', 'boxed', 'rest', 'table')
 

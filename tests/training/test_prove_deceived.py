@@ -19,19 +19,19 @@ from invoking import invoke
 from landing import rest_at_landing
 from proofs import KINDS, SAMPLE
 
+from rpo.montecarlo.outputs import digest_of
+from rpo.proof import check as checker
+from rpo.proof import flights, proving
+from rpo.proof.cells import VALUES
+from rpo.proof.check import check, why_outside
+from rpo.proof.claims import values_of
+from rpo.proof.folder import TEXTS, Folder, cells_of, write_arrays
+from rpo.proof.problem import Problem, Settings
+from rpo.reports.proof import report_of
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import dumps, load_controller
 from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
-from rpo_montecarlo.outputs import digest_of
-from rpo_proof import check as checker
-from rpo_proof import flights, proving
-from rpo_proof.cells import VALUES
-from rpo_proof.check import check, why_outside
-from rpo_proof.claims import values_of
-from rpo_proof.folder import TEXTS, Folder, cells_of, write_arrays
-from rpo_proof.problem import Problem, Settings
-from rpo_report.proof import report_of
 
 
 @pytest.fixture

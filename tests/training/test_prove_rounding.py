@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from proofs import problem_of
 
-from rpo_proof import check_sets, enclosure, sets, slew, tube
-from rpo_proof.enclosure import TINY
-from rpo_proof.exact import UNIT, exact
-from rpo_proof.sets import ROUND
-from rpo_proof.slew import Drift, Strip
+from rpo.proof import check_sets, enclosure, sets, slew, tube
+from rpo.proof.enclosure import TINY
+from rpo.proof.exact import UNIT, exact
+from rpo.proof.sets import ROUND
+from rpo.proof.slew import Drift, Strip
 
 NEAR = Fraction(1, 20)
 """A widening may differ by so much from that of the sizes of all terms."""

@@ -10,14 +10,14 @@ import pytest
 from invoking import refused
 from proofs import problem_of
 
-from rpo_cli.commands import prove
+from rpo.analysis import proven
+from rpo.analysis.comparison import CONTROLLERS
+from rpo.cli.commands import prove
+from rpo.proof.folder import Folder
 from rpo_core import files
 from rpo_core.control.controller import load_controller
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.files.validation import InputError
-from rpo_judge.evaluation import proven
-from rpo_judge.evaluation.comparison import CONTROLLERS
-from rpo_proof.folder import Folder
 
 DOCS = Path(__file__).parents[2] / 'docs'
 TRAINING_BOX = (100.0, 100.0, 100.0, 0.0, 0.0, 0.0)

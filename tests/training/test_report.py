@@ -20,23 +20,22 @@ from landing import rest_at_landing
 from log_runs import FORCE, Run, make_run
 from pages import Page, replayed, straight, unpacked
 
+from rpo.analysis import optimal
+from rpo.montecarlo import config, execution, outputs
+from rpo.montecarlo.store import Store
+from rpo.reports import campaign, logged, page, replay, run, run_plots
+from rpo.reports.page import File, Picture, Report, Section, Table, Text
+from rpo.reports.replay import Replayed
+from rpo.training.config import load_start
 from rpo_core.chain.flight import fly
 from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
 from rpo_core.judge.requirements import Requirements
 from rpo_core.judge.verdicts import verdicts
-from rpo_judge.evaluation import optimal
+from rpo_log.errors import LogError
+from rpo_log.read.run_log import read_run
 from rpo_log.show import style
-from rpo_mcap.errors import LogError
-from rpo_mcap.read.run_log import read_run
-from rpo_montecarlo import outputs
-from rpo_montecarlo.campaign import config, execution
-from rpo_montecarlo.campaign.store import Store
-from rpo_report import campaign, logged, page, replay, run, run_plots
-from rpo_report.page import File, Picture, Report, Section, Table, Text
-from rpo_report.replay import Replayed
-from rpo_training.config import load_start
 
 UNITLESS = {
     'word of the position error', 'word of the velocity error', 'grade', 'number of runs',

@@ -14,19 +14,19 @@ from pages import replayed, unpacked
 from scipy.spatial.transform import Rotation
 from test_report import check_labels
 
-from rpo_attitude.turns import docking_axis
+from rpo.reports import attitude, replay
+from rpo.reports.logged import logged_flight, until
+from rpo.reports.replay import Replayed
+from rpo.reports.run import _Stages, _thrusters
+from rpo.reports.turned import Panel, in_lvlh, panels_of, turned_of
 from rpo_core import files
+from rpo_core.attitude.turns import docking_axis
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario as scenarios
 from rpo_core.wire.interfaces import BODY_TORQUE, CHASER_ATTITUDE, EXERTED_FORCE, WHEEL_MOMENTUM
+from rpo_log.read.run_log import flight_of, read_run
 from rpo_log.show import report, style
-from rpo_mcap.read.run_log import flight_of, read_run
-from rpo_report import attitude, replay
-from rpo_report.logged import logged_flight, until
-from rpo_report.replay import Replayed
-from rpo_report.run import _Stages, _thrusters
-from rpo_report.turned import Panel, in_lvlh, panels_of, turned_of
 
 INERTIA = [[0.6, 0.02, 0.0], [0.02, 0.7, 0.01], [0.0, 0.01, 0.5]]
 

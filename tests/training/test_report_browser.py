@@ -20,15 +20,15 @@ from pages import Page
 from PIL import Image
 from test_report import check_page
 
+from rpo.montecarlo import config, execution
+from rpo.montecarlo.store import Store
+from rpo.reports import campaign, controller, page, run
+from rpo.reports.replay import Replayed, page_of
+from rpo.training.config import load_start
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
 from rpo_core.wire.interfaces import CHASER_ATTITUDE, EXERTED_FORCE
-from rpo_montecarlo.campaign import config, execution
-from rpo_montecarlo.campaign.store import Store
-from rpo_report import campaign, controller, page, run
-from rpo_report.replay import Replayed, page_of
-from rpo_training.config import load_start
 
 CHROMIUM = shutil.which('chromium')
 

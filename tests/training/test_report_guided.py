@@ -11,19 +11,19 @@ from log_runs import chain_run
 from pages import straight
 from test_report import check_page, refuse_optima
 
+from rpo.reports import assured, guided, logged, navigation, page, run, run_plots
+from rpo.reports.page import Fold, Table
+from rpo.training.config import load_start
 from rpo_core import files
+from rpo_core.assurance.assurance import AssuranceStage
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
+from rpo_core.guidance.stages import GuidanceStage
 from rpo_core.judge.zones import zones_of
+from rpo_core.navigation.estimator import EstimatorStage
 from rpo_core.wire import cdr
-from rpo_guidance.stages import GuidanceStage
+from rpo_log.read.run_log import flight_of, read_run
 from rpo_log.verify import verify
-from rpo_mcap.read.run_log import flight_of, read_run
-from rpo_nav.estimator import EstimatorStage
-from rpo_report import assured, guided, logged, navigation, page, run, run_plots
-from rpo_report.page import Fold, Table
-from rpo_safety.assurance import AssuranceStage
-from rpo_training.config import load_start
 
 LEGS = [
     {'name': 'wait', 'kind': 'hold', 'dwell_s': 2.0, 'go': 'command', 'within_m': 3.0,

@@ -12,20 +12,20 @@ import pytest
 from landing import rest_at_landing
 from processes import repeated
 
+from rpo.analysis import assessment, judgement
+from rpo.analysis.assessment import assess
+from rpo.montecarlo import config as campaigns
+from rpo.montecarlo import judging
+from rpo.montecarlo.run_batch import fly_runs
+from rpo.montecarlo.statistics import successes
+from rpo.reports import controller as report
+from rpo.reports.controller import report_of
+from rpo.reports.page import Table
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.files.scenario import load_scenario
 from rpo_core.judge.verdicts import verdicts
-from rpo_judge.evaluation import assessment, judgement
-from rpo_judge.evaluation.assessment import assess
-from rpo_montecarlo.campaign import config as campaigns
-from rpo_montecarlo.campaign import judging
-from rpo_montecarlo.campaign.run_batch import fly_runs
-from rpo_montecarlo.campaign.statistics import successes
-from rpo_report import controller as report
-from rpo_report.controller import report_of
-from rpo_report.page import Table
 
 SHIPPED = ['allround', 'paper_ga']
 FAMILIES = ['more_words', 'time_to_go']

@@ -15,17 +15,17 @@ import pytest
 import typer
 from invoking import invoke
 
-from rpo_cli.commands.shared import interruptible
+from rpo.cli.commands.shared import interruptible
+from rpo.montecarlo.outputs import alone
+from rpo.training import config as configs
+from rpo.training.family_training import FamilyConfig, FamilyTraining
+from rpo.training.run import Checkpoint
+from rpo.training.scoring.drawn import HELD_OUT
+from rpo.training.training import Training
+from rpo.training.tuning import Tuning, TuningConfig
 from rpo_core import files
 from rpo_core.control.controller import load_controller
 from rpo_core.files.validation import InputError
-from rpo_judge.scoring.drawn import HELD_OUT
-from rpo_montecarlo.outputs import alone
-from rpo_training import config as configs
-from rpo_training.family_training import FamilyConfig, FamilyTraining
-from rpo_training.run import Checkpoint
-from rpo_training.training import Training
-from rpo_training.tuning import Tuning, TuningConfig
 
 SMALL = [
     'ga.generations=5',
@@ -283,7 +283,7 @@ def start_rpo_train(folder, *settings):
     command = [
         sys.executable,
         '-c',
-        'from rpo_cli.cli import app; app(prog_name="rpo")',
+        'from rpo.cli.cli import app; app(prog_name="rpo")',
         *('train', '--no-plots', '--workers', '1', '-o', str(folder)),
         *(part for setting in (*SMALL, *settings) for part in ('--set', setting)),
     ]

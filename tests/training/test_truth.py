@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from invoking import invoke
 
-from rpo_attitude.target import Target
+from rpo.analysis import basilisk, truth
+from rpo.training.config import load_start
+from rpo_core.attitude.target import Target
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
+from rpo_core.thrusters.thrusters import Thrusters
 from rpo_core.world import cw
-from rpo_judge import basilisk, truth
-from rpo_thrusters.thrusters import Thrusters
-from rpo_training.config import load_start
 
 SCIPY, BASILISK = {'SciPy': truth.by_scipy}, {'Basilisk': basilisk.by_basilisk}
 SHORT = replace(load_scenario('paper_test'), duration_s=8.0)

@@ -4,6 +4,7 @@
 
 import argparse
 import sys
+from functools import partial
 
 from rpo_core.files import DEFAULT_CONTROLLER, DEFAULT_SCENARIO
 from rpo_core.files.output import standard_output
@@ -14,7 +15,7 @@ _NODES = (
     ('rpo_sim', 'plant'),
     ('rpo_ctrl', 'fuzzy_controller'),
     ('rpo_sim', 'disturbance_injector'),
-    ('rpo_nav', 'navigation'),
+    ('rpo_ctrl', 'navigation'),
     ('rpo_log', 'recorder'),
 )
 """Nodes that `final_approach` runs."""
@@ -97,6 +98,10 @@ def final_approach() -> int:
 def flight_software() -> int:
     """Run `ros2 run rpo_bringup flight_software`."""
     return start_node('rpo_bringup.flight_software_node')
+
+
+visualizer = partial(start_node, 'rpo_bringup.visualizer_node')
+web = partial(start_node, 'rpo_bringup.web_node')
 
 
 def ping_pong() -> int:

@@ -15,14 +15,14 @@ from rclpy.utilities import remove_ros_args
 
 from rpo_bringup.commands import parser
 from rpo_bringup.flight_software_node import needed
+from rpo_core.control.similarity import command
 from rpo_core.files import overrides, scenario
 from rpo_core.files.validation import InputError, real
 from rpo_core.wire.statuses import FINISHED
 from rpo_ctrl.controller_node import ControllerNode
-from rpo_ctrl.similarity import command
+from rpo_log.errors import LogError
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.show import report
-from rpo_mcap.errors import LogError
 from rpo_ros.entry_point import EXIT_INTERRUPTED
 from rpo_ros.running import EXIT_BAD_INPUT, FlightNode, run
 from rpo_sim.plant_node import PlantNode

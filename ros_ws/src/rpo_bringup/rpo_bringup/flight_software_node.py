@@ -11,13 +11,13 @@ from __future__ import annotations
 
 from rpo_core.chain.chain import Chain
 from rpo_core.files.scenario import Scenario
+from rpo_ctrl.assurance_node import AssuranceNode
 from rpo_ctrl.attitude_controller_node import AttitudeControllerNode
 from rpo_ctrl.controller_node import ControllerNode
-from rpo_guidance.guidance_node import GuidanceNode
-from rpo_nav.navigation_node import NavigationNode
+from rpo_ctrl.guidance_node import GuidanceNode
+from rpo_ctrl.navigation_node import NavigationNode
 from rpo_ros.managed_node import PlaceNode
 from rpo_ros.running import run
-from rpo_safety.assurance_node import AssuranceNode
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 
 KINDS = NavigationNode, GuidanceNode, ControllerNode, AssuranceNode, AttitudeControllerNode

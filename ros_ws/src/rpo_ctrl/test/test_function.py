@@ -1,22 +1,21 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The controller files that ship."""
-
-from pathlib import Path
+"""The parameters of the nodes, without ROS."""
 
 import pytest
 
-from rpo_core.control.controller import load_controller
+from rpo_ctrl import commands
+from rpo_ros.parameter_rows import tables
 
-FILES = sorted(Path(__file__).resolve().parents[1].glob('config/controllers/*.yaml'))
+NODES = [name for name in vars(commands) if name in tables('rpo_ctrl')]
 
 
-@pytest.mark.parametrize('path', FILES, ids=lambda path: path.stem)
-def test_a_shipped_file_is_a_controller(path):
-    """It is one without an error, and has the name of its file."""
-    assert load_controller(str(path)).name == path.stem
+@pytest.mark.parametrize('node', NODES)
+def test_a_node_has_a_table_of_parameters(node):
+    """Each row says what it is for."""
+    assert all(row.description for row in tables('rpo_ctrl')[node])
 
 
 def test_they_are_here():
-    """The default and the paper's own are among them."""
-    assert {'allround', 'paper_ga'} <= {path.stem for path in FILES}
+    """The controller and the stages around it are among them."""
+    assert {'fuzzy_controller', 'navigation', 'guidance', 'assurance'} <= set(NODES)

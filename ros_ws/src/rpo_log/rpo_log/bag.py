@@ -26,14 +26,14 @@ from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.statuses import Manifest, RunStatus
+from rpo_log import topics
+from rpo_log.errors import LogError, NotARun
+from rpo_log.format import run
+from rpo_log.format.run import METADATA_FILE, TimeBase
 from rpo_log.manifests import Manifests
-from rpo_mcap import topics
-from rpo_mcap.errors import LogError, NotARun
-from rpo_mcap.format import run
-from rpo_mcap.format.run import METADATA_FILE, TimeBase
-from rpo_mcap.read.stream import RunReader
-from rpo_mcap.topics import Topic
-from rpo_mcap.write.writer import PHASES, RunLogWriter
+from rpo_log.read.stream import RunReader
+from rpo_log.topics import Topic
+from rpo_log.write.writer import PHASES, RunLogWriter
 
 _STORAGE = ('.mcap', '.db3')
 _NOT_NEEDED = '`--scenario` and `--controller` are for a bag that does not carry them'

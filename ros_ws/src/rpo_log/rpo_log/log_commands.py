@@ -14,7 +14,7 @@ from typing import Protocol
 from rpo_core.files import missing
 from rpo_core.files.output import standard_output
 from rpo_core.files.validation import InputError, printable
-from rpo_mcap.errors import ExitCode
+from rpo_log.errors import ExitCode
 
 _COMMANDS = {
     'verify': (

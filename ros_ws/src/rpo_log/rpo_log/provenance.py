@@ -17,13 +17,11 @@ from typing import Any
 import yaml
 
 import rpo_core
-import rpo_kernels
 import rpo_log
-import rpo_mcap
-from rpo_mcap.errors import cannot_write
-from rpo_mcap.format.run import INFO_FILE, write_whole
+from rpo_log.errors import cannot_write
+from rpo_log.format.run import INFO_FILE, write_whole
 
-_PACKAGES = (rpo_kernels, rpo_core, rpo_mcap, rpo_log)
+_PACKAGES = (rpo_core, rpo_log)
 
 
 def version(package: str = rpo_core.__name__) -> str:

@@ -26,11 +26,11 @@ from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.interfaces import MOST_AHEAD_TICKS, PROGRESS_TICKS
 from rpo_core.wire.statuses import FINISHED, READERS, WAITING, Manifest, RunStatus
 from rpo_log import provenance, signature
+from rpo_log.errors import ExistsAlready, LogError
+from rpo_log.format import run as run_log
 from rpo_log.manifests import CONTROLLER, PLANT, Manifests
-from rpo_mcap.errors import ExistsAlready, LogError
-from rpo_mcap.format import run as run_log
-from rpo_mcap.topics import Topic
-from rpo_mcap.write.writer import PHASES, RunLogWriter
+from rpo_log.topics import Topic
+from rpo_log.write.writer import PHASES, RunLogWriter
 from rpo_ros import health, qos
 from rpo_ros.heartbeat import Timeout, Watch
 from rpo_ros.running import FlightNode

@@ -17,8 +17,8 @@ from rpo_core import files
 from rpo_core.files.validation import InputError
 from rpo_core.wire import interfaces
 from rpo_log.bag import open_run
-from rpo_mcap.errors import LogError
-from rpo_mcap.read.decode import Message
+from rpo_log.errors import LogError
+from rpo_log.read.decode import Message
 from rpo_ros import qos
 from rpo_ros.heartbeat import Timeout
 from rpo_ros.running import FlightNode

@@ -17,9 +17,9 @@ from typing import Any, NamedTuple
 
 from rpo_core.files import open_regular
 from rpo_core.files.validation import InputError, printable, shown
-from rpo_mcap.errors import LogError, cannot_read, cannot_write, read_at_most
-from rpo_mcap.format.run import SIGNATURE_FILE, SUMS_FILE, write_whole
-from rpo_mcap.read.stream import files_of
+from rpo_log.errors import LogError, cannot_read, cannot_write, read_at_most
+from rpo_log.format.run import SIGNATURE_FILE, SUMS_FILE, write_whole
+from rpo_log.read.stream import files_of
 
 MAX_SUMS_BYTES = _BLOCK = 1 << 20
 MAX_FILE_BYTES = 1 << 34

@@ -8,7 +8,7 @@ import time
 from collections.abc import Sequence
 
 from rpo_core.chain.chain import Chain
-from rpo_core.chain.stage import Stage
+from rpo_core.stage import Stage
 from rpo_core.wire.interfaces import current
 
 MOST_REPEATS = 3

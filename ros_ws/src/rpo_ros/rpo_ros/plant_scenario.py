@@ -10,10 +10,10 @@ from collections.abc import Callable
 from typing import Any
 
 from rpo_core import files
-from rpo_core.chain.stage import sections
 from rpo_core.files import plugins, scenario
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError, choice
+from rpo_core.stage import sections
 from rpo_core.wire.statuses import Manifest
 from rpo_ros.running import FlightNode
 from rpo_ros.signals import hear

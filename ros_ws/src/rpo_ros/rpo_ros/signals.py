@@ -19,7 +19,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from rpo_core.chain.stage import Signal
+from rpo_core.stage import Signal
 from rpo_core.wire import cdr, interfaces, statuses
 from rpo_ros import qos
 

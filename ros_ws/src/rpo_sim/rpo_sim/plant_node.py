@@ -16,9 +16,9 @@ from rosgraph_msgs.msg import Clock
 
 from rpo_core import files
 from rpo_core.chain.chain import Signals, signals_of
-from rpo_core.chain.stage import Signal
 from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
+from rpo_core.stage import Signal
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.statuses import ABORTED, ENDED, FINISHED, GONE, PAUSED, RUNNING, WAITING
 from rpo_ros import health, qos
@@ -28,14 +28,7 @@ from rpo_ros.signals import Outlet, listen, to_status
 from rpo_sim.loop_health import LoopHealth
 from rpo_sim.pacing import FreeRunningPacing, LockstepPacing, Loop
 from rpo_sim.peers import PublisherCheck, Refusals
-from rpo_sim.plant import (
-    ACCEPTED,
-    ZERO,
-    FreeRunningPlant,
-    LockstepPlant,
-    NotFiniteError,
-    topics_of,
-)
+from rpo_sim.plant import ACCEPTED, ZERO, FreeRunningPlant, LockstepPlant, NotFiniteError, topics_of
 from rpo_sim.recorder_watch import RecorderWatch
 
 EXIT_MISSED, EXIT_ABORTED = 1, 3

@@ -12,10 +12,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rpo_core.chain.chain import Chain, Signals, start_of
-from rpo_core.chain.stage import Place, Signal, Stage, sections
 from rpo_core.control.controller import Controller
 from rpo_core.control.controller_file import ControllerStage
 from rpo_core.files.scenario import Scenario
+from rpo_core.kernels.arrays import Floats
+from rpo_core.stage import Place, Signal, Stage, sections
 from rpo_core.wire.interfaces import (
     CHASER_MASS,
     COMMAND,
@@ -29,7 +30,6 @@ from rpo_core.wire.interfaces import (
     UNLOADING_TORQUE,
     row_of,
 )
-from rpo_kernels.arrays import Floats
 
 _TAKEN = (DUE_FORCE, SATURATED_FORCE)
 """Commands that the thrusters have taken."""

@@ -15,7 +15,6 @@ import yaml
 from numpy.typing import NDArray
 
 from rpo_core import files
-from rpo_core.chain.stage import Signal, Stage
 from rpo_core.control import controller_file
 from rpo_core.control.controller_file import SCHEMA, ControllerFile, ControllerStage, Scaling
 from rpo_core.control.fuzzy import WORDS, FuzzySystem, MembershipFunctions, RuleTable, odd_samples
@@ -32,8 +31,9 @@ from rpo_core.files.validation import (
     schema,
     shown,
 )
-from rpo_kernels import kernels
-from rpo_kernels.jit import as_table
+from rpo_core.kernels import kernels
+from rpo_core.kernels.jit import as_table
+from rpo_core.stage import Signal, Stage
 
 FUZZY = 'fuzzy'
 """Kind of a file that names none."""

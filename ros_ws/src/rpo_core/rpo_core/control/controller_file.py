@@ -17,7 +17,6 @@ from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.chain.stage import Signal, Stage
 from rpo_core.control.blend import Reasons
 from rpo_core.files import codec, plugins
 from rpo_core.files.scenario import Scenario
@@ -30,8 +29,9 @@ from rpo_core.files.validation import (
     choice,
     real,
 )
+from rpo_core.kernels.kernels import State, Vector
+from rpo_core.stage import Signal, Stage
 from rpo_core.wire import interfaces
-from rpo_kernels.kernels import State, Vector
 
 SCHEMA = 'rpo/controller/1'
 

@@ -17,18 +17,9 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rpo_core.files.validation import (
-    Checked,
-    InputError,
-    choice,
-    real,
-    shown,
-    store,
-    whole,
-    within,
-)
-from rpo_kernels import kernels
-from rpo_kernels.jit import as_table
+from rpo_core.files.validation import Checked, InputError, choice, real, shown, store, whole, within
+from rpo_core.kernels import kernels
+from rpo_core.kernels.jit import as_table
 
 WORDS = ('LN', 'SN', 'Z', 'SP', 'LP')
 """Large negative, small negative, zero, small positive, large positive."""

@@ -8,7 +8,6 @@ import errno
 import os
 import re
 import stat
-import sys
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -33,13 +32,13 @@ MAX_DEPTH = 20
 
 Parsed = TypeVar('Parsed')
 
-_SHIPPED = {
-    'scenario': ('rpo_bringup', 'config/scenarios'),
-    'controller': ('rpo_ctrl', 'config/controllers'),
-    'attitude_controller': ('rpo_ctrl', 'config/attitude_controllers'),
-    'campaign': ('offline_training', 'campaigns'),
+_OURS = Path(__file__).resolve().parents[1] / 'shipped'
+SHIPPED = {
+    'scenario': _OURS / 'scenarios',
+    'controller': _OURS / 'controllers',
+    'attitude_controller': _OURS / 'attitude_controllers',
 }
-
+"""Kind -> folder of the files that ship; a package above adds its own."""
 
 _NOT_DECIMAL = re.compile(r'.*:|[-+]?0\w')
 """Numbers of YAML 1.1 that surprise: 1:30 is 90, 010 is 8, 0x10 is 16."""
@@ -187,22 +186,9 @@ def loads(content: str, parse: Callable[[Any], Parsed], source: str) -> Parsed:
         return parse(parse_yaml(content))
 
 
-def _folders(kind: str) -> list[Path]:
-    """Return where files of a kind ship: installed packages first, then this source tree."""
-    prefixes = [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]
-    installed = [Path(prefix) / 'share' for prefix in prefixes if prefix]
-    packages = Path(__file__).resolve().parents[3]
-    roots = (*installed, packages, packages.parents[1])
-    return [found for root in roots if (found := root.joinpath(*_SHIPPED[kind])).is_dir()]
-
-
 def shipped(kind: str) -> dict[str, Path]:
     """Return name -> file of what ships of a kind: scenario, controller or campaign."""
-    found: dict[str, Path] = {}
-    for folder in _folders(kind):
-        for path in sorted(folder.glob('*.yaml')):
-            found.setdefault(path.stem, path)
-    return dict(sorted(found.items()))
+    return {path.stem: path for path in sorted(SHIPPED[kind].glob('*.yaml'))}
 
 
 def find(kind: str, name: str) -> Path:
@@ -227,7 +213,7 @@ def find(kind: str, name: str) -> Path:
     if name not in known:
         if answer := gone.answer(kind, name):
             raise InputError(f'`{kind}` {name} is {answer}')
-        others = [other for other in _SHIPPED if name in shipped(other)]
+        others = [other for other in SHIPPED if name in shipped(other)]
         what = others[0].replace('_', ' ') if others else ''
         article = 'an' if what.startswith('a') else 'a'
         hint = f', which is {article} {what}' if others else near(name, known)

@@ -11,7 +11,7 @@ GONE: dict[str, dict[str, str]] = {
     'command': {
         'keygen': '`openssl genpkey -algorithm ed25519`',
         'safety peers': '`rpo simulate` with a scenario of your own',
-        'watch': '`ros2 run rpo_view web` for a flight that runs, `rpo report` of a log',
+        'watch': '`ros2 run rpo_bringup web` for a flight that runs, `rpo report` of a log',
         'tune': '`rpo train lqr`, or another kind of baseline: pd, mpc, apf_smc',
     },
     'option': {
@@ -27,7 +27,7 @@ GONE: dict[str, dict[str, str]] = {
         ),
         'explain --controller': 'its name or file alone',
         'optimal --all-starts': '`rpo optimal paper_training`, or another set of starts',
-        'optimal --margin': '`rpo_judge.evaluation.optimal.constrained` with `Conditions`',
+        'optimal --margin': '`rpo.analysis.optimal.constrained` with `Conditions`',
         **dict.fromkeys(
             ('evaluate --starts', 'evaluate --csv'), '`rpo report CONTROLLER`, which draws them'
         ),
@@ -60,7 +60,7 @@ GONE: dict[str, dict[str, str]] = {
         'monitor': 'the abort table of section `assurance`',
         'repair': '`rpo repair`',
         'node_pages': '`python docs/hooks/node_pages.py docs/nodes`',
-        'watch': '`ros2 run rpo_view web`',
+        'watch': '`ros2 run rpo_bringup web`',
         'trial': 'the latency, jitter and counts in `run_status` and on `/diagnostics`',
     },
     'suffix': {'.parquet': '`.csv` or `.npz`'},

@@ -9,19 +9,18 @@ ours is loaded where it is installed, other modules where `RPO_PLUGINS` names th
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import os
 
 from rpo_core.files.validation import InputError
 
 ROOMS = (
     'rpo_core.world',
-    'rpo_thrusters',
-    'rpo_ctrl',
-    'rpo_nav',
-    'rpo_attitude',
-    'rpo_guidance',
-    'rpo_safety',
+    'rpo_core.thrusters',
+    'rpo_core.control',
+    'rpo_core.navigation',
+    'rpo_core.attitude',
+    'rpo_core.guidance',
+    'rpo_core.assurance',
 )
 """Rooms of this stack with a module `stages`, which registers their sections or kinds."""
 
@@ -38,8 +37,7 @@ def load() -> None:
         return
     _loaded = True
     for room in ROOMS:
-        if importlib.util.find_spec(room) is not None:
-            importlib.import_module(f'{room}.stages')
+        importlib.import_module(f'{room}.stages')
     for name in filter(None, os.environ.get(VARIABLE, '').split(',')):
         try:
             importlib.import_module(name.strip())

@@ -17,7 +17,6 @@ import yaml
 from numpy.typing import NDArray
 
 from rpo_core import files
-from rpo_core.chain.stage import Section, section_of, sections
 from rpo_core.files import codec, starts
 from rpo_core.files.starts import MAX_POSITION_M, Starts
 from rpo_core.files.validation import (
@@ -36,9 +35,10 @@ from rpo_core.files.validation import (
 from rpo_core.judge import requirements
 from rpo_core.judge.requirements import Requirements
 from rpo_core.judge.zones import Zones, filled, without
+from rpo_core.kernels.kernels import MAX_ANGLE_RAD, CwStep, State, Vector
+from rpo_core.stage import Section, section_of, sections
 from rpo_core.world import cw
 from rpo_core.world.disturbance import MAX_FORCE_N, NONE, Disturbance, paper
-from rpo_kernels.kernels import MAX_ANGLE_RAD, CwStep, State, Vector
 
 Settings = TypeVar('Settings')
 
@@ -79,7 +79,7 @@ class Scenario(Checked):
 
     initial_position_m, initial_velocity_m_s : (3,) target LVLH
     epoch_ns : int, UTC nanoseconds since 1970 of tick 0
-    sections : settings of stages that are not the identity (`rpo_core.chain.stage.sections`)
+    sections : settings of stages that are not the identity (`rpo_core.stage.sections`)
     goal_position_m : (3,) where the chaser shall come to rest; in the axes of section `target`,
         where the scenario has it, as zones and requirements are, else in target LVLH
     zones : as the file states them; sections have taken theirs from there
@@ -183,12 +183,12 @@ class Scenario(Checked):
 
     @cached_property
     def target(self) -> Any:
-        """How the target turns (`rpo_attitude`); None: its axes are those of target LVLH."""
+        """How the target turns (`rpo_core.attitude`); None: its axes are those of target LVLH."""
         return self.named('target')
 
     @cached_property
     def attitude(self) -> Any:
-        """How the chaser turns (`rpo_attitude`); None: its axes are those of target LVLH."""
+        """How the chaser turns (`rpo_core.attitude`); None: its axes are those of target LVLH."""
         return self.named('attitude')
 
     def seen(self, states: NDArray[np.float64], first: int = 0) -> NDArray[np.float64]:

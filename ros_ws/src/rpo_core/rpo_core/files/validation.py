@@ -11,11 +11,11 @@ from functools import cache
 from typing import Annotated, Any, ClassVar, get_type_hints
 
 from rpo_core.files import gone
-from rpo_kernels.errors import InputError as InputError
-from rpo_kernels.errors import printable as printable
-from rpo_kernels.errors import quoted as quoted
-from rpo_kernels.errors import shown as shown
-from rpo_kernels.errors import within as within
+from rpo_core.kernels.errors import InputError as InputError
+from rpo_core.kernels.errors import printable as printable
+from rpo_core.kernels.errors import quoted as quoted
+from rpo_core.kernels.errors import shown as shown
+from rpo_core.kernels.errors import within as within
 
 MOST_NAME = 200
 """Longest name of a scenario, of a controller, of a table; ours have 20 characters."""

@@ -17,8 +17,8 @@ from rpo_core.chain.flight import Flight
 from rpo_core.files.scenario import Scenario
 from rpo_core.judge.requirements import Requirements
 from rpo_core.judge.zones import beside_kernel, tangent
-from rpo_kernels.jit import as_table, kernel
-from rpo_kernels.kernels import Vector, norm
+from rpo_core.kernels.jit import as_table, kernel
+from rpo_core.kernels.kernels import Vector, norm
 
 LINE_OF_SIGHT = -1
 """The axis of a contact that has none: speeds are along the line of sight, and across it."""

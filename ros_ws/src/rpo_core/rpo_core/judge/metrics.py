@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from rpo_core.chain.flight import Flight
 from rpo_core.files.scenario import Scenario
 from rpo_core.judge.contact import docked_at
-from rpo_kernels.jit import as_table, kernel
-from rpo_kernels.kernels import norm
+from rpo_core.kernels.jit import as_table, kernel
+from rpo_core.kernels.kernels import norm
 
 ARRIVAL_WINDOW_S = 30.0
 MAX_ARRIVAL_SPEED_M_S = 0.05

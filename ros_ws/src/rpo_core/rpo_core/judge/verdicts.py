@@ -21,11 +21,11 @@ from rpo_core.files.scenario import Scenario
 from rpo_core.judge import contact, metrics
 from rpo_core.judge.requirements import ATTITUDES, ROWS, THRUST, Requirements
 from rpo_core.judge.zones import AT_PORT_M, zones_of
+from rpo_core.kernels.arrays import Floats
+from rpo_core.kernels.attitude_kernels import synchronised
+from rpo_core.kernels.jit import as_table
+from rpo_core.kernels.pointing_kernels import contact_turn
 from rpo_core.wire.interfaces import ALIGNED, CHASER_ATTITUDE
-from rpo_kernels.arrays import Floats
-from rpo_kernels.attitude_kernels import synchronised
-from rpo_kernels.jit import as_table
-from rpo_kernels.pointing_kernels import contact_turn
 
 HOLDS, MISSED, NOT_JUDGED = 'holds', 'MISSED', 'not flown'
 UNBOUNDED = 'NOT judged'

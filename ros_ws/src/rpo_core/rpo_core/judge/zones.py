@@ -4,7 +4,7 @@
 
 The section says once where the keep-out sphere, the corridor and the port are. Sections that need
 them take them from there (`filled`), and may state what differs for them. A section that has zones
-of its own says so (`rpo_core.chain.stage.Section`); pages, RViz and reports draw what `zones_of`
+of its own says so (`rpo_core.stage.Section`); pages, RViz and reports draw what `zones_of`
 returns, and know no section by its name. `deepest_m` judges who enters one.
 """
 
@@ -18,12 +18,12 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from rpo_core.chain.stage import section_of
 from rpo_core.files.starts import MAX_POSITION_M
 from rpo_core.files.validation import Checked, InputError, real, vector3
-from rpo_kernels.arrays import Floats
-from rpo_kernels.jit import kernel
-from rpo_kernels.kernels import Vector, norm, sin_cos
+from rpo_core.kernels.arrays import Floats
+from rpo_core.kernels.jit import kernel
+from rpo_core.kernels.kernels import Vector, norm, sin_cos
+from rpo_core.stage import section_of
 
 Point = tuple[float, ...]
 SECTION = 'zones'

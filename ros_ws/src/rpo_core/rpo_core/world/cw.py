@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from rpo_core.files import codec
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import Checked, InputError, optional, real, shown
-from rpo_kernels.kernels import CwStep, Vector, sin_cos
+from rpo_core.kernels.kernels import CwStep, Vector, sin_cos
 
 MU_EARTH_M3_S2 = 3.986004418e14
 """Standard gravitational parameter of the Earth (WGS 84)."""

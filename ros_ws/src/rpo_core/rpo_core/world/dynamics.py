@@ -19,22 +19,16 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.chain.stage import Place, Section, Signal, Stage, register
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import Checked, InputError, choice, flag, optional, real
-from rpo_core.wire.interfaces import (
-    CHASER_MASS,
-    DISTURBANCE,
-    RELATIVE_STATE,
-    THRUST,
-    THRUST_SHIFT,
-)
+from rpo_core.kernels import kernels, orbit_kernels
+from rpo_core.kernels.arrays import Floats
+from rpo_core.kernels.jit import as_table
+from rpo_core.kernels.kernels import State, sin_cos
+from rpo_core.kernels.orbit_kernels import Environment
+from rpo_core.stage import Place, Section, Signal, Stage, register
+from rpo_core.wire.interfaces import CHASER_MASS, DISTURBANCE, RELATIVE_STATE, THRUST, THRUST_SHIFT
 from rpo_core.world import cw
-from rpo_kernels import kernels, orbit_kernels
-from rpo_kernels.arrays import Floats
-from rpo_kernels.jit import as_table
-from rpo_kernels.kernels import State, sin_cos
-from rpo_kernels.orbit_kernels import Environment
 
 CLOHESSY_WILTSHIRE, LINEAR_ELLIPTIC, TWO_BODY = KINDS = (
     'clohessy_wiltshire',

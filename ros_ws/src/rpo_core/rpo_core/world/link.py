@@ -4,7 +4,7 @@
 
 `FaultyLink` applies faults; which message a fault hits is drawn apart. `SeededLink` draws from a
 seed, a message at a time: the node `fault_injector` needs no ticks for it. Campaigns draw from
-(key, tick), so that runs can be flown in any order (`rpo_montecarlo.campaign.faults`).
+(key, tick), so that runs can be flown in any order (`rpo.montecarlo.faults`).
 """
 
 from __future__ import annotations

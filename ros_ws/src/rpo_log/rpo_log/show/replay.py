@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page that shows flights in three dimensions, to be turned, played and scrubbed.
 
-`rpo_report.replay` writes it of flights that are over, `rpo_view` of one that is still running:
+`rpo.reports.replay` writes it of flights that are over, `rpo_bringup.views` of one that still runs:
 that page asks its server for what has been flown since. `replay.html` has the page, `replay.js`
 draws; three.js comes from its package and is inlined. The page loads nothing else, which its
 content security policy enforces.
@@ -21,12 +21,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rpo_core.control import explain
 from rpo_core.control.controller import AnyController
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge.zones import Zone, zones_of
-from rpo_ctrl import explain
-from rpo_kernels.arrays import Floats
+from rpo_core.kernels.arrays import Floats
 from rpo_log.show import style
 
 LIBRARY = 'jupyter_threejs_sage', 'static/r130/three.min.js'

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import Interface
 from rpo_log.bag import open_run
-from rpo_mcap.errors import ExitCode
-from rpo_mcap.read.run_log import RunLog, read_run
+from rpo_log.errors import ExitCode
+from rpo_log.read.run_log import RunLog, read_run
 
 
 @dataclass

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from rpo_core.files import gone
 from rpo_core.wire import interfaces
 from rpo_log.bag import open_run
-from rpo_mcap.errors import LogError, cannot_write, exists
-from rpo_mcap.read.run_log import RunLog, read_run, scenario_of
-from rpo_mcap.topics import Topic
+from rpo_log.errors import LogError, cannot_write, exists
+from rpo_log.read.run_log import RunLog, read_run, scenario_of
+from rpo_log.topics import Topic
 
 _COLUMNS = {
     interfaces.STATE_TYPE: ('x_m', 'y_m', 'z_m', 'vx_m_s', 'vy_m_s', 'vz_m_s'),

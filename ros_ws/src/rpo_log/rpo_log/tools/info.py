@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rpo_log.bag import open_run
-from rpo_mcap.errors import ExitCode
-from rpo_mcap.format.run import TimeBase
-from rpo_mcap.read.run_log import read_run
-from rpo_mcap.topics import Topic
+from rpo_log.errors import ExitCode
+from rpo_log.format.run import TimeBase
+from rpo_log.read.run_log import read_run
+from rpo_log.topics import Topic
 
 
 @dataclass(frozen=True)

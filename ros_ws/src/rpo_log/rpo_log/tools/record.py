@@ -8,14 +8,14 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from rpo_core.chain.flight import Flight
+from rpo_core.kernels.kernels import norm
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.interfaces import CLOCK, DUE_FORCE, EVENT, RUN_STATUS
 from rpo_core.wire.statuses import FINISHED, RUNNING
-from rpo_kernels.kernels import norm
 from rpo_log import provenance, signature
-from rpo_mcap.errors import LogError
-from rpo_mcap.format.run import RunSummary, TimeBase
-from rpo_mcap.write.writer import RunLogWriter
+from rpo_log.errors import LogError
+from rpo_log.format.run import RunSummary, TimeBase
+from rpo_log.write.writer import RunLogWriter
 
 
 def record(

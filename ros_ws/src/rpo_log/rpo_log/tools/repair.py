@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 
+from rpo_log.errors import ExitCode, LogError, cannot_write, exists
+from rpo_log.format import rosbag2
+from rpo_log.format.run import METADATA_FILE, SIGNATURE_FILE, SUMS_FILE
+from rpo_log.read.stream import RunReader
 from rpo_log.signature import write_sums
-from rpo_mcap.errors import ExitCode, LogError, cannot_write, exists
-from rpo_mcap.format import rosbag2
-from rpo_mcap.format.run import METADATA_FILE, SIGNATURE_FILE, SUMS_FILE
-from rpo_mcap.read.stream import RunReader
-from rpo_mcap.write.mcap_file import BagFileWriter
+from rpo_log.write.mcap_file import BagFileWriter
 
 _NEW = (METADATA_FILE, SUMS_FILE, SIGNATURE_FILE)
 

@@ -6,8 +6,8 @@
 the log carries; a stage that the chain of the scenario does not have cannot be checked here.
 """
 
+from rpo_log.errors import ExitCode
 from rpo_log.verify.verification import Verification
 from rpo_log.verify.verifier import verify
-from rpo_mcap.errors import ExitCode
 
 __all__ = ['ExitCode', 'Verification', 'verify']

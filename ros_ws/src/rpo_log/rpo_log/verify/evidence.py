@@ -19,13 +19,10 @@ from mcap.records import Attachment, Channel, DataEnd, Header, McapRecord, Metad
 
 from rpo_core.files.validation import shown
 from rpo_core.wire import interfaces
-from rpo_log.signature import Digests, signer
-from rpo_log.verify.run_status import Statuses
-from rpo_log.verify.verification import Verification
-from rpo_mcap.errors import LogError, read_at_most
-from rpo_mcap.format import rosbag2
-from rpo_mcap.format.rosbag2 import BagFile
-from rpo_mcap.format.run import (
+from rpo_log.errors import LogError, read_at_most
+from rpo_log.format import rosbag2
+from rpo_log.format.rosbag2 import BagFile
+from rpo_log.format.run import (
     CONTROLLER,
     DIFFERING,
     METADATA_FILE,
@@ -38,10 +35,13 @@ from rpo_mcap.format.run import (
     TOPICS,
     is_controller,
 )
-from rpo_mcap.read.indexes import Indexes
-from rpo_mcap.read.records import FileRecords
-from rpo_mcap.read.stream import RunReader
-from rpo_mcap.write.mcap_file import LIBRARY, MEDIA_TYPE, PROFILE
+from rpo_log.read.indexes import Indexes
+from rpo_log.read.records import FileRecords
+from rpo_log.read.stream import RunReader
+from rpo_log.signature import Digests, signer
+from rpo_log.verify.run_status import Statuses
+from rpo_log.verify.verification import Verification
+from rpo_log.write.mcap_file import LIBRARY, MEDIA_TYPE, PROFILE
 
 MAX_METADATA_BYTES = 1 << 22
 

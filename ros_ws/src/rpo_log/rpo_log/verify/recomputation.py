@@ -15,18 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.chain.chain import Chain
-from rpo_core.chain.stage import WITHOUT_COMMAND, Place, Stage
 from rpo_core.control.controller import AnyController
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import shown
+from rpo_core.stage import WITHOUT_COMMAND, Place, Stage
 from rpo_core.wire import interfaces
+from rpo_log import topics
+from rpo_log.errors import LogError
+from rpo_log.format.run import CONTROLLER, is_controller
+from rpo_log.read.decode import Event, TickBlock
+from rpo_log.read.run_log import controller_of
+from rpo_log.read.stream import RunReader
 from rpo_log.verify.verification import Difference
-from rpo_mcap import topics
-from rpo_mcap.errors import LogError
-from rpo_mcap.format.run import CONTROLLER, is_controller
-from rpo_mcap.read.decode import Event, TickBlock
-from rpo_mcap.read.run_log import controller_of
-from rpo_mcap.read.stream import RunReader
 
 Floats = NDArray[np.float64]
 Ticks = NDArray[np.int64]

@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.files.scenario import Scenario
+from rpo_core.kernels.kernels import norm
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.interfaces import NEXT
 from rpo_core.wire.statuses import ABORTED, FINISHED, RUNNING
-from rpo_kernels.kernels import norm
+from rpo_log import topics
+from rpo_log.read.decode import Event, TickBlock
+from rpo_log.topics import Topic
 from rpo_log.verify.verification import REST, Difference
-from rpo_mcap import topics
-from rpo_mcap.read.decode import Event, TickBlock
-from rpo_mcap.topics import Topic
 
 _LEVELS = {RUNNING: (0, 1), FINISHED: (0,), ABORTED: (1, 2)}
 _FIGURES = ('time_s', 'energy_n2s', 'distance_m', 'speed_m_s', 'saturated_ticks')

@@ -11,9 +11,9 @@ from pathlib import Path
 from rpo_core.files.scenario import Scenario
 from rpo_core.wire import cdr
 from rpo_log import provenance
-from rpo_mcap.errors import ExitCode
-from rpo_mcap.format.run import SUMS_FILE
-from rpo_mcap.read.decode import Message
+from rpo_log.errors import ExitCode
+from rpo_log.format.run import SUMS_FILE
+from rpo_log.read.decode import Message
 
 
 @dataclass

@@ -25,13 +25,21 @@ from pathlib import Path
 import numpy as np
 
 from rpo_core.chain.chain import NO_FORCE, Chain, Link, start_of
-from rpo_core.chain.stage import Place
 from rpo_core.files.validation import InputError, choice, shown
+from rpo_core.stage import Place
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import NEXT, RELATIVE_STATE, Interface, current, row_of
+from rpo_log import topics
 from rpo_log.bag import open_run
+from rpo_log.errors import LogError
+from rpo_log.format import run
+from rpo_log.format.run import CONTROLLER
 from rpo_log.manifests import HEARS, PUBLISHES
+from rpo_log.read.decode import TickBlock
+from rpo_log.read.run_log import controller_of, parameters_of, scenario_of
+from rpo_log.read.stream import Completeness, RunReader
 from rpo_log.signature import Digests
+from rpo_log.topics import Topic
 from rpo_log.verify.evidence import Evidence
 from rpo_log.verify.recomputation import (
     MAX_NAMED,
@@ -52,14 +60,6 @@ from rpo_log.verify.verification import (
     Verification,
     non_canonical_difference,
 )
-from rpo_mcap import topics
-from rpo_mcap.errors import LogError
-from rpo_mcap.format import run
-from rpo_mcap.format.run import CONTROLLER
-from rpo_mcap.read.decode import TickBlock
-from rpo_mcap.read.run_log import controller_of, parameters_of, scenario_of
-from rpo_mcap.read.stream import Completeness, RunReader
-from rpo_mcap.topics import Topic
 
 FIGURES = 'figures of run_status'
 

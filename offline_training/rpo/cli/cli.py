@@ -1,0 +1,100 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command `rpo`; its subcommands are in `rpo.cli.commands`, and import what they need."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from typing import Annotated, Any
+
+import typer
+from typer import Option
+from typer.core import TyperGroup
+
+from rpo.cli.commands import (
+    bench,
+    campaign,
+    compare,
+    evaluate,
+    explain,
+    export,
+    listing,
+    log,
+    optimal,
+    plan,
+    prove,
+    report,
+    safety,
+    scale,
+    simulate,
+    train,
+    truth,
+)
+from rpo_core.files import gone, parse_yaml
+from rpo_core.files.validation import InputError
+from rpo_log.errors import LogError
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from rpo_log import provenance
+
+        typer.echo(f'rpo {provenance.version()}, sources of core and logs {provenance.digest()}')
+        raise typer.Exit
+
+
+class _Commands(TyperGroup):
+    """Subcommands; a bad input or log of any is one sentence and exit code 2."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        for command in (' '.join(args[:1]), ' '.join(args[:2])):
+            options = (f'{command} {word.partition("=")[0]}' for word in args if word[:1] == '-')
+            for subject, name in (('command', command), *(('option', each) for each in options)):
+                if answer := gone.answer(subject, name):
+                    typer.echo(f'rpo: `{name}` is {answer}', err=True)
+                    raise typer.Exit(2)
+        return super().parse_args(ctx, args)
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except (InputError, LogError) as error:
+            typer.echo(f'rpo: {error}', err=True)
+            raise typer.Exit(2) from None
+
+
+app = typer.Typer(
+    cls=_Commands,
+    help='Train, fly, judge and explain the final-approach controller.',
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode='markdown',  # as markup, `[m]` would be a style, and not be shown
+    context_settings={'help_option_names': ['-h', '--help']},
+)
+
+
+_HELP = 'print the version and the digest that `rpo verify` prints, and end'
+_Version = Annotated[bool, Option('--version', callback=_version, is_eager=True, help=_HELP)]
+
+
+@app.callback()
+def _options(version: _Version = False) -> None:
+    pass
+
+
+for _function in (
+    train.train, simulate.simulate, scale.scale, evaluate.evaluate, bench.bench,
+    optimal.optimal, plan.plan, campaign.campaign, truth.truth, prove.prove, compare.compare,
+    explain.explain, export.export, export.import_, log.verify, log.sign, log.repair,
+    listing.list_, report.report,
+):  # fmt: skip
+    app.command(_function.__name__.rstrip('_'))(_function)
+app.add_typer(log.log, name='log')
+app.add_typer(safety.safety, name='safety')
+
+_EXAMPLES = parse_yaml(files('rpo.cli').joinpath('examples.yaml').read_text('utf-8'))
+for _prefix, _typer in (('', app), ('log ', log.log), ('safety ', safety.safety)):
+    for _command in _typer.registered_commands:
+        if _command.callback is not None:
+            name = _command.name or _command.callback.__name__
+            _command.epilog = _EXAMPLES[f'{_prefix}{name}']

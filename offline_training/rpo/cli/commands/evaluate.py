@@ -1,0 +1,209 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""`rpo evaluate`."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from typer import Argument, Option
+
+from rpo.cli.commands.shared import NoFail, Workers, end
+from rpo.cli.display import print_table, progress
+from rpo_core.files.validation import InputError
+
+if TYPE_CHECKING:
+    from rpo.analysis.assessment import Assessment
+    from rpo_core.control.controller import AnyController
+    from rpo_core.files.scenario import Scenario, ScenarioSet
+
+WORLD_RUNS = 100
+"""Flights that judge an estimator as its world is, at most: each takes a third of a second."""
+
+
+def evaluate(
+    controllers: Annotated[list[str] | None, Argument(help='shipped names or files')] = None,
+    scenario: Annotated[
+        str,
+        Option(
+            help='judge by what this scenario or set requires (name or file)  [what each was '
+            'trained for; the targets for paper_training]'
+        ),
+    ] = '',
+    everywhere: Annotated[bool, Option('--everywhere', help='fly 50 000 drawn runs')] = False,
+    robustness: Annotated[
+        bool, Option('--robustness', help='margins: gain, thrust, delay, mass, bias; nothing else')
+    ] = False,
+    seed: Annotated[int | None, Option(help='of the draws of --everywhere  [2026]')] = None,
+    estimator: Annotated[str, Option(help='judge the estimator of this scenario instead')] = '',
+    runs: Annotated[int, Option(help='flights that judge an estimator', min=2)] = 1000,
+    workers: Workers = 0,
+    no_fail: NoFail = False,
+) -> None:
+    """Judge controllers: fuzzy ones by the targets Q1-Q5, others by what a scenario requires.
+
+    Q1 to Q5: conditions from every start, energy, the paper's test, no limit cycle, readable rules.
+    A controller of another kind, and one that was trained for another scenario than the paper's, is
+    judged by what that scenario requires; with --scenario, all are. With --estimator, a filter is
+    judged by the errors of its estimates over many flights with the noise that it assumes; those in
+    its world are reported.
+
+    Exit code 1: something that was judged is missed.
+    """
+    from rpo.analysis.assessment import PAPER, assess
+    from rpo.analysis.judgement import trained_for
+    from rpo_core.control.controller import FuzzyController, load_controller
+    from rpo_core.files.scenario import load
+
+    if bool(estimator) == bool(controllers):
+        raise InputError('`controllers` or `--estimator` must be given, and not both')
+    if seed is not None and not everywhere:
+        raise InputError('`--seed` needs `--everywhere`')
+    if robustness and (estimator or scenario or everywhere):
+        raise InputError('`--robustness` takes controllers, `--workers` and no more')
+    missed = _judge_estimator(estimator, runs) if estimator else False
+    for name in controllers or ():
+        loaded = load_controller(name)
+        of = scenario or trained_for(loaded) or PAPER
+        if robustness:
+            missed |= _robustness(loaded, workers)
+        elif not scenario and of == PAPER and isinstance(loaded, FuzzyController):
+            missed |= _print_targets(assess(loaded, workers))
+            if everywhere:
+                missed |= _everywhere(loaded, seed, workers)
+        elif everywhere:
+            raise InputError(
+                '`--everywhere` needs a controller that is judged by the targets; '
+                f'{name} is judged by {of}'
+            )
+        else:
+            missed |= judge_by(loaded, name, load(of))
+    end(missed, no_fail)
+
+
+def judge_by(controller: AnyController, name: str, found: Scenario | ScenarioSet) -> bool:
+    """Print how a controller keeps the requirements of a scenario; return whether it misses any."""
+    from rpo.analysis.judgement import HEADINGS, judge, rows_of
+
+    with progress() as show:
+        judged = judge(controller, found, show)
+    print_table(HEADINGS, rows_of(judged), f'{name}: requirements of {found.name}')
+    typer.echo(f'mean J {judged.mean_energy_n2s:.4f} N^2 s, {judged.judgements[0].flights} flights')
+    return any(j.missed for j in judged.judgements)
+
+
+def _judge_estimator(name: str, runs: int) -> bool:
+    """Print how consistent the estimator of a scenario is; return whether a mean is out of bounds.
+
+    With the sensors as they are, and with a tenth of the measurements lost and 0.3 s late; of an
+    attitude filter, with an outage of the star tracker too: this is what is asked. Then, as the
+    world is: this is reported.
+    """
+    from rpo.analysis import consistency
+    from rpo.analysis.attitude_consistency import OUTAGE, attitude_consistency
+    from rpo_core.control.controller import load_controller
+    from rpo_core.files import DEFAULT_CONTROLLER
+    from rpo_core.files.scenario import load_scenario
+    from rpo_core.navigation.attitude_estimator import AttitudeEstimator
+    from rpo_core.navigation.estimator import Estimator
+
+    scenario = load_scenario(name)
+    positions = scenario.section(Estimator) is not None
+    attitudes = scenario.section(AttitudeEstimator) is not None
+    cases: dict[str, Any] = {}
+    if positions or not attitudes:
+        worse = {'dropout_share': 0.1, 'latency_ticks': round(0.3 / scenario.dt_s)}
+        for what, changes in (('', {}), (', 10 % lost, 0.3 s late', worse)):
+            sensed = consistency.as_configured(scenario, **changes)
+            cases[f'noise as the filter assumes{what}'] = partial(consistency.consistency, sensed)
+    if attitudes:
+        turning, (begin, end_) = partial(attitude_consistency, scenario), OUTAGE
+        cases['attitude, noise as the filter assumes'] = turning
+        blind = f'attitude, star tracker out from {100 * begin:.0f} to {100 * end_:.0f} %'
+        cases[blind] = partial(turning, outage=True)
+    missed = False
+    for case, fly in cases.items():
+        with progress() as show:
+            found = fly(runs=runs, show=show)
+        title = f'{scenario.name}, {case}: {runs} flights'
+        print_table(consistency.HEADINGS, consistency.rows_of(found), title)
+        missed |= not found.holds
+    if not positions:
+        return missed
+    controller, count = load_controller(DEFAULT_CONTROLLER), min(runs, WORLD_RUNS)
+    with progress() as show:
+        world = consistency.in_its_world(scenario, controller, count, show)
+    title = f'{scenario.name}, as its world is, {controller.name}: {count} flights'
+    print_table(consistency.HEADINGS, consistency.rows_in_its_world(world, count), title)
+    off = {what: consistency.size_of(nees) for what, nees in world.items()}
+    typer.echo(
+        f'As its world is, errors of position are {off["position"]} than the filter says, '
+        f'those of velocity {off["velocity"]} (root of the mean NEES over 3). This is '
+        'reported, not asked: the filter does not model all of its world.'
+    )
+    if attitudes:
+        typer.echo(f'Errors of attitude are {off["attitude"]} than the filter says.')
+    return missed
+
+
+def _print_targets(found: Assessment) -> bool:
+    """Print the figures of a controller beside its targets; return whether it misses one."""
+    from rpo.analysis.assessment import QUESTIONS
+    from rpo_core.judge.metrics import ARRIVAL_DISTANCE, ARRIVAL_SPEED, ENERGY, SLEW
+
+    targets, name = found.targets(), found.controller.name
+    rows = [target.cells() for target in targets]
+    print_table(('', 'what', 'limit', 'reached', ''), rows, f'{name}: targets', left=2)
+    bindings, worst, least = found.binding, found.metrics.max(axis=0), float(found.least.mean())
+    counts = ', '.join(f'{name} {bindings.count(name)}' for name in sorted(set(bindings)))
+    farthest = found.metrics[-1, ENERGY]
+    typer.echo(
+        f'{QUESTIONS}\n{found.verdict()}.\n'
+        f'mean J {found.mean_energy_n2s:.4f} N^2 s = {found.mean_energy_n2s / least:.2f} x the '
+        f'least to rest in 200 s without conditions ({least:.3f}); from [100, 100, 100] m '
+        f'{farthest:.3f} = {farthest / found.least[-1]:.2f} x\n'
+        f'worst start: speed {worst[ARRIVAL_SPEED]:.4f} m/s, slew {worst[SLEW]:.4f} N/s, '
+        f'distance {worst[ARRIVAL_DISTANCE]:.4f} m; smallest margin '
+        f'{100 * found.margin:.1f} %; condition nearest its limit: {counts}'
+    )
+    return not all(target.holds for target in targets)
+
+
+def _everywhere(controller: AnyController, seed: int | None, workers: int) -> bool:
+    """Print how a controller does in draws of this seed; return whether it misses a target."""
+    from rpo.analysis.judgement import SEED, everywhere
+    from rpo.training.provenance import saw
+
+    seed, rows = SEED if seed is None else seed, []
+    with progress() as show:
+        outcomes = everywhere(controller, seed, workers, show)
+    for o in outcomes:
+        asked = '' if o.least is None else f'{100 * o.least:g} %'
+        verdict = 'not asked' if o.least is None else 'held' if o.holds else 'MISSED'
+        s = o.success
+        shares = f'{s.kept} / {s.runs}', f'{s.percent} %', f'{s.interval} %'
+        rows.append((o.campaign, s.name, *shares, asked, verdict))
+    headings = ('campaign', 'judged', 'runs that keep it', 'share', 'Wilson 95 %', 'least', '')
+    print_table(headings, rows, f'{controller.name}: draws of seed {seed}', left=2)
+    for o in outcomes:
+        typer.echo(f'{o.campaign}, {o.success.name}: {o.judged}')
+    for name in dict.fromkeys(o.campaign for o in outcomes):
+        typer.echo(f'its training and {name}: {saw(controller, name)}')
+    return not all(o.holds for o in outcomes)
+
+
+def _robustness(controller: AnyController, workers: int) -> bool:
+    """Print the margins of a controller; return whether a start misses a condition."""
+    from rpo.analysis import robustness
+
+    with progress() as show:
+        found = robustness.margins_of(controller, workers, show)
+    typer.echo(f'{controller.name}: {found.headline()}.')
+    if found.margins:
+        print_table(robustness.HEADINGS, robustness.rows_of(found))
+    if found.crossings:
+        rows = map(robustness.crossing_row, found.crossings)
+        print_table(robustness.CROSSED, rows, 'describing function of an axis')
+    return found.starts_missed > 0

@@ -1,0 +1,151 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""A C99 function without dependencies, with the bits of the kernels that fly.
+
+It is made of the kernels' own source (`c_source`): `+ - * /`, sqrt and comparisons in their order.
+So the compiler must not contract, reorder or compute in wider formats: no `-ffast-math`, and
+`-ffp-contract=off` where the processor has FMA.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rpo.exports import formats
+from rpo.exports.c_source import Source, number, wrapped
+from rpo.exports.formats import filled
+from rpo.exports.kernel_source import law_of
+from rpo.montecarlo.outputs import identifier
+from rpo_core.control.baselines import Baseline
+from rpo_core.control.controller import AnyController, FuzzyController, only_fuzzy
+from rpo_core.kernels import kernels
+
+_CASES, _TICKS_APART = 24, 37
+
+_PUBLIC = re.compile(r'^(/\*(?:(?!\*/).)*\*/\n(?:void|int|double) [^{;]*)\n\{', re.M | re.S)
+"""Comment and prototype of a function that is not static."""
+
+
+class Files(NamedTuple):
+    """A source file in C, and its header."""
+
+    source: str
+    header: str
+
+
+def files_of(
+    name: str, facts: str, kernels: Source, functions: Sequence[str], use: str, file: str,
+    *types: str,
+) -> Files:  # fmt: skip
+    """Return a source file of kernels and of functions that call them, and its header.
+
+    name : what the names of the functions begin with; facts : comments on both
+    use : an example, for the header; types : those that the functions take
+    file : name of the source file
+    """
+    joined = '\n\n'.join([*types, *functions])
+    source = filled('c', 'source', facts=facts, kernels=kernels.text(), functions=joined)
+    prototypes = (f'{found};' for found in _PUBLIC.findall(source))
+    header = filled(
+        'c',
+        'header',
+        facts=facts,
+        source=file.replace('*/', '* /'),
+        use=use,
+        guard=f'{name.upper()}_H',
+        prototypes='\n\n'.join([*types, *prototypes]),
+    )
+    return Files(source, header)
+
+
+def counts_ticks(controller: AnyController) -> bool:
+    """Whether the answer of a controller depends on the tick."""
+    return not isinstance(controller, FuzzyController) and controller.clock_s is not None
+
+
+def facts_of(controller: AnyController) -> str:
+    """Return comments that say what the controller is."""
+    return '\n'.join(f'/* {line} */' for line in formats.facts(controller))
+
+
+def vector(name: str, values: Sequence[float]) -> str:
+    """Return a vector of numbers in C."""
+    return f'static const double {name}[3] = {{{", ".join(map(number, values))}}};'
+
+
+def about_force(at: str = '') -> str:
+    """Return the comment on `NAME_force`; at : what else than the state the force follows from."""
+    return wrapped(f'/* Commanded force [N] of a finite state{at}. {" ".join(formats.GOAL)} */')
+
+
+def force_text(source: Source, controller: AnyController, name: str) -> str:
+    """Add the kernels of a controller to a source; return `NAME_force` in C, which calls them.
+
+    Raises InputError if it does not answer by a kernel.
+    """
+    names = (f'{part}[{i}]' for part in ('position_m', 'velocity_m_s') for i in range(3))
+    law, counts = law_of(controller), counts_ticks(controller)
+    source.record('LAW', law.tables)
+    second = 'tick' if counts else '0'
+    if law.scales:
+        second = f'(double3){{{{{", ".join(map(number, law.scales))}}}}}'
+    given = f'const double position_m[3], const double velocity_m_s[3], {"int tick, " * counts}'
+    return filled(
+        'c',
+        'force',
+        about=about_force(', at a tick of the run' * counts),
+        prototype=wrapped(f'void {name}_force({given}double force_n[3])'),
+        state=wrapped(f'const double6 state = {{{{{", ".join(names)}}}}};', 1),
+        call=f'{source.function(law.kernel).name}(state, {second}, &LAW)',
+    )
+
+
+def table(name: str, kind: str, rows: Sequence[Sequence[Any]]) -> str:
+    """Return a table of numbers in C."""
+    lines = ',\n'.join(wrapped('{' + ', '.join(map(number, row)) + '}', 1) for row in rows)
+    return f'static const {kind} {name}[{len(rows)}][{len(rows[0])}] = {{\n{lines}}};'
+
+
+def _self_test(controller: AnyController, name: str) -> str:
+    draw = np.random.default_rng(1)
+    states = np.round(draw.normal(size=(_CASES, 6)) * [30, 30, 30, 0.4, 0.4, 0.4], 3).tolist()
+    if isinstance(controller, Baseline):
+        kernel, law = controller.kernel()
+        forces = [kernel(tuple(s), _TICKS_APART * i, law) for i, s in enumerate(states)]
+    else:
+        forces = [only_fuzzy(controller).force_n(s[:3], s[3:]) for s in states]
+    rows = [(*s, *force) for s, force in zip(states, forces, strict=True)]
+    return filled(
+        'c',
+        'self_test',
+        cases=table('cases', 'double', rows),
+        count=_CASES,
+        name=name,
+        tick=f'{_TICKS_APART} * i, ' * counts_ticks(controller),
+    )
+
+
+def files(controller: AnyController, file: str) -> Files:
+    """Return the C of a controller: `NAME_force` and `NAME_self_test`, and a header.
+
+    file : name of the source file, whose header has an example of its use
+
+    Raises InputError if it is of a kind whose kernels are not known.
+    """
+    name, source = identifier(controller.name), Source()
+    functions = [force_text(source, controller, name)]
+    if isinstance(controller, FuzzyController):
+        axis = source.function(kernels.axis_force).name
+        scales = ', '.join(map(number, controller.scales))
+        functions.append(filled('c', 'axis', name=name, function=axis, scales=scales))
+    functions.append(_self_test(controller, name))
+    use = (
+        'double force_n[3];\n             '
+        f'{name}_force((double[]){{10.0, 60.0, -40.0}}, (double[]){{0.0, 0.0, 0.0}}, '
+        f'{"0, " * counts_ticks(controller)}force_n);'
+    )
+    return files_of(name, facts_of(controller), source, functions, use, file)

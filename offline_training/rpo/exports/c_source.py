@@ -1,0 +1,523 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Kernels in C99: the same operations in the same order, so the same bits.
+
+The constants and tables that the kernels read are known (`Source.record`): what they decide is
+decided here, and the C source has only what is left.
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+import textwrap
+from collections import Counter
+from collections.abc import Callable, Sequence
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rpo.exports import formats
+from rpo.exports.kernel_source import Read, Type, is_kernel, plain, read, type_of_value
+from rpo_core.files.validation import InputError
+
+_BINARY = {
+    ast.Add: ('+', 9), ast.Sub: ('-', 9), ast.Mult: ('*', 10), ast.Div: ('/', 10),
+    ast.FloorDiv: ('/', 10), ast.Mod: ('%', 10),  # of whole numbers >= 0 alone
+}  # fmt: skip
+_COMPARE = {
+    ast.Lt: '<', ast.LtE: '<=', ast.Gt: '>', ast.GtE: '>=', ast.Eq: '==', ast.NotEq: '!='
+}  # fmt: skip
+_CHOICE, _OR, _AND, _COMPARED, _UNARY, WHOLE = 1, 2, 3, 6, 11, 12  # how tightly C binds them
+_KEYWORDS = frozenset((
+    'auto', 'break', 'case', 'char', 'const', 'continue', 'default', 'do', 'double', 'else',
+    'enum', 'extern', 'float', 'for', 'goto', 'if', 'inline', 'int', 'long', 'register',
+    'restrict', 'return', 'short', 'signed', 'sizeof', 'static', 'struct', 'switch', 'typedef',
+    'union', 'unsigned', 'void', 'volatile', 'while',
+))  # fmt: skip
+
+
+_TABLES = {
+    'table': 'const double *at; int count;',
+    'ints': 'const signed char *at; int count;',
+    'rows': 'const double *at; int count; int width;',
+}
+
+
+class Written(NamedTuple):
+    """A function in C."""
+
+    name: str
+    text: str
+    parameters: tuple[Type, ...]
+    returns: Type
+
+
+class Expression(NamedTuple):
+    """An expression in C, how tightly it binds, and its type."""
+
+    text: str
+    rank: int
+    type: Type
+
+    def within(self, rank: int) -> str:
+        """Return it as a part of an expression of a rank."""
+        return self.text if self.rank >= rank else f'({self.text})'
+
+
+def own_name(name: str) -> str:
+    """Return the name of a variable in C."""
+    return 'turn' if name == '_' else f'{name}_' if name in _KEYWORDS else name
+
+
+def number(value: Any) -> str:
+    """Return a number as C has it, bit for bit; raises InputError if it is not finite."""
+    if isinstance(value, bool):
+        return str(int(value))
+    if not isinstance(value, (int, float)) or not math.isfinite(value):
+        raise InputError(f'a constant of a kernel must be a finite number; got {value!r}')
+    return repr(value)
+
+
+WIDTH = 100
+_STEP = 4
+
+
+def wrapped(text: str, depth: int = 0) -> str:
+    """Return a line of C, broken at blanks where it is too long."""
+    return textwrap.fill(
+        text, WIDTH, initial_indent=' ' * _STEP * depth, break_long_words=False,
+        subsequent_indent=' ' * _STEP * (depth + 1), break_on_hyphens=False,
+    )  # fmt: skip
+
+
+def _uses(nodes: Sequence[ast.AST], context: type[ast.expr_context] | None = None) -> Counter[str]:
+    return Counter(
+        part.id
+        for node in nodes
+        for part in ast.walk(node)
+        if isinstance(part, ast.Name) and (context is None or isinstance(part.ctx, context))
+    )
+
+
+class _Block(NamedTuple):
+    """A block: how often it uses each name, which ends with it if it is declared in it."""
+
+    uses: Counter[str]
+    depth: int
+
+
+class Writer:
+    """Writes one kernel under a name; `given` are the types of its arguments.
+
+    types : of the variables that are known so far
+    """
+
+    def __init__(self, source: Source, kernel: Read, name: str, given: Sequence[Type]) -> None:
+        self._source, self._tree, self._names = source, kernel.tree, kernel.names
+        self._title, hints = name, kernel.hints
+        self._all, self._stores = _uses(kernel.tree.body), _uses(kernel.tree.body, ast.Store)
+        self._loads = _uses(kernel.tree.body, ast.Load)
+        self.types: dict[str, Type] = {}
+        names = [argument.arg for argument in self._tree.args.args]
+        for i, name in enumerate(names):
+            known = given[i] if i < len(given) else None
+            hint = hints.get(name)
+            table = isinstance(known, str) and known not in ('int', 'double')
+            self.types[name] = known if table or hint is None else hint
+        self._parameters = tuple(self.types.items())
+        self._returns = hints['return']
+        self._early: dict[str, str] = {}  # declarations before the first statement
+        self._copies = 0
+
+    def written(self) -> Written:
+        """Return the function; raises InputError for what kernels do not use."""
+        body, document = self._tree.body, ast.get_docstring(self._tree)
+        body = body[1:] if document else body
+        idle = [f'    (void){own_name(n)};' for n, _ in self._parameters if not self._loads[n]]
+        lines = self._block(body, 1)
+        head = ', '.join(
+            f'{self._source.spelled(kind)} {own_name(name)}'.replace('* ', '*')
+            for name, kind in self._parameters
+        )
+        first = (document or '').split('\n\n')[0].replace('*/', '* /')
+        comment = wrapped(f'/* {" ".join(first.split())} */') + '\n' if first else ''
+        text = '\n'.join(
+            [
+                wrapped(f'static {self._source.spelled(self._returns)} {self._title}({head})'),
+                '{',
+                *self._early.values(),
+                *idle,
+                *lines,
+                '}',
+            ]
+        )
+        kinds = tuple(kind for _, kind in self._parameters)
+        return Written(self._title, comment + text, kinds, self._returns)
+
+    def _block(self, statements: Sequence[ast.stmt], depth: int) -> list[str]:
+        block, before = _Block(_uses(statements), depth), dict(self.types)
+        lines = list[str]()
+        for statement in statements:
+            lines += self._statement(statement, block)
+        hoisted = {name: self.types[name] for name in self._early}
+        self.types = {**hoisted, **before}
+        return lines
+
+    def _statement(self, node: ast.stmt, block: _Block) -> list[str]:
+        method: Any = getattr(self, f'_{type(node).__name__.lower()}', None)
+        if method is None:
+            raise self.refused(node)
+        found: list[str] = method(node, block)
+        return found
+
+    def _return(self, node: ast.Return, block: _Block) -> list[str]:
+        if node.value is None:
+            raise self.refused(node)
+        return [wrapped(f'return {self.of(node.value, self._returns).text};', block.depth)]
+
+    def _break(self, node: ast.Break | ast.Continue, block: _Block) -> list[str]:
+        return [wrapped(f'{ast.unparse(node)};', block.depth)]
+
+    _continue = _break
+
+    def _augassign(self, node: ast.AugAssign, block: _Block) -> list[str]:
+        target: Any = node.target
+        whole = ast.BinOp(target, node.op, node.value)
+        return [self._named(target, self.of(whole), block)]
+
+    def _expr(self, node: ast.Expr, block: _Block) -> list[str]:
+        return [wrapped(f'{self.of(node.value).text};', block.depth)]
+
+    def _assign(self, node: ast.Assign, block: _Block) -> list[str]:
+        first, *rest = reversed(node.targets)
+        if isinstance(first, ast.Tuple):
+            if rest:
+                raise self.refused(node)
+            return self._unpacked(first, node.value, block)
+        lines = [self._named(first, self.of(node.value), block)]
+        for target in rest:  # a = b = value: the same value for all
+            if isinstance(first, ast.Name):
+                lines.append(self._named(target, self.of(first), block))
+        return lines
+
+    def _named(self, target: ast.expr, value: Expression, block: _Block) -> str:
+        if isinstance(target, ast.Subscript) and self.of(target.value).type == 'scratch':
+            return wrapped(f'{self.of(target).text} = {value.text};', block.depth)
+        if not isinstance(target, ast.Name):
+            raise self.refused(target)
+        return self._stored(target.id, value, block)
+
+    def _unpacked(self, target: ast.Tuple, value: ast.expr, block: _Block) -> list[str]:
+        names = [part.id if isinstance(part, ast.Name) else '' for part in target.elts]
+        if isinstance(value, ast.Tuple):
+            later = [_uses(value.elts[i + 1 :]) for i in range(len(names))]
+            if any(later[i][name] for i, name in enumerate(names)):
+                return self._through_copies(names, value, block)
+            pairs = zip(names, map(self.of, value.elts), strict=True)
+            return [self._stored(name, one, block) for name, one in pairs if self._loads[name]]
+        whole, lines = self.of(value), []
+        if not isinstance(value, ast.Name):
+            text, self._copies = whole.text, self._copies + 1
+            name = f'found{self._copies}' if self._copies > 1 else 'found'
+            kind = self._source.spelled(whole.type)
+            lines.append(wrapped(f'const {kind} {name} = {text};', block.depth))
+            whole = Expression(name, whole.rank, whole.type)
+        for i, name in enumerate(names):
+            if self._loads[name]:
+                lines.append(self._stored(name, self.part(whole, str(i), value), block))
+        return lines
+
+    def _through_copies(self, names: list[str], value: ast.Tuple, block: _Block) -> list[str]:
+        copies, lines = [], []
+        for name, part in zip(names, value.elts, strict=True):
+            one = self.of(part)
+            copies.append(Expression(f'new_{name}', one.rank, one.type))
+            kind = self._source.spelled(one.type)
+            lines.append(wrapped(f'const {kind} new_{name} = {one.text};', block.depth))
+        pairs = zip(names, copies, strict=True)
+        return lines + [self._stored(name, copy, block) for name, copy in pairs]
+
+    def _stored(self, name: str, value: Expression, block: _Block) -> str:
+        text = f'{own_name(name)} = {value.text};'
+        if name not in self.types:
+            self.types[name] = value.type
+            kind = self._source.spelled(value.type)
+            if block.uses[name] == self._all[name]:
+                text = f'{"const " if self._stores[name] == 1 else ""}{kind} {text}'
+            else:
+                self._early[name] = f'    {kind} {own_name(name)};'
+        return wrapped(text, block.depth)
+
+    def _if(self, node: ast.If, block: _Block) -> list[str]:
+        lines = [wrapped(f'if ({self.of(node.test).text}) {{', block.depth)]
+        lines += self._block(node.body, block.depth + 1)
+        if len(node.orelse) == 1 and isinstance(node.orelse[0], ast.If):
+            first, *rest = self._if(node.orelse[0], block)
+            return [*lines, wrapped(f'}} else {first.strip()}', block.depth), *rest]
+        if node.orelse:
+            lines.append(wrapped('} else {', block.depth))
+            lines += self._block(node.orelse, block.depth + 1)
+        return [*lines, wrapped('}', block.depth)]
+
+    def _while(self, node: ast.While, block: _Block) -> list[str]:
+        lines = [wrapped(f'while ({self.of(node.test).text}) {{', block.depth)]
+        return [*lines, *self._block(node.body, block.depth + 1), wrapped('}', block.depth)]
+
+    def _for(self, node: ast.For, block: _Block) -> list[str]:
+        call = node.iter
+        if not (
+            isinstance(node.target, ast.Name)
+            and isinstance(call, ast.Call)
+            and ast.unparse(call.func) == 'range'
+        ):
+            raise self.refused(node)
+        given = [self.of(argument).text for argument in call.args]
+        start, stop, *steps = given if len(given) > 1 else ['0', *given]
+        step = steps[0] if steps else '1'
+        name = own_name(node.target.id)
+        self.types[node.target.id] = 'int'
+        more = f'{name}++' if step == '1' else f'{name} += {step}'
+        head = f'for (int {name} = {start}; {name} < {stop}; {more}) {{'
+        lines = [wrapped(head, block.depth), *self._block(node.body, block.depth + 1)]
+        del self.types[node.target.id]
+        return [*lines, wrapped('}', block.depth)]
+
+    def of(self, node: ast.expr, wanted: Type = None) -> Expression:
+        """Return an expression; raises InputError for what kernels do not use.
+
+        wanted : type of a tuple, which the tuple itself does not say
+        """
+        method: Any = getattr(self, f'_{type(node).__name__.lower()}', None)
+        if method is None:
+            raise self.refused(node)
+        if isinstance(node, (ast.Tuple, ast.IfExp)):
+            return method(node, wanted)
+        return method(node)
+
+    def refused(self, node: ast.AST) -> InputError:
+        """Return the error for what C does not get."""
+        return InputError(
+            f'kernel `{self._tree.name}` must have + - * /, comparisons, if, loops over range, '
+            f'tuples and calls of kernels alone, to be C; got {ast.unparse(node)}'
+        )
+
+    def _name(self, node: ast.Name) -> Expression:
+        if node.id in self.types:
+            return Expression(own_name(node.id), WHOLE, self.types[node.id])
+        return self._global(node.id, self._names.get(node.id), node)
+
+    def _global(self, name: str, value: Any, node: ast.expr) -> Expression:
+        if not isinstance(value, (int, float)):
+            raise self.refused(node)
+        return Expression(self._source.constant(name, value), WHOLE, type_of_value(value))
+
+    def _constant(self, node: ast.Constant) -> Expression:
+        return Expression(number(node.value), WHOLE, type_of_value(node.value))
+
+    def _attribute(self, node: ast.Attribute) -> Expression:
+        module = self._module(node.value)
+        if module is not None:
+            return self._global(node.attr, getattr(module, node.attr), node)
+        record = self.of(node.value)
+        kind = self._source.field(record.type, node.attr)
+        return Expression(f'{record.text}->{own_name(node.attr)}', WHOLE, kind)
+
+    def _module(self, node: ast.expr) -> ModuleType | None:
+        found = self._names.get(node.id) if isinstance(node, ast.Name) else None
+        return found if isinstance(found, ModuleType) else None
+
+    def _subscript(self, node: ast.Subscript) -> Expression:
+        whole, index = self.of(node.value), self.of(node.slice)
+        text = whole.within(WHOLE)
+        if whole.type == 'scratch':
+            return Expression(f'{text}[{index.text}]', WHOLE, 'double')
+        if whole.type == 'rows':
+            row = f'(table){{{text}.at + {text}.width * ({index.text}), {text}.width}}'
+            return Expression(row, WHOLE, 'table')
+        if whole.type in ('table', 'ints'):
+            kind = 'int' if whole.type == 'ints' else 'double'
+            return Expression(f'{text}.at[{index.text}]', WHOLE, kind)
+        if not isinstance(whole.type, tuple):
+            raise self.refused(node)
+        return self.part(whole, index.text, node)
+
+    def part(self, whole: Expression, index: str, node: ast.AST) -> Expression:
+        """Return an element of a tuple."""
+        if set(whole.type) == {'double'}:
+            return Expression(f'{whole.text}.at[{index}]', WHOLE, 'double')
+        if not index.isdigit():
+            raise self.refused(node)
+        return Expression(f'{whole.text}.f{index}', WHOLE, whole.type[int(index)])
+
+    def _unaryop(self, node: ast.UnaryOp) -> Expression:
+        value = self.of(node.operand)
+        if isinstance(node.op, ast.Not):
+            return Expression(f'!{value.within(_UNARY + 1)}', _UNARY, 'int')
+        if not isinstance(node.op, ast.USub):
+            raise self.refused(node)
+        return Expression(f'-{value.within(_UNARY + 1)}', _UNARY, value.type)
+
+    def _binop(self, node: ast.BinOp) -> Expression:
+        if type(node.op) not in _BINARY:
+            raise self.refused(node)
+        sign, rank = _BINARY[type(node.op)]
+        left, right = self.of(node.left), self.of(node.right)
+        kind = 'double' if 'double' in (left.type, right.type) else 'int'
+        first = left.within(rank)
+        if isinstance(node.op, ast.Div) and kind == 'int':
+            first, kind = f'(double){left.within(_UNARY)}', 'double'
+        return Expression(f'{first} {sign} {right.within(rank + 1)}', rank, kind)
+
+    def _compare(self, node: ast.Compare) -> Expression:
+        if not all(type(op) in _COMPARE for op in node.ops):
+            raise self.refused(node)
+        parts = [self.of(part).within(_COMPARED + 2) for part in (node.left, *node.comparators)]
+        tests = [f'{parts[i]} {_COMPARE[type(op)]} {parts[i + 1]}' for i, op in enumerate(node.ops)]
+        return Expression(' && '.join(tests), _COMPARED if len(tests) == 1 else _AND, 'int')
+
+    def _boolop(self, node: ast.BoolOp) -> Expression:
+        sign, rank = ('||', _OR) if isinstance(node.op, ast.Or) else ('&&', _AND)
+        tests = [self.of(value).within(_COMPARED) for value in node.values]
+        return Expression(f' {sign} '.join(tests), rank, 'int')
+
+    def _ifexp(self, node: ast.IfExp, wanted: Type) -> Expression:
+        test = self.of(node.test).within(_CHOICE + 1)
+        yes, no = self.of(node.body, wanted), self.of(node.orelse, wanted)
+        kind = yes.type if yes.type == no.type else 'double'
+        text = f'{test} ? {yes.within(_CHOICE + 1)} : {no.within(_CHOICE + 1)}'
+        return Expression(text, _CHOICE, kind)
+
+    def _tuple(self, node: ast.Tuple, wanted: Type) -> Expression:
+        found = [self.of(value) for value in node.elts]
+        kind = wanted if isinstance(wanted, tuple) else tuple(one.type for one in found)
+        texts = ', '.join(one.text for one in found)
+        name = self._source.spelled(kind)
+        inner = f'{{{{{texts}}}}}' if set(kind) == {'double'} else f'{{{texts}}}'
+        return Expression(f'({name}){inner}', WHOLE, kind)
+
+    def _call(self, node: ast.Call) -> Expression:
+        module = self._module(node.func.value) if isinstance(node.func, ast.Attribute) else None
+        if module is not None and isinstance(node.func, ast.Attribute):
+            called: Any = getattr(module, node.func.attr)
+        elif isinstance(node.func, ast.Name):
+            name = node.func.id
+            called = self._names.get(name, {'len': len, 'abs': abs, 'int': int}.get(name))
+        else:
+            raise self.refused(node)
+        given = [self.of(argument) for argument in node.args]
+        if called is len and isinstance(given[0].type, str):
+            return Expression(f'{given[0].text}.count', WHOLE, 'int')
+        if called in (math.sqrt, abs):
+            name = 'sqrt' if called is math.sqrt else 'fabs'
+            return Expression(f'{name}({given[0].text})', WHOLE, 'double')
+        if called is int:
+            return Expression(f'(int){given[0].within(_UNARY)}', _UNARY, 'int')
+        if not is_kernel(called) or node.keywords:
+            raise self.refused(node)
+        written = self._source.function(called, tuple(one.type for one in given))
+        texts = (
+            self.of(argument, kind).text
+            for argument, kind in zip(node.args, written.parameters, strict=True)
+        )
+        return Expression(f'{written.name}({", ".join(texts)})', WHOLE, written.returns)
+
+
+class Source:
+    """C99 source of some kernels, of what they call, and of the constants that they read."""
+
+    def __init__(self) -> None:
+        self._records: dict[type, tuple[str, Any]] = {}
+        self._read: dict[type, dict[str, None]] = {}
+        self._tuples: dict[str, str] = {}
+        self._constants: dict[str, float] = {}
+        self._functions: dict[Any, Written] = {}
+
+    def record(self, name: str, value: Any) -> None:
+        """Let kernels read a NamedTuple of numbers and tables; C has it under the name."""
+        self._records[type(value)] = (name, value)
+
+    def spelled(self, kind: Type) -> str:
+        """Return a type as C has it."""
+        if isinstance(kind, tuple):
+            alike = set(kind) == {'double'}
+            name = f'double{len(kind)}' if alike else 'all_' + ''.join(k[0] for k in kind)
+            fields = ' '.join(f'{k} f{i};' for i, k in enumerate(kind))
+            self._tuples[name] = f'double at[{len(kind)}];' if alike else fields
+            return name
+        if kind == 'scratch':
+            return 'double *'
+        return f'const {kind.__name__} *' if isinstance(kind, type) else str(kind)
+
+    def constant(self, name: str, value: float) -> str:
+        """Return the name of a constant of a module; raises InputError if two are different."""
+        if self._constants.setdefault(name, value) != value:
+            raise InputError(f'constant `{name}` must be one number in all kernels; got {value!r}')
+        return name
+
+    def field(self, record: type, name: str) -> Type:
+        """Return the type of a field of a record, which is read."""
+        self._read.setdefault(record, {})[name] = None
+        return type_of_value(getattr(self._records[record][1], name))
+
+    def function(self, kernel: Callable[..., Any], given: Sequence[Type] = ()) -> Written:
+        """Return a kernel in C, written once; raises InputError if it cannot be."""
+        function = plain(kernel)
+        if function not in self._functions:
+            constants = {kind: value for kind, (_, value) in self._records.items()}
+            found = read(function, constants)
+            name, taken = f'rpo_{function.__name__}', {w.name for w in self._functions.values()}
+            name = f'{name}_{len(taken)}' if name in taken else name
+            self._functions[function] = Writer(self, found, name, given).written()
+        return self._functions[function]
+
+    def text(self) -> str:
+        """Return types, constants and functions, each before what needs it."""
+        blocks = [
+            *(block for kind in self._records for block in self._constants_of(kind)),
+            *(written.text for written in self._functions.values()),
+        ]
+        body = '\n\n'.join(blocks)
+        types = [
+            *((name, fields) for name, fields in _TABLES.items() if f'{name} ' in body),
+            *self._tuples.items(),
+        ]
+        lines = [f'typedef struct {{ {fields} }} {name};' for name, fields in types]
+        return '\n\n'.join(filter(None, ['\n'.join(lines), self._numbers(), body]))
+
+    def _numbers(self) -> str:
+        whole = [f'{n} = {v}' for n, v in self._constants.items() if isinstance(v, int)]
+        lines = [wrapped(f'enum {{ {", ".join(whole)} }};')] if whole else []
+        real = {n: v for n, v in self._constants.items() if isinstance(v, float)}
+        return '\n'.join([*lines, *(f'#define {n} {number(v)}' for n, v in real.items())])
+
+    def _constants_of(self, kind: type) -> list[str]:
+        name, value = self._records[kind]
+        members: dict[str, list[str]] = {}
+        given, arrays = [], []
+        for field in self._read.get(kind, ()):
+            found, own = getattr(value, field), own_name(field)
+            typed = type_of_value(found)
+            members.setdefault(typed, []).append(own)
+            if typed in _TABLES:
+                array = np.asarray(found)
+                sizes = ', '.join(map(str, array.shape))
+                given.append(f'    .{own} = {{{name}_{field}, {sizes}}},')
+                arrays.append(_array(f'{name}_{field}', typed, array))
+            else:
+                given.append(f'    .{own} = {number(found)},')
+        if not members:
+            return []
+        lines = [wrapped(f'{typed} {", ".join(names)};', 1) for typed, names in members.items()]
+        return [
+            *arrays,
+            '\n'.join(['typedef struct {', *lines, f'}} {kind.__name__};']),
+            '\n'.join([f'static const {kind.__name__} {name} = {{', *given, '};']),
+        ]
+
+
+def _array(name: str, kind: Type, array: Any) -> str:
+    element = 'signed char' if kind == 'ints' else 'double'
+    numbers = formats.listed(array.ravel(), 4, 96)
+    return f'static const {element} {name}[{array.size}] = {{\n{numbers}}};'

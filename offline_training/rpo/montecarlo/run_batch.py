@@ -1,0 +1,175 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""From drawn runs to results; a thread or worker flies a unit of 200 runs at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from rpo.engine.cases import DrawnCase
+from rpo.engine.judged import VALUES, arrival_s
+from rpo.engine.lanes import RUNS
+from rpo.engine.parts.control import Control, control_of
+from rpo.engine.parts.disturbance import levels_n
+from rpo.engine.parts.dynamics import uneven_steps
+from rpo.engine.simulator import Pairs, Scratch, fly_pairs
+from rpo.engine.support import announce, kinds, why_not
+from rpo.engine.tick import Batch, Part, Runs, parts_of
+from rpo.montecarlo.config import LEVEL, METRICS, Campaign
+from rpo.montecarlo.sampling import PARAMETERS, STRATA, DrawnRuns, draw, parameters_of
+from rpo.montecarlo.single import fly_run, scenarios_of
+from rpo_core.judge import metrics
+from rpo_core.judge.metrics import row_of, windows_of
+from rpo_core.judge.requirements import THRUST
+from rpo_core.judge.verdicts import verdicts
+from rpo_core.kernels.arrays import Floats
+
+UNIT = 200
+"""Runs of a unit; a whole number of them is one Latin hypercube."""
+
+assert STRATA % UNIT == 0 and UNIT % RUNS == 0
+
+FINAL = tuple(f'final_{name}' for name in ('x_m', 'y_m', 'z_m', 'vx_m_s', 'vy_m_s', 'vz_m_s'))
+COLUMNS = (*PARAMETERS, *METRICS, *FINAL)
+"""Columns of the results of every campaign: drawn parameters, metrics, final state."""
+
+_scratch = Scratch(0)
+
+
+def units(runs: int) -> int:
+    """Return the number of units of a campaign."""
+    return -(-runs // UNIT)
+
+
+def columns_of(campaign: Campaign) -> tuple[str, ...]:
+    """Return the columns of results: those of every campaign, then what else is known of its runs.
+
+    Those are the metrics of its thrusters, what it judges by, and the draws of its world.
+    """
+    drawn = parameters_of(campaign.config)[len(PARAMETERS) :]
+    return (*COLUMNS, *campaign.more, *drawn)
+
+
+def fly_unit(campaign: Campaign, unit: int) -> Floats:
+    """Return the results (columns, n) of the runs of a unit."""
+    first = unit * UNIT
+    return _fly(campaign, draw(campaign, first, min(UNIT, campaign.config.runs - first)))
+
+
+def fly_runs(campaign: Campaign, first: int, count: int) -> dict[str, Floats]:
+    """Return the results of some runs, column by column (count,)."""
+    results = _fly(campaign, draw(campaign, first, count))
+    return dict(zip(columns_of(campaign), results, strict=True))
+
+
+def _fly(campaign: Campaign, drawn: DrawnRuns) -> Floats:
+    reason = why_not(campaign.scenario, campaign.controller)
+    reason = reason or uneven_steps(campaign.scenario, drawn.column('orbit_radius_m'))
+    if reason:
+        announce(reason)
+    found = _singly(campaign, drawn) if reason else side_by_side(campaign, drawn)
+    found |= zip(drawn.names, drawn.parameters.T, strict=True)
+    return np.array([found[name] for name in columns_of(campaign)])
+
+
+def _singly(campaign: Campaign, drawn: DrawnRuns) -> dict[str, Floats]:
+    """Fly run after run through `rpo_core.chain.flight.fly`."""
+    runs = []
+    for number in drawn.numbers.tolist():
+        flight = fly_run(campaign, number)
+        judged = {verdict.key: verdict.value for verdict in verdicts(flight)}
+        counted = dict(zip(metrics.UNITS, row_of(flight), strict=True))
+        values = judged | counted | dict(zip(FINAL, flight.states[-1], strict=True))
+        values['arrival_time_s'] = judged.get('arrival_time_s', values['arrival_time_s'])
+        values[LEVEL] = metrics.disturbance_level_n(flight)
+        if campaign.metrics_of_thrusters:
+            values |= zip(THRUST, flight.thrust[2:], strict=True)
+        runs.append(values)
+    return {name: np.array([values[name] for values in runs]) for name in runs[0]}
+
+
+def side_by_side(
+    campaign: Campaign,
+    drawn: DrawnRuns,
+    control: Control | None = None,
+    more: Sequence[Part] = (),
+) -> dict[str, Floats]:
+    """Return what is known (n,) of drawn runs that the engine flies, by name.
+
+    control : in the place of the campaign's controller; more : parts of every tick beside theirs
+    """
+    case, w = case_of(campaign, drawn), _scratch.w
+    control = control or control_of(campaign.controller)
+    if more:
+        batches = (runs._replace(parts=(*runs.parts, *more)) for runs in case.batches)
+        case = replace(case, batches=tuple(batches))
+    return known_of(campaign, case, ((pairs, w) for pairs in fly_pairs(control, case, w)))
+
+
+def known_of(
+    campaign: Campaign, case: DrawnCase, flown: Iterable[tuple[Pairs, Floats]]
+) -> dict[str, Floats]:
+    """Return what is known (n,) of the runs of a case that have flown, by name.
+
+    flown : up to 40 runs each, with the scratch as their flights left it
+    """
+    scenario, rows = campaign.scenario, np.empty((len(case.starts), case.columns))
+    final, level = np.empty((len(rows), 6)), np.empty(len(rows))
+    for pairs, w in flown:
+        rows[pairs.some], final[pairs.some] = pairs.rows, pairs.final
+        if LEVEL in campaign.more:
+            level[pairs.some] = levels_n(pairs.runs, pairs.memories, w)[: len(pairs.rows)]
+    lost = ~np.isfinite(final).all(axis=1)  # comparisons passed over what is no number
+    counted, judged = np.split(rows.T, [len(metrics.UNITS)])
+    counted[:, lost] = np.nan
+    found = dict(zip(case.names[len(counted) :], judged, strict=True))
+    for name in found.keys() & set(VALUES):
+        found[name][lost] = np.inf
+    by_norm = found.get('arrival_time_s')
+    found |= zip((*metrics.UNITS, *FINAL, LEVEL), (*counted, *final.T, level), strict=True)
+    required = scenario.requirements
+    if required is None or required.arrival_time_s is None:
+        return found
+    if required.arrival_error_norm_m is None or by_norm is None:
+        by_norm = arrival_s(scenario, np.rint(found['arrival_time_s'] / scenario.dt_s))
+    return {**found, 'arrival_time_s': by_norm}
+
+
+def case_of(campaign: Campaign, drawn: DrawnRuns) -> DrawnCase:
+    """Return drawn runs as the engine flies them."""
+    firsts = range(0, len(drawn.numbers), RUNS)
+    windows, required = windows_of(campaign.scenario), campaign.scenario.requirements
+    together = bool(set(campaign.config.more) & set(VALUES))  # judged by what axes do together
+    if required is not None:
+        together |= required.arrival_error_norm_m is not None
+        if required.arrival_error_per_axis_m is not None:
+            windows = windows._replace(arrival_m=required.arrival_error_per_axis_m)
+    return DrawnCase(
+        campaign.scenario,
+        drawn.starts,
+        drawn.column('mass_kg'),
+        tuple(_batch(campaign, drawn.some(slice(i, i + RUNS))) for i in firsts),
+        windows,
+        together,
+    )
+
+
+def _batch(campaign: Campaign, drawn: DrawnRuns) -> Runs:
+    """Return up to 40 runs; lanes without a run rest at the target."""
+    config = campaign.config
+    batch = Batch(
+        campaign.scenario,
+        drawn.starts,
+        partial(scenarios_of, campaign, drawn),
+        dict(zip(drawn.names, drawn.parameters.T, strict=True)),
+        drawn.keys,
+        {name: dispersion.spread for name, dispersion in config.dispersions.items()},
+        config.faults.fates if config.faults else None,
+    )
+    starts = np.zeros((RUNS, 6))
+    starts[: len(drawn.numbers)] = drawn.starts
+    return Runs(starts[:, [0, 1, 3, 4]], starts[:, [2, 5]], parts_of(batch, kinds()))

@@ -1,0 +1,307 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""A tube: zonotopes that hold every state of the closed loop, tick by tick. Kernels.
+
+A set is a zonotope (`sets`). State: the p positions [m], then the p
+velocities [m/s] of axes that move together: x and y, or z alone. In a tick each axis gets a law of
+its box, so the state follows x' = A x + B (K x + k_0 + rho xi), which a zonotope follows exactly.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rpo.engine.lanes import compiled
+from rpo.proof.enclosure import Table, law_of
+from rpo.proof.sets import ROUND, InvariantSet, box_of, is_inside, strip_of, tidy, weigh
+from rpo.proof.slew import Strip, coupled_drift, drift_of, slew_by_parts, slew_of
+
+
+class Motion(NamedTuple):
+    """What moves a set.
+
+    a : (n, n), b : (n, p), of x' = a x + b f; dt : length of a tick [s]
+    constant : (N, p) known force [N] at each tick
+    carried : (N, q, p) force [N] of each of the first q generators at each tick
+    mass : share by which 1/m may differ; generator `q` - 1 carries it, if > 0
+    any_n : force per axis [N] that may change at every tick
+    coupling, coupling_half : (N, n) what axes outside the set add to the state at each tick: middle
+        and half-width
+    """
+
+    a: Any
+    b: Any
+    dt: float
+    constant: Any
+    carried: Any
+    mass: float
+    any_n: float
+    coupling: Any
+    coupling_half: Any
+
+
+class Trace(NamedTuple):
+    """What a tube was, filled as it is computed; ticks 0..N, forces 0..N-1.
+
+    low, high : (N+1, n) box of the states
+    force_low, force_high : (N, p) commanded force [N]
+    slew : (N, p) bound of the change of the command until the next tick [N/s]
+    laws : (N, p, 6) k_r, k_v, k_0, rho; tilt and half-width of the strip that they hold on
+    weights : (j,) sizes of the first generators, summed over the ticks
+    """
+
+    low: Any
+    high: Any
+    force_low: Any
+    force_high: Any
+    slew: Any
+    laws: Any
+    weights: Any
+
+    @classmethod
+    def empty(cls, ticks: int, n: int, carried: int) -> Trace:
+        """Return an empty trace of n states, and of so many generators that forces have."""
+        p = n // 2
+        return cls(
+            np.zeros((ticks + 1, n)),
+            np.zeros((ticks + 1, n)),
+            np.zeros((ticks, p)),
+            np.zeros((ticks, p)),
+            np.full((ticks, p), np.inf),
+            np.zeros((ticks, p, 6)),
+            np.zeros(n + carried),
+        )
+
+
+@compiled
+def step(
+    table: Table,
+    motion: Motion,
+    tick: int,
+    c: Any,
+    g: Any,
+    d: Any,
+    m: int,
+    low: Any,
+    high: Any,
+    laws: Any,
+    force_low: Any,
+    force_high: Any,
+) -> int:
+    """Move a set by one tick; return the number of its generators, -1 if a law is missing.
+
+    low, high : box of the set; laws (p, 6), force_low, force_high (p,) : filled
+    """
+    n = len(c)
+    p = n // 2
+    q = motion.carried.shape[1]
+    rho = np.empty(p)
+    middle = np.empty(p)
+    closed = motion.a.copy()
+    size = np.zeros(n)
+    for i in range(p):
+        tilt, half = strip_of(g, d, m, i, p + i)
+        half += ROUND * abs(c[p + i])
+        law = law_of(table, low[i], high[i], c[p + i], tilt, half)
+        laws[i, 4], laws[i, 5] = tilt, half
+        if law.rho < 0.0:
+            return -1
+        laws[i, 0], laws[i, 1], laws[i, 2], laws[i, 3] = law.k_r, law.k_v, law.k_0, law.rho
+        command = law.k_0 + law.k_r * c[i] + law.k_v * c[p + i]
+        spread = law.rho + abs(law.k_r) * d[i] + abs(law.k_v) * d[p + i]
+        for j in range(m):
+            spread += abs(law.k_r * g[i, j] + law.k_v * g[p + i, j])
+        largest = abs(law.k_0) + abs(law.k_r) * max(abs(low[i]), abs(high[i]))
+        largest += abs(law.k_v) * max(abs(low[p + i]), abs(high[p + i]))
+        spread += ROUND * (largest + spread)
+        limit = table.limit * table.force_n
+        force_low[i] = max(command - spread, -limit)
+        force_high[i] = min(command + spread, limit)
+        middle[i] = motion.constant[tick, i]
+        rho[i] = law.rho + motion.any_n
+        if motion.mass > 0.0:
+            for j in range(q):
+                spread += abs(motion.carried[tick, j, i])
+            rho[i] += motion.mass * (spread + motion.any_n)
+        for k in range(n):
+            closed[k, i] += motion.b[k, i] * law.k_r
+            closed[k, p + i] += motion.b[k, i] * law.k_v
+            size[k] += abs(motion.b[k, i]) * (largest + abs(middle[i]) + rho[i])
+        middle[i] += law.k_0
+        if motion.mass > 0.0:  # what the uncertain mass does to the force of the middle
+            pull = motion.mass * (command + motion.constant[tick, i])
+            for k in range(n):
+                size[k] += abs(motion.b[k, i] * pull)
+    _move(motion, tick, c, g, d, m, closed, middle, rho, laws, size, low, high)
+    for i in range(p):
+        for k in range(n):
+            g[k, m + i] = motion.b[k, i] * rho[i]
+    return m + p
+
+
+@compiled
+def _move(
+    motion: Motion,
+    tick: int,
+    c: Any,
+    g: Any,
+    d: Any,
+    m: int,
+    closed: Any,
+    middle: Any,
+    rho: Any,
+    laws: Any,
+    size: Any,
+    low: Any,
+    high: Any,
+) -> None:
+    """Move centre, generators and the box of rounding of a set."""
+    n = len(c)
+    p = n // 2
+    q = motion.carried.shape[1]
+    pull = np.zeros(p)
+    for i in range(p):
+        pull[i] = motion.mass * (middle[i] + laws[i, 0] * c[i] + laws[i, 1] * c[p + i])
+    new = np.empty(n)
+    for k in range(n):
+        total, wide = 0.0, 0.0
+        for i in range(n):
+            total += closed[k, i] * c[i]
+            wide += abs(closed[k, i]) * d[i]
+            size[k] += abs(motion.a[k, i]) * max(abs(low[i]), abs(high[i]))
+        for i in range(p):
+            total += motion.b[k, i] * middle[i]
+            for j in range(q):
+                size[k] += abs(motion.b[k, i] * motion.carried[tick, j, i])
+        new[k] = total + motion.coupling[tick, k]
+        far = abs(motion.coupling[tick, k]) + motion.coupling_half[tick, k]
+        size[k] = wide + motion.coupling_half[tick, k] + ROUND * (size[k] + wide + far)
+    for k in range(n):
+        c[k], d[k] = new[k], size[k]
+    for j in range(m):
+        for k in range(n):
+            total = 0.0
+            for i in range(n):
+                total += closed[k, i] * g[i, j]
+            if j < q:
+                for i in range(p):
+                    total += motion.b[k, i] * motion.carried[tick, j, i]
+            new[k] = total
+        for k in range(n):
+            g[k, j] = new[k]
+    if motion.mass > 0.0:
+        for k in range(n):
+            for i in range(p):
+                g[k, q - 1] += motion.b[k, i] * pull[i]
+
+
+@compiled
+def fly(
+    table: Table,
+    motion: Motion,
+    c: Any,
+    g: Any,
+    d: Any,
+    fixed: int,
+    m: int,
+    omega: InvariantSet,
+    until: int,
+    widest: Any,
+    most_m: float,
+    trace: Trace,
+) -> tuple[int, int, int]:
+    """Move a set; return the last tick of the trace, that of entering omega, its generators.
+
+    c (n,), g (n, capacity), d (n,) : the set, changed in place
+    omega, until : the flight ends inside it, but not before tick `until`; -1 where it never is
+    widest : (n,) half-widths at which it is given up; most_m : distance, from tick `until` on
+    """
+    last = len(trace.laws)
+    resting = -1
+    trace.weights[:] = 0.0
+    for tick in range(last + 1):
+        low, high = trace.low[tick], trace.high[tick]
+        box_of(c, g, d, m, low, high)
+        weigh(g, fixed, trace.weights)
+        for i in range(len(c)):
+            if not high[i] - low[i] <= 2.0 * widest[i]:
+                return tick, -1, m
+            if tick >= until and 2 * i < len(c) and max(-low[i], high[i]) > most_m:
+                return tick, -1, m
+        if tick > 0 and resting < 0 and is_inside(omega, c, g, d, m, low, high):
+            resting = tick
+        if tick == last or (tick >= until and resting >= 0):
+            return tick, resting, m
+        m = step(
+            table,
+            motion,
+            tick,
+            c,
+            g,
+            d,
+            m,
+            low,
+            high,
+            trace.laws[tick],
+            trace.force_low[tick],
+            trace.force_high[tick],
+        )
+        if m < 0:
+            return tick, -1, m
+        m = tidy(tick, g, d, fixed, m)
+    return last, resting, m
+
+
+@compiled
+def fill_slew(table: Table, motion: Motion, trace: Trace, last: int, limit_n_s: float) -> None:
+    """Fill the bounds of slew of a tube that lasts until a tick.
+
+    limit_n_s : what is asked for; a bound that exceeds it is made sharper, until that fails
+    """
+    most = 0.0
+    for tick in range(last):
+        most = max(most, _slew(table, motion, tick, trace, most, limit_n_s))
+
+
+@compiled
+def _slew(
+    table: Table, motion: Motion, tick: int, trace: Trace, most: float, limit: float
+) -> float:
+    """Fill the bound of slew from a tick to the next; return the greatest of the axes.
+
+    most : of earlier ticks; one that is no greater need not be sharp
+    """
+    low, high, p = trace.low[tick], trace.high[tick], trace.slew.shape[1]
+    f0, f1 = trace.force_low[tick], trace.force_high[tick]
+    other = 0.0
+    for i in range(p):
+        total = motion.any_n
+        for j in range(motion.carried.shape[1]):
+            total += abs(motion.carried[tick, j, i])
+        known = max(abs(f0[i]), abs(f1[i])) + abs(motion.constant[tick, i])
+        other = max(other, total + motion.mass * (total + known))
+    enough = most
+    for i in range(p):
+        drift = drift_of(motion.a, motion.b, i, motion.dt, low, high, f0, f1, other)
+        far, fast = motion.coupling[tick, i], motion.coupling[tick, p + i]
+        for j in range(p):
+            far += motion.b[i, j] * motion.constant[tick, j]
+            fast += motion.b[p + i, j] * motion.constant[tick, j]
+        drift = coupled_drift(
+            drift, far, motion.coupling_half[tick, i], fast, motion.coupling_half[tick, p + i]
+        )
+        strip = Strip(
+            0.5 * (low[i] + high[i]),
+            0.5 * (low[p + i] + high[p + i]),
+            0.5 * (high[i] - low[i]) * (1.0 + ROUND),
+            trace.laws[tick, i, 4],
+            trace.laws[tick, i, 5],
+        )
+        bound = slew_of(table, drift, strip, f0[i], f1[i], enough)
+        if bound > limit >= most:
+            bound = slew_by_parts(table, drift, strip, f0[i], f1[i], limit)
+        trace.slew[tick, i] = bound
+        most = max(most, bound)
+    return most

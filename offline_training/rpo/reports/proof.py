@@ -1,0 +1,159 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The report of a proof: its claims, and the box of starts coloured by margin."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from rpo.analysis.certificate import PROVEN, REFUTED
+from rpo.proof.cells import CellBounds
+from rpo.proof.check import WrittenSummary, fly_again, recompute
+from rpo.proof.claims import Claim, Range, lower, of_planar, row_of, upper
+from rpo.proof.folder import TEXTS, Folder, origins
+from rpo.proof.problem import PER_AXIS, Problem, range_of, title_of
+from rpo.proof.sets import InvariantSet
+from rpo.reports import surface_plots
+from rpo.reports.page import Block, File, Picture, Report, Section, Table, Text, picture, plain
+from rpo_core.chain.flight import fly
+from rpo_core.files.validation import InputError
+from rpo_log.show import style
+from rpo_log.show.report import limit_lines
+
+
+def report_of(path: Path) -> Report:
+    """Return the report of a finished proof's folder; raises InputError."""
+    folder = Folder.open(path)
+    problem, written = folder.problem, WrittenSummary.of(folder)
+    groups = {group: folder.cells(group) for group in problem.groups}
+    flown, faults = fly_again(folder, written)
+    follows = recompute(problem, groups, written, flown)
+    for fault in (*faults, *follows.faults):
+        raise InputError(f'{path}: {fault}')
+    claims = follows.claims
+    with style.applied():
+        pictures = [
+            _margins(folder, groups, claim)
+            for claim in claims
+            if claim.limit > 0.0 and 'planar' in groups
+        ]
+        if problem.settings.axes_apart:
+            pictures = [_reach(problem, groups)]
+    verdicts = [claim.verdict for claim in claims]
+    counted = ', '.join(f'{verdicts.count(v)} {v}' for v in dict.fromkeys(verdicts))
+    files_of = tuple(File(name, content) for name, content in zip(TEXTS, folder.texts, strict=True))
+    check = shlex.join(['rpo', 'prove', '--check', str(path)])
+    return Report(
+        f'Proof: {problem.controller.name}, {problem.scenario.name}',
+        f'As the cells of the folder say, not checked here: {counted}. `{check}` checks them. '
+        'What was flown is flown again.',
+        (
+            Section('Claims', tuple(_claims(folder, claims, follows.ranges, written.omega))),
+            *([Section('Margins', tuple(pictures))] if pictures else []),
+            Section('Files', files_of),
+        ),
+        missed=any(verdict != PROVEN for verdict in verdicts),
+    )
+
+
+def _claims(
+    folder: Folder,
+    claims: Sequence[Claim],
+    ranges: Mapping[str, Range],
+    omega: InvariantSet | None,
+) -> Iterator[Block]:
+    """Yield what is proven, how to fly the counterexamples again, and where it comes from."""
+    yield Text(f'{title_of(folder.problem)}; {range_of(folder.problem)}.')
+    yield Table(
+        'If the cells are right, no start exceeds what is proven. A flight reaches what is flown.',
+        ('claim', 'limit', 'proven', 'flown', 'open cells', 'verdict'),
+        tuple(tuple(map(plain, row_of(claim))) for claim in claims),
+    )
+    for claim in claims:
+        if claim.verdict == REFUTED:
+            flight, controller = folder.flights(claim.key)[0], folder.path / TEXTS[0]
+            command = ['rpo', 'simulate', str(flight), '--controller', str(controller)]
+            yield Text(f'{claim.statement}: refuted by {shlex.join(command)}')
+    rows = tuple(
+        (found.statement, lower(found.low), f'{upper(found.high)} {plain(found.unit)}')
+        for found in ranges.values()
+    )
+    yield Table('What no flight leaves, if the cells are right.', ('', 'from', 'to'), rows)
+    if omega is None:
+        yield Text('No invariant set was found: nothing is proven for ever.')
+    else:
+        yield Text(
+            f'Invariant set, on each axis: |r| ≤ {omega.radius_m:g} m and |v + {omega.rate:g}/s r| '
+            f'≤ {omega.speed_m_s:g} m/s. `rpo prove --check` shows that a tick maps it into itself.'
+        )
+    yield from map(Text, origins(folder))
+
+
+def _margins(folder: Folder, groups: dict[str, CellBounds], claim: Claim) -> Block:
+    """Return the x-y plane of starts, coloured by bound beside limit; words if all is alike."""
+    planar, settings = groups['planar'], folder.problem.settings
+    shares = of_planar(groups, claim.key) / claim.limit
+    x, y = (surface_plots.points(settings.centre[i], settings.half[i]) for i in (0, 1))
+    low, high = (planar.centre - planar.half)[:, :2], (planar.centre + planar.half)[:, :2]
+    values = surface_plots.greatest(x, y, low, high, shares)
+    if folder.problem.odd:
+        values = np.fmax(values, surface_plots.greatest(x, y, -high, -low, shares))
+    if surface_plots.is_flat(values):
+        least, most = 100.0 * np.nanmin(values), 100.0 * np.nanmax(values)
+        return Text(f'{claim.statement}: {least:.0f} to {most:.0f} % of the limit everywhere.')
+    figure, axes = style.new_panels(6.2)
+    surface_plots.draw_plane(figure, axes, y, x, values)
+    axes.set(title=claim.statement, xlabel='start y, V-bar [m]', ylabel='start x, R-bar [m]')
+    worst = int(shares.argmax())
+    place = ', '.join(f'{x:.4g}' for x in planar.centre[worst])
+    number, cells = claim.open_cells, len(shares)
+    shown = picture(
+        'margin', figure, statement=claim.statement, worst=place, open=number, cells=cells
+    )
+    return shown._replace(name=f'margin_{claim.key}')
+
+
+_BEFORE_S = 50.0
+"""The second row of pictures begins so long before the time of hold."""
+
+
+def _reach(problem: Problem, groups: Mapping[str, CellBounds]) -> Picture:
+    """Return the position that no flight leaves, over time, and near the target, and a flight.
+
+    groups : in the order in which they are proven
+    """
+    x, y, z, vx, vy, vz = problem.settings.centre
+    flown = replace(
+        problem.scenario, initial_position_m=(x, y, z), initial_velocity_m_s=(vx, vy, vz)
+    )
+    flight = fly(flown, problem.controller)
+    limit, dt = problem.hold_error_m, problem.scenario.dt_s
+    hold_s = problem.hold_tick * dt
+    figure, rows = style.new_panels(5.6, 2, 3)
+    for column, group in enumerate(sorted(groups)):
+        axis = PER_AXIS[group][0]
+        reach = groups[group].reach[:, :, 0]
+        low, high = np.where(np.isfinite(reach), reach, np.nan)
+        times = dt * np.arange(len(low))
+        for axes in rows[:, column]:
+            fill = {'color': style.AXES[axis], 'linewidth': 0.0, 'alpha': 0.55}
+            axes.fill_between(times, low, high, **fill, label='no flight leaves the band')
+            path = flight.positions_m[: len(times), axis]
+            label = 'a flight from the middle of the starts'
+            axes.plot(
+                times[: len(path)], path, color=style.LIGHT['ink'], linewidth=1.0, label=label
+            )
+            limit_lines(axes, limit, 'limit of the error', (hold_s, times[-1]))
+        near = rows[1, column]
+        near.set(xlabel='time [s]', xlim=(max(0.0, hold_s - _BEFORE_S), times[-1]))
+        near.set(ylim=(-3.0 * limit, 3.0 * limit))
+        rows[0, column].set(title=style.AXIS_NAMES[axis])
+    for axes in rows[:, 0]:
+        axes.set_ylabel('position [m]')
+    style.legend_below(figure, rows[0, 0])
+    return picture('reach', figure)

@@ -1,0 +1,72 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of a training run: how it converged, and what it chose from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rpo.training.run import HISTORY
+from rpo.training.training import FINALISTS, FRONT
+from rpo_log.show import style
+
+
+def draw_run(folder: Path) -> list[Path]:
+    """Draw the pictures of a finished run into its folder; return their paths."""
+    with style.applied():
+        drawings = {
+            'convergence.png': _convergence(folder / HISTORY),
+        }
+        if (folder / FRONT).exists():
+            drawings['front.png'] = _front(folder / FRONT)
+        if (folder / FINALISTS).exists():
+            drawings['held_out.png'] = _held_out(folder / FINALISTS)
+        for name, figure in drawings.items():
+            style.save_figure(figure, folder / name)
+    return [folder / name for name in drawings]
+
+
+def _columns(path: Path) -> Any:
+    """Return the columns of a table with headings, by name."""
+    return np.genfromtxt(path, delimiter=',', names=True, encoding='utf-8', ndmin=1)
+
+
+def _convergence(history: Path) -> Any:
+    columns = _columns(history)
+    figure, axes = style.new_panels(4.4)
+    labels = 'fitness, mean of the generation', 'fitness, best so far', "the best's mean J"
+    names = 'mean_fitness', 'best_fitness', 'best_energy_n2s'
+    for name, label, colour in zip(names, labels, style.AXES, strict=True):
+        axes.plot(columns['evaluations'], columns[name], color=colour, label=label)
+    style.log_scale(axes)
+    axes.set(xlabel='controllers evaluated', ylabel='fitness, J [N²s]')
+    style.legend_below(figure, axes)
+    return figure
+
+
+def _held_out(path: Path) -> Any:
+    """Return the finalists: fitness by held-out draws, over fitness by those of the training."""
+    columns = _columns(path)
+    trained, held_out = columns['training_fitness'], columns['held_out_fitness']
+    figure, axes = style.new_panels(4.4)
+    best = int(held_out.argmin())
+    ends = [min(trained.min(), held_out.min()), max(trained.max(), held_out.max())]
+    axes.plot(ends, ends, color=style.LIGHT['muted'], linewidth=1.0, label='equal')
+    axes.plot(trained, held_out, 'o', markersize=4, label='finalist')
+    axes.plot(trained[best], held_out[best], 'D', markersize=6, label='chosen')
+    style.log_scale(axes, x=True)
+    axes.set(xlabel='fitness by the draws of its training [N²s]', ylabel='by held-out draws [N²s]')
+    style.legend_below(figure, axes)
+    return figure
+
+
+def _front(path: Path) -> Any:
+    columns = _columns(path)
+    figure, axes = style.new_panels(4.4)
+    if columns.size:
+        axes.plot(columns['mean_arrival_s'], columns['mean_energy_n2s'], 'o-', markersize=4)
+    axes.set(xlabel='mean arrival time, free of penalties [s]', ylabel='mean J [N²s]')
+    return figure

@@ -1,0 +1,136 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a search judges a flight by: the requirements of its scenario, as columns of rows.
+
+They are the values of `rpo_core.judge.verdicts`, of all requirements.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+
+from rpo.engine.counters import COLUMNS
+from rpo.engine.judged import VALUES
+from rpo_core.files.scenario import Scenario
+from rpo_core.files.validation import InputError
+from rpo_core.judge import metrics
+from rpo_core.judge.requirements import THRUST, Requirements
+from rpo_core.kernels.arrays import Floats
+
+PAPER = Requirements(
+    mean_speed_norm_m_s=metrics.MAX_ARRIVAL_SPEED_M_S,
+    slew_per_axis_n_s=metrics.MAX_SLEW_N_S,
+    mean_error_norm_m=metrics.MAX_ARRIVAL_DISTANCE_M,
+)
+"""The conditions of the paper's training, and arrival, ours; for a scenario without its own."""
+
+LABELS = {
+    'mean_speed_norm_m_s': 'speed',
+    'slew_per_axis_n_s': 'slew',
+    'mean_error_norm_m': 'arrival',
+}
+"""Short names of these three, in the order in which their penalties add up."""
+
+AT_LIMIT = 0.1
+"""Share of the penalty that the graded one takes just beyond a limit."""
+
+_ORDER = (
+    *LABELS,
+    'arrival_time_s',
+    'energy_n2s',
+    'delta_v_axis_sum_m_s',
+    'hold_error_per_axis_m',
+    'hold_speed_per_axis_m_s',
+    'hold_force_per_axis_n',
+    'hold_force_per_disturbance',
+    *VALUES,
+)
+"""Requirements in the order in which their penalties add up: the bits of a fitness depend on it."""
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Conditions of the flights of a scenario.
+
+    keys : requirements; columns : where their values are in a row; limits : (k,)
+    late : whether the extremes are those after `hold_from_s`; late_s : the time that this is
+    together : whether the rows need the columns of `engine.judged`
+    arrival_m : error of an axis that counts as arrived
+    """
+
+    keys: tuple[str, ...]
+    columns: list[int]
+    limits: Floats
+    late: bool
+    late_s: float
+    together: bool
+    arrival_m: float
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of the conditions, as progress and provenance show them."""
+        return tuple(map(label, self.keys))
+
+    def values(self, rows: Floats) -> Floats:
+        """Return what is judged (..., k) of rows (..., columns)."""
+        return rows[..., self.columns]
+
+
+def label(key: str) -> str:
+    """Return the short name of a requirement."""
+    return LABELS.get(key, key)
+
+
+def column_of(name: str, required: Requirements | None) -> int:
+    """Return the column of a row that has the value of a requirement."""
+    by_norm = required is not None and required.arrival_error_norm_m is not None
+    if name in metrics.UNITS and not (name == 'arrival_time_s' and by_norm):
+        return list(metrics.UNITS).index(name)
+    if name == 'hold_force_per_disturbance':
+        return metrics.LATE_FORCE
+    if name in THRUST:
+        return list(THRUST).index(name) - len(THRUST)
+    return COLUMNS + VALUES.index(name)
+
+
+def conditions_of(base: Scenario) -> Conditions:
+    """Return the conditions of a scenario."""
+    required = base.requirements or PAPER
+    limits, hold = dict(required.limits), metrics.hold_tick(base)
+    if 'hold_force_per_disturbance' in limits:
+        level_n = float(np.abs(base.disturbances_n).max())
+        limits['hold_force_per_disturbance'] *= level_n
+    if required.arrival_error_norm_m is None and 'arrival_time_s' in limits:
+        # As it is counted: ticks times dt; who never arrives has the duration.
+        ticks = (base.times_s[:-1] <= limits['arrival_time_s']).sum() - 1
+        limits['arrival_time_s'] = float(ticks) * base.dt_s
+    for name in limits.keys() & THRUST.keys():
+        raise InputError(
+            f'a search cannot judge the starts of a set by `{name}`; give a campaign in '
+            '`fitness.drawn.campaigns`'
+        )
+    keys = [key for key in dict.fromkeys(_ORDER) if key in limits]
+    if hold is not None and hold >= base.ticks:  # the flight ends before; it is not judged by these
+        keys = [key for key in keys if not key.startswith('hold_')]
+    found = [column_of(key, required) for key in keys]
+    return Conditions(
+        tuple(keys),
+        found,
+        np.array([limits[key] for key in keys]),
+        any(key.startswith('hold_') for key in keys),
+        max(1, base.ticks - (hold or 0)) * base.dt_s,
+        max(found, default=0) >= COLUMNS,
+        _arrival_m(required),
+    )
+
+
+def _arrival_m(required: Requirements) -> float:
+    """Return the error of an axis that counts as arrived."""
+    if required.arrival_error_per_axis_m is not None:
+        return required.arrival_error_per_axis_m
+    if required.arrival_error_norm_m is not None:
+        return required.arrival_error_norm_m / sqrt(3.0)
+    return metrics.MAX_ARRIVAL_DISTANCE_M

@@ -1,9 +1,0 @@
-# Copyright 2026 The RPO stack authors
-# SPDX-License-Identifier: Apache-2.0
-"""What this room adds to scenarios and to the table of interfaces (`rpo_core.files.plugins`)."""
-
-from rpo_attitude import chaser, pointing, target, unloading
-
-__all__ = ['chaser', 'pointing', 'unloading']
-
-target.add()

@@ -1,0 +1,314 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the proof (docs/safety.md) may assume of a scenario, and how errors grow in a prediction."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rpo_core.assurance.known_errors import (
+    moving_n,
+    ready,
+    sensed_m,
+    stuck_n,
+    thrust_share,
+    upwards,
+)
+from rpo_core.assurance.settings import Assurance
+from rpo_core.files.validation import InputError
+from rpo_core.navigation.navigation_errors import Navigation
+from rpo_core.navigation.sensors import Sensors
+from rpo_core.stage import Place, section_of
+from rpo_core.thrusters import authority
+from rpo_core.thrusters.authority import FULL, NONE
+from rpo_core.thrusters.table import IDENTITY
+from rpo_core.thrusters.thrusters import Thrusters
+from rpo_core.world import cw
+from rpo_core.world.disturbance import Disturbance
+
+ROUNDING_M = 1e-6
+"""Covers the rounding of the kernels, below 1e-9 m in 1 km; added to the error of a position."""
+
+SQRT_3 = math.sqrt(3.0)
+
+LARGEST_NORMAL = math.sqrt(2.0) * math.sqrt(66.0 * math.log(2.0))
+"""No three normals of `rpo_core.kernels.noise` have a larger norm: words are at least 1/2^33."""
+
+
+class Errors(NamedTuple):
+    """Largest norms: position [m], velocity [m/s], disturbance [N], thrust (share of a force).
+
+    thrust : that of the thrusters, and what a wrong attitude of the chaser turns
+    mass_kg : as the filter takes it
+    """
+
+    position_m: float
+    velocity_m_s: float
+    disturbance_n: float
+    thrust: float
+    mass_kg: float
+
+
+def largest_n(disturbance: Disturbance) -> float:
+    """Return a bound of the norm [N] of a disturbance at any time."""
+    axes = dict(zip('xyz', map(abs, disturbance.constant_n), strict=True))
+    for term in disturbance.harmonics:
+        axes[term.axis] += abs(term.amplitude_n)
+    return math.sqrt(sum(value * value for value in axes.values()))
+
+
+def errors_of(settings: Assurance, scenario: Any) -> Errors:
+    """Return what the proof assumes: what the section says, else what the scenario has.
+
+    Raises InputError, with all conflicts, if the section assumes less than the scenario has, or
+    says nothing where the scenario has sensors, thrusters or dynamics whose errors are not known
+    beforehand.
+    """
+    found = known(settings, scenario)
+    conflicts, _ = compared(settings, found)
+    if conflicts:
+        raise InputError('; '.join(conflicts))
+
+    def assumed(name: str) -> float:
+        given: float | None = getattr(settings, name)
+        return found[name][0] if given is None else given
+
+    return Errors(
+        assumed('position_error_m'),
+        assumed('velocity_error_m_s'),
+        assumed('disturbance_n'),
+        assumed('thrust_error') + turned_share(settings, scenario),
+        settings.mass_kg or scenario.mass_kg,
+    )
+
+
+def compared(
+    settings: Assurance, found: dict[str, tuple[float, str, str]]
+) -> tuple[list[str], dict[str, Any]]:
+    """Return in what a section conflicts with what is known of its scenario, and what would do.
+
+    found : of `known`
+    """
+    conflicts: list[str] = []
+    changed: dict[str, Any] = {}
+    for name, (least, source, reason) in found.items():
+        given = getattr(settings, name)
+        if given is not None and given < least:
+            would_do = f'must be at least {upwards(least)}, which {source}; got {given!r}'
+        elif given is None and reason:
+            more = f', at least {upwards(least)}' if least > 0.0 else ''
+            would_do = f'is missing; section `{reason}` needs it{more}'
+        else:
+            continue
+        if name == 'thrust_error' and least > 1.0:
+            would_do += ' (1 at most can be assumed: `thrusters` must exert more of a command)'
+        conflicts.append(f'`assurance.{name}` {would_do}')
+        changed[name] = float(upwards(least))
+    return conflicts, changed
+
+
+def known(settings: Assurance, scenario: Any) -> dict[str, tuple[float, str, str]]:
+    """Return of each assumption what is known at least, whose that is, and what makes it unknown.
+
+    The last is the section whose part is not known beforehand; '' if there is none.
+    """
+    navigation = scenario.section(Navigation) or Navigation()
+    mass_kg = settings.mass_kg or scenario.mass_kg
+    lighter = mass_kg / scenario.mass_kg
+    seeing = _seeing(scenario)
+    # Sensors without an estimator change nothing; what another stage makes of noise is its own.
+    most = LARGEST_NORMAL * all(isinstance(s, Sensors) for s in seeing)
+    position_m = _norm(navigation.position_bias_m) + most * navigation.position_noise_m
+    velocity_m_s = _norm(navigation.velocity_bias_m_s) + most * navigation.velocity_noise_m_s
+    seen = next((section_of(s).name for s in seeing), '')
+    moved_n = max(largest_n(scenario.disturbance), moving_n(scenario), stuck_n(scenario))
+    disturbance_n = moved_n * mass_kg / scenario.mass_kg
+    pushed = _first_of(scenario, (Place.DISTURBANCE, Place.DYNAMICS))
+    own, assumed_n = scenario.thrusters, settings.disturbance_n
+    thrust, exerting = _thrust_error(scenario, lighter), ''
+    if own is not None and own != Thrusters(matrix=own.matrix, delay_ticks=own.delay_ticks):
+        exerting = 'thrusters'
+        covered_n = disturbance_n if assumed_n is None else assumed_n
+        share = thrust_share(scenario, lighter, covered_n)
+        alike = own.pulses is None or not own.pulses.errors
+        thrust = max(share * (1.0 - 1e-9), thrust if alike else 0.0)
+    after = (Place.ASSURANCE, Place.LINK, Place.THRUSTERS)
+    exerting = exerting or _first_of(scenario, after, Thrusters)
+    has = 'the scenario has'
+    found = {
+        'position_error_m': (max(position_m, sensed_m(settings, scenario)), has, seen),
+        'velocity_error_m_s': (velocity_m_s, has, seen),
+        'disturbance_n': (disturbance_n, has, pushed),
+        'thrust_error': (thrust, has + (' with `mass_kg`' if settings.mass_kg else ''), exerting),
+    }
+    if scenario.target is not None and settings.corridor is not None:
+        found['attitude_error_deg'] = (_norm(scenario.target.known_error_deg), has, '')
+    if scenario.attitude is not None:
+        found['chaser_attitude_error_deg'] = (
+            _turned_deg(scenario),
+            '`attitude_control.limits` and the delay of the thrusters have',
+            'attitude',
+        )
+    return found
+
+
+def _seeing(scenario: Any) -> list[Any]:
+    """Return the settings of sensors and estimators whose errors are not known beforehand."""
+    places = (Place.SENSOR, Place.ESTIMATOR)
+    found = [s for s in scenario.sections if section_of(s).place in places]
+    return [s for s in found if not isinstance(s, Navigation)]
+
+
+def _first_of(scenario: Any, places: tuple[Place, ...], *skipped: type) -> str:
+    """Return the name of the first section after assurance in some places; '' if there is none.
+
+    skipped : settings whose errors are known beforehand
+    """
+    kinds = [type(s) for s in scenario.sections]
+    after = kinds.index(Assurance) + 1 if Assurance in kinds else 0
+    for settings in scenario.sections[after:]:
+        section = section_of(settings)
+        if section.place in places and not isinstance(settings, skipped):
+            return section.name
+    return ''
+
+
+def _norm(values: Any) -> float:
+    return math.sqrt(sum(value * value for value in values))
+
+
+def _thrust_error(scenario: Any, lighter: float) -> float:
+    """Return a bound of |T f - f| / |f|: of T - 1 the norm of Frobenius, or sqrt(rows x columns).
+
+    lighter : mass as the filter takes it, over what it is; forces act by so much more
+    """
+    rows = scenario.thrusters.matrix if scenario.thrusters is not None else IDENTITY
+    off = [[lighter * rows[i][j] - (i == j) for j in range(3)] for i in range(3)]
+    return min(_norm(value for row in off for value in row), _block(np.array(off), 0, 0))
+
+
+def turned_share(settings: Assurance, scenario: Any) -> float:
+    """Return the largest share of a force by which a wrong attitude of the chaser changes it.
+
+    2 sin(angle / 2); 0.0 where the chaser's axes are those of target LVLH. docs/safety.md, lemma 6.
+    """
+    degrees = settings.chaser_attitude_error_deg
+    if scenario.attitude is None:
+        if degrees is not None:
+            raise InputError('`assurance.chaser_attitude_error_deg` needs section `attitude`')
+        return 0.0
+    if scenario.named('attitude_control') is None:
+        raise InputError(
+            '`assurance` needs section `attitude_control` beside `attitude`: it turns the force '
+            "into the chaser's axes"
+        )
+    return 2.0 * math.sin(0.5 * math.radians(degrees or 0.0))
+
+
+def _turned_deg(scenario: Any) -> float:
+    """Return the angle that limits of the torque leave certain: errors, and the turn of a tick.
+
+    A force is turned for the middle of the tick in which it acts, by the rate of now.
+    """
+    control = scenario.named('attitude_control')
+    limits = control.limits if control is not None else None
+    if limits is None:
+        return 0.0
+    delay = scenario.thrusters.delay_ticks if scenario.thrusters else 0
+    fastest = SQRT_3 * limits.rate_deg_s + math.degrees(scenario.mean_motion_rad_s)
+    most = math.degrees(control.bounds(scenario).fastest)
+    later = (delay + 0.5) * scenario.dt_s
+    known = SQRT_3 * (limits.known_deg + later * limits.known_deg_s)
+    return known + 0.5 * scenario.dt_s * fastest + 0.5 * later * later * most
+
+
+def spreading(errors: Errors, scenario: Any, ticks: int) -> tuple[float, float, float, float]:
+    """Return how errors grow in some ticks: position by position, by velocity; velocity likewise.
+
+    Norms of blocks of the CW transition are bounded by sqrt(row sum x column sum).
+    """
+    if not ticks:
+        return 1.0, 0.0, 0.0, 1.0
+    return _spreading(scenario.mean_motion_rad_s, errors.mass_kg, ticks * scenario.dt_s)
+
+
+@lru_cache(maxsize=256)
+def _spreading(n: float, mass_kg: float, t: float) -> tuple[float, float, float, float]:
+    """Return `spreading` in a time [s]: many runs of a campaign have the same."""
+    state, _ = cw.matrices(cw.discretise(n, mass_kg, t))
+    rr, rv, vr, vv = (_block(state, i, j) for i in (0, 3) for j in (0, 3))
+    return rr, rv, vr, vv
+
+
+def ahead(errors: Errors, scenario: Any, ticks: int) -> tuple[float, float]:
+    """Return bounds of the error [m], [m/s] of a state predicted some ticks ahead.
+
+    The error at hand grows as the state does, by the CW transition; disturbance and thrust error
+    add to it for as long.
+    """
+    t = ticks * scenario.dt_s
+    if not ticks:
+        return errors.position_m + ROUNDING_M, errors.velocity_m_s
+    rr, rv, vr, vv = spreading(errors, scenario, ticks)
+    a = unknown_n(errors, scenario) / errors.mass_kg
+    return (
+        rr * errors.position_m + rv * errors.velocity_m_s + rv * t * a / 2.0 + ROUNDING_M,
+        vr * errors.position_m + vv * errors.velocity_m_s + vv * t * a,
+    )
+
+
+def limit_n(scenario: Any) -> float:
+    """Return the force [N] that all axes of target LVLH have at once.
+
+    Of pulses and of a table that is what is left when all that are known to fail have failed; of a
+    table without torque, and while the wheels are unloaded, or, without wheels, limits of the
+    attitude kept. Raises InputError where nothing is. Where the thrusters turn with the chaser, it
+    is that of the largest ball of forces: what there is in every attitude.
+    """
+    most, turns = float(scenario.max_force_n), scenario.attitude is not None
+    own = scenario.thrusters
+    if own is not None and own.pulses is not None:
+        sides = ready(own.pulses)
+        without = [side for side, count in sides.items() if count <= 0]
+        if without:
+            raise InputError(
+                '`assurance` needs a force to all sides; `thrusters.pulses`, with the failures '
+                f'that are known, have none to {", ".join(without)}'
+            )
+        most *= min(1.0, min(sides.values()) / (own.pulses.count // 6))
+    if own is None or own.table is None:
+        return most / SQRT_3 if turns else most
+    left = authority.known(own.table, _torque_nm(scenario))
+    has = left.left(most)
+    if has == NONE:
+        raise InputError(
+            '`assurance` needs a force to all sides without torque; `thrusters.table`, with the '
+            'failures that are known, has none (`rpo safety thrusters`)'
+        )
+    if turns:
+        return min(most, left.least_n) / SQRT_3
+    return most if has == FULL else left.box_n
+
+
+def _torque_nm(scenario: Any) -> float:
+    """Return the torque [N m] that a table of thrusters gives about each axis beside its force."""
+    unloading, control = scenario.named('unloading'), scenario.named('attitude_control')
+    if unloading is not None:
+        found: float = unloading.torque_nm
+        return found
+    kept = control is not None and control.limits is not None and scenario.attitude.wheels is None
+    return control.limit_nm if kept else 0.0
+
+
+def unknown_n(errors: Errors, scenario: Any) -> float:
+    """Return the largest force [N] that a prediction does not know, under any command."""
+    return errors.disturbance_n + errors.thrust * SQRT_3 * limit_n(scenario)
+
+
+def _block(matrix: Any, i: int, j: int) -> float:
+    rows = [[abs(float(matrix[i + a, j + b])) for b in range(3)] for a in range(3)]
+    return math.sqrt(max(map(sum, rows)) * max(map(sum, zip(*rows, strict=True))))

@@ -1,0 +1,436 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Guidance as a stage of the chain: from the state to the reference that the controller follows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from math import inf
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rpo_core.attitude.target import known_motion
+from rpo_core.files.scenario import Scenario
+from rpo_core.guidance import plan
+from rpo_core.guidance.legs import (
+    Coasting,
+    Flown,
+    FlyingAround,
+    Moving,
+    Resting,
+    Straight,
+    Transferring,
+    Turning,
+    Vehicle,
+    fill,
+)
+from rpo_core.guidance.plan import Guidance, Leg
+from rpo_core.guidance.transfer_kernels import Floats, at_port
+from rpo_core.guidance.transfers import Limits
+from rpo_core.kernels.attitude_kernels import moving_with, seen_from, to_lvlh
+from rpo_core.kernels.kernels import State, norm
+from rpo_core.stage import Signal, Stage
+from rpo_core.wire import interfaces
+from rpo_core.world import cw
+
+GO, STOP, RETREAT, ABORT = 'go', 'hold', 'retreat', 'abort'
+COMMANDS = (GO, STOP, RETREAT, ABORT)
+
+ARRIVED, STOPPED, RETREATED, ABORTING, DRIFTING, DOCKED = (
+    'arrived', 'stopped', 'retreating', 'aborting', 'drifting', 'docked',
+)  # fmt: skip
+"""Phases beside the legs of the plan, which have the names of the legs."""
+
+
+CONE_SHARE = 0.7
+"""Share of the corridor's width that a transfer plans with; the rest is for the flight."""
+
+
+class Change(NamedTuple):
+    """A phase that begins.
+
+    tick : of the first reference of the phase
+    phase : its name
+    reason : why it begins
+    """
+
+    tick: int
+    phase: str
+    reason: str
+
+
+class Drifting:
+    """Free drift: the reference is the chaser itself, so that nobody commands a force."""
+
+    ticks = None
+
+
+class GuidanceStage(Stage):
+    """Flies a plan: phase by phase, with the commands go, hold, retreat and abort.
+
+    changes : the phases so far
+    """
+
+    name = 'guidance'
+    inputs = (interfaces.STATE,)
+    outputs = (interfaces.REFERENCE_STATE, interfaces.REFERENCE_FORCE)
+    memory_ticks = None
+
+    def __init__(self, settings: Guidance, scenario: Scenario) -> None:
+        self.settings = settings
+        self._dt_s = scenario.dt_s
+        n, mass_kg, dt_s = scenario.mean_motion_rad_s, settings.mass_kg, scenario.dt_s
+        step = scenario.step if mass_kg is None else cw.discretise(n, mass_kg, dt_s)
+        limit_n = settings.force_share * scenario.max_force_n
+        self._vehicle = Vehicle(n, mass_kg or scenario.mass_kg, dt_s, limit_n, step)
+        self._motion = known_motion(scenario)
+        self._radius_m = settings.keep_out_m and settings.keep_out_m + settings.margin_m
+        goal = scenario.goal
+        self._goal = (scenario.goal_state, goal.force_n if goal is not None else ())
+        self.reset()
+
+    def passes_on(self) -> tuple[int | Signal, ...]:
+        """Return the goal of the scenario, as a controller without guidance has it.
+
+        Of a target that turns the goal turns too: then the chaser itself, which needs no force.
+        """
+        return self._goal if self._motion is None else (0, ())
+
+    def reset(self) -> None:
+        """Begin the plan anew."""
+        self.commands: dict[int, str] = {}
+        self.changes: list[Change] = []
+        self._next = 0  # leg that follows
+        self._leg: Leg | None = None
+        self._flown: Flown | Drifting | None = None
+        self._since, self._tick = 0, -1
+        self._seen: State | None = None
+        self._reference: State | None = None
+        self._go = False
+
+    def command(self, name: str) -> str:
+        """Take a command for the next tick; return why it is refused, '' if it is not."""
+        reason = self.refusal(name)
+        if not reason:
+            self.commands[self.next_tick] = name
+        return reason
+
+    @property
+    def next_tick(self) -> int:
+        """The tick that comes."""
+        return self._tick + 1
+
+    def take_event(self, tick: int, state: str) -> None:
+        """Take a command that a log tells of."""
+        if state in COMMANDS:
+            self.commands[tick] = state
+
+    def refusal(self, name: str) -> str:
+        """Return why a command cannot be followed now; '' if it can."""
+        phase = self.changes[-1].phase if self.changes else 'waiting'
+        if phase in (ABORTING, DRIFTING):
+            return f'guidance is {phase}: an abort is not taken back'
+        if phase == DOCKED:
+            return 'the chaser has docked'
+        if name == RETREAT and self.settings.retreat_m is None:
+            return 'the plan has no `retreat_m`'
+        if name != GO:
+            return ''
+        if self._leg is not None and self._leg.kind == plan.HOLD:
+            return self._unready(self._leg)
+        return '' if phase in (STOPPED, RETREATED) else f'`go` ends a hold; the phase is {phase}'
+
+    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
+        """Return the reference state (6,) [m, m/s] and the force (3,) [N] that it needs."""
+        state: State = inputs[0]
+        self._tick, self._seen = tick, state
+        if self._flown is None:
+            self._begin_leg(tick, state, 'the flight begins')
+        command = self.commands.get(tick)
+        if command is not None:
+            self._obey(tick, command)
+        while self._is_over(tick):
+            self._follow(tick)
+        if self._docks and self._at_port(tick, state):
+            self._enter(tick, DOCKED, 'the chaser is at the port', Drifting())
+        if isinstance(self._flown, Drifting):
+            self._reference = state
+            return state, (0.0, 0.0, 0.0)
+        reference, force = self._flown.at(tick - self._since)  # type: ignore[union-attr]
+        self._reference = reference
+        return reference, force
+
+    @property
+    def rests(self) -> bool:
+        """Whether all legs are flown, and the reference stays as it is."""
+        return isinstance(self._flown, Resting) and self.changes[-1].phase == ARRIVED
+
+    @property
+    def _docks(self) -> bool:
+        """Whether the last leg is flown, or over, and docking ends it."""
+        if not self.settings.past_port_m or self._next < len(self.settings.legs):
+            return False
+        return self._leg is not None or self.changes[-1].phase == ARRIVED
+
+    def port(self, tick: int) -> tuple[float, ...]:
+        """Return where port [m] and axis of the corridor point at a tick (6,), target LVLH."""
+        port_m, ahead = self.settings.port_m, self.settings.corridor.ahead
+        if self._motion is None:
+            return (*port_m, *ahead)
+        frame = self._motion.frame(tick)
+        return (*to_lvlh(port_m, frame), *to_lvlh(ahead, frame))
+
+    def _at_port(self, tick: int, state: State) -> bool:
+        """Return whether a state has come to the port."""
+        (x, y, z, *_), (px, py, pz, ax, ay, az) = state, self.port(tick)
+        return at_port(x, y, z, px, py, pz, ax, ay, az, self.settings.past_port_m)
+
+    def phases(self, start: State, ticks: int) -> Iterator[tuple[int, int, Any, bool]]:
+        """Yield the phases of a plan without holds and commands, up to a tick.
+
+        They do not depend on the flight, but for its start as guidance sees it, and until it docks.
+        Of each its first tick, its ticks, how it is flown, and whether all legs but it are flown.
+        """
+        tick = 0
+        self.reset()
+        self._begin_leg(0, start, '')
+        while tick <= ticks:
+            while self._is_over(tick):
+                self._follow(tick)
+            flown: Any = self._flown
+            left = ticks + 1 - tick
+            count = left if flown.ticks is None else min(flown.ticks, left)
+            yield tick, count, flown, self._next == len(self.settings.legs)
+            tick += count
+
+    def rows(self, start: State, ticks: int) -> Floats:
+        """Return the references and forces (ticks + 1, 9) of `phases`."""
+        rows = np.empty((ticks + 1, 9))
+        for tick, count, flown, _ in self.phases(start, ticks):
+            fill(flown, rows[tick : tick + count])
+        return rows
+
+    def _is_over(self, tick: int) -> bool:
+        """Return whether the phase ends before this tick."""
+        ticks = self._flown.ticks if self._flown is not None else None
+        if ticks is not None:
+            return tick - self._since >= ticks
+        leg = self._leg
+        if leg is None or leg.kind != plan.HOLD:
+            return False
+        if self._timed_out(tick, leg):
+            return True
+        return (leg.go == plan.AUTO or self._go) and not self._unready(leg)
+
+    def _timed_out(self, tick: int, leg: Leg) -> bool:
+        held_s = (tick - self._since) * self._dt_s
+        return leg.timeout_s is not None and held_s >= leg.timeout_s
+
+    def _unready(self, leg: Leg) -> str:
+        """Return why a hold cannot end; '' if it can."""
+        held_s = (self._tick - self._since) * self._dt_s
+        if held_s < leg.dwell_s:
+            return f'`dwell_s` = {leg.dwell_s:g} s is not over: {held_s:g} s'
+        if self._seen is None or self._reference is None:
+            return 'no state has come'
+        miss = [s - r for s, r in zip(self._seen, self._reference, strict=True)]
+        error, speed = norm(*miss[:3]), norm(*miss[3:])
+        if error > leg.within_m:
+            return f'the error is {error:.3g} m, more than `within_m` = {leg.within_m:g} m'
+        if speed > leg.within_m_s:
+            return f'the speed is {speed:.3g} m/s, more than `within_m_s` = {leg.within_m_s:g} m/s'
+        return ''
+
+    def _follow(self, tick: int) -> None:
+        """Begin what follows the phase that is over."""
+        leg = self._leg
+        if self.changes[-1].phase == ABORTING:
+            self._enter(tick, DRIFTING, 'clear of the target', Drifting())
+        elif leg is not None and leg.kind == plan.HOLD:
+            if self._timed_out(tick, leg) and leg.on_timeout == plan.ABORT:
+                self._obey(tick, ABORT, f'{leg.name} took `timeout_s` = {leg.timeout_s:g} s')
+            else:
+                timed_out = self._timed_out(tick, leg)
+                self._begin_leg(tick, None, 'time is up' if timed_out else 'GO')
+        elif leg is None:  # stopped, or back at the retreat
+            turns = isinstance(self._flown, Turning)
+            at = self._start_of(tick, None, turns)
+            self._flown = self._fly(tick, turns, Resting, at[:3], self._vehicle)
+            self._since = tick
+        else:
+            self._begin_leg(tick, None, f'{leg.name} is flown')
+
+    def _end(self, tick: int) -> State:
+        """Return the reference where the phase ends."""
+        if isinstance(self._flown, (Drifting, type(None))):
+            return self._reference or (0.0,) * 6
+        ticks = self._flown.ticks
+        return self._flown.at(tick - self._since if ticks is None else ticks)[0]
+
+    def _begin_leg(self, tick: int, start: State | None, reason: str) -> None:
+        """Begin the leg that follows; start : None, where the phase before ends."""
+        settings = self.settings
+        if self._next == len(settings.legs):
+            turns = settings.turns(self._next - 1)
+            start = self._start_of(tick, start, turns)
+            flown = self._fly(tick, turns, Resting, start[:3], self._vehicle)
+            if settings.past_port_m and norm(*start[3:]) > 0.0:
+                past_m = settings.past_port_m
+                flown = self._fly(tick, turns, Coasting, start, self._vehicle, past_m)
+            self._enter(tick, ARRIVED, reason, flown)
+            return
+        leg = settings.legs[self._next]
+        self._next += 1
+        self._enter(tick, leg.name, reason, self._flying(tick, leg, start))
+        self._leg = leg
+
+    def _start_of(self, tick: int, state: State | None, turns: bool) -> State:
+        """Return the reference (6,) with which a phase begins, in the target's axes if it turns.
+
+        What was planned in these axes has its own bits there, not those by way of LVLH.
+        state : None, that in which the phase before ends
+        """
+        if not turns or self._motion is None:
+            return state or self._end(tick)
+        if isinstance(self._flown, Turning):
+            return self._flown.seen(tick - self._since)
+        leg = self._leg
+        if leg is not None and leg.kind == plan.TRANSFER and leg.to_m is not None:
+            return (*leg.to_m, *leg.arrive_m_s)
+        return seen_from(state or self._end(tick), self._motion.frame(tick))
+
+    def _fly(self, tick: int, turns: bool, kind: type[Moving], *args: Any) -> Flown:
+        """Return a leg under way, in the target's axes if it turns."""
+        if not turns or self._motion is None:
+            return kind(*args)
+        return Turning(self._motion, tick, self._vehicle, kind, *args)
+
+    def _flying(self, tick: int, leg: Leg, start: State | None) -> Flown:
+        """Return a leg under way."""
+        turns = self.settings.turns(self._next - 1)
+        if leg.kind == plan.TRANSFER:
+            start = start or self._end(tick)
+            end = (*(leg.to_m or start[:3]), *leg.arrive_m_s)
+            times_s = (leg.duration_s or 0.0, leg.corridor_s, leg.burn_s, leg.ease_s)
+            return self._transfer(tick, start, end, turns, *times_s)
+        start = self._start_of(tick, start, turns)
+        to_m = leg.to_m if leg.to_m is not None else start[:3]
+        fly, speed = partial(self._fly, tick, turns), leg.speed_m_s or 0.0
+        if leg.kind == plan.STRAIGHT:
+            return fly(Straight, start, to_m, self._vehicle, speed, leg.end_speed_m_s)
+        if leg.kind == plan.FLY_AROUND:
+            return fly(FlyingAround, start, to_m, self._vehicle, speed)
+        return fly(Resting, to_m, self._vehicle)
+
+    def _transfer(
+        self,
+        tick: int,
+        start: State,
+        end: State,
+        turns: bool,
+        duration_s: float,
+        corridor_s: float | None = None,
+        burn_s: float | None = None,
+        ease_s: float | None = None,
+    ) -> Transferring:
+        settings, corridor = self.settings, self.settings.corridor
+        radius = self._radius_m
+        # what begins or ends in the sphere passes through it; but to the corridor it comes no
+        # nearer than it is
+        range_m = begins = norm(*start[:3])
+        if self._motion is not None and begins < radius:
+            # its corridor turns away: the way out comes no nearer than where it can have stopped
+            range_m, begins = range_m - self._stopping_m(start), inf
+        free = corridor_s is None and min(begins, norm(*end[:3])) <= radius
+        zones = Limits(
+            0.0 if free else min(radius, range_m),
+            None,
+            ((*settings.port_m, *corridor.ahead),),
+            corridor.slope * CONE_SHARE,
+            corridor.from_m - norm(*settings.port_m),
+        )
+        times_s = (corridor_s, burn_s, ease_s)
+
+        def end_after(ticks: int) -> State:
+            if not turns or self._motion is None:
+                return end
+            return moving_with(end, self._motion.frame(tick + ticks))
+
+        def port_after(ticks: int) -> tuple[float, ...]:
+            return self.port(tick + ticks)
+
+        turning = port_after if self._motion is not None else None
+        return Transferring(start, end_after, self._vehicle, duration_s, zones, *times_s, turning)
+
+    def _stopping_m(self, state: State) -> float:
+        """Return how much nearer [m] to the target a state comes before it can have stopped."""
+        x, y, z, vx, vy, vz = state
+        closing = max(-(x * vx + y * vy + z * vz) / norm(x, y, z), 0.0)
+        return closing * closing / (2.0 * self._vehicle.acceleration_m_s2)
+
+    def _obey(self, tick: int, command: str, reason: str = '') -> None:
+        """Follow a command at a tick."""
+        reason = reason or f'command `{command}`'
+        now = self._reference or self._seen or (0.0,) * 6
+        if command == GO:
+            if self._leg is not None and self._leg.kind == plan.HOLD:
+                self._go = True
+            else:
+                self._begin_leg(tick, now, reason)
+        elif command == STOP:
+            turns = isinstance(self._flown, Turning)
+            self._interrupt()
+            self._enter(tick, STOPPED, reason, self._braking(tick, now, turns))
+        elif command == RETREAT:
+            self._interrupt()
+            while self._next > 0 and self._begins_turning(self._next):
+                self._next -= 1
+            to_m = self.settings.retreat_m or now[:3]
+            end: State = (*to_m, 0.0, 0.0, 0.0)
+            flown = self._transfer(tick, now, end, False, self.settings.abort_s)
+            self._enter(tick, RETREATED, reason, flown)
+        else:
+            end = self._way_out(now)
+            flown = self._transfer(tick, now, end, False, self.settings.abort_s)
+            self._enter(tick, ABORTING, reason, flown)
+
+    def _interrupt(self) -> None:
+        """Let `go` fly the leg under way again."""
+        if self._leg is not None and self._leg.kind != plan.HOLD:
+            self._next -= 1
+
+    def _begins_turning(self, i: int) -> bool:
+        """Return whether leg i, or what follows the last one, begins in the target's axes."""
+        legs = self.settings.legs
+        if i < len(legs) and legs[i].kind == plan.TRANSFER:
+            return False
+        return self._motion is not None and self.settings.turns(min(i, len(legs) - 1))
+
+    def _braking(self, tick: int, now: State, turns: bool) -> Flown:
+        x, y, z, vx, vy, vz = now = self._start_of(tick, now, turns)
+        speed = norm(vx, vy, vz)
+        if speed == 0.0:
+            return self._fly(tick, turns, Resting, (x, y, z), self._vehicle)
+        way = speed / (2.0 * self._vehicle.acceleration_m_s2)  # along v, so that v^2 / (2 a)
+        to_m = (x + way * vx, y + way * vy, z + way * vz)
+        return self._fly(tick, turns, Straight, now, to_m, self._vehicle, speed, 0.0)
+
+    def _way_out(self, now: State) -> State:
+        """Return a state (6,) from which relative motion carries the chaser away.
+
+        Below the target an orbit is faster: ahead of it the chaser leaves forward. Behind the
+        target it leaves backward, above it. vy = -3/2 n x keeps x as it is. Out of a corridor that
+        turns it leaves on the side on which it is.
+        """
+        x, y, _, _, _, _ = now
+        below = y >= 0.0
+        if self._motion is not None and norm(*now[:3]) < self._radius_m:
+            below = x < 0.0
+        x = -self.settings.abort_offset_m if below else self.settings.abort_offset_m
+        return x, y, 0.0, 0.0, -1.5 * self._vehicle.mean_motion_rad_s * x, 0.0
+
+    def _enter(self, tick: int, phase: str, reason: str, flown: Flown | Drifting) -> None:
+        self.changes.append(Change(tick, phase, reason))
+        self._leg, self._flown, self._since, self._go = None, flown, tick, False

@@ -1,0 +1,407 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Legs as they are flown: the reference state and the force that keeps a chaser on it.
+
+A leg is a function of the ticks since it began. Arithmetic is + - * / and square roots in a fixed
+order: the same bits on every machine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import ceil, sqrt
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from rpo_core.attitude.target import Motion
+from rpo_core.guidance import transfers
+from rpo_core.guidance.transfer_kernels import Floats, sample
+from rpo_core.guidance.transfers import Limits, Transfer
+from rpo_core.guidance.turning_kernels import force_for, turn_rows
+from rpo_core.kernels import kernels
+from rpo_core.kernels.kernels import CwStep, State, Vector, norm, sin_cos
+from rpo_core.world import cw
+
+PI = 3.141592653589793
+
+SEGMENTS = 100
+"""Most segments of a transfer; each is a whole number of ticks. With `ease_s` each is a tick."""
+
+STRETCH, STRETCHES = 1.25, 12
+"""A transfer that needs more force than it may gets so much more time, so often."""
+
+ACCELERATION_SHARE = 0.5
+"""Share of the force that guidance may use, for speeding up and braking on lines and arcs."""
+
+
+class Vehicle(NamedTuple):
+    """What legs know of the chaser.
+
+    limit_n : force of an axis that the reference may need
+    """
+
+    mean_motion_rad_s: float
+    mass_kg: float
+    dt_s: float
+    limit_n: float
+    step: CwStep
+
+    @property
+    def acceleration_m_s2(self) -> float:
+        """Acceleration on lines and arcs."""
+        return ACCELERATION_SHARE * self.limit_n / self.mass_kg
+
+    def force_n(self, state: State, acceleration: Vector) -> Vector:
+        """Return the force (3,) [N] for an acceleration (3,) [m/s^2] in a state."""
+        return force_for(state, acceleration, self.mean_motion_rad_s, self.mass_kg)
+
+
+class Flown(Protocol):
+    """A leg under way."""
+
+    @property
+    def ticks(self) -> int | None:
+        """Its length; None: it has no end of its own."""
+
+    def at(self, tick: int) -> tuple[State, Vector]:
+        """Return the reference (6,) [m, m/s] and force (3,) [N] so many ticks after its begin."""
+
+
+class Moving:
+    """A leg whose motion is a function of time: the force is that in the middle of a tick."""
+
+    ticks: int | None = None
+    _vehicle: Vehicle
+
+    def moved(self, time_s: float) -> tuple[State, Vector]:
+        """Return state (6,) [m, m/s] and acceleration (3,) [m/s^2] so long after its begin."""
+        raise NotImplementedError
+
+    def at(self, tick: int) -> tuple[State, Vector]:
+        """Return the state, and the force in the middle of the tick."""
+        dt_s = self._vehicle.dt_s
+        state, _ = self.moved(tick * dt_s)
+        return state, self._vehicle.force_n(*self.moved((tick + 0.5) * dt_s))
+
+
+class Resting(Moving):
+    """At rest at a point, for ever."""
+
+    def __init__(self, position_m: Vector, vehicle: Vehicle) -> None:
+        self._vehicle = vehicle
+        self._state: State = (*position_m, 0.0, 0.0, 0.0)
+
+    def moved(self, time_s: float) -> tuple[State, Vector]:
+        """Return the point."""
+        return self._state, (0.0, 0.0, 0.0)
+
+
+class Coasting(Moving):
+    """On with the velocity of its begin, so far."""
+
+    def __init__(self, start: State, vehicle: Vehicle, length_m: float) -> None:
+        self._start, self._vehicle = start, vehicle
+        self.ticks = ceil(length_m / norm(*start[3:]) / vehicle.dt_s)
+
+    def moved(self, time_s: float) -> tuple[State, Vector]:
+        """Return point and velocity."""
+        x, y, z, vx, vy, vz = self._start
+        state = x + vx * time_s, y + vy * time_s, z + vz * time_s, vx, vy, vz
+        return state, (0.0, 0.0, 0.0)
+
+
+_tables: dict[str, Floats] = {}
+"""Motions of legs in the target's axes: those of the runs of a campaign are the same."""
+
+MOST_TABLES = 16
+
+
+class Turning:
+    """A leg that is flown in the axes of the target, which turn.
+
+    motion : how they turn; since : tick at which the leg begins
+    kind, args : of the leg in these axes
+    """
+
+    def __init__(
+        self, motion: Motion, since: int, vehicle: Vehicle, kind: type[Moving], *args: Any
+    ) -> None:
+        self._motion, self._since, self._vehicle = motion, since, vehicle
+        self._inner = kind(*args)
+        self._key = repr((kind.__name__, args))  # 0.0 is not -0.0
+        self.ticks = self._inner.ticks
+
+    def seen(self, tick: int) -> State:
+        """Return the state (6,) in the target's axes, so many ticks after its begin."""
+        return self._inner.moved(tick * self._vehicle.dt_s)[0]
+
+    def _moments(self, tick: int) -> tuple[float, ...]:
+        """Return the state at a tick, and state and acceleration in its middle (15,)."""
+        later, acceleration = self._inner.moved((tick + 0.5) * self._vehicle.dt_s)
+        return (*self.seen(tick), *later, *acceleration)
+
+    def at(self, tick: int) -> tuple[State, Vector]:
+        """Return the state in LVLH, and the force in the middle of the tick."""
+        row = np.empty((1, 9))
+        self._fill(tick, np.array([self._moments(tick)]), row)
+        x, y, z, vx, vy, vz, *force = row[0].tolist()
+        return (x, y, z, vx, vy, vz), tuple(force)
+
+    def moments(self, ticks: int) -> Floats:
+        """Return the motion (n, 15) in the target's axes of its first ticks."""
+        key = f'{ticks} {self._key}'
+        if key not in _tables:
+            if len(_tables) >= MOST_TABLES:
+                _tables.clear()
+            _tables[key] = np.array([self._moments(tick) for tick in range(ticks)])
+        return _tables[key]
+
+    def fill(self, rows: Floats) -> None:
+        """Fill rows (n, 9) with its first references and forces."""
+        self._fill(0, self.moments(len(rows)), rows)
+
+    def _fill(self, first: int, table: Floats, rows: Floats) -> None:
+        begin, vehicle = self._since + first, self._vehicle
+        frames, halves = (
+            self._motion.frames(begin + len(rows), half=half)[begin:] for half in (False, True)
+        )
+        turn_rows(table, frames, halves, vehicle.mean_motion_rad_s, vehicle.mass_kg, rows)
+
+
+class Transferring:
+    """On a transfer of least energy.
+
+    end : state (6,) [m, m/s] at its end, by its length in ticks
+    port : where port and axis of a corridor that turns point (6,) so many ticks after its begin
+    """
+
+    def __init__(
+        self,
+        start: State,
+        end: Callable[[int], State],
+        vehicle: Vehicle,
+        duration_s: float,
+        zones: Limits,
+        corridor_s: float | None = None,
+        burn_s: float | None = None,
+        ease_s: float | None = None,
+        port: Callable[[int], tuple[float, ...]] | None = None,
+    ) -> None:
+        self._vehicle, self._port = vehicle, port
+        for _ in range(STRETCHES):
+            self._plan(start, end, duration_s, zones, corridor_s, burn_s, ease_s)
+            if self.largest_n <= vehicle.limit_n:
+                break
+            duration_s *= STRETCH
+            burn_s = burn_s and burn_s * STRETCH
+            corridor_s = corridor_s and corridor_s * STRETCH
+            ease_s = ease_s and ease_s * STRETCH
+
+    def _plan(
+        self,
+        start: State,
+        end: Callable[[int], State],
+        duration_s: float,
+        zones: Limits,
+        corridor_s: float | None,
+        burn_s: float | None,
+        ease_s: float | None,
+    ) -> None:
+        vehicle = self._vehicle
+        wanted = max(1, round(duration_s / vehicle.dt_s))
+        most = wanted if ease_s else SEGMENTS  # a force that falls evenly changes at each tick
+        self._hold = hold = max(1, -(-wanted // most))  # ticks of a segment
+        segments = max(4, -(-wanted // hold))
+        seconds = hold * vehicle.dt_s
+        step = cw.discretise(vehicle.mean_motion_rad_s, vehicle.mass_kg, seconds)
+        burn = None if burn_s is None else max(2, round(burn_s / seconds))
+        if corridor_s is not None:
+            zones = zones._replace(corridor=segments - max(1, round(corridor_s / seconds)))
+            if self._port is not None:
+                turned = tuple(self._port(hold * segment) for segment in range(segments + 1))
+                zones = zones._replace(ports=turned)
+        ease = round(ease_s / seconds) if ease_s else 0
+        self.ticks: int | None = segments * hold
+        self._end = end(segments * hold)
+        self.transfer: Transfer = transfers.least_energy(
+            start, self._end, step, segments, zones, burn, ease
+        )
+        self.largest_n = float(abs(self.transfer.forces).max())
+        self._states, self._forces = self.transfer.states.tolist(), self.transfer.forces.tolist()
+        self._last: tuple[int, State] = (0, start)
+
+    def at(self, tick: int) -> tuple[State, Vector]:
+        """Return the planned state and the force of its segment."""
+        if tick >= (self.ticks or 0):
+            return self._end, self._vehicle.force_n(self._end, (0.0, 0.0, 0.0))
+        segment, rest = divmod(tick, self._hold)
+        force: Vector = tuple(self._forces[segment])
+        before, state = self._last
+        if not rest:
+            state = tuple(self._states[segment])
+        elif before != tick:
+            if before != tick - 1:
+                state = tuple(self._states[segment])
+                before = segment * self._hold
+            for _ in range(tick - before):
+                state = kernels.cw_step(state, force, self._vehicle.step)
+        self._last = (tick, state)
+        return state, force
+
+    def fill(self, rows: Floats) -> None:
+        """Fill rows (n, 9) with its first references and forces."""
+        transfer = self.transfer
+        sample(transfer.states, transfer.forces, self._hold, self._vehicle.step, rows)
+
+
+def fill(flown: Flown, rows: Floats) -> None:
+    """Fill rows (n, 9), a tick each, with the first references and forces of a leg."""
+    if isinstance(flown, Resting):
+        rows[:] = (*flown.at(0)[0], *flown.at(0)[1])
+    elif isinstance(flown, (Transferring, Turning)):
+        flown.fill(rows)
+    else:
+        for tick, row in enumerate(rows):
+            reference, force = flown.at(tick)
+            row[:6], row[6:] = reference, force
+
+
+def tabled(flown: Flown, ticks: int) -> Floats:
+    """Return the first references and forces (n, 9) of a leg, fewer where they stay as they are.
+
+    Of one that is flown in the axes of the target, its motion (n, 15) there.
+    """
+    if isinstance(flown, Turning):
+        return flown.moments(ticks)
+    rows = np.empty((1 if isinstance(flown, Resting) else ticks, 9))
+    fill(flown, rows)
+    return rows
+
+
+class Profile:
+    """A length run through with a first, a largest and a last speed, and one acceleration.
+
+    Speeds that the length does not allow become smaller; the length is kept.
+    """
+
+    def __init__(
+        self, length: float, first: float, cruise: float, last: float, acceleration: float
+    ) -> None:
+        a = acceleration
+        reached = sqrt(a * length + (first * first + last * last) / 2.0)
+        cruise = max(min(cruise, reached), first, last)
+        up = (cruise * cruise - first * first) / (2.0 * a)
+        down = (cruise * cruise - last * last) / (2.0 * a)
+        if abs(last * last - first * first) > 2.0 * a * length:  # too short: it changes faster
+            a = abs(last * last - first * first) / (2.0 * length)
+            up, down = (length, 0.0) if last > first else (0.0, length)
+        self._a, self._first, self._cruise, self._last = a, first, cruise, last
+        self._length, self._up = length, up
+        self._up_s = (cruise - first) / a if a > 0.0 else 0.0
+        self._down_s = (cruise - last) / a if a > 0.0 else 0.0
+        self._even_s = max(0.0, (length - up - down) / cruise)  # below 0 by rounding
+        self.duration_s = self._up_s + self._even_s + self._down_s
+
+    def at(self, time_s: float) -> tuple[float, float, float]:
+        """Return length, speed and acceleration at a time."""
+        a = self._a
+        if time_s < self._up_s:
+            return (self._first + 0.5 * a * time_s) * time_s, self._first + a * time_s, a
+        time_s -= self._up_s
+        if time_s < self._even_s:
+            return self._up + self._cruise * time_s, self._cruise, 0.0
+        left = self._even_s + self._down_s - time_s
+        if left > 0.0:
+            return self._length - (self._last + 0.5 * a * left) * left, self._last + a * left, -a
+        return self._length, self._last, 0.0
+
+
+class Straight(Moving):
+    """On a straight line, with a profile of speed."""
+
+    def __init__(
+        self, start: State, to_m: Vector, vehicle: Vehicle, speed_m_s: float, end_m_s: float
+    ) -> None:
+        self._vehicle, self._to = vehicle, to_m
+        x, y, z, vx, vy, vz = start
+        line = (to_m[0] - x, to_m[1] - y, to_m[2] - z)
+        length = norm(*line)
+        self._from: Vector = (x, y, z)
+        self.ticks = 0
+        if length < 1e-6:
+            self._ahead: Vector = (0.0, 0.0, 0.0)
+            self._profile: Profile | None = None
+            return
+        self._ahead = (line[0] / length, line[1] / length, line[2] / length)
+        closing = vx * self._ahead[0] + vy * self._ahead[1] + vz * self._ahead[2]
+        first = min(max(closing, 0.0), speed_m_s)
+        self._profile = Profile(length, first, speed_m_s, end_m_s, vehicle.acceleration_m_s2)
+        self.ticks = ceil(self._profile.duration_s / vehicle.dt_s)
+
+    def moved(self, time_s: float) -> tuple[State, Vector]:
+        """Return point, velocity and acceleration on the line."""
+        if self._profile is None:
+            return (*self._to, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        length, speed, a = self._profile.at(time_s)
+        ux, uy, uz = self._ahead
+        px, py, pz = self._from
+        state = (
+            px + length * ux, py + length * uy, pz + length * uz,
+            speed * ux, speed * uy, speed * uz,
+        )  # fmt: skip
+        return state, (a * ux, a * uy, a * uz)
+
+
+class FlyingAround(Moving):
+    """On an arc about the target; its radius changes evenly with the angle."""
+
+    def __init__(self, start: State, to_m: Vector, vehicle: Vehicle, speed_m_s: float) -> None:
+        self._vehicle = vehicle
+        first, self._a = _polar(start[:3])
+        last, end = _polar(to_m)
+        self._angle, self._b = _arc(self._a, end)
+        self._radius, self._growth = first, (last - first) / self._angle
+        speed = speed_m_s / max(first, last)
+        rate = vehicle.acceleration_m_s2 / max(first, last)
+        self._profile = Profile(self._angle, 0.0, speed, 0.0, rate)
+        self.ticks = ceil(self._profile.duration_s / vehicle.dt_s)
+
+    def moved(self, time_s: float) -> tuple[State, Vector]:
+        """Return point, velocity and acceleration on the arc."""
+        angle, rate, change = self._profile.at(time_s)
+        sine, cosine = sin_cos(angle)
+        r, dr = self._radius + self._growth * angle, self._growth
+        # e = a cos + b sin points to the chaser, e' = b cos - a sin ahead
+        position, velocity, acceleration = [], [], []
+        for a, b in zip(self._a, self._b, strict=True):
+            e, ahead = a * cosine + b * sine, b * cosine - a * sine
+            slope, bend = dr * e + r * ahead, 2.0 * dr * ahead - r * e
+            position.append(r * e)
+            velocity.append(slope * rate)
+            acceleration.append(bend * rate * rate + slope * change)
+        (x, y, z), (vx, vy, vz), (ax, ay, az) = position, velocity, acceleration
+        return (x, y, z, vx, vy, vz), (ax, ay, az)
+
+
+def _polar(position_m: tuple[float, ...]) -> tuple[float, Vector]:
+    """Return the range [m] and direction of a point; R-bar outward for the target itself."""
+    x, y, z = position_m
+    size = norm(x, y, z)
+    return (size, (x / size, y / size, z / size)) if size > 0.0 else (0.0, (1.0, 0.0, 0.0))
+
+
+def _arc(a: Vector, end: Vector) -> tuple[float, Vector]:
+    """Return the angle [rad] from a to end, unit vectors, and the unit vector b ahead at a."""
+    cosine = a[0] * end[0] + a[1] * end[1] + a[2] * end[2]
+    for towards in (end, (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)):  # opposite: by below, or H-bar
+        along = towards[0] * a[0] + towards[1] * a[1] + towards[2] * a[2]
+        across = [t - along * u for t, u in zip(towards, a, strict=True)]
+        size = norm(*across)
+        if size > 1e-6:  # of the last, where those before are not
+            break
+    low, high = 1e-9, PI
+    for _ in range(60):  # bisection: the cosine falls from 0 to pi
+        angle = 0.5 * (low + high)
+        low, high = (angle, high) if sin_cos(angle)[1] > cosine else (low, angle)
+    return high, (across[0] / size, across[1] / size, across[2] / size)

@@ -1,0 +1,440 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Thrusters: what becomes of a command. Section `thrusters` of a scenario.
+
+The thrusters take the command of `delay_ticks` ago, saturate it per axis, and exert it with their
+own magnitude and direction; or in pulses of valves (`Pulses`); or by a table of thrusters with
+places (`rpo_core.thrusters.table`). Energy is counted of the saturated
+command. With `propellant`, the mass of the chaser falls.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from functools import partial
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.files.codec import unless_default
+from rpo_core.files.validation import (
+    Checked,
+    InputError,
+    choice,
+    matrix,
+    real,
+    shown,
+    vector3,
+    whole,
+)
+from rpo_core.kernels import kernels, pulse_kernels
+from rpo_core.kernels.arrays import Floats
+from rpo_core.kernels.jit import as_table
+from rpo_core.kernels.kernels import Vector
+from rpo_core.kernels.pulse_kernels import DELTA_V, OFF, ON, OPENINGS, SPENT, Tank, Valves
+from rpo_core.stage import ZERO, Place, Section, Signal, Stage, register
+from rpo_core.thrusters import allocation_kernels
+from rpo_core.thrusters.allocation_kernels import SCRATCH, Table
+from rpo_core.thrusters.table import (
+    IDENTITY,
+    MODULATIONS,
+    SIGMA_DELTA,
+    Failure,
+    ThrusterTable,
+    rows_of,
+    seconds,
+    table_of,
+)
+from rpo_core.wire import interfaces
+from rpo_core.world import cw
+
+MAX_DELAY_TICKS = 1000
+MAX_GAIN = 10.0
+"""Largest entry of a thrust matrix; beyond it a number is a typing error."""
+
+READY = 'ready'
+SWITCHES = ('off', 'on', READY)
+"""How a thruster of a table is switched in flight."""
+
+NEVER_TICK = 2**62
+
+STANDARD_GRAVITY_M_S2 = 9.80665
+
+
+def _count(name: str, value: Any) -> int:
+    if value not in (6, 12) or isinstance(value, bool):
+        raise InputError(f'`{name}` must be 6 or 12; got {shown(value)}')
+    return int(value)
+
+
+def valve_names(count: int) -> list[str]:
+    """Return the names of 6 or 12 thrusters; each pushes the chaser to where its name says."""
+    sides = [axis + sign for axis in 'xyz' for sign in '+-']
+    return sides if count == 6 else [side + which for side in sides for which in 'ab']
+
+
+_matrix = partial(matrix, rows=3, columns=3, bound=MAX_GAIN)
+_misalignment = partial(vector3, unit='deg', bound=90.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThrusterError(Checked):
+    """One thruster's error of magnitude, and of direction as a rotation vector, LVLH axes."""
+
+    thruster: Annotated[str, partial(choice, known=[*valve_names(6), *valve_names(12)])]
+    magnitude_share: Annotated[float, partial(real, least=-1.0, most=1.0)] = 0.0
+    misalignment_deg: Annotated[Vector, _misalignment] = ZERO
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pulses(Checked):
+    """Thrusters that are open or shut.
+
+    count : 6, one in each direction of each axis, or 12, two of half the thrust
+    modulation : `pulse_width`, what cannot be fired in a tick is lost; `sigma_delta`, it is carried
+        to the next ticks
+    minimum_on_time_s : no pulse is shorter; times the thrust it is the minimum impulse bit
+    on_time_quantum_s : pulses last a whole number of these; 0: any time
+    dead_time_s, rise_time_s : from the signal to the first thrust, from there to full thrust
+    """
+
+    count: Annotated[int, _count]
+    modulation: Annotated[str, partial(choice, known=MODULATIONS)]
+    minimum_on_time_s: Annotated[float, seconds]
+    on_time_quantum_s: Annotated[float, seconds] = unless_default(0.0)
+    dead_time_s: Annotated[float, seconds] = unless_default(0.0)
+    rise_time_s: Annotated[float, seconds] = unless_default(0.0)
+    errors: tuple[ThrusterError, ...] = unless_default(())
+    failures: tuple[Failure, ...] = unless_default(())
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        names = valve_names(self.count)
+        for part in ('errors', 'failures'):
+            for i, item in enumerate(getattr(self, part)):
+                choice(f'{part}[{i}].thruster', item.thruster, names)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Propellant(Checked):
+    """What thrust costs: the mass falls by impulse / (specific impulse x 9.80665 m/s^2).
+
+    mass_kg : in the tank at the start, part of the mass of the chaser; without any there is no
+        thrust
+    """
+
+    specific_impulse_s: Annotated[float, partial(real, unit='s', least=1.0, most=1e5)]
+    mass_kg: Annotated[float, partial(real, unit='kg', above=0.0, most=1e9)]
+
+
+@dataclass(frozen=True)
+class Thrusters(Checked):
+    """What becomes of a command.
+
+    matrix : 3 rows of 3, force exerted = matrix x saturated command, target LVLH axes
+    delay_ticks : from a state to the force that answers it; zero force before the first
+    pulses : None: any force up to the largest
+    table : instead of `pulses`: thrusters with places, whose torque counts
+    propellant : None: the mass stays
+    """
+
+    matrix: Annotated[tuple[Vector, Vector, Vector], _matrix] = IDENTITY
+    delay_ticks: Annotated[int, partial(whole, least=0, most=MAX_DELAY_TICKS)] = 0
+    pulses: Pulses | None = unless_default(None)
+    table: ThrusterTable | None = unless_default(None)
+    propellant: Propellant | None = unless_default(None)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.pulses is not None and self.table is not None:
+            raise InputError('`thrusters` must have one of `pulses` and `table`; got both')
+
+    @property
+    def fires(self) -> bool:
+        """Whether thrusters open and shut."""
+        return self.pulses is not None or self.table is not None
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the thrusters; none without `pulses` and `table`."""
+        if self.table is not None:
+            return self.table.names
+        return valve_names(self.pulses.count) if self.pulses is not None else []
+
+
+def _check(settings: Thrusters, scenario: Any) -> None:
+    """Raise InputError where the ticks or the mass of a scenario do not allow these thrusters."""
+    pulses, propellant, dt_s = settings.pulses, settings.propellant, scenario.dt_s
+    if propellant is not None and propellant.mass_kg >= scenario.mass_kg:
+        raise InputError(
+            f'`thrusters.propellant.mass_kg` must be below `mass_kg`, {scenario.mass_kg!r} kg; '
+            f'got {propellant.mass_kg!r}'
+        )
+    for which in ('pulses', 'table'):
+        part = getattr(settings, which)
+        for failure in part.failures if part is not None else ():
+            if failure.from_s >= scenario.duration_s:
+                raise InputError(
+                    f'`thrusters.{which}.failures` must begin before the end of the flight, '
+                    f'{scenario.duration_s!r} s; got `from_s` {failure.from_s!r}'
+                )
+    if pulses is None:
+        return
+    for name in ('minimum_on_time_s', 'on_time_quantum_s'):
+        if getattr(pulses, name) > dt_s:
+            raise InputError(
+                f'`thrusters.pulses.{name}` must be at most `dt_s`, {dt_s!r} s; '
+                f'got {getattr(pulses, name)!r}'
+            )
+    late_s = pulses.dead_time_s + pulses.rise_time_s
+    if late_s > dt_s:
+        raise InputError(
+            '`thrusters.pulses.dead_time_s` and `rise_time_s` together must be at most `dt_s`, '
+            f'{dt_s!r} s; got {late_s!r}'
+        )
+
+
+def rotation(vector_rad: Floats) -> Floats:
+    """Return the matrix (3, 3) of a rotation vector, by Rodrigues' formula.
+
+    sin a / a and (1 - cos a) / a^2 are Stumpff's functions: the same bits on every machine.
+    """
+    x, y, z = vector_rad.tolist()
+    _, c1, c2, _ = cw.stumpff(math.sqrt(x * x + y * y + z * z))
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    square = np.array(
+        [
+            [-(y * y + z * z), x * y, x * z],
+            [x * y, -(x * x + z * z), y * z],
+            [x * z, y * z, -(x * x + y * y)],
+        ]
+    )
+    return np.eye(3) + c1 * cross + c2 * square
+
+
+def directions(settings: Thrusters, pulses: Pulses, thrust_n: float) -> Floats:
+    """Return the force (n, 3) [N] of each valve at full thrust, with its errors."""
+    names, columns = valve_names(pulses.count), np.array(settings.matrix).T
+    each = len(names) // 6
+    errors = {error.thruster: error for error in pulses.errors}
+    found = []
+    for i, name in enumerate(names):
+        error = errors.get(name, ThrusterError(thruster=name))
+        axis, sign = i // each // 2, 1.0 if i // each % 2 == 0 else -1.0
+        size = sign * thrust_n * (1.0 + error.magnitude_share)
+        x, y, z = rotation(np.array(error.misalignment_deg) * (math.pi / 180.0))[:, axis] * size
+        found.append(columns[0] * x + columns[1] * y + columns[2] * z)
+    return np.array(found)
+
+
+def valves_of(settings: Thrusters, pulses: Pulses, scenario: Any) -> Valves:
+    """Return thrusters that fire in pulses as the kernels read them."""
+    dt_s, thrust_n = scenario.dt_s, scenario.max_force_n / (pulses.count // 6)
+    failures = rows_of(pulses.failures, valve_names(pulses.count), dt_s)
+    return Valves(
+        pulses.count,
+        int(pulses.modulation == SIGMA_DELTA),
+        dt_s,
+        pulses.minimum_on_time_s,
+        pulses.on_time_quantum_s,
+        pulses.dead_time_s,
+        pulses.rise_time_s,
+        thrust_n,
+        as_table(directions(settings, pulses, thrust_n)),
+        as_table(np.array(failures).reshape(-1, 5), np.int64),
+    )
+
+
+def tank_of(settings: Thrusters | None, scenario: Any) -> Tank:
+    """Return what thrust costs in a scenario."""
+    propellant = settings.propellant if settings else None
+    if propellant is None:
+        return Tank(0.0, 0.0, scenario.mass_kg)
+    exhaust = propellant.specific_impulse_s * STANDARD_GRAVITY_M_S2
+    return Tank(exhaust, propellant.mass_kg, scenario.mass_kg)
+
+
+def force_signal(settings: Thrusters, scenario: Any) -> str:
+    """Return the signal of the force that is exerted: one that others must still turn is none."""
+    seen = settings.fires and scenario.attitude is None
+    return interfaces.EXERTED_FORCE if seen else interfaces.THRUST_FORCE
+
+
+def turns_by_table(scenario: Any) -> bool:
+    """Return whether the thrusters of a table turn the chaser: it is commanded, without wheels."""
+    steered = scenario.named('attitude_control') is not None
+    return steered and scenario.attitude is not None and scenario.attitude.wheels is None
+
+
+class ThrustersStage(Stage):
+    """From the command to the force on the chaser; without settings, saturation alone.
+
+    limit_n : largest |f| of an axis
+    """
+
+    name = 'thrusters'
+    inputs: tuple[str, ...] = (interfaces.COMMAND,)
+    outputs: tuple[str, ...] = (
+        interfaces.DUE_FORCE,
+        interfaces.SATURATED_FORCE,
+        interfaces.THRUST_FORCE,
+    )
+
+    def __init__(self, settings: Thrusters | None, limit_n: float) -> None:
+        self._matrix: Any = tuple(t for row in settings.matrix for t in row) if settings else ()
+        self._limit_n = float(limit_n)
+        self._delay = self.memory_ticks = settings.delay_ticks if settings else 0
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the commands that are on their way."""
+        self._line: deque[Signal] = deque([ZERO] * self._delay)
+
+    def refusal(self, state: str) -> str:
+        """Return why a thruster cannot be switched in flight; '' if it can."""
+        return 'a switch needs a scenario with `thrusters.table`'
+
+    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
+        """Return the command that is due (3,), saturated (3,), and the force exerted (3,) [N]."""
+        due = inputs[0]
+        if self._delay:
+            self._line.append(due)
+            due = self._line.popleft()
+        saturated = tuple(kernels.saturate(force, self._limit_n) for force in due)
+        if not self._matrix:
+            return due, saturated, saturated
+        exerted: Any = kernels.exerted_force(*self._matrix, *saturated)
+        return due, saturated, exerted
+
+    def steps(self, ticks: NDArray[np.int64], *inputs: Floats) -> tuple[Floats, ...]:
+        """Return the outputs (n, 3) of many ticks."""
+        if self.memory_ticks != 0 or self._matrix:
+            return super().steps(ticks, *inputs)
+        saturated = np.clip(inputs[0], -self._limit_n, self._limit_n)
+        return inputs[0], saturated, saturated
+
+
+class ValvesStage(ThrustersStage):
+    """Thrusters with pulses, or with propellant, or both; the fourth output is the mass [kg].
+
+    memory : see `pulse_kernels`; on_times_s : for how long each valve was open in the last tick
+    """
+
+    def __init__(self, settings: Thrusters, scenario: Any) -> None:
+        self._valves = None
+        if settings.pulses is not None:
+            self._valves = valves_of(settings, settings.pulses, scenario)
+        self._tank, self._dt_s = tank_of(settings, scenario), scenario.dt_s
+        super().__init__(settings, scenario.max_force_n)
+        self.memory_ticks = None
+        force = force_signal(settings, scenario)
+        mass = [interfaces.CHASER_MASS] if settings.propellant else []
+        self.outputs = (interfaces.DUE_FORCE, interfaces.SATURATED_FORCE, force, *mass)
+
+    def reset(self) -> None:
+        """Forget all commands: the tank is full, the valves are shut."""
+        super().reset()
+        self.memory: Any = as_table(np.zeros(pulse_kernels.MEMORY))
+        self.on_times_s: Any = as_table(np.zeros(self._valves.number if self._valves else 0))
+
+    def spent(self) -> tuple[float, float, int]:
+        """Return delta-v [m/s], propellant [kg] and openings of valves so far."""
+        delta_v, spent, openings = (float(self.memory[i]) for i in (DELTA_V, SPENT, OPENINGS))
+        return delta_v, spent, round(openings)
+
+    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
+        """Return the command due, saturated, the mean force (3,) [N], and the mass where it falls.
+
+        Without pulses the tank allows the force that the matrix gives.
+        """
+        vectors: Any = super().step(tick, *inputs)
+        due, saturated, exerted = vectors
+        force: Any
+        if self._valves is not None:
+            force, mass = pulse_kernels.fire(
+                tick, saturated, self.memory, self._valves, self._tank, self.on_times_s
+            )
+        else:
+            force, mass = pulse_kernels.burn(
+                exerted, saturated, self.memory, self._tank, self._dt_s
+            )
+        found: tuple[Signal, ...] = (due, saturated, force, (mass,))
+        return found[: len(self.outputs)]
+
+
+class TableStage(ValvesStage):
+    """Thrusters of a table; the fourth output is the torque, then the mass [kg] where it falls."""
+
+    def __init__(self, settings: Thrusters, scenario: Any) -> None:
+        assert settings.table is not None
+        self._table = table_for(settings, scenario)
+        self._failures = rows_of(settings.table.failures, settings.names, scenario.dt_s)
+        self._names = settings.names
+        super().__init__(settings, scenario)
+        mass = self.outputs[3:]
+        self.outputs = (*self.outputs[:3], interfaces.EXERTED_TORQUE, *mass)
+        if turns_by_table(scenario):
+            self.inputs = (interfaces.COMMAND, interfaces.BODY_TORQUE)
+        elif scenario.named('unloading') is not None:
+            self.inputs = (interfaces.COMMAND, interfaces.UNLOADING_TORQUE)
+
+    def reset(self) -> None:
+        """Forget all commands, and what was switched in flight."""
+        super().reset()
+        self._scratch: Any = as_table(np.zeros(SCRATCH))
+        self._fail(self._failures)
+
+    def _fail(self, rows: list[tuple[int, ...]]) -> None:
+        self._rows = rows
+        flat = [value for row in rows for value in row]
+        self._table = self._table._replace(failures=as_table(flat, np.int64))
+
+    def refusal(self, state: str) -> str:
+        """Return why a thruster cannot be switched so; '' if it can."""
+        name, _, how = state.rpartition(' ')
+        if name in self._names and how in SWITCHES:
+            return ''
+        known = f'one of {", ".join(self._names)}, then {", ".join(SWITCHES)}'
+        return f'a switch must be {known}; got {shown(state)}'
+
+    def take_event(self, tick: int, state: str) -> None:
+        """Switch a thruster from a tick on: `NAME off` or `NAME on`, as is known; `NAME ready`."""
+        name, _, how = state.rpartition(' ')
+        if self.refusal(state):
+            return
+        at = self._names.index(name)
+        rows = [(*r[:3], min(r[3], tick), r[4]) if r[0] == at else r for r in self._rows]
+        if how != READY:
+            rows.append((at, ON if how == 'on' else OFF, tick, NEVER_TICK, 1))
+        self._fail(rows)
+
+    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
+        """Return the command due, saturated, mean force [N] and torque [N m] (3,), and the mass."""
+        vectors: Any = ThrustersStage.step(self, tick, *inputs)
+        torque = inputs[1] if len(inputs) > 1 else ZERO
+        force, torque, mass = allocation_kernels.fire(
+            tick, vectors[1], torque, self.memory, self._table, self._tank, self._scratch
+        )
+        return (*vectors[:2], force, torque, (mass,))[: len(self.outputs)]
+
+
+def table_for(settings: Thrusters, scenario: Any) -> Table:
+    """Return the table of a scenario as the kernels read it, without failures."""
+    assert settings.table is not None
+    own = settings.propellant.specific_impulse_s if settings.propellant else None
+    return table_of(settings.table, scenario.dt_s, scenario.max_force_n, own, settings.matrix)
+
+
+def stage_of(settings: Thrusters | None, scenario: Any) -> ThrustersStage:
+    """Return the thrusters of a scenario as a stage of the chain."""
+    if settings is not None and settings.table is not None:
+        return TableStage(settings, scenario)
+    if settings is not None and (settings.fires or settings.propellant):
+        return ValvesStage(settings, scenario)
+    return ThrustersStage(settings, scenario.max_force_n)
+
+
+register(Section('thrusters', Thrusters, Place.THRUSTERS, stage_of, _check, always=True))

@@ -1,0 +1,37 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Node `navigation`: the relative state as the chaser knows it, with the errors of the scenario.
+
+It runs the stages that a scenario has between the true state and guidance. The controller then
+listens to their output, `navigation_state`.
+"""
+
+from __future__ import annotations
+
+from rpo_core.chain.chain import Chain
+from rpo_core.files.scenario import Scenario
+from rpo_core.stage import Place
+from rpo_ros.managed_node import PlaceNode
+
+_SENSORS = (Place.ATTITUDE_SENSOR, Place.SENSOR)
+_ESTIMATORS = (Place.ATTITUDE_ESTIMATOR, Place.ESTIMATOR)
+PLACES = {'all': _SENSORS + _ESTIMATORS, 'sensors': _SENSORS, 'estimator': _ESTIMATORS}
+"""Value of the parameter `stages` -> places of the chain."""
+
+
+class NavigationNode(PlaceNode):
+    """Answers each true state with the navigation solution, a function of state and tick."""
+
+    node_name = 'navigation'
+    package = 'rpo_ctrl'
+    places = PLACES['all']
+    what = ('navigating', 'errors of navigation')
+    off = 'passing the true state on'
+
+    def part(self, scenario: Scenario) -> Chain | None:
+        """Return the stages that it runs; without any, the node ends."""
+        self.places = PLACES[self.values['stages']]
+        return super().part(scenario)
+
+
+main = NavigationNode.main

@@ -1,7 +1,0 @@
-# Copyright 2026 The RPO stack authors
-# SPDX-License-Identifier: Apache-2.0
-"""The sections that this room adds to scenario files; `rpo_core.files.plugins` imports it."""
-
-from rpo_thrusters import thrusters
-
-__all__ = ['thrusters']
