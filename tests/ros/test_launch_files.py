@@ -27,6 +27,7 @@ FILES = {path.name: ElementTree.parse(path) for path in BRINGUP.glob('launch/*.l
 PARAMETER_FILE = BRINGUP / 'config' / 'final_approach.yaml'
 FOREIGN = {('rviz2', 'rviz2')}
 DEPENDS = {tag.text for tag in ElementTree.parse(BRINGUP / 'package.xml').iter('exec_depend')}
+DEPENDS.add('rpo_bringup')
 
 
 def executables() -> set[tuple[str, str]]:

@@ -36,9 +36,9 @@ from rpo.reports.turned import turned_of
 from rpo_bringup.views import scene
 from rpo_bringup.views.live import LiveFlight, Trail
 from rpo_bringup.views.samples import Samples
+from rpo_bringup.views.web_server import Feed, LivePage, refusal
 from rpo_bringup.visualizer_node import VisualizerNode, transform_of
 from rpo_bringup.web_node import WebNode
-from rpo_bringup.views.web_server import Feed, LivePage, refusal
 from rpo_core import files
 from rpo_core.attitude.target import motion_of
 from rpo_core.attitude.turns import docking_axis

@@ -35,7 +35,7 @@ from rpo_core.judge.verdicts import verdicts
 
 ROOT = Path(__file__).resolve().parents[2]
 WIDE = {'COLUMNS': '300'}
-SHIPPED = ROOT / 'offline_training' / 'campaigns' / 'paper_test.yaml'
+SHIPPED = ROOT / 'offline_training' / 'rpo' / 'shipped' / 'campaigns' / 'paper_test.yaml'
 
 
 def test_the_folder_is_the_same_on_any_threads_interrupted_or_not(tmp_path, loaded):

@@ -18,7 +18,7 @@ from rpo.proof.safety import attack
 from rpo_core.files.validation import InputError
 
 ROOT = Path(__file__).parents[2]
-CAMPAIGN = str(ROOT / 'offline_training' / 'campaigns' / 'paper_test.yaml')
+CAMPAIGN = str(ROOT / 'offline_training' / 'rpo' / 'shipped' / 'campaigns' / 'paper_test.yaml')
 PAGE = (ROOT / 'docs' / 'exit_codes.md').read_text()
 ROWS = {
     command: line.split('|')[4].strip() == 'yes'
