@@ -20,8 +20,8 @@ import numpy as np
 from rclpy.utilities import remove_ros_args
 
 from rpo.analysis.basilisk import BasiliskFlight, knows
-from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place, Signal, Stage
 from rpo_core.wire.interfaces import RELATIVE_STATE
 from rpo_ros.plant_scenario import LOCKSTEP

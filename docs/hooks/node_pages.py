@@ -29,7 +29,7 @@ from rclpy.qos import QoSProfile
 from rpo_core import files
 from rpo_core.chain.flight import fly
 from rpo_core.control import controller
-from rpo_core.files import scenario
+from rpo_core.scenario import scenario
 from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import MOST_IN_ALL, READERS
 from rpo_log.tools.record import record

@@ -25,10 +25,10 @@ from rpo_core.control.attitude import (
 from rpo_core.control.attitude_law_kernels import LAW, attitude_torque, steer
 from rpo_core.control.attitude_limits import AttitudeLimits
 from rpo_core.control.controller import dumps, load_fuzzy
-from rpo_core.files import scenario as scenarios
-from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.kernels.jit import as_table
+from rpo_core.scenario import scenario as scenarios
+from rpo_core.scenario.scenario import load_scenario
 
 J = np.array([[0.6, 0.02, 0.0], [0.02, 0.7, 0.01], [0.0, 0.01, 0.5]])
 BASE, DT = load_scenario('paper_test'), 0.1

@@ -19,14 +19,14 @@ from rpo_core.attitude.unloading import Unloading
 from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.control.attitude import AttitudeControl
 from rpo_core.control.controller import load_controller
-from rpo_core.files.scenario import Scenario, load_scenario
-from rpo_core.judge.zones import Cone
+from rpo_core.scenario.scenario import Scenario, load_scenario
 from rpo_core.stage import Place, Stage
 from rpo_core.thrusters.table import ThrusterTable
 from rpo_core.thrusters.thrusters import Thrusters
 from rpo_core.wire import interfaces
 from rpo_core.world.cw import Body
 from rpo_core.world.disturbance import NONE
+from rpo_core.world.zones import Cone
 
 INERTIA = ((0.6, 0.02, 0.0), (0.02, 0.7, 0.01), (0.0, 0.01, 0.5))
 PUSH = (1e-5, 0.0, 2e-5)
@@ -207,7 +207,8 @@ def test_a_flight_that_turns_faster_than_its_method_follows_says_from_when(torqu
     ball = np.diag([0.02] * 3).tolist()
     chaser = Chaser(inertia_kg_m2=ball, disturbance_torque_nm=(torque_nm, 0.0, 0.0))
     flown = replace(load_scenario('approach'), duration_s=3.0).equipped(chaser)
-    found = too_fast(fly(flown, OpenLoop(np.zeros((31, 3)))))
+    flight = fly(flown, OpenLoop(np.zeros((31, 3))))
+    found = too_fast(flight.signals['chaser_attitude'], 0.1)
     assert found.startswith(says) and bool(found) == bool(says)
 
 

@@ -9,11 +9,11 @@ from scipy.spatial.transform import Rotation
 
 from rpo.training.scaling import scaled_to
 from rpo_core.chain.flight import fly
-from rpo_core.control import similarity
 from rpo_core.control.controller import load_controller
-from rpo_core.control.similarity import Units
-from rpo_core.files.scenario import load_scenario
+from rpo_core.judge import similarity
+from rpo_core.judge.similarity import Units
 from rpo_core.judge.verdicts import verdicts
+from rpo_core.scenario.scenario import load_scenario
 
 APOLLO = load_scenario('apollo')
 

@@ -24,9 +24,9 @@ from rpo_core.attitude.target import (
     quaternion,
 )
 from rpo_core.chain.flight import OpenLoop, fly
-from rpo_core.files import scenario as scenarios
 from rpo_core.files.validation import InputError
 from rpo_core.kernels import attitude_kernels
+from rpo_core.scenario import scenario as scenarios
 
 INERTIA = ((10.0, 0.5, 0.0), (0.5, 14.0, 0.3), (0.0, 0.3, 20.0))
 TUMBLE = Target(

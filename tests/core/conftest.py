@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from rpo_core.control.controller import FuzzyController, load_controller
-from rpo_core.files.scenario import Scenario, load_scenario
+from rpo_core.scenario.scenario import Scenario, load_scenario
 
 # Derandomised: the same examples on every run, so that a failure is a change of ours.
 settings.register_profile(

@@ -13,9 +13,9 @@ import yaml
 
 from rpo_core import files
 from rpo_core.control import controller
-from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
-from rpo_core.judge.requirements import ATTITUDES, THRUST, Requirements
+from rpo_core.scenario import scenario
+from rpo_core.scenario.requirements import ATTITUDES, THRUST, Requirements
 
 PARSERS = {
     'scenario': scenario.parse,

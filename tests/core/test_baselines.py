@@ -20,8 +20,8 @@ from rpo_core.control import controller
 from rpo_core.control.baseline_kernels import sliding_surface
 from rpo_core.control.baselines import Mpc, Pd, PotentialField
 from rpo_core.control.controller import load_controller, load_fuzzy
-from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
+from rpo_core.scenario.scenario import load_scenario
 from rpo_core.world.disturbance import Disturbance
 
 NAMES = ('pd', 'lqr', 'mpc', 'apf_smc', 'drift')

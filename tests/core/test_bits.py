@@ -20,7 +20,7 @@ from rpo_core.world import cw
 from rpo_core.chain.flight import fly
 from rpo_core.control.fuzzy import FuzzySystem
 from rpo_core.control.controller import load_controller
-from rpo_core.files.scenario import load_scenario
+from rpo_core.scenario.scenario import load_scenario
 from rpo_core.thrusters import table
 from rpo_core.thrusters.thrusters import Failure, Propellant, Pulses, ThrusterError, Thrusters
 

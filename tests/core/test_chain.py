@@ -12,17 +12,17 @@ from functools import cache
 import numpy as np
 import pytest
 
-from rpo_core import stage
+from rpo_core import plugins, stage
 from rpo_core.chain.chain import Chain, signals_of, start_of
 from rpo_core.chain.flight import Flight, fly
 from rpo_core.control import controller_file
 from rpo_core.control.baselines import Pd
 from rpo_core.control.controller import load_controller
 from rpo_core.control.controller_file import received
-from rpo_core.files import overrides, plugins
-from rpo_core.files.scenario import dumps, load_scenario, text_for_logs
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
+from rpo_core.scenario import overrides
+from rpo_core.scenario.scenario import dumps, load_scenario, text_for_logs
 from rpo_core.stage import Place, Stage
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import CONTROL_FORCE, NEXT, RELATIVE_STATE

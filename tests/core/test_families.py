@@ -22,9 +22,10 @@ from rpo_core.control.explain import reasons
 from rpo_core.control.family import Gene, Mission, family_of
 from rpo_core.control.lane_kernels import ROWS, axis_forces
 from rpo_core.control.time_to_go import WORDS, Rule, TimeToGo
-from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
+from rpo_core.scenario.requirements import ARRIVAL_WINDOW_S
+from rpo_core.scenario.scenario import load_scenario
 from rpo_core.world import cw
 
 PAPER = Mission((1.0, 1.0, 1.0), 0.5, 0.1)
@@ -146,7 +147,7 @@ def test_the_gains_of_all_ticks_at_once_have_the_bits_of_each():
 
 
 def test_claims_bound_all_flights_and_a_corner_comes_near():
-    worst = TO_GO._worst_of_box(metrics.ARRIVAL_WINDOW_S)
+    worst = TO_GO._worst_of_box(ARRIVAL_WINDOW_S)
     largest = np.zeros(4)
     rng = np.random.default_rng(3)
     signs = rng.choice([-1.0, 1.0], (20, 6))

@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 from rpo_core.chain.chain import Chain
 from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.control.controller import FuzzyController, load_controller
-from rpo_core.files.scenario import load_scenario
 from rpo_core.judge import metrics
 from rpo_core.kernels import noise
 from rpo_core.navigation.navigation_errors import Navigation
+from rpo_core.scenario.scenario import load_scenario
 from rpo_core.stage import Place
 from rpo_core.thrusters.thrusters import Thrusters
 from rpo_core.wire.interfaces import RELATIVE_STATE

@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 from rpo_core import files
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import FuzzyController
-from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
+from rpo_core.scenario.scenario import Scenario
 
 scalars = st.one_of(
     st.none(),

@@ -9,9 +9,9 @@ from dataclasses import replace
 import pytest
 
 from rpo_core import files
-from rpo_core.files import overrides
-from rpo_core.files.scenario import load_scenario, parse
 from rpo_core.files.validation import InputError
+from rpo_core.scenario import overrides
+from rpo_core.scenario.scenario import load_scenario, parse
 from rpo_core.thrusters.thrusters import Thrusters
 
 

@@ -13,11 +13,11 @@ from core_documents import document
 
 from rpo_core import files
 from rpo_core.chain.flight import Flight
-from rpo_core.files.scenario import dumps, load, load_scenario, parse
 from rpo_core.files.validation import InputError
 from rpo_core.judge import contact
-from rpo_core.judge.requirements import LIMITS, THRUST, Requirements
 from rpo_core.judge.verdicts import missed, unbounded, verdicts
+from rpo_core.scenario.requirements import LIMITS, THRUST, Requirements
+from rpo_core.scenario.scenario import dumps, load, load_scenario, parse
 from rpo_core.thrusters.thrusters import Propellant, Thrusters
 from rpo_core.world.disturbance import Disturbance
 

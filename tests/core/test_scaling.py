@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 
 from rpo_core import files
 from rpo_core.chain.flight import fly
-from rpo_core.control import similarity
 from rpo_core.control.controller import dumps, load_controller, parse
 from rpo_core.control.controller_file import ControllerFile, Scaling
-from rpo_core.control.similarity import Units
-from rpo_core.files.scenario import Scenario, load, load_scenario
 from rpo_core.files.validation import InputError
+from rpo_core.judge import similarity
+from rpo_core.judge.similarity import Units
+from rpo_core.scenario.scenario import Scenario, load, load_scenario
 from rpo_core.thrusters.thrusters import Thrusters
 
 SCALE = [name for name in files.shipped('controller') if name != 'drift']

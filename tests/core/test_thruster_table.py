@@ -17,9 +17,9 @@ from typer.testing import CliRunner
 from rpo.cli.cli import app
 from rpo_core.assurance.guard import guard_of
 from rpo_core.assurance.settings import Assurance
-from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.kernels.jit import as_table
+from rpo_core.scenario.scenario import load_scenario
 from rpo_core.thrusters import allocation_kernels as kernels
 from rpo_core.thrusters.allocation_kernels import (
     DUAL,

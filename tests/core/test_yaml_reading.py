@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from rpo_core import files
 from rpo_core.control import controller
-from rpo_core.files import scenario
 from rpo_core.files.validation import InputError, printable
+from rpo_core.scenario import scenario
 
 LOADERS = {'scenario': scenario.load, 'controller': controller.load_controller}
 

@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 
 from rpo_core import files
 from rpo_core.assurance.settings import Assurance
-from rpo_core.files import scenario
-from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.guidance.plan import Guidance
-from rpo_core.judge.zones import Cone, Zone, zones_of
+from rpo_core.scenario import scenario
+from rpo_core.scenario.scenario import load_scenario
+from rpo_core.world.zones import Cone, Zone, zones_of
 
 OLD = files.parse_yaml(Path(__file__).with_name('before_zones.yaml').read_text())
 """Sections of shipped scenarios as files had them before section `zones`."""

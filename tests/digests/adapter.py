@@ -23,7 +23,7 @@ from invoking import invoke
 from mcap.reader import make_reader
 from proofs import problem_of_kind, proof_of
 
-from rpo_core.files.scenario import dumps, load_set
+from rpo_core.scenario.scenario import dumps, load_set
 
 Named = Iterator[tuple[str, bytes]]
 """What a digest is of: its name in the list, its bytes."""

@@ -12,14 +12,14 @@ from references import assert_bits_of_the_stage
 
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
-from rpo_core.files.scenario import load_scenario
 from rpo_core.guidance.guidance import DOCKED, GuidanceStage
 from rpo_core.guidance.plan import Guidance, Leg
 from rpo_core.guidance.rehearsal import nominal
 from rpo_core.guidance.transfer_kernels import at_port
 from rpo_core.judge import contact, metrics
-from rpo_core.judge.requirements import Requirements
 from rpo_core.judge.verdicts import verdicts
+from rpo_core.scenario.requirements import Requirements
+from rpo_core.scenario.scenario import load_scenario
 from rpo_log.show import report
 
 

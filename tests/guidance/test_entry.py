@@ -17,13 +17,13 @@ from rpo_core.assurance.settings import Assurance
 from rpo_core.attitude.target import Target, motion_of
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
-from rpo_core.files import scenario as scenarios
 from rpo_core.files.validation import InputError
 from rpo_core.guidance import entry
 from rpo_core.guidance.legs import Resting, Straight, Turning, Vehicle
 from rpo_core.guidance.plan import Guidance
 from rpo_core.guidance.rehearsal import nominal
 from rpo_core.judge.verdicts import verdicts
+from rpo_core.scenario import scenario as scenarios
 
 SHIPPED = scenarios.load_scenario('tumbling_port')
 # Assurance refuses a corridor long before thrusters cannot follow it.

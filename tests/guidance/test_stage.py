@@ -15,10 +15,10 @@ from references import follow
 from rpo_core import files
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
-from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
 from rpo_core.guidance import guidance, plan, rehearsal, transfers
 from rpo_core.kernels import kernels
+from rpo_core.scenario import scenario
 from rpo_core.wire.interfaces import REFERENCE_STATE
 from rpo_core.world import cw
 

@@ -19,13 +19,13 @@ from scipy.integrate import solve_ivp
 from rpo_core.attitude.target import Target, motion_of
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
-from rpo_core.files import scenario as scenarios
 from rpo_core.files.validation import InputError
 from rpo_core.guidance import rehearsal
 from rpo_core.guidance.legs import FlyingAround, Resting, Straight, Turning, fill
 from rpo_core.guidance.plan import Guidance, Leg
 from rpo_core.judge.verdicts import verdicts
 from rpo_core.kernels import kernels
+from rpo_core.scenario import scenario as scenarios
 from rpo_core.world import cw
 
 SHIPPED = scenarios.load_scenario('tumbling_port')

@@ -11,8 +11,8 @@ from log_runs import CLOCK, STATUS, Change
 
 from rpo_core.chain.chain import Chain
 from rpo_core.control.controller import dumps, load_controller
-from rpo_core.files import scenario
-from rpo_core.files.scenario import Scenario
+from rpo_core.scenario import scenario
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
 from rpo_core.wire import cdr, interfaces
 from rpo_log.format.run import RunSummary, TimeBase

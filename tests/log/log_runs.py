@@ -29,7 +29,7 @@ from mcap.records import Channel, Message
 from rpo_core import files
 from rpo_core.chain.flight import Flight, fly
 from rpo_core.control import controller
-from rpo_core.files import scenario
+from rpo_core.scenario import scenario
 from rpo_core.stage import Place, Stage
 from rpo_core.wire import cdr, interfaces
 from rpo_log import signature

@@ -13,7 +13,7 @@ from free_runs import FreeRun
 from log_runs import FORCE, STATE, changed, forge, make_run
 
 from rpo_core import files
-from rpo_core.files import scenario
+from rpo_core.scenario import scenario
 from rpo_core.wire import cdr, interfaces
 from rpo_log.read.run_log import flight_of, other_signals, read_run
 from rpo_log.tools.export import table

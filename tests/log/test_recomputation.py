@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rpo_core.control import controller
-from rpo_core.files import scenario
+from rpo_core.scenario import scenario
 from rpo_core.stage import Stage
 from rpo_core.wire import interfaces
 from rpo_log.verify.recomputation import Controllers, Recomputation

@@ -12,8 +12,8 @@ import pytest
 
 from rpo.training.config import load_start
 from rpo_core.chain.flight import fly
-from rpo_core.files.scenario import load_scenario
 from rpo_core.judge.verdicts import verdicts
+from rpo_core.scenario.scenario import load_scenario
 from rpo_log.show import report, style
 
 

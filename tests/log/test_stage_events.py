@@ -19,13 +19,13 @@ from rpo_core.attitude.target import TargetStage
 from rpo_core.chain.chain import Chain, DisturbanceStage
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
-from rpo_core.files.scenario import load_scenario
 from rpo_core.guidance.guidance import GuidanceStage
 from rpo_core.navigation.attitude_estimator import AttitudeEstimatorStage
 from rpo_core.navigation.attitude_sensors import AttitudeSensors
 from rpo_core.navigation.estimator import EstimatorStage
 from rpo_core.navigation.navigation_errors import Navigation, NavigationStage
 from rpo_core.navigation.sensors import SensorsStage
+from rpo_core.scenario.scenario import load_scenario
 from rpo_core.thrusters.thrusters import TableStage
 from rpo_core.wire import cdr
 from rpo_core.wire.interfaces import RELATIVE_STATE

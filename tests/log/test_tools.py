@@ -21,7 +21,7 @@ from log_runs import DISTURBANCE, FORCE, STATE, STATUS, changed, forge, make_run
 
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
-from rpo_core.files import overrides
+from rpo_core.scenario import overrides
 from rpo_core.wire import cdr
 from rpo_log import commands
 from rpo_log.errors import ExitCode, LogError

@@ -36,10 +36,10 @@ from rpo_core.attitude.chaser import Chaser, Wheels
 from rpo_core.attitude.target import Target
 from rpo_core.control.attitude import AttitudeControl
 from rpo_core.control.controller import load_controller
-from rpo_core.files import scenario
-from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.navigation.navigation_errors import Navigation
+from rpo_core.scenario import scenario
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.thrusters.table import ThrusterTable
 from rpo_core.thrusters.thrusters import Propellant, Thrusters
 from rpo_core.wire import cdr, interfaces

@@ -21,7 +21,7 @@ from log_runs import (
 )  # fmt: skip
 
 from rpo_core import files
-from rpo_core.files.scenario import load_scenario
+from rpo_core.scenario.scenario import load_scenario
 from rpo_core.wire import cdr, interfaces
 from rpo_core.world.disturbance import NONE
 from rpo_log.errors import ExistsAlready, ExitCode, LogError

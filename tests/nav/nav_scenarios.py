@@ -8,10 +8,10 @@ from datetime import datetime, timezone
 from typing import Any
 
 from rpo_core.control.baselines import Pd
-from rpo_core.files import scenario
-from rpo_core.files.scenario import Scenario
 from rpo_core.kernels.noise import six_normals
 from rpo_core.navigation.estimator import Estimator
+from rpo_core.scenario import scenario
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place, Stage
 from rpo_core.wire import interfaces
 

@@ -13,7 +13,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from flights import told, verified
 
 from rpo_core import files
-from rpo_core.files import scenario
+from rpo_core.scenario import scenario
 from rpo_core.wire import cdr
 from rpo_core.wire.statuses import READERS
 from rpo_ctrl.assurance_node import AssuranceNode

@@ -25,8 +25,8 @@ from test_guidance import STAGES, written
 
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
-from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
+from rpo_core.scenario.scenario import load_scenario
 from rpo_core.wire import cdr, interfaces, statuses
 from rpo_ctrl.operator_node import OperatorNode
 from rpo_ros import qos

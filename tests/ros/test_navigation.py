@@ -9,7 +9,7 @@ from nav_scenarios import LIDAR, make
 
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
-from rpo_core.files import scenario as scenarios
+from rpo_core.scenario import scenario as scenarios
 from rpo_ctrl.navigation_node import NavigationNode
 from rpo_log.read.run_log import read_run
 from rpo_ros import patience

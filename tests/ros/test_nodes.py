@@ -18,9 +18,10 @@ from rpo_bringup import final_approach
 from rpo_core import files
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
-from rpo_core.files import DEFAULT_CONTROLLER, scenario
-from rpo_core.files.scenario import load_scenario
-from rpo_core.judge.requirements import Requirements
+from rpo_core.files import DEFAULT_CONTROLLER
+from rpo_core.scenario import scenario
+from rpo_core.scenario.requirements import Requirements
+from rpo_core.scenario.scenario import load_scenario
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_log.read.run_log import flight_of, read_run
 from rpo_log.recorder_node import RecorderNode

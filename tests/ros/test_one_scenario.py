@@ -13,8 +13,8 @@ from node_processes import node_processes
 from rpo_core import files
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
-from rpo_core.files import scenario
-from rpo_core.files.scenario import ScenarioSet, load_scenario
+from rpo_core.scenario import scenario
+from rpo_core.scenario.scenario import ScenarioSet, load_scenario
 from rpo_core.wire import interfaces
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_ctrl.rival_controller_node import ControllerNode as RivalNode

@@ -12,7 +12,7 @@ import pytest
 
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
-from rpo_core.files.scenario import load_scenario
+from rpo_core.scenario.scenario import load_scenario
 from rpo_sim import plant as kinds
 from rpo_sim.loop_health import MOST_CATCH_UP, Durations, LoopHealth, Pace
 from rpo_sim.plant import FreeRunningPlant, LockstepPlant

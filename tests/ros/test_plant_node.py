@@ -16,9 +16,9 @@ from inside import Hand, values_of
 
 from rpo_bringup import final_approach
 from rpo_core import files
-from rpo_core.judge.zones import Zone
 from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import Manifest
+from rpo_core.world.zones import Zone
 from rpo_ctrl.assurance_node import AssuranceNode
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_ctrl.guidance_node import GuidanceNode

@@ -18,7 +18,7 @@ from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
 
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
-from rpo_core.files.scenario import load_scenario
+from rpo_core.scenario.scenario import load_scenario
 from rpo_log import recorder_node
 from rpo_log.errors import ExitCode
 from rpo_log.read.run_log import read_run

@@ -11,7 +11,7 @@ from links import ADDRESSES, LinkError, hosts
 
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
-from rpo_core.files.scenario import load_scenario
+from rpo_core.scenario.scenario import load_scenario
 from rpo_log.read.run_log import read_run
 
 pytestmark = pytest.mark.slow

@@ -44,13 +44,13 @@ from rpo_core.attitude.target import motion_of
 from rpo_core.attitude.turns import docking_axis
 from rpo_core.chain.flight import Flight, fly
 from rpo_core.control.controller import load_controller
-from rpo_core.files import scenario as scenarios
-from rpo_core.files.scenario import Scenario, load_scenario
 from rpo_core.files.validation import InputError
-from rpo_core.judge.zones import zones_of
+from rpo_core.scenario import scenario as scenarios
+from rpo_core.scenario.scenario import Scenario, load_scenario
 from rpo_core.wire import interfaces
 from rpo_core.wire.cdr import Status
 from rpo_core.wire.statuses import GuidanceStatus, Manifest, RunStatus
+from rpo_core.world.zones import zones_of
 from rpo_ros import qos, signals
 from rpo_ros.signals import Outlet
 

@@ -26,7 +26,7 @@ from rpo_core.assurance.settings import Assurance
 from rpo_core.chain.chain import Chain
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
-from rpo_core.files import scenario
+from rpo_core.scenario import scenario
 from rpo_core.stage import WITHOUT_COMMAND, Place
 from rpo_core.thrusters.thrusters import Failure, Pulses, Thrusters
 from rpo_core.wire.interfaces import COMMAND, RELATIVE_STATE

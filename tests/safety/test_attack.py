@@ -16,8 +16,8 @@ from rpo_core.assurance.guard import proof_of
 from rpo_core.assurance.kernels import open_margins
 from rpo_core.assurance.settings import Assurance
 from rpo_core.control.controller import load_controller
-from rpo_core.files import overrides, scenario
 from rpo_core.files.validation import InputError
+from rpo_core.scenario import overrides, scenario
 
 ASSURED = scenario.load_scenario('assured')
 

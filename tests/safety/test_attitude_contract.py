@@ -24,8 +24,8 @@ from rpo_core.chain.flight import start_of
 from rpo_core.control.attitude import AttitudeControl
 from rpo_core.control.attitude_limits import AttitudeLimits
 from rpo_core.control.controller import load_controller
-from rpo_core.files import overrides, scenario
 from rpo_core.files.validation import InputError
+from rpo_core.scenario import overrides, scenario
 from rpo_core.stage import Place
 from rpo_core.thrusters.authority import known
 from rpo_core.thrusters.table import ThrusterTable

@@ -19,7 +19,7 @@ from rpo_core.assurance.settings import Assurance
 from rpo_core.assurance.shaping import Shaping
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
-from rpo_core.files.scenario import load_scenario
+from rpo_core.scenario.scenario import load_scenario
 from rpo_core.thrusters.thrusters import Thrusters
 from rpo_core.wire import interfaces
 

@@ -23,7 +23,7 @@ from rpo_core.assurance.edge import _Edge
 from rpo_core.assurance.guard import errors_of, guard_of
 from rpo_core.assurance.kernels import APPROACH, OPEN
 from rpo_core.assurance.settings import Assurance, Passage
-from rpo_core.files import scenario
+from rpo_core.scenario import scenario
 from rpo_core.thrusters.thrusters import Thrusters
 from rpo_core.world.disturbance import Disturbance, Harmonic
 

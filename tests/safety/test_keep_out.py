@@ -20,13 +20,13 @@ from rpo_core.assurance.corridor import approach_margins, at_port
 from rpo_core.assurance.guard import guard_of
 from rpo_core.assurance.settings import Assurance, Passage
 from rpo_core.chain.flight import OpenLoop, fly
-from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge.verdicts import ZONE_DEPTH, missed, verdicts
-from rpo_core.judge.zones import Zone
+from rpo_core.scenario import scenario
 from rpo_core.stage import Place, Section, Stage
 from rpo_core.thrusters.thrusters import Thrusters
 from rpo_core.world.disturbance import Disturbance
+from rpo_core.world.zones import Zone
 from rpo_sim.plant import Plant
 
 PAPER = scenario.load_scenario('paper_test')

@@ -15,7 +15,7 @@ from rpo_core.assurance import manoeuvre
 from rpo_core.assurance.manoeuvre import PathModel
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
-from rpo_core.files import scenario
+from rpo_core.scenario import scenario
 from rpo_core.world import cw
 
 AROUND = scenario.load_scenario('around')

@@ -24,8 +24,8 @@ from rpo_core.assurance.settings import Assurance, Passage
 from rpo_core.attitude.target import Target
 from rpo_core.chain.chain import Chain
 from rpo_core.control.controller import load_controller
-from rpo_core.files.scenario import Scenario, load_scenario
 from rpo_core.files.validation import InputError
+from rpo_core.scenario.scenario import Scenario, load_scenario
 from rpo_core.stage import Place
 from rpo_core.thrusters.thrusters import Thrusters
 from rpo_core.wire.interfaces import RELATIVE_STATE

@@ -13,7 +13,7 @@ from core_oracles import exact_step
 from rpo.proof.safety.counts import silence
 from rpo.training.config import load_start
 from rpo_core.assurance import passive
-from rpo_core.files import scenario
+from rpo_core.scenario import scenario
 
 N = scenario.load_scenario('paper_test').mean_motion_rad_s
 TWO_ORBITS = 4.0 * math.pi / N

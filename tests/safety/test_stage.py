@@ -22,9 +22,9 @@ from rpo_core.assurance.kernels import OPEN, open_margins
 from rpo_core.assurance.packed import Filter
 from rpo_core.assurance.settings import Assurance
 from rpo_core.chain.flight import fly
-from rpo_core.files import scenario
 from rpo_core.judge import metrics
 from rpo_core.kernels.kernels import cw_step
+from rpo_core.scenario import scenario
 from rpo_core.thrusters.thrusters import Pulses, Thrusters
 from rpo_core.wire.interfaces import EXERTED_FORCE
 

@@ -29,10 +29,10 @@ from rpo_core.assurance.kernels import APPROACH, CONTACT, OPEN, open_margins
 from rpo_core.assurance.settings import Assurance, Passage
 from rpo_core.assurance.walls import _leaning, _Taken, swing_of
 from rpo_core.attitude.target import Motion, Target, motion_of
-from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
 from rpo_core.kernels.attitude_kernels import Frame, moving_with, seen_from, to_lvlh
 from rpo_core.kernels.kernels import cw_step
+from rpo_core.scenario import scenario
 from rpo_core.thrusters.thrusters import Thrusters
 from rpo_core.world.disturbance import NONE
 

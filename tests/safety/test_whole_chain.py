@@ -30,8 +30,8 @@ from rpo.proof.safety.whole_chain import (
 )
 from rpo_core.assurance.settings import Assurance
 from rpo_core.chain.flight import fly
-from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
+from rpo_core.scenario.scenario import load_scenario
 
 SHORT = ['duration_s=40.0']
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from rpo_core.assurance.settings import FILTERS, SPEEDS, Assurance, Passage, Speed
-from rpo_core.files.scenario import Scenario, load_scenario
+from rpo_core.scenario.scenario import Scenario, load_scenario
 from rpo_core.thrusters.thrusters import Thrusters
 from rpo_core.world.disturbance import NONE
 

@@ -24,6 +24,11 @@ PACKAGES = {path.parent.name: path.parent for path in sorted(SRC.glob('*/package
 OFFLINE = ROOT / 'offline_training'
 FIRST_PARTY = {*PACKAGES, 'rpo'}
 CORE = {'rpo_core'}
+FOLDERS = (
+    'kernels', 'files', 'plugins', 'wire', 'stage', 'world', 'scenario', 'control', 'attitude',
+    'thrusters', 'navigation', 'guidance', 'assurance', 'chain', 'judge',
+)  # fmt: skip
+"""Folders and modules of `rpo_core`: each imports only those before it."""
 ROS_FREE = {'rpo_core', 'rpo_log', 'rpo'}
 """Packages that work without ROS; `rpo_log` has nodes too, which have a row of their own."""
 
@@ -138,7 +143,7 @@ def test_ros_free_halves_import_and_the_core_flies_with_rclpy_blocked():
         'for name in sys.argv[1:]: importlib.import_module(name)\n'
         'from rpo_core.chain.flight import fly\n'
         'from rpo_core.control.controller import load_controller\n'
-        'from rpo_core.files.scenario import load_scenario\n'
+        'from rpo_core.scenario.scenario import load_scenario\n'
         'print(fly(load_scenario("quick"), load_controller("allround")).states.shape)\n'
     )
     command = [sys.executable, '-c', block, *modules]
@@ -229,8 +234,25 @@ def test_no_module_imports_itself_through_others():
     """Nor for types only; a package's door may import its own modules, which do not import it."""
     known = modules()
     graph = {name: imported(name, path, known) for name, path in known.items()}
-    assert 'rpo_core.files.scenario' in graph['rpo_core.chain.flight'], 'the imports are not found'
+    assert 'rpo_core.stage' in graph['rpo_core.chain.flight'], 'the imports are not found'
     try:
         TopologicalSorter(graph).prepare()
     except CycleError as error:
         pytest.fail(f'these modules import each other: {" <- ".join(error.args[1])}')
+
+
+@pytest.mark.parametrize('folder', FOLDERS)
+def test_a_folder_of_the_core_imports_only_those_before_it(folder):
+    known = modules()
+    allowed = {f'rpo_core.{name}' for name in FOLDERS[: FOLDERS.index(folder) + 1]}
+    inside = [n for n in known if f'{n}.'.startswith(f'rpo_core.{folder}.')]
+    assert inside
+    for name in inside:
+        others = {'.'.join(n.split('.')[:2]) for n in imported(name, known[name], known)}
+        above = {n for n in others if n.startswith('rpo_core.')} - allowed
+        assert not above, f'{name} may not import {sorted(above)}'
+
+
+def test_every_folder_of_the_core_has_its_place():
+    places = {n.split('.')[1] for n in modules() if n.startswith('rpo_core.')}
+    assert places == set(FOLDERS)

@@ -5,7 +5,7 @@
 import yaml
 
 from rpo.montecarlo import config
-from rpo_core.files.scenario import dumps
+from rpo_core.scenario.scenario import dumps
 
 SHORT = """
 schema: rpo/scenario/1

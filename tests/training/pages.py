@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from rpo_core.chain.flight import Flight
-from rpo_core.files.scenario import load_scenario
+from rpo_core.scenario.scenario import load_scenario
 
 VOID = {'meta', 'link', 'br', 'hr', 'img', 'input'}
 

@@ -12,8 +12,8 @@ from rpo.proof.check import Sample
 from rpo.proof.folder import Folder
 from rpo.proof.problem import Problem, Settings
 from rpo.training.config import load_start
-from rpo_core.files.scenario import load, load_set
-from rpo_core.judge.requirements import Requirements
+from rpo_core.scenario.requirements import Requirements
+from rpo_core.scenario.scenario import load, load_set
 from rpo_core.world.disturbance import Disturbance, Harmonic
 
 COARSE = 4.0

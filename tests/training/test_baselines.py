@@ -22,9 +22,10 @@ from rpo_core import files
 from rpo_core.chain.flight import fly
 from rpo_core.control.baselines import PAPER_MODEL, Mpc
 from rpo_core.control.controller import load_controller
-from rpo_core.files.scenario import load_scenario, load_set
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
+from rpo_core.scenario.requirements import MAX_SLEW_N_S
+from rpo_core.scenario.scenario import load_scenario, load_set
 
 TRAINING = load_set('paper_training')
 NAMES = ('pd', 'lqr', 'mpc', 'apf_smc', 'drift')
@@ -61,7 +62,7 @@ def by_solver(mpc, state, ticks):
     x, f = cp.Variable((ticks + 1, 6)), cp.Variable((ticks, 3))
     steps = [x[0] == state, x[1:] == x[:-1] @ a.T + f @ b.T, x[ticks] == 0]
     limits = [cp.abs(f) <= mpc.max_force_n]
-    limits.append(cp.abs(cp.diff(f, axis=0)) <= metrics.MAX_SLEW_N_S * mpc.model.dt_s)
+    limits.append(cp.abs(cp.diff(f, axis=0)) <= MAX_SLEW_N_S * mpc.model.dt_s)
     problem = cp.Problem(cp.Minimize(cp.sum_squares(f)), [*steps, *limits])
     problem.solve(solver=cp.CLARABEL)
     assert problem.status == cp.OPTIMAL

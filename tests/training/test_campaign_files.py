@@ -30,8 +30,8 @@ from rpo.montecarlo.single import fly_run
 from rpo.montecarlo.statistics import kept, successes
 from rpo.montecarlo.store import Store
 from rpo_core.files.validation import InputError
-from rpo_core.judge.requirements import ATTITUDES, LIMITS, THRUST, Requirements
 from rpo_core.judge.verdicts import verdicts
+from rpo_core.scenario.requirements import ATTITUDES, LIMITS, THRUST, Requirements
 
 ROOT = Path(__file__).resolve().parents[2]
 WIDE = {'COLUMNS': '300'}

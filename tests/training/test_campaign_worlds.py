@@ -30,15 +30,15 @@ from rpo_core.attitude.unloading import Unloading, UnloadingStage
 from rpo_core.control.attitude import AttitudeControl, FuzzyAttitude
 from rpo_core.control.attitude_limits import AttitudeLimits
 from rpo_core.control.controller import load_fuzzy
-from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
 from rpo_core.guidance.plan import Guidance, Leg
-from rpo_core.judge.requirements import Requirements
 from rpo_core.judge.verdicts import verdicts
 from rpo_core.navigation.attitude_estimator import AttitudeEstimator
 from rpo_core.navigation.attitude_sensors import AttitudeSensors, Gyro, StarTracker
 from rpo_core.navigation.estimator import Estimator
 from rpo_core.navigation.sensors import Sensor, Sensors
+from rpo_core.scenario import scenario
+from rpo_core.scenario.requirements import Requirements
 from rpo_core.thrusters.table import Failure, ThrusterTable
 from rpo_core.thrusters.thrusters import Propellant, Pulses, Thrusters
 from rpo_core.wire.interfaces import CONTROL_FORCE, DISTURBANCE_FORCE

@@ -16,13 +16,13 @@ from rpo.analysis.consistency import Consistency, as_configured, consistency, in
 from rpo_core.attitude.chaser import Chaser
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
-from rpo_core.files import scenario as scenario_file
-from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.navigation.attitude_estimator import AttitudeEstimator, attitude_filter_of
 from rpo_core.navigation.attitude_sensors import AttitudeSensors, Gyro, StarTracker
 from rpo_core.navigation.estimator import Estimator
 from rpo_core.navigation.sensors import Sensors
+from rpo_core.scenario import scenario as scenario_file
+from rpo_core.scenario.scenario import load_scenario
 
 WORLDS = ('world_leo', 'world_elliptic', 'world_moon')
 

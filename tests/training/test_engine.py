@@ -31,16 +31,16 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.baselines import Pd
 from rpo_core.control.controller import load_controller
 from rpo_core.control.controller_file import ControllerStage
-from rpo_core.files.scenario import ScenarioSet, load, load_scenario, load_set
 from rpo_core.files.starts import Box, Grid
 from rpo_core.judge import metrics
-from rpo_core.judge.requirements import Requirements
 from rpo_core.judge.verdicts import verdicts
 from rpo_core.kernels import kernels
 from rpo_core.kernels.jit import COMPILED, as_table
 from rpo_core.navigation.estimator import Estimator
 from rpo_core.navigation.navigation_errors import Navigation
 from rpo_core.navigation.sensors import Sensor, Sensors
+from rpo_core.scenario.requirements import Requirements
+from rpo_core.scenario.scenario import ScenarioSet, load, load_scenario, load_set
 from rpo_core.world import cw
 
 ROOT = Path(__file__).parents[2]

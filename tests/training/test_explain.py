@@ -17,8 +17,8 @@ from rpo_core.control.controller import dumps, load_controller
 from rpo_core.control.explain import decisions
 from rpo_core.control.fuzzy import RuleTable
 from rpo_core.files import DEFAULT_CONTROLLER
-from rpo_core.files.scenario import load_scenario, parse
 from rpo_core.navigation.estimator import Estimator
+from rpo_core.scenario.scenario import load_scenario, parse
 from rpo_core.wire import cdr
 from rpo_log.format.run import TimeBase
 from rpo_log.verify import verify

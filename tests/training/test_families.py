@@ -20,7 +20,7 @@ from rpo_core.chain.flight import fly
 from rpo_core.control import controller
 from rpo_core.control.baseline_kernels import table_inputs
 from rpo_core.control.controller import load_controller
-from rpo_core.files.scenario import load_set
+from rpo_core.scenario.scenario import load_set
 
 NAMES = ('more_words', 'time_to_go')
 TRAINING = load_set('paper_training')

@@ -19,10 +19,15 @@ from rpo.analysis.optimal import least_energy
 from rpo.engine.flights import flights_of
 from rpo.training.fitting import training_set
 from rpo_core.control.controller import load_controller
-from rpo_core.files.scenario import load_scenario, load_set
 from rpo_core.files.starts import Grid
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
+from rpo_core.scenario.requirements import (
+    MAX_ARRIVAL_DISTANCE_M,
+    MAX_ARRIVAL_SPEED_M_S,
+    MAX_SLEW_N_S,
+)
+from rpo_core.scenario.scenario import load_scenario, load_set
 from rpo_core.world import cw
 
 TRAINING = load_set('paper_training')
@@ -92,9 +97,9 @@ def test_the_constrained_flight_meets_every_condition_between_the_bounds(positio
     scenario = from_start(*position)
     flight = optimal.constrained(scenario)
     figures = metrics.of_flight(flight)
-    assert figures.mean_speed_norm_m_s <= metrics.MAX_ARRIVAL_SPEED_M_S * (1 + 1e-6)
-    assert figures.mean_error_norm_m <= metrics.MAX_ARRIVAL_DISTANCE_M * (1 + 1e-6)
-    assert figures.slew_per_axis_n_s <= metrics.MAX_SLEW_N_S * (1 + 1e-6)
+    assert figures.mean_speed_norm_m_s <= MAX_ARRIVAL_SPEED_M_S * (1 + 1e-6)
+    assert figures.mean_error_norm_m <= MAX_ARRIVAL_DISTANCE_M * (1 + 1e-6)
+    assert figures.slew_per_axis_n_s <= MAX_SLEW_N_S * (1 + 1e-6)
     assert np.abs(flight.forces_n).max() <= scenario.max_force_n * (1 + 1e-6)
     # To rest early and coast meets the arrival conditions, but ends with a jump of the force: where
     # the slew is free, the optimum must be at least as good.
@@ -167,7 +172,7 @@ def test_an_infeasible_optimum_names_what_would_have_to_give():
         optimal.constrained(scenario)
     ways = re.findall(r'(\w+) (\S+) \S+ instead of', str(raised.value))
     needed = {name: float(limit) for name, limit in ways}
-    assert needed['arrival_distance'] > metrics.MAX_ARRIVAL_DISTANCE_M
+    assert needed['arrival_distance'] > MAX_ARRIVAL_DISTANCE_M
     # What it names is enough, and not by much.
     base = optimal.Conditions.of(scenario)
     for name, limit in needed.items():

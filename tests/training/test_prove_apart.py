@@ -30,8 +30,8 @@ from rpo.proof.slew import Strip
 from rpo.reports.proof import report_of
 from rpo.training.config import load_start
 from rpo_core.chain.flight import fly
-from rpo_core.files.scenario import load_scenario
-from rpo_core.judge.requirements import Requirements
+from rpo_core.scenario.requirements import Requirements
+from rpo_core.scenario.scenario import load_scenario
 
 EXPECTED = Path(__file__).parent / 'expected'
 

@@ -30,8 +30,8 @@ from rpo.proof.problem import Problem, Settings
 from rpo.reports.proof import report_of
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import dumps, load_controller
-from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
+from rpo_core.scenario.scenario import load_scenario
 
 
 @pytest.fixture

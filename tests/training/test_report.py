@@ -28,11 +28,11 @@ from rpo.reports.page import File, Picture, Report, Section, Table, Text
 from rpo.reports.replay import Replayed
 from rpo.training.config import load_start
 from rpo_core.chain.flight import fly
-from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
-from rpo_core.judge.requirements import Requirements
 from rpo_core.judge.verdicts import verdicts
+from rpo_core.scenario.requirements import Requirements
+from rpo_core.scenario.scenario import load_scenario
 from rpo_log.errors import LogError
 from rpo_log.read.run_log import read_run
 from rpo_log.show import style

@@ -23,7 +23,7 @@ from rpo_core import files
 from rpo_core.attitude.turns import docking_axis
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
-from rpo_core.files import scenario as scenarios
+from rpo_core.scenario import scenario as scenarios
 from rpo_core.wire.interfaces import BODY_TORQUE, CHASER_ATTITUDE, EXERTED_FORCE, WHEEL_MOMENTUM
 from rpo_log.read.run_log import flight_of, read_run
 from rpo_log.show import report, style

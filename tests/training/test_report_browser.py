@@ -27,7 +27,7 @@ from rpo.reports.replay import Replayed, page_of
 from rpo.training.config import load_start
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
-from rpo_core.files import scenario
+from rpo_core.scenario import scenario
 from rpo_core.wire.interfaces import CHASER_ATTITUDE, EXERTED_FORCE
 
 CHROMIUM = shutil.which('chromium')

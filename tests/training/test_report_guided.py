@@ -17,11 +17,11 @@ from rpo.training.config import load_start
 from rpo_core import files
 from rpo_core.assurance.assurance import AssuranceStage
 from rpo_core.control.controller import load_controller
-from rpo_core.files import scenario
 from rpo_core.guidance.stages import GuidanceStage
-from rpo_core.judge.zones import zones_of
 from rpo_core.navigation.estimator import EstimatorStage
+from rpo_core.scenario import scenario
 from rpo_core.wire import cdr
+from rpo_core.world.zones import zones_of
 from rpo_log.read.run_log import flight_of, read_run
 from rpo_log.verify import verify
 

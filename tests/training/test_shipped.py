@@ -24,8 +24,8 @@ from rpo.reports.page import Table
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import DEFAULT_CONTROLLER
-from rpo_core.files.scenario import load_scenario
 from rpo_core.judge.verdicts import verdicts
+from rpo_core.scenario.scenario import load_scenario
 
 SHIPPED = ['allround', 'paper_ga']
 FAMILIES = ['more_words', 'time_to_go']

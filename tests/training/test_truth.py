@@ -15,7 +15,7 @@ from rpo.training.config import load_start
 from rpo_core.attitude.target import Target
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
-from rpo_core.files.scenario import load_scenario
+from rpo_core.scenario.scenario import load_scenario
 from rpo_core.thrusters.thrusters import Thrusters
 from rpo_core.world import cw
 

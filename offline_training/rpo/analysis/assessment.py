@@ -19,9 +19,9 @@ from rpo.engine.population import population_of
 from rpo.engine.simulator import Simulator
 from rpo.training.scoring import fitness
 from rpo_core.control.controller import FuzzyController, load_controller
-from rpo_core.files.scenario import load_scenario, load_set
 from rpo_core.judge.metrics import ENERGY, LATE_FORCE, LATE_POSITION, LATE_SPEED
 from rpo_core.kernels.arrays import Floats
+from rpo_core.scenario.scenario import load_scenario, load_set
 
 QUESTIONS = (
     "Q1: every start meets all conditions. Q2: little energy. Q3: the paper's test, held. "

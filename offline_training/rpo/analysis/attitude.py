@@ -34,10 +34,10 @@ from rpo.engine.tick import COUNTED, Batch, Part, Runs, fly, table_of
 from rpo_core.attitude.chaser import Chaser, Wheels
 from rpo_core.control.attitude import AttitudeControl, AttitudeController
 from rpo_core.control.attitude_law_kernels import errors
-from rpo_core.files.scenario import Scenario, load_scenario
 from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.attitude_kernels import synchronised
 from rpo_core.kernels.chaser_kernels import times
+from rpo_core.scenario.scenario import Scenario, load_scenario
 from rpo_core.stage import Place
 
 ANGLE_DEG, RATE_DEG_S = 0.5, 0.02

@@ -15,7 +15,6 @@ from dataclasses import replace
 from typing import Any
 
 from rpo.analysis.consistency import Consistency, counted, gathered
-from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.kernels.arrays import Floats, Ints
 from rpo_core.kernels.attitude_kernels import Attitude
@@ -37,6 +36,7 @@ from rpo_core.navigation.attitude_filter_kernels import (
 from rpo_core.navigation.attitude_sensor_kernels import BIAS, DRIFT, angles_between, sense_attitude
 from rpo_core.navigation.attitude_sensors import AttitudeSensing, AttitudeSensors
 from rpo_core.navigation.sensor_kernels import three_normals
+from rpo_core.scenario.scenario import Scenario
 
 _BIAS_STREAM = 254
 

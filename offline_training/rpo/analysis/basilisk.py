@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo.analysis.truth import World, cross
-from rpo_core.files.scenario import Scenario
+from rpo_core.scenario.scenario import Scenario
 
 Floats = NDArray[np.float64]
 

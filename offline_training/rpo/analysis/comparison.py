@@ -36,12 +36,12 @@ from rpo.training.scoring import fitness
 from rpo_core import files
 from rpo_core.chain.flight import Flight, fly
 from rpo_core.control.controller import AnyController, FuzzyController, load_controller
-from rpo_core.files.scenario import Scenario, load_scenario, load_set
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
 from rpo_core.judge.metrics import ARRIVAL_DISTANCE, ARRIVAL_TIME, ENERGY, SLEW
 from rpo_core.judge.verdicts import verdicts
 from rpo_core.kernels.arrays import Floats
+from rpo_core.scenario.scenario import Scenario, load_scenario, load_set
 
 CONTROLLERS = (
     'allround', 'paper_ga', 'handmade', 'more_words', 'time_to_go',

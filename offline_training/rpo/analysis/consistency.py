@@ -20,7 +20,6 @@ import numpy as np
 
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import AnyController
-from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.kernels.arrays import Floats, Ints
 from rpo_core.kernels.jit import inlined, kernel
@@ -40,6 +39,7 @@ from rpo_core.navigation.filter_kernels import (
 )
 from rpo_core.navigation.sensor_kernels import sense, three_normals
 from rpo_core.navigation.sensors import CENTRE, Sensing, Sensor, Sensors
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.wire import interfaces
 
 TIMES = 10

@@ -21,7 +21,6 @@ from rpo.montecarlo.execution import kept_of
 from rpo.montecarlo.judging import MOTION, motion, sentence
 from rpo.montecarlo.statistics import Rate, rate
 from rpo_core.control.controller import AnyController
-from rpo_core.files.scenario import Scenario, ScenarioSet
 from rpo_core.files.validation import InputError
 from rpo_core.judge.metrics import of_flight
 from rpo_core.judge.verdicts import (
@@ -33,6 +32,7 @@ from rpo_core.judge.verdicts import (
     unbounded,
     verdicts,
 )
+from rpo_core.scenario.scenario import Scenario, ScenarioSet
 from rpo_log.show.report import shown
 
 

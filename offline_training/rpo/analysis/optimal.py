@@ -17,13 +17,19 @@ from typing import Any
 import numpy as np
 
 from rpo_core.chain.flight import Flight, OpenLoop, fly
-from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError, real
 from rpo_core.judge import metrics
 from rpo_core.kernels.arrays import Floats
+from rpo_core.scenario.requirements import (
+    ARRIVAL_WINDOW_S,
+    MAX_ARRIVAL_DISTANCE_M,
+    MAX_ARRIVAL_SPEED_M_S,
+    MAX_SLEW_N_S,
+)
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.world import cw
 
-COAST_S = metrics.ARRIVAL_WINDOW_S
+COAST_S = ARRIVAL_WINDOW_S
 """Arriving at rest this long before the end and coasting meets every arrival condition."""
 
 _UNITS = {'force': 'N', 'slew': 'N/s', 'arrival_speed': 'm/s', 'arrival_distance': 'm'}
@@ -41,9 +47,9 @@ class Conditions:
     """
 
     force: float
-    slew: float = metrics.MAX_SLEW_N_S
-    arrival_speed: float = metrics.MAX_ARRIVAL_SPEED_M_S
-    arrival_distance: float = metrics.MAX_ARRIVAL_DISTANCE_M
+    slew: float = MAX_SLEW_N_S
+    arrival_speed: float = MAX_ARRIVAL_SPEED_M_S
+    arrival_distance: float = MAX_ARRIVAL_DISTANCE_M
 
     def __post_init__(self) -> None:
         for name, unit in _UNITS.items():
@@ -162,7 +168,7 @@ class Program:
     def _within(self, limits: dict[str, Any]) -> list[Any]:
         import cvxpy as cp
 
-        last = metrics.window_ticks(self.scenario, metrics.ARRIVAL_WINDOW_S)
+        last = metrics.window_ticks(self.scenario, ARRIVAL_WINDOW_S)
         step = limits['slew'] * self.scenario.dt_s
         distance = cp.sum(cp.norm(self._states[-last:, :3], 2, axis=1)) / last * _SCALE[0]
         speed = cp.sum(cp.norm(self._states[-last:, 3:], 2, axis=1)) / last * _SCALE[3]

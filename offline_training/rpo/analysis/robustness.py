@@ -32,9 +32,9 @@ from rpo.montecarlo.run_batch import side_by_side
 from rpo.montecarlo.sampling import DrawnRuns, draw
 from rpo.training.scoring.conditions import LABELS, PAPER
 from rpo_core.control.controller import AnyController
-from rpo_core.files.scenario import load_set
 from rpo_core.files.validation import InputError
 from rpo_core.kernels.arrays import Floats
+from rpo_core.scenario.scenario import load_set
 
 SET, DRAWN = 'paper_training', 'paper_test_measured'
 RUNS, SEED = 200, 90210

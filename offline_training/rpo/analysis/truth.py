@@ -26,8 +26,8 @@ from scipy.spatial.transform import Rotation
 
 from rpo_core.attitude.target import motion_of
 from rpo_core.chain.flight import Flight
-from rpo_core.files.scenario import Scenario
 from rpo_core.kernels.arrays import Floats
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.world import cw
 from rpo_core.world.dynamics import Drag, Dynamics
 

@@ -35,8 +35,8 @@ from rpo.training.genes import GeneSpace
 from rpo.training.gym import FinalApproach
 from rpo.training.gym_vector import DispersedApproach
 from rpo_core.control.controller import load_fuzzy
-from rpo_core.files.scenario import load_scenario, load_set
 from rpo_core.files.validation import InputError
+from rpo_core.scenario.scenario import load_scenario, load_set
 from rpo_log.provenance import machine_facts
 
 HEADINGS = '', 'what', 'target', 'ours', 'peer, same run', 'ratio', ''

@@ -18,7 +18,7 @@ from rpo.proof.claims import empty_set
 from rpo.proof.problem import Problem, Settings
 from rpo_core.control.controller import load_fuzzy
 from rpo_core.files import DEFAULT_CONTROLLER
-from rpo_core.files.scenario import load_set
+from rpo_core.scenario.scenario import load_set
 
 _COMMANDS = """
 simulate quick

@@ -16,10 +16,10 @@ from rpo.engine.judged import VALUES, JudgedTogether
 from rpo.engine.lanes import RUNS
 from rpo.engine.parts import disturbance, dynamics, goal, thrusters
 from rpo.engine.tick import Part, Runs
-from rpo_core.files.scenario import Scenario, ScenarioSet
-from rpo_core.judge.metrics import MAX_ARRIVAL_DISTANCE_M, UNITS, Windows, window_ticks, windows_of
-from rpo_core.judge.requirements import THRUST
+from rpo_core.judge.metrics import UNITS, Windows, window_ticks, windows_of
 from rpo_core.kernels.arrays import Floats, Ints
+from rpo_core.scenario.requirements import MAX_ARRIVAL_DISTANCE_M, THRUST
+from rpo_core.scenario.scenario import Scenario, ScenarioSet
 from rpo_core.world.disturbance import Disturbance
 
 

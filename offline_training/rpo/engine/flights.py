@@ -20,7 +20,7 @@ from rpo.engine.tick import fly as fly_lanes
 from rpo_core.chain.flight import Flight, fly
 from rpo_core.control.controller import AnyController
 from rpo_core.control.controller_file import ControllerFile
-from rpo_core.files.scenario import SET_SECTIONS, Scenario, ScenarioSet
+from rpo_core.scenario.scenario import SET_SECTIONS, Scenario, ScenarioSet
 
 
 def flights_of(controller: AnyController, found: Scenario | ScenarioSet) -> Iterator[Flight]:

@@ -32,9 +32,9 @@ from rpo_core.control.baselines import Baseline
 from rpo_core.control.controller import Controller, FuzzyController
 from rpo_core.control.fuzzy import DEFAULT_SAMPLES
 from rpo_core.judge.metrics import row_of
-from rpo_core.judge.requirements import ATTITUDES
 from rpo_core.judge.verdicts import verdicts
 from rpo_core.kernels.arrays import Floats
+from rpo_core.scenario.requirements import ATTITUDES
 
 Candidates = Population | Sequence[Controller]
 

@@ -13,9 +13,9 @@ from pkgutil import iter_modules
 from rpo.engine import parts
 from rpo.engine.parts import control
 from rpo.engine.tick import KINDS, Kind
+from rpo_core import plugins
 from rpo_core.control.controller import Controller
-from rpo_core.files import plugins
-from rpo_core.files.scenario import Scenario
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import section_of
 
 for _module in sorted(module.name for module in iter_modules(parts.__path__)):

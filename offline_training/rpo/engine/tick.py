@@ -36,10 +36,10 @@ from rpo.engine.lanes import (
     V,
     compiled,
 )
-from rpo_core.files.scenario import Scenario
 from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.kernels import State, Vector
 from rpo_core.kernels.vectors import aligned
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
 
 # Places in a tick, beside those of the chain.

@@ -19,10 +19,7 @@ from rpo_core import files
 from rpo_core.control.controller import AnyController
 from rpo_core.control.controller import parse as parse_controller
 from rpo_core.control.controller_file import ControllerFile
-from rpo_core.files import overrides
 from rpo_core.files.codec import to_mapping
-from rpo_core.files.scenario import Scenario, ScenarioSet
-from rpo_core.files.scenario import parse as parse_scenario
 from rpo_core.files.validation import (
     MOST_PATH,
     InputError,
@@ -35,8 +32,11 @@ from rpo_core.files.validation import (
     within,
 )
 from rpo_core.judge import metrics
-from rpo_core.judge.requirements import LIMITS, ROWS, THRUST, Requirements
 from rpo_core.navigation.sensors import Sensors
+from rpo_core.scenario import overrides
+from rpo_core.scenario.requirements import LIMITS, ROWS, THRUST, Requirements
+from rpo_core.scenario.scenario import Scenario, ScenarioSet
+from rpo_core.scenario.scenario import parse as parse_scenario
 from rpo_core.thrusters.table import IDENTITY
 from rpo_core.thrusters.thrusters import Thrusters
 
@@ -275,7 +275,7 @@ def find(name: str) -> Path:
 def load(source: str | Path, overridden: Sequence[str] = (), **changes: Any) -> Campaign:
     """Return the campaign of a shipped name or a path, with fields changed; raises InputError.
 
-    overridden : fields of the scenario, see `rpo_core.files.overrides`
+    overridden : fields of the scenario, see `rpo_core.scenario.overrides`
     """
     path = find(source) if isinstance(source, str) else source
     found = files.load(path, parse)

@@ -16,7 +16,7 @@ import numpy as np
 
 from rpo.montecarlo.config import METRICS, SHARE, Campaign, CampaignConfig
 from rpo_core.judge import verdicts
-from rpo_core.judge.requirements import ROWS
+from rpo_core.scenario.requirements import ROWS
 
 EFFORT = tuple(name for name, row in ROWS.items() if row.effort)
 """Requirements on what the thrusters do; the others are about where the chaser is, and how fast."""

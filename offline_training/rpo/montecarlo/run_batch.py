@@ -24,9 +24,9 @@ from rpo.montecarlo.sampling import PARAMETERS, STRATA, DrawnRuns, draw, paramet
 from rpo.montecarlo.single import fly_run, scenarios_of
 from rpo_core.judge import metrics
 from rpo_core.judge.metrics import row_of, windows_of
-from rpo_core.judge.requirements import THRUST
 from rpo_core.judge.verdicts import verdicts
 from rpo_core.kernels.arrays import Floats
+from rpo_core.scenario.requirements import THRUST
 
 UNIT = 200
 """Runs of a unit; a whole number of them is one Latin hypercube."""

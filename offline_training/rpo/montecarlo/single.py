@@ -14,8 +14,8 @@ from rpo.montecarlo.faults import LinkStage
 from rpo.montecarlo.sampling import STARTS, DrawnRuns, draw
 from rpo_core.attitude.target import move_together
 from rpo_core.chain.flight import Flight, fly
-from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import within
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
 from rpo_core.wire.interfaces import APPLIED_FORCE
 from rpo_core.world.cw import mean_motion

@@ -39,10 +39,10 @@ from rpo.proof.problem import Problem
 from rpo.proof.sets import InvariantSet
 from rpo.proof.tube import Trace
 from rpo_core.chain.flight import Flight, fly
-from rpo_core.files import scenario
-from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import quoted, shown
 from rpo_core.kernels.arrays import Floats
+from rpo_core.scenario import scenario
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.world.disturbance import Disturbance
 
 FLIGHTS_EACH = 50

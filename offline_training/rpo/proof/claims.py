@@ -19,8 +19,8 @@ from rpo.proof.sets import InvariantSet
 from rpo_core.chain.flight import Flight
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics, verdicts
-from rpo_core.judge.requirements import Requirements
 from rpo_core.kernels.arrays import Floats
+from rpo_core.scenario.requirements import Requirements
 
 Groups = Mapping[str, CellBounds]
 """Cells of each group, in the order in which they are proven."""
@@ -34,7 +34,7 @@ ROOM = 1e-9
 class Claim:
     """A claim over all starts of the box.
 
-    key : the requirement of `rpo_core.judge.requirements` that it is
+    key : the requirement of `rpo_core.scenario.requirements` that it is
     bound : no start exceeds it; infinite: none is known
     found : the greatest value that was flown, from `start` (6,) [m, m/s]
     open_cells : cells whose bound exceeds the limit

@@ -50,9 +50,9 @@ from rpo.proof.problem import Problem
 from rpo.proof.sets import InvariantSet
 from rpo_core import files
 from rpo_core.control import controller as controllers
-from rpo_core.files import scenario
-from rpo_core.files.scenario import Scenario, ScenarioSet
 from rpo_core.files.validation import InputError, mapping, quoted, real, shown, text, within
+from rpo_core.scenario import scenario
+from rpo_core.scenario.scenario import Scenario, ScenarioSet
 
 FIELDS = tuple(CellBounds.__dataclass_fields__)
 

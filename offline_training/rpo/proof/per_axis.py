@@ -34,8 +34,8 @@ from rpo.proof.problem import PER_AXIS, Problem
 from rpo.proof.sets import MOST, ROUND, WORTH_S, InvariantSet, strip_of
 from rpo.proof.slew import Strip
 from rpo.proof.tube import Motion, Trace, fill_slew, fly
-from rpo_core.files.scenario import Scenario
 from rpo_core.kernels.arrays import Floats, contracted
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.world import cw
 from rpo_core.world.disturbance import Disturbance, Harmonic
 

@@ -18,10 +18,10 @@ from rpo.proof.tube import Motion
 from rpo_core import files
 from rpo_core.control import controller as controllers
 from rpo_core.control.controller import AnyController, FuzzyController
-from rpo_core.files import scenario
-from rpo_core.files.scenario import Scenario, ScenarioSet
 from rpo_core.files.validation import Checked, InputError, flag, mapping, real, schema, shown, text
 from rpo_core.kernels.arrays import Floats
+from rpo_core.scenario import scenario
+from rpo_core.scenario.scenario import Scenario, ScenarioSet
 from rpo_core.stage import section_of
 from rpo_core.world import cw
 from rpo_core.world.disturbance import Harmonic

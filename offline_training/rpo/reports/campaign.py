@@ -33,9 +33,9 @@ from rpo.montecarlo.store import Store
 from rpo.reports.page import Block, File, Picture, Report, Section, Table, Text, picture, plain
 from rpo.reports.replay import Replayed
 from rpo_core.files.validation import InputError
-from rpo_core.judge.requirements import ROWS
 from rpo_core.judge.verdicts import unbounded
 from rpo_core.kernels.arrays import Bools, Floats, Ints
+from rpo_core.scenario.requirements import ROWS
 from rpo_log.show import report as log_report
 from rpo_log.show import style
 

@@ -24,8 +24,8 @@ from rpo_core.control.controller import AnyController, FuzzyController, load_con
 from rpo_core.control.explain import SPOKEN
 from rpo_core.control.family import Family
 from rpo_core.control.fuzzy import WORDS
-from rpo_core.files.scenario import Scenario, ScenarioSet, load
 from rpo_core.judge.metrics import ARRIVAL_DISTANCE, ARRIVAL_SPEED, ENERGY, SLEW
+from rpo_core.scenario.scenario import Scenario, ScenarioSet, load
 from rpo_log.show import report as flight_report
 from rpo_log.show import style
 

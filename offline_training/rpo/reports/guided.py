@@ -16,9 +16,9 @@ from rpo.reports.logged import steps_again
 from rpo.reports.page import Section, Table, picture
 from rpo_core.chain.flight import Flight
 from rpo_core.guidance.guidance import GuidanceStage
-from rpo_core.judge.zones import zones_of
 from rpo_core.kernels.arrays import Floats
 from rpo_core.wire.interfaces import REFERENCE_STATE
+from rpo_core.world.zones import zones_of
 from rpo_log.read.run_log import RunLog
 from rpo_log.show import style
 

@@ -12,9 +12,9 @@ import numpy as np
 
 from rpo_core.chain.chain import Chain
 from rpo_core.chain.flight import Flight
-from rpo_core.files.scenario import Scenario
 from rpo_core.judge.verdicts import missed, unbounded, verdicts
 from rpo_core.kernels.arrays import Floats
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Stage
 from rpo_core.wire import interfaces
 from rpo_log.read.run_log import RunLog, flight_of, flown_of, scenario_of

@@ -23,7 +23,8 @@ from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
 from rpo_core.judge.contact import docked_at
 from rpo_core.judge.verdicts import UNBOUNDED, ZONE_DEPTH, missed, unbounded, verdicts
-from rpo_core.judge.zones import zones_of
+from rpo_core.scenario.requirements import ARRIVAL_WINDOW_S, MAX_ARRIVAL_DISTANCE_M
+from rpo_core.world.zones import zones_of
 from rpo_log.bag import open_run
 from rpo_log.errors import LogError
 from rpo_log.format.run import INFO_FILE
@@ -168,7 +169,7 @@ def _optimum(shown: LoggedFlight) -> tuple[dict[str, Flight], str]:
     arrived = metrics.arrival_time_s(shown.flight) if shown.whole else None
     ticks = scenario.ticks
     if arrived is not None:
-        ticks = min(ticks, round((arrived + metrics.ARRIVAL_WINDOW_S) / scenario.dt_s))
+        ticks = min(ticks, round((arrived + ARRIVAL_WINDOW_S) / scenario.dt_s))
     name = f'optimum in {scenario.time_s(ticks):g} s'
     try:
         ideal = replace(scenario, duration_s=scenario.time_s(ticks), sections=())
@@ -180,14 +181,12 @@ def _optimum(shown: LoggedFlight) -> tuple[dict[str, Flight], str]:
 def _summary(shown: LoggedFlight, log: RunLog) -> str:
     flight = shown.flight
     figures, arrived = metrics.of_flight(flight), metrics.arrival_time_s(flight)
-    when = (
-        f'every axis stays within {metrics.MAX_ARRIVAL_DISTANCE_M:g} m after {arrived or 0.0:.1f} s'
-    )
+    when = f'every axis stays within {MAX_ARRIVAL_DISTANCE_M:g} m after {arrived or 0.0:.1f} s'
     docked = docked_at(flight)
     if docked is not None:
         when = f'contact at {flight.scenario.time_s(docked):.1f} s'
     elif arrived is None:
-        when = f'it does not stay within {metrics.MAX_ARRIVAL_DISTANCE_M:g} m of its goal'
+        when = f'it does not stay within {MAX_ARRIVAL_DISTANCE_M:g} m of its goal'
     if not shown.whole:
         when = f'the log does not show all of its {shown.planned.duration_s:g} s'
     start = ', '.join(f'{r:g}' for r in flight.scenario.initial_position_m)

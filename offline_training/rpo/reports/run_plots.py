@@ -14,13 +14,13 @@ from rpo.reports.surface_plots import draw_force, force_bar
 from rpo.reports.turned import in_lvlh
 from rpo_core.chain.flight import Flight
 from rpo_core.control.controller import FuzzyController
-from rpo_core.files.scenario import Scenario
 from rpo_core.guidance.plan import Guidance
 from rpo_core.guidance.rehearsal import Checked
 from rpo_core.judge import metrics
-from rpo_core.judge.zones import Zone
 from rpo_core.kernels.arrays import Floats
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.wire.interfaces import EXERTED_TORQUE
+from rpo_core.world.zones import Zone
 from rpo_log.show import style
 from rpo_log.show.report import by_axis, force_label, legend_names, limit_lines
 

@@ -29,9 +29,7 @@ from rpo.training.staged import RaceSettings
 from rpo_core import files
 from rpo_core.control.controller import AnyController
 from rpo_core.control.controller import parse as parse_controller
-from rpo_core.control.similarity import PAPER, range_m, time_s
 from rpo_core.files.codec import to_mapping
-from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import (
     MOST_PATH,
     InputError,
@@ -43,6 +41,8 @@ from rpo_core.files.validation import (
     whole,
 )
 from rpo_core.judge.metrics import PENALTY
+from rpo_core.judge.similarity import PAPER, range_m, time_s
+from rpo_core.scenario.scenario import Scenario
 
 COMMAND = 'rpo train'
 """It creates a run, and resumes it."""

@@ -23,9 +23,9 @@ from rpo.training.run import Config, Found, SearchRun
 from rpo.training.scoring.fitness import Fitness, FitnessSettings
 from rpo.training.staged import StagedSettings, staged
 from rpo_core.control.family import Family, Gene, Mission, family_of
-from rpo_core.control.similarity import PAPER
 from rpo_core.files.validation import InputError, shown
 from rpo_core.judge.metrics import PENALTY
+from rpo_core.judge.similarity import PAPER
 from rpo_core.kernels.arrays import Floats
 
 _JUDGED: FitnessSettings = updated(FitnessSettings(), written('family')['fitness'], 'fitness')

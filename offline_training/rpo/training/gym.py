@@ -24,13 +24,13 @@ from rpo.training.scoring.conditions import LABELS, PAPER
 from rpo_core.assurance.assurance import AssuranceStage
 from rpo_core.chain.chain import Chain, Signals, start_of
 from rpo_core.chain.flight import Flight
-from rpo_core.files.scenario import MAX_VELOCITY_M_S, Scenario, ScenarioSet, load
 from rpo_core.files.starts import MAX_POSITION_M
 from rpo_core.files.validation import InputError, mapping, real, shown, vector3, whole, within
 from rpo_core.judge.metrics import PENALTY, of_flight
 from rpo_core.judge.verdicts import verdicts
 from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.kernels import saturate
+from rpo_core.scenario.scenario import MAX_VELOCITY_M_S, Scenario, ScenarioSet, load
 from rpo_core.stage import Place, Signal
 from rpo_core.wire.interfaces import (
     CONTROL_FORCE,

@@ -17,8 +17,8 @@ from rpo.training.family_training import FamilyConfig
 from rpo.training.scoring.fitness import FitnessSettings
 from rpo.training.tuning import TUNING_SPACES
 from rpo_core.control.controller import AnyController
-from rpo_core.control.similarity import PAPER
 from rpo_core.files.validation import InputError
+from rpo_core.judge.similarity import PAPER
 
 NOTHING, NOT_KNOWN = 'no', 'not known'
 DRAWN, CORNERS = 'drawn flights', 'corner flights'

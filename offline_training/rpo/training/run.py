@@ -42,9 +42,9 @@ from rpo_core.control.attitude import FuzzyAttitude
 from rpo_core.control.baselines import Baseline
 from rpo_core.control.controller import FuzzyController
 from rpo_core.control.family import Family
-from rpo_core.files.scenario import ScenarioSet
 from rpo_core.files.validation import InputError
 from rpo_core.kernels.arrays import Floats
+from rpo_core.scenario.scenario import ScenarioSet
 
 CHECKPOINT, HISTORY = 'checkpoint.npz', 'history.csv'
 SCHEMA = 'rpo/checkpoint/2'

@@ -28,8 +28,8 @@ from rpo.training.genetic import GaSettings
 from rpo.training.scoring.fitness import Fitness, FitnessSettings
 from rpo_core.control.baselines import Baseline, Lqr, Model, Mpc, Pd, PotentialField
 from rpo_core.control.family import Gene
-from rpo_core.control.similarity import PAPER
 from rpo_core.files.validation import choice, whole
+from rpo_core.judge.similarity import PAPER
 from rpo_core.kernels.arrays import Floats
 
 BUDGET = GaSettings().population * (GaSettings().generations + 1)

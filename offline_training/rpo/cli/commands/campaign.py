@@ -201,7 +201,7 @@ def _for_ros(
 ) -> None:
     """Write the scenario of a run, if asked to; print the command that flies it on ROS 2."""
     from rpo.montecarlo.single import scenario_of
-    from rpo_core.files import scenario
+    from rpo_core.scenario import scenario
 
     if chosen.config.faults is not None:
         if export is not None:

@@ -17,7 +17,7 @@ from rpo_core.files.validation import InputError
 if TYPE_CHECKING:
     from rpo.analysis.assessment import Assessment
     from rpo_core.control.controller import AnyController
-    from rpo_core.files.scenario import Scenario, ScenarioSet
+    from rpo_core.scenario.scenario import Scenario, ScenarioSet
 
 WORLD_RUNS = 100
 """Flights that judge an estimator as its world is, at most: each takes a third of a second."""
@@ -55,7 +55,7 @@ def evaluate(
     from rpo.analysis.assessment import PAPER, assess
     from rpo.analysis.judgement import trained_for
     from rpo_core.control.controller import FuzzyController, load_controller
-    from rpo_core.files.scenario import load
+    from rpo_core.scenario.scenario import load
 
     if bool(estimator) == bool(controllers):
         raise InputError('`controllers` or `--estimator` must be given, and not both')
@@ -105,9 +105,9 @@ def _judge_estimator(name: str, runs: int) -> bool:
     from rpo.analysis.attitude_consistency import OUTAGE, attitude_consistency
     from rpo_core.control.controller import load_controller
     from rpo_core.files import DEFAULT_CONTROLLER
-    from rpo_core.files.scenario import load_scenario
     from rpo_core.navigation.attitude_estimator import AttitudeEstimator
     from rpo_core.navigation.estimator import Estimator
+    from rpo_core.scenario.scenario import load_scenario
 
     scenario = load_scenario(name)
     positions = scenario.section(Estimator) is not None

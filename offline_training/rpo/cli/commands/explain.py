@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from rpo_core.control.controller import AnyController, FuzzyController
     from rpo_core.control.family import Family
-    from rpo_core.files.scenario import Scenario
+    from rpo_core.scenario.scenario import Scenario
 
 Words = Callable[[str], str]
 
@@ -124,8 +124,8 @@ def _state_of(text: str) -> list[float]:
 def _from_goal(controller: AnyController, state: Sequence[float], scenario: str) -> Sequence[float]:
     """Return a state relative to the goal of a scenario, of what it was trained for by default."""
     from rpo.analysis.judgement import trained_for
-    from rpo_core.control.similarity import base_of
-    from rpo_core.files.scenario import load
+    from rpo_core.judge.similarity import base_of
+    from rpo_core.scenario.scenario import load
 
     name = scenario or trained_for(controller)
     base = base_of(load(name)) if name else None

@@ -39,7 +39,7 @@ def export(
     from rpo.montecarlo.outputs import identifier, make_folder
     from rpo_core.control import attitude
     from rpo_core.control.controller import load_controller
-    from rpo_core.files.scenario import load_scenario
+    from rpo_core.scenario.scenario import load_scenario
 
     axis = attitude.axis_of(controller) if attitude.is_one(controller) else None
     if axis is not None and (to != 'c' or assurance is not None):

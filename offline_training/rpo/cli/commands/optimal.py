@@ -15,7 +15,7 @@ from rpo_core.files import DEFAULT_SCENARIO
 from rpo_core.files.validation import InputError, shown
 
 if TYPE_CHECKING:
-    from rpo_core.files.scenario import Scenario, ScenarioSet
+    from rpo_core.scenario.scenario import Scenario, ScenarioSet
 
 _BEST = 'under all conditions'
 
@@ -34,7 +34,7 @@ def optimal(
 
     The start is the scenario's, if none is given; of a set of starts it prints the means.
     """
-    from rpo_core.files.scenario import ScenarioSet, load
+    from rpo_core.scenario.scenario import ScenarioSet, load
 
     loaded = load(scenario or ('paper_training' if start else DEFAULT_SCENARIO))
     if start is None and isinstance(loaded, ScenarioSet):

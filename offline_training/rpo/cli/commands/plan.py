@@ -17,8 +17,8 @@ from rpo.cli.display import print_table
 from rpo_core.files.validation import InputError
 
 if TYPE_CHECKING:
-    from rpo_core.files.scenario import Scenario
     from rpo_core.guidance.plan import Guidance
+    from rpo_core.scenario.scenario import Scenario
 
 ENTRIES = 8
 """Moments of entry that are shown."""
@@ -36,11 +36,11 @@ def plan(
     ] = None,
 ) -> None:
     """Print the legs of a plan, flown without errors, and their energy."""
-    from rpo_core.files import overrides
     from rpo_core.guidance.entry import most_turn
     from rpo_core.guidance.plan import Guidance
     from rpo_core.guidance.rehearsal import nominal
     from rpo_core.kernels.kernels import norm
+    from rpo_core.scenario import overrides
 
     chosen = overrides.load(scenario, changes or [])
     settings = chosen.section(Guidance)
@@ -84,8 +84,8 @@ def plan(
 def _entered(settings: Guidance, scenario: Scenario, path: Path) -> tuple[Guidance, Scenario]:
     """Print plans that meet the target at other moments, and write the one of least energy."""
     from rpo.montecarlo import outputs
-    from rpo_core.files.scenario import dumps
     from rpo_core.guidance.entry import entries
+    from rpo_core.scenario.scenario import dumps
 
     found = entries(settings, scenario)
     cheapest = min(found, key=lambda e: e.delta_v_m_s)

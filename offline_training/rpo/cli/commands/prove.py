@@ -108,7 +108,7 @@ def _problem(
     from rpo.proof.claims import requirements_of
     from rpo.proof.problem import Problem, Settings
     from rpo_core.control.controller import load_controller
-    from rpo_core.files.scenario import ScenarioSet, load
+    from rpo_core.scenario.scenario import ScenarioSet, load
 
     loaded = load(scenario)
     if isinstance(loaded, ScenarioSet):
@@ -217,7 +217,7 @@ def _proof_of(folder: Folder, options: str) -> Proof:
     from rpo.analysis import proven
     from rpo.proof.problem import Settings
     from rpo_core.control.controller import load_fuzzy
-    from rpo_core.files.scenario import load_set
+    from rpo_core.scenario.scenario import load_set
 
     found, problem = load_set('paper_training'), folder.problem
     name, most = problem.controller.name, found.initial_positions_m.max(axis=0).tolist()

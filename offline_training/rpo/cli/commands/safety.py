@@ -41,7 +41,7 @@ def show(scenario: Name, changes: Set = None) -> None:
     """Print the constants of the proof for a scenario (docs/safety.md)."""
     from rpo_core.assurance.guard import proof_of
     from rpo_core.assurance.settings import Assurance
-    from rpo_core.files import overrides
+    from rpo_core.scenario import overrides
 
     found = overrides.load(scenario, changes or [])
     settings = found.section(Assurance)
@@ -85,7 +85,7 @@ def attack(
         end(_attack_campaign(chosen if estimated else bounded(chosen)), no_fail)
         return
     from rpo.proof.safety import attack as attacks
-    from rpo_core.files import overrides
+    from rpo_core.scenario import overrides
 
     found = overrides.load(scenario, changes or [])
     began = time.monotonic()
@@ -154,7 +154,7 @@ def quiet(
     from rpo.proof.safety import counts as counting
     from rpo_core.assurance.settings import Assurance
     from rpo_core.control.controller import load_controller
-    from rpo_core.files.scenario import load
+    from rpo_core.scenario.scenario import load
 
     found, settings = load(scenario), Assurance(speed=speed)
     rows = []
@@ -178,7 +178,7 @@ def drift(
     """Print from how many moments of flights a thruster silence would lead to the target."""
     from rpo.proof.safety.counts import silence
     from rpo_core.control.controller import load_controller
-    from rpo_core.files.scenario import load
+    from rpo_core.scenario.scenario import load
 
     found, bounds = load(scenario), (-drag, 0.0 if more_drag else drag)
     rows = []
@@ -202,8 +202,8 @@ def abort(
     """Choose an abort from states of a plan or a flight, and random ones; count what is clear."""
     from rpo.proof.safety import counts
     from rpo_core.control.controller import load_controller
-    from rpo_core.files import overrides
     from rpo_core.guidance.plan import Guidance
+    from rpo_core.scenario import overrides
 
     found = overrides.load(scenario, changes or [])
     machine = counts.machine_of(found)
@@ -248,7 +248,7 @@ def thrusters(
     scenario knows are in every row.
     """
     from rpo.exports import c_allocation
-    from rpo_core.files import overrides
+    from rpo_core.scenario import overrides
     from rpo_core.thrusters import authority
     from rpo_core.thrusters.table import PRESETS, ThrusterTable
 

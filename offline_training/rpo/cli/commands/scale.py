@@ -36,11 +36,11 @@ def scale(
     from rpo.training.scaling import search
     from rpo_core import files
     from rpo_core.chain.flight import fly
-    from rpo_core.control import similarity
     from rpo_core.control.controller import dumps, load_controller
-    from rpo_core.files import overrides
-    from rpo_core.files import scenario as scenarios
+    from rpo_core.judge import similarity
     from rpo_core.judge.verdicts import missed
+    from rpo_core.scenario import overrides
+    from rpo_core.scenario import scenario as scenarios
     from rpo_log.show import report
 
     given, named = load_controller(controller), scenario

@@ -32,11 +32,12 @@ def simulate(
     from rpo_core import files
     from rpo_core.attitude import turns
     from rpo_core.chain.flight import fly
-    from rpo_core.control import similarity
     from rpo_core.control.controller import load_controller
-    from rpo_core.files import overrides
-    from rpo_core.files.scenario import text_for_logs
+    from rpo_core.judge import similarity
     from rpo_core.judge.verdicts import missed
+    from rpo_core.scenario import overrides
+    from rpo_core.scenario.scenario import text_for_logs
+    from rpo_core.wire.interfaces import CHASER_ATTITUDE
     from rpo_log.format.run import CONTROLLER, PARAMETERS, SCENARIO
     from rpo_log.show.report import print_table
     from rpo_log.tools.record import record
@@ -46,7 +47,9 @@ def simulate(
     flight = fly(flown, loaded)
     print_table(flight, f'{flown.name}, controller {controller}')
     again = similarity.command(controller, scenario, changes)
-    for line in (turns.too_fast(flight), similarity.hint(flight, loaded, again)):
+    attitudes = flight.signals.get(CHASER_ATTITUDE)
+    fast = '' if attitudes is None else turns.too_fast(attitudes, flight.scenario.dt_s)
+    for line in (fast, similarity.hint(flight, loaded, again)):
         if line:
             echo(line)
     if output:

@@ -56,7 +56,7 @@ def train(
     from rpo.training.family_training import FamilyConfig, FamilyTraining
     from rpo.training.training import Training
     from rpo.training.tuning import Tuning, TuningConfig
-    from rpo_core.control.similarity import PAPER
+    from rpo_core.judge.similarity import PAPER
 
     searches: tuple[Any, ...] = (FamilyTraining, AttitudeTraining, Tuning, Training)
     if resume is not None:

@@ -37,7 +37,7 @@ def truth(
     from rpo.analysis import basilisk, truth
     from rpo_core.chain.flight import fly
     from rpo_core.control.controller import load_controller
-    from rpo_core.files.scenario import load_scenario
+    from rpo_core.scenario.scenario import load_scenario
     from rpo_log.bag import open_run
     from rpo_log.read.run_log import flight_of, read_run
 

@@ -46,11 +46,11 @@ from rpo_core.control.attitude_law_kernels import (
     linear_torque,
     unloaded_at,
 )
-from rpo_core.files.scenario import Scenario
 from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.attitude_kernels import synchronised
 from rpo_core.kernels.chaser_kernels import wheels_after
 from rpo_core.kernels.kernels import LANES, saturate
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
 
 HEAD = FUZZY

@@ -24,7 +24,6 @@ from rpo.engine.lanes import (
 )
 from rpo.engine.parts.attitude import attitude_in
 from rpo.engine.tick import Batch, Draw, Kind, Part, register, table_of
-from rpo_core.files.scenario import Scenario
 from rpo_core.kernels.kernels import Vector
 from rpo_core.kernels.vectors import OWN, WIDTH, over_runs, own_tables
 from rpo_core.navigation.attitude_estimator import (
@@ -36,6 +35,7 @@ from rpo_core.navigation.attitude_filter_kernels import RATE as FOUND_RATE
 from rpo_core.navigation.attitude_filter_kernels import STATES, P, X, estimate_attitude, scratch_of
 from rpo_core.navigation.attitude_sensor_kernels import KEY, NOISE, attitude_noise, sensed_attitude
 from rpo_core.navigation.attitude_sensors import AttitudeSensing, AttitudeSensors
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
 
 KEYS, NOISES = OWN, 0

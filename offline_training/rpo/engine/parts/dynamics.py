@@ -14,7 +14,6 @@ import numpy as np
 
 from rpo.engine.lanes import FORCE, MASS, PUSH, RUNS, R, V, compiled
 from rpo.engine.tick import Batch, Draw, Kind, Part, register, table_of
-from rpo_core.files.scenario import Scenario
 from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.kernels import CwStep, cw_step, unpacked
 from rpo_core.kernels.orbit_kernels import (
@@ -28,6 +27,7 @@ from rpo_core.kernels.orbit_kernels import (
     target_step,
     turning,
 )
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
 from rpo_core.world import cw
 from rpo_core.world.dynamics import CLOHESSY_WILTSHIRE, environment_of, steps_per_tick, target_start

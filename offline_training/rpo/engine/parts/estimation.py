@@ -31,7 +31,6 @@ from rpo.engine.lanes import (
 from rpo.engine.parts.attitude import vector_in
 from rpo.engine.parts.target import ATTITUDE, BODY, DT, TURNS, body_of, step_attitudes, targets_of
 from rpo.engine.tick import ADDED, PASSED, Batch, Draw, Kind, Part, register, table_of
-from rpo_core.files.scenario import Scenario
 from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.attitude_kernels import attitude_at, frame_of, to_lvlh
 from rpo_core.kernels.kernels import measured
@@ -56,6 +55,7 @@ from rpo_core.navigation.sensor_kernels import (
     sensed,
 )
 from rpo_core.navigation.sensors import NOISES, STILL, Sensing, Sensors
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
 
 NOISE_R, NOISE_V, KEYS = 0, 1, 2

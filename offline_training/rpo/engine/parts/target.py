@@ -13,7 +13,6 @@ from rpo.engine.lanes import BODY_QUAT, BODY_QUAT_W, BODY_R, BODY_RATE, BODY_V, 
 from rpo.engine.parts.attitude import put_attitude
 from rpo.engine.tick import MOVED, Batch, Draw, Kind, Part, register, table_of
 from rpo_core.attitude.target import TUMBLE, Target, motion_of, of_vector, product, unit
-from rpo_core.files.scenario import Scenario
 from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.attitude_kernels import (
     FRAME,
@@ -24,6 +23,7 @@ from rpo_core.kernels.attitude_kernels import (
     seen_from,
 )
 from rpo_core.kernels.jit import inlined
+from rpo_core.scenario.scenario import Scenario
 
 FIRST = 1
 """Place in a tick of what is done once, before the first state is read."""

@@ -23,8 +23,6 @@ from rpo.engine.lanes import (
 )
 from rpo.engine.parts.attitude import vector_in
 from rpo.engine.tick import LIMITED, Batch, Draw, Kind, Part, register, table_of
-from rpo_core.files.scenario import Scenario
-from rpo_core.judge import requirements
 from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.kernels import exerted_force, saturate
 from rpo_core.kernels.pulse_kernels import (
@@ -38,6 +36,8 @@ from rpo_core.kernels.pulse_kernels import (
     fire,
 )
 from rpo_core.kernels.vectors import WIDTH, lanes_at, wide
+from rpo_core.scenario import requirements
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
 from rpo_core.thrusters.allocation_kernels import SCRATCH, Table, fire_together
 from rpo_core.thrusters.table import Failure, rows_of

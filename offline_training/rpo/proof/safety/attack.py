@@ -26,11 +26,11 @@ from rpo_core.assurance.settings import Assurance
 from rpo_core.assurance.turning import assure_turning
 from rpo_core.assurance.walls import attitude_rad
 from rpo_core.attitude.target import Motion
-from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.kernels.attitude_kernels import FRAME, frame_at, moving_with, seen_from
 from rpo_core.kernels.kernels import cw_step, exerted_force, unpacked
 from rpo_core.kernels.noise import philox
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.world import cw
 
 KINDS = (

@@ -21,11 +21,11 @@ from rpo_core.assurance.passive import clear_for
 from rpo_core.assurance.settings import Assurance
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import AnyController
-from rpo_core.files.scenario import Scenario, ScenarioSet
 from rpo_core.files.validation import InputError
 from rpo_core.guidance.plan import Guidance
 from rpo_core.guidance.rehearsal import nominal
 from rpo_core.kernels.kernels import CwStep, State
+from rpo_core.scenario.scenario import Scenario, ScenarioSet
 
 
 class Quiet(NamedTuple):

@@ -14,16 +14,22 @@ import numpy as np
 
 from rpo.engine.counters import COLUMNS
 from rpo.engine.judged import VALUES
-from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
-from rpo_core.judge.requirements import THRUST, Requirements
 from rpo_core.kernels.arrays import Floats
+from rpo_core.scenario.requirements import (
+    MAX_ARRIVAL_DISTANCE_M,
+    MAX_ARRIVAL_SPEED_M_S,
+    MAX_SLEW_N_S,
+    THRUST,
+    Requirements,
+)
+from rpo_core.scenario.scenario import Scenario
 
 PAPER = Requirements(
-    mean_speed_norm_m_s=metrics.MAX_ARRIVAL_SPEED_M_S,
-    slew_per_axis_n_s=metrics.MAX_SLEW_N_S,
-    mean_error_norm_m=metrics.MAX_ARRIVAL_DISTANCE_M,
+    mean_speed_norm_m_s=MAX_ARRIVAL_SPEED_M_S,
+    slew_per_axis_n_s=MAX_SLEW_N_S,
+    mean_error_norm_m=MAX_ARRIVAL_DISTANCE_M,
 )
 """The conditions of the paper's training, and arrival, ours; for a scenario without its own."""
 
@@ -133,4 +139,4 @@ def _arrival_m(required: Requirements) -> float:
         return required.arrival_error_per_axis_m
     if required.arrival_error_norm_m is not None:
         return required.arrival_error_norm_m / sqrt(3.0)
-    return metrics.MAX_ARRIVAL_DISTANCE_M
+    return MAX_ARRIVAL_DISTANCE_M

@@ -38,8 +38,8 @@ from rpo_core.files.validation import (
     text,
     whole,
 )
-from rpo_core.judge.requirements import LIMITS
 from rpo_core.kernels.arrays import Floats
+from rpo_core.scenario.requirements import LIMITS
 
 HELD_OUT = -1
 """The stage of the draws that no search has seen."""

@@ -43,7 +43,6 @@ from rpo.training.scoring.drawn import (
 )
 from rpo_core.control.baselines import Baseline
 from rpo_core.control.fuzzy import DEFAULT_SAMPLES
-from rpo_core.files.scenario import Scenario, ScenarioSet, load_scenario
 from rpo_core.files.validation import Checked, choice, real, whole
 from rpo_core.judge.metrics import (
     ARRIVAL_DISTANCE,
@@ -60,6 +59,7 @@ from rpo_core.judge.metrics import (
     SLEW,
 )
 from rpo_core.kernels.arrays import Floats
+from rpo_core.scenario.scenario import Scenario, ScenarioSet, load_scenario
 
 POSITION_M, VELOCITY_M_S = 5.0, 0.04
 """The start is off by so much on every axis, and moves on in that direction."""

@@ -9,7 +9,7 @@ from launch import LaunchContext, LaunchDescription
 from launch.actions import OpaqueFunction, SetLaunchConfiguration
 
 from rpo_bringup.flight_software_node import OPTIONAL, needed
-from rpo_core.files.scenario import load_scenario
+from rpo_core.scenario.scenario import load_scenario
 
 
 def _switch_off(context: LaunchContext) -> list[SetLaunchConfiguration]:

@@ -15,9 +15,9 @@ from rclpy.utilities import remove_ros_args
 
 from rpo_bringup.commands import parser
 from rpo_bringup.flight_software_node import needed
-from rpo_core.control.similarity import command
-from rpo_core.files import overrides, scenario
 from rpo_core.files.validation import InputError, real
+from rpo_core.judge.similarity import command
+from rpo_core.scenario import overrides, scenario
 from rpo_core.wire.statuses import FINISHED
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_log.errors import LogError

@@ -10,7 +10,7 @@ for all of them; `-p fuzzy_controller:controller:=handmade` is for one.
 from __future__ import annotations
 
 from rpo_core.chain.chain import Chain
-from rpo_core.files.scenario import Scenario
+from rpo_core.scenario.scenario import Scenario
 from rpo_ctrl.assurance_node import AssuranceNode
 from rpo_ctrl.attitude_controller_node import AttitudeControllerNode
 from rpo_ctrl.controller_node import ControllerNode

@@ -6,7 +6,7 @@ A stage is a function of its inputs so far: deterministic, with memory if it nee
 Randomness is a function of (tick, key). `rpo_core.chain.chain` puts stages in a row and flies them.
 
 A section of a scenario file adds a stage. To add a section, write a class and one line (`register`)
-in a module of your own (`rpo_core.files.plugins`).
+in a module of your own (`rpo_core.plugins`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.files import plugins
+from rpo_core import plugins
 from rpo_core.files.validation import InputError
 from rpo_core.wire.interfaces import (
     ATTITUDE,
@@ -161,7 +161,7 @@ class Section:
     needs : another section that the scenario must have, and what that is to this one
     rehearse : the same by a trial, which takes a moment; of scenario files only, as they are read.
         Of the scenario of a plant, only the node of that place does it
-    zones : what views draw about the target (`rpo_core.judge.zones`), of settings and scenario
+    zones : what views draw about the target (`rpo_core.world.zones`), of settings and scenario
     of_zones : fields that a mapping of the section takes from section `zones`, of both
     names_files : whether its settings may name a file, whose content is then part of a log
     always : whether a scenario without the section has the stage too; then it is made of None

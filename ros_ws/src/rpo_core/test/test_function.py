@@ -9,7 +9,8 @@ import pytest
 
 from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.control.controller import load_controller
-from rpo_core.files import scenario, shipped
+from rpo_core.files import shipped
+from rpo_core.scenario import scenario
 
 SCENARIO = {
     'schema': 'rpo/scenario/1',

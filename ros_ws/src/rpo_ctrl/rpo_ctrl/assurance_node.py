@@ -16,7 +16,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rpo_core.assurance.abort import COMMANDS, AbortMachine
 from rpo_core.assurance.assurance import ASSURANCE_STATUS, AssuranceStage, Decision
 from rpo_core.chain.chain import Chain, Signals
-from rpo_core.files.scenario import Scenario
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
 from rpo_core.wire import interfaces
 from rpo_ros import health, qos

@@ -17,8 +17,8 @@ from rpo_core import files
 from rpo_core.chain.chain import Chain, Link, Signals
 from rpo_core.control import controller
 from rpo_core.control.controller import AnyController
-from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import ZERO, Place
 from rpo_core.wire import interfaces
 from rpo_ros import health

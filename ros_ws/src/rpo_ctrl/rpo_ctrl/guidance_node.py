@@ -7,8 +7,8 @@ from __future__ import annotations
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from rpo_core.chain.chain import Chain, Signals
-from rpo_core.files.scenario import Scenario
 from rpo_core.guidance.guidance import COMMANDS, GuidanceStage
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
 from rpo_core.wire import interfaces
 from rpo_ros import health, qos

@@ -9,7 +9,7 @@ listens to their output, `navigation_state`.
 from __future__ import annotations
 
 from rpo_core.chain.chain import Chain
-from rpo_core.files.scenario import Scenario
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
 from rpo_ros.managed_node import PlaceNode
 

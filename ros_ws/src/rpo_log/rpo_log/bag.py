@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 
 from rpo_core import files
-from rpo_core.files import scenario as scenario_file
-from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
+from rpo_core.scenario import scenario as scenario_file
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.statuses import Manifest, RunStatus
 from rpo_log import topics

@@ -14,9 +14,9 @@ import yaml
 from rpo_core import files
 from rpo_core.chain.chain import signals_of
 from rpo_core.control import controller
-from rpo_core.files import scenario
-from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
+from rpo_core.scenario import scenario
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import sections
 from rpo_core.wire import interfaces
 from rpo_log.format import run

@@ -20,8 +20,8 @@ from rclpy.subscription import Subscription
 
 from rpo_core import files
 from rpo_core.chain.chain import signals_of
-from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.interfaces import MOST_AHEAD_TICKS, PROGRESS_TICKS
 from rpo_core.wire.statuses import FINISHED, READERS, WAITING, Manifest, RunStatus

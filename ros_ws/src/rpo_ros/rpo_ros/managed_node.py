@@ -17,8 +17,8 @@ from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from std_srvs.srv import Trigger
 
 from rpo_core.chain.chain import Chain, Signals
-from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place, Stage, section_of
 from rpo_ros import health
 from rpo_ros.parameter_rows import AUTOSTART

@@ -9,10 +9,10 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from rpo_core import files
-from rpo_core.files import plugins, scenario
-from rpo_core.files.scenario import Scenario
+from rpo_core import files, plugins
 from rpo_core.files.validation import InputError, choice
+from rpo_core.scenario import scenario
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import sections
 from rpo_core.wire.statuses import Manifest
 from rpo_ros.running import FlightNode

@@ -15,7 +15,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.duration import Duration
 
 from rpo_core.chain.chain import Chain, Signals
-from rpo_core.files.scenario import Scenario
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import WITHOUT_COMMAND, ZERO, Signal
 from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import GONE, REFUSED, RUNNING, WAITING, RunStatus

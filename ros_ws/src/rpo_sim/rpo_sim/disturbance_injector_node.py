@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from rpo_core.chain.chain import Chain, DisturbanceStage, Link
-from rpo_core.files.scenario import Scenario
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
 from rpo_ros.managed_node import PlaceNode
 

@@ -18,8 +18,8 @@ from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.time import Time
 
-from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.wire import interfaces
 from rpo_core.world.link import (
     CORRUPTIONS,

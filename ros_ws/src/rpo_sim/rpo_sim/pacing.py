@@ -15,7 +15,7 @@ from typing import Any
 
 from std_srvs.srv import SetBool, Trigger
 
-from rpo_core.files.scenario import Scenario
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import PAUSED, RUNNING, WAITING
 from rpo_ros import health

@@ -12,7 +12,7 @@ from contextlib import suppress
 from rclpy.node import Node
 
 from rpo_core.chain.chain import signals_of
-from rpo_core.files.scenario import Scenario
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import REFUSED, StageStatus
 from rpo_ros.running import FlightNode

@@ -12,12 +12,11 @@ from typing import Any
 import numpy as np
 
 from rpo_core.chain.chain import Chain, Signals, start_of
-from rpo_core.files.scenario import Scenario
 from rpo_core.judge import metrics
 from rpo_core.judge.contact import caught_at
-from rpo_core.judge.zones import zones_of
 from rpo_core.kernels import kernels
 from rpo_core.kernels.kernels import norm
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place, Signal
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import (
@@ -27,6 +26,7 @@ from rpo_core.wire.interfaces import (
     RELATIVE_STATE,
     SATURATED_FORCE,
 )
+from rpo_core.world.zones import zones_of
 
 Force = tuple[float, ...]
 """Force [N], target LVLH; in the axes of a chaser that turns, then with the torque [N m]."""

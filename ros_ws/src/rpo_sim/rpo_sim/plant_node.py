@@ -16,8 +16,8 @@ from rosgraph_msgs.msg import Clock
 
 from rpo_core import files
 from rpo_core.chain.chain import Signals, signals_of
-from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
+from rpo_core.scenario import scenario
 from rpo_core.stage import Signal
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.statuses import ABORTED, ENDED, FINISHED, GONE, PAUSED, RUNNING, WAITING

@@ -4,7 +4,7 @@
 
 from datetime import datetime, timezone
 
-from rpo_core.files import scenario
+from rpo_core.scenario import scenario
 from rpo_core.wire.interfaces import CONTROL_FORCE
 from rpo_sim.plant import ACCEPTED, EARLY, LATE, REPEATED, LockstepPlant
 

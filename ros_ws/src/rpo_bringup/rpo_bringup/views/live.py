@@ -16,11 +16,10 @@ from rpo_core.attitude.target import Motion, in_lvlh, motion_of
 from rpo_core.attitude.turns import docking_axis, turned
 from rpo_core.control import controller as controllers
 from rpo_core.control.controller import AnyController
-from rpo_core.files import scenario as scenarios
-from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import MOST_NAME, InputError, printable
-from rpo_core.judge.zones import Zone, zones_of
 from rpo_core.kernels.attitude_kernels import Attitude, Frame
+from rpo_core.scenario import scenario as scenarios
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import (
     ABORTED,
@@ -32,6 +31,7 @@ from rpo_core.wire.statuses import (
     Manifest,
     RunStatus,
 )
+from rpo_core.world.zones import Zone, zones_of
 
 Vector = tuple[float, ...]
 Said = TypeVar('Said', GuidanceStatus, AssuranceStatus)

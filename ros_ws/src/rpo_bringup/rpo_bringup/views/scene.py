@@ -15,8 +15,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from rpo_bringup.views.live import LiveFlight
 from rpo_core.attitude.turns import turned
-from rpo_core.judge.zones import Zone
 from rpo_core.wire.interfaces import LVLH_FRAME
+from rpo_core.world.zones import Zone
 from rpo_log.show.style import COLOURS
 
 Vector = Sequence[float]

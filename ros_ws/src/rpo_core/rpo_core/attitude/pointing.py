@@ -15,7 +15,6 @@ from typing import Annotated, Any
 
 from rpo_core.attitude.target import ALIGNED, Quaternion, known_motion, of_vector, quaternion
 from rpo_core.files.validation import Checked, InputError, real, vector3
-from rpo_core.judge.zones import Zones
 from rpo_core.kernels.attitude_kernels import Attitude, Frame, synchronised
 from rpo_core.kernels.chaser_kernels import turn
 from rpo_core.kernels.kernels import Vector, norm
@@ -23,6 +22,7 @@ from rpo_core.kernels.pointing_kernels import Aim, begun, point
 from rpo_core.stage import Place, Section, Signal, Stage, register
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import ATTITUDE, STATE
+from rpo_core.world.zones import Zones
 
 LVLH = Frame(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, *(0.0,) * 6)
 """The frame of a target without attitude."""

@@ -18,7 +18,6 @@ import numpy as np
 
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import Checked, InputError, choice, matrix, real, shown, vector3
-from rpo_core.judge.zones import Zone
 from rpo_core.kernels import attitude_kernels
 from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.attitude_kernels import FRAME, Attitude, Body, Frame
@@ -26,6 +25,7 @@ from rpo_core.kernels.kernels import Vector, norm, sin_cos
 from rpo_core.stage import Place, Section, Signal, Stage, register
 from rpo_core.wire import interfaces
 from rpo_core.world.dynamics import CLOHESSY_WILTSHIRE
+from rpo_core.world.zones import Zone
 
 Quaternion = tuple[float, float, float, float]
 

@@ -10,12 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rpo_core.attitude.target import MOST_TURN_RAD, product
-from rpo_core.chain.flight import Flight
-from rpo_core.files.scenario import Scenario
-from rpo_core.judge.zones import zones_of
 from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.kernels import Vector, norm
-from rpo_core.wire.interfaces import CHASER_ATTITUDE
+from rpo_core.scenario.scenario import Scenario
+from rpo_core.world.zones import zones_of
 
 _BACK = np.array([-1.0, -1.0, -1.0, 1.0])
 """Times a quaternion: the attitude back."""
@@ -49,14 +47,13 @@ def apart(attitudes: ArrayLike, references: ArrayLike) -> Floats:
     return np.stack([angle, np.linalg.norm(e[..., 4:], axis=-1)], axis=-1)
 
 
-def too_fast(flight: Flight) -> str:
-    """Return where the chaser turns farther in a tick than its motion is exact; '' if nowhere."""
-    attitudes = flight.signals.get(CHASER_ATTITUDE, np.zeros((0, 7)))
-    turns = flight.scenario.dt_s * np.linalg.norm(attitudes[:, 4:], axis=1)
+def too_fast(attitudes: Floats, dt_s: float) -> str:
+    """Return where a chaser turns farther in a tick than its motion is exact; '' if nowhere."""
+    turns = dt_s * np.linalg.norm(attitudes[:, 4:], axis=1)
     for tick in np.flatnonzero(~(turns <= MOST_TURN_RAD))[:1].tolist():
         return (
             f'NOT exact from tick {tick} on: the chaser turns {turns[tick]:.3g} rad in a tick of '
-            f'{flight.scenario.dt_s:g} s, more than {MOST_TURN_RAD:g}'
+            f'{dt_s:g} s, more than {MOST_TURN_RAD:g}'
         )
     return ''
 

@@ -18,8 +18,8 @@ from typing import Any, NamedTuple
 
 from rpo_core.control.controller import Controller
 from rpo_core.control.controller_file import FollowStage
-from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import ZERO, Place, Signal, Stage, section_of, sections
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import (

@@ -14,8 +14,8 @@ import numpy as np
 from rpo_core.chain.chain import Chain, Signals, start_of
 from rpo_core.control.controller import Controller
 from rpo_core.control.controller_file import ControllerStage
-from rpo_core.files.scenario import Scenario
 from rpo_core.kernels.arrays import Floats
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place, Signal, Stage, sections
 from rpo_core.wire.interfaces import (
     CHASER_MASS,

@@ -3,7 +3,7 @@
 """What every controller file holds, and the kinds of controller that a file may name.
 
 To add a kind, write a frozen dataclass and one line (`register`) in a module of your own
-(`rpo_core.files.plugins`). Its fields are those of the file.
+(`rpo_core.plugins`). Its fields are those of the file.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from rpo_core import plugins
 from rpo_core.control.blend import Reasons
-from rpo_core.files import codec, plugins
-from rpo_core.files.scenario import Scenario
+from rpo_core.files import codec
 from rpo_core.files.validation import (
     Checked,
     Description,
@@ -30,6 +30,7 @@ from rpo_core.files.validation import (
     real,
 )
 from rpo_core.kernels.kernels import State, Vector
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Signal, Stage
 from rpo_core.wire import interfaces
 

@@ -4,7 +4,7 @@
 
 A family is a kind of controller file (`rpo_core.control.controller_file`) that says which numbers a
 search varies, and makes a controller of them. It may live in a module of your own
-(`rpo_core.files.plugins`).
+(`rpo_core.plugins`).
 """
 
 from __future__ import annotations

@@ -32,8 +32,8 @@ from rpo_core.control.controller_file import Units, register
 from rpo_core.control.family import Claim, Family, Gene, Mission, Table
 from rpo_core.control.textbook import pull_n
 from rpo_core.files.validation import InputError, matrix, real, shown
-from rpo_core.judge.metrics import MAX_ARRIVAL_DISTANCE_M
 from rpo_core.kernels.kernels import State
+from rpo_core.scenario.requirements import MAX_ARRIVAL_DISTANCE_M
 
 HELD_M = 0.5
 """Error within which a disturbance is held, the paper's."""

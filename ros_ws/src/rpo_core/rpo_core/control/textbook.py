@@ -12,7 +12,7 @@ from __future__ import annotations
 from math import log, sqrt
 
 from rpo_core.control.baselines import PAPER_MODEL
-from rpo_core.judge.metrics import ARRIVAL_WINDOW_S, MAX_ARRIVAL_DISTANCE_M
+from rpo_core.scenario.requirements import ARRIVAL_WINDOW_S, MAX_ARRIVAL_DISTANCE_M
 
 FLIGHT_S, RANGE_M = 200.0, 100.0
 """Of the paper's training: the length of a flight, and the farthest start of an axis."""

@@ -25,9 +25,14 @@ from rpo_core.control.blend import Reasons, newtons
 from rpo_core.control.controller_file import Scaling, Units, register
 from rpo_core.control.family import Claim, Family, Gene, Mission, Table
 from rpo_core.files.validation import Checked, InputError, choice, real, store
-from rpo_core.judge import metrics
 from rpo_core.kernels.jit import as_table
 from rpo_core.kernels.kernels import State
+from rpo_core.scenario.requirements import (
+    ARRIVAL_WINDOW_S,
+    MAX_ARRIVAL_DISTANCE_M,
+    MAX_ARRIVAL_SPEED_M_S,
+    MAX_SLEW_N_S,
+)
 from rpo_core.world.cw import TickLength
 
 WORDS = ('long', 'medium', 'short', 'very short', 'due')
@@ -212,11 +217,11 @@ class TimeToGo(Family):
         a convex function of the start, and is largest at a corner of the box: all are flown. For
         the paper's chaser, without disturbance; floating point is not rounded outwards.
         """
-        worst = self._worst_of_box(metrics.ARRIVAL_WINDOW_S)
-        far, fast = metrics.MAX_ARRIVAL_DISTANCE_M, metrics.MAX_ARRIVAL_SPEED_M_S
+        worst = self._worst_of_box(ARRIVAL_WINDOW_S)
+        far, fast = MAX_ARRIVAL_DISTANCE_M, MAX_ARRIVAL_SPEED_M_S
         conditions = (
             ('force', 'of an axis, without saturation', worst.force_n, self.max_force_n, 'N'),
-            ('slew', 'of an axis', worst.slew_n_s, metrics.MAX_SLEW_N_S, 'N/s'),
+            ('slew', 'of an axis', worst.slew_n_s, MAX_SLEW_N_S, 'N/s'),
             ('arrival', 'mean of |r| over the last 30 s', worst.distance_m, far, 'm'),
             ('speed', 'mean of |v| over the last 30 s', worst.speed_m_s, fast, 'm/s'),
         )

@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 
 from rpo_core.attitude.target import TUMBLE
-from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.guidance import plan
 from rpo_core.guidance.guidance import ARRIVED, GuidanceStage
@@ -20,6 +19,7 @@ from rpo_core.guidance.plan import Guidance
 from rpo_core.guidance.rehearsal import check
 from rpo_core.guidance.work import TooMuch, bounded
 from rpo_core.kernels.kernels import norm
+from rpo_core.scenario.scenario import Scenario
 
 STEP_S, MOMENTS = 5, 120
 """Durations of the transfer that are tried: so far apart, farther in a flight that has more."""

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rpo_core.attitude.target import known_motion
-from rpo_core.files.scenario import Scenario
 from rpo_core.guidance import plan
 from rpo_core.guidance.legs import (
     Coasting,
@@ -31,6 +30,7 @@ from rpo_core.guidance.transfer_kernels import Floats, at_port
 from rpo_core.guidance.transfers import Limits
 from rpo_core.kernels.attitude_kernels import moving_with, seen_from, to_lvlh
 from rpo_core.kernels.kernels import State, norm
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Signal, Stage
 from rpo_core.wire import interfaces
 from rpo_core.world import cw

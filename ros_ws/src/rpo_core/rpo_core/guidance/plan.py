@@ -15,7 +15,6 @@ from typing import Annotated, Any
 
 from rpo_core.files import codec
 from rpo_core.files.codec import unless_default
-from rpo_core.files.scenario import MAX_VELOCITY_M_S
 from rpo_core.files.starts import MAX_POSITION_M
 from rpo_core.files.validation import (
     Checked,
@@ -27,8 +26,9 @@ from rpo_core.files.validation import (
     shown,
     vector3,
 )
-from rpo_core.judge.zones import NO_CORRIDOR, Corridor, Zone, Zones
 from rpo_core.kernels.kernels import Vector
+from rpo_core.scenario.scenario import MAX_VELOCITY_M_S
+from rpo_core.world.zones import NO_CORRIDOR, Corridor, Zone, Zones
 
 TRANSFER, STRAIGHT, FLY_AROUND, HOLD = 'transfer', 'straight', 'fly_around', 'hold'
 KINDS = (TRANSFER, STRAIGHT, FLY_AROUND, HOLD)

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.guidance import plan
 from rpo_core.guidance.guidance import ARRIVED, DOCKED, Change, GuidanceStage
@@ -19,6 +18,7 @@ from rpo_core.guidance.legs import SEGMENTS
 from rpo_core.guidance.plan import Guidance
 from rpo_core.guidance.work import TooMuch, bounded, spend
 from rpo_core.kernels.kernels import State, Vector, norm
+from rpo_core.scenario.scenario import Scenario
 
 MOST_WORK = 4e8
 """Steps (`rpo_core.guidance.work`) that the search of a plan may take; those that ship take 4e6."""

@@ -21,8 +21,8 @@ import numpy as np
 
 from rpo_core.guidance.transfer_kernels import Floats, energy, optimum, path_of, reach_of, rows_of
 from rpo_core.guidance.work import spend
-from rpo_core.judge.zones import along_and_across, beside_m
 from rpo_core.kernels.kernels import CwStep, State, Vector, norm
+from rpo_core.world.zones import along_and_across, beside_m
 
 ROUNDS = 16
 """How often the half-spaces are set anew; a path has settled after three or four."""

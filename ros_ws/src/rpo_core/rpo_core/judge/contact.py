@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rpo_core.chain.flight import Flight
-from rpo_core.files.scenario import Scenario
-from rpo_core.judge.requirements import Requirements
-from rpo_core.judge.zones import beside_kernel, tangent
 from rpo_core.kernels.jit import as_table, kernel
 from rpo_core.kernels.kernels import Vector, norm
+from rpo_core.scenario.requirements import Requirements
+from rpo_core.scenario.scenario import Scenario
+from rpo_core.world.zones import beside_kernel, tangent
 
 LINE_OF_SIGHT = -1
 """The axis of a contact that has none: speeds are along the line of sight, and across it."""

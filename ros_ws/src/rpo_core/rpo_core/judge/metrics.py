@@ -16,17 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.chain.flight import Flight
-from rpo_core.files.scenario import Scenario
 from rpo_core.judge.contact import docked_at
 from rpo_core.kernels.jit import as_table, kernel
 from rpo_core.kernels.kernels import norm
-
-ARRIVAL_WINDOW_S = 30.0
-MAX_ARRIVAL_SPEED_M_S = 0.05
-MAX_SLEW_N_S = 0.1
-MAX_ARRIVAL_DISTANCE_M = 0.5
-"""Conditions of the paper's training, and arrival, ours: without it doing nothing is nearly optimal
-(the paper says 'to reach the target')."""
+from rpo_core.scenario.requirements import (
+    ARRIVAL_WINDOW_S,
+    MAX_ARRIVAL_DISTANCE_M,
+    MAX_ARRIVAL_SPEED_M_S,
+    MAX_SLEW_N_S,
+)
+from rpo_core.scenario.scenario import Scenario
 
 PENALTY = 100.0
 """Added to J [N^2 s] for each condition not met."""

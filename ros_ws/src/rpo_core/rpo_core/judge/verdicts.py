@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Verdicts: what a scenario requires (`rpo_core.judge.requirements`) beside the values of a flight.
+"""Verdicts: what a scenario requires (section `requirements`) beside the values of a flight.
 
 A keep-out zone of any of its sections is required too, whoever commands.
 
@@ -17,15 +17,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rpo_core.chain.flight import Flight
-from rpo_core.files.scenario import Scenario
 from rpo_core.judge import contact, metrics
-from rpo_core.judge.requirements import ATTITUDES, ROWS, THRUST, Requirements
-from rpo_core.judge.zones import AT_PORT_M, zones_of
 from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.attitude_kernels import synchronised
 from rpo_core.kernels.jit import as_table
 from rpo_core.kernels.pointing_kernels import contact_turn
+from rpo_core.scenario.requirements import ATTITUDES, ROWS, THRUST, Requirements
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.wire.interfaces import ALIGNED, CHASER_ATTITUDE
+from rpo_core.world.zones import AT_PORT_M, zones_of
 
 HOLDS, MISSED, NOT_JUDGED = 'holds', 'MISSED', 'not flown'
 UNBOUNDED = 'NOT judged'

@@ -29,7 +29,6 @@ from rpo_core.files.validation import (
     vector3,
     whole,
 )
-from rpo_core.judge.zones import Zones
 from rpo_core.kernels.attitude_kernels import to_lvlh
 from rpo_core.kernels.jit import as_table
 from rpo_core.kernels.kernels import Vector, sin_cos
@@ -45,6 +44,7 @@ from rpo_core.navigation.sensor_kernels import (
 )
 from rpo_core.stage import Place, Section, Signal, Stage, register
 from rpo_core.wire import interfaces
+from rpo_core.world.zones import Zones
 
 MAX_SENSORS = 4
 MAX_LATENCY_TICKS = 100

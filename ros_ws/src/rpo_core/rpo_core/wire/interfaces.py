@@ -4,7 +4,7 @@
 
 A signal is a tuple of floats with a name. A signal whose row names a type of message is a topic of
 that name too. Nodes, recorder, log reader, verify, replay and the pages of the documentation read
-this table; a new topic needs one row (`add`) and nothing else. See `rpo_core.files.plugins`.
+this table; a new topic needs one row (`add`) and nothing else. See `rpo_core.plugins`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from itertools import chain
 from typing import Any
 
-from rpo_core.files import plugins
+from rpo_core import plugins
 from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr
 from rpo_core.wire.layout import Layout

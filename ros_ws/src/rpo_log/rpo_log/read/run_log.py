@@ -16,9 +16,9 @@ from rpo_core import files
 from rpo_core.chain.flight import Flight
 from rpo_core.control import controller
 from rpo_core.control.controller import AnyController
-from rpo_core.files import scenario
-from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
+from rpo_core.scenario import scenario
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.wire import cdr, interfaces
 from rpo_log.errors import LogError
 from rpo_log.format.run import CONTROLLER, PARAMETERS, SCENARIO, TimeBase

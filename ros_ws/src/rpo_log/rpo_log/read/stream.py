@@ -17,9 +17,9 @@ import numpy as np
 from mcap.records import Attachment, Channel, DataEnd, Header, McapRecord, Metadata, Schema
 
 from rpo_core import files
-from rpo_core.files import scenario
-from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError, printable, shown
+from rpo_core.scenario import scenario
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.wire import interfaces
 from rpo_log import topics
 from rpo_log.errors import LogError, NotARun

@@ -23,10 +23,10 @@ import numpy as np
 
 from rpo_core.control import explain
 from rpo_core.control.controller import AnyController
-from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
-from rpo_core.judge.zones import Zone, zones_of
 from rpo_core.kernels.arrays import Floats
+from rpo_core.scenario.scenario import Scenario
+from rpo_core.world.zones import Zone, zones_of
 from rpo_log.show import style
 
 LIBRARY = 'jupyter_threejs_sage', 'static/r130/three.min.js'

@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any
 
 from rpo_core.chain.flight import Flight
-from rpo_core.control.similarity import hint
-from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import printable
 from rpo_core.judge import metrics
+from rpo_core.judge.similarity import hint
 from rpo_core.judge.verdicts import UNBOUNDED, missed, unbounded, verdicts
+from rpo_core.scenario.scenario import Scenario
 from rpo_log.bag import open_run
 from rpo_log.format.run import CONTROLLER, REPORT
 from rpo_log.read.run_log import RunLog, controller_of, flight_of, read_run, scenario_of

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from rpo_core.chain.chain import Chain
 from rpo_core.control.controller import AnyController
-from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import shown
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import WITHOUT_COMMAND, Place, Stage
 from rpo_core.wire import interfaces
 from rpo_log import topics

@@ -14,8 +14,8 @@ from collections.abc import Collection, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.files.scenario import Scenario
 from rpo_core.kernels.kernels import norm
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.interfaces import NEXT
 from rpo_core.wire.statuses import ABORTED, FINISHED, RUNNING

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from rpo_core.files.scenario import Scenario
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.wire import cdr
 from rpo_log import provenance
 from rpo_log.errors import ExitCode

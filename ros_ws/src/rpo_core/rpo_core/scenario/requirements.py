@@ -17,10 +17,17 @@ from typing import Annotated, Any
 from rpo_core import files
 from rpo_core.files import codec
 from rpo_core.files.validation import Checked, InputError, choice, mapping, optional, real
-from rpo_core.judge.zones import Zones
+from rpo_core.world.zones import Zones
 
 DIRECTIONS = ('+x', '-x', '+y', '-y', '+z', '-z')
 """Axes of target LVLH, by which a chaser comes in."""
+
+ARRIVAL_WINDOW_S = 30.0
+MAX_ARRIVAL_SPEED_M_S = 0.05
+MAX_SLEW_N_S = 0.1
+MAX_ARRIVAL_DISTANCE_M = 0.5
+"""Conditions of the paper's training, and arrival, ours: without it doing nothing is nearly optimal
+(the paper says 'to reach the target')."""
 
 MEAN_WINDOW_S = 30.0
 """The means are over the last 30 s, as in the paper, if the file does not say."""

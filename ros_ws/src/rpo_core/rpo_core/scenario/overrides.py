@@ -10,9 +10,9 @@ from typing import Any
 import yaml
 
 from rpo_core import files
-from rpo_core.files import scenario
-from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError, shown, within
+from rpo_core.scenario import scenario
+from rpo_core.scenario.scenario import Scenario
 
 CHANGED = ' (changed)'
 """Ends the name of a scenario that is no longer that of its file."""

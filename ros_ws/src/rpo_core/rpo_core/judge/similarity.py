@@ -19,9 +19,9 @@ import numpy as np
 from rpo_core.chain.flight import Flight
 from rpo_core.control.controller import AnyController, FuzzyController
 from rpo_core.control.controller_file import Scaling
-from rpo_core.files.scenario import Scenario, ScenarioSet, load
 from rpo_core.files.validation import InputError, real
 from rpo_core.judge.verdicts import missed
+from rpo_core.scenario.scenario import Scenario, ScenarioSet, load
 
 PAPER = 'paper_training'
 """What a controller was made for whose provenance names no scenario."""

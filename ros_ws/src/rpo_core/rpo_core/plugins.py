@@ -1,9 +1,9 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Modules that add stages, controllers and topics: those of our rooms, and those of other people.
+"""Modules that add stages, controllers and topics, imported when the first is asked for.
 
-The environment says which code is loaded, never a scenario, a controller file or a log: a room of
-ours is loaded where it is installed, other modules where `RPO_PLUGINS` names them.
+This module knows none of them: a package names its own (`MODULES`), the environment those of other
+people, never a scenario, a controller file or a log.
 """
 
 from __future__ import annotations
@@ -11,18 +11,8 @@ from __future__ import annotations
 import importlib
 import os
 
-from rpo_core.files.validation import InputError
-
-ROOMS = (
-    'rpo_core.world',
-    'rpo_core.thrusters',
-    'rpo_core.control',
-    'rpo_core.navigation',
-    'rpo_core.attitude',
-    'rpo_core.guidance',
-    'rpo_core.assurance',
-)
-"""Rooms of this stack with a module `stages`, which registers their sections or kinds."""
+MODULES: list[str] = []
+"""Names of modules that register something; `rpo_core` names its own."""
 
 VARIABLE = 'RPO_PLUGINS'
 """Environment variable: names of modules, separated by commas."""
@@ -36,10 +26,12 @@ def load() -> None:
     if _loaded:
         return
     _loaded = True
-    for room in ROOMS:
-        importlib.import_module(f'{room}.stages')
+    for name in MODULES:
+        importlib.import_module(name)
     for name in filter(None, os.environ.get(VARIABLE, '').split(',')):
         try:
             importlib.import_module(name.strip())
         except ModuleNotFoundError as error:
+            from rpo_core.files.validation import InputError
+
             raise InputError(f'environment variable `{VARIABLE}`: {error}') from None
