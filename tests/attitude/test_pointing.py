@@ -16,8 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from rpo_core.attitude.chaser import Chaser
 from rpo_core.attitude.pointing import Pointing, PointingStage
+from rpo_core.attitude.pointing_kernels import contact_turn, looking, point
 from rpo_core.attitude.target import Target
-from rpo_core.kernels.pointing_kernels import contact_turn, looking, point
 from rpo_core.scenario import scenario as scenarios
 
 MATE = (0.1, -0.5, 0.2, 0.8)

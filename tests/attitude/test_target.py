@@ -14,6 +14,7 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from rpo_core.attitude import attitude_kernels
 from rpo_core.attitude.target import (
     Motion,
     Target,
@@ -25,7 +26,6 @@ from rpo_core.attitude.target import (
 )
 from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.files.validation import InputError
-from rpo_core.kernels import attitude_kernels
 from rpo_core.scenario import scenario as scenarios
 
 INERTIA = ((10.0, 0.5, 0.0), (0.5, 14.0, 0.3), (0.0, 0.3, 20.0))

@@ -13,12 +13,11 @@ from orbit_oracle import Inertial, kepler_start
 
 from rpo_core.chain.chain import Chain
 from rpo_core.chain.flight import OpenLoop, fly
-from rpo_core.kernels import orbit_kernels
 from rpo_core.kernels.jit import as_table
 from rpo_core.scenario import scenario
 from rpo_core.stage import Place
 from rpo_core.wire.interfaces import RELATIVE_STATE, THRUST_FORCE
-from rpo_core.world import dynamics
+from rpo_core.world import dynamics, orbit_kernels
 from rpo_core.world.dynamics import Drag, Dynamics, environment_of, orbit_of, target_start
 
 BASE = replace(

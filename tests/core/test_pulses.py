@@ -12,8 +12,8 @@ import pytest
 
 from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.files.validation import InputError
-from rpo_core.kernels import pulse_kernels
 from rpo_core.scenario import scenario
+from rpo_core.thrusters import pulse_kernels
 from rpo_core.thrusters.thrusters import (
     STANDARD_GRAVITY_M_S2,
     Failure,

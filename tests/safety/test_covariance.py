@@ -23,13 +23,13 @@ from rpo_core.assurance.settings import Assurance, Passage
 from rpo_core.chain.chain import Chain
 from rpo_core.control.controller import load_controller
 from rpo_core.kernels.jit import as_table
-from rpo_core.kernels.kernels import cw_step
 from rpo_core.navigation.sensors import Sensors
 from rpo_core.scenario import scenario
 from rpo_core.scenario.requirements import DIRECTIONS
 from rpo_core.stage import Place
 from rpo_core.thrusters.thrusters import Thrusters
 from rpo_core.wire.interfaces import CHASER_ATTITUDE, RELATIVE_STATE
+from rpo_core.world.cw_kernels import cw_step
 
 WORLD = scenario.load_scenario('world_leo')
 SETTINGS = Assurance(

@@ -23,7 +23,6 @@ from rpo_core.assurance import assurance
 from rpo_core.assurance.assumed import limit_n
 from rpo_core.assurance.settings import Assurance
 from rpo_core.files.validation import InputError
-from rpo_core.kernels.kernels import cw_step
 from rpo_core.navigation.estimator import Estimator
 from rpo_core.navigation.navigation_errors import Navigation
 from rpo_core.navigation.sensors import Sensor, Sensors
@@ -39,6 +38,7 @@ from rpo_core.thrusters.thrusters import (
     stage_of,
     valve_names,
 )
+from rpo_core.world.cw_kernels import cw_step
 from rpo_core.world.disturbance import NONE, Disturbance, Harmonic
 from rpo_core.world.dynamics import Drag, Dynamics, OrbitStage
 

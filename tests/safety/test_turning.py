@@ -28,12 +28,12 @@ from rpo_core.assurance.guard import guard_of, proof_of
 from rpo_core.assurance.kernels import APPROACH, CONTACT, OPEN, open_margins
 from rpo_core.assurance.settings import Assurance, Passage
 from rpo_core.assurance.walls import _leaning, _Taken, swing_of
+from rpo_core.attitude.attitude_kernels import Frame, moving_with, seen_from, to_lvlh
 from rpo_core.attitude.target import Motion, Target, motion_of
 from rpo_core.files.validation import InputError
-from rpo_core.kernels.attitude_kernels import Frame, moving_with, seen_from, to_lvlh
-from rpo_core.kernels.kernels import cw_step
 from rpo_core.scenario import scenario
 from rpo_core.thrusters.thrusters import Thrusters
+from rpo_core.world.cw_kernels import cw_step
 from rpo_core.world.disturbance import NONE
 
 PAPER = replace(scenario.load_scenario('paper_test'), disturbance=NONE)

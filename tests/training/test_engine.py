@@ -28,13 +28,13 @@ from rpo.montecarlo import run_batch, single
 from rpo.training import stepping
 from rpo.training.genes import GeneSpace
 from rpo_core.chain.flight import fly
+from rpo_core.control import inference
 from rpo_core.control.baselines import Pd
 from rpo_core.control.controller import load_controller
 from rpo_core.control.controller_file import ControllerStage
 from rpo_core.files.starts import Box, Grid
 from rpo_core.judge import metrics
 from rpo_core.judge.verdicts import verdicts
-from rpo_core.kernels import kernels
 from rpo_core.kernels.jit import COMPILED, as_table
 from rpo_core.navigation.estimator import Estimator
 from rpo_core.navigation.navigation_errors import Navigation
@@ -116,7 +116,7 @@ def test_inference_in_lanes_has_the_bits_of_the_kernel(seed, rules, samples, cou
     rows = lanes.make_scratch()
     rows[lanes.E_R : lanes.E_R + count], rows[lanes.E_V : lanes.E_V + count] = errors
     lanes.infer_lanes(rows, count, law_of(replace(controller, system=system)))
-    expected = [kernels.infer(float(r), float(v), system.tables) for r, v in errors.T]
+    expected = [inference.infer(float(r), float(v), system.tables) for r, v in errors.T]
     np.testing.assert_array_equal(rows[lanes.OUTPUT : lanes.OUTPUT + count], expected)
 
 

@@ -25,8 +25,8 @@ from rpo_core.control.baselines import Pd
 from rpo_core.control.controller import load_controller
 from rpo_core.control.family import Family, Mission, family_of
 from rpo_core.files.validation import InputError
+from rpo_core.kernels.arithmetic import State, Vector, saturate
 from rpo_core.kernels.jit import as_table
-from rpo_core.kernels.kernels import State, Vector, saturate
 from rpo_core.scenario.scenario import load_scenario
 from rpo_core.thrusters.allocation_kernels import LIMIT, SCRATCH, THRUST, allocate
 from rpo_core.thrusters.table import IDENTITY, ThrusterTable, table_of

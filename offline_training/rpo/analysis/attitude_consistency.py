@@ -15,10 +15,10 @@ from dataclasses import replace
 from typing import Any
 
 from rpo.analysis.consistency import Consistency, counted, gathered
+from rpo_core.attitude.attitude_kernels import Attitude
+from rpo_core.attitude.chaser_kernels import Craft, chaser_tick
 from rpo_core.files.validation import InputError
 from rpo_core.kernels.arrays import Floats, Ints
-from rpo_core.kernels.attitude_kernels import Attitude
-from rpo_core.kernels.chaser_kernels import Craft, chaser_tick
 from rpo_core.kernels.jit import kernel
 from rpo_core.navigation.attitude_estimator import (
     AttitudeEstimator,

@@ -21,9 +21,9 @@ import numpy as np
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import AnyController
 from rpo_core.files.validation import InputError
+from rpo_core.kernels.arithmetic import State, Vector, saturate
 from rpo_core.kernels.arrays import Floats, Ints
 from rpo_core.kernels.jit import inlined, kernel
-from rpo_core.kernels.kernels import State, Vector, cw_step, saturate, unpacked
 from rpo_core.navigation.attitude_sensor_kernels import angles_between
 from rpo_core.navigation.attitude_sensors import AttitudeSensors
 from rpo_core.navigation.estimator import Estimator, filter_of, memory_of
@@ -41,6 +41,7 @@ from rpo_core.navigation.sensor_kernels import sense, three_normals
 from rpo_core.navigation.sensors import CENTRE, Sensing, Sensor, Sensors
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.wire import interfaces
+from rpo_core.world.cw_kernels import cw_step, unpacked
 
 TIMES = 10
 """Moments of a flight at which NEES and NIS are taken, the last one at its end."""

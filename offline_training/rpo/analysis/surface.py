@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.control.fuzzy import FuzzySystem, MembershipFunctions
+from rpo_core.control.inference import LN, LP, SN, SP, Z
 from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.kernels import LN, LP, SN, SP, Z
 
 UNIT_ROUNDOFF = 2.0**-53
 _CHUNK = 1024  # boxes evaluated together; their arrays stay in the cache

@@ -34,8 +34,8 @@ from rpo.engine.parts.control import Control
 from rpo.engine.tick import COMMANDED, COUNTED, MOVED, Part, Runs, fly, table_of
 from rpo_core.judge import metrics
 from rpo_core.judge.metrics import AxisSums, Windows, fill_row, larger, last_outside, with_square
+from rpo_core.kernels.arithmetic import norm
 from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.kernels import norm
 
 COLUMNS = len(metrics.UNITS)
 """Columns of a row of metrics."""

@@ -19,8 +19,8 @@ from rpo.engine.counters import COLUMNS
 from rpo.engine.lanes import compiled
 from rpo_core.judge.contact import Port, contact_speeds, depth_m, port_of, touches
 from rpo_core.judge.metrics import hold_tick, larger
+from rpo_core.kernels.arithmetic import norm
 from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.kernels import norm
 from rpo_core.scenario.requirements import ATTITUDES
 from rpo_core.scenario.scenario import NANOSECONDS, Scenario
 

@@ -9,7 +9,7 @@ into SIMD. Either every planar loop is crossed with every vertical one (a set of
 distinct ones), or loop i of both kinds is run i: then there are `RUNS` of each, and a run may have
 parts that couple axes or differ from run to run.
 
-In the inference each lane does the arithmetic of `rpo_core.kernels.kernels.infer` in its order:
+In the inference each lane does the arithmetic of `rpo_core.control.inference.infer` in its order:
 the centroid's eight partial sums one after the other, padded with zero grades where the samples end
 (adding +0 changes no bit).
 """
@@ -21,9 +21,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rpo_core.control.inference import LANES, memberships
 from rpo_core.kernels import jit
 from rpo_core.kernels.jit import Kernel
-from rpo_core.kernels.kernels import LANES, memberships
 from rpo_core.kernels.vectors import aligned
 
 STRIDE = 136
@@ -211,7 +211,7 @@ def _add_partial_sums(w, n, lane, terms, law, strengths):  # type: ignore[no-unt
 
 @compiled
 def defuzzify(w, n, law):  # type: ignore[no-untyped-def]
-    """Centroid per lane into row OUTPUT, in the order of `rpo_core.kernels.kernels.centroid`.
+    """Centroid per lane into row OUTPUT, in the order of `rpo_core.control.inference.centroid`.
 
     At 101 samples the count of terms is a constant: their loop is unrolled, and the loop over lanes
     becomes SIMD.

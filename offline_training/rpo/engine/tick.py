@@ -36,8 +36,8 @@ from rpo.engine.lanes import (
     V,
     compiled,
 )
+from rpo_core.kernels.arithmetic import State, Vector
 from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.kernels import State, Vector
 from rpo_core.kernels.vectors import aligned
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place

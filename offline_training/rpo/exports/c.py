@@ -20,9 +20,9 @@ from rpo.exports.c_source import Source, number, wrapped
 from rpo.exports.formats import filled
 from rpo.exports.kernel_source import law_of
 from rpo.montecarlo.outputs import identifier
+from rpo_core.control import inference
 from rpo_core.control.baselines import Baseline
 from rpo_core.control.controller import AnyController, FuzzyController, only_fuzzy
-from rpo_core.kernels import kernels
 
 _CASES, _TICKS_APART = 24, 37
 
@@ -139,7 +139,7 @@ def files(controller: AnyController, file: str) -> Files:
     name, source = identifier(controller.name), Source()
     functions = [force_text(source, controller, name)]
     if isinstance(controller, FuzzyController):
-        axis = source.function(kernels.axis_force).name
+        axis = source.function(inference.axis_force).name
         scales = ', '.join(map(number, controller.scales))
         functions.append(filled('c', 'axis', name=name, function=axis, scales=scales))
     functions.append(_self_test(controller, name))

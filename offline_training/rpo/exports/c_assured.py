@@ -26,10 +26,10 @@ from rpo_core.chain.chain import Chain
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import AnyController, FuzzyController
 from rpo_core.files.validation import InputError
-from rpo_core.kernels.kernels import cw_step
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place, section_of
 from rpo_core.wire import interfaces
+from rpo_core.world.cw_kernels import cw_step
 
 _CASES = 32  # ticks of each half of the self-test
 

@@ -17,12 +17,12 @@ from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
 import numpy as np
 
+from rpo_core.control import inference
 from rpo_core.control.baseline_kernels import baseline_force
 from rpo_core.control.baselines import Baseline
 from rpo_core.control.controller import AnyController, FuzzyController
 from rpo_core.files.validation import InputError, shown
-from rpo_core.kernels import kernels
-from rpo_core.kernels.kernels import State, Vector, saturate
+from rpo_core.kernels.arithmetic import State, Vector, saturate
 
 Type = Any
 """'double', 'int', or a table: 'table' of floats, 'ints', 'rows' of floats, 'scratch' that kernels
@@ -64,7 +64,7 @@ class Law(NamedTuple):
 def law_of(controller: AnyController) -> Law:
     """Return what answers for a controller; raises InputError if that is no kernel."""
     if isinstance(controller, FuzzyController):
-        return Law(kernels.fuzzy_force, controller.system.tables, controller.scales)
+        return Law(inference.fuzzy_force, controller.system.tables, controller.scales)
     if not isinstance(controller, Baseline):
         raise InputError(
             f'source code needs a fuzzy controller or one that answers by `kernel`, like those of '

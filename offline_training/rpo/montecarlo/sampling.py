@@ -14,8 +14,8 @@ from scipy.stats import qmc
 
 from rpo.montecarlo.config import Campaign, CampaignConfig
 from rpo.montecarlo.quantities import CUT, QUANTITIES, SHELL, Dispersion
+from rpo_core.kernels.arithmetic import Vector
 from rpo_core.kernels.arrays import Floats, Ints
-from rpo_core.kernels.kernels import Vector
 from rpo_core.navigation.attitude_sensors import AttitudeSensors
 from rpo_core.navigation.sensors import Sensors
 

@@ -26,9 +26,10 @@ from rpo.analysis import surface
 from rpo.engine.lanes import compiled
 from rpo_core.control.controller import FuzzyController
 from rpo_core.control.fuzzy import MembershipFunctions
+from rpo_core.control.inference import infer
 from rpo_core.files.validation import InputError
+from rpo_core.kernels.arithmetic import saturate
 from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.kernels import infer, saturate
 
 Cells = tuple[NDArray[np.intp], NDArray[np.intp]]
 """Rows and columns (k,) of cells."""

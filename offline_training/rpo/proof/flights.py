@@ -18,9 +18,10 @@ from rpo.proof.claims import Groups, of_planar, values_of
 from rpo.proof.per_axis import UNCOUPLED, OtherAxis
 from rpo.proof.problem import PER_AXIS, Problem
 from rpo_core.chain.flight import Flight
+from rpo_core.control.inference import fuzzy_force
 from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.kernels import CwStep, fuzzy_force, plant_step
 from rpo_core.scenario.scenario import Scenario
+from rpo_core.world.cw_kernels import CwStep, plant_step
 from rpo_core.world.disturbance import Disturbance
 
 

@@ -11,12 +11,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rpo_core.attitude.attitude_kernels import synchronised
 from rpo_core.attitude.chaser import AttitudeStage
 from rpo_core.attitude.target import product
 from rpo_core.attitude.turns import apart, errors, turned
 from rpo_core.chain.flight import Flight
 from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.attitude_kernels import synchronised
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.wire.interfaces import (
     APPLIED_BODY_FORCE,

@@ -28,8 +28,8 @@ from rpo_core.files.starts import MAX_POSITION_M
 from rpo_core.files.validation import InputError, mapping, real, shown, vector3, whole, within
 from rpo_core.judge.metrics import PENALTY, of_flight
 from rpo_core.judge.verdicts import verdicts
+from rpo_core.kernels.arithmetic import saturate
 from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.kernels import saturate
 from rpo_core.scenario.scenario import MAX_VELOCITY_M_S, Scenario, ScenarioSet, load
 from rpo_core.stage import Place, Signal
 from rpo_core.wire.interfaces import (

@@ -39,7 +39,7 @@ def plan(
     from rpo_core.guidance.entry import most_turn
     from rpo_core.guidance.plan import Guidance
     from rpo_core.guidance.rehearsal import nominal
-    from rpo_core.kernels.kernels import norm
+    from rpo_core.kernels.arithmetic import norm
     from rpo_core.scenario import overrides
 
     chosen = overrides.load(scenario, changes or [])

@@ -32,15 +32,15 @@ from rpo_core.assurance.kernels import APPROACH, FAR
 from rpo_core.assurance.packed import guard_at
 from rpo_core.assurance.settings import Assurance
 from rpo_core.assurance.turning import assure_turning
+from rpo_core.attitude.attitude_kernels import FRAME, frame_at, to_lvlh
 from rpo_core.guidance.guidance import GuidanceStage
 from rpo_core.guidance.legs import Turning, tabled
 from rpo_core.guidance.plan import HOLD, Guidance
 from rpo_core.guidance.transfer_kernels import at_port
 from rpo_core.guidance.turning_kernels import turned
-from rpo_core.kernels.attitude_kernels import FRAME, frame_at, to_lvlh
-from rpo_core.kernels.kernels import cw_step, unpacked
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
+from rpo_core.world.cw_kernels import cw_step, unpacked
 
 PAST, AXES, MOST, PORT, LAST = 0, 1, 2, 3, 9
 MASSES = LAST + RUNS

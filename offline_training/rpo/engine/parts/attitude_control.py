@@ -29,6 +29,8 @@ from rpo.engine.lanes import (
 )
 from rpo.engine.parts.attitude import attitude_in, seen_rows, vector_in
 from rpo.engine.tick import Batch, Draw, Kind, Part, register, table_of
+from rpo_core.attitude.attitude_kernels import synchronised
+from rpo_core.attitude.chaser_kernels import wheels_after
 from rpo_core.control.attitude import AttitudeControl
 from rpo_core.control.attitude_law_kernels import (
     DT,
@@ -46,10 +48,9 @@ from rpo_core.control.attitude_law_kernels import (
     linear_torque,
     unloaded_at,
 )
+from rpo_core.control.inference import LANES
+from rpo_core.kernels.arithmetic import saturate
 from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.attitude_kernels import synchronised
-from rpo_core.kernels.chaser_kernels import wheels_after
-from rpo_core.kernels.kernels import LANES, saturate
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
 

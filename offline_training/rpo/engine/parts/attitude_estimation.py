@@ -24,7 +24,7 @@ from rpo.engine.lanes import (
 )
 from rpo.engine.parts.attitude import attitude_in
 from rpo.engine.tick import Batch, Draw, Kind, Part, register, table_of
-from rpo_core.kernels.kernels import Vector
+from rpo_core.kernels.arithmetic import Vector
 from rpo_core.kernels.vectors import OWN, WIDTH, over_runs, own_tables
 from rpo_core.navigation.attitude_estimator import (
     AttitudeEstimator,

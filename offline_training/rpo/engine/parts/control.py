@@ -30,8 +30,8 @@ from rpo_core.control.baselines import Baseline
 from rpo_core.control.controller import Controller, FuzzyController
 from rpo_core.control.lane_kernels import ROWS, axis_forces
 from rpo_core.files.validation import InputError
+from rpo_core.kernels.arithmetic import saturate
 from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.kernels import saturate
 from rpo_core.stage import Place
 
 LANES, POSITION, VELOCITY, LAW = range(4)

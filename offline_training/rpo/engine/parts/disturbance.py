@@ -11,8 +11,8 @@ import numpy as np
 from rpo.engine.lanes import PAIRED_LANES, PUSH, RUNS, compiled
 from rpo.engine.tick import LIMITED, Batch, Kind, Part, Runs, register, table_of
 from rpo_core.judge.metrics import larger
+from rpo_core.kernels.arithmetic import sin_cos
 from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.kernels import sin_cos
 
 TICKS, HARMONICS, TIMES = range(3)
 """Places in the table of waves; then times [s], the constant part [N] of each lane, and, of each

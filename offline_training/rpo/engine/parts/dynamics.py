@@ -15,8 +15,12 @@ import numpy as np
 from rpo.engine.lanes import FORCE, MASS, PUSH, RUNS, R, V, compiled
 from rpo.engine.tick import Batch, Draw, Kind, Part, register, table_of
 from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.kernels import CwStep, cw_step, unpacked
-from rpo_core.kernels.orbit_kernels import (
+from rpo_core.scenario.scenario import Scenario
+from rpo_core.stage import Place
+from rpo_core.world import cw
+from rpo_core.world.cw_kernels import CwStep, cw_step, unpacked
+from rpo_core.world.dynamics import CLOHESSY_WILTSHIRE, environment_of, steps_per_tick, target_start
+from rpo_core.world.orbit_kernels import (
     COLUMNS,
     Environment,
     inertial,
@@ -27,10 +31,6 @@ from rpo_core.kernels.orbit_kernels import (
     target_step,
     turning,
 )
-from rpo_core.scenario.scenario import Scenario
-from rpo_core.stage import Place
-from rpo_core.world import cw
-from rpo_core.world.dynamics import CLOHESSY_WILTSHIRE, environment_of, steps_per_tick, target_start
 
 BURNS, MASSES = 0, 1
 """Places in both tables of drawn runs: whether the mass falls; that of each at the start [kg]."""

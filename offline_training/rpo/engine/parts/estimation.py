@@ -31,9 +31,8 @@ from rpo.engine.lanes import (
 from rpo.engine.parts.attitude import vector_in
 from rpo.engine.parts.target import ATTITUDE, BODY, DT, TURNS, body_of, step_attitudes, targets_of
 from rpo.engine.tick import ADDED, PASSED, Batch, Draw, Kind, Part, register, table_of
+from rpo_core.attitude.attitude_kernels import attitude_at, frame_of, to_lvlh
 from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.attitude_kernels import attitude_at, frame_of, to_lvlh
-from rpo_core.kernels.kernels import measured
 from rpo_core.kernels.noise import six_normals
 from rpo_core.kernels.vectors import OWN, WIDTH, over_runs, own_tables
 from rpo_core.navigation import filter_kernels
@@ -49,6 +48,7 @@ from rpo_core.navigation.sensor_kernels import (
     OUTLIER,
     PERIOD,
     SENSORS,
+    measured,
     noise_at,
     noise_of,
     port_at,

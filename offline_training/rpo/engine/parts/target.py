@@ -12,9 +12,7 @@ from typing import Any
 from rpo.engine.lanes import BODY_QUAT, BODY_QUAT_W, BODY_R, BODY_RATE, BODY_V, RUNS, R, V, compiled
 from rpo.engine.parts.attitude import put_attitude
 from rpo.engine.tick import MOVED, Batch, Draw, Kind, Part, register, table_of
-from rpo_core.attitude.target import TUMBLE, Target, motion_of, of_vector, product, unit
-from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.attitude_kernels import (
+from rpo_core.attitude.attitude_kernels import (
     FRAME,
     attitude_at,
     attitude_step,
@@ -22,6 +20,8 @@ from rpo_core.kernels.attitude_kernels import (
     frame_of,
     seen_from,
 )
+from rpo_core.attitude.target import TUMBLE, Target, motion_of, of_vector, product, unit
+from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.jit import inlined
 from rpo_core.scenario.scenario import Scenario
 

@@ -23,9 +23,14 @@ from rpo.engine.lanes import (
 )
 from rpo.engine.parts.attitude import vector_in
 from rpo.engine.tick import LIMITED, Batch, Draw, Kind, Part, register, table_of
+from rpo_core.kernels.arithmetic import saturate
 from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.kernels import exerted_force, saturate
-from rpo_core.kernels.pulse_kernels import (
+from rpo_core.kernels.vectors import WIDTH, lanes_at, wide
+from rpo_core.scenario import requirements
+from rpo_core.scenario.scenario import Scenario
+from rpo_core.stage import Place
+from rpo_core.thrusters.allocation_kernels import SCRATCH, Table, fire_together
+from rpo_core.thrusters.pulse_kernels import (
     DELTA_V,
     MEMORY,
     OPENINGS,
@@ -33,13 +38,9 @@ from rpo_core.kernels.pulse_kernels import (
     Tank,
     Valves,
     burn,
+    exerted_force,
     fire,
 )
-from rpo_core.kernels.vectors import WIDTH, lanes_at, wide
-from rpo_core.scenario import requirements
-from rpo_core.scenario.scenario import Scenario
-from rpo_core.stage import Place
-from rpo_core.thrusters.allocation_kernels import SCRATCH, Table, fire_together
 from rpo_core.thrusters.table import Failure, rows_of
 from rpo_core.thrusters.thrusters import (
     Thrusters,

@@ -25,13 +25,14 @@ from rpo_core.assurance.kernels import APPROACH, OPEN, closing, open_margins, sp
 from rpo_core.assurance.settings import Assurance
 from rpo_core.assurance.turning import assure_turning
 from rpo_core.assurance.walls import attitude_rad
+from rpo_core.attitude.attitude_kernels import FRAME, frame_at, moving_with, seen_from
 from rpo_core.attitude.target import Motion
 from rpo_core.files.validation import InputError
-from rpo_core.kernels.attitude_kernels import FRAME, frame_at, moving_with, seen_from
-from rpo_core.kernels.kernels import cw_step, exerted_force, unpacked
 from rpo_core.kernels.noise import philox
 from rpo_core.scenario.scenario import Scenario
+from rpo_core.thrusters.pulse_kernels import exerted_force
 from rpo_core.world import cw
+from rpo_core.world.cw_kernels import cw_step, unpacked
 
 KINDS = (
     'random', 'bang-bang', 'towards the target', 'frozen', 'late', 'sideways', 'not finite', 'away',

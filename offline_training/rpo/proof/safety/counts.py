@@ -24,8 +24,9 @@ from rpo_core.control.controller import AnyController
 from rpo_core.files.validation import InputError
 from rpo_core.guidance.plan import Guidance
 from rpo_core.guidance.rehearsal import nominal
-from rpo_core.kernels.kernels import CwStep, State
+from rpo_core.kernels.arithmetic import State
 from rpo_core.scenario.scenario import Scenario, ScenarioSet
+from rpo_core.world.cw_kernels import CwStep
 
 
 class Quiet(NamedTuple):

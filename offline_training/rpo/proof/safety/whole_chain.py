@@ -48,11 +48,11 @@ from rpo.montecarlo.sampling import draw
 from rpo.proof.safety import attack
 from rpo.proof.safety.attack import LATE, NOT_FINITE, wanted
 from rpo_core.assurance.assumed import LARGEST_NORMAL, SQRT_3, errors_of
+from rpo_core.attitude.chaser_kernels import times
 from rpo_core.control.attitude_law_kernels import FUZZY, attitude_ahead
 from rpo_core.files.validation import InputError
+from rpo_core.kernels.arithmetic import norm
 from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.chaser_kernels import times
-from rpo_core.kernels.kernels import norm
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place, section_of
 

@@ -4,7 +4,7 @@
 
 `kernels`: arithmetic with the same bits everywhere. `files`: YAML, checked. `wire`: topics and
 their bytes. `stage`: the contract of all stages. `world`: what moves, and the zones around the
-target. `scenario`: the file that says all of a flight. `control`, `attitude`, `thrusters`,
+target. `scenario`: the file that says all of a flight. `attitude`, `control`, `thrusters`,
 `navigation`, `guidance`, `assurance`: stages. `chain`: the tick, and flights. `judge`: metrics and
 verdicts. `shipped`: scenarios and controllers. A folder imports only those named before it.
 """

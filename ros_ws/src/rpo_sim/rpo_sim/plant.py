@@ -14,8 +14,8 @@ import numpy as np
 from rpo_core.chain.chain import Chain, Signals, start_of
 from rpo_core.judge import metrics
 from rpo_core.judge.contact import caught_at
-from rpo_core.kernels import kernels
-from rpo_core.kernels.kernels import norm
+from rpo_core.kernels import arithmetic
+from rpo_core.kernels.arithmetic import norm
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place, Signal
 from rpo_core.wire import interfaces
@@ -337,7 +337,7 @@ class FreeRunningPlant(Plant):
         if row.carries != interfaces.COMMAND:
             return force
         limit_n = float(self.scenario.max_force_n)
-        return (*(kernels.saturate(component, limit_n) for component in force[:3]), *force[3:])
+        return (*(arithmetic.saturate(component, limit_n) for component in force[:3]), *force[3:])
 
     def advance(self) -> None:
         """Step to the next tick with the forces held; the run must not be finished."""

@@ -17,9 +17,10 @@ from rpo_core.assurance.guard import Proof
 from rpo_core.assurance.kernels import Guard, closing, speed_limit
 from rpo_core.assurance.limit_checker import LimitChecker
 from rpo_core.assurance.manoeuvre import PathModel
-from rpo_core.kernels.kernels import State, Vector, cw_step, norm
+from rpo_core.kernels.arithmetic import State, Vector, norm
 from rpo_core.stage import WITHOUT_COMMAND, Signal
 from rpo_core.world import cw
+from rpo_core.world.cw_kernels import cw_step
 
 ARM, INHIBIT, RESUME = 'arm', 'inhibit', 'resume'
 COMMANDS = (ARM, INHIBIT, RESUME, HOLD, RETREAT, DRIFT, ABORT)

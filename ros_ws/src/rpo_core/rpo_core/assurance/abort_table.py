@@ -20,7 +20,7 @@ from rpo_core.files.validation import (
     vector3,
     whole,
 )
-from rpo_core.kernels.kernels import Vector
+from rpo_core.kernels.arithmetic import Vector
 from rpo_core.stage import Place, section_of
 
 WARN, HOLD, RETREAT, DRIFT, ABORT = 'warn', 'hold', 'retreat', 'drift', 'abort'

@@ -22,14 +22,15 @@ from rpo_core.assurance.known_errors import short_tank, upwards
 from rpo_core.assurance.packed import Filter
 from rpo_core.assurance.settings import Assurance
 from rpo_core.assurance.working import values_that_work
+from rpo_core.attitude.attitude_kernels import moving_with, seen_from, to_lvlh
+from rpo_core.attitude.chaser_kernels import times
 from rpo_core.attitude.target import known_motion
 from rpo_core.files.validation import InputError
-from rpo_core.kernels.attitude_kernels import moving_with, seen_from, to_lvlh
-from rpo_core.kernels.chaser_kernels import times
-from rpo_core.kernels.kernels import CwStep, State, Vector, cw_step, norm
+from rpo_core.kernels.arithmetic import State, Vector, norm
 from rpo_core.stage import ZERO, Place, Signal, Stage, section_of
 from rpo_core.wire import interfaces
 from rpo_core.world import cw
+from rpo_core.world.cw_kernels import CwStep, cw_step
 
 ASSURED_FORCE, ASSURANCE_STATUS = 'assured_force', 'assurance_status'
 """Signal and topic of the force; topic of the interventions."""

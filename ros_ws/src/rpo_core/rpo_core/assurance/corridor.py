@@ -10,8 +10,8 @@ from __future__ import annotations
 from math import sqrt
 
 from rpo_core.assurance.kernels import Guard, closing, needed_deceleration, speed_limit
+from rpo_core.kernels.arithmetic import State, Vector, saturate
 from rpo_core.kernels.jit import kernel
-from rpo_core.kernels.kernels import State, Vector, saturate
 
 
 @kernel

@@ -17,9 +17,9 @@ from rpo_core.assurance.kernels import APPROACH, CONTACT, Guard
 from rpo_core.assurance.recovery import RETREAT_M_S
 from rpo_core.assurance.settings import Assurance
 from rpo_core.assurance.walls import swing_of
-from rpo_core.kernels.attitude_kernels import Frame, seen_from, to_lvlh
+from rpo_core.attitude.attitude_kernels import Frame, seen_from, to_lvlh
+from rpo_core.kernels.arithmetic import State, Vector, norm, saturate
 from rpo_core.kernels.jit import inlined, kernel
-from rpo_core.kernels.kernels import State, Vector, norm, saturate
 from rpo_core.stage import Place, section_of
 
 MOST_SHARE = 0.05

@@ -23,8 +23,9 @@ from rpo_core.assurance.kernels import (
     fastest_after,
     open_margins,
 )
+from rpo_core.kernels.arithmetic import State, Vector, saturate
 from rpo_core.kernels.jit import kernel
-from rpo_core.kernels.kernels import CwStep, State, Vector, cw_step, saturate
+from rpo_core.world.cw_kernels import CwStep, cw_step
 
 NOTHING, FORCE, SLEW, SPEED, KEEP_OUT, CORRIDOR, NOT_FINITE, DOMAIN = range(8)
 """Constraints by their number; NOTHING: the command acts as it came."""

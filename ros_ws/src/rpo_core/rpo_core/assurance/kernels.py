@@ -15,8 +15,8 @@ from __future__ import annotations
 from math import sqrt
 from typing import NamedTuple
 
+from rpo_core.kernels.arithmetic import State, Vector, saturate
 from rpo_core.kernels.jit import kernel
-from rpo_core.kernels.kernels import State, Vector, saturate
 
 OPEN, APPROACH, CONTACT = 0, 1, 2
 """Modes: outside the keep-out sphere; inside the corridor; at the port, where assurance ends."""

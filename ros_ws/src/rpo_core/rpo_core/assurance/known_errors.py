@@ -16,9 +16,8 @@ from typing import Any
 import numpy as np
 
 from rpo_core.assurance.settings import Assurance
+from rpo_core.kernels.arithmetic import Vector, norm
 from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.kernels import Vector, cw_step, norm
-from rpo_core.kernels.orbit_kernels import relative_step
 from rpo_core.navigation.sensors import BEARING, PORT, Sensor, Sensors
 from rpo_core.stage import ZERO, Place, section_of
 from rpo_core.thrusters.authority import known
@@ -30,6 +29,7 @@ from rpo_core.thrusters.thrusters import (
     directions,
     valve_names,
 )
+from rpo_core.world.cw_kernels import cw_step
 from rpo_core.world.dynamics import (
     CLOHESSY_WILTSHIRE,
     TargetOrbit,
@@ -37,6 +37,7 @@ from rpo_core.world.dynamics import (
     steps_per_tick,
     target_start,
 )
+from rpo_core.world.orbit_kernels import relative_step
 
 SQRT_3 = math.sqrt(3.0)
 SIGNS = tuple(product((1.0, -1.0), repeat=3))

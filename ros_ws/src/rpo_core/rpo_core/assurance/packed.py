@@ -14,10 +14,11 @@ import numpy as np
 from rpo_core.assurance.filters import assure
 from rpo_core.assurance.kernels import Guard
 from rpo_core.assurance.turning import assure_turning
+from rpo_core.attitude.attitude_kernels import FRAME, frame_at
 from rpo_core.attitude.target import Motion
-from rpo_core.kernels.attitude_kernels import FRAME, frame_at
+from rpo_core.kernels.arithmetic import State, Vector
 from rpo_core.kernels.jit import COMPILED, inlined, kernel
-from rpo_core.kernels.kernels import CwStep, State, Vector, unpacked
+from rpo_core.world.cw_kernels import CwStep, unpacked
 
 Answer = tuple[float, float, float, int, int, float, float]
 

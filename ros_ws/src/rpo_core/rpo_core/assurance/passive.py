@@ -13,8 +13,8 @@ from __future__ import annotations
 
 from math import sqrt
 
+from rpo_core.kernels.arithmetic import State, Vector, sin_cos
 from rpo_core.kernels.jit import kernel
-from rpo_core.kernels.kernels import State, Vector, sin_cos
 
 NEAR_M = 1e-3
 """A distance that is within so much of the radius counts as inside."""

@@ -12,7 +12,7 @@ from math import sqrt
 
 from rpo_core.assurance.kernels import Guard, closing, speed_limit
 from rpo_core.assurance.manoeuvre import PathModel, towards
-from rpo_core.kernels.kernels import State, Vector, norm
+from rpo_core.kernels.arithmetic import State, Vector, norm
 
 RESPONSE_S = 2.0
 """Time constant of the velocity."""

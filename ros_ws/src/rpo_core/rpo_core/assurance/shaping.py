@@ -13,8 +13,8 @@ from functools import partial
 from typing import Annotated, Any
 
 from rpo_core.files.validation import Checked, InputError, real
+from rpo_core.kernels.arithmetic import saturate
 from rpo_core.kernels.jit import kernel
-from rpo_core.kernels.kernels import saturate
 from rpo_core.stage import ZERO, Signal, Stage
 from rpo_core.wire import interfaces
 

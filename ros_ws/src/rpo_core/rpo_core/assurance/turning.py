@@ -32,9 +32,10 @@ from rpo_core.assurance.kernels import (
     both_margins,
     open_margins,
 )
-from rpo_core.kernels.attitude_kernels import Frame, seen_from, to_lvlh
+from rpo_core.attitude.attitude_kernels import Frame, seen_from, to_lvlh
+from rpo_core.kernels.arithmetic import State, Vector, saturate
 from rpo_core.kernels.jit import kernel
-from rpo_core.kernels.kernels import CwStep, State, Vector, cw_step, saturate
+from rpo_core.world.cw_kernels import CwStep, cw_step
 
 
 @kernel

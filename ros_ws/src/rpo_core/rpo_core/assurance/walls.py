@@ -15,7 +15,7 @@ from rpo_core.assurance.kernels import Guard, authority, speed_limit
 from rpo_core.assurance.settings import Assurance, Passage
 from rpo_core.attitude.target import FIXED, known_motion
 from rpo_core.files.validation import InputError
-from rpo_core.kernels.kernels import Vector, norm
+from rpo_core.kernels.arithmetic import Vector, norm
 
 LATERAL_1_S = 0.02
 """Growth of the lateral speed that is allowed in the corridor, per metre to the port."""

@@ -12,7 +12,7 @@ from typing import Any
 
 from rpo_core.assurance.settings import Assurance
 from rpo_core.files.validation import InputError
-from rpo_core.kernels.kernels import Vector, norm
+from rpo_core.kernels.arithmetic import Vector, norm
 
 _HALVINGS = 8
 _SHARES = (0.5, 0.125, 0.03)

@@ -13,6 +13,8 @@ from functools import partial
 from math import radians
 from typing import Annotated, Any
 
+from rpo_core.attitude.attitude_kernels import Attitude, frame_of
+from rpo_core.attitude.chaser_kernels import Craft, chaser_tick, turned_force, unit
 from rpo_core.attitude.target import (
     ALIGNED,
     Quaternion,
@@ -23,10 +25,8 @@ from rpo_core.attitude.target import (
 )
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import Checked, InputError, flag, optional, real, vector3
-from rpo_core.kernels.attitude_kernels import Attitude, frame_of
-from rpo_core.kernels.chaser_kernels import Craft, chaser_tick, turned_force, unit
+from rpo_core.kernels.arithmetic import Vector, norm
 from rpo_core.kernels.jit import kernel
-from rpo_core.kernels.kernels import Vector, norm
 from rpo_core.stage import ZERO, Place, Section, Signal, Stage, register
 from rpo_core.wire import interfaces
 

@@ -13,12 +13,12 @@ from functools import partial
 from math import radians
 from typing import Annotated, Any
 
+from rpo_core.attitude.attitude_kernels import Attitude, Frame, synchronised
+from rpo_core.attitude.chaser_kernels import turn
+from rpo_core.attitude.pointing_kernels import Aim, begun, point
 from rpo_core.attitude.target import ALIGNED, Quaternion, known_motion, of_vector, quaternion
 from rpo_core.files.validation import Checked, InputError, real, vector3
-from rpo_core.kernels.attitude_kernels import Attitude, Frame, synchronised
-from rpo_core.kernels.chaser_kernels import turn
-from rpo_core.kernels.kernels import Vector, norm
-from rpo_core.kernels.pointing_kernels import Aim, begun, point
+from rpo_core.kernels.arithmetic import Vector, norm
 from rpo_core.stage import Place, Section, Signal, Stage, register
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import ATTITUDE, STATE

@@ -16,12 +16,12 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from rpo_core.attitude import attitude_kernels
+from rpo_core.attitude.attitude_kernels import FRAME, Attitude, Body, Frame
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import Checked, InputError, choice, matrix, real, shown, vector3
-from rpo_core.kernels import attitude_kernels
+from rpo_core.kernels.arithmetic import Vector, norm, sin_cos
 from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.attitude_kernels import FRAME, Attitude, Body, Frame
-from rpo_core.kernels.kernels import Vector, norm, sin_cos
 from rpo_core.stage import Place, Section, Signal, Stage, register
 from rpo_core.wire import interfaces
 from rpo_core.world.dynamics import CLOHESSY_WILTSHIRE

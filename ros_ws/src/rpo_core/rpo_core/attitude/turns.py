@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rpo_core.attitude.target import MOST_TURN_RAD, product
+from rpo_core.kernels.arithmetic import Vector, norm
 from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.kernels import Vector, norm
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.world.zones import zones_of
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Any
 
+from rpo_core.attitude.chaser_kernels import unloaded, wheels_after
 from rpo_core.files.validation import Checked, InputError, real
-from rpo_core.kernels.chaser_kernels import unloaded, wheels_after
-from rpo_core.kernels.kernels import Vector
+from rpo_core.kernels.arithmetic import Vector
 from rpo_core.stage import Place, Section, Signal, Stage, register
 from rpo_core.wire import interfaces
 

@@ -23,6 +23,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 
 from rpo_core import files
+from rpo_core.attitude.attitude_kernels import Attitude, Body, momentum_of, synchronised
 from rpo_core.control.attitude_law_kernels import steer
 from rpo_core.control.attitude_limit_kernels import FAR, NONE, TorqueLimits
 from rpo_core.control.attitude_limits import AttitudeLimits, Bounds, bounds_of, numbers_of
@@ -52,10 +53,9 @@ from rpo_core.files.validation import (
     schema,
     shown,
 )
+from rpo_core.kernels.arithmetic import Vector, norm
 from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.attitude_kernels import Attitude, Body, momentum_of, synchronised
 from rpo_core.kernels.jit import as_table
-from rpo_core.kernels.kernels import Vector, norm
 from rpo_core.stage import ZERO, Place, Section, Signal, Stage, register
 from rpo_core.wire import interfaces
 

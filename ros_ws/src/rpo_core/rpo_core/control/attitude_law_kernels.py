@@ -22,9 +22,8 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any, NamedTuple
 
-from rpo_core.control.attitude_limit_kernels import NUMBERS, limits_at, within_limits
-from rpo_core.kernels.attitude_kernels import Attitude, cross, symmetric
-from rpo_core.kernels.chaser_kernels import (
+from rpo_core.attitude.attitude_kernels import Attitude, cross, symmetric
+from rpo_core.attitude.chaser_kernels import (
     Quaternion,
     relative_to,
     times,
@@ -32,8 +31,10 @@ from rpo_core.kernels.chaser_kernels import (
     unloaded,
     wheels_after,
 )
+from rpo_core.control.attitude_limit_kernels import NUMBERS, limits_at, within_limits
+from rpo_core.control.inference import FisTables, infer
+from rpo_core.kernels.arithmetic import Vector, saturate
 from rpo_core.kernels.jit import inlined, kernel
-from rpo_core.kernels.kernels import FisTables, Vector, infer, saturate
 
 LIMITS, WHEELS, ORBIT, DT, AHEAD, ABOVE, UNLOAD, INERTIA, KEPT = 0, 3, 4, 5, 6, 7, 8, 9, 15
 FUZZY, LAW = KEPT + NUMBERS, KEPT + NUMBERS + 1

@@ -13,9 +13,9 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any, NamedTuple
 
-from rpo_core.kernels.attitude_kernels import cross, symmetric
+from rpo_core.attitude.attitude_kernels import cross, symmetric
+from rpo_core.kernels.arithmetic import Vector
 from rpo_core.kernels.jit import inlined, kernel
-from rpo_core.kernels.kernels import Vector
 
 PASSED, LIMITED = 0, 1
 """What became of a torque."""

@@ -12,10 +12,10 @@ from functools import partial
 from math import radians, sqrt
 from typing import Annotated, NamedTuple
 
+from rpo_core.attitude.attitude_kernels import Body
 from rpo_core.control.attitude_limit_kernels import TorqueLimits
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import Checked, InputError, optional, real
-from rpo_core.kernels.attitude_kernels import Body
 
 SQRT_3 = sqrt(3.0)
 

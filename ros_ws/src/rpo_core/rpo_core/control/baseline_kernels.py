@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rpo_core.kernels.arithmetic import State, Vector, saturate
 from rpo_core.kernels.jit import as_table, inlined, kernel
-from rpo_core.kernels.kernels import State, Vector, saturate
 
 GAINS = 18
 """Numbers in a row of a gain table: K (3, 6) row by row, forces from (x, y, z, vx, vy, vz)."""

@@ -36,7 +36,7 @@ from rpo_core.control.controller_file import (
 )
 from rpo_core.files import codec
 from rpo_core.files.validation import Checked, matrix, real, store
-from rpo_core.kernels.kernels import State, Vector
+from rpo_core.kernels.arithmetic import State, Vector
 from rpo_core.stage import Signal, Stage
 from rpo_core.world import cw
 

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rpo_core.kernels.kernels import FisTables, Five
+from rpo_core.control.inference import FisTables, Five
 
 LEAST_SHARE = 0.05
 """A sentence sums up what contributes less."""

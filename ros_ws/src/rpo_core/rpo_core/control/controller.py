@@ -15,7 +15,7 @@ import yaml
 from numpy.typing import NDArray
 
 from rpo_core import files
-from rpo_core.control import controller_file
+from rpo_core.control import controller_file, inference
 from rpo_core.control.controller_file import SCHEMA, ControllerFile, ControllerStage, Scaling
 from rpo_core.control.fuzzy import WORDS, FuzzySystem, MembershipFunctions, RuleTable, odd_samples
 from rpo_core.files import codec
@@ -31,7 +31,6 @@ from rpo_core.files.validation import (
     schema,
     shown,
 )
-from rpo_core.kernels import kernels
 from rpo_core.kernels.jit import as_table
 from rpo_core.stage import Signal, Stage
 
@@ -84,14 +83,14 @@ class FuzzyStage(ControllerStage):
 
     def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
         """Return the commanded force (3,) [N] of a state (6,)."""
-        return (kernels.fuzzy_force(inputs[0], self._scales, self._tables),)
+        return (inference.fuzzy_force(inputs[0], self._scales, self._tables),)
 
     def steps(
         self, ticks: NDArray[np.int64], *inputs: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], ...]:
         """Return the commanded forces (n, 3) [N] of states (n, 6)."""
         forces = np.empty((len(ticks), 3))
-        kernels.fuzzy_forces(as_table(inputs[0]), self._scales, self._tables, forces)
+        inference.fuzzy_forces(as_table(inputs[0]), self._scales, self._tables, forces)
         return (forces,)
 
 
@@ -143,7 +142,7 @@ class FuzzyController(Checked):
         """
         tables = self.system.tables
         x, y, z = (
-            float(kernels.axis_force(float(r), float(v), *self.scales, tables))
+            float(inference.axis_force(float(r), float(v), *self.scales, tables))
             for r, v in zip(position_m, velocity_m_s, strict=True)
         )
         return x, y, z

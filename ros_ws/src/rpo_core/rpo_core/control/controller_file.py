@@ -29,7 +29,7 @@ from rpo_core.files.validation import (
     choice,
     real,
 )
-from rpo_core.kernels.kernels import State, Vector
+from rpo_core.kernels.arithmetic import State, Vector
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Signal, Stage
 from rpo_core.wire import interfaces

@@ -11,12 +11,12 @@ from functools import cached_property
 from operator import attrgetter
 from typing import NamedTuple
 
-from rpo_core.control import blend
+from rpo_core.control import blend, inference
 from rpo_core.control.controller import AnyController, FuzzyController
 from rpo_core.control.fuzzy import WORDS, FuzzySystem
 from rpo_core.files.starts import MAX_POSITION_M
 from rpo_core.files.validation import real
-from rpo_core.kernels import kernels
+from rpo_core.kernels import arithmetic
 from rpo_core.scenario.scenario import MAX_VELOCITY_M_S
 
 SPOKEN = {
@@ -77,7 +77,7 @@ class Decision:
     position_saturated: bool
     velocity_saturated: bool
     rules: tuple[FiredRule, ...]
-    strengths: kernels.Five
+    strengths: inference.Five
     output: float
     force_n: float
     controller: FuzzyController
@@ -135,10 +135,10 @@ def decide(
         -position_m / controller.position_scale_m,
         -velocity_m_s / controller.velocity_scale_m_s,
     )
-    e, v = (kernels.saturate(error, 1.0) for error in errors)
-    position = kernels.memberships(e, tables.position)
-    velocity = kernels.memberships(v, tables.velocity)
-    strengths = kernels.fire_rules(position, velocity, tables.rules)
+    e, v = (arithmetic.saturate(error, 1.0) for error in errors)
+    position = inference.memberships(e, tables.position)
+    velocity = inference.memberships(v, tables.velocity)
+    strengths = inference.fire_rules(position, velocity, tables.rules)
     return Decision(
         axis=axis,
         position_m=position_m,
@@ -149,14 +149,17 @@ def decide(
         velocity_saturated=abs(errors[1]) > 1.0,
         rules=_fired(system, position, velocity, strengths),
         strengths=strengths,
-        output=float(kernels.centroid(strengths, tables)),
-        force_n=float(kernels.axis_force(position_m, velocity_m_s, *controller.scales, tables)),
+        output=float(inference.centroid(strengths, tables)),
+        force_n=float(inference.axis_force(position_m, velocity_m_s, *controller.scales, tables)),
         controller=controller,
     )
 
 
 def _fired(
-    system: FuzzySystem, position: kernels.Five, velocity: kernels.Five, strengths: kernels.Five
+    system: FuzzySystem,
+    position: inference.Five,
+    velocity: inference.Five,
+    strengths: inference.Five,
 ) -> tuple[FiredRule, ...]:
     fired = []
     for words, velocity_word, v in zip(system.rules.words, WORDS, velocity, strict=True):

@@ -18,7 +18,7 @@ from typing import ClassVar, NamedTuple
 from rpo_core.control import controller_file
 from rpo_core.control.baselines import Baseline
 from rpo_core.files.validation import choice
-from rpo_core.kernels.kernels import Vector
+from rpo_core.kernels.arithmetic import Vector
 
 DIGITS = 4
 """Digits of a number that a search finds: a person reads the file."""

@@ -17,8 +17,9 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rpo_core.control import inference
 from rpo_core.files.validation import Checked, InputError, choice, real, shown, store, whole, within
-from rpo_core.kernels import kernels
+from rpo_core.kernels import arithmetic
 from rpo_core.kernels.jit import as_table
 
 WORDS = ('LN', 'SN', 'Z', 'SP', 'LP')
@@ -60,7 +61,7 @@ class MembershipFunctions(Checked):
     def grades(self, x: ArrayLike) -> NDArray[np.float64]:
         """Return the memberships (..., 5) of x (...) in [-1, 1], in the order of `WORDS`."""
         points = np.asarray(x, dtype=np.float64)
-        table = [kernels.memberships(float(point), astuple(self)) for point in points.ravel()]
+        table = [inference.memberships(float(point), astuple(self)) for point in points.ravel()]
         return np.array(table).reshape(*points.shape, 5)
 
 
@@ -133,27 +134,27 @@ class FuzzySystem(Checked):
     samples: Annotated[int, odd_samples] = DEFAULT_SAMPLES
 
     @cached_property
-    def tables(self) -> kernels.FisTables:
+    def tables(self) -> inference.FisTables:
         """What the kernels read."""
         half = (self.samples - 1) // 2
         samples = np.arange(1, half + 1) / half
         grades = self.force.grades(samples)
-        return kernels.FisTables(
+        return inference.FisTables(
             position=astuple(self.position),
             velocity=astuple(self.velocity),
             rules=as_table(self.rules.codes.ravel(), np.int64),
             samples=as_table(samples),
-            z=as_table(grades[:, kernels.Z]),
-            sp=as_table(grades[:, kernels.SP]),
-            lp=as_table(grades[:, kernels.LP]),
+            z=as_table(grades[:, inference.Z]),
+            sp=as_table(grades[:, inference.SP]),
+            lp=as_table(grades[:, inference.LP]),
         )
 
     def output(self, position_error: float, velocity_error: float) -> float:
         """Return the force in [-1, 1] of two finite errors, which are saturated to [-1, 1]."""
         return float(
-            kernels.infer(
-                kernels.saturate(float(position_error), 1.0),
-                kernels.saturate(float(velocity_error), 1.0),
+            inference.infer(
+                arithmetic.saturate(float(position_error), 1.0),
+                arithmetic.saturate(float(velocity_error), 1.0),
                 self.tables,
             )
         )

@@ -32,7 +32,7 @@ from rpo_core.control.controller_file import Units, register
 from rpo_core.control.family import Claim, Family, Gene, Mission, Table
 from rpo_core.control.textbook import pull_n
 from rpo_core.files.validation import InputError, matrix, real, shown
-from rpo_core.kernels.kernels import State
+from rpo_core.kernels.arithmetic import State
 from rpo_core.scenario.requirements import MAX_ARRIVAL_DISTANCE_M
 
 HELD_M = 0.5

@@ -25,8 +25,8 @@ from rpo_core.control.blend import Reasons, newtons
 from rpo_core.control.controller_file import Scaling, Units, register
 from rpo_core.control.family import Claim, Family, Gene, Mission, Table
 from rpo_core.files.validation import Checked, InputError, choice, real, store
+from rpo_core.kernels.arithmetic import State
 from rpo_core.kernels.jit import as_table
-from rpo_core.kernels.kernels import State
 from rpo_core.scenario.requirements import (
     ARRIVAL_WINDOW_S,
     MAX_ARRIVAL_DISTANCE_M,

@@ -14,8 +14,8 @@ import numpy as np
 
 from rpo_core.files import codec
 from rpo_core.files.validation import Checked, InputError, real, shown, vector3, whole
+from rpo_core.kernels.arithmetic import Vector
 from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.kernels import Vector
 from rpo_core.kernels.noise import philox
 
 MAX_POSITION_M = 100_000.0

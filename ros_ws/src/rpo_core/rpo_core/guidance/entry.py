@@ -18,7 +18,7 @@ from rpo_core.guidance.guidance import ARRIVED, GuidanceStage
 from rpo_core.guidance.plan import Guidance
 from rpo_core.guidance.rehearsal import check
 from rpo_core.guidance.work import TooMuch, bounded
-from rpo_core.kernels.kernels import norm
+from rpo_core.kernels.arithmetic import norm
 from rpo_core.scenario.scenario import Scenario
 
 STEP_S, MOMENTS = 5, 120

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rpo_core.attitude.attitude_kernels import moving_with, seen_from, to_lvlh
 from rpo_core.attitude.target import known_motion
 from rpo_core.guidance import plan
 from rpo_core.guidance.legs import (
@@ -28,8 +29,7 @@ from rpo_core.guidance.legs import (
 from rpo_core.guidance.plan import Guidance, Leg
 from rpo_core.guidance.transfer_kernels import Floats, at_port
 from rpo_core.guidance.transfers import Limits
-from rpo_core.kernels.attitude_kernels import moving_with, seen_from, to_lvlh
-from rpo_core.kernels.kernels import State, norm
+from rpo_core.kernels.arithmetic import State, norm
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Signal, Stage
 from rpo_core.wire import interfaces

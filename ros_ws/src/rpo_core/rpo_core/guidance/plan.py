@@ -26,7 +26,7 @@ from rpo_core.files.validation import (
     shown,
     vector3,
 )
-from rpo_core.kernels.kernels import Vector
+from rpo_core.kernels.arithmetic import Vector
 from rpo_core.scenario.scenario import MAX_VELOCITY_M_S
 from rpo_core.world.zones import NO_CORRIDOR, Corridor, Zone, Zones
 

@@ -17,7 +17,7 @@ from rpo_core.guidance.guidance import ARRIVED, DOCKED, Change, GuidanceStage
 from rpo_core.guidance.legs import SEGMENTS
 from rpo_core.guidance.plan import Guidance
 from rpo_core.guidance.work import TooMuch, bounded, spend
-from rpo_core.kernels.kernels import State, Vector, norm
+from rpo_core.kernels.arithmetic import State, Vector, norm
 from rpo_core.scenario.scenario import Scenario
 
 MOST_WORK = 4e8

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rpo_core.kernels.arithmetic import State
 from rpo_core.kernels.jit import COMPILED, as_table, kernel
-from rpo_core.kernels.kernels import CwStep, State, cw_step
+from rpo_core.world.cw_kernels import CwStep, cw_step
 
 Floats = NDArray[np.float64]
 

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from rpo_core.attitude.attitude_kernels import Frame, acceleration_with, frame_at, moving_with
 from rpo_core.guidance.transfer_kernels import Floats
-from rpo_core.kernels.attitude_kernels import Frame, acceleration_with, frame_at, moving_with
+from rpo_core.kernels.arithmetic import State, Vector
 from rpo_core.kernels.jit import inlined, kernel
-from rpo_core.kernels.kernels import State, Vector
 
 
 @inlined

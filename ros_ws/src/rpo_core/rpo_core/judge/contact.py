@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rpo_core.chain.flight import Flight
+from rpo_core.kernels.arithmetic import Vector, norm
 from rpo_core.kernels.jit import as_table, kernel
-from rpo_core.kernels.kernels import Vector, norm
 from rpo_core.scenario.requirements import Requirements
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.world.zones import beside_kernel, tangent

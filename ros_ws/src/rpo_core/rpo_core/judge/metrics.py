@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from rpo_core.chain.flight import Flight
 from rpo_core.judge.contact import docked_at
+from rpo_core.kernels.arithmetic import norm
 from rpo_core.kernels.jit import as_table, kernel
-from rpo_core.kernels.kernels import norm
 from rpo_core.scenario.requirements import (
     ARRIVAL_WINDOW_S,
     MAX_ARRIVAL_DISTANCE_M,

@@ -16,12 +16,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rpo_core.attitude.attitude_kernels import synchronised
+from rpo_core.attitude.pointing_kernels import contact_turn
 from rpo_core.chain.flight import Flight
 from rpo_core.judge import contact, metrics
 from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.attitude_kernels import synchronised
 from rpo_core.kernels.jit import as_table
-from rpo_core.kernels.pointing_kernels import contact_turn
 from rpo_core.scenario.requirements import ATTITUDES, ROWS, THRUST, Requirements
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.wire.interfaces import ALIGNED, CHASER_ATTITUDE

@@ -16,9 +16,9 @@ import numpy as np
 
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import Checked, real, vector3, whole
+from rpo_core.kernels.arithmetic import Vector, sin_cos
 from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.jit import as_table
-from rpo_core.kernels.kernels import Vector, sin_cos
 from rpo_core.navigation import attitude_filter_kernels as mekf
 from rpo_core.navigation.attitude_filter_kernels import (
     RATE,

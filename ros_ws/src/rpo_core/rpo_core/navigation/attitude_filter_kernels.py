@@ -19,9 +19,9 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any
 
-from rpo_core.kernels.chaser_kernels import times, turn_back, upright
+from rpo_core.attitude.chaser_kernels import times, turn_back, upright
+from rpo_core.kernels.arithmetic import Vector, saturate, sin_cos
 from rpo_core.kernels.jit import inlined, kernel
-from rpo_core.kernels.kernels import Vector, saturate, sin_cos
 from rpo_core.navigation.attitude_sensor_kernels import angles_between, turned_by
 from rpo_core.navigation.filter_kernels import joseph
 

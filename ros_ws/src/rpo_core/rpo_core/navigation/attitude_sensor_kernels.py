@@ -11,10 +11,10 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any
 
-from rpo_core.kernels.attitude_kernels import Attitude
-from rpo_core.kernels.chaser_kernels import Quaternion, relative_to, times, turn, upright
+from rpo_core.attitude.attitude_kernels import Attitude
+from rpo_core.attitude.chaser_kernels import Quaternion, relative_to, times, turn, upright
+from rpo_core.kernels.arithmetic import Vector
 from rpo_core.kernels.jit import inlined, kernel
-from rpo_core.kernels.kernels import Vector
 from rpo_core.navigation.sensor_kernels import three_normals
 
 KEY, SLOTS, PERIOD, LATENCY, CROSS, ROLL, AXES = 0, 2, 3, 4, 5, 6, 7

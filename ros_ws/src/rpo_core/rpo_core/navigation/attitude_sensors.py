@@ -15,8 +15,8 @@ from typing import Annotated, Any
 
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import Checked, InputError, real, vector3, whole
+from rpo_core.kernels.arithmetic import Vector, norm, sin_cos
 from rpo_core.kernels.jit import as_table
-from rpo_core.kernels.kernels import Vector, norm, sin_cos
 from rpo_core.navigation.attitude_sensor_kernels import MEASURED, QUEUE, sense_attitude
 from rpo_core.navigation.navigation_errors import key
 from rpo_core.navigation.sensor_kernels import across

@@ -19,7 +19,6 @@ from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import Checked, InputError, flag, real, whole
 from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.jit import as_table
-from rpo_core.kernels.kernels import CwStep, cw_step
 from rpo_core.navigation import filter_kernels as kf
 from rpo_core.navigation.filter_kernels import SQUARE, STATES, X, estimate, numbers_of
 from rpo_core.navigation.sensor_kernels import MEASURED, three_normals
@@ -28,6 +27,7 @@ from rpo_core.stage import Place, Section, Signal, Stage, register
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import ATTITUDE, PREVIOUS_COMMAND
 from rpo_core.world import cw
+from rpo_core.world.cw_kernels import CwStep, cw_step
 
 _START = 255
 """Stream of the random numbers of the start."""

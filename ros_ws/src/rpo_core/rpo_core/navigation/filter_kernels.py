@@ -27,9 +27,9 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any
 
-from rpo_core.kernels.chaser_kernels import turn, turn_back
+from rpo_core.attitude.chaser_kernels import turn, turn_back
+from rpo_core.kernels.arithmetic import Vector, saturate
 from rpo_core.kernels.jit import inlined, kernel
-from rpo_core.kernels.kernels import CwStep, Vector, cw_step, saturate, unpacked
 from rpo_core.kernels.vectors import pick
 from rpo_core.navigation.sensor_kernels import (
     COLUMNS,
@@ -48,6 +48,7 @@ from rpo_core.navigation.sensor_kernels import (
     larger,
     sight,
 )
+from rpo_core.world.cw_kernels import CwStep, cw_step, unpacked
 
 STATES = 9
 SQUARE = STATES * STATES

@@ -12,9 +12,9 @@ from functools import partial
 from typing import Annotated, Any
 
 from rpo_core.files.validation import Checked, InputError, real, shown, vector3, whole
-from rpo_core.kernels import kernels
-from rpo_core.kernels.kernels import State, Vector
+from rpo_core.kernels.arithmetic import State, Vector
 from rpo_core.kernels.noise import six_normals
+from rpo_core.navigation import sensor_kernels
 from rpo_core.stage import Place, Section, Signal, Stage, register
 from rpo_core.wire import interfaces
 
@@ -56,7 +56,7 @@ class Navigation(Checked):
         n = six_normals(tick, *self.noise_key) if noisy else (0.0,) * 6
         r, v = self.position_noise_m, self.velocity_noise_m_s
         bias = (*self.position_bias_m, *self.velocity_bias_m_s)
-        x, y, z, vx, vy, vz = map(kernels.measured, state, bias, (r, r, r, v, v, v), n)
+        x, y, z, vx, vy, vz = map(sensor_kernels.measured, state, bias, (r, r, r, v, v, v), n)
         return x, y, z, vx, vy, vz
 
 

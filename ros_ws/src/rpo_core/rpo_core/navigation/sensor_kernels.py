@@ -11,9 +11,9 @@ from __future__ import annotations
 from math import nan, sqrt
 from typing import Any
 
-from rpo_core.kernels.chaser_kernels import Quaternion, turn_back
+from rpo_core.attitude.chaser_kernels import Quaternion, turn_back
+from rpo_core.kernels.arithmetic import State, Vector
 from rpo_core.kernels.jit import inlined, kernel
-from rpo_core.kernels.kernels import State, Vector
 from rpo_core.kernels.noise import normal_pair, philox
 from rpo_core.kernels.vectors import pick
 
@@ -288,3 +288,9 @@ def describe(sensor: Any, measured: Any, out: Any) -> None:
         for row in range(3):
             for column in range(3):
                 out[15 + 3 * row + column] = sigma * sigma if row == column else 0.0
+
+
+@kernel
+def measured(truth: float, bias: float, sigma: float, normal: float) -> float:
+    """Component of the navigation solution: truth plus bias plus white noise."""
+    return truth + bias + sigma * normal

@@ -16,6 +16,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from rpo_core.attitude.attitude_kernels import to_lvlh
 from rpo_core.attitude.target import Target, motion_of
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import (
@@ -29,9 +30,8 @@ from rpo_core.files.validation import (
     vector3,
     whole,
 )
-from rpo_core.kernels.attitude_kernels import to_lvlh
+from rpo_core.kernels.arithmetic import Vector, sin_cos
 from rpo_core.kernels.jit import as_table
-from rpo_core.kernels.kernels import Vector, sin_cos
 from rpo_core.navigation.navigation_errors import MAX_POSITION_ERROR_M, MAX_VELOCITY_ERROR_M_S, key
 from rpo_core.navigation.sensor_kernels import (
     COLUMNS,

@@ -32,11 +32,12 @@ from rpo_core.files.validation import (
     store,
     vector3,
 )
-from rpo_core.kernels.kernels import MAX_ANGLE_RAD, CwStep, State, Vector
+from rpo_core.kernels.arithmetic import MAX_ANGLE_RAD, State, Vector
 from rpo_core.scenario import requirements
 from rpo_core.scenario.requirements import Requirements
 from rpo_core.stage import Section, section_of, sections
 from rpo_core.world import cw
+from rpo_core.world.cw_kernels import CwStep
 from rpo_core.world.disturbance import MAX_FORCE_N, NONE, Disturbance, paper
 from rpo_core.world.zones import Zones, filled, without
 

@@ -14,10 +14,10 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from rpo_core.kernels.arithmetic import Vector
 from rpo_core.kernels.jit import inlined, kernel
-from rpo_core.kernels.kernels import Vector
-from rpo_core.kernels.pulse_kernels import DELTA_V, ON, OPEN, OPENINGS, TORQUE, Tank, spend
 from rpo_core.kernels.vectors import WIDTH, lanes_at, pick
+from rpo_core.thrusters.pulse_kernels import DELTA_V, ON, OPEN, OPENINGS, TORQUE, Tank, spend
 
 MOST_THRUSTERS = 24
 

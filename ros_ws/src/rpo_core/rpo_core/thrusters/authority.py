@@ -15,9 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rpo_core.kernels.arithmetic import Vector
 from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.jit import as_table
-from rpo_core.kernels.kernels import Vector
 from rpo_core.stage import ZERO
 from rpo_core.thrusters import allocation_kernels as simplex
 from rpo_core.thrusters.allocation_kernels import ROWS, SCRATCH, Table

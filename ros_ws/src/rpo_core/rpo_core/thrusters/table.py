@@ -28,13 +28,13 @@ from rpo_core.files.validation import (
     text,
     vector3,
 )
+from rpo_core.kernels.arithmetic import Vector, norm
 from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.jit import as_table
-from rpo_core.kernels.kernels import Vector, norm
-from rpo_core.kernels.pulse_kernels import OFF, ON
 from rpo_core.stage import ZERO
 from rpo_core.thrusters import allocation_kernels as simplex
 from rpo_core.thrusters.allocation_kernels import MOST_THRUSTERS, ROWS, Table
+from rpo_core.thrusters.pulse_kernels import OFF, ON
 
 PULSE_WIDTH, SIGMA_DELTA = MODULATIONS = ('pulse_width', 'sigma_delta')
 FACES_6, PAIRS_12, QUADS_16, CORNERS_24 = PRESETS = (

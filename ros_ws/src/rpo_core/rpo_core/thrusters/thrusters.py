@@ -30,14 +30,14 @@ from rpo_core.files.validation import (
     vector3,
     whole,
 )
-from rpo_core.kernels import kernels, pulse_kernels
+from rpo_core.kernels import arithmetic
+from rpo_core.kernels.arithmetic import Vector
 from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.jit import as_table
-from rpo_core.kernels.kernels import Vector
-from rpo_core.kernels.pulse_kernels import DELTA_V, OFF, ON, OPENINGS, SPENT, Tank, Valves
 from rpo_core.stage import ZERO, Place, Section, Signal, Stage, register
-from rpo_core.thrusters import allocation_kernels
+from rpo_core.thrusters import allocation_kernels, pulse_kernels
 from rpo_core.thrusters.allocation_kernels import SCRATCH, Table
+from rpo_core.thrusters.pulse_kernels import DELTA_V, OFF, ON, OPENINGS, SPENT, Tank, Valves
 from rpo_core.thrusters.table import (
     IDENTITY,
     MODULATIONS,
@@ -303,10 +303,10 @@ class ThrustersStage(Stage):
         if self._delay:
             self._line.append(due)
             due = self._line.popleft()
-        saturated = tuple(kernels.saturate(force, self._limit_n) for force in due)
+        saturated = tuple(arithmetic.saturate(force, self._limit_n) for force in due)
         if not self._matrix:
             return due, saturated, saturated
-        exerted: Any = kernels.exerted_force(*self._matrix, *saturated)
+        exerted: Any = pulse_kernels.exerted_force(*self._matrix, *saturated)
         return due, saturated, exerted
 
     def steps(self, ticks: NDArray[np.int64], *inputs: Floats) -> tuple[Floats, ...]:

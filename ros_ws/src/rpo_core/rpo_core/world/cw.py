@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from rpo_core.files import codec
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import Checked, InputError, optional, real, shown
-from rpo_core.kernels.kernels import CwStep, Vector, sin_cos
+from rpo_core.kernels.arithmetic import Vector, sin_cos
+from rpo_core.world.cw_kernels import CwStep
 
 MU_EARTH_M3_S2 = 3.986004418e14
 """Standard gravitational parameter of the Earth (WGS 84)."""

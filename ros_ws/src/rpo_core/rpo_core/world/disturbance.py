@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.files.validation import Checked, choice, real, vector3
-from rpo_core.kernels.kernels import Vector, sin_cos
+from rpo_core.kernels.arithmetic import Vector, sin_cos
 
 AXES = ('x', 'y', 'z')
 

@@ -21,14 +21,13 @@ from numpy.typing import NDArray
 
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import Checked, InputError, choice, flag, optional, real
-from rpo_core.kernels import kernels, orbit_kernels
+from rpo_core.kernels.arithmetic import State, sin_cos
 from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.jit import as_table
-from rpo_core.kernels.kernels import State, sin_cos
-from rpo_core.kernels.orbit_kernels import Environment
 from rpo_core.stage import Place, Section, Signal, Stage, register
 from rpo_core.wire.interfaces import CHASER_MASS, DISTURBANCE, RELATIVE_STATE, THRUST, THRUST_SHIFT
-from rpo_core.world import cw
+from rpo_core.world import cw, cw_kernels, orbit_kernels
+from rpo_core.world.orbit_kernels import Environment
 
 CLOHESSY_WILTSHIRE, LINEAR_ELLIPTIC, TWO_BODY = KINDS = (
     'clohessy_wiltshire',
@@ -248,7 +247,7 @@ class DynamicsStage(Stage):
         if self._falls:
             more = self._mass_kg / mass
             x, y, z = x * more, y * more, z * more
-        found: State = kernels.cw_step(state, (x, y, z), self._step)
+        found: State = cw_kernels.cw_step(state, (x, y, z), self._step)
         if not self._turns:
             return (found,)
         return (tuple(at + shift / mass for at, shift in zip(found, rest[-1], strict=True)),)
@@ -260,7 +259,7 @@ class DynamicsStage(Stage):
         if self._falls:
             forces = forces * (self._mass_kg / masses_kg)
         following = np.empty_like(states)
-        kernels.cw_steps(as_table(states), as_table(forces), self._step, following)
+        cw_kernels.cw_steps(as_table(states), as_table(forces), self._step, following)
         if self._turns:
             following += rest[-1] / masses_kg
         return (following,)

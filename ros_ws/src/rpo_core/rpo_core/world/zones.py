@@ -20,9 +20,9 @@ import numpy as np
 
 from rpo_core.files.starts import MAX_POSITION_M
 from rpo_core.files.validation import Checked, InputError, real, vector3
+from rpo_core.kernels.arithmetic import Vector, norm, sin_cos
 from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.jit import kernel
-from rpo_core.kernels.kernels import Vector, norm, sin_cos
 from rpo_core.stage import section_of
 
 Point = tuple[float, ...]

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from rpo_core.chain.flight import Flight
-from rpo_core.kernels.kernels import norm
+from rpo_core.kernels.arithmetic import norm
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.interfaces import CLOCK, DUE_FORCE, EVENT, RUN_STATUS
 from rpo_core.wire.statuses import FINISHED, RUNNING

@@ -14,7 +14,7 @@ from collections.abc import Collection, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.kernels.kernels import norm
+from rpo_core.kernels.arithmetic import norm
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.interfaces import NEXT

@@ -11,7 +11,7 @@ from __future__ import annotations
 from math import sqrt
 from typing import NamedTuple
 
-from rpo_core.kernels.attitude_kernels import (  # fmt: skip
+from rpo_core.attitude.attitude_kernels import (
     Attitude,
     Body,
     accelerated,
@@ -21,8 +21,8 @@ from rpo_core.kernels.attitude_kernels import (  # fmt: skip
     plus,
     turning_at,
 )
+from rpo_core.kernels.arithmetic import State, Vector, saturate
 from rpo_core.kernels.jit import inlined, kernel
-from rpo_core.kernels.kernels import State, Vector, saturate
 
 Quaternion = tuple[float, float, float, float]
 

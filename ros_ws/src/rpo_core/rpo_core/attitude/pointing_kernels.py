@@ -11,10 +11,10 @@ from __future__ import annotations
 from math import sqrt
 from typing import NamedTuple
 
-from rpo_core.kernels.attitude_kernels import Attitude, Frame, cross, seen_from
-from rpo_core.kernels.chaser_kernels import Quaternion, relative_to, times, turn, turn_back
+from rpo_core.attitude.attitude_kernels import Attitude, Frame, cross, seen_from
+from rpo_core.attitude.chaser_kernels import Quaternion, relative_to, times, turn, turn_back
+from rpo_core.kernels.arithmetic import State, Vector, norm, saturate
 from rpo_core.kernels.jit import inlined, kernel
-from rpo_core.kernels.kernels import State, Vector, norm, saturate
 
 DEGREES = 57.29577951308232
 

@@ -22,8 +22,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rpo_core.kernels.arithmetic import State, Vector
 from rpo_core.kernels.jit import inlined, kernel
-from rpo_core.kernels.kernels import State, Vector
 
 _LN_2_A = (
     0.6931471803691238  # ln 2 in two parts; the first has 32 bits, so that k times it is exact

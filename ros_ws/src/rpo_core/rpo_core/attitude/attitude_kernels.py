@@ -12,8 +12,8 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any, NamedTuple
 
+from rpo_core.kernels.arithmetic import State, Vector
 from rpo_core.kernels.jit import inlined, kernel
-from rpo_core.kernels.kernels import State, Vector
 
 Attitude = tuple[float, float, float, float, float, float, float]
 """Quaternion x, y, z, w and rate x, y, z [rad/s]."""

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from rpo_core.kernels.arithmetic import Vector
 from rpo_core.kernels.jit import kernel
-from rpo_core.kernels.kernels import Vector
 from rpo_core.kernels.vectors import pick
 
 MOST_VALVES = 24
@@ -205,3 +205,26 @@ def burn(force: Vector, saturated: Vector, m: Any, tank: Tank, dt: float) -> tup
     impulse = (abs(saturated[0]) + abs(saturated[1]) + abs(saturated[2])) * dt
     share, mass = spend(m, impulse, tank)
     return (force[0] * share, force[1] * share, force[2] * share), mass
+
+
+@kernel
+def exerted_force(
+    t00: float,
+    t01: float,
+    t02: float,
+    t10: float,
+    t11: float,
+    t12: float,
+    t20: float,
+    t21: float,
+    t22: float,
+    fx: float,
+    fy: float,
+    fz: float,
+) -> Vector:
+    """Force [N] of thrusters with matrix t for the saturated command (fx, fy, fz)."""
+    return (
+        t00 * fx + t01 * fy + t02 * fz,
+        t10 * fx + t11 * fy + t12 * fz,
+        t20 * fx + t21 * fy + t22 * fz,
+    )
