@@ -15,8 +15,8 @@ from rpo_core.kernels import jit
 DIGESTS = """
 import hashlib
 import numpy as np
-from rpo_core.kernels import jit, kernels
-from rpo_core.world import cw
+from rpo_core.kernels import arithmetic, jit
+from rpo_core.world import cw, cw_kernels
 from rpo_core.chain.flight import fly
 from rpo_core.control.fuzzy import FuzzySystem
 from rpo_core.control.controller import load_controller
@@ -40,12 +40,12 @@ for _ in range(150):
 digest('outputs', outputs)
 
 angles = [*rng.uniform(-1e6, 1e6, 2000), *rng.uniform(-9, 9, 2000), 0.0, -0.0]
-digest('sin_cos', [kernels.sin_cos(float(angle)) for angle in angles])
+digest('sin_cos', [arithmetic.sin_cos(float(angle)) for angle in angles])
 steps = [cw.discretise(1.16e-3, 10.0, float(dt)) for dt in rng.uniform(1e-6, 1e3, 200)]
 digest('steps', steps)
 state, track = (10.0, 60.0, -40.0, 0.1, 0.2, -0.3), []
 for step, draws in zip(steps, rng.uniform(-1, 1, (200, 6)).tolist()):
-    state = kernels.plant_step(state, tuple(draws[:3]), tuple(draws[3:]), 0.5, step)
+    state = cw_kernels.plant_step(state, tuple(draws[:3]), tuple(draws[3:]), 0.5, step)
     track.append(state)
 digest('plant', track)
 
