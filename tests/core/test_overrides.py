@@ -40,7 +40,7 @@ def test_changed_fields_are_those_of_a_file_with_them():
             'mass_kg=heavy',
             "`mass_kg` must be a finite number >= 0.001 and <= 1e+09 kg; got 'heavy'",
         ),
-        ('mass_kg.x=3', '`--set mass_kg.x` must name a field; a part of it has no fields'),
+        ('mass_kg.x=3', '`mass_kg.x` must name a field; a part of it has no fields'),
         ('mass_kg=[1', '`mass_kg`: line 1: not valid YAML'),
         ('schema=rpo/scenario/9', '`schema` must be'),
     ],

@@ -52,7 +52,7 @@ class Thrust(NamedTuple):
     openings: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Flight:
     """One flight, sampled at ticks 0..N.
 
@@ -69,6 +69,9 @@ class Flight:
     disturbances_n: Floats
     signals: Mapping[str, Floats] = field(default_factory=dict, compare=False)
     events: Mapping[str, Sequence[tuple[int, str]]] = field(default_factory=dict, compare=False)
+
+    def __repr__(self) -> str:
+        return f'<Flight {self.scenario.name}: {self.scenario.duration_s:g} s>'
 
     @cached_property
     def seen(self) -> Floats:

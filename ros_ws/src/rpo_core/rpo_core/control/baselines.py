@@ -89,14 +89,12 @@ class BaselineStage(ControllerStage):
         return (baseline_force(inputs[0], tick, self._law),)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Baseline(ControllerFile):
     """A controller without memory: its force is `baseline_force` of the state and the tick.
 
-    alike : whether each axis has the same law, of its own position and velocity, odd in these
+    One whose axes are `alike` has a law that is odd in position and velocity.
     """
-
-    alike: ClassVar[bool] = False
 
     @property
     @abstractmethod
@@ -136,7 +134,7 @@ _gain = partial(real, least=0.0, most=MAX_GAIN)
 _positive = partial(real, least=1e-6, most=MAX_GAIN)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Drift(Baseline):
     """No force at all: the free motion of the relative orbit, the null of every comparison."""
 
@@ -148,7 +146,7 @@ class Drift(Baseline):
         return law_of(self.max_force_n, gains=np.zeros(GAINS))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Pd(Baseline):
     """Saturated PD: f = -kp r - kd v of each axis, without a model of the motion."""
 
@@ -165,7 +163,7 @@ class Pd(Baseline):
         return law_of(self.max_force_n, gains=k)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Lqr(Baseline):
     """Linear quadratic regulator: f = -K x minimises sum of x' Q x + f' f over all ticks.
 
@@ -197,7 +195,7 @@ class Lqr(Baseline):
         return super().scaled(scaling, gains=gains, **also)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Mpc(Baseline):
     """Shrinking-horizon model predictive control: the least energy to rest at the origin in time.
 
@@ -243,7 +241,7 @@ class Mpc(Baseline):
         return law_of(self.max_force_n, gains=gains)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class PotentialField(Baseline):
     """Artificial potential field tracked by sliding mode, see `baseline_kernels.sliding_force`.
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any, ClassVar, Protocol
 
 import numpy as np
 import yaml
@@ -16,11 +16,16 @@ from numpy.typing import NDArray
 
 from rpo_core import files
 from rpo_core.control import controller_file, inference
-from rpo_core.control.controller_file import SCHEMA, ControllerFile, ControllerStage, Scaling
+from rpo_core.control.controller_file import (
+    SCHEMA,
+    ControllerBase,
+    ControllerFile,
+    ControllerStage,
+    Scaling,
+)
 from rpo_core.control.fuzzy import WORDS, FuzzySystem, MembershipFunctions, RuleTable, odd_samples
 from rpo_core.files import codec
 from rpo_core.files.validation import (
-    Checked,
     Description,
     InputError,
     Name,
@@ -97,14 +102,17 @@ class FuzzyStage(ControllerStage):
 _scale = partial(real, above=0.0, most=1e6)
 
 
-@dataclass(frozen=True)
-class FuzzyController(Checked):
+@dataclass(frozen=True, repr=False)
+class FuzzyController(ControllerBase):
     """One fuzzy inference system for each axis alike, with its scales.
 
     position_scale_m, velocity_scale_m_s : the error that saturates an input
     force_scale_n : force at full output, the paper's maximum force
     provenance : how it came to be; free text and numbers, not read by the control
     """
+
+    kind: ClassVar[str] = FUZZY
+    alike: ClassVar[bool] = True
 
     name: Name
     system: FuzzySystem
@@ -132,6 +140,96 @@ class FuzzyController(Checked):
     def stage(self, dt_s: float) -> Stage:
         """Return the controller as a stage of the chain; it fits ticks of any length."""
         return FuzzyStage(self)
+
+    def with_rule(self, *, position: str, velocity: str, force: str) -> FuzzyController:
+        """Return the controller with one rule of its table changed.
+
+        Words are LN, SN, Z, SP, LP: large negative, small negative, zero, small positive, large
+        positive.
+
+        Parameters
+        ----------
+        position, velocity : str
+            Words of the errors of an axis that the rule is for; an error is minus the position,
+            minus the velocity.
+        force : str
+            Word of the force that the rule commands.
+
+        Returns
+        -------
+        FuzzyController
+            Another one; this one stays as it is.
+
+        Raises
+        ------
+        InputError
+            If a word is not one of the five.
+
+        Examples
+        --------
+        >>> import rpo
+        >>> law = rpo.controller('allround').with_rule(position='SP', velocity='Z', force='LP')
+        >>> law
+        <FuzzyController allround (changed): position SP, velocity Z: force LP>
+        >>> rpo.fly('quick', law).ok
+        True
+        """
+        words = {'position': position, 'velocity': velocity, 'force': force}
+        column, row, code = (WORDS.index(choice(n, word, WORDS)) for n, word in words.items())
+        codes = self.system.rules.codes.copy()
+        codes[row, column] = code
+        rules = RuleTable.from_codes(codes)
+        change = f'position {position}, velocity {velocity}: force {force}'
+        return self._changed(change, rules=rules)
+
+    def with_membership(self, variable: str, **numbers: float) -> FuzzyController:
+        """Return the controller with the membership functions of a variable changed.
+
+        Parameters
+        ----------
+        variable : str
+            position, velocity or force.
+        **numbers : float
+            Any of z_half_width, sp_left, sp_centre, sp_right, lp_left: half the foot of the
+            triangle Z; feet and peak of SP; left foot of LP, whose peak is 1. SN and LN mirror SP
+            and LP. They are shares of the scale of the variable, see `scales`.
+
+        Returns
+        -------
+        FuzzyController
+            Another one; this one stays as it is.
+
+        Raises
+        ------
+        InputError
+            If there is no such variable or number, or the triangles would not be in order.
+
+        Examples
+        --------
+        >>> import rpo
+        >>> law = rpo.controller('allround').with_membership('position', z_half_width=0.1)
+        >>> law.system.position.z_half_width
+        0.1
+        """
+        functions = getattr(self.system, choice('variable', variable, _VARIABLES))
+        for name in numbers:
+            choice('numbers', name, asdict(functions))
+        change = ', '.join(f'{name} {value!r}' for name, value in numbers.items())
+        return self._changed(f'{variable}: {change}', **{variable: replace(functions, **numbers)})
+
+    def _changed(self, change: str, **parts: Any) -> FuzzyController:
+        """Return the controller with parts of its system changed; its name and text say so."""
+        first = self.name.endswith(files.CHANGED)
+        return replace(
+            self,
+            name=self.name if first else self.name + files.CHANGED,
+            description=f'{self.description}; {change}' if first else change,
+            system=replace(self.system, **parts),
+            provenance={
+                **self.provenance,
+                'changed': [*self.provenance.get('changed', ()), change],
+            },
+        )
 
     def force_n(
         self, position_m: Sequence[float], velocity_m_s: Sequence[float], tick: int = 0

@@ -15,7 +15,7 @@ from operator import add, sub
 from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rpo_core import plugins
 from rpo_core.control.blend import Reasons
@@ -28,6 +28,7 @@ from rpo_core.files.validation import (
     Provenance,
     choice,
     real,
+    shown,
 )
 from rpo_core.kernels.arithmetic import State, Vector
 from rpo_core.scenario.scenario import Scenario
@@ -158,22 +159,16 @@ def received(scenario: Any, signals: Mapping[str, Any]) -> tuple[Signal, Signal]
     return tuple(scenario.from_goal(state)), force_n
 
 
-@dataclass(frozen=True, kw_only=True)
-class ControllerFile(Checked):
-    """A controller of a kind that names itself.
+class ControllerBase(Checked):
+    """What every controller of a file can do: answer a state, or many, without a flight.
 
-    units : of the numbers that `scaled` multiplies; None: the kind does not say how it scales
-    max_force_n : largest |f| of an axis that is commanded
-    provenance : how its parameters came to be; free text and numbers, not read by the control
+    alike : whether each axis has the same law, of its own position and velocity
     """
 
     kind: ClassVar[str]
-    units: ClassVar[Units | None] = None
-
-    name: Name
-    description: Description = field(default='', compare=False)
-    max_force_n: Annotated[float, partial(real, unit='N', above=0.0, most=1e6)] = 0.5
-    provenance: Provenance = field(default_factory=dict, compare=False)
+    alike: ClassVar[bool] = False
+    name: str
+    description: str
 
     @property
     def clock_s(self) -> float | None:
@@ -186,6 +181,126 @@ class ControllerFile(Checked):
         Raises InputError if it counts ticks of another length than `dt_s`.
         """
         raise NotImplementedError
+
+    def __repr__(self) -> str:
+        return f'<{type(self).__name__} {self.name}: {self.description or self.kind}>'
+
+    def __call__(
+        self,
+        t: float = 0.0,
+        x: ArrayLike | None = None,
+        *,
+        position: ArrayLike | None = None,
+        velocity: ArrayLike | None = None,
+    ) -> NDArray[np.float64]:
+        """Return the force that it commands: of states, or of one axis.
+
+        `law(t, x)` answers states, `law(position=..., velocity=...)` positions and velocities of
+        an axis; both broadcast over arrays. The bits are those of a flight.
+
+        Parameters
+        ----------
+        t : float
+            Time since the start [s]; only a controller with a clock reads it.
+        x : array_like, shape (..., 6), optional
+            States x, y, z [m], vx, vy, vz [m/s], target LVLH, relative to the goal.
+        position, velocity : array_like, optional
+            Of the chaser on an axis [m], [m/s]; they are broadcast against each other.
+
+        Returns
+        -------
+        ndarray
+            Forces (..., 3) [N] of states; those of the axis [N] in the shape of the broadcast.
+
+        Raises
+        ------
+        InputError
+            If neither form is given, a number is not finite, or the controller has no such form.
+
+        Examples
+        --------
+        >>> import rpo
+        >>> law = rpo.controller('allround')
+        >>> law(0.0, [10.0, 0.0, 0.0, 0.0, 0.0, 0.0]).shape
+        (3,)
+        >>> law(position=[-10.0, 0.0, 10.0], velocity=0.0).shape
+        (3,)
+        """
+        if x is not None and position is None and velocity is None:
+            return self._forces(t, _numbers('x', x, 6))
+        if x is not None or position is None or velocity is None:
+            raise InputError(
+                f'controller {self.name}: law(t, x) or law(position=..., velocity=...) expected'
+            )
+        if not self.alike:
+            raise InputError(
+                f'controller {self.name} answers whole states, not one axis: use law(t, x)'
+            )
+        r, v = _numbers('position', position), _numbers('velocity', velocity)
+        try:
+            r, v = np.broadcast_arrays(r, v)
+        except ValueError:
+            raise InputError(
+                f'`position` and `velocity` must broadcast; got shapes {r.shape} and {v.shape}'
+            ) from None
+        states = np.zeros((*r.shape, 6))
+        states[..., 0], states[..., 3] = r, v
+        return self._forces(t, states)[..., 0][()]
+
+    def _forces(self, t: float, states: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the forces (..., 3) [N] that answer states (..., 6), each for itself."""
+        clock_s = self.clock_s
+        stage = self.stage(clock_s or 1.0)
+        if stage.memory_ticks != 0 or stage.inputs != (interfaces.STATE,):
+            raise InputError(f'controller {self.name} answers in a flight only: it has memory')
+        stage.reset()
+        rows = states.reshape(-1, 6)
+        ticks = np.full(len(rows), round(t / clock_s) if clock_s else 0)
+        return stage.steps(ticks, rows)[0].reshape(*states.shape[:-1], 3)
+
+    def with_rule(self, *, position: str, velocity: str, force: str) -> Any:
+        """Return the controller with another rule: see `FuzzyController.with_rule`."""
+        raise InputError(self._without_rules())
+
+    def with_membership(self, variable: str, **numbers: float) -> Any:
+        """Return it with another membership: see `FuzzyController.with_membership`."""
+        raise InputError(self._without_rules())
+
+    def _without_rules(self) -> str:
+        return (
+            f'controller {self.name} is of kind {self.kind}, without a table of rules; '
+            'a fuzzy one, like allround, has one'
+        )
+
+
+def _numbers(name: str, value: ArrayLike, last: int = 0) -> NDArray[np.float64]:
+    """Return finite numbers, with a `last` axis of that length if it is not 0."""
+    try:
+        numbers = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f'`{name}` must be numbers; got {shown(value)}') from None
+    if last and numbers.shape[-1:] != (last,):
+        raise InputError(f'`{name}` must have shape (..., {last}); got {numbers.shape}')
+    if not np.isfinite(numbers).all():
+        raise InputError(f'`{name}` must be finite; got {shown(value)}')
+    return numbers
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class ControllerFile(ControllerBase):
+    """A controller of a kind that names itself.
+
+    units : of the numbers that `scaled` multiplies; None: the kind does not say how it scales
+    max_force_n : largest |f| of an axis that is commanded
+    provenance : how its parameters came to be; free text and numbers, not read by the control
+    """
+
+    units: ClassVar[Units | None] = None
+
+    name: Name
+    description: Description = field(default='', compare=False)
+    max_force_n: Annotated[float, partial(real, unit='N', above=0.0, most=1e6)] = 0.5
+    provenance: Provenance = field(default_factory=dict, compare=False)
 
     def scaled(self: Scaled, scaling: Scaling, **also: Any) -> Scaled:
         """Return the controller of the similar loop; `also`: fields that change otherwise.

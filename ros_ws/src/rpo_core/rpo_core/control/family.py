@@ -98,7 +98,7 @@ class Claim(NamedTuple):
     needed: bool = True
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Family(Baseline):
     """A kind of controller that a search can train, and that says in words what it does.
 

@@ -149,15 +149,24 @@ class FuzzySystem(Checked):
             lp=as_table(grades[:, inference.LP]),
         )
 
-    def output(self, position_error: float, velocity_error: float) -> float:
-        """Return the force in [-1, 1] of two finite errors, which are saturated to [-1, 1]."""
-        return float(
-            inference.infer(
-                arithmetic.saturate(float(position_error), 1.0),
-                arithmetic.saturate(float(velocity_error), 1.0),
-                self.tables,
+    def output(self, position_error: ArrayLike, velocity_error: ArrayLike) -> Any:
+        """Return the force in [-1, 1] of finite errors, which are saturated to [-1, 1].
+
+        The errors are broadcast; of two numbers it is a float.
+        """
+        errors = np.broadcast_arrays(position_error, velocity_error)
+        pairs = zip(*(each.ravel().tolist() for each in errors), strict=True)
+        outputs = [
+            float(
+                inference.infer(
+                    arithmetic.saturate(float(e), 1.0),
+                    arithmetic.saturate(float(v), 1.0),
+                    self.tables,
+                )
             )
-        )
+            for e, v in pairs
+        ]
+        return np.array(outputs).reshape(errors[0].shape) if errors[0].shape else outputs[0]
 
     def to_vector(self) -> NDArray[np.float64]:
         """Return p (30,) of the paper; rules as 1..5.

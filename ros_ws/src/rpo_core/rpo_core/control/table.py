@@ -78,7 +78,7 @@ def _mirrored(speeds: Sequence[float]) -> Numbers:
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class MoreWords(Family):
     """Forces by distance and closing speed: a table of rules in words, each axis alike.
 

@@ -70,7 +70,7 @@ class _Worst(NamedTuple):
 
 
 @register
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class TimeToGo(Family):
     """Gains by the time to go: five rules in words, each axis alike.
 

@@ -24,6 +24,9 @@ DEFAULT_CONTROLLER = 'allround'
 DEFAULT_SCENARIO = 'approach'
 """The shipped scenario where none is named: plant and controller fly it alone."""
 
+CHANGED = ' (changed)'
+"""Ends the name of a scenario or controller that is no longer that of its file."""
+
 MAX_BYTES = 1 << 18
 """A larger file is not one of ours; it is refused before it is parsed."""
 

@@ -1,15 +1,18 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What to say where a library is missing: mcap, rosbags for bags, cryptography for signatures."""
+"""What to say where a library is missing."""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rpo_core.kernels.errors import InputError
 
 _INSTALLED_BY = {
     **dict.fromkeys(('mcap', 'zstandard', 'lz4'), 'mcap'),
-    'rosbags': 'rosbags',
-    'cryptography': 'cryptography',
+    **{name: name for name in ('rosbags', 'cryptography', 'matplotlib', 'pandas', 'xarray')},
 }
 """What brings a module: mcap brings the libraries of compression too."""
 
@@ -26,3 +29,14 @@ def sentence(module: str | None) -> str | None:
     options = '' if sys.prefix != sys.base_prefix else '--user --break-system-packages '
     install = f'python3 -m pip install {options}{_INSTALLED_BY[top]}'
     return f'the Python library {top} is missing: `{install}` installs it'
+
+
+@contextmanager
+def reported() -> Iterator[None]:
+    """Make the import of a missing library inside an InputError that says how to install it."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if (text := sentence(error.name)) is None:
+            raise
+        raise InputError(text) from None

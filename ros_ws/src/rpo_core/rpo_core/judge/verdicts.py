@@ -57,6 +57,10 @@ class Verdict(NamedTuple):
         """The verdict as it is shown."""
         return {True: HOLDS, False: MISSED, None: NOT_JUDGED}[self.holds]
 
+    def __repr__(self) -> str:
+        limit = f'{self.limit:.3g} {self.unit}'.strip()
+        return f'<{self.statement}: {self.value:.3g} of {limit}, {self.word}>'
+
 
 def verdicts(flight: Flight) -> list[Verdict]:
     """Return each requirement of the flight's scenario beside its value; none where none are."""

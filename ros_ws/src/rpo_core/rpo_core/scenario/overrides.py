@@ -1,21 +1,19 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Fields of a scenario changed on the command line: `--set initial_position_m=[0,80,0]`."""
+"""Fields of a scenario changed: `--set initial_position_m=[0,80,0]`, or a mapping of values."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import yaml
 
 from rpo_core import files
+from rpo_core.files import CHANGED as CHANGED
 from rpo_core.files.validation import InputError, shown, within
 from rpo_core.scenario import scenario
 from rpo_core.scenario.scenario import Scenario
-
-CHANGED = ' (changed)'
-"""Ends the name of a scenario that is no longer that of its file."""
 
 
 def text_of(name: str, changes: Sequence[str]) -> str:
@@ -30,15 +28,36 @@ def text_of(name: str, changes: Sequence[str]) -> str:
     if not changes:
         return content
     with within(f'{path} with --set'):
-        document = files.parse_yaml(content)
-        if isinstance(document, dict) and isinstance(document.get('name'), str):
-            document['name'] += CHANGED
-        for change in changes:
-            _apply(document, change)
-        try:
-            scenario.parse(document)
-        except InputError as error:
-            raise InputError(f'{error}{_elsewhere(changes, files.parse_yaml(content))}') from None
+        return changed(content, read(changes))
+
+
+def read(changes: Sequence[str]) -> dict[str, Any]:
+    """Return field -> value of changes KEY=VALUE; raises InputError."""
+    values = {}
+    for change in changes:
+        key, equals, value = change.partition('=')
+        key = key.strip()
+        if not equals or not key.rpartition('.')[2]:
+            raise InputError(f'`--set` must be KEY=VALUE, like mass_kg=12.0; got {shown(change)}')
+        with within(f'`{key}`'):
+            values[key] = files.parse_yaml(value)
+    return values
+
+
+def changed(content: str, changes: Mapping[str, Any]) -> str:
+    """Return the YAML text of a scenario with fields changed; raises InputError if it is none.
+
+    changes : field, with dots into sections -> its new value; the name says that it is changed
+    """
+    document = files.parse_yaml(content)
+    if isinstance(document, dict) and isinstance(document.get('name'), str):
+        document['name'] = document['name'].removesuffix(CHANGED) + CHANGED
+    for key, value in changes.items():
+        _apply(document, key, value)
+    try:
+        scenario.parse(document)
+    except InputError as error:
+        raise InputError(f'{error}{_elsewhere(changes, files.parse_yaml(content))}') from None
     return yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=100)
 
 
@@ -46,15 +65,12 @@ def load(name: str, changes: Sequence[str]) -> Scenario:
     """Return a single scenario with fields changed; raises InputError."""
     if not changes:
         return scenario.load_scenario(name)
-    found = files.loads(text_of(name, changes), scenario.parse, name)
-    if not isinstance(found, Scenario):
-        raise InputError(f'`scenario` must be a single flight; {name} is a set')
-    return found
+    return scenario.single(files.loads(text_of(name, changes), scenario.parse, name), name)
 
 
-def _elsewhere(changes: Sequence[str], document: Any) -> str:
+def _elsewhere(changes: Iterable[str], document: Any) -> str:
     """Return the end of a sentence that says in which section a field is, if it was given alone."""
-    for key in (change.partition('=')[0].strip() for change in changes):
+    for key in changes:
         found = [leaf for leaf in _leaves(document) if leaf.endswith(f'.{key}')]
         if found and key not in document:
             return f'; did you mean `{found[0]}`?'
@@ -67,15 +83,11 @@ def _leaves(document: Any, prefix: str = '') -> Iterator[str]:
         yield from (f'{prefix}{key}', *_leaves(value, f'{prefix}{key}.'))
 
 
-def _apply(document: Any, change: str) -> None:
+def _apply(document: Any, key: str, value: Any) -> None:
     """Change one field of a document."""
-    key, equals, value = change.partition('=')
-    *sections, last = key.strip().split('.')
-    if not equals or not last:
-        raise InputError(f'`--set` must be KEY=VALUE, like mass_kg=12.0; got {shown(change)}')
+    *sections, last = key.split('.')
     for section in sections:
         document = document.setdefault(section, {}) if isinstance(document, dict) else None
     if not isinstance(document, dict):
-        raise InputError(f'`--set {key}` must name a field; a part of it has no fields')
-    with within(f'`{key}`'):
-        document[last] = files.parse_yaml(value)
+        raise InputError(f'`{key}` must name a field; a part of it has no fields')
+    document[last] = value

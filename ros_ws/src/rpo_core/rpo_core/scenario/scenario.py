@@ -74,7 +74,7 @@ class Goal(NamedTuple):
     force_n: Vector
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Scenario(Checked):
     """One flight: target orbit, chaser, times, start and disturbance.
 
@@ -110,6 +110,14 @@ class Scenario(Checked):
         self._check_sections()
         self._check_ticks()
         self._check_angles()
+
+    def __repr__(self) -> str:
+        names = ', '.join(section_of(settings).name for settings in self.sections)
+        start = ', '.join(f'{r:g}' for r in self.initial_position_m)
+        return (
+            f'<Scenario {self.name}: {self.duration_s:g} s from [{start}] m, {self.mass_kg:g} kg'
+            f'{"; " if names else ""}{names}>'
+        )
 
     def _check_sections(self) -> None:
         """Put the sections in the order of the chain."""
@@ -446,7 +454,11 @@ def load(name: str | Path) -> Scenario | ScenarioSet:
 
 def load_scenario(name: str | Path) -> Scenario:
     """Return one scenario; a set is refused, since one run flies one start."""
-    found = load(name)
+    return single(load(name), name)
+
+
+def single(found: Scenario | ScenarioSet, name: object) -> Scenario:
+    """Return one scenario as it is; a set of that name is refused."""
     if isinstance(found, ScenarioSet):
         count = len(found.initial_positions_m)
         raise InputError(f'`scenario` must be a single flight; {name} is a set of {count}')

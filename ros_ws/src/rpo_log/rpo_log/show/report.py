@@ -13,8 +13,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from rpo_core.chain.flight import Flight
-from rpo_core.files.validation import printable
+from rpo_core.files.validation import InputError, printable
 from rpo_core.judge import metrics
 from rpo_core.judge.similarity import hint
 from rpo_core.judge.verdicts import UNBOUNDED, missed, unbounded, verdicts
@@ -150,12 +152,9 @@ def time_histories(flight: Flight) -> Any:
     begin_s, end_s = close_up_s(scenario), scenario.duration_s
     last = metrics.window_ticks(scenario, end_s - begin_s)
     limits = {verdict.key: verdict.limit for verdict in verdicts(flight)}
-    place = 'relative position [m]' if scenario.goal is None else 'position from the goal [m]'
-    if scenario.target is not None:
-        place = place.replace('[m]', "[m],\nthe target's axes")
     figure, panels = style.new_panels(6.6, 3, 2, sharex='col', width_ratios=(3, 2))
     rows = (
-        (flight.errors[:, :3], place, ['hold_error_per_axis_m']),
+        (flight.errors[:, :3], position_label(scenario), ['hold_error_per_axis_m']),
         (flight.velocities_m_s, 'relative velocity [m/s]', ['hold_speed_per_axis_m_s']),
         (flight.saturated_forces_n, force_label(scenario),
          ['hold_force_per_axis_n', 'hold_force_per_disturbance']),
@@ -176,6 +175,52 @@ def time_histories(flight: Flight) -> Any:
     return figure
 
 
+_STYLES = ('-', '--', ':', '-.')
+"""Lines of flights that are drawn over each other."""
+
+
+def drawn_over(flight: Flight, ax: Any, label: str) -> Any:
+    """Draw position, velocity and force over time, over the flights that are there already.
+
+    ax : three Axes; None: those of a new figure; one: it gets the distance from the goal
+    """
+    from matplotlib import pyplot
+    from matplotlib.lines import Line2D
+
+    times, scenario = flight.scenario.times_s, flight.scenario
+    if ax is not None and hasattr(ax, 'plot'):
+        ax.plot(times, np.linalg.norm(flight.errors[:, :3], axis=1), label=label)
+        ax.set(xlabel='time [s]', ylabel='distance from the goal [m]')
+        ax.legend()
+        return ax
+    with style.applied():
+        if ax is None:
+            size = (style.WIDTH_IN, 6.6)
+            ax = pyplot.subplots(3, sharex=True, figsize=size, layout='constrained')[1]
+        if len(ax) != 3:
+            raise InputError(f'`ax` must be one Axes, or three of them; got {len(ax)}')
+        line = _STYLES[len(ax[0].lines) // 3 % len(_STYLES)]
+        rows = (
+            (flight.errors[:, :3], position_label(scenario)),
+            (flight.velocities_m_s, 'velocity [m/s]'),
+            (flight.saturated_forces_n, force_label(scenario)),
+        )
+        for axes, (values, name) in zip(ax, rows, strict=True):
+            by_axis(axes, times[: len(values)], values, name, linestyle=line, gid=label)
+        ax[2].set_xlabel('time [s]')
+        shown = [
+            Line2D([], [], color=colour, label=name)
+            for colour, name in zip(style.AXES, legend_names(scenario), strict=True)
+        ]
+        shown += [
+            Line2D([], [], color=style.LIMIT['color'], linestyle=each.get_linestyle(), label=gid)
+            for each in ax[0].lines[::3]
+            if (gid := each.get_gid())
+        ]
+        ax[0].legend(handles=shown)
+    return ax
+
+
 def turns(scenario: Scenario) -> bool:
     """Return whether chaser or target have axes of their own, which turn."""
     return scenario.target is not None or scenario.attitude is not None
@@ -184,6 +229,12 @@ def turns(scenario: Scenario) -> bool:
 def legend_names(scenario: Scenario) -> tuple[str, ...]:
     """Return the names of the axes of a vector that may be in those."""
     return ('x', 'y', 'z') if turns(scenario) else style.AXIS_NAMES
+
+
+def position_label(scenario: Scenario) -> str:
+    """Return the label of positions relative to the goal."""
+    place = 'relative position [m]' if scenario.goal is None else 'position from the goal [m]'
+    return place if scenario.target is None else place.replace('[m]', "[m],\nthe target's axes")
 
 
 def force_label(scenario: Scenario) -> str:
@@ -198,10 +249,11 @@ def by_axis(
     label: str,
     linewidth: float = 1.5,
     names: Sequence[str] = style.AXIS_NAMES,
+    **line: Any,
 ) -> None:
     """Draw the columns (n, 3) of a vector over time."""
     for name, colour, column in zip(names, style.AXES, values.T, strict=True):
-        axes.plot(times_s, column, color=colour, label=name, linewidth=linewidth)
+        axes.plot(times_s, column, color=colour, label=name, linewidth=linewidth, **line)
     axes.set_ylabel(label)
     axes.margins(x=0.01)
 

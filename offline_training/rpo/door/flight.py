@@ -1,0 +1,470 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""One flight: fly it, ask it, show it, save it."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterator, KeysView, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import yaml
+
+from rpo.door.subjects import AnyLaw, LawController, controller_source, scenario_source
+from rpo_core.chain import flight as core
+from rpo_core.control.blend import Reasons
+from rpo_core.control.controller import FuzzyController
+from rpo_core.control.controller import dumps as controller_text
+from rpo_core.control.controller_file import ControllerFile, received
+from rpo_core.control.explain import reasons
+from rpo_core.files import missing
+from rpo_core.files.output import write_text
+from rpo_core.files.validation import InputError, choice, real, shown
+from rpo_core.judge import metrics
+from rpo_core.judge.verdicts import HOLDS, Verdict, missed, verdicts
+from rpo_core.kernels.arrays import Floats
+from rpo_core.scenario import scenario as of_scenario
+from rpo_core.scenario.scenario import Scenario
+from rpo_core.wire import interfaces
+from rpo_log.format.run import CONTROLLER, PARAMETERS, SCENARIO
+from rpo_log.show import report
+from rpo_log.tools.export import columns
+from rpo_log.topics import Topic
+
+_MAIN = {
+    interfaces.RELATIVE_STATE: 'states',
+    interfaces.CONTROL_FORCE: 'forces_n',
+    interfaces.DISTURBANCE_FORCE: 'disturbances_n',
+}
+"""Signal -> attribute of a flight that has it."""
+
+
+class Explanation(NamedTuple):
+    """Why a controller commanded its force at a time; it is shown in words.
+
+    Attributes
+    ----------
+    time_s : float
+        Time of the tick.
+    state : tuple
+        State (6,) that the controller read [m, m/s], relative to its goal or reference.
+    force_n : tuple
+        Commanded force (3,) [N].
+    axes : mapping
+        Axis x, y, z -> the reasons of its force; empty where the controller has no rules.
+    """
+
+    time_s: float
+    state: tuple[float, ...]
+    force_n: tuple[float, ...]
+    axes: Mapping[str, Reasons]
+
+    def __repr__(self) -> str:
+        said = (f'{axis}: {reason.sentence}' for axis, reason in self.axes.items())
+        state, force = (
+            ', '.join(f'{value + 0.0:.4g}' for value in values)
+            for values in (self.state, self.force_n)
+        )
+        return '\n'.join((f'{self.time_s:g} s: state [{state}], force [{force}] N', *said))
+
+
+class Replay(NamedTuple):
+    """A flight in three dimensions, as a page of HTML that needs nothing else.
+
+    Attributes
+    ----------
+    html : str
+        The page.
+    """
+
+    html: str
+
+    def save(self, path: str | Path) -> Path:
+        """Write the page to a file, and return its path; raises InputError where it cannot."""
+        write_text(Path(path), self.html)
+        return Path(path)
+
+    def __repr__(self) -> str:
+        return f'<Replay: {len(self.html) / 1e6:.1f} MB of HTML; save(path) writes it>'
+
+    def _repr_html_(self) -> str:
+        page = html.escape(self.html, quote=True)
+        return f'<iframe srcdoc="{page}" width="100%" height="640" style="border:0"></iframe>'
+
+
+@dataclass(frozen=True, repr=False)
+class Flight(core.Flight):
+    """One flight at ticks 0..N; `flight['name']` is any signal of it, (N+1, width).
+
+    Attributes
+    ----------
+    t : ndarray, shape (N+1,)
+        Times [s].
+    x : ndarray, shape (N+1, 6)
+        True states x, y, z [m], vx, vy, vz [m/s], target LVLH.
+    u : ndarray, shape (N+1, 3)
+        Commanded forces [N], target LVLH.
+    scenario : Scenario
+        What was flown.
+    controller : controller
+        That flew it.
+    """
+
+    controller: Any = field(default=None, compare=False)
+    texts: Mapping[str, str] = field(default_factory=dict, compare=False)
+
+    @property
+    def t(self) -> Floats:
+        """Times (N+1,) [s]."""
+        return self.scenario.times_s
+
+    @property
+    def x(self) -> Floats:
+        """True states (N+1, 6) [m, m/s], target LVLH."""
+        return self.states
+
+    @property
+    def u(self) -> Floats:
+        """Commanded forces (N+1, 3) [N], target LVLH."""
+        return self.forces_n
+
+    def keys(self) -> KeysView[str]:
+        """Return the names of its signals."""
+        return {**_MAIN, **self.signals}.keys()
+
+    def __getitem__(self, name: str) -> Floats:
+        choice('signal', name, self.keys())
+        return getattr(self, _MAIN[name]) if name in _MAIN else self.signals[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.keys()
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.keys())
+
+    @cached_property
+    def metrics(self) -> dict[str, float]:
+        """Metric -> value; the name ends in its unit.
+
+        Examples
+        --------
+        >>> import rpo
+        >>> round(rpo.fly('quick').metrics['energy_n2s'], 2)
+        0.02
+        """
+        return dict(zip(metrics.UNITS, metrics.row_of(self).tolist(), strict=True))
+
+    @cached_property
+    def requirements(self) -> list[Verdict]:
+        """The requirements of the scenario, each beside the value of the flight.
+
+        Examples
+        --------
+        >>> import rpo
+        >>> rpo.fly('paper_test').requirements[0].holds
+        True
+        """
+        return verdicts(self)
+
+    @property
+    def ok(self) -> bool:
+        """Whether no requirement of the scenario is missed."""
+        return not missed(self)
+
+    def __repr__(self) -> str:
+        held = sum(verdict.word == HOLDS for verdict in self.requirements)
+        said = f'{held} of {len(self.requirements)} requirements hold'
+        said = said if self.requirements else 'no requirements'
+        energy = self.metrics['energy_n2s']
+        name, duration_s = self.scenario.name, self.scenario.duration_s
+        return f'<Flight {name}: {duration_s:g} s, J = {energy:.3g} N²s, {said}>'
+
+    def _repr_html_(self) -> str:
+        rows = []
+        for section, lines in report.rows(self).items():
+            rows.append(f'<tr><th colspan="4">{html.escape(section)}</th></tr>')
+            for line in lines:
+                rows.append(f'<tr>{"".join(f"<td>{html.escape(cell)}</td>" for cell in line)}</tr>')
+        return f'<p>{html.escape(repr(self))}</p><table>{"".join(rows)}</table>'
+
+    def explain(self, t: float) -> Explanation:
+        """Return why the controller commanded its force at a time: the rules that act.
+
+        Parameters
+        ----------
+        t : float
+            Time [s]; the tick at or before it is explained.
+
+        Returns
+        -------
+        Explanation
+            It is printed in words.
+
+        Raises
+        ------
+        InputError
+            If the time is not within the flight.
+
+        Examples
+        --------
+        >>> import rpo
+        >>> rpo.fly('paper_test').explain(300.0).axes['x'].sentence[:10]
+        '+0.00509 N'
+        """
+        end_s = self.scenario.duration_s
+        real('t', t, 's', least=0.0, most=end_s)
+        tick = int(np.searchsorted(self.t, t + 1e-9, side='right')) - 1
+        signals = {name: self[name][tick].tolist() for name in self.keys()}
+        state, _ = received(self.scenario, signals)
+        has_rules = isinstance(self.controller, (FuzzyController, ControllerFile))
+        why: Sequence[Reasons] = reasons(self.controller, state, tick) if has_rules else ()
+        axes = dict(zip('xyz', why, strict=bool(why)))
+        force = tuple(signals[interfaces.CONTROL_FORCE])
+        return Explanation(float(self.t[tick]), tuple(state), force, axes)
+
+    def plot(self, ax: Any = None, label: str | None = None) -> Any:
+        """Draw position, velocity and force over time; several flights over each other.
+
+        ``axes = first.plot()``, then ``second.plot(axes)`` draws the second over the first. One
+        Axes alone gets the distance from the goal.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, or three of them, optional
+            Where to draw; a new figure without.
+        label : str, optional
+            Name of the flight in the legend; scenario and controller without.
+
+        Returns
+        -------
+        Axes or ndarray of three Axes
+            Where it was drawn.
+
+        Raises
+        ------
+        InputError
+            If matplotlib is not installed.
+
+        Examples
+        --------
+        >>> import rpo
+        >>> axes = rpo.fly('quick', 'allround').plot()
+        >>> len(rpo.fly('quick', 'pd').plot(axes))
+        3
+        """
+        with missing.reported():
+            return report.drawn_over(self, ax, label or self._label)
+
+    @property
+    def _label(self) -> str:
+        return f'{self.scenario.name}, {getattr(self.controller, "name", "controller")}'
+
+    def replay(self) -> Replay:
+        """Return the flight in three dimensions: a page that a notebook shows and a file holds.
+
+        Returns
+        -------
+        Replay
+            ``replay.save('replay.html')`` writes it.
+
+        Examples
+        --------
+        >>> import rpo
+        >>> rpo.fly('quick').replay().html[:15]
+        '<!doctype html>'
+        """
+        from rpo.reports.logged import verdict_of
+        from rpo.reports.replay import Replayed, page_of
+
+        has_rules = isinstance(self.controller, (FuzzyController, ControllerFile))
+        judged = missed(self) if self.requirements else None
+        known = self.controller if has_rules else None
+        return Replay(
+            page_of(self._label, [Replayed(self._label, self, verdict_of(self), judged, known)])
+        )
+
+    def to_dataframe(self) -> Any:
+        """Return all signals as a pandas DataFrame, a row a tick.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Index `time_s`; the names of columns end in their units, and ``attrs['units']`` has
+            them.
+
+        Raises
+        ------
+        InputError
+            If pandas is not installed.
+        """
+        with missing.reported():
+            import pandas as pd
+        columns = {c: v for each in self._columns().values() for c, v in each.items()}
+        frame = pd.DataFrame(columns, index=pd.Index(self.t, name='time_s'))
+        frame.attrs['units'] = {name: unit_of(name) for name in columns}
+        return frame
+
+    def to_xarray(self) -> Any:
+        """Return all signals as an xarray Dataset over the time.
+
+        Returns
+        -------
+        xarray.Dataset
+            A variable for each column of `to_dataframe`, with its unit and meaning in ``attrs``.
+
+        Raises
+        ------
+        InputError
+            If xarray is not installed.
+        """
+        with missing.reported():
+            import xarray as xr
+        found = {}
+        for signal, parts in self._columns().items():
+            meaning = interfaces.row_of(signal).meaning
+            for name, values in parts.items():
+                found[name] = 'time_s', values, {'units': unit_of(name), 'long_name': meaning}
+        attrs = {'scenario': self.scenario.name, 'frame': interfaces.LVLH_FRAME}
+        coordinate = {'time_s': ('time_s', self.t, {'units': 's'})}
+        return xr.Dataset(found, coordinate, {**attrs, **self.metrics})
+
+    def _columns(self) -> dict[str, dict[str, Floats]]:
+        """Return signal -> name of a column -> values (N+1,)."""
+        return {
+            name: dict(zip(_names_of(name, self[name]), self[name].T, strict=True)) for name in self
+        }
+
+    def save(self, folder: str | Path, overwrite: bool = False) -> str:
+        """Write the run folder that `rpo verify`, `rpo report` and `rpo log` read.
+
+        Parameters
+        ----------
+        folder : str or Path
+            A new folder.
+        overwrite : bool
+            Whether a run in the folder is replaced.
+
+        Returns
+        -------
+        str
+            What was written, in a sentence.
+
+        Raises
+        ------
+        InputError
+            If the controller has no file: a log carries it.
+        LogError
+            If the folder cannot be written.
+        """
+        from rpo_log.tools.record import record
+
+        if isinstance(self.controller, LawController):
+            raise InputError(
+                'save: a run carries the file of its controller, and `rpo verify` flies it; '
+                f'the function {self.controller.name} has none'
+            )
+        texts = dict(self.texts)
+        texts[SCENARIO] = of_scenario.text_for_logs(
+            texts.get(SCENARIO) or of_scenario.dumps(self.scenario), self.scenario
+        )
+        texts[CONTROLLER] = texts.get(CONTROLLER) or controller_text(self.controller)
+        attached = {name: text.encode() for name, text in texts.items()}
+        return record(self, attached, Path(folder), overwrite=overwrite).sentence()
+
+
+_ENDS = {
+    'force': ('fx_n', 'fy_n', 'fz_n'),
+    'torque': ('tx_nm', 'ty_nm', 'tz_nm'),
+    'momentum': ('hx_nms', 'hy_nms', 'hz_nms'),
+    'mass': ('mass_kg',),
+}
+"""Last word of the name of a signal that is no topic -> its columns."""
+
+
+def _names_of(signal: str, values: Floats) -> list[str]:
+    """Return the names of the columns of a signal (n, width), as `rpo log export` has them."""
+    row = interfaces.row_of(signal)
+    if row.columns:
+        return columns(Topic(signal, row))
+    stem, _, last = signal.rpartition('_')
+    names = _ENDS.get(last, ())
+    if len(names) != values.shape[1]:
+        return [f'{signal}_{i}' for i in range(values.shape[1])]
+    return [f'{stem}_{name}' for name in names]
+
+
+_UNITS = {
+    '_rad_s': 'rad/s', '_m2_s2': 'm²/s²', '_m_s': 'm/s', '_rad2': 'rad²', '_m2': 'm²',
+    '_nms': 'N m s', '_nm': 'N m', '_n': 'N', '_kg': 'kg', '_m': 'm',
+}  # fmt: skip
+"""End of a name -> unit, the longer ones first."""
+
+
+def unit_of(column: str) -> str:
+    """Return the unit that the name of a column ends in; '' if none."""
+    return next((unit for end, unit in _UNITS.items() if column.endswith(end)), '')
+
+
+def fly(
+    scenario: str | Path | Scenario | Mapping[str, Any],
+    controller: AnyLaw = 'allround',
+    **changes: Any,
+) -> Flight:
+    """Return the flight of a controller through a scenario, with the bits that the nodes fly.
+
+    Parameters
+    ----------
+    scenario : str, Path, Scenario or mapping
+        What is flown: name, path, object or document, see `scenario`.
+    controller : str, Path, controller or callable
+        What flies: name, path or object, see `controller`; or a function ``law(t, x)`` of time [s]
+        and state (6,) [m, m/s] relative to the goal, that returns 3 forces [N].
+    **changes
+        Fields of the scenario with their new values, see `scenario`.
+
+    Returns
+    -------
+    Flight
+        States, forces, metrics, verdicts; it draws and saves itself.
+
+    Raises
+    ------
+    InputError
+        If scenario, controller or a field is none, or they do not fit.
+
+    Examples
+    --------
+    >>> import rpo
+    >>> rpo.fly('paper_test', 'allround')
+    <Flight paper_test: 400 s, J = 4.12 N²s, 6 of 6 requirements hold>
+    >>> rpo.fly('quick', lambda t, x: -0.02 * x[:3] - 0.6 * x[3:]).u.shape
+    (51, 3)
+    >>> rpo.fly('quick', lambda t, x: -0.02 * x)
+    Traceback (most recent call last):
+        ...
+    rpo_core.kernels.errors.InputError: law(t, x) must return 3 finite forces [N], ...
+    """
+    flown, flying = scenario_source(scenario, changes), controller_source(controller)
+    flight = core.fly(flown.subject, flying.subject)
+    written = [f'{key.replace("__", ".")}={_in_yaml(value)}' for key, value in changes.items()]
+    named = {'scenario': flown.name, 'controller': flying.name, 'set': written}
+    texts = {
+        SCENARIO: flown.text,
+        CONTROLLER: flying.text,
+        PARAMETERS: yaml.safe_dump({'simulate': named}),
+    }
+    values = {each.name: getattr(flight, each.name) for each in fields(flight)}
+    return Flight(**values, controller=flying.subject, texts=texts)
+
+
+def _in_yaml(value: Any) -> str:
+    """Return a value as `--set` takes it."""
+    try:
+        text = yaml.safe_dump(value, default_flow_style=True, width=1e9)
+    except yaml.YAMLError:
+        text = shown(value)
+    return text.removesuffix('\n').removesuffix('\n...')

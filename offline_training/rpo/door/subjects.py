@@ -1,0 +1,280 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Scenarios and controllers by name, path or object, and the names of what ships."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import yaml
+
+from rpo_core import files
+from rpo_core.control import controller as core
+from rpo_core.control.controller import AnyController, Controller
+from rpo_core.control.controller_file import ControllerStage
+from rpo_core.files.validation import InputError, printable, shown, within
+from rpo_core.scenario import overrides
+from rpo_core.scenario import scenario as of_scenario
+from rpo_core.scenario.scenario import Scenario
+from rpo_core.stage import Signal, Stage
+
+
+class Catalogue(dict[str, str]):
+    """Name -> description of what ships; it is shown as a table."""
+
+    def __repr__(self) -> str:
+        width = max(map(len, self), default=0)
+        return '\n'.join(f'{name:{width}}  {printable(text)}' for name, text in self.items())
+
+    def _repr_html_(self) -> str:
+        cells = ((html.escape(name), html.escape(text)) for name, text in self.items())
+        rows = ''.join(f'<tr><td>{name}</td><td>{text}</td></tr>' for name, text in cells)
+        return f'<table>{rows}</table>'
+
+
+def _documents(kind: str) -> dict[str, Any]:
+    """Return name -> document of the files of a kind that ship."""
+    paths = files.shipped(kind)
+    return {name: files.parse_yaml(files.read_text(path)) for name, path in paths.items()}
+
+
+def description(document: Mapping[str, Any]) -> str:
+    """Return in a line what a shipped file is."""
+    if 'runs' in document:
+        return '{runs} runs of {controller} in {scenario}'.format(**document)
+    return document.get('description') or 'no description'
+
+
+def scenarios() -> Catalogue:
+    """Return the scenarios that ship, and what each is.
+
+    Returns
+    -------
+    Catalogue
+        Name -> description, of single flights.
+
+    Examples
+    --------
+    >>> import rpo
+    >>> rpo.scenarios()['quick']
+    "Five seconds with the paper's disturbance, for trying things out."
+    """
+    single = (of_scenario.SCHEMA,)
+    found = _documents('scenario').items()
+    return Catalogue((n, description(each)) for n, each in found if each['schema'] in single)
+
+
+def controllers() -> Catalogue:
+    """Return the controllers that ship, and what each is.
+
+    Returns
+    -------
+    Catalogue
+        Name -> description.
+
+    Examples
+    --------
+    >>> import rpo
+    >>> list(rpo.controllers())[:3]
+    ['allround', 'apf_smc', 'drift']
+    """
+    return Catalogue((n, description(each)) for n, each in _documents('controller').items())
+
+
+def campaigns() -> Catalogue:
+    """Return the campaigns that ship, and what each flies.
+
+    Returns
+    -------
+    Catalogue
+        Name -> description.
+
+    Examples
+    --------
+    >>> import rpo
+    >>> rpo.campaigns()['paper_test']
+    '10000 runs of allround in paper_test'
+    """
+    return Catalogue((n, description(each)) for n, each in _documents('campaign').items())
+
+
+class Source(NamedTuple):
+    """A scenario or controller, and where it comes from.
+
+    text : of its file; '' if it came as an object
+    name : as it was named, or its name
+    """
+
+    subject: Any
+    text: str
+    name: str
+
+
+def scenario_source(subject: object, changes: Mapping[str, Any]) -> Source:
+    """Return a scenario with fields changed, the text of its file, and its name; see `scenario`."""
+    fields = {key.replace('__', '.'): value for key, value in changes.items()}
+    if isinstance(subject, (str, Path)):
+        name = str(subject)
+        path = files.find('scenario', name)
+        text, place = files.read_text(path), str(path)
+    elif isinstance(subject, Scenario):
+        if not fields:
+            return Source(subject, '', subject.name)
+        name = place = subject.name
+        text = of_scenario.dumps(subject)
+    elif isinstance(subject, Mapping):
+        name = place = 'scenario'
+        text = yaml.safe_dump(dict(subject), sort_keys=False)
+    else:
+        raise InputError(f'scenario: name, path or object expected; got {shown(subject)}')
+    if fields:
+        with within(f'scenario {name}'):
+            text = overrides.changed(text, _plain(fields))
+    loaded = of_scenario.single(files.loads(text, of_scenario.parse, place), name)
+    return Source(loaded, text, name)
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as YAML has it: NumPy's numbers and arrays, and tuples, become Python's."""
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if hasattr(value, 'tolist'):
+        return value.tolist()
+    return [_plain(item) for item in value] if isinstance(value, (list, tuple)) else value
+
+
+def scenario(scenario: str | Path | Scenario | Mapping[str, Any], /, **changes: Any) -> Scenario:
+    """Return a scenario, with fields changed.
+
+    Parameters
+    ----------
+    scenario : str, Path, Scenario or mapping
+        Name of one that ships (`scenarios`), path of a file, an object, or the document of a file.
+    **changes
+        Fields with their new values, as `rpo simulate --set` takes them; two underscores lead into
+        a section: ``thrusters__delay_ticks=2``.
+
+    Returns
+    -------
+    Scenario
+        A frozen dataclass; the name of a changed one says so.
+
+    Raises
+    ------
+    InputError
+        If there is no such scenario or field, or a value is out of range.
+
+    Examples
+    --------
+    >>> import rpo
+    >>> rpo.scenario('paper_test', mass_kg=12.0)
+    <Scenario paper_test (changed): 400 s from [10, 60, -40] m, 12 kg>
+    >>> rpo.scenario('paper_test', thrusters__delay_ticks=2).thrusters.delay_ticks
+    2
+    >>> rpo.scenario('paper_test', masss_kg=12.0)
+    Traceback (most recent call last):
+        ...
+    rpo_core.kernels.errors.InputError: scenario paper_test: `masss_kg` is not a known field; ...
+    """
+    found: Scenario = scenario_source(scenario, changes).subject
+    return found
+
+
+Law = Callable[[float, Any], Any]
+"""A function of time [s] and state (6,) [m, m/s] that returns the force (3,) [N]."""
+
+
+class LawStage(ControllerStage):
+    """A function of the user in the chain; nobody knows whether it has memory."""
+
+    memory_ticks = None
+
+    def __init__(self, law: Law, dt_s: float) -> None:
+        self._law, self._dt_s = law, dt_s
+
+    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
+        """Return the commanded force (3,) [N] of a state (6,)."""
+        answer = self._law(tick * self._dt_s, np.array(inputs[0]))
+        try:
+            force = np.asarray(answer, dtype=np.float64)
+        except (TypeError, ValueError):
+            force = np.empty(0)
+        if force.shape != (3,) or not np.isfinite(force).all():
+            raise InputError(
+                'law(t, x) must return 3 finite forces [N], of shape (3,), for a state x '
+                f'of shape (6,); got {shown(answer)}'
+            )
+        return (tuple(force.tolist()),)
+
+
+@dataclass(frozen=True)
+class LawController:
+    """A function `law(t, x)` as a controller."""
+
+    law: Law
+    name: str = 'law'
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def stage(self, dt_s: float) -> Stage:
+        """Return the controller as a stage of the chain."""
+        return LawStage(self.law, dt_s)
+
+
+def controller_source(subject: object) -> Source:
+    """Return a controller, the text of its file, and its name; a function may be one."""
+    if isinstance(subject, (str, Path)):
+        path = files.find('controller', str(subject))
+        text = files.read_text(path)
+        return Source(files.loads(text, core.parse, str(path)), text, str(subject))
+    if isinstance(subject, Mapping):
+        with within('controller'):
+            loaded = core.parse(subject)
+        return Source(loaded, '', loaded.name)
+    if hasattr(subject, 'stage') and hasattr(subject, 'name'):
+        return Source(subject, '', str(subject.name))
+    if callable(subject):
+        name = getattr(subject, '__name__', type(subject).__name__)
+        name = 'law' if name == '<lambda>' else name
+        return Source(LawController(subject, name), '', name)
+    raise InputError(
+        f'controller: name, path, object or function law(t, x) expected; got {shown(subject)}'
+    )
+
+
+def controller(controller: str | Path | AnyController | Mapping[str, Any], /) -> AnyController:
+    """Return a controller.
+
+    Parameters
+    ----------
+    controller : str, Path, controller or mapping
+        Name of one that ships (`controllers`), path of a file, an object, or the document of a
+        file.
+
+    Returns
+    -------
+    FuzzyController or ControllerFile
+        A frozen dataclass that answers states: ``law(t, x)``, ``law(position=..., velocity=...)``.
+
+    Raises
+    ------
+    InputError
+        If there is no such controller.
+
+    Examples
+    --------
+    >>> import rpo
+    >>> law = rpo.controller('allround')
+    >>> law(position=[-10.0, 0.0, 10.0], velocity=0.0).round(3).tolist()
+    [0.223, 0.0, -0.223]
+    """
+    loaded: AnyController = controller_source(controller).subject
+    return loaded
+
+
+AnyLaw = str | Path | AnyController | Controller | Law | Mapping[str, Any]
+"""What flies: a name, a path, an object, a function, or the document of a file."""

@@ -1,0 +1,135 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""`import rpo`: its examples run, it loads little, and what a user does takes a few lines."""
+
+from __future__ import annotations
+
+import doctest
+import importlib
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import rpo
+from rpo_core.chain import flight as core
+from rpo_core.control.controller import load_controller
+from rpo_core.scenario.scenario import load_scenario
+from rpo_log.verify import verify
+
+MODULES = (
+    *sorted({f'rpo.door.{module}' for module in rpo._MODULES.values()}),
+    'rpo_core.control.controller',
+    'rpo_core.control.controller_file',
+)
+
+
+@pytest.mark.parametrize('name', MODULES)
+def test_examples_run(name, monkeypatch):
+    monkeypatch.setenv('MPLBACKEND', 'Agg')
+    flags = doctest.ELLIPSIS | doctest.IGNORE_EXCEPTION_DETAIL
+    result = doctest.testmod(importlib.import_module(name), optionflags=flags)
+    assert result.attempted and not result.failed
+
+
+def test_the_door_names_what_it_has_and_loads_it_late():
+    code = 'import sys, rpo; print(*(m for m in ("numpy", "numba", "typer") if m in sys.modules))'
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
+    assert done.stdout == '\n'
+    assert all(getattr(rpo, name).__doc__ for name in rpo.__all__) and dir(rpo) == sorted(
+        rpo.__all__
+    )
+    with pytest.raises(AttributeError, match='has no attribute `fli`; it has InputError, '):
+        rpo.fli  # noqa: B018
+
+
+def test_fly_a_named_scenario_with_another_mass():
+    flight = rpo.fly('paper_test', 'allround', mass_kg=12.0)
+    assert flight.ok and all(each.holds for each in flight.requirements)
+    assert flight.t.shape == (4001,) and flight.x.shape == (4001, 6) and flight.u.shape == (4001, 3)
+    assert repr(flight).startswith('<Flight paper_test (changed): 400 s, J = ')
+    same = core.fly(rpo.scenario('paper_test', mass_kg=12.0), load_controller('allround'))
+    assert (flight.x == same.states).all() and (flight['control_force'] == flight.u).all()
+
+
+def test_change_a_rule():
+    law = rpo.controller('allround')
+    other = law.with_rule(position='SP', velocity='Z', force='LP')
+    grid = np.linspace(-100.0, 100.0, 201)
+    plain, changed = (each(position=grid, velocity=0.0) for each in (law, other))
+    assert plain.shape == (201,) and (plain != changed).any()
+    assert plain[30] == law.force_n((grid[30], 0.0, 0.0), (0.0, 0.0, 0.0))[0]
+    assert law(position=grid[:, None], velocity=np.zeros(3)).shape == (201, 3)
+    wider = other.with_membership('force', sp_right=0.9)
+    assert wider.system.force.sp_right == 0.9 and wider.name == 'allround (changed)'
+    with pytest.raises(rpo.InputError, match='`position` must be one of LN, SN, Z, SP, LP; got'):
+        law.with_rule(position='BIG', velocity='Z', force='Z')
+    with pytest.raises(rpo.InputError, match='did you mean `sp_right`'):
+        law.with_membership('force', sp_rigth=0.9)
+    with pytest.raises(rpo.InputError, match='controller pd is of kind pd, without a table of'):
+        rpo.controller('pd').with_rule(position='Z', velocity='Z', force='Z')
+
+
+def test_a_law_answers_states_as_it_flies(subtests=None):
+    for name in rpo.controllers():
+        law = rpo.controller(name)
+        flight = rpo.fly('quick', law)
+        ticks = (0, 20, 49)
+        forces = [law(flight.t[tick], flight.x[tick]) for tick in ticks]
+        assert np.array_equal(forces, flight.u[list(ticks)]), name
+
+
+def test_own_controller():
+    gains = np.hstack([0.02 * np.eye(3), 0.7 * np.eye(3)])
+    flight = rpo.fly('approach', lambda t, x: -gains @ x)
+    assert np.abs(flight.x[-1, :3]).max() < 1.0
+    assert flight.explain(10.0).axes == {}
+    with pytest.raises(
+        rpo.InputError, match=r'law\(t, x\) must return 3 finite forces .*shape \(3,'
+    ):
+        rpo.fly('quick', lambda t, x: -x)
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'sentence'),
+    [
+        ((3,), 'scenario: name, path or object expected; got 3'),
+        (('quick', 3), r'controller: name, path, object or function law\(t, x\) expected; got 3'),
+        (('paper_training',), '`scenario` must be a single flight; paper_training is a set of 216'),
+        (('qick',), '`scenario` must be one of .*; got .qick.; did you mean `quick`'),
+    ],
+)
+def test_the_door_says_what_it_takes(arguments, sentence):
+    with pytest.raises(rpo.InputError, match=sentence):
+        rpo.fly(*arguments)
+
+
+def test_plot_two_flights_over_each_other(monkeypatch):
+    monkeypatch.setenv('MPLBACKEND', 'Agg')
+    axes = rpo.fly('quick', 'allround').plot(label='fuzzy')
+    assert rpo.fly('quick', 'pd').plot(axes, label='PD') is axes
+    assert len(axes[0].lines) == 6
+    names = [text.get_text() for text in axes[0].get_legend().get_texts()]
+    assert names[-2:] == ['fuzzy', 'PD']
+    alone = rpo.fly('quick').plot(axes[0].figure.subplots())
+    assert alone.get_ylabel() == 'distance from the goal [m]'
+
+
+@pytest.mark.parametrize('controller', ['allround', rpo.controller('pd')])
+def test_a_saved_flight_is_verified(controller, tmp_path):
+    flight = rpo.fly('quick', controller, mass_kg=12.0)
+    flight.save(tmp_path / 'run')
+    assert verify(tmp_path / 'run').exit_code == 0
+    assert load_scenario('quick') != flight.scenario
+    with pytest.raises(rpo.InputError, match='the function law has none'):
+        rpo.fly('quick', lambda t, x: -x[:3]).save(tmp_path / 'other')
+
+
+def test_a_table_has_units():
+    pandas, _ = pytest.importorskip('pandas'), pytest.importorskip('xarray')
+    flight = rpo.fly('paper_test_measured')
+    frame, data = flight.to_dataframe(), flight.to_xarray()
+    assert isinstance(frame, pandas.DataFrame) and frame.index.name == 'time_s'
+    assert frame.attrs['units']['navigation_vx_m_s'] == 'm/s' and data['fx_n'].attrs['units'] == 'N'
+    assert (frame[['x_m', 'y_m', 'z_m']].to_numpy() == flight.x[:, :3]).all()
