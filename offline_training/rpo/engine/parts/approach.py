@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Flights side by side that follow a plan, under runtime assurance: kernels of those rooms.
+"""Flights side by side that follow a plan, under runtime assurance.
 
 A plan without holds and commands does not depend on the flight: its phases come from tables.
 """

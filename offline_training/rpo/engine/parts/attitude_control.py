@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Attitude controllers side by side: the kernels of that room, fuzzy inference over the lanes."""
+"""Attitude controllers side by side: kernels of `rpo_core.control`, inference in lanes."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Command shaping side by side: the kernel of that room."""
+"""Command shaping side by side: the kernel of `rpo_core.assurance`."""
 
 from __future__ import annotations
 

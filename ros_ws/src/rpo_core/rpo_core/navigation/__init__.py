@@ -1,3 +1,3 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Relative navigation: sensors, the estimator, and the node that runs them."""
+"""Relative navigation: sensors and estimators."""

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The sections that this room adds to scenario files; `rpo_core.plugins` imports it."""
+"""The sections that this folder adds to scenario files; `rpo_core.plugins` imports it."""
 
 from rpo_core.thrusters import thrusters
 
