@@ -14,7 +14,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 
-from rpo.door.subjects import AnyLaw, LawController, controller_source, scenario_source
+from rpo.door.subjects import (
+    AnyLaw,
+    LawController,
+    controller_source,
+    fields_of,
+    scenario_source,
+)
 from rpo_core.chain import flight as core
 from rpo_core.control.blend import Reasons
 from rpo_core.control.controller import FuzzyController
@@ -23,7 +29,7 @@ from rpo_core.control.controller_file import ControllerFile, received
 from rpo_core.control.explain import reasons
 from rpo_core.files import missing
 from rpo_core.files.output import write_text
-from rpo_core.files.validation import InputError, choice, real, shown
+from rpo_core.files.validation import InputError, choice, real
 from rpo_core.judge import metrics
 from rpo_core.judge.verdicts import HOLDS, Verdict, missed, verdicts
 from rpo_core.kernels.arrays import Floats
@@ -448,23 +454,23 @@ def fly(
         ...
     rpo_core.kernels.errors.InputError: law(t, x) must return 3 finite forces [N], ...
     """
-    flown, flying = scenario_source(scenario, changes), controller_source(controller)
-    flight = core.fly(flown.subject, flying.subject)
-    written = [f'{key.replace("__", ".")}={_in_yaml(value)}' for key, value in changes.items()]
-    named = {'scenario': flown.name, 'controller': flying.name, 'set': written}
-    texts = {
-        SCENARIO: flown.text,
-        CONTROLLER: flying.text,
-        PARAMETERS: yaml.safe_dump({'simulate': named}),
-    }
+    return flown(scenario, controller, fields_of(changes))
+
+
+def flown(scenario: object, controller: object, changes: Mapping[str, Any]) -> Flight:
+    """Return the flight through a scenario with fields changed; `fly` and `rpo simulate`.
+
+    changes : field, with dots into sections -> its value as YAML has it
+    """
+    source, flying = scenario_source(scenario, changes), controller_source(controller)
+    flight = core.fly(source.subject, flying.subject)
+    texts = [
+        yaml.safe_dump(value, default_flow_style=True, width=1e9) for value in changes.values()
+    ]
+    ended = (text.removesuffix('\n').removesuffix('\n...') for text in texts)
+    written = [f'{key}={text}' for key, text in zip(changes, ended, strict=True)]
+    named = {'scenario': source.name, 'controller': flying.name, 'set': written}
+    parameters = yaml.safe_dump({'simulate': named})
+    attached = {SCENARIO: source.text, CONTROLLER: flying.text, PARAMETERS: parameters}
     values = {each.name: getattr(flight, each.name) for each in fields(flight)}
-    return Flight(**values, controller=flying.subject, texts=texts)
-
-
-def _in_yaml(value: Any) -> str:
-    """Return a value as `--set` takes it."""
-    try:
-        text = yaml.safe_dump(value, default_flow_style=True, width=1e9)
-    except yaml.YAMLError:
-        text = shown(value)
-    return text.removesuffix('\n').removesuffix('\n...')
+    return Flight(**values, controller=flying.subject, texts=attached)

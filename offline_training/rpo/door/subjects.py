@@ -115,9 +115,8 @@ class Source(NamedTuple):
     name: str
 
 
-def scenario_source(subject: object, changes: Mapping[str, Any]) -> Source:
+def scenario_source(subject: object, fields: Mapping[str, Any]) -> Source:
     """Return a scenario with fields changed, the text of its file, and its name; see `scenario`."""
-    fields = {key.replace('__', '.'): value for key, value in changes.items()}
     if isinstance(subject, (str, Path)):
         name = str(subject)
         path = files.find('scenario', name)
@@ -134,9 +133,14 @@ def scenario_source(subject: object, changes: Mapping[str, Any]) -> Source:
         raise InputError(f'scenario: name, path or object expected; got {shown(subject)}')
     if fields:
         with within(f'scenario {name}'):
-            text = overrides.changed(text, _plain(fields))
+            text = overrides.changed(text, fields)
     loaded = of_scenario.single(files.loads(text, of_scenario.parse, place), name)
     return Source(loaded, text, name)
+
+
+def fields_of(changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the fields of keyword arguments: with dots into sections, values as YAML has them."""
+    return {key.replace('__', '.'): _plain(value) for key, value in changes.items()}
 
 
 def _plain(value: Any) -> Any:
@@ -181,7 +185,7 @@ def scenario(scenario: str | Path | Scenario | Mapping[str, Any], /, **changes: 
         ...
     rpo_core.kernels.errors.InputError: scenario paper_test: `masss_kg` is not a known field; ...
     """
-    found: Scenario = scenario_source(scenario, changes).subject
+    found: Scenario = scenario_source(scenario, fields_of(changes)).subject
     return found
 
 
