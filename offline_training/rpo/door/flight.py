@@ -8,6 +8,7 @@ import html
 from collections.abc import Iterator, KeysView, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
+from operator import sub
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -60,6 +61,9 @@ class Explanation(NamedTuple):
         State (6,) that the controller read [m, m/s], relative to its goal or reference.
     force_n : tuple
         Commanded force (3,) [N].
+    added_n : tuple
+        The part of it (3,) that no rule makes [N]: the force that a chaser at rest at the goal, or
+        on the reference, needs, minus the disturbance that is estimated.
     axes : mapping
         Axis x, y, z -> the reasons of its force; empty where the controller has no rules.
     """
@@ -67,15 +71,19 @@ class Explanation(NamedTuple):
     time_s: float
     state: tuple[float, ...]
     force_n: tuple[float, ...]
+    added_n: tuple[float, ...]
     axes: Mapping[str, Reasons]
 
     def __repr__(self) -> str:
         said = (f'{axis}: {reason.sentence}' for axis, reason in self.axes.items())
-        state, force = (
+        state, force, added = (
             ', '.join(f'{value + 0.0:.4g}' for value in values)
-            for values in (self.state, self.force_n)
+            for values in (self.state, self.force_n, self.added_n)
         )
-        return '\n'.join((f'{self.time_s:g} s: state [{state}], force [{force}] N', *said))
+        first = f'{self.time_s:g} s: state [{state}], force [{force}] N'
+        if any(self.added_n):
+            first += f', of which [{added}] N for the goal or reference and against the disturbance'
+        return '\n'.join((first, *said))
 
 
 class Replay(NamedTuple):
@@ -156,11 +164,13 @@ class Flight(core.Flight):
     def metrics(self) -> dict[str, float]:
         """Metric -> value; the name ends in its unit.
 
+        The arrival time of a flight that does not arrive is its duration.
+
         Examples
         --------
         >>> import rpo
         >>> round(rpo.fly('quick').metrics['energy_n2s'], 2)
-        0.02
+        0.72
         """
         return dict(zip(metrics.UNITS, metrics.row_of(self).tolist(), strict=True))
 
@@ -225,12 +235,14 @@ class Flight(core.Flight):
         real('t', t, 's', least=0.0, most=end_s)
         tick = int(np.searchsorted(self.t, t + 1e-9, side='right')) - 1
         signals = {name: self[name][tick].tolist() for name in self.keys()}
-        state, _ = received(self.scenario, signals)
+        state, added = received(self.scenario, signals)
+        if self.scenario.compensated:
+            added = tuple(map(sub, added, signals[interfaces.ESTIMATED_DISTURBANCE]))
         has_rules = isinstance(self.controller, (FuzzyController, ControllerFile))
         why: Sequence[Reasons] = reasons(self.controller, state, tick) if has_rules else ()
         axes = dict(zip('xyz', why, strict=bool(why)))
         force = tuple(signals[interfaces.CONTROL_FORCE])
-        return Explanation(float(self.t[tick]), tuple(state), force, axes)
+        return Explanation(float(self.t[tick]), tuple(state), force, tuple(added), axes)
 
     def plot(self, ax: Any = None, label: str | None = None) -> Any:
         """Draw position, velocity and force over time; several flights over each other.
