@@ -17,8 +17,7 @@ from scipy.linalg import solve_discrete_lyapunov
 
 from rpo_core.chain.flight import fly
 from rpo_core.control import controller
-from rpo_core.control.baseline_kernels import sliding_surface
-from rpo_core.control.baselines import Mpc, Pd, PotentialField
+from rpo_core.control.baselines import Mpc, Pd, PotentialField, sliding_surface
 from rpo_core.control.controller import load_controller, load_fuzzy
 from rpo_core.files.validation import InputError
 from rpo_core.scenario.scenario import load_scenario

@@ -16,7 +16,7 @@ DIGESTS = """
 import hashlib
 import numpy as np
 from rpo_core.kernels import arithmetic, jit
-from rpo_core.world import cw, cw_kernels
+from rpo_core.world import cw
 from rpo_core.chain.flight import fly
 from rpo_core.control.fuzzy import FuzzySystem
 from rpo_core.control.controller import load_controller
@@ -45,7 +45,7 @@ steps = [cw.discretise(1.16e-3, 10.0, float(dt)) for dt in rng.uniform(1e-6, 1e3
 digest('steps', steps)
 state, track = (10.0, 60.0, -40.0, 0.1, 0.2, -0.3), []
 for step, draws in zip(steps, rng.uniform(-1, 1, (200, 6)).tolist()):
-    state = cw_kernels.plant_step(state, tuple(draws[:3]), tuple(draws[3:]), 0.5, step)
+    state = cw.plant_step(state, tuple(draws[:3]), tuple(draws[3:]), 0.5, step)
     track.append(state)
 digest('plant', track)
 

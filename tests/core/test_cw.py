@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from rpo_core.kernels import arithmetic
-from rpo_core.world import cw, cw_kernels
+from rpo_core.world import cw
 
 MASS_KG = 10.0
 LEO = cw.mean_motion(6.678e6)
@@ -31,7 +31,7 @@ def coast(state, step, ticks):
     """Return the states (ticks + 1, 6) of an unforced flight."""
     track = [state]
     for _ in range(ticks):
-        track.append(cw_kernels.cw_step(track[-1], NO_FORCE, step))
+        track.append(cw.cw_step(track[-1], NO_FORCE, step))
     return np.array(track)
 
 
@@ -71,7 +71,7 @@ def test_step_is_the_matrices():
     a, b = cw.matrices(step)
     rng = np.random.default_rng(1)
     for state, force in zip(rng.normal(size=(50, 6)), rng.normal(size=(50, 3)), strict=True):
-        got = cw_kernels.cw_step(tuple(state), tuple(force), step)
+        got = cw.cw_step(tuple(state), tuple(force), step)
         np.testing.assert_allclose(got, a @ state + b @ force, rtol=1e-13, atol=1e-14)
 
 
@@ -92,7 +92,7 @@ def test_step_follows_scipy_under_piecewise_constant_forces():
             rtol=1e-10,
             atol=1e-10,
         ).y[:, -1]
-        state = cw_kernels.cw_step(state, tuple(force), step)
+        state = cw.cw_step(state, tuple(force), step)
     np.testing.assert_allclose(state[:3], reference[:3], rtol=0, atol=1e-8)
     np.testing.assert_allclose(state[3:], reference[3:], rtol=0, atol=1e-10)
 
@@ -112,9 +112,9 @@ def test_drift_free_ellipse_is_two_to_one_for_fifty_orbits():
 def test_out_of_plane_motion_is_decoupled_bit_for_bit(state, force, other, other_force):
     step = cw.discretise(LEO, MASS_KG, 0.1)
     x, y, z, vx, vy, vz = state
-    got = cw_kernels.cw_step(state, force, step)
-    plane = cw_kernels.cw_step((x, y, other, vx, vy, other), (*force[:2], other_force), step)
-    vertical = cw_kernels.cw_step(
+    got = cw.cw_step(state, force, step)
+    plane = cw.cw_step((x, y, other, vx, vy, other), (*force[:2], other_force), step)
+    vertical = cw.cw_step(
         (other, other, z, other, other, vz), (other_force, other_force, force[2]), step
     )
     assert (got[0], got[1], got[3], got[4]) == (plane[0], plane[1], plane[3], plane[4])
@@ -149,7 +149,7 @@ def test_work_of_a_constant_force_is_the_gain_of_energy(state, force, dt_s):
         x, _, z, *v = s
         return MASS_KG * (np.dot(v, v) / 2 - 1.5 * (LEO * x) ** 2 + 0.5 * (LEO * z) ** 2)
 
-    after = cw_kernels.cw_step(state, force, cw.discretise(LEO, MASS_KG, dt_s))
+    after = cw.cw_step(state, force, cw.discretise(LEO, MASS_KG, dt_s))
     work = np.dot(force, np.subtract(after[:3], state[:3]))
     scale = energy(np.abs(after)) + energy(np.abs(state)) + abs(work) + 1e-300
     scale += 30 * MASS_KG * (LEO * max(abs(after[0]), abs(state[0]))) ** 2
@@ -159,9 +159,9 @@ def test_work_of_a_constant_force_is_the_gain_of_energy(state, force, dt_s):
 @given(states, forces)
 def test_plant_saturates_the_command_and_not_the_disturbance(state, disturbance):
     step = cw.discretise(LEO, MASS_KG, 0.1)
-    flown = cw_kernels.plant_step(state, (3.0, -0.5, -7.0), disturbance, 0.5, step)
+    flown = cw.plant_step(state, (3.0, -0.5, -7.0), disturbance, 0.5, step)
     total = (0.5 + disturbance[0], -0.5 + disturbance[1], -0.5 + disturbance[2])
-    assert flown == cw_kernels.cw_step(state, total, step)
+    assert flown == cw.cw_step(state, total, step)
 
 
 def angles():

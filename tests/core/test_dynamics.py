@@ -17,7 +17,7 @@ from rpo_core.kernels.jit import as_table
 from rpo_core.scenario import scenario
 from rpo_core.stage import Place
 from rpo_core.wire.interfaces import RELATIVE_STATE, THRUST_FORCE
-from rpo_core.world import dynamics, orbit_kernels
+from rpo_core.world import dynamics
 from rpo_core.world.dynamics import Drag, Dynamics, environment_of, orbit_of, target_start
 
 BASE = replace(
@@ -77,11 +77,11 @@ def test_drag_slows_a_chaser_of_half_its_mass_twice_as_much():
     flown = true(**WORLDS['all'])
     heavy = environment_of(flown.dynamics, flown)
     light = heavy._replace(chaser=2.0 * heavy.chaser)
-    row = as_table(orbit_kernels.orbit_row(target_start(flown.dynamics, flown), heavy))
+    row = as_table(dynamics.orbit_row(target_start(flown.dynamics, flown), heavy))
     still = (flown.start, (0.0, 0.0, 0.0))
-    after = orbit_kernels.relative_rate(*still, 2.0, row, heavy)
-    assert after == orbit_kernels.relative_rate(*still, 1.0, row, light)
-    assert after != orbit_kernels.relative_rate(*still, 1.0, row, heavy)
+    after = dynamics.relative_rate(*still, 2.0, row, heavy)
+    assert after == dynamics.relative_rate(*still, 1.0, row, light)
+    assert after != dynamics.relative_rate(*still, 1.0, row, heavy)
 
 
 def test_long_ticks_have_several_steps():
@@ -175,8 +175,8 @@ def test_j2_turns_the_node_at_its_secular_rate():
     target, world = target_start(settings, flown), environment_of(settings, flown)
     orbits, steps = 15, 1500
     for _ in range(orbits * steps):
-        rate = orbit_kernels.target_rate(target, world)
-        target = orbit_kernels.target_step(target, rate, 2.0 * math.pi / n / steps, world)
+        rate = dynamics.target_rate(target, world)
+        target = dynamics.target_step(target, rate, 2.0 * math.pi / n / steps, world)
     hx, hy, _ = np.cross(target[:3], target[3:])
     turned = math.atan2(hx, -hy)
     shape = (flown.body.equator_m / flown.orbit_radius_m) ** 2
@@ -193,9 +193,9 @@ def test_the_target_starts_where_kepler_puts_it():
 
 def test_our_exponential_is_right():
     values = np.concatenate([np.linspace(-60.0, 60.0, 4001), [-699.9, 699.9, 0.0, 1e-300]])
-    mine = np.array([orbit_kernels.exponential(float(x)) for x in values])
+    mine = np.array([dynamics.exponential(float(x)) for x in values])
     np.testing.assert_allclose(mine, np.exp(values), rtol=3e-15)
-    assert orbit_kernels.exponential(-1e9) == 0.0 and orbit_kernels.exponential(0.0) == 1.0
+    assert dynamics.exponential(-1e9) == 0.0 and dynamics.exponential(0.0) == 1.0
 
 
 def test_a_tick_is_a_function_of_its_number_and_inputs():

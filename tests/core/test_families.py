@@ -16,8 +16,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from rpo_core.chain.flight import fly
 from rpo_core.control import controller, textbook
-from rpo_core.control.baseline_kernels import baseline_force
-from rpo_core.control.baselines import Model, Mpc
+from rpo_core.control.baselines import Model, Mpc, baseline_force
 from rpo_core.control.explain import reasons
 from rpo_core.control.family import Gene, Mission, family_of
 from rpo_core.control.lane_kernels import ROWS, axis_forces

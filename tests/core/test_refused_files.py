@@ -41,7 +41,7 @@ def records() -> Iterator[Any]:
     """Yield the classes that check their fields, of all packages."""
     root = Path(__file__).parents[2]
     folders = [*root.glob('ros_ws/src/rpo_*'), root / 'offline_training']
-    for folder, path in sorted((f, path) for f in folders for path in f.glob('rpo_*/**/*.py')):
+    for folder, path in sorted((f, path) for f in folders for path in f.glob('rpo*/**/*.py')):
         if '(Checked' not in path.read_text():
             continue
         module = '.'.join(path.relative_to(folder).with_suffix('').parts)

@@ -13,12 +13,11 @@ from core_documents import changed, document, refusal
 
 from rpo_core import files
 from rpo_core.attitude.target import Target
-from rpo_core.files import starts
 from rpo_core.files.validation import InputError
 from rpo_core.navigation.navigation_errors import Navigation
 from rpo_core.scenario import scenario
 from rpo_core.thrusters.thrusters import Failure, Propellant, Pulses, ThrusterError, Thrusters
-from rpo_core.world import cw
+from rpo_core.world import cw, starts
 from rpo_core.world.disturbance import Disturbance, Harmonic
 from rpo_core.world.dynamics import Drag, Dynamics
 

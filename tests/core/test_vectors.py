@@ -17,12 +17,12 @@ from rpo_core.assurance.doubt import doubt_at
 from rpo_core.assurance.packed import guard_at
 from rpo_core.attitude.attitude_kernels import attitude_at, frame_at
 from rpo_core.attitude.chaser_kernels import craft_at
-from rpo_core.control.attitude_limit_kernels import limits_at
+from rpo_core.control.attitude_limits import limits_at
 from rpo_core.kernels import jit
 from rpo_core.kernels.arrays import contracted
 from rpo_core.kernels.jit import as_table
 from rpo_core.kernels.vectors import WIDTH, aligned, lanes_at, over_runs, own_tables, pick, wide
-from rpo_core.world.cw_kernels import unpacked
+from rpo_core.world.cw import unpacked
 
 RUNS, SETTINGS, MEMORY = 16, 3, 4
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from core_oracles import python
 
-from rpo_core.files import missing
+from rpo_core.files.validation import missing_library
 
 BLOCKED = """
 import sys
@@ -37,14 +37,14 @@ sys.exit(int(code) or len(loaded))
 
 
 def test_it_is_said_how_to_install_the_one_library_that_rosdep_has_not(monkeypatch):
-    said = missing.sentence('mcap.reader')
+    said = missing_library('mcap.reader')
     assert said.startswith('the Python library mcap is missing: `python3 -m pip install ')
-    assert missing.sentence('rosbags.rosbag2').endswith('rosbags` installs it')
-    assert missing.sentence('rclpy') is None and missing.sentence(None) is None
+    assert missing_library('rosbags.rosbag2').endswith('rosbags` installs it')
+    assert missing_library('rclpy') is None and missing_library(None) is None
     for prefix, options in (('/own', 'install mcap'), ('/usr', '--break-system-packages mcap')):
         monkeypatch.setattr(sys, 'prefix', prefix)
         monkeypatch.setattr(sys, 'base_prefix', '/usr')
-        assert f'{options}`' in missing.sentence('mcap')
+        assert f'{options}`' in missing_library('mcap')
 
 
 @pytest.mark.slow

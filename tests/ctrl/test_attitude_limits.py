@@ -15,8 +15,15 @@ from scipy.spatial.transform import Rotation
 from rpo_core.attitude.chaser_kernels import Craft, chaser_tick, times, unit, unloaded
 from rpo_core.attitude.target import body_of
 from rpo_core.control.attitude_law_kernels import errors
-from rpo_core.control.attitude_limit_kernels import LIMITED, NONE, PASSED, within_limits
-from rpo_core.control.attitude_limits import AttitudeLimits, bounds_of, numbers_of
+from rpo_core.control.attitude_limits import (
+    LIMITED,
+    NONE,
+    PASSED,
+    AttitudeLimits,
+    bounds_of,
+    numbers_of,
+    within_limits,
+)
 from rpo_core.files.validation import InputError
 from rpo_core.kernels.jit import kernel
 

@@ -10,7 +10,7 @@ from references import VEHICLE
 
 from rpo_core.guidance.legs import FlyingAround, Profile, Straight, Transferring, tabled
 from rpo_core.guidance.transfers import Limits
-from rpo_core.world import cw_kernels
+from rpo_core.world import cw
 
 REST = (0.0, -60.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -32,7 +32,7 @@ def test_a_chaser_with_the_force_of_the_reference_stays_on_it(name):
         reference, force = leg.at(tick)
         worst = max(worst, float(np.abs(np.subtract(state, reference)[:3]).max()))
         assert max(map(abs, force)) <= VEHICLE.limit_n
-        state = cw_kernels.cw_step(state, force, VEHICLE.step)
+        state = cw.cw_step(state, force, VEHICLE.step)
     # a transfer is planned with held forces; lines and arcs are followed as a force of ticks can
     assert worst < (1e-6 if name == 'transfer' else 0.2)
 

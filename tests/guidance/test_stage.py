@@ -19,7 +19,7 @@ from rpo_core.files.validation import InputError
 from rpo_core.guidance import guidance, plan, rehearsal, transfers
 from rpo_core.scenario import scenario
 from rpo_core.wire.interfaces import REFERENCE_STATE
-from rpo_core.world import cw, cw_kernels
+from rpo_core.world import cw
 
 WAITING = {'go': plan.COMMAND, 'timeout_s': None}
 BEGUN, HOLD = (0, 'fly_around'), (5405, 'hold_60')
@@ -121,7 +121,7 @@ def test_after_an_abort_the_drift_leads_away_for_two_orbits(around):
         state = stage.step(moment + 5000, stage._reference)[0]
         nearest = np.inf
         for _ in range(round(2.0 * 2.0 * np.pi / n)):
-            state = cw_kernels.cw_step(state, (0.0, 0.0, 0.0), step)
+            state = cw.cw_step(state, (0.0, 0.0, 0.0), step)
             nearest = min(nearest, float(np.linalg.norm(state[:3])))
         assert nearest > KEEP_OUT_M
         assert stage.command('go') == 'guidance is drifting: an abort is not taken back'

@@ -120,7 +120,7 @@ def test_the_first_of_two_is_named(log, tmp_path):
 def test_a_consistent_lie_is_found_from_the_start(run, log, tmp_path):
     # Everything after tick 100 follows from a state that was nudged there: each law holds, but for
     # the one step; and with that step's state forged too, the flight no longer starts where it did.
-    from rpo_core.world import cw_kernels
+    from rpo_core.world import cw
 
     control, flown = CONTROLLER, run.flight.scenario
     state = tuple(run.flight.states[100].tolist())
@@ -132,7 +132,7 @@ def test_a_consistent_lie_is_found_from_the_start(run, log, tmp_path):
         lies[STATE, tick] = cdr.encode_odometry(stamp, 'target_lvlh', 'chaser', state)
         lies[FORCE, tick] = cdr.encode_wrench(stamp, 'target_lvlh', force)
         disturbance = flown.disturbance.force_n(flown.time_s(tick))
-        state = cw_kernels.plant_step(state, force, disturbance, flown.max_force_n, flown.step)
+        state = cw.plant_step(state, force, disturbance, flown.max_force_n, flown.step)
     found = verify(forge(log, tmp_path, lambda n, t, d: lies.get((n, t), d)))
     assert found.difference.tick == 100
     assert found.difference.field == 'pose.pose.position.x'

@@ -29,7 +29,7 @@ from rpo_core.scenario.requirements import DIRECTIONS
 from rpo_core.stage import Place
 from rpo_core.thrusters.thrusters import Thrusters
 from rpo_core.wire.interfaces import CHASER_ATTITUDE, RELATIVE_STATE
-from rpo_core.world.cw_kernels import cw_step
+from rpo_core.world.cw import cw_step
 
 WORLD = scenario.load_scenario('world_leo')
 SETTINGS = Assurance(

@@ -38,7 +38,7 @@ from rpo_core.thrusters.thrusters import (
     stage_of,
     valve_names,
 )
-from rpo_core.world.cw_kernels import cw_step
+from rpo_core.world.cw import cw_step
 from rpo_core.world.disturbance import NONE, Disturbance, Harmonic
 from rpo_core.world.dynamics import Drag, Dynamics, OrbitStage
 

@@ -26,7 +26,7 @@ from rpo_core.judge import metrics
 from rpo_core.scenario import scenario
 from rpo_core.thrusters.thrusters import Pulses, Thrusters
 from rpo_core.wire.interfaces import EXERTED_FORCE
-from rpo_core.world.cw_kernels import cw_step
+from rpo_core.world.cw import cw_step
 
 PAPER = scenario.load_scenario('paper_test')
 ASSURED = scenario.load_scenario('assured')

@@ -33,7 +33,7 @@ from rpo_core.attitude.target import Motion, Target, motion_of
 from rpo_core.files.validation import InputError
 from rpo_core.scenario import scenario
 from rpo_core.thrusters.thrusters import Thrusters
-from rpo_core.world.cw_kernels import cw_step
+from rpo_core.world.cw import cw_step
 from rpo_core.world.disturbance import NONE
 
 PAPER = replace(scenario.load_scenario('paper_test'), disturbance=NONE)

@@ -25,7 +25,7 @@ OFFLINE = ROOT / 'offline_training'
 FIRST_PARTY = {*PACKAGES, 'rpo'}
 CORE = {'rpo_core'}
 FOLDERS = (
-    'kernels', 'files', 'plugins', 'wire', 'stage', 'world', 'scenario', 'attitude', 'control',
+    'files', 'kernels', 'plugins', 'wire', 'stage', 'world', 'scenario', 'attitude', 'control',
     'thrusters', 'navigation', 'guidance', 'assurance', 'chain', 'judge',
 )  # fmt: skip
 """Folders and modules of `rpo_core`: each imports only those before it."""

@@ -34,7 +34,7 @@ from node_pages import NAMES
 from rpo.cli.cli import app
 from rpo_core.control import baselines, controller, controller_file
 from rpo_core.control.fuzzy import MembershipFunctions
-from rpo_core.files import missing
+from rpo_core.files.validation import missing_library
 from rpo_core.navigation.navigation_errors import Navigation
 from rpo_core.scenario.scenario import DISTURBANCES, Scenario
 from rpo_core.thrusters.thrusters import Thrusters
@@ -153,7 +153,7 @@ def test_machines_build_a_ros_workspace_as_the_page_does(monkeypatch):
     for word in ('rosdep install', 'colcon build', '--break-system-packages'):
         assert word in DOCKERFILE
     monkeypatch.setattr('sys.prefix', sys.base_prefix)  # no virtual environment
-    assert any(line in missing.sentence('mcap.writer') for line in page if 'pip install' in line)
+    assert any(line in missing_library('mcap.writer') for line in page if 'pip install' in line)
     used = {tuple(shlex.split(line)[2:4]) for line in workspace.splitlines() if 'ros2 run' in line}
     assert used == {('rpo_bringup', 'final_approach'), ('rpo_log', 'verify')}
 

@@ -15,9 +15,9 @@ from rpo.training.config import load_start
 from rpo.training.scoring.drawn import HELD_OUT, DrawnFlights, DrawnSettings
 from rpo.training.scoring.fitness import Fitness, FitnessSettings, driving
 from rpo_core.control.fuzzy import RuleTable
-from rpo_core.files.starts import Grid
 from rpo_core.judge.verdicts import verdicts
 from rpo_core.scenario.scenario import load_scenario, load_set
+from rpo_core.world.starts import Grid
 
 TRAINED, ROBUST = load_start('trained'), load_start('robust')
 JUDGED = {'paper_test': ('hold_error_per_axis_m', 'hold_speed_per_axis_m_s')}

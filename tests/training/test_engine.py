@@ -32,7 +32,6 @@ from rpo_core.control import inference
 from rpo_core.control.baselines import Pd
 from rpo_core.control.controller import load_controller
 from rpo_core.control.controller_file import ControllerStage
-from rpo_core.files.starts import Box, Grid
 from rpo_core.judge import metrics
 from rpo_core.judge.verdicts import verdicts
 from rpo_core.kernels.jit import COMPILED, as_table
@@ -42,6 +41,7 @@ from rpo_core.navigation.sensors import Sensor, Sensors
 from rpo_core.scenario.requirements import Requirements
 from rpo_core.scenario.scenario import ScenarioSet, load, load_scenario, load_set
 from rpo_core.world import cw
+from rpo_core.world.starts import Box, Grid
 
 ROOT = Path(__file__).parents[2]
 TRAINING = load_set('paper_training')

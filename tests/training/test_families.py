@@ -18,7 +18,7 @@ from rpo.analysis import comparison, proven
 from rpo.reports.controller import report_of
 from rpo_core.chain.flight import fly
 from rpo_core.control import controller
-from rpo_core.control.baseline_kernels import table_inputs
+from rpo_core.control.baselines import table_inputs
 from rpo_core.control.controller import load_controller
 from rpo_core.scenario.scenario import load_set
 

@@ -17,11 +17,11 @@ from rpo.training.scoring import fitness
 from rpo.training.scoring.fitness import Fitness, FitnessSettings, excess
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
-from rpo_core.files.starts import Grid
 from rpo_core.judge import metrics
 from rpo_core.judge.metrics import LATE_POSITION, LATE_SPEED
 from rpo_core.scenario import scenario as scenarios
 from rpo_core.scenario.scenario import load_set
+from rpo_core.world.starts import Grid
 
 TRAINING = load_set('paper_training')
 SMALL = replace(TRAINING, starts=Grid.cube((-50.0, 100.0)))

@@ -25,13 +25,13 @@ from rpo.training.tuning import Tuning, TuningConfig
 from rpo_core import files
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import dumps, load_controller
-from rpo_core.files.starts import Grid
 from rpo_core.files.validation import InputError
 from rpo_core.judge.similarity import AUTHORITY, made_for
 from rpo_core.judge.verdicts import verdicts
 from rpo_core.scenario import overrides
 from rpo_core.scenario import scenario as scenarios
 from rpo_core.scenario.scenario import load, load_set
+from rpo_core.world.starts import Grid
 
 ROOT = Path(__file__).resolve().parents[2]
 MISSIONS = 'offline_training/examples/missions'

@@ -19,7 +19,6 @@ from rpo.analysis.optimal import least_energy
 from rpo.engine.flights import flights_of
 from rpo.training.fitting import training_set
 from rpo_core.control.controller import load_controller
-from rpo_core.files.starts import Grid
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
 from rpo_core.scenario.requirements import (
@@ -29,6 +28,7 @@ from rpo_core.scenario.requirements import (
 )
 from rpo_core.scenario.scenario import load_scenario, load_set
 from rpo_core.world import cw
+from rpo_core.world.starts import Grid
 
 TRAINING = load_set('paper_training')
 STARTS = np.hstack([TRAINING.initial_positions_m, np.zeros((216, 3))])

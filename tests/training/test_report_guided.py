@@ -17,7 +17,7 @@ from rpo.training.config import load_start
 from rpo_core import files
 from rpo_core.assurance.assurance import AssuranceStage
 from rpo_core.control.controller import load_controller
-from rpo_core.guidance.stages import GuidanceStage
+from rpo_core.guidance.guidance import GuidanceStage
 from rpo_core.navigation.estimator import EstimatorStage
 from rpo_core.scenario import scenario
 from rpo_core.wire import cdr

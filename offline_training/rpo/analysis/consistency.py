@@ -41,7 +41,7 @@ from rpo_core.navigation.sensor_kernels import sense, three_normals
 from rpo_core.navigation.sensors import CENTRE, Sensing, Sensor, Sensors
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.wire import interfaces
-from rpo_core.world.cw_kernels import cw_step, unpacked
+from rpo_core.world.cw import cw_step, unpacked
 
 TIMES = 10
 """Moments of a flight at which NEES and NIS are taken, the last one at its end."""

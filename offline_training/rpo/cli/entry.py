@@ -7,8 +7,8 @@ from __future__ import annotations
 import sys
 
 from rpo.training import processor
-from rpo_core.files import missing
 from rpo_core.files.output import standard_output
+from rpo_core.files.validation import missing_library
 
 # Module that is missing -> layer of `make setup` that brings it.
 _LAYERS = {
@@ -43,7 +43,7 @@ def main() -> None:
         app()
     except ModuleNotFoundError as error:
         layer = _LAYERS.get((error.name or '').partition('.')[0])
-        sentence = missing.sentence(error.name)
+        sentence = missing_library(error.name)
         if layer is not None:
             sentence = f'this command needs {error.name}; `make setup LAYERS={layer}` installs it'
         if sentence is None:

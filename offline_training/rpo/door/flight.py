@@ -28,7 +28,7 @@ from rpo_core.control.controller import FuzzyController
 from rpo_core.control.controller import dumps as controller_text
 from rpo_core.control.controller_file import ControllerFile, received
 from rpo_core.control.explain import reasons
-from rpo_core.files import missing
+from rpo_core.files.validation import missing_reported
 from rpo_core.files.output import write_text
 from rpo_core.files.validation import InputError, choice, real
 from rpo_core.judge import metrics
@@ -274,7 +274,7 @@ class Flight(core.Flight):
         >>> len(rpo.fly('quick', 'pd').plot(axes))
         3
         """
-        with missing.reported():
+        with missing_reported():
             return report.drawn_over(self, ax, label or self._label)
 
     @property
@@ -319,7 +319,7 @@ class Flight(core.Flight):
         InputError
             If pandas is not installed.
         """
-        with missing.reported():
+        with missing_reported():
             import pandas as pd
         columns = {c: v for each in self._columns().values() for c, v in each.items()}
         frame = pd.DataFrame(columns, index=pd.Index(self.t, name='time_s'))
@@ -339,7 +339,7 @@ class Flight(core.Flight):
         InputError
             If xarray is not installed.
         """
-        with missing.reported():
+        with missing_reported():
             import xarray as xr
         found = {}
         for signal, parts in self._columns().items():
@@ -464,7 +464,7 @@ def fly(
     >>> rpo.fly('quick', lambda t, x: -0.02 * x)
     Traceback (most recent call last):
         ...
-    rpo_core.kernels.errors.InputError: law(t, x) must return 3 finite forces [N], ...
+    rpo_core.files.validation.InputError: law(t, x) must return 3 finite forces [N], ...
     """
     return flown(scenario, controller, fields_of(changes))
 

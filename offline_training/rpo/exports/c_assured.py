@@ -29,7 +29,7 @@ from rpo_core.files.validation import InputError
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place, section_of
 from rpo_core.wire import interfaces
-from rpo_core.world.cw_kernels import cw_step
+from rpo_core.world.cw import cw_step
 
 _CASES = 32  # ticks of each half of the self-test
 

@@ -18,8 +18,7 @@ from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 import numpy as np
 
 from rpo_core.control import inference
-from rpo_core.control.baseline_kernels import baseline_force
-from rpo_core.control.baselines import Baseline
+from rpo_core.control.baselines import Baseline, baseline_force
 from rpo_core.control.controller import AnyController, FuzzyController
 from rpo_core.files.validation import InputError, shown
 from rpo_core.kernels.arithmetic import State, Vector, saturate

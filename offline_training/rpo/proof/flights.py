@@ -21,7 +21,7 @@ from rpo_core.chain.flight import Flight
 from rpo_core.control.inference import fuzzy_force
 from rpo_core.kernels.arrays import Floats
 from rpo_core.scenario.scenario import Scenario
-from rpo_core.world.cw_kernels import CwStep, plant_step
+from rpo_core.world.cw import CwStep, plant_step
 from rpo_core.world.disturbance import Disturbance
 
 

@@ -13,12 +13,12 @@ from __future__ import annotations
 
 from math import sqrt
 
-from rpo_core.files.starts import Grid
 from rpo_core.files.validation import InputError
 from rpo_core.judge.metrics import PENALTY
 from rpo_core.judge.similarity import base_of, range_m, time_s
 from rpo_core.scenario.requirements import Requirements
 from rpo_core.scenario.scenario import Scenario, ScenarioSet, load
+from rpo_core.world.starts import Grid
 
 AROUND = 0.1
 """A single flight is trained from its start and around it, by this share of the distance."""

@@ -24,7 +24,6 @@ from rpo.training.scoring.conditions import LABELS, PAPER
 from rpo_core.assurance.assurance import AssuranceStage
 from rpo_core.chain.chain import Chain, Signals, start_of
 from rpo_core.chain.flight import Flight
-from rpo_core.files.starts import MAX_POSITION_M
 from rpo_core.files.validation import InputError, mapping, real, shown, vector3, whole, within
 from rpo_core.judge.metrics import PENALTY, of_flight
 from rpo_core.judge.verdicts import verdicts
@@ -38,6 +37,7 @@ from rpo_core.wire.interfaces import (
     RELATIVE_STATE,
     SATURATED_FORCE,
 )
+from rpo_core.world.starts import MAX_POSITION_M
 
 ENVIRONMENT = 'rpo/FinalApproach-v0'
 

@@ -20,12 +20,12 @@ from rpo.engine.flights import flights_of
 from rpo.training.fitting import around, refuse_impossible
 from rpo_core.control.controller import AnyController
 from rpo_core.control.controller_file import Scaling
-from rpo_core.files.starts import Box, Grid, Starts
 from rpo_core.files.validation import InputError, quoted
 from rpo_core.judge import similarity
 from rpo_core.judge.similarity import SCALED, Units, base_of, units_of
 from rpo_core.judge.verdicts import Verdict, verdicts
 from rpo_core.scenario.scenario import Scenario, ScenarioSet
+from rpo_core.world.starts import Box, Grid, Starts
 from rpo_log.show.report import shown
 
 TIMES = (0.4, 0.55, 0.7, 0.85, 1.0, 1.25, 1.8, 3.0)

@@ -40,7 +40,7 @@ from rpo_core.guidance.transfer_kernels import at_port
 from rpo_core.guidance.turning_kernels import turned
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
-from rpo_core.world.cw_kernels import cw_step, unpacked
+from rpo_core.world.cw import cw_step, unpacked
 
 PAST, AXES, MOST, PORT, LAST = 0, 1, 2, 3, 9
 MASSES = LAST + RUNS

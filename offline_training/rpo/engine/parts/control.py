@@ -25,8 +25,7 @@ from rpo.engine.lanes import (
 )
 from rpo.engine.population import population_of
 from rpo.engine.tick import Part, Runs, table_of
-from rpo_core.control.baseline_kernels import GAINS, BaselineLaw, baseline_force
-from rpo_core.control.baselines import Baseline
+from rpo_core.control.baselines import GAINS, Baseline, BaselineLaw, baseline_force
 from rpo_core.control.controller import Controller, FuzzyController
 from rpo_core.control.lane_kernels import ROWS, axis_forces
 from rpo_core.files.validation import InputError

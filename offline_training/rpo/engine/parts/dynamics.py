@@ -18,16 +18,19 @@ from rpo_core.kernels.arrays import Floats
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
 from rpo_core.world import cw
-from rpo_core.world.cw_kernels import CwStep, cw_step, unpacked
-from rpo_core.world.dynamics import CLOHESSY_WILTSHIRE, environment_of, steps_per_tick, target_start
-from rpo_core.world.orbit_kernels import (
+from rpo_core.world.cw import CwStep, cw_step, unpacked
+from rpo_core.world.dynamics import (
+    CLOHESSY_WILTSHIRE,
     COLUMNS,
     Environment,
+    environment_of,
     inertial,
     middle,
     orbit_row,
     relative_after,
+    steps_per_tick,
     target_rate,
+    target_start,
     target_step,
     turning,
 )

@@ -32,7 +32,7 @@ from rpo_core.kernels.noise import philox
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.thrusters.pulse_kernels import exerted_force
 from rpo_core.world import cw
-from rpo_core.world.cw_kernels import cw_step, unpacked
+from rpo_core.world.cw import cw_step, unpacked
 
 KINDS = (
     'random', 'bang-bang', 'towards the target', 'frozen', 'late', 'sideways', 'not finite', 'away',

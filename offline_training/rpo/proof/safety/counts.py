@@ -26,7 +26,7 @@ from rpo_core.guidance.plan import Guidance
 from rpo_core.guidance.rehearsal import nominal
 from rpo_core.kernels.arithmetic import State
 from rpo_core.scenario.scenario import Scenario, ScenarioSet
-from rpo_core.world.cw_kernels import CwStep
+from rpo_core.world.cw import CwStep
 
 
 class Quiet(NamedTuple):

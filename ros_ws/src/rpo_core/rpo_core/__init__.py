@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The mathematics of the final approach, without ROS; one folder a subject.
 
-`kernels`: arithmetic with the same bits everywhere. `files`: YAML, checked. `wire`: topics and
+`files`: YAML, checked. `kernels`: arithmetic with the same bits everywhere. `wire`: topics and
 their bytes. `stage`: the contract of all stages. `world`: what moves, and the zones around the
 target. `scenario`: the file that says all of a flight. `attitude`, `control`, `thrusters`,
 `navigation`, `guidance`, `assurance`: stages. `chain`: the tick, and flights. `judge`: metrics and
@@ -12,8 +12,24 @@ verdicts. `shipped`: scenarios and controllers. A folder imports only those name
 from rpo_core import plugins
 
 plugins.MODULES += [
-    f'rpo_core.{room}.stages'
-    for room in (
-        'world', 'thrusters', 'control', 'navigation', 'attitude', 'guidance', 'assurance'
+    f'rpo_core.{module}'
+    for module in (
+        'world.dynamics',
+        'thrusters.thrusters',
+        'control.attitude',
+        'control.baselines',
+        'control.table',
+        'control.time_to_go',
+        'navigation.attitude_estimator',
+        'navigation.attitude_sensors',
+        'navigation.estimator',
+        'navigation.navigation_errors',
+        'navigation.sensors',
+        'attitude.chaser',
+        'attitude.pointing',
+        'attitude.target',
+        'attitude.unloading',
+        'guidance.rehearsal',
+        'assurance.assurance',
     )
-]  # fmt: skip
+]

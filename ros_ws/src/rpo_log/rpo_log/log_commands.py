@@ -11,9 +11,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Protocol
 
-from rpo_core.files import missing
 from rpo_core.files.output import standard_output
-from rpo_core.files.validation import InputError, printable
+from rpo_core.files.validation import InputError, missing_library, printable
 from rpo_log.errors import ExitCode
 
 _COMMANDS = {
@@ -79,7 +78,7 @@ def main(command: str) -> int:
     except InputError as error:
         sentence = str(error)
     except ModuleNotFoundError as error:
-        if (needed := missing.sentence(error.name)) is None:
+        if (needed := missing_library(error.name)) is None:
             raise
         sentence = needed
     except KeyboardInterrupt:

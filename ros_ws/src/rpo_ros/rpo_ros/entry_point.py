@@ -60,9 +60,9 @@ def start(module: str, interrupted: int = 0) -> int:
     try:
         code: int = import_module(module).main()
     except ModuleNotFoundError as error:
-        from rpo_core.files import missing
+        from rpo_core.files.validation import missing_library
 
-        sentence = missing.sentence(error.name)
+        sentence = missing_library(error.name)
         if sentence is None:
             raise
         print(sentence, file=sys.stderr)

@@ -20,7 +20,7 @@ from rpo_core.assurance.manoeuvre import PathModel
 from rpo_core.kernels.arithmetic import State, Vector, norm
 from rpo_core.stage import WITHOUT_COMMAND, Signal
 from rpo_core.world import cw
-from rpo_core.world.cw_kernels import cw_step
+from rpo_core.world.cw import cw_step
 
 ARM, INHIBIT, RESUME = 'arm', 'inhibit', 'resume'
 COMMANDS = (ARM, INHIBIT, RESUME, HOLD, RETREAT, DRIFT, ABORT)

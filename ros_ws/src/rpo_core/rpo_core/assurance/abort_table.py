@@ -9,7 +9,6 @@ from functools import partial
 from typing import Annotated, Any
 
 from rpo_core.files.codec import unless_default
-from rpo_core.files.starts import MAX_POSITION_M
 from rpo_core.files.validation import (
     Checked,
     InputError,
@@ -22,6 +21,7 @@ from rpo_core.files.validation import (
 )
 from rpo_core.kernels.arithmetic import Vector
 from rpo_core.stage import Place, section_of
+from rpo_core.world.starts import MAX_POSITION_M
 
 WARN, HOLD, RETREAT, DRIFT, ABORT = 'warn', 'hold', 'retreat', 'drift', 'abort'
 REACTIONS = (WARN, HOLD, RETREAT, DRIFT, ABORT)

@@ -21,16 +21,19 @@ from rpo_core.assurance.kernels import APPROACH, CONTACT, OPEN, Guard
 from rpo_core.assurance.known_errors import short_tank, upwards
 from rpo_core.assurance.packed import Filter
 from rpo_core.assurance.settings import Assurance
+from rpo_core.assurance.shaping import SHAPED_FORCE, Shaping, ShapingStage
+from rpo_core.assurance.shaping import check as check_shaping
 from rpo_core.assurance.working import values_that_work
 from rpo_core.attitude.attitude_kernels import moving_with, seen_from, to_lvlh
 from rpo_core.attitude.chaser_kernels import times
 from rpo_core.attitude.target import known_motion
 from rpo_core.files.validation import InputError
 from rpo_core.kernels.arithmetic import State, Vector, norm
-from rpo_core.stage import ZERO, Place, Signal, Stage, section_of
+from rpo_core.stage import ZERO, Place, Section, Signal, Stage, register, section_of
 from rpo_core.wire import interfaces
+from rpo_core.wire.interfaces import Interface
 from rpo_core.world import cw
-from rpo_core.world.cw_kernels import CwStep, cw_step
+from rpo_core.world.cw import CwStep, cw_step
 
 ASSURED_FORCE, ASSURANCE_STATUS = 'assured_force', 'assurance_status'
 """Signal and topic of the force; topic of the interventions."""
@@ -404,3 +407,46 @@ def _check_room(state: State, mode: int, errors: tuple[float, float], g: Guard) 
         f'{left - metres:.6g} m to stop, errors of {errors[0]:.6g} m and {errors[1]:.6g} m/s '
         f'included, and {left:.6g} m are left'
     )
+
+
+interfaces.add(
+    Interface(
+        SHAPED_FORCE,
+        interfaces.FORCE_TYPE,
+        'command after shaping, target LVLH, stamp of the state it answers',
+        interfaces.COMMAND,
+    ),
+    before=interfaces.DISTURBANCE_FORCE,
+)
+interfaces.add(
+    Interface(
+        ASSURED_FORCE,
+        interfaces.FORCE_TYPE,
+        'command after runtime assurance, target LVLH, stamp of the state it answers',
+        interfaces.COMMAND,
+    ),
+    before=interfaces.DISTURBANCE_FORCE,
+)
+interfaces.add(
+    Interface(
+        ASSURANCE_STATUS,
+        interfaces.STATUS_TYPE,
+        'each intervention of runtime assurance: constraint, margins, force before and after',
+        due=interfaces.EVENT,
+        qos=interfaces.Qos(durability='transient_local'),
+        beside=ASSURED_FORCE,
+    ),
+    before=interfaces.RUN_STATUS,
+)
+register(Section('shaping', Shaping, Place.SHAPING, ShapingStage, check_shaping))
+register(
+    Section(
+        'assurance',
+        Assurance,
+        Place.ASSURANCE,
+        AssuranceStage,
+        check_start,
+        zones=Assurance.zones,
+        of_zones=Assurance.of_zones,
+    )
+)

@@ -25,7 +25,7 @@ from rpo_core.assurance.kernels import (
 )
 from rpo_core.kernels.arithmetic import State, Vector, saturate
 from rpo_core.kernels.jit import kernel
-from rpo_core.world.cw_kernels import CwStep, cw_step
+from rpo_core.world.cw import CwStep, cw_step
 
 NOTHING, FORCE, SLEW, SPEED, KEEP_OUT, CORRIDOR, NOT_FINITE, DOMAIN = range(8)
 """Constraints by their number; NOTHING: the command acts as it came."""

@@ -29,15 +29,15 @@ from rpo_core.thrusters.thrusters import (
     directions,
     valve_names,
 )
-from rpo_core.world.cw_kernels import cw_step
+from rpo_core.world.cw import cw_step
 from rpo_core.world.dynamics import (
     CLOHESSY_WILTSHIRE,
     TargetOrbit,
     environment_of,
+    relative_step,
     steps_per_tick,
     target_start,
 )
-from rpo_core.world.orbit_kernels import relative_step
 
 SQRT_3 = math.sqrt(3.0)
 SIGNS = tuple(product((1.0, -1.0), repeat=3))

@@ -17,7 +17,7 @@ from typing import NamedTuple
 from rpo_core.assurance.passive import drifted, fastest, to_segment
 from rpo_core.kernels.arithmetic import State, Vector, saturate
 from rpo_core.kernels.jit import kernel
-from rpo_core.world.cw_kernels import CwStep, cw_step
+from rpo_core.world.cw import CwStep, cw_step
 
 RESPONSE_S = 1.0
 """Time constant with which the thrusters bring the chaser to a velocity."""

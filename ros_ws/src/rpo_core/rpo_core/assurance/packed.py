@@ -18,7 +18,7 @@ from rpo_core.attitude.attitude_kernels import FRAME, frame_at
 from rpo_core.attitude.target import Motion
 from rpo_core.kernels.arithmetic import State, Vector
 from rpo_core.kernels.jit import COMPILED, inlined, kernel
-from rpo_core.world.cw_kernels import CwStep, unpacked
+from rpo_core.world.cw import CwStep, unpacked
 
 Answer = tuple[float, float, float, int, int, float, float]
 

@@ -13,10 +13,10 @@ from typing import Annotated, Any
 from rpo_core.assurance.abort_table import AbortTable
 from rpo_core.files import codec
 from rpo_core.files.codec import unless_default
-from rpo_core.files.starts import MAX_POSITION_M
 from rpo_core.files.validation import Checked, InputError, choice, optional, real
 from rpo_core.scenario.requirements import DIRECTIONS
 from rpo_core.world.disturbance import MAX_FORCE_N
+from rpo_core.world.starts import MAX_POSITION_M
 from rpo_core.world.zones import Cone, Zone, Zones, along_and_across, tangent
 
 LEAST_CHANGE, SIMPLEX = 'least_change', 'simplex'

@@ -35,7 +35,7 @@ from rpo_core.assurance.kernels import (
 from rpo_core.attitude.attitude_kernels import Frame, seen_from, to_lvlh
 from rpo_core.kernels.arithmetic import State, Vector, saturate
 from rpo_core.kernels.jit import kernel
-from rpo_core.world.cw_kernels import CwStep, cw_step
+from rpo_core.world.cw import CwStep, cw_step
 
 
 @kernel

@@ -392,18 +392,15 @@ def _check(settings: Target, scenario: Any) -> None:
         )
 
 
-SECTION = Section('target', Target, Place.TARGET, TargetStage, _check)
-ROW = interfaces.Interface(
-    TARGET_ATTITUDE,
-    interfaces.STATE_TYPE,
-    'attitude of the target, its axes to target LVLH; rate in its axes, against inertial space',
-    due=interfaces.TRUTH,
-    attitude=True,
-    frame=interfaces.TARGET_FRAME,
+register(Section('target', Target, Place.TARGET, TargetStage, _check))
+interfaces.add(
+    interfaces.Interface(
+        TARGET_ATTITUDE,
+        interfaces.STATE_TYPE,
+        'attitude of the target, its axes to target LVLH; rate in its axes, against inertial space',
+        due=interfaces.TRUTH,
+        attitude=True,
+        frame=interfaces.TARGET_FRAME,
+    ),
+    before=interfaces.STAGE_STATUS,
 )
-
-
-def add() -> None:
-    """Let scenarios have the section, and the plant the topic."""
-    register(SECTION)
-    interfaces.add(ROW, before=interfaces.STAGE_STATUS)

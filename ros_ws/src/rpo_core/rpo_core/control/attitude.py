@@ -25,8 +25,15 @@ import numpy as np
 from rpo_core import files
 from rpo_core.attitude.attitude_kernels import Attitude, Body, momentum_of, synchronised
 from rpo_core.control.attitude_law_kernels import steer
-from rpo_core.control.attitude_limit_kernels import FAR, NONE, TorqueLimits
-from rpo_core.control.attitude_limits import AttitudeLimits, Bounds, bounds_of, numbers_of
+from rpo_core.control.attitude_limits import (
+    FAR,
+    NONE,
+    AttitudeLimits,
+    Bounds,
+    TorqueLimits,
+    bounds_of,
+    numbers_of,
+)
 from rpo_core.control.controller import (
     SYSTEM_FIELDS,
     FuzzyController,

@@ -11,7 +11,7 @@ that the stage and the lanes of the engine call the same kernels:
   the middle of the tick in which its force acts [s]; `ABOVE`, `UNLOAD`: momentum of a wheel above
   which thrusters empty it [N m s], and their torque [N m];
 - `INERTIA`: xx, yy, zz, xy, xz, yz [kg m^2] that the feed-forward assumes; zeros: there is none;
-- `KEPT`: what the torque must keep (`attitude_limit_kernels.TorqueLimits`); zeros: nothing;
+- `KEPT`: what the torque must keep (`attitude_limits.TorqueLimits`); zeros: nothing;
 - `FUZZY`: 0.0 for a linear law, whose gains of attitude (3, 3) [N m/rad] and of rate (3, 3)
   [N m s/rad] follow; 1.0 for a fuzzy one: scales of attitude [rad], of rate [rad/s], of the torque
   of each axis [N m], p1-p10, 25 rules, then the samples and their grades of Z, SP and LP.
@@ -31,7 +31,7 @@ from rpo_core.attitude.chaser_kernels import (
     unloaded,
     wheels_after,
 )
-from rpo_core.control.attitude_limit_kernels import NUMBERS, limits_at, within_limits
+from rpo_core.control.attitude_limits import NUMBERS, limits_at, within_limits
 from rpo_core.control.inference import FisTables, infer
 from rpo_core.kernels.arithmetic import Vector, saturate
 from rpo_core.kernels.jit import inlined, kernel

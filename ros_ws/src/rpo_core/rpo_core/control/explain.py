@@ -14,10 +14,10 @@ from typing import NamedTuple
 from rpo_core.control import blend, inference
 from rpo_core.control.controller import AnyController, FuzzyController
 from rpo_core.control.fuzzy import WORDS, FuzzySystem
-from rpo_core.files.starts import MAX_POSITION_M
 from rpo_core.files.validation import real
 from rpo_core.kernels import arithmetic
 from rpo_core.scenario.scenario import MAX_VELOCITY_M_S
+from rpo_core.world.starts import MAX_POSITION_M
 
 SPOKEN = {
     'LN': 'large negative',

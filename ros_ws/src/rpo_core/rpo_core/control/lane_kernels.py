@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Laws that treat all axes alike, for many axes side by side: the bits of `baseline_force`.
 
-A law of `baseline_kernels` branches for each axis. Here no loop over axes does, so that each
+A law of `baselines` branches for each axis. Here no loop over axes does, so that each
 becomes SIMD: what a search of a force table flies takes a third of the time.
 """
 
@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from rpo_core.control.baseline_kernels import BaselineLaw, table_inputs
+from rpo_core.control.baselines import BaselineLaw, table_inputs
 from rpo_core.kernels.jit import inlined
 
 ROWS = 6
@@ -21,7 +21,7 @@ ROWS = 6
 
 @inlined
 def _locate(x: Any, knots: Any, index: Any, low: Any, high: Any) -> None:
-    """Fill `index` as `baseline_kernels.interval` does, and put its share into x.
+    """Fill `index` as `baselines.interval` does, and put its share into x.
 
     low, high : room
     """

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The kind `more_words`: a static fuzzy controller as a table of forces.
 
-Each axis is a zero-order Takagi-Sugeno system (`baseline_kernels.table_force`): if the target is
+Each axis is a zero-order Takagi-Sugeno system (`baselines.table_force`): if the target is
 near and the closing speed is steady, then the force is so many newtons. The inputs are those of the
 paper, with more words: seven for the distance (so a position, which has two sides, has thirteen)
 and eight for the speed. Each rule has a force of its own.
@@ -19,14 +19,14 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 
 from rpo_core.control import blend, textbook
-from rpo_core.control.baseline_kernels import (
+from rpo_core.control.baselines import (
+    MAX_GAIN,
     BaselineLaw,
     baseline_force,
     interval,
     law_of,
     table_inputs,
 )
-from rpo_core.control.baselines import MAX_GAIN
 from rpo_core.control.blend import Reasons
 from rpo_core.control.controller_file import Units, register
 from rpo_core.control.family import Claim, Family, Gene, Mission, Table

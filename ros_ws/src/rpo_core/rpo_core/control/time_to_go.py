@@ -19,8 +19,15 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 import numpy as np
 
 from rpo_core.control import textbook
-from rpo_core.control.baseline_kernels import BaselineLaw, baseline_force, interval, law_of
-from rpo_core.control.baselines import MAX_GAIN, MAX_HORIZON_TICKS, PAPER_MODEL
+from rpo_core.control.baselines import (
+    MAX_GAIN,
+    MAX_HORIZON_TICKS,
+    PAPER_MODEL,
+    BaselineLaw,
+    baseline_force,
+    interval,
+    law_of,
+)
 from rpo_core.control.blend import Reasons, newtons
 from rpo_core.control.controller_file import Scaling, Units, register
 from rpo_core.control.family import Claim, Family, Gene, Mission, Table

@@ -6,16 +6,59 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import cache
 from typing import Annotated, Any, ClassVar, get_type_hints
 
 from rpo_core.files import gone
-from rpo_core.kernels.errors import InputError as InputError
-from rpo_core.kernels.errors import printable as printable
-from rpo_core.kernels.errors import quoted as quoted
-from rpo_core.kernels.errors import shown as shown
-from rpo_core.kernels.errors import within as within
+
+MOST_SHOWN = 2000
+"""Characters of a foreign text that are shown; a field of a log may have as many as it likes."""
+
+
+def printable(text: object, most: int = MOST_SHOWN) -> str:
+    r"""Return a foreign text as one line that is safe on a terminal and in a log.
+
+    Escape sequences, newlines and marks that turn the direction of writing become escapes like
+    `\x1b`; of a longer text, the first `most` characters stay. What is printable stays as it is.
+    """
+    line = str(text)
+    line = line if len(line) <= most else f'{line[: most - 3]}...'
+    return line if line.isprintable() else ''.join(map(_escaped, line))
+
+
+def _escaped(character: str) -> str:
+    return character if character.isprintable() else repr(character)[1:-1]
+
+
+class InputError(ValueError):
+    """A value from a user is not usable; the message is one printable sentence."""
+
+    def __init__(self, sentence: object) -> None:
+        super().__init__(printable(sentence))
+
+
+def shown(value: Any, limit: int = 60) -> str:
+    """Return `value` as it is quoted in an error, cut to `limit` characters."""
+    text = repr(value)
+    return text if len(text) <= limit else f'{text[: limit - 3]}...'
+
+
+def quoted(name: str) -> str:
+    """Return a name from a file as an error quotes it: in backticks, if short and printable."""
+    return f'`{name}`' if name.isprintable() and len(name) <= 80 else shown(name)
+
+
+@contextmanager
+def within(place: str) -> Iterator[None]:
+    """Prefix an InputError raised inside with its place: a file, or a field of one."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f'{place}: {error}') from None
+
 
 MOST_NAME = 200
 """Longest name of a scenario, of a controller, of a table; ours have 20 characters."""
@@ -289,3 +332,35 @@ def _kinds(found: Any, known: Sequence[str]) -> str:
         return ''
     names = dict.fromkeys(' '.join(name).replace('_', ' ') for name in wanted)
     return f': this is a {printable(kind[0][:60])} file; expected a {" or a ".join(names)}'
+
+
+_INSTALLED_BY = {
+    **dict.fromkeys(('mcap', 'zstandard', 'lz4'), 'mcap'),
+    **{name: name for name in ('rosbags', 'cryptography', 'matplotlib', 'pandas', 'xarray')},
+}
+"""What brings a module: mcap brings the libraries of compression too."""
+
+
+def missing_library(module: str | None) -> str | None:
+    """Return how to install a missing module; None if it is none of these.
+
+    module : its full name, as ModuleNotFoundError has it
+    """
+    top = (module or '').partition('.')[0]
+    if top not in _INSTALLED_BY:
+        return None
+    # Outside a virtual environment Debian and Ubuntu refuse pip. `--user` touches nothing of apt.
+    options = '' if sys.prefix != sys.base_prefix else '--user --break-system-packages '
+    install = f'python3 -m pip install {options}{_INSTALLED_BY[top]}'
+    return f'the Python library {top} is missing: `{install}` installs it'
+
+
+@contextmanager
+def missing_reported() -> Iterator[None]:
+    """Make the import of a missing library inside an InputError that says how to install it."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if (sentence := missing_library(error.name)) is None:
+            raise
+        raise InputError(sentence) from None

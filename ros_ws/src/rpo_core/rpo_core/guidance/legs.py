@@ -20,8 +20,8 @@ from rpo_core.guidance.transfer_kernels import Floats, sample
 from rpo_core.guidance.transfers import Limits, Transfer
 from rpo_core.guidance.turning_kernels import force_for, turn_rows
 from rpo_core.kernels.arithmetic import State, Vector, norm, sin_cos
-from rpo_core.world import cw, cw_kernels
-from rpo_core.world.cw_kernels import CwStep
+from rpo_core.world import cw
+from rpo_core.world.cw import CwStep
 
 PI = 3.141592653589793
 
@@ -245,7 +245,7 @@ class Transferring:
                 state = tuple(self._states[segment])
                 before = segment * self._hold
             for _ in range(tick - before):
-                state = cw_kernels.cw_step(state, force, self._vehicle.step)
+                state = cw.cw_step(state, force, self._vehicle.step)
         self._last = (tick, state)
         return state, force
 

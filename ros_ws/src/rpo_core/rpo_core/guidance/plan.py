@@ -15,7 +15,6 @@ from typing import Annotated, Any
 
 from rpo_core.files import codec
 from rpo_core.files.codec import unless_default
-from rpo_core.files.starts import MAX_POSITION_M
 from rpo_core.files.validation import (
     Checked,
     InputError,
@@ -28,6 +27,7 @@ from rpo_core.files.validation import (
 )
 from rpo_core.kernels.arithmetic import Vector
 from rpo_core.scenario.scenario import MAX_VELOCITY_M_S
+from rpo_core.world.starts import MAX_POSITION_M
 from rpo_core.world.zones import NO_CORRIDOR, Corridor, Zone, Zones
 
 TRANSFER, STRAIGHT, FLY_AROUND, HOLD = 'transfer', 'straight', 'fly_around', 'hold'

@@ -19,6 +19,7 @@ from rpo_core.guidance.plan import Guidance
 from rpo_core.guidance.work import TooMuch, bounded, spend
 from rpo_core.kernels.arithmetic import State, Vector, norm
 from rpo_core.scenario.scenario import Scenario
+from rpo_core.stage import Place, Section, register
 
 MOST_WORK = 4e8
 """Steps (`rpo_core.guidance.work`) that the search of a plan may take; those that ship take 4e6."""
@@ -121,3 +122,16 @@ def _check_durations(settings: Guidance, scenario: Scenario, found: Checked) -> 
                         f'`duration_s` of leg {leg.name} must be about {taken:g} s for a force of '
                         f'at most {limit:g} N; got {leg.duration_s:g}'
                     )
+
+
+register(
+    Section(
+        'guidance',
+        Guidance,
+        Place.GUIDANCE,
+        GuidanceStage,
+        rehearse=check,
+        zones=Guidance.zones,
+        of_zones=Guidance.of_zones,
+    )
+)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rpo_core.kernels.arithmetic import State
 from rpo_core.kernels.jit import COMPILED, as_table, kernel
-from rpo_core.world.cw_kernels import CwStep, cw_step
+from rpo_core.world.cw import CwStep, cw_step
 
 Floats = NDArray[np.float64]
 

@@ -22,7 +22,7 @@ import numpy as np
 from rpo_core.guidance.transfer_kernels import Floats, energy, optimum, path_of, reach_of, rows_of
 from rpo_core.guidance.work import spend
 from rpo_core.kernels.arithmetic import State, Vector, norm
-from rpo_core.world.cw_kernels import CwStep
+from rpo_core.world.cw import CwStep
 from rpo_core.world.zones import along_and_across, beside_m
 
 ROUNDS = 16

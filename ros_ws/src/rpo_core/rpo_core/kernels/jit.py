@@ -15,7 +15,7 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from rpo_core.kernels.errors import InputError
+from rpo_core.files.validation import InputError
 
 Kernel = TypeVar('Kernel', bound=Callable[..., Any])
 

@@ -27,7 +27,7 @@ from rpo_core.stage import Place, Section, Signal, Stage, register
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import ATTITUDE, PREVIOUS_COMMAND
 from rpo_core.world import cw
-from rpo_core.world.cw_kernels import CwStep, cw_step
+from rpo_core.world.cw import CwStep, cw_step
 
 _START = 255
 """Stream of the random numbers of the start."""

@@ -48,7 +48,7 @@ from rpo_core.navigation.sensor_kernels import (
     larger,
     sight,
 )
-from rpo_core.world.cw_kernels import CwStep, cw_step, unpacked
+from rpo_core.world.cw import CwStep, cw_step, unpacked
 
 STATES = 9
 SQUARE = STATES * STATES

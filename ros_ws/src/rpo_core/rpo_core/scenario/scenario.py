@@ -17,8 +17,7 @@ import yaml
 from numpy.typing import NDArray
 
 from rpo_core import files
-from rpo_core.files import codec, starts
-from rpo_core.files.starts import MAX_POSITION_M, Starts
+from rpo_core.files import codec
 from rpo_core.files.validation import (
     Checked,
     Description,
@@ -36,9 +35,10 @@ from rpo_core.kernels.arithmetic import MAX_ANGLE_RAD, State, Vector
 from rpo_core.scenario import requirements
 from rpo_core.scenario.requirements import Requirements
 from rpo_core.stage import Section, section_of, sections
-from rpo_core.world import cw
-from rpo_core.world.cw_kernels import CwStep
+from rpo_core.world import cw, starts
+from rpo_core.world.cw import CwStep
 from rpo_core.world.disturbance import MAX_FORCE_N, NONE, Disturbance, paper
+from rpo_core.world.starts import MAX_POSITION_M, Starts
 from rpo_core.world.zones import Zones, filled, without
 
 Settings = TypeVar('Settings')

@@ -18,12 +18,12 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from rpo_core.files.starts import MAX_POSITION_M
 from rpo_core.files.validation import Checked, InputError, real, vector3
 from rpo_core.kernels.arithmetic import Vector, norm, sin_cos
 from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.jit import kernel
 from rpo_core.stage import section_of
+from rpo_core.world.starts import MAX_POSITION_M
 
 Point = tuple[float, ...]
 SECTION = 'zones'

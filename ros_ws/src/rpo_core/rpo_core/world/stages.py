@@ -1,7 +1,0 @@
-# Copyright 2026 The RPO stack authors
-# SPDX-License-Identifier: Apache-2.0
-"""The sections that this folder adds to scenario files; `rpo_core.plugins` imports it."""
-
-from rpo_core.world import dynamics
-
-__all__ = ['dynamics']
