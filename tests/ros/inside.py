@@ -21,7 +21,7 @@ from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import SetBool, Trigger
 
 from rpo_core.wire import interfaces
-from rpo_ctrl.controller_node import ControllerNode
+from rpo_ctrl.fuzzy_controller_node import ControllerNode
 from rpo_log.recorder_node import RecorderNode
 from rpo_ros import qos
 from rpo_ros.running import FlightNode, new_executor

@@ -21,7 +21,7 @@ from landing import rest_at_landing
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import Interface
 from rpo_ctrl.assurance_node import AssuranceNode
-from rpo_ctrl.controller_node import ControllerNode
+from rpo_ctrl.fuzzy_controller_node import ControllerNode
 from rpo_ctrl.guidance_node import GuidanceNode
 from rpo_ctrl.navigation_node import NavigationNode
 from rpo_log import recorder_node

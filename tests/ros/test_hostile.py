@@ -20,7 +20,7 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import RecorderStatus
-from rpo_ctrl.controller_node import ControllerNode
+from rpo_ctrl.fuzzy_controller_node import ControllerNode
 from rpo_log import provenance
 from rpo_log.errors import ExitCode, LogError
 from rpo_log.read.run_log import read_run

@@ -11,7 +11,7 @@ from rpo_core import files
 from rpo_core.control.controller import load_controller
 from rpo_core.files.validation import InputError
 from rpo_ctrl.assurance_node import AssuranceNode
-from rpo_ctrl.controller_node import ControllerNode
+from rpo_ctrl.fuzzy_controller_node import ControllerNode
 from rpo_ros.signals import Outlet, listen
 
 STATE = (10.0, 60.0, -40.0, 0.1, -0.2, 0.05)

@@ -12,7 +12,7 @@ from rpo_core.control.controller import load_controller
 from rpo_core.scenario import scenario as scenarios
 from rpo_ctrl.navigation_node import NavigationNode
 from rpo_log.read.run_log import read_run
-from rpo_ros import patience
+from rpo_ros import stage_node
 from rpo_ros.signals import Outlet
 from rpo_ros.stage_node import WITHOUT_COMMAND
 from rpo_sim.fault_injector_node import FaultInjectorNode
@@ -39,7 +39,7 @@ def test_a_command_that_is_lost_is_sent_again_or_gone_without(
     ros_env, tmp_path, monkeypatch, heard, wait_s
 ):
     """Half or none of them reach navigation; answers to repeated states bring the rest again."""
-    monkeypatch.setattr(patience, 'LEAST_WAIT_S', wait_s)
+    monkeypatch.setattr(stage_node, 'LEAST_WAIT_S', wait_s)
     flown, path = written(tmp_path, ticks=20)
     with inside(['-r', f'navigation:control_force:={heard}']) as inner:
         injector = inner.start(
@@ -61,35 +61,35 @@ def test_a_command_that_is_lost_is_sent_again_or_gone_without(
 def test_copies_of_an_input_far_ahead_are_stray_and_a_row_is_not(monkeypatch):
     """While a flight stands, three copies made a stage that remembers deaf to its present."""
     now_s = [0.0]
-    monkeypatch.setattr(patience.time, 'monotonic', lambda: now_s[0])
-    dt_ns, waits = 100_000_000, patience.Patience()
+    monkeypatch.setattr(stage_node.time, 'monotonic', lambda: now_s[0])
+    dt_ns, waits = 100_000_000, stage_node.InputTimeout()
     assert not waits.is_stray(5000 * dt_ns)  # nothing was answered yet
     waits.answered(50 * dt_ns, dt_ns)
     waits.answered(0, dt_ns)  # a state before changes nothing
     assert all(waits.is_stray(5000 * dt_ns) for _ in range(10))
     assert all(waits.is_stray((5000 + 300 * i) * dt_ns) for i in range(10))
-    found = [waits.is_stray((9000 + 2 * i) * dt_ns) for i in range(patience.ROW)]
+    found = [waits.is_stray((9000 + 2 * i) * dt_ns) for i in range(stage_node.ROW)]
     assert found == [True, True, False]
     assert not waits.is_stray(150 * dt_ns)
-    now_s[0] = 2.0 * patience.LONELY_S  # nothing else came: the plant went on without this node
+    now_s[0] = 2.0 * stage_node.LONELY_S  # nothing else came: the plant went on without this node
     assert [waits.is_stray(5000 * dt_ns) for _ in range(3)] == [True, True, False]
 
 
 def test_copies_of_a_state_do_not_shorten_the_wait_for_a_command(inner, tmp_path, monkeypatch):
     """Anybody can send them: on a busy machine they let a filter go on without a late command."""
     flown, path = written(tmp_path, ticks=5)
-    monkeypatch.setattr(patience, 'LEAST_WAIT_S', 3600.0)
+    monkeypatch.setattr(stage_node, 'LEAST_WAIT_S', 3600.0)
     node = inner.start(NavigationNode({'scenario': str(path)}))
     states = Outlet(inner.user, 'relative_state')
     inner.until(lambda: states.publisher.get_subscription_count())
     state = tuple(map(float, flown.start))
     states.publish(flown.stamp_ns(0), state)
     inner.until(lambda: node.last_tick == 0)
-    for _ in range(2 * patience.MOST_REPEATS):
+    for _ in range(2 * stage_node.MOST_REPEATS):
         states.publish(flown.stamp_ns(1), state)
-    inner.until(lambda: node._patience._repeats > patience.MOST_REPEATS)
+    inner.until(lambda: node._input_timeout._repeats > stage_node.MOST_REPEATS)
     assert node.last_tick == 0
-    monkeypatch.setattr(patience, 'LEAST_WAIT_S', 0.0)
+    monkeypatch.setattr(stage_node, 'LEAST_WAIT_S', 0.0)
     states.publish(flown.stamp_ns(1), state)
     inner.until(lambda: node.last_tick == 1)
 

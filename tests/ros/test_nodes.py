@@ -22,7 +22,7 @@ from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.scenario import scenario
 from rpo_core.scenario.requirements import Requirements
 from rpo_core.scenario.scenario import load_scenario
-from rpo_ctrl.controller_node import ControllerNode
+from rpo_ctrl.fuzzy_controller_node import ControllerNode
 from rpo_log.read.run_log import flight_of, read_run
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.replay_node import ReplayNode

@@ -16,7 +16,7 @@ from rpo_core.control.controller import load_controller
 from rpo_core.scenario import scenario
 from rpo_core.scenario.scenario import ScenarioSet, load_scenario
 from rpo_core.wire import interfaces
-from rpo_ctrl.controller_node import ControllerNode
+from rpo_ctrl.fuzzy_controller_node import ControllerNode
 from rpo_ctrl.rival_controller_node import ControllerNode as RivalNode
 from rpo_log.tools.diff import diff
 from rpo_log.verify import verify

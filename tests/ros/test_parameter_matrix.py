@@ -17,8 +17,7 @@ from rpo_core.files.gone import GONE
 from rpo_core.files.validation import InputError
 from rpo_log.recorder_node import RecorderNode
 from rpo_ros.parameter_rows import ParameterRow as Row
-from rpo_ros.parameters import declare
-from rpo_ros.running import FlightNode, run
+from rpo_ros.running import FlightNode, declare, run
 
 each_card = pytest.mark.parametrize('card', CARDS, ids=lambda card: card.executable)
 

@@ -20,7 +20,7 @@ from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import Manifest
 from rpo_core.world.zones import Zone
 from rpo_ctrl.assurance_node import AssuranceNode
-from rpo_ctrl.controller_node import ControllerNode
+from rpo_ctrl.fuzzy_controller_node import ControllerNode
 from rpo_ctrl.guidance_node import GuidanceNode
 from rpo_log.read.run_log import read_run
 from rpo_log.recorder_node import RecorderNode

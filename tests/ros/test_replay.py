@@ -13,7 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 
 import rpo_core.files
 from rpo_core.wire import interfaces
-from rpo_ctrl.controller_node import ControllerNode
+from rpo_ctrl.fuzzy_controller_node import ControllerNode
 from rpo_log import replay_node
 from rpo_log.read.stream import RunReader
 from rpo_log.replay_node import ReplayNode

@@ -33,7 +33,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from rpo.reports import replay
 from rpo.reports.replay import Replayed, page_of
 from rpo.reports.turned import turned_of
-from rpo_bringup.views import scene
+from rpo_bringup import visualizer_node
 from rpo_bringup.views.live import LiveFlight, Trail
 from rpo_bringup.views.samples import Samples
 from rpo_bringup.views.web_server import Feed, LivePage, refusal
@@ -73,7 +73,7 @@ def scene_of(name: str, force: tuple[float, ...] = FORCE) -> dict[tuple[str, int
     """Return the markers of a flight at its first state."""
     live = watching(name)
     assert live.on_signals(START_NS, {'relative_state': STATE, 'control_force': force})
-    first, *found = scene.markers(Time(sec=5), live).markers
+    first, *found = visualizer_node.markers(Time(sec=5), live).markers
     assert first.action == Marker.DELETEALL, 'what the scene before had and this one has not'
     by_name = {(m.ns, m.id): m for m in found}
     assert len(by_name) == len(found)

@@ -19,7 +19,7 @@ from rpo_core.files.validation import InputError, real
 from rpo_core.judge.similarity import command
 from rpo_core.scenario import overrides, scenario
 from rpo_core.wire.statuses import FINISHED
-from rpo_ctrl.controller_node import ControllerNode
+from rpo_ctrl.fuzzy_controller_node import ControllerNode
 from rpo_log.errors import LogError
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.show import report

@@ -13,7 +13,7 @@ from rpo_core.chain.chain import Chain
 from rpo_core.scenario.scenario import Scenario
 from rpo_ctrl.assurance_node import AssuranceNode
 from rpo_ctrl.attitude_controller_node import AttitudeControllerNode
-from rpo_ctrl.controller_node import ControllerNode
+from rpo_ctrl.fuzzy_controller_node import ControllerNode
 from rpo_ctrl.guidance_node import GuidanceNode
 from rpo_ctrl.navigation_node import NavigationNode
 from rpo_ros.managed_node import PlaceNode

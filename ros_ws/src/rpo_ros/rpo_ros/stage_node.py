@@ -16,15 +16,116 @@ from rclpy.duration import Duration
 
 from rpo_core.chain.chain import Chain, Signals
 from rpo_core.scenario.scenario import Scenario
-from rpo_core.stage import WITHOUT_COMMAND, ZERO, Signal
+from rpo_core.stage import WITHOUT_COMMAND, ZERO, Signal, Stage
 from rpo_core.wire import interfaces
+from rpo_core.wire.interfaces import current
 from rpo_core.wire.statuses import GONE, REFUSED, RUNNING, WAITING, RunStatus
 from rpo_ros import health, qos
 from rpo_ros.heartbeat import Pulse
-from rpo_ros.patience import MOST_REPEATS, Patience
 from rpo_ros.plant_scenario import PlantScenario
 from rpo_ros.running import EXIT_BAD_INPUT, FlightNode
 from rpo_ros.signals import Outlet, hear, listen, to_status
+
+MOST_REPEATS = 3
+"""Without a command, of this tick or before, a state that was repeated so often is answered; in
+free running, one that is so many ticks newer than the last answer."""
+
+LEAST_WAIT_S = 0.6
+"""But not so soon after it first came, by the node's own clock: anybody can send copies of a state,
+and the plant needs 0.75 s for so many."""
+
+FAR_TICKS = 100
+"""An input so many ticks ahead of the last answer is somebody else's, unless a row begins there."""
+
+ROW = 3
+"""So many inputs, each of them one to `ROW` ticks after the one before, are a row."""
+
+LONELY_S = 3.0
+"""A plant that stands repeats its state more often than this."""
+
+LOST_TICKS = 5
+"""A peer whose commands are missing at so many ticks in a row is lost."""
+
+
+class InputTimeout:
+    """Counts how often a state comes again while something is missing.
+
+    may_miss : signal -> the stage that goes on without it
+    """
+
+    def __init__(self) -> None:
+        self.may_miss: dict[str, Stage] = {}
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin a run."""
+        self._stamp_ns, self._repeats, self._came_s = -1, 0, 0.0
+        self._newest_ns, self._dt_ns, self._near_s = -1, 0, 0.0
+        self._row: list[int] = []
+        self._gone_on, self._in_a_row = -1, 0  # newest tick without something, and how many
+
+    def answered(self, stamp_ns: int, dt_ns: int) -> None:
+        """Note the stamp of an answer."""
+        self._newest_ns, self._dt_ns = max(stamp_ns, self._newest_ns), dt_ns
+
+    def is_stray(self, stamp_ns: int) -> bool:
+        """Return whether an input is to be ignored: it is far ahead of the newest answer.
+
+        A stage with memory that took it could answer no tick before it any more. It is not ignored
+        where a row of inputs begins, or where it comes again and for LONELY_S nothing else came.
+        """
+        if self._newest_ns < 0 or stamp_ns <= self._newest_ns + FAR_TICKS * self._dt_ns:
+            self._near_s, self._row = time.monotonic(), []
+            return False
+        follows = self._row and 0 <= stamp_ns - self._row[-1] <= ROW * self._dt_ns
+        self._row = [*self._row[1 - ROW :], stamp_ns] if follows else [stamp_ns]
+        lonely = time.monotonic() - self._near_s > LONELY_S
+        return len(self._row) < ROW or (len(set(self._row)) < ROW and not lonely)
+
+    @property
+    def calm(self) -> bool:
+        """Whether nothing came again, and no tick of the run missed anything."""
+        return not (self._repeats or self._in_a_row)
+
+    def hear(self, chain: Chain) -> None:
+        """Take the stages whose inputs are waited for."""
+        self.may_miss = {
+            read: link.stage
+            for link in chain.links
+            for name, read in zip(link.stage.inputs, link.reads, strict=True)
+            if name in link.stage.may_miss and read in chain.inputs
+        }
+
+    def came(self, stamp_ns: int, again: bool) -> None:
+        """Note when an input of a tick first came, and count how often it came again."""
+        if self._stamp_ns != stamp_ns:
+            self._stamp_ns, self._repeats, self._came_s = stamp_ns, 0, time.monotonic()
+        self._repeats += again
+
+    def is_over(
+        self, missing: Sequence[str], tick: int, last_tick: int, stamp_ns: int, late: bool
+    ) -> bool:
+        """Return whether to go on with zero for what is missing.
+
+        Where nobody would read it, the node waits at LOST_TICKS ticks and not at those that follow:
+        a peer that lives stays in step, and one that is lost costs no time.
+
+        last_tick : that was answered; -1: none yet, and commands of this tick may still begin
+        late : in free running, whether the state is too new to wait
+        """
+        now = [name for name in missing if current(name) == name]
+        if not self.may_miss.keys() >= set(now) or (now and last_tick < 0):
+            return False
+        unread = all(self.may_miss[name].goes_without(tick) for name in now)
+        waited = self._stamp_ns == stamp_ns and time.monotonic() - self._came_s >= LEAST_WAIT_S
+        over = last_tick < 0 or (waited and self._repeats >= MOST_REPEATS) or late
+        follows = self._gone_on == tick - 1
+        if over or (now and unread and follows and self._in_a_row >= LOST_TICKS):
+            self._in_a_row = self._in_a_row + 1 if follows else 1
+            self._gone_on = tick
+            return True
+        return False
+
 
 FOREIGN, LATE = 'foreign_stamp', 'late'
 _NOTHING: tuple[int, Signal] = (-1, ())
@@ -50,7 +151,7 @@ class StageNode(FlightNode):
 
     A stage that reads the command of the tick before waits for it. It takes zero at tick 0; from
     where the plant coasts; and, said on `stage_status`, where it began in flight or the state was
-    repeated for a while (`rpo_ros.patience`). In free running it reads what the plant applied, but
+    repeated for a while (`InputTimeout`). In free running it reads what the plant applied, but
     of a chaser that turns, whose plant says that in other axes, what was sent. A stage that may
     miss a command of this tick waits as long, once a run has begun.
 
@@ -75,7 +176,7 @@ class StageNode(FlightNode):
         self._waiting: dict[str, tuple[int, Signal]] = {}
         self._reads: tuple[str, ...] = (interfaces.RELATIVE_STATE,)
         self._routes: dict[str, list[tuple[str, slice]]] = {}
-        self._patience = Patience()
+        self._input_timeout = InputTimeout()
         self._asked: tuple[Any, ...] = ()
         self._signals: Signals = {}
         self._dropped: dict[str, int] = {}
@@ -183,7 +284,7 @@ class StageNode(FlightNode):
     def _hear(self, chain: Chain) -> None:
         """Listen to the inputs of the stages, and to nothing else."""
         self._reads = chain.inputs or (interfaces.RELATIVE_STATE,)
-        self._patience.hear(chain)
+        self._input_timeout.hear(chain)
         sources: dict[str, list[tuple[str, slice]]] = {}
         for read in self._reads:
             name = self._source(read)
@@ -219,7 +320,7 @@ class StageNode(FlightNode):
         chain = self.chain
         if self.exit_code:  # it refused, and leaves
             return
-        if self._patience.is_stray(stamp_ns):
+        if self._input_timeout.is_stray(stamp_ns):
             self.ignored['stray'] += 1
             return
         if chain is None:
@@ -246,7 +347,7 @@ class StageNode(FlightNode):
             if answered or self.scenario.tick_of(stamp_ns) is None:
                 return  # it must not replace the one that waits: nobody sends that again
         elif not interfaces.row_of(read).rides:
-            self._patience.came(stamp_ns, again)
+            self._input_timeout.came(stamp_ns, again)
         self._waiting[read] = stamp_ns, values
         if self._goes_smoothly(stamp_ns):
             waiting = [self._waiting.get(name, _NOTHING) for name in self._reads]
@@ -257,7 +358,7 @@ class StageNode(FlightNode):
         inputs = {name: self._input(name, stamp_ns) for name in self._reads}
         missing = [name for name, found in inputs.items() if found is None]
         over = bool(self._asked) and stamp_ns <= self._asked[0]
-        if over and read in self._patience.may_miss and self._signals.get(read) != values:
+        if over and read in self._input_timeout.may_miss and self._signals.get(read) != values:
             return  # that tick was answered without it
         if missing and (len(missing) < len(inputs)) and self._goes_without(missing, stamp_ns):
             inputs.update((name, (0.0,) * len(interfaces.row_of(name).columns)) for name in missing)
@@ -270,12 +371,12 @@ class StageNode(FlightNode):
     def _goes_smoothly(self, stamp_ns: int) -> bool:
         """Return whether a tick follows an answered one, and nothing was lost: it needs all."""
         after = bool(self._asked) and stamp_ns > self._asked[0]
-        return after and self._patience.calm and not (self._dropped or self._run.free_running)
+        return after and self._input_timeout.calm and not (self._dropped or self._run.free_running)
 
     def _input(self, read: str, stamp_ns: int) -> Signal | None:
         """Return an input of a tick: that of the answer given before, or one that waits."""
         answered = bool(self._asked) and self._asked[0] == stamp_ns
-        if answered and read in self._patience.may_miss:
+        if answered and read in self._input_timeout.may_miss:
             return self._signals.get(read)
         if interfaces.current(read) != read:
             tick = self.scenario.tick_of(stamp_ns) if self.scenario is not None else None
@@ -292,7 +393,7 @@ class StageNode(FlightNode):
         tick = self.scenario.tick_of(stamp_ns) if self.scenario is not None else None
         late = self._run.free_running and tick is not None and tick > self.last_tick + MOST_REPEATS
         last = self.last_tick
-        if tick is None or not self._patience.is_over(missing, tick, last, stamp_ns, late):
+        if tick is None or not self._input_timeout.is_over(missing, tick, last, stamp_ns, late):
             return False
         for link in self.chain.links if self.chain is not None else ():
             if set(missing) & set(link.reads) and not link.stage.goes_without(tick):
@@ -348,7 +449,7 @@ class StageNode(FlightNode):
         self._asked, self._signals = asked, signals
         self.last_tick = max(tick, self.last_tick)
         if self.scenario is not None:
-            self._patience.answered(stamp_ns, self.scenario.dt_ns)
+            self._input_timeout.answered(stamp_ns, self.scenario.dt_ns)
         self.answered += 1
         self._answered_s = time.monotonic()
         self.after_answer(stamp_ns, signals)
@@ -386,7 +487,7 @@ class StageNode(FlightNode):
         """Forget the run before."""
         self.last_tick, self._asked = -1, ()
         self._dropped = {}
-        self._patience.forget()
+        self._input_timeout.forget()
         for read in self._reads:
             if interfaces.current(read) != read:
                 self._waiting.pop(read, None)
