@@ -9,8 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from free_runs import FreeRun
-from log_runs import FORCE, STATE, changed, forge, make_run
+from log_runs import FORCE, STATE, FreeRun, changed, forge, make_run
 
 from rpo_core import files
 from rpo_core.scenario import scenario

@@ -12,7 +12,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from free_runs import FreeRun
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from log_runs import (
@@ -21,6 +20,7 @@ from log_runs import (
     FORCE,
     STATE,
     STATUS,
+    FreeRun,
     Run,
     chain_run,
     changed,

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The same flight, bit for bit: the core's function, one process, several processes, any speed."""
+"""The same flight, bit for bit: the core's function, one process, several, any speed, any fault."""
 
 import re
 import shlex
@@ -9,8 +9,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from campaign_documents import write_campaign
-from flights import INJECTOR, assert_flown, processes
+from flights import INJECTOR, assert_flown, lasting, processes
+from inside import inside
 from invoking import invoke
+from landing import rest_at_landing
+from mcap.reader import make_reader
 
 from rpo.montecarlo import config
 from rpo.montecarlo.run_batch import FINAL, fly_runs
@@ -23,10 +26,12 @@ from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.judge import metrics
 from rpo_core.scenario import overrides, scenario
 from rpo_core.wire.interfaces import BODY_TORQUE
+from rpo_core.world.link import CORRUPTIONS
 from rpo_ctrl.assurance_node import AssuranceNode
 from rpo_log.read.run_log import flight_of, read_run
 from rpo_log.verify import verify
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
+from rpo_sim.fault_injector_node import FaultInjectorNode
 
 # A shipped world, changed on the command line, flown by the nodes.
 
@@ -149,3 +154,45 @@ def test_a_controller_that_wants_the_target_is_stopped_recorded_and_verified(inn
     assert first['constraint'] == 'keep_out'
     assert int(first['tick']) == np.flatnonzero(changed)[0]
     assert float(first['after_n.y']) == log.values[ASSURED_FORCE][int(first['tick']), 1]
+
+
+KINDS = ('drop', 'freeze', 'repeat', 'delay', 'reorder')
+THROUGH = [
+    '-r', 'fuzzy_controller:relative_state:=relative_state_faulty',
+    '-r', 'fuzzy_controller:control_force:=control_force_raw',
+]  # fmt: skip
+STATES = {'from_topic': 'relative_state', 'to_topic': 'relative_state_faulty'}
+
+
+def messages(folder):
+    """Return what was recorded; remapped topics are an attachment, which only one log has."""
+    with (folder / 'run.mcap').open('rb') as stream:
+        found = make_reader(stream).iter_messages(log_time_order=False)
+        return [(channel.topic, message.log_time, message.data) for _, channel, message in found]
+
+
+@pytest.mark.parametrize(
+    ('counted', 'faults'),
+    rest_at_landing(
+        [
+            (KINDS, dict.fromkeys(KINDS, 0.2)),
+            (CORRUPTIONS, {'corrupt': 0.3}),
+            *(([kind], {'corrupt': 0.3, 'corruption': kind}) for kind in CORRUPTIONS),
+        ]
+    ),
+)
+def test_lost_repeated_reordered_or_spoilt_messages_leave_the_same_bytes(
+    straight, ros_env, tmp_path, counted, faults
+):
+    """In both directions; a lost one comes again."""
+    with inside(THROUGH) as inner:
+        injectors = [
+            inner.start(FaultInjectorNode({'seed': seed, **topics, **faults}))
+            for seed, topics in ((1, STATES), (2, {}))
+        ]
+        scenario = lasting(20.0, tmp_path, 'paper_test')
+        inner.fly(tmp_path / 'run', scenario, DisturbanceInjectorNode, resend_after_s=0.01)
+        assert inner.ends() == 0
+    for injector in injectors:
+        assert all(injector.link.counts[kind] > 10 for kind in counted), injector.link.counts
+    assert messages(tmp_path / 'run') == messages(straight)

@@ -4,7 +4,8 @@
 
 ROS 2 without SROS2 knows no sender. A finite force in the right frame with the stamp of the present
 tick is an answer, `deactivate` is an order of an operator, a `run_status` that says `finished` ends
-a run. Everything but these valid acts of the moment is sent.
+a run. Everything but these valid acts of the moment is sent. What no node can take is refused in a
+sentence.
 """
 
 from __future__ import annotations
@@ -16,11 +17,16 @@ from contextlib import suppress
 from importlib import import_module
 
 import pytest
+from builtin_interfaces.msg import Time
 from flights import assert_flown
 from hostile import WORDS, other, spoilt
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from inside import inside
+from rcl_interfaces.msg import Parameter, ParameterValue
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.serialization import deserialize_message, serialize_message
+from rosgraph_msgs.msg import Clock
 from test_guidance import STAGES, written
 
 from rpo_core.chain.flight import fly
@@ -31,6 +37,7 @@ from rpo_core.wire import cdr, interfaces, statuses
 from rpo_ctrl.operator_node import OperatorNode
 from rpo_ros import qos
 from rpo_ros.parameter_rows import tables
+from rpo_ros.running import FlightNode
 from rpo_ros.signals import message_class
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 
@@ -220,3 +227,35 @@ def test_a_flight_endures_hostile_messages_calls_and_parameters(ros, inner, tmp_
         assert view.stop(signal.SIGINT) == 0, view.output
         said += view.output
     assert 'Traceback' not in said, said
+
+
+ODD = Parameter(name='seed', value=ParameterValue(type=99))
+
+
+def test_a_parameter_of_no_type_ends_no_node_and_is_warned_of_by_powers_of_ten(ros_env, capfd):
+    with inside() as inner:
+        inner.start(FlightNode('bare'))
+        for _ in range(6):
+            asked = SetParameters.Request(parameters=[ODD])
+            assert not inner.call(SetParameters, '/bare/set_parameters', asked).results
+            asked = SetParametersAtomically.Request(parameters=[ODD])
+            service = '/bare/set_parameters_atomically'
+            assert not inner.call(SetParametersAtomically, service, asked).result.successful
+        for _ in range(4):
+            asked = SetParameters.Request(parameters=[ODD])
+            inner.call(SetParameters, '/bare/set_parameters', asked)
+    said = [line for line in capfd.readouterr().err.splitlines() if 'was refused' in line]
+    assert len(said) == 3, said  # one for each service, and the tenth of the first
+    assert '99 is not a valid' in said[0] and said[-1].endswith('(10 times)')
+
+
+def test_a_negative_time_ends_no_node_with_simulated_time(ros_env, capfd):
+    with inside() as inner:
+        node = inner.start(FlightNode('bare', {'use_sim_time': True}))
+        sender = inner.user.create_publisher(Clock, '/clock', qos.CLOCK)
+        inner.until(sender.get_subscription_count)
+        sender.publish(Clock(clock=Time(sec=-5)))
+        inner.until(lambda: node._complaints)
+        sender.publish(Clock(clock=Time(sec=7)))
+        inner.until(lambda: node.get_clock().now().nanoseconds == 7_000_000_000)
+    assert 'a message on /clock was refused' in capfd.readouterr().err
