@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import ast
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -113,6 +114,18 @@ def test_imports_only_what_its_room_may(room):
         if room in ROS_FREE:
             ros = sorted(filter(is_ros, modules))
             assert not ros, f'{path.relative_to(ROOT)} must work without ROS, but imports {ros}'
+
+
+@pytest.mark.parametrize('room', sorted(MAY_IMPORT))
+def test_names_in_texts_no_module_that_its_room_may_not_import(room):
+    """Such a text is imported when it is needed, and no import shows that."""
+    allowed = MAY_IMPORT[room] | {room.removesuffix(' nodes')}
+    for path in rooms()[room]:
+        for node in ast.walk(ast.parse(path.read_text())):
+            text = node.value if isinstance(node, ast.Constant) else None
+            if isinstance(text, str) and re.fullmatch(r'rpo(_\w+)?(\.\w+)+(:\w+)?', text):
+                top = text.partition('.')[0]
+                assert top in allowed, f'{path.relative_to(ROOT)} may not import {text}'
 
 
 def test_every_package_has_its_rule():

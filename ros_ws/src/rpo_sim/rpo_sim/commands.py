@@ -7,6 +7,5 @@ from functools import partial
 from rpo_ros.entry_point import start_node
 
 plant = partial(start_node, 'rpo_sim.plant_node')
-navigation = partial(start_node, 'rpo_ctrl.navigation_node')  # its name in the first releases
 disturbance_injector = partial(start_node, 'rpo_sim.disturbance_injector_node', interpreted=True)
 fault_injector = partial(start_node, 'rpo_sim.fault_injector_node', interpreted=True)

@@ -58,6 +58,7 @@ GONE: dict[str, dict[str, str]] = {
     'executable': {
         'foxglove': 'foxglove_bridge, or open `run.mcap` in the app',
         'monitor': 'the abort table of section `assurance`',
+        'navigation': '`ros2 run rpo_ctrl navigation`',
         'repair': '`rpo repair`',
         'node_pages': '`python docs/hooks/node_pages.py docs/nodes`',
         'watch': '`ros2 run rpo_bringup web`',
