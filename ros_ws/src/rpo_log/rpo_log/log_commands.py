@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Protocol
 
 from rpo_core.files.output import standard_output
-from rpo_core.files.validation import InputError, missing_library, printable
+from rpo_core.files.validation import InputError, missing_reported, printable
 from rpo_log.errors import ExitCode
 
 _COMMANDS = {
@@ -74,14 +74,10 @@ def main(command: str) -> int:
     """Entry point of `ros2 run rpo_log` with the name of the command."""
     options = parser(command).parse_args()
     try:
-        return show(pkgutil.resolve_name(_COMMANDS[command][0])(**vars(options)))
+        with missing_reported():
+            return show(pkgutil.resolve_name(_COMMANDS[command][0])(**vars(options)))
     except InputError as error:
-        sentence = str(error)
-    except ModuleNotFoundError as error:
-        if (needed := missing_library(error.name)) is None:
-            raise
-        sentence = needed
+        print(f'{command}: {error}', file=sys.stderr)
+        return ExitCode.BAD_INPUT
     except KeyboardInterrupt:
         return 130
-    print(f'{command}: {sentence}', file=sys.stderr)
-    return ExitCode.BAD_INPUT
