@@ -29,7 +29,7 @@ from rpo_core.control.controller import dumps as controller_text
 from rpo_core.control.controller_file import ControllerFile, received
 from rpo_core.control.explain import reasons
 from rpo_core.files.output import write_text
-from rpo_core.files.validation import InputError, choice, missing_reported, real, shown
+from rpo_core.files.validation import InputError, choice, missing_reported, real
 from rpo_core.judge import metrics
 from rpo_core.judge.verdicts import HOLDS, Verdict, missed, verdicts
 from rpo_core.kernels.arrays import Floats
