@@ -142,7 +142,7 @@ def test_guidance_that_is_told_a_wrong_mass_plans_with_it(docking):
 @pytest.mark.every_landing
 def test_the_passive_approach_is_protected_until_it_commits():
     """From no moment beyond 20 m a silence of the thrusters leads into the sphere in two orbits."""
-    from rpo.proof.safety.counts import silence
+    from rpo.analysis.assurance import silence
 
     scenario = load_scenario('passive_approach')
     found = silence(scenario, load_controller('allround'), 10.0, 20.0, 2.0, (-1.8e-6, 0.0))

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from invoking import invoke
 
-from rpo.proof.safety import attack, counts
-from rpo.proof.safety.counts import quiet
+from rpo.analysis import assurance as counts
+from rpo.analysis import attack
+from rpo.analysis.assurance import quiet
 from rpo_core.assurance.guard import proof_of
 from rpo_core.assurance.kernels import open_margins
 from rpo_core.assurance.settings import Assurance

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from vehicles import drawn
 
-from rpo.proof.safety import attack
+from rpo.analysis import attack
 from rpo_core import stage
 from rpo_core.assurance import guard, kernels
 from rpo_core.assurance.assumed import errors_of

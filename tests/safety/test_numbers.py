@@ -16,7 +16,7 @@ import numpy as np
 from kept import assert_kept, digits
 from vehicles import drawn
 
-from rpo.proof.safety import attack
+from rpo.analysis import attack
 from rpo_core.assurance.doubt import doubt_of
 from rpo_core.assurance.guard import proof_of
 from rpo_core.assurance.kernels import Guard

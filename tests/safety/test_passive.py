@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from core_oracles import exact_step
 
-from rpo.proof.safety.counts import silence
+from rpo.analysis.assurance import silence
 from rpo.training.config import load_start
 from rpo_core.assurance import passive
 from rpo_core.scenario import scenario

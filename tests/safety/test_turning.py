@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from rpo.proof.safety import attack
+from rpo.analysis import attack
 from rpo_core.assurance import turning
 from rpo_core.assurance.abort_table import AbortTable, Row
 from rpo_core.assurance.assurance import AssuranceStage

@@ -14,9 +14,9 @@ from core_strategies import functions, smooth_functions, systems
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rpo.analysis import surface
-from rpo.analysis.certificate import PROVEN, REFUTED, UNDECIDED, certify
-from rpo.analysis.surface import Boxes
+from rpo.proof import surface
+from rpo.proof.certificate import PROVEN, REFUTED, UNDECIDED, certify
+from rpo.proof.surface import Boxes
 from rpo.training.config import load_start
 from rpo_core.control.fuzzy import MembershipFunctions, RuleTable
 

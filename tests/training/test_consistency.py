@@ -11,8 +11,13 @@ import numpy as np
 import pytest
 from invoking import invoke
 
-from rpo.analysis.attitude_consistency import attitude_consistency
-from rpo.analysis.consistency import Consistency, as_configured, consistency, in_its_world
+from rpo.analysis.consistency import (
+    Consistency,
+    as_configured,
+    attitude_consistency,
+    consistency,
+    in_its_world,
+)
 from rpo_core.attitude.chaser import Chaser
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
@@ -94,7 +99,7 @@ def test_an_attitude_filter_is_consistent(flown, runs, outage):
 
 
 def test_an_attitude_filter_that_takes_its_gyro_for_better_is_found(monkeypatch):
-    module = 'rpo.analysis.attitude_consistency.attitude_filter_of'
+    module = 'rpo.analysis.consistency.attitude_filter_of'
 
     def proud(settings, sensors, scenario):
         f = attitude_filter_of(settings, sensors, scenario)
@@ -127,8 +132,8 @@ def test_one_estimator_of_two_that_is_wrong_is_exit_code_1(wrong, tmp_path, monk
         told.append(nees)
         return Consistency(np.full(10, nees), np.ones(10), 3.0, 20, 0.0, 100)
 
-    for module in ('consistency.consistency', 'attitude_consistency.attitude_consistency'):
-        monkeypatch.setattr(f'rpo.analysis.{module}', judged)
+    for function in ('consistency', 'attitude_consistency'):
+        monkeypatch.setattr(f'rpo.analysis.consistency.{function}', judged)
     path = tmp_path / 'short.yaml'
     path.write_text(scenario_file.dumps(replace(load_scenario('tumbling_docking'), duration_s=2.0)))
     done = invoke('evaluate', '--estimator', path, '--runs', '2')

@@ -12,9 +12,9 @@ import pytest
 import typer
 from invoking import invoke
 
+from rpo.analysis import attack
 from rpo.cli import bench
 from rpo.cli.cli import app
-from rpo.proof.safety import attack
 from rpo_core.files.validation import InputError
 
 ROOT = Path(__file__).parents[2]

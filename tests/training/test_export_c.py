@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from c_programs import bits, compiled, driven, states
 
-from rpo.exports import c, c_allocation, c_assured
+from rpo.exports import c, c_assured
 from rpo.exports.c_source import Source
 from rpo.training.config import load_start
 from rpo_core.chain.flight import fly
@@ -206,7 +206,7 @@ int main(void)
 
 def test_the_allocation_of_thrusters_in_c_gives_the_bits(tmp_path):
     table = ThrusterTable(preset='quads_16', force_n=0.25, centre_of_mass_m=(0.05, 0.0, -0.02))
-    files = c_allocation.files('quads_16', table, 'exported.c')
+    files = c.allocation_files('quads_16', table, 'exported.c')
     demands = np.random.default_rng(4).normal(size=(300, 6)) * [0.4, 0.4, 0.4, 0.1, 0.1, 0.1]
     made, work = table_of(table, 1.0, 0.0, None, IDENTITY), as_table(np.zeros(SCRATCH))
     expected = []

@@ -14,7 +14,8 @@ from invoking import invoke
 from landing import rest_at_landing
 
 from rpo import exports as export
-from rpo.analysis import comparison, proven
+from rpo.analysis import comparison
+from rpo.proof import proven
 from rpo.reports.controller import report_of
 from rpo_core.chain.flight import fly
 from rpo_core.control import controller

@@ -15,15 +15,15 @@ from invoking import invoke
 from landing import rest_at_landing
 from proofs import BOX, COARSE, problem_of
 
-from rpo.analysis.surface import rounding
-from rpo.proof import cells, check, enclosure, flights, folder, per_axis, proving, sets, slew
+from rpo.proof import cells, check, enclosure, flights, folder, per_axis, proving, slew, tube
 from rpo.proof.cells import Prover
 from rpo.proof.claims import Claim, ranges_of, row_of, values_of
 from rpo.proof.folder import Folder
 from rpo.proof.invariant import invariant_set_of, motion_inside
 from rpo.proof.problem import GROUPS, MOST_CELLS, Problem, Settings, range_of
-from rpo.proof.sets import InvariantSet
 from rpo.proof.slew import Strip
+from rpo.proof.surface import rounding
+from rpo.proof.tube import InvariantSet
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller, load_fuzzy
 from rpo_core.control.fuzzy import MembershipFunctions, RuleTable
@@ -368,7 +368,7 @@ def test_what_follows_of_the_cells_is_the_same_in_any_order():
 @pytest.mark.parametrize(('more', 'inside'), [(0.0, False), (1e-12, True)])
 def test_a_set_on_the_very_rim_is_not_inside(more, inside):
     omega, speed = InvariantSet(1.0, 0.1, 0.3 * (1.0 + more)), np.array([0.0, 0.3])
-    found = sets.is_inside(omega, np.zeros(2), speed[:, None], np.zeros(2), 1, -speed, speed)
+    found = tube.is_inside(omega, np.zeros(2), speed[:, None], np.zeros(2), 1, -speed, speed)
     assert found == inside
 
 
@@ -379,7 +379,7 @@ def test_the_box_of_a_set_is_rounded_outwards():
         c, d = random.normal(size=2), np.abs(random.normal(size=2)) * 1e-3
         g = random.normal(size=(2, 40)) * random.choice([1.0, 1e-8], 40)
         low, high = np.zeros(2), np.zeros(2)
-        sets.box_of(c, g, d, 40, low, high)
+        tube.box_of(c, g, d, 40, low, high)
         for i in range(2):
             radius = Fraction(d[i]) + sum(abs(Fraction(x)) for x in g[i])
             assert Fraction(low[i]) <= Fraction(c[i]) - radius

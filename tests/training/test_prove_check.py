@@ -15,11 +15,11 @@ import pytest
 from landing import rest_at_landing
 from scipy.interpolate import RegularGridInterpolator
 
-from rpo.proof import cells, check, check_sets, sets
+from rpo.proof import cells, check, check_sets, tube
 from rpo.proof.cells import Prover
 from rpo.proof.check import WrittenSummary, recompute
+from rpo.proof.check_sets import ExactStrip, exact, law_holds, output
 from rpo.proof.enclosure import Law
-from rpo.proof.exact import ExactStrip, exact, law_holds, output
 from rpo.proof.problem import GROUPS
 from rpo_core.world.disturbance import Disturbance, Harmonic
 
@@ -51,7 +51,7 @@ class Bench:
         last = int(rng.integers(20, 120))
         while number < last or not boxing:
             before, after, m = check_sets.stepped(self.problem, prover.motion, number, c, g, d, m)
-            m = sets.tidy(number, g, d, kept, m)
+            m = tube.tidy(number, g, d, kept, m)
             boxing = m < after.g.shape[1]
             number += 1
         tidied = replace(after, g=g[:, :m].copy(), d=d.copy())

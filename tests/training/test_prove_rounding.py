@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from proofs import problem_of
 
-from rpo.proof import check_sets, enclosure, sets, slew, tube
+from rpo.proof import check_sets, enclosure, slew, tube
+from rpo.proof.check_sets import UNIT, exact
 from rpo.proof.enclosure import TINY
-from rpo.proof.exact import UNIT, exact
-from rpo.proof.sets import ROUND
 from rpo.proof.slew import Drift, Strip
+from rpo.proof.tube import ROUND
 
 NEAR = Fraction(1, 20)
 """A widening may differ by so much from that of the sizes of all terms."""
@@ -63,7 +63,7 @@ def moved_by(rng, p):
         drawn(rng, 1, q, p), share, abs(float(drawn(rng))), drawn(rng, 1, n),
         abs(drawn(rng, 1, n)),
     )  # fmt: skip
-    g = np.zeros((n, sets.MOST + 4 * n))
+    g = np.zeros((n, tube.MOST + 4 * n))
     g[:, :9] = drawn(rng, n, 9, most=0.0) * 10.0 ** rng.uniform(-9.0, 0.0)
     return motion, (drawn(rng, n), g, abs(drawn(rng, n, least=-12.0, most=-9.0)))
 
@@ -85,7 +85,7 @@ def test_a_tick_is_widened_by_a_share_of_all_its_terms(p):
         low, high, laws = np.empty(n), np.empty(n), np.empty((p, 6))
         least, most = np.empty(p), np.empty(p)
         before = check_sets.Tick(0, c.copy(), g[:, :m].copy(), d.copy(), laws)
-        sets.box_of(c, g, d, m, low, high)
+        tube.box_of(c, g, d, m, low, high)
         assert tube.step(table, motion, 0, c, g, d, m, low, high, laws, least, most) == m + p
         after = check_sets.Tick(1, c, g[:, : m + p], d, laws)
         assert not list(check_sets.step_faults(motion, before, after, ''))
@@ -136,10 +136,10 @@ def test_a_set_that_is_given_up_is_in_no_invariant_set(table, widest, until, mos
                          0.0, 0.0, np.zeros((9, 2)), np.zeros((9, 2)))  # fmt: skip
     trace = tube.Trace(np.zeros((10, 2)), np.zeros((10, 2)), np.zeros((9, 1)), np.zeros((9, 1)),
                        np.zeros((9, 1)), np.zeros((9, 1, 6)), np.zeros(2))  # fmt: skip
-    g = np.zeros((2, sets.MOST + 8))
+    g = np.zeros((2, tube.MOST + 8))
     g[0, 0] = 1.0
     found = tube.fly(surface(**table), motion, np.zeros(2), g, np.zeros(2), 1, 1,
-                     sets.InvariantSet(9.0, 1.0, 9.0), until, np.full(2, widest), most_m,
+                     tube.InvariantSet(9.0, 1.0, 9.0), until, np.full(2, widest), most_m,
                      trace)  # fmt: skip
     assert found[:2] == (0, -1)
 
@@ -149,7 +149,7 @@ def test_forces_of_a_tick_are_within_the_limit(side):
     table, still = surface(u=np.full((2, 2), side), limit=0.75), np.zeros(2)
     motion = tube.Motion(np.eye(2), np.ones((2, 1)), 0.1, np.zeros((1, 1)), np.zeros((1, 0, 1)),
                          0.0, 0.0, np.zeros((1, 2)), np.zeros((1, 2)))  # fmt: skip
-    least, most, g = np.empty(1), np.empty(1), np.zeros((2, sets.MOST + 8))
+    least, most, g = np.empty(1), np.empty(1), np.zeros((2, tube.MOST + 8))
     tube.step(table, motion, 0, still.copy(), g, still.copy(), 0, still, still,
               np.empty((1, 6)), least, most)  # fmt: skip
     limited, beyond = (most[0], least[0]) if side > 0.0 else (least[0], most[0])

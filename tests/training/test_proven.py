@@ -10,9 +10,9 @@ import pytest
 from invoking import refused
 from proofs import problem_of
 
-from rpo.analysis import proven
 from rpo.analysis.comparison import CONTROLLERS
 from rpo.cli.commands import prove
+from rpo.proof import proven
 from rpo.proof.folder import Folder
 from rpo_core import files
 from rpo_core.control.controller import load_controller

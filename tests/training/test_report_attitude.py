@@ -14,7 +14,7 @@ from pages import replayed, unpacked
 from scipy.spatial.transform import Rotation
 from test_report import check_labels
 
-from rpo.reports import attitude, replay
+from rpo.reports import replay, stages
 from rpo.reports.logged import logged_flight, until
 from rpo.reports.replay import Replayed
 from rpo.reports.run import _Stages, _thrusters
@@ -191,7 +191,7 @@ def test_a_limit_counts_once_it_is_reached():
 
 def test_the_page_shows_angles_rates_and_wheels(logged):
     with style.applied():
-        (section,) = attitude.sections(flight_of(read_run(logged)))
+        (section,) = stages.attitude_sections(flight_of(read_run(logged)))
     rows = {row[0]: row[1:] for row in section.blocks[0].rows}
     assert set(rows) == {
         'off the reference, per axis', 'θ, force turned wrongly by', 'rate, per axis',

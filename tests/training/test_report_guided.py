@@ -11,7 +11,7 @@ from log_runs import chain_run
 from pages import straight
 from test_report import check_page, refuse_optima
 
-from rpo.reports import assured, guided, logged, navigation, page, run, run_plots
+from rpo.reports import logged, page, run, run_plots, stages
 from rpo.reports.page import Fold, Table
 from rpo.training.config import load_start
 from rpo_core import files
@@ -81,20 +81,20 @@ def test_stages_run_again_give_what_was_logged(flown):
         for i, name in enumerate(rows[0][1].outputs):
             np.testing.assert_array_equal([row[2][i] for row in rows], made.signals[name])
     assert (made.signals['assured_force'] != made.forces_n).any(), 'else it proves less'
-    assert navigation.filtered(log, flight_of(log)).nees.mean() < 20.0
+    assert stages.filtered(log, flight_of(log)).nees.mean() < 20.0
 
 
 def test_phases_and_interventions_are_told_as_they_were(flown):
     log, made = flown
     flight = flight_of(log)
-    phases = guided.phases_of(log, flight)
+    phases = stages.phases_of(log, flight)
     assert [(p.name, p.begin) for p in phases] == [('wait', 0), ('in', GO), ('stopped', HOLD)]
     assert [p.end for p in phases] == [GO, HOLD, len(made.states)]
-    acted = assured.decided(log, flight)
+    acted = stages.decided(log, flight)
     changed = np.linalg.norm(made.signals['assured_force'] - made.forces_n, axis=1)
     np.testing.assert_allclose(acted.changed_n, changed, atol=1e-12)
     ticks = np.zeros(len(changed), dtype=bool)
-    for one in assured.interventions(acted.constraints):
+    for one in stages.interventions(acted.constraints):
         ticks[one.begin : one.end] = True
     assert ticks[changed > 0.0].all() and ticks.any() and not ticks.all()
     assert (acted.margins[ticks].min(axis=1) < 0.0).all(), 'a margin is why it acts'
@@ -102,8 +102,8 @@ def test_phases_and_interventions_are_told_as_they_were(flown):
 
 def test_interventions_are_runs_of_ticks_of_one_constraint():
     names = ['', 'speed', 'speed', 'keep_out', '', 'keep_out']
-    assert assured.interventions(names) == [('speed', 1, 3), ('keep_out', 3, 4), ('keep_out', 5, 6)]
-    assert assured.interventions(['', '']) == []
+    assert stages.interventions(names) == [('speed', 1, 3), ('keep_out', 3, 4), ('keep_out', 5, 6)]
+    assert stages.interventions(['', '']) == []
 
 
 @pytest.fixture(scope='module')
@@ -128,7 +128,7 @@ def test_the_page_has_a_part_for_each_stage(made, flown):
     assert {'zones', 'guidance', 'assurance', 'pulses', 'navigation'} <= set(names)
     assert [row[0] for row in table(made, 'Phases').rows] == ['wait', 'in', 'stopped']
     who = table(made, 'Who acted').rows[0]
-    acted = assured.decided(flown[0], flight_of(flown[0]))
+    acted = stages.decided(flown[0], flight_of(flown[0]))
     assert who[0] == 'speed' and float(who[2]) == pytest.approx(
         0.1 * acted.constraints.count('speed')
     )
@@ -185,10 +185,12 @@ def test_a_phase_may_last_no_tick(tmp_path):
     chain_run(scenario.load_scenario('docking'), load_controller('allround')).write(tmp_path)
     log = read_run(tmp_path)
     flight = flight_of(log)
-    phases = guided.phases_of(log, flight)
+    phases = stages.phases_of(log, flight)
     arrived, docked = phases[-2:]
     assert (arrived.name, docked.name) == ('arrived', 'docked')
     assert arrived.begin == arrived.end == docked.begin < docked.end
-    (told,) = [b for s in guided.sections(flight, phases) for b in s.blocks if type(b) is Table]
+    (told,) = [
+        b for s in stages.guidance_sections(flight, phases) for b in s.blocks if type(b) is Table
+    ]
     (row,) = [row for row in told.rows if row[0] == 'arrived']
     assert row[1] == row[2] == '600.0' and row[3:6] == ('–', '–', '–')

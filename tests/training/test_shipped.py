@@ -12,8 +12,8 @@ import pytest
 from landing import rest_at_landing
 from processes import repeated
 
-from rpo.analysis import assessment, judgement
-from rpo.analysis.assessment import assess
+from rpo.analysis import judgement
+from rpo.analysis.judgement import assess
 from rpo.montecarlo import config as campaigns
 from rpo.montecarlo import judging
 from rpo.montecarlo.run_batch import fly_runs
@@ -67,10 +67,10 @@ def test_the_default_is_good_everywhere():
 def test_targets_follow_the_numbers_and_not_the_name():
     """A file that calls itself paper_ga, of which little is asked, is not asked for less."""
     posed = replace(load_controller(DEFAULT_CONTROLLER), name='paper_ga', provenance={})
-    name, asked = assessment.asked_of(posed)
-    assert (name, asked) == (DEFAULT_CONTROLLER, assessment.SHIPPED[DEFAULT_CONTROLLER])
+    name, asked = judgement.asked_of(posed)
+    assert (name, asked) == (DEFAULT_CONTROLLER, judgement.SHIPPED[DEFAULT_CONTROLLER])
     own = replace(posed, velocity_scale_m_s=posed.velocity_scale_m_s + 1e-3)
-    assert assessment.asked_of(own) == ('', assessment.ANY)
+    assert judgement.asked_of(own) == ('', judgement.ANY)
     found = assess(own).targets()
     assert all(target.limit is not None for target in found)
     assert 'those of any controller' in assess(own).verdict()
@@ -131,7 +131,7 @@ def test_a_report_has_the_targets_of_its_controller_and_says_if_one_is_missed(mo
     found = assessed(DEFAULT_CONTROLLER)
     targets = found.targets()
     targets[1] = targets[1]._replace(limit=0.5 * targets[1].reached)
-    monkeypatch.setattr(assessment.Assessment, 'targets', lambda _: targets)
+    monkeypatch.setattr(judgement.Assessment, 'targets', lambda _: targets)
     monkeypatch.setattr(report, 'assess', lambda _: found)
     made = report_of(DEFAULT_CONTROLLER)
     (table,) = _tables(made, 'Targets')

@@ -1,8 +1,8 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""How good a controller is: scores, comparisons, bounds, trials of its safety, its rules.
+"""How good a controller is, by flights: its targets, its margins, other controllers beside it.
 
-`scoring`: conditions and fitness, which a search minimises. `evaluation`: targets, comparisons, the
-least energy. `analysis`: the rule base without a flight. `safety`: hostile trials. `truth`: the
-error of the linear model.
+`judgement`: targets, requirements and campaigns. `comparison`, `optimal`, `robustness`: controllers
+beside each other, the least energy, margins. `attack`, `attack_campaign`, `assurance`: hostile
+commands and counts. `truth`, `consistency`: the error of the linear model, and of filters.
 """

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from rpo.analysis import surface
+from rpo.proof import surface
 from rpo_core.control.explain import SPOKEN
 from rpo_core.control.fuzzy import WORDS, FuzzySystem, MembershipFunctions
 

@@ -4,7 +4,7 @@
 
 It is made of the kernels' own source (`c_source`): `+ - * /`, sqrt and comparisons in their order.
 So the compiler must not contract, reorder or compute in wider formats: no `-ffast-math`, and
-`-ffp-contract=off` where the processor has FMA.
+`-ffp-contract=off` where the processor has FMA. The allocation of a table of thrusters is in C too.
 """
 
 from __future__ import annotations
@@ -23,6 +23,9 @@ from rpo.montecarlo.outputs import identifier
 from rpo_core.control import inference
 from rpo_core.control.baselines import Baseline
 from rpo_core.control.controller import AnyController, FuzzyController, only_fuzzy
+from rpo_core.kernels.jit import as_table
+from rpo_core.thrusters.allocation_kernels import LIMIT, ROWS, SCRATCH, THRUST, allocate
+from rpo_core.thrusters.table import IDENTITY, ThrusterTable, table_of
 
 _CASES, _TICKS_APART = 24, 37
 
@@ -48,10 +51,9 @@ def files_of(
     file : name of the source file
     """
     joined = '\n\n'.join([*types, *functions])
-    source = filled('c', 'source', facts=facts, kernels=kernels.text(), functions=joined)
+    source = filled('source', facts=facts, kernels=kernels.text(), functions=joined)
     prototypes = (f'{found};' for found in _PUBLIC.findall(source))
     header = filled(
-        'c',
         'header',
         facts=facts,
         source=file.replace('*/', '* /'),
@@ -95,7 +97,6 @@ def force_text(source: Source, controller: AnyController, name: str) -> str:
         second = f'(double3){{{{{", ".join(map(number, law.scales))}}}}}'
     given = f'const double position_m[3], const double velocity_m_s[3], {"int tick, " * counts}'
     return filled(
-        'c',
         'force',
         about=about_force(', at a tick of the run' * counts),
         prototype=wrapped(f'void {name}_force({given}double force_n[3])'),
@@ -120,7 +121,6 @@ def _self_test(controller: AnyController, name: str) -> str:
         forces = [only_fuzzy(controller).force_n(s[:3], s[3:]) for s in states]
     rows = [(*s, *force) for s, force in zip(states, forces, strict=True)]
     return filled(
-        'c',
         'self_test',
         cases=table('cases', 'double', rows),
         count=_CASES,
@@ -141,7 +141,7 @@ def files(controller: AnyController, file: str) -> Files:
     if isinstance(controller, FuzzyController):
         axis = source.function(inference.axis_force).name
         scales = ', '.join(map(number, controller.scales))
-        functions.append(filled('c', 'axis', name=name, function=axis, scales=scales))
+        functions.append(filled('axis', name=name, function=axis, scales=scales))
     functions.append(_self_test(controller, name))
     use = (
         'double force_n[3];\n             '
@@ -149,3 +149,51 @@ def files(controller: AnyController, file: str) -> Files:
         f'{"0, " * counts_ticks(controller)}force_n);'
     )
     return files_of(name, facts_of(controller), source, functions, use, file)
+
+
+_ALLOCATED = 64
+
+
+def allocation_files(name: str, settings: ThrusterTable, file: str) -> Files:
+    """Return the C of a table, `NAME_allocate` and `NAME_self_test`, and its header.
+
+    file : name of the source file. Raises InputError.
+    """
+    made, source = table_of(settings, 1.0, 0.0, None, IDENTITY), Source()
+    source.record('TABLE', made)
+    written = source.function(allocate, ('scratch', type(made), 'scratch'))
+    draw, work, rows = np.random.default_rng(1), as_table(np.zeros(SCRATCH)), []
+    for case in range(_ALLOCATED):
+        size = 0.7 * float(np.sum(made.most)) / 3.0
+        force, torque = draw.normal(size=3) * size, draw.normal(size=3) * (case % 3) * 0.1 * size
+        most = np.array(made.most)
+        most[case % len(most)] *= float(case % 4 > 0)
+        for i, value in enumerate(most.tolist()):
+            work[LIMIT + i] = value
+        wanted = [*force.tolist(), *(value / made.lever for value in torque.tolist())]
+        share, _ = allocate(as_table(wanted), made, work)
+        thrusts = [float(work[THRUST + i]) for i in range(made.number)]
+        rows.append([*force.tolist(), *torque.tolist(), *most.tolist(), *thrusts, float(share)])
+    own, count = identifier(name), made.number
+    prototype = wrapped(
+        f'double {own}_allocate(const double force_n[3], const double torque_nm[3], '
+        f'const double most_n[{count}], double thrust_n[{count}])'
+    )
+    function = filled(
+        'allocate',
+        prototype=prototype,
+        scratch=SCRATCH,
+        rows=ROWS,
+        lever=number(made.lever),
+        number=count,
+        limit=LIMIT,
+        thrust=THRUST,
+        answer=source.spelled(written.returns),
+        allocate=written.name,
+        cases=table('cases', 'double', rows),
+        name=own,
+        count=_ALLOCATED,
+    )
+    facts = wrapped(f'/* thrusters of {name}, in this order: {", ".join(settings.names)} */')
+    use = f'share = {own}_allocate(force_n, torque_nm, most_n, thrust_n);'
+    return files_of(own, facts, source, [function], use, file)

@@ -8,7 +8,6 @@ thrusters, the last force, the mode. docs/safety.md has the proof; it is about t
 
 from __future__ import annotations
 
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -34,8 +33,6 @@ from rpo_core.world.cw import cw_step
 _CASES = 32  # ticks of each half of the self-test
 
 _REFERENCE = 'const double reference[6], const double reference_force_n[3]'
-
-_part = partial(filled, 'c_assured')
 
 
 class Assured(NamedTuple):
@@ -107,12 +104,12 @@ def _functions(a: Assured, source: Source) -> str:
     shape = ''
     if a.shaping is not None:
         numbers = ', '.join(map(number, ShapingStage(a.shaping, a.scenario).numbers))
-        shape = _part('shape', name=a.name, shaped=source.function(shaped).name, numbers=numbers)
+        shape = filled('shape', name=a.name, shaped=source.function(shaped).name, numbers=numbers)
     state = 'const double position_m[3], const double velocity_m_s[3]'
     memory, tick = f'{a.name}_memory *memory', 'tick, ' * a.counts
     given = f'{state}, {"int tick, " * a.counts}{f"{_REFERENCE}, " * a.guided}'
     out = 'double force_n[3]'
-    functions = _part(
+    functions = filled(
         'functions',
         **a.sending('memory', 'command_n'),
         start=wrapped(f'void {a.name}_start({memory})'),
@@ -133,8 +130,8 @@ def _functions(a: Assured, source: Source) -> str:
         first_mode=first.name,
         filter=filtered.name,
         answer=source.spelled(filtered.returns),
-        ahead=_part('ahead', slots=a.delay, step=step) if a.delay else '',
-        remember=_part('remember', slots=a.delay) if a.delay else '',
+        ahead=filled('ahead', slots=a.delay, step=step) if a.delay else '',
+        remember=filled('remember', slots=a.delay) if a.delay else '',
     )
     return '\n\n'.join([*constants, functions])
 
@@ -185,8 +182,8 @@ def _self_test(a: Assured) -> str:
         tables.append(
             f'static const int ticks[{len(ticks)}] = {{\n{formats.listed(ticks, 4, 96)}}};'
         )
-    return _part(
-        'self_test',
+    return filled(
+        'assured_self_test',
         cases='\n\n'.join(tables),
         name=a.name,
         count=len(rows),
@@ -206,11 +203,11 @@ def files(controller: AnyController, scenario: Scenario, file: str) -> c.Files:
     about = formats.one_line(f'runtime assurance of {scenario.name}: {scenario.description}')
     facts = '\n'.join([c.facts_of(controller), wrapped(f'/* {about} */')])
     codes = ', '.join(f'{n} {word or "none"}' for n, word in CONSTRAINTS.items())
-    memory = _part(
+    memory = filled(
         'memory',
         name=a.name,
         slots=max(a.delay, 1),
-        shaped=_part('shaped') if a.shaping else '',
+        shaped=filled('shaped') if a.shaping else '',
         unknown=UNKNOWN,
         modes=', '.join(f'{mode} {name}' for mode, name in MODES.items()),
     )

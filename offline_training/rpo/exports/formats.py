@@ -53,15 +53,16 @@ class Rule(NamedTuple):
 
 
 @cache
-def _template(file: str, part: str) -> Template:
-    text = resources.files('rpo.exports').joinpath(f'{file}.template').read_text('utf-8')
+def _templates() -> dict[str, Template]:
+    text = resources.files('rpo.exports').joinpath('parts.template').read_text('utf-8')
     parts = re.split(r'^@@ (\w+)\n', text, flags=re.MULTILINE)[1:]
-    return Template(dict(zip(parts[::2], parts[1::2], strict=True))[part].removesuffix('\n'))
+    texts = (Template(text.removesuffix('\n')) for text in parts[1::2])
+    return dict(zip(parts[::2], texts, strict=True))
 
 
-def filled(file: str, part: str, **values: object) -> str:
-    """Return a part of a file `.template`, its places `$name` filled with values."""
-    return _template(file, part).substitute(values)
+def filled(part: str, **values: object) -> str:
+    """Return a part of `parts.template`, its places `$name` filled with values."""
+    return _templates()[part].substitute(values)
 
 
 def triangles(functions: MembershipFunctions) -> tuple[tuple[str, Triangle], ...]:
@@ -154,7 +155,7 @@ def fis(any_controller: AnyController) -> str:
     comments, samples = [*facts(controller), *GOAL], controller.system.samples
     if samples != DEFAULT_SAMPLES:
         comments.append(f'evaluate with evalfisOptions(NumSamplePoints={samples})')
-    blocks = [filled('formats', 'fis', name=_title(controller.name))]
+    blocks = [filled('fis', name=_title(controller.name))]
     names = ('Input1', 'Input2', 'Output1')
     for name, variable in zip(names, variables(controller), strict=True):
         lines = [f'[{name}]', f"Name='{variable.name}'", 'Range=[-1 1]', 'NumMFs=5']

@@ -16,9 +16,8 @@ import numpy as np
 from rpo.proof import per_axis
 from rpo.proof.per_axis import UNCOUPLED, Limits, OtherAxis, Stage
 from rpo.proof.problem import Problem
-from rpo.proof.sets import MOST, WORTH_S, InvariantSet
 from rpo.proof.slew import Strip
-from rpo.proof.tube import Motion, Trace, fill_slew, fly
+from rpo.proof.tube import MOST, WORTH_S, InvariantSet, Motion, Trace, fill_slew, fly
 from rpo_core.judge.metrics import Windows, windows_of
 from rpo_core.kernels.arrays import Floats
 

@@ -18,11 +18,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo.analysis.certificate import REFUTED
 from rpo.proof import cells, flights, invariant, per_axis
 from rpo.proof.cells import Cell, CellBounds, Prover
+from rpo.proof.certificate import REFUTED
 from rpo.proof.check_sets import (
     empty_faults,
+    exact,
     law_faults,
     merging_faults,
     set_faults,
@@ -32,12 +33,10 @@ from rpo.proof.check_sets import (
     table_faults,
 )
 from rpo.proof.claims import Claim, Range, claims_of, empty_set, ranges_of, summary_of, values_of
-from rpo.proof.exact import exact
 from rpo.proof.flights import context_of
 from rpo.proof.folder import Folder
 from rpo.proof.problem import Problem
-from rpo.proof.sets import InvariantSet
-from rpo.proof.tube import Trace
+from rpo.proof.tube import InvariantSet, Trace
 from rpo_core.chain.flight import Flight, fly
 from rpo_core.files.validation import quoted, shown
 from rpo_core.kernels.arrays import Floats

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from rpo.analysis.certificate import PROVEN, REFUTED, UNDECIDED, verdict_of
 from rpo.proof.cells import CellBounds
+from rpo.proof.certificate import PROVEN, REFUTED, UNDECIDED, verdict_of
 from rpo.proof.problem import HOLD, Problem, number
-from rpo.proof.sets import InvariantSet
+from rpo.proof.tube import InvariantSet
 from rpo_core.chain.flight import Flight
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics, verdicts

@@ -5,7 +5,7 @@
 U(e, w) is the output of the inference at the normalised errors of position and velocity, saturated
 where the thrusters saturate. Each cell of the table has the values at its corners, bounds of both
 slopes, and a bound of how far U is from the bilinear interpolation of the corners. All of it comes
-from `analysis.surface`, which rounds outwards.
+from `surface`, which rounds outwards.
 
 With the middle slopes taken off, the rest of U changes by at most the radii a, b of the slopes.
 At (s h, t k) in a cell of widths h, k it differs from the bilinear mean of the corners by at most
@@ -22,8 +22,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo.analysis import surface
 from rpo.engine.lanes import compiled
+from rpo.proof import surface
 from rpo_core.control.controller import FuzzyController
 from rpo_core.control.fuzzy import MembershipFunctions
 from rpo_core.control.inference import infer

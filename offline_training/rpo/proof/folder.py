@@ -30,7 +30,6 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-import rpo.analysis
 import rpo.engine
 import rpo_core
 from rpo.montecarlo import outputs
@@ -47,7 +46,7 @@ from rpo.proof import cells
 from rpo.proof.cells import VALUES, CellBounds, Layout
 from rpo.proof.enclosure import Table
 from rpo.proof.problem import Problem
-from rpo.proof.sets import InvariantSet
+from rpo.proof.tube import InvariantSet
 from rpo_core import files
 from rpo_core.control import controller as controllers
 from rpo_core.files.validation import InputError, mapping, quoted, real, shown, text, within
@@ -205,8 +204,7 @@ def joined(parts: Iterable[CellBounds]) -> CellBounds:
 def code_digest() -> str:
     """Return a digest of the sources that a proof depends on."""
     found = hashlib.sha256()
-    packages = rpo_core, rpo.analysis, rpo.engine, rpo.proof
-    for package in packages:
+    for package in (rpo_core, rpo.engine, rpo.proof):
         base = Path(str(package.__file__)).parent
         for path in sorted(base.rglob('*.py')):
             name = f'{package.__name__} {path.relative_to(base)} '

@@ -14,8 +14,7 @@ import itertools
 import numpy as np
 
 from rpo.proof.problem import Problem
-from rpo.proof.sets import MOST, InvariantSet, box_of, is_inside
-from rpo.proof.tube import Motion, step
+from rpo.proof.tube import MOST, InvariantSet, Motion, box_of, is_inside, step
 from rpo_core.kernels.arrays import Floats
 
 RATES = (0.06, 0.045, 0.08, 0.03, 0.1, 0.15, 0.2)

@@ -31,9 +31,18 @@ import numpy as np
 
 from rpo.proof.enclosure import Table
 from rpo.proof.problem import PER_AXIS, Problem
-from rpo.proof.sets import MOST, ROUND, WORTH_S, InvariantSet, strip_of
 from rpo.proof.slew import Strip
-from rpo.proof.tube import Motion, Trace, fill_slew, fly
+from rpo.proof.tube import (
+    MOST,
+    ROUND,
+    WORTH_S,
+    InvariantSet,
+    Motion,
+    Trace,
+    fill_slew,
+    fly,
+    strip_of,
+)
 from rpo_core.kernels.arrays import Floats, contracted
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.world import cw

@@ -11,10 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rpo.analysis.certificate import REFUTED
 from rpo.montecarlo import pool
 from rpo.proof import flights
 from rpo.proof.cells import CellBounds, Prover, Targets, roots
+from rpo.proof.certificate import REFUTED
 from rpo.proof.claims import (
     BOUNDS,
     Claim,
@@ -31,7 +31,7 @@ from rpo.proof.flights import context_of
 from rpo.proof.folder import Folder, joined
 from rpo.proof.invariant import invariant_set_of
 from rpo.proof.problem import Problem
-from rpo.proof.sets import InvariantSet
+from rpo.proof.tube import InvariantSet
 
 UNIT, UNIT_PER_AXIS = 25, 1
 """First cells of a unit; in a proof per axis, each has many cells."""

@@ -9,14 +9,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rpo.analysis import surface
-from rpo.analysis.assessment import PAPER, QUESTIONS, Assessment, assess
-from rpo.analysis.certificate import PROVEN, Certificate, Claim, certify
-from rpo.analysis.judgement import HEADINGS, judge, rows_of, trained_for
+from rpo.analysis.judgement import (
+    HEADINGS,
+    PAPER,
+    QUESTIONS,
+    Assessment,
+    assess,
+    judge,
+    rows_of,
+    trained_for,
+)
 from rpo.analysis.rule_base import FORCES, WELL, force_rows, warnings
 from rpo.engine.flights import flights_of
+from rpo.proof import surface
+from rpo.proof.certificate import PROVEN, Certificate, Claim, certify
 from rpo.reports.page import Block, File, Picture, Report, Section, Table, Text, picture, plain
-from rpo.reports.surface_plots import axis_forces, draw_force, force_bar
+from rpo.reports.run_plots import axis_forces, draw_force, force_bar
 from rpo.training.scoring import fitness
 from rpo_core import files
 from rpo_core.chain.flight import Flight

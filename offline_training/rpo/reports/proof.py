@@ -11,14 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from rpo.analysis.certificate import PROVEN, REFUTED
 from rpo.proof.cells import CellBounds
+from rpo.proof.certificate import PROVEN, REFUTED
 from rpo.proof.check import WrittenSummary, fly_again, recompute
 from rpo.proof.claims import Claim, Range, lower, of_planar, row_of, upper
 from rpo.proof.folder import TEXTS, Folder, origins
 from rpo.proof.problem import PER_AXIS, Problem, range_of, title_of
-from rpo.proof.sets import InvariantSet
-from rpo.reports import surface_plots
+from rpo.proof.tube import InvariantSet
+from rpo.reports import run_plots
 from rpo.reports.page import Block, File, Picture, Report, Section, Table, Text, picture, plain
 from rpo_core.chain.flight import fly
 from rpo_core.files.validation import InputError
@@ -98,16 +98,16 @@ def _margins(folder: Folder, groups: dict[str, CellBounds], claim: Claim) -> Blo
     """Return the x-y plane of starts, coloured by bound beside limit; words if all is alike."""
     planar, settings = groups['planar'], folder.problem.settings
     shares = of_planar(groups, claim.key) / claim.limit
-    x, y = (surface_plots.points(settings.centre[i], settings.half[i]) for i in (0, 1))
+    x, y = (run_plots.points(settings.centre[i], settings.half[i]) for i in (0, 1))
     low, high = (planar.centre - planar.half)[:, :2], (planar.centre + planar.half)[:, :2]
-    values = surface_plots.greatest(x, y, low, high, shares)
+    values = run_plots.greatest(x, y, low, high, shares)
     if folder.problem.odd:
-        values = np.fmax(values, surface_plots.greatest(x, y, -high, -low, shares))
-    if surface_plots.is_flat(values):
+        values = np.fmax(values, run_plots.greatest(x, y, -high, -low, shares))
+    if run_plots.is_flat(values):
         least, most = 100.0 * np.nanmin(values), 100.0 * np.nanmax(values)
         return Text(f'{claim.statement}: {least:.0f} to {most:.0f} % of the limit everywhere.')
     figure, axes = style.new_panels(6.2)
-    surface_plots.draw_plane(figure, axes, y, x, values)
+    run_plots.draw_plane(figure, axes, y, x, values)
     axes.set(title=claim.statement, xlabel='start y, V-bar [m]', ylabel='start x, R-bar [m]')
     worst = int(shares.argmax())
     place = ', '.join(f'{x:.4g}' for x in planar.centre[worst])

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rpo.analysis import optimal
-from rpo.reports import assured, attitude, guided, navigation, run_plots
+from rpo.reports import run_plots, stages
 from rpo.reports.logged import LoggedFlight, logged_flight, until, verdict_of
 from rpo.reports.page import Block, File, Fold, Picture, Report, Section, Table, Text, picture
 from rpo.reports.replay import Replayed
@@ -39,15 +39,15 @@ MOST_TICKS = 20_000
 class _Stages(NamedTuple):
     """What the stages of a run did, computed again; empty or None where it has none."""
 
-    guidance: list[guided.Phase]
-    assurance: assured.Decided | None
-    estimator: navigation.Filtered | None
+    guidance: list[stages.Phase]
+    assurance: stages.Decided | None
+    estimator: stages.Filtered | None
 
     @classmethod
     def of(cls, log: RunLog, flight: Flight) -> _Stages:
         """Run the stages of a run again."""
-        decided, filtered = assured.decided(log, flight), navigation.filtered(log, flight)
-        return cls(guided.phases_of(log, flight), decided, filtered)
+        decided, filtered = stages.decided(log, flight), stages.filtered(log, flight)
+        return cls(stages.phases_of(log, flight), decided, filtered)
 
     def lacking(self, flight: Flight) -> list[Text]:
         """Say which stages of the scenario could not be run again."""
@@ -65,23 +65,23 @@ def report_of(path: Path, scenario: str = '') -> tuple[Report, LoggedFlight]:
     shown = logged_flight(log)
     flight, (optimum, why_not) = shown.flight, _optimum(shown)
     controller, why = _controller(log)
-    phases, acted, estimated = stages = _Stages.of(log, flight)
+    phases, acted, estimated = ran = _Stages.of(log, flight)
     with style.applied():
         sections = [
             Section('Limits and path', tuple(_limits_and_path(shown, optimum))),
-            Section('Time histories', (_histories(flight, phases), *stages.lacking(flight))),
-            *guided.sections(flight, phases),
-            *assured.sections(flight, acted, phases),
+            Section('Time histories', (_histories(flight, phases), *ran.lacking(flight))),
+            *stages.guidance_sections(flight, phases),
+            *stages.assurance_sections(flight, acted, phases),
             Section('Energy', tuple(_energy(flight, optimum, why_not))),
             Section('Force and slew', (_force_and_slew(flight),)),
-            *attitude.sections(flight),
+            *stages.attitude_sections(flight),
             *_thrusters(flight),
             *_disturbance(flight),
-            *navigation.sections(flight, estimated),
+            *stages.navigation_sections(flight, estimated),
             Section('Phase planes', tuple(_phase_planes(flight, controller, why))),
             Section('Details', tuple(_details(shown, log))),
         ]
-    replayed = _replayed(path.name, shown, controller, stages)
+    replayed = _replayed(path.name, shown, controller, ran)
     summary = _summary(shown, log)
     title, judged = log_report.title_of(log), bool(replayed.missed)
     made = Report(title, summary, tuple(sections), judged, replayed.verdict, (replayed,))
@@ -132,9 +132,9 @@ def _controller(log: RunLog) -> tuple[AnyController | None, str]:
 
 
 def _replayed(
-    name: str, shown: LoggedFlight, controller: AnyController | None, stages: _Stages
+    name: str, shown: LoggedFlight, controller: AnyController | None, ran: _Stages
 ) -> Replayed:
-    phases, acted, estimated = stages
+    phases, acted, estimated = ran
     return Replayed(
         name,
         shown.flight,
@@ -142,7 +142,7 @@ def _replayed(
         _missed(shown),
         controller,
         [(phase.name, phase.reason, phase.begin) for phase in phases],
-        assured.interventions(acted.constraints) if acted else (),
+        stages.interventions(acted.constraints) if acted else (),
         acted.margins if acted else None,
         estimated.estimates if estimated else None,
     )
@@ -252,9 +252,9 @@ def _details(shown: LoggedFlight, log: RunLog) -> list[Block]:
     ]
 
 
-def _histories(flight: Flight, phases: list[guided.Phase]) -> Picture:
+def _histories(flight: Flight, phases: list[stages.Phase]) -> Picture:
     figure = log_report.time_histories(flight)
-    guided.mark(figure, phases, flight)
+    stages.mark(figure, phases, flight)
     begin_s = log_report.close_up_s(flight.scenario)
     last = metrics.window(flight, flight.scenario.duration_s - begin_s)
     where = '' if log_report.turns(flight.scenario) else ' in LVLH'
@@ -320,8 +320,8 @@ def _phase_planes(flight: Flight, controller: AnyController | None, why: str) ->
         missing = f'No control surface: {why}.'
     elif fuzzy is None:
         missing = f'No control surface: {controller.name} is not a fuzzy controller.'
-    errors, follows = guided.errors_of(flight), guided.follows(flight)
-    if follows and np.abs(errors).max() < guided.EXACT:
+    errors, follows = stages.errors_of(flight), stages.follows(flight)
+    if follows and np.abs(errors).max() < stages.EXACT:
         return [Text('The chaser is on its reference: its phase planes would be points.')]
     planes = picture(
         'phase_planes',

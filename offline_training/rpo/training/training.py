@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from rpo.analysis.assessment import PAPER, assess
+from rpo.analysis.judgement import PAPER, assess
 from rpo.engine.population import Population
 from rpo.training.algorithms import Search, cma_es, genetic, pareto
 from rpo.training.config import TrainingConfig, load_start

@@ -39,9 +39,9 @@ def compare(
 
     Results are kept: Ctrl-C stops cleanly, the same command goes on.
     """
-    from rpo.analysis import comparison, comparison_table
+    from rpo.analysis import comparison
     from rpo.montecarlo.outputs import put
-    from rpo.reports import comparison as pictures
+    from rpo.reports import training as pictures
     from rpo.training.provenance import saw
     from rpo_core.files import find
 
@@ -56,19 +56,19 @@ def compare(
         )
         least, rows = compared.least(), compared.rows()
     flown = compared.campaigns[0]
-    for headings, *lines in (table(rows) for table in comparison_table.TABLES):
+    for headings, *lines in (table(rows) for table in comparison.TABLES):
         columns = zip(headings, *lines, strict=True)
         widths = (max(_HEADING, *map(len, cells)) for _, *cells in columns)
         print_table([fill(*pair) for pair in zip(headings, widths, strict=True)], lines)
-    for note in comparison_table.notes(rows, least, flown):
+    for note in comparison.notes(rows, least, flown):
         echo(f'- {note}')
-    for path in comparison_table.write(rows, least, flown, output):
+    for path in comparison.write(rows, least, flown, output):
         echo(path)
     if picture is not None:
         draw(picture, pictures.draw, rows)
     if write is not None:
-        tables = comparison_table.TABLES[:-1]
-        put(write, 'rpo compare', comparison_table.markdown(rows, least, flown, tables))
+        tables = comparison.TABLES[:-1]
+        put(write, 'rpo compare', comparison.markdown(rows, least, flown, tables))
         echo(write)
 
 

@@ -15,7 +15,7 @@ from rpo.cli.display import print_table, progress
 from rpo_core.files.validation import InputError
 
 if TYPE_CHECKING:
-    from rpo.analysis.assessment import Assessment
+    from rpo.analysis.judgement import Assessment
     from rpo_core.control.controller import AnyController
     from rpo_core.scenario.scenario import Scenario, ScenarioSet
 
@@ -52,8 +52,7 @@ def evaluate(
 
     Exit code 1: something that was judged is missed.
     """
-    from rpo.analysis.assessment import PAPER, assess
-    from rpo.analysis.judgement import trained_for
+    from rpo.analysis.judgement import PAPER, assess, trained_for
     from rpo_core.control.controller import FuzzyController, load_controller
     from rpo_core.scenario.scenario import load
 
@@ -102,7 +101,7 @@ def _judge_estimator(name: str, runs: int) -> bool:
     world is: this is reported.
     """
     from rpo.analysis import consistency
-    from rpo.analysis.attitude_consistency import OUTAGE, attitude_consistency
+    from rpo.analysis.consistency import OUTAGE, attitude_consistency
     from rpo_core.control.controller import load_controller
     from rpo_core.files import DEFAULT_CONTROLLER
     from rpo_core.navigation.attitude_estimator import AttitudeEstimator
@@ -150,7 +149,7 @@ def _judge_estimator(name: str, runs: int) -> bool:
 
 def _print_targets(found: Assessment) -> bool:
     """Print the figures of a controller beside its targets; return whether it misses one."""
-    from rpo.analysis.assessment import QUESTIONS
+    from rpo.analysis.judgement import QUESTIONS
     from rpo_core.judge.metrics import ARRIVAL_DISTANCE, ARRIVAL_SPEED, ENERGY, SLEW
 
     targets, name = found.targets(), found.controller.name

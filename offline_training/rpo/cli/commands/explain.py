@@ -308,7 +308,7 @@ def _explain_fuzzy(controller: FuzzyController, certify: bool, words: Words = st
 
 def _print_certificate(controller: FuzzyController, words: Words) -> bool:
     """Print what is proven of the control surface of a controller; return whether all is."""
-    from rpo.analysis.certificate import certify
+    from rpo.proof.certificate import certify
 
     certificate = certify(controller.system)
     colours = {'proven': 'green', 'refuted': 'red', 'undecided': 'yellow'}

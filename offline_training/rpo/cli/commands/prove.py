@@ -21,11 +21,11 @@ from rpo.cli.display import print_table, progress
 from rpo_core.files.validation import InputError
 
 if TYPE_CHECKING:
-    from rpo.analysis.proven import Proof
     from rpo.proof.check import Checked
     from rpo.proof.claims import Claim, Range
     from rpo.proof.folder import Folder
     from rpo.proof.problem import Problem
+    from rpo.proof.proven import Proof
 
 
 def prove(
@@ -131,7 +131,7 @@ def _problem(
 
 def _prove(folder: Folder, workers: int) -> bool:
     """Make a proof; return whether a claim is refuted or open."""
-    from rpo.analysis.certificate import PROVEN
+    from rpo.proof.certificate import PROVEN
     from rpo.proof.claims import worst
     from rpo.proof.proving import prove as make
 
@@ -176,7 +176,7 @@ def _estimate(problem: Problem, count: int) -> None:
 
 def _check(folder: Folder, cells: int, flights: int, seed: int | None) -> bool:
     """Check a proof, end at a wrong one; return whether a claim is refuted or open."""
-    from rpo.analysis.certificate import PROVEN
+    from rpo.proof.certificate import PROVEN
     from rpo.proof.check import Sample, check
     from rpo.proof.claims import worst
     from rpo.proof.folder import code_digest, origins
@@ -214,7 +214,7 @@ def _check(folder: Folder, cells: int, flights: int, seed: int | None) -> bool:
 
 def _proof_of(folder: Folder, options: str) -> Proof:
     """Return what the folder of `rpo prove NAME` shows; raises InputError if it is of another."""
-    from rpo.analysis import proven
+    from rpo.proof import proven
     from rpo.proof.problem import Settings
     from rpo_core.control.controller import load_fuzzy
     from rpo_core.scenario.scenario import load_set
@@ -242,8 +242,8 @@ def _proof_of(folder: Folder, options: str) -> Proof:
 
 def _publish(proof: Proof) -> None:
     """Write a proof in the place of an older one: into the file of results, and the page."""
-    from rpo.analysis import proven
     from rpo.montecarlo.outputs import put
+    from rpo.proof import proven
 
     made = {found.controller: found for found in proven.shipped()} if proven.PATH.exists() else {}
     proofs = list((made | {proof.controller: proof}).values())

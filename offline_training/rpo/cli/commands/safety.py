@@ -78,13 +78,13 @@ def attack(
     `chaser_attitude_error_deg`; its position is known as badly as assurance assumes.
     """
     if campaign:
+        from rpo.analysis.attack_campaign import bounded
         from rpo.montecarlo import config
-        from rpo.proof.safety.whole_chain import bounded
 
         chosen = config.load(campaign, changes or [], runs=runs, seed=seed)
         end(_attack_campaign(chosen if estimated else bounded(chosen)), no_fail)
         return
-    from rpo.proof.safety import attack as attacks
+    from rpo.analysis import attack as attacks
     from rpo_core.scenario import overrides
 
     found = overrides.load(scenario, changes or [])
@@ -116,8 +116,8 @@ def _attack_campaign(chosen: Campaign) -> bool:
     """
     import numpy as np
 
-    from rpo.proof.safety.attack import settings_of
-    from rpo.proof.safety.whole_chain import attack_campaign
+    from rpo.analysis.attack import settings_of
+    from rpo.analysis.attack_campaign import attack_campaign
 
     runs = chosen.config.runs
     began, rows, broken = time.monotonic(), [], 0
@@ -151,7 +151,7 @@ def quiet(
     speed: Annotated[str, Option(help='preset of the speed limit')] = 'sqrt',
 ) -> None:
     """Fly without assurance, and count the commands that it would change."""
-    from rpo.proof.safety import counts as counting
+    from rpo.analysis import assurance as counting
     from rpo_core.assurance.settings import Assurance
     from rpo_core.control.controller import load_controller
     from rpo_core.scenario.scenario import load
@@ -176,7 +176,7 @@ def drift(
     more_drag: Annotated[bool, Option('--more-drag', help='the chaser has the more drag')] = False,
 ) -> None:
     """Print from how many moments of flights a thruster silence would lead to the target."""
-    from rpo.proof.safety.counts import silence
+    from rpo.analysis.assurance import silence
     from rpo_core.control.controller import load_controller
     from rpo_core.scenario.scenario import load
 
@@ -200,7 +200,7 @@ def abort(
     changes: Set = None,
 ) -> None:
     """Choose an abort from states of a plan or a flight, and random ones; count what is clear."""
-    from rpo.proof.safety import counts
+    from rpo.analysis import assurance as counts
     from rpo_core.control.controller import load_controller
     from rpo_core.guidance.plan import Guidance
     from rpo_core.scenario import overrides
@@ -247,7 +247,7 @@ def thrusters(
     `max_force_n` of the scenario, at once; none: to some side there is no force. Failures that the
     scenario knows are in every row.
     """
-    from rpo.exports import c_allocation
+    from rpo.exports import c
     from rpo_core.scenario import overrides
     from rpo_core.thrusters import authority
     from rpo_core.thrusters.table import PRESETS, ThrusterTable
@@ -261,7 +261,7 @@ def thrusters(
             raise InputError(f'scenario {found.name} must have `thrusters.table`; it has none')
         settings, limit_n = found.thrusters.table, float(found.max_force_n)
     if source is not None:
-        text, header = c_allocation.files(table, settings, source.name)
+        text, header = c.allocation_files(table, settings, source.name)
         write_texts({source: text, source.with_suffix('.h'): header})
         return
     rows, left = [], Counter[str]()

@@ -22,8 +22,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rpo.analysis import surface
-from rpo.analysis.surface import Boxes, Enclosure
+from rpo.proof import surface
+from rpo.proof.surface import Boxes, Enclosure
 from rpo_core.control.fuzzy import FuzzySystem
 from rpo_core.kernels.arrays import Bools, Floats
 

@@ -11,12 +11,8 @@ import pytest
 from invoking import invoke
 from scipy.spatial.transform import Rotation
 
-from rpo.engine.lanes import FORCE, KNOWN_R, KNOWN_V, RUNS, STRIDE, R, V, make_scratch
-from rpo.engine.tick import table_of
-from rpo.montecarlo import config
-from rpo.montecarlo.single import scenario_of
-from rpo.proof.safety.attack import NOT_FINITE, wanted
-from rpo.proof.safety.whole_chain import (
+from rpo.analysis.attack import NOT_FINITE, wanted
+from rpo.analysis.attack_campaign import (
     BEFORE,
     CLOSING,
     KINDS,
@@ -28,6 +24,10 @@ from rpo.proof.safety.whole_chain import (
     command,
     watch,
 )
+from rpo.engine.lanes import FORCE, KNOWN_R, KNOWN_V, RUNS, STRIDE, R, V, make_scratch
+from rpo.engine.tick import table_of
+from rpo.montecarlo import config
+from rpo.montecarlo.single import scenario_of
 from rpo_core.assurance.settings import Assurance
 from rpo_core.chain.flight import fly
 from rpo_core.files.validation import InputError

@@ -17,8 +17,8 @@ from typing import Any
 
 import yaml
 
-from rpo.analysis.certificate import PROVEN, REFUTED, UNDECIDED, verdict_of
 from rpo.montecarlo.outputs import digest_of, markdown_table, write_text
+from rpo.proof.certificate import PROVEN, REFUTED, UNDECIDED, verdict_of
 from rpo.training.scoring.conditions import LABELS, PAPER, label
 from rpo_core import files
 from rpo_core.control import controller as controllers

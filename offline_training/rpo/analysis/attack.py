@@ -397,7 +397,7 @@ _CHUNK = 1000
 class Result:
     """What became of the runs of one kind of command.
 
-    rows : (n, COLUMNS), see `rpo.proof.safety.attack`
+    rows : (n, COLUMNS), from `VIOLATED` to `HARD`
     """
 
     kind: str

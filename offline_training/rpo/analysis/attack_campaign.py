@@ -17,6 +17,8 @@ from typing import Any
 
 import numpy as np
 
+from rpo.analysis import attack
+from rpo.analysis.attack import LATE, NOT_FINITE, wanted
 from rpo.engine.lanes import (
     BODY_R,
     BODY_V,
@@ -45,8 +47,6 @@ from rpo.montecarlo.config import Campaign
 from rpo.montecarlo.quantities import Dispersion
 from rpo.montecarlo.run_batch import UNIT, case_of
 from rpo.montecarlo.sampling import draw
-from rpo.proof.safety import attack
-from rpo.proof.safety.attack import LATE, NOT_FINITE, wanted
 from rpo_core.assurance.assumed import LARGEST_NORMAL, SQRT_3, errors_of
 from rpo_core.attitude.chaser_kernels import times
 from rpo_core.control.attitude_law_kernels import FUZZY, attitude_ahead
