@@ -368,7 +368,8 @@ def test_what_follows_of_the_cells_is_the_same_in_any_order():
 @pytest.mark.parametrize(('more', 'inside'), [(0.0, False), (1e-12, True)])
 def test_a_set_on_the_very_rim_is_not_inside(more, inside):
     omega, speed = InvariantSet(1.0, 0.1, 0.3 * (1.0 + more)), np.array([0.0, 0.3])
-    found = tube.is_inside(omega, np.zeros(2), speed[:, None], np.zeros(2), 1, -speed, speed)
+    rim = tube.Zonotope(np.zeros(2), speed[:, None], np.zeros(2))
+    found = tube.is_inside(omega, rim, 1, -speed, speed)
     assert found == inside
 
 
@@ -379,7 +380,7 @@ def test_the_box_of_a_set_is_rounded_outwards():
         c, d = random.normal(size=2), np.abs(random.normal(size=2)) * 1e-3
         g = random.normal(size=(2, 40)) * random.choice([1.0, 1e-8], 40)
         low, high = np.zeros(2), np.zeros(2)
-        tube.box_of(c, g, d, 40, low, high)
+        tube.box_of(tube.Zonotope(c, g, d), 40, low, high)
         for i in range(2):
             radius = Fraction(d[i]) + sum(abs(Fraction(x)) for x in g[i])
             assert Fraction(low[i]) <= Fraction(c[i]) - radius

@@ -327,26 +327,26 @@ def test_strips_that_begin_or_end_elsewhere_are_found(folder, groups):
     merged = round(per_axis.STAGE_S / folder.problem.scenario.dt_s)
     assert (first.last, second.first) == (merged, merged)
     one, motion = first.moved[0], prover.motion_of(cell)
-    c, g, d, m = per_axis.set_of(one.strip, motion.carried.shape[1])
-    assert not list(check_sets.start_faults(one.strip, c, g[:, :m], d, ''))
+    z, m = per_axis.set_of(one.strip, motion.carried.shape[1])
+    assert not list(check_sets.start_faults(one.strip, z, m, ''))
     for wrong in (
         one.strip._replace(r=one.strip.r + 1e-12),
         one.strip._replace(half=one.strip.half * (1.0 + 1e-12)),
         one.strip._replace(tilt=one.strip.tilt + 1e-9),
     ):
-        assert list(check_sets.start_faults(wrong, c, g[:, :m], d, ''))
+        assert list(check_sets.start_faults(wrong, z, m, ''))
     numbers = range(first.first, first.last)
-    moving = check_sets.set_faults(folder.problem, motion, (c, g, d, m), numbers, set(), '')
+    moving = check_sets.set_faults(folder.problem, motion, (z, m), numbers, set(), '')
     with pytest.raises(StopIteration) as stopped:
         next(moving)
     m = stopped.value.value
-    assert not list(check_sets.end_faults(one.end, c, g[:, :m], d, ''))
+    assert not list(check_sets.end_faults(one.end, z, m, ''))
     for wrong in (
         one.end._replace(half_m=one.end.half_m * 0.999),
         one.end._replace(half=one.end.half * 0.999),
         one.end._replace(v=one.end.v + 1e-6),
     ):
-        assert list(check_sets.end_faults(wrong, c, g[:, :m], d, ''))
+        assert list(check_sets.end_faults(wrong, z, m, ''))
 
 
 def test_planted_errors_are_found(folder, groups):
@@ -371,8 +371,7 @@ def test_planted_errors_are_found(folder, groups):
         motion._replace(coupling_half=motion.coupling_half * 0.9),
     ):
         assert list(check_sets.motion_faults(prover, cell, wrong, 50, ''))
-    c, g, d, m = prover.start(cell)
-    before, after, _ = check_sets.stepped(folder.problem, motion, 50, c, g, d, m)
+    before, after, _ = check_sets.stepped(folder.problem, motion, 50, *prover.start(cell))
     assert not list(check_sets.step_faults(motion, before, after, ''))
     still = motion._replace(coupling=0.0 * motion.coupling)
     assert list(check_sets.step_faults(still, before, after, ''))

@@ -45,16 +45,16 @@ class Bench:
         prover = self.prover('planar')
         found = self.groups['planar']
         k = int(rng.integers(len(found.values)))
-        c, g, d, m = prover.start(cells.Cell(tuple(found.centre[k]), tuple(found.half[k])))
+        z, m = prover.start(cells.Cell(tuple(found.centre[k]), tuple(found.half[k])))
         kept, number = m, 0
         boxing = False
         last = int(rng.integers(20, 120))
         while number < last or not boxing:
-            before, after, m = check_sets.stepped(self.problem, prover.motion, number, c, g, d, m)
-            m = tube.tidy(number, g, d, kept, m)
+            before, after, m = check_sets.stepped(self.problem, prover.motion, number, z, m)
+            m = tube.tidy(number, z, kept, m)
             boxing = m < after.g.shape[1]
             number += 1
-        tidied = replace(after, g=g[:, :m].copy(), d=d.copy())
+        tidied = replace(after, g=z.g[:, :m].copy(), d=z.d.copy())
         return prover, before, after, tidied, kept
 
     def finds(self, kind, rng):

@@ -65,7 +65,7 @@ def moved_by(rng, p):
     )  # fmt: skip
     g = np.zeros((n, tube.MOST + 4 * n))
     g[:, :9] = drawn(rng, n, 9, most=0.0) * 10.0 ** rng.uniform(-9.0, 0.0)
-    return motion, (drawn(rng, n), g, abs(drawn(rng, n, least=-12.0, most=-9.0)))
+    return motion, tube.Zonotope(drawn(rng, n), g, abs(drawn(rng, n, least=-12.0, most=-9.0)))
 
 
 def plane(rng):
@@ -80,13 +80,14 @@ def test_a_tick_is_widened_by_a_share_of_all_its_terms(p):
     """Its set, which holds the exact image too; its strips; its forces, up to the limit."""
     rng, whole = np.random.default_rng(3), Fraction(ROUND)
     for _ in range(80):
-        motion, (c, g, d) = moved_by(rng, p)
-        n, m, table = 2 * p, 9, plane(rng)
-        low, high, laws = np.empty(n), np.empty(n), np.empty((p, 6))
-        least, most = np.empty(p), np.empty(p)
+        motion, moving = moved_by(rng, p)
+        c, g, d = moving
+        n, m, table, trace = 2 * p, 9, plane(rng), tube.Trace.empty(1, 2 * p, 0)
+        low, high, laws = trace.low[0], trace.high[0], trace.laws[0]
+        least, most = trace.force_low[0], trace.force_high[0]
         before = check_sets.Tick(0, c.copy(), g[:, :m].copy(), d.copy(), laws)
-        tube.box_of(c, g, d, m, low, high)
-        assert tube.step(table, motion, 0, c, g, d, m, low, high, laws, least, most) == m + p
+        tube.box_of(moving, m, low, high)
+        assert tube.step(table, motion, 0, moving, m, trace, 0) == m + p
         after = check_sets.Tick(1, c, g[:, : m + p], d, laws)
         assert not list(check_sets.step_faults(motion, before, after, ''))
         states = [largest(*ends) for ends in zip(low, high, strict=True)]
@@ -134,25 +135,23 @@ def test_a_set_that_is_given_up_is_in_no_invariant_set(table, widest, until, mos
     """Too wide, too far from the target when it must hold, or beyond the table."""
     motion = tube.Motion(np.eye(2), np.zeros((2, 1)), 0.1, np.zeros((9, 1)), np.zeros((9, 0, 1)),
                          0.0, 0.0, np.zeros((9, 2)), np.zeros((9, 2)))  # fmt: skip
-    trace = tube.Trace(np.zeros((10, 2)), np.zeros((10, 2)), np.zeros((9, 1)), np.zeros((9, 1)),
-                       np.zeros((9, 1)), np.zeros((9, 1, 6)), np.zeros(2))  # fmt: skip
     g = np.zeros((2, tube.MOST + 8))
     g[0, 0] = 1.0
-    found = tube.fly(surface(**table), motion, np.zeros(2), g, np.zeros(2), 1, 1,
-                     tube.InvariantSet(9.0, 1.0, 9.0), until, np.full(2, widest), most_m,
-                     trace)  # fmt: skip
+    omega, still = tube.InvariantSet(9.0, 1.0, 9.0), tube.Zonotope(np.zeros(2), g, np.zeros(2))
+    ends = omega, until, np.full(2, widest), most_m
+    found = tube.fly(surface(**table), motion, still, 1, *ends, tube.Trace.empty(9, 2, 0))
     assert found[:2] == (0, -1)
 
 
 @SIDES
 def test_forces_of_a_tick_are_within_the_limit(side):
-    table, still = surface(u=np.full((2, 2), side), limit=0.75), np.zeros(2)
+    table, trace = surface(u=np.full((2, 2), side), limit=0.75), tube.Trace.empty(1, 2, 0)
     motion = tube.Motion(np.eye(2), np.ones((2, 1)), 0.1, np.zeros((1, 1)), np.zeros((1, 0, 1)),
                          0.0, 0.0, np.zeros((1, 2)), np.zeros((1, 2)))  # fmt: skip
-    least, most, g = np.empty(1), np.empty(1), np.zeros((2, tube.MOST + 8))
-    tube.step(table, motion, 0, still.copy(), g, still.copy(), 0, still, still,
-              np.empty((1, 6)), least, most)  # fmt: skip
-    limited, beyond = (most[0], least[0]) if side > 0.0 else (least[0], most[0])
+    still = tube.Zonotope(np.zeros(2), np.zeros((2, tube.MOST + 8)), np.zeros(2))
+    tube.step(table, motion, 0, still, 0, trace, 0)
+    least, most = float(trace.force_low[0, 0]), float(trace.force_high[0, 0])
+    limited, beyond = (most, least) if side > 0.0 else (least, most)
     assert limited == side * 0.375 and abs(beyond) == pytest.approx(0.5)
 
 

@@ -17,7 +17,7 @@ from rpo.proof import per_axis
 from rpo.proof.per_axis import UNCOUPLED, Limits, OtherAxis, Stage
 from rpo.proof.problem import Problem
 from rpo.proof.slew import Strip
-from rpo.proof.tube import MOST, WORTH_S, InvariantSet, Motion, Trace, fill_slew, fly
+from rpo.proof.tube import MOST, WORTH_S, InvariantSet, Motion, Trace, Zonotope, fill_slew, fly
 from rpo_core.judge.metrics import Windows, windows_of
 from rpo_core.kernels.arrays import Floats
 
@@ -250,8 +250,8 @@ class Prover(threading.local):
             return widths(cell)
         return [0.0] * len(self.motion.a) + known
 
-    def start(self, cell: Cell) -> tuple[Floats, Floats, Floats, int]:
-        """Return the set of a cell: centre, generators, box, number of generators."""
+    def start(self, cell: Cell) -> tuple[Zonotope, int]:
+        """Return the set of a cell, and the number of its generators."""
         n, first = len(self.motion.a), self.motion.carried.shape[1]
         g = np.zeros((n, MOST + 4 * n))
         m = first
@@ -259,7 +259,7 @@ class Prover(threading.local):
             if half > 0.0:
                 g[i, m] = half
                 m += 1
-        return np.array(cell.centre[:n]), g, np.zeros(n), m
+        return Zonotope(np.array(cell.centre[:n]), g, np.zeros(n)), m
 
     def fly(self, cell: Cell) -> tuple[int, int]:
         """Fill `trace`; return its last tick, and the first one in the invariant set, or -1.
@@ -269,24 +269,10 @@ class Prover(threading.local):
         if self.per_axis:
             return self._merged(cell), -1
         motion = self.motion_of(cell)
-        c, g, d, m = self.start(cell)
-        n = len(c)
-        widest = np.repeat(WIDEST, n // 2)
+        widest = np.repeat(WIDEST, len(motion.a) // 2)
         until = max(self.problem.hold_tick, self.problem.scenario.ticks)
-        last, resting, _ = fly(
-            self.problem.table,
-            motion,
-            c,
-            g,
-            d,
-            m,
-            m,
-            self.omega,
-            until,
-            widest,
-            self.problem.hold_error_m,
-            self.trace,
-        )
+        (z, m), table, most_m = self.start(cell), self.problem.table, self.problem.hold_error_m
+        last, resting, _ = fly(table, motion, z, m, self.omega, until, widest, most_m, self.trace)
         if last >= until and math.isfinite(self.slew_n_s):
             fill_slew(self.problem.table, motion, self.trace, last, self.slew_n_s)
         else:

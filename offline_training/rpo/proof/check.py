@@ -197,14 +197,13 @@ def invariant_faults(problem: Problem, omega: InvariantSet) -> Iterator[str]:
     radius, rate, speed = (exact(number) for number in omega)
     for group in problem.groups:
         motion = invariant.motion_inside(problem, group)
-        c, g, d, m = invariant.as_set(motion, omega)
-        before, after, m = stepped(problem, motion, 0, c, g, d, m)
+        before, after, m = stepped(problem, motion, 0, *invariant.as_set(motion, omega))
         if m < 0:
             yield f'{group} set of omega: it has no law'
             continue
         yield from law_faults(problem, before, f'{group} invariant set')
         yield from step_faults(motion, before, after, f'{group} invariant set')
-        p = len(c) // 2
+        p = len(after.c) // 2
         to_speed = np.hstack([np.diag([rate] * p), np.eye(p, dtype=int)])
         middle, wide, box = map(exact, (after.c, after.g, after.d))
         far = (abs(middle) + box + abs(wide).sum(axis=1))[:p]

@@ -25,7 +25,7 @@ from rpo.proof.folder import table_arrays
 from rpo.proof.per_axis import set_of
 from rpo.proof.problem import PER_AXIS, Problem
 from rpo.proof.slew import Strip
-from rpo.proof.tube import Motion
+from rpo.proof.tube import Motion, Zonotope
 from rpo_core.control.controller import FuzzyController
 from rpo_core.control.fuzzy import MembershipFunctions
 from rpo_core.kernels.arrays import Floats
@@ -175,42 +175,39 @@ class Tick:
 
 
 def stepped(
-    problem: Problem, motion: Motion, number: int, c: Floats, g: Floats, d: Floats, m: int
+    problem: Problem, motion: Motion, number: int, z: Zonotope, m: int
 ) -> tuple[Tick, Tick, int]:
     """Move a set by a tick with the prover's kernel; return before, after, and generators."""
-    n = len(c)
-    p = n // 2
-    low, high, laws = np.empty(n), np.empty(n), np.empty((p, 6))
-    tube.box_of(c, g, d, m, low, high)
-    before = Tick(number, c.copy(), g[:, :m].copy(), d.copy(), laws)
-    m = tube.step(
-        problem.table, motion, number, c, g, d, m, low, high, laws, np.empty(p), np.empty(p)
-    )
-    return before, Tick(number + 1, c.copy(), g[:, : max(m, 0)].copy(), d.copy(), laws), m
+    trace = tube.Trace.empty(1, len(z.c), 0)
+    tube.box_of(z, m, trace.low[0], trace.high[0])
+    before = Tick(number, z.c.copy(), z.g[:, :m].copy(), z.d.copy(), trace.laws[0])
+    m = tube.step(problem.table, motion, number, z, m, trace, 0)
+    generators = z.g[:, : max(m, 0)].copy()
+    return before, Tick(number + 1, z.c.copy(), generators, z.d.copy(), trace.laws[0]), m
 
 
-Start = tuple[Floats, Floats, Floats, int]
-"""A set: centre, generators, box, number of generators."""
+Start = tuple[Zonotope, int]
+"""A set, and the number of its generators."""
 
 
 def set_faults(
     problem: Problem, motion: Motion, start: Start, numbers: range, ticks: set[int], name: str
 ) -> Generator[str, None, int]:
     """Move a set in place; yield what is wrong at some ticks, return its number of generators."""
-    c, g, d, m = start
+    z, m = start
     fixed = m
     for number in numbers:
         where = f'{name}, tick {number}'
-        before, after, m = stepped(problem, motion, number, c, g, d, m)
+        before, after, m = stepped(problem, motion, number, z, m)
         if m < 0:
             yield f'{where}: it has no law'
             return 0
         if number in ticks:
             yield from law_faults(problem, before, where)
             yield from step_faults(motion, before, after, where)
-        m = tube.tidy(number - numbers.start, g, d, fixed, m)
+        m = tube.tidy(number - numbers.start, z, fixed, m)
         if number in ticks:
-            tidied = replace(after, g=g[:, :m].copy(), d=d.copy())
+            tidied = replace(after, g=z.g[:, :m].copy(), d=z.d.copy())
             yield from tidy_faults(after, tidied, fixed, where)
     return m
 
@@ -441,25 +438,25 @@ def merging_faults(
         drawn = ticks & set(numbers)
         for tick in sorted(drawn):
             yield from motion_faults(prover, cell, motion, tick, f'{name}, tick {tick}')
-        c, g, d, m = set_of(one.strip, motion.carried.shape[1])
-        yield from start_faults(one.strip, c, g[:, :m], d, where)
-        m = yield from set_faults(prover.problem, motion, (c, g, d, m), numbers, drawn, name)
-        yield from end_faults(one.end, c, g[:, :m], d, where)
+        z, m = set_of(one.strip, motion.carried.shape[1])
+        yield from start_faults(one.strip, z, m, where)
+        m = yield from set_faults(prover.problem, motion, (z, m), numbers, drawn, name)
+        yield from end_faults(one.end, z, m, where)
 
 
-def start_faults(strip: Strip, c: Floats, g: Floats, d: Floats, where: str) -> Iterator[str]:
+def start_faults(strip: Strip, z: Zonotope, m: int, where: str) -> Iterator[str]:
     """Yield why a set does not hold the strip that it begins as."""
     r, v, half_m, tilt, half = exact(strip)
-    (along, up), across = exact(g[:, -2]), exact(g[:, -1])
-    same = [*exact(c), along, *across] == [r, v, half_m, 0, half]
-    if not same or abs(up - tilt * half_m) > exact(d[1]):
+    (along, up), across = exact(z.g[:, m - 2]), exact(z.g[:, m - 1])
+    same = [*exact(z.c), along, *across] == [r, v, half_m, 0, half]
+    if not same or abs(up - tilt * half_m) > exact(z.d[1]):
         yield f'{where}: the set is not the strip'
 
 
-def end_faults(strip: Strip, c: Floats, g: Floats, d: Floats, where: str) -> Iterator[str]:
+def end_faults(strip: Strip, z: Zonotope, m: int, where: str) -> Iterator[str]:
     """Yield why a strip does not hold the set that another one has become."""
     r, v, half_m, tilt, half = exact(strip)
-    (c_r, c_v), (d_r, d_v), (along, across) = exact(c), exact(d), exact(g)
+    (c_r, c_v), (d_r, d_v), (along, across) = exact(z.c), exact(z.d), exact(z.g[:, :m])
     away = abs(c_r - r) + d_r + abs(along).sum()
     off = abs(c_v - v - tilt * (c_r - r)) + d_v + abs(tilt) * d_r
     off += abs(across - tilt * along).sum()

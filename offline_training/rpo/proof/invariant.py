@@ -14,8 +14,7 @@ import itertools
 import numpy as np
 
 from rpo.proof.problem import Problem
-from rpo.proof.tube import MOST, InvariantSet, Motion, box_of, is_inside, step
-from rpo_core.kernels.arrays import Floats
+from rpo.proof.tube import MOST, InvariantSet, Motion, Trace, Zonotope, box_of, is_inside, step
 
 RATES = (0.06, 0.045, 0.08, 0.03, 0.1, 0.15, 0.2)
 """Rates a [1/s] that are tried: of how an axis creeps in."""
@@ -47,15 +46,14 @@ def invariant_set_of(
 def stays(problem: Problem, group: str, omega: InvariantSet) -> bool:
     """Whether a tick maps the invariant set into itself."""
     motion = motion_inside(problem, group)
-    c, g, d, m = as_set(motion, omega)
-    low, high, laws = np.empty(len(c)), np.empty(len(c)), np.empty((len(c) // 2, 6))
-    force_low, force_high = np.empty(len(c) // 2), np.empty(len(c) // 2)
-    box_of(c, g, d, m, low, high)
-    m = step(problem.table, motion, 0, c, g, d, m, low, high, laws, force_low, force_high)
+    z, m = as_set(motion, omega)
+    trace = Trace.empty(1, len(z.c), 0)
+    box_of(z, m, trace.low[0], trace.high[0])
+    m = step(problem.table, motion, 0, z, m, trace, 0)
     if m < 0:
         return False
-    box_of(c, g, d, m, low, high)
-    return bool(is_inside(omega, c, g, d, m, low, high))
+    box_of(z, m, trace.low[1], trace.high[1])
+    return bool(is_inside(omega, z, m, trace.low[1], trace.high[1]))
 
 
 def motion_inside(problem: Problem, group: str) -> Motion:
@@ -68,8 +66,8 @@ def motion_inside(problem: Problem, group: str) -> Motion:
     )
 
 
-def as_set(motion: Motion, omega: InvariantSet) -> tuple[Floats, Floats, Floats, int]:
-    """Return the invariant set as a zonotope: centre, generators, box, number of generators."""
+def as_set(motion: Motion, omega: InvariantSet) -> tuple[Zonotope, int]:
+    """Return the invariant set as a zonotope, and the number of its generators."""
     n = len(motion.a)
     p = n // 2
     first = motion.carried.shape[1]
@@ -78,4 +76,4 @@ def as_set(motion: Motion, omega: InvariantSet) -> tuple[Floats, Floats, Floats,
         g[axis, first + 2 * axis] = omega.radius_m
         g[p + axis, first + 2 * axis] = -omega.rate * omega.radius_m
         g[p + axis, first + 2 * axis + 1] = omega.speed_m_s
-    return np.zeros(n), g, np.zeros(n), first + 2 * p
+    return Zonotope(np.zeros(n), g, np.zeros(n)), first + 2 * p

@@ -39,6 +39,7 @@ from rpo.proof.tube import (
     InvariantSet,
     Motion,
     Trace,
+    Zonotope,
     fill_slew,
     fly,
     strip_of,
@@ -253,30 +254,31 @@ def moved(table: Table, motion: Motion, strip: Strip, limits: Limits) -> Moved:
     """Move a strip for all ticks of a motion."""
     ticks, carried = len(motion.constant), motion.carried.shape[1]
     trace = Trace.empty(ticks, 2, carried)
-    c, g, d, m = set_of(strip, carried)
+    z, m = set_of(strip, carried)
     widest = np.array(limits.widest)
-    last, _, m = fly(table, motion, c, g, d, m, m, NEVER, ticks, widest, np.inf, trace)
+    last, _, m = fly(table, motion, z, m, NEVER, ticks, widest, np.inf, trace)
     if last < ticks:
         return Moved(strip, trace, None)
     if math.isfinite(limits.slew_n_s):
         fill_slew(table, motion, trace, ticks, limits.slew_n_s)
-    return Moved(strip, trace, around(c, g, d, m, trace.low[ticks], trace.high[ticks]))
+    return Moved(strip, trace, around(z, m, trace.low[ticks], trace.high[ticks]))
 
 
-def set_of(strip: Strip, carried: int) -> tuple[Floats, Floats, Floats, int]:
-    """Return a strip as a zonotope: centre, generators, box, number of generators."""
+def set_of(strip: Strip, carried: int) -> tuple[Zonotope, int]:
+    """Return a strip as a zonotope, and the number of its generators."""
     g = np.zeros((2, MOST + 8))
     g[:, carried] = strip.half_m, strip.tilt * strip.half_m
     g[1, carried + 1] = strip.half
     room = ROUND * abs(strip.tilt) * strip.half_m
-    return np.array([strip.r, strip.v]), g, np.array([0.0, room]), carried + 2
+    z = Zonotope(np.array([strip.r, strip.v]), g, np.array([0.0, room]))
+    return z, carried + 2
 
 
-def around(c: Floats, g: Floats, d: Floats, m: int, low: Floats, high: Floats) -> Strip:
+def around(z: Zonotope, m: int, low: Floats, high: Floats) -> Strip:
     """Return a strip that holds a zonotope, whose box is known."""
-    tilt, half = strip_of(g, d, m, 0, 1)
-    half_m = max(high[0] - c[0], c[0] - low[0]) * (1.0 + ROUND)
-    return Strip(float(c[0]), float(c[1]), float(half_m), float(tilt), float(half))
+    tilt, half = strip_of(z, m, 0, 1)
+    half_m = max(high[0] - z.c[0], z.c[0] - low[0]) * (1.0 + ROUND)
+    return Strip(float(z.c[0]), float(z.c[1]), float(half_m), float(tilt), float(half))
 
 
 def cover(strips: Sequence[Strip], size: tuple[float, float]) -> list[Strip]:

@@ -45,24 +45,33 @@ class InvariantSet(NamedTuple):
     speed_m_s: float
 
 
+class Zonotope(NamedTuple):
+    """Centre c (n,), generators g (n, capacity), box d (n,): changed in place as it moves."""
+
+    c: Any
+    g: Any
+    d: Any
+
+
 @compiled
-def box_of(c: Any, g: Any, d: Any, m: int, low: Any, high: Any) -> None:
+def box_of(z: Zonotope, m: int, low: Any, high: Any) -> None:
     """Fill the box of a set whose first m generators count, rounded outwards."""
-    for i in range(len(c)):
-        radius = d[i]
+    for i in range(len(z.c)):
+        radius = z.d[i]
         for j in range(m):
-            radius += abs(g[i, j])
-        radius = radius * (1.0 + ROUND) + abs(c[i]) * ROUND
-        low[i], high[i] = c[i] - radius, c[i] + radius
+            radius += abs(z.g[i, j])
+        radius = radius * (1.0 + ROUND) + abs(z.c[i]) * ROUND
+        low[i], high[i] = z.c[i] - radius, z.c[i] + radius
 
 
 @compiled
-def strip_of(g: Any, d: Any, m: int, r: int, v: int) -> tuple[float, float]:
+def strip_of(z: Zonotope, m: int, r: int, v: int) -> tuple[float, float]:
     """Return tilt [1/s] and half-width [m/s] of a strip in r, v that holds the set.
 
     Every v - tilt r of the set is within the half-width of that of its middle; the tilt is the one
     of least squares.
     """
+    _, g, d = z
     product, square = 0.0, 1e-300
     for j in range(m):
         product, square = product + g[r, j] * g[v, j], square + g[r, j] * g[r, j]
@@ -76,8 +85,9 @@ def strip_of(g: Any, d: Any, m: int, r: int, v: int) -> tuple[float, float]:
 
 
 @compiled
-def reduce(g: Any, d: Any, fixed: int, m: int) -> int:
+def reduce(z: Zonotope, fixed: int, m: int) -> int:
     """Keep the first `fixed` and the larger half of the other generators, box the small ones."""
+    _, g, d = z
     n = len(d)
     sizes = np.empty(m - fixed)
     for j in range(fixed, m):
@@ -106,8 +116,9 @@ def reduce(g: Any, d: Any, fixed: int, m: int) -> int:
 
 
 @compiled
-def tidy(tick: int, g: Any, d: Any, fixed: int, m: int) -> int:
+def tidy(tick: int, z: Zonotope, fixed: int, m: int) -> int:
     """Make generators of the box of rounding, now and then, and a box of small generators."""
+    _, g, d = z
     n = len(d)
     if tick % BATCH == BATCH - 1:
         for i in range(n):
@@ -117,13 +128,14 @@ def tidy(tick: int, g: Any, d: Any, fixed: int, m: int) -> int:
             d[i] = 0.0
         m += n
     if m > MOST:
-        m = reduce(g, d, fixed, m)
+        m = reduce(z, fixed, m)
     return m
 
 
 @compiled
-def is_inside(omega: InvariantSet, c: Any, g: Any, d: Any, m: int, low: Any, high: Any) -> bool:
+def is_inside(omega: InvariantSet, z: Zonotope, m: int, low: Any, high: Any) -> bool:
     """Whether a set is inside the invariant set, on every axis."""
+    c, g, d = z
     p = len(c) // 2
     for i in range(p):
         if max(-low[i], high[i]) > omega.radius_m:
@@ -205,23 +217,14 @@ class Trace(NamedTuple):
 
 @compiled
 def step(
-    table: Table,
-    motion: Motion,
-    tick: int,
-    c: Any,
-    g: Any,
-    d: Any,
-    m: int,
-    low: Any,
-    high: Any,
-    laws: Any,
-    force_low: Any,
-    force_high: Any,
+    table: Table, motion: Motion, tick: int, z: Zonotope, m: int, trace: Trace, row: int
 ) -> int:
     """Move a set by one tick; return the number of its generators, -1 if a law is missing.
 
-    low, high : box of the set; laws (p, 6), force_low, force_high (p,) : filled
+    row : of the trace; it has the box of the set, laws and forces are filled
     """
+    c, g, d = z
+    low, high, laws = trace.low[row], trace.high[row], trace.laws[row]
     n = len(c)
     p = n // 2
     q = motion.carried.shape[1]
@@ -230,7 +233,7 @@ def step(
     closed = motion.a.copy()
     size = np.zeros(n)
     for i in range(p):
-        tilt, half = strip_of(g, d, m, i, p + i)
+        tilt, half = strip_of(z, m, i, p + i)
         half += ROUND * abs(c[p + i])
         law = law_of(table, low[i], high[i], c[p + i], tilt, half)
         laws[i, 4], laws[i, 5] = tilt, half
@@ -245,8 +248,8 @@ def step(
         largest += abs(law.k_v) * max(abs(low[p + i]), abs(high[p + i]))
         spread += ROUND * (largest + spread)
         limit = table.limit * table.force_n
-        force_low[i] = max(command - spread, -limit)
-        force_high[i] = min(command + spread, limit)
+        trace.force_low[row, i] = max(command - spread, -limit)
+        trace.force_high[row, i] = min(command + spread, limit)
         middle[i] = motion.constant[tick, i]
         rho[i] = law.rho + motion.any_n
         if motion.mass > 0.0:
@@ -262,7 +265,10 @@ def step(
             pull = motion.mass * (command + motion.constant[tick, i])
             for k in range(n):
                 size[k] += abs(motion.b[k, i] * pull)
-    _move(motion, tick, c, g, d, m, closed, middle, rho, laws, size, low, high)
+    for k in range(n):
+        for i in range(n):
+            size[k] += abs(motion.a[k, i]) * max(abs(low[i]), abs(high[i]))
+    _move(motion, tick, z, m, closed, middle, laws, size)
     for i in range(p):
         for k in range(n):
             g[k, m + i] = motion.b[k, i] * rho[i]
@@ -271,21 +277,10 @@ def step(
 
 @compiled
 def _move(
-    motion: Motion,
-    tick: int,
-    c: Any,
-    g: Any,
-    d: Any,
-    m: int,
-    closed: Any,
-    middle: Any,
-    rho: Any,
-    laws: Any,
-    size: Any,
-    low: Any,
-    high: Any,
+    motion: Motion, tick: int, z: Zonotope, m: int, closed: Any, middle: Any, laws: Any, size: Any
 ) -> None:
     """Move centre, generators and the box of rounding of a set."""
+    c, g, d = z
     n = len(c)
     p = n // 2
     q = motion.carried.shape[1]
@@ -298,7 +293,6 @@ def _move(
         for i in range(n):
             total += closed[k, i] * c[i]
             wide += abs(closed[k, i]) * d[i]
-            size[k] += abs(motion.a[k, i]) * max(abs(low[i]), abs(high[i]))
         for i in range(p):
             total += motion.b[k, i] * middle[i]
             for j in range(q):
@@ -329,10 +323,7 @@ def _move(
 def fly(
     table: Table,
     motion: Motion,
-    c: Any,
-    g: Any,
-    d: Any,
-    fixed: int,
+    z: Zonotope,
     m: int,
     omega: InvariantSet,
     until: int,
@@ -342,43 +333,29 @@ def fly(
 ) -> tuple[int, int, int]:
     """Move a set; return the last tick of the trace, that of entering omega, its generators.
 
-    c (n,), g (n, capacity), d (n,) : the set, changed in place
     omega, until : the flight ends inside it, but not before tick `until`; -1 where it never is
     widest : (n,) half-widths at which it is given up; most_m : distance, from tick `until` on
     """
-    last = len(trace.laws)
+    last, fixed = len(trace.laws), m
     resting = -1
     trace.weights[:] = 0.0
     for tick in range(last + 1):
         low, high = trace.low[tick], trace.high[tick]
-        box_of(c, g, d, m, low, high)
-        weigh(g, fixed, trace.weights)
-        for i in range(len(c)):
+        box_of(z, m, low, high)
+        weigh(z.g, fixed, trace.weights)
+        for i in range(len(z.c)):
             if not high[i] - low[i] <= 2.0 * widest[i]:
                 return tick, -1, m
-            if tick >= until and 2 * i < len(c) and max(-low[i], high[i]) > most_m:
+            if tick >= until and 2 * i < len(z.c) and max(-low[i], high[i]) > most_m:
                 return tick, -1, m
-        if tick > 0 and resting < 0 and is_inside(omega, c, g, d, m, low, high):
+        if tick > 0 and resting < 0 and is_inside(omega, z, m, low, high):
             resting = tick
         if tick == last or (tick >= until and resting >= 0):
             return tick, resting, m
-        m = step(
-            table,
-            motion,
-            tick,
-            c,
-            g,
-            d,
-            m,
-            low,
-            high,
-            trace.laws[tick],
-            trace.force_low[tick],
-            trace.force_high[tick],
-        )
+        m = step(table, motion, tick, z, m, trace, tick)
         if m < 0:
             return tick, -1, m
-        m = tidy(tick, g, d, fixed, m)
+        m = tidy(tick, z, fixed, m)
     return last, resting, m
 
 
