@@ -2,13 +2,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """The door: fly, judge, train, disperse, prove and report, by name.
 
-    import rpo
+    rpo.scenarios(), rpo.controllers()                   what ships
+    rpo.scenario('paper_test', mass_kg=12.0)             a scenario, with fields changed
+    rpo.controller('allround')                           a controller
+    rpo.fly('paper_test', 'allround', mass_kg=12.0)      a flight
+    rpo.campaigns()                                      campaigns that ship
 
-    flight = rpo.fly('paper_test', 'allround', mass_kg=12.0)
-    flight.metrics, flight.requirements, flight.plot()
+A flight has `t, x, u`, its signals by name, `metrics`, `requirements` and `ok`. Its methods are
+`explain(t)`, `plot()`, `replay()`, `to_dataframe()`, `to_xarray()` and `save(folder)`:
+
+    axes = rpo.fly('paper_test', 'allround').plot()
+    rpo.fly('paper_test', 'pd').plot(axes)
 
 Scenarios, controllers and campaigns are names of what ships, paths of files, or objects. Any
-function `law(t, x)` is a controller. A wrong input raises an `InputError` of one sentence.
+function `law(t, x)` is a controller, and a controller is a function:
+
+    rpo.fly('paper_test', lambda t, x: -0.02 * x[:3] - 0.6 * x[3:])
+    law = rpo.controller('allround').with_rule(position='SP', velocity='Z', force='LP')
+    law(position=[-10.0, 0.0, 10.0], velocity=0.0)
+
+Frame: target LVLH, x from the Earth outward, y along the velocity, z along the angular momentum; SI
+units. A wrong input raises an `InputError` of one sentence. `help(rpo.fly)` says more.
 """
 
 from importlib import import_module
@@ -23,7 +37,6 @@ if TYPE_CHECKING:
     from rpo.door.flight import Flight as Flight
     from rpo.door.flight import Replay as Replay
     from rpo.door.flight import fly as fly
-    from rpo.door.subjects import Catalogue as Catalogue
     from rpo.door.subjects import campaigns as campaigns
     from rpo.door.subjects import controller as controller
     from rpo.door.subjects import controllers as controllers
@@ -33,7 +46,6 @@ if TYPE_CHECKING:
 files.SHIPPED['campaign'] = Path(__file__).parent / 'shipped' / 'campaigns'
 
 _MODULES = {
-    'Catalogue': 'subjects',
     'Explanation': 'flight',
     'Flight': 'flight',
     'Replay': 'flight',

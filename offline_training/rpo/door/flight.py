@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, fields
 from functools import cached_property
 from operator import sub
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import yaml
@@ -49,7 +49,8 @@ _MAIN = {
 """Signal -> attribute of a flight that has it."""
 
 
-class Explanation(NamedTuple):
+@dataclass(frozen=True, repr=False)
+class Explanation:
     """Why a controller commanded its force at a time; it is shown in words.
 
     Attributes
@@ -85,7 +86,8 @@ class Explanation(NamedTuple):
         return '\n'.join((first, *said))
 
 
-class Replay(NamedTuple):
+@dataclass(frozen=True, repr=False)
+class Replay:
     """A flight in three dimensions, as a page of HTML that needs nothing else.
 
     Attributes
@@ -317,6 +319,12 @@ class Flight(core.Flight):
         ------
         InputError
             If pandas is not installed.
+
+        Examples
+        --------
+        >>> import rpo
+        >>> rpo.fly('quick').to_dataframe()[['x_m', 'fx_n']].shape
+        (51, 2)
         """
         with missing_reported():
             import pandas as pd
@@ -337,6 +345,12 @@ class Flight(core.Flight):
         ------
         InputError
             If xarray is not installed.
+
+        Examples
+        --------
+        >>> import rpo
+        >>> rpo.fly('quick').to_xarray()['fx_n'].attrs['units']
+        'N'
         """
         with missing_reported():
             import xarray as xr
@@ -376,6 +390,13 @@ class Flight(core.Flight):
             If the controller has no file: a log carries it.
         LogError
             If the folder cannot be written.
+
+        Examples
+        --------
+        >>> import rpo, tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     rpo.fly('quick').save(f'{folder}/run')
+        '206 messages logged; none missing'
         """
         from rpo_log.tools.record import record
 

@@ -37,19 +37,6 @@ class Catalogue(dict[str, str]):
         return f'<table>{rows}</table>'
 
 
-def _documents(kind: str) -> dict[str, Any]:
-    """Return name -> document of the files of a kind that ship."""
-    paths = files.shipped(kind)
-    return {name: files.parse_yaml(files.read_text(path)) for name, path in paths.items()}
-
-
-def description(document: Mapping[str, Any]) -> str:
-    """Return in a line what a shipped file is."""
-    if 'runs' in document:
-        return '{runs} runs of {controller} in {scenario}'.format(**document)
-    return document.get('description') or 'no description'
-
-
 def scenarios() -> Catalogue:
     """Return the scenarios that ship, and what each is.
 
@@ -64,9 +51,9 @@ def scenarios() -> Catalogue:
     >>> rpo.scenarios()['quick']
     "Five seconds with the paper's disturbance, for trying things out."
     """
-    single = (of_scenario.SCHEMA,)
-    found = _documents('scenario').items()
-    return Catalogue((n, description(each)) for n, each in found if each['schema'] in single)
+    shipped = files.described('scenario').items()
+    single = (row for row in shipped if row[1][1]['schema'] == of_scenario.SCHEMA)
+    return Catalogue((name, text) for name, (text, _) in single)
 
 
 def controllers() -> Catalogue:
@@ -83,7 +70,7 @@ def controllers() -> Catalogue:
     >>> list(rpo.controllers())[:3]
     ['allround', 'apf_smc', 'drift']
     """
-    return Catalogue((n, description(each)) for n, each in _documents('controller').items())
+    return Catalogue((name, text) for name, (text, _) in files.described('controller').items())
 
 
 def campaigns() -> Catalogue:
@@ -100,7 +87,7 @@ def campaigns() -> Catalogue:
     >>> rpo.campaigns()['paper_test']
     '10000 runs of allround in paper_test'
     """
-    return Catalogue((n, description(each)) for n, each in _documents('campaign').items())
+    return Catalogue((name, text) for name, (text, _) in files.described('campaign').items())
 
 
 class Source(NamedTuple):

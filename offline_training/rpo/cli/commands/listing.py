@@ -27,12 +27,7 @@ def list_(what: Annotated[str, Argument(help=f'{", ".join(KINDS)}  [all]')] = ''
     console = plain_console()
     for kind in [choice('what', what, KINDS)] if what else KINDS:
         console.print(kind, style='bold')
-        for name, path in files.shipped(KINDS[kind]).items():
-            document = files.parse_yaml(files.read_text(path))
+        for name, (about, document) in files.described(KINDS[kind]).items():
             if KINDS[kind] == 'scenario' and ('guidance' in document) is not (kind == 'plans'):
                 continue
-            about = document.get('description') or 'no description'
-            if 'runs' in document:
-                runs, controller, scenario = map(document.get, ('runs', 'controller', 'scenario'))
-                about = f'{runs} runs of {controller} in {scenario}'
             console.print(f'  {name:22s}{printable(about)}', soft_wrap=True)

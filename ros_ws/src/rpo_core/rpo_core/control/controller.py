@@ -104,11 +104,36 @@ _scale = partial(real, above=0.0, most=1e6)
 
 @dataclass(frozen=True, repr=False)
 class FuzzyController(ControllerBase):
-    """One fuzzy inference system for each axis alike, with its scales.
+    """One fuzzy inference system for each axis alike, with its scales; frozen.
 
-    position_scale_m, velocity_scale_m_s : the error that saturates an input
-    force_scale_n : force at full output, the paper's maximum force
-    provenance : how it came to be; free text and numbers, not read by the control
+    It is a function: ``law(t, x)`` answers states, ``law(position=..., velocity=...)`` an axis.
+
+    Parameters
+    ----------
+    name : str
+        How files, logs and tables name it.
+    system : FuzzySystem
+        Rules and membership functions, normalised.
+    position_scale_m, velocity_scale_m_s : float
+        The error that saturates an input.
+    force_scale_n : float
+        Force at full output, the paper's maximum force.
+    description : str
+        What it is, in a sentence.
+    provenance : mapping
+        How it came to be; free text and numbers, not read by the control.
+
+    Raises
+    ------
+    InputError
+        If a scale is not positive.
+
+    Examples
+    --------
+    >>> import rpo
+    >>> law = rpo.controller('allround')
+    >>> law.system.rules.words[2]  # the velocity error is Z; columns: the position error LN ... LP
+    ('SN', 'SN', 'Z', 'SP', 'SP')
     """
 
     kind: ClassVar[str] = FUZZY

@@ -194,6 +194,18 @@ def shipped(kind: str) -> dict[str, Path]:
     return {path.stem: path for path in sorted(SHIPPED[kind].glob('*.yaml'))}
 
 
+def described(kind: str) -> dict[str, tuple[str, Any]]:
+    """Return name -> what it is, in a line, and the document, of what ships of a kind."""
+    documents = {name: parse_yaml(read_text(path)) for name, path in shipped(kind).items()}
+    return {name: (_description(document), document) for name, document in documents.items()}
+
+
+def _description(document: dict[str, Any]) -> str:
+    if 'runs' in document:
+        return '{runs} runs of {controller} in {scenario}'.format_map(document)
+    return str(document.get('description') or 'no description')
+
+
 def find(kind: str, name: str) -> Path:
     """Return the file of a shipped name, or of a path (it has a slash or ends in .yaml).
 

@@ -34,7 +34,17 @@ def _escaped(character: str) -> str:
 
 
 class InputError(ValueError):
-    """A value from a user is not usable; the message is one printable sentence."""
+    """A value from a user is not usable; the message is one printable sentence.
+
+    Examples
+    --------
+    >>> import rpo
+    >>> try:
+    ...     rpo.fly(3)
+    ... except rpo.InputError as error:
+    ...     print(error)
+    scenario: name, path or object expected; got 3
+    """
 
     def __init__(self, sentence: object) -> None:
         super().__init__(printable(sentence))

@@ -38,7 +38,24 @@ ZONE_DEPTH = 'zone_depth_m'
 class Verdict(NamedTuple):
     """A requirement beside the value of a flight.
 
-    value : infinite where the flight never gets there; not a number where it ends too early
+    Attributes
+    ----------
+    key : str
+        Name of the requirement in the scenario.
+    statement : str
+        What it is about, in words.
+    unit : str
+        Unit of limit and value.
+    limit : float
+        Largest value that holds.
+    value : float
+        Infinite where the flight never gets there; not a number where it ends too early.
+
+    Examples
+    --------
+    >>> import rpo
+    >>> rpo.fly('paper_test').requirements[-1]
+    <slew per axis: 0.0799 of 0.1 N/s, holds>
     """
 
     key: str

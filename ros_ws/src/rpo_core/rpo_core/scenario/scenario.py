@@ -76,15 +76,51 @@ class Goal(NamedTuple):
 
 @dataclass(frozen=True, repr=False)
 class Scenario(Checked):
-    """One flight: target orbit, chaser, times, start and disturbance.
+    """One flight: target orbit, chaser, times, start and disturbance; frozen.
 
-    initial_position_m, initial_velocity_m_s : (3,) target LVLH
-    epoch_ns : int, UTC nanoseconds since 1970 of tick 0
-    sections : settings of stages that are not the identity (`rpo_core.stage.sections`)
-    goal_position_m : (3,) where the chaser shall come to rest; in the axes of section `target`,
-        where the scenario has it, as zones and requirements are, else in target LVLH
-    zones : as the file states them; sections have taken theirs from there
-    requirements : what flights are judged by; None: they are not judged
+    `rpo.scenario(name, **changes)` returns one with fields changed.
+
+    Parameters
+    ----------
+    name : str
+        How files, logs and tables name it.
+    orbit_radius_m : float
+        Radius of the target's circular orbit.
+    mass_kg, max_force_n : float
+        Mass of the chaser; largest force of its thrusters on an axis.
+    dt_s, duration_s : float
+        Length of a tick, and of the flight: a whole number of ticks.
+    initial_position_m, initial_velocity_m_s : tuple of 3 floats
+        Start, target LVLH.
+    epoch_ns : int
+        UTC nanoseconds since 1970 of tick 0.
+    disturbance : Disturbance
+        Force from outside; none by default.
+    sections : tuple
+        Settings of stages that are not the identity (`rpo_core.stage.sections`).
+    goal_position_m : tuple of 3 floats
+        Where the chaser shall come to rest; in the axes of section `target`, where the scenario has
+        it, as zones and requirements are, else in target LVLH.
+    body : Body
+        What the target orbits; the Earth by default.
+    description : str
+        What it is, in a sentence.
+    zones : Zones, optional
+        As the file states them; sections have taken theirs from there.
+    requirements : Requirements, optional
+        What flights are judged by; None: they are not judged.
+
+    Raises
+    ------
+    InputError
+        If a field is out of range, or sections do not fit each other.
+
+    Examples
+    --------
+    >>> import rpo
+    >>> scenario = rpo.scenario('paper_test')
+    >>> scenario.mass_kg, scenario.ticks
+    (10.0, 4000)
     """
 
     name: Name
