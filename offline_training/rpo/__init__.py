@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from rpo.door.flight import Flight as Flight
     from rpo.door.flight import Replay as Replay
     from rpo.door.flight import fly as fly
+    from rpo.door.subjects import Catalogue as Catalogue
     from rpo.door.subjects import campaigns as campaigns
     from rpo.door.subjects import controller as controller
     from rpo.door.subjects import controllers as controllers
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
 files.SHIPPED['campaign'] = Path(__file__).parent / 'shipped' / 'campaigns'
 
 _MODULES = {
+    'Catalogue': 'subjects',
     'Explanation': 'flight',
     'Flight': 'flight',
     'Replay': 'flight',
