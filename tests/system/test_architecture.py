@@ -183,6 +183,7 @@ def test_package_declares_what_it_imports(package):
                 assert explained, f'the package.xml of {package} does not explain {module}'
     assert needed <= declared, f'package.xml lacks {sorted(needed - declared)}'
     keys = {key for key in declared if key.startswith('python3-')}
+    assert keys | (declared & FIRST_PARTY) <= needed, 'it declares what it does not import'
     assert keys <= set(ROSDEP_KEYS.values()), 'not a key of rosdep, or not one that is known here'
 
 

@@ -20,7 +20,6 @@ from rpo_core.judge.similarity import command
 from rpo_core.scenario import overrides, scenario
 from rpo_core.wire.statuses import FINISHED
 from rpo_ctrl.fuzzy_controller_node import ControllerNode
-from rpo_log.errors import LogError
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.show import report
 from rpo_ros.entry_point import EXIT_INTERRUPTED
@@ -92,7 +91,7 @@ def main() -> int:
         try:
             if code == 0 and not options.no_report:
                 missed |= _report(nodes[-1].folder, nodes[0], time.monotonic() - begun, scale)
-        except (InputError, LogError) as error:
+        except InputError as error:
             print(error, file=sys.stderr)
             return EXIT_BAD_INPUT
         code = code or int(missed and not options.no_fail)
