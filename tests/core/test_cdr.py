@@ -16,7 +16,7 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.typesys import Stores, get_typestore
 
 from rpo_core.wire import cdr, interfaces
-from rpo_core.wire.layout import Layout
+from rpo_core.wire.cdr import Layout
 from rpo_log.format import rosbag2
 
 STORE = get_typestore(Stores.ROS2_JAZZY)

@@ -26,9 +26,8 @@ from rpo_core.wire import cdr, interfaces
 from rpo_log.bag import open_run
 from rpo_log.errors import ExitCode, LogError
 from rpo_log.read.run_log import read_run
-from rpo_log.tools.diff import diff
+from rpo_log.tools.diff import diff, inspect
 from rpo_log.tools.export import export
-from rpo_log.tools.info import inspect
 from rpo_log.verify import verify
 
 STORE = get_typestore(Stores.ROS2_JAZZY)

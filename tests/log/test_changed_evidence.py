@@ -39,7 +39,7 @@ from rpo_log import signature
 from rpo_log.errors import ExitCode
 from rpo_log.format.run import SIGNATURE_FILE, SUMS_FILE
 from rpo_log.read.run_log import read_run
-from rpo_log.tools.info import inspect
+from rpo_log.tools.diff import inspect
 from rpo_log.verify import verify
 
 READ = 'run.mcap', 'run_0.mcap', 'run_1.mcap', 'metadata.yaml'

@@ -21,7 +21,7 @@ from mcap.writer import CompressionType, IndexType
 
 from rpo_log.errors import ExitCode
 from rpo_log.read.run_log import read_run
-from rpo_log.tools.info import inspect
+from rpo_log.tools.diff import inspect
 from rpo_log.verify import verify
 
 

@@ -33,9 +33,8 @@ from rpo_log.errors import ExitCode, LogError
 from rpo_log.provenance import machine_facts, write_run_info
 from rpo_log.read.run_log import read_run
 from rpo_log.show import report, style
-from rpo_log.tools.diff import diff
+from rpo_log.tools.diff import diff, inspect
 from rpo_log.tools.export import export
-from rpo_log.tools.info import inspect
 from rpo_log.verify import verify
 
 
@@ -67,7 +66,7 @@ def test_info_of_a_whole_log(run, log):
 def test_foreign_names_go_escaped_to_the_terminal(monkeypatch):
     lines = ['attached: a\x1b[2J\n/fake  3 bytes', 'x' * 200_000]
     found = SimpleNamespace(lines=lambda: lines, exit_code=0)
-    monkeypatch.setattr('rpo_log.tools.info.inspect', lambda path: found)
+    monkeypatch.setattr('rpo_log.tools.diff.inspect', lambda path: found)
     shown = invoke('log', 'info', 'run').output.splitlines()
     assert shown[0] == r'attached: a\x1b[2J\n/fake  3 bytes'
     assert len(shown) == 2 and len(shown[1]) == 2000

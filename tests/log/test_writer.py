@@ -30,7 +30,7 @@ from rpo_log.format.run import TimeBase
 from rpo_log.manifests import Manifests
 from rpo_log.read.run_log import read_run
 from rpo_log.read.stream import RunReader
-from rpo_log.tools.info import inspect
+from rpo_log.tools.diff import inspect
 from rpo_log.tools.repair import repair
 from rpo_log.verify import verify
 from rpo_log.write.writer import RunLogWriter

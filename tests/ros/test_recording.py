@@ -24,7 +24,7 @@ from rpo_core.wire.interfaces import EXERTED_FORCE, EXERTED_TORQUE
 from rpo_ctrl.navigation_node import NavigationNode
 from rpo_log.format.run import TOPICS
 from rpo_log.read.run_log import flight_of, read_run
-from rpo_log.tools.info import inspect
+from rpo_log.tools.diff import inspect
 from rpo_log.verify import ExitCode, verify
 from rpo_ros import health, qos
 from rpo_ros.signals import message_class

@@ -29,7 +29,7 @@ def _show(found: Finding) -> NoReturn:
 @log.command()
 def info(run: RunArgument) -> None:
     """Print what a log holds, and whether it is complete."""
-    from rpo_log.tools.info import inspect
+    from rpo_log.tools.diff import inspect
 
     _show(inspect(run))
 

@@ -20,7 +20,7 @@ _COMMANDS = {
         'rpo_log.verify:verify',
         'Compute a logged flight again, bit for bit; print what is proven and what is not.',
     ),
-    'info': ('rpo_log.tools.info:inspect', 'Print what a log holds, and whether it is complete.'),
+    'info': ('rpo_log.tools.diff:inspect', 'Print what a log holds, and whether it is complete.'),
 }
 """Where its function is, which takes the options by their names, and what it does."""
 _EPILOG = """example:

@@ -17,7 +17,7 @@ from typing import Any
 from rpo_core import plugins
 from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr
-from rpo_core.wire.layout import Layout
+from rpo_core.wire.cdr import Layout
 
 LVLH_FRAME = 'target_lvlh'
 """Target-centred: x R-bar outward, y V-bar along the velocity, z H-bar along angular momentum."""

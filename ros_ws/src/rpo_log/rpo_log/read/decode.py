@@ -15,7 +15,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from rpo_core.wire import cdr
-from rpo_core.wire.layout import Layout
+from rpo_core.wire.cdr import Layout
 from rpo_log.errors import LogError
 from rpo_log.format.run import TimeBase
 from rpo_log.read.records import MESSAGE_HEAD, RECORD_HEAD

@@ -12,11 +12,11 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.chain.chain import Chain
 from rpo_core.control.controller import AnyController
 from rpo_core.files.validation import shown
+from rpo_core.kernels.arrays import Bools, Floats, Ints
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import WITHOUT_COMMAND, Place, Stage
 from rpo_core.wire import interfaces
@@ -27,10 +27,6 @@ from rpo_log.read.decode import Event, TickBlock
 from rpo_log.read.run_log import controller_of
 from rpo_log.read.stream import RunReader
 from rpo_log.verify.verification import Difference
-
-Floats = NDArray[np.float64]
-Ticks = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 MAX_NAMED = 3
 """So many spans of ticks, or names, of one kind are listed; of the others, the number."""
@@ -91,14 +87,14 @@ class StageStates:
         events = sorted(self.of(stage), key=lambda event: event[0])
         return [(tick, state == topics.ACTIVE) for tick, state in events if state in _SWITCHES]
 
-    def active(self, stage: str, ticks: Ticks) -> Flags:
+    def active(self, stage: str, ticks: Ints) -> Bools:
         """Return at which ticks a stage was switched on."""
         switched = self._switched(stage)
         states = np.array([True, *(on for _, on in switched)])
         at = np.array([tick for tick, _ in switched], dtype=np.int64)
         return states[np.searchsorted(at, ticks, side='right')]
 
-    def began(self, stage: str, ticks: Ticks) -> Flags:
+    def began(self, stage: str, ticks: Ints) -> Bools:
         """Return at which ticks a stage began without memory: switched on, or started in flight."""
         return np.isin(ticks, [tick for tick, on in self._switched(stage) if on])
 
@@ -161,12 +157,12 @@ class Recomputation:
 
     def run(
         self,
-        ticks: Ticks,
+        ticks: Ints,
         inputs: Sequence[Floats],
-        active: Flags,
-        began: Flags,
+        active: Bools,
+        began: Bools,
         logged: Sequence[Floats] = (),
-    ) -> tuple[list[Floats], Flags]:
+    ) -> tuple[list[Floats], Bools]:
         """Return the outputs (n, width) at each tick, NaN where unknown, and where they are known.
 
         inputs : (n, width) each, NaN where unknown
@@ -231,7 +227,7 @@ class Recomputation:
         return made, known
 
     def _pass_on(
-        self, part: slice, made: list[Floats], known: Flags, inputs: Sequence[Floats]
+        self, part: slice, made: list[Floats], known: Bools, inputs: Sequence[Floats]
     ) -> None:
         """Fill the outputs of ticks at which the stage is switched off."""
         for row in range(part.start, part.stop):
@@ -244,10 +240,10 @@ class Recomputation:
         self,
         part: slice,
         made: list[Floats],
-        known: Flags,
-        ticks: Ticks,
+        known: Bools,
+        ticks: Ints,
         inputs: Sequence[Floats],
-        absent: Flags,
+        absent: Bools,
     ) -> None:
         """Fill the outputs of ticks some of whose inputs are absent.
 
@@ -272,7 +268,7 @@ class Recomputation:
         self._doubtful = False
         self._filled = filled
 
-    def _remembered(self, count: int) -> Flags:
+    def _remembered(self, count: int) -> Bools:
         """Return at which of the next ticks the memory is full."""
         if self._filled is None:
             return np.ones(count, dtype=bool)
@@ -282,7 +278,7 @@ class Recomputation:
         return np.zeros(count, dtype=bool) if most is None else ages >= most
 
 
-def _extend(spans: list[tuple[int, int]], ticks: Ticks) -> None:
+def _extend(spans: list[tuple[int, int]], ticks: Ints) -> None:
     """Add ticks, in order, to spans of ticks: first and last of each."""
     for tick in ticks.tolist():
         if spans and tick == spans[-1][1] + 1:
@@ -374,8 +370,8 @@ class Controllers:
                 self.others.append((Recomputation(link.stage), link.reads))
 
     def merged(
-        self, logged: Floats, answered: Flags, commands: Sequence[tuple[Floats, Flags]]
-    ) -> tuple[Floats, Flags]:
+        self, logged: Floats, answered: Bools, commands: Sequence[tuple[Floats, Bools]]
+    ) -> tuple[Floats, Bools]:
         """Return the commands as computed by the controller that made them.
 
         answered : where one is in the log, and the controllers are switched on

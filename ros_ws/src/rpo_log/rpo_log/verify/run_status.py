@@ -15,18 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.kernels.arithmetic import norm
+from rpo_core.kernels.arrays import Floats
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.interfaces import NEXT
-from rpo_core.wire.statuses import ABORTED, FINISHED, RUNNING
+from rpo_core.wire.statuses import ABORTED, FINISHED, LEVELS, RUNNING
 from rpo_log import topics
 from rpo_log.read.decode import Event, TickBlock
 from rpo_log.topics import Topic
 from rpo_log.verify.verification import REST, Difference
 
-_LEVELS = {RUNNING: (0, 1), FINISHED: (0,), ABORTED: (1, 2)}
 _FIGURES = ('time_s', 'energy_n2s', 'distance_m', 'speed_m_s', 'saturated_ticks')
-Floats = NDArray[np.float64]
 
 
 class Statuses:
@@ -112,7 +111,7 @@ class Statuses:
         goes_on = self._phases[-1:] in ([], [RUNNING])  # the first may be missing: a gap
         wanted = (RUNNING, FINISHED, ABORTED) if goes_on else ()
         yield 'phase', phase, phase if phase in wanted else ' or '.join(wanted) or 'none'
-        level = _LEVELS[phase]
+        level = LEVELS[phase]
         yield 'level', str(status.level), str(status.level if status.level in level else level[0])
         yield 'name', status.name, 'run'
         yield 'hardware_id', status.hardware_id, 'none'

@@ -26,6 +26,7 @@ import numpy as np
 
 from rpo_core.chain.chain import NO_FORCE, Chain, Link, start_of
 from rpo_core.files.validation import InputError, choice, shown
+from rpo_core.kernels.arrays import Bools, Floats, Ints
 from rpo_core.stage import Place
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import NEXT, RELATIVE_STATE, Interface, current, row_of
@@ -44,11 +45,8 @@ from rpo_log.verify.evidence import Evidence
 from rpo_log.verify.recomputation import (
     MAX_NAMED,
     Controllers,
-    Flags,
-    Floats,
     Recomputation,
     StageStates,
-    Ticks,
     compare_decisions,
     events_ahead,
 )
@@ -298,7 +296,7 @@ class _Verifier:
                 before[np.isin(block.ticks, list(self.states.missing(link.stage.name)))] = 0.0
                 signals[name] = before
 
-    def _before(self, name: str, ticks: Ticks, values: Floats) -> Floats:
+    def _before(self, name: str, ticks: Ints, values: Floats) -> Floats:
         """Return the values (n, width) of a signal one tick before each of these ticks.
 
         Zero at tick 0; NaN where the tick before is not in the log.
@@ -323,7 +321,7 @@ class _Verifier:
         )
 
     def _next_states(
-        self, stage: str, name: str, block: TickBlock, following: Floats, known: Flags
+        self, stage: str, name: str, block: TickBlock, following: Floats, known: Bools
     ) -> Difference | None:
         """Compare each state, or attitude, with the one that follows from the tick before it."""
         rows = np.column_stack([following, known])  # at tick 0 nothing is known
@@ -342,7 +340,7 @@ class _Verifier:
                 yield self._first(check, name, block, rest, known)
 
     def _first(
-        self, check: str, signal: str, block: TickBlock, computed: Floats, known: Flags
+        self, check: str, signal: str, block: TickBlock, computed: Floats, known: Bools
     ) -> Difference | None:
         """Return the first logged message of a signal whose bits differ from what is computed."""
         if signal in self._given:
@@ -353,7 +351,7 @@ class _Verifier:
         return self._named(check, signal, block, wrong, computed)
 
     def _named(
-        self, check: str, signal: str, block: TickBlock, wrong: Flags, computed: Floats | str
+        self, check: str, signal: str, block: TickBlock, wrong: Bools, computed: Floats | str
     ) -> Difference | None:
         """Return the first of the wrong numbers (n, width) of a signal that are in the log."""
         wrong = wrong & block.present[signal][:, None]
