@@ -6,6 +6,7 @@
     rpo.scenario('paper_test', mass_kg=12.0)             a scenario, with fields changed
     rpo.controller('allround')                           a controller
     rpo.fly('paper_test', 'allround', mass_kg=12.0)      a flight
+    rpo.load('runs/demo')                                the flight of a log
     rpo.campaigns()                                      campaigns that ship
 
 A flight has `t, x, u`, its signals by name, `metrics`, `requirements` and `ok`. Its methods are
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from rpo.door.flight import Flight as Flight
     from rpo.door.flight import Replay as Replay
     from rpo.door.flight import fly as fly
+    from rpo.door.flight import load as load
     from rpo.door.subjects import Catalogue as Catalogue
     from rpo.door.subjects import campaigns as campaigns
     from rpo.door.subjects import controller as controller
@@ -55,6 +57,7 @@ _MODULES = {
     'controller': 'subjects',
     'controllers': 'subjects',
     'fly': 'flight',
+    'load': 'flight',
     'scenario': 'subjects',
     'scenarios': 'subjects',
 }

@@ -16,7 +16,6 @@ import pytest
 import rpo
 from rpo_core.chain import flight as core
 from rpo_core.control.controller import load_controller
-from rpo_core.scenario.scenario import load_scenario
 from rpo_log.verify import verify
 
 MODULES = (
@@ -138,7 +137,11 @@ def test_a_saved_flight_is_verified(controller, tmp_path):
     flight = rpo.fly('quick', controller, mass_kg=12.0)
     flight.save(tmp_path / 'run')
     assert verify(tmp_path / 'run').exit_code == 0
-    assert load_scenario('quick') != flight.scenario
+    logged = rpo.load(tmp_path / 'run')
+    assert (logged.u == flight.u).all() and logged.metrics == flight.metrics
+    assert repr(logged.explain(3.0)) == repr(flight.explain(3.0))
+    with pytest.raises(rpo.InputError, match='this one is from a log'):
+        logged.save(tmp_path / 'again')
     with pytest.raises(rpo.InputError, match='the function law has none'):
         rpo.fly('quick', lambda t, x: -x[:3]).save(tmp_path / 'other')
 

@@ -400,6 +400,8 @@ class Flight(core.Flight):
         """
         from rpo_log.tools.record import record
 
+        if interfaces.DUE_FORCE not in self.signals:
+            raise InputError('save: a flight that was flown expected; this one is from a log')
         if isinstance(self.controller, LawController):
             raise InputError(
                 'save: a run carries the file of its controller, and `rpo verify` flies it; '
@@ -504,5 +506,46 @@ def flown(scenario: object, controller: object, changes: Mapping[str, Any]) -> F
     named = {'scenario': source.name, 'controller': flying.name, 'set': written}
     parameters = yaml.safe_dump({'simulate': named})
     attached = {SCENARIO: source.text, CONTROLLER: flying.text, PARAMETERS: parameters}
+    return _extended(flight, flying.subject, attached)
+
+
+def _extended(flight: core.Flight, controller: Any, texts: Mapping[str, str]) -> Flight:
     values = {each.name: getattr(flight, each.name) for each in fields(flight)}
-    return Flight(**values, controller=flying.subject, texts=attached)
+    return Flight(**values, controller=controller, texts=texts)
+
+
+def load(run: str | Path, scenario: str = '') -> Flight:
+    """Return the flight that a log holds: of the ROS nodes, of `rpo simulate`, of `Flight.save`.
+
+    Parameters
+    ----------
+    run : str or Path
+        Run folder, .mcap file or bag.
+    scenario : str, optional
+        Name or path of the scenario of a bag that does not carry it.
+
+    Returns
+    -------
+    Flight
+        With the signals that are logged.
+
+    Raises
+    ------
+    InputError
+        If the log cannot be read, or does not hold a whole flight.
+
+    Examples
+    --------
+    >>> import rpo, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     flight = rpo.fly('quick')
+    ...     said = flight.save(f'{folder}/run')
+    ...     bool((rpo.load(f'{folder}/run').x == flight.x).all())
+    True
+    """
+    from rpo_log.bag import open_run
+    from rpo_log.read.run_log import controller_of, flight_of, read_run
+
+    log = read_run(open_run(run, scenario))
+    carried = controller_of(log) if CONTROLLER in log.attachments else None
+    return _extended(flight_of(log), carried, {})
