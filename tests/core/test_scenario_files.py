@@ -246,6 +246,7 @@ def test_changed_fields_are_those_of_a_file_with_them():
     judged = overrides.load('quick', ['requirements.energy_n2s=2', 'name=mine'])
     assert judged.requirements.limits == {'energy_n2s': 2.0} and judged.name == 'mine'
     assert overrides.load('quick', []) == load_scenario('quick')
+    assert overrides.load('assured', ['assurance=null']).named('assurance') is None
     assert overrides.text_of('quick', []) == files.find('scenario', 'quick').read_text()
     text = overrides.text_of('paper_test', ['body=moon', 'orbit_radius_m=2000000.0'])
     assert files.loads(text, parse, 'text').orbit_radius_m == 2e6
@@ -256,6 +257,7 @@ def test_changed_fields_are_those_of_a_file_with_them():
     [
         ('mass_kg', '`--set` must be KEY=VALUE, like mass_kg=12.0; got'),
         ('=3', '`--set` must be KEY=VALUE'),
+        ('asurance=null', '`asurance` is not a known field'),
         ('masss_kg=3.0', '`masss_kg` is not a known field; did you mean `mass_kg`?'),
         (
             'mass_kg=heavy',

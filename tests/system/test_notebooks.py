@@ -64,7 +64,7 @@ def test_its_cells_run_in_order(path, monkeypatch, capsys):
                     source = ''.join(cell['source'])
                     exec(compile(source, f'{path.name} {cell["id"]}', 'exec'), names)
         drawn = [pyplot.figure(number) for number in pyplot.get_fignums()]
-        assert drawn and all(a.lines or a.patches for figure in drawn for a in figure.axes)
+        assert drawn and all(a.has_data() for figure in drawn for a in figure.axes)
     finally:
         pyplot.close('all')
     said = capsys.readouterr().out

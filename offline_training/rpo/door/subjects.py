@@ -148,7 +148,7 @@ def scenario(scenario: str | Path | Scenario | Mapping[str, Any], /, **changes: 
         Name of one that ships (`scenarios`), path of a file, an object, or the document of a file.
     **changes
         Fields with their new values, as `rpo simulate --set` takes them; two underscores lead into
-        a section: ``thrusters__delay_ticks=2``.
+        a section: ``thrusters__delay_ticks=2``. None removes a field or section.
 
     Returns
     -------

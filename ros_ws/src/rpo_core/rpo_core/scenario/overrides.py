@@ -84,10 +84,13 @@ def _leaves(document: Any, prefix: str = '') -> Iterator[str]:
 
 
 def _apply(document: Any, key: str, value: Any) -> None:
-    """Change one field of a document."""
+    """Change one field of a document; None removes it."""
     *sections, last = key.split('.')
     for section in sections:
         document = document.setdefault(section, {}) if isinstance(document, dict) else None
     if not isinstance(document, dict):
         raise InputError(f'`{key}` must name a field; a part of it has no fields')
-    document[last] = value
+    if value is None and last in document:
+        del document[last]
+    else:
+        document[last] = value
