@@ -113,6 +113,7 @@ def test_own_controller():
         ((3,), 'scenario: name, path or object expected; got 3'),
         (('quick', 3), r'controller: name, path, object or function law\(t, x\) expected; got 3'),
         (('paper_training',), '`scenario` must be a single flight; paper_training is a set of 216'),
+        (('quick', lambda t: t), r'function law\(t, x\) expected; got one of \(t\)'),
         (('qick',), '`scenario` must be one of .*; got .qick.; did you mean `quick`'),
     ],
 )
@@ -130,6 +131,8 @@ def test_plot_two_flights_over_each_other(monkeypatch):
     assert names[-2:] == ['fuzzy', 'PD']
     alone = rpo.fly('quick').plot(axes[0].figure.subplots())
     assert alone.get_ylabel() == 'distance from the goal [m]'
+    with pytest.raises(rpo.InputError, match='`ax` must be one Axes, or three of them; got 3'):
+        rpo.fly('quick').plot(3)
 
 
 @pytest.mark.parametrize('controller', ['allround', rpo.controller('pd')])

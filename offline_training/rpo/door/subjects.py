@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import html
+import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -216,6 +217,20 @@ class LawController:
         return LawStage(self.law, dt_s)
 
 
+def _check_arguments(law: Callable[..., Any]) -> None:
+    """Raise InputError if a function cannot be called as law(t, x)."""
+    try:
+        signature = inspect.signature(law)
+    except ValueError:  # of a built-in one
+        return
+    try:
+        signature.bind(0.0, np.zeros(6))
+    except TypeError:
+        raise InputError(
+            f'controller: function law(t, x) expected; got one of {signature}'
+        ) from None
+
+
 def controller_source(subject: object) -> Source:
     """Return a controller, the text of its file, and its name; a function may be one."""
     if isinstance(subject, (str, Path)):
@@ -229,6 +244,7 @@ def controller_source(subject: object) -> Source:
     if hasattr(subject, 'stage') and hasattr(subject, 'name'):
         return Source(subject, '', str(subject.name))
     if callable(subject):
+        _check_arguments(subject)
         name = getattr(subject, '__name__', type(subject).__name__)
         name = 'law' if name == '<lambda>' else name
         return Source(LawController(subject, name), '', name)

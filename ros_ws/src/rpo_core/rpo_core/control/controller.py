@@ -237,7 +237,7 @@ class FuzzyController(ControllerBase):
         0.1
         """
         functions = getattr(self.system, choice('variable', variable, _VARIABLES))
-        for name in numbers:
+        for name in numbers or ['']:
             choice('numbers', name, asdict(functions))
         change = ', '.join(f'{name} {value!r}' for name, value in numbers.items())
         return self._changed(f'{variable}: {change}', **{variable: replace(functions, **numbers)})

@@ -197,8 +197,8 @@ def drawn_over(flight: Flight, ax: Any, label: str) -> Any:
         if ax is None:
             size = (style.WIDTH_IN, 6.6)
             ax = pyplot.subplots(3, sharex=True, figsize=size, layout='constrained')[1]
-        if len(ax) != 3:
-            raise InputError(f'`ax` must be one Axes, or three of them; got {len(ax)}')
+        if not all(hasattr(each, 'plot') for each in np.atleast_1d(ax)) or np.size(ax) != 3:
+            raise InputError(f'`ax` must be one Axes, or three of them; got {ax!r:.60}')
         line = _STYLES[len(ax[0].lines) // 3 % len(_STYLES)]
         rows = (
             (flight.errors[:, :3], position_label(scenario)),
