@@ -45,23 +45,29 @@ if TYPE_CHECKING:
     from rpo.door.subjects import controllers as controllers
     from rpo.door.subjects import scenario as scenario
     from rpo.door.subjects import scenarios as scenarios
+    from rpo_core.control.controller import FuzzyController as FuzzyController
+    from rpo_core.judge.verdicts import Verdict as Verdict
+    from rpo_core.scenario.scenario import Scenario as Scenario
 
 files.SHIPPED['campaign'] = Path(__file__).parent / 'shipped' / 'campaigns'
 
 _MODULES = {
-    'Catalogue': 'subjects',
-    'Explanation': 'flight',
-    'Flight': 'flight',
-    'Replay': 'flight',
-    'campaigns': 'subjects',
-    'controller': 'subjects',
-    'controllers': 'subjects',
-    'fly': 'flight',
-    'load': 'flight',
-    'scenario': 'subjects',
-    'scenarios': 'subjects',
+    'Catalogue': 'rpo.door.subjects',
+    'Explanation': 'rpo.door.flight',
+    'Flight': 'rpo.door.flight',
+    'FuzzyController': 'rpo_core.control.controller',
+    'Replay': 'rpo.door.flight',
+    'Scenario': 'rpo_core.scenario.scenario',
+    'Verdict': 'rpo_core.judge.verdicts',
+    'campaigns': 'rpo.door.subjects',
+    'controller': 'rpo.door.subjects',
+    'controllers': 'rpo.door.subjects',
+    'fly': 'rpo.door.flight',
+    'load': 'rpo.door.flight',
+    'scenario': 'rpo.door.subjects',
+    'scenarios': 'rpo.door.subjects',
 }
-"""Name -> its module of `rpo.door`, imported as the name is asked for."""
+"""Name -> its module, imported as the name is asked for."""
 
 __all__ = ['InputError', *_MODULES]
 
@@ -69,7 +75,7 @@ __all__ = ['InputError', *_MODULES]
 def __getattr__(name: str) -> Any:
     if name not in _MODULES:
         raise AttributeError(f'module `rpo` has no attribute `{name}`; it has {", ".join(__all__)}')
-    value = getattr(import_module(f'rpo.door.{_MODULES[name]}'), name)
+    value = getattr(import_module(_MODULES[name]), name)
     globals()[name] = value
     return value
 

@@ -4,11 +4,13 @@
 
 from __future__ import annotations
 
+import ast
 import doctest
 import importlib
 import subprocess
 import sys
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,12 +21,9 @@ from rpo_core.control.controller import load_controller
 from rpo_log.verify import verify
 
 MODULES = (
-    *sorted({f'rpo.door.{module}' for module in rpo._MODULES.values()}),
-    'rpo_core.control.controller',
+    *sorted(set(rpo._MODULES.values())),
     'rpo_core.control.controller_file',
-    'rpo_core.judge.verdicts',
     'rpo_core.files.validation',
-    'rpo_core.scenario.scenario',
 )
 
 
@@ -58,6 +57,13 @@ def test_the_door_names_what_it_has_and_loads_it_late():
     )
     with pytest.raises(AttributeError, match='has no attribute `fli`; it has InputError, '):
         rpo.fli  # noqa: B018
+
+
+def test_types_are_imported_from_where_the_names_are():
+    tree = ast.walk(ast.parse(Path(rpo.__file__).read_text()))
+    rows = (node for node in tree if isinstance(node, ast.ImportFrom) and node.module)
+    typed = {alias.asname: node.module for node in rows for alias in node.names if alias.asname}
+    assert typed == {**rpo._MODULES, 'InputError': 'rpo_core.files.validation'}
 
 
 def test_fly_a_named_scenario_with_another_mass():
@@ -147,6 +153,13 @@ def test_a_saved_flight_is_verified(controller, tmp_path):
         logged.save(tmp_path / 'again')
     with pytest.raises(rpo.InputError, match='the function law has none'):
         rpo.fly('quick', lambda t, x: -x[:3]).save(tmp_path / 'other')
+
+
+def test_a_notebook_shows_tables_and_the_replay():
+    flight = rpo.fly('quick')
+    assert '<td>quick</td>' in rpo.scenarios()._repr_html_()
+    assert 'energy J' in flight._repr_html_() and 'J = ' in flight._repr_html_()
+    assert flight.replay()._repr_html_().startswith('<iframe srcdoc=')
 
 
 def test_a_table_has_units():
