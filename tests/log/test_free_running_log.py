@@ -67,7 +67,7 @@ def test_the_flight_of_a_log_is_what_was_flown(free, tmp_path):
     flight = flight_of(read_run(tmp_path / 'run'))
     np.testing.assert_array_equal(flight.forces_n, np.array(free.applied))
     energy = float((flight.saturated_forces_n**2).sum() * flight.scenario.dt_s)
-    assert math.isclose(energy, free.plant.energy_n2s, rel_tol=1e-12)
+    assert math.isclose(energy, free.plant.figures()['energy_n2s'], rel_tol=1e-12)
     assert (flight.forces_n[LAME.stop - 1] == 0.0).all()
     made = table(read_run(tmp_path / 'run'))
     np.testing.assert_array_equal(made['applied_fx_n'], flight.forces_n[:, 0])

@@ -99,12 +99,6 @@ class Plant:
         self._unseen: list[tuple[int, tuple[Signal, ...]]] = [(0, (self.state,))]
 
     @property
-    def energy_n2s(self) -> float:
-        """J so far, as `rpo_core.judge.metrics` adds it up."""
-        x, y, z = self._squares
-        return (x + y + z) * self.scenario.dt_s
-
-    @property
     def state(self) -> Signal:
         """True state (x, y, z, vx, vy, vz) [m, m/s], target LVLH."""
         return self.signals[RELATIVE_STATE]
@@ -214,20 +208,14 @@ class Plant:
         where = 'target' if self.scenario.goal is None else 'goal'
         return (
             f'{norm(*error[:3]):.3g} m from the {where} and '
-            f'{norm(*error[3:]):.3g} m/s (norms), J = {self.energy_n2s:.4g} N^2 s'
+            f'{norm(*error[3:]):.3g} m/s (norms), J = {self.figures()["energy_n2s"]:.4g} N^2 s'
         )
 
     def figures(self) -> dict[str, float | int]:
-        """Return the metrics of the run so far: simulated values; the distance is to the target."""
-        x, y, z, vx, vy, vz = self.state
-        return {
-            'tick': self.tick,
-            'time_s': self.scenario.time_s(self.tick),
-            'energy_n2s': self.energy_n2s,
-            'distance_m': norm(x, y, z),
-            'speed_m_s': norm(vx, vy, vz),
-            'saturated_ticks': self.saturated_ticks,
-        }
+        """Return the metrics of the run so far, simulated values."""
+        return metrics.run_figures(
+            self.scenario, self.tick, self.state, self._squares, self.saturated_ticks
+        )
 
 
 class LockstepPlant(Plant):

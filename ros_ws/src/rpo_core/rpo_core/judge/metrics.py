@@ -8,6 +8,7 @@ the Monte Carlo engine, which keep no flight, use the same ones and get the same
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
 from typing import Any, NamedTuple
@@ -328,6 +329,25 @@ def thruster_duty(flight: Flight) -> float:
     """
     mean_n = float(np.abs(flight.saturated_forces_n).mean())
     return mean_n / flight.scenario.max_force_n
+
+
+def run_figures(
+    scenario: Scenario, tick: int, state: Sequence[float], squares: Sequence[float], saturated: int
+) -> dict[str, float | int]:
+    """Return what `run_status` says of a flight at a tick; the distance is to the target.
+
+    squares : (3,) sums over the ticks before of the squared forces of an axis [N^2]
+    saturated : ticks with a saturated command
+    """
+    x, y, z = squares
+    return {
+        'tick': tick,
+        'time_s': scenario.time_s(tick),
+        'energy_n2s': (x + y + z) * scenario.dt_s,
+        'distance_m': norm(*state[:3]),
+        'speed_m_s': norm(*state[3:]),
+        'saturated_ticks': saturated,
+    }
 
 
 class Figure(NamedTuple):

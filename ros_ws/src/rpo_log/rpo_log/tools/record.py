@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from rpo_core.chain.flight import Flight
-from rpo_core.kernels.arithmetic import norm
+from rpo_core.judge.metrics import run_figures
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.interfaces import CLOCK, DUE_FORCE, EVENT, RUN_STATUS
 from rpo_core.wire.statuses import FINISHED, RUNNING
@@ -67,14 +67,7 @@ def _status(flight: Flight, tick: int) -> bytes:
     squares = [0.0, 0.0, 0.0]
     for force_n in taken.tolist():  # in the order of the ticks, as the plant adds them up
         squares = [total + force * force for total, force in zip(squares, force_n, strict=True)]
-    state = flight.states[tick].tolist()
-    figures = {
-        'tick': tick,
-        'time_s': flight.scenario.time_s(tick),
-        'energy_n2s': sum(squares) * flight.scenario.dt_s,
-        'distance_m': norm(*state[:3]),
-        'speed_m_s': norm(*state[3:]),
-        'saturated_ticks': int((taken != due).any(axis=1).sum()),
-    }
+    state, saturated = flight.states[tick].tolist(), int((taken != due).any(axis=1).sum())
+    figures = run_figures(flight.scenario, tick, state, squares, saturated)
     texts = {name: repr(figure) for name, figure in figures.items()}
     return cdr.encode_status(0, 'run', said, 'none', {'phase': phase, **texts})
