@@ -108,7 +108,7 @@ def test_a_held_force_is_flown_like_a_repeated_one_and_then_it_drifts(scenario, 
         told.answer(FORCE, told.stamp_ns, (0.1, 0.2, 0.3) if tick <= 3 else (0.0,) * 3)
         told.advance()
     assert held.state == told.state
-    assert held.energy_n2s == told.energy_n2s
+    assert held.figures() == told.figures()
 
 
 @pytest.mark.parametrize(

@@ -32,55 +32,55 @@ a report: a keep-out zone was entered), or the log is not complete; 2 bad input;
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
-    found = argparse.ArgumentParser(
+    words = argparse.ArgumentParser(
         prog='final_approach',
         description='Fly a scenario with all its nodes in one process.',
         epilog=_EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    found.add_argument(
+    words.add_argument(
         '--scenario', default=DEFAULT_SCENARIO, help='shipped name or path (%(default)s)'
     )
-    found.add_argument(
+    words.add_argument(
         '--controller', default=DEFAULT_CONTROLLER, help='shipped name or path (%(default)s)'
     )
-    found.add_argument(
+    words.add_argument(
         '--set',
         action='append',
         default=[],
         metavar='KEY=VALUE',
         help='change a field of the scenario, like initial_position_m=[0,80,0]; repeatable',
     )
-    found.add_argument('--output', help='run folder (runs/<scenario>-<date>-<time>)')
-    found.add_argument(
+    words.add_argument('--output', help='run folder (runs/<scenario>-<date>-<time>)')
+    words.add_argument(
         '--overwrite', action='store_true', help='replace the run in an existing folder'
     )
-    found.add_argument(
+    words.add_argument(
         '--sign', default='', metavar='KEY', help='private key in PEM, which signs the run folder'
     )
-    found.add_argument(
+    words.add_argument(
         '--real-time-factor',
         default=0.0,
         type=float,
         metavar='X',
         help='simulated seconds per second; 0: as fast as it goes (default)',
     )
-    found.add_argument(
+    words.add_argument(
         '--start-timeout-s',
         default=30.0,
         type=float,
         metavar='S',
         help='wall time to wait for all nodes before tick 0 (%(default)s); 0: for ever',
     )
-    found.add_argument(
+    words.add_argument(
         '--no-fail', action='store_true', help='exit code 0 although a requirement is missed'
     )
-    found.add_argument(
+    words.add_argument(
         '--no-report',
         action='store_true',
         help='write the log only: no report, no verdicts but on keep-out zones',
     )
-    return found
+    return words
 
 
 @standard_output()

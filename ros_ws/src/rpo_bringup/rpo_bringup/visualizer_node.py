@@ -46,17 +46,17 @@ _MIN_FORCE_N = 1e-3
 def markers(stamp: Time, live: LiveFlight) -> MarkerArray:
     """Return the whole scene; its first marker deletes the scene before."""
     at_m = live.position_m
-    found = [Marker(action=Marker.DELETEALL), *_target(live), *_chaser(live)]
-    found += [marker for i, zone in enumerate(live.zones_now) for marker in zone_markers(zone, i)]
-    found.append(_line('trail', 0, [*live.trail.points, at_m], 'muted', 0.12))
+    scene = [Marker(action=Marker.DELETEALL), *_target(live), *_chaser(live)]
+    scene += [marker for i, zone in enumerate(live.zones_now) for marker in zone_markers(zone, i)]
+    scene.append(_line('trail', 0, [*live.trail.points, at_m], 'muted', 0.12))
     if live.docking_axis is not None:
-        found.append(_arrow('docking_axis', at_m, live.docking_axis, _AXIS_M, 'optimum'))
+        scene.append(_arrow('docking_axis', at_m, live.docking_axis, _AXIS_M, 'optimum'))
     if live.force_n is not None and math.hypot(*live.force_n) >= _MIN_FORCE_N:
-        found.append(_arrow('thrust', at_m, live.force_n, _ARROW_M_PER_N, 'small_positive'))
-    for marker in found:
+        scene.append(_arrow('thrust', at_m, live.force_n, _ARROW_M_PER_N, 'small_positive'))
+    for marker in scene:
         marker.header.frame_id = LVLH_FRAME
         marker.header.stamp = stamp
-    return MarkerArray(markers=found)
+    return MarkerArray(markers=scene)
 
 
 def _colour(name: str, alpha: float = 1.0) -> ColorRGBA:
@@ -108,14 +108,14 @@ def _target(live: LiveFlight) -> list[Marker]:
     """Return a body with two panels along its z."""
     q = live.attitude[:4] if live.attitude is not None else (0.0, 0.0, 0.0, 1.0)
     third = turned((0.0, 0.0, 1.0), q)
-    found = [_marker('target', 0, Marker.CUBE, (1.6, 1.6, 1.6), _colour('ink'))]
+    parts = [_marker('target', 0, Marker.CUBE, (1.6, 1.6, 1.6), _colour('ink'))]
     for number, away_m in ((1, 2.8), (2, -2.8)):
         at_m = [away_m * part for part in third]
         size_m = (0.1, 1.4, 3.6)
-        found.append(_marker('target', number, Marker.CUBE, size_m, _colour('x'), at_m))
-    for marker in found:
+        parts.append(_marker('target', number, Marker.CUBE, size_m, _colour('x'), at_m))
+    for marker in parts:
         turn(marker.pose.orientation, q)
-    return found
+    return parts
 
 
 def _chaser(live: LiveFlight) -> list[Marker]:
@@ -130,10 +130,10 @@ def _chaser(live: LiveFlight) -> list[Marker]:
 
 def zone_markers(zone: Zone, number: int) -> list[Marker]:
     """Return sphere, corridor, port and the points of a plan with their names."""
-    found = []
+    parts = []
     if zone.keep_out_m > 0.0:
         size_m = (2.0 * zone.keep_out_m,) * 3
-        found.append(_marker('keep_out', number, Marker.SPHERE, size_m, _colour('bad', 0.15)))
+        parts.append(_marker('keep_out', number, Marker.SPHERE, size_m, _colour('bad', 0.15)))
     if zone.corridor is not None:
         lines = zone.corridor.lines()
         ends = (end for line in lines for pair in pairwise(line) for end in pair)
@@ -141,12 +141,12 @@ def zone_markers(zone: Zone, number: int) -> list[Marker]:
         wall = _marker('corridor', number, Marker.LINE_LIST, size_m, colour)
         wall.points = _points(ends)
         size_m, port_m = (0.4,) * 3, zone.corridor.tip_m
-        found += [wall, _marker('port', number, Marker.SPHERE, size_m, _colour('good'), port_m)]
+        parts += [wall, _marker('port', number, Marker.SPHERE, size_m, _colour('good'), port_m)]
     for k, (name, at_m) in enumerate(zone.points_m.items()):
         place, beside_m = _MAX_POINTS * number + k, at_m[0] + 2.0 + 2.0 * (k % 2)
-        found.append(_marker('holds', place, Marker.SPHERE, (0.8,) * 3, _colour('muted'), at_m))
-        found.append(_text('hold_names', place, name, 1.4, 'muted', (beside_m, *at_m[1:])))
-    return found
+        parts.append(_marker('holds', place, Marker.SPHERE, (0.8,) * 3, _colour('muted'), at_m))
+        parts.append(_text('hold_names', place, name, 1.4, 'muted', (beside_m, *at_m[1:])))
+    return parts
 
 
 class VisualizerNode(ListeningNode):

@@ -73,11 +73,11 @@ def bag_at(path: Path) -> Path | None:
 def _files_of(bag: Path) -> list[Path]:
     """Return the files of a bag; LogError if one is a pipe, a socket or a device."""
     beside = sorted(bag.iterdir()) if bag.is_dir() else [bag]
-    found = [path for path in beside if set(_STORAGE) & set(path.suffixes)]
-    for path in found:
+    paths = [path for path in beside if set(_STORAGE) & set(path.suffixes)]
+    for path in paths:
         if not path.is_file():
             raise NotARun(path, 'must be a regular file')
-    return found
+    return paths
 
 
 class BagReader(RunReader):
@@ -158,7 +158,7 @@ def _topics_of(
         sentence = f'holds several runs ({", ".join(states)}); record one namespace alone'
         raise LogError(path, sentence)
     space = (*said, *states, '')[0].rpartition('/')[0]
-    found = {}
+    topics_by_name = {}
     for name, connection in there.items():
         topic = topics.find(name, signals.get(name, ''))
         if topic is None:
@@ -169,12 +169,12 @@ def _topics_of(
         if connection.msgtype != topic.type:
             sentence = f'{name} must be {topic.type}; got {connection.msgtype}'
             raise LogError(path, sentence)
-        found[name] = topic
+        topics_by_name[name] = topic
     for signal in topics.REQUIRED:
-        if signal not in {topic.signal for topic in found.values()}:
+        if signal not in {topic.signal for topic in topics_by_name.values()}:
             names = ', '.join(sorted(there)) or 'no message'
             raise LogError(path, f'has no topic {signal}; it has {names}')
-    return found
+    return topics_by_name
 
 
 def _manifests(bag: Any, names: Sequence[str]) -> tuple[Manifests, dict[str, bytes]]:
@@ -196,10 +196,10 @@ def _base_of(
     """Return the ticks of the scenario; without one, those of the stamps of the states."""
     if run.SCENARIO in attachments:
         text = attachments[run.SCENARIO].decode()
-        found = files.loads(text, scenario_file.parse, run.SCENARIO)
-        if not isinstance(found, Scenario):
+        scenario = files.loads(text, scenario_file.parse, run.SCENARIO)
+        if not isinstance(scenario, Scenario):
             raise InputError('`--scenario` must be a single flight; it is a set')
-        return TimeBase(found.epoch_ns, found.dt_ns, found.ticks)
+        return TimeBase(scenario.epoch_ns, scenario.dt_ns, scenario.ticks)
     state = next(name for name, t in recorded.items() if t.signal == interfaces.RELATIVE_STATE)
     stamps = np.unique([cdr.stamp_ns(data) for _, data in _messages(bag, {state})])
     dt_ns = int(np.gcd.reduce(np.diff(stamps))) if len(stamps) > 1 else 0

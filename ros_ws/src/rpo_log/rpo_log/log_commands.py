@@ -46,27 +46,27 @@ class Finding(Protocol):
 
 def parser(command: str) -> argparse.ArgumentParser:
     """Return the parser of the command line of one command."""
-    found = argparse.ArgumentParser(
+    words = argparse.ArgumentParser(
         prog=f'ros2 run rpo_log {command}',
         description=_COMMANDS[command][1],
         epilog=_EPILOG.format(command),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    found.add_argument('path', type=Path, metavar='run', help='run folder, .mcap file or bag')
+    words.add_argument('path', type=Path, metavar='run', help='run folder, .mcap file or bag')
     if command == 'verify':
         trusted = 'public key, or folder of them (*.pem): one must have signed the run'
-        found.add_argument('--trusted', type=Path, metavar='KEYS', help=trusted)
-        found.add_argument('--given', action='append', default=[], metavar='TOPIC', help=GIVEN)
-        for kind in ('scenario', 'controller'):
-            found.add_argument(f'--{kind}', default='', help=f'{kind} of a bag without manifests')
-    return found
+        words.add_argument('--trusted', type=Path, metavar='KEYS', help=trusted)
+        words.add_argument('--given', action='append', default=[], metavar='TOPIC', help=GIVEN)
+        for role in ('scenario', 'controller'):
+            words.add_argument(f'--{role}', default='', help=f'{role} of a bag without manifests')
+    return words
 
 
-def show(found: Finding) -> int:
+def show(finding: Finding) -> int:
     """Print what a command found; return its exit code. Names in a log may be anything."""
-    for line in found.lines():
+    for line in finding.lines():
         print(printable(line))
-    return int(found.exit_code)
+    return int(finding.exit_code)
 
 
 @standard_output()

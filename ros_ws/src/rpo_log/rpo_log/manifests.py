@@ -70,8 +70,8 @@ class Manifests:
         if role not in self._by_role and len(self._by_role) >= _MOST_ROLES:
             return f'{name} has a role too many'
         text = values.get(_FILE + run.CONTROLLER, '')
-        known = role != CONTROLLER or not self._attached or text in self._attached
-        if not known and not _is_controller(text):
+        is_ours = role != CONTROLLER or not self._attached or text in self._attached
+        if not is_ours and not _is_controller(text):
             return f'{name} has no usable controller file'
         self._by_role[role] = (name, values)
         return ''
@@ -82,12 +82,12 @@ class Manifests:
             return '' if ours else f'{name} is a second plant: the log is that of the first'
         try:
             text = values[_FILE + run.SCENARIO]
-            found = files.loads(text, partial(scenario.parse, rehearsed=True), 'scenario')
+            flown = files.loads(text, partial(scenario.parse, rehearsed=True), 'scenario')
         except (InputError, KeyError) as error:
             return f'the manifest of {name} has no usable scenario: {error}'
-        if not isinstance(found, Scenario):
+        if not isinstance(flown, Scenario):
             return f'the manifest of {name} has a set of scenarios'
-        self.scenario = found
+        self.scenario = flown
         self._by_role[PLANT] = (name, values)
         return ''
 
@@ -116,7 +116,7 @@ class Manifests:
         return next(filter(None, (self._value(role, kind + signal) for role, kind in keys)), '')
 
     def due_each_tick(
-        self, found: Scenario, publishers: Callable[[interfaces.Interface], int]
+        self, flown: Scenario, publishers: Callable[[interfaces.Interface], int]
     ) -> list[interfaces.Interface]:
         """Return the rows of the topics with a message at every tick.
 
@@ -125,7 +125,7 @@ class Manifests:
 
         publishers : returns how many publish a topic
         """
-        made = {*signals_of(found)}
+        made = {*signals_of(flown)}
         for row in interfaces.rows(logged=True):
             if row.due == interfaces.EACH_TICK and row.name not in _BY_SCENARIO:
                 made |= {row.name} if publishers(row) else set()
@@ -134,42 +134,42 @@ class Manifests:
         if self._value(PLANT, f'{_PARAMETER}mode') == 'free_running':
             turns = interfaces.BODY_FORCE in made
             made.add(interfaces.APPLIED_BODY_FORCE if turns else interfaces.APPLIED_FORCE)
-            if not found.disturbance.is_zero:
+            if not flown.disturbance.is_zero:
                 made.add(interfaces.APPLIED_DISTURBANCE)
         return [row for row in interfaces.rows(logged=True) if row.name in made]
 
     def remaps(self, recorded: Iterable[Topic]) -> dict[str, bytes]:
         """Return the file of nodes that hear a signal where it is not recorded; {}: none does."""
         where = {topic.signal: topic.name for topic in recorded}
-        found = {}
+        remaps = {}
         for name, values in self._by_role.values():
             heard = {key[len(HEARS) :]: t for key, t in values.items() if key.startswith(HEARS)}
             if any(where.get(signal, topic) != topic for signal, topic in heard.items()):
                 topics = {k: t for k, t in values.items() if k.startswith((HEARS, PUBLISHES))}
-                found[name] = topics
-        return {run.TOPICS: yaml.safe_dump(found, sort_keys=True).encode()} if found else {}
+                remaps[name] = topics
+        return {run.TOPICS: yaml.safe_dump(remaps, sort_keys=True).encode()} if remaps else {}
 
     def attachments(self, recorder: Mapping[str, Any]) -> dict[str, bytes]:
         """Return what the nodes run with: their files, and a file of all their parameters.
 
         recorder : parameters of the recorder
         """
-        found: dict[str, bytes] = {}
+        attached: dict[str, bytes] = {}
         parameters: dict[str, dict[str, Any]] = {'recorder': dict(recorder)}
         for role, (name, values) in self._by_role.items():
-            own = {}
+            node = {}
             for key, text in values.items():
                 kind, _, what = key.partition('.')
                 if kind == 'file' and _may_bring(role, what):
-                    found[what] = text.encode()
+                    attached[what] = text.encode()
                 elif kind == 'parameter':
-                    own[what] = _parsed(text)
-            if own or role in _ROLES:
-                parameters.setdefault(name, own)
-        if run.CONTROLLER in found:
-            self._attached.append(found[run.CONTROLLER].decode())
-        found[run.PARAMETERS] = yaml.safe_dump(parameters, sort_keys=True).encode()
-        return found
+                    node[what] = _parsed(text)
+            if node or role in _ROLES:
+                parameters.setdefault(name, node)
+        if run.CONTROLLER in attached:
+            self._attached.append(attached[run.CONTROLLER].decode())
+        attached[run.PARAMETERS] = yaml.safe_dump(parameters, sort_keys=True).encode()
+        return attached
 
 
 def _is_controller(text: str) -> bool:

@@ -35,14 +35,14 @@ def version(package: str = rpo_core.__name__) -> str:
 @cache
 def digest() -> str:
     """Return a SHA-256 over the sources of kernels, core and logs, names and contents."""
-    found = hashlib.sha256()
+    sources = hashlib.sha256()
     for package in _PACKAGES:
         folder = Path(str(package.__file__)).parent
         for path in sorted([*folder.rglob('*.py'), *folder.rglob('*.yaml')]):
             name = f'{package.__name__}/{path.relative_to(folder).as_posix()}'
             content = path.read_bytes()
-            found.update(f'{name} {len(content)}\n'.encode() + content)
-    return found.hexdigest()
+            sources.update(f'{name} {len(content)}\n'.encode() + content)
+    return sources.hexdigest()
 
 
 _LIBRARIES = ('numpy', 'PyYAML', 'mcap', 'zstandard', 'numba', 'rclpy')

@@ -157,7 +157,7 @@ class RecorderNode(FlightNode):
         """
         taken, end = self._held, NEVER
         for queue, name in self._queues.items():
-            found: list[_Taken] = []
+            queue_taken: list[_Taken] = []
             moment = 0
             for _ in range(most):
                 message = queue.handle.take_message(queue.msg_type, True)
@@ -166,10 +166,10 @@ class RecorderNode(FlightNode):
                 came = message[1]['received_timestamp']
                 if came > moment:  # the machine's clock may be set back: a topic stays in order
                     moment = came
-                found.append((moment, name, message[0]))
+                queue_taken.append((moment, name, message[0]))
             else:
                 end = min(end, moment)
-            taken = found + taken if found else taken
+            taken = queue_taken + taken if queue_taken else taken
         taken.sort(key=_MOMENT)
         count = bisect_right(taken, end, key=_MOMENT)
         self._held = taken[count:]
@@ -178,9 +178,9 @@ class RecorderNode(FlightNode):
     def _topic(self, name: str) -> str:
         """Return where a signal is recorded: where the run has it, unless this node is remapped."""
         topic = interfaces.row_of(name).topic
-        own = self.resolve_topic_name(topic)
+        here = self.resolve_topic_name(topic)
         there = self._manifests.topic_of(name)
-        return there if there and own == self.resolve_topic_name(topic, only_expand=True) else own
+        return there if there and here == self.resolve_topic_name(topic, only_expand=True) else here
 
     def _on_raw(self, name: str, data: bytes) -> None:
         if self._commanded_s is None and name == self._force_topic:
@@ -341,11 +341,11 @@ class RecorderNode(FlightNode):
 
     def _begin(self) -> None:
         """Open the log when the scenario is known, and the manifests are there or will not come."""
-        found = self._manifests.scenario
-        if found is None or (self._unknown(found) and self._patient()):
+        flown = self._manifests.scenario
+        if flown is None or (self._unknown(flown) and self._patient()):
             return
         try:
-            self._open(found)
+            self._open(flown)
         except LogError as error:
             self.get_logger().error(str(error))
             self._announce('failed', str(error))
@@ -355,7 +355,7 @@ class RecorderNode(FlightNode):
         for name, data in early:
             take = self._on_status if name == self._status_topic else partial(self._on_raw, name)
             take(data)
-        self.get_logger().info(f'recording {found.name} to {self.folder}')
+        self.get_logger().info(f'recording {flown.name} to {self.folder}')
 
     def _unknown(self, flown: Scenario) -> bool:
         """Return whether a manifest is missing that says what flies, or where a signal is."""
@@ -368,11 +368,11 @@ class RecorderNode(FlightNode):
         )  # fmt: skip
         return bool(self._manifests.missing) or not all(found_all)
 
-    def _open(self, found: Scenario) -> None:
+    def _open(self, flown: Scenario) -> None:
         """Open the files of the log; raises LogError."""
-        base = run_log.TimeBase(found.epoch_ns, found.dt_ns, found.ticks)
+        base = run_log.TimeBase(flown.epoch_ns, flown.dt_ns, flown.ticks)
         due = self._manifests.due_each_tick(
-            found, lambda row: self.count_publishers(self._topic(row.name))
+            flown, lambda row: self.count_publishers(self._topic(row.name))
         )
         self._recorded = {self._topic(row.name): Topic(self._topic(row.name), row) for row in due}
         self._expected = list(self._recorded)

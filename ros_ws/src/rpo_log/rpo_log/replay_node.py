@@ -107,10 +107,10 @@ class ReplayNode(FlightNode):
         if self.values['drive']:
             return bool(self.count_publishers(self.resolve_topic_name(interfaces.CONTROL_FORCE)))
         now_s = time.monotonic()
-        found = sum(outlet.get_subscription_count() for outlet in self._outlets.values())
-        if found != self._found:
-            self._found, self._found_s = found, now_s
-        settled = found > 0 and now_s - self._found_s > _SETTLED_S
+        listeners = sum(outlet.get_subscription_count() for outlet in self._outlets.values())
+        if listeners != self._found:
+            self._found, self._found_s = listeners, now_s
+        settled = listeners > 0 and now_s - self._found_s > _SETTLED_S
         return settled or now_s - self._begun > _PATIENCE_S
 
     def _play_next(self) -> None:

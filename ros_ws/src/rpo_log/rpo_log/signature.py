@@ -190,10 +190,10 @@ def sign_run(folder: Path, key: Path) -> str:
     """
     private = load_key(key)
     files_of(folder)  # refuses what is no run
-    found = Digests.of(folder)
-    faults = [*found.faults, *(f'{name} {what}' for name, what in found.others.items())]
+    digests = Digests.of(folder)
+    faults = [*digests.faults, *(f'{name} {what}' for name, what in digests.others.items())]
     if faults:
         raise LogError(folder, f'cannot be signed: {"; ".join(faults)}')
-    sign(folder, write_sums(folder, found.matched), private)
-    names = sorted((*found.listed, *found.unlisted))
+    sign(folder, write_sums(folder, digests.matched), private)
+    names = sorted((*digests.listed, *digests.unlisted))
     return f'{folder / SIGNATURE_FILE}: signs {len(names)} files: {printable(", ".join(names))}'

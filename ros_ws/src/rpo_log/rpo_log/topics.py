@@ -80,16 +80,16 @@ def resolve(names: Iterable[str | Topic], path: str = 'topics') -> tuple[Topic, 
     names : the last part of each is its signal; a Topic where it is not
     """
     order = [row.name for row in interfaces.rows(logged=True)]
-    found: dict[str, Topic] = {}
+    topics_by_signal: dict[str, Topic] = {}
     for name in names:
         topic = name if isinstance(name, Topic) else find(name)
         if topic is None:
             rule = f'the last part of a name must be one of {", ".join(order)}'
             raise LogError(path, f'topic {name} has no role in a run; {rule}')
-        if (other := found.setdefault(topic.signal, topic)) is not topic:
+        if (other := topics_by_signal.setdefault(topic.signal, topic)) is not topic:
             both = f'topics {other.name} and {topic.name} have the same role, {topic.signal}'
             raise LogError(path, f'{both}; one run is recorded in one log')
-    return tuple(found[signal] for signal in order if signal in found)
+    return tuple(topics_by_signal[signal] for signal in order if signal in topics_by_signal)
 
 
 ACTIVE, INACTIVE = 'active', 'inactive'
@@ -108,11 +108,11 @@ def coasted(
     values: Mapping[str, NDArray[np.float64]], ticks: NDArray[np.int64], without: Mapping[str, int]
 ) -> dict[str, NDArray[np.float64]]:
     """Return signals with zeros, riders too, from the ticks on that the plant flew without them."""
-    found = dict(values)
+    signals = dict(values)
     for signal, tick in without.items():
-        for name in {signal, interfaces.row_of(signal).rider} & found.keys():
-            found[name] = np.where((ticks >= tick)[:, None], 0.0, found[name])
-    return found
+        for name in {signal, interfaces.row_of(signal).rider} & signals.keys():
+            signals[name] = np.where((ticks >= tick)[:, None], 0.0, signals[name])
+    return signals
 
 
 def tick_of(status: cdr.Status) -> int | None:

@@ -83,12 +83,12 @@ class Watch:
         hear(node, Heartbeat, self._on_beat, qos.IN_LOOP)  # a lost one is not waited for
         node.every(LOOK_S, self._look)
 
-    def _on_beat(self, found: Heartbeat) -> None:
-        name = found.node
+    def _on_beat(self, heartbeat: Heartbeat) -> None:
+        name = heartbeat.node
         if name == self._node.get_name() or (name not in self._heard and len(self._heard) >= _MOST):
             return
-        self._stages[name] = found.stages
-        if found.says == GONE:
+        self._stages[name] = heartbeat.stages
+        if heartbeat.says == GONE:
             self._miss(name, 'has ended')
             return
         self._heard.setdefault(name, Timeout()).broken()

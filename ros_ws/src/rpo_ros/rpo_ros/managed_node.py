@@ -93,8 +93,8 @@ class ManagedNode(Lifecycle, StageNode):
                 self.trigger_deactivate()
         self.answered_inactive += 1
         for link in self.chain.links if self.chain is not None else ():
-            found = link.stage.off(*(signals[name] for name in link.reads))
-            signals.update(zip(link.stage.outputs, found, strict=True))
+            outputs = link.stage.off(*(signals[name] for name in link.reads))
+            signals.update(zip(link.stage.outputs, outputs, strict=True))
 
     @property
     def _full(self) -> str:

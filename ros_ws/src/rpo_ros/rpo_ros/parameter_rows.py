@@ -113,13 +113,13 @@ class ParameterRow:
 _STANDARD = ('use_sim_time', 'start_type_description_service')
 
 
-def unknown(name: str, known: Sequence[str], node: str = 'this node') -> str:
+def unknown(name: str, names: Sequence[str], node: str = 'this node') -> str:
     """Return the sentence that a node has no such parameter, '' if it or ROS itself has it."""
-    if name in known or name in _STANDARD or name.startswith('qos_overrides.'):
+    if name in names or name in _STANDARD or name.startswith('qos_overrides.'):
         return ''
     if said := gone.answer('parameter', name):
         return f'parameter `{name}` of {node} is {said}'
-    near = difflib.get_close_matches(name, known, n=3)
+    near = difflib.get_close_matches(name, names, n=3)
     hint = f'; did you mean {" or ".join(f"`{other}`" for other in near)}?' if near else ''
     return f'{node} has no parameter `{name}`{hint}'
 
@@ -129,12 +129,12 @@ def refusal(arguments: Sequence[str], rows: Sequence[ParameterRow], command: str
 
     `-p NODE:NAME:=VALUE` is not looked at: it may be for another node.
     """
-    known = [row.name for row in rows]
+    names = [row.name for row in rows]
     for option, rule in itertools.pairwise(arguments):
         name, is_rule, _ = rule.partition(':=')
         if option not in ('-p', '--param') or not is_rule or ':' in name:
             continue
-        if sentence := unknown(name, known, command.split()[-1]):
+        if sentence := unknown(name, names, command.split()[-1]):
             see = ' See' if sentence.endswith('?') else '; see'
             return f'{sentence}{see} `{command} --help`'
     return ''
@@ -164,22 +164,22 @@ def tables(package: str) -> Mapping[str, tuple[ParameterRow, ...]]:
     a node before, but for the fields that it has.
     """
     source = resources.files(package) / 'parameters.yaml'
-    known: dict[str, ParameterRow] = dict(_SHARED)
-    found = {}
+    shared: dict[str, ParameterRow] = dict(_SHARED)
+    rows_by_node = {}
     for node, written in files.parse_yaml(source.read_text(encoding='utf-8')).items():
-        found[node] = tuple(_row(name, fields, known) for name, fields in written.items())
-        known = {row.name: row for row in found[node]} | known
-    return found
+        rows_by_node[node] = tuple(_row(name, fields, shared) for name, fields in written.items())
+        shared = {row.name: row for row in rows_by_node[node]} | shared
+    return rows_by_node
 
 
-def _row(name: str, fields: Mapping[str, Any], known: Mapping[str, ParameterRow]) -> ParameterRow:
+def _row(name: str, fields: Mapping[str, Any], shared: Mapping[str, ParameterRow]) -> ParameterRow:
     """Return a row as the file has it."""
     values = {key: float(v) if key in _BOUNDS else v for key, v in fields.items()}
     if 'choices' in values:
         values['choices'] = tuple(values['choices'])
     if 'description' in values:
         return ParameterRow(name, **values)
-    return replace(known[name], **values)
+    return replace(shared[name], **values)
 
 
 def usage(command: str, about: str, rows: Sequence[ParameterRow]) -> str:

@@ -82,17 +82,17 @@ class PlantScenario:
         heard = self._run != '' and now_s - self._heard_s < ANEW_S
         if other and (heard or self._run == run != ''):
             return  # while a plant is there, and within a run, neither changes
-        found = self._flown(text, mode) if other else None
+        flown = self._flown(text, mode) if other else None
         self._run, self._heard_s = run, now_s
-        if found is None:
+        if flown is None:
             return
         self._text, self._mode = text, mode
         try:
-            self._compare(found)
+            self._compare(flown)
             free = mode == FREE_RUNNING
-            if found != self.scenario or free != self.free_running:
-                self.scenario, self.free_running = found, free
-                self._take(found)
+            if flown != self.scenario or free != self.free_running:
+                self.scenario, self.free_running = flown, free
+                self._take(flown)
         except InputError as error:
             self._refuse(str(error))
 
@@ -104,17 +104,17 @@ class PlantScenario:
                 return scenario.parse(scenario.bare(document), known={})
             return scenario.parse(document, rehearsed=True)  # by the plant, as it read the file
 
-        known = self._asserted if text == self._asserted_text else None
-        found = known or files.loads(text, parse, 'the scenario of the plant')
-        if not isinstance(found, Scenario):
+        asserted = self._asserted if text == self._asserted_text else None
+        flown = asserted or files.loads(text, parse, 'the scenario of the plant')
+        if not isinstance(flown, Scenario):
             raise InputError('the scenario of the plant must be a single flight; got a set')
         choice(_MODE, mode, ('', LOCKSTEP, FREE_RUNNING))
-        return found
+        return flown
 
-    def _compare(self, found: Scenario) -> None:
-        if self._asserted is not None and found != self._asserted:
-            same = ' with other content' if found.name == self._asserted.name else ''
+    def _compare(self, flown: Scenario) -> None:
+        if self._asserted is not None and flown != self._asserted:
+            same = ' with other content' if flown.name == self._asserted.name else ''
             raise InputError(
-                f'`scenario` must be the one of the plant, {found.name}; '
+                f'`scenario` must be the one of the plant, {flown.name}; '
                 f'got {self._asserted.name}{same}'
             )

@@ -26,8 +26,8 @@ def overrides_of(node: Node) -> dict[str, Parameter]:
     rclpy has no other access to them. They are needed before the declaration: it refuses
     `real_time_factor:=20` (an int for a double) and does not report a misspelt name.
     """
-    found: dict[str, Parameter] = getattr(node, '_parameter_overrides', {})
-    return found
+    overrides: dict[str, Parameter] = getattr(node, '_parameter_overrides', {})
+    return overrides
 
 
 class Pending(Future):

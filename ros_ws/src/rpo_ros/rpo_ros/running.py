@@ -72,8 +72,8 @@ def declare(node: Node, rows: Sequence[ParameterRow]) -> dict[str, Any]:
         If a value has a wrong type or is out of range.
     """
     overrides = overrides_of(node)
-    known = [row.name for row in rows]
-    for sentence in filter(None, (unknown(name, known) for name in overrides)):
+    names = [row.name for row in rows]
+    for sentence in filter(None, (unknown(name, names) for name in overrides)):
         node.get_logger().warning(f'{sentence}; ignored')
     values: dict[str, Any] = {}
     for row in rows:

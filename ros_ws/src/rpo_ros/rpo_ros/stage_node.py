@@ -352,11 +352,11 @@ class StageNode(FlightNode):
         if self._goes_smoothly(stamp_ns):
             waiting = [self._waiting.get(name, _NOTHING) for name in self._reads]
             if all(at == stamp_ns for at, _ in waiting):
-                inputs = (found for _, found in waiting)
+                inputs = (signal for _, signal in waiting)
                 self._ask(stamp_ns, dict(zip(self._reads, inputs, strict=True)))
             return
         inputs = {name: self._input(name, stamp_ns) for name in self._reads}
-        missing = [name for name, found in inputs.items() if found is None]
+        missing = [name for name, signal in inputs.items() if signal is None]
         over = bool(self._asked) and stamp_ns <= self._asked[0]
         if over and read in self._input_timeout.may_miss and self._signals.get(read) != values:
             return  # that tick was answered without it
@@ -364,7 +364,7 @@ class StageNode(FlightNode):
             inputs.update((name, (0.0,) * len(interfaces.row_of(name).columns)) for name in missing)
             missing = []
         if not missing:
-            self._ask(stamp_ns, {name: found for name, found in inputs.items() if found})
+            self._ask(stamp_ns, {name: signal for name, signal in inputs.items() if signal})
         elif again and any(interfaces.current(name) != name for name in missing):
             self._send_again()  # and so the command that was lost is sent again
 

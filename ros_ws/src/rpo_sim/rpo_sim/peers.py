@@ -51,14 +51,14 @@ class Refusals:
 
     def weighed(self) -> list[str]:
         """Return why nodes of this flight take no part; each is returned once."""
-        found = []
+        reasons = []
         for name, (said_s, reason) in list(self._said.items()):
             if self._serves(name):
-                found.append(reason)
+                reasons.append(reason)
             elif time.monotonic() - said_s < _WAIT_S:
                 continue
             del self._said[name]
-        return found
+        return reasons
 
     def _serves(self, name: str) -> bool:
         """Return whether a node of this name is known to serve this flight."""
@@ -67,8 +67,8 @@ class Refusals:
             node.get_publisher_names_and_types_by_node,
             node.get_subscriber_names_and_types_by_node,
         )
-        for found, namespace in node.get_node_names_and_namespaces():
-            if found == name:
+        for node_name, namespace in node.get_node_names_and_namespaces():
+            if node_name == name:
                 with suppress(RuntimeError):  # it is gone again
                     topics |= {topic for ask in asked for topic, _ in ask(name, namespace)}
         return bool(self._topics & topics)
@@ -105,12 +105,12 @@ class PublisherCheck:
 
     def _publishers(self, topic: str) -> str:
         """Return the full names of the nodes that publish a topic, in one phrase."""
-        found = Counter(
+        publishers = Counter(
             _UNNAMED
             if info.node_name == _UNKNOWN
             else f'{info.node_namespace.rstrip("/")}/{info.node_name}'
             for info in self._node.get_publishers_info_by_topic(topic)
         )
-        names = [f'{name} {n} times' if n > 1 else name for name, n in sorted(found.items())]
+        names = [f'{name} {n} times' if n > 1 else name for name, n in sorted(publishers.items())]
         restarted = ' (one that was killed is seen for some seconds more)'
-        return ' and '.join(names) + (restarted if max(found.values(), default=1) > 1 else '')
+        return ' and '.join(names) + (restarted if max(publishers.values(), default=1) > 1 else '')

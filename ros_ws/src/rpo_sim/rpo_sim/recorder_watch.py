@@ -62,19 +62,19 @@ class RecorderWatch:
     def _on_status(self, status: RecorderStatus) -> None:
         if status.recorder not in self._known and len(self._known) >= _MOST:
             return
-        known = self._known.setdefault(status.recorder, _Recorder())
-        known.says = _BUSY if status.run not in ('', self._run) else status.says
-        known.timeout.broken()
-        if known.says == FAILED:
+        one = self._known.setdefault(status.recorder, _Recorder())
+        one.says = _BUSY if status.run not in ('', self._run) else status.says
+        one.timeout.broken()
+        if one.says == FAILED:
             self._why = status.reason
         if status.next_tick is not None:
-            known.next_tick = status.next_tick
+            one.next_tick = status.next_tick
             self._on_progress()
 
     def _that_say(self, *words: str) -> list[_Recorder]:
         """Return the recorders that live and said one of these words last."""
-        alive = [known for known in self._known.values() if known.timeout.look() <= LEASE_S]
-        return [known for known in alive if known.says in words]
+        alive = [one for one in self._known.values() if one.timeout.look() <= LEASE_S]
+        return [one for one in alive if one.says in words]
 
     def behind(self, tick: int) -> bool:
         """Return whether a recorder is so far behind a tick that it might lose messages.
@@ -128,5 +128,5 @@ class RecorderWatch:
     @property
     def lost(self) -> bool:
         """Whether those that were ready publish no more; look at it often."""
-        was_ready = any(known.says == READY for known in self._known.values())
+        was_ready = any(one.says == READY for one in self._known.values())
         return was_ready and not self._that_say(READY)

@@ -163,12 +163,12 @@ def log_files(folder: Path) -> list[Path]:
 
     Raises LogError if the folder holds two logs, one whole and one in parts.
     """
-    found = _all_logs(folder)
-    if len(found) > 1 and found[0].name == _WHOLE:
-        names = ', '.join(path.name for path in found)
+    logs = _all_logs(folder)
+    if len(logs) > 1 and logs[0].name == _WHOLE:
+        names = ', '.join(path.name for path in logs)
         one = f'one log, {_WHOLE} or run_0.mcap, run_1.mcap, ...'
         raise NotARun(folder, f'must hold {one}; it holds {names}')
-    return found
+    return logs
 
 
 def _all_logs(folder: Path) -> list[Path]:

@@ -115,17 +115,17 @@ class Messages:
         events: list[Event] = []
         non_canonical: list[Message] = []
         for index, topic in enumerate(self.topics):
-            found = np.flatnonzero(self.places['topic'] == index)
+            places = np.flatnonzero(self.places['topic'] == index)
             if topic.is_event:
-                events += map(self._event, found.tolist())
+                events += map(self._event, places.tolist())
                 continue
-            own = self.places['tick'][found]
-            if len(again := own[1:][own[1:] == own[:-1]]):
+            at = self.places['tick'][places]
+            if len(again := at[1:][at[1:] == at[:-1]]):
                 raise LogError(self.path, f'has tick {again[0]} of {topic.name} twice')
-            rows = np.searchsorted(ticks, own)
+            rows = np.searchsorted(ticks, at)
             there = np.zeros(len(ticks), dtype=bool)
             there[rows] = True
-            numbers, unlike = self._numbers(topic, found)
+            numbers, unlike = self._numbers(topic, places)
             non_canonical += unlike
             table = np.full((len(ticks), numbers.shape[1]), np.nan)
             table[rows] = numbers
@@ -141,13 +141,13 @@ class Messages:
         return TickBlock(ticks, values, present, tuple(events), tuple(non_canonical))
 
     def _numbers(
-        self, topic: Topic, found: NDArray[np.intp]
+        self, topic: Topic, places: NDArray[np.intp]
     ) -> tuple[NDArray[np.float64], list[Message]]:
         """Return the numbers (n, width) in the messages of a topic, and those that are unlike."""
-        layout = topic.row.layout.like(self[int(found[0])].data if len(found) else b'')
-        numbers = np.full((len(found), len(layout.columns)), np.nan)
-        like = self.places['size'][found] == layout.size
-        data = _cut(self.raw, self.places['start'][found[like]], layout.size)
+        layout = topic.row.layout.like(self[int(places[0])].data if len(places) else b'')
+        numbers = np.full((len(places), len(layout.columns)), np.nan)
+        like = self.places['size'][places] == layout.size
+        data = _cut(self.raw, self.places['start'][places[like]], layout.size)
         stamp_ns = np.ascontiguousarray(data[:, cdr.STAMP_AT + 4 : cdr.STAMP_AT + 8]).view('<u4')
         plain = stamp_ns[:, 0] < _NS
         for part in _fixed_parts(layout):
@@ -160,7 +160,7 @@ class Messages:
         like[like] = plain
         unlike = []
         for row in np.flatnonzero(~like | (layout is not topic.row.layout)).tolist():
-            message = self[int(found[row])]
+            message = self[int(places[row])]
             try:
                 numbers[row] = topic.row.layout.decode(message.data)[1]
             except cdr.CdrError as error:
@@ -228,18 +228,18 @@ class Gathering:
         last : with the newest tick, of which otherwise more may come
         """
         raw = b''.join([*self._pieces, bytes(_HEAD.itemsize)])
-        found = self._checked(raw, np.array(self._at, dtype=np.intp))
-        ticks, starts = found.places['tick'], found.places['start']
-        count = len(found)
+        taken = self._checked(raw, np.array(self._at, dtype=np.intp))
+        ticks, starts = taken.places['tick'], taken.places['start']
+        count = len(taken)
         if not last and count:
             count = int(np.searchsorted(ticks, ticks[-1]))
         self._pieces, self._at, self.size = [], [], 0
-        if count < len(found):
+        if count < len(taken):
             begin = int(starts[count]) - MESSAGE_HEAD.size - RECORD_HEAD.size
             rest = starts[count:] - MESSAGE_HEAD.size - begin
             self.add(raw[begin : -_HEAD.itemsize], rest.tolist())
         self.newest = int(ticks[count - 1]) if count else self.newest
-        return Messages(self.path, raw, self.topics, found.places[:count])
+        return Messages(self.path, raw, self.topics, taken.places[:count])
 
     def _checked(self, raw: bytes, at: NDArray[np.intp]) -> Messages:
         """Return the messages of the run, each with the times of its tick, in order."""
@@ -255,7 +255,7 @@ class Gathering:
         tick = places['tick'] = heads['tick'].astype(np.int64)
         size = places['size'] = heads['length'].astype(np.int64) - MESSAGE_HEAD.size
         places['start'] = at[ours] + MESSAGE_HEAD.size
-        found = Messages(self.path, raw, self.topics, places)
+        taken = Messages(self.path, raw, self.topics, places)
         due = self.base.epoch_ns + tick * self.base.dt_ns
         sound = (size >= 0) & (heads['log_ns'] == due) & (heads['publish_ns'] == due)
         sound &= tick <= self.base.last_tick
@@ -265,13 +265,13 @@ class Gathering:
             (size >= _LEAST_DATA) & (heads['cdr'] == _LITTLE_ENDIAN) & (stamp == due)
         )
         for i in np.flatnonzero(~sound).tolist():
-            self._refuse(found, i, heads[i])
+            self._refuse(taken, i, heads[i])
         before = np.concatenate([[self.newest], tick])[:-1]
         for i in np.flatnonzero(tick < before).tolist():
-            name = found[i].topic.name
+            name = taken[i].topic.name
             sentence = f'tick {tick[i]} of {name} comes after tick {before[i]}'
             raise LogError(self.path, f'runs backwards: {sentence}')
-        return found
+        return taken
 
     def _refuse(self, messages: Messages, i: int, head: np.void) -> None:
         """Raise the LogError of a message whose times are not those of its tick."""

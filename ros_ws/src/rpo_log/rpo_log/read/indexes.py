@@ -138,15 +138,15 @@ class Indexes:
 
         begin : where it lies in its chunk
         """
-        kind = type(record)
+        cls = type(record)
         called = record.name if isinstance(record, Schema) else record.topic
-        name = f'{kind.__name__.lower()} {shown(called)}'
+        name = f'{cls.__name__.lower()} {shown(called)}'
         if begin >= 0 and not _is_exact(record, content):
             self._find(f'{name} holds more than its fields')
         into = self._repeated if self._data_end >= 0 and begin < 0 else self._declared
-        key, value = (kind, record.id), (hashlib.sha256(content).digest(), name)
+        key, value = (cls, record.id), (hashlib.sha256(content).digest(), name)
         if into.setdefault(key, value) != value or self._declared.get(key, value) != value:
-            self._find(f'it has two {kind.__name__.lower()} records of number {record.id}')
+            self._find(f'it has two {cls.__name__.lower()} records of number {record.id}')
         if isinstance(record, Channel) and into is self._declared:
             if begin >= 0:
                 self._begins.setdefault(record.id, begin)
@@ -167,9 +167,9 @@ class Indexes:
         if (chunk.message_start_time, chunk.message_end_time) != (times if len(at) else (0, 0)):
             self._find(f'{_named(Opcode.CHUNK, place)} has other times than its messages')
         for number in np.unique(heads['channel']).tolist():
-            own = self._messages[number] = pairs[heads['channel'] == number]
-            before = int(own[0, 1]) < self._begins.get(number, -1)
-            self._count(number, len(own), times, place, before)
+            entries = self._messages[number] = pairs[heads['channel'] == number]
+            before = int(entries[0, 1]) < self._begins.get(number, -1)
+            self._count(number, len(entries), times, place, before)
 
     def _take_message_index(self, offset: int, content: bytes) -> None:
         """Compare the entries with the messages of the chunk before it, in any order."""
@@ -180,10 +180,10 @@ class Indexes:
         if chunk is None or number < 0 or number in chunk.message_index_offsets:
             self._find(f'{_named(Opcode.MESSAGE_INDEX, offset)} belongs to no chunk')
             return
-        found = np.frombuffer(content, '<u8', offset=_INDEX.size).reshape(-1, 2)
+        entries = np.frombuffer(content, '<u8', offset=_INDEX.size).reshape(-1, 2)
         wanted = self._messages.get(number, np.empty((0, 2), np.uint64))
-        if not np.array_equal(found, wanted) and not np.array_equal(
-            _sorted(found), _sorted(wanted)
+        if not np.array_equal(entries, wanted) and not np.array_equal(
+            _sorted(entries), _sorted(wanted)
         ):
             self._find(f'{_named(Opcode.MESSAGE_INDEX, offset)} is not that of the chunk before it')
         chunk.message_index_offsets[number] = offset
@@ -262,8 +262,8 @@ class Indexes:
         """Compare the schemas and channels of the summary with those before."""
         for kind in _DECLARATIONS:
             before, after = (
-                {key: name for key, (_, name) in found.items() if key[0] is kind}
-                for found in (self._declared, self._repeated)
+                {key: name for key, (_, name) in side.items() if key[0] is kind}
+                for side in (self._declared, self._repeated)
             )
             only = [after[key] for key in after.keys() - before.keys()]
             lacking = [before[key] for key in before.keys() - after.keys()]

@@ -327,8 +327,8 @@ def _check_sizes(chunk: Chunk) -> None:
     size = chunk.uncompressed_size
     if chunk.compression not in ('', 'zstd', 'lz4'):
         raise ValueError(f'unknown compression {shown(chunk.compression)}')
-    most = min(MAX_RECORD_BYTES, MAX_RATIO * len(chunk.data))
-    if size > most:
-        raise ValueError(f'it would have {size} bytes; at most {most} are read')
+    max_size = min(MAX_RECORD_BYTES, MAX_RATIO * len(chunk.data))
+    if size > max_size:
+        raise ValueError(f'it would have {size} bytes; at most {max_size} are read')
     if chunk.compression == 'zstd' and zstandard.frame_content_size(chunk.data) not in (size, -1):
         raise ValueError('its sizes disagree')

@@ -133,14 +133,14 @@ def read_run(path: str | Path | RunReader) -> RunLog:
 
 def scenario_of(log: RunLog | RunReader) -> Scenario:
     """Return the scenario that a log carries; LogError if it is missing, or of other ticks."""
-    found = _parsed(log, SCENARIO, scenario.parse)
-    if not isinstance(found, Scenario):
+    flown = _parsed(log, SCENARIO, scenario.parse)
+    if not isinstance(flown, Scenario):
         raise LogError(log.path, f'its {SCENARIO} must be a single flight; it is a set')
-    base = TimeBase(found.epoch_ns, found.dt_ns, found.ticks)
+    base = TimeBase(flown.epoch_ns, flown.dt_ns, flown.ticks)
     if base != log.base:
         sentence = f'must have the ticks of the log, {log.base}; it has {base}'
         raise LogError(log.path, f'its {SCENARIO} {sentence}')
-    return found
+    return flown
 
 
 def controller_of(log: RunLog | RunReader, name: str = CONTROLLER) -> AnyController:
@@ -151,10 +151,10 @@ def controller_of(log: RunLog | RunReader, name: str = CONTROLLER) -> AnyControl
 def parameters_of(log: RunLog | RunReader, name: str = PARAMETERS) -> Mapping[str, Any]:
     """Return the parameters of the nodes by their names, or topics; {} if the log has none."""
     try:
-        found = files.parse_yaml(log.attachments.get(name, b'').decode())
+        values = files.parse_yaml(log.attachments.get(name, b'').decode())
     except (InputError, UnicodeDecodeError):
         return {}
-    return found if isinstance(found, Mapping) else {}
+    return values if isinstance(values, Mapping) else {}
 
 
 def _parsed(log: RunLog | RunReader, name: str, parse: Callable[[Any], _Parsed]) -> _Parsed:
@@ -176,11 +176,11 @@ def flight_of(log: RunLog) -> Flight:
     Raises LogError if the log is not whole: a flight has every state and force, from tick 0 to the
     last.
     """
-    found = scenario_of(log)
+    flown = scenario_of(log)
     if not log.complete:
-        flight = f'a whole flight, ticks 0 to {found.ticks}'
+        flight = f'a whole flight, ticks 0 to {flown.ticks}'
         raise LogError(log.path, f'must hold {flight}, but {"; ".join(log.gaps)}')
-    return flown_of(log, found)
+    return flown_of(log, flown)
 
 
 def flown_of(log: RunLog, flown: Scenario) -> Flight:
@@ -230,12 +230,12 @@ def other_signals(logged: Mapping[str, NDArray[np.float64]]) -> dict[str, NDArra
     That of a chaser that turns has both names, by which one knows that it may have come late.
     """
     applied = APPLIED & logged.keys()
-    found = {
+    signals = {
         name: values
         for name, values in logged.items()
         if name not in _OF_FLIGHT
         and not (applied and interfaces.row_of(name).carries == interfaces.COMMAND)
     }
-    taken = {name: found.pop(said, logged.get(said)) for said, name in _TAKEN.items()}
+    taken = {name: signals.pop(said, logged.get(said)) for said, name in _TAKEN.items()}
     taken[interfaces.APPLIED_BODY_FORCE] = taken[interfaces.BODY_FORCE]
-    return found | {name: values for name, values in taken.items() if values is not None}
+    return signals | {name: values for name, values in taken.items() if values is not None}

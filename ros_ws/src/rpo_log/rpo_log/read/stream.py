@@ -150,8 +150,8 @@ class RunReader:
         cut = self._tolerant or records.damage  # then the summary may lack some
         if records.filled and (cut or not _is_whole(in_summary, declared)):
             all_records = FileRecords(path, self._tolerant)
-            found = {repr(r): r for r in all_records if isinstance(r, Schema | Channel)}
-            declared, records.damage = list(found.values()), all_records.damage
+            channels = {repr(r): r for r in all_records if isinstance(r, Schema | Channel)}
+            declared, records.damage = list(channels.values()), all_records.damage
         return declared, records.damage, records.filled
 
     def _take(self, record: McapRecord) -> None:
@@ -195,19 +195,19 @@ class RunReader:
         """Take the ticks of the scenario that the log carries, if it has no record of them."""
         data = self.attachments.get(SCENARIO)
         try:
-            found = files.loads((data or b'').decode(), scenario.parse, SCENARIO)
+            flown = files.loads((data or b'').decode(), scenario.parse, SCENARIO)
         except (InputError, UnicodeDecodeError):
             return
-        if isinstance(found, Scenario):
-            self._bases.append(TimeBase(found.epoch_ns, found.dt_ns, found.ticks))
+        if isinstance(flown, Scenario):
+            self._bases.append(TimeBase(flown.epoch_ns, flown.dt_ns, flown.ticks))
 
     def _take_channel(self, path: Path, channel: Channel) -> None:
         topic = topics.find(channel.topic, channel.metadata.get(topics.SIGNAL, ''))
         if topic is None:
             return
-        found = self._schemas.get(channel.schema_id, 'no type')
-        if found != topic.type or channel.message_encoding != 'cdr':
-            got = f'{found} in {channel.message_encoding or "no encoding"}'
+        type_name = self._schemas.get(channel.schema_id, 'no type')
+        if type_name != topic.type or channel.message_encoding != 'cdr':
+            got = f'{type_name} in {channel.message_encoding or "no encoding"}'
             raise LogError(path, f'{channel.topic} must be {topic.type} in cdr; got {got}')
         if self.topics and topic not in self.topics:
             raise LogError(path, f'its summary lacks the channel {shown(channel.topic)}')
@@ -255,8 +255,8 @@ def _is_whole(in_summary: Declarations, declared: Declarations) -> bool:
     """Return whether the summary seems to have all channels of a run, with known schemas."""
     schemas = {record.id for record in declared if isinstance(record, Schema)}
     listed = [record for record in in_summary if isinstance(record, Channel)]
-    found = [topics.find(one.topic, one.metadata.get(topics.SIGNAL, '')) for one in listed]
-    signals = {topic.signal for topic in found if topic is not None}
+    topics_of_run = [topics.find(one.topic, one.metadata.get(topics.SIGNAL, '')) for one in listed]
+    signals = {topic.signal for topic in topics_of_run if topic is not None}
     return signals.issuperset(topics.REQUIRED) and schemas.issuperset(c.schema_id for c in listed)
 
 
@@ -268,7 +268,7 @@ def files_of(path: Path) -> list[Path]:
         return [path]
     files = log_files(path)
     if not files:
-        there = ', '.join(sorted(found.name for found in path.iterdir())[:8]) or 'nothing'
+        there = ', '.join(sorted(entry.name for entry in path.iterdir())[:8]) or 'nothing'
         raise NotARun(path, f'holds no run.mcap; it holds {there}')
     names = [file.name for file in files]
     for number, name in enumerate(names):
@@ -310,21 +310,21 @@ class Completeness:
 
         In free running an answer may be missing, and so may what the plant went on without.
         """
-        found = {
+        counts = {
             topic.name: min(self.last + 1, self._until(topic)) - max(self.first, 0) - count
             for topic, count in self._due.items()
         }
-        return {name: count for name, count in found.items() if count > 0}
+        return {name: count for name, count in counts.items() if count > 0}
 
     def gaps(self, damage: str) -> tuple[str, ...]:
         """Return why the log does not show a whole flight; empty if it does."""
-        found = []
+        texts = []
         if damage:
-            found.append(f'it is cut short ({damage}); `rpo repair` makes a whole file of the rest')
+            texts.append(f'it is cut short ({damage}); `rpo repair` makes a whole file of the rest')
         if self.first > 0:
-            found.append(f'it begins at tick {self.first}')
+            texts.append(f'it begins at tick {self.first}')
         if self.last < self.base.last_tick:
             outcome = f' ({self.outcome})' if self.outcome else ''
-            found.append(f'it ends at tick {self.last} of {self.base.last_tick}{outcome}')
-        found += [f'{count} messages of {name} are missing' for name, count in self.missing.items()]
-        return tuple(found)
+            texts.append(f'it ends at tick {self.last} of {self.base.last_tick}{outcome}')
+        texts += [f'{count} messages of {name} are missing' for name, count in self.missing.items()]
+        return tuple(texts)

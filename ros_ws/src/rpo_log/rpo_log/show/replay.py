@@ -75,7 +75,7 @@ def limits_of(
 
     required : name, unit and limit of each requirement
     """
-    error, own = at.errors[:, :3], scenario.requirements
+    error, requirements = at.errors[:, :3], scenario.requirements
     distances = np.linalg.norm(error, axis=1)
     toward = -(error * at.errors[:, 3:]).sum(axis=1)
     closing = np.divide(toward, distances, out=np.zeros_like(toward), where=distances > 0.0)
@@ -92,24 +92,24 @@ def limits_of(
     begins = {
         'final': end_s,
         'contact': end_s,
-        'hold': 0.0 if own is None else own.hold_from_s,
-        'mean': end_s - (0.0 if own is None else own.mean_window_s),
+        'hold': 0.0 if requirements is None else requirements.hold_from_s,
+        'mean': end_s - (0.0 if requirements is None else requirements.mean_window_s),
     }
-    found: dict[str, Limit] = {}
-    for key, unit, most in sorted(required, key=lambda row: row[0].startswith('mean')):
+    limits: dict[str, Limit] = {}
+    for key, unit, limit in sorted(required, key=lambda row: row[0].startswith('mean')):
         part = next((part for part in series if part in key), None)
         if part is not None:
             name, values = series[part]
             begin_s = begins.get(key.split('_')[0], 0.0) or 0.0
-            found.setdefault(name.split()[0], Limit(name, unit, most, values, begin_s))
+            limits.setdefault(name.split()[0], Limit(name, unit, limit, values, begin_s))
     thrusters = Limit('force per axis', 'N', scenario.max_force_n, _per_axis(at.forces_n))
-    found.setdefault('force', thrusters)
+    limits.setdefault('force', thrusters)
     rooms = [_room(zone, at.places) for zone in zones_of(scenario) if zone.keep_out_m]
     if rooms:
-        found['room'] = Limit(
+        limits['room'] = Limit(
             'clear of the keep-out zone', 'm', 0.0, np.min(rooms, axis=0), floor=True
         )
-    return found
+    return limits
 
 
 def _per_axis(vectors: Floats) -> Floats:
@@ -202,12 +202,12 @@ def reasons(
     read : (6,) state that it received; words : text -> number; new ones are added
     """
     row = []
-    for found in explain.reasons(controller, read, tick):
-        causes = sorted(found.causes, key=lambda cause: -cause.share)
+    for reason in explain.reasons(controller, read, tick):
+        causes = sorted(reason.causes, key=lambda cause: -cause.share)
         causes = [cause for cause in causes if cause.share >= 0.01][:_MOST_CAUSES]
         texts = [(round(100.0 * c.share), c.what.partition(' (')[0], c.why) for c in causes]
         number = words.setdefault
-        number_n, _, force = found.force.partition(' N, ')
+        number_n, _, force = reason.force.partition(' N, ')
         force = force.partition(' (')[0] or number_n
         row.append([
             number(force, len(words)),

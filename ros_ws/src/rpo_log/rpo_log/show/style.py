@@ -122,8 +122,8 @@ def log_scale(axes: Any, *, x: bool = False, y: bool = True) -> None:
 
 def legend_below(figure: Any, *axes: Any, columns: int = 6) -> None:
     """Put one legend of what some axes show below the figure, where it hides no data."""
-    found: dict[str, Any] = {}
+    handles: dict[str, Any] = {}
     for part in axes:
         for handle, label in zip(*part.get_legend_handles_labels(), strict=True):
-            found.setdefault(label, handle)
-    figure.legend(found.values(), found.keys(), loc='outside lower center', ncols=columns)
+            handles.setdefault(label, handle)
+    figure.legend(handles.values(), handles.keys(), loc='outside lower center', ncols=columns)

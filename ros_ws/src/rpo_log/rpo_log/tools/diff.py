@@ -115,32 +115,32 @@ class LogDiff:
 def diff(a: str | Path, b: str | Path) -> LogDiff:
     """Compare two logs tick by tick, bit for bit, as far as both go; raises LogError."""
     logs = one, other = read_run(open_run(a)), read_run(open_run(b))
-    found = LogDiff((one.path, other.path))
+    difference = LogDiff((one.path, other.path))
     if one.base != other.base:
-        found.remarks.append(f'their ticks differ: {one.base} and {other.base}')
+        difference.remarks.append(f'their ticks differ: {one.base} and {other.base}')
     if one.topics != other.topics:
         names = (', '.join(topic.name for topic in log.topics) for log in logs)
-        found.remarks.append('their topics differ: ' + ' and '.join(names))
+        difference.remarks.append('their topics differ: ' + ' and '.join(names))
     for name in sorted({*one.attachments, *other.attachments}):
         if one.attachments.get(name) != other.attachments.get(name):
-            found.remarks.append(f'{name} differs')
+            difference.remarks.append(f'{name} differs')
     ends = [int(log.ticks[-1]) for log in logs]
     ticks = np.union1d(one.ticks, other.ticks)
     ticks = ticks[ticks <= min(ends)]
-    found.compared = len(ticks)
+    difference.compared = len(ticks)
     for row in interfaces.table().values():
         if row.name in {*one.values, *other.values}:
-            _compare(found, row, ticks, [_at(ticks, log, row.name) for log in logs])
+            _compare(difference, row, ticks, [_at(ticks, log, row.name) for log in logs])
     others = [[m for m in log.non_canonical if m.tick <= min(ends)] for log in logs]
     if others[0] != others[1]:
-        found.remarks.append('messages with more than a stamp and a state or force differ')
+        difference.remarks.append('messages with more than a stamp and a state or force differ')
     if ends[0] != ends[1]:
-        found.remarks.append(f'they end at ticks {ends[0]} and {ends[1]}')
+        difference.remarks.append(f'they end at ticks {ends[0]} and {ends[1]}')
     for signal in sorted({event.signal for log in logs for event in log.events}):
         in_a, in_b = ([e for e in log.events if e.signal == signal] for log in logs)
         if in_a != in_b:
-            found.remarks.append(f'{signal} differs')
-    return found
+            difference.remarks.append(f'{signal} differs')
+    return difference
 
 
 def _at(ticks: NDArray[np.int64], log: RunLog, signal: str) -> NDArray[np.float64] | None:
@@ -148,13 +148,13 @@ def _at(ticks: NDArray[np.int64], log: RunLog, signal: str) -> NDArray[np.float6
     values = log.values.get(signal)
     if values is None:
         return None
-    found = np.full((len(ticks), values.shape[1]), np.nan)
-    found[np.isin(ticks, log.ticks)] = values[np.isin(log.ticks, ticks)]
-    return found
+    values_at_ticks = np.full((len(ticks), values.shape[1]), np.nan)
+    values_at_ticks[np.isin(ticks, log.ticks)] = values[np.isin(log.ticks, ticks)]
+    return values_at_ticks
 
 
 def _compare(
-    found: LogDiff,
+    difference: LogDiff,
     row: Interface,
     ticks: NDArray[np.int64],
     pair: Sequence[NDArray[np.float64] | None],
@@ -166,11 +166,11 @@ def _compare(
     rows = np.flatnonzero(unequal.any(axis=1))
     if not len(rows):
         return
-    found.ticks[row.name] = len(rows)
+    difference.ticks[row.name] = len(rows)
     i, column = int(rows[0]), int(unequal[rows[0]].argmax())
     one, other = (None if np.isnan(v[i]).all() else float(v[i, column]) for v in (a, b))
-    found.first[row.name] = (int(ticks[i]), row.columns[column], one, other)
+    difference.first[row.name] = (int(ticks[i]), row.columns[column], one, other)
     sizes = np.nan_to_num(np.abs(a - b)).max(axis=0)
     for name, size in zip(row.columns, sizes.tolist(), strict=True):
         if size > 0.0:
-            found.largest[f'{row.name} {name}'] = size
+            difference.largest[f'{row.name} {name}'] = size

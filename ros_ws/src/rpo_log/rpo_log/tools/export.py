@@ -42,15 +42,15 @@ Table = dict[str, NDArray[np.generic]]
 
 def table(log: RunLog) -> Table:
     """Return the log as a table; NaN where a message is missing."""
-    found: Table = {
+    columns_by_name: Table = {
         'tick': log.ticks,
         'time_s': log.times_s,
         'stamp_ns': log.base.epoch_ns + log.ticks * log.base.dt_ns,
     }
     for topic in _with_riders(log):
         if topic.row.columns:
-            found.update(zip(columns(topic), log.values[topic.signal].T, strict=True))
-    return found
+            columns_by_name.update(zip(columns(topic), log.values[topic.signal].T, strict=True))
+    return columns_by_name
 
 
 def _with_riders(log: RunLog) -> Iterator[Topic]:

@@ -262,8 +262,8 @@ def records_of_run(reader: RunReader, path: Path) -> list[McapRecord]:
         ),
         Metadata(rosbag2.RECORD, rosbag2.record_values(topics, reader.extents[path])),
         *(
-            Schema(number, rosbag2.definition(kind).text.encode(), 'ros2msg', kind)
-            for number, kind in enumerate(types)
+            Schema(number, rosbag2.definition(type_name).text.encode(), 'ros2msg', type_name)
+            for number, type_name in enumerate(types)
         ),
         *(
             Channel(0, topic.name, 'cdr', rosbag2.channel_metadata(topic), types.index(topic.type))
@@ -280,6 +280,6 @@ def _order(attachment: tuple[str, bytes]) -> tuple[int, int, str]:
 
 
 def _label(record: McapRecord) -> str:
-    kind = type(record).__name__.lower()
+    record_type = type(record).__name__.lower()
     name = getattr(record, 'topic', None) or getattr(record, 'name', None) or ''
-    return f'the {kind} {shown(name)}' if name else f'the {kind}'
+    return f'the {record_type} {shown(name)}' if name else f'the {record_type}'

@@ -140,9 +140,9 @@ class Recomputation:
     def by_events(self) -> list[str]:
         """Return what the log's events say of the stage and nothing computes, for people."""
         name = self.stage.name
-        found = [f'{name} off at {_spans_text(self._off)}'] if self._off else []
+        sentences = [f'{name} off at {_spans_text(self._off)}'] if self._off else []
         if self._anew and self.stage.memory_ticks != 0:
-            found.append(f'{name} without memory from {_spans_text(self._anew)} on')
+            sentences.append(f'{name} without memory from {_spans_text(self._anew)} on')
         ticks: dict[str, list[tuple[int, int]]] = {}
         for tick, state in self._told:
             if state not in self.stage.decides:
@@ -150,10 +150,10 @@ class Recomputation:
         states = list(ticks)
         for state in states[:MAX_NAMED]:
             said = state if state.isprintable() and len(state) <= 40 else shown(state, 40)
-            found.append(f'{name} {said} at {_spans_text(ticks[state])}')
+            sentences.append(f'{name} {said} at {_spans_text(ticks[state])}')
         if len(states) > MAX_NAMED:
-            found.append(f'{len(states) - MAX_NAMED} other events of {name}')
-        return found
+            sentences.append(f'{len(states) - MAX_NAMED} other events of {name}')
+        return sentences
 
     def run(
         self,
@@ -274,8 +274,8 @@ class Recomputation:
             return np.ones(count, dtype=bool)
         ages = self._filled + np.arange(count)
         self._filled += count
-        most = self.stage.memory_ticks
-        return np.zeros(count, dtype=bool) if most is None else ages >= most
+        memory_ticks = self.stage.memory_ticks
+        return np.zeros(count, dtype=bool) if memory_ticks is None else ages >= memory_ticks
 
 
 def _extend(spans: list[tuple[int, int]], ticks: Ints) -> None:

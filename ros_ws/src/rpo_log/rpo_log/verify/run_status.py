@@ -116,8 +116,8 @@ class Statuses:
         yield 'name', status.name, 'run'
         yield 'hardware_id', status.hardware_id, 'none'
         tick, last = topics.tick_of(status), self._scenario.ticks
-        known = tick is not None and tick <= event.tick and (phase != FINISHED or tick == last)
-        tick = tick if tick is not None and known else last if phase == FINISHED else event.tick
+        sound = tick is not None and tick <= event.tick and (phase != FINISHED or tick == last)
+        tick = tick if tick is not None and sound else last if phase == FINISHED else event.tick
         yield 'tick', values.get('tick', ''), str(tick)
         yield 'time_s', values.get('time_s', ''), repr(self._scenario.time_s(tick))
         dropped = values.get('dropped', '').split()
@@ -135,8 +135,8 @@ class Statuses:
         for name, computed in self._figures_at(tick).items():
             # In free running what was applied is saturated already.
             if not (self._free and name == 'saturated_ticks'):
-                logged, known = values.get(name, 'nothing'), [repr(value) for value in computed]
-                yield name, logged, logged if logged in known else known[0]
+                logged, texts = values.get(name, 'nothing'), [repr(value) for value in computed]
+                yield name, logged, logged if logged in texts else texts[0]
 
     def _figures_at(self, tick: int) -> dict[str, tuple[float, ...]]:
         """Return the figures that are known at a tick of the last blocks.

@@ -68,8 +68,8 @@ class Verification:
     def sentence(self) -> str:
         """Return one line for people."""
         if self.difference is not None:
-            found = '; '.join((self.difference.sentence(), *self.gaps))
-            return f'{self.path}: NOT as computed: {found}'
+            differences = '; '.join((self.difference.sentence(), *self.gaps))
+            return f'{self.path}: NOT as computed: {differences}'
         if self.faults:
             return f'{self.path}: NOT as recorded: {"; ".join((*self.faults, *self.gaps))}'
         stages = f'recomputed: {", ".join(self.stages) or "nothing"}'
@@ -149,7 +149,7 @@ def non_canonical_difference(message: Message, flown: Scenario) -> Difference | 
         return None
     texts, floats = cdr.FIELDS[topic.type]
     messages = (cdr.decode_stamped(topic.type, each) for each in (data, expected))
-    numbers = ((*found.texts, *found.floats) for found in messages)
+    numbers = ((*message_fields.texts, *message_fields.floats) for message_fields in messages)
     for name, logged, computed in zip((*texts, *floats), *numbers, strict=True):
         if repr(logged) != repr(computed):  # -0.0 is not 0.0
             return Difference(tick, topic.name, name, logged, computed, REST)

@@ -153,8 +153,8 @@ class _Verifier:
             for name, topic in self.topics.items()
             if topic.row.columns and not (name in judged or self._is_at_rest(topic.row))
         )
-        found = [f'{name}, which no stage of its scenario makes' for name in names]
-        return [*found, *(f'the axes of {name}: its frame is that of older versions'
+        texts = [f'{name}, which no stage of its scenario makes' for name in names]
+        return [*texts, *(f'the axes of {name}: its frame is that of older versions'
                           for name in sorted(self._old_frames))]  # fmt: skip
 
     @staticmethod
@@ -165,36 +165,36 @@ class _Verifier:
     @property
     def recomputed(self) -> tuple[str, ...]:
         """Names of the stages that were on, and were compared, at one tick at least."""
-        compared = {found.stage.name for found in self.stages if found.compared}
+        compared = {stage.stage.name for stage in self.stages if stage.compared}
         return tuple(name for name in self.names if name in compared)
 
     @property
     def by_events(self) -> tuple[str, ...]:
         """What the events of the log say of stages and peers, and nothing computes, for people."""
-        found = [text for stage in self.stages for text in stage.by_events()]
+        texts = [text for stage in self.stages for text in stage.by_events()]
         dropped = self.states.dropped.items()
-        return (*found, *(f'flown without {name} from tick {tick} on' for name, tick in dropped))
+        return (*texts, *(f'flown without {name} from tick {tick} on' for name, tick in dropped))
 
     @property
     def unfollowed(self) -> list[str]:
         """The events that have no effect on what is recomputed, for people."""
-        found = self.states.unfollowed.items()
+        events = self.states.unfollowed.items()
         texts = [
             f'events of {shown(name)} ({count}, the first at tick {tick}), which switch no stage '
             'that is recomputed'
-            for name, (count, tick) in list(found)[:MAX_NAMED]
+            for name, (count, tick) in list(events)[:MAX_NAMED]
         ]
-        others = len(found) - MAX_NAMED
+        others = len(events) - MAX_NAMED
         return [*texts, *[f'events of {others} other such stages'] * (others > 0)]
 
     @property
     def gaps(self) -> list[str]:
         """What could not be checked, for people."""
         return [
-            f'{found.stage.name} could not be recomputed at {found.gaps} ticks, the first is '
-            f'{found.first_gap}: what it read or remembered was lost with a missing message'
-            for found in self.stages
-            if found.gaps and found.stage.name in self.names
+            f'{stage.stage.name} could not be recomputed at {stage.gaps} ticks, the first is '
+            f'{stage.first_gap}: what it read or remembered was lost with a missing message'
+            for stage in self.stages
+            if stage.gaps and stage.stage.name in self.names
         ]
 
     def compare_decisions(self, last: int) -> tuple[Difference | None, list[str]]:
@@ -411,15 +411,15 @@ def _signal_of(difference: Difference, recorded: Iterable[Topic]) -> str:
 
 def _remaps(reader: RunReader) -> dict[str, tuple[str, list[str]]]:
     """Return the nodes that hear a signal elsewhere than the log: in words, and what they make."""
-    found, where = {}, {topic.signal: topic.name for topic in reader.topics}
+    remaps, where = {}, {topic.signal: topic.name for topic in reader.topics}
     for node, values in parameters_of(reader, run.TOPICS).items():
         said = values if isinstance(values, Mapping) else {}
         heard = {k[len(HEARS) :]: t for k, t in said.items() if str(k).startswith(HEARS)}
         away = [f'{s} on {t}' for s, t in heard.items() if where.get(s, t) != t]
         made = [s for s in where if said.get(PUBLISHES + s) and row_of(s).columns]
         if away:
-            found[node] = f'{node} heard {", ".join(away)}, and not what the log has', made
-    return found
+            remaps[node] = f'{node} heard {", ".join(away)}, and not what the log has', made
+    return remaps
 
 
 def _faults_of(folder: Path) -> tuple[str, ...]:

@@ -113,8 +113,8 @@ class BagFileWriter(Writer):
         self.ticks, self._chunk_ticks, self.newest_tick = ticks, 0, -1
         self._events = {index for index, topic in enumerate(topics) if topic.is_event}
         self.entry = BagFile(path.name, [0] * len(topics))
-        own = vars(self)
-        self._counted, self._chunk = own['_Writer__statistics'], own['_Writer__chunk_builder']
+        parts = vars(self)
+        self._counted, self._chunk = parts['_Writer__statistics'], parts['_Writer__chunk_builder']
         self._syncer = ThreadPoolExecutor(max_workers=1, thread_name_prefix='fsync')
         self._syncing: Future[None] | None = None
         try:

@@ -93,7 +93,7 @@ class TickOrderer:
     @property
     def waiting(self) -> int:
         """Number of messages of ticks that are not let go yet."""
-        regular = sum(len(found) for tick, found in self._ticks.items() if tick >= self.next_tick)
+        regular = sum(len(row) for tick, row in self._ticks.items() if tick >= self.next_tick)
         return regular + sum(map(len, self._events.values()))
 
     def drop(self, index: int, tick: int) -> None:
@@ -184,14 +184,14 @@ class TickOrderer:
         The flight ends in the newest tick: its answers are due only if it is the last of all.
         What is stamped with a later tick is no part of it.
         """
-        begun, known = self.latest >= 0, self._last != NEVER
+        begun, ended = self.latest >= 0, self._last != NEVER
         for tick, data in sorted(self._states_ahead.items()):
-            if tick <= self._last and (known or not begun):
+            if tick <= self._last and (ended or not begun):
                 self.latest = tick
                 self._take(self._leader, tick, data)
             else:
                 self.counts[self._leader].ignored += 1
-        newest = self._last if known else self.latest
+        newest = self._last if ended else self.latest
         self._let_go_before(newest)
         if newest >= self.next_tick:
             self._let_go(newest, due=newest == last_tick)
