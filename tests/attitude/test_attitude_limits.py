@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rpo_core.attitude.chaser_kernels import Craft, chaser_tick, times, unit, unloaded
+from rpo_core.attitude.chaser import Craft, chaser_tick, times, unit, unloaded
 from rpo_core.attitude.target import body_of
 from rpo_core.control.attitude_law_kernels import errors
 from rpo_core.control.attitude_limits import (

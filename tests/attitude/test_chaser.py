@@ -13,9 +13,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from rpo_core.attitude.chaser import Chaser, Wheels
-from rpo_core.attitude.turns import apart, docking_axis, too_fast, turned
-from rpo_core.attitude.unloading import Unloading
+from rpo_core.attitude.chaser import Chaser, Unloading, Wheels
+from rpo_core.attitude.pointing import apart, docking_axis, too_fast, turned
 from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.control.attitude import AttitudeControl
 from rpo_core.control.controller import load_controller
@@ -222,7 +221,7 @@ def test_the_docking_axis_is_that_of_pointing_or_against_the_corridor(monkeypatc
     assert docking_axis(load_scenario('paper_test')) == (-0.0, -1.0, -0.0)
     way = SimpleNamespace(corridor=Cone((0.0, 0.0, -1.0), (0.0, 0.0, -1.0), 0.2, 9.0))
     empty = SimpleNamespace(corridor=None)
-    monkeypatch.setattr('rpo_core.attitude.turns.zones_of', lambda scenario: [empty, way])
+    monkeypatch.setattr('rpo_core.attitude.pointing.zones_of', lambda scenario: [empty, way])
     assert docking_axis(load_scenario('docking')) == (-0.0, -0.0, 1.0)
 
 

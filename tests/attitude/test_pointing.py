@@ -15,8 +15,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from rpo_core.attitude.chaser import Chaser
-from rpo_core.attitude.pointing import Pointing, PointingStage
-from rpo_core.attitude.pointing_kernels import contact_turn, looking, point
+from rpo_core.attitude.pointing import Pointing, PointingStage, contact_turn, looking, point
 from rpo_core.attitude.target import Target
 from rpo_core.scenario import scenario as scenarios
 

@@ -18,7 +18,7 @@ from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.control.controller import FuzzyController, load_controller
 from rpo_core.judge import metrics
 from rpo_core.kernels import noise
-from rpo_core.navigation.navigation_errors import Navigation
+from rpo_core.navigation.sensors import Navigation
 from rpo_core.scenario.scenario import load_scenario
 from rpo_core.stage import Place
 from rpo_core.thrusters.thrusters import Thrusters

@@ -14,7 +14,7 @@ from core_documents import changed, document, refusal
 from rpo_core import files
 from rpo_core.attitude.target import Target
 from rpo_core.files.validation import InputError
-from rpo_core.navigation.navigation_errors import Navigation
+from rpo_core.navigation.sensors import Navigation
 from rpo_core.scenario import overrides, scenario
 from rpo_core.scenario.scenario import load_scenario, parse
 from rpo_core.thrusters.thrusters import Failure, Propellant, Pulses, ThrusterError, Thrusters

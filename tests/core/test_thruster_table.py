@@ -30,8 +30,15 @@ from rpo_core.thrusters.allocation_kernels import (
     SCRATCH,
     THRUST,
 )
-from rpo_core.thrusters.authority import authority, known
-from rpo_core.thrusters.table import PRESETS, Failure, Thruster, ThrusterTable, table_of
+from rpo_core.thrusters.table import (
+    PRESETS,
+    Failure,
+    Thruster,
+    ThrusterTable,
+    authority,
+    known_authority,
+    table_of,
+)
 from rpo_core.thrusters.thrusters import Propellant, Thrusters, stage_of
 
 BASE = load_scenario('paper_test')
@@ -306,16 +313,16 @@ def test_forces_beside_a_torque_are_those_of_scipy():
     """Of the shipped mission: no torque of the unloading takes any of its ball of forces."""
     table = preset('corners_24', 0.255, arm_m=0.15)
     table = replace(table, failures=(Failure(thruster='y+a', stuck='off', known=True),))
-    assert known(table, 0.04).least_n == pytest.approx(known(table).least_n)
+    assert known_authority(table, 0.04).least_n == pytest.approx(known_authority(table).least_n)
     most = 0.1  # beyond that it does
-    found, draw = known(table, most), np.random.default_rng(3).normal(size=(30, 3))
+    found, draw = known_authority(table, most), np.random.default_rng(3).normal(size=(30, 3))
     draw /= np.linalg.norm(draw, axis=1)[:, None]
     far = min(
         reach(table, side, {'y+a': 'off'}, torque)
         for torque in product((most, -most), repeat=3)
         for side in draw
     )
-    assert found.least_n < known(table).least_n - 0.05
+    assert found.least_n < known_authority(table).least_n - 0.05
     assert 0.0 < found.least_n <= far + 1e-9
     assert far < 1.3 * found.least_n
 

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from rpo_core.assurance.doubt import doubt_at
-from rpo_core.assurance.packed import guard_at
+from rpo_core.assurance.filters import guard_at
 from rpo_core.attitude.attitude_kernels import attitude_at, frame_at
-from rpo_core.attitude.chaser_kernels import craft_at
+from rpo_core.attitude.chaser import craft_at
 from rpo_core.control.attitude_limits import limits_at
 from rpo_core.kernels import jit
 from rpo_core.kernels.arrays import contracted

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from rpo_core import files
 from rpo_core.assurance.settings import Assurance
 from rpo_core.files.validation import InputError
-from rpo_core.guidance.plan import Guidance
+from rpo_core.guidance.guidance import Guidance
 from rpo_core.scenario import scenario
 from rpo_core.scenario.scenario import load_scenario
 from rpo_core.world.zones import Cone, Zone, zones_of

@@ -8,9 +8,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from rpo_core.guidance.guidance import GuidanceStage
+from rpo_core.guidance.guidance import Guidance, GuidanceStage
 from rpo_core.guidance.legs import Vehicle
-from rpo_core.guidance.plan import Guidance
 from rpo_core.world import cw
 
 N_RAD_S = cw.mean_motion(6_678_000.0)

@@ -12,10 +12,8 @@ from references import assert_bits_of_the_stage
 
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
-from rpo_core.guidance.guidance import DOCKED, GuidanceStage
-from rpo_core.guidance.plan import Guidance, Leg
-from rpo_core.guidance.rehearsal import nominal
-from rpo_core.guidance.transfer_kernels import at_port
+from rpo_core.guidance.guidance import DOCKED, Guidance, GuidanceStage, Leg, nominal
+from rpo_core.guidance.transfers import at_port
 from rpo_core.judge import contact, metrics
 from rpo_core.judge.verdicts import verdicts
 from rpo_core.scenario.requirements import Requirements

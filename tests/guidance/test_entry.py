@@ -19,9 +19,8 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.validation import InputError
 from rpo_core.guidance import entry
+from rpo_core.guidance.guidance import Guidance, nominal
 from rpo_core.guidance.legs import Resting, Straight, Turning, Vehicle
-from rpo_core.guidance.plan import Guidance
-from rpo_core.guidance.rehearsal import nominal
 from rpo_core.judge.verdicts import verdicts
 from rpo_core.scenario import scenario as scenarios
 

@@ -16,15 +16,15 @@ from rpo_core import files
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.validation import InputError
-from rpo_core.guidance import guidance, plan, rehearsal, transfers
+from rpo_core.guidance import guidance, transfers
 from rpo_core.scenario import scenario
 from rpo_core.wire.interfaces import REFERENCE_STATE
 from rpo_core.world import cw
 
-WAITING = {'go': plan.COMMAND, 'timeout_s': None}
+WAITING = {'go': guidance.COMMAND, 'timeout_s': None}
 BEGUN, HOLD = (0, 'fly_around'), (5405, 'hold_60')
 FOLLOWED = (
-    ('hold_points', {'go': plan.COMMAND}, {}, 9700,
+    ('hold_points', {'go': guidance.COMMAND}, {}, 9700,
      [BEGUN, HOLD, (6605, 'aborting'), (9605, 'drifting')]),
     ('hold_points', WAITING, {}, 15_000, [BEGUN, HOLD]),
     ('hold_points', WAITING, {6000: 'go'}, 6200, [BEGUN, HOLD, (6000, 'to_20')]),
@@ -90,8 +90,8 @@ def test_a_command_that_a_log_tells_of_is_followed_and_other_words_are_not(aroun
 @pytest.mark.parametrize(('name', 'holds', 'commands', 'until', 'phases'), FOLLOWED)
 def test_a_plan_is_left_and_taken_up_by_commands_and_time(name, holds, commands, until, phases):
     chosen = scenario.load_scenario(name)
-    settings = chosen.section(plan.Guidance)
-    legs = [replace(leg, **holds) if leg.kind == plan.HOLD else leg for leg in settings.legs]
+    settings = chosen.section(guidance.Guidance)
+    legs = [replace(leg, **holds) if leg.kind == guidance.HOLD else leg for leg in settings.legs]
     stage, references = follow(
         chosen.equipped(replace(settings, legs=tuple(legs))), until, commands
     )
@@ -129,9 +129,9 @@ def test_after_an_abort_the_drift_leads_away_for_two_orbits(around):
 
 def test_a_leg_may_burn_all_the_time_and_ease_as_long_and_keep_its_speed():
     whole = {'kind': 'transfer', 'to_m': (0.0, 5.0, 0.0), 'duration_s': 60.0}
-    assert plan.Leg(name='burns', burn_s=30.0, **whole).burn_s == 30.0
-    assert plan.Leg(name='eases', ease_s=60.0, **whole).ease_s == 60.0
-    line = plan.Leg(
+    assert guidance.Leg(name='burns', burn_s=30.0, **whole).burn_s == 30.0
+    assert guidance.Leg(name='eases', ease_s=60.0, **whole).ease_s == 60.0
+    line = guidance.Leg(
         name='line', kind='straight', to_m=(0.0, 20.0, 0.0), speed_m_s=0.2, end_speed_m_s=0.2
     )
     assert line.end_speed_m_s == line.speed_m_s
@@ -140,17 +140,17 @@ def test_a_leg_may_burn_all_the_time_and_ease_as_long_and_keep_its_speed():
 def test_the_search_of_a_plan_is_bounded_by_its_work(monkeypatch):
     """Counted, not timed: the same on every machine. What ships takes far less than the bound."""
     data, spent = yaml.safe_load(files.find('scenario', 'around').read_text()), []
-    rehearsal.check.cache_clear()
-    for module in (rehearsal, transfers):
+    guidance.check.cache_clear()
+    for module in (guidance, transfers):
         monkeypatch.setattr(module, 'spend', spent.append)
     scenario.parse(data)
-    assert 1e5 < sum(spent) < 0.1 * rehearsal.MOST_WORK
+    assert 1e5 < sum(spent) < 0.1 * guidance.MOST_WORK
     monkeypatch.undo()
-    monkeypatch.setattr(rehearsal, 'MOST_WORK', 2.0 * sum(spent))
-    rehearsal.check.cache_clear()
+    monkeypatch.setattr(guidance, 'MOST_WORK', 2.0 * sum(spent))
+    guidance.check.cache_clear()
     assert scenario.parse(data)
-    rehearsal.check.cache_clear()
-    monkeypatch.setattr(rehearsal, 'MOST_WORK', 0.5 * sum(spent))
+    guidance.check.cache_clear()
+    monkeypatch.setattr(guidance, 'MOST_WORK', 0.5 * sum(spent))
     with pytest.raises(InputError, match='`guidance` must have a plan that is found in'):
         scenario.parse(data)
 
@@ -158,16 +158,16 @@ def test_the_search_of_a_plan_is_bounded_by_its_work(monkeypatch):
 @pytest.mark.parametrize('sign', [-1.0, 1.0])
 def test_a_plan_needs_no_more_than_its_share_of_the_force(hold_points, monkeypatch, sign):
     """One of its axes at one of its ticks, by a thousandth less and more."""
-    settings = hold_points.section(plan.Guidance)
-    found, most = rehearsal.nominal(settings, hold_points, to_rest=True), hold_points.max_force_n
+    settings = hold_points.section(guidance.Guidance)
+    found, most = guidance.nominal(settings, hold_points, to_rest=True), hold_points.max_force_n
     for share, refused in ((0.999, False), (1.001, True)):
-        rehearsal.check.cache_clear()
+        guidance.check.cache_clear()
         forces = [(0.0, 0.0, 0.0)] * len(found.forces)
         forces[70] = (0.0, sign * share * settings.force_share * most, 0.0)
         pushed = found._replace(forces=forces)
-        monkeypatch.setattr(rehearsal, 'nominal', lambda *_, made=pushed, **__: made)
+        monkeypatch.setattr(guidance, 'nominal', lambda *_, made=pushed, **__: made)
         if not refused:
-            rehearsal.check(settings, hold_points)
+            guidance.check(settings, hold_points)
             continue
         with pytest.raises(InputError, match=r'must need at most `force_share` = .* 7 s: '):
-            rehearsal.check(settings, hold_points)
+            guidance.check(settings, hold_points)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from rpo_core.guidance import transfer_kernels, transfers
+from rpo_core.guidance import transfers
 from rpo_core.guidance.transfers import Limits
 from rpo_core.world import cw
 
@@ -133,17 +133,17 @@ def test_many_sweeps_at_a_time_give_the_bits_of_one_after_the_other(
 ):
     """Interpreted, only positive multipliers are swept; seeds in which others become positive."""
     for name in ('_sweep', '_each_sweep'):
-        function = getattr(transfer_kernels, name)
-        monkeypatch.setattr(transfer_kernels, name, getattr(function, 'py_func', function))
-    monkeypatch.setattr(transfer_kernels, 'COMPILED', False)
+        function = getattr(transfers, name)
+        monkeypatch.setattr(transfers, name, getattr(function, 'py_func', function))
+    monkeypatch.setattr(transfers, 'COMPILED', False)
     random = np.random.default_rng(constraints)
     for _ in range(4):
         factor = random.standard_normal((constraints, constraints // 2 + 1))
         square = factor @ factor.T + 1e-3 * np.eye(constraints)
         m = np.hstack([square, random.standard_normal((constraints, 1)) + shift])
         expected, found = [0.0] * constraints, [0.0] * constraints
-        transfer_kernels._each_sweep(m.tolist(), expected)
-        transfer_kernels.hildreth(m, found)
+        transfers._each_sweep(m.tolist(), expected)
+        transfers.hildreth(m, found)
         assert found == expected
 
 

@@ -20,9 +20,9 @@ from rpo_core.attitude.target import Target, motion_of
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.validation import InputError
-from rpo_core.guidance import rehearsal
+from rpo_core.guidance import guidance
+from rpo_core.guidance.guidance import Guidance, Leg
 from rpo_core.guidance.legs import FlyingAround, Resting, Straight, Turning, fill
-from rpo_core.guidance.plan import Guidance, Leg
 from rpo_core.judge.verdicts import verdicts
 from rpo_core.scenario import scenario as scenarios
 from rpo_core.world import cw
@@ -136,14 +136,14 @@ def test_a_transfer_stays_in_a_corridor_that_turns():
     own = PORT.section(Guidance)
     entering = replace(own, legs=(leg,), corridor=replace(own.corridor, from_m=13.0))
     found = PORT.equipped(entering)
-    rehearsal.check(entering, found)
+    guidance.check(entering, found)
     seen = found.seen(stage_of(found).rows(PORT.start, 4000)[:, :6])
     across, along = np.hypot(seen[3000:-1, 0], seen[3000:-1, 2]), seen[3000:-1, 1] - 1.0
     assert (across <= np.tan(np.radians(10.0)) * along + 0.01).all()
     assert_allclose(seen[4000], [0.0, 1.0, 0.0, 0.0, -0.07, 0.0], atol=1e-11)
     with pytest.raises(InputError, match='`guidance` must keep out of the sphere'):
         straight = replace(entering, legs=(replace(leg, corridor_s=None),))
-        rehearsal.check(straight, PORT.equipped(straight))
+        guidance.check(straight, PORT.equipped(straight))
 
 
 @pytest.mark.parametrize('controller', rest_at_landing(['allround', 'pd']))

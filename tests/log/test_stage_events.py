@@ -11,9 +11,8 @@ import pytest
 from log_runs import DISTURBANCE, FORCE, STATE, STATUS, TOPICS, Run, chain_run, make_run
 
 from rpo.training.config import load_start
-from rpo_core.assurance.abort_table import AbortTable, Row
-from rpo_core.assurance.assurance import ASSURED_FORCE, AssuranceStage
-from rpo_core.assurance.settings import Assurance
+from rpo_core.assurance.assurance import AssuranceStage
+from rpo_core.assurance.settings import AbortTable, Assurance, Row
 from rpo_core.assurance.shaping import Shaping, ShapingStage
 from rpo_core.attitude.target import TargetStage
 from rpo_core.chain.chain import Chain, DisturbanceStage
@@ -23,12 +22,11 @@ from rpo_core.guidance.guidance import GuidanceStage
 from rpo_core.navigation.attitude_estimator import AttitudeEstimatorStage
 from rpo_core.navigation.attitude_sensors import AttitudeSensors
 from rpo_core.navigation.estimator import EstimatorStage
-from rpo_core.navigation.navigation_errors import Navigation, NavigationStage
-from rpo_core.navigation.sensors import SensorsStage
+from rpo_core.navigation.sensors import Navigation, NavigationStage, SensorsStage
 from rpo_core.scenario.scenario import load_scenario
 from rpo_core.thrusters.thrusters import TableStage
 from rpo_core.wire import cdr
-from rpo_core.wire.interfaces import RELATIVE_STATE
+from rpo_core.wire.interfaces import ASSURED_FORCE, RELATIVE_STATE
 from rpo_core.world.disturbance import NONE
 from rpo_core.world.dynamics import DynamicsStage
 from rpo_log.errors import ExitCode

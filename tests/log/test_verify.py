@@ -37,7 +37,7 @@ from rpo_core.attitude.target import Target
 from rpo_core.control.attitude import AttitudeControl
 from rpo_core.control.controller import load_controller
 from rpo_core.files.validation import InputError
-from rpo_core.navigation.navigation_errors import Navigation
+from rpo_core.navigation.sensors import Navigation
 from rpo_core.scenario import scenario
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.thrusters.table import ThrusterTable

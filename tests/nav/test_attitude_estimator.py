@@ -13,8 +13,12 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from rpo_core.chain.flight import fly
-from rpo_core.navigation.attitude_estimator import AttitudeEstimator, AttitudeEstimatorStage
-from rpo_core.navigation.attitude_filter_kernels import TESTED, X
+from rpo_core.navigation.attitude_estimator import (
+    TESTED,
+    AttitudeEstimator,
+    AttitudeEstimatorStage,
+    X,
+)
 from rpo_core.navigation.attitude_sensors import AttitudeSensors
 
 

@@ -15,9 +15,7 @@ from scipy.spatial.transform import Rotation
 from rpo_core.attitude.target import motion_of
 from rpo_core.kernels.noise import normal_pair, philox
 from rpo_core.navigation.attitude_sensors import AttitudeSensors, AttitudeSensorsStage
-from rpo_core.navigation.navigation_errors import Navigation
-from rpo_core.navigation.sensor_kernels import across, sight
-from rpo_core.navigation.sensors import Sensor, Sensors, SensorsStage
+from rpo_core.navigation.sensors import Navigation, Sensor, Sensors, SensorsStage, across, sight
 from rpo_core.wire import interfaces
 
 FAR = (60.0, -80.0, 0.0, 0.1, 0.2, 0.3)

@@ -18,14 +18,13 @@ from mcap.reader import make_reader
 from rpo.montecarlo import config
 from rpo.montecarlo.run_batch import FINAL, fly_runs
 from rpo.montecarlo.single import fly_run
-from rpo_core.assurance.assurance import ASSURANCE_STATUS, ASSURED_FORCE
 from rpo_core.assurance.settings import Assurance
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.judge import metrics
 from rpo_core.scenario import overrides, scenario
-from rpo_core.wire.interfaces import BODY_TORQUE
+from rpo_core.wire.interfaces import ASSURANCE_STATUS, ASSURED_FORCE, BODY_TORQUE
 from rpo_core.world.link import CORRUPTIONS
 from rpo_ctrl.assurance_node import AssuranceNode
 from rpo_log.read.run_log import flight_of, read_run

@@ -40,8 +40,8 @@ from rpo_bringup.views.web_server import Feed, LivePage, refusal
 from rpo_bringup.visualizer_node import VisualizerNode, transform_of
 from rpo_bringup.web_node import WebNode
 from rpo_core import files
+from rpo_core.attitude.pointing import docking_axis
 from rpo_core.attitude.target import motion_of
-from rpo_core.attitude.turns import docking_axis
 from rpo_core.chain.flight import Flight, fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.validation import InputError

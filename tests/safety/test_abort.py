@@ -16,20 +16,17 @@ from hypothesis import strategies as st
 from landing import rest_at_landing
 
 from rpo_core.assurance import manoeuvre
-from rpo_core.assurance.abort import BURN_S, Seen
-from rpo_core.assurance.abort_table import Row
-from rpo_core.assurance.assurance import ASSURED_FORCE
+from rpo_core.assurance.abort import BURN_S, LimitChecker, Seen
 from rpo_core.assurance.kernels import speed_limit
-from rpo_core.assurance.limit_checker import LimitChecker
-from rpo_core.assurance.recovery import APPROACH_1_S, PASSING_M, around
-from rpo_core.assurance.settings import Assurance
+from rpo_core.assurance.manoeuvre import APPROACH_1_S, PASSING_M, around
+from rpo_core.assurance.settings import Assurance, Row
 from rpo_core.chain.chain import Chain
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.scenario import scenario
 from rpo_core.stage import WITHOUT_COMMAND, Place
 from rpo_core.thrusters.thrusters import Failure, Pulses, Thrusters
-from rpo_core.wire.interfaces import COMMAND, RELATIVE_STATE
+from rpo_core.wire.interfaces import ASSURED_FORCE, COMMAND, RELATIVE_STATE
 
 AROUND, GUARDED = scenario.load_scenario('around'), scenario.load_scenario('guarded')
 SETTINGS = GUARDED.section(Assurance)

@@ -13,10 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from rpo_core.assurance.abort_table import AbortTable, Row
 from rpo_core.assurance.assumed import errors_of, limit_n
 from rpo_core.assurance.guard import guard_of, proof_of
-from rpo_core.assurance.settings import Assurance
+from rpo_core.assurance.settings import AbortTable, Assurance, Row
 from rpo_core.attitude.chaser import Chaser, Wheels
 from rpo_core.attitude.pointing import Pointing
 from rpo_core.chain.chain import Chain
@@ -27,8 +26,7 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files.validation import InputError
 from rpo_core.scenario import overrides, scenario
 from rpo_core.stage import Place
-from rpo_core.thrusters.authority import known
-from rpo_core.thrusters.table import ThrusterTable
+from rpo_core.thrusters.table import ThrusterTable, known_authority
 from rpo_core.thrusters.thrusters import Thrusters
 
 ASSURED = replace(scenario.load_scenario('assured'), max_force_n=1.0)
@@ -60,11 +58,11 @@ def test_a_table_has_its_ball_beside_the_torque_that_keeps_limits_of_the_attitud
     table = ThrusterTable(preset='pairs_12', force_n=0.6, arm_m=0.3)
     own = {'chaser_attitude_error_deg': 2.0, 'thrust_error': 0.1}
     found = turning(Thrusters(table=table), **own)
-    assert limit_n(found) == pytest.approx(min(known(table).least_n, 1.0) / sqrt(3.0))
+    assert limit_n(found) == pytest.approx(min(known_authority(table).least_n, 1.0) / sqrt(3.0))
     control = replace(STEERED, limit_nm=0.1, limits=AttitudeLimits(rate_deg_s=2.0))
     found = turning(Thrusters(table=table), replace(CHASER, wheels=None), control, **own)
-    least = known(table, 0.1).least_n
-    assert 0.0 < least < 0.9 * min(known(table).least_n, found.max_force_n)
+    least = known_authority(table, 0.1).least_n
+    assert 0.0 < least < 0.9 * min(known_authority(table).least_n, found.max_force_n)
     assert limit_n(found) == pytest.approx(least / sqrt(3.0))
 
 
@@ -133,5 +131,5 @@ def test_all_corners_of_a_turning_corridor_are_in_the_ball():
     found = port.equipped(CHASER, STEERED, own)
     proof = proof_of(own, found)
     assert proof.walls is not None
-    assert proof.walls.limit_n * sqrt(3.0) <= known(found.thrusters.table).least_n
+    assert proof.walls.limit_n * sqrt(3.0) <= known_authority(found.thrusters.table).least_n
     assert proof.walls.limit_n == pytest.approx(proof.guard.limit_n)

@@ -14,7 +14,7 @@ from landing import rest_at_landing
 
 from rpo.exports import c_assured
 from rpo.training.config import load_start
-from rpo_core.assurance.assurance import ASSURED_FORCE, CONSTRAINTS, AssuranceStage
+from rpo_core.assurance.assurance import CONSTRAINTS, AssuranceStage
 from rpo_core.assurance.settings import Assurance
 from rpo_core.assurance.shaping import Shaping
 from rpo_core.chain.flight import fly
@@ -22,6 +22,7 @@ from rpo_core.control.controller import load_controller
 from rpo_core.scenario.scenario import load_scenario
 from rpo_core.thrusters.thrusters import Thrusters
 from rpo_core.wire import interfaces
+from rpo_core.wire.interfaces import ASSURED_FORCE
 
 pytestmark = pytest.mark.skipif(shutil.which('cc') is None, reason='cc is not installed')
 

@@ -18,10 +18,8 @@ from landing import rest_at_landing
 from rpo_core.assurance import filters, kernels
 from rpo_core.assurance.assumed import largest_n
 from rpo_core.assurance.assurance import AssuranceStage
-from rpo_core.assurance.corridor import approach_margins, backup_approach
-from rpo_core.assurance.edge import _Edge
-from rpo_core.assurance.guard import errors_of, guard_of
-from rpo_core.assurance.kernels import APPROACH, OPEN
+from rpo_core.assurance.guard import _Edge, errors_of, guard_of
+from rpo_core.assurance.kernels import APPROACH, OPEN, approach_margins, backup_approach
 from rpo_core.assurance.settings import Assurance, Passage
 from rpo_core.scenario import scenario
 from rpo_core.thrusters.thrusters import Thrusters

@@ -16,8 +16,8 @@ from rpo_core import stage
 from rpo_core.assurance import guard, kernels
 from rpo_core.assurance.assumed import errors_of
 from rpo_core.assurance.assurance import AssuranceStage
-from rpo_core.assurance.corridor import approach_margins, at_port
 from rpo_core.assurance.guard import guard_of
+from rpo_core.assurance.kernels import approach_margins, at_port
 from rpo_core.assurance.settings import Assurance, Passage
 from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.files.validation import InputError

@@ -24,8 +24,7 @@ from rpo_core.assurance.assumed import limit_n
 from rpo_core.assurance.settings import Assurance
 from rpo_core.files.validation import InputError
 from rpo_core.navigation.estimator import Estimator
-from rpo_core.navigation.navigation_errors import Navigation
-from rpo_core.navigation.sensors import Sensor, Sensors
+from rpo_core.navigation.sensors import Navigation, Sensor, Sensors
 from rpo_core.scenario.scenario import load_scenario
 from rpo_core.stage import Place, Section, Stage
 from rpo_core.thrusters.table import Failure, ThrusterTable

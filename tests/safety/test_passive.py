@@ -12,7 +12,7 @@ from core_oracles import exact_step
 
 from rpo.analysis.assurance import silence
 from rpo.training.config import load_start
-from rpo_core.assurance import passive
+from rpo_core.assurance import manoeuvre
 from rpo_core.scenario import scenario
 
 N = scenario.load_scenario('paper_test').mean_motion_rad_s
@@ -30,7 +30,7 @@ def test_the_drift_is_that_of_the_differential_equation():
     for _ in range(50):
         state = (*random.uniform(-100, 100, 3), *random.uniform(-0.3, 0.3, 3))
         t, along = random.uniform(0, TWO_ORBITS), random.uniform(-1e-5, 1e-5)
-        found = passive.drifted(state, t, N, along)
+        found = manoeuvre.drifted(state, t, N, along)
         assert found == pytest.approx(drift(state, t, along), abs=1e-6)
 
 
@@ -43,10 +43,10 @@ def test_no_moment_is_missed(drag):
     for _ in range(60):
         state = (*random.uniform(-80, 80, 3), *random.uniform(-0.02, 0.02, 3))
         state = (*state[:4], -2.0 * N * state[0] + random.normal() * 0.01, state[5])
-        found = passive.clear_for(state, 10.0, TWO_ORBITS, N, -drag, drag)
+        found = manoeuvre.clear_for(state, 10.0, TWO_ORBITS, N, -drag, drag)
         nearest = min(
-            passive.to_segment(
-                passive.drifted(state, t, N, -drag), passive.drifted(state, t, N, drag)
+            manoeuvre.to_segment(
+                manoeuvre.drifted(state, t, N, -drag), manoeuvre.drifted(state, t, N, drag)
             )
             for t in times.tolist()
             if t <= found
@@ -55,8 +55,8 @@ def test_no_moment_is_missed(drag):
             clear += 1
             assert nearest >= 10.0
         else:
-            at = passive.to_segment(
-                passive.drifted(state, found, N, -drag), passive.drifted(state, found, N, drag)
+            at = manoeuvre.to_segment(
+                manoeuvre.drifted(state, found, N, -drag), manoeuvre.drifted(state, found, N, drag)
             )
             assert at <= 10.0 + 2e-3
     assert 0 < clear < 60 or drag
@@ -74,7 +74,7 @@ def test_the_trained_controller_is_unprotected_in_most_flights():
 def test_the_moment_of_entry_is_not_passed_over():
     """Across the orbit the bound of the speed is exact: a step too long ends inside, or beyond."""
     for height, speed in ((30.0, 0.5), (45.0, 1.0), (200.0, 2.5)):
-        found = passive.clear_for((0.0, 0.0, height, 0.0, 0.0, -speed), 10.0, 1000.0, N, 0.0, 0.0)
+        found = manoeuvre.clear_for((0.0, 0.0, height, 0.0, 0.0, -speed), 10.0, 1000.0, N, 0.0, 0.0)
         assert 0.9 * (height - 10.0) / speed < found <= 1.01 * (height - 10.0) / speed
 
 
@@ -89,11 +89,11 @@ def test_no_drift_is_faster_than_its_bound_and_each_axis_comes_near_it():
             state = random.normal(size=6) * (80.0, 80.0, 80.0, 0.1, 0.1, 0.1)
             state *= moved[axis]
             speeds = np.array([velocity @ state for velocity in steps])
-            bound = passive.fastest(tuple(state), TWO_ORBITS, N, 0.0)
+            bound = manoeuvre.fastest(tuple(state), TWO_ORBITS, N, 0.0)
             most = np.linalg.norm(speeds, axis=1).max()
             assert most <= bound * (1.0 + 1e-9)
             shares.append(most / bound)
     assert min(shares) > 0.85 and min(shares[40:]) > 0.9999
     pushed = [exact_step(N, 1.0, t)[1][3:, 1] * 1e-5 for t in times]
-    bound = passive.fastest((0.0,) * 6, TWO_ORBITS, N, -1e-5)
+    bound = manoeuvre.fastest((0.0,) * 6, TWO_ORBITS, N, -1e-5)
     assert 0.8 * bound < np.linalg.norm(pushed, axis=1).max() <= bound

@@ -9,14 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rpo.training.config import load_start
-from rpo_core.assurance.assurance import ASSURED_FORCE
 from rpo_core.assurance.settings import Assurance
-from rpo_core.assurance.shaping import SHAPED_FORCE, Shaping, ShapingStage
+from rpo_core.assurance.shaping import Shaping, ShapingStage
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.judge.metrics import LATE_POSITION, SLEW, row_of
-from rpo_core.navigation.navigation_errors import Navigation
+from rpo_core.navigation.sensors import Navigation
 from rpo_core.scenario import scenario
+from rpo_core.wire.interfaces import ASSURED_FORCE, SHAPED_FORCE
 
 PAPER = scenario.load_scenario('paper_test')
 NOISY = PAPER.equipped(Navigation(position_noise_m=0.01, velocity_noise_m_s=5e-4))

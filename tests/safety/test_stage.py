@@ -16,16 +16,16 @@ from scipy import optimize
 import rpo.training.gym
 from rpo.training.config import load_start
 from rpo_core.assurance import filters
-from rpo_core.assurance.assurance import ASSURED_FORCE, AssuranceStage
+from rpo_core.assurance.assurance import AssuranceStage
+from rpo_core.assurance.filters import Filter
 from rpo_core.assurance.guard import guard_of
 from rpo_core.assurance.kernels import OPEN, open_margins
-from rpo_core.assurance.packed import Filter
 from rpo_core.assurance.settings import Assurance
 from rpo_core.chain.flight import fly
 from rpo_core.judge import metrics
 from rpo_core.scenario import scenario
 from rpo_core.thrusters.thrusters import Pulses, Thrusters
-from rpo_core.wire.interfaces import EXERTED_FORCE
+from rpo_core.wire.interfaces import ASSURED_FORCE, EXERTED_FORCE
 from rpo_core.world.cw import cw_step
 
 PAPER = scenario.load_scenario('paper_test')

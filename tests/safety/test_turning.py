@@ -20,13 +20,11 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from rpo.analysis import attack
-from rpo_core.assurance import turning
-from rpo_core.assurance.abort_table import AbortTable, Row
+from rpo_core.assurance import filters
 from rpo_core.assurance.assurance import AssuranceStage
-from rpo_core.assurance.corridor import approach_margins
 from rpo_core.assurance.guard import guard_of, proof_of
-from rpo_core.assurance.kernels import APPROACH, CONTACT, OPEN, open_margins
-from rpo_core.assurance.settings import Assurance, Passage
+from rpo_core.assurance.kernels import APPROACH, CONTACT, OPEN, approach_margins, open_margins
+from rpo_core.assurance.settings import AbortTable, Assurance, Passage, Row
 from rpo_core.assurance.walls import _leaning, _Taken, swing_of
 from rpo_core.attitude.attitude_kernels import Frame, moving_with, seen_from, to_lvlh
 from rpo_core.attitude.target import Motion, Target, motion_of
@@ -130,7 +128,7 @@ def test_no_step_leaves_the_walls_that_turn(name):
             errors.position_m * unit(random), errors.velocity_m_s * unit(random)
         ])  # fmt: skip
         command = tuple(random.choice([-0.5, 0.5], 3).tolist())
-        *force, mode, constraint, _, _ = turning.assure_turning(
+        *force, mode, constraint, _, _ = filters.assure_turning(
             tuple((state + wrong).tolist()), command, command, APPROACH, now, following,
             found.step, guard, walls,
         )  # fmt: skip
@@ -350,9 +348,9 @@ def test_the_filter_is_the_one_that_is_attacked():
         state = moving_with(tuple(seen.tolist()), axes[0])
         command, last = (tuple(random.uniform(-1, 1, 3).tolist()) for _ in range(2))
         given = state, command, last, int(random.choice([OPEN, APPROACH, CONTACT]))
-        one = turning.assure_turning(*given, *axes, found.step, proof.guard, proof.walls)
+        one = filters.assure_turning(*given, *axes, found.step, proof.guard, proof.walls)
         assert one == stage._filter(*given, tick)
-        plain = getattr(turning.assure_turning, 'py_func', turning.assure_turning)
+        plain = getattr(filters.assure_turning, 'py_func', filters.assure_turning)
         assert one == plain(*given, *axes, found.step, proof.guard, proof.walls)
         modes.add((one[3], one[4]))
     assert len(modes) > 4

@@ -35,7 +35,7 @@ from rpo.cli.cli import app
 from rpo_core.control import baselines, controller, controller_file
 from rpo_core.control.fuzzy import MembershipFunctions
 from rpo_core.files.validation import missing_library
-from rpo_core.navigation.navigation_errors import Navigation
+from rpo_core.navigation.sensors import Navigation
 from rpo_core.scenario.scenario import DISTURBANCES, Scenario
 from rpo_core.thrusters.thrusters import Thrusters
 from rpo_core.world.disturbance import Disturbance, Harmonic

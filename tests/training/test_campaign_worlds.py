@@ -23,15 +23,14 @@ from rpo.montecarlo.sampling import draw
 from rpo.montecarlo.sweep import sweep
 from rpo_core.assurance.settings import Assurance, Passage
 from rpo_core.assurance.shaping import Shaping
-from rpo_core.attitude.chaser import Chaser, Wheels
+from rpo_core.attitude.chaser import Chaser, Unloading, UnloadingStage, Wheels
 from rpo_core.attitude.pointing import Pointing
 from rpo_core.attitude.target import Target
-from rpo_core.attitude.unloading import Unloading, UnloadingStage
 from rpo_core.control.attitude import AttitudeControl, FuzzyAttitude
 from rpo_core.control.attitude_limits import AttitudeLimits
 from rpo_core.control.controller import load_fuzzy
 from rpo_core.files.validation import InputError
-from rpo_core.guidance.plan import Guidance, Leg
+from rpo_core.guidance.guidance import Guidance, Leg
 from rpo_core.judge.verdicts import verdicts
 from rpo_core.navigation.attitude_estimator import AttitudeEstimator
 from rpo_core.navigation.attitude_sensors import AttitudeSensors, Gyro, StarTracker

@@ -36,8 +36,7 @@ from rpo_core.judge import metrics
 from rpo_core.judge.verdicts import verdicts
 from rpo_core.kernels.jit import COMPILED, as_table
 from rpo_core.navigation.estimator import Estimator
-from rpo_core.navigation.navigation_errors import Navigation
-from rpo_core.navigation.sensors import Sensor, Sensors
+from rpo_core.navigation.sensors import Navigation, Sensor, Sensors
 from rpo_core.scenario.requirements import Requirements
 from rpo_core.scenario.scenario import ScenarioSet, load, load_scenario, load_set
 from rpo_core.world import cw

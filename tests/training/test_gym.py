@@ -30,7 +30,7 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files.validation import InputError
 from rpo_core.judge.metrics import of_flight
 from rpo_core.judge.verdicts import verdicts
-from rpo_core.navigation.navigation_errors import Navigation
+from rpo_core.navigation.sensors import Navigation
 from rpo_core.scenario.scenario import Scenario, load_scenario, load_set
 from rpo_core.thrusters.thrusters import Thrusters
 

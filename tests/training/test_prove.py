@@ -29,7 +29,7 @@ from rpo_core.control.controller import load_controller, load_fuzzy
 from rpo_core.control.fuzzy import MembershipFunctions, RuleTable
 from rpo_core.files import find
 from rpo_core.files.validation import InputError
-from rpo_core.navigation.navigation_errors import Navigation
+from rpo_core.navigation.sensors import Navigation
 from rpo_core.scenario.scenario import load, load_scenario
 from rpo_core.world.disturbance import Disturbance
 

@@ -20,7 +20,7 @@ from rpo.reports.replay import Replayed
 from rpo.reports.run import _Stages, _thrusters
 from rpo.reports.turned import Panel, in_lvlh, panels_of, turned_of
 from rpo_core import files
-from rpo_core.attitude.turns import docking_axis
+from rpo_core.attitude.pointing import docking_axis
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.scenario import scenario as scenarios

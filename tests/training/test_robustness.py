@@ -18,7 +18,7 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.baselines import Pd
 from rpo_core.control.controller import load_controller
 from rpo_core.judge.metrics import UNITS, row_of
-from rpo_core.navigation.navigation_errors import Navigation
+from rpo_core.navigation.sensors import Navigation
 from rpo_core.scenario.scenario import load_set
 from rpo_core.thrusters.thrusters import Thrusters
 

@@ -17,13 +17,12 @@ from rpo_core.assurance.assurance import AssuranceStage
 from rpo_core.assurance.filters import assure
 from rpo_core.assurance.guard import guard_of
 from rpo_core.assurance.kernels import OPEN, Guard, open_margins
-from rpo_core.assurance.passive import clear_for
+from rpo_core.assurance.manoeuvre import clear_for
 from rpo_core.assurance.settings import Assurance
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import AnyController
 from rpo_core.files.validation import InputError
-from rpo_core.guidance.plan import Guidance
-from rpo_core.guidance.rehearsal import nominal
+from rpo_core.guidance.guidance import Guidance, nominal
 from rpo_core.kernels.arithmetic import State
 from rpo_core.scenario.scenario import Scenario, ScenarioSet
 from rpo_core.world.cw import CwStep

@@ -18,12 +18,18 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rpo.engine.lanes import compiled
-from rpo_core.assurance.corridor import approach_margins, in_corridor
-from rpo_core.assurance.filters import assure
+from rpo_core.assurance.filters import assure, assure_turning
 from rpo_core.assurance.guard import Proof, proof_of
-from rpo_core.assurance.kernels import APPROACH, OPEN, closing, open_margins, speed_limit
+from rpo_core.assurance.kernels import (
+    APPROACH,
+    OPEN,
+    approach_margins,
+    closing,
+    in_corridor,
+    open_margins,
+    speed_limit,
+)
 from rpo_core.assurance.settings import Assurance
-from rpo_core.assurance.turning import assure_turning
 from rpo_core.assurance.walls import attitude_rad
 from rpo_core.attitude.attitude_kernels import FRAME, frame_at, moving_with, seen_from
 from rpo_core.attitude.target import Motion

@@ -48,7 +48,7 @@ from rpo.montecarlo.quantities import Dispersion
 from rpo.montecarlo.run_batch import UNIT, case_of
 from rpo.montecarlo.sampling import draw
 from rpo_core.assurance.assumed import LARGEST_NORMAL, SQRT_3, errors_of
-from rpo_core.attitude.chaser_kernels import times
+from rpo_core.attitude.chaser import times
 from rpo_core.control.attitude_law_kernels import FUZZY, attitude_ahead
 from rpo_core.files.validation import InputError
 from rpo_core.kernels.arithmetic import norm

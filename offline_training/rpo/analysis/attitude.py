@@ -32,8 +32,7 @@ from rpo.engine.parts.attitude_control import HEAD, part_of
 from rpo.engine.support import kinds
 from rpo.engine.tick import COUNTED, Batch, Part, Runs, fly, table_of
 from rpo_core.attitude.attitude_kernels import synchronised
-from rpo_core.attitude.chaser import Chaser, Wheels
-from rpo_core.attitude.chaser_kernels import times
+from rpo_core.attitude.chaser import Chaser, Wheels, times
 from rpo_core.control.attitude import AttitudeControl, AttitudeController
 from rpo_core.control.attitude_law_kernels import errors
 from rpo_core.kernels.arrays import Floats

@@ -24,34 +24,41 @@ from typing import Any
 import numpy as np
 
 from rpo_core.attitude.attitude_kernels import Attitude
-from rpo_core.attitude.chaser_kernels import Craft, chaser_tick
+from rpo_core.attitude.chaser import Craft, chaser_tick
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import AnyController
 from rpo_core.files.validation import InputError
 from rpo_core.kernels.arithmetic import State, Vector, saturate
 from rpo_core.kernels.arrays import Floats, Ints
 from rpo_core.kernels.jit import inlined, kernel
-from rpo_core.navigation import attitude_filter_kernels as kernels
+from rpo_core.navigation import attitude_estimator
 from rpo_core.navigation.attitude_estimator import (
     AttitudeEstimator,
     attitude_filter_of,
     attitude_memory_of,
 )
-from rpo_core.navigation.attitude_sensor_kernels import BIAS, DRIFT, angles_between, sense_attitude
-from rpo_core.navigation.attitude_sensors import AttitudeSensing, AttitudeSensors
-from rpo_core.navigation.estimator import Estimator, filter_of, memory_of
-from rpo_core.navigation.filter_kernels import (
+from rpo_core.navigation.attitude_sensors import (
+    BIAS,
+    DRIFT,
+    AttitudeSensing,
+    AttitudeSensors,
+    angles_between,
+    sense_attitude,
+)
+from rpo_core.navigation.estimator import (
     GUST,
     LIMIT,
     SQUARE,
     STATES,
     STEP,
     TESTED,
+    Estimator,
     X,
     estimate,
+    filter_of,
+    memory_of,
 )
-from rpo_core.navigation.sensor_kernels import sense, three_normals
-from rpo_core.navigation.sensors import CENTRE, Sensing, Sensor, Sensors
+from rpo_core.navigation.sensors import CENTRE, Sensing, Sensor, Sensors, sense, three_normals
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.wire import interfaces
 from rpo_core.world.cw import cw_step, unpacked
@@ -363,7 +370,7 @@ def attitude_consistency(
         m = attitude_memory_of(f)
         _fly_attitude(ticks, start, craft, scenario.dt_s, f, m, s.table, s.memory, *filled)
 
-    return gathered(scenario, runs, kernels.STATES, fly_once, show)
+    return gathered(scenario, runs, attitude_estimator.STATES, fly_once, show)
 
 
 @kernel
@@ -376,24 +383,26 @@ def _fly_attitude(
     newest, at = 1.0, 0
     for tick in range(ticks[-1] + 1):
         sense_attitude(tick, a, sensors, measured)
-        kernels.estimate_attitude(tick, measured, f, m)
-        if m[kernels.TESTED] > 0.0:
-            newest = counted(m, kernels.TESTED, sums)
+        attitude_estimator.estimate_attitude(tick, measured, f, m)
+        if m[attitude_estimator.TESTED] > 0.0:
+            newest = counted(m, attitude_estimator.TESTED, sums)
         if tick == ticks[at]:
             found = angles_between(
                 a,
                 (
-                    m[kernels.X],
-                    m[kernels.X + 1],
-                    m[kernels.X + 2],
-                    m[kernels.X + 3],
+                    m[attitude_estimator.X],
+                    m[attitude_estimator.X + 1],
+                    m[attitude_estimator.X + 2],
+                    m[attitude_estimator.X + 3],
                 ),
             )
             for i in range(3):
                 errors[at, i] = found[i]
-                errors[at, 3 + i] = sensors[BIAS + i] + measured[DRIFT + i] - m[kernels.X + 4 + i]
-            for i in range(kernels.SQUARE):
-                spreads[at, i] = m[kernels.P + i]
+                errors[at, 3 + i] = (
+                    sensors[BIAS + i] + measured[DRIFT + i] - m[attitude_estimator.X + 4 + i]
+                )
+            for i in range(attitude_estimator.SQUARE):
+                spreads[at, i] = m[attitude_estimator.P + i]
             nis[at] = newest
             at += 1
         _, a, wheels = chaser_tick(a, wheels, none, none, dt, craft)

@@ -14,8 +14,7 @@ from rpo.proof import surface
 from rpo.reports.turned import in_lvlh
 from rpo_core.chain.flight import Flight
 from rpo_core.control.controller import AnyController, FuzzyController
-from rpo_core.guidance.plan import Guidance
-from rpo_core.guidance.rehearsal import Checked
+from rpo_core.guidance.guidance import Guidance, Rehearsal
 from rpo_core.judge import metrics
 from rpo_core.kernels.arrays import Floats
 from rpo_core.scenario.scenario import Scenario
@@ -353,7 +352,7 @@ def phase_planes(flight: Flight, errors: Floats, controller: FuzzyController | N
     return figure
 
 
-def draw(flown: Checked, energy_n2s: float, settings: Guidance, scenario: Scenario) -> Any:
+def draw(flown: Rehearsal, energy_n2s: float, settings: Guidance, scenario: Scenario) -> Any:
     """Return the picture of a plan."""
     figure, (left, right) = style.new_panels(5.0, 1, 2)
     states, names = scenario.seen(np.array(flown.references)), axis_names(scenario)

@@ -13,8 +13,8 @@ import numpy as np
 
 from rpo_core.attitude.attitude_kernels import synchronised
 from rpo_core.attitude.chaser import AttitudeStage
+from rpo_core.attitude.pointing import apart, errors, turned
 from rpo_core.attitude.target import product
-from rpo_core.attitude.turns import apart, errors, turned
 from rpo_core.chain.flight import Flight
 from rpo_core.kernels.arrays import Floats
 from rpo_core.scenario.scenario import Scenario

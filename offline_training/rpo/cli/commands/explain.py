@@ -206,7 +206,7 @@ def _explain_run(path: str, at: float) -> bool:
 def _say_turn(signals: Mapping[str, list[float]], scenario: Scenario) -> None:
     """Print what the attitude control made of the command and of the attitude."""
     from rpo_core.attitude.attitude_kernels import synchronised
-    from rpo_core.attitude.turns import apart
+    from rpo_core.attitude.pointing import apart
     from rpo_core.wire import interfaces
 
     reference, command = interfaces.REFERENCE_ATTITUDE, interfaces.BODY_FORCE

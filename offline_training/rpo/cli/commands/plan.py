@@ -17,7 +17,7 @@ from rpo.cli.display import print_table
 from rpo_core.files.validation import InputError
 
 if TYPE_CHECKING:
-    from rpo_core.guidance.plan import Guidance
+    from rpo_core.guidance.guidance import Guidance
     from rpo_core.scenario.scenario import Scenario
 
 ENTRIES = 8
@@ -37,8 +37,7 @@ def plan(
 ) -> None:
     """Print the legs of a plan, flown without errors, and their energy."""
     from rpo_core.guidance.entry import most_turn
-    from rpo_core.guidance.plan import Guidance
-    from rpo_core.guidance.rehearsal import nominal
+    from rpo_core.guidance.guidance import Guidance, nominal
     from rpo_core.kernels.arithmetic import norm
     from rpo_core.scenario import overrides
 

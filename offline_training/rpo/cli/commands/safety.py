@@ -202,7 +202,7 @@ def abort(
     """Choose an abort from states of a plan or a flight, and random ones; count what is clear."""
     from rpo.analysis import assurance as counts
     from rpo_core.control.controller import load_controller
-    from rpo_core.guidance.plan import Guidance
+    from rpo_core.guidance.guidance import Guidance
     from rpo_core.scenario import overrides
 
     found = overrides.load(scenario, changes or [])
@@ -249,12 +249,12 @@ def thrusters(
     """
     from rpo.exports import c
     from rpo_core.scenario import overrides
-    from rpo_core.thrusters import authority
+    from rpo_core.thrusters import table as thruster_table
     from rpo_core.thrusters.table import PRESETS, ThrusterTable
 
     if table in PRESETS:
         settings = ThrusterTable(preset=table, force_n=1.0)
-        limit_n = authority.known(settings).box_n
+        limit_n = thruster_table.known_authority(settings).box_n
     else:
         found = overrides.load(table, changes or [])
         if found.thrusters is None or found.thrusters.table is None:
@@ -266,15 +266,15 @@ def thrusters(
         return
     rows, left = [], Counter[str]()
     known = {f.thruster: f.stuck for f in settings.failures if f.known}
-    for stuck in [{}, *authority.failures(settings, pairs)]:
-        has = authority.authority(settings, known | stuck)
+    for stuck in [{}, *thruster_table.failures(settings, pairs)]:
+        has = thruster_table.authority(settings, known | stuck)
         verdict = has.left(limit_n)
         left[verdict] += bool(stuck)
-        if not (pairs and stuck) or verdict == authority.NONE:
+        if not (pairs and stuck) or verdict == thruster_table.NONE:
             name = ', '.join(f'{name} {how}' for name, how in stuck.items()) or 'whole'
             numbers = (has.box_n, has.least_n, *has.axes_n)
             rows.append((name, verdict, *(f'{number + 0.0:.4g}' for number in numbers)))
     heads = ('stuck', 'left', 'at once', 'least', 'x+', 'x-', 'y+', 'y-', 'z+', 'z-')
     print_table(heads, rows, f'{table}: force without torque [N], full from {limit_n:g} N', left=2)
-    counts = ', '.join(f'{left[kind]} {kind}' for kind in authority.LEFT)
+    counts = ', '.join(f'{left[kind]} {kind}' for kind in thruster_table.LEFT)
     typer.echo(f'of {left.total()} {"pairs of " if pairs else ""}failures: {counts}')

@@ -28,7 +28,7 @@ def simulate(
     Exit code 1: a requirement of the scenario is missed.
     """
     from rpo.door.flight import flown
-    from rpo_core.attitude import turns
+    from rpo_core.attitude import pointing
     from rpo_core.judge import similarity
     from rpo_core.scenario import overrides
     from rpo_core.wire.interfaces import CHASER_ATTITUDE
@@ -39,7 +39,7 @@ def simulate(
     print_table(flight, f'{flight.scenario.name}, controller {controller}')
     again = similarity.command(controller, scenario, changes)
     attitudes = flight.signals.get(CHASER_ATTITUDE)
-    fast = '' if attitudes is None else turns.too_fast(attitudes, flight.scenario.dt_s)
+    fast = '' if attitudes is None else pointing.too_fast(attitudes, flight.scenario.dt_s)
     for line in (fast, similarity.hint(flight, flight.controller, again)):
         if line:
             echo(line)

@@ -27,17 +27,13 @@ from rpo.engine.parts.target import ATTITUDE, BODIES, DT, fill_axes, step_attitu
 from rpo.engine.tick import ADDED, Batch, Draw, Kind, Part, register, table_of
 from rpo_core.assurance.assurance import AssuranceStage
 from rpo_core.assurance.doubt import DOUBT, doubt_at, doubted, unless_unsure, unless_unsure_turning
-from rpo_core.assurance.filters import assure
+from rpo_core.assurance.filters import assure, assure_turning, guard_at
 from rpo_core.assurance.kernels import APPROACH, FAR
-from rpo_core.assurance.packed import guard_at
 from rpo_core.assurance.settings import Assurance
-from rpo_core.assurance.turning import assure_turning
 from rpo_core.attitude.attitude_kernels import FRAME, frame_at, to_lvlh
-from rpo_core.guidance.guidance import GuidanceStage
-from rpo_core.guidance.legs import Turning, tabled
-from rpo_core.guidance.plan import HOLD, Guidance
-from rpo_core.guidance.transfer_kernels import at_port
-from rpo_core.guidance.turning_kernels import turned
+from rpo_core.guidance.guidance import HOLD, Guidance, GuidanceStage
+from rpo_core.guidance.legs import Turning, tabled, turned
+from rpo_core.guidance.transfers import at_port
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
 from rpo_core.world.cw import cw_step, unpacked

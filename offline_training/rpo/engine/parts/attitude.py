@@ -32,7 +32,7 @@ from rpo.engine.lanes import (
 )
 from rpo.engine.tick import SHIFTED, Batch, Draw, Kind, Part, register, table_of
 from rpo_core.attitude.attitude_kernels import attitude_at
-from rpo_core.attitude.chaser_kernels import chaser_tick, craft_at, turned_force
+from rpo_core.attitude.chaser import chaser_tick, craft_at, turned_force
 from rpo_core.attitude.target import of_vector, product, unit
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place

@@ -30,7 +30,7 @@ from rpo.engine.lanes import (
 from rpo.engine.parts.attitude import attitude_in, seen_rows, vector_in
 from rpo.engine.tick import Batch, Draw, Kind, Part, register, table_of
 from rpo_core.attitude.attitude_kernels import synchronised
-from rpo_core.attitude.chaser_kernels import wheels_after
+from rpo_core.attitude.chaser import wheels_after
 from rpo_core.control.attitude import AttitudeControl
 from rpo_core.control.attitude_law_kernels import (
     DT,

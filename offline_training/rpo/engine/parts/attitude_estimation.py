@@ -26,15 +26,25 @@ from rpo.engine.parts.attitude import attitude_in
 from rpo.engine.tick import Batch, Draw, Kind, Part, register, table_of
 from rpo_core.kernels.arithmetic import Vector
 from rpo_core.kernels.vectors import OWN, WIDTH, over_runs, own_tables
+from rpo_core.navigation.attitude_estimator import RATE as FOUND_RATE
 from rpo_core.navigation.attitude_estimator import (
+    STATES,
     AttitudeEstimator,
+    P,
+    X,
     attitude_filter_of,
     attitude_memory_of,
+    estimate_attitude,
+    scratch_of,
 )
-from rpo_core.navigation.attitude_filter_kernels import RATE as FOUND_RATE
-from rpo_core.navigation.attitude_filter_kernels import STATES, P, X, estimate_attitude, scratch_of
-from rpo_core.navigation.attitude_sensor_kernels import KEY, NOISE, attitude_noise, sensed_attitude
-from rpo_core.navigation.attitude_sensors import AttitudeSensing, AttitudeSensors
+from rpo_core.navigation.attitude_sensors import (
+    KEY,
+    NOISE,
+    AttitudeSensing,
+    AttitudeSensors,
+    attitude_noise,
+    sensed_attitude,
+)
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
 

@@ -35,26 +35,37 @@ from rpo_core.attitude.attitude_kernels import attitude_at, frame_of, to_lvlh
 from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.noise import six_normals
 from rpo_core.kernels.vectors import OWN, WIDTH, over_runs, own_tables
-from rpo_core.navigation import filter_kernels
-from rpo_core.navigation.estimator import Estimator, filter_of, memory_of
-from rpo_core.navigation.filter_kernels import HEADING, PORT, X, estimate, spreads
-from rpo_core.navigation.navigation_errors import Navigation
-from rpo_core.navigation.sensor_kernels import (
+from rpo_core.navigation import estimator
+from rpo_core.navigation.estimator import (
+    HEADING,
+    PORT,
+    Estimator,
+    X,
+    estimate,
+    filter_of,
+    memory_of,
+    spreads,
+)
+from rpo_core.navigation.sensors import (
     COLUMNS,
     DROPOUT,
     HAS_VELOCITY,
     KEY,
     NOISE,
+    NOISES,
     OUTLIER,
     PERIOD,
     SENSORS,
+    STILL,
+    Navigation,
+    Sensing,
+    Sensors,
     measured,
     noise_at,
     noise_of,
     port_at,
     sensed,
 )
-from rpo_core.navigation.sensors import NOISES, STILL, Sensing, Sensors
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
 
@@ -63,7 +74,7 @@ BIAS = KEYS + 2 * RUNS
 """Places in the table of errors: 1 sigma of the noise [m], [m/s]; keys (2, 40); biases (6, 40)."""
 
 OPPOSES, COUNT, LOOKS, PLACE, PERIODS = OWN, OWN + 1, OWN + 2, OWN + 3, OWN + 6
-NOISES_OF = PERIODS + filter_kernels.MOST_SENSORS
+NOISES_OF = PERIODS + estimator.MOST_SENSORS
 TARGETS = NOISES_OF + 2 * RUNS
 _PORTS = PAIRED_LANES + ATTITUDE
 COMMANDS, PORTS = 0, PAIRED_LANES
@@ -213,7 +224,7 @@ def estimators_of(batch: Batch) -> Part | None:
         sensors, settings = s.section(Sensors), s.section(Estimator)
         assert sensors is not None and settings is not None
         sensing, f = Sensing(sensors, s), np.asarray(filter_of(settings, sensors, s))
-        f[filter_kernels.FULL] = float(getattr(base.named('assurance'), 'sigmas', 0.0) > 0.0)
+        f[estimator.FULL] = float(getattr(base.named('assurance'), 'sigmas', 0.0) > 0.0)
         head = len(sensing.table), len(sensing.memory), _turning(base), nominal.look
         keys.append(sensing.table[KEY : KEY + 2])
         tables.append(table_of(head, sensing.table, f))
@@ -221,7 +232,7 @@ def estimators_of(batch: Batch) -> Part | None:
         true.append(s.target or STILL)
     both = [targets_of(batch, some, [0] * len(some)) for some in (true, [t.known for t in true])]
     ports = [table_of(np.zeros(PAIRED_LANES), attitudes) for _, attitudes in both]
-    units = np.zeros((filter_kernels.MOST_SENSORS, COLUMNS))
+    units = np.zeros((estimator.MOST_SENSORS, COLUMNS))
     units[: len(sensing.rows)] = sensing.rows
     # noise of velocity, losses and outliers are branches that runs take alone
     together = not units[:, [HAS_VELOCITY, DROPOUT, OUTLIER]].any()
@@ -235,7 +246,7 @@ def estimators_of(batch: Batch) -> Part | None:
         table_of(np.zeros(PORTS), *ports, np.zeros(len(sensing.rows) * NOISE * RUNS)),
         batch.lanes(memories),
         HEADING + len(sensing.memory),
-        filter_kernels.SCRATCH,
+        estimator.SCRATCH,
     )
     steps = ((Place.ESTIMATOR, navigate), (ADDED + 1, oppose), (PASSED, remember))
     return Part('estimator', steps, *owned)

@@ -8,7 +8,7 @@ import numpy as np
 
 from rpo.engine.lanes import FORCE, RUNS, SEEN_R, SEEN_V, R, V, compiled
 from rpo.engine.tick import ADDED, Batch, Kind, Part, register, table_of
-from rpo_core.guidance.plan import Guidance
+from rpo_core.guidance.guidance import Guidance
 from rpo_core.kernels.arrays import Floats
 from rpo_core.stage import Place
 from rpo_core.world import cw

@@ -31,8 +31,7 @@ from rpo.engine.parts.attitude import attitude_in, put_attitude, seen_rows, vect
 from rpo.engine.parts.target import ATTITUDE, BODY, DT, TURNS, body_of, step_attitudes, targets_of
 from rpo.engine.tick import COMMANDED, Batch, Kind, Part, register, table_of
 from rpo_core.attitude.attitude_kernels import attitude_at, frame_of, synchronised
-from rpo_core.attitude.pointing import NOWHERE, Pointing
-from rpo_core.attitude.pointing_kernels import Aim, from_target, off_contact, pointed
+from rpo_core.attitude.pointing import NOWHERE, Aim, Pointing, from_target, off_contact, pointed
 from rpo_core.attitude.target import ALIGNED
 from rpo_core.judge.contact import Port, port_of, touches
 from rpo_core.kernels.arrays import Floats

@@ -17,7 +17,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from rpo_bringup.views.listening import ListeningNode
 from rpo_bringup.views.live import LiveFlight
-from rpo_core.attitude.turns import turned
+from rpo_core.attitude.pointing import turned
 from rpo_core.wire.interfaces import CHASER_FRAME, LVLH_FRAME, TARGET_FRAME
 from rpo_core.world.zones import Zone
 from rpo_log.show.style import COLOURS

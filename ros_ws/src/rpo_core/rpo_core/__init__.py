@@ -23,13 +23,12 @@ plugins.MODULES += [
         'navigation.attitude_estimator',
         'navigation.attitude_sensors',
         'navigation.estimator',
-        'navigation.navigation_errors',
         'navigation.sensors',
         'attitude.chaser',
         'attitude.pointing',
         'attitude.target',
-        'attitude.unloading',
-        'guidance.rehearsal',
+        'guidance.guidance',
+        'assurance.shaping',
         'assurance.assurance',
     )
 ]

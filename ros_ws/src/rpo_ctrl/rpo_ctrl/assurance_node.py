@@ -14,11 +14,12 @@ from __future__ import annotations
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from rpo_core.assurance.abort import COMMANDS, AbortMachine
-from rpo_core.assurance.assurance import ASSURANCE_STATUS, AssuranceStage, Decision
+from rpo_core.assurance.assurance import AssuranceStage, Decision
 from rpo_core.chain.chain import Chain, Signals
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
 from rpo_core.wire import interfaces
+from rpo_core.wire.interfaces import ASSURANCE_STATUS
 from rpo_ros import health, qos
 from rpo_ros.managed_node import CommandedNode
 from rpo_ros.signals import to_status

@@ -13,8 +13,8 @@ from typing import TypeVar
 
 from rpo_core import files
 from rpo_core.attitude.attitude_kernels import Attitude, Frame
+from rpo_core.attitude.pointing import docking_axis, turned
 from rpo_core.attitude.target import Motion, in_lvlh, motion_of
-from rpo_core.attitude.turns import docking_axis, turned
 from rpo_core.control import controller as controllers
 from rpo_core.control.controller import AnyController
 from rpo_core.files.validation import MOST_NAME, InputError, printable

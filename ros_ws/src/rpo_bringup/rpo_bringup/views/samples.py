@@ -11,7 +11,7 @@ import numpy as np
 
 from rpo_bringup.views.live import LiveFlight, Vector
 from rpo_core.attitude.attitude_kernels import seen_from, synchronised
-from rpo_core.attitude.turns import apart
+from rpo_core.attitude.pointing import apart
 from rpo_core.control.controller import AnyController
 from rpo_core.control.controller_file import received
 from rpo_core.scenario.requirements import ROWS

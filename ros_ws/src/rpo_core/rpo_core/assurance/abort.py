@@ -2,25 +2,72 @@
 # SPDX-License-Identifier: Apache-2.0
 """The abort table in flight: which faults hold, who has the command, and where an abort leads.
 
-A function of states, commands and events so far: `rpo verify` decides the same again.
+A function of states, commands and events so far: `rpo verify` decides the same again. A fault holds
+when n of its last m samples show it, the scheme of NASA's cFS Limit Checker.
 """
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Mapping
 from math import pi
 from typing import Any, NamedTuple
 
-from rpo_core.assurance import manoeuvre, recovery
-from rpo_core.assurance.abort_table import ABORT, DRIFT, HOLD, REACTIONS, RETREAT, WARN, AbortTable
-from rpo_core.assurance.corridor import in_corridor
+from rpo_core.assurance import manoeuvre
 from rpo_core.assurance.guard import Proof
-from rpo_core.assurance.kernels import Guard, closing, speed_limit
-from rpo_core.assurance.limit_checker import LimitChecker
+from rpo_core.assurance.kernels import Guard, closing, in_corridor, speed_limit
 from rpo_core.assurance.manoeuvre import PathModel
+from rpo_core.assurance.settings import (
+    ABORT,
+    DRIFT,
+    HOLD,
+    REACTIONS,
+    RETREAT,
+    WARN,
+    AbortTable,
+    Row,
+)
 from rpo_core.kernels.arithmetic import State, Vector, norm
 from rpo_core.stage import WITHOUT_COMMAND, Signal
 from rpo_core.world import cw
 from rpo_core.world.cw import cw_step
+
+
+class LimitChecker:
+    """Counts samples; a fault begins to hold once, and again only after a whole window without.
+
+    rows : fault -> row of the table, whose `count` of the last `window` samples must show it
+    holding : the faults that hold
+    """
+
+    def __init__(self, rows: Mapping[str, Row]) -> None:
+        self.rows = rows
+        self.clear()
+
+    def sample(self, seen: Mapping[str, bool]) -> list[str]:
+        """Take one sample of some faults; return those that begin to hold by it."""
+        begins = []
+        for fault, shows in seen.items():
+            samples = self._samples[fault]
+            self._shown[fault] += shows - samples[0]  # the oldest sample drops out
+            samples.append(shows)
+            if fault in self.holding:
+                if not self._shown[fault]:
+                    self.holding.discard(fault)
+            elif self._shown[fault] >= self.rows[fault].count:
+                self.holding.add(fault)
+                begins.append(fault)
+        return begins
+
+    def clear(self) -> None:
+        """Forget all samples: what holds already is found anew."""
+        self.holding: set[str] = set()
+        self._shown = dict.fromkeys(self.rows, 0)
+        self._samples = {
+            fault: deque([False] * row.window, maxlen=row.window)
+            for fault, row in self.rows.items()
+        }
+
 
 ARM, INHIBIT, RESUME = 'arm', 'inhibit', 'resume'
 COMMANDS = (ARM, INHIBIT, RESUME, HOLD, RETREAT, DRIFT, ABORT)
@@ -306,12 +353,12 @@ class AbortMachine:
         if not self.reaction:
             return None
         if self.reaction == HOLD:
-            if self._to is None and norm(*seen.ahead[3:]) <= recovery.AT_REST_M_S:
+            if self._to is None and norm(*seen.ahead[3:]) <= manoeuvre.AT_REST_M_S:
                 self._to = seen.ahead[:3]
-            return recovery.holding(seen.ahead, self._to, self._world)
+            return manoeuvre.holding(seen.ahead, self._to, self._world)
         if self.reaction == RETREAT and self._to is not None:
             radius = self.keep_out_m
-            return recovery.retreating(seen.ahead, self._to, radius, self._world, self.guard)
+            return manoeuvre.retreating(seen.ahead, self._to, radius, self._world, self.guard)
         if self.reaction == ABORT and self._wanted is not None:
             wanted = self._wanted
             if seen.enclosed and seen.carried_m_s:  # outward is elsewhere by now

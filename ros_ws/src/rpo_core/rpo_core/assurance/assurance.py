@@ -13,30 +13,22 @@ from typing import Any, NamedTuple
 
 from rpo_core.assurance import filters, kernels
 from rpo_core.assurance.abort import DECISIONS, AbortMachine, Seen
-from rpo_core.assurance.abort_table import check_table
-from rpo_core.assurance.assumed import ahead, compared, known
+from rpo_core.assurance.assumed import ahead, compared, known, short_tank, upwards
 from rpo_core.assurance.doubt import doubt_of, doubted, unless_unsure, unless_unsure_turning
+from rpo_core.assurance.filters import Filter
 from rpo_core.assurance.guard import proof_of
 from rpo_core.assurance.kernels import APPROACH, CONTACT, OPEN, Guard
-from rpo_core.assurance.known_errors import short_tank, upwards
-from rpo_core.assurance.packed import Filter
-from rpo_core.assurance.settings import Assurance
-from rpo_core.assurance.shaping import SHAPED_FORCE, Shaping, ShapingStage
-from rpo_core.assurance.shaping import check as check_shaping
+from rpo_core.assurance.settings import Assurance, check_table
 from rpo_core.assurance.working import values_that_work
 from rpo_core.attitude.attitude_kernels import moving_with, seen_from, to_lvlh
-from rpo_core.attitude.chaser_kernels import times
+from rpo_core.attitude.chaser import times
 from rpo_core.attitude.target import known_motion
 from rpo_core.files.validation import InputError
 from rpo_core.kernels.arithmetic import State, Vector, norm
 from rpo_core.stage import ZERO, Place, Section, Signal, Stage, register, section_of
 from rpo_core.wire import interfaces
-from rpo_core.wire.interfaces import Interface
 from rpo_core.world import cw
 from rpo_core.world.cw import CwStep, cw_step
-
-ASSURED_FORCE, ASSURANCE_STATUS = 'assured_force', 'assurance_status'
-"""Signal and topic of the force; topic of the interventions."""
 
 UNKNOWN = -1
 """Mode before the first state: the state decides."""
@@ -107,7 +99,7 @@ class AssuranceStage(Stage):
 
     guard, errors : numbers of the filter, and what they assume
     walls : numbers of the corridor in the axes of a target that turns; None: as `guard` has them
-    prediction, numbers : step by which it predicts; (58,) or (90,) of `rpo_core.assurance.packed`
+    prediction, numbers : step by which it predicts; (58,) or (90,) of `rpo_core.assurance.filters`
     delay_ticks : of the thrusters
     motion : of a target with which the corridor turns, as it is known; None: it does not
     decision : of the last tick
@@ -116,7 +108,7 @@ class AssuranceStage(Stage):
 
     name = 'assurance'
     inputs: tuple[str, ...] = (interfaces.STATE, interfaces.COMMAND)
-    outputs = (ASSURED_FORCE,)
+    outputs = (interfaces.ASSURED_FORCE,)
     decides = DECISIONS
     counts_ticks = False
 
@@ -409,36 +401,6 @@ def _check_room(state: State, mode: int, errors: tuple[float, float], g: Guard) 
     )
 
 
-interfaces.add(
-    Interface(
-        SHAPED_FORCE,
-        interfaces.FORCE_TYPE,
-        'command after shaping, target LVLH, stamp of the state it answers',
-        interfaces.COMMAND,
-    ),
-    before=interfaces.DISTURBANCE_FORCE,
-)
-interfaces.add(
-    Interface(
-        ASSURED_FORCE,
-        interfaces.FORCE_TYPE,
-        'command after runtime assurance, target LVLH, stamp of the state it answers',
-        interfaces.COMMAND,
-    ),
-    before=interfaces.DISTURBANCE_FORCE,
-)
-interfaces.add(
-    Interface(
-        ASSURANCE_STATUS,
-        interfaces.STATUS_TYPE,
-        'each intervention of runtime assurance: constraint, margins, force before and after',
-        due=interfaces.EVENT,
-        qos=interfaces.Qos(durability='transient_local'),
-        beside=ASSURED_FORCE,
-    ),
-    before=interfaces.RUN_STATUS,
-)
-register(Section('shaping', Shaping, Place.SHAPING, ShapingStage, check_shaping))
 register(
     Section(
         'assurance',

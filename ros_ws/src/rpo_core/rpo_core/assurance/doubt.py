@@ -11,10 +11,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from rpo_core.assurance.assumed import Errors, spreading
-from rpo_core.assurance.corridor import in_corridor
 from rpo_core.assurance.filters import backup
-from rpo_core.assurance.kernels import APPROACH, CONTACT, Guard
-from rpo_core.assurance.recovery import RETREAT_M_S
+from rpo_core.assurance.kernels import APPROACH, CONTACT, Guard, in_corridor
+from rpo_core.assurance.manoeuvre import RETREAT_M_S
 from rpo_core.assurance.settings import Assurance
 from rpo_core.assurance.walls import swing_of
 from rpo_core.attitude.attitude_kernels import Frame, seen_from, to_lvlh
@@ -177,7 +176,7 @@ def unless_unsure_turning(
     d: Doubt,
     spread: float,
 ) -> tuple[bool, Vector]:
-    """Return `unless_unsure` where the target turns; now, w : as `assurance.turning` has them."""
+    """Return `unless_unsure` where the target turns; now, w : as in `assurance.filters`."""
     if mode != APPROACH:
         return unless_unsure(state, command, mode, g, d, spread)
     seen = seen_from(state, now)

@@ -1,14 +1,20 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The two filters: the backup law instead of a command, or the least change of it.
+"""The filter: the backup law instead of a command (Simplex), or the least change of it.
 
-Kernels like those of `rpo_core.assurance.kernels`. What a filter finds is tested before it acts, so
-that the proof (docs/safety.md) needs only that test and the backup laws.
+What it finds is tested before it acts, so that the proof (docs/safety.md) needs only that test and
+the backup laws. Where the target turns, and with it the corridor (lemma 5), the OPEN set stays in
+LVLH. The APPROACH set is in the target's axes, velocities against them: `w` has its numbers there,
+`g` those of the OPEN set and the true place of the port; now, following : axes of the target in the
+tick in which the force acts, and one later.
 """
 
 from __future__ import annotations
 
-from rpo_core.assurance.corridor import approach_margins, at_port, backup_approach
+from typing import Any
+
+import numpy as np
+
 from rpo_core.assurance.kernels import (
     APPROACH,
     CONTACT,
@@ -16,16 +22,22 @@ from rpo_core.assurance.kernels import (
     LARGEST,
     OPEN,
     Guard,
+    approach_margins,
+    at_port,
     authority,
+    backup_approach,
     backup_open,
     both_margins,
     closing,
     fastest_after,
+    in_corridor,
     open_margins,
 )
+from rpo_core.attitude.attitude_kernels import FRAME, Frame, frame_at, seen_from, to_lvlh
+from rpo_core.attitude.target import Motion
 from rpo_core.kernels.arithmetic import State, Vector, saturate
-from rpo_core.kernels.jit import kernel
-from rpo_core.world.cw import CwStep, cw_step
+from rpo_core.kernels.jit import COMPILED, inlined, kernel
+from rpo_core.world.cw import CwStep, cw_step, unpacked
 
 NOTHING, FORCE, SLEW, SPEED, KEEP_OUT, CORRIDOR, NOT_FINITE, DOMAIN = range(8)
 """Constraints by their number; NOTHING: the command acts as it came."""
@@ -210,3 +222,172 @@ def assure(
             return force[0], force[1], force[2], mode, acted, m[0], m[1]
     force = fallback(state, force, mode, c, g)
     return force[0], force[1], force[2], mode, acted, m[0], m[1]
+
+
+@kernel
+def margins_after(
+    state: State, force: Vector, mode: int, following: Frame, c: CwStep, g: Guard, w: Guard
+) -> tuple[float, float]:
+    """Margins [m], [m/s] to the set of a mode, one tick after a state with a force."""
+    after = cw_step(state, force, c)
+    if mode == APPROACH:
+        return approach_margins(seen_from(after, following), w.next_m, w.next_m_s, w)
+    return open_margins(after, g.next_m, g.next_m_s, g)
+
+
+@kernel
+def backup_turning(state: State, mode: int, now: Frame, g: Guard, w: Guard) -> Vector:
+    """Backup law [N] of a mode. In the corridor it stops what recedes, too, as far as it must.
+
+    That push inward is at most what may push the chaser outward: it never gets faster.
+    """
+    if mode != APPROACH:
+        return backup_open(state, g)
+    seen = seen_from(state, now)
+    fx, fy, fz = backup_approach(seen, w)
+    closes = in_corridor(seen, w)[1]
+    if closes < 0.0:
+        back = w.side * saturate(w.mass_kg * closes / w.dt_s, w.mass_kg * w.doubt_m_s2)
+        if w.axis == 0:
+            fx += back
+        elif w.axis == 1:
+            fy += back
+        else:
+            fz += back
+    return to_lvlh((fx, fy, fz), now)
+
+
+@kernel
+def assure_turning(
+    state: State,
+    command: Vector,
+    last: Vector,
+    mode: int,
+    now: Frame,
+    following: Frame,
+    c: CwStep,
+    g: Guard,
+    w: Guard,
+) -> tuple[float, float, float, int, int, float, float]:
+    """Return what `rpo_core.assurance.filters.assure` returns, where the target turns."""
+    fx, fy, fz, broke = within_limits(command, last, g)
+    if not (finite(state[0], state[1], state[2]) and finite(state[3], state[4], state[5])):
+        return 0.0, 0.0, 0.0, mode, NOT_FINITE, -FAR, -FAR
+    seen = seen_from(state, now)
+    # The port of `w` lies before the true one by as much as may lie behind it.
+    beyond = w.here_m + 2.0 * (w.port_m - g.port_m)
+    if mode == CONTACT and not at_port(seen, -w.here_m, w):
+        mode = APPROACH
+    if mode == APPROACH and at_port(seen, beyond, w):
+        mode = CONTACT
+    if mode == CONTACT:
+        return fx, fy, fz, CONTACT, broke, FAR, FAR
+    if mode == APPROACH and open_margins(state, g.here_m, g.here_m_s, g)[0] >= 0.0:
+        mode = OPEN
+    wanted = (fx, fy, fz)
+    m = margins_after(state, wanted, mode, following, c, g, w)
+    if m[0] >= 0.0 and m[1] >= 0.0:
+        return fx, fy, fz, mode, broke, m[0], m[1]
+    other = OPEN if mode == APPROACH else APPROACH
+    o = margins_after(state, wanted, other, following, c, g, w)
+    if other == OPEN:
+        room = open_margins(state, g.here_m, g.here_m_s, g)[0]
+    else:
+        room = approach_margins(seen, w.here_m, w.here_m_s, w)[0]
+    if o[0] >= 0.0 and o[1] >= 0.0 and room >= 0.0:
+        return fx, fy, fz, other, broke, o[0], o[1]
+    acted = SPEED if m[0] >= 0.0 else (CORRIDOR if mode == APPROACH else KEEP_OUT)
+    if acted == KEEP_OUT:
+        after = cw_step(state, wanted, c)
+        acted = DOMAIN if both_margins(after, g.next_m, g.next_m_s, g)[0] >= 0.0 else KEEP_OUT
+    if mode == OPEN and g.least != 0.0:
+        wanted = nearest(state, wanted, c, g)
+        n = margins_after(state, wanted, mode, following, c, g, w)
+        if n[0] >= 0.0 and n[1] >= 0.0:
+            return wanted[0], wanted[1], wanted[2], mode, acted, m[0], m[1]
+    force = backup_turning(state, mode, now, g, w)
+    if g.least != 0.0:
+        a = margins_after(state, force, mode, following, c, g, w)
+        b = margins_after(state, wanted, mode, following, c, g, w)
+        first, second = share_within(a[0], b[0]), share_within(a[1], b[1])
+        found = between(force, wanted, first if first < second else second)
+        n = margins_after(state, found, mode, following, c, g, w)
+        if n[0] >= 0.0 and n[1] >= 0.0:
+            force = found
+    return force[0], force[1], force[2], mode, acted, m[0], m[1]
+
+
+Answer = tuple[float, float, float, int, int, float, float]
+
+
+@inlined
+def guard_at(t: Any, i: int) -> Guard:
+    """Return the guard whose numbers lie in a table from place i on."""
+    # fmt: off
+    return Guard(
+        t[i], t[i + 1], t[i + 2], t[i + 3], t[i + 4], t[i + 5], t[i + 6], t[i + 7], t[i + 8],
+        t[i + 9], t[i + 10], t[i + 11], t[i + 12], t[i + 13], t[i + 14], t[i + 15], t[i + 16],
+        t[i + 17], t[i + 18], t[i + 19], t[i + 20], int(t[i + 21]), t[i + 22], t[i + 23],
+        t[i + 24], t[i + 25], t[i + 26], t[i + 27], t[i + 28], t[i + 29], t[i + 30], t[i + 31],
+    )
+    # fmt: on
+
+
+@kernel
+def assure_packed(v: Any, t: Any) -> Answer:
+    """`assure` of state, command, last force and mode (13,), CW step and guard (58,)."""
+    c, g = unpacked(t, 0, 1), guard_at(t, 26)
+    state = (v[0], v[1], v[2], v[3], v[4], v[5])
+    return assure(state, (v[6], v[7], v[8]), (v[9], v[10], v[11]), int(v[12]), c, g)
+
+
+@kernel
+def assure_turning_packed(v: Any, axes: Any, t: Any) -> Answer:
+    """`assure_turning` of the same (13,), CW step and both guards (90,).
+
+    axes : (30,) of the target in the tick in which the force acts, and one later
+    """
+    c, g, w = unpacked(t, 0, 1), guard_at(t, 26), guard_at(t, 58)
+    now, following = frame_at(axes, 0), frame_at(axes, FRAME)
+    state, last = (v[0], v[1], v[2], v[3], v[4], v[5]), (v[9], v[10], v[11])
+    return assure_turning(state, (v[6], v[7], v[8]), last, int(v[12]), now, following, c, g, w)
+
+
+class Filter:
+    """The filter of one scenario, called tick by tick; the same bits either way.
+
+    table : (58,) CW step and guard; (90,) with the walls that turn
+    """
+
+    def __init__(
+        self,
+        step: CwStep,
+        guard: Guard,
+        walls: Guard | None = None,
+        motion: Motion | None = None,
+    ) -> None:
+        self._step, self._motion = step, motion
+        self.table = np.array([*step, *guard, *(walls or ())], dtype=np.float64)
+        self.use(guard, walls)
+
+    def use(self, guard: Guard, walls: Guard | None) -> None:
+        """Take these numbers from now on."""
+        self._guard, self._walls = guard, walls
+        self.table[len(self._step) :] = (*guard, *(walls or ()))
+
+    def __call__(
+        self, state: State, command: Vector, last: Vector, mode: int, tick: int = 0
+    ) -> Answer:
+        """Return what `assure` returns; tick : in which the force acts."""
+        numbers = (*state, *command, *last, mode)
+        if self._walls is not None and self._motion is not None:
+            if COMPILED:
+                frames = self._motion.frames(tick + 2)[tick:].ravel()
+                return assure_turning_packed(np.array(numbers), frames, self.table)
+            axes = self._motion.frame(tick), self._motion.frame(tick + 1)
+            return assure_turning(
+                state, command, last, mode, *axes, self._step, self._guard, self._walls
+            )
+        if not COMPILED:
+            return assure(state, command, last, mode, self._step, self._guard)
+        return assure_packed(np.array(numbers), self.table)

@@ -10,11 +10,170 @@ from typing import Any, NamedTuple
 
 from rpo_core.assurance.assumed import SQRT_3, Errors, ahead, errors_of, limit_n, unknown_n
 from rpo_core.assurance.doubt import most_m
-from rpo_core.assurance.edge import speed_floor, within_domain
-from rpo_core.assurance.kernels import FAR, Guard, speed_limit
-from rpo_core.assurance.settings import LEAST_CHANGE, Assurance
+from rpo_core.assurance.kernels import FAR, Guard, authority, fastest_after, speed_limit
+from rpo_core.assurance.settings import LEAST_CHANGE, Assurance, Passage
 from rpo_core.assurance.walls import NO_CORRIDOR, standing, turning
 from rpo_core.files.validation import InputError
+
+EDGE_SHARE = 0.6
+"""Share of the domain beyond which its edge is in question; near the one that allows most speed."""
+
+_HALVINGS = 60
+
+
+def speed_floor(
+    g: Guard,
+    errors: Errors,
+    settings: Assurance,
+    scenario: Any,
+    doubt: float,
+    spare: float,
+    rising: float,
+) -> float:
+    """Return the speed [m/s] above which the backup law brakes for certain.
+
+    Errors of navigation make it push where it should brake; above this speed the chaser loses
+    energy all the same. docs/safety.md, lemma 3.
+
+    doubt : error of the speed along the range [m/s]
+    spare : thrust [N] along the range that its authority leaves out
+    rising : how fast the limit may rise where the law pushes the chaser inward [m/s^2]
+    """
+    m, dt, n = g.mass_kg, g.dt_s, scenario.mean_motion_rad_s
+    off = errors.disturbance_n + errors.thrust * g.limit_n + 3.0 * m * n * n * settings.domain_m
+    left = math.sqrt(g.limit_n * g.limit_n - g.brake_n * g.brake_n)
+    left = left if g.keep_out_m > 0.0 else g.limit_n
+    pushed = doubt + spare * dt / m + rising * dt
+    second = g.brake_n * (g.brake_n - m * g.slowing_m_s2) + left * left
+    second = 0.5 * dt / m * (second + off * (2.0 * g.limit_n + off))
+    cost = g.here_m_s * g.limit_n + m * g.slowing_m_s2 * doubt + second
+    along, across = g.brake_n - off - m * g.slowing_m_s2, left - off
+    if min(along, across) <= 0.0:
+        return math.inf
+    against = (pushed * (g.brake_n + off + m * rising) + cost) / across
+    return g.here_m_s + max(cost / min(along, across), math.hypot(against, pushed))
+
+
+class _Edge:
+    """The edge of the domain: what the backup law can do against leaving it.
+
+    domain_m : range that the chaser does not leave at any tick, so that it does not between them
+    from_m : below this range the chaser can stop before it anyway
+    """
+
+    def __init__(self, g: Guard, errors: Errors, settings: Assurance, scenario: Any) -> None:
+        self._guard, self._errors = g, errors
+        self._n, self._domain_m = scenario.mean_motion_rad_s, settings.domain_m
+        force = SQRT_3 * g.limit_n + unknown_n(errors, scenario)
+        self._pushed_m_s2 = force / g.mass_kg
+        risen = self._pushed_m_s2 + self._n * self._n * settings.domain_m
+        self.domain_m = settings.domain_m - risen * g.dt_s * g.dt_s / 8.0
+        way = settings.corridor
+        self.from_m = max(EDGE_SHARE * settings.domain_m, way.outer_m if way else g.keep_out_m)
+
+    def _in_a_tick(self, speed_m_s: float) -> tuple[float, float, float]:
+        """Return least range [m], largest speed, and way [m] of a tick that begins with a speed.
+
+        It begins beyond `from_m`.
+        """
+        n, dt = self._n, self._guard.dt_s
+        most = self._pushed_m_s2 + 3.0 * n * n * self._domain_m + 2.0 * n * speed_m_s
+        quick = speed_m_s + most * dt
+        return self.from_m - quick * dt, quick, (speed_m_s + 0.5 * most * dt) * dt
+
+    def authority_m_s2(self, speed_m_s: float) -> float:
+        """Return the deceleration outward that it has for certain up to a speed; below 0: none."""
+        g, errors, n = self._guard, self._errors, self._n
+        low, quick, moved = self._in_a_tick(speed_m_s)
+        moved += g.here_m + g.here_m_s * g.dt_s
+        if moved >= 0.5 * low:
+            return -1.0
+        kappa = moved / (low - moved)
+        off = errors.thrust * g.limit_n + errors.disturbance_n
+        sure = (g.brake_n * (1.0 - 0.5 * kappa * kappa) - kappa * g.limit_n - off) / g.mass_kg
+        return sure - quick * quick / low - 2.0 * n * quick - 3.0 * n * n * self._domain_m
+
+    def arriving_m_s(self, speed_m_s: float, push: tuple[float, float]) -> float:
+        """Return the speed at the zone from which the backup law brakes to `speed_m_s` up to here.
+
+        push : error of the closing speed near the zone [m/s], and thrust [N] against it; farther
+            off, the law only brakes
+        """
+        g = self._guard
+        a, pushed = authority(self.from_m, g), push[0] + push[1] * g.dt_s / g.mass_kg
+        free_m = g.keep_out_m + g.here_m + 0.5 * pushed * (pushed / a + g.dt_s)
+        way_m = max(self.from_m - free_m, 0.0)
+        return math.sqrt(speed_m_s * speed_m_s + 2.0 * g.slowing_m_s2 * way_m)
+
+    def brakes_who_leaves(self, way: Passage | None) -> bool:
+        """Return whether who left the corridor faster than the limit has braked down to it here.
+
+        In the corridor nothing brakes a chaser that recedes, and is pushed outward.
+        """
+        g, outer_m = self._guard, way.outer_m if way is not None else 0.0
+        return g.doubt_m_s2 * outer_m <= g.slowing_m_s2 * (self.from_m - outer_m)
+
+    def stops(self, speed_m_s: float) -> bool:
+        """Return whether a chaser of that speed can stop between `from_m` and the edge."""
+        a = self.authority_m_s2(speed_m_s)
+        return a > 0.0 and speed_m_s * speed_m_s / (2.0 * a) <= self.domain_m - self.from_m
+
+    def doubt_m_s(self, speed_m_s: float) -> float:
+        """Return the error of the speed along the range."""
+        g = self._guard
+        return g.here_m_s + speed_m_s * g.here_m / (self._in_a_tick(speed_m_s)[0] - g.here_m)
+
+    def has_room(self, authority_m_s2: float, speed_m_s: float) -> bool:
+        """Return whether zone and edge never ask for thrust at the same time."""
+        g = self._guard
+        half = 0.5 * (self.domain_m - g.keep_out_m) - g.here_m
+        a = min(authority_m_s2, g.authority_m_s2 - g.tide_1_s2 * self._domain_m)
+        doubt = g.here_m_s + speed_m_s * g.here_m / max(g.keep_out_m - g.here_m, 1e-9)
+        both = 2.0 * (g.brake_n * g.dt_s / g.mass_kg + doubt)
+        return half > 0.0 and fastest_after(half, 0.0, a, g.dt_s) >= both
+
+
+def within_domain(
+    g: Guard,
+    floor_m_s: float,
+    push: tuple[float, float],
+    errors: Errors,
+    settings: Assurance,
+    scenario: Any,
+) -> tuple[Guard, float]:
+    """Return the numbers with those of the domain's edge, and the speed that is kept for certain.
+
+    The limit of the speed is lowered to what can stop before the edge.
+
+    floor_m_s, push : that speed near the zone; what the zone asks for, as `arriving_m_s` takes it
+
+    Raises InputError where the edge cannot be kept.
+    """
+    edge = _Edge(g, errors, settings, scenario)
+    low, high = 0.0, speed_limit(settings.domain_m, g)
+    low = high if edge.stops(high) else low
+    for _ in range(_HALVINGS if low < high else 0):
+        half = 0.5 * (low + high)
+        low, high = (half, high) if edge.stops(half) else (low, half)
+    fast = low
+    while fast > 0.0 and edge.stops(fast):
+        a = edge.authority_m_s2(fast)
+        found = g._replace(domain_m=edge.domain_m, top_m_s=low, edge_m_s2=a)
+        spare, doubt = g.brake_n - g.mass_kg * a, edge.doubt_m_s(fast)
+        floor = speed_floor(found, errors, settings, scenario, doubt, spare, g.slowing_m_s2)
+        if floor <= fast:
+            kept = floor_m_s <= edge.arriving_m_s(fast, push) and edge.has_room(a, fast)
+            if not kept or not edge.brakes_who_leaves(settings.corridor):
+                break
+            return found, max(floor_m_s, floor)
+        fast = 1.01 * floor
+    raise InputError(
+        f'`assurance.domain_m` must be a range that the chaser can be kept in; got '
+        f'{settings.domain_m!r} m: with tides, `disturbance_n`, `thrust_error` and the errors of '
+        f'position and velocity, it cannot stop for certain before that and before the zone of '
+        f'`keep_out_m` = {settings.keep_out_m!r} m, at {fast:.6g} m/s'
+    )
+
 
 BRAKE_SHARE = 0.95
 """Share of a thruster axis that the backup law may push along the range; 0.31 is left across."""

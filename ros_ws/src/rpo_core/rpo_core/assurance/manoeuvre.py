@@ -1,12 +1,20 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Collision avoidance: a velocity from which the chaser drifts clear, found before it is flown.
+"""Collision avoidance, hold and retreat: a velocity that the thrusters bring the chaser to.
 
-A manoeuvre is a velocity. The thrusters bring the chaser to it and hold it until any stuck thruster
-is known to be shut; then they fall silent. For each candidate the path is computed with no thruster
-stuck, and with each of the six stuck on; with the velocity at the end off to both sides along the
-orbit; with drag between two bounds. Its margin is the least distance of all these paths, and the
-candidate with the largest margin is flown. Kernels like those of `rpo_core.assurance.kernels`.
+An abort is a velocity from which the chaser drifts clear, found before it is flown. The thrusters
+bring the chaser to it and hold it until any stuck thruster is known to be shut; then they fall
+silent. For each candidate the path is computed with no thruster stuck, and with each of the six
+stuck on; with the velocity at the end off to both sides along the orbit; with drag between two
+bounds. Its margin is the least distance of all these paths, and the candidate with the largest
+margin is flown.
+
+The drift is that of Clohessy and Wiltshire in closed form, with a constant acceleration along the
+orbit, unknown within bounds: differential drag. At each moment the chaser is on a segment, between
+its places for both bounds. Its distance to the target changes at most as fast as the largest speed
+of the drift, so the check goes on by such steps, and misses no moment between them.
+
+The filter follows a hold or a retreat as every command, so the assured sets are kept.
 """
 
 from __future__ import annotations
@@ -14,10 +22,73 @@ from __future__ import annotations
 from math import sqrt
 from typing import NamedTuple
 
-from rpo_core.assurance.passive import drifted, fastest, to_segment
-from rpo_core.kernels.arithmetic import State, Vector, saturate
+from rpo_core.assurance.kernels import Guard, closing, speed_limit
+from rpo_core.kernels.arithmetic import State, Vector, norm, saturate, sin_cos
 from rpo_core.kernels.jit import kernel
 from rpo_core.world.cw import CwStep, cw_step
+
+NEAR_M = 1e-3
+"""A distance that is within so much of the radius counts as inside."""
+
+
+@kernel
+def drifted(state: State, t: float, n: float, along_m_s2: float) -> Vector:
+    """Position [m] after a drift of t [s] with a constant acceleration along y; n [rad/s]."""
+    x, y, z, vx, vy, vz = state
+    s, c = sin_cos(n * t)
+    a = along_m_s2 / (n * n)
+    return (
+        (4.0 - 3.0 * c) * x + (s * vx + 2.0 * (1.0 - c) * vy) / n + 2.0 * a * (n * t - s),
+        6.0 * (s - n * t) * x
+        + y
+        - 2.0 * (1.0 - c) * vx / n
+        + (4.0 * s / n - 3.0 * t) * vy
+        + a * (4.0 * (1.0 - c) - 1.5 * n * n * t * t),
+        c * z + s * vz / n,
+    )
+
+
+@kernel
+def fastest(state: State, duration_s: float, n: float, along_m_s2: float) -> float:
+    """Bound of the speed [m/s] of a drift of at most a duration, |acceleration| at most so much."""
+    x, _, z, vx, vy, vz = state
+    swing = sqrt(vx * vx + (3.0 * n * x + 2.0 * vy) * (3.0 * n * x + 2.0 * vy))
+    a = abs(along_m_s2)
+    sx = swing + 4.0 * a / n
+    sy = abs(6.0 * n * x + 3.0 * vy) + 2.0 * swing + a * (4.0 / n + 3.0 * duration_s)
+    sz = sqrt(vz * vz + n * n * z * z)
+    return sqrt(sx * sx + sy * sy + sz * sz)
+
+
+@kernel
+def to_segment(p: Vector, q: Vector) -> float:
+    """Distance [m] of the origin to the segment between two points."""
+    dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+    square = dx * dx + dy * dy + dz * dz
+    k = -(p[0] * dx + p[1] * dy + p[2] * dz) / square if square > 0.0 else 0.0
+    k = 0.0 if k < 0.0 else (1.0 if k > 1.0 else k)
+    x, y, z = p[0] + k * dx, p[1] + k * dy, p[2] + k * dz
+    return sqrt(x * x + y * y + z * z)
+
+
+@kernel
+def clear_for(
+    state: State, radius_m: float, duration_s: float, n: float, least: float, most: float
+) -> float:
+    """Return for how long [s] a drift certainly stays out of a sphere; the duration if for all.
+
+    least, most : bounds of the acceleration along y [m/s^2]
+    """
+    bound = abs(least) if abs(least) > abs(most) else abs(most)
+    speed = fastest(state, duration_s, n, bound) + 1e-12
+    t = 0.0
+    while t < duration_s:
+        distance = to_segment(drifted(state, t, n, least), drifted(state, t, n, most))
+        if distance < radius_m + NEAR_M:
+            return t
+        t += (distance - radius_m) / speed
+    return duration_s
+
 
 RESPONSE_S = 1.0
 """Time constant with which the thrusters bring the chaser to a velocity."""
@@ -214,3 +285,70 @@ def choose(
             if found >= least + TOLERANCE_M:
                 best, least = wanted, found
     return Choice(best, least - radius_m)
+
+
+RECOVERY_S = 2.0
+"""Time constant of the velocity."""
+
+APPROACH_1_S = 0.1
+"""Speed towards a point, for each metre to go."""
+
+AT_REST_M_S = 0.02
+"""At this speed a hold has its point."""
+
+HOLD_M_S, RETREAT_M_S = 0.1, 0.3
+"""Largest speed of a hold that has its point, and of a retreat."""
+
+LIMIT_SHARE = 0.5
+"""Share of the speed limit that a retreat flies with."""
+
+PASSING_M = 3.0
+"""A retreat passes the keep-out sphere by so much."""
+
+
+def holding(state: State, point_m: Vector | None, w: PathModel) -> Vector:
+    """Return the force (3,) [N] that stops the chaser (None), or keeps it at a point (3,) [m]."""
+    if point_m is None:
+        return towards(state, (0.0, 0.0, 0.0), RECOVERY_S, w)
+    return towards(state, to_point(state, point_m, HOLD_M_S), RECOVERY_S, w)
+
+
+def retreating(state: State, point_m: Vector, radius_m: float, w: PathModel, g: Guard) -> Vector:
+    """Return the force (3,) [N] towards a point (3,) [m], around a sphere about the target."""
+    speed = min(LIMIT_SHARE * speed_limit(closing(state)[0], g), RETREAT_M_S)
+    wanted = to_point(state, point_m, speed)
+    return towards(state, around(state, wanted, radius_m), RECOVERY_S, w)
+
+
+def to_point(state: State, point_m: Vector, speed_m_s: float) -> Vector:
+    """Return the velocity (3,) [m/s] towards a point, slower where it is near."""
+    gx, gy, gz = point_m[0] - state[0], point_m[1] - state[1], point_m[2] - state[2]
+    distance = norm(gx, gy, gz)
+    k = min(APPROACH_1_S, speed_m_s / distance) if distance > 0.0 else 0.0
+    return k * gx, k * gy, k * gz
+
+
+def around(state: State, wanted: Vector, radius_m: float) -> Vector:
+    """Return a velocity (3,) [m/s] that passes a sphere instead of one that leads into it."""
+    radius = radius_m + PASSING_M
+    x, y, z = state[:3]
+    speed, rho = norm(*wanted), norm(x, y, z)
+    if radius_m <= 0.0 or speed == 0.0 or rho == 0.0:
+        return wanted
+    inward = -(x * wanted[0] + y * wanted[1] + z * wanted[2]) / speed
+    past = sqrt(max(rho * rho - inward * inward, 0.0))
+    if inward <= 0.0 or past >= radius:
+        return wanted
+    ex, ey, ez = x / rho, y / rho, z / rho
+    along = inward * speed / rho
+    tx, ty, tz = wanted[0] + along * ex, wanted[1] + along * ey, wanted[2] + along * ez
+    size = norm(tx, ty, tz)
+    if size < 1e-3 * speed:  # straight through the centre: below it, or beside it
+        tx, ty, tz = (-1.0, 0.0, 0.0) if abs(ex) < 0.9 else (0.0, 0.0, 1.0)
+        size = 1.0
+    # Nearly straight at the centre there is no hurry to turn: along the tangent cone.
+    sine = min(radius / rho, 1.0)
+    inwards = speed * sqrt(1.0 - sine * sine)
+    out = min(APPROACH_1_S * (radius - rho), speed) if rho < radius else -inwards
+    k = sqrt(speed * speed - out * out) / size
+    return k * tx + out * ex, k * ty + out * ey, k * tz + out * ez

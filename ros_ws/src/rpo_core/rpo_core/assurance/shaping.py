@@ -15,10 +15,8 @@ from typing import Annotated, Any
 from rpo_core.files.validation import Checked, InputError, real
 from rpo_core.kernels.arithmetic import saturate
 from rpo_core.kernels.jit import kernel
-from rpo_core.stage import ZERO, Signal, Stage
+from rpo_core.stage import ZERO, Place, Section, Signal, Stage, register
 from rpo_core.wire import interfaces
-
-SHAPED_FORCE = 'shaped_force'
 
 _above = partial(real, above=0.0, most=1e6)
 _least = partial(real, least=0.0, most=1e6)
@@ -66,7 +64,7 @@ class ShapingStage(Stage):
 
     name = 'shaping'
     inputs = (interfaces.COMMAND,)
-    outputs = (SHAPED_FORCE,)
+    outputs = (interfaces.SHAPED_FORCE,)
     memory_ticks = None
     counts_ticks = False
 
@@ -91,10 +89,13 @@ class ShapingStage(Stage):
         return (self._before,)
 
 
-def check(settings: Shaping, scenario: Any) -> None:
+def _check(settings: Shaping, scenario: Any) -> None:
     """Raise InputError if the dead zone leaves no command."""
     if settings.dead_zone_n >= scenario.max_force_n:
         raise InputError(
             f'`shaping.dead_zone_n` must be below max_force_n = {scenario.max_force_n!r} N; '
             f'got {settings.dead_zone_n!r}'
         )
+
+
+register(Section('shaping', Shaping, Place.SHAPING, ShapingStage, _check))

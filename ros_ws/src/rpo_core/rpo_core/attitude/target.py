@@ -29,8 +29,6 @@ from rpo_core.world.zones import Zone
 
 Quaternion = tuple[float, float, float, float]
 
-TARGET_ATTITUDE = 'target_attitude'
-
 FIXED, SPIN, TUMBLE = KINDS = ('fixed', 'spin', 'tumble')
 
 ALIGNED: Quaternion = (0.0, 0.0, 0.0, 1.0)
@@ -353,7 +351,7 @@ class TargetStage(Stage):
     """The attitude of the target at a tick."""
 
     name = 'target'
-    outputs = (TARGET_ATTITUDE,)
+    outputs = (interfaces.TARGET_ATTITUDE,)
 
     def __init__(self, settings: Target, scenario: Any) -> None:
         self._motion = motion_of(settings, scenario)
@@ -393,14 +391,3 @@ def _check(settings: Target, scenario: Any) -> None:
 
 
 register(Section('target', Target, Place.TARGET, TargetStage, _check))
-interfaces.add(
-    interfaces.Interface(
-        TARGET_ATTITUDE,
-        interfaces.STATE_TYPE,
-        'attitude of the target, its axes to target LVLH; rate in its axes, against inertial space',
-        due=interfaces.TRUTH,
-        attitude=True,
-        frame=interfaces.TARGET_FRAME,
-    ),
-    before=interfaces.STAGE_STATUS,
-)

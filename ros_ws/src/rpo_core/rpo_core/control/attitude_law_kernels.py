@@ -23,14 +23,8 @@ from math import sqrt
 from typing import Any, NamedTuple
 
 from rpo_core.attitude.attitude_kernels import Attitude, cross, symmetric
-from rpo_core.attitude.chaser_kernels import (
-    Quaternion,
-    relative_to,
-    times,
-    turn_back,
-    unloaded,
-    wheels_after,
-)
+from rpo_core.attitude.chaser import relative_to, times, turn_back, unloaded, wheels_after
+from rpo_core.attitude.target import Quaternion
 from rpo_core.control.attitude_limits import NUMBERS, limits_at, within_limits
 from rpo_core.control.inference import FisTables, infer
 from rpo_core.kernels.arithmetic import Vector, saturate

@@ -13,11 +13,17 @@ import numpy as np
 
 from rpo_core.attitude.target import TUMBLE
 from rpo_core.files.validation import InputError
-from rpo_core.guidance import plan
-from rpo_core.guidance.guidance import ARRIVED, GuidanceStage
-from rpo_core.guidance.plan import Guidance
-from rpo_core.guidance.rehearsal import check
-from rpo_core.guidance.work import TooMuch, bounded
+from rpo_core.guidance.guidance import (
+    ARRIVED,
+    HOLD,
+    STRAIGHT,
+    TRANSFER,
+    Guidance,
+    GuidanceStage,
+    Leg,
+    check,
+)
+from rpo_core.guidance.transfers import TooMuch, bounded
 from rpo_core.kernels.arithmetic import norm
 from rpo_core.scenario.scenario import Scenario
 
@@ -29,7 +35,7 @@ SHARES = (0.5, 0.75, 1.0, 1.5, 2.0)
 
 
 WORK = 2e7
-"""Steps (`rpo_core.guidance.work`) that a plan may take: what takes more has too little time."""
+"""Steps of work (`transfers.spend`) that a plan may take: what takes more has no time."""
 
 
 class Entry(NamedTuple):
@@ -43,23 +49,23 @@ class Entry(NamedTuple):
     energy_n2s: float
     delta_v_m_s: float
     ends_s: float
-    leg: plan.Leg
-    line: plan.Leg | None
+    leg: Leg
+    line: Leg | None
     settings: Guidance
 
 
 def _others(settings: Guidance, scenario: Scenario) -> Iterator[tuple[int, Guidance]]:
     """Yield plans of other durations: the place of the transfer, and the plan."""
     legs = settings.legs
-    meets = [i for i, leg in enumerate(legs) if leg.kind == plan.TRANSFER and settings.turns(i)]
-    if scenario.target is None or not meets or any(leg.kind == plan.HOLD for leg in legs):
+    meets = [i for i, leg in enumerate(legs) if leg.kind == TRANSFER and settings.turns(i)]
+    if scenario.target is None or not meets or any(leg.kind == HOLD for leg in legs):
         raise InputError(
             'a moment of entry needs section `target`, and a plan without holds that has a '
             f'transfer of `frame` target; got {scenario.name}'
         )
     i = meets[-1]
     leg, line = legs[i], legs[i + 1] if i + 1 < len(legs) else None
-    straight = line is not None and line.kind == plan.STRAIGHT
+    straight = line is not None and line.kind == STRAIGHT
     for share in SHARES if straight or leg.corridor_s else (1.0,):
         arrive = leg.arrive_m_s
         after = list(legs[i + 1 :])

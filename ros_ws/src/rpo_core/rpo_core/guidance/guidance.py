@@ -1,20 +1,39 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Guidance as a stage of the chain: from the state to the reference that the controller follows."""
+"""Guidance: section `guidance` of a scenario, and the reference that the controller follows.
+
+A plan is a list of legs, flown one after the other. Each leg begins where the one before ended, the
+first one at the state of the chaser. After the last leg the reference stays where that one ends. A
+plan is flown without errors before a flight: what cannot be flown is refused.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from functools import partial
+from bisect import bisect_right
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 from math import inf
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
 from rpo_core.attitude.attitude_kernels import moving_with, seen_from, to_lvlh
 from rpo_core.attitude.target import known_motion
-from rpo_core.guidance import plan
+from rpo_core.files import codec
+from rpo_core.files.codec import unless_default
+from rpo_core.files.validation import (
+    Checked,
+    InputError,
+    Name,
+    choice,
+    optional,
+    real,
+    shown,
+    vector3,
+)
 from rpo_core.guidance.legs import (
+    SEGMENTS,
     Coasting,
     Flown,
     FlyingAround,
@@ -26,16 +45,208 @@ from rpo_core.guidance.legs import (
     Vehicle,
     fill,
 )
-from rpo_core.guidance.plan import Guidance, Leg
-from rpo_core.guidance.transfer_kernels import Floats, at_port
-from rpo_core.guidance.transfers import Limits
-from rpo_core.kernels.arithmetic import State, norm
-from rpo_core.scenario.scenario import Scenario
-from rpo_core.stage import Signal, Stage
+from rpo_core.guidance.transfers import Floats, Limits, TooMuch, at_port, bounded, spend
+from rpo_core.kernels.arithmetic import State, Vector, norm
+from rpo_core.scenario.scenario import MAX_VELOCITY_M_S, Scenario
+from rpo_core.stage import Place, Section, Signal, Stage, register
 from rpo_core.wire import interfaces
 from rpo_core.world import cw
+from rpo_core.world.starts import MAX_POSITION_M
+from rpo_core.world.zones import NO_CORRIDOR, Corridor, Zone, Zones
 
-GO, STOP, RETREAT, ABORT = 'go', 'hold', 'retreat', 'abort'
+TRANSFER, STRAIGHT, FLY_AROUND, HOLD = 'transfer', 'straight', 'fly_around', 'hold'
+KINDS = (TRANSFER, STRAIGHT, FLY_AROUND, HOLD)
+
+LVLH, TARGET = FRAMES = ('lvlh', 'target')
+
+AUTO, COMMAND = 'auto', 'command'
+"""Who ends a hold: its own conditions, or the command `go` while they are met."""
+
+GO_ON, ABORT = 'go', 'abort'
+"""What a hold does when its time is up."""
+
+MAX_LEGS = 50
+
+_position = partial(vector3, unit='m', bound=MAX_POSITION_M)
+_velocity = partial(vector3, unit='m/s', bound=MAX_VELOCITY_M_S)
+_time = partial(real, unit='s', least=0.0, most=1e6)
+_some_time = partial(real, unit='s', above=0.0, most=1e6)
+_speed = partial(real, unit='m/s', least=1e-6, most=10.0)
+_way = partial(real, unit='m', least=0.0, most=100.0)
+_some_mass = partial(real, unit='kg', above=0.0, most=1e6)
+
+
+Point = Annotated[Vector | None, partial(optional, check=_position)]
+Time = Annotated[float | None, partial(optional, check=_some_time)]
+Speed = Annotated[float | None, partial(optional, check=_speed)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Leg(Checked):
+    """One leg of a plan.
+
+    kind : `transfer`, least energy in `duration_s`, around the keep-out sphere; with `burn_s` the
+        thrusters fire at its two ends only. `straight`, at `speed_m_s`. `fly_around`, on an arc
+        about the target, its radius changing evenly. `hold`, at one point
+    frame : `lvlh`, or the axes of the `target`, which turn: a line, an arc or a hold is flown in
+        them, a transfer to a point that moves with them. A hold is in those of the leg before
+    to_m : (3,) where it ends, in its frame
+    arrive_m_s : (3,) velocity there, of a transfer, in its frame
+    corridor_s : so long before its end a transfer enters the corridor
+    ease_s : so long before its end the force of a transfer begins to fall to zero, so that it does
+        not end with a step. Such a transfer is planned tick by tick, and around nothing
+    end_speed_m_s : of a straight leg, where it ends
+    within_m, within_m_s : GO is given only while error and speed are no larger
+    dwell_s : least time of a hold; timeout_s : longest, then `on_timeout`
+    """
+
+    name: Name
+    kind: Annotated[str, partial(choice, known=KINDS)]
+    frame: Annotated[str, partial(choice, known=FRAMES)] = unless_default(LVLH)
+    to_m: Point = None
+    arrive_m_s: Annotated[Vector, _velocity] = (0.0, 0.0, 0.0)
+    duration_s: Time = None
+    corridor_s: Time = None
+    burn_s: Time = None
+    ease_s: Time = unless_default(None)
+    speed_m_s: Speed = None
+    end_speed_m_s: Annotated[float, partial(real, unit='m/s', least=0.0, most=10.0)] = 0.0
+    dwell_s: Annotated[float, _time] = 0.0
+    go: Annotated[str, partial(choice, known=(AUTO, COMMAND))] = AUTO
+    within_m: Annotated[float, partial(real, unit='m', above=0.0, most=1e3)] = 0.5
+    within_m_s: Annotated[float, partial(real, unit='m/s', above=0.0, most=10.0)] = 0.05
+    timeout_s: Time = None
+    on_timeout: Annotated[str, partial(choice, known=(GO_ON, ABORT))] = ABORT
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name, kinds in _KINDS_OF.items():
+            if getattr(self, name) != _DEFAULTS[name] and self.kind not in kinds:
+                raise InputError(
+                    f'`{name}` needs a leg of kind {" or ".join(kinds)}; '
+                    f'{self.name} is of kind {self.kind}'
+                )
+        for name in _NEEDED[self.kind]:
+            if getattr(self, name) is None:
+                raise InputError(f'`{name}` is missing; a leg of kind {self.kind} needs it')
+        if self.kind == STRAIGHT and self.speed_m_s and self.end_speed_m_s > self.speed_m_s:
+            raise InputError(
+                f'`end_speed_m_s` must be at most `speed_m_s` = {self.speed_m_s!r}; '
+                f'got {self.end_speed_m_s!r}'
+            )
+        if self.burn_s and self.duration_s and 2.0 * self.burn_s > self.duration_s:
+            raise InputError(
+                f'`burn_s` must be at most half of `duration_s` = {self.duration_s!r}; '
+                f'got {self.burn_s!r}'
+            )
+        if self.ease_s and self.duration_s and self.ease_s > self.duration_s:
+            raise InputError(
+                f'`ease_s` must be at most `duration_s` = {self.duration_s!r}; got {self.ease_s!r}'
+            )
+        if self.ease_s and self.burn_s:
+            raise InputError(f'`ease_s` and `burn_s` exclude each other; {self.name} has both')
+
+
+_OF_KIND = {
+    TRANSFER: ('frame', 'arrive_m_s', 'duration_s', 'corridor_s', 'burn_s', 'ease_s'),
+    STRAIGHT: ('frame', 'speed_m_s', 'end_speed_m_s'),
+    FLY_AROUND: ('frame', 'speed_m_s'),
+    HOLD: ('dwell_s', 'go', 'within_m', 'within_m_s', 'timeout_s', 'on_timeout'),
+}
+_NEEDED = {
+    TRANSFER: ('to_m', 'duration_s'),
+    STRAIGHT: ('to_m', 'speed_m_s'),
+    FLY_AROUND: ('to_m', 'speed_m_s'),
+    HOLD: (),
+}
+_KINDS_OF = {
+    name: [kind for kind, names in _OF_KIND.items() if name in names]
+    for names in _OF_KIND.values()
+    for name in names
+}
+_DEFAULTS = {name: Leg.__dataclass_fields__[name].default for name in _KINDS_OF}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Guidance(Checked):
+    """Settings of guidance.
+
+    keep_out_m, port_m, corridor : as in section `zones`, unless they differ for guidance
+    margin_m : by which transfers plan a larger sphere, for the errors of the flight
+    retreat_m : (3,) where `retreat` leads
+    abort_offset_m : by how much `abort` goes below (ahead of the target) or above (behind it), from
+        where relative motion carries the chaser away without a force
+    abort_s : time of the transfer there
+    force_share : of the thrusters' force that the reference may need
+    past_port_m : so far the reference goes on past the port, as it arrived there; 0: it stays
+        there. A chaser that has come to the port, within so much, gets no more force: it has docked
+    mass_kg : as guidance takes it; None: that of the scenario
+    """
+
+    legs: tuple[Leg, ...]
+    keep_out_m: Annotated[float, partial(real, unit='m', least=0.0, most=1e4)] = 0.0
+    margin_m: Annotated[float, partial(real, unit='m', least=0.0, most=1e3)] = 3.0
+    corridor: Corridor = NO_CORRIDOR
+    port_m: Annotated[Vector, _position] = (0.0, 0.0, 0.0)
+    retreat_m: Point = None
+    abort_offset_m: Annotated[float, partial(real, unit='m', above=0.0, most=1e3)] = 40.0
+    abort_s: Annotated[float, _some_time] = 300.0
+    force_share: Annotated[float, partial(real, unit='', least=1e-6, most=1.0)] = 0.6
+    past_port_m: Annotated[float, _way] = unless_default(0.0)
+    mass_kg: Annotated[float | None, partial(optional, check=_some_mass)] = unless_default(None)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 1 <= len(self.legs) <= MAX_LEGS:
+            raise InputError(f'`legs` must be 1 to {MAX_LEGS} legs; got {shown(list(self.legs))}')
+        for leg in self.legs:
+            if leg.corridor_s and not self.corridor.from_m:
+                raise InputError(f'`corridor_s` of leg {leg.name} needs `corridor.from_m`')
+            if leg.ease_s and self.keep_out_m:
+                raise InputError(
+                    f'`ease_s` of leg {leg.name} needs a plan without a keep-out sphere; '
+                    f'got `keep_out_m` = {self.keep_out_m!r}'
+                )
+        for i, leg in enumerate(self.legs):
+            if leg.frame == TARGET and leg.kind != TRANSFER and not (i and self.turns(i - 1)):
+                raise InputError(
+                    f'`frame` target of leg {leg.name} needs a leg before it that ends in this '
+                    'frame, a transfer for one'
+                )
+            if leg.frame == LVLH and leg.kind in (STRAIGHT, FLY_AROUND) and i and self.turns(i - 1):
+                raise InputError(
+                    f'leg {leg.name} must be a transfer, or have `frame` target as the leg before'
+                )
+        names = [leg.name for leg in self.legs]
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError(f'`legs` must have names of their own; {name} is there twice')
+
+    def turns(self, i: int) -> bool:
+        """Return whether leg i ends in the axes of the target."""
+        while self.legs[i].kind == HOLD and i > 0:
+            i -= 1
+        return self.legs[i].frame == TARGET
+
+    def zones(self, scenario: Any) -> Zone:
+        """Return what views draw: sphere, corridor, holds, retreat; of a target what it sees."""
+        points, end_m, lvlh = {}, None, scenario.target is None
+        for i, leg in enumerate(self.legs):
+            end_m = leg.to_m or end_m
+            if leg.kind == HOLD and end_m is not None and (lvlh or self.turns(i)):
+                points[leg.name] = end_m
+        if self.retreat_m is not None and lvlh:
+            points['retreat'] = self.retreat_m
+        zones = Zones(keep_out_m=self.keep_out_m, port_m=self.port_m, corridor=self.corridor)
+        return zones.zone(points)
+
+    @staticmethod
+    def of_zones(_document: Any, zones: Zones) -> Mapping[str, Any]:
+        """Return the fields that are as the zones of the scenario, unless the section has them."""
+        return codec.to_mapping(zones)
+
+
+GO, STOP, RETREAT = 'go', 'hold', 'retreat'
 COMMANDS = (GO, STOP, RETREAT, ABORT)
 
 ARRIVED, STOPPED, RETREATED, ABORTING, DRIFTING, DOCKED = (
@@ -138,7 +349,7 @@ class GuidanceStage(Stage):
             return 'the plan has no `retreat_m`'
         if name != GO:
             return ''
-        if self._leg is not None and self._leg.kind == plan.HOLD:
+        if self._leg is not None and self._leg.kind == HOLD:
             return self._unready(self._leg)
         return '' if phase in (STOPPED, RETREATED) else f'`go` ends a hold; the phase is {phase}'
 
@@ -218,11 +429,11 @@ class GuidanceStage(Stage):
         if ticks is not None:
             return tick - self._since >= ticks
         leg = self._leg
-        if leg is None or leg.kind != plan.HOLD:
+        if leg is None or leg.kind != HOLD:
             return False
         if self._timed_out(tick, leg):
             return True
-        return (leg.go == plan.AUTO or self._go) and not self._unready(leg)
+        return (leg.go == AUTO or self._go) and not self._unready(leg)
 
     def _timed_out(self, tick: int, leg: Leg) -> bool:
         held_s = (tick - self._since) * self._dt_s
@@ -248,8 +459,8 @@ class GuidanceStage(Stage):
         leg = self._leg
         if self.changes[-1].phase == ABORTING:
             self._enter(tick, DRIFTING, 'clear of the target', Drifting())
-        elif leg is not None and leg.kind == plan.HOLD:
-            if self._timed_out(tick, leg) and leg.on_timeout == plan.ABORT:
+        elif leg is not None and leg.kind == HOLD:
+            if self._timed_out(tick, leg) and leg.on_timeout == ABORT:
                 self._obey(tick, ABORT, f'{leg.name} took `timeout_s` = {leg.timeout_s:g} s')
             else:
                 timed_out = self._timed_out(tick, leg)
@@ -297,7 +508,7 @@ class GuidanceStage(Stage):
         if isinstance(self._flown, Turning):
             return self._flown.seen(tick - self._since)
         leg = self._leg
-        if leg is not None and leg.kind == plan.TRANSFER and leg.to_m is not None:
+        if leg is not None and leg.kind == TRANSFER and leg.to_m is not None:
             return (*leg.to_m, *leg.arrive_m_s)
         return seen_from(state or self._end(tick), self._motion.frame(tick))
 
@@ -310,7 +521,7 @@ class GuidanceStage(Stage):
     def _flying(self, tick: int, leg: Leg, start: State | None) -> Flown:
         """Return a leg under way."""
         turns = self.settings.turns(self._next - 1)
-        if leg.kind == plan.TRANSFER:
+        if leg.kind == TRANSFER:
             start = start or self._end(tick)
             end = (*(leg.to_m or start[:3]), *leg.arrive_m_s)
             times_s = (leg.duration_s or 0.0, leg.corridor_s, leg.burn_s, leg.ease_s)
@@ -318,9 +529,9 @@ class GuidanceStage(Stage):
         start = self._start_of(tick, start, turns)
         to_m = leg.to_m if leg.to_m is not None else start[:3]
         fly, speed = partial(self._fly, tick, turns), leg.speed_m_s or 0.0
-        if leg.kind == plan.STRAIGHT:
+        if leg.kind == STRAIGHT:
             return fly(Straight, start, to_m, self._vehicle, speed, leg.end_speed_m_s)
-        if leg.kind == plan.FLY_AROUND:
+        if leg.kind == FLY_AROUND:
             return fly(FlyingAround, start, to_m, self._vehicle, speed)
         return fly(Resting, to_m, self._vehicle)
 
@@ -375,7 +586,7 @@ class GuidanceStage(Stage):
         reason = reason or f'command `{command}`'
         now = self._reference or self._seen or (0.0,) * 6
         if command == GO:
-            if self._leg is not None and self._leg.kind == plan.HOLD:
+            if self._leg is not None and self._leg.kind == HOLD:
                 self._go = True
             else:
                 self._begin_leg(tick, now, reason)
@@ -398,13 +609,13 @@ class GuidanceStage(Stage):
 
     def _interrupt(self) -> None:
         """Let `go` fly the leg under way again."""
-        if self._leg is not None and self._leg.kind != plan.HOLD:
+        if self._leg is not None and self._leg.kind != HOLD:
             self._next -= 1
 
     def _begins_turning(self, i: int) -> bool:
         """Return whether leg i, or what follows the last one, begins in the target's axes."""
         legs = self.settings.legs
-        if i < len(legs) and legs[i].kind == plan.TRANSFER:
+        if i < len(legs) and legs[i].kind == TRANSFER:
             return False
         return self._motion is not None and self.settings.turns(min(i, len(legs) - 1))
 
@@ -434,3 +645,117 @@ class GuidanceStage(Stage):
     def _enter(self, tick: int, phase: str, reason: str, flown: Flown | Drifting) -> None:
         self.changes.append(Change(tick, phase, reason))
         self._leg, self._flown, self._since, self._go = None, flown, tick, False
+
+
+MOST_WORK = 4e8
+"""Steps of work (`transfers.spend`) that the search of a plan may take; shipped plans take 4e6."""
+
+PER_TICK = 400
+"""Steps for each tick of a plan, about: so it may have a million ticks under way."""
+
+
+class Rehearsal(NamedTuple):
+    """A plan, flown without errors.
+
+    references : (n, 6) [m, m/s]; forces : (n, 3) [N]; changes : its phases
+    """
+
+    references: list[State]
+    forces: list[Vector]
+    changes: list[Change]
+
+
+def nominal(settings: Guidance, scenario: Scenario, *, to_rest: bool = False) -> Rehearsal:
+    """Return the reference of a chaser that follows it exactly, each hold ended when it may be.
+
+    to_rest : up to where it stays at the end of the plan; else to the end of the flight
+    """
+    legs = tuple(replace(leg, go=AUTO) if leg.kind == HOLD else leg for leg in settings.legs)
+    stage = GuidanceStage(replace(settings, legs=legs), scenario)
+    references: list[State] = []
+    forces: list[Vector] = []
+    state = scenario.start
+    for tick in range(scenario.ticks + 1):
+        spend(PER_TICK)
+        reference, force = stage.step(tick, state)
+        references.append(reference)  # type: ignore[arg-type]
+        forces.append(force)  # type: ignore[arg-type]
+        state = reference  # type: ignore[assignment]
+        if to_rest and stage.rests:
+            break
+    return Rehearsal(references, forces, stage.changes)
+
+
+@lru_cache(maxsize=64)
+def check(settings: Guidance, scenario: Scenario) -> None:
+    """Raise InputError if the plan of a scenario cannot be flown, with the number that fails."""
+    try:
+        with bounded(MOST_WORK):
+            found = nominal(settings, scenario, to_rest=True)
+    except TooMuch:
+        raise InputError(
+            f'`guidance` must have a plan that is found in {MOST_WORK:g} steps of work; got one '
+            'that takes more: too many ticks, too little time or force (`duration_s`, '
+            '`force_share`), or zones without a way between them'
+        ) from None
+    _check_durations(settings, scenario, found)
+    cone = settings.corridor.cone(settings.port_m)
+    mass_kg = settings.mass_kg or scenario.mass_kg
+    seen = np.array(found.references)
+    if scenario.target is not None:
+        seen = scenario.target.known.seen(seen, scenario)
+    starts = [change.tick for change in found.changes]
+    for tick, (state, force) in enumerate(zip(seen.tolist(), found.forces, strict=True)):
+        phase = found.changes[bisect_right(starts, tick) - 1].phase
+        at = f'leg {phase}, {tick * scenario.dt_s:g} s'
+        largest = max(abs(f) for f in force)
+        if largest > settings.force_share * scenario.max_force_n * (1.0 + 1e-9):
+            raise InputError(
+                f'`guidance` must need at most `force_share` = {settings.force_share:g} of '
+                f'`max_force_n` = {scenario.max_force_n:g} N; {at}: {largest:.4g} N, '
+                f'{largest / mass_kg:.3g} m/s^2'
+            )
+        position, sphere = tuple(state[:3]), settings.keep_out_m
+        distance = norm(*position)
+        if distance >= sphere or (settings.past_port_m and phase in (ARRIVED, DOCKED)):
+            continue
+        if not settings.corridor.from_m:
+            raise InputError(
+                f'`guidance` must keep out of the sphere of `keep_out_m` = {sphere:g} m '
+                f'without `corridor.from_m`; {at}: {distance:.4g} m from the target'
+            )
+        outside = cone.outside_m(position)
+        if outside > 1e-9:
+            raise InputError(
+                f'`guidance` must keep out of the sphere of `keep_out_m` = {sphere:g} m but for '
+                f'`corridor` to `port_m`; {at}: {distance:.4g} m from the target, {outside:.3g} m '
+                'off it'
+            )
+
+
+def _check_durations(settings: Guidance, scenario: Scenario, found: Rehearsal) -> None:
+    """Raise InputError if a transfer needs more force than it may, and so takes longer."""
+    ends = [*(change.tick for change in found.changes[1:]), scenario.ticks + 1]
+    for change, end in zip(found.changes, ends, strict=True):
+        for leg in settings.legs:
+            if leg.name == change.phase and leg.duration_s is not None:
+                taken = (end - change.tick) * scenario.dt_s
+                if taken > leg.duration_s * (1.0 + 1.0 / SEGMENTS) + scenario.dt_s:
+                    limit = settings.force_share * scenario.max_force_n
+                    raise InputError(
+                        f'`duration_s` of leg {leg.name} must be about {taken:g} s for a force of '
+                        f'at most {limit:g} N; got {leg.duration_s:g}'
+                    )
+
+
+register(
+    Section(
+        'guidance',
+        Guidance,
+        Place.GUIDANCE,
+        GuidanceStage,
+        rehearse=check,
+        zones=Guidance.zones,
+        of_zones=Guidance.of_zones,
+    )
+)

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rpo_core.attitude.attitude_kernels import synchronised
-from rpo_core.attitude.pointing_kernels import contact_turn
+from rpo_core.attitude.pointing import contact_turn
 from rpo_core.chain.flight import Flight
 from rpo_core.judge import contact, metrics
 from rpo_core.kernels.arrays import Floats

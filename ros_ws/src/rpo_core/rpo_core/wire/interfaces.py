@@ -307,6 +307,10 @@ REFERENCE_ATTITUDE = _row('reference_attitude', STATE_TYPE,
     'attitude and rate that the chaser shall have', attitude=True)
 CONTROL_FORCE = _row('control_force', FORCE_TYPE,
     'commanded force, target LVLH, stamp of the state it answers', COMMAND)
+SHAPED_FORCE = _row('shaped_force', FORCE_TYPE,
+    'command after shaping, target LVLH, stamp of the state it answers', COMMAND)
+ASSURED_FORCE = _row('assured_force', FORCE_TYPE,
+    'command after runtime assurance, target LVLH, stamp of the state it answers', COMMAND)
 DISTURBANCE_FORCE = _row('disturbance_force', FORCE_TYPE,
     'disturbance, target LVLH, stamp of the state it answers', DISTURBANCE)
 BODY_FORCE = _row('body_force', FORCE_TYPE,
@@ -341,10 +345,16 @@ THRUST_SHIFT = _row('thrust_shift', '',
     'state x mass that a force gives by turning [N s^2], [N s]', logged=False, numbers=6)
 CHASER_MASS = _row('chaser_mass', '',
     'mass of the chaser in the middle of a tick [kg], where it falls', logged=False, numbers=1)
+TARGET_ATTITUDE = _row('target_attitude', STATE_TYPE,
+    'attitude of the target, its axes to target LVLH; rate in its axes, against inertial space',
+    due=TRUTH, attitude=True, frame=TARGET_FRAME)
 STAGE_STATUS = _row('stage_status', STATUS_TYPE,
     'a stage that was switched off or on in flight, and from which tick', due=EVENT, qos=LATCHED)
 GUIDANCE_STATUS = _row('guidance_status', STATUS_TYPE,
     'phase of the plan that begins, its first tick and why', due=EVENT, logged=False, qos=LATCHED)
+ASSURANCE_STATUS = _row('assurance_status', STATUS_TYPE,
+    'each intervention of runtime assurance: constraint, margins, force before and after',
+    due=EVENT, qos=Qos(durability='transient_local'), beside='assured_force')
 RUN_STATUS = _row('run_status', STATUS_TYPE,
     'waiting, running, paused, finished or aborted; reason and metrics', due=EVENT, qos=LATCHED)
 NODE_MANIFEST = _row('node_manifest', STATUS_TYPE,
