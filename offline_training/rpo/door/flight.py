@@ -111,7 +111,7 @@ class Replay:
         return f'<iframe srcdoc="{page}" width="100%" height="640" style="border:0"></iframe>'
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Flight(core.Flight):
     """One flight at ticks 0..N; `flight['name']` is any signal of it, (N+1, width).
 
@@ -125,12 +125,25 @@ class Flight(core.Flight):
         Commanded forces [N], target LVLH.
     scenario : Scenario
         What was flown.
-    controller : controller
-        That flew it.
+    controller : FuzzyController, ControllerFile or other
+        What flew it; None where a log does not have it.
+    metrics : dict
+        Metric -> value, as `energy_n2s`.
+    requirements : list of Verdict
+        Each requirement of the scenario beside the value of the flight.
+    ok : bool
+        Whether none is missed.
+
+    Examples
+    --------
+    >>> import rpo
+    >>> flight = rpo.fly('quick')
+    >>> flight.x.shape, flight['control_force'].shape
+    ((51, 6), (51, 3))
     """
 
-    controller: Any = field(default=None, compare=False)
-    texts: Mapping[str, str] = field(default_factory=dict, compare=False)
+    controller: Any = None
+    texts: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def t(self) -> Floats:
@@ -148,7 +161,14 @@ class Flight(core.Flight):
         return self.forces_n
 
     def keys(self) -> KeysView[str]:
-        """Return the names of its signals."""
+        """Return the names of its signals.
+
+        Examples
+        --------
+        >>> import rpo
+        >>> 'control_force' in rpo.fly('quick').keys()
+        True
+        """
         return {**_MAIN, **self.signals}.keys()
 
     def __getitem__(self, name: str) -> Floats:
@@ -170,8 +190,11 @@ class Flight(core.Flight):
         Examples
         --------
         >>> import rpo
-        >>> round(rpo.fly('quick').metrics['energy_n2s'], 2)
+        >>> metrics = rpo.fly('quick').metrics
+        >>> round(metrics['energy_n2s'], 2)
         0.72
+        >>> list(metrics)[:4]
+        ['energy_n2s', 'mean_speed_norm_m_s', 'slew_per_axis_n_s', 'mean_error_norm_m']
         """
         return dict(zip(metrics.UNITS, metrics.row_of(self).tolist(), strict=True))
 
@@ -189,7 +212,7 @@ class Flight(core.Flight):
 
     @property
     def ok(self) -> bool:
-        """Whether no requirement of the scenario is missed."""
+        """Whether no requirement of the scenario is missed; true where it has none."""
         return not missed(self)
 
     def __repr__(self) -> str:

@@ -52,7 +52,7 @@ class Thrust(NamedTuple):
     openings: int
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Flight:
     """One flight, sampled at ticks 0..N.
 
@@ -67,8 +67,8 @@ class Flight:
     states: Floats
     forces_n: Floats
     disturbances_n: Floats
-    signals: Mapping[str, Floats] = field(default_factory=dict, compare=False)
-    events: Mapping[str, Sequence[tuple[int, str]]] = field(default_factory=dict, compare=False)
+    signals: Mapping[str, Floats] = field(default_factory=dict)
+    events: Mapping[str, Sequence[tuple[int, str]]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return f'<Flight {self.scenario.name}: {self.scenario.duration_s:g} s>'
