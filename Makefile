@@ -56,10 +56,11 @@ compile:  ## compile the numerical kernels now, not at their first use
 	$(SETUP) train
 	$(ENV) python -m rpo.cli.precompile
 
-wheels:  ## the wheels rpo_core and rpo, which fly, train and report without ROS, into dist/
+wheels:  ## the wheels rpo_core, rpo_log and rpo, which fly, judge and train without ROS, into dist/
 	$(SETUP)
-	@rm -rf packaging/*/build
-	$(ENV) python -m pip wheel -q --no-deps --no-build-isolation -w dist packaging/rpo_core packaging/rpo && ls dist/*.whl
+	@rm -rf dist
+	$(ENV) for folder in ros_ws/src/rpo_core ros_ws/src/rpo_log offline_training; do \
+		uv build -q --no-build-isolation --python .venv/bin/python -o dist $$folder || exit; done; rm -rf ros_ws/src/*/*.egg-info; ls dist/*.whl
 
 notebooks:  ## run docs/notebooks, and store what the cells print and draw
 	$(SETUP) train report
@@ -79,6 +80,6 @@ lock:  ## choose dependency versions anew where they must change (UPGRADE=1: eve
 	$(ENV) python ros_ws/underlay/lock.py $(if $(UPGRADE),--upgrade)
 
 clean:  ## remove all that set-up and tests made; runs/ stays
-	rm -rf .venv site ros_ws/build ros_ws/install ros_ws/log ros_ws/.setup.lock offline_training/*.egg-info \
+	rm -rf .venv site dist ros_ws/build ros_ws/install ros_ws/log ros_ws/.setup.lock offline_training/*.egg-info \
 		.pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find $(SOURCES) -name __pycache__ -type d -prune -exec rm -rf {} +

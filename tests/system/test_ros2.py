@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from rpo_core.files import gone
+
 ROOT = Path(__file__).resolve().parents[2]
 ROS2 = ROOT / 'ros_ws' / 'underlay' / 'bin' / 'ros2'
 PROBE = """#!/bin/sh
@@ -132,3 +134,20 @@ def test_finds_what_the_workspace_built():
     } <= listed
     packages = set(ros2(path, 'pkg', 'list').stdout.split())
     assert {'rclpy', 'nav_msgs', 'rpo_core', 'rpo_ros'} <= packages
+
+
+def test_an_executable_of_0_1_says_where_it_is():
+    path = os.environ['AMENT_PREFIX_PATH']
+    listed = ros2(path, 'pkg', 'executables').stdout.splitlines()
+    still = ('disturbance_injector', 'fault_injector', 'plant')
+    lines = [line.split() for line in listed]
+    old = [(package, x) for package, x in lines if package in gone.MOVED and x not in still]
+    assert {package for package, _ in old} == gone.MOVED.keys()
+    for package, name in old:
+        done = ros2(path, 'run', package, name)
+        assert (done.returncode, done.stdout) == (2, '')
+        now = f'{gone.MOVED[package]} {name}'
+        if now in listed:
+            assert done.stderr == f'`{package} {name}` is now `ros2 run {now}`\n'
+        else:
+            assert f'`{package} {name}` is gone in 0.2; use ' in done.stderr

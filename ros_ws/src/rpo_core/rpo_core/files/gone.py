@@ -58,7 +58,6 @@ GONE: dict[str, dict[str, str]] = {
     'executable': {
         'foxglove': 'foxglove_bridge, or open `run.mcap` in the app',
         'monitor': 'the abort table of section `assurance`',
-        'navigation': '`ros2 run rpo_ctrl navigation`',
         'repair': '`rpo repair`',
         'node_pages': '`python docs/hooks/node_pages.py docs/nodes`',
         'watch': '`ros2 run rpo_bringup web`',
@@ -103,6 +102,12 @@ The name of a command is the words after `rpo`; that of an option begins with it
 is the name of a field whose value is gone (`preset`).
 """
 
+MOVED = {
+    **dict.fromkeys(('rpo_guidance', 'rpo_nav', 'rpo_safety', 'rpo_sim'), 'rpo_ctrl'),
+    'rpo_view': 'rpo_bringup',
+}
+"""Package of 0.1 -> that of its executables now; of `rpo_sim`, that of `navigation`."""
+
 _READ = ('field', 'kind', 'schema')
 """Subjects that stand in files."""
 
@@ -117,7 +122,8 @@ def answer(subject: str, name: object) -> str:
 
 
 def executable() -> int:
-    """Answer `ros2 run PACKAGE NAME` of an executable that is gone: its entry point."""
-    name = Path(sys.argv[0]).name
-    print(f'`{name}` is {answer("executable", name)}', file=sys.stderr)
+    """Answer `ros2 run PACKAGE NAME` where the executable is gone or has moved."""
+    package, name = Path(sys.argv[0]).absolute().parts[-2:]
+    said = answer('executable', name) or f'now `ros2 run {MOVED[package]} {name}`'
+    print(f'`{package} {name}` is {said}', file=sys.stderr)
     return 2
