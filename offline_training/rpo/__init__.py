@@ -34,11 +34,18 @@ from rpo_core import files
 from rpo_core.files.validation import InputError as InputError
 
 if TYPE_CHECKING:
+    from rpo.door.conversion import export as export
+    from rpo.door.conversion import scale as scale
+    from rpo.door.evidence import Verification as Verification
+    from rpo.door.evidence import report as report
+    from rpo.door.evidence import verify as verify
     from rpo.door.flight import Explanation as Explanation
     from rpo.door.flight import Flight as Flight
     from rpo.door.flight import Replay as Replay
     from rpo.door.flight import fly as fly
     from rpo.door.flight import load as load
+    from rpo.door.proof import Proof as Proof
+    from rpo.door.proof import prove as prove
     from rpo.door.subjects import Catalogue as Catalogue
     from rpo.door.subjects import campaigns as campaigns
     from rpo.door.subjects import controller as controller
@@ -56,16 +63,23 @@ _MODULES = {
     'Explanation': 'rpo.door.flight',
     'Flight': 'rpo.door.flight',
     'FuzzyController': 'rpo_core.control.controller',
+    'Proof': 'rpo.door.proof',
     'Replay': 'rpo.door.flight',
     'Scenario': 'rpo_core.scenario.scenario',
     'Verdict': 'rpo_core.judge.verdicts',
+    'Verification': 'rpo.door.evidence',
     'campaigns': 'rpo.door.subjects',
     'controller': 'rpo.door.subjects',
     'controllers': 'rpo.door.subjects',
+    'export': 'rpo.door.conversion',
     'fly': 'rpo.door.flight',
     'load': 'rpo.door.flight',
+    'prove': 'rpo.door.proof',
+    'report': 'rpo.door.evidence',
+    'scale': 'rpo.door.conversion',
     'scenario': 'rpo.door.subjects',
     'scenarios': 'rpo.door.subjects',
+    'verify': 'rpo.door.evidence',
 }
 """Name -> its module, imported as the name is asked for."""
 

@@ -170,3 +170,32 @@ def test_a_table_has_units():
     assert isinstance(frame, pandas.DataFrame) and frame.index.name == 'time_s'
     assert frame.attrs['units']['navigation_vx_m_s'] == 'm/s' and data['fx_n'].attrs['units'] == 'N'
     assert (frame[['x_m', 'y_m', 'z_m']].to_numpy() == flight.x[:, :3]).all()
+
+
+def test_a_changed_controller_is_exported_and_drawn(tmp_path):
+    law = rpo.controller('allround').with_rule(position='SP', velocity='Z', force='LP')
+    assert rpo.export(law, tmp_path / 'law.c') == [tmp_path / 'law.c', tmp_path / 'law.h']
+    rpo.export(law, tmp_path / 'law.yaml')
+    assert rpo.controller(tmp_path / 'law.yaml') == law
+    assert rpo.export('attitude_fuzzy', 'c').count('torque')
+    flights = [rpo.fly('quick', each) for each in ('allround', law)]
+    page = rpo.report(flights, tmp_path / 'page')
+    assert page == tmp_path / 'page' / 'report.html' and (page.parent / 'replay.html').is_file()
+    assert repr(rpo.verify(flights[1])).startswith('<Verification ')
+
+
+@pytest.mark.parametrize(
+    ('call', 'sentence'),
+    [
+        (lambda: rpo.verify(3), 'run: folder, .mcap file or Flight expected; got 3'),
+        (lambda: rpo.report([]), 'report: at least one run, campaign, proof or controller'),
+        (lambda: rpo.report(['quick', 'pd']), 'several targets must be runs; quick is a'),
+        (lambda: rpo.export(lambda t, x: x[:3], 'c'), 'name, path or object of a controller file'),
+        (lambda: rpo.export('pd', 'law.exe'), "path of a file with such a suffix .*got 'law.exe'"),
+        (lambda: rpo.scale(3, 'quick'), 'controller: name, path, object or function .*; got 3'),
+        (lambda: rpo.prove('paper_test'), 'paper_test is a single flight: give the half-width'),
+    ],
+)
+def test_proofs_and_pages_say_what_they_take(call, sentence):
+    with pytest.raises(rpo.InputError, match=sentence):
+        call()

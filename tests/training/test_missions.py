@@ -14,7 +14,7 @@ import pytest
 import yaml
 from invoking import invoke
 
-from rpo.cli.commands.report import _folder
+from rpo.door.evidence import _place
 from rpo.engine.population import population_of
 from rpo.training import config as configs
 from rpo.training import scaling
@@ -154,10 +154,10 @@ def test_a_baseline_is_tuned_for_a_scenario_and_its_body(tmp_path):
 
 def test_reports_of_controllers_of_one_name_have_folders_of_their_own():
     files_ = ['x/a.yaml', 'y/a.yaml', 'a/a.yaml', 'p/x/a.yaml', 'q/x/a.yaml', 'x_a.yaml', 'a.yaml']
-    folders = [_folder(name) for name in ('a', *files_)]
+    folders = [_place([name], 'controller', Path('scratch')).name for name in ('a', *files_)]
     assert folders[0] == 'report_a' and len(set(folders)) == 8
     assert folders[1].startswith('report_x_a_') and folders[3].startswith('report_a_')
-    assert _folder('y/../x/a.yaml') == folders[1]
+    assert _place(['y/../x/a.yaml'], 'controller', Path('scratch')).name == folders[1]
 
 
 def test_a_state_is_explained_from_the_goal_of_the_scenario():

@@ -25,7 +25,6 @@ from rpo.cli.commands import (
     prove,
     report,
     safety,
-    scale,
     simulate,
     train,
     truth,
@@ -83,7 +82,7 @@ def _options(version: _Version = False) -> None:
 
 
 for _function in (
-    train.train, simulate.simulate, scale.scale, evaluate.evaluate, bench.bench,
+    train.train, simulate.simulate, export.scale, evaluate.evaluate, bench.bench,
     optimal.optimal, plan.plan, campaign.campaign, truth.truth, prove.prove, compare.compare,
     explain.explain, export.export, export.import_, log.verify, log.sign, log.repair,
     listing.list_, report.report,

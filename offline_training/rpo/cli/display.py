@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+import sys
 import threading
 import time
 from collections.abc import Iterable, Iterator, Sequence
@@ -46,7 +47,7 @@ class Show(Protocol):
 
 def plain_console(stderr: bool = False) -> Console:
     """Return a console that prints texts as they are: a name may hold `[bold]` or `[/]`."""
-    return Console(stderr=stderr, markup=False, highlight=False, emoji=False)
+    return Console(stderr=stderr, force_jupyter=False, markup=False, highlight=False, emoji=False)
 
 
 def print_table(
@@ -117,3 +118,13 @@ def progress(folder: Path | None = None, console: Console | None = None) -> Iter
     finally:
         silence.cancel()
         live.stop()
+
+
+@contextmanager
+def progress_in_python() -> Iterator[Show]:
+    """Yield what shows progress as `progress` does, on a terminal and in a notebook alone."""
+    if sys.stderr.isatty() or 'ipykernel' in sys.modules:
+        with progress() as show:
+            yield show
+    else:
+        yield lambda *_: None

@@ -17,11 +17,11 @@ import yaml
 from rpo_core import files
 from rpo_core.control import controller as core
 from rpo_core.control.controller import AnyController, Controller
-from rpo_core.control.controller_file import ControllerStage
+from rpo_core.control.controller_file import ControllerFile, ControllerStage
 from rpo_core.files.validation import InputError, printable, shown, within
 from rpo_core.scenario import overrides
 from rpo_core.scenario import scenario as of_scenario
-from rpo_core.scenario.scenario import Scenario
+from rpo_core.scenario.scenario import Scenario, ScenarioSet
 from rpo_core.stage import Signal, Stage
 
 
@@ -105,13 +105,21 @@ class Source(NamedTuple):
 
 def scenario_source(subject: object, fields: Mapping[str, Any]) -> Source:
     """Return a scenario with fields changed, the text of its file, and its name; see `scenario`."""
+    source = mission_source(subject, fields)
+    return source._replace(subject=of_scenario.single(source.subject, source.name))
+
+
+def mission_source(subject: object, fields: Mapping[str, Any]) -> Source:
+    """Return what `scenario_source` does, of a set of starts too."""
     if isinstance(subject, (str, Path)):
         name = str(subject)
         path = files.find('scenario', name)
         text, place = files.read_text(path), str(path)
-    elif isinstance(subject, Scenario):
+    elif isinstance(subject, (Scenario, ScenarioSet)):
         if not fields:
             return Source(subject, '', subject.name)
+        if isinstance(subject, ScenarioSet):
+            raise InputError(f'scenario {subject.name}: fields of a set change by name or path')
         name = place = subject.name
         text = of_scenario.dumps(subject)
     elif isinstance(subject, Mapping):
@@ -122,8 +130,7 @@ def scenario_source(subject: object, fields: Mapping[str, Any]) -> Source:
     if fields:
         with within(f'scenario {name}'):
             text = overrides.changed(text, fields)
-    loaded = of_scenario.single(files.loads(text, of_scenario.parse, place), name)
-    return Source(loaded, text, name)
+    return Source(files.loads(text, of_scenario.parse, place), text, name)
 
 
 def fields_of(changes: Mapping[str, Any]) -> dict[str, Any]:
@@ -251,6 +258,17 @@ def controller_source(subject: object) -> Source:
     raise InputError(
         f'controller: name, path, object or function law(t, x) expected; got {shown(subject)}'
     )
+
+
+def file_source(subject: object) -> Source:
+    """Return a controller that has a file, its text, and its name; raises InputError."""
+    source = controller_source(subject)
+    if not isinstance(source.subject, (core.FuzzyController, ControllerFile)):
+        raise InputError(
+            f'controller: name, path or object of a controller file expected; {source.name} has '
+            'no file'
+        )
+    return source._replace(text=source.text or core.dumps(source.subject))
 
 
 def controller(controller: str | Path | AnyController | Mapping[str, Any], /) -> AnyController:

@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 from rpo.exports import c, formats
 from rpo.montecarlo.outputs import identifier
-from rpo_core.control.controller import AnyController, FuzzyController
+from rpo_core.control.controller import AnyController, FuzzyController, dumps
 from rpo_core.files.validation import choice
 
 FORMATS: dict[str, Callable[[AnyController], str]] = {
@@ -20,8 +20,9 @@ FORMATS: dict[str, Callable[[AnyController], str]] = {
     'fll': formats.fll,
     'json': formats.json,
     'c': lambda controller: c.files(controller, '').source,
+    'yaml': dumps,
 }
-"""MATLAB, FuzzyLite; JSON; C99 functions with the bits of the kernels."""
+"""MATLAB, FuzzyLite; JSON; C99 functions with the bits of the kernels; the file that flies."""
 
 
 def text_of(controller: AnyController, name: str) -> str:

@@ -38,7 +38,7 @@ from rpo.proof.folder import Folder
 from rpo.proof.problem import Problem
 from rpo.proof.tube import InvariantSet, Trace
 from rpo_core.chain.flight import Flight, fly
-from rpo_core.files.validation import quoted, shown
+from rpo_core.files.validation import InputError, quoted, shown
 from rpo_core.kernels.arrays import Floats
 from rpo_core.scenario import scenario
 from rpo_core.scenario.scenario import Scenario
@@ -78,12 +78,19 @@ class Checked:
     faults : what is wrong, a sentence each; then nothing else counts
     claims, ranges : what it computed itself, from the cells and from flights
     drawn : group -> cells whose tubes it made anew, and all cells that have one
+    sample : what was drawn
     """
 
     faults: list[str]
     claims: list[Claim]
     ranges: dict[str, Range]
     drawn: dict[str, tuple[int, int]]
+    sample: Sample = Sample()
+
+    @property
+    def ok(self) -> bool:
+        """Whether nothing wrong was found."""
+        return not self.faults
 
     @property
     def whole(self) -> bool:
@@ -113,7 +120,7 @@ def check(folder: Folder, sample: Sample, say: Say = lambda what, done, total: N
         group: (min(sample.starts or count, count), count)
         for group, count in ((g, len(_flown(found))) for g, found in groups.items())
     }
-    return Checked(faults, follows.claims, follows.ranges, drawn)
+    return Checked(faults, follows.claims, follows.ranges, drawn, sample)
 
 
 def _first(faults: Iterable[str]) -> list[str]:
@@ -362,6 +369,20 @@ def recompute(
         if claim.key not in flown:  # not in the folder: the figure is not checked
             ours['claims'][claim.key].update(found=value, start=list(start))
     return Checked([*differences(written.document, ours, ''), *faults], claims, ranges, {})
+
+
+def followed(folder: Folder) -> tuple[WrittenSummary, dict[str, CellBounds], Checked]:
+    """Return what a finished proof says, its cells, and what follows; the cells are taken as true.
+
+    Raises InputError where the folder says something else than follows.
+    """
+    written = WrittenSummary.of(folder)
+    groups = {group: folder.cells(group) for group in folder.problem.groups}
+    flown, faults = fly_again(folder, written)
+    follows = recompute(folder.problem, groups, written, flown)
+    for fault in (*faults, *follows.faults):
+        raise InputError(f'{folder.path}: {fault}')
+    return written, groups, follows
 
 
 def differences(theirs: Any, ours: Any, where: str) -> Iterator[str]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from rpo.proof.cells import CellBounds
 from rpo.proof.certificate import PROVEN, REFUTED
-from rpo.proof.check import WrittenSummary, fly_again, recompute
+from rpo.proof.check import followed
 from rpo.proof.claims import Claim, Range, lower, of_planar, row_of, upper
 from rpo.proof.folder import TEXTS, Folder, origins
 from rpo.proof.problem import PER_AXIS, Problem, range_of, title_of
@@ -21,7 +21,6 @@ from rpo.proof.tube import InvariantSet
 from rpo.reports import run_plots
 from rpo.reports.page import Block, File, Picture, Report, Section, Table, Text, picture, plain
 from rpo_core.chain.flight import fly
-from rpo_core.files.validation import InputError
 from rpo_log.show import style
 from rpo_log.show.report import limit_lines
 
@@ -29,12 +28,8 @@ from rpo_log.show.report import limit_lines
 def report_of(path: Path) -> Report:
     """Return the report of a finished proof's folder; raises InputError."""
     folder = Folder.open(path)
-    problem, written = folder.problem, WrittenSummary.of(folder)
-    groups = {group: folder.cells(group) for group in problem.groups}
-    flown, faults = fly_again(folder, written)
-    follows = recompute(problem, groups, written, flown)
-    for fault in (*faults, *follows.faults):
-        raise InputError(f'{path}: {fault}')
+    problem = folder.problem
+    written, groups, follows = followed(folder)
     claims = follows.claims
     with style.applied():
         pictures = [

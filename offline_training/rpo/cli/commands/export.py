@@ -1,9 +1,10 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""`rpo export` and `rpo import`."""
+"""`rpo export`, `rpo import` and `rpo scale`: a controller for other tools and vehicles."""
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -11,8 +12,8 @@ from typing import Annotated
 import typer
 from typer import Argument, Option
 
-from rpo.cli.commands.shared import echo, write_texts
-from rpo_core.files.validation import InputError
+from rpo.cli.commands.shared import NoFail, Output, Set, echo, end, write_texts
+from rpo.cli.display import print_table, progress
 
 
 def export(
@@ -35,33 +36,15 @@ def export(
     The C function needs nothing else, and gives the bits of the flown controller. The header beside
     the C file shows how to call and compile it.
     """
-    from rpo.exports import attitude_files, c, c_assured, text_of
-    from rpo.montecarlo.outputs import identifier, make_folder
-    from rpo_core.control import attitude
-    from rpo_core.control.controller import load_controller
-    from rpo_core.scenario.scenario import load_scenario
+    from rpo.door.conversion import exported
+    from rpo.montecarlo.outputs import make_folder
 
-    axis = attitude.axis_of(controller) if attitude.is_one(controller) else None
-    if axis is not None and (to != 'c' or assurance is not None):
-        raise InputError('a controller of attitude needs `--to c`, without `--assurance`')
-    if assurance is not None and to != 'c':
-        raise InputError(f'`--assurance` needs `--to c`; got {to}')
-    loaded = load_controller(controller) if axis is None else axis
-    path = output or Path(f'{identifier(loaded.name)}.{to}')
-    texts: tuple[str, ...]
-    if assurance is not None:
-        texts = c_assured.files(loaded, load_scenario(assurance), path.name)
-    elif axis is not None:
-        texts = attitude_files(axis, path.name)
-    elif to == 'c':
-        texts = c.files(loaded, path.name)
-    else:
-        texts = (text_of(loaded, to),)
+    texts = exported(controller, to, output, assurance)
     if output == Path('-'):
-        typer.echo(texts[0], nl=False)
+        typer.echo(texts[output], nl=False)
         return
-    make_folder(path.parent)
-    write_texts(dict(zip((path, path.with_suffix('.h')), texts, strict=False)))
+    make_folder(next(iter(texts)).parent)
+    write_texts(texts)
 
 
 _HELP = 'of an error (force) of 1, if the file does not say'
@@ -86,3 +69,74 @@ def import_(
     write_texts({output: dumps(loaded)})
     for warning in warnings(loaded.system):
         echo(f'warning: {warning}', err=True)
+
+
+LEAST = 1.1
+"""Factor from which a number counts as harder."""
+
+
+def scale(
+    controller: Annotated[str, Argument(help='shipped name or file')],
+    scenario: Annotated[str, Option(help='scenario or set (name or file) to scale for')],
+    changes: Set = None,
+    output: Output = None,
+    no_fail: NoFail = False,
+) -> None:
+    """Scale a controller for another vehicle and mission, without training, and fly it.
+
+    The loop is similar under scaling of mass, force, length and time. Its units of length and time
+    are chosen by flying the scenario from starts around its own. Prints which similarity numbers
+    still differ, and the verdict. Exit code 1: a requirement of the scenario is missed; the file is
+    written.
+    """
+    from rpo.cli.commands.evaluate import judge_by
+    from rpo.door.conversion import scaled
+    from rpo.door.flight import flown
+    from rpo.montecarlo import outputs
+    from rpo_core.control.controller import dumps
+    from rpo_core.judge import similarity
+    from rpo_core.scenario import overrides
+    from rpo_core.scenario.scenario import ScenarioSet
+    from rpo_log.show import report
+
+    fields = overrides.read(changes or [])
+    with progress() as show:
+        result = scaled(controller, scenario, fields, show)
+    search, mission, scenario_name = result.search, result.mission.subject, scenario
+    name = result.name if output is None else output.stem
+    path = output or Path(f'runs/scaled/{name}.yaml')
+    outputs.make_folder(path.parent)
+    if fields:
+        scenario_name = str(path.with_name(f'{path.stem}_scenario.yaml'))
+        outputs.write_text(Path(scenario_name), result.mission.text)
+    command = similarity.command(controller, scenario, changes or ())
+    law = search.named(name, controller, scenario_name, command)
+    outputs.write_text(path, dumps(law))
+    rows = []
+    for number, made in search.made.items():
+        here = search.here[number]
+        by = similarity.factor(number, made, here)
+        cells = ('–' if v is None else f'{v:.3g}' for v in (made, here, by))
+        rows.append((number, *cells, similarity.HARDER[number][1] if by and by > LEAST else ''))
+    headings = ('number', f'in {search.trained_for}', 'here', 'times harder', '')
+    print_table(headings, rows, f'{mission.name}, {controller} scaled: similarity numbers')
+    units, ratio = search.best.units, search.multiples
+    echo(
+        f'L = {units.length_m:.4g} m, T = {units.time_s:.4g} s, m = {units.mass_kg:g} kg: length × '
+        f'{ratio.length_m:.3g}, time × {ratio.time_s:.3g}, mass × {ratio.mass_kg:.3g}, force × '
+        f'{ratio.force_n:.3g}. It misses the fewest requirements of the {search.tried} scalings '
+        'that were flown, and then keeps the most room to the limits.'
+    )
+    if isinstance(mission, ScenarioSet):
+        failed = judge_by(law, law.name, mission)
+    else:
+        flight = flown(mission, law, {})
+        report.print_table(flight, f'{mission.name}, controller {law.name}')
+        failed = not flight.ok
+    for sentence in search.why:
+        echo(f'Why: {sentence}.')
+    if search.why:
+        again = shlex.join(['rpo', 'train', '--scenario', scenario_name])
+        echo(f'Training may do more: `{again}`')
+    echo(path)
+    end(failed, no_fail)

@@ -65,7 +65,7 @@ def verify(
     controller: Annotated[str, Option(help='of a bag without manifests: name or file')] = '',
 ) -> None:
     """Compute a logged flight again, bit for bit; print what is proven and what is not."""
-    from rpo_log.verify import verify as check
+    from rpo.door.evidence import verify as check
 
     _show(check(run, trusted, given, scenario, controller))
 

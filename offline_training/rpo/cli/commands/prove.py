@@ -5,12 +5,11 @@
 from __future__ import annotations
 
 import math
-import secrets
 import shlex
 import time
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from typer import Argument, Option
@@ -60,6 +59,7 @@ def prove(
 
     Finished cells are saved: Ctrl-C stops cleanly, --resume goes on.
     """
+    from rpo.door.proof import problem_of
     from rpo.proof.folder import Folder
 
     if check is not None:
@@ -90,7 +90,7 @@ def prove(
         'cell_m_s': cell_velocity,
         'claims': tuple(claim or ()),
     }
-    problem = _problem(controller, scenario, position, velocity, options)
+    problem = problem_of(scenario, controller, position, velocity, options)
     if estimate:
         _estimate(problem, estimate)
         return
@@ -98,61 +98,28 @@ def prove(
     end(_prove(Folder.create(path, problem), workers), no_fail)
 
 
-def _problem(
-    controller: str,
-    scenario: str,
-    position: float | None,
-    velocity: float,
-    options: dict[str, Any],
-) -> Problem:
-    from rpo.proof.claims import requirements_of
-    from rpo.proof.problem import Problem, Settings
-    from rpo_core.control.controller import load_controller
-    from rpo_core.scenario.scenario import ScenarioSet, load
-
-    loaded = load(scenario)
-    if isinstance(loaded, ScenarioSet):
-        base, starts = loaded.base, loaded.initial_positions_m
-        least, most = starts.min(axis=0), starts.max(axis=0)
-        centre, half = ((least + most) / 2).tolist(), ((most - least) / 2).tolist()
-    elif position is None:
-        raise InputError('`--scenario` names a single flight: give `--position` too')
-    else:
-        base, centre = loaded, loaded.initial_position_m
-    if position is not None:
-        half = [position] * 3
-    settings = Settings(
-        centre=(*centre, *base.initial_velocity_m_s), half=(*half, *3 * [velocity]), **options
-    )
-    problem = Problem.of(load_controller(controller), base, settings)
-    requirements_of(problem)
-    return problem
-
-
 def _prove(folder: Folder, workers: int) -> bool:
     """Make a proof; return whether a claim is refuted or open."""
-    from rpo.proof.certificate import PROVEN
-    from rpo.proof.claims import worst
-    from rpo.proof.proving import prove as make
+    from rpo.door.proof import proven
 
     problem = folder.problem
     if not problem.controller.system.rules.is_odd:
         echo('The rules are not odd: the whole box is proven, not half of it.', err=True)
     with shared.saved_work(folder.path, 'finished cells', 'rpo', 'prove') as show:
-        outcome = make(folder, workers, show)
-    _print(problem, outcome.claims, outcome.ranges)
-    for key in outcome.counterexamples:
+        proof = proven(folder, workers, show)
+    _print(problem, proof.claims, proof.outcome.ranges)
+    for key in proof.counterexamples:
         flight, _ = folder.flights(key)
         controller = str(folder.path / 'controller.yaml')
         echo(shlex.join(['rpo', 'simulate', str(flight), '--controller', controller]))
-    for group, (resumed, every) in outcome.resumed.items():
+    for group, (resumed, every) in proof.outcome.resumed.items():
         if resumed:
             echo(
                 f'Not checked: {resumed} of {every} units of {group} cells are of an earlier call, '
                 'as the folder says; --check looks at them'
             )
     echo(folder.path)
-    return worst(outcome.claims) != PROVEN
+    return not proof.ok
 
 
 def _estimate(problem: Problem, count: int) -> None:
@@ -176,8 +143,8 @@ def _estimate(problem: Problem, count: int) -> None:
 
 def _check(folder: Folder, cells: int, flights: int, seed: int | None) -> bool:
     """Check a proof, end at a wrong one; return whether a claim is refuted or open."""
+    from rpo.door.proof import checked
     from rpo.proof.certificate import PROVEN
-    from rpo.proof.check import Sample, check
     from rpo.proof.claims import worst
     from rpo.proof.folder import code_digest, origins
 
@@ -187,10 +154,9 @@ def _check(folder: Folder, cells: int, flights: int, seed: int | None) -> bool:
             'its bounds may differ in the last bits.',
             err=True,
         )
-    began, seed = time.perf_counter(), secrets.randbits(32) if seed is None else seed
-    sample = Sample(starts=cells, flights=flights, seed=seed)
+    began = time.perf_counter()
     with progress() as show:
-        found = check(folder, sample, show)
+        found = checked(folder, cells, flights, seed, show)
     for fault in found.faults:
         echo(f'WRONG: {fault}')
     if found.faults:
@@ -203,8 +169,8 @@ def _check(folder: Folder, cells: int, flights: int, seed: int | None) -> bool:
     echo(
         'Checked: that the cells cover the starts, and what follows from all of them; flights of '
         f'claims, flown again; the table of the surface; tubes of {drawn} cells, '
-        f'{sample.ticks} ticks of each in rational numbers; {flights} flights from cells of '
-        f'each kind at every tick; drawn by --seed {seed}'
+        f'{found.sample.ticks} ticks of each in rational numbers; {flights} flights from cells of '
+        f'each kind at every tick; drawn by --seed {found.sample.seed}'
     )
     for left in _not_checked(folder, found):
         echo(f'Not checked: {left}')

@@ -224,9 +224,9 @@ def is_one(name: str) -> bool:
     return isinstance(document, Mapping) and document.get('kind') in KINDS
 
 
-def axis_of(name: str) -> FuzzyController:
-    """Return the law of an axis of a fuzzy attitude controller, by name or path; see `axis`."""
-    loaded = load(name)
+def axis_of(controller: str | AttitudeController) -> FuzzyController:
+    """Return the law of an axis of a fuzzy attitude controller, or of its name; see `axis`."""
+    loaded = load(controller) if isinstance(controller, str) else controller
     if not isinstance(loaded, FuzzyAttitude):
         raise InputError(f'`controller` must be fuzzy here; {loaded.name} is of kind {loaded.kind}')
     return loaded.axis

@@ -16,9 +16,9 @@ from rpo_log.format.run import SUMS_FILE
 from rpo_log.read.decode import Message
 
 
-@dataclass
+@dataclass(repr=False)
 class Verification:
-    """The outcome of `verify`.
+    """The outcome of `verify`; `ok` if the whole flight is proven.
 
     ticks : ticks in the log
     difference : the first thing in the flight that is not as computed; None if there is none
@@ -55,6 +55,14 @@ class Verification:
     controllers: tuple[str, ...] = ()
     given: tuple[str, ...] = ()
     by_events: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f'<Verification {self.sentence()}>'
+
+    @property
+    def ok(self) -> bool:
+        """Whether every tick is as computed, and nothing was missing or given."""
+        return self.exit_code == ExitCode.OK
 
     @property
     def exit_code(self) -> ExitCode:
