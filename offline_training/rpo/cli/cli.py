@@ -4,23 +4,20 @@
 
 from __future__ import annotations
 
-from importlib.resources import files
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from typer import Option
+from typer import Argument, Option
 from typer.core import TyperGroup
 
 from rpo.cli.commands import (
     bench,
     campaign,
-    compare,
     evaluate,
     explain,
     export,
-    listing,
     log,
-    optimal,
     plan,
     prove,
     report,
@@ -29,8 +26,10 @@ from rpo.cli.commands import (
     train,
     truth,
 )
-from rpo_core.files import gone, parse_yaml
-from rpo_core.files.validation import InputError
+from rpo.cli.display import plain_console
+from rpo_core import files
+from rpo_core.files import gone
+from rpo_core.files.validation import InputError, choice, printable
 from rpo_log.errors import LogError
 
 
@@ -81,17 +80,38 @@ def _options(version: _Version = False) -> None:
     pass
 
 
+KINDS = {
+    'scenarios': 'scenario',
+    'plans': 'scenario',
+    'controllers': 'controller',
+    'attitude_controllers': 'attitude_controller',
+    'campaigns': 'campaign',
+}
+"""What is listed -> the kind of its files; a plan is a scenario with a section `guidance`."""
+
+
+def list_(what: Annotated[str, Argument(help=f'{", ".join(KINDS)}  [all]')] = '') -> None:
+    """Print the names of what ships: scenarios, plans, controllers, campaigns."""
+    console = plain_console()
+    for kind in [choice('what', what, KINDS)] if what else KINDS:
+        console.print(kind, style='bold')
+        for name, (about, document) in files.described(KINDS[kind]).items():
+            if KINDS[kind] == 'scenario' and ('guidance' in document) is not (kind == 'plans'):
+                continue
+            console.print(f'  {name:22s}{printable(about)}', soft_wrap=True)
+
+
 for _function in (
     train.train, simulate.simulate, export.scale, evaluate.evaluate, bench.bench,
-    optimal.optimal, plan.plan, campaign.campaign, truth.truth, prove.prove, compare.compare,
+    plan.optimal, plan.plan, campaign.campaign, truth.truth, prove.prove, evaluate.compare,
     explain.explain, export.export, export.import_, log.verify, log.sign, log.repair,
-    listing.list_, report.report,
+    list_, report.report,
 ):  # fmt: skip
     app.command(_function.__name__.rstrip('_'))(_function)
 app.add_typer(log.log, name='log')
 app.add_typer(safety.safety, name='safety')
 
-_EXAMPLES = parse_yaml(files('rpo.cli').joinpath('examples.yaml').read_text('utf-8'))
+_EXAMPLES = files.parse_yaml(Path(__file__).with_name('examples.yaml').read_text('utf-8'))
 for _prefix, _typer in (('', app), ('log ', log.log), ('safety ', safety.safety)):
     for _command in _typer.registered_commands:
         if _command.callback is not None:

@@ -11,22 +11,12 @@ import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Protocol
-
-from rich.box import SIMPLE_HEAD
-from rich.console import Console, Group
-from rich.live import Live
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeRemainingColumn,
-)
-from rich.table import Table
-from rich.text import Text
+from typing import TYPE_CHECKING, Protocol
 
 from rpo_core.files.validation import printable
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 EVERY_S = 10.0
 """Time between lines where there is no terminal."""
@@ -47,6 +37,8 @@ class Show(Protocol):
 
 def plain_console(stderr: bool = False) -> Console:
     """Return a console that prints texts as they are: a name may hold `[bold]` or `[/]`."""
+    from rich.console import Console
+
     return Console(stderr=stderr, force_jupyter=False, markup=False, highlight=False, emoji=False)
 
 
@@ -57,6 +49,10 @@ def print_table(
 
     left : number of columns, from the first, that are aligned to the left
     """
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+    from rich.text import Text
+
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
     for place, heading in enumerate(headings):
         table.add_column(Text(heading), justify='left' if place < left else 'right', no_wrap=True)
@@ -78,6 +74,17 @@ def progress(folder: Path | None = None, console: Console | None = None) -> Iter
     folder : of work that is saved there, which may wait for the compiler
     console : stderr if none is given
     """
+    from rich.console import Group
+    from rich.live import Live
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+    from rich.text import Text
+
     console = console or plain_console(stderr=True)
     bar = Progress(
         TextColumn('{task.description}', markup=False),
