@@ -34,6 +34,8 @@ from rpo_core import files
 from rpo_core.files.validation import InputError as InputError
 
 if TYPE_CHECKING:
+    from rpo.door.campaign import Campaign as Campaign
+    from rpo.door.campaign import campaign as campaign
     from rpo.door.conversion import export as export
     from rpo.door.conversion import scale as scale
     from rpo.door.evidence import Verification as Verification
@@ -52,6 +54,8 @@ if TYPE_CHECKING:
     from rpo.door.subjects import controllers as controllers
     from rpo.door.subjects import scenario as scenario
     from rpo.door.subjects import scenarios as scenarios
+    from rpo.door.train import Training as Training
+    from rpo.door.train import train as train
     from rpo_core.control.controller import FuzzyController as FuzzyController
     from rpo_core.judge.verdicts import Verdict as Verdict
     from rpo_core.scenario.scenario import Scenario as Scenario
@@ -59,6 +63,7 @@ if TYPE_CHECKING:
 files.SHIPPED['campaign'] = Path(__file__).parent / 'shipped' / 'campaigns'
 
 _MODULES = {
+    'Campaign': 'rpo.door.campaign',
     'Catalogue': 'rpo.door.subjects',
     'Explanation': 'rpo.door.flight',
     'Flight': 'rpo.door.flight',
@@ -66,8 +71,10 @@ _MODULES = {
     'Proof': 'rpo.door.proof',
     'Replay': 'rpo.door.flight',
     'Scenario': 'rpo_core.scenario.scenario',
+    'Training': 'rpo.door.train',
     'Verdict': 'rpo_core.judge.verdicts',
     'Verification': 'rpo.door.evidence',
+    'campaign': 'rpo.door.campaign',
     'campaigns': 'rpo.door.subjects',
     'controller': 'rpo.door.subjects',
     'controllers': 'rpo.door.subjects',
@@ -79,6 +86,7 @@ _MODULES = {
     'scale': 'rpo.door.conversion',
     'scenario': 'rpo.door.subjects',
     'scenarios': 'rpo.door.subjects',
+    'train': 'rpo.door.train',
     'verify': 'rpo.door.evidence',
 }
 """Name -> its module, imported as the name is asked for."""

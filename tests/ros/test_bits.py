@@ -16,8 +16,7 @@ from landing import rest_at_landing
 from mcap.reader import make_reader
 
 from rpo.montecarlo import config
-from rpo.montecarlo.run_batch import FINAL, fly_runs
-from rpo.montecarlo.single import fly_run
+from rpo.montecarlo.run_batch import FINAL, fly_run, fly_runs
 from rpo_core.assurance.settings import Assurance
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller

@@ -27,7 +27,7 @@ from rpo.analysis.attack_campaign import (
 from rpo.engine.lanes import FORCE, KNOWN_R, KNOWN_V, RUNS, STRIDE, R, V, make_scratch
 from rpo.engine.tick import table_of
 from rpo.montecarlo import config
-from rpo.montecarlo.single import scenario_of
+from rpo.montecarlo.run_batch import scenario_of
 from rpo_core.assurance.settings import Assurance
 from rpo_core.chain.flight import fly
 from rpo_core.files.validation import InputError

@@ -72,11 +72,11 @@ def test_a_campaign_flies_it_through_the_chain_and_says_so(run):
 
 
 SIDE_BY_SIDE = """
-from rpo.montecarlo import config, run_batch, single
+from rpo.montecarlo import config, run_batch
 campaign = config.load('campaign.yaml', controller='pd')
 columns = run_batch.fly_runs(campaign, 0, 45)
 for run in (0, 39, 44):
-    flight = single.fly_run(campaign, run)
+    flight = run_batch.fly_run(campaign, run)
     assert flight.signals['lagged_force'].any()
     assert [columns[name][run] for name in run_batch.FINAL] == flight.states[-1].tolist()
 print(columns['energy_n2s'].tolist())

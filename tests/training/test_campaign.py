@@ -8,7 +8,7 @@ from campaign_documents import EVERYTHING
 from scipy import stats
 
 from rpo.engine.parts.thrusters import thrust_matrix
-from rpo.montecarlo import config, judging, run_batch, sampling, single, statistics
+from rpo.montecarlo import config, judging, run_batch, sampling, statistics
 from rpo_core.thrusters.thrusters import rotation
 
 
@@ -53,7 +53,7 @@ def test_the_effects_are_those_of_physics(loaded):
     values = dict.fromkeys(runs.names, 0.0) | {'thrust_share_x': 0.1}
     matrix = thrust_matrix(values | {'misalignment_z_rad': np.pi / 2})
     np.testing.assert_allclose(matrix @ [1.0, 0.0, 0.0], [0.0, 1.1, 0.0], atol=1e-15)
-    flown = single.scenario_of(campaign, 0)
+    flown = run_batch.scenario_of(campaign, 0)
     assert flown.step.vxfx == pytest.approx(0.1 / runs.column('mass_kg')[0], rel=1e-5)
 
 

@@ -25,8 +25,7 @@ from rich.console import Console
 from rpo.cli.display import COMPILING, progress
 from rpo.montecarlo import config, execution, run_batch
 from rpo.montecarlo.pool import versions
-from rpo.montecarlo.run_batch import fly_runs
-from rpo.montecarlo.single import fly_run
+from rpo.montecarlo.run_batch import fly_run, fly_runs
 from rpo.montecarlo.statistics import kept, successes
 from rpo.montecarlo.store import Store
 from rpo_core.files.validation import InputError

@@ -16,11 +16,11 @@ from scipy import stats
 
 from rpo.engine import support
 from rpo.engine.parts import link
-from rpo.montecarlo import config, faults, run_batch, single
+from rpo.montecarlo import config, faults, run_batch
+from rpo.montecarlo.execution import sweep
 from rpo.montecarlo.quantities import QUANTITIES
 from rpo.montecarlo.run_batch import fly_runs
 from rpo.montecarlo.sampling import draw
-from rpo.montecarlo.sweep import sweep
 from rpo_core.assurance.settings import Assurance, Passage
 from rpo_core.assurance.shaping import Shaping
 from rpo_core.attitude.chaser import Chaser, Unloading, UnloadingStage, Wheels
@@ -351,7 +351,7 @@ def written_lines(campaign, drawn):
     Numbers are by seven digits.
     """
     try:
-        text = scenario.dumps(single.scenarios_of(campaign, drawn)[0])
+        text = scenario.dumps(run_batch.scenarios_of(campaign, drawn)[0])
     except InputError as error:
         text = str(error)
     return re.sub(r'-?\d+\.\d+(e-?\d+)?', lambda n: f'{float(n[0]) + 0.0:.7g}', text).splitlines()
@@ -411,7 +411,7 @@ def test_what_thrusters_spend_is_judged_as_the_verdict_of_each_flight(loaded):
     assert campaign.config.success == limits
     columns = fly_runs(campaign, 0, 3)
     for number in range(3):
-        found = {v.key: v.value for v in verdicts(single.fly_run(campaign, number))}
+        found = {v.key: v.value for v in verdicts(run_batch.fly_run(campaign, number))}
         assert found == {name: columns[name][number] for name in limits}
         assert found['propellant_kg'] > 0.0 and found['valve_openings'] > 10.0
     named = fly_runs(loaded(LEO, dispersions=SOME, success=limits), 0, 3)
@@ -487,7 +487,7 @@ def flown_alone(campaign, *numbers):
     """Return the flights of some runs, whose ends and energies are those of the campaign."""
     columns, flights = fly_runs(campaign, 0, 40), []
     for number in numbers:
-        flight = single.fly_run(campaign, number)
+        flight = run_batch.fly_run(campaign, number)
         final = [columns[name][number] for name in run_batch.FINAL]
         np.testing.assert_array_equal(final, flight.states[-1])
         energy = (flight.saturated_forces_n**2).sum() * campaign.scenario.dt_s
@@ -518,7 +518,7 @@ def test_torques_are_lost_and_late_with_their_forces(loaded):
 def test_it_is_what_the_free_running_plant_does(loaded):
     """The node's own plant, fed by hand with what comes when."""
     campaign = loaded(faults=LOSSY, dispersions={})
-    scenario, controller = single.scenario_of(campaign, 3), campaign.controller
+    scenario, controller = run_batch.scenario_of(campaign, 3), campaign.controller
     key = draw(campaign, 3, 1).keys[0].tolist()
     fates = [
         link.lateness(tick, *key, campaign.config.faults.fates) for tick in range(scenario.ticks)
@@ -535,7 +535,7 @@ def test_it_is_what_the_free_running_plant_does(loaded):
         plant.fly({CONTROL_FORCE: plant.applied(CONTROL_FORCE), DISTURBANCE_FORCE: push})
     assert set(fates) == {-1, 0, 3, 6}  # lost, in time, one message late, both
     assert stale > 0
-    assert plant.state == tuple(single.fly_run(campaign, 3).states[-1])
+    assert plant.state == tuple(run_batch.fly_run(campaign, 3).states[-1])
 
 
 def test_thrusters_empty_the_wheels_by_the_torques_that_acted(loaded):
@@ -544,7 +544,7 @@ def test_thrusters_empty_the_wheels_by_the_torques_that_acted(loaded):
     spread = {'wheel_start_x_share': {'uniform': 0.1}}
     campaign = loaded(emptied, faults=LOSSY, success=None, dispersions=spread)
     flight = flown_alone(campaign, 0, 39)[-1]
-    flown = single.scenario_of(campaign, 39)
+    flown = run_batch.scenario_of(campaign, 39)
     torques, made = flight.signals['body_torque'], flight.signals['unloading_torque']
     plant = UnloadingStage(flown.named('unloading'), flown)
     assert made.tolist() == [

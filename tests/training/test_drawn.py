@@ -10,7 +10,7 @@ import pytest
 from rpo.engine.population import population_of
 from rpo.engine.simulator import Simulator
 from rpo.montecarlo import run_batch
-from rpo.montecarlo.single import fly_run
+from rpo.montecarlo.run_batch import fly_run
 from rpo.training.config import load_start
 from rpo.training.scoring.drawn import HELD_OUT, DrawnFlights, DrawnSettings
 from rpo.training.scoring.fitness import Fitness, FitnessSettings, driving

@@ -24,7 +24,7 @@ from rpo.engine.parts.control import gain_part
 from rpo.engine.population import population_of
 from rpo.engine.simulator import Simulator
 from rpo.engine.tick import Draw
-from rpo.montecarlo import run_batch, single
+from rpo.montecarlo import run_batch
 from rpo.training import stepping
 from rpo.training.genes import GeneSpace
 from rpo_core.chain.flight import fly
@@ -198,7 +198,7 @@ def test_a_campaign_of_a_stranger_has_the_same_columns_and_says_so_once(loaded, 
     columns = run_batch.fly_runs(campaign, 0, 3)
     assert list(columns) == known
     for number in range(3):
-        flight = single.fly_run(campaign, number)
+        flight = run_batch.fly_run(campaign, number)
         final = [columns[name][number] for name in run_batch.FINAL]
         np.testing.assert_array_equal(final, flight.states[-1])
         row = metrics.row_of(flight)

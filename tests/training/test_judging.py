@@ -11,9 +11,8 @@ from invoking import invoke
 
 from rpo.analysis.comparison import CONTROLLERS
 from rpo.montecarlo import config, execution, judging
-from rpo.montecarlo.run_batch import fly_runs
+from rpo.montecarlo.run_batch import fly_runs, scenarios_of
 from rpo.montecarlo.sampling import draw
-from rpo.montecarlo.single import scenarios_of
 from rpo.montecarlo.statistics import rate, rates
 from rpo.montecarlo.store import Store
 from rpo.reports import campaign as report

@@ -31,7 +31,7 @@ from rpo.montecarlo import config, execution, run_batch
 from rpo.montecarlo.config import Campaign
 from rpo.montecarlo.judging import NOT_JUDGED, motion, sentence, words
 from rpo.montecarlo.outputs import digest_of, identifier, make_folder, markdown_table, write_text
-from rpo.montecarlo.single import fly_run
+from rpo.montecarlo.run_batch import fly_run
 from rpo.montecarlo.statistics import rate
 from rpo.proof import proven
 from rpo.training.scoring import fitness

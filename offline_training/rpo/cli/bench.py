@@ -28,7 +28,7 @@ from rpo.engine.cases import case_of_set
 from rpo.engine.population import population_of
 from rpo.engine.simulator import Simulator
 from rpo.exports import formats
-from rpo.montecarlo import config, outputs, run_batch, single
+from rpo.montecarlo import config, outputs, run_batch
 from rpo.montecarlo.execution import fly
 from rpo.montecarlo.store import Store
 from rpo.training.genes import GeneSpace
@@ -109,13 +109,13 @@ def campaign(runs: int, workers: int) -> tuple[float, float, float]:
     """Return wall and CPU time [s] of the campaign `paper_test`, and of a run in the core."""
     chosen = config.load('paper_test', runs=runs)
     run_batch.fly_runs(chosen, 0, 1)  # compiles
-    single.fly_run(chosen, 0)
+    run_batch.fly_run(chosen, 0)
     with tempfile.TemporaryDirectory() as folder:
         store = Store.create(Path(folder) / 'campaign', chosen)
         began, cpu = time.perf_counter(), time.process_time()
         fly(store, workers, progress=lambda count, successful: None)
         wall, cpu = time.perf_counter() - began, time.process_time() - cpu
-    one = 1.0 / per_cpu_s(lambda: single.fly_run(chosen, 1), 1)
+    one = 1.0 / per_cpu_s(lambda: run_batch.fly_run(chosen, 1), 1)
     return wall, cpu, one
 
 

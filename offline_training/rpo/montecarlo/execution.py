@@ -4,26 +4,33 @@
 
 The results of a unit depend on the campaign and the unit only, not on the worker or the order. A
 few units per worker are under way at a time, so that memory stays flat.
+
+`sweep`: how many lost or late messages a loop tolerates, success against their share.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Generator, Iterable, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Sequence
 from contextlib import closing
+from dataclasses import replace
 from functools import lru_cache
+from typing import Any, NamedTuple
 
 from rpo.montecarlo import pool
 from rpo.montecarlo.config import Campaign
-from rpo.montecarlo.run_batch import columns_of, fly_unit, units
-from rpo.montecarlo.statistics import document, successes
-from rpo.montecarlo.store import Store
+from rpo.montecarlo.faults import SHARES, Faults
+from rpo.montecarlo.run_batch import FINAL, columns_of, fly_run, fly_runs, fly_unit, units
+from rpo.montecarlo.statistics import Rate, document, rate, successes
+from rpo.montecarlo.store import Results
+from rpo_core.chain.flight import Flight
+from rpo_core.files.validation import InputError
 from rpo_core.kernels.arrays import Floats
 
-Results = Generator[tuple[int, Floats], None, None]
+Units = Generator[tuple[int, Floats], None, None]
 
 
 def fly(
-    store: Store,
+    store: Results,
     workers: int = 0,
     address: str = '',
     progress: Callable[[int, int], None] = lambda runs, successful: None,
@@ -46,7 +53,23 @@ def fly(
         store.finish(document(store))
 
 
-def results_of(campaign: Campaign, pending: Iterable[int], workers: int, address: str) -> Results:
+def fly_again(
+    campaign: Campaign, number: int, results: Results | None = None
+) -> tuple[dict[str, Floats], Flight]:
+    """Return the columns (1,) of a run, and its flight through the core.
+
+    Raises InputError if the two have other bits, or other ones than its results.
+    """
+    columns, flight = fly_runs(campaign, number, 1), fly_run(campaign, number)
+    same = [float(columns[name][0]) for name in FINAL] == flight.states[-1].tolist()
+    if results is not None:
+        same = same and all(results.column(n)[number] == columns[n][0] for n in columns)
+    if not same:
+        raise InputError(f'run {number}: the second flight has other bits: this is a defect')
+    return columns, flight
+
+
+def results_of(campaign: Campaign, pending: Iterable[int], workers: int, address: str) -> Units:
     """Yield the results of units as they come in; a cluster gets the texts of the campaign."""
     if address:
         calls = ((unit, (campaign.texts, unit)) for unit in pending)
@@ -83,3 +106,32 @@ def _campaign(texts: tuple[str, str, str]) -> Campaign:
 def fly_remote(texts: tuple[str, str, str], unit: int) -> Floats:
     """Fly a unit on a worker."""
     return fly_unit(_campaign(texts), unit)
+
+
+PERCENTS = tuple(range(0, 101, 10))
+
+FAULTS = {'lost': ('state_loss', 'force_loss'), 'late': ('state_delay', 'force_delay')}
+"""The shares that a sweep changes together: of states, and of forces."""
+
+
+class SweepPoint(NamedTuple):
+    """Success at one share: of the campaign as it is dispersed, and of its scenario alone."""
+
+    percent: int
+    dispersed: Rate
+    alone: Rate
+
+
+def sweep(campaign: Campaign, runs: int, kind: str) -> Iterator[SweepPoint]:
+    """Yield the success of so many flights, dispersed and alone, at each share of a kind."""
+    config = replace(campaign.config, runs=runs)
+    base = config.faults or Faults()
+    for percent in PERCENTS:
+        shares: dict[str, Any] = {n: percent / 100.0 * (n in FAULTS[kind]) for n in SHARES}
+        faults = replace(base, **shares) if percent else None
+        rates = []
+        for dispersions in (config.dispersions, {}):
+            flown = replace(config, dispersions=dispersions, faults=faults)
+            (kept,) = kept_of(campaign.with_config(flown), [flown.success])
+            rates.append(rate('success', kept, runs))
+        yield SweepPoint(percent, *rates)

@@ -50,11 +50,18 @@ _SUFFIXES = {
 
 def words(column: str, unit: bool = True) -> str:
     """Return the name of a column for people: `initial_vx_m_s` is 'initial vx [m/s]'."""
-    for suffix, shown in _SUFFIXES.items():
-        if column.endswith(suffix):
-            name = column.removesuffix(suffix).replace('_', ' ')
-            return f'{name} [{shown}]' if unit else name
-    return column.replace('_', ' ')
+    suffix = _suffix(column)
+    name = column.removesuffix(suffix).replace('_', ' ')
+    return f'{name} [{_SUFFIXES[suffix]}]' if unit and suffix else name
+
+
+def unit_of_column(column: str) -> str:
+    """Return the unit that the name of a column ends in; '' if none."""
+    return _SUFFIXES.get(_suffix(column), '')
+
+
+def _suffix(column: str) -> str:
+    return next((suffix for suffix in _SUFFIXES if column.endswith(suffix)), '')
 
 
 def motion(names: Iterable[str]) -> list[str]:

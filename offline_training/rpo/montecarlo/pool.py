@@ -56,7 +56,7 @@ def on_threads(
             for future in done:
                 yield under_way.pop(future), future.result()
     finally:
-        executor.shutdown(cancel_futures=True)
+        executor.shutdown(wait=False, cancel_futures=True)
 
 
 def run(

@@ -13,7 +13,7 @@ from scipy.stats import binomtest
 
 from rpo.montecarlo import judging
 from rpo.montecarlo.config import SHARE, CampaignConfig
-from rpo.montecarlo.store import Store
+from rpo.montecarlo.store import Results
 from rpo_core.kernels.arrays import Floats
 
 CONFIDENCE = 0.95
@@ -38,6 +38,11 @@ class Rate(NamedTuple):
     def interval(self) -> str:
         """The ends of the interval [%]."""
         return f'{self._shown(self.low)} to {self._shown(self.high)}'
+
+    @property
+    def cells(self) -> tuple[str, str, str, str]:
+        """Name, runs, share and interval, as tables show them."""
+        return self.name, f'{self.kept} / {self.runs}', f'{self.percent} %', f'{self.interval} %'
 
     def _shown(self, share: float) -> str:
         return f'{100 * share:.{2 if self.runs <= 10_000 else 3}f}'
@@ -102,7 +107,7 @@ def spread(name: str, unit: str, values: Floats, ends_m: Floats | None = None) -
     return Spread(name, unit, float(values.mean()), quantiles, float(values[worst]), worst, count)
 
 
-def ends_m(store: Store) -> Floats:
+def ends_m(store: Results) -> Floats:
     """Return how far (n,) the runs end from the goal."""
     names, goal_m = ('final_x_m', 'final_y_m', 'final_z_m'), store.campaign.scenario.goal_position_m
     offsets = [store.column(name) - r for name, r in zip(names, goal_m, strict=True)]
@@ -122,7 +127,7 @@ def nevers(found: Iterable[Spread], runs: int) -> list[str]:
     return list(dict.fromkeys(said))
 
 
-def rates(store: Store) -> list[Rate]:
+def rates(store: Results) -> list[Rate]:
     """Return the rate of success, that of the limits of motion, then of each limit by itself.
 
     The second is left out where it is one of the others. The last are those of limits of the
@@ -146,7 +151,16 @@ def rates(store: Store) -> list[Rate]:
     return found + beside
 
 
-def spreads(store: Store, names: Iterable[str] | None = None) -> list[Spread]:
+def rows(store: Results) -> list[tuple[str, str, str, str]]:
+    """Return the rates as tables show them, and what is not judged."""
+    required = store.campaign.required
+    return [rate.cells for rate in rates(store)] + [
+        (judging.label(name, required[name]), judging.NOT_JUDGED, '', '')
+        for name in judging.not_judged(store.campaign)
+    ]
+
+
+def spreads(store: Results, names: Iterable[str] | None = None) -> list[Spread]:
     """Return how metrics are distributed, all if none are named; few columns in memory at a time.
 
     The share that is judged is added, where it is.
@@ -160,7 +174,7 @@ def spreads(store: Store, names: Iterable[str] | None = None) -> list[Spread]:
     return found
 
 
-def document(store: Store) -> dict[str, Any]:
+def document(store: Results) -> dict[str, Any]:
     """Return the summary as a document: what was judged, the rates, the figures."""
     campaign, found_rates, found_spreads = store.campaign, rates(store), spreads(store)
     return {

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The folder of a campaign: its files, its partial results, its results.
+"""The results of a campaign: in memory, or in a folder with its files and its partial results.
 
 campaign.yaml, scenario.yaml, controller.yaml
     All that determines the outcome: the folder alone repeats any run.
@@ -21,7 +21,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Mapping
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import IO, Any
 
@@ -55,13 +55,51 @@ _BOUND = 'files_sha256'
 _NOT_DONE = bytes(_BYTES)
 
 
-class Store:
+class Results:
+    """The results of one campaign, in memory."""
+
+    def __init__(self, campaign: Campaign) -> None:
+        self.campaign, self.columns = campaign, columns_of(campaign)
+        self._units: dict[int, Floats] = {}
+
+    @property
+    def finished(self) -> bool:
+        """Whether all runs are done."""
+        return not self.pending()
+
+    def pending(self) -> list[int]:
+        """Return the units that are not done."""
+        return [u for u in range(units(self.campaign.config.runs)) if u not in self._units]
+
+    @property
+    def done_runs(self) -> int:
+        """Number of runs that are done."""
+        total = self.campaign.config.runs
+        return total - sum(min(UNIT, total - unit * UNIT) for unit in self.pending())
+
+    def alone(self) -> AbstractContextManager[None]:
+        """Lock the results; raises InputError if another process holds them."""
+        return nullcontext()
+
+    def put(self, unit: int, results: Floats) -> None:
+        """Store results (columns, n) of a unit."""
+        self._units[unit] = results
+
+    def finish(self, summary: Mapping[str, Any]) -> None:
+        """End a campaign whose runs are done."""
+
+    def column(self, name: str) -> Floats:
+        """Return a column (runs,) of a finished campaign."""
+        place = self.columns.index(name)
+        return np.concatenate([results[place] for _, results in sorted(self._units.items())])
+
+
+class Store(Results):
     """The folder of one campaign."""
 
     def __init__(self, folder: Path, campaign: Campaign) -> None:
-        self.folder, self.campaign = folder, campaign
-        self.bound = digest_of(*campaign.texts)
-        self.columns = columns_of(campaign)
+        super().__init__(campaign)
+        self.folder, self.bound = folder, digest_of(*campaign.texts)
 
     @classmethod
     def create(cls, folder: Path, campaign: Campaign) -> Store:
@@ -87,6 +125,12 @@ class Store:
         texts = dict(zip(reversed(_TEXTS), reversed(campaign.texts), strict=True))
         begin_folder(folder, texts, {**versions(), _BOUND: store.bound})
         return store
+
+    @classmethod
+    def begun(cls, folder: Path, campaign: Campaign) -> Store:
+        """Return the same campaign of a folder, or make it; raises InputError."""
+        same = (folder / _TEXTS[0]).is_file() and cls._texts(folder) == campaign.texts
+        return cls.open(folder) if same else cls.create(folder, campaign)
 
     @classmethod
     def open(cls, folder: Path) -> Store:
@@ -149,12 +193,6 @@ class Store:
     def _digest(self, unit: int, results: bytes) -> bytes:
         key = f'{self.bound} {unit} '.encode()
         return hashlib.blake2b(key + results, digest_size=_BYTES).digest()
-
-    @property
-    def done_runs(self) -> int:
-        """Number of runs that are done."""
-        total = self.campaign.config.runs
-        return total - sum(min(UNIT, total - unit * UNIT) for unit in self.pending())
 
     def alone(self) -> AbstractContextManager[None]:
         """Lock the folder; raises InputError if another process holds it."""

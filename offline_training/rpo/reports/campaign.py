@@ -15,9 +15,8 @@ from scipy.stats import norm, rankdata
 from rpo.montecarlo import judging
 from rpo.montecarlo.judging import words
 from rpo.montecarlo.quantities import QUANTITIES
-from rpo.montecarlo.run_batch import FINAL
+from rpo.montecarlo.run_batch import FINAL, fly_run
 from rpo.montecarlo.sampling import parameters_of
-from rpo.montecarlo.single import fly_run
 from rpo.montecarlo.statistics import (
     QUANTILES,
     Rate,
@@ -151,13 +150,24 @@ def _dots(points: Floats, colour: str) -> Any:
     return PathPatch(path, edgecolor=colour, facecolor='none', linewidth=2.2, capstyle='round')
 
 
+PANEL_IN = 2.3
+"""Height of a row of histograms."""
+
+
 def distributions(columns: Mapping[str, Floats], success: Bools) -> Any:
-    """Return histograms of metrics; columns : label with unit -> values (n,).
+    """Return a figure of the histograms of metrics, see `histograms`."""
+    rows = -(-len(columns) // 2)
+    figure, panels = style.new_panels(PANEL_IN * rows, rows, 2, squeeze=False)
+    histograms(panels, columns, success)
+    style.legend_below(figure, panels[0][0])
+    return figure
+
+
+def histograms(panels: Any, columns: Mapping[str, Floats], success: Bools) -> None:
+    """Draw histograms of metrics into panels (rows, 2); columns : label with unit -> values (n,).
 
     Runs whose value is infinite, what they never did, are not drawn.
     """
-    rows = -(-len(columns) // 2)
-    figure, panels = style.new_panels(2.3 * rows, rows, 2, squeeze=False)
     for axes in panels.ravel()[len(columns) :]:
         axes.set_axis_off()
     for axes, (label, values) in zip(panels.flat, columns.items(), strict=False):
@@ -178,8 +188,6 @@ def distributions(columns: Mapping[str, Floats], success: Bools) -> Any:
             axes.axvline(np.median(values[known]), **style.LIMIT, label='median')
         axes.set(xlabel=label, ylabel='number of runs', xlim=span)
         axes.grid(axis='x', visible=False)
-    style.legend_below(figure, panels[0][0])
-    return figure
 
 
 def sensitivity(found: Mapping[str, Sequence[Influence]], level: float) -> Any:
@@ -261,10 +269,7 @@ def _percent(rate: Rate) -> str:
 
 
 def _success(store: Store, found: list[Rate]) -> list[Block]:
-    rows: list[tuple[str, ...]] = [
-        (rate.name, f'{rate.kept} / {rate.runs}', f'{rate.percent} %', f'{rate.interval} %')
-        for rate in found
-    ]
+    rows: list[tuple[str, ...]] = [rate.cells for rate in found]
     rows += [
         (_limit(name, store.campaign.required[name]), judging.NOT_JUDGED, '', '')
         for name in judging.not_judged(store.campaign)

@@ -38,16 +38,20 @@ def _columns(path: Path) -> Any:
 
 
 def _convergence(history: Path) -> Any:
-    columns = _columns(history)
     figure, axes = style.new_panels(4.4)
+    convergence(axes, _columns(history))
+    style.legend_below(figure, axes)
+    return figure
+
+
+def convergence(axes: Any, columns: Any) -> None:
+    """Draw how a training converged; columns : those of its history, by name."""
     labels = 'fitness, mean of the generation', 'fitness, best so far', "the best's mean J"
     names = 'mean_fitness', 'best_fitness', 'best_energy_n2s'
     for name, label, colour in zip(names, labels, style.AXES, strict=True):
         axes.plot(columns['evaluations'], columns[name], color=colour, label=label)
     style.log_scale(axes)
     axes.set(xlabel='controllers evaluated', ylabel='fitness, J [N²s]')
-    style.legend_below(figure, axes)
-    return figure
 
 
 def _held_out(path: Path) -> Any:

@@ -42,6 +42,7 @@ from rpo_core.files.validation import (
 )
 from rpo_core.judge.metrics import PENALTY
 from rpo_core.judge.similarity import PAPER, range_m, time_s
+from rpo_core.scenario.overrides import read
 from rpo_core.scenario.scenario import Scenario
 
 COMMAND = 'rpo train'
@@ -202,14 +203,20 @@ def schema_of(path: Path) -> object:
     return document.get('schema') if isinstance(document, dict) else None
 
 
+EXAMPLE = 'ga.population=30'
+"""A setting as `--set` takes it."""
+
+
 def override(config: Config, settings: Sequence[str]) -> Config:
     """Return the configuration with settings like `ga.population=30` applied."""
-    for setting in settings:
-        key, equals, value = setting.partition('=')
-        if not equals or not key.strip():
-            raise InputError(f'`--set` must be like ga.population=30; got {shown(setting)}')
-        nested: Any = files.parse_yaml(value)
-        for name in reversed(key.strip().split('.')):
+    return changed(config, read(settings, EXAMPLE))
+
+
+def changed(config: Config, changes: Mapping[str, Any]) -> Config:
+    """Return the configuration with fields changed, whose names have dots into sections."""
+    for key, value in changes.items():
+        nested: Any = value
+        for name in reversed(key.split('.')):
             nested = {name: nested}
         config = updated(config, nested, '')
     return config

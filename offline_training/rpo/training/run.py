@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""A search in its folder: created, run, saved after each generation, resumed.
+"""A search: created, run, and, if it has a folder, saved after each generation, resumed.
 
 The folder holds the configuration, `checkpoint.npz` after each generation, and at the end the
 controller `<name>.yaml`. A search with the same objectives asks for the same chromosomes. So a run
@@ -15,6 +15,7 @@ import csv
 import hashlib
 import io
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib.metadata import version
@@ -155,7 +156,7 @@ Self = TypeVar('Self', bound='SearchRun[Any, Any]')
 
 
 class SearchRun(Generic[Config, Found]):
-    """A search in its folder; `run` runs it to its end, from its checkpoint if there is one.
+    """A search; `run` runs it to its end, in a folder from its checkpoint if there is one.
 
     config_type : class of the configuration
     unit, scored : of fitness and energy; what the provenance calls these, arrival, and misses
@@ -168,7 +169,7 @@ class SearchRun(Generic[Config, Found]):
         'fitness_n2s', 'mean_energy_n2s', 'mean_arrival_s', 'starts_that_miss',
     )  # fmt: skip
 
-    def __init__(self, config: Config, folder: Path, workers: int = 0) -> None:
+    def __init__(self, config: Config, folder: Path | None, workers: int = 0) -> None:
         self.config: Config = config
         self.folder = folder
         self.search = self.make_search()
@@ -248,6 +249,17 @@ class SearchRun(Generic[Config, Found]):
         return f'{len(self.starts.initial_positions_m)} starts'
 
     @classmethod
+    def begin(cls: type[Self], config: Any, folder: Path | None, workers: int = 0) -> Self:
+        """Return the same run of a folder, or a new one; raises InputError."""
+        if folder is None:
+            return cls(config, None, workers)
+        path = folder / cls.config_type.file
+        if not path.is_file() or files.read_text(path) != config.dumps():
+            return cls.create(config, folder, workers)
+        begun = (folder / CHECKPOINT).exists()
+        return cls.resume(folder, workers) if begun else cls(config, folder, workers)
+
+    @classmethod
     def create(cls: type[Self], config: Any, folder: Path, workers: int = 0) -> Self:
         """Return a new run; raises InputError if its folder holds another."""
         if (folder / cls.config_type.file).exists():
@@ -322,39 +334,47 @@ class SearchRun(Generic[Config, Found]):
             If another process runs it, or a file cannot be written.
         """
         processor.warn_unless_pinned()
-        path = self.folder / self.config_type.file
-        with alone(path, 'goes on with this run'), self.fitness.simulator:
+        with self._alone(), self.fitness.simulator:
             while not self.search.stopped:
                 self._enter_stage()
                 genes = self.search.ask()
                 scores = self.fitness.score(self.decode(genes))
                 self._enter(genes, scores)
-                self.checkpoint.save(self.folder / CHECKPOINT)
+                if self.folder is not None:
+                    self.checkpoint.save(self.folder / CHECKPOINT)
                 report()
             self._enter_stage()
             best = self.found()
-            self.save(best)
-            self.save_more()
+            if self.folder is not None:
+                self.save(best, self.folder)
+                self.save_more(self.folder)
         return best
 
-    def save(self, controller: Found) -> None:
-        """Write a controller into the folder."""
-        write_text(self.folder / f'{controller.name}.yaml', self.dumps(controller))
+    def _alone(self) -> AbstractContextManager[None]:
+        """Lock the folder."""
+        if self.folder is None:
+            return nullcontext()
+        return alone(self.folder / self.config_type.file, 'goes on with this run')
+
+    def save(self, controller: Found, folder: Path) -> None:
+        """Write a controller into a folder."""
+        write_text(folder / f'{controller.name}.yaml', self.dumps(controller))
 
     def dumps(self, controller: Any) -> str:
         """Return the YAML text of a controller."""
         return controllers.dumps(controller)
 
-    def save_more(self) -> None:
-        """Write what the folder holds beside the best: `history.csv`, a row for each generation."""
-        self.write_csv(HISTORY, self.history)
+    def save_more(self, folder: Path) -> None:
+        """Write what a folder holds beside the best: `history.csv`, a row for each generation."""
+        write_csv(folder / HISTORY, self.history)
 
-    def write_csv(
-        self, name: str, rows: Sequence[Mapping[str, object]], columns: Sequence[str] = ()
-    ) -> None:
-        """Write rows into the folder."""
-        text = io.StringIO()
-        writer = csv.DictWriter(text, columns or list(rows[0]), lineterminator='\n')
-        writer.writeheader()
-        writer.writerows(rows)
-        write_text(self.folder / name, text.getvalue())
+
+def write_csv(
+    path: Path, rows: Sequence[Mapping[str, object]], columns: Sequence[str] = ()
+) -> None:
+    """Write rows, with headings."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns or list(rows[0]), lineterminator='\n')
+    writer.writeheader()
+    writer.writerows(rows)
+    write_text(path, text.getvalue())

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from rpo.analysis.judgement import PAPER, assess
 from rpo.engine.population import Population
 from rpo.training.algorithms import Search, cma_es, genetic, pareto
 from rpo.training.config import TrainingConfig, load_start
-from rpo.training.run import SearchRun
+from rpo.training.run import SearchRun, write_csv
 from rpo.training.scoring.drawn import HELD_OUT
 from rpo.training.scoring.fitness import Fitness, Scores
 from rpo.training.staged import Finalist, TableRace
@@ -84,15 +85,15 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
         """Return the best so far, its provenance filled in."""
         return self.controller(self.best_genes, self.config.name)
 
-    def save_more(self) -> None:
+    def save_more(self, folder: Path) -> None:
         """Write `history.csv`; for a front, its controllers; the finalists."""
-        super().save_more()
+        super().save_more(folder)
         if self.config.algorithm == 'nsga2':
-            self._save_front()
+            self._save_front(folder)
         if self.history[-1]['stage'] == HELD_OUT and isinstance(self.search, TableRace):
-            self._save_finalists(self.search.finalists)
+            self._save_finalists(self.search.finalists, folder / FINALISTS)
 
-    def _save_finalists(self, finalists: list[Finalist]) -> None:
+    def _save_finalists(self, finalists: list[Finalist], path: Path) -> None:
         """Write the finalists: by the draws that they were trained with, and by those held out."""
         rows: list[Mapping[str, object]] = []
         for finalist, scores in zip(finalists, self.checkpoint.scores[-1], strict=True):
@@ -105,7 +106,7 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
             }
             counts = zip(self.fitness.labels, map(int, missed), strict=True)
             rows.append(row | {f'held_out_misses_{name}': n for name, n in counts})
-        self.write_csv(FINALISTS, rows)
+        write_csv(path, rows)
 
     def controller(self, genes: Floats, name: str) -> FuzzyController:
         """Return the controller of a chromosome, its provenance filled in."""
@@ -118,7 +119,7 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
             more['targets'] = {target.what: target.reached for target in assess(found).targets()}
         return self.credited(found, config.algorithm, scores, **more)
 
-    def _save_front(self) -> None:
+    def _save_front(self, folder: Path) -> None:
         """Write the controllers without penalty that no other beats in both objectives."""
         genes, scores = np.concatenate(self.chromosomes), np.concatenate(self.checkpoint.scores)
         clean = np.flatnonzero(scores[:, 2:-1].sum(axis=1) == 0)
@@ -130,7 +131,7 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
             if scores[index, -1] < soonest:
                 soonest = scores[index, -1]
                 name = f'{self.config.name}_{len(front):03d}'
-                self.save(self.controller(genes[index], name))
+                self.save(self.controller(genes[index], name), folder)
                 row = name, float(scores[index, 1]), float(soonest)
                 front.append(dict(zip(columns, row, strict=True)))
-        self.write_csv(FRONT, front, columns)
+        write_csv(folder / FRONT, front, columns)

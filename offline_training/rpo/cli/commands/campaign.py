@@ -18,7 +18,7 @@ from rpo.montecarlo import outputs
 from rpo_core.files.validation import InputError
 
 if TYPE_CHECKING:
-    from rpo.montecarlo.config import Campaign
+    from rpo.montecarlo.config import Campaign as Definition
     from rpo.montecarlo.store import Store
 
 FAULT_RUNS = 400
@@ -50,8 +50,7 @@ def campaign(
     """
     from rpo.montecarlo.store import Store
 
-    options = {'runs': runs, 'seed': seed, 'controller': controller, 'set': sets, 'judge': judge}
-    changes = {name: value for name, value in options.items() if value is not None}
+    own = {name: n for name, n in {'runs': runs, 'seed': seed}.items() if n is not None}
     shared.refuse_workers_of_a_scheduler(workers, cluster)
     if resume is not None:
         shared.refuse_beside(context, 'resume', 'workers', 'cluster', 'least', 'no_fail')
@@ -63,7 +62,7 @@ def campaign(
         raise InputError('`--export` writes one run: give --run too')
     if least is not None and (faults or run is not None):
         raise InputError('`--least` judges a whole campaign: no `--run` and no `--faults`')
-    chosen, store = _of_source(source, changes)
+    chosen, store = _of_source(source, controller, own, sets or [], judge or [])
     if run is not None:
         _show_run(chosen, store, run)
         _for_ros(chosen, source, run, export, sets or [])
@@ -76,10 +75,10 @@ def campaign(
         end(_fly(Store.create(folder, chosen), workers, cluster, least), no_fail)
 
 
-def _faults(chosen: Campaign, runs: int) -> None:
+def _faults(chosen: Definition, runs: int) -> None:
+    from rpo.montecarlo.execution import FAULTS, PERCENTS, SweepPoint, sweep
     from rpo.montecarlo.faults import Faults
     from rpo.montecarlo.judging import sentence
-    from rpo.montecarlo.sweep import FAULTS, PERCENTS, SweepPoint, sweep
 
     config, base = chosen.config, chosen.config.faults or Faults()
     found: dict[str, list[SweepPoint]] = {kind: [] for kind in FAULTS}
@@ -107,16 +106,18 @@ def _faults(chosen: Campaign, runs: int) -> None:
     print_table(('share %', *headings), table, left=0)
 
 
-def _of_source(source: str, changes: dict[str, Any]) -> tuple[Campaign, Store | None]:
-    from rpo.montecarlo import config
+def _of_source(
+    source: str, controller: str | None, own: dict[str, Any], sets: list[str], judge: list[str]
+) -> tuple[Definition, Store | None]:
+    from rpo.door.campaign import defined
     from rpo.montecarlo.store import Store
+    from rpo_core.scenario import overrides
 
     if not Path(source).is_dir():
-        overridden, judge = changes.pop('set', []), changes.pop('judge', [])
-        campaign = config.load(source, overridden, **changes)
-        return campaign.judging(judge) if judge else campaign, None
-    if changes:
-        raise InputError(f'`--{next(iter(changes))}` cannot change a campaign that has results')
+        return defined(source, controller, own, overrides.read(sets), judge=judge), None
+    given = {**own, 'controller': controller, 'set': sets, 'judge': judge}
+    for name in (name for name, value in given.items() if value not in (None, [])):
+        raise InputError(f'`--{name}` cannot change a campaign that has results')
     store = Store.open(Path(source))
     if not store.finished:
         raise InputError(f'{source}: is not finished: go on with --resume')
@@ -125,18 +126,10 @@ def _of_source(source: str, changes: dict[str, Any]) -> tuple[Campaign, Store | 
 
 def _fly(store: Store, workers: int, cluster: str, least: float | None) -> bool:
     """Fly what is missing of a campaign and print it; return whether too few runs succeed."""
-    from rpo.montecarlo.execution import fly
+    from rpo.door.campaign import flown
 
-    before, new, kept = store.done_runs, 0, 0
     with shared.saved_work(store.folder, 'finished runs', 'rpo', 'campaign') as show:
-
-        def advance(runs: int, successful: int) -> None:
-            nonlocal new, kept
-            new, kept = new + runs, kept + successful
-            sentence = f'{100 * kept / new:.2f} % succeed'
-            show('runs', before + new, store.campaign.config.runs, sentence)
-
-        fly(store, workers, cluster, advance)
+        flown(store, workers, cluster, show)
     missed = _print(store, least)
     echo(store.folder / 'results.npz')
     return missed
@@ -145,15 +138,11 @@ def _fly(store: Store, workers: int, cluster: str, least: float | None) -> bool:
 def _print(store: Store, least: float | None) -> bool:
     """Print a campaign; return whether fewer percent of its runs succeed than `least`."""
     from rpo.montecarlo import judging
-    from rpo.montecarlo.statistics import QUANTILES, cells, nevers, rates, spreads
+    from rpo.montecarlo.statistics import QUANTILES, cells, nevers, rates, rows, spreads
 
-    config, required = store.campaign.config, store.campaign.required
-    found = rates(store)
-    shares = [(r.name, f'{r.kept} / {r.runs}', f'{r.percent} %', f'{r.interval} %') for r in found]
-    for name in judging.not_judged(store.campaign):
-        shares.append((judging.label(name, required[name]), judging.NOT_JUDGED, '', ''))
+    config = store.campaign.config
     title = f'{config.name}: {config.controller}, {config.scenario}, seed {config.seed}'
-    print_table(('', 'runs', 'share', 'Wilson 95 %'), shares, title)
+    print_table(('', 'runs', 'share', 'Wilson 95 %'), rows(store), title)
     echo(f'success: {judging.sentence(store.campaign)}')
     shown = spreads(store, judging.figures(store.campaign))
     numbers = [(s.name, *cells(s)) for s in shown]
@@ -162,22 +151,21 @@ def _print(store: Store, least: float | None) -> bool:
         echo(line)
     if least is None:
         return False
-    holds = 100 * found[0].kept >= least * found[0].runs
+    rate = rates(store)[0]
+    holds = 100 * rate.kept >= least * rate.runs
     typer.echo(f'success of at least {least:g} % of the runs: {"held" if holds else "MISSED"}')
     return not holds
 
 
-def _show_run(chosen: Campaign, store: Store | None, number: int) -> None:
+def _show_run(chosen: Definition, store: Store | None, number: int) -> None:
     """Print a run, flown by the core too: the bits must be the same, and those of its folder."""
     from rpo.montecarlo import judging
     from rpo.montecarlo.config import METRICS
-    from rpo.montecarlo.run_batch import FINAL, fly_runs
-    from rpo.montecarlo.single import fly_run
+    from rpo.montecarlo.execution import fly_again
 
     if number >= chosen.config.runs:
         raise InputError(f'`--run` must be at most {chosen.config.runs - 1}; got {number}')
-    columns = fly_runs(chosen, number, 1)
-    flight = fly_run(chosen, number)
+    columns, _ = fly_again(chosen, number, store)
     asked = judging.figures(chosen)
     rows = [
         (name, judging.number(value, chosen.metrics.get(name, ''), '.6g'))
@@ -187,20 +175,15 @@ def _show_run(chosen: Campaign, store: Store | None, number: int) -> None:
     print_table(('', 'value'), rows, f'{chosen.config.name}, run {number}')
     print_table(('judged', 'value', 'limit', ''), judging.of_run(chosen, columns))
     echo(f'success: {judging.sentence(chosen)}')
-    same = [float(columns[name][0]) for name in FINAL] == flight.states[-1].tolist()
-    if store is not None:
-        same = same and all(store.column(name)[number] == columns[name][0] for name in columns)
-    if not same:
-        raise InputError(f'run {number}: the second flight has other bits: this is a defect')
     what = 'the core' if store is None else 'the core and of the campaign'
     typer.echo(f'The bits are those of {what}.')
 
 
 def _for_ros(
-    chosen: Campaign, source: str, number: int, export: Path | None, sets: list[str]
+    chosen: Definition, source: str, number: int, export: Path | None, sets: list[str]
 ) -> None:
     """Write the scenario of a run, if asked to; print the command that flies it on ROS 2."""
-    from rpo.montecarlo.single import scenario_of
+    from rpo.montecarlo.run_batch import scenario_of
     from rpo_core.scenario import scenario
 
     if chosen.config.faults is not None:

@@ -15,7 +15,7 @@ from rpo.cli.commands.shared import NoFail, Output, Resume, Workers, echo
 from rpo_core.files.validation import InputError, choice
 
 if TYPE_CHECKING:
-    from rpo.training.run import Config, Found, SearchRun
+    from rpo.door.train import AnyRun
 
 
 def train(
@@ -51,63 +51,57 @@ def train(
 
     Exit code 1: the best controller, which is written, misses a condition.
     """
-    from rpo.training import config as configs
-    from rpo.training.attitude_training import PRESETS, AttitudeConfig, AttitudeTraining
-    from rpo.training.family_training import FamilyConfig, FamilyTraining
+    from rpo.door.train import SEARCHES, configured, named_as
+    from rpo.training.attitude_training import PRESETS as ATTITUDE
+    from rpo.training.config import EXAMPLE, PRESETS, schema_of
+    from rpo.training.family_training import FamilyConfig
     from rpo.training.training import Training
-    from rpo.training.tuning import Tuning, TuningConfig
-    from rpo_core.judge.similarity import PAPER
+    from rpo.training.tuning import TUNING_SPACES, TuningConfig
+    from rpo_core.control.family import family_of
+    from rpo_core.scenario.overrides import read
 
-    searches: tuple[Any, ...] = (FamilyTraining, AttitudeTraining, Tuning, Training)
     if resume is not None:
         shared.refuse_beside(context, 'resume', 'workers', 'plots', 'no_fail')
+        searches = SEARCHES.values()
         search = next((s for s in searches if (resume / s.config_type.file).exists()), Training)
         _refuse_of_another_kind(context, search)
-        _finish(search.resume(resume, workers), plots, no_fail)
+        _finish(search.resume(resume, workers), resume, plots, no_fail)
         return
-    changes = list(settings or ())
-    keys = {setting.partition('=')[0].strip() for setting in changes}
-    for key in sorted(keys & set(shared.given(context))):
+    changes = read(settings or (), EXAMPLE)
+    for key in sorted(changes.keys() & set(shared.given(context))):
         option = shared.given(context)[key]
         raise InputError(f'`{option}` and `--set {key}=...` say the same: give one of them')
     if config is not None and preset:
         raise InputError('`--preset` and `--config` are two configurations: give one of them')
-    if 'scenario' in keys:
+    if 'scenario' in changes:
         raise InputError('`--set scenario=...` would keep the scales: use `--scenario`')
-    schema = '' if config is None else configs.schema_of(config)
+    schema = '' if config is None else schema_of(config)
     named = 'a baseline' if kind else '`--family`' if family else '`--config`'
-    base: Any
     if kind or family or schema in (FamilyConfig.schema, TuningConfig.schema):
         if preset or algorithm or attitude or (kind and family):
             raise InputError(f'{named} takes no `--preset`, `--algorithm` and `--attitude`')
         if config is not None and (kind or family or scenario):
             raise InputError('`--config` says what is searched and the scenario: give neither')
-        if config is not None:
-            base = (FamilyConfig if schema == FamilyConfig.schema else TuningConfig).load(config)
-        else:
-            of: Any = FamilyConfig if family else TuningConfig
-            base = of.of(family or str(kind), scenario=scenario or PAPER)
+        if kind:
+            choice('kind', kind, TUNING_SPACES)
+        elif family:
+            family_of(family)
     elif attitude and scenario:
         raise InputError('`--attitude` takes no `--scenario`')
-    else:
-        presets: Any = PRESETS if attitude else configs.PRESETS
-        name = preset or ('mission' if scenario else 'paper')
-        base = presets[choice('--preset', name, presets)]
-        if config is not None:
-            base = (AttitudeConfig if attitude else configs.TrainingConfig).load(config)
-        base = configs.fitted(base, scenario) if scenario else base
-    search = next(s for s in searches if s.config_type is type(base))
-    _refuse_of_another_kind(context, search)
+    elif preset:
+        choice('--preset', preset, ATTITUDE if attitude else PRESETS)
     given = {'seed': seed, 'algorithm': algorithm}
-    changes = [*(f'{k}={v}' for k, v in given.items() if v is not None), *changes]
-    chosen = configs.override(base, changes)
+    changes = {**{k: v for k, v in given.items() if v is not None}, **changes}
+    chosen = configured(config or kind or family or preset, scenario, attitude, changes)
+    search = SEARCHES[type(chosen)]
+    _refuse_of_another_kind(context, search)
     folder = output or Path('runs') / f'{chosen.name}_{chosen.seed}'
-    if 'name' not in keys:
-        chosen = configs.override(chosen, [f'name={folder.resolve().name}'])
+    if 'name' not in changes:
+        chosen = named_as(folder, chosen)
     if show:
         typer.echo(chosen.dumps(), nl=False)
         return
-    _finish(search.create(chosen, folder, workers), plots, no_fail)
+    _finish(search.create(chosen, folder, workers), folder, plots, no_fail)
 
 
 def _refuse_of_another_kind(context: typer.Context, search: Any) -> None:
@@ -121,40 +115,29 @@ def _refuse_of_another_kind(context: typer.Context, search: Any) -> None:
         )
 
 
-def _finish(run: SearchRun[Config, Found], plots: bool, no_fail: bool) -> None:
+def _finish(run: AnyRun, folder: Path, plots: bool, no_fail: bool) -> None:
     """Fly a run to its end, print the best, and draw what the training of a force has found."""
+    from rpo.door.train import trained
     from rpo.training.training import Training
 
-    with shared.saved_work(run.folder, 'finished generations', 'rpo', 'train') as show:
-
-        def report() -> None:
-            row = run.history[-1]
-            missed = ' '.join(f'{name} {row[f"best_misses_{name}"]}' for name in run.fitness.labels)
-            show(
-                run.search.phase,
-                row['generation'],
-                row['generation'] + run.search.left,
-                f'best {row["best_fitness"]:.4f} (J {row["best_energy_n2s"]:.4f}; misses {missed}) '
-                f'mean {row["mean_fitness"]:.1f} ± {row["fitness_spread"]:.1f}',
-            )
-
-        best = run.run(report)
+    with shared.saved_work(folder, 'finished generations', 'rpo', 'train') as show:
+        ended = trained(run, show)
+    best, (fitness, energy, _, misses) = ended.best, ended.scores
     made = best.provenance
     echo(f'{made["stopped"]}; {made["evaluations"]} controllers evaluated')
-    fitness, energy, _, misses = (made[name] for name in run.scored)
     missed = ', '.join(f'{name} {n}' for name, n in misses.items())
     typer.echo(
         f'fitness {fitness:.4f} {run.unit}, mean J {energy:.4f} {run.unit}; '
         f'of {run.flown} miss: {missed}'
     )
-    echo(f'{run.folder / best.name}.yaml')
+    echo(f'{folder / best.name}.yaml')
     if plots and isinstance(run, Training):
         try:
             from rpo.reports.training import draw_run
         except ImportError:
             typer.echo('No pictures: matplotlib is not installed.', err=True)
         else:
-            for path in draw_run(run.folder):
+            for path in draw_run(folder):
                 echo(path)
     which = ', '.join(f'{name} from {n} of {run.flown}' for name, n in misses.items() if n)
     if which:

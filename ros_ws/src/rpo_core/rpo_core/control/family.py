@@ -137,9 +137,13 @@ class Family(Baseline):
         """Return what is proven of it."""
 
 
+def families() -> dict[str, type[Family]]:
+    """Return name -> family, those of plug-ins too."""
+    kinds = sorted(controller_file.kinds().items())
+    return {name: kind for name, kind in kinds if issubclass(kind, Family)}
+
+
 def family_of(name: str) -> type[Family]:
     """Return the family of a name; raises InputError."""
-    known = {
-        n: kind for n, kind in sorted(controller_file.kinds().items()) if issubclass(kind, Family)
-    }
+    known = families()
     return known[choice('family', name, known)]

@@ -31,14 +31,14 @@ def text_of(name: str, changes: Sequence[str]) -> str:
         return changed(content, read(changes))
 
 
-def read(changes: Sequence[str]) -> dict[str, Any]:
+def read(changes: Sequence[str], example: str = 'mass_kg=12.0') -> dict[str, Any]:
     """Return field -> value of changes KEY=VALUE; raises InputError."""
     values = {}
     for change in changes:
         key, equals, value = change.partition('=')
         key = key.strip()
         if not equals or not key.rpartition('.')[2]:
-            raise InputError(f'`--set` must be KEY=VALUE, like mass_kg=12.0; got {shown(change)}')
+            raise InputError(f'`--set` must be KEY=VALUE, like {example}; got {shown(change)}')
         with within(f'`{key}`'):
             values[key] = files.parse_yaml(value)
     return values
