@@ -201,6 +201,7 @@ def test_a_package_has_what_a_release_needs(package):
     licence = manifest.find('license')
     assert (folder / licence.get('file')).read_bytes() == (ROOT / 'LICENSE').read_bytes()
     assert (folder / 'README.md').read_text().startswith(f'# {package}\n')
+    assert (folder / package / '__init__.py').is_file()  # else `colcon build` installs no module
     changes = (folder / 'CHANGELOG.rst').read_text()
     assert f'\nChangelog for package {package}\n' in changes
     found = Changelog(package)  # the parser passes over what is not released
