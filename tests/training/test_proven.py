@@ -11,7 +11,6 @@ from invoking import refused
 from proofs import problem_of
 
 from rpo.analysis.comparison import CONTROLLERS
-from rpo.cli.commands import prove
 from rpo.proof import proven
 from rpo.proof.folder import Folder
 from rpo_core import files
@@ -109,9 +108,9 @@ def test_a_proof_of_the_box_is_published_in_the_place_of_the_older_one(tmp_path,
     proven.write(shipped)
     assert proven.PATH.read_text() == kept
     monkeypatch.setattr(proven, 'shipped', lambda: files.load(proven.PATH, proven.parse))
-    prove._publish(shipped[0])
+    proven.publish(shipped[0])
     assert (proven.PATH.read_text(), page.read_text()) == (kept, (DOCS / 'proof.md').read_text())
-    prove._publish(replace(shipped[0], claims=()))
+    proven.publish(replace(shipped[0], claims=()))
     assert proven.shipped() == (replace(shipped[0], claims=()), *shipped[1:])
     assert page.read_text() != (DOCS / 'proof.md').read_text()
 

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -64,7 +65,8 @@ def verify(
         path = _path_of(run, Path(scratch)) if isinstance(run, Flight) else run
         if not isinstance(path, (str, Path)):
             raise InputError(f'run: folder, .mcap file or Flight expected; got {shown(run)}')
-        return logs.verify(path, keys, given, scenario, controller)
+        outcome = logs.verify(path, keys, given, scenario, controller)
+    return replace(outcome, path=Path(run.scenario.name)) if isinstance(run, Flight) else outcome
 
 
 class Reported(NamedTuple):

@@ -71,7 +71,7 @@ class Sample:
     seed: int = 1
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Checked:
     """What the checker found.
 
@@ -86,6 +86,10 @@ class Checked:
     ranges: dict[str, Range]
     drawn: dict[str, tuple[int, int]]
     sample: Sample = Sample()
+
+    def __repr__(self) -> str:
+        drawn = ', '.join(f'{some} of {every} {g}' for g, (some, every) in self.drawn.items())
+        return f'<Checked {drawn} cells: {"; ".join(self.faults) or "nothing wrong was found"}>'
 
     @property
     def ok(self) -> bool:

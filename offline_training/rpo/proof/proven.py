@@ -13,19 +13,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from rpo.montecarlo.outputs import digest_of, markdown_table, write_text
+from rpo.montecarlo.outputs import digest_of, markdown_table, put, write_text
 from rpo.proof.certificate import PROVEN, REFUTED, UNDECIDED, verdict_of
+from rpo.proof.problem import Settings
 from rpo.training.scoring.conditions import LABELS, PAPER, label
 from rpo_core import files
 from rpo_core.control import controller as controllers
-from rpo_core.control.controller import AnyController, FuzzyController
+from rpo_core.control.controller import AnyController, FuzzyController, load_fuzzy
 from rpo_core.control.family import Family
 from rpo_core.files import codec
-from rpo_core.files.validation import schema
+from rpo_core.files.validation import InputError, schema
+from rpo_core.scenario.scenario import load_set
+
+if TYPE_CHECKING:
+    from rpo.proof.folder import Folder
 
 PATH = Path(__file__).parents[2] / 'proofs' / 'proven.yaml'
 """The file of the results."""
@@ -136,3 +141,35 @@ def markdown(proofs: Sequence[Proof]) -> str:
     rows = [(*claim, *(row.get(name, '') for name in names)) for claim, row in cells.items()]
     heads = ('claim', 'limit', *(f'`{proof.command}`' for proof in proofs))
     return '\n'.join(markdown_table(heads, rows)) + '\n'
+
+
+def of_folder(folder: Folder, options: str) -> Proof:
+    """Return what the folder of `rpo prove NAME` shows; raises InputError if it is of another."""
+    found, problem = load_set('paper_training'), folder.problem
+    name, most = problem.controller.name, found.initial_positions_m.max(axis=0).tolist()
+    asked = Settings(centre=(0.0,) * 6, half=(*most, 0.0, 0.0, 0.0))
+    same = ('centre', 'half', 'mass_share', 'disturbance_share', 'any_n', 'claims')
+    if problem.scenario != found.base or any(
+        getattr(problem.settings, field) != getattr(asked, field) for field in same
+    ):
+        raise InputError(f'{folder.path}: must be that of `rpo prove NAME`, without other options')
+    digest = numbers_of(problem.controller)
+    if numbers_of(load_fuzzy(name)) != digest:
+        raise InputError(f'{folder.path}: has other numbers than the one that ships as {name}')
+    fields = ('statement', 'unit', 'limit', 'bound', 'found')
+    claims = tuple(
+        ProvenClaim(key, *(claim[field] for field in fields))
+        for key, claim in folder.summary()['claims'].items()
+    )
+    checked = f'rpo prove --check {folder.path.name} {options}'
+    code = folder.recorded['code_sha256']
+    return Proof(name, digest, f'rpo prove {name}', checked, code, claims)
+
+
+def publish(proof: Proof) -> None:
+    """Write a proof in the place of an older one: into the file of results, and the page."""
+    made = {found.controller: found for found in shipped()} if PATH.exists() else {}
+    proofs = list((made | {proof.controller: proof}).values())
+    write(proofs)
+    page = PATH.parents[2] / 'docs' / 'proof.md'
+    put(page, 'proven', markdown(proofs))

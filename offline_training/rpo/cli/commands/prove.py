@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from rpo.proof.claims import Claim, Range
     from rpo.proof.folder import Folder
     from rpo.proof.problem import Problem
-    from rpo.proof.proven import Proof
 
 
 def prove(
@@ -60,15 +59,17 @@ def prove(
     Finished cells are saved: Ctrl-C stops cleanly, --resume goes on.
     """
     from rpo.door.proof import problem_of
+    from rpo.proof import proven
     from rpo.proof.folder import Folder
 
     if check is not None:
         shared.refuse_beside(context, 'check', 'publish', 'cells', 'flights', 'seed', 'no_fail')
         folder = Folder.open(check)
-        proof = _proof_of(folder, f'--cells {cells} --flights {flights}') if publish else None
+        drawn = f'--cells {cells} --flights {flights}'
+        result = proven.of_folder(folder, drawn) if publish else None
         missed = _check(folder, cells, flights, seed)
-        if proof is not None:
-            _publish(proof)
+        if result is not None:
+            proven.publish(result)
         end(missed, no_fail)
         return
     if publish:
@@ -176,46 +177,6 @@ def _check(folder: Folder, cells: int, flights: int, seed: int | None) -> bool:
         echo(f'Not checked: {left}')
     echo(f'Nothing wrong was found in {time.perf_counter() - began:.0f} s')
     return worst(found.claims) != PROVEN
-
-
-def _proof_of(folder: Folder, options: str) -> Proof:
-    """Return what the folder of `rpo prove NAME` shows; raises InputError if it is of another."""
-    from rpo.proof import proven
-    from rpo.proof.problem import Settings
-    from rpo_core.control.controller import load_fuzzy
-    from rpo_core.scenario.scenario import load_set
-
-    found, problem = load_set('paper_training'), folder.problem
-    name, most = problem.controller.name, found.initial_positions_m.max(axis=0).tolist()
-    asked = Settings(centre=(0.0,) * 6, half=(*most, 0.0, 0.0, 0.0))
-    same = ('centre', 'half', 'mass_share', 'disturbance_share', 'any_n', 'claims')
-    if problem.scenario != found.base or any(
-        getattr(problem.settings, field) != getattr(asked, field) for field in same
-    ):
-        raise InputError(f'{folder.path}: must be that of `rpo prove NAME`, without other options')
-    digest = proven.numbers_of(problem.controller)
-    if proven.numbers_of(load_fuzzy(name)) != digest:
-        raise InputError(f'{folder.path}: has other numbers than the one that ships as {name}')
-    fields = ('statement', 'unit', 'limit', 'bound', 'found')
-    claims = tuple(
-        proven.ProvenClaim(key, *(claim[field] for field in fields))
-        for key, claim in folder.summary()['claims'].items()
-    )
-    checked = f'rpo prove --check {folder.path.name} {options}'
-    code = folder.recorded['code_sha256']
-    return proven.Proof(name, digest, f'rpo prove {name}', checked, code, claims)
-
-
-def _publish(proof: Proof) -> None:
-    """Write a proof in the place of an older one: into the file of results, and the page."""
-    from rpo.montecarlo.outputs import put
-    from rpo.proof import proven
-
-    made = {found.controller: found for found in proven.shipped()} if proven.PATH.exists() else {}
-    proofs = list((made | {proof.controller: proof}).values())
-    proven.write(proofs)
-    page = proven.PATH.parents[2] / 'docs' / 'proof.md'
-    put(page, 'proven', proven.markdown(proofs))
 
 
 def _not_checked(folder: Folder, found: Checked) -> Iterable[str]:
