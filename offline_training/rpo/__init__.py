@@ -2,12 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The door: fly, judge, train, disperse, prove and report, by name.
 
-    rpo.scenarios(), rpo.controllers()                   what ships
+    rpo.scenarios(), rpo.controllers(), rpo.campaigns()  what ships
     rpo.scenario('paper_test', mass_kg=12.0)             a scenario, with fields changed
     rpo.controller('allround')                           a controller
     rpo.fly('paper_test', 'allround', mass_kg=12.0)      a flight
     rpo.load('runs/demo')                                the flight of a log
-    rpo.campaigns()                                      campaigns that ship
+    rpo.campaign('paper_test', law, runs=1000, seed=3)   many dispersed flights
+    rpo.train('paper', generations=20, seed=4).best      a controller that a search trained
+    rpo.prove, rpo.verify, rpo.report                    a proof, a log computed again, a page
+    rpo.export, rpo.scale                                C and other formats, another vehicle
 
 A flight has `t, x, u`, its signals by name, `metrics`, `requirements` and `ok`. Its methods are
 `explain(t)`, `plot()`, `replay()`, `to_dataframe()`, `to_xarray()` and `save(folder)`:
