@@ -118,12 +118,12 @@ class Stage:
 
     def off(self, *inputs: Signal) -> tuple[Signal, ...]:
         """Return the outputs of a tick as if the stage were not in the chain."""
-        found = []
+        outputs = []
         for name, source in zip(self.outputs, self.passes_on(), strict=True):
             width = len(row_of(name).columns) or row_of(name).numbers
             values = inputs[source] if isinstance(source, int) else source
-            found.append((*values[:width], *(0.0,) * (width - len(values))))
-        return tuple(found)
+            outputs.append((*values[:width], *(0.0,) * (width - len(values))))
+        return tuple(outputs)
 
     def spent(self) -> tuple[float, float, int] | None:
         """Return delta-v [m/s], propellant [kg], openings of valves so far; None: not counted."""
@@ -142,9 +142,9 @@ class Stage:
         """
         rows = zip(*(values.tolist() for values in inputs), strict=True) if inputs else ()
         every = rows if inputs else ((),) * len(ticks)
-        found = [self.step(t, *map(tuple, r)) for t, r in zip(ticks.tolist(), every, strict=True)]
+        made = [self.step(t, *map(tuple, r)) for t, r in zip(ticks.tolist(), every, strict=True)]
         return tuple(
-            np.array([outputs[i] for outputs in found], dtype=np.float64).reshape(len(ticks), -1)
+            np.array([outputs[i] for outputs in made], dtype=np.float64).reshape(len(ticks), -1)
             for i in range(len(self.outputs))
         )
 

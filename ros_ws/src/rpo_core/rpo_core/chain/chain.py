@@ -111,11 +111,11 @@ class Chain:
         """Signals that it reads and does not make, each once; those of NEXT where they are read."""
         made: set[str] = {NO_FORCE}
         made |= {interfaces.previous(name) for name in self._carried}
-        found: dict[str, None] = {}
+        names: dict[str, None] = {}
         for link in self.links:
-            found.update((name, None) for name in link.reads if name not in made)
+            names.update((name, None) for name in link.reads if name not in made)
             made |= {name for name in link.stage.outputs if name not in NEXT}
-        return tuple(found)
+        return tuple(names)
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -240,10 +240,10 @@ def _command(placed: Sequence[tuple[Place, Stage]]) -> str:
 
 def start_of(scenario: Scenario) -> Signals:
     """Return the truth at tick 0."""
-    found: Signals = {RELATIVE_STATE: tuple(map(float, scenario.start))}
+    signals: Signals = {RELATIVE_STATE: tuple(map(float, scenario.start))}
     if scenario.attitude is not None:
-        found[CHASER_ATTITUDE] = scenario.attitude.start(scenario.mean_motion_rad_s)
-    return found
+        signals[CHASER_ATTITUDE] = scenario.attitude.start(scenario.mean_motion_rad_s)
+    return signals
 
 
 def signals_of(scenario: Scenario) -> tuple[str, ...]:

@@ -93,9 +93,9 @@ class AttitudeController(Checked):
 
     def to_document(self) -> dict[str, Any]:
         """Return the document that `parse` reads."""
-        found = codec.to_mapping({name: getattr(self, name) for name in self.__dataclass_fields__})
-        made = found.pop('provenance')
-        return {'schema': SCHEMA, 'name': found.pop('name'), 'kind': self.kind, **found,
+        fields = codec.to_mapping({name: getattr(self, name) for name in self.__dataclass_fields__})
+        made = fields.pop('provenance')
+        return {'schema': SCHEMA, 'name': fields.pop('name'), 'kind': self.kind, **fields,
                 'provenance': made}  # fmt: skip
 
 
@@ -172,11 +172,11 @@ class FuzzyAttitude(AttitudeController):
 
     def to_document(self) -> dict[str, Any]:
         """Return the document that `parse` reads."""
-        found = super().to_document()
-        made = found.pop('provenance')
-        del found['system']
-        found['scales'] = {name: found.pop(name) for name in _SCALES}
-        return {**found, **system_document(self.system, _VARIABLES), 'provenance': made}
+        fields = super().to_document()
+        made = fields.pop('provenance')
+        del fields['system']
+        fields['scales'] = {name: fields.pop(name) for name in _SCALES}
+        return {**fields, **system_document(self.system, _VARIABLES), 'provenance': made}
 
 
 _VARIABLES = ('angle', 'rate', 'torque')
@@ -196,10 +196,10 @@ def parse(document: Any) -> AttitudeController:
     kind = KINDS[choice('kind', document['kind'], KINDS)]
     body = {key: value for key, value in document.items() if key not in ('schema', 'kind')}
     if kind is FuzzyAttitude:
-        known = ['name', 'scales', *SYSTEM_FIELDS]
-        data = mapping('', body, known, ['description', 'feed_forward', 'provenance'])
+        needed = ['name', 'scales', *SYSTEM_FIELDS]
+        data = mapping('', body, needed, ['description', 'feed_forward', 'provenance'])
         scales = mapping('scales', data['scales'], _SCALES)
-        rest = {key: value for key, value in data.items() if key not in known[1:]}
+        rest = {key: value for key, value in data.items() if key not in needed[1:]}
         return FuzzyAttitude(system=parse_system(data, _VARIABLES), **scales, **rest)
     return codec.from_mapping(kind, '', body)
 
@@ -287,8 +287,8 @@ class AttitudeControl(Checked):
         full = FAR if wheels is None else min(
             self.limits.momentum_nms or wheels.momentum_nms, wheels.momentum_nms
         )  # fmt: skip
-        body, found = self._body(scenario), self.bounds(scenario)
-        return numbers_of(self.limits, found, body, limit, full, scenario.dt_s)
+        body, bounds = self._body(scenario), self.bounds(scenario)
+        return numbers_of(self.limits, bounds, body, limit, full, scenario.dt_s)
 
     def bounds(self, scenario: Any) -> Bounds:
         """Return what `limits` make certain in a scenario; raises InputError where nothing is."""
@@ -307,9 +307,9 @@ class AttitudeControl(Checked):
                 '`attitude.rates_deg_s` must begin within `attitude_control.limits.rate_deg_s`, '
                 f'{limits.rate_deg_s!r}; got {[round(degrees(rate), 6) for rate in rates]}'
             )
-        own, spun = momentum_of(rates, body), wheels.start_nms if wheels else ZERO
-        start = norm(*(a + b for a, b in zip(own, spun, strict=True)))
-        start += limits.inertia_share * norm(*own)
+        turning, spun = momentum_of(rates, body), wheels.start_nms if wheels else ZERO
+        start = norm(*(a + b for a, b in zip(turning, spun, strict=True)))
+        start += limits.inertia_share * norm(*turning)
         pull = 3.0 * n * n * norm(*body[2:5]) if chaser.gravity_gradient else 0.0
         outside = limits.disturbance_nm + max(map(abs, chaser.disturbance_torque_nm)) + pull
         limits = replace(limits, disturbance_nm=outside)

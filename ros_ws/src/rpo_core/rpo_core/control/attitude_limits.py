@@ -325,7 +325,7 @@ def _emptied(
 
 
 def numbers_of(
-    settings: AttitudeLimits, found: Bounds, body: Body, torque_nm: float, full: float, dt_s: float
+    settings: AttitudeLimits, bounds: Bounds, body: Body, torque_nm: float, full: float, dt_s: float
 ) -> TorqueLimits:
     """Return the limits as the kernel reads them; raises InputError where none are certain.
 
@@ -333,25 +333,25 @@ def numbers_of(
     """
     heavy = (1.0 + settings.inertia_share) * max(_rows(body[2:8]))
     most = heavy * SQRT_3 * radians(settings.rate_deg_s)
-    if found.momentum + most > full:
+    if bounds.momentum + most > full:
         raise InputError(
             '`attitude_control.limits` and the wheels exclude each other: '
-            f'{found.momentum:.6g} N m s of chaser and wheels and {most:.6g} at `rate_deg_s` are '
+            f'{bounds.momentum:.6g} N m s of chaser and wheels and {most:.6g} at `rate_deg_s` are '
             f'more than {full:.6g}'
         )
     limits = TorqueLimits(
         dt_s,
         *body[2:14],
-        *(torque_nm, full, found.sure, found.rate),
+        *(torque_nm, full, bounds.sure, bounds.rate),
         *(0.0, -1.0, 0.0, 1.0, 0.0),
     )
     if settings.angle_deg is None:
         return limits
-    return _coned(limits, settings, found.fastest, found.unknown)
+    return _coned(limits, settings, bounds.fastest, bounds.unknown)
 
 
 def _coned(
-    found: TorqueLimits, settings: AttitudeLimits, fastest: float, unknown: float
+    limits: TorqueLimits, settings: AttitudeLimits, fastest: float, unknown: float
 ) -> TorqueLimits:
     """Return the limits with the walls of the cone; raises InputError where there is no room."""
     angle, rate = radians(settings.angle_deg or 0.0), radians(settings.rate_deg_s)
@@ -362,20 +362,20 @@ def _coned(
     bent = 0.5 * size * against * against
     bent += (0.5 * size + 0.125 * size * size) * (fastest + SQRT_3 * change)
     doubt = (1.0 + size) * error + SQRT_3 * off * (SQRT_3 * rate + 0.5 * against)
-    brake = found.sure - unknown - bent - 2.0 * SQRT_3 * change
+    brake = limits.sure - unknown - bent - 2.0 * SQRT_3 * change
     # What a wall asks for in a tick must leave the way to stop before the other one, and must be
     # a rate that is allowed.
-    leaves = (found.sure + unknown + bent) * found.dt + 2.0 * doubt
-    needed = (1.0 + size) * (doubt + (unknown + bent) * found.dt)
-    room = off + 0.5 * doubt * found.dt + 0.25 * leaves * found.dt
+    leaves = (limits.sure + unknown + bent) * limits.dt + 2.0 * doubt
+    needed = (1.0 + size) * (doubt + (unknown + bent) * limits.dt)
+    room = off + 0.5 * doubt * limits.dt + 0.25 * leaves * limits.dt
     room += 0.25 * leaves * leaves / brake if brake > 0.0 else 0.0
-    if brake <= 0.0 or angle <= room or found.rate <= needed:
+    if brake <= 0.0 or angle <= room or limits.rate <= needed:
         raise InputError(
             '`attitude_control.limits.angle_deg` must leave room to brake in: '
             f'{brake:.6g} rad/s^2 are certain, errors take {room:.6g} rad and {needed:.6g} rad/s; '
-            f'got {angle:.6g} rad, and {found.rate:.6g} rad/s are kept'
+            f'got {angle:.6g} rad, and {limits.rate:.6g} rad/s are kept'
         )
-    return found._replace(
+    return limits._replace(
         angle=angle - off, within=angle + off, doubt=doubt, brake=brake, off=unknown + bent
     )
 

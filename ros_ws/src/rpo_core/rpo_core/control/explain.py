@@ -85,8 +85,8 @@ class Decision:
     @cached_property
     def parts(self) -> dict[str, blend.Part]:
         """Word -> what it contributes to the force, for all words that contribute."""
-        found = blend.parts(self.strengths, self.controller.system.tables)
-        named = zip(WORDS, found, strict=True)
+        parts = blend.parts(self.strengths, self.controller.system.tables)
+        named = zip(WORDS, parts, strict=True)
         return {word: part for word, part in named if part.share > 0.0}
 
     def deciding(self, word: str) -> list[FiredRule]:

@@ -51,18 +51,18 @@ class Gene(NamedTuple):
     def value(self, share: float) -> float:
         """Return the number at a share of the range in [0, 1], rounded to `DIGITS` digits."""
         if self.logarithmic:
-            found = self.least * exp(share * log(self.most / self.least))
+            number = self.least * exp(share * log(self.most / self.least))
         else:
-            found = self.least + (self.most - self.least) * share
-        return float(f'{found:.{DIGITS}g}')
+            number = self.least + (self.most - self.least) * share
+        return float(f'{number:.{DIGITS}g}')
 
     def share(self, value: float) -> float:
         """Return the share of the range at a number, the nearest of [0, 1]."""
         if self.logarithmic:
-            found = log(max(value, self.least) / self.least) / log(self.most / self.least)
+            share = log(max(value, self.least) / self.least) / log(self.most / self.least)
         else:
-            found = (value - self.least) / (self.most - self.least)
-        return min(max(found, 0.0), 1.0)
+            share = (value - self.least) / (self.most - self.least)
+        return min(max(share, 0.0), 1.0)
 
 
 class Mission(NamedTuple):

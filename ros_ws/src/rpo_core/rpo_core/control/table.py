@@ -65,11 +65,11 @@ def ascending(name: str, peaks: Numbers, count: int) -> None:
 def peak_genes(words: Sequence[str], peaks: Numbers, unit: str, seconds: int) -> tuple[Gene, ...]:
     """Return genes of ascending peaks, of whose ranges no two touch."""
     around = (peaks[0] / 4.0, *peaks, peaks[-1] * 4.0)
-    found = []
+    genes = []
     for i, (word, peak) in enumerate(zip(words, peaks, strict=True)):
         least, most = (peak * (other / peak) ** 0.45 for other in (around[i], around[i + 2]))
-        found.append(Gene(f'{word}: peak{unit}', least, most, peak, 1, seconds, logarithmic=True))
-    return tuple(found)
+        genes.append(Gene(f'{word}: peak{unit}', least, most, peak, 1, seconds, logarithmic=True))
+    return tuple(genes)
 
 
 def _mirrored(speeds: Sequence[float]) -> Numbers:
@@ -149,7 +149,7 @@ class MoreWords(Family):
         words = cls.distances[1:]
         peaks_m = textbook.geometric(MAX_ARRIVAL_DISTANCE_M, textbook.RANGE_M, len(words))
         speeds = _mirrored([textbook.SPEED_M_S * ((i + 1) / 5.0) ** 1.5 for i in range(5)])
-        found = [
+        genes = [
             Gene('damping_n_s_m', _DAMPING / 3.0, _DAMPING * 3.0, _DAMPING, -1, 1, 1, True),
             *peak_genes(words, peaks_m, '_m', 0),
             *peak_genes(cls.speeds[RESTING + 1 :], speeds[RESTING + 1 :], '_m_s', -1),
@@ -158,8 +158,8 @@ class MoreWords(Family):
             starts = [pull_n(peak_m, speed) for speed in speeds]
             for speed, start in zip(cls.speeds, starts, strict=True):
                 off = abs(start) + abs(starts[RESTING])
-                found.append(Gene(f'{word}, {speed}', start - off, start + off, start, newtons=1))
-        return tuple(found)
+                genes.append(Gene(f'{word}, {speed}', start - off, start + off, start, newtons=1))
+        return tuple(genes)
 
     @classmethod
     def of_values(cls, name: str, values: Sequence[float], mission: Mission) -> MoreWords:
@@ -233,17 +233,17 @@ class MoreWords(Family):
         """Return word, word, strength and force [N] of the rules that fire, the strongest first."""
         i, far = interval(distance_m, self.law.distances)
         j, fast = interval(speed_m_s, self.law.speeds)
-        found = [
+        rules = [
             (self.distances[i + m], self.speeds[j + n], grade * other, self.table_n[i + m][j + n])
             for m, grade in enumerate((1.0 - far, far))
             for n, other in enumerate((1.0 - fast, fast))
             if grade * other > 0.0
         ]
-        return sorted(found, key=lambda rule: -rule[2])
+        return sorted(rules, key=lambda rule: -rule[2])
 
     def reasons(self, state: State, tick: int) -> Sequence[Reasons]:
         """Return why x, y, z get their force: all rules that make it, with their shares."""
-        forces, limit_n, found = baseline_force(state, tick, self.law), self.max_force_n, []
+        forces, limit_n, reasons = baseline_force(state, tick, self.law), self.max_force_n, []
         for r, v, force_n in zip(state[:3], state[3:], forces, strict=True):
             distance_m, speed_m_s = table_inputs(r, v)
             fired = self.fired(distance_m, speed_m_s)
@@ -262,8 +262,8 @@ class MoreWords(Family):
             said = f'{blend.newtons(force_n)}, {_towards(limited)} ({share}{whole})'
             rules = [(f'rule.{a}.{b}'.replace(' ', '_'), strength) for a, b, strength, _ in fired]
             inputs = ('distance_m', distance_m), ('closing_speed_m_s', speed_m_s)
-            found.append(Reasons(said, causes, [('force_n', force_n), *inputs, *rules]))
-        return found
+            reasons.append(Reasons(said, causes, [('force_n', force_n), *inputs, *rules]))
+        return reasons
 
 
 def _towards(pull_n: float) -> str:

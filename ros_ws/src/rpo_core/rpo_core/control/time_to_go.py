@@ -136,10 +136,10 @@ class TimeToGo(Family):
     def grades(self, tick: int) -> tuple[float, ...]:
         """Return the memberships of `WORDS` at a tick; they add up to 1."""
         i, share = interval(self.time_to_go_s(tick), self._peaks_s)
-        found = [0.0] * len(WORDS)
-        found[len(WORDS) - 1 - i] = 1.0 - share
-        found[len(WORDS) - 2 - i] = share
-        return tuple(found)
+        grades = [0.0] * len(WORDS)
+        grades[len(WORDS) - 1 - i] = 1.0 - share
+        grades[len(WORDS) - 2 - i] = share
+        return tuple(grades)
 
     def gains(self, tick: int) -> tuple[float, float]:
         """Return the gains of position [N/m] and velocity [N s/m] at a tick."""
@@ -175,17 +175,17 @@ class TimeToGo(Family):
     def genes(cls) -> tuple[Gene, ...]:
         """Return what a search varies; it begins at `textbook`, each word at half the time."""
         arrival = textbook.ARRIVAL_S
-        found = [Gene('arrival_s', 0.8 * arrival, 1.5 * arrival, arrival, seconds=1)]
+        genes = [Gene('arrival_s', 0.8 * arrival, 1.5 * arrival, arrival, seconds=1)]
         for i, word in enumerate(WORDS):
             t = arrival / 2.0**i
             k, d = textbook.gains(max(t, textbook.LEAST_S))
             free = 1.1 if word == WORDS[-1] else 4.0  # stiffer, it would follow noise for ever
-            found += [
+            genes += [
                 Gene(f'{word}: peak_s', 0.75 * t, 1.35 * t, t, seconds=1, logarithmic=True),
                 Gene(f'{word}: k', k / free, k * free, k, -1, 0, 1, logarithmic=True),
                 Gene(f'{word}: d', d / free, d * free, d, -1, 1, 1, logarithmic=True),
             ]
-        return tuple(found)
+        return tuple(genes)
 
     @classmethod
     def of_values(cls, name: str, values: Sequence[float], mission: Mission) -> TimeToGo:
@@ -263,9 +263,9 @@ class TimeToGo(Family):
             if tick >= ticks - tail:
                 distance = distance + np.linalg.norm(state[:3], axis=0) / tail
                 speed = speed + np.linalg.norm(state[3:], axis=0) / tail
-        found = np.array(forces)
-        steps = np.abs(np.diff(found, axis=0)).max() / self.tick_s
-        largest = (np.abs(found).max(), steps, np.max(distance), np.max(speed))
+        forces_n = np.array(forces)
+        steps = np.abs(np.diff(forces_n, axis=0)).max() / self.tick_s
+        largest = (np.abs(forces_n).max(), steps, np.max(distance), np.max(speed))
         return _Worst(*map(float, largest))
 
     def reasons(self, state: State, tick: int) -> Sequence[Reasons]:
@@ -274,7 +274,7 @@ class TimeToGo(Family):
         fired = [(w, g) for w, g in zip(WORDS, grades, strict=True) if g > 0.0]
         fired.sort(key=lambda word: -word[1])
         words = ', '.join(f'{word} {grade:.2f}' for word, grade in fired)
-        found, law = [], f'−{k:.3g} r − {d:.3g} v'
+        reasons, law = [], f'−{k:.3g} r − {d:.3g} v'
         for r, v, force in zip(
             state[:3], state[3:], baseline_force(state, tick, self.law), strict=True
         ):
@@ -292,5 +292,5 @@ class TimeToGo(Family):
                 ('position_m', r),
                 ('velocity_m_s', v),
             ]
-            found.append(Reasons(said, (), numbers))
-        return found
+            reasons.append(Reasons(said, (), numbers))
+        return reasons

@@ -154,11 +154,11 @@ def open_regular(path: Path | str) -> BinaryIO:
 
 
 def _open_if_regular(path: str, flags: int) -> int:
-    found = os.open(path, flags | os.O_NONBLOCK)  # a pipe opens without waiting for its writer
-    kind = os.fstat(found).st_mode
+    file = os.open(path, flags | os.O_NONBLOCK)  # a pipe opens without waiting for its writer
+    kind = os.fstat(file).st_mode
     if stat.S_ISREG(kind) or stat.S_ISDIR(kind):  # Python itself refuses a folder
-        return found
-    os.close(found)
+        return file
+    os.close(file)
     raise OSError(errno.EINVAL, 'must be a regular file, not a pipe, a socket or a device')
 
 
@@ -224,17 +224,17 @@ def find(kind: str, name: str) -> Path:
             )  # fmt: skip
             raise InputError(f'`{kind}` must be a file or a shipped name; {what}')
         return Path(path)
-    known = shipped(kind)
-    if name not in known:
+    paths = shipped(kind)
+    if name not in paths:
         if answer := gone.answer(kind, name):
             raise InputError(f'`{kind}` {name} is {answer}')
         others = [other for other in SHIPPED if name in shipped(other)]
         what = others[0].replace('_', ' ') if others else ''
         article = 'an' if what.startswith('a') else 'a'
-        hint = f', which is {article} {what}' if others else near(name, known)
+        hint = f', which is {article} {what}' if others else near(name, paths)
         hint += ', for section `attitude_control`' if what.startswith('attitude') else ''
         raise InputError(
-            f'`{kind}` must be one of {", ".join(known)}, or a path to a .yaml file; '
+            f'`{kind}` must be one of {", ".join(paths)}, or a path to a .yaml file; '
             f'got {shown(name)}{hint}'
         )
-    return known[name]
+    return paths[name]

@@ -125,9 +125,9 @@ def real(
     InputError
         If `value` is not a number, not finite or out of range.
     """
-    known = isinstance(value, (int, float)) and not isinstance(value, bool)
+    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
     number = math.inf  # float() of a huge int raises
-    if known and abs(value) < 1e300:
+    if is_number and abs(value) < 1e300:
         number = float(value)
     inside = (
         (above is None or number > above)
@@ -143,7 +143,7 @@ def real(
         if bound is not None
     ]
     expected = ' '.join(filter(None, ['a finite number', ' and '.join(bounds), unit]))
-    hint = '' if known else _number_hint(value)
+    hint = '' if is_number else _number_hint(value)
     raise InputError(f'`{name}` must be {expected}; got {shown(value)}{hint}')
 
 
@@ -277,8 +277,8 @@ def choice(name: str, value: Any, known: Iterable[str]) -> str:
 
 def near(value: Any, names: Iterable[str]) -> str:
     """Return the end of a sentence that proposes the nearest of some names; '' if none is near."""
-    found = difflib.get_close_matches(str(value)[:MOST_NAME], list(names), n=1)
-    return f'; did you mean `{found[0]}`?' if found else ''
+    names_like_it = difflib.get_close_matches(str(value)[:MOST_NAME], list(names), n=1)
+    return f'; did you mean `{names_like_it[0]}`?' if names_like_it else ''
 
 
 def mapping(
@@ -291,16 +291,16 @@ def mapping(
     InputError
         Naming the first missing or unknown key, with the nearest known one.
     """
-    required, known = list(required), [*required, *optional]
+    required, names = list(required), [*required, *optional]
     label = f'`{name}`' if name else 'the document'
     prefix = f'{name}.' if name else ''
     if not isinstance(value, Mapping):
-        raise InputError(f'{label} must be a mapping with {_listed(known)}; got {shown(value)}')
+        raise InputError(f'{label} must be a mapping with {_listed(names)}; got {shown(value)}')
     for key in value:
-        if key not in known:
+        if key not in names:
             if answer := gone.answer('field', f'{prefix}{key}'):
                 raise InputError(f'`{prefix}{key}` is {answer}')
-            hint = near(key, known) or f'; known: {_listed(known)}'
+            hint = near(key, names) or f'; known: {_listed(names)}'
             raise InputError(f'{quoted(f"{prefix}{key}")} is not a known field{hint}')
     for key in required:
         if key not in value:

@@ -394,9 +394,9 @@ def _of_valves(flight: Flight) -> list[Figure]:
     if thrusters is None or not (thrusters.fires or thrusters.propellant):
         return []
     spent = flight.thrust
-    found = [Figure('Δv of the thrusters, waste included', 'm/s', spent.delta_v_m_s)]
+    figures = [Figure('Δv of the thrusters, waste included', 'm/s', spent.delta_v_m_s)]
     if thrusters.propellant:
-        found.append(Figure('propellant', 'kg', spent.propellant_kg))
+        figures.append(Figure('propellant', 'kg', spent.propellant_kg))
     if thrusters.fires:
-        found.append(Figure('openings of the valves', '', float(spent.openings)))
-    return found
+        figures.append(Figure('openings of the valves', '', float(spent.openings)))
+    return figures

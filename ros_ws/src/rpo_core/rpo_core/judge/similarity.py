@@ -75,15 +75,15 @@ class MadeFor(NamedTuple):
     numbers: dict[str, float | None]
 
 
-def base_of(found: Scenario | ScenarioSet) -> Scenario:
+def base_of(asked: Scenario | ScenarioSet) -> Scenario:
     """Return what the members of a set share, or the scenario itself."""
-    return found.base if isinstance(found, ScenarioSet) else found
+    return asked.base if isinstance(asked, ScenarioSet) else asked
 
 
-def range_m(found: Scenario | ScenarioSet) -> float:
+def range_m(asked: Scenario | ScenarioSet) -> float:
     """Return the largest distance of an axis between a start and the goal."""
-    base = base_of(found)
-    starts = found.initial_positions_m if isinstance(found, ScenarioSet) else base.start[:3]
+    base = base_of(asked)
+    starts = asked.initial_positions_m if isinstance(asked, ScenarioSet) else base.start[:3]
     return float(np.abs(np.array(starts) - np.array(base.goal_position_m)).max())
 
 
@@ -96,12 +96,12 @@ def time_s(base: Scenario) -> float:
     return min(times)
 
 
-def units_of(found: Scenario | ScenarioSet) -> Units:
+def units_of(asked: Scenario | ScenarioSet) -> Units:
     """Return the units of what a scenario asks; raises InputError where it starts at its goal."""
-    if range_m(found) == 0.0:
-        raise InputError(f'scenario {found.name} starts at its goal; scaling needs another start')
-    base = base_of(found)
-    return Units(range_m(found), time_s(base), base.mass_kg)
+    if range_m(asked) == 0.0:
+        raise InputError(f'scenario {asked.name} starts at its goal; scaling needs another start')
+    base = base_of(asked)
+    return Units(range_m(asked), time_s(base), base.mass_kg)
 
 
 def force_of(controller: AnyController) -> float:
@@ -111,12 +111,12 @@ def force_of(controller: AnyController) -> float:
     return controller.max_force_n
 
 
-def numbers(found: Scenario | ScenarioSet, units: Units, force_n: float) -> dict[str, float | None]:
+def numbers(asked: Scenario | ScenarioSet, units: Units, force_n: float) -> dict[str, float | None]:
     """Return the similarity numbers of a loop in a scenario, in its units; None: not limited.
 
     force_n : largest force that the controller commands on an axis; the vehicle may have less
     """
-    base = base_of(found)
+    base = base_of(asked)
     length, time, mass = units
     force = min(force_n, base.max_force_n)
     limits = {} if base.requirements is None else base.requirements.limits
@@ -131,7 +131,7 @@ def numbers(found: Scenario | ScenarioSet, units: Units, force_n: float) -> dict
         base.mean_motion_rad_s * time,
         ticks * base.dt_s / time,
         float(pushed) / force,
-        range_m(found) / length,
+        range_m(asked) / length,
         time_s(base) / time,
         None if least['_error_'] is None else least['_error_'] / length,
         None if least['_speed_'] is None else least['_speed_'] * time / length,
@@ -146,15 +146,15 @@ def made_for(controller: AnyController) -> MadeFor:
     scaled = provenance.get(SCALED)
     scaled = scaled if isinstance(scaled, Mapping) else {}
     name = str(scaled.get('trained_for', provenance.get('scenario', PAPER)))
-    found = load(name)
+    asked = load(name)
     length, time, mass = (
         real(f'{SCALED}.{key}', scaled.get(key, 1.0), above=0.0)
         for key in ('length', 'time', 'mass')
     )
-    trained = units_of(found)
+    trained = units_of(asked)
     own = Units(trained.length_m * length, trained.time_s * time, trained.mass_kg * mass)
     force_n = force_of(controller) / own.force_n * trained.force_n
-    return MadeFor(name, trained, own, numbers(found, trained, force_n))
+    return MadeFor(name, trained, own, numbers(asked, trained, force_n))
 
 
 def factor(name: str, made: float | None, here: float | None) -> float | None:

@@ -82,22 +82,22 @@ class Verdict(NamedTuple):
 def verdicts(flight: Flight) -> list[Verdict]:
     """Return each requirement of the flight's scenario beside its value; none where none are."""
     required = flight.scenario.requirements
-    found = [] if required is None else _of_requirements(flight, required)
-    return found + _of_zones(flight)
+    judged = [] if required is None else _of_requirements(flight, required)
+    return judged + _of_zones(flight)
 
 
 def _of_requirements(flight: Flight, required: Requirements) -> list[Verdict]:
-    values, found = _values(flight, required), []
+    values, judged = _values(flight, required), []
     for key, limit in required.limits.items():
         row = ROWS[key]
         if row.share:
             limit *= metrics.disturbance_level_n(flight)
         shown = statement(key, required, flight.scenario.duration_s)
-        found.append(Verdict(key, shown, row.unit, limit, values[key]))
+        judged.append(Verdict(key, shown, row.unit, limit, values[key]))
     for key, limit in required.unjudged.items():
         shown = f'{ROWS[key].statement}: no section `attitude`'
-        found.append(Verdict(key, shown, ROWS[key].unit, limit, math.nan))
-    return found
+        judged.append(Verdict(key, shown, ROWS[key].unit, limit, math.nan))
+    return judged
 
 
 def missed(flight: Flight) -> bool:
@@ -139,7 +139,7 @@ def _of_zones(flight: Flight) -> list[Verdict]:
     Up to the contact: a docked chaser is where it shall be.
     """
     scenario, states = flight.scenario, flight.seen
-    known = bool(np.isfinite(states).all())
+    finite = bool(np.isfinite(states).all())
     docked = contact.caught_at(flight.errors, scenario.requirements, scenario.goal_position_m)
     states = states if docked is None else states[: docked + 1]
     return [
@@ -148,7 +148,7 @@ def _of_zones(flight: Flight) -> list[Verdict]:
             f'depth inside {zones.keep_out}',
             'm',
             limit=0.0,
-            value=zones.deepest_m(states, scenario.dt_s) if known else math.inf,
+            value=zones.deepest_m(states, scenario.dt_s) if finite else math.inf,
         )
         for zones in zones_of(scenario)
         if zones.keep_out_m
@@ -216,8 +216,8 @@ def _turned(flight: Flight, required: Requirements) -> dict[str, float]:
     target: Any = signals['target_attitude'][tick].tolist() if scenario.target else still
     chaser: Any = signals[CHASER_ATTITUDE][tick].tolist()
     mate = getattr(scenario.named('pointing'), 'mate', ALIGNED[:4])
-    found = contact_turn(tuple(chaser), tuple(target), mate)
-    return dict(zip(ATTITUDES, found, strict=True))
+    angles = contact_turn(tuple(chaser), tuple(target), mate)
+    return dict(zip(ATTITUDES, angles, strict=True))
 
 
 def _spent(flight: Flight) -> dict[str, float]:

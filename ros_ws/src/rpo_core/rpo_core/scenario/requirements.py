@@ -199,30 +199,30 @@ class Requirements(Checked):
     @property
     def limits(self) -> dict[str, float]:
         """Name -> limit of what is required, in the order of the fields."""
-        found = {name: getattr(self, name) for name in LIMITS}
-        return {name: limit for name, limit in found.items() if limit is not None}
+        values = {name: getattr(self, name) for name in LIMITS}
+        return {name: limit for name, limit in values.items() if limit is not None}
 
     @property
     def unjudged(self) -> dict[str, float]:
         """Limits of the profile that it leaves out, for the scenario has no attitude."""
-        known = PROFILES.get(self.profile or '', {})
-        return {n: v for n, v in known.items() if n in ROWS and n not in self.limits}
+        profile = PROFILES.get(self.profile or '', {})
+        return {n: v for n, v in profile.items() if n in ROWS and n not in self.limits}
 
     def to_document(self) -> dict[str, float | str]:
         """Return the section as `parse` reads it."""
-        found = {f.name: getattr(self, f.name) for f in fields(self)}
-        known = PROFILES.get(self.profile or '', {})
-        return {n: v for n, v in found.items() if v is not None and v != known.get(n)}
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        profile = PROFILES.get(self.profile or '', {})
+        return {n: v for n, v in values.items() if v is not None and v != profile.get(n)}
 
 
 def of_zones(document: Mapping[str, Any], zones: Zones) -> dict[str, Any]:
     """Return the fields that are as the zones of the scenario, unless the section has them."""
     if 'keep_out_depth_m' not in document:
         return {}
-    known: dict[str, Any] = {'keep_out_m': zones.keep_out_m}
+    fields_of_zones: dict[str, Any] = {'keep_out_m': zones.keep_out_m}
     if zones.corridor.from_m and 'contact_axis' in document:
-        known['corridor_half_angle_deg'] = zones.corridor.half_angle_deg
-    return known
+        fields_of_zones['corridor_half_angle_deg'] = zones.corridor.half_angle_deg
+    return fields_of_zones
 
 
 def parse(value: Any, zones: Zones | None = None, attitude: bool = False) -> Requirements:
@@ -237,12 +237,12 @@ def parse(value: Any, zones: Zones | None = None, attitude: bool = False) -> Req
         for name in () if attitude else ATTITUDES:
             profile.pop(name, None)
         value = {**profile, **value}
-    known = [f.name for f in fields(Requirements)]
+    names = [f.name for f in fields(Requirements)]
     if zones is not None and isinstance(value, Mapping):
         value = {**of_zones(value, zones), **value}
         if value.get('contact_axis') == PORT:
             value['contact_axis'] = zones.corridor.along
-    for name, item in mapping('requirements', value, (), known).items():
+    for name, item in mapping('requirements', value, (), names).items():
         if item is None:
             raise InputError(f'`requirements.{name}` must be a number; got nothing')
     return codec.from_mapping(Requirements, 'requirements', value)

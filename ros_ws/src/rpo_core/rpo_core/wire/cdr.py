@@ -186,7 +186,7 @@ class _Cursor:
         return int(seconds) * _NS + int(nanoseconds)
 
     def strings(self, count: int) -> list[str]:
-        data, at, found = self.data, self.at, []
+        data, at, texts = self.data, self.at, []
         size = len(data)
         for _ in range(count):
             at += -at % 4  # the header has 4 bytes
@@ -196,11 +196,11 @@ class _Cursor:
             if not length or at > size or data[at - 1]:
                 raise CdrError(f'must hold a string of {length} bytes at {start}, the last one 0')
             try:
-                found.append(data[start : at - 1].decode())
+                texts.append(data[start : at - 1].decode())
             except UnicodeDecodeError:
                 raise CdrError(f'must hold UTF-8 text at {start}') from None
         self.at = at
-        return found
+        return texts
 
     def count(self) -> int:
         """Return the length of a sequence whose elements take at least a byte each."""
@@ -232,11 +232,11 @@ def decode_stamped(type_name: str, data: bytes) -> Stamped:
     """Return a message of a type of `FIELDS`; raises CdrError."""
     texts, floats = FIELDS[type_name]
     cursor = _Cursor(data)
-    stamp, found = cursor.stamp(), tuple(cursor.strings(len(texts)))
+    stamp, strings = cursor.stamp(), tuple(cursor.strings(len(texts)))
     cursor.align(8 if floats else 1)
     numbers = cursor.unpack(struct.Struct(f'<{len(floats)}d'))
     cursor.end()
-    return Stamped(stamp, found, numbers)
+    return Stamped(stamp, strings, numbers)
 
 
 def decode_status(data: bytes) -> Status:
@@ -341,10 +341,10 @@ class Layout:
         names : of the fields that hold numbers; from number `own` on a message may lack them
         also : another frame that the header may have; '' for none
         """
-        found = Layout(type_name, texts, names, own)
+        layout = Layout(type_name, texts, names, own)
         if also:
-            found.also = Layout(type_name, (also, *texts[1:]), names, own)
-        return found
+            layout.also = Layout(type_name, (also, *texts[1:]), names, own)
+        return layout
 
     def like(self, data: bytes) -> Layout:
         """Return the layout of a message by the frame of its header."""
@@ -386,8 +386,8 @@ class Layout:
         if not self.knows(data):
             stamp, texts, floats = decode_stamped(self.type, data)
             return stamp, tuple(floats[i] for i in self.columns), texts[:1] == self.texts[:1]
-        found = self._numbers.unpack_from(data, STAMP_AT)
-        return found[0] * _NS + found[1], self._values(found), True
+        numbers = self._numbers.unpack_from(data, STAMP_AT)
+        return numbers[0] * _NS + numbers[1], self._values(numbers), True
 
     def use(self, data: bytes) -> tuple[str, int, tuple[float, ...]]:
         """Return why a message cannot be used ('' if it can), its stamp [ns] and its numbers.

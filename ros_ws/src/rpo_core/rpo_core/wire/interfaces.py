@@ -156,8 +156,8 @@ class Interface:
             return _TURNING
         if self.rides:
             carrier = _TABLE[self.rides]
-            own = _TURNED if carrier.attitude else _COVARIANCES
-            return _TORQUE if carrier.type == FORCE_TYPE else own
+            covariances = _TURNED if carrier.attitude else _COVARIANCES
+            return _TORQUE if carrier.type == FORCE_TYPE else covariances
         return _COLUMNS.get(self.type, ()) + (_COVARIANCES if self.covariance else ())
 
     @property
@@ -179,16 +179,16 @@ class Interface:
 
     def spoken(self, values: tuple[float, ...]) -> tuple[float, ...]:
         """Return the numbers of a message, those of a rider only where it says something."""
-        own = len(self.columns)
-        silent = bool(self.rider) and values[own:] == row_of(self.rider).rest
-        return values[:own] if silent else values
+        width = len(self.columns)
+        silent = bool(self.rider) and values[width:] == row_of(self.rider).rest
+        return values[:width] if silent else values
 
     @property
     def layout(self) -> Layout:
         """Where the numbers of the signal lie in the bytes of its message."""
         riding = row_of(self.rider).columns if self.rider else ()
-        own = len(self.columns)
-        return Layout.of(self.type, self.frames, self.columns + riding, own, self.also)
+        width = len(self.columns)
+        return Layout.of(self.type, self.frames, self.columns + riding, width, self.also)
 
     def layout_in(self, scenario: Any) -> Layout:
         """Return the layout of a scenario's messages: of a section's `own_axes`, with `also`."""
@@ -245,10 +245,10 @@ def current(name: str) -> str:
 
 def row_of(name: str) -> Interface:
     """Return the row of a signal, of this tick or the one before; raises InputError if none."""
-    found = _TABLE.get(name) or table().get(current(name))
-    if found is None:
+    row = _TABLE.get(name) or table().get(current(name))
+    if row is None:
         raise InputError(f'interface must be one of {", ".join(_TABLE)}; got {name!r}')
-    return found
+    return row
 
 
 def applied(name: str) -> str:

@@ -42,8 +42,8 @@ _NUMBER = re.compile(r'-?([0-9]+(\.[0-9]*)?(e[+-]?[0-9]+)?|inf)|nan')
 
 def tick_of(values: Mapping[str, str]) -> int | None:
     """Return the tick that a status tells of; None if it tells of none."""
-    found = values.get('tick', '')
-    return int(found) if _TICK.fullmatch(found) else None
+    number = values.get('tick', '')
+    return int(number) if _TICK.fullmatch(number) else None
 
 
 def once(pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
@@ -63,12 +63,12 @@ def _values(status: Status) -> dict[str, str]:
     """
     texts = [(name, getattr(status, name)) for name in ('name', 'message', 'hardware_id')]
     texts += status.values
-    for name, found in texts:
-        if len(found) > MOST_CHARACTERS or len(name) > MOST_CHARACTERS:
+    for name, line in texts:
+        if len(line) > MOST_CHARACTERS or len(name) > MOST_CHARACTERS:
             raise InputError(
-                f'{shown(name)} must have at most {MOST_CHARACTERS} characters; got {len(found)}'
+                f'{shown(name)} must have at most {MOST_CHARACTERS} characters; got {len(line)}'
             )
-    total = sum(len(name) + len(found) for name, found in texts)
+    total = sum(len(name) + len(line) for name, line in texts)
     if total > MOST_IN_ALL:
         raise InputError(
             f'the texts of a status must have at most {MOST_IN_ALL} characters; got {total}'
@@ -76,28 +76,28 @@ def _values(status: Status) -> dict[str, str]:
     return once(status.values)
 
 
-def _tick(name: str, found: str) -> int:
-    if not _TICK.fullmatch(found):
-        raise InputError(f'`{name}` must be a whole number >= 0; got {shown(found)}')
-    return int(found)
+def _tick(name: str, said: str) -> int:
+    if not _TICK.fullmatch(said):
+        raise InputError(f'`{name}` must be a whole number >= 0; got {shown(said)}')
+    return int(said)
 
 
-def _number(name: str, found: str) -> float:
+def _number(name: str, said: str) -> float:
     """Return a number, which may be infinite or NaN: a margin without a limit, a bad command."""
-    if len(found) > 40 or not _NUMBER.fullmatch(found):
-        raise InputError(f'{quoted(name)} must be a number; got {shown(found)}')
-    return float(found)
+    if len(said) > 40 or not _NUMBER.fullmatch(said):
+        raise InputError(f'{quoted(name)} must be a number; got {shown(said)}')
+    return float(said)
 
 
-def _figure(name: str, found: str) -> float:
-    if not 0.0 <= _number(name, found) < math.inf:
-        raise InputError(f'{quoted(name)} must be a finite number >= 0; got {shown(found)}')
-    return float(found)
+def _figure(name: str, said: str) -> float:
+    if not 0.0 <= _number(name, said) < math.inf:
+        raise InputError(f'{quoted(name)} must be a finite number >= 0; got {shown(said)}')
+    return float(said)
 
 
-def _names(name: str, found: str) -> tuple[str, ...]:
+def _names(name: str, said: str) -> tuple[str, ...]:
     known = [row.name for row in interfaces.rows()]
-    return tuple(choice(name, word, known) for word in found.split())
+    return tuple(choice(name, word, known) for word in said.split())
 
 
 class Kind(NamedTuple):
@@ -170,13 +170,13 @@ class Contract:
         values = _values(status) if most else once(status.values)
         for name, allowed in self.fields.items():
             choice(name, getattr(status, name), allowed)
-        found: dict[str, Any] = {}
+        read: dict[str, Any] = {}
         for key in self.keys:
             if key.name in values:
-                found[key.name] = key.kind.read(key.name, values[key.name])
+                read[key.name] = key.kind.read(key.name, values[key.name])
             elif key.needed:
                 raise InputError(f'`{key.name}` is missing')
-        return found
+        return read
 
 
 Said = TypeVar('Said', bound='Reader')
@@ -250,19 +250,19 @@ class RunStatus(Reader):
     @classmethod
     def of(cls, status: Status) -> RunStatus:
         """Return what a status says; raises InputError."""
-        found = cls.contract.read(status)
-        phase = found['phase']
+        values = cls.contract.read(status)
+        phase = values['phase']
         if status.level not in LEVELS[phase]:
             levels = ' or '.join(map(str, LEVELS[phase]))
             raise InputError(f'the level of `{phase}` must be {levels}; got {status.level}')
-        known = {key.name for key in cls.contract.keys}
+        names = {key.name for key in cls.contract.keys}
         for name, value in status.values:
-            if name not in known:
+            if name not in names:
                 if phase not in ENDED:  # at the end, free running adds figures of its own
                     raise InputError(f'{shown(name)} is not a known value')
                 _figure(name, value)
-        reason, dropped = printable(status.message), found.get('dropped', ())
-        return cls(phase, found['tick'], reason, dropped, 'resumed' in found)
+        reason, dropped = printable(status.message), values.get('dropped', ())
+        return cls(phase, values['tick'], reason, dropped, 'resumed' in values)
 
 
 @dataclass(frozen=True)
@@ -327,12 +327,12 @@ class Manifest(Reader):
     @classmethod
     def of(cls, status: Status) -> Manifest:
         """Return what a status says; raises InputError."""
-        found = cls.contract.read(status, most=False)
+        read = cls.contract.read(status, most=False)
         values = dict(status.values)
         for key in values:
-            if key not in found and not key.startswith(_OF_MANIFEST):
+            if key not in read and not key.startswith(_OF_MANIFEST):
                 raise InputError(f'{shown(key)} is none of {", ".join(_OF_MANIFEST)}')
-        return cls(text('name', status.name), found['role'], found.get('run', ''), values)
+        return cls(text('name', status.name), read['role'], read.get('run', ''), values)
 
 
 ALIVE, GONE = 'alive', 'gone'

@@ -140,13 +140,13 @@ def filled(document: Any, known: Mapping[str, Any]) -> Any:
     """Return the mapping of a section, with what is known where it says nothing itself."""
     if not isinstance(document, Mapping):
         return document
-    found = dict(document)
+    fields = dict(document)
     for key, value in known.items():
         if key not in document:
-            found[key] = value
+            fields[key] = value
         elif isinstance(value, Mapping):
-            found[key] = filled(document[key], value)
-    return found
+            fields[key] = filled(document[key], value)
+    return fields
 
 
 def without(document: Mapping[str, Any], known: Mapping[str, Any]) -> dict[str, Any]:
@@ -312,14 +312,14 @@ def zones_of(scenario: Any) -> list[Zone]:
 
     A section with the zones of the scenario adds its points to them.
     """
-    found: list[Zone] = []
+    zones: list[Zone] = []
     if scenario.zones is not None:
-        found.append(replace(scenario.zones.zone(), name=SECTION))
+        zones.append(replace(scenario.zones.zone(), name=SECTION))
     for settings in scenario.sections:
         section = section_of(settings)
         made = section.zones(settings, scenario) if section.zones is not None else Zone()
-        if found and found[0].name == SECTION and replace(made, points_m={}) == found[0]:
-            found[0] = replace(found[0], points_m=made.points_m)
-        elif made != Zone() and made not in found:
-            found.append(replace(made, name=section.name))
-    return found
+        if zones and zones[0].name == SECTION and replace(made, points_m={}) == zones[0]:
+            zones[0] = replace(zones[0], points_m=made.points_m)
+        elif made != Zone() and made not in zones:
+            zones.append(replace(made, name=section.name))
+    return zones
