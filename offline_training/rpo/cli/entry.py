@@ -30,6 +30,8 @@ _LAYERS = {
     'skfuzzy': 'test',
 }
 
+_EXTRAS = ('campaign', 'report', 'train')  # of the wheel, with the names of the layers
+
 
 @standard_output()
 def main() -> None:
@@ -45,7 +47,8 @@ def main() -> None:
         layer = _LAYERS.get((error.name or '').partition('.')[0])
         sentence = missing_library(error.name)
         if layer is not None:
-            sentence = f'this command needs {error.name}; `make setup LAYERS={layer}` installs it'
+            extra = f", or `pip install 'rpo[{layer}]'`" if layer in _EXTRAS else ''
+            sentence = f'this command needs {error.name}: `make setup LAYERS={layer}`{extra}'
         if sentence is None:
             raise
         print(f'rpo: {sentence}', file=sys.stderr)
