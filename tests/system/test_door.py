@@ -181,7 +181,11 @@ def test_a_changed_controller_is_exported_and_drawn(tmp_path):
     flights = [rpo.fly('quick', each) for each in ('allround', law)]
     page = rpo.report(flights, tmp_path / 'page')
     assert page == tmp_path / 'page' / 'report.html' and (page.parent / 'replay.html').is_file()
-    assert repr(rpo.verify(flights[1])).startswith('<Verification ')
+    assert repr(rpo.verify(flights[1])).startswith('<Verification quick: verified, 51 ticks')
+    runs = rpo.campaign('paper_test', runs=20, folder=tmp_path / 'runs')
+    assert rpo.report(runs) == tmp_path / 'runs' / 'report' / 'report.html'
+    with pytest.raises(rpo.InputError, match='is in memory alone; fly it with a folder'):
+        rpo.report(rpo.campaign('paper_test', runs=20))
 
 
 @pytest.mark.parametrize(

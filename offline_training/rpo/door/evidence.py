@@ -10,6 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
+from rpo.door.campaign import Campaign
 from rpo.door.flight import Flight
 from rpo.door.proof import Proof
 from rpo.door.subjects import file_source
@@ -151,7 +152,7 @@ def _path_of(subject: Any, scratch: Path) -> str | Path:
         path = scratch / f'{identifier(subject.scenario.name)}_{len(list(scratch.iterdir()))}'
         subject.save(path)
         return path
-    if isinstance(subject, Proof) or hasattr(subject, 'rates'):
+    if isinstance(subject, (Campaign, Proof)):
         if subject.folder is None:
             raise InputError(
                 f'report: {subject!r} is in memory alone; fly it with a folder, like '
