@@ -97,12 +97,6 @@ def seen_at(state, frames, i):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def leaning(state, m):  # type: ignore[no-untyped-def]
-    """Return a state in axes that are turned against those that are known: m (15,), a frame."""
-    return seen_from(state, frame_at(m, 0))
-
-
-@compiled
 def unit(word: int) -> float:
     """Return a word of 32 bits as a number in (0, 1)."""
     return (word + 0.5) * 2.3283064365386963e-10
@@ -336,10 +330,11 @@ def look(state, total, rho, fine, g, world, frames, at, true, row):  # type: ign
     if world.zone_m + moved < rho < world.domain_m - moved:
         return False
     found = outside = False
-    seen = leaning(seen_at(state, frames, at), true)
+    axes = frame_at(true, 0)  # turned against those that are known
+    seen = seen_from(seen_at(state, frames, at), axes)
     for part in range(PARTS):
         state = cw_step(state, total, fine)
-        before, seen = seen, leaning(seen_at(state, frames, at + part + 1), true)
+        before, seen = seen, seen_from(seen_at(state, frames, at + part + 1), axes)
         rho = closing(state)[0]
         clear = rho - world.zone_m
         if g.side != 0.0:

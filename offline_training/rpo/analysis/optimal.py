@@ -100,7 +100,7 @@ def least_energy(scenario: Scenario, starts: Floats, coast_s: float = 0.0) -> Fl
     `coast_s` rest is reached that much earlier.
     """
     reach, w, drift = gramian(scenario, _ticks(scenario, coast_s))
-    pushed = np.einsum('kij,kj->i', reach, _disturbances(scenario)[: len(reach)])
+    pushed = np.einsum('kij,kj->i', reach, scenario.disturbances_n[: len(reach)])
     miss = starts @ drift.T + pushed
     return np.einsum('ij,ij->i', miss, np.linalg.solve(w, miss.T).T) * scenario.dt_s
 
@@ -112,18 +112,12 @@ def to_rest(scenario: Scenario, coast_s: float = 0.0) -> Flight:
     no energy where there is no disturbance, and is not counted by `least_energy`.
     """
     reach, w, drift = gramian(scenario, _ticks(scenario, coast_s))
-    disturbances = _disturbances(scenario)
+    disturbances = scenario.disturbances_n
     pushed = np.einsum('kij,kj->i', reach, disturbances[: len(reach)])
     forces = -disturbances[:-1]
     multiplier = np.linalg.solve(w, drift @ np.array(scenario.start) + pushed)
     forces[: len(reach)] = -np.einsum('kij,i->kj', reach, multiplier)
     return _fly_open_loop(scenario, forces)
-
-
-def _disturbances(scenario: Scenario) -> Floats:
-    if scenario.disturbance.is_zero:
-        return np.zeros((scenario.ticks + 1, 3))
-    return scenario.disturbances_n
 
 
 def _fly_open_loop(scenario: Scenario, forces: Floats) -> Flight:
@@ -159,7 +153,7 @@ class Program:
             cost = limits[relaxed] = cp.Variable(nonneg=True)
         a, b = cw.matrices(scenario.step)
         a, b = a * _SCALE / _SCALE[:, None], b / _SCALE[:, None]
-        pushed = _disturbances(scenario)[:-1] @ b.T
+        pushed = scenario.disturbances_n[:-1] @ b.T
         x, f = self._states, self._forces
         step = x[1:] == x[:-1] @ a.T + f @ (b.T * _FORCE_SCALE_N) + pushed
         motion = [x[0] == self._start, step]
@@ -209,10 +203,7 @@ class Program:
 def constrained(scenario: Scenario, conditions: Conditions | None = None) -> Flight:
     """Return the flight of least energy under conditions; by default those of training.
 
-    Raises
-    ------
-    InputError
-        If there is none; it names the limits that would allow one.
+    Raises InputError if there is none; it names the limits that would allow one.
     """
     program = Program(scenario, conditions)
     if program.solve(scenario.start) is None:
@@ -241,12 +232,8 @@ def least_constrained(
     """Return the least J [N^2 s] (n,) from starts (n, 6) under training's conditions.
 
     Undisturbed, the optimum does not change with the sign of the planar (x, y) or of the vertical
-    (z) start: of starts that differ only in such a sign, one is solved.
-
-    Raises
-    ------
-    InputError
-        If there is none from one of the starts.
+    (z) start: of starts that differ only in such a sign, one is solved. Raises InputError if there
+    is none from one of the starts.
     """
     keys = [_mirrored(start) if scenario.disturbance.is_zero else tuple(start) for start in starts]
     distinct = sorted(set(keys))

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache, partial
+from operator import attrgetter
 from os import sched_getaffinity
 from threading import Event
 from typing import Any, NamedTuple
@@ -231,17 +232,13 @@ class Margins:
             )
             for margin in self.margins
         }
-        least = min(self.crossings, key=_delay_s, default=None)
+        least = min(self.crossings, key=attrgetter('delay_margin_s'), default=None)
         return {
             'judged': self.headline(),
             'not_judged': '' if self.starts_missed else ', '.join(self.not_judged),
             **margins,
             'crossing': least._asdict() if least else {},
         }
-
-
-def _delay_s(crossing: Crossing) -> float:
-    return crossing.delay_margin_s
 
 
 HEADINGS = ('', 'largest at which all holds', 'smallest at which not', 'what fails there', '')
@@ -465,7 +462,7 @@ def crossings(controller: AnyController, mass_kg: float, dt_s: float) -> list[Cr
     for amplitude in AMPLITUDES_M:
         responses = [partial(describing, controller, axis, amplitude, dt_s) for axis in range(3)]
         crossed = (c for r in responses for c in _crossings(r, amplitude, mass_kg, dt_s))
-        found += sorted(crossed, key=_delay_s)[:1]
+        found += sorted(crossed, key=attrgetter('delay_margin_s'))[:1]
     return found
 
 

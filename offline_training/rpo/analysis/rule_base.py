@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import astuple, dataclass
 from itertools import pairwise
 
@@ -91,50 +92,37 @@ WELL = 'Every rule decides somewhere, no hole, the rules are monotone.'
 
 def warnings(system: FuzzySystem) -> tuple[str, ...]:
     """Return the warnings about a rule base, a sentence each."""
-    return (*_hole_warnings(system), *_rule_warnings(system), *_order_warnings(system))
+    return tuple(_warnings(system))
 
 
-def _hole_warnings(system: FuzzySystem) -> list[str]:
-    found = []
-    for name, functions in (('position', system.position), ('velocity', system.velocity)):
+def _warnings(system: FuzzySystem) -> Iterator[str]:
+    inputs = ('position', system.position), ('velocity', system.velocity)
+    for name, functions in inputs:
         for low, high in holes(functions):
             place = f'is {low:g}' if low == high else f'is between {low:g} and {high:g}'
-            found.append(
+            yield (
                 f'hole in coverage: no word fits a {name} error whose size {place}; '
                 'no rule fires there, and the force is 0'
             )
     tables = system.tables
     for grades, words in ((tables.sp, 'SN and SP'), (tables.lp, 'LN and LP')):
         if not any(grades):
-            found.append(
-                f'force words {words} fall between the output samples: they have no effect'
-            )
-    return found
-
-
-def _rule_warnings(system: FuzzySystem) -> list[str]:
-    found = []
+            yield f'force words {words} fall between the output samples: they have no effect'
     for rule in activities(system):
         place = f'rule (velocity {rule.velocity}, position {rule.position}) → {rule.force}'
         if rule.fires == 0.0:
-            found.append(f'{place} never fires')
+            yield f'{place} never fires'
         elif rule.decides == 0.0:
-            found.append(f'{place} never decides: others that say {rule.force} are as strong')
-    return found
-
-
-def _order_warnings(system: FuzzySystem) -> list[str]:
-    found = []
-    words, codes = system.rules.words, system.rules.codes
+            yield f'{place} never decides: others that say {rule.force} are as strong'
+    table, codes = system.rules.words, system.rules.codes
     for i, j in np.ndindex(5, 5):
         for other, k, m in (('position', i, j + 1), ('velocity', i + 1, j)):
             if k < 5 and m < 5 and codes[k, m] < codes[i, j]:
-                found.append(
+                yield (
                     f'not monotone: as the {other} error grows from (velocity {WORDS[i]}, '
                     f'position {WORDS[j]}) to (velocity {WORDS[k]}, position {WORDS[m]}), '
-                    f'the force falls from {words[i][j]} to {words[k][m]}'
+                    f'the force falls from {table[i][j]} to {table[k][m]}'
                 )
-    for name, functions in (('position', system.position), ('velocity', system.velocity)):
+    for name, functions in inputs:
         if not surface.is_continuous(functions):
-            found.append(f'{name} word SP has a vertical edge: the force jumps there')
-    return found
+            yield f'{name} word SP has a vertical edge: the force jumps there'

@@ -501,10 +501,11 @@ class Source:
             typed = type_of_value(found)
             members.setdefault(typed, []).append(own)
             if typed in _TABLES:
-                array = np.asarray(found)
+                array, element = np.asarray(found), 'signed char' if typed == 'ints' else 'double'
                 sizes = ', '.join(map(str, array.shape))
                 given.append(f'    .{own} = {{{name}_{field}, {sizes}}},')
-                arrays.append(_array(f'{name}_{field}', typed, array))
+                head = f'static const {element} {name}_{field}[{array.size}]'
+                arrays.append(f'{head} = {{\n{formats.listed(array.ravel(), 4, 96)}}};')
             else:
                 given.append(f'    .{own} = {number(found)},')
         if not members:
@@ -515,9 +516,3 @@ class Source:
             '\n'.join(['typedef struct {', *lines, f'}} {kind.__name__};']),
             '\n'.join([f'static const {kind.__name__} {name} = {{', *given, '};']),
         ]
-
-
-def _array(name: str, kind: Type, array: Any) -> str:
-    element = 'signed char' if kind == 'ints' else 'double'
-    numbers = formats.listed(array.ravel(), 4, 96)
-    return f'static const {element} {name}[{array.size}] = {{\n{numbers}}};'

@@ -115,10 +115,7 @@ def load(path: Path, scales: Sequence[float | None] = (None, None, None)) -> Fuz
 
     scales : position [m], velocity [m/s], force [N]; those that are None come from the file
 
-    Raises
-    ------
-    InputError
-        If the file cannot be read, has another format or another shape, or has no scale.
+    Raises InputError if the file cannot be read, has another format or shape, or has no scale.
     """
     readers = {'.fis': read_fis, '.fll': read_fll}
     with within(str(path)):

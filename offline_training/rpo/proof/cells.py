@@ -378,9 +378,7 @@ class Prover(threading.local):
 
         targets : None, where every claim is refuted already: then nothing is known of them
         """
-        if targets is None:
-            return self.nothing(cells)
-        goals = np.array(targets)
+        goals, nothing = np.array(targets), self.nothing()
         names = [VALUES.index(name) for name in Targets._fields]
         rows, boxes, tails, done = [], [], [], []
         deepest = DEEPEST_PER_AXIS if self.per_axis else DEEPEST
@@ -391,9 +389,9 @@ class Prover(threading.local):
         reach = self._bounds(np.inf, -np.inf)
         while todo:
             cell = todo.pop()
-            row, box, squares, far = self.values(cell)
-            reached = self.arrived(row) and bool((row[names] <= goals).all())
+            row, box, squares, far = nothing if targets is None else self.values(cell)
             tubes += 1
+            reached = targets is None or (self.arrived(row) and (row[names] <= goals).all())
             if not reached and cell.depth < deepest and tubes < most:
                 todo += reversed(list(halves(cell, self.weights(cell))))
                 continue
@@ -411,19 +409,12 @@ class Prover(threading.local):
             reach,
         )
 
-    def nothing(self, cells: list[Cell]) -> CellBounds:
-        """Return the cells, of which nothing is known."""
-        n, k = len(self.motion.a), len(cells)
-        values = np.full((k, len(VALUES)), np.inf)
-        values[:, :2] = 0.0
-        return CellBounds(
-            np.array([cell.centre for cell in cells]),
-            np.array([cell.half for cell in cells]),
-            values,
-            np.full((k, self.layout.checkpoints, 2, n), np.nan),
-            np.full((1, *self.above.shape[1:]), np.inf),
-            self._bounds(-np.inf, np.inf),
-        )
+    def nothing(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """Return the `values` of a first cell of which nothing is known."""
+        row, squares = np.full(len(VALUES), np.inf), np.full(self.above.shape[1:], np.inf)
+        row[:2] = 0.0
+        boxes = np.full((self.layout.checkpoints, 2, len(self.motion.a)), np.nan)
+        return row, boxes, squares, self._bounds(-np.inf, np.inf)
 
     def _bounds(self, least: float, greatest: float) -> Floats:
         """Return the same least and greatest state at every tick, as `CellBounds.reach`."""

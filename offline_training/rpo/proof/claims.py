@@ -15,6 +15,7 @@ import numpy as np
 from rpo.proof.cells import CellBounds
 from rpo.proof.certificate import PROVEN, REFUTED, UNDECIDED, verdict_of
 from rpo.proof.problem import HOLD, Problem, number
+from rpo.proof.proven import ProvenClaim
 from rpo.proof.tube import InvariantSet
 from rpo_core.chain.flight import Flight
 from rpo_core.files.validation import InputError
@@ -31,21 +32,14 @@ ROOM = 1e-9
 
 
 @dataclass(frozen=True)
-class Claim:
-    """A claim over all starts of the box.
+class Claim(ProvenClaim):
+    """A claim over all starts of the box; `bound` is infinite where none is known.
 
     key : the requirement of `rpo_core.scenario.requirements` that it is
-    bound : no start exceeds it; infinite: none is known
-    found : the greatest value that was flown, from `start` (6,) [m, m/s]
+    start : (6,) of the flight that reached `found` [m, m/s]
     open_cells : cells whose bound exceeds the limit
     """
 
-    key: str
-    statement: str
-    unit: str
-    limit: float
-    bound: float
-    found: float
     start: tuple[float, ...]
     open_cells: int
 

@@ -97,14 +97,9 @@ class Table(NamedTuple):
 def table_of(controller: FuzzyController, max_force_n: float, coarseness: float = 1.0) -> Table:
     """Return the table of a controller whose force is saturated at `max_force_n` [N].
 
-    No cell of it is divided.
+    No cell of it is divided. Raises InputError if the surface jumps, or may jump, and where.
 
     coarseness : cells are so many times as wide as they are by default
-
-    Raises
-    ------
-    InputError
-        If the surface jumps, or may jump: the place is named.
     """
     system = controller.system
     refuse_jumps(controller)

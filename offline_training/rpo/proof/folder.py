@@ -224,10 +224,7 @@ def exactly(
 
     check : raises InputError for headers that are not as expected, before the arrays are read
 
-    Raises
-    ------
-    InputError
-        If it is missing, a link or damaged, holds other arrays, or is too large.
+    Raises InputError if it is missing, a link or damaged, holds other arrays, or is too large.
     """
 
     def check_all(headers: Mapping[str, ArrayHeader]) -> None:
@@ -319,7 +316,9 @@ def summary_of(document: Any) -> dict[str, Any]:
 def origins(folder: Folder) -> list[str]:
     """Return whether controller and scenario mean those that ship, and digests of their files."""
     names = folder.problem.controller.name, folder.problem.scenario.name
-    known = is_shipped_controller(folder.problem), is_shipped_scenario(folder.problem)
+    problem, ships = folder.problem, names[0] in files.shipped('controller')
+    same_controller = ships and controllers.load_controller(names[0]) == problem.controller
+    known = same_controller, is_shipped_scenario(problem)
     found = []
     kinds = 'controller', 'scenario'
     for kind, content, name, same in zip(kinds, folder.texts[:2], names, known, strict=True):
@@ -332,14 +331,6 @@ def origins(folder: Folder) -> list[str]:
             what = f'{quoted(name)}, which does not ship'
         found.append(f'{kind}: {what}; SHA-256 {digest}')
     return found
-
-
-def is_shipped_controller(problem: Problem) -> bool:
-    """Whether the controller has all numbers that fly of the one that ships with its name."""
-    name = problem.controller.name
-    return name in files.shipped('controller') and (
-        controllers.load_controller(name) == problem.controller
-    )
 
 
 def is_shipped_scenario(problem: Problem) -> bool:

@@ -18,6 +18,7 @@ from rpo.proof.tube import Motion
 from rpo_core import files
 from rpo_core.control import controller as controllers
 from rpo_core.control.controller import AnyController, FuzzyController
+from rpo_core.files import codec
 from rpo_core.files.validation import Checked, InputError, flag, mapping, real, schema, shown, text
 from rpo_core.kernels.arrays import Floats
 from rpo_core.scenario import scenario
@@ -243,9 +244,7 @@ class Problem:
         disturbance, share = self.scenario.disturbance, self.settings.disturbance_share
         extra = [np.zeros((ticks, len(axes)))] if self.inverse_mass_share > 0.0 else []
         if share == 0.0:
-            constant = np.zeros((ticks, len(axes)))
-            if not disturbance.is_zero:
-                constant = disturbance.over(times)[:, axes]
+            constant = disturbance.over(times)[:, axes]
             return np.ascontiguousarray(constant), _stacked(extra, ticks, len(axes))
         found = []
         for place, axis in enumerate(axes):
@@ -266,15 +265,10 @@ class Problem:
     @cached_property
     def texts(self) -> tuple[str, str, str]:
         """Controller, scenario and settings as files."""
-        half = {
-            name: list(value) if isinstance(value, tuple) else value
-            for name, value in vars(self.settings).items()
-        }
-        return (
-            controllers.dumps(self.controller),
-            scenario.dumps(self.scenario),
-            yaml.safe_dump({'schema': SCHEMA, **half}, sort_keys=False),
+        settings = yaml.safe_dump(
+            {'schema': SCHEMA, **codec.to_mapping(self.settings)}, sort_keys=False
         )
+        return controllers.dumps(self.controller), scenario.dumps(self.scenario), settings
 
     @classmethod
     def of_texts(cls, texts: Sequence[str]) -> Problem:

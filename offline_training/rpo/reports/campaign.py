@@ -236,6 +236,8 @@ def report_of(folder: Path) -> Report:
         if keeps:
             found_rates[place] = rate._replace(name=f'{words(name, unit=False)} ≤ {plain(limit)}')
     found_spreads = [s._replace(name=words(s.name, unit=False)) for s in found_spreads]
+    names = 'campaign.yaml', 'scenario.yaml', 'controller.yaml'
+    files_of = tuple(map(File, names, store.campaign.texts))
     with style.applied():
         sections = (
             Section('Success', tuple(_success(store, found_rates))),
@@ -243,7 +245,7 @@ def report_of(folder: Path) -> Report:
             *([Section('Where it ends', (_clouds(store, success),))] if ends else []),
             Section('What matters', tuple(_what_matters(store, success))),
             Section('Worst runs', tuple(_worst(store, found_spreads, success))),
-            Section('Configuration', tuple(_configuration(store))),
+            Section('Configuration', files_of),
         )
     kept = found_rates[0]
     shares = [_percent(rate) for rate in found_rates if rate.name == judging.MOTION]
@@ -430,10 +432,3 @@ def _verdict(success: Bools, run: int) -> str:
 
 def _again(store: Store, run: int) -> str:
     return shlex.join(['rpo', 'campaign', str(store.folder), '--run', str(run)])
-
-
-def _configuration(store: Store) -> list[Block]:
-    names = ('campaign.yaml', 'scenario.yaml', 'controller.yaml')
-    return [
-        *(File(name, text) for name, text in zip(names, store.campaign.texts, strict=True)),
-    ]

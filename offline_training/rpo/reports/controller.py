@@ -45,22 +45,29 @@ _CONDITIONS = {
 }
 
 
-def membership_functions(controller: FuzzyController) -> Any:
+def membership_functions(controller: FuzzyController) -> Picture:
     """Return the membership functions of the three variables, in their units."""
     system, x = controller.system, np.linspace(-1.0, 1.0, 1001)
     figure, panels = style.new_panels(5.6, 3)
+    names = 'position error [m]', 'velocity error [m/s]', 'force [N]'
+    variables = system.position, system.velocity, system.force
     for axes, name, scale, functions in zip(
-        panels,
-        ('position error [m]', 'velocity error [m/s]', 'force [N]'),
-        controller.scales,
-        (system.position, system.velocity, system.force),
-        strict=True,
+        panels, names, controller.scales, variables, strict=True
     ):
         for grades, word, colour in zip(functions.grades(x).T, WORDS, style.WORDS, strict=True):
             axes.plot(scale * x, np.where(grades > 0.0, grades, np.nan), label=word, color=colour)
         axes.set(xlabel=name, ylabel='grade', xlim=(-scale, scale), ylim=(0.0, 1.05))
     style.legend_below(figure, panels[0])
-    return figure
+    words = ', '.join(f'{word} {SPOKEN[word]}' for word in WORDS)
+    position, velocity, force = controller.scales
+    return picture(
+        'membership_functions',
+        figure,
+        words=words,
+        position=position,
+        velocity=velocity,
+        force=force,
+    )
 
 
 def rules(controller: FuzzyController) -> Any:
@@ -200,7 +207,7 @@ def _inside(controller: AnyController, proven: Certificate | None) -> tuple[Sect
         said = warnings(controller.system) or (WELL,)
         shown = picture('rules', rules(controller)), Table(FORCES, headings, tuple(rows))
         return (
-            Section('Membership functions', (_functions(controller),)),
+            Section('Membership functions', (membership_functions(controller),)),
             Section('Rules', (*shown, *map(Text, said))),
             Section('Control surface', (picture('surface', control_surface(controller)),)),
             Section('Certificate', tuple(_certificate(controller, proven))),
@@ -258,18 +265,6 @@ def _assessed(controller: FuzzyController, proven: Certificate) -> _Flown:
     )
     table = Table('Targets', ('target', 'what', 'limit', 'reached', 'verdict'), rows)
     return _Flown(summary, [table, Text(QUESTIONS), shown], not all(t.holds for t in targets))
-
-
-def _functions(controller: FuzzyController) -> Picture:
-    position, velocity, force = controller.scales
-    return picture(
-        'membership_functions',
-        membership_functions(controller),
-        words=', '.join(f'{word} {SPOKEN[word]}' for word in WORDS),
-        position=position,
-        velocity=velocity,
-        force=force,
-    )
 
 
 def _certificate(controller: FuzzyController, found: Certificate) -> list[Block]:

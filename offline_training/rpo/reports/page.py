@@ -281,10 +281,7 @@ Subject = Literal['run', 'campaign', 'proof', 'controller']
 def subject_of(target: str) -> Subject:
     """Return what a folder, a file or a name is: a controller, if nothing else.
 
-    Raises
-    ------
-    InputError
-        If it is a folder of neither a run nor a campaign nor a proof.
+    Raises InputError if it is a folder of neither a run nor a campaign nor a proof.
     """
     if target.endswith(('.mcap', '.db3')):
         return 'run'

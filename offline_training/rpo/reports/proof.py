@@ -18,11 +18,15 @@ from rpo.proof.claims import Claim, Range, lower, of_planar, row_of, upper
 from rpo.proof.folder import TEXTS, Folder, origins
 from rpo.proof.problem import PER_AXIS, Problem, range_of, title_of
 from rpo.proof.tube import InvariantSet
-from rpo.reports import run_plots
 from rpo.reports.page import Block, File, Picture, Report, Section, Table, Text, picture, plain
 from rpo_core.chain.flight import fly
+from rpo_core.kernels.arrays import Floats
 from rpo_log.show import style
 from rpo_log.show.report import limit_lines
+
+_PLANE_POINTS = 161
+_LEVELS = (0.0, 0.25, 0.5, 0.7, 0.8, 0.9, 1.0)
+"""Shares of a limit; what is beyond is open, or refuted."""
 
 
 def report_of(path: Path) -> Report:
@@ -41,7 +45,7 @@ def report_of(path: Path) -> Report:
             pictures = [_reach(problem, groups)]
     verdicts = [claim.verdict for claim in claims]
     counted = ', '.join(f'{verdicts.count(v)} {v}' for v in dict.fromkeys(verdicts))
-    files_of = tuple(File(name, content) for name, content in zip(TEXTS, folder.texts, strict=True))
+    files_of = tuple(map(File, TEXTS, folder.texts))
     check = shlex.join(['rpo', 'prove', '--check', str(path)])
     return Report(
         f'Proof: {problem.controller.name}, {problem.scenario.name}',
@@ -93,16 +97,25 @@ def _margins(folder: Folder, groups: dict[str, CellBounds], claim: Claim) -> Blo
     """Return the x-y plane of starts, coloured by bound beside limit; words if all is alike."""
     planar, settings = groups['planar'], folder.problem.settings
     shares = of_planar(groups, claim.key) / claim.limit
-    x, y = (run_plots.points(settings.centre[i], settings.half[i]) for i in (0, 1))
+    side = np.linspace(-1.0, 1.0, _PLANE_POINTS)
+    x, y = (settings.centre[i] + settings.half[i] * side for i in (0, 1))
     low, high = (planar.centre - planar.half)[:, :2], (planar.centre + planar.half)[:, :2]
-    values = run_plots.greatest(x, y, low, high, shares)
+    values = _greatest(x, y, low, high, shares)
     if folder.problem.odd:
-        values = np.fmax(values, run_plots.greatest(x, y, -high, -low, shares))
-    if run_plots.is_flat(values):
-        least, most = 100.0 * np.nanmin(values), 100.0 * np.nanmax(values)
-        return Text(f'{claim.statement}: {least:.0f} to {most:.0f} % of the limit everywhere.')
+        values = np.fmax(values, _greatest(x, y, -high, -low, shares))
+    colours = np.unique(np.digitize(values[np.isfinite(values)], _LEVELS))
+    if len(colours) < 2:  # a plane of one colour shows nothing
+        low_percent, high_percent = 100.0 * np.nanmin(values), 100.0 * np.nanmax(values)
+        span = f'{low_percent:.0f} to {high_percent:.0f} %'
+        return Text(f'{claim.statement}: {span} of the limit everywhere.')
     figure, axes = style.new_panels(6.2)
-    run_plots.draw_plane(figure, axes, y, x, values)
+    half = style.SHADES // 2
+    scale = [*style.SCALE[half : half + len(_LEVELS) - 1], style.LIGHT['bad']]
+    image = axes.contourf(y, x, values, [*_LEVELS, 1e9], colors=scale)
+    axes.grid(False)
+    axes.set_aspect('equal')
+    bar = figure.colorbar(image, ax=axes, label='bound / limit', ticks=_LEVELS)
+    bar.ax.grid(False)
     axes.set(title=claim.statement, xlabel='start y, V-bar [m]', ylabel='start x, R-bar [m]')
     worst = int(shares.argmax())
     place = ', '.join(f'{x:.4g}' for x in planar.centre[worst])
@@ -111,6 +124,20 @@ def _margins(folder: Folder, groups: dict[str, CellBounds], claim: Claim) -> Blo
         'margin', figure, statement=claim.statement, worst=place, open=number, cells=cells
     )
     return shown._replace(name=f'margin_{claim.key}')
+
+
+def _greatest(x: Floats, y: Floats, low: Floats, high: Floats, shares: Floats) -> Floats:
+    """Return the greatest share (len(x), len(y)) of the cells at each place; nan where none is.
+
+    low, high : (k, 2) of each cell; shares : (k,)
+    """
+    values = np.full((len(x), len(y)), np.nan)
+    first = [np.searchsorted(a, low[:, i], side='left') for i, a in ((0, x), (1, y))]
+    last = [np.searchsorted(a, high[:, i], side='right') for i, a in ((0, x), (1, y))]
+    for k, share in enumerate(shares):
+        part = values[first[0][k] : last[0][k], first[1][k] : last[1][k]]
+        np.fmax(part, share, out=part)
+    return values
 
 
 _BEFORE_S = 50.0

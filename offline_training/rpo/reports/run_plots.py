@@ -23,47 +23,6 @@ from rpo_core.world.zones import Zone
 from rpo_log.show import style
 from rpo_log.show.report import by_axis, force_label, legend_names, limit_lines
 
-_PLANE_POINTS = 161
-_LEVELS = (0.0, 0.25, 0.5, 0.7, 0.8, 0.9, 1.0)
-"""Shares of a limit; what is beyond is open, or refuted."""
-
-
-def points(centre: float, half: float) -> Floats:
-    """Return the places of a side of the plane."""
-    return centre + half * np.linspace(-1.0, 1.0, _PLANE_POINTS)
-
-
-def greatest(x: Floats, y: Floats, low: Floats, high: Floats, shares: Floats) -> Floats:
-    """Return the greatest share (len(x), len(y)) of the cells at each place; nan where none is.
-
-    low, high : (k, 2) of each cell; shares : (k,)
-    """
-    values = np.full((len(x), len(y)), np.nan)
-    first = [np.searchsorted(a, low[:, i], side='left') for i, a in ((0, x), (1, y))]
-    last = [np.searchsorted(a, high[:, i], side='right') for i, a in ((0, x), (1, y))]
-    for k, share in enumerate(shares):
-        part = values[first[0][k] : last[0][k], first[1][k] : last[1][k]]
-        np.fmax(part, share, out=part)
-    return values
-
-
-def is_flat(values: Floats) -> bool:
-    """Return whether all shares have one colour: such a plane shows nothing."""
-    shown = values[np.isfinite(values)]
-    return len(np.unique(np.digitize(shown, _LEVELS))) < 2
-
-
-def draw_plane(figure: Any, axes: Any, along: Floats, up: Floats, values: Floats) -> None:
-    """Draw a plane in its axes: places along and up, and shares (up, along), with their scale."""
-    half = style.SHADES // 2
-    colours = [*style.SCALE[half : half + len(_LEVELS) - 1], style.LIGHT['bad']]
-    image = axes.contourf(along, up, values, [*_LEVELS, 1e9], colors=colours)
-    axes.grid(False)
-    axes.set_aspect('equal')
-    bar = figure.colorbar(image, ax=axes, label='bound / limit', ticks=_LEVELS)
-    bar.ax.grid(False)
-
-
 _POINTS = 141
 _COARSE = 61
 _REACH_M, _REACH_M_S = 100.0, 1.0

@@ -82,7 +82,7 @@ def _front(path: Path) -> Any:
 _FUZZY = ('fuzzy', 'more_words', 'time_to_go')
 
 
-def draw(rows: Sequence[Row]) -> Any:
+def draw_comparison(rows: Sequence[Row]) -> Any:
     """Return the picture; a controller that arrives from no training start is left out.
 
     Shares are on a logistic scale, with their intervals; none and all are drawn at half a run.

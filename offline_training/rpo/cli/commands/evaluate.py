@@ -235,7 +235,7 @@ def compare(
     """
     from rpo.analysis import comparison
     from rpo.montecarlo.outputs import put
-    from rpo.reports import training as pictures
+    from rpo.reports.training import draw_comparison
     from rpo.training.provenance import saw
     from rpo_core.files import find
 
@@ -259,7 +259,7 @@ def compare(
     for path in comparison.write(rows, least, flown, output):
         echo(path)
     if picture is not None:
-        draw(picture, pictures.draw, rows)
+        draw(picture, draw_comparison, rows)
     if write is not None:
         tables = comparison.TABLES[:-1]
         put(write, 'rpo compare', comparison.markdown(rows, least, flown, tables))
