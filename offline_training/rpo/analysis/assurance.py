@@ -41,34 +41,34 @@ class Quiet(NamedTuple):
     margin_m_s: float
 
 
-def quiet(found: Scenario | ScenarioSet, controller: AnyController, settings: Assurance) -> Quiet:
+def quiet(flown: Scenario | ScenarioSet, controller: AnyController, settings: Assurance) -> Quiet:
     """Fly without assurance, and count the commands that it would change."""
     flights = interventions = disturbed = 0
     margin = float('inf')
-    for flight in flights_of(controller, found):
+    for flight in flights_of(controller, flown):
         guard = guard_of(settings, flight.scenario)
-        acted, least = _count_changes(
+        acted, min_margin_m_s = _count_changes(
             flight.states[:-1], flight.forces_n[:-1], flight.scenario.step, guard
         )
         flights += 1
         interventions += acted
         disturbed += acted > 0
-        margin = min(margin, least)
+        margin = min(margin, min_margin_m_s)
     return Quiet(flights, interventions, disturbed, margin)
 
 
 @compiled
 def _count_changes(states: Any, forces: Any, c: CwStep, g: Guard) -> tuple[int, float]:
     """Return how many commands (n, 3) to states (n, 6) would be changed; the least margin."""
-    acted, least = 0, 1e30
+    acted, min_margin = 0, 1e30
     for i in range(len(states)):
         s, f = states[i], forces[i]
         state = (s[0], s[1], s[2], s[3], s[4], s[5])
         command = (f[0], f[1], f[2])
-        found = assure(state, command, command, OPEN, c, g)
-        acted += found[4] != 0
-        least = found[6] if found[6] < least else least
-    return acted, least
+        answer = assure(state, command, command, OPEN, c, g)
+        acted += answer[4] != 0
+        min_margin = answer[6] if answer[6] < min_margin else min_margin
+    return acted, min_margin
 
 
 class Silence(NamedTuple):
@@ -84,7 +84,7 @@ class Silence(NamedTuple):
 
 
 def silence(
-    found: Scenario | ScenarioSet,
+    flown: Scenario | ScenarioSet,
     controller: AnyController,
     radius_m: float,
     beyond_m: float,
@@ -96,7 +96,7 @@ def silence(
     drag_m_s2 : bounds of the differential acceleration along the orbit; < 0: the chaser has more
     """
     flights = unprotected = looked = lost = 0
-    for flight in flights_of(controller, found):
+    for flight in flights_of(controller, flown):
         n, every = flight.scenario.mean_motion_rad_s, max(1, round(1.0 / flight.scenario.dt_s))
         seen, bad = _count_drifts(
             flight.states[::every], radius_m, beyond_m, orbits * 2.0 * math.pi / n, n, *drag_m_s2
@@ -108,7 +108,7 @@ def silence(
 
 @compiled
 def _count_drifts(  # type: ignore[no-untyped-def]
-    states: Any, radius: float, beyond: float, duration: float, n: float, least: float, most: float
+    states: Any, radius: float, beyond: float, duration: float, n: float, low: float, high: float
 ):
     """Return of how many states (n, 6) the drift was checked, and of how many it enters."""
     seen = bad = 0
@@ -118,7 +118,7 @@ def _count_drifts(  # type: ignore[no-untyped-def]
             continue
         seen += 1
         state = (s[0], s[1], s[2], s[3], s[4], s[5])
-        bad += clear_for(state, radius, duration, n, least, most) < duration
+        bad += clear_for(state, radius, duration, n, low, high) < duration
     return seen, bad
 
 
@@ -166,19 +166,19 @@ def at_random(machine: AbortMachine, count: int, seed: int) -> list[State]:
     A band that the open set leaves out, or nearly, gets fewer: see `MISSES`.
     """
     random, guard = np.random.default_rng(seed), machine.guard
-    found: list[State] = []
+    states: list[State] = []
     edges = _edges(machine.keep_out_m)
-    for least, most in zip(edges, [*edges[1:-1], edges[-2] + 160.0], strict=False):
-        wanted, missed = len(found) + count // len(edges[1:]), 0
-        while len(found) < wanted and missed < MISSES:
+    for low_m, high_m in zip(edges, [*edges[1:-1], edges[-2] + 160.0], strict=False):
+        wanted, missed = len(states) + count // len(edges[1:]), 0
+        while len(states) < wanted and missed < MISSES:
             e, u = (v / np.linalg.norm(v) for v in random.normal(size=(2, 3)))
-            position = (random.uniform(least, most) * e).tolist()
+            position = (random.uniform(low_m, high_m) * e).tolist()
             state: Any = (*position, *(random.uniform(0.0, 1.0) * u).tolist())
             missed += 1
             if min(open_margins(state, guard.here_m, guard.here_m_s, guard)) >= 0.0:
-                found.append(state)
+                states.append(state)
                 missed = 0
-    return found
+    return states
 
 
 def bands(machine: AbortMachine, states: Iterable[State]) -> list[Band]:
@@ -191,8 +191,8 @@ def bands(machine: AbortMachine, states: Iterable[State]) -> list[Band]:
             band = int(np.searchsorted(edges, rho)) - 1
             margins[band].append(machine.way_out(state, machine.guard, None).margin_m)
     return [
-        Band(least, most, len(m), sum(x >= 0.0 for x in m), min(m, default=float('nan')))
-        for least, most, m in zip(edges, edges[1:], margins, strict=False)
+        Band(low_m, high_m, len(m), sum(x >= 0.0 for x in m), min(m, default=float('nan')))
+        for low_m, high_m, m in zip(edges, edges[1:], margins, strict=False)
     ]
 
 

@@ -205,14 +205,14 @@ def start_within(k0, k1, c, g, world, frames, at):  # type: ignore[no-untyped-de
 
 
 @compiled
-def wanted(kind, tick, k0, k1, state, held, limit):  # type: ignore[no-untyped-def]
+def wanted(behaviour, tick, k0, k1, state, held, limit):  # type: ignore[no-untyped-def]
     """Return the hostile command [N] of a tick; `held` is the one before."""
     x, y, z, vx, vy, vz = state
     a, b, c, d = philox(tick, WANT, 0, 0, k0, k1)
-    if kind == RANDOM:
+    if behaviour == RANDOM:
         s = 3.0 * limit
         return s * (2.0 * unit(a) - 1.0), s * (2.0 * unit(b) - 1.0), s * (2.0 * unit(c) - 1.0)
-    if kind == BANG_BANG:
+    if behaviour == BANG_BANG:
         if tick % 16 and unit(d) > 0.02:
             return held
         return (
@@ -220,17 +220,17 @@ def wanted(kind, tick, k0, k1, state, held, limit):  # type: ignore[no-untyped-d
             limit if b & 1 else -limit,
             limit if c & 1 else -limit,
         )
-    if kind == FROZEN:
+    if behaviour == FROZEN:
         return held if tick else (
             limit * (4.0 * unit(a) - 2.0), limit * (4.0 * unit(b) - 2.0),
             limit * (4.0 * unit(c) - 2.0),
         )  # fmt: skip
-    if kind == NOT_FINITE and unit(d) < 0.3:
+    if behaviour == NOT_FINITE and unit(d) < 0.3:
         return (np.nan, held[1], held[2]) if a & 1 else (held[0], np.inf, held[2])
     rho, closes, _ = closing(state)
     rho = rho if rho > 0.0 else 1.0
-    k = (1.8 if kind == AWAY else -1.8) * limit / rho
-    if kind == SIDEWAYS:  # faster and faster round the target, and towards it
+    k = (1.8 if behaviour == AWAY else -1.8) * limit / rho
+    if behaviour == SIDEWAYS:  # faster and faster round the target, and towards it
         tx, ty, tz = vx + closes * x / rho, vy + closes * y / rho, vz + closes * z / rho
         size = sqrt(tx * tx + ty * ty + tz * tz) + 1e-9
         s = 1.8 * limit / size
@@ -239,7 +239,7 @@ def wanted(kind, tick, k0, k1, state, held, limit):  # type: ignore[no-untyped-d
 
 
 @compiled
-def fly_hostile(k0, k1, kind, ticks, c, fine, g, w, frames, world, drawn, row):  # type: ignore[no-untyped-def]
+def fly_hostile(k0, k1, behaviour, ticks, c, fine, g, w, frames, world, drawn, row):  # type: ignore[no-untyped-def]
     """Fly one run; its results go to `row`.
 
     c, fine : CW step of a tick, and of a `PARTS`th of it
@@ -277,13 +277,13 @@ def fly_hostile(k0, k1, kind, ticks, c, fine, g, w, frames, world, drawn, row): 
             wx, wy, wz, _ = direction(tick, SEEN + 100, k0, k1)
         er, ev = share * world.position_m, share * world.velocity_m_s
         seen = (x + er * ux, y + er * uy, z + er * uz, vx + ev * wx, vy + ev * wy, vz + ev * wz)
-        held = wanted(kind, tick, k0, k1, seen, held, g.limit_n)
+        held = wanted(behaviour, tick, k0, k1, seen, held, g.limit_n)
         command = held
-        if kind == LATE:
+        if behaviour == LATE:
             past[tick % MOST_LATE] = held
             old = past[(tick + 1) % MOST_LATE]
             command = (old[0], old[1], old[2])
-        if kind == NOT_FINITE:
+        if behaviour == NOT_FINITE:
             held = (0.5 * g.limit_n, -g.limit_n, g.limit_n)
         ahead = seen
         for i in range(world.delay):
@@ -292,10 +292,10 @@ def fly_hostile(k0, k1, kind, ticks, c, fine, g, w, frames, world, drawn, row): 
         if len(frames) > 0:
             acts = at + PARTS * world.delay
             now, following = frame_at(frames[acts], 0), frame_at(frames[acts + PARTS], 0)
-            found = assure_turning(ahead, command, last, mode, now, following, c, g, w)
+            answer = assure_turning(ahead, command, last, mode, now, following, c, g, w)
         else:
-            found = assure(ahead, command, last, mode, c, g)
-        fx, fy, fz, mode, acted, _, _ = found
+            answer = assure(ahead, command, last, mode, c, g)
+        fx, fy, fz, mode, acted, _, _ = answer
         last = (fx, fy, fz)
         row[ACTED] += acted > 2
         if world.delay:
@@ -329,7 +329,7 @@ def look(state, total, rho, fine, g, world, frames, at, true, row):  # type: ign
     moved = NEAR_M + 2.0 * closing(state)[2] * g.dt_s
     if world.zone_m + moved < rho < world.domain_m - moved:
         return False
-    found = outside = False
+    entered = outside = False
     axes = frame_at(true, 0)  # turned against those that are known
     seen = seen_from(seen_at(state, frames, at), axes)
     for part in range(PARTS):
@@ -346,9 +346,9 @@ def look(state, total, rho, fine, g, world, frames, at, true, row):  # type: ign
                 touch(before, seen, g, world, row)
                 return True
         row[LEAST_FREE] = clear if clear < row[LEAST_FREE] else row[LEAST_FREE]
-        found = found or clear < 0.0
+        entered = entered or clear < 0.0
         outside = outside or rho > world.domain_m
-    row[VIOLATED] += found
+    row[VIOLATED] += entered
     row[OUTSIDE] += outside
     return False
 
@@ -410,8 +410,8 @@ class Result:
 
     def least(self, column: int) -> float:
         """Return the smallest value of a column; infinite if there was none."""
-        found = float(self.rows[:, column].min()) if len(self.rows) else math.inf
-        return found if found < 1e29 else math.inf
+        smallest = float(self.rows[:, column].min()) if len(self.rows) else math.inf
+        return smallest if smallest < 1e29 else math.inf
 
 
 def settings_of(scenario: Scenario) -> Assurance:
@@ -464,13 +464,13 @@ def attack(
         numbers = step, fine, proof.guard, proof.walls or proof.guard, frames, world
         fly_many(keys, kinds[part], ticks, *numbers, drawn, rows[part])
         advance(part.stop)
-    return [Result(kind, rows[kinds == i]) for i, kind in enumerate(KINDS)]
+    return [Result(name, rows[kinds == i]) for i, name in enumerate(KINDS)]
 
 
 def _axes(scenario: Scenario, delay: int) -> NDArray[np.float64]:
     """Return the axes (n, 15) of the target, as they are known, at parts of the ticks."""
-    known, orbit = scenario.target.known, scenario.mean_motion_rad_s
-    motion = Motion(known.body(orbit), known.start(orbit), scenario.dt_s / PARTS)
+    target, orbit = scenario.target.known, scenario.mean_motion_rad_s
+    motion = Motion(target.body(orbit), target.start(orbit), scenario.dt_s / PARTS)
     return motion.frames(PARTS * (scenario.ticks + delay + 2))
 
 

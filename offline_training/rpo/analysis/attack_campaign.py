@@ -86,14 +86,14 @@ def command(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Replace row FORCE by a hostile command, after COMMANDED."""
     limit = t[LIMIT]
     for s in range(RUNS):
-        since, kind = tick - int(t[SINCE + s]), int(t[HOSTILE + s])
-        if kind < 0 or since < 0:
+        since, behaviour = tick - int(t[SINCE + s]), int(t[HOSTILE + s])
+        if behaviour < 0 or since < 0:
             continue
         state = (*vector_in(w, KNOWN_R, s), *vector_in(w, KNOWN_V, s))
         a, b = int(t[WORDS + s]), int(t[WORDS + RUNS + s])
-        x, y, z = wanted(kind, since, a, b, state, vector_in(m, 0, s), limit)
+        x, y, z = wanted(behaviour, since, a, b, state, vector_in(m, 0, s), limit)
         w[FORCE + s], w[FORCE + RUNS + s], w[FORCE + 2 * RUNS + s] = x, y, z
-        if kind == NOT_FINITE:
+        if behaviour == NOT_FINITE:
             x, y, z = 0.5 * limit, -limit, limit
         m[s], m[RUNS + s], m[2 * RUNS + s] = x, y, z
 
@@ -158,14 +158,14 @@ def _commands(campaign: Campaign, first: int) -> Part:
 
 def _hostile(parts: Sequence[Part], seed: int, first: int) -> list[Part]:
     """Return parts of a batch whose attitude controller answers errors with any torque."""
-    random, found = np.random.default_rng([seed, first, 1]), []
+    random, hostile = np.random.default_rng([seed, first, 1]), []
     for part in parts:
         if part.name == 'attitude_control':
             gains = random.choice((-GAIN_NM, GAIN_NM), 18)
             head = part.table[: SHARED + FUZZY]
             part = part._replace(table=table_of(head, 0.0, gains))
-        found.append(part)
-    return found
+        hostile.append(part)
+    return hostile
 
 
 def _watched(scenario: Scenario, late: Floats) -> Part:
@@ -219,15 +219,15 @@ def bounded(campaign: Campaign) -> Campaign:
     seeing = (Place.SENSOR, Place.ESTIMATOR)
     sections = tuple(s for s in scenario.sections if section_of(s).place not in seeing)
     kept = {n: d for n, d in config.dispersions.items() if not n.startswith('sensor_')}
-    for name, unit, most in (
+    for name, unit, bound in (
         ('position', 'm', errors.position_m),
         ('velocity', 'm_s', errors.velocity_m_s),
     ):
-        bias, noise = (BIASED * most / SQRT_3,) * 3, ((1.0 - BIASED) * most / LARGEST_NORMAL,)
+        bias, noise = (BIASED * bound / SQRT_3,) * 3, ((1.0 - BIASED) * bound / LARGEST_NORMAL,)
         kept[f'navigation_{name}_bias_{unit}'] = Dispersion('uniform', bias)
         kept[f'navigation_{name}_noise_{unit}'] = Dispersion('white', noise)
-    known = replace(scenario, sections=sections)
-    return replace(campaign, config=replace(config, dispersions=kept), scenario=known)
+    without_sensors = replace(scenario, sections=sections)
+    return replace(campaign, config=replace(config, dispersions=kept), scenario=without_sensors)
 
 
 def attack_campaign(
@@ -245,7 +245,7 @@ def attack_campaign(
         reason = f'scenario {scenario.name} has no `attitude_control`'
     if reason:
         raise InputError(f'a campaign under attack must be flown by the engine; {reason}')
-    found, w = np.empty((4, runs)), make_scratch()
+    figures, w = np.empty((4, runs)), make_scratch()
     control = control_of(campaign.controller)
     for first in range(0, runs, UNIT):
         drawn = draw(campaign, first, min(UNIT, runs - first))
@@ -261,7 +261,7 @@ def attack_campaign(
             n, memory = len(pairs.rows), pairs.memories['watched']
             rows = memory[:USED].reshape(-1, RUNS)[:, :n]
             some = slice(first + pairs.some.start, first + pairs.some.stop)
-            found[:3, some], found[3, some] = rows[:3], np.degrees(2.0 * np.arcsin(rows[4]))
+            figures[:3, some], figures[3, some] = rows[:3], np.degrees(2.0 * np.arcsin(rows[4]))
         advance(min(first + UNIT, runs))
     kinds = np.arange(runs) % len(KINDS)
-    return [Flown(kind, *found[:, kinds == i]) for i, kind in enumerate(KINDS)]
+    return [Flown(name, *figures[:, kinds == i]) for i, name in enumerate(KINDS)]

@@ -219,11 +219,11 @@ class Flights:
         """Return what a controller does with all of them."""
         law = settings.law_of(self.base.equipped(VEHICLE))
         control = part_of(law, np.tile(law[:HEAD], (RUNS, 1)), np.zeros((3, RUNS)), self._seen)
-        w, found = make_scratch(), []
+        w, counted = make_scratch(), []
         for part in self._parts:
             runs = Runs(np.zeros((RUNS, 4)), np.zeros((RUNS, 2)), (part, control, *self._others))
-            found.append(fly(runs, (), self.ticks, w)['count'].reshape(8, RUNS))
-        energy, last, worst, beyond, fastest = np.hstack(found)[:_AXIS, : self.count]
+            counted.append(fly(runs, (), self.ticks, w)['count'].reshape(8, RUNS))
+        energy, last, worst, beyond, fastest = np.hstack(counted)[:_AXIS, : self.count]
         settled = np.where(last >= self.ticks, np.inf, last * self.base.dt_s)
         at_rest = np.abs(self.draws.rates_deg_s).max(axis=1) == 0.0
         beyond = np.where(at_rest, beyond / (self._keep * OVERSHOOT), 0.0)
@@ -300,8 +300,8 @@ def _paced(few: Flights, controller: AttitudeController, pace_s: float) -> tuple
         return scale, False
     # Faster is not sooner settled for ever: a law that is too fast overshoots.
     scales = np.geomspace(0.02, 50.0, 35).tolist()
-    found = [(_settling_s(few, controller, s), abs(log(s)), s) for s in scales]
-    mean_s, _, best = min(found)  # if it settles at none, its own
+    paces = [(_settling_s(few, controller, s), abs(log(s)), s) for s in scales]
+    mean_s, _, best = min(paces)  # if it settles at none, its own
     return (best, True) if mean_s > pace_s else (between(best, 50.0), False)
 
 

@@ -228,10 +228,10 @@ class Comparison:
         tests = {name: fly(load_scenario(name), controller) for name in TESTS}
         late = {}
         for name, flight in tests.items():
-            found = metrics.window(flight, metrics.CLAIM_WINDOW_S)
+            end = metrics.window(flight, metrics.CLAIM_WINDOW_S)
             late[name] = {
-                'position_m': found.position_m,
-                'velocity_m_s': found.velocity_m_s,
+                'position_m': end.position_m,
+                'velocity_m_s': end.velocity_m_s,
                 'energy_n2s': metrics.of_flight(flight).energy_n2s,
             }
         shares = fitness.shares(rows)
@@ -369,11 +369,11 @@ def _speed(row: Row, test: str) -> str:
     return f'{1e3 * row["tests"][test]["velocity_m_s"]:.3g}'
 
 
-def _share(found: Row | None) -> str:
+def _share(rates: Row | None) -> str:
     """Return a share of the dispersed runs with its interval; a dash where no limit is such."""
-    if found is None:
+    if rates is None:
         return '–'
-    shares = (100 * x for x in (found['kept'] / found['runs'], found['low'], found['high']))
+    shares = (100 * x for x in (rates['kept'] / rates['runs'], rates['low'], rates['high']))
     return '{:.2f} ({:.2f}…{:.2f})'.format(*shares)
 
 
@@ -381,8 +381,8 @@ def _missed(row: Row, name: str) -> str:
     """Return a share of the random starts with its interval; a dash where none flew."""
     if name not in row['random_missed']:
         return '–'
-    found = rate('missed', row['random_missed'][name], row['random_runs'])
-    return f'{found.percent} ({found.interval.replace(" to ", "…")})'
+    missed = rate('missed', row['random_missed'][name], row['random_runs'])
+    return f'{missed.percent} ({missed.interval.replace(" to ", "…")})'
 
 
 def _table(columns: Mapping[str, Column], rows: Sequence[Row]) -> Table:

@@ -94,8 +94,8 @@ class Consistency:
     def holds(self) -> bool:
         """Whether NEES and NIS, averaged over the moments too, are within their bounds."""
         low, high = self.nees_bounds
-        least, most = self.nis_bounds
-        return low <= self.nees.mean() <= high and least <= self.nis.mean() <= most
+        nis_low, nis_high = self.nis_bounds
+        return low <= self.nees.mean() <= high and nis_low <= self.nis.mean() <= nis_high
 
     @property
     def nees_bounds(self) -> tuple[float, float]:
@@ -117,14 +117,14 @@ HEADINGS = ('', 'mean', 'moments, least to most', '95 % of one moment', '')
 """Of `rows_of`."""
 
 
-def rows_of(found: Consistency) -> list[tuple[str, ...]]:
+def rows_of(judged: Consistency) -> list[tuple[str, ...]]:
     """Return the rows of a table."""
     rows = [
-        _row('NEES of 6 states', found.nees, found.nees_bounds),
-        _row('NIS of a number', found.nis, found.nis_bounds),
+        _row('NEES of 6 states', judged.nees, judged.nees_bounds),
+        _row('NIS of a number', judged.nis, judged.nis_bounds),
     ]
-    white = f'{found.correlation:.5f}', '', f'below {found.correlation_bound:.5f}'
-    rows.append(('correlation of successive innovations', *white, f'{found.innovations} measured'))
+    white = f'{judged.correlation:.5f}', '', f'below {judged.correlation_bound:.5f}'
+    rows.append(('correlation of successive innovations', *white, f'{judged.innovations} measured'))
     return rows
 
 
@@ -214,25 +214,27 @@ def in_its_world(
     for run in range(runs):
         mine: list[Any] = [replace(s, noise_key=(run, 2**31)) for s in both if s is not None]
         flight = fly(scenario.equipped(*mine), controller)
-        found = {name: values[ticks] for name, values in flight.signals.items()}
-        errors = found[interfaces.NAVIGATION_STATE] - flight.states[ticks]
-        spreads = found[interfaces.NAVIGATION_COVARIANCE].reshape(-1, 2, 3, 3)
+        signals = {name: values[ticks] for name, values in flight.signals.items()}
+        errors = signals[interfaces.NAVIGATION_STATE] - flight.states[ticks]
+        spreads = signals[interfaces.NAVIGATION_COVARIANCE].reshape(-1, 2, 3, 3)
         nees[run, :, :2] = _nees(errors.reshape(-1, 2, 3), spreads)
-        if interfaces.ATTITUDE_COVARIANCE in found:
+        if interfaces.ATTITUDE_COVARIANCE in signals:
             names = interfaces.CHASER_ATTITUDE, interfaces.NAVIGATION_ATTITUDE
-            pairs = zip(*(map(tuple, found[name].tolist()) for name in names), strict=True)
+            pairs = zip(*(map(tuple, signals[name].tolist()) for name in names), strict=True)
             angles = np.array([angles_between(*pair) for pair in pairs])
-            nees[run, :, 2] = _nees(angles, found[interfaces.ATTITUDE_COVARIANCE].reshape(-1, 3, 3))
+            nees[run, :, 2] = _nees(
+                angles, signals[interfaces.ATTITUDE_COVARIANCE].reshape(-1, 3, 3)
+            )
         show('flights in its world', run + 1, runs)
     kinds = 'position', 'velocity', 'attitude'
     means = zip(kinds, nees.mean(axis=0).T, strict=True)
     return {name: values for name, values in means if values.any()}
 
 
-def rows_in_its_world(found: dict[str, Floats], runs: int) -> list[tuple[str, ...]]:
+def rows_in_its_world(nees: dict[str, Floats], runs: int) -> list[tuple[str, ...]]:
     """Return the rows of a table, under `HEADINGS`."""
     bounds = _bounds(3.0, runs)
-    return [_row(f'NEES of {name}, 3 numbers', found[name], bounds) for name in found]
+    return [_row(f'NEES of {name}, 3 numbers', nees[name], bounds) for name in nees]
 
 
 def size_of(nees: Floats) -> str:
@@ -387,20 +389,11 @@ def _fly_attitude(
         if m[attitude_estimator.TESTED] > 0.0:
             newest = counted(m, attitude_estimator.TESTED, sums)
         if tick == ticks[at]:
-            found = angles_between(
-                a,
-                (
-                    m[attitude_estimator.X],
-                    m[attitude_estimator.X + 1],
-                    m[attitude_estimator.X + 2],
-                    m[attitude_estimator.X + 3],
-                ),
-            )
+            x = attitude_estimator.X
+            angles = angles_between(a, (m[x], m[x + 1], m[x + 2], m[x + 3]))
             for i in range(3):
-                errors[at, i] = found[i]
-                errors[at, 3 + i] = (
-                    sensors[BIAS + i] + measured[DRIFT + i] - m[attitude_estimator.X + 4 + i]
-                )
+                errors[at, i] = angles[i]
+                errors[at, 3 + i] = sensors[BIAS + i] + measured[DRIFT + i] - m[x + 4 + i]
             for i in range(attitude_estimator.SQUARE):
                 spreads[at, i] = m[attitude_estimator.P + i]
             nis[at] = newest

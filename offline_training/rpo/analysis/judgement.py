@@ -163,32 +163,32 @@ class Assessment:
         """Return the figures of Q1 to Q5, each with what is asked of this controller."""
         _, asked = self.asked
         missed = int((fitness.shares(self.metrics) > 1.0).any(axis=1).sum())
-        found = [Target('Q1', 'starts that miss a condition', '', 0, missed)]
+        targets = [Target('Q1', 'starts that miss a condition', '', 0, missed)]
         if asked.margin:
             what = 'largest value of a condition, as a share of its limit'
-            found.append(Target('Q1', what, '', 1.0 - asked.margin, 1.0 - self.margin))
-        found += [
+            targets.append(Target('Q1', what, '', 1.0 - asked.margin, 1.0 - self.margin))
+        targets += [
             Target('Q2', 'mean J over the starts', 'N^2 s', asked.energy_n2s, self.mean_energy_n2s),
             *self._held(),
         ]
         rules = self.controller.system.rules
         unreadable = int(not rules.is_odd) + int(not rules.is_monotone)
-        found.append(Target('Q5', 'rules that are not odd or not monotone', '', 0, unreadable))
-        known = ('Q1', 'Q2', *asked.questions)
-        return [t if t.name in known else t._replace(limit=None) for t in found]
+        targets.append(Target('Q5', 'rules that are not odd or not monotone', '', 0, unreadable))
+        questions = ('Q1', 'Q2', *asked.questions)
+        return [t if t.name in questions else t._replace(limit=None) for t in targets]
 
     def _held(self) -> list[Target]:
         """Return the figures of Q3 and Q4."""
-        found = []
+        rows = []
         for row, (name, distance) in zip(self.tests, fitness.TESTS.items(), strict=True):
             place, speed = float(row[LATE_POSITION]), float(row[LATE_SPEED])
             limit, late = fitness.MAX_TEST_SPEED_M_S, 'last 200 s'
-            found.append(Target('Q3', f'{name}: largest |position|, {late}', 'm', distance, place))
-            found.append(Target('Q3', f'{name}: largest speed, {late}', 'm/s', limit, speed))
+            rows.append(Target('Q3', f'{name}: largest |position|, {late}', 'm', distance, place))
+            rows.append(Target('Q3', f'{name}: largest speed, {late}', 'm/s', limit, speed))
         what = 'undisturbed, 300-400 s: largest'
         force, speed = self.metrics[:, [LATE_FORCE, LATE_SPEED]].max(axis=0).tolist()
         return [
-            *found,
+            *rows,
             Target('Q4', f'{what} |force|', 'N', fitness.MAX_SETTLED_FORCE_N, force),
             Target('Q4', f'{what} speed', 'm/s', fitness.MAX_SETTLED_SPEED_M_S, speed),
         ]
@@ -217,8 +217,8 @@ def assess(controller: FuzzyController, workers: int = 0) -> Assessment:
     ]
     with Simulator(cases, workers, controller.system.samples) as simulator:
         starts, tests = simulator.fly(population_of(controller))
-    least = least_energy(training.base, cases[0].starts)
-    return Assessment(controller, training.initial_positions_m, starts[0], least, tests[0])
+    least_n2s = least_energy(training.base, cases[0].starts)
+    return Assessment(controller, training.initial_positions_m, starts[0], least_n2s, tests[0])
 
 
 class Judgement(NamedTuple):
@@ -274,24 +274,24 @@ def trained_for(controller: AnyController) -> str:
 
 def judge(
     controller: AnyController,
-    found: Scenario | ScenarioSet,
+    scenarios: Scenario | ScenarioSet,
     report: Callable[[str, float, float], None],
 ) -> Judged:
     """Return how a controller keeps each requirement; `report` gets what is flown.
 
     Raises InputError if the scenario has no requirements.
     """
-    base = found.base if isinstance(found, ScenarioSet) else found
-    count = len(found.initial_positions_m) if isinstance(found, ScenarioSet) else 1
+    base = scenarios.base if isinstance(scenarios, ScenarioSet) else scenarios
+    count = len(scenarios.initial_positions_m) if isinstance(scenarios, ScenarioSet) else 1
     if base.requirements is None:
         raise InputError(
-            f'scenario {found.name} has no requirements to judge by: add the section '
+            f'scenario {scenarios.name} has no requirements to judge by: add the section '
             '`requirements` (docs/file_formats.md)'
         )
     columns: list[list[Verdict]] = []
     energies: list[float] = []
-    for number, flight in enumerate(flights_of(controller, found)):
-        report(f'{controller.name}: flights of {found.name}', number, count)
+    for number, flight in enumerate(flights_of(controller, scenarios)):
+        report(f'{controller.name}: flights of {scenarios.name}', number, count)
         columns.append(verdicts(flight))
         energies.append(of_flight(flight).energy_n2s)
     judgements = [
@@ -366,7 +366,7 @@ def everywhere(
 
     Where less is asked than the campaign judges, a second outcome is that of all its limits.
     """
-    found = []
+    outcomes = []
     for name, (runs, share, only) in DEMANDS.items():
         loaded = load(find(name), runs=runs, seed=seed, controller='handmade')
         campaign, limits = replace(loaded, controller=controller), list(loaded.config.success)
@@ -375,7 +375,7 @@ def everywhere(
             judged = [(MOTION, motion(limits), share), (ALL, limits, None)]
         show = partial(report, f'{controller.name}: {name}')
         kept = kept_of(campaign, [names for _, names, _ in judged], workers, show)
-        for (what, names, least), count in zip(judged, kept, strict=True):
+        for (what, names, min_share), count in zip(judged, kept, strict=True):
             words = sentence(campaign.judging(names))
-            found.append(Outcome(name, rate(what, count, runs), words, least))
-    return found
+            outcomes.append(Outcome(name, rate(what, count, runs), words, min_share))
+    return outcomes

@@ -238,7 +238,7 @@ def least_constrained(
     keys = [_mirrored(start) if scenario.disturbance.is_zero else tuple(start) for start in starts]
     distinct = sorted(set(keys))
     program = Program(scenario, Conditions.of(scenario))
-    found = {}
+    energies = {}
     for done, key in enumerate(distinct):
         progress(done, len(distinct))
         value = program.solve(key)
@@ -248,9 +248,9 @@ def least_constrained(
                 scenario, initial_position_m=(x, y, z), initial_velocity_m_s=(vx, vy, vz)
             )
             raise _infeasible(start, program.conditions)
-        found[key] = value
+        energies[key] = value
     progress(len(distinct), len(distinct))
-    return np.array([found[key] for key in keys])
+    return np.array([energies[key] for key in keys])
 
 
 def _mirrored(start: Floats) -> tuple[float, ...]:

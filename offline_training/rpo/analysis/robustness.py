@@ -232,12 +232,12 @@ class Margins:
             )
             for margin in self.margins
         }
-        least = min(self.crossings, key=attrgetter('delay_margin_s'), default=None)
+        tightest = min(self.crossings, key=attrgetter('delay_margin_s'), default=None)
         return {
             'judged': self.headline(),
             'not_judged': '' if self.starts_missed else ', '.join(self.not_judged),
             **margins,
-            'crossing': least._asdict() if least else {},
+            'crossing': tightest._asdict() if tightest else {},
         }
 
 
@@ -316,9 +316,9 @@ def search(quantity: Quantity, check: Callable[[float], tuple[float, str]]) -> M
 
     def bracket() -> tuple[float, float]:
         """Return the distances of the largest point that holds and the smallest that fails."""
-        found = margin_of(quantity, points.values())
-        return abs(found.holds - start), math.inf if found.fails is None else abs(
-            found.fails - start
+        margin = margin_of(quantity, points.values())
+        return abs(margin.holds - start), math.inf if margin.fails is None else abs(
+            margin.fails - start
         )
 
     if not at(0.0).holds:
@@ -350,16 +350,16 @@ class Flights:
         self.controller = controller
         loaded = config.load(config.find(DRAWN), controller='handmade', runs=RUNS, seed=SEED)
         self.drawn, scenarios = replace(loaded, controller=controller), load_set(SET)
-        own = CampaignConfig(
+        settings = CampaignConfig(
             name=SET, scenario=SET, controller=controller.name, sampling='random', dispersions={},
             runs=len(scenarios.initial_positions_m),
             success={name: PAPER.limits[name] for name in LABELS},
         )  # fmt: skip
-        self.starts = Campaign(own, scenarios.base, controller, ('', '', ''))
+        self.starts = Campaign(settings, scenarios.base, controller, ('', '', ''))
         for campaign in (self.starts, self.drawn):
             if reason := why_not(campaign.scenario, controller):
                 raise InputError(f'margins need thousands of flights, side by side: {reason}')
-        nominal = draw(self.starts, 0, own.runs)
+        nominal = draw(self.starts, 0, settings.runs)
         nominal.starts[:, :3] = scenarios.initial_positions_m
         self._runs = {DRAWN: draw(self.drawn, 0, RUNS), SET: nominal}
 
@@ -412,9 +412,9 @@ def margins_of(
     margins: list[Margin] = []
     with ThreadPoolExecutor(workers or len(sched_getaffinity(0)), 'rpo-margins') as pool:
         try:
-            for found in pool.map(margin, () if starts_missed else QUANTITIES):
+            for one in pool.map(margin, () if starts_missed else QUANTITIES):
                 report(f'{controller.name}: margins', len(margins), len(QUANTITIES))
-                margins.append(found)
+                margins.append(one)
         except BaseException:
             stop.set()  # a search waits for many flights
             raise
@@ -458,12 +458,12 @@ def crossings(controller: AnyController, mass_kg: float, dt_s: float) -> list[Cr
     The loop is L(jw) = N(A, w) / (m (jw)^2) exp(-jw dt / 2): a double integrator, and the hold of a
     tick. Rates are searched from 1e-4 rad/s to those of half a sample per tick.
     """
-    found = []
+    tightest = []
     for amplitude in AMPLITUDES_M:
         responses = [partial(describing, controller, axis, amplitude, dt_s) for axis in range(3)]
         crossed = (c for r in responses for c in _crossings(r, amplitude, mass_kg, dt_s))
-        found += sorted(crossed, key=attrgetter('delay_margin_s'))[:1]
-    return found
+        tightest += sorted(crossed, key=attrgetter('delay_margin_s'))[:1]
+    return tightest
 
 
 def _crossings(

@@ -58,14 +58,14 @@ def activities(system: FuzzySystem) -> tuple[Activity, ...]:
     position, velocity = system.position.grades(e).T, system.velocity.grades(v).T
     codes = system.rules.codes
     strengths = {(i, j): np.minimum(velocity[i][:, None], position[j]) for i, j in np.ndindex(5, 5)}
-    found = []
-    for (i, j), own in strengths.items():
+    activity = []
+    for (i, j), strength in strengths.items():
         others = [strengths[k] for k in strengths if k != (i, j) and codes[k] == codes[i, j]]
-        other = np.maximum.reduce(others) if others else np.zeros_like(own)
+        other = np.maximum.reduce(others) if others else np.zeros_like(strength)
         word = WORDS[codes[i, j]]
-        fires, decides = float((own > 0.0).mean()), float((own > other).mean())
-        found.append(Activity(WORDS[j], WORDS[i], word, fires, decides))
-    return tuple(found)
+        fires, decides = float((strength > 0.0).mean()), float((strength > other).mean())
+        activity.append(Activity(WORDS[j], WORDS[i], word, fires, decides))
+    return tuple(activity)
 
 
 FORCES = 'Force, and the share of the input square where the rule decides its word'

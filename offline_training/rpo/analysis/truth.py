@@ -64,13 +64,13 @@ class World:
 
     def perturbation(self, position: Floats, velocity: Floats, coefficient: float) -> Floats:
         """Return the acceleration (3,) beside point-mass gravity: J2 and drag."""
-        found = np.zeros(3)
+        accel = np.zeros(3)
         radius = math.sqrt(position @ position)
         if self.settings.j2:
             body, sine2 = self.body, (position[2] / radius) ** 2
             factor = 1.5 * body.j2 * body.mu_m3_s2 * body.equator_m**2 / radius**5
-            found = factor * position * (np.array([5.0, 5.0, 5.0]) * sine2 - [1.0, 1.0, 3.0])
-        return found + self._air(self.drag, position, velocity, coefficient) if self.drag else found
+            accel = factor * position * (np.array([5.0, 5.0, 5.0]) * sine2 - [1.0, 1.0, 3.0])
+        return accel + self._air(self.drag, position, velocity, coefficient) if self.drag else accel
 
     def _air(self, drag: Drag, position: Floats, velocity: Floats, coefficient: float) -> Floats:
         x, y, _ = position
@@ -216,7 +216,7 @@ def drift_errors(scenario: Scenario, duration_s: float) -> dict[float, Floats]:
     plain = replace(scenario, sections=(), requirements=None)
     world, rest = World(plain), np.zeros(3)
     linear, _ = cw.matrices(cw.discretise(plain.mean_motion_rad_s, plain.mass_kg, duration_s))
-    target, found = world.target(), {}
+    target, by_distance = world.target(), {}
     for distance in DISTANCES_M:
         errors = np.empty(3)
         for axis in range(3):
@@ -226,8 +226,8 @@ def drift_errors(scenario: Scenario, duration_s: float) -> dict[float, Floats]:
             y = integrate(lambda _t_s, y: world.rate(y, rest, plain.mass_kg), 0.0, duration_s, y)
             error = linear @ start - world.to_lvlh(y[:6], y[6:])
             errors[axis] = np.linalg.norm(error[:3])
-        found[distance] = errors
-    return found
+        by_distance[distance] = errors
+    return by_distance
 
 
 SHOWN = 4

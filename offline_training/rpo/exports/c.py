@@ -52,7 +52,7 @@ def files_of(
     """
     joined = '\n\n'.join([*types, *functions])
     source = filled('source', facts=facts, kernels=kernels.text(), functions=joined)
-    prototypes = (f'{found};' for found in _PUBLIC.findall(source))
+    prototypes = (f'{head};' for head in _PUBLIC.findall(source))
     header = filled(
         'header',
         facts=facts,
@@ -166,17 +166,17 @@ def allocation_files(name: str, settings: ThrusterTable, file: str) -> Files:
     for case in range(_ALLOCATED):
         size = 0.7 * float(np.sum(made.most)) / 3.0
         force, torque = draw.normal(size=3) * size, draw.normal(size=3) * (case % 3) * 0.1 * size
-        most = np.array(made.most)
-        most[case % len(most)] *= float(case % 4 > 0)
-        for i, value in enumerate(most.tolist()):
+        limits_n = np.array(made.most)
+        limits_n[case % len(limits_n)] *= float(case % 4 > 0)
+        for i, value in enumerate(limits_n.tolist()):
             work[LIMIT + i] = value
         wanted = [*force.tolist(), *(value / made.lever for value in torque.tolist())]
         share, _ = allocate(as_table(wanted), made, work)
         thrusts = [float(work[THRUST + i]) for i in range(made.number)]
-        rows.append([*force.tolist(), *torque.tolist(), *most.tolist(), *thrusts, float(share)])
-    own, count = identifier(name), made.number
+        rows.append([*force.tolist(), *torque.tolist(), *limits_n.tolist(), *thrusts, float(share)])
+    prefix, count = identifier(name), made.number
     prototype = wrapped(
-        f'double {own}_allocate(const double force_n[3], const double torque_nm[3], '
+        f'double {prefix}_allocate(const double force_n[3], const double torque_nm[3], '
         f'const double most_n[{count}], double thrust_n[{count}])'
     )
     function = filled(
@@ -191,9 +191,9 @@ def allocation_files(name: str, settings: ThrusterTable, file: str) -> Files:
         answer=source.spelled(written.returns),
         allocate=written.name,
         cases=table('cases', 'double', rows),
-        name=own,
+        name=prefix,
         count=_ALLOCATED,
     )
     facts = wrapped(f'/* thrusters of {name}, in this order: {", ".join(settings.names)} */')
-    use = f'share = {own}_allocate(force_n, torque_nm, most_n, thrust_n);'
-    return files_of(own, facts, source, [function], use, file)
+    use = f'share = {prefix}_allocate(force_n, torque_nm, most_n, thrust_n);'
+    return files_of(prefix, facts, source, [function], use, file)

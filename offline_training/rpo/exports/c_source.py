@@ -169,8 +169,8 @@ class Writer:
         method: Any = getattr(self, f'_{type(node).__name__.lower()}', None)
         if method is None:
             raise self.refused(node)
-        found: list[str] = method(node, block)
-        return found
+        lines: list[str] = method(node, block)
+        return lines
 
     def _return(self, node: ast.Return, block: _Block) -> list[str]:
         if node.value is None:
@@ -221,8 +221,8 @@ class Writer:
         if not isinstance(value, ast.Name):
             text, self._copies = whole.text, self._copies + 1
             name = f'found{self._copies}' if self._copies > 1 else 'found'
-            kind = self._source.spelled(whole.type)
-            lines.append(wrapped(f'const {kind} {name} = {text};', block.depth))
+            ctype = self._source.spelled(whole.type)
+            lines.append(wrapped(f'const {ctype} {name} = {text};', block.depth))
             whole = Expression(name, whole.rank, whole.type)
         for i, name in enumerate(names):
             if self._loads[name]:
@@ -234,8 +234,8 @@ class Writer:
         for name, part in zip(names, value.elts, strict=True):
             one = self.of(part)
             copies.append(Expression(f'new_{name}', one.rank, one.type))
-            kind = self._source.spelled(one.type)
-            lines.append(wrapped(f'const {kind} new_{name} = {one.text};', block.depth))
+            ctype = self._source.spelled(one.type)
+            lines.append(wrapped(f'const {ctype} new_{name} = {one.text};', block.depth))
         pairs = zip(names, copies, strict=True)
         return lines + [self._stored(name, copy, block) for name, copy in pairs]
 
@@ -243,11 +243,11 @@ class Writer:
         text = f'{own_name(name)} = {value.text};'
         if name not in self.types:
             self.types[name] = value.type
-            kind = self._source.spelled(value.type)
+            ctype = self._source.spelled(value.type)
             if block.uses[name] == self._all[name]:
-                text = f'{"const " if self._stores[name] == 1 else ""}{kind} {text}'
+                text = f'{"const " if self._stores[name] == 1 else ""}{ctype} {text}'
             else:
-                self._early[name] = f'    {kind} {own_name(name)};'
+                self._early[name] = f'    {ctype} {own_name(name)};'
         return wrapped(text, block.depth)
 
     def _if(self, node: ast.If, block: _Block) -> list[str]:
@@ -321,12 +321,12 @@ class Writer:
         if module is not None:
             return self._global(node.attr, getattr(module, node.attr), node)
         record = self.of(node.value)
-        kind = self._source.field(record.type, node.attr)
-        return Expression(f'{record.text}->{own_name(node.attr)}', WHOLE, kind)
+        field_type = self._source.field(record.type, node.attr)
+        return Expression(f'{record.text}->{own_name(node.attr)}', WHOLE, field_type)
 
     def _module(self, node: ast.expr) -> ModuleType | None:
-        found = self._names.get(node.id) if isinstance(node, ast.Name) else None
-        return found if isinstance(found, ModuleType) else None
+        module = self._names.get(node.id) if isinstance(node, ast.Name) else None
+        return module if isinstance(module, ModuleType) else None
 
     def _subscript(self, node: ast.Subscript) -> Expression:
         whole, index = self.of(node.value), self.of(node.slice)
@@ -337,8 +337,8 @@ class Writer:
             row = f'(table){{{text}.at + {text}.width * ({index.text}), {text}.width}}'
             return Expression(row, WHOLE, 'table')
         if whole.type in ('table', 'ints'):
-            kind = 'int' if whole.type == 'ints' else 'double'
-            return Expression(f'{text}.at[{index.text}]', WHOLE, kind)
+            element = 'int' if whole.type == 'ints' else 'double'
+            return Expression(f'{text}.at[{index.text}]', WHOLE, element)
         if not isinstance(whole.type, tuple):
             raise self.refused(node)
         return self.part(whole, index.text, node)
@@ -364,11 +364,11 @@ class Writer:
             raise self.refused(node)
         sign, rank = _BINARY[type(node.op)]
         left, right = self.of(node.left), self.of(node.right)
-        kind = 'double' if 'double' in (left.type, right.type) else 'int'
+        result = 'double' if 'double' in (left.type, right.type) else 'int'
         first = left.within(rank)
-        if isinstance(node.op, ast.Div) and kind == 'int':
-            first, kind = f'(double){left.within(_UNARY)}', 'double'
-        return Expression(f'{first} {sign} {right.within(rank + 1)}', rank, kind)
+        if isinstance(node.op, ast.Div) and result == 'int':
+            first, result = f'(double){left.within(_UNARY)}', 'double'
+        return Expression(f'{first} {sign} {right.within(rank + 1)}', rank, result)
 
     def _compare(self, node: ast.Compare) -> Expression:
         if not all(type(op) in _COMPARE for op in node.ops):
@@ -385,17 +385,17 @@ class Writer:
     def _ifexp(self, node: ast.IfExp, wanted: Type) -> Expression:
         test = self.of(node.test).within(_CHOICE + 1)
         yes, no = self.of(node.body, wanted), self.of(node.orelse, wanted)
-        kind = yes.type if yes.type == no.type else 'double'
+        result = yes.type if yes.type == no.type else 'double'
         text = f'{test} ? {yes.within(_CHOICE + 1)} : {no.within(_CHOICE + 1)}'
-        return Expression(text, _CHOICE, kind)
+        return Expression(text, _CHOICE, result)
 
     def _tuple(self, node: ast.Tuple, wanted: Type) -> Expression:
-        found = [self.of(value) for value in node.elts]
-        kind = wanted if isinstance(wanted, tuple) else tuple(one.type for one in found)
-        texts = ', '.join(one.text for one in found)
-        name = self._source.spelled(kind)
-        inner = f'{{{{{texts}}}}}' if set(kind) == {'double'} else f'{{{texts}}}'
-        return Expression(f'({name}){inner}', WHOLE, kind)
+        parts = [self.of(value) for value in node.elts]
+        tuple_type = wanted if isinstance(wanted, tuple) else tuple(one.type for one in parts)
+        texts = ', '.join(one.text for one in parts)
+        name = self._source.spelled(tuple_type)
+        inner = f'{{{{{texts}}}}}' if set(tuple_type) == {'double'} else f'{{{texts}}}'
+        return Expression(f'({name}){inner}', WHOLE, tuple_type)
 
     def _call(self, node: ast.Call) -> Expression:
         module = self._module(node.func.value) if isinstance(node.func, ast.Attribute) else None
@@ -438,17 +438,17 @@ class Source:
         """Let kernels read a NamedTuple of numbers and tables; C has it under the name."""
         self._records[type(value)] = (name, value)
 
-    def spelled(self, kind: Type) -> str:
+    def spelled(self, type_: Type) -> str:
         """Return a type as C has it."""
-        if isinstance(kind, tuple):
-            alike = set(kind) == {'double'}
-            name = f'double{len(kind)}' if alike else 'all_' + ''.join(k[0] for k in kind)
-            fields = ' '.join(f'{k} f{i};' for i, k in enumerate(kind))
-            self._tuples[name] = f'double at[{len(kind)}];' if alike else fields
+        if isinstance(type_, tuple):
+            alike = set(type_) == {'double'}
+            name = f'double{len(type_)}' if alike else 'all_' + ''.join(k[0] for k in type_)
+            fields = ' '.join(f'{k} f{i};' for i, k in enumerate(type_))
+            self._tuples[name] = f'double at[{len(type_)}];' if alike else fields
             return name
-        if kind == 'scratch':
+        if type_ == 'scratch':
             return 'double *'
-        return f'const {kind.__name__} *' if isinstance(kind, type) else str(kind)
+        return f'const {type_.__name__} *' if isinstance(type_, type) else str(type_)
 
     def constant(self, name: str, value: float) -> str:
         """Return the name of a constant of a module; raises InputError if two are different."""
@@ -466,10 +466,10 @@ class Source:
         function = plain(kernel)
         if function not in self._functions:
             constants = {kind: value for kind, (_, value) in self._records.items()}
-            found = read(function, constants)
+            kernel_source = read(function, constants)
             name, taken = f'rpo_{function.__name__}', {w.name for w in self._functions.values()}
             name = f'{name}_{len(taken)}' if name in taken else name
-            self._functions[function] = Writer(self, found, name, given).written()
+            self._functions[function] = Writer(self, kernel_source, name, given).written()
         return self._functions[function]
 
     def text(self) -> str:
@@ -492,27 +492,27 @@ class Source:
         real = {n: v for n, v in self._constants.items() if isinstance(v, float)}
         return '\n'.join([*lines, *(f'#define {n} {number(v)}' for n, v in real.items())])
 
-    def _constants_of(self, kind: type) -> list[str]:
-        name, value = self._records[kind]
+    def _constants_of(self, record: type) -> list[str]:
+        name, value = self._records[record]
         members: dict[str, list[str]] = {}
         given, arrays = [], []
-        for field in self._read.get(kind, ()):
-            found, own = getattr(value, field), own_name(field)
-            typed = type_of_value(found)
-            members.setdefault(typed, []).append(own)
+        for field in self._read.get(record, ()):
+            value_, member = getattr(value, field), own_name(field)
+            typed = type_of_value(value_)
+            members.setdefault(typed, []).append(member)
             if typed in _TABLES:
-                array, element = np.asarray(found), 'signed char' if typed == 'ints' else 'double'
+                array, element = np.asarray(value_), 'signed char' if typed == 'ints' else 'double'
                 sizes = ', '.join(map(str, array.shape))
-                given.append(f'    .{own} = {{{name}_{field}, {sizes}}},')
+                given.append(f'    .{member} = {{{name}_{field}, {sizes}}},')
                 head = f'static const {element} {name}_{field}[{array.size}]'
                 arrays.append(f'{head} = {{\n{formats.listed(array.ravel(), 4, 96)}}};')
             else:
-                given.append(f'    .{own} = {number(found)},')
+                given.append(f'    .{member} = {number(value_)},')
         if not members:
             return []
         lines = [wrapped(f'{typed} {", ".join(names)};', 1) for typed, names in members.items()]
         return [
             *arrays,
-            '\n'.join(['typedef struct {', *lines, f'}} {kind.__name__};']),
-            '\n'.join([f'static const {kind.__name__} {name} = {{', *given, '};']),
+            '\n'.join(['typedef struct {', *lines, f'}} {record.__name__};']),
+            '\n'.join([f'static const {record.__name__} {name} = {{', *given, '};']),
         ]

@@ -208,8 +208,8 @@ def _functions(feet: NDArray[np.float64], names: list[str]) -> MembershipFunctio
     """Return the functions of triangles (5, 3) on [-1, 1]; raises InputError if they differ."""
     mirror = -feet[::-1, ::-1]
     feet[[0, 4], [0, 2]] = mirror[[0, 4], [0, 2]] = -2.0, 2.0  # outside: no matter where they are
-    for name, own, other in zip(names, feet, mirror, strict=True):
-        if np.abs(own - other).max() > _SYMMETRY:
+    for name, feet_of_term, other in zip(names, feet, mirror, strict=True):
+        if np.abs(feet_of_term - other).max() > _SYMMETRY:
             raise InputError(f'term {quoted(name)} must mirror its opposite about 0; it does not')
     (_, z, half), (left, centre, right), (large, peak, _) = feet[2:].tolist()
     if z != 0.0 or peak != 1.0:

@@ -124,7 +124,7 @@ def read(function: Callable[..., Any], constants: Mapping[type, Any]) -> Read:
     if not isinstance(node, ast.FunctionDef):
         raise InputError(f'a kernel must be a plain function; got {function!r}')
     node.decorator_list, node.returns = [], None
-    hints = {name: type_of(found) for name, found in get_type_hints(function).items()}
+    hints = {name: type_of(annotation) for name, annotation in get_type_hints(function).items()}
     for argument in node.args.args:
         argument.annotation = None
     known = {name: constants[kind] for name, kind in hints.items() if kind in constants}
@@ -183,10 +183,10 @@ class _Decided(ast.NodeTransformer):
         """Return the operands that are not known, or what the others decide."""
         self.generic_visit(node)
         ends = isinstance(node.op, ast.Or)
-        found = [(value, self._value(value)) for value in node.values]
-        if any(known is ends for _, known in found):
+        values = [(value, self._value(value)) for value in node.values]
+        if any(known is ends for _, known in values):
             return ast.Constant(ends)
-        left = [value for value, known in found if known is None]
+        left = [value for value, known in values if known is None]
         if not left:
             return ast.Constant(not ends)
         return left[0] if len(left) == 1 else ast.BoolOp(node.op, left)
@@ -207,10 +207,10 @@ class _Decided(ast.NodeTransformer):
         return node
 
     def _block(self, statements: list[ast.stmt]) -> list[ast.stmt]:
-        found: list[ast.stmt] = []
+        taken: list[ast.stmt] = []
         for statement in statements:
             new = self.visit(statement)
-            found += new if isinstance(new, list) else [new]
-            if found and isinstance(found[-1], ast.Return):
+            taken += new if isinstance(new, list) else [new]
+            if taken and isinstance(taken[-1], ast.Return):
                 break
-        return found
+        return taken

@@ -245,10 +245,10 @@ class Prover(threading.local):
 
     def weights(self, cell: Cell) -> list[float]:
         """Return how much each side weighs, of a cell whose tube was the last one."""
-        known = self.trace.weights[: self.motion.carried.shape[1]].tolist()
-        if not self.per_axis or not known:
+        of_constants = self.trace.weights[: self.motion.carried.shape[1]].tolist()
+        if not self.per_axis or not of_constants:
             return widths(cell)
-        return [0.0] * len(self.motion.a) + known
+        return [0.0] * len(self.motion.a) + of_constants
 
     def start(self, cell: Cell) -> tuple[Zonotope, int]:
         """Return the set of a cell, and the number of its generators."""
@@ -332,7 +332,7 @@ class Prover(threading.local):
             squares = np.stack([tail[:, :p].sum(axis=1), tail[:, p:].sum(axis=1)]) * (1.0 + 1e-12)
             means = np.sqrt(squares + self.above).mean(axis=2).max(axis=0)
             commands = np.maximum(-t.force_low[:judged], t.force_high[:judged])
-            least = np.maximum(np.maximum(t.force_low[:judged], -t.force_high[:judged]), 0.0)
+            min_commands = np.maximum(np.maximum(t.force_low[:judged], -t.force_high[:judged]), 0.0)
             outside = np.flatnonzero((size[:, :p] > 0.5).any(axis=1))
             row[3:] = (
                 late[:, :p].max(),
@@ -341,7 +341,7 @@ class Prover(threading.local):
                 t.slew[: judged - 1].max(initial=0.0),
                 commands.max(),
                 size[: judged + 1, p:].max(),
-                (least**2).sum() * dt,
+                (min_commands**2).sum() * dt,
                 (commands**2).sum() * dt,
                 (outside[-1] + 1) * dt if len(outside) else 0.0,
             )
@@ -358,12 +358,12 @@ class Prover(threading.local):
         """Return the least and greatest states of a tube that lasts until a tick."""
         if not self.per_axis:
             return np.zeros((2, self.layout.reach, len(self.motion.a)))
-        found = np.array([self.trace.low, self.trace.high])
+        reach = np.array([self.trace.low, self.trace.high])
         if empty:
-            found[0], found[1] = np.inf, -np.inf
+            reach[0], reach[1] = np.inf, -np.inf
         else:
-            found[0, last + 1 :], found[1, last + 1 :] = -np.inf, np.inf
-        return found
+            reach[0, last + 1 :], reach[1, last + 1 :] = -np.inf, np.inf
+        return reach
 
     def is_empty(self, cell: Cell) -> bool:
         """Whether a cell holds nothing that is asked for."""
@@ -382,9 +382,9 @@ class Prover(threading.local):
         names = [VALUES.index(name) for name in Targets._fields]
         rows, boxes, tails, done = [], [], [], []
         deepest = DEEPEST_PER_AXIS if self.per_axis else DEEPEST
-        most = (MOST_TUBES_PER_AXIS if self.per_axis else MOST_TUBES) * len(cells)
+        max_tubes = (MOST_TUBES_PER_AXIS if self.per_axis else MOST_TUBES) * len(cells)
         if not np.isfinite(self.motion.coupling).all():
-            most = 0  # nothing is known of the other axis: no smaller cell helps
+            max_tubes = 0  # nothing is known of the other axis: no smaller cell helps
         todo, tubes = list(reversed(cells)), 0
         reach = self._bounds(np.inf, -np.inf)
         while todo:
@@ -392,7 +392,7 @@ class Prover(threading.local):
             row, box, squares, far = nothing if targets is None else self.values(cell)
             tubes += 1
             reached = targets is None or (self.arrived(row) and (row[names] <= goals).all())
-            if not reached and cell.depth < deepest and tubes < most:
+            if not reached and cell.depth < deepest and tubes < max_tubes:
                 todo += reversed(list(halves(cell, self.weights(cell))))
                 continue
             reach = joint(reach, far)

@@ -30,9 +30,9 @@ from rpo_core.kernels.arrays import Bools, Floats
 PROVEN, REFUTED, UNDECIDED = 'proven', 'refuted', 'undecided'
 
 
-def verdict_of(limit: float, bound: float, found: float) -> str:
-    """Return the verdict of a limit: no value exceeds `bound`, and `found` is one of them."""
-    if found > limit:
+def verdict_of(limit: float, bound: float, value: float) -> str:
+    """Return the verdict of a limit: no value exceeds `bound`, and `value` is one of them."""
+    if value > limit:
         return REFUTED
     return PROVEN if bound <= limit else UNDECIDED
 
@@ -136,20 +136,20 @@ class _Examination:
     def branch(
         self,
         score: Callable[[Enclosure], Floats],
-        found: float,
+        value: float,
         improve: Callable[[Boxes], float] | None = None,
     ) -> float:
-        """Return a bound of `score` on the square; divide boxes until it is near `found`."""
+        """Return a bound of `score` on the square; divide boxes until it is near `value`."""
         boxes, enclosure = self.cover, self.enclosure
-        bound, spent = found, 0
+        bound, spent = value, 0
         while True:
             scores = score(enclosure)
             if improve:
                 best = np.argsort(scores)[-256:]
-                found = max(found, improve(boxes.where(best)))
-            target = found * (1.0 + _TOLERANCE) + 1e-9
+                value = max(value, improve(boxes.where(best)))
+            target = value * (1.0 + _TOLERANCE) + 1e-9
             open_ = scores > target
-            bound = max(bound, float(scores[~open_].max(initial=found)))
+            bound = max(bound, float(scores[~open_].max(initial=value)))
             spent += 4 * int(open_.sum())
             if not open_.any() or spent > self.most_boxes:
                 return max(bound, float(scores.max()))
@@ -160,11 +160,11 @@ class _Examination:
         """Claim a bound of |u|; a centroid of samples of [-1, 1] is at most 1."""
         row, column = np.unravel_index(np.abs(self.grid).argmax(), self.grid.shape)
         witness = self.point(self.e[column], self.v[row])
-        found = abs(witness.output)
-        bound = self.branch(lambda box: np.maximum(-box.low, box.high), found)
+        largest = abs(witness.output)
+        bound = self.branch(lambda box: np.maximum(-box.low, box.high), largest)
         bound = min(bound, 1.0) + self.rounding
         statement = f'|u| <= {bound:.4f} of full force'
-        return Claim('output', statement, PROVEN, bound, found, (witness,))
+        return Claim('output', statement, PROVEN, bound, largest, (witness,))
 
     def lipschitz(self, name: str, axis: int) -> Claim:
         """Claim a Lipschitz constant in one error."""
@@ -182,10 +182,10 @@ class _Examination:
         bound = self.branch(
             lambda box: np.maximum(-box[2 + 2 * axis], box[3 + 2 * axis]), 0, improve
         )
-        found, points = best[-1]
+        steepest, points = best[-1]
         verdict = PROVEN if np.isfinite(bound) else UNDECIDED
         statement = f'|du| <= {bound:.3f} |d({name})|'
-        return Claim(f'slope in {name}', statement, verdict, bound, found, points)
+        return Claim(f'slope in {name}', statement, verdict, bound, steepest, points)
 
     def _steepest(self, boxes: Boxes, axis: int) -> tuple[float, tuple[Point, ...]]:
         """Return the greatest difference quotient from the middles of boxes, and its two points."""
@@ -232,23 +232,23 @@ class _Examination:
         sums = np.abs(self.grid.ravel() + surface.values(self.system, -e, -v))
         i = int(sums.argmax())
         points = self.point(e[i], v[i]), self.point(-e[i], -v[i])
-        found = abs(points[0].output + points[1].output)
+        error = abs(points[0].output + points[1].output)
         c = self.cover
         mirror = self.enclose(Boxes(-c.e_high, -c.e_low, -c.v_high, -c.v_low))
         here = self.enclosure
         bound = float(np.maximum(here.high + mirror.high, -here.low - mirror.low).max())
-        verdict = REFUTED if found > 0.0 else UNDECIDED
-        return Claim('oddness', f'{statement}; off by {found:.4f}', verdict, bound, found, points)
+        verdict = REFUTED if error > 0.0 else UNDECIDED
+        return Claim('oddness', f'{statement}; off by {error:.4f}', verdict, bound, error, points)
 
     def monotonicity(self, name: str, axis: int) -> Claim:
         """Claim that the force falls by at most `max_fall` as one error grows."""
         fall = _FallSearch(self, axis)
-        bound, found, points = fall.search()
-        verdict = verdict_of(self.max_fall, bound, found)
-        seen = f'; {found:.4f} seen' if found > self.rounding else '; no fall was seen'
+        bound, largest, points = fall.search()
+        verdict = verdict_of(self.max_fall, bound, largest)
+        seen = f'; {largest:.4f} seen' if largest > self.rounding else '; no fall was seen'
         allowed = f'(allowed {self.max_fall:g})'
         statement = f'u falls by at most {bound:.4f} as the {name} grows {allowed}{seen}'
-        return Claim(f'monotone in {name}', statement, verdict, bound, found, points)
+        return Claim(f'monotone in {name}', statement, verdict, bound, largest, points)
 
     def equilibrium(self) -> Claim:
         """Claim that there is no force at rest at the target."""
@@ -264,9 +264,9 @@ class _Examination:
         wrong = -np.sign(self.e) * surface.values(self.system, self.e, zero)
         push = np.where(self.e == 0.0, -np.inf, wrong)
         witness = self.point(self.e[push.argmax()], 0.0)
-        found = float(-np.sign(witness.position_error) * witness.output)
-        if found >= 0.0:
-            return Claim(name, statement, REFUTED, np.inf, found, (witness,))
+        worst = float(-np.sign(witness.position_error) * witness.output)
+        if worst >= 0.0:
+            return Claim(name, statement, REFUTED, np.inf, worst, (witness,))
         edges = self.e
         for _ in range(20):
             left, right = edges[:-1], edges[1:]
@@ -277,10 +277,10 @@ class _Examination:
                 origin, box.e_slope_low > 0.0, np.where(left > 0.0, box.low > 0.0, box.high < 0.0)
             )
             if proven.all() and self.system.output(0.0, 0.0) == 0.0:
-                return Claim(name, statement, PROVEN, 0.0, found, (witness,))
+                return Claim(name, statement, PROVEN, 0.0, worst, (witness,))
             middles = (left + (right - left) / 2)[~proven]
             edges = np.sort(np.concatenate([edges, middles]))
-        return Claim(name, statement, UNDECIDED, np.inf, found, (witness,))
+        return Claim(name, statement, UNDECIDED, np.inf, worst, (witness,))
 
 
 class _Strip(NamedTuple):

@@ -111,8 +111,8 @@ def check(folder: Folder, sample: Sample, say: Say = lambda what, done, total: N
     follows = Checked([], [], {}, {})
     faults = _first(
         fault
-        for group, found in groups.items()
-        for fault in (*cover_faults(problem, group, found), *empty_faults(problem, group, found))
+        for group, bounds in groups.items()
+        for fault in (*cover_faults(problem, group, bounds), *empty_faults(problem, group, bounds))
     )
     if not faults:
         flown, faults = fly_again(folder, written)
@@ -122,7 +122,7 @@ def check(folder: Folder, sample: Sample, say: Say = lambda what, done, total: N
         faults = faults or _first(step)
     drawn = {
         group: (min(sample.starts or count, count), count)
-        for group, count in ((g, len(_flown(found))) for g, found in groups.items())
+        for group, count in ((g, len(_flown(bounds))) for g, bounds in groups.items())
     }
     return Checked(faults, follows.claims, follows.ranges, drawn, sample)
 
@@ -147,15 +147,15 @@ def _steps(
     if omega is not None:
         yield invariant_faults(problem, omega)
     before: dict[str, CellBounds] = {}
-    for group, found in groups.items():
+    for group, bounds in groups.items():
         around = context_of(problem, group, before)
-        before[group] = found
+        before[group] = bounds
         prover = Prover(problem, group, omega or empty_set(problem), *around)
-        yield tube_faults(prover, found, rng, sample, say)
-        yield flight_faults(prover, found, rng, sample.flights, say)
+        yield tube_faults(prover, bounds, rng, sample, say)
+        yield flight_faults(prover, bounds, rng, sample.flights, say)
 
 
-def cover_faults(problem: Problem, group: str, found: CellBounds) -> Iterator[str]:
+def cover_faults(problem: Problem, group: str, cover: CellBounds) -> Iterator[str]:
     """Yield a place of the box of starts that no cell holds, or that cells lie on each other.
 
     A box is held by one cell, or is cut where a cell ends, or holds a gap.
@@ -172,14 +172,14 @@ def cover_faults(problem: Problem, group: str, found: CellBounds) -> Iterator[st
         low[0] = centre[0]
     wide = half > 0.0
     with np.errstate(over='ignore'):
-        shares = (2.0 * found.half[:, wide] / (high - low)[wide]).prod(axis=1)
+        shares = (2.0 * cover.half[:, wide] / (high - low)[wide]).prod(axis=1)
         total = float(shares.sum())
-    if not total <= 1.0 + OVERLAPPING or found.half[:, ~wide].any():
+    if not total <= 1.0 + OVERLAPPING or cover.half[:, ~wide].any():
         yield f'{group} cells: they hold more than the box, or some of it twice'
         return
     # The edges of a cell are rounded here; it reaches further than that into its neighbours.
-    room = (np.abs(found.centre) + found.half) * 2.0**-50 * (found.half > 0.0)
-    lows, highs = found.centre - found.half + room, found.centre + found.half - room
+    room = (np.abs(cover.centre) + cover.half) * 2.0**-50 * (cover.half > 0.0)
+    lows, highs = cover.centre - cover.half + room, cover.centre + cover.half - room
     todo = [(low, high, np.arange(len(lows)))]
     while todo:
         low, high, near = todo.pop()
@@ -223,32 +223,32 @@ def invariant_faults(problem: Problem, omega: InvariantSet) -> Iterator[str]:
             yield f'{group} set of omega: a tick leaves it'
 
 
-def _flown(found: CellBounds) -> NDArray[np.intp]:
+def _flown(bounds: CellBounds) -> NDArray[np.intp]:
     """Return the numbers of the cells that have a tube; `empty_faults` looks at the others."""
-    return np.flatnonzero(found.column('last_s') > 0.0)
+    return np.flatnonzero(bounds.column('last_s') > 0.0)
 
 
 def tube_faults(
-    prover: Prover, found: CellBounds, rng: np.random.Generator, sample: Sample, say: Say
+    prover: Prover, bounds: CellBounds, rng: np.random.Generator, sample: Sample, say: Say
 ) -> Iterator[str]:
     """Yield what is wrong with the tubes of some cells."""
     problem, group = prover.problem, prover.group
-    flown = _flown(found)
+    flown = _flown(bounds)
     chosen = rng.permutation(flown)[: sample.starts or len(flown)]
     for number, k in enumerate(chosen.tolist()):
         say(f'{group} tubes', number, len(chosen))
-        depth = int(found.column('depth')[k])
-        cell = Cell(tuple(found.centre[k].tolist()), tuple(found.half[k].tolist()), depth)
+        depth = int(bounds.column('depth')[k])
+        cell = Cell(tuple(bounds.centre[k].tolist()), tuple(bounds.half[k].tolist()), depth)
         name = f'{group} cell {k}'
         values, boxes, tail, reach = prover.values(cell)
-        if not ((found.reach[0] <= reach[0]) & (reach[1] <= found.reach[1])).all():
+        if not ((bounds.reach[0] <= reach[0]) & (reach[1] <= bounds.reach[1])).all():
             yield f'{name}: leaves what its group reaches'
-        if not (tail <= found.tail).all(axis=(1, 2)).any():
+        if not (tail <= bounds.tail).all(axis=(1, 2)).any():
             yield f'{name}: its norms exceed those of the group'
-        if not np.array_equal(values, found.values[k]):
-            wrong = cells.VALUES[int((values != found.values[k]).argmax())]
-            yield f'{name}: its {wrong} is not {found.column(wrong)[k]!r}'
-        if not np.array_equal(boxes, found.boxes[k], equal_nan=True):
+        if not np.array_equal(values, bounds.values[k]):
+            wrong = cells.VALUES[int((values != bounds.values[k]).argmax())]
+            yield f'{name}: its {wrong} is not {bounds.column(wrong)[k]!r}'
+        if not np.array_equal(boxes, bounds.boxes[k], equal_nan=True):
             yield f'{name}: its boxes are others'
         last = round(values[1] / problem.scenario.dt_s)
         ticks = set(rng.integers(max(last, 1), size=sample.ticks).tolist())
@@ -262,19 +262,19 @@ def tube_faults(
 
 
 def flight_faults(
-    prover: Prover, found: CellBounds, rng: np.random.Generator, count: int, say: Say
+    prover: Prover, bounds: CellBounds, rng: np.random.Generator, count: int, say: Say
 ) -> Iterator[str]:
     """Yield cells one of whose random flights leaves its tube: states, commands or slew."""
     problem, chosen, done = prover.problem, list(prover.problem.groups[prover.group]), 0
     half = np.array(problem.settings.half) * problem.settings.axes_apart
-    flown = _flown(found)
+    flown = _flown(bounds)
     while done < count and len(flown):
         say(f'{prover.group} flights', done, count)
         k = int(rng.choice(flown))
-        cell = Cell(tuple(found.centre[k].tolist()), tuple(found.half[k].tolist()))
+        cell = Cell(tuple(bounds.centre[k].tolist()), tuple(bounds.half[k].tolist()))
         tubes = _tubes(prover, cell)
         for _ in range(min(FLIGHTS_EACH, count - done)):
-            point = found.centre[k] + found.half[k] * rng.uniform(-1.0, 1.0, len(cell.centre))
+            point = bounds.centre[k] + bounds.half[k] * rng.uniform(-1.0, 1.0, len(cell.centre))
             start = np.array(problem.settings.centre) + half * rng.uniform(-1.0, 1.0, 6)
             start[chosen] = point[: len(chosen)]
             drawn = flights.vary(problem, rng, start)
@@ -318,8 +318,8 @@ def _holds(trace: Trace, states: Floats, commands: Floats, dt_s: float) -> bool:
     """Whether a tube holds states (k+1, n), commands of k ticks (or one more), and their slew."""
     ticks, n = len(states) - 1, states.shape[1]
     p = n // 2
-    least, most, some = trace.force_low[:ticks], trace.force_high[:ticks], commands[:ticks]
-    if not ((least <= some) & (some <= most)).all():
+    low_n, high_n, some = trace.force_low[:ticks], trace.force_high[:ticks], commands[:ticks]
+    if not ((low_n <= some) & (some <= high_n)).all():
         return False
     slew = np.abs(np.diff(commands, axis=0)) / dt_s
     if not (slew <= trace.slew[: len(slew)]).all():
@@ -424,10 +424,10 @@ def fly_again(folder: Folder, written: WrittenSummary) -> tuple[Flown, list[str]
         if wrong:
             faults.append(f'claim {key}: its flight {wrong}')
             continue
-        found = values_of(folder.problem, fly(flight, folder.problem.controller))
-        if found.get(key) != value or flight.start != start:
+        values = values_of(folder.problem, fly(flight, folder.problem.controller))
+        if values.get(key) != value or flight.start != start:
             faults.append(
-                f'claim {key}: its flight reaches {found.get(key)!r} from {flight.start}, '
+                f'claim {key}: its flight reaches {values.get(key)!r} from {flight.start}, '
                 f'not {value!r} from {start}'
             )
             continue
@@ -441,8 +441,8 @@ def _flight(folder: Folder, key: str, start: Sequence[float]) -> Scenario | None
     for path in folder.flights(key):
         if path.is_file():
             return scenario.load_scenario(path)
-    known = problem.settings.mass_share == problem.settings.disturbance_share == 0.0
-    if not (known and len(start) == 6):
+    undisturbed = problem.settings.mass_share == problem.settings.disturbance_share == 0.0
+    if not (undisturbed and len(start) == 6):
         return None
     x, y, z, vx, vy, vz = start
     return replace(
@@ -472,17 +472,17 @@ def why_outside(problem: Problem, flight: Scenario) -> str:
     return ''
 
 
-def _is_within(one: Disturbance, other: Disturbance, most: float) -> bool:
+def _is_within(one: Disturbance, other: Disturbance, share: float) -> bool:
     """Whether a disturbance is another one, at any phase and up to so many times; 0: the same."""
-    if most == 0.0:
+    if share == 0.0:
         return one == other
     terms = [
-        [replace(h, amplitude_n=0.0, phase_rad=0.0) for h in found.harmonics]
-        for found in (one, other)
+        [replace(h, amplitude_n=0.0, phase_rad=0.0) for h in force.harmonics]
+        for force in (one, other)
     ]
     sizes = [
-        [*found.constant_n, *(h.amplitude_n for h in found.harmonics)] for found in (one, other)
+        [*force.constant_n, *(h.amplitude_n for h in force.harmonics)] for force in (one, other)
     ]
     return terms[0] == terms[1] and all(
-        abs(ours) <= most * abs(theirs) * (1.0 + ROOM) for ours, theirs in zip(*sizes, strict=True)
+        abs(ours) <= share * abs(theirs) * (1.0 + ROOM) for ours, theirs in zip(*sizes, strict=True)
     )

@@ -124,7 +124,7 @@ def law_holds(
     e, w = -strip.r / position, -strip.v / velocity
     half_e, half_w = strip.half_r / position, strip.half / velocity
     tilt = strip.tilt * position / velocity
-    most = Fraction(0)
+    error = Fraction(0)
     slopes = []
     for i, left, right in _cells(table.e, e - half_e, e + half_e):
         ends = [w + tilt * (x - e) for x in (left, right)]
@@ -133,8 +133,8 @@ def law_holds(
             for x in (left, right):
                 for y in (low, high):
                     rest = _bilinear(table, i, j, x, y) - a * x - b * y - c
-                    most = max(most, abs(rest) + exact(float(table.bend[i, j])) + slack)
-    if most <= room:
+                    error = max(error, abs(rest) + exact(float(table.bend[i, j])) + slack)
+    if error <= room:
         return True
     middle = output(controller, e, w, exact(table.limit)) - a * e - b * w - c
     least, greatest = np.min(slopes, axis=0)[::2], np.max(slopes, axis=0)[1::2]
@@ -232,9 +232,9 @@ def step_faults(motion: Motion, before: Tick, after: Tick, where: str) -> Iterat
     k_r, k_v, k_0, law_rho, *_ = laws.T
     gains = np.hstack([np.diag(k_r), np.diag(k_v)])
     closed = a + b @ gains
-    command, known = k_0 + gains @ c, abs(carried).sum(axis=0)
+    command, disturbance = k_0 + gains @ c, abs(carried).sum(axis=0)
     spread = law_rho + abs(gains) @ d + abs(gains @ g).sum(axis=1)
-    rho = law_rho + any_n + mass * (spread + known + any_n)
+    rho = law_rho + any_n + mass * (spread + disturbance + any_n)
     image = closed @ g
     image[:, :q] += b @ carried.T
     if mass:
@@ -242,7 +242,7 @@ def step_faults(motion: Motion, before: Tick, after: Tick, where: str) -> Iterat
     gap = abs(new_c - closed @ c - b @ (k_0 + constant) - coupling) + coupling_half
     gap = gap + abs(closed) @ d + abs(new_g[:, :m] - image).sum(axis=1)
     gap = gap + abs(abs(new_g[:, m : m + p]) - abs(b) * rho).sum(axis=1)
-    forces = abs(command) + spread + abs(constant) + known + any_n
+    forces = abs(command) + spread + abs(constant) + disturbance + any_n
     terms = abs(a) @ (abs(c) + d + abs(g).sum(axis=1)) + abs(coupling) + coupling_half
     for k, wide in enumerate(gap + FLIGHT * (terms + abs(b) @ forces)):
         if not wide <= new_d[k]:
@@ -350,23 +350,23 @@ COEFFICIENT = 32 * UNIT
 """Share by which a coefficient of the flight, or of the motion of a cell, may be rounded."""
 
 
-def empty_faults(problem: Problem, group: str, found: CellBounds) -> Iterator[str]:
+def empty_faults(problem: Problem, group: str, bounds: CellBounds) -> Iterator[str]:
     """Yield cells without a tube that say something, or are said to hold nothing, and do."""
     nothing = np.array([np.inf, *np.zeros(len(VALUES) - 3)])
-    for k in np.flatnonzero(~(found.column('last_s') > 0.0)).tolist():
-        centre, half = found.centre[k], found.half[k]
-        if found.column('last_s')[k] == 0.0:
-            if not (found.values[k, 2:] == np.inf).all():
+    for k in np.flatnonzero(~(bounds.column('last_s') > 0.0)).tolist():
+        centre, half = bounds.centre[k], bounds.half[k]
+        if bounds.column('last_s')[k] == 0.0:
+            if not (bounds.values[k, 2:] == np.inf).all():
                 yield f'{group} cell {k}: is bounded without a tube'
-            if not (found.tail == np.inf).all(axis=(1, 2)).any():
+            if not (bounds.tail == np.inf).all(axis=(1, 2)).any():
                 yield f'{group} cell {k}: its norms are bounded without a tube'
-            if not np.isinf(found.reach[:, 1:]).all():
+            if not np.isinf(bounds.reach[:, 1:]).all():
                 yield f'{group} cell {k}: is said to reach something, without a tube'
         elif not (
             problem.settings.axes_apart and per_axis.is_outside(problem, group, centre, half)
         ):
             yield f'{group} cell {k}: is not empty'
-        elif not np.array_equal(found.values[k, 2:], nothing):
+        elif not np.array_equal(bounds.values[k, 2:], nothing):
             yield f'{group} cell {k}: says something of what is empty'
 
 
@@ -406,9 +406,9 @@ def _push_faults(
 ) -> Iterator[str]:
     """Compare the coupling with the effect of the other axis at the corners of its bounds."""
     problem = prover.problem
-    own, other = PER_AXIS[prover.group], PER_AXIS['y' if prover.group == 'x' else 'x']
+    axis, other = PER_AXIS[prover.group], PER_AXIS['y' if prover.group == 'x' else 'x']
     a, b = cw.matrices(problem.scenario.step)
-    a, b = exact(a[np.ix_(own, other)]), exact(b[np.ix_(own, other[:1])])
+    a, b = exact(a[np.ix_(axis, other)]), exact(b[np.ix_(axis, other[:1])])
     strongest = exact(problem.scenario.max_force_n) + exact(problem.strongest_n)
     push = (1 + exact(problem.inverse_mass_share)) * (strongest + exact(motion.any_n)) * abs(b)
     corners = exact(list(itertools.product(*bounds.T))).T
@@ -515,7 +515,7 @@ def _cut(
 
     None of it, where that is no more than a line.
     """
-    found: list[Point] = []
+    points: list[Point] = []
     depths = [sign * _inside(strip, side, at) for at in piece]
     if max(depths) <= 0:
         return []
@@ -523,9 +523,9 @@ def _cut(
         other, g = piece[k - 1], depths[k - 1]
         if (f > 0 > g) or (f < 0 < g):
             share = f / (f - g)
-            found.append(
+            points.append(
                 (one[0] + share * (other[0] - one[0]), one[1] + share * (other[1] - one[1]))
             )
         if f >= 0:
-            found.append(one)
-    return found
+            points.append(one)
+    return points

@@ -91,21 +91,21 @@ def unknown(problem: Problem) -> list[str]:
 
 def requirements_of(problem: Problem) -> list[str]:
     """Return the requirements that the proof is about; raises InputError if there are none."""
-    found = [key for key in problem.limits if key in BOUNDS]
-    if not found:
+    keys = [key for key in problem.limits if key in BOUNDS]
+    if not keys:
         asked = ', '.join(problem.limits)
         raise InputError(f'`claim` must be one of {", ".join(BOUNDS)}; got {asked}')
-    return found
+    return keys
 
 
 def values_of(problem: Problem, flight: Flight) -> dict[str, float]:
     """Return requirement -> value of a flight, of all that the proof is about."""
-    found = {verdict.key: verdict.value for verdict in verdicts.verdicts(flight)}
-    if HOLD not in found:
+    values = {verdict.key: verdict.value for verdict in verdicts.verdicts(flight)}
+    if HOLD not in values:
         late = flight.errors[problem.hold_tick :, :3]
-        found[HOLD] = float(np.abs(late).max())
+        values[HOLD] = float(np.abs(late).max())
     asked = problem.limits
-    return {key: value for key, value in found.items() if key in BOUNDS and key in asked}
+    return {key: value for key, value in values.items() if key in BOUNDS and key in asked}
 
 
 def claims_of(
@@ -117,7 +117,7 @@ def claims_of(
     """Return the claims; flown : requirement -> greatest value, and its start."""
     assumed: dict[str, Any] = {HOLD: 0.0}
     required = problem.scenario.requirements or Requirements(hold_from_s=0.0, **assumed)
-    found = []
+    claims = []
     for key in requirements_of(problem):
         limit = problem.limits[key]
         statement = verdicts.statement(key, required, problem.scenario.duration_s)
@@ -128,18 +128,18 @@ def claims_of(
         value, start = flown.get(key, (0.0, ()))
         unit = metrics.UNITS[key]
         bound = bound_of(problem, groups, omega, key)
-        found.append(
+        claims.append(
             Claim(key, statement, unit, limit, bound, value, start, _open(groups, key, limit))
         )
-    return found
+    return claims
 
 
 def bound_of(problem: Problem, groups: Groups, omega: InvariantSet | None, key: str) -> float:
     """Return what no start exceeds; what is held for ever, in the invariant set too."""
-    found = float(bounds_of(groups, key).max())
+    bound = float(bounds_of(groups, key).max())
     if key == HOLD and omega is not None and holds_for_ever(problem, groups, omega):
-        return max(found, omega.radius_m)
-    return found
+        return max(bound, omega.radius_m)
+    return bound
 
 
 def _open(groups: Groups, key: str, limit: float) -> int:
@@ -176,11 +176,11 @@ def ranges_of(problem: Problem, groups: Groups) -> dict[str, Range]:
     """
     low, high, mean_low, mean_high = 0.0, 0.0, 0.0, 0.0
     for every in groups.values():
-        found = every.flown
-        least, most = found.column('energy_low_n2s'), found.column('energy_high_n2s')
+        cells = every.flown
+        least, most = cells.column('energy_low_n2s'), cells.column('energy_high_n2s')
         least = np.where(np.isfinite(least), least, 0.0)
         low, high = low + float(least.min()), high + float(most.max())
-        sides = np.where(found.half > 0.0, found.half, 1.0)
+        sides = np.where(cells.half > 0.0, cells.half, 1.0)
         share = np.ldexp(sides, -np.frexp(sides.max(axis=0))[1]).prod(axis=1)  # not rounded by this
         share = share / math.fsum(share)
         # Exact sums: those of NumPy differ in the last digit where the memory is another.
@@ -188,7 +188,7 @@ def ranges_of(problem: Problem, groups: Groups) -> dict[str, Range]:
         mean_high += math.fsum(share * most)
 
     def greatest(name: str) -> float:
-        return max(float(found.column(name).max()) for found in groups.values())
+        return max(float(cells.column(name).max()) for cells in groups.values())
 
     mean = Range(
         'energy, mean over the box', 'N^2 s', mean_low * (1.0 - ROOM), mean_high * (1.0 + ROOM)
@@ -233,8 +233,8 @@ def empty_set(problem: Problem) -> InvariantSet:
 
 def worst(claims: Sequence[Claim]) -> str:
     """Return the verdict over all claims: refuted before undecided before proven."""
-    found = {claim.verdict for claim in claims}
-    return next((v for v in (REFUTED, UNDECIDED) if v in found), PROVEN)
+    words = {claim.verdict for claim in claims}
+    return next((v for v in (REFUTED, UNDECIDED) if v in words), PROVEN)
 
 
 def upper(value: float) -> str:

@@ -173,8 +173,8 @@ def _slopes(controller: FuzzyController, points: tuple[Floats, Floats], limit: f
 
 def enclosed(controller: FuzzyController, boxes: surface.Boxes) -> surface.Enclosure:
     """Return the enclosure of each box of [-1, 1] x [-1, 1]; along no width nothing changes."""
-    found = surface.enclose(controller.system, boxes)
-    for bound in found:
+    enclosure = surface.enclose(controller.system, boxes)
+    for bound in enclosure:
         if not np.isfinite(bound).all():
             i = int(np.flatnonzero(~np.isfinite(bound))[0])
             raise InputError(
@@ -182,20 +182,20 @@ def enclosed(controller: FuzzyController, boxes: surface.Boxes) -> surface.Enclo
                 f'error of {boxes.e_low[i]:g} and a velocity error of {boxes.v_low[i]:g}'
             )
     still = boxes.e_low == boxes.e_high, boxes.v_low == boxes.v_high
-    low, high, *slopes = found
+    low, high, *slopes = enclosure
     e_slopes = (np.where(still[0], 0.0, slope) for slope in slopes[:2])
     v_slopes = (np.where(still[1], 0.0, slope) for slope in slopes[2:])
     return surface.Enclosure(low, high, *e_slopes, *v_slopes)
 
 
-def saturated(found: surface.Enclosure, limit: float) -> Floats:
+def saturated(enclosure: surface.Enclosure, limit: float) -> Floats:
     """Return the slopes (n, 4) of the output saturated at `limit`."""
-    slopes = np.stack(found[2:], axis=1)
-    outside = (found.low > limit) | (found.high < -limit)
+    slopes = np.stack(enclosure[2:], axis=1)
+    outside = (enclosure.low > limit) | (enclosure.high < -limit)
     slopes[outside] = 0.0
     # An output is at most 1, but for rounding, which saturates by nothing that has a slope.
     if limit < 1.0:
-        partly = ~outside & ((found.high > limit) | (found.low < -limit))
+        partly = ~outside & ((enclosure.high > limit) | (enclosure.low < -limit))
         slopes[partly, ::2] = np.minimum(slopes[partly, ::2], 0.0)
         slopes[partly, 1::2] = np.maximum(slopes[partly, 1::2], 0.0)
     return slopes
@@ -207,13 +207,13 @@ def divided(controller: FuzzyController, table: Table, limit_n_s: float, mass_kg
     Which cells are divided changes how sharp a bound is, never whether it holds.
     """
     rates = _rates(table, mass_kg)
-    found = np.flatnonzero(rates > SHARE * limit_n_s)
-    found = np.sort(found[np.argsort(-rates.ravel()[found], kind='stable')[:MOST]])
-    if not len(found):
+    places = np.flatnonzero(rates > SHARE * limit_n_s)
+    places = np.sort(places[np.argsort(-rates.ravel()[places], kind='stable')[:MOST]])
+    if not len(places):
         return table
-    cells = np.unravel_index(found, rates.shape)
+    cells = np.unravel_index(places, rates.shape)
     number = np.full(rates.shape, -1, np.int32)
-    number[cells] = np.arange(len(found))
+    number[cells] = np.arange(len(places))
     ranges, slopes = parts_of(controller, table, (cells[0], cells[1]))
     return table._replace(division=number, part_range=ranges, part_slopes=slopes)
 
@@ -229,9 +229,9 @@ def parts_of(controller: FuzzyController, table: Table, cells: Cells) -> tuple[F
     e, w = sides
     ends = (e[:, :-1, None], e[:, 1:, None], w[:, None, :-1], w[:, None, 1:])
     boxes = surface.Boxes(*(np.broadcast_to(end, shape).ravel() for end in ends))
-    found = enclosed(controller, boxes)
-    ranges = np.clip(np.stack([found.low, found.high], axis=1), -table.limit, table.limit)
-    return ranges.reshape(*shape, 2), saturated(found, table.limit).reshape(*shape, 4)
+    enclosure = enclosed(controller, boxes)
+    ranges = np.clip(np.stack([enclosure.low, enclosure.high], axis=1), -table.limit, table.limit)
+    return ranges.reshape(*shape, 2), saturated(enclosure, table.limit).reshape(*shape, 4)
 
 
 def _rates(table: Table, mass_kg: float) -> Floats:

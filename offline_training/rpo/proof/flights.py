@@ -63,13 +63,13 @@ def vary(problem: Problem, rng: np.random.Generator, start: Floats) -> Scenario:
         return math.copysign(1.0, drawn) if far else drawn
 
     mass = base.mass_kg * (1.0 + settings.mass_share * share())
-    disturbance, most = base.disturbance, settings.disturbance_share
-    if most > 0.0:
-        cx, cy, cz = (most * c * share() for c in disturbance.constant_n)
+    disturbance, factor = base.disturbance, settings.disturbance_share
+    if factor > 0.0:
+        cx, cy, cz = (factor * c * share() for c in disturbance.constant_n)
         harmonics = tuple(
             replace(
                 h,
-                amplitude_n=h.amplitude_n * most * abs(share()) ** 0.5,
+                amplitude_n=h.amplitude_n * factor * abs(share()) ** 0.5,
                 phase_rad=float(rng.uniform(0.0, 6.28)),
             )
             for h in disturbance.harmonics
@@ -106,14 +106,14 @@ def fly(problem: Problem, scenario: Scenario) -> Flight:
 
 def probe(problem: Problem, starts: Iterator[Floats], seed: int) -> Flown:
     """Fly from starts (6,); return the greatest value of each claim."""
-    rng, found = np.random.default_rng(seed), dict[str, tuple[float, tuple[float, ...], Scenario]]()
+    rng, worst = np.random.default_rng(seed), dict[str, tuple[float, tuple[float, ...], Scenario]]()
     for start in starts:
         scenario = vary(problem, rng, start)
         flight = fly(problem, scenario)
         for key, value in values_of(problem, flight).items():
-            if key not in found or value > found[key][0]:
-                found[key] = value, scenario.start, scenario
-    return found
+            if key not in worst or value > worst[key][0]:
+                worst[key] = value, scenario.start, scenario
+    return worst
 
 
 def random_starts(problem: Problem, count: int, seed: int) -> Iterator[Floats]:
@@ -139,26 +139,26 @@ def worst_starts(
     """Yield starts from the planar and the vertical cells whose bounds of a claim are greatest."""
     rng = np.random.default_rng(seed)
     column = 'slew_n_s' if key == 'slew_per_axis_n_s' else 'mean_error_m'
-    orders = {name: np.argsort(found.column(column))[::-1] for name, found in groups.items()}
+    orders = {name: np.argsort(bounds.column(column))[::-1] for name, bounds in groups.items()}
     orders[list(groups)[-1]] = np.argsort(of_planar(groups, key))[::-1]
     for number in range(count):
         start = np.zeros(6)
         for name, order in orders.items():
-            found, cell = groups[name], order[(number // 4) % len(order)]
+            bounds, cell = groups[name], order[(number // 4) % len(order)]
             chosen = list(problem.groups[name])
             share = rng.uniform(-1.0, 1.0, len(chosen))
-            size = found.half[cell][: len(chosen)]
-            start[chosen] = found.centre[cell][: len(chosen)] + share * size
+            size = bounds.half[cell][: len(chosen)]
+            start[chosen] = bounds.centre[cell][: len(chosen)] + share * size
         yield start
 
 
 def merged(first: Flown, second: Flown) -> Flown:
     """Return the greater of both, claim by claim."""
-    found = dict(first)
+    worst = dict(first)
     for key, item in second.items():
-        if key not in found or item[0] > found[key][0]:
-            found[key] = item
-    return found
+        if key not in worst or item[0] > worst[key][0]:
+            worst[key] = item
+    return worst
 
 
 FLIGHTS, SEED = 200, 7

@@ -83,11 +83,11 @@ class Folder:
         """Make the folder; raises InputError if it holds something."""
         hint = ': go on with --resume, or check it'
         outputs.require_free(path, TEXTS[2], 'proof', lambda: hint)
-        found = cls(path, problem, problem.texts)
+        folder = cls(path, problem, problem.texts)
         make_folder(path / _PARTS)
-        recorded = {**versions(), 'code_sha256': code_digest(), 'files_sha256': found.bound}
+        recorded = {**versions(), 'code_sha256': code_digest(), 'files_sha256': folder.bound}
         outputs.begin_folder(path, dict(zip(TEXTS, problem.texts, strict=True)), recorded)
-        return found
+        return folder
 
     @classmethod
     def open(cls, path: Path) -> Folder:
@@ -99,10 +99,10 @@ class Folder:
                 raise InputError(f'{entry}: must be in the folder itself; it is a symbolic link')
         texts = [files.read_text(path / name) for name in TEXTS]
         with within(str(path)):
-            found = cls(path, Problem.of_texts(texts), texts)
-        if found.recorded['files_sha256'] != found.bound:
+            folder = cls(path, Problem.of_texts(texts), texts)
+        if folder.recorded['files_sha256'] != folder.bound:
             raise InputError(f'{path}: {", ".join(TEXTS)} must be as they were when it was begun')
-        return found
+        return folder
 
     @property
     def recorded(self) -> dict[str, str]:
@@ -140,9 +140,9 @@ class Folder:
         except InputError:
             return None
 
-    def put(self, group: str, unit: int, found: CellBounds) -> None:
+    def put(self, group: str, unit: int, bounds: CellBounds) -> None:
         """Keep a finished unit."""
-        write_arrays(self._part(group, unit), vars(found))
+        write_arrays(self._part(group, unit), vars(bounds))
 
     def cells(self, group: str) -> CellBounds:
         """Return all cells of a finished proof."""
@@ -161,8 +161,8 @@ class Folder:
 
     def finish(self, groups: Mapping[str, CellBounds], summary: Mapping[str, Any]) -> None:
         """Write all cells and the summary; remove the parts."""
-        for group, found in groups.items():
-            write_arrays(self.path / f'{group}.npz', vars(found))
+        for group, bounds in groups.items():
+            write_arrays(self.path / f'{group}.npz', vars(bounds))
         write_text(self.path / SUMMARY, yaml.safe_dump(dict(summary), sort_keys=False, width=100))
         for part in sorted((self.path / _PARTS).glob('*.npz')):
             part.unlink()
@@ -175,12 +175,12 @@ class Folder:
 
     def others(self) -> list[str]:
         """Return names in the folder that nothing of the proof is read from."""
-        known = {*TEXTS, SUMMARY, VERSIONS, _TABLE, _PARTS, 'report'}
-        known |= {f'{group}.npz' for group in self.problem.groups}
+        names = {*TEXTS, SUMMARY, VERSIONS, _TABLE, _PARTS, 'report'}
+        names |= {f'{group}.npz' for group in self.problem.groups}
         for key in self.problem.limits:
             first = next((path for path in self.flights(key) if path.is_file()), None)
-            known |= {first.name} if first else set()
-        return sorted({entry.name for entry in self.path.iterdir()} - known)
+            names |= {first.name} if first else set()
+        return sorted({entry.name for entry in self.path.iterdir()} - names)
 
     def _part(self, group: str, unit: int) -> Path:
         return self.path / _PARTS / f'{group}_{unit:04d}.npz'
@@ -193,23 +193,23 @@ def table_arrays(table: Table) -> dict[str, Any]:
 
 def joined(parts: Iterable[CellBounds]) -> CellBounds:
     """Return the cells of all units."""
-    found = list(parts)
+    units = list(parts)
     joint = {
-        name: np.concatenate([getattr(p, name) for p in found])
+        name: np.concatenate([getattr(p, name) for p in units])
         for name in ('centre', 'half', 'values', 'boxes', 'tail')
     }
-    return CellBounds(**joint, reach=reduce(cells.joint, [p.reach for p in found]))
+    return CellBounds(**joint, reach=reduce(cells.joint, [p.reach for p in units]))
 
 
 def code_digest() -> str:
     """Return a digest of the sources that a proof depends on."""
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for package in (rpo_core, rpo.engine, rpo.proof):
         base = Path(str(package.__file__)).parent
         for path in sorted(base.rglob('*.py')):
             name = f'{package.__name__} {path.relative_to(base)} '
-            found.update(name.encode() + path.read_bytes())
-    return found.hexdigest()
+            digest.update(name.encode() + path.read_bytes())
+    return digest.hexdigest()
 
 
 def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
@@ -242,9 +242,9 @@ def cells_of(path: Path, problem: Problem, group: str) -> CellBounds:
     layout = Layout.of(problem, group)
     arrays = exactly(path, *FIELDS, check=lambda headers: _check_shapes(headers, layout))
     with within(str(path)):
-        found = CellBounds(**arrays)
-        _check_ranges(found)
-    return found
+        bounds = CellBounds(**arrays)
+        _check_ranges(bounds)
+    return bounds
 
 
 def _check_shapes(arrays: Mapping[str, ArrayHeader], layout: Layout) -> None:
@@ -259,29 +259,29 @@ def _check_shapes(arrays: Mapping[str, ArrayHeader], layout: Layout) -> None:
         'reach': (2, layout.reach, layout.states),
     }
     for name, shape in shapes.items():
-        found = arrays[name]
-        if found.shape != shape or found.dtype != np.float64 or not shape[0]:
+        array = arrays[name]
+        if array.shape != shape or array.dtype != np.float64 or not shape[0]:
             raise InputError(
                 f'`{name}` must be float64 of shape {shape}, with a row at least; '
-                f'got {found.dtype} of {found.shape}'
+                f'got {array.dtype} of {array.shape}'
             )
 
 
-def _check_ranges(found: CellBounds) -> None:
+def _check_ranges(bounds: CellBounds) -> None:
     """Refuse numbers that are not what they stand for; written so that NaN is refused too."""
-    values, depth, last_s = found.values, found.values[:, _WHOLE], found.column('last_s')
-    low, high = found.boxes[:, :, 0], found.boxes[:, :, 1]
+    values, depth, last_s = bounds.values, bounds.values[:, _WHOLE], bounds.column('last_s')
+    low, high = bounds.boxes[:, :, 0], bounds.boxes[:, :, 1]
     unknown = np.isnan(low) & np.isnan(high)
     checks = {
-        f'`centre` must be within {FARTHEST:g}': np.abs(found.centre) <= FARTHEST,
-        f'`half` must be from 0 to {FARTHEST:g}': (found.half >= 0.0) & (found.half <= FARTHEST),
+        f'`centre` must be within {FARTHEST:g}': np.abs(bounds.centre) <= FARTHEST,
+        f'`half` must be from 0 to {FARTHEST:g}': (bounds.half >= 0.0) & (bounds.half <= FARTHEST),
         '`depth` must be whole': np.isfinite(depth) & (depth == np.floor(depth)),
         '`last_s` must be finite': np.isfinite(last_s),
         '`last_s` must be >= 0 somewhere': np.array([(last_s >= 0.0).any()]),
         '`values` must be >= 0': np.delete(values, VALUES.index('last_s'), axis=1) >= 0.0,
         '`boxes` must be from low to high, or not known': (low <= high) | unknown,
-        '`tail` must be >= 0': found.tail >= 0.0,
-        '`reach` must be from low to high': found.reach[0] <= found.reach[1],
+        '`tail` must be >= 0': bounds.tail >= 0.0,
+        '`reach` must be from low to high': bounds.reach[0] <= bounds.reach[1],
     }
     for sentence, holds in checks.items():
         if not holds.all():
@@ -293,16 +293,16 @@ def summary_of(document: Any) -> dict[str, Any]:
 
     What else it says is compared with what follows from the cells. Raises InputError.
     """
-    found = dict(mapping('', document, ('rest', 'cells', 'claims', 'ranges')))
-    if found['rest'] is not None:
-        numbers = mapping('rest', found['rest'], InvariantSet._fields)
-        found['rest'] = {
+    summary = dict(mapping('', document, ('rest', 'cells', 'claims', 'ranges')))
+    if summary['rest'] is not None:
+        numbers = mapping('rest', summary['rest'], InvariantSet._fields)
+        summary['rest'] = {
             name: real(f'rest.{name}', numbers[name], above=0.0, most=1e3)
             for name in InvariantSet._fields
         }
-    if not isinstance(found['claims'], Mapping):
-        raise InputError(f'`claims` must be a mapping; got {shown(found["claims"])}')
-    for key, claim in found['claims'].items():
+    if not isinstance(summary['claims'], Mapping):
+        raise InputError(f'`claims` must be a mapping; got {shown(summary["claims"])}')
+    for key, claim in summary['claims'].items():
         mapping(f'claims.{key}', claim, CLAIM)
         real(f'claims.{key}.found', claim['found'])
         start = claim['start']
@@ -310,7 +310,7 @@ def summary_of(document: Any) -> dict[str, Any]:
             raise InputError(f'`claims.{key}.start` must be 6 numbers, or none; got {shown(start)}')
         for number in start:
             real(f'claims.{key}.start', number)
-    return found
+    return summary
 
 
 def origins(folder: Folder) -> list[str]:
@@ -318,19 +318,19 @@ def origins(folder: Folder) -> list[str]:
     names = folder.problem.controller.name, folder.problem.scenario.name
     problem, ships = folder.problem, names[0] in files.shipped('controller')
     same_controller = ships and controllers.load_controller(names[0]) == problem.controller
-    known = same_controller, is_shipped_scenario(problem)
-    found = []
+    shipped = same_controller, is_shipped_scenario(problem)
+    lines = []
     kinds = 'controller', 'scenario'
-    for kind, content, name, same in zip(kinds, folder.texts[:2], names, known, strict=True):
+    for role, content, name, same in zip(kinds, folder.texts[:2], names, shipped, strict=True):
         digest = hashlib.sha256(content.encode()).hexdigest()
         if same:
             what = f'means the same as the shipped {name}'
-        elif name in files.shipped(kind):
+        elif name in files.shipped(role):
             what = f'named {name}, and NOT the one that ships with this name'
         else:
             what = f'{quoted(name)}, which does not ship'
-        found.append(f'{kind}: {what}; SHA-256 {digest}')
-    return found
+        lines.append(f'{role}: {what}; SHA-256 {digest}')
+    return lines
 
 
 def is_shipped_scenario(problem: Problem) -> bool:
@@ -338,6 +338,6 @@ def is_shipped_scenario(problem: Problem) -> bool:
     ours = problem.scenario
     if ours.name not in files.shipped('scenario'):
         return False
-    found = scenario.load(ours.name)
-    theirs = found.base if isinstance(found, ScenarioSet) else found
+    shipped = scenario.load(ours.name)
+    theirs = shipped.base if isinstance(shipped, ScenarioSet) else shipped
     return theirs == ours and theirs.requirements == ours.requirements

@@ -92,9 +92,9 @@ def coupled(problem: Problem, motion: Motion, group: str, states: Floats) -> Mot
 def ranges(problem: Problem, group: str) -> list[tuple[float, float]]:
     """Return the least and the greatest of each unknown constant of an axis."""
     waves = problem.waves(PER_AXIS[group][0])
-    found = [(-1.0, 1.0)] * sum(2 if isinstance(wave, Harmonic) else 1 for wave in waves)
+    bounds = [(-1.0, 1.0)] * sum(2 if isinstance(wave, Harmonic) else 1 for wave in waves)
     share = problem.settings.mass_share
-    return [*found, (-(1.0 - share) / (1.0 + share), 1.0)] if share > 0.0 else found
+    return [*bounds, (-(1.0 - share) / (1.0 + share), 1.0)] if share > 0.0 else bounds
 
 
 def is_outside(problem: Problem, group: str, centre: Floats, half: Floats) -> bool:
@@ -102,8 +102,8 @@ def is_outside(problem: Problem, group: str, centre: Floats, half: Floats) -> bo
     at = len(PER_AXIS[group])
     for wave in problem.waves(PER_AXIS[group][0]):
         if isinstance(wave, Harmonic):
-            least = np.maximum(np.abs(centre[at : at + 2]) - half[at : at + 2], 0.0)
-            if float(least @ least) > 1.0 + 1e-9:
+            nearest = np.maximum(np.abs(centre[at : at + 2]) - half[at : at + 2], 0.0)
+            if float(nearest @ nearest) > 1.0 + 1e-9:
                 return True
             at += 1
         at += 1
@@ -287,12 +287,12 @@ def cover(strips: Sequence[Strip], size: tuple[float, float]) -> list[Strip]:
     lows, highs = every[:, 0] - every[:, 2], every[:, 0] + every[:, 2]
     low, high = float(lows.min()), float(highs.max())
     count = max(1, math.ceil((high - low) / (2.0 * size[0]) - 1e-9))
-    found: list[Strip] = []
+    covering: list[Strip] = []
     for left, right in pairwise(np.linspace(low, high, count + 1).tolist()):
         some = every[(lows <= right) & (highs >= left)]
         if len(some):
-            found += _column(left, right, some, size[1])
-    return found
+            covering += _column(left, right, some, size[1])
+    return covering
 
 
 def _column(left: float, right: float, strips: Floats, size_m_s: float) -> Iterator[Strip]:

@@ -94,11 +94,11 @@ class Settings(Checked):
         sizes = 3 * [self.cell_m] + 3 * [self.cell_m_s]
         counts = [max(1.0, half / size) for half, size in zip(self.half, sizes, strict=True)]
         groups = (PER_AXIS if self.axes_apart else GROUPS).values()
-        most = max(math.prod(counts[i] for i in chosen) for chosen in groups)
-        if not most <= MOST_CELLS:
+        cells = max(math.prod(counts[i] for i in chosen) for chosen in groups)
+        if not cells <= MOST_CELLS:
             raise InputError(
                 f'`half` must be of at most {MOST_CELLS} cells of `cell_m` and `cell_m_s`; '
-                f'it is of {most:.3g}'
+                f'it is of {cells:.3g}'
             )
 
 
@@ -111,37 +111,37 @@ class Problem:
     settings: Settings
 
     @classmethod
-    def of(cls, controller: AnyController, found: Scenario, settings: Settings) -> Problem:
+    def of(cls, controller: AnyController, flight: Scenario, settings: Settings) -> Problem:
         """Return the problem; raises InputError where the theory does not know something."""
         if not isinstance(controller, FuzzyController):
             raise InputError(
                 f'`controller` must be fuzzy to be proven: only its surface can be enclosed; '
                 f'{controller.name} is of kind {controller.kind}'
             )
-        for section in found.sections:
+        for section in flight.sections:
             raise InputError(
-                f'scenario {found.name} has a stage that the proof does not know: '
+                f'scenario {flight.name} has a stage that the proof does not know: '
                 f'`{section_of(section).name}`'
             )
-        if found.goal is not None:
+        if flight.goal is not None:
             raise InputError(
-                f'scenario {found.name} has a goal away from the target, which the proof does not '
+                f'scenario {flight.name} has a goal away from the target, which the proof does not '
                 'know: `goal_position_m`'
             )
-        made = cls(controller, found, settings)
+        made = cls(controller, flight, settings)
         for key in settings.claims:
             if key not in made.all_limits:
-                known = ', '.join(made.all_limits)
-                raise InputError(f'`claim` must be one of {known}; got {key!r}')
+                keys = ', '.join(made.all_limits)
+                raise InputError(f'`claim` must be one of {keys}; got {key!r}')
         return made
 
     @cached_property
     def all_limits(self) -> dict[str, float]:
         """Requirement -> limit: those of the scenario, and to hold the error at its end."""
         required = self.scenario.requirements
-        found = {} if required is None else dict(required.limits)
-        found.setdefault(HOLD, HOLD_ERROR_M)
-        return found
+        limits = {} if required is None else dict(required.limits)
+        limits.setdefault(HOLD, HOLD_ERROR_M)
+        return limits
 
     @property
     def limits(self) -> dict[str, float]:
@@ -191,10 +191,10 @@ class Problem:
     @cached_property
     def table(self) -> enclosure.Table:
         """The enclosure of the control surface, made by this process."""
-        found, required = self.scenario, self.scenario.requirements
+        flight, required = self.scenario, self.scenario.requirements
         slew_n_s = None if required is None else required.slew_per_axis_n_s
         coarseness = self.settings.coarseness
-        return _table(self.controller, found.max_force_n, coarseness, slew_n_s, found.mass_kg)
+        return _table(self.controller, flight.max_force_n, coarseness, slew_n_s, flight.mass_kg)
 
     @property
     def strongest_n(self) -> float:
@@ -234,9 +234,9 @@ class Problem:
         disturbance = self.scenario.disturbance
         if self.settings.disturbance_share == 0.0:
             return []
-        found: list[float | Harmonic] = [disturbance.constant_n[axis]]
-        found = found if found[0] else []
-        return [*found, *(h for h in disturbance.harmonics if 'xyz'.index(h.axis) == axis)]
+        parts: list[float | Harmonic] = [disturbance.constant_n[axis]]
+        parts = parts if parts[0] else []
+        return [*parts, *(h for h in disturbance.harmonics if 'xyz'.index(h.axis) == axis)]
 
     def _forces(self, axes: Sequence[int], ticks: int) -> tuple[Floats, Floats]:
         """Return known forces (N, p) and those of each unknown constant (N, q, p) [N]."""
@@ -246,7 +246,7 @@ class Problem:
         if share == 0.0:
             constant = disturbance.over(times)[:, axes]
             return np.ascontiguousarray(constant), _stacked(extra, ticks, len(axes))
-        found = []
+        stacked = []
         for place, axis in enumerate(axes):
             columns: list[Floats] = []
             for wave in self.waves(axis):
@@ -259,8 +259,8 @@ class Problem:
             for values in columns:
                 column = np.zeros((ticks, len(axes)))
                 column[:, place] = values * (1.0 + 1e-12)
-                found.append(column)
-        return np.zeros((ticks, len(axes))), _stacked([*found, *extra], ticks, len(axes))
+                stacked.append(column)
+        return np.zeros((ticks, len(axes))), _stacked([*stacked, *extra], ticks, len(axes))
 
     @cached_property
     def texts(self) -> tuple[str, str, str]:
@@ -321,15 +321,15 @@ def title_of(problem: Problem) -> str:
 
 def range_of(problem: Problem) -> str:
     """Return what may differ beside the start, and until when a flight is judged."""
-    settings, found = problem.settings, problem.scenario
-    mass = f'mass {number(found.mass_kg)} kg'
+    settings, flight = problem.settings, problem.scenario
+    mass = f'mass {number(flight.mass_kg)} kg'
     if settings.mass_share > 0.0:
         mass += f', and more or less by a share of {number(settings.mass_share)}'
     if settings.disturbance_share > 0.0:
         share = number(settings.disturbance_share)
-        known = f'disturbance at any phase, up to {share} times as it is'
+        disturbed = f'disturbance at any phase, up to {share} times as it is'
     else:
-        known = 'no disturbance' if problem.undisturbed else 'disturbance as it is'
+        disturbed = 'no disturbance' if problem.undisturbed else 'disturbance as it is'
     if settings.any_n > 0.0:
-        known += f', and any other of {number(settings.any_n)} N per axis at every tick'
-    return f'{mass}; {known}; {number(found.duration_s)} s'
+        disturbed += f', and any other of {number(settings.any_n)} N per axis at every tick'
+    return f'{mass}; {disturbed}; {number(flight.duration_s)} s'

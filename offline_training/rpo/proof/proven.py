@@ -57,8 +57,8 @@ class ProvenClaim:
     @property
     def verdict(self) -> str:
         """What the numbers say."""
-        found = verdict_of(self.limit, self.bound, self.found)
-        return OPEN if found == UNDECIDED else found
+        verdict = verdict_of(self.limit, self.bound, self.found)
+        return OPEN if verdict == UNDECIDED else verdict
 
 
 @dataclass(frozen=True)

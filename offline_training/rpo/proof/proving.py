@@ -123,13 +123,13 @@ def _cells(
     cells, size = roots(problem, group), UNIT_PER_AXIS if problem.settings.axes_apart else UNIT
     units = [cells[first : first + size] for first in range(0, len(cells), size)]
     parts = {unit: folder.done(group, unit) for unit in range(len(units))}
-    pending = [unit for unit, found in parts.items() if found is None]
+    pending = [unit for unit, bounds in parts.items() if bounds is None]
     resumed = finished = len(units) - len(pending)
     progress(f'{group} cells', finished * size, len(cells))
     calls = ((unit, (units[unit], targets)) for unit in pending)
-    for unit, found in pool.run(prover.prove, calls, workers):
-        folder.put(group, unit, found)
-        parts[unit] = found
+    for unit, bounds in pool.run(prover.prove, calls, workers):
+        folder.put(group, unit, bounds)
+        parts[unit] = bounds
         finished += 1
         progress(f'{group} cells', min(finished * size, len(cells)), len(cells))
     every = joined(part for part in parts.values() if part is not None)

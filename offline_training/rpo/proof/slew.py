@@ -116,9 +116,9 @@ def slew_of(table: Table, drift: Drift, strip: Strip, f0: float, f1: float, enou
     if quick <= enough:
         return quick
     reach = Reach(f0, f1, change_u, (0.5 * change_v + drift.bend_m_s) / table.position_m)
-    most = 0.5 * _fastest(table, drift, path, reach, 0.0)
-    most += 0.5 * _fastest(table, drift, path, reach, 1.0)
-    return (most * (1.0 + TINY) + 2.0 * table.slack / drift.dt_s) * table.force_n
+    rate = 0.5 * _fastest(table, drift, path, reach, 0.0)
+    rate += 0.5 * _fastest(table, drift, path, reach, 1.0)
+    return (rate * (1.0 + TINY) + 2.0 * table.slack / drift.dt_s) * table.force_n
 
 
 @compiled
@@ -142,7 +142,7 @@ def _range(table: Table, i: int, j: int) -> tuple[float, float]:
 @compiled
 def _fastest(table: Table, drift: Drift, path: Path, reach: Reach, lag: float) -> float:
     """Return a bound [1/s] of the rate of the output in all cells of a path."""
-    most = 0.0
+    fastest = 0.0
     i0, i1 = cell_of(table.e, path.e - path.half_e), cell_of(table.e, path.e + path.half_e)
     for i in range(i0, i1 + 1):
         w0, w1 = _column(path, table.e[i], table.e[i + 1])
@@ -151,10 +151,10 @@ def _fastest(table: Table, drift: Drift, path: Path, reach: Reach, lag: float) -
             least, greatest = _range(table, i, j)
             s = table.slopes[i, j]
             rate = _rate(table, drift, s, low, high, least, greatest, reach, lag)
-            if rate > most and table.division[i, j] >= 0:
+            if rate > fastest and table.division[i, j] >= 0:
                 rate = _rate_of_parts(table, drift, i, j, path, reach, lag)
-            most = max(most, rate)
-    return most
+            fastest = max(fastest, rate)
+    return fastest
 
 
 @compiled
@@ -162,7 +162,7 @@ def _rate_of_parts(
     table: Table, drift: Drift, i: int, j: int, path: Path, reach: Reach, lag: float
 ) -> float:
     """Return a bound [1/s] of the rate of the output in a cell that is divided, part by part."""
-    number, most = table.division[i, j], 0.0
+    number, fastest = table.division[i, j], 0.0
     parts = table.part_slopes.shape[1]
     wide, tall = table.e[i + 1] - table.e[i], table.w[j + 1] - table.w[j]
     for k in range(parts):
@@ -176,8 +176,8 @@ def _rate_of_parts(
             high = min(w1, table.w[j] + tall * ((n + 1) / parts) + TINY * abs(table.w[j + 1]))
             if low <= high:
                 s, u = table.part_slopes[number, k, n], table.part_range[number, k, n]
-                most = max(most, _rate(table, drift, s, low, high, u[0], u[1], reach, lag))
-    return most
+                fastest = max(fastest, _rate(table, drift, s, low, high, u[0], u[1], reach, lag))
+    return fastest
 
 
 @compiled
@@ -231,16 +231,16 @@ def drift_of(
     n = len(low)
     p = n // 2
     v = p + axis
-    bend, least, most = 0.0, 0.0, 0.0
+    bend, accel_low, accel_high = 0.0, 0.0, 0.0
     for i in range(n):
         size = max(abs(low[i]), abs(high[i]))
-        own = 1.0 if i == axis else 0.0
+        unit = 1.0 if i == axis else 0.0
         mine = 1.0 if i == v else 0.0
-        rest = (a[axis, i] - own) / dt - 0.5 * (a[v, i] + mine)
+        rest = (a[axis, i] - unit) / dt - 0.5 * (a[v, i] + mine)
         bend += abs(rest) * size + 8.0 * TINY * size
         slope = (a[v, i] - mine) / dt
-        least += min(slope * low[i], slope * high[i]) - 8.0 * TINY * size / dt
-        most += max(slope * low[i], slope * high[i]) + 8.0 * TINY * size / dt
+        accel_low += min(slope * low[i], slope * high[i]) - 8.0 * TINY * size / dt
+        accel_high += max(slope * low[i], slope * high[i]) + 8.0 * TINY * size / dt
     for i in range(p):
         size = max(abs(f0[i]), abs(f1[i])) + other_n
         rest = b[axis, i] / dt - 0.5 * b[v, i]
@@ -250,9 +250,9 @@ def drift_of(
         outside = abs(slope) * (other_n + 8.0 * TINY * size)
         if i != axis:
             outside += abs(slope) * max(abs(f0[i]), abs(f1[i]))
-        least -= outside
-        most += outside
-    return Drift(bend, least, most, b[v, axis] / dt, dt)
+        accel_low -= outside
+        accel_high += outside
+    return Drift(bend, accel_low, accel_high, b[v, axis] / dt, dt)
 
 
 @compiled
@@ -280,7 +280,7 @@ def slew_by_parts(
     """
     todo = np.empty((MOST_PARTS, 5))
     todo[0] = strip.r, strip.v, strip.half_m, strip.half, 1e300
-    left, looked, most = 1, 0, 0.0
+    left, looked, worst = 1, 0, 0.0
     while left > 0:
         left -= 1
         r, v, half_m, half, whole = todo[left]
@@ -290,17 +290,17 @@ def slew_by_parts(
         by_r = half_m * (1.0 / table.position_m + abs(strip.tilt) / table.velocity_m_s)
         by_v = half / table.velocity_m_s
         if bound <= enough or looked + left + 2 > MOST_PARTS or by_r + by_v < SMALLEST:
-            most = max(most, bound)
-            if most > enough:  # sharper parts beside it do not help
+            worst = max(worst, bound)
+            if worst > enough:  # sharper parts beside it do not help
                 for k in range(left):
-                    most = max(most, todo[k, 4])
-                return most
+                    worst = max(worst, todo[k, 4])
+                return worst
             continue
         for side in (-1.0, 1.0):
             part = half_of(Strip(r, v, half_m, strip.tilt, half), by_r > by_v, side)
             todo[left] = part.r, part.v, part.half_m, part.half, bound
             left += 1
-    return most
+    return worst
 
 
 @compiled

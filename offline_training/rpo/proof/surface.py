@@ -89,10 +89,10 @@ def is_continuous(functions: MembershipFunctions) -> bool:
     return functions.sp_left < functions.sp_centre < functions.sp_right
 
 
-def divided(points: Floats, most: float) -> Floats:
-    """Return ascending points with enough equally spaced ones between that no gap is > `most`."""
+def divided(points: Floats, max_gap: float) -> Floats:
+    """Return ascending points with enough equally spaced ones between that none is > `max_gap`."""
     parts = [
-        np.linspace(a, b, int(np.ceil((b - a) / most)) + 1)[:-1]
+        np.linspace(a, b, int(np.ceil((b - a) / max_gap)) + 1)[:-1]
         for a, b in itertools.pairwise(points)
     ]
     return np.concatenate([*parts, points[-1:]])
@@ -227,13 +227,13 @@ def _output_grades(system: FuzzySystem) -> list[tuple[int, slice, Floats]]:
     table[[SP, LP], half + 1 :] = sp, lp
     table[[SN, LN], :half] = sp[::-1], lp[::-1]
     table[Z] = np.concatenate([z[::-1], [1.0], z])
-    found = []
+    words = []
     for word, grades in enumerate(table):
         support = np.flatnonzero(grades)
         if len(support):
             span = slice(int(support[0]), int(support[-1]) + 1)
-            found.append((word, span, grades[span]))
-    return found
+            words.append((word, span, grades[span]))
+    return words
 
 
 def _aggregate(strengths: Floats, grades: list[tuple[int, slice, Floats]], samples: int) -> Floats:

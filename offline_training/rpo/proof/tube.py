@@ -365,18 +365,18 @@ def fill_slew(table: Table, motion: Motion, trace: Trace, last: int, limit_n_s: 
 
     limit_n_s : what is asked for; a bound that exceeds it is made sharper, until that fails
     """
-    most = 0.0
+    worst = 0.0
     for tick in range(last):
-        most = max(most, _slew(table, motion, tick, trace, most, limit_n_s))
+        worst = max(worst, _slew(table, motion, tick, trace, worst, limit_n_s))
 
 
 @compiled
 def _slew(
-    table: Table, motion: Motion, tick: int, trace: Trace, most: float, limit: float
+    table: Table, motion: Motion, tick: int, trace: Trace, worst: float, limit: float
 ) -> float:
     """Fill the bound of slew from a tick to the next; return the greatest of the axes.
 
-    most : of earlier ticks; one that is no greater need not be sharp
+    worst : of earlier ticks; one that is no greater need not be sharp
     """
     low, high, p = trace.low[tick], trace.high[tick], trace.slew.shape[1]
     f0, f1 = trace.force_low[tick], trace.force_high[tick]
@@ -385,9 +385,9 @@ def _slew(
         total = motion.any_n
         for j in range(motion.carried.shape[1]):
             total += abs(motion.carried[tick, j, i])
-        known = max(abs(f0[i]), abs(f1[i])) + abs(motion.constant[tick, i])
-        other = max(other, total + motion.mass * (total + known))
-    enough = most
+        own_force = max(abs(f0[i]), abs(f1[i])) + abs(motion.constant[tick, i])
+        other = max(other, total + motion.mass * (total + own_force))
+    enough = worst
     for i in range(p):
         drift = drift_of(motion.a, motion.b, i, motion.dt, low, high, f0, f1, other)
         far, fast = motion.coupling[tick, i], motion.coupling[tick, p + i]
@@ -405,8 +405,8 @@ def _slew(
             trace.laws[tick, i, 5],
         )
         bound = slew_of(table, drift, strip, f0[i], f1[i], enough)
-        if bound > limit >= most:
+        if bound > limit >= worst:
             bound = slew_by_parts(table, drift, strip, f0[i], f1[i], limit)
         trace.slew[tick, i] = bound
-        most = max(most, bound)
-    return most
+        worst = max(worst, bound)
+    return worst

@@ -66,14 +66,14 @@ def influences(drawn: Mapping[str, Floats], outcome: Floats) -> list[Influence]:
     ranks = _standard_ranks(outcome)
     if ranks is None:
         return []
-    found = []
+    by_column = []
     for name, values in drawn.items():
         deviation = values - (values.min() + values.max()) / 2.0
         signed, size = _standard_ranks(deviation), _standard_ranks(np.abs(deviation))
         if signed is not None:
             by_size = 0.0 if size is None else float(ranks @ size)
-            found.append(Influence(name, float(ranks @ signed), by_size))
-    return sorted(found, key=lambda influence: -influence.strength)
+            by_column.append(Influence(name, float(ranks @ signed), by_size))
+    return sorted(by_column, key=lambda influence: -influence.strength)
 
 
 def _standard_ranks(values: Floats) -> Floats | None:
@@ -171,32 +171,32 @@ def histograms(panels: Any, columns: Mapping[str, Floats], success: Bools) -> No
     for axes in panels.ravel()[len(columns) :]:
         axes.set_axis_off()
     for axes, (label, values) in zip(panels.flat, columns.items(), strict=False):
-        known = np.isfinite(values)
+        finite = np.isfinite(values)
         low, high = 0.0, 1.0
-        if known.any():
-            low, high = values[known].min(), np.quantile(values[known], 0.9995)
+        if finite.any():
+            low, high = values[finite].min(), np.quantile(values[finite], 0.9995)
         span = (low, high) if high > low else (low - 0.5, low + 0.5)
         axes.hist(
-            [values[success & known], values[~success & known]],
+            [values[success & finite], values[~success & finite]],
             bins=_BINS,
             range=span,
             stacked=True,
             color=[_KEPT, _FAILED],
             label=['success', 'failure'],
         )
-        if known.any():
-            axes.axvline(np.median(values[known]), **style.LIMIT, label='median')
+        if finite.any():
+            axes.axvline(np.median(values[finite]), **style.LIMIT, label='median')
         axes.set(xlabel=label, ylabel='number of runs', xlim=span)
         axes.grid(axis='x', visible=False)
 
 
-def sensitivity(found: Mapping[str, Sequence[Influence]], level: float) -> Any:
+def sensitivity(by_outcome: Mapping[str, Sequence[Influence]], level: float) -> Any:
     """Return the influences of each column on each outcome, as bars; weak ones within `level`."""
-    columns = [i.column for i in next(iter(found.values()))]
+    columns = [i.column for i in next(iter(by_outcome.values()))]
     height = 0.5 + 0.27 * len(columns)
-    figure, (panels,) = style.new_panels(height, 1, len(found), sharey=True, squeeze=False)
+    figure, (panels,) = style.new_panels(height, 1, len(by_outcome), sharey=True, squeeze=False)
     places = np.arange(len(columns))
-    for axes, (outcome, influences) in zip(panels, found.items(), strict=True):
+    for axes, (outcome, influences) in zip(panels, by_outcome.items(), strict=True):
         by_name = {i.column: i for i in influences}
         signed = [by_name[name].signed for name in columns]
         size = [by_name[name].size for name in columns]
@@ -270,8 +270,8 @@ def _percent(rate: Rate) -> str:
     return f'{rate.percent} % ({rate.interval} %, Wilson 95 %)'
 
 
-def _success(store: Store, found: list[Rate]) -> list[Block]:
-    rows: list[tuple[str, ...]] = [rate.cells for rate in found]
+def _success(store: Store, success_rates: list[Rate]) -> list[Block]:
+    rows: list[tuple[str, ...]] = [rate.cells for rate in success_rates]
     rows += [
         (_limit(name, store.campaign.required[name]), judging.NOT_JUDGED, '', '')
         for name in judging.not_judged(store.campaign)
@@ -280,11 +280,11 @@ def _success(store: Store, found: list[Rate]) -> list[Block]:
     return [Table(caption, ('condition', 'runs', 'share', 'Wilson 95 %'), tuple(rows))]
 
 
-def _figures(store: Store, found: list[Spread], never: list[str], success: Bools) -> list[Block]:
+def _figures(store: Store, figures: list[Spread], never: list[str], success: Bools) -> list[Block]:
     drawn = {words(name): store.column(name) for name in judging.figures(store.campaign)}
     heads = ('figure', 'unit', 'mean', *(f'{100 * q:g} %' for q in QUANTILES), 'worst', 'run')
-    rows = tuple((s.name, plain(s.unit), *cells(s)) for s in found)
-    medians = (f'{s.name}: median {judging.number(s.quantiles[0], plain(s.unit))}' for s in found)
+    rows = tuple((s.name, plain(s.unit), *cells(s)) for s in figures)
+    medians = (f'{s.name}: median {judging.number(s.quantiles[0], plain(s.unit))}' for s in figures)
     return [
         picture('distributions', distributions(drawn, success), medians='; '.join(medians)),
         Table('Mean, quantiles and the worst run', heads, rows),
@@ -313,20 +313,20 @@ def _what_matters(store: Store, success: Bools) -> list[Block]:
     asked = judging.figures(store.campaign)
     names = [name for name in ('energy_n2s', 'arrival_time_s') if name in asked]
     outcomes |= {words(name, unit=False): store.column(name) for name in names}
-    found = {name: influences(drawn, values) for name, values in outcomes.items()}
-    found = {name: some for name, some in found.items() if some}
-    if not found:
+    by_outcome = {name: influences(drawn, values) for name, values in outcomes.items()}
+    by_outcome = {name: some for name, some in by_outcome.items() if some}
+    if not by_outcome:
         return [Text('No dispersion was drawn, or every run came out the same.')]
     level = chance_level(store.campaign.config.runs)
-    first = next(iter(found))
-    strongest = ', '.join(i.column for i in found[first][:3])
+    first = next(iter(by_outcome))
+    strongest = ', '.join(i.column for i in by_outcome[first][:3])
     dispersed = store.campaign.config.dispersions
     white = [words(n, unit=False) for n in dispersed if QUANTITIES[n].distributions == ('white',)]
     note = f' Not shown: {", ".join(white)}, new at each tick.' if white else ''
     return [
         picture(
             'sensitivity',
-            sensitivity(found, level),
+            sensitivity(by_outcome, level),
             first=first,
             strongest=strongest,
             percent=100 * (1 - FALSE_ALARM),
@@ -335,7 +335,7 @@ def _what_matters(store: Store, success: Bools) -> list[Block]:
     ]
 
 
-def _worst(store: Store, found: list[Spread], success: Bools) -> list[Block]:
+def _worst(store: Store, figures: list[Spread], success: Bools) -> list[Block]:
     rows: list[tuple[str, ...]] = [('worst of each figure',)]
     rows += [
         (
@@ -344,7 +344,7 @@ def _worst(store: Store, found: list[Spread], success: Bools) -> list[Block]:
             _verdict(success, s.worst_run),
             _again(store, s.worst_run),
         )
-        for s in found
+        for s in figures
     ]
     judged, ends, count = _judged(store), ends_m(store), int((~success).sum())
     for name, runs in _first_missed(judged).items():
@@ -365,14 +365,14 @@ def _worst(store: Store, found: list[Spread], success: Bools) -> list[Block]:
 
 def _first_missed(judged: Mapping[str, Floats]) -> dict[str, Ints]:
     """Return limit -> runs of which it is the first one missed, in the order of a flight."""
-    found, left = {}, np.array(True)
+    runs, left = {}, np.array(True)
     for name in judging.in_flight(judged):
         values, limits, _ = judged[name]
         missed = ~(values <= limits)
         if (missed & left).any():
-            found[name] = np.flatnonzero(missed & left)
+            runs[name] = np.flatnonzero(missed & left)
         left = left & ~missed
-    return found
+    return runs
 
 
 def _farthest_first(judged: Floats, ends: Floats, runs: Ints) -> Ints:
@@ -398,7 +398,7 @@ def _beside(name: str, judged: Floats, end_m: float) -> str:
 
 def _worst_flights(store: Store, success: Bools) -> tuple[Replayed, ...]:
     """Fly the runs again that come closest to a limit, or are farthest beyond one."""
-    campaign, found, judged = store.campaign, [], _judged(store)
+    campaign, flights, judged = store.campaign, [], _judged(store)
     lax = unbounded(campaign.scenario, campaign.config.success)
     ends, nearest = ends_m(store), np.max([shares for _, _, shares in judged.values()], axis=0)
     for run in np.lexsort((-ends, -nearest))[:REPLAYED].tolist():
@@ -410,20 +410,20 @@ def _worst_flights(store: Store, success: Bools) -> tuple[Replayed, ...]:
         said = dict.fromkeys(_beside(name, beside[name], ends[run]) for name in shown)
         verdict = f'{_verdict(success, run).capitalize()}. {title}: {"; ".join(said)}.'
         flown, bad = fly_run(campaign, run), None if lax and success[run] else not success[run]
-        found.append(Replayed(f'run {run}', flown, verdict, bad, campaign.controller))
-    return tuple(found)
+        flights.append(Replayed(f'run {run}', flown, verdict, bad, campaign.controller))
+    return tuple(flights)
 
 
 def _judged(store: Store) -> dict[str, Floats]:
     """Return limit -> (3, n): a metric of each run, its limit there, and their ratio."""
     config = store.campaign.config
-    columns, found = {name: store.column(name) for name in config.judging}, {}
+    columns, judged = {name: store.column(name) for name in config.judging}, {}
     for name, (values, limits) in config.limits(columns).items():
         each = np.broadcast_to(np.asarray(limits, dtype=np.float64), values.shape)
         none = np.where(values > 0.0, np.inf, 0.0)
         shares = np.divide(values, each, out=none, where=each > 0.0)
-        found[name] = np.stack([values, each, shares])
-    return found
+        judged[name] = np.stack([values, each, shares])
+    return judged
 
 
 def _verdict(success: Bools, run: int) -> str:

@@ -115,15 +115,15 @@ def control_surface(controller: FuzzyController) -> Any:
     return figure
 
 
-def starts(found: Assessment) -> Any:
+def starts(assessment: Assessment) -> Any:
     """Return energy and conditions over the training starts."""
     figure, (energy, conditions) = style.new_panels(4.0, 1, 2)
-    _energies(energy, found)
-    count = np.arange(1, len(found.starts) + 1)
+    _energies(energy, assessment)
+    count = np.arange(1, len(assessment.starts) + 1)
     for (name, column), limit, colour in zip(
         _CONDITIONS.items(), fitness.LIMITS, style.AXES, strict=True
     ):
-        share = np.sort(found.metrics[:, column]) / limit
+        share = np.sort(assessment.metrics[:, column]) / limit
         conditions.step(share, count, where='post', color=colour, label=name)
     conditions.axvline(1.0, **style.LIMIT, label='limit')
     conditions.set(xlabel='share of its limit', ylabel='starts that stay below', xlim=(0.0, None))
@@ -131,18 +131,18 @@ def starts(found: Assessment) -> Any:
     return figure
 
 
-def _energies(axes: Any, found: Assessment) -> None:
-    energy = found.metrics[:, ENERGY]
-    axes.plot(found.least, energy, 'o', color=style.LIGHT['x'], markersize=4, label='a start')
-    most = np.array([0.0, 1.05 * found.least.max()])
+def _energies(axes: Any, assessment: Assessment) -> None:
+    energy = assessment.metrics[:, ENERGY]
+    axes.plot(assessment.least, energy, 'o', color=style.LIGHT['x'], markersize=4, label='a start')
+    axis_n2s = np.array([0.0, 1.05 * assessment.least.max()])
     for factor, line, label in ((1, '-', 'the least itself'), (2, (0, (5, 2)), 'twice the least')):
         colour = style.LIGHT['optimum']
-        axes.plot(most, factor * most, color=colour, linestyle=line, label=label)
+        axes.plot(axis_n2s, factor * axis_n2s, color=colour, linestyle=line, label=label)
     axes.set(
         xlabel='least J to rest in 200 s [N²s]',
         ylabel='J of the flight [N²s]',
-        xlim=most,
-        ylim=(0.0, 1.05 * max(energy.max(), most[1])),
+        xlim=axis_n2s,
+        ylim=(0.0, 1.05 * max(energy.max(), axis_n2s[1])),
     )
 
 
@@ -183,15 +183,15 @@ def report_of(name: str, scenario: str = '') -> Report:
     return Report(f'Controller {controller.name}', summary, sections, flown.missed)
 
 
-def _judged(controller: AnyController, found: Scenario | ScenarioSet) -> _Flown:
+def _judged(controller: AnyController, scenario: Scenario | ScenarioSet) -> _Flown:
     """Return how a controller keeps what a scenario or set requires."""
-    judged = judge(controller, found, lambda *_: None)
+    judged = judge(controller, scenario, lambda *_: None)
     judgements = judged.judgements
-    flight = next(flights_of(controller, found))
-    table = Table(f'Requirements of {found.name}', HEADINGS, tuple(rows_of(judged)))
+    flight = next(flights_of(controller, scenario))
+    table = Table(f'Requirements of {scenario.name}', HEADINGS, tuple(rows_of(judged)))
     kept, flights = sum(not j.missed for j in judgements), judgements[0].flights
     where = 'its flight' if flights == 1 else f'all {flights} flights'
-    summary = f'{kept} of {len(judgements)} requirements of {found.name} held in {where}.'
+    summary = f'{kept} of {len(judgements)} requirements of {scenario.name} held in {where}.'
     return _Flown(summary, [table, _histories(flight)], kept < len(judgements))
 
 
@@ -248,36 +248,36 @@ def _places(controller: FuzzyController, claim: Claim) -> str:
 
 def _assessed(controller: FuzzyController, proven: Certificate) -> _Flown:
     """Return how a fuzzy controller reaches its targets."""
-    found = assess(controller)
-    targets = found.targets()
+    assessment = assess(controller)
+    targets = assessment.targets()
     rows = tuple(tuple(map(plain, target.cells('≤ '))) for target in targets)
     shown = picture(
         'starts',
-        starts(found),
-        starts=len(found.starts),
-        mean_n2s=found.mean_energy_n2s,
-        ratio=found.mean_energy_n2s / float(found.least.mean()),
-        worst_n2s=found.metrics[:, ENERGY].max(),
+        starts(assessment),
+        starts=len(assessment.starts),
+        mean_n2s=assessment.mean_energy_n2s,
+        ratio=assessment.mean_energy_n2s / float(assessment.least.mean()),
+        worst_n2s=assessment.metrics[:, ENERGY].max(),
     )
     summary = (
-        f'{plain(found.verdict())}. Mean J of {len(found.starts)} starts '
-        f'{found.mean_energy_n2s:.4g} N²s. {_certified(controller, proven)}'
+        f'{plain(assessment.verdict())}. Mean J of {len(assessment.starts)} starts '
+        f'{assessment.mean_energy_n2s:.4g} N²s. {_certified(controller, proven)}'
     )
     table = Table('Targets', ('target', 'what', 'limit', 'reached', 'verdict'), rows)
     return _Flown(summary, [table, Text(QUESTIONS), shown], not all(t.holds for t in targets))
 
 
-def _certificate(controller: FuzzyController, found: Certificate) -> list[Block]:
+def _certificate(controller: FuzzyController, certificate: Certificate) -> list[Block]:
     rows = tuple(
         (claim.name, claim.verdict, claim.statement, _places(controller, claim))
-        for claim in found.claims
+        for claim in certificate.claims
     )
     return [
         Text(
             'Proven over the whole input square, not on a grid; errors and outputs of a statement '
-            f'are shares of their scales. {found.boxes} boxes; the kernel that flies is within '
-            f'{found.rounding:.1e} of the exact surface. The points are those that refute a claim, '
-            'or the worst that were found.'
+            f'are shares of their scales. {certificate.boxes} boxes; the kernel that flies is '
+            f'within {certificate.rounding:.1e} of the exact surface. The points are those that '
+            'refute a claim, or the worst that were found.'
         ),
         Table('Claims', ('claim', 'verdict', 'statement', 'where'), rows),
     ]

@@ -82,18 +82,18 @@ def verdict_of(flight: Flight, gaps: Sequence[str] = ()) -> str:
     """Return the verdict of a flight in words: what it misses, or which limit is the tightest."""
     if gaps:
         return f'Not judged: {"; ".join(gaps)}.'
-    found = verdicts(flight)
-    if not found:
+    judged = verdicts(flight)
+    if not judged:
         return 'The scenario has no requirements.'
     names = ', '.join(unbounded(flight.scenario))
     rest = f' No requirement bounds {names}.' if names else ''
     if missed(flight):
-        bad = [verdict for verdict in found if verdict.holds is False]
+        bad = [verdict for verdict in judged if verdict.holds is False]
         said = '; '.join(f'{v.statement}: {_of(v.value, v.limit, v.unit)}' for v in bad)
-        return f'{len(bad)} of {len(found)} requirements missed. {said}.{rest}'
+        return f'{len(bad)} of {len(judged)} requirements missed. {said}.{rest}'
     few = {1: 'The requirement holds.', 2: 'Both requirements hold.'}
-    said = few.get(len(found), f'All {len(found)} requirements hold.')
-    if tight := [verdict for verdict in found if verdict.limit > 0.0 and verdict.holds]:
+    said = few.get(len(judged), f'All {len(judged)} requirements hold.')
+    if tight := [verdict for verdict in judged if verdict.limit > 0.0 and verdict.holds]:
         v = max(tight, key=lambda verdict: verdict.value / verdict.limit)
         said += f' The tightest is {v.statement}: {_of(v.value, v.limit, v.unit)}.'
     return said + rest
@@ -105,7 +105,7 @@ def _of(value: float, limit: float, unit: str) -> str:
 
 
 def steps_again(
-    log: RunLog, flight: Flight, kind: type[AnyStage]
+    log: RunLog, flight: Flight, stage_type: type[AnyStage]
 ) -> Iterator[tuple[int, AnyStage, list[tuple[float, ...]]]]:
     """Yield (tick, stage, outputs) of the stage of a kind, run again on its logged inputs.
 
@@ -113,7 +113,7 @@ def steps_again(
     stage, an input of a tick is missing, or the stage was switched off.
     """
     chain = Chain.of(scenario_of(log))  # as planned: a bound may hold for the whole flight
-    links = [link for link in chain.links if isinstance(link.stage, kind)]
+    links = [link for link in chain.links if isinstance(link.stage, stage_type)]
     if not links:
         return
     stage, ticks = cast(AnyStage, links[0].stage), len(flight.states)

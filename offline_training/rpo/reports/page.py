@@ -229,8 +229,8 @@ def _rows(table: Table) -> Iterator[str]:
 def _cell(text: str, column: str = '') -> str:
     """Return a cell; only in a column of verdicts is a word one, elsewhere it may be a name."""
     verdict = _VERDICTS.get(text) if column in ('', 'verdict') else ''
-    kind = verdict or ('number' if _NUMBER.match(text) and len(text) <= _LONGEST else '')
-    return f'<td class="{kind}">{escape(text)}</td>' if kind else f'<td>{escape(text)}</td>'
+    look = verdict or ('number' if _NUMBER.match(text) and len(text) <= _LONGEST else '')
+    return f'<td class="{look}">{escape(text)}</td>' if look else f'<td>{escape(text)}</td>'
 
 
 def svg(picture: Picture) -> str:

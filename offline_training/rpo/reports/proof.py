@@ -79,8 +79,8 @@ def _claims(
             command = ['rpo', 'simulate', str(flight), '--controller', str(controller)]
             yield Text(f'{claim.statement}: refuted by {shlex.join(command)}')
     rows = tuple(
-        (found.statement, lower(found.low), f'{upper(found.high)} {plain(found.unit)}')
-        for found in ranges.values()
+        (bounds.statement, lower(bounds.low), f'{upper(bounds.high)} {plain(bounds.unit)}')
+        for bounds in ranges.values()
     )
     yield Table('What no flight leaves, if the cells are right.', ('', 'from', 'to'), rows)
     if omega is None:

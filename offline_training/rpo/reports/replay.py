@@ -60,16 +60,16 @@ def limits_of(
     slew[: metrics.first_slew_tick(scenario)] = slew[-1] = 0.0
     at = Moments(flight.errors, flight.velocities_m_s, flight.positions_m, force, slew)
     required = [(verdict.key, verdict.unit, verdict.limit) for verdict in verdicts(flight)]
-    found = page.limits_of(scenario, at, required)
+    limits = page.limits_of(scenario, at, required)
     for panel in panels_of(turns, scenario) if turns is not None else ():
         if panel.limit is not None:
-            found[panel.name] = Limit(panel.name, panel.unit, panel.limit, panel.sizes)
+            limits[panel.name] = Limit(panel.name, panel.unit, panel.limit, panel.sizes)
     if margins is not None:
         for name, unit, values in zip(('position', 'speed'), ('m', 'm/s'), margins.T, strict=True):
-            found[f'margin of {name}'] = Limit(
+            limits[f'margin of {name}'] = Limit(
                 f'assurance: margin of {name}', unit, 0.0, values, floor=True
             )
-    return list(found.values())
+    return list(limits.values())
 
 
 def page_of(title: str, flights: Sequence[Replayed], note: str = '') -> str:
@@ -87,8 +87,8 @@ def _document(shown: Replayed, flights: int) -> dict[str, Any]:
     """Return a flight, one of so many; its arrays are base64 of little-endian float32."""
     flight, last = shown.flight, len(shown.flight.states) - 1
     ticks = np.linspace(0, last, min(last + 1, max(2, MOST_SAMPLES // flights))).round().astype(int)
-    own, turns = flight.scenario.thrusters, turned_of(flight)
-    exerted = turns is not None or (own is not None and own.fires)
+    thrusters, turns = flight.scenario.thrusters, turned_of(flight)
+    exerted = turns is not None or (thrusters is not None and thrusters.fires)
     forces = flight.thrust.forces_n if exerted else flight.saturated_forces_n
     mean = np.add.reduceat(forces, ticks[:-1]) / np.diff(ticks)[:, None]
     reference = flight.signals.get(REFERENCE_STATE)
@@ -118,10 +118,10 @@ def _document(shown: Replayed, flights: int) -> dict[str, Any]:
 def _turns(turns: Turned, ticks: Any) -> list[tuple[str, str, str]]:
     """Return name, unit and values (n,) of what is said of a chaser that turns."""
     rates = np.linalg.norm(turns.rates_deg_s, axis=1)
-    found = [('off reference', '°', turns.off_reference_deg), ('turn rate', '°/s', rates)]
+    lines = [('off reference', '°', turns.off_reference_deg), ('turn rate', '°/s', rates)]
     if turns.theta_deg is not None:
-        found.append(('θ of the command', '°', turns.theta_deg))
-    return [(name, unit, packed(values[ticks])) for name, unit, values in found]
+        lines.append(('θ of the command', '°', turns.theta_deg))
+    return [(name, unit, packed(values[ticks])) for name, unit, values in lines]
 
 
 def _limit(limit: Limit, ticks: Any) -> dict[str, Any]:
@@ -136,7 +136,7 @@ def seen(flight: Flight, tick: int) -> Sequence[float]:
     return received(flight.scenario, {**signals, RELATIVE_STATE: flight.states[tick].tolist()})[0]
 
 
-def _reasons(flight: Flight, controller: AnyController | None, most: int) -> dict[str, Any] | None:
+def _reasons(flight: Flight, controller: AnyController | None, limit: int) -> dict[str, Any] | None:
     """Return at some ticks, for each axis, the force in words and the shares of its causes.
 
     None where a controller has no more to say than its force.
@@ -145,7 +145,7 @@ def _reasons(flight: Flight, controller: AnyController | None, most: int) -> dic
         return None
     last, words = len(flight.states) - 1, dict[str, int]()
     samples = []
-    ticks = np.linspace(0, last, max(2, min(most, round(flight.scenario.duration_s) + 1)))
+    ticks = np.linspace(0, last, max(2, min(limit, round(flight.scenario.duration_s) + 1)))
     for tick in ticks.round().astype(int).tolist():
         row = page.reasons(controller, seen(flight, tick), tick, words)
         if row is None:

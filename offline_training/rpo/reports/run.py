@@ -51,7 +51,7 @@ class _Stages(NamedTuple):
 
     def lacking(self, flight: Flight) -> list[Text]:
         """Say which stages of the scenario could not be run again."""
-        names = [n for n, found in self._asdict().items() if not found and flight.scenario.named(n)]
+        names = [n for n, shown in self._asdict().items() if not shown and flight.scenario.named(n)]
         why = 'the log lacks what they read at some ticks, or they were switched off'
         return [Text(f'No figures of {", ".join(names)}: {why}.')] if names else []
 
@@ -334,8 +334,8 @@ def _phase_planes(flight: Flight, controller: AnyController | None, why: str) ->
 
 
 def _files(log: RunLog) -> list[Block]:
-    found = {name: data.decode('utf-8', 'replace') for name, data in log.attachments.items()}
+    texts = {name: data.decode('utf-8', 'replace') for name, data in log.attachments.items()}
     info = (log.path if log.path.is_dir() else log.path.parent) / INFO_FILE
     if info.is_file():
-        found[INFO_FILE] = info.read_text('utf-8', 'replace')
-    return [File(name, text) for name, text in found.items()]
+        texts[INFO_FILE] = info.read_text('utf-8', 'replace')
+    return [File(name, text) for name, text in texts.items()]

@@ -100,30 +100,30 @@ def zone_passage(flight: Flight, zones: Zone) -> list[tuple[str, str]]:
         until = int(np.argmax(away <= AT_PORT_M)) if (away <= AT_PORT_M).any() else until
     distance = np.linalg.norm(flight.positions_m[:until], axis=1)
     before = ' before the port' if until < len(flight.states) else ''
-    found = [(f'least distance to the target{before}', f'{distance.min():.4g} m')]
+    rows = [(f'least distance to the target{before}', f'{distance.min():.4g} m')]
     if not zones.keep_out_m:
-        return found
+        return rows
     name = f'the keep-out sphere of {zones.keep_out_m:g} m'
     outside = zones.depths_m(flight.positions_m[:until]) > 0.0
     where = ' outside the corridor' if zones.corridor is not None else ''
     broken = f'{outside.sum()} of {len(outside)}' if outside.any() else 'none'
-    found.append((f'ticks in {name}{where}', broken))
+    rows.append((f'ticks in {name}{where}', broken))
     inside = np.flatnonzero(distance < zones.keep_out_m)
     if not inside.size:
-        return [*found, (f'enters {name}', 'never')]
+        return [*rows, (f'enters {name}', 'never')]
     entry = int(inside[0])
     position, velocity = flight.positions_m[entry], flight.velocities_m_s[entry]
     range_m = np.linalg.norm(position)
     opening = np.vdot(position, velocity) / range_m if range_m else np.linalg.norm(velocity)
-    found += [
+    rows += [
         (f'enters {name} at', f'{flight.scenario.times_s[entry]:.1f} s'),
         ('closing speed at the entry', f'{-opening:.3g} m/s'),
     ]
     if zones.corridor is not None:
         positions = map(tuple, flight.positions_m[inside].tolist())
         room = -max(map(zones.corridor.outside_m, positions))
-        found.append(("least distance to the corridor's wall inside of it", f'{room:.3g} m'))
-    return found
+        rows.append(("least distance to the corridor's wall inside of it", f'{room:.3g} m'))
+    return rows
 
 
 _INK, _OPTIMUM = style.LIGHT['ink'], style.LIGHT['optimum']

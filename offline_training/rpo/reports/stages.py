@@ -202,10 +202,10 @@ class Intervention(NamedTuple):
 
 def decided(log: RunLog, flight: Flight) -> Decided | None:
     """Return what assurance decided; None if the run has none, or an input is missing."""
-    found, stage = [], None
+    decided, stage = [], None
     for _, stage, _ in steps_again(log, flight, AssuranceStage):
-        found.append(stage.decision)
-    decisions = [decision for decision in found if decision is not None]
+        decided.append(stage.decision)
+    decisions = [decision for decision in decided if decision is not None]
     if stage is None or not decisions:
         return None
     change = np.array([d.after_n for d in decisions]) - np.array([d.before_n for d in decisions])
@@ -222,26 +222,28 @@ def decided(log: RunLog, flight: Flight) -> Decided | None:
 
 def interventions(constraints: list[str]) -> list[Intervention]:
     """Return the interventions, in order."""
-    found, begin = [], 0
+    acts, begin = [], 0
     for constraint, ticks in groupby(constraints):
         end = begin + len(list(ticks))
         if constraint:
-            found.append(Intervention(constraint, begin, end))
+            acts.append(Intervention(constraint, begin, end))
         begin = end
-    return found
+    return acts
 
 
-def assurance_sections(flight: Flight, found: Decided | None, phases: list[Phase]) -> list[Section]:
+def assurance_sections(
+    flight: Flight, decisions: Decided | None, phases: list[Phase]
+) -> list[Section]:
     """Return the section of a report; none if the run has no assurance."""
-    if found is None:
+    if decisions is None:
         return []
-    acted = interventions(found.constraints)
+    acted = interventions(decisions.constraints)
     times, dt_s = flight.scenario.times_s, flight.scenario.dt_s
     rows: list[tuple[str, ...]] = []
     for name in dict.fromkeys(one.constraint for one in acted):
-        ticks = found.constraints.count(name)
+        ticks = decisions.constraints.count(name)
         count = sum(one.constraint == name for one in acted)
-        changes = zip(found.changed_n, found.constraints, strict=True)
+        changes = zip(decisions.changed_n, decisions.constraints, strict=True)
         largest = max(change for change, constraint in changes if constraint == name)
         rows.append((name, f'{count}', f'{ticks * dt_s:.1f}', f'{largest:.3g}'))
     columns = ('constraint', 'interventions', 'acting [s]', 'largest change of the command [N]')
@@ -255,14 +257,14 @@ def assurance_sections(flight: Flight, found: Decided | None, phases: list[Phase
     ]
     if acted:
         blocks.append(Table('Who acted', columns, tuple(rows)))
-        blocks.append(Fold('Interventions', (_each(acted, found, times, phases),)))
-    if found.changes:
-        aborts = tuple((f'{times[c.tick]:.1f}', c.state, c.reason) for c in found.changes)
+        blocks.append(Fold('Interventions', (_each(acted, decisions, times, phases),)))
+    if decisions.changes:
+        aborts = tuple((f'{times[c.tick]:.1f}', c.state, c.reason) for c in decisions.changes)
         blocks.append(Table('Abort table', ('from [s]', 'what', 'why'), aborts))
-    least_m, least_m_s = np.nanmin(found.margins, axis=0)
+    least_m, least_m_s = np.nanmin(decisions.margins, axis=0)
     shown = picture(
         'assurance',
-        _assurance_picture(flight, found, acted, phases),
+        _assurance_picture(flight, decisions, acted, phases),
         coloured='; change of the command. Coloured: a constraint acts' if acted else '',
         least_m=least_m,
         least_m_s=least_m_s,
@@ -272,19 +274,21 @@ def assurance_sections(flight: Flight, found: Decided | None, phases: list[Phase
     return [Section('Assurance', tuple(blocks))]
 
 
-def _each(acted: list[Intervention], found: Decided, times: Floats, phases: list[Phase]) -> Table:
+def _each(
+    acted: list[Intervention], decisions: Decided, times: Floats, phases: list[Phase]
+) -> Table:
     """Return the longest interventions, in their order."""
     longest = sorted(acted, key=lambda one: one.begin - one.end)[:MOST_ROWS]
     rows = []
     for one in sorted(longest, key=lambda one: one.begin):
         part = slice(one.begin, one.end)
         phase = next((p.name for p in phases if p.begin <= one.begin < p.end), '–')
-        least = np.nanmin(found.margins[part], axis=0)
+        min_margins = np.nanmin(decisions.margins[part], axis=0)
         rows.append(
             (
                 *(f'{times[min(tick, len(times) - 1)]:.1f}' for tick in (one.begin, one.end)),
-                *(one.constraint, found.modes[one.begin], phase),
-                *(f'{value:.3g}' for value in (*least, found.changed_n[part].max())),
+                *(one.constraint, decisions.modes[one.begin], phase),
+                *(f'{value:.3g}' for value in (*min_margins, decisions.changed_n[part].max())),
             )
         )
     columns = (
@@ -298,15 +302,15 @@ def _each(acted: list[Intervention], found: Decided, times: Floats, phases: list
 
 
 def _assurance_picture(
-    flight: Flight, found: Decided, acted: list[Intervention], phases: list[Phase]
+    flight: Flight, decisions: Decided, acted: list[Intervention], phases: list[Phase]
 ) -> Any:
     count = 3 if acted else 2
     figure, panels = style.new_panels(2.0 * count, count, sharex=True)
     times = flight.scenario.times_s
     shown = (
-        (found.margins[:, 0], 'margin [m]'),
-        (found.margins[:, 1], 'margin [m/s]'),
-        (found.changed_n, 'change [N]'),
+        (decisions.margins[:, 0], 'margin [m]'),
+        (decisions.margins[:, 1], 'margin [m/s]'),
+        (decisions.changed_n, 'change [N]'),
     )
     for axes, (values, label) in zip(panels, shown, strict=False):
         axes.plot(times, values, color=style.LIGHT['ink'], linewidth=1.0)
@@ -314,7 +318,7 @@ def _assurance_picture(
         axes.set_ylabel(label)
         axes.margins(x=0.01)
         for name in dict.fromkeys(one.constraint for one in acted):
-            acting = np.array([constraint == name for constraint in found.constraints])
+            acting = np.array([constraint == name for constraint in decisions.constraints])
             acting[1:] |= acting[:-1]  # a force acts to the end of its tick
             axes.fill_between(
                 times, 0.0, 1.0, where=acting, transform=axes.get_xaxis_transform(), alpha=0.35,
@@ -323,9 +327,9 @@ def _assurance_picture(
             )  # fmt: skip
     panels[-1].set_xlabel('time [s]')
     if acted:
-        panels[-1].set_ylim(0.0, max(_LEAST_CHANGE_N, 1.05 * float(found.changed_n.max())))
+        panels[-1].set_ylim(0.0, max(_LEAST_CHANGE_N, 1.05 * float(decisions.changed_n.max())))
         style.legend_below(figure, panels[0])
-    changes = [Phase(c.state, c.reason, c.tick, c.tick) for c in found.changes]
+    changes = [Phase(c.state, c.reason, c.tick, c.tick) for c in decisions.changes]
     stages.mark(figure, sorted([*phases, *changes], key=lambda phase: phase.begin), flight)
     return figure
 
@@ -368,53 +372,54 @@ def filtered(log: RunLog, flight: Flight) -> Filtered | None:
         nees[tick] = errors[tick] @ np.linalg.solve(covariance, errors[tick])
         factor = np.linalg.cholesky(covariance[:3, :3])
         estimates[tick] = [*state[:3], *factor[corner]]
-        for found in filter(None, stage.innovations):
-            innovations += [(tick, value) for value in found]
-            nis.append((len(found), float(np.square(found).sum())))
+        for numbers in filter(None, stage.innovations):
+            innovations += [(tick, value) for value in numbers]
+            nis.append((len(numbers), float(np.square(numbers).sum())))
     if stage is None:
         return None
     scaled, sums = np.array(innovations).reshape(-1, 2), np.array(nis).reshape(-1, 2)
     return Filtered(errors, sigmas, nees, estimates, scaled, sums, stage.rejected, stage.restarts)
 
 
-def navigation_sections(flight: Flight, found: Filtered | None) -> list[Section]:
+def navigation_sections(flight: Flight, estimates: Filtered | None) -> list[Section]:
     """Return the section of a report; none if the run has no estimator."""
-    if found is None:
+    if estimates is None:
         return []
     low, high = NEES_95
-    inside = 100.0 * ((low <= found.nees) & (found.nees <= high)).mean()
+    inside = 100.0 * ((low <= estimates.nees) & (estimates.nees <= high)).mean()
     rows = [
-        ('NEES of six states, mean; 6 is right', f'{found.nees.mean():.2f}'),
+        ('NEES of six states, mean; 6 is right', f'{estimates.nees.mean():.2f}'),
         (f'ticks with NEES in [{low}, {high}]; 95 % is right', f'{inside:.1f} %'),
-        ('measurements taken or rejected', f'{len(found.nis)}'),
-        ('rejected', f'{found.rejected}'),
-        ('restarts', f'{found.restarts}'),
+        ('measurements taken or rejected', f'{len(estimates.nis)}'),
+        ('rejected', f'{estimates.rejected}'),
+        ('restarts', f'{estimates.restarts}'),
     ]
-    if len(found.nis):
-        per_number = float(found.nis[:, 1].sum() / found.nis[:, 0].sum())
+    if len(estimates.nis):
+        per_number = float(estimates.nis[:, 1].sum() / estimates.nis[:, 0].sum())
         rows.insert(2, ('NIS of a number, mean; 1 is right', f'{per_number:.3f}'))
     table = Table('The filter', ('quantity', 'value'), tuple(rows))
-    shown = picture('navigation', _navigation_picture(flight, found), nees=found.nees.mean())
+    figure = _navigation_picture(flight, estimates)
+    shown = picture('navigation', figure, nees=estimates.nees.mean())
     return [Section('Navigation', (table, shown))]
 
 
-def _navigation_picture(flight: Flight, found: Filtered) -> Any:
-    times = flight.scenario.times_s[: len(found.errors)]
+def _navigation_picture(flight: Flight, estimates: Filtered) -> Any:
+    times = flight.scenario.times_s[: len(estimates.errors)]
     figure, panels = style.new_panels(8.4, 4, 1, sharex=True)
     for axes, at, label in (
         (panels[0], 0, 'position error [m]'),
         (panels[1], 3, 'velocity error [m/s]'),
     ):
-        by_axis(axes, times, found.errors[:, at : at + 3], label, 0.8)
-        most = 3.0 * found.sigmas[:, at : at + 3].max(axis=1)
+        by_axis(axes, times, estimates.errors[:, at : at + 3], label, 0.8)
+        bound = 3.0 * estimates.sigmas[:, at : at + 3].max(axis=1)
         for sign in (-1.0, 1.0):
             name = '3 sigma, largest axis' if sign > 0 else None
-            axes.plot(times, sign * most, **style.LIMIT, label=name)
-        shown = 1.5 * float(np.quantile(most, 0.95))
+            axes.plot(times, sign * bound, **style.LIMIT, label=name)
+        shown = 1.5 * float(np.quantile(bound, 0.95))
         axes.set_ylim(-shown, shown)
-    panels[2].plot(times, found.nees, color=style.AXES[0], linewidth=0.6)
+    panels[2].plot(times, estimates.nees, color=style.AXES[0], linewidth=0.6)
     panels[2].set(ylabel='NEES', ylim=(0.0, 2.0 * NEES_95[1]))
-    ticks, values = found.innovations.T
+    ticks, values = estimates.innovations.T
     panels[3].plot(times[ticks.astype(int)], values, '.', color=style.AXES[1], markersize=1.5)
     panels[3].set(ylabel='innovation / sigma', xlabel='time [s]', ylim=(-6.0, 6.0))
     for axes, bounds in ((panels[2], NEES_95), (panels[3], (-1.96, 1.96))):
@@ -431,10 +436,10 @@ _NEAR = 4.0
 
 def attitude_sections(flight: Flight) -> list[Section]:
     """Return the section of a report; none if the chaser has no attitude."""
-    found = turned_of(flight)
-    if found is None:
+    turns = turned_of(flight)
+    if turns is None:
         return []
-    panels = panels_of(found, flight.scenario)
+    panels = panels_of(turns, flight.scenario)
     last, rows = _close_ticks(flight), []
     for panel in panels:
         sizes = np.abs(panel.values)
@@ -443,7 +448,7 @@ def attitude_sections(flight: Flight) -> list[Section]:
         rows.append((panel.name, *values, limit))
     last_s = last * flight.scenario.dt_s
     columns = ('quantity', 'largest', f'in the last {last_s:g} s', 'limit')
-    last_deg = found.off_reference_deg[-1]
+    last_deg = turns.off_reference_deg[-1]
     shown = picture('attitude', _attitude_picture(flight, panels), last_deg=last_deg)
     return [Section('Attitude', (Table('How the chaser turned', columns, tuple(rows)), shown))]
 

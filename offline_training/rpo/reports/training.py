@@ -90,12 +90,12 @@ def draw_comparison(rows: Sequence[Row]) -> Any:
     figure, (kept, time) = style.new_panels(7.0, 2, 1, sharex=True)
     shown = [row for row in rows if row['met'] and row['moving']]
     for i, row in enumerate(sorted(shown, key=lambda row: row['mean_energy_n2s']), 1):
-        moving, energy, least = row['moving'], row['mean_energy_n2s'], 0.5 / row['runs']
+        moving, energy, half_a_run = row['moving'], row['mean_energy_n2s'], 0.5 / row['runs']
         fuzzy = row['kind'] in _FUZZY
         colour = style.LIGHT['x' if fuzzy else 'muted']
         mark = {'marker': 'o' if fuzzy else 's', 'color': colour, 'markersize': 13}
         shares = (moving['low'], moving['kept'] / row['runs'], moving['high'])
-        low, middle, high = (min(max(share, least), 1.0 - least) for share in shares)
+        low, middle, high = (min(max(share, half_a_run), 1.0 - half_a_run) for share in shares)
         kept.errorbar(energy, middle, [[max(middle - low, 0.0)], [max(high - middle, 0.0)]], **mark)
         time.plot(energy, row['settled_s'], linestyle='', label=f'{i} {row["name"]}', **mark)
         for axes, y in ((kept, middle), (time, row['settled_s'])):

@@ -92,12 +92,12 @@ def _theta_deg(flight: Flight, attitudes: Floats) -> Floats:
     turns[:, :4] = np.stack(product(of, half / np.linalg.norm(half, axis=0)), axis=1)
     late = scenario.thrusters.delay_ticks if scenario.thrusters else 0
     sent = turns[: len(turns) - 1 - late]
-    found = np.zeros(len(seen))
+    angles_deg = np.zeros(len(seen))
     for end in (0, 1):
         angles = apart(attitudes[late + end :][: len(sent)], sent)[:, 0]
-        found[late:-1] = np.maximum(found[late:-1], np.degrees(angles))
-    found[-1] = found[-2]
-    return found
+        angles_deg[late:-1] = np.maximum(angles_deg[late:-1], np.degrees(angles))
+    angles_deg[-1] = angles_deg[-2]
+    return angles_deg
 
 
 def _momenta_nms(flight: Flight, attitudes: Floats) -> Floats:
@@ -135,11 +135,11 @@ class Panel(NamedTuple):
     @property
     def sizes(self) -> Floats:
         """Largest size (n,) of the axes; not a number before a limit counts."""
-        found = np.abs(self.values)
-        found = found if found.ndim == 1 else found.max(axis=1)
+        sizes = np.abs(self.values)
+        sizes = sizes if sizes.ndim == 1 else sizes.max(axis=1)
         if not self.once or self.limit is None:
-            return found
-        return np.where(np.maximum.accumulate(found <= self.limit), found, np.nan)
+            return sizes
+        return np.where(np.maximum.accumulate(sizes <= self.limit), sizes, np.nan)
 
 
 def panels_of(turns: Turned, scenario: Scenario) -> list[Panel]:
@@ -147,22 +147,22 @@ def panels_of(turns: Turned, scenario: Scenario) -> list[Panel]:
     control: Any = scenario.named('attitude_control')
     assurance: Any = scenario.named('assurance')
     limits, wheels = getattr(control, 'limits', None), scenario.attitude.wheels
-    angle, rate, known = (
+    angle, rate, error = (
         (limits.angle_deg, limits.rate_deg_s, limits.known_deg) if limits else (None,) * 3
     )
     off = turns.off_deg
-    found = [Panel('off the reference, per axis', 'off reference', 'deg', off, angle, once=True)]
+    panels = [Panel('off the reference, per axis', 'off reference', 'deg', off, angle, once=True)]
     if (seen := turns.unknown_deg) is not None:
-        found.append(Panel('estimate off the truth, per axis', 'estimate off', 'deg', seen, known))
+        panels.append(Panel('estimate off the truth, per axis', 'estimate off', 'deg', seen, error))
     if turns.theta_deg is not None:
         bound = getattr(assurance, 'chaser_attitude_error_deg', None)
-        found.append(Panel('θ, force turned wrongly by', 'θ', 'deg', turns.theta_deg, bound))
-    found.append(Panel('rate, per axis', 'rate', 'deg/s', turns.rates_deg_s, rate))
+        panels.append(Panel('θ, force turned wrongly by', 'θ', 'deg', turns.theta_deg, bound))
+    panels.append(Panel('rate, per axis', 'rate', 'deg/s', turns.rates_deg_s, rate))
     if turns.torques_nm is not None:
         what = 'torque exerted' if control is None else 'torque commanded'
         most = control.limit_of(scenario) if wheels and control is not None else None
-        found.append(Panel(f'{what}, per axis', 'torque', 'N m', turns.torques_nm, most))
+        panels.append(Panel(f'{what}, per axis', 'torque', 'N m', turns.torques_nm, most))
     if turns.momenta_nms is not None:
         most = (limits and limits.momentum_nms) or wheels.momentum_nms
-        found.append(Panel('momentum of a wheel', 'momentum', 'N m s', turns.momenta_nms, most))
-    return found
+        panels.append(Panel('momentum of a wheel', 'momentum', 'N m s', turns.momenta_nms, most))
+    return panels
