@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from invoking import invoke, refused
 
-from rpo.exports import FORMATS, importing, text_of
+from rpo.exports import FORMATS, formats, text_of
 from rpo_core.control.controller import FuzzyController, load_controller, parse
 from rpo_core.control.fuzzy import FuzzySystem
 from rpo_core.files.validation import InputError
@@ -59,7 +59,7 @@ def test_any_controller_is_read_back_bit_for_bit(tmp_path_factory, system, scale
     built = FuzzyController('mine', system, *scales, description=note)
     path = tmp_path_factory.mktemp('back') / f'mine.{suffix}'
     path.write_text(text_of(built, suffix), encoding='utf-8')
-    assert importing.load(path) == built
+    assert formats.load(path) == built
 
 
 @pytest.mark.parametrize('name', FORMATS)
@@ -92,8 +92,8 @@ def test_a_description_keeps_its_percents(name):
     text = text_of(controller, name)
     assert about in text
     if name in ('fis', 'fll'):
-        assert importing.facts_of(text)['samples'] == 101
-        assert importing.facts_of(text)['force_scale_n'] == controller.force_scale_n
+        assert formats.facts_of(text)['samples'] == 101
+        assert formats.facts_of(text)['force_scale_n'] == controller.force_scale_n
 
 
 FIS = text_of(load_controller('handmade'), 'fis')
@@ -110,7 +110,7 @@ def test_a_file_in_units_brings_its_scales(tmp_path):
         blocks[i] = numbers.sub(lambda x, scale=scale: repr(float(x[0]) * scale), block)
     path = tmp_path / 'plant.fis'
     path.write_text(''.join(blocks))
-    read, system = importing.load(path), load_controller('handmade').system
+    read, system = formats.load(path), load_controller('handmade').system
     assert read.scales == scales
     for e, v in np.random.default_rng(2).uniform(-1, 1, (50, 2)):
         assert read.system.output(e, v) == pytest.approx(system.output(e, v), abs=1e-12)
@@ -154,7 +154,7 @@ def test_scales_that_are_given_count_more_than_those_of_the_file(tmp_path):
 
 
 @settings(max_examples=40)
-@given(st.data(), st.sampled_from([(importing.read_fis, FIS), (importing.read_fll, FLL)]))
+@given(st.data(), st.sampled_from([(formats.read_fis, FIS), (formats.read_fll, FLL)]))
 def test_spoilt_texts_are_read_or_refused(data, case):
     """Anything but an InputError would be a traceback for the user."""
     reader, text = case
@@ -173,7 +173,7 @@ def test_spoilt_texts_are_read_or_refused(data, case):
         }[change]
         lines = lines or ['']
     try:
-        built = importing.controller_of(reader('\n'.join(lines)), 'spoilt', (1.0, 1.0, 1.0))
+        built = formats.controller_of(reader('\n'.join(lines)), 'spoilt', (1.0, 1.0, 1.0))
     except InputError as error:
         assert str(error)
     else:

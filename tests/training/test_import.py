@@ -19,7 +19,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from invoking import invoke
 
-from rpo.exports import formats, importing, text_of
+from rpo.exports import formats, text_of
 from rpo_core.control.controller import load_controller
 from rpo_core.files.validation import InputError
 
@@ -178,7 +178,7 @@ def test_a_fll_with_another_line_is_refused_by_name_or_has_the_output_of_pyfuzzy
     errors = points(SCALES)
     theirs = pyfuzzylite(text, errors)
     try:
-        read = importing.controller_of(importing.read_fll(text), 'theirs', (None, None, None))
+        read = formats.controller_of(formats.read_fll(text), 'theirs', (None, None, None))
     except InputError as error:
         found = (
             'term|rule|range|error|rate|push' if key in ('term', 'rule', 'range') else f'`{key}`'
@@ -316,7 +316,7 @@ def test_a_fis_with_another_line_is_refused_by_name_or_has_the_output_of_matlab(
     key, wrong, text = data.draw(changed_fis(text))
     theirs = matlab(text)
     try:
-        read = importing.controller_of(importing.read_fis(text), 'theirs', (None, None, None))
+        read = formats.controller_of(formats.read_fis(text), 'theirs', (None, None, None))
     except InputError as error:
         assert re.search(rf'{key}|Input|Output|rule', str(error))
     else:
@@ -341,7 +341,7 @@ def test_a_fll_whose_samples_end_elsewhere_is_refused_with_the_range_that_would_
     codes = load_controller('handmade').system.rules.codes.tolist()
     text = engine_text(parts, (False, False, False), codes, reach=reach)
     with pytest.raises(InputError, match=r'`push`: `range` must be \[-1\.01 S, 1\.01 S\]'):
-        importing.controller_of(importing.read_fll(text), 'theirs', (None, None, None))
+        formats.controller_of(formats.read_fll(text), 'theirs', (None, None, None))
     text = engine_text(parts, (False, False, True), codes)
     with pytest.raises(InputError, match=r'outer feet outside the range, like -1\.01 and 1\.01'):
-        importing.controller_of(importing.read_fll(text), 'theirs', (None, None, None))
+        formats.controller_of(formats.read_fll(text), 'theirs', (None, None, None))

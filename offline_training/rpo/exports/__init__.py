@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A controller in the formats of other tools, and as source code without dependencies.
 
-A format is a function of a controller, and a line in `FORMATS`; `importing` reads some of them
+A format is a function of a controller, and a line in `FORMATS`; `formats` reads some of them
 back.
 """
 

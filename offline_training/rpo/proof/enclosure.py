@@ -115,20 +115,9 @@ def table_of(controller: FuzzyController, max_force_n: float, coarseness: float 
     steepest = float(np.abs(slopes).max())
     # The kernel's errors -r / scale are right to one rounding; it multiplies by the force scale.
     slack = surface.rounding(system) + 8.0 * surface.UNIT_ROUNDOFF * (1.0 + steepest)
-    return Table(
-        e,
-        w,
-        np.clip(u, -limit, limit),
-        bend,
-        slopes,
-        slack,
-        limit,
-        *controller.scales,
-        system.tables,
-        np.full(bend.shape, -1, np.int32),
-        np.empty((0, 1, 1, 2)),
-        np.empty((0, 1, 1, 4)),
-    )
+    surfaces = e, w, np.clip(u, -limit, limit), bend, slopes
+    undivided = np.full(bend.shape, -1, np.int32), np.empty((0, 1, 1, 2)), np.empty((0, 1, 1, 4))
+    return Table(*surfaces, slack, limit, *controller.scales, system.tables, *undivided)
 
 
 def refuse_jumps(controller: FuzzyController) -> None:

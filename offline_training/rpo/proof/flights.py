@@ -92,15 +92,8 @@ def fly(problem: Problem, scenario: Scenario) -> Flight:
     disturbances = np.zeros((ticks + 1, 3))
     if not scenario.disturbance.is_zero:
         disturbances = scenario.disturbances_n
-    _fly(
-        controller.scales,
-        controller.system.tables,
-        scenario.max_force_n,
-        scenario.step,
-        disturbances,
-        states,
-        forces,
-    )
+    tables = controller.scales, controller.system.tables
+    _fly(*tables, scenario.max_force_n, scenario.step, disturbances, states, forces)
     return Flight(scenario, states, forces, disturbances)
 
 

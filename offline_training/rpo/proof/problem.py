@@ -210,18 +210,12 @@ class Problem:
         chosen = list(self.groups[group])
         axes = [i for i in chosen if i < 3]
         a, b = cw.matrices(self.scenario.step)
-        constant, carried = self._forces(axes, ticks)
-        return Motion(
-            np.ascontiguousarray(a[np.ix_(chosen, chosen)]),
-            np.ascontiguousarray(b[np.ix_(chosen, axes)]),
-            self.scenario.dt_s,
-            constant,
-            carried,
-            self.inverse_mass_share,
-            self.settings.any_n + EVER_N * self.strongest_n,
-            np.zeros((ticks, len(chosen))),
-            np.zeros((ticks, len(chosen))),
-        )
+        a = np.ascontiguousarray(a[np.ix_(chosen, chosen)])
+        b = np.ascontiguousarray(b[np.ix_(chosen, axes)])
+        any_n = self.settings.any_n + EVER_N * self.strongest_n
+        forces, alone = self._forces(axes, ticks), np.zeros((ticks, len(chosen)))
+        share = self.inverse_mass_share
+        return Motion(a, b, self.scenario.dt_s, *forces, share, any_n, alone, alone)
 
     @property
     def inverse_mass_share(self) -> float:

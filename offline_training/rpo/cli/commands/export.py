@@ -62,7 +62,7 @@ def import_(
     Two inputs and one output of five mirrored triangles each, 25 rules, min-max, centroid.
     """
     from rpo.analysis.rule_base import warnings
-    from rpo.exports.importing import load
+    from rpo.exports.formats import load
     from rpo_core.control.controller import dumps
 
     loaded = replace(load(file, (position_scale, velocity_scale, force_scale)), name=output.stem)
