@@ -16,7 +16,6 @@ import lz4.frame
 import numpy as np
 import pytest
 import zstandard
-from doc_blocks import DOCS, code
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from log_parts import Parts
@@ -384,12 +383,3 @@ def test_a_version_that_is_no_number_is_no_newer_one(log, tmp_path, version):
         parts.records[0] = replace(parts.records[0], library=f'rpo_log/{version}')
 
     assert read_run(rewritten(log, tmp_path, rename)).complete
-
-
-def test_the_recipe_of_the_python_page_reads_a_log(short_run, tmp_path, capsys):
-    short_run.write(tmp_path)
-    (recipe,) = [body for body in code(DOCS / 'python.md', 'python') if 'def look' in body]
-    names: dict[str, object] = {}
-    exec(compile(recipe, 'documentation', 'exec'), names)
-    assert names['look'](tmp_path) == 0
-    assert 'control_force' in capsys.readouterr().out

@@ -99,7 +99,30 @@ class Replay:
     html: str
 
     def save(self, path: str | Path) -> Path:
-        """Write the page to a file, and return its path; raises InputError where it cannot."""
+        """Write the page to a file.
+
+        Parameters
+        ----------
+        path : str or Path
+            Of the file.
+
+        Returns
+        -------
+        Path
+            The same one.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be written.
+
+        Examples
+        --------
+        >>> import rpo, tempfile
+        >>> place = tempfile.TemporaryDirectory()
+        >>> rpo.fly('quick').replay().save(f'{place.name}/replay.html').name
+        'replay.html'
+        """
         write_text(Path(path), self.html)
         return Path(path)
 
@@ -162,6 +185,11 @@ class Flight(core.Flight):
 
     def keys(self) -> KeysView[str]:
         """Return the names of its signals.
+
+        Returns
+        -------
+        keys
+            Of the states, the forces, and what each stage put out.
 
         Examples
         --------

@@ -62,6 +62,14 @@ class Proof:
         ------
         InputError
             If there is no finished proof, or its summary says something else than its cells.
+
+        Examples
+        --------
+        >>> import rpo
+        >>> rpo.Proof.open('runs/nothing')
+        Traceback (most recent call last):
+            ...
+        rpo_core.kernels.errors.InputError: runs/nothing...
         """
         opened = Folder.open(Path(folder))
         _, _, follows = checking.followed(opened)

@@ -20,23 +20,40 @@ from rpo_log.read.decode import Message
 class Verification:
     """The outcome of `verify`; `ok` if the whole flight is proven.
 
-    ticks : ticks in the log
-    difference : the first thing in the flight that is not as computed; None if there is none
-    faults : files of the folder that are not those that were recorded
-    gaps : why not all is proven; empty if it is
-    free_running : the plant kept the wall clock: what it said that it applied was taken as it is
-    stages : names of the stages that were recomputed, at one tick at least, in the order of the
-        chain
-    recomputed : what else follows from the flight, and was compared
-    digested : files that do not follow from it, and have the digest that they had
-    unknown : what nothing here proves
-    premises : what the proof rests on, by name; SHA-256 each
-    signed_by : file name of the trusted key that signed all that was read; None if none did, or
-        none was asked for
-    signed : files that it signed, and that are as they were; SHA-256 each
-    controllers : per controller its commands, if there was more than one
-    given : signals that were taken as they are, not judged; each with the stage that makes it
-    by_events : what the log's events say and nothing computes: which stages were off, and when
+    Attributes
+    ----------
+    ticks : int
+        Ticks in the log.
+    difference : Difference | None
+        The first thing in the flight that is not as computed; None if there is none.
+    faults : tuple[str, ...]
+        Files of the folder that are not those that were recorded.
+    gaps : tuple[str, ...]
+        Why not all is proven; empty if it is.
+    free_running : bool
+        The plant kept the wall clock: what it said that it applied was taken as it is.
+    stages : tuple[str, ...]
+        Names of the stages that were recomputed, at one tick at least, in the order of the
+        chain.
+    recomputed : tuple[str, ...]
+        What else follows from the flight, and was compared.
+    digested : tuple[str, ...]
+        Files that do not follow from it, and have the digest that they had.
+    unknown : tuple[str, ...]
+        What nothing here proves.
+    premises : Mapping[str, str]
+        What the proof rests on, by name; SHA-256 each.
+    signed_by : str | None
+        File name of the trusted key that signed all that was read; None if none did, or
+        none was asked for.
+    signed : Mapping[str, str]
+        Files that it signed, and that are as they were; SHA-256 each.
+    controllers : tuple[str, ...]
+        Per controller its commands, if there was more than one.
+    given : tuple[str, ...]
+        Signals that were taken as they are, not judged; each with the stage that makes it.
+    by_events : tuple[str, ...]
+        What the log's events say and nothing computes: which stages were off, and when.
     """
 
     path: Path
