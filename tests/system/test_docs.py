@@ -224,7 +224,7 @@ def test_the_api_reference_has_the_whole_door_and_each_section():
     for name, thing in of_the_door():
         text = inspect.getdoc(thing) or ''
         sections = set(re.findall(r'^(\w+)\n-+$', text, re.MULTILINE))
-        if inspect.isfunction(thing):
+        if not inspect.isclass(thing):
             taken = [key for key in inspect.signature(thing).parameters if key != 'self']
             lines = re.findall(r'^([*\w, ]+?)(?: : .*)?$', text, re.MULTILINE)
             named = {key.lstrip('*') for line in lines for key in line.split(', ')}
