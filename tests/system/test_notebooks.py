@@ -56,6 +56,7 @@ def test_its_cells_run_in_order(path, monkeypatch, capsys):
 
     monkeypatch.setenv('RPO_EVALUATIONS', '40')
     monkeypatch.setattr(pyplot, 'show', lambda: None)
+    pyplot.close('all')  # of other tests
     names: dict[str, object] = {'__name__': path.stem}
     try:
         with matplotlib.rc_context():
