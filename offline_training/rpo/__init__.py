@@ -34,6 +34,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rpo_core import files
+from rpo_core.files.validation import INSTALLED_BY, missing_reported
 from rpo_core.files.validation import InputError as InputError
 
 if TYPE_CHECKING:
@@ -94,13 +95,28 @@ _MODULES = {
 }
 """Name -> its module, imported as the name is asked for."""
 
+_LAYERS = {
+    'report': ('cryptography', 'matplotlib', 'rich', 'scipy', 'typer'),
+    'train': ('cma', 'numba', 'pymoo'),
+    'campaign': ('cvxpy', 'dask', 'distributed'),
+    'gym': ('gymnasium',),
+}
+"""Layer of `make setup`, and extra of the wheel -> modules that it brings."""
+
+for _layer, _modules in _LAYERS.items():
+    _install = f"`make setup LAYERS={_layer}`, or `pip install 'rpo[{_layer}]'`"
+    INSTALLED_BY.update(dict.fromkeys(_modules, _install))
+INSTALLED_BY['ccsds_ndm'] = '`make setup LAYERS=formats`'
+INSTALLED_BY['Basilisk'] = '`make setup LAYERS=truth`'
+
 __all__ = ['InputError', *_MODULES]
 
 
 def __getattr__(name: str) -> Any:
     if name not in _MODULES:
         raise AttributeError(f'module `rpo` has no attribute `{name}`; it has {", ".join(__all__)}')
-    value = getattr(import_module(_MODULES[name]), name)
+    with missing_reported():
+        value = getattr(import_module(_MODULES[name]), name)
     globals()[name] = value
     return value
 

@@ -344,7 +344,10 @@ def _kinds(found: Any, known: Sequence[str]) -> str:
     return f': this is a {printable(kind[0][:60])} file; expected a {" or a ".join(names)}'
 
 
-_INSTALLED_BY = {
+INSTALLED_BY: dict[str, str] = {}
+"""Module -> command that installs it, where that is not pip with its name; `rpo` adds its own."""
+
+_BY_PIP = {
     **dict.fromkeys(('mcap', 'zstandard', 'lz4'), 'mcap'),
     **{name: name for name in ('rosbags', 'cryptography', 'matplotlib', 'pandas', 'xarray')},
 }
@@ -357,12 +360,13 @@ def missing_library(module: str | None) -> str | None:
     module : its full name, as ModuleNotFoundError has it
     """
     top = (module or '').partition('.')[0]
-    if top not in _INSTALLED_BY:
-        return None
-    # Outside a virtual environment Debian and Ubuntu refuse pip. `--user` touches nothing of apt.
-    options = '' if sys.prefix != sys.base_prefix else '--user --break-system-packages '
-    install = f'python3 -m pip install {options}{_INSTALLED_BY[top]}'
-    return f'the Python library {top} is missing: `{install}` installs it'
+    install = INSTALLED_BY.get(top, '')
+    if not install and top in _BY_PIP:
+        # Outside a virtual environment Debian and Ubuntu refuse pip; `--user` touches nothing of
+        # apt.
+        options = '' if sys.prefix != sys.base_prefix else '--user --break-system-packages '
+        install = f'`python3 -m pip install {options}{_BY_PIP[top]}`'
+    return f'the Python library {top} is missing: {install} installs it' if install else None
 
 
 @contextmanager
