@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from rpo.engine.lanes import compiled
 from rpo_core.assurance.filters import assure, assure_turning
-from rpo_core.assurance.guard import Proof, proof_of
+from rpo_core.assurance.guard import Proof, attitude_rad, proof_of
 from rpo_core.assurance.kernels import (
     APPROACH,
     OPEN,
@@ -30,7 +30,6 @@ from rpo_core.assurance.kernels import (
     speed_limit,
 )
 from rpo_core.assurance.settings import Assurance
-from rpo_core.assurance.walls import attitude_rad
 from rpo_core.attitude.attitude_kernels import FRAME, frame_at, moving_with, seen_from
 from rpo_core.attitude.target import Motion
 from rpo_core.files.validation import InputError

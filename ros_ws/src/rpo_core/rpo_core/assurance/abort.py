@@ -238,9 +238,9 @@ class AbortMachine:
 
     def _sample(self, tick: int, seen: Seen) -> None:
         """Look at each quantity, and react to the worst fault that begins."""
-        found = self._quantities(tick, seen)
+        quantities = self._quantities(tick, seen)
         over = {
-            key: found[row.quantity] > row.most
+            key: quantities[row.quantity] > row.most
             for key, row in self._rows.items()
             if not (self.reaction and row.quantity in OF_THE_COMMAND)
         }
@@ -329,20 +329,20 @@ class AbortMachine:
         rho = closing(state)[0]
         radius = self.keep_out_m if rho > self.keep_out_m else guard.port_m
         limit = 0.9 * speed_limit(rho, guard)
-        known = self._known(guard)
-        return manoeuvre.choose(state, radius + guard.here_m, self._long, known, limit, only)
+        path_model = self._known(guard)
+        return manoeuvre.choose(state, radius + guard.here_m, self._long, path_model, limit, only)
 
     def _plan(self, tick: int, seen: Seen) -> str:
         """Choose a manoeuvre; return how clear its path is, in words."""
         inside = closing(seen.ahead)[0] <= self.keep_out_m
         only = seen.outward if inside and seen.enclosed else None
-        found = self.way_out(seen.ahead, seen.guard, only)
-        self._wanted, self._since = found.velocity_m_s, tick
+        choice = self.way_out(seen.ahead, seen.guard, only)
+        self._wanted, self._since = choice.velocity_m_s, tick
         self._attempts += 1
-        size = f'{abs(found.margin_m):.3g} m'
-        clear = f'clear by {size}' if found.margin_m >= 0.0 else f'not clear: {size} in the zone'
+        size = f'{abs(choice.margin_m):.3g} m'
+        clear = f'clear by {size}' if choice.margin_m >= 0.0 else f'not clear: {size} in the zone'
         radius = seen.guard.port_m if inside else self.keep_out_m
-        return f'to {norm(*found.velocity_m_s):.2g} m/s, {clear} of {radius:g} m at the worst'
+        return f'to {norm(*choice.velocity_m_s):.2g} m/s, {clear} of {radius:g} m at the worst'
 
     def _known(self, guard: Guard) -> PathModel:
         """Return what a path is computed with: the velocity is known as well as it is now."""

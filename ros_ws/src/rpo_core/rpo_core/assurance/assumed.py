@@ -54,16 +54,16 @@ def sensed_m(settings: Assurance, scenario: Any) -> float:
     sensors what lies on the same side. 0.0 without an estimator: nothing reads the sensors. With
     `sigmas` the spread covers as much, which is at most that of a measurement.
     """
-    found = _common_m(scenario)
-    if settings.sigmas == 0.0 or found == 0.0:
-        return found
+    common_m = _common_m(scenario)
+    if settings.sigmas == 0.0 or common_m == 0.0:
+        return common_m
     away = norm(*scenario.initial_position_m)
     spread_m = max(
         max(u.noise_floor_m, away * max(u.noise_share, u.bearing_noise_rad))
         for u in scenario.section(Sensors).units
     )
     scale = getattr(scenario.named('estimator'), 'noise_scale', 1.0)
-    return found if found > settings.sigmas * SQRT_3 * scale * spread_m else 0.0
+    return common_m if common_m > settings.sigmas * SQRT_3 * scale * spread_m else 0.0
 
 
 def _common_m(scenario: Any) -> float:
@@ -118,14 +118,14 @@ def stuck_n(scenario: Any) -> float:
 
     The others make up for a valve without errors.
     """
-    own = scenario.thrusters
-    pulses = own.pulses if own is not None else None
+    thrusters = scenario.thrusters
+    pulses = thrusters.pulses if thrusters is not None else None
     if pulses is None:
         return 0.0
     names, off = valve_names(pulses.count), np.zeros(3)
     thrust_n = scenario.max_force_n / (pulses.count // 6)
-    true = directions(own, pulses, thrust_n)
-    plain = directions(own, replace(pulses, errors=()), thrust_n)
+    true = directions(thrusters, pulses, thrust_n)
+    plain = directions(thrusters, replace(pulses, errors=()), thrust_n)
     for name in {f.thruster for f in pulses.failures if f.known and f.stuck == 'on'}:
         off += (true - plain)[names.index(name)]
     return _size(off)
@@ -152,16 +152,16 @@ def thrust_share(scenario: Any, lighter: float, disturbance_n: float) -> float:
     lighter : mass as the filter takes it, over what it is; forces act by so much more
     disturbance_n : as assumed; so much of a difference it covers
     """
-    own, found = scenario.thrusters, [0.0]
-    falls = _falls(own, scenario)
-    for signs, sides in _octants(own):
+    thrusters, shares = scenario.thrusters, [0.0]
+    falls = _falls(thrusters, scenario)
+    for signs, sides in _octants(thrusters):
         whole, empty = (_share(mass * sides, signs) for mass in (lighter, lighter * falls))
         # What commands burn counts by itself: it does not make the most of all other errors.
-        found += [whole, min(empty, falls - 1.0)]
-        if own.pulses is not None:
+        shares += [whole, min(empty, falls - 1.0)]
+        if thrusters.pulses is not None:
             thrust = lighter * sides @ signs
-            found += _of_pulses(own.pulses, signs, thrust, scenario, disturbance_n)
-    return max(found)
+            shares += _of_pulses(thrusters.pulses, signs, thrust, scenario, disturbance_n)
+    return max(shares)
 
 
 def _share(sides: Floats, signs: Floats) -> float:
@@ -243,14 +243,14 @@ def short_tank(scenario: Any) -> str:
 
     Any command may ask for that, to and fro.
     """
-    own = scenario.thrusters
-    tank = own.propellant if own is not None else None
+    thrusters = scenario.thrusters
+    tank = thrusters.propellant if thrusters is not None else None
     if tank is None:
         return ''
     force_n = float(scenario.max_force_n)
-    if own.table is not None:
-        force_n = min(force_n, max(known_authority(own.table).axes_n))
-    needed_kg = force_n * scenario.duration_s / _exhaust_m_s(own)
+    if thrusters.table is not None:
+        force_n = min(force_n, max(known_authority(thrusters.table).axes_n))
+    needed_kg = force_n * scenario.duration_s / _exhaust_m_s(thrusters)
     if needed_kg <= tank.mass_kg:
         return ''
     longer = upwards(tank.specific_impulse_s * needed_kg / tank.mass_kg)
@@ -306,14 +306,14 @@ def errors_of(settings: Assurance, scenario: Any) -> Errors:
     says nothing where the scenario has sensors, thrusters or dynamics whose errors are not known
     beforehand.
     """
-    found = known(settings, scenario)
-    conflicts, _ = compared(settings, found)
+    bounds = known(settings, scenario)
+    conflicts, _ = compared(settings, bounds)
     if conflicts:
         raise InputError('; '.join(conflicts))
 
     def assumed(name: str) -> float:
         given: float | None = getattr(settings, name)
-        return found[name][0] if given is None else given
+        return bounds[name][0] if given is None else given
 
     return Errors(
         assumed('position_error_m'),
@@ -397,8 +397,8 @@ def known(settings: Assurance, scenario: Any) -> dict[str, tuple[float, str, str
 def _seeing(scenario: Any) -> list[Any]:
     """Return the settings of sensors and estimators whose errors are not known beforehand."""
     places = (Place.SENSOR, Place.ESTIMATOR)
-    found = [s for s in scenario.sections if section_of(s).place in places]
-    return [s for s in found if not isinstance(s, Navigation)]
+    settings = [s for s in scenario.sections if section_of(s).place in places]
+    return [s for s in settings if not isinstance(s, Navigation)]
 
 
 def _first_of(scenario: Any, places: tuple[Place, ...], *skipped: type) -> str:
@@ -406,8 +406,8 @@ def _first_of(scenario: Any, places: tuple[Place, ...], *skipped: type) -> str:
 
     skipped : settings whose errors are known beforehand
     """
-    kinds = [type(s) for s in scenario.sections]
-    after = kinds.index(Assurance) + 1 if Assurance in kinds else 0
+    types = [type(s) for s in scenario.sections]
+    after = types.index(Assurance) + 1 if Assurance in types else 0
     for settings in scenario.sections[after:]:
         section = section_of(settings)
         if section.place in places and not isinstance(settings, skipped):
@@ -458,10 +458,10 @@ def _turned_deg(scenario: Any) -> float:
         return 0.0
     delay = scenario.thrusters.delay_ticks if scenario.thrusters else 0
     fastest = SQRT_3 * limits.rate_deg_s + math.degrees(scenario.mean_motion_rad_s)
-    most = math.degrees(control.bounds(scenario).fastest)
+    change_deg_s2 = math.degrees(control.bounds(scenario).fastest)
     later = (delay + 0.5) * scenario.dt_s
-    known = SQRT_3 * (limits.known_deg + later * limits.known_deg_s)
-    return known + 0.5 * scenario.dt_s * fastest + 0.5 * later * later * most
+    error_deg = SQRT_3 * (limits.known_deg + later * limits.known_deg_s)
+    return error_deg + 0.5 * scenario.dt_s * fastest + 0.5 * later * later * change_deg_s2
 
 
 def spreading(errors: Errors, scenario: Any, ticks: int) -> tuple[float, float, float, float]:
@@ -507,29 +507,29 @@ def limit_n(scenario: Any) -> float:
     attitude kept. Raises InputError where nothing is. Where the thrusters turn with the chaser, it
     is that of the largest ball of forces: what there is in every attitude.
     """
-    most, turns = float(scenario.max_force_n), scenario.attitude is not None
-    own = scenario.thrusters
-    if own is not None and own.pulses is not None:
-        sides = ready(own.pulses)
+    limit, turns = float(scenario.max_force_n), scenario.attitude is not None
+    thrusters = scenario.thrusters
+    if thrusters is not None and thrusters.pulses is not None:
+        sides = ready(thrusters.pulses)
         without = [side for side, count in sides.items() if count <= 0]
         if without:
             raise InputError(
                 '`assurance` needs a force to all sides; `thrusters.pulses`, with the failures '
                 f'that are known, have none to {", ".join(without)}'
             )
-        most *= min(1.0, min(sides.values()) / (own.pulses.count // 6))
-    if own is None or own.table is None:
-        return most / SQRT_3 if turns else most
-    left = known_authority(own.table, _torque_nm(scenario))
-    has = left.left(most)
+        limit *= min(1.0, min(sides.values()) / (thrusters.pulses.count // 6))
+    if thrusters is None or thrusters.table is None:
+        return limit / SQRT_3 if turns else limit
+    left = known_authority(thrusters.table, _torque_nm(scenario))
+    has = left.left(limit)
     if has == NONE:
         raise InputError(
             '`assurance` needs a force to all sides without torque; `thrusters.table`, with the '
             'failures that are known, has none (`rpo safety thrusters`)'
         )
     if turns:
-        return min(most, left.least_n) / SQRT_3
-    return most if has == FULL else left.box_n
+        return min(limit, left.least_n) / SQRT_3
+    return limit if has == FULL else left.box_n
 
 
 def _torque_nm(scenario: Any) -> float:

@@ -174,10 +174,10 @@ class AssuranceStage(Stage):
     def ahead(self, state: Signal) -> State:
         """Return the state (6,) [m, m/s] in which a force of now acts: after those on their way."""
         x, y, z, vx, vy, vz = state
-        found: State = (x, y, z, vx, vy, vz)
+        predicted: State = (x, y, z, vx, vy, vz)
         for force in self._line:
-            found = cw_step(found, force, self.prediction)
-        return found
+            predicted = cw_step(predicted, force, self.prediction)
+        return predicted
 
     def mode_of(self, state: State, tick: int = 0) -> int:
         """Return the mode in which a flight begins, or goes on after a gap.
@@ -202,15 +202,15 @@ class AssuranceStage(Stage):
         if self._mode == UNKNOWN:
             self._mode = self.mode_of(state, acts)
         safe = self._safe(state, command, acts, *spreads)
-        own = self._interrupted(tick, state, inputs, spreads)
-        if own is not None:
-            command = own
+        interruption = self._interrupted(tick, state, inputs, spreads)
+        if interruption is not None:
+            command = interruption
         elif self._lost:
             command = safe
-        found = self._filter(state, command, self._last, self._mode, acts)
-        fx, fy, fz, mode, acted, metres, speed = found
+        answer = self._filter(state, command, self._last, self._mode, acts)
+        fx, fy, fz, mode, acted, metres, speed = answer
         force: Vector = (fx, fy, fz)
-        if own is None and self._lost and mode == APPROACH:
+        if interruption is None and self._lost and mode == APPROACH:
             force = command
         if self.abort is not None:
             self.abort.spend(force)
@@ -220,7 +220,7 @@ class AssuranceStage(Stage):
             if self.delay_ticks:
                 self._line.append(force)
                 self._line.popleft()
-        constraint = COVARIANCE if self._lost and own is None else CONSTRAINTS[acted]
+        constraint = COVARIANCE if self._lost and interruption is None else CONSTRAINTS[acted]
         self.decision = Decision(MODES[mode], constraint, metres, speed, command, force)
         return (force,)
 
@@ -233,13 +233,15 @@ class AssuranceStage(Stage):
             return command
         self.guard = doubted(guard, d, 0.0, spread_m, spread_m_s)
         if walls is None or self.motion is None:
-            found = unless_unsure(state, command, mode, self.guard, d, spread_m)
+            answer = unless_unsure(state, command, mode, self.guard, d, spread_m)
         else:
             self.walls = walls = doubted(walls, d, d.turns_rad_s, spread_m, spread_m_s)
             now = self.motion.frame(tick)
-            found = unless_unsure_turning(state, command, mode, now, self.guard, walls, d, spread_m)
+            answer = unless_unsure_turning(
+                state, command, mode, now, self.guard, walls, d, spread_m
+            )
         self._filter.use(self.guard, self.walls)
-        self._lost, force = found
+        self._lost, force = answer
         return force
 
     def _interrupted(
@@ -266,8 +268,8 @@ class AssuranceStage(Stage):
             decision is not None and bool(decision.constraint), self._applied, enclosed, self.guard,
             in_axes, outward, carried, self._pointing_deg(inputs),
         )  # fmt: skip
-        own = machine.step(tick, seen)
-        return ZERO if own is None and missed else own
+        interruption = machine.step(tick, seen)
+        return ZERO if interruption is None and missed else interruption
 
     def _pointing_deg(self, inputs: tuple[Any, ...]) -> float:
         """Return the angle off the reference, twice the sine of half of it; 0.0 where unknown."""
@@ -339,10 +341,10 @@ def _noted(conflicts: list[str]) -> Iterator[None]:
 
 def _check_speed(stage: AssuranceStage, scenario: Any, state: State, mode: int) -> None:
     g, (rho, _, speed) = stage.guard, kernels.closing(state)
-    seen, own = stage.view(state, mode, stage.delay_ticks)
+    in_axes, numbers = stage.view(state, mode, stage.delay_ticks)
     doubt = _drift(stage, scenario, stage.delay_ticks)
-    doubt = (own.here_m, own.here_m_s) if g.side != 0.0 else doubt
-    if filters.margins(seen, mode, *doubt, own)[1] < 0.0:
+    doubt = (numbers.here_m, numbers.here_m_s) if g.side != 0.0 else doubt
+    if filters.margins(in_axes, mode, *doubt, numbers)[1] < 0.0:
         raise InputError(
             f'`assurance.speed` must allow the start: {kernels.speed_limit(rho, g):.6g} m/s at '
             f'{rho:.6g} m; got {speed:.6g} m/s, known to {doubt[1]:.6g} m/s'
@@ -352,8 +354,8 @@ def _check_speed(stage: AssuranceStage, scenario: Any, state: State, mode: int) 
 def _check_sets(stage: AssuranceStage, scenario: Any, state: State, mode: int) -> None:
     begins, numbers = stage.view(scenario.start, mode, 0)
     _check_room(begins, mode, (0.0, 0.0), numbers)
-    seen, own = stage.view(state, mode, stage.delay_ticks)
-    _check_room(seen, mode, (own.here_m, own.here_m_s), own)
+    in_axes, numbers = stage.view(state, mode, stage.delay_ticks)
+    _check_room(in_axes, mode, (numbers.here_m, numbers.here_m_s), numbers)
 
 
 def _check_first_ticks(stage: AssuranceStage, scenario: Any, _state: State, mode: int) -> None:
@@ -371,8 +373,8 @@ def _check_first_ticks(stage: AssuranceStage, scenario: Any, _state: State, mode
 
 def _drift(stage: AssuranceStage, scenario: Any, ticks: int) -> tuple[float, float]:
     """Return what the disturbance does [m], [m/s] in the first ticks, before a force acts."""
-    known = stage.errors._replace(position_m=0.0, velocity_m_s=0.0, thrust=0.0)
-    return ahead(known, scenario, ticks)
+    disturbed = stage.errors._replace(position_m=0.0, velocity_m_s=0.0, thrust=0.0)
+    return ahead(disturbed, scenario, ticks)
 
 
 def _clear_m(state: State, g: Guard, mode: int, off_m: float) -> float:

@@ -12,17 +12,13 @@ from typing import Any, NamedTuple
 
 from rpo_core.assurance.assumed import Errors, spreading
 from rpo_core.assurance.filters import backup
+from rpo_core.assurance.guard import follows, most_m, swing_of
 from rpo_core.assurance.kernels import APPROACH, CONTACT, Guard, in_corridor
 from rpo_core.assurance.manoeuvre import RETREAT_M_S
 from rpo_core.assurance.settings import Assurance
-from rpo_core.assurance.walls import swing_of
 from rpo_core.attitude.attitude_kernels import Frame, seen_from, to_lvlh
 from rpo_core.kernels.arithmetic import State, Vector, norm, saturate
 from rpo_core.kernels.jit import inlined, kernel
-from rpo_core.stage import Place, section_of
-
-MOST_SHARE = 0.05
-"""Share of the zone's radius: up to that error of position the authority of its law is computed."""
 
 
 class Doubt(NamedTuple):
@@ -52,19 +48,6 @@ class Doubt(NamedTuple):
 
 
 DOUBT = len(Doubt._fields)
-
-
-def follows(settings: Assurance, scenario: Any) -> bool:
-    """Return whether errors follow the spread of an estimator."""
-    places = {section_of(s).place for s in scenario.sections}
-    return settings.sigmas > 0.0 and Place.ESTIMATOR in places
-
-
-def most_m(settings: Assurance, scenario: Any, errors: Errors) -> float:
-    """Return the largest error [m] of position for which the constants of the zone hold."""
-    if not follows(settings, scenario):
-        return errors.position_m
-    return max(errors.position_m, MOST_SHARE * settings.keep_out_m)
 
 
 def doubt_of(settings: Assurance, scenario: Any, errors: Errors) -> Doubt:

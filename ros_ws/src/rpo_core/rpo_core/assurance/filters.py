@@ -269,7 +269,7 @@ def assure_turning(
     g: Guard,
     w: Guard,
 ) -> tuple[float, float, float, int, int, float, float]:
-    """Return what `rpo_core.assurance.filters.assure` returns, where the target turns."""
+    """Return what `assure` returns, where the target turns."""
     fx, fy, fz, broke = within_limits(command, last, g)
     if not (finite(state[0], state[1], state[2]) and finite(state[3], state[4], state[5])):
         return 0.0, 0.0, 0.0, mode, NOT_FINITE, -FAR, -FAR

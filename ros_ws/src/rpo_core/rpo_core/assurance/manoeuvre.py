@@ -276,15 +276,15 @@ def choose(
     rho = sqrt(x * x + y * y + z * z)
     away = (x / rho, y / rho, z / rho) if rho > 0.0 else (0.0, 1.0, 0.0)
     directions = (away, *DIRECTIONS) if only is None else (only,)
-    best, least = (0.0, 0.0, 0.0), -1.0
+    best, best_m = (0.0, 0.0, 0.0), -1.0
     speeds = [speed for speed in SPEEDS_M_S if speed <= fastest_m_s] or [fastest_m_s]
     for speed in speeds:
         for dx, dy, dz in directions:
             wanted = (speed * dx, speed * dy, speed * dz)
-            found = margin(state, wanted, c, w, least + TOLERANCE_M)
-            if found >= least + TOLERANCE_M:
-                best, least = wanted, found
-    return Choice(best, least - radius_m)
+            margin_m = margin(state, wanted, c, w, best_m + TOLERANCE_M)
+            if margin_m >= best_m + TOLERANCE_M:
+                best, best_m = wanted, margin_m
+    return Choice(best, best_m - radius_m)
 
 
 RECOVERY_S = 2.0

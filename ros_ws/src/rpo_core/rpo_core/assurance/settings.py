@@ -303,23 +303,23 @@ class Assurance(Checked):
 
         Raises InputError where it needs their corridor, and that is along no axis of LVLH.
         """
-        found: dict[str, Any] = {'keep_out_m': zones.keep_out_m}
-        own = document.get('corridor') if isinstance(document, Mapping) else None
-        if not isinstance(own, Mapping):
-            return found
+        fields: dict[str, Any] = {'keep_out_m': zones.keep_out_m}
+        corridor_document = document.get('corridor') if isinstance(document, Mapping) else None
+        if not isinstance(corridor_document, Mapping):
+            return fields
         corridor = zones.corridor
         along, off = along_and_across(zones.port_m, (0.0, 0.0, 0.0), corridor.ahead)
-        known = {
+        of_corridor = {
             'along': corridor.along,
             'half_angle_deg': corridor.half_angle_deg,
             'port_m': along,
             'outer_m': corridor.from_m,
         }
         if corridor.from_m and corridor.along and not any(off):
-            found['corridor'] = known
-        elif known.keys() - own.keys():
+            fields['corridor'] = of_corridor
+        elif of_corridor.keys() - corridor_document.keys():
             raise InputError(
                 '`assurance.corridor` needs a `zones.corridor` with `from_m`, along an axis of '
                 f'LVLH through the target and `port_m`; got {corridor!r}, {list(zones.port_m)!r}'
             )
-        return found
+        return fields

@@ -92,15 +92,15 @@ def _wider(names: tuple[str, ...], settings: Assurance, share: float) -> Assuran
 
 
 def _slower(settings: Assurance, share: float) -> Assurance:
-    own = settings.speed
-    changed = {f.name: _rounded(share * getattr(own, f.name)) for f in fields(own)}
-    return replace(settings, speed=replace(own, **changed))
+    speed = settings.speed
+    changed = {f.name: _rounded(share * getattr(speed, f.name)) for f in fields(speed)}
+    return replace(settings, speed=replace(speed, **changed))
 
 
 def _nearer(start_m: float, settings: Assurance, share: float) -> Assurance:
     way = settings.corridor
-    least = max(1.01 * start_m, 1.01 * settings.keep_out_m, way.outer_m if way else 0.0)
-    domain_m = max(_rounded(share * settings.domain_m), _rounded(least, True))
+    min_domain_m = max(1.01 * start_m, 1.01 * settings.keep_out_m, way.outer_m if way else 0.0)
+    domain_m = max(_rounded(share * settings.domain_m), _rounded(min_domain_m, True))
     return replace(settings, domain_m=min(domain_m, settings.domain_m))
 
 

@@ -315,8 +315,8 @@ class Chaser(Checked):
         else:
             f = frame_of((*self.attitude, 0.0, 0.0, 0.0), body_of(self.inertia_kg_m2, n))
             p, q, r = n * f.zx, n * f.zy, n * f.zz
-        found: Attitude = unit((*self.attitude, p, q, r))
-        return found
+        attitude: Attitude = unit((*self.attitude, p, q, r))
+        return attitude
 
 
 @kernel

@@ -85,9 +85,9 @@ def inertia(name: str, value: Any) -> tuple[tuple[float, ...], ...]:
 @lru_cache(maxsize=256)
 def _can_be(rows: tuple[tuple[float, ...], ...]) -> bool:
     """Return whether a body can have an inertia (3, 3)."""
-    found = np.array(rows)
-    moments = np.linalg.eigvalsh(found)
-    even = not np.any(found != found.T)
+    tensor = np.array(rows)
+    moments = np.linalg.eigvalsh(tensor)
+    even = not np.any(tensor != tensor.T)
     return bool(even and moments[0] > 0.0 and moments[2] <= moments[0] + moments[1])
 
 
@@ -219,9 +219,9 @@ class Target(Checked):
         In its axes, velocities against them [m, m/s].
         """
         turning = motion_of(self, scenario).frames(first + len(states))[first:]
-        found = np.empty((len(states), 6))
-        attitude_kernels.see_all(np.ascontiguousarray(states, np.float64), turning, found)
-        return found
+        seen_states = np.empty((len(states), 6))
+        attitude_kernels.see_all(np.ascontiguousarray(states, np.float64), turning, seen_states)
+        return seen_states
 
 
 _OF_KIND = {SPIN: ('axis', 'rate_deg_s'), TUMBLE: ('rates_deg_s', 'inertia_kg_m2')}
@@ -269,8 +269,8 @@ class Motion:
 
     def attitude(self, tick: int) -> Attitude:
         """Return quaternion and rate [rad/s] at a tick."""
-        found: Attitude = tuple(self._have(tick + 1)[tick].tolist())
-        return found
+        row: Attitude = tuple(self._have(tick + 1)[tick].tolist())
+        return row
 
     def frame(self, tick: int) -> Frame:
         """Return the frame at a tick."""
@@ -284,12 +284,12 @@ class Motion:
     def frames(self, ticks: int, *, half: bool = False) -> Floats:
         """Return the frames (ticks, 15) of the first ticks, or half a tick later."""
         found = self._frames[half]
-        have = len(found)
-        if ticks > have:
-            rows = np.ascontiguousarray(self._have(ticks)[have:])
-            more = np.empty((len(rows), FRAME))
-            attitude_kernels.frames(rows, 0.5 * self._dt_s if half else 0.0, self.body, more)
-            found = self._frames[half] = np.vstack([found, more])
+        count = len(found)
+        if ticks > count:
+            rows = np.ascontiguousarray(self._have(ticks)[count:])
+            new_frames = np.empty((len(rows), FRAME))
+            attitude_kernels.frames(rows, 0.5 * self._dt_s if half else 0.0, self.body, new_frames)
+            found = self._frames[half] = np.vstack([found, new_frames])
         return found[:ticks]
 
     def largest(self, ticks: int) -> Floats:

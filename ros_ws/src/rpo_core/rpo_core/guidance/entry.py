@@ -91,7 +91,7 @@ def entries(settings: Guidance, scenario: Scenario) -> list[Entry]:
 
     The first can be flown: it was rehearsed. Of the others the force was looked at.
     """
-    found, ticks, dt_s = [], scenario.ticks, scenario.dt_s
+    plans, ticks, dt_s = [], scenario.ticks, scenario.dt_s
     for i, tried in _others(settings, scenario):
         stage = GuidanceStage(tried, scenario)
         try:
@@ -109,14 +109,14 @@ def entries(settings: Guidance, scenario: Scenario) -> list[Entry]:
             used, mass = forces[:end], settings.mass_kg or scenario.mass_kg
             spent = float((used * used).sum()) * dt_s, float(used.sum()) * dt_s / mass
             line = tried.legs[i + 1] if i + 1 < len(tried.legs) else None
-            found.append(Entry(*spent, end * dt_s, leg, line, tried))
-    found.sort(key=lambda entry: entry.energy_n2s)
-    for first, entry in enumerate(found):
+            plans.append(Entry(*spent, end * dt_s, leg, line, tried))
+    plans.sort(key=lambda entry: entry.energy_n2s)
+    for first, entry in enumerate(plans):
         try:
             check(entry.settings, scenario)
         except InputError:
             continue
-        return found[first:]
+        return plans[first:]
     raise InputError(f'no moment was found at which the plan of {scenario.name} can be flown')
 
 

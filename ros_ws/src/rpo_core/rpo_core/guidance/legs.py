@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import ceil, sqrt
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -99,17 +99,6 @@ class Vehicle(NamedTuple):
     def force_n(self, state: State, acceleration: Vector) -> Vector:
         """Return the force (3,) [N] for an acceleration (3,) [m/s^2] in a state."""
         return force_for(state, acceleration, self.mean_motion_rad_s, self.mass_kg)
-
-
-class Flown(Protocol):
-    """A leg under way."""
-
-    @property
-    def ticks(self) -> int | None:
-        """Its length; None: it has no end of its own."""
-
-    def at(self, tick: int) -> tuple[State, Vector]:
-        """Return the reference (6,) [m, m/s] and force (3,) [N] so many ticks after its begin."""
 
 
 class Moving:
@@ -254,8 +243,9 @@ class Transferring:
     ) -> None:
         vehicle = self._vehicle
         wanted = max(1, round(duration_s / vehicle.dt_s))
-        most = wanted if ease_s else SEGMENTS  # a force that falls evenly changes at each tick
-        self._hold = hold = max(1, -(-wanted // most))  # ticks of a segment
+        # a force that falls evenly changes at each tick
+        max_segments = wanted if ease_s else SEGMENTS
+        self._hold = hold = max(1, -(-wanted // max_segments))  # ticks of a segment
         segments = max(4, -(-wanted // hold))
         seconds = hold * vehicle.dt_s
         step = cw.discretise(vehicle.mean_motion_rad_s, vehicle.mass_kg, seconds)
@@ -297,6 +287,10 @@ class Transferring:
         """Fill rows (n, 9) with its first references and forces."""
         transfer = self.transfer
         sample(transfer.states, transfer.forces, self._hold, self._vehicle.step, rows)
+
+
+Flown = Moving | Turning | Transferring
+"""A leg under way: its `ticks`, None for no end of its own, and the reference `at` a tick."""
 
 
 def fill(flown: Flown, rows: Floats) -> None:

@@ -220,7 +220,7 @@ def _begin(tick: int, f: Any, m: Any) -> None:
 def estimate_attitude(tick: int, measured: Any, f: Any, m: Any) -> None:
     """Take a tick: fill the newest state and covariance of the memory, from place X, and RATE.
 
-    measured : (7,) that arrived at this tick, see `attitude_sensor_kernels`; of ticks that are
+    measured : (7,) that arrived at this tick, see `attitude_sensors`; of ticks that are
     missing, the rate before is held
 
     The star tracker may come late. The base is moved to the newest tick of which it has come; from
@@ -286,7 +286,7 @@ class AttitudeEstimator(Checked):
 
 
 def attitude_filter_of(settings: AttitudeEstimator, sensors: AttitudeSensors, scenario: Any) -> Any:
-    """Return the settings of the filter of a scenario, a table of `attitude_filter_kernels`."""
+    """Return the settings of the filter of a scenario, table f of the kernels."""
     dt_s, gyro, star = scenario.dt_s, sensors.gyro, sensors.star_tracker
     angle = radians(settings.attitude_sigma_deg)
     draws = three_normals(0, 0, START_STREAM, *sensors.noise_key)
@@ -320,7 +320,7 @@ def attitude_filter_of(settings: AttitudeEstimator, sensors: AttitudeSensors, sc
 
 
 def attitude_memory_of(f: Any) -> Any:
-    """Return the memory of a filter that has not begun, a table of `attitude_filter_kernels`."""
+    """Return the memory of a filter that has not begun, table m of the kernels."""
     slots = int(f[LATENCY]) + 2
     return as_table([-1.0] * RATE + [0.0] * (HISTORY - RATE + RECORD * slots))
 

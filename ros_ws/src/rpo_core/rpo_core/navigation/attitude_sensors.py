@@ -213,7 +213,7 @@ class AttitudeSensors(Checked):
 
 
 class AttitudeSensing:
-    """Sensors and their memory, tables of `attitude_sensor_kernels.sense_attitude`."""
+    """Sensors and their memory, the tables of `sense_attitude`."""
 
     def __init__(self, settings: AttitudeSensors, scenario: Any) -> None:
         star, gyro, root = settings.star_tracker, settings.gyro, sqrt(scenario.dt_s)

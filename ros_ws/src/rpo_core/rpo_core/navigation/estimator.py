@@ -553,7 +553,7 @@ def gate(numbers: int, sigmas: float) -> float:
 
 
 def filter_of(settings: Estimator, sensors: Sensors, scenario: Any) -> Any:
-    """Return the settings of a scenario's filter, a table of `navigation.filter_kernels`."""
+    """Return the settings of a scenario's filter, table f of the kernels."""
     n, units = settings.states, sensors.units
     rows = np.array([unit.row(scenario.dt_s) for unit in units])
     rows[:, :5] *= settings.noise_scale
@@ -601,7 +601,7 @@ def _process_noise(settings: Estimator, step: CwStep, mass_kg: float, dt_s: floa
 
 
 def memory_of(f: Any) -> Any:
-    """Return the memory of a filter not begun, a table of `navigation.filter_kernels`."""
+    """Return the memory of a filter not begun, table m of the kernels."""
     return as_table([-1.0] * X + [0.0] * (numbers_of(f) - X))
 
 
@@ -656,8 +656,8 @@ class EstimatorStage(FilterStage):
         self._count, self._attitude = len(sensors.units), as_table([0.0] * HEADING)
         self._port = PortSeen(sensors, scenario, known=True)
         if sensors.turn:
-            known = scenario.named('attitude_estimator') is not None
-            self.inputs += (ATTITUDE, *([interfaces.ATTITUDE_COVARIANCE] if known else []))
+            estimated = scenario.named('attitude_estimator') is not None
+            self.inputs += (ATTITUDE, *([interfaces.ATTITUDE_COVARIANCE] if estimated else []))
         if self._states == STATES:
             self.outputs = (*self.outputs, interfaces.ESTIMATED_DISTURBANCE)
         self.reset()

@@ -331,10 +331,10 @@ def key(name: str, value: Any) -> tuple[int, ...]:
     return tuple(whole(f'{name}[{i}]', v, least=0, most=2**32 - 1) for i, v in enumerate(value))
 
 
-_position_bias = partial(vector3, unit='m', bound=MAX_POSITION_ERROR_M)
-_velocity_bias = partial(vector3, unit='m/s', bound=MAX_VELOCITY_ERROR_M_S)
-_position_noise = partial(real, unit='m', least=0.0, most=MAX_POSITION_ERROR_M)
-_velocity_noise = partial(real, unit='m/s', least=0.0, most=MAX_VELOCITY_ERROR_M_S)
+_metres = partial(real, unit='m', least=0.0, most=MAX_POSITION_ERROR_M)
+_speed = partial(real, unit='m/s', least=0.0, most=MAX_VELOCITY_ERROR_M_S)
+_vector = partial(vector3, unit='m', bound=MAX_POSITION_ERROR_M)
+_velocity = partial(vector3, unit='m/s', bound=MAX_VELOCITY_ERROR_M_S)
 
 
 @dataclass(frozen=True)
@@ -346,10 +346,10 @@ class Navigation(Checked):
     noise_key : two words of 32 bits, the key of Philox4x32-10
     """
 
-    position_bias_m: Annotated[Vector, _position_bias] = (0.0, 0.0, 0.0)
-    velocity_bias_m_s: Annotated[Vector, _velocity_bias] = (0.0, 0.0, 0.0)
-    position_noise_m: Annotated[float, _position_noise] = 0.0
-    velocity_noise_m_s: Annotated[float, _velocity_noise] = 0.0
+    position_bias_m: Annotated[Vector, _vector] = (0.0, 0.0, 0.0)
+    velocity_bias_m_s: Annotated[Vector, _velocity] = (0.0, 0.0, 0.0)
+    position_noise_m: Annotated[float, _metres] = 0.0
+    velocity_noise_m_s: Annotated[float, _speed] = 0.0
     noise_key: Annotated[tuple[int, int], key] = (0, 0)
 
     def solution(self, tick: int, state: Signal) -> State:
@@ -369,7 +369,7 @@ class NavigationStage(Stage):
     inputs = (interfaces.RELATIVE_STATE,)
     outputs = (interfaces.NAVIGATION_STATE,)
 
-    def __init__(self, settings: Navigation) -> None:
+    def __init__(self, settings: Navigation, _scenario: Any = None) -> None:
         self.settings = settings
 
     def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
@@ -377,11 +377,7 @@ class NavigationStage(Stage):
         return (self.settings.solution(tick, inputs[0]),)
 
 
-def _make(settings: Navigation, _scenario: Any) -> Stage:
-    return NavigationStage(settings)
-
-
-register(Section('navigation', Navigation, Place.SENSOR, _make))
+register(Section('navigation', Navigation, Place.SENSOR, NavigationStage))
 
 
 MAX_SENSORS = 4
@@ -423,20 +419,16 @@ def intervals(name: str, value: Any) -> tuple[tuple[float, float], ...]:
             f'`{name}` must be a list of at most {MAX_OUTAGES} intervals [begin, end] in s; '
             f'got {shown(value)}'
         )
-    found = []
+    pairs = []
     for i, pair in enumerate(value):
         if not isinstance(pair, (list, tuple)) or len(pair) != 2:
             raise InputError(f'`{name}[{i}]` must be [begin, end] in s; got {shown(pair)}')
         begin = real(f'{name}[{i}][0]', pair[0], 's', least=0.0)
-        found.append((begin, real(f'{name}[{i}][1]', pair[1], 's', above=begin)))
-    return tuple(found)
+        pairs.append((begin, real(f'{name}[{i}][1]', pair[1], 's', above=begin)))
+    return tuple(pairs)
 
 
-_metres = partial(real, unit='m', least=0.0, most=MAX_POSITION_ERROR_M)
 _share = partial(real, least=0.0, most=1.0)
-_speed = partial(real, unit='m/s', least=0.0, most=MAX_VELOCITY_ERROR_M_S)
-_vector = partial(vector3, unit='m', bound=MAX_POSITION_ERROR_M)
-_velocity = partial(vector3, unit='m/s', bound=MAX_VELOCITY_ERROR_M_S)
 _direction = partial(vector3, unit='', bound=1e6)
 
 
@@ -587,8 +579,8 @@ class Sensors(Checked):
     def of_zones(document: Any, zones: Zones) -> dict[str, Any]:
         """Return the fields that are as the zones of the scenario, unless the section has them."""
         units = document.get('units') if isinstance(document, Mapping) else None
-        known = [u for u in units or () if isinstance(u, Mapping) and u.get('looks_at') == PORT]
-        return {'port_m': list(zones.port_m)} if known else {}
+        looking = [u for u in units or () if isinstance(u, Mapping) and u.get('looks_at') == PORT]
+        return {'port_m': list(zones.port_m)} if looking else {}
 
 
 STILL = Target(kind='fixed')
@@ -615,7 +607,7 @@ class PortSeen:
 
 
 class Sensing:
-    """Sensors and their memory, tables of `rpo_core.navigation.sensors.sense`."""
+    """Sensors and their memory, the tables of `sense`."""
 
     def __init__(self, settings: Sensors, scenario: Any) -> None:
         units = settings.units
@@ -668,12 +660,12 @@ class SensorsStage(Stage):
         s, attitude = self._sensing, inputs[1] if len(inputs) > 1 else interfaces.ALIGNED
         self._port.put(tick, s.memory, self._place)
         sense(tick, inputs[0], attitude[:4], s.table, s.memory)
-        found = []
+        messages = []
         for i in range(len(s.rows)):
             sensor = s.table[UNITS + COLUMNS * i : UNITS + COLUMNS * (i + 1)]
             describe(sensor, s.memory[MEASURED * i : MEASURED * (i + 1)], self._message)
-            found.append(tuple(map(float, self._message)))
-        return tuple(found)
+            messages.append(tuple(map(float, self._message)))
+        return tuple(messages)
 
     def passes_on(self) -> tuple[int | Signal, ...]:
         """Return that each measurement is the true state."""

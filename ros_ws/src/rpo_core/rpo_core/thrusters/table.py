@@ -418,9 +418,9 @@ def known_authority(settings: ThrusterTable, torque_nm: float = 0.0) -> Authorit
     """
     stuck = {f.thruster: f.stuck for f in settings.failures if f.known}
     sides = {torque_nm, -torque_nm}
-    found = [authority(settings, stuck, side) for side in product(sides, sides, sides)]
-    axes = tuple(map(min, zip(*(one.axes_n for one in found), strict=True)))
-    return Authority(axes, min(one.box_n for one in found), min(one.least_n for one in found))
+    rows = [authority(settings, stuck, side) for side in product(sides, sides, sides)]
+    axes = tuple(map(min, zip(*(row.axes_n for row in rows), strict=True)))
+    return Authority(axes, min(row.box_n for row in rows), min(row.least_n for row in rows))
 
 
 def failures(settings: ThrusterTable, pairs: bool) -> Iterator[dict[str, str]]:

@@ -220,14 +220,14 @@ def directions(settings: Thrusters, pulses: Pulses, thrust_n: float) -> Floats:
     names, columns = valve_names(pulses.count), np.array(settings.matrix).T
     each = len(names) // 6
     errors = {error.thruster: error for error in pulses.errors}
-    found = []
+    forces = []
     for i, name in enumerate(names):
         error = errors.get(name, ThrusterError(thruster=name))
         axis, sign = i // each // 2, 1.0 if i // each % 2 == 0 else -1.0
         size = sign * thrust_n * (1.0 + error.magnitude_share)
         x, y, z = rotation(np.array(error.misalignment_deg) * (math.pi / 180.0))[:, axis] * size
-        found.append(columns[0] * x + columns[1] * y + columns[2] * z)
-    return np.array(found)
+        forces.append(columns[0] * x + columns[1] * y + columns[2] * z)
+    return np.array(forces)
 
 
 def valves_of(settings: Thrusters, pulses: Pulses, scenario: Any) -> Valves:
@@ -397,8 +397,8 @@ class TableStage(ValvesStage):
         name, _, how = state.rpartition(' ')
         if name in self._names and how in SWITCHES:
             return ''
-        known = f'one of {", ".join(self._names)}, then {", ".join(SWITCHES)}'
-        return f'a switch must be {known}; got {shown(state)}'
+        expected = f'one of {", ".join(self._names)}, then {", ".join(SWITCHES)}'
+        return f'a switch must be {expected}; got {shown(state)}'
 
     def take_event(self, tick: int, state: str) -> None:
         """Switch a thruster from a tick on: `NAME off` or `NAME on`, as is known; `NAME ready`."""
