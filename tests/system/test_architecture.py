@@ -25,11 +25,17 @@ PACKAGES = {path.parent.name: path.parent for path in sorted(SRC.glob('*/package
 OFFLINE = ROOT / 'offline_training'
 FIRST_PARTY = {*PACKAGES, 'rpo'}
 CORE = {'rpo_core'}
-FOLDERS = (
-    'files', 'kernels', 'plugins', 'wire', 'stage', 'world', 'scenario', 'attitude', 'control',
-    'thrusters', 'navigation', 'guidance', 'assurance', 'chain', 'judge',
-)  # fmt: skip
-"""Folders and modules of `rpo_core`: each imports only those before it."""
+FOLDERS = {
+    'rpo_core': (
+        'files', 'kernels', 'plugins', 'wire', 'stage', 'world', 'scenario', 'attitude', 'control',
+        'thrusters', 'navigation', 'guidance', 'assurance', 'chain', 'judge',
+    ),
+    'rpo': (
+        'display', 'engine', 'montecarlo', 'scoring', 'proof', 'analysis', 'training', 'exports',
+        'reports', 'door', 'cli',
+    ),
+}  # fmt: skip
+"""Package -> its folders and modules: each imports only those before it."""
 ROS_FREE = {'rpo_core', 'rpo_log', 'rpo'}
 """Packages that work without ROS; `rpo_log` has nodes too, which have a row of their own."""
 
@@ -256,18 +262,21 @@ def test_no_module_imports_itself_through_others():
         pytest.fail(f'these modules import each other: {" <- ".join(error.args[1])}')
 
 
-@pytest.mark.parametrize('folder', FOLDERS)
-def test_a_folder_of_the_core_imports_only_those_before_it(folder):
-    known = modules()
-    allowed = {f'rpo_core.{name}' for name in FOLDERS[: FOLDERS.index(folder) + 1]}
-    inside = [n for n in known if f'{n}.'.startswith(f'rpo_core.{folder}.')]
+@pytest.mark.parametrize(
+    ('package', 'folder'), [(package, name) for package, names in FOLDERS.items() for name in names]
+)
+def test_a_folder_imports_only_those_before_it(package, folder):
+    known, names = modules(), FOLDERS[package]
+    allowed = {f'{package}.{name}' for name in names[: names.index(folder) + 1]}
+    inside = [n for n in known if f'{n}.'.startswith(f'{package}.{folder}.')]
     assert inside
     for name in inside:
         others = {'.'.join(n.split('.')[:2]) for n in imported(name, known[name], known)}
-        above = {n for n in others if n.startswith('rpo_core.')} - allowed
+        above = {n for n in others if n.startswith(f'{package}.')} - allowed
         assert not above, f'{name} may not import {sorted(above)}'
 
 
-def test_every_folder_of_the_core_has_its_place():
-    places = {n.split('.')[1] for n in modules() if n.startswith('rpo_core.')}
-    assert places == set(FOLDERS)
+@pytest.mark.parametrize('package', FOLDERS)
+def test_every_folder_has_its_place(package):
+    places = {n.split('.')[1] for n in modules() if n.startswith(f'{package}.')}
+    assert places == set(FOLDERS[package])

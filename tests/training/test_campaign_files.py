@@ -22,7 +22,7 @@ from pages import Page
 from processes import stopped
 from rich.console import Console
 
-from rpo.cli.display import COMPILING, progress
+from rpo.display import COMPILING, progress
 from rpo.montecarlo import config, execution, run_batch
 from rpo.montecarlo.pool import versions
 from rpo.montecarlo.run_batch import fly_run, fly_runs
@@ -348,9 +348,9 @@ def test_the_command_changes_fields_of_the_scenario(write, tmp_path):
 def test_progress_counts_no_compiling(monkeypatch, tmp_path):
     """It showed 15 runs/s, and minutes left, while the kernels were compiled."""
     now, out = [100.0], io.StringIO()
-    monkeypatch.setattr('rpo.cli.display.time', SimpleNamespace(monotonic=lambda: now[0]))
-    monkeypatch.setattr('rpo.cli.display.EVERY_S', -1.0)
-    monkeypatch.setattr('rpo.cli.display.PATIENCE_S', 0.01)
+    monkeypatch.setattr('rpo.display.time', SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr('rpo.display.EVERY_S', -1.0)
+    monkeypatch.setattr('rpo.display.PATIENCE_S', 0.01)
     with progress(tmp_path, Console(file=out, width=200)) as show:
         while COMPILING not in out.getvalue():
             time.sleep(0.01)

@@ -11,9 +11,9 @@ from rpo.engine.population import population_of
 from rpo.engine.simulator import Simulator
 from rpo.montecarlo import run_batch
 from rpo.montecarlo.run_batch import fly_run
+from rpo.scoring.drawn import HELD_OUT, DrawnFlights, DrawnSettings
+from rpo.scoring.fitness import Fitness, FitnessSettings, driving
 from rpo.training.config import load_start
-from rpo.training.scoring.drawn import HELD_OUT, DrawnFlights, DrawnSettings
-from rpo.training.scoring.fitness import Fitness, FitnessSettings, driving
 from rpo_core.control.fuzzy import RuleTable
 from rpo_core.judge.verdicts import verdicts
 from rpo_core.scenario.scenario import load_scenario, load_set

@@ -13,8 +13,8 @@ from invoking import invoke
 from rpo.analysis.optimal import least_energy
 from rpo.engine.population import population_of
 from rpo.engine.simulator import Simulator
-from rpo.training.scoring import fitness
-from rpo.training.scoring.fitness import Fitness, FitnessSettings, excess
+from rpo.scoring import fitness
+from rpo.scoring.fitness import Fitness, FitnessSettings, excess
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.judge import metrics

@@ -16,11 +16,11 @@ from invoking import invoke
 
 from rpo.door.evidence import _place
 from rpo.engine.population import population_of
+from rpo.scoring.conditions import conditions_of
+from rpo.scoring.fitness import Fitness, FitnessSettings
 from rpo.training import config as configs
 from rpo.training import scaling
 from rpo.training.config import load_start
-from rpo.training.scoring.conditions import conditions_of
-from rpo.training.scoring.fitness import Fitness, FitnessSettings
 from rpo.training.tuning import Tuning, TuningConfig
 from rpo_core import files
 from rpo_core.chain.flight import fly

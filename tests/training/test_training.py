@@ -17,10 +17,10 @@ from invoking import invoke
 
 from rpo.cli.commands.shared import interruptible
 from rpo.montecarlo.outputs import alone
+from rpo.scoring.drawn import HELD_OUT
 from rpo.training import config as configs
 from rpo.training.family_training import FamilyConfig, FamilyTraining
 from rpo.training.run import Checkpoint
-from rpo.training.scoring.drawn import HELD_OUT
 from rpo.training.training import Training
 from rpo.training.tuning import Tuning, TuningConfig
 from rpo_core import files

@@ -34,8 +34,8 @@ from rpo.montecarlo.outputs import digest_of, identifier, make_folder, markdown_
 from rpo.montecarlo.run_batch import fly_run
 from rpo.montecarlo.statistics import rate
 from rpo.proof import proven
-from rpo.training.scoring import fitness
-from rpo.training.scoring.conditions import LABELS
+from rpo.scoring import fitness
+from rpo.scoring.conditions import LABELS
 from rpo_core import files
 from rpo_core.chain.flight import Flight, fly
 from rpo_core.control.controller import AnyController, FuzzyController, load_controller

@@ -27,7 +27,7 @@ from rpo.montecarlo.execution import kept_of
 from rpo.montecarlo.judging import MOTION, motion, sentence
 from rpo.montecarlo.statistics import Rate, rate
 from rpo.proof.proven import numbers_of
-from rpo.training.scoring import fitness
+from rpo.scoring import fitness
 from rpo_core.control.controller import AnyController, FuzzyController, load_controller
 from rpo_core.files.validation import InputError
 from rpo_core.judge.metrics import ENERGY, LATE_FORCE, LATE_POSITION, LATE_SPEED, of_flight

@@ -31,7 +31,7 @@ from rpo.montecarlo.config import Campaign, CampaignConfig
 from rpo.montecarlo.judging import NOT_JUDGED, words
 from rpo.montecarlo.run_batch import side_by_side
 from rpo.montecarlo.sampling import DrawnRuns, draw
-from rpo.training.scoring.conditions import LABELS, PAPER
+from rpo.scoring.conditions import LABELS, PAPER
 from rpo_core.control.controller import AnyController
 from rpo_core.files.validation import InputError
 from rpo_core.kernels.arrays import Floats

@@ -26,7 +26,7 @@ from rpo.cli.commands import (
     train,
     truth,
 )
-from rpo.cli.display import plain_console
+from rpo.display import plain_console
 from rpo_core import files
 from rpo_core.files import gone
 from rpo_core.files.validation import InputError, choice, printable

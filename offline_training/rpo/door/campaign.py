@@ -12,7 +12,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from rpo.cli.display import Show, progress_in_python
+from rpo.display import Show, progress_in_python
 from rpo.door.flight import Flight
 from rpo.door.subjects import Source, controller_source, fields_of, scenario_source
 from rpo.montecarlo import config, execution, judging, run_batch, statistics

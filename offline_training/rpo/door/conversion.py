@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rpo.cli.display import Show, progress_in_python
+from rpo.display import Show, progress_in_python
 from rpo.door.subjects import Source, fields_of, file_source, mission_source, scenario_source
 from rpo.exports import FORMATS, attitude_files, c, c_assured, text_of
 from rpo.montecarlo.outputs import identifier, make_folder, write_text

@@ -11,7 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from rpo.cli.display import Show, progress_in_python
+from rpo.display import Show, progress_in_python
 from rpo.door.subjects import file_source, mission_source
 from rpo.proof import check as checking
 from rpo.proof import proving

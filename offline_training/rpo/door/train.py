@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rpo.cli.display import Show, progress_in_python
+from rpo.display import Show, progress_in_python
 from rpo.door.subjects import fields_of
 from rpo.training import attitude_training, config, training
 from rpo.training.attitude_training import AttitudeConfig, AttitudeTraining

@@ -20,7 +20,7 @@ import yaml
 from rpo.montecarlo.outputs import digest_of, markdown_table, put, write_text
 from rpo.proof.certificate import PROVEN, REFUTED, UNDECIDED, verdict_of
 from rpo.proof.problem import Settings
-from rpo.training.scoring.conditions import LABELS, PAPER, label
+from rpo.scoring.conditions import LABELS, PAPER, label
 from rpo_core import files
 from rpo_core.control import controller as controllers
 from rpo_core.control.controller import AnyController, FuzzyController, load_fuzzy

@@ -25,7 +25,7 @@ from rpo.proof import surface
 from rpo.proof.certificate import PROVEN, Certificate, Claim, certify
 from rpo.reports.page import Block, File, Picture, Report, Section, Table, Text, picture, plain
 from rpo.reports.run_plots import axis_forces, draw_force, force_bar
-from rpo.training.scoring import fitness
+from rpo.scoring import fitness
 from rpo_core import files
 from rpo_core.chain.flight import Flight
 from rpo_core.control.controller import AnyController, FuzzyController, load_controller

@@ -5,7 +5,7 @@
 In a configuration the scales of position and velocity are those of attitude [rad] and rate [rad/s],
 that of force the torque [N m]. Fitness is the mean energy [mN^2 m^2 s] of the flights of
 `rpo.analysis.attitude.trained_draws`, plus a penalty for each that has not settled in time or
-overshoots; of `rpo.training.scoring.fitness`, the margin, and the terms `damping` and `falls`, too;
+overshoots; of `rpo.scoring.fitness`, the margin, and the terms `damping` and `falls`, too;
 `between` is the number of hard slews beside the others.
 """
 
@@ -22,11 +22,11 @@ import numpy as np
 
 from rpo.analysis.attitude import MOMENT_KG_M2, Flights, Outcome, trained_draws
 from rpo.engine.population import Population
+from rpo.scoring.conditions import AT_LIMIT
+from rpo.scoring.fitness import FitnessSettings, Scores, excess, mean, with_surface
 from rpo.training.algorithms import Search
 from rpo.training.config import ALGORITHMS, COMMAND, TrainingConfig, presets, start_file
 from rpo.training.run import SearchRun
-from rpo.training.scoring.conditions import AT_LIMIT
-from rpo.training.scoring.fitness import FitnessSettings, Scores, excess, mean, with_surface
 from rpo.training.training import search_of
 from rpo_core import files
 from rpo_core.control import attitude

@@ -20,11 +20,11 @@ import numpy as np
 import yaml
 
 from rpo.montecarlo.outputs import check_name
+from rpo.scoring.fitness import FitnessSettings
 from rpo.training.algorithms import CmaSettings
 from rpo.training.fitting import penalty_n2s, training_set
 from rpo.training.genes import GeneSpace
 from rpo.training.genetic import GaSettings
-from rpo.training.scoring.fitness import FitnessSettings
 from rpo.training.staged import RaceSettings
 from rpo_core import files
 from rpo_core.control.controller import AnyController

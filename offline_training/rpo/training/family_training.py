@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
+from rpo.scoring.fitness import Fitness, FitnessSettings
 from rpo.training.algorithms import CmaSettings, Search
 from rpo.training.config import Configuration, load_start, updated, written
 from rpo.training.fitting import penalty_n2s, training_set, units_of
 from rpo.training.run import Config, Found, SearchRun
-from rpo.training.scoring.fitness import Fitness, FitnessSettings
 from rpo.training.staged import StagedSettings, staged
 from rpo_core.control.family import Family, Gene, Mission, family_of
 from rpo_core.files.validation import InputError, shown

@@ -20,7 +20,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo.training.scoring.conditions import LABELS, PAPER
+from rpo.scoring.conditions import LABELS, PAPER
 from rpo_core.assurance.assurance import AssuranceStage
 from rpo_core.chain.chain import Chain, Signals, start_of
 from rpo_core.chain.flight import Flight

@@ -12,9 +12,9 @@ import shlex
 from itertools import pairwise
 from pathlib import Path
 
+from rpo.scoring.fitness import FitnessSettings
 from rpo.training.config import PRESETS, load_start
 from rpo.training.family_training import FamilyConfig
-from rpo.training.scoring.fitness import FitnessSettings
 from rpo.training.tuning import TUNING_SPACES
 from rpo_core.control.controller import AnyController
 from rpo_core.files.validation import InputError

@@ -32,11 +32,11 @@ from rpo.montecarlo.outputs import (
     write_aside,
     write_text,
 )
+from rpo.scoring.fitness import Fitness, Scores
 from rpo.training import __version__, processor
 from rpo.training.algorithms import Search
 from rpo.training.config import COMMAND, Configuration, start_file
 from rpo.training.fitting import training_set
-from rpo.training.scoring.fitness import Fitness, Scores
 from rpo_core import files
 from rpo_core.control import controller as controllers
 from rpo_core.control.attitude import FuzzyAttitude

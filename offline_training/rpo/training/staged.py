@@ -3,7 +3,7 @@
 """Searches in stages: one after the other, CMA-ES anew, and the race of rule tables.
 
 Where the fitness draws flights, a stage draws them anew, and the best so far is judged by them. At
-the end, draws that are held out decide (`rpo.training.scoring.drawn`).
+the end, draws that are held out decide (`rpo.scoring.drawn`).
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from typing import Annotated
 
 import numpy as np
 
+from rpo.scoring.drawn import HELD_OUT, UNDRAWN
 from rpo.training.algorithms import CmaSettings, Part, Script, Search, Stage
 from rpo.training.genes import GeneSpace
-from rpo.training.scoring.drawn import HELD_OUT, UNDRAWN
 from rpo_core.files.validation import Checked, flag, real, whole
 from rpo_core.kernels.arrays import Floats
 

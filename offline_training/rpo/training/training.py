@@ -18,11 +18,11 @@ import numpy as np
 
 from rpo.analysis.judgement import PAPER, assess
 from rpo.engine.population import Population
+from rpo.scoring.drawn import HELD_OUT
+from rpo.scoring.fitness import Fitness, Scores
 from rpo.training.algorithms import Search, cma_es, genetic, pareto
 from rpo.training.config import TrainingConfig, load_start
 from rpo.training.run import SearchRun, write_csv
-from rpo.training.scoring.drawn import HELD_OUT
-from rpo.training.scoring.fitness import Fitness, Scores
 from rpo.training.staged import Finalist, TableRace
 from rpo_core.control.controller import FuzzyController, only_fuzzy
 from rpo_core.kernels.arrays import Floats

@@ -20,12 +20,12 @@ from typing import Any
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
+from rpo.scoring.fitness import Fitness, FitnessSettings
 from rpo.training.algorithms import CmaSettings, Search, cma_es
 from rpo.training.config import Configuration, written
 from rpo.training.family_training import GeneRun
 from rpo.training.fitting import penalty_n2s
 from rpo.training.genetic import GaSettings
-from rpo.training.scoring.fitness import Fitness, FitnessSettings
 from rpo_core.control.baselines import Baseline, Lqr, Model, Mpc, Pd, PotentialField
 from rpo_core.control.family import Gene
 from rpo_core.files.validation import choice, whole

@@ -10,7 +10,7 @@ from typing import Annotated
 from typer import Argument, Option
 
 from rpo.cli.commands.shared import NoFail, Workers, echo, end, interruptible
-from rpo.cli.display import print_table
+from rpo.display import print_table
 from rpo_core.files.validation import InputError, choice
 
 PARTS = ('all', 'inference', 'training', 'campaign', 'learning', 'ros')

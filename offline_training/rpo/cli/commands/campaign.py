@@ -13,7 +13,7 @@ from typer import Argument, Option
 
 from rpo.cli.commands import shared
 from rpo.cli.commands.shared import Cluster, NoFail, Output, Resume, Set, Workers, echo, end
-from rpo.cli.display import print_table, progress
+from rpo.display import print_table, progress
 from rpo.montecarlo import outputs
 from rpo_core.files.validation import InputError
 

@@ -13,7 +13,7 @@ import typer
 from typer import Argument, Option
 
 from rpo.cli.commands.shared import NoFail, Workers, draw, echo, end, interruptible
-from rpo.cli.display import print_table, progress
+from rpo.display import print_table, progress
 from rpo_core.files.validation import InputError
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Option
 
 from rpo.cli.commands.shared import NoFail, end
-from rpo.cli.display import plain_console, print_table
+from rpo.display import plain_console, print_table
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.files.validation import InputError, printable
 

@@ -13,7 +13,7 @@ import typer
 from typer import Argument, Option
 
 from rpo.cli.commands.shared import NoFail, Output, Set, echo, end, write_texts
-from rpo.cli.display import print_table, progress
+from rpo.display import print_table, progress
 
 
 def export(

@@ -13,7 +13,7 @@ import typer
 from typer import Argument, Option
 
 from rpo.cli.commands.shared import Set, draw
-from rpo.cli.display import print_table, progress
+from rpo.display import print_table, progress
 from rpo_core.files import DEFAULT_SCENARIO
 from rpo_core.files.validation import InputError, shown
 

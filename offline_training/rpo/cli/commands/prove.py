@@ -16,7 +16,7 @@ from typer import Argument, Option
 
 from rpo.cli.commands import shared
 from rpo.cli.commands.shared import NoFail, Output, Resume, Workers, echo, end
-from rpo.cli.display import print_table, progress
+from rpo.display import print_table, progress
 from rpo_core.files.validation import InputError
 
 if TYPE_CHECKING:

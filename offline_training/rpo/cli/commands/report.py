@@ -11,7 +11,7 @@ import typer
 from typer import Argument, Option
 
 from rpo.cli.commands.shared import NoFail, echo, end
-from rpo.cli.display import plain_console
+from rpo.display import plain_console
 from rpo_core.files.validation import printable
 
 

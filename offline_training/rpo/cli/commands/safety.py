@@ -13,7 +13,7 @@ import typer
 from typer import Argument, Option
 
 from rpo.cli.commands.shared import Controller, NoFail, Set, end, interruptible, write_texts
-from rpo.cli.display import print_table, progress
+from rpo.display import print_table, progress
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.files.validation import InputError
 

@@ -15,7 +15,7 @@ from typing import Annotated, Any
 import typer
 from typer import Option
 
-from rpo.cli.display import Show, progress
+from rpo.display import Show, progress
 from rpo.montecarlo.outputs import make_folder, write_text
 from rpo_core.files.validation import InputError, printable
 

@@ -14,7 +14,7 @@ import typer
 from typer import Argument, Option
 
 from rpo.cli.commands.shared import Controller
-from rpo.cli.display import print_table
+from rpo.display import print_table
 from rpo.montecarlo import outputs
 from rpo_core.files import DEFAULT_CONTROLLER, DEFAULT_SCENARIO
 

@@ -26,7 +26,7 @@ from rpo.engine.support import why_not
 from rpo.montecarlo.config import LEVEL, SHARE, Campaign, find, load
 from rpo.montecarlo.run_batch import case_of, side_by_side
 from rpo.montecarlo.sampling import DrawnRuns, draw
-from rpo.training.scoring.conditions import column_of
+from rpo.scoring.conditions import column_of
 from rpo_core.files.validation import (
     MOST_PATH,
     Checked,

@@ -10,7 +10,7 @@ by how far a limit is exceeded:
 - `limit_cycle`: force and speed of the undisturbed flight from 300 s to 400 s;
 - `tests`: all that the paper's test requires, in both readings;
 - `robustness`: position and speed in the last 200 s of `corner_flights`;
-- `drawn`: runs of campaigns, judged by their limits (`rpo.training.scoring.drawn`);
+- `drawn`: runs of campaigns, judged by their limits (`rpo.scoring.drawn`);
 - `damping`, `falls`: what the force does on a grid of errors (`driving`, `falls`).
 
 `mass_kg` and `between` add the penalties, not the energy, of further flights.
@@ -32,15 +32,8 @@ from rpo.engine.cases import Case, case_of_flights, case_of_set
 from rpo.engine.lanes import infer_many, make_scratch
 from rpo.engine.population import Population
 from rpo.engine.simulator import Simulator
-from rpo.training.scoring.conditions import AT_LIMIT, LABELS, PAPER, conditions_of
-from rpo.training.scoring.drawn import (
-    HELD_OUT,
-    SHARE_BELOW_1,
-    UNDRAWN,
-    WEIGHT,
-    DrawnFlights,
-    DrawnSettings,
-)
+from rpo.scoring.conditions import AT_LIMIT, LABELS, PAPER, conditions_of
+from rpo.scoring.drawn import HELD_OUT, SHARE_BELOW_1, UNDRAWN, WEIGHT, DrawnFlights, DrawnSettings
 from rpo_core.control.baselines import Baseline
 from rpo_core.control.fuzzy import DEFAULT_SAMPLES
 from rpo_core.files.validation import Checked, choice, real, whole
