@@ -18,8 +18,8 @@ A flight has `t, x, u`, its signals by name, `metrics`, `requirements` and `ok`.
     axes = rpo.fly('paper_test', 'allround').plot()
     rpo.fly('paper_test', 'pd').plot(axes)
 
-Scenarios, controllers and campaigns are names of what ships, paths of files, or objects. Any
-function `law(t, x)` is a controller, and a controller is a function:
+Give a scenario, a controller or a campaign by its shipped name, by the path of its file, or as an
+object. Any function `law(t, x)` is a controller, and a controller is a function:
 
     rpo.fly('paper_test', lambda t, x: -0.02 * x[:3] - 0.6 * x[3:])
     law = rpo.controller('allround').with_rule(position='SP', velocity='Z', force='LP')

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import html
 import math
 import sys
 import threading
@@ -65,6 +66,12 @@ def print_table(
     if title:
         console.print(printable(title))
     console.print(table)
+
+
+def html_rows(rows: Iterable[Sequence[str]]) -> str:
+    """Return the rows of an HTML table for notebooks; cells are texts."""
+    cells = (''.join(f'<td>{html.escape(cell)}</td>' for cell in row) for row in rows)
+    return ''.join(f'<tr>{row}</tr>' for row in cells)
 
 
 @contextmanager

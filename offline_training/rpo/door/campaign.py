@@ -12,16 +12,15 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from rpo.display import Show, progress_in_python
+from rpo.display import Show, html_rows, progress_in_python
 from rpo.door.flight import Flight
-from rpo.door.subjects import Source, controller_source, fields_of, scenario_source
+from rpo.door.subjects import Source, controller_source, fields_of, has_file, scenario_source
 from rpo.montecarlo import config, execution, judging, run_batch, statistics
 from rpo.montecarlo.statistics import Rate
 from rpo.montecarlo.store import Results, Store
 from rpo_core import files
-from rpo_core.control.controller import AnyController, FuzzyController
+from rpo_core.control.controller import AnyController
 from rpo_core.control.controller import dumps as controller_text
-from rpo_core.control.controller_file import ControllerFile
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.files.validation import InputError, missing_reported, shown, whole, within
 from rpo_core.kernels.arrays import Bools, Floats
@@ -98,11 +97,7 @@ class Campaign:
         )
 
     def _repr_html_(self) -> str:
-        rows = (
-            ''.join(f'<td>{html.escape(cell)}</td>' for cell in row)
-            for row in statistics.rows(self.results)
-        )
-        table = ''.join(f'<tr>{row}</tr>' for row in rows)
+        table = html_rows(statistics.rows(self.results))
         sentence = html.escape(judging.sentence(self.definition))
         return f'<p>{html.escape(repr(self))}</p><table>{table}</table><p>success: {sentence}</p>'
 
@@ -379,7 +374,7 @@ def _path(name: str) -> Path:
 def _flying(controller: object) -> Source:
     """Return a controller that has a file; raises InputError for a function."""
     source = controller_source(controller)
-    if not isinstance(source.subject, (FuzzyController, ControllerFile)):
+    if not has_file(source.subject):
         raise InputError(
             'controller: a campaign flies controllers of files; a function flies its runs one by '
             'one, like rpo.fly(rpo.campaign(...).scenario(7), law)'

@@ -15,18 +15,19 @@ from typing import Any
 import numpy as np
 import yaml
 
+from rpo.display import html_rows
 from rpo.door.subjects import (
     AnyLaw,
     LawController,
     controller_source,
     fields_of,
+    has_file,
     scenario_source,
 )
 from rpo_core.chain import flight as core
 from rpo_core.control.blend import Reasons
-from rpo_core.control.controller import FuzzyController
 from rpo_core.control.controller import dumps as controller_text
-from rpo_core.control.controller_file import ControllerFile, received
+from rpo_core.control.controller_file import received
 from rpo_core.control.explain import reasons
 from rpo_core.files.output import write_text
 from rpo_core.files.validation import InputError, choice, missing_reported, real
@@ -255,8 +256,7 @@ class Flight(core.Flight):
         rows = []
         for section, lines in report.rows(self).items():
             rows.append(f'<tr><th colspan="4">{html.escape(section)}</th></tr>')
-            for line in lines:
-                rows.append(f'<tr>{"".join(f"<td>{html.escape(cell)}</td>" for cell in line)}</tr>')
+            rows.append(html_rows(lines))
         return f'<p>{html.escape(repr(self))}</p><table>{"".join(rows)}</table>'
 
     def explain(self, t: float) -> Explanation:
@@ -290,8 +290,9 @@ class Flight(core.Flight):
         state, added = received(self.scenario, signals)
         if self.scenario.compensated:
             added = tuple(map(sub, added, signals[interfaces.ESTIMATED_DISTURBANCE]))
-        has_rules = isinstance(self.controller, (FuzzyController, ControllerFile))
-        why: Sequence[Reasons] = reasons(self.controller, state, tick) if has_rules else ()
+        why: Sequence[Reasons] = (
+            reasons(self.controller, state, tick) if has_file(self.controller) else ()
+        )
         axes = dict(zip('xyz', why, strict=bool(why)))
         force = tuple(signals[interfaces.CONTROL_FORCE])
         return Explanation(float(self.t[tick]), tuple(state), force, tuple(added), axes)
@@ -350,9 +351,8 @@ class Flight(core.Flight):
         from rpo.reports.logged import verdict_of
         from rpo.reports.replay import Replayed, page_of
 
-        has_rules = isinstance(self.controller, (FuzzyController, ControllerFile))
         judged = missed(self) if self.requirements else None
-        known = self.controller if has_rules else None
+        known = self.controller if has_file(self.controller) else None
         return Replay(
             page_of(self._label, [Replayed(self._label, self, verdict_of(self), judged, known)])
         )

@@ -11,7 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from rpo.display import Show, progress_in_python
+from rpo.display import Show, html_rows, progress_in_python
 from rpo.door.subjects import file_source, mission_source
 from rpo.proof import check as checking
 from rpo.proof import proving
@@ -124,9 +124,7 @@ class Proof:
         return f'<Proof {self.problem.controller.name}, {self.problem.scenario.name}: {said}>'
 
     def _repr_html_(self) -> str:
-        rows = [(*COLUMNS, 'verdict'), *map(row_of, self.claims)]
-        cells = (''.join(f'<td>{html.escape(cell)}</td>' for cell in row) for row in rows)
-        table = ''.join(f'<tr>{row}</tr>' for row in cells)
+        table = html_rows([(*COLUMNS, 'verdict'), *map(row_of, self.claims)])
         return f'<p>{html.escape(repr(self))}</p><table>{table}</table>'
 
 

@@ -4,16 +4,16 @@
 
 from __future__ import annotations
 
-import html
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 import yaml
 
+from rpo.display import html_rows
 from rpo_core import files
 from rpo_core.control import controller as core
 from rpo_core.control.controller import AnyController, Controller
@@ -33,9 +33,7 @@ class Catalogue(dict[str, str]):
         return '\n'.join(f'{name:{width}}  {printable(text)}' for name, text in self.items())
 
     def _repr_html_(self) -> str:
-        cells = ((html.escape(name), html.escape(text)) for name, text in self.items())
-        rows = ''.join(f'<tr><td>{name}</td><td>{text}</td></tr>' for name, text in cells)
-        return f'<table>{rows}</table>'
+        return f'<table>{html_rows(self.items())}</table>'
 
 
 def scenarios() -> Catalogue:
@@ -260,10 +258,15 @@ def controller_source(subject: object) -> Source:
     )
 
 
+def has_file(controller: object) -> TypeGuard[AnyController]:
+    """Return whether a controller can be written to a file, which logs and campaigns carry."""
+    return isinstance(controller, (core.FuzzyController, ControllerFile))
+
+
 def file_source(subject: object) -> Source:
     """Return a controller that has a file, its text, and its name; raises InputError."""
     source = controller_source(subject)
-    if not isinstance(source.subject, (core.FuzzyController, ControllerFile)):
+    if not has_file(source.subject):
         raise InputError(
             f'controller: name, path or object of a controller file expected; {source.name} has '
             'no file'

@@ -3,8 +3,8 @@
 """Scalar kernels for eight flights at once, compiled by numba from the same source.
 
 A kernel that gets a table of vectors (`lanes_at`, `wide`) in the place of one of floats is compiled
-anew for it. Each of its numbers is then a SIMD vector, one number of each flight; + - * / sqrt abs
-and comparisons act on each by itself, so that every flight has the bits of the scalar kernel.
+anew for it. Each of its numbers is then a SIMD vector, one number of each flight. + - * / sqrt abs
+and comparisons act on each number alone, so the results are bit-identical to the scalar kernel.
 
 A branch must go one way for all, and what becomes an integer must be the same one: otherwise the
 kernel raises ArithmeticError, and its caller computes the flights one by one. Where flights often
