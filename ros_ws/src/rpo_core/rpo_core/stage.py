@@ -11,9 +11,12 @@ in a module of your own (`rpo_core.plugins`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cached_property
+from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
@@ -21,6 +24,9 @@ from numpy.typing import NDArray
 
 from rpo_core import plugins
 from rpo_core.files.validation import InputError
+from rpo_core.kernels import calls
+from rpo_core.kernels.jit import as_table
+from rpo_core.kernels.records import Packed, prepared
 from rpo_core.wire.interfaces import (
     ATTITUDE,
     COMMAND,
@@ -64,6 +70,12 @@ class Place(IntEnum):
     TARGET = 85
     ATTITUDE = 88
     DYNAMICS = 90
+
+
+def width_of(name: str) -> int:
+    """Return how many numbers a signal has."""
+    row = row_of(name)
+    return len(row.columns) or row.numbers
 
 
 class Stage:
@@ -120,7 +132,7 @@ class Stage:
         """Return the outputs of a tick as if the stage were not in the chain."""
         outputs = []
         for name, source in zip(self.outputs, self.passes_on(), strict=True):
-            width = len(row_of(name).columns) or row_of(name).numbers
+            width = width_of(name)
             values = inputs[source] if isinstance(source, int) else source
             outputs.append((*values[:width], *(0.0,) * (width - len(values))))
         return tuple(outputs)
@@ -147,6 +159,54 @@ class Stage:
             np.array([outputs[i] for outputs in made], dtype=np.float64).reshape(len(ticks), -1)
             for i in range(len(self.outputs))
         )
+
+
+class KernelStage(Stage):
+    """A stage whose tick is a kernel, `step(tick, u, p, m, y)` (`rpo_core.kernels.calls`).
+
+    kernel : of the class; inputs and outputs follow each other in u and y
+    p, m : settings and memory, as kernels of this process read them
+    """
+
+    kernel: Any
+
+    def __init__(self, p: Any, m0: Any) -> None:
+        self._m0 = m0
+        self.p, self.m = prepared(p), None
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all earlier ticks: the memory is that before tick 0."""
+        if isinstance(self.m, Packed):
+            self.m.reset()
+        else:
+            self.m = prepared(deepcopy(self._m0))
+
+    def answer(self, tick: int, u: Sequence[float]) -> None:
+        """Write into p and m what a kernel needs that returned ASK."""
+        raise NotImplementedError
+
+    @property
+    def row(self) -> tuple[Any, Any, Any]:
+        """The kernel, its settings and its memory as `calls.call` takes them."""
+        return calls.row_of(type(self).kernel, self.p, self.m)
+
+    def step(self, tick: int, *inputs: Signal) -> tuple[Signal, ...]:
+        """Return the outputs of a tick."""
+        u = as_table([value for values in inputs for value in values])
+        y = as_table([0.0] * self._widths[-1])
+        while True:
+            answer = calls.call_once(*self.row, tick, u, y)
+            if answer != calls.ASK:
+                break
+            self.answer(tick, u)
+        made = tuple(y if isinstance(y, list) else y.tolist())
+        return tuple(made[i:j] for i, j in pairwise(self._widths))
+
+    @cached_property
+    def _widths(self) -> list[int]:
+        """Places in y at which the outputs begin, and the number of all."""
+        return [0, *accumulate(width_of(name) for name in self.outputs)]
 
 
 @dataclass(frozen=True)

@@ -14,13 +14,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from rpo_core.control.controller import Controller
 from rpo_core.control.controller_file import FollowStage
 from rpo_core.files.validation import InputError
+from rpo_core.kernels.records import Nothing
 from rpo_core.scenario.scenario import Scenario
-from rpo_core.stage import ZERO, Place, Signal, Stage, section_of, sections
+from rpo_core.stage import ZERO, KernelStage, Place, Signal, Stage, section_of, sections
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import (
     ATTITUDE,
@@ -31,7 +32,7 @@ from rpo_core.wire.interfaces import (
     RELATIVE_STATE,
     STATE,
 )
-from rpo_core.world.disturbance import Disturbance
+from rpo_core.world.disturbance import Disturbance, disturb, push_of
 
 Signals = dict[str, Signal]
 
@@ -39,18 +40,15 @@ NO_FORCE = ''
 """The signal that is read where nothing carries a force: zero."""
 
 
-class DisturbanceStage(Stage):
+class DisturbanceStage(KernelStage):
     """The disturbance at the time of a tick."""
 
     name = 'disturbance'
     outputs = (interfaces.DISTURBANCE_FORCE,)
+    kernel = disturb
 
     def __init__(self, disturbance: Disturbance, scenario: Scenario) -> None:
-        self._disturbance, self._time_s = disturbance, scenario.time_s
-
-    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
-        """Return the force (3,) [N], target LVLH."""
-        return (self._disturbance.force_n(self._time_s(tick)),)
+        super().__init__(push_of(disturbance, scenario.dt_ns), Nothing())
 
 
 class Link(NamedTuple):

@@ -37,7 +37,8 @@ from rpo_core.files.validation import (
     shown,
 )
 from rpo_core.kernels.jit import as_table
-from rpo_core.stage import Signal, Stage
+from rpo_core.kernels.records import Nothing
+from rpo_core.stage import KernelStage, Stage
 
 FUZZY = 'fuzzy'
 """Kind of a file that names none."""
@@ -78,17 +79,15 @@ class Controller(Protocol):
         """
 
 
-class FuzzyStage(ControllerStage):
+class FuzzyStage(KernelStage, ControllerStage):
     """The fuzzy controller in the chain; its force follows from the state alone."""
 
     counts_ticks = False
+    kernel = inference.command
 
     def __init__(self, controller: FuzzyController) -> None:
         self._scales, self._tables = controller.scales, controller.system.tables
-
-    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
-        """Return the commanded force (3,) [N] of a state (6,)."""
-        return (inference.fuzzy_force(inputs[0], self._scales, self._tables),)
+        super().__init__(inference.FuzzyLaw(self._scales, self._tables), Nothing())
 
     def steps(
         self, ticks: NDArray[np.int64], *inputs: NDArray[np.float64]

@@ -11,13 +11,14 @@ and the centroid is summed in mirrored pairs of samples.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.kernels.arithmetic import State, Vector, saturate
-from rpo_core.kernels.jit import kernel
+from rpo_core.kernels.jit import kernel, step_kernel
 
 LN, SN, Z, SP, LP = range(5)
 """Words: large negative, small negative, zero, small positive, large positive."""
@@ -38,13 +39,13 @@ class FisTables(NamedTuple):
     z, sp, lp : (H,) float, output membership of those samples
     """
 
-    position: Any
-    velocity: Any
-    rules: Any
-    samples: Any
-    z: Any
-    sp: Any
-    lp: Any
+    position: Five
+    velocity: Five
+    rules: Annotated[list[int], 25]
+    samples: list[float]
+    z: list[float]
+    sp: list[float]
+    lp: list[float]
 
 
 @kernel
@@ -170,3 +171,18 @@ def fuzzy_forces(states: Any, scales: Vector, fis: FisTables, forces: NDArray[np
         force = fuzzy_force((s[0], s[1], s[2], s[3], s[4], s[5]), scales, fis)
         for axis in range(3):
             forces[i, axis] = force[axis]
+
+
+@dataclass(slots=True)
+class FuzzyLaw:
+    """Settings of the kernel `command`: scales r [m], v [m/s], f [N], and the inference system."""
+
+    scales: Vector
+    fis: FisTables
+
+
+@step_kernel
+def command(tick: int, u: Any, p: Any, m: Any, y: Any) -> None:
+    """F = s_f FIS(-r / s_r, -v / s_v) of each axis: from a state u (6,) to a force y (3,) [N]."""
+    for i in range(3):
+        y[i] = axis_force(u[i], u[3 + i], p.scales[0], p.scales[1], p.scales[2], p.fis)

@@ -41,6 +41,11 @@ def kernel(function: Kernel) -> Kernel:
     return compiled(function)
 
 
+def step_kernel(function: Kernel) -> Kernel:
+    """Compile the kernel of a stage, `step(tick, u, p, m, y)`: one that makes no array."""
+    return compiled(function, _nrt=False)
+
+
 def inlined(function: Kernel) -> Kernel:
     """Compile as `kernel` does, and inline: only then do loops over lanes become SIMD."""
     return compiled(function, forceinline=True)

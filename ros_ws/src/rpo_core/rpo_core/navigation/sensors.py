@@ -34,10 +34,11 @@ from rpo_core.files.validation import (
     whole,
 )
 from rpo_core.kernels.arithmetic import State, Vector, sin_cos
-from rpo_core.kernels.jit import as_table, inlined, kernel
+from rpo_core.kernels.jit import as_table, inlined, kernel, step_kernel
 from rpo_core.kernels.noise import normal_pair, philox, six_normals
+from rpo_core.kernels.records import Nothing
 from rpo_core.kernels.vectors import pick
-from rpo_core.stage import Place, Section, Signal, Stage, register
+from rpo_core.stage import KernelStage, Place, Section, Signal, Stage, register
 from rpo_core.wire import interfaces
 from rpo_core.world.zones import Zones
 
@@ -362,19 +363,38 @@ class Navigation(Checked):
         return x, y, z, vx, vy, vz
 
 
-class NavigationStage(Stage):
+@dataclass(slots=True)
+class NavigationErrors:
+    """Settings of the kernel `navigate`: see `Navigation`; noisy : 1 where there is noise."""
+
+    noisy: int
+    noise: State
+    bias: State
+    key: tuple[int, int]
+
+
+@step_kernel
+def navigate(tick: int, u: Any, p: Any, m: Any, y: Any) -> None:
+    """x_k + bias + sigma n_k: from the true state u (6,) to the navigation solution y (6,)."""
+    n = six_normals(tick, p.key[0], p.key[1]) if p.noisy else (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    for i in range(6):
+        y[i] = measured(u[i], p.bias[i], p.noise[i], n[i])
+
+
+class NavigationStage(KernelStage):
     """From the true state to the navigation solution."""
 
     name = 'navigation'
     inputs = (interfaces.RELATIVE_STATE,)
     outputs = (interfaces.NAVIGATION_STATE,)
+    kernel = navigate
 
     def __init__(self, settings: Navigation, _scenario: Any = None) -> None:
         self.settings = settings
-
-    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
-        """Return the navigation solution (6,) [m, m/s]."""
-        return (self.settings.solution(tick, inputs[0]),)
+        r, v = settings.position_noise_m, settings.velocity_noise_m_s
+        noise, bias = (r, r, r, v, v, v), (*settings.position_bias_m, *settings.velocity_bias_m_s)
+        errors = NavigationErrors(int(r > 0.0 or v > 0.0), noise, bias, settings.noise_key)
+        super().__init__(errors, Nothing())
 
 
 register(Section('navigation', Navigation, Place.SENSOR, NavigationStage))

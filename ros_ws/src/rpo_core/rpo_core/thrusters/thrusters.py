@@ -33,8 +33,8 @@ from rpo_core.files.validation import (
 from rpo_core.kernels import arithmetic
 from rpo_core.kernels.arithmetic import Vector
 from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.jit import as_table
-from rpo_core.stage import ZERO, Place, Section, Signal, Stage, register
+from rpo_core.kernels.jit import as_table, step_kernel
+from rpo_core.stage import ZERO, KernelStage, Place, Section, Signal, Stage, register
 from rpo_core.thrusters import allocation_kernels, pulse_kernels
 from rpo_core.thrusters.allocation_kernels import SCRATCH, Table
 from rpo_core.thrusters.pulse_kernels import DELTA_V, OFF, ON, OPENINGS, SPENT, Tank, Valves
@@ -269,6 +269,63 @@ def turns_by_table(scenario: Any) -> bool:
     return steered and scenario.attitude is not None and scenario.attitude.wheels is None
 
 
+@dataclass(slots=True)
+class Limit:
+    """Settings of the kernel `thrust`; matrix : row by row; exact : 1 where it counts."""
+
+    limit_n: float
+    exact: int
+    matrix: Annotated[list[float], 9]
+
+
+@dataclass(slots=True)
+class Line:
+    """Commands on their way; at : place of the oldest one."""
+
+    at: int
+    line_n: list[list[float]]
+
+
+@step_kernel
+def thrust(tick: int, u: Any, p: Any, m: Any, y: Any) -> None:
+    """F = T sat(c_(k - delay)): from the command u (3,) to what is due, saturated, exerted y (9,).
+
+    All in target LVLH [N].
+    """
+    late = len(m.line_n) > 0
+    for i in range(3):
+        y[i] = m.line_n[m.at][i] if late else u[i]
+        y[3 + i] = y[6 + i] = arithmetic.saturate(y[i], p.limit_n)
+    if late:
+        for i in range(3):
+            m.line_n[m.at][i] = u[i]
+        m.at = (m.at + 1) % len(m.line_n)
+    if p.exact:
+        t = p.matrix
+        y[6], y[7], y[8] = pulse_kernels.exerted_force(
+            t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7], t[8], y[3], y[4], y[5]
+        )
+
+
+class LimitStage(KernelStage):
+    """From the command to the force on the chaser; without settings, saturation alone."""
+
+    name = 'thrusters'
+    inputs = (interfaces.COMMAND,)
+    outputs = (interfaces.DUE_FORCE, interfaces.SATURATED_FORCE, interfaces.THRUST_FORCE)
+    kernel = thrust
+
+    def __init__(self, settings: Thrusters | None, limit_n: float) -> None:
+        matrix = [t for row in settings.matrix for t in row] if settings else [0.0] * 9
+        self.memory_ticks = settings.delay_ticks if settings else 0
+        line = Line(0, [[0.0] * 3 for _ in range(self.memory_ticks)])
+        super().__init__(Limit(float(limit_n), int(settings is not None), matrix), line)
+
+    def refusal(self, state: str) -> str:
+        """Return why a thruster cannot be switched in flight; '' if it can."""
+        return 'a switch needs a scenario with `thrusters.table`'
+
+
 class ThrustersStage(Stage):
     """From the command to the force on the chaser; without settings, saturation alone.
 
@@ -428,13 +485,13 @@ def table_for(settings: Thrusters, scenario: Any) -> Table:
     return table_of(settings.table, scenario.dt_s, scenario.max_force_n, own, settings.matrix)
 
 
-def stage_of(settings: Thrusters | None, scenario: Any) -> ThrustersStage:
+def stage_of(settings: Thrusters | None, scenario: Any) -> Stage:
     """Return the thrusters of a scenario as a stage of the chain."""
     if settings is not None and settings.table is not None:
         return TableStage(settings, scenario)
     if settings is not None and (settings.fires or settings.propellant):
         return ValvesStage(settings, scenario)
-    return ThrustersStage(settings, scenario.max_force_n)
+    return LimitStage(settings, scenario.max_force_n)
 
 
 register(Section('thrusters', Thrusters, Place.THRUSTERS, stage_of, _check, always=True))

@@ -7,13 +7,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.files.validation import Checked, choice, real, vector3
 from rpo_core.kernels.arithmetic import Vector, sin_cos
+from rpo_core.kernels.jit import step_kernel
 
 AXES = ('x', 'y', 'z')
 
@@ -81,6 +82,53 @@ class Disturbance(Checked):
 
 
 NONE = Disturbance()
+
+
+@dataclass(slots=True)
+class Wave:
+    """A harmonic as `disturb` reads it; is_sine : 1 for a sine, 0 for a cosine."""
+
+    axis: int
+    is_sine: int
+    amplitude_n: float
+    rate_rad_s: float
+    phase_rad: float
+
+
+@dataclass(slots=True)
+class Push:
+    """Settings of the kernel `disturb`."""
+
+    dt_ns: int
+    constant_n: Vector
+    waves: list[Wave]
+
+
+def push_of(disturbance: Disturbance, dt_ns: int) -> Push:
+    """Return a disturbance as its kernel reads it."""
+    waves = [
+        Wave(
+            AXES.index(h.axis),
+            int(h.function == 'sin'),
+            h.amplitude_n,
+            h.angular_rate_rad_s,
+            h.phase_rad,
+        )
+        for h in disturbance.harmonics
+    ]
+    return Push(dt_ns, disturbance.constant_n, waves)
+
+
+@step_kernel
+def disturb(tick: int, u: Any, p: Any, m: Any, y: Any) -> None:
+    """D = c + sum of a_h sin or cos(w_h t + phi_h) at the time of a tick, y (3,) [N]."""
+    time_s = tick * p.dt_ns / 1_000_000_000
+    for i in range(3):
+        y[i] = p.constant_n[i]
+    for h in range(len(p.waves)):
+        wave = p.waves[h]
+        sine, cosine = sin_cos(wave.rate_rad_s * time_s + wave.phase_rad)
+        y[wave.axis] += wave.amplitude_n * (sine if wave.is_sine else cosine)
 
 
 def paper(reading: str, mean_motion_rad_s: float) -> Disturbance:

@@ -36,10 +36,12 @@ from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import Checked, InputError, choice, flag, optional, real
 from rpo_core.kernels.arithmetic import State, Vector, sin_cos
 from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.jit import as_table, inlined, kernel
-from rpo_core.stage import Place, Section, Signal, Stage, register
+from rpo_core.kernels.jit import as_table, inlined, kernel, step_kernel
+from rpo_core.kernels.records import Nothing
+from rpo_core.stage import KernelStage, Place, Section, Signal, Stage, register
 from rpo_core.wire.interfaces import CHASER_MASS, DISTURBANCE, RELATIVE_STATE, THRUST, THRUST_SHIFT
 from rpo_core.world import cw
+from rpo_core.world.cw import CwStep
 
 _LN_2_A = (
     0.6931471803691238  # ln 2 in two parts; the first has 32 bits, so that k times it is exact
@@ -536,7 +538,37 @@ def _inputs(scenario: Any) -> tuple[str, ...]:
     return (RELATIVE_STATE, THRUST, DISTURBANCE, *more)
 
 
-class DynamicsStage(Stage):
+@dataclass(slots=True)
+class Motion:
+    """Settings of the kernel `move`.
+
+    mass_kg : at the start; falls, turns : 1 where the mass, and the shift by turning, are read
+    """
+
+    step: CwStep
+    mass_kg: float
+    falls: int
+    turns: int
+
+
+@step_kernel
+def move(tick: int, u: Any, p: Any, m: Any, y: Any) -> None:
+    """x_(k+1) = Phi x_k + Gamma (f + d), exact under forces that are constant in a tick.
+
+    u : state (6,) [m, m/s], thrust and disturbance (3,) [N], target LVLH, then the mass [kg] where
+        it falls, and the shift (6,) where the chaser turns; y : state (6,) one tick later
+    """
+    fx, fy, fz, mass = u[6] + u[9], u[7] + u[10], u[8] + u[11], p.mass_kg
+    if p.falls:
+        mass = u[12]
+        more = p.mass_kg / mass
+        fx, fy, fz = fx * more, fy * more, fz * more
+    state = cw.cw_step((u[0], u[1], u[2], u[3], u[4], u[5]), (fx, fy, fz), p.step)
+    for i in range(6):
+        y[i] = state[i] + u[12 + p.falls + i] / mass if p.turns else state[i]
+
+
+class DynamicsStage(KernelStage):
     """Clohessy-Wiltshire motion: from a true state and forces to the next true state.
 
     Where the mass falls, forces count as much more as they move a lighter chaser.
@@ -544,24 +576,14 @@ class DynamicsStage(Stage):
 
     name = 'dynamics'
     outputs = (RELATIVE_STATE,)
+    kernel = move
 
     def __init__(self, scenario: Any) -> None:
         self._step, self._mass_kg = scenario.step, scenario.mass_kg
         self.inputs = _inputs(scenario)
         self._falls, self._turns = CHASER_MASS in self.inputs, THRUST_SHIFT in self.inputs
-
-    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
-        """Return the state (6,) [m, m/s] one tick later."""
-        state, (tx, ty, tz), (dx, dy, dz), *rest = inputs
-        x, y, z = tx + dx, ty + dy, tz + dz
-        mass = rest[0][0] if self._falls else self._mass_kg
-        if self._falls:
-            more = self._mass_kg / mass
-            x, y, z = x * more, y * more, z * more
-        found: State = cw.cw_step(state, (x, y, z), self._step)
-        if not self._turns:
-            return (found,)
-        return (tuple(at + shift / mass for at, shift in zip(found, rest[-1], strict=True)),)
+        flags = int(self._falls), int(self._turns)
+        super().__init__(Motion(scenario.step, scenario.mass_kg, *flags), Nothing())
 
     def steps(self, ticks: NDArray[np.int64], *inputs: Floats) -> tuple[Floats, ...]:
         """Return the state (n, 6) that follows each tick."""

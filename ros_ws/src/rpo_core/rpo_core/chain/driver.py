@@ -1,0 +1,95 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The driver: flies the stages of a chain tick by tick, kernel after kernel. It knows no stage.
+
+All signals stand in one flat array, laid out from the links of the chain. A stage without a kernel
+is called as Python, at its place in the tick.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.chain.chain import NO_FORCE, Chain, Link, Signals
+from rpo_core.kernels import calls
+from rpo_core.kernels.jit import COMPILED, as_table
+from rpo_core.stage import KernelStage, width_of
+from rpo_core.wire.interfaces import NEXT, current
+
+
+class Driver:
+    """A chain that is flown.
+
+    places : signal -> its slice of the flat array
+    """
+
+    def __init__(self, chain: Chain) -> None:
+        self.chain = chain
+        made = dict.fromkeys((*chain.outputs, *(n for n in chain.inputs if current(n) == n)))
+        reads = (name for link in chain.links for name in link.reads)
+        earlier = list(dict.fromkeys(name for name in reads if current(name) != name))
+        self.places: dict[str, slice] = {}
+        self._size = self._width = 0
+        for name in (*made, *earlier, NO_FORCE):
+            end = self._size + (width_of(current(name)) if name else 3)
+            self.places[name] = slice(self._size, end)
+            self._size = end
+            self._width = end if name in made else self._width
+        self._before = self._of(name for name in made if name in NEXT)
+        self._after = self._of(name for name in made if name not in NEXT)
+        sources = self._of(map(current, earlier))
+        self._carried = list(zip(sources, self._of(earlier), strict=True))
+        self._reads: list[int] = []
+        self._rows = [self._row(link) for link in chain.links]
+
+    def _of(self, names: Iterable[str]) -> list[int]:
+        """Return the places of signals."""
+        return [i for n in names for i in range(self.places[n].start, self.places[n].stop)]
+
+    def _row(self, link: Link) -> tuple[Any, ...]:
+        """Return a stage as `calls.run` reads it."""
+        stage, first = link.stage, len(self._reads)
+        self._reads += self._of(link.reads)
+        writes = [self.places[name] for name in stage.outputs]
+        if isinstance(stage, KernelStage):
+            row, size = stage.row, writes[-1].stop - writes[0].start
+        else:
+            row, size = (0, 0, 0), 0
+        return (*row, first, len(self._reads) - first, writes[0].start, size)
+
+    def fly(self, start: Signals, ticks: int) -> NDArray[np.float64]:
+        """Fly ticks 0 to `ticks`; return the signals (ticks + 1, n) of each; see `places`."""
+        self.chain.reset()
+        signals = np.zeros(self._size)
+        for name, values in start.items():
+            signals[self.places[name]] = values
+        flat, log = as_table(signals), as_table(np.empty((ticks + 1, self._width)))
+        whole: list[Any] = [self._reads, np.array(self._carried).reshape(-1, 2)]
+        reads, carried, before, after, at = (
+            as_table(table, np.int64) for table in (*whole, self._before, self._after, (0, 0))
+        )
+        rows = np.array(self._rows, np.int64) if COMPILED else self._rows
+        u = as_table([0.0] * (1 + max(row[4] for row in self._rows)))
+        while calls.run(at, ticks, rows, reads, flat, u, carried, log, before, after):
+            tick, index = (int(value) for value in at)
+            stage = self.chain.links[index].stage
+            if isinstance(stage, KernelStage):
+                stage.answer(tick, u)
+            else:
+                self._step(tick, index, flat)
+                at[1] += 1
+        return np.asarray(log)
+
+    def _step(self, tick: int, index: int, signals: Any) -> None:
+        """Step a stage that has no kernel."""
+        link = self.chain.links[index]
+        read = [tuple(float(v) for v in signals[self.places[name]]) for name in link.reads]
+        outputs = link.stage.step(tick, *read)
+        for name, values in zip(link.stage.outputs, outputs, strict=True):
+            place = self.places[name]
+            for i, value in zip(range(place.start, place.stop), values, strict=True):
+                signals[i] = value

@@ -1,0 +1,98 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Calls of the kernels of stages, `step(tick, u, p, m, y)`, one tick or many.
+
+    tick : int
+    u : (n,) the numbers that the stage reads, one signal after the other
+    p : record, its settings; no tick changes them
+    m : record, its memory
+    y : (k,) the numbers that it writes
+
+A kernel returns nothing, or ASK: then the Python method `answer` of its stage is called, which
+writes into p and m what the kernel needs, and the kernel once more.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rpo_core.kernels.jit import COMPILED, compiled
+
+
+def driver(function: Any) -> Any:
+    """Compile a loop over calls; it makes no array, and lets other threads run."""
+    return compiled(function, _nrt=False, nogil=True)
+
+
+ASK = 1
+"""A kernel returns it where its stage must plan."""
+
+if COMPILED:
+    from rpo_core.kernels.numba_records import address, call
+else:
+
+    def call(step: Any, tick: int, u: Any, p: Any, m: Any, y: Any, first: int, size: int) -> int:
+        """Call a kernel; its outputs are y[first : first + size]."""
+        outputs = y[first : first + size]
+        answer = step(tick, u, p, m, outputs)
+        y[first : first + size] = outputs
+        return answer or 0
+
+    def address(step: Any, _settings: type[Any], _memory: type[Any]) -> Any:
+        """Return the kernel itself."""
+        return step
+
+
+def row_of(step: Any, p: Any, m: Any) -> tuple[Any, Any, Any]:
+    """Return a kernel, its settings and its memory as `call` takes them."""
+    if not COMPILED:
+        return step, p, m
+    return address(step, p.record, m.record), p.address(), m.address()
+
+
+@driver
+def run(
+    at: Any, last: int, rows: Any, reads: Any, signals: Any, u: Any, carried: Any, log: Any,
+    before: Any, after: Any,
+) -> int:  # fmt: skip
+    """Fly ticks, from where a flight stands, and keep the signals of each; return 0 at the end.
+
+    Else what the kernel of a row returned, ASK or ERROR; ASK for a row without a kernel.
+
+    at : [tick, row], where the flight stands
+    last : tick that is the last
+    rows : of each stage: kernel, settings, memory; first and number of its places in `reads`; first
+        place and number of what it writes in `signals`
+    reads : places in `signals`
+    carried : pairs of places: what the next tick reads of this one
+    log : (ticks, signals)
+    before, after : places that are kept before and after the stages of a tick
+    """
+    while at[0] <= last:
+        tick, kept = at[0], log[at[0]]
+        if at[1] == 0:
+            for i in before:
+                kept[i] = signals[i]
+        while at[1] < len(rows):
+            row = rows[at[1]]
+            for i in range(row[4]):
+                u[i] = signals[reads[row[3] + i]]
+            if row[6] == 0:
+                return ASK
+            answer = call(row[0], tick, u, row[1], row[2], signals, row[5], row[6])
+            if answer != 0:
+                return answer
+            at[1] += 1
+        for pair in carried:
+            signals[pair[1]] = signals[pair[0]]
+        for i in after:
+            kept[i] = signals[i]
+        at[0], at[1] = tick + 1, 0
+    return 0
+
+
+@driver
+def call_once(step: Any, p: Any, m: Any, tick: int, u: Any, y: Any) -> int:
+    """Call a kernel for a tick, from Python."""
+    answer: int = call(step, tick, u, p, m, y, 0, len(y))
+    return answer

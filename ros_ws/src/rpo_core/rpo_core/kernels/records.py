@@ -1,0 +1,169 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Numbers with names, for kernels: the settings `p` and the memory `m` of a stage.
+
+A record is a slotted dataclass, or a named tuple, whose fields are
+
+    float, int                          one number
+    Annotated[list[float], 9, 9]        as many as it says, of float, int or another record
+    list[float], list[list[float]]      any number; also list[int], list[Other]
+    Other                               the numbers of another record
+
+Interpreted, a kernel reads the object itself, with nested lists. Compiled, it reads the same fields
+of a block of memory (`Packed`): fields one after the other, as in a C struct; where the length is
+not fixed, what numba keeps of an array (its address and its shape). So kernels index `a[i][j]`, and
+take no slices.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.kernels.jit import COMPILED
+
+
+class Field(NamedTuple):
+    """A field of a record.
+
+    base : float, int or the class of another record
+    shape : () for one; None in the place of a length that is not fixed
+    """
+
+    name: str
+    base: type[Any]
+    shape: tuple[int | None, ...]
+
+    @property
+    def is_fixed(self) -> bool:
+        """Whether its numbers stand in the record itself."""
+        return None not in self.shape
+
+
+@cache
+def fields_of(record: type[Any]) -> tuple[Field, ...]:
+    """Return the fields of a record; TypeError where one is none of the allowed."""
+    return tuple(
+        _field(record, name, hint)
+        for name, hint in get_type_hints(record, include_extras=True).items()
+    )
+
+
+def _field(record: type[Any], name: str, hint: Any) -> Field:
+    sizes: tuple[int | None, ...] | None = None
+    if get_origin(hint) is Annotated:
+        hint, *given = get_args(hint)
+        sizes = tuple(given)
+    depth = 0
+    if get_origin(hint) is tuple:  # of as many numbers
+        sizes, hint = (len(get_args(hint)),), list[get_args(hint)[0]]  # type: ignore[misc]
+    while get_origin(hint) is list:
+        (hint,), depth = get_args(hint), depth + 1
+    shape = (None,) * depth if sizes is None else sizes
+    if len(shape) != depth or not isinstance(hint, type) or (None in shape and depth > 2):
+        raise TypeError(
+            f'field `{name}` of {record.__name__} must be float, int, a record or lists of them, '
+            f'with a size for each list; got {hint!r}, sizes {sizes}'
+        )
+    return Field(name, hint, shape)
+
+
+@cache
+def layout(record: type[Any]) -> np.dtype[Any]:
+    """Return a record as NumPy has it: the fields one after the other, aligned as in C."""
+    formats: list[Any] = []
+    for field in fields_of(record):
+        if field.is_fixed:
+            formats.append((field.name, _base(field.base), field.shape))
+        else:
+            formats.append((field.name, np.int64, (5 + 2 * len(field.shape),)))
+    return np.dtype(formats, align=True)
+
+
+def _base(base: type[Any]) -> np.dtype[Any]:
+    if base in (float, int):
+        return np.dtype(np.float64 if base is float else np.int64)
+    return layout(base)
+
+
+class Packed:
+    """Records of one class in memory, as compiled kernels read them.
+
+    numbers : (n,) of `layout`
+    """
+
+    def __init__(self, values: Any, number: int = 1) -> None:
+        self.record = type(values)
+        self._arrays: list[NDArray[Any]] = []  # the record holds their addresses
+        self.numbers = np.zeros(number, layout(self.record))
+        self._fill(self.numbers[0], values)
+        self.numbers[1:] = self.numbers[0]
+        self._begun = [array.copy() for array in (self.numbers, *self._arrays)]
+
+    def address(self, index: int = 0) -> int:
+        """Return the address of a record."""
+        return int(self.numbers.ctypes.data) + index * self.numbers.itemsize
+
+    def reset(self) -> None:
+        """Write again what it began with."""
+        for array, begun in zip((self.numbers, *self._arrays), self._begun, strict=True):
+            array[...] = begun
+
+    def put(self, name: str, values: Any) -> None:
+        """Write a field anew; an array of another length stays until the record goes."""
+        field = next(field for field in fields_of(self.record) if field.name == name)
+        self._put(self.numbers[0], field, values)
+
+    def __getattr__(self, name: str) -> Any:
+        """Return a field of the first record: a number, or an array that can be written."""
+        if name.startswith('_') or name not in self.numbers.dtype.names:
+            raise AttributeError(name)
+        field = next(field for field in fields_of(self.record) if field.name == name)
+        value = self.numbers[0][name]
+        if not field.is_fixed:
+            return next(a for a in self._arrays if a.ctypes.data == value[4])
+        return value if field.shape or field.base not in (float, int) else value.item()
+
+    def _fill(self, place: Any, values: Any) -> None:
+        for field in fields_of(type(values)):
+            self._put(place, field, getattr(values, field.name))
+
+    def _put(self, place: Any, field: Field, values: Any) -> None:
+        if not field.is_fixed:
+            array = self._array(field, values)
+            self._arrays.append(array)
+            address = array.ctypes.data
+            shape = *array.shape, *array.strides
+            place[field.name] = 0, 0, array.size, array.itemsize, address, *shape
+        elif field.base in (float, int):
+            place[field.name] = values
+        elif not field.shape:
+            self._fill(place[field.name], values)
+        else:
+            for i, value in enumerate(values):
+                self._fill(place[field.name][i], value)
+
+    def _array(self, field: Field, values: Any) -> NDArray[Any]:
+        if field.base in (float, int):
+            array = np.array(values, _base(field.base), order='C')
+            return array if array.size else array.reshape((0,) * len(field.shape))
+        array = np.zeros(len(values), layout(field.base))
+        for i, value in enumerate(values):
+            self._fill(array[i], value)
+        return array
+
+
+@dataclass(slots=True)
+class Nothing:
+    """The memory of a kernel that has none."""
+
+    unused: int = 0
+
+
+def prepared(values: Any) -> Any:
+    """Return a record as kernels of this process read it: itself, or packed."""
+    return Packed(values) if COMPILED else values
