@@ -10,12 +10,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 from rpo_core.files.validation import Checked, InputError, real
 from rpo_core.kernels.arithmetic import saturate
-from rpo_core.kernels.jit import kernel
-from rpo_core.stage import ZERO, Place, Section, Signal, Stage, register
+from rpo_core.kernels.jit import kernel, step_kernel
+from rpo_core.stage import KernelStage, Place, Section, register
 from rpo_core.wire import interfaces
 
 _above = partial(real, above=0.0, most=1e6)
@@ -56,10 +56,38 @@ def shaped(
     return wanted
 
 
-class ShapingStage(Stage):
+class Limits(NamedTuple):
+    """Settings of the kernel `shape` [N]: largest change in a tick, dead zone, of the thrusters."""
+
+    step_n: float
+    zone_n: float
+    limit_n: float
+
+
+@dataclass(slots=True)
+class Shaped:
+    """The last shaped command [N]; is_first : 1 where there is none."""
+
+    force_n: Annotated[list[float], 3]
+    is_first: int = 1
+
+
+@step_kernel
+def shape(tick: int, u: Any, p: Any, m: Any, y: Any) -> None:
+    """s_k = s_(k-1) + sat(w_k - s_(k-1), slew dt), w = sat(u) outside the dead zone, else 0.
+
+    u, y (3,) : command and shaped command, per axis of target LVLH [N]; s_0 = w_0
+    """
+    for i in range(3):
+        y[i] = shaped(u[i], m.force_n[i], m.is_first != 0, p.step_n, p.zone_n, p.limit_n)
+        m.force_n[i] = y[i]
+    m.is_first = 0
+
+
+class ShapingStage(KernelStage):
     """From the command of the controller to the shaped command; it remembers the last one.
 
-    numbers : (3,) largest change in a tick, dead zone, limit of the thrusters [N]
+    numbers : largest change in a tick, dead zone, limit of the thrusters [N]
     """
 
     name = 'shaping'
@@ -67,26 +95,12 @@ class ShapingStage(Stage):
     outputs = (interfaces.SHAPED_FORCE,)
     memory_ticks = None
     counts_ticks = False
+    kernel = shape
 
     def __init__(self, settings: Shaping, scenario: Any) -> None:
-        self.numbers = (
-            settings.slew_n_s * scenario.dt_s,
-            settings.dead_zone_n,
-            float(scenario.max_force_n),
-        )
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the last command: a flight begins."""
-        self._before: Signal = ZERO
-        self._first = True
-
-    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
-        """Return the shaped command (3,) [N]."""
-        pairs = zip(inputs[0], self._before, strict=True)
-        self._before = tuple(shaped(u, b, self._first, *self.numbers) for u, b in pairs)
-        self._first = False
-        return (self._before,)
+        slew_n, zone_n = settings.slew_n_s * scenario.dt_s, settings.dead_zone_n
+        self.numbers = Limits(slew_n, zone_n, float(scenario.max_force_n))
+        super().__init__(self.numbers, Shaped([0.0] * 3))
 
 
 def _check(settings: Shaping, scenario: Any) -> None:

@@ -72,7 +72,12 @@ class Driver:
         reads, carried, before, after, at = (
             as_table(table, np.int64) for table in (*whole, self._before, self._after, (0, 0))
         )
-        rows = np.array(self._rows, np.int64) if COMPILED else self._rows
+        stages = [link.stage for link in self.chain.links]  # interpreted, memory is made anew
+        rows: Any = [
+            (*stage.row, *row[3:]) if isinstance(stage, KernelStage) else row
+            for stage, row in zip(stages, self._rows, strict=True)
+        ]
+        rows = np.array(rows, np.int64) if COMPILED else rows
         u = as_table([0.0] * (1 + max(row[4] for row in self._rows)))
         while calls.run(at, ticks, rows, reads, flat, u, carried, log, before, after):
             tick, index = (int(value) for value in at)

@@ -17,6 +17,7 @@ take no slices.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
@@ -94,11 +95,15 @@ class Packed:
     """Records of one class in memory, as compiled kernels read them.
 
     numbers : (n,) of `layout`
+
+    A field of the first record is read and written as that of the object is (`packed.lost = 1`): a
+    number; an array, whose items can be written; another record.
     """
 
     def __init__(self, values: Any, number: int = 1) -> None:
         self.record = type(values)
         self._arrays: list[NDArray[Any]] = []  # the record holds their addresses
+        self._bases: list[type[Any]] = []
         self.numbers = np.zeros(number, layout(self.record))
         self._fill(self.numbers[0], values)
         self.numbers[1:] = self.numbers[0]
@@ -110,23 +115,57 @@ class Packed:
 
     def reset(self) -> None:
         """Write again what it began with."""
+        del self._arrays[len(self._begun) - 1 :], self._bases[len(self._begun) - 1 :]
         for array, begun in zip((self.numbers, *self._arrays), self._begun, strict=True):
             array[...] = begun
 
     def put(self, name: str, values: Any) -> None:
         """Write a field anew; an array of another length stays until the record goes."""
-        field = next(field for field in fields_of(self.record) if field.name == name)
-        self._put(self.numbers[0], field, values)
+        self._put(self.numbers[0], _field_of(self.record, name), values)
 
     def __getattr__(self, name: str) -> Any:
-        """Return a field of the first record: a number, or an array that can be written."""
+        """Return a field of the first record."""
         if name.startswith('_') or name not in self.numbers.dtype.names:
             raise AttributeError(name)
-        field = next(field for field in fields_of(self.record) if field.name == name)
-        value = self.numbers[0][name]
+        field, value = _field_of(self.record, name), self.numbers[0][name]
         if not field.is_fixed:
-            return next(a for a in self._arrays if a.ctypes.data == value[4])
-        return value if field.shape or field.base not in (float, int) else value.item()
+            value = self._at(value)
+        elif field.shape == ():
+            return value.item() if field.base in (float, int) else self._part(field)
+        return value if field.base in (float, int) else value.view(np.recarray)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Write a field of the first record."""
+        if 'numbers' in self.__dict__ and name in self.numbers.dtype.names:
+            self.put(name, value)
+        else:
+            object.__setattr__(self, name, value)
+
+    def __deepcopy__(self, memo: Any) -> Packed:
+        """Return a copy with arrays of its own."""
+        other = object.__new__(Packed)
+        other.record, other.numbers = self.record, self.numbers.copy()
+        other._arrays, other._bases = [a.copy() for a in self._arrays], list(self._bases)
+        other._begun = [array.copy() for array in self._begun]
+        pairs = zip(self._arrays, other._arrays, strict=True)
+        places = {old.ctypes.data: new.ctypes.data for old, new in pairs}
+        bases = self.record, *self._bases
+        for arrays in ((other.numbers, *other._arrays), other._begun):
+            for array, base in zip(arrays, bases, strict=False):
+                for link in _links(array, base):
+                    link[4] = places[link[4]]
+        return other
+
+    def _at(self, link: Any) -> NDArray[Any]:
+        """Return the array that a field points to."""
+        return next(a for a in self._arrays if a.ctypes.data == link[4])
+
+    def _part(self, field: Field) -> Packed:
+        """Return a record that is a field; it has the same memory."""
+        part = object.__new__(Packed)
+        part.record, part.numbers = field.base, self.numbers[field.name]
+        part._arrays, part._bases = self._arrays, self._bases
+        return part
 
     def _fill(self, place: Any, values: Any) -> None:
         for field in fields_of(type(values)):
@@ -135,10 +174,14 @@ class Packed:
     def _put(self, place: Any, field: Field, values: Any) -> None:
         if not field.is_fixed:
             array = self._array(field, values)
+            link = place[field.name]
+            if link[4] and tuple(link[5 : 5 + array.ndim]) == array.shape:
+                self._at(link)[...] = array
+                return
             self._arrays.append(array)
-            address = array.ctypes.data
+            self._bases.append(field.base)
             shape = *array.shape, *array.strides
-            place[field.name] = 0, 0, array.size, array.itemsize, address, *shape
+            place[field.name] = 0, 0, array.size, array.itemsize, array.ctypes.data, *shape
         elif field.base in (float, int):
             place[field.name] = values
         elif not field.shape:
@@ -151,10 +194,31 @@ class Packed:
         if field.base in (float, int):
             array = np.array(values, _base(field.base), order='C')
             return array if array.size else array.reshape((0,) * len(field.shape))
+        if len(values) and isinstance(values[0], tuple) and _are_floats(field.base):
+            return np.array(values, np.float64).view(layout(field.base)).ravel()
         array = np.zeros(len(values), layout(field.base))
         for i, value in enumerate(values):
             self._fill(array[i], value)
         return array
+
+
+def _field_of(record: type[Any], name: str) -> Field:
+    return next(field for field in fields_of(record) if field.name == name)
+
+
+@cache
+def _are_floats(record: type[Any]) -> bool:
+    """Return whether a record is a row of floats."""
+    return all(field.base is float and field.shape == () for field in fields_of(record))
+
+
+def _links(array: NDArray[Any], record: type[Any]) -> Iterator[Any]:
+    """Yield the addresses and shapes of arrays that records hold, to be written."""
+    for field in fields_of(record) if record not in (float, int) else ():
+        if not field.is_fixed:
+            yield from array[field.name].reshape(-1, 5 + 2 * len(field.shape))
+        elif field.base not in (float, int):
+            yield from _links(array[field.name], field.base)
 
 
 @dataclass(slots=True)
