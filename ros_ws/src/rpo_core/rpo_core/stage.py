@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from rpo_core import plugins
 from rpo_core.files.validation import InputError
 from rpo_core.kernels import calls
-from rpo_core.kernels.jit import as_table
-from rpo_core.kernels.records import Packed, prepared
+from rpo_core.kernels.jit import COMPILED, as_table
+from rpo_core.kernels.records import prepared
 from rpo_core.wire.interfaces import (
     ATTITUDE,
     COMMAND,
@@ -172,15 +172,15 @@ class KernelStage(Stage):
 
     def __init__(self, p: Any, m0: Any) -> None:
         self._m0 = m0
-        self.p, self.m = prepared(p), None
-        self.reset()
+        self.p: Any = prepared(p)
+        self.m: Any = prepared(m0) if COMPILED else deepcopy(m0)
 
     def reset(self) -> None:
         """Forget all earlier ticks: the memory is that before tick 0."""
-        if isinstance(self.m, Packed):
+        if COMPILED:
             self.m.reset()
         else:
-            self.m = prepared(deepcopy(self._m0))
+            self.m = deepcopy(self._m0)
 
     def answer(self, tick: int, u: Sequence[float]) -> None:
         """Write into p and m what a kernel needs that returned ASK."""
@@ -202,6 +202,21 @@ class KernelStage(Stage):
             self.answer(tick, u)
         made = tuple(y if isinstance(y, list) else y.tolist())
         return tuple(made[i:j] for i, j in pairwise(self._widths))
+
+    def steps(
+        self, ticks: NDArray[np.int64], *inputs: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], ...]:
+        """Return the outputs (n, width) of ticks (n,) one after the other."""
+        count, size = len(ticks), self._widths[-1]
+        columns = [values.reshape(count, -1) for values in (*inputs, np.empty((count, 0)))]
+        read = as_table(np.hstack(columns))
+        made, numbers, done = as_table(np.empty((count, size))), as_table(ticks, np.int64), 0
+        while (done := calls.run_stage(*self.row, done, numbers, read, made)) < count:
+            values = [tuple(v[done].tolist()) for v in inputs]
+            made[done] = [x for one in self.step(int(ticks[done]), *values) for x in one]
+            done += 1
+        flat = np.asarray(made).reshape(count, size)
+        return tuple(flat[:, i:j] for i, j in pairwise(self._widths))
 
     @cached_property
     def _widths(self) -> list[int]:

@@ -10,9 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Protocol
 
-import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from rpo_core import files
 from rpo_core.control import controller_file, inference
@@ -36,7 +34,6 @@ from rpo_core.files.validation import (
     schema,
     shown,
 )
-from rpo_core.kernels.jit import as_table
 from rpo_core.kernels.records import Nothing
 from rpo_core.stage import KernelStage, Stage
 
@@ -86,16 +83,8 @@ class FuzzyStage(KernelStage, ControllerStage):
     kernel = inference.command
 
     def __init__(self, controller: FuzzyController) -> None:
-        self._scales, self._tables = controller.scales, controller.system.tables
-        super().__init__(inference.FuzzyLaw(self._scales, self._tables), Nothing())
-
-    def steps(
-        self, ticks: NDArray[np.int64], *inputs: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], ...]:
-        """Return the commanded forces (n, 3) [N] of states (n, 6)."""
-        forces = np.empty((len(ticks), 3))
-        inference.fuzzy_forces(as_table(inputs[0]), self._scales, self._tables, forces)
-        return (forces,)
+        law = inference.FuzzyLaw(controller.scales, controller.system.tables)
+        super().__init__(law, Nothing())
 
 
 _scale = partial(real, above=0.0, most=1e6)

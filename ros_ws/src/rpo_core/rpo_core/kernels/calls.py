@@ -28,7 +28,9 @@ ASK = 1
 """A kernel returns it where its stage must plan."""
 
 if COMPILED:
-    from rpo_core.kernels.numba_records import address, call
+    from rpo_core.kernels import numba_records
+
+    call: Any = numba_records.call
 else:
 
     def call(step: Any, tick: int, u: Any, p: Any, m: Any, y: Any, first: int, size: int) -> int:
@@ -38,16 +40,12 @@ else:
         y[first : first + size] = outputs
         return answer or 0
 
-    def address(step: Any, _settings: type[Any], _memory: type[Any]) -> Any:
-        """Return the kernel itself."""
-        return step
-
 
 def row_of(step: Any, p: Any, m: Any) -> tuple[Any, Any, Any]:
     """Return a kernel, its settings and its memory as `call` takes them."""
     if not COMPILED:
         return step, p, m
-    return address(step, p.record, m.record), p.address(), m.address()
+    return numba_records.address(step, p.record, m.record), p.address(), m.address()
 
 
 @driver
@@ -96,3 +94,15 @@ def call_once(step: Any, p: Any, m: Any, tick: int, u: Any, y: Any) -> int:
     """Call a kernel for a tick, from Python."""
     answer: int = call(step, tick, u, p, m, y, 0, len(y))
     return answer
+
+
+@driver
+def run_stage(step: Any, p: Any, m: Any, first: int, ticks: Any, inputs: Any, outputs: Any) -> int:
+    """Call a kernel for ticks, from the first one on; return how many it answered.
+
+    ticks : (n,); inputs, outputs : (n, numbers) of each
+    """
+    for i in range(first, len(ticks)):
+        if call(step, ticks[i], inputs[i], p, m, outputs[i], 0, len(outputs[i])) != 0:
+            return i
+    return len(ticks)

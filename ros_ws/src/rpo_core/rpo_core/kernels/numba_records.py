@@ -33,7 +33,7 @@ models.register_default(Record)(models.RecordModel)
 
 
 @cache
-def record_type(record: type[Any]) -> Record:
+def record_type(record: Any) -> Record:
     """Return a record as numba has it."""
     dtype, fields = layout(record), []
     for field in fields_of(record):
@@ -49,7 +49,7 @@ def record_type(record: type[Any]) -> Record:
 
 
 @cache
-def address(step: Any, settings: type[Any], memory: type[Any]) -> int:
+def address(step: Any, settings: Any, memory: Any) -> int:
     """Return the address of a kernel `step(tick, u, p, m, y)`; it is compiled now, or loaded."""
     given = types.int64, FLOATS, record_type(settings), record_type(memory), FLOATS
     step.compile(given)

@@ -46,7 +46,7 @@ class Field(NamedTuple):
 
 
 @cache
-def fields_of(record: type[Any]) -> tuple[Field, ...]:
+def fields_of(record: Any) -> tuple[Field, ...]:
     """Return the fields of a record; TypeError where one is none of the allowed."""
     return tuple(
         _field(record, name, hint)
@@ -74,7 +74,7 @@ def _field(record: type[Any], name: str, hint: Any) -> Field:
 
 
 @cache
-def layout(record: type[Any]) -> np.dtype[Any]:
+def layout(record: Any) -> Any:
     """Return a record as NumPy has it: the fields one after the other, aligned as in C."""
     formats: list[Any] = []
     for field in fields_of(record):
@@ -85,7 +85,7 @@ def layout(record: type[Any]) -> np.dtype[Any]:
     return np.dtype(formats, align=True)
 
 
-def _base(base: type[Any]) -> np.dtype[Any]:
+def _base(base: Any) -> Any:
     if base in (float, int):
         return np.dtype(np.float64 if base is float else np.int64)
     return layout(base)

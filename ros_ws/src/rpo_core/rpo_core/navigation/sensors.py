@@ -36,7 +36,6 @@ from rpo_core.files.validation import (
 from rpo_core.kernels.arithmetic import State, Vector, sin_cos
 from rpo_core.kernels.jit import as_table, inlined, kernel, step_kernel
 from rpo_core.kernels.noise import normal_pair, philox, six_normals
-from rpo_core.kernels.records import Nothing
 from rpo_core.kernels.vectors import pick
 from rpo_core.stage import KernelStage, Place, Section, Signal, Stage, register
 from rpo_core.wire import interfaces
@@ -363,6 +362,10 @@ class Navigation(Checked):
         return x, y, z, vx, vy, vz
 
 
+AHEAD = 64
+"""Ticks of a block whose noise is computed together."""
+
+
 @dataclass(slots=True)
 class NavigationErrors:
     """Settings of the kernel `navigate`: see `Navigation`; noisy : 1 where there is noise."""
@@ -373,12 +376,30 @@ class NavigationErrors:
     key: tuple[int, int]
 
 
+@dataclass(slots=True)
+class NoiseAhead:
+    """Normals of the ticks of a block: they depend on the tick alone, and together they are SIMD.
+
+    block : its number; -1 before the first
+    """
+
+    block: int
+    normals: Annotated[list[list[float]], 6, AHEAD]
+
+
 @step_kernel
 def navigate(tick: int, u: Any, p: Any, m: Any, y: Any) -> None:
     """x_k + bias + sigma n_k: from the true state u (6,) to the navigation solution y (6,)."""
-    n = six_normals(tick, p.key[0], p.key[1]) if p.noisy else (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    block = tick // AHEAD
+    at = tick - block * AHEAD
+    if p.noisy and m.block != block:
+        m.block = block
+        for j in range(AHEAD):
+            n = six_normals(tick - at + j, p.key[0], p.key[1])
+            for i in range(6):
+                m.normals[i][j] = n[i]
     for i in range(6):
-        y[i] = measured(u[i], p.bias[i], p.noise[i], n[i])
+        y[i] = measured(u[i], p.bias[i], p.noise[i], m.normals[i][at])
 
 
 class NavigationStage(KernelStage):
@@ -394,7 +415,7 @@ class NavigationStage(KernelStage):
         r, v = settings.position_noise_m, settings.velocity_noise_m_s
         noise, bias = (r, r, r, v, v, v), (*settings.position_bias_m, *settings.velocity_bias_m_s)
         errors = NavigationErrors(int(r > 0.0 or v > 0.0), noise, bias, settings.noise_key)
-        super().__init__(errors, Nothing())
+        super().__init__(errors, NoiseAhead(-1, [[0.0] * AHEAD for _ in range(6)]))
 
 
 register(Section('navigation', Navigation, Place.SENSOR, NavigationStage))

@@ -579,23 +579,9 @@ class DynamicsStage(KernelStage):
     kernel = move
 
     def __init__(self, scenario: Any) -> None:
-        self._step, self._mass_kg = scenario.step, scenario.mass_kg
         self.inputs = _inputs(scenario)
-        self._falls, self._turns = CHASER_MASS in self.inputs, THRUST_SHIFT in self.inputs
-        flags = int(self._falls), int(self._turns)
+        flags = int(CHASER_MASS in self.inputs), int(THRUST_SHIFT in self.inputs)
         super().__init__(Motion(scenario.step, scenario.mass_kg, *flags), Nothing())
-
-    def steps(self, ticks: NDArray[np.int64], *inputs: Floats) -> tuple[Floats, ...]:
-        """Return the state (n, 6) that follows each tick."""
-        states, thrust, disturbance, *rest = inputs
-        forces, masses_kg = thrust + disturbance, rest[0] if self._falls else self._mass_kg
-        if self._falls:
-            forces = forces * (self._mass_kg / masses_kg)
-        following = np.empty_like(states)
-        cw.cw_steps(as_table(states), as_table(forces), self._step, following)
-        if self._turns:
-            following += rest[-1] / masses_kg
-        return (following,)
 
 
 class OrbitStage(Stage):
