@@ -34,7 +34,7 @@ def test_what_cannot_be_is_one_sentence(base: str, changes: dict[str, Any], said
 def checked_fields(record: Any) -> list[str]:
     """Return the fields of a class that have a check."""
     hints = get_type_hints(record, include_extras=True).items()
-    return [name for name, hint in hints if hasattr(hint, '__metadata__')]
+    return [name for name, hint in hints if any(map(callable, getattr(hint, '__metadata__', ())))]
 
 
 def records() -> Iterator[Any]:

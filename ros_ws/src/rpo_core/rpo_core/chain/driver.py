@@ -61,8 +61,8 @@ class Driver:
             row, size = (0, 0, 0), 0
         return (*row, first, len(self._reads) - first, writes[0].start, size)
 
-    def fly(self, start: Signals, ticks: int) -> NDArray[np.float64]:
-        """Fly ticks 0 to `ticks`; return the signals (ticks + 1, n) of each; see `places`."""
+    def fly(self, start: Signals, ticks: int) -> dict[str, NDArray[np.float64]]:
+        """Fly ticks 0 to `ticks`; return the signals (ticks + 1, width) that the stages make."""
         self.chain.reset()
         signals = np.zeros(self._size)
         for name, values in start.items():
@@ -87,7 +87,8 @@ class Driver:
             else:
                 self._step(tick, index, flat)
                 at[1] += 1
-        return np.asarray(log)
+        kept = np.asarray(log)
+        return {name: kept[:, self.places[name]].copy() for name in self.chain.outputs}
 
     def _step(self, tick: int, index: int, signals: Any) -> None:
         """Step a stage that has no kernel."""

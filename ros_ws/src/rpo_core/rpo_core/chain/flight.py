@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rpo_core.chain.chain import Chain, Signals, start_of
+from rpo_core.chain.chain import Chain, start_of
+from rpo_core.chain.driver import Driver
 from rpo_core.control.controller import Controller
 from rpo_core.control.controller_file import ControllerStage
 from rpo_core.kernels.arrays import Floats
@@ -24,7 +25,6 @@ from rpo_core.wire.interfaces import (
     DISTURBANCE_FORCE,
     DUE_FORCE,
     EXERTED_FORCE,
-    NEXT,
     RELATIVE_STATE,
     SATURATED_FORCE,
     UNLOADING_TORQUE,
@@ -191,18 +191,7 @@ def fly(
     Raises InputError if the chain cannot be put together (`rpo_core.chain.chain.Chain.of`).
     """
     chain = Chain.of(scenario, controller, more)
-    chain.reset()
-    values_of: dict[str, list[Signal]] = {name: [] for name in chain.outputs}
-    signals: Signals = start_of(scenario)
-    for tick in range(scenario.ticks + 1):
-        for name in NEXT:
-            if name in values_of:
-                values_of[name].append(signals[name])
-        chain.step(tick, signals)
-        for name, values in values_of.items():
-            if name not in NEXT:
-                values.append(signals[name])
-    arrays = {name: np.array(values) for name, values in values_of.items()}
+    arrays = Driver(chain).fly(start_of(scenario), scenario.ticks)
     disturbances = arrays.pop(DISTURBANCE_FORCE, None)
     return Flight(
         scenario,

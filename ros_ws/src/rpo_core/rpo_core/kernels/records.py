@@ -36,7 +36,7 @@ class Field(NamedTuple):
     """
 
     name: str
-    base: type[Any]
+    base: Any
     shape: tuple[int | None, ...]
 
     @property
@@ -91,6 +91,10 @@ def _base(base: Any) -> Any:
     return layout(base)
 
 
+def _class_of(values: Any) -> Any:
+    return type(values)
+
+
 class Packed:
     """Records of one class in memory, as compiled kernels read them.
 
@@ -101,7 +105,7 @@ class Packed:
     """
 
     def __init__(self, values: Any, number: int = 1) -> None:
-        self.record = type(values)
+        self.record = _class_of(values)
         self._arrays: list[NDArray[Any]] = []  # the record holds their addresses
         self._bases: list[type[Any]] = []
         self.numbers = np.zeros(number, layout(self.record))
@@ -125,7 +129,7 @@ class Packed:
 
     def __getattr__(self, name: str) -> Any:
         """Return a field of the first record."""
-        if name.startswith('_') or name not in self.numbers.dtype.names:
+        if name.startswith('_') or name not in (self.numbers.dtype.names or ()):
             raise AttributeError(name)
         field, value = _field_of(self.record, name), self.numbers[0][name]
         if not field.is_fixed:
@@ -136,7 +140,7 @@ class Packed:
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Write a field of the first record."""
-        if 'numbers' in self.__dict__ and name in self.numbers.dtype.names:
+        if 'numbers' in self.__dict__ and name in (self.numbers.dtype.names or ()):
             self.put(name, value)
         else:
             object.__setattr__(self, name, value)
@@ -168,7 +172,7 @@ class Packed:
         return part
 
     def _fill(self, place: Any, values: Any) -> None:
-        for field in fields_of(type(values)):
+        for field in fields_of(_class_of(values)):
             self._put(place, field, getattr(values, field.name))
 
     def _put(self, place: Any, field: Field, values: Any) -> None:
