@@ -107,7 +107,7 @@ class Packed:
     def __init__(self, values: Any, number: int = 1) -> None:
         self.record = _class_of(values)
         self._arrays: list[NDArray[Any]] = []  # the record holds their addresses
-        self._bases: list[type[Any]] = []
+        self._bases: list[Any] = []
         self.numbers = np.zeros(number, layout(self.record))
         self._fill(self.numbers[0], values)
         self.numbers[1:] = self.numbers[0]
@@ -206,17 +206,17 @@ class Packed:
         return array
 
 
-def _field_of(record: type[Any], name: str) -> Field:
+def _field_of(record: Any, name: str) -> Field:
     return next(field for field in fields_of(record) if field.name == name)
 
 
 @cache
-def _are_floats(record: type[Any]) -> bool:
+def _are_floats(record: Any) -> bool:
     """Return whether a record is a row of floats."""
     return all(field.base is float and field.shape == () for field in fields_of(record))
 
 
-def _links(array: NDArray[Any], record: type[Any]) -> Iterator[Any]:
+def _links(array: NDArray[Any], record: Any) -> Iterator[Any]:
     """Yield the addresses and shapes of arrays that records hold, to be written."""
     for field in fields_of(record) if record not in (float, int) else ():
         if not field.is_fixed:
