@@ -90,8 +90,9 @@ def _fly(campaign: Campaign, drawn: DrawnRuns) -> Floats:
 def _singly(campaign: Campaign, drawn: DrawnRuns) -> dict[str, Floats]:
     """Fly run after run through `rpo_core.chain.flight.fly`."""
     runs = []
-    for number in drawn.numbers.tolist():
-        flight = fly_run(campaign, number)
+    scenarios, keys = scenarios_of(campaign, drawn), drawn.keys.tolist()
+    for scenario, (k0, k1) in zip(scenarios, keys, strict=True):
+        flight = _flown(campaign, scenario, (k0, k1))
         judged = {verdict.key: verdict.value for verdict in verdicts(flight)}
         counted = dict(zip(metrics.UNITS, row_of(flight), strict=True))
         values = judged | counted | dict(zip(FINAL, flight.states[-1], strict=True))
@@ -191,14 +192,18 @@ def fly_run(campaign: Campaign, number: int) -> Flight:
 
     With message faults, its forces are those held at each tick.
     """
-    scenario = scenario_of(campaign, number)
+    drawn = draw(campaign, number, 1)
+    key: tuple[int, int] = tuple(drawn.keys[0].tolist())
+    return _flown(campaign, scenarios_of(campaign, drawn)[0], key)
+
+
+def _flown(campaign: Campaign, scenario: Scenario, key: tuple[int, int]) -> Flight:
+    """Return the flight of a run's scenario; key : of its message faults."""
     faults = campaign.config.faults
     if faults is None:
         return fly(scenario, campaign.controller)
-    key = draw(campaign, number, 1).keys[0].tolist()
     turns = scenario.named('attitude_control') is not None
-    link = LinkStage(faults, (key[0], key[1]), turns)
-    flight = fly(scenario, campaign.controller, [(Place.UNLOADING, link)])
+    flight = fly(scenario, campaign.controller, [(Place.UNLOADING, LinkStage(faults, key, turns))])
     return flight if turns else replace(flight, forces_n=flight.signals[APPLIED_FORCE])
 
 

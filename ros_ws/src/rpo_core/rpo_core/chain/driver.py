@@ -88,7 +88,7 @@ class Driver:
                 self._step(tick, index, flat)
                 at[1] += 1
         kept = np.asarray(log)
-        return {name: kept[:, self.places[name]].copy() for name in self.chain.outputs}
+        return {name: kept[:, self.places[name]] for name in self.chain.outputs}
 
     def _step(self, tick: int, index: int, signals: Any) -> None:
         """Step a stage that has no kernel."""
