@@ -109,7 +109,7 @@ class Packed:
         self._arrays: list[NDArray[Any]] = []  # the record holds their addresses
         self._bases: list[Any] = []
         self.numbers = np.zeros(number, layout(self.record))
-        self._fill(self.numbers[0], values)
+        self.numbers[0] = self._row(values)
         self.numbers[1:] = self.numbers[0]
         self._begun = [array.copy() for array in (self.numbers, *self._arrays)]
 
@@ -171,28 +171,32 @@ class Packed:
         part._arrays, part._bases = self._arrays, self._bases
         return part
 
-    def _fill(self, place: Any, values: Any) -> None:
-        for field in fields_of(_class_of(values)):
-            self._put(place, field, getattr(values, field.name))
+    def _row(self, values: Any) -> tuple[Any, ...]:
+        """Return a record as NumPy takes it."""
+        fields = fields_of(_class_of(values))
+        return tuple([self._value(field, getattr(values, field.name)) for field in fields])
 
-    def _put(self, place: Any, field: Field, values: Any) -> None:
+    def _value(self, field: Field, values: Any) -> Any:
+        """Return a field as NumPy takes it; an array is kept, and what it returns points to it."""
         if not field.is_fixed:
             array = self._array(field, values)
-            link = place[field.name]
-            if link[4] and tuple(link[5 : 5 + array.ndim]) == array.shape:
-                self._at(link)[...] = array
-                return
             self._arrays.append(array)
             self._bases.append(field.base)
             shape = *array.shape, *array.strides
-            place[field.name] = 0, 0, array.size, array.itemsize, array.ctypes.data, *shape
-        elif field.base in (float, int):
-            place[field.name] = values
-        elif not field.shape:
-            self._fill(place[field.name], values)
-        else:
-            for i, value in enumerate(values):
-                self._fill(place[field.name][i], value)
+            return (0, 0, array.size, array.itemsize, array.ctypes.data, *shape)
+        if field.base in (float, int):
+            return values
+        return [self._row(value) for value in values] if field.shape else self._row(values)
+
+    def _put(self, place: Any, field: Field, values: Any) -> None:
+        if not field.is_fixed:
+            link = place[field.name]
+            if link[4]:
+                array = self._array(field, values)
+                if tuple(link[5 : 5 + array.ndim]) == array.shape:
+                    self._at(link)[...] = array
+                    return
+        place[field.name] = self._value(field, values)
 
     def _array(self, field: Field, values: Any) -> NDArray[Any]:
         if field.base in (float, int):
@@ -202,7 +206,7 @@ class Packed:
             return np.array(values, np.float64).view(layout(field.base)).ravel()
         array = np.zeros(len(values), layout(field.base))
         for i, value in enumerate(values):
-            self._fill(array[i], value)
+            array[i] = self._row(value)
         return array
 
 
