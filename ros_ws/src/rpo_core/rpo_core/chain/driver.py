@@ -79,7 +79,8 @@ class Driver:
         ]
         rows = np.array(rows, np.int64) if COMPILED else rows
         u = as_table([0.0] * (1 + max(row[4] for row in self._rows)))
-        while calls.run(at, ticks, rows, reads, flat, u, carried, log, before, after):
+        flown = at, ticks, rows, reads, flat, u, carried, log, before, after
+        while self._asked(at, flown):
             tick, index = (int(value) for value in at)
             stage = self.chain.links[index].stage
             if isinstance(stage, KernelStage):
@@ -89,6 +90,16 @@ class Driver:
                 at[1] += 1
         kept = np.asarray(log)
         return {name: kept[:, self.places[name]] for name in self.chain.outputs}
+
+    def _asked(self, at: Any, flown: tuple[Any, ...]) -> int:
+        """Fly on; return whether a stage is asked, and say which one failed at which tick."""
+        try:
+            asked: int = calls.run(*flown)
+        except Exception as error:
+            tick, index = (int(value) for value in at)
+            name = self.chain.links[index].stage.name
+            raise RuntimeError(f'stage `{name}` failed at tick {tick}: {error}') from error
+        return asked
 
     def _step(self, tick: int, index: int, signals: Any) -> None:
         """Step a stage that has no kernel."""

@@ -55,7 +55,8 @@ def run(
 ) -> int:  # fmt: skip
     """Fly ticks, from where a flight stands, and keep the signals of each; return 0 at the end.
 
-    Else what the kernel of a row returned, ASK or ERROR; ASK for a row without a kernel.
+    Else ASK: a kernel returned it, or a row has no kernel. An error of a kernel is raised; `at`
+    says where it was.
 
     at : [tick, row], where the flight stands
     last : tick that is the last

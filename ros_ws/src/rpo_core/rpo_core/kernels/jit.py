@@ -42,8 +42,12 @@ def kernel(function: Kernel) -> Kernel:
 
 
 def step_kernel(function: Kernel) -> Kernel:
-    """Compile the kernel of a stage, `step(tick, u, p, m, y)`: one that makes no array."""
-    return compiled(function, _nrt=False)
+    """Compile the kernel of a stage, `step(tick, u, p, m, y)`: one that makes no array.
+
+    A kernel of another package than `rpo` and `rpo_...` is told where it leaves an array.
+    """
+    ours = function.__module__.partition('.')[0].partition('_')[0] == 'rpo'
+    return compiled(function, _nrt=False, boundscheck=not ours)
 
 
 def inlined(function: Kernel) -> Kernel:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba import types
-from numba.core.cgutils import alloca_once_value, if_unlikely
+from numba.core.cgutils import if_unlikely
 from numba.core.datamodel import models
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
@@ -18,9 +18,6 @@ from numba.np.arrayobj import populate_array
 from rpo_core.kernels.records import fields_of, layout
 
 FLOATS = types.Array(types.float64, 1, 'C')
-
-ERROR = -1
-"""What a call returns of a kernel that raised."""
 
 
 class Record(types.Record):  # type: ignore[misc]
@@ -59,7 +56,7 @@ def address(step: Any, settings: Any, memory: Any) -> int:
 
 @intrinsic
 def call(_typing, step, tick, u, p, m, y, first, size):  # type: ignore[no-untyped-def]
-    """Call a kernel by its address, and return what it returns, 0 of None; ERROR if it raised.
+    """Call a kernel by its address; return what it returns, 0 of None, or raise what it raises.
 
     u : (n,) its inputs; p, m : addresses of its settings and its memory
     y : its outputs are y[first : first + size]
@@ -79,10 +76,9 @@ def call(_typing, step, tick, u, p, m, y, first, size):  # type: ignore[no-untyp
         passed = [tick, u, builder.inttoptr(p, pointer), builder.inttoptr(m, pointer)]
         passed.append(outputs._getvalue())
         status, returned = convention.call_function(builder, kernel, types.int64, given, passed)
-        answer = alloca_once_value(builder, returned)
         with if_unlikely(builder, status.is_error):
-            builder.store(ir.Constant(word, ERROR), answer)
-        return builder.load(answer)
+            convention.return_status_propagate(builder, status)
+        return returned
 
     words = types.int64
     return words(words, words, FLOATS, words, words, FLOATS, words, words), generate
