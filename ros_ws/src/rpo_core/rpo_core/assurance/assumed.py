@@ -36,9 +36,8 @@ from rpo_core.world.cw import cw_step
 from rpo_core.world.disturbance import Disturbance
 from rpo_core.world.dynamics import (
     CLOHESSY_WILTSHIRE,
-    TargetOrbit,
     environment_of,
-    relative_step,
+    orbit_tick,
     steps_per_tick,
     target_start,
 )
@@ -105,10 +104,9 @@ def moving_n(scenario: Any) -> float:
     if settings is None or settings.kind == CLOHESSY_WILTSHIRE:
         return 0.0
     steps, world = steps_per_tick(settings, scenario), environment_of(settings, scenario)
-    orbit = TargetOrbit(target_start(settings, scenario), dt, steps, world)
-    x, y, z = scenario.disturbance.force_n(0.0)
-    push, step_s = (x / mass, y / mass, z / mass), orbit.step_s
-    after = relative_step(scenario.start, push, 1.0, orbit.rows(1), 0, steps, step_s, world)
+    target, (x, y, z) = target_start(settings, scenario), scenario.disturbance.force_n(0.0)
+    push = (x / mass, y / mass, z / mass)
+    after, _ = orbit_tick(scenario.start, push, 1.0, target, steps, dt / steps, world)
     plain = cw_step(scenario.start, ZERO, scenario.step)
     return mass / dt * norm(*(a - b for a, b in zip(after[3:], plain[3:], strict=True)))
 

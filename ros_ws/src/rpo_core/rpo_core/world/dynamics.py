@@ -24,21 +24,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from functools import lru_cache, partial
+from functools import partial
 from math import sqrt
-from threading import Lock
 from typing import Annotated, Any, NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import Checked, InputError, choice, flag, optional, real
 from rpo_core.kernels.arithmetic import State, Vector, sin_cos
-from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.jit import as_table, inlined, kernel, step_kernel
+from rpo_core.kernels.jit import inlined, step_kernel
 from rpo_core.kernels.records import Nothing
-from rpo_core.stage import KernelStage, Place, Section, Signal, Stage, register
+from rpo_core.stage import KernelStage, Place, Section, Stage, register
 from rpo_core.wire.interfaces import CHASER_MASS, DISTURBANCE, RELATIVE_STATE, THRUST, THRUST_SHIFT
 from rpo_core.world import cw
 from rpo_core.world.cw import CwStep
@@ -219,28 +214,6 @@ def middle(s: State, rate: State, after: State, rate_after: State, h: float) -> 
     )
 
 
-@kernel
-def fill_row(s: State, w: Environment, row: Any) -> None:
-    """Fill a row of the orbit (COLUMNS,)."""
-    found = orbit_row(s, w)
-    for j in range(COLUMNS):
-        row[j] = found[j]
-
-
-@kernel
-def fill_orbit(s: State, h: float, w: Environment, rows: NDArray[np.float64]) -> State:
-    """Fill rows (2 n + 1, COLUMNS) of n steps of h [s], two for each; return the last state."""
-    fill_row(s, w, rows[0])
-    rate = target_rate(s, w)
-    for i in range(1, len(rows), 2):
-        after = target_step(s, rate, h, w)
-        rate_after = target_rate(after, w)
-        fill_row(middle(s, rate, after, rate_after, h), w, rows[i])
-        fill_row(after, w, rows[i + 1])
-        s, rate = after, rate_after
-    return s
-
-
 @inlined
 def relative_rate(s: State, push: Vector, lightness: float, o: Any, w: Environment) -> State:
     """Return the derivative of the chaser's state (x, y, z, ux, uy, uz).
@@ -317,29 +290,30 @@ def turning(s: State, about_x: float, about_z: float) -> State:
     return x, y, z, ux + about_z * y, uy - about_z * x + about_x * z, uz - about_x * y
 
 
-@kernel
-def relative_step(
+@inlined
+def orbit_tick(
     state: State,
     push: Vector,
     lightness: float,
-    rows: Any,
-    first: int,
+    target: State,
     steps: int,
     h: float,
     w: Environment,
-) -> State:
+) -> tuple[State, State]:
     """Chaser's state (6,) [m, m/s], target LVLH, a tick of `steps` steps of h [s] later.
 
     push : force over mass (3,) [m/s^2], constant in the axes of LVLH during the tick
-    rows : of the target's orbit, two for each step; `first` is that of the beginning of the tick
+    target : its inertial state (6,) [m, m/s]; the second is that a tick later
     """
-    o = rows[first]
-    s = inertial(state, o[1], o[2])
-    for i in range(first, first + 2 * steps, 2):
-        begin, middle, end = rows[i], rows[i + 1], rows[i + 2]
-        s = relative_after(s, push, lightness, begin, middle, end, h, w)
-    o = rows[first + 2 * steps]
-    return turning(s, o[1], o[2])
+    rate, begin = target_rate(target, w), orbit_row(target, w)
+    s = inertial(state, begin[1], begin[2])
+    for _ in range(steps):
+        after = target_step(target, rate, h, w)
+        rate_after, end = target_rate(after, w), orbit_row(after, w)
+        half = orbit_row(middle(target, rate, after, rate_after, h), w)
+        s = relative_after(s, push, lightness, begin, half, end, h, w)
+        target, rate, begin = after, rate_after, end
+    return turning(s, begin[1], begin[2]), target
 
 
 CLOHESSY_WILTSHIRE, LINEAR_ELLIPTIC, TWO_BODY = KINDS = (
@@ -351,10 +325,6 @@ CLOHESSY_WILTSHIRE, LINEAR_ELLIPTIC, TWO_BODY = KINDS = (
 MOST_TURN_RAD = 1.0 / 64.0
 """A step of the integration turns the target by no more at its periapsis; longer ticks have several
 steps. The error of a step is then below 1e-11 of the relative state."""
-
-_BLOCK_STEPS = 2048
-"""Steps of the target's orbit that are computed at a time, so that memory stays flat."""
-
 
 _ballistic = partial(real, unit='kg/m^2', least=1e-3, most=1e6)
 _angle = partial(real, unit='deg', least=-360.0, most=360.0)
@@ -479,57 +449,6 @@ def steps_per_tick(settings: Dynamics, scenario: Any) -> int:
     return max(1, math.ceil(fastest * scenario.dt_s / MOST_TURN_RAD))
 
 
-class TargetOrbit:
-    """The target's orbit as rows of `COLUMNS` numbers, computed as far as needed.
-
-    start : inertial state of the target at tick 0
-    dt_s : of a tick, which has `steps` steps
-    """
-
-    def __init__(self, start: State, dt_s: float, steps: int, world: Environment) -> None:
-        self.steps, self.world = steps, world
-        self.step_s = dt_s / steps
-        self.block_ticks = max(1, _BLOCK_STEPS // steps)
-        self._starts = [start]
-        self._blocks: dict[int, Any] = {}
-        self._lock = Lock()  # threads of a campaign share orbits
-
-    def block(self, number: int) -> Any:
-        """Return the rows of the ticks from `number` x `block_ticks`, two rows for each step."""
-        with self._lock:
-            if number not in self._blocks:
-                for before in range(min(number, len(self._starts) - 1), number):
-                    self._compute(before)
-                self._compute(number)
-            return self._blocks[number]
-
-    def _compute(self, number: int) -> None:
-        rows = np.empty((2 * self.steps * self.block_ticks + 1, COLUMNS))
-        last = fill_orbit(self._starts[number], self.step_s, self.world, rows)
-        if number + 1 == len(self._starts):
-            self._starts.append(last)
-        while len(self._blocks) > 3:
-            del self._blocks[next(iter(self._blocks))]
-        self._blocks[number] = as_table(rows)
-
-    def rows(self, ticks: int) -> Floats:
-        """Return all rows (2 x steps x ticks + 1, COLUMNS) of a flight."""
-        rows = np.empty((2 * self.steps * ticks + 1, COLUMNS))
-        fill_orbit(self._starts[0], self.step_s, self.world, rows)
-        return rows
-
-
-@lru_cache(maxsize=8)
-def _orbit(start: State, dt_s: float, steps: int, world: Environment) -> TargetOrbit:
-    return TargetOrbit(start, dt_s, steps, world)
-
-
-def orbit_of(settings: Dynamics, scenario: Any) -> TargetOrbit:
-    """Return the target's orbit in a scenario; the same one for all its chains."""
-    start, world = target_start(settings, scenario), environment_of(settings, scenario)
-    return _orbit(start, scenario.dt_s, steps_per_tick(settings, scenario), world)
-
-
 def _inputs(scenario: Any) -> tuple[str, ...]:
     """Return what dynamics read: also the mass where propellant is spent, the shift by turning."""
     falls = scenario.thrusters is not None and scenario.thrusters.propellant is not None
@@ -584,39 +503,74 @@ class DynamicsStage(KernelStage):
         super().__init__(Motion(scenario.step, scenario.mass_kg, *flags), Nothing())
 
 
-class OrbitStage(Stage):
+@dataclass(slots=True)
+class Orbit:
+    """Settings of the kernel `follow`.
+
+    start : inertial state (6,) of the target at tick 0 [m, m/s]
+    steps, step_s : steps of a tick, and how long one is
+    mass_kg : at the start; falls : 1 where the mass is read
+    """
+
+    world: Environment
+    start: State
+    steps: int
+    step_s: float
+    mass_kg: float
+    falls: int
+
+
+@dataclass(slots=True)
+class TargetState:
+    """Memory of the kernel `follow`: inertial state of the target at the beginning of a tick."""
+
+    tick: int
+    state: Annotated[list[float], 6]
+
+
+@step_kernel
+def follow(tick: int, u: Any, p: Any, m: Any, y: Any) -> None:
+    """Step the chaser and its target, each on its orbit, by a tick: see `orbit_tick`.
+
+    The target at a tick is a function of the settings: the memory has where it is, unless ticks are
+    missing or come again.
+
+    u : state (6,) [m, m/s], thrust and disturbance (3,) [N], target LVLH, then the mass [kg] where
+        it falls; y : state (6,) one tick later
+    """
+    if tick < m.tick or m.tick == 0:
+        m.tick = 0
+        for i in range(6):
+            m.state[i] = p.start[i]
+    s, w = m.state, p.world
+    target = (s[0], s[1], s[2], s[3], s[4], s[5])
+    for _ in range((tick - m.tick) * p.steps):
+        target = target_step(target, target_rate(target, w), p.step_s, w)
+    mass = u[12] if p.falls else p.mass_kg
+    push = ((u[6] + u[9]) / mass, (u[7] + u[10]) / mass, (u[8] + u[11]) / mass)
+    state = (u[0], u[1], u[2], u[3], u[4], u[5])
+    state, target = orbit_tick(state, push, p.mass_kg / mass, target, p.steps, p.step_s, w)
+    m.tick = tick + 1
+    for i in range(6):
+        y[i], m.state[i] = state[i], target[i]
+
+
+class OrbitStage(KernelStage):
     """True motion about a target that follows its own orbit.
 
-    It has no memory: where the target is at a tick is a function of the scenario.
+    It depends on no earlier tick: where the target is at a tick is a function of the scenario.
     """
 
     name = 'dynamics'
     outputs = (RELATIVE_STATE,)
+    kernel = follow
 
     def __init__(self, settings: Dynamics, scenario: Any) -> None:
-        self._orbit, self._mass_kg = orbit_of(settings, scenario), scenario.mass_kg
-        self.inputs = _inputs(scenario)
-
-    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
-        """Return the state (6,) [m, m/s] one tick later."""
-        state, (tx, ty, tz), (dx, dy, dz), *masses = inputs
-        orbit, start_kg = self._orbit, self._mass_kg
-        mass = masses[0][0] if masses else start_kg
-        lightness = start_kg / mass
-        number, within = divmod(tick, orbit.block_ticks)
-        push = ((tx + dx) / mass, (ty + dy) / mass, (tz + dz) / mass)
-        first = 2 * orbit.steps * within
-        following: State = relative_step(
-            state,
-            push,
-            lightness,
-            orbit.block(number),
-            first,
-            orbit.steps,
-            orbit.step_s,
-            orbit.world,
-        )
-        return (following,)
+        self.inputs, steps = _inputs(scenario), steps_per_tick(settings, scenario)
+        start, world = target_start(settings, scenario), environment_of(settings, scenario)
+        falls = int(CHASER_MASS in self.inputs)
+        orbit = Orbit(world, start, steps, scenario.dt_s / steps, scenario.mass_kg, falls)
+        super().__init__(orbit, TargetState(0, [0.0] * 6))
 
 
 def _make(settings: Dynamics | None, scenario: Any) -> Stage:
