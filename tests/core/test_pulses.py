@@ -13,7 +13,6 @@ import pytest
 from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.files.validation import InputError
 from rpo_core.scenario import scenario
-from rpo_core.thrusters import pulse_kernels
 from rpo_core.thrusters.thrusters import (
     STANDARD_GRAVITY_M_S2,
     Failure,
@@ -194,7 +193,6 @@ def test_a_reset_stage_has_forgotten():
     flown = BASE.equipped(Thrusters(delay_ticks=1, pulses=pulses()))
     stage = stage_of(flown.thrusters, flown)
     assert isinstance(stage, ThrustersStage) and stage.memory_ticks is None
-    assert pulse_kernels.MEMORY == 33
     assert 'needs a scenario with `thrusters.table`' in stage.refusal('x+ off')
     commands = [(0.013, -0.3, 0.2)] * 20
     first = [stage.step(k, c) for k, c in enumerate(commands)]

@@ -29,21 +29,27 @@ from rpo_core.kernels.vectors import WIDTH, lanes_at, wide
 from rpo_core.scenario import requirements
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
-from rpo_core.thrusters.allocation_kernels import SCRATCH, Table, fire_together
-from rpo_core.thrusters.pulse_kernels import (
-    DELTA_V,
-    MEMORY,
-    OPENINGS,
-    SPENT,
-    Tank,
-    Valves,
-    burn,
-    exerted_force,
-    fire,
+from rpo_core.thrusters.allocation_kernels import (
+    AIM,
+    MOST_THRUSTERS,
+    ROWS,
+    SCRATCH,
+    THRUST,
+    Table,
+    allocate_from,
+    carry,
+    dearest,
+    exert,
+    leave_out,
+    stick,
+    want,
 )
-from rpo_core.thrusters.table import Failure, rows_of
+from rpo_core.thrusters.allocation_kernels import LIMIT as LARGEST
+from rpo_core.thrusters.pulse_kernels import Spent, Tank, Valves, burn, exerted_force, fire
+from rpo_core.thrusters.table import Failure
 from rpo_core.thrusters.thrusters import (
     Thrusters,
+    failures_of,
     rotation,
     table_for,
     tank_of,
@@ -51,8 +57,14 @@ from rpo_core.thrusters.thrusters import (
     valves_of,
 )
 
-THRUST = (DELTA_V, SPENT, OPENINGS)
-"""Places in the memory of a run's valves of what it has spent: delta-v, propellant, openings."""
+OPEN = ROWS
+SPENT = OPEN + MOST_THRUSTERS
+MEMORY = SPENT + 3
+"""Places in the memory of a run: what is carried; which valves were open; what is spent (`Spent`).
+And the numbers of a memory."""
+
+WANTED, WORK = SCRATCH * WIDTH, (SCRATCH + ROWS) * WIDTH
+"""Places in the scratch of `WIDTH` tables: what is wanted; the scratch of one."""
 
 LANES, LIMIT, SLOTS, DELAYS = range(4)
 """Places in the table of a limit: number of lanes, largest force [N], slots of the queue of
@@ -61,8 +73,8 @@ commands, delay of each run [ticks]."""
 TANKS, REST = 0, 3 * RUNS
 """Places in the table of valves and tanks: exhaust velocity, content and mass of each run (3, 40);
 then the tick [s], or the valves: eight numbers that all runs share, the number of failures, and of
-each run `directions` and `failures` of `Valves`. The memory begins with those of the runs, (33,) or
-of a table (33, `WIDTH`) of so many together."""
+each run `directions` of `Valves` and its failures. The memory begins with those of the runs,
+(MEMORY,) or of a table (MEMORY, `WIDTH`) of so many together."""
 
 _SHARED = 8
 
@@ -100,7 +112,7 @@ def limit_part(lanes: int, limit_n: float, delays: Sequence[float] = ()) -> Part
 
 
 @compiled
-def exert(w, m, t, tick):  # type: ignore[no-untyped-def]
+def apply_matrix(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Replace row FORCE by the force that thrusters with a matrix apply."""
     for s in range(RUNS):
         y, z = s + RUNS, s + 2 * RUNS
@@ -118,6 +130,17 @@ def _tank(t, s):  # type: ignore[no-untyped-def]
 
 
 @compiled
+def _spent(m):  # type: ignore[no-untyped-def]
+    return Spent(m[SPENT], m[SPENT + 1], m[SPENT + 2])
+
+
+@compiled
+def _keep(m, spent):  # type: ignore[no-untyped-def]
+    for i in range(len(spent)):
+        m[SPENT + i] = spent[i]
+
+
+@compiled
 def burn_propellant(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Replace row FORCE, exerted without pulses, by what the tanks allow; fill row MASS.
 
@@ -127,7 +150,8 @@ def burn_propellant(w, m, t, tick):  # type: ignore[no-untyped-def]
         y, z, memory = s + RUNS, s + 2 * RUNS, m[MEMORY * s : MEMORY * (s + 1)]
         force = (w[FORCE + s], w[FORCE + y], w[FORCE + z])
         command = (w[BEFORE + s], w[BEFORE + y], w[BEFORE + z])
-        force, w[MASS + s] = burn(force, command, memory, _tank(t, s), t[REST])
+        force, w[MASS + s], spent = burn(force, command, _spent(memory), _tank(t, s), t[REST])
+        _keep(memory, spent)
         w[FORCE + s], w[FORCE + y], w[FORCE + z] = force
 
 
@@ -143,11 +167,15 @@ def fire_valves(w, m, t, tick):  # type: ignore[no-untyped-def]
         b = a + 3 * number
         valves = Valves(
             number, int(shared[1]), shared[2], shared[3], shared[4], shared[5], shared[6],
-            shared[7], t[a:b].reshape(number, 3), t[b : b + 5 * count].reshape(count, 5),
+            shared[7], t[a:b].reshape(number, 3),
         )  # fmt: skip
+        failures = t[b : b + 5 * count].reshape(count, 5)
         command = (w[FORCE + s], w[FORCE + y], w[FORCE + z])
         memory = m[MEMORY * s : MEMORY * (s + 1)]
-        force, w[MASS + s] = fire(tick, command, memory, valves, _tank(t, s), on)
+        force, w[MASS + s], spent = fire(
+            tick, command, memory, memory[OPEN:], _spent(memory), valves, failures, _tank(t, s), on
+        )
+        _keep(memory, spent)
         w[FORCE + s], w[FORCE + y], w[FORCE + z] = force
 
 
@@ -175,14 +203,14 @@ def _part(batch: Batch) -> Part:
     for s, values in enumerate(batch.values()):
         matrices[:, s] = thrust_matrix(values).ravel()
     if thrusters is None or not thrusters.propellant:
-        return Part('errors', ((Place.THRUSTERS, exert),), matrices.ravel())
+        return Part('errors', ((Place.THRUSTERS, apply_matrix),), matrices.ravel())
     table = table_of(matrices, _tanks(batch), batch.base.dt_s)
     return Part('thrusters', ((Place.THRUSTERS, _exert_and_burn),), table, np.zeros(MEMORY * RUNS))
 
 
 @compiled
 def _exert_and_burn(w, m, t, tick):  # type: ignore[no-untyped-def]
-    exert(w, m, t, tick)
+    apply_matrix(w, m, t, tick)
     burn_propellant(w, m, t[9 * RUNS :], tick)
 
 
@@ -192,38 +220,65 @@ def _tanks(batch: Batch) -> Floats:
 
 
 def _valves_part(batch: Batch) -> Part:
-    made = []
+    made, rows = [], []
     for s in batch.scenarios:
         assert s.thrusters is not None and s.thrusters.pulses is not None
         made.append(valves_of(s.thrusters, s.thrusters.pulses, s))
-    one = made[0]
-    own = np.zeros((RUNS, 3 * one.number + 5 * len(one.failures)))
-    own[: len(made)] = [table_of(v.directions, v.failures) for v in made]
-    table = table_of(_tanks(batch), one[:_SHARED], len(one.failures), own)
+        rows.append(failures_of(s.thrusters, s.dt_s))
+    one, count = made[0], len(rows[0])
+    own = np.zeros((RUNS, 3 * one.number + 5 * count))
+    own[: len(made)] = [table_of(v.directions, r) for v, r in zip(made, rows, strict=True)]
+    table = table_of(_tanks(batch), one[:_SHARED], count, own)
     memory = np.zeros(MEMORY * RUNS + one.number)
     return Part('thrusters', ((Place.THRUSTERS, fire_valves),), table, memory)
 
 
 @compiled
+def _allocate_each(wanted, t, w):  # type: ignore[no-untyped-def]
+    """Fill THRUST of the scratch of `WIDTH` tables: only pivots differ."""
+    own, aims = w[WORK:], lanes_at(w, 0)
+    aims[AIM] = dearest(lanes_at(wanted, 0), t)
+    for s in range(WIDTH):
+        mine = w[s::WIDTH]
+        for i in range(t.number):
+            own[LARGEST + i] = mine[LARGEST + i]
+        allocate_from(int(mine[AIM]), wanted[s::WIDTH], t, own)
+        for i in range(t.number):
+            mine[THRUST + i] = own[THRUST + i]
+
+
+@compiled
 def fire_table(w, m, t, tick):  # type: ignore[no-untyped-def]
-    """Replace row FORCE, the saturated command, by the mean force of a table; fill row MASS."""
+    """Replace row FORCE, the saturated command, by the mean force of a table; fill row MASS.
+
+    `allocation_kernels.fire` for `WIDTH` chasers at once, with the bits of each.
+    """
     head, n, bases, count = t[REST:], int(t[REST]), int(t[REST + 6]), int(t[REST + 7])
     a, b, row = REST + 9, REST + 9 + 10 * n, int(head[8])
-    shared, own, numbers = t[a:b], b + bases, 6 * n + 5 * count
+    shared, acts = t[a:b], b + bases
+    stuck = t[acts + 6 * n * RUNS :].reshape(RUNS, count, 5)
     rows, tanks, scratch = wide(w), wide(t), m[MEMORY * RUNS :]
+    work, wanted = lanes_at(scratch, 0), scratch[WANTED:WORK]
     for s in range(0, RUNS, WIDTH):
-        y, z, acts = s + RUNS, s + 2 * RUNS, own + numbers * s
-        failures = acts + 6 * n * WIDTH
+        y, z = s + RUNS, s + 2 * RUNS
         table = Table(
             n, int(head[1]), head[2], head[3], head[4], head[5], shared[: 6 * n],
             shared[6 * n : 7 * n], shared[7 * n : 8 * n], shared[8 * n : 9 * n],
-            shared[9 * n : 10 * n], lanes_at(t, acts), t[failures : failures + 5 * count * WIDTH],
-            t[b : b + bases],
+            shared[9 * n : 10 * n], lanes_at(t, acts + 6 * n * s), t[b : b + bases],
         )  # fmt: skip
-        command, wanted = vector_in(rows, FORCE, s), vector_in(rows, row, s)
-        force, torque, rows[MASS + s] = fire_together(
-            tick, command, wanted, m[MEMORY * s :], table, _tank(tanks, s), scratch
+        memory, command = lanes_at(m, MEMORY * s), vector_in(rows, FORCE, s)
+        want(command, vector_in(rows, row, s), memory, table, work, lanes_at(wanted, 0))
+        for lane in range(WIDTH):
+            leave_out(tick, stuck[s + lane], table, scratch[lane::WIDTH], wanted[lane::WIDTH])
+        _allocate_each(wanted, table, scratch)
+        carry(memory, table, work, lanes_at(wanted, 0))
+        for lane in range(WIDTH):
+            stick(tick, stuck[s + lane], table, scratch[lane::WIDTH])
+        was_open = lanes_at(m, MEMORY * s + OPEN * WIDTH)
+        force, torque, rows[MASS + s], spent = exert(
+            was_open, _spent(memory), table, _tank(tanks, s), work
         )
+        _keep(memory, spent)
         rows[FORCE + s], rows[FORCE + y], rows[FORCE + z] = force
         rows[EXERTED_TORQUE + s], rows[EXERTED_TORQUE + y], rows[EXERTED_TORQUE + z] = torque
 
@@ -233,14 +288,16 @@ def _table_part(batch: Batch) -> Part:
     for s in batch.scenarios:
         assert s.thrusters is not None and s.thrusters.table is not None
         made.append(table_for(s.thrusters, s))
-        rows.append(rows_of(s.thrusters.table.failures, s.thrusters.names, s.dt_s))
-    one = made[0]
-    own = batch.lanes([table_of(t.acts, r) for t, r in zip(made, rows, strict=True)])
-    own = own.reshape(len(own), -1, WIDTH).swapaxes(0, 1)
+        rows.append(failures_of(s.thrusters, s.dt_s))
+    one, count = made[0], len(rows[0])
+    acts = batch.lanes([t.acts for t in made])
+    acts = acts.reshape(len(acts), -1, WIDTH).swapaxes(0, 1)
     shared = (one.columns, one.most, one.cost, one.burns, one.bits, one.bases)
-    sizes = (len(one.bases), len(rows[0]), TORQUE if turns_by_table(batch.base) else UNLOADING)
-    table = table_of(_tanks(batch), one[:6], *sizes, *shared, own)
-    memory = np.zeros(MEMORY * RUNS + (WIDTH + 1) * SCRATCH)
+    sizes = (len(one.bases), count, TORQUE if turns_by_table(batch.base) else UNLOADING)
+    stuck = np.zeros((RUNS, 5 * count))
+    stuck[: len(rows)] = np.reshape(rows, (len(rows), -1))
+    table = table_of(_tanks(batch), one[:6], *sizes, *shared, acts, stuck)
+    memory = np.zeros(MEMORY * RUNS + (WIDTH + 1) * SCRATCH + ROWS * WIDTH)
     return Part('thruster_table', ((Place.THRUSTERS, fire_table),), table, memory)
 
 
@@ -249,7 +306,7 @@ def spent_of(memories: Mapping[str, Floats]) -> dict[str, Floats]:
     for part, width in (('thrusters', 1), ('thruster_table', WIDTH)):
         if part in memories:
             runs = memories[part][: MEMORY * RUNS].reshape(-1, MEMORY, width)
-            pairs = zip(requirements.THRUST, THRUST, strict=True)
+            pairs = zip(requirements.THRUST, range(SPENT, MEMORY), strict=True)
             return {name: runs[:, at].ravel() for name, at in pairs}
     return {}
 

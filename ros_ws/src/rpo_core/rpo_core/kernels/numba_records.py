@@ -25,6 +25,9 @@ class Record(types.Record):  # type: ignore[misc]
 
     dtype = np.dtype([])
 
+    def can_convert_to(self, typingctx: Any, other: Any) -> Any:
+        """Return that it is no other record, not even one of which it has the first fields."""
+
 
 models.register_default(Record)(models.RecordModel)
 

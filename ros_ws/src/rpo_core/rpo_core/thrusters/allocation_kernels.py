@@ -15,9 +15,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from rpo_core.kernels.arithmetic import Vector
-from rpo_core.kernels.jit import inlined, kernel
-from rpo_core.kernels.vectors import WIDTH, lanes_at, pick
-from rpo_core.thrusters.pulse_kernels import DELTA_V, ON, OPEN, OPENINGS, TORQUE, Tank, spend
+from rpo_core.kernels.jit import inlined, step_kernel
+from rpo_core.kernels.vectors import pick
+from rpo_core.thrusters.pulse_kernels import ON, Spent, Tank, spend
 
 MOST_THRUSTERS = 24
 
@@ -35,9 +35,7 @@ THRUST = LIMIT + MOST_THRUSTERS
 """Place of the thrust of each thruster [N]."""
 AIM = THRUST + MOST_THRUSTERS
 """Place of what is added to the force and torque that thrusters give."""
-WANTED = AIM + ROWS
-"""Place of the force and torque that are wanted; afterwards, what of them is left over."""
-SCRATCH = WANTED + ROWS
+SCRATCH = AIM + ROWS
 
 START = 2 * ROWS + ROWS * ROWS
 """Numbers of a basis that was computed before: price of each row, variables, inverse."""
@@ -64,7 +62,6 @@ class Table(NamedTuple):
     burns : (number,) propellant of a newton, relative to that of the tank
     bits : (number,) least impulse of a tick [N s]
     acts : (number, 6) force [N], torque [N m] that act for one newton, with errors
-    failures : (n, 5) thruster, OFF or ON, first tick, tick after the last, 1 where it is known
     bases : (n, START) to start from; the first is that of no force
     """
 
@@ -74,17 +71,16 @@ class Table(NamedTuple):
     bound: float
     penalty: float
     lever: float
-    columns: Any
-    most: Any
-    cost: Any
-    burns: Any
-    bits: Any
-    acts: Any
-    failures: Any
-    bases: Any
+    columns: list[float]
+    most: list[float]
+    cost: list[float]
+    burns: list[float]
+    bits: list[float]
+    acts: list[float]
+    bases: list[float]
 
 
-@kernel
+@step_kernel
 def dearest(wanted: Any, t: Table) -> float:
     """Which basis to start from: the one whose price of the demand is highest, a lower bound."""
     best = most = pick(wanted[0] > 0.0, 0.0, 0.0)  # zero: a vector where the demand is one
@@ -99,7 +95,7 @@ def dearest(wanted: Any, t: Table) -> float:
     return best
 
 
-@kernel
+@step_kernel
 def start(basis: int, t: Table, w: Any) -> None:
     """Fill the scratch with a basis to start from."""
     at = START * basis
@@ -113,7 +109,7 @@ def start(basis: int, t: Table, w: Any) -> None:
         w[FULL + i] = 0.0
 
 
-@kernel
+@step_kernel
 def along(column: int, row: int, t: Table, w: Any) -> float:
     """Row of the inverse (-1: the prices) times the column of a variable."""
     at = DUAL if row < 0 else INVERSE + ROWS * row
@@ -126,7 +122,7 @@ def along(column: int, row: int, t: Table, w: Any) -> float:
     return w[at + 3 + torque // 2] if torque % 2 == 0 else -w[at + 3 + torque // 2]
 
 
-@kernel
+@step_kernel
 def entering(row: int, down: bool, smallest: float, t: Table, w: Any) -> tuple[int, float]:
     """Variable that takes the place of the one in a row, and the change of that row's price.
 
@@ -158,7 +154,7 @@ def entering(row: int, down: bool, smallest: float, t: Table, w: Any) -> tuple[i
     return chosen, change
 
 
-@kernel
+@step_kernel
 def exchange(row: int, variable: int, change: float, t: Table, w: Any) -> None:
     """Put a variable into a row of the basis."""
     for i in range(ROWS):
@@ -184,7 +180,7 @@ def _larger(a: float, b: float) -> float:
     return a if a > b else b
 
 
-@kernel
+@step_kernel
 def _largest(w: Any) -> float:
     """Return the largest |number| of the inverse, 1 at least: of four that do not wait."""
     a = b = c = d = 1.0
@@ -194,7 +190,7 @@ def _largest(w: Any) -> float:
     return _larger(_larger(a, b), _larger(c, d))
 
 
-@kernel
+@step_kernel
 def advance(t: Table, w: Any) -> tuple[float, int]:
     """Add what AIM of the scratch holds to what the thrusters give, as far as they can.
 
@@ -241,7 +237,7 @@ def advance(t: Table, w: Any) -> tuple[float, int]:
     return done, 0
 
 
-@kernel
+@step_kernel
 def allocate(wanted: Any, t: Table, w: Any) -> tuple[float, int]:
     """Fill THRUST of the scratch for a wanted force and torque (6,), in units of the rows.
 
@@ -254,7 +250,7 @@ def allocate(wanted: Any, t: Table, w: Any) -> tuple[float, int]:
     return allocate_from(int(dearest(wanted, t)), wanted, t, w)
 
 
-@kernel
+@step_kernel
 def allocate_from(basis: int, wanted: Any, t: Table, w: Any) -> tuple[float, int]:
     """Do what `allocate` does, from a basis."""
     for i in range(ROWS):
@@ -277,59 +273,63 @@ def allocate_from(basis: int, wanted: Any, t: Table, w: Any) -> tuple[float, int
     return share, limiting
 
 
-@kernel
-def _want(command: Vector, torque: Vector, m: Any, t: Table, w: Any) -> None:
-    """Fill WANTED with commands and what is carried, LIMIT with what all could give."""
+@step_kernel
+def want(command: Vector, torque: Vector, carried: Any, t: Table, w: Any, wanted: Any) -> None:
+    """Fill `wanted` (6,) with commands and what is carried, LIMIT with what all could give."""
     for i in range(3):
-        w[WANTED + i] = command[i] + m[i] / t.dt
-        w[WANTED + 3 + i] = torque[i] / t.lever + m[TORQUE + i] / t.dt
+        wanted[i] = command[i] + carried[i] / t.dt
+        wanted[3 + i] = torque[i] / t.lever + carried[3 + i] / t.dt
     for i in range(t.number):
         w[LIMIT + i] = t.most[i]
 
 
-@kernel
-def _leave_out(tick: int, failures: Any, t: Table, w: Any) -> None:
-    """Take those that are known to be stuck from LIMIT, and what they give from WANTED."""
-    for a in range(0, len(failures), 5):
-        if failures[a + 4] == 1 and failures[a + 2] <= tick < failures[a + 3]:
-            stuck = int(failures[a])
-            if failures[a + 1] == ON and w[LIMIT + stuck] > 0.0:
+@step_kernel
+def leave_out(tick: int, failures: Any, t: Table, w: Any, wanted: Any) -> None:
+    """Take those that are known to be stuck from LIMIT, and what they give from `wanted`."""
+    for k in range(len(failures)):
+        f = failures[k]
+        if f[4] == 1 and f[2] <= tick < f[3]:
+            stuck = int(f[0])
+            if f[1] == ON and w[LIMIT + stuck] > 0.0:
                 for i in range(ROWS):
-                    w[WANTED + i] -= t.most[stuck] * t.columns[ROWS * stuck + i]
+                    wanted[i] -= t.most[stuck] * t.columns[ROWS * stuck + i]
             w[LIMIT + stuck] = 0.0
 
 
-@kernel
-def _carry(m: Any, t: Table, w: Any) -> None:
+@step_kernel
+def carry(carried: Any, t: Table, w: Any, wanted: Any) -> None:
     """Close those below their impulse bit; remember what is left over."""
     for i in range(t.number):
         thrust = w[THRUST + i]
         w[THRUST + i] = pick(thrust * t.dt < t.bits[i], 0.0, thrust)
     for i in range(ROWS if t.carries == 1 else 0):
-        left = w[WANTED + i]
+        left = wanted[i]
         for k in range(t.number):
             left -= w[THRUST + k] * t.columns[ROWS * k + i]
         left = pick(left > t.bound, t.bound, pick(left < -t.bound, -t.bound, left))
-        m[i if i < 3 else TORQUE + i - 3] = left * t.dt
+        carried[i] = left * t.dt
 
 
-@kernel
-def _stick(tick: int, failures: Any, t: Table, w: Any) -> None:
+@step_kernel
+def stick(tick: int, failures: Any, t: Table, w: Any) -> None:
     """Open or close those that are stuck."""
-    for a in range(0, len(failures), 5):
-        if failures[a + 2] <= tick < failures[a + 3]:
-            stuck = int(failures[a])
-            w[THRUST + stuck] = t.most[stuck] if failures[a + 1] == ON else 0.0
+    for k in range(len(failures)):
+        f = failures[k]
+        if f[2] <= tick < f[3]:
+            stuck = int(f[0])
+            w[THRUST + stuck] = t.most[stuck] if f[1] == ON else 0.0
 
 
-@kernel
-def _exert(m: Any, t: Table, tank: Tank, w: Any) -> tuple[Vector, Vector, float]:
-    """Return force, torque and mass by what THRUST holds; a closed thruster adds zero."""
+@step_kernel
+def exert(
+    was_open: Any, spent: Spent, t: Table, tank: Tank, w: Any
+) -> tuple[Vector, Vector, float, Spent]:
+    """Return force, torque, mass and what is spent by what THRUST holds; a closed one adds zero."""
     x = y = z = tx = ty = tz = impulse = burnt = opened = 0.0
     for i in range(t.number):
         thrust, a = w[THRUST + i], ROWS * i
-        opened += pick(thrust > 0.0, pick(m[OPEN + i] == 0.0, 1.0, 0.0), 0.0)
-        m[OPEN + i] = pick(thrust >= t.most[i], 1.0, 0.0)
+        opened += pick(thrust > 0.0, pick(was_open[i] == 0.0, 1.0, 0.0), 0.0)
+        was_open[i] = pick(thrust >= t.most[i], 1.0, 0.0)
         x += thrust * t.acts[a]
         y += thrust * t.acts[a + 1]
         z += thrust * t.acts[a + 2]
@@ -338,54 +338,39 @@ def _exert(m: Any, t: Table, tank: Tank, w: Any) -> tuple[Vector, Vector, float]
         tz += thrust * t.acts[a + 5]
         impulse += thrust * t.dt
         burnt += thrust * t.dt * t.burns[i]
-    m[OPENINGS] += opened
-    share, mass = spend(m, burnt, tank)
-    m[DELTA_V] += share * (impulse - burnt) / mass
-    return (x * share, y * share, z * share), (tx * share, ty * share, tz * share), mass
+    share, mass, after = spend(spent, burnt, tank)
+    delta_v = after.delta_v + share * (impulse - burnt) / mass
+    after = Spent(delta_v, after.propellant, spent.openings + opened)
+    return (x * share, y * share, z * share), (tx * share, ty * share, tz * share), mass, after
 
 
-@kernel
+@step_kernel
 def fire(
-    tick: int, command: Vector, torque: Vector, m: Any, t: Table, tank: Tank, w: Any
-) -> tuple[Vector, Vector, float]:
+    tick: int,
+    command: Vector,
+    torque: Vector,
+    carried: Any,
+    was_open: Any,
+    spent: Spent,
+    t: Table,
+    failures: Any,
+    tank: Tank,
+    w: Any,
+    wanted: Any,
+) -> tuple[Vector, Vector, float, Spent]:
     """Return mean force (3,) [N] and torque (3,) [N m] of a tick for commands, and the mass [kg].
 
     A thruster gives at least its impulse bit, or nothing. Those that are known to be stuck are left
-    out, and the others give what they do not.
+    out, and the others give what they do not. The fourth is what is spent then.
 
-    m : memory as of `pulse_kernels`; w : (SCRATCH,) scratch, whose THRUST is filled
+    carried : (6,) impulse that is left over, of the force and of the torque over the lever [N s]
+    was_open : (number,) 1 where a thruster was open to the end of the tick before
+    failures : (n, 5) thruster, OFF or ON, first tick, tick after the last, 1 where it is known
+    w, wanted : (SCRATCH,), (6,) scratch; THRUST of the first is filled
     """
-    _want(command, torque, m, t, w)
-    _leave_out(tick, t.failures, t, w)
-    allocate(w[WANTED:SCRATCH], t, w)
-    _carry(m, t, w)
-    _stick(tick, t.failures, t, w)
-    return _exert(m, t, tank, w)
-
-
-@kernel
-def fire_together(
-    tick: int, command: Any, torque: Any, m: Any, t: Table, tank: Tank, w: Any
-) -> tuple[Any, Any, Any]:
-    """Do what `fire` does for `WIDTH` chasers at once, with the bits of each; only pivots differ.
-
-    command, torque, tank, t.acts : with a vector for a number
-    m, t.failures : (33, WIDTH), (n, 5, WIDTH), of which the last index is the chaser
-    w : ((WIDTH + 1) SCRATCH,) scratch: of all, the last index as there, then of one
-    """
-    memory, rows, own = lanes_at(m, 0), lanes_at(w, 0), w[SCRATCH * WIDTH :]
-    _want(command, torque, memory, t, rows)
-    for s in range(WIDTH):
-        _leave_out(tick, t.failures[s::WIDTH], t, w[s::WIDTH])
-    rows[AIM] = dearest(lanes_at(w, WIDTH * WANTED), t)
-    for s in range(WIDTH):
-        mine = w[s::WIDTH]
-        for i in range(t.number):
-            own[LIMIT + i] = mine[LIMIT + i]
-        allocate_from(int(mine[AIM]), mine[WANTED:SCRATCH], t, own)
-        for i in range(t.number):
-            mine[THRUST + i] = own[THRUST + i]
-    _carry(memory, t, rows)
-    for s in range(WIDTH):
-        _stick(tick, t.failures[s::WIDTH], t, w[s::WIDTH])
-    return _exert(memory, t, tank, rows)
+    want(command, torque, carried, t, w, wanted)
+    leave_out(tick, failures, t, w, wanted)
+    allocate(wanted, t, w)
+    carry(carried, t, w, wanted)
+    stick(tick, failures, t, w)
+    return exert(was_open, spent, t, tank, w)

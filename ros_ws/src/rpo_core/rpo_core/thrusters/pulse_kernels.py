@@ -3,7 +3,7 @@
 """The inner loop of thrusters that fire in pulses, waste fuel and fail.
 
 Kernels of + - * / and comparisons (`rpo_core.kernels.jit`), the same bits everywhere. A thruster is
-a valve, open for a part of each tick. What a tick remembers is a row of `MEMORY` numbers.
+a valve, open for a part of each tick.
 """
 
 from __future__ import annotations
@@ -11,23 +11,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from rpo_core.kernels.arithmetic import Vector
-from rpo_core.kernels.jit import kernel
+from rpo_core.kernels.jit import kernel, step_kernel
 from rpo_core.kernels.vectors import pick
-
-MOST_VALVES = 24
-
-OPEN = 3
-"""Place in the memory of the first valve, after the impulse [N s] of each axis that is left over:
-1 where it was open to the end of the tick before."""
-SPENT = OPEN + MOST_VALVES
-"""Place of the propellant used so far [kg]."""
-OPENINGS = SPENT + 1
-"""Place of the number of times that a valve opened."""
-DELTA_V = OPENINGS + 1
-"""Place of the sum of thrust x on-time / mass over all valves [m/s]."""
-TORQUE = DELTA_V + 1
-"""Place of the torque impulse of each axis that is left over, over the lever [N s]."""
-MEMORY = TORQUE + 3
 
 OFF, ON = 1, 2
 """How a valve is stuck."""
@@ -36,13 +21,12 @@ OFF, ON = 1, 2
 class Valves(NamedTuple):
     """Thrusters as the kernels read them; times in seconds.
 
-    number : of valves, 6 or 12: those of x+ first, then x-, y+, y-, z+, z-
+    number : of valves, 6 or 12: those of x+ first, then x-, y+, y-, z+, z-; 0: there are none
     carries : 1 where what is left of an impulse goes to the next tick (sigma-delta), else 0
     dt, least, quantum, dead, rise : length of a tick, shortest pulse, quantum of its length (0:
         none), from the signal to the first thrust, from there to full thrust
     thrust : of a valve, as the allocation knows it [N]
     directions : (number, 3) force of each valve at full thrust, with its errors [N]
-    failures : (n, 5) valve, OFF or ON, first tick, tick after the last, 1 where it is known
     """
 
     number: int
@@ -53,8 +37,7 @@ class Valves(NamedTuple):
     dead: float
     rise: float
     thrust: float
-    directions: Any
-    failures: Any
+    directions: list[list[float]]
 
 
 class Tank(NamedTuple):
@@ -67,6 +50,18 @@ class Tank(NamedTuple):
     exhaust: float
     content: float
     mass: float
+
+
+class Spent(NamedTuple):
+    """What thrusters have spent so far.
+
+    delta_v : sum of thrust x on-time / mass over all valves [m/s]; propellant : [kg]
+    openings : times that a valve opened
+    """
+
+    delta_v: float
+    propellant: float
+    openings: float
 
 
 @kernel
@@ -100,25 +95,24 @@ def full_thrust_time(on: float, was_open: float, v: Valves) -> float:
 
 
 @kernel
-def spend(m: Any, impulse: float, tank: Tank) -> tuple[float, float]:
-    """Take the propellant of an impulse [N s]; return the share that the tank gave, and the mass.
+def spend(spent: Spent, impulse: float, tank: Tank) -> tuple[float, float, Spent]:
+    """Take the propellant of an impulse [N s].
 
-    The mass [kg] is that in the middle of the tick.
+    Return the share that the tank gave, the mass [kg] in the middle of the tick, and what is spent.
     """
     burns = tank.exhaust > 0.0
     needed = pick(burns, impulse, 0.0) / pick(burns, tank.exhaust, 1.0)
-    left = tank.content - m[SPENT]
+    left = tank.content - spent.propellant
     short = needed > left
     share = pick(short, left, 1.0) / pick(short, needed, 1.0)
     needed = pick(short, left, needed)
-    mass = tank.mass - m[SPENT] - 0.5 * needed
-    m[SPENT] += needed
-    m[DELTA_V] += share * impulse / mass
-    return share, mass
+    mass = tank.mass - spent.propellant - 0.5 * needed
+    delta_v = spent.delta_v + share * impulse / mass
+    return share, mass, Spent(delta_v, spent.propellant + needed, spent.openings)
 
 
-@kernel
-def allocate(tick: int, command: Vector, m: Any, v: Valves, on: Any) -> None:
+@step_kernel
+def allocate(tick: int, command: Vector, carried: Any, v: Valves, failures: Any, on: Any) -> None:
     """Fill `on`: for how long [s] each valve is commanded to open.
 
     An axis fires the valves of one side, all alike, or one alone where the impulse is too small for
@@ -130,10 +124,10 @@ def allocate(tick: int, command: Vector, m: Any, v: Valves, on: Any) -> None:
     for i in range(v.number):
         on[i] = 0.0
     for axis in range(3):
-        wanted = command[axis] * v.dt + m[axis]
+        wanted = command[axis] * v.dt + carried[axis]
         ready_plus = ready_minus = each
-        for k in range(len(v.failures)):
-            f = v.failures[k]
+        for k in range(len(failures)):
+            f = failures[k]
             valve = int(f[0])
             if f[4] == 1 and f[2] <= tick < f[3] and valve // each // 2 == axis:
                 plus = valve // each % 2 == 0
@@ -157,54 +151,68 @@ def allocate(tick: int, command: Vector, m: Any, v: Valves, on: Any) -> None:
                 ready -= 1
         most = each * v.thrust * v.dt
         left = most if left > most else left
-        m[axis] = (left if side == 0 else -left) if v.carries == 1 else 0.0
+        carried[axis] = (left if side == 0 else -left) if v.carries == 1 else 0.0
     for i in range(v.number):
         on[i] = 0.0 if on[i] < 0.0 else on[i]
 
 
-@kernel
+@step_kernel
 def fire(
-    tick: int, command: Vector, m: Any, v: Valves, tank: Tank, on: Any
-) -> tuple[Vector, float]:
+    tick: int,
+    command: Vector,
+    carried: Any,
+    was_open: Any,
+    spent: Spent,
+    v: Valves,
+    failures: Any,
+    tank: Tank,
+    on: Any,
+) -> tuple[Vector, float, Spent]:
     """Return the mean force (3,) [N] of a tick for a saturated command, and the mass [kg].
 
     A pulse lies in the middle of its tick, so that its mean force moves the chaser as the pulse
-    does.
+    does. The third is what is spent then.
 
-    m : memory; on : (number,) scratch, filled with how long [s] each valve is open
+    carried : (3,) impulse [N s] of each axis that is left over
+    was_open : (number,) 1 where a valve was open to the end of the tick before
+    failures : (n, 5) valve, OFF or ON, first tick, tick after the last, 1 where it is known
+    on : (number,) scratch, filled with how long [s] each valve is open
     """
-    allocate(tick, command, m, v, on)
-    for k in range(len(v.failures)):
-        f = v.failures[k]
+    allocate(tick, command, carried, v, failures, on)
+    for k in range(len(failures)):
+        f = failures[k]
         if f[2] <= tick < f[3]:
             on[int(f[0])] = v.dt if f[1] == ON else 0.0
-    x = y = z = impulse = 0.0
+    x = y = z = impulse = opened = 0.0
     for i in range(v.number):
         time = on[i]
         if time > 0.0:
-            if m[OPEN + i] == 0.0:
-                m[OPENINGS] += 1.0
-            full = full_thrust_time(time, m[OPEN + i], v)
+            if was_open[i] == 0.0:
+                opened += 1.0
+            full = full_thrust_time(time, was_open[i], v)
             d = v.directions[i]
             x += full * d[0]
             y += full * d[1]
             z += full * d[2]
             impulse += time * v.thrust
-        m[OPEN + i] = 1.0 if time >= v.dt else 0.0
-    share, mass = spend(m, impulse, tank)
+        was_open[i] = 1.0 if time >= v.dt else 0.0
+    share, mass, after = spend(spent, impulse, tank)
     scale = share / v.dt
-    return (x * scale, y * scale, z * scale), mass
+    after = Spent(after.delta_v, after.propellant, spent.openings + opened)
+    return (x * scale, y * scale, z * scale), mass, after
 
 
 @kernel
-def burn(force: Vector, saturated: Vector, m: Any, tank: Tank, dt: float) -> tuple[Vector, float]:
+def burn(
+    force: Vector, saturated: Vector, spent: Spent, tank: Tank, dt: float
+) -> tuple[Vector, float, Spent]:
     """Return the force (3,) [N] that the tank allows of one exerted without pulses, and the mass.
 
-    The propellant is that of the saturated command, axis by axis.
+    The propellant is that of the saturated command, axis by axis. The third is what is spent then.
     """
     impulse = (abs(saturated[0]) + abs(saturated[1]) + abs(saturated[2])) * dt
-    share, mass = spend(m, impulse, tank)
-    return (force[0] * share, force[1] * share, force[2] * share), mass
+    share, mass, after = spend(spent, impulse, tank)
+    return (force[0] * share, force[1] * share, force[2] * share), mass, after
 
 
 @kernel

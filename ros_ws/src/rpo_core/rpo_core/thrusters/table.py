@@ -207,9 +207,7 @@ def _places(preset: str, axis: int) -> list[tuple[float, dict[int, float]]]:
     return [(0.0, {3 - axis: side}) for side in sides]
 
 
-def rows_of(
-    failures: Sequence[Failure], names: Sequence[str], dt_s: float
-) -> list[tuple[int, ...]]:
+def rows_of(failures: Sequence[Failure], names: Sequence[str], dt_s: float) -> list[list[int]]:
     """Return failures as the kernels read them: rows of thruster, how, ticks, whether known."""
 
     def tick_of(time_s: float) -> int:
@@ -217,13 +215,13 @@ def rows_of(
         return math.ceil(round(time_s / dt_s, 6))
 
     return [
-        (
+        [
             names.index(f.thruster),
             ON if f.stuck == 'on' else OFF,
             tick_of(f.from_s),
             tick_of(f.until_s),
             int(f.known),
-        )
+        ]
         for f in failures
     ]
 
@@ -274,7 +272,6 @@ def _programme(
         burns=as_table(burns),
         bits=as_table([t.minimum_impulse_bit_n_s for t in each]),
         acts=as_table(np.zeros(ROWS * len(each))),
-        failures=as_table([], np.int64),
         bases=as_table(at_rest()),
     )
     return found._replace(bases=as_table(_bases(found)))

@@ -11,13 +11,11 @@ command. With `propellant`, the mass of the chaser falls.
 from __future__ import annotations
 
 import math
-from collections import deque
 from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import (
@@ -33,11 +31,11 @@ from rpo_core.files.validation import (
 from rpo_core.kernels import arithmetic
 from rpo_core.kernels.arithmetic import Vector
 from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.jit import as_table, step_kernel
-from rpo_core.stage import ZERO, KernelStage, Place, Section, Signal, Stage, register
+from rpo_core.kernels.jit import step_kernel
+from rpo_core.stage import ZERO, KernelStage, Place, Section, Stage, register
 from rpo_core.thrusters import allocation_kernels, pulse_kernels
-from rpo_core.thrusters.allocation_kernels import SCRATCH, Table
-from rpo_core.thrusters.pulse_kernels import DELTA_V, OFF, ON, OPENINGS, SPENT, Tank, Valves
+from rpo_core.thrusters.allocation_kernels import MOST_THRUSTERS, ROWS, SCRATCH, Table
+from rpo_core.thrusters.pulse_kernels import OFF, ON, Spent, Tank, Valves
 from rpo_core.thrusters.table import (
     IDENTITY,
     MODULATIONS,
@@ -232,20 +230,24 @@ def directions(settings: Thrusters, pulses: Pulses, thrust_n: float) -> Floats:
 
 def valves_of(settings: Thrusters, pulses: Pulses, scenario: Any) -> Valves:
     """Return thrusters that fire in pulses as the kernels read them."""
-    dt_s, thrust_n = scenario.dt_s, scenario.max_force_n / (pulses.count // 6)
-    failures = rows_of(pulses.failures, valve_names(pulses.count), dt_s)
+    thrust_n = scenario.max_force_n / (pulses.count // 6)
     return Valves(
         pulses.count,
         int(pulses.modulation == SIGMA_DELTA),
-        dt_s,
+        scenario.dt_s,
         pulses.minimum_on_time_s,
         pulses.on_time_quantum_s,
         pulses.dead_time_s,
         pulses.rise_time_s,
         thrust_n,
-        as_table(directions(settings, pulses, thrust_n)),
-        as_table(np.array(failures).reshape(-1, 5), np.int64),
+        directions(settings, pulses, thrust_n).tolist(),
     )
+
+
+def failures_of(settings: Thrusters, dt_s: float) -> list[list[int]]:
+    """Return the failures of a scenario as the kernels read them; see `table.rows_of`."""
+    part = settings.pulses or settings.table
+    return rows_of(part.failures, settings.names, dt_s) if part is not None else []
 
 
 def tank_of(settings: Thrusters | None, scenario: Any) -> Tank:
@@ -287,46 +289,34 @@ class Line:
 
 
 @step_kernel
+def take(u: Any, p: Any, m: Any, y: Any) -> Vector:
+    """Return T sat(c_(k - delay)) (3,), and write what is due and what is saturated, y (6,)."""
+    late = len(m.line_n) > 0
+    for i in range(3):
+        y[i] = m.line_n[m.at][i] if late else u[i]
+        y[3 + i] = arithmetic.saturate(y[i], p.limit_n)
+    if late:
+        for i in range(3):
+            m.line_n[m.at][i] = u[i]
+        m.at = (m.at + 1) % len(m.line_n)
+    if not p.exact:
+        return y[3], y[4], y[5]
+    t = p.matrix
+    return pulse_kernels.exerted_force(
+        t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7], t[8], y[3], y[4], y[5]
+    )
+
+
+@step_kernel
 def thrust(tick: int, u: Any, p: Any, m: Any, y: Any) -> None:
     """F = T sat(c_(k - delay)): from the command u (3,) to what is due, saturated, exerted y (9,).
 
     All in target LVLH [N].
     """
-    late = len(m.line_n) > 0
-    for i in range(3):
-        y[i] = m.line_n[m.at][i] if late else u[i]
-        y[3 + i] = y[6 + i] = arithmetic.saturate(y[i], p.limit_n)
-    if late:
-        for i in range(3):
-            m.line_n[m.at][i] = u[i]
-        m.at = (m.at + 1) % len(m.line_n)
-    if p.exact:
-        t = p.matrix
-        y[6], y[7], y[8] = pulse_kernels.exerted_force(
-            t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7], t[8], y[3], y[4], y[5]
-        )
+    y[6], y[7], y[8] = take(u, p, m, y)
 
 
-class LimitStage(KernelStage):
-    """From the command to the force on the chaser; without settings, saturation alone."""
-
-    name = 'thrusters'
-    inputs = (interfaces.COMMAND,)
-    outputs = (interfaces.DUE_FORCE, interfaces.SATURATED_FORCE, interfaces.THRUST_FORCE)
-    kernel = thrust
-
-    def __init__(self, settings: Thrusters | None, limit_n: float) -> None:
-        matrix = [t for row in settings.matrix for t in row] if settings else [0.0] * 9
-        self.memory_ticks = settings.delay_ticks if settings else 0
-        line = Line(0, [[0.0] * 3 for _ in range(self.memory_ticks)])
-        super().__init__(Limit(float(limit_n), int(settings is not None), matrix), line)
-
-    def refusal(self, state: str) -> str:
-        """Return why a thruster cannot be switched in flight; '' if it can."""
-        return 'a switch needs a scenario with `thrusters.table`'
-
-
-class ThrustersStage(Stage):
+class ThrustersStage(KernelStage):
     """From the command to the force on the chaser; without settings, saturation alone.
 
     limit_n : largest |f| of an axis
@@ -339,115 +329,186 @@ class ThrustersStage(Stage):
         interfaces.SATURATED_FORCE,
         interfaces.THRUST_FORCE,
     )
+    kernel = thrust
 
     def __init__(self, settings: Thrusters | None, limit_n: float) -> None:
-        self._matrix: Any = tuple(t for row in settings.matrix for t in row) if settings else ()
-        self._limit_n = float(limit_n)
-        self._delay = self.memory_ticks = settings.delay_ticks if settings else 0
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the commands that are on their way."""
-        self._line: deque[Signal] = deque([ZERO] * self._delay)
+        self.memory_ticks = settings.delay_ticks if settings else 0
+        super().__init__(limit_of(settings, limit_n), line_of(settings))
 
     def refusal(self, state: str) -> str:
         """Return why a thruster cannot be switched in flight; '' if it can."""
         return 'a switch needs a scenario with `thrusters.table`'
 
-    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
-        """Return the command that is due (3,), saturated (3,), and the force exerted (3,) [N]."""
-        due = inputs[0]
-        if self._delay:
-            self._line.append(due)
-            due = self._line.popleft()
-        saturated = tuple(arithmetic.saturate(force, self._limit_n) for force in due)
-        if not self._matrix:
-            return due, saturated, saturated
-        exerted: Any = pulse_kernels.exerted_force(*self._matrix, *saturated)
-        return due, saturated, exerted
 
-    def steps(self, ticks: NDArray[np.int64], *inputs: Floats) -> tuple[Floats, ...]:
-        """Return the outputs (n, 3) of many ticks."""
-        if self.memory_ticks != 0 or self._matrix:
-            return super().steps(ticks, *inputs)
-        saturated = np.clip(inputs[0], -self._limit_n, self._limit_n)
-        return inputs[0], saturated, saturated
+def limit_of(settings: Thrusters | None, limit_n: float) -> Limit:
+    """Return the largest |f| of an axis, and the matrix of the thrusters."""
+    matrix = [t for row in settings.matrix for t in row] if settings else [0.0] * 9
+    return Limit(float(limit_n), int(settings is not None), matrix)
+
+
+def line_of(settings: Thrusters | None) -> Line:
+    """Return the commands on their way before tick 0."""
+    return Line(0, [[0.0] * 3 for _ in range(settings.delay_ticks if settings else 0)])
+
+
+@dataclass(slots=True)
+class Firing:
+    """Settings of the kernel `pulse`; failures : see `pulse_kernels.fire`; dt_s : of a tick."""
+
+    limit: Limit
+    dt_s: float
+    valves: Valves
+    failures: list[list[int]]
+    tank: Tank
+
+
+@dataclass(slots=True)
+class Fired:
+    """Memory of the kernel `pulse`.
+
+    carried_n_s, was_open, on_s : see `pulse_kernels.fire`; on_s is of the last tick
+    delta_v_m_s, propellant_kg, openings : see `Spent`
+    """
+
+    line: Line
+    carried_n_s: Annotated[list[float], 3]
+    was_open: list[float]
+    on_s: list[float]
+    delta_v_m_s: float
+    propellant_kg: float
+    openings: float
+
+
+@step_kernel
+def pulse(tick: int, u: Any, p: Any, m: Any, y: Any) -> None:
+    """From the command u (3,) to what is due, saturated, exerted y (9,) [N], and the mass [kg].
+
+    Force and mass are those of pulses (`pulse_kernels.fire`), without valves of what the tank has
+    (`burn`). y has the mass where it falls. All forces in target LVLH.
+    """
+    exerted, command = take(u, p.limit, m.line, y), (y[3], y[4], y[5])
+    spent = Spent(m.delta_v_m_s, m.propellant_kg, m.openings)
+    if p.valves.number > 0:
+        force, mass, spent = pulse_kernels.fire(
+            tick, command, m.carried_n_s, m.was_open, spent, p.valves, p.failures, p.tank, m.on_s
+        )
+    else:
+        force, mass, spent = pulse_kernels.burn(exerted, command, spent, p.tank, p.dt_s)
+    m.delta_v_m_s, m.propellant_kg, m.openings = spent
+    y[6], y[7], y[8] = force
+    if p.tank.exhaust > 0.0:
+        y[9] = mass
 
 
 class ValvesStage(ThrustersStage):
-    """Thrusters with pulses, or with propellant, or both; the fourth output is the mass [kg].
+    """Thrusters with pulses, or with propellant, or both; the fourth output is the mass [kg]."""
 
-    memory : see `pulse_kernels`; on_times_s : for how long each valve was open in the last tick
-    """
+    kernel = pulse
 
     def __init__(self, settings: Thrusters, scenario: Any) -> None:
-        self._valves = None
-        if settings.pulses is not None:
-            self._valves = valves_of(settings, settings.pulses, scenario)
-        self._tank, self._dt_s = tank_of(settings, scenario), scenario.dt_s
-        super().__init__(settings, scenario.max_force_n)
         self.memory_ticks = None
         force = force_signal(settings, scenario)
         mass = [interfaces.CHASER_MASS] if settings.propellant else []
         self.outputs = (interfaces.DUE_FORCE, interfaces.SATURATED_FORCE, force, *mass)
+        KernelStage.__init__(self, *self._records(settings, scenario))
 
-    def reset(self) -> None:
-        """Forget all commands: the tank is full, the valves are shut."""
-        super().reset()
-        self.memory: Any = as_table(np.zeros(pulse_kernels.MEMORY))
-        self.on_times_s: Any = as_table(np.zeros(self._valves.number if self._valves else 0))
+    def _records(self, settings: Thrusters, scenario: Any) -> tuple[Any, Any]:
+        """Return settings and memory of the kernel."""
+        valves, dt_s = Valves(0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, []), scenario.dt_s
+        if settings.pulses is not None:
+            valves = valves_of(settings, settings.pulses, scenario)
+        limit, failures = limit_of(settings, scenario.max_force_n), failures_of(settings, dt_s)
+        shut, off = [0.0] * valves.number, [0.0] * valves.number
+        return (
+            Firing(limit, dt_s, valves, failures, tank_of(settings, scenario)),
+            Fired(line_of(settings), [0.0] * 3, shut, off, 0.0, 0.0, 0.0),
+        )
 
     def spent(self) -> tuple[float, float, int]:
         """Return delta-v [m/s], propellant [kg] and openings of valves so far."""
-        delta_v, spent, openings = (float(self.memory[i]) for i in (DELTA_V, SPENT, OPENINGS))
-        return delta_v, spent, round(openings)
+        return self.m.delta_v_m_s, self.m.propellant_kg, round(self.m.openings)
 
-    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
-        """Return the command due, saturated, the mean force (3,) [N], and the mass where it falls.
 
-        Without pulses the tank allows the force that the matrix gives.
-        """
-        vectors: Any = super().step(tick, *inputs)
-        due, saturated, exerted = vectors
-        force: Any
-        if self._valves is not None:
-            force, mass = pulse_kernels.fire(
-                tick, saturated, self.memory, self._valves, self._tank, self.on_times_s
-            )
-        else:
-            force, mass = pulse_kernels.burn(
-                exerted, saturated, self.memory, self._tank, self._dt_s
-            )
-        found: tuple[Signal, ...] = (due, saturated, force, (mass,))
-        return found[: len(self.outputs)]
+@dataclass(slots=True)
+class Allocating:
+    """Settings of the kernel `allocate`; torques : 1 where a torque is commanded."""
+
+    limit: Limit
+    table: Table
+    tank: Tank
+    torques: int
+
+
+@dataclass(slots=True)
+class Allocated:
+    """Memory of the kernel `allocate`.
+
+    failures : see `allocation_kernels.fire`; a switch in flight changes them
+    carried_n_s, was_open, scratch, wanted_n : see there
+    delta_v_m_s, propellant_kg, openings : see `Spent`
+    """
+
+    line: Line
+    failures: list[list[int]]
+    carried_n_s: Annotated[list[float], ROWS]
+    was_open: Annotated[list[float], MOST_THRUSTERS]
+    scratch: Annotated[list[float], SCRATCH]
+    wanted_n: Annotated[list[float], ROWS]
+    delta_v_m_s: float
+    propellant_kg: float
+    openings: float
+
+
+@step_kernel
+def allocate(tick: int, u: Any, p: Any, m: Any, y: Any) -> None:
+    """From the command u (3,) [N], and a torque (3,) [N m], to y: see `allocation_kernels.fire`.
+
+    y has what is due, saturated, the mean force (3,) [N] and torque (3,) [N m], and the mass [kg]
+    where it falls; in target LVLH, or in the axes of a chaser that turns.
+    """
+    take(u, p.limit, m.line, y)
+    torque = (u[3], u[4], u[5]) if p.torques else (0.0, 0.0, 0.0)
+    spent = Spent(m.delta_v_m_s, m.propellant_kg, m.openings)
+    force, torque, mass, spent = allocation_kernels.fire(
+        tick, (y[3], y[4], y[5]), torque, m.carried_n_s, m.was_open, spent,
+        p.table, m.failures, p.tank, m.scratch, m.wanted_n,
+    )  # fmt: skip
+    m.delta_v_m_s, m.propellant_kg, m.openings = spent
+    y[6], y[7], y[8] = force
+    y[9], y[10], y[11] = torque
+    if p.tank.exhaust > 0.0:
+        y[12] = mass
 
 
 class TableStage(ValvesStage):
     """Thrusters of a table; the fourth output is the torque, then the mass [kg] where it falls."""
 
+    kernel = allocate
+
     def __init__(self, settings: Thrusters, scenario: Any) -> None:
-        assert settings.table is not None
-        self._table = table_for(settings, scenario)
-        self._failures = rows_of(settings.table.failures, settings.names, scenario.dt_s)
         self._names = settings.names
-        super().__init__(settings, scenario)
-        mass = self.outputs[3:]
-        self.outputs = (*self.outputs[:3], interfaces.EXERTED_TORQUE, *mass)
         if turns_by_table(scenario):
             self.inputs = (interfaces.COMMAND, interfaces.BODY_TORQUE)
         elif scenario.named('unloading') is not None:
             self.inputs = (interfaces.COMMAND, interfaces.UNLOADING_TORQUE)
+        super().__init__(settings, scenario)
+        mass = self.outputs[3:]
+        self.outputs = (*self.outputs[:3], interfaces.EXERTED_TORQUE, *mass)
 
-    def reset(self) -> None:
-        """Forget all commands, and what was switched in flight."""
-        super().reset()
-        self._scratch: Any = as_table(np.zeros(SCRATCH))
-        self._fail(self._failures)
-
-    def _fail(self, rows: list[tuple[int, ...]]) -> None:
-        self._rows = rows
-        flat = [value for row in rows for value in row]
-        self._table = self._table._replace(failures=as_table(flat, np.int64))
+    def _records(self, settings: Thrusters, scenario: Any) -> tuple[Any, Any]:
+        """Return settings and memory of the kernel."""
+        limit = limit_of(None, scenario.max_force_n)  # the matrix is in the table
+        table, tank = table_for(settings, scenario), tank_of(settings, scenario)
+        failures = failures_of(settings, scenario.dt_s)
+        carried, shut, scratch, wanted = (
+            [0.0] * n for n in (ROWS, MOST_THRUSTERS, SCRATCH, ROWS)
+        )  # fmt: skip
+        return (
+            Allocating(limit, table, tank, int(len(self.inputs) > 1)),
+            Allocated(
+                line_of(settings), failures, carried, shut, scratch, wanted, 0.0, 0.0, 0.0
+            ),
+        )  # fmt: skip
 
     def refusal(self, state: str) -> str:
         """Return why a thruster cannot be switched so; '' if it can."""
@@ -462,20 +523,11 @@ class TableStage(ValvesStage):
         name, _, how = state.rpartition(' ')
         if self.refusal(state):
             return
-        at = self._names.index(name)
-        rows = [(*r[:3], min(r[3], tick), r[4]) if r[0] == at else r for r in self._rows]
+        at, rows = self._names.index(name), np.array(self.m.failures, np.int64).reshape(-1, 5)
+        rows[rows[:, 0] == at, 3] = np.minimum(rows[rows[:, 0] == at, 3], tick)
         if how != READY:
-            rows.append((at, ON if how == 'on' else OFF, tick, NEVER_TICK, 1))
-        self._fail(rows)
-
-    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
-        """Return the command due, saturated, mean force [N] and torque [N m] (3,), and the mass."""
-        vectors: Any = ThrustersStage.step(self, tick, *inputs)
-        torque = inputs[1] if len(inputs) > 1 else ZERO
-        force, torque, mass = allocation_kernels.fire(
-            tick, vectors[1], torque, self.memory, self._table, self._tank, self._scratch
-        )
-        return (*vectors[:2], force, torque, (mass,))[: len(self.outputs)]
+            rows = np.vstack([rows, [at, ON if how == 'on' else OFF, tick, NEVER_TICK, 1]])
+        self.m.failures = rows.tolist()
 
 
 def table_for(settings: Thrusters, scenario: Any) -> Table:
@@ -491,7 +543,7 @@ def stage_of(settings: Thrusters | None, scenario: Any) -> Stage:
         return TableStage(settings, scenario)
     if settings is not None and (settings.fires or settings.propellant):
         return ValvesStage(settings, scenario)
-    return LimitStage(settings, scenario.max_force_n)
+    return ThrustersStage(settings, scenario.max_force_n)
 
 
 register(Section('thrusters', Thrusters, Place.THRUSTERS, stage_of, _check, always=True))
