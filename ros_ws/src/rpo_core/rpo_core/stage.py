@@ -16,7 +16,7 @@ from copy import deepcopy
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
-from itertools import accumulate, pairwise
+from itertools import accumulate, chain, pairwise
 from typing import Any
 
 import numpy as np
@@ -174,13 +174,14 @@ class KernelStage(Stage):
         self._m0 = m0
         self.p: Any = prepared(p)
         self.m: Any = prepared(m0) if COMPILED else deepcopy(m0)
+        self._row: tuple[Any, Any, Any] | None = None
 
     def reset(self) -> None:
         """Forget all earlier ticks: the memory is that before tick 0."""
         if COMPILED:
             self.m.reset()
         else:
-            self.m = deepcopy(self._m0)
+            self.m, self._row = deepcopy(self._m0), None
 
     def answer(self, tick: int, u: Sequence[float]) -> None:
         """Write into p and m what a kernel needs that returned ASK."""
@@ -189,19 +190,21 @@ class KernelStage(Stage):
     @property
     def row(self) -> tuple[Any, Any, Any]:
         """The kernel, its settings and its memory as `calls.call` takes them."""
-        return calls.row_of(type(self).kernel, self.p, self.m)
+        if self._row is None:
+            self._row = calls.row_of(type(self).kernel, self.p, self.m)
+        return self._row
 
     def step(self, tick: int, *inputs: Signal) -> tuple[Signal, ...]:
         """Return the outputs of a tick."""
-        u = as_table([value for values in inputs for value in values])
-        y = as_table([0.0] * self._widths[-1])
-        while True:
-            answer = calls.call_once(*self.row, tick, u, y)
-            if answer != calls.ASK:
-                break
+        u: Any = list(chain.from_iterable(inputs))
+        y: Any = [0.0] * self._widths[-1]
+        if COMPILED:
+            u, y = np.array(u, np.float64), np.array(y)
+        step, p, m = self.row
+        while calls.call_once(step, p, m, tick, u, y) == calls.ASK:
             self.answer(tick, u)
-        made = tuple(y if isinstance(y, list) else y.tolist())
-        return tuple(made[i:j] for i, j in pairwise(self._widths))
+        made = tuple(y.tolist() if COMPILED else y)
+        return tuple([made[place] for place in self._places])
 
     def steps(
         self, ticks: NDArray[np.int64], *inputs: NDArray[np.float64]
@@ -216,12 +219,17 @@ class KernelStage(Stage):
             made[done] = [x for one in self.step(int(ticks[done]), *values) for x in one]
             done += 1
         flat = np.asarray(made).reshape(count, size)
-        return tuple(flat[:, i:j] for i, j in pairwise(self._widths))
+        return tuple(flat[:, place] for place in self._places)
 
     @cached_property
     def _widths(self) -> list[int]:
         """Places in y at which the outputs begin, and the number of all."""
         return [0, *accumulate(width_of(name) for name in self.outputs)]
+
+    @cached_property
+    def _places(self) -> list[slice]:
+        """Where each output stands in y."""
+        return [slice(i, j) for i, j in pairwise(self._widths)]
 
 
 @dataclass(frozen=True)

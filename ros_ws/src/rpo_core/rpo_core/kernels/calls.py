@@ -31,7 +31,18 @@ if COMPILED:
     from rpo_core.kernels import numba_records
 
     call: Any = numba_records.call
+
+    @driver
+    def call_once(step: Any, p: Any, m: Any, tick: int, u: Any, y: Any) -> int:
+        """Call a kernel for a tick, from Python."""
+        answer: int = call(step, tick, u, p, m, y, 0, len(y))
+        return answer
+
 else:
+
+    def call_once(step: Any, p: Any, m: Any, tick: int, u: Any, y: Any) -> int:
+        """Call a kernel for a tick."""
+        return step(tick, u, p, m, y) or 0
 
     def call(step: Any, tick: int, u: Any, p: Any, m: Any, y: Any, first: int, size: int) -> int:
         """Call a kernel; its outputs are y[first : first + size]."""
@@ -88,13 +99,6 @@ def run(
             kept[i] = signals[i]
         at[0], at[1] = tick + 1, 0
     return 0
-
-
-@driver
-def call_once(step: Any, p: Any, m: Any, tick: int, u: Any, y: Any) -> int:
-    """Call a kernel for a tick, from Python."""
-    answer: int = call(step, tick, u, p, m, y, 0, len(y))
-    return answer
 
 
 @driver

@@ -44,7 +44,8 @@ KEPT = 20
 """Folders that are kept: edits, branches and checkouts come and go."""
 
 _KERNEL = re.compile(
-    rb'^(@|\w+ = |    return )(jit\.)?(kernel|inlined|compiled|by_constant)\b', re.M
+    rb'^(@|\w+ = |    return )(jit\.)?((step_)?kernel|inlined|compiled|by_constant|intrinsic)\b',
+    re.M,
 )
 _TUPLES = re.compile(rb'NamedTuple|namedtuple')
 _CHECK = hashlib.sha256().digest_size
