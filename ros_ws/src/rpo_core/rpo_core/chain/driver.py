@@ -9,7 +9,7 @@ is called as Python, at its place in the tick.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,13 @@ from numpy.typing import NDArray
 from rpo_core.chain.chain import NO_FORCE, Chain, Link, Signals
 from rpo_core.kernels import calls
 from rpo_core.kernels.jit import COMPILED, as_table
-from rpo_core.stage import KernelStage, width_of
+from rpo_core.stage import KernelStage, Stage, width_of
 from rpo_core.wire.interfaces import NEXT, current
+
+
+def has_kernel(stage: Stage) -> TypeGuard[KernelStage]:
+    """Return whether a stage flies by its kernel: it has one, and no `step` of its own."""
+    return isinstance(stage, KernelStage) and type(stage).step is KernelStage.step
 
 
 class Driver:
@@ -55,7 +60,7 @@ class Driver:
         stage, first = link.stage, len(self._reads)
         self._reads += self._of(link.reads)
         writes = [self.places[name] for name in stage.outputs]
-        if isinstance(stage, KernelStage):
+        if has_kernel(stage):
             row, size = stage.row, writes[-1].stop - writes[0].start
         else:
             row, size = (0, 0, 0), 0
@@ -74,7 +79,7 @@ class Driver:
         )
         stages = [link.stage for link in self.chain.links]  # interpreted, memory is made anew
         rows: Any = [
-            (*stage.row, *row[3:]) if isinstance(stage, KernelStage) else row
+            (*stage.row, *row[3:]) if has_kernel(stage) else row
             for stage, row in zip(stages, self._rows, strict=True)
         ]
         rows = np.array(rows, np.int64) if COMPILED else rows
@@ -83,7 +88,7 @@ class Driver:
         while self._asked(at, flown):
             tick, index = (int(value) for value in at)
             stage = self.chain.links[index].stage
-            if isinstance(stage, KernelStage):
+            if has_kernel(stage):
                 stage.answer(tick, u)
             else:
                 self._step(tick, index, flat)
