@@ -14,10 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from rpo_core.chain.flight import fly
 from rpo_core.navigation.attitude_estimator import (
-    TESTED,
     AttitudeEstimator,
     AttitudeEstimatorStage,
-    X,
 )
 from rpo_core.navigation.attitude_sensors import AttitudeSensors
 
@@ -85,7 +83,7 @@ def test_it_is_the_filter_of_matrices_and_rotations(latency):
     measured = flight.signals['attitude_measurement']
     axes = np.array(flown.section(AttitudeSensors).star_tracker.axes)
     other = Mekf(
-        stage.filter[21:25], [np.radians(0.1), 5e-5], flown.dt_s, GYRO['noise_rad_s0_5'],
+        stage.p.start[:4], [np.radians(0.1), 5e-5], flown.dt_s, GYRO['noise_rad_s0_5'],
         GYRO['bias_walk_rad_s1_5'], np.radians([60.0, 10.0, 10.0]) / 3600.0, axes,
     )  # fmt: skip
     came = measured[:, :4].any(axis=1)
@@ -108,7 +106,7 @@ def test_it_is_the_filter_of_matrices_and_rotations(latency):
             other.predict(measured[taken - 1, 4:], measured[taken, 4:])
         if came[tick]:
             nis = other.update(stars[taken])
-            assert stage.memory[TESTED + 1] == pytest.approx(nis, rel=1e-4)
+            assert stage.m.nis[0] == pytest.approx(nis, rel=1e-4)
         here, p = other.attitude, other.p
         for ahead in range(taken, tick):  # on to the present, without the star tracker
             rate = measured[ahead : ahead + 2, 4:].mean(axis=0) - other.bias
@@ -116,11 +114,11 @@ def test_it_is_the_filter_of_matrices_and_rotations(latency):
             f = transition(rate, flown.dt_s)
             p = f @ p @ f.T + other.q
         angle = flown.mean_motion_rad_s * flown.time_s(tick)
-        mine = Rotation.from_rotvec([0.0, 0.0, angle]) * Rotation.from_quat(stage.memory[X:][:4])
+        mine = Rotation.from_rotvec([0.0, 0.0, angle]) * Rotation.from_quat(stage.m.x[:4])
         scale = np.sqrt(p.diagonal())
         errors = (
             (here.inv() * mine).magnitude(),
-            np.abs(other.bias - stage.memory[X + 4 : X + 7]).max(),
+            np.abs(other.bias - np.array(stage.m.x[4:])).max(),
             np.abs((p - stage.covariance) / np.outer(scale, scale)).max(),
         )
         worst = np.maximum(worst, errors)
@@ -129,8 +127,8 @@ def test_it_is_the_filter_of_matrices_and_rotations(latency):
 
 def errors_of(stage, truth, bias):
     """Return the error (6,) of the newest estimate: angles in the chaser's axes, bias."""
-    off = Rotation.from_quat(stage.memory[X : X + 4]).inv() * Rotation.from_quat(truth[:4])
-    return np.array([*off.as_quat(canonical=True)[:3] * 2.0, *(bias - stage.memory[X + 4 : X + 7])])
+    off = Rotation.from_quat(stage.m.x[:4]).inv() * Rotation.from_quat(truth[:4])
+    return np.array([*off.as_quat(canonical=True)[:3] * 2.0, *(bias - np.array(stage.m.x[4:]))])
 
 
 @pytest.mark.parametrize('star', [{}, {'latency_ticks': 3, 'period_ticks': 5}], ids=str)
@@ -147,8 +145,8 @@ def test_errors_are_as_large_as_it_says(star):
         flight, stage = fly(flown, PD), stage_of(flown)
         for tick in range(ticks + 1):
             stage.step(tick, tuple(flight.signals['attitude_measurement'][tick]))
-            if stage.memory[TESTED] > 0.0:
-                nis.append(stage.memory[TESTED + 1])
+            if stage.m.tested[0] > 0:
+                nis.append(stage.m.nis[0])
         error = errors_of(stage, flight.signals['chaser_attitude'][ticks], bias)
         nees.append(error @ np.linalg.solve(stage.covariance, error))
     assert abs(np.mean(nees) - 6.0) < 4.0 * np.sqrt(12.0 / runs)
@@ -176,7 +174,7 @@ def test_a_false_star_is_rejected_and_many_restart_it():
     stage.step(53, wrong)
     assert 'it was restarted 1 times, the last time at tick 53' in stage.trouble()
     assert np.linalg.norm(errors_of(stage, wrong, np.zeros(3))[:3]) < 1e-9
-    assert stage.memory[X + 3] > 0.0 > wrong[3], 'of two signs, the one with w >= 0'
+    assert stage.m.x[3] > 0.0 > wrong[3], 'of two signs, the one with w >= 0'
     start = np.square([np.radians(0.1)] * 3 + [5e-5] * 3)
     np.testing.assert_allclose(stage.covariance, np.diag(start), rtol=1e-12)
 

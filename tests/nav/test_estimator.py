@@ -153,9 +153,9 @@ def test_it_is_the_filter_of_filterpy(case):
     flown = make(units, estimator=fields, ticks=200, **dict(*sections))
     turns = flown.section(Sensors).turn
     stage, later, short = (EstimatorStage(flown.section(Estimator), flown) for _ in range(3))
-    short.filter[estimator.FULL] = 0.0
+    short.p.covariance = 0
     oracle, flight = (
-        Oracle(flown, stage.filter[estimator.START : estimator.START + 6]),
+        Oracle(flown, stage.p.start[:6]),
         fly(flown, PD),
     )
     latencies, names = [unit.latency_ticks for unit in oracle.units], flown.section(Sensors).signals
@@ -183,10 +183,8 @@ def test_it_is_the_filter_of_filterpy(case):
         square = np.outer(scale, scale)
         np.testing.assert_allclose(stage.covariance / square, q / square, atol=1e-7)
         assert stage.trouble() == oracle.trouble(tick)
-    counts = [
-        int(stage.memory[at]) for at in (estimator.ACCEPTED, estimator.REJECTED, estimator.RESETS)
-    ]
-    assert counts == [oracle.accepted, oracle.rejected, oracle.restarts]
+    counts = stage.m.accepted, stage.rejected, stage.restarts
+    assert counts == (oracle.accepted, oracle.rejected, oracle.restarts)
     assert (oracle.rejected > 0) == (case in ('outlying', 'diverged'))
 
 
@@ -201,7 +199,7 @@ def consistency(runs, ticks, **changes):
         for tick in range(ticks + 1):
             true = np.array(signals['relative_state'])
             chain.step(tick, signals)
-            error = np.array(stage.memory[estimator.X : estimator.X + 6]) - true
+            error = np.array(stage.m.x[:6]) - true
             nees[key, tick] = error @ np.linalg.solve(stage.covariance[:6, :6], error)
             innovations += [found for found in stage.innovations if found]
     return nees, np.array(innovations)
@@ -240,26 +238,23 @@ def test_the_covariance_is_positive_over_a_million_updates(n):
     noise = np.zeros((9, 9))
     noise[3:6, 3:6] = np.eye(3) * 1e-14
     noise[6:, 6:] = np.eye(3) * 1e-16
-    told, memory = np.zeros(estimator.SENSORS), np.zeros(estimator.COMMANDS)
-    told[estimator.PROCESS_NOISE : estimator.PROCESS_NOISE + estimator.SQUARE] = noise.ravel()
-    p = memory[estimator.X + 9 : estimator.X + 9 + estimator.SQUARE].reshape(9, 9)
+    p = np.zeros((9, 9))
     p[:n, :n] = np.diag(sigmas**2)
-    f, m = jit.as_table(told), jit.as_table(memory)
+    x, ph, gain = (jit.as_table(np.zeros(9)) for _ in range(3))
+    p, noise = jit.as_table(p), jit.as_table(noise)
 
     @jit.kernel
-    def many(count, f, m, n, step):
+    def many(count, x, p, ph, gain, noise, n, step):
         for _ in range(count):
-            estimator.step_state(m, n, (0.0, 0.0, 0.0), step)
-            estimator.step_covariance(m, step, f, 1.0)
-            estimator.update(m, 0, (1.0, 0.0, 0.0), 0.0, 1e-8)
-            estimator.update(m, 0, (0.0, 0.6, 0.8), 0.0, 1e-8)
-            estimator.update(m, 0, (0.0, -0.8, 0.6), 0.0, 1e-8)
+            estimator.step_state(x, n, (0.0, 0.0, 0.0), step)
+            estimator.step_covariance(p, step, noise, 1.0)
+            estimator.joseph(x, p, 9, ph, gain, 0, (1.0, 0.0, 0.0), 0.0, 1e-8)
+            estimator.joseph(x, p, 9, ph, gain, 0, (0.0, 0.6, 0.8), 0.0, 1e-8)
+            estimator.joseph(x, p, 9, ph, gain, 0, (0.0, -0.8, 0.6), 0.0, 1e-8)
 
     for _ in range(10):
-        many(34_000 if jit.COMPILED else 100, f, m, n, step)
-        found = np.array(m[estimator.X + 9 : estimator.X + 9 + estimator.SQUARE]).reshape(9, 9)[
-            :n, :n
-        ]
+        many(34_000 if jit.COMPILED else 100, x, p, ph, gain, noise, n, step)
+        found = np.array(p)[:n, :n]
         assert np.array_equal(found, found.T)
         scale = np.sqrt(np.diag(found))
         assert np.linalg.eigvalsh(found / np.outer(scale, scale)).min() > 1e-6
@@ -319,7 +314,7 @@ def test_its_state_is_always_finite(measured, force):
         assert all(np.isfinite(values).all() for values in found)
     for tick in range(len(measured), len(measured) + 8):  # so often that it starts there
         stage.step(tick, (0.0,) * 3, (1e300, 0.0, 0.0, *message[3:6], 1.0, *message[7:]))
-    stage.memory[estimator.X + 1] = np.inf  # as after an overflow
+    stage.m.x[1] = np.inf  # as after an overflow
     assert np.isfinite(np.concatenate(stage.step(tick + 1, (0.0,) * 3, NOTHING))).all()
 
 
@@ -350,7 +345,7 @@ def covariance_after_one(spread):
     )
     stage = EstimatorStage(flown.section(Estimator), flown)
     assert stage.inputs[2:] == ('attitude', 'attitude_covariance')
-    at = np.array(stage.filter[estimator.START : estimator.START + 3])
+    at = np.array(stage.p.start[:3])
     seen = (*TURNED.inv().apply(at), 0.0, 0.0, 0.0, *[0.0] * 18)
     turned = (*TURNED.as_quat(canonical=True), 0.0, 0.0, 0.0)
     stage.step(0, (0.0,) * 3, seen, turned, tuple(np.ravel(spread)))

@@ -99,11 +99,11 @@ def test_an_attitude_filter_is_consistent(flown, runs, outage):
 
 
 def test_an_attitude_filter_that_takes_its_gyro_for_better_is_found(monkeypatch):
-    module = 'rpo.analysis.consistency.attitude_filter_of'
+    module = 'rpo_core.navigation.attitude_estimator.attitude_filter_of'
 
     def proud(settings, sensors, scenario):
         f = attitude_filter_of(settings, sensors, scenario)
-        f[3] *= 0.25
+        f.turn_noise *= 0.25
         return f
 
     monkeypatch.setattr(module, proud)

@@ -28,40 +28,29 @@ from rpo_core.attitude.chaser import Craft, chaser_tick
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import AnyController
 from rpo_core.files.validation import InputError
+from rpo_core.kernels import calls
 from rpo_core.kernels.arithmetic import State, Vector, saturate
 from rpo_core.kernels.arrays import Floats, Ints
-from rpo_core.kernels.jit import inlined, kernel
+from rpo_core.kernels.jit import as_table, inlined
 from rpo_core.navigation import attitude_estimator
-from rpo_core.navigation.attitude_estimator import (
-    AttitudeEstimator,
-    attitude_filter_of,
-    attitude_memory_of,
-)
+from rpo_core.navigation.attitude_estimator import AttitudeEstimator, AttitudeEstimatorStage
 from rpo_core.navigation.attitude_sensors import (
-    BIAS,
-    DRIFT,
-    AttitudeSensing,
     AttitudeSensors,
+    AttitudeSensorsStage,
     angles_between,
-    sense_attitude,
 )
-from rpo_core.navigation.estimator import (
-    GUST,
-    LIMIT,
-    SQUARE,
-    STATES,
-    STEP,
-    TESTED,
-    Estimator,
-    X,
-    estimate,
-    filter_of,
-    memory_of,
+from rpo_core.navigation.estimator import STATES, Estimator, EstimatorStage, filter_of
+from rpo_core.navigation.sensors import (
+    CENTRE,
+    MESSAGE,
+    Sensor,
+    Sensors,
+    SensorsStage,
+    three_normals,
 )
-from rpo_core.navigation.sensors import CENTRE, Sensing, Sensor, Sensors, sense, three_normals
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.wire import interfaces
-from rpo_core.world.cw import cw_step, unpacked
+from rpo_core.world.cw import CwStep, cw_step
 
 TIMES = 10
 """Moments of a flight at which NEES and NIS are taken, the last one at its end."""
@@ -155,11 +144,16 @@ def consistency(
 
     def fly_once(run: int, ticks: Ints, *filled: Floats) -> None:
         mine = replace(sensors, noise_key=(run, 2**31))
-        f, s = filter_of(settings, mine, scenario), Sensing(mine, scenario)
-        _fly(
-            ticks, scenario.start, f, memory_of(f), s.table, s.memory, run,
-            forces, *filled,
-        )  # fmt: skip
+        f = filter_of(settings, mine, scenario)
+        suite, stage = (
+            SensorsStage(mine, scenario),
+            EstimatorStage(settings, scenario.equipped(mine)),
+        )
+        rows = suite.row, stage.row
+        inputs = [as_table(np.zeros(n)) for n in (6, 3 + MESSAGE * len(f.sensors), 27)]
+        limits = f.limit_n, f.gust
+        state, step = scenario.start, f.step
+        _fly(ticks, state, step, limits, *rows, *inputs, *tested(stage.m), run, forces, *filled)
 
     return gathered(scenario, runs, STATES, fly_once, show)
 
@@ -274,65 +268,79 @@ def _all_round(unit: Sensor) -> Sensor:
     return replace(unit, **plain) if turns else unit
 
 
-@kernel
-def _command(m: Any, limit: float) -> Vector:
+@inlined
+def _command(y: Any, limit: float) -> Vector:
     """Return the force (3,) [N] of a PD controller that reads the estimate."""
     return (
-        saturate(-0.00625 * m[X] - 0.5 * m[X + 3], limit),
-        saturate(-0.00625 * m[X + 1] - 0.5 * m[X + 4], limit),
-        saturate(-0.00625 * m[X + 2] - 0.5 * m[X + 5], limit),
+        saturate(-0.00625 * y[0] - 0.5 * y[3], limit),
+        saturate(-0.00625 * y[1] - 0.5 * y[4], limit),
+        saturate(-0.00625 * y[2] - 0.5 * y[5], limit),
     )
 
 
-@inlined
-def counted(m: Any, at: int, sums: Any) -> float:
-    """Count a measurement that was tested, from place `at`; return its NIS by number.
+def tested(m: Any) -> tuple[Any, ...]:
+    """Return what `_fly` reads of the memory of a filter: state, covariance, and the tests."""
+    return m.x, m.p, m.tested, m.nis, m.innovations
 
+
+@inlined
+def counted(count: int, nis: float, innovations: Any, sums: Any) -> float:
+    """Count a measurement that was tested; return its NIS by number.
+
+    count : of its numbers
     sums : (6, 4) per number: count, squares, products with the one before, the newest
     """
-    for i in range(int(m[at])):
-        newest = m[at + 2 + i]
+    for i in range(count):
+        newest = innovations[i]
         sums[i, 0] += 1.0
         sums[i, 1] += newest * newest
         sums[i, 2] += newest * sums[i, 3]
         sums[i, 3] = newest
-    return float(m[at + 1] / m[at])
+    return nis / count
 
 
-@kernel
+@calls.driver
 def _fly(
-    ticks: Any, start: State, f: Any, m: Any, sensors: Any, measured: Any, run: int,
-    forces: Vector, errors: Any, spreads: Any, nis: Any, sums: Any,
+    ticks: Any, start: State, step: CwStep, limits: Any, sensors: Any, estimator: Any,
+    true: Any, u: Any, y: Any, x: Any, p: Any, tested: Any, nis: Any, innovations: Any, run: int,
+    forces: Vector, errors: Any, spreads: Any, means: Any, sums: Any,
 ) -> None:  # fmt: skip
-    """Fly once; fill errors (times, 6), spreads (times, 81) and nis (times,).
+    """Fly once; fill errors (times, 6), spreads (times, 81) and means (times,), the NIS by number.
 
+    limits : of the thrusters [N], and `gust` of the filter
+    sensors, estimator : rows of the stages
+    true, u, y : scratch, the inputs of both and the outputs of the estimator
+    x, p, tested, nis, innovations : arrays of the filter's memory
     forces : sigmas [N] of the white force of a tick, of the disturbance, and of its walk
     sums : see `counted`
     """
-    state, command, key = start, (0.0, 0.0, 0.0), 2**31
+    state, key = start, 2**31
     white, constant, drift = forces
     first = three_normals(0, 1, _WALK, run, key)
     dx, dy, dz = constant * first[0], constant * first[1], constant * first[2]
     newest, at = 1.0, 0
-    attitude = measured  # it is not read: no sensor turns
     for tick in range(ticks[-1] + 1):
-        sense(tick, state, (0.0, 0.0, 0.0, 1.0), sensors, measured)
-        estimate(tick, command, measured, attitude, f, m)
-        if m[TESTED] > 0.0:
-            newest = counted(m, TESTED, sums)
+        for i in range(6):
+            true[i] = state[i]
+        calls.call(sensors[0], tick, true, sensors[1], sensors[2], u, 3, len(u) - 3)
+        calls.call(estimator[0], tick, u, estimator[1], estimator[2], y, 0, len(y))
+        if tested[0] > 0:
+            newest = counted(tested[0], nis[0], innovations[0], sums)
         if tick == ticks[at]:
             for i in range(6):
-                errors[at, i] = m[X + i] - state[i]
-            for i in range(SQUARE):
-                spreads[at, i] = m[X + STATES + i]
-            nis[at] = newest
+                errors[at, i] = x[i] - state[i]
+            for i in range(STATES):
+                for j in range(STATES):
+                    spreads[at, STATES * i + j] = p[i][j]
+            means[at] = newest
             at += 1
-        command = _command(m, f[LIMIT])
+        command = _command(y, limits[0])
         n0, n1, n2 = three_normals(tick, 0, _FORCE, run, key)
-        x, y, z = command
-        loud = white * sqrt(1.0 + f[GUST] * (x * x + y * y + z * z))
-        pushed = (x + dx + loud * n0, y + dy + loud * n1, z + dz + loud * n2)
-        state = cw_step(state, pushed, unpacked(f, STEP, 1))
+        fx, fy, fz = command
+        u[0], u[1], u[2] = fx, fy, fz
+        loud = white * sqrt(1.0 + limits[1] * (fx * fx + fy * fy + fz * fz))
+        pushed = (fx + dx + loud * n0, fy + dy + loud * n1, fz + dz + loud * n2)
+        state = cw_step(state, pushed, step)
         w0, w1, w2 = three_normals(tick, 0, _WALK, run, key)
         dx, dy, dz = dx + drift * w0, dy + drift * w1, dz + drift * w2
 
@@ -368,34 +376,45 @@ def attitude_consistency(
         x, y, z = (assumed.bias_sigma_rad_s * draw for draw in drawn)
         gyro = replace(sensors.gyro, bias_rad_s=(x, y, z))
         mine = replace(sensors, star_tracker=star, gyro=gyro, noise_key=(run, 2**31))
-        f, s = attitude_filter_of(assumed, mine, scenario), AttitudeSensing(mine, scenario)
-        m = attitude_memory_of(f)
-        _fly_attitude(ticks, start, craft, scenario.dt_s, f, m, s.table, s.memory, *filled)
+        stage = AttitudeEstimatorStage(assumed, scenario.equipped(mine))
+        suite = AttitudeSensorsStage(mine, scenario)
+        rows = suite.row, stage.row
+        inputs = [as_table(np.zeros(n)) for n in (7, 7, 16)]
+        bias = gyro.bias_rad_s, suite.m.drift
+        dt_s, arrays = scenario.dt_s, tested(stage.m)
+        _fly_attitude(ticks, start, craft, dt_s, *rows, *inputs, *bias, *arrays, *filled)
 
     return gathered(scenario, runs, attitude_estimator.STATES, fly_once, show)
 
 
-@kernel
+@calls.driver
 def _fly_attitude(
-    ticks: Any, a: Attitude, craft: Craft, dt: float, f: Any, m: Any, sensors: Any, measured: Any,
-    errors: Any, spreads: Any, nis: Any, sums: Any,
+    ticks: Any, a: Attitude, craft: Craft, dt: float, sensors: Any, estimator: Any,
+    true: Any, u: Any, y: Any, bias: Vector, drift: Any,
+    x: Any, p: Any, tested: Any, nis: Any, innovations: Any,
+    errors: Any, spreads: Any, means: Any, sums: Any,
 ) -> None:  # fmt: skip
-    """Fly once; fill errors (times, 6), spreads (times, 36), nis (times,) and sums (6, 4)."""
+    """Fly once; fill errors (times, 6), spreads (times, 36), means (times,) and sums (6, 4).
+
+    bias, drift : of the gyro, at tick 0 and what walked since [rad/s]; the others as of `_fly`
+    """
     none, wheels = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     newest, at = 1.0, 0
     for tick in range(ticks[-1] + 1):
-        sense_attitude(tick, a, sensors, measured)
-        attitude_estimator.estimate_attitude(tick, measured, f, m)
-        if m[attitude_estimator.TESTED] > 0.0:
-            newest = counted(m, attitude_estimator.TESTED, sums)
+        for i in range(7):
+            true[i] = a[i]
+        calls.call(sensors[0], tick, true, sensors[1], sensors[2], u, 0, len(u))
+        calls.call(estimator[0], tick, u, estimator[1], estimator[2], y, 0, len(y))
+        if tested[0] > 0:
+            newest = counted(tested[0], nis[0], innovations[0], sums)
         if tick == ticks[at]:
-            x = attitude_estimator.X
-            angles = angles_between(a, (m[x], m[x + 1], m[x + 2], m[x + 3]))
+            angles = angles_between(a, (x[0], x[1], x[2], x[3]))
             for i in range(3):
                 errors[at, i] = angles[i]
-                errors[at, 3 + i] = sensors[BIAS + i] + measured[DRIFT + i] - m[x + 4 + i]
-            for i in range(attitude_estimator.SQUARE):
-                spreads[at, i] = m[attitude_estimator.P + i]
-            nis[at] = newest
+                errors[at, 3 + i] = bias[i] + drift[i] - x[4 + i]
+            for i in range(6):
+                for j in range(6):
+                    spreads[at, 6 * i + j] = p[i][j]
+            means[at] = newest
             at += 1
         _, a, wheels = chaser_tick(a, wheels, none, none, dt, craft)

@@ -23,13 +23,9 @@ from rpo.engine.lanes import (
     compiled,
 )
 from rpo.engine.parts.attitude import attitude_in
-from rpo.engine.tick import Batch, Draw, Kind, Part, register, table_of
-from rpo_core.kernels.arithmetic import Vector
-from rpo_core.kernels.vectors import OWN, WIDTH, over_runs, own_tables
-from rpo_core.navigation.attitude_estimator import RATE as FOUND_RATE
-from rpo_core.navigation.attitude_estimator import (
+from rpo.engine.parts.attitude_estimation_tables import RATE as FOUND_RATE
+from rpo.engine.parts.attitude_estimation_tables import (
     STATES,
-    AttitudeEstimator,
     P,
     X,
     attitude_filter_of,
@@ -37,14 +33,18 @@ from rpo_core.navigation.attitude_estimator import (
     estimate_attitude,
     scratch_of,
 )
-from rpo_core.navigation.attitude_sensors import (
+from rpo.engine.parts.attitude_sensor_tables import (
     KEY,
     NOISE,
     AttitudeSensing,
-    AttitudeSensors,
     attitude_noise,
     sensed_attitude,
 )
+from rpo.engine.tick import Batch, Draw, Kind, Part, register, table_of
+from rpo_core.kernels.arithmetic import Vector
+from rpo_core.kernels.vectors import OWN, WIDTH, over_runs, own_tables
+from rpo_core.navigation.attitude_estimator import AttitudeEstimator
+from rpo_core.navigation.attitude_sensors import AttitudeSensors
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
 

@@ -28,44 +28,40 @@ from rpo.engine.lanes import (
     V,
     compiled,
 )
+from rpo.engine.parts import estimation_tables as tables
 from rpo.engine.parts.attitude import vector_in
-from rpo.engine.parts.target import ATTITUDE, BODY, DT, TURNS, body_of, step_attitudes, targets_of
-from rpo.engine.tick import ADDED, PASSED, Batch, Draw, Kind, Part, register, table_of
-from rpo_core.attitude.attitude_kernels import attitude_at, frame_of, to_lvlh
-from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.noise import six_normals
-from rpo_core.kernels.vectors import OWN, WIDTH, over_runs, own_tables
-from rpo_core.navigation import estimator
-from rpo_core.navigation.estimator import (
+from rpo.engine.parts.estimation_tables import (
     HEADING,
     PORT,
-    Estimator,
     X,
     estimate,
     filter_of,
     memory_of,
     spreads,
 )
-from rpo_core.navigation.sensors import (
+from rpo.engine.parts.sensor_tables import (
     COLUMNS,
     DROPOUT,
     HAS_VELOCITY,
     KEY,
     NOISE,
-    NOISES,
     OUTLIER,
     PERIOD,
     SENSORS,
-    STILL,
-    Navigation,
     Sensing,
-    Sensors,
-    measured,
     noise_at,
     noise_of,
     port_at,
     sensed,
 )
+from rpo.engine.parts.target import ATTITUDE, BODY, DT, TURNS, body_of, step_attitudes, targets_of
+from rpo.engine.tick import ADDED, PASSED, Batch, Draw, Kind, Part, register, table_of
+from rpo_core.attitude.attitude_kernels import attitude_at, frame_of, to_lvlh
+from rpo_core.kernels.arrays import Floats
+from rpo_core.kernels.noise import six_normals
+from rpo_core.kernels.vectors import OWN, WIDTH, over_runs, own_tables
+from rpo_core.navigation.estimator import Estimator
+from rpo_core.navigation.sensors import NOISES, STILL, Navigation, Sensors, measured
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
 
@@ -74,7 +70,7 @@ BIAS = KEYS + 2 * RUNS
 """Places in the table of errors: 1 sigma of the noise [m], [m/s]; keys (2, 40); biases (6, 40)."""
 
 OPPOSES, COUNT, LOOKS, PLACE, PERIODS = OWN, OWN + 1, OWN + 2, OWN + 3, OWN + 6
-NOISES_OF = PERIODS + estimator.MOST_SENSORS
+NOISES_OF = PERIODS + tables.MOST_SENSORS
 TARGETS = NOISES_OF + 2 * RUNS
 _PORTS = PAIRED_LANES + ATTITUDE
 COMMANDS, PORTS = 0, PAIRED_LANES
@@ -219,20 +215,20 @@ def estimators_of(batch: Batch) -> Part | None:
     base, nominal = batch.base, batch.base.section(Sensors)
     if base.section(Estimator) is None or nominal is None:
         return None
-    keys, tables, memories, true = [], [], [], []
+    keys, filters, memories, true = [], [], [], []
     for s in batch.scenarios:
         sensors, settings = s.section(Sensors), s.section(Estimator)
         assert sensors is not None and settings is not None
         sensing, f = Sensing(sensors, s), np.asarray(filter_of(settings, sensors, s))
-        f[estimator.FULL] = float(getattr(base.named('assurance'), 'sigmas', 0.0) > 0.0)
+        f[tables.FULL] = float(getattr(base.named('assurance'), 'sigmas', 0.0) > 0.0)
         head = len(sensing.table), len(sensing.memory), _turning(base), nominal.look
         keys.append(sensing.table[KEY : KEY + 2])
-        tables.append(table_of(head, sensing.table, f))
+        filters.append(table_of(head, sensing.table, f))
         memories.append(table_of(np.zeros(HEADING), sensing.memory, memory_of(f)))
         true.append(s.target or STILL)
     both = [targets_of(batch, some, [0] * len(some)) for some in (true, [t.known for t in true])]
     ports = [table_of(np.zeros(PAIRED_LANES), attitudes) for _, attitudes in both]
-    units = np.zeros((estimator.MOST_SENSORS, COLUMNS))
+    units = np.zeros((tables.MOST_SENSORS, COLUMNS))
     units[: len(sensing.rows)] = sensing.rows
     # noise of velocity, losses and outliers are branches that runs take alone
     together = not units[:, [HAS_VELOCITY, DROPOUT, OUTLIER]].any()
@@ -242,11 +238,11 @@ def estimators_of(batch: Batch) -> Part | None:
             *(base.compensated, len(sensing.rows), nominal.look, nominal.port_m, units[:, PERIOD]),
             *(batch.lanes(keys), *(numbers for numbers, _ in both)),
         ),
-        batch.lanes(tables),
+        batch.lanes(filters),
         table_of(np.zeros(PORTS), *ports, np.zeros(len(sensing.rows) * NOISE * RUNS)),
         batch.lanes(memories),
         HEADING + len(sensing.memory),
-        estimator.SCRATCH,
+        tables.SCRATCH,
     )
     steps = ((Place.ESTIMATOR, navigate), (ADDED + 1, oppose), (PASSED, remember))
     return Part('estimator', steps, *owned)

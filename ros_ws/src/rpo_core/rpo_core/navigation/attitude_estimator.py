@@ -10,13 +10,12 @@ spacecraft attitude estimation", 1982; Markley and Crassidis, "Fundamentals of S
 Determination and Control", 2014, 6.2.
 
 A tick is turned through at the mean of the rates measured at its ends, which a constant torque
-makes exact but for 1e-3 (rate x tick)^2. A filter is two flat tables, f of its settings and m of
-what it remembers.
+makes exact but for 1e-3 (rate x tick)^2.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from math import radians, sqrt
 from typing import Annotated, Any
@@ -28,235 +27,302 @@ from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import Checked, real, vector3, whole
 from rpo_core.kernels.arithmetic import Vector, saturate, sin_cos
 from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.jit import as_table, inlined, kernel
+from rpo_core.kernels.jit import inlined, step_kernel
 from rpo_core.navigation.attitude_sensors import (
     ARCSEC,
-    MEASURED,
     START_STREAM,
     AttitudeSensors,
     angles_between,
     turned_by,
 )
-from rpo_core.navigation.estimator import FilterStage, gate, joseph
+from rpo_core.navigation.estimator import (
+    copy_covariance,
+    copy_state,
+    gate,
+    joseph,
+    trouble_of,
+    zeros,
+)
 from rpo_core.navigation.sensors import three_normals
-from rpo_core.stage import Place, Section, Signal, register
+from rpo_core.stage import KernelStage, Place, Section, Signal, register
 from rpo_core.wire import interfaces
 
 STATES = 6
-SQUARE = STATES * STATES
-ESTIMATE = 7
-BOTH = ESTIMATE + SQUARE
 
-(
-    ORBIT_SINE, ORBIT_COSINE, DT, TURN_NOISE, SHARED_NOISE, BIAS_NOISE, GATE, PATIENCE, LATENCY,
-) = range(9)  # fmt: skip
-AXES, VARIANCES, START, SPREAD = 9, 18, 21, 28
-"""Places in a filter's settings: sine and cosine of half the angle by which LVLH turns in a tick,
-its length [s]; variances that it adds to an angle, to an angle and the bias about it, to the bias;
-largest NIS of a measurement (0: none); so many rejected ones in a row restart it (0: none do);
-latency of the star tracker [ticks], its axes (3, 3) in those of the chaser, variances about them;
-quaternion and bias (7,) at the start; variances of angle and bias at the start and after
-a restart."""
-
-NOW, BASE, ORIGIN, IN_A_ROW, RESETS, LAST_RESET, ACCEPTED, REJECTED, LAST_ACCEPTED = range(9)
-RATE, X = 9, 12
-P, SETTLED = X + ESTIMATE, X + BOTH
-KEPT = SETTLED + BOTH
-ERROR, WORK, TESTED = (KEPT + SQUARE + STATES * i for i in (0, 1, 3))
-HISTORY, RECORD = TESTED + 5, 8
-"""Places in what a filter remembers: counts; the newest rate (3,) less the bias; state and
-covariance (7 + 36) of the newest tick, and of the tick up to which all measurements have come; a
-covariance before a measurement; scratch. Of a measurement 5 numbers: how many were tested (0: none
-came), the sum of their squares (NIS), each innovation over its sigma. Then of the newest ticks, 8
-numbers each: rate of the gyro, quaternion of the star tracker, whether there is one."""
-
-MOST_RATE_RAD_S = 1e3
+MAX_RATE_RAD_S = 1e3
 """Faster rates are taken for this one, and what is no number for zero."""
 
 
-def scratch_of(f: Any) -> range:
-    """Return the places of a memory that a tick writes before it reads them."""
-    return range(KEPT if f[LATENCY] > 0.0 else SETTLED, TESTED)
+@dataclass(slots=True)
+class AttitudeFilter:
+    """Settings of the kernel `estimate_attitude`.
+
+    orbit_sine, orbit_cosine : of half the angle by which LVLH turns in a tick; dt : its length [s]
+    turn_noise, shared_noise, bias_noise : variances that a tick adds to an angle, to an angle and
+        the bias about it, to the bias
+    gate : largest NIS of a measurement; 0: none
+    patience : so many rejected ones in a row restart the filter; 0: none do
+    latency : of the star tracker [ticks]; axes : (3, 3) in those of the chaser; variances : about
+        them [rad^2]
+    start : quaternion and bias [rad/s] at the start
+    angle_variance, bias_variance : at the start and after a restart
+    """
+
+    orbit_sine: float
+    orbit_cosine: float
+    dt: float
+    turn_noise: float
+    shared_noise: float
+    bias_noise: float
+    gate: float
+    patience: int
+    latency: int
+    axes: Annotated[list[list[float]], 3, 3]
+    variances: Annotated[list[float], 3]
+    start: Annotated[list[float], 7]
+    angle_variance: float
+    bias_variance: float
+
+
+@dataclass(slots=True)
+class AttitudeRecord:
+    """What was measured at a tick: rate of the gyro [rad/s]; attitude, where has_star is 1."""
+
+    rate: Annotated[list[float], 3] = field(default_factory=lambda: [0.0] * 3)
+    star: Annotated[list[float], 4] = field(default_factory=lambda: [0.0] * 4)
+    has_star: int = 0
+
+
+@dataclass(slots=True)
+class AttitudeFilterMemory:
+    """Memory of the kernel `estimate_attitude`.
+
+    now, origin : the newest tick, and the first one; -1: it has not begun
+    settled : tick up to which all measurements have come
+    rejected_in_a_row, accepted, rejected, last_accepted, restarts, last_restart : counts and ticks
+    x, p : quaternion and bias (7,), and covariance, of the newest tick; of the settled one; before
+        a measurement
+    error, ph, gain : scratch
+    tested, nis, innovations : of the newest measurement, how many numbers were tested (0: none
+        came), the sum of their squares, and each innovation over its sigma
+    line : of the newest ticks, that of tick k at place k % len(line)
+    newest : attitude given last
+    """
+
+    line: list[AttitudeRecord]
+    newest: Annotated[list[float], 4]
+    now: int = -1
+    origin: int = -1
+    settled: int = -1
+    rejected_in_a_row: int = 0
+    accepted: int = 0
+    rejected: int = 0
+    last_accepted: int = -1
+    restarts: int = 0
+    last_restart: int = -1
+    x: Annotated[list[float], 7] = field(default_factory=lambda: [0.0] * 7)
+    p: Annotated[list[list[float]], 6, 6] = field(default_factory=partial(zeros, 6, 6))
+    settled_x: Annotated[list[float], 7] = field(default_factory=lambda: [0.0] * 7)
+    settled_p: Annotated[list[list[float]], 6, 6] = field(default_factory=partial(zeros, 6, 6))
+    kept_p: Annotated[list[list[float]], 6, 6] = field(default_factory=partial(zeros, 6, 6))
+    error: Annotated[list[float], 6] = field(default_factory=lambda: [0.0] * 6)
+    ph: Annotated[list[float], 6] = field(default_factory=lambda: [0.0] * 6)
+    gain: Annotated[list[float], 6] = field(default_factory=lambda: [0.0] * 6)
+    tested: Annotated[list[int], 1] = field(default_factory=lambda: [0])
+    nis: Annotated[list[float], 1] = field(default_factory=lambda: [0.0])
+    innovations: Annotated[list[list[float]], 1, 3] = field(default_factory=partial(zeros, 1, 3))
+
+
+@step_kernel
+def copy_estimate(x: Any, p: Any, to_x: Any, to_p: Any) -> None:
+    """Copy a state (7,) and its covariance (6, 6)."""
+    copy_state(x, to_x)
+    copy_covariance(p, to_p)
 
 
 @inlined
-def _record(tick: int, f: Any) -> int:
-    """Return the place of what was measured at a tick."""
-    return HISTORY + RECORD * (tick % (int(f[LATENCY]) + 2))
+def _moved(e: Vector, b: Vector, turned: tuple[float, float, float, float], half: float) -> Vector:
+    """Return angles e (3,) of an error one tick later: the bias b (3,) turns them too."""
+    x, y, z = half * b[0], half * b[1], half * b[2]
+    r, s, t = turn_back((e[0] - x, e[1] - y, e[2] - z), turned)
+    return r - x, s - y, t - z
 
 
-@inlined
-def _moved(m: Any, i: int, n: int, turned: tuple[float, float, float, float], half: float) -> None:
-    """Move an error, a column (n = 6) or a row (n = 1) of P, by a tick: the bias turns it too."""
-    j, k = i + n, i + 2 * n
-    x, y, z = half * m[i + 3 * n], half * m[i + 4 * n], half * m[i + 5 * n]
-    a, b, c = turn_back((m[i] - x, m[j] - y, m[k] - z), turned)
-    m[i], m[j], m[k] = a - x, b - y, c - z
+@step_kernel
+def step_attitude(x: Any, p: Any, rate: Vector, f: Any) -> None:
+    """Move state (7,) and covariance (6, 6) by one tick at a rate (3,) of the gyro [rad/s].
 
-
-@kernel
-def step_attitude(m: Any, rate: Vector, f: Any) -> None:
-    """Move state and covariance by one tick at a rate (3,) of the gyro [rad/s]."""
-    dt = f[DT]
-    x, y, z = rate[0] - m[X + 4], rate[1] - m[X + 5], rate[2] - m[X + 6]
-    size = sqrt(x * x + y * y + z * z)
+    f : settings, `AttitudeFilter`
+    """
+    dt = f.dt
+    wx, wy, wz = rate[0] - x[4], rate[1] - x[5], rate[2] - x[6]
+    size = sqrt(wx * wx + wy * wy + wz * wz)
     sine, cosine = sin_cos(0.5 * dt * size)
     share = sine / size if size > 0.0 else 0.5 * dt
-    turned = (share * x, share * y, share * z, cosine)
-    orbit = (0.0, 0.0, -f[ORBIT_SINE], f[ORBIT_COSINE])
-    q = times(times(orbit, (m[X], m[X + 1], m[X + 2], m[X + 3])), turned)
-    m[X], m[X + 1], m[X + 2], m[X + 3] = upright(q)
-    for column in range(STATES):
-        _moved(m, P + column, STATES, turned, 0.5 * dt)
-    for row in range(3):  # a bias stays: so do the rows of it
-        _moved(m, P + STATES * row, 1, turned, 0.5 * dt)
-        for column in range(row + 1):
-            m[P + STATES * column + row] = m[P + STATES * row + column]
-        m[P + 7 * row] += f[TURN_NOISE]
-        m[P + 7 * row + 3] += f[SHARED_NOISE]
-        m[P + 7 * row + 21] += f[BIAS_NOISE]
-        for column in range(3, STATES):
-            m[P + STATES * column + row] = m[P + STATES * row + column]
-
-
-@kernel
-def _accept(m: Any, found: int, f: Any) -> bool:
-    """Take the quaternion at a place of the memory unless its NIS is too large."""
-    for j in range(SQUARE):
-        m[KEPT + j] = m[P + j]
+    turned = (share * wx, share * wy, share * wz, cosine)
+    orbit = (0.0, 0.0, -f.orbit_sine, f.orbit_cosine)
+    q = upright(times(times(orbit, (x[0], x[1], x[2], x[3])), turned))
+    for i in range(4):
+        x[i] = q[i]
+    r0, r1, r2, r3, r4, r5 = p[0], p[1], p[2], p[3], p[4], p[5]
     for j in range(STATES):
-        m[ERROR + j] = 0.0
-    q = (m[X], m[X + 1], m[X + 2], m[X + 3])
-    star = (m[found], m[found + 1], m[found + 2], m[found + 3])
+        angles, bias = (r0[j], r1[j], r2[j]), (r3[j], r4[j], r5[j])
+        r0[j], r1[j], r2[j] = _moved(angles, bias, turned, 0.5 * dt)
+    for i in range(3):  # a bias stays: so do the rows of it
+        row = p[i]
+        angles, bias = (row[0], row[1], row[2]), (row[3], row[4], row[5])
+        row[0], row[1], row[2] = _moved(angles, bias, turned, 0.5 * dt)
+        for j in range(i + 1):
+            p[j][i] = row[j]
+        row[i] += f.turn_noise
+        row[3 + i] += f.shared_noise
+        p[3 + i][3 + i] += f.bias_noise
+        for j in range(3, STATES):
+            p[j][i] = row[j]
+
+
+@step_kernel
+def _accept(star: Any, f: Any, m: Any) -> bool:
+    """Take a quaternion (4,) of the star tracker unless its NIS is too large."""
+    copy_covariance(m.p, m.kept_p)
+    for j in range(STATES):
+        m.error[j] = 0.0
+    q = (m.x[0], m.x[1], m.x[2], m.x[3])
     x, y, z = angles_between(star, q)
-    m[TESTED + 1] = 0.0
+    nis, innovations = 0.0, m.innovations[0]
     for i in range(3):
-        h = (f[AXES + 3 * i], f[AXES + 3 * i + 1], f[AXES + 3 * i + 2])
+        axis = f.axes[i]
+        h = (axis[0], axis[1], axis[2])
         angle = h[0] * x + h[1] * y + h[2] * z
-        m[TESTED + 2 + i] = joseph(m, ERROR, P, STATES, WORK, 0, h, angle, f[VARIANCES + i])
-        m[TESTED + 1] += m[TESTED + 2 + i] * m[TESTED + 2 + i]
-    m[TESTED] = 3.0
-    if f[GATE] > 0.0 and m[TESTED + 1] > f[GATE]:
-        for j in range(SQUARE):
-            m[P + j] = m[KEPT + j]
+        innovation = joseph(m.error, m.p, STATES, m.ph, m.gain, 0, h, angle, f.variances[i])
+        innovations[i] = innovation
+        nis += innovation * innovation
+    m.tested[0], m.nis[0] = 3, nis
+    if f.gate > 0.0 and nis > f.gate:
+        copy_covariance(m.kept_p, m.p)
         return False
-    error = (m[ERROR], m[ERROR + 1], m[ERROR + 2])
-    m[X], m[X + 1], m[X + 2], m[X + 3] = turned_by(q, error)
+    turned = turned_by(q, (m.error[0], m.error[1], m.error[2]))
+    for i in range(4):
+        m.x[i] = turned[i]
     for i in range(3):
-        m[X + 4 + i] += m[ERROR + 3 + i]
+        m.x[4 + i] += m.error[3 + i]
     return True
 
 
-@inlined
-def _spread(m: Any, f: Any) -> None:
-    """Give P the variances of the start."""
-    for j in range(SQUARE):
-        m[P + j] = 0.0
-    for i in range(3):
-        m[P + 7 * i], m[P + 7 * i + 21] = f[SPREAD], f[SPREAD + 1]
+@step_kernel
+def _spread(p: Any, f: Any) -> None:
+    """Give a covariance the variances of the start."""
+    for i in range(STATES):
+        for j in range(STATES):
+            p[i][j] = 0.0
+        p[i][i] = f.angle_variance if i < 3 else f.bias_variance
 
 
-@kernel
-def _advance(tick: int, f: Any, m: Any) -> None:
+@step_kernel
+def _advance(tick: int, p: Any, m: Any) -> None:
     """Move the state to a tick, and take what the star tracker measured at it."""
-    found = _record(tick, f)
-    if tick > m[ORIGIN]:
-        old = _record(tick - 1, f)
-        rate = (
-            0.5 * (m[old] + m[found]),
-            0.5 * (m[old + 1] + m[found + 1]),
-            0.5 * (m[old + 2] + m[found + 2]),
-        )
-        step_attitude(m, rate, f)
-    if m[found + 7] == 0.0:
+    slots = len(m.line)
+    new = m.line[tick % slots]
+    if tick > m.origin:
+        old, a = m.line[(tick - 1) % slots].rate, new.rate
+        rate = (0.5 * (old[0] + a[0]), 0.5 * (old[1] + a[1]), 0.5 * (old[2] + a[2]))
+        step_attitude(m.x, m.p, rate, p)
+    if not new.has_star:
         return
-    if _accept(m, found + 3, f):
-        m[ACCEPTED] += 1.0
-        m[IN_A_ROW] = 0.0
-        m[LAST_ACCEPTED] = tick
+    if _accept(new.star, p, m):
+        m.accepted += 1
+        m.rejected_in_a_row = 0
+        m.last_accepted = tick
         return
-    m[REJECTED] += 1.0
-    m[IN_A_ROW] += 1.0
-    if f[PATIENCE] > 0.0 and m[IN_A_ROW] >= f[PATIENCE]:
+    m.rejected += 1
+    m.rejected_in_a_row += 1
+    if p.patience > 0 and m.rejected_in_a_row >= p.patience:
         for j in range(4):
-            m[X + j] = m[found + 3 + j]
-        for j in range(3):
-            m[X + 4 + j] = f[START + 4 + j]
-        _spread(m, f)
-        m[IN_A_ROW] = 0.0
-        m[RESETS] += 1.0
-        m[LAST_RESET] = tick
+            m.x[j] = new.star[j]
+        for j in range(4, 7):
+            m.x[j] = p.start[j]
+        _spread(m.p, p)
+        m.rejected_in_a_row = 0
+        m.restarts += 1
+        m.last_restart = tick
 
 
-@kernel
-def _settle(tick: int, f: Any, m: Any) -> None:
-    """Move the base to the newest tick of which no more measurements will come."""
-    late = f[LATENCY] > 0.0  # else the newest tick is the one that is settled
-    if tick - int(f[LATENCY]) > m[BASE]:
-        for j in range(BOTH if late else 0):
-            m[X + j] = m[SETTLED + j]
-        m[BASE] += 1.0
-        _advance(int(m[BASE]), f, m)
-        for j in range(BOTH if late else 0):
-            m[SETTLED + j] = m[X + j]
+@step_kernel
+def _settle(tick: int, p: Any, m: Any) -> None:
+    """Settle the newest tick of which no more measurements will come."""
+    late = p.latency > 0  # else the newest tick is the one that is settled
+    if tick - p.latency > m.settled:
+        if late:
+            copy_estimate(m.settled_x, m.settled_p, m.x, m.p)
+        m.settled += 1
+        _advance(m.settled, p, m)
+        if late:
+            copy_estimate(m.x, m.p, m.settled_x, m.settled_p)
 
 
-@kernel
-def _begin(tick: int, f: Any, m: Any) -> None:
+@step_kernel
+def _begin(tick: int, p: Any, m: Any) -> None:
     """Begin with the start at a tick."""
-    for j in range(HISTORY + RECORD * (int(f[LATENCY]) + 2)):
-        m[j] = 0.0
-    for j in range(ESTIMATE):
-        m[X + j] = f[START + j]
-    _spread(m, f)
-    for j in range(BOTH):
-        m[SETTLED + j] = m[X + j]
-    m[NOW] = m[BASE] = tick - 1
-    m[ORIGIN] = m[LAST_ACCEPTED] = tick
-    m[LAST_RESET] = -1.0
+    for i in range(7):
+        m.x[i] = p.start[i]
+    _spread(m.p, p)
+    copy_estimate(m.x, m.p, m.settled_x, m.settled_p)
+    m.now = m.settled = tick - 1
+    m.origin = m.last_accepted = tick
 
 
-@kernel
-def estimate_attitude(tick: int, measured: Any, f: Any, m: Any) -> None:
-    """Take a tick: fill the newest state and covariance of the memory, from place X, and RATE.
+@step_kernel
+def _keep(tick: int, u: Any, p: Any, m: Any) -> None:
+    """Keep what arrives at a tick; of ticks that are missing, the rate before is held."""
+    slots = len(m.line)
+    for t in range(m.now + 1, tick + 1):
+        new, old = m.line[t % slots], m.line[(t - 1) % slots]
+        for i in range(3):
+            value = old.rate[i]
+            if t == tick:
+                value = u[4 + i]
+                value = saturate(value if value - value == 0.0 else 0.0, MAX_RATE_RAD_S)
+            new.rate[i] = value
+        new.has_star = 0
+        m.now = t
+        if t < tick:
+            _settle(t, p, m)
+    due = tick - p.latency
+    size = sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2] + u[3] * u[3])
+    if due >= m.origin and 0.5 < size < 2.0:
+        q, taken = upright((u[0], u[1], u[2], u[3])), m.line[due % slots]
+        for i in range(4):
+            taken.star[i] = q[i]
+        taken.has_star = 1
 
-    measured : (7,) that arrived at this tick, see `attitude_sensors`; of ticks that are
-    missing, the rate before is held
 
-    The star tracker may come late. The base is moved to the newest tick of which it has come; from
+@step_kernel
+def estimate_attitude(tick: int, u: Any, p: Any, m: Any, y: Any) -> None:
+    """Take a tick: the estimate follows from the gyro and the star tracker.
+
+    u : quaternion (4,) of the star tracker, 0, 0, 0, 0 for none; rate (3,) of the gyro [rad/s]
+    y : quaternion (4,); rate (3,) [rad/s], that of the gyro less its bias; covariance (3, 3) of the
+        angles about the chaser's axes [rad^2]
+
+    The star tracker may come late. The settled tick is the newest one of which it has come; from
     there to this tick the motion is computed anew.
     """
-    if m[ORIGIN] < 0.0:
-        _begin(tick, f, m)
-    m[TESTED] = 0.0
-    for t in range(int(m[NOW]) + 1, tick + 1):
-        new, old = _record(t, f), _record(t - 1, f)
-        for i in range(3):
-            value = m[old + i]
-            if t == tick:
-                value = measured[4 + i]
-                value = saturate(value if value - value == 0.0 else 0.0, MOST_RATE_RAD_S)
-            m[new + i] = value
-        m[new + 7] = 0.0
-        m[NOW] = t
-        if t < tick:
-            _settle(t, f, m)
-    taken = tick - int(f[LATENCY])
-    x, y, z, w = measured[0], measured[1], measured[2], measured[3]
-    size = sqrt(x * x + y * y + z * z + w * w)
-    if taken >= m[ORIGIN] and 0.5 < size < 2.0:
-        at = _record(taken, f)
-        m[at + 3], m[at + 4], m[at + 5], m[at + 6] = upright((x, y, z, w))
-        m[at + 7] = 1.0
-    _settle(tick, f, m)
-    if f[LATENCY] > 0.0:
-        for j in range(BOTH):
-            m[X + j] = m[SETTLED + j]
-        for t in range(int(m[BASE]) + 1, tick + 1):
-            _advance(t, f, m)
-    newest = _record(tick, f)
+    if m.origin < 0:
+        _begin(tick, p, m)
+    m.tested[0] = 0
+    _keep(tick, u, p, m)
+    _settle(tick, p, m)
+    if p.latency > 0:
+        copy_estimate(m.settled_x, m.settled_p, m.x, m.p)
+        for t in range(m.settled + 1, tick + 1):
+            _advance(t, p, m)
+    rate = m.line[tick % len(m.line)].rate
+    for i in range(4):
+        y[i] = m.newest[i] = m.x[i]
     for i in range(3):
-        m[RATE + i] = m[newest + i] - m[X + 4 + i]
+        y[4 + i] = rate[i] - m.x[4 + i]
+        for j in range(3):
+            y[7 + 3 * i + j] = m.p[i][j]
 
 
 _angle = partial(real, unit='deg', above=0.0, most=30.0)
@@ -285,8 +351,10 @@ class AttitudeEstimator(Checked):
     start_error_deg: Annotated[Vector, _angles] = unless_default((0.0, 0.0, 0.0))
 
 
-def attitude_filter_of(settings: AttitudeEstimator, sensors: AttitudeSensors, scenario: Any) -> Any:
-    """Return the settings of the filter of a scenario, table f of the kernels."""
+def attitude_filter_of(
+    settings: AttitudeEstimator, sensors: AttitudeSensors, scenario: Any
+) -> AttitudeFilter:
+    """Return the settings of the filter of a scenario."""
     dt_s, gyro, star = scenario.dt_s, sensors.gyro, sensors.star_tracker
     angle = radians(settings.attitude_sigma_deg)
     draws = three_normals(0, 0, START_STREAM, *sensors.noise_key)
@@ -299,65 +367,45 @@ def attitude_filter_of(settings: AttitudeEstimator, sensors: AttitudeSensors, sc
         (settings.noise_scale * arcsec * ARCSEC) ** 2
         for arcsec in (star.boresight_noise_arcsec, star.cross_noise_arcsec)
     )
-    return as_table(
-        [
-            *sin_cos(0.5 * scenario.mean_motion_rad_s * dt_s),
-            dt_s,
-            noise + 0.25 * walk * dt_s * dt_s,
-            -0.5 * walk * dt_s,
-            walk,
-            gate(3, settings.gate_sigmas),
-            settings.restart_after,
-            star.latency_ticks,
-            *(part for axis in star.axes for part in axis),
-            *(about, across, across),
-            *turned_by(start, (x, y, z)),
-            *(0.0, 0.0, 0.0),
-            angle * angle,
-            settings.bias_sigma_rad_s * settings.bias_sigma_rad_s,
-        ]
+    orbit_sine, orbit_cosine = sin_cos(0.5 * scenario.mean_motion_rad_s * dt_s)
+    return AttitudeFilter(
+        orbit_sine=orbit_sine,
+        orbit_cosine=orbit_cosine,
+        dt=dt_s,
+        turn_noise=noise + 0.25 * walk * dt_s * dt_s,
+        shared_noise=-0.5 * walk * dt_s,
+        bias_noise=walk,
+        gate=gate(3, settings.gate_sigmas),
+        patience=settings.restart_after,
+        latency=star.latency_ticks,
+        axes=[list(axis) for axis in star.axes],
+        variances=[about, across, across],
+        start=[*turned_by(start, (x, y, z)), 0.0, 0.0, 0.0],
+        angle_variance=angle * angle,
+        bias_variance=settings.bias_sigma_rad_s * settings.bias_sigma_rad_s,
     )
 
 
-def attitude_memory_of(f: Any) -> Any:
-    """Return the memory of a filter that has not begun, table m of the kernels."""
-    slots = int(f[LATENCY]) + 2
-    return as_table([-1.0] * RATE + [0.0] * (HISTORY - RATE + RECORD * slots))
-
-
-class AttitudeEstimatorStage(FilterStage):
+class AttitudeEstimatorStage(KernelStage):
     """From star tracker and gyro to the estimated attitude and rate, and their covariance."""
 
     name = 'attitude_estimator'
+    memory_ticks = None
     inputs = (interfaces.ATTITUDE_MEASUREMENT,)
     outputs = (interfaces.NAVIGATION_ATTITUDE, interfaces.ATTITUDE_COVARIANCE)
-    title = 'attitude estimator'
-    silence = 'no star tracker'
+    kernel = estimate_attitude
 
     def __init__(self, settings: AttitudeEstimator, scenario: Any) -> None:
         sensors = scenario.named('attitude_sensors')
-        self.filter = attitude_filter_of(settings, sensors, scenario)
         self._silent_ticks = 10 * sensors.star_tracker.period_ticks
-        self._measured = as_table([0.0] * MEASURED)
-        self._start = tuple(scenario.attitude.start(scenario.mean_motion_rad_s)[:4])
-        self.reset()
+        start = scenario.attitude.start(scenario.mean_motion_rad_s)[:4]
+        p = attitude_filter_of(settings, sensors, scenario)
+        line = [AttitudeRecord() for _ in range(p.latency + 2)]
+        super().__init__(p, AttitudeFilterMemory(line, list(start)))
 
-    def reset(self) -> None:
-        """Begin with the start of the scenario."""
-        self.memory, self._given = attitude_memory_of(self.filter), self._start
-
-    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
-        """Return quaternion and rate (7,) [rad/s], and the covariance (9,) of the angles [rad^2].
-
-        The covariance is about the chaser's axes, 3 x 3.
-        """
-        for i in range(MEASURED):
-            self._measured[i] = inputs[0][i]
-        estimate_attitude(tick, self._measured, self.filter, self.memory)
-        m = list(map(float, self.memory[:P]))
-        spread = self.covariance[:3, :3].ravel().tolist()
-        self._given = tuple(m[X : X + 4])
-        return (*m[X : X + 4], *m[RATE : RATE + 3]), tuple(spread)
+    def trouble(self) -> str:
+        """Return what is wrong, for /diagnostics; '' if nothing is."""
+        return trouble_of('attitude estimator', self.m, self._silent_ticks, 'no star tracker')
 
     def passes_on(self) -> tuple[int | Signal, ...]:
         """Return that the attitude is what was measured; the covariance is zero."""
@@ -367,13 +415,14 @@ class AttitudeEstimatorStage(FilterStage):
         """Return the measurement; of a star tracker that has none, the attitude given last."""
         measured, covariance = super().off(*inputs)
         if any(measured[:4]):
-            self._given = tuple(measured[:4])
-        return (*self._given, *measured[4:]), covariance
+            for i in range(4):
+                self.m.newest[i] = measured[i]
+        return (*map(float, self.m.newest), *measured[4:]), covariance
 
     @property
     def covariance(self) -> Floats:
         """Covariance (6, 6) of the newest estimate: angles [rad], bias [rad/s]."""
-        return np.array(self.memory[P : P + SQUARE]).reshape(STATES, STATES)
+        return np.array(self.m.p)
 
 
 register(

@@ -10,47 +10,78 @@ sizes: Markley and Crassidis, "Fundamentals of Spacecraft Attitude Determination
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from math import pi, radians, sqrt
 from typing import Annotated, Any
 
-from rpo_core.attitude.attitude_kernels import Attitude
 from rpo_core.attitude.chaser import relative_to, times, turn, upright
 from rpo_core.attitude.target import Quaternion
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import Checked, InputError, real, vector3, whole
 from rpo_core.kernels.arithmetic import Vector, norm, sin_cos
-from rpo_core.kernels.jit import as_table, inlined, kernel
+from rpo_core.kernels.jit import inlined, step_kernel
 from rpo_core.navigation.sensors import (
     MAX_LATENCY_TICKS,
     across,
     first_tick,
     intervals,
+    is_due,
     key,
     three_normals,
 )
-from rpo_core.stage import Place, Section, Signal, Stage, register
+from rpo_core.stage import KernelStage, Place, Section, Signal, register
 from rpo_core.wire import interfaces
 
-KEY, SLOTS, PERIOD, LATENCY, CROSS, ROLL, AXES = 0, 2, 3, 4, 5, 6, 7
-GYRO, WALK, BIAS, LIGHT, COSINE, COUNT, OUTAGES = 16, 17, 18, 21, 24, 25, 26
-"""Places in the table of `sense_attitude`. Key (2,); slots of the queue; of the star tracker period
-and latency [ticks], sigma across its boresight and about it [rad], its axes (3, 3) in those of the
-chaser, boresight first; of the gyro sigma and walk of a tick [rad/s], bias (3,) at tick 0; a
-direction (3,) in LVLH that blinds, and the cosine of its half angle, 2 for none; how many numbers
-the outages have; they, in ticks, first and end of each."""
+START_STREAM, STARS, RATES, WALKS = range(128, 132)
 
-MEASURED = 7
-"""Numbers of a measurement: quaternion of the star tracker, 0, 0, 0, 0 for none; rate [rad/s]."""
 
-DRIFT, WALKED, NOISE, QUEUE, QUEUED = 7, 10, 11, 20, 5
-"""Places in its memory, after the measurement: the part (3,) of the bias that walked, the tick up
-to which; the noise (9,) of this tick; then quaternions on their way, each with its tick."""
+@dataclass(slots=True)
+class AttitudeSuite:
+    """Settings of the kernel `sense_attitude`.
 
-Noise = tuple[float, float, float, float, float, float, float, float, float]
+    period, latency : of the star tracker [ticks]
+    cross, roll : its sigma across its boresight and about it [rad]
+    axes : its axes in those of the chaser, boresight first
+    light : direction in LVLH that blinds it; cosine : of the half angle, 2 for none
+    outages : (n, 2) ticks, first and end of each
+    gyro, walk : sigma of its noise and of the walk of its bias, of a tick [rad/s]
+    bias : at tick 0 [rad/s]
+    """
 
-START_STREAM, _STARS, _RATES, _WALKS = range(128, 132)
+    key: tuple[int, int]
+    period: int
+    latency: int
+    cross: float
+    roll: float
+    axes: Annotated[list[list[float]], 3, 3]
+    light: Vector
+    cosine: float
+    outages: list[list[int]]
+    gyro: float
+    walk: float
+    bias: Vector
+
+
+@dataclass(slots=True)
+class StarMeasurement:
+    """An attitude; tick : at which it was taken, -1: there is none."""
+
+    tick: int = -1
+    attitude: Annotated[list[float], 4] = field(default_factory=lambda: [0.0] * 4)
+
+
+@dataclass(slots=True)
+class AttitudeSuiteMemory:
+    """Memory of the kernel `sense_attitude`.
+
+    drift : the part of the gyro's bias that walked [rad/s]; walked : the tick up to which
+    line : attitudes on their way, that of tick k at place k % len(line)
+    """
+
+    line: list[StarMeasurement]
+    drift: Annotated[list[float], 3] = field(default_factory=lambda: [0.0] * 3)
+    walked: int = 0
 
 
 @inlined
@@ -71,72 +102,57 @@ def angles_between(truth: Any, estimate: Any) -> Vector:
 
 
 @inlined
-def along(s: Any, i: int, first: float, second: float, third: float) -> Vector:
-    """Return a vector that has these parts along three axes, from place i of a table on."""
+def along(axes: Any, first: float, second: float, third: float) -> Vector:
+    """Return a vector that has these parts along three axes (3, 3)."""
+    a, b, c = axes[0], axes[1], axes[2]
     return (
-        first * s[i] + second * s[i + 3] + third * s[i + 6],
-        first * s[i + 1] + second * s[i + 4] + third * s[i + 7],
-        first * s[i + 2] + second * s[i + 5] + third * s[i + 8],
+        first * a[0] + second * b[0] + third * c[0],
+        first * a[1] + second * b[1] + third * c[1],
+        first * a[2] + second * b[2] + third * c[2],
     )
 
 
 @inlined
-def _sees(tick: int, q: Quaternion, s: Any) -> bool:
+def _sees(tick: int, q: Quaternion, p: Any) -> bool:
     """Return whether the star tracker measures: its period, no outage [begin, end), no light."""
-    found = tick % int(s[PERIOD]) == 0
-    for i in range(OUTAGES, OUTAGES + int(s[COUNT]), 2):
-        found = found and not s[i] <= tick < s[i + 1]
-    x, y, z = turn((s[AXES], s[AXES + 1], s[AXES + 2]), q)
-    return found and x * s[LIGHT] + y * s[LIGHT + 1] + z * s[LIGHT + 2] < s[COSINE]
+    if not is_due(tick, p):
+        return False
+    x, y, z = turn((p.axes[0][0], p.axes[0][1], p.axes[0][2]), q)
+    return bool(x * p.light[0] + y * p.light[1] + z * p.light[2] < p.cosine)
 
 
-@inlined
-def attitude_noise(tick: int, k0: int, k1: int) -> Noise:
-    """Return nine normals: of the star tracker, the gyro, the walk of its bias."""
-    a, b, c = three_normals(tick, 0, _STARS, k0, k1)
-    d, e, f = three_normals(tick, 0, _RATES, k0, k1)
-    g, h, i = three_normals(tick, 0, _WALKS, k0, k1)
-    return a, b, c, d, e, f, g, h, i
+@step_kernel
+def sense_attitude(tick: int, u: Any, p: Any, m: Any, y: Any) -> None:
+    """Measure at a tick: the rate at once, the attitude when it arrives.
 
+        rate = w_k + b_0 + d_k + sigma n,   d_(k+1) = d_k + walk n'
 
-@kernel
-def sense_attitude(tick: int, a: Attitude, s: Any, m: Any) -> None:
-    """Fill the measurement (7,) that arrives at a tick; see `sensed_attitude`."""
-    noise = attitude_noise(tick, int(s[KEY]), int(s[KEY + 1]))
-    for i in range(9):
-        m[NOISE + i] = noise[i]
-    sensed_attitude(tick, a, s, m)
-
-
-@kernel
-def sensed_attitude(tick: int, a: Attitude, s: Any, m: Any) -> None:
-    """Fill the measurement (7,) that arrives at a tick, with the noise that the memory has.
-
-    a : true attitude; s : table, m : memory, see the names of their places
+    u : true attitude, quaternion and rate (7,) [rad/s]
+    y : quaternion (4,) of the star tracker, 0, 0, 0, 0 for none; rate (3,) of the gyro [rad/s]
     """
-    while s[WALK] > 0.0 and m[WALKED] < tick:
-        m[WALKED] += 1.0
-        steps = (m[NOISE + 6], m[NOISE + 7], m[NOISE + 8])
-        if m[WALKED] < tick:
-            steps = three_normals(int(m[WALKED]), 0, _WALKS, int(s[KEY]), int(s[KEY + 1]))
+    while p.walk > 0.0 and m.walked < tick:
+        m.walked += 1
+        n = three_normals(m.walked, 0, WALKS, p.key[0], p.key[1])
         for i in range(3):
-            m[DRIFT + i] += s[WALK] * steps[i]
+            m.drift[i] += p.walk * n[i]
+    n = three_normals(tick, 0, RATES, p.key[0], p.key[1])
     for i in range(3):
-        m[4 + i] = a[4 + i] + s[BIAS + i] + m[DRIFT + i] + s[GYRO] * m[NOISE + 3 + i]
-    q = (a[0], a[1], a[2], a[3])
-    slots = int(s[SLOTS])
-    slot = QUEUE + QUEUED * (tick % slots)
-    m[slot], m[slot + 1], m[slot + 2], m[slot + 3] = 0.0, 0.0, 0.0, 0.0
-    m[slot + 4] = float(tick)
-    if _sees(tick, q, s):
-        n0, n1, n2 = s[ROLL] * m[NOISE], s[CROSS] * m[NOISE + 1], s[CROSS] * m[NOISE + 2]
-        error = along(s, AXES, n0, n1, n2)
-        m[slot], m[slot + 1], m[slot + 2], m[slot + 3] = turned_by(q, error)
-    taken = tick - int(s[LATENCY])
-    slot = QUEUE + QUEUED * (taken % slots)
-    came = taken >= 0 and m[slot + 4] == taken
+        y[4 + i] = u[4 + i] + p.bias[i] + m.drift[i] + p.gyro * n[i]
+    q = (u[0], u[1], u[2], u[3])
+    slots = len(m.line)
+    taken = m.line[tick % slots]
+    taken.tick = -1
+    if _sees(tick, q, p):
+        n = three_normals(tick, 0, STARS, p.key[0], p.key[1])
+        error = along(p.axes, p.roll * n[0], p.cross * n[1], p.cross * n[2])
+        measured = turned_by(q, error)
+        taken.tick = tick
+        for i in range(4):
+            taken.attitude[i] = measured[i]
+    due = tick - p.latency
+    arrived = m.line[due % slots]
     for i in range(4):
-        m[i] = m[slot + i] if came else 0.0
+        y[i] = arrived.attitude[i] if due >= 0 and arrived.tick == due else 0.0
 
 
 ARCSEC = pi / 648000.0
@@ -212,58 +228,39 @@ class AttitudeSensors(Checked):
     noise_key: Annotated[tuple[int, int], key] = (0, 0)
 
 
-class AttitudeSensing:
-    """Sensors and their memory, the tables of `sense_attitude`."""
-
-    def __init__(self, settings: AttitudeSensors, scenario: Any) -> None:
-        star, gyro, root = settings.star_tracker, settings.gyro, sqrt(scenario.dt_s)
-        self._slots = star.latency_ticks + 1
-        ticks = [first_tick(time, scenario) for pair in star.outages_s for time in pair]
-        size = norm(*star.light)
-        table = [
-            *settings.noise_key,
-            self._slots,
-            star.period_ticks,
-            star.latency_ticks,
-            star.cross_noise_arcsec * ARCSEC,
-            star.boresight_noise_arcsec * ARCSEC,
-            *(part for axis in star.axes for part in axis),
-            gyro.noise_rad_s0_5 / root,
-            gyro.bias_walk_rad_s1_5 * root,
-            *gyro.bias_rad_s,
-            *(part / size for part in star.light),
-            sin_cos(radians(star.light_deg))[1] if star.light_deg > 0.0 else 2.0,
-            len(ticks),
-            *ticks,
-        ]
-        self.table = as_table(table)
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget what is on its way."""
-        self.memory = as_table([0.0] * QUEUE + [0.0, 0.0, 0.0, 0.0, -1.0] * self._slots)
+def suite_of(settings: AttitudeSensors, scenario: Any) -> AttitudeSuite:
+    """Return the sensors of a scenario as the kernel reads them."""
+    star, gyro, root = settings.star_tracker, settings.gyro, sqrt(scenario.dt_s)
+    x, y, z = star.light
+    size = norm(x, y, z)
+    return AttitudeSuite(
+        key=settings.noise_key,
+        period=star.period_ticks,
+        latency=star.latency_ticks,
+        cross=star.cross_noise_arcsec * ARCSEC,
+        roll=star.boresight_noise_arcsec * ARCSEC,
+        axes=[list(axis) for axis in star.axes],
+        light=(x / size, y / size, z / size),
+        cosine=sin_cos(radians(star.light_deg))[1] if star.light_deg > 0.0 else 2.0,
+        outages=[[first_tick(time, scenario) for time in pair] for pair in star.outages_s],
+        gyro=gyro.noise_rad_s0_5 / root,
+        walk=gyro.bias_walk_rad_s1_5 * root,
+        bias=gyro.bias_rad_s,
+    )
 
 
-class AttitudeSensorsStage(Stage):
+class AttitudeSensorsStage(KernelStage):
     """From the true attitude to what arrives of the star tracker and the gyro."""
 
     name = 'attitude_sensors'
     inputs = (interfaces.CHASER_ATTITUDE,)
     outputs = (interfaces.ATTITUDE_MEASUREMENT,)
+    kernel = sense_attitude
 
     def __init__(self, settings: AttitudeSensors, scenario: Any) -> None:
         self.memory_ticks = settings.star_tracker.latency_ticks
-        self._sensing = AttitudeSensing(settings, scenario)
-
-    def reset(self) -> None:
-        """Forget what is on its way."""
-        self._sensing.reset()
-
-    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
-        """Return the quaternion of the star tracker, zeros for none, and the rate [rad/s]."""
-        s = self._sensing
-        sense_attitude(tick, inputs[0], s.table, s.memory)
-        return (tuple(map(float, s.memory[:MEASURED])),)
+        line = [StarMeasurement() for _ in range(self.memory_ticks + 1)]
+        super().__init__(suite_of(settings, scenario), AttitudeSuiteMemory(line))
 
     def passes_on(self) -> tuple[int | Signal, ...]:
         """Return that the true attitude is measured."""

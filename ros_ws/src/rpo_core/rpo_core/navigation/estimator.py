@@ -6,8 +6,8 @@ It reads the measurements and the force that was commanded one tick before. Arit
 sqrt and comparisons, in the order written.
 
 The state has six numbers, position [m] and velocity [m/s] in target LVLH, or nine with a constant
-disturbance force [N]. A covariance is a 9 x 9 table, row after row, always symmetric; without a
-disturbance its last rows and columns are not used.
+disturbance force [N]. A covariance is a 9 x 9 table, always symmetric; without a disturbance its
+last rows and columns are not used.
 
 A measurement is taken number by number (they are independent in the frame of the line of sight).
 An update is in Joseph's form: P - K h' P, then the same from the other side, plus K r K'. Source:
@@ -20,14 +20,12 @@ variance there grows by that of e times the square of the distance.
 
 A sensor that looks at the port measures the chaser from there. The port is where the known attitude
 of the target puts it at that tick.
-
-A filter is two flat tables, f of its settings and m of what it remembers: a view of a part of a
-table costs a compiled kernel more than an update does.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from math import sqrt
 from typing import Annotated, Any
@@ -39,444 +37,501 @@ from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import Checked, InputError, flag, real, whole
 from rpo_core.kernels.arithmetic import Vector, saturate
 from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.jit import as_table, inlined, kernel
-from rpo_core.kernels.vectors import pick
+from rpo_core.kernels.calls import ASK
+from rpo_core.kernels.jit import inlined, step_kernel
 from rpo_core.navigation.sensors import (
-    COLUMNS,
-    CROSS_SHARE,
-    HAS_RANGE,
-    HAS_VELOCITY,
-    LATENCY,
-    LOOKS,
-    MEASURED,
-    NOISE_FLOOR,
-    NOISE_SHARE,
-    TURNS,
-    VELOCITY_FLOOR,
-    VELOCITY_SHARE,
-    PortSeen,
+    MAX_SENSORS,
+    MESSAGE,
+    PORT_TICKS,
+    Measurement,
+    PortBlock,
+    PortMotion,
+    SensorRow,
     Sensors,
     across,
     larger,
     sight,
     three_normals,
 )
-from rpo_core.stage import Place, Section, Signal, Stage, register
+from rpo_core.stage import KernelStage, Place, Section, Signal, register
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import ATTITUDE, PREVIOUS_COMMAND
 from rpo_core.world import cw
-from rpo_core.world.cw import CwStep, cw_step, unpacked
+from rpo_core.world.cw import CwStep, cw_step
 
 STATES = 9
-SQUARE = STATES * STATES
+POSITION, VELOCITY = 0, 3
+"""Places in a state."""
 
-N, LIMIT, DELAY, PATIENCE, NEWEST, FULL, UNITS, TURNED, GUST = range(9)
-STEP, GATES, START = 9, 35, 42
-PROCESS_NOISE, SPREAD, AGAIN, SENSORS = (START + STATES + SQUARE * i for i in range(4))
-"""Places in a filter's settings: 6 or 9 states; limit of the thrusters [N]; ticks from a command to
-its force; so many rejected measurements in a row restart it (0: none do); largest latency of a
-sensor [ticks]; 1 if the covariance of the newest tick is wanted (0: the state alone, which is
-faster); number of sensors; 1 if one of them turns with the chaser or looks at the port; share by
-which the process noise grows with the square of a command [1/N^2]. Then the exact step of the
-relative dynamics for one tick (26,), the largest NIS of so many numbers (7,), the state at the
-start (9,), covariances (81,) that a tick adds, at the start, and after a restart; the columns of
-each sensor as the filter takes it."""
-
-NOW, BASE, ORIGIN, IN_A_ROW, RESETS, LAST_RESET, ACCEPTED, REJECTED, LAST_ACCEPTED = range(9)
-WHOLE = 9
-BOTH = STATES + SQUARE
-X, SETTLED, KEPT = (10 + BOTH * i for i in range(3))
-P, WORK = X + STATES, KEPT + BOTH
-TESTED, MOST_SENSORS, TESTS = WORK + 2 * STATES, 4, 8
-COMMANDS = TESTED + MOST_SENSORS * TESTS
-"""Places in what a filter remembers: counts; whether the newest covariance is another one than the
-settled; then, each a state and its covariance, that of the
-newest tick (X, P), of the tick up to which all measurements have come, and before a measurement;
-scratch. Of the newest measurement of each sensor 8 numbers: how many were tested (0: none came),
-the sum of their squares (NIS), each innovation over its sigma. Then the newest commands, 3 numbers
-in a slot, and the newest measurements, 8 of each sensor in a slot, with the tick each was taken
-at. If a sensor turns or looks at the port, the newest attitudes follow, `HEADING` numbers in a
-slot."""
-
-HEADING, PORT = 16, 13
-"""Numbers of an attitude: quaternion, covariance (3, 3) of the angles in the chaser's axes; from
-place PORT the port (3,) [m], target LVLH."""
+NONE, TRUE, ESTIMATED = range(3)
+"""Attitudes that a filter reads."""
 
 
-SCRATCH = range(KEPT, TESTED)
-"""Places of a memory that a tick writes before it reads them."""
+def zeros(rows: int, columns: int) -> list[list[float]]:
+    """Return a table of zeros."""
+    return [[0.0] * columns for _ in range(rows)]
 
 
-@inlined
-def slots_of(f: Any) -> int:
-    """Return how many commands are remembered."""
-    return int(f[NEWEST]) + int(f[DELAY]) + 2
+@dataclass(slots=True)
+class Filter:
+    """Settings of the kernel `estimate`.
+
+    states : 6, or 9 with a disturbance
+    limit_n : of the thrusters; delay : ticks from a command to its force
+    patience : so many rejected measurements in a row restart it; 0: none do
+    latency : the largest of a sensor [ticks]
+    covariance : 1 where the covariance of the newest tick is wanted; 0: the state alone, which is
+        faster where measurements come late
+    attitude : NONE, TRUE or ESTIMATED, of the chaser, where a sensor rotates with it
+    at_port : 1 where a sensor looks at the port
+    gust : share by which the process noise grows with the square of a command [1/N^2]
+    step : exact step of the relative motion for one tick
+    gates : largest NIS of so many numbers
+    start : state at the start
+    process_noise, spread, spread_again : covariances that a tick adds, at the start, after a
+        restart
+    sensors : as the filter takes them
+    port : where the known attitude of the target puts it
+    """
+
+    states: int
+    limit_n: float
+    delay: int
+    patience: int
+    latency: int
+    covariance: int
+    attitude: int
+    at_port: int
+    gust: float
+    step: CwStep
+    gates: Annotated[list[float], 7]
+    start: Annotated[list[float], 9]
+    process_noise: Annotated[list[list[float]], 9, 9]
+    spread: Annotated[list[list[float]], 9, 9]
+    spread_again: Annotated[list[list[float]], 9, 9]
+    sensors: list[SensorRow]
+    port: PortBlock
 
 
-@inlined
-def _pending(tick: int, i: int, f: Any) -> int:
-    """Return the place of what sensor i measured at a tick."""
-    slots, count = slots_of(f), int(f[UNITS])
-    return COMMANDS + 3 * slots + (MEASURED + 1) * (count * (tick % slots) + i)
+@dataclass(slots=True)
+class Heading:
+    """What is known at a tick of the attitudes of chaser and target.
+
+    attitude : quaternion of the chaser; covariance : of its angles, the chaser's axes [rad^2]
+    port : [m], target LVLH
+    """
+
+    attitude: Annotated[list[float], 4] = field(default_factory=lambda: [0.0] * 4)
+    covariance: Annotated[list[list[float]], 3, 3] = field(default_factory=partial(zeros, 3, 3))
+    port: Annotated[list[float], 3] = field(default_factory=lambda: [0.0] * 3)
 
 
-@inlined
-def _heading(tick: int, f: Any) -> int:
-    """Return the place of the attitude at a tick."""
-    slots = slots_of(f)
-    return COMMANDS + slots * (3 + (MEASURED + 1) * int(f[UNITS])) + HEADING * (tick % slots)
+@dataclass(slots=True)
+class Arrived:
+    """What came of a sensor; the measurement of tick k is at place k % len(line)."""
+
+    line: list[Measurement]
 
 
-@inlined
-def numbers_of(f: Any) -> int:
-    """Return how many numbers a filter remembers."""
-    slots = slots_of(f)
-    each = 3 + (MEASURED + 1) * int(f[UNITS]) + (HEADING if f[TURNED] != 0.0 else 0)
-    return COMMANDS + slots * each
+@dataclass(slots=True)
+class FilterMemory:
+    """Memory of the kernel `estimate`.
+
+    now, origin : the newest tick, and the first one; -1: it has not begun
+    settled : tick up to which all measurements have come
+    rejected_in_a_row, accepted, rejected, last_accepted, restarts, last_restart : counts and ticks
+    whole : whether the newest covariance is another one than the settled
+    x, p : state and covariance of the newest tick; of the settled one; before a measurement
+    ph, gain : scratch
+    tested, nis, innovations : of the newest measurement of each sensor, how many numbers were
+        tested (0: none came), the sum of their squares, and each innovation over its sigma
+    commands, arrived, headings : of the newest ticks, that of tick k at place k % len(commands)
+    """
+
+    commands: list[list[float]]
+    arrived: list[Arrived]
+    headings: list[Heading]
+    now: int = -1
+    origin: int = -1
+    settled: int = -1
+    rejected_in_a_row: int = 0
+    accepted: int = 0
+    rejected: int = 0
+    last_accepted: int = -1
+    restarts: int = 0
+    last_restart: int = -1
+    whole: int = 1
+    x: Annotated[list[float], 9] = field(default_factory=lambda: [0.0] * 9)
+    p: Annotated[list[list[float]], 9, 9] = field(default_factory=partial(zeros, 9, 9))
+    settled_x: Annotated[list[float], 9] = field(default_factory=lambda: [0.0] * 9)
+    settled_p: Annotated[list[list[float]], 9, 9] = field(default_factory=partial(zeros, 9, 9))
+    kept_x: Annotated[list[float], 9] = field(default_factory=lambda: [0.0] * 9)
+    kept_p: Annotated[list[list[float]], 9, 9] = field(default_factory=partial(zeros, 9, 9))
+    ph: Annotated[list[float], 9] = field(default_factory=lambda: [0.0] * 9)
+    gain: Annotated[list[float], 9] = field(default_factory=lambda: [0.0] * 9)
+    tested: Annotated[list[int], MAX_SENSORS] = field(default_factory=lambda: [0] * MAX_SENSORS)
+    nis: Annotated[list[float], MAX_SENSORS] = field(default_factory=lambda: [0.0] * MAX_SENSORS)
+    innovations: Annotated[list[list[float]], MAX_SENSORS, 6] = field(
+        default_factory=partial(zeros, MAX_SENSORS, 6)
+    )
 
 
-@kernel
-def step_state(m: Any, n: int, force: Vector, step: CwStep) -> None:
-    """Move the state by one tick under a force (3,) [N]."""
-    fx, fy, fz = force
-    if n == STATES:
-        fx, fy, fz = fx + m[X + 6], fy + m[X + 7], fz + m[X + 8]
-    moved = cw_step((m[X], m[X + 1], m[X + 2], m[X + 3], m[X + 4], m[X + 5]), (fx, fy, fz), step)
-    m[X], m[X + 1], m[X + 2], m[X + 3], m[X + 4], m[X + 5] = moved
+@step_kernel
+def copy_state(x: Any, to: Any) -> None:
+    """Copy a state (n,)."""
+    for i in range(len(x)):
+        to[i] = x[i]
 
 
-@inlined
-def _step_line(m: Any, i: int, n: int, step: CwStep) -> None:
-    """Move a row (n = 1) or a column (n = 9) of a table as `step_state` moves a state."""
-    j, k, q, r, s = i + n, i + 2 * n, i + 3 * n, i + 4 * n, i + 5 * n
-    force = (m[i + 6 * n], m[i + 7 * n], m[i + 8 * n])
-    m[i], m[j], m[k], m[q], m[r], m[s] = cw_step((m[i], m[j], m[k], m[q], m[r], m[s]), force, step)
+@step_kernel
+def copy_covariance(p: Any, to: Any) -> None:
+    """Copy a covariance (n, n)."""
+    for i in range(len(p)):
+        row, copy = p[i], to[i]
+        for j in range(len(row)):
+            copy[j] = row[j]
 
 
-@kernel
-def step_covariance(m: Any, step: CwStep, f: Any, louder: float) -> None:
+@step_kernel
+def step_state(x: Any, states: int, force: Any, step: CwStep) -> None:
+    """Move the state (9,) by one tick under a force (3,) [N]."""
+    fx, fy, fz = force[0], force[1], force[2]
+    if states == STATES:
+        fx, fy, fz = fx + x[6], fy + x[7], fz + x[8]
+    following = cw_step((x[0], x[1], x[2], x[3], x[4], x[5]), (fx, fy, fz), step)
+    for i in range(6):
+        x[i] = following[i]
+
+
+@step_kernel
+def step_covariance(p: Any, step: CwStep, noise: Any, louder: float) -> None:
     """Replace the covariance P by F P F' + Q; louder : factor of what Q has of the motion."""
-    for column in range(STATES):
-        _step_line(m, P + column, STATES, step)
-    for row in range(6):  # a disturbance stays: so do the rows of it
-        _step_line(m, P + STATES * row, 1, step)
-    for row in range(STATES):
-        for column in range(row, STATES):
-            at = STATES * row + column
-            value = m[P + at] + f[PROCESS_NOISE + at] * (louder if row < 6 else 1.0)
-            m[P + at] = value
-            m[P + STATES * column + row] = value
-
-
-@inlined
-def spreads(m: Any) -> tuple[float, float]:
-    """Return the roots of the traces of the covariances of position [m] and velocity [m/s]."""
-    p, n = P, STATES + 1
-    q = p + 3 * n
-    position, velocity = m[p] + m[p + n] + m[p + 2 * n], m[q] + m[q + n] + m[q + 2 * n]
-    position, velocity = pick(position < 0.0, 0.0, position), pick(velocity < 0.0, 0.0, velocity)
-    return sqrt(position), sqrt(velocity)
+    a, b, c, d, e, f, fx, fy, fz = p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7], p[8]
+    for j in range(STATES):
+        column = (a[j], b[j], c[j], d[j], e[j], f[j])
+        a[j], b[j], c[j], d[j], e[j], f[j] = cw_step(column, (fx[j], fy[j], fz[j]), step)
+    for i in range(6):  # a disturbance stays: so do the rows of it
+        r = p[i]
+        following = cw_step((r[0], r[1], r[2], r[3], r[4], r[5]), (r[6], r[7], r[8]), step)
+        for j in range(6):
+            r[j] = following[j]
+    for i in range(STATES):
+        row, added, factor = p[i], noise[i], louder if i < 6 else 1.0
+        for j in range(i, STATES):
+            value = row[j] + added[j] * factor
+            row[j] = value
+            p[j][i] = value
 
 
 @inlined
 def joseph(
-    m: Any,
-    x: int,
-    p: int,
-    n: int,
-    work: int,
-    first: int,
-    h: Vector,
-    measured: float,
+    x: Any, p: Any, n: int, ph: Any, gain: Any, first: int, h: Vector, measured: float,
     variance: float,
-) -> float:
+) -> float:  # fmt: skip
     """Take one measured number, h . x[first : first + 3] plus noise; return innovation / sigma.
 
-    x, p : places of n states and of their covariance; work : of 2 n numbers of scratch
+    x, p : state (n,) and its covariance (n, n); ph, gain : (n,) scratch
+
+        K = P h' / s,   s = h P h' + r,   x + K (z - h x),   (I - K h) P (I - K h)' + K r K'
 
     Of a variance more than 1e16 times the measured one, rounding leaves P with no digit that is
     right, and a diagonal or the spread may be negative; the updates that follow put that right.
     """
-    row, gains = p + n * first, work + n  # P is symmetric: rows are faster than columns
+    a, b, c = p[first], p[first + 1], p[first + 2]  # P is symmetric: rows are faster than columns
     for i in range(n):
-        m[work + i] = h[0] * m[row + i] + h[1] * m[row + n + i] + h[2] * m[row + 2 * n + i]
-    at = work + first
-    spread = variance + h[0] * m[at] + h[1] * m[at + 1] + h[2] * m[at + 2]
-    at = x + first
-    innovation = measured - (h[0] * m[at] + h[1] * m[at + 1] + h[2] * m[at + 2])
+        ph[i] = h[0] * a[i] + h[1] * b[i] + h[2] * c[i]
+    spread = variance + h[0] * ph[first] + h[1] * ph[first + 1] + h[2] * ph[first + 2]
+    innovation = measured - (h[0] * x[first] + h[1] * x[first + 1] + h[2] * x[first + 2])
     for i in range(n):
-        m[gains + i] = m[work + i] / spread
-        m[x + i] += m[gains + i] * innovation
-    share = spread - variance  # h' P h
-    for a in range(n):
-        gain, row = m[gains + a], p + n * a
-        rest, noise = m[work + a] - gain * share, gain * variance  # of (I - K h') P h; K r
-        for b in range(a, n):
-            other = m[gains + b]
-            value = m[row + b] - gain * m[work + b] - rest * other + noise * other
-            m[row + b] = value
-            m[p + n * b + a] = value
+        gain[i] = ph[i] / spread
+        x[i] += gain[i] * innovation
+    share = spread - variance  # h P h'
+    for i in range(n):
+        row, g = p[i], gain[i]
+        rest, noise = ph[i] - g * share, g * variance  # of (I - K h) P h'; K r
+        for j in range(i, n):
+            other = gain[j]
+            value = row[j] - g * ph[j] - rest * other + noise * other
+            row[j] = value
+            p[j][i] = value
     return innovation / sqrt(abs(spread))
 
 
-@kernel
+@step_kernel
 def update(m: Any, first: int, h: Vector, measured: float, variance: float) -> float:
     """Take one measured number of position or velocity; see `joseph`."""
-    return joseph(m, X, P, STATES, WORK, first, h, measured, variance)
+    return joseph(m.x, m.p, STATES, m.ph, m.gain, first, h, measured, variance)
 
 
 @inlined
-def _shared(m: Any, at: int, a: Vector, b: Vector) -> float:
-    """Return a' P b of a covariance P (3, 3) at a place of the memory."""
+def _shared(p: Any, a: Vector, b: Vector) -> float:
+    """Return a' P b of a covariance P (3, 3)."""
     return (
-        a[0] * (m[at] * b[0] + m[at + 1] * b[1] + m[at + 2] * b[2])
-        + a[1] * (m[at + 3] * b[0] + m[at + 4] * b[1] + m[at + 5] * b[2])
-        + a[2] * (m[at + 6] * b[0] + m[at + 7] * b[1] + m[at + 8] * b[2])
+        a[0] * (p[0][0] * b[0] + p[0][1] * b[1] + p[0][2] * b[2])
+        + a[1] * (p[1][0] * b[0] + p[1][1] * b[1] + p[1][2] * b[2])
+        + a[2] * (p[2][0] * b[0] + p[2][1] * b[1] + p[2][2] * b[2])
     )
 
 
 @inlined
-def _widened(m: Any, at: int, a: Vector, b: Vector, distance: float) -> tuple[float, float]:
+def _widened(heading: Any, a: Vector, b: Vector, distance: float) -> tuple[float, float]:
     """Return variances [m^2] along a and b that are sure to cover those of an attitude.
 
-    at : its place; a, b : (3,) at right angles to each other and to the line of sight, target LVLH
+    a, b : (3,) at right angles to each other and to the line of sight, target LVLH
 
     An angle about one moves the point along the other. Independent errors as large as the diagonal
     and the correlation together are never less than correlated ones.
     """
-    q = (m[at], m[at + 1], m[at + 2], m[at + 3])
+    q, p = heading.attitude, heading.covariance
     a, b = turn_back(a, q), turn_back(b, q)
-    shared, square = abs(_shared(m, at + 4, a, b)), distance * distance
-    along_a, along_b = _shared(m, at + 4, b, b) + shared, _shared(m, at + 4, a, a) + shared
+    shared, square = abs(_shared(p, a, b)), distance * distance
+    along_a, along_b = _shared(p, b, b) + shared, _shared(p, a, a) + shared
     return square * along_a, square * along_b
 
 
-@kernel
-def _take(m: Any, found: int, sensor: Any, tested: int, heading: int) -> int:
-    """Take the numbers of a measurement, and return how many; fill its tests.
-
-    heading : place of the attitude by which it was turned
-    """
+@step_kernel
+def _take(i: int, taken: Any, s: Any, heading: Any, m: Any) -> int:
+    """Take the numbers of a measurement of sensor i, and return how many; fill its tests."""
     px, py, pz = 0.0, 0.0, 0.0
-    if sensor[LOOKS] != 0.0:
-        px, py, pz = m[heading + PORT], m[heading + PORT + 1], m[heading + PORT + 2]
-    distance, ux, uy, uz = sight(m[X] - px, m[X + 1] - py, m[X + 2] - pz)
+    if s.at_port:
+        px, py, pz = heading.port[0], heading.port[1], heading.port[2]
+    distance, ux, uy, uz = sight(m.x[0] - px, m.x[1] - py, m.x[2] - pz)
     first, second = across(ux, uy, uz)
     wide = (0.0, 0.0)
-    if sensor[TURNS] != 0.0:
-        wide = _widened(m, heading, first, second, distance)
-    mx, my, mz = m[found + 1], m[found + 2], m[found + 3]
-    if sensor[HAS_RANGE] == 0.0:  # a direction: the point at the distance that is expected
+    if s.rotates:
+        wide = _widened(heading, first, second, distance)
+    mx, my, mz = taken.position[0], taken.position[1], taken.position[2]
+    if not s.has_range:  # a direction: the point at the distance that is expected
         mx, my, mz = px + distance * mx, py + distance * my, pz + distance * mz
-    at = tested + 2
-    m[tested + 1] = 0.0
-    for number in range(6):
-        if (number == 0 and sensor[HAS_RANGE] == 0.0) or (
-            number >= 3 and sensor[HAS_VELOCITY] == 0.0
-        ):
-            continue
-        h, vx, vy, vz = (ux, uy, uz), mx, my, mz
-        floor, share = sensor[NOISE_FLOOR], sensor[NOISE_SHARE]
-        if number > 0:
-            h, share = (first if number == 1 else second), sensor[CROSS_SHARE]
-        if number >= 3:
-            h = (
-                1.0 if number == 3 else 0.0,
-                1.0 if number == 4 else 0.0,
-                1.0 if number == 5 else 0.0,
-            )
-            vx, vy, vz = m[found + 4], m[found + 5], m[found + 6]
-            floor, share = sensor[VELOCITY_FLOOR], sensor[VELOCITY_SHARE]
-        sigma = larger(floor, share * distance)
-        value = h[0] * vx + h[1] * vy + h[2] * vz
+    numbers, nis, innovations = 0, 0.0, m.innovations[i]
+    cross = larger(s.noise_floor, s.cross_share * distance)
+    for k in range(0 if s.has_range else 1, 3):
+        sigma = cross if k else larger(s.noise_floor, s.noise_share * distance)
+        h = (ux, uy, uz) if k == 0 else first if k == 1 else second
+        value = h[0] * mx + h[1] * my + h[2] * mz
         variance = sigma * sigma
-        if sensor[TURNS] != 0.0 and number > 0:
-            variance += wide[number - 1]
-        m[at] = update(m, 3 if number >= 3 else 0, h, value, variance)
-        m[tested + 1] += m[at] * m[at]
-        at += 1
-    m[tested] = float(at - tested - 2)
-    return at - tested - 2
+        if s.rotates and k:
+            variance += wide[k - 1]
+        innovation = update(m, POSITION, h, value, variance)
+        innovations[numbers] = innovation
+        nis += innovation * innovation
+        numbers += 1
+    if s.has_velocity:
+        sigma = larger(s.velocity_floor, s.velocity_share * distance)
+        v = taken.velocity
+        for k in range(3):
+            h = (1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0)
+            value = h[0] * v[0] + h[1] * v[1] + h[2] * v[2]
+            innovation = update(m, VELOCITY, h, value, sigma * sigma)
+            innovations[numbers] = innovation
+            nis += innovation * innovation
+            numbers += 1
+    m.tested[i], m.nis[i] = numbers, nis
+    return numbers
 
 
-@kernel
-def _accept(m: Any, found: int, sensor: Any, f: Any, i: int) -> bool:
+@step_kernel
+def _accept(i: int, taken: Any, s: Any, p: Any, m: Any) -> bool:
     """Take a measurement unless its NIS is too large; return whether it was taken."""
-    for j in range(BOTH):
-        m[KEPT + j] = m[X + j]
-    tested = TESTED + TESTS * i
-    heading = _heading(int(m[found + MEASURED]), f) if f[TURNED] != 0.0 else 0
-    gate = f[GATES + _take(m, found, sensor, tested, heading)]
-    if gate <= 0.0 or m[tested + 1] <= gate:
+    copy_state(m.x, m.kept_x)
+    copy_covariance(m.p, m.kept_p)
+    heading = m.headings[taken.tick % len(m.headings)]
+    gate = p.gates[_take(i, taken, s, heading, m)]
+    if gate <= 0.0 or m.nis[i] <= gate:
         return True
-    for j in range(BOTH):
-        m[X + j] = m[KEPT + j]
+    copy_state(m.kept_x, m.x)
+    copy_covariance(m.kept_p, m.p)
     return False
 
 
-@kernel
-def _restart(m: Any, found: int, sensor: Any, f: Any) -> None:
+@step_kernel
+def _restart(taken: Any, s: Any, p: Any, m: Any) -> None:
     """Begin again with what was measured: P is large again, the disturbance is zero."""
-    for j in range(SQUARE):
-        m[P + j] = f[AGAIN + j]
+    copy_covariance(p.spread_again, m.p)
     for j in range(3):
-        m[X + 6 + j] = 0.0
-        if sensor[HAS_RANGE] != 0.0:
-            m[X + j] = m[found + 1 + j]
-        if sensor[HAS_VELOCITY] != 0.0:
-            m[X + 3 + j] = m[found + 4 + j]
-    m[IN_A_ROW] = 0.0
-    m[RESETS] += 1.0
-    m[LAST_RESET] = m[NOW]
+        m.x[6 + j] = 0.0
+        if s.has_range:
+            m.x[j] = taken.position[j]
+        if s.has_velocity:
+            m.x[3 + j] = taken.velocity[j]
+    m.rejected_in_a_row = 0
+    m.restarts += 1
+    m.last_restart = m.now
 
 
-@kernel
-def _advance(tick: int, step: CwStep, f: Any, m: Any, last: bool, full: bool) -> None:
+@step_kernel
+def _advance(tick: int, p: Any, m: Any, last: bool, covariance: bool) -> None:
     """Move the state to a tick, and take what was measured at that tick.
 
     last : whether all measurements of the tick have come; they are counted then, and only then
-    full : with its covariance; otherwise nothing may be measured at the tick
+    covariance : whether it moves too; otherwise nothing may be measured at the tick
     """
-    if tick > m[ORIGIN]:
-        c = COMMANDS + 3 * ((tick - 1 - int(f[DELAY])) % slots_of(f))
-        x, y, z = m[c], m[c + 1], m[c + 2]
-        step_state(m, int(f[N]), (x, y, z), step)
-        if full:
-            step_covariance(m, step, f, 1.0 + f[GUST] * (x * x + y * y + z * z))
-    for i in range(int(f[UNITS])):
-        found = _pending(tick, i, f)
-        if m[found] == 0.0 or m[found + MEASURED] != tick:
+    slots = len(m.commands)
+    if tick > m.origin:
+        c = m.commands[(tick - 1 - p.delay) % slots]
+        step_state(m.x, p.states, c, p.step)
+        if covariance:
+            louder = 1.0 + p.gust * (c[0] * c[0] + c[1] * c[1] + c[2] * c[2])
+            step_covariance(m.p, p.step, p.process_noise, louder)
+    for i in range(len(p.sensors)):
+        taken, s = m.arrived[i].line[tick % slots], p.sensors[i]
+        if taken.tick != tick:
             continue
-        sensor = f[SENSORS + COLUMNS * i : SENSORS + COLUMNS * (i + 1)]
-        taken = _accept(m, found, sensor, f, i)
+        accepted = _accept(i, taken, s, p, m)
         if not last:
             continue
-        if taken:
-            m[ACCEPTED] += 1.0
-            m[IN_A_ROW] = 0.0
-            m[LAST_ACCEPTED] = tick
+        if accepted:
+            m.accepted += 1
+            m.rejected_in_a_row = 0
+            m.last_accepted = tick
         else:
-            m[REJECTED] += 1.0
-            m[IN_A_ROW] += 1.0
-            if f[PATIENCE] > 0.0 and m[IN_A_ROW] >= f[PATIENCE]:
-                _restart(m, found, sensor, f)
+            m.rejected += 1
+            m.rejected_in_a_row += 1
+            if p.patience > 0 and m.rejected_in_a_row >= p.patience:
+                _restart(taken, s, p, m)
 
 
-@kernel
-def _settle(tick: int, step: CwStep, f: Any, m: Any) -> None:
-    """Move the base to the newest tick of which no more measurements will come."""
-    if tick - int(f[NEWEST]) > m[BASE]:
-        m[BASE] += 1.0
-        _advance(int(m[BASE]), step, f, m, True, True)
+@step_kernel
+def _settle(tick: int, p: Any, m: Any) -> None:
+    """Settle the newest tick of which no more measurements will come."""
+    if tick - p.latency > m.settled:
+        m.settled += 1
+        _advance(m.settled, p, m, True, True)
 
 
-@kernel
-def _keep(
-    tick: int, command: Vector, measured: Any, attitude: Any, step: CwStep, f: Any, m: Any
-) -> None:
+@step_kernel
+def _receive(tick: int, i: int, u: Any, s: Any, m: Any) -> None:
+    """Keep the measurement of sensor i that arrives at a tick, in target LVLH."""
+    first, slots, due = 3 + MESSAGE * i, len(m.commands), tick - s.latency
+    if not u[first + 6] >= 0.0 or due < m.origin:
+        return
+    taken, heading = m.arrived[i].line[due % slots], m.headings[due % slots]
+    taken.tick = due
+    x, y, z = u[first], u[first + 1], u[first + 2]
+    if s.rotates:
+        x, y, z = turn((x, y, z), heading.attitude)
+    if s.at_port and s.has_range:
+        x, y, z = x + heading.port[0], y + heading.port[1], z + heading.port[2]
+    taken.position[0], taken.position[1], taken.position[2] = x, y, z
+    for j in range(3):
+        taken.velocity[j] = u[first + 3 + j]
+
+
+@step_kernel
+def _keep(tick: int, u: Any, p: Any, m: Any) -> None:
     """Keep the command of the tick before, and what arrives at this one."""
-    for t in range(int(m[NOW]) + 1, tick + 1):  # of missing ticks, the command is held
-        line = COMMANDS + 3 * ((t - 1) % slots_of(f))
-        for axis in range(3):
-            m[line + axis] = saturate(command[axis], f[LIMIT])
-        for i in range(int(f[UNITS])):
-            m[_pending(t, i, f)] = 0.0
-        if f[TURNED] != 0.0:
-            for j in range(HEADING):
-                m[_heading(t, f) + j] = attitude[j]
-        m[NOW] = t
+    slots, attitude = len(m.commands), 3 + MESSAGE * len(p.sensors)
+    for t in range(m.now + 1, tick + 1):  # of missing ticks, the command is held
+        command, heading = m.commands[(t - 1) % slots], m.headings[t % slots]
+        for j in range(3):
+            command[j] = saturate(u[j], p.limit_n)
+        for i in range(len(p.sensors)):
+            m.arrived[i].line[t % slots].tick = -1
+        if p.attitude != NONE:
+            for j in range(4):
+                heading.attitude[j] = u[attitude + j]
+        if p.attitude == ESTIMATED:
+            for j in range(9):
+                heading.covariance[j // 3][j % 3] = u[attitude + 7 + j]
+        if p.at_port:
+            for j in range(3):
+                heading.port[j] = p.port.positions[tick - p.port.first][j]
+        m.now = t
         if t < tick:
-            _settle(t, step, f, m)
-    for i in range(int(f[UNITS])):
-        taken = tick - int(f[SENSORS + COLUMNS * i + LATENCY])
-        if measured[MEASURED * i] != 0.0 and taken >= m[ORIGIN]:
-            slot = _pending(taken, i, f)
-            for j in range(MEASURED):
-                m[slot + j] = measured[MEASURED * i + j]
-            m[slot + MEASURED] = taken
-            at = _heading(taken, f)
-            if f[SENSORS + COLUMNS * i + TURNS] != 0.0:
-                seen = (m[slot + 1], m[slot + 2], m[slot + 3])
-                q = (m[at], m[at + 1], m[at + 2], m[at + 3])
-                m[slot + 1], m[slot + 2], m[slot + 3] = turn(seen, q)
-            if f[SENSORS + COLUMNS * i + LOOKS] * f[SENSORS + COLUMNS * i + HAS_RANGE] != 0.0:
-                for j in range(3):
-                    m[slot + 1 + j] += m[at + PORT + j]
+            _settle(t, p, m)
+    for i in range(len(p.sensors)):
+        _receive(tick, i, u, p.sensors[i], m)
 
 
-@kernel
-def begin(tick: int, f: Any, m: Any) -> None:
+@step_kernel
+def _begin(tick: int, p: Any, m: Any) -> None:
     """Begin with the start at a tick."""
-    for j in range(STATES):
-        m[SETTLED + j] = f[START + j]
-    for j in range(SQUARE):
-        m[SETTLED + STATES + j] = f[SPREAD + j]
-    for j in range(X):
-        m[j] = 0.0
-    m[NOW] = m[BASE] = tick - 1
-    m[ORIGIN] = m[LAST_ACCEPTED] = tick
-    m[LAST_RESET], m[WHOLE] = -1.0, 1.0
-    for j in range(COMMANDS, numbers_of(f)):
-        m[j] = 0.0
+    copy_state(p.start, m.settled_x)
+    copy_covariance(p.spread, m.settled_p)
+    m.now = m.settled = tick - 1
+    m.origin = m.last_accepted = tick
+    m.rejected_in_a_row = m.accepted = m.rejected = m.restarts = 0
+    m.last_restart, m.whole = -1, 1
+    for k in range(len(m.commands)):
+        for j in range(3):
+            m.commands[k][j] = 0.0
+        for i in range(len(p.sensors)):
+            m.arrived[i].line[k].tick = -1
 
 
-@kernel
-def estimate(tick: int, command: Vector, measured: Any, attitude: Any, f: Any, m: Any) -> None:
-    """Take a tick: fill the newest state and covariance of the memory, from place X.
+@step_kernel
+def estimate(tick: int, u: Any, p: Any, m: Any, y: Any) -> int:
+    """Take a tick: the estimate follows from commands and measurements.
 
-    command : (3,) [N] of the tick before
-    measured : (7 sensors,) that arrived at this tick
-    attitude : (16,) estimated at this tick, `HEADING`; read where a sensor turns with the chaser or
-        looks at the port
+        x_(k+1) = Phi x_k + Gamma (f + d),   P_(k+1) = F P F' + Q,   then `joseph` by number
 
-    Measurements come late. The base is moved once, to the newest tick whose measurements have all
-    come; from there to this tick the motion, and what has come already, are computed anew. So each
+    u : command of the tick before (3,) [N]; message (24,) of each sensor that arrived at this tick;
+        where a sensor rotates with the chaser its attitude (7,), and where that is estimated its
+        covariance (9,) [rad^2]
+    y : state (6,) [m, m/s], covariances of position [m^2] and velocity [m^2/s^2], (3, 3) each; the
+        disturbance (3,) [N] where it is estimated; all in target LVLH
+
+    Measurements come late. The settled tick is the newest one whose measurements have all come;
+    from there to this tick the motion, and what has come already, are computed anew. So each
     measurement is taken at the tick it belongs to.
     """
-    step, late = unpacked(f, STEP, 1), f[NEWEST] > 0.0
-    if m[ORIGIN] < 0.0:
-        begin(tick, f, m)
-    for i in range(int(f[UNITS])):
-        m[TESTED + TESTS * i] = 0.0
-    if late or m[NOW] < m[ORIGIN]:  # else the newest tick is the one that is settled
-        for j in range(BOTH if m[WHOLE] > 0.0 else STATES):
-            m[X + j] = m[SETTLED + j]
-    _keep(tick, command, measured, attitude, step, f, m)
-    _settle(tick, step, f, m)
+    if p.at_port and not 0 <= tick - p.port.first < PORT_TICKS:
+        return ASK
+    if m.origin < 0:
+        _begin(tick, p, m)
+    for i in range(len(p.sensors)):
+        m.tested[i] = 0
+    late = p.latency > 0
+    if late or m.now < m.origin:  # else the newest tick is the one that is settled
+        copy_state(m.settled_x, m.x)
+        if m.whole:
+            copy_covariance(m.settled_p, m.p)
+    _keep(tick, u, p, m)
+    _settle(tick, p, m)
     if late:
-        _look_ahead(tick, step, f, m)
+        _look_ahead(tick, p, m)
     wrong = 0
-    for j in range(BOTH):
-        wrong += m[X + j] - m[X + j] != 0.0
+    for i in range(STATES):
+        row = m.p[i]
+        wrong += m.x[i] - m.x[i] != 0.0
+        for j in range(STATES):
+            wrong += row[j] - row[j] != 0.0
     if wrong > 0:
-        _begin_again(tick, f, m)
+        _begin_again(tick, p, m)
+    for i in range(6):
+        y[i] = m.x[i]
+    for i in range(3):
+        for j in range(3):
+            y[6 + 3 * i + j], y[15 + 3 * i + j] = m.p[i][j], m.p[3 + i][3 + j]
+        if p.states == STATES:
+            y[24 + i] = m.x[6 + i]
+    return 0
 
 
-@kernel
-def _look_ahead(tick: int, step: CwStep, f: Any, m: Any) -> None:
+@step_kernel
+def _look_ahead(tick: int, p: Any, m: Any) -> None:
     """Keep the settled tick, and move on to the newest one with what has come already."""
-    full, base = f[FULL] != 0.0, int(m[BASE])
-    for t in range(base + 1, tick + 1):
-        for i in range(int(f[UNITS])):
-            found = _pending(t, i, f)
-            full = full or (m[found] != 0.0 and m[found + MEASURED] == t)
-    m[WHOLE] = 1.0 if full else 0.0
-    for j in range(BOTH if full else STATES):
-        m[SETTLED + j] = m[X + j]
-    for t in range(base + 1, tick + 1):
-        _advance(t, step, f, m, False, full)
+    covariance = p.covariance != 0
+    for t in range(m.settled + 1, tick + 1):
+        for i in range(len(p.sensors)):
+            covariance = covariance or m.arrived[i].line[t % len(m.commands)].tick == t
+    m.whole = 1 if covariance else 0
+    copy_state(m.x, m.settled_x)
+    if covariance:
+        copy_covariance(m.p, m.settled_p)
+    for t in range(m.settled + 1, tick + 1):
+        _advance(t, p, m, False, covariance)
 
 
-@kernel
-def _begin_again(tick: int, f: Any, m: Any) -> None:
+@step_kernel
+def _begin_again(tick: int, p: Any, m: Any) -> None:
     """Restart from the start: the numbers ran out of range."""
-    resets = m[RESETS]
-    begin(tick + 1, f, m)
-    m[RESETS], m[LAST_RESET] = resets + 1.0, tick
-    for j in range(SQUARE):
-        m[SETTLED + STATES + j] = f[AGAIN + j]
-    for j in range(BOTH):
-        m[X + j] = m[SETTLED + j]
+    restarts = m.restarts
+    _begin(tick + 1, p, m)
+    m.restarts, m.last_restart = restarts + 1, tick
+    copy_covariance(p.spread_again, m.settled_p)
+    copy_state(m.settled_x, m.x)
+    copy_covariance(m.settled_p, m.p)
 
 
 _START = 255
@@ -552,42 +607,47 @@ def gate(numbers: int, sigmas: float) -> float:
     return numbers * root * root * root
 
 
-def filter_of(settings: Estimator, sensors: Sensors, scenario: Any) -> Any:
-    """Return the settings of a scenario's filter, table f of the kernels."""
-    n, units = settings.states, sensors.units
-    rows = np.array([unit.row(scenario.dt_s) for unit in units])
-    rows[:, :5] *= settings.noise_scale
+def filter_of(settings: Estimator, sensors: Sensors, scenario: Any) -> Filter:
+    """Return the settings of a scenario's filter."""
+    rows, louder = [unit.row(scenario) for unit in sensors.units], settings.noise_scale
+    for row in rows:
+        for name in _NOISES:
+            setattr(row, name, getattr(row, name) * louder)
     first, second = (three_normals(0, i, _START, *sensors.noise_key) for i in range(2))
     sigmas = [settings.position_sigma_m] * 3 + [settings.velocity_sigma_m_s] * 3
     draws = zip(scenario.start, sigmas, (*first, *second), strict=True)
-    start = [value + sigma * draw for value, sigma, draw in draws] + [0.0] * 3
     disturbed = [settings.disturbance_sigma_n] * 3
     again = [settings.position_sigma_m] * 3 + [settings.restart_velocity_sigma_m_s] * 3
     mass_kg = settings.mass_kg or scenario.mass_kg
     step = cw.discretise(scenario.mean_motion_rad_s, mass_kg, scenario.dt_s)
     delay_ticks = int(getattr(scenario.thrusters, 'delay_ticks', 0))
-    gust = settings.thrust_noise_s0_5
+    gust, attitude = settings.thrust_noise_s0_5, NONE
     if gust > 0.0:
         gust /= settings.acceleration_noise_m_s1_5 * mass_kg
-    table = [
-        n,
-        scenario.max_force_n,
-        delay_ticks if settings.delay_ticks < 0 else settings.delay_ticks,
-        settings.restart_after,
-        max(unit.latency_ticks for unit in units),
-        1,  # the covariance is wanted
-        len(units),
-        float(sensors.turn or sensors.look),
-        gust * gust,
-        *step,
-        *(gate(numbers, settings.gate_sigmas) for numbers in range(7)),
-        *start,
-        *_process_noise(settings, step, mass_kg, scenario.dt_s).ravel(),
-        *np.diag(np.square([*sigmas, *disturbed])).ravel(),
-        *np.diag(np.square([*again, *disturbed])).ravel(),
-        *rows.ravel(),
-    ]
-    return as_table(table)
+    if sensors.turn:
+        attitude = TRUE if scenario.named('attitude_estimator') is None else ESTIMATED
+    return Filter(
+        states=settings.states,
+        limit_n=scenario.max_force_n,
+        delay=delay_ticks if settings.delay_ticks < 0 else settings.delay_ticks,
+        patience=settings.restart_after,
+        latency=max(unit.latency_ticks for unit in sensors.units),
+        covariance=1,
+        attitude=attitude,
+        at_port=int(sensors.look),
+        gust=gust * gust,
+        step=step,
+        gates=[gate(numbers, settings.gate_sigmas) for numbers in range(7)],
+        start=[value + sigma * draw for value, sigma, draw in draws] + [0.0] * 3,
+        process_noise=_process_noise(settings, step, mass_kg, scenario.dt_s).tolist(),
+        spread=np.diag(np.square([*sigmas, *disturbed])).tolist(),
+        spread_again=np.diag(np.square([*again, *disturbed])).tolist(),
+        sensors=rows,
+        port=PortBlock(),
+    )
+
+
+_NOISES = ('noise_floor', 'noise_share', 'cross_share', 'velocity_floor', 'velocity_share')
 
 
 def _process_noise(settings: Estimator, step: CwStep, mass_kg: float, dt_s: float) -> Floats:
@@ -600,113 +660,85 @@ def _process_noise(settings: Estimator, step: CwStep, mass_kg: float, dt_s: floa
     return noise
 
 
-def memory_of(f: Any) -> Any:
-    """Return the memory of a filter not begun, table m of the kernels."""
-    return as_table([-1.0] * X + [0.0] * (numbers_of(f) - X))
+def memory_of(p: Filter) -> FilterMemory:
+    """Return the memory of a filter that has not begun."""
+    slots = p.latency + p.delay + 2
+    lines = ([Measurement() for _ in range(slots)] for _ in p.sensors)
+    headings = [Heading() for _ in range(slots)]
+    return FilterMemory(zeros(slots, 3), [Arrived(line) for line in lines], headings)
 
 
-class FilterStage(Stage):
-    """A filter in the chain: its table of settings, its memory, and how it fares.
-
-    The memory begins with the counts of the filter, those of the attitude filter too.
-
-    title, silence : of the filter in words, and what it says of ticks without a measurement
-    """
-
-    memory_ticks = None
-    title: str
-    silence: str
-
-    filter: Any
-    memory: Any
-    _silent_ticks: int
-
-    def trouble(self) -> str:
-        """Return what is wrong, for /diagnostics; '' if nothing is."""
-        if self.restarts > 0:
-            return (
-                f'the {self.title} diverged: it was restarted {self.restarts} times, the last time '
-                f'at tick {int(self.memory[LAST_RESET])}'
-            )
-        silent = int(self.memory[BASE] - self.memory[LAST_ACCEPTED])
-        if self.memory[NOW] >= 0 and silent > self._silent_ticks:
-            return f'the {self.title} is coasting: {self.silence} for {silent} ticks'
-        return ''
-
-    @property
-    def restarts(self) -> int:
-        """How often it was restarted."""
-        return max(0, int(self.memory[RESETS]))
-
-
-class EstimatorStage(FilterStage):
+class EstimatorStage(KernelStage):
     """From measurements and the command before to the estimated state and its covariance."""
 
-    name = title = 'estimator'
-    silence = 'no measurement was taken'
+    name = 'estimator'
+    memory_ticks = None
     outputs: tuple[str, ...] = (interfaces.NAVIGATION_STATE, interfaces.NAVIGATION_COVARIANCE)
+    kernel = estimate
 
     def __init__(self, settings: Estimator, scenario: Any) -> None:
         sensors = scenario.named('sensors')
         self.inputs = (PREVIOUS_COMMAND, *sensors.signals)
-        self.filter = filter_of(settings, sensors, scenario)
         self._silent_ticks = 10 * max(unit.period_ticks for unit in sensors.units)
-        self._states = settings.states
-        self._measured = as_table(np.zeros(MEASURED * len(sensors.units)))
-        self._count, self._attitude = len(sensors.units), as_table([0.0] * HEADING)
-        self._port = PortSeen(sensors, scenario, known=True)
-        if sensors.turn:
-            estimated = scenario.named('attitude_estimator') is not None
-            self.inputs += (ATTITUDE, *([interfaces.ATTITUDE_COVARIANCE] if estimated else []))
+        self._states, self._sensors = settings.states, len(sensors.units)
+        self._port = PortMotion(sensors, scenario, known=True)
+        p = filter_of(settings, sensors, scenario)
+        if p.attitude != NONE:
+            covariance = [interfaces.ATTITUDE_COVARIANCE] * (p.attitude == ESTIMATED)
+            self.inputs += (ATTITUDE, *covariance)
         if self._states == STATES:
             self.outputs = (*self.outputs, interfaces.ESTIMATED_DISTURBANCE)
-        self.reset()
+        super().__init__(p, memory_of(p))
 
-    def reset(self) -> None:
-        """Begin with the start of the scenario."""
-        self.memory = memory_of(self.filter)
-
-    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
-        """Return state (6,) [m, m/s], covariances (18,), and the disturbance (3,) [N] if any.
-
-        The covariances are those of position [m^2] and of velocity [m^2/s^2], 3 x 3 each.
-        """
-        command, measurements = inputs[0], inputs[1 : 1 + self._count]
-        if len(inputs) > 1 + self._count:
-            self._attitude[:4] = inputs[1 + self._count][:4]
-        if len(inputs) > 2 + self._count:
-            self._attitude[4:PORT] = inputs[2 + self._count]
-        self._port.put(tick, self._attitude, PORT)
-        for i, values in enumerate(measurements):
-            self._measured[MEASURED * i] = float(values[6] >= 0.0)
-            self._measured[MEASURED * i + 1 : MEASURED * (i + 1)] = values[:6]
-        estimate(tick, command, self._measured, self._attitude, self.filter, self.memory)
-        y, p = tuple(map(float, self.memory[X : X + STATES])), self.covariance
-        spread = (*p[:3, :3].ravel().tolist(), *p[3:6, 3:6].ravel().tolist())
-        return (y[:6], spread) if self._states == 6 else (y[:6], spread, y[6:])
+    def answer(self, tick: int, u: Sequence[float]) -> None:
+        """Compute where the port is."""
+        self.p.port = self._port.block(tick)
 
     def passes_on(self) -> tuple[int | Signal, ...]:
         """Return that the state is what the first sensor measured; all else is zero."""
         return (1, (), ())[: len(self.outputs)]
 
+    def trouble(self) -> str:
+        """Return what is wrong, for /diagnostics; '' if nothing is."""
+        return trouble_of('estimator', self.m, self._silent_ticks, 'no measurement was taken')
+
     @property
     def covariance(self) -> Floats:
         """Whole covariance (n, n) of the newest estimate; SI units."""
-        n, table = self._states, self.memory[X + STATES : X + STATES + SQUARE]
-        return np.array(table).reshape(STATES, STATES)[:n, :n]
+        n = self._states
+        return np.array(self.m.p)[:n, :n]
 
     @property
     def innovations(self) -> list[list[float]]:
         """Per sensor, innovations over sigma of what was measured newly; empty if nothing was."""
-        rows = [TESTED + TESTS * i for i in range(int(self.filter[UNITS]))]
-        ends = [row + 2 + int(self.memory[row]) for row in rows]
-        tested = zip(rows, ends, strict=True)
-        return [list(map(float, self.memory[row + 2 : end])) for row, end in tested]
+        rows = zip(self.m.innovations, self.m.tested, strict=True)
+        return [list(map(float, row[:count])) for row, count in rows][: self._sensors]
 
     @property
     def rejected(self) -> int:
         """How many measurements were rejected."""
-        return max(0, int(self.memory[REJECTED]))
+        return int(self.m.rejected)
+
+    @property
+    def restarts(self) -> int:
+        """How often it was restarted."""
+        return int(self.m.restarts)
+
+
+def trouble_of(title: str, m: Any, silent_ticks: int, silence: str) -> str:
+    """Return what is wrong with a filter by the counts of its memory; '' if nothing is.
+
+    silence : what it says of more than so many ticks without a measurement
+    """
+    if m.restarts > 0:
+        return (
+            f'the {title} diverged: it was restarted {m.restarts} times, the last time at tick '
+            f'{m.last_restart}'
+        )
+    silent = m.settled - m.last_accepted
+    if m.now >= 0 and silent > silent_ticks:
+        return f'the {title} is coasting: {silence} for {silent} ticks'
+    return ''
 
 
 def _check(_settings: Estimator, scenario: Any) -> None:

@@ -2,25 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the chaser knows of the target: sections `navigation` (errors) and `sensors`.
 
-A sensor is a row of floats; the names below are its columns. Arithmetic is + - * / sqrt and
-comparisons, in the order written. Random numbers are functions of (tick, stream, key), so a
-measurement is a function of them and of the true state. Sources of usual sizes: Fehse, "Automated
-Rendezvous and Docking of Spacecraft", 2003, 7.
+Arithmetic is + - * / sqrt and comparisons, in the order written. Random numbers are functions of
+(tick, stream, key), so a measurement is a function of them and of the true state. Sources of usual
+sizes: Fehse, "Automated Rendezvous and Docking of Spacecraft", 2003, 7.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from math import nan, pi, sqrt
 from typing import Annotated, Any
 
-import numpy as np
-
 from rpo_core.attitude.attitude_kernels import to_lvlh
 from rpo_core.attitude.chaser import turn_back
-from rpo_core.attitude.target import Quaternion, Target, motion_of
+from rpo_core.attitude.target import Target, motion_of
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import (
     Checked,
@@ -34,40 +31,117 @@ from rpo_core.files.validation import (
     whole,
 )
 from rpo_core.kernels.arithmetic import State, Vector, sin_cos
-from rpo_core.kernels.jit import as_table, inlined, kernel, step_kernel
+from rpo_core.kernels.calls import ASK
+from rpo_core.kernels.jit import inlined, kernel, step_kernel
 from rpo_core.kernels.noise import normal_pair, philox, six_normals
 from rpo_core.kernels.vectors import pick
-from rpo_core.stage import KernelStage, Place, Section, Signal, Stage, register
+from rpo_core.stage import KernelStage, Place, Section, Signal, register
 from rpo_core.wire import interfaces
 from rpo_core.world.zones import Zones
-
-(
-    NOISE_FLOOR, NOISE_SHARE, CROSS_SHARE, VELOCITY_FLOOR, VELOCITY_SHARE, HAS_RANGE, HAS_VELOCITY,
-    BIAS_X, BIAS_Y, BIAS_Z, WALK, SCALE, PERIOD, LATENCY, DROPOUT, OUTLIER, OUTLIER_SIZE,
-    COSINE, AXIS_X, AXIS_Y, AXIS_Z, BIAS_VX, BIAS_VY, BIAS_VZ, TURNS, LOOKS,
-) = range(26)  # fmt: skip
-"""Columns of a sensor. CROSS_SHARE is that of the noise across the line of sight. DROPOUT and
-OUTLIER are bounds of a random word of 32 bits. COSINE is that of the half angle of the field of
-view, -2 if there is no limit. TURNS is 1 where all is in the chaser's axes, LOOKS is 1 where the
-sensor looks at the port."""
-
-COLUMNS = 26
-
-MEASURED = 7
-"""Numbers of a measurement: 1 or 0 for none, position [m] (a unit vector without range), velocity
-[m/s]."""
 
 NO_DIRECTION_M = 1e-9
 """Closer to the target than this, the line of sight is taken to be along V-bar."""
 
-SENSORS, SLOTS, OUTAGES, KEY, UNITS = 0, 1, 2, 3, 5
-"""Places in the table of `sense`: how many sensors, slots of a queue, and numbers of the outages of
-a sensor; the key (2,); the columns of the first sensor."""
-
 FIRST, SECOND, OUTLYING, WALKING = range(4)  # blocks of random words of a tick
 
-NOISE = 8
-Noise = tuple[float, float, float, float, float, float, float, float]
+MESSAGE = 24
+"""Numbers of a measurement's message: position, velocity, and the covariance of each (3, 3)."""
+
+PORT_TICKS = 512
+"""Ticks for which the place of the port is computed ahead."""
+
+
+@dataclass(slots=True)
+class PortBlock:
+    """Where the port is, tick by tick.
+
+    first : tick of the first position; below zero where there is none yet
+    positions : (PORT_TICKS, 3) [m], target LVLH
+    """
+
+    first: int = -PORT_TICKS
+    positions: Annotated[list[list[float]], PORT_TICKS, 3] = field(
+        default_factory=lambda: [[0.0, 0.0, 0.0]] * PORT_TICKS
+    )
+
+
+@dataclass(slots=True)
+class SensorRow:
+    """A sensor as kernels read it; see `Sensor`.
+
+    cross_share : sigma across the line of sight, as a share of the distance
+    walk : sigma of a tick [m]
+    dropout, outlier : bounds of a random word of 32 bits
+    cosine : of the half angle of the field of view, -2 if there is no limit
+    rotates : 1 where all is in the chaser's axes
+    at_port : 1 where the sensor looks at the port
+    outages : (n, 2) ticks, first and end of each
+    """
+
+    noise_floor: float
+    noise_share: float
+    cross_share: float
+    velocity_floor: float
+    velocity_share: float
+    has_range: int
+    has_velocity: int
+    bias: Vector
+    walk: float
+    scale: float
+    period: int
+    latency: int
+    dropout: float
+    outlier: float
+    outlier_size: float
+    cosine: float
+    axis: Vector
+    velocity_bias: Vector
+    rotates: int
+    at_port: int
+    outages: list[list[int]]
+
+
+@dataclass(slots=True)
+class SensorSuite:
+    """Settings of the kernel `sense`; at_port : 1 where a sensor looks at the port."""
+
+    key: tuple[int, int]
+    sensors: list[SensorRow]
+    at_port: int
+    port: PortBlock
+
+
+@dataclass(slots=True)
+class Measurement:
+    """What a sensor measured.
+
+    tick : at which it was taken; -1: there is none
+    position : [m], a unit vector without range; velocity : [m/s]
+    """
+
+    tick: int = -1
+    position: Annotated[list[float], 3] = field(default_factory=lambda: [0.0] * 3)
+    velocity: Annotated[list[float], 3] = field(default_factory=lambda: [0.0] * 3)
+
+
+@dataclass(slots=True)
+class SensorMemory:
+    """What a sensor remembers.
+
+    walk : (3,) [m] the part of its bias that is a random walk; walked : tick up to which
+    line : measurements on their way, that of tick k at place k % len(line)
+    """
+
+    line: list[Measurement]
+    walk: Annotated[list[float], 3] = field(default_factory=lambda: [0.0] * 3)
+    walked: int = -1
+
+
+@dataclass(slots=True)
+class SuiteMemory:
+    """Memory of the kernel `sense`."""
+
+    sensors: list[SensorMemory]
 
 
 @inlined
@@ -119,15 +193,12 @@ def three_normals(tick: int, block: int, stream: int, k0: int, k1: int) -> Vecto
     return n0, n1, n2
 
 
-@kernel
-def is_due(tick: int, sensor: Any, s: Any, first: int) -> bool:
-    """Return whether a sensor measures at a tick: its period, and no outage [begin, end).
-
-    s : table of `sense`, with the outages of the sensor from place `first`
-    """
-    due = tick % int(sensor[PERIOD]) == 0
-    for i in range(first, first + int(s[OUTAGES]), 2):
-        due = due and not s[i] <= tick < s[i + 1]
+@step_kernel
+def is_due(tick: int, s: Any) -> bool:
+    """Return whether a sensor measures at a tick: its period, and no outage [begin, end)."""
+    due = tick % s.period == 0
+    for i in range(len(s.outages)):
+        due = due and not s.outages[i][0] <= tick < s.outages[i][1]
     return due
 
 
@@ -156,162 +227,113 @@ def scattered(
     )
 
 
-@inlined
-def noise_of(tick: int, stream: int, k0: int, k1: int) -> Noise:
-    """Return the noise of a sensor at a tick: four normals, then four random words."""
-    a, b, c, d = four_words(tick, FIRST, stream, k0, k1)
-    e, f, dropped, outlying = four_words(tick, SECOND, stream, k0, k1)
+@step_kernel
+def take(tick: int, u: Any, point: Vector, s: Any, stream: int, p: Any, m: Any, taken: Any) -> None:
+    """Fill what a sensor measures at a tick, unless it measures nothing.
+
+    u : its first numbers are the true state (6,); point : (3,) [m], where the sensor has the chaser
+    s, m : settings and memory of the sensor; taken : the measurement
+
+        r = point + bias + walk,  measured = scale r + along n_0 u + across (n_1 a + n_2 b)
+
+    u is the line of sight, a and b are at right angles to it. The noise has one sigma along the
+    line of sight, another across it; both grow with the distance |r|.
+    """
+    x, y, z = point
+    x, y, z = x + s.bias[0] + m.walk[0], y + s.bias[1] + m.walk[1], z + s.bias[2] + m.walk[2]
+    distance, ux, uy, uz = sight(x, y, z)
+    if not looks(ux, uy, uz, s.axis, s.cosine):
+        return
+    e, f, dropped, outlying = four_words(tick, SECOND, stream, p.key[0], p.key[1])
+    if dropped < s.dropout:
+        return
+    a, b, c, d = four_words(tick, FIRST, stream, p.key[0], p.key[1])
     n0, n1 = normal_pair(a, b)
     n2, n3 = normal_pair(c, d)
-    return n0, n1, n2, n3, float(e), float(f), float(dropped), float(outlying)
-
-
-@inlined
-def noise_at(s: Any) -> int:
-    """Return the place in the memory of `sense` of the noise of the first sensor."""
-    return int(s[SENSORS]) * (MEASURED + 4 + (MEASURED + 1) * int(s[SLOTS]))
-
-
-@inlined
-def port_at(s: Any) -> int:
-    """Return the place in the memory of `sense` of the port (3,) [m] at this tick, target LVLH."""
-    return noise_at(s) + NOISE * int(s[SENSORS])
-
-
-@kernel
-def sample(
-    tick: int,
-    state: State,
-    sensor: Any,
-    stream: int,
-    key: tuple[float, float],
-    walk: int,
-    noise: int,
-    m: Any,
-    at: int,
-) -> None:
-    """Fill the measurement (7,) of a true state, from place `at` of the memory of `sense`.
-
-    walk : place in the memory of the part (3,) [m] of the bias that is a random walk
-    noise : place in the memory of what `noise_of` returns
-
-    The noise has one sigma along the line of sight, another across it; both grow with distance.
-    """
-    m[at] = 0.0
-    x = state[0] + sensor[BIAS_X] + m[walk]
-    y = state[1] + sensor[BIAS_Y] + m[walk + 1]
-    z = state[2] + sensor[BIAS_Z] + m[walk + 2]
-    distance, ux, uy, uz = sight(x, y, z)
-    axis = (sensor[AXIS_X], sensor[AXIS_Y], sensor[AXIS_Z])
-    if not looks(ux, uy, uz, axis, sensor[COSINE]):
-        return
-    if m[noise + 6] < sensor[DROPOUT]:
-        return
-    n0, n1, n2, n3 = m[noise], m[noise + 1], m[noise + 2], m[noise + 3]
-    floor, share, cross = sensor[NOISE_FLOOR], sensor[NOISE_SHARE], sensor[CROSS_SHARE]
-    x, y, z = scattered((x, y, z), (n0, n1, n2), floor, share, cross, sensor[SCALE])
-    if m[noise + 7] < sensor[OUTLIER]:
-        ox, oy, oz = three_normals(tick, OUTLYING, stream, int(key[0]), int(key[1]))
-        size = sensor[OUTLIER_SIZE]
-        x, y, z = x + size * ox, y + size * oy, z + size * oz
-    if sensor[HAS_RANGE] == 0.0:
+    n = (n0, n1, n2)
+    x, y, z = scattered((x, y, z), n, s.noise_floor, s.noise_share, s.cross_share, s.scale)
+    if outlying < s.outlier:
+        ox, oy, oz = three_normals(tick, OUTLYING, stream, p.key[0], p.key[1])
+        x, y, z = x + s.outlier_size * ox, y + s.outlier_size * oy, z + s.outlier_size * oz
+    if not s.has_range:
         _, x, y, z = sight(x, y, z)
-    m[at], m[at + 1], m[at + 2], m[at + 3] = 1.0, x, y, z
-    m[at + 4], m[at + 5], m[at + 6] = 0.0, 0.0, 0.0
-    if sensor[HAS_VELOCITY] != 0.0:
-        n4, n5 = normal_pair(int(m[noise + 4]), int(m[noise + 5]))
-        sigma = larger(sensor[VELOCITY_FLOOR], sensor[VELOCITY_SHARE] * distance)
-        m[at + 4] = state[3] + sensor[BIAS_VX] + sigma * n3
-        m[at + 5] = state[4] + sensor[BIAS_VY] + sigma * n4
-        m[at + 6] = state[5] + sensor[BIAS_VZ] + sigma * n5
+    taken.tick = tick
+    taken.position[0], taken.position[1], taken.position[2] = x, y, z
+    if s.has_velocity:
+        n4, n5 = normal_pair(e, f)
+        sigma = larger(s.velocity_floor, s.velocity_share * distance)
+        taken.velocity[0] = u[3] + s.velocity_bias[0] + sigma * n3
+        taken.velocity[1] = u[4] + s.velocity_bias[1] + sigma * n4
+        taken.velocity[2] = u[5] + s.velocity_bias[2] + sigma * n5
 
 
-@kernel
-def sense(tick: int, state: State, q: Quaternion, s: Any, m: Any) -> None:
-    """Fill the measurements that arrive at a tick, `MEASURED` of each sensor: `sensed`."""
-    k0, k1 = int(s[KEY]), int(s[KEY + 1])
-    for i in range(int(s[SENSORS])):
-        if tick % int(s[UNITS + COLUMNS * i + PERIOD]) == 0:
-            noise = noise_of(tick, i + 1, k0, k1)
-            for j in range(NOISE):
-                m[noise_at(s) + NOISE * i + j] = noise[j]
-    sensed(tick, state, q, s, m)
+@step_kernel
+def sense(tick: int, u: Any, p: Any, m: Any, y: Any) -> int:
+    """Measure at a tick, and send what arrives at it.
 
-
-@kernel
-def sensed(tick: int, state: State, q: Quaternion, s: Any, m: Any) -> None:
-    """Fill the measurements that arrive at a tick, with the noise that the memory has.
-
-    q : true attitude of the chaser
-    s : table, its places SENSORS and others, then columns of each sensor, then its outages, in
-        ticks, first and end of each
-    m : memory: the measurements, from 0; of each sensor, the random walk of its bias (3,) [m], and
-        the tick up to which it is summed; then measurements on their way, each with its tick; then
-        the noise of each sensor at this tick, if its period lets it measure; then the port at it
+    u : true state (6,) [m, m/s], target LVLH, then the chaser's attitude (7,) where a sensor
+        rotates with it
+    y : message (24,) of each sensor, see `describe`
     """
-    count, slots, key = int(s[SENSORS]), int(s[SLOTS]), (s[KEY], s[KEY + 1])
-    for i in range(count):
-        sensor = s[UNITS + COLUMNS * i : UNITS + COLUMNS * (i + 1)]
-        walk = MEASURED * count + 4 * i
-        while sensor[WALK] > 0.0 and m[walk + 3] < tick:
-            m[walk + 3] += 1.0
-            at = int(m[walk + 3])
-            n0, n1, n2 = three_normals(at, WALKING, i + 1, int(key[0]), int(key[1]))
-            m[walk] += sensor[WALK] * n0
-            m[walk + 1] += sensor[WALK] * n1
-            m[walk + 2] += sensor[WALK] * n2
-        queue = (MEASURED + 4) * count + (MEASURED + 1) * slots * i
-        slot = queue + (MEASURED + 1) * (tick % slots)
-        m[slot], m[slot + MEASURED] = 0.0, float(tick)
-        if is_due(tick, sensor, s, UNITS + COLUMNS * count + int(s[OUTAGES]) * i):
-            seen = state
-            if sensor[LOOKS] != 0.0:
-                p = port_at(s)
-                x, y, z = state[0] - m[p], state[1] - m[p + 1], state[2] - m[p + 2]
-                seen = (x, y, z, 0.0, 0.0, 0.0)
-            if sensor[TURNS] != 0.0:
-                x, y, z = turn_back((seen[0], seen[1], seen[2]), q)
-                seen = (x, y, z, 0.0, 0.0, 0.0)
-            noise = noise_at(s) + NOISE * i
-            sample(tick, seen, sensor, i + 1, key, walk, noise, m, slot)
-        taken = tick - int(sensor[LATENCY])
-        found, out = queue + (MEASURED + 1) * (taken % slots), MEASURED * i
-        m[out] = 0.0
-        if taken >= 0 and m[found + MEASURED] == taken:
-            for j in range(MEASURED):
-                m[out + j] = m[found + j]
+    if p.at_port and not 0 <= tick - p.port.first < PORT_TICKS:
+        return ASK
+    for i in range(len(p.sensors)):
+        s, sensor = p.sensors[i], m.sensors[i]
+        while s.walk > 0.0 and sensor.walked < tick:
+            sensor.walked += 1
+            n = three_normals(sensor.walked, WALKING, i + 1, p.key[0], p.key[1])
+            for j in range(3):
+                sensor.walk[j] += s.walk * n[j]
+        slots = len(sensor.line)
+        taken = sensor.line[tick % slots]
+        taken.tick = -1
+        if is_due(tick, s):
+            point = (u[0], u[1], u[2])
+            if s.at_port:
+                port = p.port.positions[tick - p.port.first]
+                point = (u[0] - port[0], u[1] - port[1], u[2] - port[2])
+            if s.rotates:
+                point = turn_back(point, (u[6], u[7], u[8], u[9]))
+            take(tick, u, point, s, i + 1, p, sensor, taken)
+        due = tick - s.latency
+        describe(s, due >= 0, due, sensor.line[due % slots], y, MESSAGE * i)
+    return 0
 
 
-@kernel
-def describe(sensor: Any, measured: Any, out: Any) -> None:
-    """Fill the numbers (24,) of a measurement's message.
+@step_kernel
+def describe(s: Any, begun: bool, due: int, measured: Any, y: Any, first: int) -> None:
+    """Fill the numbers (24,) of a message, from place `first` on: of what was taken at tick `due`.
 
     Position, velocity, and the covariance of each (rows of 3 x 3) as the sensor claims it, from the
-    distance measured. As in sensor_msgs/Imu, a covariance that begins with -1 means: not measured.
+    distance measured: along^2 u u' + across^2 (1 - u u'). As in sensor_msgs/Imu, a covariance that
+    begins with -1 means: not measured.
     """
-    for j in range(24):
-        out[j] = 0.0
-    out[6], out[15] = -1.0, -1.0
-    if measured[0] == 0.0:
+    for j in range(MESSAGE):
+        y[first + j] = 0.0
+    y[first + 6], y[first + 15] = -1.0, -1.0
+    if not begun or measured.tick != due:
         return
-    for j in range(6):
-        out[j] = measured[j + 1]
-    distance, ux, uy, uz = sight(out[0], out[1], out[2])
-    along = larger(sensor[NOISE_FLOOR], sensor[NOISE_SHARE] * distance)
-    cross = larger(sensor[NOISE_FLOOR], sensor[CROSS_SHARE] * distance)
-    if sensor[HAS_RANGE] == 0.0:
-        along, cross = 0.0, sensor[CROSS_SHARE]
+    x, v = measured.position, measured.velocity
+    for j in range(3):
+        y[first + j] = x[j]
+    distance, ux, uy, uz = sight(x[0], x[1], x[2])
+    along = larger(s.noise_floor, s.noise_share * distance)
+    cross = larger(s.noise_floor, s.cross_share * distance)
+    if not s.has_range:
+        along, cross = 0.0, s.cross_share
     u = (ux, uy, uz)
     for row in range(3):
         for column in range(3):
             one = 1.0 if row == column else 0.0
             shared = u[row] * u[column]
-            out[6 + 3 * row + column] = along * along * shared + cross * cross * (one - shared)
-    if sensor[HAS_VELOCITY] != 0.0:
-        sigma = larger(sensor[VELOCITY_FLOOR], sensor[VELOCITY_SHARE] * distance)
-        for row in range(3):
-            for column in range(3):
-                out[15 + 3 * row + column] = sigma * sigma if row == column else 0.0
+            value = along * along * shared + cross * cross * (one - shared)
+            y[first + 6 + 3 * row + column] = value
+    if s.has_velocity:
+        sigma = larger(s.velocity_floor, s.velocity_share * distance)
+        y[first + 15] = 0.0
+        for j in range(3):
+            y[first + 3 + j] = v[j]
+            y[first + 15 + 4 * j] = sigma * sigma
 
 
 @kernel
@@ -540,35 +562,34 @@ class Sensor(Checked):
         if not any(self.boresight):
             raise InputError('`boresight` must have a direction; got [0, 0, 0]')
 
-    def row(self, dt_s: float) -> list[float]:
+    def row(self, scenario: Any) -> SensorRow:
         """Return the sensor as the kernels read it."""
         x, y, z = self.boresight
         size = sqrt(x * x + y * y + z * z)
         limited = self.field_of_view_rad < pi
-        return [
-            self.noise_floor_m,
-            self.noise_share,
-            self.noise_share if self.kind == POSITION else self.bearing_noise_rad,
-            self.velocity_floor_m_s,
-            self.velocity_share_1_s,
-            float(self.kind != BEARING),
-            float(self.velocity_floor_m_s > 0.0),
-            *self.bias_m,
-            self.bias_walk_m_s0_5 * sqrt(dt_s),
-            1.0 + self.scale_error,
-            float(self.period_ticks),
-            float(self.latency_ticks),
-            self.dropout_share * 2**32,
-            self.outlier_share * 2**32,
-            self.outlier_size_m,
-            sin_cos(self.field_of_view_rad)[1] if limited else -2.0,
-            x / size,
-            y / size,
-            z / size,
-            *self.velocity_bias_m_s,
-            float(self.body_fixed),
-            float(self.looks_at == PORT),
-        ]
+        return SensorRow(
+            noise_floor=self.noise_floor_m,
+            noise_share=self.noise_share,
+            cross_share=self.noise_share if self.kind == POSITION else self.bearing_noise_rad,
+            velocity_floor=self.velocity_floor_m_s,
+            velocity_share=self.velocity_share_1_s,
+            has_range=int(self.kind != BEARING),
+            has_velocity=int(self.velocity_floor_m_s > 0.0),
+            bias=self.bias_m,
+            walk=self.bias_walk_m_s0_5 * sqrt(scenario.dt_s),
+            scale=1.0 + self.scale_error,
+            period=self.period_ticks,
+            latency=self.latency_ticks,
+            dropout=self.dropout_share * 2**32,
+            outlier=self.outlier_share * 2**32,
+            outlier_size=self.outlier_size_m,
+            cosine=sin_cos(self.field_of_view_rad)[1] if limited else -2.0,
+            axis=(x / size, y / size, z / size),
+            velocity_bias=self.velocity_bias_m_s,
+            rotates=int(self.body_fixed),
+            at_port=int(self.looks_at == PORT),
+            outages=[[first_tick(time, scenario) for time in pair] for pair in self.outages_s],
+        )
 
 
 @dataclass(frozen=True)
@@ -628,8 +649,8 @@ STILL = Target(kind='fixed')
 """In place of a target without attitude: its axes are those of target LVLH."""
 
 
-class PortSeen:
-    """Where the port is, tick by tick, target LVLH.
+class PortMotion:
+    """Where the port of a scenario is, block by block.
 
     known : by the attitude that the chaser takes the target to have; else by the true one
     """
@@ -637,39 +658,13 @@ class PortSeen:
     def __init__(self, settings: Sensors, scenario: Any, *, known: bool = False) -> None:
         target = scenario.target or STILL
         self._port = settings.port_m
-        motion = motion_of(target.known if known else target, scenario)
-        self._motion = motion if settings.look else None
+        self._motion = motion_of(target.known if known else target, scenario)
 
-    def put(self, tick: int, table: Any, at: int) -> None:
-        """Put the port (3,) [m] into a table, from a place on; nothing where no sensor looks."""
-        if self._motion is not None:
-            port = to_lvlh(self._port, self._motion.frame(tick))
-            table[at], table[at + 1], table[at + 2] = port
-
-
-class Sensing:
-    """Sensors and their memory, the tables of `sense`."""
-
-    def __init__(self, settings: Sensors, scenario: Any) -> None:
-        units = settings.units
-        self.rows = [unit.row(scenario.dt_s) for unit in units]
-        self._slots = max(unit.latency_ticks for unit in units) + 1
-        most = 2 * max(len(unit.outages_s) for unit in units)
-        table: list[float] = [len(units), self._slots, most, *settings.noise_key]
-        for row in self.rows:
-            table += row
-        for unit in units:
-            ticks = [first_tick(time, scenario) for pair in unit.outages_s for time in pair]
-            table += [*ticks, *[0] * (most - len(ticks))]
-        self.table = as_table(table)
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget what is on its way."""
-        count = len(self.rows)
-        walks, queues = [0.0, 0.0, 0.0, -1.0], [-1.0] * (MEASURED + 1) * self._slots
-        numbers = [0.0] * MEASURED * count + walks * count + queues * count
-        self.memory = as_table(numbers + [0.0] * (NOISE * count + 3))
+    def block(self, tick: int) -> PortBlock:
+        """Return the block of a tick."""
+        first = tick - tick % PORT_TICKS
+        ticks, frame = range(first, first + PORT_TICKS), self._motion.frame
+        return PortBlock(first, [list(to_lvlh(self._port, frame(t))) for t in ticks])
 
 
 def first_tick(time_s: float, scenario: Any) -> int:
@@ -677,36 +672,27 @@ def first_tick(time_s: float, scenario: Any) -> int:
     return min(-(-round(time_s * 1e9) // scenario.dt_ns), 2**31)
 
 
-class SensorsStage(Stage):
+class SensorsStage(KernelStage):
     """From the true state to the measurements that arrive."""
 
     name = 'sensors'
     inputs: tuple[str, ...] = (interfaces.RELATIVE_STATE,)
+    kernel = sense
 
     def __init__(self, settings: Sensors, scenario: Any) -> None:
         self.outputs = settings.signals
         if settings.turn:
             self.inputs = (interfaces.RELATIVE_STATE, interfaces.CHASER_ATTITUDE)
         self.memory_ticks = max(unit.latency_ticks for unit in settings.units)
-        self._sensing = Sensing(settings, scenario)
-        self._port, self._place = PortSeen(settings, scenario), port_at(self._sensing.table)
-        self._message = as_table(np.zeros(24))
+        self._port = PortMotion(settings, scenario)
+        rows = [unit.row(scenario) for unit in settings.units]
+        lines = ([Measurement() for _ in range(row.latency + 1)] for row in rows)
+        suite = SensorSuite(settings.noise_key, rows, int(settings.look), PortBlock())
+        super().__init__(suite, SuiteMemory([SensorMemory(line) for line in lines]))
 
-    def reset(self) -> None:
-        """Forget what is on its way."""
-        self._sensing.reset()
-
-    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
-        """Return the measurement (24,) of each sensor; see `describe`."""
-        s, attitude = self._sensing, inputs[1] if len(inputs) > 1 else interfaces.ALIGNED
-        self._port.put(tick, s.memory, self._place)
-        sense(tick, inputs[0], attitude[:4], s.table, s.memory)
-        messages = []
-        for i in range(len(s.rows)):
-            sensor = s.table[UNITS + COLUMNS * i : UNITS + COLUMNS * (i + 1)]
-            describe(sensor, s.memory[MEASURED * i : MEASURED * (i + 1)], self._message)
-            messages.append(tuple(map(float, self._message)))
-        return tuple(messages)
+    def answer(self, tick: int, u: Sequence[float]) -> None:
+        """Compute where the port is."""
+        self.p.port = self._port.block(tick)
 
     def passes_on(self) -> tuple[int | Signal, ...]:
         """Return that each measurement is the true state."""
