@@ -29,7 +29,7 @@ from rpo_core.thrusters.table import IDENTITY, ThrusterTable, table_of
 
 _CASES, _TICKS_APART = 24, 37
 
-_PUBLIC = re.compile(r'^(/\*(?:(?!\*/).)*\*/\n(?:void|int|double) [^{;]*)\n\{', re.M | re.S)
+PUBLIC = re.compile(r'^(/\*(?:(?!\*/).)*\*/\n(?:void|int|double) [^{;]*)\n\{', re.M | re.S)
 """Comment and prototype of a function that is not static."""
 
 
@@ -52,7 +52,7 @@ def files_of(
     """
     joined = '\n\n'.join([*types, *functions])
     source = filled('source', facts=facts, kernels=kernels.text(), functions=joined)
-    prototypes = (f'{head};' for head in _PUBLIC.findall(source))
+    prototypes = (f'{head};' for head in PUBLIC.findall(source))
     header = filled(
         'header',
         facts=facts,

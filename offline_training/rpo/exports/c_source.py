@@ -9,6 +9,7 @@ decided here, and the C source has only what is left.
 from __future__ import annotations
 
 import ast
+import builtins
 import math
 import textwrap
 from collections import Counter
@@ -19,17 +20,30 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rpo.exports import formats
-from rpo.exports.kernel_source import Read, Type, is_kernel, plain, read, type_of_value
+from rpo.exports.kernel_source import (
+    Array,
+    Read,
+    Record,
+    Type,
+    is_kernel,
+    plain,
+    read,
+    type_of_value,
+)
 from rpo_core.files.validation import InputError
 
 _BINARY = {
     ast.Add: ('+', 9), ast.Sub: ('-', 9), ast.Mult: ('*', 10), ast.Div: ('/', 10),
     ast.FloorDiv: ('/', 10), ast.Mod: ('%', 10),  # of whole numbers >= 0 alone
+    ast.BitAnd: ('&', 4), ast.BitOr: ('|', 4), ast.BitXor: ('^', 4), ast.LShift: ('<<', 4),
+    ast.RShift: ('>>', 4),
 }  # fmt: skip
+_WHOLE_ALONE = ast.FloorDiv, ast.Mod, ast.BitAnd, ast.BitOr, ast.BitXor, ast.LShift, ast.RShift
 _COMPARE = {
     ast.Lt: '<', ast.LtE: '<=', ast.Gt: '>', ast.GtE: '>=', ast.Eq: '==', ast.NotEq: '!='
 }  # fmt: skip
-_CHOICE, _OR, _AND, _COMPARED, _UNARY, WHOLE = 1, 2, 3, 6, 11, 12  # how tightly C binds them
+_CHOICE, _OR, _AND, _BITS, _COMPARED, _UNARY, WHOLE = 1, 2, 3, 4, 6, 11, 12  # how tightly C binds
+MAX_INT = 2**31 - 1
 _KEYWORDS = frozenset((
     'auto', 'break', 'case', 'char', 'const', 'continue', 'default', 'do', 'double', 'else',
     'enum', 'extern', 'float', 'for', 'goto', 'if', 'inline', 'int', 'long', 'register',
@@ -109,14 +123,18 @@ class _Block(NamedTuple):
 
 
 class Writer:
-    """Writes one kernel under a name; `given` are the types of its arguments.
+    """Writes one kernel; `given` are the types of its arguments.
 
+    key : types of its parameters
     types : of the variables that are known so far
+    public : whether others call it: it then returns an int, 0 where the kernel returns nothing
     """
 
-    def __init__(self, source: Source, kernel: Read, name: str, given: Sequence[Type]) -> None:
+    def __init__(
+        self, source: Source, kernel: Read, given: Sequence[Type], public: bool = False
+    ) -> None:
         self._source, self._tree, self._names = source, kernel.tree, kernel.names
-        self._title, hints = name, kernel.hints
+        self._public, hints = public, kernel.hints
         self._all, self._stores = _uses(kernel.tree.body), _uses(kernel.tree.body, ast.Store)
         self._loads = _uses(kernel.tree.body, ast.Load)
         self.types: dict[str, Type] = {}
@@ -124,28 +142,43 @@ class Writer:
         for i, name in enumerate(names):
             known = given[i] if i < len(given) else None
             hint = hints.get(name)
-            table = isinstance(known, str) and known not in ('int', 'double')
+            table = isinstance(known, (str, Record, Array)) and known not in ('int', 'double')
             self.types[name] = known if table or hint is None else hint
         self._parameters = tuple(self.types.items())
-        self._returns = hints['return']
+        self.key = tuple(self.types.values())
+        self._returns = self._returned(hints.get('return'))
         self._early: dict[str, str] = {}  # declarations before the first statement
-        self._copies = 0
+        self._copies: Counter[str] = Counter()
 
-    def written(self) -> Written:
-        """Return the function; raises InputError for what kernels do not use."""
+    def _returned(self, hint: Type) -> Type:
+        """Return the type of what it returns; of `tuple[float, ...]` by what a return has."""
+        if hint is None:
+            raise InputError(f'kernel `{self._tree.name}` must say what it returns, to be C')
+        if not isinstance(hint, tuple):
+            return Record(hint, True, is_value=True) if isinstance(hint, type) else hint
+        if hint[-1] is not None:
+            return tuple(map(self._returned, hint))
+        values = (n.value for n in ast.walk(self._tree) if isinstance(n, ast.Return))
+        value = next((v for v in values if isinstance(v, ast.Tuple)), self._tree)
+        if not isinstance(value, ast.Tuple):
+            raise self.refused(value)
+        return (hint[0],) * len(value.elts)
+
+    def written(self, title: str) -> Written:
+        """Return the function under a name; raises InputError for what kernels do not use."""
         body, document = self._tree.body, ast.get_docstring(self._tree)
         body = body[1:] if document else body
         idle = [f'    (void){own_name(n)};' for n, _ in self._parameters if not self._loads[n]]
         lines = self._block(body, 1)
-        head = ', '.join(
-            f'{self._source.spelled(kind)} {own_name(name)}'.replace('* ', '*')
-            for name, kind in self._parameters
-        )
+        if self._public and not isinstance(body[-1], ast.Return):
+            lines.append('    return 0;')
+        head = ', '.join(self._source.declared(k, own_name(n)) for n, k in self._parameters)
+        returns = 'int' if self._public else f'static {self._source.spelled(self._returns)}'
         first = (document or '').split('\n\n')[0].replace('*/', '* /')
         comment = wrapped(f'/* {" ".join(first.split())} */') + '\n' if first else ''
         text = '\n'.join(
             [
-                wrapped(f'static {self._source.spelled(self._returns)} {self._title}({head})'),
+                wrapped(f'{returns} {title}({head})'),
                 '{',
                 *self._early.values(),
                 *idle,
@@ -154,7 +187,7 @@ class Writer:
             ]
         )
         kinds = tuple(kind for _, kind in self._parameters)
-        return Written(self._title, comment + text, kinds, self._returns)
+        return Written(title, comment + text, kinds, self._returns)
 
     def _block(self, statements: Sequence[ast.stmt], depth: int) -> list[str]:
         block, before = _Block(_uses(statements), depth), dict(self.types)
@@ -174,13 +207,17 @@ class Writer:
 
     def _return(self, node: ast.Return, block: _Block) -> list[str]:
         if node.value is None:
-            raise self.refused(node)
-        return [wrapped(f'return {self.of(node.value, self._returns).text};', block.depth)]
+            return [wrapped('return 0;' if self._public else 'return;', block.depth)]
+        value = self._as(self.of(node.value, self._returns), self._returns, node)
+        return [wrapped(f'return {value.text};', block.depth)]
 
     def _break(self, node: ast.Break | ast.Continue, block: _Block) -> list[str]:
         return [wrapped(f'{ast.unparse(node)};', block.depth)]
 
     _continue = _break
+
+    def _pass(self, _node: ast.Pass, block: _Block) -> list[str]:
+        return [wrapped(';', block.depth)]
 
     def _augassign(self, node: ast.AugAssign, block: _Block) -> list[str]:
         target: Any = node.target
@@ -198,57 +235,88 @@ class Writer:
             return self._unpacked(first, node.value, block)
         lines = [self._named(first, self.of(node.value), block)]
         for target in rest:  # a = b = value: the same value for all
-            if isinstance(first, ast.Name):
-                lines.append(self._named(target, self.of(first), block))
+            lines.append(self._named(target, self.of(first), block))
         return lines
 
     def _named(self, target: ast.expr, value: Expression, block: _Block) -> str:
-        if isinstance(target, ast.Subscript) and self.of(target.value).type == 'scratch':
-            return wrapped(f'{self.of(target).text} = {value.text};', block.depth)
-        if not isinstance(target, ast.Name):
+        if isinstance(target, ast.Name):
+            return self._stored(target.id, value, block)
+        if not isinstance(target, (ast.Subscript, ast.Attribute)):
             raise self.refused(target)
-        return self._stored(target.id, value, block)
+        whole, place = self.of(target.value).type, self.of(target)
+        is_written = isinstance(whole, (Record, Array)) and not whole.is_const
+        if whole != 'scratch' and not (is_written and place.type in ('int', 'double')):
+            raise self.refused(target)
+        text = f'{place.text} = {self._as(value, place.type, target).text};'
+        return wrapped(text, block.depth)
 
     def _unpacked(self, target: ast.Tuple, value: ast.expr, block: _Block) -> list[str]:
         names = [part.id if isinstance(part, ast.Name) else '' for part in target.elts]
         if isinstance(value, ast.Tuple):
             later = [_uses(value.elts[i + 1 :]) for i in range(len(names))]
-            if any(later[i][name] for i, name in enumerate(names)):
-                return self._through_copies(names, value, block)
+            if not all(names) or any(later[i][name] for i, name in enumerate(names)):
+                return self._through_copies(target.elts, value, block)
             pairs = zip(names, map(self.of, value.elts), strict=True)
             return [self._stored(name, one, block) for name, one in pairs if self._loads[name]]
         whole, lines = self.of(value), []
         if not isinstance(value, ast.Name):
-            text, self._copies = whole.text, self._copies + 1
-            name = f'found{self._copies}' if self._copies > 1 else 'found'
-            ctype = self._source.spelled(whole.type)
-            lines.append(wrapped(f'const {ctype} {name} = {text};', block.depth))
-            whole = Expression(name, whole.rank, whole.type)
-        for i, name in enumerate(names):
-            if self._loads[name]:
-                lines.append(self._stored(name, self.part(whole, str(i), value), block))
+            name = self._unique('found')
+            head = self._source.declared(whole.type, name, fixed=True)
+            lines.append(wrapped(f'{head} = {whole.text};', block.depth))
+            whole = Expression(name, WHOLE, whole.type)
+        return lines + self._spread(target, whole, value, block)
+
+    def _spread(
+        self, target: ast.Tuple, whole: Expression, value: ast.expr, block: _Block
+    ) -> list[str]:
+        lines = list[str]()
+        for i, one in enumerate(target.elts):
+            if isinstance(one, ast.Name) and not self._loads[one.id]:
+                continue
+            part = self.part(whole, str(i), value)
+            if isinstance(one, ast.Tuple):
+                lines += self._spread(one, part, value, block)
+            else:
+                lines.append(self._named(one, part, block))
         return lines
 
-    def _through_copies(self, names: list[str], value: ast.Tuple, block: _Block) -> list[str]:
+    def _unique(self, name: str) -> str:
+        """Return a name that the function has not declared."""
+        self._copies[name] += 1
+        return f'{name}{self._copies[name]}' if self._copies[name] > 1 else name
+
+    def _through_copies(
+        self, targets: Sequence[ast.expr], value: ast.Tuple, block: _Block
+    ) -> list[str]:
         copies, lines = [], []
-        for name, part in zip(names, value.elts, strict=True):
+        for target, part in zip(targets, value.elts, strict=True):
             one = self.of(part)
-            copies.append(Expression(f'new_{name}', one.rank, one.type))
-            ctype = self._source.spelled(one.type)
-            lines.append(wrapped(f'const {ctype} new_{name} = {one.text};', block.depth))
-        pairs = zip(names, copies, strict=True)
-        return lines + [self._stored(name, copy, block) for name, copy in pairs]
+            name = self._unique(f'new_{target.id}' if isinstance(target, ast.Name) else 'new')
+            copies.append(Expression(name, WHOLE, one.type))
+            head = self._source.declared(one.type, name, fixed=True)
+            lines.append(wrapped(f'{head} = {one.text};', block.depth))
+        pairs = zip(targets, copies, strict=True)
+        return lines + [self._named(target, copy, block) for target, copy in pairs]
 
     def _stored(self, name: str, value: Expression, block: _Block) -> str:
-        text = f'{own_name(name)} = {value.text};'
         if name not in self.types:
             self.types[name] = value.type
-            ctype = self._source.spelled(value.type)
             if block.uses[name] == self._all[name]:
-                text = f'{"const " if self._stores[name] == 1 else ""}{ctype} {text}'
-            else:
-                self._early[name] = f'    {ctype} {own_name(name)};'
-        return wrapped(text, block.depth)
+                head = self._source.declared(value.type, own_name(name), self._stores[name] == 1)
+                return wrapped(f'{head} = {value.text};', block.depth)
+            self._early[name] = f'    {self._source.declared(value.type, own_name(name))};'
+        value = self._as(value, self.types[name], ast.Name(name))
+        return wrapped(f'{own_name(name)} = {value.text};', block.depth)
+
+    def _as(self, value: Expression, wanted: Type, node: ast.AST) -> Expression:
+        """Return a number as one of a type."""
+        if wanted == 'int' and value.type == 'double':
+            raise self.refused(node)
+        if wanted != 'double' or value.type != 'int' or not self._source.wide:
+            return value
+        if value.text.isdigit():
+            return value
+        return Expression(f'(double){value.within(_UNARY)}', _UNARY, 'double')
 
     def _if(self, node: ast.If, block: _Block) -> list[str]:
         lines = [wrapped(f'if ({self.of(node.test).text}) {{', block.depth)]
@@ -279,7 +347,11 @@ class Writer:
         name = own_name(node.target.id)
         self.types[node.target.id] = 'int'
         more = f'{name}++' if step == '1' else f'{name} += {step}'
-        head = f'for (int {name} = {start}; {name} < {stop}; {more}) {{'
+        test = '>' if step.startswith('-') else '<'
+        first = f'{self._source.spelled("int")} {name} = {start}'
+        if self._source.wide and not stop.isidentifier() and not stop.isdigit():
+            first, stop = f'{first}, end_{name} = {stop}', f'end_{name}'
+        head = f'for ({first}; {name} {test} {stop}; {more}) {{'
         lines = [wrapped(head, block.depth), *self._block(node.body, block.depth + 1)]
         del self.types[node.target.id]
         return [*lines, wrapped('}', block.depth)]
@@ -311,6 +383,8 @@ class Writer:
     def _global(self, name: str, value: Any, node: ast.expr) -> Expression:
         if not isinstance(value, (int, float)):
             raise self.refused(node)
+        if math.isnan(value):
+            return Expression('NAN', WHOLE, 'double')
         return Expression(self._source.constant(name, value), WHOLE, type_of_value(value))
 
     def _constant(self, node: ast.Constant) -> Expression:
@@ -320,9 +394,18 @@ class Writer:
         module = self._module(node.value)
         if module is not None:
             return self._global(node.attr, getattr(module, node.attr), node)
-        record = self.of(node.value)
-        field_type = self._source.field(record.type, node.attr)
-        return Expression(f'{record.text}->{own_name(node.attr)}', WHOLE, field_type)
+        return self._field(self.of(node.value), node.attr)
+
+    def _field(self, record: Expression, attribute: str) -> Expression:
+        field_type, name = self._source.field(record.type, attribute), own_name(attribute)
+        text = f'{record.text}->{name}'
+        if record.text.startswith('&'):
+            text = f'{record.text[1:]}.{name}'
+        elif isinstance(record.type, Record) and record.type.is_value:
+            text = f'{record.text}.{name}'
+        if isinstance(field_type, Record):
+            return Expression(f'&{text}', _UNARY, field_type)
+        return Expression(text, WHOLE, field_type)
 
     def _module(self, node: ast.expr) -> ModuleType | None:
         module = self._names.get(node.id) if isinstance(node, ast.Name) else None
@@ -331,6 +414,8 @@ class Writer:
     def _subscript(self, node: ast.Subscript) -> Expression:
         whole, index = self.of(node.value), self.of(node.slice)
         text = whole.within(WHOLE)
+        if isinstance(whole.type, Array):
+            return self._element(whole.type, text, index)
         if whole.type == 'scratch':
             return Expression(f'{text}[{index.text}]', WHOLE, 'double')
         if whole.type == 'rows':
@@ -343,8 +428,28 @@ class Writer:
             raise self.refused(node)
         return self.part(whole, index.text, node)
 
+    def _element(self, array: Array, text: str, index: Expression) -> Expression:
+        """Return an element of an array, or a row of it."""
+        base, shape, is_const = array.base, array.shape, array.is_const
+        if None not in shape:
+            text = f'{text}[{index.text}]'
+        elif len(shape) == 1:
+            text = f'{text}.at[{index.text}]'
+        else:
+            row, shape = f'&{text}.at[{text}.width * {index.within(_UNARY)}]', (None, 0)
+            return Expression(row, _UNARY, Array(base, shape[1:], is_const))
+        if len(shape) > 1:
+            return Expression(text, WHOLE, Array(base, shape[1:], is_const))
+        if base in (float, int):
+            return Expression(text, WHOLE, 'double' if base is float else 'int')
+        return Expression(f'&{text}', _UNARY, Record(base, is_const))
+
     def part(self, whole: Expression, index: str, node: ast.AST) -> Expression:
-        """Return an element of a tuple."""
+        """Return an element of a tuple, of a record that is one, or of an array."""
+        if isinstance(whole.type, Record) and hasattr(whole.type.base, '_fields'):
+            return self._field(whole, whole.type.base._fields[int(index)])
+        if isinstance(whole.type, Array):
+            return self._element(whole.type, whole.within(WHOLE), Expression(index, WHOLE, 'int'))
         if set(whole.type) == {'double'}:
             return Expression(f'{whole.text}.at[{index}]', WHOLE, 'double')
         if not index.isdigit():
@@ -364,16 +469,37 @@ class Writer:
             raise self.refused(node)
         sign, rank = _BINARY[type(node.op)]
         left, right = self.of(node.left), self.of(node.right)
-        result = 'double' if 'double' in (left.type, right.type) else 'int'
+        is_real = 'double' in (left.type, right.type) or isinstance(node.op, ast.Div)
+        if is_real:
+            if isinstance(node.op, _WHOLE_ALONE):
+                raise self.refused(node)
+            left, right = self._as(left, 'double', node), self._as(right, 'double', node)
+        elif name := self._source.operator(type(node.op), self._is_long(node)):
+            return Expression(f'{name}({left.text}, {right.text})', WHOLE, 'int')
+        elif rank == _BITS:
+            return Expression(f'{left.within(_UNARY)} {sign} {right.within(_UNARY)}', rank, 'int')
         first = left.within(rank)
-        if isinstance(node.op, ast.Div) and result == 'int':
-            first, result = f'(double){left.within(_UNARY)}', 'double'
-        return Expression(f'{first} {sign} {right.within(rank + 1)}', rank, result)
+        if is_real and 'double' not in (left.type, right.type):
+            first = f'(double){left.within(_UNARY)}'
+        text = f'{first} {sign} {right.within(rank + 1)}'
+        return Expression(text, rank, 'double' if is_real else 'int')
+
+    def _is_long(self, node: ast.BinOp) -> bool:
+        """Whether one side is a constant of more than 31 bits."""
+        for side in (node.left, node.right):
+            value = side.value if isinstance(side, ast.Constant) else None
+            value = self._names.get(side.id) if isinstance(side, ast.Name) else value
+            if isinstance(value, int) and abs(value) > MAX_INT:
+                return True
+        return False
 
     def _compare(self, node: ast.Compare) -> Expression:
         if not all(type(op) in _COMPARE for op in node.ops):
             raise self.refused(node)
-        parts = [self.of(part).within(_COMPARED + 2) for part in (node.left, *node.comparators)]
+        sides = [self.of(part) for part in (node.left, *node.comparators)]
+        if any(side.type == 'double' for side in sides):
+            sides = [self._as(side, 'double', node) for side in sides]
+        parts = [side.within(_COMPARED + 2) for side in sides]
         tests = [f'{parts[i]} {_COMPARE[type(op)]} {parts[i + 1]}' for i, op in enumerate(node.ops)]
         return Expression(' && '.join(tests), _COMPARED if len(tests) == 1 else _AND, 'int')
 
@@ -386,12 +512,15 @@ class Writer:
         test = self.of(node.test).within(_CHOICE + 1)
         yes, no = self.of(node.body, wanted), self.of(node.orelse, wanted)
         result = yes.type if yes.type == no.type else 'double'
+        yes, no = self._as(yes, result, node), self._as(no, result, node)
         text = f'{test} ? {yes.within(_CHOICE + 1)} : {no.within(_CHOICE + 1)}'
         return Expression(text, _CHOICE, result)
 
     def _tuple(self, node: ast.Tuple, wanted: Type) -> Expression:
-        parts = [self.of(value) for value in node.elts]
+        of_parts = wanted if isinstance(wanted, tuple) else (None,) * len(node.elts)
+        parts = [self.of(value, one) for value, one in zip(node.elts, of_parts, strict=True)]
         tuple_type = wanted if isinstance(wanted, tuple) else tuple(one.type for one in parts)
+        parts = [self._as(one, k, node) for one, k in zip(parts, tuple_type, strict=True)]
         texts = ', '.join(one.text for one in parts)
         name = self._source.spelled(tuple_type)
         inner = f'{{{{{texts}}}}}' if set(tuple_type) == {'double'} else f'{{{texts}}}'
@@ -403,29 +532,58 @@ class Writer:
             called: Any = getattr(module, node.func.attr)
         elif isinstance(node.func, ast.Name):
             name = node.func.id
-            called = self._names.get(name, {'len': len, 'abs': abs, 'int': int}.get(name))
+            called = self._names.get(name, getattr(builtins, name, None))
         else:
             raise self.refused(node)
         given = [self.of(argument) for argument in node.args]
+        if called is len and isinstance(given[0].type, Array):
+            length = given[0].type.shape[0]
+            if length == 0:
+                raise self.refused(node)
+            text = f'{given[0].text}.count' if length is None else str(length)
+            return Expression(text, WHOLE, 'int')
         if called is len and isinstance(given[0].type, str):
             return Expression(f'{given[0].text}.count', WHOLE, 'int')
+        if called is abs and given[0].type == 'int' and self._source.wide:
+            return Expression(f'llabs({given[0].text})', WHOLE, 'int')
         if called in (math.sqrt, abs):
             name = 'sqrt' if called is math.sqrt else 'fabs'
-            return Expression(f'{name}({given[0].text})', WHOLE, 'double')
+            value = self._as(given[0], 'double', node)
+            return Expression(f'{name}({value.text})', WHOLE, 'double')
         if called is int:
-            return Expression(f'(int){given[0].within(_UNARY)}', _UNARY, 'int')
-        if not is_kernel(called) or node.keywords:
+            whole = self._source.spelled('int')
+            return Expression(f'({whole}){given[0].within(_UNARY)}', _UNARY, 'int')
+        if called is float:
+            return Expression(f'(double){given[0].within(_UNARY)}', _UNARY, 'double')
+        if called is bool:
+            return Expression(f'{given[0].within(_COMPARED + 2)} != 0', _COMPARED, 'int')
+        if node.keywords:
+            raise self.refused(node)
+        if isinstance(called, type) and hasattr(called, '_fields'):
+            record = Record(called, True, is_value=True)
+            values = (
+                self._as(value, self._source.field(record, name), node).text
+                for value, name in zip(given, called._fields, strict=True)
+            )
+            text = f'({self._source.spelled(record)}){{{", ".join(values)}}}'
+            return Expression(text, WHOLE, record)
+        if not is_kernel(called):
             raise self.refused(node)
         written = self._source.function(called, tuple(one.type for one in given))
         texts = (
-            self.of(argument, kind).text
+            self._as(self.of(argument, kind), kind, node).text
             for argument, kind in zip(node.args, written.parameters, strict=True)
         )
         return Expression(f'{written.name}({", ".join(texts)})', WHOLE, written.returns)
 
 
 class Source:
-    """C99 source of some kernels, of what they call, and of the constants that they read."""
+    """C99 source of some kernels, of what they call, and of the constants that they read.
+
+    wide : whether whole numbers have 64 bits, as compiled kernels have them
+    """
+
+    wide = False
 
     def __init__(self) -> None:
         self._records: dict[type, tuple[str, Any]] = {}
@@ -433,17 +591,30 @@ class Source:
         self._tuples: dict[str, str] = {}
         self._constants: dict[str, float] = {}
         self._functions: dict[Any, Written] = {}
+        self._names: set[str] = set()  # of functions
 
     def record(self, name: str, value: Any) -> None:
         """Let kernels read a NamedTuple of numbers and tables; C has it under the name."""
         self._records[type(value)] = (name, value)
 
+    def operator(self, _operator: type[ast.operator], _is_long: bool) -> str:
+        """Return the function that stands for an operator of whole numbers, '' for none."""
+        return ''
+
+    def declared(self, type_: Type, name: str, fixed: bool = False) -> str:
+        """Return a declaration of a name; fixed : it is written once."""
+        text = f'{self.spelled(type_)} {name}'.replace('* ', '*')
+        return f'const {text}' if fixed else text
+
     def spelled(self, type_: Type) -> str:
         """Return a type as C has it."""
         if isinstance(type_, tuple):
             alike = set(type_) == {'double'}
-            name = f'double{len(type_)}' if alike else 'all_' + ''.join(k[0] for k in type_)
-            fields = ' '.join(f'{k} f{i};' for i, k in enumerate(type_))
+            types = list(map(self.spelled, type_))
+            parts = zip(type_, types, strict=True)
+            letters = ''.join(k[0] if isinstance(k, str) else f'_{name}' for k, name in parts)
+            name = f'double{len(type_)}' if alike else f'all_{letters}'
+            fields = ' '.join(f'{k} f{i};' for i, k in enumerate(types))
             self._tuples[name] = f'double at[{len(type_)}];' if alike else fields
             return name
         if type_ == 'scratch':
@@ -451,26 +622,33 @@ class Source:
         return f'const {type_.__name__} *' if isinstance(type_, type) else str(type_)
 
     def constant(self, name: str, value: float) -> str:
-        """Return the name of a constant of a module; raises InputError if two are different."""
-        if self._constants.setdefault(name, value) != value:
-            raise InputError(f'constant `{name}` must be one number in all kernels; got {value!r}')
+        """Return the name of a constant of a module; another one where two are different."""
+        while self._constants.setdefault(name, value) != value:
+            name = f'{name}_'
         return name
 
-    def field(self, record: type, name: str) -> Type:
+    def field(self, record: Any, name: str) -> Type:
         """Return the type of a field of a record, which is read."""
         self._read.setdefault(record, {})[name] = None
         return type_of_value(getattr(self._records[record][1], name))
 
-    def function(self, kernel: Callable[..., Any], given: Sequence[Type] = ()) -> Written:
-        """Return a kernel in C, written once; raises InputError if it cannot be."""
+    def function(
+        self, kernel: Callable[..., Any], given: Sequence[Type] = (), public: str = ''
+    ) -> Written:
+        """Return a kernel in C, written once for each types; raises InputError if it cannot be.
+
+        public : its name, if others call it
+        """
         function = plain(kernel)
-        if function not in self._functions:
-            constants = {kind: value for kind, (_, value) in self._records.items()}
-            kernel_source = read(function, constants)
-            name, taken = f'rpo_{function.__name__}', {w.name for w in self._functions.values()}
-            name = f'{name}_{len(taken)}' if name in taken else name
-            self._functions[function] = Writer(self, kernel_source, name, given).written()
-        return self._functions[function]
+        constants = {kind: value for kind, (_, value) in self._records.items()}
+        writer = Writer(self, read(function, constants), given, bool(public))
+        key = function, writer.key, public
+        if key not in self._functions:
+            name = public or f'rpo_{function.__name__}'
+            name = f'{name}_{len(self._names)}' if name in self._names else name
+            self._names.add(name)
+            self._functions[key] = writer.written(name)
+        return self._functions[key]
 
     def text(self) -> str:
         """Return types, constants and functions, each before what needs it."""
@@ -487,10 +665,11 @@ class Source:
         return '\n\n'.join(filter(None, ['\n'.join(lines), self._numbers(), body]))
 
     def _numbers(self) -> str:
-        whole = [f'{n} = {v}' for n, v in self._constants.items() if isinstance(v, int)]
+        short = {n: isinstance(v, int) and abs(v) <= MAX_INT for n, v in self._constants.items()}
+        whole = [f'{n} = {v}' for n, v in self._constants.items() if short[n]]
         lines = [wrapped(f'enum {{ {", ".join(whole)} }};')] if whole else []
-        real = {n: v for n, v in self._constants.items() if isinstance(v, float)}
-        return '\n'.join([*lines, *(f'#define {n} {number(v)}' for n, v in real.items())])
+        others = {n: v for n, v in self._constants.items() if not short[n]}
+        return '\n'.join([*lines, *(f'#define {n} {number(v)}' for n, v in others.items())])
 
     def _constants_of(self, record: type) -> list[str]:
         name, value = self._records[record]

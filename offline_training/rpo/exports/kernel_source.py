@@ -13,6 +13,7 @@ import inspect
 import textwrap
 import types
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -25,7 +26,32 @@ from rpo_core.kernels.arithmetic import State, Vector, saturate
 
 Type = Any
 """'double', 'int', or a table: 'table' of floats, 'ints', 'rows' of floats, 'scratch' that kernels
-fill; a tuple of types; 'void'; or a class of constants (NamedTuple)."""
+fill; a tuple of types; 'void'; a class of constants (NamedTuple); or a `Record` or an `Array`."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """Where a record is (`rpo_core.kernels.records`), which a kernel may write unless it is const.
+
+    base : its class; is_value : whether it is the record itself, which a kernel made
+    """
+
+    base: Any
+    is_const: bool
+    is_value: bool = False
+
+
+@dataclass(frozen=True)
+class Array:
+    """Where numbers or records are, as a `Field` of a record has them.
+
+    shape : None in the place of a length that is not fixed, 0 of one that C is not told
+    """
+
+    base: Any
+    shape: tuple[int | None, ...]
+    is_const: bool
+
 
 _SCALARS = {float: 'double', int: 'int', bool: 'int', type(None): 'void'}
 
@@ -146,13 +172,13 @@ class _Unread(ast.NodeTransformer):
         self.found = False
         self.visit(tree)
 
-    def visit_Assign(self, node: ast.Assign) -> ast.Assign | None:
-        """Return None for a variable that nothing reads."""
+    def visit_Assign(self, node: ast.Assign) -> ast.Assign | ast.Expr | None:
+        """Return None for a variable that nothing reads; a call may write more than it returns."""
         target = node.targets[0]
         if len(node.targets) > 1 or not isinstance(target, ast.Name) or target.id in self._loaded:
             return node
         self.found = True
-        return None
+        return ast.Expr(node.value) if isinstance(node.value, ast.Call) else None
 
 
 class _Decided(ast.NodeTransformer):

@@ -46,8 +46,9 @@ class Driver:
             self._width = end if name in made else self._width
         self._before = self._of(name for name in made if name in NEXT)
         self._after = self._of(name for name in made if name not in NEXT)
-        sources = self._of(map(current, earlier))
-        self._carried = list(zip(sources, self._of(earlier), strict=True))
+        carried = [name for name in earlier if current(name) in made]
+        sources = self._of(map(current, carried))
+        self._carried = list(zip(sources, self._of(carried), strict=True))
         self._reads: list[int] = []
         self._rows = [self._row(link) for link in chain.links]
 
@@ -55,16 +56,13 @@ class Driver:
         """Return the places of signals."""
         return [i for n in names for i in range(self.places[n].start, self.places[n].stop)]
 
-    def _row(self, link: Link) -> tuple[Any, ...]:
-        """Return a stage as `calls.run` reads it."""
-        stage, first = link.stage, len(self._reads)
+    def _row(self, link: Link) -> tuple[int, ...]:
+        """Return what a stage reads and writes as `calls.run` reads it."""
+        first = len(self._reads)
         self._reads += self._of(link.reads)
-        writes = [self.places[name] for name in stage.outputs]
-        if has_kernel(stage):
-            row, size = stage.row, writes[-1].stop - writes[0].start
-        else:
-            row, size = (0, 0, 0), 0
-        return (*row, first, len(self._reads) - first, writes[0].start, size)
+        writes = [self.places[name] for name in link.stage.outputs]
+        size = writes[-1].stop - writes[0].start if has_kernel(link.stage) else 0
+        return first, len(self._reads) - first, writes[0].start, size
 
     def fly(self, start: Signals, ticks: int) -> dict[str, NDArray[np.float64]]:
         """Fly ticks 0 to `ticks`; return the signals (ticks + 1, width) that the stages make."""
@@ -79,11 +77,11 @@ class Driver:
         )
         stages = [link.stage for link in self.chain.links]  # interpreted, memory is made anew
         rows: Any = [
-            (*stage.row, *row[3:]) if has_kernel(stage) else row
+            (*(stage.row if has_kernel(stage) else (0, 0, 0)), *row)
             for stage, row in zip(stages, self._rows, strict=True)
         ]
         rows = np.array(rows, np.int64) if COMPILED else rows
-        u = as_table([0.0] * (1 + max(row[4] for row in self._rows)))
+        u = as_table([0.0] * (1 + max(row[1] for row in self._rows)))
         flown = at, ticks, rows, reads, flat, u, carried, log, before, after
         while self._asked(at, flown):
             tick, index = (int(value) for value in at)

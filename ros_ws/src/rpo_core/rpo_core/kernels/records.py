@@ -20,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
+from types import SimpleNamespace
 from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -122,6 +123,25 @@ class Packed:
         del self._arrays[len(self._begun) - 1 :], self._bases[len(self._begun) - 1 :]
         for array, begun in zip((self.numbers, *self._arrays), self._begun, strict=True):
             array[...] = begun
+
+    def values(self) -> Any:
+        """Return the first record as an object with lists."""
+        return self._values(self.record, self.numbers[0])
+
+    def _values(self, record: Any, place: Any) -> Any:
+        values = {}
+        for field in fields_of(record):
+            array = np.asarray(place[field.name])
+            array = array if field.is_fixed else self._at(array)
+            values[field.name] = self._list(field.base, array)
+        return SimpleNamespace(**values)
+
+    def _list(self, base: Any, array: Any) -> Any:
+        if base in (float, int):
+            return array.tolist()
+        if array.ndim:
+            return [self._list(base, np.asarray(part)) for part in array]
+        return self._values(base, array)
 
     def put(self, name: str, values: Any) -> None:
         """Write a field anew; an array of another length stays until the record goes."""
@@ -239,3 +259,13 @@ class Nothing:
 def prepared(values: Any) -> Any:
     """Return a record as kernels of this process read it: itself, or packed."""
     return Packed(values) if COMPILED else values
+
+
+def values_of(record: Any) -> Any:
+    """Return a record, packed or not, as an object with lists."""
+    return record.values() if isinstance(record, Packed) else record
+
+
+def class_of(record: Any) -> Any:
+    """Return the class of a record, packed or not."""
+    return record.record if isinstance(record, Packed) else type(record)
