@@ -14,6 +14,7 @@ import pytest
 
 from rpo_core import plugins, stage
 from rpo_core.chain.chain import Chain, signals_of, start_of
+from rpo_core.chain.driver import Driver
 from rpo_core.chain.flight import Flight, fly
 from rpo_core.control import controller_file
 from rpo_core.control.baselines import Pd
@@ -157,6 +158,16 @@ def test_a_stage_that_is_off_hands_on_what_carries_the_same(name):
                 and type(link.stage).passes_on is Stage.passes_on
             ):
                 assert given == reads[carried.index(row.carries)]
+
+
+def test_the_driver_has_a_place_for_what_a_part_reads_of_the_tick_before():
+    """A part without the stage that makes that command raised a KeyError."""
+    scenario = load_scenario('paper_test_measured')
+    part = Chain.of(scenario, load_controller('allround')).part(Place.ESTIMATOR)
+    places = Driver(part).places
+    assert (
+        places[interfaces.previous('shaped_force')].stop == max(p.stop for p in places.values()) - 3
+    )
 
 
 def test_a_stage_that_reads_what_nobody_makes_is_refused():
