@@ -25,10 +25,10 @@ from rpo.exports.formats import filled
 from rpo.exports.kernel_source import Array, Record, Type
 from rpo.montecarlo.outputs import identifier
 from rpo_core.chain.chain import Chain
-from rpo_core.chain.driver import Driver
+from rpo_core.chain.driver import Driver, has_kernel
 from rpo_core.files.validation import InputError
 from rpo_core.kernels.records import Field, class_of, fields_of, values_of
-from rpo_core.stage import KernelStage
+from rpo_core.stage import Stage
 from rpo_core.wire.interfaces import current
 
 _OPERATORS = {ast.FloorDiv: 'rpo_floor', ast.Mod: 'rpo_modulo'}
@@ -215,8 +215,8 @@ class _Stage(NamedTuple):
     copies: list[str]
 
 
-def _stage(source: RecordSource, stage: Any, chain: str, name: str) -> _Stage:
-    if not isinstance(stage, KernelStage):
+def _stage(source: RecordSource, stage: Stage, chain: str, name: str) -> _Stage:
+    if not has_kernel(stage):
         raise InputError(
             f'stage `{stage.name}` must have a kernel to be C; {type(stage).__name__} has none'
         )
