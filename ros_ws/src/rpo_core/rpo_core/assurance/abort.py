@@ -4,70 +4,40 @@
 
 A function of states, commands and events so far: `rpo verify` decides the same again. A fault holds
 when n of its last m samples show it, the scheme of NASA's cFS Limit Checker.
+
+The kernels count and command (`watch`, part of the kernel of assurance). Where a reaction begins
+they ask: `AbortMachine` decides, plans, and writes what happens into the memory.
 """
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Mapping
+from dataclasses import dataclass, field
 from math import pi
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from rpo_core.assurance import manoeuvre
 from rpo_core.assurance.guard import Proof
-from rpo_core.assurance.kernels import Guard, closing, in_corridor, speed_limit
-from rpo_core.assurance.manoeuvre import PathModel
+from rpo_core.assurance.kernels import APPROACH, Guard, closing, in_corridor, speed_limit
+from rpo_core.assurance.manoeuvre import PathModel, holding, reached, retreating, towards
 from rpo_core.assurance.settings import (
     ABORT,
     DRIFT,
     HOLD,
+    QUANTITIES,
     REACTIONS,
     RETREAT,
     WARN,
     AbortTable,
     Row,
 )
+from rpo_core.attitude.attitude_kernels import moving_with, seen_from, to_lvlh
+from rpo_core.attitude.chaser import times
 from rpo_core.kernels.arithmetic import State, Vector, norm
-from rpo_core.stage import WITHOUT_COMMAND, Signal
+from rpo_core.kernels.jit import step_kernel
+from rpo_core.kernels.records import rows_of
+from rpo_core.stage import WITHOUT_COMMAND
 from rpo_core.world import cw
-from rpo_core.world.cw import cw_step
-
-
-class LimitChecker:
-    """Counts samples; a fault begins to hold once, and again only after a whole window without.
-
-    rows : fault -> row of the table, whose `count` of the last `window` samples must show it
-    holding : the faults that hold
-    """
-
-    def __init__(self, rows: Mapping[str, Row]) -> None:
-        self.rows = rows
-        self.clear()
-
-    def sample(self, seen: Mapping[str, bool]) -> list[str]:
-        """Take one sample of some faults; return those that begin to hold by it."""
-        begins = []
-        for fault, shows in seen.items():
-            samples = self._samples[fault]
-            self._shown[fault] += shows - samples[0]  # the oldest sample drops out
-            samples.append(shows)
-            if fault in self.holding:
-                if not self._shown[fault]:
-                    self.holding.discard(fault)
-            elif self._shown[fault] >= self.rows[fault].count:
-                self.holding.add(fault)
-                begins.append(fault)
-        return begins
-
-    def clear(self) -> None:
-        """Forget all samples: what holds already is found anew."""
-        self.holding: set[str] = set()
-        self._shown = dict.fromkeys(self.rows, 0)
-        self._samples = {
-            fault: deque([False] * row.window, maxlen=row.window)
-            for fault, row in self.rows.items()
-        }
-
+from rpo_core.world.cw import CwStep, cw_step
 
 ARM, INHIBIT, RESUME = 'arm', 'inhibit', 'resume'
 COMMANDS = (ARM, INHIBIT, RESUME, HOLD, RETREAT, DRIFT, ABORT)
@@ -78,9 +48,6 @@ PHASES = {HOLD: 'holding', RETREAT: 'retreating', DRIFT: 'drifting', ABORT: 'abo
 
 DECISIONS = (ARMED, INHIBITED, RESUMED, WARNED, *PHASES.values())
 
-OF_THE_COMMAND = ('missed', 'tracking_error_m', 'tracking_error_m_s', 'pointing_error_deg')
-"""Quantities that are not looked at while the controller's command is not read."""
-
 BURN_S = 90.0
 """An abort burns for at most so long after any thruster was stuck."""
 
@@ -89,6 +56,347 @@ BURN_DONE_M_S = 0.0005
 
 ATTEMPTS = 3
 """A drift that is not clear is followed by another manoeuvre, up to so many in all."""
+
+(
+    _RANGE, _SPEED, _CLOSING, _OFF_CORRIDOR, _TRACKING_M, _TRACKING_M_S, _POINTING, _INTERVENTION,
+    _SIGMA_M, _SIGMA_M_S, _MISSED, _IMPULSE, _UNEXPLAINED,
+) = range(len(QUANTITIES))  # fmt: skip
+
+_NONE, _HOLD, _RETREAT, _DRIFT, _ABORT = range(len(REACTIONS))
+"""Reactions by their rank; a warning is none."""
+
+NOTHING, COMMANDED, FAULT, HELD, BURNT, PLANNED = range(6)
+"""What the kernel asks: commands came, faults begin to hold, a hold has lasted too long, a burn is
+over. PLANNED is the answer to the last one where the chaser shall burn again."""
+
+_DEGREES = 180.0 / pi
+
+
+def _zeros() -> list[float]:
+    return [0.0] * 3
+
+
+def _still() -> list[float]:
+    return [0.0] * 6
+
+
+class Limit(NamedTuple):
+    """A row of the table as the kernel reads it; first : place of its samples."""
+
+    quantity: int
+    most: float
+    count: int
+    window: int
+    reaction: int
+    first: int
+
+
+@dataclass(slots=True)
+class Counter:
+    """Samples of a row: how many of the window show it, the oldest, whether the fault holds."""
+
+    shown: int = 0
+    oldest: int = 0
+    holds: int = 0
+    begins: int = 0
+
+
+class Event(NamedTuple):
+    """A command, its place in COMMANDS, and the tick from which it acts."""
+
+    tick: int
+    command: int
+
+
+class Note(NamedTuple):
+    """A change in numbers; see `AbortMachine.changes`.
+
+    state : place in DECISIONS
+    cause : as the kernel asked; PLANNED: a burn is over, and its drift not clear
+    of : the command, or the row
+    near_m : how near a drift comes
+    speed_m_s, margin_m, radius_m : of the manoeuvre that was planned; speed -1.0: none was
+    """
+
+    tick: int
+    state: int
+    cause: int
+    of: int
+    near_m: float = 0.0
+    speed_m_s: float = -1.0
+    margin_m: float = 0.0
+    radius_m: float = 0.0
+
+
+@dataclass(slots=True)
+class Table:
+    """Settings of `watch`; world, step : what paths are computed with, and the step of a tick.
+
+    reference_at, attitude_at : places in u of the reference, and of attitude and its reference; 0:
+        there is none
+    """
+
+    rows: list[Limit]
+    world: PathModel
+    step: CwStep
+    dt_s: float
+    keep_out_m: float
+    hold_s: float
+    reference_at: int
+    attitude_at: int
+    reference_attitude_at: int
+
+
+NO_TABLE = Table([], PathModel(*(0.0,) * 9), CwStep(*(0.0,) * 26), 0.0, 0.0, 0.0, 0, 0, 0)
+
+
+@dataclass(slots=True)
+class Watch:
+    """Memory of the table.
+
+    armed : 1 where it reacts; reaction : that has the command, its rank; since : its first tick
+    by_table : 1 where the table began it
+    state, has_state : of the tick before; applied_n : force since then, as far as is known
+    has_point, point_m : where a hold or a retreat leads; burns, wanted_m_s : velocity of an abort
+    ahead : (6,) when a force of now acts; enclosed : 1 inside the corridor, within the sphere
+    outward : along the corridor, target LVLH
+    obeyed, sampled : 1 where that is done in this tick; question : what was asked last
+    """
+
+    armed: int
+    samples: list[int]
+    counters: list[Counter]
+    reaction: int = _NONE
+    since: int = 0
+    by_table: int = 0
+    tick: int = -1
+    has_state: int = 0
+    state: Annotated[list[float], 6] = field(default_factory=_still)
+    impulse_n_s: float = 0.0
+    applied_n: Annotated[list[float], 3] = field(default_factory=_zeros)
+    has_point: int = 0
+    point_m: Annotated[list[float], 3] = field(default_factory=_zeros)
+    burns: int = 0
+    wanted_m_s: Annotated[list[float], 3] = field(default_factory=_zeros)
+    attempts: int = 0
+    ahead: Annotated[list[float], 6] = field(default_factory=_still)
+    enclosed: int = 0
+    outward: Annotated[list[float], 3] = field(default_factory=_zeros)
+    obeyed: int = 0
+    sampled: int = 0
+    question: int = NOTHING
+    commands: list[Event] = field(default_factory=list)
+    missed: list[int] = field(default_factory=list)
+    notes: list[Note] = field(default_factory=list)
+
+
+@step_kernel
+def is_missed(tick: int, w: Any) -> bool:
+    """Return whether no command came at a tick."""
+    found = False
+    for i in range(len(w.missed)):
+        found = found or w.missed[i] == tick
+    return found
+
+
+@step_kernel
+def look_ahead(tick: int, state: State, p: Any, m: Any) -> None:
+    """Fill what a reaction needs: the state when a force of now acts, and the corridor then."""
+    w, g = m.watch, p.guard
+    near = norm(state[0], state[1], state[2]) < g.keep_out_m
+    w.enclosed = 1 if m.mode == APPROACH and near else 0
+    outward = (
+        g.side if g.axis == 0 else 0.0,
+        g.side if g.axis == 1 else 0.0,
+        g.side if g.axis == 2 else 0.0,
+    )
+    if p.turns == 1:
+        outward = to_lvlh(outward, p.frames[tick + len(m.line_n) - p.first_tick])
+    for i in range(6):
+        w.ahead[i] = state[i]
+    for i in range(3):
+        w.outward[i] = outward[i]
+
+
+@step_kernel
+def difference(u: Any, i: int, j: int, first: int) -> float:
+    """Return the length of the difference of two vectors of u, from places i + first, j + first."""
+    i, j = i + first, j + first
+    return norm(u[i] - u[j], u[i + 1] - u[j + 1], u[i + 2] - u[j + 2])
+
+
+@step_kernel
+def off_corridor_m(tick: int, state: State, p: Any) -> float:
+    """Return how far [m] a state is outside the corridor; 0.0 beyond its outer end."""
+    g = p.guard
+    if g.side == 0.0 or norm(state[0], state[1], state[2]) >= g.outer_m:
+        return 0.0
+    if p.turns == 1:
+        state = seen_from(state, p.frames[tick - p.first_tick])
+    d, _, along, across, _, _ = in_corridor(state, g)
+    along, across = abs(along), abs(across)
+    return (across if across > along else along) - (g.width_m + g.slope * (d if d > 0.0 else 0.0))
+
+
+@step_kernel
+def pointing_error_deg(u: Any, t: Any) -> float:
+    """Return the angle off the reference, twice the sine of half of it; 0.0 where unknown."""
+    i, j = t.attitude_at, t.reference_attitude_at
+    if i == 0:
+        return 0.0
+    x, y, z, _ = times(
+        (-u[i], -u[i + 1], -u[i + 2], u[i + 3]), (u[j], u[j + 1], u[j + 2], u[j + 3])
+    )
+    return 2.0 * norm(x, y, z) * _DEGREES
+
+
+@step_kernel
+def unexplained_n(state: State, p: Any, w: Any) -> float:
+    """Return the force [N] that the last change of velocity needed beside the commanded one."""
+    if w.has_state == 0:
+        return 0.0
+    before = (w.state[0], w.state[1], w.state[2], w.state[3], w.state[4], w.state[5])
+    force = (w.applied_n[0], w.applied_n[1], w.applied_n[2])
+    _, _, _, vx, vy, vz = cw_step(before, force, p.table.step)
+    change = norm(state[3] - vx, state[4] - vy, state[5] - vz)
+    return change * p.guard.mass_kg / p.table.dt_s
+
+
+@step_kernel
+def quantity_of(tick: int, quantity: int, u: Any, p: Any, m: Any) -> float:
+    """Return a quantity of QUANTITIES, by its place."""
+    state, w, t = (u[0], u[1], u[2], u[3], u[4], u[5]), m.watch, p.table
+    rho, closes, speed = closing(state)
+    if quantity == _RANGE:
+        return rho
+    if quantity == _SPEED:
+        return speed
+    if quantity == _CLOSING:
+        return closes - speed_limit(rho, p.guard)
+    if quantity == _OFF_CORRIDOR:
+        return off_corridor_m(tick, state, p)
+    if quantity in (_TRACKING_M, _TRACKING_M_S):
+        known = t.reference_at > 0 and not is_missed(tick, w)
+        return difference(u, 0, t.reference_at, 3 * (quantity - _TRACKING_M)) if known else 0.0
+    if quantity == _POINTING:
+        return pointing_error_deg(u, t)
+    if quantity == _INTERVENTION:
+        return 1.0 if m.acted != 0 else 0.0
+    if quantity == _SIGMA_M:
+        return m.spread_m
+    if quantity == _SIGMA_M_S:
+        return m.spread_m_s
+    if quantity == _MISSED:
+        return 1.0 if is_missed(tick, w) else 0.0
+    if quantity == _IMPULSE:
+        return w.impulse_n_s
+    return unexplained_n(state, p, w)
+
+
+@step_kernel
+def counted(shows: bool, row: Any, counter: Any, samples: Any) -> bool:
+    """Take a sample of a row; return whether the fault begins to hold by it.
+
+    It begins once `count` of the last `window` samples show it, and again only after a whole window
+    without.
+    """
+    now, place = 1 if shows else 0, row.first + counter.oldest
+    counter.shown += now - samples[place]  # the oldest sample drops out
+    samples[place] = now
+    counter.oldest = (counter.oldest + 1) % row.window
+    counter.begins = 0
+    if counter.holds == 1:
+        if counter.shown == 0:
+            counter.holds = 0
+    elif counter.shown >= row.count:
+        counter.holds = counter.begins = 1
+    return counter.begins == 1
+
+
+@step_kernel
+def sample(tick: int, u: Any, p: Any, m: Any) -> bool:
+    """Look at the quantity of each row; return whether a fault begins to hold.
+
+    While the controller's command is not read, nor are quantities of it.
+    """
+    w, begin = m.watch, False
+    for i in range(len(p.table.rows)):
+        row = p.table.rows[i]
+        q = row.quantity
+        of_command = q in (_MISSED, _TRACKING_M, _TRACKING_M_S, _POINTING)
+        w.counters[i].begins = 0
+        if not (w.reaction != _NONE and of_command):
+            shows = quantity_of(tick, q, u, p, m) > row.most
+            begin = counted(shows, row, w.counters[i], w.samples) or begin
+    return begin
+
+
+@step_kernel
+def asks(tick: int, u: Any, p: Any, m: Any) -> bool:
+    """Return whether commands came, faults begin to hold, or a hold has lasted too long."""
+    w = m.watch
+    for i in range(len(w.commands)):
+        if w.obeyed == 0 and w.commands[i].tick == tick:
+            w.question = COMMANDED
+            return True
+    if w.sampled == 0:
+        w.sampled = 1
+        if sample(tick, u, p, m):
+            w.question = FAULT
+            return True
+    holds = w.reaction == _HOLD and w.by_table == 1 and w.armed == 1
+    if holds and (tick - w.since) * p.table.dt_s >= p.table.hold_s:
+        w.question = HELD
+        return True
+    return False
+
+
+@step_kernel
+def reaction_n(tick: int, p: Any, m: Any) -> tuple[bool, Vector]:
+    """Return whether a burn is over and must be judged, and the force [N] of the reaction."""
+    w, t = m.watch, p.table
+    ahead = (w.ahead[0], w.ahead[1], w.ahead[2], w.ahead[3], w.ahead[4], w.ahead[5])
+    if w.reaction == _HOLD:
+        if w.has_point == 0 and norm(ahead[3], ahead[4], ahead[5]) <= manoeuvre.AT_REST_M_S:
+            w.has_point = 1
+            for i in range(3):
+                w.point_m[i] = ahead[i]
+        if w.has_point == 0:
+            return False, towards(ahead, (0.0, 0.0, 0.0), manoeuvre.RECOVERY_S, t.world)
+    point = (w.point_m[0], w.point_m[1], w.point_m[2])
+    if w.reaction == _HOLD:
+        return False, holding(ahead, point, t.world)
+    if w.reaction == _RETREAT and w.has_point == 1:
+        return False, retreating(ahead, point, t.keep_out_m, t.world, p.guard)
+    if w.reaction != _ABORT or w.burns == 0:
+        return False, (0.0, 0.0, 0.0)
+    wanted = (w.wanted_m_s[0], w.wanted_m_s[1], w.wanted_m_s[2])
+    if w.enclosed == 1 and p.turns == 1 and w.question != PLANNED:  # outward is elsewhere by now
+        frame = p.frames[tick + len(m.line_n) - p.first_tick]
+        out = norm(wanted[0], wanted[1], wanted[2])
+        x, y, z, _, _, _ = seen_from(ahead, frame)
+        _, _, _, vx, vy, vz = moving_with((x, y, z, 0.0, 0.0, 0.0), frame)
+        wanted = (vx + out * w.outward[0], vy + out * w.outward[1], vz + out * w.outward[2])
+    burnt_s = (tick - w.since) * t.dt_s
+    there = reached(ahead, wanted, BURN_DONE_M_S) and closing(ahead)[0] > t.keep_out_m
+    if burnt_s < t.world.stuck_s or (burnt_s < t.world.burn_s and not there):
+        return False, towards(ahead, wanted, manoeuvre.RESPONSE_S, t.world)
+    w.question = BURNT
+    return True, (0.0, 0.0, 0.0)
+
+
+@step_kernel
+def remember(tick: int, u: Any, force: Vector, p: Any, m: Any) -> None:
+    """End a tick: fill what the next one looks back at."""
+    w, late = m.watch, len(m.line_n) > 0
+    w.impulse_n_s += (abs(force[0]) + abs(force[1]) + abs(force[2])) * p.table.dt_s
+    for i in range(3):
+        w.applied_n[i] = m.line_n[m.oldest][i] if late else force[i]
+    for i in range(6):
+        w.state[i] = u[i]
+    w.tick, w.has_state = tick, 1
+    w.obeyed = w.sampled = 0
+    w.question = NOTHING
 
 
 class Change(NamedTuple):
@@ -99,50 +407,18 @@ class Change(NamedTuple):
     reason: str
 
 
-class Seen(NamedTuple):
-    """What the table looks at in a tick.
-
-    state : (6,) [m, m/s] as it is known; ahead : (6,) when a force of now acts
-    reference : (6,) [m, m/s], empty without guidance
-    sigma_m, sigma_m_s : of the estimate, 0.0 without an estimator
-    intervened : whether the filter changed the command of the tick before
-    applied_n : (3,) force [N] that the chaser had since the tick before, as far as is known
-    enclosed : whether the chaser is inside the corridor
-    guard : numbers of the filter, with the errors that the estimate has now
-    in_axes : (6,) the state in the axes of the corridor
-    outward : (3,) along the corridor, target LVLH
-    carried_m_s : (3,) velocity of a corridor that turns where the chaser is; empty: it stands
-    pointing_deg : angle between the attitude and its reference; 0.0: nobody looks at it
-    """
-
-    state: State
-    ahead: State
-    reference: Signal
-    sigma_m: float
-    sigma_m_s: float
-    intervened: bool
-    applied_n: Vector
-    enclosed: bool
-    guard: Guard
-    in_axes: State
-    outward: Vector
-    carried_m_s: Signal = ()
-    pointing_deg: float = 0.0
-
-
 class AbortMachine:
-    """Counts faults, and takes the command from the controller where the table says so.
+    """Takes the command from the controller where the table says so.
 
-    changes : what happened so far
     guard : numbers of the filter, with the errors that the scenario assumes
-    armed : whether the table reacts
-    reaction : that has the command; '' : the controller has it
     """
 
-    def __init__(self, table: AbortTable, proof: Proof, keep_out_m: float, scenario: Any) -> None:
+    def __init__(
+        self, table: AbortTable, proof: Proof, keep_out_m: float, scenario: Any, stage: Any
+    ) -> None:
         guard, disturbance_n = proof.guard, proof.errors.disturbance_n
         self.table, self.guard, self.keep_out_m = table, guard, keep_out_m
-        self._dt_s, n = scenario.dt_s, scenario.mean_motion_rad_s
+        self._stage, self._dt_s, n = stage, scenario.dt_s, scenario.mean_motion_rad_s
         self._step, self._long = (
             cw.discretise(n, guard.mass_kg, seconds) for seconds in (self._dt_s, manoeuvre.STEP_S)
         )
@@ -151,23 +427,51 @@ class AbortMachine:
             n, guard.mass_kg, guard.limit_n, table.stuck_s, table.stuck_s + BURN_S,
             table.orbits * 2.0 * pi / n, table.drag_m_s2, 0.0, BURN_DONE_M_S,
         )  # fmt: skip
-        self._rows = {f'{row.quantity} {row.reaction}': row for row in table.table}
-        self.reset()
 
-    def reset(self) -> None:
-        """Forget the flight before."""
-        self._checker = LimitChecker(self._rows)
-        self._commands: dict[int, list[str]] = {}
-        self._missed: set[int] = set()
-        self.changes: list[Change] = []
-        self.armed, self.reaction = self.table.armed, ''
-        self._tick, self._since = -1, 0
-        self._by_table = False
-        self._before: State | None = None
-        self._impulse_n_s = 0.0
-        self._to: Vector | None = None
-        self._wanted: Vector | None = None
-        self._attempts = 0
+    def numbers(self, reference_at: int, attitude_at: int, reference_attitude_at: int) -> Table:
+        """Return the table as the kernel reads it, with the places of its inputs in u."""
+        rows, names, first = [], list(QUANTITIES), 0
+        for row in self.table.table:
+            rank = REACTIONS.index(row.reaction)
+            rows.append(
+                Limit(names.index(row.quantity), row.most, row.count, row.window, rank, first)
+            )
+            first += row.window
+        return Table(
+            rows, self._world, self._step, self._dt_s, self.keep_out_m, self.table.hold_s,
+            reference_at, attitude_at, reference_attitude_at,
+        )  # fmt: skip
+
+    def memory(self) -> Watch:
+        """Return the memory before a flight."""
+        rows = self.table.table
+        samples = [0] * sum(row.window for row in rows)
+        return Watch(int(self.table.armed), samples, [Counter() for _ in rows])
+
+    @property
+    def m(self) -> Any:
+        """The memory of the flight, a `Watch`."""
+        return self._stage.m.watch
+
+    @property
+    def armed(self) -> bool:
+        """Whether the table reacts."""
+        return bool(self.m.armed)
+
+    @property
+    def reaction(self) -> str:
+        """What has the command; '' : the controller has it."""
+        return REACTIONS[self.m.reaction] if self.m.reaction else ''
+
+    @property
+    def changes(self) -> list[Change]:
+        """What happened so far."""
+        return [self._told(note) for note in self.notes]
+
+    @property
+    def notes(self) -> list[Note]:
+        """The same in numbers."""
+        return rows_of(self.m.notes, Note)
 
     def ready(self) -> None:
         """Load the kernels of an abort before it is needed."""
@@ -175,15 +479,17 @@ class AbortMachine:
 
     def take_event(self, tick: int, state: str) -> None:
         """Take a command, or word of a missing one, that a log or a node tells of."""
+        m = self.m
         if state in COMMANDS:
-            self._commands.setdefault(tick, []).append(state)
+            kept = [event for event in rows_of(m.commands, Event) if event.tick >= m.tick]
+            m.commands = [*kept, Event(tick, COMMANDS.index(state))]
         elif state == WITHOUT_COMMAND:
-            self._missed.add(tick)
+            m.missed = [*(int(t) for t in m.missed if t >= m.tick), tick]
 
     @property
     def next_tick(self) -> int:
         """The tick that comes."""
-        return self._tick + 1
+        return int(self.m.tick) + 1
 
     def command(self, name: str) -> str:
         """Take a command for the next tick; return why it is refused, '' if it is not."""
@@ -197,11 +503,14 @@ class AbortMachine:
         if name == RESUME:
             if self.reaction not in (HOLD, RETREAT):
                 return f'`resume` ends a hold or a retreat; the phase is {self.phase}'
-            holding = [k for k in self._checker.holding if self._rows[k].reaction != WARN]
+            pairs = zip(self.table.table, self.m.counters, strict=True)
+            holding = [
+                f'{r.quantity} {r.reaction}' for r, c in pairs if c.holds and r.reaction != WARN
+            ]
             return f'a fault holds: {", ".join(sorted(holding))}' if holding else ''
         if name == RETREAT and self.table.retreat_m is None:
             return 'section `assurance.abort` has no `retreat_m`'
-        if name in PHASES and self._rank(name) <= self._rank(self.reaction):
+        if name in PHASES and REACTIONS.index(name) <= self.m.reaction:
             return f'the phase is {self.phase}: `{name}` would do less'
         return ''
 
@@ -210,115 +519,69 @@ class AbortMachine:
         """What goes on, in a word."""
         return PHASES[self.reaction] if self.reaction else 'following the controller'
 
-    @staticmethod
-    def _rank(reaction: str) -> int:
-        return REACTIONS.index(reaction) if reaction else 0
-
-    def step(self, tick: int, seen: Seen) -> Vector | None:
-        """Return the force (3,) [N] instead of the command; None: the command stands."""
-        self._tick = tick
-        for name in self._commands.get(tick, ()):
-            self._obey(tick, name, seen)
-        self._sample(tick, seen)
-        self._time_out(tick, seen)
-        self._before = seen.state
-        return self._force(tick, seen)
-
     def missed(self, tick: int) -> bool:
         """Return whether no command came at a tick."""
-        return tick in self._missed
+        return tick in self.m.missed
 
     def alone(self, tick: int) -> bool:
         """Return whether the controller's command is not read at a tick."""
-        return bool(self.reaction) and RESUME not in self._commands.get(tick, ())
+        return bool(self.m.reaction) and RESUME not in self._commands(tick)
 
-    def spend(self, force: Vector) -> None:
-        """Add a force [N] of a tick to the impulse."""
-        self._impulse_n_s += (abs(force[0]) + abs(force[1]) + abs(force[2])) * self._dt_s
+    def _commands(self, tick: int) -> list[str]:
+        events = rows_of(self.m.commands, Event)
+        return [COMMANDS[event.command] for event in events if event.tick == tick]
 
-    def _sample(self, tick: int, seen: Seen) -> None:
-        """Look at each quantity, and react to the worst fault that begins."""
-        quantities = self._quantities(tick, seen)
-        over = {
-            key: quantities[row.quantity] > row.most
-            for key, row in self._rows.items()
-            if not (self.reaction and row.quantity in OF_THE_COMMAND)
-        }
-        worst, reason = '', ''
-        for fault in self._checker.sample(over):
-            row = self._rows[fault]
-            reaction = row.reaction
-            why = f'{row.quantity} above {row.most:g} in {row.count} of {row.window} ticks'
-            if reaction == WARN or not self.armed:
-                inhibited = '' if reaction == WARN else f'; inhibited: no {reaction}'
-                self.changes.append(Change(tick, WARNED, why + inhibited))
-            elif self._rank(reaction) > self._rank(worst):
-                worst, reason = reaction, why
-        if self._rank(worst) > self._rank(self.reaction):
-            self._begin(tick, worst, reason, seen, by_table=True)
-
-    def _quantities(self, tick: int, seen: Seen) -> dict[str, float]:
-        state, guard = seen.state, self.guard
-        rho, closes, speed = closing(state)
-        miss = [a - b for a, b in zip(state, seen.reference, strict=False)] or [0.0] * 6
-        return {
-            'range_m': rho,
-            'speed_m_s': speed,
-            'closing_excess_m_s': closes - speed_limit(rho, guard),
-            'off_corridor_m': self._off_corridor_m(seen.in_axes, rho),
-            'tracking_error_m': norm(*miss[:3]),
-            'tracking_error_m_s': norm(*miss[3:]),
-            'pointing_error_deg': seen.pointing_deg,
-            'intervention': float(seen.intervened),
-            'sigma_m': seen.sigma_m,
-            'sigma_m_s': seen.sigma_m_s,
-            'missed': float(self.missed(tick)),
-            'impulse_n_s': self._impulse_n_s,
-            'unexplained_n': self._unexplained_n(seen),
-        }
-
-    def _off_corridor_m(self, state: State, rho: float) -> float:
-        guard = self.guard
-        if guard.side == 0.0 or rho >= guard.outer_m:
-            return 0.0
-        d, _, p, q, _, _ = in_corridor(state, guard)
-        return max(abs(p), abs(q)) - (guard.width_m + guard.slope * max(d, 0.0))
-
-    def _unexplained_n(self, seen: Seen) -> float:
-        if self._before is None:
-            return 0.0
-        expected = cw_step(self._before, seen.applied_n, self._step)
-        change = [a - b for a, b in zip(seen.state[3:], expected[3:], strict=True)]
-        return norm(*change) * self.guard.mass_kg / self._dt_s
-
-    def _time_out(self, tick: int, seen: Seen) -> None:
-        """Let a hold by the table become an abort."""
-        held_s = (tick - self._since) * self._dt_s
-        holds = self.reaction == HOLD and self._by_table and self.armed
-        if holds and held_s >= self.table.hold_s:
-            why = f'a hold lasts `hold_s` = {self.table.hold_s:g} s'
-            self._begin(tick, ABORT, why, seen, by_table=True)
-
-    def _obey(self, tick: int, name: str, seen: Seen) -> None:
-        reason = f'command `{name}`'
-        if name in (ARM, INHIBIT):
-            self.armed = name == ARM
-            self._checker.clear()
-            self.changes.append(Change(tick, ARMED if self.armed else INHIBITED, reason))
-        elif name == RESUME:
-            self.reaction = ''
-            self._checker.clear()
-            self.changes.append(Change(tick, RESUMED, reason))
+    def answer(self, tick: int) -> None:
+        """Decide what the kernel asks, and write it into the memory."""
+        question = self.m.question
+        if question == COMMANDED:
+            self.m.obeyed = 1
+            for name in self._commands(tick):
+                self._obey(tick, name)
+        elif question == FAULT:
+            self._react(tick)
+        elif question == HELD:
+            self._begin(Note(tick, 0, HELD, 0), ABORT, by_table=True)
         else:
-            self._begin(tick, name, reason, seen, by_table=False)
+            self._judge(tick)
 
-    def _begin(self, tick: int, reaction: str, reason: str, seen: Seen, *, by_table: bool) -> None:
-        self.reaction, self._since, self._by_table = reaction, tick, by_table
-        self._to = self.table.retreat_m if reaction == RETREAT else None
+    def _react(self, tick: int) -> None:
+        """React to the worst fault that begins."""
+        m, worst = self.m, Note(tick, 0, NOTHING, 0)
+        for i, row in enumerate(self.table.table):
+            note = Note(tick, DECISIONS.index(WARNED), FAULT, i)
+            if not m.counters[i].begins:
+                continue
+            if row.reaction == WARN or not m.armed:
+                self._note(note)
+            elif worst.cause == NOTHING or _rank(row) > _rank(self.table.table[worst.of]):
+                worst = note
+        if worst.cause == FAULT and _rank(self.table.table[worst.of]) > m.reaction:
+            self._begin(worst, self.table.table[worst.of].reaction, by_table=True)
+
+    def _obey(self, tick: int, name: str) -> None:
+        m, note = self.m, Note(tick, 0, COMMANDED, COMMANDS.index(name))
+        if name not in (ARM, INHIBIT, RESUME):
+            self._begin(note, name, by_table=False)
+            return
+        state = RESUMED
+        if name == RESUME:
+            m.reaction = _NONE
+        else:
+            m.armed = int(name == ARM)
+            state = ARMED if name == ARM else INHIBITED
+        m.samples = [0] * len(m.samples)
+        m.counters = [Counter() for _ in m.counters]
+        self._note(note._replace(state=DECISIONS.index(state)))
+
+    def _begin(self, note: Note, reaction: str, *, by_table: bool) -> None:
+        m, point = self.m, self.table.retreat_m if reaction == RETREAT else None
+        m.reaction, m.since, m.by_table = REACTIONS.index(reaction), note.tick, int(by_table)
+        m.has_point, m.point_m = int(point is not None), list(point or m.point_m)
         if reaction == ABORT:
-            self._attempts = 0
-            reason = f'{reason}; {self._plan(tick, seen)}'
-        self.changes.append(Change(tick, PHASES[reaction], reason))
+            m.attempts = 0
+            note = self._plan(note)
+        self._note(note._replace(state=DECISIONS.index(PHASES[reaction])))
 
     def way_out(self, state: State, guard: Guard, only: Vector | None) -> manoeuvre.Choice:
         """Return the manoeuvre that leads away from a state (6,) [m, m/s].
@@ -332,55 +595,64 @@ class AbortMachine:
         path_model = self._known(guard)
         return manoeuvre.choose(state, radius + guard.here_m, self._long, path_model, limit, only)
 
-    def _plan(self, tick: int, seen: Seen) -> str:
-        """Choose a manoeuvre; return how clear its path is, in words."""
-        inside = closing(seen.ahead)[0] <= self.keep_out_m
-        only = seen.outward if inside and seen.enclosed else None
-        choice = self.way_out(seen.ahead, seen.guard, only)
-        self._wanted, self._since = choice.velocity_m_s, tick
-        self._attempts += 1
-        size = f'{abs(choice.margin_m):.3g} m'
-        clear = f'clear by {size}' if choice.margin_m >= 0.0 else f'not clear: {size} in the zone'
-        radius = seen.guard.port_m if inside else self.keep_out_m
-        return f'to {norm(*choice.velocity_m_s):.2g} m/s, {clear} of {radius:g} m at the worst'
+    def _plan(self, note: Note) -> Note:
+        """Choose a manoeuvre; return the note, with how clear its path is."""
+        m, guard = self.m, self._stage.guard
+        ahead, outward = _numbers(m.ahead), _numbers(m.outward)
+        inside = closing(ahead)[0] <= self.keep_out_m
+        choice = self.way_out(ahead, guard, outward if inside and m.enclosed else None)
+        m.burns, m.wanted_m_s, m.since = 1, list(choice.velocity_m_s), note.tick
+        m.attempts += 1
+        speed, radius = norm(*choice.velocity_m_s), guard.port_m if inside else self.keep_out_m
+        return note._replace(speed_m_s=speed, margin_m=choice.margin_m, radius_m=radius)
 
     def _known(self, guard: Guard) -> PathModel:
         """Return what a path is computed with: the velocity is known as well as it is now."""
         return self._world._replace(error_m_s=guard.here_m_s + self._burn_error_m_s)
 
-    def _force(self, tick: int, seen: Seen) -> Vector | None:
-        """Return the force of the phase."""
-        if not self.reaction:
-            return None
-        if self.reaction == HOLD:
-            if self._to is None and norm(*seen.ahead[3:]) <= manoeuvre.AT_REST_M_S:
-                self._to = seen.ahead[:3]
-            return manoeuvre.holding(seen.ahead, self._to, self._world)
-        if self.reaction == RETREAT and self._to is not None:
-            radius = self.keep_out_m
-            return manoeuvre.retreating(seen.ahead, self._to, radius, self._world, self.guard)
-        if self.reaction == ABORT and self._wanted is not None:
-            wanted = self._wanted
-            if seen.enclosed and seen.carried_m_s:  # outward is elsewhere by now
-                (x, y, z), (a, b, c), out = seen.carried_m_s, seen.outward, norm(*wanted)
-                wanted = x + out * a, y + out * b, z + out * c
-            return self._burning(tick, seen, wanted)
-        return 0.0, 0.0, 0.0
+    def _judge(self, tick: int) -> None:
+        """At the end of a burn, look whether the drift is clear; if not, plan another one."""
+        m, guard = self.m, self._stage.guard
+        ahead = _numbers(m.ahead)
+        near = manoeuvre.drift_margin(ahead, self._known(guard), 0.0) - guard.here_m
+        radius = self.keep_out_m if closing(ahead)[0] > self.keep_out_m else 0.0
+        if near < radius and m.attempts < ATTEMPTS:
+            note = Note(tick, DECISIONS.index(PHASES[ABORT]), PLANNED, 0, near)
+            self._note(self._plan(note))
+            m.question = PLANNED
+            return
+        m.burns = 0
+        self._note(Note(tick, DECISIONS.index(PHASES[DRIFT]), BURNT, 0, near))
 
-    def _burning(self, tick: int, seen: Seen, wanted: Vector) -> Vector:
-        """Return the force of an abort; at its end, look whether the drift is clear."""
-        burnt_s = (tick - self._since) * self._dt_s
-        there = manoeuvre.reached(seen.ahead, wanted, BURN_DONE_M_S)
-        there = there and closing(seen.ahead)[0] > self.keep_out_m
-        if burnt_s < self._world.stuck_s or (burnt_s < self._world.burn_s and not there):
-            return manoeuvre.towards(seen.ahead, wanted, manoeuvre.RESPONSE_S, self._world)
-        near = manoeuvre.drift_margin(seen.ahead, self._known(seen.guard), 0.0) - seen.guard.here_m
-        radius = self.keep_out_m if closing(seen.ahead)[0] > self.keep_out_m else 0.0
-        if near < radius and self._attempts < ATTEMPTS:
-            why = f'the drift would come to {near:.3g} m'
-            self.changes.append(Change(tick, PHASES[ABORT], f'{why}; {self._plan(tick, seen)}'))
-            return self._burning(tick, seen, self._wanted or wanted)
-        self._wanted = None
-        text = f'at least {near:.3g} m from the target for {self.table.orbits:g} orbits'
-        self.changes.append(Change(tick, PHASES[DRIFT], text))
-        return 0.0, 0.0, 0.0
+    def _note(self, note: Note) -> None:
+        self.m.notes = [*self.notes, note]
+
+    def _told(self, note: Note) -> Change:
+        """Return a note in words."""
+        if note.cause == COMMANDED:
+            why = f'command `{COMMANDS[note.of]}`'
+        elif note.cause == FAULT:
+            row = self.table.table[note.of]
+            why = f'{row.quantity} above {row.most:g} in {row.count} of {row.window} ticks'
+            if DECISIONS[note.state] == WARNED and row.reaction != WARN:
+                why += f'; inhibited: no {row.reaction}'
+        elif note.cause == HELD:
+            why = f'a hold lasts `hold_s` = {self.table.hold_s:g} s'
+        elif note.cause == PLANNED:
+            why = f'the drift would come to {note.near_m:.3g} m'
+        else:
+            why = f'at least {note.near_m:.3g} m from the target for {self.table.orbits:g} orbits'
+        if note.speed_m_s >= 0.0:
+            size, radius = f'{abs(note.margin_m):.3g} m', f'{note.radius_m:g} m at the worst'
+            clear = f'clear by {size}' if note.margin_m >= 0.0 else f'not clear: {size} in the zone'
+            why += f'; to {note.speed_m_s:.2g} m/s, {clear} of {radius}'
+        return Change(note.tick, DECISIONS[note.state], why)
+
+
+def _rank(row: Row) -> int:
+    return REACTIONS.index(row.reaction)
+
+
+def _numbers(values: Any) -> Any:
+    """Return numbers of a memory as a tuple of floats."""
+    return tuple(map(float, values))

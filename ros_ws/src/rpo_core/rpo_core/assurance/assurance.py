@@ -4,28 +4,39 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
-from math import degrees, sqrt
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field, replace
+from math import sqrt
+from typing import Annotated, Any, NamedTuple
 
-from rpo_core.assurance import filters, kernels
-from rpo_core.assurance.abort import DECISIONS, AbortMachine, Seen
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.assurance import abort, filters, kernels
+from rpo_core.assurance.abort import AbortMachine, Table, Watch
 from rpo_core.assurance.assumed import ahead, compared, known, short_tank, upwards
-from rpo_core.assurance.doubt import doubt_of, doubted, unless_unsure, unless_unsure_turning
-from rpo_core.assurance.filters import Filter
+from rpo_core.assurance.doubt import Doubt, doubt_of, doubted, unless_unsure, unless_unsure_turning
 from rpo_core.assurance.guard import proof_of
 from rpo_core.assurance.kernels import APPROACH, CONTACT, OPEN, Guard
 from rpo_core.assurance.settings import Assurance, check_table
 from rpo_core.assurance.working import values_that_work
-from rpo_core.attitude.attitude_kernels import moving_with, seen_from, to_lvlh
-from rpo_core.attitude.chaser import times
+from rpo_core.attitude.attitude_kernels import Frame, seen_from
 from rpo_core.attitude.target import known_motion
 from rpo_core.files.validation import InputError
-from rpo_core.kernels.arithmetic import State, Vector, norm
-from rpo_core.stage import ZERO, Place, Section, Signal, Stage, register, section_of
+from rpo_core.kernels.arithmetic import State, norm
+from rpo_core.kernels.calls import ASK
+from rpo_core.kernels.jit import kernel, step_kernel
+from rpo_core.stage import (
+    ZERO,
+    KernelStage,
+    Place,
+    Section,
+    Signal,
+    register,
+    section_of,
+    width_of,
+)
 from rpo_core.wire import interfaces
 from rpo_core.world import cw
 from rpo_core.world.cw import CwStep, cw_step
@@ -44,8 +55,14 @@ CONSTRAINTS = {
     filters.NOT_FINITE: 'not_finite',
     filters.DOMAIN: 'domain',
 }
-COVARIANCE = 'covariance'
+COVARIANCE, UNSURE = 'covariance', len(CONSTRAINTS)
 """Constraint of a stop because an estimate became worse than any admissible set allows for."""
+_ACTED = {**CONSTRAINTS, UNSURE: COVARIANCE}
+
+_WIDTHS = {interfaces.STATE: 6, interfaces.COMMAND: 3, interfaces.ATTITUDE: 7}
+
+FRAMES_AHEAD = 512
+"""Ticks for which a kernel gets the axes of the target at a time."""
 
 
 class Decision(NamedTuple):
@@ -91,63 +108,228 @@ def step_of(settings: Assurance, scenario: Any) -> CwStep:
     return cw.discretise(scenario.mean_motion_rad_s, settings.mass_kg, scenario.dt_s)
 
 
-class AssuranceStage(Stage):
+@dataclass(slots=True)
+class Numbers:
+    """Settings of the kernel `assure_tick`.
+
+    walls, turns : numbers of the corridor in the axes of a target that turns, and 1 where it does
+    step : by which it predicts
+    covariance_at : place in u of the covariances; 0: they are not looked at
+    watches : 1 where there is an abort table
+    first_tick, frames : axes of the target, tick by tick, as far as they were asked for
+    """
+
+    guard: Guard
+    walls: Guard
+    doubt: Doubt
+    step: CwStep
+    covariance_at: int
+    turns: int
+    watches: int
+    table: Table
+    first_tick: int = 0
+    frames: list[Frame] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class Memory:
+    """Memory of the kernel `assure_tick`.
+
+    mode, lost : set in which the chaser is; 1 where no admissible set allows for the estimate
+    oldest, line_n : forces on their way to delayed thrusters, and the place of the oldest one
+    acted, margin_m, margin_m_s, command_n, force_n : of the last decision; see `Decision`
+    spread_m, spread_m_s : roots of the traces of the last covariances
+    """
+
+    line_n: list[list[float]]
+    command_n: Annotated[list[float], 3]
+    force_n: Annotated[list[float], 3]
+    watch: Watch
+    mode: int = UNKNOWN
+    lost: int = 0
+    oldest: int = 0
+    acted: int = filters.NOTHING
+    margin_m: float = 0.0
+    margin_m_s: float = 0.0
+    spread_m: float = 0.0
+    spread_m_s: float = 0.0
+
+
+@kernel
+def mode_at(state: State, in_axes: State, g: Guard, walls: Guard) -> int:
+    """Return the mode in which a flight begins; in_axes, walls : as APPROACH has them."""
+    zone, slower = kernels.open_margins(state, 0.0, 0.0, g)
+    return OPEN if zone >= 0.0 and slower >= 0.0 else filters.first_mode(in_axes, walls)
+
+
+@step_kernel
+def acting_state(u: Any, p: Any, m: Any) -> State:
+    """Return the state (6,) [m, m/s] in which a force of now acts: after those on their way."""
+    state, count = (u[0], u[1], u[2], u[3], u[4], u[5]), len(m.line_n)
+    for i in range(count):
+        at = (m.oldest + i) % count
+        force = (m.line_n[at][0], m.line_n[at][1], m.line_n[at][2])
+        state = cw_step(state, force, p.step)
+    return state
+
+
+@step_kernel
+def spread_at(u: Any, i: int) -> float:
+    """Return the root of the trace of a covariance (9,) of u."""
+    trace = u[i] + u[i + 4] + u[i + 8]
+    return sqrt(trace if trace > 0.0 else 0.0)
+
+
+@step_kernel
+def assure_tick(tick: int, u: Any, p: Any, m: Any, y: Any) -> int:
+    """Return ASK where the stage must plan, else 0: y = F(phi(x), u).
+
+    F lets a force pass, or changes it (`assurance.filters`); phi predicts the state over the ticks
+    of the thrusters' delay, with the forces on their way. A reaction of the abort table, or what
+    acts on an unsure estimate, comes instead of the command. All in target LVLH.
+
+    u : state (6,) [m, m/s], command (3,) [N]; then, where a scenario has them, the reference
+        (6,), the attitude (7,) and its reference, the covariances (18,) of the estimate
+    y : force (3,) [N]
+    """
+    acts = tick + len(m.line_n)
+    i = acts - p.first_tick
+    if p.turns == 1 and not (p.first_tick <= tick and i + 1 < len(p.frames)):
+        return ASK
+    state, command = acting_state(u, p, m), (u[6], u[7], u[8])
+    if p.covariance_at > 0:
+        m.spread_m = spread_at(u, p.covariance_at)
+        m.spread_m_s = spread_at(u, p.covariance_at + 9)
+    g = doubted(p.guard, p.doubt, 0.0, m.spread_m, m.spread_m_s)
+    in_axes, w = state, g
+    if p.turns == 1:
+        in_axes = seen_from(state, p.frames[i])
+        w = doubted(p.walls, p.doubt, p.doubt.turns_rad_s, m.spread_m, m.spread_m_s)
+    if m.mode == UNKNOWN:
+        m.mode = mode_at(state, in_axes, g, w)
+    lost, safe = False, command
+    if p.doubt.sigmas > 0.0:
+        if p.turns == 1:
+            lost, safe = unless_unsure_turning(
+                state, command, m.mode, p.frames[i], g, w, p.doubt, m.spread_m
+            )
+        else:
+            lost, safe = unless_unsure(state, command, m.mode, g, p.doubt, m.spread_m)
+    m.lost = 1 if lost else 0
+    if p.watches == 1:
+        abort.look_ahead(tick, state, p, m)
+        if abort.asks(tick, u, p, m):
+            return ASK
+        if m.watch.reaction > 0:
+            over, command = abort.reaction_n(tick, p, m)
+            if over:
+                return ASK
+            lost = False
+        elif abort.is_missed(tick, m.watch):
+            command, lost = (0.0, 0.0, 0.0), False
+    if lost:
+        command = safe
+    last = (m.force_n[0], m.force_n[1], m.force_n[2])
+    if p.turns == 1:
+        fx, fy, fz, mode, acted, metres, speed = filters.assure_turning(
+            state, command, last, m.mode, p.frames[i], p.frames[i + 1], p.step, g, w
+        )
+    else:
+        fx, fy, fz, mode, acted, metres, speed = filters.assure(
+            state, command, last, m.mode, p.step, g
+        )
+    force = (fx, fy, fz)
+    if lost and mode == APPROACH:
+        force = command
+    if p.watches == 1:
+        abort.remember(tick, u, force, p, m)
+    m.mode, m.acted, m.margin_m, m.margin_m_s = mode, acted, metres, speed
+    if lost:
+        m.acted = UNSURE
+    for j in range(3):
+        m.command_n[j] = command[j]
+        m.force_n[j] = y[j] = force[j]
+    if len(m.line_n) > 0:
+        for j in range(3):
+            m.line_n[m.oldest][j] = force[j]
+        m.oldest = (m.oldest + 1) % len(m.line_n)
+    return 0
+
+
+class AssuranceStage(KernelStage):
     """From the state as it is known and a command to a force that keeps the assured sets.
 
     It remembers the forces that are on their way to delayed thrusters, the last force (slew limit),
     its mode (corridor) and what the abort table counts; without these it has no memory.
 
-    guard, errors : numbers of the filter, and what they assume
-    walls : numbers of the corridor in the axes of a target that turns; None: as `guard` has them
-    prediction, numbers : step by which it predicts; (58,) or (90,) of `rpo_core.assurance.filters`
+    errors : what the numbers of the filter assume
+    prediction : step by which it predicts
     delay_ticks : of the thrusters
     motion : of a target with which the corridor turns, as it is known; None: it does not
-    decision : of the last tick
     abort : the abort table in flight; None: there is none
     """
 
     name = 'assurance'
     inputs: tuple[str, ...] = (interfaces.STATE, interfaces.COMMAND)
     outputs = (interfaces.ASSURED_FORCE,)
-    decides = DECISIONS
+    decides = abort.DECISIONS
     counts_ticks = False
+    kernel = assure_tick
 
     def __init__(self, settings: Assurance, scenario: Any) -> None:
         places = {section_of(s).place for s in scenario.sections}
         looks = settings.sigmas > 0.0 or settings.abort is not None
-        self._estimated = looks and Place.ESTIMATOR in places
+        estimated = looks and Place.ESTIMATOR in places
         self._proof = proof_of(settings, scenario)
-        self.guard, self.errors, _, self.walls = self._proof
+        guard, self.errors, _, walls = self._proof
         self.doubt = doubt_of(settings, scenario, self.errors)
         self.prediction = step_of(settings, scenario)
-        self.motion = known_motion(scenario) if self.walls is not None else None
+        self.motion = known_motion(scenario) if walls is not None else None
         self.counts_ticks = self.motion is not None
-        self._filter = Filter(self.prediction, self.guard, self.walls, self.motion)
-        self.numbers = self._filter.table
         self.delay_ticks = scenario.thrusters.delay_ticks if scenario.thrusters else 0
-        self.abort, self._pointed = None, 0
+        self.abort: AbortMachine | None = None
+        table, watch = abort.NO_TABLE, Watch(0, [], [])
         if settings.abort is not None:
-            self.abort = AbortMachine(settings.abort, self._proof, settings.keep_out_m, scenario)
+            self.abort = machine = AbortMachine(
+                settings.abort, self._proof, settings.keep_out_m, scenario, self
+            )
             self.inputs += (interfaces.REFERENCE_STATE,) if Place.GUIDANCE in places else ()
             if settings.abort.watches_pointing:
-                self._pointed = len(self.inputs)
                 self.inputs += (interfaces.ATTITUDE, interfaces.REFERENCE_ATTITUDE)
             self.may_miss, self.counts_ticks = self.inputs[1:], True
-        self.inputs += (interfaces.NAVIGATION_COVARIANCE,) if self._estimated else ()
-        remembers = self.delay_ticks or self.guard.slew_n > 0.0 or self.guard.side != 0.0
+            places_in_u = (
+                self._place(interfaces.REFERENCE_STATE), self._place(interfaces.ATTITUDE),
+                self._place(interfaces.REFERENCE_ATTITUDE),
+            )  # fmt: skip
+            table, watch = machine.numbers(*places_in_u), machine.memory()
+        self.inputs += (interfaces.NAVIGATION_COVARIANCE,) if estimated else ()
+        remembers = self.delay_ticks or guard.slew_n > 0.0 or guard.side != 0.0
         self.memory_ticks = None if remembers or self.abort else 0
-        self.reset()
+        p = Numbers(
+            guard, walls or guard, self.doubt, self.prediction,
+            self._place(interfaces.NAVIGATION_COVARIANCE), int(self.motion is not None),
+            int(self.abort is not None), table,
+        )  # fmt: skip
+        line = [[0.0] * 3 for _ in range(self.delay_ticks)]
+        super().__init__(p, Memory(line, [0.0] * 3, [0.0] * 3, watch))
 
-    def reset(self) -> None:
-        """Forget the forces on their way: a flight begins."""
-        self._line: deque[Vector] = deque([ZERO] * self.delay_ticks)
-        self._last: Vector = ZERO
-        self._applied: Vector = ZERO  # what the chaser got in the tick before
-        self._mode = UNKNOWN
-        self._lost = False  # the state is known worse than any admissible set allows for
-        self.decision: Decision | None = None
-        if self.abort is not None:
-            self.abort.reset()
+    def _place(self, name: str) -> int:
+        """Return the place in u of an input; 0 if it is none."""
+        if name not in self.inputs:
+            return 0
+        before = self.inputs[: self.inputs.index(name)]
+        return sum(_WIDTHS[n] if n in _WIDTHS else width_of(n) for n in before)
+
+    def answer(self, tick: int, u: Sequence[float]) -> None:
+        """Give the kernel the axes of the target, or decide for the abort table."""
+        p, last = self.p, tick + self.delay_ticks + 1
+        if self.motion is not None and not p.first_tick <= tick <= last < p.first_tick + len(
+            p.frames
+        ):
+            frames = self.motion.frames(last + FRAMES_AHEAD)[tick:].tolist()
+            p.first_tick, p.frames = tick, [Frame(*row) for row in frames]
+        elif self.abort is not None:
+            self.abort.answer(tick)
 
     def take_event(self, tick: int, state: str) -> None:
         """Take a command to the abort table, or word of a missing one."""
@@ -156,8 +338,8 @@ class AssuranceStage(Stage):
 
     def decided(self) -> list[tuple[int, str]]:
         """Return what the abort table decided: tick and state of each change."""
-        changes = self.abort.changes if self.abort is not None else []
-        return [(change.tick, change.state) for change in changes]
+        notes = self.abort.notes if self.abort is not None else []
+        return [(note.tick, abort.DECISIONS[note.state]) for note in notes]
 
     def goes_without(self, tick: int) -> bool:
         """Return whether it steps without a command: none came, or nobody would read it."""
@@ -165,124 +347,59 @@ class AssuranceStage(Stage):
 
     def trouble(self) -> str:
         """Return what is wrong: the estimate is worse than any speed is safe with."""
-        if not self._lost:
+        if not self.m.lost:
             return ''
         return (
             'the covariance of the estimate is larger than any admissible set allows for: stopping'
         )
 
+    @property
+    def decision(self) -> Decision | None:
+        """What became of the last command; None before the first tick."""
+        m = self.m
+        if m.mode == UNKNOWN:
+            return None
+        before, after = (tuple(float(f) for f in force) for force in (m.command_n, m.force_n))
+        return Decision(MODES[m.mode], _ACTED[m.acted], m.margin_m, m.margin_m_s, before, after)
+
+    @property
+    def guard(self) -> Guard:
+        """Numbers of the filter, with the errors that the last estimate has."""
+        return self._doubted(self._proof.guard, 0.0)
+
+    @property
+    def walls(self) -> Guard | None:
+        """Those of the corridor in the axes of a target that turns; None: as `guard` has them."""
+        walls = self._proof.walls
+        return None if walls is None else self._doubted(walls, self.doubt.turns_rad_s)
+
+    def _doubted(self, guard: Guard, turns_rad_s: float) -> Guard:
+        return doubted(guard, self.doubt, turns_rad_s, self.m.spread_m, self.m.spread_m_s)
+
+    @property
+    def numbers(self) -> NDArray[np.float64]:
+        """CW step and guard (58,), with the walls that turn (90,), as campaigns read them."""
+        return np.array([*self.prediction, *self.guard, *(self.walls or ())], dtype=np.float64)
+
     def ahead(self, state: Signal) -> State:
-        """Return the state (6,) [m, m/s] in which a force of now acts: after those on their way."""
+        """Return the state (6,) [m, m/s] in which the first force acts."""
         x, y, z, vx, vy, vz = state
         predicted: State = (x, y, z, vx, vy, vz)
-        for force in self._line:
-            predicted = cw_step(predicted, force, self.prediction)
+        for _ in range(self.delay_ticks):
+            predicted = cw_step(predicted, ZERO, self.prediction)
         return predicted
 
     def mode_of(self, state: State, tick: int = 0) -> int:
-        """Return the mode in which a flight begins, or goes on after a gap.
-
-        tick : in which a force of now acts, as in what follows
-        """
-        if min(kernels.open_margins(state, 0.0, 0.0, self.guard)) >= 0.0:
-            return OPEN
-        return filters.first_mode(*self.view(state, APPROACH, tick))
+        """Return the mode in which a flight begins; tick : in which its first force acts."""
+        in_axes, walls = self.view(state, APPROACH, tick)
+        return mode_at(state, in_axes, self.guard, walls)
 
     def view(self, state: State, mode: int, tick: int) -> tuple[State, Guard]:
         """Return a state as the set of a mode has it, in the target's axes, and its numbers."""
-        if mode != APPROACH or self.motion is None or self.walls is None:
+        walls = self.walls
+        if mode != APPROACH or self.motion is None or walls is None:
             return state, self.guard
-        return seen_from(state, self.motion.frame(tick)), self.walls
-
-    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
-        """Return the assured force (3,) [N]."""
-        spreads = _spreads(inputs[-1]) if self._estimated else (0.0, 0.0)
-        state, command = self.ahead(inputs[0]), inputs[1]
-        acts = tick + self.delay_ticks
-        if self._mode == UNKNOWN:
-            self._mode = self.mode_of(state, acts)
-        safe = self._safe(state, command, acts, *spreads)
-        interruption = self._interrupted(tick, state, inputs, spreads)
-        if interruption is not None:
-            command = interruption
-        elif self._lost:
-            command = safe
-        answer = self._filter(state, command, self._last, self._mode, acts)
-        fx, fy, fz, mode, acted, metres, speed = answer
-        force: Vector = (fx, fy, fz)
-        if interruption is None and self._lost and mode == APPROACH:
-            force = command
-        if self.abort is not None:
-            self.abort.spend(force)
-            self._applied = self._line[0] if self.delay_ticks else force
-        if self.memory_ticks is None:
-            self._mode, self._last = mode, force
-            if self.delay_ticks:
-                self._line.append(force)
-                self._line.popleft()
-        constraint = COVARIANCE if self._lost and interruption is None else CONSTRAINTS[acted]
-        self.decision = Decision(MODES[mode], constraint, metres, speed, command, force)
-        return (force,)
-
-    def _safe(
-        self, state: State, command: Vector, tick: int, spread_m: float, spread_m_s: float
-    ) -> Vector:
-        """Take the spread of an estimate, with which errors grow; return what acts by it [N]."""
-        d, (guard, _, _, walls), mode = self.doubt, self._proof, self._mode
-        if d.sigmas == 0.0:
-            return command
-        self.guard = doubted(guard, d, 0.0, spread_m, spread_m_s)
-        if walls is None or self.motion is None:
-            answer = unless_unsure(state, command, mode, self.guard, d, spread_m)
-        else:
-            self.walls = walls = doubted(walls, d, d.turns_rad_s, spread_m, spread_m_s)
-            now = self.motion.frame(tick)
-            answer = unless_unsure_turning(
-                state, command, mode, now, self.guard, walls, d, spread_m
-            )
-        self._filter.use(self.guard, self.walls)
-        self._lost, force = answer
-        return force
-
-    def _interrupted(
-        self, tick: int, state: State, inputs: tuple[Any, ...], sigmas: tuple[float, float]
-    ) -> Signal | None:
-        """Return the force of the abort table instead of the command; None: the command stands."""
-        machine, decision = self.abort, self.decision
-        if machine is None:
-            return None
-        reference = inputs[2] if interfaces.REFERENCE_STATE in self.inputs else ()
-        enclosed = self._mode == APPROACH and norm(*state[:3]) < self.guard.keep_out_m
-        side, axis = self.guard.side, self.guard.axis
-        outward: Any = tuple(side if i == axis else 0.0 for i in range(3))
-        in_axes: Any = inputs[0]
-        carried: Signal = ()
-        if self.motion is not None:
-            frame = self.motion.frame(tick + self.delay_ticks)
-            in_axes = seen_from(in_axes, self.motion.frame(tick))
-            outward = to_lvlh(outward, frame)
-            carried = moving_with((*seen_from(state, frame)[:3], 0.0, 0.0, 0.0), frame)[3:]
-        missed = machine.missed(tick)
-        seen = Seen(
-            inputs[0], state, () if missed else reference, *sigmas,
-            decision is not None and bool(decision.constraint), self._applied, enclosed, self.guard,
-            in_axes, outward, carried, self._pointing_deg(inputs),
-        )  # fmt: skip
-        interruption = machine.step(tick, seen)
-        return ZERO if interruption is None and missed else interruption
-
-    def _pointing_deg(self, inputs: tuple[Any, ...]) -> float:
-        """Return the angle off the reference, twice the sine of half of it; 0.0 where unknown."""
-        if not self._pointed:
-            return 0.0
-        (x, y, z, w, *_), wanted = inputs[self._pointed : self._pointed + 2]
-        return degrees(2.0 * norm(*times((-x, -y, -z, w), wanted[:4])[:3]))
-
-
-def _spreads(covariance: Signal) -> tuple[float, float]:
-    """Return the roots of the traces [m], [m/s] of the covariances (18,) of an estimate."""
-    c = covariance
-    return sqrt(max(c[0] + c[4] + c[8], 0.0)), sqrt(max(c[9] + c[13] + c[17], 0.0))
+        return seen_from(state, self.motion.frame(tick)), walls
 
 
 def check_start(settings: Assurance, scenario: Any) -> None:

@@ -13,8 +13,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from rpo_core.assurance.kernels import (
     APPROACH,
     CONTACT,
@@ -33,11 +31,10 @@ from rpo_core.assurance.kernels import (
     in_corridor,
     open_margins,
 )
-from rpo_core.attitude.attitude_kernels import FRAME, Frame, frame_at, seen_from, to_lvlh
-from rpo_core.attitude.target import Motion
+from rpo_core.attitude.attitude_kernels import Frame, seen_from, to_lvlh
 from rpo_core.kernels.arithmetic import State, Vector, saturate
-from rpo_core.kernels.jit import COMPILED, inlined, kernel
-from rpo_core.world.cw import CwStep, cw_step, unpacked
+from rpo_core.kernels.jit import inlined, kernel
+from rpo_core.world.cw import CwStep, cw_step
 
 NOTHING, FORCE, SLEW, SPEED, KEEP_OUT, CORRIDOR, NOT_FINITE, DOMAIN = range(8)
 """Constraints by their number; NOTHING: the command acts as it came."""
@@ -72,6 +69,7 @@ def margins(
     return open_margins(state, error_m, error_m_s, g)
 
 
+@kernel
 def first_mode(state: State, g: Guard) -> int:
     """Mode in which a flight begins, or goes on after a gap."""
     m = open_margins(state, 0.0, 0.0, g)
@@ -317,9 +315,6 @@ def assure_turning(
     return force[0], force[1], force[2], mode, acted, m[0], m[1]
 
 
-Answer = tuple[float, float, float, int, int, float, float]
-
-
 @inlined
 def guard_at(t: Any, i: int) -> Guard:
     """Return the guard whose numbers lie in a table from place i on."""
@@ -331,63 +326,3 @@ def guard_at(t: Any, i: int) -> Guard:
         t[i + 24], t[i + 25], t[i + 26], t[i + 27], t[i + 28], t[i + 29], t[i + 30], t[i + 31],
     )
     # fmt: on
-
-
-@kernel
-def assure_packed(v: Any, t: Any) -> Answer:
-    """`assure` of state, command, last force and mode (13,), CW step and guard (58,)."""
-    c, g = unpacked(t, 0, 1), guard_at(t, 26)
-    state = (v[0], v[1], v[2], v[3], v[4], v[5])
-    return assure(state, (v[6], v[7], v[8]), (v[9], v[10], v[11]), int(v[12]), c, g)
-
-
-@kernel
-def assure_turning_packed(v: Any, axes: Any, t: Any) -> Answer:
-    """`assure_turning` of the same (13,), CW step and both guards (90,).
-
-    axes : (30,) of the target in the tick in which the force acts, and one later
-    """
-    c, g, w = unpacked(t, 0, 1), guard_at(t, 26), guard_at(t, 58)
-    now, following = frame_at(axes, 0), frame_at(axes, FRAME)
-    state, last = (v[0], v[1], v[2], v[3], v[4], v[5]), (v[9], v[10], v[11])
-    return assure_turning(state, (v[6], v[7], v[8]), last, int(v[12]), now, following, c, g, w)
-
-
-class Filter:
-    """The filter of one scenario, called tick by tick; the same bits either way.
-
-    table : (58,) CW step and guard; (90,) with the walls that turn
-    """
-
-    def __init__(
-        self,
-        step: CwStep,
-        guard: Guard,
-        walls: Guard | None = None,
-        motion: Motion | None = None,
-    ) -> None:
-        self._step, self._motion = step, motion
-        self.table = np.array([*step, *guard, *(walls or ())], dtype=np.float64)
-        self.use(guard, walls)
-
-    def use(self, guard: Guard, walls: Guard | None) -> None:
-        """Take these numbers from now on."""
-        self._guard, self._walls = guard, walls
-        self.table[len(self._step) :] = (*guard, *(walls or ()))
-
-    def __call__(
-        self, state: State, command: Vector, last: Vector, mode: int, tick: int = 0
-    ) -> Answer:
-        """Return what `assure` returns; tick : in which the force acts."""
-        numbers = (*state, *command, *last, mode)
-        if self._walls is not None and self._motion is not None:
-            if COMPILED:
-                frames = self._motion.frames(tick + 2)[tick:].ravel()
-                return assure_turning_packed(np.array(numbers), frames, self.table)
-            axes = self._motion.frame(tick), self._motion.frame(tick + 1)
-            return assure_turning(
-                state, command, last, mode, *axes, self._step, self._guard, self._walls
-            )
-        if not COMPILED:
-            return assure(state, command, last, mode, self._step, self._guard)
-        return assure_packed(np.array(numbers), self.table)

@@ -306,37 +306,42 @@ PASSING_M = 3.0
 """A retreat passes the keep-out sphere by so much."""
 
 
-def holding(state: State, point_m: Vector | None, w: PathModel) -> Vector:
-    """Return the force (3,) [N] that stops the chaser (None), or keeps it at a point (3,) [m]."""
-    if point_m is None:
-        return towards(state, (0.0, 0.0, 0.0), RECOVERY_S, w)
+@kernel
+def holding(state: State, point_m: Vector, w: PathModel) -> Vector:
+    """Return the force (3,) [N] that keeps the chaser at a point (3,) [m]."""
     return towards(state, to_point(state, point_m, HOLD_M_S), RECOVERY_S, w)
 
 
+@kernel
 def retreating(state: State, point_m: Vector, radius_m: float, w: PathModel, g: Guard) -> Vector:
     """Return the force (3,) [N] towards a point (3,) [m], around a sphere about the target."""
-    speed = min(LIMIT_SHARE * speed_limit(closing(state)[0], g), RETREAT_M_S)
+    speed = LIMIT_SHARE * speed_limit(closing(state)[0], g)
+    speed = speed if speed < RETREAT_M_S else RETREAT_M_S
     wanted = to_point(state, point_m, speed)
     return towards(state, around(state, wanted, radius_m), RECOVERY_S, w)
 
 
+@kernel
 def to_point(state: State, point_m: Vector, speed_m_s: float) -> Vector:
     """Return the velocity (3,) [m/s] towards a point, slower where it is near."""
     gx, gy, gz = point_m[0] - state[0], point_m[1] - state[1], point_m[2] - state[2]
     distance = norm(gx, gy, gz)
-    k = min(APPROACH_1_S, speed_m_s / distance) if distance > 0.0 else 0.0
+    k = speed_m_s / distance if distance > 0.0 else 0.0
+    k = k if k < APPROACH_1_S else APPROACH_1_S
     return k * gx, k * gy, k * gz
 
 
+@kernel
 def around(state: State, wanted: Vector, radius_m: float) -> Vector:
     """Return a velocity (3,) [m/s] that passes a sphere instead of one that leads into it."""
     radius = radius_m + PASSING_M
-    x, y, z = state[:3]
-    speed, rho = norm(*wanted), norm(x, y, z)
+    x, y, z = state[0], state[1], state[2]
+    speed, rho = norm(wanted[0], wanted[1], wanted[2]), norm(x, y, z)
     if radius_m <= 0.0 or speed == 0.0 or rho == 0.0:
         return wanted
     inward = -(x * wanted[0] + y * wanted[1] + z * wanted[2]) / speed
-    past = sqrt(max(rho * rho - inward * inward, 0.0))
+    left = rho * rho - inward * inward
+    past = sqrt(left if left > 0.0 else 0.0)
     if inward <= 0.0 or past >= radius:
         return wanted
     ex, ey, ez = x / rho, y / rho, z / rho
@@ -347,8 +352,10 @@ def around(state: State, wanted: Vector, radius_m: float) -> Vector:
         tx, ty, tz = (-1.0, 0.0, 0.0) if abs(ex) < 0.9 else (0.0, 0.0, 1.0)
         size = 1.0
     # Nearly straight at the centre there is no hurry to turn: along the tangent cone.
-    sine = min(radius / rho, 1.0)
-    inwards = speed * sqrt(1.0 - sine * sine)
-    out = min(APPROACH_1_S * (radius - rho), speed) if rho < radius else -inwards
+    sine = radius / rho if radius < rho else 1.0
+    out = -speed * sqrt(1.0 - sine * sine)
+    if rho < radius:
+        out = APPROACH_1_S * (radius - rho)
+        out = out if out < speed else speed
     k = sqrt(speed * speed - out * out) / size
     return k * tx + out * ex, k * ty + out * ey, k * tz + out * ez

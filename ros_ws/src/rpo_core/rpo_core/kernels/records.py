@@ -109,6 +109,7 @@ class Packed:
         self.record = _class_of(values)
         self._arrays: list[NDArray[Any]] = []  # the record holds their addresses
         self._bases: list[Any] = []
+        self._begun: list[NDArray[Any]] = []
         self.numbers = np.zeros(number, layout(self.record))
         self.numbers[0] = self._row(values)
         self.numbers[1:] = self.numbers[0]
@@ -144,7 +145,7 @@ class Packed:
         return self._values(base, array)
 
     def put(self, name: str, values: Any) -> None:
-        """Write a field anew; an array of another length stays until the record goes."""
+        """Write a field anew, of any length."""
         self._put(self.numbers[0], _field_of(self.record, name), values)
 
     def __getattr__(self, name: str) -> Any:
@@ -188,7 +189,7 @@ class Packed:
         """Return a record that is a field; it has the same memory."""
         part = object.__new__(Packed)
         part.record, part.numbers = field.base, self.numbers[field.name]
-        part._arrays, part._bases = self._arrays, self._bases
+        part._arrays, part._bases, part._begun = self._arrays, self._bases, self._begun
         return part
 
     def _row(self, values: Any) -> tuple[Any, ...]:
@@ -216,7 +217,15 @@ class Packed:
                 if tuple(link[5 : 5 + array.ndim]) == array.shape:
                     self._at(link)[...] = array
                     return
+                self._release(link[4])
         place[field.name] = self._value(field, values)
+
+    def _release(self, address: int) -> None:
+        """Forget an array that `put` made, and nobody else has."""
+        for i in range(max(len(self._begun) - 1, 0), len(self._arrays)):
+            if self._arrays[i].ctypes.data == address:
+                del self._arrays[i], self._bases[i]
+                break
 
     def _array(self, field: Field, values: Any) -> NDArray[Any]:
         if field.base in (float, int):
@@ -247,6 +256,11 @@ def _links(array: NDArray[Any], record: Any) -> Iterator[Any]:
             yield from array[field.name].reshape(-1, 5 + 2 * len(field.shape))
         elif field.base not in (float, int):
             yield from _links(array[field.name], field.base)
+
+
+def rows_of(values: Any, record: Any) -> list[Any]:
+    """Return an array of named tuples in a memory as a list of them."""
+    return list(values) if isinstance(values, list) else [record(*v) for v in values.tolist()]
 
 
 @dataclass(slots=True)
