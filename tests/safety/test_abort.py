@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import copy
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -16,13 +16,16 @@ from hypothesis import strategies as st
 from landing import rest_at_landing
 
 from rpo_core.assurance import manoeuvre
-from rpo_core.assurance.abort import BURN_S, LimitChecker, Seen
+from rpo_core.assurance.abort import BURN_S, HELD, Counter, Limit, Note, counted, quantity_of
 from rpo_core.assurance.kernels import speed_limit
 from rpo_core.assurance.manoeuvre import APPROACH_1_S, PASSING_M, around
-from rpo_core.assurance.settings import Assurance, Row
+from rpo_core.assurance.settings import QUANTITIES, Assurance, Row
 from rpo_core.chain.chain import Chain
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
+from rpo_core.kernels import calls
+from rpo_core.kernels.jit import as_table, step_kernel
+from rpo_core.kernels.records import prepared
 from rpo_core.scenario import scenario
 from rpo_core.stage import WITHOUT_COMMAND, Place
 from rpo_core.thrusters.thrusters import Failure, Pulses, Thrusters
@@ -87,6 +90,7 @@ def beside(flown):
         flight = copy.deepcopy(flown)
         machine = flight.stage.abort
         machine.table = replace(TABLE, **changes)
+        flight.stage.p.table.hold_s = machine.table.hold_s
         return flight.take(*events)
 
     return going_on
@@ -199,10 +203,10 @@ def test_only_inside_the_sphere_and_in_the_corridor_the_way_out_is_outward(
     machine, ways = Flight(with_table()).until(1).stage.abort, []
     plain = machine.way_out
     monkeypatch.setattr(machine, 'way_out', lambda *given: ways.append(given[2]) or plain(*given))
-    state = (0.0, range_m, 0.0, 0.0, 0.0, 0.0)
-    seen = looked_at(machine.guard)._replace(state=state, ahead=state, enclosed=enclosed)
-    said = machine._plan(5, seen)
-    assert ways == [seen.outward if range_m < 10.0 and enclosed else None]
+    machine.m.ahead, machine.m.outward = [0.0, range_m, 0.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0]
+    machine.m.enclosed = int(enclosed)
+    said = machine._told(machine._plan(Note(5, 0, HELD, 0))).reason
+    assert ways == [(0.0, 1.0, 0.0) if range_m < 10.0 and enclosed else None]
     assert f' of {SETTINGS.corridor.port_m if range_m < 10.0 else 10.0:g} m at the worst' in said
 
 
@@ -328,25 +332,53 @@ def test_each_quantity_is_looked_at():
         'missed': 0.0,
         'impulse_n_s': np.abs(flight.forces).sum() * AROUND.dt_s,
     }
-    found = machine._quantities(2, looked_at(g))
+    memory, y = flight.stage.m, as_table([0.0] * len(QUANTITIES))
+    memory.acted, memory.spread_m, memory.spread_m_s = 1, 0.5, 0.01
+    state, reference = (3.0, 15.0, 0.0, 0.0, -0.1, 0.0), (0.0, 11.0, 0.0, 0.0, 0.0, 0.0)
+    u = as_table([*state, 0.0, 0.0, 0.0, *reference])
+    assert calls.call_once(*calls.row_of(quantities, flight.stage.p, memory), 2, u, y) == 0
+    found = dict(zip(QUANTITIES, y, strict=True))
     assert found.pop('unexplained_n') > 0.0
     assert found == pytest.approx(expected, abs=1e-3)
     assert machine._world.drift_s == pytest.approx(4.0 * math.pi / AROUND.mean_motion_rad_s)
 
 
-def looked_at(guard):
-    state = (3.0, 15.0, 0.0, 0.0, -0.1, 0.0)
-    reference = (0.0, 11.0, 0.0, 0.0, 0.0, 0.0)
-    still, outward = (0.0, 0.0, 0.0), (0.0, 1.0, 0.0)
-    return Seen(state, state, reference, 0.5, 0.01, True, still, False, guard, state, outward)
+@step_kernel
+def quantities(tick, u, p, m, y):
+    for i in range(len(y)):
+        y[i] = quantity_of(tick, i, u, p, m)
+    return 0
 
 
 # Its counters of persistence, against a plain count.
 
 
-def of(count, window):
-    row = Row(quantity='speed_m_s', most=1.0, reaction='warn', count=count, window=window)
-    return LimitChecker({'too_fast': row})
+@dataclass(slots=True)
+class Counted:
+    counter: Counter
+    samples: list[int]
+
+
+@step_kernel
+def count(tick, u, p, m, y):
+    """From whether a sample shows a fault to whether it begins, and whether it holds."""
+    y[0] = 1.0 if counted(u[0] != 0.0, p, m.counter, m.samples) else 0.0
+    y[1] = m.counter.holds
+    return 0
+
+
+class Watched:
+    """A row of the table, sample by sample; its samples lie behind those of another one."""
+
+    def __init__(self, count, window):
+        self.p = prepared(Limit(0, 1.0, count, window, 0, 2))
+        self.m = prepared(Counted(Counter(), [1, 1] + [0] * window))
+
+    def sample(self, shows):
+        y = as_table([0.0, 0.0])
+        calls.call_once(*calls.row_of(count, self.p, self.m), 0, as_table([float(shows)]), y)
+        assert list(self.m.samples)[:2] == [1, 1]
+        return bool(y[0]), bool(y[1])
 
 
 @given(st.lists(st.booleans(), max_size=60), st.integers(1, 8), st.integers(0, 8))
@@ -354,17 +386,17 @@ def test_a_fault_begins_at_n_of_the_last_m_and_again_after_a_whole_window_withou
     samples, count, more
 ):
     window = count + more
-    watched, holds = of(count, window), False
+    watched, holds = Watched(count, window), False
     for end in range(1, len(samples) + 1):
         seen = sum(samples[max(0, end - window) : end])
         begins = not holds and seen >= count
         holds = (holds and seen > 0) or begins
-        assert watched.sample({'too_fast': samples[end - 1]}) == ['too_fast'] * begins
-        assert ('too_fast' in watched.holding) == holds
+        assert watched.sample(samples[end - 1]) == (begins, holds)
 
 
-def test_cleared_it_begins_anew():
-    watched = of(2, 3)
-    for _ in range(2):
-        assert [bool(watched.sample({'too_fast': True})) for _ in range(3)] == [False, True, False]
-        watched.clear()
+def test_armed_again_the_table_counts_anew():
+    """A row of 2 of 3 that always shows begins to hold at its second tick, each time."""
+    row = Row(quantity='range_m', most=50.0, reaction='warn', count=2, window=3)
+    flight = Flight(with_table(table=(row,))).take((5, 'arm'), (9, 'inhibit')).until(20)
+    expected = [(1, 'warned'), (5, 'armed'), (6, 'warned'), (9, 'inhibited'), (10, 'warned')]
+    assert flight.said == expected

@@ -105,7 +105,7 @@ def commanded(name: str, at: int) -> list[float]:
     stage.take_event(at, name)
     for tick in range(at + 400):
         chain.step(tick, signals)
-    return [*signals[RELATIVE_STATE], stage.abort._impulse_n_s]
+    return [*signals[RELATIVE_STATE], stage.m.watch.impulse_n_s]
 
 
 def test_the_numbers_are_those_of_the_list():

@@ -17,7 +17,6 @@ import rpo.training.gym
 from rpo.training.config import load_start
 from rpo_core.assurance import filters
 from rpo_core.assurance.assurance import AssuranceStage
-from rpo_core.assurance.filters import Filter
 from rpo_core.assurance.guard import guard_of
 from rpo_core.assurance.kernels import OPEN, open_margins
 from rpo_core.assurance.settings import Assurance
@@ -95,15 +94,19 @@ def test_at_rest_and_without_a_zone_there_is_nothing_to_stop():
     assert filters.backup((0.0, 60.0, 0.0, 0.0, 0.0, 0.0), OPEN, guard) == (0.0, 0.0, 0.0)
 
 
-def test_the_packed_filter_gives_the_same_bits():
-    """The stage calls it with arrays where kernels are compiled."""
-    guard = guard_of(ASSURED.section(Assurance), ASSURED)
-    packed, random = Filter(ASSURED.step, guard), np.random.default_rng(6)
+def test_the_stage_gives_the_bits_of_the_filter():
+    """It calls it with records."""
+    plain, random = ASSURED.equipped(Thrusters()), np.random.default_rng(6)
+    settings = plain.section(Assurance)
+    guard, stage = guard_of(settings, plain), AssuranceStage(settings, plain)
     for mode in (0, 1) * 100:
         state = (*random.uniform(-20, 20, 3).tolist(), *random.uniform(-0.3, 0.3, 3).tolist())
         command, last = random.uniform(-0.6, 0.6, (2, 3)).tolist()
-        one = filters.assure(state, tuple(command), tuple(last), mode, ASSURED.step, guard)
-        assert one == packed(state, tuple(command), tuple(last), mode)
+        one = filters.assure(state, tuple(command), tuple(last), mode, plain.step, guard)
+        stage.m.mode, stage.m.force_n = mode, last
+        (force,) = stage.step(0, state, tuple(command))
+        m = stage.m
+        assert one == (*force, m.mode, m.acted, m.margin_m, m.margin_m_s)
 
 
 def test_the_slew_limit_is_kept_while_nothing_else_asks():

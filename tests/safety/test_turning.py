@@ -326,7 +326,8 @@ def test_who_leaves_or_holds_in_the_corridor_stays_clear_of_its_walls(command):
         line.append(force)
         if tick == 20 and command == 'abort':
             axis = to_lvlh((0.0, 1.0, 0.0), motion.frame(22))
-            assert np.dot(axis, stage.abort._wanted) >= 0.999 * np.linalg.norm(stage.abort._wanted)
+            wanted = np.array(stage.m.watch.wanted_m_s)
+            assert np.dot(axis, wanted) >= 0.999 * np.linalg.norm(wanted)
         state = np.array(cw_step(tuple(state.tolist()), line.pop(0), found.step))
         x, y, z, *_ = seen_from(tuple(state.tolist()), motion.frame(tick + 1))
         half = WAY.width_m + WAY.slope * max(y - WAY.port_m, 0.0)
@@ -337,7 +338,7 @@ def test_who_leaves_or_holds_in_the_corridor_stays_clear_of_its_walls(command):
 
 
 def test_the_filter_is_the_one_that_is_attacked():
-    """With its numbers in arrays, as stages and campaigns fly it: the same bits."""
+    """With its numbers in records, as stages fly it: the same bits."""
     found = turned(TUMBLE, delay=0)
     stage, motion = AssuranceStage(SETTINGS, found), motion_of(TUMBLE, found)
     proof, random, modes = proof_of(SETTINGS, found), np.random.default_rng(7), set()
@@ -348,7 +349,9 @@ def test_the_filter_is_the_one_that_is_attacked():
         command, last = (tuple(random.uniform(-1, 1, 3).tolist()) for _ in range(2))
         given = state, command, last, int(random.choice([OPEN, APPROACH, CONTACT]))
         one = filters.assure_turning(*given, *axes, found.step, proof.guard, proof.walls)
-        assert one == stage._filter(*given, tick)
+        stage.m.mode, stage.m.force_n = given[3], list(last)
+        (force,), m = stage.step(tick, state, command), stage.m
+        assert one == (*force, m.mode, m.acted, m.margin_m, m.margin_m_s)
         plain = getattr(filters.assure_turning, 'py_func', filters.assure_turning)
         assert one == plain(*given, *axes, found.step, proof.guard, proof.walls)
         modes.add((one[3], one[4]))

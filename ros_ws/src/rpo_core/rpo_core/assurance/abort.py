@@ -81,11 +81,14 @@ def _still() -> list[float]:
 
 
 class Limit(NamedTuple):
-    """A row of the table as the kernel reads it; first : place of its samples."""
+    """A row of the table as the kernel reads it.
+
+    needed : its `count`; first : place of its samples
+    """
 
     quantity: int
     most: float
-    count: int
+    needed: int
     window: int
     reaction: int
     first: int
@@ -297,8 +300,8 @@ def quantity_of(tick: int, quantity: int, u: Any, p: Any, m: Any) -> float:
 def counted(shows: bool, row: Any, counter: Any, samples: Any) -> bool:
     """Take a sample of a row; return whether the fault begins to hold by it.
 
-    It begins once `count` of the last `window` samples show it, and again only after a whole window
-    without.
+    It begins once `needed` of the last `window` samples show it, and again only after a whole
+    window without.
     """
     now, place = 1 if shows else 0, row.first + counter.oldest
     counter.shown += now - samples[place]  # the oldest sample drops out
@@ -308,7 +311,7 @@ def counted(shows: bool, row: Any, counter: Any, samples: Any) -> bool:
     if counter.holds == 1:
         if counter.shown == 0:
             counter.holds = 0
-    elif counter.shown >= row.count:
+    elif counter.shown >= row.needed:
         counter.holds = counter.begins = 1
     return counter.begins == 1
 
