@@ -183,6 +183,10 @@ class KernelStage(Stage):
         else:
             self.m, self._row = deepcopy(self._m0), None
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy is made of; it has a memory of its own."""
+        return {**self.__dict__, '_row': None}
+
     def answer(self, tick: int, u: Sequence[float]) -> None:
         """Write into p and m what a kernel needs that returned ASK."""
         raise NotImplementedError
@@ -215,9 +219,7 @@ class KernelStage(Stage):
         read = as_table(np.hstack(columns))
         made, numbers, done = as_table(np.empty((count, size))), as_table(ticks, np.int64), 0
         while (done := calls.run_stage(*self.row, done, numbers, read, made)) < count:
-            values = [tuple(v[done].tolist()) for v in inputs]
-            made[done] = [x for one in self.step(int(ticks[done]), *values) for x in one]
-            done += 1
+            self.answer(int(ticks[done]), read[done])
         flat = np.asarray(made).reshape(count, size)
         return tuple(flat[:, place] for place in self._places)
 

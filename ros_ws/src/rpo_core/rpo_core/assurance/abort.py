@@ -215,10 +215,9 @@ def look_ahead(tick: int, state: State, p: Any, m: Any) -> None:
     )
     if p.turns == 1:
         outward = to_lvlh(outward, p.frames[tick + len(m.line_n) - p.first_tick])
-    for i in range(6):
-        w.ahead[i] = state[i]
-    for i in range(3):
-        w.outward[i] = outward[i]
+    now = w.ahead
+    now[0], now[1], now[2], now[3], now[4], now[5] = state
+    w.outward[0], w.outward[1], w.outward[2] = outward
 
 
 @step_kernel
@@ -268,32 +267,31 @@ def unexplained_n(state: State, p: Any, w: Any) -> float:
 @step_kernel
 def quantity_of(tick: int, quantity: int, u: Any, p: Any, m: Any) -> float:
     """Return a quantity of QUANTITIES, by its place."""
-    state, w, t = (u[0], u[1], u[2], u[3], u[4], u[5]), m.watch, p.table
-    rho, closes, speed = closing(state)
-    if quantity == _RANGE:
-        return rho
-    if quantity == _SPEED:
-        return speed
-    if quantity == _CLOSING:
-        return closes - speed_limit(rho, p.guard)
-    if quantity == _OFF_CORRIDOR:
-        return off_corridor_m(tick, state, p)
-    if quantity in (_TRACKING_M, _TRACKING_M_S):
-        known = t.reference_at > 0 and not is_missed(tick, w)
-        return difference(u, 0, t.reference_at, 3 * (quantity - _TRACKING_M)) if known else 0.0
-    if quantity == _POINTING:
-        return pointing_error_deg(u, t)
+    w, t = m.watch, p.table
     if quantity == _INTERVENTION:
         return 1.0 if m.acted != 0 else 0.0
     if quantity == _SIGMA_M:
         return m.spread_m
     if quantity == _SIGMA_M_S:
         return m.spread_m_s
-    if quantity == _MISSED:
-        return 1.0 if is_missed(tick, w) else 0.0
     if quantity == _IMPULSE:
         return w.impulse_n_s
-    return unexplained_n(state, p, w)
+    if quantity == _MISSED:
+        return 1.0 if is_missed(tick, w) else 0.0
+    if quantity in (_TRACKING_M, _TRACKING_M_S):
+        known = t.reference_at > 0 and not is_missed(tick, w)
+        return difference(u, 0, t.reference_at, 3 * (quantity - _TRACKING_M)) if known else 0.0
+    if quantity == _POINTING:
+        return pointing_error_deg(u, t)
+    state = (u[0], u[1], u[2], u[3], u[4], u[5])
+    if quantity == _OFF_CORRIDOR:
+        return off_corridor_m(tick, state, p)
+    if quantity == _UNEXPLAINED:
+        return unexplained_n(state, p, w)
+    rho, closes, speed = closing(state)
+    if quantity == _RANGE:
+        return rho
+    return speed if quantity == _SPEED else closes - speed_limit(rho, p.guard)
 
 
 @step_kernel
@@ -389,14 +387,17 @@ def reaction_n(tick: int, p: Any, m: Any) -> tuple[bool, Vector]:
 
 
 @step_kernel
-def remember(tick: int, u: Any, force: Vector, p: Any, m: Any) -> None:
+def remember(tick: int, u: Any, p: Any, m: Any) -> None:
     """End a tick: fill what the next one looks back at."""
-    w, late = m.watch, len(m.line_n) > 0
+    w = m.watch
+    force, before = (m.force_n[0], m.force_n[1], m.force_n[2]), w.state
     w.impulse_n_s += (abs(force[0]) + abs(force[1]) + abs(force[2])) * p.table.dt_s
-    for i in range(3):
-        w.applied_n[i] = m.line_n[m.oldest][i] if late else force[i]
-    for i in range(6):
-        w.state[i] = u[i]
+    if len(m.line_n) > 0:
+        line = m.line_n[m.oldest]
+        force = (line[0], line[1], line[2])
+    w.applied_n[0], w.applied_n[1], w.applied_n[2] = force
+    before[0], before[1], before[2] = u[0], u[1], u[2]
+    before[3], before[4], before[5] = u[3], u[4], u[5]
     w.tick, w.has_state = tick, 1
     w.obeyed = w.sampled = 0
     w.question = NOTHING

@@ -26,7 +26,7 @@ from rpo_core.attitude.target import known_motion
 from rpo_core.files.validation import InputError
 from rpo_core.kernels.arithmetic import State, norm
 from rpo_core.kernels.calls import ASK
-from rpo_core.kernels.jit import kernel, step_kernel
+from rpo_core.kernels.jit import COMPILED, inlined, kernel, step_kernel
 from rpo_core.stage import (
     ZERO,
     KernelStage,
@@ -180,6 +180,14 @@ def spread_at(u: Any, i: int) -> float:
     return sqrt(trace if trace > 0.0 else 0.0)
 
 
+@inlined
+def errors_in(g: Any, turns_rad_s: float, d: Any, m: Any) -> Guard:
+    """Return a guard with the errors that the last estimate has."""
+    if not COMPILED:  # there a record is no named tuple
+        return doubted(g, d, turns_rad_s, m.spread_m, m.spread_m_s) if d.sigmas > 0.0 else g
+    return doubted(g, d, turns_rad_s, m.spread_m, m.spread_m_s)
+
+
 @step_kernel
 def assure_tick(tick: int, u: Any, p: Any, m: Any, y: Any) -> int:
     """Return ASK where the stage must plan, else 0: y = F(phi(x), u).
@@ -200,11 +208,11 @@ def assure_tick(tick: int, u: Any, p: Any, m: Any, y: Any) -> int:
     if p.covariance_at > 0:
         m.spread_m = spread_at(u, p.covariance_at)
         m.spread_m_s = spread_at(u, p.covariance_at + 9)
-    g = doubted(p.guard, p.doubt, 0.0, m.spread_m, m.spread_m_s)
+    g = errors_in(p.guard, 0.0, p.doubt, m)
     in_axes, w = state, g
     if p.turns == 1:
         in_axes = seen_from(state, p.frames[i])
-        w = doubted(p.walls, p.doubt, p.doubt.turns_rad_s, m.spread_m, m.spread_m_s)
+        w = errors_in(p.walls, p.doubt.turns_rad_s, p.doubt, m)
     if m.mode == UNKNOWN:
         m.mode = mode_at(state, in_axes, g, w)
     lost, safe = False, command
@@ -241,17 +249,17 @@ def assure_tick(tick: int, u: Any, p: Any, m: Any, y: Any) -> int:
     force = (fx, fy, fz)
     if lost and mode == APPROACH:
         force = command
-    if p.watches == 1:
-        abort.remember(tick, u, force, p, m)
     m.mode, m.acted, m.margin_m, m.margin_m_s = mode, acted, metres, speed
     if lost:
         m.acted = UNSURE
-    for j in range(3):
-        m.command_n[j] = command[j]
-        m.force_n[j] = y[j] = force[j]
+    m.command_n[0], m.command_n[1], m.command_n[2] = command
+    m.force_n[0], m.force_n[1], m.force_n[2] = force
+    y[0], y[1], y[2] = force
+    if p.watches == 1:
+        abort.remember(tick, u, p, m)
     if len(m.line_n) > 0:
-        for j in range(3):
-            m.line_n[m.oldest][j] = force[j]
+        line = m.line_n[m.oldest]
+        line[0], line[1], line[2] = force
         m.oldest = (m.oldest + 1) % len(m.line_n)
     return 0
 
