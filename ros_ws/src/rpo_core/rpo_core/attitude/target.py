@@ -274,12 +274,17 @@ class Motion:
 
     def frame(self, tick: int) -> Frame:
         """Return the frame at a tick."""
-        if tick < len(self._frames[False]) + _BLOCK:
-            return Frame(*self.frames(tick + 1)[tick].tolist())
-        alone = np.empty((1, FRAME))  # far ahead: those in between are not wanted
-        rows = np.ascontiguousarray(self._have(tick + 1)[tick : tick + 1])
+        return Frame(*self.block(tick, 1)[0].tolist())
+
+    def block(self, first: int, count: int) -> Floats:
+        """Return the frames (count, 15) of ticks from the first one on."""
+        end = first + count
+        if first < len(self._frames[False]) + _BLOCK:
+            return self.frames(end)[first:]
+        alone = np.empty((count, FRAME))  # far ahead: those in between are not wanted
+        rows = np.ascontiguousarray(self._have(end)[first:end])
         attitude_kernels.frames(rows, 0.0, self.body, alone)
-        return Frame(*alone[0].tolist())
+        return alone
 
     def frames(self, ticks: int, *, half: bool = False) -> Floats:
         """Return the frames (ticks, 15) of the first ticks, or half a tick later."""
