@@ -14,10 +14,7 @@ from math import pi
 from typing import Any, NamedTuple
 
 from rpo_core.assurance import manoeuvre
-from rpo_core.assurance.guard import Proof
-from rpo_core.assurance.kernels import Guard, closing, in_corridor, speed_limit
-from rpo_core.assurance.manoeuvre import PathModel
-from rpo_core.assurance.settings import (
+from rpo_core.assurance.abort_table import (
     ABORT,
     DRIFT,
     HOLD,
@@ -27,6 +24,9 @@ from rpo_core.assurance.settings import (
     AbortTable,
     Row,
 )
+from rpo_core.assurance.guard import Proof
+from rpo_core.assurance.kernels import Guard, closing, in_corridor, speed_limit
+from rpo_core.assurance.manoeuvre import PathModel
 from rpo_core.kernels.arithmetic import State, Vector, norm
 from rpo_core.stage import WITHOUT_COMMAND, Signal
 from rpo_core.world import cw

@@ -13,12 +13,13 @@ from typing import Any, NamedTuple
 
 from rpo_core.assurance import filters, kernels
 from rpo_core.assurance.abort import DECISIONS, AbortMachine, Seen
+from rpo_core.assurance.abort_table import check_table
 from rpo_core.assurance.assumed import ahead, compared, known, short_tank, upwards
 from rpo_core.assurance.doubt import doubt_of, doubted, unless_unsure, unless_unsure_turning
 from rpo_core.assurance.filters import Filter
 from rpo_core.assurance.guard import proof_of
 from rpo_core.assurance.kernels import APPROACH, CONTACT, OPEN, Guard
-from rpo_core.assurance.settings import Assurance, check_table
+from rpo_core.assurance.settings import Assurance
 from rpo_core.assurance.working import values_that_work
 from rpo_core.attitude.attitude_kernels import moving_with, seen_from, to_lvlh
 from rpo_core.attitude.chaser import times
