@@ -7,6 +7,8 @@ from __future__ import annotations
 import ast
 import doctest
 import importlib
+import json
+import pydoc
 import subprocess
 import sys
 from functools import cached_property
@@ -18,6 +20,7 @@ import pytest
 import rpo
 from rpo_core.chain import flight as core
 from rpo_core.control.controller import load_controller
+from rpo_core.judge.metrics import METRICS
 from rpo_log.verify import verify
 
 MODULES = (
@@ -73,6 +76,20 @@ def test_fly_a_named_scenario_with_another_mass():
     assert repr(flight).startswith('<Flight paper_test (changed): 400 s, J = ')
     same = core.fly(rpo.scenario('paper_test', mass_kg=12.0), load_controller('allround'))
     assert (flight.x == same.states).all() and (flight['control_force'] == flight.u).all()
+
+
+def test_metrics_are_a_dictionary_that_says_what_it_has():
+    values = rpo.fly('quick').metrics
+    assert json.loads(json.dumps(values)) == values and 'J' not in values
+    assert values.get('J') is None and '\narrival_time_s           5' in repr(values)
+    for error in (rpo.InputError, KeyError):
+        with pytest.raises(error, match=r'^`name` must be one of .*; did you mean `energy_n2s`'):
+            values['energy_n2']
+    text = pydoc.render_doc(rpo.Flight, renderer=pydoc.plaintext)
+    for name, (unit, meaning) in METRICS.items():
+        assert f'{meaning} [{unit}]' in text and name in text
+    with pytest.raises(rpo.InputError, match=r'`controler` is neither .* mean `controller`'):
+        rpo.fly('quick', controler='pd')
 
 
 def test_change_a_rule():

@@ -18,10 +18,12 @@ import yaml
 from rpo.display import html_rows
 from rpo.door.subjects import (
     AnyLaw,
+    Catalogue,
     LawController,
     controller_source,
     fields_of,
     has_file,
+    proposing,
     scenario_source,
 )
 from rpo_core.chain import flight as core
@@ -31,7 +33,7 @@ from rpo_core.control.controller_file import received
 from rpo_core.control.explain import reasons
 from rpo_core.files.output import write_text
 from rpo_core.files.validation import InputError, choice, missing_reported, real
-from rpo_core.judge import metrics
+from rpo_core.judge.metrics import METRICS, row_of
 from rpo_core.judge.verdicts import HOLDS, Verdict, missed, verdicts
 from rpo_core.kernels.arrays import Floats
 from rpo_core.scenario import scenario as of_scenario
@@ -152,7 +154,7 @@ class Flight(core.Flight):
     controller : FuzzyController, ControllerFile or other
         What flew it; None where a log does not have it.
     metrics : dict
-        Metric -> value, as `energy_n2s`.
+        Metric -> value: J is ``metrics['energy_n2s']``.
     requirements : list of Verdict
         Each requirement of the scenario beside the value of the flight.
     ok : bool
@@ -214,7 +216,8 @@ class Flight(core.Flight):
     def metrics(self) -> dict[str, float]:
         """Metric -> value; the name ends in its unit.
 
-        The arrival time of a flight that does not arrive is its duration.
+        The arrival time of a flight that does not arrive is its duration. The mean window is the
+        last 30 s, the late window the last 200 s, if the scenario does not say otherwise.
 
         Examples
         --------
@@ -225,7 +228,11 @@ class Flight(core.Flight):
         >>> list(metrics)[:4]
         ['energy_n2s', 'mean_speed_norm_m_s', 'slew_per_axis_n_s', 'mean_error_norm_m']
         """
-        return dict(zip(metrics.UNITS, metrics.row_of(self).tolist(), strict=True))
+        return Catalogue(zip(METRICS, row_of(self).tolist(), strict=True))
+
+    metrics.__doc__ = f'{metrics.__doc__}\n' + '\n'.join(
+        f'        {name:24}  {meaning} [{unit}]' for name, (unit, meaning) in METRICS.items()
+    )
 
     @cached_property
     def requirements(self) -> list[Verdict]:
@@ -500,6 +507,7 @@ def unit_of(column: str) -> str:
     return next((unit for end, unit in _UNITS.items() if column.endswith(end)), '')
 
 
+@proposing
 def fly(
     scenario: str | Path | Scenario | Mapping[str, Any],
     controller: AnyLaw = 'allround',

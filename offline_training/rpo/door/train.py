@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from rpo.display import Show, progress_in_python
-from rpo.door.subjects import fields_of
+from rpo.door.subjects import fields_of, proposing
 from rpo.training import attitude_training, config, training
 from rpo.training.attitude_training import AttitudeConfig, AttitudeTraining
 from rpo.training.config import Configuration, TrainingConfig
@@ -148,6 +148,7 @@ class Training:
         return ax
 
 
+@proposing
 def train(
     configuration: str | Path | Configuration | None = None,
     generations: int | None = None,

@@ -8,13 +8,14 @@ they are judged by another one, that is said, and the limit of the scenario is c
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from rpo.montecarlo.config import METRICS, SHARE, Campaign, CampaignConfig
+from rpo_core.files.validation import choice
 from rpo_core.judge import verdicts
 from rpo_core.scenario.requirements import ROWS
 
@@ -67,6 +68,19 @@ def _suffix(column: str) -> str:
 def motion(names: Iterable[str]) -> list[str]:
     """Return those of some requirements that are about position and speed."""
     return [name for name in names if name not in EFFORT]
+
+
+def limits_named(names: Collection[str], limits: Collection[str]) -> list[str]:
+    """Return the limits that names mean: `MOTION`, a limit, or its first words, as `slew`.
+
+    Raises InputError if a name means none.
+    """
+    chosen = []
+    for name in [names] if isinstance(names, str) else names:
+        start = f'{name}_'.replace(' ', '_')
+        begun = [limit for limit in limits if f'{limit}_'.startswith(start)]
+        chosen += motion(limits) if name == MOTION else begun or [choice('judge', name, limits)]
+    return chosen
 
 
 def unit_of(name: str) -> str:

@@ -44,6 +44,12 @@ class Rate(NamedTuple):
         """Name, runs, share and interval, as tables show them."""
         return self.name, f'{self.kept} / {self.runs}', f'{self.percent} %', f'{self.interval} %'
 
+    def __str__(self) -> str:
+        return f'{self.percent} % ({self.interval} %), {self.kept} of {self.runs} runs'
+
+    def __repr__(self) -> str:
+        return f'<Rate {self.name}: {self}>'
+
     def _shown(self, share: float) -> str:
         return f'{100 * share:.{2 if self.runs <= 10_000 else 3}f}'
 
