@@ -25,7 +25,7 @@ from rpo.display import print_table
 from rpo.training.config import load_start
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
-from rpo_core.judge.verdicts import verdicts
+from rpo_core.judge.verdicts import number, verdicts
 from rpo_core.scenario import overrides
 from rpo_core.scenario.scenario import load_scenario
 from rpo_core.wire import cdr
@@ -322,9 +322,9 @@ def flight():
 
 
 def test_values_have_units_and_are_words_where_there_is_no_number():
-    assert report.shown(0.123456, 'm') == '0.123 m'
-    assert report.shown(7.0, '') == '7'
-    assert (report.shown(np.inf, 's'), report.shown(np.nan, 's')) == ('never', '–')
+    assert number(0.123456, 'm') == '0.123 m'
+    assert number(7.0, '') == '7'
+    assert (number(np.inf, 's'), number(np.nan, 's')) == ('never', '–')
 
 
 def test_the_table_has_each_requirement_with_limit_and_verdict(flight):
@@ -333,7 +333,7 @@ def test_the_table_has_each_requirement_with_limit_and_verdict(flight):
     assert lines[0] == ('requirements of paper_test', '', '', '')
     for verdict in required:
         (line,) = (line[1:] for line in lines if line[0] == f'  {verdict.statement}')
-        assert line[0] == report.shown(verdict.value, verdict.unit)
+        assert line[0] == number(verdict.value, verdict.unit)
         assert line[1].startswith(f'≤ {verdict.limit:.3g}') and line[2] == verdict.word
     assert len(report.rows(flight)[report.METRICS]) > 5
     judged = {verdict.statement for verdict in required}

@@ -37,12 +37,12 @@ from rpo_core.judge.verdicts import (
     NOT_JUDGED,
     UNBOUNDED,
     Verdict,
+    number,
     unbounded,
     verdicts,
 )
 from rpo_core.kernels.arrays import Floats
 from rpo_core.scenario.scenario import Scenario, ScenarioSet, load_scenario, load_set
-from rpo_log.show.report import shown
 
 QUESTIONS = (
     "Q1: every start meets all conditions. Q2: little energy. Q3: the paper's test, held. "
@@ -256,8 +256,8 @@ def rows_of(judged: Judged) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = [
         (
             j.worst.statement,
-            f'≤ {shown(j.worst.limit, j.worst.unit)}',
-            shown(j.worst.value, j.worst.unit),
+            f'≤ {number(j.worst.limit, j.worst.unit)}',
+            number(j.worst.value, j.worst.unit),
             f'{j.missed} of {j.flights}',
             j.word,
         )
@@ -290,8 +290,8 @@ def judge(
         )
     columns: list[list[Verdict]] = []
     energies: list[float] = []
-    for number, flight in enumerate(flights_of(controller, scenarios)):
-        report(f'{controller.name}: flights of {scenarios.name}', number, count)
+    for done, flight in enumerate(flights_of(controller, scenarios)):
+        report(f'{controller.name}: flights of {scenarios.name}', done, count)
         columns.append(verdicts(flight))
         energies.append(of_flight(flight).energy_n2s)
     judgements = [

@@ -327,7 +327,9 @@ def _check_extremes(config: CampaignConfig, scenario: Scenario) -> None:
         def start(name: str, extreme: tuple[float, ...]) -> tuple[float, float, float]:
             found = config.dispersions.get(name)
             in_place = found is not None and found.distribution == SHELL
-            return _sum((0.0,) * 3 if in_place else getattr(scenario, name), extreme)
+            begin = (0.0,) * 3 if in_place else getattr(scenario, name)
+            x, y, z = (p + q for p, q in zip(begin, extreme, strict=True))
+            return x, y, z
 
         share, phase, frequency = (
             off(f'disturbance_{name}')[0]
@@ -343,8 +345,3 @@ def _check_extremes(config: CampaignConfig, scenario: Scenario) -> None:
                 share, phase_rad=phase, frequency_share=frequency
             ),
         )
-
-
-def _sum(a: tuple[float, ...], b: tuple[float, ...]) -> tuple[float, float, float]:
-    x, y, z = (p + q for p, q in zip(a, b, strict=True))
-    return x, y, z

@@ -103,11 +103,6 @@ def in_flight(names: Iterable[str]) -> list[str]:
     return sorted(names, key=place)
 
 
-def number(value: float, unit: str = '', form: str = '.3g') -> str:
-    """Return a number with its unit for people; infinite: what a run never did."""
-    return 'never' if np.isinf(value) else f'{value:{form}} {unit}'.rstrip()
-
-
 def never(name: str, runs: int = 1) -> str:
     """Return what so many runs do of which a metric is infinite."""
     end = '' if runs != 1 else 'es' if name.startswith('contact_') else 's'
@@ -176,7 +171,7 @@ def of_run(campaign: Campaign, columns: Mapping[str, Any]) -> list[tuple[str, st
             (size,) = np.broadcast_to(own, 1)
             word = verdicts.HOLDS if value <= size else verdicts.MISSED
             unit = ROWS[name].unit
-            beside = number(value, unit, '.6g'), number(size, unit, '.6g')
+            beside = verdicts.number(value, unit, '.6g'), verdicts.number(size, unit, '.6g')
             rows.append((label(name, limit), *beside, word))
     return rows + [
         (label(name, campaign.required[name]), '', '', NOT_JUDGED) for name in not_judged(campaign)

@@ -14,6 +14,7 @@ from scipy.stats import binomtest
 from rpo.montecarlo import judging
 from rpo.montecarlo.config import SHARE, CampaignConfig
 from rpo.montecarlo.store import Results
+from rpo_core.judge.verdicts import number
 from rpo_core.kernels.arrays import Floats
 
 CONFIDENCE = 0.95
@@ -123,7 +124,7 @@ def ends_m(store: Results) -> Floats:
 def cells(found: Spread) -> list[str]:
     """Return mean, quantiles and worst of a figure for people, and the run that is the worst."""
     mean = '–' if found.never else f'{found.mean:.3g}'
-    numbers = (judging.number(x) for x in (*found.quantiles, found.worst))
+    numbers = (number(x) for x in (*found.quantiles, found.worst))
     return [mean, *numbers, str(found.worst_run)]
 
 

@@ -8,7 +8,6 @@ The picture is drawn by matplotlib, which is not needed to fly.
 from __future__ import annotations
 
 import importlib.util
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ from rpo_core.chain.flight import Flight
 from rpo_core.files.validation import InputError, printable
 from rpo_core.judge import metrics
 from rpo_core.judge.similarity import hint
-from rpo_core.judge.verdicts import UNBOUNDED, missed, unbounded, verdicts
+from rpo_core.judge.verdicts import UNBOUNDED, missed, number, unbounded, verdicts
 from rpo_core.scenario.scenario import Scenario
 from rpo_log.bag import open_run
 from rpo_log.format.run import CONTROLLER, REPORT
@@ -73,24 +72,17 @@ def rows(flight: Flight) -> dict[str, list[TableLine]]:
     judged = {verdict.statement for verdict in required}
     title = f'requirements of {flight.scenario.name}' if required else NO_REQUIREMENTS
     others = [
-        (statement, shown(value, unit), '', '')
+        (statement, number(value, unit), '', '')
         for statement, unit, value in metrics.others_of(flight)
         if statement not in judged
     ]
     names = unbounded(flight.scenario) if required else []
     rest = [(name, '–', 'none', UNBOUNDED) for name in names]
     judged_rows = [
-        (v.statement, shown(v.value, v.unit), f'≤ {shown(v.limit, v.unit)}', v.word)
+        (v.statement, number(v.value, v.unit), f'≤ {number(v.limit, v.unit)}', v.word)
         for v in required
     ]
     return {title: judged_rows + rest, METRICS: others}
-
-
-def shown(value: float, unit: str) -> str:
-    """Return a value with its unit, as the table has it; infinite: it never happens."""
-    if math.isinf(value):
-        return 'never'
-    return '–' if math.isnan(value) else f'{value:.3g} {unit}'.strip()
 
 
 def table(flight: Flight) -> list[TableLine]:
