@@ -100,6 +100,8 @@ def test_change_a_rule():
     assert plain.shape == (201,) and (plain != changed).any()
     assert plain[30] == law.force_n((grid[30], 0.0, 0.0), (0.0, 0.0, 0.0))[0]
     assert law(position=grid[:, None], velocity=np.zeros(3)).shape == (201, 3)
+    assert law.with_rule('SP', 'Z', 'LP') == other and str(other) == f'{other!r}\n{other.rules}'
+    assert repr(other.rules).splitlines()[3] == 'velocity error Z    SN  SN   Z  LP  SP'
     wider = other.with_membership('force', sp_right=0.9)
     assert wider.system.force.sp_right == 0.9 and wider.name == 'allround (changed)'
     with pytest.raises(rpo.InputError, match='`position` must be one of LN, SN, Z, SP, LP; got'):
@@ -170,6 +172,13 @@ def test_a_saved_flight_is_verified(controller, tmp_path):
         logged.save(tmp_path / 'again')
     with pytest.raises(rpo.InputError, match='the function law has none'):
         rpo.fly('quick', lambda t, x: -x[:3]).save(tmp_path / 'other')
+
+
+@pytest.mark.parametrize('name', ['handmade', 'pd'])
+def test_a_surface_of_any_controller_is_drawn(name):
+    assert all(axes.has_data() for axes in rpo.plot(name).axes)
+    with pytest.raises(rpo.InputError, match='`what` must be one of surface, rules, words'):
+        rpo.plot(name, 'rule')
 
 
 def test_a_notebook_shows_tables_and_the_replay():

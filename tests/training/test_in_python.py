@@ -137,14 +137,16 @@ SMALL = {'ga__population': 12, 'algorithm': 'ga-cmaes', 'cmaes__evaluations': 32
 
 def test_twenty_generations_become_a_controller(monkeypatch):
     monkeypatch.setenv('MPLBACKEND', 'Agg')
-    pytest.importorskip('pandas')
+    pandas = pytest.importorskip('pandas')
     search = rpo.train('paper', generations=20, seed=4, ga__population=12)
-    assert len(search.history['best_fitness']) == len(search.to_dataframe()) == 21
-    assert search.history['best_fitness'][-1] == search.best.provenance['fitness_n2s']
+    assert len(search.history) == len(pandas.DataFrame(search.history)) == 21
+    assert search.history[-1]['best_fitness'] == search.best.provenance['fitness_n2s']
     flight = rpo.fly('paper_test', search.best)
     assert flight.metrics['energy_n2s'] > 1.0 and search.folder is None
     assert search.plot().get_ylabel() == 'fitness, J [N²s]'
-    assert repr(search).startswith('<Training paper_ga: 1')
+    text = 'Trained from paper_ga, 20 generations, seed 4.'
+    assert search.best.description == text and len(search.history[5:]) == 16
+    assert repr(search).startswith('<Training paper_ga_20_generations_seed_4: 1')
 
 
 def test_a_training_has_the_bits_of_the_command(tmp_path):

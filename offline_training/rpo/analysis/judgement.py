@@ -70,7 +70,7 @@ class Asked:
 _ALL = ('Q3', 'Q4', 'Q5')
 
 ANY = Asked(3.7, 0.0, _ALL, "what is asked of a controller for the paper's training")
-"""Q2's 3.7 N^2 s was set early; the least under all conditions is 2.43."""
+"""Q2's 3.7 N²s was set early; the least under all conditions is 2.43."""
 
 SHIPPED = {
     'allround': Asked(
@@ -129,7 +129,7 @@ class Assessment:
 
     starts : (n, 3) initial positions [m]
     metrics : (n, columns), see `rpo_core.judge.metrics.UNITS`
-    least : (n,) least energy possible [N^2 s]
+    least : (n,) least energy possible [N²s]
     tests : (2, columns) metrics of the paper's test, offset and phase reading
     """
 
@@ -168,7 +168,7 @@ class Assessment:
             what = 'largest value of a condition, as a share of its limit'
             targets.append(Target('Q1', what, '', 1.0 - asked.margin, 1.0 - self.margin))
         targets += [
-            Target('Q2', 'mean J over the starts', 'N^2 s', asked.energy_n2s, self.mean_energy_n2s),
+            Target('Q2', 'mean J over the starts', 'N²s', asked.energy_n2s, self.mean_energy_n2s),
             *self._held(),
         ]
         rules = self.controller.system.rules

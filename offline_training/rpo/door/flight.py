@@ -158,7 +158,7 @@ class Flight(core.Flight):
     requirements : list of Verdict
         Each requirement of the scenario beside the value of the flight.
     ok : bool
-        Whether none is missed.
+        Whether no requirement is missed; also where the scenario states none, as `quick`.
 
     Examples
     --------
@@ -248,13 +248,13 @@ class Flight(core.Flight):
 
     @property
     def ok(self) -> bool:
-        """Whether no requirement of the scenario is missed; true where it has none."""
+        """Whether no requirement of the scenario is missed; true where it states none."""
         return not missed(self)
 
     def __repr__(self) -> str:
         held = sum(verdict.word == HOLDS for verdict in self.requirements)
         said = f'{held} of {len(self.requirements)} requirements hold'
-        said = said if self.requirements else 'no requirements'
+        said = said if self.requirements else 'no requirement stated'
         energy = self.metrics['energy_n2s']
         name, duration_s = self.scenario.name, self.scenario.duration_s
         return f'<Flight {name}: {duration_s:g} s, J = {energy:.3g} N²s, {said}>'
@@ -307,8 +307,9 @@ class Flight(core.Flight):
     def plot(self, ax: Any = None, label: str | None = None) -> Any:
         """Draw position, velocity and force over time; several flights over each other.
 
-        ``axes = first.plot()``, then ``second.plot(axes)`` draws the second over the first. One
-        Axes alone gets the distance from the goal.
+        ``axes = first.plot()``, then ``second.plot(axes)`` draws the second over the first;
+        ``axes[0].figure.savefig('flights.png')`` writes them. One Axes alone gets the distance
+        from the goal.
 
         Parameters
         ----------
@@ -540,8 +541,10 @@ def fly(
     >>> import rpo
     >>> rpo.fly('paper_test', 'allround')
     <Flight paper_test: 400 s, J = 4.12 N²s, 6 of 6 requirements hold>
-    >>> rpo.fly('quick', lambda t, x: -0.02 * x[:3] - 0.6 * x[3:]).u.shape
-    (51, 3)
+    >>> rpo.fly('paper_test', lambda t, x: -0.03 * x[:3] - x[3:])
+    <Flight paper_test: 400 s, J = 13.3 N²s, 6 of 6 requirements hold>
+    >>> rpo.fly('quick')
+    <Flight quick: 5 s, J = 0.721 N²s, no requirement stated>
     >>> rpo.fly('quick', lambda t, x: -0.02 * x)
     Traceback (most recent call last):
         ...

@@ -19,7 +19,15 @@ from rpo_core import files
 from rpo_core.control import controller as core
 from rpo_core.control.controller import AnyController, Controller
 from rpo_core.control.controller_file import ControllerFile, ControllerStage
-from rpo_core.files.validation import InputError, choice, near, printable, shown, within
+from rpo_core.files.validation import (
+    InputError,
+    choice,
+    missing_reported,
+    near,
+    printable,
+    shown,
+    within,
+)
 from rpo_core.scenario import overrides
 from rpo_core.scenario import scenario as of_scenario
 from rpo_core.scenario.scenario import Scenario, ScenarioSet
@@ -337,6 +345,46 @@ def controller(controller: str | Path | AnyController | Mapping[str, Any], /) ->
     """
     loaded: AnyController = controller_source(controller).subject
     return loaded
+
+
+def plot(controller: str | Path | AnyController, what: str = 'surface') -> Any:
+    """Draw how a controller decides.
+
+    Parameters
+    ----------
+    controller : str, Path or controller
+        Name, path or object, see `controller`.
+    what : str
+        `surface`: the force over position and velocity. Of a fuzzy controller also its `rules`, or
+        the membership functions of their `words`.
+
+    Returns
+    -------
+    matplotlib Figure
+        A notebook shows it; ``figure.savefig('surface.png')`` writes it.
+
+    Raises
+    ------
+    InputError
+        If the controller is none, has no rules, or matplotlib is not installed.
+
+    Examples
+    --------
+    >>> import rpo
+    >>> len(rpo.plot('allround', 'words').axes)
+    3
+    """
+    law = file_source(controller).subject
+    choice('what', what, ('surface', 'rules', 'words'))
+    with missing_reported():
+        from rpo.reports import controller as pictures
+        from rpo_log.show import style
+
+        with style.applied():
+            if what == 'surface':
+                return pictures.control_surface(law)
+            fuzzy = core.only_fuzzy(law)
+            return pictures.rules(fuzzy) if what == 'rules' else pictures.words(fuzzy)
 
 
 AnyLaw = str | Path | AnyController | Controller | Law | Mapping[str, Any]
