@@ -14,11 +14,10 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-import rpo.training.gym_vector
+import rpo
 from rpo.montecarlo import config
 from rpo.montecarlo.outputs import markdown_table
 from rpo.montecarlo.run_batch import fly_runs
@@ -57,10 +56,8 @@ def act(weights: dict[str, Any], seen: Floats) -> Floats:
 
 
 def of_agent(campaign: str, runs: int) -> tuple[Floats, dict[str, Any]]:
-    """Return energies (n,) [N^2 s] of the agent, and limit -> whether it was kept (n,)."""
-    env = gymnasium.make_vec(
-        rpo.training.gym_vector.ENVIRONMENT, runs, campaign=campaign, ticks_per_step=HOLD_TICKS
-    )
+    """Return energies (n,) [N²s] of the agent, and limit -> whether it was kept (n,)."""
+    env = rpo.DispersedApproach(runs, campaign, HOLD_TICKS)
     seen, _ = env.reset(seed=HELD_OUT, options={'judging': True})
     weights = dict(np.load(WEIGHTS))  # of the file, each item would be read at every step
     ended, infos = np.zeros(runs, np.bool_), dict[str, Any]()

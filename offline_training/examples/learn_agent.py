@@ -24,7 +24,7 @@ from fly_agent import HOLD_TICKS, features, force_share
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecEnv
 
-import rpo.training.gym_vector
+import rpo
 
 CAMPAIGN = 'paper_test_measured'
 SETTLED_M, SETTLED_M_S = 0.3, 0.01
@@ -59,10 +59,7 @@ class Axes(VecEnv):
 
     def __init__(self, stage: Stage) -> None:
         self.stage, self.agents = stage, 3 * stage.runs
-        self.flights = gymnasium.make_vec(
-            rpo.training.gym_vector.ENVIRONMENT, stage.runs, campaign=CAMPAIGN,
-            ticks_per_step=HOLD_TICKS,
-        )  # fmt: skip
+        self.flights = rpo.DispersedApproach(stage.runs, CAMPAIGN, HOLD_TICKS)
         seen = gymnasium.spaces.Box(-20.0, 20.0, (3,), np.float32)
         super().__init__(self.agents, seen, gymnasium.spaces.Box(-1.0, 1.0, (1,), np.float32))
 

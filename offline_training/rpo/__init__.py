@@ -11,8 +11,10 @@
     rpo.train('paper', generations=20, seed=4).best      a controller that a search trained
     rpo.prove, rpo.verify, rpo.report                    a proof, a log computed again, a page
     rpo.export, rpo.scale                                C and other formats, another vehicle
+    rpo.FinalApproach, rpo.DispersedApproach             Gymnasium environments
 
-A flight has `t, x, u`, its signals by name, `metrics`, `requirements` and `ok`. Its methods are
+A flight has `t, x, u`, its signals by name, `metrics`, `requirements` and `ok`, which is also True
+where a scenario states no requirement. Its methods are
 `explain(t)`, `plot()`, `replay()`, `to_dataframe()`, `to_xarray()` and `save(folder)`:
 
     axes = rpo.fly('paper_test', 'allround').plot()
@@ -21,9 +23,9 @@ A flight has `t, x, u`, its signals by name, `metrics`, `requirements` and `ok`.
 Give a scenario, a controller or a campaign by its shipped name, by the path of its file, or as an
 object. Any function `law(t, x)` is a controller, and a controller is a function:
 
-    rpo.fly('paper_test', lambda t, x: -0.02 * x[:3] - 0.6 * x[3:])
+    rpo.fly('paper_test', lambda t, x: -0.03 * x[:3] - x[3:])
     law = rpo.controller('allround').with_rule(position='SP', velocity='Z', force='LP')
-    law(position=[-10.0, 0.0, 10.0], velocity=0.0)
+    law(position=[-10.0, 0.0, 10.0], velocity=0.0), law.rules, rpo.plot(law, 'rules')
 
 Frame: target LVLH, x from the Earth outward, y along the velocity, z along the angular momentum; SI
 units. A wrong input raises an `InputError` of one sentence. `help(rpo.fly)` says more.
@@ -56,10 +58,13 @@ if TYPE_CHECKING:
     from rpo.door.subjects import campaigns as campaigns
     from rpo.door.subjects import controller as controller
     from rpo.door.subjects import controllers as controllers
+    from rpo.door.subjects import plot as plot
     from rpo.door.subjects import scenario as scenario
     from rpo.door.subjects import scenarios as scenarios
     from rpo.door.train import Training as Training
     from rpo.door.train import train as train
+    from rpo.training.gym import FinalApproach as FinalApproach
+    from rpo.training.gym_vector import DispersedApproach as DispersedApproach
     from rpo_core.control.controller import FuzzyController as FuzzyController
     from rpo_core.judge.verdicts import Verdict as Verdict
     from rpo_core.scenario.scenario import Scenario as Scenario
@@ -69,7 +74,9 @@ files.SHIPPED['campaign'] = Path(__file__).parent / 'shipped' / 'campaigns'
 _MODULES = {
     'Campaign': 'rpo.door.campaign',
     'Catalogue': 'rpo.door.subjects',
+    'DispersedApproach': 'rpo.training.gym_vector',
     'Explanation': 'rpo.door.flight',
+    'FinalApproach': 'rpo.training.gym',
     'Flight': 'rpo.door.flight',
     'FuzzyController': 'rpo_core.control.controller',
     'Proof': 'rpo.door.proof',
@@ -85,6 +92,7 @@ _MODULES = {
     'export': 'rpo.door.conversion',
     'fly': 'rpo.door.flight',
     'load': 'rpo.door.flight',
+    'plot': 'rpo.door.subjects',
     'prove': 'rpo.door.proof',
     'report': 'rpo.door.evidence',
     'scale': 'rpo.door.conversion',

@@ -101,7 +101,7 @@ def test_the_table_of_a_plan_has_the_bits_of_the_stage(docking, legs, past_m):
 @pytest.mark.parametrize(
     ('start', 'most'),
     [
-        ((25.2, -61.83, 6.19, 0.0, -0.01, -0.04), 0.21),  # 2.29 N^2 s on the side of the free path
+        ((25.2, -61.83, 6.19, 0.0, -0.01, -0.04), 0.21),  # 2.29 N²s on the side of the free path
         ((30.31, -50.09, 8.24, -0.04, -0.05, -0.06), 0.19),  # 0.33
         ((54.25, -22.34, 13.2, -0.02, -0.02, -0.09), 0.13),  # 0.20
     ],

@@ -164,6 +164,6 @@ def test_the_command_prints_the_energy_of_the_legs_as_the_flight_commands_it(tmp
     printed = invoke('plan', 'around', '--picture', picture)
     assert printed.exit_code == 0, printed.output
     said = ' '.join(printed.output.split())
-    assert 'The legs take 600.0 s and 0.2505 N^2 s' in said and picture.stat().st_size
+    assert 'The legs take 600.0 s and 0.2505 N²s' in said and picture.stat().st_size
     flown = fly(scenarios.load_scenario('around'), load_controller('drift'))
     assert f'{(flown.forces_n[:6000] ** 2).sum() * 0.1:.4f}' == '0.2505'

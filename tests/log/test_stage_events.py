@@ -11,8 +11,9 @@ import pytest
 from log_runs import DISTURBANCE, FORCE, STATE, STATUS, TOPICS, Run, chain_run, make_run
 
 from rpo.training.config import load_start
+from rpo_core.assurance.abort_table import AbortTable, Row
 from rpo_core.assurance.assurance import AssuranceStage
-from rpo_core.assurance.settings import AbortTable, Assurance, Row
+from rpo_core.assurance.settings import Assurance
 from rpo_core.assurance.shaping import Shaping, ShapingStage
 from rpo_core.attitude.target import TargetStage
 from rpo_core.chain.chain import Chain, DisturbanceStage

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import csv
-import importlib.util
 import itertools
 import os
 import re
@@ -21,10 +20,12 @@ import yaml
 from invoking import invoke
 from log_runs import DISTURBANCE, FORCE, STATE, STATUS, changed, forge, make_run
 
+import rpo
+from rpo.display import print_table
 from rpo.training.config import load_start
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
-from rpo_core.judge.verdicts import verdicts
+from rpo_core.judge.verdicts import number, verdicts
 from rpo_core.scenario import overrides
 from rpo_core.scenario.scenario import load_scenario
 from rpo_core.wire import cdr
@@ -321,28 +322,19 @@ def flight():
 
 
 def test_values_have_units_and_are_words_where_there_is_no_number():
-    assert report.shown(0.123456, 'm') == '0.123 m'
-    assert report.shown(7.0, '') == '7'
-    assert (report.shown(np.inf, 's'), report.shown(np.nan, 's')) == ('never', '–')
+    assert number(0.123456, 'm') == '0.123 m'
+    assert number(7.0, '') == '7'
+    assert (number(np.inf, 's'), number(np.nan, 's')) == ('never', '–')
 
 
-@pytest.mark.parametrize('rich', [True, False])
-def test_the_table_has_each_requirement_with_limit_and_verdict(flight, rich, monkeypatch, capsys):
-    plain = importlib.util.find_spec
-    monkeypatch.setattr(
-        importlib.util, 'find_spec', lambda name: plain(name) if rich or name != 'rich' else None
-    )
-    monkeypatch.setenv('COLUMNS', '200')
-    report.print_table(flight, 'a title')
-    said = capsys.readouterr().out
+def test_the_table_has_each_requirement_with_limit_and_verdict(flight):
     required = verdicts(flight)
-    lines = said.splitlines()
-    assert 'a title' in lines[0] and any('requirements of paper_test' in line for line in lines)
+    lines = report.table(flight)
+    assert lines[0] == ('requirements of paper_test', '', '', '')
     for verdict in required:
-        (line,) = (line for line in lines if verdict.statement in line)
-        for text in (report.shown(verdict.value, verdict.unit), f'≤ {verdict.limit:.3g}'):
-            assert text in line
-        assert verdict.word in line
+        (line,) = (line[1:] for line in lines if line[0] == f'  {verdict.statement}')
+        assert line[0] == number(verdict.value, verdict.unit)
+        assert line[1].startswith(f'≤ {verdict.limit:.3g}') and line[2] == verdict.word
     assert len(report.rows(flight)[report.METRICS]) > 5
     judged = {verdict.statement for verdict in required}
     assert not {row[0] for row in report.rows(flight)[report.METRICS]} & judged
@@ -353,9 +345,18 @@ def test_the_table_has_each_requirement_with_limit_and_verdict(flight, rich, mon
 def test_a_name_in_the_table_is_as_it_is(flight, monkeypatch, capsys):
     monkeypatch.setenv('COLUMNS', '200')
     name = '[/] [bold]x[/bold] :bomb: #123456'
-    report.print_table(replace(flight, scenario=replace(flight.scenario, name=name)), name)
+    named = replace(flight, scenario=replace(flight.scenario, name=name))
+    print_table(report.COLUMNS, report.table(named), name)
     title, *rest = capsys.readouterr().out.splitlines()
     assert name in title and any(f'requirements of {name}' in line for line in rest)
+
+
+def test_a_run_is_shown_in_plain_text(tmp_path, capsys):
+    rpo.fly('quick').save(tmp_path / 'run')
+    picture, missed = report.show(tmp_path / 'run')
+    said = capsys.readouterr().out
+    assert 'quick, controller allround' in said and report.NO_REQUIREMENTS in said
+    assert re.search(r'energy J +\S+ N²s', said) and picture.is_file() and not missed
 
 
 def test_the_picture_has_the_flight_and_its_limits(flight):

@@ -101,6 +101,7 @@ def test_free_running_survives_each_peer_killed_at_many_moments(make, name, mome
     peers = {'fuzzy_controller': run.controller, 'disturbance_injector': run.injector}
     nodes = {peer: begin() for peer, begin in peers.items()}
     plant, killed = run.plant(), []
+    silent = re.compile(rf'\[(\S+)\] \[plant\]: {name} \(.*\) is silent')
     run.hand.says('flying')
     for _ in range(moments):
         killed_s = run.kill(nodes[name])
@@ -109,9 +110,10 @@ def test_free_running_survives_each_peer_killed_at_many_moments(make, name, mome
         assert time.time() - killed_s < (STALE_TICKS + 2) * 0.1 + SLACK_S
         assert phase(status) == ('running', WARN)
         run.warned('plant', 'stale_ticks', killed_s, 1.0)
+        run.hand.until(lambda: len(silent.findall(plant.output)) == len(killed))
         nodes[name] = peers[name]()
         run.hand.says('forces are back')
-    said = re.findall(rf'\[(\S+)\] \[plant\]: {name} \(.*\) is silent', plant.output)
+    said = silent.findall(plant.output)
     after_s = [float(stamp) - since for stamp, since in zip(said, killed, strict=True)]
     assert 0.0 < statistics.median(after_s) < 1.0
     assert plant.process.poll() is None

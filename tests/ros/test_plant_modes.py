@@ -181,8 +181,8 @@ def test_losses_cost_only_what_is_cut_off():
 def test_the_end_is_told_from_the_goal():
     scenario = replace(load_scenario('quick'), initial_position_m=(0.0, 13.0, 4.0))
     ending = FreeRunningPlant(scenario, [FORCE], 10).ending()
-    assert ending == '13.6 m from the target and 0 m/s (norms), J = 0 N^2 s'
+    assert ending == '13.6 m from the target and 0 m/s (norms), J = 0 N²s'
     goal = replace(scenario, goal_position_m=(0.0, 10.0, 0.0))
     plant = FreeRunningPlant(goal, [FORCE], 10)
-    assert plant.ending() == '5 m from the goal and 0 m/s (norms), J = 0 N^2 s'
+    assert plant.ending() == '5 m from the goal and 0 m/s (norms), J = 0 N²s'
     assert plant.figures()['distance_m'] == pytest.approx(math.hypot(13.0, 4.0)), 'to the target'

@@ -56,7 +56,6 @@ ROSDEP_KEYS = {
     'numpy': 'python3-numpy',
     'yaml': 'python3-yaml',
     'cryptography': 'python3-cryptography',
-    'rich': 'python3-rich',
 }
 # pip brings them: rosdep has no key for mcap, and the other two come with it.
 WITHOUT_KEY = {'mcap', 'zstandard', 'lz4'}

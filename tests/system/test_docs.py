@@ -208,6 +208,16 @@ def test_every_requirement_names_code_and_tests_that_exist():
             assert f'def {function}(' in (ROOT / path).read_text(), name
 
 
+def test_pages_and_notebooks_for_users_use_the_door_alone():
+    door = {'gymnasium', 'matplotlib.pyplot', 'numpy', 'rpo', *sys.stdlib_module_names}
+    sources = [text for page in ('python', 'gym') for text in code(DOCS / f'{page}.md', 'python')]
+    for path in (DOCS / 'notebooks').glob('*.ipynb'):
+        cells = json.loads(path.read_text())['cells']
+        sources += [''.join(c['source']) for c in cells if c['cell_type'] == 'code']
+    imports = re.findall(r'^ *(?:import|from) ([\w.]+)', '\n'.join(sources), re.MULTILINE)
+    assert len(imports) > 20 and set(imports) <= door
+
+
 def of_the_door() -> Iterator[tuple[str, object]]:
     """Yield name and object of what `import rpo` offers, and the methods of its classes."""
     for name in rpo.__all__:

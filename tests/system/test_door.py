@@ -7,6 +7,8 @@ from __future__ import annotations
 import ast
 import doctest
 import importlib
+import json
+import pydoc
 import subprocess
 import sys
 from functools import cached_property
@@ -18,6 +20,7 @@ import pytest
 import rpo
 from rpo_core.chain import flight as core
 from rpo_core.control.controller import load_controller
+from rpo_core.judge.metrics import METRICS
 from rpo_log.verify import verify
 
 MODULES = (
@@ -75,6 +78,20 @@ def test_fly_a_named_scenario_with_another_mass():
     assert (flight.x == same.states).all() and (flight['control_force'] == flight.u).all()
 
 
+def test_metrics_are_a_dictionary_that_says_what_it_has():
+    values = rpo.fly('quick').metrics
+    assert json.loads(json.dumps(values)) == values and 'J' not in values
+    assert values.get('J') is None and '\narrival_time_s           5' in repr(values)
+    for error in (rpo.InputError, KeyError):
+        with pytest.raises(error, match=r'^`name` must be one of .*; did you mean `energy_n2s`'):
+            values['energy_n2']
+    text = pydoc.render_doc(rpo.Flight, renderer=pydoc.plaintext)
+    for name, (unit, meaning) in METRICS.items():
+        assert f'{meaning} [{unit}]' in text and name in text
+    with pytest.raises(rpo.InputError, match=r'`controler` is neither .* mean `controller`'):
+        rpo.fly('quick', controler='pd')
+
+
 def test_change_a_rule():
     law = rpo.controller('allround')
     other = law.with_rule(position='SP', velocity='Z', force='LP')
@@ -83,6 +100,8 @@ def test_change_a_rule():
     assert plain.shape == (201,) and (plain != changed).any()
     assert plain[30] == law.force_n((grid[30], 0.0, 0.0), (0.0, 0.0, 0.0))[0]
     assert law(position=grid[:, None], velocity=np.zeros(3)).shape == (201, 3)
+    assert law.with_rule('SP', 'Z', 'LP') == other and str(other) == f'{other!r}\n{other.rules}'
+    assert repr(other.rules).splitlines()[3] == 'velocity error Z    SN  SN   Z  LP  SP'
     wider = other.with_membership('force', sp_right=0.9)
     assert wider.system.force.sp_right == 0.9 and wider.name == 'allround (changed)'
     with pytest.raises(rpo.InputError, match='`position` must be one of LN, SN, Z, SP, LP; got'):
@@ -153,6 +172,13 @@ def test_a_saved_flight_is_verified(controller, tmp_path):
         logged.save(tmp_path / 'again')
     with pytest.raises(rpo.InputError, match='the function law has none'):
         rpo.fly('quick', lambda t, x: -x[:3]).save(tmp_path / 'other')
+
+
+@pytest.mark.parametrize('name', ['handmade', 'pd'])
+def test_a_surface_of_any_controller_is_drawn(name):
+    assert all(axes.has_data() for axes in rpo.plot(name).axes)
+    with pytest.raises(rpo.InputError, match='`what` must be one of surface, rules, words'):
+        rpo.plot(name, 'rule')
 
 
 def test_a_notebook_shows_tables_and_the_replay():

@@ -154,7 +154,7 @@ def test_the_wheels_fly_judge_and_train_without_ros(resolution, wheels, tmp_path
     assert 'allround.c' in run(bin_ / 'rpo', 'export', 'allround', '--to', 'c', cwd=tmp_path)
     assert ' / 40 ' in run(bin_ / 'rpo', 'campaign', 'random_starts', '--runs', 40, cwd=tmp_path)
     assert 'under all conditions' in run(bin_ / 'rpo', 'optimal', 'paper_test', cwd=tmp_path)
-    gym = 'import gymnasium, rpo.training.gym; gymnasium.make("rpo/FinalApproach-v0").reset(seed=1)'
+    gym = 'import rpo; rpo.FinalApproach("quick").reset(seed=1)'
     run(python, '-c', gym, cwd=tmp_path)
     few = ('--set', 'ga.generations=2', '--set', 'cmaes.evaluations=40', '--no-fail')
     words = ('--algorithm', 'ga-cmaes', *few, '--output', 'trained')

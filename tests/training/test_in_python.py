@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Campaigns and trainings in Python: what a user writes, and the bits of the commands."""
 
+import threading
+
 import numpy as np
 import pytest
 from invoking import invoke
@@ -71,6 +73,43 @@ def test_a_scenario_is_dispersed():
     assert law.scenario.name == 'paper_test (changed)_run_7'
 
 
+def test_a_function_flies_a_campaign_run_after_run():
+    flying = []
+
+    def law(t, x):
+        flying.append(threading.get_ident())
+        return -0.03 * x[:3] - x[3:]
+
+    runs = rpo.campaign('paper_test', law, runs=3, duration_s=20.0)
+    assert len(set(flying)) == 1 and repr(runs).startswith('<Campaign paper_test: law, 3 runs, ')
+    alone = rpo.fly(runs.scenario(2), law)
+    assert (runs.flight(2).x == alone.x).all()
+    assert runs['energy_n2s'][2] == alone.metrics['energy_n2s']
+    again = rpo.campaign(runs, runs=None, judge='slew')
+    assert (again['energy_n2s'] == runs['energy_n2s']).all()
+
+    def forgetful(t, x):
+        flying.append(t)
+        return [1e-6 * len(flying), 0.0, 0.0]
+
+    with pytest.raises(rpo.InputError, match='other bits: its function has memory'):
+        rpo.campaign('paper_test', forgetful, runs=1, duration_s=20.0).flight(0)
+
+
+def test_a_campaign_says_which_limits_fail_most_by_the_names_that_judge_takes():
+    runs = rpo.campaign('paper_test', runs=40)
+    rate = runs.rates['slew_per_axis_n_s']
+    assert repr(rate).endswith(' <= 0.1 N/s: 0.00 % (0.00 to 8.76 %), 0 of 40 runs>')
+    assert repr(runs).partition('; ')[2].startswith('slew_per_axis_n_s 0.00 %, hold_force_per_')
+    assert 'position and speed          ' in repr(runs.rates) and '\n' not in repr(runs)
+    moving = rpo.campaign(runs, runs=40, judge='position and speed')
+    assert moving.ok and repr(moving).endswith('100.00 % keep every limit (91.24 to 100.00 %)>')
+    some = rpo.campaign(runs, runs=40, judge=['slew', 'hold error'])
+    assert list(some.rates)[1:3] == ['hold_error_per_axis_m', 'slew_per_axis_n_s']
+    with pytest.raises(rpo.InputError, match='did you mean `success`'):
+        runs.rates['succes']
+
+
 @pytest.mark.parametrize(
     ('arguments', 'options', 'sentence'),
     [
@@ -78,7 +117,10 @@ def test_a_scenario_is_dispersed():
         (('approach',), {}, 'scenario approach has no dispersions of its own; give some, like'),
         (('paper_tset',), {}, 'did you mean `paper_test`'),
         (('paper_test', 3), {}, 'controller: name, path, object or function .* got 3'),
-        (('paper_test', lambda t, x: x), {}, 'a function flies its runs one by one, like rpo.fly'),
+        (('paper_test', lambda t, x: x), {'folder': 'x'}, 'the function law has no file'),
+        (('paper_test', lambda t, x: x), {'runs': 1}, 'must return 3 finite forces'),
+        (('paper_test',), {'dispersion': {}}, '`dispersion` is neither .* mean `disperse`'),
+        (('paper_test',), {'judges': 'slew'}, 'did you mean `judge`'),
         (('approach',), {'disperse': {'mas_share': {}}}, 'did you mean `mass_share`'),
         (('paper_test',), {'runs': 0}, '`runs` must be'),
         (('paper_test',), {'masss_kg': 3.0}, 'did you mean `mass_kg`'),
@@ -95,14 +137,16 @@ SMALL = {'ga__population': 12, 'algorithm': 'ga-cmaes', 'cmaes__evaluations': 32
 
 def test_twenty_generations_become_a_controller(monkeypatch):
     monkeypatch.setenv('MPLBACKEND', 'Agg')
-    pytest.importorskip('pandas')
+    pandas = pytest.importorskip('pandas')
     search = rpo.train('paper', generations=20, seed=4, ga__population=12)
-    assert len(search.history['best_fitness']) == len(search.to_dataframe()) == 21
-    assert search.history['best_fitness'][-1] == search.best.provenance['fitness_n2s']
+    assert len(search.history) == len(pandas.DataFrame(search.history)) == 21
+    assert search.history[-1]['best_fitness'] == search.best.provenance['fitness_n2s']
     flight = rpo.fly('paper_test', search.best)
     assert flight.metrics['energy_n2s'] > 1.0 and search.folder is None
     assert search.plot().get_ylabel() == 'fitness, J [N²s]'
-    assert repr(search).startswith('<Training paper_ga: 1')
+    text = 'Trained from paper_ga, 20 generations, seed 4.'
+    assert search.best.description == text and len(search.history[5:]) == 16
+    assert repr(search).startswith('<Training paper_ga_20_generations_seed_4: 1')
 
 
 def test_a_training_has_the_bits_of_the_command(tmp_path):
@@ -157,6 +201,7 @@ def test_other_controllers_are_trained(name, options, kind):
         (('pd', 20), {}, 'limit its evaluations, like evaluations=2000'),
         (('paper', 0), {}, '`generations` must be'),
         (('paper',), {'ga__populaton': 3}, 'did you mean `population`'),
+        (('paper',), {'generation': 3}, 'did you mean `generations`'),
         (('paper',), {'attitude': True, 'scenario': 'quick'}, 'the configuration says which'),
         (('nowhere.yaml',), {}, 'nowhere.yaml: '),
     ],

@@ -111,6 +111,7 @@ def test_a_search_in_a_process_that_is_not_pinned_says_so(tmp_path, monkeypatch)
     """As in a notebook, where NumPy is loaded before this package."""
     told = {'openblas': 'Zen, 4 threads', 'numpy': 'X', 'libm': 'L', 'pinned': False}
     monkeypatch.setattr(processor, 'in_use', lambda: told)
+    processor.warn_unless_pinned.cache_clear()  # it warns once in a process
     settings = ['cmaes.population=4', 'cmaes.evaluations=8', 'algorithm=cmaes']
     chosen = configs.override(configs.fitted(configs.PRESETS['mission'], 'quick'), settings)
     with pytest.warns(UserWarning, match='forms that its processor chose, OpenBLAS Zen, 4 threads'):

@@ -170,7 +170,7 @@ class Comparison:
         ]
 
     def least(self) -> float:
-        """Return the mean J [N^2 s] of the optima under training's conditions."""
+        """Return the mean J [N²s] of the optima under training's conditions."""
 
         def make() -> dict[str, Any]:
             show = partial(self.report, 'optima by convex programming')

@@ -37,12 +37,12 @@ from rpo_core.judge.verdicts import (
     NOT_JUDGED,
     UNBOUNDED,
     Verdict,
+    number,
     unbounded,
     verdicts,
 )
 from rpo_core.kernels.arrays import Floats
 from rpo_core.scenario.scenario import Scenario, ScenarioSet, load_scenario, load_set
-from rpo_log.show.report import shown
 
 QUESTIONS = (
     "Q1: every start meets all conditions. Q2: little energy. Q3: the paper's test, held. "
@@ -70,7 +70,7 @@ class Asked:
 _ALL = ('Q3', 'Q4', 'Q5')
 
 ANY = Asked(3.7, 0.0, _ALL, "what is asked of a controller for the paper's training")
-"""Q2's 3.7 N^2 s was set early; the least under all conditions is 2.43."""
+"""Q2's 3.7 N²s was set early; the least under all conditions is 2.43."""
 
 SHIPPED = {
     'allround': Asked(
@@ -129,7 +129,7 @@ class Assessment:
 
     starts : (n, 3) initial positions [m]
     metrics : (n, columns), see `rpo_core.judge.metrics.UNITS`
-    least : (n,) least energy possible [N^2 s]
+    least : (n,) least energy possible [N²s]
     tests : (2, columns) metrics of the paper's test, offset and phase reading
     """
 
@@ -168,7 +168,7 @@ class Assessment:
             what = 'largest value of a condition, as a share of its limit'
             targets.append(Target('Q1', what, '', 1.0 - asked.margin, 1.0 - self.margin))
         targets += [
-            Target('Q2', 'mean J over the starts', 'N^2 s', asked.energy_n2s, self.mean_energy_n2s),
+            Target('Q2', 'mean J over the starts', 'N²s', asked.energy_n2s, self.mean_energy_n2s),
             *self._held(),
         ]
         rules = self.controller.system.rules
@@ -256,8 +256,8 @@ def rows_of(judged: Judged) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = [
         (
             j.worst.statement,
-            f'≤ {shown(j.worst.limit, j.worst.unit)}',
-            shown(j.worst.value, j.worst.unit),
+            f'≤ {number(j.worst.limit, j.worst.unit)}',
+            number(j.worst.value, j.worst.unit),
             f'{j.missed} of {j.flights}',
             j.word,
         )
@@ -290,8 +290,8 @@ def judge(
         )
     columns: list[list[Verdict]] = []
     energies: list[float] = []
-    for number, flight in enumerate(flights_of(controller, scenarios)):
-        report(f'{controller.name}: flights of {scenarios.name}', number, count)
+    for done, flight in enumerate(flights_of(controller, scenarios)):
+        report(f'{controller.name}: flights of {scenarios.name}', done, count)
         columns.append(verdicts(flight))
         energies.append(of_flight(flight).energy_n2s)
     judgements = [

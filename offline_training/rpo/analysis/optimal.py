@@ -94,7 +94,7 @@ def _ticks(scenario: Scenario, coast_s: float) -> int:
 
 
 def least_energy(scenario: Scenario, starts: Floats, coast_s: float = 0.0) -> Floats:
-    """Return the least J [N^2 s] (n,) that brings starts (n, 6) to rest at the origin in time.
+    """Return the least J [N²s] (n,) that brings starts (n, 6) to rest at the origin in time.
 
     Minimum of sum |f_k|^2 dt without limits: m' W^-1 m dt, m the miss of free drift. With
     `coast_s` rest is reached that much earlier.
@@ -177,7 +177,7 @@ class Program:
         ]
 
     def solve(self, start: Sequence[float] | Floats) -> float | None:
-        """Return the optimum from a state (6,): J [N^2 s], or the relaxed limit; None if none."""
+        """Return the optimum from a state (6,): J [N²s], or the relaxed limit; None if none."""
         import cvxpy as cp
 
         self._start.value = np.asarray(start, dtype=np.float64) / _SCALE
@@ -229,7 +229,7 @@ def least_constrained(
     starts: Floats,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Floats:
-    """Return the least J [N^2 s] (n,) from starts (n, 6) under training's conditions.
+    """Return the least J [N²s] (n,) from starts (n, 6) under training's conditions.
 
     Undisturbed, the optimum does not change with the sign of the planar (x, y) or of the vertical
     (z) start: of starts that differ only in such a sign, one is solved. Raises InputError if there

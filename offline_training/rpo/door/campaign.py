@@ -14,12 +14,20 @@ from typing import Any
 
 from rpo.display import Show, html_rows, progress_in_python
 from rpo.door.flight import Flight
-from rpo.door.subjects import Source, controller_source, fields_of, has_file, scenario_source
+from rpo.door.subjects import (
+    AnyLaw,
+    Catalogue,
+    Source,
+    controller_source,
+    fields_of,
+    has_file,
+    proposing,
+    scenario_source,
+)
 from rpo.montecarlo import config, execution, judging, run_batch, statistics
 from rpo.montecarlo.statistics import Rate
 from rpo.montecarlo.store import Results, Store
 from rpo_core import files
-from rpo_core.control.controller import AnyController
 from rpo_core.control.controller import dumps as controller_text
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.files.validation import InputError, missing_reported, shown, whole, within
@@ -68,11 +76,13 @@ class Campaign:
         Examples
         --------
         >>> import rpo
-        >>> rate = rpo.campaign('paper_test', runs=20).rates['position and speed']
-        >>> rate.kept, rate.runs, round(rate.low, 2), rate.high
-        (20, 20, 0.84, 1.0)
+        >>> rates = rpo.campaign('paper_test', runs=20).rates
+        >>> rates['position and speed']
+        <Rate position and speed: 100.00 % (83.89 to 100.00 %), 20 of 20 runs>
+        >>> rates['success'].kept, round(rates['success'].high, 2)
+        (0, 0.16)
         """
-        found: dict[str, Rate] = {}
+        found: Catalogue[Rate] = Catalogue()
         for rate in statistics.rates(self.results):
             name = rate.name.partition(' <= ')[0]
             found[rate.name if name in found else name] = rate
@@ -90,11 +100,15 @@ class Campaign:
         return bool(self.success.all())
 
     def __repr__(self) -> str:
-        settings, rate = self.definition.config, self.rates['success']
-        return (
-            f'<Campaign {settings.name}: {settings.controller}, {rate.runs} runs, {rate.percent} % '
-            f'succeed ({rate.interval} %)>'
-        )
+        settings, rates = self.definition.config, self.rates
+        names = list(settings.success)
+        if judging.MOTION in rates:
+            names = [judging.MOTION, *(name for name in names if name in judging.EFFORT)]
+        missed = sorted((rates[n].kept, f'{n} {rates[n].percent} %') for n in names)
+        worst = [text for kept, text in missed if kept < len(self)][:3]
+        every = f'{rates["success"].percent} % keep every limit ({rates["success"].interval} %)'
+        runs = f'{settings.controller}, {len(self)} runs, {every}'
+        return f'<Campaign {settings.name}: {"; ".join(filter(None, [runs, ", ".join(worst)]))}>'
 
     def _repr_html_(self) -> str:
         table = html_rows(statistics.rows(self.results))
@@ -220,9 +234,10 @@ class Campaign:
         return Flight(**values, controller=self.definition.controller)
 
 
+@proposing
 def campaign(
     campaign: object,
-    controller: str | Path | AnyController | Mapping[str, Any] | None = None,
+    controller: AnyLaw | None = None,
     runs: int | None = 1000,
     seed: int | None = None,
     *,
@@ -235,14 +250,17 @@ def campaign(
 ) -> Campaign:
     """Fly many dispersed runs, with the bits of `rpo campaign`.
 
+    The campaign `paper_test` adds dispersions, errors of navigation and a delay to the scenario of
+    the same name. With `disperse`, the scenario alone flies, and only what you name is dispersed.
+
     Parameters
     ----------
     campaign : str, Path, Campaign or mapping
         Name of one that ships (`campaigns`), path of a file, folder of results, an object, or the
         document of a file. With `disperse` a scenario: name, path or object.
-    controller : str, Path, controller or mapping, optional
-        What flies: name, path or object, see `controller`. Without, that of the campaign; of a
-        scenario, `allround`.
+    controller : str, Path, controller, mapping or callable, optional
+        What flies: see `fly`. Without, that of the campaign; of a scenario, `allround`. Functions
+        fly run by run, which is slower, on one thread, and in memory alone.
     runs : int, optional
         How many; None: as many as the campaign says.
     seed : int, optional
@@ -250,7 +268,8 @@ def campaign(
     disperse : mapping, optional
         Quantity -> distribution, as in a campaign's file: ``{'mass_share': {'normal': 0.03}}``.
     judge : collection of str, optional
-        Limits that success is judged by; without, all of the campaign, or of the scenario.
+        Limits that success is judged by, by the names of `Campaign.rates` or their first words:
+        ``['position and speed', 'slew']``. Without, all of the campaign, or of the scenario.
     folder : str or Path, optional
         Where results are saved as they come in; the same call goes on there, and `rpo campaign`
         reads it. Without, they are in memory alone.
@@ -276,14 +295,12 @@ def campaign(
     --------
     >>> import rpo
     >>> rpo.campaign('paper_test', 'pd', runs=50, seed=3)
-    <Campaign paper_test: pd, 50 runs, 0.00 % succeed (0.00 to 7.13 %)>
+    <Campaign paper_test: pd, 50 runs, 0.00 % keep every limit (0.00 to 7.13 %); ...>
     >>> heavier = {'mass_share': {'uniform': 0.2}}
     >>> rpo.campaign('paper_test', runs=50, disperse=heavier).ok
     True
-    >>> rpo.campaign('paper_test', lambda t, x: -x[:3])
-    Traceback (most recent call last):
-        ...
-    rpo_core.files.validation.InputError: controller: a campaign flies controllers of files; ...
+    >>> len(rpo.campaign('paper_test', lambda t, x: -0.03 * x[:3] - x[3:], runs=2))
+    2
     """
     own = {'runs': runs, 'seed': seed, **{n: changes.pop(n) for n in OF_ITS_FILE if n in changes}}
     own = fields_of({name: value for name, value in own.items() if value is not None})
@@ -293,6 +310,13 @@ def campaign(
         results: Results = Store.open(Path(campaign))
     else:
         what = defined(campaign, controller, own, fields_of(changes), disperse, judge)
+        if not what.texts[2]:
+            if folder is not None or cluster:
+                raise InputError(
+                    f'controller: the function {what.controller.name} has no file, which a folder '
+                    'or a cluster needs; leave `folder` and `cluster` out'
+                )
+            workers = 1  # a function may have memory, which two flights at once would share
         results = Results(what) if folder is None else Store.begun(Path(folder), what)
     with progress_in_python() as show:
         return flown(results, workers, cluster, show)
@@ -325,7 +349,7 @@ def defined(
     own : field of the campaign's file -> value as YAML has it
     changes : field of the scenario, with dots into sections -> value as YAML has it
     """
-    flying = None if controller is None else _flying(controller)
+    flying = None if controller is None else controller_source(controller)
     own = {**own, 'controller': flying.name} if flying else own
     if isinstance(subject, Campaign):
         subject = subject.definition
@@ -351,14 +375,15 @@ def defined(
         settings = config.parse({**document, **own} if isinstance(document, dict) else document)
         if disperse is None and not isinstance(subject, config.Campaign):
             scenario = scenario_source(settings.scenario, changes)
-        flying = flying or _flying(settings.controller)
+        flying = flying or controller_source(settings.controller)
+    law = None if has_file(flying.subject) else flying.subject
     texts = (
         config.dumps(settings),
         scenario.text or of_scenario.dumps(scenario.subject),
-        flying.text or controller_text(flying.subject),
+        flying.text or (controller_text(flying.subject) if law is None else ''),
     )
-    found = config.Campaign.of_texts(texts, (place, scenario.name, flying.name))
-    return found.judging(judge) if judge else found
+    found = config.Campaign.of_texts(texts, (place, scenario.name, flying.name), law)
+    return found.judging(judging.limits_named(judge, found.config.success)) if judge else found
 
 
 def _path(name: str) -> Path:
@@ -369,14 +394,3 @@ def _path(name: str) -> Path:
             "disperse={'mass_share': {'normal': 0.03}}"
         )
     return config.find(name)
-
-
-def _flying(controller: object) -> Source:
-    """Return a controller that has a file; raises InputError for a function."""
-    source = controller_source(controller)
-    if not has_file(source.subject):
-        raise InputError(
-            'controller: a campaign flies controllers of files; a function flies its runs one by '
-            'one, like rpo.fly(rpo.campaign(...).scenario(7), law)'
-        )
-    return source

@@ -18,10 +18,12 @@ import yaml
 from rpo.display import html_rows
 from rpo.door.subjects import (
     AnyLaw,
+    Catalogue,
     LawController,
     controller_source,
     fields_of,
     has_file,
+    proposing,
     scenario_source,
 )
 from rpo_core.chain import flight as core
@@ -31,7 +33,7 @@ from rpo_core.control.controller_file import received
 from rpo_core.control.explain import reasons
 from rpo_core.files.output import write_text
 from rpo_core.files.validation import InputError, choice, missing_reported, real
-from rpo_core.judge import metrics
+from rpo_core.judge.metrics import METRICS, row_of
 from rpo_core.judge.verdicts import HOLDS, Verdict, missed, verdicts
 from rpo_core.kernels.arrays import Floats
 from rpo_core.scenario import scenario as of_scenario
@@ -152,11 +154,11 @@ class Flight(core.Flight):
     controller : FuzzyController, ControllerFile or other
         What flew it; None where a log does not have it.
     metrics : dict
-        Metric -> value, as `energy_n2s`.
+        Metric -> value: J is ``metrics['energy_n2s']``.
     requirements : list of Verdict
         Each requirement of the scenario beside the value of the flight.
     ok : bool
-        Whether none is missed.
+        Whether no requirement is missed; also where the scenario states none, as `quick`.
 
     Examples
     --------
@@ -214,7 +216,8 @@ class Flight(core.Flight):
     def metrics(self) -> dict[str, float]:
         """Metric -> value; the name ends in its unit.
 
-        The arrival time of a flight that does not arrive is its duration.
+        The arrival time of a flight that does not arrive is its duration. The mean window is the
+        last 30 s, the late window the last 200 s, if the scenario does not say otherwise.
 
         Examples
         --------
@@ -225,7 +228,11 @@ class Flight(core.Flight):
         >>> list(metrics)[:4]
         ['energy_n2s', 'mean_speed_norm_m_s', 'slew_per_axis_n_s', 'mean_error_norm_m']
         """
-        return dict(zip(metrics.UNITS, metrics.row_of(self).tolist(), strict=True))
+        return Catalogue(zip(METRICS, row_of(self).tolist(), strict=True))
+
+    metrics.__doc__ = f'{metrics.__doc__}\n' + '\n'.join(
+        f'        {name:24}  {meaning} [{unit}]' for name, (unit, meaning) in METRICS.items()
+    )
 
     @cached_property
     def requirements(self) -> list[Verdict]:
@@ -241,13 +248,13 @@ class Flight(core.Flight):
 
     @property
     def ok(self) -> bool:
-        """Whether no requirement of the scenario is missed; true where it has none."""
+        """Whether no requirement of the scenario is missed; true where it states none."""
         return not missed(self)
 
     def __repr__(self) -> str:
         held = sum(verdict.word == HOLDS for verdict in self.requirements)
         said = f'{held} of {len(self.requirements)} requirements hold'
-        said = said if self.requirements else 'no requirements'
+        said = said if self.requirements else 'no requirement stated'
         energy = self.metrics['energy_n2s']
         name, duration_s = self.scenario.name, self.scenario.duration_s
         return f'<Flight {name}: {duration_s:g} s, J = {energy:.3g} N²s, {said}>'
@@ -300,8 +307,9 @@ class Flight(core.Flight):
     def plot(self, ax: Any = None, label: str | None = None) -> Any:
         """Draw position, velocity and force over time; several flights over each other.
 
-        ``axes = first.plot()``, then ``second.plot(axes)`` draws the second over the first. One
-        Axes alone gets the distance from the goal.
+        ``axes = first.plot()``, then ``second.plot(axes)`` draws the second over the first;
+        ``axes[0].figure.savefig('flights.png')`` writes them. One Axes alone gets the distance
+        from the goal.
 
         Parameters
         ----------
@@ -500,6 +508,7 @@ def unit_of(column: str) -> str:
     return next((unit for end, unit in _UNITS.items() if column.endswith(end)), '')
 
 
+@proposing
 def fly(
     scenario: str | Path | Scenario | Mapping[str, Any],
     controller: AnyLaw = 'allround',
@@ -532,8 +541,10 @@ def fly(
     >>> import rpo
     >>> rpo.fly('paper_test', 'allround')
     <Flight paper_test: 400 s, J = 4.12 N²s, 6 of 6 requirements hold>
-    >>> rpo.fly('quick', lambda t, x: -0.02 * x[:3] - 0.6 * x[3:]).u.shape
-    (51, 3)
+    >>> rpo.fly('paper_test', lambda t, x: -0.03 * x[:3] - x[3:])
+    <Flight paper_test: 400 s, J = 13.3 N²s, 6 of 6 requirements hold>
+    >>> rpo.fly('quick')
+    <Flight quick: 5 s, J = 0.721 N²s, no requirement stated>
     >>> rpo.fly('quick', lambda t, x: -0.02 * x)
     Traceback (most recent call last):
         ...

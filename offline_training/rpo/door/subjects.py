@@ -7,8 +7,9 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import wraps
 from pathlib import Path
-from typing import Any, NamedTuple, TypeGuard
+from typing import Any, NamedTuple, ParamSpec, TypeGuard, TypeVar
 
 import numpy as np
 import yaml
@@ -18,25 +19,67 @@ from rpo_core import files
 from rpo_core.control import controller as core
 from rpo_core.control.controller import AnyController, Controller
 from rpo_core.control.controller_file import ControllerFile, ControllerStage
-from rpo_core.files.validation import InputError, printable, shown, within
+from rpo_core.files.validation import (
+    InputError,
+    choice,
+    missing_reported,
+    near,
+    printable,
+    shown,
+    within,
+)
 from rpo_core.scenario import overrides
 from rpo_core.scenario import scenario as of_scenario
 from rpo_core.scenario.scenario import Scenario, ScenarioSet
 from rpo_core.stage import Signal, Stage
 
+Value = TypeVar('Value')
 
-class Catalogue(dict[str, str]):
-    """Name -> description of what ships; it is shown as a table."""
+
+class NameMissing(InputError, KeyError):
+    """A name that a catalogue does not have."""
+
+    __str__ = InputError.__str__  # KeyError would quote the sentence
+
+
+class Catalogue(dict[str, Value]):
+    """Name -> description, rate or number; shown as a table. An unknown name is an InputError."""
+
+    def __missing__(self, name: str) -> Value:
+        try:
+            return self[choice('name', name, self)]
+        except InputError as error:
+            raise NameMissing(error) from None
 
     def __repr__(self) -> str:
         width = max(map(len, self), default=0)
-        return '\n'.join(f'{name:{width}}  {printable(text)}' for name, text in self.items())
+        return '\n'.join(f'{name:{width}}  {printable(value)}' for name, value in self.items())
 
     def _repr_html_(self) -> str:
-        return f'<table>{html_rows(self.items())}</table>'
+        return f'<table>{html_rows((name, str(value)) for name, value in self.items())}</table>'
 
 
-def scenarios() -> Catalogue:
+Arguments = ParamSpec('Arguments')
+
+
+def proposing(function: Callable[Arguments, Value]) -> Callable[Arguments, Value]:
+    """Return a function whose error about an unknown field proposes a keyword that is near."""
+
+    @wraps(function)
+    def called(*args: Arguments.args, **keywords: Arguments.kwargs) -> Value:
+        try:
+            return function(*args, **keywords)
+        except InputError as error:
+            for key in keywords:
+                hint = near(key, inspect.signature(function).parameters)
+                if hint and f'`{key}` is not a known field' in str(error):
+                    raise InputError(f'`{key}` is neither a keyword nor a field{hint}') from None
+            raise
+
+    return called
+
+
+def scenarios() -> Catalogue[str]:
     """Return the scenarios that ship, and what each is.
 
     Returns
@@ -55,7 +98,7 @@ def scenarios() -> Catalogue:
     return Catalogue((name, text) for name, (text, _) in single)
 
 
-def controllers() -> Catalogue:
+def controllers() -> Catalogue[str]:
     """Return the controllers that ship, and what each is.
 
     Returns
@@ -72,7 +115,7 @@ def controllers() -> Catalogue:
     return Catalogue((name, text) for name, (text, _) in files.described('controller').items())
 
 
-def campaigns() -> Catalogue:
+def campaigns() -> Catalogue[str]:
     """Return the campaigns that ship, and what each flies.
 
     Returns
@@ -302,6 +345,46 @@ def controller(controller: str | Path | AnyController | Mapping[str, Any], /) ->
     """
     loaded: AnyController = controller_source(controller).subject
     return loaded
+
+
+def plot(controller: str | Path | AnyController, what: str = 'surface') -> Any:
+    """Draw how a controller decides.
+
+    Parameters
+    ----------
+    controller : str, Path or controller
+        Name, path or object, see `controller`.
+    what : str
+        `surface`: the force over position and velocity. Of a fuzzy controller also its `rules`, or
+        the membership functions of their `words`.
+
+    Returns
+    -------
+    matplotlib Figure
+        A notebook shows it; ``figure.savefig('surface.png')`` writes it.
+
+    Raises
+    ------
+    InputError
+        If the controller is none, has no rules, or matplotlib is not installed.
+
+    Examples
+    --------
+    >>> import rpo
+    >>> len(rpo.plot('allround', 'words').axes)
+    3
+    """
+    law = file_source(controller).subject
+    choice('what', what, ('surface', 'rules', 'words'))
+    with missing_reported():
+        from rpo.reports import controller as pictures
+        from rpo_log.show import style
+
+        with style.applied():
+            if what == 'surface':
+                return pictures.control_surface(law)
+            fuzzy = core.only_fuzzy(law)
+            return pictures.rules(fuzzy) if what == 'rules' else pictures.words(fuzzy)
 
 
 AnyLaw = str | Path | AnyController | Controller | Law | Mapping[str, Any]

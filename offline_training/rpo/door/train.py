@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from rpo.display import Show, progress_in_python
-from rpo.door.subjects import fields_of
+from rpo.door.subjects import fields_of, proposing
 from rpo.training import attitude_training, config, training
 from rpo.training.attitude_training import AttitudeConfig, AttitudeTraining
 from rpo.training.config import Configuration, TrainingConfig
@@ -40,7 +41,8 @@ class Training:
     Attributes
     ----------
     best : controller
-        The best: it flies, explains and exports; its provenance says how it was found.
+        The best: it flies, explains and exports; its name, description and provenance say how it
+        was found.
     configuration : Configuration
         All that determines the outcome; ``configuration.command`` repeats it.
     folder : Path or None
@@ -52,8 +54,13 @@ class Training:
         self.configuration, self.folder = run.config, run.folder
 
     @cached_property
-    def history(self) -> dict[str, Any]:
-        """Name -> array with a number for each generation.
+    def history(self) -> Any:
+        """A structured NumPy array: a row a generation, the first ones random; columns by name.
+
+        `generation`, `evaluations` (controllers so far); `best_fitness` (least so far),
+        `mean_fitness`, `fitness_spread` (standard deviation) [N²s]; of the best `best_energy_n2s`,
+        `best_misses_...` (starts that miss a condition), `best_arrival_s`; `stage` (each has a
+        fitness of its own). ``pandas.DataFrame(search.history)`` makes a table of it.
 
         Examples
         --------
@@ -61,13 +68,16 @@ class Training:
         >>> search = rpo.train('paper', generations=2, seed=4, ga__population=8)
         >>> search.history['evaluations'].tolist()
         [8, 13, 18]
+        >>> search.history[-2:]['generation'].tolist()
+        [1, 2]
         """
         rows = self.run.history
-        return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+        types = [(name, type(value)) for name, value in rows[0].items()]
+        return np.array([tuple(row.values()) for row in rows], types)
 
     @property
     def scores(self) -> tuple[float, float, float, dict[str, int]]:
-        """Fitness, mean energy [N^2 s] and arrival time [s] of the best; condition -> misses."""
+        """Fitness, mean energy [N²s] and arrival time [s] of the best; condition -> misses."""
         fitness, energy, arrival_s, misses = (self.best.provenance[n] for n in self.run.scored)
         return fitness, energy, arrival_s, misses
 
@@ -77,37 +87,13 @@ class Training:
         return not any(self.scores[3].values())
 
     def __repr__(self) -> str:
-        fitness, _, _, misses = self.scores
+        fitness, energy, _, misses = self.scores
         missed = ', '.join(f'{name} {n}' for name, n in misses.items())
         return (
             f'<Training {self.configuration.name}: {self.best.provenance["evaluations"]} '
-            f'controllers, fitness {fitness:.4g} {self.run.unit}; of {self.run.flown} miss: '
-            f'{missed}>'
+            f'controllers; the best over {self.run.flown} of {self.configuration.scenario}: '
+            f'fitness {fitness:.4g}, mean J {energy:.4g} {self.run.unit}; misses: {missed}>'
         )
-
-    def to_dataframe(self) -> Any:
-        """Return the history as a pandas DataFrame, a row a generation.
-
-        Returns
-        -------
-        pandas.DataFrame
-            Its columns are those of `history`.
-
-        Raises
-        ------
-        InputError
-            If pandas is not installed.
-
-        Examples
-        --------
-        >>> import rpo
-        >>> search = rpo.train('paper', generations=2, seed=4, ga__population=8)
-        >>> len(search.to_dataframe())
-        3
-        """
-        with missing_reported():
-            import pandas as pd
-        return pd.DataFrame(self.history).set_index('generation')
 
     def plot(self, ax: Any = None) -> Any:
         """Draw fitness and energy over the number of controllers.
@@ -148,6 +134,7 @@ class Training:
         return ax
 
 
+@proposing
 def train(
     configuration: str | Path | Configuration | None = None,
     generations: int | None = None,
@@ -201,10 +188,12 @@ def train(
     --------
     >>> import rpo
     >>> search = rpo.train('paper', generations=2, seed=4, ga__population=8)
-    >>> rpo.fly('quick', search.best).scenario.name
-    'quick'
+    >>> search.best
+    <FuzzyController paper_ga_2_generations_seed_4: Trained from paper_ga, 2 generations, seed 4.>
+    >>> rpo.fly('paper_test', search.best).metrics['energy_n2s'] > 1.0
+    True
     >>> rpo.train('pd', evaluations=20)
-    <Training pd: 20 controllers, fitness ... N^2 s; of 216 starts miss: speed 0, slew 0, ...>
+    <Training pd_seed_1: 20 controllers; the best over 216 starts of paper_training: fitness ...>
     >>> rpo.train('papr')
     Traceback (most recent call last):
         ...
@@ -214,12 +203,19 @@ def train(
     chosen = configured(configuration, str(scenario), attitude, {**changes, **fields_of(settings)})
     if generations is not None:
         chosen = _of_generations(chosen, generations)
-    path = None if folder is None else Path(folder)
+    path, preset = None if folder is None else Path(folder), chosen.name
     if path is not None and 'name' not in settings:
         chosen = named_as(path, chosen)
+    elif 'name' not in settings and not isinstance(configuration, Configuration):
+        length = f'_{generations}_generations' if generations else ''
+        chosen = config.changed(chosen, {'name': f'{preset}{length}_seed_{chosen.seed}'})
     run = SEARCHES[type(chosen)].begin(chosen, path, workers)
     with progress_in_python() as show:
-        return trained(run, show)
+        search = trained(run, show)
+    best, length = search.best, f'{search.best.provenance["generations"]} generations'
+    text = f'{best.description} Trained from {preset}, {length}, seed {chosen.seed}.'
+    search.best = replace(best, description=text.strip())
+    return search
 
 
 def trained(run: AnyRun, show: Show) -> Training:

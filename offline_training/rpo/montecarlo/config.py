@@ -42,6 +42,9 @@ from rpo_core.thrusters.thrusters import Thrusters
 
 SCHEMA = 'rpo/campaign/1'
 
+Texts = tuple[str, str, str]
+"""YAML of a campaign, of its scenario, of its controller."""
+
 SAMPLINGS = ('latin_hypercube', 'random')
 """Blocks of 1000 runs, each a Latin hypercube; or independent runs."""
 
@@ -188,14 +191,14 @@ class Campaign:
     """A configuration with its scenario and its controller.
 
     scenario : as it is flown: it requires also what `success` names beyond its file
-    texts : YAML of the configuration, of the scenario, of the controller
+    texts : the last one is empty if the controller has no file
     required : what the file of the scenario requires: name -> limit
     """
 
     config: CampaignConfig
     scenario: Scenario
     controller: AnyController
-    texts: tuple[str, str, str]
+    texts: Texts
     required: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -239,13 +242,16 @@ class Campaign:
         return {**METRICS, **self.more}
 
     @classmethod
-    def of_texts(cls, texts: tuple[str, str, str], names: tuple[str, str, str]) -> Campaign:
-        """Return the campaign of three YAML texts; an InputError names the source of its text."""
+    def of_texts(cls, texts: Texts, names: Texts, law: AnyController | None = None) -> Campaign:
+        """Return the campaign of three YAML texts; an InputError names the source of its text.
+
+        law : the controller, if it has no file; the third text is then empty
+        """
         config = files.loads(texts[0], parse, names[0])
         scenario = files.loads(texts[1], parse_scenario, names[1])
         if isinstance(scenario, ScenarioSet):
             raise InputError(f'`scenario` must be a single flight; {config.scenario} is a set')
-        controller = files.loads(texts[2], parse_controller, names[2])
+        controller = files.loads(texts[2], parse_controller, names[2]) if law is None else law
         with within(names[0]):
             required = scenario.requirements.limits if scenario.requirements else {}
             if config.success:
@@ -321,7 +327,9 @@ def _check_extremes(config: CampaignConfig, scenario: Scenario) -> None:
         def start(name: str, extreme: tuple[float, ...]) -> tuple[float, float, float]:
             found = config.dispersions.get(name)
             in_place = found is not None and found.distribution == SHELL
-            return _sum((0.0,) * 3 if in_place else getattr(scenario, name), extreme)
+            begin = (0.0,) * 3 if in_place else getattr(scenario, name)
+            x, y, z = (p + q for p, q in zip(begin, extreme, strict=True))
+            return x, y, z
 
         share, phase, frequency = (
             off(f'disturbance_{name}')[0]
@@ -337,8 +345,3 @@ def _check_extremes(config: CampaignConfig, scenario: Scenario) -> None:
                 share, phase_rad=phase, frequency_share=frequency
             ),
         )
-
-
-def _sum(a: tuple[float, ...], b: tuple[float, ...]) -> tuple[float, float, float]:
-    x, y, z = (p + q for p, q in zip(a, b, strict=True))
-    return x, y, z

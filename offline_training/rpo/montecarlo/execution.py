@@ -65,7 +65,8 @@ def fly_again(
     if results is not None:
         same = same and all(results.column(n)[number] == columns[n][0] for n in columns)
     if not same:
-        raise InputError(f'run {number}: the second flight has other bits: this is a defect')
+        cause = 'this is a defect' if campaign.texts[2] else 'its function has memory'
+        raise InputError(f'run {number}: the second flight has other bits: {cause}')
     return columns, flight
 
 

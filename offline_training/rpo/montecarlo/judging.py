@@ -8,13 +8,14 @@ they are judged by another one, that is said, and the limit of the scenario is c
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from rpo.montecarlo.config import METRICS, SHARE, Campaign, CampaignConfig
+from rpo_core.files.validation import choice
 from rpo_core.judge import verdicts
 from rpo_core.scenario.requirements import ROWS
 
@@ -69,6 +70,19 @@ def motion(names: Iterable[str]) -> list[str]:
     return [name for name in names if name not in EFFORT]
 
 
+def limits_named(names: Collection[str], limits: Collection[str]) -> list[str]:
+    """Return the limits that names mean: `MOTION`, a limit, or its first words, as `slew`.
+
+    Raises InputError if a name means none.
+    """
+    chosen = []
+    for name in [names] if isinstance(names, str) else names:
+        start = f'{name}_'.replace(' ', '_')
+        begun = [limit for limit in limits if f'{limit}_'.startswith(start)]
+        chosen += motion(limits) if name == MOTION else begun or [choice('judge', name, limits)]
+    return chosen
+
+
 def unit_of(name: str) -> str:
     """Return the unit of a limit, as tables show it."""
     return OF_ITS_OWN if name == SHARE else METRICS.get(name, ROWS[name].unit)
@@ -87,11 +101,6 @@ def in_flight(names: Iterable[str]) -> list[str]:
         return kinds[0] if kinds else len(_IN_FLIGHT)
 
     return sorted(names, key=place)
-
-
-def number(value: float, unit: str = '', form: str = '.3g') -> str:
-    """Return a number with its unit for people; infinite: what a run never did."""
-    return 'never' if np.isinf(value) else f'{value:{form}} {unit}'.rstrip()
 
 
 def never(name: str, runs: int = 1) -> str:
@@ -162,7 +171,7 @@ def of_run(campaign: Campaign, columns: Mapping[str, Any]) -> list[tuple[str, st
             (size,) = np.broadcast_to(own, 1)
             word = verdicts.HOLDS if value <= size else verdicts.MISSED
             unit = ROWS[name].unit
-            beside = number(value, unit, '.6g'), number(size, unit, '.6g')
+            beside = verdicts.number(value, unit, '.6g'), verdicts.number(size, unit, '.6g')
             rows.append((label(name, limit), *beside, word))
     return rows + [
         (label(name, campaign.required[name]), '', '', NOT_JUDGED) for name in not_judged(campaign)

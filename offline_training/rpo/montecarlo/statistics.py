@@ -14,6 +14,7 @@ from scipy.stats import binomtest
 from rpo.montecarlo import judging
 from rpo.montecarlo.config import SHARE, CampaignConfig
 from rpo.montecarlo.store import Results
+from rpo_core.judge.verdicts import number
 from rpo_core.kernels.arrays import Floats
 
 CONFIDENCE = 0.95
@@ -43,6 +44,12 @@ class Rate(NamedTuple):
     def cells(self) -> tuple[str, str, str, str]:
         """Name, runs, share and interval, as tables show them."""
         return self.name, f'{self.kept} / {self.runs}', f'{self.percent} %', f'{self.interval} %'
+
+    def __str__(self) -> str:
+        return f'{self.percent} % ({self.interval} %), {self.kept} of {self.runs} runs'
+
+    def __repr__(self) -> str:
+        return f'<Rate {self.name}: {self}>'
 
     def _shown(self, share: float) -> str:
         return f'{100 * share:.{2 if self.runs <= 10_000 else 3}f}'
@@ -117,7 +124,7 @@ def ends_m(store: Results) -> Floats:
 def cells(found: Spread) -> list[str]:
     """Return mean, quantiles and worst of a figure for people, and the run that is the worst."""
     mean = '–' if found.never else f'{found.mean:.3g}'
-    numbers = (judging.number(x) for x in (*found.quantiles, found.worst))
+    numbers = (number(x) for x in (*found.quantiles, found.worst))
     return [mean, *numbers, str(found.worst_run)]
 
 

@@ -318,7 +318,8 @@ class Prover(threading.local):
     def values(self, cell: Cell) -> tuple[Floats, Floats, Floats, Floats]:
         """Return the row of a cell, the boxes at its checkpoints, its tail and its reach."""
         t, dt, p = self.trace, self.problem.scenario.dt_s, len(self.motion.a) // 2
-        empty = self.is_empty(cell)
+        box = np.array(cell.centre), np.array(cell.half)
+        empty = self.per_axis and per_axis.is_outside(self.problem, self.group, *box)
         last, resting = (-1, -1) if empty else self.fly(cell)
         size = np.maximum(-t.low[: last + 1], t.high[: last + 1])
         judged, hold = self.windows.ticks, self.problem.hold_tick
@@ -364,14 +365,6 @@ class Prover(threading.local):
         else:
             reach[0, last + 1 :], reach[1, last + 1 :] = -np.inf, np.inf
         return reach
-
-    def is_empty(self, cell: Cell) -> bool:
-        """Whether a cell holds nothing that is asked for."""
-        if not self.per_axis:
-            return False
-        return per_axis.is_outside(
-            self.problem, self.group, np.array(cell.centre), np.array(cell.half)
-        )
 
     def prove(self, cells: list[Cell], targets: Targets | None) -> CellBounds:
         """Return the cells, halved where a target is missed, with what is known of them.

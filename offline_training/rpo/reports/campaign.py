@@ -32,7 +32,7 @@ from rpo.montecarlo.store import Store
 from rpo.reports.page import Block, File, Picture, Report, Section, Table, Text, picture, plain
 from rpo.reports.replay import Replayed
 from rpo_core.files.validation import InputError
-from rpo_core.judge.verdicts import unbounded
+from rpo_core.judge.verdicts import number, unbounded
 from rpo_core.kernels.arrays import Bools, Floats, Ints
 from rpo_core.scenario.requirements import ROWS
 from rpo_log.show import report as log_report
@@ -284,7 +284,7 @@ def _figures(store: Store, figures: list[Spread], never: list[str], success: Boo
     drawn = {words(name): store.column(name) for name in judging.figures(store.campaign)}
     heads = ('figure', 'unit', 'mean', *(f'{100 * q:g} %' for q in QUANTILES), 'worst', 'run')
     rows = tuple((s.name, plain(s.unit), *cells(s)) for s in figures)
-    medians = (f'{s.name}: median {judging.number(s.quantiles[0], plain(s.unit))}' for s in figures)
+    medians = (f'{s.name}: median {number(s.quantiles[0], plain(s.unit))}' for s in figures)
     return [
         picture('distributions', distributions(drawn, success), medians='; '.join(medians)),
         Table('Mean, quantiles and the worst run', heads, rows),
@@ -340,7 +340,7 @@ def _worst(store: Store, figures: list[Spread], success: Bools) -> list[Block]:
     rows += [
         (
             s.name,
-            judging.number(s.worst, plain(s.unit), '.4g'),
+            number(s.worst, plain(s.unit), '.4g'),
             _verdict(success, s.worst_run),
             _again(store, s.worst_run),
         )

@@ -45,7 +45,7 @@ _CONDITIONS = {
 }
 
 
-def membership_functions(controller: FuzzyController) -> Picture:
+def words(controller: FuzzyController) -> Any:
     """Return the membership functions of the three variables, in their units."""
     system, x = controller.system, np.linspace(-1.0, 1.0, 1001)
     figure, panels = style.new_panels(5.6, 3)
@@ -58,16 +58,7 @@ def membership_functions(controller: FuzzyController) -> Picture:
             axes.plot(scale * x, np.where(grades > 0.0, grades, np.nan), label=word, color=colour)
         axes.set(xlabel=name, ylabel='grade', xlim=(-scale, scale), ylim=(0.0, 1.05))
     style.legend_below(figure, panels[0])
-    words = ', '.join(f'{word} {SPOKEN[word]}' for word in WORDS)
-    position, velocity, force = controller.scales
-    return picture(
-        'membership_functions',
-        figure,
-        words=words,
-        position=position,
-        velocity=velocity,
-        force=force,
-    )
+    return figure
 
 
 def rules(controller: FuzzyController) -> Any:
@@ -97,8 +88,10 @@ def rules(controller: FuzzyController) -> Any:
     return figure
 
 
-def control_surface(controller: FuzzyController) -> Any:
-    """Return the force over position and velocity, and over position at some velocities."""
+def control_surface(controller: AnyController) -> Any:
+    """Return the force over position and velocity; of a fuzzy one also at some velocities."""
+    if not isinstance(controller, FuzzyController):
+        return axis_forces(controller)
     position, velocity, force = controller.scales
     figure, (wide, slices) = style.new_panels(4.2, 1, 2, width_ratios=(5, 4))
     image = draw_force(wide, controller, (position, velocity))
@@ -206,13 +199,16 @@ def _inside(controller: AnyController, proven: Certificate | None) -> tuple[Sect
         headings, rows = force_rows(controller.system)
         said = warnings(controller.system) or (WELL,)
         shown = picture('rules', rules(controller)), Table(FORCES, headings, tuple(rows))
+        spoken = ', '.join(f'{word} {SPOKEN[word]}' for word in WORDS)
+        scales = dict(zip(('position', 'velocity', 'force'), controller.scales, strict=True))
+        functions = picture('membership_functions', words(controller), words=spoken, **scales)
         return (
-            Section('Membership functions', (membership_functions(controller),)),
+            Section('Membership functions', (functions,)),
             Section('Rules', (*shown, *map(Text, said))),
             Section('Control surface', (picture('surface', control_surface(controller)),)),
             Section('Certificate', tuple(_certificate(controller, proven))),
         )
-    force = Section('Force', (picture('surface, of each axis', axis_forces(controller)),))
+    force = Section('Force', (picture('surface, of each axis', control_surface(controller)),))
     if not isinstance(controller, Family):
         return (force,)
     tables = tuple(Table(t.title, t.headings, tuple(t.rows)) for t in controller.tables())

@@ -89,19 +89,14 @@ def verdict_of(flight: Flight, gaps: Sequence[str] = ()) -> str:
     rest = f' No requirement bounds {names}.' if names else ''
     if missed(flight):
         bad = [verdict for verdict in judged if verdict.holds is False]
-        said = '; '.join(f'{v.statement}: {_of(v.value, v.limit, v.unit)}' for v in bad)
+        said = '; '.join(f'{v.statement}: {v.reached}' for v in bad)
         return f'{len(bad)} of {len(judged)} requirements missed. {said}.{rest}'
     few = {1: 'The requirement holds.', 2: 'Both requirements hold.'}
     said = few.get(len(judged), f'All {len(judged)} requirements hold.')
     if tight := [verdict for verdict in judged if verdict.limit > 0.0 and verdict.holds]:
         v = max(tight, key=lambda verdict: verdict.value / verdict.limit)
-        said += f' The tightest is {v.statement}: {_of(v.value, v.limit, v.unit)}.'
+        said += f' The tightest is {v.statement}: {v.reached}.'
     return said + rest
-
-
-def _of(value: float, limit: float, unit: str) -> str:
-    shown = 'never' if np.isinf(value) else f'{value:.3g}'
-    return f'{shown} of {limit:.3g} {unit}'.strip()
 
 
 def steps_again(

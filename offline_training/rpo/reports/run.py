@@ -22,7 +22,7 @@ from rpo_core.control.controller import AnyController, FuzzyController
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
 from rpo_core.judge.contact import docked_at
-from rpo_core.judge.verdicts import UNBOUNDED, ZONE_DEPTH, missed, unbounded, verdicts
+from rpo_core.judge.verdicts import UNBOUNDED, ZONE_DEPTH, missed, number, unbounded, verdicts
 from rpo_core.scenario.requirements import ARRIVAL_WINDOW_S, MAX_ARRIVAL_DISTANCE_M
 from rpo_core.world.zones import zones_of
 from rpo_log.bag import open_run
@@ -207,7 +207,7 @@ def _limits_and_path(shown: LoggedFlight, optimum: dict[str, Flight]) -> list[Bl
         if v.limit > 0.0 and np.isfinite(v.value):
             margin = f'{100.0 * (1.0 - v.value / v.limit):.0f} %'
         judged = shown.whole or (v.key == ZONE_DEPTH and not v.holds)
-        value, limit = (log_report.shown(number, v.unit) for number in (v.value, v.limit))
+        value, limit = (number(x, v.unit) for x in (v.value, v.limit))
         rows.append((v.statement, value, f'≤ {limit}', *((margin, v.word) if judged else ('', ''))))
     if rows:
         rows += [(name, '–', 'none', '–', UNBOUNDED) for name in unbounded(flight.scenario)]

@@ -24,6 +24,7 @@ from rpo_core.assurance.kernels import FAR
 from rpo_core.chain.flight import Flight
 from rpo_core.guidance.guidance import GuidanceStage
 from rpo_core.judge import metrics
+from rpo_core.judge.verdicts import number
 from rpo_core.kernels.arrays import Floats
 from rpo_core.navigation.estimator import EstimatorStage
 from rpo_core.wire.interfaces import REFERENCE_STATE
@@ -31,7 +32,6 @@ from rpo_core.world.zones import zones_of
 from rpo_log.read.run_log import RunLog
 from rpo_log.show import style
 from rpo_log.show.report import by_axis, close_up_s
-from rpo_log.show.report import shown as number
 
 EXACT = 1e-6
 """A state closer to its reference [m, m/s] is on it."""

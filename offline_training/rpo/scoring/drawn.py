@@ -47,7 +47,7 @@ HELD_OUT = -1
 UNDRAWN = -2
 """A stage without drawn flights."""
 
-WEIGHT = partial(real, unit='N^2 s', least=0.0)
+WEIGHT = partial(real, unit='N²s', least=0.0)
 SHARE_BELOW_1 = partial(real, least=0.0, below=1.0)
 """Checks of settings."""
 
@@ -58,7 +58,7 @@ _SEEDS = 1000  # between the seeds of stages and those held out
 class DrawnSettings(Checked):
     """Settings of the term.
 
-    weight : [N^2 s] of a run that misses a limit by far, over `flights`; 0 = off
+    weight : [N²s] of a run that misses a limit by far, over `flights`; 0 = off
     campaigns : shipped names or files; each adds a term
     judged : campaign of these -> the limits that its runs are judged by; otherwise all of them
     margin : share by which the limits of a run are made stricter, in [0, 1)

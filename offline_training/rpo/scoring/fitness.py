@@ -113,19 +113,19 @@ class FitnessSettings(Checked):
     error_weight : penalty of an error of position or of a late arrival, as a multiple; above 1, it
         costs more not to fly than to fly badly
     margin : share by which every limit is made stricter, in [0, 1)
-    limit_cycle, robustness, tests : weight [N^2 s] of the optional terms, 0 = off
+    limit_cycle, robustness, tests : weight [N²s] of the optional terms, 0 = off
     mass_kg : further masses whose penalties count
     between : random planar loops, and as many vertical ones, whose penalties count; 0 = off; for
         attitude, slews
-    damping : weight [N^2 s] of the mean force that drives, as a share of full output
-    falls : weight [N^2 s] of the largest falls along both errors, as a share of full output
+    damping : weight [N²s] of the mean force that drives, as a share of full output
+    falls : weight [N²s] of the largest falls along both errors, as a share of full output
     drawn : the runs of campaigns
     """
 
     PLACE = 'fitness.'
 
     penalty: Annotated[str, partial(choice, known=('flat', 'graded'))] = 'flat'
-    penalty_n2s: Annotated[float, partial(real, unit='N^2 s', above=0.0)] = PENALTY
+    penalty_n2s: Annotated[float, partial(real, unit='N²s', above=0.0)] = PENALTY
     error_weight: Annotated[float, partial(real, above=0.0)] = 1.0
     margin: Annotated[float, SHARE_BELOW_1] = 0.0
     limit_cycle: Annotated[float, WEIGHT] = 0.0
@@ -146,8 +146,8 @@ class FitnessSettings(Checked):
 class Scores(NamedTuple):
     """A population's scores.
 
-    fitness : (n,) the minimised number [N^2 s]
-    energy : (n,) mean J over the starts [N^2 s]
+    fitness : (n,) the minimised number [N²s]
+    energy : (n,) mean J over the starts [N²s]
     failures : (n, k) starts that miss each of the conditions, then drawn flights of each campaign
         that miss a limit
     arrival : (n,) mean time [s] after which every axis stays within 0.5 m, or what is required

@@ -59,7 +59,7 @@ class CmaSettings(Checked):
     evaluations : budget of all descents together
     descents : at most; the first begins at the start, each later one at the best so far, with the
         first sigma
-    tolerance : a descent ends when its best has improved by less [N^2 s] over `patience` samples
+    tolerance : a descent ends when its best has improved by less [N²s] over `patience` samples
     """
 
     PLACE = 'cmaes.'
@@ -68,7 +68,7 @@ class CmaSettings(Checked):
     sigma: Annotated[float, partial(real, above=0.0, most=1.0)] = 0.05
     evaluations: int = 30_000
     descents: Annotated[int, partial(whole, least=1)] = 4
-    tolerance: Annotated[float, partial(real, unit='N^2 s', least=0.0)] = 1e-3
+    tolerance: Annotated[float, partial(real, unit='N²s', least=0.0)] = 1e-3
     patience: Annotated[int, partial(whole, least=1)] = 3000
 
     def __post_init__(self) -> None:

@@ -3,7 +3,7 @@
 """The training of the fuzzy attitude controller: searches, genes, presets of the force controller.
 
 In a configuration the scales of position and velocity are those of attitude [rad] and rate [rad/s],
-that of force the torque [N m]. Fitness is the mean energy [mN^2 m^2 s] of the flights of
+that of force the torque [N m]. Fitness is the mean energy [mN²m²s] of the flights of
 `rpo.analysis.attitude.trained_draws`, plus a penalty for each that has not settled in time or
 overshoots; of `rpo.scoring.fitness`, the margin, and the terms `damping` and `falls`, too;
 `between` is the number of hard slews beside the others.
@@ -122,7 +122,7 @@ class AttitudeTraining(SearchRun[AttitudeConfig, FuzzyAttitude]):
     """The training of a fuzzy attitude controller."""
 
     config_type = AttitudeConfig
-    unit = 'mN^2 m^2 s'
+    unit = 'mN²m²s'
     scored = ('fitness', 'mean_energy_mn2m2s', 'mean_settling_s', 'flights_that_miss')
 
     def inputs(self) -> list[str]:

@@ -66,7 +66,7 @@ class FinalApproach(gymnasium.Env[Floats, Floats]):
     Observation (10,) float64, dimensionless: position / 100 m and velocity / 1 m/s from navigation;
     the saturated command of the tick before / maximum force; the share of the flight that is over.
 
-    Reward: -f.f dt [N^2 s] of the saturated command, and with the last one -100 for each condition
+    Reward: -f.f dt [N²s] of the saturated command, and with the last one -100 for each condition
     missed: what the scenario requires, or the paper's conditions if it requires nothing. The
     episode terminates at the end of the flight; it is never truncated.
 
@@ -75,6 +75,12 @@ class FinalApproach(gymnasium.Env[Floats, Floats]):
     scenario : shipped name, path, Scenario or ScenarioSet; of a set, each reset draws a member
     render_mode : None; 'ansi' for a line of text; 'rgb_array' for a picture of the flight so far,
         which needs matplotlib
+
+    Examples
+    --------
+    >>> import rpo
+    >>> rpo.FinalApproach('quick').reset(seed=1)[0].shape
+    (10,)
     """
 
     metadata = {'render_modes': ['ansi', 'rgb_array'], 'render_fps': 10}  # noqa: RUF012 (as Gymnasium wants it)

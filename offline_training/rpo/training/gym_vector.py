@@ -50,6 +50,12 @@ class DispersedApproach(gymnasium.vector.VectorEnv[Floats, Floats, Any]):
     num_envs : how many runs fly side by side
     campaign : shipped name or path
     ticks_per_step : an action is held for so many ticks; rewards add up
+
+    Examples
+    --------
+    >>> import rpo
+    >>> rpo.DispersedApproach(40, 'paper_test_measured').reset(seed=1)[0].shape
+    (40, 10)
     """
 
     metadata = {'autoreset_mode': AutoresetMode.NEXT_STEP}  # noqa: RUF012 (as Gymnasium wants it)
@@ -118,7 +124,7 @@ class DispersedApproach(gymnasium.vector.VectorEnv[Floats, Floats, Any]):
         return self._observations(), rewards, over, np.zeros_like(over), infos
 
     def _judged(self) -> dict[str, Any]:
-        """Return energies (n,) [N^2 s], values of what is limited, and which limits are kept."""
+        """Return energies (n,) [N²s], values of what is limited, and which limits are kept."""
         figures = known_of(self.campaign, self.stepping.case, self.stepping.landed())
         limits = self.campaign.config.limits(figures)
         kept = {name: np.asarray(value <= limit) for name, (value, limit) in limits.items()}

@@ -16,6 +16,7 @@ import sys
 import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -127,12 +128,14 @@ def named() -> str:
     return f'OpenBLAS {found[OPENBLAS]}; NumPy {found[NUMPY]}; {found[LIBM]}'
 
 
+@cache
 def warn_unless_pinned() -> None:
-    """Warn if this process computes with forms that another processor may not have."""
+    """Warn once if this process computes with forms that another processor may not have."""
     if not in_use()[PINNED]:
-        warnings.warn(
-            f'this process computes with forms that its processor chose, {named()}: the same seed '
-            'may give another controller on another processor. `rpo train` uses the forms that '
-            'every x86-64 has',
-            stacklevel=3,
+        warnings.warn_explicit(
+            f'this process computes with forms that its processor chose, {named()}: on another '
+            'processor the same seed may train another controller; `rpo train` trains the same one',
+            UserWarning,
+            'rpo.train',  # no file, so that no line of source is shown
+            lineno=0,
         )

@@ -164,7 +164,7 @@ class SearchRun(Generic[Config, Found]):
     """
 
     config_type: ClassVar[type[Configuration]]
-    unit: ClassVar[str] = 'N^2 s'
+    unit: ClassVar[str] = 'N²s'
     scored: ClassVar[tuple[str, ...]] = (
         'fitness_n2s', 'mean_energy_n2s', 'mean_arrival_s', 'starts_that_miss',
     )  # fmt: skip

@@ -23,10 +23,9 @@ from rpo_core.control.controller_file import Scaling
 from rpo_core.files.validation import InputError, quoted
 from rpo_core.judge import similarity
 from rpo_core.judge.similarity import SCALED, Units, base_of, units_of
-from rpo_core.judge.verdicts import Verdict, verdicts
+from rpo_core.judge.verdicts import Verdict, number, verdicts
 from rpo_core.scenario.scenario import Scenario, ScenarioSet
 from rpo_core.world.starts import Box, Grid, Starts
-from rpo_log.show.report import shown
 
 TIMES = (0.4, 0.55, 0.7, 0.85, 1.0, 1.25, 1.8, 3.0)
 LENGTHS = (0.4, 0.6, 1.0, 1.6, 2.5)
@@ -223,5 +222,5 @@ def _why(best: Flown, flown: list[Flown], found: Scenario | ScenarioSet) -> list
 
 
 def _said(verdict: Verdict) -> str:
-    value, limit = (shown(number, verdict.unit) for number in (verdict.value, verdict.limit))
+    value, limit = (number(x, verdict.unit) for x in (verdict.value, verdict.limit))
     return f'{verdict.statement} is {value} (limit {limit})'

@@ -73,7 +73,7 @@ class RaceSettings(Checked):
     entrants : tables in a round that get a descent over feet and scales
     population, sigma, evaluations : of each such descent
     last : evaluations of the descent over all genes after the last round; 0: as those before
-    gain : the race ends after a round that gains less [N^2 s]
+    gain : the race ends after a round that gains less [N²s]
     scan : scales between the bounds that are tried first with the start, each with each; 0: none
     stages : whether each round draws its flights anew, and held-out flights decide at the end
     """
@@ -86,7 +86,7 @@ class RaceSettings(Checked):
     sigma: Annotated[float, partial(real, above=0.0, most=1.0)] = 0.05
     evaluations: int = 2000
     last: Annotated[int, partial(whole, least=0)] = 0
-    gain: Annotated[float, partial(real, unit='N^2 s', least=0.0)] = 0.01
+    gain: Annotated[float, partial(real, unit='N²s', least=0.0)] = 0.01
     scan: Annotated[int, partial(whole, least=0, most=100)] = 0
     stages: Annotated[bool, flag] = False
 
@@ -145,7 +145,7 @@ class TableRace(Search):
             yield from self._run_descent(self.descent, self.best.genes)
             yield from self._enter_tables(number)
             if before - self.best.value < own.gain:
-                reason = f'round {number} gained less than {own.gain:g} N^2 s'
+                reason = f'round {number} gained less than {own.gain:g} N²s'
                 break
         else:
             yield from self._draw(own.rounds + 1)

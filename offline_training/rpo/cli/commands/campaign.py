@@ -51,7 +51,11 @@ def campaign(
     from rpo.montecarlo.store import Store
 
     own = {name: n for name, n in {'runs': runs, 'seed': seed}.items() if n is not None}
-    shared.refuse_workers_of_a_scheduler(workers, cluster)
+    if workers and cluster not in ('', 'local'):
+        raise InputError(
+            '`--workers` goes with threads or `--cluster local`; '
+            f'the scheduler {cluster} has workers of its own'
+        )
     if resume is not None:
         shared.refuse_beside(context, 'resume', 'workers', 'cluster', 'least', 'no_fail')
         end(_fly(Store.open(resume), workers, cluster, least), no_fail)
@@ -162,13 +166,14 @@ def _show_run(chosen: Definition, store: Store | None, number: int) -> None:
     from rpo.montecarlo import judging
     from rpo.montecarlo.config import METRICS
     from rpo.montecarlo.execution import fly_again
+    from rpo_core.judge import verdicts
 
     if number >= chosen.config.runs:
         raise InputError(f'`--run` must be at most {chosen.config.runs - 1}; got {number}')
     columns, _ = fly_again(chosen, number, store)
     asked = judging.figures(chosen)
     rows = [
-        (name, judging.number(value, chosen.metrics.get(name, ''), '.6g'))
+        (name, verdicts.number(value, chosen.metrics.get(name, ''), '.6g'))
         for name, (value,) in columns.items()
         if name not in METRICS or name in asked
     ]

@@ -93,7 +93,7 @@ def judge_by(controller: AnyController, name: str, found: Scenario | ScenarioSet
     with progress() as show:
         judged = judge(controller, found, show)
     print_table(HEADINGS, rows_of(judged), f'{name}: requirements of {found.name}')
-    typer.echo(f'mean J {judged.mean_energy_n2s:.4f} N^2 s, {judged.judgements[0].flights} flights')
+    typer.echo(f'mean J {judged.mean_energy_n2s:.4f} N²s, {judged.judgements[0].flights} flights')
     return any(j.missed for j in judged.judgements)
 
 
@@ -164,7 +164,7 @@ def _print_targets(found: Assessment) -> bool:
     farthest = found.metrics[-1, ENERGY]
     typer.echo(
         f'{QUESTIONS}\n{found.verdict()}.\n'
-        f'mean J {found.mean_energy_n2s:.4f} N^2 s = {found.mean_energy_n2s / least:.2f} x the '
+        f'mean J {found.mean_energy_n2s:.4f} N²s = {found.mean_energy_n2s / least:.2f} x the '
         f'least to rest in 200 s without conditions ({least:.3f}); from [100, 100, 100] m '
         f'{farthest:.3f} = {farthest / found.least[-1]:.2f} x\n'
         f'worst start: speed {worst[ARRIVAL_SPEED]:.4f} m/s, slew {worst[SLEW]:.4f} N/s, '

@@ -131,7 +131,8 @@ def scale(
         failed = judge_by(law, law.name, mission)
     else:
         flight = flown(mission, law, {})
-        report.print_table(flight, f'{mission.name}, controller {law.name}')
+        title = f'{mission.name}, controller {law.name}'
+        print_table(report.COLUMNS, report.table(flight), title)
         failed = not flight.ok
     for sentence in search.why:
         echo(f'Why: {sentence}.')

@@ -63,12 +63,12 @@ def plan(
         peak_n = max(abs(f) for force in flown.forces[begin:end] for f in force)
         numbers = f'{begin * dt_s:.1f}', f'{(end - 1) * dt_s:.1f}', f'{energy_n2s(begin, end):.4f}'
         rows.append((change.phase, *numbers, f'{near_m:.2f}', f'{peak_n:.3f}', change.reason))
-    headings = ('phase', 'begins, s', 'ends, s', 'J, N^2 s', 'range, m', '|f|, N', 'why')
+    headings = ('phase', 'begins, s', 'ends, s', 'J, N²s', 'range, m', '|f|, N', 'why')
     print_table(headings, rows, f'Plan of {chosen.name}')
     over = len(flown.changes) > len(settings.legs)
     ticks = flown.changes[len(settings.legs)].tick if over else chosen.ticks
     energy = energy_n2s(0, ticks)
-    typer.echo(f'The legs take {ticks * dt_s:.1f} s and {energy:.4f} N^2 s')
+    typer.echo(f'The legs take {ticks * dt_s:.1f} s and {energy:.4f} N²s')
     if chosen.target is not None and any(map(settings.turns, range(len(settings.legs)))):
         rate, far_m, fast_m_s = most_turn(settings, chosen)
         typer.echo(
@@ -99,7 +99,7 @@ def _entered(settings: Guidance, scenario: Scenario, path: Path) -> tuple[Guidan
         why = 'chosen' if e is found[0] else 'least delta-v' if e is cheapest else ''
         rows.append((f'{e.leg.duration_s:g}', corridor, line, *spent, why))
     headings = (
-        'transfer, s', 'corridor, s', 'line, m/s', 'ends, s', 'J, N^2 s', 'delta-v, m/s', '',
+        'transfer, s', 'corridor, s', 'line, m/s', 'ends, s', 'J, N²s', 'delta-v, m/s', '',
     )  # fmt: skip
     print_table(headings, rows, f'{len(found)} moments of entry, by energy')
     chosen, duration_s = found[0].settings, scenario.duration_s
@@ -174,7 +174,7 @@ def _of_start(scenario: Scenario, controller: str | None) -> None:
         ratio = f'{f.energy_n2s / best:.3f}'
         rows.append((name, f'{f.energy_n2s:.4f}', ratio, *(f'{x:.4f}' for x in others)))
     title = f'Least energy from [{position}] m in {scenario.duration_s:g} s'
-    headings = ('', 'J, N^2 s', '/ best', 'v, m/s', 'r, m', 'slew, N/s', '|f|, N')
+    headings = ('', 'J, N²s', '/ best', 'v, m/s', 'r, m', 'slew, N/s', '|f|, N')
     print_table(headings, rows, title)
     typer.echo('v, r: mean norms over the last 30 s. To rest: at the origin, without limits.')
 
@@ -197,6 +197,6 @@ def _of_set(starts: ScenarioSet) -> None:
     }
     for name, energies in lines.items():
         typer.echo(
-            f'{name:22s} mean J {energies.mean():.4f} N^2 s of {len(energies)} starts '
+            f'{name:22s} mean J {energies.mean():.4f} N²s of {len(energies)} starts '
             f'({energies.min():.4f} to {energies.max():.4f})'
         )

@@ -11,7 +11,7 @@ import typer
 from typer import Argument, Option
 
 from rpo.cli.commands.shared import NoFail, echo, end
-from rpo.display import plain_console
+from rpo.display import plain_console, print_table
 from rpo_core.files.validation import printable
 
 
@@ -49,13 +49,13 @@ def report(
     from rpo.door.evidence import reported
     from rpo.reports.page import subject_of
     from rpo_log.errors import ExitCode
-    from rpo_log.show.report import print_table
+    from rpo_log.show.report import COLUMNS, table
 
     doing = Text(printable(f'{targets[0]}: reporting this {subject_of(targets[0])}'))
     with plain_console(stderr=True).status(doing):
         made, paths, logged = reported(targets, output, scenario)
     if len(logged) == 1 and logged[0].whole:
-        print_table(logged[0].flight, made.title)
+        print_table(COLUMNS, table(logged[0].flight), made.title)
     for target, shown in zip(targets, logged, strict=bool(logged)):
         if missing := (*shown.lacks, *shown.gaps):
             echo(f'{target}: {"; ".join(missing)}', err=True)

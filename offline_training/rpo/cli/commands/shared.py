@@ -58,15 +58,6 @@ def refuse_beside(context: typer.Context, option: str, *allowed: str) -> None:
         raise InputError(f'`--{option}` takes everything from its folder: leave out {names}')
 
 
-def refuse_workers_of_a_scheduler(workers: int, cluster: str) -> None:
-    """Raise InputError if a number of workers is given with the address of a scheduler."""
-    if workers and cluster not in ('', 'local'):
-        raise InputError(
-            '`--workers` goes with threads or `--cluster local`; '
-            f'the scheduler {cluster} has workers of its own'
-        )
-
-
 def end(missed: bool, no_fail: bool) -> None:
     """End with exit code 1 where something that the command judged is missed.
 

@@ -10,6 +10,7 @@ from typing import Annotated
 from typer import Argument, Option
 
 from rpo.cli.commands.shared import Controller, NoFail, Set, echo, end
+from rpo.display import print_table
 from rpo_core.files import DEFAULT_CONTROLLER, DEFAULT_SCENARIO
 
 
@@ -32,11 +33,13 @@ def simulate(
     from rpo_core.judge import similarity
     from rpo_core.scenario import overrides
     from rpo_core.wire.interfaces import CHASER_ATTITUDE
-    from rpo_log.show.report import print_table
+    from rpo_log.show import report
 
     changes = changes or []
     flight = flown(scenario, controller, overrides.read(changes))
-    print_table(flight, f'{flight.scenario.name}, controller {controller}')
+    print_table(
+        report.COLUMNS, report.table(flight), f'{flight.scenario.name}, controller {controller}'
+    )
     again = similarity.command(controller, scenario, changes)
     attitudes = flight.signals.get(CHASER_ATTITUDE)
     fast = '' if attitudes is None else pointing.too_fast(attitudes, flight.scenario.dt_s)

@@ -208,7 +208,7 @@ class Plant:
         where = 'target' if self.scenario.goal is None else 'goal'
         return (
             f'{norm(*error[:3]):.3g} m from the {where} and '
-            f'{norm(*error[3:]):.3g} m/s (norms), J = {self.figures()["energy_n2s"]:.4g} N^2 s'
+            f'{norm(*error[3:]):.3g} m/s (norms), J = {self.figures()["energy_n2s"]:.4g} N²s'
         )
 
     def figures(self) -> dict[str, float | int]:

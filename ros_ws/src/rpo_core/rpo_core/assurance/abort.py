@@ -16,10 +16,7 @@ from math import pi
 from typing import Annotated, Any, NamedTuple
 
 from rpo_core.assurance import manoeuvre
-from rpo_core.assurance.guard import Proof
-from rpo_core.assurance.kernels import APPROACH, Guard, closing, in_corridor, speed_limit
-from rpo_core.assurance.manoeuvre import PathModel, holding, reached, retreating, towards
-from rpo_core.assurance.settings import (
+from rpo_core.assurance.abort_table import (
     ABORT,
     DRIFT,
     HOLD,
@@ -30,6 +27,9 @@ from rpo_core.assurance.settings import (
     AbortTable,
     Row,
 )
+from rpo_core.assurance.guard import Proof
+from rpo_core.assurance.kernels import APPROACH, Guard, closing, in_corridor, speed_limit
+from rpo_core.assurance.manoeuvre import PathModel, holding, reached, retreating, towards
 from rpo_core.attitude.attitude_kernels import moving_with, seen_from, to_lvlh
 from rpo_core.attitude.chaser import times
 from rpo_core.kernels.arithmetic import State, Vector, norm

@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from rpo_core.assurance import abort, filters, kernels
 from rpo_core.assurance.abort import AbortMachine, Table, Watch
+from rpo_core.assurance.abort_table import check_table
 from rpo_core.assurance.assumed import ahead, compared, known, short_tank, upwards
 from rpo_core.assurance.doubt import Doubt, doubt_of, doubted, unless_unsure, unless_unsure_turning
 from rpo_core.assurance.guard import proof_of
 from rpo_core.assurance.kernels import APPROACH, CONTACT, OPEN, Guard
-from rpo_core.assurance.settings import Assurance, check_table
+from rpo_core.assurance.settings import Assurance
 from rpo_core.assurance.working import values_that_work
 from rpo_core.attitude.attitude_kernels import Frame, seen_from
 from rpo_core.attitude.target import known_motion

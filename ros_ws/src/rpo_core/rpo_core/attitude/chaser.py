@@ -34,6 +34,7 @@ from rpo_core.attitude.target import (
     body_of,
     check_turning,
     inertia,
+    product,
     quaternion,
 )
 from rpo_core.files.codec import unless_default
@@ -86,17 +87,8 @@ def turn_back(v: Vector, q: Quaternion) -> Vector:
     return turn(v, (-q[0], -q[1], -q[2], q[3]))
 
 
-@inlined
-def times(p: Quaternion, q: Quaternion) -> Quaternion:
-    """Return the attitude q, then p."""
-    a, b, c, d = p
-    x, y, z, w = q
-    return (
-        d * x + w * a + b * z - c * y,
-        d * y + w * b + c * x - a * z,
-        d * z + w * c + a * y - b * x,
-        d * w - a * x - b * y - c * z,
-    )
+times = inlined(product)
+"""The attitude q, then p: `product` for kernels."""
 
 
 @inlined

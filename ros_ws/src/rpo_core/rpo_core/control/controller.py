@@ -120,8 +120,13 @@ class FuzzyController(ControllerBase):
     --------
     >>> import rpo
     >>> law = rpo.controller('allround')
-    >>> law.system.rules.words[2]  # the velocity error is Z; columns: the position error LN ... LP
-    ('SN', 'SN', 'Z', 'SP', 'SP')
+    >>> law.rules
+    position error      LN  SN   Z  SP  LP
+    velocity error LN   LN  LN  SN  SN   Z
+    velocity error SN   LN  LN  SN   Z  SP
+    velocity error Z    SN  SN   Z  SP  SP
+    velocity error SP   SN   Z  SP  LP  LP
+    velocity error LP    Z  SP  SP  LP  LP
     """
 
     kind: ClassVar[str] = FUZZY
@@ -134,6 +139,14 @@ class FuzzyController(ControllerBase):
     force_scale_n: Annotated[float, partial(_scale, unit='N')]
     description: Description = field(default='', compare=False)
     provenance: Provenance = field(default_factory=dict, compare=False)
+
+    def __str__(self) -> str:
+        return f'{self!r}\n{self.rules}'
+
+    @property
+    def rules(self) -> RuleTable:
+        """Its 25 rules, which print as a table: the words of the force."""
+        return self.system.rules
 
     @property
     def scales(self) -> tuple[float, float, float]:
@@ -154,11 +167,12 @@ class FuzzyController(ControllerBase):
         """Return the controller as a stage of the chain; it fits ticks of any length."""
         return FuzzyStage(self)
 
-    def with_rule(self, *, position: str, velocity: str, force: str) -> FuzzyController:
+    def with_rule(self, position: str, velocity: str, force: str) -> FuzzyController:
         """Return the controller with one rule of its table changed.
 
         Words are LN, SN, Z, SP, LP: large negative, small negative, zero, small positive, large
-        positive.
+        positive. The other 24 rules stay: to keep an odd table odd, change the mirrored rule too,
+        that of the opposite words, to the opposite force.
 
         Parameters
         ----------
@@ -184,8 +198,10 @@ class FuzzyController(ControllerBase):
         >>> law = rpo.controller('allround').with_rule(position='SP', velocity='Z', force='LP')
         >>> law
         <FuzzyController allround (changed): position SP, velocity Z: force LP>
-        >>> rpo.fly('quick', law).ok
+        >>> rpo.fly('paper_test', law).ok
         True
+        >>> law.rules.is_odd, law.with_rule('SN', 'Z', 'LN').rules.is_odd
+        (False, True)
         """
         words = {'position': position, 'velocity': velocity, 'force': force}
         column, row, code = (WORDS.index(choice(n, word, WORDS)) for n, word in words.items())

@@ -258,7 +258,7 @@ class ControllerBase(Checked):
         ticks = np.full(len(rows), round(t / clock_s) if clock_s else 0)
         return stage.steps(ticks, rows)[0].reshape(*states.shape[:-1], 3)
 
-    def with_rule(self, *, position: str, velocity: str, force: str) -> Any:
+    def with_rule(self, position: str, velocity: str, force: str) -> Any:
         """Return the controller with another rule: see `FuzzyController.with_rule`."""
         raise InputError(self._without_rules())
 

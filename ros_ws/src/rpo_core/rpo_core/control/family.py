@@ -106,7 +106,7 @@ class Family(Baseline):
         stages
     drawn : campaigns whose flights a training draws
     masses_kg : further masses with which it flies the starts
-    tests : weight of the limits of the paper's test [N^2 s]
+    tests : weight of the limits of the paper's test [N²s]
     """
 
     effort: ClassVar[tuple[int, int, int]] = (300, 80, 3)

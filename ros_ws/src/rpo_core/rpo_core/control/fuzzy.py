@@ -65,7 +65,7 @@ class MembershipFunctions(Checked):
         return np.array(table).reshape(*points.shape, 5)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class RuleTable:
     """The 5 x 5 rule table; `words[row][column]`, row = velocity error, column = position error."""
 
@@ -79,6 +79,11 @@ class RuleTable:
             for column, word in zip(WORDS, row, strict=True):
                 choice(f'rules.{name}[{column}]', word, WORDS)
         store(self, words=rows)
+
+    def __repr__(self) -> str:
+        names = 'position error', *(f'velocity error {word}' for word in WORDS)
+        rows = zip(names, (WORDS, *self.words), strict=True)
+        return '\n'.join('{:18}{:>4}{:>4}{:>4}{:>4}{:>4}'.format(name, *row) for name, row in rows)
 
     @cached_property
     def codes(self) -> NDArray[np.int64]:

@@ -34,34 +34,29 @@ PENALTY = 100.0
 CLAIM_WINDOW_S = 200.0
 CLAIM_POSITION_M, CLAIM_VELOCITY_M_S = 0.5, 0.01
 
-UNITS = {
-    'energy_n2s': 'N^2 s',
-    'mean_speed_norm_m_s': 'm/s',
-    'slew_per_axis_n_s': 'N/s',
-    'mean_error_norm_m': 'm',
-    'hold_error_per_axis_m': 'm',
-    'hold_speed_per_axis_m_s': 'm/s',
-    'hold_force_per_axis_n': 'N',
-    'arrival_time_s': 's',
-    'delta_v_axis_sum_m_s': 'm/s',
-    'hold_speed_bound_m_s': 'm/s',
-    'hold_error_bound_m': 'm',
+METRICS = {
+    'energy_n2s': ('N^2 s', 'J: integral of f.f dt over the applied forces f'),
+    'mean_speed_norm_m_s': ('m/s', 'mean norm of the velocity, in the mean window'),
+    'slew_per_axis_n_s': ('N/s', 'largest |f_k - f_(k-1)| / dt of an axis, f saturated commands'),
+    'mean_error_norm_m': ('m', 'mean norm of the position error, in the mean window'),
+    'hold_error_per_axis_m': ('m', 'largest position error of an axis, in the late window'),
+    'hold_speed_per_axis_m_s': ('m/s', 'largest speed of an axis, in the late window'),
+    'hold_force_per_axis_n': ('N', 'largest applied force of an axis, in the late window'),
+    'arrival_time_s': ('s', 'after it every axis stays within 0.5 m of the goal'),
+    'delta_v_axis_sum_m_s': ('m/s', 'integral of |f_x| + |f_y| + |f_z| over the mass'),
+    'hold_speed_bound_m_s': ('m/s', "norm of the axes' largest speeds, in the late window"),
+    'hold_error_bound_m': ('m', "norm of the axes' largest errors, in the late window"),
 }
-"""Metric -> unit, in the order of a row; the smaller, the better. A requirement has the same name.
+"""Metric -> unit, and what it is, in the order of a row; the smaller, the better.
 
-- energy: J = integral of f.f dt over the forces applied;
-- mean speed, error: mean norms of velocity, position over the last 30 s of the judged flight, or
-  the `mean_window_s` that the scenario requires;
-- slew: largest |f_k - f_(k-1)| / dt of an axis, f the saturated command that acts at tick k; the
-  step from rest to the first command that acts is not counted (`first_slew_tick`);
-- hold error, speed, force: largest absolute value of any axis in the late window: the last 200 s,
-  or from the `hold_from_s` that the scenario requires;
-- arrival time: after it every axis stays within 0.5 m, as far as the judged flight goes; the
-  search of a controller takes the error that its scenario requires (`Windows.arrival_m`);
-- delta-v: integral of |f_x| + |f_y| + |f_z| over the mass;
-- hold speed, error, bound: norm of the axes' largest |velocity|, |position|; never less than the
-  largest norm.
+A requirement has the same name. The mean window is the last 30 s of the judged flight, or the
+`mean_window_s` that the scenario requires; the late window the last 200 s, or from the
+`hold_from_s` that it requires. The step from rest to the first command that acts is no slew
+(`first_slew_tick`). The search of a controller takes the arrival error that its scenario requires
+(`Windows.arrival_m`). A bound is never less than the largest norm.
 """
+
+UNITS = {name: unit for name, (unit, _) in METRICS.items()}
 
 (
     ENERGY,

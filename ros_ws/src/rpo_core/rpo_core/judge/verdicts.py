@@ -35,6 +35,13 @@ ZONE_DEPTH = 'zone_depth_m'
 """Key of the verdicts about keep-out zones, one for each zone."""
 
 
+def number(value: float, unit: str = '', form: str = '.3g') -> str:
+    """Return a value with its unit, for people; infinite: it never happens."""
+    if math.isinf(value):
+        return 'never'
+    return '–' if math.isnan(value) else f'{value:{form}} {unit}'.strip()
+
+
 class Verdict(NamedTuple):
     """A requirement beside the value of a flight.
 
@@ -74,9 +81,13 @@ class Verdict(NamedTuple):
         """The verdict as it is shown."""
         return {True: HOLDS, False: MISSED, None: NOT_JUDGED}[self.holds]
 
+    @property
+    def reached(self) -> str:
+        """The value and the limit, in words."""
+        return f'{number(self.value)} of {number(self.limit, self.unit)}'
+
     def __repr__(self) -> str:
-        limit = f'{self.limit:.3g} {self.unit}'.strip()
-        return f'<{self.statement}: {self.value:.3g} of {limit}, {self.word}>'
+        return f'<{self.statement}: {self.reached}, {self.word}>'
 
 
 def verdicts(flight: Flight) -> list[Verdict]:
@@ -175,7 +186,7 @@ def _values(flight: Flight, required: Requirements) -> dict[str, float]:
     row = metrics.row_of(flight).tolist()
     if not math.isfinite(row[metrics.ENERGY]):
         return dict.fromkeys(ROWS, math.inf)  # not a number in flight: nothing is kept
-    late = _late(flight)
+    late = slice((metrics.hold_tick(flight.scenario) or 0) + 1, None)
     errors, speeds = flight.errors[late, :3], flight.velocities_m_s[late]
     flown = len(errors) > 0
     touched = contact.judged(flight.errors, required, flight.scenario.goal_position_m)
@@ -223,11 +234,6 @@ def _turned(flight: Flight, required: Requirements) -> dict[str, float]:
 def _spent(flight: Flight) -> dict[str, float]:
     """Return what the thrusters spent; it takes a pass over the flight."""
     return dict(zip(THRUST, map(float, flight.thrust[2:]), strict=True))
-
-
-def _late(flight: Flight) -> slice:
-    """Return the states after `hold_from_s`."""
-    return slice((metrics.hold_tick(flight.scenario) or 0) + 1, None)
 
 
 def _per_axis(vectors: Floats) -> float:

@@ -2,13 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a run shows a person: its metrics beside what is required, and the three time histories.
 
-The table is drawn by rich and the picture by matplotlib; neither is needed to fly.
+The picture is drawn by matplotlib, which is not needed to fly.
 """
 
 from __future__ import annotations
 
 import importlib.util
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ from rpo_core.chain.flight import Flight
 from rpo_core.files.validation import InputError, printable
 from rpo_core.judge import metrics
 from rpo_core.judge.similarity import hint
-from rpo_core.judge.verdicts import UNBOUNDED, missed, unbounded, verdicts
+from rpo_core.judge.verdicts import UNBOUNDED, missed, number, unbounded, verdicts
 from rpo_core.scenario.scenario import Scenario
 from rpo_log.bag import open_run
 from rpo_log.format.run import CONTROLLER, REPORT
@@ -46,7 +45,9 @@ def show(run: Path, scale: str = '') -> tuple[Path | None, bool]:
     """
     log = read_run(open_run(run))
     flight, title = flight_of(log), title_of(log)
-    print_table(flight, title)
+    print(printable(title))
+    for name, value, limit, verdict in table(flight):
+        print(printable(f' {name:<42}{value:>16}{limit:>16}  {verdict}'))
     if scale and (line := hint(flight, controller_of(log), scale)):
         print(printable(line))
     return draw(flight, folder_of(run), title), missed(flight)
@@ -71,48 +72,25 @@ def rows(flight: Flight) -> dict[str, list[TableLine]]:
     judged = {verdict.statement for verdict in required}
     title = f'requirements of {flight.scenario.name}' if required else NO_REQUIREMENTS
     others = [
-        (statement, shown(value, unit), '', '')
+        (statement, number(value, unit), '', '')
         for statement, unit, value in metrics.others_of(flight)
         if statement not in judged
     ]
     names = unbounded(flight.scenario) if required else []
     rest = [(name, '–', 'none', UNBOUNDED) for name in names]
     judged_rows = [
-        (v.statement, shown(v.value, v.unit), f'≤ {shown(v.limit, v.unit)}', v.word)
+        (v.statement, number(v.value, v.unit), f'≤ {number(v.limit, v.unit)}', v.word)
         for v in required
     ]
     return {title: judged_rows + rest, METRICS: others}
 
 
-def shown(value: float, unit: str) -> str:
-    """Return a value with its unit, as the table has it; infinite: it never happens."""
-    if math.isinf(value):
-        return 'never'
-    return '–' if math.isnan(value) else f'{value:.3g} {unit}'.strip()
-
-
-def print_table(flight: Flight, title: str) -> None:
-    """Print the metrics as a table; in plain text where rich is not installed."""
-    sections = rows(flight)
-    if importlib.util.find_spec('rich') is None:
-        print(printable(title))
-        for section, lines in sections.items():
-            print(f' {section}')
-            for name, value, limit, verdict in lines:
-                print(f'  {name:<40}{value:>16}{limit:>16}  {verdict}')
-        return
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(*COLUMNS, title=Text(printable(title)), title_justify='left')
-    for section, lines in sections.items():
-        table.add_row(Text(section, 'bold'))  # not markup: a name may hold `[/]`
-        for name, value, limit, verdict in lines:
-            colour = {'holds': 'green', 'MISSED': 'bold red'}.get(verdict, '')
-            table.add_row(Text(f'  {name}'), Text(value), Text(limit), Text(verdict, colour))
-        table.add_section()
-    Console(highlight=False).print(table)
+def table(flight: Flight) -> list[TableLine]:
+    """Return the sections of `rows` in one table, each below its title; see `COLUMNS`."""
+    lines = []
+    for title, section in rows(flight).items():
+        lines += [(title, '', '', ''), *((f'  {row[0]}', *row[1:]) for row in section)]
+    return lines
 
 
 def draw(flight: Flight, folder: Path, title: str) -> Path | None:

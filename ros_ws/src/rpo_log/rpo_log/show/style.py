@@ -107,7 +107,9 @@ def log_scale(axes: Any, *, x: bool = False, y: bool = True) -> None:
     """
     from matplotlib.ticker import LogFormatter
 
-    class Plain(LogFormatter):  # which ticks have a label, it knows
+    class Plain(LogFormatter):
+        """Plain numbers; its base knows which ticks have a label."""
+
         def __call__(self, x: float, pos: int | None = None) -> str:
             return f'{x:g}' if super().__call__(x, pos) else ''
 

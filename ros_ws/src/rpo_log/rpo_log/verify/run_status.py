@@ -49,7 +49,7 @@ class Statuses:
         self._foreign = foreign
         self._phases: list[str] = []
         self._said = hashlib.sha256()
-        # squares per axis [N^2], energy [N^2 s], saturated ticks; NaN from an unknown on
+        # squares per axis [N^2], energy [N²s], saturated ticks; NaN from an unknown on
         self._spent = np.zeros(5)
         self._next = 0  # tick from which they are known
         # of the last two blocks: ticks, states, and what was spent before each tick

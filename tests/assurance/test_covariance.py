@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rpo_core.assurance.abort_table import AbortTable, Row
 from rpo_core.assurance.assumed import ahead
 from rpo_core.assurance.assurance import AssuranceStage
 from rpo_core.assurance.doubt import DOUBT, doubt_at, doubt_of, doubted, unless_unsure
@@ -18,7 +19,7 @@ from rpo_core.assurance.filters import backup, margins
 from rpo_core.assurance.guard import guard_of, proof_of
 from rpo_core.assurance.kernels import APPROACH, OPEN
 from rpo_core.assurance.manoeuvre import RETREAT_M_S
-from rpo_core.assurance.settings import AbortTable, Assurance, Passage, Row
+from rpo_core.assurance.settings import Assurance, Passage
 from rpo_core.chain.chain import Chain
 from rpo_core.control.controller import load_controller
 from rpo_core.kernels.jit import as_table

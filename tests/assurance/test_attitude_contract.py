@@ -13,9 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from rpo_core.assurance.abort_table import AbortTable, Row
 from rpo_core.assurance.assumed import errors_of, limit_n
 from rpo_core.assurance.guard import guard_of, proof_of
-from rpo_core.assurance.settings import AbortTable, Assurance, Row
+from rpo_core.assurance.settings import Assurance
 from rpo_core.attitude.chaser import Chaser, Wheels
 from rpo_core.attitude.pointing import Pointing
 from rpo_core.chain.chain import Chain

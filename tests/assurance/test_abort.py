@@ -17,9 +17,10 @@ from landing import rest_at_landing
 
 from rpo_core.assurance import manoeuvre
 from rpo_core.assurance.abort import BURN_S, HELD, Counter, Limit, Note, counted, quantity_of
+from rpo_core.assurance.abort_table import QUANTITIES, Row
 from rpo_core.assurance.kernels import speed_limit
 from rpo_core.assurance.manoeuvre import APPROACH_1_S, PASSING_M, around
-from rpo_core.assurance.settings import QUANTITIES, Assurance, Row
+from rpo_core.assurance.settings import Assurance
 from rpo_core.chain.chain import Chain
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller

@@ -21,10 +21,11 @@ from scipy.spatial.transform import Rotation
 
 from rpo.analysis import attack
 from rpo_core.assurance import filters
+from rpo_core.assurance.abort_table import AbortTable, Row
 from rpo_core.assurance.assurance import AssuranceStage
 from rpo_core.assurance.guard import _leaning, _Taken, guard_of, proof_of, swing_of
 from rpo_core.assurance.kernels import APPROACH, CONTACT, OPEN, approach_margins, open_margins
-from rpo_core.assurance.settings import AbortTable, Assurance, Passage, Row
+from rpo_core.assurance.settings import Assurance, Passage
 from rpo_core.attitude.attitude_kernels import Frame, moving_with, seen_from, to_lvlh
 from rpo_core.attitude.target import Motion, Target, motion_of
 from rpo_core.files.validation import InputError
