@@ -93,8 +93,9 @@ def _singly(campaign: Campaign, drawn: DrawnRuns) -> dict[str, Floats]:
     scenarios, keys = scenarios_of(campaign, drawn), drawn.keys.tolist()
     for scenario, (k0, k1) in zip(scenarios, keys, strict=True):
         flight = _flown(campaign, scenario, (k0, k1))
-        judged = {verdict.key: verdict.value for verdict in verdicts(flight)}
-        counted = dict(zip(metrics.UNITS, row_of(flight), strict=True))
+        row = row_of(flight)
+        judged = {verdict.key: verdict.value for verdict in verdicts(flight, row)}
+        counted = dict(zip(metrics.UNITS, row, strict=True))
         values = judged | counted | dict(zip(FINAL, flight.states[-1], strict=True))
         values['arrival_time_s'] = judged.get('arrival_time_s', values['arrival_time_s'])
         values[LEVEL] = metrics.disturbance_level_n(flight)

@@ -117,34 +117,12 @@ def depth_m(x: float, y: float, z: float, port: Port) -> float:
 
 
 @kernel
-def judge(errors: Any, port: Port) -> tuple[float, float, float]:
-    """Return closing and lateral speed [m/s] of the first contact, depth [m] in the zone before.
-
-    errors : (n, 6) position from the goal [m], velocity [m/s]
-    """
-    deepest = 0.0
-    for i in range(len(errors)):
-        e = errors[i]
-        if touches(e[0], e[1], e[2], port):
-            closing, lateral = contact_speeds(e[0], e[1], e[2], e[3], e[4], e[5], port)
-            return closing, lateral, deepest
-        depth = depth_m(e[0], e[1], e[2], port)
-        deepest = depth if depth > deepest else deepest
-    return inf, inf, deepest
-
-
-@kernel
 def first_contact(errors: Any, port: Port) -> int:
     """Return the first of errors (n, 6) that is contact; n where none is."""
     for i in range(len(errors)):
         if touches(errors[i][0], errors[i][1], errors[i][2], port):
             return i
     return len(errors)
-
-
-def judged(errors: Any, required: Requirements, goal: Vector) -> tuple[float, float, float]:
-    """Return `judge` of a flight's errors (n, 6), by what it requires."""
-    return judge(as_table(errors), port_of(required, goal))
 
 
 def caught_at(errors: Any, required: Requirements | None, goal: Vector) -> int | None:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from math import inf
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,8 +21,10 @@ from rpo_core.attitude.attitude_kernels import synchronised
 from rpo_core.attitude.pointing import contact_turn
 from rpo_core.chain.flight import Flight
 from rpo_core.judge import contact, metrics
+from rpo_core.judge.metrics import larger
+from rpo_core.kernels.arithmetic import norm
 from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.jit import as_table
+from rpo_core.kernels.jit import as_table, kernel
 from rpo_core.scenario.requirements import ATTITUDES, ROWS, THRUST, Requirements
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.wire.interfaces import ALIGNED, CHASER_ATTITUDE
@@ -90,15 +93,20 @@ class Verdict(NamedTuple):
         return f'<{self.statement}: {self.reached}, {self.word}>'
 
 
-def verdicts(flight: Flight) -> list[Verdict]:
-    """Return each requirement of the flight's scenario beside its value; none where none are."""
+def verdicts(flight: Flight, row: Floats | None = None) -> list[Verdict]:
+    """Return each requirement of the flight's scenario beside its value; none where none are.
+
+    row : its metrics (`metrics.row_of`), where they are known
+    """
     required = flight.scenario.requirements
-    judged = [] if required is None else _of_requirements(flight, required)
+    judged = []
+    if required is not None:
+        judged = _of_requirements(flight, required, metrics.row_of(flight) if row is None else row)
     return judged + _of_zones(flight)
 
 
-def _of_requirements(flight: Flight, required: Requirements) -> list[Verdict]:
-    values, judged = _values(flight, required), []
+def _of_requirements(flight: Flight, required: Requirements, counted: Floats) -> list[Verdict]:
+    values, judged = _values(flight, required, counted.tolist()), []
     for key, limit in required.limits.items():
         row = ROWS[key]
         if row.share:
@@ -182,32 +190,30 @@ def statement(key: str, required: Requirements, duration_s: float) -> str:
     )
 
 
-def _values(flight: Flight, required: Requirements) -> dict[str, float]:
-    row = metrics.row_of(flight).tolist()
+def _values(flight: Flight, required: Requirements, row: list[float]) -> dict[str, float]:
     if not math.isfinite(row[metrics.ENERGY]):
         return dict.fromkeys(ROWS, math.inf)  # not a number in flight: nothing is kept
-    late = slice((metrics.hold_tick(flight.scenario) or 0) + 1, None)
-    errors, speeds = flight.errors[late, :3], flight.velocities_m_s[late]
-    flown = len(errors) > 0
-    touched = contact.judged(flight.errors, required, flight.scenario.goal_position_m)
-    error, speed = flight.errors[-1:, :3], flight.velocities_m_s[-1:]
+    hold = metrics.hold_tick(flight.scenario) or 0
+    port = contact.port_of(required, flight.scenario.goal_position_m)
+    arrival_m, norm_m = required.arrival_error_per_axis_m, required.arrival_error_norm_m
+    within_m = norm_m or 0.0 if arrival_m is None else arrival_m
+    counts = as_table([0.0] * COUNTS)
+    _count(as_table(flight.errors), hold, within_m, int(arrival_m is not None), port, counts)
+    found = [float(value) for value in counts]
+    flown, last = hold + 1 < len(flight.errors), int(found[OUTSIDE])
+    held = found[HELD:CLOSING] if flown else [math.nan] * len(_HELD)
+    arrived = inf if last == flight.scenario.ticks else flight.scenario.time_s(last)
     return {
-        'final_error_per_axis_m': _per_axis(error),
-        'final_error_norm_m': _norm(error),
-        'final_speed_per_axis_m_s': _per_axis(speed),
-        'final_speed_norm_m_s': _norm(speed),
+        **dict(zip(_FINAL, found[:HELD], strict=True)),
         'mean_error_norm_m': row[metrics.ARRIVAL_DISTANCE],
         'mean_speed_norm_m_s': row[metrics.ARRIVAL_SPEED],
-        'hold_error_per_axis_m': _per_axis(errors),
-        'hold_error_norm_m': _norm(errors),
-        'hold_speed_per_axis_m_s': _per_axis(speeds),
-        'hold_speed_norm_m_s': _norm(speeds),
+        **dict(zip(_HELD, held, strict=True)),
         'hold_force_per_axis_n': row[metrics.LATE_FORCE] if flown else math.nan,
         'hold_force_per_disturbance': row[metrics.LATE_FORCE] if flown else math.nan,
-        'arrival_time_s': _arrival_s(flight, required),
-        'contact_closing_speed_m_s': touched[0],
-        'contact_lateral_speed_m_s': touched[1],
-        'keep_out_depth_m': touched[2],
+        'arrival_time_s': arrived,
+        'contact_closing_speed_m_s': found[CLOSING],
+        'contact_lateral_speed_m_s': found[LATERAL],
+        'keep_out_depth_m': found[DEPTH],
         'slew_per_axis_n_s': row[metrics.SLEW],
         'energy_n2s': row[metrics.ENERGY],
         'delta_v_axis_sum_m_s': row[metrics.DELTA_V],
@@ -236,28 +242,43 @@ def _spent(flight: Flight) -> dict[str, float]:
     return dict(zip(THRUST, map(float, flight.thrust[2:]), strict=True))
 
 
-def _per_axis(vectors: Floats) -> float:
-    """Return the largest absolute value of any axis of vectors (n, 3); not a number of none."""
-    return float(np.abs(vectors).max(initial=0.0)) if len(vectors) else math.nan
+_FINAL = (
+    'final_error_per_axis_m',
+    'final_error_norm_m',
+    'final_speed_per_axis_m_s',
+    'final_speed_norm_m_s',
+)
+_HELD = tuple(name.replace('final', 'hold') for name in _FINAL)
+
+HELD, CLOSING, LATERAL, DEPTH, OUTSIDE, COUNTS = 4, 8, 9, 10, 11, 12
+"""Places of what `_count` counts, after the four final values; and their number."""
 
 
-def _norms(vectors: Floats) -> Floats:
-    x, y, z = vectors.T
-    return np.asarray(np.sqrt(x * x + y * y + z * z))
+@kernel
+def _count(
+    errors: Any, hold: int, arrival_m: float, by_axis: int, port: contact.Port, counts: Any
+) -> None:
+    """Count what is required of the axes together, in `COUNTS` zeros.
 
-
-def _norm(vectors: Floats) -> float:
-    """Return the largest norm of vectors (n, 3); not a number of none."""
-    return float(_norms(vectors).max()) if len(vectors) else math.nan
-
-
-def _arrival_s(flight: Flight, required: Requirements) -> float:
-    """Return the time of the last state outside; infinite if that is the end of the flight."""
-    most_m = required.arrival_error_per_axis_m
-    if most_m is None:
-        most_m, sizes = required.arrival_error_norm_m, _norms(flight.errors[:, :3])
-    else:
-        sizes = np.abs(flight.errors[:, :3]).max(axis=1)
-    outside = np.flatnonzero(sizes > (0.0 if most_m is None else most_m))
-    last = int(outside[-1]) if outside.size else 0
-    return math.inf if last == flight.scenario.ticks else flight.scenario.time_s(last)
+    errors : (n, 6) position from the goal [m], velocity [m/s]
+    hold : tick after which the extremes are kept
+    arrival_m : error that counts as arrived, of each axis or, with `by_axis` 0, of the norm
+    """
+    touched = False
+    counts[CLOSING] = counts[LATERAL] = inf
+    for tick in range(len(errors)):
+        e = errors[tick]
+        x, y, z, vx, vy, vz = e[0], e[1], e[2], e[3], e[4], e[5]
+        counts[0], counts[1] = max(abs(x), abs(y), abs(z)), norm(x, y, z)
+        counts[2], counts[3] = max(abs(vx), abs(vy), abs(vz)), norm(vx, vy, vz)
+        if tick > hold:
+            for i in range(HELD):
+                counts[HELD + i] = larger(counts[HELD + i], counts[i])
+        if counts[1 - by_axis] > arrival_m:
+            counts[OUTSIDE] = tick
+        if not touched and contact.touches(x, y, z, port):
+            touched = True
+            speeds = contact.contact_speeds(x, y, z, vx, vy, vz, port)
+            counts[CLOSING], counts[LATERAL] = speeds
+        elif not touched:
+            counts[DEPTH] = larger(counts[DEPTH], contact.depth_m(x, y, z, port))
