@@ -347,7 +347,7 @@ class PointingStage(KernelStage):
     def answer(self, tick: int, u: Sequence[float]) -> None:
         """Write the known attitudes of the target of a block of ticks."""
         assert self._motion is not None
-        self.m.first, self.m.attitudes, self.m.frames = self._motion.block(tick)
+        self.m.first, self.m.attitudes, self.m.frames = self._motion.block_of(tick)
 
 
 def _check(settings: Pointing, scenario: Any) -> None:

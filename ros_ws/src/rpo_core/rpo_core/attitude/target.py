@@ -275,20 +275,25 @@ class Motion:
         row: Attitude = tuple(self._have(tick + 1)[tick].tolist())
         return row
 
-    def block(self, tick: int) -> tuple[int, Any, Any]:
+    def block_of(self, tick: int) -> tuple[int, Any, Any]:
         """Return the block of a tick: its first tick, attitudes (n, 7), frames (n, 15)."""
         first = tick // _BLOCK * _BLOCK
-        last = first + _BLOCK
-        return first, as_table(self._have(last)[first:last]), as_table(self.frames(last)[first:])
+        attitudes = self._have(first + _BLOCK)[first : first + _BLOCK]
+        return first, as_table(attitudes), as_table(self.block(first, _BLOCK))
 
     def frame(self, tick: int) -> Frame:
         """Return the frame at a tick."""
-        if tick < len(self._frames[False]) + _BLOCK:
-            return Frame(*self.frames(tick + 1)[tick].tolist())
-        alone = np.empty((1, FRAME))  # far ahead: those in between are not wanted
-        rows = np.ascontiguousarray(self._have(tick + 1)[tick : tick + 1])
+        return Frame(*self.block(tick, 1)[0].tolist())
+
+    def block(self, first: int, count: int) -> Floats:
+        """Return the frames (count, 15) of ticks from the first one on."""
+        end = first + count
+        if first < len(self._frames[False]) + _BLOCK:
+            return self.frames(end)[first:]
+        alone = np.empty((count, FRAME))  # far ahead: those in between are not wanted
+        rows = np.ascontiguousarray(self._have(end)[first:end])
         attitude_kernels.frames(rows, 0.0, self.body, alone)
-        return Frame(*alone[0].tolist())
+        return alone
 
     def frames(self, ticks: int, *, half: bool = False) -> Floats:
         """Return the frames (ticks, 15) of the first ticks, or half a tick later."""
@@ -393,7 +398,7 @@ class TargetStage(KernelStage):
 
     def answer(self, tick: int, u: Sequence[float]) -> None:
         """Write the block of a tick."""
-        self.m.first, self.m.attitudes, _ = self._motion.block(tick)
+        self.m.first, self.m.attitudes, _ = self._motion.block_of(tick)
 
 
 def check_turning(name: str, rate_rad_s: float, scenario: Any) -> None:

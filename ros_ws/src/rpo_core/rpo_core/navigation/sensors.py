@@ -15,7 +15,6 @@ from functools import partial
 from math import nan, pi, sqrt
 from typing import Annotated, Any
 
-from rpo_core.attitude.attitude_kernels import to_lvlh
 from rpo_core.attitude.chaser import turn_back
 from rpo_core.attitude.target import Target, motion_of
 from rpo_core.files.codec import unless_default
@@ -32,7 +31,7 @@ from rpo_core.files.validation import (
 )
 from rpo_core.kernels.arithmetic import State, Vector, sin_cos
 from rpo_core.kernels.calls import ASK
-from rpo_core.kernels.jit import inlined, kernel, step_kernel
+from rpo_core.kernels.jit import as_table, inlined, kernel, step_kernel
 from rpo_core.kernels.noise import normal_pair, philox, six_normals
 from rpo_core.kernels.vectors import pick
 from rpo_core.stage import KernelStage, Place, Section, Signal, register
@@ -662,9 +661,10 @@ class PortMotion:
 
     def block(self, tick: int) -> PortBlock:
         """Return the block of a tick."""
-        first = tick - tick % PORT_TICKS
-        ticks, frame = range(first, first + PORT_TICKS), self._motion.frame
-        return PortBlock(first, [list(to_lvlh(self._port, frame(t))) for t in ticks])
+        first, (x, y, z) = tick - tick % PORT_TICKS, self._port
+        rows = self._motion.block(first, PORT_TICKS)[:, :9].reshape(-1, 3, 3)
+        positions = rows[:, :, 0] * x + rows[:, :, 1] * y + rows[:, :, 2] * z
+        return PortBlock(first, as_table(positions))
 
 
 def first_tick(time_s: float, scenario: Any) -> int:
