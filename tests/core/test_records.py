@@ -11,7 +11,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 import pytest
 
-from rpo_core.kernels.records import Packed, rows_of
+from rpo_core.kernels.records import Packed, fields_of, rows_of
 
 
 class Place(NamedTuple):
@@ -99,3 +99,10 @@ def test_an_array_that_grows_again_and_again_is_kept_once(packed):
         packed.inner.ticks = list(range(count))
     assert len(packed._arrays) <= kept + 1
     np.testing.assert_array_equal(packed.inner.ticks, np.arange(99))
+
+
+@pytest.mark.parametrize('name', ['numbers', 'reset'])
+def test_a_field_has_no_name_that_packed_records_have(name):
+    record = type('Wrong', (), {'__annotations__': {name: 'float'}})
+    with pytest.raises(TypeError, match=f'field `{name}` of Wrong needs another name'):
+        fields_of(record)
