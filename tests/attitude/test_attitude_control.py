@@ -22,11 +22,10 @@ from rpo_core.control.attitude import (
     FuzzyAttitude,
     axis_of,
 )
-from rpo_core.control.attitude_law_kernels import LAW, attitude_torque, steer
+from rpo_core.control.attitude_law_kernels import attitude_torque, steer
 from rpo_core.control.attitude_limits import AttitudeLimits
 from rpo_core.control.controller import dumps, load_fuzzy
 from rpo_core.files.validation import InputError
-from rpo_core.kernels.jit import as_table
 from rpo_core.scenario import scenario as scenarios
 from rpo_core.scenario.scenario import load_scenario
 
@@ -61,8 +60,8 @@ def test_a_torque_is_that_of_the_matrices(seed):
     seen, wanted = attitude_of(rng), attitude_of(rng)
     before, wheels = rng.uniform(-0.05, 0.05, 3), rng.uniform(-0.1, 0.1, 3)
     free = replace(CHASER, wheels=None)
-    law = as_table(table(PD, free))
-    found = attitude_torque(seen, wanted, tuple(before), tuple(wheels), law)
+    law = table(PD, free)
+    found = attitude_torque(seen, wanted, tuple(before), tuple(wheels), *law)
     q, r = Rotation.from_quat(seen[:4]), Rotation.from_quat(wanted[:4])
     error, rate = r.inv() * q, np.array(seen[4:])
     vector = error.as_quat(canonical=True)[:3]
@@ -72,10 +71,10 @@ def test_a_torque_is_that_of_the_matrices(seed):
     expected = -J @ (0.2**2 * 2.0 * vector + 2.0 * 0.9 * 0.2 * off)
     expected += np.cross(rate, J @ rate + wheels) + J @ acceleration
     assert np.allclose(found, expected, rtol=1e-10, atol=1e-13)
-    limited = attitude_torque(seen, wanted, tuple(before), tuple(wheels), as_table(table(PD)))
+    limited = attitude_torque(seen, wanted, tuple(before), tuple(wheels), *table(PD))
     assert np.allclose(limited, np.clip(expected, -0.01, 0.01), rtol=1e-10)
-    plain = as_table(table(replace(PD, feed_forward=False), free))
-    alone = attitude_torque(seen, wanted, tuple(before), tuple(wheels), plain)
+    plain = table(replace(PD, feed_forward=False), free)
+    alone = attitude_torque(seen, wanted, tuple(before), tuple(wheels), *plain)
     assert np.allclose(alone, -J @ (0.08 * vector + 0.36 * off), rtol=1e-10, atol=1e-13)
 
 
@@ -83,7 +82,7 @@ def test_a_torque_is_that_of_the_matrices(seed):
 def test_the_force_is_turned_into_the_axes_of_the_middle_of_the_tick(seed):
     rng = np.random.default_rng(seed)
     seen, force = attitude_of(rng), rng.uniform(-1.0, 1.0, 3)
-    found, _, after = steer(tuple(force), seen, seen, seen[4:], NONE, as_table(table(PD)))
+    found, _, after = steer(tuple(force), seen, seen, seen[4:], NONE, *table(PD))
     q = Rotation.from_quat(seen[:4])
     relative = np.array(seen[4:]) - q.inv().apply([0.0, 0.0, BASE.mean_motion_rad_s])
     middle = q * Rotation.from_rotvec(relative * DT / 2.0)
@@ -94,7 +93,8 @@ def test_the_force_is_turned_into_the_axes_of_the_middle_of_the_tick(seed):
 def test_the_regulator_solves_its_riccati_equation():
     q, r = 3e-4, 0.02
     one = AttitudeLqr(name='lqr', attitude_weight=q, rate_weight=r, feed_forward=False)
-    gains = table(one)[LAW:].reshape(2, 3, 3)
+    law = table(one)[1]
+    gains = np.array([law.attitude, law.rate]).reshape(2, 3, 3)
     a, b = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])
     k = b.T @ solve_continuous_are(a, b, np.diag([q, r]), np.eye(1))
     for axis in range(3):
@@ -107,13 +107,13 @@ small = st.floats(-0.3, 0.3)
 
 @given(st.tuples(small, small, small), st.tuples(*[st.floats(-0.2, 0.2)] * 3))
 def test_a_fuzzy_torque_is_odd_bit_for_bit(turn, rate):
-    law = as_table(table(replace(FUZZY, feed_forward=False)))
+    law = table(replace(FUZZY, feed_forward=False))
     x, y, z = turn
     w = (1.0 - x * x - y * y - z * z) ** 0.5
     rest = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
-    one = attitude_torque((x, y, z, w, *rate), rest, NONE, NONE, law)
+    one = attitude_torque((x, y, z, w, *rate), rest, NONE, NONE, *law)
     p, q, r = rate
-    other = attitude_torque((-x, -y, -z, w, -p, -q, -r), rest, NONE, NONE, law)
+    other = attitude_torque((-x, -y, -z, w, -p, -q, -r), rest, NONE, NONE, *law)
     assert one == tuple(-torque for torque in other)
 
 
@@ -123,10 +123,10 @@ def test_a_slower_loop_of_a_heavier_chaser_is_similar(controller):
     seen, wanted = attitude_of(rng), attitude_of(rng)
     free = replace(CHASER, wheels=None)
     heavy = replace(free, inertia_kg_m2=(64.0 * J).tolist())
-    one = attitude_torque(seen, wanted, wanted[4:], NONE, as_table(table(controller, free)))
+    one = attitude_torque(seen, wanted, wanted[4:], NONE, *table(controller, free))
     slow = [(*a[:4], *(rate / 4.0 for rate in a[4:])) for a in (seen, wanted)]
-    law = as_table(table(controller, heavy, time_scale=4.0))
-    other = attitude_torque(*slow, slow[1][4:], NONE, law)
+    law = table(controller, heavy, time_scale=4.0)
+    other = attitude_torque(*slow, slow[1][4:], NONE, *law)
     assert other == tuple(4.0 * torque for torque in one)  # 64 / 4^2
 
 

@@ -13,11 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from rpo.engine.parts.attitude_control import limits_at
 from rpo_core.assurance.doubt import doubt_at
 from rpo_core.assurance.filters import guard_at
 from rpo_core.attitude.attitude_kernels import attitude_at, frame_at
 from rpo_core.attitude.chaser import craft_at
-from rpo_core.control.attitude_limits import limits_at
 from rpo_core.kernels import jit
 from rpo_core.kernels.arrays import contracted
 from rpo_core.kernels.jit import as_table

@@ -153,6 +153,19 @@ def test_what_turns_with_the_chaser_measures_in_its_axes(kind, looks_at):
     assert 20 < np.count_nonzero(found[:, 6] >= 0.0) < 280
 
 
+def test_the_port_is_in_its_place_in_each_block_of_ticks():
+    """Also far ahead, where a node may begin, and after a reset."""
+    unit = {'kind': 'range_bearing', 'noise_floor_m': 1e-9, 'looks_at': 'port'}
+    flown = make([unit], estimator=None, target=TUMBLE, zones={'port_m': [0.3, 1.2, -0.5]})
+    stage, motion = SensorsStage(flown.section(Sensors), flown), motion_of(flown.target, flown)
+    for tick in (0, 1, 511, 512, 5000, 90_000, 0):
+        if tick == 0:
+            stage.reset()
+        port = Rotation.from_quat(motion.attitude(tick)[:4]).apply([0.3, 1.2, -0.5])
+        found = stage.step(tick, FAR)[0]
+        np.testing.assert_allclose(found[:3], FAR[:3] - port, rtol=0.0, atol=1e-7)
+
+
 def test_a_key_that_is_not_given_is_zero():
     assert Sensors((Sensor(**LIDAR),)) == Sensors((Sensor(**LIDAR),), (0, 0))
 

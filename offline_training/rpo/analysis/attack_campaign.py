@@ -38,7 +38,7 @@ from rpo.engine.lanes import (
     make_scratch,
 )
 from rpo.engine.parts.attitude import attitude_in, vector_in
-from rpo.engine.parts.attitude_control import SHARED
+from rpo.engine.parts.attitude_control import FUZZY, SHARED
 from rpo.engine.parts.control import control_of
 from rpo.engine.simulator import fly_pairs
 from rpo.engine.support import why_not
@@ -49,7 +49,7 @@ from rpo.montecarlo.run_batch import UNIT, case_of
 from rpo.montecarlo.sampling import draw
 from rpo_core.assurance.assumed import LARGEST_NORMAL, SQRT_3, errors_of
 from rpo_core.attitude.chaser import times
-from rpo_core.control.attitude_law_kernels import FUZZY, attitude_ahead
+from rpo_core.control.attitude_law_kernels import attitude_ahead
 from rpo_core.files.validation import InputError
 from rpo_core.kernels.arithmetic import norm
 from rpo_core.kernels.arrays import Floats

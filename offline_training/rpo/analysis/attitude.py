@@ -28,7 +28,7 @@ from rpo.engine.lanes import (
     make_scratch,
 )
 from rpo.engine.parts.attitude import attitude_in, put_attitude, vector_in
-from rpo.engine.parts.attitude_control import HEAD, part_of
+from rpo.engine.parts.attitude_control import HEAD, packed, part_of
 from rpo.engine.support import kinds
 from rpo.engine.tick import COUNTED, Batch, Part, Runs, fly, table_of
 from rpo_core.attitude.attitude_kernels import synchronised
@@ -217,7 +217,7 @@ class Flights:
 
     def fly(self, settings: AttitudeControl) -> Outcome:
         """Return what a controller does with all of them."""
-        law = settings.law_of(self.base.equipped(VEHICLE))
+        law = packed(*settings.law_of(self.base.equipped(VEHICLE)))
         control = part_of(law, np.tile(law[:HEAD], (RUNS, 1)), np.zeros((3, RUNS)), self._seen)
         w, counted = make_scratch(), []
         for part in self._parts:

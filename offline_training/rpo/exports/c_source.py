@@ -148,7 +148,7 @@ class Writer:
         self.key = tuple(self.types.values())
         self._returns = self._returned(hints.get('return'))
         self._early: dict[str, str] = {}  # declarations before the first statement
-        self._copies: Counter[str] = Counter()
+        self._copies = Counter(self._all.keys())
 
     def _returned(self, hint: Type) -> Type:
         """Return the type of what it returns; of `tuple[float, ...]` by what a return has."""
@@ -494,6 +494,10 @@ class Writer:
         return False
 
     def _compare(self, node: ast.Compare) -> Expression:
+        choices = node.comparators[0]
+        if isinstance(node.ops[0], ast.In) and isinstance(choices, ast.Tuple):
+            same: list[ast.expr] = [ast.Compare(node.left, [ast.Eq()], [c]) for c in choices.elts]
+            return self._boolop(ast.BoolOp(ast.Or(), same))
         if not all(type(op) in _COMPARE for op in node.ops):
             raise self.refused(node)
         sides = [self.of(part) for part in (node.left, *node.comparators)]
@@ -569,10 +573,14 @@ class Writer:
             return Expression(text, WHOLE, record)
         if not is_kernel(called):
             raise self.refused(node)
+        defaults = plain(called).__defaults__ or ()
+        missing = plain(called).__code__.co_argcount - len(given)
+        arguments = [*node.args, *map(ast.Constant, defaults[len(defaults) - missing :])]
+        given = [self.of(argument) for argument in arguments]
         written = self._source.function(called, tuple(one.type for one in given))
         texts = (
             self._as(self.of(argument, kind), kind, node).text
-            for argument, kind in zip(node.args, written.parameters, strict=True)
+            for argument, kind in zip(arguments, written.parameters, strict=True)
         )
         return Expression(f'{written.name}({", ".join(texts)})', WHOLE, written.returns)
 

@@ -24,11 +24,11 @@ from rpo.exports.c_source import Source, number, own_name, wrapped
 from rpo.exports.formats import filled
 from rpo.exports.kernel_source import Array, Record, Type
 from rpo.montecarlo.outputs import identifier
-from rpo_core.chain.chain import Chain
+from rpo_core.chain.chain import Chain, Link
 from rpo_core.chain.driver import Driver, has_kernel
 from rpo_core.files.validation import InputError
 from rpo_core.kernels.records import Field, class_of, fields_of, values_of
-from rpo_core.stage import Stage
+from rpo_core.stage import width_of
 from rpo_core.wire.interfaces import current
 
 _OPERATORS = {ast.FloorDiv: 'rpo_floor', ast.Mod: 'rpo_modulo'}
@@ -48,8 +48,6 @@ _FUNCTIONS = {
     return (int64_t)((uint64_t)a * (uint64_t)b); /* it may wrap around */
 }""",
 }
-
-_INPUTS, _OUTPUTS = Array(float, (0,), True), Array(float, (0,), False)
 
 
 class RecordSource(Source):
@@ -215,14 +213,19 @@ class _Stage(NamedTuple):
     copies: list[str]
 
 
-def _stage(source: RecordSource, stage: Stage, chain: str, name: str) -> _Stage:
+def _stage(source: RecordSource, link: Link, chain: str, name: str) -> _Stage:
+    stage = link.stage
     if not has_kernel(stage):
         raise InputError(
             f'stage `{stage.name}` must have a kernel to be C; {type(stage).__name__} has none'
         )
     title, kernel = f'{chain}_{name}', type(stage).kernel
     settings, memory = class_of(stage.p), class_of(stage.m)
-    given = 'int', _INPUTS, Record(settings, True), Record(memory, False), _OUTPUTS
+    u, y = (
+        Array(float, (sum(width_of(current(n)) if n else 3 for n in names),), names is link.reads)
+        for names in (link.reads, stage.outputs)
+    )
+    given = 'int', u, Record(settings, True), Record(memory, False), y
     step = source.function(kernel, given, f'{title}_step')
     types = source.struct(settings, True), source.struct(memory, False)
     fixed, begun = _Values(source, True), _Values(source, False)
@@ -248,7 +251,7 @@ def files(name: str, chain: Chain, file: str) -> Files:
     for i, link in enumerate(chain.links):
         title = identifier(link.stage.name)
         title = f'{title}_{i}' if any(title == s.name for s in stages) else title
-        stages.append(_stage(source, link.stage, prefix, title))
+        stages.append(_stage(source, link, prefix, title))
     begin = [f'    {line}' for s in stages for line in s.copies]
     begin += [f'    m->{s.name} = {prefix}_{s.name}_m0;' for s in stages]
     tick = [

@@ -191,7 +191,7 @@ class _Decided(ast.NodeTransformer):
                and isinstance(part.ctx, ast.Store)}  # fmt: skip
         own |= {argument.arg for argument in node.args.args}
         numbers = {n: v for n, v in names.items() if isinstance(v, (int, float)) and n not in own}
-        self._known = {**numbers, **known, 'len': len, '__builtins__': {}}
+        self._known = {**numbers, 'COMPILED': True, **known, 'len': len, '__builtins__': {}}
         node.body = self._block(node.body)
         self.tree = node
 

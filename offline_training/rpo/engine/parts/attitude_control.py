@@ -30,32 +30,32 @@ from rpo.engine.lanes import (
 from rpo.engine.parts.attitude import attitude_in, seen_rows, vector_in
 from rpo.engine.tick import Batch, Draw, Kind, Part, register, table_of
 from rpo_core.attitude.attitude_kernels import synchronised
-from rpo_core.attitude.chaser import wheels_after
+from rpo_core.attitude.chaser import unloaded, wheels_after
 from rpo_core.control.attitude import AttitudeControl
 from rpo_core.control.attitude_law_kernels import (
-    DT,
-    FUNCTIONS,
-    FUZZY,
-    ORBIT,
-    RULES,
-    SAMPLES,
-    SCALES,
-    WHEELS,
     Errors,
+    Steering,
+    TorqueLaw,
     errors,
     force_ahead,
     limited,
     linear_torque,
-    unloaded_at,
 )
+from rpo_core.control.attitude_limits import TorqueLimits
 from rpo_core.control.inference import LANES
 from rpo_core.kernels.arithmetic import saturate
 from rpo_core.kernels.arrays import Floats
+from rpo_core.kernels.jit import inlined
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
 
-HEAD = FUZZY
-"""Numbers of a table that runs have of their own."""
+WHEELS, ORBIT, DT, ABOVE, UNLOAD, INERTIA, KEPT = 3, 4, 5, 7, 8, 9, 15
+FUZZY = HEAD = KEPT + len(TorqueLimits._fields)
+LAW = FUZZY + 1
+SCALES, FUNCTIONS, RULES, SAMPLES = LAW, LAW + 5, LAW + 15, LAW + 40
+"""Places in the table of a law: the numbers of `Steering`, which runs have of their own; whether it
+is fuzzy; its gains, or its scales, p1-p10, 25 rules, then the samples and their grades of Z, SP and
+LP."""
 
 POINTED, SEEN, HEADS, SHARED = 0, 1, 4, 4 + HEAD * RUNS
 """Places in the table: whether there is a reference; the rows of the attitude that is read; what
@@ -64,6 +64,35 @@ rate of the reference a tick earlier and the momentum of the wheels (6, 40), the
 the momentum by the torques that arrived (3, 40)."""
 
 OFF, ACTED = 6 * RUNS, 15 * RUNS
+
+
+@inlined
+def limits_at(t: Any, i: int) -> TorqueLimits:
+    """Return the limits whose numbers lie in a flat table from place i on."""
+    # fmt: off
+    return TorqueLimits(
+        t[i], t[i + 1], t[i + 2], t[i + 3], t[i + 4], t[i + 5], t[i + 6], t[i + 7], t[i + 8],
+        t[i + 9], t[i + 10], t[i + 11], t[i + 12], t[i + 13], t[i + 14], t[i + 15], t[i + 16],
+        t[i + 17], t[i + 18], t[i + 19], t[i + 20], t[i + 21],
+    )
+    # fmt: on
+
+
+@inlined
+def _steering_at(t: Any, i: int) -> Steering:
+    """Return what lies in a flat table from place i on."""
+    j = i + INERTIA
+    return Steering(
+        (t[i], t[i + 1], t[i + 2]), t[i + 3], t[i + 4], t[i + 5], t[i + 6], t[i + 7], t[i + 8],
+        (t[j], t[j + 1], t[j + 2], t[j + 3], t[j + 4], t[j + 5]), limits_at(t, i + KEPT),
+    )  # fmt: skip
+
+
+@inlined
+def _nine(t: Any, i: int) -> Any:
+    return (
+        t[i], t[i + 1], t[i + 2], t[i + 3], t[i + 4], t[i + 5], t[i + 6], t[i + 7], t[i + 8]
+    )  # fmt: skip
 
 
 @compiled
@@ -123,7 +152,10 @@ def steer(w, m, t, tick):  # type: ignore[no-untyped-def]
     for s in range(RUNS):
         y, z, i = s + RUNS, s + 2 * RUNS, HEADS + HEAD * s
         seen, e = _seen(w, t, s), _errors(m, s)
-        torque = linear_torque(e, law)
+        torque, steering = (
+            linear_torque(e, _nine(law, LAW), _nine(law, LAW + 9)),
+            _steering_at(t, i),
+        )
         if law[FUZZY] > 0.0:
             torque = (
                 law[SCALES + 2] * w[OUTPUT + s],
@@ -131,14 +163,14 @@ def steer(w, m, t, tick):  # type: ignore[no-untyped-def]
                 law[SCALES + 4] * w[OUTPUT + z],
             )
         wheels = (m[s + 3 * RUNS], m[s + 4 * RUNS], m[s + 5 * RUNS])
-        _, wheels = unloaded_at(wheels, t, i)
-        torque = limited(torque, e, seen, wheels, t, i)
+        _, wheels = unloaded(wheels, t[i + ABOVE], t[i + UNLOAD], t[i + DT])
+        torque = limited(torque, e, seen, wheels, steering)
         w[TORQUE + s], w[TORQUE + y], w[TORQUE + z] = torque
         after = wheels_after(wheels, torque, t[i + DT], t[i + WHEELS])
         m[s + 3 * RUNS], m[s + 4 * RUNS], m[s + 5 * RUNS] = after
         wanted = _wanted(w, t, s)
         m[s], m[s + RUNS], m[s + 2 * RUNS] = wanted[4], wanted[5], wanted[6]
-        force = force_ahead((w[FORCE + s], w[FORCE + y], w[FORCE + z]), seen, t, i)
+        force = force_ahead((w[FORCE + s], w[FORCE + y], w[FORCE + z]), seen, steering)
         w[FORCE + s], w[FORCE + y], w[FORCE + z] = force
 
 
@@ -147,10 +179,19 @@ def unload(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Fill row UNLOADING: what empties the wheels, by the torques that arrived."""
     for s in range(RUNS):
         i, j = HEADS + HEAD * s, ACTED + s
-        taken, wheels = unloaded_at(vector_in(m, ACTED, s), t, i)
+        acted = vector_in(m, ACTED, s)
+        taken, wheels = unloaded(acted, t[i + ABOVE], t[i + UNLOAD], t[i + DT])
         w[UNLOADING + s], w[UNLOADING + RUNS + s], w[UNLOADING + 2 * RUNS + s] = taken
         after = wheels_after(wheels, vector_in(w, TORQUE, s), t[i + DT], t[i + WHEELS])
         m[j], m[j + RUNS], m[j + 2 * RUNS] = after
+
+
+def packed(steering: Steering, law: TorqueLaw) -> Floats:
+    """Return a law as a flat table."""
+    head = *steering, law.fuzzy
+    if not law.fuzzy:
+        return table_of(*head, law.attitude, law.rate)
+    return table_of(*head, law.angle, law.speed, law.torques, *law.fis)
 
 
 def padded(law: Floats) -> Floats:
@@ -186,7 +227,7 @@ def _part(batch: Batch) -> Part | None:
     for scenario in batch.scenarios:
         chaser, settings = scenario.named('attitude'), scenario.section(AttitudeControl)
         assert settings is not None
-        tables.append(settings.law_of(scenario))
+        tables.append(packed(*settings.law_of(scenario)))
         starts.append(chaser.wheels.start_nms if chaser.wheels else (0.0, 0.0, 0.0))
     pointed = batch.base.named('pointing') is not None
     heads = batch.lanes([table[:HEAD] for table in tables]).T

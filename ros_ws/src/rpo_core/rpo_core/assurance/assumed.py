@@ -39,6 +39,7 @@ from rpo_core.world.dynamics import (
     environment_of,
     orbit_tick,
     steps_per_tick,
+    target_at,
     target_start,
 )
 
@@ -106,7 +107,8 @@ def moving_n(scenario: Any) -> float:
     steps, world = steps_per_tick(settings, scenario), environment_of(settings, scenario)
     target, (x, y, z) = target_start(settings, scenario), scenario.disturbance.force_n(0.0)
     push = (x / mass, y / mass, z / mass)
-    after, _ = orbit_tick(scenario.start, push, 1.0, target, steps, dt / steps, world)
+    begin = target_at(target, 0, dt, world)
+    after, _ = orbit_tick(scenario.start, push, 1.0, begin, steps, dt / steps, world)
     plain = cw_step(scenario.start, ZERO, scenario.step)
     return mass / dt * norm(*(a - b for a, b in zip(after[3:], plain[3:], strict=True)))
 

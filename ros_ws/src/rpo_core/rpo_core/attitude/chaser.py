@@ -40,8 +40,8 @@ from rpo_core.attitude.target import (
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import Checked, InputError, flag, optional, real, vector3
 from rpo_core.kernels.arithmetic import State, Vector, norm, saturate
-from rpo_core.kernels.jit import inlined, kernel
-from rpo_core.stage import ZERO, Place, Section, Signal, Stage, register
+from rpo_core.kernels.jit import inlined, kernel, step_kernel
+from rpo_core.stage import ZERO, KernelStage, Place, Section, register
 from rpo_core.wire import interfaces
 
 
@@ -311,20 +311,57 @@ class Chaser(Checked):
         return attitude
 
 
-@kernel
-def _tick(  # type: ignore[no-untyped-def]
-    a, wheels, force: Vector, wanted: Vector, outside: Vector, dt: float, c: Craft
-):
-    middle, end, wheels = chaser_tick(a, wheels, wanted, outside, dt, c)
-    mean, shift = turned_force(force, a, middle, end, dt, c.body.orbit)
-    return end, wheels, mean, shift
+@dataclass(slots=True)
+class Turning:
+    """Settings of the kernel `rotate`; dt_s : of a tick.
 
-
-class AttitudeStage(Stage):
-    """The chaser turns by a tick, and its thrust with it.
-
-    memory : momentum of the wheels
+    commanded, fired, unloaded : 1 where the torque of wheels, of thrusters, and that which empties
+        the wheels, are read
     """
+
+    craft: Craft
+    dt_s: float
+    commanded: int
+    fired: int
+    unloaded: int
+
+
+@dataclass(slots=True)
+class Momentum:
+    """Memory of what has wheels: their momentum."""
+
+    wheels_nms: Annotated[list[float], 3]
+
+
+@step_kernel
+def rotate(tick: int, u: Any, p: Any, m: Any, y: Any) -> None:
+    """Turn the chaser by a tick, and its thrust with it: `chaser_tick`, `turned_force`.
+
+    u : attitude (7,), force [N], then the torques that are read [N m], all of the chaser's axes
+    y : mean force (3,) [N], its shift (6,), in target LVLH; momentum of the wheels (3,) [N m s] at
+        the beginning of the tick, attitude (7,) at its end
+    """
+    attitude, force = (u[0], u[1], u[2], u[3], u[4], u[5], u[6]), (u[7], u[8], u[9])
+    wanted, outside, at = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 10
+    if p.commanded:
+        wanted, at = (u[at], u[at + 1], u[at + 2]), at + 3
+    if p.fired:
+        outside, at = (u[at], u[at + 1], u[at + 2]), at + 3
+    if p.unloaded:  # the wheels take up what empties them
+        wanted = (wanted[0] - u[at], wanted[1] - u[at + 1], wanted[2] - u[at + 2])
+    w = m.wheels_nms
+    wheels = (w[0], w[1], w[2])
+    middle, end, after = chaser_tick(attitude, wheels, wanted, outside, p.dt_s, p.craft)
+    mean, shift = turned_force(force, attitude, middle, end, p.dt_s, p.craft.body.orbit)
+    y[0], y[1], y[2] = mean
+    y[3], y[4], y[5], y[6], y[7], y[8] = shift
+    y[9], y[10], y[11] = wheels
+    y[12], y[13], y[14], y[15], y[16], y[17], y[18] = end
+    w[0], w[1], w[2] = after
+
+
+class AttitudeStage(KernelStage):
+    """The chaser turns by a tick, and its thrust with it."""
 
     name = 'attitude'
     outputs = (
@@ -335,38 +372,25 @@ class AttitudeStage(Stage):
     )
     memory_ticks = None
     counts_ticks = False
+    kernel = rotate
 
     def __init__(self, settings: Chaser, scenario: Any) -> None:
-        self._craft, self._dt_s = settings.craft(scenario.mean_motion_rad_s), scenario.dt_s
-        self._start = settings.wheels.start_nms if settings.wheels else ZERO
         steered = scenario.named('attitude_control') is not None
-        self._commanded = steered and settings.wheels is not None
-        self._fired = getattr(scenario.thrusters, 'table', None) is not None
+        commanded = steered and settings.wheels is not None
+        fired = getattr(scenario.thrusters, 'table', None) is not None
+        unloaded = scenario.named('unloading') is not None
         self.inputs = (
             interfaces.CHASER_ATTITUDE,
             interfaces.THRUST,
-            *([interfaces.BODY_TORQUE] if self._commanded else []),
-            *([interfaces.EXERTED_TORQUE] if self._fired else []),
-            *([interfaces.UNLOADING_TORQUE] if scenario.named('unloading') else []),
+            *([interfaces.BODY_TORQUE] if commanded else []),
+            *([interfaces.EXERTED_TORQUE] if fired else []),
+            *([interfaces.UNLOADING_TORQUE] if unloaded else []),
         )
-        self.reset()
-
-    def reset(self) -> None:
-        """Begin with the wheels as at tick 0."""
-        self._wheels: Vector = tuple(map(float, self._start))  # type: ignore[assignment]
-
-    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
-        """Return mean force (3,) [N], LVLH, its shift (6,), the wheels, and the next attitude."""
-        attitude, force, *torques = inputs
-        wanted = torques[0] if self._commanded else ZERO
-        outside = torques[self._commanded] if self._fired else ZERO
-        if len(torques) > 2:  # the wheels take up what empties them
-            wanted = tuple(a - b for a, b in zip(wanted, torques[2], strict=True))
-        now = self._wheels
-        following, self._wheels, mean, shift = _tick(
-            attitude, now, force, wanted, outside, self._dt_s, self._craft
+        craft, flags = settings.craft(scenario.mean_motion_rad_s), (commanded, fired, unloaded)
+        start = settings.wheels.start_nms if settings.wheels else ZERO
+        super().__init__(
+            Turning(craft, scenario.dt_s, *map(int, flags)), Momentum(list(map(float, start)))
         )
-        return mean, shift, now, following
 
 
 def _check(settings: Chaser, scenario: Any) -> None:
@@ -394,7 +418,29 @@ class Unloading(Checked):
     torque_nm: Annotated[float, partial(real, unit='N m', above=0.0, most=1e6)]
 
 
-class UnloadingStage(Stage):
+@dataclass(slots=True)
+class Emptying:
+    """Settings of the kernel `empty`: see `Unloading`; full_nms : momentum of a wheel."""
+
+    above_nms: float
+    torque_nm: float
+    full_nms: float
+    dt_s: float
+
+
+@step_kernel
+def empty(tick: int, u: Any, p: Any, m: Any, y: Any) -> None:
+    """Return the torque y (3,) [N m] that empties the wheels, axes of the chaser: `unloaded`.
+
+    u : torque (3,) that is commanded [N m]
+    """
+    w = m.wheels_nms
+    torque, spun = unloaded((w[0], w[1], w[2]), p.above_nms, p.torque_nm, p.dt_s)
+    y[0], y[1], y[2] = torque
+    w[0], w[1], w[2] = wheels_after(spun, (u[0], u[1], u[2]), p.dt_s, p.full_nms)
+
+
+class UnloadingStage(KernelStage):
     """The torque that empties the wheels; memory: their momentum, by the commands."""
 
     name = 'unloading'
@@ -402,22 +448,12 @@ class UnloadingStage(Stage):
     outputs = (interfaces.UNLOADING_TORQUE,)
     memory_ticks = None
     counts_ticks = False
+    kernel = empty
 
     def __init__(self, settings: Unloading, scenario: Any) -> None:
-        self._wheels_as, self._dt_s = scenario.attitude.wheels, scenario.dt_s
-        self._settings = settings
-        self.reset()
-
-    def reset(self) -> None:
-        """Begin with the wheels as at tick 0."""
-        self._wheels: Vector = self._wheels_as.start_nms
-
-    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
-        """Return the torque (3,) [N m], axes of the chaser."""
-        own, dt_s = self._settings, self._dt_s
-        torque, spun = unloaded(self._wheels, own.above_nms, own.torque_nm, dt_s)
-        self._wheels = wheels_after(spun, inputs[0], dt_s, self._wheels_as.momentum_nms)
-        return (torque,)
+        wheels, dt_s = scenario.attitude.wheels, scenario.dt_s
+        numbers = settings.above_nms, settings.torque_nm, wheels.momentum_nms, dt_s
+        super().__init__(Emptying(*numbers), Momentum(list(map(float, wheels.start_nms))))
 
 
 def _check_unloading(settings: Unloading, scenario: Any) -> None:

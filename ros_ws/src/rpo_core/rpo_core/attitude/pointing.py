@@ -11,6 +11,7 @@ as docked attitude (`mate`), then the turn that points its docking axis.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from math import radians, sqrt
@@ -19,7 +20,15 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rpo_core.attitude.attitude_kernels import Attitude, Frame, cross, seen_from, synchronised
+from rpo_core.attitude.attitude_kernels import (
+    Attitude,
+    Frame,
+    attitude_at,
+    cross,
+    frame_at,
+    seen_from,
+    synchronised,
+)
 from rpo_core.attitude.chaser import relative_to, times, turn, turn_back
 from rpo_core.attitude.target import (
     ALIGNED,
@@ -31,11 +40,12 @@ from rpo_core.attitude.target import (
     quaternion,
 )
 from rpo_core.files.validation import Checked, InputError, real, vector3
+from rpo_core.kernels import calls
 from rpo_core.kernels.arithmetic import State, Vector, norm, saturate
 from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.jit import inlined, kernel
+from rpo_core.kernels.jit import inlined, kernel, step_kernel
 from rpo_core.scenario.scenario import Scenario
-from rpo_core.stage import Place, Section, Signal, Stage, register
+from rpo_core.stage import KernelStage, Place, Section, register
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import ATTITUDE, STATE
 from rpo_core.world.zones import Zones, zones_of
@@ -183,20 +193,6 @@ def from_target(q: Quaternion, target: Attitude) -> Quaternion:
     return relative_to((target[0], target[1], target[2], target[3]), q)
 
 
-@kernel
-def begun(q: Quaternion, target: Attitude) -> Quaternion:
-    """Return `from_target`."""
-    return from_target(q, target)
-
-
-@kernel
-def point(
-    state: State, target: Attitude, f: Frame, before: Quaternion, aim: Aim
-) -> tuple[Attitude, Quaternion]:
-    """Return `pointed`."""
-    return pointed(state, target, f, before, aim)
-
-
 @inlined
 def off_contact(chaser: Attitude, target: Attitude, mate: Quaternion) -> tuple[float, float]:
     """Return how far a chaser is turned from its docked attitude, and how fast it turns.
@@ -278,7 +274,59 @@ class Pointing(Checked):
         return {'port_m': list(zones.port_m)}
 
 
-class PointingStage(Stage):
+@dataclass(slots=True)
+class Looking:
+    """Settings of the kernel `look`.
+
+    begins : 1 where it begins with the attitude of the chaser, which is then read
+    turns : 1 where the target has an attitude
+    orbit_rad_s : rate of LVLH
+    """
+
+    aim: Aim
+    begins: int
+    turns: int
+    orbit_rad_s: float
+
+
+@dataclass(slots=True)
+class Looked:
+    """Memory of the kernel `look`.
+
+    before : the turn of the tick before, a quaternion; zeros where there was none
+    attitudes, frames : known ones of the target, (n, 7), (n, 15), from a tick on
+    """
+
+    before: Annotated[list[float], 4]
+    first: int
+    attitudes: list[list[float]]
+    frames: list[list[float]]
+
+
+@step_kernel
+def look(tick: int, u: Any, p: Any, m: Any, y: Any) -> int:
+    """Return the attitude y (7,) to have: `pointed`.
+
+    u : state (6,) [m, m/s], target LVLH, then the attitude (7,) of the chaser, where it has one
+    """
+    target, f = synchronised(p.orbit_rad_s), LVLH
+    if p.turns:
+        at = tick - m.first
+        if at < 0 or at >= len(m.attitudes):
+            return calls.ASK
+        target, f = attitude_at(m.attitudes[at], 0, 1), frame_at(m.frames[at], 0)
+    q = m.before
+    before = (q[0], q[1], q[2], q[3])
+    if p.begins and before == NOWHERE:
+        before = from_target((u[6], u[7], u[8], u[9]), target)
+    state = (u[0], u[1], u[2], u[3], u[4], u[5])
+    reference, before = pointed(state, target, f, before, p.aim)
+    y[0], y[1], y[2], y[3], y[4], y[5], y[6] = reference
+    q[0], q[1], q[2], q[3] = before
+    return 0
+
+
+class PointingStage(KernelStage):
     """The reference attitude of a tick; it remembers where it looked the tick before.
 
     It begins with the attitude of the chaser, where it has one.
@@ -287,30 +335,19 @@ class PointingStage(Stage):
     name = 'pointing'
     outputs = (interfaces.REFERENCE_ATTITUDE,)
     memory_ticks = None
+    kernel = look
 
     def __init__(self, settings: Pointing, scenario: Any) -> None:
-        self.aim, self._motion = settings.aim(scenario.dt_s), known_motion(scenario)
-        n = scenario.mean_motion_rad_s
-        self._still = synchronised(n), LVLH
+        self._motion = known_motion(scenario)
         self.inputs = (STATE, ATTITUDE) if scenario.attitude else (STATE,)
-        self.reset()
+        aim, n = settings.aim(scenario.dt_s), scenario.mean_motion_rad_s
+        begins, turns = int(len(self.inputs) > 1), int(self._motion is not None)
+        super().__init__(Looking(aim, begins, turns, n), Looked(list(NOWHERE), 0, [], []))
 
-    def reset(self) -> None:
-        """Forget where it looked."""
-        self._before = NOWHERE
-
-    def target(self, tick: int) -> tuple[Attitude, Frame]:
-        """Return the known attitude of the target, and its frame; without, those of LVLH."""
-        motion = self._motion
-        return self._still if motion is None else (motion.attitude(tick), motion.frame(tick))
-
-    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
-        """Return quaternion and rate (7,) to have."""
-        target, f = self.target(tick)
-        if self._before == NOWHERE and len(inputs) > 1:
-            self._before = begun(inputs[1][:4], target)
-        attitude, self._before = point(inputs[0][:6], target, f, self._before, self.aim)
-        return (attitude,)
+    def answer(self, tick: int, u: Sequence[float]) -> None:
+        """Write the known attitudes of the target of a block of ticks."""
+        assert self._motion is not None
+        self.m.first, self.m.attitudes, self.m.frames = self._motion.block_of(tick)
 
 
 def _check(settings: Pointing, scenario: Any) -> None:

@@ -20,9 +20,12 @@ from rpo_core.attitude import attitude_kernels
 from rpo_core.attitude.attitude_kernels import FRAME, Attitude, Body, Frame
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import Checked, InputError, choice, matrix, real, shown, vector3
+from rpo_core.kernels import calls
 from rpo_core.kernels.arithmetic import Vector, norm, sin_cos
 from rpo_core.kernels.arrays import Floats
-from rpo_core.stage import Place, Section, Signal, Stage, register
+from rpo_core.kernels.jit import as_table, step_kernel
+from rpo_core.kernels.records import Nothing
+from rpo_core.stage import KernelStage, Place, Section, register
 from rpo_core.wire import interfaces
 from rpo_core.world.dynamics import CLOHESSY_WILTSHIRE
 from rpo_core.world.zones import Zone
@@ -272,6 +275,12 @@ class Motion:
         row: Attitude = tuple(self._have(tick + 1)[tick].tolist())
         return row
 
+    def block_of(self, tick: int) -> tuple[int, Any, Any]:
+        """Return the block of a tick: its first tick, attitudes (n, 7), frames (n, 15)."""
+        first = tick // _BLOCK * _BLOCK
+        attitudes = self._have(first + _BLOCK)[first : first + _BLOCK]
+        return first, as_table(attitudes), as_table(self.block(first, _BLOCK))
+
     def frame(self, tick: int) -> Frame:
         """Return the frame at a tick."""
         return Frame(*self.block(tick, 1)[0].tolist())
@@ -352,19 +361,44 @@ def in_lvlh(zone: Zone, f: Frame) -> Zone:
     return replace(zone, corridor=cone, points_m=points_m)
 
 
-class TargetStage(Stage):
+@dataclass(slots=True)
+class Attitudes:
+    """Attitudes (n, 7) of a body from a tick on, as many as there are."""
+
+    first: int
+    attitudes: list[list[float]]
+
+
+@step_kernel
+def show(tick: int, u: Any, p: Any, m: Any, y: Any) -> int:
+    """Return the attitude of the target at a tick.
+
+    y : quaternion x, y, z, w with w >= 0, and rate (3,) [rad/s]
+    """
+    at = tick - m.first
+    if at < 0 or at >= len(m.attitudes):
+        return calls.ASK
+    a = m.attitudes[at]
+    side = -1.0 if a[3] < 0.0 else 1.0
+    y[0], y[1], y[2], y[3] = side * a[0], side * a[1], side * a[2], side * a[3]
+    y[4], y[5], y[6] = a[4], a[5], a[6]
+    return 0
+
+
+class TargetStage(KernelStage):
     """The attitude of the target at a tick."""
 
     name = 'target'
     outputs = (interfaces.TARGET_ATTITUDE,)
+    kernel = show
 
     def __init__(self, settings: Target, scenario: Any) -> None:
         self._motion = motion_of(settings, scenario)
+        super().__init__(Nothing(), Attitudes(0, []))
 
-    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
-        """Return the quaternion x, y, z, w with w >= 0, and the rate (3,) [rad/s]."""
-        x, y, z, w, *rate = self._motion.attitude(tick)
-        return ((*positive((x, y, z, w)), *rate),)
+    def answer(self, tick: int, u: Sequence[float]) -> None:
+        """Write the block of a tick."""
+        self.m.first, self.m.attitudes, _ = self._motion.block_of(tick)
 
 
 def check_turning(name: str, rate_rad_s: float, scenario: Any) -> None:

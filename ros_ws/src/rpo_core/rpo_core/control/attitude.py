@@ -23,8 +23,8 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 
 from rpo_core import files
-from rpo_core.attitude.attitude_kernels import Attitude, Body, momentum_of, synchronised
-from rpo_core.control.attitude_law_kernels import steer
+from rpo_core.attitude.attitude_kernels import Body, momentum_of, synchronised
+from rpo_core.control.attitude_law_kernels import Steering, TorqueLaw, steer
 from rpo_core.control.attitude_limits import (
     FAR,
     NONE,
@@ -43,6 +43,7 @@ from rpo_core.control.controller import (
 )
 from rpo_core.control.controller_file import SCHEMA
 from rpo_core.control.fuzzy import FuzzySystem
+from rpo_core.control.inference import FisTables
 from rpo_core.files import codec
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import (
@@ -60,10 +61,10 @@ from rpo_core.files.validation import (
     schema,
     shown,
 )
-from rpo_core.kernels.arithmetic import Vector, norm
+from rpo_core.kernels.arithmetic import norm
 from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.jit import as_table
-from rpo_core.stage import ZERO, Place, Section, Signal, Stage, register
+from rpo_core.kernels.jit import as_table, step_kernel
+from rpo_core.stage import ZERO, KernelStage, Place, Section, Signal, register
 from rpo_core.wire import interfaces
 
 UNLIMITED_NM = 1e9
@@ -88,8 +89,8 @@ class AttitudeController(Checked):
     provenance: Provenance = field(default_factory=dict, compare=False)
 
     @abstractmethod
-    def law(self, inertia_kg_m2: Floats, time_scale: float) -> Floats:
-        """Return the numbers of the law from `FUZZY` on, for a chaser and a pace."""
+    def law(self, inertia_kg_m2: Floats, time_scale: float) -> TorqueLaw:
+        """Return the law for a chaser and a pace."""
 
     def to_document(self) -> dict[str, Any]:
         """Return the document that `parse` reads."""
@@ -99,8 +100,15 @@ class AttitudeController(Checked):
                 'provenance': made}  # fmt: skip
 
 
-def _linear(attitude: Floats, rate: Floats) -> Floats:
-    return np.concatenate([[0.0], attitude.ravel(), rate.ravel()])
+_ZERO: Any = (0.0,) * 9
+_NO_FIS = FisTables(
+    _ZERO[:5], _ZERO[:5], as_table([0] * 25, np.int64), *(as_table([0.0]) for _ in range(4))
+)
+
+
+def _linear(attitude: Floats, rate: Floats) -> TorqueLaw:
+    gains: Any = [tuple(matrix.ravel().tolist()) for matrix in (attitude, rate)]
+    return TorqueLaw(0, gains[0], gains[1], 1.0, 1.0, ZERO, _NO_FIS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,8 +120,8 @@ class AttitudePd(AttitudeController):
     bandwidth_rad_s: Annotated[float, partial(_positive, unit='rad/s')]
     damping: Annotated[float, _positive]
 
-    def law(self, inertia_kg_m2: Floats, time_scale: float) -> Floats:
-        """Return the numbers of the law."""
+    def law(self, inertia_kg_m2: Floats, time_scale: float) -> TorqueLaw:
+        """Return the law."""
         b = self.bandwidth_rad_s / time_scale
         return _linear(b * b * inertia_kg_m2, 2.0 * self.damping * b * inertia_kg_m2)
 
@@ -132,8 +140,8 @@ class AttitudeLqr(AttitudeController):
     attitude_weight: Annotated[float, partial(_positive, unit='1/s^4')]
     rate_weight: Annotated[float, partial(real, unit='1/s^2', least=0.0, most=1e6)]
 
-    def law(self, inertia_kg_m2: Floats, time_scale: float) -> Floats:
-        """Return the numbers of the law."""
+    def law(self, inertia_kg_m2: Floats, time_scale: float) -> TorqueLaw:
+        """Return the law."""
         moments, s = np.diag(np.diag(inertia_kg_m2)), time_scale
         k = sqrt(self.attitude_weight)
         d = sqrt(self.rate_weight + 2.0 * k)
@@ -163,12 +171,12 @@ class FuzzyAttitude(AttitudeController):
         scales = self.angle_rad, self.rate_rad_s, self.torque_nm
         return FuzzyController(self.name, self.system, *scales, description=self.description)
 
-    def law(self, inertia_kg_m2: Floats, time_scale: float) -> Floats:
-        """Return the numbers of the law."""
-        s, tables = time_scale, self.system.tables
-        torques = self.torque_nm * (np.diag(inertia_kg_m2) / self.moment_kg_m2) / (s * s)
-        scales = [1.0, self.angle_rad, self.rate_rad_s / s, *torques]
-        return np.concatenate([scales, *map(np.asarray, tables)])
+    def law(self, inertia_kg_m2: Floats, time_scale: float) -> TorqueLaw:
+        """Return the law."""
+        s, moments = time_scale, np.diag(inertia_kg_m2)
+        x, y, z = (self.torque_nm * (moments / self.moment_kg_m2) / (s * s)).tolist()
+        scales = self.angle_rad, self.rate_rad_s / s
+        return TorqueLaw(1, _ZERO, _ZERO, *scales, (x, y, z), self.system.tables)
 
     def to_document(self) -> dict[str, Any]:
         """Return the document that `parse` reads."""
@@ -263,21 +271,22 @@ class AttitudeControl(Checked):
     )
     limits: AttitudeLimits | None = unless_default(None)
 
-    def law_of(self, scenario: Any) -> Floats:
-        """Return the law of a scenario as the kernels read it (`attitude_law_kernels`).
+    def law_of(self, scenario: Any) -> tuple[Steering, TorqueLaw]:
+        """Return the law of a scenario as the kernels read it.
 
         Raises InputError where the torque cannot keep its limits.
         """
         chaser, thrusters, dt_s = scenario.attitude, scenario.thrusters, scenario.dt_s
         j = np.array(self.inertia_kg_m2 or chaser.inertia_kg_m2, np.float64)
         momentum = chaser.wheels.momentum_nms if chaser.wheels else 0.0
-        assumed = [j[0, 0], j[1, 1], j[2, 2], j[0, 1], j[0, 2], j[1, 2]]
-        if not self.controller.feed_forward:
-            assumed = [0.0] * 6
+        assumed: Any = (0.0,) * 6
+        if self.controller.feed_forward:
+            assumed = tuple(float(j[at]) for at in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
         ahead_s = ((thrusters.delay_ticks if thrusters else 0) + 0.5) * dt_s
         numbers = momentum, scenario.mean_motion_rad_s, dt_s, ahead_s, *_unloading(scenario)
-        head = [self.limit_of(scenario)] * 3, numbers, assumed, self.kept(scenario)
-        return np.concatenate([*head, self.controller.law(j, self.time_scale)])
+        limit = float(self.limit_of(scenario))
+        steering = Steering((limit, limit, limit), *numbers, assumed, self.kept(scenario))
+        return steering, self.controller.law(j, self.time_scale)
 
     def kept(self, scenario: Any) -> TorqueLimits:
         """Return what the torque must keep in a scenario; raises InputError where it cannot."""
@@ -337,44 +346,71 @@ def _unloading(scenario: Any) -> tuple[float, float]:
     return (settings.above_nms, settings.torque_nm) if settings else (0.0, 0.0)
 
 
-class AttitudeControlStage(Stage):
-    """Turns the commanded force into the chaser's axes, and makes the torque.
+@dataclass(slots=True)
+class Control:
+    """Settings of the kernel `command`; pointed : 1 where a reference attitude is read."""
 
-    memory : rate of the reference at the tick before, momentum of the wheels by its own commands
+    steering: Steering
+    law: TorqueLaw
+    pointed: int
+
+
+@dataclass(slots=True)
+class Commanded:
+    """Memory of the kernel `command`.
+
+    wheels_nms : their momentum by its own commands
+    tick, rate_rad_s : of the tick before, and the rate of the reference there
     """
+
+    wheels_nms: Annotated[list[float], 3]
+    tick: int
+    rate_rad_s: Annotated[list[float], 3]
+
+
+@step_kernel
+def command(tick: int, u: Any, p: Any, m: Any, y: Any) -> None:
+    """Turn the commanded force into the chaser's axes, and make the torque: `steer`.
+
+    u : force (3,) [N], target LVLH, attitude (7,), and the reference attitude (7,), if any
+    y : force (3,) [N] and torque (3,) [N m] in the chaser's axes
+    """
+    seen, wanted = (u[3], u[4], u[5], u[6], u[7], u[8], u[9]), synchronised(p.steering.orbit)
+    if p.pointed:
+        wanted = (u[10], u[11], u[12], u[13], u[14], u[15], u[16])
+    before, rate, w = (wanted[4], wanted[5], wanted[6]), m.rate_rad_s, m.wheels_nms
+    if m.tick == tick - 1:
+        before = (rate[0], rate[1], rate[2])
+    force, torque, wheels = steer(
+        (u[0], u[1], u[2]), seen, wanted, before, (w[0], w[1], w[2]), p.steering, p.law
+    )
+    y[0], y[1], y[2] = force
+    y[3], y[4], y[5] = torque
+    m.tick, rate[0], rate[1], rate[2] = tick, wanted[4], wanted[5], wanted[6]
+    w[0], w[1], w[2] = wheels
+
+
+class AttitudeControlStage(KernelStage):
+    """Turns the commanded force into the chaser's axes, and makes the torque."""
 
     name = 'attitude_control'
     outputs = (interfaces.BODY_FORCE, interfaces.BODY_TORQUE)
     memory_ticks = None
     counts_ticks = False
+    kernel = command
 
     def __init__(self, settings: AttitudeControl, scenario: Any) -> None:
-        chaser, n = scenario.named('attitude'), scenario.mean_motion_rad_s
-        self._law = as_table(settings.law_of(scenario))
-        self._start: Vector = chaser.wheels.start_nms if chaser.wheels else (0.0, 0.0, 0.0)
-        self._synchronised: Attitude = synchronised(n)
-        pointed = scenario.named('pointing') is not None
+        chaser, pointed = scenario.named('attitude'), scenario.named('pointing') is not None
         reference = (interfaces.REFERENCE_ATTITUDE,) if pointed else ()
         self.inputs = (interfaces.COMMAND, interfaces.ATTITUDE, *reference)
-        self.reset()
-
-    def reset(self) -> None:
-        """Begin with the wheels as at tick 0."""
-        self._wheels, self._before, self._last = self._start, (0.0, 0.0, 0.0), -2
+        wheels = list(map(float, chaser.wheels.start_nms)) if chaser.wheels else [0.0] * 3
+        super().__init__(
+            Control(*settings.law_of(scenario), int(pointed)), Commanded(wheels, -2, [0.0] * 3)
+        )
 
     def passes_on(self) -> tuple[int | Signal, ...]:
         """Return that a chaser that nobody steers gets neither force nor torque."""
         return (), ()
-
-    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
-        """Return force (3,) [N] and torque (3,) [N m] in the chaser's axes."""
-        force, seen, *references = inputs
-        wanted = references[0] if references else self._synchronised
-        before = self._before if self._last == tick - 1 else wanted[4:]
-        found = steer(force, seen, wanted, before, self._wheels, self._law)
-        force, torque, self._wheels = found
-        self._before, self._last = wanted[4:], tick
-        return force, torque
 
 
 def _check(settings: AttitudeControl, scenario: Any) -> None:

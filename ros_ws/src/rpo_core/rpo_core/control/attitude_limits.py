@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 from math import radians, sqrt
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 from rpo_core.attitude.attitude_kernels import Body, cross, symmetric
 from rpo_core.files.codec import unless_default
@@ -69,18 +69,6 @@ NUMBERS = 22
 
 NONE = TorqueLimits(*(0.0,) * NUMBERS)
 """No limits."""
-
-
-@inlined
-def limits_at(t: Any, i: int) -> TorqueLimits:
-    """Return the limits whose numbers lie in a flat table from place i on."""
-    # fmt: off
-    return TorqueLimits(
-        t[i], t[i + 1], t[i + 2], t[i + 3], t[i + 4], t[i + 5], t[i + 6], t[i + 7], t[i + 8],
-        t[i + 9], t[i + 10], t[i + 11], t[i + 12], t[i + 13], t[i + 14], t[i + 15], t[i + 16],
-        t[i + 17], t[i + 18], t[i + 19], t[i + 20], t[i + 21],
-    )
-    # fmt: on
 
 
 @inlined

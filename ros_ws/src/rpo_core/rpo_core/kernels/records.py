@@ -49,6 +49,11 @@ class Field(NamedTuple):
 @cache
 def fields_of(record: Any) -> tuple[Field, ...]:
     """Return the fields of a record; TypeError where one is none of the allowed."""
+    for name in record.__annotations__:
+        if name in ('record', 'numbers') or hasattr(Packed, name):
+            raise TypeError(
+                f'field `{name}` of {record.__name__} needs another name: `Packed` has it'
+            )
     return tuple(
         _field(record, name, hint)
         for name, hint in get_type_hints(record, include_extras=True).items()

@@ -66,11 +66,22 @@ class Environment(NamedTuple):
     linear: int
 
 
+Row = tuple[float, float, float, float, float, float, float, float, float, float, float]
+"""Row of `COLUMNS` numbers of the target's orbit."""
+
 COLUMNS = 11
 """Numbers of a row of the target's orbit: distance R [m] from the body's centre; rate of LVLH about
 its x and its z axis [rad/s] (that about y is zero); inertial velocity along x and y [m/s]; the
 body's pole, unit vector in LVLH; what accelerates the target beside point-mass gravity, in LVLH
 [m/s^2]."""
+
+
+class TargetState(NamedTuple):
+    """The target at a time: inertial state (6,) [m, m/s], its derivative, the row of its orbit."""
+
+    state: State
+    rate: State
+    row: Row
 
 
 @inlined
@@ -180,7 +191,7 @@ def target_step(s: State, a: State, h: float, w: Environment) -> State:
 
 
 @inlined
-def orbit_row(s: State, w: Environment) -> tuple[float, ...]:
+def orbit_row(s: State, w: Environment) -> Row:
     """Row of `COLUMNS` numbers of a target's inertial state (6,).
 
     LVLH turns about z by h / R^2, and about x by R a_z / h, where the acceleration a_z leaves the
@@ -291,21 +302,30 @@ def turning(s: State, about_x: float, about_z: float) -> State:
 
 
 @inlined
+def target_at(target: State, steps: int, h: float, w: Environment) -> TargetState:
+    """Return the target some steps of h [s] after an inertial state (6,) [m, m/s]."""
+    rate = target_rate(target, w)
+    for _ in range(steps):
+        target = target_step(target, rate, h, w)
+        rate = target_rate(target, w)
+    return TargetState(target, rate, orbit_row(target, w))
+
+
+@inlined
 def orbit_tick(
     state: State,
     push: Vector,
     lightness: float,
-    target: State,
+    t: TargetState,
     steps: int,
     h: float,
     w: Environment,
-) -> tuple[State, State]:
-    """Chaser's state (6,) [m, m/s], target LVLH, a tick of `steps` steps of h [s] later.
+) -> tuple[State, TargetState]:
+    """Chaser's state (6,) [m, m/s], target LVLH, and the target a tick of steps of h [s] later.
 
     push : force over mass (3,) [m/s^2], constant in the axes of LVLH during the tick
-    target : its inertial state (6,) [m, m/s]; the second is that a tick later
     """
-    rate, begin = target_rate(target, w), orbit_row(target, w)
+    target, rate, begin = t.state, t.rate, t.row
     s = inertial(state, begin[1], begin[2])
     for _ in range(steps):
         after = target_step(target, rate, h, w)
@@ -313,7 +333,7 @@ def orbit_tick(
         half = orbit_row(middle(target, rate, after, rate_after, h), w)
         s = relative_after(s, push, lightness, begin, half, end, h, w)
         target, rate, begin = after, rate_after, end
-    return turning(s, begin[1], begin[2]), target
+    return turning(s, begin[1], begin[2]), TargetState(target, rate, begin)
 
 
 CLOHESSY_WILTSHIRE, LINEAR_ELLIPTIC, TWO_BODY = KINDS = (
@@ -521,11 +541,13 @@ class Orbit:
 
 
 @dataclass(slots=True)
-class TargetState:
-    """Memory of the kernel `follow`: inertial state of the target at the beginning of a tick."""
+class Followed:
+    """Memory of the kernel `follow`: the target at the beginning of a tick, as of `TargetState`."""
 
     tick: int
     state: Annotated[list[float], 6]
+    rate: Annotated[list[float], 6]
+    row: Annotated[list[float], COLUMNS]
 
 
 @step_kernel
@@ -538,21 +560,26 @@ def follow(tick: int, u: Any, p: Any, m: Any, y: Any) -> None:
     u : state (6,) [m, m/s], thrust and disturbance (3,) [N], target LVLH, then the mass [kg] where
         it falls; y : state (6,) one tick later
     """
-    if tick < m.tick or m.tick == 0:
-        m.tick = 0
-        for i in range(6):
-            m.state[i] = p.start[i]
-    s, w = m.state, p.world
-    target = (s[0], s[1], s[2], s[3], s[4], s[5])
-    for _ in range((tick - m.tick) * p.steps):
-        target = target_step(target, target_rate(target, w), p.step_s, w)
+    s, r, o, w = m.state, m.rate, m.row, p.world
+    if 0 < tick == m.tick:
+        row = (o[0], o[1], o[2], o[3], o[4], o[5], o[6], o[7], o[8], o[9], o[10])
+        target = TargetState(
+            (s[0], s[1], s[2], s[3], s[4], s[5]), (r[0], r[1], r[2], r[3], r[4], r[5]), row
+        )
+    else:
+        first = 0 if tick < m.tick else m.tick
+        a = p.start if first == 0 else s
+        steps = (tick - first) * p.steps
+        target = target_at((a[0], a[1], a[2], a[3], a[4], a[5]), steps, p.step_s, w)
     mass = u[12] if p.falls else p.mass_kg
     push = ((u[6] + u[9]) / mass, (u[7] + u[10]) / mass, (u[8] + u[11]) / mass)
     state = (u[0], u[1], u[2], u[3], u[4], u[5])
     state, target = orbit_tick(state, push, p.mass_kg / mass, target, p.steps, p.step_s, w)
+    y[0], y[1], y[2], y[3], y[4], y[5] = state
     m.tick = tick + 1
-    for i in range(6):
-        y[i], m.state[i] = state[i], target[i]
+    s[0], s[1], s[2], s[3], s[4], s[5] = target.state
+    r[0], r[1], r[2], r[3], r[4], r[5] = target.rate
+    o[0], o[1], o[2], o[3], o[4], o[5], o[6], o[7], o[8], o[9], o[10] = target.row
 
 
 class OrbitStage(KernelStage):
@@ -570,7 +597,7 @@ class OrbitStage(KernelStage):
         start, world = target_start(settings, scenario), environment_of(settings, scenario)
         falls = int(CHASER_MASS in self.inputs)
         orbit = Orbit(world, start, steps, scenario.dt_s / steps, scenario.mass_kg, falls)
-        super().__init__(orbit, TargetState(0, [0.0] * 6))
+        super().__init__(orbit, Followed(0, [0.0] * 6, [0.0] * 6, [0.0] * COLUMNS))
 
 
 def _make(settings: Dynamics | None, scenario: Any) -> Stage:
