@@ -14,6 +14,7 @@ import math
 import textwrap
 from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -295,8 +296,12 @@ class Writer:
             copies.append(Expression(name, WHOLE, one.type))
             head = self._source.declared(one.type, name, fixed=True)
             lines.append(wrapped(f'{head} = {one.text};', block.depth))
-        pairs = zip(targets, copies, strict=True)
-        return lines + [self._named(target, copy, block) for target, copy in pairs]
+        for target, copy in zip(targets, copies, strict=True):
+            if isinstance(target, ast.Tuple):
+                lines += self._spread(target, copy, value, block)
+            else:
+                lines.append(self._named(target, copy, block))
+        return lines
 
     def _stored(self, name: str, value: Expression, block: _Block) -> str:
         if name not in self.types:
@@ -309,7 +314,11 @@ class Writer:
         return wrapped(f'{own_name(name)} = {value.text};', block.depth)
 
     def _as(self, value: Expression, wanted: Type, node: ast.AST) -> Expression:
-        """Return a number as one of a type."""
+        """Return a number as one of a type, and an array of numbers as a tuple."""
+        if isinstance(wanted, tuple) and isinstance(value.type, Array):
+            parts = (self.part(value, str(i), node).text for i in range(len(wanted)))
+            text = f'({self._source.spelled(wanted)}){{{{{", ".join(parts)}}}}}'
+            return Expression(text, WHOLE, wanted)
         if wanted == 'int' and value.type == 'double':
             raise self.refused(node)
         if wanted != 'double' or value.type != 'int' or not self._source.wide:
@@ -381,6 +390,11 @@ class Writer:
         return self._global(node.id, self._names.get(node.id), node)
 
     def _global(self, name: str, value: Any, node: ast.expr) -> Expression:
+        if isinstance(value, tuple) and self._source.wide:
+            parts = ast.Tuple([ast.Constant(part) for part in value])
+            if not hasattr(value, '_fields'):
+                return self.of(parts)
+            return self._built(type(value), list(map(self.of, parts.elts)), node)
         if not isinstance(value, (int, float)):
             raise self.refused(node)
         if math.isnan(value):
@@ -501,11 +515,22 @@ class Writer:
         if not all(type(op) in _COMPARE for op in node.ops):
             raise self.refused(node)
         sides = [self.of(part) for part in (node.left, *node.comparators)]
+        if isinstance(sides[0].type, tuple):
+            return self._same(sides, node)
         if any(side.type == 'double' for side in sides):
             sides = [self._as(side, 'double', node) for side in sides]
         parts = [side.within(_COMPARED + 2) for side in sides]
         tests = [f'{parts[i]} {_COMPARE[type(op)]} {parts[i + 1]}' for i, op in enumerate(node.ops)]
         return Expression(' && '.join(tests), _COMPARED if len(tests) == 1 else _AND, 'int')
+
+    def _same(self, sides: Sequence[Expression], node: ast.Compare) -> Expression:
+        """Return whether two tuples are equal, number by number."""
+        one, other = sides[0], self._as(sides[-1], sides[0].type, node)
+        if len(sides) > 2 or one.type != other.type or not isinstance(node.ops[0], ast.Eq):
+            raise self.refused(node)
+        pairs = ((self.part(one, str(i), node), self.part(other, str(i), node))
+                 for i in range(len(one.type)))  # fmt: skip
+        return Expression(' && '.join(f'{a.text} == {b.text}' for a, b in pairs), _AND, 'int')
 
     def _boolop(self, node: ast.BoolOp) -> Expression:
         sign, rank = ('||', _OR) if isinstance(node.op, ast.Or) else ('&&', _AND)
@@ -516,6 +541,10 @@ class Writer:
         test = self.of(node.test).within(_CHOICE + 1)
         yes, no = self.of(node.body, wanted), self.of(node.orelse, wanted)
         result = yes.type if yes.type == no.type else 'double'
+        if isinstance(yes.type, (Array, Record)) and isinstance(no.type, (Array, Record)):
+            result = replace(yes.type, is_const=yes.type.is_const or no.type.is_const)
+            if result != replace(no.type, is_const=result.is_const):
+                raise self.refused(node)
         yes, no = self._as(yes, result, node), self._as(no, result, node)
         text = f'{test} ? {yes.within(_CHOICE + 1)} : {no.within(_CHOICE + 1)}'
         return Expression(text, _CHOICE, result)
@@ -564,13 +593,7 @@ class Writer:
         if node.keywords:
             raise self.refused(node)
         if isinstance(called, type) and hasattr(called, '_fields'):
-            record = Record(called, True, is_value=True)
-            values = (
-                self._as(value, self._source.field(record, name), node).text
-                for value, name in zip(given, called._fields, strict=True)
-            )
-            text = f'({self._source.spelled(record)}){{{", ".join(values)}}}'
-            return Expression(text, WHOLE, record)
+            return self._built(called, given, node)
         if not is_kernel(called):
             raise self.refused(node)
         defaults = plain(called).__defaults__ or ()
@@ -583,6 +606,16 @@ class Writer:
             for argument, kind in zip(arguments, written.parameters, strict=True)
         )
         return Expression(f'{written.name}({", ".join(texts)})', WHOLE, written.returns)
+
+    def _built(self, tuple_class: Any, parts: Sequence[Expression], node: ast.AST) -> Expression:
+        """Return a named tuple of parts."""
+        record = Record(tuple_class, True, is_value=True)
+        values = (
+            self._as(value, self._source.field(record, name), node).text
+            for value, name in zip(parts, tuple_class._fields, strict=True)
+        )
+        text = f'({self._source.spelled(record)}){{{", ".join(values)}}}'
+        return Expression(text, WHOLE, record)
 
 
 class Source:

@@ -67,6 +67,8 @@ class RecordSource(Source):
     def field(self, record: Any, name: str) -> Type:
         """Return the type of a field of a record."""
         field = next(field for field in fields_of(record.base) if field.name == name)
+        if field.shape and record.is_value:
+            return ('double',) * (field.shape[0] or 0)
         if field.shape:
             return Array(field.base, field.shape, record.is_const)
         if field.base in (float, int):
@@ -88,7 +90,7 @@ class RecordSource(Source):
         if type_ == 'int':
             return 'int64_t'
         if isinstance(type_, Record) and type_.is_value:
-            return self.struct(type_.base, True)
+            return self._value_struct(type_)
         if isinstance(type_, Record):
             const = 'const ' if type_.is_const else ''
             return f'{const}{self.struct(type_.base, type_.is_const)} *'
@@ -97,6 +99,16 @@ class RecordSource(Source):
                 return self.declared(type_, '')
             return self._list(type_.base, len(type_.shape), type_.is_const)
         return super().spelled(type_)
+
+    def _value_struct(self, record: Record) -> str:
+        """Return the name of the struct of a named tuple that a kernel makes: it has no arrays."""
+        fields = fields_of(record.base)
+        if not any(field.shape for field in fields):
+            return self.struct(record.base, True)
+        types = ((f.name, self.spelled(self.field(record, f.name))) for f in fields)
+        name = f'{record.base.__name__}_value'
+        self._tuples[name] = ' '.join(f'{spelled} {own_name(f)};' for f, spelled in types)
+        return name
 
     def struct(self, record: Any, is_const: bool) -> str:
         """Return the name of a record's struct; what arrays of any length hold may be const."""
