@@ -214,7 +214,7 @@ def look_ahead(tick: int, state: State, p: Any, m: Any) -> None:
         g.side if g.axis == 2 else 0.0,
     )
     if p.turns == 1:
-        outward = to_lvlh(outward, p.frames[tick + len(m.line_n) - p.first_tick])
+        outward = to_lvlh(outward, p.frames[tick + len(m.line_n)])
     now = w.ahead
     now[0], now[1], now[2], now[3], now[4], now[5] = state
     w.outward[0], w.outward[1], w.outward[2] = outward
@@ -234,7 +234,7 @@ def off_corridor_m(tick: int, state: State, p: Any) -> float:
     if g.side == 0.0 or norm(state[0], state[1], state[2]) >= g.outer_m:
         return 0.0
     if p.turns == 1:
-        state = seen_from(state, p.frames[tick - p.first_tick])
+        state = seen_from(state, p.frames[tick])
     d, _, along, across, _, _ = in_corridor(state, g)
     along, across = abs(along), abs(across)
     return (across if across > along else along) - (g.width_m + g.slope * (d if d > 0.0 else 0.0))
@@ -373,7 +373,7 @@ def reaction_n(tick: int, p: Any, m: Any) -> tuple[bool, Vector]:
         return False, (0.0, 0.0, 0.0)
     wanted = (w.wanted_m_s[0], w.wanted_m_s[1], w.wanted_m_s[2])
     if w.enclosed == 1 and p.turns == 1 and w.question != PLANNED:  # outward is elsewhere by now
-        frame = p.frames[tick + len(m.line_n) - p.first_tick]
+        frame = p.frames[tick + len(m.line_n)]
         out = norm(wanted[0], wanted[1], wanted[2])
         x, y, z, _, _, _ = seen_from(ahead, frame)
         _, _, _, vx, vy, vz = moving_with((x, y, z, 0.0, 0.0, 0.0), frame)

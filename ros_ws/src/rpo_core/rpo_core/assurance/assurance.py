@@ -28,6 +28,7 @@ from rpo_core.files.validation import InputError
 from rpo_core.kernels.arithmetic import State, norm
 from rpo_core.kernels.calls import ASK
 from rpo_core.kernels.jit import COMPILED, inlined, kernel, step_kernel
+from rpo_core.kernels.records import as_rows
 from rpo_core.stage import (
     ZERO,
     KernelStage,
@@ -63,7 +64,7 @@ _ACTED = {**CONSTRAINTS, UNSURE: COVARIANCE}
 _WIDTHS = {interfaces.STATE: 6, interfaces.COMMAND: 3, interfaces.ATTITUDE: 7}
 
 FRAMES_AHEAD = 512
-"""Ticks for which a kernel gets the axes of the target at a time."""
+"""Ticks for which a kernel gets the axes of the target at once, at least."""
 
 
 class Decision(NamedTuple):
@@ -117,7 +118,7 @@ class Numbers:
     step : by which it predicts
     covariance_at : place in u of the covariances; 0: they are not looked at
     watches : 1 where there is an abort table
-    first_tick, frames : axes of the target, tick by tick, as far as they were asked for
+    frames : axes of the target, tick by tick, as far as they were asked for
     """
 
     guard: Guard
@@ -128,7 +129,6 @@ class Numbers:
     turns: int
     watches: int
     table: Table
-    first_tick: int = 0
     frames: list[Frame] = field(default_factory=list)
 
 
@@ -201,9 +201,8 @@ def assure_tick(tick: int, u: Any, p: Any, m: Any, y: Any) -> int:
         (6,), the attitude (7,) and its reference, the covariances (18,) of the estimate
     y : force (3,) [N]
     """
-    acts = tick + len(m.line_n)
-    i = acts - p.first_tick
-    if p.turns == 1 and not (p.first_tick <= tick and i + 1 < len(p.frames)):
+    i = tick + len(m.line_n)  # in which the force acts
+    if p.turns == 1 and i + 1 >= len(p.frames):
         return ASK
     state, command = acting_state(u, p, m), (u[6], u[7], u[8])
     if p.covariance_at > 0:
@@ -331,12 +330,10 @@ class AssuranceStage(KernelStage):
 
     def answer(self, tick: int, u: Sequence[float]) -> None:
         """Give the kernel the axes of the target, or decide for the abort table."""
-        p, last = self.p, tick + self.delay_ticks + 1
-        if self.motion is not None and not p.first_tick <= tick <= last < p.first_tick + len(
-            p.frames
-        ):
-            frames = self.motion.frames(last + FRAMES_AHEAD)[tick:].tolist()
-            p.first_tick, p.frames = tick, [Frame(*row) for row in frames]
+        count, last = len(self.p.frames), tick + self.delay_ticks + 1
+        if self.motion is not None and last >= count:
+            frames = self.motion.frames(max(last + FRAMES_AHEAD, 2 * count))
+            self.p.frames = as_rows(frames, Frame)
         elif self.abort is not None:
             self.abort.answer(tick)
 

@@ -236,7 +236,7 @@ class Packed:
         if field.base in (float, int):
             array = np.array(values, _base(field.base), order='C')
             return array if array.size else array.reshape((0,) * len(field.shape))
-        if len(values) and isinstance(values[0], tuple) and _are_floats(field.base):
+        if len(values) and isinstance(values[0], (tuple, np.ndarray)) and _are_floats(field.base):
             return np.array(values, np.float64).view(layout(field.base)).ravel()
         array = np.zeros(len(values), layout(field.base))
         for i, value in enumerate(values):
@@ -266,6 +266,11 @@ def _links(array: NDArray[Any], record: Any) -> Iterator[Any]:
 def rows_of(values: Any, record: Any) -> list[Any]:
     """Return an array of named tuples in a memory as a list of them."""
     return list(values) if isinstance(values, list) else [record(*v) for v in values.tolist()]
+
+
+def as_rows(table: NDArray[np.float64], record: Any) -> Any:
+    """Return a table (n, numbers) as a field takes it that is a list of named tuples of floats."""
+    return table if COMPILED else [record(*row) for row in table.tolist()]
 
 
 @dataclass(slots=True)
