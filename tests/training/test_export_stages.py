@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import itertools
 import shutil
 import subprocess
 from dataclasses import dataclass, replace
@@ -23,7 +24,7 @@ from rpo_core.files.validation import InputError
 from rpo_core.kernels.calls import ASK
 from rpo_core.navigation.sensors import Navigation
 from rpo_core.scenario.scenario import load_scenario
-from rpo_core.stage import KernelStage, Place
+from rpo_core.stage import KernelStage, Place, section_of
 from rpo_core.thrusters.thrusters import Thrusters
 from rpo_core.wire.interfaces import CONTROL_FORCE, NEXT, RELATIVE_STATE
 
@@ -108,25 +109,28 @@ SHAPED = Shaping(slew_n_s=0.4, dead_zone_n=0.002)
 MORE = replace(PAPER, sections=(ERRORS, SHAPED, TURNED), duration_s=60.0)
 
 
+def unguided(name, duration_s):
+    """Return a scenario without guidance and goal: a controller that follows them is no kernel."""
+    scenario = load_scenario(name)
+    others = tuple(s for s in scenario.sections if section_of(s).place is not Place.GUIDANCE)
+    goal = (0.0, 0.0, 0.0)
+    return replace(scenario, sections=others, goal_position_m=goal, duration_s=duration_s)
+
+
+FLIGHTS = {
+    'paper_test': PAPER,
+    'errors, shaping and late thrusters': MORE,
+    'sensors, estimator and shaping': unguided('paper_test_measured', 60.0),
+    'assurance': unguided('assured', 60.0),
+    'attitude and a table of thrusters': unguided('apollo', 20.0),
+    'a target on its orbit': unguided('world_moon', 60.0),
+}
+
+
 @pytest.mark.parametrize(
     ('scenario', 'optimise'),
-    [
-        (PAPER, '-O0'),
-        (PAPER, '-O3'),
-        (MORE, '-O3'),
-        (replace(load_scenario('paper_test_measured'), duration_s=60.0), '-O2'),
-        (
-            replace(load_scenario('assured'), goal_position_m=(0.0, 0.0, 0.0), duration_s=60.0),
-            '-O2',
-        ),
-    ],
-    ids=[
-        'paper_test',
-        'paper_test, optimised',
-        'errors, shaping and late thrusters',
-        'sensors, estimator and shaping',
-        'assurance',
-    ],
+    list(zip(FLIGHTS.values(), itertools.cycle(['-O3', '-O0', '-O2']), strict=False)),
+    ids=FLIGHTS,
 )
 def test_a_flight_in_c_has_the_bits_of_the_logged_one(scenario, optimise, tmp_path):
     flight, chain = fly(scenario, ALLROUND), Chain.of(scenario, ALLROUND)

@@ -31,19 +31,19 @@ from rpo_core.kernels.records import Field, class_of, fields_of, values_of
 from rpo_core.stage import width_of
 from rpo_core.wire.interfaces import current
 
-_OPERATORS = {ast.FloorDiv: 'rpo_floor', ast.Mod: 'rpo_modulo'}
+_OPERATORS = {ast.FloorDiv: 'int64_floor', ast.Mod: 'int64_modulo'}
 
 _FUNCTIONS = {
-    'rpo_floor': """static int64_t rpo_floor(int64_t a, int64_t b)
+    'int64_floor': """static int64_t int64_floor(int64_t a, int64_t b)
 {
     return a / b - (a % b != 0 && (a < 0) != (b < 0));
 }""",
-    'rpo_modulo': """static int64_t rpo_modulo(int64_t a, int64_t b)
+    'int64_modulo': """static int64_t int64_modulo(int64_t a, int64_t b)
 {
     const int64_t rest = a % b;
     return rest != 0 && (rest < 0) != (b < 0) ? rest + b : rest;
 }""",
-    'rpo_product': """static int64_t rpo_product(int64_t a, int64_t b)
+    'int64_product': """static int64_t int64_product(int64_t a, int64_t b)
 {
     return (int64_t)((uint64_t)a * (uint64_t)b); /* it may wrap around */
 }""",
@@ -62,7 +62,7 @@ class RecordSource(Source):
 
     def operator(self, operator: type[ast.operator], is_long: bool) -> str:
         """Return the function that stands for an operator of whole numbers, '' for none."""
-        return 'rpo_product' if operator is ast.Mult and is_long else _OPERATORS.get(operator, '')
+        return 'int64_product' if operator is ast.Mult and is_long else _OPERATORS.get(operator, '')
 
     def field(self, record: Any, name: str) -> Type:
         """Return the type of a field of a record."""
