@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from references import VEHICLE
 
-from rpo_core.guidance.legs import FlyingAround, Profile, Straight, Transferring, tabled
+from rpo_core.guidance.legs import FlyingAround, Straight, Transferring, profile, progress, tabled
 from rpo_core.guidance.transfers import Limits
 from rpo_core.world import cw
 
@@ -76,9 +76,9 @@ def test_a_line_to_where_it_begins_is_over_at_once():
      (0.01, 0.2, 0.3, 0.0), (30.0, 0.1, 0.1, 0.1)],
 )  # fmt: skip
 def test_a_profile_covers_its_length(length, first, cruise, last):
-    profile = Profile(length, first, cruise, last, 0.015)
-    times = np.linspace(0.0, profile.duration_s, 2001)
-    found = np.array([profile.at(t) for t in times])
+    speeds = profile(length, first, cruise, last, 0.015)
+    times = np.linspace(0.0, speeds.duration_s, 2001)
+    found = np.array([progress(speeds, t) for t in times])
     assert found[0, 0] == pytest.approx(0.0)
     assert found[-1, 0] == pytest.approx(length)
     assert found[0, 1] == pytest.approx(first)
@@ -92,6 +92,6 @@ def test_a_profile_covers_its_length(length, first, cruise, last):
 def test_a_short_leg_from_rest_to_rest_is_flown_and_not_skipped():
     """By rounding, every other such leg took no time, and the reference jumped to its end."""
     for length in np.linspace(0.01, 6.0, 500).tolist():
-        profile = Profile(length, 0.0, 0.3, 0.0, 0.015)
-        assert profile.duration_s == pytest.approx(2.0 * np.sqrt(length / 0.015))  # up and down
-        assert profile.at(0.5 * profile.duration_s)[0] == pytest.approx(0.5 * length)
+        speeds = profile(length, 0.0, 0.3, 0.0, 0.015)
+        assert speeds.duration_s == pytest.approx(2.0 * np.sqrt(length / 0.015))  # up and down
+        assert progress(speeds, 0.5 * speeds.duration_s)[0] == pytest.approx(0.5 * length)

@@ -72,11 +72,11 @@ def test_a_hold_says_why_it_cannot_end(hold_points):
         ((0.0, leg.within_m_s * 1.01), 'the speed is 0.0505 m/s, more than `within_m_s` = 0.05'),
         ((leg.within_m * 0.99, leg.within_m_s * 0.99), ''),
     ):
-        stage._tick, stage._seen = late, tuple(wanted + np.array([0, 0, miss[0], 0, miss[1], 0]))
+        stage.m.tick, stage.m.state = late, wanted + np.array([0, 0, miss[0], 0, miss[1], 0])
         assert stage.command('go').startswith(said) and bool(stage.command('go')) == bool(said)
-    stage._tick = late - 1
+    stage.m.tick = late - 1
     assert stage.command('go').startswith(f'`dwell_s` = {leg.dwell_s:g} s is not over: ')
-    stage._tick, stage._seen = late, None
+    stage.m.tick = -1
     assert stage.command('go') == 'no state has come'
 
 

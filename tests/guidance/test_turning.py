@@ -22,7 +22,7 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files.validation import InputError
 from rpo_core.guidance import guidance
 from rpo_core.guidance.guidance import Guidance, Leg
-from rpo_core.guidance.legs import FlyingAround, Resting, Straight, Turning, fill
+from rpo_core.guidance.legs import FlyingAround, Resting, Straight, Turning
 from rpo_core.judge.verdicts import verdicts
 from rpo_core.scenario import scenario as scenarios
 from rpo_core.world import cw
@@ -79,7 +79,7 @@ def test_forces_of_the_reference_alone_keep_a_chaser_on_it_for_minutes(name):
     """SciPy integrates Clohessy and Wiltshire under the held forces; nothing closes the loop."""
     leg = leg_of(name, tumble(), since=37)
     rows = np.empty((1501, 9))
-    fill(leg, rows)
+    leg.fill(rows)
     n, m, worst, state = N_RAD_S, 10.0, 0.0, rows[0, :6]
     for k in range(0, 1500):
         fx, fy, fz = rows[k, 6:]
@@ -103,10 +103,10 @@ def test_forces_of_the_reference_alone_keep_a_chaser_on_it_for_minutes(name):
 def test_filled_rows_have_the_bits_of_each_tick(rates, name, since):
     leg = leg_of(name, tumble(rates), since)
     rows = np.empty((40, 9))
-    fill(leg, rows)
+    leg.fill(rows)
     assert_array_equal(rows, [(*s, *f) for s, f in map(leg.at, range(40))])
     again = np.empty((40, 9))
-    fill(leg_of(name, tumble(rates), since), again)
+    leg_of(name, tumble(rates), since).fill(again)
     assert again.tobytes() == rows.tobytes()
 
 

@@ -11,7 +11,7 @@ in a module of your own (`rpo_core.plugins`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from enum import IntEnum
@@ -35,6 +35,7 @@ from rpo_core.wire.interfaces import (
     STATE,
     THRUST,
     row_of,
+    rows_so_far,
 )
 
 Signal = tuple[float, ...]
@@ -73,9 +74,17 @@ class Place(IntEnum):
 
 
 def width_of(name: str) -> int:
-    """Return how many numbers a signal has."""
+    """Return how many numbers a signal has, or those that carry what is named."""
+    if name in _CARRIED:
+        carried = COMMAND if name == PREVIOUS_COMMAND else name
+        name = next(row.name for row in rows_so_far() if row.carries == carried)
     row = row_of(name)
     return len(row.columns) or row.numbers
+
+
+def places_of(names: Iterable[str]) -> list[slice]:
+    """Return where each signal stands of some that follow each other."""
+    return [slice(i, j) for i, j in pairwise(accumulate(map(width_of, names), initial=0))]
 
 
 class Stage:
@@ -201,7 +210,7 @@ class KernelStage(Stage):
     def step(self, tick: int, *inputs: Signal) -> tuple[Signal, ...]:
         """Return the outputs of a tick."""
         u: Any = list(chain.from_iterable(inputs))
-        y: Any = [0.0] * self._widths[-1]
+        y: Any = [0.0] * self._places[-1].stop
         if COMPILED:
             u, y = np.array(u, np.float64), np.array(y)
         step, p, m = self.row
@@ -214,7 +223,7 @@ class KernelStage(Stage):
         self, ticks: NDArray[np.int64], *inputs: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], ...]:
         """Return the outputs (n, width) of ticks (n,) one after the other."""
-        count, size = len(ticks), self._widths[-1]
+        count, size = len(ticks), self._places[-1].stop
         columns = [values.reshape(count, -1) for values in (*inputs, np.empty((count, 0)))]
         read = as_table(np.hstack(columns))
         made, numbers, done = as_table(np.empty((count, size))), as_table(ticks, np.int64), 0
@@ -224,14 +233,9 @@ class KernelStage(Stage):
         return tuple(flat[:, place] for place in self._places)
 
     @cached_property
-    def _widths(self) -> list[int]:
-        """Places in y at which the outputs begin, and the number of all."""
-        return [0, *accumulate(width_of(name) for name in self.outputs)]
-
-    @cached_property
     def _places(self) -> list[slice]:
         """Where each output stands in y."""
-        return [slice(i, j) for i, j in pairwise(self._widths)]
+        return places_of(self.outputs)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
-from operator import add, sub
+from itertools import chain
+from operator import sub
 from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
@@ -31,8 +32,10 @@ from rpo_core.files.validation import (
     shown,
 )
 from rpo_core.kernels.arithmetic import State, Vector
+from rpo_core.kernels.calls import ASK, call
+from rpo_core.kernels.jit import COMPILED, step_kernel
 from rpo_core.scenario.scenario import Scenario
-from rpo_core.stage import Signal, Stage
+from rpo_core.stage import KernelStage, Signal, Stage, places_of
 from rpo_core.wire import interfaces
 
 SCHEMA = 'rpo/controller/1'
@@ -79,68 +82,137 @@ class ControllerStage(Stage):
 _STATES = (interfaces.STATE, interfaces.RELATIVE_STATE, interfaces.NAVIGATION_STATE)
 
 
-class FollowStage(Stage):
+@dataclass(slots=True)
+class Following:
+    """Settings of the kernel `follow`.
+
+    step, settings, memory : of the controller, as `calls.call` takes them; step 0: it has no kernel
+    states : where the states stand in u that the controller reads
+    relative : whether it gets them relative to an origin, the goal or the reference
+    guided, compensated : whether u has the reference, the disturbance
+    force : where its command stands in y
+    goal : (9,) state [m, m/s] and force [N] of the goal
+    """
+
+    step: int
+    settings: int
+    memory: int
+    states: list[int]
+    relative: int
+    guided: int
+    compensated: int
+    force: int
+    goal: list[float]
+
+
+@dataclass(slots=True)
+class Followed:
+    """Memory of the kernel `follow`.
+
+    inputs : of the controller
+    outputs : of one without a kernel; then 1.0 where they are those of this tick
+    """
+
+    inputs: list[float]
+    outputs: list[float]
+
+
+@step_kernel
+def follow(tick: int, u: Any, p: Any, m: Any, y: Any) -> int:
+    """F = F_law(x - x_o) + F_o - D, for the force F among the outputs y of a controller.
+
+    u : what the controller reads, with states x (6,) [m, m/s]; then, if guided, the reference x_o
+        (6,) and the force F_o (3,) [N] that it needs, else those of the goal; then, if compensated,
+        the disturbance D (3,) [N]; all of target LVLH
+    """
+    inputs, outputs, origin, first = m.inputs, m.outputs, p.goal, 0
+    size, width = len(inputs), len(y)
+    if p.guided != 0:
+        origin, first = u, size
+    if outputs[width] == 0.0:
+        for i in range(size):
+            inputs[i] = u[i]
+        if p.relative != 0:
+            for k in range(len(p.states)):
+                for i in range(6):
+                    inputs[p.states[k] + i] -= origin[first + i]
+        if p.step == 0:
+            return ASK
+        asked = call(p.step, tick, inputs, p.settings, p.memory, y, 0, width)
+        if asked != 0:
+            return asked
+    else:
+        outputs[width] = 0.0
+        for i in range(width):
+            y[i] = outputs[i]
+    if p.relative != 0:
+        for i in range(3):
+            y[p.force + i] += origin[first + 6 + i]
+    if p.compensated != 0:
+        opposed = size + 9 * p.guided
+        for i in range(3):
+            y[p.force + i] -= u[opposed + i]
+    return 0
+
+
+class FollowStage(KernelStage):
     """A controller that was made for the target, and flies to a goal or follows a reference.
 
     It gets the state relative to the goal or the reference. Its command gets the force on top that
     a chaser at rest at the goal, or on the reference, needs: off V-bar, relative gravity would
     otherwise push the chaser off the goal. It may oppose the disturbance that is estimated.
 
+    Its kernel calls that of the controller; a controller without one answers as Python, once a
+    tick.
+
     goal : state (6,) [m, m/s] and force (3,) [N], target LVLH; None: those of the signals of
         guidance, if `guided`, or none
     compensated : whether the disturbance [N] estimated at a tick is taken from its command
     """
 
+    kernel = follow
+
     def __init__(
         self, inner: Stage, goal: tuple[State, Vector] | None, guided: bool, compensated: bool
     ) -> None:
-        self._inner, self._goal = inner, goal
-        self._guided, self._compensated = guided, compensated
+        self._inner = inner
         self.name, self.outputs = inner.name, inner.outputs
         followed = (interfaces.REFERENCE_STATE, interfaces.REFERENCE_FORCE) if guided else ()
         opposed = (interfaces.ESTIMATED_DISTURBANCE,) if compensated else ()
         self.inputs = (*inner.inputs, *followed, *opposed)
         self.memory_ticks, self.counts_ticks = inner.memory_ticks, inner.counts_ticks
+        self._read, made = places_of(inner.inputs), places_of(inner.outputs)
+        states = [self._read[i].start for i, n in enumerate(inner.inputs) if n in _STATES]
+        force = made[inner.outputs.index(interfaces.CONTROL_FORCE)].start
+        flags = int(guided or goal is not None), int(guided), int(compensated)
+        numbers = [x for values in goal or () for x in values]
+        super().__init__(
+            Following(0, 0, 0, states, *flags, force, numbers),
+            Followed([0.0] * self._read[-1].stop, [0.0] * (made[-1].stop + 1)),
+        )
+        self.reset()
+
+    @property
+    def row(self) -> tuple[Any, Any, Any]:
+        """The kernel, its settings and its memory; the settings have those of the controller."""
+        if self._row is None and isinstance(self._inner, KernelStage):
+            self.p.step, self.p.settings, self.p.memory = self._inner.row
+        return super().row
 
     def reset(self) -> None:
         """Forget all earlier ticks."""
+        super().reset()
         self._inner.reset()
+        self._given, self._made = self.m.inputs, self.m.outputs
 
-    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
-        """Return the outputs of the controller; its command is the sum of all forces."""
-        return self._around(partial(self._inner.step, tick), inputs, _less, _plus)
-
-    def steps(
-        self, ticks: NDArray[np.int64], *inputs: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], ...]:
-        """Return the outputs of many ticks."""
-        return self._around(partial(self._inner.steps, ticks), inputs, np.subtract, np.add)
-
-    def _around(self, answer: Any, inputs: Any, less: Any, plus: Any) -> Any:
-        """Return what the controller answers to inputs, by the arithmetic of tuples or arrays."""
-        own = len(self._inner.inputs)
-        read, origin, on_top = inputs[:own], None, None
-        if self._guided:
-            origin, on_top = inputs[own : own + 2]
-        elif self._goal is not None:
-            origin, on_top = self._goal
-        if origin is not None:
-            names = zip(self._inner.inputs, read, strict=True)
-            read = [less(values, origin) if name in _STATES else values for name, values in names]
-        made = list(answer(*read))
-        for i, name in enumerate(self.outputs):
-            if name == interfaces.CONTROL_FORCE:
-                made[i] = made[i] if on_top is None else plus(made[i], on_top)
-                made[i] = less(made[i], inputs[-1]) if self._compensated else made[i]
-        return tuple(made)
-
-
-def _less(values: Signal, others: Signal) -> Signal:
-    return tuple(map(sub, values, others))
-
-
-def _plus(values: Signal, others: Signal) -> Signal:
-    return tuple(map(add, values, others))
+    def answer(self, tick: int, u: Any) -> None:
+        """Let the controller plan, or answer itself if it has no kernel."""
+        if isinstance(self._inner, KernelStage):
+            self._inner.answer(tick, self._given)
+            return
+        given = self._given.tolist() if COMPILED else self._given
+        outputs = self._inner.step(tick, *[tuple(given[place]) for place in self._read])
+        self._made[:] = [*chain.from_iterable(outputs), 1.0]
 
 
 def received(scenario: Any, signals: Mapping[str, Any]) -> tuple[Signal, Signal]:

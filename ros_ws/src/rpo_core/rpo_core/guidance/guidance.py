@@ -18,7 +18,7 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
-from rpo_core.attitude.attitude_kernels import moving_with, seen_from, to_lvlh
+from rpo_core.attitude.attitude_kernels import frame_at, moving_with, seen_from, to_lvlh
 from rpo_core.attitude.target import known_motion
 from rpo_core.files import codec
 from rpo_core.files.codec import unless_default
@@ -43,12 +43,13 @@ from rpo_core.guidance.legs import (
     Transferring,
     Turning,
     Vehicle,
-    fill,
 )
 from rpo_core.guidance.transfers import Floats, Limits, TooMuch, at_port, bounded, spend
 from rpo_core.kernels.arithmetic import State, Vector, norm
+from rpo_core.kernels.calls import ASK
+from rpo_core.kernels.jit import as_table, kernel, step_kernel
 from rpo_core.scenario.scenario import MAX_VELOCITY_M_S, Scenario
-from rpo_core.stage import Place, Section, Signal, Stage, register
+from rpo_core.stage import KernelStage, Place, Section, Signal, register
 from rpo_core.wire import interfaces
 from rpo_core.world import cw
 from rpo_core.world.starts import MAX_POSITION_M
@@ -278,8 +279,146 @@ class Drifting:
     ticks = None
 
 
-class GuidanceStage(Stage):
+FAR = 2**62
+"""A tick that never comes."""
+
+BLOCK = 1024
+"""Most rows that are computed ahead: a node has them within its tick, interpreted too."""
+
+DUE, OVER, READY, TIMED_OUT, AT_PORT = range(1, 6)
+"""Why the kernel asks: a command is due; the rows or the leg end; a hold may end, or its time is
+up; the chaser is at the port."""
+
+DWELL, ERROR, SPEED = range(1, 4)
+"""What a hold lacks."""
+
+WAITS, MAY_END = 1, 2
+"""A hold waits for GO, or for its own conditions alone."""
+
+
+@dataclass(slots=True)
+class Port:
+    """Settings of the kernel `guide`: port and its axis, and how far behind it a chaser docks."""
+
+    dt_s: float
+    port_m: Vector
+    ahead: Vector
+    past_port_m: float
+
+
+@dataclass(slots=True)
+class UnderWay:
+    """Memory of the kernel `guide`: the phase under way.
+
+    tick, reference : the last, (6,) [m, m/s]; before the first the tick is -1
+    state : the last of a hold, and the last that was asked of
+    why : why the kernel asks
+    begins, first, until : tick at which the phase begins, tick of the first row, tick at which the
+        rows end
+    commanded : tick of the next command
+    holds : 0, WAITS or MAY_END
+    dwell_s, within_m, within_m_s, timeout_s : of the hold
+    docks : whether the chaser docks at the port
+    rows : (n, 9) references [m, m/s] and forces [N] tick by tick, the last for the ticks that
+        follow; empty: it drifts
+    axes : (n, 15) of the target at these ticks, if it turns and the chaser docks
+    """
+
+    state: Annotated[list[float], 6]
+    reference: Annotated[list[float], 6]
+    rows: list[list[float]]
+    axes: list[list[float]]
+    tick: int = -1
+    why: int = 0
+    begins: int = 0
+    first: int = 0
+    until: int = 0
+    commanded: int = FAR
+    holds: int = 0
+    dwell_s: float = 0.0
+    within_m: float = 0.0
+    within_m_s: float = 0.0
+    timeout_s: float = 0.0
+    docks: int = 0
+
+
+@kernel
+def lacking(
+    held_s: float, error_m: float, speed_m_s: float,
+    dwell_s: float, within_m: float, within_m_s: float,
+) -> int:  # fmt: skip
+    """Return what a hold lacks to end, 0 if nothing."""
+    if held_s < dwell_s:
+        return DWELL
+    if error_m > within_m:
+        return ERROR
+    return SPEED if speed_m_s > within_m_s else 0
+
+
+@step_kernel
+def why_asked(tick: int, u: Any, p: Any, m: Any) -> int:
+    """Return why the stage must plan before a tick; 0 if it need not."""
+    if tick >= m.commanded:
+        return DUE
+    if tick >= m.until:
+        return OVER
+    if m.holds != 0:
+        held_s = (tick - m.begins) * p.dt_s
+        if held_s >= m.timeout_s:
+            return TIMED_OUT
+        if m.holds != WAITS and m.tick >= 0:
+            r = m.reference
+            error = norm(u[0] - r[0], u[1] - r[1], u[2] - r[2])
+            speed = norm(u[3] - r[3], u[4] - r[4], u[5] - r[5])
+            if lacking(held_s, error, speed, m.dwell_s, m.within_m, m.within_m_s) == 0:
+                return READY
+    if m.docks != 0:
+        port = p.port_m[0], p.port_m[1], p.port_m[2]
+        ahead = p.ahead[0], p.ahead[1], p.ahead[2]
+        if len(m.axes) > 0:
+            axes = frame_at(m.axes[tick - m.first], 0)
+            port, ahead = to_lvlh(port, axes), to_lvlh(ahead, axes)
+        px, py, pz = port
+        ax, ay, az = ahead
+        if at_port(u[0], u[1], u[2], px, py, pz, ax, ay, az, p.past_port_m):
+            return AT_PORT
+    return 0
+
+
+@step_kernel
+def guide(tick: int, u: Any, p: Any, m: Any, y: Any) -> int:
+    """Row (tick - first) of the phase under way: from a state u (6,) [m, m/s], target LVLH.
+
+    y (9,) : reference [m, m/s] and the force [N] that it needs, target LVLH
+
+    ASK where a command is due, the rows or the leg end, a hold may end (error and speed against the
+    reference of the tick before), or the chaser is at the port.
+    """
+    why = why_asked(tick, u, p, m)
+    if why != 0:
+        m.why = why
+        return ASK
+    i, last = tick - m.first, len(m.rows) - 1
+    if last < 0:
+        y[0], y[1], y[2], y[3], y[4], y[5] = u[0], u[1], u[2], u[3], u[4], u[5]
+        y[6], y[7], y[8] = 0.0, 0.0, 0.0
+    else:
+        row = m.rows[i if i < last else last]
+        y[0], y[1], y[2], y[3], y[4], y[5] = row[0], row[1], row[2], row[3], row[4], row[5]
+        y[6], y[7], y[8] = row[6], row[7], row[8]
+    r = m.reference
+    r[0], r[1], r[2], r[3], r[4], r[5] = y[0], y[1], y[2], y[3], y[4], y[5]
+    if m.holds != 0:
+        s = m.state
+        s[0], s[1], s[2], s[3], s[4], s[5] = u[0], u[1], u[2], u[3], u[4], u[5]
+    m.tick = tick
+    return 0
+
+
+class GuidanceStage(KernelStage):
     """Flies a plan: phase by phase, with the commands go, hold, retreat and abort.
+
+    The kernel follows the leg under way and asks where one ends: the stage plans the next.
 
     changes : the phases so far
     """
@@ -288,10 +427,10 @@ class GuidanceStage(Stage):
     inputs = (interfaces.STATE,)
     outputs = (interfaces.REFERENCE_STATE, interfaces.REFERENCE_FORCE)
     memory_ticks = None
+    kernel = guide
 
     def __init__(self, settings: Guidance, scenario: Scenario) -> None:
         self.settings = settings
-        self._dt_s = scenario.dt_s
         n, mass_kg, dt_s = scenario.mean_motion_rad_s, settings.mass_kg, scenario.dt_s
         step = scenario.step if mass_kg is None else cw.discretise(n, mass_kg, dt_s)
         limit_n = settings.force_share * scenario.max_force_n
@@ -300,6 +439,8 @@ class GuidanceStage(Stage):
         self._radius_m = settings.keep_out_m and settings.keep_out_m + settings.margin_m
         goal = scenario.goal
         self._goal = (scenario.goal_state, goal.force_n if goal is not None else ())
+        port = Port(dt_s, settings.port_m, settings.corridor.ahead, settings.past_port_m)
+        super().__init__(port, UnderWay([0.0] * 6, [0.0] * 6, [], []))
         self.reset()
 
     def passes_on(self) -> tuple[int | Signal, ...]:
@@ -311,32 +452,37 @@ class GuidanceStage(Stage):
 
     def reset(self) -> None:
         """Begin the plan anew."""
+        super().reset()
         self.commands: dict[int, str] = {}
         self.changes: list[Change] = []
         self._next = 0  # leg that follows
         self._leg: Leg | None = None
         self._flown: Flown | Drifting | None = None
-        self._since, self._tick = 0, -1
-        self._seen: State | None = None
-        self._reference: State | None = None
+        self._since = 0
+        self._obeyed = -1  # tick up to which commands were obeyed
         self._go = False
 
     def command(self, name: str) -> str:
         """Take a command for the next tick; return why it is refused, '' if it is not."""
         reason = self.refusal(name)
         if not reason:
-            self.commands[self.next_tick] = name
+            self.take_event(self.next_tick, name)
         return reason
 
     @property
     def next_tick(self) -> int:
         """The tick that comes."""
-        return self._tick + 1
+        return int(self.m.tick) + 1
 
     def take_event(self, tick: int, state: str) -> None:
         """Take a command that a log tells of."""
         if state in COMMANDS:
             self.commands[tick] = state
+            self._announce()
+
+    def _announce(self) -> None:
+        """Let the kernel know the tick of the next command."""
+        self.m.commanded = min((t for t in self.commands if t > self._obeyed), default=FAR)
 
     def refusal(self, name: str) -> str:
         """Return why a command cannot be followed now; '' if it can."""
@@ -353,25 +499,58 @@ class GuidanceStage(Stage):
             return self._unready(self._leg)
         return '' if phase in (STOPPED, RETREATED) else f'`go` ends a hold; the phase is {phase}'
 
-    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
-        """Return the reference state (6,) [m, m/s] and the force (3,) [N] that it needs."""
-        state: State = inputs[0]
-        self._tick, self._seen = tick, state
+    def answer(self, tick: int, u: Any) -> None:
+        """Follow a command or what ends the phase under way, and write the rows that follow."""
+        self.m.state = u[:6]
         if self._flown is None:
-            self._begin_leg(tick, state, 'the flight begins')
-        command = self.commands.get(tick)
-        if command is not None:
-            self._obey(tick, command)
-        while self._is_over(tick):
-            self._follow(tick)
-        if self._docks and self._at_port(tick, state):
+            self._begin_leg(tick, self._seen, 'the flight begins')
+        elif self.m.why == DUE:
+            self._obeyed = tick
+            if tick in self.commands:
+                self._obey(tick, self.commands[tick])
+        elif self.m.why == AT_PORT:
             self._enter(tick, DOCKED, 'the chaser is at the port', Drifting())
-        if isinstance(self._flown, Drifting):
-            self._reference = state
-            return state, (0.0, 0.0, 0.0)
-        reference, force = self._flown.at(tick - self._since)  # type: ignore[union-attr]
-        self._reference = reference
-        return reference, force
+        elif self.m.why != OVER or self._is_over(tick):
+            self._follow(tick)
+        self._announce()
+        self._write(tick)
+
+    def _write(self, tick: int) -> None:
+        """Write the phase under way into the memory of the kernel, from a tick on."""
+        m, flown, leg = self.m, self._flown, self._leg
+        m.first, m.begins, m.until = tick, self._since, FAR
+        m.rows, m.axes, m.holds, m.docks = [], [], 0, int(self._docks)
+        if leg is not None and leg.kind == HOLD:
+            m.holds = MAY_END if leg.go == AUTO or self._go else WAITS
+            m.dwell_s, m.within_m, m.within_m_s = leg.dwell_s, leg.within_m, leg.within_m_s
+            m.timeout_s = inf if leg.timeout_s is None else leg.timeout_s
+        if flown is None or isinstance(flown, Drifting):
+            return
+        behind, ticks = tick - self._since, BLOCK
+        if flown.ticks is not None:
+            ticks = min(ticks, flown.ticks - behind)
+        rests = isinstance(flown, Resting)
+        rows = as_table(np.empty((1 if rests else ticks, 9)))
+        flown.fill(rows, behind)
+        m.rows = rows
+        if not rests:
+            m.until = tick + ticks
+        if m.docks and self._motion is not None:
+            m.axes, m.until = as_table(self._motion.frames(tick + ticks)[tick:]), tick + ticks
+
+    @property
+    def _seen(self) -> State:
+        """The state of the last tick."""
+        x, y, z, vx, vy, vz = map(float, self.m.state)
+        return x, y, z, vx, vy, vz
+
+    @property
+    def _reference(self) -> State | None:
+        """The reference of the last tick; None before the first."""
+        if self.m.tick < 0:
+            return None
+        x, y, z, vx, vy, vz = map(float, self.m.reference)
+        return x, y, z, vx, vy, vz
 
     @property
     def rests(self) -> bool:
@@ -392,11 +571,6 @@ class GuidanceStage(Stage):
             return (*port_m, *ahead)
         frame = self._motion.frame(tick)
         return (*to_lvlh(port_m, frame), *to_lvlh(ahead, frame))
-
-    def _at_port(self, tick: int, state: State) -> bool:
-        """Return whether a state has come to the port."""
-        (x, y, z, *_), (px, py, pz, ax, ay, az) = state, self.port(tick)
-        return at_port(x, y, z, px, py, pz, ax, ay, az, self.settings.past_port_m)
 
     def phases(self, start: State, ticks: int) -> Iterator[tuple[int, int, Any, bool]]:
         """Yield the phases of a plan without holds and commands, up to a tick.
@@ -420,39 +594,28 @@ class GuidanceStage(Stage):
         """Return the references and forces (ticks + 1, 9) of `phases`."""
         rows = np.empty((ticks + 1, 9))
         for tick, count, flown, _ in self.phases(start, ticks):
-            fill(flown, rows[tick : tick + count])
+            flown.fill(rows[tick : tick + count])
         return rows
 
     def _is_over(self, tick: int) -> bool:
-        """Return whether the phase ends before this tick."""
+        """Return whether the leg has no more ticks."""
         ticks = self._flown.ticks if self._flown is not None else None
-        if ticks is not None:
-            return tick - self._since >= ticks
-        leg = self._leg
-        if leg is None or leg.kind != HOLD:
-            return False
-        if self._timed_out(tick, leg):
-            return True
-        return (leg.go == AUTO or self._go) and not self._unready(leg)
-
-    def _timed_out(self, tick: int, leg: Leg) -> bool:
-        held_s = (tick - self._since) * self._dt_s
-        return leg.timeout_s is not None and held_s >= leg.timeout_s
+        return ticks is not None and tick - self._since >= ticks
 
     def _unready(self, leg: Leg) -> str:
         """Return why a hold cannot end; '' if it can."""
-        held_s = (self._tick - self._since) * self._dt_s
-        if held_s < leg.dwell_s:
-            return f'`dwell_s` = {leg.dwell_s:g} s is not over: {held_s:g} s'
-        if self._seen is None or self._reference is None:
+        m = self.m
+        if m.tick < 0:
             return 'no state has come'
-        miss = [s - r for s, r in zip(self._seen, self._reference, strict=True)]
+        held_s = (m.tick - self._since) * self.p.dt_s
+        miss = [s - r for s, r in zip(m.state, m.reference, strict=True)]
         error, speed = norm(*miss[:3]), norm(*miss[3:])
-        if error > leg.within_m:
-            return f'the error is {error:.3g} m, more than `within_m` = {leg.within_m:g} m'
-        if speed > leg.within_m_s:
-            return f'the speed is {speed:.3g} m/s, more than `within_m_s` = {leg.within_m_s:g} m/s'
-        return ''
+        found = lacking(held_s, error, speed, leg.dwell_s, leg.within_m, leg.within_m_s)
+        return {
+            DWELL: f'`dwell_s` = {leg.dwell_s:g} s is not over: {held_s:g} s',
+            ERROR: f'the error is {error:.3g} m, more than `within_m` = {leg.within_m:g} m',
+            SPEED: f'the speed is {speed:.3g} m/s, more than `within_m_s` = {leg.within_m_s:g} m/s',
+        }.get(found, '')
 
     def _follow(self, tick: int) -> None:
         """Begin what follows the phase that is over."""
@@ -460,10 +623,10 @@ class GuidanceStage(Stage):
         if self.changes[-1].phase == ABORTING:
             self._enter(tick, DRIFTING, 'clear of the target', Drifting())
         elif leg is not None and leg.kind == HOLD:
-            if self._timed_out(tick, leg) and leg.on_timeout == ABORT:
+            timed_out = self.m.why == TIMED_OUT
+            if timed_out and leg.on_timeout == ABORT:
                 self._obey(tick, ABORT, f'{leg.name} took `timeout_s` = {leg.timeout_s:g} s')
             else:
-                timed_out = self._timed_out(tick, leg)
                 self._begin_leg(tick, None, 'time is up' if timed_out else 'GO')
         elif leg is None:  # stopped, or back at the retreat
             turns = isinstance(self._flown, Turning)
@@ -584,7 +747,7 @@ class GuidanceStage(Stage):
     def _obey(self, tick: int, command: str, reason: str = '') -> None:
         """Follow a command at a tick."""
         reason = reason or f'command `{command}`'
-        now = self._reference or self._seen or (0.0,) * 6
+        now = self._reference or self._seen
         if command == GO:
             if self._leg is not None and self._leg.kind == HOLD:
                 self._go = True

@@ -19,7 +19,7 @@ from rpo_core.attitude.target import Motion
 from rpo_core.guidance import transfers
 from rpo_core.guidance.transfers import Floats, Limits, Transfer, sample
 from rpo_core.kernels.arithmetic import State, Vector, norm, sin_cos
-from rpo_core.kernels.jit import inlined, kernel
+from rpo_core.kernels.jit import as_table, inlined, kernel
 from rpo_core.world import cw
 from rpo_core.world.cw import CwStep
 
@@ -51,6 +51,125 @@ def turned(t: Any, now: Frame, half: Frame, n: float, m: float) -> tuple[State, 
     return state, force_for(moving_with(later, half), acceleration, n, m)
 
 
+class Speeds(NamedTuple):
+    """A length run through with a first, a largest and a last speed, and one acceleration.
+
+    up, up_s : length and time of speeding up; then an even part, then braking
+    """
+
+    acceleration: float
+    first: float
+    cruise: float
+    last: float
+    length: float
+    up: float
+    up_s: float
+    even_s: float
+    down_s: float
+
+    @property
+    def duration_s(self) -> float:
+        """Time that it takes."""
+        return self.up_s + self.even_s + self.down_s
+
+
+AT_REST = Speeds(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@inlined
+def progress(p: Speeds, time_s: float) -> Vector:
+    """Return length, speed and acceleration at a time."""
+    a = p.acceleration
+    if time_s < p.up_s:
+        return (p.first + 0.5 * a * time_s) * time_s, p.first + a * time_s, a
+    later_s = time_s - p.up_s
+    if later_s < p.even_s:
+        return p.up + p.cruise * later_s, p.cruise, 0.0
+    left = p.even_s + p.down_s - later_s
+    if left > 0.0:
+        return p.length - (p.last + 0.5 * a * left) * left, p.last + a * left, -a
+    return p.length, p.last, 0.0
+
+
+REST, COAST, LINE, ARC = range(4)
+
+
+class Way(NamedTuple):
+    """A motion as a function of time.
+
+    begin : point [m] where it begins; of an arc the unit vector from the target to it
+    ahead : velocity [m/s] of a coast; unit vector along a line; of an arc across `begin`
+    speeds : along a line [m] or an arc [rad]
+    radius, growth : of an arc, at its begin, and for each radian
+    """
+
+    shape: int
+    begin: Vector
+    ahead: Vector = (0.0, 0.0, 0.0)
+    speeds: Speeds = AT_REST
+    radius: float = 0.0
+    growth: float = 0.0
+
+
+@inlined
+def _on_arc(a: float, b: float, way: Way, now: Vector, sine: float, cosine: float) -> Vector:
+    """Return position, velocity and acceleration of an axis; a, b : of `begin` and `ahead`."""
+    angle, rate, change = now
+    r, dr = way.radius + way.growth * angle, way.growth
+    # e = a cos + b sin points to the chaser, e' = b cos - a sin ahead
+    e, ahead = a * cosine + b * sine, b * cosine - a * sine
+    slope, bend = dr * e + r * ahead, 2.0 * dr * ahead - r * e
+    return r * e, slope * rate, bend * rate * rate + slope * change
+
+
+@inlined
+def moved(way: Way, time_s: float) -> tuple[State, Vector]:
+    """Return state (6,) [m, m/s] and acceleration (3,) [m/s^2] so long after its begin."""
+    (px, py, pz), (ux, uy, uz) = way.begin, way.ahead
+    if way.shape == ARC:
+        now = progress(way.speeds, time_s)
+        sine, cosine = sin_cos(now[0])
+        x, vx, ax = _on_arc(px, ux, way, now, sine, cosine)
+        y, vy, ay = _on_arc(py, uy, way, now, sine, cosine)
+        z, vz, az = _on_arc(pz, uz, way, now, sine, cosine)
+        return (x, y, z, vx, vy, vz), (ax, ay, az)
+    if way.shape == LINE:
+        length, speed, a = progress(way.speeds, time_s)
+        state = (
+            px + length * ux, py + length * uy, pz + length * uz,
+            speed * ux, speed * uy, speed * uz,
+        )  # fmt: skip
+        return state, (a * ux, a * uy, a * uz)
+    if way.shape == COAST:
+        return (px + ux * time_s, py + uy * time_s, pz + uz * time_s, ux, uy, uz), (0.0, 0.0, 0.0)
+    return (px, py, pz, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+
+
+@kernel
+def way_rows(way: Way, first: int, dt_s: float, n: float, m: float, rows: Any) -> None:
+    """Fill rows (n, 9), a tick each, from a tick on: the force is that in the middle of a tick."""
+    for i in range(len(rows)):
+        row, tick = rows[i], first + i
+        state, _ = moved(way, tick * dt_s)
+        later, acceleration = moved(way, (tick + 0.5) * dt_s)
+        force = force_for(later, acceleration, n, m)
+        row[0], row[1], row[2], row[3], row[4], row[5] = state
+        row[6], row[7], row[8] = force
+
+
+@kernel
+def way_moments(way: Way, first: int, dt_s: float, table: Any) -> None:
+    """Fill a table (n, 15) with states, and states and accelerations in the middle of ticks."""
+    for i in range(len(table)):
+        row, tick = table[i], first + i
+        state, _ = moved(way, tick * dt_s)
+        later, acceleration = moved(way, (tick + 0.5) * dt_s)
+        for j in range(6):
+            row[j], row[6 + j] = state[j], later[j]
+        for j in range(3):
+            row[12 + j] = acceleration[j]
+
+
 @kernel
 def turn_rows(
     table: Floats, frames: Floats, halves: Floats, n: float, m: float, rows: Floats
@@ -60,11 +179,12 @@ def turn_rows(
     table : (n, 15) as `turned` reads them; frames, halves : (n, 15) of the target at these moments
     """
     for i in range(len(rows)):
+        row = rows[i]
         state, force = turned(table[i], frame_at(frames[i], 0), frame_at(halves[i], 0), n, m)
         for j in range(6):
-            rows[i, j] = state[j]
+            row[j] = state[j]
         for j in range(3):
-            rows[i, 6 + j] = force[j]
+            row[6 + j] = force[j]
 
 
 PI = 3.141592653589793
@@ -105,43 +225,36 @@ class Moving:
     """A leg whose motion is a function of time: the force is that in the middle of a tick."""
 
     ticks: int | None = None
+    way: Way
     _vehicle: Vehicle
 
     def moved(self, time_s: float) -> tuple[State, Vector]:
         """Return state (6,) [m, m/s] and acceleration (3,) [m/s^2] so long after its begin."""
-        raise NotImplementedError
+        return moved(self.way, time_s)
 
     def at(self, tick: int) -> tuple[State, Vector]:
         """Return the state, and the force in the middle of the tick."""
-        dt_s = self._vehicle.dt_s
-        state, _ = self.moved(tick * dt_s)
-        return state, self._vehicle.force_n(*self.moved((tick + 0.5) * dt_s))
+        return _row_of(self, tick)
+
+    def fill(self, rows: Any, first: int = 0) -> None:
+        """Fill rows (n, 9) with references and forces, from a tick of it on."""
+        v = self._vehicle
+        way_rows(self.way, first, v.dt_s, v.mean_motion_rad_s, v.mass_kg, rows)
 
 
 class Resting(Moving):
     """At rest at a point, for ever."""
 
     def __init__(self, position_m: Vector, vehicle: Vehicle) -> None:
-        self._vehicle = vehicle
-        self._state: State = (*position_m, 0.0, 0.0, 0.0)
-
-    def moved(self, time_s: float) -> tuple[State, Vector]:
-        """Return the point."""
-        return self._state, (0.0, 0.0, 0.0)
+        self._vehicle, self.way = vehicle, Way(REST, position_m)
 
 
 class Coasting(Moving):
     """On with the velocity of its begin, so far."""
 
     def __init__(self, start: State, vehicle: Vehicle, length_m: float) -> None:
-        self._start, self._vehicle = start, vehicle
+        self._vehicle, self.way = vehicle, Way(COAST, start[:3], start[3:])
         self.ticks = ceil(length_m / norm(*start[3:]) / vehicle.dt_s)
-
-    def moved(self, time_s: float) -> tuple[State, Vector]:
-        """Return point and velocity."""
-        x, y, z, vx, vy, vz = self._start
-        state = x + vx * time_s, y + vy * time_s, z + vz * time_s, vx, vy, vz
-        return state, (0.0, 0.0, 0.0)
 
 
 _tables: dict[str, Floats] = {}
@@ -169,37 +282,31 @@ class Turning:
         """Return the state (6,) in the target's axes, so many ticks after its begin."""
         return self._inner.moved(tick * self._vehicle.dt_s)[0]
 
-    def _moments(self, tick: int) -> tuple[float, ...]:
-        """Return the state at a tick, and state and acceleration in its middle (15,)."""
-        later, acceleration = self._inner.moved((tick + 0.5) * self._vehicle.dt_s)
-        return (*self.seen(tick), *later, *acceleration)
-
     def at(self, tick: int) -> tuple[State, Vector]:
         """Return the state in LVLH, and the force in the middle of the tick."""
-        row = np.empty((1, 9))
-        self._fill(tick, np.array([self._moments(tick)]), row)
-        x, y, z, vx, vy, vz, *force = row[0].tolist()
-        return (x, y, z, vx, vy, vz), tuple(force)
+        return _row_of(self, tick)
 
-    def moments(self, ticks: int) -> Floats:
-        """Return the motion (n, 15) in the target's axes of its first ticks."""
-        key = f'{ticks} {self._key}'
+    def moments(self, ticks: int, first: int = 0) -> Floats:
+        """Return the motion (n, 15) in the target's axes of so many ticks."""
+        key = f'{first} {ticks} {self._key}'
         if key not in _tables:
             if len(_tables) >= MOST_TABLES:
                 _tables.clear()
-            _tables[key] = np.array([self._moments(tick) for tick in range(ticks)])
+            table = as_table(np.empty((ticks, 15)))
+            way_moments(self._inner.way, first, self._vehicle.dt_s, table)
+            _tables[key] = np.array(table).reshape(-1, 15)
         return _tables[key]
 
-    def fill(self, rows: Floats) -> None:
-        """Fill rows (n, 9) with its first references and forces."""
-        self._fill(0, self.moments(len(rows)), rows)
-
-    def _fill(self, first: int, table: Floats, rows: Floats) -> None:
+    def fill(self, rows: Any, first: int = 0) -> None:
+        """Fill rows (n, 9) with references and forces, from a tick of it on."""
+        table = self.moments(len(rows), first)
         begin, vehicle = self._since + first, self._vehicle
         frames, halves = (
-            self._motion.frames(begin + len(rows), half=half)[begin:] for half in (False, True)
+            as_table(self._motion.frames(begin + len(rows), half=half)[begin:])
+            for half in (False, True)
         )
-        turn_rows(table, frames, halves, vehicle.mean_motion_rad_s, vehicle.mass_kg, rows)
+        n, mass_kg = vehicle.mean_motion_rad_s, vehicle.mass_kg
+        turn_rows(as_table(table), frames, halves, n, mass_kg, rows)
 
 
 class Transferring:
@@ -262,47 +369,29 @@ class Transferring:
             start, self._end, step, segments, zones, burn, ease
         )
         self.largest_n = float(abs(self.transfer.forces).max())
-        self._states, self._forces = self.transfer.states.tolist(), self.transfer.forces.tolist()
-        self._last: tuple[int, State] = (0, start)
 
     def at(self, tick: int) -> tuple[State, Vector]:
         """Return the planned state and the force of its segment."""
         if tick >= (self.ticks or 0):
             return self._end, self._vehicle.force_n(self._end, (0.0, 0.0, 0.0))
-        segment, rest = divmod(tick, self._hold)
-        force: Vector = tuple(self._forces[segment])
-        before, state = self._last
-        if not rest:
-            state = tuple(self._states[segment])
-        elif before != tick:
-            if before != tick - 1:
-                state = tuple(self._states[segment])
-                before = segment * self._hold
-            for _ in range(tick - before):
-                state = cw.cw_step(state, force, self._vehicle.step)
-        self._last = (tick, state)
-        return state, force
+        return _row_of(self, tick)
 
-    def fill(self, rows: Floats) -> None:
-        """Fill rows (n, 9) with its first references and forces."""
-        transfer = self.transfer
-        sample(transfer.states, transfer.forces, self._hold, self._vehicle.step, rows)
+    def fill(self, rows: Any, first: int = 0) -> None:
+        """Fill rows (n, 9) with references and forces, from a tick of it on."""
+        states, forces = as_table(self.transfer.states), as_table(self.transfer.forces)
+        sample(states, forces, self._hold, self._vehicle.step, first, rows)
 
 
 Flown = Moving | Turning | Transferring
 """A leg under way: its `ticks`, None for no end of its own, and the reference `at` a tick."""
 
 
-def fill(flown: Flown, rows: Floats) -> None:
-    """Fill rows (n, 9), a tick each, with the first references and forces of a leg."""
-    if isinstance(flown, Resting):
-        rows[:] = (*flown.at(0)[0], *flown.at(0)[1])
-    elif isinstance(flown, (Transferring, Turning)):
-        flown.fill(rows)
-    else:
-        for tick, row in enumerate(rows):
-            reference, force = flown.at(tick)
-            row[:6], row[6:] = reference, force
+def _row_of(flown: Flown, tick: int) -> tuple[State, Vector]:
+    """Return state and force of a tick of a leg."""
+    rows = as_table(np.empty((1, 9)))
+    flown.fill(rows, tick)
+    x, y, z, vx, vy, vz, fx, fy, fz = map(float, rows[0])
+    return (x, y, z, vx, vy, vz), (fx, fy, fz)
 
 
 def tabled(flown: Flown, ticks: int) -> Floats:
@@ -313,46 +402,27 @@ def tabled(flown: Flown, ticks: int) -> Floats:
     if isinstance(flown, Turning):
         return flown.moments(ticks)
     rows = np.empty((1 if isinstance(flown, Resting) else ticks, 9))
-    fill(flown, rows)
+    flown.fill(rows)
     return rows
 
 
-class Profile:
-    """A length run through with a first, a largest and a last speed, and one acceleration.
+def profile(length: float, first: float, cruise: float, last: float, acceleration: float) -> Speeds:
+    """Return how a length is run through.
 
     Speeds that the length does not allow become smaller; the length is kept.
     """
-
-    def __init__(
-        self, length: float, first: float, cruise: float, last: float, acceleration: float
-    ) -> None:
-        a = acceleration
-        reached = sqrt(a * length + (first * first + last * last) / 2.0)
-        cruise = max(min(cruise, reached), first, last)
-        up = (cruise * cruise - first * first) / (2.0 * a)
-        down = (cruise * cruise - last * last) / (2.0 * a)
-        if abs(last * last - first * first) > 2.0 * a * length:  # too short: it changes faster
-            a = abs(last * last - first * first) / (2.0 * length)
-            up, down = (length, 0.0) if last > first else (0.0, length)
-        self._a, self._first, self._cruise, self._last = a, first, cruise, last
-        self._length, self._up = length, up
-        self._up_s = (cruise - first) / a if a > 0.0 else 0.0
-        self._down_s = (cruise - last) / a if a > 0.0 else 0.0
-        self._even_s = max(0.0, (length - up - down) / cruise)  # below 0 by rounding
-        self.duration_s = self._up_s + self._even_s + self._down_s
-
-    def at(self, time_s: float) -> tuple[float, float, float]:
-        """Return length, speed and acceleration at a time."""
-        a = self._a
-        if time_s < self._up_s:
-            return (self._first + 0.5 * a * time_s) * time_s, self._first + a * time_s, a
-        time_s -= self._up_s
-        if time_s < self._even_s:
-            return self._up + self._cruise * time_s, self._cruise, 0.0
-        left = self._even_s + self._down_s - time_s
-        if left > 0.0:
-            return self._length - (self._last + 0.5 * a * left) * left, self._last + a * left, -a
-        return self._length, self._last, 0.0
+    a = acceleration
+    reached = sqrt(a * length + (first * first + last * last) / 2.0)
+    cruise = max(min(cruise, reached), first, last)
+    up = (cruise * cruise - first * first) / (2.0 * a)
+    down = (cruise * cruise - last * last) / (2.0 * a)
+    if abs(last * last - first * first) > 2.0 * a * length:  # too short: it changes faster
+        a = abs(last * last - first * first) / (2.0 * length)
+        up, down = (length, 0.0) if last > first else (0.0, length)
+    up_s = (cruise - first) / a if a > 0.0 else 0.0
+    down_s = (cruise - last) / a if a > 0.0 else 0.0
+    even_s = max(0.0, (length - up - down) / cruise)  # below 0 by rounding
+    return Speeds(a, first, cruise, last, length, up, up_s, even_s, down_s)
 
 
 class Straight(Moving):
@@ -361,34 +431,20 @@ class Straight(Moving):
     def __init__(
         self, start: State, to_m: Vector, vehicle: Vehicle, speed_m_s: float, end_m_s: float
     ) -> None:
-        self._vehicle, self._to = vehicle, to_m
+        self._vehicle = vehicle
         x, y, z, vx, vy, vz = start
         line = (to_m[0] - x, to_m[1] - y, to_m[2] - z)
         length = norm(*line)
-        self._from: Vector = (x, y, z)
         self.ticks = 0
         if length < 1e-6:
-            self._ahead: Vector = (0.0, 0.0, 0.0)
-            self._profile: Profile | None = None
+            self.way = Way(REST, to_m)
             return
-        self._ahead = (line[0] / length, line[1] / length, line[2] / length)
-        closing = vx * self._ahead[0] + vy * self._ahead[1] + vz * self._ahead[2]
+        ahead = (line[0] / length, line[1] / length, line[2] / length)
+        closing = vx * ahead[0] + vy * ahead[1] + vz * ahead[2]
         first = min(max(closing, 0.0), speed_m_s)
-        self._profile = Profile(length, first, speed_m_s, end_m_s, vehicle.acceleration_m_s2)
-        self.ticks = ceil(self._profile.duration_s / vehicle.dt_s)
-
-    def moved(self, time_s: float) -> tuple[State, Vector]:
-        """Return point, velocity and acceleration on the line."""
-        if self._profile is None:
-            return (*self._to, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-        length, speed, a = self._profile.at(time_s)
-        ux, uy, uz = self._ahead
-        px, py, pz = self._from
-        state = (
-            px + length * ux, py + length * uy, pz + length * uz,
-            speed * ux, speed * uy, speed * uz,
-        )  # fmt: skip
-        return state, (a * ux, a * uy, a * uz)
+        speeds = profile(length, first, speed_m_s, end_m_s, vehicle.acceleration_m_s2)
+        self.way = Way(LINE, (x, y, z), ahead, speeds)
+        self.ticks = ceil(speeds.duration_s / vehicle.dt_s)
 
 
 class FlyingAround(Moving):
@@ -396,30 +452,14 @@ class FlyingAround(Moving):
 
     def __init__(self, start: State, to_m: Vector, vehicle: Vehicle, speed_m_s: float) -> None:
         self._vehicle = vehicle
-        first, self._a = _polar(start[:3])
+        radius, begin = _polar(start[:3])
         last, end = _polar(to_m)
-        self._angle, self._b = _arc(self._a, end)
-        self._radius, self._growth = first, (last - first) / self._angle
-        speed = speed_m_s / max(first, last)
-        rate = vehicle.acceleration_m_s2 / max(first, last)
-        self._profile = Profile(self._angle, 0.0, speed, 0.0, rate)
-        self.ticks = ceil(self._profile.duration_s / vehicle.dt_s)
-
-    def moved(self, time_s: float) -> tuple[State, Vector]:
-        """Return point, velocity and acceleration on the arc."""
-        angle, rate, change = self._profile.at(time_s)
-        sine, cosine = sin_cos(angle)
-        r, dr = self._radius + self._growth * angle, self._growth
-        # e = a cos + b sin points to the chaser, e' = b cos - a sin ahead
-        position, velocity, acceleration = [], [], []
-        for a, b in zip(self._a, self._b, strict=True):
-            e, ahead = a * cosine + b * sine, b * cosine - a * sine
-            slope, bend = dr * e + r * ahead, 2.0 * dr * ahead - r * e
-            position.append(r * e)
-            velocity.append(slope * rate)
-            acceleration.append(bend * rate * rate + slope * change)
-        (x, y, z), (vx, vy, vz), (ax, ay, az) = position, velocity, acceleration
-        return (x, y, z, vx, vy, vz), (ax, ay, az)
+        angle, ahead = _arc(begin, end)
+        speed = speed_m_s / max(radius, last)
+        rate = vehicle.acceleration_m_s2 / max(radius, last)
+        speeds = profile(angle, 0.0, speed, 0.0, rate)
+        self.way = Way(ARC, begin, ahead, speeds, radius, (last - radius) / angle)
+        self.ticks = ceil(speeds.duration_s / vehicle.dt_s)
 
 
 def _polar(position_m: tuple[float, ...]) -> tuple[float, Vector]:

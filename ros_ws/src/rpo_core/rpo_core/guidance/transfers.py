@@ -92,21 +92,24 @@ def path_of(start: State, forces: Floats, step: CwStep, states: Floats) -> None:
 
 
 @kernel
-def sample(states: Floats, forces: Floats, hold: int, step: CwStep, rows: Floats) -> None:
-    """Fill rows (n, 9), a tick each, with the states and forces of a transfer from its begin on.
+def sample(states: Any, forces: Any, hold: int, step: CwStep, first: int, rows: Floats) -> None:
+    """Fill rows (n, 9), a tick each, with states and forces of a transfer, from a tick of it on.
 
     hold : ticks of a segment; step : of a tick
     """
     state = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    for tick in range(len(rows)):
-        k, row = tick // hold, rows[tick]
-        force = (forces[k, 0], forces[k, 1], forces[k, 2])
+    for tick in range(first - first % hold, first + len(rows)):
+        k = tick // hold
+        f = forces[k]
+        force = (f[0], f[1], f[2])
         if tick % hold == 0:
             s = states[k]
             state = (s[0], s[1], s[2], s[3], s[4], s[5])
-        for j in range(6):
-            row[j] = state[j]
-        row[6], row[7], row[8] = force
+        if tick >= first:
+            row = rows[tick - first]
+            for j in range(6):
+                row[j] = state[j]
+            row[6], row[7], row[8] = force
         state = cw_step(state, force, step)
 
 
