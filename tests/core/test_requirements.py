@@ -15,7 +15,7 @@ from rpo_core import files
 from rpo_core.chain.flight import Flight
 from rpo_core.files.validation import InputError
 from rpo_core.judge import contact
-from rpo_core.judge.verdicts import missed, unbounded, verdicts
+from rpo_core.judge.verdicts import CLOSING, DEPTH, counts_of, missed, unbounded, verdicts
 from rpo_core.scenario.requirements import LIMITS, THRUST, Requirements
 from rpo_core.scenario.scenario import dumps, load, load_scenario, parse
 from rpo_core.thrusters.thrusters import Propellant, Thrusters
@@ -206,8 +206,8 @@ def test_all_axes_are_judged_alike(turn, angle_deg, depth_m):
     port = np.roll((0.0, 0.25, 0.0), turn)
     parts = np.roll(made_up(energy_n2s=1.0).states.reshape(-1, 2, 3), turn, axis=2)
     parts[:, 0] -= port
-    found = contact.judged(parts.reshape(-1, 6), required, tuple(port.tolist()))
-    assert found == pytest.approx((0.0, 0.1, depth_m), abs=1e-12)
+    found = counts_of(parts.reshape(-1, 6), required, tuple(port.tolist()))
+    assert found[CLOSING : DEPTH + 1] == pytest.approx([0.0, 0.1, depth_m], abs=1e-12)
 
 
 IDSS = {

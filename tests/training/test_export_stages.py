@@ -268,6 +268,6 @@ def test_a_stage_alone_is_a_chain_of_one():
 
 
 def test_a_stage_without_a_kernel_is_refused():
-    chain = Chain.of(load_scenario('docking'), ALLROUND)
-    with pytest.raises(InputError, match=r'stage `.*` must have a kernel to be C'):
-        c_stages.files('docking', chain, 'docking.c')
+    chain = Chain.of(PAPER, load_controller('pd'))
+    with pytest.raises(InputError, match=r'stage `controller` must have a kernel to be C'):
+        c_stages.files('pd', chain, 'pd.c')

@@ -22,7 +22,7 @@ from rpo_core.attitude.pointing import contact_turn
 from rpo_core.chain.flight import Flight
 from rpo_core.judge import contact, metrics
 from rpo_core.judge.metrics import larger
-from rpo_core.kernels.arithmetic import norm
+from rpo_core.kernels.arithmetic import Vector, norm
 from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.jit import as_table, kernel
 from rpo_core.scenario.requirements import ATTITUDES, ROWS, THRUST, Requirements
@@ -194,12 +194,7 @@ def _values(flight: Flight, required: Requirements, row: list[float]) -> dict[st
     if not math.isfinite(row[metrics.ENERGY]):
         return dict.fromkeys(ROWS, math.inf)  # not a number in flight: nothing is kept
     hold = metrics.hold_tick(flight.scenario) or 0
-    port = contact.port_of(required, flight.scenario.goal_position_m)
-    arrival_m, norm_m = required.arrival_error_per_axis_m, required.arrival_error_norm_m
-    within_m = norm_m or 0.0 if arrival_m is None else arrival_m
-    counts = as_table([0.0] * COUNTS)
-    _count(as_table(flight.errors), hold, within_m, int(arrival_m is not None), port, counts)
-    found = [float(value) for value in counts]
+    found = counts_of(flight.errors, required, flight.scenario.goal_position_m, hold)
     flown, last = hold + 1 < len(flight.errors), int(found[OUTSIDE])
     held = found[HELD:CLOSING] if flown else [math.nan] * len(_HELD)
     arrived = inf if last == flight.scenario.ticks else flight.scenario.time_s(last)
@@ -252,6 +247,18 @@ _HELD = tuple(name.replace('final', 'hold') for name in _FINAL)
 
 HELD, CLOSING, LATERAL, DEPTH, OUTSIDE, COUNTS = 4, 8, 9, 10, 11, 12
 """Places of what `_count` counts, after the four final values; and their number."""
+
+
+def counts_of(errors: Floats, required: Requirements, goal: Vector, hold: int = 0) -> list[float]:
+    """Return `COUNTS` numbers of a flight's errors (n, 6) [m, m/s], by what it requires.
+
+    goal : (3,) [m]; hold : tick after which the extremes are kept
+    """
+    arrival_m, norm_m = required.arrival_error_per_axis_m, required.arrival_error_norm_m
+    within_m = norm_m or 0.0 if arrival_m is None else arrival_m
+    port, counts = contact.port_of(required, goal), as_table([0.0] * COUNTS)
+    _count(as_table(errors), hold, within_m, int(arrival_m is not None), port, counts)
+    return [float(value) for value in counts]
 
 
 @kernel
