@@ -24,7 +24,7 @@ from rpo_core.assurance.assumed import limit_n
 from rpo_core.assurance.settings import Assurance
 from rpo_core.files.validation import InputError
 from rpo_core.navigation.estimator import Estimator
-from rpo_core.navigation.sensors import Navigation, Sensor, Sensors
+from rpo_core.navigation.sensors import Navigation, NavigationStage, Sensor, Sensors
 from rpo_core.scenario.scenario import load_scenario
 from rpo_core.stage import Place, Section, Stage
 from rpo_core.thrusters.table import Failure, ThrusterTable
@@ -188,7 +188,7 @@ def a_bias_of_velocity(c: Case) -> None:
 
 def noise(c: Case) -> None:
     own = Navigation(position_noise_m=c.random.uniform(0.01, 1.0), noise_key=(7, 9))
-    states = np.array([own.solution(tick, (0.0,) * 6) for tick in range(50)])
+    (states,) = NavigationStage(own).steps(np.arange(50), np.zeros((50, 6)))
     c.exceeded, c.error = 'position_error_m', float(np.linalg.norm(states[:, :3], axis=1).max())
     c.add(own)
 

@@ -37,7 +37,7 @@ from rpo_core.attitude.target import Target
 from rpo_core.control.attitude import AttitudeControl
 from rpo_core.control.controller import load_controller
 from rpo_core.files.validation import InputError
-from rpo_core.navigation.sensors import Navigation
+from rpo_core.navigation.sensors import Navigation, NavigationStage
 from rpo_core.scenario import scenario
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.thrusters.table import ThrusterTable
@@ -466,10 +466,10 @@ def test_a_controller_that_saw_another_state_than_that_of_navigation_is_found(
     small_blocks, tmp_path
 ):
     """The messages of navigation are right; the commands answer the true state."""
-    blind, seen = run_of(HARDWARE, replace(HARDWARE, sections=(LATE,))), []
-    for tick, state in enumerate(blind.flight.states.tolist()):
-        seen.append(HARDWARE.named('navigation').solution(tick, state))
-    signals = blind.flight.signals | {ESTIMATE[1:]: np.array(seen)}
+    blind = run_of(HARDWARE, replace(HARDWARE, sections=(LATE,)))
+    stage, states = NavigationStage(HARDWARE.named('navigation')), blind.flight.states
+    (seen,) = stage.steps(np.arange(len(states)), states)
+    signals = blind.flight.signals | {ESTIMATE[1:]: seen}
     run = replace(
         blind, flight=replace(blind.flight, signals=signals), topics=(*blind.topics, ESTIMATE)
     )

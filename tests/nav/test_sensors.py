@@ -15,7 +15,15 @@ from scipy.spatial.transform import Rotation
 from rpo_core.attitude.target import motion_of
 from rpo_core.kernels.noise import normal_pair, philox
 from rpo_core.navigation.attitude_sensors import AttitudeSensors, AttitudeSensorsStage
-from rpo_core.navigation.sensors import Navigation, Sensor, Sensors, SensorsStage, across, sight
+from rpo_core.navigation.sensors import (
+    Navigation,
+    NavigationStage,
+    Sensor,
+    Sensors,
+    SensorsStage,
+    across,
+    sight,
+)
 from rpo_core.wire import interfaces
 
 FAR = (60.0, -80.0, 0.0, 0.1, 0.2, 0.3)
@@ -23,7 +31,7 @@ DT = 0.1
 
 
 def test_a_navigation_of_no_errors_says_the_true_state_and_cannot_be_changed():
-    assert Navigation().solution(7, FAR) == FAR
+    assert NavigationStage(Navigation()).step(7, FAR) == (FAR,)
     assert hash(Navigation()) == hash(Navigation())
 
 

@@ -25,10 +25,10 @@ from rpo.exports.formats import filled
 from rpo.exports.kernel_source import Array, Record, Type
 from rpo.montecarlo.outputs import identifier
 from rpo_core.chain.chain import Chain, Link
-from rpo_core.chain.driver import Driver, has_kernel
+from rpo_core.chain.driver import Driver
 from rpo_core.files.validation import InputError
 from rpo_core.kernels.records import Field, class_of, fields_of, values_of
-from rpo_core.stage import width_of
+from rpo_core.stage import has_kernel, width_of
 from rpo_core.wire.interfaces import current
 
 _OPERATORS = {ast.FloorDiv: 'int64_floor', ast.Mod: 'int64_modulo'}

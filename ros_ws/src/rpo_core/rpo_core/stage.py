@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
 from itertools import accumulate, chain, pairwise
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -236,6 +236,11 @@ class KernelStage(Stage):
     def _places(self) -> list[slice]:
         """Where each output stands in y."""
         return places_of(self.outputs)
+
+
+def has_kernel(stage: Stage) -> TypeGuard[KernelStage]:
+    """Return whether a stage flies by its kernel: it has one, and no `step` of its own."""
+    return isinstance(stage, KernelStage) and type(stage).step is KernelStage.step
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ is called as Python, at its place in the tick.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, TypeGuard
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +17,8 @@ from numpy.typing import NDArray
 from rpo_core.chain.chain import NO_FORCE, Chain, Link, Signals
 from rpo_core.kernels import calls
 from rpo_core.kernels.jit import COMPILED, as_table
-from rpo_core.stage import KernelStage, Stage, width_of
+from rpo_core.stage import has_kernel, width_of
 from rpo_core.wire.interfaces import NEXT, current
-
-
-def has_kernel(stage: Stage) -> TypeGuard[KernelStage]:
-    """Return whether a stage flies by its kernel: it has one, and no `step` of its own."""
-    return isinstance(stage, KernelStage) and type(stage).step is KernelStage.step
 
 
 class Driver:

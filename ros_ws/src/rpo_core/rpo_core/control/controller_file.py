@@ -35,7 +35,7 @@ from rpo_core.kernels.arithmetic import State, Vector
 from rpo_core.kernels.calls import ASK, call
 from rpo_core.kernels.jit import COMPILED, step_kernel
 from rpo_core.scenario.scenario import Scenario
-from rpo_core.stage import KernelStage, Signal, Stage, places_of
+from rpo_core.stage import KernelStage, Signal, Stage, has_kernel, places_of
 from rpo_core.wire import interfaces
 
 SCHEMA = 'rpo/controller/1'
@@ -195,7 +195,7 @@ class FollowStage(KernelStage):
     @property
     def row(self) -> tuple[Any, Any, Any]:
         """The kernel, its settings and its memory; the settings have those of the controller."""
-        if self._row is None and isinstance(self._inner, KernelStage):
+        if self._row is None and has_kernel(self._inner):
             self.p.step, self.p.settings, self.p.memory = self._inner.row
         return super().row
 
@@ -207,7 +207,7 @@ class FollowStage(KernelStage):
 
     def answer(self, tick: int, u: Any) -> None:
         """Let the controller plan, or answer itself if it has no kernel."""
-        if isinstance(self._inner, KernelStage):
+        if has_kernel(self._inner):
             self._inner.answer(tick, self._given)
             return
         given = self._given.tolist() if COMPILED else self._given

@@ -14,9 +14,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from rpo_core.kernels.arithmetic import State, Vector, saturate
 from rpo_core.kernels.jit import kernel, step_kernel
 
@@ -161,16 +158,6 @@ def fuzzy_force(state: State, scales: Vector, fis: FisTables) -> Vector:
         axis_force(state[1], state[4], r, v, f, fis),
         axis_force(state[2], state[5], r, v, f, fis),
     )
-
-
-@kernel
-def fuzzy_forces(states: Any, scales: Vector, fis: FisTables, forces: NDArray[np.float64]) -> None:
-    """Fill the force (n, 3) [N] that answers each state (n, 6)."""
-    for i in range(len(states)):
-        s = states[i]
-        force = fuzzy_force((s[0], s[1], s[2], s[3], s[4], s[5]), scales, fis)
-        for axis in range(3):
-            forces[i, axis] = force[axis]
 
 
 @dataclass(slots=True)

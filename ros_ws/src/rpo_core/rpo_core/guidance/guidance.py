@@ -317,7 +317,7 @@ class UnderWay:
         rows end
     commanded : tick of the next command
     holds : 0, WAITS or MAY_END
-    dwell_s, within_m, within_m_s, timeout_s : of the hold
+    dwell_s, within_m, within_m_s, timeout_s : when it may end, as its leg says
     docks : whether the chaser docks at the port
     rows : (n, 9) references [m, m/s] and forces [N] tick by tick, the last for the ticks that
         follow; empty: it drifts

@@ -97,10 +97,6 @@ def _base(base: Any) -> Any:
     return layout(base)
 
 
-def _class_of(values: Any) -> Any:
-    return type(values)
-
-
 class Packed:
     """Records of one class in memory, as compiled kernels read them.
 
@@ -111,7 +107,7 @@ class Packed:
     """
 
     def __init__(self, values: Any, number: int = 1) -> None:
-        self.record = _class_of(values)
+        self.record = class_of(values)
         self._arrays: list[NDArray[Any]] = []  # the record holds their addresses
         self._bases: list[Any] = []
         self._begun: list[NDArray[Any]] = []
@@ -199,7 +195,7 @@ class Packed:
 
     def _row(self, values: Any) -> tuple[Any, ...]:
         """Return a record as NumPy takes it."""
-        fields = fields_of(_class_of(values))
+        fields = fields_of(class_of(values))
         return tuple([self._value(field, getattr(values, field.name)) for field in fields])
 
     def _value(self, field: Field, values: Any) -> Any:

@@ -373,15 +373,6 @@ class Navigation(Checked):
     velocity_noise_m_s: Annotated[float, _speed] = 0.0
     noise_key: Annotated[tuple[int, int], key] = (0, 0)
 
-    def solution(self, tick: int, state: Signal) -> State:
-        """Return the state (x, y, z, vx, vy, vz) [m, m/s] that navigation finds at a tick."""
-        noisy = self.position_noise_m > 0.0 or self.velocity_noise_m_s > 0.0
-        n = six_normals(tick, *self.noise_key) if noisy else (0.0,) * 6
-        r, v = self.position_noise_m, self.velocity_noise_m_s
-        bias = (*self.position_bias_m, *self.velocity_bias_m_s)
-        x, y, z, vx, vy, vz = map(measured, state, bias, (r, r, r, v, v, v), n)
-        return x, y, z, vx, vy, vz
-
 
 AHEAD = 64
 """Ticks of a block whose noise is computed together."""

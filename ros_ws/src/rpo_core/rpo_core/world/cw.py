@@ -108,17 +108,6 @@ def plant_step(
     return cw_step(state, total, c)
 
 
-@kernel
-def cw_steps(states: Any, forces: Any, c: CwStep, following: NDArray[np.float64]) -> None:
-    """Fill the state (n, 6) that follows each state (n, 6) under a force (n, 3) [N]."""
-    for i in range(len(states)):
-        s = states[i]
-        f = forces[i]
-        new = cw_step((s[0], s[1], s[2], s[3], s[4], s[5]), (f[0], f[1], f[2]), c)
-        for j in range(6):
-            following[i, j] = new[j]
-
-
 MU_EARTH_M3_S2 = 3.986004418e14
 """Standard gravitational parameter of the Earth (WGS 84)."""
 
