@@ -61,47 +61,72 @@ class Driver:
 
     def fly(self, start: Signals, ticks: int) -> dict[str, NDArray[np.float64]]:
         """Fly ticks 0 to `ticks`; return the signals (ticks + 1, width) that the stages make."""
+        self.begin(start, ticks)
+        while (asked := self.go_on()) is not None:
+            tick, index = asked
+            self._step(tick, index)
+            self.at[1] += 1
+        return self.flown()
+
+    def begin(self, start: Signals, ticks: int) -> None:
+        """Begin a flight of ticks 0 to `ticks`: each stage forgets, signals are those of tick 0.
+
+        at : (2,) tick, and stage of it, where the flight stands
+        signals : flat, those of this tick; `places` says where
+        """
         self.chain.reset()
-        signals = np.zeros(self._size)
+        flat = np.zeros(self._size)
         for name, values in start.items():
-            signals[self.places[name]] = values
-        flat, log = as_table(signals), as_table(np.empty((ticks + 1, self._width)))
-        whole: list[Any] = [self._reads, np.array(self._carried).reshape(-1, 2)]
-        reads, carried, before, after, at = (
-            as_table(table, np.int64) for table in (*whole, self._before, self._after, (0, 0))
-        )
+            flat[self.places[name]] = values
+        log = as_table(np.empty((ticks + 1, self._width)))
+        tables: tuple[Any, ...] = (
+            (0, 0), self._reads, np.array(self._carried).reshape(-1, 2), self._before, self._after
+        )  # fmt: skip
+        self.at, reads, carried, before, after = (as_table(table, np.int64) for table in tables)
         stages = [link.stage for link in self.chain.links]  # interpreted, memory is made anew
         rows: Any = [
             (*(stage.row if has_kernel(stage) else (0, 0, 0)), *row)
             for stage, row in zip(stages, self._rows, strict=True)
         ]
         rows = np.array(rows, np.int64) if COMPILED else rows
-        u = as_table([0.0] * (1 + max(row[1] for row in self._rows)))
-        flown = at, ticks, rows, reads, flat, u, carried, log, before, after
-        while self._asked(at, flown):
-            tick, index = (int(value) for value in at)
+        self._u = as_table([0.0] * (1 + max(row[1] for row in self._rows)))
+        self.signals, self._log = as_table(flat), log
+        self._flight = (
+            self.at, ticks, rows, reads, self.signals, self._u, carried, log, before, after
+        )  # fmt: skip
+
+    def go_on(self) -> tuple[int, int] | None:
+        """Fly on to the end, None; or to a stage without a kernel: its tick and its number.
+
+        Who steps that writes what it makes into `signals`, and adds 1 to `at[1]`. RuntimeError says
+        which stage failed, at which tick.
+        """
+        while self._asked():
+            tick, index = (int(value) for value in self.at)
             stage = self.chain.links[index].stage
-            if has_kernel(stage):
-                stage.answer(tick, u)
-            else:
-                self._step(tick, index, flat)
-                at[1] += 1
-        kept = np.asarray(log)
+            if not has_kernel(stage):
+                return tick, index
+            stage.answer(tick, self._u)
+        return None
+
+    def flown(self) -> dict[str, NDArray[np.float64]]:
+        """Return the signals (ticks + 1, width) of the flight that the stages make."""
+        kept = np.asarray(self._log)
         return {name: kept[:, self.places[name]] for name in self.chain.outputs}
 
-    def _asked(self, at: Any, flown: tuple[Any, ...]) -> int:
+    def _asked(self) -> int:
         """Fly on; return whether a stage is asked, and say which one failed at which tick."""
         try:
-            asked: int = calls.run(*flown)
+            asked: int = calls.run(*self._flight)
         except Exception as error:
-            tick, index = (int(value) for value in at)
+            tick, index = (int(value) for value in self.at)
             name = self.chain.links[index].stage.name
             raise RuntimeError(f'stage `{name}` failed at tick {tick}: {error}') from error
         return asked
 
-    def _step(self, tick: int, index: int, signals: Any) -> None:
+    def _step(self, tick: int, index: int) -> None:
         """Step a stage that has no kernel."""
-        link = self.chain.links[index]
+        link, signals = self.chain.links[index], self.signals
         read = [tuple(float(v) for v in signals[self.places[name]]) for name in link.reads]
         outputs = link.stage.step(tick, *read)
         for name, values in zip(link.stage.outputs, outputs, strict=True):
