@@ -7,7 +7,7 @@ A run is a scenario too (`scenario_of`): the core and the nodes fly it to the sa
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -28,6 +28,7 @@ from rpo.montecarlo.faults import LinkStage
 from rpo.montecarlo.sampling import PARAMETERS, STARTS, STRATA, DrawnRuns, draw, parameters_of
 from rpo_core.attitude.target import move_together
 from rpo_core.chain.flight import Flight, fly
+from rpo_core.control.controller import Controller
 from rpo_core.files.validation import within
 from rpo_core.judge import metrics
 from rpo_core.judge.metrics import row_of, windows_of
@@ -35,7 +36,7 @@ from rpo_core.judge.verdicts import verdicts
 from rpo_core.kernels.arrays import Floats
 from rpo_core.scenario.requirements import THRUST
 from rpo_core.scenario.scenario import Scenario
-from rpo_core.stage import Place
+from rpo_core.stage import Place, Stage
 from rpo_core.wire.interfaces import APPLIED_FORCE
 from rpo_core.world.cw import mean_motion
 
@@ -47,6 +48,8 @@ assert STRATA % UNIT == 0 and UNIT % RUNS == 0
 FINAL = tuple(f'final_{name}' for name in ('x_m', 'y_m', 'z_m', 'vx_m_s', 'vy_m_s', 'vz_m_s'))
 COLUMNS = (*PARAMETERS, *METRICS, *FINAL)
 """Columns of the results of every campaign: drawn parameters, metrics, final state."""
+
+Stages = Iterable[tuple[Place, Stage]]
 
 _scratch = Scratch(0)
 
@@ -82,27 +85,64 @@ def _fly(campaign: Campaign, drawn: DrawnRuns) -> Floats:
     reason = reason or uneven_steps(campaign.scenario, drawn.column('orbit_radius_m'))
     if reason:
         announce(reason)
-    found = _singly(campaign, drawn) if reason else side_by_side(campaign, drawn)
+    found = fly_drawn(campaign, drawn) if reason else side_by_side(campaign, drawn)
     found |= zip(drawn.names, drawn.parameters.T, strict=True)
     return np.array([found[name] for name in columns_of(campaign)])
 
 
-def _singly(campaign: Campaign, drawn: DrawnRuns) -> dict[str, Floats]:
-    """Fly run after run through `rpo_core.chain.flight.fly`."""
-    runs = []
-    scenarios, keys = scenarios_of(campaign, drawn), drawn.keys.tolist()
-    for scenario, (k0, k1) in zip(scenarios, keys, strict=True):
-        flight = _flown(campaign, scenario, (k0, k1))
-        row = row_of(flight)
-        judged = {verdict.key: verdict.value for verdict in verdicts(flight, row)}
-        counted = dict(zip(metrics.UNITS, row, strict=True))
-        values = judged | counted | dict(zip(FINAL, flight.states[-1], strict=True))
-        values['arrival_time_s'] = judged.get('arrival_time_s', values['arrival_time_s'])
-        values[LEVEL] = metrics.disturbance_level_n(flight)
-        if campaign.metrics_of_thrusters:
-            values |= zip(THRUST, flight.thrust[2:], strict=True)
-        runs.append(values)
+def fly_drawn(
+    campaign: Campaign,
+    drawn: DrawnRuns,
+    controller: Controller | None = None,
+    more: Callable[[int], Stages] | None = None,
+) -> dict[str, Floats]:
+    """Fly drawn runs; return what is known (n,) of them, by name.
+
+    controller, more : see `flights_drawn`
+    """
+    flights = flights_drawn(campaign, drawn, controller, more)
+    runs = [_known(campaign, flight) for flight in flights]
     return {name: np.array([values[name] for values in runs]) for name in runs[0]}
+
+
+def flights_drawn(
+    campaign: Campaign,
+    drawn: DrawnRuns,
+    controller: Controller | None = None,
+    more: Callable[[int], Stages] | None = None,
+) -> Iterator[Flight]:
+    """Yield the flights of drawn runs, one after the other.
+
+    With message faults, their forces are those held at each tick.
+
+    controller : in the place of the campaign's
+    more : from the index of a run to stages that no section of its scenario names, with their
+        places
+    """
+    flying, faults = controller or campaign.controller, campaign.config.faults
+    turns = campaign.scenario.named('attitude_control') is not None
+    scenarios, keys = scenarios_of(campaign, drawn), drawn.keys.tolist()
+    for index, (scenario, (k0, k1)) in enumerate(zip(scenarios, keys, strict=True)):
+        stages = [*more(index)] if more else []
+        if faults is not None:
+            stages.append((Place.UNLOADING, LinkStage(faults, (k0, k1), turns)))
+        flight = fly(scenario, flying, stages)
+        if faults is not None and not turns:
+            flight = replace(flight, forces_n=flight.signals[APPLIED_FORCE])
+        yield flight
+
+
+def _known(campaign: Campaign, flight: Flight) -> dict[str, float]:
+    """Return what is known of a run that has flown, by name."""
+    row = row_of(flight)
+    judged = {verdict.key: verdict.value for verdict in verdicts(flight, row)}
+    counted = dict(zip(metrics.UNITS, row, strict=True))
+    values = judged | counted | dict(zip(FINAL, flight.states[-1].tolist(), strict=True))
+    values['arrival_time_s'] = judged.get('arrival_time_s', counted['arrival_time_s'])
+    values[LEVEL] = metrics.disturbance_level_n(flight)
+    if campaign.metrics_of_thrusters:
+        values |= zip(THRUST, flight.thrust[2:], strict=True)
+    return values
 
 
 def side_by_side(
@@ -193,19 +233,7 @@ def fly_run(campaign: Campaign, number: int) -> Flight:
 
     With message faults, its forces are those held at each tick.
     """
-    drawn = draw(campaign, number, 1)
-    key: tuple[int, int] = tuple(drawn.keys[0].tolist())
-    return _flown(campaign, scenarios_of(campaign, drawn)[0], key)
-
-
-def _flown(campaign: Campaign, scenario: Scenario, key: tuple[int, int]) -> Flight:
-    """Return the flight of a run's scenario; key : of its message faults."""
-    faults = campaign.config.faults
-    if faults is None:
-        return fly(scenario, campaign.controller)
-    turns = scenario.named('attitude_control') is not None
-    flight = fly(scenario, campaign.controller, [(Place.UNLOADING, LinkStage(faults, key, turns))])
-    return flight if turns else replace(flight, forces_n=flight.signals[APPLIED_FORCE])
+    return next(flights_drawn(campaign, draw(campaign, number, 1)))
 
 
 def scenario_of(campaign: Campaign, number: int) -> Scenario:
