@@ -34,8 +34,9 @@ from rpo_core.control.controller_file import (
 from rpo_core.files import codec
 from rpo_core.files.validation import Checked, matrix, real, store
 from rpo_core.kernels.arithmetic import State, Vector, saturate
-from rpo_core.kernels.jit import as_table, inlined, kernel
-from rpo_core.stage import Signal, Stage
+from rpo_core.kernels.jit import as_table, inlined, kernel, step_kernel
+from rpo_core.kernels.records import Nothing
+from rpo_core.stage import KernelStage, Stage
 from rpo_core.world import cw
 
 GAINS = 18
@@ -51,12 +52,12 @@ class BaselineLaw(NamedTuple):
     distances, speeds, forces : of `table_force`
     """
 
-    gains: Any
-    field: Any
+    gains: list[list[float]]
+    field: list[float]
     limit: float
-    distances: Any
-    speeds: Any
-    forces: Any
+    distances: list[float]
+    speeds: list[float]
+    forces: list[float]
 
 
 def law_of(
@@ -179,6 +180,12 @@ def baseline_force(state: State, tick: int, law: BaselineLaw) -> Vector:
     return saturate(fx, law.limit), saturate(fy, law.limit), saturate(fz, law.limit)
 
 
+@step_kernel
+def command(tick: int, u: Any, p: Any, m: Any, y: Any) -> None:
+    """F = `baseline_force`: from a state u (6,) at a tick to a force y (3,) [N]."""
+    y[0], y[1], y[2] = baseline_force((u[0], u[1], u[2], u[3], u[4], u[5]), tick, p)
+
+
 @kernel
 def solve_in_place(m: NDArray[np.float64]) -> None:
     """Solve m[:, :6] X = m[:, 6:] for a positive definite matrix; X is left in m[:, 6:].
@@ -285,15 +292,14 @@ class Model(Checked):
 PAPER_MODEL = Model(orbit_radius_m=6_678_000.0, mass_kg=10.0, dt_s=0.1)
 
 
-class BaselineStage(ControllerStage):
+class BaselineStage(KernelStage, ControllerStage):
     """A baseline in the chain; its force follows from the state and the tick."""
 
-    def __init__(self, law: BaselineLaw, counts_ticks: bool) -> None:
-        self._law, self.counts_ticks = law, counts_ticks
+    kernel = command
 
-    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
-        """Return the commanded force (3,) [N] of a state (6,)."""
-        return (baseline_force(inputs[0], tick, self._law),)
+    def __init__(self, law: BaselineLaw, counts_ticks: bool) -> None:
+        super().__init__(law, Nothing())
+        self.counts_ticks = counts_ticks
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
