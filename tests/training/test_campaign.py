@@ -7,8 +7,8 @@ import pytest
 from campaign_documents import EVERYTHING
 from scipy import stats
 
-from rpo.engine.parts.thrusters import thrust_matrix
 from rpo.montecarlo import config, judging, run_batch, sampling, statistics
+from rpo.montecarlo.variations import thrust_matrix
 from rpo_core.thrusters.thrusters import rotation
 
 

@@ -19,12 +19,10 @@ from rpo.engine.cases import case_of_flights, case_of_set
 from rpo.engine.flights import flights_of
 from rpo.engine.judged import VALUES
 from rpo.engine.lanes import compiled
-from rpo.engine.parts import estimation
 from rpo.engine.parts.control import gain_part
 from rpo.engine.population import population_of
 from rpo.engine.simulator import Simulator
-from rpo.engine.tick import Draw
-from rpo.montecarlo import run_batch
+from rpo.montecarlo import run_batch, variations
 from rpo.training import stepping
 from rpo.training.genes import GeneSpace
 from rpo_core.chain.flight import fly
@@ -290,8 +288,9 @@ def test_an_error_of_a_kernel_ends_the_flights():
 def test_a_run_of_which_nothing_is_drawn_has_the_sensors_of_the_scenario():
     sensors, estimator = Sensors((Sensor('relative_position', 0.05),)), Estimator(noise_scale=1.5)
     equipped = load_scenario('approach').equipped(sensors, estimator)
-    varied = estimation.vary_sensors(equipped, Draw({}, {}, (3, 4)))
-    assert varied[0] == replace(sensors, noise_key=(3, 4)) and varied[1].noise_scale == 1.5
+    draw = variations.Draw({}, {}, (3, 4))
+    assert variations.sensors(equipped, draw) == replace(sensors, noise_key=(3, 4))
+    assert variations.estimator(equipped, draw).noise_scale == 1.5
 
 
 def test_a_gain_multiplies_the_force_of_each_lane_up_to_the_limit():

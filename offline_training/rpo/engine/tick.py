@@ -13,7 +13,7 @@ What a section of a scenario adds to the tick is registered (`register`), by one
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
@@ -36,7 +36,7 @@ from rpo.engine.lanes import (
     V,
     compiled,
 )
-from rpo_core.kernels.arithmetic import State, Vector
+from rpo_core.kernels.arithmetic import State
 from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.vectors import aligned
 from rpo_core.scenario.scenario import Scenario
@@ -162,24 +162,6 @@ def fly(runs: Runs, more: Sequence[Part], ticks: int, w: Floats) -> dict[str, Fl
     return {part.name: part.memory for part in parts}
 
 
-class Draw(NamedTuple):
-    """What was drawn of one run of a campaign.
-
-    values : name -> value (`rpo.montecarlo.sampling.PARAMETERS`)
-    dispersed : name -> spread of all that the campaign disperses
-    key : two words of 32 bits
-    """
-
-    values: Mapping[str, float]
-    dispersed: Mapping[str, tuple[float, ...]]
-    key: tuple[int, int]
-
-    def vector(self, name: str) -> Vector:
-        """Return what was drawn of a quantity for each axis; `{}` in the name: x, y, z."""
-        x, y, z = (self.values.get(name.format(axis), 0.0) for axis in 'xyz')
-        return x, y, z
-
-
 @dataclass(frozen=True)
 class Batch:
     """Up to 40 runs that fly side by side, as parts are made of them.
@@ -216,11 +198,6 @@ class Batch:
         found[:, : len(self.keys)] = self.keys.T
         return found
 
-    def values(self) -> Iterator[dict[str, float]]:
-        """Yield what was drawn of each run."""
-        for row in zip(*(column.tolist() for column in self.drawn.values()), strict=True):
-            yield dict(zip(self.drawn, row, strict=True))
-
     @cached_property
     def scenarios(self) -> list[Scenario]:
         """Every run as a scenario."""
@@ -255,14 +232,12 @@ class Kind(NamedTuple):
     section : its name; '' if it is none
     make : from a batch to its part; None where it has none
     refuse : why it cannot fly a scenario; '' if it can
-    vary : from the scenario of a campaign and a draw to the settings of the run
     sees : whether `make` reads `Batch.seen`, and comes after the others
     """
 
     section: str
     make: Callable[[Batch], Part | None]
     refuse: Callable[[Scenario], str] = lambda scenario: ''
-    vary: Callable[[Scenario, Draw], Sequence[Any]] = lambda scenario, draw: ()
     sees: bool = False
 
 

@@ -22,10 +22,11 @@ from rpo.engine.parts.disturbance import levels_n
 from rpo.engine.parts.dynamics import uneven_steps
 from rpo.engine.simulator import Pairs, Scratch, fly_pairs
 from rpo.engine.support import announce, kinds, why_not
-from rpo.engine.tick import Batch, Draw, Part, Runs, parts_of
+from rpo.engine.tick import Batch, Part, Runs, parts_of
 from rpo.montecarlo.config import LEVEL, METRICS, Campaign
 from rpo.montecarlo.faults import LinkStage
 from rpo.montecarlo.sampling import PARAMETERS, STARTS, STRATA, DrawnRuns, draw, parameters_of
+from rpo.montecarlo.variations import Draw, sections_of
 from rpo_core.attitude.target import move_together
 from rpo_core.chain.flight import Flight, fly
 from rpo_core.control.controller import Controller
@@ -278,5 +279,5 @@ def _changes(campaign: Campaign, runs: DrawnRuns, index: int) -> dict[str, Any]:
         'mass_kg': values['mass_kg'],
         'orbit_radius_m': values['orbit_radius_m'],
         'disturbance': disturbance,
-        'sections': nominal.sections_with(*(s for k in kinds() for s in k.vary(nominal, varied))),
+        'sections': sections_of(nominal, varied),
     }

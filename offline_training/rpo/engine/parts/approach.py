@@ -7,9 +7,6 @@ A plan without holds and commands does not depend on the flight: its phases come
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any
-
 import numpy as np
 
 from rpo.engine.lanes import (
@@ -24,7 +21,7 @@ from rpo.engine.lanes import (
     compiled,
 )
 from rpo.engine.parts.target import ATTITUDE, BODIES, DT, fill_axes, step_attitudes, targets_of
-from rpo.engine.tick import ADDED, Batch, Draw, Kind, Part, register, table_of
+from rpo.engine.tick import ADDED, Batch, Kind, Part, register, table_of
 from rpo_core.assurance.assurance import AssuranceStage
 from rpo_core.assurance.doubt import DOUBT, doubt_at, doubted, unless_unsure, unless_unsure_turning
 from rpo_core.assurance.filters import assure, assure_turning, guard_at
@@ -287,15 +284,5 @@ def _refuse_assurance(scenario: Scenario) -> str:
     return 'an abort table' if assurance is not None and assurance.abort is not None else ''
 
 
-def vary(kind: type[Guidance] | type[Assurance], scenario: Scenario, draw: Draw) -> list[Any]:
-    """Return guidance or assurance of a run, which assume the nominal mass."""
-    settings: Any = scenario.section(kind)
-    if settings is None or 'mass_share' not in draw.dispersed:
-        return []
-    return [replace(settings, mass_kg=settings.mass_kg or scenario.mass_kg)]
-
-
-register(Kind('guidance', guiding_of, _refuse_plan, lambda s, draw: vary(Guidance, s, draw), True))
-register(
-    Kind('assurance', _assured, _refuse_assurance, lambda s, draw: vary(Assurance, s, draw), True)
-)
+register(Kind('guidance', guiding_of, _refuse_plan, True))
+register(Kind('assurance', _assured, _refuse_assurance, True))

@@ -4,9 +4,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from math import degrees, radians
-from operator import add
 from typing import Any
 
 import numpy as np
@@ -30,10 +27,9 @@ from rpo.engine.lanes import (
     V,
     compiled,
 )
-from rpo.engine.tick import SHIFTED, Batch, Draw, Kind, Part, register, table_of
+from rpo.engine.tick import SHIFTED, Batch, Kind, Part, register, table_of
 from rpo_core.attitude.attitude_kernels import attitude_at
 from rpo_core.attitude.chaser import chaser_tick, craft_at, turned_force
-from rpo_core.attitude.target import of_vector, product, unit
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
 
@@ -145,33 +141,5 @@ def _part(batch: Batch) -> Part | None:
     return Part('attitude', steps, table, memory)
 
 
-def vary(scenario: Scenario, draw: Draw) -> list[Any]:
-    """Return the chaser of a run: its inertia, attitude and rates at the start, its wheels."""
-    chaser = scenario.attitude
-    if chaser is None:
-        return []
-    x, y, z = map(radians, draw.vector('chaser_attitude_{}_deg'))
-    share = 1.0 + draw.values.get('chaser_inertia_share', 0.0)
-    found = replace(
-        chaser,
-        inertia_kg_m2=tuple(tuple(share * j for j in row) for row in chaser.inertia_kg_m2),
-        attitude=unit(product(chaser.attitude, of_vector((x, y, z)))),
-    )
-    rates = draw.vector('chaser_rate_{}_deg_s')
-    if any(rates):
-        begun = map(degrees, found.start(scenario.mean_motion_rad_s)[4:])
-        found = replace(found, rates_deg_s=tuple(map(add, begun, rates)))
-    if chaser.wheels is None:
-        return [found]
-    most, starts = chaser.wheels.momentum_nms, draw.vector('wheel_start_{}_share')
-    pairs = zip(chaser.wheels.start_nms, starts, strict=True)
-    wheels = replace(
-        chaser.wheels,
-        torque_nm=chaser.wheels.torque_nm * (1.0 + draw.values.get('wheel_torque_share', 0.0)),
-        start_nms=tuple(start + share * (most - abs(start)) for start, share in pairs),
-    )
-    return [replace(found, wheels=wheels)]
-
-
-register(Kind('attitude', _part, vary=vary))
+register(Kind('attitude', _part))
 register(Kind('unloading', lambda _: None))  # a part of `attitude_control`

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,7 +27,7 @@ from rpo.engine.lanes import (
     infer_lanes,
 )
 from rpo.engine.parts.attitude import attitude_in, seen_rows, vector_in
-from rpo.engine.tick import Batch, Draw, Kind, Part, register, table_of
+from rpo.engine.tick import Batch, Kind, Part, register, table_of
 from rpo_core.attitude.attitude_kernels import synchronised
 from rpo_core.attitude.chaser import unloaded, wheels_after
 from rpo_core.control.attitude import AttitudeControl
@@ -46,7 +45,6 @@ from rpo_core.control.inference import LANES
 from rpo_core.kernels.arithmetic import saturate
 from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.jit import inlined
-from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
 
 WHEELS, ORBIT, DT, ABOVE, UNLOAD, INERTIA, KEPT = 3, 4, 5, 7, 8, 9, 15
@@ -234,12 +232,4 @@ def _part(batch: Batch) -> Part | None:
     return part_of(tables[0], heads, batch.lanes(starts), seen_rows(batch.base), pointed)
 
 
-def vary(scenario: Scenario, draw: Draw) -> list[Any]:
-    """Return the controller of a run: it assumes the inertia of the campaign's chaser."""
-    settings = scenario.section(AttitudeControl)
-    if settings is None or settings.inertia_kg_m2 is not None:
-        return []
-    return [replace(settings, inertia_kg_m2=scenario.named('attitude').inertia_kg_m2)]
-
-
-register(Kind('attitude_control', _part, vary=vary))
+register(Kind('attitude_control', _part))

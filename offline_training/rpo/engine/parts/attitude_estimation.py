@@ -4,9 +4,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any
-
 import numpy as np
 
 from rpo.engine.lanes import (
@@ -40,12 +37,10 @@ from rpo.engine.parts.attitude_sensor_tables import (
     attitude_noise,
     sensed_attitude,
 )
-from rpo.engine.tick import Batch, Draw, Kind, Part, register, table_of
-from rpo_core.kernels.arithmetic import Vector
+from rpo.engine.tick import Batch, Kind, Part, register, table_of
 from rpo_core.kernels.vectors import OWN, WIDTH, over_runs, own_tables
 from rpo_core.navigation.attitude_estimator import AttitudeEstimator
 from rpo_core.navigation.attitude_sensors import AttitudeSensors
-from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
 
 KEYS, NOISES = OWN, 0
@@ -109,41 +104,5 @@ def _part(batch: Batch) -> Part | None:
     return Part('attitude_estimator', steps, *owned)
 
 
-def vary(scenario: Scenario, draw: Draw) -> list[Any]:
-    """Return sensors and estimator of a run; the filter assumes what is nominal."""
-    sensors, estimator = scenario.section(AttitudeSensors), scenario.section(AttitudeEstimator)
-    if sensors is None:
-        return []
-    star, gyro = sensors.star_tracker, sensors.gyro
-    louder = 1.0 + draw.values.get('star_tracker_noise_share', 0.0)
-    bias = _more(gyro.bias_rad_s, draw, 'gyro_bias_{}_rad_s')
-    found: list[Any] = [
-        replace(
-            sensors,
-            star_tracker=replace(
-                star,
-                cross_noise_arcsec=louder * star.cross_noise_arcsec,
-                boresight_noise_arcsec=louder * star.boresight_noise_arcsec,
-            ),
-            gyro=replace(gyro, bias_rad_s=bias),
-            noise_key=draw.key,
-        )
-    ]
-    if estimator is not None:
-        error = _more(estimator.start_error_deg, draw, 'attitude_error_{}_deg')
-        scale = estimator.noise_scale / louder
-        found.append(replace(estimator, noise_scale=scale, start_error_deg=error))
-    return found
-
-
-def _more(value: Vector, draw: Draw, name: str) -> Vector:
-    """Return a vector of a scenario with what was drawn of it."""
-    x, y, z = (
-        part + draw.values.get(name.format(axis), 0.0)
-        for part, axis in zip(value, 'xyz', strict=True)
-    )
-    return x, y, z
-
-
-register(Kind('attitude_sensors', lambda batch: None, vary=vary))
+register(Kind('attitude_sensors', lambda batch: None))
 register(Kind('attitude_estimator', _part))

@@ -8,12 +8,11 @@ The kernels are those of the core, in loops over lanes, which become SIMD.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from rpo.engine.lanes import FORCE, MASS, PUSH, RUNS, R, V, compiled
-from rpo.engine.tick import Batch, Draw, Kind, Part, register, table_of
+from rpo.engine.tick import Batch, Kind, Part, register, table_of
 from rpo_core.kernels.arrays import Floats
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
@@ -236,22 +235,4 @@ def uneven_steps(scenario: Scenario, radii_m: Floats) -> str:
     return '' if few else f'campaign of {scenario.name} has orbits that need other steps in a tick'
 
 
-def vary(scenario: Scenario, draw: Draw) -> list[Any]:
-    """Return the dynamics of a run; the atmosphere does not rise with its orbit."""
-    nominal, values = scenario.dynamics, draw.values
-    if nominal is None:
-        return []
-    drag = nominal.drag
-    if drag is not None:
-        lighter = 1.0 + values.get('ballistic_coefficient_share', 0.0)
-        drag = replace(
-            drag,
-            density_kg_m3=drag.density_kg_m3 * (1.0 + values.get('density_share', 0.0)),
-            density_radius_m=drag.density_radius_m or scenario.orbit_radius_m,
-            chaser_ballistic_coefficient_kg_m2=drag.chaser_ballistic_coefficient_kg_m2 * lighter,
-        )
-    anomaly_deg = nominal.true_anomaly_deg + values.get('true_anomaly_deg', 0.0)
-    return [replace(nominal, true_anomaly_deg=anomaly_deg, drag=drag)]
-
-
-register(Kind('dynamics', _part, vary=vary))
+register(Kind('dynamics', _part))

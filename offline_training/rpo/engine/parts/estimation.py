@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -55,13 +54,13 @@ from rpo.engine.parts.sensor_tables import (
     sensed,
 )
 from rpo.engine.parts.target import ATTITUDE, BODY, DT, TURNS, body_of, step_attitudes, targets_of
-from rpo.engine.tick import ADDED, PASSED, Batch, Draw, Kind, Part, register, table_of
+from rpo.engine.tick import ADDED, PASSED, Batch, Kind, Part, register, table_of
 from rpo_core.attitude.attitude_kernels import attitude_at, frame_of, to_lvlh
 from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.noise import six_normals
 from rpo_core.kernels.vectors import OWN, WIDTH, over_runs, own_tables
 from rpo_core.navigation.estimator import Estimator
-from rpo_core.navigation.sensors import NOISES, STILL, Navigation, Sensors, measured
+from rpo_core.navigation.sensors import STILL, Sensors, measured
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
 
@@ -201,15 +200,6 @@ def _errors(batch: Batch) -> Part | None:
     return errors_part(batch.columns(*NAMES), noise, batch.key_rows)
 
 
-def vary_errors(scenario: Scenario, draw: Draw) -> list[Any]:
-    """Return the errors of navigation of a run."""
-    if not any(name.startswith('navigation_') for name in draw.dispersed):
-        return []
-    x, y, z, vx, vy, vz = (draw.values[name] for name in NAMES)
-    noise_r, noise_v = (draw.dispersed.get(name, (0.0,))[0] for name in _NOISES)
-    return [Navigation((x, y, z), (vx, vy, vz), noise_r, noise_v, draw.key)]
-
-
 def estimators_of(batch: Batch) -> Part | None:
     """Return the sensors and filters of runs; None where there is no estimator."""
     base, nominal = batch.base, batch.base.section(Sensors)
@@ -256,37 +246,6 @@ def _turning(base: Scenario) -> int:
     return 1 if base.named('attitude_estimator') is None else 2
 
 
-def vary_sensors(scenario: Scenario, draw: Draw) -> list[Any]:
-    """Return sensors and estimator of a run; the filter assumes what is nominal."""
-    sensors, estimator = scenario.section(Sensors), scenario.section(Estimator)
-    if sensors is None:
-        return []
-    louder = 1.0 + draw.values.get('sensor_noise_share', 0.0)
-    bias = [draw.values.get(f'sensor_bias_{axis}_m', 0.0) for axis in 'xyz']
-    drift = [draw.values.get(f'sensor_velocity_bias_{axis}_m_s', 0.0) for axis in 'xyz']
-    units = []
-    for unit in sensors.units:
-        changed: dict[str, Any] = {name: getattr(unit, name) * louder for name in NOISES}
-        changed['scale_error'] = unit.scale_error + draw.values.get('sensor_scale_error', 0.0)
-        changed['bias_m'] = tuple(b + more for b, more in zip(unit.bias_m, bias, strict=True))
-        if unit.velocity_floor_m_s > 0.0:
-            pairs = zip(unit.velocity_bias_m_s, drift, strict=True)
-            changed['velocity_bias_m_s'] = tuple(b + more for b, more in pairs)
-        units.append(replace(unit, **changed))
-    found: list[Any] = [replace(sensors, units=tuple(units), noise_key=draw.key)]
-    if estimator is not None:
-        assumed = replace(
-            estimator,
-            noise_scale=estimator.noise_scale / louder,
-            mass_kg=estimator.mass_kg or scenario.mass_kg,
-            delay_ticks=getattr(scenario.thrusters, 'delay_ticks', 0)
-            if estimator.delay_ticks < 0
-            else estimator.delay_ticks,
-        )
-        found.append(assumed)
-    return found
-
-
-register(Kind('', _errors, vary=vary_errors))
-register(Kind('sensors', lambda batch: None, vary=vary_sensors))
+register(Kind('', _errors))
+register(Kind('sensors', lambda batch: None))
 register(Kind('estimator', estimators_of))

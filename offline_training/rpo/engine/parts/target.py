@@ -5,13 +5,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from math import radians
-from typing import Any
 
 from rpo.engine.lanes import BODY_QUAT, BODY_QUAT_W, BODY_R, BODY_RATE, BODY_V, RUNS, R, V, compiled
 from rpo.engine.parts.attitude import put_attitude
-from rpo.engine.tick import MOVED, Batch, Draw, Kind, Part, register, table_of
+from rpo.engine.tick import MOVED, Batch, Kind, Part, register, table_of
 from rpo_core.attitude.attitude_kernels import (
     FRAME,
     attitude_at,
@@ -20,10 +17,9 @@ from rpo_core.attitude.attitude_kernels import (
     frame_of,
     seen_from,
 )
-from rpo_core.attitude.target import TUMBLE, Target, motion_of, of_vector, product, unit
+from rpo_core.attitude.target import Target, motion_of
 from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.jit import inlined
-from rpo_core.scenario.scenario import Scenario
 
 FIRST = 1
 """Place in a tick of what is done once, before the first state is read."""
@@ -124,22 +120,4 @@ def _part(batch: Batch) -> Part | None:
     return Part('target', ((FIRST, begin), (MOVED, turn)), table, attitudes)
 
 
-def vary(scenario: Scenario, draw: Draw) -> list[Any]:
-    """Return the target of a run: its attitude turned about its axes, its rates, what is known."""
-    target = scenario.target
-    if target is None:
-        return []
-    x, y, z = map(radians, draw.vector('target_attitude_{}_deg'))
-    found: dict[str, Any] = {'attitude': unit(product(target.attitude, of_vector((x, y, z))))}
-    share = 1.0 + draw.values.get('target_rate_share', 0.0)
-    if target.kind == TUMBLE:
-        rates = zip(target.rates_deg_s, draw.vector('target_rate_{}_deg_s'), strict=True)
-        found['rates_deg_s'] = tuple(share * rate + more for rate, more in rates)
-    else:
-        found['rate_deg_s'] = share * target.rate_deg_s
-    errors = zip(target.known_error_deg, draw.vector('target_known_error_{}_deg'), strict=True)
-    found['known_error_deg'] = tuple(error + more for error, more in errors)
-    return [replace(target, **found)]
-
-
-register(Kind('target', _part, vary=vary))
+register(Kind('target', _part))

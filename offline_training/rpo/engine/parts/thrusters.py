@@ -5,8 +5,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -22,12 +20,11 @@ from rpo.engine.lanes import (
     compiled,
 )
 from rpo.engine.parts.attitude import vector_in
-from rpo.engine.tick import LIMITED, Batch, Draw, Kind, Part, register, table_of
+from rpo.engine.tick import LIMITED, Batch, Kind, Part, register, table_of
 from rpo_core.kernels.arithmetic import saturate
 from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.vectors import WIDTH, lanes_at, wide
 from rpo_core.scenario import requirements
-from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
 from rpo_core.thrusters.allocation_kernels import (
     AIM,
@@ -46,11 +43,9 @@ from rpo_core.thrusters.allocation_kernels import (
 )
 from rpo_core.thrusters.allocation_kernels import LIMIT as LARGEST
 from rpo_core.thrusters.pulse_kernels import Spent, Tank, Valves, burn, exerted_force, fire
-from rpo_core.thrusters.table import Failure
+from rpo_core.thrusters.table import IDENTITY
 from rpo_core.thrusters.thrusters import (
-    Thrusters,
     failures_of,
-    rotation,
     table_for,
     tank_of,
     turns_by_table,
@@ -179,14 +174,6 @@ def fire_valves(w, m, t, tick):  # type: ignore[no-untyped-def]
         w[FORCE + s], w[FORCE + y], w[FORCE + z] = force
 
 
-def thrust_matrix(values: Mapping[str, float]) -> Floats:
-    """Return the matrix (3, 3) from saturated to applied force: shares, then misalignment."""
-    shares = np.array([values[f'thrust_share_{axis}'] for axis in 'xyz'])
-    return rotation(np.array([values[f'misalignment_{axis}_rad'] for axis in 'xyz'])) * (
-        1.0 + shares
-    )
-
-
 def _limit_part(batch: Batch) -> Part:
     delays = batch.columns('delay_ticks')[0]
     return limit_part(PAIRED_LANES, batch.base.max_force_n, delays.tolist())
@@ -200,8 +187,8 @@ def _part(batch: Batch) -> Part:
     if thrusters is not None and thrusters.table:
         return _table_part(batch)
     matrices = np.zeros((9, RUNS))
-    for s, values in enumerate(batch.values()):
-        matrices[:, s] = thrust_matrix(values).ravel()
+    for s, scenario in enumerate(batch.scenarios):
+        matrices[:, s] = np.ravel(scenario.thrusters.matrix if scenario.thrusters else IDENTITY)
     if thrusters is None or not thrusters.propellant:
         return Part('errors', ((Place.THRUSTERS, apply_matrix),), matrices.ravel())
     table = table_of(matrices, _tanks(batch), batch.base.dt_s)
@@ -311,26 +298,5 @@ def spent_of(memories: Mapping[str, Floats]) -> dict[str, Floats]:
     return {}
 
 
-def vary(scenario: Scenario, draw: Draw) -> list[Any]:
-    """Return the thrusters of a run: the scenario's, and what is dispersed of them."""
-    nominal, values = scenario.thrusters, draw.values
-    names = {'thrust_share', 'misalignment_deg', 'delay_ticks'}
-    if nominal is None and not names & set(draw.dispersed):
-        return []
-    x, y, z = (tuple(row) for row in thrust_matrix(values).tolist())
-    found = replace(
-        nominal or Thrusters(), matrix=(x, y, z), delay_ticks=int(values['delay_ticks'])
-    )
-    part = found.pulses or found.table
-    if part is not None and 'stuck_off_thruster' in values:
-        name = found.names[int(values['stuck_off_thruster'])]
-        known = found.table is not None and found.table.finds_failures
-        part = replace(
-            part, failures=(*part.failures, Failure(thruster=name, stuck='off', known=known))
-        )
-        found = replace(found, **{'table' if found.table else 'pulses': part})
-    return [found]
-
-
 register(Kind('', _limit_part))
-register(Kind('thrusters', _part, vary=vary))
+register(Kind('thrusters', _part))
