@@ -156,7 +156,7 @@ def test_a_comparison_is_printed_written_and_kept(name, compare, tmp_path, monke
     def fly_again(*_):
         raise AssertionError('what is kept is not flown again')
 
-    monkeypatch.setattr(comparison, 'metrics_of', fly_again)
+    monkeypatch.setattr(comparison, 'flights_of', fly_again)
     monkeypatch.setattr(comparison.execution, 'fly_unit', fly_again)
     monkeypatch.setattr(comparison.run_batch, 'fly_runs', fly_again)
     monkeypatch.setattr(comparison.robustness, 'margins_of', fly_again)

@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 from rpo.engine import lanes, support
 from rpo.engine.calls import rows_of
 from rpo.engine.cases import case_of_flights, case_of_set
-from rpo.engine.flights import flights_of
 from rpo.engine.judged import VALUES
 from rpo.engine.lanes import compiled
 from rpo.engine.parts.control import gain_part
@@ -36,7 +35,7 @@ from rpo_core.kernels.jit import COMPILED, as_table
 from rpo_core.navigation.estimator import Estimator
 from rpo_core.navigation.sensors import Navigation, Sensor, Sensors
 from rpo_core.scenario.requirements import Requirements
-from rpo_core.scenario.scenario import ScenarioSet, load, load_scenario, load_set
+from rpo_core.scenario.scenario import load_scenario, load_set
 from rpo_core.world import cw
 from rpo_core.world.starts import Box, Grid
 
@@ -58,39 +57,6 @@ def test_an_odd_law_needs_half_the_loops():
     case = case_of_set(TRAINING)
     assert (len(case.full.runs.planar), len(case.full.runs.vertical)) == (36, 6)
     assert (len(case.half.runs.planar), len(case.half.runs.vertical)) == (18, 3)
-
-
-GEO = ROOT / 'offline_training/examples/missions/geo_servicer.yaml'
-GRID = ScenarioSet(
-    replace(load(GEO), duration_s=20.0, dt_s=0.5, requirements=None),
-    Grid((-5.0, 20.0), (30.0,), (0.0, -4.0, 7.0)),
-)
-PAPERS, LONGER = (
-    replace(TRAINING, base=replace(TRAINING.base, duration_s=s)) for s in (20.0, 40.0)
-)
-PLANNED = load_set('least_energy_starts')
-PLANNED = replace(
-    PLANNED, base=replace(PLANNED.base, duration_s=190.0), starts=Grid.cube((-100.0, 100.0))
-)
-LAWS = ('pd', 'lqr', 'mpc', 'apf_smc', 'drift', 'more_words', 'time_to_go')
-
-
-@pytest.mark.parametrize(
-    ('flown', 'controller', 'every'),
-    [*((GRID, load_controller(n), 12) for n in ('allround', 'handmade', 'pd')),
-     *((PAPERS, load_controller(n), 200) for n in LAWS),
-     (PLANNED, load_controller('allround'), 5),
-     *((LONGER, c, 7) for c in (load_controller('handmade'), *random_controllers('free', 3, 1)))],
-    ids=lambda one: getattr(one, 'name', str(one)),
-)  # fmt: skip
-def test_flights_of_a_set_have_the_bits_of_the_core(flown, controller, every):
-    members = flown.scenarios()
-    flights = list(flights_of(controller, flown))
-    assert len(flights) == len(members)
-    for number in {*range(0, len(members), every), min(3, len(members) - 1), len(members) - 1}:
-        expected = fly(members[number], controller)
-        np.testing.assert_array_equal(flights[number].states, expected.states)
-        np.testing.assert_array_equal(flights[number].forces_n, expected.forces_n)
 
 
 @settings(max_examples=20, deadline=None)

@@ -16,8 +16,8 @@ from scipy.optimize import minimize
 
 from rpo.analysis import optimal
 from rpo.analysis.optimal import least_energy
-from rpo.engine.flights import flights_of
 from rpo.training.fitting import training_set
+from rpo_core.chain.flight import flights_of
 from rpo_core.control.controller import load_controller
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics

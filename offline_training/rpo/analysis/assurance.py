@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rpo.engine.flights import flights_of
 from rpo.engine.lanes import compiled
 from rpo_core.assurance.abort import AbortMachine
 from rpo_core.assurance.assurance import AssuranceStage
@@ -19,7 +18,7 @@ from rpo_core.assurance.guard import guard_of
 from rpo_core.assurance.kernels import OPEN, Guard, open_margins
 from rpo_core.assurance.manoeuvre import clear_for
 from rpo_core.assurance.settings import Assurance
-from rpo_core.chain.flight import fly
+from rpo_core.chain.flight import flights_of, fly
 from rpo_core.control.controller import AnyController
 from rpo_core.files.validation import InputError
 from rpo_core.guidance.guidance import Guidance, nominal

@@ -23,9 +23,6 @@ import numpy as np
 from rpo.analysis import robustness
 from rpo.analysis.optimal import least_constrained
 from rpo.analysis.robustness import COLUMNS, CROSSED, DRAWN, RUNS, SEED, cells
-from rpo.engine.cases import Case, case_of_set
-from rpo.engine.flights import flights_of
-from rpo.engine.simulator import Simulator
 from rpo.engine.support import why_not
 from rpo.montecarlo import config, execution, run_batch
 from rpo.montecarlo.config import Campaign
@@ -37,7 +34,7 @@ from rpo.proof import proven
 from rpo.scoring import fitness
 from rpo.scoring.conditions import LABELS
 from rpo_core import files
-from rpo_core.chain.flight import Flight, fly
+from rpo_core.chain.flight import Flight, flights_of, fly
 from rpo_core.control.controller import AnyController, FuzzyController, load_controller
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
@@ -158,7 +155,6 @@ class Comparison:
         changes: dict[str, Any] = {} if runs is None else {'runs': runs}
         self.campaigns = [config.load(campaign, controller=name, **changes) for name in names]
         self._shared = [files.read_text(files.find('scenario', name)) for name in (STARTS, *TESTS)]
-        self._case = case_of_set(load_set(STARTS))
 
     @property
     def labels(self) -> list[str]:
@@ -174,7 +170,9 @@ class Comparison:
 
         def make() -> dict[str, Any]:
             show = partial(self.report, 'optima by convex programming')
-            energies = least_constrained(self._case.base, self._case.starts, show)
+            training = load_set(STARTS)
+            starts = np.array([scenario.start for scenario in training.scenarios()])
+            energies = least_constrained(training.base, starts, show)
             return {'mean': float(fitness.mean(energies))}
 
         return float(kept(self.folder, 'optimum', [self._shared[0]], make)['mean'])
@@ -224,7 +222,8 @@ class Comparison:
 
     def _starts(self, controller: AnyController) -> Row:
         """Return the figures of the training starts and of the paper's tests."""
-        rows = metrics_of(controller, self._case, self.workers)
+        flown = list(flights_of(controller, load_set(STARTS)))
+        rows = np.array([metrics.row_of(flight) for flight in flown])
         tests = {name: fly(load_scenario(name), controller) for name in TESTS}
         late = {}
         for name, flight in tests.items():
@@ -240,7 +239,7 @@ class Comparison:
             judged = verdicts(flight)
             conditions += [(v.value / v.limit, v.key) for v in judged if v.holds is not None]
         share, condition = max(conditions)
-        speeds = map(contact_speed, flights_of(controller, load_set(STARTS)))
+        speeds = map(contact_speed, flown)
         contacts = [speed for speed in speeds if speed is not None]
         return {
             'mean_energy_n2s': float(fitness.mean(rows[:, ENERGY])),
@@ -290,12 +289,6 @@ class Comparison:
 def _thrusters(world: Campaign) -> Row:
     columns = run_batch.fly_runs(world, 0, world.config.runs)
     return {n: float(fitness.mean(columns[n])) for n in ('valve_openings', 'propellant_kg')}
-
-
-def metrics_of(controller: AnyController, case: Case, workers: int = 0) -> Floats:
-    """Return the metrics (starts, columns) of a controller, see `rpo_core.judge.metrics.UNITS`."""
-    with Simulator([case], workers) as simulator:
-        return np.asarray(simulator.fly([controller])[0][0])
 
 
 def command_us(controller: AnyController, scenario: Scenario) -> float:

@@ -19,7 +19,6 @@ from typing import NamedTuple
 
 from rpo.analysis.optimal import least_energy
 from rpo.engine.cases import case_of_flights, case_of_set
-from rpo.engine.flights import flights_of
 from rpo.engine.population import population_of
 from rpo.engine.simulator import Simulator
 from rpo.montecarlo.config import find, load
@@ -28,6 +27,7 @@ from rpo.montecarlo.judging import MOTION, motion, sentence
 from rpo.montecarlo.statistics import Rate, rate
 from rpo.proof.proven import numbers_of
 from rpo.scoring import fitness
+from rpo_core.chain.flight import flights_of
 from rpo_core.control.controller import AnyController, FuzzyController, load_controller
 from rpo_core.files.validation import InputError
 from rpo_core.judge.metrics import ENERGY, LATE_FORCE, LATE_POSITION, LATE_SPEED, of_flight

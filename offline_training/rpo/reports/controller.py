@@ -20,14 +20,13 @@ from rpo.analysis.judgement import (
     trained_for,
 )
 from rpo.analysis.rule_base import FORCES, WELL, force_rows, warnings
-from rpo.engine.flights import flights_of
 from rpo.proof import surface
 from rpo.proof.certificate import PROVEN, Certificate, Claim, certify
 from rpo.reports.page import Block, File, Picture, Report, Section, Table, Text, picture, plain
 from rpo.reports.run_plots import axis_forces, draw_force, force_bar
 from rpo.scoring import fitness
 from rpo_core import files
-from rpo_core.chain.flight import Flight
+from rpo_core.chain.flight import Flight, flights_of
 from rpo_core.control.controller import AnyController, FuzzyController, load_controller
 from rpo_core.control.explain import SPOKEN
 from rpo_core.control.family import Family

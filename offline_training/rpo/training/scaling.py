@@ -16,8 +16,8 @@ from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
 
-from rpo.engine.flights import flights_of
 from rpo.training.fitting import around, refuse_impossible
+from rpo_core.chain.flight import flights_of
 from rpo_core.control.controller import AnyController
 from rpo_core.control.controller_file import Scaling
 from rpo_core.files.validation import InputError, quoted

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -16,7 +16,7 @@ from rpo_core.chain.driver import Driver
 from rpo_core.control.controller import Controller
 from rpo_core.control.controller_file import ControllerStage
 from rpo_core.kernels.arrays import Floats
-from rpo_core.scenario.scenario import Scenario
+from rpo_core.scenario.scenario import Scenario, ScenarioSet
 from rpo_core.stage import Place, Signal, Stage, sections
 from rpo_core.wire.interfaces import (
     CHASER_MASS,
@@ -200,3 +200,9 @@ def fly(
         np.zeros((scenario.ticks + 1, 3)) if disturbances is None else disturbances,
         arrays,
     )
+
+
+def flights_of(controller: Controller, flown: Scenario | ScenarioSet) -> Iterator[Flight]:
+    """Yield the flight of a controller through a scenario, or through each member of a set."""
+    for scenario in [flown] if isinstance(flown, Scenario) else flown.scenarios():
+        yield fly(scenario, controller)
