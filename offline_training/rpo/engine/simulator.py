@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -67,7 +67,8 @@ class Simulator:
     ) -> None:
         self.samples = samples
         self.workers = workers or len(os.sched_getaffinity(0))
-        self.take(cases)
+        self.cases = tuple(cases)
+        self._scratch = Scratch(max(case.windows.tail for case in cases))
         self._pool = ThreadPoolExecutor(self.workers, 'rpo-engine')
 
     def __enter__(self) -> Simulator:
@@ -76,14 +77,9 @@ class Simulator:
     def __exit__(self, *_: object) -> None:
         self._pool.shutdown(cancel_futures=True)
 
-    def take(self, cases: Sequence[Case | DrawnCase]) -> None:
-        """Fly these cases from now on."""
-        self.cases = tuple(cases)
-        self._scratch = Scratch(max(case.windows.tail for case in cases))
-
-    def fly(self, candidates: Candidates, some: slice = slice(None)) -> list[Floats]:
-        """Return the metrics (candidates, starts, case.columns) of each case, or of some."""
-        cases = self.cases[some]
+    def fly(self, candidates: Candidates) -> list[Floats]:
+        """Return the metrics (candidates, starts, case.columns) of each case."""
+        cases = self.cases
         n = len(candidates.scales) if isinstance(candidates, Population) else len(candidates)
         found = [np.empty((n, len(case.starts), case.columns)) for case in cases]
 
@@ -95,8 +91,12 @@ class Simulator:
                 else:
                     self._fly_controller(candidates[index], case, rows[index])
 
-        list((map if self.workers == 1 else self._pool.map)(one, range(n)))
+        list(self.each(one, range(n)))
         return found
+
+    def each(self, function: Callable[[Any], Any], items: Iterable[Any]) -> Iterator[Any]:
+        """Map on the threads."""
+        return (map if self.workers == 1 else self._pool.map)(function, items)
 
     def _fly_controller(self, controller: Controller, case: Case | DrawnCase, rows: Floats) -> None:
         if isinstance(case, Case):

@@ -13,20 +13,18 @@ then has its own noise, the same for all candidates.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Annotated, Any
+from itertools import product
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
-from rpo.engine.cases import DrawnCase
-from rpo.engine.parts.dynamics import uneven_steps
-from rpo.engine.support import why_not
-from rpo.montecarlo.config import LEVEL, SHARE, Campaign, find, load
-from rpo.montecarlo.run_batch import case_of, side_by_side
+from rpo.montecarlo.config import find, load
+from rpo.montecarlo.run_batch import fly_drawn
 from rpo.montecarlo.sampling import DrawnRuns, draw
-from rpo.scoring.conditions import column_of
+from rpo_core.control.controller import Controller
 from rpo_core.files.validation import (
     MOST_PATH,
     Checked,
@@ -52,6 +50,20 @@ SHARE_BELOW_1 = partial(real, least=0.0, below=1.0)
 """Checks of settings."""
 
 _SEEDS = 1000  # between the seeds of stages and those held out
+_PART = 50  # runs that a thread flies at a time
+
+Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
+
+
+class Values(NamedTuple):
+    """What drawn runs are judged by.
+
+    values : (controllers, runs, k); limits : (runs, k), the force may be limited by each run's own
+        disturbance
+    """
+
+    values: Floats
+    limits: Floats
 
 
 @dataclass(frozen=True)
@@ -103,11 +115,8 @@ class DrawnFlights:
     """The runs of one campaign that a search flies.
 
     label : the name of the campaign
+    judged : names of the limits that a run is judged by
     count : in a stage
-    columns, limits : of the metrics by which a run succeeds; limits (k,), or (runs, k) of the runs
-        of the last case if the force is limited by each run's own disturbance
-
-    Raises InputError if the engine cannot fly the campaign.
     """
 
     def __init__(self, name: str, settings: DrawnSettings) -> None:
@@ -116,56 +125,50 @@ class DrawnFlights:
         if name in settings.judged:
             self._campaign = self._campaign.judging(settings.judged[name])
         self.label, self.count = self._campaign.config.name, settings.flights
-        reason = why_not(self._campaign.scenario, self._campaign.controller)
-        if reason:
-            raise InputError(f'a search cannot fly campaign {self.label}: {reason}')
-        success, required = self._campaign.config.success, self._campaign.scenario.requirements
-        self.columns = [column_of(name, required) for name in success]
-        self.limits = np.array(list(success.values()))
-
-    @property
-    def judged(self) -> list[str]:
-        """Names of the limits that a run is judged by."""
-        return list(self._campaign.config.success)
+        self.judged = list(self._campaign.config.success)
 
     @property
     def texts(self) -> tuple[str, str]:
         """YAML of the campaign and of its scenario."""
         return self._campaign.texts[0], self._campaign.texts[1]
 
-    def pool(self, stage: int) -> tuple[Campaign, DrawnRuns]:
-        """Return all runs that are drawn for a stage, and the campaign that draws them."""
+    def enter(self, stage: int) -> None:
+        """Draw all runs of a stage.
+
+        campaign : that draws them; drawn : they
+        """
         own = self._settings
         runs = own.held_out if stage == HELD_OUT else max(own.pool, own.flights)
         first = 2 * _SEEDS * own.seed
         seed = first + (_SEEDS if stage == HELD_OUT else stage)
         config = replace(self._campaign.config, runs=runs, seed=seed)
-        campaign = replace(self._campaign, config=config)
-        return campaign, draw(campaign, 0, runs)
+        self.campaign = replace(self._campaign, config=config)
+        self.drawn = draw(self.campaign, 0, runs)
 
-    def case(self, stage: int, chosen: Sequence[int] | None = None) -> DrawnCase:
-        """Return runs of a stage, by number; all of them if not given."""
-        campaign, drawn = self.pool(stage)
-        uneven = uneven_steps(campaign.scenario, drawn.column('orbit_radius_m'))
-        if uneven:
-            raise InputError(f'a search cannot fly campaign {self.label}: {uneven}')
-        if chosen is not None:
-            drawn = drawn.some(list(chosen))
-        if SHARE in campaign.config.success:  # whoever flies, the disturbance is the same
-            known = side_by_side(campaign, drawn)
-            limits = [campaign.config.limit(name, known)[1] for name in self.judged]
-            self.limits = np.column_stack(np.broadcast_arrays(*limits, known[LEVEL])[:-1])
-        return case_of(campaign, drawn)
+    def choose(self, hardest_for: Values | None) -> None:
+        """Keep some of all runs: half of them the hardest, and as many that are simply the first.
 
-    def choose(self, rows: Floats | None) -> list[int]:
-        """Return the numbers of the flights of a stage.
-
-        rows : (pool, columns) metrics of the pool, of the best controller so far; None: no such
+        hardest_for : values of all runs, of the best controller so far; None: no such
         """
-        count = self._settings.flights
-        if rows is None:
-            return list(range(count))
-        shares = (rows[:, self.columns] / self.limits).max(axis=1)
-        hardest = np.argsort(-shares, kind='stable')[: count // 2].tolist()
-        others = [i for i in range(len(rows)) if i not in hardest]
-        return sorted([*hardest, *others[: count - len(hardest)]])
+        count, chosen = self._settings.flights, list(range(self._settings.flights))
+        if hardest_for is not None:
+            values, limits = hardest_for.values[0], hardest_for.limits
+            shares = (values / limits).max(axis=1)
+            hardest = np.argsort(-shares, kind='stable')[: count // 2].tolist()
+            others = [i for i in range(len(shares)) if i not in hardest]
+            chosen = sorted([*hardest, *others[: count - len(hardest)]])
+        self.drawn = self.drawn.some(chosen)
+
+    def fly(self, controllers: Sequence[Controller], each: Each = map) -> Values:
+        """Return what the runs are judged by; `each` may map on threads."""
+        runs = len(self.drawn.numbers)
+        parts = [self.drawn.some(slice(i, i + _PART)) for i in range(0, runs, _PART)]
+
+        def one(flown: tuple[Controller, DrawnRuns]) -> Floats:
+            columns = fly_drawn(self.campaign, flown[1], flown[0])
+            judged = self.campaign.config.limits(columns).values()
+            return np.array([np.broadcast_arrays(value, limit) for value, limit in judged])
+
+        made = np.concatenate(list(each(one, list(product(controllers, parts)))), axis=-1)
+        judged = made.reshape(len(self.judged), 2, len(controllers), runs).transpose(1, 2, 3, 0)
+        return Values(judged[0], judged[1, 0])

@@ -19,11 +19,11 @@ by how far a limit is exceeded:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,7 @@ from rpo.engine.simulator import Simulator
 from rpo.scoring.conditions import AT_LIMIT, LABELS, PAPER, conditions_of
 from rpo.scoring.drawn import HELD_OUT, SHARE_BELOW_1, UNDRAWN, WEIGHT, DrawnFlights, DrawnSettings
 from rpo_core.control.baselines import Baseline
+from rpo_core.control.controller import Controller, FuzzyController
 from rpo_core.control.fuzzy import DEFAULT_SAMPLES
 from rpo_core.files.validation import Checked, choice, real, whole
 from rpo_core.judge.metrics import (
@@ -206,6 +207,19 @@ def _between(case: Case, count: int) -> Case:
     return replace(case, starts=starts, disturbance=np.zeros(len(starts), np.int64))
 
 
+Candidates = Population | Sequence[Baseline]
+
+
+def members_of(
+    candidates: Candidates, some: Iterable[int] | None = None
+) -> Sequence[FuzzyController | Baseline]:
+    """Return candidates as controllers; all of them if `some` are not given."""
+    if not isinstance(candidates, Population):
+        return candidates if some is None else [candidates[i] for i in some]
+    indices = range(len(candidates.scales)) if some is None else some
+    return [candidates.controller(index, 'candidate') for index in indices]
+
+
 class Fitness:
     """Computes the fitness of populations on a scenario set; holds their simulator."""
 
@@ -223,25 +237,19 @@ class Fitness:
         """Names of the columns of `Scores.failures`."""
         return (*self.conditions.labels, *(flights.label for flights in self.drawn))
 
-    def enter(self, stage: int, best: Population | None = None) -> None:
+    def enter(self, stage: int, best: Candidates | None = None) -> None:
         """Draw the flights of a stage; `best` says which of them are hard."""
         if stage == self.stage or not self.drawn:
             return
         self.stage = stage
-        if stage == UNDRAWN:
-            cases = []
-        elif stage == HELD_OUT:
-            cases = [flights.case(stage) for flights in self.drawn]
-        else:
-            pools: list[Floats | None] = [None] * len(self.drawn)
-            if best is not None and self.settings.drawn.pool:
-                self.simulator.take([flights.case(stage) for flights in self.drawn])
-                pools = [rows[0] for rows in self.simulator.fly(best)]
-            cases = [
-                flights.case(stage, flights.choose(rows))
-                for flights, rows in zip(self.drawn, pools, strict=True)
-            ]
-        self.simulator.take([*self._fixed, *cases])
+        best_of_all = members_of(best) if best is not None and self.settings.drawn.pool else ()
+        for flights in self.drawn if stage != UNDRAWN else ():
+            flights.enter(stage)
+            if stage != HELD_OUT:
+                hardest_for = None
+                if best_of_all:
+                    hardest_for = flights.fly(best_of_all, self.simulator.each)
+                flights.choose(hardest_for)
 
     def _terms_of(self, scenarios: ScenarioSet) -> Iterator[Term]:
         """Yield the terms, the training's first."""
@@ -278,12 +286,12 @@ class Fitness:
             claim = {LATE_POSITION: CLAIM_POSITION_M, LATE_SPEED: CLAIM_VELOCITY_M_S}
             yield Term(own.robustness, corner_cases(), lambda rows: mean(self._beyond(rows, claim)))
 
-    def score(self, population: Population | Sequence[Baseline]) -> Scores:
+    def score(self, population: Candidates) -> Scores:
         """Return the scores of a population."""
         settings = self.settings
         if self.drawn and self.stage is None:
             self.enter(0)
-        outcomes = self.simulator.fly(population, slice(len(self._fixed)))
+        outcomes = self.simulator.fly(population)
         training = outcomes[0]
         fitness = energy = mean(training[..., ENERGY])
         rows_of = dict(zip(map(id, self._fixed), outcomes, strict=True))
@@ -299,7 +307,7 @@ class Fitness:
         return Scores(fitness, energy, missed, mean(training[..., ARRIVAL_TIME]))
 
     def _with_drawn(
-        self, population: Population | Sequence[Baseline], fitness: Floats
+        self, population: Candidates, fitness: Floats
     ) -> tuple[Floats, NDArray[np.int64]]:
         """Return the fitness (n,) with the drawn flights; how many miss (n, campaigns).
 
@@ -312,7 +320,7 @@ class Fitness:
         order, half = np.argsort(fitness, kind='stable'), -(-len(fitness) // 2)
         if self.stage == HELD_OUT:
             half = len(fitness)
-        worst = self.settings.drawn.weight * sum(len(d.columns) for d in self.drawn)
+        worst = self.settings.drawn.weight * sum(len(d.judged) for d in self.drawn)
         total = fitness + worst
         missed = np.array([[d.count for d in self.drawn]] * len(fitness))
         for first in (0, *range(half, len(fitness), _SOME)):
@@ -320,26 +328,21 @@ class Fitness:
             if first:
                 some = some[fitness[some] < np.sort(total)[half - 1]]
             if len(some):
-                total[some], missed[some] = self._fly_drawn(population, some, fitness[some])
+                members = members_of(population, some)
+                total[some], missed[some] = self._fly_drawn(members, fitness[some])
         return total, missed
 
     def _fly_drawn(
-        self, population: Population | Sequence[Baseline], some: NDArray[np.int64], fitness: Floats
+        self, members: Sequence[Controller], fitness: Floats
     ) -> tuple[Floats, NDArray[np.int64]]:
         """Return the fitness with the penalties, and how many miss."""
-        if isinstance(population, Population):
-            members: Any = population.members(some)
-        else:
-            members = [population[i] for i in some]
-        missed = []
-        for drawn, rows in zip(
-            self.drawn, self.simulator.fly(members, slice(len(self._fixed), None)), strict=True
-        ):
-            values, own = rows[..., drawn.columns], self.settings.drawn
-            over = self._missed(values, drawn.limits, own.margin).sum(axis=-1)
+        missed, own = [], self.settings.drawn
+        for drawn in self.drawn:
+            values, limits = drawn.fly(members, self.simulator.each)
+            over = self._missed(values, limits, own.margin).sum(axis=-1)
             share = over.shape[-1] / drawn.count  # held-out runs: as dear as those of a pool
             fitness = fitness + own.weight * share * mean(over)
-            missed.append((values > drawn.limits).any(axis=-1).sum(axis=-1))
+            missed.append((values > limits).any(axis=-1).sum(axis=-1))
         return fitness, np.column_stack(missed)
 
     def _penalties(self, values: Floats) -> Floats:
