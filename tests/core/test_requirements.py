@@ -15,7 +15,7 @@ from rpo_core import files
 from rpo_core.chain.flight import Flight
 from rpo_core.files.validation import InputError
 from rpo_core.judge import contact
-from rpo_core.judge.verdicts import CLOSING, DEPTH, counts_of, missed, unbounded, verdicts
+from rpo_core.judge.verdicts import missed, unbounded, verdicts
 from rpo_core.scenario.requirements import LIMITS, THRUST, Requirements
 from rpo_core.scenario.scenario import dumps, load, load_scenario, parse
 from rpo_core.thrusters.thrusters import Propellant, Thrusters
@@ -201,13 +201,13 @@ def test_the_way_through_the_zone_is_by_the_corridor(angle_deg, depth_m):
 def test_all_axes_are_judged_alike(turn, angle_deg, depth_m):
     """x, y and z change their names. The port is before the target, the sphere about it."""
     settings = {'contact_range_m': 0.5, 'keep_out_m': 5.5, 'corridor_half_angle_deg': angle_deg}
-    limits = dict.fromkeys(('contact_closing_speed_m_s', 'keep_out_depth_m'), 1.0)
-    required = Requirements(contact_axis=f'+{"yzx"[turn]}', **settings, **limits)
-    port = np.roll((0.0, 0.25, 0.0), turn)
-    parts = np.roll(made_up(energy_n2s=1.0).states.reshape(-1, 2, 3), turn, axis=2)
-    parts[:, 0] -= port
-    found = counts_of(parts.reshape(-1, 6), required, tuple(port.tolist()))
-    assert found[CLOSING : DEPTH + 1] == pytest.approx([0.0, 0.1, depth_m], abs=1e-12)
+    keys = ('contact_closing_speed_m_s', 'contact_lateral_speed_m_s', 'keep_out_depth_m')
+    settings |= {'contact_axis': f'+{"yzx"[turn]}', **dict.fromkeys(keys, 1.0)}
+    flight, port = made_up(**settings), tuple(np.roll((0.0, 0.25, 0.0), turn).tolist())
+    states = np.roll(flight.states.reshape(-1, 2, 3), turn, axis=2).reshape(-1, 6)
+    scenario = replace(flight.scenario, goal_position_m=port)
+    found = {v.key: v.value for v in verdicts(replace(flight, scenario=scenario, states=states))}
+    assert [found[key] for key in keys] == pytest.approx([0.0, 0.1, depth_m], abs=1e-12)
 
 
 IDSS = {

@@ -16,12 +16,13 @@ from landing import rest_at_landing
 from mcap.reader import make_reader
 
 from rpo.montecarlo import config
-from rpo.montecarlo.run_batch import FINAL, fly_run, fly_runs
+from rpo.montecarlo.run_batch import fly_run, fly_runs
 from rpo_core.assurance.settings import Assurance
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.judge import metrics
+from rpo_core.judge.metrics import FINAL
 from rpo_core.scenario import overrides, scenario
 from rpo_core.wire.interfaces import ASSURANCE_STATUS, ASSURED_FORCE, BODY_TORQUE
 from rpo_core.world.link import CORRUPTIONS

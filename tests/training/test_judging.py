@@ -20,6 +20,7 @@ from rpo.training import provenance
 from rpo.training.config import load_start
 from rpo_core.control.controller import load_controller
 from rpo_core.files.validation import InputError
+from rpo_core.judge import metrics
 
 WIDE = {'COLUMNS': '300'}
 REQUIRED = {
@@ -117,7 +118,7 @@ def test_judging_by_some_limits_changes_no_flight(loaded):
     both, one = fly_runs(whole, 0, 40), fly_runs(some, 0, 40)
     for name, values in one.items():
         np.testing.assert_array_equal(values, both[name])
-    assert set(both) - set(one) == {config.LEVEL}
+    assert set(both) - set(one) == {metrics.LEVEL}
     again = config.Campaign.of_texts(some.texts, ('c', 's', 'k'))
     assert again.config == some.config
     with pytest.raises(InputError, match='`judge` must be one of hold_error_per_axis_m'):

@@ -32,6 +32,7 @@ from rpo_core.files.validation import (
     within,
 )
 from rpo_core.judge import metrics
+from rpo_core.judge.metrics import LEVEL
 from rpo_core.navigation.sensors import Sensors
 from rpo_core.scenario import overrides
 from rpo_core.scenario.requirements import LIMITS, ROWS, THRUST, Requirements
@@ -56,9 +57,6 @@ METRICS = {name: unit for name, unit in metrics.UNITS.items() if '_bound_' not i
 
 SHARE = 'hold_force_per_disturbance'
 """The requirement whose limit is each run's own: a share of its `LEVEL`."""
-
-LEVEL = 'disturbance_level_n'
-"""Largest |disturbance| of an axis of a run."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,11 +19,12 @@ from typing import Any, NamedTuple
 from rpo.montecarlo import pool
 from rpo.montecarlo.config import Campaign
 from rpo.montecarlo.faults import SHARES, Faults
-from rpo.montecarlo.run_batch import FINAL, columns_of, fly_run, fly_runs, fly_unit, units
+from rpo.montecarlo.run_batch import columns_of, fly_run, fly_runs, fly_unit, units
 from rpo.montecarlo.statistics import Rate, document, rate, successes
 from rpo.montecarlo.store import Results
 from rpo_core.chain.flight import Flight
 from rpo_core.files.validation import InputError
+from rpo_core.judge.metrics import FINAL
 from rpo_core.kernels.arrays import Floats
 
 Units = Generator[tuple[int, Floats], None, None]

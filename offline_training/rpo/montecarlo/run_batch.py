@@ -23,7 +23,7 @@ from rpo.engine.parts.dynamics import uneven_steps
 from rpo.engine.simulator import Pairs, Scratch, fly_pairs
 from rpo.engine.support import announce, kinds, why_not
 from rpo.engine.tick import Batch, Part, Runs, parts_of
-from rpo.montecarlo.config import LEVEL, METRICS, Campaign
+from rpo.montecarlo.config import METRICS, Campaign
 from rpo.montecarlo.faults import LinkStage
 from rpo.montecarlo.sampling import PARAMETERS, STARTS, STRATA, DrawnRuns, draw, parameters_of
 from rpo.montecarlo.variations import Draw, sections_of
@@ -32,10 +32,9 @@ from rpo_core.chain.flight import Flight, fly
 from rpo_core.control.controller import Controller
 from rpo_core.files.validation import within
 from rpo_core.judge import metrics
-from rpo_core.judge.metrics import row_of, windows_of
-from rpo_core.judge.verdicts import verdicts
+from rpo_core.judge.metrics import FINAL, LEVEL, windows_of
+from rpo_core.judge.verdicts import values_of
 from rpo_core.kernels.arrays import Floats
-from rpo_core.scenario.requirements import THRUST
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place, Stage
 from rpo_core.wire.interfaces import APPLIED_FORCE
@@ -46,7 +45,6 @@ UNIT = 200
 
 assert STRATA % UNIT == 0 and UNIT % RUNS == 0
 
-FINAL = tuple(f'final_{name}' for name in ('x_m', 'y_m', 'z_m', 'vx_m_s', 'vy_m_s', 'vz_m_s'))
 COLUMNS = (*PARAMETERS, *METRICS, *FINAL)
 """Columns of the results of every campaign: drawn parameters, metrics, final state."""
 
@@ -102,7 +100,7 @@ def fly_drawn(
     controller, more : see `flights_drawn`
     """
     flights = flights_drawn(campaign, drawn, controller, more)
-    runs = [_known(campaign, flight) for flight in flights]
+    runs = [values_of(flight) for flight in flights]
     return {name: np.array([values[name] for values in runs]) for name in runs[0]}
 
 
@@ -131,19 +129,6 @@ def flights_drawn(
         if faults is not None and not turns:
             flight = replace(flight, forces_n=flight.signals[APPLIED_FORCE])
         yield flight
-
-
-def _known(campaign: Campaign, flight: Flight) -> dict[str, float]:
-    """Return what is known of a run that has flown, by name."""
-    row = row_of(flight)
-    judged = {verdict.key: verdict.value for verdict in verdicts(flight, row)}
-    counted = dict(zip(metrics.UNITS, row, strict=True))
-    values = judged | counted | dict(zip(FINAL, flight.states[-1].tolist(), strict=True))
-    values['arrival_time_s'] = judged.get('arrival_time_s', counted['arrival_time_s'])
-    values[LEVEL] = metrics.disturbance_level_n(flight)
-    if campaign.metrics_of_thrusters:
-        values |= zip(THRUST, flight.thrust[2:], strict=True)
-    return values
 
 
 def side_by_side(

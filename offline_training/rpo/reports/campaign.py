@@ -15,7 +15,7 @@ from scipy.stats import norm, rankdata
 from rpo.montecarlo import judging
 from rpo.montecarlo.judging import words
 from rpo.montecarlo.quantities import QUANTITIES
-from rpo.montecarlo.run_batch import FINAL, fly_run
+from rpo.montecarlo.run_batch import fly_run
 from rpo.montecarlo.sampling import parameters_of
 from rpo.montecarlo.statistics import (
     QUANTILES,
@@ -32,6 +32,7 @@ from rpo.montecarlo.store import Store
 from rpo.reports.page import Block, File, Picture, Report, Section, Table, Text, picture, plain
 from rpo.reports.replay import Replayed
 from rpo_core.files.validation import InputError
+from rpo_core.judge.metrics import FINAL
 from rpo_core.judge.verdicts import number, unbounded
 from rpo_core.kernels.arrays import Bools, Floats, Ints
 from rpo_core.scenario.requirements import ROWS

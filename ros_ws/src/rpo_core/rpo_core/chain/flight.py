@@ -135,19 +135,14 @@ class Flight:
     def thrust(self) -> Thrust:
         """What the thrusters made of the commands, computed again."""
         scenario, stage = self.scenario, self._thrusters()
-        made = [
-            stage.step(tick, *map(tuple, some))
-            for tick, some in enumerate(
-                zip(*(v.tolist() for v in self._taken_by(stage)), strict=True)
-            )
-        ]
-        forces_n = np.array([outputs[2] for outputs in made])
+        ticks = np.arange(len(self.forces_n) - 1)
+        made = dict(zip(stage.outputs, stage.steps(ticks, *self._taken_by(stage)), strict=True))
+        forces_n = made[stage.outputs[2]]
         if scenario.attitude is not None:  # those are in the axes of the chaser
             forces_n = self.signals[EXERTED_FORCE][:-1]
-        masses_kg = np.full(len(made), scenario.mass_kg)
-        if CHASER_MASS in stage.outputs:
-            at = stage.outputs.index(CHASER_MASS)
-            masses_kg = np.array([outputs[at][0] for outputs in made])
+        masses_kg = np.full(len(ticks), scenario.mass_kg)
+        if CHASER_MASS in made:
+            masses_kg = made[CHASER_MASS][:, 0]
         spent = stage.spent()
         if spent is None:
             impulse = np.abs(self.saturated_forces_n).sum() * scenario.dt_s

@@ -44,8 +44,10 @@ class Port(NamedTuple):
     slope: float
 
 
-def port_of(required: Requirements, goal: Vector) -> Port:
+def port_of(required: Requirements | None, goal: Vector) -> Port:
     """Return what requirements say of contact and zone."""
+    if required is None:
+        return Port(0.0, LINE_OF_SIGHT, 1.0, 0.0, goal, 0.0, 0.0)
     along = required.contact_axis or ''
     return Port(
         required.contact_range_m or 0.0,

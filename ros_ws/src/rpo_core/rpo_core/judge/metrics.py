@@ -1,25 +1,33 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Metrics of a flight, defined once: what they are called, and how they add up.
+"""What a flight is judged by, defined once: names, and kernels that count it, tick by tick.
 
-The kernels count axis by axis, tick by tick; a flight that is there (`row_of`), and the lanes of
-the Monte Carlo engine, which keep no flight, use the same ones and get the same bits.
+To add a metric or a requirement, name it in `VALUES` and count it here; a requirement has a row in
+`rpo_core/scenario/requirements.yaml` and a field in `requirements.py` too. The lanes of a search
+(`rpo.engine`), which keep no flight, count by the same kernels, and get the same bits.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import inf
+from math import inf, isfinite
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.chain.flight import Flight
-from rpo_core.judge.contact import docked_at
+from rpo_core.judge.contact import (
+    Port,
+    contact_speeds,
+    depth_m,
+    docked_at,
+    port_of,
+    touches,
+)
 from rpo_core.kernels.arithmetic import norm
-from rpo_core.kernels.jit import as_table, kernel
+from rpo_core.kernels.jit import as_table, as_view, kernel
 from rpo_core.scenario.requirements import (
     ARRIVAL_WINDOW_S,
     MAX_ARRIVAL_DISTANCE_M,
@@ -58,6 +66,26 @@ A requirement has the same name. The mean window is the last 30 s of the judged 
 
 UNITS = {name: unit for name, (unit, _) in METRICS.items()}
 
+VALUES = (
+    *METRICS,
+    'final_error_per_axis_m',
+    'final_error_norm_m',
+    'final_speed_per_axis_m_s',
+    'final_speed_norm_m_s',
+    'hold_error_norm_m',
+    'hold_speed_norm_m_s',
+    'last_tick_outside',
+    'contact_closing_speed_m_s',
+    'contact_lateral_speed_m_s',
+    'keep_out_depth_m',
+    'contact_tick',
+)
+"""What is counted of a flight, in the order of a row: metrics, and values of requirements.
+
+`last_tick_outside` : after it, the error is within what the requirements call arrival
+`contact_tick` : of the first contact, -1 where there is none
+"""
+
 (
     ENERGY,
     ARRIVAL_SPEED,
@@ -70,8 +98,26 @@ UNITS = {name: unit for name, (unit, _) in METRICS.items()}
     DELTA_V,
     LATE_SPEED,
     LATE_DISTANCE,
-) = range(len(UNITS))
-"""Columns of a row of metrics."""
+    FINAL_POSITION,
+    FINAL_DISTANCE,
+    FINAL_VELOCITY,
+    FINAL_SPEED,
+    HOLD_DISTANCE,
+    HOLD_SPEED,
+    OUTSIDE,
+    CLOSING,
+    LATERAL,
+    DEPTH,
+    CONTACT,
+) = range(len(VALUES))
+"""Columns of a row."""
+
+
+FINAL = tuple(f'final_{name}' for name in ('x_m', 'y_m', 'z_m', 'vx_m_s', 'vy_m_s', 'vz_m_s'))
+"""Columns of the final state."""
+
+LEVEL = 'disturbance_level_n'
+"""Largest |disturbance| of an axis of a flight."""
 
 
 class Windows(NamedTuple):
@@ -89,6 +135,20 @@ class Windows(NamedTuple):
     horizon: int
     late: int
     arrival_m: float = MAX_ARRIVAL_DISTANCE_M
+
+
+class Asked(NamedTuple):
+    """What requirements ask of the axes together.
+
+    hold : tick after which the extremes of the norms are kept
+    arrival_m : error that counts as arrived, of each axis or, without `by_axis`, of the norm
+    port : what counts as contact, and where a path may be before it
+    """
+
+    hold: int
+    arrival_m: float
+    by_axis: bool
+    port: Port
 
 
 class AxisSums(NamedTuple):
@@ -158,15 +218,18 @@ def fill_row(
 
 
 @kernel
-def axis_sums(states: Any, forces: Any, axis: int, windows: Windows, first_slew: int) -> AxisSums:
+def axis_sums(
+    states: Any, goal: Any, forces: Any, axis: int, windows: Windows, first_slew: int
+) -> AxisSums:
     """Count one axis of a flight: states (N+1, 6), applied forces (N, 3), N = `horizon`.
 
+    goal : (6,), errors are states less it
     first_slew : the first tick whose change of force is counted
     """
     energy = effort = step = position = velocity = largest = outside = before = 0.0
     for tick in range(windows.horizon):
-        force = forces[tick][axis]
-        r, v = states[tick + 1][axis], states[tick + 1][3 + axis]
+        force, state = forces[tick][axis], states[tick + 1]
+        r, v = state[axis] - goal[axis], state[3 + axis] - goal[3 + axis]
         if tick < windows.ticks:
             energy = with_square(energy, force)
             effort += abs(force)
@@ -180,19 +243,74 @@ def axis_sums(states: Any, forces: Any, axis: int, windows: Windows, first_slew:
 
 
 @kernel
+def count_together(states: Any, goal: Any, asked: Asked, row: Any) -> None:
+    """Count what is required of the axes together; the columns of a row from `FINAL_POSITION` on.
+
+    states : (N+1, 6); goal : (6,), errors are states less it
+    """
+    port, hold_distance, hold_speed, depth, outside, contact = asked.port, 0.0, 0.0, 0.0, 0, -1
+    closing = lateral = inf
+    for tick in range(len(states)):
+        s = states[tick]
+        x, y, z = s[0] - goal[0], s[1] - goal[1], s[2] - goal[2]
+        vx, vy, vz = s[3] - goal[3], s[4] - goal[4], s[5] - goal[5]
+        position, distance = max(abs(x), abs(y), abs(z)), norm(x, y, z)
+        velocity, speed = max(abs(vx), abs(vy), abs(vz)), norm(vx, vy, vz)
+        if tick > asked.hold:
+            hold_distance = larger(hold_distance, distance)
+            hold_speed = larger(hold_speed, speed)
+        if (position if asked.by_axis else distance) > asked.arrival_m:
+            outside = tick
+        if contact < 0 and touches(x, y, z, port):
+            contact = tick
+            closing, lateral = contact_speeds(x, y, z, vx, vy, vz, port)
+        elif contact < 0:
+            depth = larger(depth, depth_m(x, y, z, port))
+    row[FINAL_POSITION], row[FINAL_DISTANCE] = position, distance
+    row[FINAL_VELOCITY], row[FINAL_SPEED] = velocity, speed
+    row[HOLD_DISTANCE], row[HOLD_SPEED] = hold_distance, hold_speed
+    row[OUTSIDE], row[CONTACT] = outside, contact
+    row[CLOSING], row[LATERAL], row[DEPTH] = closing, lateral, depth
+
+
+@kernel
+def all_finite(table: Any) -> bool:
+    """Whether each number of a table (n, k) is finite."""
+    for i in range(len(table)):
+        for k in range(len(table[0])):
+            if not isfinite(table[i][k]):
+                return False
+    return True
+
+
+@kernel
 def count(
-    states: Any, forces: Any, windows: Windows, first_slew: int, dt: float, mass: float, row: Any
+    states: Any,
+    goal: Any,
+    forces: Any,
+    windows: Windows,
+    asked: Asked,
+    first_slew: int,
+    dt: float,
+    mass: float,
+    row: Any,
 ) -> None:
-    """Fill the row of metrics of a flight; see `axis_sums`."""
+    """Fill a row, the columns of `VALUES`, of a flight; leave it where a number is not finite.
+
+    See `axis_sums`, `count_together`.
+    """
+    if not (all_finite(states) and all_finite(forces)):
+        return
     distances = speeds = 0.0
     for tick in range(windows.ticks - windows.tail + 1, windows.ticks + 1):
         s = states[tick]
-        distances += norm(s[0], s[1], s[2])
-        speeds += norm(s[3], s[4], s[5])
-    x = axis_sums(states, forces, 0, windows, first_slew)
-    y = axis_sums(states, forces, 1, windows, first_slew)
-    z = axis_sums(states, forces, 2, windows, first_slew)
+        distances += norm(s[0] - goal[0], s[1] - goal[1], s[2] - goal[2])
+        speeds += norm(s[3] - goal[3], s[4] - goal[4], s[5] - goal[5])
+    x = axis_sums(states, goal, forces, 0, windows, first_slew)
+    y = axis_sums(states, goal, forces, 1, windows, first_slew)
+    z = axis_sums(states, goal, forces, 2, windows, first_slew)
     fill_row(row, x, y, z, distances, speeds, windows.tail, dt, mass)
+    count_together(states, goal, asked, row)
 
 
 def window_ticks(scenario: Scenario, window_s: float) -> int:
@@ -234,24 +352,41 @@ def first_slew_tick(scenario: Scenario) -> int:
     return 1 + (scenario.thrusters.delay_ticks if scenario.thrusters else 0)
 
 
-def row_of(flight: Flight, windows: Windows | None = None) -> NDArray[np.float64]:
-    """Return the metrics of a flight, the columns of `UNITS`; not a number where states are not.
+def asked_of(scenario: Scenario) -> Asked:
+    """Return what the requirements of a scenario ask of the axes together."""
+    required = scenario.requirements
+    port = port_of(required, scenario.goal_position_m)
+    if required is None:
+        return Asked(0, 0.0, False, port)
+    axis_m, norm_m = required.arrival_error_per_axis_m, required.arrival_error_norm_m
+    by_axis = axis_m is not None
+    return Asked(hold_tick(scenario) or 0, (axis_m if by_axis else norm_m) or 0.0, by_axis, port)
+
+
+def counts_of(flight: Flight, windows: Windows | None = None) -> Any:
+    """Return the numbers of a flight, the columns of `VALUES`; all NaN where a state is not finite.
 
     Positions are errors, relative to the goal of the scenario.
     """
-    scenario, forces = flight.scenario, flight.saturated_forces_n
-    row = np.full(len(UNITS), np.nan)
-    if np.isfinite(flight.errors).all() and np.isfinite(forces).all():
-        count(
-            as_table(flight.errors),
-            as_table(forces),
-            windows or windows_of(scenario),
-            first_slew_tick(scenario),
-            scenario.dt_s,
-            scenario.mass_kg,
-            row,
-        )
+    scenario = flight.scenario
+    row = as_table(np.full(len(VALUES), np.nan))
+    count(
+        as_view(flight.seen),
+        scenario.goal_state,
+        as_view(flight.saturated_forces_n),
+        windows or windows_of(scenario),
+        asked_of(scenario),
+        first_slew_tick(scenario),
+        scenario.dt_s,
+        scenario.mass_kg,
+        row,
+    )
     return row
+
+
+def row_of(flight: Flight, windows: Windows | None = None) -> NDArray[np.float64]:
+    """Return the metrics of a flight, the columns of `UNITS`; see `counts_of`."""
+    return np.array(counts_of(flight, windows)[: len(UNITS)])
 
 
 @dataclass(frozen=True)
@@ -300,7 +435,23 @@ def window(flight: Flight, window_s: float) -> Window:
 
 def disturbance_level_n(flight: Flight) -> float:
     """Return the largest |d| of any axis over the flight: the paper's level of the disturbance."""
-    return float(np.abs(flight.disturbances_n).max())
+    return float(_largest(as_view(flight.disturbances_n)))
+
+
+@kernel
+def _largest(forces: Any) -> float:
+    """Return the largest size of a number of forces (n, 3); NaN where one is."""
+    x = y = z = 0.0
+    for i in range(len(forces)):
+        f = forces[i]
+        x, y, z = _largest_of(x, f[0]), _largest_of(y, f[1]), _largest_of(z, f[2])
+    return _largest_of(_largest_of(x, y), z)
+
+
+@kernel
+def _largest_of(largest: float, value: float) -> float:
+    size = abs(value)
+    return size if size > largest or size != size else largest
 
 
 def arrival_time_s(flight: Flight) -> float | None:
@@ -383,10 +534,16 @@ def others_of(flight: Flight) -> list[Figure]:
     ]
 
 
+def spends(scenario: Scenario) -> bool:
+    """Return whether the thrusters of a scenario have pulses or propellant."""
+    thrusters = scenario.thrusters
+    return thrusters is not None and (thrusters.fires or thrusters.propellant is not None)
+
+
 def _of_valves(flight: Flight) -> list[Figure]:
     """Return what the thrusters of a flight spent, where its scenario has pulses or propellant."""
     thrusters = flight.scenario.thrusters
-    if thrusters is None or not (thrusters.fires or thrusters.propellant):
+    if thrusters is None or not spends(flight.scenario):
         return []
     spent = flight.thrust
     figures = [Figure('Δv of the thrusters, waste included', 'm/s', spent.delta_v_m_s)]

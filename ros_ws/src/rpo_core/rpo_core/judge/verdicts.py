@@ -21,10 +21,6 @@ from rpo_core.attitude.attitude_kernels import synchronised
 from rpo_core.attitude.pointing import contact_turn
 from rpo_core.chain.flight import Flight
 from rpo_core.judge import contact, metrics
-from rpo_core.judge.metrics import larger
-from rpo_core.kernels.arithmetic import Vector, norm
-from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.jit import as_table, kernel
 from rpo_core.scenario.requirements import ATTITUDES, ROWS, THRUST, Requirements
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.wire.interfaces import ALIGNED, CHASER_ATTITUDE
@@ -33,6 +29,10 @@ from rpo_core.world.zones import AT_PORT_M, zones_of
 HOLDS, MISSED, NOT_JUDGED = 'holds', 'MISSED', 'not flown'
 UNBOUNDED = 'NOT judged'
 """The word beside what no requirement bounds."""
+
+ARRIVAL = 'arrival_time_s'
+_SHARES = {name: row.share for name, row in ROWS.items() if row.share}
+_HELD = tuple(name for name, row in ROWS.items() if row.needs == 'hold_from_s')
 
 ZONE_DEPTH = 'zone_depth_m'
 """Key of the verdicts about keep-out zones, one for each zone."""
@@ -93,20 +93,15 @@ class Verdict(NamedTuple):
         return f'<{self.statement}: {self.reached}, {self.word}>'
 
 
-def verdicts(flight: Flight, row: Floats | None = None) -> list[Verdict]:
-    """Return each requirement of the flight's scenario beside its value; none where none are.
-
-    row : its metrics (`metrics.row_of`), where they are known
-    """
+def verdicts(flight: Flight) -> list[Verdict]:
+    """Return each requirement of the flight's scenario beside its value; none where none are."""
     required = flight.scenario.requirements
-    judged = []
-    if required is not None:
-        judged = _of_requirements(flight, required, metrics.row_of(flight) if row is None else row)
+    judged = [] if required is None else _of_requirements(flight, required)
     return judged + _of_zones(flight)
 
 
-def _of_requirements(flight: Flight, required: Requirements, counted: Floats) -> list[Verdict]:
-    values, judged = _values(flight, required, counted.tolist()), []
+def _of_requirements(flight: Flight, required: Requirements) -> list[Verdict]:
+    values, judged = _values(flight, required, metrics.counts_of(flight)), []
     for key, limit in required.limits.items():
         row = ROWS[key]
         if row.share:
@@ -117,6 +112,25 @@ def _of_requirements(flight: Flight, required: Requirements, counted: Floats) ->
         shown = f'{ROWS[key].statement}: no section `attitude`'
         judged.append(Verdict(key, shown, ROWS[key].unit, limit, math.nan))
     return judged
+
+
+def values_of(flight: Flight) -> dict[str, float]:
+    """Return what a campaign keeps of a flight: name -> value.
+
+    The metrics; the values of what its scenario requires and of what its thrusters spend; the final
+    state; the level of the disturbance. The time of arrival is the required one, if one is.
+    """
+    required, counts = flight.scenario.requirements, metrics.counts_of(flight)
+    values = dict(zip(metrics.UNITS, map(float, counts), strict=False))
+    if required is not None:
+        judged = _values(flight, required, counts)
+        own = [n for n in required.limits if n not in values or n == ARRIVAL]
+        values |= {name: judged[name] for name in own}
+    if metrics.spends(flight.scenario):
+        values |= _spent(flight)
+    values |= zip(metrics.FINAL, flight.states[-1].tolist(), strict=True)
+    values[metrics.LEVEL] = metrics.disturbance_level_n(flight)
+    return values
 
 
 def missed(flight: Flight) -> bool:
@@ -190,43 +204,33 @@ def statement(key: str, required: Requirements, duration_s: float) -> str:
     )
 
 
-def _values(flight: Flight, required: Requirements, row: list[float]) -> dict[str, float]:
-    if not math.isfinite(row[metrics.ENERGY]):
+def _values(flight: Flight, required: Requirements, counts: Any) -> dict[str, float]:
+    """Return requirement -> value, where it is asked for.
+
+    counts : of the flight (`metrics.counts_of`)
+    """
+    scenario, asked = flight.scenario, required.limits.keys()
+    if not math.isfinite(counts[metrics.ENERGY]):
         return dict.fromkeys(ROWS, math.inf)  # not a number in flight: nothing is kept
-    hold = metrics.hold_tick(flight.scenario) or 0
-    found = counts_of(flight.errors, required, flight.scenario.goal_position_m, hold)
-    flown, last = hold + 1 < len(flight.errors), int(found[OUTSIDE])
-    held = found[HELD:CLOSING] if flown else [math.nan] * len(_HELD)
-    arrived = inf if last == flight.scenario.ticks else flight.scenario.time_s(last)
-    return {
-        **dict(zip(_FINAL, found[:HELD], strict=True)),
-        'mean_error_norm_m': row[metrics.ARRIVAL_DISTANCE],
-        'mean_speed_norm_m_s': row[metrics.ARRIVAL_SPEED],
-        **dict(zip(_HELD, held, strict=True)),
-        'hold_force_per_axis_n': row[metrics.LATE_FORCE] if flown else math.nan,
-        'hold_force_per_disturbance': row[metrics.LATE_FORCE] if flown else math.nan,
-        'arrival_time_s': arrived,
-        'contact_closing_speed_m_s': found[CLOSING],
-        'contact_lateral_speed_m_s': found[LATERAL],
-        'keep_out_depth_m': found[DEPTH],
-        'slew_per_axis_n_s': row[metrics.SLEW],
-        'energy_n2s': row[metrics.ENERGY],
-        'delta_v_axis_sum_m_s': row[metrics.DELTA_V],
-        **(_turned(flight, required) if set(ATTITUDES) & required.limits.keys() else {}),
-        **(_spent(flight) if THRUST.keys() & required.limits.keys() else {}),
-    }
+    values = dict(zip(metrics.VALUES, map(float, counts), strict=True))
+    last = int(counts[metrics.OUTSIDE])
+    values[ARRIVAL] = inf if last == scenario.ticks else scenario.time_s(last)
+    values |= {name: values[counted] for name, counted in _SHARES.items()}
+    if (metrics.hold_tick(scenario) or 0) >= scenario.ticks:
+        values |= dict.fromkeys(_HELD, math.nan)
+    if not asked.isdisjoint(ATTITUDES):
+        values |= _turned(flight, int(counts[metrics.CONTACT]))
+    return values | (_spent(flight) if not asked.isdisjoint(THRUST) else {})
 
 
-def _turned(flight: Flight, required: Requirements) -> dict[str, float]:
+def _turned(flight: Flight, contact_tick: int) -> dict[str, float]:
     """Return how far the chaser is off its docked attitude at contact, and how fast it turns."""
     scenario, signals = flight.scenario, flight.signals
-    port = contact.port_of(required, scenario.goal_position_m)
-    tick = contact.first_contact(as_table(flight.errors), port)
-    if CHASER_ATTITUDE not in signals or tick == len(flight.errors):
+    if CHASER_ATTITUDE not in signals or contact_tick < 0:
         return dict.fromkeys(ATTITUDES, math.inf if CHASER_ATTITUDE in signals else math.nan)
     still = synchronised(scenario.mean_motion_rad_s)
-    target: Any = signals['target_attitude'][tick].tolist() if scenario.target else still
-    chaser: Any = signals[CHASER_ATTITUDE][tick].tolist()
+    target: Any = signals['target_attitude'][contact_tick].tolist() if scenario.target else still
+    chaser: Any = signals[CHASER_ATTITUDE][contact_tick].tolist()
     mate = getattr(scenario.named('pointing'), 'mate', ALIGNED[:4])
     angles = contact_turn(tuple(chaser), tuple(target), mate)
     return dict(zip(ATTITUDES, angles, strict=True))
@@ -235,57 +239,3 @@ def _turned(flight: Flight, required: Requirements) -> dict[str, float]:
 def _spent(flight: Flight) -> dict[str, float]:
     """Return what the thrusters spent; it takes a pass over the flight."""
     return dict(zip(THRUST, map(float, flight.thrust[2:]), strict=True))
-
-
-_FINAL = (
-    'final_error_per_axis_m',
-    'final_error_norm_m',
-    'final_speed_per_axis_m_s',
-    'final_speed_norm_m_s',
-)
-_HELD = tuple(name.replace('final', 'hold') for name in _FINAL)
-
-HELD, CLOSING, LATERAL, DEPTH, OUTSIDE, COUNTS = 4, 8, 9, 10, 11, 12
-"""Places of what `_count` counts, after the four final values; and their number."""
-
-
-def counts_of(errors: Floats, required: Requirements, goal: Vector, hold: int = 0) -> list[float]:
-    """Return `COUNTS` numbers of a flight's errors (n, 6) [m, m/s], by what it requires.
-
-    goal : (3,) [m]; hold : tick after which the extremes are kept
-    """
-    arrival_m, norm_m = required.arrival_error_per_axis_m, required.arrival_error_norm_m
-    within_m = norm_m or 0.0 if arrival_m is None else arrival_m
-    port, counts = contact.port_of(required, goal), as_table([0.0] * COUNTS)
-    _count(as_table(errors), hold, within_m, int(arrival_m is not None), port, counts)
-    return [float(value) for value in counts]
-
-
-@kernel
-def _count(
-    errors: Any, hold: int, arrival_m: float, by_axis: int, port: contact.Port, counts: Any
-) -> None:
-    """Count what is required of the axes together, in `COUNTS` zeros.
-
-    errors : (n, 6) position from the goal [m], velocity [m/s]
-    hold : tick after which the extremes are kept
-    arrival_m : error that counts as arrived, of each axis or, with `by_axis` 0, of the norm
-    """
-    touched = False
-    counts[CLOSING] = counts[LATERAL] = inf
-    for tick in range(len(errors)):
-        e = errors[tick]
-        x, y, z, vx, vy, vz = e[0], e[1], e[2], e[3], e[4], e[5]
-        counts[0], counts[1] = max(abs(x), abs(y), abs(z)), norm(x, y, z)
-        counts[2], counts[3] = max(abs(vx), abs(vy), abs(vz)), norm(vx, vy, vz)
-        if tick > hold:
-            for i in range(HELD):
-                counts[HELD + i] = larger(counts[HELD + i], counts[i])
-        if counts[1 - by_axis] > arrival_m:
-            counts[OUTSIDE] = tick
-        if not touched and contact.touches(x, y, z, port):
-            touched = True
-            speeds = contact.contact_speeds(x, y, z, vx, vy, vz, port)
-            counts[CLOSING], counts[LATERAL] = speeds
-        elif not touched:
-            counts[DEPTH] = larger(counts[DEPTH], contact.depth_m(x, y, z, port))

@@ -82,3 +82,8 @@ def as_table(values: Any, dtype: Any = np.float64) -> Any:
     """
     array = np.ascontiguousarray(values, dtype=dtype)
     return array if COMPILED else array.tolist()
+
+
+def as_view(values: Any) -> Any:
+    """Return a table of floats that kernels only read: an array as it is, whatever its strides."""
+    return np.asarray(values, np.float64) if COMPILED else values.tolist()

@@ -40,7 +40,8 @@ class Row:
     unit : of its value, as tables show it; statement : what it is about, with times and places
     needs : the setting without which it means nothing
     effort : whether it is about what thrusters do; the others are about position and speed
-    share : whether the limit is a share of the largest |disturbance| of an axis in the flight
+    share : the metric that it is about, where the limit is a share of the largest |disturbance| of
+        an axis in the flight
     thrusters : what of these a scenario's thrusters must have, one of them
     attitude : whether the chaser must have one
     """
@@ -49,7 +50,7 @@ class Row:
     statement: str
     needs: str = ''
     effort: bool = False
-    share: bool = False
+    share: str = ''
     thrusters: tuple[str, ...] = ()
     attitude: bool = False
 
