@@ -15,7 +15,6 @@ from kept import assert_kept
 from scipy import stats
 
 from rpo.engine import support
-from rpo.engine.parts import link
 from rpo.montecarlo import config, faults, run_batch
 from rpo.montecarlo.execution import sweep
 from rpo.montecarlo.quantities import QUANTITIES
@@ -519,10 +518,8 @@ def test_it_is_what_the_free_running_plant_does(loaded):
     """The node's own plant, fed by hand with what comes when."""
     campaign = loaded(faults=LOSSY, dispersions={})
     scenario, controller = run_batch.scenario_of(campaign, 3), campaign.controller
-    key = draw(campaign, 3, 1).keys[0].tolist()
-    fates = [
-        link.lateness(tick, *key, campaign.config.faults.fates) for tick in range(scenario.ticks)
-    ]
+    sent = campaign.config.faults.settings(draw(campaign, 3, 1).keys[0].tolist(), 3)
+    fates = [faults.lateness(tick, sent) for tick in range(scenario.ticks)]
     plant = FreeRunningPlant(scenario, [CONTROL_FORCE, 'd'], stale_after_ticks=5)
     answers, stale = {}, 0
     for tick in range(scenario.ticks):
@@ -559,9 +556,9 @@ def test_every_fault_changes_the_flight_by_its_share(name, loaded):
     plain = loaded(dispersions={})
     moved = fly_runs(campaign, 0, 40)['final_x_m'] != fly_runs(plain, 0, 40)['final_x_m']
     assert moved.all()
-    fates = campaign.config.faults.fates
-    late = np.array([link.lateness(t, 5, 6, fates) for t in range(5000)])
-    hit = (late == link.LOST) if name.endswith('loss') else (late == faults.LATE_BY_TICKS)
+    sent = campaign.config.faults.settings((5, 6), 3)
+    late = np.array([faults.lateness(t, sent) for t in range(5000)])
+    hit = (late == faults.LOST) if name.endswith('loss') else (late == faults.LATE_BY_TICKS)
     assert hit.mean() == pytest.approx(0.4, abs=0.03)
     assert (late[~hit] == 0).all()
 

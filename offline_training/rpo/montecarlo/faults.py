@@ -9,13 +9,13 @@ or of an older one. A force that answers a state older than `stale_after_ticks` 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Annotated, Any, NamedTuple
 
-from rpo.engine.parts.link import Fates, hits
 from rpo_core.files.validation import InputError, mapping, real, whole
-from rpo_core.stage import ZERO, Signal, Stage
+from rpo_core.kernels.jit import inlined, step_kernel
+from rpo_core.kernels.noise import philox
+from rpo_core.stage import KernelStage
 from rpo_core.wire.interfaces import APPLIED_BODY_FORCE, APPLIED_FORCE, BODY_TORQUE, COMMAND
-from rpo_core.world.link import FaultyLink, Hits
 
 STALE_AFTER_TICKS = 10
 LATE_BY_TICKS = 2
@@ -25,6 +25,12 @@ MOST_LATE_TICKS = 100
 
 SHARES = ('state_loss', 'state_delay', 'force_loss', 'force_delay')
 _WORDS = 2**32
+
+MAX_SIZE = 6
+"""Numbers of an answer: force and torque."""
+
+LOST = -1
+"""The lateness of an answer that does not arrive."""
 
 
 @dataclass(frozen=True)
@@ -53,14 +59,13 @@ class Faults:
         """Whether any message is late."""
         return self.state_delay > 0.0 or self.force_delay > 0.0
 
-    @property
-    def fates(self) -> Fates:
-        """The same for the kernels."""
+    def settings(self, key: tuple[int, int], size: int) -> LinkFaults:
+        """Return the same for the kernel, with the key of a run and the numbers of an answer."""
         loss, delay, force_loss, force_delay = (
             int(getattr(self, name) * _WORDS) for name in SHARES
         )
-        late, stale = self.late_by_ticks, self.stale_after_ticks
-        return Fates(loss, delay, force_loss, force_delay, late, stale)
+        ticks = self.late_by_ticks, self.stale_after_ticks
+        return LinkFaults(loss, delay, force_loss, force_delay, *ticks, *key, size)
 
 
 def parse(value: Any) -> Faults:
@@ -74,15 +79,78 @@ def parse(value: Any) -> Faults:
     return found
 
 
-Answer = tuple[Signal, ...]
-"""The force of a message, and the torque in it."""
+class LinkFaults(NamedTuple):
+    """Settings of the kernel `hold`: faults of messages, as thresholds of words of 32 bits.
+
+    late_by, stale_after : as `Faults` has them [ticks]
+    k0, k1 : words of the key of the run
+    size : numbers of an answer
+    """
+
+    state_loss: int
+    state_delay: int
+    force_loss: int
+    force_delay: int
+    late_by: int
+    stale_after: int
+    k0: int
+    k1: int
+    size: int
 
 
-class LinkStage(Stage):
+@dataclass(slots=True)
+class Answers:
+    """Memory of the kernel `hold`.
+
+    latest : tick of the latest answer that has arrived; -1: none has
+    held : that answer
+    answers, late : ring of the last answers, and how many ticks late each is
+    """
+
+    held: Annotated[list[float], MAX_SIZE]
+    answers: list[list[float]]
+    late: list[int]
+    latest: int = -1
+
+
+@inlined
+def lateness(tick: int, p: Any) -> int:
+    """Return the ticks from state `tick` to the force that answers it; LOST if there is none.
+
+    Philox4x32-10 of (key of the run, tick): runs and ticks can be flown in any order.
+    """
+    a, b, c, d = philox(tick, 2, 0, 0, p.k0, p.k1)
+    if a < p.state_loss or c < p.force_loss:
+        return LOST
+    return int(p.late_by * ((b < p.state_delay) + (d < p.force_delay)))
+
+
+@step_kernel
+def hold(tick: int, u: Any, p: Any, m: Any, y: Any) -> None:
+    """y_k = u_j of the largest j with j + lateness(j) <= k; zero where k - j > stale_after.
+
+    u, y (size,) : force [N], then torque [N m] if the chaser turns; u answers the state of this
+    tick. A state may be late, and the force that answers it.
+    """
+    depth = len(m.late)
+    now = tick % depth
+    for i in range(p.size):
+        m.answers[now][i] = u[i]
+    m.late[now] = lateness(tick, p)
+    for times in range(3):
+        answered = tick - times * p.late_by
+        slot = answered % depth
+        if answered > m.latest and m.late[slot] == times * p.late_by:
+            m.latest = answered
+            for i in range(p.size):
+                m.held[i] = m.answers[slot][i]
+    fresh = m.latest >= 0 and tick - m.latest <= p.stale_after
+    for i in range(p.size):
+        y[i] = m.held[i] if fresh else 0.0
+
+
+class LinkStage(KernelStage):
     """Messages lost or late: from the command to the force that the plant holds.
-
-    Two links, clocked by ticks, one behind the other: states, then forces. The engine has the same
-    as a number of ticks, `engine.parts.link.lateness`.
 
     key : two words of 32 bits
     turns : whether the command is of a chaser that turns, and has a torque in its message
@@ -90,40 +158,12 @@ class LinkStage(Stage):
 
     name = 'link'
     memory_ticks = None
+    kernel = hold
 
     def __init__(self, faults: Faults, key: tuple[int, int], turns: bool = False) -> None:
         self.inputs = (COMMAND, BODY_TORQUE) if turns else (COMMAND,)
         self.outputs = (APPLIED_BODY_FORCE, BODY_TORQUE) if turns else (APPLIED_FORCE,)
-        self._fates, self._key = faults.fates, key
-        self._late_by = float(faults.late_by_ticks)
-        self._none: Answer = (ZERO,) * len(self.inputs)
-        self.reset()
-
-    def reset(self) -> None:
-        """Begin with no message on its way, and no force held."""
-        self._states: FaultyLink[tuple[int, Answer, Hits]] = FaultyLink(delay_s=self._late_by)
-        self._forces: FaultyLink[tuple[int, Answer]] = FaultyLink(delay_s=self._late_by)
-        self._latest, self._held = -1, self._none
-
-    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
-        """Return the force (3,) [N], and torque, held at a tick; inputs answer its state."""
-        state, force = self._hits(tick)
-        arrived = self._states.send((tick, inputs, force), state, tick) + self._states.due(tick)
-        for (answered, command, faults), _ in arrived:
-            self._take(self._forces.send((answered, command), faults, tick))
-        self._take(self._forces.due(tick))
-        fresh = self._latest >= 0 and tick - self._latest <= self._fates.stale_after
-        return self._held if fresh else self._none
-
-    def _hits(self, tick: int) -> list[Hits]:
-        """Return the faults of the state of a tick and of the force that answers it."""
-        lost, late, force_lost, force_late = hits(tick, *self._key, self._fates)
-        pairs = ((lost, late), (force_lost, force_late))
-        kinds = ('drop', 'delay')
-        return [{kind: '' for kind, hit in zip(kinds, pair, strict=True) if hit} for pair in pairs]
-
-    def _take(self, arrived: list[tuple[tuple[int, Answer], str]]) -> None:
-        """Hold the latest force."""
-        for (answered, command), _ in arrived:
-            if answered > self._latest:
-                self._latest, self._held = answered, command
+        size, depth = MAX_SIZE if turns else MAX_SIZE // 2, 2 * faults.late_by_ticks + 1
+        answers = [[0.0] * size for _ in range(depth)]
+        memory = Answers([0.0] * MAX_SIZE, answers, [LOST] * depth)
+        super().__init__(faults.settings(key, size), memory)

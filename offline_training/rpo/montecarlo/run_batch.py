@@ -20,6 +20,7 @@ from rpo.engine.lanes import RUNS
 from rpo.engine.parts.control import Control, control_of
 from rpo.engine.parts.disturbance import levels_n
 from rpo.engine.parts.dynamics import uneven_steps
+from rpo.engine.parts.link import Fates
 from rpo.engine.simulator import Pairs, Scratch, fly_pairs
 from rpo.engine.support import announce, kinds, why_not
 from rpo.engine.tick import Batch, Part, Runs, parts_of
@@ -207,7 +208,7 @@ def _batch(campaign: Campaign, drawn: DrawnRuns) -> Runs:
         dict(zip(drawn.names, drawn.parameters.T, strict=True)),
         drawn.keys,
         {name: dispersion.spread for name, dispersion in config.dispersions.items()},
-        config.faults.fates if config.faults else None,
+        Fates(*config.faults.settings((0, 0), 0)[:6]) if config.faults else None,
     )
     starts = np.zeros((RUNS, 6))
     starts[: len(drawn.numbers)] = drawn.starts
