@@ -24,38 +24,49 @@ from rpo_core.wire.interfaces import NEXT, current
 class Driver:
     """A chain that is flown.
 
-    places : signal -> its slice of the flat array
+    places : signal -> its slice of the flat array, of the last stage that writes it
     """
 
     def __init__(self, chain: Chain) -> None:
-        self.chain = chain
-        made = dict.fromkeys((*chain.outputs, *(n for n in chain.inputs if current(n) == n)))
+        self.chain, self._size = chain, 0
+        outputs = [link.stage.outputs for link in chain.links]
+        written = [{name: self._place(name) for name in names} for names in outputs]
+        self.places = {name: place for block in written for name, place in block.items()}
+        for name in chain.inputs:
+            if current(name) == name and name not in self.places:
+                self.places[name] = self._place(name)
+        made, self._width = list(self.places), self._size
         reads = (name for link in chain.links for name in link.reads)
         earlier = list(dict.fromkeys(name for name in reads if current(name) != name))
-        self.places: dict[str, slice] = {}
-        self._size = self._width = 0
-        for name in (*made, *earlier, NO_FORCE):
-            end = self._size + (width_of(current(name)) if name else 3)
-            self.places[name] = slice(self._size, end)
-            self._size = end
-            self._width = end if name in made else self._width
+        self.places |= {name: self._place(name) for name in (*earlier, NO_FORCE)}
         self._before = self._of(name for name in made if name in NEXT)
         self._after = self._of(name for name in made if name not in NEXT)
         carried = [name for name in earlier if current(name) in made]
         sources = self._of(map(current, carried))
         self._carried = list(zip(sources, self._of(carried), strict=True))
+        standing = dict(self.places)  # where a stage reads a signal that several write
+        self._links = []
+        for link, block in zip(chain.links, written, strict=True):
+            self._links.append(([standing[name] for name in link.reads], [*block.values()]))
+            standing |= block
         self._reads: list[int] = []
-        self._rows = [self._row(link) for link in chain.links]
+        self._rows = [
+            self._row(link, *places) for link, places in zip(chain.links, self._links, strict=True)
+        ]
+
+    def _place(self, name: str) -> slice:
+        """Return room for a signal after those that have some."""
+        first, self._size = self._size, self._size + (width_of(current(name)) if name else 3)
+        return slice(first, self._size)
 
     def _of(self, names: Iterable[str]) -> list[int]:
         """Return the places of signals."""
-        return [i for n in names for i in range(self.places[n].start, self.places[n].stop)]
+        return _each(self.places[name] for name in names)
 
-    def _row(self, link: Link) -> tuple[int, ...]:
+    def _row(self, link: Link, reads: list[slice], writes: list[slice]) -> tuple[int, ...]:
         """Return what a stage reads and writes as `calls.run` reads it."""
         first = len(self._reads)
-        self._reads += self._of(link.reads)
-        writes = [self.places[name] for name in link.stage.outputs]
+        self._reads += _each(reads)
         size = writes[-1].stop - writes[0].start if has_kernel(link.stage) else 0
         return first, len(self._reads) - first, writes[0].start, size
 
@@ -126,10 +137,12 @@ class Driver:
 
     def _step(self, tick: int, index: int) -> None:
         """Step a stage that has no kernel."""
-        link, signals = self.chain.links[index], self.signals
-        read = [tuple(float(v) for v in signals[self.places[name]]) for name in link.reads]
-        outputs = link.stage.step(tick, *read)
-        for name, values in zip(link.stage.outputs, outputs, strict=True):
-            place = self.places[name]
+        stage, (reads, writes) = self.chain.links[index].stage, self._links[index]
+        outputs = stage.step(tick, *(tuple(map(float, self.signals[place])) for place in reads))
+        for place, values in zip(writes, outputs, strict=True):
             for i, value in zip(range(place.start, place.stop), values, strict=True):
-                signals[i] = value
+                self.signals[i] = value
+
+
+def _each(places: Iterable[slice]) -> list[int]:
+    return [i for place in places for i in range(place.start, place.stop)]
