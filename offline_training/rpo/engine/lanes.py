@@ -21,9 +21,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.control.inference import LANES, memberships
+from rpo_core.control.inference import memberships
 from rpo_core.kernels import jit
 from rpo_core.kernels.jit import Kernel
+from rpo_core.kernels.simd import LANES
 from rpo_core.kernels.vectors import aligned
 
 STRIDE = 136

@@ -32,6 +32,7 @@ from rpo.exports.kernel_source import (
     type_of_value,
 )
 from rpo_core.files.validation import InputError
+from rpo_core.kernels.simd import lanes
 
 _BINARY = {
     ast.Add: ('+', 9), ast.Sub: ('-', 9), ast.Mult: ('*', 10), ast.Div: ('/', 10),
@@ -179,7 +180,7 @@ class Writer:
         comment = wrapped(f'/* {" ".join(first.split())} */') + '\n' if first else ''
         text = '\n'.join(
             [
-                wrapped(f'{returns} {title}({head})'),
+                wrapped(f'{returns} {title}({head or "void"})'),
                 '{',
                 *self._early.values(),
                 *idle,
@@ -569,6 +570,8 @@ class Writer:
         else:
             raise self.refused(node)
         given = [self.of(argument) for argument in node.args]
+        if called is lanes:  # one after the other
+            return given[0]
         if called is len and isinstance(given[0].type, Array):
             length = given[0].type.shape[0]
             if length == 0:

@@ -41,10 +41,10 @@ from rpo_core.control.attitude_law_kernels import (
     linear_torque,
 )
 from rpo_core.control.attitude_limits import TorqueLimits
-from rpo_core.control.inference import LANES
 from rpo_core.kernels.arithmetic import saturate
 from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.jit import inlined
+from rpo_core.kernels.simd import LANES
 from rpo_core.stage import Place
 
 WHEELS, ORBIT, DT, ABOVE, UNLOAD, INERTIA, KEPT = 3, 4, 5, 7, 8, 9, 15

@@ -16,12 +16,10 @@ from typing import Annotated, Any, NamedTuple
 
 from rpo_core.kernels.arithmetic import State, Vector, saturate
 from rpo_core.kernels.jit import kernel, step_kernel
+from rpo_core.kernels.simd import LANES, added, joined, lanes, passes
 
 LN, SN, Z, SP, LP = range(5)
 """Words: large negative, small negative, zero, small positive, large positive."""
-
-LANES = 8
-"""Partial sums of the centroid: pair i goes to sum i mod 8, which is the shape of SIMD hardware."""
 
 Five = tuple[float, float, float, float, float]
 """One float for each word, LN..LP; or the five numbers of a variable's membership functions."""
@@ -101,28 +99,26 @@ def centroid(strengths: Five, fis: FisTables) -> float:
     Sample y_i and its mirror -y_i are taken together: their moments are y_i (mu(y_i) - mu(-y_i)).
     """
     ln, sn, zero, sp, lp = strengths
+    samples, z = lanes(fis.samples), lanes(fis.z)
+    small, large = lanes(fis.sp), lanes(fis.lp)
     moment = 0.0
     area = zero  # the middle sample, y = 0: only Z has membership there
-    for lane in range(LANES):
-        lane_moment = 0.0
-        lane_area = 0.0
+    for lane in range(passes()):
+        lane_moment = lane_area = 0.0
         for i in range(lane, len(fis.samples), LANES):
-            grade = fis.z[i]
-            right = left = grade if grade < zero else zero
-            grade = fis.sp[i]
-            clipped = grade if grade < sp else sp
-            right = clipped if clipped > right else right
-            clipped = grade if grade < sn else sn
-            left = clipped if clipped > left else left
-            grade = fis.lp[i]
-            clipped = grade if grade < lp else lp
-            right = clipped if clipped > right else right
-            clipped = grade if grade < ln else ln
-            left = clipped if clipped > left else left
-            lane_moment += fis.samples[i] * (right - left)
+            right = left = joined(0.0, z[i], zero)
+            if sp > 0.0:
+                right = joined(right, small[i], sp)
+            if sn > 0.0:
+                left = joined(left, small[i], sn)
+            if lp > 0.0:
+                right = joined(right, large[i], lp)
+            if ln > 0.0:
+                left = joined(left, large[i], ln)
+            lane_moment += samples[i] * (right - left)
             lane_area += right + left
-        moment += lane_moment
-        area += lane_area
+        moment = added(moment, lane_moment)
+        area = added(area, lane_area)
     return moment / area if area > 0.0 else 0.0
 
 
