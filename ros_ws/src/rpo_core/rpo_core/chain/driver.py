@@ -25,7 +25,10 @@ class Driver:
     """A chain that is flown.
 
     places : signal -> its slice of the flat array, of the last stage that writes it
+    spent : what its thrusters spent up to the last state (`Stage.spent`)
     """
+
+    spent: tuple[float, float, int] | None = None
 
     def __init__(self, chain: Chain) -> None:
         self.chain, self._size = chain, 0
@@ -73,10 +76,13 @@ class Driver:
     def fly(self, start: Signals, ticks: int) -> dict[str, NDArray[np.float64]]:
         """Fly ticks 0 to `ticks`; return the signals (ticks + 1, width) that the stages make."""
         self.begin(start, ticks)
-        while (asked := self.go_on()) is not None:
-            tick, index = asked
-            self._step(tick, index)
-            self.at[1] += 1
+        for self._last in (ticks - 1, ticks):
+            while (asked := self.go_on()) is not None:
+                self._step(*asked)
+                self.at[1] += 1
+            if self._last < ticks:
+                totals = (link.stage.spent() for link in self.chain.links)
+                self.spent = next((total for total in totals if total is not None), None)
         return self.flown()
 
     def begin(self, start: Signals, ticks: int) -> None:
@@ -102,8 +108,8 @@ class Driver:
         rows = np.array(rows, np.int64) if COMPILED else rows
         self._u = as_table([0.0] * (1 + max(row[1] for row in self._rows)))
         self.signals, self._log = as_table(flat), log
-        self._flight = (
-            self.at, ticks, rows, reads, self.signals, self._u, carried, log, before, after
+        self._last, self._flight = ticks, (
+            rows, reads, self.signals, self._u, carried, log, before, after
         )  # fmt: skip
 
     def go_on(self) -> tuple[int, int] | None:
@@ -128,7 +134,7 @@ class Driver:
     def _asked(self) -> int:
         """Fly on; return whether a stage is asked, and say which one failed at which tick."""
         try:
-            asked: int = calls.run(*self._flight)
+            asked: int = calls.run(self.at, self._last, *self._flight)
         except Exception as error:
             tick, index = (int(value) for value in self.at)
             name = self.chain.links[index].stage.name

@@ -27,6 +27,7 @@ from rpo_core.wire.interfaces import (
     EXERTED_FORCE,
     RELATIVE_STATE,
     SATURATED_FORCE,
+    THRUST_FORCE,
     UNLOADING_TORQUE,
     row_of,
 )
@@ -61,6 +62,7 @@ class Flight:
     disturbances_n : (N+1, 3) disturbance force, held for the tick
     signals : name -> (N+1, width) of the other signals of the chain, where they are known
     events : stage -> tick and state of what it got in flight
+    spent : delta-v [m/s], propellant [kg], openings of valves up to the last state, where known
     """
 
     scenario: Scenario
@@ -69,6 +71,7 @@ class Flight:
     disturbances_n: Floats
     signals: Mapping[str, Floats] = field(default_factory=dict)
     events: Mapping[str, Sequence[tuple[int, str]]] = field(default_factory=dict)
+    spent: tuple[float, float, int] | None = None
 
     def __repr__(self) -> str:
         return f'<Flight {self.scenario.name}: {self.scenario.duration_s:g} s>'
@@ -133,17 +136,19 @@ class Flight:
 
     @cached_property
     def thrust(self) -> Thrust:
-        """What the thrusters made of the commands, computed again."""
-        scenario, stage = self.scenario, self._thrusters()
-        ticks = np.arange(len(self.forces_n) - 1)
-        made = dict(zip(stage.outputs, stage.steps(ticks, *self._taken_by(stage)), strict=True))
-        forces_n = made[stage.outputs[2]]
-        if scenario.attitude is not None:  # those are in the axes of the chaser
-            forces_n = self.signals[EXERTED_FORCE][:-1]
-        masses_kg = np.full(len(ticks), scenario.mass_kg)
-        if CHASER_MASS in made:
-            masses_kg = made[CHASER_MASS][:, 0]
-        spent = stage.spent()
+        """What the thrusters made of the commands; computed again where that is not known."""
+        scenario, spent, ticks = self.scenario, self.spent, len(self.forces_n) - 1
+        known = dict(self.signals)
+        if spent is None:
+            stage = self._thrusters()
+            made = stage.steps(np.arange(ticks), *self._taken_by(stage))
+            known |= zip(stage.outputs, made, strict=True)
+            spent = stage.spent()
+        # Of a chaser with an attitude, what its thrusters make is in its own axes.
+        forces_n = known[EXERTED_FORCE if EXERTED_FORCE in known else THRUST_FORCE][:ticks]
+        masses_kg = np.full(ticks, scenario.mass_kg)
+        if CHASER_MASS in known:
+            masses_kg = known[CHASER_MASS][:ticks, 0]
         if spent is None:
             impulse = np.abs(self.saturated_forces_n).sum() * scenario.dt_s
             spent = float(impulse) / scenario.mass_kg, 0.0, 0
@@ -186,7 +191,8 @@ def fly(
     Raises InputError if the chain cannot be put together (`rpo_core.chain.chain.Chain.of`).
     """
     chain = Chain.of(scenario, controller, more)
-    arrays = Driver(chain).fly(start_of(scenario), scenario.ticks)
+    driver = Driver(chain)
+    arrays = driver.fly(start_of(scenario), scenario.ticks)
     disturbances = arrays.pop(DISTURBANCE_FORCE, None)
     return Flight(
         scenario,
@@ -194,6 +200,7 @@ def fly(
         arrays.pop(CONTROL_FORCE),
         np.zeros((scenario.ticks + 1, 3)) if disturbances is None else disturbances,
         arrays,
+        spent=driver.spent,
     )
 
 
