@@ -51,9 +51,8 @@ def test_an_attack_beyond_the_bounds_is_seen(monkeypatch):
 
 def test_a_state_that_cannot_stop_is_counted_each_time():
     """Ten metres a second towards the zone; a state at rest beside it changes nothing."""
-    settings = ASSURED.section(Assurance)
-    proof, row = proof_of(settings, ASSURED), np.zeros(attack.COLUMNS)
-    world, rho = attack._bounds(settings, ASSURED, proof), proof.guard.keep_out_m + 20.0
+    proof, row = proof_of(ASSURED.section(Assurance), ASSURED), np.zeros(attack.COLUMNS)
+    world, rho = attack.world_of(ASSURED), proof.guard.keep_out_m + 20.0
     for count, speed in ((1, -10.0), (2, -10.0), (2, 0.0)):
         state = (rho, 0.0, 0.0, speed, 0.0, 0.0)
         attack.judge(state, state, proof.guard, proof.guard, world, row)
@@ -131,11 +130,10 @@ def test_a_scenario_without_a_table_is_refused():
 def test_a_contact_is_judged_by_the_speeds_at_the_port_itself(contact_m_s, lateral_m_s, hard):
     """Three quarters of the way between two states, so are its speeds: 0.125 m/s, 0.032 across."""
     found = scenario.load_scenario('docking')
-    settings = found.section(Assurance)
-    proof, row = proof_of(settings, found), np.zeros(attack.COLUMNS)
-    world, g = attack._bounds(settings, found, proof), proof.guard
+    row, g = np.zeros(attack.COLUMNS), proof_of(found.section(Assurance), found).guard
     assert (g.axis, g.side) == (1, 1.0)
-    world = world._replace(contact_m_s=contact_m_s, lateral_m_s=lateral_m_s)
+    limits = {'contact_m_s': contact_m_s, 'lateral_m_s': lateral_m_s}
+    world = attack.world_of(found)._replace(**limits)
     before = (0.0, g.port_m + 0.03, 0.0, 0.005, -0.08, 0.008)
     after = (0.0, g.port_m - 0.01, 0.0, 0.013, -0.14, 0.04)
     attack.touch(before, after, g, world, row)

@@ -4,32 +4,24 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from invoking import invoke
 from scipy.spatial.transform import Rotation
 
-from rpo.analysis.attack import NOT_FINITE, wanted
+from rpo.analysis.attack import NOT_FINITE, OWN, Hostile, Interceptor, wanted
 from rpo.analysis.attack_campaign import (
-    BEFORE,
-    CLOSING,
+    HOSTILE_KINDS,
     KINDS,
-    LATERAL,
-    USED,
-    _watched,
+    RUNS,
+    approach_of,
     attack_campaign,
     bounded,
-    command,
-    watch,
 )
-from rpo.engine.lanes import FORCE, KNOWN_R, KNOWN_V, RUNS, STRIDE, R, V, make_scratch
-from rpo.engine.tick import table_of
 from rpo.montecarlo import config
 from rpo.montecarlo.run_batch import scenario_of
-from rpo_core.assurance.settings import Assurance
-from rpo_core.chain.flight import fly
+from rpo_core.assurance.settings import Assurance, Passage
+from rpo_core.chain.flight import Flight, fly
 from rpo_core.files.validation import InputError
 from rpo_core.scenario.scenario import load_scenario
 
@@ -85,71 +77,61 @@ def test_no_command_turns_the_shipped_mission_beyond_what_is_proven(campaign):
         config.load('tumbling_docking', ['thrusters.delay_ticks=3'], runs=8)
 
 
-def test_each_run_has_the_hostile_commands_of_its_kind():
-    """Those of `wanted`, from what it knows and from its command of the tick before."""
-    random, w, m = np.random.default_rng(2), make_scratch(), np.zeros(3 * RUNS)
-    kinds, words = np.arange(RUNS) % len(KINDS) - 1, random.integers(0, 2**31, (2, RUNS))
-    t = table_of(0.5, *(2 + np.arange(RUNS) % 3), *kinds, *words.ravel())
-    held = np.zeros((RUNS, 3))
+@pytest.mark.parametrize('kind', HOSTILE_KINDS)
+def test_hostile_commands_are_those_of_their_kind(kind):
+    """Those of `wanted`, from what is known and from the command of the tick before."""
+    random, since = np.random.default_rng(2), 3
+    words = random.integers(0, 2**31, 2).tolist()
+    stage, held = Interceptor(Hostile(kind, 0.5, words, since)), (0.0, 0.0, 0.0)
+    stage.reset()
     for tick in range(9):
-        for row in (KNOWN_R, KNOWN_V, FORCE):
-            w[row : row + 3 * RUNS] = random.normal(size=3 * RUNS)
-        rows = [w[row : row + 3 * RUNS].reshape(3, RUNS).T.copy() for row in (KNOWN_R, KNOWN_V)]
-        expected = w[FORCE : FORCE + 3 * RUNS].reshape(3, RUNS).T.copy()
-        command(w, m, t, tick)
-        for s in range(RUNS):
-            since, state = tick - 2 - s % 3, (*rows[0][s], *rows[1][s])
-            if kinds[s] >= 0 and since >= 0:
-                own = (int(words[0, s]), int(words[1, s]))
-                expected[s] = wanted(int(kinds[s]), since, *own, state, tuple(held[s]), 0.5)
-                odd = kinds[s] == NOT_FINITE
-                held[s] = (0.25, -0.5, 0.5) if odd else expected[s]
-        np.testing.assert_array_equal(w[FORCE : FORCE + 3 * RUNS].reshape(3, RUNS).T, expected)
+        state, force = (tuple(random.normal(size=n).tolist()) for n in (6, 3))
+        if kind != OWN and tick >= since:
+            force = wanted(kind, tick - since, *words, state, held, 0.5)
+            held = (0.25, -0.5, 0.5) if kind == NOT_FINITE else force
+        own = tuple(random.normal(size=3)) if tick >= since and kind != OWN else force
+        np.testing.assert_array_equal(stage.step(tick, state, own), [force])
 
 
-def watched(states):
-    """Return the memory of `watch` after states (n, 6) of one run, corridor along +y."""
-    w, m = make_scratch(), np.zeros(USED)
-    m[CLOSING:BEFORE] = np.inf
-    t = table_of(0.1, 0.0, 0, 0, 0, R, V, 10.0, 1.0, 1.0, 1.0, 0.4, 0.1)
-    for state in states:
-        for axis in range(3):
-            w[R + axis * RUNS], w[V + axis * RUNS] = state[axis], state[3 + axis]
-        watch(w, m, t, 0)
-    return m[0], m[CLOSING], m[LATERAL], m[BEFORE]
+PAPER = load_scenario('paper_test')
+
+
+def seen(*states, along='+y'):
+    """Return what is seen of states (6,), after one far away: a corridor to a port at 1 m."""
+    corridor = Passage(along, 8.0, 1.0, 20.0, width_m=0.4)
+    scenario = PAPER.equipped(Assurance(keep_out_m=10.0, corridor=corridor))
+    states = np.array([(0.0, 99.0, 0.0, 0.0, 0.0, 0.0), *states])
+    return approach_of(Flight(scenario, states, states[:, :3], states[:, :3]))
 
 
 def test_what_is_outside_the_corridor_is_in_the_zone():
-    assert STRIDE > RUNS
-    rest = (0.0, 0.0, 0.0)
-    assert watched([(0.0, 12.0, 0.0, *rest)])[0] == 0.0
-    assert watched([(0.0, 6.0, 0.8, *rest)])[0] == 0.0  # 0.9 m wide there
-    assert watched([(0.0, 6.0, 1.1, *rest)])[0] == pytest.approx(0.2)
-    assert watched([(0.0, -9.0, 0.0, *rest)])[0] == pytest.approx(1.0)  # from the other side
-    assert watched([(9.99, 0.0, 0.0, *rest)])[0] == pytest.approx(0.01)
+    rest, half_m = (0.0, 0.0, 0.0), 0.4 + 5.0 * np.tan(np.radians(8.0)) / np.sqrt(2.0)
+    assert seen((0.0, 12.0, 0.0, *rest)) == (1, 0.0, np.inf, np.inf)
+    assert seen((0.0, 6.0, half_m - 0.1, *rest))[1] == 0.0
+    assert seen((0.0, 6.0, half_m + 0.2, *rest))[1] == pytest.approx(0.2)
+    assert seen((0.0, -9.0, 0.0, *rest))[1] == pytest.approx(1.0)  # from the other side
+    assert seen((9.99, 0.0, 0.0, *rest))[1] == pytest.approx(0.01)
 
 
 @pytest.mark.parametrize('along', ['+y', '-y', '+x', '-z'])
 def test_the_corridor_of_assurance_is_watched_on_its_own_side(along):
     """Six metres from the target the zone begins, of 10 m, but in the corridor."""
-    docking = load_scenario('docking')
-    settings = docking.section(Assurance)
-    settings = replace(settings, corridor=replace(settings.corridor, along=along))
-    axis, sign = 'xyz'.index(along[1]), 1.0 if along[0] == '+' else -1.0
-    for place, depth in ((6.0 * sign, 0.0), (-6.0 * sign, 4.0)):
-        part = _watched(docking.equipped(settings), np.array([1.0, 3.0]))
-        w, m = make_scratch(), part.memory.copy()
-        w[R + axis * RUNS : R + (axis + 1) * RUNS] = place
-        watch(w, m, part.table, 0)
-        np.testing.assert_allclose(m[:RUNS], depth)
-    assert part.table[-RUNS:].tolist() == [1.0, 3.0, *[0.0] * (RUNS - 2)]
+    for place, depth in ((6.0, 0.0), (-6.0, 4.0)):
+        state = np.zeros(6)
+        state['xyz'.index(along[1])] = place if along[0] == '+' else -place
+        assert seen(state, along=along)[1] == pytest.approx(depth)
 
 
 def test_contact_is_where_the_port_is_passed():
     moving = (0.01, -0.3, 0.02)
-    depth, closing, lateral, _ = watched([(0.1, y, 0.0, *moving) for y in (1.02, 0.99, -5.0)])
-    assert (depth, closing, lateral) == (0.0, 0.3, 0.02)
-    assert watched([(0.5, y, 0.0, *moving) for y in (1.02, 0.99)])[1] == np.inf  # beside it
+    contact = [(0.1, y, 0.0, *moving) for y in (1.02, 0.99, -5.0)]
+    assert seen(*contact) == (1, 0.0, 0.3, 0.02)
+    assert seen(*((0.5, y, 0.0, *moving) for y in (1.02, 0.99)))[2] == np.inf  # beside it
+
+
+def test_a_chaser_that_does_not_turn_is_refused():
+    with pytest.raises(InputError, match='needs `attitude_control`; scenario docking has none'):
+        attack_campaign(config.load('docking', [], runs=8))
 
 
 def test_the_command_says_what_broke():

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rpo.engine.lanes import compiled
 from rpo_core.assurance.abort import AbortMachine
 from rpo_core.assurance.assurance import AssuranceStage
 from rpo_core.assurance.filters import assure
@@ -23,6 +22,7 @@ from rpo_core.control.controller import AnyController
 from rpo_core.files.validation import InputError
 from rpo_core.guidance.guidance import Guidance, nominal
 from rpo_core.kernels.arithmetic import State
+from rpo_core.kernels.jit import unlocked
 from rpo_core.scenario.scenario import Scenario, ScenarioSet
 from rpo_core.world.cw import CwStep
 
@@ -56,7 +56,7 @@ def quiet(flown: Scenario | ScenarioSet, controller: AnyController, settings: As
     return Quiet(flights, interventions, disturbed, margin)
 
 
-@compiled
+@unlocked
 def _count_changes(states: Any, forces: Any, c: CwStep, g: Guard) -> tuple[int, float]:
     """Return how many commands (n, 3) to states (n, 6) would be changed; the least margin."""
     acted, min_margin = 0, 1e30
@@ -105,7 +105,7 @@ def silence(
     return Silence(flights, unprotected, lost / looked if looked else 0.0)
 
 
-@compiled
+@unlocked
 def _count_drifts(  # type: ignore[no-untyped-def]
     states: Any, radius: float, beyond: float, duration: float, n: float, low: float, high: float
 ):

@@ -11,53 +11,35 @@ attitude and translation (docs/safety.md, lemma 6): the angle by which a force w
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from rpo.analysis import attack
-from rpo.analysis.attack import LATE, NOT_FINITE, wanted
-from rpo.engine.lanes import (
-    BODY_R,
-    BODY_V,
-    FORCE,
-    KNOWN_R,
-    KNOWN_V,
-    QUAT,
-    QUAT_W,
-    RATE,
-    RUNS,
-    SEEN_QUAT,
-    SEEN_QUAT_W,
-    SEEN_RATE,
-    R,
-    V,
-    compiled,
-    make_scratch,
-)
-from rpo.engine.parts.attitude import attitude_in, vector_in
-from rpo.engine.parts.attitude_control import FUZZY, SHARED
-from rpo.engine.parts.control import control_of
-from rpo.engine.simulator import fly_pairs
-from rpo.engine.support import why_not
-from rpo.engine.tick import COMMANDED, MOVED, Part, table_of
+from rpo.analysis.attack import LATE, OWN, Hostile, Interceptor
 from rpo.montecarlo.config import Campaign
 from rpo.montecarlo.quantities import Dispersion
-from rpo.montecarlo.run_batch import UNIT, case_of
+from rpo.montecarlo.run_batch import flights_drawn
 from rpo.montecarlo.sampling import draw
 from rpo_core.assurance.assumed import LARGEST_NORMAL, SQRT_3, errors_of
 from rpo_core.attitude.chaser import times
-from rpo_core.control.attitude_law_kernels import attitude_ahead
+from rpo_core.chain.flight import Flight
+from rpo_core.control.attitude import AttitudePd
+from rpo_core.control.attitude_law_kernels import TorqueLaw, attitude_ahead
 from rpo_core.files.validation import InputError
 from rpo_core.kernels.arithmetic import norm
 from rpo_core.kernels.arrays import Floats
-from rpo_core.scenario.scenario import Scenario
-from rpo_core.stage import Place, section_of
+from rpo_core.kernels.jit import unlocked
+from rpo_core.stage import Place, Stage, section_of
+from rpo_core.wire.interfaces import CHASER_ATTITUDE, NAVIGATION_ATTITUDE
 
-HOSTILE_KINDS = (-1, *(i for i in range(len(attack.KINDS)) if i != LATE))
+HOSTILE_KINDS = (OWN, *(i for i in range(len(attack.KINDS)) if i != LATE))
 KINDS = ('its own', *(attack.KINDS[i] for i in HOSTILE_KINDS[1:]))
+
+RUNS = 40
+"""So many runs are drawn together."""
 
 BIASED = 0.9
 """Share of an assumed error that is a bias; the rest is noise."""
@@ -65,134 +47,102 @@ BIASED = 0.9
 GAIN_NM = 10.0
 """Of hostile torques, for a radian or a radian a second: their signs are drawn."""
 
-LIMIT, SINCE, HOSTILE, WORDS = 0, 1, 1 + RUNS, 1 + 2 * RUNS
-"""Places in the table of commands: force limit [N]; tick from which on each run has hostile ones;
-kind of each, -1 for none; two random words of each. The memory has the commands before (3, 40)."""
 
-DT, ORBIT, SEEN, ROWS, ZONE, AXIS, SIDE, PORT, WIDTH, SLOPE = 0, 1, 2, 5, *range(7, 13)
-DELAY = 13
-"""Places in the table of what is watched: tick [s]; mean motion [rad/s]; rows of the attitude that
-turns the force; rows of position and velocity that are judged; zone and corridor as assurance has
-them; delay of each run [ticks]."""
+@dataclass(frozen=True, kw_only=True)
+class HostileTorques(AttitudePd):
+    """A controller of attitude that answers errors with any torque; gains : (18,)."""
 
-CLOSING, LATERAL, BEFORE, SINE, USED = (RUNS * i for i in range(1, 6))
-"""Places in its memory, after the depth (40,): speeds at contact, infinite before it; distance of
-the port a tick before; largest sine of half the angle; then, of each of the last ticks, the
-quaternions that turned a force (4, 40)."""
+    kind: ClassVar[str] = 'hostile'
+    gains: Any
+
+    def law(self, inertia_kg_m2: Floats, time_scale: float) -> TorqueLaw:
+        """Return the law."""
+        law = super().law(inertia_kg_m2, time_scale)
+        return law._replace(attitude=self.gains[:9], rate=self.gains[9:])
 
 
-@compiled
-def command(w, m, t, tick):  # type: ignore[no-untyped-def]
-    """Replace row FORCE by a hostile command, after COMMANDED."""
-    limit = t[LIMIT]
-    for s in range(RUNS):
-        since, behaviour = tick - int(t[SINCE + s]), int(t[HOSTILE + s])
-        if behaviour < 0 or since < 0:
-            continue
-        state = (*vector_in(w, KNOWN_R, s), *vector_in(w, KNOWN_V, s))
-        a, b = int(t[WORDS + s]), int(t[WORDS + RUNS + s])
-        x, y, z = wanted(behaviour, since, a, b, state, vector_in(m, 0, s), limit)
-        w[FORCE + s], w[FORCE + RUNS + s], w[FORCE + 2 * RUNS + s] = x, y, z
-        if behaviour == NOT_FINITE:
-            x, y, z = 0.5 * limit, -limit, limit
-        m[s], m[RUNS + s], m[2 * RUNS + s] = x, y, z
+def _torques(campaign: Campaign, first: int) -> Campaign:
+    """Return a campaign with hostile torques."""
+    random = np.random.default_rng([campaign.config.seed, first, 1])
+    gains, scenario = random.choice((-GAIN_NM, GAIN_NM), 18), campaign.scenario
+    settings: Any = scenario.named('attitude_control')
+    controller = HostileTorques(
+        name='hostile', bandwidth_rad_s=1.0, damping=1.0, gains=tuple(gains.tolist()),
+        feed_forward=settings.controller.feed_forward,
+    )  # fmt: skip
+    hostile = scenario.equipped(replace(settings, controller=controller))
+    return replace(campaign, scenario=hostile)
 
 
-@compiled
-def watch(w, m, t, tick):  # type: ignore[no-untyped-def]
-    """Keep how deep in the zone a run comes outside its corridor, and how fast to the port."""
-    zone, axis, side = t[ZONE], int(t[AXIS]), t[SIDE]
-    for s in range(RUNS):
-        if m[CLOSING + s] < np.inf:
-            continue
-        r, v = vector_in(w, int(t[ROWS]), s), vector_in(w, int(t[ROWS + 1]), s)
-        inside = zone - norm(r[0], r[1], r[2])
-        d = side * r[axis] - t[PORT]
-        off = max(abs(r[(axis + 1) % 3]), abs(r[(axis + 2) % 3]))
-        within = t[WIDTH] + t[SLOPE] * (d if d > 0.0 else 0.0) - off if side != 0.0 else -np.inf
-        if within >= 0.0 and d <= 0.0 < m[BEFORE + s]:
-            m[CLOSING + s] = -side * v[axis]
-            m[LATERAL + s] = max(abs(v[(axis + 1) % 3]), abs(v[(axis + 2) % 3]))
-            continue
-        m[BEFORE + s] = d
-        inside = min(inside, -within) if d > 0.0 else inside
-        m[s] = max(m[s], inside)
-
-
-@compiled
-def turned_with(w, m, t, tick):  # type: ignore[no-untyped-def]
-    """Keep the quaternions that turn the force of this tick, after STEERING."""
-    slots = (len(m) - USED) // (4 * RUNS)
-    for s in range(RUNS):
-        seen = attitude_in(w, int(t[SEEN]), int(t[SEEN + 1]), int(t[SEEN + 2]), s)
-        q = attitude_ahead(seen, t[ORBIT], (t[DELAY + s] + 0.5) * t[DT])
-        for j in range(4):
-            m[USED + RUNS * (4 * (tick % slots) + j) + s] = q[j]
-
-
-@compiled
-def turned_wrongly(w, m, t, tick):  # type: ignore[no-untyped-def]
-    """Compare them with the true attitude, before and after the tick in which the force acts."""
-    slots = (len(m) - USED) // (4 * RUNS)
-    for s in range(RUNS):
-        of = tick - int(t[DELAY + s])
-        if of < 0 or m[CLOSING + s] < np.inf:
-            continue
-        i = USED + RUNS * 4 * (of % slots) + s
-        q = (-m[i], -m[i + RUNS], -m[i + 2 * RUNS], m[i + 3 * RUNS])
-        a = attitude_in(w, QUAT, QUAT_W, RATE, s)
-        x, y, z, _ = times(q, (a[0], a[1], a[2], a[3]))
-        sine = np.sqrt(x * x + y * y + z * z)
-        m[SINE + s] = sine if sine > m[SINE + s] else m[SINE + s]
-
-
-def _commands(campaign: Campaign, first: int) -> Part:
-    """Return the commands of up to 40 runs, `first` being the number of the first one."""
+def _flights(campaign: Campaign, first: int) -> Iterator[Flight]:
+    """Yield the flights of up to 40 runs, `first` being the number of the first one."""
     random = np.random.default_rng([campaign.config.seed, first])
-    ticks = campaign.scenario.ticks
-    since, words = random.integers(0, ticks, RUNS), random.integers(0, 2**32, (2, RUNS))
-    kinds = np.array([HOSTILE_KINDS[(first + i) % len(KINDS)] for i in range(RUNS)])
-    table = table_of(campaign.scenario.max_force_n, since, kinds, words)
-    return Part('commands', ((COMMANDED + 1, command),), table, np.zeros(3 * RUNS))
+    since = random.integers(0, campaign.scenario.ticks, RUNS).tolist()
+    words = random.integers(0, 2**32, (2, RUNS)).T.tolist()
+
+    def interceptor(index: int) -> list[tuple[Place, Stage]]:
+        """Return what comes after the controller."""
+        kind, limit_n = HOSTILE_KINDS[(first + index) % len(KINDS)], campaign.scenario.max_force_n
+        hostile = Hostile(kind, limit_n, words[index], since[index])
+        return [(Place.SHAPING, Interceptor(hostile))]
+
+    drawn = draw(campaign, first, min(RUNS, campaign.config.runs - first))
+    limits = campaign.scenario.named('attitude_control').limits
+    turned = limits is not None and first // RUNS % 2
+    flown = _torques(campaign, first) if turned else campaign
+    return flights_drawn(flown, drawn, more=interceptor)
 
 
-def _hostile(parts: Sequence[Part], seed: int, first: int) -> list[Part]:
-    """Return parts of a batch whose attitude controller answers errors with any torque."""
-    random, hostile = np.random.default_rng([seed, first, 1]), []
-    for part in parts:
-        if part.name == 'attitude_control':
-            gains = random.choice((-GAIN_NM, GAIN_NM), 18)
-            head = part.table[: SHARED + FUZZY]
-            part = part._replace(table=table_of(head, 0.0, gains))
-        hostile.append(part)
-    return hostile
+def approach_of(flight: Flight) -> tuple[int, float, float, float]:
+    """Return the ticks before contact, and what was seen at the states after tick 0 until then.
 
-
-def _watched(scenario: Scenario, late: Floats) -> Part:
-    """Return what looks for the zone, the corridor of assurance, contact, and how forces turn.
-
-    late : (n,) more delay of each run [ticks]
+    How deep the zone was entered outside of the corridor [m], 0.0: never; speed at contact [m/s],
+    that across it of an axis, infinite without contact.
     """
-    thrusters, settings = scenario.thrusters, attack.settings_of(scenario)
-    delays = np.zeros(RUNS)
-    delays[: len(late)] = late + (thrusters.delay_ticks if thrusters else 0)
-    estimated = scenario.named('attitude_estimator') is not None
-    seen = (SEEN_QUAT, SEEN_QUAT_W, SEEN_RATE) if estimated else (QUAT, QUAT_W, RATE)
-    way, rows = settings.corridor, (R, V) if scenario.target is None else (BODY_R, BODY_V)
-    corridor: tuple[float, ...] = (0.0,) * 5
+    settings = attack.settings_of(flight.scenario)
+    (x, y, z), v, way = flight.seen[1:, :3].T, flight.seen[1:, 3:], settings.corridor
+    inside, ticks = settings.keep_out_m - np.sqrt(x * x + y * y + z * z), len(v)
+    closing = lateral = math.inf
     if way is not None:
-        side = 1.0 if way.along[0] == '+' else -1.0
-        corridor = ('xyz'.index(way.along[1]), side, way.port_m, way.width_m, way.slope)
-    numbers = scenario.dt_s, scenario.mean_motion_rad_s, seen, rows, settings.keep_out_m, corridor
-    memory = np.zeros(USED + RUNS * 4 * (int(delays.max()) + 1))
-    memory[CLOSING:BEFORE] = math.inf
-    steps = (
-        (Place.STEERING + 1, turned_with),
-        (Place.ATTITUDE - 1, turned_wrongly),
-        (MOVED, turned_wrongly),
-        (MOVED, watch),
-    )
-    return Part('watched', steps, table_of(*numbers, delays), memory)
+        axis, side = 'xyz'.index(way.along[1]), 1.0 if way.along[0] == '+' else -1.0
+        across = [(axis + 1) % 3, (axis + 2) % 3]
+        r, d = np.abs((x, y, z)), side * (x, y, z)[axis] - way.port_m
+        within = way.width_m + way.slope * np.maximum(d, 0.0) - np.max(r[across], axis=0)
+        touches = (within >= 0.0) & (d <= 0.0) & (np.append(0.0, d[:-1]) > 0.0)
+        inside = np.where(d > 0.0, np.minimum(inside, -within), inside)
+        if touches.any():
+            ticks = int(np.argmax(touches))
+            closing, lateral = -side * v[ticks, axis], np.abs(v[ticks, across]).max()
+    return ticks, float(inside[:ticks].max(initial=0.0)), float(closing), float(lateral)
+
+
+def turned_deg(flight: Flight, ticks: int) -> float:
+    """Return the largest angle by which the force of one of the first ticks was turned wrongly."""
+    scenario, true = flight.scenario, flight.signals[CHASER_ATTITUDE]
+    estimated = scenario.named('attitude_estimator') is not None
+    seen = flight.signals[NAVIGATION_ATTITUDE] if estimated else true
+    delay = scenario.thrusters.delay_ticks if scenario.thrusters else 0
+    ahead_s = (delay + 0.5) * scenario.dt_s
+    sine = _sine(seen, true, scenario.mean_motion_rad_s, ahead_s, delay, ticks)
+    return float(np.degrees(2.0 * np.arcsin(sine)))
+
+
+@unlocked
+def _sine(seen, true, orbit, ahead_s, delay, ticks):  # type: ignore[no-untyped-def]
+    """Return the largest sine of half an angle between the axes in which a force was turned.
+
+    Those that were predicted from an attitude seen (n, 7), and the true ones (n, 7) before and
+    after the tick in which the force acts.
+    """
+    largest = 0.0
+    for tick in range(delay, ticks):
+        s = seen[tick - delay]
+        q = attitude_ahead((s[0], s[1], s[2], s[3], s[4], s[5], s[6]), orbit, ahead_s)
+        for a in true[tick : tick + 2]:
+            x, y, z, _ = times((-q[0], -q[1], -q[2], q[3]), (a[0], a[1], a[2], a[3]))
+            sine = norm(x, y, z)
+            largest = sine if sine > largest else largest
+    return largest
 
 
 @dataclass(frozen=True)
@@ -239,29 +189,16 @@ def attack_campaign(
     """
     scenario, runs = campaign.scenario, campaign.config.runs
     attack.settings_of(scenario)
-    steered: Any = scenario.named('attitude_control')
-    reason = why_not(scenario, campaign.controller)
-    if not reason and steered is None:
-        reason = f'scenario {scenario.name} has no `attitude_control`'
-    if reason:
-        raise InputError(f'a campaign under attack must be flown by the engine; {reason}')
-    figures, w = np.empty((4, runs)), make_scratch()
-    control = control_of(campaign.controller)
-    for first in range(0, runs, UNIT):
-        drawn = draw(campaign, first, min(UNIT, runs - first))
-        case, batches = case_of(campaign, drawn), []
-        for at, batch in zip(range(0, UNIT, RUNS), case.batches, strict=False):
-            late = drawn.column('delay_ticks')[at : at + RUNS]
-            parts: Sequence[Part] = batch.parts
-            if steered.limits is not None and (first + at) // RUNS % 2:
-                parts = _hostile(parts, campaign.config.seed, first + at)
-            more = _commands(campaign, first + at), _watched(scenario, late)
-            batches.append(batch._replace(parts=(*parts, *more)))
-        for pairs in fly_pairs(control, replace(case, batches=tuple(batches)), w):
-            n, memory = len(pairs.rows), pairs.memories['watched']
-            rows = memory[:USED].reshape(-1, RUNS)[:, :n]
-            some = slice(first + pairs.some.start, first + pairs.some.stop)
-            figures[:3, some], figures[3, some] = rows[:3], np.degrees(2.0 * np.arcsin(rows[4]))
-        advance(min(first + UNIT, runs))
+    if scenario.named('attitude_control') is None:
+        raise InputError(
+            f'a campaign under attack needs `attitude_control`; scenario {scenario.name} has none'
+        )
+    figures = np.empty((4, runs))
+    for first in range(0, runs, RUNS):
+        for run, flight in enumerate(_flights(campaign, first), first):
+            ticks, *seen = approach_of(flight)
+            # a contact is seen at the end of its tick
+            figures[:, run] = *seen, turned_deg(flight, min(ticks + 1, scenario.ticks))
+            advance(run + 1)
     kinds = np.arange(runs) % len(KINDS)
     return [Flown(name, *figures[:, kinds == i]) for i, name in enumerate(KINDS)]

@@ -22,7 +22,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo.engine.lanes import compiled
 from rpo.proof import surface
 from rpo_core.control.controller import FuzzyController
 from rpo_core.control.fuzzy import MembershipFunctions
@@ -30,6 +29,7 @@ from rpo_core.control.inference import infer
 from rpo_core.files.validation import InputError
 from rpo_core.kernels.arithmetic import saturate
 from rpo_core.kernels.arrays import Floats
+from rpo_core.kernels.jit import unlocked
 
 Cells = tuple[NDArray[np.intp], NDArray[np.intp]]
 """Rows and columns (k,) of cells."""
@@ -259,7 +259,7 @@ class Law(NamedTuple):
     rho: float
 
 
-@compiled
+@unlocked
 def cell_of(edges: Any, x: float) -> int:
     """Return the cell that holds x: edges[i] <= x < edges[i+1], the last one included."""
     low, high = 0, len(edges) - 1
@@ -272,7 +272,7 @@ def cell_of(edges: Any, x: float) -> int:
     return low
 
 
-@compiled
+@unlocked
 def bilinear(table: Table, i: int, j: int, e: float, w: float) -> float:
     """Interpolate the corners of a cell."""
     s = (e - table.e[i]) / (table.e[i + 1] - table.e[i])
@@ -282,7 +282,7 @@ def bilinear(table: Table, i: int, j: int, e: float, w: float) -> float:
     return low + t * (high - low)
 
 
-@compiled
+@unlocked
 def law_of(table: Table, r0: float, r1: float, v: float, tilt: float, half: float) -> Law:
     """Return a law of the strip r0 <= r <= r1 [m], |v' - v - tilt (r' - r)| <= half [m/s].
 
@@ -335,13 +335,13 @@ def law_of(table: Table, r0: float, r1: float, v: float, tilt: float, half: floa
     return _physical(table, a, b, c, rho, max(abs(e0), abs(e1)), most_w)
 
 
-@compiled
+@unlocked
 def value(table: Table, i: int, e: float, w: float) -> float:
     """Return the bilinear value at e, which is in row i, and w."""
     return bilinear(table, i, cell_of(table.w, w), e, w)
 
 
-@compiled
+@unlocked
 def _physical(table: Table, a: float, b: float, c: float, rho: float, e: float, w: float) -> Law:
     """Return a law of errors as one of position and velocity; e, w : their greatest sizes."""
     room = table.slack + TINY * (1.0 + abs(a) * e + abs(b) * w + abs(c) + rho)

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from rpo.engine.lanes import compiled
 from rpo.proof.cells import CellBounds
 from rpo.proof.claims import Groups, of_planar, values_of
 from rpo.proof.per_axis import UNCOUPLED, OtherAxis
@@ -20,12 +19,13 @@ from rpo.proof.problem import PER_AXIS, Problem
 from rpo_core.chain.flight import Flight
 from rpo_core.control.inference import fuzzy_force
 from rpo_core.kernels.arrays import Floats
+from rpo_core.kernels.jit import unlocked
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.world.cw import CwStep, plant_step
 from rpo_core.world.disturbance import Disturbance
 
 
-@compiled
+@unlocked
 def _fly(
     scales: Any, fis: Any, limit: float, step: CwStep, disturbances: Any, states: Any, forces: Any
 ) -> None:

@@ -30,7 +30,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-import rpo.engine
+import rpo.proof
 import rpo_core
 from rpo.montecarlo import outputs
 from rpo.montecarlo.outputs import (
@@ -204,7 +204,7 @@ def joined(parts: Iterable[CellBounds]) -> CellBounds:
 def code_digest() -> str:
     """Return a digest of the sources that a proof depends on."""
     digest = hashlib.sha256()
-    for package in (rpo_core, rpo.engine, rpo.proof):
+    for package in (rpo_core, rpo.proof):
         base = Path(str(package.__file__)).parent
         for path in sorted(base.rglob('*.py')):
             name = f'{package.__name__} {path.relative_to(base)} '

@@ -22,8 +22,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rpo.engine.lanes import compiled
 from rpo.proof.enclosure import TINY, Table, cell_of, law_of
+from rpo_core.kernels.jit import unlocked
 
 MOST_PARTS = 400
 """Parts of a strip that are looked at, at most."""
@@ -81,7 +81,7 @@ class Reach(NamedTuple):
     change_e: float
 
 
-@compiled
+@unlocked
 def slew_of(table: Table, drift: Drift, strip: Strip, f0: float, f1: float, enough: float) -> float:
     """Return a bound [N/s] of |F+ - F| / dt of an axis that starts in a strip.
 
@@ -121,7 +121,7 @@ def slew_of(table: Table, drift: Drift, strip: Strip, f0: float, f1: float, enou
     return (rate * (1.0 + TINY) + 2.0 * table.slack / drift.dt_s) * table.force_n
 
 
-@compiled
+@unlocked
 def _column(path: Path, left: float, right: float) -> tuple[float, float]:
     """Return the least and greatest velocity error of a path between two position errors."""
     left, right = max(path.e - path.half_e, left), min(path.e + path.half_e, right)
@@ -129,7 +129,7 @@ def _column(path: Path, left: float, right: float) -> tuple[float, float]:
     return min(w0, w1) - path.half_w, max(w0, w1) + path.half_w
 
 
-@compiled
+@unlocked
 def _range(table: Table, i: int, j: int) -> tuple[float, float]:
     """Return the least and the greatest output in a cell."""
     bend = table.bend[i, j] + table.slack
@@ -139,7 +139,7 @@ def _range(table: Table, i: int, j: int) -> tuple[float, float]:
     return low - bend, high + bend
 
 
-@compiled
+@unlocked
 def _fastest(table: Table, drift: Drift, path: Path, reach: Reach, lag: float) -> float:
     """Return a bound [1/s] of the rate of the output in all cells of a path."""
     fastest = 0.0
@@ -157,7 +157,7 @@ def _fastest(table: Table, drift: Drift, path: Path, reach: Reach, lag: float) -
     return fastest
 
 
-@compiled
+@unlocked
 def _rate_of_parts(
     table: Table, drift: Drift, i: int, j: int, path: Path, reach: Reach, lag: float
 ) -> float:
@@ -180,7 +180,7 @@ def _rate_of_parts(
     return fastest
 
 
-@compiled
+@unlocked
 def _rate(
     table: Table,
     drift: Drift,
@@ -211,7 +211,7 @@ def _rate(
     return max(rise, by_e + _pulled(table, drift, (0.0, 0.0, -s[2], -s[3]), low, lagging_high), 0.0)
 
 
-@compiled
+@unlocked
 def _pulled(table: Table, drift: Drift, s: Any, f0: float, f1: float) -> float:
     """Return the greatest of slope times rate of the velocity error; f0, f1 [N]: of the force."""
     slow = -(drift.high + drift.push * f1) / table.velocity_m_s
@@ -219,7 +219,7 @@ def _pulled(table: Table, drift: Drift, s: Any, f0: float, f1: float) -> float:
     return max(max(s[2] * slow, s[2] * fast), max(s[3] * slow, s[3] * fast))
 
 
-@compiled
+@unlocked
 def drift_of(
     a: Any, b: Any, axis: int, dt: float, low: Any, high: Any, f0: Any, f1: Any, other_n: float
 ) -> Drift:
@@ -255,7 +255,7 @@ def drift_of(
     return Drift(bend, accel_low, accel_high, b[v, axis] / dt, dt)
 
 
-@compiled
+@unlocked
 def coupled_drift(drift: Drift, r: float, half_m: float, v: float, half: float) -> Drift:
     """Return a drift to which other axes add r +- half_m [m] and v +- half [m/s] in the tick."""
     bend = (abs(r) + half_m) / drift.dt_s + 0.5 * (abs(v) + half)
@@ -269,7 +269,7 @@ def coupled_drift(drift: Drift, r: float, half_m: float, v: float, half: float) 
     )
 
 
-@compiled
+@unlocked
 def slew_by_parts(
     table: Table, drift: Drift, strip: Strip, f0: float, f1: float, enough: float
 ) -> float:
@@ -303,7 +303,7 @@ def slew_by_parts(
     return worst
 
 
-@compiled
+@unlocked
 def half_of(part: Strip, along: bool, side: float) -> Strip:
     """Return a half of a part: on a side, -1 or 1, along r or v; both overlap by their rounding."""
     r, v, half_m, tilt, half = part
@@ -318,7 +318,7 @@ def half_of(part: Strip, along: bool, side: float) -> Strip:
     )
 
 
-@compiled
+@unlocked
 def _bound_of_part(
     table: Table, drift: Drift, part: Strip, f0: float, f1: float, enough: float
 ) -> float:

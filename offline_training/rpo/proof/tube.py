@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rpo.engine.lanes import compiled
 from rpo.proof.enclosure import Table, law_of
 from rpo.proof.slew import Strip, coupled_drift, drift_of, slew_by_parts, slew_of
+from rpo_core.kernels.jit import unlocked
 
 ROUND = 2.0**-44
 """Share of the sizes of all terms by which a tick is widened, for what rounding can do.
@@ -53,7 +53,7 @@ class Zonotope(NamedTuple):
     d: Any
 
 
-@compiled
+@unlocked
 def box_of(z: Zonotope, m: int, low: Any, high: Any) -> None:
     """Fill the box of a set whose first m generators count, rounded outwards."""
     for i in range(len(z.c)):
@@ -64,7 +64,7 @@ def box_of(z: Zonotope, m: int, low: Any, high: Any) -> None:
         low[i], high[i] = z.c[i] - radius, z.c[i] + radius
 
 
-@compiled
+@unlocked
 def strip_of(z: Zonotope, m: int, r: int, v: int) -> tuple[float, float]:
     """Return tilt [1/s] and half-width [m/s] of a strip in r, v that holds the set.
 
@@ -84,7 +84,7 @@ def strip_of(z: Zonotope, m: int, r: int, v: int) -> tuple[float, float]:
     return tilt, half + ROUND * size
 
 
-@compiled
+@unlocked
 def reduce(z: Zonotope, fixed: int, m: int) -> int:
     """Keep the first `fixed` and the larger half of the other generators, box the small ones."""
     _, g, d = z
@@ -115,7 +115,7 @@ def reduce(z: Zonotope, fixed: int, m: int) -> int:
     return count + n
 
 
-@compiled
+@unlocked
 def tidy(tick: int, z: Zonotope, fixed: int, m: int) -> int:
     """Make generators of the box of rounding, now and then, and a box of small generators."""
     _, g, d = z
@@ -132,7 +132,7 @@ def tidy(tick: int, z: Zonotope, fixed: int, m: int) -> int:
     return m
 
 
-@compiled
+@unlocked
 def is_inside(omega: InvariantSet, z: Zonotope, m: int, low: Any, high: Any) -> bool:
     """Whether a set is inside the invariant set, on every axis."""
     c, g, d = z
@@ -150,7 +150,7 @@ def is_inside(omega: InvariantSet, z: Zonotope, m: int, low: Any, high: Any) -> 
     return True
 
 
-@compiled
+@unlocked
 def weigh(g: Any, fixed: int, weights: Any) -> None:
     """Add the sizes of the first generators."""
     n = len(g)
@@ -215,7 +215,7 @@ class Trace(NamedTuple):
         )
 
 
-@compiled
+@unlocked
 def step(
     table: Table, motion: Motion, tick: int, z: Zonotope, m: int, trace: Trace, row: int
 ) -> int:
@@ -275,7 +275,7 @@ def step(
     return m + p
 
 
-@compiled
+@unlocked
 def _move(
     motion: Motion, tick: int, z: Zonotope, m: int, closed: Any, middle: Any, laws: Any, size: Any
 ) -> None:
@@ -319,7 +319,7 @@ def _move(
                 g[k, q - 1] += motion.b[k, i] * pull[i]
 
 
-@compiled
+@unlocked
 def fly(
     table: Table,
     motion: Motion,
@@ -359,7 +359,7 @@ def fly(
     return last, resting, m
 
 
-@compiled
+@unlocked
 def fill_slew(table: Table, motion: Motion, trace: Trace, last: int, limit_n_s: float) -> None:
     """Fill the bounds of slew of a tube that lasts until a tick.
 
@@ -370,7 +370,7 @@ def fill_slew(table: Table, motion: Motion, trace: Trace, last: int, limit_n_s: 
         worst = max(worst, _slew(table, motion, tick, trace, worst, limit_n_s))
 
 
-@compiled
+@unlocked
 def _slew(
     table: Table, motion: Motion, tick: int, trace: Trace, worst: float, limit: float
 ) -> float:

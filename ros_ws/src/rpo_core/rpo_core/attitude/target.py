@@ -262,13 +262,14 @@ class Motion:
 
     def _have(self, ticks: int) -> Floats:
         """Return the attitudes (n, 7) of so many ticks at least."""
-        have = len(self._attitudes)
+        attitudes = self._attitudes  # of this call: another thread may ask for more meanwhile
+        have = len(attitudes)
         if ticks > have:
             rows = np.empty((1 + max(ticks - have, _BLOCK), 7))
-            last: Attitude = tuple(self._attitudes[-1].tolist())
+            last: Attitude = tuple(attitudes[-1].tolist())
             attitude_kernels.attitudes(last, self._dt_s, self.body, rows)
-            self._attitudes = np.vstack([self._attitudes[:-1], rows])
-        return self._attitudes
+            self._attitudes = attitudes = np.vstack([attitudes[:-1], rows])
+        return attitudes
 
     def attitude(self, tick: int) -> Attitude:
         """Return quaternion and rate [rad/s] at a tick."""

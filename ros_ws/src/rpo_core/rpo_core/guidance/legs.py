@@ -289,13 +289,14 @@ class Turning:
     def moments(self, ticks: int, first: int = 0) -> Floats:
         """Return the motion (n, 15) in the target's axes of so many ticks."""
         key = f'{first} {ticks} {self._key}'
-        if key not in _tables:
+        moments = _tables.get(key)
+        if moments is None:
             if len(_tables) >= MOST_TABLES:
                 _tables.clear()
             table = as_table(np.empty((ticks, 15)))
             way_moments(self._inner.way, first, self._vehicle.dt_s, table)
-            _tables[key] = np.array(table).reshape(-1, 15)
-        return _tables[key]
+            _tables[key] = moments = np.array(table).reshape(-1, 15)
+        return moments
 
     def fill(self, rows: Any, first: int = 0) -> None:
         """Fill rows (n, 9) with references and forces, from a tick of it on."""

@@ -50,6 +50,11 @@ def step_kernel(function: Kernel) -> Kernel:
     return compiled(function, _nrt=False, boundscheck=not ours)
 
 
+def unlocked(function: Kernel) -> Kernel:
+    """Compile as `kernel` does, free of the interpreter's lock: other threads go on."""
+    return compiled(function, nogil=True)
+
+
 def inlined(function: Kernel) -> Kernel:
     """Compile as `kernel` does, and inline: only then do loops over lanes become SIMD."""
     return compiled(function, forceinline=True)
