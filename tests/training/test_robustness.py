@@ -205,13 +205,3 @@ def test_margins_are_numbers_of_a_table():
     cells = ['–', '≥99.0', '1', '–', '–', '–', '0.2000', '52.4']
     assert robustness.cells(found.numbers()) == cells and set(robustness.cells({})) == {'–'}
     assert 'by speed;' in found.headline() and 'slew (by 7)' in found.headline()
-
-
-def test_a_controller_that_the_engine_does_not_know_is_refused():
-    class Own(Pd):
-        def stage(self, dt_s):
-            return super().stage(dt_s)
-
-    own = Own(name='own', position_gain_n_m=0.01, velocity_gain_n_s_m=0.5)
-    with pytest.raises(robustness.InputError, match='side by side: controller own has a stage of'):
-        robustness.Flights(own)

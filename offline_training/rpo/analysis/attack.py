@@ -526,7 +526,7 @@ def world_of(scenario: Scenario) -> World:
     wait, pushed = delay * scenario.dt_s, 1.01 * proof.errors.disturbance_n / scenario.mass_kg
     zone_m, domain_m = settings.keep_out_m, settings.domain_m
     reach_m, drift_m = min(REACH_M, 0.9 * (domain_m - zone_m)), 0.5 * pushed * wait * wait
-    walls: Any = (0.0,) * 4
+    walls: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     if way is not None:
         walls = way.width_m, way.slope, way.closing_m_s, way.lateral_m_s
     return World(

@@ -23,19 +23,23 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
-from rpo.engine.lanes import PAIRED_LANES
-from rpo.engine.parts.control import control_of, gain_part
-from rpo.engine.support import why_not
 from rpo.montecarlo import config
 from rpo.montecarlo.config import Campaign, CampaignConfig
 from rpo.montecarlo.judging import NOT_JUDGED, words
-from rpo.montecarlo.run_batch import side_by_side
+from rpo.montecarlo.quantities import Dispersion
+from rpo.montecarlo.run_batch import fly_drawn
 from rpo.montecarlo.sampling import DrawnRuns, draw
 from rpo.scoring.conditions import LABELS, PAPER
-from rpo_core.control.controller import AnyController
+from rpo_core.control.baselines import Baseline, BaselineStage
+from rpo_core.control.controller import AnyController, Controller
 from rpo_core.files.validation import InputError
+from rpo_core.kernels.arithmetic import saturate
 from rpo_core.kernels.arrays import Floats
+from rpo_core.kernels.jit import step_kernel
+from rpo_core.kernels.records import Nothing
 from rpo_core.scenario.scenario import load_set
+from rpo_core.stage import KernelStage, Place, Stage
+from rpo_core.wire.interfaces import COMMAND, CONTROL_FORCE
 
 SET, DRAWN = 'paper_training', 'paper_test_measured'
 RUNS, SEED = 200, 90210
@@ -49,6 +53,10 @@ BEYOND = (1.25, 1.5)
 
 SHARE = 0.01
 """The bisection ends when its interval is this share of the distance from nominal."""
+
+
+NOT_OFF = Dispersion('uniform', (0.0,) * 3)
+"""Of what starts have a section for, because it may be off."""
 
 
 class Off(NamedTuple):
@@ -340,8 +348,50 @@ def search(quantity: Quantity, check: Callable[[float], tuple[float, str]]) -> M
     return margin_of(quantity, points.values())
 
 
+@dataclass(slots=True)
+class Gain:
+    """Settings of the kernel `amplify`: a factor, and the largest force of an axis."""
+
+    factor: float
+    limit_n: float
+
+
+@step_kernel
+def amplify(tick: int, u: Any, p: Any, m: Any, y: Any) -> None:
+    """F = sat(k F), per axis, of a command u (3,) [N]."""
+    for i in range(3):
+        y[i] = saturate(p.factor * u[i], p.limit_n)
+
+
+class GainStage(KernelStage):
+    """Multiplies the command of a controller, and keeps the limit of its law."""
+
+    name = 'gain'
+    inputs = (COMMAND,)
+    outputs = (CONTROL_FORCE,)
+    kernel = amplify
+
+    def __init__(self, factor: float, limit_n: float) -> None:
+        super().__init__(Gain(factor, limit_n), Nothing())
+
+
+@dataclass(frozen=True)
+class Unlimited:
+    """A baseline whose force no limit cuts off."""
+
+    baseline: Baseline
+    name: str
+    provenance: Mapping[str, Any]
+
+    def stage(self, dt_s: float) -> Stage:
+        """Return it as a stage of the chain."""
+        self.baseline.refuse_other_ticks(dt_s)
+        law = self.baseline.law._replace(limit=math.inf)
+        return BaselineStage(law, self.baseline.clock_s is not None)
+
+
 class Flights:
-    """The flights of the claim for one controller; raises InputError if the engine cannot fly it.
+    """The flights of the claim for one controller; raises InputError if it does not fit them.
 
     starts, drawn : campaigns of the starts of the training, and of the dispersed test
     """
@@ -351,26 +401,25 @@ class Flights:
         loaded = config.load(config.find(DRAWN), controller='handmade', runs=RUNS, seed=SEED)
         self.drawn, scenarios = replace(loaded, controller=controller), load_set(SET)
         settings = CampaignConfig(
-            name=SET, scenario=SET, controller=controller.name, sampling='random', dispersions={},
+            name=SET, scenario=SET, controller=controller.name, sampling='random',
+            dispersions={name: NOT_OFF for name in ('thrust_share', 'navigation_position_bias_m')},
             runs=len(scenarios.initial_positions_m),
             success={name: PAPER.limits[name] for name in LABELS},
         )  # fmt: skip
         self.starts = Campaign(settings, scenarios.base, controller, ('', '', ''))
-        for campaign in (self.starts, self.drawn):
-            if reason := why_not(campaign.scenario, controller):
-                raise InputError(f'margins need thousands of flights, side by side: {reason}')
         nominal = draw(self.starts, 0, settings.runs)
         nominal.starts[:, :3] = scenarios.initial_positions_m
         self._runs = {DRAWN: draw(self.drawn, 0, RUNS), SET: nominal}
 
     def shares(self, campaign: Campaign, off: Off = NOMINAL) -> dict[str, Floats]:
         """Return the values (n,) of each limit, as shares of it."""
-        control, parts = control_of(self.controller, limited=off.gain == 1.0), []
-        if off.gain != 1.0:
-            limit_n = getattr(self.controller, 'max_force_n', math.inf)
-            parts.append(gain_part(PAIRED_LANES, off.gain, limit_n))
+        flying: Controller = self.controller
+        gain = GainStage(off.gain, getattr(flying, 'max_force_n', math.inf))
+        if off.gain != 1.0 and isinstance(flying, Baseline):
+            flying = Unlimited(flying, flying.name, flying.provenance)
+        more = [(Place.SHAPING, gain)] if off.gain != 1.0 else []
         drawn = off.of(self._runs[campaign.config.name])
-        columns = side_by_side(campaign, drawn, control, parts)
+        columns = fly_drawn(campaign, drawn, flying, lambda _: more)
         limits = campaign.config.limits(columns)
         return {name: values / limit for name, (values, limit) in limits.items()}
 
@@ -392,7 +441,7 @@ def margins_of(
 ) -> Margins:
     """Return the margins of a controller, and its crossings; `report` gets what is done.
 
-    Raises InputError if the engine cannot fly it.
+    Raises InputError if the controller does not fit the flights.
     """
     flights, stop = Flights(controller), Event()
     starts, drawn = flights.shares(flights.starts), flights.shares(flights.drawn)
