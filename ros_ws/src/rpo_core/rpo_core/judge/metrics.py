@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import inf, isfinite
+from math import inf, isfinite, nan
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -228,8 +228,7 @@ def axis_sums(
     """
     energy = effort = step = position = velocity = largest = outside = before = 0.0
     for tick in range(windows.horizon):
-        force, state = forces[tick][axis], states[tick + 1]
-        r, v = state[axis] - goal[axis], state[3 + axis] - goal[3 + axis]
+        force, r = forces[tick][axis], states[tick + 1][axis] - goal[axis]
         if tick < windows.ticks:
             energy = with_square(energy, force)
             effort += abs(force)
@@ -237,23 +236,28 @@ def axis_sums(
             before = force
             outside = last_outside(outside, tick, r, windows.arrival_m)
         if tick >= windows.horizon - windows.late:
-            position, velocity = larger(position, r), larger(velocity, v)
-            largest = larger(largest, force)
+            v = states[tick + 1][3 + axis] - goal[3 + axis]
+            position, velocity, largest = (
+                larger(position, r), larger(velocity, v), larger(largest, force)
+            )  # fmt: skip
     return AxisSums(energy, effort, step, position, velocity, largest, outside)
 
 
 @kernel
-def count_together(states: Any, goal: Any, asked: Asked, row: Any) -> None:
+def count_together(states: Any, goal: Any, asked: Asked, row: Any) -> bool:
     """Count what is required of the axes together; the columns of a row from `FINAL_POSITION` on.
+
+    Return whether all states are finite.
 
     states : (N+1, 6); goal : (6,), errors are states less it
     """
     port, hold_distance, hold_speed, depth, outside, contact = asked.port, 0.0, 0.0, 0.0, 0, -1
-    closing = lateral = inf
+    closing, lateral, finite = inf, inf, True
     for tick in range(len(states)):
         s = states[tick]
         x, y, z = s[0] - goal[0], s[1] - goal[1], s[2] - goal[2]
         vx, vy, vz = s[3] - goal[3], s[4] - goal[4], s[5] - goal[5]
+        finite = finite and isfinite(x + y + z + vx + vy + vz)
         position, distance = max(abs(x), abs(y), abs(z)), norm(x, y, z)
         velocity, speed = max(abs(vx), abs(vy), abs(vz)), norm(vx, vy, vz)
         if tick > asked.hold:
@@ -271,16 +275,7 @@ def count_together(states: Any, goal: Any, asked: Asked, row: Any) -> None:
     row[HOLD_DISTANCE], row[HOLD_SPEED] = hold_distance, hold_speed
     row[OUTSIDE], row[CONTACT] = outside, contact
     row[CLOSING], row[LATERAL], row[DEPTH] = closing, lateral, depth
-
-
-@kernel
-def all_finite(table: Any) -> bool:
-    """Whether each number of a table (n, k) is finite."""
-    for i in range(len(table)):
-        for k in range(len(table[0])):
-            if not isfinite(table[i][k]):
-                return False
-    return True
+    return finite
 
 
 @kernel
@@ -295,12 +290,10 @@ def count(
     mass: float,
     row: Any,
 ) -> None:
-    """Fill a row, the columns of `VALUES`, of a flight; leave it where a number is not finite.
+    """Fill a row, the columns of `VALUES`, of a flight; NaN where a number is not finite.
 
     See `axis_sums`, `count_together`.
     """
-    if not (all_finite(states) and all_finite(forces)):
-        return
     distances = speeds = 0.0
     for tick in range(windows.ticks - windows.tail + 1, windows.ticks + 1):
         s = states[tick]
@@ -310,7 +303,9 @@ def count(
     y = axis_sums(states, goal, forces, 1, windows, first_slew)
     z = axis_sums(states, goal, forces, 2, windows, first_slew)
     fill_row(row, x, y, z, distances, speeds, windows.tail, dt, mass)
-    count_together(states, goal, asked, row)
+    if not (count_together(states, goal, asked, row) and isfinite(row[ENERGY])):
+        for i in range(len(row)):
+            row[i] = nan
 
 
 def window_ticks(scenario: Scenario, window_s: float) -> int:
@@ -369,7 +364,7 @@ def counts_of(flight: Flight, windows: Windows | None = None) -> Any:
     Positions are errors, relative to the goal of the scenario.
     """
     scenario = flight.scenario
-    row = as_table(np.full(len(VALUES), np.nan))
+    row = as_table(np.empty(len(VALUES)))
     count(
         as_view(flight.seen),
         scenario.goal_state,
