@@ -113,7 +113,7 @@ def test_a_campaign_shows_what_is_required_or_judged(loaded):
     assert list(judging.figures(campaign)) == ['energy_n2s', 'slew_per_axis_n_s']
     said = judging.sentence(campaign)
     assert said.endswith('NOT judged: energy; no limit on arrival, end state)'), said
-    share = loaded(success={judging.SHARE: 1.0})
+    share = loaded(success={'hold_force_per_disturbance': 1.0})
     assert list(judging.figures(share)) == ['hold_force_per_axis_n', 'disturbance_level_n']
 
 

@@ -35,7 +35,7 @@ from rpo_core.judge import metrics
 from rpo_core.judge.metrics import LEVEL
 from rpo_core.navigation.sensors import Sensors
 from rpo_core.scenario import overrides
-from rpo_core.scenario.requirements import LIMITS, ROWS, THRUST, Requirements
+from rpo_core.scenario.requirements import LIMITS, ROWS, SHARES, THRUST, Requirements
 from rpo_core.scenario.scenario import Scenario, ScenarioSet
 from rpo_core.scenario.scenario import parse as parse_scenario
 from rpo_core.thrusters.table import IDENTITY
@@ -54,9 +54,6 @@ MAX_RUNS = 100_000_000
 
 METRICS = {name: unit for name, unit in metrics.UNITS.items() if '_bound_' not in name}
 """Metrics of every run, over the forces applied."""
-
-SHARE = 'hold_force_per_disturbance'
-"""The requirement whose limit is each run's own: a share of its `LEVEL`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,12 +87,12 @@ class CampaignConfig:
     def more(self) -> dict[str, str]:
         """What runs are judged by beside `METRICS`: name -> unit."""
         names = [name for name in self.success if name not in METRICS]
-        return dict((LEVEL, 'N') if name == SHARE else (name, ROWS[name].unit) for name in names)
+        return dict((LEVEL, 'N') if n in SHARES else (n, ROWS[n].unit) for n in names)
 
     def limit(self, name: str, columns: Mapping[str, Any]) -> tuple[Any, Any]:
         """Return the values of a condition of success, and its limit, which may be a run's own."""
-        if name == SHARE:
-            return columns['hold_force_per_axis_n'], self.success[name] * columns[LEVEL]
+        if name in SHARES:
+            return columns[SHARES[name]], self.success[name] * columns[LEVEL]
         return columns[name], self.success[name]
 
     def limits(self, columns: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
@@ -109,7 +106,7 @@ class CampaignConfig:
 
     def judging_of(self, name: str) -> tuple[str, ...]:
         """Names of the columns that a limit is judged by: the value; its size, if a run's own."""
-        return ('hold_force_per_axis_n', LEVEL) if name == SHARE else (name,)
+        return (SHARES[name], LEVEL) if name in SHARES else (name,)
 
 
 def parse(document: Any) -> CampaignConfig:
@@ -145,7 +142,7 @@ def _requiring(scenario: Scenario, success: Mapping[str, float]) -> Scenario:
     Raises InputError where the scenario does not say when or where such a limit holds.
     """
     required = scenario.requirements
-    known = {*METRICS, *THRUST, SHARE, *(required.limits if required else ())}
+    known = {*METRICS, *THRUST, *SHARES, *(required.limits if required else ())}
     more: dict[str, Any] = {n: limit for n, limit in success.items() if n not in known}
     if not more:
         return scenario

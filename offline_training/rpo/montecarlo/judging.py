@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from rpo.montecarlo.config import METRICS, SHARE, Campaign, CampaignConfig
+from rpo.montecarlo.config import METRICS, Campaign, CampaignConfig
 from rpo_core.files.validation import choice
 from rpo_core.judge import verdicts
-from rpo_core.scenario.requirements import ROWS
+from rpo_core.scenario.requirements import ROWS, SHARES
 
 EFFORT = tuple(name for name, row in ROWS.items() if row.effort)
 """Requirements on what the thrusters do; the others are about where the chaser is, and how fast."""
@@ -85,7 +85,7 @@ def limits_named(names: Collection[str], limits: Collection[str]) -> list[str]:
 
 def unit_of(name: str) -> str:
     """Return the unit of a limit, as tables show it."""
-    return OF_ITS_OWN if name == SHARE else METRICS.get(name, ROWS[name].unit)
+    return OF_ITS_OWN if name in SHARES else METRICS.get(name, ROWS[name].unit)
 
 
 def label(name: str, limit: float) -> str:

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest
 
 from rpo.montecarlo import judging
-from rpo.montecarlo.config import SHARE, CampaignConfig
+from rpo.montecarlo.config import CampaignConfig
 from rpo.montecarlo.store import Results
 from rpo_core.judge.verdicts import number
 from rpo_core.kernels.arrays import Floats
+from rpo_core.scenario.requirements import SHARES
 
 CONFIDENCE = 0.95
 QUANTILES = (0.5, 0.95, 0.99)
@@ -175,9 +176,9 @@ def spreads(store: Results, names: Iterable[str] | None = None) -> list[Spread]:
     config, units, ends = store.campaign.config, store.campaign.metrics, ends_m(store)
     chosen = units if names is None else names
     found = [spread(name, units[name], store.column(name), ends) for name in chosen]
-    if SHARE in config.success:
-        value, level = (store.column(name) for name in config.judging_of(SHARE))
-        found.append(spread(SHARE, judging.OF_ITS_OWN, value / level))
+    for share in SHARES.keys() & config.success.keys():
+        value, level = (store.column(name) for name in config.judging_of(share))
+        found.append(spread(share, judging.OF_ITS_OWN, value / level))
     return found
 
 

@@ -21,7 +21,7 @@ from rpo_core.attitude.attitude_kernels import synchronised
 from rpo_core.attitude.pointing import contact_turn
 from rpo_core.chain.flight import Flight
 from rpo_core.judge import contact, metrics
-from rpo_core.scenario.requirements import ATTITUDES, ROWS, THRUST, Requirements
+from rpo_core.scenario.requirements import ATTITUDES, ROWS, SHARES, THRUST, Requirements
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.wire.interfaces import ALIGNED, CHASER_ATTITUDE
 from rpo_core.world.zones import AT_PORT_M, zones_of
@@ -31,7 +31,6 @@ UNBOUNDED = 'NOT judged'
 """The word beside what no requirement bounds."""
 
 ARRIVAL = 'arrival_time_s'
-_SHARES = {name: row.share for name, row in ROWS.items() if row.share}
 _HELD = tuple(name for name, row in ROWS.items() if row.needs == 'hold_from_s')
 
 ZONE_DEPTH = 'zone_depth_m'
@@ -103,11 +102,10 @@ def verdicts(flight: Flight) -> list[Verdict]:
 def _of_requirements(flight: Flight, required: Requirements) -> list[Verdict]:
     values, judged = _values(flight, required, metrics.counts_of(flight)), []
     for key, limit in required.limits.items():
-        row = ROWS[key]
-        if row.share:
+        if key in SHARES:
             limit *= metrics.disturbance_level_n(flight)
         shown = statement(key, required, flight.scenario.duration_s)
-        judged.append(Verdict(key, shown, row.unit, limit, values[key]))
+        judged.append(Verdict(key, shown, ROWS[key].unit, limit, values[key]))
     for key, limit in required.unjudged.items():
         shown = f'{ROWS[key].statement}: no section `attitude`'
         judged.append(Verdict(key, shown, ROWS[key].unit, limit, math.nan))
@@ -215,7 +213,7 @@ def _values(flight: Flight, required: Requirements, counts: Any) -> dict[str, fl
     values = dict(zip(metrics.VALUES, map(float, counts), strict=True))
     last = int(counts[metrics.OUTSIDE])
     values[ARRIVAL] = inf if last == scenario.ticks else scenario.time_s(last)
-    values |= {name: values[counted] for name, counted in _SHARES.items()}
+    values |= {name: values[counted] for name, counted in SHARES.items()}
     if (metrics.hold_tick(scenario) or 0) >= scenario.ticks:
         values |= dict.fromkeys(_HELD, math.nan)
     if not asked.isdisjoint(ATTITUDES):

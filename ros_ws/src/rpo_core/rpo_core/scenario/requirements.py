@@ -69,6 +69,9 @@ LIMITS = tuple(ROWS)
 THRUST = {name: row.unit for name, row in ROWS.items() if row.thrusters}
 """Requirement -> unit of what thrusters spend, in the order of `rpo_core.chain.flight.Thrust`."""
 
+SHARES = {name: row.share for name, row in ROWS.items() if row.share}
+"""Requirement whose limit is a share of the level of the disturbance -> the metric it is about."""
+
 PORT = 'port'
 """Value of `contact_axis` in a file: the axis of the corridor of section `zones`."""
 
