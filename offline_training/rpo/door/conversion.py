@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rpo.display import Show, progress_in_python
-from rpo.door.subjects import Source, fields_of, file_source, mission_source, scenario_source
-from rpo.exports import FORMATS, attitude_files, c, c_assured, text_of
+from rpo.door.flight import Flight, flown, load
+from rpo.door.subjects import Source, fields_of, file_source, mission_source
+from rpo.exports import FORMATS, onboard, text_of
 from rpo.montecarlo.outputs import identifier, make_folder, write_text
 from rpo.training.scaling import Found, search
 from rpo_core import files
@@ -22,21 +23,28 @@ from rpo_core.scenario.scenario import Scenario, ScenarioSet
 
 
 def export(
-    controller: str | Path | AnyController | Mapping[str, Any],
+    subject: str | Path | AnyController | Scenario | Mapping[str, Any],
     to: str | Path,
-    assurance: str | Path | Scenario | Mapping[str, Any] | None = None,
+    controller: str | Path | AnyController | Mapping[str, Any] | None = None,
+    stages: str = '',
+    **changes: Any,
 ) -> str | list[Path]:
-    """Return or write a controller as C99, for MATLAB or FuzzyLite, or as JSON or YAML.
+    """Return or write a controller for other tools, or the stages of a scenario as C99.
 
     Parameters
     ----------
-    controller : str, Path, controller or mapping
-        Name, path or object; of attitude too, as C.
+    subject : str, Path, controller, Scenario or mapping
+        Name, path or object of a controller; or of a scenario or run, which is C.
     to : str or Path
         `c`, `fis` (MATLAB), `fll` (FuzzyLite), `json` or `yaml` (the file that flies): its text is
-        returned. Or path of a file with such a suffix, which is written; C has a header beside it.
-    assurance : str, Path, Scenario or mapping, optional
-        With C, the assurance filter of this scenario too.
+        returned. Or path of a file with such a suffix, which is written; C has a header beside it,
+        a program that flies the ticks of a flight again, and these ticks.
+    controller : str, Path, controller or mapping, optional
+        What flies the scenario; by default `allround`, or the one in the log of the run.
+    stages : str, optional
+        Names of stages, separated by commas, or `all`; by default those on board.
+    **changes
+        Fields of the scenario with their new values, see `scenario`.
 
     Returns
     -------
@@ -46,13 +54,15 @@ def export(
     Raises
     ------
     InputError
-        If there is no such controller or format, or the format cannot say it.
+        If there is no such subject or format, the format cannot say it, or a stage cannot be C.
 
     Examples
     --------
     >>> import rpo
     >>> rpo.export('allround', 'fis')[:20]
     '% allround: fuzzy co'
+    >>> 'int assured_tick(int64_t tick, assured_memory *m, double *s)' in rpo.export('assured', 'c')
+    True
     >>> rpo.export('allround', 'exe')
     Traceback (most recent call last):
         ...
@@ -65,9 +75,10 @@ def export(
         raise InputError(
             f'to: {names} or path of a file with such a suffix expected; got {shown(str(to))}'
         )
-    if str(to) in FORMATS:
-        return next(iter(exported(controller, to_format, None, assurance).values()))
-    texts = exported(controller, to_format, path, assurance)
+    place = None if str(to) in FORMATS else path
+    texts = exported(subject, to_format, place, controller, stages, fields_of(changes))
+    if place is None:
+        return next(iter(texts.values()))
     make_folder(path.parent)
     for place, text in texts.items():
         write_text(place, text)
@@ -75,26 +86,61 @@ def export(
 
 
 def exported(
-    controller: Any, to: str, path: Path | None, assurance: object = None
+    subject: Any,
+    to: str,
+    path: Path | None,
+    controller: Any = None,
+    stages: str = '',
+    changes: Mapping[str, Any] | None = None,
 ) -> dict[Path, str]:
-    """Return the files of a controller in a format, named after it if no path is given."""
-    if isinstance(controller, (str, Path)) and attitude.is_one(str(controller)):
-        controller = attitude.load(controller)
-    turns = isinstance(controller, attitude.AttitudeController)
-    if turns and (to != 'c' or assurance is not None):
-        raise InputError('a controller of attitude needs `--to c`, without `--assurance`')
-    if assurance is not None and to != 'c':
-        raise InputError(f'`--assurance` needs `--to c`; got {to}')
-    loaded = attitude.axis_of(controller) if turns else file_source(controller).subject
-    path = path or Path(f'{identifier(loaded.name)}.{to}')
-    if assurance is not None:
-        scenario = scenario_source(assurance, {}).subject
-        texts: tuple[str, ...] = c_assured.files(loaded, scenario, path.name)
-    elif to == 'c':
-        texts = (attitude_files if turns else c.files)(loaded, path.name)
+    """Return the files of a subject in a format, named after it if no path is given."""
+    flight = _flight_of(subject, controller, changes or {})
+    if flight is None and (controller is not None or stages or changes):
+        raise InputError('`--controller`, `--stages` and `--set` need a scenario, or a run')
+    if flight is not None and to != 'c':
+        raise InputError(f'a scenario, or a run, needs `--to c`; got {to}')
+    source: Any = file_source(subject).subject if flight is None else flight.scenario
+    path = path or Path(f'{identifier(source.name)}.{to}')
+    if to != 'c':
+        return {path: text_of(source, to)}
+    if flight is None:
+        texts = onboard.of_controller(source, path.name)
     else:
-        texts = (text_of(loaded, to),)
-    return dict(zip((path, path.with_suffix('.h')), texts, strict=False))
+        texts = onboard.of_flight(flight, flight.controller, path.name, stages)
+    beside = [path.with_suffix('.h')]
+    beside += [path.with_name(f'{path.stem}_test{suffix}') for suffix in ('.c', '.txt')]
+    return dict(zip((path, *beside), texts, strict=True))
+
+
+def _flight_of(subject: Any, controller: Any, changes: Mapping[str, Any]) -> Flight | None:
+    """Return the flight of a scenario, or of a run; None of a controller; raises InputError."""
+    if isinstance(subject, (str, Path)):
+        name = str(subject)
+        if attitude.is_one(name):
+            raise InputError(
+                f'{name} is a controller of attitude: export a scenario, `--to c`, whose '
+                f'`attitude_control.controller` it is'
+            )
+        if Path(name).is_dir() or name.endswith('.mcap'):
+            flight = load(name)
+            if changes:
+                raise InputError('`--set` needs a scenario; a run is as it was flown')
+            if controller is not None or flight.controller is None:
+                raise InputError('a run must have its controller in its log; got another, or none')
+            return flight
+    return flown(subject, controller or 'allround', changes) if _is_mission(subject) else None
+
+
+def _is_mission(subject: Any) -> bool:
+    """Return whether a subject is a scenario, by its name, path, document or class."""
+    if isinstance(subject, (str, Path)):
+        name = str(subject)
+        if not name.endswith(('.yaml', '.yml')):
+            return name in files.shipped('scenario') and name not in files.shipped('controller')
+        subject = files.load(files.find('scenario', name), lambda document: document)
+    if isinstance(subject, Mapping):
+        return str(subject.get('schema')).startswith('rpo/scenario')
+    return isinstance(subject, (Scenario, ScenarioSet))
 
 
 def scale(

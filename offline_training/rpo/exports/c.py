@@ -1,199 +1,324 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""A C99 function without dependencies, with the bits of the kernels that fly.
+"""Stages of a chain in one C99 file, from their kernels and records: the bits that fly.
 
-It is made of the kernels' own source (`c_source`): `+ - * /`, sqrt and comparisons in their order.
-So the compiler must not contract, reorder or compute in wider formats: no `-ffast-math`, and
-`-ffp-contract=off` where the processor has FMA. The allocation of a table of thrusters is in C too.
+Each stage has a `struct` of settings, one of memory, the values of both, and `NAME_STAGE_step`. The
+chain has `NAME_start`, and `NAME_tick`: one call per tick, on one array of signals, which are laid
+out as `rpo_core.chain.driver` lays them out. Beside it are a header, and a program that flies the
+ticks of a log again and compares.
+
+A field of any length is an address and a count; its numbers are static, so where a memory has such
+fields one flight at a time can be flown.
 """
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from rpo.exports import formats
-from rpo.exports.c_source import Source, number, wrapped
-from rpo.exports.formats import filled
-from rpo.exports.kernel_source import law_of
+from rpo.exports.c_source import Source, number, own_name, wrapped
+from rpo.exports.formats import filled, one_line
+from rpo.exports.kernel_source import Array, Record
 from rpo.montecarlo.outputs import identifier
-from rpo_core.control import inference
-from rpo_core.control.baselines import Baseline
-from rpo_core.control.controller import AnyController, FuzzyController, only_fuzzy
+from rpo_core.chain.chain import NO_FORCE, Chain, Link
+from rpo_core.chain.driver import Driver
+from rpo_core.files.validation import InputError
+from rpo_core.kernels import calls
+from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.jit import as_table
-from rpo_core.thrusters.allocation_kernels import LIMIT, ROWS, SCRATCH, THRUST, allocate
-from rpo_core.thrusters.table import IDENTITY, ThrusterTable, table_of
+from rpo_core.kernels.records import Field, class_of, fields_of, values_of
+from rpo_core.stage import KernelStage, Place, Stage, has_kernel, places_of, width_of
+from rpo_core.wire.interfaces import NEXT, current, row_of
 
-_CASES, _TICKS_APART = 24, 37
-
-PUBLIC = re.compile(r'^(/\*(?:(?!\*/).)*\*/\n(?:void|int|double) [^{;]*)\n\{', re.M | re.S)
+_PUBLIC = re.compile(r'^(/\*(?:(?!\*/).)*\*/\n(?:void|int) [^{;]*)\n\{', re.M | re.S)
 """Comment and prototype of a function that is not static."""
 
 
+class Flown(NamedTuple):
+    """Ticks (n,) that were flown, and signals (n, width) by name, those that are known."""
+
+    ticks: Sequence[int]
+    signals: Mapping[str, Floats]
+
+    def of(self, name: str) -> Floats:
+        """Return a signal; of the tick before it is zero at first. Raises InputError."""
+        if current(name) not in self.signals:
+            raise InputError(f'the log must have `{name}`, which a stage reads; it has not')
+        values = self.signals[current(name)]
+        if current(name) == name:
+            return values
+        return np.vstack([np.zeros_like(values[:1]), values[:-1]])
+
+
 class Files(NamedTuple):
-    """A source file in C, and its header."""
+    """A source file in C, its header, a program that compares, and the ticks that it compares."""
 
     source: str
     header: str
+    test: str
+    ticks: str
 
 
-def files_of(
-    name: str, facts: str, kernels: Source, functions: Sequence[str], use: str, file: str,
-    *types: str,
-) -> Files:  # fmt: skip
-    """Return a source file of kernels and of functions that call them, and its header.
+class _Values:
+    """Values of records as initialisers, and the static arrays that they point to.
 
-    name : what the names of the functions begin with; facts : comments on both
-    use : an example, for the header; types : those that the functions take
-    file : name of the source file
+    is_const : whether they stay as they are; otherwise each array has a copy to begin with
     """
-    joined = '\n\n'.join([*types, *functions])
-    source = filled('source', facts=facts, kernels=kernels.text(), functions=joined)
-    prototypes = (f'{head};' for head in PUBLIC.findall(source))
+
+    def __init__(self, source: Source, is_const: bool) -> None:
+        self._source, self._is_const = source, is_const
+        self.arrays: list[str] = []
+        self.copies: list[str] = []
+
+    def record(self, base: Any, values: Any, name: str) -> str:
+        """Return the values of a record; name : of its arrays."""
+        parts = (
+            f'.{own_name(f.name)} = {self._field(f, getattr(values, f.name), f"{name}_{f.name}")}'
+            for f in fields_of(base)
+        )
+        return f'{{{", ".join(parts)}}}'
+
+    def _field(self, field: Field, values: Any, name: str) -> str:
+        depth = len(field.shape)
+        if field.is_fixed:
+            return self._part(field.base, values, depth, name)
+        sizes = [len(values)] + ([len(values[0]) if len(values) else 0] if depth > 1 else [])
+        flat = [value for row in values for value in row] if depth > 1 else list(values)
+        if not flat:
+            return f'{{{", ".join(["0", *map(str, sizes)])}}}'
+        values_text = self._part(field.base, flat, 1, name)
+        array = Array(field.base, (0,), self._is_const)
+        head, begun = self._source.declared(array, '').removesuffix(' *'), name
+        if not self._is_const:
+            self.arrays.append(f'static {head} {name}[{len(flat)}];')
+            head, begun = f'const {head}', f'{name}_begun'
+            self.copies.append(f'memcpy({name}, {begun}, sizeof {name});')
+        self.arrays.append(f'static {head} {begun}[{len(flat)}] = {values_text};')
+        return f'{{{name}, {", ".join(map(str, sizes))}}}'
+
+    def _part(self, base: Any, values: Any, depth: int, name: str) -> str:
+        if not depth:
+            is_number = base in (float, int)
+            return _number(base(values)) if is_number else self.record(base, values, name)
+        texts = [self._part(base, v, depth - 1, f'{name}_{i}') for i, v in enumerate(values)]
+        zero = texts[0] if set(texts) <= {'0.0', '0', '{0.0}', '{0}'} else ''
+        size = 4 if base in (float, int) else 1
+        rows = (', '.join(texts[i : i + size]) for i in range(0, len(texts), size))
+        text = zero or ',\n    '.join(rows)
+        return f'{{{text}}}'
+
+
+def _number(value: Any) -> str:
+    """Return a value of a record in C."""
+    if math.isfinite(value):
+        return number(value)
+    return 'NAN' if math.isnan(value) else 'INFINITY' if value > 0.0 else '-INFINITY'
+
+
+class _Stage(NamedTuple):
+    """A stage in C: its names; types of settings and memory; values; what begins its memory.
+
+    name : of its memory in that of the chain
+    """
+
+    name: str
+    title: str
+    settings: str
+    memory: str
+    values: list[str]
+    copies: list[str]
+
+
+def _stage(source: Source, link: Link, prefix: str, name: str, flown: Flown) -> _Stage:
+    """Write a stage, with its tables for the ticks; raises InputError if they need a flight."""
+    stage, reads = link.stage, link.reads
+    if not has_kernel(stage):
+        raise InputError(f'{type(stage).__name__} has no kernel')
+    title, settings, memory = f'{prefix}_{name}', class_of(stage.p), class_of(stage.m)
+    inner = _inner(source, stage, title, flown)
+    begun = [n for n in reads if n in flown.signals]
+    stage.answer_ahead(flown.ticks[-1], [float(v) for n in begun for v in flown.of(n)[0]])
+    p, m = values_of(stage.p), values_of(stage.m)
+    if inner is not None:  # C knows it by its name
+        p = SimpleNamespace(**{f.name: getattr(p, f.name) for f in fields_of(settings)})
+        p.step, p.settings, p.memory = 1, 0, 0
+    u, y = (
+        Array(float, (sum(width_of(current(n)) if n else 3 for n in names),), names is reads)
+        for names in (reads, stage.outputs)
+    )
+    given = 'int', u, Record(settings, True), Record(memory, False), y
+    source.function(type(stage).kernel, given, f'{title}_step')
+    types = source.struct(settings, True), source.struct(memory, False)
+    fixed, memory_values = _Values(source, True), _Values(source, False)
+    of_settings = fixed.record(settings, p, f'{title}_p')
+    of_memory = memory_values.record(memory, m, f'{title}_m')
+    values = [
+        *fixed.arrays,
+        wrapped(f'const {types[0]} {title}_p = {of_settings};'),
+        *memory_values.arrays,
+        wrapped(f'const {types[1]} {title}_m0 = {of_memory};'),
+    ]
+    copies = [*memory_values.copies, f'm->{name} = {title}_m0;']
+    if inner is not None:
+        values = [*inner.values, *values]
+        copies += [*inner.copies[:-1], f'{inner.title}_m = {inner.title}_m0;']
+    return _Stage(name, title, *types, values, copies)
+
+
+def _inner(source: Source, stage: KernelStage, title: str, flown: Flown) -> _Stage | None:
+    """Write the stage whose kernel another one calls by its address; return it, if there is one."""
+    inner = getattr(stage, 'inner', None)
+    source.inner = ''
+    if inner is None:
+        return None
+    written = _stage(source, Link(Place.CONTROLLER, inner, inner.inputs), title, 'law', flown)
+    source.declare(f'extern const {written.settings} {written.title}_p;')
+    source.declare(f'static {written.memory} {written.title}_m;')
+    source.inner = written.title
+    return written
+
+
+def _refused(chain: Chain, stage: Stage, why: str) -> str:
+    """Return that a stage cannot be C, and which others can."""
+    others = ','.join(link.stage.name for link in chain.links if link.stage is not stage)
+    instead = f'; `--stages {others}` exports the others' if others else ''
+    return f'stage `{stage.name}` cannot be C: {why}{instead}'
+
+
+def files(about: Sequence[str], chain: Chain, file: str, flown: Flown) -> Files:
+    """Return the C of the stages of a chain; raises InputError.
+
+    about : lines that say what it is
+    file : name of the source file; names in C begin with it
+    flown : ticks whose states the tables of the stages reach to, and that the program compares
+    """
+    stem, source, places = Path(file).stem, Source(), Driver(chain).places
+    prefix = identifier(stem)
+    chain.reset()
+    stages: list[_Stage] = []
+    for i, link in enumerate(chain.links):
+        title = identifier(link.stage.name)
+        title = f'{title}_{i}' if any(title == s.name for s in stages) else title
+        try:
+            stages.append(_stage(source, link, prefix, title, flown))
+        except InputError as error:
+            raise InputError(_refused(chain, link.stage, str(error))) from None
+    begin = [f'    {line}' for s in stages for line in s.copies]
+    tick = [
+        _call(s, i, [places[n] for n in link.reads], places[link.stage.outputs[0]].start)
+        for i, (s, link) in enumerate(zip(stages, chain.links, strict=True), 1)
+    ]
+    tick += [
+        f'    s[{at.start + i}] = s[{places[current(n)].start + i}];'
+        for n, at in places.items()
+        if current(n) != n and current(n) in places
+        for i in range(at.stop - at.start)
+    ]
+    functions = filled('chain', name=prefix, start='\n'.join(begin), tick='\n'.join(tick))
+    inputs = _inputs(chain)
+    facts = '\n'.join(wrapped(f'/* {one_line(line)} */') for line in about)
+    of_chain = [_memory(prefix, stages), _places(prefix, places)]
+    includes = '\n'.join(f'#include <std{word}.h>' for word in ('int', 'lib'))
+    text = filled(
+        'source',
+        facts=facts,
+        kernels=f'{includes}\n#include <string.h>\n\n{source.text()}',
+        functions='\n\n'.join([*of_chain, *(v for s in stages for v in s.values), functions]),
+    )
+    values = [
+        f'extern const {record} {s.title}_{word};'
+        for s in stages
+        for record, word in ((s.settings, 'p'), (s.memory, 'm0'))
+    ]
+    heads = [f'{head};' for head in _PUBLIC.findall(text)]
+    names = {
+        'facts': facts, 'name': prefix, 'size': f'{prefix.upper()}_SIGNALS',
+        'stem': stem.replace('*/', '* /'),
+    }  # fmt: skip
     header = filled(
         'header',
-        facts=facts,
-        source=file.replace('*/', '* /'),
-        use=use,
-        guard=f'{name.upper()}_H',
-        prototypes='\n\n'.join([*types, *prototypes]),
+        **names,
+        guard=f'{prefix.upper()}_H',
+        inputs=_listed(inputs),
+        outputs=_listed(chain.outputs),
+        prototypes='\n\n'.join(
+            ['#include <stdint.h>', source.types(), *of_chain, '\n'.join(values), *heads]
+        ),
     )
-    return Files(source, header)
+    sides = enumerate((inputs, chain.outputs))
+    compared = [(name, places[name], i) for i, names_of in sides for name in names_of]
+    test = filled(
+        'test',
+        **names,
+        signals=',\n'.join(
+            f'    {{"{n}", {at.start}, {at.stop - at.start}, {i}}}' for n, at, i in compared
+        ),
+        count=len(compared),
+        stages=wrapped(', '.join(f'"{s.name}"' for s in stages), 1),
+    )
+    return Files(text, header, test, _ticks(chain, flown))
 
 
-def counts_ticks(controller: AnyController) -> bool:
-    """Whether the answer of a controller depends on the tick."""
-    return not isinstance(controller, FuzzyController) and controller.clock_s is not None
+def _inputs(chain: Chain) -> list[str]:
+    """Return what a chain reads and does not keep itself from one tick to the next."""
+    return [n for n in chain.inputs if current(n) == n or current(n) not in chain.outputs]
 
 
-def facts_of(controller: AnyController) -> str:
-    """Return comments that say what the controller is."""
-    return '\n'.join(f'/* {line} */' for line in formats.facts(controller))
+def _ticks(chain: Chain, flown: Flown) -> str:
+    """Return what goes in and comes out, tick by tick; it ends where a stage cannot go on.
 
-
-def vector(name: str, values: Sequence[float]) -> str:
-    """Return a vector of numbers in C."""
-    return f'static const double {name}[3] = {{{", ".join(map(number, values))}}};'
-
-
-def about_force(at: str = '') -> str:
-    """Return the comment on `NAME_force`; at : what else than the state the force follows from."""
-    return wrapped(f'/* Commanded force [N] of a finite state{at}. {" ".join(formats.GOAL)} */')
-
-
-def force_text(source: Source, controller: AnyController, name: str) -> str:
-    """Add the kernels of a controller to a source; return `NAME_force` in C, which calls them.
-
-    Raises InputError if it does not answer by a kernel.
+    What is not known of the ticks is computed: then C is compared with the kernels of Python.
     """
-    names = (f'{part}[{i}]' for part in ('position_m', 'velocity_m_s') for i in range(3))
-    law, counts = law_of(controller), counts_ticks(controller)
-    source.record('LAW', law.tables)
-    second = 'tick' if counts else '0'
-    if law.scales:
-        second = f'(double3){{{{{", ".join(map(number, law.scales))}}}}}'
-    given = f'const double position_m[3], const double velocity_m_s[3], {"int tick, " * counts}'
+    number, ticks = len(flown.ticks), as_table(flown.ticks, np.int64)
+    signals = {NO_FORCE: np.zeros((number, 3)), **flown.signals}
+    known, count = flown._replace(signals=signals), number
+    for link in chain.links:
+        stage: Any = link.stage
+        read = as_table(np.hstack([*map(known.of, link.reads), np.empty((number, 0))]))
+        places = places_of(stage.outputs)
+        made = as_table(np.zeros((number, places[-1].stop)))
+        count = calls.run_stage(*stage.row, 0, ticks[:count], read, made)
+        for name, place in zip(stage.outputs, places, strict=True):
+            signals.setdefault(name, np.asarray(made)[:, place])
+    count = min(count, number - any(name in NEXT for name in chain.outputs))
+    columns = [known.of(name)[:count] for name in _inputs(chain)]
+    columns += [signals[n][1:][:count] if n in NEXT else signals[n][:count] for n in chain.outputs]
+    rows = zip(flown.ticks, np.hstack(columns).tolist(), strict=False)
+    return ''.join(f'{tick} {" ".join(map(float.hex, row))}\n' for tick, row in rows)
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Return what signals mean, in lines of a comment."""
+    lines = (f'{n} ({width_of(current(n))}): {one_line(row_of(n).meaning)}' for n in names)
+    return '\n'.join(wrapped(f'   - {line}') for line in lines)
+
+
+def _memory(name: str, stages: Sequence[_Stage]) -> str:
+    lines = [f'    {stage.memory} {stage.name};' for stage in stages]
+    head = f'/* What the stages remember; `{name}_start` begins a flight. */\ntypedef struct {{'
+    return '\n'.join([head, *lines, f'}} {name}_memory;'])
+
+
+def _places(name: str, places: dict[str, slice]) -> str:
+    """Return where each signal begins in the array of signals, and how many numbers that has."""
+    words = {re.sub(r'\W+', '_', n or 'no_force').strip('_'): at.start for n, at in places.items()}
+    words['signals'] = max(at.stop for at in places.values())
+    texts = ', '.join(f'{name}_{word}'.upper() + f' = {at}' for word, at in words.items())
+    return wrapped(f'enum {{ {texts} }};')
+
+
+def _call(stage: _Stage, index: int, reads: Sequence[slice], writes: int) -> str:
+    at = [i for place in reads for i in range(place.start, place.stop)] or [0]
+    call = f'{stage.title}_step(tick, u, &{stage.title}_p, &m->{stage.name}, &s[{writes}])'
     return filled(
-        'force',
-        about=about_force(', at a tick of the run' * counts),
-        prototype=wrapped(f'void {name}_force({given}double force_n[3])'),
-        state=wrapped(f'const double6 state = {{{{{", ".join(names)}}}}};', 1),
-        call=f'{source.function(law.kernel).name}(state, {second}, &LAW)',
+        'call',
+        u=wrapped(f'const double u[{len(at)}] = {{{", ".join(f"s[{i}]" for i in at)}}};', 2),
+        call=wrapped(f'if ({call} != 0) {{', 2),
+        index=index,
     )
-
-
-def table(name: str, kind: str, rows: Sequence[Sequence[Any]]) -> str:
-    """Return a table of numbers in C."""
-    lines = ',\n'.join(wrapped('{' + ', '.join(map(number, row)) + '}', 1) for row in rows)
-    return f'static const {kind} {name}[{len(rows)}][{len(rows[0])}] = {{\n{lines}}};'
-
-
-def _self_test(controller: AnyController, name: str) -> str:
-    draw = np.random.default_rng(1)
-    states = np.round(draw.normal(size=(_CASES, 6)) * [30, 30, 30, 0.4, 0.4, 0.4], 3).tolist()
-    if isinstance(controller, Baseline):
-        kernel, law = controller.kernel()
-        forces = [kernel(tuple(s), _TICKS_APART * i, law) for i, s in enumerate(states)]
-    else:
-        forces = [only_fuzzy(controller).force_n(s[:3], s[3:]) for s in states]
-    rows = [(*s, *force) for s, force in zip(states, forces, strict=True)]
-    return filled(
-        'self_test',
-        cases=table('cases', 'double', rows),
-        count=_CASES,
-        name=name,
-        tick=f'{_TICKS_APART} * i, ' * counts_ticks(controller),
-    )
-
-
-def files(controller: AnyController, file: str) -> Files:
-    """Return the C of a controller: `NAME_force` and `NAME_self_test`, and a header.
-
-    file : name of the source file, whose header has an example of its use
-
-    Raises InputError if it is of a kind whose kernels are not known.
-    """
-    name, source = identifier(controller.name), Source()
-    functions = [force_text(source, controller, name)]
-    if isinstance(controller, FuzzyController):
-        axis = source.function(inference.axis_force).name
-        scales = ', '.join(map(number, controller.scales))
-        functions.append(filled('axis', name=name, function=axis, scales=scales))
-    functions.append(_self_test(controller, name))
-    use = (
-        'double force_n[3];\n             '
-        f'{name}_force((double[]){{10.0, 60.0, -40.0}}, (double[]){{0.0, 0.0, 0.0}}, '
-        f'{"0, " * counts_ticks(controller)}force_n);'
-    )
-    return files_of(name, facts_of(controller), source, functions, use, file)
-
-
-_ALLOCATED = 64
-
-
-def allocation_files(name: str, settings: ThrusterTable, file: str) -> Files:
-    """Return the C of a table, `NAME_allocate` and `NAME_self_test`, and its header.
-
-    file : name of the source file. Raises InputError.
-    """
-    made, source = table_of(settings, 1.0, 0.0, None, IDENTITY), Source()
-    source.record('TABLE', made)
-    written = source.function(allocate, ('scratch', type(made), 'scratch'))
-    draw, work, rows = np.random.default_rng(1), as_table(np.zeros(SCRATCH)), []
-    for case in range(_ALLOCATED):
-        size = 0.7 * float(np.sum(made.most)) / 3.0
-        force, torque = draw.normal(size=3) * size, draw.normal(size=3) * (case % 3) * 0.1 * size
-        limits_n = np.array(made.most)
-        limits_n[case % len(limits_n)] *= float(case % 4 > 0)
-        for i, value in enumerate(limits_n.tolist()):
-            work[LIMIT + i] = value
-        wanted = [*force.tolist(), *(value / made.lever for value in torque.tolist())]
-        share, _ = allocate(as_table(wanted), made, work)
-        thrusts = [float(work[THRUST + i]) for i in range(made.number)]
-        rows.append([*force.tolist(), *torque.tolist(), *limits_n.tolist(), *thrusts, float(share)])
-    prefix, count = identifier(name), made.number
-    prototype = wrapped(
-        f'double {prefix}_allocate(const double force_n[3], const double torque_nm[3], '
-        f'const double most_n[{count}], double thrust_n[{count}])'
-    )
-    function = filled(
-        'allocate',
-        prototype=prototype,
-        scratch=SCRATCH,
-        rows=ROWS,
-        lever=number(made.lever),
-        number=count,
-        limit=LIMIT,
-        thrust=THRUST,
-        answer=source.spelled(written.returns),
-        allocate=written.name,
-        cases=table('cases', 'double', rows),
-        name=prefix,
-        count=_ALLOCATED,
-    )
-    facts = wrapped(f'/* thrusters of {name}, in this order: {", ".join(settings.names)} */')
-    use = f'share = {prefix}_allocate(force_n, torque_nm, most_n, thrust_n);'
-    return files_of(prefix, facts, source, [function], use, file)

@@ -2,14 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Kernels in C99: the same operations in the same order, so the same bits.
 
-The constants and tables that the kernels read are known (`Source.record`): what they decide is
-decided here, and the C source has only what is left.
+The compiler must not contract, reorder or compute in wider formats: no `-ffast-math`, and
+`-ffp-contract=off` where the processor has FMA. Whole numbers have 64 bits, as compiled kernels
+have them.
 """
 
 from __future__ import annotations
 
 import ast
 import builtins
+import inspect
 import math
 import textwrap
 from collections import Counter
@@ -18,9 +20,6 @@ from dataclasses import replace
 from types import ModuleType
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from rpo.exports import formats
 from rpo.exports.kernel_source import (
     Array,
     Read,
@@ -32,11 +31,13 @@ from rpo.exports.kernel_source import (
     type_of_value,
 )
 from rpo_core.files.validation import InputError
+from rpo_core.kernels.calls import call
+from rpo_core.kernels.records import Field, fields_of
 from rpo_core.kernels.simd import lanes
 
 _BINARY = {
     ast.Add: ('+', 9), ast.Sub: ('-', 9), ast.Mult: ('*', 10), ast.Div: ('/', 10),
-    ast.FloorDiv: ('/', 10), ast.Mod: ('%', 10),  # of whole numbers >= 0 alone
+    ast.FloorDiv: ('int64_floor', 12), ast.Mod: ('int64_modulo', 12),
     ast.BitAnd: ('&', 4), ast.BitOr: ('|', 4), ast.BitXor: ('^', 4), ast.LShift: ('<<', 4),
     ast.RShift: ('>>', 4),
 }  # fmt: skip
@@ -52,13 +53,6 @@ _KEYWORDS = frozenset((
     'restrict', 'return', 'short', 'signed', 'sizeof', 'static', 'struct', 'switch', 'typedef',
     'union', 'unsigned', 'void', 'volatile', 'while',
 ))  # fmt: skip
-
-
-_TABLES = {
-    'table': 'const double *at; int count;',
-    'ints': 'const signed char *at; int count;',
-    'rows': 'const double *at; int count; int width;',
-}
 
 
 class Written(NamedTuple):
@@ -144,8 +138,8 @@ class Writer:
         for i, name in enumerate(names):
             known = given[i] if i < len(given) else None
             hint = hints.get(name)
-            table = isinstance(known, (str, Record, Array)) and known not in ('int', 'double')
-            self.types[name] = known if table or hint is None else hint
+            is_place = isinstance(known, (Record, Array))
+            self.types[name] = known if is_place or hint is None else hint
         self._parameters = tuple(self.types.items())
         self.key = tuple(self.types.values())
         self._returns = self._returned(hints.get('return'))
@@ -211,7 +205,8 @@ class Writer:
         if node.value is None:
             return [wrapped('return 0;' if self._public else 'return;', block.depth)]
         value = self._as(self.of(node.value, self._returns), self._returns, node)
-        return [wrapped(f'return {value.text};', block.depth)]
+        text = f'(int){value.within(_UNARY)}' if self._public else value.text
+        return [wrapped(f'return {text};', block.depth)]
 
     def _break(self, node: ast.Break | ast.Continue, block: _Block) -> list[str]:
         return [wrapped(f'{ast.unparse(node)};', block.depth)]
@@ -247,7 +242,7 @@ class Writer:
             raise self.refused(target)
         whole, place = self.of(target.value).type, self.of(target)
         is_written = isinstance(whole, (Record, Array)) and not whole.is_const
-        if whole != 'scratch' and not (is_written and place.type in ('int', 'double')):
+        if not (is_written and place.type in ('int', 'double')):
             raise self.refused(target)
         text = f'{place.text} = {self._as(value, place.type, target).text};'
         return wrapped(text, block.depth)
@@ -322,9 +317,7 @@ class Writer:
             return Expression(text, WHOLE, wanted)
         if wanted == 'int' and value.type == 'double':
             raise self.refused(node)
-        if wanted != 'double' or value.type != 'int' or not self._source.wide:
-            return value
-        if value.text.isdigit():
+        if wanted != 'double' or value.type != 'int' or value.text.isdigit():
             return value
         return Expression(f'(double){value.within(_UNARY)}', _UNARY, 'double')
 
@@ -359,7 +352,7 @@ class Writer:
         more = f'{name}++' if step == '1' else f'{name} += {step}'
         test = '>' if step.startswith('-') else '<'
         first = f'{self._source.spelled("int")} {name} = {start}'
-        if self._source.wide and not stop.isidentifier() and not stop.isdigit():
+        if not stop.isidentifier() and not stop.isdigit():
             first, stop = f'{first}, end_{name} = {stop}', f'end_{name}'
         head = f'for ({first}; {name} {test} {stop}; {more}) {{'
         lines = [wrapped(head, block.depth), *self._block(node.body, block.depth + 1)]
@@ -391,7 +384,7 @@ class Writer:
         return self._global(node.id, self._names.get(node.id), node)
 
     def _global(self, name: str, value: Any, node: ast.expr) -> Expression:
-        if isinstance(value, tuple) and self._source.wide:
+        if isinstance(value, tuple):
             parts = ast.Tuple([ast.Constant(part) for part in value])
             if not hasattr(value, '_fields'):
                 return self.of(parts)
@@ -431,14 +424,6 @@ class Writer:
         text = whole.within(WHOLE)
         if isinstance(whole.type, Array):
             return self._element(whole.type, text, index)
-        if whole.type == 'scratch':
-            return Expression(f'{text}[{index.text}]', WHOLE, 'double')
-        if whole.type == 'rows':
-            row = f'(table){{{text}.at + {text}.width * ({index.text}), {text}.width}}'
-            return Expression(row, WHOLE, 'table')
-        if whole.type in ('table', 'ints'):
-            element = 'int' if whole.type == 'ints' else 'double'
-            return Expression(f'{text}.at[{index.text}]', WHOLE, element)
         if not isinstance(whole.type, tuple):
             raise self.refused(node)
         return self.part(whole, index.text, node)
@@ -489,7 +474,8 @@ class Writer:
             if isinstance(node.op, _WHOLE_ALONE):
                 raise self.refused(node)
             left, right = self._as(left, 'double', node), self._as(right, 'double', node)
-        elif name := self._source.operator(type(node.op), self._is_long(node)):
+        elif rank == WHOLE or (sign == '*' and self._is_long(node)):
+            name = 'int64_product' if sign == '*' else sign
             return Expression(f'{name}({left.text}, {right.text})', WHOLE, 'int')
         elif rank == _BITS:
             return Expression(f'{left.within(_UNARY)} {sign} {right.within(_UNARY)}', rank, 'int')
@@ -569,6 +555,8 @@ class Writer:
             called = self._names.get(name, getattr(builtins, name, None))
         else:
             raise self.refused(node)
+        if called is call:
+            return self._by_address(node)
         given = [self.of(argument) for argument in node.args]
         if called is lanes:  # one after the other
             return given[0]
@@ -578,9 +566,7 @@ class Writer:
                 raise self.refused(node)
             text = f'{given[0].text}.count' if length is None else str(length)
             return Expression(text, WHOLE, 'int')
-        if called is len and isinstance(given[0].type, str):
-            return Expression(f'{given[0].text}.count', WHOLE, 'int')
-        if called is abs and given[0].type == 'int' and self._source.wide:
+        if called is abs and given[0].type == 'int':
             return Expression(f'llabs({given[0].text})', WHOLE, 'int')
         if called in (math.sqrt, abs):
             name = 'sqrt' if called is math.sqrt else 'fabs'
@@ -610,6 +596,16 @@ class Writer:
         )
         return Expression(f'{written.name}({", ".join(texts)})', WHOLE, written.returns)
 
+    def _by_address(self, node: ast.Call) -> Expression:
+        """Return the call of the kernel that has an address when it flies (`calls.call`)."""
+        tick, u, y, first = (self.of(node.args[i]) for i in (1, 2, 5, 6))
+        stage, inputs = self._source.inner, f'{u.text}.at' if None in u.type.shape else u.text
+        if not stage:
+            raise self.refused(node)
+        memory = f'&{stage}_p, &{stage}_m'
+        text = f'{stage}_step({tick.text}, {inputs}, {memory}, {y.text} + {first.text})'
+        return Expression(text, WHOLE, 'int')
+
     def _built(self, tuple_class: Any, parts: Sequence[Expression], node: ast.AST) -> Expression:
         """Return a named tuple of parts."""
         record = Record(tuple_class, True, is_value=True)
@@ -621,60 +617,140 @@ class Writer:
         return Expression(text, WHOLE, record)
 
 
-class Source:
-    """C99 source of some kernels, of what they call, and of the constants that they read.
+_FUNCTIONS = {
+    'int64_floor': """static int64_t int64_floor(int64_t a, int64_t b)
+{
+    return a / b - (a % b != 0 && (a < 0) != (b < 0));
+}""",
+    'int64_modulo': """static int64_t int64_modulo(int64_t a, int64_t b)
+{
+    const int64_t rest = a % b;
+    return rest != 0 && (rest < 0) != (b < 0) ? rest + b : rest;
+}""",
+    'int64_product': """static int64_t int64_product(int64_t a, int64_t b)
+{
+    return (int64_t)((uint64_t)a * (uint64_t)b); /* it may wrap around */
+}""",
+}
 
-    wide : whether whole numbers have 64 bits, as compiled kernels have them
+
+class Source:
+    """C99 source of some kernels, of what they call, and of the records that they read.
+
+    inner : what the names of the stage begin with whose kernel the next one calls by its address
     """
 
-    wide = False
-
     def __init__(self) -> None:
-        self._records: dict[type, tuple[str, Any]] = {}
-        self._read: dict[type, dict[str, None]] = {}
+        self.inner = ''
         self._tuples: dict[str, str] = {}
         self._constants: dict[str, float] = {}
         self._functions: dict[Any, Written] = {}
         self._names: set[str] = set()  # of functions
+        self._structs: dict[tuple[Any, bool], str] = {}
+        self._typedefs: dict[str, str] = {}
+        self._declarations: list[str] = []
 
-    def record(self, name: str, value: Any) -> None:
-        """Let kernels read a NamedTuple of numbers and tables; C has it under the name."""
-        self._records[type(value)] = (name, value)
-
-    def operator(self, _operator: type[ast.operator], _is_long: bool) -> str:
-        """Return the function that stands for an operator of whole numbers, '' for none."""
-        return ''
+    def declare(self, text: str) -> None:
+        """Let functions use a variable that is defined after them."""
+        self._declarations.append(text)
 
     def declared(self, type_: Type, name: str, fixed: bool = False) -> str:
         """Return a declaration of a name; fixed : it is written once."""
-        text = f'{self.spelled(type_)} {name}'.replace('* ', '*')
-        return f'const {text}' if fixed else text
+        if not isinstance(type_, Array) or None in type_.shape:
+            text = f'{self.spelled(type_)} {name}'.replace('* ', '*')
+            is_place = isinstance(type_, Record) and not type_.is_value
+            return f'const {text}' if fixed and not is_place else text
+        const = 'const ' if type_.is_const else ''
+        sizes = ''.join(f'[{n}]' for n in type_.shape[1:])
+        place = f'(*{name}){sizes}' if sizes else f'*{name}'
+        return f'{const}{self._base(type_.base, type_.is_const)} {place}'
 
     def spelled(self, type_: Type) -> str:
         """Return a type as C has it."""
         if isinstance(type_, tuple):
-            alike = set(type_) == {'double'}
-            types = list(map(self.spelled, type_))
-            parts = zip(type_, types, strict=True)
-            letters = ''.join(k[0] if isinstance(k, str) else f'_{name}' for k, name in parts)
-            name = f'double{len(type_)}' if alike else f'all_{letters}'
-            fields = ' '.join(f'{k} f{i};' for i, k in enumerate(types))
-            self._tuples[name] = f'double at[{len(type_)}];' if alike else fields
-            return name
-        if type_ == 'scratch':
-            return 'double *'
-        return f'const {type_.__name__} *' if isinstance(type_, type) else str(type_)
+            return self._tuple(type_)
+        if isinstance(type_, Record) and type_.is_value:
+            return self._value_struct(type_)
+        if isinstance(type_, Record):
+            const = 'const ' if type_.is_const else ''
+            return f'{const}{self.struct(type_.base, type_.is_const)} *'
+        if isinstance(type_, Array) and None not in type_.shape:
+            return self.declared(type_, '')
+        if isinstance(type_, Array):
+            return self._list(type_.base, len(type_.shape), type_.is_const)
+        return 'int64_t' if type_ == 'int' else str(type_)
+
+    def _tuple(self, types: tuple[Type, ...]) -> str:
+        spelled = list(map(self.spelled, types))
+        if set(types) == {'double'}:
+            name, fields = f'double{len(types)}', f'double at[{len(types)}];'
+        else:
+            pairs = zip(types, spelled, strict=True)
+            letters = (k[0] if isinstance(k, str) else f'_{name}' for k, name in pairs)
+            name = f'all_{"".join(letters)}'
+            fields = ' '.join(f'{k} f{i};' for i, k in enumerate(spelled))
+        self._tuples[name] = fields
+        return name
+
+    def field(self, record: Record, name: str) -> Type:
+        """Return the type of a field of a record."""
+        field = next(field for field in fields_of(record.base) if field.name == name)
+        if field.shape and record.is_value:
+            return ('double',) * (field.shape[0] or 0)
+        if field.shape:
+            return Array(field.base, field.shape, record.is_const)
+        if field.base in (float, int):
+            return 'double' if field.base is float else 'int'
+        return Record(field.base, record.is_const)
+
+    def _value_struct(self, record: Record) -> str:
+        """Return the name of the struct of a named tuple that a kernel makes: it has no arrays."""
+        fields = fields_of(record.base)
+        if not any(field.shape for field in fields):
+            return self.struct(record.base, True)
+        types = ((f.name, self.spelled(self.field(record, f.name))) for f in fields)
+        name = f'{record.base.__name__}_value'
+        self._tuples[name] = ' '.join(f'{spelled} {own_name(f)};' for f, spelled in types)
+        return name
+
+    def struct(self, record: Any, is_const: bool) -> str:
+        """Return the name of a record's struct; what arrays of any length hold may be const."""
+        key = record, is_const or not _has_lists(record)
+        if key not in self._structs:
+            lines = [f'    {self._member(field, is_const)};' for field in fields_of(record)]
+            name, taken = own_name(record.__name__), self._typedefs
+            name = f'{name}_{len(taken)}' if name in taken else name
+            self._structs[key] = name
+            about = (inspect.getdoc(record) or '').replace('*/', '* /')
+            body = '\n'.join(['typedef struct {', *lines, f'}} {name};'])
+            self._typedefs[name] = f'/* {about} */\n{body}' if about else body
+        return self._structs[key]
+
+    def _base(self, base: Any, is_const: bool) -> str:
+        if base in (float, int):
+            return 'double' if base is float else 'int64_t'
+        return self.struct(base, is_const)
+
+    def _member(self, field: Field, is_const: bool) -> str:
+        if not field.is_fixed:
+            return f'{self._list(field.base, len(field.shape), is_const)} {own_name(field.name)}'
+        sizes = ''.join(f'[{n}]' for n in field.shape)
+        return f'{self._base(field.base, is_const)} {own_name(field.name)}{sizes}'
+
+    def _list(self, base: Any, dimensions: int, is_const: bool) -> str:
+        """Return the name of the struct of an array of any length."""
+        of = self._base(base, is_const)
+        const, words = ('const ', 'const_') if is_const else ('', '')
+        name = f'{words}{of}_{"rows" if dimensions > 1 else "list"}'
+        counts = 'count, width' if dimensions > 1 else 'count'
+        self._typedefs[name] = f'typedef struct {{ {const}{of} *at; int64_t {counts}; }} {name};'
+        return name
 
     def constant(self, name: str, value: float) -> str:
         """Return the name of a constant of a module; another one where two are different."""
         while self._constants.setdefault(name, value) != value:
             name = f'{name}_'
         return name
-
-    def field(self, record: Any, name: str) -> Type:
-        """Return the type of a field of a record, which is read."""
-        self._read.setdefault(record, {})[name] = None
-        return type_of_value(getattr(self._records[record][1], name))
 
     def function(
         self, kernel: Callable[..., Any], given: Sequence[Type] = (), public: str = ''
@@ -684,8 +760,7 @@ class Source:
         public : its name, if others call it
         """
         function = plain(kernel)
-        constants = {kind: value for kind, (_, value) in self._records.items()}
-        writer = Writer(self, read(function, constants), given, bool(public))
+        writer = Writer(self, read(function), given, bool(public))
         key = function, writer.key, public
         if key not in self._functions:
             name = public or f'rpo_{function.__name__}'
@@ -694,19 +769,19 @@ class Source:
             self._functions[key] = writer.written(name)
         return self._functions[key]
 
+    def types(self) -> str:
+        """Return the structs."""
+        return '\n\n'.join(self._typedefs.values())
+
     def text(self) -> str:
         """Return types, constants and functions, each before what needs it."""
-        blocks = [
-            *(block for kind in self._records for block in self._constants_of(kind)),
-            *(written.text for written in self._functions.values()),
-        ]
-        body = '\n\n'.join(blocks)
-        types = [
-            *((name, fields) for name, fields in _TABLES.items() if f'{name} ' in body),
-            *self._tuples.items(),
-        ]
-        lines = [f'typedef struct {{ {fields} }} {name};' for name, fields in types]
-        return '\n\n'.join(filter(None, ['\n'.join(lines), self._numbers(), body]))
+        functions = [written.text for written in self._functions.values()]
+        body = '\n\n'.join(functions)
+        tuples = '\n'.join(f'typedef struct {{ {f} }} {n};' for n, f in self._tuples.items())
+        declarations = '\n'.join(self._declarations)
+        used = (text for name, text in _FUNCTIONS.items() if f'{name}(' in body)
+        blocks = [self.types(), tuples, self._numbers(), declarations, *used, *functions]
+        return '\n\n'.join(filter(None, blocks))
 
     def _numbers(self) -> str:
         short = {n: isinstance(v, int) and abs(v) <= MAX_INT for n, v in self._constants.items()}
@@ -715,27 +790,9 @@ class Source:
         others = {n: v for n, v in self._constants.items() if not short[n]}
         return '\n'.join([*lines, *(f'#define {n} {number(v)}' for n, v in others.items())])
 
-    def _constants_of(self, record: type) -> list[str]:
-        name, value = self._records[record]
-        members: dict[str, list[str]] = {}
-        given, arrays = [], []
-        for field in self._read.get(record, ()):
-            value_, member = getattr(value, field), own_name(field)
-            typed = type_of_value(value_)
-            members.setdefault(typed, []).append(member)
-            if typed in _TABLES:
-                array, element = np.asarray(value_), 'signed char' if typed == 'ints' else 'double'
-                sizes = ', '.join(map(str, array.shape))
-                given.append(f'    .{member} = {{{name}_{field}, {sizes}}},')
-                head = f'static const {element} {name}_{field}[{array.size}]'
-                arrays.append(f'{head} = {{\n{formats.listed(array.ravel(), 4, 96)}}};')
-            else:
-                given.append(f'    .{member} = {number(value_)},')
-        if not members:
-            return []
-        lines = [wrapped(f'{typed} {", ".join(names)};', 1) for typed, names in members.items()]
-        return [
-            *arrays,
-            '\n'.join(['typedef struct {', *lines, f'}} {record.__name__};']),
-            '\n'.join([f'static const {record.__name__} {name} = {{', *given, '};']),
-        ]
+
+def _has_lists(record: Any) -> bool:
+    return any(
+        not field.is_fixed or (field.base not in (float, int) and _has_lists(field.base))
+        for field in fields_of(record)
+    )

@@ -17,29 +17,36 @@ from rpo.display import print_table, progress
 
 
 def export(
-    controller: Annotated[str, Argument(help='shipped name or file')],
+    subject: Annotated[
+        str,
+        Argument(
+            metavar='SUBJECT', help='controller or scenario, shipped name or file; or run folder'
+        ),
+    ],
     to: Annotated[str, Option(help='fis (MATLAB), fll (FuzzyLite), json or c')],
     output: Annotated[
         Path | None,
-        Option('--output', '-o', help='file, - for the terminal  [named after the controller]'),
+        Option('--output', '-o', help='file, - for the terminal  [named after the subject]'),
     ] = None,
-    assurance: Annotated[
-        str | None,
-        Option(
-            metavar='SCENARIO',
-            help='with c: the assurance filter of a scenario too, shipped name or file',
-        ),
+    controller: Annotated[
+        str | None, Option(help='of a scenario, shipped name or file  [allround]')
     ] = None,
+    stages: Annotated[
+        str, Option(help='of a scenario or run, separated by commas, or all  [those on board]')
+    ] = '',
+    changes: Set = None,
 ) -> None:
-    """Write a controller for MATLAB or FuzzyLite, as JSON or C99.
+    """Write a controller for MATLAB or FuzzyLite, as JSON or C99; or a scenario or run as C99.
 
-    The C function needs nothing else, and gives the bits of the flown controller. The header beside
-    the C file shows how to call and compile it.
+    Of a scenario or run, the stages on board are one C file: one call per tick from measurements to
+    commands, with the bits that fly. Beside it are a header, which says how to compile and call it,
+    a program that flies the ticks of the flight or the log again and compares, and these ticks.
     """
     from rpo.door.conversion import exported
     from rpo.montecarlo.outputs import make_folder
+    from rpo_core.scenario import overrides
 
-    texts = exported(controller, to, output, assurance)
+    texts = exported(subject, to, output, controller, stages, overrides.read(changes or []))
     if output == Path('-'):
         typer.echo(texts[output], nl=False)
         return

@@ -6,13 +6,12 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from typer import Argument, Option
 
-from rpo.cli.commands.shared import Controller, NoFail, Set, end, interruptible, write_texts
+from rpo.cli.commands.shared import Controller, NoFail, Set, end, interruptible
 from rpo.display import print_table, progress
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.files.validation import InputError
@@ -238,7 +237,6 @@ def thrusters(
         str, Argument(help='preset, or scenario with `thrusters.table`', metavar='TABLE')
     ] = 'pairs_12',
     pairs: Annotated[bool, Option('--pairs', help='any two failures, not one')] = False,
-    source: Annotated[Path | None, Option('--c', help='write the allocation in C instead')] = None,
     changes: Set = None,
 ) -> None:
     """Print the force that thrusters have without torque, whole and with failures.
@@ -247,7 +245,6 @@ def thrusters(
     `max_force_n` of the scenario, at once; none: to some side there is no force. Failures that the
     scenario knows are in every row.
     """
-    from rpo.exports import c
     from rpo_core.scenario import overrides
     from rpo_core.thrusters import table as thruster_table
     from rpo_core.thrusters.table import PRESETS, ThrusterTable
@@ -260,10 +257,6 @@ def thrusters(
         if found.thrusters is None or found.thrusters.table is None:
             raise InputError(f'scenario {found.name} must have `thrusters.table`; it has none')
         settings, limit_n = found.thrusters.table, float(found.max_force_n)
-    if source is not None:
-        text, header = c.allocation_files(table, settings, source.name)
-        write_texts({source: text, source.with_suffix('.h'): header})
-        return
     rows, left = [], Counter[str]()
     known = {f.thruster: f.stuck for f in settings.failures if f.known}
     for stuck in [{}, *thruster_table.failures(settings, pairs)]:

@@ -200,6 +200,16 @@ class KernelStage(Stage):
         """Write into p and m what a kernel needs that returned ASK."""
         raise NotImplementedError
 
+    def answer_ahead(self, ticks: int, u: Sequence[float]) -> None:
+        """Write into p and m what the kernel needs in a flight: for C, where nobody answers.
+
+        ticks : of the flight; u : what the stage reads at tick 0
+
+        Raises InputError if that follows from the flight.
+        """
+        if type(self).answer is not KernelStage.answer:
+            raise InputError('it plans in flight')
+
     @property
     def row(self) -> tuple[Any, Any, Any]:
         """The kernel, its settings and its memory as `calls.call` takes them."""

@@ -337,6 +337,13 @@ class AssuranceStage(KernelStage):
         elif self.abort is not None:
             self.abort.answer(tick)
 
+    def answer_ahead(self, ticks: int, u: Sequence[float]) -> None:
+        """Give the kernel the axes of the target in a flight."""
+        if self.abort is not None:
+            raise InputError('`assurance.abort` decides in flight; take it out of the scenario')
+        if self.motion is not None:
+            self.p.frames = as_rows(self.motion.frames(ticks + self.delay_ticks + 2), Frame)
+
     def take_event(self, tick: int, state: str) -> None:
         """Take a command to the abort table, or word of a missing one."""
         if self.abort is not None:

@@ -349,6 +349,11 @@ class PointingStage(KernelStage):
         assert self._motion is not None
         self.m.first, self.m.attitudes, self.m.frames = self._motion.block_of(tick)
 
+    def answer_ahead(self, ticks: int, u: Sequence[float]) -> None:
+        """Write the known attitudes of the target in a flight."""
+        if self._motion is not None:
+            self.m.attitudes, self.m.frames = self._motion.table(0, ticks + 1)
+
 
 def _check(settings: Pointing, scenario: Any) -> None:
     """Raise InputError where a docked chaser would look away from the port."""

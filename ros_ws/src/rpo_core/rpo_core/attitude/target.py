@@ -279,8 +279,12 @@ class Motion:
     def block_of(self, tick: int) -> tuple[int, Any, Any]:
         """Return the block of a tick: its first tick, attitudes (n, 7), frames (n, 15)."""
         first = tick // _BLOCK * _BLOCK
-        attitudes = self._have(first + _BLOCK)[first : first + _BLOCK]
-        return first, as_table(attitudes), as_table(self.block(first, _BLOCK))
+        return first, *self.table(first, _BLOCK)
+
+    def table(self, first: int, count: int) -> tuple[Any, Any]:
+        """Return attitudes (count, 7) and frames (count, 15) of ticks from the first one on."""
+        attitudes = self._have(first + count)[first : first + count]
+        return as_table(attitudes), as_table(self.block(first, count))
 
     def frame(self, tick: int) -> Frame:
         """Return the frame at a tick."""

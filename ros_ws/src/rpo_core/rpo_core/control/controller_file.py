@@ -111,10 +111,12 @@ class Followed:
 
     inputs : of the controller
     outputs : of one without a kernel; then 1.0 where they are those of this tick
+    origin : (9,) state and force of this tick that the controller gets states relative to
     """
 
     inputs: list[float]
     outputs: list[float]
+    origin: Annotated[list[float], 9]
 
 
 @step_kernel
@@ -125,17 +127,18 @@ def follow(tick: int, u: Any, p: Any, m: Any, y: Any) -> int:
         (6,) and the force F_o (3,) [N] that it needs, else those of the goal; then, if compensated,
         the disturbance D (3,) [N]; all of target LVLH
     """
-    inputs, outputs, origin, first = m.inputs, m.outputs, p.goal, 0
+    inputs, outputs, origin = m.inputs, m.outputs, m.origin
     size, width = len(inputs), len(y)
-    if p.guided != 0:
-        origin, first = u, size
+    if p.relative != 0:
+        for i in range(9):
+            origin[i] = u[size + i] if p.guided != 0 else p.goal[i]
     if outputs[width] == 0.0:
         for i in range(size):
             inputs[i] = u[i]
         if p.relative != 0:
             for k in range(len(p.states)):
                 for i in range(6):
-                    inputs[p.states[k] + i] -= origin[first + i]
+                    inputs[p.states[k] + i] -= origin[i]
         if p.step == 0:
             return ASK
         asked = call(p.step, tick, inputs, p.settings, p.memory, y, 0, width)
@@ -147,7 +150,7 @@ def follow(tick: int, u: Any, p: Any, m: Any, y: Any) -> int:
             y[i] = outputs[i]
     if p.relative != 0:
         for i in range(3):
-            y[p.force + i] += origin[first + 6 + i]
+            y[p.force + i] += origin[6 + i]
     if p.compensated != 0:
         opposed = size + 9 * p.guided
         for i in range(3):
@@ -165,6 +168,7 @@ class FollowStage(KernelStage):
     Its kernel calls that of the controller; a controller without one answers as Python, once a
     tick.
 
+    inner : the controller
     goal : state (6,) [m, m/s] and force (3,) [N], target LVLH; None: those of the signals of
         guidance, if `guided`, or none
     compensated : whether the disturbance [N] estimated at a tick is taken from its command
@@ -175,7 +179,7 @@ class FollowStage(KernelStage):
     def __init__(
         self, inner: Stage, goal: tuple[State, Vector] | None, guided: bool, compensated: bool
     ) -> None:
-        self._inner = inner
+        self.inner = inner
         self.name, self.outputs = inner.name, inner.outputs
         followed = (interfaces.REFERENCE_STATE, interfaces.REFERENCE_FORCE) if guided else ()
         opposed = (interfaces.ESTIMATED_DISTURBANCE,) if compensated else ()
@@ -188,30 +192,33 @@ class FollowStage(KernelStage):
         numbers = [x for values in goal or () for x in values]
         super().__init__(
             Following(0, 0, 0, states, *flags, force, numbers),
-            Followed([0.0] * self._read[-1].stop, [0.0] * (made[-1].stop + 1)),
+            Followed([0.0] * self._read[-1].stop, [0.0] * (made[-1].stop + 1), [0.0] * 9),
         )
         self.reset()
 
     @property
     def row(self) -> tuple[Any, Any, Any]:
         """The kernel, its settings and its memory; the settings have those of the controller."""
-        if self._row is None and has_kernel(self._inner):
-            self.p.step, self.p.settings, self.p.memory = self._inner.row
+        if self._row is None and has_kernel(self.inner):
+            self.p.step, self.p.settings, self.p.memory = self.inner.row
         return super().row
 
     def reset(self) -> None:
         """Forget all earlier ticks."""
         super().reset()
-        self._inner.reset()
+        self.inner.reset()
         self._given, self._made = self.m.inputs, self.m.outputs
+
+    def answer_ahead(self, ticks: int, u: Any) -> None:
+        """Do nothing: the controller is asked itself."""
 
     def answer(self, tick: int, u: Any) -> None:
         """Let the controller plan, or answer itself if it has no kernel."""
-        if has_kernel(self._inner):
-            self._inner.answer(tick, self._given)
+        if has_kernel(self.inner):
+            self.inner.answer(tick, self._given)
             return
         given = self._given.tolist() if COMPILED else self._given
-        outputs = self._inner.step(tick, *[tuple(given[place]) for place in self._read])
+        outputs = self.inner.step(tick, *[tuple(given[place]) for place in self._read])
         self._made[:] = [*chain.from_iterable(outputs), 1.0]
 
 

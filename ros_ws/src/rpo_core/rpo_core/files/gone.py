@@ -32,7 +32,11 @@ GONE: dict[str, dict[str, str]] = {
             ('evaluate --starts', 'evaluate --csv'), '`rpo report CONTROLLER`, which draws them'
         ),
         'evaluate --output': 'the tables of `rpo evaluate --robustness`',
-        'export --scenario': '`--assurance`, or subtract the goal as the header says',
+        **dict.fromkeys(
+            ('export --scenario', 'export --assurance'),
+            '`rpo export SCENARIO --to c --controller NAME`',
+        ),
+        'safety thrusters --c': '`rpo export SCENARIO --to c --stages thrusters`',
         'truth --plot': 'the tables of `rpo truth`',
         **dict.fromkeys(
             ('plan --margins', 'plan --sample'),

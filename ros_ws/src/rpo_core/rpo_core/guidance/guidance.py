@@ -318,7 +318,7 @@ class UnderWay:
     commanded : tick of the next command
     holds : 0, WAITS or MAY_END
     dwell_s, within_m, within_m_s, timeout_s : when it may end, as its leg says
-    docks : whether the chaser docks at the port
+    docks : tick from which the chaser docks at the port
     rows : (n, 9) references [m, m/s] and forces [N] tick by tick, the last for the ticks that
         follow; empty: it drifts
     axes : (n, 15) of the target at these ticks, if it turns and the chaser docks
@@ -339,7 +339,7 @@ class UnderWay:
     within_m: float = 0.0
     within_m_s: float = 0.0
     timeout_s: float = 0.0
-    docks: int = 0
+    docks: int = FAR
 
 
 @kernel
@@ -372,7 +372,7 @@ def why_asked(tick: int, u: Any, p: Any, m: Any) -> int:
             speed = norm(u[3] - r[3], u[4] - r[4], u[5] - r[5])
             if lacking(held_s, error, speed, m.dwell_s, m.within_m, m.within_m_s) == 0:
                 return READY
-    if m.docks != 0:
+    if tick >= m.docks:
         port = p.port_m[0], p.port_m[1], p.port_m[2]
         ahead = p.ahead[0], p.ahead[1], p.ahead[2]
         if len(m.axes) > 0:
@@ -515,11 +515,25 @@ class GuidanceStage(KernelStage):
         self._announce()
         self._write(tick)
 
+    def answer_ahead(self, ticks: int, u: Any) -> None:
+        """Plan all legs, from the state of tick 0 on; it ends where the chaser docks."""
+        waits = [leg.name for leg in self.settings.legs if leg.kind == HOLD]
+        if waits:
+            raise InputError(f'leg {waits[0]} is a hold: when it ends follows from the flight')
+        m, docks, rows = self.m, FAR, np.empty((ticks + 1, 9))
+        x, y, z, vx, vy, vz = map(float, u)
+        for tick, count, flown, _ in self.phases((x, y, z, vx, vy, vz), ticks):
+            docks = min(docks, tick) if self._docks else FAR
+            flown.fill(rows[tick : tick + count])
+        m.rows, m.docks, m.until = as_table(rows), docks, FAR if self.rests else ticks + 1
+        if docks < FAR and self._motion is not None:
+            m.axes, m.until = as_table(self._motion.frames(ticks + 1)), ticks + 1
+
     def _write(self, tick: int) -> None:
         """Write the phase under way into the memory of the kernel, from a tick on."""
         m, flown, leg = self.m, self._flown, self._leg
         m.first, m.begins, m.until = tick, self._since, FAR
-        m.rows, m.axes, m.holds, m.docks = [], [], 0, int(self._docks)
+        m.rows, m.axes, m.holds, m.docks = [], [], 0, tick if self._docks else FAR
         if leg is not None and leg.kind == HOLD:
             m.holds = MAY_END if leg.go == AUTO or self._go else WAITS
             m.dwell_s, m.within_m, m.within_m_s = leg.dwell_s, leg.within_m, leg.within_m_s
@@ -535,7 +549,7 @@ class GuidanceStage(KernelStage):
         m.rows = rows
         if not rests:
             m.until = tick + ticks
-        if m.docks and self._motion is not None:
+        if self._docks and self._motion is not None:
             m.axes, m.until = as_table(self._motion.frames(tick + ticks)[tick:]), tick + ticks
 
     @property

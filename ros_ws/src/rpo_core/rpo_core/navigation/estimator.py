@@ -475,7 +475,7 @@ def estimate(tick: int, u: Any, p: Any, m: Any, y: Any) -> int:
     from there to this tick the motion, and what has come already, are computed anew. So each
     measurement is taken at the tick it belongs to.
     """
-    if p.at_port and not 0 <= tick - p.port.first < PORT_TICKS:
+    if p.at_port and not 0 <= tick - p.port.first < len(p.port.positions):
         return ASK
     if m.origin < 0:
         _begin(tick, p, m)
@@ -692,7 +692,12 @@ class EstimatorStage(KernelStage):
 
     def answer(self, tick: int, u: Sequence[float]) -> None:
         """Compute where the port is."""
-        self.p.port = self._port.block(tick)
+        self._port.write(self.p, tick - tick % PORT_TICKS, PORT_TICKS)
+
+    def answer_ahead(self, ticks: int, u: Sequence[float]) -> None:
+        """Compute where the port is in a flight."""
+        if self.p.at_port:
+            self._port.write(self.p, 0, ticks + 1)
 
     def passes_on(self) -> tuple[int | Signal, ...]:
         """Return that the state is what the first sensor measured; all else is zero."""

@@ -54,14 +54,12 @@ PORT_TICKS = 512
 class PortBlock:
     """Where the port is, tick by tick.
 
-    first : tick of the first position; below zero where there is none yet
-    positions : (PORT_TICKS, 3) [m], target LVLH
+    first : tick of the first position
+    positions : (n, 3) [m], target LVLH; empty where there is none yet
     """
 
-    first: int = -PORT_TICKS
-    positions: Annotated[list[list[float]], PORT_TICKS, 3] = field(
-        default_factory=lambda: [[0.0, 0.0, 0.0]] * PORT_TICKS
-    )
+    first: int = 0
+    positions: list[list[float]] = field(default_factory=list)
 
 
 @dataclass(slots=True)
@@ -274,7 +272,7 @@ def sense(tick: int, u: Any, p: Any, m: Any, y: Any) -> int:
         rotates with it
     y : message (24,) of each sensor, see `describe`
     """
-    if p.at_port and not 0 <= tick - p.port.first < PORT_TICKS:
+    if p.at_port and not 0 <= tick - p.port.first < len(p.port.positions):
         return ASK
     for i in range(len(p.sensors)):
         s, sensor = p.sensors[i], m.sensors[i]
@@ -650,12 +648,12 @@ class PortMotion:
         self._port = settings.port_m
         self._motion = motion_of(target.known if known else target, scenario)
 
-    def block(self, tick: int) -> PortBlock:
-        """Return the block of a tick."""
-        first, (x, y, z) = tick - tick % PORT_TICKS, self._port
-        rows = self._motion.block(first, PORT_TICKS)[:, :9].reshape(-1, 3, 3)
+    def write(self, p: Any, first: int, ticks: int) -> None:
+        """Write where it is in some ticks into the settings of a kernel."""
+        x, y, z = self._port
+        rows = self._motion.block(first, ticks)[:, :9].reshape(-1, 3, 3)
         positions = rows[:, :, 0] * x + rows[:, :, 1] * y + rows[:, :, 2] * z
-        return PortBlock(first, as_table(positions))
+        p.port.first, p.port.positions = first, as_table(positions)
 
 
 def first_tick(time_s: float, scenario: Any) -> int:
@@ -683,7 +681,7 @@ class SensorsStage(KernelStage):
 
     def answer(self, tick: int, u: Sequence[float]) -> None:
         """Compute where the port is."""
-        self.p.port = self._port.block(tick)
+        self._port.write(self.p, tick - tick % PORT_TICKS, PORT_TICKS)
 
     def passes_on(self) -> tuple[int | Signal, ...]:
         """Return that each measurement is the true state."""

@@ -34,7 +34,7 @@ from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.jit import step_kernel
 from rpo_core.stage import ZERO, KernelStage, Place, Section, Stage, register
 from rpo_core.thrusters import allocation_kernels, pulse_kernels
-from rpo_core.thrusters.allocation_kernels import MOST_THRUSTERS, ROWS, SCRATCH, Table
+from rpo_core.thrusters.allocation_kernels import MOST_THRUSTERS, ROWS, SCRATCH, THRUST, Table
 from rpo_core.thrusters.pulse_kernels import OFF, ON, Spent, Tank, Valves
 from rpo_core.thrusters.table import (
     IDENTITY,
@@ -445,6 +445,7 @@ class Allocated:
 
     failures : see `allocation_kernels.fire`; a switch in flight changes them
     carried_n_s, was_open, scratch, wanted_n : see there
+    thrusts_n : of each thruster in the last tick
     delta_v_m_s, propellant_kg, openings : see `Spent`
     """
 
@@ -452,6 +453,7 @@ class Allocated:
     failures: list[list[int]]
     carried_n_s: Annotated[list[float], ROWS]
     was_open: Annotated[list[float], MOST_THRUSTERS]
+    thrusts_n: Annotated[list[float], MOST_THRUSTERS]
     scratch: Annotated[list[float], SCRATCH]
     wanted_n: Annotated[list[float], ROWS]
     delta_v_m_s: float
@@ -473,6 +475,8 @@ def allocate(tick: int, u: Any, p: Any, m: Any, y: Any) -> None:
         tick, (y[3], y[4], y[5]), torque, m.carried_n_s, m.was_open, spent,
         p.table, m.failures, p.tank, m.scratch, m.wanted_n,
     )  # fmt: skip
+    for i in range(p.table.number):
+        m.thrusts_n[i] = m.scratch[THRUST + i]
     m.delta_v_m_s, m.propellant_kg, m.openings = spent
     y[6], y[7], y[8] = force
     y[9], y[10], y[11] = torque
@@ -500,13 +504,13 @@ class TableStage(ValvesStage):
         limit = limit_of(None, scenario.max_force_n)  # the matrix is in the table
         table, tank = table_for(settings, scenario), tank_of(settings, scenario)
         failures = failures_of(settings, scenario.dt_s)
-        carried, shut, scratch, wanted = (
-            [0.0] * n for n in (ROWS, MOST_THRUSTERS, SCRATCH, ROWS)
-        )  # fmt: skip
+        carried, shut, off, scratch, wanted = (
+            [0.0] * n for n in (ROWS, MOST_THRUSTERS, MOST_THRUSTERS, SCRATCH, ROWS)
+        )
         return (
             Allocating(limit, table, tank, int(len(self.inputs) > 1)),
             Allocated(
-                line_of(settings), failures, carried, shut, scratch, wanted, 0.0, 0.0, 0.0
+                line_of(settings), failures, carried, shut, off, scratch, wanted, 0.0, 0.0, 0.0
             ),
         )  # fmt: skip
 
