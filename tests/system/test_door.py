@@ -200,10 +200,12 @@ def test_a_table_has_units():
 
 def test_a_changed_controller_is_exported_and_drawn(tmp_path):
     law = rpo.controller('allround').with_rule(position='SP', velocity='Z', force='LP')
-    assert rpo.export(law, tmp_path / 'law.c') == [tmp_path / 'law.c', tmp_path / 'law.h']
+    names = ('law.c', 'law.h', 'law_test.c', 'law_test.txt')
+    assert rpo.export(law, tmp_path / 'law.c') == [tmp_path / name for name in names]
     rpo.export(law, tmp_path / 'law.yaml')
     assert rpo.controller(tmp_path / 'law.yaml') == law
-    assert rpo.export('attitude_fuzzy', 'c').count('torque')
+    text = rpo.export('apollo', 'c', law, stages='attitude_control', duration_s=9.0)
+    assert 'apollo__changed__attitude_control_step' in text
     flights = [rpo.fly('quick', each) for each in ('allround', law)]
     page = rpo.report(flights, tmp_path / 'page')
     assert page == tmp_path / 'page' / 'report.html' and (page.parent / 'replay.html').is_file()

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from c_programs import compiled, driven
 from invoking import invoke
 from processes import rpo
 
@@ -155,26 +154,6 @@ def test_the_command_explains_them():
     axis = attitude.axis_of('attitude_fuzzy')
     force = axis.force_n((0.5, 0.0, -1.0), (0.0, 0.01, 0.0))
     assert f'{force[0]:.6f} N' in done.stdout
-
-
-MAIN = """
-#include <stdio.h>
-#include "exported.h"
-int main(void)
-{
-    printf("%.17g", attitude_fuzzy_axis_torque(0.25, -0.02));
-    return attitude_fuzzy_self_test();
-}
-"""
-
-
-def test_the_law_in_c_has_the_bits(tmp_path):
-    done = invoke('export', 'attitude_fuzzy', '--to', 'c', '-o', tmp_path / 'exported.c')
-    assert done.exit_code == 0
-    files_in_c = [(tmp_path / f'exported.{kind}').read_text() for kind in 'ch']
-    found = driven(compiled(tmp_path, files_in_c, MAIN), [[0]])
-    force = attitude.axis_of('attitude_fuzzy').force_n((0.25, 0.0, 0.0), (-0.02, 0.0, 0.0))
-    assert found.item() == force[0]
 
 
 @pytest.mark.slow

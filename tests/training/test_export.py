@@ -6,7 +6,10 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
+import subprocess
 from dataclasses import replace
+from pathlib import Path
 
 import fuzzylite
 import numpy as np
@@ -66,22 +69,30 @@ def test_any_controller_is_read_back_bit_for_bit(tmp_path_factory, system, scale
 def test_the_command_writes_the_text(name, tmp_path):
     path = tmp_path / 'new' / f'mine.{name}'
     done = invoke('export', 'handmade', '--to', name, '--output', path)
-    beside = [path.with_suffix('.h')] if name == 'c' else []
-    assert (done.exit_code, done.stdout.split()) == (0, [str(p) for p in (path, *beside)])
-    if beside:
-        header = beside[0].read_text()
-        assert f'cc -std=c99 -O2 -ffp-contract=off -c {path.name}' in header
-        assert 'handmade_force((double[]){' in header
-    assert path.read_text() == text_of(load_controller('handmade'), name)
-    assert invoke('export', 'handmade', '--to', name, '-o', '-').stdout == path.read_text()
+    beside = ['mine.h', 'mine_test.c', 'mine_test.txt'] if name == 'c' else []
+    written = [str(path), *(str(path.with_name(each)) for each in beside)]
+    assert (done.exit_code, done.stdout.split()) == (0, written)
+    controller = replace(load_controller('handmade'), name='mine' if beside else 'handmade')
+    text = path.read_text().replace('/* handmade: ', '/* mine: ')
+    assert text == text_of(controller, name)
+    printed = invoke('export', 'handmade', '--to', name, '-o', '-').stdout
+    assert printed == text_of(load_controller('handmade'), name)
 
 
-def test_a_controller_of_attitude_is_printed_too(tmp_path, monkeypatch):
-    """It was written into a file named `-`."""
+@pytest.mark.skipif(shutil.which('cc') is None, reason='cc is not installed')
+def test_the_stages_of_a_run_are_c_that_is_compiled_as_the_header_says(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    done = invoke('export', 'attitude_fuzzy', '--to', 'c', '-o', '-')
-    assert done.exit_code == 0 and 'attitude_fuzzy_torque(' in done.stdout
-    assert not list(tmp_path.iterdir())
+    changes = ('--set', 'duration_s=20')
+    invoke('simulate', 'paper_test_measured', *changes, '-o', 'run')
+    assert invoke('export', 'run', '--to', 'c', '-o', 'flight.c').exit_code == 0
+    command, program = re.findall(
+        r'^   (?:Test: )? +(cc .*_test .*|\./.*)$', Path('flight.h').read_text(), re.M
+    )
+    subprocess.run(command.split(), check=True, timeout=60)
+    done = subprocess.run(program.split(), capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout) == (0, '201 ticks: every bit is equal\n')
+    invoke('export', 'paper_test_measured', '--to', 'c', *changes, '-o', 'again.c')
+    assert Path('again_test.txt').read_text() == Path('flight_test.txt').read_text()
 
 
 @pytest.mark.parametrize('name', FORMATS)

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""C of controllers, of families and of plug-ins: compiled by the system, the bits of the core."""
+"""C of controllers and of chains: compiled by the system, flights and hostile ticks bit for bit."""
 
 from __future__ import annotations
 
@@ -9,92 +9,71 @@ import re
 import shutil
 import subprocess
 from dataclasses import dataclass, replace
-from math import sqrt
-from typing import Any, ClassVar, NamedTuple
+from math import inf, nan, sqrt
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import pytest
-from c_programs import bits, compiled, driven, states
+from landing import rest_at_landing
 
-from rpo.exports import c, c_assured
+from rpo.exports import c, onboard
 from rpo.exports.c_source import Source
-from rpo.training.config import load_start
+from rpo_core.assurance.assurance import AssuranceStage
+from rpo_core.assurance.settings import Assurance
+from rpo_core.assurance.shaping import Shaping
+from rpo_core.chain.chain import Chain, Link
 from rpo_core.chain.flight import fly
 from rpo_core.control import controller_file
-from rpo_core.control.baselines import Pd
 from rpo_core.control.controller import load_controller
 from rpo_core.control.family import Family, Mission, family_of
 from rpo_core.files.validation import InputError
-from rpo_core.kernels.arithmetic import State, Vector, saturate
-from rpo_core.kernels.jit import as_table
+from rpo_core.kernels.arithmetic import State, Vector
+from rpo_core.kernels.calls import ASK
+from rpo_core.navigation.sensors import Navigation
 from rpo_core.scenario.scenario import load_scenario
-from rpo_core.thrusters.allocation_kernels import LIMIT, SCRATCH, THRUST, allocate
-from rpo_core.thrusters.table import IDENTITY, ThrusterTable, table_of
+from rpo_core.stage import KernelStage, Place
+from rpo_core.thrusters.table import Failure
+from rpo_core.thrusters.thrusters import Thrusters
+from rpo_core.wire.interfaces import (
+    ASSURED_FORCE,
+    CONTROL_FORCE,
+    NAVIGATION_STATE,
+    RELATIVE_STATE,
+)
 
 pytestmark = pytest.mark.skipif(shutil.which('cc') is None, reason='cc is not installed')
 
-MAIN = """
-#include <stdio.h>
-#include "exported.h"
-int main(void)
-{
-    int tick;
-    double r[3], v[3], f[3];
-    if (NAME_self_test() != 0) return 1;
-    while (scanf("%d %lf %lf %lf %lf %lf %lf", &tick, r, r+1, r+2, v, v+1, v+2) == 7) {
-        NAME_force(r, v, TICKf);
-        printf("%.17g %.17g %.17g\\n", f[0], f[1], f[2]);
-    }
-    return 0;
-}
-"""
+FLAGS = [
+    '-std=c99', '-pedantic', '-Wall', '-Wextra', '-Werror', '-Wshadow', '-Wconversion',
+    '-Wstrict-prototypes', '-ffp-contract=off',
+]  # fmt: skip
 
 
-class Bowl(NamedTuple):
-    """Tables of the plug-in below."""
+def compared(folder, files, optimise='-O2', **changes):
+    """Return exit code and last line of the program that flies the ticks again.
 
-    knots: tuple[float, ...]
-    words: tuple[int, ...]
-    stiff: float
-
-
-def pull(r: float, v: float, tick: int, bowl: Bowl) -> float:
-    """Force of one axis: everything that kernels use, in one place."""
-    total = share = 0.0
-    for i in range(1, len(bowl.knots)):
-        if bowl.words[i] == 0 or not (0.0 <= bowl.knots[i] < 2.0):
-            continue
-        word = bowl.words[i]
-        share += word / 3 * bowl.knots[i]
-        if share > 4.0:
-            break
-    r, v = 0.5 * v - r, -v + 0.25 * r
-    while total < 2.0:
-        total += 0.75 if tick < 100 else 0.5
-    return saturate(bowl.stiff * (r + v) * share / sqrt(1.0 + r * r) - total * v, 0.5)
+    Warnings are errors. changes : text of a file that stands in the place of another
+    """
+    for name, text in files._replace(**changes)._asdict().items():
+        (folder / FILES[name]).write_text(text)
+    built = subprocess.run(
+        ['cc', *FLAGS, optimise, '-o', 'program', 'exported.c', 'exported_test.c', '-lm'],
+        cwd=folder, capture_output=True, text=True, timeout=100,
+    )  # fmt: skip
+    assert built.returncode == 0, built.stderr
+    done = subprocess.run(['./program'], cwd=folder, capture_output=True, text=True, timeout=50)
+    return done.returncode, done.stdout.splitlines()[-1]
 
 
-def bowl_force(state: State, tick: int, bowl: Bowl) -> Vector:
-    """Force of the plug-in."""
-    x = pull(state[0], state[3], tick, bowl) if bowl.stiff > 0.0 else 1e9
-    return x, pull(state[1], state[4], tick, bowl), pull(state[2], state[5], tick, bowl)
+FILES = {
+    'source': 'exported.c', 'header': 'exported.h', 'test': 'exported_test.c',
+    'ticks': 'exported_test.txt',
+}  # fmt: skip
 
 
-@dataclass(frozen=True, kw_only=True)
-class Own(Pd):
-    """A plug-in with kernels of its own."""
-
-    kind: ClassVar[str] = 'own'
-    clock_s: ClassVar[float] = 0.1
-
-    def kernel(self) -> Any:
-        return bowl_force, Bowl((0.5, 1.0, 1.5, 2.5), (1, 2, 1, 3), self.position_gain_n_m)
-
-    def stage(self, dt_s: float) -> Any:
-        kernel, law = self.kernel()
-        stage = super().stage(dt_s)
-        stage.step = lambda tick, state: (kernel(state, tick, law),)
-        return stage
+def equal(ticks):
+    """Return what the program answers where nothing differs."""
+    return 0, f'{ticks} ticks: every bit is equal'
 
 
 def begun(name):
@@ -106,17 +85,8 @@ def begun(name):
 
 FAMILIES = sorted(n for n, kind in controller_file.kinds().items() if issubclass(kind, Family))
 CONTROLLERS = [
-    *map(load_controller, ('allround', 'paper_ga', 'lqr', 'mpc', 'apf_smc')),
-    *map(begun, FAMILIES),
-    Own(name='own', position_gain_n_m=0.01, velocity_gain_n_s_m=0.4),
-]
-
-
-def program(controller, folder, optimise, change=('', '')):
-    files = c.files(controller, 'exported.c')
-    main = MAIN.replace('NAME', controller.name)
-    main = main.replace('TICK', 'tick, ' if 'int tick' in files.header else '')
-    return compiled(folder, files._replace(source=files.source.replace(*change)), main, optimise)
+    *map(load_controller, ('allround', 'paper_ga', 'lqr', 'mpc', 'apf_smc')), *map(begun, FAMILIES)
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -124,43 +94,128 @@ def program(controller, folder, optimise, change=('', '')):
     list(zip(CONTROLLERS, itertools.cycle(['-O0', '-O2', '-O3']), strict=False)),
     ids=lambda value: getattr(value, 'name', value),
 )
-def test_c99_gives_the_bits(controller, optimise, tmp_path):
-    ticks, rows = states()
-    stage = controller.stage(0.1)
-    expected = [stage.step(t, tuple(s))[0] for t, s in zip(ticks, rows, strict=True)]
-    given = [[t, *s] for t, s in zip(ticks, rows, strict=True)]
-    assert bits(driven(program(controller, tmp_path, optimise), given)) == bits(expected)
+def test_a_controller_in_c_has_the_bits(controller, optimise, tmp_path):
+    files = onboard.of_controller(controller, 'exported.c')
+    assert compared(tmp_path, files, optimise) == equal(240)
+    assert 'position minus goal. Off the target, add the' in ' '.join(files.header.split())
 
 
-OFF_TARGET = replace(
-    load_scenario('paper_test'), goal_position_m=(7.5, -40.1, 3.3), duration_s=90.0
+PAPER = load_scenario('paper_test')
+ALLROUND = load_controller('allround')
+ERRORS = Navigation(
+    position_noise_m=0.02, velocity_noise_m_s=0.002, position_bias_m=(0.1, 0.0, -0.05),
+    noise_key=(123456789, 4294967295),
+)  # fmt: skip
+TURNED = Thrusters(matrix=((0.98, 0.1, 0.0), (-0.1, 0.98, 0.0), (0.0, 0.02, 1.0)), delay_ticks=3)
+SHAPED = Shaping(slew_n_s=0.4, dead_zone_n=0.002)
+
+
+def short(name, duration_s):
+    """Return the first seconds of a shipped scenario."""
+    return replace(load_scenario(name), duration_s=duration_s)
+
+
+def stuck():
+    """Return Apollo with a thruster that is known to be stuck, and one that is not."""
+    scenario = short('apollo', 99.0)
+    table = scenario.thrusters.table
+    failures = (
+        Failure(thruster=table.names[2], stuck='on', from_s=2.0, known=True),
+        Failure(thruster=table.names[3], stuck='off', from_s=4.0),
+    )
+    return scenario.equipped(replace(scenario.thrusters, table=replace(table, failures=failures)))
+
+
+FLIGHTS = {
+    'paper_test': (PAPER, 'all', 4000),
+    'errors, shaping and late thrusters': (
+        replace(PAPER, sections=(ERRORS, SHAPED, TURNED), duration_s=60.0), 'all', 600,
+    ),
+    'a goal off the target': (
+        replace(PAPER, goal_position_m=(7.5, -40.1, 3.3), duration_s=90.0), 'all', 900,
+    ),
+    'sensors, estimator and shaping': (short('paper_test_measured', 60.0), 'all', 600),
+    'assurance': (short('assured', 60.0), 'all', 600),
+    'a set that follows the covariance': (short('docking_leo', 60.0), '', 601),
+    'attitude and a table of thrusters': (stuck(), 'all', 99),
+    'a target that turns, its port in view': (short('tumbling_docking', 60.0), 'all', 600),
+    'a target on its orbit': (short('world_moon', 60.0), '', 601),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ('flown', 'optimise'),
+    list(zip(FLIGHTS.values(), itertools.cycle(['-O3', '-O0', '-O2']), strict=False)),
+    ids=FLIGHTS,
 )
+def test_a_flight_in_c_has_the_bits_of_the_logged_one(flown, optimise, tmp_path):
+    scenario, stages, ticks = flown
+    files = onboard.of_flight(fly(scenario, ALLROUND), ALLROUND, 'exported.c', stages)
+    assert compared(tmp_path, files, optimise) == equal(ticks)
 
 
-@pytest.mark.parametrize('name', ['allround', 'time_to_go'])
-def test_a_flight_to_a_goal_off_the_target_has_the_bits_of_the_chain(name, tmp_path):
-    """The header said `a finite relative state`: that flew to the centre of the target."""
-    controller, (goal_m, hold_n) = load_controller(name), OFF_TARGET.goal
-    flight = fly(OFF_TARGET, controller)
-    states = flight.states - [*goal_m, 0.0, 0.0, 0.0]
-    rows = [[tick, *row] for tick, row in enumerate(states.tolist())]
-    made = driven(program(controller, tmp_path, '-O2'), rows)
-    mass_kg, n = OFF_TARGET.mass_kg, OFF_TARGET.mean_motion_rad_s
-    by_hand = mass_kg * n**2 * np.array([-3.0, 0.0, 1.0]) * goal_m
-    assert np.allclose(hold_n, by_hand, rtol=1e-14, atol=0.0) and hold_n[0] < -1e-5
-    assert bits(made + hold_n) == bits(flight.forces_n)
-    header = ' '.join((tmp_path / 'exported.h').read_text().split())
-    assert 'position minus goal. Off the target, add the force' in header
+def test_what_is_compared_is_the_log(tmp_path):
+    flight = fly(short('paper_test_measured', 60.0), ALLROUND)
+    files = onboard.of_flight(flight, ALLROUND, 'exported.c', 'controller,shaping')
+    rows = [line.split() for line in files.ticks.splitlines()]
+    numbers = np.array([list(map(float.fromhex, row[1:])) for row in rows])
+    log = flight.signals
+    logged = np.hstack([log[NAVIGATION_STATE], flight.forces_n, log['shaped_force']])
+    assert [row[0] for row in rows] == list(map(str, range(601)))
+    assert numbers.tobytes() == logged.tobytes()
+    rows[40][-1] = '0x1p-3'
+    changed = '\n'.join(map(' '.join, rows))
+    assert compared(tmp_path, files, ticks=changed) == (1, 'tick 40: shaped_force differs')
+    law = files.source.replace('.scales = {60.5113,', '.scales = {60.5113000001,')
+    code, said = compared(tmp_path, files, source=law)
+    assert code == 1 and 'control_force differs' in said
 
 
-@pytest.mark.parametrize('kind', ['plain', 'assured'])
-def test_only_what_the_header_declares_has_a_name_outside(kind, tmp_path):
-    """Two exported controllers can be linked into one program."""
-    scenario = load_scenario('assured')
-    files = {
-        'plain': lambda: c.files(load_controller('allround'), 'exported.c'),
-        'assured': lambda: c_assured.files(load_controller('allround'), scenario, 'exported.c'),
-    }[kind]()
+@pytest.mark.every_landing
+@pytest.mark.parametrize('name', ['docking', 'tumbling_port'])
+def test_a_plan_without_holds_is_a_table_until_the_chaser_docks(name, tmp_path):
+    flight = fly(load_scenario(name), ALLROUND)
+    files = onboard.of_flight(flight, ALLROUND, 'exported.c')
+    code, said = compared(tmp_path, files)
+    docked = len(files.ticks.splitlines())
+    assert (code, said) == equal(docked) and 4000 < docked < len(flight.states)
+    row = files.ticks.splitlines()[-1].split()
+    more = f'{docked} {" ".join(row[1:])}\n'
+    again = compared(tmp_path, files, ticks=files.ticks + more)
+    assert again[0] == 1 and again[1] in (
+        f'tick {docked}: stage guidance cannot go on', f'tick {docked}: reference_state differs'
+    )  # fmt: skip
+
+
+GUARDED = load_scenario('guarded')
+
+
+@pytest.mark.parametrize(
+    ('stages', 'message'),
+    [
+        (
+            '',
+            r'stage `guidance` cannot be C: leg \w+ is a hold: .*; `--stages controller,assurance`',
+        ),
+        ('controller,assurance', 'stage `assurance` cannot be C: `assurance.abort` decides in fl'),
+        ('law', '`--stages` must be one of guidance, controller, assurance'),
+    ],
+)
+def test_a_stage_that_plans_in_flight_is_refused(stages, message):
+    flight = fly(replace(GUARDED, duration_s=5.0), ALLROUND)
+    with pytest.raises(InputError, match=message):
+        onboard.of_flight(flight, ALLROUND, 'exported.c', stages)
+    with pytest.raises(InputError, match='stage `controller` got commands in flight'):
+        events = {'controller': [(3, 'off')]}
+        onboard.of_flight(replace(flight, events=events), ALLROUND, 'exported.c', 'controller')
+    with pytest.raises(InputError, match='the log must have `reference_state`'):
+        onboard.of_flight(replace(flight, signals={}), ALLROUND, 'exported.c', 'controller')
+
+
+def test_only_what_the_header_declares_has_a_name_outside(tmp_path):
+    """Two exported chains can be linked into one program."""
+    flight = fly(short('assured', 2.0), ALLROUND)
+    files = onboard.of_flight(flight, ALLROUND, 'exported.c', 'all')
     (tmp_path / 'exported.c').write_text(files.source)
     subprocess.run(['cc', '-std=c99', '-c', 'exported.c'], cwd=tmp_path, check=True, timeout=50)
     listed = subprocess.run(
@@ -168,12 +223,172 @@ def test_only_what_the_header_declares_has_a_name_outside(kind, tmp_path):
         cwd=tmp_path, check=True, capture_output=True, text=True, timeout=50,
     )  # fmt: skip
     names = {line.split()[0] for line in listed.stdout.splitlines()}
-    assert names == set(re.findall(r'^(?:void|int|double) (\w+)\(', files.header, re.M))
+    declared = re.findall(r'^(?:void|int) (\w+)\(', files.header, re.M)
+    declared += re.findall(r'^extern const \w+ (\w+);', files.header, re.M)
+    assert names >= set(declared) and all(name.startswith('exported_') for name in names)
 
 
-def test_the_self_test_finds_another_arithmetic(tmp_path):
-    found = program(load_start('trained'), tmp_path, '-O0', ('0.122', '0.1220000000001'))
-    assert subprocess.run([found], input='', text=True, timeout=50).returncode == 1
+def hostile(seed, count=4000):
+    """Return states (count, 6) about the zone, the corridor and the port, and commands (.., 3)."""
+    draw = np.random.default_rng(seed)
+    states = draw.normal(size=(count, 6)) * [12, 12, 12, 0.2, 0.2, 0.2]
+    way = states[::2]
+    way[:, 1] = draw.uniform(0.5, 22.0, len(way))
+    way[:, [0, 2]] = draw.normal(size=(len(way), 2)) * 0.02 * way[:, 1:2]
+    way[:, 3:] = draw.normal(size=(len(way), 3)) * [0.01, 0.05, 0.01]
+    commands = draw.uniform(-0.7, 0.7, (count, 3))
+    states[::401, 2], commands[::307, 1], commands[::503, 0] = nan, inf, -1e200
+    return states, commands
+
+
+PLAIN = PAPER.equipped(Assurance(keep_out_m=10.0))
+LATE = PAPER.equipped(
+    Thrusters(delay_ticks=3),
+    Assurance(keep_out_m=5.0, filter='simplex', speed='paper', slew_n_s=0.4),
+)
+SOME = 20  # ticks of a hostile flight
+
+
+@pytest.mark.parametrize(
+    ('scenario', 'seed'),
+    rest_at_landing([(load_scenario('assured'), 1), (PLAIN, 2), (LATE, 3)]),
+    ids=['assured', 'plain', 'late'],
+)
+def test_hostile_commands_are_answered_with_the_bits_of_the_stage(scenario, seed, tmp_path):
+    states, commands = hostile(seed)
+    ticks, stage = [i % SOME for i in range(len(states))], None
+    forces, acted = [], set()
+    for tick, state, command in zip(ticks, states.tolist(), commands.tolist(), strict=True):
+        if tick == 0:
+            stage = AssuranceStage(scenario.section(Assurance), scenario)
+        forces.append(stage.step(tick, tuple(state), tuple(command))[0])
+        acted.add(stage.decision.constraint)
+    assert len(acted) >= 4  # several constraints were at work
+    chain = Chain([Link(Place.ASSURANCE, stage, (RELATIVE_STATE, CONTROL_FORCE))])
+    signals = {RELATIVE_STATE: states, CONTROL_FORCE: commands, ASSURED_FORCE: np.array(forces)}
+    files = c.files(['hostile commands'], chain, 'exported.c', c.Flown(ticks, signals))
+    assert compared(tmp_path, files, '-O3') == equal(len(states))
+
+
+class Sum(NamedTuple):
+    """A record that a kernel makes."""
+
+    total: float
+    count: int
+
+
+@dataclass
+class Knot:
+    """A record in a list."""
+
+    at: float
+    weights: list[list[float]]
+
+
+@dataclass
+class Bowl:
+    """Settings of the kernel below; places : of any length."""
+
+    limits: tuple[float, float]
+    knots: list[Knot]
+    pair: Annotated[list[Knot], 2]
+    places: list[int]
+    nothing: list[float]
+
+
+@dataclass
+class Rolled:
+    """Memory of the kernel below."""
+
+    total: float
+    count: int
+    table: Annotated[list[list[float]], 3, 2]
+    line: list[list[float]]
+    word: int
+
+
+def added(sum_: Sum, value: float) -> tuple[tuple[float, float], Sum]:
+    """Return two numbers, and the record that follows."""
+    first, second = sum_
+    return (value, first), Sum(first + value, int(second + 1))
+
+
+def swapped(row: Any, wide: bool, block: int = -6) -> None:
+    """Exchange both numbers of a row; not in some blocks."""
+    if not wide or block in (-6, 1):
+        return
+    row[0], row[1] = row[1], row[0]
+
+
+def share(tick: int, knots: Any) -> float:
+    """Return a sum by loops that end early."""
+    total = rest = 0.0
+    for i in range(1, len(knots)):
+        if i == 2 or not (0.0 <= knots[i].at < 1.4):
+            continue
+        total += i / 3 * knots[i].at
+        if total > 4.0:
+            break
+    while rest < 2.0:
+        rest += 0.75 if tick < 50 else 0.5
+    return total / sqrt(1.0 + rest * rest)
+
+
+def roll(tick: int, u: Any, p: Any, m: Any, y: Any) -> int:
+    """Everything that kernels of stages use, in one place."""
+    if len(p.nothing) > 0:
+        return ASK
+    block, at = (tick - 40) // 7, (tick - 40) % 7
+    m.word = (0xD2511F53 * (m.word ^ 0x9E3779B9) >> 5) & 0xFFFFFFFF
+    total, lost = share(tick, p.knots), nan
+    for k in range(len(p.knots) - 1, -1, -1):
+        knot = p.knots[k]
+        row = knot.weights[at % 2]
+        total += row[0] * knot.at + abs(block) / 3 + p.pair[k % 2].weights[1][1]
+    begun = Sum(m.total, m.count)
+    (value, before), after = added(begun, total * u[p.places[at % len(p.places)]])
+    m.total, m.count = after
+    for i in range(len(y)):
+        swapped(m.table[i], bool(at > i), block)
+        swapped(m.table[i], True)
+        m.table[i][0] += value
+    last = m.line[tick % len(m.line)]
+    y[0] = y[1] = last[0] if last[0] - last[0] == 0.0 else lost
+    y[2] = float(block) * p.limits[0] + m.table[2][1] + before + (m.word & 0xFFFF) * p.limits[1]
+    last[0], last[1] = m.table[1][0], y[2]
+    return 0
+
+
+class RollStage(KernelStage):
+    """A stage of the kernel above."""
+
+    name, inputs, outputs, kernel = 'roll', (RELATIVE_STATE,), (CONTROL_FORCE,), roll
+
+
+def rolling(*nothing):
+    knots = [Knot(0.5 * i, [[0.1 * i, 1.0], [-0.7, 0.3]]) for i in range(4)]
+    settings = Bowl((0.25, 1e-3), knots, knots[1:3], [5, 0, 3], list(nothing))
+    line = [[0.125, float(i)] for i in range(5)]
+    return settings, Rolled(0.5, 7, [[1.0, 2.0], [3.0, -0.0], [5.0, 6.0]], line, 99)
+
+
+ROLLING = Chain([Link(Place.CONTROLLER, RollStage(*rolling()), (RELATIVE_STATE,))])
+
+
+def test_what_kernels_of_stages_use_has_the_bits_in_c(tmp_path):
+    settings, memory = rolling()
+    state, expected, force = [0.3, -0.2, 0.7, 0.1, -0.9, 0.4], [], [0.0] * 3
+    for tick in range(101):
+        assert roll(tick, state, settings, memory, force) == 0
+        expected.append(list(force))
+    assert len({tuple(row) for row in expected}) == 101
+    signals = {RELATIVE_STATE: np.array([state] * 101), CONTROL_FORCE: np.array(expected)}
+    files = c.files(['roll'], ROLLING, 'exported.c', c.Flown(range(101), signals))
+    assert compared(tmp_path, files) == equal(101)
+    assert compared(tmp_path, files, ticks=2 * files.ticks) == equal(202)  # a second flight
+    asking = Chain([Link(Place.CONTROLLER, RollStage(*rolling(1.0)), (RELATIVE_STATE,))])
+    asks = c.files(['roll'], asking, 'exported.c', c.Flown(range(101), signals))
+    assert compared(tmp_path, asks) == (1, 'tick 0: stage roll cannot go on')
 
 
 def power(state: State, tick: int, gain: Bowl) -> Vector:
@@ -183,42 +398,4 @@ def power(state: State, tick: int, gain: Bowl) -> Vector:
 
 def test_what_c_does_not_get_is_refused():
     with pytest.raises(InputError, match=r'`power` must have .* got state\[0\] \*\* 0.5'):
-        Source().function(power)
-
-
-ALLOCATION = """
-#include <stdio.h>
-#include "exported.h"
-int main(void)
-{
-    double d[6], most[16], u[16];
-    if (quads_16_self_test() != 0) return 1;
-    for (int i = 0; i < 16; i++) most[i] = i == 9 ? 0.0 : 0.25;
-    while (scanf("%lf %lf %lf %lf %lf %lf", d, d+1, d+2, d+3, d+4, d+5) == 6) {
-        printf("%.17g", quads_16_allocate(d, d + 3, most, u));
-        for (int i = 0; i < 16; i++) printf(" %.17g", u[i]);
-        printf("\\n");
-    }
-    return 0;
-}
-"""
-
-
-def test_the_allocation_of_thrusters_in_c_gives_the_bits(tmp_path):
-    table = ThrusterTable(preset='quads_16', force_n=0.25, centre_of_mass_m=(0.05, 0.0, -0.02))
-    files = c.allocation_files('quads_16', table, 'exported.c')
-    demands = np.random.default_rng(4).normal(size=(300, 6)) * [0.4, 0.4, 0.4, 0.1, 0.1, 0.1]
-    made, work = table_of(table, 1.0, 0.0, None, IDENTITY), as_table(np.zeros(SCRATCH))
-    expected = []
-    for demand in demands.tolist():
-        for i in range(16):
-            work[LIMIT + i] = 0.0 if i == 9 else 0.25
-        wanted = [*demand[:3], *(value / made.lever for value in demand[3:])]
-        share, _ = allocate(as_table(wanted), made, work)
-        expected.append([share, *work[THRUST : THRUST + 16]])
-    found = driven(compiled(tmp_path, files, ALLOCATION, '-O3'), demands.tolist())
-    assert bits(found) == bits(expected)
-    assert '_MOST_PIVOTS = 100' in files.source
-    other = files.source.replace('_MOST_PIVOTS = 100', '_MOST_PIVOTS = 1')
-    wrong = compiled(tmp_path, files._replace(source=other), ALLOCATION, '-O0')
-    assert subprocess.run([wrong], input='', text=True, timeout=50).returncode == 1
+        Source().function(power, (('double',) * 6, 'int', 'double'))

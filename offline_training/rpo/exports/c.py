@@ -220,10 +220,13 @@ def files(about: Sequence[str], chain: Chain, file: str, flown: Flown) -> Files:
         if current(n) != n and current(n) in places
         for i in range(at.stop - at.start)
     ]
-    functions = filled('chain', name=prefix, start='\n'.join(begin), tick='\n'.join(tick))
+    room = max(at.stop for at in places.values())
+    widest = max(sum(places[n].stop - places[n].start for n in link.reads) for link in chain.links)
+    begin_text, tick_text = '\n'.join(begin), '\n'.join(tick)
+    functions = filled('chain', name=prefix, start=begin_text, tick=tick_text, room=room)
     inputs = _inputs(chain)
     facts = '\n'.join(wrapped(f'/* {one_line(line)} */') for line in about)
-    of_chain = [_memory(prefix, stages), _places(prefix, places)]
+    of_chain = [_memory(prefix, stages), _places(prefix, places, room + widest)]
     includes = '\n'.join(f'#include <std{word}.h>' for word in ('int', 'lib'))
     text = filled(
         'source',
@@ -280,6 +283,8 @@ def _ticks(chain: Chain, flown: Flown) -> str:
     known, count = flown._replace(signals=signals), number
     for link in chain.links:
         stage: Any = link.stage
+        if not stage.asks and signals.keys() >= set(stage.outputs):
+            continue
         read = as_table(np.hstack([*map(known.of, link.reads), np.empty((number, 0))]))
         places = places_of(stage.outputs)
         made = as_table(np.zeros((number, places[-1].stop)))
@@ -305,20 +310,23 @@ def _memory(name: str, stages: Sequence[_Stage]) -> str:
     return '\n'.join([head, *lines, f'}} {name}_memory;'])
 
 
-def _places(name: str, places: dict[str, slice]) -> str:
-    """Return where each signal begins in the array of signals, and how many numbers that has."""
+def _places(name: str, places: dict[str, slice], room: int) -> str:
+    """Return where each signal begins in the array of signals, and how many numbers that has.
+
+    room : numbers of the array, with those for what a stage reads
+    """
     words = {re.sub(r'\W+', '_', n or 'no_force').strip('_'): at.start for n, at in places.items()}
-    words['signals'] = max(at.stop for at in places.values())
+    words['signals'] = room
     texts = ', '.join(f'{name}_{word}'.upper() + f' = {at}' for word, at in words.items())
     return wrapped(f'enum {{ {texts} }};')
 
 
 def _call(stage: _Stage, index: int, reads: Sequence[slice], writes: int) -> str:
-    at = [i for place in reads for i in range(place.start, place.stop)] or [0]
+    lines, end = [], 0
+    for place in reads:
+        size = place.stop - place.start
+        lines.append(f'    memcpy(&u[{end}], &s[{place.start}], {size} * sizeof *u);')
+        end += size
     call = f'{stage.title}_step(tick, u, &{stage.title}_p, &m->{stage.name}, &s[{writes}])'
-    return filled(
-        'call',
-        u=wrapped(f'const double u[{len(at)}] = {{{", ".join(f"s[{i}]" for i in at)}}};', 2),
-        call=wrapped(f'if ({call} != 0) {{', 2),
-        index=index,
-    )
+    call = wrapped(f'if ({call} != 0) {{', 1)
+    return filled('call', u='\n'.join(lines), call=call, index=index)

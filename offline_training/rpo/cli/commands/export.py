@@ -46,9 +46,10 @@ def export(
     from rpo.montecarlo.outputs import make_folder
     from rpo_core.scenario import overrides
 
-    texts = exported(subject, to, output, controller, stages, overrides.read(changes or []))
+    path = None if output == Path('-') else output
+    texts = exported(subject, to, path, controller, stages, overrides.read(changes or []))
     if output == Path('-'):
-        typer.echo(texts[output], nl=False)
+        typer.echo(next(iter(texts.values())), nl=False)
         return
     make_folder(next(iter(texts)).parent)
     write_texts(texts)

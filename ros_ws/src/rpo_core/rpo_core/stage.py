@@ -207,8 +207,13 @@ class KernelStage(Stage):
 
         Raises InputError if that follows from the flight.
         """
-        if type(self).answer is not KernelStage.answer:
+        if self.asks:
             raise InputError('it plans in flight')
+
+    @property
+    def asks(self) -> bool:
+        """Whether its kernel may return ASK."""
+        return type(self).answer is not KernelStage.answer
 
     @property
     def row(self) -> tuple[Any, Any, Any]:

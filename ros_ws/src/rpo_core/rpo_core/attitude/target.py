@@ -405,6 +405,10 @@ class TargetStage(KernelStage):
         """Write the block of a tick."""
         self.m.first, self.m.attitudes, _ = self._motion.block_of(tick)
 
+    def answer_ahead(self, ticks: int, u: Sequence[float]) -> None:
+        """Write the attitudes of a flight."""
+        self.m.attitudes, _ = self._motion.table(0, ticks + 1)
+
 
 def check_turning(name: str, rate_rad_s: float, scenario: Any) -> None:
     """Raise InputError where a scenario does not allow a body that turns at a rate.

@@ -683,6 +683,11 @@ class SensorsStage(KernelStage):
         """Compute where the port is."""
         self._port.write(self.p, tick - tick % PORT_TICKS, PORT_TICKS)
 
+    def answer_ahead(self, ticks: int, u: Sequence[float]) -> None:
+        """Compute where the port is in a flight."""
+        if self.p.at_port:
+            self._port.write(self.p, 0, ticks + 1)
+
     def passes_on(self) -> tuple[int | Signal, ...]:
         """Return that each measurement is the true state."""
         return (0,) * len(self.outputs)
