@@ -20,7 +20,6 @@ from gymnasium.utils.env_checker import check_env
 
 import rpo.training.gym
 import rpo.training.gym_vector
-from rpo.engine.lanes import R
 from rpo.montecarlo import config
 from rpo.montecarlo.run_batch import fly_runs
 from rpo.training.gym_vector import HELD_OUT
@@ -33,6 +32,7 @@ from rpo_core.judge.verdicts import verdicts
 from rpo_core.navigation.sensors import Navigation
 from rpo_core.scenario.scenario import Scenario, load_scenario, load_set
 from rpo_core.thrusters.thrusters import Thrusters
+from rpo_core.wire.interfaces import RELATIVE_STATE
 
 ROOT = Path(__file__).resolve().parents[2]
 REAL = Thrusters(((0.9, 0.01, 0.0), (0.0, 1.1, 0.0), (0.0, -0.02, 1.0)), delay_ticks=2)
@@ -239,7 +239,7 @@ def test_assurance_keeps_runs_away_from_the_sphere_whoever_commands():
     env.reset(seed=3)
     nearest, ended = np.inf, np.zeros(3, np.bool_)
     while not ended.all():
-        r = env.stepping.vectors(R)
+        r = env.flights.signals[:, env.flights.places[RELATIVE_STATE]][:, :3]
         nearest = min(nearest, np.linalg.norm(r, axis=1).min())
         _, _, ended, _, infos = env.step(-r / np.abs(r).max(axis=1, keepdims=True))
     assert 10.0 < nearest < 11.0  # the sphere's radius, and how near full thrust comes

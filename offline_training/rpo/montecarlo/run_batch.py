@@ -119,17 +119,23 @@ def flights_drawn(
     more : from the index of a run to stages that no section of its scenario names, with their
         places
     """
-    flying, faults = controller or campaign.controller, campaign.config.faults
+    flying = controller or campaign.controller
+    for index, scenario in enumerate(scenarios_of(campaign, drawn)):
+        stages = [*(more(index) if more else ()), *faulty(campaign, drawn, index)]
+        yield as_flown(fly(scenario, flying, stages))
+
+
+def faulty(campaign: Campaign, drawn: DrawnRuns, index: int) -> Stages:
+    """Return the stage of the message faults of a drawn run, if the campaign has any."""
+    faults, (k0, k1) = campaign.config.faults, drawn.keys[index].tolist()
     turns = campaign.scenario.named('attitude_control') is not None
-    scenarios, keys = scenarios_of(campaign, drawn), drawn.keys.tolist()
-    for index, (scenario, (k0, k1)) in enumerate(zip(scenarios, keys, strict=True)):
-        stages = [*more(index)] if more else []
-        if faults is not None:
-            stages.append((Place.UNLOADING, LinkStage(faults, (k0, k1), turns)))
-        flight = fly(scenario, flying, stages)
-        if faults is not None and not turns:
-            flight = replace(flight, forces_n=flight.signals[APPLIED_FORCE])
-        yield flight
+    return [(Place.UNLOADING, LinkStage(faults, (k0, k1), turns))] if faults else []
+
+
+def as_flown(flight: Flight) -> Flight:
+    """Return a flight with the forces that are held at each tick, where messages are faulty."""
+    held = flight.signals.get(APPLIED_FORCE)
+    return flight if held is None else replace(flight, forces_n=held)
 
 
 def side_by_side(

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The dispersed final approach as a vectorised Gymnasium environment: the engine's lanes.
+"""The dispersed final approach as a vectorised Gymnasium environment: flights side by side.
 
 Importing this module registers `rpo/DispersedApproach-v0`, for `gymnasium.make_vec`. An environment
 is a run of a campaign, so its starts, masses, thrusters, sensors and disturbances are drawn, and a
@@ -18,23 +18,45 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from rpo.engine.lanes import BEFORE, SEEN_R, SEEN_V, R, V
-from rpo.engine.parts.dynamics import uneven_steps
-from rpo.engine.support import why_not
 from rpo.montecarlo import config
 from rpo.montecarlo.config import MAX_RUNS
-from rpo.montecarlo.run_batch import case_of, known_of
+from rpo.montecarlo.run_batch import as_flown, faulty, scenarios_of
 from rpo.montecarlo.sampling import draw
 from rpo.training.gym import MAX_OBSERVED, UNITS, spaces
-from rpo.training.stepping import Stepping
+from rpo_core.chain.chain import Chain, start_of
+from rpo_core.chain.driver import Flights
+from rpo_core.chain.flight import JUDGED, flight_of
 from rpo_core.files.validation import InputError, mapping, whole
-from rpo_core.judge.metrics import PENALTY
+from rpo_core.judge.metrics import PENALTY, spends
+from rpo_core.judge.verdicts import values_of
 from rpo_core.kernels.arrays import Floats
+from rpo_core.scenario.scenario import Scenario
+from rpo_core.stage import ZERO, Place, Stage, section_of
+from rpo_core.wire.interfaces import (
+    CONTROL_FORCE,
+    ESTIMATED_DISTURBANCE,
+    REFERENCE_FORCE,
+    REFERENCE_STATE,
+    SATURATED_FORCE,
+    STATE,
+)
 
 ENVIRONMENT = 'rpo/DispersedApproach-v0'
 
 HELD_OUT = 90210
 """Seed of the draws that are for judging: `reset` takes it only with the option `judging`."""
+
+
+class _Commanded(Stage):
+    """A controller that commands from outside; it reads what `FollowStage` needs."""
+
+    name, outputs = 'controller', (CONTROL_FORCE,)
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.guided = any(section_of(s).place is Place.GUIDANCE for s in scenario.sections)
+        followed = (REFERENCE_STATE, REFERENCE_FORCE) if self.guided else ()
+        opposed = (ESTIMATED_DISTURBANCE,) if scenario.compensated else ()
+        self.inputs = (STATE, *followed, *opposed)
 
 
 class DispersedApproach(gymnasium.vector.VectorEnv[Floats, Floats, Any]):
@@ -66,8 +88,6 @@ class DispersedApproach(gymnasium.vector.VectorEnv[Floats, Floats, Any]):
         self.num_envs = whole('num_envs', num_envs, least=1)
         self.campaign = config.load(config.find(campaign), controller='drift', runs=MAX_RUNS)
         self.scenario = self.campaign.scenario
-        if reason := why_not(self.scenario, self.campaign.controller):
-            raise InputError(f'the environment is the engine: {reason}')
         ticks = self.scenario.ticks
         self.ticks_per_step = whole('ticks_per_step', ticks_per_step, least=1, most=ticks)
         self.single_action_space, self.single_observation_space = spaces()
@@ -91,11 +111,20 @@ class DispersedApproach(gymnasium.vector.VectorEnv[Floats, Floats, Any]):
         if self._first + self.num_envs > MAX_RUNS:
             raise InputError(f'a seed has {MAX_RUNS} runs; `reset` with another seed')
         drawn = draw(self.campaign, self._first, self.num_envs)
-        if reason := uneven_steps(self.scenario, drawn.column('orbit_radius_m')):
-            raise InputError(f'the environment is the engine: {reason}')
         self._first += self.num_envs
-        self.tick, self.stepping = 0, Stepping(case_of(self.campaign, drawn))
-        self.stepping.sense(0)
+        self.runs, self.controller = scenarios_of(self.campaign, drawn), _Commanded(self.scenario)
+        commanded = Place.CONTROLLER, self.controller
+        chains = [
+            Chain.of(run, more=[commanded, *faulty(self.campaign, drawn, index)])
+            for index, run in enumerate(self.runs)
+        ]
+        goals = [(*run.goal_state, *(run.goal.force_n if run.goal else ZERO)) for run in self.runs]
+        self._goals = np.array(goals)
+        kept = chains[0].outputs if spends(self.scenario) else JUDGED
+        self.flights = Flights(chains, self.controller.name, kept)
+        self.flights.begin([start_of(run) for run in self.runs], self.scenario.ticks)
+        self.flights.go_on()
+        self.tick = 0
         return self._observations(), {}
 
     def step(self, actions: Floats) -> tuple[Floats, Floats, Any, Any, dict[str, Any]]:
@@ -109,32 +138,53 @@ class DispersedApproach(gymnasium.vector.VectorEnv[Floats, Floats, Any]):
             raise InputError(f'`actions` must be {self.num_envs} x 3 finite numbers')
         forces_n = self.scenario.max_force_n * given
         for _ in range(min(self.ticks_per_step, self.scenario.ticks - self.tick)):
-            self.stepping.pass_tick(self.tick, forces_n)
+            self._pass_tick(forces_n)
             self.tick += 1
-            self.stepping.sense(self.tick)
-            applied = self.stepping.vectors(BEFORE)
+            applied = self._of(SATURATED_FORCE)
             rewards -= (applied * applied).sum(axis=1) * self.scenario.dt_s
-        infos: dict[str, Any] = {}
+        observations, infos = self._observations(), dict[str, Any]()
         if self.tick == self.scenario.ticks:
-            self.stepping.end(self.tick)
+            for driver in self.flights.drivers:
+                driver.spend()
+            self._pass_tick(np.zeros((self.num_envs, 3)))  # it moves nothing any more
             over[:], infos = True, self._judged()
             missed = sum(~kept for kept in infos['kept'].values())
             infos['fitness_n2s'] = infos['energy_n2s'] + PENALTY * missed
             rewards -= PENALTY * missed
-        return self._observations(), rewards, over, np.zeros_like(over), infos
+        return observations, rewards, over, np.zeros_like(over), infos
+
+    def _pass_tick(self, forces_n: Floats) -> None:
+        """Let commands (n, 3) [N] act, and fly on to the controller of the next tick."""
+        commands = self._of(CONTROL_FORCE)
+        commands[...] = forces_n + self._origins[:, 6:]
+        if self.scenario.compensated:
+            commands -= self._of(ESTIMATED_DISTURBANCE)
+        self.flights.pass_stage()
+        self.flights.go_on()
+
+    @property
+    def _origins(self) -> Floats:
+        """States and forces (n, 9) [m, m/s, N] of the goal or the reference."""
+        return self.flights.read[:, 6:15] if self.controller.guided else self._goals
+
+    def _of(self, name: str) -> Floats:
+        """Return a signal (n, width) of the present tick, as a view."""
+        return self.flights.signals[:, self.flights.places[name]]
 
     def _judged(self) -> dict[str, Any]:
         """Return energies (n,) [N²s], values of what is limited, and which limits are kept."""
-        figures = known_of(self.campaign, self.stepping.case, self.stepping.landed())
+        flown = zip(self.runs, self.flights.flown(), self.flights.drivers, strict=True)
+        flights = (flight_of(run, signals, driver.spent) for run, signals, driver in flown)
+        rows = [values_of(as_flown(flight)) for flight in flights]
+        figures = {name: np.array([row[name] for row in rows]) for name in rows[0]}
         limits = self.campaign.config.limits(figures)
         kept = {name: np.asarray(value <= limit) for name, (value, limit) in limits.items()}
         values = {name: value for name, (value, _) in limits.items()}
         return {'energy_n2s': figures['energy_n2s'], 'values': values, 'kept': kept}
 
     def _observations(self) -> Floats:
-        rows = (SEEN_R, SEEN_V) if self.stepping.case.batches[0].is_seen else (R, V)
-        states = np.hstack([self.stepping.vectors(row) for row in rows]) / UNITS
-        commands = self.stepping.vectors(BEFORE) / self.scenario.max_force_n
+        states = (self.flights.read[:, :6] - self._origins[:, :6]) / UNITS
+        commands = self._of(SATURATED_FORCE) / self.scenario.max_force_n
         share = np.full((self.num_envs, 1), self.tick / self.scenario.ticks)
         return np.hstack([states.clip(-MAX_OBSERVED, MAX_OBSERVED), commands, share])
 

@@ -26,7 +26,7 @@ from rpo_core import plugins
 from rpo_core.files.validation import InputError
 from rpo_core.kernels import calls
 from rpo_core.kernels.jit import COMPILED, as_table
-from rpo_core.kernels.records import prepared
+from rpo_core.kernels.records import move_together, prepared
 from rpo_core.wire.interfaces import (
     ATTITUDE,
     COMMAND,
@@ -256,6 +256,15 @@ class KernelStage(Stage):
 def has_kernel(stage: Stage) -> TypeGuard[KernelStage]:
     """Return whether a stage flies by its kernel: it has one, and no `step` of its own."""
     return isinstance(stage, KernelStage) and type(stage).step is KernelStage.step
+
+
+def stand_together(stages: Sequence[Stage]) -> None:
+    """Let the settings of stages stand one after the other in memory, and their memories too."""
+    kernels = [stage for stage in stages if has_kernel(stage)] if COMPILED else []
+    for stage in kernels:
+        stage._row = None
+    move_together([stage.p for stage in kernels])
+    move_together([stage.m for stage in kernels])
 
 
 @dataclass(frozen=True)

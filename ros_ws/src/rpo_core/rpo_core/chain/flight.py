@@ -19,6 +19,8 @@ from rpo_core.kernels.arrays import Floats
 from rpo_core.scenario.scenario import Scenario, ScenarioSet
 from rpo_core.stage import Place, Signal, Stage, sections
 from rpo_core.wire.interfaces import (
+    APPLIED_FORCE,
+    CHASER_ATTITUDE,
     CHASER_MASS,
     COMMAND,
     CONTROL_FORCE,
@@ -27,6 +29,7 @@ from rpo_core.wire.interfaces import (
     EXERTED_FORCE,
     RELATIVE_STATE,
     SATURATED_FORCE,
+    TARGET_ATTITUDE,
     THRUST_FORCE,
     UNLOADING_TORQUE,
     row_of,
@@ -34,6 +37,13 @@ from rpo_core.wire.interfaces import (
 
 _TAKEN = (DUE_FORCE, SATURATED_FORCE)
 """Commands that the thrusters have taken."""
+
+
+JUDGED = (
+    RELATIVE_STATE, CHASER_ATTITUDE, TARGET_ATTITUDE, CONTROL_FORCE, APPLIED_FORCE,
+    DISTURBANCE_FORCE, SATURATED_FORCE,
+)  # fmt: skip
+"""Signals by which a flight is judged, where nobody asks what its thrusters spent."""
 
 
 class Thrust(NamedTuple):
@@ -192,15 +202,21 @@ def fly(
     """
     chain = Chain.of(scenario, controller, more)
     driver = Driver(chain)
-    arrays = driver.fly(start_of(scenario), scenario.ticks)
-    disturbances = arrays.pop(DISTURBANCE_FORCE, None)
+    return flight_of(scenario, driver.fly(start_of(scenario), scenario.ticks), driver.spent)
+
+
+def flight_of(
+    scenario: Scenario, signals: dict[str, Floats], spent: tuple[float, float, int] | None
+) -> Flight:
+    """Return a flight by its signals (N+1, width) and what it spent."""
+    disturbances = signals.pop(DISTURBANCE_FORCE, None)
     return Flight(
         scenario,
-        arrays.pop(RELATIVE_STATE),
-        arrays.pop(CONTROL_FORCE),
+        signals.pop(RELATIVE_STATE),
+        signals.pop(CONTROL_FORCE),
         np.zeros((scenario.ticks + 1, 3)) if disturbances is None else disturbances,
-        arrays,
-        spent=driver.spent,
+        signals,
+        spent=spent,
     )
 
 

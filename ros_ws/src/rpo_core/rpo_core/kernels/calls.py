@@ -75,14 +75,15 @@ def run(
         place and number of what it writes in `signals`
     reads : places in `signals`
     carried : pairs of places: what the next tick reads of this one
-    log : (ticks, signals)
+    log : (ticks, numbers) those of `before`, then those of `after`
     before, after : places that are kept before and after the stages of a tick
     """
+    first = len(before)
     while at[0] <= last:
         tick, kept = at[0], log[at[0]]
         if at[1] == 0:
-            for i in before:
-                kept[i] = signals[i]
+            for i in range(first):
+                kept[i] = signals[before[i]]
         while at[1] < len(rows):
             row = rows[at[1]]
             for i in range(row[4]):
@@ -95,8 +96,50 @@ def run(
             at[1] += 1
         for pair in carried:
             signals[pair[1]] = signals[pair[0]]
-        for i in after:
-            kept[i] = signals[i]
+        for i in range(len(after)):
+            kept[first + i] = signals[after[i]]
+        at[0], at[1] = tick + 1, 0
+    return 0
+
+
+@driver
+def run_together(
+    at: Any, last: int, rows: Any, reads: Any, signals: Any, u: Any, carried: Any, log: Any,
+    before: Any, after: Any,
+) -> int:  # fmt: skip
+    """Fly flights as `run` does one, but each row of all flights before the next row.
+
+    at : [tick, row, flight], where they stand
+    rows : (rows, flights); signals, u, log : an item for each flight
+    """
+    first, flights = len(before), len(signals)
+    while at[0] <= last:
+        tick = at[0]
+        if at[1] == 0:
+            for s in range(flights):
+                for i in range(first):
+                    log[s][tick][i] = signals[s][before[i]]
+        while at[1] < len(rows):
+            row = rows[at[1]][0]
+            if row[6] == 0:
+                for s in range(flights):
+                    for i in range(row[4]):
+                        u[s][i] = signals[s][reads[row[3] + i]]
+                return ASK
+            while at[2] < flights:
+                row, read, made = rows[at[1]][at[2]], u[at[2]], signals[at[2]]
+                for i in range(row[4]):
+                    read[i] = made[reads[row[3] + i]]
+                answer = call(row[0], tick, read, row[1], row[2], made, row[5], row[6])
+                if answer != 0:
+                    return answer
+                at[2] += 1
+            at[1], at[2] = at[1] + 1, 0
+        for s in range(flights):
+            for pair in carried:
+                signals[s][pair[1]] = signals[s][pair[0]]
+            for i in range(len(after)):
+                log[s][tick][first + i] = signals[s][after[i]]
         at[0], at[1] = tick + 1, 0
     return 0
 

@@ -17,7 +17,7 @@ take no slices.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from types import SimpleNamespace
@@ -170,17 +170,21 @@ class Packed:
     def __deepcopy__(self, memo: Any) -> Packed:
         """Return a copy with arrays of its own."""
         other = object.__new__(Packed)
-        other.record, other.numbers = self.record, self.numbers.copy()
-        other._arrays, other._bases = [a.copy() for a in self._arrays], list(self._bases)
-        other._begun = [array.copy() for array in self._begun]
-        pairs = zip(self._arrays, other._arrays, strict=True)
-        places = {old.ctypes.data: new.ctypes.data for old, new in pairs}
+        other.__dict__ |= self.__dict__
+        other._bases, other._begun = list(self._bases), [array.copy() for array in self._begun]
+        other._move(np.copy)
+        return other
+
+    def _move(self, copied: Callable[[Any], Any]) -> None:
+        """Take other memory, for copies of the numbers and of all arrays."""
+        former = [array.ctypes.data for array in self._arrays]
+        self.numbers, self._arrays = copied(self.numbers), list(map(copied, self._arrays))
+        places = dict(zip(former, (array.ctypes.data for array in self._arrays), strict=True))
         bases = self.record, *self._bases
-        for arrays in ((other.numbers, *other._arrays), other._begun):
+        for arrays in ((self.numbers, *self._arrays), self._begun):
             for array, base in zip(arrays, bases, strict=False):
                 for link in _links(array, base):
                     link[4] = places[link[4]]
-        return other
 
     def _at(self, link: Any) -> NDArray[Any]:
         """Return the array that a field points to."""
@@ -238,6 +242,22 @@ class Packed:
         for i, value in enumerate(values):
             array[i] = self._row(value)
         return array
+
+
+def move_together(records: Sequence[Packed]) -> None:
+    """Let records stand one after the other in memory: a loop over them is faster."""
+    arrays = [array for record in records for array in (record.numbers, *record._arrays)]
+    room, end = np.empty(sum(array.nbytes for array in arrays) // 8), 0
+
+    def copied(array: NDArray[Any]) -> NDArray[Any]:
+        nonlocal end
+        first, end = end, end + array.nbytes // 8
+        copy = room[first:end].view(array.dtype).reshape(array.shape)
+        copy[...] = array
+        return copy
+
+    for record in records:
+        record._move(copied)
 
 
 def _field_of(record: Any, name: str) -> Field:
