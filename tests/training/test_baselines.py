@@ -13,7 +13,7 @@ from landing import rest_at_landing
 
 from rpo.analysis import comparison, optimal
 from rpo.engine.cases import case_of_set
-from rpo.engine.simulator import Simulator
+from rpo.engine.search import Simulator
 from rpo.montecarlo import config, run_batch
 from rpo.montecarlo.outputs import put
 from rpo.training import tuning

@@ -2,13 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Campaigns: the bits of the core, dispersions that act, statistics."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from campaign_documents import EVERYTHING
 from scipy import stats
 
-from rpo.montecarlo import config, judging, run_batch, sampling, statistics
+from rpo.montecarlo import config, judging, run_batch, sampling, statistics, variations
 from rpo.montecarlo.variations import thrust_matrix
+from rpo_core.navigation.estimator import Estimator
+from rpo_core.navigation.sensors import Sensor, Sensors
+from rpo_core.scenario.scenario import load_scenario
 from rpo_core.thrusters.thrusters import rotation
 
 
@@ -123,3 +128,11 @@ def test_limits_are_in_the_order_in_which_a_flight_comes_to_them():
         'slew_per_axis_n_s', 'keep_out_depth_m', 'arrival_time_s',
     ]  # fmt: skip
     assert judging.in_flight(names) == [names[i] for i in (5, 4, 3, 6, 2, 1, 0)]
+
+
+def test_a_run_of_which_nothing_is_drawn_has_the_sensors_of_the_scenario():
+    sensors, estimator = Sensors((Sensor('relative_position', 0.05),)), Estimator(noise_scale=1.5)
+    equipped = load_scenario('approach').equipped(sensors, estimator)
+    draw = variations.Draw({}, {}, (3, 4))
+    assert variations.sensors(equipped, draw) == replace(sensors, noise_key=(3, 4))
+    assert variations.estimator(equipped, draw).noise_scale == 1.5

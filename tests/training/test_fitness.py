@@ -12,7 +12,7 @@ from invoking import invoke
 
 from rpo.analysis.optimal import least_energy
 from rpo.engine.population import population_of
-from rpo.engine.simulator import Simulator
+from rpo.engine.search import Simulator
 from rpo.scoring import fitness
 from rpo.scoring.fitness import Fitness, FitnessSettings, excess
 from rpo_core.chain.flight import fly

@@ -20,7 +20,7 @@ from typing import NamedTuple
 from rpo.analysis.optimal import least_energy
 from rpo.engine.cases import case_of_flights, case_of_set
 from rpo.engine.population import population_of
-from rpo.engine.simulator import Simulator
+from rpo.engine.search import Simulator
 from rpo.montecarlo.config import find, load
 from rpo.montecarlo.execution import kept_of
 from rpo.montecarlo.judging import MOTION, motion, sentence

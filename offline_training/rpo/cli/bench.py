@@ -26,7 +26,7 @@ import numpy as np
 from rpo.engine import lanes
 from rpo.engine.cases import case_of_set
 from rpo.engine.population import population_of
-from rpo.engine.simulator import Simulator
+from rpo.engine.search import Simulator
 from rpo.exports import formats
 from rpo.montecarlo import config, outputs, run_batch
 from rpo.montecarlo.execution import fly

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Cases: flights that share everything but start and disturbance."""
+"""Cases: flights that share all but start and disturbance, as loops that fly side by side."""
 
 from __future__ import annotations
 
@@ -10,42 +10,50 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rpo.engine import lanes
-from rpo.engine.judged import VALUES, JudgedTogether
-from rpo.engine.lanes import RUNS
-from rpo.engine.parts import disturbance, dynamics, goal, thrusters
-from rpo.engine.tick import Part, Runs
-from rpo_core.judge.metrics import UNITS, Windows, window_ticks, windows_of
+from rpo.engine.judged import VALUES as TOGETHER
+from rpo.engine.judged import JudgedTogether
+from rpo.engine.lanes import STRIDE
+from rpo.engine.loops import Loops
+from rpo.engine.tick import Runs
+from rpo_core.judge.metrics import UNITS, VALUES, Windows, window_ticks, windows_of
 from rpo_core.kernels.arrays import Floats, Ints
 from rpo_core.scenario.requirements import MAX_ARRIVAL_DISTANCE_M, THRUST
 from rpo_core.scenario.scenario import Scenario, ScenarioSet
 from rpo_core.world.disturbance import Disturbance
 
+SOME = 40
+"""Flights side by side whose loops are not shared: whole SIMD registers, three axes in a row."""
 
-class Crossed(NamedTuple):
-    """The distinct planar and vertical loops of a set of starts; pairs : (starts,) of each."""
+PLANAR, VERTICAL = [0, 1, 3, 4], [2, 5]
+"""Columns of a state that are x, y and those that are z."""
 
-    runs: Runs
-    pairs: Ints
 
-    @property
-    def lanes(self) -> Ints:
-        """Lanes (starts, 3) x, y, z of each start."""
-        p, q = len(self.runs.planar), len(self.runs.vertical)
-        planar, vertical = np.divmod(self.pairs, q)
-        return np.column_stack([planar, p + planar, 2 * p + vertical])
+class Group(NamedTuple):
+    """Flights that fly side by side.
+
+    some : their places in the case
+    lanes : (3, k) x, y, z of those that are distinct
+    which : (n,) of these, the one that each flight is
+    """
+
+    some: slice
+    loops: Loops
+    lanes: NDArray[np.uint64]
+    which: Ints
 
 
 @dataclass(frozen=True)
-class Case(JudgedTogether):
+class Case:
     """Flights that run together.
 
     starts : (n, 6) states
     disturbances : all that occur; disturbance : (n,) index of the one of each start
     late_s : extremes are taken over the last `late_s` of `horizon_s`
     arrival_m : error of an axis that counts as arrived
-    together : whether rows have the columns of `judged.VALUES` too; the horizon is the duration
+    together : whether rows have all columns of `VALUES`, not the metrics alone; the horizon is then
+        the duration
     """
 
     base: Scenario
@@ -56,6 +64,11 @@ class Case(JudgedTogether):
     late_s: float
     arrival_m: float = MAX_ARRIVAL_DISTANCE_M
     together: bool = False
+
+    @property
+    def columns(self) -> int:
+        """Columns of a row."""
+        return len(VALUES) if self.together else len(UNITS)
 
     @cached_property
     def longer(self) -> Scenario:
@@ -69,11 +82,6 @@ class Case(JudgedTogether):
         late = window_ticks(self.longer, self.late_s)
         return Windows(judged.ticks, judged.tail, self.longer.ticks, late, self.arrival_m)
 
-    @property
-    def masses_kg(self) -> Floats:
-        """Masses (n,)."""
-        return np.full(len(self.starts), self.base.mass_kg)
-
     @cached_property
     def forces(self) -> Floats:
         """Disturbances (k, horizon, 3) [N]; (k, 1, 3) where there are none."""
@@ -83,28 +91,69 @@ class Case(JudgedTogether):
         return np.array([d.over(times) for d in self.disturbances])
 
     @cached_property
-    def full(self) -> Crossed | None:
-        """Loops for any fuzzy controller; None if they are more than the lanes."""
-        return _crossed(self, odd=False)
+    def crossed(self) -> list[Group]:
+        """For laws of each axis: every distinct planar loop with every vertical one."""
+        return self._crossed(odd=False)
 
     @cached_property
-    def half(self) -> Crossed | None:
-        """Loops for an odd controller: its flight from -start is the negative, bit for bit."""
-        return _crossed(self, odd=self.base.goal is None and not self.forces.any())
+    def halved(self) -> list[Group]:
+        """For odd laws of each axis: a flight from -start is the negative, bit for bit."""
+        return self._crossed(odd=self.base.goal is None and not self.forces.any())
 
-    def paired(self) -> Iterator[Runs]:
-        """Yield all starts, `RUNS` at a time; runs beyond the last start rest at the target."""
-        pushed, shared = None, len(self.disturbances) == 1
-        for first in range(0, len(self.starts), RUNS):
-            starts = self.starts[first : first + RUNS]
-            states = np.zeros((RUNS, 6))
-            states[: len(starts)] = starts
-            if pushed is None or not shared:
-                d = np.zeros((RUNS, *self.forces.shape[1:]))
-                d[: len(starts)] = self.forces[self.disturbance[first : first + RUNS]]
-                pushed = disturbance.table_part(np.hstack([d[:, :, axis].T for axis in range(3)]))
-            planar, vertical = states[:, [0, 1, 3, 4]], states[:, [2, 5]]
-            yield Runs(planar, vertical, (pushed, *_parts(self.base, RUNS, RUNS)))
+    @cached_property
+    def paired(self) -> list[Group]:
+        """For any law, some flights at a time."""
+        firsts = range(0, len(self.starts), SOME)
+        return [self._paired(slice(i, min(i + SOME, len(self.starts)))) for i in firsts]
+
+    def _paired(self, some: slice) -> Group:
+        starts, disturbance = self.starts[some], self.disturbance[some]
+        each = np.arange(len(starts))
+        xy, z = ((starts[:, columns], disturbance, each) for columns in (PLANAR, VERTICAL))
+        return self._group(some, xy, z)
+
+    def _crossed(self, *, odd: bool) -> list[Group]:
+        """Return the loops; paired if they are more than the lanes, as of 46 random starts."""
+        planar, vertical = (self._distinct(columns, odd) for columns in (PLANAR, VERTICAL))
+        if 2 * len(planar[0]) + len(vertical[0]) > STRIDE:
+            return self.paired
+        return [self._group(slice(0, len(self.starts)), planar, vertical)]
+
+    def _distinct(self, columns: list[int], odd: bool) -> tuple[Floats, Ints, Ints]:
+        """Return distinct starts of loops, their disturbances, and which one each flight has.
+
+        odd : starts that differ in sign share one
+        """
+        starts = self.starts[:, columns]
+        if odd:
+            first = np.array([next((x for x in row if x != 0.0), 0.0) for row in starts])
+            starts = np.where((first < 0.0)[:, None], -starts, starts) + 0.0
+        keyed = np.column_stack([starts, self.disturbance])
+        rows, which = np.unique(keyed, axis=0, return_inverse=True)
+        return rows[:, :-1], rows[:, -1].astype(np.int64), which.ravel()
+
+    def _group(
+        self, some: slice, planar: tuple[Floats, Ints, Ints], vertical: tuple[Floats, Ints, Ints]
+    ) -> Group:
+        """Return a group of loops as `_distinct` returns them."""
+        (xy, pushed, which_xy), (z, lifted, which_z) = planar, vertical
+        counts, forces, goal = [len(xy), len(xy), len(z)], self.forces, self.base.goal
+        position_m, force_n = (np.repeat(v, counts) for v in goal) if goal else np.zeros((2, 0))
+        starts = [(xy[:, 0], xy[:, 1], z[:, 0]), (xy[:, 2], xy[:, 3], z[:, 1])]
+        loops = Loops(
+            len(xy),
+            len(z),
+            np.array([np.concatenate(axes) for axes in starts]),
+            np.hstack([forces[pushed, :, 0].T, forces[pushed, :, 1].T, forces[lifted, :, 2].T]),
+            position_m,
+            force_n,
+            self.base.max_force_n,
+            self.base.step,
+        )
+        pairs, which = np.unique(which_xy + len(xy) * which_z, return_inverse=True)
+        z_of, x = np.divmod(pairs, len(xy))
+        lanes = np.array([x, len(xy) + x, 2 * len(xy) + z_of], np.uint64)
+        return Group(some, loops, lanes, which)
 
     def scenarios(self) -> Iterator[Scenario]:
         """Yield every start as a scenario with the duration of the horizon."""
@@ -115,76 +164,6 @@ class Case(JudgedTogether):
                 initial_velocity_m_s=tuple(start[3:]),
                 disturbance=self.disturbances[index],
             )
-
-
-def _parts(base: Scenario, planar: int, vertical: int) -> list[Part]:
-    """Return goal, limit and motion of a scenario, for so many planar and vertical loops."""
-    made = [
-        thrusters.limit_part(2 * planar + vertical, base.max_force_n),
-        dynamics.alike_part(planar, vertical, base.step),
-    ]
-    if base.goal is not None:
-        loops = [planar, planar, vertical]
-        made.append(goal.part_of(*(np.repeat(v, loops) for v in base.goal), from_truth=True))
-    return made
-
-
-def _crossed(case: Case, *, odd: bool) -> Crossed | None:
-    """Return the loops of a case; with `odd`, starts that differ in sign share one.
-
-    None if there are more than the lanes: of nine positions per axis, or of 46 random starts.
-    """
-
-    def distinct(columns: list[int]) -> tuple[Floats, Ints, Ints]:
-        starts = case.starts[:, columns]
-        if odd:
-            first = np.array([next((x for x in row if x != 0.0), 0.0) for row in starts])
-            starts = np.where((first < 0.0)[:, None], -starts, starts) + 0.0
-        keyed = np.column_stack([starts, case.disturbance])
-        rows, which = np.unique(keyed, axis=0, return_inverse=True)
-        return rows[:, :-1], rows[:, -1].astype(np.int64), which.ravel()
-
-    planar, pushed, which_planar = distinct([0, 1, 3, 4])
-    vertical, lifted, which_vertical = distinct([2, 5])
-    if 2 * len(planar) + len(vertical) > lanes.STRIDE:
-        return None
-    d = case.forces
-    table = np.hstack([d[pushed, :, 0].T, d[pushed, :, 1].T, d[lifted, :, 2].T])
-    parts = _parts(case.base, len(planar), len(vertical))
-    runs = Runs(planar, vertical, (disturbance.table_part(table), *parts))
-    return Crossed(runs, which_planar * len(vertical) + which_vertical)
-
-
-@dataclass(frozen=True)
-class DrawnCase(JudgedTogether):
-    """Flights that were drawn: each has a start, mass, disturbance, thrusters and navigation.
-
-    base : the scenario of which they are variations
-    starts : (n, 6) states; masses_kg : (n,)
-    batches : they, 40 runs each; lanes beyond the last run rest at the target
-    windows : in ticks
-    together : whether rows have the columns of `judged.VALUES` too; those of `requirements.THRUST`
-        are the last ones where thrusters fire in pulses or spend propellant
-    """
-
-    base: Scenario
-    starts: Floats
-    masses_kg: Floats
-    batches: tuple[Runs, ...]
-    windows: Windows
-    together: bool = False
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the columns of a row."""
-        together, own = VALUES if self.together else (), self.base.thrusters
-        spends = own is not None and bool(own.fires or own.propellant)
-        return (*UNITS, *together, *(THRUST if spends else ()))
-
-    @property
-    def columns(self) -> int:
-        """Columns of a row."""
-        return len(self.names)
 
 
 def case_of_set(
@@ -224,3 +203,35 @@ def case_of_flights(scenarios: Sequence[Scenario], late_s: float) -> Case:
         base.duration_s,
         late_s,
     )
+
+
+@dataclass(frozen=True)
+class DrawnCase(JudgedTogether):
+    """Flights that were drawn: each has a start, mass, disturbance, thrusters and navigation.
+
+    base : the scenario of which they are variations
+    starts : (n, 6) states; masses_kg : (n,)
+    batches : they, 40 runs each; lanes beyond the last run rest at the target
+    windows : in ticks
+    together : whether rows have the columns of `judged.VALUES` too; those of `requirements.THRUST`
+        are the last ones where thrusters fire in pulses or spend propellant
+    """
+
+    base: Scenario
+    starts: Floats
+    masses_kg: Floats
+    batches: tuple[Runs, ...]
+    windows: Windows
+    together: bool = False
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns of a row."""
+        together, own = TOGETHER if self.together else (), self.base.thrusters
+        spends = own is not None and bool(own.fires or own.propellant)
+        return (*UNITS, *together, *(THRUST if spends else ()))
+
+    @property
+    def columns(self) -> int:
+        """Columns of a row."""
+        return len(self.names)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a search judges a flight by: the requirements of its scenario, as columns of rows.
 
-They are the values of `rpo_core.judge.verdicts`, of all requirements.
+They are the values of `rpo_core.judge.metrics`, of all requirements.
 """
 
 from __future__ import annotations
@@ -12,8 +12,6 @@ from math import sqrt
 
 import numpy as np
 
-from rpo.engine.counters import COLUMNS
-from rpo.engine.judged import VALUES
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
 from rpo_core.kernels.arrays import Floats
@@ -52,7 +50,15 @@ _ORDER = (
     'hold_speed_per_axis_m_s',
     'hold_force_per_axis_n',
     'hold_force_per_disturbance',
-    *VALUES,
+    'final_error_per_axis_m',
+    'final_error_norm_m',
+    'final_speed_per_axis_m_s',
+    'final_speed_norm_m_s',
+    'hold_error_norm_m',
+    'hold_speed_norm_m_s',
+    'contact_closing_speed_m_s',
+    'contact_lateral_speed_m_s',
+    'keep_out_depth_m',
 )
 """Requirements in the order in which their penalties add up: the bits of a fitness depend on it."""
 
@@ -63,7 +69,7 @@ class Conditions:
 
     keys : requirements; columns : where their values are in a row; limits : (k,)
     late : whether the extremes are those after `hold_from_s`; late_s : the time that this is
-    together : whether the rows need the columns of `engine.judged`
+    together : whether the rows need all columns of `VALUES`
     arrival_m : error of an axis that counts as arrived
     """
 
@@ -92,14 +98,11 @@ def label(key: str) -> str:
 
 def column_of(name: str, required: Requirements | None) -> int:
     """Return the column of a row that has the value of a requirement."""
-    by_norm = required is not None and required.arrival_error_norm_m is not None
-    if name in metrics.UNITS and not (name == 'arrival_time_s' and by_norm):
-        return list(metrics.UNITS).index(name)
+    if name == 'arrival_time_s' and required and required.arrival_error_norm_m is not None:
+        return metrics.OUTSIDE  # as a time
     if name == 'hold_force_per_disturbance':
         return metrics.LATE_FORCE
-    if name in THRUST:
-        return list(THRUST).index(name) - len(THRUST)
-    return COLUMNS + VALUES.index(name)
+    return metrics.VALUES.index(name)
 
 
 def conditions_of(base: Scenario) -> Conditions:
@@ -128,7 +131,7 @@ def conditions_of(base: Scenario) -> Conditions:
         np.array([limits[key] for key in keys]),
         any(key.startswith('hold_') for key in keys),
         max(1, base.ticks - (hold or 0)) * base.dt_s,
-        max(found, default=0) >= COLUMNS,
+        max(found, default=0) >= len(metrics.UNITS),
         _arrival_m(required),
     )
 

@@ -31,11 +31,10 @@ from numpy.typing import NDArray
 from rpo.engine.cases import Case, case_of_flights, case_of_set
 from rpo.engine.lanes import infer_many, make_scratch
 from rpo.engine.population import Population
-from rpo.engine.simulator import Simulator
+from rpo.engine.search import Candidates, Simulator
 from rpo.scoring.conditions import AT_LIMIT, LABELS, PAPER, conditions_of
 from rpo.scoring.drawn import HELD_OUT, SHARE_BELOW_1, UNDRAWN, WEIGHT, DrawnFlights, DrawnSettings
-from rpo_core.control.baselines import Baseline
-from rpo_core.control.controller import Controller, FuzzyController
+from rpo_core.control.controller import Controller
 from rpo_core.control.fuzzy import DEFAULT_SAMPLES
 from rpo_core.files.validation import Checked, choice, real, whole
 from rpo_core.judge.metrics import (
@@ -207,12 +206,7 @@ def _between(case: Case, count: int) -> Case:
     return replace(case, starts=starts, disturbance=np.zeros(len(starts), np.int64))
 
 
-Candidates = Population | Sequence[Baseline]
-
-
-def members_of(
-    candidates: Candidates, some: Iterable[int] | None = None
-) -> Sequence[FuzzyController | Baseline]:
+def members_of(candidates: Candidates, some: Iterable[int] | None = None) -> Sequence[Controller]:
     """Return candidates as controllers; all of them if `some` are not given."""
     if not isinstance(candidates, Population):
         return candidates if some is None else [candidates[i] for i in some]
