@@ -4,16 +4,21 @@
 
 from dataclasses import replace
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from campaign_documents import EVERYTHING
 from scipy import stats
 
-from rpo.montecarlo import config, judging, run_batch, sampling, statistics, variations
+from rpo.montecarlo import config, in_python, judging, run_batch, sampling, statistics, variations
 from rpo.montecarlo.variations import thrust_matrix
 from rpo_core.navigation.estimator import Estimator
 from rpo_core.navigation.sensors import Sensor, Sensors
 from rpo_core.scenario.scenario import load_scenario
+from rpo_core.control.controller import load_controller
+from rpo_core.control.controller_file import ControllerStage
+from rpo_core.kernels.jit import COMPILED
 from rpo_core.thrusters.thrusters import rotation
 
 
@@ -24,7 +29,35 @@ def all_columns(campaign):
     return dict(zip(run_batch.COLUMNS, np.hstack(results), strict=True))
 
 
-# Bits.
+# A controller in Python.
+
+
+class Lagged(ControllerStage):
+    """The force of the tick before."""
+
+    name, provenance, memory_ticks = 'lagged', (), 1
+
+    def stage(self, dt_s):
+        self.inner = load_controller('pd').stage(dt_s)
+        return self
+
+    def reset(self):
+        self.last = (0.0, 0.0, 0.0)
+
+    def step(self, tick, *inputs):
+        force, (self.last,) = self.last, self.inner.step(tick, *inputs)
+        return (force,)
+
+
+def test_a_controller_in_python_has_the_same_columns_and_says_so(loaded):
+    campaign = loaded(controller='pd')
+    python = replace(campaign, controller=Lagged())
+    columns = run_batch.fly_runs(python, 0, 3)
+    assert list(columns) == list(run_batch.fly_runs(campaign, 0, 1))
+    assert columns['final_x_m'][2] == run_batch.fly_run(python, 2).states[-1, 0]
+    assert in_python.sentence(campaign) == ''
+    said = in_python.sentence(python)
+    assert said.startswith('stage `') and ' in Python, about ' in said if COMPILED else not said
 
 
 # Dispersions.

@@ -19,10 +19,9 @@ from rpo.engine.judged import VALUES, arrival_s
 from rpo.engine.lanes import RUNS
 from rpo.engine.parts.control import Control, control_of
 from rpo.engine.parts.disturbance import levels_n
-from rpo.engine.parts.dynamics import uneven_steps
 from rpo.engine.parts.link import Fates
 from rpo.engine.simulator import Pairs, Scratch, fly_pairs
-from rpo.engine.support import announce, kinds, why_not
+from rpo.engine.support import kinds
 from rpo.engine.tick import Batch, Part, Runs, parts_of
 from rpo.montecarlo.config import METRICS, Campaign
 from rpo.montecarlo.faults import LinkStage
@@ -81,13 +80,9 @@ def fly_runs(campaign: Campaign, first: int, count: int) -> dict[str, Floats]:
 
 
 def _fly(campaign: Campaign, drawn: DrawnRuns) -> Floats:
-    reason = why_not(campaign.scenario, campaign.controller)
-    reason = reason or uneven_steps(campaign.scenario, drawn.column('orbit_radius_m'))
-    if reason:
-        announce(reason)
-    found = fly_drawn(campaign, drawn) if reason else side_by_side(campaign, drawn)
-    found |= zip(drawn.names, drawn.parameters.T, strict=True)
-    return np.array([found[name] for name in columns_of(campaign)])
+    values = fly_drawn(campaign, drawn)
+    values |= zip(drawn.names, drawn.parameters.T, strict=True)
+    return np.array([values[name] for name in columns_of(campaign)])
 
 
 def fly_drawn(

@@ -131,7 +131,10 @@ def _of_source(
 def _fly(store: Store, workers: int, cluster: str, least: float | None) -> bool:
     """Fly what is missing of a campaign and print it; return whether too few runs succeed."""
     from rpo.door.campaign import flown
+    from rpo.montecarlo import in_python
 
+    if not store.finished and (sentence := in_python.sentence(store.campaign)):
+        echo(sentence, err=True)
     with shared.saved_work(store.folder, 'finished runs', 'rpo', 'campaign') as show:
         flown(store, workers, cluster, show)
     missed = _print(store, least)
