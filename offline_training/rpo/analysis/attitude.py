@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Attitude controllers are judged: slews and tumbles of a dispersed chaser, flown by the engine.
+"""Attitude controllers are judged: slews and tumbles of a dispersed chaser, flown by the driver.
 
 The chaser turns to the synchronised attitude. A flight has settled once its attitude error stays
 within 0.5 deg and its rate error within 0.02 deg/s. Energy is the integral of the squared torque.
@@ -8,36 +8,26 @@ within 0.5 deg and its rate error within 0.02 deg/s. Energy is the integral of t
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import log, radians, sin, sqrt
-from typing import NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
-from rpo.engine.lanes import (
-    QUAT,
-    QUAT_W,
-    RATE,
-    RUNS,
-    SEEN_QUAT,
-    SEEN_QUAT_W,
-    SEEN_RATE,
-    TORQUE,
-    compiled,
-    make_scratch,
-)
-from rpo.engine.parts.attitude import attitude_in, put_attitude, vector_in
-from rpo.engine.parts.attitude_control import HEAD, packed, part_of
-from rpo.engine.support import kinds
-from rpo.engine.tick import COUNTED, Batch, Part, Runs, fly, table_of
 from rpo_core.attitude.attitude_kernels import synchronised
-from rpo_core.attitude.chaser import Chaser, Wheels, times
-from rpo_core.control.attitude import AttitudeControl, AttitudeController
+from rpo_core.attitude.chaser import AttitudeStage, Chaser, Wheels, times
+from rpo_core.chain.chain import Chain, start_of
+from rpo_core.chain.driver import Driver
+from rpo_core.control.attitude import AttitudeControl, AttitudeController, Control
 from rpo_core.control.attitude_law_kernels import errors
 from rpo_core.kernels.arrays import Floats
+from rpo_core.kernels.jit import kernel, step_kernel
+from rpo_core.kernels.records import prepared
 from rpo_core.scenario.scenario import Scenario, load_scenario
-from rpo_core.stage import Place
+from rpo_core.stage import KernelStage, Place
+from rpo_core.wire.interfaces import BODY_TORQUE, CHASER_ATTITUDE, NAVIGATION_ATTITUDE
 
 ANGLE_DEG, RATE_DEG_S = 0.5, 0.02
 """A flight has settled within these."""
@@ -54,6 +44,8 @@ VEHICLE = Chaser(inertia_kg_m2=INERTIA_KG_M2, wheels=Wheels(torque_nm=0.01, mome
 """The chaser that is flown: 10 kg, a cube of 30 cm with wheels."""
 
 TRAINED_SEED, JUDGED_SEED = 30, 2026
+ANGLES = 40
+"""Slews of each part of the training; so many flights have noise of their own."""
 
 
 class Draws(NamedTuple):
@@ -95,7 +87,7 @@ def trained_draws(hard: int = 0) -> Draws:
         has all the work, and the flight settles last
     """
     rng = np.random.Generator(np.random.PCG64(TRAINED_SEED))
-    angles = np.linspace(4.5, 180.0, RUNS)
+    angles = np.linspace(4.5, 180.0, ANGLES)
     parts = [_draws(rng, angles, rate) for rate in (0.0, 1.1, 1.1, 3.0)]
     parts.append(_draws(rng, rng.uniform(150.0, 180.0, hard), 1.1, along=5.0))
     return Draws(*map(np.concatenate, zip(*parts, strict=True)))
@@ -118,57 +110,101 @@ class Outcome(NamedTuple):
     fastest_deg_s: Floats
 
 
-_ENERGY, _OUTSIDE, _WORST, _BEYOND, _FASTEST, _AXIS = 0, 1, 2, 3, 4, 5
-_DT, _ORBIT, _LATE, _ANGLE, _RATE = range(5)
+class Limits(NamedTuple):
+    """What flights are counted by: a tick [s], rate of LVLH [rad/s], first late tick, limits."""
+
+    dt: float
+    orbit: float
+    late: int
+    angle: float
+    rate: float
 
 
-@compiled
-def _count(w, m, t, tick):  # type: ignore[no-untyped-def]
-    """Count the errors of a tick, and its torque."""
-    n = RUNS
-    for s in range(n):
-        seen = attitude_in(w, QUAT, QUAT_W, RATE, s)
-        wanted = synchronised(t[_ORBIT])
-        e = errors(seen, wanted, (0.0, 0.0, t[_ORBIT]), t[_DT])
+@kernel
+def _count(attitudes: Any, torques: Any, t: Limits) -> Any:
+    """Return last tick outside, worst, energy, beyond, largest rate of a flight: see `Outcome`.
+
+    attitudes : (n, 7); torques : (n, 3) [N m]
+    """
+    last = worst = energy = beyond = fastest = 0.0
+    axis = (0.0, 0.0, 0.0)
+    for tick in range(len(attitudes)):
+        a, torque = attitudes[tick], torques[tick]
+        seen = (a[0], a[1], a[2], a[3], a[4], a[5], a[6])
+        e = errors(seen, synchronised(t.orbit), (0.0, 0.0, t.orbit), t.dt)
         angle = sqrt(e.ex * e.ex + e.ey * e.ey + e.ez * e.ez)
         rate = sqrt(e.wx * e.wx + e.wy * e.wy + e.wz * e.wz)
         if tick == 0:
             size = angle if angle > 0.0 else 1.0
-            m[_AXIS * n + s], m[(_AXIS + 1) * n + s] = e.ex / size / size, e.ey / size / size
-            m[(_AXIS + 2) * n + s] = e.ez / size / size
-        beyond = -(e.ex * m[_AXIS * n + s] + e.ey * m[(_AXIS + 1) * n + s]
-                   + e.ez * m[(_AXIS + 2) * n + s])  # fmt: skip
-        m[_BEYOND * n + s] = max(m[_BEYOND * n + s], beyond)
-        m[_FASTEST * n + s] = max(m[_FASTEST * n + s], rate)
-        ratio = max(angle / t[_ANGLE], rate / t[_RATE])
+            axis = (e.ex / size / size, e.ey / size / size, e.ez / size / size)
+        beyond = max(beyond, -(e.ex * axis[0] + e.ey * axis[1] + e.ez * axis[2]))
+        fastest = max(fastest, rate)
+        ratio = max(angle / t.angle, rate / t.rate)
         if ratio > 1.0:
-            m[_OUTSIDE * n + s] = tick + 1.0
-        if tick >= t[_LATE]:
-            m[_WORST * n + s] = max(m[_WORST * n + s], ratio)
-        x, y, z = vector_in(w, TORQUE, s)
-        m[_ENERGY * n + s] += (x * x + y * y + z * z) * t[_DT]
+            last = tick + 1.0
+        if tick >= t.late:
+            worst = max(worst, ratio)
+        x, y, z = torque[0], torque[1], torque[2]
+        energy += (x * x + y * y + z * z) * t.dt
+    return last, worst, energy, beyond, fastest
 
 
-@compiled
-def _blur(w, m, t, tick):  # type: ignore[no-untyped-def]
-    """Fill rows SEEN with the attitude a tick ago and noise, numbers (ticks, 6, 40)."""
-    for s in range(RUNS):
-        i, n = 6 * RUNS * tick + s, RUNS
-        now = attitude_in(w, QUAT, QUAT_W, RATE, s)
+@dataclass(slots=True)
+class Noise:
+    """Settings of the kernel `blur`: of each tick, three angles [rad] and three rates [rad/s]."""
+
+    normals: list[list[float]]
+
+
+@dataclass(slots=True)
+class Before:
+    """Memory of the kernel `blur`: the attitude a tick ago."""
+
+    attitude: Annotated[list[float], 7]
+
+
+@step_kernel
+def blur(tick: int, u: Any, p: Any, m: Any, y: Any) -> None:
+    """Attitude and rate (7,) a tick ago, turned by the noise e: q (e / 2, 1) / |..|, w + e_w."""
+    b, e = m.attitude, p.normals[tick]
+    if tick == 0:
         for j in range(7):
-            m[(7 + j) * n + s] = now[j] if tick == 0 else m[j * n + s]
-            m[j * n + s] = now[j]
-        k = 7 * n + s
-        half = (0.5 * t[i], 0.5 * t[i + n], 0.5 * t[i + 2 * n], 1.0)
-        x, y, z, c = times((m[k], m[k + n], m[k + 2 * n], m[k + 3 * n]), half)
-        size, i, k = sqrt(x * x + y * y + z * z + c * c), i + 3 * n, k + 4 * n
-        p, q, r = m[k] + t[i], m[k + n] + t[i + n], m[k + 2 * n] + t[i + 2 * n]
-        seen = (x / size, y / size, z / size, c / size, p, q, r)
-        put_attitude(w, SEEN_QUAT, SEEN_QUAT_W, SEEN_RATE, s, seen)
+            b[j] = u[j]
+    half = (0.5 * e[0], 0.5 * e[1], 0.5 * e[2], 1.0)
+    x, y_, z, c = times((b[0], b[1], b[2], b[3]), half)
+    size = sqrt(x * x + y_ * y_ + z * z + c * c)
+    y[0], y[1], y[2], y[3] = x / size, y_ / size, z / size, c / size
+    for j in range(3):
+        y[4 + j] = b[4 + j] + e[3 + j]
+    for j in range(7):
+        b[j] = u[j]
+
+
+class BlurStage(KernelStage):
+    """The attitude is seen a tick late, and with noise."""
+
+    name, inputs, outputs = 'blur', (CHASER_ATTITUDE,), (NAVIGATION_ATTITUDE,)
+    kernel = blur
+
+    def __init__(self, normals: Floats) -> None:
+        super().__init__(Noise(normals.tolist()), Before([0.0] * 7))
+
+
+class _Turning(threading.local):
+    """The chain of a thread: noise, a controller and the chaser; flights differ in settings."""
+
+    def __init__(self, scenario: Scenario, noise: Sequence[Any], ticks: int) -> None:
+        more = [(Place.ATTITUDE_SENSOR, BlurStage(np.zeros((1, 6))))] if noise else []
+        places = Place.ATTITUDE_SENSOR, Place.STEERING, Place.ATTITUDE
+        chain = Chain.of(scenario, more=more).part(*places)
+        stages: list[Any] = [link.stage for link in chain.links]
+        *self.noisy, self.control, self.chaser = stages
+        self.driver = Driver(chain, (CHASER_ATTITUDE, BODY_TORQUE))
+        self.room = self.driver.room(ticks)
 
 
 class Flights:
-    """Draws in the engine, which controllers fly one after the other.
+    """Draws that controllers fly one after the other.
 
     keep : share of all limits that is allowed; angle_deg : where a flight has settled
     noise : of the attitude [deg] and the rate [deg/s], each axis and tick; with it, both are seen
@@ -184,20 +220,20 @@ class Flights:
     ) -> None:
         self.base = load_scenario('approach').equipped(VEHICLE)
         self.draws, self._keep, self.count = draws, keep, len(draws.attitudes)
-        self._parts = [self._part(first) for first in range(0, self.count, RUNS)]
-        dt, n = self.base.dt_s, self.base.mean_motion_rad_s
-        self.ticks = round(FLIGHT_S / dt)
+        scenarios, dt = [self.scenario(index) for index in range(self.count)], self.base.dt_s
+        self._starts = [{CHASER_ATTITUDE: start_of(s)[CHASER_ATTITUDE]} for s in scenarios]
+        self._chasers = [AttitudeStage(s.attitude, s).p for s in scenarios]
+        self.ticks, late = round(FLIGHT_S / dt), round(keep * SETTLED_S / dt)
         limits = 2.0 * sin(radians(keep * angle_deg) / 2.0), radians(keep * RATE_DEG_S)
-        table = table_of(dt, n, round(keep * SETTLED_S / dt), limits)
-        self._others = [Part('count', ((COUNTED, _count),), table, np.zeros(8 * RUNS))]
-        self._seen = (QUAT, QUAT_W, RATE)
+        self._limits = Limits(dt, self.base.mean_motion_rad_s, late, *limits)
+        self._noise = []
         if noise:
             rng = np.random.Generator(np.random.PCG64(TRAINED_SEED))
-            normals = rng.standard_normal((self.ticks + 1, 2, 3 * RUNS))
+            normals = rng.standard_normal((self.ticks + 1, 2, 3 * ANGLES))
             normals *= np.radians(noise)[:, None]
-            steps, memory = ((Place.ATTITUDE_SENSOR, _blur),), np.zeros(14 * RUNS)
-            self._others.append(Part('noise', steps, normals.ravel(), memory))
-            self._seen = (SEEN_QUAT, SEEN_QUAT_W, SEEN_RATE)
+            each = normals.reshape(self.ticks + 1, 6, ANGLES)
+            self._noise = [BlurStage(each[:, :, i]).p for i in range(ANGLES)]
+        self._turning = _Turning(scenarios[0], self._noise, self.ticks - 1)
 
     def scenario(self, index: int) -> Scenario:
         """Return the scenario of a flight; its controller is not used."""
@@ -205,29 +241,28 @@ class Flights:
         chaser = replace(VEHICLE, attitude=attitude, rates_deg_s=rates, inertia_kg_m2=inertia)
         return self.base.equipped(chaser, AttitudeControl(controller='attitude_pd'))
 
-    def _part(self, first: int) -> Part:
-        """Return the part of some chasers."""
-        count = min(RUNS, self.count - first)
-        starts, keys = np.zeros((count, 6)), np.zeros((count, 2), np.int64)
-        made = [self.scenario(first + i) for i in range(count)]
-        batch = Batch(made[0], starts, lambda: made, {}, keys, {})
-        found = next(kind for kind in kinds() if kind.section == 'attitude').make(batch)
-        assert found is not None
-        return found
-
     def fly(self, settings: AttitudeControl) -> Outcome:
-        """Return what a controller does with all of them."""
-        law = packed(*settings.law_of(self.base.equipped(VEHICLE)))
-        control = part_of(law, np.tile(law[:HEAD], (RUNS, 1)), np.zeros((3, RUNS)), self._seen)
-        w, counted = make_scratch(), []
-        for part in self._parts:
-            runs = Runs(np.zeros((RUNS, 4)), np.zeros((RUNS, 2)), (part, control, *self._others))
-            counted.append(fly(runs, (), self.ticks, w)['count'].reshape(8, RUNS))
-        energy, last, worst, beyond, fastest = np.hstack(counted)[:_AXIS, : self.count]
+        """Return what a controller does with all of them; threads may call it."""
+        self._turning.control.take_settings(
+            prepared(Control(*settings.law_of(self.base.equipped(VEHICLE)), 0))
+        )
+        counts = [self._flown(index) for index in range(self.count)]
+        last, worst, energy, beyond, fastest = np.array(counts).T
         settled = np.where(last >= self.ticks, np.inf, last * self.base.dt_s)
         at_rest = np.abs(self.draws.rates_deg_s).max(axis=1) == 0.0
         beyond = np.where(at_rest, beyond / (self._keep * OVERSHOOT), 0.0)
         return Outcome(settled, worst, energy, beyond, np.degrees(fastest))
+
+    def _flown(self, index: int) -> Any:
+        """Return the counts of a flight."""
+        turning = self._turning
+        turning.chaser.take_settings(self._chasers[index])
+        for stage in turning.noisy:
+            stage.take_settings(self._noise[index % ANGLES])
+        turning.driver.begin(self._starts[index], self.ticks - 1, turning.room)
+        turning.driver.go_on()
+        signals = turning.driver.flown()
+        return _count(signals[CHASER_ATTITUDE], signals[BODY_TORQUE], self._limits)
 
 
 HEADINGS = (

@@ -196,6 +196,10 @@ class KernelStage(Stage):
         """Return what a copy is made of; it has a memory of its own."""
         return {**self.__dict__, '_row': None}
 
+    def take_settings(self, p: Any) -> None:
+        """Fly with other settings of the same class, as kernels read them, from now on."""
+        self.p, self._row = p, None
+
     def answer(self, tick: int, u: Sequence[float]) -> None:
         """Write into p and m what a kernel needs that returned ASK."""
         raise NotImplementedError
