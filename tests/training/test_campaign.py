@@ -4,8 +4,6 @@
 
 from dataclasses import replace
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from campaign_documents import EVERYTHING
@@ -13,12 +11,12 @@ from scipy import stats
 
 from rpo.montecarlo import config, in_python, judging, run_batch, sampling, statistics, variations
 from rpo.montecarlo.variations import thrust_matrix
-from rpo_core.navigation.estimator import Estimator
-from rpo_core.navigation.sensors import Sensor, Sensors
-from rpo_core.scenario.scenario import load_scenario
 from rpo_core.control.controller import load_controller
 from rpo_core.control.controller_file import ControllerStage
 from rpo_core.kernels.jit import COMPILED
+from rpo_core.navigation.estimator import Estimator
+from rpo_core.navigation.sensors import Sensor, Sensors
+from rpo_core.scenario.scenario import load_scenario
 from rpo_core.thrusters.thrusters import rotation
 
 

@@ -23,8 +23,7 @@ import numpy as np
 from rpo.analysis import robustness
 from rpo.analysis.optimal import least_constrained
 from rpo.analysis.robustness import COLUMNS, CROSSED, DRAWN, RUNS, SEED, cells
-from rpo.engine.support import why_not
-from rpo.montecarlo import config, execution, run_batch
+from rpo.montecarlo import config, execution, in_python, run_batch
 from rpo.montecarlo.config import Campaign
 from rpo.montecarlo.judging import NOT_JUDGED, motion, sentence, words
 from rpo.montecarlo.outputs import digest_of, identifier, make_folder, markdown_table, write_text
@@ -280,8 +279,8 @@ class Comparison:
         return execution.kept_of(campaign, groups, self.workers, show)
 
     def _margins(self, drawn: Campaign) -> Row:
-        """Return the numbers of the margins; none where the engine cannot fly the controller."""
-        if why_not(drawn.scenario, drawn.controller):
+        """Return the numbers of the margins; none of a controller in Python, which takes hours."""
+        if in_python.stages(drawn):
             return {}
         return robustness.margins_of(drawn.controller, self.workers, self.report).numbers()
 

@@ -35,21 +35,27 @@ class Resting(KernelStage):
         super().__init__(Nothing(), Nothing())
 
 
+def stages(campaign: Campaign) -> list[str]:
+    """Return the names of the stages that have no kernel."""
+    chain = Chain.of(campaign.scenario, campaign.controller)
+    return [link.stage.name for link in chain.links if not has_kernel(link.stage)]
+
+
 def sentence(campaign: Campaign) -> str:
     """Return which stages fly in Python, and how much slower that is; '' if none does."""
-    chain = Chain.of(campaign.scenario, campaign.controller)
-    names = [link.stage.name for link in chain.links if not has_kernel(link.stage)]
+    names = stages(campaign)
     if not names or not COMPILED:
         return ''
-    factor = slower(campaign, chain)
+    factor = slower(campaign)
     by = f', about {factor:.2g} times slower than with kernels' if factor > 1.0 else ''
-    stages = f'stage{"s" if names[1:] else ""} {", ".join(f"`{name}`" for name in names)}'
+    what = f'stage{"s" if names[1:] else ""} {", ".join(f"`{name}`" for name in names)}'
     fly = 'fly' if names[1:] else 'flies'
-    return f'{stages} {fly} in Python{by}; docs/extend.md shows the form of a kernel'
+    return f'{what} {fly} in Python{by}; docs/extend.md shows the form of a kernel'
 
 
-def slower(campaign: Campaign, chain: Chain) -> float:
+def slower(campaign: Campaign) -> float:
     """Return the factor of the processor time of some ticks to that with kernels; 0: not known."""
+    chain = Chain.of(campaign.scenario, campaign.controller)
     resting = (
         link if has_kernel(link.stage) else link._replace(stage=Resting(link.stage))
         for link in chain.links

@@ -7,22 +7,12 @@ A run is a scenario too (`scenario_of`): the core and the nodes fly it to the sa
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 
-from rpo.engine.cases import DrawnCase
-from rpo.engine.judged import VALUES, arrival_s
-from rpo.engine.lanes import RUNS
-from rpo.engine.parts.control import Control, control_of
-from rpo.engine.parts.disturbance import levels_n
-from rpo.engine.parts.link import Fates
-from rpo.engine.simulator import Pairs, Scratch, fly_pairs
-from rpo.engine.support import kinds
-from rpo.engine.tick import Batch, Part, Runs, parts_of
 from rpo.montecarlo.config import METRICS, Campaign
 from rpo.montecarlo.faults import LinkStage
 from rpo.montecarlo.sampling import PARAMETERS, STARTS, STRATA, DrawnRuns, draw, parameters_of
@@ -31,8 +21,7 @@ from rpo_core.attitude.target import move_together
 from rpo_core.chain.flight import Flight, fly
 from rpo_core.control.controller import Controller
 from rpo_core.files.validation import within
-from rpo_core.judge import metrics
-from rpo_core.judge.metrics import FINAL, LEVEL, windows_of
+from rpo_core.judge.metrics import FINAL
 from rpo_core.judge.verdicts import values_of
 from rpo_core.kernels.arrays import Floats
 from rpo_core.scenario.scenario import Scenario
@@ -43,14 +32,12 @@ from rpo_core.world.cw import mean_motion
 UNIT = 200
 """Runs of a unit; a whole number of them is one Latin hypercube."""
 
-assert STRATA % UNIT == 0 and UNIT % RUNS == 0
+assert STRATA % UNIT == 0
 
 COLUMNS = (*PARAMETERS, *METRICS, *FINAL)
 """Columns of the results of every campaign: drawn parameters, metrics, final state."""
 
 Stages = Iterable[tuple[Place, Stage]]
-
-_scratch = Scratch(0)
 
 
 def units(runs: int) -> int:
@@ -131,89 +118,6 @@ def as_flown(flight: Flight) -> Flight:
     """Return a flight with the forces that are held at each tick, where messages are faulty."""
     held = flight.signals.get(APPLIED_FORCE)
     return flight if held is None else replace(flight, forces_n=held)
-
-
-def side_by_side(
-    campaign: Campaign,
-    drawn: DrawnRuns,
-    control: Control | None = None,
-    more: Sequence[Part] = (),
-) -> dict[str, Floats]:
-    """Return what is known (n,) of drawn runs that the engine flies, by name.
-
-    control : in the place of the campaign's controller; more : parts of every tick beside theirs
-    """
-    case, w = case_of(campaign, drawn), _scratch.w
-    control = control or control_of(campaign.controller)
-    if more:
-        batches = (runs._replace(parts=(*runs.parts, *more)) for runs in case.batches)
-        case = replace(case, batches=tuple(batches))
-    return known_of(campaign, case, ((pairs, w) for pairs in fly_pairs(control, case, w)))
-
-
-def known_of(
-    campaign: Campaign, case: DrawnCase, flown: Iterable[tuple[Pairs, Floats]]
-) -> dict[str, Floats]:
-    """Return what is known (n,) of the runs of a case that have flown, by name.
-
-    flown : up to 40 runs each, with the scratch as their flights left it
-    """
-    scenario, rows = campaign.scenario, np.empty((len(case.starts), case.columns))
-    final, level = np.empty((len(rows), 6)), np.empty(len(rows))
-    for pairs, w in flown:
-        rows[pairs.some], final[pairs.some] = pairs.rows, pairs.final
-        if LEVEL in campaign.more:
-            level[pairs.some] = levels_n(pairs.runs, pairs.memories, w)[: len(pairs.rows)]
-    lost = ~np.isfinite(final).all(axis=1)  # comparisons passed over what is no number
-    counted, judged = np.split(rows.T, [len(metrics.UNITS)])
-    counted[:, lost] = np.nan
-    found = dict(zip(case.names[len(counted) :], judged, strict=True))
-    for name in found.keys() & set(VALUES):
-        found[name][lost] = np.inf
-    by_norm = found.get('arrival_time_s')
-    found |= zip((*metrics.UNITS, *FINAL, LEVEL), (*counted, *final.T, level), strict=True)
-    required = scenario.requirements
-    if required is None or required.arrival_time_s is None:
-        return found
-    if required.arrival_error_norm_m is None or by_norm is None:
-        by_norm = arrival_s(scenario, np.rint(found['arrival_time_s'] / scenario.dt_s))
-    return {**found, 'arrival_time_s': by_norm}
-
-
-def case_of(campaign: Campaign, drawn: DrawnRuns) -> DrawnCase:
-    """Return drawn runs as the engine flies them."""
-    firsts = range(0, len(drawn.numbers), RUNS)
-    windows, required = windows_of(campaign.scenario), campaign.scenario.requirements
-    together = bool(set(campaign.config.more) & set(VALUES))  # judged by what axes do together
-    if required is not None:
-        together |= required.arrival_error_norm_m is not None
-        if required.arrival_error_per_axis_m is not None:
-            windows = windows._replace(arrival_m=required.arrival_error_per_axis_m)
-    return DrawnCase(
-        campaign.scenario,
-        drawn.starts,
-        drawn.column('mass_kg'),
-        tuple(_batch(campaign, drawn.some(slice(i, i + RUNS))) for i in firsts),
-        windows,
-        together,
-    )
-
-
-def _batch(campaign: Campaign, drawn: DrawnRuns) -> Runs:
-    """Return up to 40 runs; lanes without a run rest at the target."""
-    config = campaign.config
-    batch = Batch(
-        campaign.scenario,
-        drawn.starts,
-        partial(scenarios_of, campaign, drawn),
-        dict(zip(drawn.names, drawn.parameters.T, strict=True)),
-        drawn.keys,
-        {name: dispersion.spread for name, dispersion in config.dispersions.items()},
-        Fates(*config.faults.settings((0, 0), 0)[:6]) if config.faults else None,
-    )
-    starts = np.zeros((RUNS, 6))
-    starts[: len(drawn.numbers)] = drawn.starts
-    return Runs(starts[:, [0, 1, 3, 4]], starts[:, [2, 5]], parts_of(batch, kinds()))
 
 
 def fly_run(campaign: Campaign, number: int) -> Flight:
