@@ -13,7 +13,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from rpo.engine.parts.attitude_control import limits_at
 from rpo_core.assurance.doubt import doubt_at
 from rpo_core.assurance.filters import guard_at
 from rpo_core.attitude.attitude_kernels import attitude_at, frame_at
@@ -98,7 +97,7 @@ def test_a_vector_takes_one_branch_and_one_count_or_raises(
 
 @pytest.mark.parametrize(
     ('read', 'steps'),
-    [(unpacked, 2), (frame_at, 2), (attitude_at, 2), (craft_at, 2), (limits_at, None),
+    [(unpacked, 2), (frame_at, 2), (attitude_at, 2), (craft_at, 2),
      (doubt_at, None), (guard_at, None)],
     ids=lambda value: getattr(value, '__name__', ''),
 )  # fmt: skip

@@ -12,14 +12,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo.engine.judged import VALUES as TOGETHER
-from rpo.engine.judged import JudgedTogether
 from rpo.engine.lanes import STRIDE
 from rpo.engine.loops import Loops
-from rpo.engine.tick import Runs
 from rpo_core.judge.metrics import UNITS, VALUES, Windows, window_ticks, windows_of
 from rpo_core.kernels.arrays import Floats, Ints
-from rpo_core.scenario.requirements import MAX_ARRIVAL_DISTANCE_M, THRUST
+from rpo_core.scenario.requirements import MAX_ARRIVAL_DISTANCE_M
 from rpo_core.scenario.scenario import Scenario, ScenarioSet
 from rpo_core.world.disturbance import Disturbance
 
@@ -203,35 +200,3 @@ def case_of_flights(scenarios: Sequence[Scenario], late_s: float) -> Case:
         base.duration_s,
         late_s,
     )
-
-
-@dataclass(frozen=True)
-class DrawnCase(JudgedTogether):
-    """Flights that were drawn: each has a start, mass, disturbance, thrusters and navigation.
-
-    base : the scenario of which they are variations
-    starts : (n, 6) states; masses_kg : (n,)
-    batches : they, 40 runs each; lanes beyond the last run rest at the target
-    windows : in ticks
-    together : whether rows have the columns of `judged.VALUES` too; those of `requirements.THRUST`
-        are the last ones where thrusters fire in pulses or spend propellant
-    """
-
-    base: Scenario
-    starts: Floats
-    masses_kg: Floats
-    batches: tuple[Runs, ...]
-    windows: Windows
-    together: bool = False
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the columns of a row."""
-        together, own = TOGETHER if self.together else (), self.base.thrusters
-        spends = own is not None and bool(own.fires or own.propellant)
-        return (*UNITS, *together, *(THRUST if spends else ()))
-
-    @property
-    def columns(self) -> int:
-        """Columns of a row."""
-        return len(self.names)
