@@ -11,6 +11,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 import pytest
 
+from rpo_core.kernels.arrays import contracted
 from rpo_core.kernels.records import Packed, fields_of, rows_of
 
 
@@ -106,3 +107,9 @@ def test_a_field_has_no_name_that_packed_records_have(name):
     record = type('Wrong', (), {'__annotations__': {name: 'float'}})
     with pytest.raises(TypeError, match=f'field `{name}` of Wrong needs another name'):
         fields_of(record)
+
+
+def test_a_sum_over_an_axis_of_no_length_is_zero_whatever_lies_in_memory():
+    foreign = np.full(100, np.nan)
+    empty = np.lib.stride_tricks.as_strided(foreign, (5, 0, 2), np.zeros((5, 0, 2)).strides)
+    np.testing.assert_array_equal(contracted('kji,j->ki', empty, foreign[:0]), np.zeros((5, 2)))

@@ -65,17 +65,6 @@ def doubt_of(settings: Assurance, scenario: Any, errors: Errors) -> Doubt:
     )
 
 
-@inlined
-def doubt_at(t: Any, i: int) -> Doubt:
-    """Return the doubt whose numbers lie in a table from place i on."""
-    # fmt: off
-    return Doubt(
-        t[i], t[i + 1], t[i + 2], t[i + 3], t[i + 4], t[i + 5], t[i + 6], t[i + 7], t[i + 8],
-        t[i + 9], t[i + 10], t[i + 11], t[i + 12],
-    )
-    # fmt: on
-
-
 @kernel
 def doubted(g: Guard, d: Doubt, turns_rad_s: float, spread_m: float, spread_m_s: float) -> Guard:
     """Return a guard whose errors are at least so many sigmas of a spread.

@@ -11,8 +11,6 @@ tick in which the force acts, and one later.
 
 from __future__ import annotations
 
-from typing import Any
-
 from rpo_core.assurance.kernels import (
     APPROACH,
     CONTACT,
@@ -33,7 +31,7 @@ from rpo_core.assurance.kernels import (
 )
 from rpo_core.attitude.attitude_kernels import Frame, seen_from, to_lvlh
 from rpo_core.kernels.arithmetic import State, Vector, saturate
-from rpo_core.kernels.jit import inlined, kernel
+from rpo_core.kernels.jit import kernel
 from rpo_core.world.cw import CwStep, cw_step
 
 NOTHING, FORCE, SLEW, SPEED, KEEP_OUT, CORRIDOR, NOT_FINITE, DOMAIN = range(8)
@@ -313,16 +311,3 @@ def assure_turning(
         if n[0] >= 0.0 and n[1] >= 0.0:
             force = found
     return force[0], force[1], force[2], mode, acted, m[0], m[1]
-
-
-@inlined
-def guard_at(t: Any, i: int) -> Guard:
-    """Return the guard whose numbers lie in a table from place i on."""
-    # fmt: off
-    return Guard(
-        t[i], t[i + 1], t[i + 2], t[i + 3], t[i + 4], t[i + 5], t[i + 6], t[i + 7], t[i + 8],
-        t[i + 9], t[i + 10], t[i + 11], t[i + 12], t[i + 13], t[i + 14], t[i + 15], t[i + 16],
-        t[i + 17], t[i + 18], t[i + 19], t[i + 20], int(t[i + 21]), t[i + 22], t[i + 23],
-        t[i + 24], t[i + 25], t[i + 26], t[i + 27], t[i + 28], t[i + 29], t[i + 30], t[i + 31],
-    )
-    # fmt: on

@@ -21,7 +21,6 @@ from rpo_core.attitude.attitude_kernels import (
     Attitude,
     Body,
     accelerated,
-    body_at,
     cross,
     frame_of,
     momentum_of,
@@ -61,14 +60,6 @@ class Craft(NamedTuple):
     x: float
     y: float
     z: float
-
-
-@inlined
-def craft_at(t, i: int, n: int) -> Craft:  # type: ignore[no-untyped-def]
-    """Return the craft whose numbers lie in a flat table from place i on, n places apart."""
-    body = body_at(t[i], t, i + n, n)
-    i = i + 14 * n
-    return Craft(body, t[i], t[i + n], t[i + 2 * n], t[i + 3 * n], t[i + 4 * n], t[i + 5 * n])
 
 
 @inlined

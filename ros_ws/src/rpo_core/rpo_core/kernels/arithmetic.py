@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from math import sqrt
 
-from rpo_core.kernels.jit import kernel
+from rpo_core.kernels.jit import inlined, kernel
 
 MAX_ANGLE_RAD = 1e6
 """Largest angle that `sin_cos` reduces to full precision."""
@@ -18,6 +18,12 @@ MAX_ANGLE_RAD = 1e6
 Vector = tuple[float, float, float]
 State = tuple[float, float, float, float, float, float]
 """x, y, z [m], vx, vy, vz [m/s], target LVLH."""
+
+
+@inlined
+def pick(test: bool, a: float, b: float) -> float:
+    """Return a where a test holds, else b."""
+    return a if test else b
 
 
 @kernel

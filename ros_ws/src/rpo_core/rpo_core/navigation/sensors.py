@@ -29,11 +29,10 @@ from rpo_core.files.validation import (
     vector3,
     whole,
 )
-from rpo_core.kernels.arithmetic import State, Vector, sin_cos
+from rpo_core.kernels.arithmetic import State, Vector, pick, sin_cos
 from rpo_core.kernels.calls import ASK
 from rpo_core.kernels.jit import as_table, inlined, kernel, step_kernel
 from rpo_core.kernels.noise import normal_pair, philox, six_normals
-from rpo_core.kernels.vectors import pick
 from rpo_core.stage import KernelStage, Place, Section, Signal, register
 from rpo_core.wire import interfaces
 from rpo_core.world.zones import Zones

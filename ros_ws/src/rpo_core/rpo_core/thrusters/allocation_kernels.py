@@ -14,9 +14,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from rpo_core.kernels.arithmetic import Vector
+from rpo_core.kernels.arithmetic import Vector, pick
 from rpo_core.kernels.jit import inlined, step_kernel
-from rpo_core.kernels.vectors import pick
 from rpo_core.thrusters.pulse_kernels import ON, Spent, Tank, spend
 
 MOST_THRUSTERS = 24
@@ -83,7 +82,7 @@ class Table(NamedTuple):
 @step_kernel
 def dearest(wanted: Any, t: Table) -> float:
     """Which basis to start from: the one whose price of the demand is highest, a lower bound."""
-    best = most = pick(wanted[0] > 0.0, 0.0, 0.0)  # zero: a vector where the demand is one
+    best = most = 0.0
     for k in range(len(t.bases) // START):
         at = START * k
         price = t.bases[at] * wanted[0] + t.bases[at + 1] * wanted[1] + t.bases[at + 2] * wanted[2]

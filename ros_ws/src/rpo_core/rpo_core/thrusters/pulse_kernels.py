@@ -10,9 +10,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from rpo_core.kernels.arithmetic import Vector
+from rpo_core.kernels.arithmetic import Vector, pick
 from rpo_core.kernels.jit import kernel, step_kernel
-from rpo_core.kernels.vectors import pick
 
 OFF, ON = 1, 2
 """How a valve is stuck."""

@@ -64,19 +64,6 @@ class CwStep(NamedTuple):
 
 
 @inlined
-def unpacked(t: Any, i: int, n: int) -> CwStep:
-    """Return a step whose coefficients lie in a table from place i on, n places apart."""
-    # fmt: off
-    return CwStep(
-        t[i], t[i + n], t[i + 2 * n], t[i + 3 * n], t[i + 4 * n], t[i + 5 * n], t[i + 6 * n],
-        t[i + 7 * n], t[i + 8 * n], t[i + 9 * n], t[i + 10 * n], t[i + 11 * n], t[i + 12 * n],
-        t[i + 13 * n], t[i + 14 * n], t[i + 15 * n], t[i + 16 * n], t[i + 17 * n], t[i + 18 * n],
-        t[i + 19 * n], t[i + 20 * n], t[i + 21 * n], t[i + 22 * n], t[i + 23 * n], t[i + 24 * n],
-        t[i + 25 * n],
-    )
-
-
-@inlined
 def cw_step(state: State, force: Vector, c: CwStep) -> State:
     """State (x, y, z, vx, vy, vz) one step later under a constant force (fx, fy, fz) [N]."""
     x, y, z, vx, vy, vz = state
