@@ -16,14 +16,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import product
+from itertools import chain
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
 from rpo.montecarlo.config import find, load
-from rpo.montecarlo.run_batch import fly_drawn
+from rpo.montecarlo.run_batch import as_flown, faulty, scenarios_of
 from rpo.montecarlo.sampling import DrawnRuns, draw
+from rpo_core.chain.chain import Chain
+from rpo_core.chain.flight import fly_chain
 from rpo_core.control.controller import Controller
 from rpo_core.files.validation import (
     MOST_PATH,
@@ -36,6 +38,7 @@ from rpo_core.files.validation import (
     text,
     whole,
 )
+from rpo_core.judge.verdicts import values_of
 from rpo_core.kernels.arrays import Floats
 from rpo_core.scenario.requirements import LIMITS
 
@@ -50,8 +53,9 @@ SHARE_BELOW_1 = partial(real, least=0.0, below=1.0)
 """Checks of settings."""
 
 _SEEDS = 1000  # between the seeds of stages and those held out
-_PART = 50  # runs that a thread flies at a time
+_PART = 5  # runs that a thread flies at a time
 
+Row = list[dict[str, float]]
 Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 
 
@@ -163,12 +167,23 @@ class DrawnFlights:
         """Return what the runs are judged by; `each` may map on threads."""
         runs = len(self.drawn.numbers)
         parts = [self.drawn.some(slice(i, i + _PART)) for i in range(0, runs, _PART)]
+        flown = list(chain.from_iterable(each(partial(self._fly, controllers), parts)))
+        columns = {
+            name: np.array([[values[name] for values in run] for run in flown]).T
+            for name in flown[0][0]
+        }
+        judged = [
+            np.broadcast_arrays(*pair) for pair in self.campaign.config.limits(columns).values()
+        ]
+        values, limits = (np.stack(arrays, axis=-1) for arrays in zip(*judged, strict=True))
+        return Values(values, limits[0])
 
-        def one(flown: tuple[Controller, DrawnRuns]) -> Floats:
-            columns = fly_drawn(self.campaign, flown[1], flown[0])
-            judged = self.campaign.config.limits(columns).values()
-            return np.array([np.broadcast_arrays(value, limit) for value, limit in judged])
-
-        made = np.concatenate(list(each(one, list(product(controllers, parts)))), axis=-1)
-        judged = made.reshape(len(self.judged), 2, len(controllers), runs).transpose(1, 2, 3, 0)
-        return Values(judged[0], judged[1, 0])
+    def _fly(self, controllers: Sequence[Controller], runs: DrawnRuns) -> list[Row]:
+        """Return what is known of each run, by each controller in the same chain."""
+        made = []
+        for index, scenario in enumerate(scenarios_of(self.campaign, runs)):
+            stages = faulty(self.campaign, runs, index)
+            first = Chain.of(scenario, controllers[0], stages)
+            chains = (first.with_controller(scenario, controller) for controller in controllers)
+            made.append([values_of(as_flown(fly_chain(scenario, c))) for c in chains])
+        return made

@@ -131,6 +131,17 @@ class Chain:
         """Whether the outputs depend on the number of the tick."""
         return any(link.stage.counts_ticks for link in self.links)
 
+    def with_controller(self, scenario: Scenario, controller: Controller) -> Chain:
+        """Return the same stages with another controller in the place of the scenario's."""
+        guided = any(link.place is Place.GUIDANCE for link in self.links)
+        stage = _controlling(scenario, controller, guided)
+        return self._of(
+            [
+                link._replace(stage=stage) if link.place is Place.CONTROLLER else link
+                for link in self.links
+            ]
+        )
+
     def part(self, *places: Place) -> Chain:
         """Return the stages of some places, reading what they read in the whole chain."""
         return self._of([link for link in self.links if link.place in places])

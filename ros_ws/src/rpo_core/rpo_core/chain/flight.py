@@ -200,7 +200,11 @@ def fly(
 
     Raises InputError if the chain cannot be put together (`rpo_core.chain.chain.Chain.of`).
     """
-    chain = Chain.of(scenario, controller, more)
+    return fly_chain(scenario, Chain.of(scenario, controller, more))
+
+
+def fly_chain(scenario: Scenario, chain: Chain) -> Flight:
+    """Return the flight of the whole chain of a scenario."""
     driver = Driver(chain)
     return flight_of(scenario, driver.fly(start_of(scenario), scenario.ticks), driver.spent)
 
