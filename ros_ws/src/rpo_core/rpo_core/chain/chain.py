@@ -19,7 +19,6 @@ from typing import NamedTuple
 from rpo_core.control.controller import Controller
 from rpo_core.control.controller_file import FollowStage
 from rpo_core.files.validation import InputError
-from rpo_core.kernels.records import Nothing
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import ZERO, KernelStage, Place, Signal, Stage, section_of, sections
 from rpo_core.wire import interfaces
@@ -32,7 +31,7 @@ from rpo_core.wire.interfaces import (
     RELATIVE_STATE,
     STATE,
 )
-from rpo_core.world.disturbance import Disturbance, disturb, push_of
+from rpo_core.world.disturbance import AHEAD, Disturbance, PushAhead, disturb, push_of
 
 Signals = dict[str, Signal]
 
@@ -48,7 +47,8 @@ class DisturbanceStage(KernelStage):
     kernel = disturb
 
     def __init__(self, disturbance: Disturbance, scenario: Scenario) -> None:
-        super().__init__(push_of(disturbance, scenario.dt_ns), Nothing())
+        ahead = PushAhead(-1, [[0.0] * AHEAD for _ in range(3)])
+        super().__init__(push_of(disturbance, scenario.dt_ns), ahead)
 
 
 class Link(NamedTuple):

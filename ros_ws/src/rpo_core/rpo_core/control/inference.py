@@ -92,7 +92,7 @@ def fire_rules(position_grades: Five, velocity_grades: Five, rules: Any) -> Five
     return ln, sn, zero, sp, lp
 
 
-@kernel
+@step_kernel
 def centroid(strengths: Five, fis: FisTables) -> float:
     """Centroid of max over words of min(strength, output membership); 0 if that is empty.
 
@@ -122,7 +122,7 @@ def centroid(strengths: Five, fis: FisTables) -> float:
     return moment / area if area > 0.0 else 0.0
 
 
-@kernel
+@step_kernel
 def infer(position_error: float, velocity_error: float, fis: FisTables) -> float:
     """Mamdani inference: two normalised errors in [-1, 1] to an output in [-1, 1]."""
     position_grades = memberships(position_error, fis.position)
@@ -130,7 +130,7 @@ def infer(position_error: float, velocity_error: float, fis: FisTables) -> float
     return centroid(fire_rules(position_grades, velocity_grades, fis.rules), fis)
 
 
-@kernel
+@step_kernel
 def axis_force(
     r: float,
     v: float,
@@ -145,7 +145,7 @@ def axis_force(
     return force_scale * infer(position_error, velocity_error, fis)
 
 
-@kernel
+@step_kernel
 def fuzzy_force(state: State, scales: Vector, fis: FisTables) -> Vector:
     """Commanded force [N] of all three axes."""
     r, v, f = scales

@@ -47,7 +47,7 @@ _HALF_PI_B = 6.077100506303966e-11  # k times a part is exact for |k| < 2**20
 _HALF_PI_C = 2.0222662487959506e-21
 
 
-@kernel
+@inlined
 def sin_cos(angle: float) -> tuple[float, float]:
     """Sine and cosine of an angle [rad] below `MAX_ANGLE_RAD`, from + - * only.
 
@@ -55,7 +55,7 @@ def sin_cos(angle: float) -> tuple[float, float]:
     Taylor series on [-pi/4, pi/4], truncated below 5e-18; right to 2.5 units in the last place.
     """
     turns = angle * 0.6366197723675814
-    quarter = int(turns + 0.5) if turns >= 0.0 else int(turns - 0.5)
+    quarter = int(turns + (0.5 if turns >= 0.0 else -0.5))
     r = ((angle - quarter * _HALF_PI_A) - quarter * _HALF_PI_B) - quarter * _HALF_PI_C
     q = r * r
     # fmt: off
@@ -64,11 +64,6 @@ def sin_cos(angle: float) -> tuple[float, float]:
     cosine = 1.0 - q * (1 / 2 - q * (1 / 24 - q * (1 / 720 - q * (1 / 40320 - q * (
         1 / 3628800 - q * (1 / 479001600 - q * (1 / 87178291200 - q / 20922789888000)))))))
     # fmt: on
-    side = quarter % 4
-    if side == 0:
-        return sine, cosine
-    if side == 1:
-        return cosine, -sine
-    if side == 2:
-        return -sine, -cosine
-    return -cosine, sine
+    side = quarter & 3
+    first, second = (cosine, sine) if side & 1 else (sine, cosine)
+    return (-first if side >= 2 else first), (-second if side == 1 or side == 2 else second)

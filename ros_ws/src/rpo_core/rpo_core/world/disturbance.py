@@ -119,16 +119,40 @@ def push_of(disturbance: Disturbance, dt_ns: int) -> Push:
     return Push(dt_ns, disturbance.constant_n, waves)
 
 
+AHEAD = 64
+"""Ticks of a block whose disturbance is computed together."""
+
+
+@dataclass(slots=True)
+class PushAhead:
+    """Forces [N] of the ticks of a block: they depend on the tick alone, and together are SIMD.
+
+    block : its number; -1 before the first
+    """
+
+    block: int
+    force: Annotated[list[list[float]], 3, AHEAD]
+
+
 @step_kernel
 def disturb(tick: int, u: Any, p: Any, m: Any, y: Any) -> None:
     """D = c + sum of a_h sin or cos(w_h t + phi_h) at the time of a tick, y (3,) [N]."""
-    time_s = tick * p.dt_ns / 1_000_000_000
+    block = tick // AHEAD
+    if m.block != block:
+        m.block = block
+        for i in range(3):
+            for j in range(AHEAD):
+                m.force[i][j] = p.constant_n[i]
+        for h in range(len(p.waves)):
+            wave = p.waves[h]
+            amplitude, rate, phase = wave.amplitude_n, wave.rate_rad_s, wave.phase_rad
+            axis, is_sine, dt_ns = wave.axis, wave.is_sine, p.dt_ns
+            for j in range(AHEAD):
+                time_s = (block * AHEAD + j) * dt_ns / 1_000_000_000
+                sine, cosine = sin_cos(rate * time_s + phase)
+                m.force[axis][j] += amplitude * (sine if is_sine else cosine)
     for i in range(3):
-        y[i] = p.constant_n[i]
-    for h in range(len(p.waves)):
-        wave = p.waves[h]
-        sine, cosine = sin_cos(wave.rate_rad_s * time_s + wave.phase_rad)
-        y[wave.axis] += wave.amplitude_n * (sine if wave.is_sine else cosine)
+        y[i] = m.force[i][tick - block * AHEAD]
 
 
 def paper(reading: str, mean_motion_rad_s: float) -> Disturbance:
