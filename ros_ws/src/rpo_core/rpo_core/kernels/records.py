@@ -20,6 +20,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import chain
+from math import prod
+from struct import Struct
 from types import SimpleNamespace
 from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
 
@@ -34,16 +37,13 @@ class Field(NamedTuple):
 
     base : float, int or the class of another record
     shape : () for one; None in the place of a length that is not fixed
+    is_fixed : whether its numbers stand in the record itself
     """
 
     name: str
     base: Any
     shape: tuple[int | None, ...]
-
-    @property
-    def is_fixed(self) -> bool:
-        """Whether its numbers stand in the record itself."""
-        return None not in self.shape
+    is_fixed: bool
 
 
 @cache
@@ -76,7 +76,7 @@ def _field(record: type[Any], name: str, hint: Any) -> Field:
             f'field `{name}` of {record.__name__} must be float, int, a record or lists of them, '
             f'with a size for each list; got {hint!r}, sizes {sizes}'
         )
-    return Field(name, hint, shape)
+    return Field(name, hint, shape, None not in shape)
 
 
 @cache
@@ -111,10 +111,13 @@ class Packed:
         self._arrays: list[NDArray[Any]] = []  # the record holds their addresses
         self._bases: list[Any] = []
         self._begun: list[NDArray[Any]] = []
-        self.numbers = np.zeros(number, layout(self.record))
-        self.numbers[0] = self._row(values)
-        self.numbers[1:] = self.numbers[0]
-        self._begun = [array.copy() for array in (self.numbers, *self._arrays)]
+        room = np.zeros(number * layout(self.record).itemsize // 8, np.int64)
+        self.numbers = room.view(layout(self.record))
+        self._pack(self.numbers, self.record, [values])
+        if number > 1:
+            rows = room.reshape(number, -1)
+            rows[1:] = rows[0]
+        self._begun = [_words(array).copy() for array in (self.numbers, *self._arrays)]
 
     def address(self, index: int = 0) -> int:
         """Return the address of a record."""
@@ -124,7 +127,7 @@ class Packed:
         """Write again what it began with."""
         del self._arrays[len(self._begun) - 1 :], self._bases[len(self._begun) - 1 :]
         for array, begun in zip((self.numbers, *self._arrays), self._begun, strict=True):
-            array[...] = begun
+            _words(array)[...] = begun
 
     def values(self) -> Any:
         """Return the first record as an object with lists."""
@@ -147,7 +150,21 @@ class Packed:
 
     def put(self, name: str, values: Any) -> None:
         """Write a field anew, of any length."""
-        self._put(self.numbers[0], _field_of(self.record, name), values)
+        field = _field_of(self.record, name)
+        if not field.is_fixed:
+            link = self.numbers[0][name]
+            array = self._array(field, values)
+            if link[4] and tuple(link[5 : 5 + array.ndim]) == array.shape:
+                self._at(link)[...] = array
+                return
+            if link[4]:
+                self._release(link[4])
+            self.numbers[name][0] = self._kept(field, array)
+            return
+        numbers: list[float] = []
+        self._add(field, values, numbers)
+        place = layout(self.record).fields[name][1]
+        _packer(_format(field)).pack_into(self.numbers[:1].data, place, *numbers)
 
     def __getattr__(self, name: str) -> Any:
         """Return a field of the first record."""
@@ -197,33 +214,40 @@ class Packed:
         part._arrays, part._bases, part._begun = self._arrays, self._bases, self._begun
         return part
 
-    def _row(self, values: Any) -> tuple[Any, ...]:
-        """Return a record as NumPy takes it."""
-        fields = fields_of(class_of(values))
-        return tuple([self._value(field, getattr(values, field.name)) for field in fields])
+    def _pack(self, array: NDArray[Any], record: Any, values: Any) -> None:
+        """Write records into an array of such."""
+        packer = _packer(_formats(record))
+        for i, value in enumerate(values):
+            numbers: list[float] = []
+            for field in fields_of(record):
+                self._add(field, getattr(value, field.name), numbers)
+            packer.pack_into(array.data, i * packer.size, *numbers)
 
-    def _value(self, field: Field, values: Any) -> Any:
-        """Return a field as NumPy takes it; an array is kept, and what it returns points to it."""
+    def _add(self, field: Field, values: Any, numbers: list[float]) -> None:
+        """Add the numbers of a field, which may be an array that is kept, to those of a record."""
+        base, shape = field.base, field.shape
         if not field.is_fixed:
-            array = self._array(field, values)
-            self._arrays.append(array)
-            self._bases.append(field.base)
-            shape = *array.shape, *array.strides
-            return (0, 0, array.size, array.itemsize, array.ctypes.data, *shape)
-        if field.base in (float, int):
-            return values
-        return [self._row(value) for value in values] if field.shape else self._row(values)
+            numbers += self._kept(field, self._array(field, values))
+        elif base in (float, int):
+            if shape == ():
+                numbers.append(base(values))
+                return
+            flat = _flat(values, len(shape))
+            numbers += flat if base is float else map(int, flat)
+        else:
+            for value in values if shape else (values,):
+                if isinstance(value, tuple) and _are_floats(base):
+                    numbers += value
+                    continue
+                for inner in fields_of(base):
+                    self._add(inner, getattr(value, inner.name), numbers)
 
-    def _put(self, place: Any, field: Field, values: Any) -> None:
-        if not field.is_fixed:
-            link = place[field.name]
-            if link[4]:
-                array = self._array(field, values)
-                if tuple(link[5 : 5 + array.ndim]) == array.shape:
-                    self._at(link)[...] = array
-                    return
-                self._release(link[4])
-        place[field.name] = self._value(field, values)
+    def _kept(self, field: Field, array: NDArray[Any]) -> tuple[int, ...]:
+        """Keep an array; return what points to it."""
+        self._arrays.append(array)
+        self._bases.append(field.base)
+        shape = *array.shape, *array.strides
+        return (0, 0, array.size, array.itemsize, array.ctypes.data, *shape)
 
     def _release(self, address: int) -> None:
         """Forget an array that `put` made, and nobody else has."""
@@ -239,8 +263,7 @@ class Packed:
         if len(values) and isinstance(values[0], (tuple, np.ndarray)) and _are_floats(field.base):
             return np.array(values, np.float64).view(layout(field.base)).ravel()
         array = np.zeros(len(values), layout(field.base))
-        for i, value in enumerate(values):
-            array[i] = self._row(value)
+        self._pack(array, field.base, values)
         return array
 
 
@@ -264,6 +287,41 @@ def _field_of(record: Any, name: str) -> Field:
     return next(field for field in fields_of(record) if field.name == name)
 
 
+def _words(array: NDArray[Any]) -> NDArray[np.int64]:
+    """Return the same memory by eight bytes: NumPy copies records field by field."""
+    return array.view(np.int64)
+
+
+def _flat(values: Any, depth: int) -> Any:
+    """Return nested lists of numbers, or an array, as one row."""
+    if isinstance(values, np.ndarray):
+        return values.ravel().tolist()
+    for _ in range(depth - 1):
+        values = chain.from_iterable(values)
+    return values
+
+
+@cache
+def _formats(record: Any) -> str:
+    """Return a record as `struct` has it: eight bytes a number."""
+    return ''.join(map(_format, fields_of(record)))
+
+
+@cache
+def _format(field: Field) -> str:
+    if not field.is_fixed:
+        return f'{5 + 2 * len(field.shape)}q'
+    count = prod(size for size in field.shape if size is not None)
+    if field.base in (float, int):
+        return f'{count}{"d" if field.base is float else "q"}'
+    return count * _formats(field.base)
+
+
+@cache
+def _packer(formats: str) -> Struct:
+    return Struct(f'={formats}')
+
+
 @cache
 def _are_floats(record: Any) -> bool:
     """Return whether a record is a row of floats."""
@@ -272,6 +330,8 @@ def _are_floats(record: Any) -> bool:
 
 def _links(array: NDArray[Any], record: Any) -> Iterator[Any]:
     """Yield the addresses and shapes of arrays that records hold, to be written."""
+    if record not in (float, int) and array.dtype == np.int64:
+        array = array.view(layout(record))
     for field in fields_of(record) if record not in (float, int) else ():
         if not field.is_fixed:
             yield from array[field.name].reshape(-1, 5 + 2 * len(field.shape))

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -213,9 +213,16 @@ def rotation(vector_rad: Floats) -> Floats:
     return np.eye(3) + c1 * cross + c2 * square
 
 
+@lru_cache(maxsize=256)
+def _turned(misalignment_deg: Vector, axis: int) -> list[float]:
+    """Return an axis (3,) as a misalignment turns it."""
+    column: list[float] = rotation(np.array(misalignment_deg) * (math.pi / 180.0))[:, axis].tolist()
+    return column
+
+
 def directions(settings: Thrusters, pulses: Pulses, thrust_n: float) -> Floats:
     """Return the force (n, 3) [N] of each valve at full thrust, with its errors."""
-    names, columns = valve_names(pulses.count), np.array(settings.matrix).T
+    names, matrix = valve_names(pulses.count), settings.matrix
     each = len(names) // 6
     errors = {error.thruster: error for error in pulses.errors}
     forces = []
@@ -223,8 +230,8 @@ def directions(settings: Thrusters, pulses: Pulses, thrust_n: float) -> Floats:
         error = errors.get(name, ThrusterError(thruster=name))
         axis, sign = i // each // 2, 1.0 if i // each % 2 == 0 else -1.0
         size = sign * thrust_n * (1.0 + error.magnitude_share)
-        x, y, z = rotation(np.array(error.misalignment_deg) * (math.pi / 180.0))[:, axis] * size
-        forces.append(columns[0] * x + columns[1] * y + columns[2] * z)
+        x, y, z = (size * part for part in _turned(error.misalignment_deg, axis))
+        forces.append([a * x + b * y + c * z for a, b, c in matrix])
     return np.array(forces)
 
 
