@@ -14,8 +14,8 @@ from core_documents import document
 from rpo_core import files
 from rpo_core.chain.flight import Flight
 from rpo_core.files.validation import InputError
-from rpo_core.judge import contact
-from rpo_core.judge.verdicts import missed, unbounded, verdicts
+from rpo_core.judge import contact, metrics
+from rpo_core.judge.verdicts import missed, unbounded, values_of, verdicts
 from rpo_core.scenario.requirements import LIMITS, THRUST, Requirements
 from rpo_core.scenario.scenario import dumps, load, load_scenario, parse
 from rpo_core.thrusters.thrusters import Propellant, Thrusters
@@ -139,6 +139,22 @@ def test_what_never_happens_is_missed_and_what_is_not_flown_is_not_judged():
     lost = made_up(**SETTINGS, **EVERYTHING)
     lost.states[3] = math.nan
     assert all(v.word == 'MISSED' for v in verdicts(lost))
+
+
+def test_what_a_campaign_keeps_are_metrics_and_values_of_requirements():
+    flight = made_up(**SETTINGS, **EVERYTHING)
+    kept, judged = values_of(flight), {v.key: v.value for v in verdicts(flight)}
+    counted = dict(zip(metrics.UNITS, metrics.row_of(flight).tolist(), strict=True))
+    final = dict(zip(metrics.FINAL, flight.states[-1].tolist(), strict=True))
+    assert kept == counted | judged | final | {metrics.LEVEL: 0.02}
+    assert counted['arrival_time_s'] == judged['arrival_time_s'] == 1.0
+    never = {**SETTINGS, **EVERYTHING, 'arrival_error_norm_m': 0.1}
+    assert values_of(made_up(**never))['arrival_time_s'] == math.inf
+    flight.states[3, 1] = math.nan
+    kept = values_of(flight)
+    assert all(math.isnan(kept[name]) for name in metrics.UNITS if name != 'arrival_time_s')
+    assert all(kept[name] == math.inf for name in {*EVERYTHING} - {*metrics.UNITS})
+    assert kept['arrival_time_s'] == math.inf
 
 
 def touching(**limits):
