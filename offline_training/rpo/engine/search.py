@@ -12,7 +12,6 @@ import os
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from math import inf
 from typing import Any
 
 import numpy as np
@@ -25,9 +24,8 @@ from rpo.engine.population import Population
 from rpo_core.chain.flight import fly as fly_chain
 from rpo_core.control.controller import Controller, FuzzyController
 from rpo_core.control.fuzzy import DEFAULT_SAMPLES
-from rpo_core.judge.metrics import OUTSIDE, asked_of, counts_of
+from rpo_core.judge.metrics import asked_of, counts_of
 from rpo_core.kernels.arrays import Floats
-from rpo_core.scenario.scenario import NANOSECONDS
 
 Candidates = Population | Sequence[Controller]
 
@@ -98,7 +96,6 @@ class Simulator:
         if not has_lanes(controller) or case.base.sections:
             for row, scenario in zip(rows, case.scenarios(), strict=True):
                 row[:] = counts_of(fly_chain(scenario, controller), case.windows)[: case.columns]
-            _in_seconds(case, rows)
         elif isinstance(controller, FuzzyController):
             odd = controller.system.rules.is_odd
             self._fly(candidate_of(controller), odd, case, rows)
@@ -119,11 +116,3 @@ class Simulator:
             if case.together:
                 judge(room, lanes, base.goal_state, asked_of(base), distinct)
             rows[some] = distinct[which]
-        _in_seconds(case, rows)
-
-
-def _in_seconds(case: Case, rows: Floats) -> None:
-    """Make the last tick outside a time [s]; infinite where that is the end."""
-    if case.together:
-        ticks, base = rows[:, OUTSIDE], case.base
-        rows[:, OUTSIDE] = np.where(ticks == base.ticks, inf, ticks * base.dt_ns / NANOSECONDS)

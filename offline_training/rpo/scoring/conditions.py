@@ -16,9 +16,12 @@ from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
 from rpo_core.kernels.arrays import Floats
 from rpo_core.scenario.requirements import (
+    LIMITS,
     MAX_ARRIVAL_DISTANCE_M,
     MAX_ARRIVAL_SPEED_M_S,
     MAX_SLEW_N_S,
+    ROWS,
+    SHARES,
     THRUST,
     Requirements,
 )
@@ -50,15 +53,7 @@ _ORDER = (
     'hold_speed_per_axis_m_s',
     'hold_force_per_axis_n',
     'hold_force_per_disturbance',
-    'final_error_per_axis_m',
-    'final_error_norm_m',
-    'final_speed_per_axis_m_s',
-    'final_speed_norm_m_s',
-    'hold_error_norm_m',
-    'hold_speed_norm_m_s',
-    'contact_closing_speed_m_s',
-    'contact_lateral_speed_m_s',
-    'keep_out_depth_m',
+    *sorted(LIMITS, key=lambda name: ROWS[name].attitude),
 )
 """Requirements in the order in which their penalties add up: the bits of a fitness depend on it."""
 
@@ -98,20 +93,17 @@ def label(key: str) -> str:
 
 def column_of(name: str, required: Requirements | None) -> int:
     """Return the column of a row that has the value of a requirement."""
-    if name == 'arrival_time_s' and required and required.arrival_error_norm_m is not None:
-        return metrics.OUTSIDE  # as a time
-    if name == 'hold_force_per_disturbance':
-        return metrics.LATE_FORCE
-    return metrics.VALUES.index(name)
+    by_norm = required is not None and required.arrival_error_norm_m is not None
+    counted = name in metrics.UNITS and not (name == metrics.ARRIVAL and by_norm)
+    return metrics.VALUES.index(name) if counted else metrics.COLUMNS[name]
 
 
 def conditions_of(base: Scenario) -> Conditions:
     """Return the conditions of a scenario."""
     required = base.requirements or PAPER
     limits, hold = dict(required.limits), metrics.hold_tick(base)
-    if 'hold_force_per_disturbance' in limits:
-        level_n = float(np.abs(base.disturbances_n).max())
-        limits['hold_force_per_disturbance'] *= level_n
+    for name in limits.keys() & SHARES.keys():
+        limits[name] *= float(np.abs(base.disturbances_n).max())
     if required.arrival_error_norm_m is None and 'arrival_time_s' in limits:
         # As it is counted: ticks times dt; who never arrives has the duration.
         ticks = (base.times_s[:-1] <= limits['arrival_time_s']).sum() - 1

@@ -17,6 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rpo_core.attitude.attitude_kernels import synchronised
+from rpo_core.attitude.pointing import contact_turn
 from rpo_core.chain.flight import Flight
 from rpo_core.judge.contact import (
     Port,
@@ -30,11 +32,15 @@ from rpo_core.kernels.arithmetic import norm
 from rpo_core.kernels.jit import as_table, as_view, kernel
 from rpo_core.scenario.requirements import (
     ARRIVAL_WINDOW_S,
+    ATTITUDES,
     MAX_ARRIVAL_DISTANCE_M,
     MAX_ARRIVAL_SPEED_M_S,
     MAX_SLEW_N_S,
+    SHARES,
+    THRUST,
 )
-from rpo_core.scenario.scenario import Scenario
+from rpo_core.scenario.scenario import NANOSECONDS, Scenario
+from rpo_core.wire.interfaces import ALIGNED, CHASER_ATTITUDE
 
 PENALTY = 100.0
 """Added to J [N^2 s] for each condition not met."""
@@ -74,17 +80,25 @@ VALUES = (
     'final_speed_norm_m_s',
     'hold_error_norm_m',
     'hold_speed_norm_m_s',
-    'last_tick_outside',
+    'required_arrival_time_s',
     'contact_closing_speed_m_s',
     'contact_lateral_speed_m_s',
     'keep_out_depth_m',
     'contact_tick',
+    *ATTITUDES,
+    *THRUST,
 )
 """What is counted of a flight, in the order of a row: metrics, and values of requirements.
 
-`last_tick_outside` : after it, the error is within what the requirements call arrival
+`required_arrival_time_s` : after it, the error is within what the requirements call arrival
 `contact_tick` : of the first contact, -1 where there is none
 """
+
+ARRIVAL = 'arrival_time_s'
+"""A metric, within 0.5 m; and a requirement, within what a scenario says."""
+
+COUNTED = len(VALUES) - len(ATTITUDES) - len(THRUST)
+"""How many of `VALUES` the kernels count."""
 
 (
     ENERGY,
@@ -104,13 +118,17 @@ VALUES = (
     FINAL_SPEED,
     HOLD_DISTANCE,
     HOLD_SPEED,
-    OUTSIDE,
+    REQUIRED_ARRIVAL,
     CLOSING,
     LATERAL,
     DEPTH,
     CONTACT,
-) = range(len(VALUES))
-"""Columns of a row."""
+) = range(COUNTED)
+"""Columns of a row; after these come the attitude at contact, and what thrusters spent."""
+
+COLUMNS = {name: i for i, name in enumerate(VALUES)}
+COLUMNS |= {ARRIVAL: REQUIRED_ARRIVAL, **{name: COLUMNS[of] for name, of in SHARES.items()}}
+"""Requirement -> column of a row that has its value."""
 
 
 FINAL = tuple(f'final_{name}' for name in ('x_m', 'y_m', 'z_m', 'vx_m_s', 'vy_m_s', 'vz_m_s'))
@@ -143,12 +161,14 @@ class Asked(NamedTuple):
     hold : tick after which the extremes of the norms are kept
     arrival_m : error that counts as arrived, of each axis or, without `by_axis`, of the norm
     port : what counts as contact, and where a path may be before it
+    dt_ns : length of a tick
     """
 
     hold: int
     arrival_m: float
     by_axis: bool
     port: Port
+    dt_ns: int
 
 
 class AxisSums(NamedTuple):
@@ -273,7 +293,9 @@ def count_together(states: Any, goal: Any, asked: Asked, row: Any) -> bool:
     row[FINAL_POSITION], row[FINAL_DISTANCE] = position, distance
     row[FINAL_VELOCITY], row[FINAL_SPEED] = velocity, speed
     row[HOLD_DISTANCE], row[HOLD_SPEED] = hold_distance, hold_speed
-    row[OUTSIDE], row[CONTACT] = outside, contact
+    arrived = outside < len(states) - 1
+    row[REQUIRED_ARRIVAL] = outside * asked.dt_ns / NANOSECONDS if arrived else inf
+    row[CONTACT] = contact
     row[CLOSING], row[LATERAL], row[DEPTH] = closing, lateral, depth
     return finite
 
@@ -304,7 +326,7 @@ def count(
     z = axis_sums(states, goal, forces, 2, windows, first_slew)
     fill_row(row, x, y, z, distances, speeds, windows.tail, dt, mass)
     if not (count_together(states, goal, asked, row) and isfinite(row[ENERGY])):
-        for i in range(len(row)):
+        for i in range(COUNTED):
             row[i] = nan
 
 
@@ -352,19 +374,21 @@ def asked_of(scenario: Scenario) -> Asked:
     required = scenario.requirements
     port = port_of(required, scenario.goal_position_m)
     if required is None:
-        return Asked(0, 0.0, False, port)
+        return Asked(0, 0.0, False, port, scenario.dt_ns)
     axis_m, norm_m = required.arrival_error_per_axis_m, required.arrival_error_norm_m
     by_axis = axis_m is not None
-    return Asked(hold_tick(scenario) or 0, (axis_m if by_axis else norm_m) or 0.0, by_axis, port)
+    within_m = (axis_m if by_axis else norm_m) or 0.0
+    return Asked(hold_tick(scenario) or 0, within_m, by_axis, port, scenario.dt_ns)
 
 
-def counts_of(flight: Flight, windows: Windows | None = None) -> Any:
-    """Return the numbers of a flight, the columns of `VALUES`; all NaN where a state is not finite.
+def counts_of(flight: Flight, windows: Windows | None = None) -> list[float]:
+    """Return the numbers of a flight, the columns of `VALUES`; NaN where a state is not finite.
 
-    Positions are errors, relative to the goal of the scenario.
+    Positions are errors, relative to the goal of the scenario. Angles are those that requirements
+    limit, else NaN; what thrusters spent is NaN where they have neither pulses nor propellant.
     """
-    scenario = flight.scenario
-    row = as_table(np.empty(len(VALUES)))
+    scenario, required = flight.scenario, flight.scenario.requirements
+    row = as_table(np.empty(COUNTED))
     count(
         as_view(flight.seen),
         scenario.goal_state,
@@ -376,7 +400,28 @@ def counts_of(flight: Flight, windows: Windows | None = None) -> Any:
         scenario.mass_kg,
         row,
     )
-    return row
+    angles: tuple[float, ...] = (nan,) * len(ATTITUDES)
+    spent: tuple[float, ...] = (nan,) * len(THRUST)
+    if required is not None and not required.limits.keys().isdisjoint(ATTITUDES):
+        angles = angles_of(flight, row[CONTACT])
+    if spends(scenario):
+        spent = flight.thrust[2:]
+    return [*map(float, row), *angles, *map(float, spent)]
+
+
+def angles_of(flight: Flight, contact_tick: float) -> tuple[float, ...]:
+    """Return how far the chaser is off its docked attitude at contact, and how fast it turns.
+
+    Infinite without a contact, `contact_tick` -1; NaN where no attitude is known.
+    """
+    scenario, signals = flight.scenario, flight.signals
+    if CHASER_ATTITUDE not in signals or not contact_tick >= 0:
+        return (inf if CHASER_ATTITUDE in signals else nan,) * len(ATTITUDES)
+    still, tick = synchronised(scenario.mean_motion_rad_s), int(contact_tick)
+    target: Any = signals['target_attitude'][tick].tolist() if scenario.target else still
+    chaser: Any = signals[CHASER_ATTITUDE][tick].tolist()
+    mate = getattr(scenario.named('pointing'), 'mate', ALIGNED[:4])
+    return contact_turn(tuple(chaser), tuple(target), mate)
 
 
 def row_of(flight: Flight, windows: Windows | None = None) -> NDArray[np.float64]:

@@ -12,25 +12,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from math import inf
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from rpo_core.attitude.attitude_kernels import synchronised
-from rpo_core.attitude.pointing import contact_turn
 from rpo_core.chain.flight import Flight
 from rpo_core.judge import contact, metrics
-from rpo_core.scenario.requirements import ATTITUDES, ROWS, SHARES, THRUST, Requirements
+from rpo_core.scenario.requirements import ROWS, SHARES, THRUST, Requirements
 from rpo_core.scenario.scenario import Scenario
-from rpo_core.wire.interfaces import ALIGNED, CHASER_ATTITUDE
 from rpo_core.world.zones import AT_PORT_M, zones_of
 
 HOLDS, MISSED, NOT_JUDGED = 'holds', 'MISSED', 'not flown'
 UNBOUNDED = 'NOT judged'
 """The word beside what no requirement bounds."""
 
-ARRIVAL = 'arrival_time_s'
 _HELD = tuple(name for name, row in ROWS.items() if row.needs == 'hold_from_s')
 
 ZONE_DEPTH = 'zone_depth_m'
@@ -100,7 +95,7 @@ def verdicts(flight: Flight) -> list[Verdict]:
 
 
 def _of_requirements(flight: Flight, required: Requirements) -> list[Verdict]:
-    values, judged = _values(flight, required, metrics.counts_of(flight)), []
+    values, judged = _values(flight.scenario, metrics.counts_of(flight)), []
     for key, limit in required.limits.items():
         if key in SHARES:
             limit *= metrics.disturbance_level_n(flight)
@@ -112,20 +107,34 @@ def _of_requirements(flight: Flight, required: Requirements) -> list[Verdict]:
     return judged
 
 
+def _values(scenario: Scenario, counts: list[float]) -> dict[str, float]:
+    """Return requirement -> value of those that a scenario has; infinite where a flight is lost.
+
+    counts : of the flight (`metrics.counts_of`)
+    """
+    required = scenario.requirements
+    names = required.limits if required is not None else ()
+    if not math.isfinite(counts[metrics.ENERGY]):
+        return dict.fromkeys(names, math.inf)  # not a number in flight: nothing is kept
+    values = {name: counts[metrics.COLUMNS[name]] for name in names}
+    if (metrics.hold_tick(scenario) or 0) < scenario.ticks:
+        return values
+    return {name: math.nan if name in _HELD else value for name, value in values.items()}
+
+
 def values_of(flight: Flight) -> dict[str, float]:
     """Return what a campaign keeps of a flight: name -> value.
 
     The metrics; the values of what its scenario requires and of what its thrusters spend; the final
     state; the level of the disturbance. The time of arrival is the required one, if one is.
     """
-    required, counts = flight.scenario.requirements, metrics.counts_of(flight)
-    values = dict(zip(metrics.UNITS, map(float, counts), strict=False))
-    if required is not None:
-        judged = _values(flight, required, counts)
-        own = [n for n in required.limits if n not in values or n == ARRIVAL]
-        values |= {name: judged[name] for name in own}
+    counts = metrics.counts_of(flight)
+    counted = dict(zip(metrics.UNITS, counts, strict=False))
+    judged = _values(flight.scenario, counts)
+    arrival_s = judged.get(metrics.ARRIVAL, counted[metrics.ARRIVAL])
+    values = {**judged, **counted, metrics.ARRIVAL: arrival_s}
     if metrics.spends(flight.scenario):
-        values |= _spent(flight)
+        values |= zip(THRUST, counts[-len(THRUST) :], strict=True)
     values |= zip(metrics.FINAL, flight.states[-1].tolist(), strict=True)
     values[metrics.LEVEL] = metrics.disturbance_level_n(flight)
     return values
@@ -200,40 +209,3 @@ def statement(key: str, required: Requirements, duration_s: float) -> str:
         zone=required.keep_out_m or 0.0,
         cone='' if angle is None else f', beside the corridor of {angle:g}°',
     )
-
-
-def _values(flight: Flight, required: Requirements, counts: Any) -> dict[str, float]:
-    """Return requirement -> value, where it is asked for.
-
-    counts : of the flight (`metrics.counts_of`)
-    """
-    scenario, asked = flight.scenario, required.limits.keys()
-    if not math.isfinite(counts[metrics.ENERGY]):
-        return dict.fromkeys(ROWS, math.inf)  # not a number in flight: nothing is kept
-    values = dict(zip(metrics.VALUES, map(float, counts), strict=True))
-    last = int(counts[metrics.OUTSIDE])
-    values[ARRIVAL] = inf if last == scenario.ticks else scenario.time_s(last)
-    values |= {name: values[counted] for name, counted in SHARES.items()}
-    if (metrics.hold_tick(scenario) or 0) >= scenario.ticks:
-        values |= dict.fromkeys(_HELD, math.nan)
-    if not asked.isdisjoint(ATTITUDES):
-        values |= _turned(flight, int(counts[metrics.CONTACT]))
-    return values | (_spent(flight) if not asked.isdisjoint(THRUST) else {})
-
-
-def _turned(flight: Flight, contact_tick: int) -> dict[str, float]:
-    """Return how far the chaser is off its docked attitude at contact, and how fast it turns."""
-    scenario, signals = flight.scenario, flight.signals
-    if CHASER_ATTITUDE not in signals or contact_tick < 0:
-        return dict.fromkeys(ATTITUDES, math.inf if CHASER_ATTITUDE in signals else math.nan)
-    still = synchronised(scenario.mean_motion_rad_s)
-    target: Any = signals['target_attitude'][contact_tick].tolist() if scenario.target else still
-    chaser: Any = signals[CHASER_ATTITUDE][contact_tick].tolist()
-    mate = getattr(scenario.named('pointing'), 'mate', ALIGNED[:4])
-    angles = contact_turn(tuple(chaser), tuple(target), mate)
-    return dict(zip(ATTITUDES, angles, strict=True))
-
-
-def _spent(flight: Flight) -> dict[str, float]:
-    """Return what the thrusters spent; it takes a pass over the flight."""
-    return dict(zip(THRUST, map(float, flight.thrust[2:]), strict=True))
