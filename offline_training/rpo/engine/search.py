@@ -110,7 +110,7 @@ class Simulator:
             groups = case.halved if odd else case.crossed
         room, base, windows = self._rooms.of(case), case.base, case.windows
         for some, loops, lanes, which in groups:
-            distinct = np.empty((lanes.shape[1], case.columns))
+            distinct = np.full((lanes.shape[1], case.columns), np.nan)
             fly(candidate, loops, windows, room)
             finish(room, lanes, windows.tail, base.dt_s, base.mass_kg, distinct)
             if case.together:
