@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,9 @@ from rpo_core.world.cw import mean_motion
 
 UNIT = 200
 """Runs of a unit; a whole number of them is one Latin hypercube."""
+
+AT_ONCE = 16
+"""Scenarios that are made before their flights: what their checks compute is then still known."""
 
 assert STRATA % UNIT == 0
 
@@ -102,7 +106,10 @@ def flights_drawn(
         places
     """
     flying = controller or campaign.controller
-    for index, scenario in enumerate(scenarios_of(campaign, drawn)):
+    firsts = range(0, len(drawn.numbers), AT_ONCE)
+    some = (drawn.some(slice(first, first + AT_ONCE)) for first in firsts)
+    scenarios = chain.from_iterable(scenarios_of(campaign, runs) for runs in some)
+    for index, scenario in enumerate(scenarios):
         stages = [*(more(index) if more else ()), *faulty(campaign, drawn, index)]
         yield as_flown(fly(scenario, flying, stages))
 

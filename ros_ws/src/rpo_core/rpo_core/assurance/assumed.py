@@ -349,6 +349,7 @@ def compared(
     return conflicts, changed
 
 
+@lru_cache(maxsize=8)
 def known(settings: Assurance, scenario: Any) -> dict[str, tuple[float, str, str]]:
     """Return of each assumption what is known at least, whose that is, and what makes it unknown.
 

@@ -535,7 +535,7 @@ def guard_of(settings: Assurance, scenario: Any) -> Guard:
     return proof_of(settings, scenario).guard
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=256)
 def proof_of(settings: Assurance, scenario: Any) -> Proof:
     """Return the constants of the proof; raises InputError if constraints exclude each other.
 
