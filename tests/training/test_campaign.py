@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Campaigns: the bits of the core, dispersions that act, statistics."""
 
+from concurrent.futures import CancelledError
 from dataclasses import replace
 
 import numpy as np
@@ -56,6 +57,13 @@ def test_a_controller_in_python_has_the_same_columns_and_says_so(loaded):
     assert in_python.sentence(campaign) == ''
     said = in_python.sentence(python)
     assert said.startswith('stage `') and ' in Python, about ' in said if COMPILED else not said
+
+
+def test_a_unit_stops_between_two_runs(loaded):
+    left = iter([False, False, True])
+    with pytest.raises(CancelledError):
+        run_batch.fly_unit(loaded(), 0, lambda: next(left))
+    assert not list(left)
 
 
 # Dispersions.

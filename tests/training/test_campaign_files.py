@@ -214,7 +214,7 @@ def test_a_folder_of_another_campaign_is_left_alone(write, tmp_path, loaded):
         Store.open(folder).pending()
 
 
-def numbers(campaign, unit):
+def numbers(campaign, unit, is_stopped=None):
     """Return what a unit might have as results, without flying it."""
     size = min(run_batch.UNIT, campaign.config.runs - unit * run_batch.UNIT)
     return np.random.default_rng(unit).random((len(run_batch.COLUMNS), size))

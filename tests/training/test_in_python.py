@@ -42,10 +42,10 @@ def test_a_campaign_in_a_folder_goes_on(write, tmp_path, monkeypatch):
     path, folder = write(runs=450), tmp_path / 'runs'
     flown = run_batch.fly_unit
 
-    def stopped(campaign, unit):
+    def stopped(campaign, unit, is_stopped):
         if unit == 2:
             raise KeyboardInterrupt
-        return flown(campaign, unit)
+        return flown(campaign, unit, is_stopped)
 
     monkeypatch.setattr('rpo.montecarlo.execution.fly_unit', stopped)
     with pytest.raises(KeyboardInterrupt):

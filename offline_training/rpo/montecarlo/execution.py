@@ -14,6 +14,7 @@ from collections.abc import Callable, Collection, Generator, Iterable, Iterator,
 from contextlib import closing
 from dataclasses import replace
 from functools import lru_cache
+from threading import Event
 from typing import Any, NamedTuple
 
 from rpo.montecarlo import pool
@@ -76,7 +77,18 @@ def results_of(campaign: Campaign, pending: Iterable[int], workers: int, address
     if address:
         calls = ((unit, (campaign.texts, unit)) for unit in pending)
         return pool.run(fly_remote, calls, workers, address)
-    return pool.run(fly_unit, ((unit, (campaign, unit)) for unit in pending), workers, '')
+    return _on_threads(campaign, pending, workers)
+
+
+def _on_threads(campaign: Campaign, pending: Iterable[int], workers: int) -> Units:
+    """Yield the results of units; who stops asking for them stops the threads between two runs."""
+    stopped = Event()
+    calls = ((unit, (campaign, unit, stopped.is_set)) for unit in pending)
+    with closing(pool.run(fly_unit, calls, workers)) as source:
+        try:
+            yield from source
+        finally:
+            stopped.set()
 
 
 def kept_of(

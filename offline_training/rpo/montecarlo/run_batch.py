@@ -8,6 +8,7 @@ A run is a scenario too (`scenario_of`): the core and the nodes fly it to the sa
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import CancelledError
 from dataclasses import replace
 from itertools import chain
 from typing import Any
@@ -58,10 +59,16 @@ def columns_of(campaign: Campaign) -> tuple[str, ...]:
     return (*COLUMNS, *campaign.more, *drawn)
 
 
-def fly_unit(campaign: Campaign, unit: int) -> Floats:
-    """Return the results (columns, n) of the runs of a unit."""
+def fly_unit(
+    campaign: Campaign, unit: int, is_stopped: Callable[[], bool] = lambda: False
+) -> Floats:
+    """Return the results (columns, n) of the runs of a unit.
+
+    is_stopped : asked before each run; raises CancelledError where nobody wants the results
+    """
     first = unit * UNIT
-    return _fly(campaign, draw(campaign, first, min(UNIT, campaign.config.runs - first)))
+    drawn = draw(campaign, first, min(UNIT, campaign.config.runs - first))
+    return _fly(campaign, drawn, is_stopped)
 
 
 def fly_runs(campaign: Campaign, first: int, count: int) -> dict[str, Floats]:
@@ -70,8 +77,15 @@ def fly_runs(campaign: Campaign, first: int, count: int) -> dict[str, Floats]:
     return dict(zip(columns_of(campaign), results, strict=True))
 
 
-def _fly(campaign: Campaign, drawn: DrawnRuns) -> Floats:
-    values = fly_drawn(campaign, drawn)
+def _fly(
+    campaign: Campaign, drawn: DrawnRuns, is_stopped: Callable[[], bool] = lambda: False
+) -> Floats:
+    def asked(index: int) -> Stages:
+        if is_stopped():
+            raise CancelledError
+        return ()
+
+    values = fly_drawn(campaign, drawn, more=asked)
     values |= zip(drawn.names, drawn.parameters.T, strict=True)
     return np.array([values[name] for name in columns_of(campaign)])
 
