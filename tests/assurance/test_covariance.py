@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from rpo_core.assurance.abort_table import AbortTable, Row
 from rpo_core.assurance.assumed import ahead
 from rpo_core.assurance.assurance import AssuranceStage
-from rpo_core.assurance.doubt import DOUBT, doubt_at, doubt_of, doubted, unless_unsure
+from rpo_core.assurance.doubt import Doubt, doubt_of, doubted, unless_unsure
 from rpo_core.assurance.filters import backup, margins
 from rpo_core.assurance.guard import guard_of, proof_of
 from rpo_core.assurance.kernels import APPROACH, OPEN
@@ -22,7 +22,6 @@ from rpo_core.assurance.manoeuvre import RETREAT_M_S
 from rpo_core.assurance.settings import Assurance, Passage
 from rpo_core.chain.chain import Chain
 from rpo_core.control.controller import load_controller
-from rpo_core.kernels.jit import as_table
 from rpo_core.navigation.sensors import Sensors
 from rpo_core.scenario import scenario
 from rpo_core.scenario.requirements import DIRECTIONS
@@ -179,15 +178,15 @@ def test_who_is_unsure_of_the_port_backs_out_of_a_still_corridor(along):
     )
     guard = guard_of(settings, scenario.load_scenario('paper_test'))._replace(next_m=5.0)
     axis, side = 'xyz'.index(along[1]), 1.0 if along[0] == '+' else -1.0
-    place, speed, doubt = np.zeros(3), np.array([0.002, -0.003, 0.001]), np.ones(13)
+    place, speed, doubt = np.zeros(3), np.array([0.002, -0.003, 0.001]), Doubt(*(1.0,) * 13)
     place[axis] = 6.0 * side
     speed[axis] += RETREAT_M_S * side
     given = (*place.tolist(), *speed.tolist()), (9.0, 9.0, 9.0)
-    unsure, force = unless_unsure(*given, APPROACH, guard, doubt_at(as_table(doubt), 0), 1e3)
+    unsure, force = unless_unsure(*given, APPROACH, guard, doubt, 1e3)
     after = speed + np.array(force) * guard.dt_s / guard.mass_kg
     after[axis] -= RETREAT_M_S * side
     assert unsure and np.abs(after).max() < 1e-12
-    found = unless_unsure(*given, OPEN, guard, doubt_at(as_table(doubt), 0), 1e3)
+    found = unless_unsure(*given, OPEN, guard, doubt, 1e3)
     assert found == (True, backup(given[0], OPEN, guard)) != (True, force)
 
 
@@ -221,7 +220,7 @@ def test_a_corridor_is_lost_where_the_walls_leave_too_little_room(distance_m, cl
         keep_out_m=15.0, corridor=Passage('+y', half_angle_deg=20.0, port_m=1.0, outer_m=25.0)
     )
     plain = guard_of(settings, scenario.load_scenario('paper_test'))
-    doubt, state = doubt_at(as_table(np.ones(13)), 0), (0.0, 1.0 + distance_m, 0.0)
+    doubt, state = Doubt(*(1.0,) * 13), (0.0, 1.0 + distance_m, 0.0)
 
     def is_lost(error_m):
         guard = plain._replace(here_m=0.01, next_m=error_m, next_m_s=0.004)
@@ -233,7 +232,3 @@ def test_a_corridor_is_lost_where_the_walls_leave_too_little_room(distance_m, cl
     narrow = slope * (max(closing_m_s, 0.0) + 0.004) + 2.0 * 0.004
     most = (half - narrow**2 / plain.wall_m_s2) / (1.0 + slope)
     assert most > 0.0 and not is_lost(most * (1.0 - 1e-9)) and is_lost(most * (1.0 + 1e-9))
-
-
-def test_the_doubt_of_a_run_lies_in_a_table_from_its_place_on():
-    assert doubt_at(as_table(np.arange(30.0)), 11) == tuple(range(11, 11 + DOUBT))

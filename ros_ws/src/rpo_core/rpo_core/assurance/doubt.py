@@ -47,9 +47,6 @@ class Doubt(NamedTuple):
     next_vv: float
 
 
-DOUBT = len(Doubt._fields)
-
-
 def doubt_of(settings: Assurance, scenario: Any, errors: Errors) -> Doubt:
     """Return what the spread of a scenario's estimator adds to the errors of its guard."""
     delay = scenario.thrusters.delay_ticks if scenario.thrusters else 0
