@@ -13,17 +13,19 @@ fields one flight at a time can be flown.
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping, Sequence
+from functools import cache
+from importlib import resources
 from pathlib import Path
+from string import Template
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from rpo.exports.c_source import Source, number, own_name, wrapped
-from rpo.exports.formats import filled, one_line
+from rpo.exports.formats import one_line
 from rpo.exports.kernel_source import Array, Record
 from rpo.montecarlo.outputs import identifier
 from rpo_core.chain.chain import NO_FORCE, Chain, Link
@@ -38,6 +40,19 @@ from rpo_core.wire.interfaces import NEXT, current, row_of
 
 _PUBLIC = re.compile(r'^(/\*(?:(?!\*/).)*\*/\n(?:void|int) [^{;]*)\n\{', re.M | re.S)
 """Comment and prototype of a function that is not static."""
+
+
+@cache
+def _templates() -> dict[str, Template]:
+    text = resources.files('rpo.exports').joinpath('c.template').read_text('utf-8')
+    parts = re.split(r'^@@ (\w+)\n', text, flags=re.MULTILINE)[1:]
+    texts = (Template(text.removesuffix('\n')) for text in parts[1::2])
+    return dict(zip(parts[::2], texts, strict=True))
+
+
+def _filled(part: str, **values: object) -> str:
+    """Return a part of `c.template`, its places `$name` filled with values."""
+    return _templates()[part].substitute(values)
 
 
 class Flown(NamedTuple):
@@ -105,20 +120,13 @@ class _Values:
     def _part(self, base: Any, values: Any, depth: int, name: str) -> str:
         if not depth:
             is_number = base in (float, int)
-            return _number(base(values)) if is_number else self.record(base, values, name)
+            return number(base(values)) if is_number else self.record(base, values, name)
         texts = [self._part(base, v, depth - 1, f'{name}_{i}') for i, v in enumerate(values)]
         zero = texts[0] if set(texts) <= {'0.0', '0', '{0.0}', '{0}'} else ''
         size = 4 if base in (float, int) else 1
         rows = (', '.join(texts[i : i + size]) for i in range(0, len(texts), size))
         text = zero or ',\n    '.join(rows)
         return f'{{{text}}}'
-
-
-def _number(value: Any) -> str:
-    """Return a value of a record in C."""
-    if math.isfinite(value):
-        return number(value)
-    return 'NAN' if math.isnan(value) else 'INFINITY' if value > 0.0 else '-INFINITY'
 
 
 class _Stage(NamedTuple):
@@ -223,12 +231,12 @@ def files(about: Sequence[str], chain: Chain, file: str, flown: Flown) -> Files:
     room = max(at.stop for at in places.values())
     widest = max(sum(places[n].stop - places[n].start for n in link.reads) for link in chain.links)
     begin_text, tick_text = '\n'.join(begin), '\n'.join(tick)
-    functions = filled('chain', name=prefix, start=begin_text, tick=tick_text, room=room)
+    functions = _filled('chain', name=prefix, start=begin_text, tick=tick_text, room=room)
     inputs = _inputs(chain)
     facts = '\n'.join(wrapped(f'/* {one_line(line)} */') for line in about)
     of_chain = [_memory(prefix, stages), _places(prefix, places, room + widest)]
     includes = '\n'.join(f'#include <std{word}.h>' for word in ('int', 'lib'))
-    text = filled(
+    text = _filled(
         'source',
         facts=facts,
         kernels=f'{includes}\n#include <string.h>\n\n{source.text()}',
@@ -244,7 +252,7 @@ def files(about: Sequence[str], chain: Chain, file: str, flown: Flown) -> Files:
         'facts': facts, 'name': prefix, 'size': f'{prefix.upper()}_SIGNALS',
         'stem': stem.replace('*/', '* /'),
     }  # fmt: skip
-    header = filled(
+    header = _filled(
         'header',
         **names,
         guard=f'{prefix.upper()}_H',
@@ -256,7 +264,7 @@ def files(about: Sequence[str], chain: Chain, file: str, flown: Flown) -> Files:
     )
     sides = enumerate((inputs, chain.outputs))
     compared = [(name, places[name], i) for i, names_of in sides for name in names_of]
-    test = filled(
+    test = _filled(
         'test',
         **names,
         signals=',\n'.join(
@@ -329,4 +337,4 @@ def _call(stage: _Stage, index: int, reads: Sequence[slice], writes: int) -> str
         end += size
     call = f'{stage.title}_step(tick, u, &{stage.title}_p, &m->{stage.name}, &s[{writes}])'
     call = wrapped(f'if ({call} != 0) {{', 1)
-    return filled('call', u='\n'.join(lines), call=call, index=index)
+    return _filled('call', u='\n'.join(lines), call=call, index=index)

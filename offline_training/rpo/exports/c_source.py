@@ -82,12 +82,14 @@ def own_name(name: str) -> str:
 
 
 def number(value: Any) -> str:
-    """Return a number as C has it, bit for bit; raises InputError if it is not finite."""
+    """Return a number as C has it, bit for bit; raises InputError if it is none."""
     if isinstance(value, bool):
         return str(int(value))
-    if not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise InputError(f'a constant of a kernel must be a finite number; got {value!r}')
-    return repr(value)
+    if not isinstance(value, (int, float)):
+        raise InputError(f'a constant of a kernel must be a number; got {value!r}')
+    if math.isfinite(value):
+        return repr(value)
+    return 'NAN' if math.isnan(value) else 'INFINITY' if value > 0.0 else '-INFINITY'
 
 
 WIDTH = 100

@@ -16,10 +16,7 @@ import json as json_module
 import re
 import textwrap
 from collections.abc import Iterable, Sequence
-from functools import cache
-from importlib import resources
 from pathlib import Path
-from string import Template
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -65,19 +62,6 @@ class Rule(NamedTuple):
     position: str
     velocity: str
     force: str
-
-
-@cache
-def _templates() -> dict[str, Template]:
-    text = resources.files('rpo.exports').joinpath('parts.template').read_text('utf-8')
-    parts = re.split(r'^@@ (\w+)\n', text, flags=re.MULTILINE)[1:]
-    texts = (Template(text.removesuffix('\n')) for text in parts[1::2])
-    return dict(zip(parts[::2], texts, strict=True))
-
-
-def filled(part: str, **values: object) -> str:
-    """Return a part of `parts.template`, its places `$name` filled with values."""
-    return _templates()[part].substitute(values)
 
 
 def triangles(functions: MembershipFunctions) -> tuple[tuple[str, Triangle], ...]:
@@ -170,7 +154,9 @@ def fis(any_controller: AnyController) -> str:
     comments, samples = [*facts(controller), *GOAL], controller.system.samples
     if samples != DEFAULT_SAMPLES:
         comments.append(f'evaluate with evalfisOptions(NumSamplePoints={samples})')
-    blocks = [filled('fis', name=_title(controller.name))]
+    system = {key: text.rstrip('?').split('|')[0] for key, text in _SYSTEM.items() if text}
+    lines = [f"{k}='{v}'" if v.isalpha() else f'{k}={v}' for k, v in system.items()]
+    blocks = ['\n'.join(['[System]', f"Name='{_title(controller.name)}'", *lines]) + '\n']
     names = ('Input1', 'Input2', 'Output1')
     for name, variable in zip(names, variables(controller), strict=True):
         lines = [f'[{name}]', f"Name='{variable.name}'", 'Range=[-1 1]', 'NumMFs=5']
