@@ -149,18 +149,12 @@ class Writer:
         self._copies = Counter(self._all.keys())
 
     def _returned(self, hint: Type) -> Type:
-        """Return the type of what it returns; of `tuple[float, ...]` by what a return has."""
+        """Return the type of what it returns."""
         if hint is None:
             raise InputError(f'kernel `{self._tree.name}` must say what it returns, to be C')
         if not isinstance(hint, tuple):
             return Record(hint, True, is_value=True) if isinstance(hint, type) else hint
-        if hint[-1] is not None:
-            return tuple(map(self._returned, hint))
-        values = (n.value for n in ast.walk(self._tree) if isinstance(n, ast.Return))
-        value = next((v for v in values if isinstance(v, ast.Tuple)), self._tree)
-        if not isinstance(value, ast.Tuple):
-            raise self.refused(value)
-        return (hint[0],) * len(value.elts)
+        return tuple(map(self._returned, hint))
 
     def written(self, title: str) -> Written:
         """Return the function under a name; raises InputError for what kernels do not use."""
