@@ -19,7 +19,6 @@ from rpo_core.control import controller, textbook
 from rpo_core.control.baselines import Model, Mpc, baseline_force
 from rpo_core.control.explain import reasons
 from rpo_core.control.family import Gene, Mission, family_of
-from rpo_core.control.lane_kernels import ROWS, axis_forces
 from rpo_core.control.time_to_go import WORDS, Rule, TimeToGo
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
@@ -54,19 +53,6 @@ def test_forces_are_odd_bit_for_bit_within_the_limit_and_the_same_axis_by_axis(l
     assert max(map(abs, force)) <= law.max_force_n
     assert all(type(f) is float and math.isfinite(f) for f in force)
     assert force == baseline_force(state, tick, law.law)
-
-
-@pytest.mark.parametrize('law', [TO_GO, MORE], ids=FAMILIES)
-def test_axes_side_by_side_have_the_forces_of_one_alone(law):
-    peaks = getattr(law, 'peaks_m', (0.0, 3.0)), getattr(law, 'speeds_m_s', (0.0, 0.2))
-    rng = np.random.default_rng(1)
-    sides = [(0.0, *rng.normal(0.0, 2.0 * max(p), 20), *p, *(-x for x in p)) for p in peaks]
-    r, v = (np.ravel(grid) for grid in np.meshgrid(*sides))
-    for tick in (0, 700, 4000):
-        forces = np.empty(len(r))
-        axis_forces(r, v, forces, np.empty(ROWS * len(r)), tick, law.law)
-        alone = [law.force_n((x, 0, 0), (u, 0, 0), tick)[0] for x, u in zip(r, v, strict=True)]
-        assert forces.tolist() == alone
 
 
 CREEPING, *_, FAST = MORE.speed_peaks_m_s

@@ -89,7 +89,7 @@ def test_candidates_that_cannot_reach_the_better_half_are_not_flown():
     with fitness.simulator:
         fitness.enter(0)
         scores = fitness.score(population)
-        each = [fitness.score(population.members(slice(i, i + 1))) for i in range(8)]
+        each = [fitness.score(population_of(one)) for one in (*worse, TRAINED, ROBUST)]
     expected = np.array([float(s.fitness[0]) for s in each])
     best = np.argsort(expected)[:4]
     np.testing.assert_array_equal(np.argsort(scores.fitness)[:4], best)

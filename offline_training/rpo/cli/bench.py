@@ -77,8 +77,8 @@ def inference(count: int = 20_000) -> tuple[float, float]:
 
     controller = load_fuzzy('handmade')
     errors = np.random.default_rng(1).uniform(-1.0, 1.0, (2, count))
-    law, rows = lanes.make_law(controller.system.samples), lanes.make_scratch()
-    lanes.set_law(law, *(field[0] for field in population_of(controller)))
+    law = population_of(controller).law(0, controller.system.samples)
+    rows = lanes.make_scratch()
     outputs_of_ours = np.empty(count)
     engine = fl.FllImporter().from_string(formats.fll(controller))
     for name, values in zip(('position_error', 'velocity_error'), errors, strict=True):

@@ -10,7 +10,6 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo.engine.lanes import STRIDE
 from rpo.engine.loops import Loops
@@ -37,7 +36,7 @@ class Group(NamedTuple):
 
     some: slice
     loops: Loops
-    lanes: NDArray[np.uint64]
+    lanes: Ints
     which: Ints
 
 
@@ -100,16 +99,16 @@ class Case:
     @cached_property
     def paired(self) -> list[Group]:
         """For any law, some flights at a time."""
-        firsts = range(0, len(self.starts), SOME)
-        return [self._paired(slice(i, min(i + SOME, len(self.starts)))) for i in firsts]
+        groups = []
+        for first in range(0, len(self.starts), SOME):
+            some = slice(first, first + SOME)
+            starts, disturbance = self.starts[some], self.disturbance[some]
+            each = disturbance, np.arange(len(starts))
+            xy, z = ((starts[:, columns], *each) for columns in (PLANAR, VERTICAL))
+            groups.append(self._group(some, xy, z))
+        return groups
 
-    def _paired(self, some: slice) -> Group:
-        starts, disturbance = self.starts[some], self.disturbance[some]
-        each = np.arange(len(starts))
-        xy, z = ((starts[:, columns], disturbance, each) for columns in (PLANAR, VERTICAL))
-        return self._group(some, xy, z)
-
-    def _crossed(self, *, odd: bool) -> list[Group]:
+    def _crossed(self, odd: bool) -> list[Group]:
         """Return the loops; paired if they are more than the lanes, as of 46 random starts."""
         planar, vertical = (self._distinct(columns, odd) for columns in (PLANAR, VERTICAL))
         if 2 * len(planar[0]) + len(vertical[0]) > STRIDE:
@@ -149,7 +148,7 @@ class Case:
         )
         pairs, which = np.unique(which_xy + len(xy) * which_z, return_inverse=True)
         z_of, x = np.divmod(pairs, len(xy))
-        lanes = np.array([x, len(xy) + x, 2 * len(xy) + z_of], np.uint64)
+        lanes = np.array([x, len(xy) + x, 2 * len(xy) + z_of])
         return Group(some, loops, lanes, which)
 
     def scenarios(self) -> Iterator[Scenario]:

@@ -18,9 +18,7 @@ from rpo.engine.lanes import (
     infer_lanes,
     make_law,
 )
-from rpo.engine.population import population_of
 from rpo_core.control.baselines import GAINS, Baseline, BaselineLaw, baseline_force, table_force
-from rpo_core.control.controller import Controller, FuzzyController
 from rpo_core.kernels.arithmetic import saturate
 from rpo_core.kernels.jit import inlined
 
@@ -46,7 +44,8 @@ def _law_of(limit: float, *tables: Any) -> BaselineLaw:
     return BaselineLaw(*law)
 
 
-_NO_FUZZY, _NO_BASELINE = make_law(1), _law_of(0.0, (), (), (), (), ())
+_NO_FUZZY = make_law(1, (), np.zeros(15), ())
+_NO_BASELINE = _law_of(0.0, (), (), (), (), ())
 
 
 def fuzzy_candidate(law: Law) -> Candidate:
@@ -54,21 +53,12 @@ def fuzzy_candidate(law: Law) -> Candidate:
     return Candidate(FUZZY, law, _NO_BASELINE)
 
 
-def has_lanes(controller: Controller) -> bool:
-    """Return whether lanes have the law of a controller, and it no stage of its own."""
-    classes = [c for c in (FuzzyController, Baseline) if isinstance(controller, c)]
-    return bool(classes) and type(controller).stage is classes[0].stage
-
-
-def candidate_of(controller: Any) -> Candidate:
-    """Return a controller that has lanes for them."""
-    if isinstance(controller, FuzzyController):
-        return fuzzy_candidate(population_of(controller).law(0, controller.system.samples))
-    law = controller.law
+def baseline_candidate(controller: Baseline) -> Candidate:
+    """Return a baseline for the lanes."""
+    law: Any = controller.law
     tables = law.gains, law.field, law.distances, law.speeds, law.forces
-    baseline = _law_of(float(law.limit), *tables)
-    form = AXES if controller.alike and len(baseline.forces) else COUPLED
-    return Candidate(form, _NO_FUZZY, baseline)
+    form = AXES if controller.alike and len(law.forces) else COUPLED
+    return Candidate(form, _NO_FUZZY, _law_of(float(law.limit), *tables))
 
 
 @inlined

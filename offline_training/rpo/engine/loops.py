@@ -13,24 +13,22 @@ from math import sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo.engine.lanes import (
     BEFORE,
+    DISTURBANCE,
     EFFORT,
     ENERGY,
     FORCE,
+    FROM_GOAL,
     LATE_F,
     LATE_R,
     LATE_V,
     OUTSIDE,
-    PUSH,
-    SEEN_R,
     SLEW,
     STORED,
     R,
     V,
-    compiled,
 )
 from rpo.engine.laws import Candidate, command
 from rpo_core.judge.metrics import (
@@ -44,8 +42,8 @@ from rpo_core.judge.metrics import (
     with_square,
 )
 from rpo_core.kernels.arithmetic import State, saturate
-from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.jit import inlined
+from rpo_core.kernels.arrays import Floats, Ints
+from rpo_core.kernels.jit import inlined, unlocked
 from rpo_core.world.cw import CwStep, cw_step
 
 
@@ -75,23 +73,19 @@ class Room(NamedTuple):
 
     w : rows of lanes
     norms : (2, tail, lanes) squared distances and speeds of loops in the mean window
-    sums : (2, flights) of their roots
     states : (ticks + 1, lanes, 2) r and v of all ticks; without ticks: they are not kept
-    flight : (ticks + 1, 6) states of one flight
     """
 
     w: Floats
     norms: Floats
-    sums: Floats
     states: Floats
-    flight: Floats
 
 
-@compiled
+@unlocked
 def fly(candidate: Candidate, loops: Loops, windows: Windows, room: Room) -> None:
     """Fly loops through all ticks of the horizon, and count what `finish` combines."""
     w, n = room.w, 2 * loops.planar + loops.vertical
-    position = SEEN_R if len(loops.goal) > 0 else R
+    position = FROM_GOAL if len(loops.goal) > 0 else R
     w[:] = 0.0
     for s in range(n):
         w[R + s], w[V + s] = loops.starts[0, s], loops.starts[1, s]
@@ -101,10 +95,9 @@ def fly(candidate: Candidate, loops: Loops, windows: Windows, room: Room) -> Non
             _keep(w, n, room.states[tick])
         command(w, n, position, tick, candidate)
         _act(w, n, tick, loops)
-        _count_force(w, n, tick, windows)
         _step(w, loops.planar, loops.vertical, loops.step)
         _aim(w, loops.goal)
-        _count_state(w, n, tick, position, windows)
+        _count(w, n, tick, position, windows)
         row = tick - (windows.ticks - windows.tail)
         if 0 <= row < windows.tail:
             _keep_norms(w, loops.planar, loops.vertical, position, room.norms, row)
@@ -121,7 +114,7 @@ def _keep(w, n, states):  # type: ignore[no-untyped-def]
 @inlined
 def _aim(w, goal):  # type: ignore[no-untyped-def]
     for s in range(len(goal)):
-        w[SEEN_R + s] = w[R + s] - goal[s]
+        w[FROM_GOAL + s] = w[R + s] - goal[s]
 
 
 @inlined
@@ -137,21 +130,7 @@ def _act(w, n, tick, loops):  # type: ignore[no-untyped-def]
     if tick < len(loops.disturbance):
         disturbance = loops.disturbance[tick]
         for s in range(n):
-            w[PUSH + s] = disturbance[s]
-
-
-@inlined
-def _count_force(w, n, tick, windows):  # type: ignore[no-untyped-def]
-    if tick < windows.ticks:
-        for s in range(n):
-            force = w[FORCE + s]
-            w[ENERGY + s] = with_square(w[ENERGY + s], force)
-            w[EFFORT + s] += abs(force)
-            w[SLEW + s] = larger(w[SLEW + s], force - w[BEFORE + s]) + STORED
-            w[BEFORE + s] = force
-    if tick >= windows.horizon - windows.late:
-        for s in range(n):
-            w[LATE_F + s] = larger(w[LATE_F + s], w[FORCE + s]) + STORED
+            w[DISTURBANCE + s] = disturbance[s]
 
 
 @inlined
@@ -159,25 +138,30 @@ def _step(w, p, q, step):  # type: ignore[no-untyped-def]
     for x in range(p):
         y = p + x
         state = (w[R + x], w[R + y], 0.0, w[V + x], w[V + y], 0.0)
-        force = (w[FORCE + x] + w[PUSH + x], w[FORCE + y] + w[PUSH + y], 0.0)
+        force = (w[FORCE + x] + w[DISTURBANCE + x], w[FORCE + y] + w[DISTURBANCE + y], 0.0)
         w[R + x], w[R + y], _, w[V + x], w[V + y], _ = cw_step(state, force, step)
     for z in range(2 * p, 2 * p + q):
         state = (0.0, 0.0, w[R + z], 0.0, 0.0, w[V + z])
-        force = (0.0, 0.0, w[FORCE + z] + w[PUSH + z])
+        force = (0.0, 0.0, w[FORCE + z] + w[DISTURBANCE + z])
         _, _, w[R + z], _, _, w[V + z] = cw_step(state, force, step)
 
 
 @inlined
-def _count_state(w, n, tick, position, windows):  # type: ignore[no-untyped-def]
-    r = position
+def _count(w, n, tick, position, windows):  # type: ignore[no-untyped-def]
+    """Count the command of a tick, and the state that it led to."""
     if tick < windows.ticks:
         for s in range(n):
-            w[OUTSIDE + s] = (
-                last_outside(w[OUTSIDE + s], tick, w[r + s], windows.arrival_m) + STORED
-            )
+            force = w[FORCE + s]
+            w[ENERGY + s] = with_square(w[ENERGY + s], force)
+            w[EFFORT + s] += abs(force)
+            w[SLEW + s] = larger(w[SLEW + s], force - w[BEFORE + s]) + STORED
+            w[BEFORE + s] = force
+            outside = last_outside(w[OUTSIDE + s], tick, w[position + s], windows.arrival_m)
+            w[OUTSIDE + s] = outside + STORED
     if tick >= windows.horizon - windows.late:
         for s in range(n):
-            w[LATE_R + s] = larger(w[LATE_R + s], w[r + s]) + STORED
+            w[LATE_F + s] = larger(w[LATE_F + s], w[FORCE + s]) + STORED
+            w[LATE_R + s] = larger(w[LATE_R + s], w[position + s]) + STORED
             w[LATE_V + s] = larger(w[LATE_V + s], w[V + s]) + STORED
 
 
@@ -193,46 +177,41 @@ def _keep_norms(w, p, q, position, norms, row):  # type: ignore[no-untyped-def]
         speeds[z] = w[V + z] * w[V + z]
 
 
-@compiled
-def _axis_sums(w, lane):  # type: ignore[no-untyped-def]
-    s = np.int64(lane)
+@unlocked
+def _axis_sums(w, s):  # type: ignore[no-untyped-def]
     energy, effort, step = w[ENERGY + s], w[EFFORT + s], w[SLEW + s]
     return AxisSums(
         energy, effort, step, w[LATE_R + s], w[LATE_V + s], w[LATE_F + s], w[OUTSIDE + s]
     )
 
 
-@compiled
-def _add_norms(norms, x, z, tail, sums):  # type: ignore[no-untyped-def]
-    sums[:] = 0.0
+@unlocked
+def _summed(norms, x, z, tail):  # type: ignore[no-untyped-def]
+    sums = np.zeros(len(x))
     for tick in range(tail):
         row = norms[tick]
         for k in range(len(x)):
-            sums[k] += sqrt(row[x[k]] + row[z[k]])
+            sums[k] += sqrt(row[np.uint64(x[k])] + row[np.uint64(z[k])])  # none from the end
+    return sums
 
 
-@compiled
-def finish(
-    room: Room, lanes: NDArray[np.uint64], tail: int, dt: float, mass: float, rows: Any
-) -> None:
+@unlocked
+def finish(room: Room, lanes: Ints, tail: int, dt: float, mass: float, rows: Any) -> None:
     """Fill rows of metrics (n, columns) of flights whose axes are in lanes (3, n) x, y, z."""
-    w, n = room.w, len(rows)
-    distances, speeds = room.sums[0, :n], room.sums[1, :n]
-    _add_norms(room.norms[0], lanes[0], lanes[2], tail, distances)
-    _add_norms(room.norms[1], lanes[0], lanes[2], tail, speeds)
-    for k in range(n):
-        x, y, z = lanes[0, k], lanes[1, k], lanes[2, k]
-        sums = _axis_sums(w, x), _axis_sums(w, y), _axis_sums(w, z)
+    w, x, y, z = room.w, lanes[0], lanes[1], lanes[2]
+    distances, speeds = _summed(room.norms[0], x, z, tail), _summed(room.norms[1], x, z, tail)
+    for k in range(len(rows)):
+        sums = _axis_sums(w, x[k]), _axis_sums(w, y[k]), _axis_sums(w, z[k])
         fill_row(rows[k], sums[0], sums[1], sums[2], distances[k], speeds[k], tail, dt, mass)
 
 
-@compiled
-def judge(room: Room, lanes: NDArray[np.uint64], goal: State, asked: Asked, rows: Any) -> None:
+@unlocked
+def judge(states: Any, lanes: Ints, goal: State, asked: Asked, rows: Any) -> None:
     """Fill the columns of rows that `count_together` counts, from the states of all ticks."""
-    states, flight = room.states, room.flight
+    flight = np.empty((len(states), 6))
     for k in range(len(rows)):
-        for tick in range(len(states)):
-            for axis in range(3):
-                s = np.int64(lanes[axis, k])
+        for axis in range(3):
+            s = lanes[axis, k]
+            for tick in range(len(states)):
                 flight[tick, axis], flight[tick, 3 + axis] = states[tick, s, 0], states[tick, s, 1]
         count_together(flight, goal, asked, rows[k])

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rpo.engine.lanes import Law, make_law, set_law
+from rpo.engine.lanes import Law, make_law
 from rpo_core.control.controller import FuzzyController
 from rpo_core.control.fuzzy import FuzzySystem, MembershipFunctions, RuleTable
 from rpo_core.kernels.arrays import Floats, Ints
@@ -34,10 +34,6 @@ class Population(NamedTuple):
         scales = self.scales[index].tolist()
         return FuzzyController(name, FuzzySystem(position, velocity, force, rules), *scales)
 
-    def members(self, some: slice | Ints) -> Population:
-        """Return some members."""
-        return Population(self.scales[some], self.functions[some], self.rules[some])
-
     def is_odd(self, index: int) -> bool:
         """Return whether a member's rules are odd."""
         rules = self.rules[index]
@@ -45,9 +41,7 @@ class Population(NamedTuple):
 
     def law(self, index: int, samples: int) -> Law:
         """Return one member as the kernels read it."""
-        law = make_law(samples)
-        set_law(law, self.scales[index], self.functions[index], self.rules[index])
-        return law
+        return make_law(samples, self.scales[index], self.functions[index], self.rules[index])
 
 
 def population_of(*controllers: FuzzyController) -> Population:

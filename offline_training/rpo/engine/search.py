@@ -1,10 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Threads that fly the candidates of a search through cases.
-
-One thread flies a candidate. Candidates share nothing, so that results do not depend on the number
-of threads. The kernels release the interpreter's lock.
-"""
+"""Threads that fly the candidates of a search through cases; candidates share nothing."""
 
 from __future__ import annotations
 
@@ -16,13 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from rpo.engine.cases import Case
+from rpo.engine.cases import Case, Group
 from rpo.engine.lanes import STRIDE, make_scratch
-from rpo.engine.laws import COUPLED, Candidate, candidate_of, fuzzy_candidate, has_lanes
+from rpo.engine.laws import COUPLED, Candidate, baseline_candidate, fuzzy_candidate
 from rpo.engine.loops import Room, finish, fly, judge
 from rpo.engine.population import Population
 from rpo_core.chain.flight import fly as fly_chain
-from rpo_core.control.controller import Controller, FuzzyController
+from rpo_core.control.baselines import Baseline
+from rpo_core.control.controller import Controller
 from rpo_core.control.fuzzy import DEFAULT_SAMPLES
 from rpo_core.judge.metrics import asked_of, counts_of
 from rpo_core.kernels.arrays import Floats
@@ -30,25 +27,19 @@ from rpo_core.kernels.arrays import Floats
 Candidates = Population | Sequence[Controller]
 
 
-class Rooms(threading.local):
+class _Rooms(threading.local):
     """What each thread writes while it flies, large enough for any of some cases."""
 
     def __init__(self, cases: Sequence[Case]) -> None:
         tail = max(case.windows.tail for case in cases)
         ticks = max((case.windows.horizon + 1 for case in cases if case.together), default=0)
-        self.room = Room(
-            make_scratch(),
-            np.empty((2, tail, STRIDE)),
-            np.empty((2, max(len(case.starts) for case in cases))),
-            np.empty((ticks, STRIDE, 2)),
-            np.empty((ticks, 6)),
-        )
+        self._w, self._norms = make_scratch(), np.empty((2, tail, STRIDE))
+        self._states = np.empty((ticks, STRIDE, 2))
 
     def of(self, case: Case) -> Room:
         """Return the room of a case: without states where they are not kept."""
         ticks = case.windows.horizon + 1 if case.together else 0
-        room = self.room
-        return room._replace(states=room.states[:ticks], flight=room.flight[:ticks])
+        return Room(self._w, self._norms, self._states[:ticks])
 
 
 class Simulator:
@@ -61,9 +52,8 @@ class Simulator:
     def __init__(
         self, cases: Sequence[Case], workers: int = 0, samples: int = DEFAULT_SAMPLES
     ) -> None:
-        self.cases, self.samples = tuple(cases), samples
+        self.cases, self.samples, self._rooms = tuple(cases), samples, _Rooms(cases)
         self.workers = workers or len(os.sched_getaffinity(0))
-        self._rooms = Rooms(self.cases)
         self._pool = ThreadPoolExecutor(self.workers, 'rpo-search')
 
     def __enter__(self) -> Simulator:
@@ -84,8 +74,9 @@ class Simulator:
         def one(index: int) -> None:
             for case, of_case in zip(self.cases, rows, strict=True):
                 if isinstance(candidates, Population):
+                    groups = case.halved if candidates.is_odd(index) else case.crossed
                     law = fuzzy_candidate(candidates.law(index, self.samples))
-                    self._fly(law, candidates.is_odd(index), case, of_case[index])
+                    self._fly(law, groups, case, of_case[index])
                 else:
                     self._fly_controller(candidates[index], case, of_case[index])
 
@@ -93,26 +84,23 @@ class Simulator:
         return rows
 
     def _fly_controller(self, controller: Any, case: Case, rows: Floats) -> None:
-        if not has_lanes(controller) or case.base.sections:
+        """Fly a baseline in lanes; one with a stage of its own, and others, through the chain."""
+        known = isinstance(controller, Baseline) and type(controller).stage is Baseline.stage
+        if not known or case.base.sections:
             for row, scenario in zip(rows, case.scenarios(), strict=True):
                 row[:] = counts_of(fly_chain(scenario, controller), case.windows)[: case.columns]
-        elif isinstance(controller, FuzzyController):
-            odd = controller.system.rules.is_odd
-            self._fly(candidate_of(controller), odd, case, rows)
-        else:
-            controller.refuse_other_ticks(case.base.dt_s)
-            self._fly(candidate_of(controller), True, case, rows)
+            return
+        controller.refuse_other_ticks(case.base.dt_s)
+        candidate = baseline_candidate(controller)
+        groups = case.paired if candidate.form == COUPLED else case.halved
+        self._fly(candidate, groups, case, rows)
 
-    def _fly(self, candidate: Candidate, odd: bool, case: Case, rows: Floats) -> None:
-        """Fill rows; odd : whether a law of each axis is odd."""
-        groups = case.paired
-        if candidate.form != COUPLED:
-            groups = case.halved if odd else case.crossed
+    def _fly(self, candidate: Candidate, groups: Sequence[Group], case: Case, rows: Floats) -> None:
         room, base, windows = self._rooms.of(case), case.base, case.windows
         for some, loops, lanes, which in groups:
             distinct = np.full((lanes.shape[1], case.columns), np.nan)
             fly(candidate, loops, windows, room)
             finish(room, lanes, windows.tail, base.dt_s, base.mass_kg, distinct)
             if case.together:
-                judge(room, lanes, base.goal_state, asked_of(base), distinct)
+                judge(room.states, lanes, base.goal_state, asked_of(base), distinct)
             rows[some] = distinct[which]
