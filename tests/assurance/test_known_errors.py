@@ -146,8 +146,7 @@ def harmonics(c: Case) -> None:
         for axis in 'xyz'
     )
     c.fields['disturbance'] = Disturbance(c.direction(0.05), terms)
-    times_s = np.arange(0.0, BASE.duration_s, 2.0)
-    forces = c.fields['disturbance'].over(times_s)
+    forces = c.fields['disturbance'].over(range(0, BASE.ticks, 20), BASE.dt_ns)
     c.exceeded, c.error = 'disturbance_n', float(np.linalg.norm(forces, axis=1).max())
 
 

@@ -162,7 +162,7 @@ def test_a_flight_is_that_of_textbook_matrices():
         np.testing.assert_allclose(flight.forces_n[tick], commands[-1], rtol=1e-7, atol=1e-9)
         told = np.clip(commands[tick], -flown.max_force_n, flown.max_force_n)
         np.testing.assert_allclose(flight.saturated_forces_n[tick], told, rtol=1e-7, atol=1e-9)
-        given = np.array(MATRIX) @ told + flown.disturbance.force_n(flown.time_s(tick))
+        given = np.array(MATRIX) @ told + flown.disturbances_n[tick]
         state = a @ state + b @ given
 
 

@@ -107,7 +107,7 @@ def check(kind, content):
         assert all(math.isfinite(f) and abs(f) <= loaded.force_scale_n for f in force)
     elif isinstance(loaded, Scenario):
         assert all(map(math.isfinite, loaded.step))
-        assert all(map(math.isfinite, loaded.disturbance.force_n(loaded.duration_s)))
+        assert all(map(math.isfinite, loaded.disturbance.over([loaded.ticks], loaded.dt_ns)[0]))
         assert 0 < loaded.stamp_ns(loaded.ticks) < 2**31 * 10**9
 
 

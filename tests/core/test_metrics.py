@@ -24,8 +24,8 @@ def flight(paper_test, states, forces, dt_s=1.0, disturbance=None, **changes):
     scenario = replace(
         paper_test, dt_s=dt_s, duration_s=dt_s * ticks, disturbance=disturbance, **changes
     )
-    pushes = disturbance.over(scenario.times_s)
-    return Flight(scenario, np.array(states, float), np.array(forces, float), pushes)
+    states, forces = np.array(states, float), np.array(forces, float)
+    return Flight(scenario, states, forces, scenario.disturbances_n)
 
 
 @pytest.fixture

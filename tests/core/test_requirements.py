@@ -70,7 +70,9 @@ def made_up(**limits):
         ]
     )
     forces = [(0.1, 0, 0), (0, 0.3, -0.4), (0, 0, 0.03), (0.01, 0, 0), (9, 9, 9)]
-    return Flight(scenario, states, np.array(forces), push.over(scenario.times_s))
+    return Flight(
+        scenario, states, np.array(forces), push.over(range(scenario.ticks + 1), scenario.dt_ns)
+    )
 
 
 EVERYTHING = {

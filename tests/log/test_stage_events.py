@@ -16,7 +16,7 @@ from rpo_core.assurance.assurance import AssuranceStage
 from rpo_core.assurance.settings import Assurance
 from rpo_core.assurance.shaping import Shaping, ShapingStage
 from rpo_core.attitude.target import TargetStage
-from rpo_core.chain.chain import Chain, DisturbanceStage
+from rpo_core.chain.chain import Chain
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.guidance.guidance import GuidanceStage
@@ -28,7 +28,7 @@ from rpo_core.scenario.scenario import load_scenario
 from rpo_core.thrusters.thrusters import TableStage
 from rpo_core.wire import cdr
 from rpo_core.wire.interfaces import ASSURED_FORCE, RELATIVE_STATE
-from rpo_core.world.disturbance import NONE
+from rpo_core.world.disturbance import NONE, DisturbanceStage
 from rpo_core.world.dynamics import DynamicsStage
 from rpo_log.errors import ExitCode
 from rpo_log.read.run_log import flight_of, read_run

@@ -131,7 +131,7 @@ def test_a_consistent_lie_is_found_from_the_start(run, log, tmp_path):
         stamp = run.base.stamp_ns(tick)
         lies[STATE, tick] = cdr.encode_odometry(stamp, 'target_lvlh', 'chaser', state)
         lies[FORCE, tick] = cdr.encode_wrench(stamp, 'target_lvlh', force)
-        disturbance = flown.disturbance.force_n(flown.time_s(tick))
+        disturbance = tuple(flown.disturbances_n[tick].tolist())
         state = cw.plant_step(state, force, disturbance, flown.max_force_n, flown.step)
     found = verify(forge(log, tmp_path, lambda n, t, d: lies.get((n, t), d)))
     assert found.difference.tick == 100

@@ -183,7 +183,7 @@ def test_it_is_the_filter_of_filterpy(case):
         square = np.outer(scale, scale)
         np.testing.assert_allclose(stage.covariance / square, q / square, atol=1e-7)
         assert stage.trouble() == oracle.trouble(tick)
-    counts = stage.m.accepted, stage.rejected, stage.restarts
+    counts = stage.m.counts.accepted, stage.rejected, stage.restarts
     assert counts == (oracle.accepted, oracle.rejected, oracle.restarts)
     assert (oracle.rejected > 0) == (case in ('outlying', 'diverged'))
 

@@ -69,9 +69,7 @@ def test_with_every_answer_in_its_tick_it_is_the_closed_loop_of_the_core(kind):
         force = controller.force_n(plant.state[:3], plant.state[3:])
         assert force == tuple(expected.forces_n[tick])
         plant.answer(FORCE, plant.stamp_ns, force)
-        plant.answer(
-            DISTURBANCE, plant.stamp_ns, scenario.disturbance.force_n(scenario.time_s(tick))
-        )
+        plant.answer(DISTURBANCE, plant.stamp_ns, tuple(scenario.disturbances_n[tick].tolist()))
         if not plant.finished:
             plant.advance()
     assert plant.finished
@@ -168,7 +166,7 @@ def test_losses_cost_only_what_is_cut_off():
     chance = random.Random(1)
     for tick in range(scenario.ticks):
         force = controller.force_n(plant.state[:3], plant.state[3:])
-        disturbance = scenario.disturbance.force_n(scenario.time_s(tick))
+        disturbance = tuple(scenario.disturbances_n[tick].tolist())
         for name, value in ((FORCE, force), (DISTURBANCE, disturbance)):
             if not tick or chance.random() > 0.2:
                 plant.answer(name, plant.stamp_ns, value)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 
 import pytest
 from doc_blocks import DOCS, code, run_line
@@ -82,6 +83,38 @@ assert [columns[name][3] for name in run_batch.FINAL] == flight.states[-1].tolis
 shipped = config.load(config.find('paper_test'))
 print([in_python.sentence(one) for one in (campaign, shipped)])
 """
+
+
+FROM_ONE_FILE = """
+import rpo
+from rpo.montecarlo import config, run_batch
+from rpo_core.chain.chain import Chain
+from rpo_core.chain.flight import fly
+from rpo_core.stage import has_kernel
+
+scenario, controller = rpo.scenario('lagging.yaml'), rpo.controller('pd')
+assert all(has_kernel(link.stage) for link in Chain.of(scenario, controller).links)
+forces = fly(scenario, controller).signals['lagged_force']
+columns = run_batch.fly_runs(config.load('campaign.yaml', controller='pd'), 0, 4)
+print(forces.any(), forces.tobytes().hex(), columns['energy_n2s'].tolist())
+"""
+
+
+@pytest.mark.slow
+def test_its_kernel_has_the_same_bits_interpreted_and_compiled(folder, run):
+    (folder / 'check.py').write_text(FROM_ONE_FILE)
+    interpreted, compiled = (run(f'RPO_JIT={jit} python check.py') for jit in (0, 1))
+    assert 'True' in compiled and interpreted.splitlines()[-1] == compiled.splitlines()[-1]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which('cc') is None, reason='cc is not installed')
+def test_its_kernel_has_the_bits_in_c(run):
+    lines = [line for line in PAGE.read_text().splitlines() if 'lagging.c' in line]
+    said = run(' && '.join([*lines, './lagging_test lagging_test.txt']))
+    assert '51 ticks: every bit is equal' in said
+    said = run('rpo export lagging.yaml --to c --controller mine.yaml --output mine.c', code=2)
+    assert 'stage `controller` must have a kernel' in said
 
 
 def test_a_module_that_is_not_there_is_a_sentence(run):

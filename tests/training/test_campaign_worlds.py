@@ -525,7 +525,7 @@ def test_it_is_what_the_free_running_plant_does(loaded):
             if fates[answered] >= 0 and answered + fates[answered] == tick:
                 plant.answer(CONTROL_FORCE, scenario.stamp_ns(answered), answers[answered])
         stale += CONTROL_FORCE in plant.stale
-        push = scenario.disturbance.force_n(tick * 0.1)
+        push = tuple(scenario.disturbances_n[tick].tolist())
         plant.fly({CONTROL_FORCE: plant.applied(CONTROL_FORCE), DISTURBANCE_FORCE: push})
     assert set(fates) == {-1, 0, 3, 6}  # lost, in time, one message late, both
     assert stale > 0

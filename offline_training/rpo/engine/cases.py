@@ -81,10 +81,8 @@ class Case:
     @cached_property
     def forces(self) -> Floats:
         """Disturbances (k, horizon, 3) [N]; (k, 1, 3) where there are none."""
-        times = self.longer.times_s[:-1]
-        if all(d.is_zero for d in self.disturbances):
-            times = times[:1]
-        return np.array([d.over(times) for d in self.disturbances])
+        ticks = 1 if all(d.is_zero for d in self.disturbances) else self.longer.ticks
+        return np.array([d.over(range(ticks), self.longer.dt_ns) for d in self.disturbances])
 
     @cached_property
     def crossed(self) -> list[Group]:

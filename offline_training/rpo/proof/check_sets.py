@@ -392,7 +392,7 @@ def _force_faults(
         xi = rng.choice([-1.0, 1.0, 0.3], len(cell.centre) - n)
         point = np.array(cell.centre[n:]) + np.array(cell.half[n:]) * xi
         drawn = per_axis.scenario_in(problem, prover.group, point, base)
-        force = exact(drawn.disturbance.force_n(base.time_s(tick))[axis])
+        force = exact(drawn.disturbance.over([tick], base.dt_ns)[0, axis])
         if abs(force - constant - carried @ exact(xi)) > exact(motion.any_n):
             yield f'{where}: the force of a disturbance is not in the set'
         b = exact(cw.matrices(drawn.step)[1][np.ix_(PER_AXIS[prover.group], [axis])])

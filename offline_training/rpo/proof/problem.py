@@ -238,7 +238,7 @@ class Problem:
         disturbance, share = self.scenario.disturbance, self.settings.disturbance_share
         extra = [np.zeros((ticks, len(axes)))] if self.inverse_mass_share > 0.0 else []
         if share == 0.0:
-            constant = disturbance.over(times)[:, axes]
+            constant = disturbance.over(range(ticks), self.scenario.dt_ns)[:, axes]
             return np.ascontiguousarray(constant), _stacked(extra, ticks, len(axes))
         stacked = []
         for place, axis in enumerate(axes):

@@ -12,7 +12,6 @@ in a module of your own (`rpo_core.plugins`).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from copy import deepcopy
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
@@ -26,7 +25,7 @@ from rpo_core import plugins
 from rpo_core.files.validation import InputError
 from rpo_core.kernels import calls
 from rpo_core.kernels.jit import COMPILED, as_table
-from rpo_core.kernels.records import move_together, prepared
+from rpo_core.kernels.records import begin_again, copied, move_together, prepared
 from rpo_core.wire.interfaces import (
     ATTITUDE,
     COMMAND,
@@ -182,15 +181,12 @@ class KernelStage(Stage):
     def __init__(self, p: Any, m0: Any) -> None:
         self._m0 = m0
         self.p: Any = prepared(p)
-        self.m: Any = prepared(m0) if COMPILED else deepcopy(m0)
+        self.m: Any = prepared(m0) if COMPILED else copied(m0)
         self._row: tuple[Any, Any, Any] | None = None
 
     def reset(self) -> None:
         """Forget all earlier ticks: the memory is that before tick 0."""
-        if COMPILED:
-            self.m.reset()
-        else:
-            self.m, self._row = deepcopy(self._m0), None
+        begin_again(self.m, self._m0)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what a copy is made of; it has a memory of its own."""
@@ -228,15 +224,15 @@ class KernelStage(Stage):
 
     def step(self, tick: int, *inputs: Signal) -> tuple[Signal, ...]:
         """Return the outputs of a tick."""
+        places, (step, p, m) = self._places, self.row
         u: Any = list(chain.from_iterable(inputs))
-        y: Any = [0.0] * self._places[-1].stop
+        y: Any = [0.0] * places[-1].stop
         if COMPILED:
-            u, y = np.array(u, np.float64), np.array(y)
-        step, p, m = self.row
-        while calls.call_once(step, p, m, tick, u, y) == calls.ASK:
+            u, y = np.array(u, np.float64), np.zeros(len(y))
+        while calls.call_once(step, p, m, tick, u, y):
             self.answer(tick, u)
         made = tuple(y.tolist() if COMPILED else y)
-        return tuple([made[place] for place in self._places])
+        return (made,) if len(places) == 1 else tuple([made[place] for place in places])
 
     def steps(
         self, ticks: NDArray[np.int64], *inputs: NDArray[np.float64]

@@ -4,9 +4,10 @@
 
 from __future__ import annotations
 
-from rpo_core.chain.chain import Chain, DisturbanceStage, Link
+from rpo_core.chain.chain import Chain, Link
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
+from rpo_core.world.disturbance import DisturbanceStage
 from rpo_ros.managed_node import PlaceNode
 
 
@@ -25,7 +26,7 @@ class DisturbanceInjectorNode(PlaceNode):
         """Return the disturbance; a plug-in may add stages, without any this one is alone."""
         if not self._run.bare:
             return super().chain_of(scenario)
-        stage = DisturbanceStage(scenario.disturbance, scenario)
+        stage = DisturbanceStage(scenario.disturbance, scenario.dt_ns)
         return Chain([] if scenario.disturbance.is_zero else [Link(Place.DISTURBANCE, stage, ())])
 
 

@@ -190,7 +190,6 @@ class Watch:
     question: int = NOTHING
     commands: list[Event] = field(default_factory=list)
     missed: list[int] = field(default_factory=list)
-    notes: list[Note] = field(default_factory=list)
 
 
 @step_kernel
@@ -415,6 +414,7 @@ class AbortMachine:
     """Takes the command from the controller where the table says so.
 
     guard : numbers of the filter, with the errors that the scenario assumes
+    notes : what happened in the flight so far
     """
 
     def __init__(
@@ -422,6 +422,7 @@ class AbortMachine:
     ) -> None:
         guard, disturbance_n = proof.guard, proof.errors.disturbance_n
         self.table, self.guard, self.keep_out_m = table, guard, keep_out_m
+        self.notes: list[Note] = []
         self._stage, self._dt_s, n = stage, scenario.dt_s, scenario.mean_motion_rad_s
         self._step, self._long = (
             cw.discretise(n, guard.mass_kg, seconds) for seconds in (self._dt_s, manoeuvre.STEP_S)
@@ -471,11 +472,6 @@ class AbortMachine:
     def changes(self) -> list[Change]:
         """What happened so far."""
         return [self._told(note) for note in self.notes]
-
-    @property
-    def notes(self) -> list[Note]:
-        """The same in numbers."""
-        return rows_of(self.m.notes, Note)
 
     def ready(self) -> None:
         """Load the kernels of an abort before it is needed."""
@@ -557,7 +553,7 @@ class AbortMachine:
             if not m.counters[i].begins:
                 continue
             if row.reaction == WARN or not m.armed:
-                self._note(note)
+                self.notes.append(note)
             elif worst.cause == NOTHING or _rank(row) > _rank(self.table.table[worst.of]):
                 worst = note
         if worst.cause == FAULT and _rank(self.table.table[worst.of]) > m.reaction:
@@ -576,7 +572,7 @@ class AbortMachine:
             state = ARMED if name == ARM else INHIBITED
         m.samples = [0] * len(m.samples)
         m.counters = [Counter() for _ in m.counters]
-        self._note(note._replace(state=DECISIONS.index(state)))
+        self.notes.append(note._replace(state=DECISIONS.index(state)))
 
     def _begin(self, note: Note, reaction: str, *, by_table: bool) -> None:
         m, point = self.m, self.table.retreat_m if reaction == RETREAT else None
@@ -585,7 +581,7 @@ class AbortMachine:
         if reaction == ABORT:
             m.attempts = 0
             note = self._plan(note)
-        self._note(note._replace(state=DECISIONS.index(PHASES[reaction])))
+        self.notes.append(note._replace(state=DECISIONS.index(PHASES[reaction])))
 
     def way_out(self, state: State, guard: Guard, only: Vector | None) -> manoeuvre.Choice:
         """Return the manoeuvre that leads away from a state (6,) [m, m/s].
@@ -622,14 +618,11 @@ class AbortMachine:
         radius = self.keep_out_m if closing(ahead)[0] > self.keep_out_m else 0.0
         if near < radius and m.attempts < ATTEMPTS:
             note = Note(tick, DECISIONS.index(PHASES[ABORT]), PLANNED, 0, near)
-            self._note(self._plan(note))
+            self.notes.append(self._plan(note))
             m.question = PLANNED
             return
         m.burns = 0
-        self._note(Note(tick, DECISIONS.index(PHASES[DRIFT]), BURNT, 0, near))
-
-    def _note(self, note: Note) -> None:
-        self.m.notes = [*self.notes, note]
+        self.notes.append(Note(tick, DECISIONS.index(PHASES[DRIFT]), BURNT, 0, near))
 
     def _told(self, note: Note) -> Change:
         """Return a note in words."""

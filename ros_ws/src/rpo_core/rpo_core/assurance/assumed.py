@@ -105,7 +105,7 @@ def moving_n(scenario: Any) -> float:
     if settings is None or settings.kind == CLOHESSY_WILTSHIRE:
         return 0.0
     steps, world = steps_per_tick(settings, scenario), environment_of(settings, scenario)
-    target, (x, y, z) = target_start(settings, scenario), scenario.disturbance.force_n(0.0)
+    target, (x, y, z) = target_start(settings, scenario), scenario.disturbances_n[0].tolist()
     push = (x / mass, y / mass, z / mass)
     begin = target_at(target, 0, dt, world)
     after, _ = orbit_tick(scenario.start, push, 1.0, begin, steps, dt / steps, world)

@@ -328,6 +328,12 @@ class AssuranceStage(KernelStage):
         before = self.inputs[: self.inputs.index(name)]
         return sum(_WIDTHS[n] if n in _WIDTHS else width_of(n) for n in before)
 
+    def reset(self) -> None:
+        """Forget all earlier ticks."""
+        super().reset()
+        if self.abort is not None:
+            self.abort.notes.clear()
+
     def answer(self, tick: int, u: Sequence[float]) -> None:
         """Give the kernel the axes of the target, or decide for the abort table."""
         count, last = len(self.p.frames), tick + self.delay_ticks + 1

@@ -20,7 +20,7 @@ from rpo_core.control.controller import Controller
 from rpo_core.control.controller_file import FollowStage
 from rpo_core.files.validation import InputError
 from rpo_core.scenario.scenario import Scenario
-from rpo_core.stage import ZERO, KernelStage, Place, Signal, Stage, section_of, sections
+from rpo_core.stage import ZERO, Place, Signal, Stage, section_of, sections
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import (
     ATTITUDE,
@@ -31,24 +31,12 @@ from rpo_core.wire.interfaces import (
     RELATIVE_STATE,
     STATE,
 )
-from rpo_core.world.disturbance import AHEAD, Disturbance, PushAhead, disturb, push_of
+from rpo_core.world.disturbance import DisturbanceStage
 
 Signals = dict[str, Signal]
 
 NO_FORCE = ''
 """The signal that is read where nothing carries a force: zero."""
-
-
-class DisturbanceStage(KernelStage):
-    """The disturbance at the time of a tick."""
-
-    name = 'disturbance'
-    outputs = (interfaces.DISTURBANCE_FORCE,)
-    kernel = disturb
-
-    def __init__(self, disturbance: Disturbance, scenario: Scenario) -> None:
-        ahead = PushAhead(-1, [[0.0] * AHEAD for _ in range(3)])
-        super().__init__(push_of(disturbance, scenario.dt_ns), ahead)
 
 
 class Link(NamedTuple):
@@ -97,7 +85,7 @@ class Chain:
             guided = any(place is Place.GUIDANCE for place, _ in placed)
             placed.append((Place.CONTROLLER, _controlling(scenario, controller, guided)))
         if not scenario.disturbance.is_zero:
-            stage = DisturbanceStage(scenario.disturbance, scenario)
+            stage = DisturbanceStage(scenario.disturbance, scenario.dt_ns)
             placed.append((Place.DISTURBANCE, stage))
         placed.sort(key=lambda pair: pair[0])
         links = _wired(placed, open_loop=controller is None)

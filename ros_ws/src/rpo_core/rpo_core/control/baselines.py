@@ -15,7 +15,7 @@ force of the mirrored state is the mirrored force.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from math import sqrt
@@ -313,10 +313,6 @@ class Baseline(ControllerFile):
     @abstractmethod
     def law(self) -> BaselineLaw:
         """What the kernels read."""
-
-    def kernel(self) -> tuple[Callable[[State, int, Any], Vector], Any]:
-        """Return the kernel that answers a state at a tick, and the law that it reads: for C."""
-        return baseline_force, self.law
 
     def stage(self, dt_s: float) -> Stage:
         """Return the controller as a stage; raises InputError, see `refuse_other_ticks`."""

@@ -194,7 +194,6 @@ class FollowStage(KernelStage):
             Following(0, 0, 0, states, *flags, force, numbers),
             Followed([0.0] * self._read[-1].stop, [0.0] * (made[-1].stop + 1), [0.0] * 9),
         )
-        self.reset()
 
     @property
     def row(self) -> tuple[Any, Any, Any]:
@@ -207,19 +206,19 @@ class FollowStage(KernelStage):
         """Forget all earlier ticks."""
         super().reset()
         self.inner.reset()
-        self._given, self._made = self.m.inputs, self.m.outputs
 
     def answer_ahead(self, ticks: int, u: Any) -> None:
         """Do nothing: the controller is asked itself."""
 
     def answer(self, tick: int, u: Any) -> None:
         """Let the controller plan, or answer itself if it has no kernel."""
+        given = self.m.inputs
         if has_kernel(self.inner):
-            self.inner.answer(tick, self._given)
+            self.inner.answer(tick, given)
             return
-        given = self._given.tolist() if COMPILED else self._given
+        given = given.tolist() if COMPILED else given
         outputs = self.inner.step(tick, *[tuple(given[place]) for place in self._read])
-        self._made[:] = [*chain.from_iterable(outputs), 1.0]
+        self.m.outputs[:] = [*chain.from_iterable(outputs), 1.0]
 
 
 def received(scenario: Any, signals: Mapping[str, Any]) -> tuple[Signal, Signal]:

@@ -17,6 +17,7 @@ from __future__ import annotations
 from typing import Any
 
 from rpo_core.kernels.jit import COMPILED, compiled
+from rpo_core.kernels.records import address_of, class_of
 
 
 def driver(function: Any) -> Any:
@@ -56,7 +57,11 @@ def row_of(step: Any, p: Any, m: Any) -> tuple[Any, Any, Any]:
     """Return a kernel, its settings and its memory as `call` takes them."""
     if not COMPILED:
         return step, p, m
-    return numba_records.address(step, p.record, m.record), p.address(), m.address()
+    return (
+        numba_records.address(step, class_of(p), class_of(m)),
+        address_of(p),
+        address_of(m),
+    )
 
 
 @driver

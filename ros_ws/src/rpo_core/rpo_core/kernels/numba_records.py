@@ -15,7 +15,7 @@ from numba.core.datamodel import models
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
-from rpo_core.kernels.records import fields_of, layout
+from rpo_core.kernels.records import format_of, places_of
 
 FLOATS = types.Array(types.float64, 1, 'C')
 
@@ -35,8 +35,8 @@ models.register_default(Record)(models.RecordModel)
 @cache
 def record_type(record: Any) -> Record:
     """Return a record as numba has it."""
-    dtype, fields = layout(record), []
-    for field in fields_of(record):
+    fields = []
+    for field, place in places_of(record).values():
         base = field.base
         one = record_type(base) if base not in (float, int) else types.float64
         one = types.int64 if base is int else one
@@ -44,8 +44,8 @@ def record_type(record: Any) -> Record:
             of_field: Any = types.Array(one, len(field.shape), 'C')
         else:
             of_field = types.NestedArray(one, field.shape) if field.shape else one
-        fields.append((field.name, {'type': of_field, 'offset': dtype.fields[field.name][1]}))
-    return Record(fields, dtype.itemsize, True)
+        fields.append((field.name, {'type': of_field, 'offset': 8 * place}))
+    return Record(fields, 8 * len(format_of(record)), True)
 
 
 @cache

@@ -10,25 +10,26 @@ A record is a slotted dataclass, or a named tuple, whose fields are
     Other                               the numbers of another record
 
 Interpreted, a kernel reads the object itself, with nested lists. Compiled, it reads the same fields
-of a block of memory (`Packed`): fields one after the other, as in a C struct; where the length is
-not fixed, what numba keeps of an array (its address and its shape). So kernels index `a[i][j]`, and
-take no slices.
+of a block of memory (`Packed`): fields one after the other, as in a C struct, each number a word of
+8 bytes; where the length is not fixed, what numba keeps of an array (its address and its shape). So
+kernels index `a[i][j]`, and take no slices.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import chain
 from math import prod
 from struct import Struct
 from types import SimpleNamespace
-from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, NamedTuple, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rpo_core.kernels.arrays import Ints
 from rpo_core.kernels.jit import COMPILED
 
 
@@ -37,34 +38,43 @@ class Field(NamedTuple):
 
     base : float, int or the class of another record
     shape : () for one; None in the place of a length that is not fixed
-    is_fixed : whether its numbers stand in the record itself
     """
 
     name: str
     base: Any
     shape: tuple[int | None, ...]
-    is_fixed: bool
+
+    @property
+    def is_fixed(self) -> bool:
+        """Whether its numbers stand in the record itself."""
+        return None not in self.shape
+
+    @property
+    def format(self) -> str:
+        """Its words in the record, as `struct` has them."""
+        if not self.is_fixed:
+            return 'q' * (5 + 2 * len(self.shape))
+        return format_of(self.base) * prod(size or 0 for size in self.shape)
 
 
 @cache
 def fields_of(record: Any) -> tuple[Field, ...]:
     """Return the fields of a record; TypeError where one is none of the allowed."""
     for name in record.__annotations__:
-        if name in ('record', 'numbers') or hasattr(Packed, name):
-            raise TypeError(
-                f'field `{name}` of {record.__name__} needs another name: `Packed` has it'
-            )
+        if name.startswith('_'):
+            raise TypeError(f'field `{name}` of {record.__name__} must begin with a letter')
     return tuple(
         _field(record, name, hint)
         for name, hint in get_type_hints(record, include_extras=True).items()
+        if get_origin(hint) is not ClassVar
     )
 
 
 def _field(record: type[Any], name: str, hint: Any) -> Field:
     sizes: tuple[int | None, ...] | None = None
-    if get_origin(hint) is Annotated:
+    if get_origin(hint) is Annotated:  # with sizes, or the check of a setting
         hint, *given = get_args(hint)
-        sizes = tuple(given)
+        sizes = tuple(given) if isinstance(given[0], int) else None
     depth = 0
     if get_origin(hint) is tuple:  # of as many numbers
         sizes, hint = (len(get_args(hint)),), list[get_args(hint)[0]]  # type: ignore[misc]
@@ -76,272 +86,310 @@ def _field(record: type[Any], name: str, hint: Any) -> Field:
             f'field `{name}` of {record.__name__} must be float, int, a record or lists of them, '
             f'with a size for each list; got {hint!r}, sizes {sizes}'
         )
-    return Field(name, hint, shape, None not in shape)
+    return Field(name, hint, shape)
 
 
 @cache
-def layout(record: Any) -> Any:
-    """Return a record as NumPy has it: the fields one after the other, aligned as in C."""
-    formats: list[Any] = []
-    for field in fields_of(record):
-        if field.is_fixed:
-            formats.append((field.name, _base(field.base), field.shape))
-        else:
-            formats.append((field.name, np.int64, (5 + 2 * len(field.shape),)))
-    return np.dtype(formats, align=True)
-
-
-def _base(base: Any) -> Any:
+def format_of(base: Any) -> str:
+    """Return the words of a number or a record: d for a float, q for an int or an address."""
     if base in (float, int):
-        return np.dtype(np.float64 if base is float else np.int64)
-    return layout(base)
+        return 'd' if base is float else 'q'
+    return ''.join(field.format for field in fields_of(base))
+
+
+@cache
+def places_of(record: Any) -> dict[str, tuple[Field, int]]:
+    """Return each field of a record, and the word where it begins."""
+    begins = np.cumsum([0, *(len(field.format) for field in fields_of(record))]).tolist()
+    return {f.name: (f, begin) for f, begin in zip(fields_of(record), begins, strict=False)}
+
+
+@cache
+def _struct(base: Any, count: int = 1) -> Struct:
+    return Struct('=' + count * format_of(base))
+
+
+class _Packing:
+    """Records that become words: the arrays first to which others point.
+
+    links : places of addresses, which are counted from the first word on
+    """
+
+    def __init__(self) -> None:
+        self.data = bytearray()
+        self.links: list[int] = []
+
+    def records(self, record: Any, rows: Sequence[Any]) -> int:
+        """Add records; return the place of the first."""
+        words: list[Any] = []
+        links: list[int] = []
+        for row in rows:
+            self._row(record, row, words, links)
+        first = len(self.data) // 8
+        self.data += _struct(record, len(rows)).pack(*words)
+        self.links += [first + place for place in links]
+        return first
+
+    def _row(self, record: Any, row: Any, words: list[Any], links: list[int]) -> None:
+        if isinstance(row, tuple) and _is_plain(record):
+            words.extend(row)
+            return
+        for name, base, shape in fields_of(record):
+            values = getattr(row, name)
+            if shape == () and base in (float, int):
+                words.append(values)
+            elif None in shape:
+                links.append(len(words) + 4)
+                words.extend(self.array(base, len(shape), values))
+            else:
+                for _ in shape[1:]:
+                    values = chain.from_iterable(values)
+                if base in (float, int):
+                    words.extend(values)
+                else:
+                    for value in values if shape else (values,):
+                        self._row(base, value, words, links)
+
+    def array(self, base: Any, depth: int, values: Any) -> list[int]:
+        """Add an array; return what numba keeps of it, with its place [bytes] as its address."""
+        if base in (float, int) or (depth == 1 and _is_table(base, values)):
+            numbers = np.array(values, np.int64 if base is int else np.float64)
+            shape = numbers.shape[:depth] if numbers.size else (0,) * depth
+            place = len(self.data) // 8
+            self.data += numbers.tobytes()
+        else:
+            shape = (len(values), *(len(values[0]) if len(values) else 0 for _ in range(1, depth)))
+            place = self.records(base, values if depth == 1 else list(chain(*values)))
+        size = 8 * len(format_of(base))
+        strides = (size * prod(shape[i:]) for i in range(1, depth + 1))
+        return [0, 0, prod(shape), size, 8 * place, *shape, *strides]
+
+
+@cache
+def _is_plain(record: Any) -> bool:
+    """Return whether all fields of a record are numbers."""
+    return all(field.shape == () and field.base in (float, int) for field in fields_of(record))
+
+
+def _is_table(record: Any, values: Any) -> bool:
+    """Return whether some records are rows of floats: tuples, or an array."""
+    is_row = len(values) > 0 and isinstance(values[0], (tuple, np.ndarray))
+    return is_row and _is_plain(record) and 'q' not in format_of(record)
+
+
+def _moved(words: Ints, links: list[int]) -> int:
+    """Return the address of words, from which addresses among them then count."""
+    address: int = words.__array_interface__['data'][0]
+    for place in links:
+        words[place] += address
+    return address
+
+
+class _Block:
+    """A record in memory with its arrays, and arrays that were written later.
+
+    begun : the words with which it began
+    links : places of addresses among them
+    later : address -> what has the array there: where that begins, and its words
+    """
+
+    def __init__(self, begun: Ints, links: list[int]) -> None:
+        self.links, self.words, self.address = links, begun, _moved(begun, links)
+        self.begun = begun.copy()
+        self.later: dict[int, tuple[int, Ints]] = {}
+
+    def copied(self) -> _Block:
+        """Return another one that begins with the same values."""
+        begun = self.begun.copy()
+        for place in self.links:
+            begun[place] -= self.address
+        return _Block(begun, self.links)
+
+    def move(self, room: Ints) -> None:
+        """Take other memory for the words."""
+        last, address = self.address, room.__array_interface__['data'][0]
+        room[:] = self.words
+        for words in (room, self.begun):
+            for place in self.links:
+                if 0 <= words[place] - last < words.nbytes:  # else it was written later
+                    words[place] += address - last
+        self.words, self.address = room, address
+
+    def array(self, link: list[int]) -> tuple[Any, int, Any]:
+        """Return where an array is that numba keeps: words, place in them, shape."""
+        count, address, shape = link[2], link[4], tuple(link[5 : (5 + len(link)) // 2])
+        blocks = (self.address, self.words), *self.later.values()
+        return next(
+            (words, (address - begin) // 8 if count else 0, shape)
+            for begin, words in blocks
+            if not count or 0 <= address - begin < words.nbytes
+        )
+
+    def put(self, link: Ints, base: Any, values: Any) -> None:
+        """Write an array to which a field points, in its place if it has the same shape."""
+        packing, old = _Packing(), link.tolist()
+        new = packing.array(base, (len(old) - 5) // 2, values)
+        words: Ints = np.frombuffer(packing.data or bytearray(8), np.int64)
+        if new[5:] == old[5:] and not packing.links:
+            target, place, _ = self.array(old)
+            size = len(packing.data) // 8
+            target[place : place + size] = words[:size]
+            return
+        self.later.pop(old[4], None)
+        begin = _moved(words, packing.links)
+        new[4] += begin
+        link[:] = new
+        self.later[new[4]] = begin, words
 
 
 class Packed:
-    """Records of one class in memory, as compiled kernels read them.
+    """A record in memory, as compiled kernels read it.
 
-    numbers : (n,) of `layout`
-
-    A field of the first record is read and written as that of the object is (`packed.lost = 1`): a
-    number; an array, whose items can be written; another record.
+    A field is read and written as that of the object is (`packed.lost = 1`): a number; an array,
+    whose items can be written; another record; a sequence of records.
     """
 
-    def __init__(self, values: Any, number: int = 1) -> None:
-        self.record = class_of(values)
-        self._arrays: list[NDArray[Any]] = []  # the record holds their addresses
-        self._bases: list[Any] = []
-        self._begun: list[NDArray[Any]] = []
-        room = np.zeros(number * layout(self.record).itemsize // 8, np.int64)
-        self.numbers = room.view(layout(self.record))
-        self._pack(self.numbers, self.record, [values])
-        if number > 1:
-            rows = room.reshape(number, -1)
-            rows[1:] = rows[0]
-        self._begun = [_words(array).copy() for array in (self.numbers, *self._arrays)]
+    __slots__ = ('_place',)
+    _place: tuple[Any, _Block, Ints, int, dict[str, tuple[Field, int]]]
 
-    def address(self, index: int = 0) -> int:
-        """Return the address of a record."""
-        return int(self.numbers.ctypes.data) + index * self.numbers.itemsize
+    def __init__(self, record: Any, block: _Block, words: Ints, first: int) -> None:
+        object.__setattr__(self, '_place', (record, block, words, first, places_of(record)))
 
-    def reset(self) -> None:
-        """Write again what it began with."""
-        del self._arrays[len(self._begun) - 1 :], self._bases[len(self._begun) - 1 :]
-        for array, begun in zip((self.numbers, *self._arrays), self._begun, strict=True):
-            _words(array)[...] = begun
-
-    def values(self) -> Any:
-        """Return the first record as an object with lists."""
-        return self._values(self.record, self.numbers[0])
-
-    def _values(self, record: Any, place: Any) -> Any:
-        values = {}
-        for field in fields_of(record):
-            array = np.asarray(place[field.name])
-            array = array if field.is_fixed else self._at(array)
-            values[field.name] = self._list(field.base, array)
-        return SimpleNamespace(**values)
-
-    def _list(self, base: Any, array: Any) -> Any:
-        if base in (float, int):
-            return array.tolist()
-        if array.ndim:
-            return [self._list(base, np.asarray(part)) for part in array]
-        return self._values(base, array)
-
-    def put(self, name: str, values: Any) -> None:
-        """Write a field anew, of any length."""
-        field = _field_of(self.record, name)
-        if not field.is_fixed:
-            link = self.numbers[0][name]
-            array = self._array(field, values)
-            if link[4] and tuple(link[5 : 5 + array.ndim]) == array.shape:
-                self._at(link)[...] = array
-                return
-            if link[4]:
-                self._release(link[4])
-            self.numbers[name][0] = self._kept(field, array)
-            return
-        numbers: list[float] = []
-        self._add(field, values, numbers)
-        place = layout(self.record).fields[name][1]
-        _packer(_format(field)).pack_into(self.numbers[:1].data, place, *numbers)
+    def _field(self, name: str) -> tuple[Any, Any, _Block, Any, int]:
+        """Return base and shape of a field, and where it is."""
+        _, block, words, first, places = self._place
+        if name not in places:
+            raise AttributeError(f'no field `{name}`')
+        (_, base, shape), place = places[name]
+        return base, shape, block, words, first + place
 
     def __getattr__(self, name: str) -> Any:
-        """Return a field of the first record."""
-        if name.startswith('_') or name not in (self.numbers.dtype.names or ()):
+        """Return a field."""
+        if name == '_place':
             raise AttributeError(name)
-        field, value = _field_of(self.record, name), self.numbers[0][name]
-        if not field.is_fixed:
-            value = self._at(value)
-        elif field.shape == ():
-            return value.item() if field.base in (float, int) else self._part(field)
-        return value if field.base in (float, int) else value.view(np.recarray)
+        base, shape, block, words, first = self._field(name)
+        if None in shape:
+            words, first, shape = block.array(words[first : first + 5 + 2 * len(shape)].tolist())
+        if base not in (float, int):
+            return _part(base, block, words, first, shape)
+        if shape == ():
+            return _struct(base).unpack_from(words, 8 * first)[0]
+        numbers = words if base is int else words.view(np.float64)
+        return numbers[first : first + prod(shape)].reshape(shape)
 
     def __setattr__(self, name: str, value: Any) -> None:
-        """Write a field of the first record."""
-        if 'numbers' in self.__dict__ and name in (self.numbers.dtype.names or ()):
-            self.put(name, value)
+        """Write a field."""
+        base, shape, block, words, first = self._field(name)
+        if shape == () and base in (float, int):
+            _struct(base).pack_into(words, 8 * first, value)
+        elif None in shape:
+            block.put(words[first : first + 5 + 2 * len(shape)], base, value)
+        elif base in (float, int):
+            getattr(self, name)[...] = value
         else:
-            object.__setattr__(self, name, value)
+            _write(getattr(self, name), value)
 
     def __deepcopy__(self, memo: Any) -> Packed:
         """Return a copy with arrays of its own."""
-        other = object.__new__(Packed)
-        other.__dict__ |= self.__dict__
-        other._bases, other._begun = list(self._bases), [array.copy() for array in self._begun]
-        other._move(np.copy)
+        record, block, _, first, _ = self._place
+        block = block.copied()
+        other = Packed(record, block, block.words, first)
+        _write(other, values_of(self))
         return other
 
-    def _move(self, copied: Callable[[Any], Any]) -> None:
-        """Take other memory, for copies of the numbers and of all arrays."""
-        former = [array.ctypes.data for array in self._arrays]
-        self.numbers, self._arrays = copied(self.numbers), list(map(copied, self._arrays))
-        places = dict(zip(former, (array.ctypes.data for array in self._arrays), strict=True))
-        bases = self.record, *self._bases
-        for arrays in ((self.numbers, *self._arrays), self._begun):
-            for array, base in zip(arrays, bases, strict=False):
-                for link in _links(array, base):
-                    link[4] = places[link[4]]
 
-    def _at(self, link: Any) -> NDArray[Any]:
-        """Return the array that a field points to."""
-        return next(a for a in self._arrays if a.ctypes.data == link[4])
+class Rows(Sequence[Any]):
+    """Records one after the other in memory."""
 
-    def _part(self, field: Field) -> Packed:
-        """Return a record that is a field; it has the same memory."""
-        part = object.__new__(Packed)
-        part.record, part.numbers = field.base, self.numbers[field.name]
-        part._arrays, part._bases, part._begun = self._arrays, self._bases, self._begun
-        return part
+    def __init__(self, *place: Any) -> None:
+        self._place = place
 
-    def _pack(self, array: NDArray[Any], record: Any, values: Any) -> None:
-        """Write records into an array of such."""
-        packer = _packer(_formats(record))
-        for i, value in enumerate(values):
-            numbers: list[float] = []
-            for field in fields_of(record):
-                self._add(field, getattr(value, field.name), numbers)
-            packer.pack_into(array.data, i * packer.size, *numbers)
+    def __len__(self) -> int:
+        return int(self._place[-1][0])
 
-    def _add(self, field: Field, values: Any, numbers: list[float]) -> None:
-        """Add the numbers of a field, which may be an array that is kept, to those of a record."""
-        base, shape = field.base, field.shape
-        if not field.is_fixed:
-            numbers += self._kept(field, self._array(field, values))
-        elif base in (float, int):
-            if shape == ():
-                numbers.append(base(values))
-                return
-            flat = _flat(values, len(shape))
-            numbers += flat if base is float else map(int, flat)
-        else:
-            for value in values if shape else (values,):
-                if isinstance(value, tuple) and _are_floats(base):
-                    numbers += value
-                    continue
-                for inner in fields_of(base):
-                    self._add(inner, getattr(value, inner.name), numbers)
+    def __getitem__(self, index: Any) -> Any:
+        record, block, words, first, (count, *shape) = self._place
+        if not -count <= index < count:
+            raise IndexError(index)
+        size = len(format_of(record)) * prod(shape)
+        return _part(record, block, words, first + index % count * size, tuple(shape))
 
-    def _kept(self, field: Field, array: NDArray[Any]) -> tuple[int, ...]:
-        """Keep an array; return what points to it."""
-        self._arrays.append(array)
-        self._bases.append(field.base)
-        shape = *array.shape, *array.strides
-        return (0, 0, array.size, array.itemsize, array.ctypes.data, *shape)
+    def tuples(self) -> Iterator[tuple[Any, ...]]:
+        """Yield the numbers of each record."""
+        record, _, words, first, shape = self._place
+        size = len(format_of(record)) * prod(shape)
+        return _struct(record).iter_unpack(words[first : first + size])
 
-    def _release(self, address: int) -> None:
-        """Forget an array that `put` made, and nobody else has."""
-        for i in range(max(len(self._begun) - 1, 0), len(self._arrays)):
-            if self._arrays[i].ctypes.data == address:
-                del self._arrays[i], self._bases[i]
-                break
 
-    def _array(self, field: Field, values: Any) -> NDArray[Any]:
-        if field.base in (float, int):
-            array = np.array(values, _base(field.base), order='C')
-            return array if array.size else array.reshape((0,) * len(field.shape))
-        if len(values) and isinstance(values[0], (tuple, np.ndarray)) and _are_floats(field.base):
-            return np.array(values, np.float64).view(layout(field.base)).ravel()
-        array = np.zeros(len(values), layout(field.base))
-        self._pack(array, field.base, values)
-        return array
+def _part(record: Any, block: _Block, words: Ints, first: int, shape: Any) -> Packed | Rows:
+    place = record, block, words, first
+    return Rows(*place, shape) if shape else Packed(*place)
+
+
+def _values(part: Any) -> Any:
+    """Return a field of a packed record as an object has it."""
+    if isinstance(part, Packed):
+        return values_of(part)
+    if isinstance(part, Rows):
+        return [_values(row) for row in part]
+    return part.tolist() if isinstance(part, np.ndarray) else part
+
+
+def _write(part: Packed | Rows, values: Any) -> None:
+    """Write all fields of a record, or of some."""
+    if isinstance(part, Rows):
+        for row, value in zip(part, values, strict=True):
+            _write(row, value)
+        return
+    for name in places_of(class_of(part)):
+        setattr(part, name, getattr(values, name))
+
+
+def packed(values: Any) -> Packed:
+    """Return a record in memory."""
+    record: Any = type(values)
+    packing = _Packing()
+    first = packing.records(record, [values])
+    block = _Block(np.frombuffer(packing.data, np.int64), packing.links)
+    return Packed(record, block, block.words, first)
 
 
 def move_together(records: Sequence[Packed]) -> None:
     """Let records stand one after the other in memory: a loop over them is faster."""
-    arrays = [array for record in records for array in (record.numbers, *record._arrays)]
-    room, end = np.empty(sum(array.nbytes for array in arrays) // 8), 0
-
-    def copied(array: NDArray[Any]) -> NDArray[Any]:
-        nonlocal end
-        first, end = end, end + array.nbytes // 8
-        copy = room[first:end].view(array.dtype).reshape(array.shape)
-        copy[...] = array
-        return copy
-
-    for record in records:
-        record._move(copied)
+    blocks = [record._place[1] for record in records]
+    room, end = np.empty(sum(len(block.words) for block in blocks), np.int64), 0
+    for record, block in zip(records, blocks, strict=True):
+        begin, end = end, end + len(block.words)
+        block.move(room[begin:end])
+        of, _, _, first, _ = record._place
+        record.__init__(of, block, block.words, first)  # type: ignore[misc]
 
 
-def _field_of(record: Any, name: str) -> Field:
-    return next(field for field in fields_of(record) if field.name == name)
+def copied(values: Any) -> Any:
+    """Return a record, or lists of records and numbers, with lists of its own."""
+    if isinstance(values, list):
+        is_flat = not values or isinstance(values[0], (float, int))
+        return values[:] if is_flat else [copied(value) for value in values]
+    if isinstance(values, (float, int)) or not hasattr(values, '__annotations__'):
+        return values
+    record: Any = type(values)
+    return record(*(copied(getattr(values, name)) for name in places_of(record)))
 
 
-def _words(array: NDArray[Any]) -> NDArray[np.int64]:
-    """Return the same memory by eight bytes: NumPy copies records field by field."""
-    return array.view(np.int64)
-
-
-def _flat(values: Any, depth: int) -> Any:
-    """Return nested lists of numbers, or an array, as one row."""
-    if isinstance(values, np.ndarray):
-        return values.ravel().tolist()
-    for _ in range(depth - 1):
-        values = chain.from_iterable(values)
-    return values
-
-
-@cache
-def _formats(record: Any) -> str:
-    """Return a record as `struct` has it: eight bytes a number."""
-    return ''.join(map(_format, fields_of(record)))
-
-
-@cache
-def _format(field: Field) -> str:
-    if not field.is_fixed:
-        return f'{5 + 2 * len(field.shape)}q'
-    count = prod(size for size in field.shape if size is not None)
-    if field.base in (float, int):
-        return f'{count}{"d" if field.base is float else "q"}'
-    return count * _formats(field.base)
-
-
-@cache
-def _packer(formats: str) -> Struct:
-    return Struct(f'={formats}')
-
-
-@cache
-def _are_floats(record: Any) -> bool:
-    """Return whether a record is a row of floats."""
-    return all(field.base is float and field.shape == () for field in fields_of(record))
-
-
-def _links(array: NDArray[Any], record: Any) -> Iterator[Any]:
-    """Yield the addresses and shapes of arrays that records hold, to be written."""
-    if record not in (float, int) and array.dtype == np.int64:
-        array = array.view(layout(record))
-    for field in fields_of(record) if record not in (float, int) else ():
-        if not field.is_fixed:
-            yield from array[field.name].reshape(-1, 5 + 2 * len(field.shape))
-        elif field.base not in (float, int):
-            yield from _links(array[field.name], field.base)
+def begin_again(record: Any, begun: Any) -> None:
+    """Write the fields of a record into another one, packed or not."""
+    if isinstance(record, Packed):
+        block = record._place[1]
+        block.words[:] = block.begun
+        block.later.clear()
+        return
+    for name in places_of(class_of(begun)):
+        setattr(record, name, copied(getattr(begun, name)))
 
 
 def rows_of(values: Any, record: Any) -> list[Any]:
     """Return an array of named tuples in a memory as a list of them."""
-    return list(values) if isinstance(values, list) else [record(*v) for v in values.tolist()]
+    return list(values) if isinstance(values, list) else [record(*v) for v in values.tuples()]
 
 
 def as_rows(table: NDArray[np.float64], record: Any) -> Any:
@@ -358,14 +406,24 @@ class Nothing:
 
 def prepared(values: Any) -> Any:
     """Return a record as kernels of this process read it: itself, or packed."""
-    return Packed(values) if COMPILED else values
+    return packed(values) if COMPILED else values
 
 
 def values_of(record: Any) -> Any:
     """Return a record, packed or not, as an object with lists."""
-    return record.values() if isinstance(record, Packed) else record
+    if not isinstance(record, Packed):
+        return record
+    names = places_of(class_of(record))
+    return SimpleNamespace(**{name: _values(getattr(record, name)) for name in names})
 
 
 def class_of(record: Any) -> Any:
     """Return the class of a record, packed or not."""
-    return record.record if isinstance(record, Packed) else type(record)
+    return record._place[0] if isinstance(record, Packed) else type(record)
+
+
+def address_of(record: Packed) -> int:
+    """Return the address of a record in memory."""
+    _, _, words, first, _ = record._place
+    address: int = words.__array_interface__['data'][0]
+    return address + 8 * first

@@ -36,9 +36,11 @@ from rpo_core.navigation.attitude_sensors import (
     turned_by,
 )
 from rpo_core.navigation.estimator import (
+    Counts,
     copy_covariance,
     copy_state,
     gate,
+    is_lost,
     joseph,
     trouble_of,
     zeros,
@@ -99,7 +101,6 @@ class AttitudeFilterMemory:
 
     now, origin : the newest tick, and the first one; -1: it has not begun
     settled : tick up to which all measurements have come
-    rejected_in_a_row, accepted, rejected, last_accepted, restarts, last_restart : counts and ticks
     x, p : quaternion and bias (7,), and covariance, of the newest tick; of the settled one; before
         a measurement
     error, ph, gain : scratch
@@ -114,12 +115,7 @@ class AttitudeFilterMemory:
     now: int = -1
     origin: int = -1
     settled: int = -1
-    rejected_in_a_row: int = 0
-    accepted: int = 0
-    rejected: int = 0
-    last_accepted: int = -1
-    restarts: int = 0
-    last_restart: int = -1
+    counts: Counts = field(default_factory=Counts)
     x: Annotated[list[float], 7] = field(default_factory=lambda: [0.0] * 7)
     p: Annotated[list[list[float]], 6, 6] = field(default_factory=partial(zeros, 6, 6))
     settled_x: Annotated[list[float], 7] = field(default_factory=lambda: [0.0] * 7)
@@ -229,22 +225,12 @@ def _advance(tick: int, p: Any, m: Any) -> None:
         step_attitude(m.x, m.p, rate, p)
     if not new.has_star:
         return
-    if _accept(new.star, p, m):
-        m.accepted += 1
-        m.rejected_in_a_row = 0
-        m.last_accepted = tick
-        return
-    m.rejected += 1
-    m.rejected_in_a_row += 1
-    if p.patience > 0 and m.rejected_in_a_row >= p.patience:
+    if is_lost(tick, tick, _accept(new.star, p, m), p.patience, m.counts):
         for j in range(4):
             m.x[j] = new.star[j]
         for j in range(4, 7):
             m.x[j] = p.start[j]
         _spread(m.p, p)
-        m.rejected_in_a_row = 0
-        m.restarts += 1
-        m.last_restart = tick
 
 
 @step_kernel
@@ -268,7 +254,7 @@ def _begin(tick: int, p: Any, m: Any) -> None:
     _spread(m.p, p)
     copy_estimate(m.x, m.p, m.settled_x, m.settled_p)
     m.now = m.settled = tick - 1
-    m.origin = m.last_accepted = tick
+    m.origin = m.counts.last_accepted = tick
 
 
 @step_kernel

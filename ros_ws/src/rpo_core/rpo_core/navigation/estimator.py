@@ -134,12 +134,23 @@ class Arrived:
 
 
 @dataclass(slots=True)
+class Counts:
+    """What a filter counts of its measurements; ticks are -1 before the first."""
+
+    rejected_in_a_row: int = 0
+    accepted: int = 0
+    rejected: int = 0
+    last_accepted: int = -1
+    restarts: int = 0
+    last_restart: int = -1
+
+
+@dataclass(slots=True)
 class FilterMemory:
     """Memory of the kernel `estimate`.
 
     now, origin : the newest tick, and the first one; -1: it has not begun
     settled : tick up to which all measurements have come
-    rejected_in_a_row, accepted, rejected, last_accepted, restarts, last_restart : counts and ticks
     whole : whether the newest covariance is another one than the settled
     x, p : state and covariance of the newest tick; of the settled one; before a measurement
     ph, gain : scratch
@@ -154,12 +165,7 @@ class FilterMemory:
     now: int = -1
     origin: int = -1
     settled: int = -1
-    rejected_in_a_row: int = 0
-    accepted: int = 0
-    rejected: int = 0
-    last_accepted: int = -1
-    restarts: int = 0
-    last_restart: int = -1
+    counts: Counts = field(default_factory=Counts)
     whole: int = 1
     x: Annotated[list[float], 9] = field(default_factory=lambda: [0.0] * 9)
     p: Annotated[list[list[float]], 9, 9] = field(default_factory=partial(zeros, 9, 9))
@@ -345,6 +351,27 @@ def _accept(i: int, taken: Any, s: Any, p: Any, m: Any) -> bool:
 
 
 @step_kernel
+def is_lost(tick: int, now: int, accepted: bool, patience: int, counts: Any) -> bool:
+    """Count a measurement; return whether too many in a row were rejected: the filter restarts.
+
+    tick, now : of the measurement; the newest one
+    """
+    if accepted:
+        counts.accepted += 1
+        counts.rejected_in_a_row = 0
+        counts.last_accepted = tick
+        return False
+    counts.rejected += 1
+    counts.rejected_in_a_row += 1
+    lost = 0 < patience <= counts.rejected_in_a_row
+    if lost:
+        counts.rejected_in_a_row = 0
+        counts.restarts += 1
+        counts.last_restart = now
+    return lost
+
+
+@step_kernel
 def _restart(taken: Any, s: Any, p: Any, m: Any) -> None:
     """Begin again with what was measured: P is large again, the disturbance is zero."""
     copy_covariance(p.spread_again, m.p)
@@ -354,9 +381,6 @@ def _restart(taken: Any, s: Any, p: Any, m: Any) -> None:
             m.x[j] = taken.position[j]
         if s.has_velocity:
             m.x[3 + j] = taken.velocity[j]
-    m.rejected_in_a_row = 0
-    m.restarts += 1
-    m.last_restart = m.now
 
 
 @step_kernel
@@ -378,17 +402,8 @@ def _advance(tick: int, p: Any, m: Any, last: bool, covariance: bool) -> None:
         if taken.tick != tick:
             continue
         accepted = _accept(i, taken, s, p, m)
-        if not last:
-            continue
-        if accepted:
-            m.accepted += 1
-            m.rejected_in_a_row = 0
-            m.last_accepted = tick
-        else:
-            m.rejected += 1
-            m.rejected_in_a_row += 1
-            if p.patience > 0 and m.rejected_in_a_row >= p.patience:
-                _restart(taken, s, p, m)
+        if last and is_lost(tick, m.now, accepted, p.patience, m.counts):
+            _restart(taken, s, p, m)
 
 
 @step_kernel
@@ -449,9 +464,9 @@ def _begin(tick: int, p: Any, m: Any) -> None:
     copy_state(p.start, m.settled_x)
     copy_covariance(p.spread, m.settled_p)
     m.now = m.settled = tick - 1
-    m.origin = m.last_accepted = tick
-    m.rejected_in_a_row = m.accepted = m.rejected = m.restarts = 0
-    m.last_restart, m.whole = -1, 1
+    m.origin = m.counts.last_accepted = tick
+    m.counts.rejected_in_a_row = m.counts.accepted = m.counts.rejected = m.counts.restarts = 0
+    m.counts.last_restart, m.whole = -1, 1
     for k in range(len(m.commands)):
         for j in range(3):
             m.commands[k][j] = 0.0
@@ -526,9 +541,9 @@ def _look_ahead(tick: int, p: Any, m: Any) -> None:
 @step_kernel
 def _begin_again(tick: int, p: Any, m: Any) -> None:
     """Restart from the start: the numbers ran out of range."""
-    restarts = m.restarts
+    restarts = m.counts.restarts
     _begin(tick + 1, p, m)
-    m.restarts, m.last_restart = restarts + 1, tick
+    m.counts.restarts, m.counts.last_restart = restarts + 1, tick
     copy_covariance(p.spread_again, m.settled_p)
     copy_state(m.settled_x, m.x)
     copy_covariance(m.settled_p, m.p)
@@ -722,12 +737,12 @@ class EstimatorStage(KernelStage):
     @property
     def rejected(self) -> int:
         """How many measurements were rejected."""
-        return int(self.m.rejected)
+        return int(self.m.counts.rejected)
 
     @property
     def restarts(self) -> int:
         """How often it was restarted."""
-        return int(self.m.restarts)
+        return int(self.m.counts.restarts)
 
 
 def trouble_of(title: str, m: Any, silent_ticks: int, silence: str) -> str:
@@ -735,12 +750,13 @@ def trouble_of(title: str, m: Any, silent_ticks: int, silence: str) -> str:
 
     silence : what it says of more than so many ticks without a measurement
     """
-    if m.restarts > 0:
+    counts = m.counts
+    if counts.restarts > 0:
         return (
-            f'the {title} diverged: it was restarted {m.restarts} times, the last time at tick '
-            f'{m.last_restart}'
+            f'the {title} diverged: it was restarted {counts.restarts} times, the last time at '
+            f'tick {counts.last_restart}'
         )
-    silent = m.settled - m.last_accepted
+    silent = m.settled - counts.last_accepted
     if m.now >= 0 and silent > silent_ticks:
         return f'the {title} is coasting: {silence} for {silent} ticks'
     return ''

@@ -318,7 +318,7 @@ class Scenario(Checked):
     @cached_property
     def disturbances_n(self) -> NDArray[np.float64]:
         """Disturbance forces (N + 1, 3), target LVLH, at the times of the states; read-only."""
-        found = self.disturbance.over(self.times_s)
+        found = self.disturbance.over(range(self.ticks + 1), self.dt_ns)
         found.setflags(write=False)
         return found
 

@@ -5,16 +5,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.files.validation import Checked, choice, real, vector3
 from rpo_core.kernels.arithmetic import Vector, sin_cos
+from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.jit import step_kernel
+from rpo_core.stage import KernelStage
+from rpo_core.wire import interfaces
 
 AXES = ('x', 'y', 'z')
 
@@ -63,22 +66,9 @@ class Disturbance(Checked):
             ),
         )
 
-    def force_n(self, t_s: float) -> tuple[float, float, float]:
-        """Return the force (3 floats, N, target LVLH) at time `t_s` since the start.
-
-        Sine and cosine are `kernels.sin_cos`, the same bits on every machine.
-        """
-        total = list(self.constant_n)
-        for term in self.harmonics:
-            sine, cosine = sin_cos(term.angular_rate_rad_s * t_s + term.phase_rad)
-            total[AXES.index(term.axis)] += term.amplitude_n * (
-                sine if term.function == 'sin' else cosine
-            )
-        return total[0], total[1], total[2]
-
-    def over(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the forces (len(times_s), 3) [N] at the given times."""
-        return np.array([self.force_n(float(t)) for t in times_s]).reshape(-1, 3)
+    def over(self, ticks: Sequence[int], dt_ns: int) -> Floats:
+        """Return the forces (len(ticks), 3) [N, target LVLH] at ticks of a length [ns]."""
+        return DisturbanceStage(self, dt_ns).steps(np.array(ticks, np.int64))[0]
 
 
 NONE = Disturbance()
@@ -102,21 +92,6 @@ class Push:
     dt_ns: int
     constant_n: Vector
     waves: list[Wave]
-
-
-def push_of(disturbance: Disturbance, dt_ns: int) -> Push:
-    """Return a disturbance as its kernel reads it."""
-    waves = [
-        Wave(
-            AXES.index(h.axis),
-            int(h.function == 'sin'),
-            h.amplitude_n,
-            h.angular_rate_rad_s,
-            h.phase_rad,
-        )
-        for h in disturbance.harmonics
-    ]
-    return Push(dt_ns, disturbance.constant_n, waves)
 
 
 AHEAD = 64
@@ -153,6 +128,28 @@ def disturb(tick: int, u: Any, p: Any, m: Any, y: Any) -> None:
                 m.force[axis][j] += amplitude * (sine if is_sine else cosine)
     for i in range(3):
         y[i] = m.force[i][tick - block * AHEAD]
+
+
+class DisturbanceStage(KernelStage):
+    """The disturbance at the time of a tick."""
+
+    name = 'disturbance'
+    outputs = (interfaces.DISTURBANCE_FORCE,)
+    kernel = disturb
+
+    def __init__(self, disturbance: Disturbance, dt_ns: int) -> None:
+        waves = [
+            Wave(
+                AXES.index(h.axis),
+                int(h.function == 'sin'),
+                h.amplitude_n,
+                h.angular_rate_rad_s,
+                h.phase_rad,
+            )
+            for h in disturbance.harmonics
+        ]
+        ahead = PushAhead(-1, [[0.0] * AHEAD for _ in range(3)])
+        super().__init__(Push(dt_ns, disturbance.constant_n, waves), ahead)
 
 
 def paper(reading: str, mean_motion_rad_s: float) -> Disturbance:
