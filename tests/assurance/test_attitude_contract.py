@@ -134,3 +134,11 @@ def test_all_corners_of_a_turning_corridor_are_in_the_ball():
     assert proof.walls is not None
     assert proof.walls.limit_n * sqrt(3.0) <= known_authority(found.thrusters.table).least_n
     assert proof.walls.limit_n == pytest.approx(proof.guard.limit_n)
+
+
+def test_limits_of_a_torque_without_an_attitude_are_refused_in_words():
+    """Sections of other scenarios, mixed: it was an AttributeError of assurance."""
+    docking = scenario.load_scenario('tumbling_docking')
+    kept = tuple(map(docking.named, ('thrusters', 'assurance', 'attitude_control')))
+    with pytest.raises(InputError, match='needs section `attitude`'):
+        replace(docking, sections=kept, requirements=None)

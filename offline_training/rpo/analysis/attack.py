@@ -78,6 +78,11 @@ CONSTRAINT = interfaces.add(
     Interface('assurance_constraint', '', 'constraint that acted', logged=False, numbers=1)
 ).name
 
+SIGNALS = (
+    interfaces.RELATIVE_STATE, interfaces.THRUST_FORCE, interfaces.DISTURBANCE_FORCE, CONSTRAINT,
+)  # fmt: skip
+"""What is kept of a flight."""
+
 
 @unlocked
 def unit(word: int) -> float:
@@ -557,7 +562,7 @@ class Arena:
         thrusters = Thrusters(delay_ticks=self.world.delay)
         bare = replace(scenario, sections=(thrusters,), disturbance=NONE, requirements=None)
         stages = (Place.SENSOR, self.hostile), (Place.ASSURANCE, self.defender)
-        self.driver = Driver(Chain.of(bare, None, stages))
+        self.driver = Driver(Chain.of(bare, None, stages), SIGNALS)
         links = self.driver.chain.links
         self.thrusters: Any = next(x.stage for x in links if x.place is Place.THRUSTERS)
 
@@ -579,10 +584,9 @@ class Arena:
         self.defender.mode, self.thrusters.p.matrix = mode, thrust.tolist()
         self.hostile.p.kind, self.hostile.p.key = kind, key
         flown = self.driver.fly({interfaces.RELATIVE_STATE: start}, self.ticks)
-        forces = flown[interfaces.THRUST_FORCE] + flown[interfaces.DISTURBANCE_FORCE]
-        states, acted = flown[interfaces.RELATIVE_STATE], flown[CONSTRAINT]
+        states, thrust_n, push_n, acted = (flown[name] for name in SIGNALS)
         walls = self.guard, self.walls
-        watch(states, forces, acted, self.fine, *walls, frames, at, true, world, row)
+        watch(states, thrust_n + push_n, acted, self.fine, *walls, frames, at, true, world, row)
 
 
 def attack(

@@ -539,8 +539,10 @@ def _torque_nm(scenario: Any) -> float:
     if unloading is not None:
         found: float = unloading.torque_nm
         return found
-    kept = control is not None and control.limits is not None and scenario.attitude.wheels is None
-    return control.limit_nm if kept else 0.0
+    chaser = scenario.attitude  # without it the check of `attitude_control` refuses the scenario
+    if control is None or control.limits is None or chaser is None or chaser.wheels is not None:
+        return 0.0
+    return control.limit_nm
 
 
 def unknown_n(errors: Errors, scenario: Any) -> float:
