@@ -149,7 +149,7 @@ def test_every_source_that_imports_the_decorators_is_in_the_digest():
     uses = re.compile(rb'^from \S+ import (\([^)]*|[^\n]*)\b' + names + rb'\b', re.M)
     paths = [*root.glob('ros_ws/src/*/rpo_*/**/*.py'), *root.glob('offline_training/*/**/*.py')]
     sources = [text for path in paths if uses.search(text := path.read_bytes())]
-    assert len(sources) > 40
+    assert len(sources) > 30
     assert all(map(compile_cache._KERNEL.search, sources))
 
 
