@@ -149,7 +149,7 @@ class Flight:
         """What the thrusters made of the commands; computed again where that is not known."""
         scenario, spent, ticks = self.scenario, self.spent, len(self.forces_n) - 1
         known = dict(self.signals)
-        if spent is None:
+        if spent is None or not known.keys() & {EXERTED_FORCE, THRUST_FORCE}:
             stage = self._thrusters()
             made = stage.steps(np.arange(ticks), *self._taken_by(stage))
             known |= zip(stage.outputs, made, strict=True)
