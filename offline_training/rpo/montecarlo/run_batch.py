@@ -7,7 +7,7 @@ A run is a scenario too (`scenario_of`): the core and the nodes fly it to the sa
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from concurrent.futures import CancelledError
 from dataclasses import replace
 from itertools import chain
@@ -20,7 +20,7 @@ from rpo.montecarlo.faults import LinkStage
 from rpo.montecarlo.sampling import PARAMETERS, STARTS, STRATA, DrawnRuns, draw, parameters_of
 from rpo.montecarlo.variations import Draw, sections_of
 from rpo_core.attitude.target import move_together
-from rpo_core.chain.flight import Flight, fly
+from rpo_core.chain.flight import JUDGED, Flight, fly
 from rpo_core.control.controller import Controller
 from rpo_core.files.validation import within
 from rpo_core.judge.metrics import FINAL
@@ -100,7 +100,7 @@ def fly_drawn(
 
     controller, more : see `flights_drawn`
     """
-    flights = flights_drawn(campaign, drawn, controller, more)
+    flights = flights_drawn(campaign, drawn, controller, more, JUDGED)
     runs = [values_of(flight) for flight in flights]
     return {name: np.array([values[name] for values in runs]) for name in runs[0]}
 
@@ -110,6 +110,7 @@ def flights_drawn(
     drawn: DrawnRuns,
     controller: Controller | None = None,
     more: Callable[[int], Stages] | None = None,
+    kept: Collection[str] | None = None,
 ) -> Iterator[Flight]:
     """Yield the flights of drawn runs, one after the other.
 
@@ -118,6 +119,7 @@ def flights_drawn(
     controller : in the place of the campaign's
     more : from the index of a run to stages that no section of its scenario names, with their
         places
+    kept : signals that the flights keep; None: all
     """
     flying = controller or campaign.controller
     firsts = range(0, len(drawn.numbers), AT_ONCE)
@@ -125,7 +127,7 @@ def flights_drawn(
     scenarios = chain.from_iterable(scenarios_of(campaign, runs) for runs in some)
     for index, scenario in enumerate(scenarios):
         stages = [*(more(index) if more else ()), *faulty(campaign, drawn, index)]
-        yield as_flown(fly(scenario, flying, stages))
+        yield as_flown(fly(scenario, flying, stages, kept))
 
 
 def faulty(campaign: Campaign, drawn: DrawnRuns, index: int) -> Stages:

@@ -27,7 +27,7 @@ from rpo_core.chain.chain import Chain, start_of
 from rpo_core.chain.driver import Flights
 from rpo_core.chain.flight import JUDGED, flight_of
 from rpo_core.files.validation import InputError, mapping, whole
-from rpo_core.judge.metrics import PENALTY, spends
+from rpo_core.judge.metrics import PENALTY
 from rpo_core.judge.verdicts import values_of
 from rpo_core.kernels.arrays import Floats
 from rpo_core.scenario.scenario import Scenario
@@ -120,8 +120,7 @@ class DispersedApproach(gymnasium.vector.VectorEnv[Floats, Floats, Any]):
         ]
         goals = [(*run.goal_state, *(run.goal.force_n if run.goal else ZERO)) for run in self.runs]
         self._goals = np.array(goals)
-        kept = chains[0].outputs if spends(self.scenario) else JUDGED
-        self.flights = Flights(chains, self.controller.name, kept)
+        self.flights = Flights(chains, self.controller.name, JUDGED)
         self.flights.begin([start_of(run) for run in self.runs], self.scenario.ticks)
         self.flights.go_on()
         self.tick = 0

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -43,7 +43,7 @@ JUDGED = (
     RELATIVE_STATE, CHASER_ATTITUDE, TARGET_ATTITUDE, CONTROL_FORCE, APPLIED_FORCE,
     DISTURBANCE_FORCE, SATURATED_FORCE,
 )  # fmt: skip
-"""Signals by which a flight is judged, where nobody asks what its thrusters spent."""
+"""Signals by which a flight is judged."""
 
 
 class Thrust(NamedTuple):
@@ -192,20 +192,24 @@ class OpenLoop:
 
 
 def fly(
-    scenario: Scenario, controller: Controller, more: Iterable[tuple[Place, Stage]] = ()
+    scenario: Scenario,
+    controller: Controller,
+    more: Iterable[tuple[Place, Stage]] = (),
+    kept: Collection[str] | None = None,
 ) -> Flight:
     """Return the flight of a controller through a scenario.
 
     more : stages that no section of the scenario names, in their places
+    kept : signals that the flight keeps; None: all
 
     Raises InputError if the chain cannot be put together (`rpo_core.chain.chain.Chain.of`).
     """
-    return fly_chain(scenario, Chain.of(scenario, controller, more))
+    return fly_chain(scenario, Chain.of(scenario, controller, more), kept)
 
 
-def fly_chain(scenario: Scenario, chain: Chain) -> Flight:
+def fly_chain(scenario: Scenario, chain: Chain, kept: Collection[str] | None = None) -> Flight:
     """Return the flight of the whole chain of a scenario."""
-    driver = Driver(chain)
+    driver = Driver(chain, kept)
     return flight_of(scenario, driver.fly(start_of(scenario), scenario.ticks), driver.spent)
 
 

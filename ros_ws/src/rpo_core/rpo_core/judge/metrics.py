@@ -405,7 +405,7 @@ def counts_of(flight: Flight, windows: Windows | None = None) -> list[float]:
     if required is not None and not required.limits.keys().isdisjoint(ATTITUDES):
         angles = angles_of(flight, row[CONTACT])
     if spends(scenario):
-        spent = flight.thrust[2:]
+        spent = flight.thrust[2:] if flight.spent is None else flight.spent
     return [*map(float, row), *angles, *map(float, spent)]
 
 
