@@ -165,21 +165,22 @@ def test_no_hostile_command_leads_out_of_the_corridor(target):
 @pytest.mark.parametrize('wrong', ['still', 'strong'])
 def test_an_attack_finds_what_lemma_5_would_leave_out(monkeypatch, wrong):
     """Walls whose turning is not known, or that need stronger thrusters than there are."""
-    prove, axes = attack.proof_of, attack._axes
+    prove = attack.proof_of
 
     def claimed(settings, base):
         proof = prove(settings, base)
         return proof._replace(walls=proof.walls._replace(wall_m_s2=0.1, doubt_m_s2=0.0))
 
-    def unknown(base, delay):
-        frames = axes(base, delay).copy()
-        frames[:, 9:] = 0.0
-        return frames
+    class Unknown(Motion):
+        def frames(self, count):
+            frames = super().frames(count).copy()
+            frames[:, 9:] = 0.0
+            return frames
 
     if wrong == 'strong':
         monkeypatch.setattr(attack, 'proof_of', claimed)
     else:
-        monkeypatch.setattr(attack, '_axes', unknown)
+        monkeypatch.setattr(attack, 'Motion', Unknown)
     results = attack.attack(turned(replace(SPIN, rate_deg_s=1.0)), 400, 3, 500)
     columns = attack.VIOLATED, attack.INFEASIBLE, attack.HARD
     found = [sum(result.total(column) for result in results) for column in columns]
