@@ -80,12 +80,7 @@ def fly_runs(campaign: Campaign, first: int, count: int) -> dict[str, Floats]:
 def _fly(
     campaign: Campaign, drawn: DrawnRuns, is_stopped: Callable[[], bool] = lambda: False
 ) -> Floats:
-    def asked(index: int) -> Stages:
-        if is_stopped():
-            raise CancelledError
-        return ()
-
-    values = fly_drawn(campaign, drawn, more=asked)
+    values = _known(flights_drawn(campaign, drawn, kept=JUDGED, is_stopped=is_stopped))
     values |= zip(drawn.names, drawn.parameters.T, strict=True)
     return np.array([values[name] for name in columns_of(campaign)])
 
@@ -100,7 +95,11 @@ def fly_drawn(
 
     controller, more : see `flights_drawn`
     """
-    flights = flights_drawn(campaign, drawn, controller, more, JUDGED)
+    return _known(flights_drawn(campaign, drawn, controller, more, JUDGED))
+
+
+def _known(flights: Iterable[Flight]) -> dict[str, Floats]:
+    """Return what is known (n,) of flights, by name."""
     runs = [values_of(flight) for flight in flights]
     return {name: np.array([values[name] for values in runs]) for name in runs[0]}
 
@@ -111,6 +110,7 @@ def flights_drawn(
     controller: Controller | None = None,
     more: Callable[[int], Stages] | None = None,
     kept: Collection[str] | None = None,
+    is_stopped: Callable[[], bool] = lambda: False,
 ) -> Iterator[Flight]:
     """Yield the flights of drawn runs, one after the other.
 
@@ -120,12 +120,15 @@ def flights_drawn(
     more : from the index of a run to stages that no section of its scenario names, with their
         places
     kept : signals that the flights keep; None: all
+    is_stopped : asked before each run; CancelledError where nobody wants the results
     """
     flying = controller or campaign.controller
     firsts = range(0, len(drawn.numbers), AT_ONCE)
     some = (drawn.some(slice(first, first + AT_ONCE)) for first in firsts)
     scenarios = chain.from_iterable(scenarios_of(campaign, runs) for runs in some)
     for index, scenario in enumerate(scenarios):
+        if is_stopped():
+            raise CancelledError
         stages = [*(more(index) if more else ()), *faulty(campaign, drawn, index)]
         yield as_flown(fly(scenario, flying, stages, kept))
 

@@ -25,7 +25,7 @@ from rpo.montecarlo.config import find, load
 from rpo.montecarlo.run_batch import as_flown, faulty, scenarios_of
 from rpo.montecarlo.sampling import DrawnRuns, draw
 from rpo_core.chain.chain import Chain
-from rpo_core.chain.flight import fly_chain
+from rpo_core.chain.flight import JUDGED, fly_chain
 from rpo_core.control.controller import Controller
 from rpo_core.files.validation import (
     MOST_PATH,
@@ -185,5 +185,5 @@ class DrawnFlights:
             stages = faulty(self.campaign, runs, index)
             first = Chain.of(scenario, controllers[0], stages)
             chains = (first.with_controller(scenario, controller) for controller in controllers)
-            made.append([values_of(as_flown(fly_chain(scenario, c))) for c in chains])
+            made.append([values_of(as_flown(fly_chain(scenario, c, JUDGED))) for c in chains])
         return made

@@ -395,18 +395,6 @@ def _row_of(flown: Flown, tick: int) -> tuple[State, Vector]:
     return (x, y, z, vx, vy, vz), (fx, fy, fz)
 
 
-def tabled(flown: Flown, ticks: int) -> Floats:
-    """Return the first references and forces (n, 9) of a leg, fewer where they stay as they are.
-
-    Of one that is flown in the axes of the target, its motion (n, 15) there.
-    """
-    if isinstance(flown, Turning):
-        return flown.moments(ticks)
-    rows = np.empty((1 if isinstance(flown, Resting) else ticks, 9))
-    flown.fill(rows)
-    return rows
-
-
 def profile(length: float, first: float, cruise: float, last: float, acceleration: float) -> Speeds:
     """Return how a length is run through.
 
