@@ -74,8 +74,7 @@ class Run:
     @property
     def base(self) -> TimeBase:
         """The ticks of the run."""
-        flown = self.flight.scenario
-        return TimeBase(flown.epoch_ns, flown.dt_ns, flown.ticks)
+        return TimeBase.of(self.flight.scenario)
 
     @cached_property
     def messages(self) -> list[Sent]:
@@ -370,8 +369,7 @@ class FreeRun:
             'controller.yaml': dumps(self.law).encode(),
             'parameters.yaml': parameters.encode(),
         }
-        base = TimeBase(flown.epoch_ns, flown.dt_ns, flown.ticks)
-        writer = RunLogWriter(folder, base, names, attached)
+        writer = RunLogWriter(folder, TimeBase.of(flown), names, attached)
         for name, tick, data in self.messages:
             writer.write(name, tick, change(name, tick, data))
         return writer.close()

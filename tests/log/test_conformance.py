@@ -74,18 +74,6 @@ def test_a_log_is_what_the_library_writes(log, run):
     assert log.read_bytes() == content.getvalue()
 
 
-def test_the_declared_qos_is_what_the_nodes_offer():
-    from rpo_ros import qos
-
-    state, force = interfaces.RELATIVE_STATE, interfaces.CONTROL_FORCE
-    offered = {interfaces.CLOCK: qos.CLOCK, interfaces.RUN_STATUS: qos.LATCHED}
-    for role, profile in (offered | dict.fromkeys([state, force], qos.LOCKSTEP)).items():
-        declared = rosbag2.qos_document(interfaces.row_of(role).qos)
-        assert declared['depth'] == profile.depth, role
-        for name in ('history', 'reliability', 'durability'):
-            assert declared[name] == getattr(profile, name).short_key, role
-
-
 def test_no_group_of_the_summary_is_empty(log):
     """An empty one is an error to `mcap doctor`."""
     with log.open('rb') as stream:

@@ -13,8 +13,8 @@ from log_runs import FORCE, STATE, FreeRun, changed, forge, make_run
 
 from rpo_core import files
 from rpo_core.scenario import scenario
-from rpo_core.wire import cdr, interfaces
-from rpo_log.read.run_log import flight_of, other_signals, read_run
+from rpo_core.wire import cdr
+from rpo_log.read.run_log import flight_of, read_run
 from rpo_log.tools.export import table
 from rpo_log.verify import verify
 
@@ -109,22 +109,3 @@ def test_a_command_whose_question_is_not_in_the_log_is_a_gap(tmp_path):
     forge(tmp_path / 'run/run.mcap', tmp_path / 'forged', lost)
     gap = verify(tmp_path / 'forged').gaps[0]
     assert gap.startswith('controller could not be recomputed at 1 ticks, the first is 50')
-
-
-def test_signals_beside_the_flight_are_those_that_say_something_else():
-    one = np.ones((3, 3))
-    names = [interfaces.RELATIVE_STATE, interfaces.CONTROL_FORCE, interfaces.DISTURBANCE_FORCE]
-    names += [interfaces.REFERENCE_STATE, 'assured_force']
-    lockstep = dict.fromkeys(names, one)
-    assert list(other_signals(lockstep)) == [interfaces.REFERENCE_STATE, 'assured_force']
-    applied = [interfaces.APPLIED_FORCE, interfaces.APPLIED_DISTURBANCE]
-    free = dict.fromkeys([*names, *applied], one)
-    assert list(other_signals(free)) == [interfaces.REFERENCE_STATE]
-    turns = [interfaces.APPLIED_BODY_FORCE, interfaces.APPLIED_TORQUE, interfaces.BODY_FORCE]
-    found = other_signals({name: i * one for i, name in enumerate([*names, *turns], 1)})
-    assert {name: rows[0, 0] for name, rows in found.items()} == {
-        interfaces.REFERENCE_STATE: 4.0,
-        interfaces.BODY_FORCE: 6.0,
-        interfaces.BODY_TORQUE: 7.0,
-        interfaces.APPLIED_BODY_FORCE: 6.0,
-    }

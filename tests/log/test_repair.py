@@ -24,6 +24,7 @@ def cut(folder: Path, content: bytes, size: int | None = None) -> Path:
     folder.mkdir()
     (folder / 'run.mcap').write_bytes(content[:size])
     (folder / 'run_info.yaml').write_text('machine: mine\n')
+    (folder / 'SHA256SUMS.sig').write_bytes(b'of the whole log')
     return folder
 
 
@@ -53,6 +54,7 @@ def test_a_cut_folder_becomes_that_of_a_shorter_recording(run, log_bytes, tmp_pa
     for name in ('run.mcap', 'metadata.yaml'):
         assert (done.output / name).read_bytes() == (tmp_path / 'shorter' / name).read_bytes()
     assert not Digests.of(done.output).faults
+    assert not (done.output / 'SHA256SUMS.sig').exists()
 
 
 def test_nothing_is_overwritten_and_nothing_half_is_left(half, tmp_path, monkeypatch):

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import shutil
 import subprocess
@@ -12,7 +13,7 @@ from pathlib import Path
 
 import pytest
 from log_parts import Parts
-from log_runs import record, turned
+from log_runs import make_run, record, turned
 
 from rpo_core import files
 from rpo_core.files.validation import InputError
@@ -67,6 +68,33 @@ def test_sums_are_on_the_disk_before_they_have_their_name_and_not_too_long(folde
         signature.read_sums(folder)
     with pytest.raises(LogError, match='too many'):
         signature.write_sums(folder)
+
+
+def test_what_is_proven_of_a_folder_and_what_is_not_known(folder):
+    found = verify(folder)
+    assert found.exit_code == ExitCode.OK
+    assert found.recomputed == (
+        'phases and figures of run_status', 'records beside the messages, indexes and summary',
+        'metadata.yaml',
+    )  # fmt: skip
+    assert found.digested == ('flown.txt', 'run_info.yaml')
+    assert any('texts of events' in what for what in found.unknown)
+    text = '\n'.join(found.lines())
+    attached = make_run(3.0).attachments['controller.yaml']
+    assert f'{hashlib.sha256(attached).hexdigest()}  controller.yaml' in text
+    assert 'not signed by a trusted key' in text
+    (folder / 'SHA256SUMS').unlink()
+    bare, alone = verify(folder), verify(folder / 'run.mcap')
+    assert {'flown.txt', 'run_info.yaml'} <= set(bare.unknown)
+    assert 'metadata.yaml' not in alone.recomputed
+    for found in (bare, alone):
+        assert found.exit_code == ExitCode.OK and found.digested == ()
+    path = folder / 'metadata.yaml'
+    path.write_text(path.read_text().replace('message_count: 31', 'message_count: 30', 1))
+    signature.write_sums(folder)
+    found = verify(folder)
+    assert found.exit_code == ExitCode.INCOMPLETE
+    assert 'metadata.yaml is not that of the log; line' in found.sentence()
 
 
 def written_anew(path: Path) -> bytes:

@@ -249,7 +249,7 @@ def test_a_controller_that_was_lost_from_the_start_was_not_recomputed(tmp_path):
 def test_a_peer_that_is_missing_before_it_was_lost_is_missing(small_blocks, topic, tmp_path):
     summary, _ = lost(tmp_path, topic, until=LOST_AT - 1)
     assert summary.missing == {topic: (1, LOST_AT - 1)}
-    assert read_run(tmp_path).missing == {topic: 1}
+    assert read_run(tmp_path).gaps == (f'1 messages of {topic} are missing',)
 
 
 def test_without_the_word_of_the_plant_its_messages_are_missing(tmp_path):

@@ -26,7 +26,6 @@ from rpo_core.wire import cdr, interfaces
 from rpo_core.world.disturbance import NONE
 from rpo_log.errors import ExistsAlready, ExitCode, LogError
 from rpo_log.format import run as run_format
-from rpo_log.format.run import TimeBase
 from rpo_log.manifests import Manifests
 from rpo_log.read.run_log import read_run
 from rpo_log.read.stream import RunReader
@@ -95,7 +94,7 @@ def test_summary_counts_what_is_wrong(short_run, tmp_path):
     assert not summary.whole
     assert f'1 missing on {FORCE}, the first at tick 20' in summary.sentence()
     log = read_run(tmp_path)
-    assert log.missing == {FORCE: 1}
+    assert log.gaps == (f'1 messages of {FORCE} are missing',)
     assert np.isnan(log.forces_n[20]).all() and not np.isnan(log.forces_n[21]).any()
     assert (log.forces_n[last] == short_run.flight.forces_n[last]).all()  # the first was kept
 
@@ -161,15 +160,6 @@ def test_a_folder_that_vanishes_is_noticed_and_one_that_is_renamed_is_no_loss(ru
         assert not read_run(tmp_path / 'moved').damage
     else:
         assert summary.failure == 'the file was deleted' and summary.lost > 0
-
-
-def test_time_base():
-    base = TimeBase(1_000, 10, 5)
-    assert base.stamp_ns(3) == 1_030
-    assert [base.tick_of(s) for s in (1_000, 1_050, 1_051, 1_060, 990)] == [0, 5, None, None, None]
-    assert TimeBase(0, 100_000_000, 1).chunk_ticks == 10  # one second
-    assert TimeBase(0, 2_000_000_000, 1).chunk_ticks == 1
-    assert TimeBase(0, 1_000, 1).chunk_ticks == 512
 
 
 def test_of_two_controllers_the_first_answer_is_logged_and_the_other_named(run, tmp_path):

@@ -158,7 +158,7 @@ class Hand:
             DiagnosticStatus, interfaces.RUN_STATUS, self.statuses.append, qos.LATCHED_QUEUE
         )
         inner.user.create_subscription(
-            DiagnosticArray, '/diagnostics', self._on_health, qos.DIAGNOSTICS
+            DiagnosticArray, '/diagnostics', self._on_health, qos.LOCKSTEP
         )
 
     def _on_health(self, array: DiagnosticArray) -> None:

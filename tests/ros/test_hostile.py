@@ -9,15 +9,12 @@ from functools import partial
 import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
-from flights import assert_flown, lasting, told
+from flights import lasting, told
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
-from test_guidance import STAGES, written
 
 from rpo_bringup import final_approach
 from rpo_core import files
-from rpo_core.chain.flight import fly
-from rpo_core.control.controller import load_controller
 from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import RecorderStatus
 from rpo_ctrl.fuzzy_controller_node import ControllerNode
@@ -28,7 +25,7 @@ from rpo_log.recorder_node import RecorderNode
 from rpo_log.verify import verify
 from rpo_log.write import mcap_file
 from rpo_ros import qos, signals
-from rpo_ros.signals import Outlet, hear
+from rpo_ros.signals import hear
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 from rpo_sim.plant_node import PlantNode
 
@@ -193,26 +190,3 @@ def test_another_controller_in_flight_is_recorded_and_verified(inner, tmp_path):
     assert set(log.attachments) == parameters
     (_, off, since), (_, on, _) = told(log)
     assert (off, on) == ('inactive', 'active') and since > 20
-
-
-@pytest.mark.every_landing
-def test_what_is_stamped_far_ahead_stops_no_stage_with_memory(inner, tmp_path):
-    """An estimator that took one such state could not answer the next one any more."""
-    path = tmp_path / 'whole.yaml'
-    flown = written(path)
-    inner.fly(tmp_path / 'run', str(path), *STAGES, real_time_factor=15.0)
-    plant = inner.plant
-    outlets = [
-        Outlet(inner.user, name)
-        for name in ('relative_state', 'navigation_state', 'reference_state', 'control_force')
-    ]
-    inner.until(lambda: all(x.publisher.get_subscription_count() for x in outlets))
-    for ahead in (150, 300, 301):
-        inner.reaches(plant.tick + 5)
-        for outlet in outlets:
-            width = len(interfaces.row_of(outlet.name).columns)
-            outlet.publish(flown.stamp_ns(plant.tick + ahead), (1.0,) * width)
-    inner.set('plant', real_time_factor=0.0)
-    inner.ends()
-    assert plant.phase == 'finished'
-    assert_flown(tmp_path / 'run', fly(flown, load_controller('handmade')), 'estimator')

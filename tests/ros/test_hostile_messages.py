@@ -252,7 +252,7 @@ def test_a_parameter_of_no_type_ends_no_node_and_is_warned_of_by_powers_of_ten(r
 def test_a_negative_time_ends_no_node_with_simulated_time(ros_env, capfd):
     with inside() as inner:
         node = inner.start(FlightNode('bare', {'use_sim_time': True}))
-        sender = inner.user.create_publisher(Clock, '/clock', qos.CLOCK)
+        sender = inner.user.create_publisher(Clock, '/clock', qos.LOCKSTEP)
         inner.until(sender.get_subscription_count)
         sender.publish(Clock(clock=Time(sec=-5)))
         inner.until(lambda: node._complaints)

@@ -55,9 +55,14 @@ def test_each_transition_does_what_it_says(inner, capfd):
     assert not asker.answers, 'it commanded before it was activated'
     assert inner.transition(NODE, 'activate')
     assert asker.ask(3) == force_of('handmade') != (0.0, 0.0, 0.0)
+    successful, reason = inner.set(NODE, controller='paper_ga')
+    assert not successful and 'deactivate` first' in reason
     assert inner.transition(NODE, 'deactivate')
     assert asker.ask(3) == force_of('handmade'), 'two answers to one state differ'
     assert asker.ask(4) == (0.0, 0.0, 0.0)
+    successful, reason = inner.set(NODE, controller='nope')
+    assert not successful and "'nope'" in reason
+    assert node.controller.name == 'handmade' == node.values['controller']
     assert inner.transition(NODE, 'cleanup')
     assert asker.ask(5) == (0.0, 0.0, 0.0)
     assert inner.set(NODE, controller='paper_ga') == (True, '')
@@ -67,20 +72,6 @@ def test_each_transition_does_what_it_says(inner, capfd):
     assert node.health()[2]['answered_zero'] == 2
     assert inner.transition(NODE, 'shutdown') and node.done
     assert 'inactive: commanding zero' in capfd.readouterr().err
-
-
-def test_another_controller_is_refused_in_flight_and_loaded_when_inactive(inner):
-    node = inner.start(ControllerNode({**NAMED, 'controller': 'handmade'}))
-    asker = Asker(inner)
-    successful, reason = inner.set(NODE, controller='paper_ga')
-    assert not successful and 'deactivate` first' in reason
-    assert inner.transition(NODE, 'deactivate')
-    successful, reason = inner.set(NODE, controller='nope')
-    assert not successful and "'nope'" in reason
-    assert node.controller.name == 'handmade' == node.values['controller']
-    assert inner.set(NODE, controller='paper_ga')[0]
-    assert inner.transition(NODE, 'activate')
-    assert asker.ask(1) == force_of('paper_ga')
 
 
 def test_a_bad_file_leaves_the_node_unconfigured_and_says_why(inner, tmp_path, capfd):

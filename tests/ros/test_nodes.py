@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +18,6 @@ from rpo_core import files
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import DEFAULT_CONTROLLER
-from rpo_core.scenario import scenario
-from rpo_core.scenario.requirements import Requirements
 from rpo_core.scenario.scenario import load_scenario
 from rpo_ctrl.fuzzy_controller_node import ControllerNode
 from rpo_log.read.run_log import flight_of, read_run
@@ -158,19 +155,22 @@ def test_a_flight_over_an_older_one_verifies_after_its_report(command, tmp_path)
 
 
 @pytest.mark.parametrize(
-    ('options', 'most_n2s', 'code', 'word'),
-    [
-        ([], 1e-3, 1, 'MISSED'),
-        pytest.param(['--no-report'], 1e-3, 0, '', marks=pytest.mark.every_landing),
-        pytest.param(['--no-fail'], 1e-3, 0, 'MISSED', marks=pytest.mark.every_landing),
-        pytest.param([], 1e3, 0, 'holds', marks=pytest.mark.every_landing),
-    ],
+    ('options', 'changes', 'code', 'word'),
+    rest_at_landing(
+        [
+            ([], {'requirements': {'energy_n2s': 1e-3}}, 1, 'MISSED'),
+            (['--no-report', '--no-fail'], {'zones': {'keep_out_m': 1000.0}}, 0, 'MISSED'),
+            (['--no-report'], {'zones': {'keep_out_m': 1000.0}}, 1, 'MISSED'),
+            (['--no-report'], {'requirements': {'energy_n2s': 1e-3}}, 0, ''),
+            (['--no-fail'], {'requirements': {'energy_n2s': 1e-3}}, 0, 'MISSED'),
+            ([], {'requirements': {'energy_n2s': 1e3}}, 0, 'holds'),
+        ],
+        quick=2,
+    ),
 )
-def test_a_requirement_that_is_missed_is_1(options, most_n2s, code, word, command, tmp_path):
-    """`final_approach` judges the flight that it recorded."""
-    judged = replace(load_scenario('quick'), requirements=Requirements(energy_n2s=most_n2s))
-    path = tmp_path / 'judged.yaml'
-    path.write_text(scenario.dumps(judged))
+def test_what_is_missed_is_1(options, changes, code, word, command, tmp_path):
+    """`final_approach` judges the flight that it recorded; a zone without a report too."""
+    path = lasting(5.0, tmp_path, 'quick', **changes)
     words = ('--scenario', path, '--output', tmp_path / 'run', *options)
     found, said = command(final_approach.main, *words)
     assert found == code, said

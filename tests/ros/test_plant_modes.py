@@ -5,12 +5,9 @@
 import math
 import random
 from dataclasses import replace
-from functools import partial
 
-import numpy as np
 import pytest
 
-from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.scenario.scenario import load_scenario
 from rpo_sim import plant as kinds
@@ -57,26 +54,6 @@ def test_a_dropped_peer_counts_as_zero_force(scenario):
     drifting.advance()
     assert plant.state == drifting.state
     assert plant.answer(FORCE, plant.stamp_ns, (0.1,) * 3) == kinds.DROPPED
-
-
-@pytest.mark.parametrize('kind', [LockstepPlant, partial(FreeRunningPlant, stale_after_ticks=10)])
-def test_with_every_answer_in_its_tick_it_is_the_closed_loop_of_the_core(kind):
-    scenario, controller = load_scenario('paper_test'), load_controller('handmade')
-    expected = fly(scenario, controller)
-    plant = kind(scenario, [FORCE, DISTURBANCE])
-    for tick in range(scenario.ticks + 1):
-        assert plant.state == tuple(expected.states[tick])
-        force = controller.force_n(plant.state[:3], plant.state[3:])
-        assert force == tuple(expected.forces_n[tick])
-        plant.answer(FORCE, plant.stamp_ns, force)
-        plant.answer(DISTURBANCE, plant.stamp_ns, tuple(scenario.disturbances_n[tick].tolist()))
-        if not plant.finished:
-            plant.advance()
-    assert plant.finished
-    energy = float(np.sum(expected.saturated_forces_n**2) * scenario.dt_s)
-    assert math.isclose(plant.figures()['energy_n2s'], energy, rel_tol=1e-12)
-    if isinstance(plant, FreeRunningPlant):
-        assert (plant.held_ticks, plant.stale_ticks) == (0, 0)
 
 
 # Free running.

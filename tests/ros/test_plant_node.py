@@ -14,7 +14,6 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from flights import lasting
 from inside import Hand, values_of
 
-from rpo_bringup import final_approach
 from rpo_core import files
 from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import Manifest
@@ -155,18 +154,6 @@ def test_a_zone_that_is_entered_is_said_at_once_and_at_the_end(bench, monkeypatc
     assert len([status for status in bench.statuses if 'inside' in status.message]) == 2
     assert re.search(r'MISSED: \d+ m inside the keep-out sphere', capfd.readouterr().err)
     assert verify(bench.folder / 'entered').exit_code == 0
-
-
-@pytest.mark.parametrize(
-    ('words', 'code'),
-    [(['--no-report'], 1), (['--no-report', '--no-fail'], 0), ([], 1), (['--no-fail'], 0)],
-)
-def test_a_zone_that_is_entered_is_exit_1_with_and_without_a_report(command, tmp_path, words, code):
-    changes = {'zones': {'keep_out_m': 1000.0}, 'requirements': None}
-    path = lasting(2.0, tmp_path, **changes)
-    words = ['--scenario', path, '--output', tmp_path / 'run', *words]
-    found, said = command(final_approach.main, *words)
-    assert found == code and 'inside the keep-out sphere of 1000 m' in said
 
 
 @pytest.mark.parametrize('topic', ['control_force', 'relative_state'])

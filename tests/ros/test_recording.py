@@ -50,7 +50,7 @@ def test_a_late_manifest_is_waited_for_however_much_is_heard_before(ros_env, tmp
         onward = inner.user.create_publisher(
             DiagnosticStatus, interfaces.NODE_MANIFEST, qos.LATCHED
         )
-        clock = inner.user.create_publisher(Clock, '/clock', qos.CLOCK)
+        clock = inner.user.create_publisher(Clock, '/clock', qos.LOCKSTEP)
         inner.fly(tmp_path / 'run', scenario)
         inner.until(lambda: held and clock.get_subscription_count())
         for _ in range(500):

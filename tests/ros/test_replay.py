@@ -109,10 +109,3 @@ def test_no_controller_is_said_and_not_waited_for_for_ever(replay, inner, capfd)
     node = replay(answer_timeout_s=0.3)
     inner.until(lambda: node.done)
     assert node.exit_code == 3 and 'no answer' in capfd.readouterr().err
-
-
-@pytest.mark.every_landing
-def test_as_a_process_a_plain_replay_says_how_far_it_is(run_folder, ros):
-    node = ros.node('rpo_log', 'replay', bag=run_folder, rate=1.0)
-    assert node.wait() == 0, node.output
-    assert re.search(r'tick \d+ of 50', node.output)

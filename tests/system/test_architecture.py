@@ -5,11 +5,8 @@
 from __future__ import annotations
 
 import ast
-import os
 import re
-import subprocess
 import sys
-from collections.abc import Mapping
 from configparser import ConfigParser
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
@@ -71,21 +68,20 @@ def is_ros(module: str) -> bool:
 
 
 @cache
-def import_nodes(path: Path) -> list[ast.AST]:
-    """Return the imports of a file, wherever they stand in it."""
-    tree = ast.walk(ast.parse(path.read_text(), str(path)))
-    return [node for node in tree if isinstance(node, ast.Import | ast.ImportFrom)]
+def imported(path: Path) -> frozenset[str]:
+    """Return what a file imports, anywhere in it, for types only too, by its full name."""
+    names: list[str] = []
+    for node in ast.walk(ast.parse(path.read_text(), str(path))):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names += [f'{node.module}.{alias.name}' for alias in node.names]
+    return frozenset(names)
 
 
 def imports(path: Path) -> set[str]:
-    """Return the top-level modules that a file imports, anywhere in it."""
-    found: set[str] = set()
-    for node in import_nodes(path):
-        if isinstance(node, ast.Import):
-            found |= {alias.name.partition('.')[0] for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
-            found.add(node.module.partition('.')[0])
-    return found
+    """Return the top-level modules that a file imports."""
+    return {name.partition('.')[0] for name in imported(path)}
 
 
 @cache
@@ -143,33 +139,6 @@ def test_the_core_needs_numpy_and_yaml_alone():
         assert third <= CORE_THIRD_PARTY, f'{path.relative_to(ROOT)} imports {sorted(third)}'
 
 
-def test_ros_free_halves_import_and_the_core_flies_with_rclpy_blocked():
-    modules = [
-        '.'.join([*path.relative_to(base).parts[:-1], path.stem]).removesuffix('.__init__')
-        for room in ('rpo_core', 'rpo_log')
-        for path in rooms()[room]
-        for base in [PACKAGES[room]]
-    ]
-    block = (
-        'import importlib, sys\n'
-        'class Block:\n'
-        '    def find_spec(self, name, path=None, target=None):\n'
-        '        top = name.partition(".")[0]\n'
-        '        if top in ("rclpy", "rpo_ros") or top.endswith("_msgs"):\n'
-        '            raise ImportError(name + " is blocked")\n'
-        'sys.meta_path.insert(0, Block())\n'
-        'for name in sys.argv[1:]: importlib.import_module(name)\n'
-        'from rpo_core.chain.flight import fly\n'
-        'from rpo_core.control.controller import load_controller\n'
-        'from rpo_core.scenario.scenario import load_scenario\n'
-        'print(fly(load_scenario("quick"), load_controller("allround")).states.shape)\n'
-    )
-    command = [sys.executable, '-c', block, *modules]
-    env = {**os.environ, 'RPO_JIT': '0'}
-    done = subprocess.run(command, capture_output=True, text=True, timeout=50, env=env)
-    assert (done.returncode, done.stdout) == (0, '(51, 6)\n'), done.stderr
-
-
 @pytest.mark.parametrize('package', sorted(PACKAGES))
 def test_package_declares_what_it_imports(package):
     manifest = ElementTree.parse(PACKAGES[package] / 'package.xml').getroot()
@@ -225,38 +194,28 @@ def test_every_source_file_names_owner_and_licence():
         ], f'{path.relative_to(ROOT)} lacks its first two lines'
 
 
-def modules() -> dict[str, Path]:
-    """Return name -> file of every module of ours; tests left out."""
-    found = {}
-    folders = [*((path, path) for path in PACKAGES.values()), (ROOT / 'offline_training',) * 2]
-    for folder, base in folders:
-        for path in sorted(folder.rglob('*.py')):
+@cache
+def graph() -> dict[str, set[str]]:
+    """Return each module of ours, and those of ours that it imports; tests left out."""
+    paths = {}
+    for base in (*PACKAGES.values(), OFFLINE):
+        for path in sorted(base.rglob('*.py')):
             parts = path.relative_to(base).with_suffix('').parts
             if parts[0] in FIRST_PARTY:
-                found['.'.join(parts).removesuffix('.__init__')] = path
-    return found
-
-
-def imported(name: str, path: Path, known: Mapping[str, Path]) -> set[str]:
-    """Return the modules of ours that a module imports, anywhere in it, for types only too."""
-    found: set[str] = set()
-    for node in import_nodes(path):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            inner = {f'{node.module}.{alias.name}' for alias in node.names}
-            # `from package import name` reads the package's door only where name is no module.
-            found |= {full if full in known else node.module for full in inner}
-    return {other for other in found if other in known and other != name}
+                paths['.'.join(parts).removesuffix('.__init__')] = path
+    edges = {}
+    for module, path in paths.items():
+        # `from package import name` reads the package's door only where name is no module.
+        names = {n if n in paths else n.rpartition('.')[0] for n in imported(path)}
+        edges[module] = names & paths.keys() - {module}
+    return edges
 
 
 def test_no_module_imports_itself_through_others():
     """Nor for types only; a package's door may import its own modules, which do not import it."""
-    known = modules()
-    graph = {name: imported(name, path, known) for name, path in known.items()}
-    assert 'rpo_core.stage' in graph['rpo_core.chain.flight'], 'the imports are not found'
+    assert 'rpo_core.stage' in graph()['rpo_core.chain.flight'], 'the imports are not found'
     try:
-        TopologicalSorter(graph).prepare()
+        TopologicalSorter(graph()).prepare()
     except CycleError as error:
         pytest.fail(f'these modules import each other: {" <- ".join(error.args[1])}')
 
@@ -265,17 +224,17 @@ def test_no_module_imports_itself_through_others():
     ('package', 'folder'), [(package, name) for package, names in FOLDERS.items() for name in names]
 )
 def test_a_folder_imports_only_those_before_it(package, folder):
-    known, names = modules(), FOLDERS[package]
+    names = FOLDERS[package]
     allowed = {f'{package}.{name}' for name in names[: names.index(folder) + 1]}
-    inside = [n for n in known if f'{n}.'.startswith(f'{package}.{folder}.')]
+    inside = [n for n in graph() if f'{n}.'.startswith(f'{package}.{folder}.')]
     assert inside
     for name in inside:
-        others = {'.'.join(n.split('.')[:2]) for n in imported(name, known[name], known)}
+        others = {'.'.join(n.split('.')[:2]) for n in graph()[name]}
         above = {n for n in others if n.startswith(f'{package}.')} - allowed
         assert not above, f'{name} may not import {sorted(above)}'
 
 
 @pytest.mark.parametrize('package', FOLDERS)
 def test_every_folder_has_its_place(package):
-    places = {n.split('.')[1] for n in modules() if n.startswith(f'{package}.')}
+    places = {n.split('.')[1] for n in graph() if n.startswith(f'{package}.')}
     assert places == set(FOLDERS[package])

@@ -33,7 +33,7 @@ from rpo_log.format.run import METADATA_FILE, TimeBase
 from rpo_log.manifests import Manifests
 from rpo_log.read.stream import RunReader
 from rpo_log.topics import Topic
-from rpo_log.write.writer import PHASES, RunLogWriter
+from rpo_log.write.writer import RunLogWriter
 
 _STORAGE = ('.mcap', '.db3')
 _NOT_NEEDED = '`--scenario` and `--controller` are for a bag that does not carry them'
@@ -199,7 +199,7 @@ def _base_of(
         scenario = files.loads(text, scenario_file.parse, run.SCENARIO)
         if not isinstance(scenario, Scenario):
             raise InputError('`--scenario` must be a single flight; it is a set')
-        return TimeBase(scenario.epoch_ns, scenario.dt_ns, scenario.ticks)
+        return TimeBase.of(scenario)
     state = next(name for name, t in recorded.items() if t.signal == interfaces.RELATIVE_STATE)
     stamps = np.unique([cdr.stamp_ns(data) for _, data in _messages(bag, {state})])
     dt_ns = int(np.gcd.reduce(np.diff(stamps))) if len(stamps) > 1 else 0
@@ -220,4 +220,4 @@ def _is_phase(data: bytes) -> bool:
         status = RunStatus.of(cdr.decode_status(data))
     except (InputError, cdr.CdrError):
         return False
-    return status.phase in PHASES and not status.resumed
+    return status.logged

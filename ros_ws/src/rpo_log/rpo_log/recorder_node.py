@@ -30,9 +30,11 @@ from rpo_log.errors import ExistsAlready, LogError
 from rpo_log.format import run as run_log
 from rpo_log.manifests import CONTROLLER, PLANT, Manifests
 from rpo_log.topics import Topic
-from rpo_log.write.writer import PHASES, RunLogWriter
+from rpo_log.write.orderer import NEVER
+from rpo_log.write.writer import RunLogWriter
 from rpo_ros import health, qos
 from rpo_ros.heartbeat import Timeout, Watch
+from rpo_ros.plant_scenario import ANEW_S
 from rpo_ros.running import FlightNode
 from rpo_ros.signals import hear, message_class, texts_of
 
@@ -40,7 +42,6 @@ EXIT_INCOMPLETE = 1
 
 _ABORT_GRACE_S = 0.5
 _MOST_EARLY, _MOST_TAKEN = 100_000, 1000
-NEVER = 1 << 62
 MANIFEST_PATIENCE_S = 5.0
 """A controller heard for so long without a manifest is not one of ours, and has none."""
 _TAKE_S, _LOOK_S, _SAY_S = 0.002, 0.02, 4.0
@@ -50,8 +51,6 @@ _HELD_S = 6.0
 """A plant that waits so long for the log, as none of ours does, waits for what will not come."""
 _LAST_WORD_S = 0.5
 """How long to wait until it was heard that the log is closed: the plant stays until then."""
-_ANEW_S = 2.5
-"""Silence of a plant after which another one is the new one; it publishes once a second."""
 
 _Taken = tuple[int, str, bytes]
 """When a message came, by the machine's clock [ns]; its topic; its CDR."""
@@ -215,7 +214,7 @@ class RecorderNode(FlightNode):
         status = RunStatus.of(cdr.decode_status(data))
         if status.phase == WAITING and self._running:
             self._anew = True
-        if status.phase in PHASES and not status.resumed:
+        if status.logged:
             self._on_phase(status, data)
 
     def _on_event(self, row: interfaces.Interface, data: bytes) -> None:
@@ -313,7 +312,7 @@ class RecorderNode(FlightNode):
             self._timeout.broken()
         silent_s = self._timeout.look()
         gone = not self.count_publishers(self._state_topic)
-        if self._anew and silent_s > _ANEW_S:
+        if self._anew and silent_s > ANEW_S:
             self._lose_plant('the plant was started anew')
         elif silent_s > self.values['plant_timeout_s'] or gone:
             self._lose_plant('the plant is gone')
@@ -370,7 +369,7 @@ class RecorderNode(FlightNode):
 
     def _open(self, flown: Scenario) -> None:
         """Open the files of the log; raises LogError."""
-        base = run_log.TimeBase(flown.epoch_ns, flown.dt_ns, flown.ticks)
+        base = run_log.TimeBase.of(flown)
         due = self._manifests.due_each_tick(
             flown, lambda row: self.count_publishers(self._topic(row.name))
         )

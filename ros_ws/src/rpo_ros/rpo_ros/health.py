@@ -57,9 +57,8 @@ def publish_health(node: FlightNode, health: Callable[[], Health]) -> None:
 
     The stamp is of the node's clock, as that of diagnostic_updater: of /clock with `use_sim_time`.
     """
-    publisher = node.create_publisher(
-        DiagnosticArray, interfaces.row_of(interfaces.DIAGNOSTICS).topic, qos.DIAGNOSTICS
-    )
+    row = interfaces.row_of(interfaces.DIAGNOSTICS)
+    publisher = node.create_publisher(DiagnosticArray, row.topic, qos.of(row.qos))
     name = f'{node.get_fully_qualified_name().lstrip("/")}: health'
 
     def publish() -> None:

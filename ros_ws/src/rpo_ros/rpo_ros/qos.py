@@ -28,7 +28,7 @@ def of(offered: interfaces.Qos) -> QoSProfile:
 
 
 LOCKSTEP = of(interfaces.LOCKSTEP)
-"""States and forces."""
+"""States, forces, and simulated time."""
 
 RECORDING = _profile(10_000)
 """The recorder's queue for states and forces: some seconds at full speed."""
@@ -38,11 +38,6 @@ LATCHED = of(interfaces.LATCHED)
 
 LATCHED_QUEUE = _profile(16, latched=True)
 """To subscribe to latched topics where no message may be lost, or several nodes publish."""
-
-CLOCK = _profile(64)
-"""Simulated time; stock subscribers request best effort, which this satisfies."""
-
-DIAGNOSTICS = _profile(10)
 
 IN_LOOP = _profile(64, reliable=False)
 """For subscriptions of the plant and the answering nodes. After a lost message a reliable reader

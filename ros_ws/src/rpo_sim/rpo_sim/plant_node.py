@@ -12,14 +12,13 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.duration import Duration
-from rosgraph_msgs.msg import Clock
 
 from rpo_core import files
 from rpo_core.chain.chain import Signals, signals_of
 from rpo_core.files.validation import InputError
 from rpo_core.scenario import scenario
 from rpo_core.stage import Signal
-from rpo_core.wire import cdr, interfaces
+from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import ABORTED, ENDED, FINISHED, GONE, PAUSED, RUNNING, WAITING
 from rpo_ros import health, qos
 from rpo_ros.heartbeat import Pulse, Timeout, Watch
@@ -67,12 +66,7 @@ class PlantNode(Loop):
         self._state = Outlet(self, interfaces.RELATIVE_STATE)
         self._made = {name: Outlet(self, name) for name in (*applied, *self._own)}
         self._status = self.create_publisher(DiagnosticStatus, interfaces.RUN_STATUS, qos.LATCHED)
-        clock = self.values['publish_clock']
-        self._clock_out = (
-            self.create_publisher(Clock, interfaces.row_of(interfaces.CLOCK).topic, qos.CLOCK)
-            if clock
-            else None
-        )
+        self._clock = Outlet(self, interfaces.CLOCK) if self.values['publish_clock'] else None
         self._publisher_check = PublisherCheck(self, [*signals_of(self.scenario), *applied])
         for name in self._peers:
             listen(self, name, partial(self._on_answer, name), self._ignore, with_rider=True)
@@ -180,10 +174,8 @@ class PlantNode(Loop):
         """Publish the time of the current state on /clock, then the state: in nobody's future."""
         self.sent_s = time.monotonic()
         plant = self.pacing.plant
-        if self._clock_out is not None:
-            self._clock_out.handle.publish_raw(
-                cdr.encode_clock(plant.stamp_ns)
-            )  # as an Outlet does
+        if self._clock is not None:
+            self._clock.publish(plant.stamp_ns, ())
         self._state.publish_of(plant.stamp_ns, plant.signals)
 
     def _publish_made(self, stamp_ns: int, signals: Signals) -> None:

@@ -247,6 +247,11 @@ class RunStatus(Reader):
         """Whether the run has ended."""
         return self.phase in ENDED
 
+    @property
+    def logged(self) -> bool:
+        """Whether a log holds it: not that the run waits, pauses or goes on."""
+        return self.phase in (RUNNING, *ENDED) and not self.resumed
+
     @classmethod
     def of(cls, status: Status) -> RunStatus:
         """Return what a status says; raises InputError."""

@@ -11,6 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from rpo_core.scenario.scenario import Scenario
 from rpo_log.errors import ExistsAlready, NotARun, cannot_write
 
 LOG_FORMAT = 1
@@ -72,6 +73,11 @@ class TimeBase:
     epoch_ns: int
     dt_ns: int
     last_tick: int
+
+    @classmethod
+    def of(cls, flown: Scenario) -> TimeBase:
+        """Return the ticks of a scenario."""
+        return cls(flown.epoch_ns, flown.dt_ns, flown.ticks)
 
     def stamp_ns(self, tick: int) -> int:
         """Return the stamp of a tick."""

@@ -40,7 +40,8 @@ class RunLog:
     ticks : (n,) int64
     values : by signal, (n, width) its numbers
     events : messages of the event topics
-    missing : per topic, number of ticks without a message, up to the last tick of the log
+    outcome : last phase in run_status: finished, aborted; running if the log ends before; None: it
+        says none
     non_canonical : messages that hold more than a stamp and the numbers of their signal
     damage : where the file ends early; empty if it was closed in order
     gaps : why the log does not show a whole flight; empty if it does
@@ -54,7 +55,7 @@ class RunLog:
     ticks: NDArray[np.int64]
     values: Mapping[str, NDArray[np.float64]]
     events: tuple[Event, ...]
-    missing: Mapping[str, int]
+    outcome: str | None
     non_canonical: tuple[Message, ...]
     damage: str
     gaps: tuple[str, ...]
@@ -86,19 +87,9 @@ class RunLog:
         return not self.gaps
 
     @property
-    def dt_s(self) -> float:
-        """Tick length."""
-        return self.base.dt_ns / 1_000_000_000
-
-    @property
     def times_s(self) -> NDArray[np.float64]:
         """Times (n,) since tick 0; one rounding each."""
         return self.ticks * self.base.dt_ns / 1_000_000_000
-
-    @property
-    def outcome(self) -> str | None:
-        """The last phase in run_status: finished, aborted; running if the log ends before."""
-        return dict(self.statuses[-1][1].values).get('phase') if self.statuses else None
 
 
 def read_run(path: str | Path | RunReader) -> RunLog:
@@ -123,7 +114,7 @@ def read_run(path: str | Path | RunReader) -> RunLog:
         ticks=ticks,
         values={s: np.concatenate([b.values[s] for b in blocks]) for s in blocks[0].values},
         events=tuple(event for b in blocks for event in b.events),
-        missing=completeness.missing,
+        outcome=completeness.outcome,
         non_canonical=tuple(message for b in blocks for message in b.non_canonical),
         damage=reader.damage,
         gaps=completeness.gaps(reader.damage),
@@ -136,7 +127,7 @@ def scenario_of(log: RunLog | RunReader) -> Scenario:
     flown = _parsed(log, SCENARIO, scenario.parse)
     if not isinstance(flown, Scenario):
         raise LogError(log.path, f'its {SCENARIO} must be a single flight; it is a set')
-    base = TimeBase(flown.epoch_ns, flown.dt_ns, flown.ticks)
+    base = TimeBase.of(flown)
     if base != log.base:
         sentence = f'must have the ticks of the log, {log.base}; it has {base}'
         raise LogError(log.path, f'its {SCENARIO} {sentence}')

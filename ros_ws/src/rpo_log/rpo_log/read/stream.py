@@ -199,7 +199,7 @@ class RunReader:
         except (InputError, UnicodeDecodeError):
             return
         if isinstance(flown, Scenario):
-            self._bases.append(TimeBase(flown.epoch_ns, flown.dt_ns, flown.ticks))
+            self._bases.append(TimeBase.of(flown))
 
     def _take_channel(self, path: Path, channel: Channel) -> None:
         topic = topics.find(channel.topic, channel.metadata.get(topics.SIGNAL, ''))

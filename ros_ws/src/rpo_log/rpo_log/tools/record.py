@@ -27,12 +27,13 @@ def record(
     attachments : scenario.yaml and controller.yaml that it flew, parameters.yaml
     """
     flown = flight.scenario
-    base = TimeBase(flown.epoch_ns, flown.dt_ns, flown.ticks)
+    base = TimeBase.of(flown)
     arrays = {interfaces.RELATIVE_STATE: flight.states, interfaces.CONTROL_FORCE: flight.forces_n}
     if not flown.disturbance.is_zero:
         arrays[interfaces.DISTURBANCE_FORCE] = flight.disturbances_n
     values = {name: array.tolist() for name, array in {**arrays, **flight.signals}.items()}
-    rows = [row for row in interfaces.rows(logged=True) if row.name in {*values, CLOCK}]
+    values[CLOCK] = [[]] * (base.last_tick + 1)
+    rows = [row for row in interfaces.rows(logged=True) if row.name in values]
     events = [
         row
         for row in interfaces.rows(logged=True)
@@ -44,11 +45,8 @@ def record(
     for tick in range(base.last_tick + 1):
         stamp = base.stamp_ns(tick)
         for row in rows:
-            if row.name == CLOCK:
-                data = cdr.encode_clock(stamp)
-            else:
-                rider = values[row.rider][tick] if row.rider in values else []
-                data = layouts[row.name].encode(stamp, [*values[row.name][tick], *rider])
+            rider = values[row.rider][tick] if row.rider in values else []
+            data = layouts[row.name].encode(stamp, [*values[row.name][tick], *rider])
             log.write(topics[row.name], tick, data)
         if tick in (0, base.last_tick):
             log.write(topics[RUN_STATUS], tick, _status(flight, tick))

@@ -7,7 +7,6 @@ And what the log says of them: switched on and off, decisions, which controller 
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from itertools import pairwise
 
@@ -26,13 +25,11 @@ from rpo_log.format.run import CONTROLLER, is_controller
 from rpo_log.read.decode import Event, TickBlock
 from rpo_log.read.run_log import controller_of
 from rpo_log.read.stream import RunReader
-from rpo_log.verify.verification import Difference
 
 MAX_NAMED = 3
 """So many spans of ticks, or names, of one kind are listed; of the others, the number."""
 
 _SWITCHES = topics.ACTIVE, topics.INACTIVE
-LATE_TICKS = 50
 
 
 class StageStates:
@@ -314,30 +311,6 @@ def events_ahead(blocks: Iterable[TickBlock], states: StageStates) -> Iterator[T
         yield from before
         raise
     yield from before
-
-
-def compare_decisions(
-    stages: Iterable[Recomputation], states: StageStates, topic: str, last: int
-) -> tuple[Difference | None, list[str]]:
-    """Return the first decision in the log that its stage does not make, and those not told of.
-
-    topic : of the events; last : newest tick of the log; what is said right before it may come
-        after it
-    """
-    gaps = []
-    for stage in stages:
-        name, decides = stage.stage.name, stage.stage.decides
-        if not decides or stage.gaps:
-            continue
-        logged = Counter(event for event in states.of(name) if event[1] in decides)
-        decided = Counter(stage.decided())
-        if extra := logged - decided:
-            tick, state = min(extra)
-            return Difference(tick, topic, 'state', state, 'nothing', name), []
-        tick, state = min(decided - logged, default=(last, ''))
-        if tick < last - LATE_TICKS:
-            gaps.append(f'{topic} does not say that {name} is {state} from tick {tick}')
-    return None, gaps
 
 
 class Controllers:

@@ -19,6 +19,7 @@ The first difference ends it. Logs of any length are verified in bounded memory.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 
@@ -47,7 +48,6 @@ from rpo_log.verify.recomputation import (
     Controllers,
     Recomputation,
     StageStates,
-    compare_decisions,
     events_ahead,
 )
 from rpo_log.verify.run_status import Statuses
@@ -60,6 +60,7 @@ from rpo_log.verify.verification import (
 )
 
 FIGURES = 'figures of run_status'
+LATE_TICKS = 50
 
 
 class _Verifier:
@@ -198,11 +199,25 @@ class _Verifier:
         ]
 
     def compare_decisions(self, last: int) -> tuple[Difference | None, list[str]]:
-        """Compare what stages decided with what the log, whose newest tick is `last`, says."""
-        stages = (stage for stage in self.stages if stage.stage.name in self.names)
-        topic = self.topics.get(interfaces.STAGE_STATUS)
-        name = topic.name if topic else interfaces.STAGE_STATUS
-        return compare_decisions(stages, self.states, name, last)
+        """Return the first decision in the log that its stage does not make, and those not told.
+
+        last : newest tick of the log; what is said right before it may come after it
+        """
+        topic, gaps = self.topics.get(interfaces.STAGE_STATUS), []
+        topic_name = topic.name if topic else interfaces.STAGE_STATUS
+        for stage in self.stages:
+            name, decides = stage.stage.name, stage.stage.decides
+            if not decides or stage.gaps or name not in self.names:
+                continue
+            logged = Counter(event for event in self.states.of(name) if event[1] in decides)
+            decided = Counter(stage.decided())
+            if extra := logged - decided:
+                tick, state = min(extra)
+                return Difference(tick, topic_name, 'state', state, 'nothing', name), []
+            tick, state = min(decided - logged, default=(last, ''))
+            if tick < last - LATE_TICKS:
+                gaps.append(f'{topic_name} does not say that {name} is {state} from tick {tick}')
+        return None, gaps
 
     def first_difference(self, block: TickBlock) -> Difference | None:
         """Return the first difference in a block, None if there is none."""

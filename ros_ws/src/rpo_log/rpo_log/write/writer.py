@@ -253,7 +253,3 @@ def _tick_of_event(data: bytes) -> int:
     except cdr.CdrError:
         return -1
     return -1 if tick is None else tick
-
-
-PHASES = ('running', 'finished', 'aborted')
-"""Phases that a log holds."""
