@@ -4,12 +4,8 @@
 
 from pathlib import Path
 
-import pytest
-from inside import inside
-
 from rpo_core import files
 from rpo_core.control.controller import load_controller
-from rpo_core.files.validation import InputError
 from rpo_ctrl.assurance_node import AssuranceNode
 from rpo_ctrl.fuzzy_controller_node import ControllerNode
 from rpo_ros.signals import Outlet, listen
@@ -119,11 +115,6 @@ def test_what_breaks_inside_is_logged_with_its_cause(inner, capfd):
     said = capfd.readouterr().err
     assert 'ZeroDivisionError: in the law' in said
     assert 'configure broke' in said and 'ZeroDivisionError: in the parser' in said
-
-
-def test_a_bad_file_at_an_automatic_start_starts_nothing(ros_env, tmp_path):
-    with inside() as bench, pytest.raises(InputError, match='no file'):
-        bench.start(ControllerNode({'controller': str(tmp_path / 'no.yaml')}))
 
 
 def threads_of_dds():

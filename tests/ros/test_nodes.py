@@ -94,6 +94,24 @@ BAD = {
         ['mine.yaml', 'rules.SP[SP]', "'XL'", 'LN, SN, Z'],
     ),
     'an existing run': (RecorderNode, {'output': 'run'}, ['overwrite']),
+    'no home': (RecorderNode, {'output': '~nosuchuser/x'}, ['`output`', 'no such home folder']),
+    'no folder': (
+        RecorderNode,
+        {'output': '/dev/null'},
+        ['/dev/null: cannot hold a log: File exists (parameter `output`)'],
+    ),
+    'below no folder': (
+        RecorderNode,
+        {'output': '/dev/null/x'},
+        ['Not a directory (parameter `output`)'],
+    ),
+    'no such file': (ControllerNode, {'controller': 'no.yaml'}, ['no file']),
+    'no table of thrusters': (PlantNode, {'thruster': 'none off'}, ['`thruster`: a switch']),
+    'no such thruster': (
+        PlantNode,
+        {'scenario': 'tumbling_docking', 'thruster': 'none off'},
+        ['`thruster`: a switch'],
+    ),
     'no log': (ReplayNode, {'bag': '.'}, ['holds no run.mcap']),
     'one topic': (
         FaultInjectorNode,

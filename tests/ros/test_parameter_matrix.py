@@ -15,7 +15,6 @@ from test_launch_files import executables
 
 from rpo_core.files.gone import GONE
 from rpo_core.files.validation import InputError
-from rpo_log.recorder_node import RecorderNode
 from rpo_ros.parameter_rows import ParameterRow as Row
 from rpo_ros.running import FlightNode, declare, run
 
@@ -136,21 +135,6 @@ def test_one_wrong_value_of_a_request_refuses_all_of_it(inner):
     assert isinstance(values['speed'], float)
     successful, reason = inner.set('/bare', nothing_of_ours=1)
     assert not successful and 'undeclared' in reason
-
-
-@pytest.mark.parametrize(
-    ('output', 'said'),
-    [
-        ('~nosuchuser/x', 'no such home folder'),
-        ('/dev/null', '/dev/null: cannot hold a log: File exists (parameter `output`)'),
-        ('/dev/null/x', 'Not a directory (parameter `output`)'),
-    ],
-)
-def test_a_bad_output_is_named(ros_env, output, said):
-    """`overwrite` was blamed, or a traceback said it."""
-    with inside(), pytest.raises(InputError) as error:
-        RecorderNode({'output': output})
-    assert '`output`' in str(error.value) and said in str(error.value)
 
 
 def test_a_name_that_ros_does_not_take_is_one_sentence(ros_env, capfd):

@@ -18,7 +18,6 @@ from rosbags.typesys import Stores, get_typestore
 from rosgraph_msgs.msg import Clock
 
 import rpo_log.recorder_node
-from rpo_core import files
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import EXERTED_FORCE, EXERTED_TORQUE
 from rpo_ctrl.navigation_node import NavigationNode
@@ -29,7 +28,6 @@ from rpo_log.verify import ExitCode, verify
 from rpo_ros import health, qos
 from rpo_ros.signals import message_class
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
-from rpo_sim.plant_node import PlantNode
 
 LATE = 'late_manifest'
 ASIDE = ['-r', f'fuzzy_controller:{interfaces.NODE_MANIFEST}:={LATE}']
@@ -197,10 +195,3 @@ def test_a_thruster_is_switched_in_flight(inner, tmp_path):
     flight = flight_of(log)
     np.testing.assert_array_equal(flight.thrust.forces_n, log.values[EXERTED_FORCE][:-1])
     assert np.abs(log.values[EXERTED_TORQUE]).max() > 0.0
-
-
-@pytest.mark.parametrize('table', [{'table': TABLE}, None])
-def test_a_switch_that_cannot_be_is_refused_at_the_start(inner, tmp_path, table):
-    path = lasting(30.0, tmp_path, thrusters=table)
-    with pytest.raises(files.InputError, match='`thruster`: a switch'):
-        PlantNode({'scenario': path, 'thruster': 'none off'})

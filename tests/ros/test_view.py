@@ -34,7 +34,7 @@ from rpo.reports import replay
 from rpo.reports.replay import Replayed, page_of
 from rpo.reports.turned import turned_of
 from rpo_bringup import visualizer_node
-from rpo_bringup.views.live import LiveFlight, Trail
+from rpo_bringup.views.live import LiveFlight
 from rpo_bringup.views.samples import Samples
 from rpo_bringup.views.web_server import Feed, LivePage, refusal
 from rpo_bringup.visualizer_node import VisualizerNode, transform_of
@@ -58,15 +58,6 @@ START_NS = 1_767_225_600_000_000_000
 STATE = (10.0, 60.0, -40.0, 0.1, -0.2, 0.3)
 FORCE = (-0.1, -0.5, 0.0)
 BRINGUP = Path(__file__).resolve().parents[2] / 'ros_ws' / 'src' / 'rpo_bringup'
-
-
-def test_a_long_straight_trail_stays_even():
-    trail = Trail(most=50)
-    for i in range(10_000):
-        trail.add((0.1 * i, 0.0, 0.0))
-    gaps = [b[0] - a[0] for a, b in zip(trail.points, trail.points[1:], strict=False)]
-    assert trail.points[0] == (0.0, 0.0, 0.0) and trail.points[-1][0] > 950.0
-    assert len(trail.points) <= 50 and max(gaps) < 2.5 * min(gaps)
 
 
 def scene_of(name: str, force: tuple[float, ...] = FORCE) -> dict[tuple[str, int], Marker]:

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A flight as one function, and the files that ship."""
 
-from datetime import datetime, timezone
-
 import numpy as np
 import pytest
 
@@ -12,24 +10,10 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files import shipped
 from rpo_core.scenario import scenario
 
-SCENARIO = {
-    'schema': 'rpo/scenario/1',
-    'name': 'function',
-    'orbit_radius_m': 6678000.0,
-    'mass_kg': 10.0,
-    'max_force_n': 0.5,
-    'dt_s': 0.1,
-    'duration_s': 400.0,
-    'initial_position_m': [10.0, 60.0, -40.0],
-    'initial_velocity_m_s': [0.0, 0.0, 0.0],
-    'epoch': datetime(2026, 1, 1, tzinfo=timezone.utc),
-    'disturbance': 'none',
-}
-
 
 def test_without_a_force_the_chaser_drifts():
     """It stays more than 1 m from the target; its commands are zero."""
-    flight = fly(scenario.parse(SCENARIO), OpenLoop(np.zeros((0, 3))))
+    flight = fly(scenario.load_scenario('approach'), OpenLoop(np.zeros((0, 3))))
     assert flight.states.shape == (4001, 6)
     assert np.linalg.norm(flight.positions_m, axis=1).min() > 1.0
     assert not flight.forces_n.any()

@@ -66,7 +66,7 @@ class PlantNode(Loop):
         self._state = Outlet(self, interfaces.RELATIVE_STATE)
         self._made = {name: Outlet(self, name) for name in (*applied, *self._own)}
         self._status = self.create_publisher(DiagnosticStatus, interfaces.RUN_STATUS, qos.LATCHED)
-        self._clock = Outlet(self, interfaces.CLOCK) if self.values['publish_clock'] else None
+        self._clock_out = Outlet(self, interfaces.CLOCK) if self.values['publish_clock'] else None
         self._publisher_check = PublisherCheck(self, [*signals_of(self.scenario), *applied])
         for name in self._peers:
             listen(self, name, partial(self._on_answer, name), self._ignore, with_rider=True)
@@ -174,8 +174,8 @@ class PlantNode(Loop):
         """Publish the time of the current state on /clock, then the state: in nobody's future."""
         self.sent_s = time.monotonic()
         plant = self.pacing.plant
-        if self._clock is not None:
-            self._clock.publish(plant.stamp_ns, ())
+        if self._clock_out is not None:
+            self._clock_out.publish(plant.stamp_ns, ())
         self._state.publish_of(plant.stamp_ns, plant.signals)
 
     def _publish_made(self, stamp_ns: int, signals: Signals) -> None:
