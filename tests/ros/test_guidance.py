@@ -21,7 +21,7 @@ from rpo_ctrl.guidance_node import GuidanceNode
 from rpo_ctrl.navigation_node import NavigationNode
 from rpo_ctrl.operator_node import OperatorNode
 from rpo_ros import qos
-from rpo_ros.managed_node import PlaceNode
+from rpo_ros.place_node import PlaceNode
 
 LEGS = [
     {'name': 'wait', 'kind': 'hold', 'dwell_s': 5.0, 'go': 'command', 'within_m': 3.0,

@@ -16,7 +16,7 @@ from rpo_ctrl.attitude_controller_node import AttitudeControllerNode
 from rpo_ctrl.fuzzy_controller_node import ControllerNode
 from rpo_ctrl.guidance_node import GuidanceNode
 from rpo_ctrl.navigation_node import NavigationNode
-from rpo_ros.managed_node import PlaceNode
+from rpo_ros.place_node import PlaceNode
 from rpo_ros.running import run
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 

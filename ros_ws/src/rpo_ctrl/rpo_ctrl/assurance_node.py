@@ -11,17 +11,14 @@ the scenario has an abort table, what it does is published on `stage_status`; th
 
 from __future__ import annotations
 
-from diagnostic_msgs.msg import DiagnosticStatus
-
 from rpo_core.assurance.abort import COMMANDS, AbortMachine
 from rpo_core.assurance.assurance import AssuranceStage, Decision
 from rpo_core.chain.chain import Chain, Signals
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
 from rpo_core.wire import interfaces
-from rpo_core.wire.interfaces import ASSURANCE_STATUS
-from rpo_ros import health, qos
-from rpo_ros.managed_node import CommandedNode
+from rpo_ros import health
+from rpo_ros.place_node import CommandedNode
 from rpo_ros.signals import to_status
 
 
@@ -34,6 +31,7 @@ class AssuranceNode(CommandedNode):
     what = ('shaping or assuring', 'shaping or runtime assurance')
     off = 'passing commands on unchanged'
     commands = COMMANDS
+    status = interfaces.ASSURANCE_STATUS
     deaf = 'no scenario with `assurance.abort` is here'
     _constraint, _interventions = '', 0
 
@@ -45,13 +43,6 @@ class AssuranceNode(CommandedNode):
     def listener(self) -> AbortMachine | None:
         """The abort table."""
         return self._stage.abort if self._stage is not None else None
-
-    def begin(self) -> None:
-        """Make the publisher of interventions, and start to listen."""
-        self._status = self.create_publisher(
-            DiagnosticStatus, ASSURANCE_STATUS, qos.of(interfaces.row_of(ASSURANCE_STATUS).qos)
-        )
-        super().begin()
 
     def new_run(self) -> None:
         """Forget the run before."""

@@ -9,7 +9,7 @@ node of the force controller, which assurance answers.
 from __future__ import annotations
 
 from rpo_core.stage import Place
-from rpo_ros.managed_node import PlaceNode
+from rpo_ros.place_node import PlaceNode
 
 
 class AttitudeControllerNode(PlaceNode):

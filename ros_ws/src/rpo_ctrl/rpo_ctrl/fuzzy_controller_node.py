@@ -25,12 +25,12 @@ from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import ZERO, Place
 from rpo_core.wire import interfaces
 from rpo_ros import health
-from rpo_ros.managed_node import ManagedNode
+from rpo_ros.stage_node import StageNode
 
 _ANY_TICK_S = 1.0
 
 
-class ControllerNode(ManagedNode):
+class ControllerNode(StageNode):
     """Answers states with the force of a controller; with zero force while inactive.
 
     node_name : of the node

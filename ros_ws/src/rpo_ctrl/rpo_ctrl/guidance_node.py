@@ -4,15 +4,13 @@
 
 from __future__ import annotations
 
-from diagnostic_msgs.msg import DiagnosticStatus
-
 from rpo_core.chain.chain import Chain, Signals
 from rpo_core.guidance.guidance import COMMANDS, GuidanceStage
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
 from rpo_core.wire import interfaces
-from rpo_ros import health, qos
-from rpo_ros.managed_node import CommandedNode
+from rpo_ros import health
+from rpo_ros.place_node import CommandedNode
 from rpo_ros.signals import to_status
 
 
@@ -30,14 +28,8 @@ class GuidanceNode(CommandedNode):
     off = 'the reference is the goal of the scenario'
 
     commands = COMMANDS
+    status = interfaces.GUIDANCE_STATUS
     deaf = 'no plan: the scenario is not known yet'
-
-    def begin(self) -> None:
-        """Make the publisher of phases, and start to listen."""
-        self._status = self.create_publisher(
-            DiagnosticStatus, interfaces.GUIDANCE_STATUS, qos.LATCHED
-        )
-        super().begin()
 
     @property
     def listener(self) -> GuidanceStage | None:

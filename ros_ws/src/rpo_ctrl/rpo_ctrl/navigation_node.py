@@ -11,7 +11,7 @@ from __future__ import annotations
 from rpo_core.chain.chain import Chain
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
-from rpo_ros.managed_node import PlaceNode
+from rpo_ros.place_node import PlaceNode
 
 _SENSORS = (Place.ATTITUDE_SENSOR, Place.SENSOR)
 _ESTIMATORS = (Place.ATTITUDE_ESTIMATOR, Place.ESTIMATOR)

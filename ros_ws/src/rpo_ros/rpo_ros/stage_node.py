@@ -1,20 +1,28 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The node that runs a part of the chain: subscribe, match by stamp, step once a tick, publish."""
+"""The node that runs a part of the chain: subscribe, match by stamp, step once a tick, publish.
+
+It is a managed (lifecycle) node. An inactive one answers every tick as if its stages were not in
+the chain (`Stage.off`): nav2's would say nothing, and in lockstep time would stop. `docs/faults.md`
+has the table of transitions.
+"""
 
 from __future__ import annotations
 
 import time
+import traceback
 from abc import abstractmethod
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from functools import partial
+from functools import partial, partialmethod
 from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.duration import Duration
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
 from rpo_core.chain.chain import Chain, Signals
+from rpo_core.files.validation import InputError
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import WITHOUT_COMMAND, ZERO, Signal, Stage
 from rpo_core.wire import interfaces
@@ -22,7 +30,9 @@ from rpo_core.wire.interfaces import current
 from rpo_core.wire.statuses import GONE, REFUSED, RUNNING, WAITING, RunStatus
 from rpo_ros import health, qos
 from rpo_ros.heartbeat import Pulse
+from rpo_ros.parameter_rows import AUTOSTART
 from rpo_ros.plant_scenario import PlantScenario
+from rpo_ros.rclpy_private import Lifecycle
 from rpo_ros.running import EXIT_BAD_INPUT, FlightNode
 from rpo_ros.signals import Outlet, hear, listen, to_status
 
@@ -127,6 +137,12 @@ class InputTimeout:
         return False
 
 
+SUCCESS, FAILURE, ERROR = (
+    TransitionCallbackReturn.SUCCESS,
+    TransitionCallbackReturn.FAILURE,
+    TransitionCallbackReturn.ERROR,
+)
+
 FOREIGN, LATE = 'foreign_stamp', 'late'
 _NOTHING: tuple[int, Signal] = (-1, ())
 
@@ -143,7 +159,7 @@ PATIENCE_S = 3.0
 """A plant that sends states for so long without a manifest has no scenario to publish."""
 
 
-class StageNode(FlightNode):
+class StageNode(Lifecycle, FlightNode):
     """Answers the inputs of each tick with the outputs of its stages, with the stamp of the inputs.
 
     A repeated input gets the same answer again. Where stages have memory, an input out of order
@@ -155,14 +171,26 @@ class StageNode(FlightNode):
     of a chaser that turns, whose plant says that in other axes, what was sent. A stage that may
     miss a command of this tick waits as long, once a run has begun.
 
+    Before its first activation it sends nothing, and a plant waits. After that it answers every
+    tick, without its stages while it is inactive. Each change in flight is an event on
+    `stage_status`; switched on again, stages begin anew. The subclass calls `start` when it is
+    ready.
+
     bare : whether its stages depend on no section of the scenario
+    off : what it does while inactive, for people
     chain : the stages, None until the scenario is known
+    active : whether it answers with its stages
+    answered_inactive : ticks answered while it was not
     """
 
     bare: ClassVar[bool] = False
+    off = ''
 
     def __init__(self, name: str, overrides: Mapping[str, Any] | None) -> None:
-        super().__init__(name, overrides)
+        FlightNode.__init__(self, name, overrides)
+        self.active = self._began = self._starting = False
+        self._cause: Exception | None = None
+        self.answered_inactive = 0
         self.chain: Chain | None = None
         self.answered = 0
         self.ignored: Counter[str] = Counter()
@@ -188,6 +216,19 @@ class StageNode(FlightNode):
         self._run = PlantScenario(
             self, self.values['scenario'], self._fly_in, self.refuse, self.bare
         )
+        Lifecycle.__init__(self)
+
+    def start(self) -> None:
+        """Configure and activate if it shall, and listen; raises the error of a transition."""
+        if self.values[AUTOSTART.name]:
+            self._starting = True
+            for trigger in (self.trigger_configure, self.trigger_activate):
+                if trigger() != SUCCESS:
+                    raise self._cause or RuntimeError('a lifecycle transition failed')
+            self._starting = False
+        self.begin()
+        if not self.active:
+            self.get_logger().info(f'unconfigured: `ros2 lifecycle set {self._full} configure`')
 
     def begin(self) -> None:
         """Start to listen; the subclass is ready."""
@@ -219,10 +260,34 @@ class StageNode(FlightNode):
         """Return the stages for a plant without a manifest; None: there are none."""
         return None
 
+    def configure(self) -> None:
+        """Load what it needs; raises InputError, after which the node stays unconfigured."""
+
+    def forget(self) -> None:
+        """Forget what was loaded."""
+
+    def switched(self) -> Sequence[str]:
+        """Return the names of the stages that are switched on and off."""
+        return self._stages()
+
     def step(self, tick: int, signals: Signals) -> None:
-        """Add the outputs of a tick to `signals`, which hold its inputs."""
-        if self.chain is not None:
-            self.chain.step(tick, signals)
+        """Add the outputs of a tick to `signals`, which hold its inputs.
+
+        As if the stages were not there when not active.
+        """
+        if self.active:
+            try:
+                if self.chain is not None:
+                    self.chain.step(tick, signals)
+                return
+            except Exception:  # after an error in a stage the plant still needs an answer
+                self.get_logger().error(f'no answer to {signals}: {traceback.format_exc()}')
+                self.last_tick = tick - 1
+                self.trigger_deactivate()
+        self.answered_inactive += 1
+        for link in self.chain.links if self.chain is not None else ():
+            outputs = link.stage.off(*(signals[name] for name in link.reads))
+            signals.update(zip(link.stage.outputs, outputs, strict=True))
 
     def after_answer(self, stamp_ns: int, signals: Signals) -> None:
         """Do the work that can wait until the answer is sent."""
@@ -251,7 +316,7 @@ class StageNode(FlightNode):
 
     def refusal(self) -> str:
         """Return why inputs get no answer now; '' if they get one."""
-        return ''
+        return '' if self._began else 'not_activated'
 
     def _fly_in(self, scenario: Scenario) -> None:
         """Take part in a run of a scenario; raises InputError."""
@@ -493,6 +558,8 @@ class StageNode(FlightNode):
                 self._waiting.pop(read, None)
         if self.chain is not None:
             self.chain.reset()
+        if self._began and not self.active:  # a new run may begin with an inactive node
+            self._publish_state('switched off before the run')
 
     def _on_run_status(self, status: RunStatus) -> None:
         for name in status.dropped:
@@ -514,15 +581,80 @@ class StageNode(FlightNode):
             outlet.publisher.wait_for_all_acked(_LAST_WORDS)
         self._stage_status.wait_for_all_acked(_LAST_WORDS)
 
+    @property
+    def _full(self) -> str:
+        return str(self.get_fully_qualified_name())
+
+    def _try(self, name: str, act: str, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Run a transition, a method of the node, and log its error: rclpy would hide it."""
+        self._cause = None
+        try:
+            getattr(self, act)()
+        except InputError as error:
+            self._cause = error
+            if not self._starting:  # at the start `run` logs it
+                self.get_logger().error(f'cannot {name}: {error}')
+            return FAILURE
+        except Exception as error:
+            self._cause = error
+            self.get_logger().error(f'{name} broke: {traceback.format_exc()}')
+            return ERROR
+        return SUCCESS
+
+    on_configure = partialmethod(_try, 'configure', 'configure')
+    on_activate = partialmethod(_try, 'activate', '_activate')
+    on_deactivate = partialmethod(_try, 'deactivate', '_deactivate')
+    on_cleanup = partialmethod(_try, 'clean up', '_forget')
+    on_shutdown = partialmethod(_try, 'shut down', '_end')
+
+    def on_error(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Become unconfigured after an error in a transition."""
+        self._forget()
+        return SUCCESS
+
+    def _activate(self) -> None:
+        """Answer with its stages from the next tick on."""
+        again, self.active, self._began = self._began, True, True
+        if again:
+            if self.chain is not None:
+                self.chain.reset()
+            self._publish_state('activated')
+
+    def _deactivate(self) -> None:
+        """Answer without its stages from the next tick on."""
+        self.active = False
+        self._publish_state('deactivated')
+        self.get_logger().warning(f'inactive: {self.off}')
+
+    def _publish_state(self, reason: str) -> None:
+        """Publish on `stage_status` the state of the stages and its first tick."""
+        state = 'active' if self.active else 'inactive'
+        for stage in self.switched():
+            self.publish_stage_status(stage, state, self.last_tick + 1, reason)
+
+    def _forget(self) -> None:
+        self.active = False
+        self.forget()
+
+    def _end(self) -> None:
+        """Send nothing more and end the process."""
+        self._forget()
+        self._began = False
+        self.done = True
+
     def health(self) -> health.Health:
-        """Return the health of this node for /diagnostics."""
+        """Return the health of this node for /diagnostics; also the state of the lifecycle."""
         ignored = {f'ignored_{kind}': count for kind, count in sorted(self.ignored.items())}
         values = {
+            'state': self.label,
             'answered': self.answered,
             'rate_hz': self._rate.per_s(self.answered),
             'command_age_s': health.age_s(self._answered_s),
             **ignored,
         }
+        if not self.active:
+            doing = self.off if self._began else 'silent'
+            return health.WARN, f'{self.label}: {doing}', values
         if self.plant_gone:
             return health.WARN, 'no states: the plant is gone', values
         troubles = [link.stage.trouble() for link in self.chain.links] if self.chain else []

@@ -8,7 +8,7 @@ from rpo_core.chain.chain import Chain, Link
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
 from rpo_core.world.disturbance import DisturbanceStage
-from rpo_ros.managed_node import PlaceNode
+from rpo_ros.place_node import PlaceNode
 
 
 class DisturbanceInjectorNode(PlaceNode):
