@@ -20,6 +20,7 @@ from rpo_core.kernels import jit
 from rpo_core.navigation import estimator
 from rpo_core.navigation.estimator import Estimator, EstimatorStage, gate
 from rpo_core.navigation.sensors import Sensors, across
+from rpo_core.wire.interfaces import NAVIGATION_COVARIANCE
 from rpo_core.world import cw
 
 POSITION = {
@@ -153,7 +154,7 @@ def test_it_is_the_filter_of_filterpy(case):
     flown = make(units, estimator=fields, ticks=200, **dict(*sections))
     turns = flown.section(Sensors).turn
     stage, later, short = (EstimatorStage(flown.section(Estimator), flown) for _ in range(3))
-    short.p.covariance = 0
+    short.take_unread([NAVIGATION_COVARIANCE])
     oracle, flight = (
         Oracle(flown, stage.p.start[:6]),
         fly(flown, PD),

@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import sys
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -94,9 +94,11 @@ def mixture(number: int) -> tuple[Scenario, AnyController]:
             continue
 
 
-def by_driver(scenario: Scenario, controller: AnyController) -> dict[str, bytes]:
-    """Return the signals of a flight by the driver."""
-    flown = Driver(Chain.of(scenario, controller)).fly(start_of(scenario), scenario.ticks)
+def by_driver(
+    scenario: Scenario, controller: AnyController, kept: Collection[str] | None = None
+) -> dict[str, bytes]:
+    """Return the signals of a flight by the driver: those that are kept, or all."""
+    flown = Driver(Chain.of(scenario, controller), kept).fly(start_of(scenario), scenario.ticks)
     return {name: np.ascontiguousarray(rows).tobytes() for name, rows in flown.items()}
 
 

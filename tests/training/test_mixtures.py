@@ -17,6 +17,7 @@ from mixtures import by_driver, by_steps, digest, mixture
 from rpo_core.attitude import target
 from rpo_core.chain.chain import Chain, start_of
 from rpo_core.chain.driver import Driver
+from rpo_core.chain.flight import JUDGED
 from rpo_core.control.controller import load_controller
 from rpo_core.guidance import legs, transfers
 from rpo_core.scenario.scenario import load_scenario
@@ -35,6 +36,7 @@ def test_mixed_sections_fly_the_same_bits_in_every_form(first, end):
             flown = mixture(number)
             made, stepped = by_driver(*flown), by_steps(*flown)
             assert [name for name in made if made[name] != stepped[name]] == [], number
+            assert by_driver(*flown, JUDGED).items() <= made.items(), number
             assert interpreted.stdout.readline() == f'{number} {digest(made)}\n', flown
 
 

@@ -11,7 +11,7 @@ in a module of your own (`rpo_core.plugins`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
@@ -110,6 +110,9 @@ class Stage:
 
     def reset(self) -> None:
         """Forget all earlier ticks: a flight begins."""
+
+    def take_unread(self, signals: Collection[str]) -> None:
+        """Learn what nobody reads or keeps of the signals of a flight: it need not be computed."""
 
     def take_event(self, tick: int, state: str) -> None:
         """Take a state of the stage that a log tells of, from a tick on (`stage_status`)."""

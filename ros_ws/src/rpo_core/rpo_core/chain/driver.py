@@ -40,10 +40,13 @@ class Driver:
             if current(name) == name and name not in self.places:
                 self.places[name] = self._place(name)
         made = list(self.places)
-        reads = (name for link in chain.links for name in link.reads)
+        reads = [name for link in chain.links for name in link.reads]
         earlier = list(dict.fromkeys(name for name in reads if current(name) != name))
         self.places |= {name: self._place(name) for name in (*earlier, NO_FORCE)}
         self._kept = [n for n in dict.fromkeys(chain.outputs) if kept is None or n in kept]
+        unread = {*chain.outputs}.difference(map(current, reads), self._kept)
+        for link in chain.links:
+            link.stage.take_unread(unread)
         self._before = self._of(name for name in self._kept if name in NEXT)
         self._after = self._of(name for name in self._kept if name not in NEXT)
         carried = [name for name in earlier if current(name) in made]

@@ -24,7 +24,7 @@ of the target puts it at that tick.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from math import sqrt
@@ -505,13 +505,13 @@ def estimate(tick: int, u: Any, p: Any, m: Any, y: Any) -> int:
     _settle(tick, p, m)
     if late:
         _look_ahead(tick, p, m)
-    wrong = 0
+    wrong = False
     for i in range(STATES):
-        row = m.p[i]
-        wrong += m.x[i] - m.x[i] != 0.0
-        for j in range(STATES):
-            wrong += row[j] - row[j] != 0.0
-    if wrong > 0:
+        row, rest = m.p[i], m.x[i] - m.x[i]
+        for j in range(i, STATES):
+            rest += row[j] - row[j]
+        wrong = wrong or rest != 0.0  # 0, or not a number
+    if wrong:
         _begin_again(tick, p, m)
     for i in range(6):
         y[i] = m.x[i]
@@ -713,6 +713,10 @@ class EstimatorStage(KernelStage):
         """Compute where the port is in a flight."""
         if self.p.at_port:
             self._port.write(self.p, 0, ticks + 1)
+
+    def take_unread(self, signals: Collection[str]) -> None:
+        """Leave the covariance of the newest tick out where nobody reads it."""
+        self.p.covariance = int(interfaces.NAVIGATION_COVARIANCE not in signals)
 
     def passes_on(self) -> tuple[int | Signal, ...]:
         """Return that the state is what the first sensor measured; all else is zero."""

@@ -99,11 +99,11 @@ def exponential(x: float) -> float:
     total = 1.0 + r * (1.0 + r * (1 / 2 + r * (1 / 6 + r * (1 / 24 + r * (1 / 120 + r * (
         1 / 720 + r * (1 / 5040 + r * tail)))))))
     # fmt: on
-    # By 2^k, exactly: bit by bit of k, so that it becomes SIMD.
+    # By 2^k, exactly, bit by bit of k.
     size, factor = abs(k), 2.0 if k > 0 else 0.5
-    for bit in range(10):
-        total *= factor if size >> bit & 1 else 1.0
-        factor *= factor
+    while size > 0:
+        total *= factor if size & 1 else 1.0
+        size, factor = size >> 1, factor * factor
     return total
 
 
