@@ -14,11 +14,10 @@ from rpo.analysis import assurance as counts
 from rpo.analysis import attack
 from rpo.analysis.assurance import quiet
 from rpo_core.assurance.guard import proof_of
-from rpo_core.assurance.kernels import open_margins
 from rpo_core.assurance.settings import Assurance
 from rpo_core.control.controller import load_controller
 from rpo_core.files.validation import InputError
-from rpo_core.scenario import overrides, scenario
+from rpo_core.scenario import scenario
 
 ASSURED = scenario.load_scenario('assured')
 
@@ -49,16 +48,6 @@ def test_an_attack_beyond_the_bounds_is_seen(monkeypatch):
     assert sum(result.total(attack.VIOLATED) for result in results) > 0
 
 
-def test_a_state_that_cannot_stop_is_counted_each_time():
-    """Ten metres a second towards the zone; a state at rest beside it changes nothing."""
-    proof, row = proof_of(ASSURED.section(Assurance), ASSURED), np.zeros(attack.COLUMNS)
-    world, rho = attack.world_of(ASSURED), proof.guard.keep_out_m + 20.0
-    for count, speed in ((1, -10.0), (2, -10.0), (2, 0.0)):
-        state = (rho, 0.0, 0.0, speed, 0.0, 0.0)
-        attack.judge(state, state, proof.guard, proof.guard, world, row)
-        assert row[attack.INFEASIBLE] == row[attack.TOO_FAST] == count
-
-
 @pytest.mark.parametrize('name', ['allround', pytest.param('paper_ga', marks=pytest.mark.slow)])
 @pytest.mark.parametrize('found', ['paper_training', 'paper_test', 'paper_test_phase'])
 def test_the_shipped_controllers_need_no_help(name, found):
@@ -76,36 +65,6 @@ def test_the_commands_say_what_they_find():
 
 
 # From where an abort is clear, as `rpo safety abort` counts it.
-
-GUARDED = scenario.load_scenario('guarded')
-
-
-def test_each_state_outside_is_counted_once_in_its_band():
-    machine = counts.machine_of(GUARDED)
-    plan = counts.of_flight(GUARDED, load_controller('allround'))[::5]
-    outside = [s for s in plan if np.linalg.norm(s[:3]) > 10.0]
-    found = counts.bands(machine, plan)
-    assert sum(band.states for band in found) == len(outside)
-    assert [band.clear for band in found][2:] == [band.states for band in found][2:]
-    assert all(band.clear <= band.states for band in found)
-    states, guard = counts.at_random(machine, 36, 3), machine.guard
-    open_set = [open_margins(state, guard.here_m, guard.here_m_s, guard) for state in states]
-    assert min(map(min, open_set)) >= 0.0
-    far = counts.bands(machine, states)
-    assert [band.states for band in far] == [6] * 6
-    assert far[-1].clear == 6
-
-
-@pytest.mark.every_landing
-def test_a_longer_failure_is_harder_to_leave_from():
-    states = counts.at_random(counts.machine_of(GUARDED), 60, 4)
-    worst = []
-    for seconds in ('0', '5', '30'):
-        machine = counts.machine_of(
-            overrides.load('guarded', [f'assurance.abort.stuck_s={seconds}'])
-        )
-        worst.append(min(band.margin_m for band in counts.bands(machine, states)))
-    assert worst[0] >= worst[1] > worst[2], worst
 
 
 def test_a_band_outside_the_domain_has_no_random_states_and_the_command_says_so():

@@ -9,9 +9,7 @@ import pytest
 from invoking import invoke
 from scipy.spatial.transform import Rotation
 
-from rpo.analysis.attack import NOT_FINITE, OWN, Hostile, Interceptor, wanted
 from rpo.analysis.attack_campaign import (
-    HOSTILE_KINDS,
     KINDS,
     RUNS,
     approach_of,
@@ -75,22 +73,6 @@ def test_no_command_turns_the_shipped_mission_beyond_what_is_proven(campaign):
     assert bounds.momentum < 0.2 < long.scenario.attitude.wheels.momentum_nms
     with pytest.raises(InputError, match='chaser_attitude_error_deg'):
         config.load('tumbling_docking', ['thrusters.delay_ticks=3'], runs=8)
-
-
-@pytest.mark.parametrize('kind', HOSTILE_KINDS)
-def test_hostile_commands_are_those_of_their_kind(kind):
-    """Those of `wanted`, from what is known and from the command of the tick before."""
-    random, since = np.random.default_rng(2), 3
-    words = random.integers(0, 2**31, 2).tolist()
-    stage, held = Interceptor(Hostile(kind, 0.5, words, since)), (0.0, 0.0, 0.0)
-    stage.reset()
-    for tick in range(9):
-        state, force = (tuple(random.normal(size=n).tolist()) for n in (6, 3))
-        if kind != OWN and tick >= since:
-            force = wanted(kind, tick - since, *words, state, held, 0.5)
-            held = (0.25, -0.5, 0.5) if kind == NOT_FINITE else force
-        own = tuple(random.normal(size=3)) if tick >= since and kind != OWN else force
-        np.testing.assert_array_equal(stage.step(tick, state, own), [force])
 
 
 PAPER = load_scenario('paper_test')

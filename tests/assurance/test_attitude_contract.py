@@ -93,13 +93,6 @@ def test_a_force_in_the_wrong_axes_is_off_by_the_sum(seed, degrees, share, in_ta
     assert np.linalg.norm(exerted - force) <= bound * size * (1.0 + 1e-9) + 1e-15
 
 
-def test_the_bound_is_reached():
-    settings = replace(LOOSE.section(Assurance), chaser_attitude_error_deg=10.0)
-    errors = errors_of(replace(settings, thrust_error=None), LOOSE)
-    turned = Rotation.from_euler('z', 10.0, degrees=True).apply([1.0, 0.0, 0.0])
-    assert np.linalg.norm(turned - [1.0, 0.0, 0.0]) == pytest.approx(errors.thrust)
-
-
 def test_the_turn_of_a_tick_is_counted():
     """Half a tick at 2 deg/s about each axis, the error, and what torque does in its delay."""
     limits = AttitudeLimits(rate_deg_s=2.0, known_deg=0.1)

@@ -4,17 +4,13 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from vehicles import drawn
 
 from rpo.analysis import attack
-from rpo_core import stage
-from rpo_core.assurance import guard, kernels
-from rpo_core.assurance.assumed import errors_of
 from rpo_core.assurance.assurance import AssuranceStage
 from rpo_core.assurance.guard import guard_of
 from rpo_core.assurance.kernels import approach_margins, at_port
@@ -23,10 +19,8 @@ from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.files.validation import InputError
 from rpo_core.judge.verdicts import ZONE_DEPTH, missed, verdicts
 from rpo_core.scenario import scenario
-from rpo_core.stage import Place, Section, Stage
 from rpo_core.thrusters.thrusters import Thrusters
 from rpo_core.world.disturbance import Disturbance
-from rpo_core.world.zones import Zone
 from rpo_sim.plant import Plant
 
 PAPER = scenario.load_scenario('paper_test')
@@ -139,14 +133,6 @@ def test_a_docked_chaser_is_in_no_zone(least_m_s, judged):
     assert bool(plant_of(flight)[0].entered) is judged
 
 
-def test_a_zone_is_seen_between_two_ticks():
-    """Past the target in a tick of 10 s, outside of the zone at both ends."""
-    zones = Zone(10.0)
-    states = np.array([[0.0, 0.0, 12.0, 0.0, 0.0, -2.4], [0.0, 0.0, -12.0, 0.0, 0.0, -2.4]])
-    assert zones.deepest_m(states, 10.0) == pytest.approx(10.0)
-    assert zones.deepest_m(states[:1], 10.0) == 0.0
-
-
 @pytest.mark.parametrize('start_m', [50.05, 50.8, 51.0, 51.2, 52.0, 60.0])
 def test_what_comes_before_the_first_force_is_counted(start_m):
     """20 ticks of 1 s under 0.05 N, 1 m nearer: starts were taken that came to 48.94 m of 50 m."""
@@ -179,15 +165,6 @@ def docking(**errors):
     return PAPER.equipped(Assurance(keep_out_m=10.0, corridor=WAY, **errors))
 
 
-def test_near_the_zone_an_error_of_position_is_one_of_the_closing_speed():
-    found = docking()
-    settings = found.section(Assurance)
-    near = AssuranceStage(settings, found).guard._replace(here_m=3.0, here_m_s=0.001)
-    turned = 2.0 * math.sin(0.5 * math.asin(3.0 / near.keep_out_m))  # of the line of sight
-    fastest = kernels.speed_limit(near.keep_out_m, near) + 0.001
-    assert guard._zone_push(near, settings)[0] >= 0.001 + fastest * turned
-
-
 def test_one_state_beyond_the_port_is_no_contact_for_the_rest_of_the_flight():
     found = docking()
     assured = AssuranceStage(found.section(Assurance), found)
@@ -217,28 +194,6 @@ def test_no_true_speed_at_the_port_is_above_its_limit():
     results = attack.attack(close, 2 * len(attack.KINDS) * 40, 2, 1500)
     assert sum(r.total(attack.CONTACTS) for r in results) > 3
     assert sum(r.total(attack.HARD) for r in results) == 0
-
-
-@dataclass(frozen=True)
-class Nudge:
-    """Settings of a stage of somebody else."""
-
-
-class NudgeStage(Stage):
-    """Passes a force on, changed by what nobody knows."""
-
-    name, inputs, outputs = 'nudge', ('command',), ('nudged_force',)
-
-
-@pytest.mark.parametrize('place', [Place.ASSURANCE, Place.LINK, Place.THRUSTERS])
-def test_a_stage_after_assurance_counts_as_an_unknown_thrust_error(monkeypatch, place):
-    section = Section('nudge', Nudge, place, lambda *_: NudgeStage())
-    monkeypatch.setitem(stage.sections(), 'nudge', section)
-    with pytest.raises(InputError, match=r'`assurance.thrust_error` is missing; section `nudge`'):
-        PAPER.equipped(Assurance(), Nudge())
-    found = PAPER.equipped(Assurance(thrust_error=0.1), Nudge())
-    assert errors_of(found.section(Assurance), found).thrust == 0.1
-    assert errors_of(Assurance(), PAPER).thrust == 0.0
 
 
 def test_the_corridor_ends_behind_the_port_in_the_middle_of_the_sphere():

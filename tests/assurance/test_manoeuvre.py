@@ -154,28 +154,6 @@ def test_what_is_clear_stays_out_whatever_is_stuck():
     assert np.abs(worst[clear] - RADIUS - margins[clear]).max() < 5.0
 
 
-def test_without_the_manoeuvre_they_would_not_be_clear():
-    """Silence while a thruster is stuck: the trial above can fail."""
-    states, worst = shell(200, 20.0, 60.0, 3), np.full(200, np.inf)
-    for axis, side in CASES:
-        push = np.zeros((200, 3))
-        push[:, axis] = side * LIMIT / MASS
-        pushed = np.concatenate([states, push], axis=1) @ moved_by(STUCK_S)
-        worst = np.minimum(worst, drifted(pushed, 0.0))
-    assert (worst < RADIUS).mean() > 0.05
-
-
-def test_a_stuck_thruster_matters():
-    """Of the velocities that are clear with sound thrusters, some are not with a stuck one."""
-    states = shell(100, 12.0, 25.0, 4)
-    sound = WORLD._replace(stuck_s=0.0)
-    lost = 0
-    for state in states.tolist():
-        wanted = manoeuvre.choose(tuple(state), RADIUS, STEP, sound).velocity_m_s
-        lost += manoeuvre.margin(tuple(state), wanted, STEP, WORLD, 0.0) < RADIUS
-    assert lost > 3
-
-
 @pytest.mark.parametrize('along', [-DRAG, DRAG])
 def test_two_bodies_with_drag_agree(along):
     """The drift after a manoeuvre by the nonlinear equation: clear too."""

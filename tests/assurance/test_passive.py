@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 from core_oracles import exact_step
 
-from rpo.analysis.assurance import silence
-from rpo.training.config import load_start
 from rpo_core.assurance import manoeuvre
 from rpo_core.scenario import scenario
 
@@ -60,15 +58,6 @@ def test_no_moment_is_missed(drag):
             )
             assert at <= 10.0 + 2e-3
     assert 0 < clear < 60 or drag
-
-
-def test_the_trained_controller_is_unprotected_in_most_flights():
-    """As known from another implementation: 196 of 216 flights, 36.5 % of the time beyond 15 m."""
-    flights, trained = scenario.load('paper_training'), load_start('trained')
-    found = silence(flights, trained, 5.0, 15.0, 2.0, (0.0, 0.0))
-    assert found.flights == 216
-    assert 190 <= found.unprotected <= 216
-    assert 0.25 < found.share < 0.5
 
 
 def test_the_moment_of_entry_is_not_passed_over():

@@ -7,13 +7,11 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-import gymnasium
 import numpy as np
 import pytest
 import yaml
 from scipy import optimize
 
-import rpo.training.gym
 from rpo.training.config import load_start
 from rpo_core.assurance import filters
 from rpo_core.assurance.assurance import AssuranceStage
@@ -94,21 +92,6 @@ def test_at_rest_and_without_a_zone_there_is_nothing_to_stop():
     assert filters.backup((0.0, 60.0, 0.0, 0.0, 0.0, 0.0), OPEN, guard) == (0.0, 0.0, 0.0)
 
 
-def test_the_stage_gives_the_bits_of_the_filter():
-    """It calls it with records."""
-    plain, random = ASSURED.equipped(Thrusters()), np.random.default_rng(6)
-    settings = plain.section(Assurance)
-    guard, stage = guard_of(settings, plain), AssuranceStage(settings, plain)
-    for mode in (0, 1) * 100:
-        state = (*random.uniform(-20, 20, 3).tolist(), *random.uniform(-0.3, 0.3, 3).tolist())
-        command, last = random.uniform(-0.6, 0.6, (2, 3)).tolist()
-        one = filters.assure(state, tuple(command), tuple(last), mode, plain.step, guard)
-        stage.m.mode, stage.m.force_n = mode, last
-        (force,) = stage.step(0, state, tuple(command))
-        m = stage.m
-        assert one == (*force, m.mode, m.acted, m.margin_m, m.margin_m_s)
-
-
 def test_the_slew_limit_is_kept_while_nothing_else_asks():
     stage = AssuranceStage(Assurance(keep_out_m=10.0, slew_n_s=0.1), PAPER)
     last = np.zeros(3)
@@ -117,27 +100,6 @@ def test_the_slew_limit_is_kept_while_nothing_else_asks():
         assert np.abs(np.subtract(force, last)).max() <= 0.01 + 1e-12
         last = np.array(force)
     assert last == pytest.approx([0.2, -0.2, 0.02])
-
-
-def test_a_learner_is_shielded():
-    """Gymnasium flies the chain: an agent of a scenario with the section cannot reach the zone."""
-    env = gymnasium.make(rpo.training.gym.ENVIRONMENT, scenario=PAPER.equipped(SURE))
-    env.reset(seed=1)
-    over, nearest, acted = False, math.inf, 0
-    while not over:
-        state = env.unwrapped._info()['state']
-        _, _, over, _, info = env.step(-state[:3] / np.linalg.norm(state[:3]))
-        nearest = min(nearest, np.linalg.norm(info['state'][:3]))
-        acted += info['constraint'] == 'keep_out'
-    assert nearest >= 10.0
-    assert acted > 40
-
-
-def test_a_late_thruster_is_part_of_the_stage():
-    late = PAPER.equipped(Thrusters(delay_ticks=3))
-    stage = AssuranceStage(SURE, late)
-    assert stage.memory_ticks is None
-    assert AssuranceStage(SURE, PAPER).memory_ticks == 0
 
 
 def test_thrusters_fire_what_was_assured_and_metrics_are_of_it():

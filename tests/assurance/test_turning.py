@@ -162,31 +162,6 @@ def test_no_hostile_command_leads_out_of_the_corridor(target):
     assert sum(result.total(attack.CONTACTS) for result in results) > 20
 
 
-@pytest.mark.parametrize('wrong', ['still', 'strong'])
-def test_an_attack_finds_what_lemma_5_would_leave_out(monkeypatch, wrong):
-    """Walls whose turning is not known, or that need stronger thrusters than there are."""
-    prove = attack.proof_of
-
-    def claimed(settings, base):
-        proof = prove(settings, base)
-        return proof._replace(walls=proof.walls._replace(wall_m_s2=0.1, doubt_m_s2=0.0))
-
-    class Unknown(Motion):
-        def frames(self, count):
-            frames = super().frames(count).copy()
-            frames[:, 9:] = 0.0
-            return frames
-
-    if wrong == 'strong':
-        monkeypatch.setattr(attack, 'proof_of', claimed)
-    else:
-        monkeypatch.setattr(attack, 'Motion', Unknown)
-    results = attack.attack(turned(replace(SPIN, rate_deg_s=1.0)), 400, 3, 500)
-    columns = attack.VIOLATED, attack.INFEASIBLE, attack.HARD
-    found = [sum(result.total(column) for result in results) for column in columns]
-    assert found[0] > 0 and found[1] > 0, found
-
-
 vectors = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
 
 
@@ -221,14 +196,6 @@ def test_the_turning_takes_no_more_than_its_bound(axis, tilt, rate, place, speed
     assert a[1] <= doubt
 
 
-def test_the_bound_is_not_far_from_what_happens():
-    """About an axis across the corridor, much of it is Coriolis at the largest speed."""
-    found = turned(replace(SPIN, axis=(0.0, 0.0, 1.0), attitude=(0.0, 0.0, 0.0, 1.0)))
-    walls, rate = proof_of(SETTINGS, found).walls, radians(0.7) - PAPER.mean_motion_rad_s
-    coriolis = 2.0 * rate * walls.top_m_s * (1.0 + WAY.slope)
-    assert coriolis < walls.doubt_m_s2 < 2.0 * coriolis
-
-
 def test_a_corridor_that_turns_too_fast_is_refused_with_the_rate_that_is_not():
     def at(rate):
         return turned(replace(SPIN, rate_deg_s=rate))
@@ -254,11 +221,6 @@ def test_a_leaning_corridor_is_within_all_that_are_turned_so_far(axis, share, pl
     x, y, z = Rotation.from_rotvec(angle * share * np.array(axis) / size).apply(point)
     assert max(abs(x), abs(z)) <= WAY.width_m + WAY.slope * max(y - WAY.port_m, 0.0)
     assert y >= WAY.port_m
-
-
-def test_an_attitude_is_known_no_better_than_the_scenario_has_it():
-    found = turned(LEANING)
-    assert proof_of(SETTINGS, found).walls.slope < 0.9 * WAY.slope
 
 
 class Tumbling:
@@ -337,27 +299,6 @@ def test_who_leaves_or_holds_in_the_corridor_stays_clear_of_its_walls(command):
     said = [change.state for change in stage.abort.changes]
     assert said == {'abort': ['aborting', 'drifting', 'warned'], 'hold': ['holding']}[command]
     assert (np.linalg.norm(state[:3]) > SETTINGS.keep_out_m) == (command == 'abort')
-
-
-def test_the_filter_is_the_one_that_is_attacked():
-    """With its numbers in records, as stages fly it: the same bits."""
-    found = turned(TUMBLE, delay=0)
-    stage, motion = AssuranceStage(SETTINGS, found), motion_of(TUMBLE, found)
-    proof, random, modes = proof_of(SETTINGS, found), np.random.default_rng(7), set()
-    for seen in at_the_walls(proof.walls, 200, 8):
-        tick = int(random.integers(0, 1990))
-        axes = motion.frame(tick), motion.frame(tick + 1)
-        state = moving_with(tuple(seen.tolist()), axes[0])
-        command, last = (tuple(random.uniform(-1, 1, 3).tolist()) for _ in range(2))
-        given = state, command, last, int(random.choice([OPEN, APPROACH, CONTACT]))
-        one = filters.assure_turning(*given, *axes, found.step, proof.guard, proof.walls)
-        stage.m.mode, stage.m.force_n = given[3], list(last)
-        (force,), m = stage.step(tick, state, command), stage.m
-        assert one == (*force, m.mode, m.acted, m.margin_m, m.margin_m_s)
-        plain = getattr(filters.assure_turning, 'py_func', filters.assure_turning)
-        assert one == plain(*given, *axes, found.step, proof.guard, proof.walls)
-        modes.add((one[3], one[4]))
-    assert len(modes) > 4
 
 
 def test_walls_that_do_not_turn_are_those_of_lvlh():

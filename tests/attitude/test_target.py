@@ -14,7 +14,6 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from rpo_core.attitude import attitude_kernels
 from rpo_core.attitude.target import (
     Motion,
     Target,
@@ -122,15 +121,6 @@ def test_what_is_known_of_the_target_is_turned_by_its_error_all_the_time():
     assert TUMBLE.known is TUMBLE
 
 
-def test_half_a_tick_later_is_between_both_ticks():
-    motion = motion_of(TUMBLE, APPROACH)
-    ends = np.array([motion.frame(700), motion.frame(701)])
-    middle = motion.frames(701, half=True)[700]
-    assert_allclose(middle, ends.mean(axis=0), atol=2e-4)
-    fine = motion_of(TUMBLE, replace(APPROACH, dt_s=0.05))
-    assert_allclose(middle, fine.frame(1401), atol=1e-12)
-
-
 def test_the_attitude_is_a_signal_with_w_of_one_sign():
     scenario = replace(APPROACH, duration_s=60.0).equipped(TUMBLE)
     flight = fly(scenario, OpenLoop(np.zeros((1, 3))))
@@ -177,22 +167,6 @@ def test_motions_together_are_those_of_each_and_their_largest_those_of_the_frame
         largest = [*np.abs(frames[:, 9:]).max(axis=0), rows.max()]
         np.testing.assert_array_equal(motion.largest(count), largest)
         np.testing.assert_array_equal(alone.largest(count), largest)
-
-
-def test_nodes_of_one_process_compute_the_motion_of_a_target_once(monkeypatch):
-    """Without numba each would take 3 s for that of tumbling_docking, twice."""
-    computed, compute = [], attitude_kernels.motions
-    monkeypatch.setattr(
-        attitude_kernels, 'motions', lambda *args: computed.append(args) or compute(*args)
-    )
-    one, other = (replace(TUMBLE, rates_deg_s=(0.125, -5.0, 9.0)) for _ in range(2))
-    for target in (one, other):
-        motion_of(target, APPROACH).largest(500)
-    assert one is not other and len(computed) == 1
-    zero, minus = (
-        motion_of(replace(one, attitude=(z, 0.0, 0.6, 0.8)), APPROACH) for z in (0.0, -0.0)
-    )
-    assert zero is not minus, 'the bits of their attitudes differ'
 
 
 @given(

@@ -4,8 +4,6 @@
 
 from __future__ import annotations
 
-import os
-
 import pytest
 from hypothesis import HealthCheck, settings
 
@@ -21,8 +19,7 @@ settings.register_profile(
     database=None,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
 )
-settings.register_profile('smoke', settings.get_profile('quick'), max_examples=5)
-settings.load_profile(os.environ.get('RPO_HYPOTHESIS_PROFILE', 'quick'))
+settings.load_profile('quick')
 
 
 @pytest.fixture(scope='session')

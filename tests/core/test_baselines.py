@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 from scipy.linalg import solve_discrete_lyapunov
 
 from rpo_core.chain.flight import fly
-from rpo_core.control import controller
 from rpo_core.control.baselines import Mpc, Pd, PotentialField, sliding_surface
 from rpo_core.control.controller import load_controller, load_fuzzy
 from rpo_core.files.validation import InputError
@@ -148,8 +147,3 @@ def test_numbers_are_within_their_ranges(name):
         for bad in (-1.0, 1e12):
             message = refusal('controller', changed(shipped, path, bad))
             assert f'`{path[-1]}` must be a finite number' in message and f'got {bad!r}' in message
-
-
-def test_a_file_may_say_that_it_is_fuzzy():
-    named = {**document('controller', 'handmade'), 'kind': 'fuzzy'}
-    assert controller.parse(named) == load_controller('handmade')

@@ -19,7 +19,6 @@ from rpo_core.chain.flight import Flight, fly
 from rpo_core.control import controller_file
 from rpo_core.control.baselines import Pd
 from rpo_core.control.controller import load_controller
-from rpo_core.control.controller_file import received
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
 from rpo_core.scenario import overrides
@@ -92,23 +91,6 @@ def test_blocks_of_ticks_have_the_bits_of_single_ones(name):
     memories = [link.stage.memory_ticks for link in chain.links]
     assert chain.memory_ticks == (None if None in memories else sum(memories))
     assert chain.counts_ticks == any(link.stage.counts_ticks for link in chain.links)
-
-
-@pytest.mark.parametrize('name', NAMES)
-def test_a_controller_answers_what_it_received(name):
-    scenario, controller, flight = flown(name)
-    known = rows_of(flight)
-    for tick in range(0, TICKS, 7):
-        signals = {key: tuple(rows[tick]) for key, rows in known.items()}
-        seen, on_top = received(scenario, signals)
-        force = np.add(controller.force_n(seen[:3], seen[3:], tick), on_top)
-        if scenario.compensated:
-            force -= signals[interfaces.ESTIMATED_DISTURBANCE]
-        assert tuple(force) == signals[CONTROL_FORCE]
-        if interfaces.REFERENCE_STATE in signals:
-            state = signals.get(interfaces.NAVIGATION_STATE, signals[RELATIVE_STATE])
-            relative = np.subtract(state, signals[interfaces.REFERENCE_STATE])
-            assert tuple(relative) == seen
 
 
 @pytest.mark.parametrize('name', ['apollo', 'docking_leo', 'paper_test', 'world_leo'])
@@ -236,28 +218,6 @@ def test_the_table_knows_topics_and_axes():
     for name, frame in (('approach', row.layout.texts[0]), ('tumbling_docking', row.also)):
         assert row.layout_in(load_scenario(name)).texts[0] == frame
     assert row.also != row.layout.texts[0] != ''
-
-
-def test_what_empties_the_wheels_is_computed_again():
-    """From its first tick on: the wheels have more than they are left with."""
-    base, controller, _ = flown('tumbling_docking')
-    wheels = replace(base.attitude.wheels, start_nms=(-0.06, 0.06, 0.05))
-    emptied = replace(base.named('unloading'), above_nms=0.045)
-    scenario = base.equipped(replace(base.attitude, wheels=wheels), emptied)
-    flight = fly(scenario, controller)
-    known = dict(flight.signals)
-    torque = known.pop(interfaces.UNLOADING_TORQUE)
-    again = replace(flight, signals=known, spent=None)
-    np.testing.assert_array_equal(again.signal(interfaces.UNLOADING_TORQUE), torque)
-    assert torque.any()
-    chain, signals = Chain.of(scenario, controller), start_of(scenario)
-    chain.reset()
-    for tick in range(TICKS):
-        chain.step(tick, signals)
-    thrusters = next(link.stage for link in chain.links if link.stage.name == 'thrusters')
-    assert again.thrust[2:] == flight.spent == thrusters.spent()
-    with pytest.raises(KeyError):
-        again.signal('nothing')
 
 
 def test_a_log_has_the_text_of_its_file_unless_that_names_others():

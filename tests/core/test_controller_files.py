@@ -27,13 +27,6 @@ def test_shipped_controllers_load_and_round_trip():
         assert (again.description, again.provenance) == (loaded.description, loaded.provenance)
 
 
-def test_handmade_is_odd_and_monotone(handmade):
-    rules = handmade.system.rules
-    assert rules.is_odd and rules.is_monotone and rules.is_transpose_symmetric
-    assert handmade.system.samples == 101
-    assert handmade.force_scale_n == 0.5
-
-
 positive = st.floats(1e-6, 1e6)
 
 

@@ -66,15 +66,6 @@ def test_discretisation_is_the_matrix_exponential(dt_s):
     np.testing.assert_allclose(got_b, b, rtol=1e-13, atol=1e-13)
 
 
-def test_step_is_the_matrices():
-    step = cw.discretise(LEO, MASS_KG, 7.0)
-    a, b = cw.matrices(step)
-    rng = np.random.default_rng(1)
-    for state, force in zip(rng.normal(size=(50, 6)), rng.normal(size=(50, 3)), strict=True):
-        got = cw.cw_step(tuple(state), tuple(force), step)
-        np.testing.assert_allclose(got, a @ state + b @ force, rtol=1e-13, atol=1e-14)
-
-
 def test_step_follows_scipy_under_piecewise_constant_forces():
     a, b = system_matrices(LEO, MASS_KG)
     dt_s = 10.0

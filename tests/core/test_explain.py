@@ -109,12 +109,6 @@ def test_rules_that_tie_decide_together(handmade):
     assert decision.reasons.sentence.count(', or position error is') == 2
 
 
-def test_saturated_errors_are_said(handmade):
-    decision = explain.decide(handmade, -500.0, 0.9)
-    assert (decision.position_error, decision.velocity_error) == (1.0, -1.0)
-    assert decision.position_saturated and not decision.velocity_saturated
-
-
 def test_without_a_rule_there_is_no_force(handmade):
     bare = replace(handmade.system, position=MembershipFunctions(0.1, 0.5, 0.6, 0.7, 0.8))
     decision = explain.decide(replace(handmade, system=bare), -0.3 * 70.0, 0.0)

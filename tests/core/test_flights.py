@@ -164,11 +164,3 @@ def test_a_flight_is_that_of_textbook_matrices():
         np.testing.assert_allclose(flight.saturated_forces_n[tick], told, rtol=1e-7, atol=1e-9)
         given = np.array(MATRIX) @ told + flown.disturbances_n[tick]
         state = a @ state + b @ given
-
-
-def test_perfect_hardware_flies_as_none():
-    controller = load_controller('handmade')
-    plain = fly(QUICK, controller)
-    perfect = fly(QUICK.equipped(Thrusters(), Navigation()), controller)
-    np.testing.assert_array_equal(perfect.states, plain.states)
-    np.testing.assert_array_equal(perfect.forces_n, plain.forces_n)

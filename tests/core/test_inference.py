@@ -33,12 +33,6 @@ def test_grades_are_the_triangles_of_the_definition(part, x):
     np.testing.assert_array_equal(part.grades(x), expected)
 
 
-def test_grades_keep_the_shape_of_their_argument():
-    assert TEXTBOOK.grades(0.25).shape == (5,)
-    assert TEXTBOOK.grades(np.zeros((3, 2))).shape == (3, 2, 5)
-    np.testing.assert_array_equal(TEXTBOOK.grades([0.25])[0], (0, 0, 0.5, 0.5, 0))
-
-
 @given(systems(samples=st.integers(1, 300).map(lambda half: 2 * half + 1)), unit, unit)
 def test_output_is_the_definition_for_any_number_of_samples(system, e, v):
     assert system.output(e, v) == pytest.approx(mamdani(system, e, v), abs=1e-14)

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from rpo_core.files.output import write_aside, write_text
-from rpo_core.files.validation import InputError
+from rpo_core.files.validation import InputError, missing_library
 from rpo_log.format.run import write_whole
 
 COMMAND = """
@@ -141,3 +141,14 @@ def test_a_draft_of_a_run_folder_is_not_left(tmp_path, monkeypatch):
     with pytest.raises(OSError, match='No space'):
         write_whole(tmp_path / 'SHA256SUMS', b'a')
     assert not list(tmp_path.iterdir())
+
+
+def test_it_is_said_how_to_install_the_one_library_that_rosdep_has_not(monkeypatch):
+    said = missing_library('mcap.reader')
+    assert said.startswith('the Python library mcap is missing: `python3 -m pip install ')
+    assert missing_library('rosbags.rosbag2').endswith('rosbags` installs it')
+    assert missing_library('rclpy') is None and missing_library(None) is None
+    for prefix, options in (('/own', 'install mcap'), ('/usr', '--break-system-packages mcap')):
+        monkeypatch.setattr(sys, 'prefix', prefix)
+        monkeypatch.setattr(sys, 'base_prefix', '/usr')
+        assert f'{options}`' in missing_library('mcap')

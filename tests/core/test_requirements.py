@@ -308,12 +308,6 @@ def test_angles_are_judged_at_the_first_contact(first, angle_deg):
     assert {v.key for v in unknown if v.holds is None} == set(IDSS) - set(list(IDSS)[:2])
 
 
-def test_without_requirements_nothing_is_judged():
-    flight = made_up(energy_n2s=1.0)
-    bare = replace(flight, scenario=replace(flight.scenario, requirements=None))
-    assert verdicts(bare) == []
-
-
 CONTACT = {'contact_range_m': 0.1, 'contact_closing_speed_m_s': 0.1}
 
 

@@ -125,15 +125,6 @@ def test_a_kind_that_does_not_say_how_it_scales_is_refused():
     assert similarity.hint(fly(scenario, drift), drift, 'x') == ''
 
 
-def test_how_much_harder_a_number_is():
-    authority, start = next(iter(similarity.HARDER)), similarity.START
-    assert similarity.factor(authority, 20.0, 5.0) == 4.0  # less force is harder
-    assert similarity.factor(start, 2.0, 5.0) == 2.5
-    assert [similarity.factor(start, *pair) for pair in ((None, 1.0), (1.0, 0.0))] == [None, None]
-    said = similarity.command('pd', 'my file.yaml', ['mass_kg=9.0'])
-    assert said == "rpo scale pd --scenario 'my file.yaml' --set mass_kg=9.0"
-
-
 def test_what_starts_at_its_goal_has_no_length_to_scale_by():
     paper = load_scenario('paper_test')
     here = replace(paper, goal_position_m=paper.initial_position_m)

@@ -132,18 +132,6 @@ def test_numbers_that_yaml_reads_as_text_are_explained(written):
     assert message.endswith(hints.get(written, f'got {written!r}'))
 
 
-def test_whole_numbers_are_numbers(paper_test):
-    content = text('mass_kg: 10.0', 'mass_kg: 10')
-    loaded = files.loads(content, scenario.parse, 'mine.yaml')
-    assert loaded == paper_test and isinstance(loaded.mass_kg, float)
-
-
-@pytest.mark.parametrize('content', ['', '# nothing\n', '[]', 'scenario', '3', 'null', '- a: 1'])
-def test_a_document_must_be_a_mapping(content):
-    message = refusal('scenario', content)
-    assert 'the document must be a mapping with schema, name, ' in message
-
-
 def test_kinds_are_told_apart():
     with pytest.raises(InputError, match='must be a single flight; paper_training is a set of 216'):
         scenario.load_scenario('paper_training')
@@ -228,12 +216,6 @@ def test_a_set_has_one_field_of_starts():
     box = {'least': [0.0, 0.0, 0.0], 'most': [1.0, 1.0, 1.0]}
     assert starts.parse(other, box) == starts.Box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
     assert starts.parse(starts.FIELDS[0], [1.0]) == starts.Grid.cube((1.0,))
-
-
-def test_the_farthest_of_a_set_is_the_one_that_is_rehearsed():
-    training = scenario.load_set('paper_training')
-    far = replace(training, starts=starts.Grid((1.0, -9.0, 4.0), (2.0, 3.0), (-1.0, 0.5)))
-    assert far.farthest == replace(training.base, initial_position_m=(-9.0, 3.0, -1.0))
 
 
 def test_changed_fields_are_those_of_a_file_with_them():

@@ -13,7 +13,6 @@ from references import assert_bits_of_the_stage
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.guidance.guidance import DOCKED, Guidance, GuidanceStage, Leg, nominal
-from rpo_core.guidance.transfers import at_port
 from rpo_core.judge import contact, metrics
 from rpo_core.judge.verdicts import verdicts
 from rpo_core.scenario.requirements import Requirements
@@ -81,13 +80,6 @@ LEGS = (
     Leg(name='b', kind='straight', to_m=(0.0, 40.0, 0.0), speed_m_s=0.2, end_speed_m_s=0.1),
     Leg(name='c', kind='transfer', to_m=(0.0, 30.0, 0.0), duration_s=61.7),
 )
-
-
-@pytest.mark.parametrize(
-    ('beyond_m', 'there'), [(-0.01, False), (0.0, True), (0.29, True), (0.31, False)]
-)
-def test_the_port_is_left_behind_after_the_length_that_is_asked(beyond_m, there):
-    assert at_port(1.0, 2.0 - beyond_m, 3.0, 1.0, 2.0, 3.0, 0.0, 1.0, 0.0, 0.3) == there
 
 
 @pytest.mark.parametrize('legs', [LEGS, LEGS[:2], LEGS[2:], None])

@@ -60,39 +60,6 @@ def test_a_flight_that_is_judged_is_that_of_the_chain(name):
         assert np.isclose(found.fastest_deg_s[index], rates.max(), rtol=1e-9)
 
 
-def test_noise_is_seen_and_limits_can_be_stricter():
-    draws = judge.judged_draws(40, seed=1)
-    settings = AttitudeControl(controller='attitude_pd')
-    plain = judge.Flights(draws).fly(settings)
-    noisy = judge.Flights(draws, 0.5, (0.05, 0.01)).fly(settings)
-    assert noisy.energy.mean() > plain.energy.mean()
-    assert (noisy.worst > plain.worst).all()
-
-
-def test_the_draws_that_judge_are_not_those_that_train():
-    trained, judged = judge.trained_draws(), judge.judged_draws(500)
-    assert not set(trained.inertias[:, 0, 0]) & set(judged.inertias[:, 0, 0])
-    moments = judged.inertias[:, [0, 1, 2], [0, 1, 2]] / np.diag(judge.INERTIA_KG_M2)
-    assert 0.9 <= moments.min() < 0.91 and 1.09 < moments.max() <= 1.1
-    assert np.abs(judged.rates_deg_s).max() <= 1.0
-    angles = np.degrees(2.0 * np.arccos(judged.attitudes[:, 3]))
-    assert angles.min() < 2.0 and angles.max() > 178.0
-
-
-def test_hard_slews_come_after_the_others_and_turn_about_an_axis():
-    plain, more = judge.trained_draws(), judge.trained_draws(40)
-    for a, b in zip(plain, more, strict=True):
-        np.testing.assert_array_equal(a, b[: len(a)])
-    half = more.attitudes[len(plain.attitudes) :]
-    assert len(half) == 40
-    angles = np.degrees(2.0 * np.arccos(half[:, 3]))
-    assert angles.min() >= 150.0 and angles.max() <= 180.0
-    turned = half[:, :3] / np.linalg.norm(half[:, :3], axis=1)[:, None]
-    largest = np.abs(turned).argmax(axis=1)
-    assert np.bincount(largest, minlength=3).min() >= 10
-    assert np.median(np.abs(turned).max(axis=1)) > 0.9
-
-
 def test_the_command_trains_and_a_resumed_training_has_its_bytes(tmp_path):
     given = ['train', '--attitude', '--workers', '1', *(f'--set={s}' for s in SHORT)]
     shown = invoke(*given, '--show')
@@ -139,21 +106,6 @@ def test_a_controller_that_is_never_so_fast_is_judged_at_its_own_best(paced):
     best = judge._settling_s(few, slow, row.time_scale)
     assert best < judge.FLIGHT_S - 1.0
     assert all(best < judge._settling_s(few, slow, row.time_scale * s) + 0.1 for s in (0.5, 2.0))
-
-
-def test_the_command_compares_them(paced):
-    done = invoke('compare', '--attitude', '--runs', 12, 'attitude_pd')
-    (row,) = judge.compared([attitude.load('attitude_pd')], judge.judged_draws(12))
-    assert done.exit_code == 0
-    assert all(cell in done.stdout for cell in row.cells)
-
-
-def test_the_command_explains_them():
-    done = invoke('explain', 'attitude_fuzzy', '--state=0.5,0,-1,0,0.01,0')
-    assert done.exit_code == 0 and 'attitude error' in done.stdout
-    axis = attitude.axis_of('attitude_fuzzy')
-    force = axis.force_n((0.5, 0.0, -1.0), (0.0, 0.01, 0.0))
-    assert f'{force[0]:.6f} N' in done.stdout
 
 
 @pytest.mark.slow

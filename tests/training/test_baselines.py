@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from campaign_documents import SHORT, write_campaign
+from campaign_documents import write_campaign
 from invoking import invoke
 from landing import rest_at_landing
 
@@ -16,7 +16,6 @@ from rpo.engine.cases import case_of_set
 from rpo.engine.search import Simulator
 from rpo.montecarlo import config, run_batch
 from rpo.montecarlo.outputs import put
-from rpo.training import tuning
 from rpo.training.tuning import BUDGET
 from rpo_core import files
 from rpo_core.chain.flight import fly
@@ -33,13 +32,6 @@ FAMILIES = ('more_words', 'time_to_go')
 
 
 # Bits.
-
-
-def test_a_campaign_refuses_ticks_that_the_law_does_not_count_by(tmp_path):
-    slow = tmp_path / 'slow.yaml'
-    slow.write_text(SHORT.replace('dt_s: 0.1', 'dt_s: 0.2'))
-    with pytest.raises(InputError, match=r'mpc counts ticks of 0\.1 s'):
-        config.load(write_campaign(tmp_path, controller='mpc', scenario=str(slow)))
 
 
 # The predictive controller.
@@ -97,12 +89,6 @@ def test_shipped_baselines_and_families_are_as_good_as_they_say():
         assert made['mean_energy_n2s'] == comparison.fitness.mean(rows[:, 0])
         assert made['starts_that_miss'] == {'speed': 0, 'slew': 0, 'arrival': 0}
         assert comparison.fitness.shares(rows).max() <= (0.97 if family else 1.0)
-
-
-def test_shipped_lqr_gains_are_those_of_its_weights():
-    lqr = load_controller('lqr')
-    gains = tuning.lqr_gains(lqr.model, lqr.position_weight, lqr.velocity_weight)
-    np.testing.assert_allclose(lqr.gains, gains, rtol=1e-9, atol=1e-12)
 
 
 # The comparison.
@@ -175,14 +161,6 @@ def test_a_kept_result_that_was_changed_is_computed_anew(text, tmp_path):
     (path,) = tmp_path.iterdir()  # a name is no way out of the folder
     path.write_text(path.read_text().replace('1.0', '9.0') if text is None else text)
     assert (kept(2.0), kept(3.0)) == (2.0, 2.0)
-
-
-def test_two_controllers_of_one_name_are_told_apart(tmp_path):
-    path = tmp_path / 'mine.yaml'
-    path.write_text(files.find('controller', 'drift').read_text())
-    names, campaign = ['drift', 'pd', str(path)], write_campaign(tmp_path)
-    compared = comparison.Comparison(names, tmp_path, campaign, lambda *_: '')
-    assert compared.labels == ['drift', 'pd', f'drift ({path})']
 
 
 def test_a_table_goes_between_its_marks_only(tmp_path):

@@ -8,12 +8,10 @@ import re
 import subprocess
 import time
 
-import numpy as np
 import pytest
 from invoking import invoke
 
 from rpo.cli import bench
-from rpo_core.files.validation import InputError
 
 ROWS = [
     bench.Row('P1', 'inference', 2.0, '4/s', '1/s', 4.0),
@@ -32,36 +30,6 @@ def test_the_page_keeps_its_text_and_has_the_last_table_and_every_run_is_kept(tm
     assert text.startswith('# Speed\n\nBefore.\n') and text.endswith('\nAfter.\n')
     assert text.count('| P1 | inference | ≥ 2 × | 4/s | 1/s | 4 × | held |') == 1
     assert text.count('| P2 | training | ≥ 1.6 × | 2 s | 3 s | 1.5 × | MISSED |') == 1
-
-
-def test_times_of_a_flight_are_the_plants():
-    said = (
-        '[INFO] [100.250000000] [plant]: waiting for control_force\n'
-        '[INFO] [101.000000000] [plant]: flying paper_test\n'
-        '[INFO] [103.500000000] [plant]: finished at 400 s: 0.07 m\n'
-    )
-    assert bench.ticks_per_s(said, 'paper_test') == 1600.0
-    with pytest.raises(InputError, match='no times of the flight'):
-        bench.ticks_per_s(said.splitlines()[1], 'paper_test')
-
-
-@pytest.mark.parametrize(
-    'speeds', [[1.0, 1.0, 1.0, 1.0, 0.1, 0.1, 0.1], [1.0 - 0.05 * k for k in range(7)]]
-)
-def test_a_flight_and_the_peer_take_turns(speeds, monkeypatch):
-    """A machine that becomes ten times slower, or slower all the time: the median ratio stays."""
-    left = iter(speeds)
-    monkeypatch.setattr(bench, 'ping_pong', lambda: 1000.0 * next(left))
-    rate, trips, ratio = bench.in_turns(lambda: 2000.0 * next(left), 3)
-    assert rate == 2000.0 * sorted(speeds[1::2])[1]
-    assert trips == pytest.approx(1000.0 * np.median(speeds[::2]))
-    assert ratio == pytest.approx(2.0)
-
-
-def test_without_ros_it_says_what_to_do(monkeypatch):
-    monkeypatch.setenv('AMENT_PREFIX_PATH', '')
-    with pytest.raises(InputError, match=r'source ros_ws/env\.bash'):
-        bench.ping_pong()
 
 
 def test_a_stopped_benchmark_leaves_no_node(tmp_path, monkeypatch):
@@ -87,9 +55,3 @@ def test_the_parts_are_measured_beside_their_peers():
         result = invoke('bench', *words.split())
         assert result.exit_code == 0, result.output
         assert re.search('held|MISSED', result.output)
-
-
-@pytest.mark.slow
-def test_the_ros_loop_is_measured(monkeypatch):
-    row = next(bench.rows('ros', 1, 1, 1))
-    assert 0.0 < row.ratio < 10.0

@@ -10,14 +10,11 @@ import pytest
 from campaign_documents import EVERYTHING
 from scipy import stats
 
-from rpo.montecarlo import config, in_python, judging, run_batch, sampling, statistics, variations
+from rpo.montecarlo import config, in_python, run_batch, sampling, statistics
 from rpo.montecarlo.variations import thrust_matrix
 from rpo_core.control.controller import load_controller
 from rpo_core.control.controller_file import ControllerStage
 from rpo_core.kernels.jit import COMPILED
-from rpo_core.navigation.estimator import Estimator
-from rpo_core.navigation.sensors import Sensor, Sensors
-from rpo_core.scenario.scenario import load_scenario
 from rpo_core.thrusters.thrusters import rotation
 
 
@@ -135,43 +132,3 @@ def test_quantiles_are_those_of_the_values_also_where_some_are_infinite():
     assert statistics.spread('x', 's', values).quantiles == (500.0, 950.0, np.inf)
     few = np.array([1.0, 2.0, np.inf])
     assert statistics.spread('x', 's', few).quantiles == (2.0, np.inf, np.inf)
-
-
-def test_what_runs_never_do_is_said_in_words():
-    """The run that is the worst is the one that ends farthest, not the first."""
-    values, ends = np.array([np.inf, 0.1, np.inf, 0.2]), np.array([1.0, 9.0, 3.0, 2.0])
-    found = statistics.spread('contact_lateral_speed_m_s', 'm/s', values, ends)
-    closing = statistics.spread('contact_closing_speed_m_s', 'm/s', values, ends)
-    assert (found.never, found.worst_run) == (2, 2)
-    assert statistics.cells(found) == ['–', 'never', 'never', 'never', 'never', '2']
-    assert statistics.nevers([found, closing], 4) == ['2 of 4 never touch']
-    arrival = statistics.spread('arrival_time_s', 's', values[:2], ends[:2])
-    assert statistics.nevers([arrival], 2) == ['1 of 2 never arrives']
-    known = statistics.spread('energy_n2s', 'N^2 s', values[1::2], ends[:2])
-    assert statistics.cells(known)[0] == '0.15' and statistics.nevers([known], 2) == []
-
-
-def test_a_campaign_shows_what_is_required_or_judged(loaded):
-    required = {'slew_per_axis_n_s': 1.0, 'energy_n2s': 9.0}
-    campaign = loaded(required=required, success={'slew_per_axis_n_s': 1.0})
-    assert list(judging.figures(campaign)) == ['energy_n2s', 'slew_per_axis_n_s']
-    said = judging.sentence(campaign)
-    assert said.endswith('NOT judged: energy; no limit on arrival, end state)'), said
-    share = loaded(success={'hold_force_per_disturbance': 1.0})
-    assert list(judging.figures(share)) == ['hold_force_per_axis_n', 'disturbance_level_n']
-
-
-def test_limits_are_in_the_order_in_which_a_flight_comes_to_them():
-    names = [
-        'energy_n2s', 'final_error_norm_m', 'hold_force_per_axis_n', 'contact_rate_deg_s',
-        'slew_per_axis_n_s', 'keep_out_depth_m', 'arrival_time_s',
-    ]  # fmt: skip
-    assert judging.in_flight(names) == [names[i] for i in (5, 4, 3, 6, 2, 1, 0)]
-
-
-def test_a_run_of_which_nothing_is_drawn_has_the_sensors_of_the_scenario():
-    sensors, estimator = Sensors((Sensor('relative_position', 0.05),)), Estimator(noise_scale=1.5)
-    equipped = load_scenario('approach').equipped(sensors, estimator)
-    draw = variations.Draw({}, {}, (3, 4))
-    assert variations.sensors(equipped, draw) == replace(sensors, noise_key=(3, 4))
-    assert variations.estimator(equipped, draw).noise_scale == 1.5

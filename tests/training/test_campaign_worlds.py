@@ -15,13 +15,12 @@ from kept import assert_kept, digits
 from scipy import stats
 
 from rpo.montecarlo import config, faults, run_batch
-from rpo.montecarlo.execution import sweep
 from rpo.montecarlo.quantities import QUANTITIES
 from rpo.montecarlo.run_batch import fly_runs
 from rpo.montecarlo.sampling import draw
 from rpo_core.assurance.settings import Assurance, Passage
 from rpo_core.assurance.shaping import Shaping
-from rpo_core.attitude.chaser import Chaser, Unloading, UnloadingStage, Wheels
+from rpo_core.attitude.chaser import Chaser, Wheels
 from rpo_core.attitude.pointing import Pointing
 from rpo_core.attitude.target import Target
 from rpo_core.control.attitude import AttitudeControl, FuzzyAttitude
@@ -56,7 +55,6 @@ WORLD = {
     'sensor_bias_x_m': {'normal': 0.02},
 }
 LEO = replace(scenario.load_scenario('world_leo'), duration_s=12.0)
-ELLIPTIC = replace(scenario.load_scenario('world_elliptic'), duration_s=12.0)
 PLAIN = replace(scenario.load_scenario('approach'), duration_s=12.0)
 FIRING = Thrusters(
     pulses=Pulses(count=6, modulation='pulse_width', minimum_on_time_s=0.01),
@@ -100,15 +98,6 @@ CAMERA = Sensor(
     'range_bearing', noise_share=0.01, bearing_noise_rad=0.002, boresight=(0.0, -1.0, 0.5),
     field_of_view_rad=2.2, latency_ticks=1, bias_m=(0.1, 0.0, 0.0), body_fixed=True,
 )  # fmt: skip
-LIDAR = Sensor(
-    'range_bearing', 0.02, 0.01, 0.002, latency_ticks=2, dropout_share=0.2, outlier_share=0.1,
-    outlier_size_m=50.0, bias_m=(0.1, 0.0, -0.2), bias_walk_m_s0_5=0.01, scale_error=0.01,
-)  # fmt: skip
-BEARING = Sensor('bearing', bearing_noise_rad=0.003, period_ticks=3, field_of_view_rad=1.2)
-RADIO = Sensor(
-    'relative_position', 0.05, 0.01, velocity_floor_m_s=0.003, velocity_share_1_s=1e-4,
-    latency_ticks=5, period_ticks=2, outages_s=((2.0, 4.0),),
-)  # fmt: skip
 LOOKING = Pointing(mate=(0.1, 0.2, 0.3, 0.9), port_m=(0.0, 1.0, 0.0), align_within_m=2.0)
 TURNED = {'contact_angle_deg': 4.0, 'contact_rate_deg_s': 0.2}
 OF_CHASER = [name for name in QUANTITIES if name.startswith(('chaser_', 'wheel_'))]
@@ -134,29 +123,12 @@ PORT = replace(
     duration_s=140.0,
     sections=(IN, Target(kind='tumble', rates_deg_s=(0.3, 0.4, 1.0), inertia_kg_m2=LONG)),
 )
-GUARDED = replace(scenario.load_scenario('world_leo'), duration_s=30.0)
-DOCKING = replace(
-    scenario.load_scenario('tumbling_docking'),
-    initial_position_m=(0.1, 4.0, -0.1), initial_velocity_m_s=(-0.06, 0.0, 0.02),
-)  # fmt: skip
 CASES = {
     'leo': (LEO, WORLD),
     'measured and shaped': (
         MEASURED.equipped(Shaping(0.05, 0.001)),
         {name: {d.distribution: list(d.spread) if len(d.spread) > 1 else d.spread[0]}
          for name, d in AS_FLOWN.items()},
-    ),
-    'linear': (replace(PLAIN, sections=(replace(ELLIPTIC.dynamics, kind='linear_elliptic', j2=False,
-                                                eccentricity=0.01),)), SOME),
-    'propellant alone': (
-        PLAIN.equipped(Thrusters(propellant=LEAK)),
-        {**SOME, 'thrust_share': {'normal': 0.02}, 'misalignment_deg': {'normal': 1.0},
-         'delay_ticks': {'whole': 2}},
-    ),
-    'a target that tumbles': (
-        TURNING.equipped(Target(kind='tumble', rates_deg_s=(3.0, 9.0, 6.0), inertia_kg_m2=LONG)),
-        {**SOME, 'target_rate_share': {'uniform': 0.5}, 'target_attitude_z_deg': {'uniform': 180.0},
-         'target_rate_x_deg_s': {'normal': 1.0}, 'target_known_error_y_deg': {'normal': 0.5}},
     ),
     'a target that spins': (
         TURNING.equipped(Target(kind='spin', axis=(1.0, 2.0, 3.0), rate_deg_s=5.0)), SOME,
@@ -176,10 +148,6 @@ CASES = {
         {**SOME, 'thrust_share': {'normal': 0.02}, 'misalignment_deg': {'normal': 1.0},
          'delay_ticks': {'whole': 2}, 'stuck_off_thruster': {'whole': 15}},
     ),
-    'a table whose failures are known, true gravity': (
-        ELLIPTIC.equipped(Thrusters(table=replace(QUADS, finds_failures=True))),
-        {**SOME, 'stuck_off_thruster': {'whole': 15}},
-    ),
     'a camera on a chaser that estimates its attitude': (
         PLAIN.equipped(
             FREE, AttitudeControl(controller='attitude_pd'), STARS, AttitudeEstimator(),
@@ -189,98 +157,12 @@ CASES = {
          'gyro_bias_y_rad_s': {'normal': 1e-4}, 'attitude_error_z_deg': {'normal': 0.5},
          'sensor_noise_share': {'uniform': 0.3}},
     ),
-    'cameras that look at the port of a target that tumbles': (
-        replace(PORT, duration_s=40.0).equipped(
-            FREE, AttitudeControl(controller='attitude_pd'), STARS, AttitudeEstimator(),
-            Sensors(
-                (replace(CAMERA, looks_at='port', field_of_view_rad=3.0),
-                 Sensor('bearing', bearing_noise_rad=0.01, looks_at='port', latency_ticks=2),
-                 Sensor('relative_position', noise_floor_m=0.5)),
-                port_m=(0.1, 1.0, 0.3),
-            ),
-            Estimator(),
-        ),
-        {**SOME, 'target_attitude_x_deg': {'normal': 5.0},
-         'target_known_error_y_deg': {'normal': 2.0}},
-    ),
-    'assurance that follows the spread of a filter, and loses the port': (
-        replace(DOCKING, duration_s=25.0).equipped(
-            replace(DOCKING.section(Sensors), units=tuple(
-                replace(unit, outages_s=((3.0, 16.0),)) for unit in DOCKING.section(Sensors).units
-            )),
-            replace(DOCKING.named('guidance'), legs=(
-                replace(DOCKING.named('guidance').legs[0], to_m=(0.0, 2.0, 0.0), duration_s=20.0),
-                DOCKING.named('guidance').legs[1],
-            )),
-            replace(DOCKING.attitude, attitude=(0.0, 0.0, 0.0, 1.0)),
-        ),
-        {'initial_position_m': {'uniform': 0.2}, 'target_known_error_y_deg': {'normal': 0.3},
-         'delay_ticks': {'whole': 2}},
-    ),
-    'a sphere, and a filter whose spread grows': (
-        GUARDED.equipped(
-            Assurance(keep_out_m=15.0, position_error_m=0.5, velocity_error_m_s=0.02,
-                      disturbance_n=0.02, thrust_error=0.1, sigmas=5.0),
-            replace(GUARDED.section(Estimator), thrust_noise_s0_5=0.05),
-        ),
-        SOME,
-    ),
     'a chaser that looks at a port that tumbles': (
         replace(PORT.equipped(STEERED, LOOKING, AttitudeControl(controller=FUZZY)),
                 requirements=replace(CONTACT, contact_range_m=9.0, **TURNED)),
         {**SOME, **{name: {'uniform': 0.3} for name in OF_CHASER},
          'target_attitude_x_deg': {'normal': 5.0}, 'target_known_error_y_deg': {'normal': 0.5}},
     ),
-    'a chaser that looks at a port of LVLH': (
-        replace(PLAIN.equipped(FREE, LOOKING), requirements=Requirements(
-            contact_range_m=99.0, **TURNED)),
-        {**SOME, 'chaser_rate_x_deg_s': {'normal': 0.1}},
-    ),
-    'a chaser that is steered within limits': (
-        PLAIN.equipped(
-            replace(STEERED, wheels=Wheels(torque_nm=2.0, momentum_nms=10.0)),
-            AttitudeControl(controller=FUZZY, limits=AttitudeLimits(
-                rate_deg_s=3.5, angle_deg=8.0, disturbance_nm=0.001)),
-        ),
-        {**SOME, 'chaser_rate_x_deg_s': {'uniform': 0.3}},
-    ),
-    'a chaser whose wheels are emptied': (
-        PLAIN.equipped(
-            replace(STEERED, wheels=Wheels(torque_nm=0.5, momentum_nms=1.0)),
-            Unloading(above_nms=0.05, torque_nm=0.1), AttitudeControl(controller='attitude_pd'),
-            Thrusters(table=ThrusterTable(preset='corners_24', force_n=0.2)),
-        ),
-        {**SOME, 'misalignment_deg': {'normal': 1.0}, 'wheel_start_x_share': {'uniform': 0.1}},
-    ),
-    'a chaser that is steered by its thrusters': (
-        PLAIN.equipped(
-            FREE, AttitudeControl(controller='attitude_pd', limit_nm=0.05),
-            Thrusters(table=QUADS, propellant=LEAK),
-        ),
-        {**SOME, 'thrust_share': {'normal': 0.02}, 'misalignment_deg': {'normal': 1.0}},
-    ),
-    'three sensors of different latency, with gaps and outliers': (
-        PLAIN.equipped(
-            Sensors((LIDAR, BEARING, RADIO)),
-            Estimator(disturbance_sigma_n=0.01, disturbance_walk_n_s0_5=1e-3, delay_ticks=2,
-                      restart_after=2, restart_velocity_sigma_m_s=0.1),
-        ),
-        {**SOME, 'delay_ticks': {'whole': 2}},
-    ),
-    'a filter without a gate': (
-        PLAIN.equipped(Sensors((replace(LIDAR, latency_ticks=0),)), Estimator(gate_sigmas=0.0)),
-        SOME,
-    ),
-    'short pulses, and tanks that get empty': (
-        PLAIN.equipped(Thrusters(
-            table=ThrusterTable(preset='corners_24', force_n=0.2, minimum_impulse_bit_n_s=0.02,
-                                modulation='pulse_width', failures=(
-                                    Failure(thruster='x+a', stuck='off', until_s=4.0),)),
-            propellant=Propellant(mass_kg=2e-3, specific_impulse_s=70.0),
-        )),
-        {**SOME, 'stuck_off_thruster': {'whole': 23}},
-    ),
-    'pulses about a circle': (PLAIN.equipped(FIRING), {**SOME, 'stuck_off_thruster': {'whole': 5}}),
 }  # fmt: skip
 
 
@@ -300,17 +182,6 @@ def test_runs_in_every_world_end_as_the_list_says(loaded):
     assert_kept(Path(__file__).with_name('expected') / 'worlds.txt', flown_lines(loaded))
 
 
-SHOWN = (
-    'leo',
-    'measured and shaped',
-    'a camera on a chaser that estimates its attitude',
-    'a chaser that looks at a port that tumbles',
-    'a table of thrusters',
-    'a target that spins',
-    'a corridor that turns',
-)
-
-
 def drawn_lines(loaded):
     """Yield quantities, then the lines that each changes in the file of a run's scenario."""
     for name, quantity in QUANTITIES.items():
@@ -319,8 +190,8 @@ def drawn_lines(loaded):
         yield f'{name}{needed}: {quantity.components} {ways} <= {quantity.most:g} {quantity.unit}'
     sizes = {'delay_ticks': 1.0, 'stuck_off_thruster': 1.0, 'orbit_radius_m': 1000.0}
     seen = set()
-    for case in SHOWN:
-        flown, spreads = CASES[case][0], {}
+    for case, (flown, _) in CASES.items():
+        spreads = {}
         for name, quantity in QUANTITIES.items():
             acts = quantity.need is None or quantity.need.is_met(flown)
             if acts and not (name.startswith('navigation') and flown.named('sensors')):
@@ -369,12 +240,6 @@ def test_a_run_has_the_same_draws_alone_and_beside_other_dispersions(way, loaded
     assert way == 'random' or strata.tolist() == list(range(45))
 
 
-def test_every_thruster_sticks(loaded):
-    campaign = loaded(LEO, dispersions={'stuck_off_thruster': {'whole': 11}}, runs=200)
-    stuck = draw(campaign, 0, 200).column('stuck_off_thruster')
-    assert set(stuck) == set(range(12))
-
-
 @pytest.mark.parametrize(
     ('flown', 'dispersions', 'said'),
     [
@@ -415,13 +280,6 @@ def test_what_thrusters_spend_is_judged_as_the_verdict_of_each_flight(loaded):
     assert all((named[name] == columns[name]).all() for name in limits)
     with pytest.raises(InputError, match='needs thrusters with'):
         loaded(PLAIN, dispersions=SOME, success=limits)
-
-
-def test_an_empty_tank_ends_the_thrust(loaded):
-    campaign = loaded(PLAIN.equipped(Thrusters(propellant=LEAK)), dispersions=SOME, runs=3)
-    columns = fly_runs(campaign, 0, 3)
-    assert (columns['propellant_kg'] == LEAK.mass_kg).all()
-    assert 'valve_openings' not in columns
 
 
 def test_a_run_that_no_scenario_allows_is_named(loaded):
@@ -532,21 +390,6 @@ def test_it_is_what_the_free_running_plant_does(loaded):
     assert plant.state == tuple(run_batch.fly_run(campaign, 3).states[-1])
 
 
-def test_thrusters_empty_the_wheels_by_the_torques_that_acted(loaded):
-    """As the plant, which never sees those that were lost."""
-    emptied = CASES['a chaser whose wheels are emptied'][0]
-    spread = {'wheel_start_x_share': {'uniform': 0.1}}
-    campaign = loaded(emptied, faults=LOSSY, success=None, dispersions=spread)
-    flight = flown_alone(campaign, 0, 39)[-1]
-    flown = run_batch.scenario_of(campaign, 39)
-    torques, made = flight.signals['body_torque'], flight.signals['unloading_torque']
-    plant = UnloadingStage(flown.named('unloading'), flown)
-    assert made.tolist() == [
-        list(plant.step(k, tuple(t))[0]) for k, t in enumerate(torques.tolist())
-    ]
-    assert made.any()
-
-
 @pytest.mark.parametrize('name', faults.SHARES)
 def test_every_fault_changes_the_flight_by_its_share(name, loaded):
     campaign = loaded(dispersions={}, faults={name: 0.4})
@@ -569,23 +412,6 @@ def test_a_run_with_faults_is_no_scenario(tmp_path, write):
     done = invoke('campaign', write(faults=LOSSY), '--run', 3, '--export', tmp_path / 'x.yaml')
     assert done.exit_code == 2 and 'message faults' in done.stderr.splitlines()[-1]
     assert not (tmp_path / 'x.yaml').exists()
-
-
-@pytest.mark.slow
-def test_the_sweep_finds_where_it_no_longer_docks(loaded):
-    plain = fly_runs(loaded(dispersions={}), 0, 1)
-    drift = fly_runs(loaded(dispersions={}, faults={'state_loss': 1.0}), 0, 1)
-    limit = float(plain['mean_error_norm_m'][0] + drift['mean_error_norm_m'][0]) / 2
-    success = {'mean_error_norm_m': limit}
-    campaign = loaded(dispersions={}, success=success, runs=20)
-    rows = list(sweep(campaign, 20, 'lost'))
-    assert [row.percent for row in rows] == list(range(0, 101, 10))
-    assert rows[0].alone.kept == 20 and rows[-1].alone.kept == 0
-    for percent, alone in ((row.percent, row.alone.kept) for row in rows[1:-1:4]):
-        share = percent / 100
-        lossy = {'state_loss': share, 'force_loss': share}
-        again = loaded(dispersions={}, success=success, runs=20, faults=lossy)
-        assert (fly_runs(again, 0, 20)['mean_error_norm_m'] <= limit).sum() == alone
 
 
 # A run whose numbers run out of range.

@@ -219,12 +219,6 @@ def test_a_killed_scheduler_is_one_sentence_and_the_work_goes_on_elsewhere(work,
 
 
 @pytest.mark.slow
-def test_a_local_cluster_gives_the_same_bytes(work, alone, tmp_path):
-    work.run(tmp_path / 'f', 'local')
-    assert (work.came, contents(tmp_path / 'f')) == alone
-
-
-@pytest.mark.slow
 @pytest.mark.skipif(shutil.which('openssl') is None, reason='openssl is not installed')
 def test_with_tls_only_who_has_the_key_takes_part(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

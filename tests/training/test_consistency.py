@@ -22,7 +22,7 @@ from rpo_core.attitude.chaser import Chaser
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.validation import InputError
-from rpo_core.navigation.attitude_estimator import AttitudeEstimator, attitude_filter_of
+from rpo_core.navigation.attitude_estimator import AttitudeEstimator
 from rpo_core.navigation.attitude_sensors import AttitudeSensors, Gyro, StarTracker
 from rpo_core.navigation.estimator import Estimator
 from rpo_core.navigation.sensors import Sensors
@@ -96,30 +96,6 @@ def test_an_attitude_filter_is_consistent(flown, runs, outage):
     assert found.correlation < 2.0 * found.correlation_bound
     measured = [0 <= tick < 350 or tick >= 650 for tick in range(0, 999, 5)]
     assert found.innovations == 100 * (sum(measured) if outage else 200)
-
-
-def test_an_attitude_filter_that_takes_its_gyro_for_better_is_found(monkeypatch):
-    module = 'rpo_core.navigation.attitude_estimator.attitude_filter_of'
-
-    def proud(settings, sensors, scenario):
-        f = attitude_filter_of(settings, sensors, scenario)
-        f.turn_noise *= 0.25
-        return f
-
-    monkeypatch.setattr(module, proud)
-    found = attitude_consistency(replace(TUMBLING, duration_s=100.0), 20)
-    assert not found.holds and found.nees.mean() > 7.0
-
-
-def test_the_command_judges_an_attitude_filter_too(tmp_path):
-    path = tmp_path / 'tumbling.yaml'
-    path.write_text(scenario_file.dumps(replace(TUMBLING, duration_s=60.0)))
-    done = invoke('evaluate', '--estimator', path, '--runs', '20')
-    assert done.exit_code == 0, done.output
-    assert done.output.count('NEES of 6 states') == 2
-    assert 'attitude, star tracker out from 35 to 65 %: 20 flights' in done.output
-    with pytest.raises(InputError, match='must have section `attitude_estimator`'):
-        attitude_consistency(load_scenario('world_leo'), 1)
 
 
 @pytest.mark.parametrize('wrong', [0, 1, 2, 3, None])

@@ -9,19 +9,16 @@ from dataclasses import replace
 
 import pytest
 from invoking import invoke, refused
-from log_runs import FORCE, TOPICS, Run, chain_run, make_run, rewrite
+from log_runs import FORCE, chain_run, make_run, rewrite
 
 from rpo_core import files
-from rpo_core.chain.flight import fly
 from rpo_core.control.controller import dumps, load_controller
 from rpo_core.control.explain import decisions
 from rpo_core.control.fuzzy import RuleTable
-from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.navigation.estimator import Estimator
-from rpo_core.scenario.scenario import load_scenario, parse
+from rpo_core.scenario.scenario import load_scenario
 from rpo_core.wire import cdr
 from rpo_log.format.run import TimeBase
-from rpo_log.verify import verify
 
 
 def run(*arguments):
@@ -46,12 +43,6 @@ def test_a_controller_is_a_table(tmp_path):
         == load_controller('handmade').system.rules.words
     )
     assert '-70, 0' in done.stdout and 'No warnings' in done.stdout
-
-
-def test_warnings_of_a_controller_are_shown(tmp_path):
-    done = run(broken(tmp_path))
-    assert done.exit_code == 0
-    assert 'the force falls from Z to SN' in done.stdout and 'No warnings' not in done.stdout
 
 
 HOSTILE = '[/bold] [red]$\\frac$ :smile:'
@@ -84,27 +75,6 @@ def broken(tmp_path):
     path = tmp_path / 'broken.yaml'
     path.write_text(dumps(replace(shipped, name='broken', system=system)))
     return path
-
-
-@pytest.mark.every_landing
-def test_a_broken_controller_fails_with_a_true_counterexample(tmp_path):
-    path = broken(tmp_path)
-    done = run(path, '--certify')
-    assert done.exit_code == 1 and 'The certificate FAILS.' in done.stdout
-    found = re.search(r'refuted +pull:.*\n +u\((.+), (.+)\) = (.+)\n', done.stdout)
-    e, v, u = map(float, found.groups())
-    assert load_controller(path).system.output(e, v) == u and v == 0.0 and e * u <= 0.0
-
-
-@pytest.mark.parametrize('named', [False, True])
-def test_a_state_is_explained_by_the_default_or_the_controller_named(named, tmp_path):
-    target = broken(tmp_path) if named else DEFAULT_CONTROLLER
-    state = ('--state', '10,60,-40,0.1,0,0')
-    done = run(*([target] if named else []), *state)
-    assert done.exit_code == 0
-    for decision in decisions(load_controller(target), (10, 60, -40, 0.1, 0, 0)):
-        assert decision.reasons.sentence in done.stdout
-        assert f'{decision.force_n:.6f} N' in done.stdout
 
 
 def test_an_instant_of_a_run_is_explained_with_the_bits_of_the_log(folder):
@@ -150,19 +120,6 @@ def test_a_force_that_the_controller_does_not_give_is_told(folder, tmp_path):
 )
 def test_what_does_not_go_with_a_log_is_a_sentence(arguments, message, folder):
     assert message in refused('explain', folder[0], *arguments)
-
-
-def test_a_log_with_a_goal_verifies_and_is_explained_from_the_goal(tmp_path):
-    made = make_run(5.0)
-    attached = dict(made.attachments)
-    attached['scenario.yaml'] += b'goal_position_m: [-4.0, 10.0, 3.0]\n'
-    scenario = files.loads(attached['scenario.yaml'].decode(), parse, 'scenario')
-    flight = fly(scenario, load_controller('handmade'))
-    Run(flight, attached, TOPICS).write(tmp_path)
-    verified = verify(tmp_path)
-    assert verified.exit_code == 0, verified.sentence()
-    done = run(tmp_path, '--at', 3)
-    assert done.exit_code == 0 and 'The logged force is the same, bit for bit.' in done.stdout
 
 
 @pytest.mark.parametrize('topic', ['body_force', 'reference_attitude', 'estimated_disturbance'])

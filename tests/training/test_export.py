@@ -95,18 +95,6 @@ def test_the_stages_of_a_run_are_c_that_is_compiled_as_the_header_says(tmp_path,
     assert Path('again_test.txt').read_text() == Path('flight_test.txt').read_text()
 
 
-@pytest.mark.parametrize('name', FORMATS)
-def test_a_description_keeps_its_percents(name):
-    """`3 % from every limit` was `3   from every limit`."""
-    about = '3 % from every limit; # 2. rpo: samples = 3 % rpo: force_scale_n = 2'
-    controller = replace(load_controller('handmade'), description=about)
-    text = text_of(controller, name)
-    assert about in text
-    if name in ('fis', 'fll'):
-        assert formats.facts_of(text)['samples'] == 101
-        assert formats.facts_of(text)['force_scale_n'] == controller.force_scale_n
-
-
 FIS = text_of(load_controller('handmade'), 'fis')
 PLAIN = re.sub('%.*', '', FIS)
 FLL = text_of(load_controller('handmade'), 'fll')

@@ -9,8 +9,8 @@ import re
 import shutil
 import subprocess
 from dataclasses import dataclass, replace
-from math import inf, nan, sqrt
-from typing import Annotated, Any, NamedTuple
+from math import inf, nan
+from typing import Annotated, Any
 
 import numpy as np
 import pytest
@@ -270,13 +270,6 @@ def test_hostile_commands_are_answered_with_the_bits_of_the_stage(scenario, seed
     assert compared(tmp_path, files, '-O3') == equal(len(states))
 
 
-class Sum(NamedTuple):
-    """A record that a kernel makes."""
-
-    total: float
-    count: int
-
-
 @dataclass
 class Knot:
     """A record in a list."""
@@ -289,9 +282,7 @@ class Knot:
 class Bowl:
     """Settings of the kernel below; places : of any length."""
 
-    limits: tuple[float, float]
     knots: list[Knot]
-    pair: Annotated[list[Knot], 2]
     places: list[int]
     nothing: list[float]
 
@@ -300,61 +291,24 @@ class Bowl:
 class Rolled:
     """Memory of the kernel below."""
 
-    total: float
-    count: int
     table: Annotated[list[list[float]], 3, 2]
     line: list[list[float]]
     word: int
 
 
-def added(sum_: Sum, value: float) -> tuple[tuple[float, float], Sum]:
-    """Return two numbers, and the record that follows."""
-    first, second = sum_
-    return (value, first), Sum(first + value, int(second + 1))
-
-
-def swapped(row: Any, wide: bool, block: int = -6) -> None:
-    """Exchange both numbers of a row; not in some blocks."""
-    if not wide or block in (-6, 1):
-        return
-    row[0], row[1] = row[1], row[0]
-
-
-def share(tick: int, knots: Any) -> float:
-    """Return a sum by loops that end early."""
-    total = rest = 0.0
-    for i in range(1, len(knots)):
-        if i == 2 or not (0.0 <= knots[i].at < 1.4):
-            continue
-        total += i / 3 * knots[i].at
-        if total > 4.0:
-            break
-    while rest < 2.0:
-        rest += 0.75 if tick < 50 else 0.5
-    return total / sqrt(1.0 + rest * rest)
-
-
 def roll(tick: int, u: Any, p: Any, m: Any, y: Any) -> int:
-    """Everything that kernels of stages use, in one place."""
+    """Whole numbers below zero, and lists in records, of which flights show less."""
     if len(p.nothing) > 0:
         return ASK
     block, at = (tick - 40) // 7, (tick - 40) % 7
     m.word = (0xD2511F53 * (m.word ^ 0x9E3779B9) >> 5) & 0xFFFFFFFF
-    total, lost = share(tick, p.knots), nan
+    total = abs(block) / 3
     for k in range(len(p.knots) - 1, -1, -1):
-        knot = p.knots[k]
-        row = knot.weights[at % 2]
-        total += row[0] * knot.at + abs(block) / 3 + p.pair[k % 2].weights[1][1]
-    begun = Sum(m.total, m.count)
-    (value, before), after = added(begun, total * u[p.places[at % len(p.places)]])
-    m.total, m.count = after
-    for i in range(len(y)):
-        swapped(m.table[i], bool(at > i), block)
-        swapped(m.table[i], True)
-        m.table[i][0] += value
+        total += p.knots[k].weights[at % 2][0] * p.knots[k].at
+    m.table[1][0] += total * u[p.places[at % len(p.places)]]
     last = m.line[tick % len(m.line)]
-    y[0] = y[1] = last[0] if last[0] - last[0] == 0.0 else lost
-    y[2] = float(block) * p.limits[0] + m.table[2][1] + before + (m.word & 0xFFFF) * p.limits[1]
+    y[0] = y[1] = last[0] if last[0] - last[0] == 0.0 else nan
+    y[2] = float(block) + m.table[1][0] + (m.word & 0xFFFF) * 1e-3
     last[0], last[1] = m.table[1][0], y[2]
     return 0
 
@@ -367,9 +321,9 @@ class RollStage(KernelStage):
 
 def rolling(*nothing):
     knots = [Knot(0.5 * i, [[0.1 * i, 1.0], [-0.7, 0.3]]) for i in range(4)]
-    settings = Bowl((0.25, 1e-3), knots, knots[1:3], [5, 0, 3], list(nothing))
     line = [[0.125, float(i)] for i in range(5)]
-    return settings, Rolled(0.5, 7, [[1.0, 2.0], [3.0, -0.0], [5.0, 6.0]], line, 99)
+    memory = Rolled([[1.0, 2.0], [3.0, -0.0], [5.0, 6.0]], line, 99)
+    return Bowl(knots, [5, 0, 3], list(nothing)), memory
 
 
 ROLLING = Chain([Link(Place.CONTROLLER, RollStage(*rolling()), (RELATIVE_STATE,))])

@@ -12,13 +12,10 @@ from invoking import invoke
 
 from rpo.analysis.optimal import least_energy
 from rpo.engine.population import population_of
-from rpo.engine.search import Simulator
-from rpo.scoring import fitness
 from rpo.scoring.fitness import Fitness, FitnessSettings, excess
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.judge import metrics
-from rpo_core.judge.metrics import LATE_POSITION, LATE_SPEED
 from rpo_core.scenario import scenario as scenarios
 from rpo_core.scenario.scenario import load_set
 from rpo_core.world.starts import Grid
@@ -46,57 +43,6 @@ def test_the_flat_fitness_is_the_papers():
 def test_excess_grows_from_zero_at_the_limit():
     values = excess(np.array([0.5, 1.0, 2.0, 16.0, 1e12]), 1.0)
     np.testing.assert_allclose(values, [0.0, 0.0, 1.0 - 2.0**-0.25, 0.5, 0.999], rtol=1e-12)
-
-
-@pytest.mark.parametrize(
-    'terms',
-    [
-        {'limit_cycle': 5.0},
-        {'tests': 5.0},
-        {'robustness': 5.0},
-        {'mass_kg': (30.0,)},
-        {'between': 2},
-    ],
-)
-def test_optional_terms_see_what_the_papers_fitness_does_not(terms):
-    """A heavy velocity scale swings for ever or arrives late: the terms must cost something."""
-    poor = replace(HANDMADE, position_scale_m=25.0, velocity_scale_m_s=2.0)
-    assert (
-        score(FitnessSettings(**terms), poor).fitness[0] > score(FitnessSettings(), poor).fitness[0]
-    )
-
-
-def test_flights_between_the_starts_are_random_states_in_their_box():
-    """Nine flights of three planar and three vertical loops, none from a start of the training."""
-    fitness = Fitness(SMALL, FitnessSettings(between=3), 1)
-    training, between = fitness.simulator.cases
-    positions, speeds = between.starts[:, :3], np.abs(between.starts[:, 3:])
-    assert (between.starts.shape, len(np.unique(between.starts, axis=0))) == ((9, 6), 9)
-    assert [len(np.unique(positions[:, axis])) for axis in range(3)] == [3, 3, 3]
-    assert (positions >= training.starts[:, :3].min(axis=0)).all()
-    assert (positions <= training.starts[:, :3].max(axis=0)).all()
-    assert not set(map(tuple, between.starts)) & set(map(tuple, training.starts))
-    assert 0.0 < speeds.max() <= 0.1 * np.abs(training.starts).max() / SMALL.base.duration_s
-    with fitness.simulator:
-        rows = fitness.simulator.fly(population_of(HANDMADE))[1][0]
-    scenario = next(s for i, s in enumerate(between.scenarios()) if i == 5)
-    np.testing.assert_array_equal(rows[5], metrics.row_of(fly(scenario, HANDMADE), between.windows))
-
-
-def test_the_corner_flights_are_those_of_the_core():
-    """Late position and speed of a few; no two flights are the same."""
-    for case, share in zip(fitness.corner_cases(), fitness.CORNER_MASS_SHARES, strict=True):
-        scenarios = fitness.corner_flights(share)
-        assert len(set(scenarios)) == len(case.starts) == 32
-        simulator = Simulator([case], 1)
-        (figures,) = simulator.fly(population_of(HANDMADE))
-        for index in (0, 13, 31):
-            flight = fly(scenarios[index], HANDMADE)
-            late = metrics.window(flight, metrics.CLAIM_WINDOW_S)
-            assert figures[0, index, LATE_POSITION] == late.position_m
-            last = metrics.window_ticks(flight.scenario, metrics.CLAIM_WINDOW_S)
-            speed = np.linalg.norm(np.abs(flight.velocities_m_s[-last:]).max(axis=0))
-            assert figures[0, index, LATE_SPEED] == pytest.approx(speed, rel=1e-12)
 
 
 def test_the_least_energy_is_the_gramians():
@@ -142,15 +88,3 @@ def test_a_scenario_judges_any_controller_by_its_requirements(tmp_path):
     assert energy.endswith('0 N²s 0 of 8 holds')
     assert trained_energy.endswith('8 of 8 MISSED')
     assert evaluate('allround', '--scenario', 'paper_test').exit_code == 0
-
-
-def test_the_weight_of_an_error_multiplies_the_penalties_of_error_and_arrival_alone():
-    plain, heavy = (FitnessSettings(error_weight=weight) for weight in (1.0, 3.0))
-    values = np.full((1, 2, 3), 1e3)  # everything is missed
-    for settings, late in ((plain, 1.0), (heavy, 3.0)):
-        fitness = Fitness(SMALL, settings, 1)
-        labels = fitness.conditions.labels
-        assert sorted(labels) == ['arrival', 'slew', 'speed']
-        with fitness.simulator:
-            found = fitness._penalties(values)
-        assert found.tolist() == [[settings.penalty_n2s * (2.0 + late)] * 2]

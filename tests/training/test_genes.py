@@ -16,7 +16,7 @@ from rpo.training.genes import RULES, GeneSpace
 from rpo_core import files
 from rpo_core.control import controller as controllers
 from rpo_core.control.controller import load_controller
-from rpo_core.control.fuzzy import WORDS, MembershipFunctions, RuleTable
+from rpo_core.control.fuzzy import MembershipFunctions, RuleTable
 from rpo_core.files.validation import InputError
 
 SPACES = [
@@ -100,10 +100,6 @@ def test_holes_are_where_no_word_fits(parts, size):
     assert edge or inside == (parts.grades(size).max() == 0.0)
 
 
-def test_shipped_rules_have_no_warnings(handmade):
-    assert rule_base.warnings(handmade.system) == ()
-
-
 def test_every_fault_has_its_warning(handmade):
     def said(**parts):
         return ' | '.join(rule_base.warnings(replace(handmade.system, **parts)))
@@ -124,11 +120,3 @@ def test_every_fault_has_its_warning(handmade):
     assert 'force words SN and SP fall between the output samples' in said(
         force=MembershipFunctions(0.1, 0.303, 0.305, 0.307, 0.4)
     )
-
-
-def test_shares_of_the_square_add_up(handmade):
-    found = rule_base.activities(handmade.system)
-    assert [(rule.velocity, rule.position) for rule in found] == [
-        (row, column) for row in WORDS for column in WORDS
-    ]
-    assert all(0 < rule.decides <= rule.fires <= 1 for rule in found)

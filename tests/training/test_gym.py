@@ -30,11 +30,10 @@ from rpo_core.files.validation import InputError
 from rpo_core.judge.metrics import of_flight
 from rpo_core.judge.verdicts import verdicts
 from rpo_core.navigation.sensors import Navigation
-from rpo_core.scenario.scenario import Scenario, load_scenario, load_set
+from rpo_core.scenario.scenario import Scenario, load_scenario
 from rpo_core.thrusters.thrusters import Thrusters
 from rpo_core.wire.interfaces import RELATIVE_STATE
 
-ROOT = Path(__file__).resolve().parents[2]
 REAL = Thrusters(((0.9, 0.01, 0.0), (0.0, 1.1, 0.0), (0.0, -0.02, 1.0)), delay_ticks=2)
 NOISY = Navigation((0.1, 0.0, -0.1), position_noise_m=0.02, velocity_noise_m_s=0.001)
 
@@ -94,20 +93,6 @@ def test_a_policy_that_plays_a_controller_flies_its_bits(scenario: Scenario):
     assert missed, 'the return must hold a penalty'
 
 
-def test_without_requirements_the_conditions_are_those_of_the_papers_training():
-    scenario = replace(SHORT, requirements=None)
-    _, info = played(make(scenario=scenario), 'allround')
-    assert info['conditions'] == of_flight(fly(scenario, load_controller('allround'))).conditions
-
-
-def test_a_member_of_the_training_set_has_the_return_of_training():
-    total, _ = played(make(), 'allround', start=215)
-    member = load_set('paper_training').scenarios()[215]
-    figures = of_flight(fly(member, load_controller('allround')))
-    assert all(figures.conditions)
-    assert total == pytest.approx(-figures.energy_n2s, rel=1e-12)
-
-
 def test_observation_is_normalised_and_saturates():
     env = make(scenario='approach')
     observation, info = env.reset(options={'start': [-50.0, 25.0, 99_000.0, 0.5, 0.0, -2.0]})
@@ -116,16 +101,6 @@ def test_observation_is_normalised_and_saturates():
     observation, reward, *_ = env.step(np.array([1.0, -1.0, 7.0]))
     assert observation[6:].tolist() == [1.0, -1.0, 1.0, 1 / 4000]
     assert reward == pytest.approx(-3 * 0.5**2 * 0.1)
-
-
-def test_seeds_draw_starts_of_the_set_and_repeat_them():
-    env = make()
-    known = {tuple(row) for row in load_set('paper_training').initial_positions_m.tolist()}
-    env.reset(seed=5)
-    drawn = [tuple(env.reset()[1]['state'][:3]) for _ in range(20)]
-    assert len(set(drawn)) > 10 and set(drawn) <= known
-    env.reset(seed=5)
-    assert [tuple(env.reset()[1]['state'][:3]) for _ in range(20)] == drawn
 
 
 @pytest.mark.parametrize(
@@ -179,17 +154,6 @@ def test_it_is_found_by_its_module_and_needs_the_core_alone():
         env={**os.environ, 'RPO_JIT': '0'},
     )
     assert (done.returncode, done.stdout, done.stderr) == (0, 'True\n', '')
-
-
-def test_a_picture_of_the_flight_so_far():
-    env = gymnasium.make('rpo/FinalApproach-v0', scenario='quick', render_mode='rgb_array')
-    env.reset(seed=1)
-    first = env.render()
-    for _ in range(5):
-        env.step(np.array([1.0, 0.0, -1.0]))
-    later = env.render()
-    assert first.shape == later.shape == (240, 720, 3) and later.dtype == np.uint8
-    assert (first != later).any()
 
 
 # The vectorised environment: the campaign's flights, whoever commands; its reward, bad input.
@@ -257,17 +221,6 @@ def test_the_next_step_begins_the_next_runs_and_a_seed_the_first():
     assert not (later[:, :6] == first[:, :6]).any()
     assert (env.reset(seed=7)[0] == first).all()
     assert not (env.reset()[0][:, :6] == first[:, :6]).any()
-
-
-def test_there_are_more_runs_than_the_campaign_has(monkeypatch):
-    env = make_many(40, campaign='paper_test_measured')
-    env.reset(seed=1)
-    env.unwrapped._first = env.campaign.config.runs - 60
-    env.reset()
-    with pytest.raises(InputError, match='with another seed'):
-        env.reset()
-    monkeypatch.setattr(env.unwrapped, '_first', 10_000)
-    assert np.isfinite(env.reset()[0]).all()
 
 
 def test_an_action_is_held_saturated_and_seen():

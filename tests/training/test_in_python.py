@@ -12,17 +12,6 @@ import rpo
 from rpo.montecarlo import run_batch
 
 
-def test_a_thousand_runs_become_a_dataframe():
-    pytest.importorskip('pandas')
-    law = rpo.controller('allround').with_rule(position='SP', velocity='Z', force='LP')
-    runs = rpo.campaign('paper_test', law, runs=1000, seed=3)
-    table = runs.to_dataframe()
-    assert len(table) == 1000 and table.attrs['units']['energy_n2s'] == 'N^2 s'
-    assert table['success'].mean() == runs.rates['success'].kept / 1000
-    worst = int(table['hold_error_per_axis_m'].idxmax())
-    assert runs.flight(worst).metrics['energy_n2s'] == table['energy_n2s'][worst]
-
-
 def test_a_campaign_has_the_bits_of_the_command(write, tmp_path):
     path, folder = write(runs=250), tmp_path / 'runs'
     words = ('--seed', '5', '--controller', 'pd', '--set', 'mass_kg=11.0')
@@ -96,20 +85,6 @@ def test_a_function_flies_a_campaign_run_after_run():
         rpo.campaign('paper_test', forgetful, runs=1, duration_s=20.0).flight(0)
 
 
-def test_a_campaign_says_which_limits_fail_most_by_the_names_that_judge_takes():
-    runs = rpo.campaign('paper_test', runs=40)
-    rate = runs.rates['slew_per_axis_n_s']
-    assert repr(rate).endswith(' <= 0.1 N/s: 0.00 % (0.00 to 8.76 %), 0 of 40 runs>')
-    assert repr(runs).partition('; ')[2].startswith('slew_per_axis_n_s 0.00 %, hold_force_per_')
-    assert 'position and speed          ' in repr(runs.rates) and '\n' not in repr(runs)
-    moving = rpo.campaign(runs, runs=40, judge='position and speed')
-    assert moving.ok and repr(moving).endswith('100.00 % keep every limit (91.24 to 100.00 %)>')
-    some = rpo.campaign(runs, runs=40, judge=['slew', 'hold error'])
-    assert list(some.rates)[1:3] == ['hold_error_per_axis_m', 'slew_per_axis_n_s']
-    with pytest.raises(rpo.InputError, match='did you mean `success`'):
-        runs.rates['succes']
-
-
 @pytest.mark.parametrize(
     ('arguments', 'options', 'sentence'),
     [
@@ -165,19 +140,6 @@ def test_a_training_has_the_bits_of_the_command(tmp_path):
     assert search.ok
     with pytest.raises(rpo.InputError, match='holds a run already'):
         rpo.train('paper', 3, 5, folder=folder, **SMALL)
-
-
-def test_a_training_goes_on_in_its_folder(tmp_path, monkeypatch):
-    def stopped(run, *_):
-        if len(run.history) == 2:
-            raise KeyboardInterrupt
-
-    with monkeypatch.context() as patched:
-        patched.setattr('rpo.training.run.SearchRun._enter_stage', stopped)
-        with pytest.raises(KeyboardInterrupt):
-            rpo.train('paper', 3, folder=tmp_path / 'mine', **SMALL)
-    search = rpo.train('paper', 3, folder=tmp_path / 'mine', **SMALL)
-    assert search.best == rpo.train('paper', 3, name='mine', **SMALL).best
 
 
 @pytest.mark.parametrize(

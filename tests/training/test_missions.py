@@ -14,7 +14,6 @@ import pytest
 import yaml
 from invoking import invoke
 
-from rpo.door.evidence import _place
 from rpo.engine.population import population_of
 from rpo.scoring.conditions import conditions_of
 from rpo.scoring.fitness import Fitness, FitnessSettings
@@ -30,7 +29,7 @@ from rpo_core.judge.similarity import AUTHORITY, made_for
 from rpo_core.judge.verdicts import verdicts
 from rpo_core.scenario import overrides
 from rpo_core.scenario import scenario as scenarios
-from rpo_core.scenario.scenario import load, load_set
+from rpo_core.scenario.scenario import load
 from rpo_core.world.starts import Grid
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -50,15 +49,6 @@ def written(path: Path, base: str = 'paper_training', **changes: object) -> str:
 def invoked(*words: str) -> tuple[int, str]:
     done = invoke(*words)
     return done.exit_code, done.output
-
-
-def test_the_starts_of_a_set_are_those_of_its_file(tmp_path):
-    mine, none = tmp_path / 'mine.yaml', {'initial_position_axis_m': None}
-    grid = {'x': [1.0, 2.0], 'y': [0.0], 'z': [-3.0]}
-    found = load_set(written(mine, initial_position_grid_m=grid, **none))
-    assert found.initial_positions_m.tolist() == [[1.0, 0.0, -3.0], [2.0, 0.0, -3.0]]
-    with pytest.raises(InputError, match='`initial_position_axis_m` is missing'):
-        load_set(written(mine, **none))
 
 
 def test_the_search_sees_what_the_verdicts_say():
@@ -152,20 +142,6 @@ def test_a_baseline_is_tuned_for_a_scenario_and_its_body(tmp_path):
         load_controller(again)
 
 
-def test_reports_of_controllers_of_one_name_have_folders_of_their_own():
-    files_ = ['x/a.yaml', 'y/a.yaml', 'a/a.yaml', 'p/x/a.yaml', 'q/x/a.yaml', 'x_a.yaml', 'a.yaml']
-    folders = [_place([name], 'controller', Path('scratch')).name for name in ('a', *files_)]
-    assert folders[0] == 'report_a' and len(set(folders)) == 8
-    assert folders[1].startswith('report_x_a_') and folders[3].startswith('report_a_')
-    assert _place(['y/../x/a.yaml'], 'controller', Path('scratch')).name == folders[1]
-
-
-def test_a_state_is_explained_from_the_goal_of_the_scenario():
-    code, said = invoked('explain', '--state', '0,12,0,0,0,0', '--scenario', GEO)
-    assert code == 0 and 'Relative to the goal [0.0, 10.0, 0.0] m of geo_servicer' in said
-    assert 'position 2 m' in said
-
-
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize(
@@ -256,16 +232,3 @@ def test_what_scaling_cannot_do_is_said(few, tmp_path):
     assert load(scenario) == changed
     assert load_controller(file).provenance['scenario'] == str(scenario)
     assert invoked(*given, '--no-fail')[0] == 0
-
-
-def test_what_it_was_trained_for_must_be_there(few, tmp_path):
-    document = yaml.safe_load((ROOT / MISSIONS / 'geo_servicer.yaml').read_text())
-    document['duration_s'] = 20.0
-    document['requirements'] = {'mean_error_norm_m': 1000.0}
-    mine, file = tmp_path / 'mine.yaml', tmp_path / 'made.yaml'
-    mine.write_text(yaml.safe_dump(document))
-    assert invoked('scale', 'pd', '--scenario', str(mine), '-o', str(file))[0] == 0
-    text = file.read_text().replace('paper_training', str(tmp_path / 'gone.yaml'))
-    file.write_text(text)
-    code, said = invoked('scale', str(file), '--scenario', str(mine), '-o', str(file))
-    assert code != 0 and 'there is no file' in said and file.read_text() == text

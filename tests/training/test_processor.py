@@ -8,7 +8,7 @@ import hashlib
 import numpy as np
 import pytest
 import yaml
-from processes import ANOTHER, python, repeated, rpo
+from processes import ANOTHER, python, rpo
 
 from rpo.training import config as configs
 from rpo.training import processor
@@ -72,13 +72,6 @@ def test_a_process_is_pinned_whatever_its_environment_asks_for():
 def test_the_processes_of_a_local_cluster_are_pinned():
     found = said(python(ON_A_WORKER, environment=OLD))
     assert found['pinned'] is True and found['openblas'] == 'Prescott, 1 thread'
-
-
-@pytest.mark.slow
-def test_a_tuning_is_pinned(tmp_path):
-    """The trainings: tests/training/test_shipped.py."""
-    found = repeated('rpo train pd --seed 2 --set evaluations=40', tmp_path / 'pd')
-    assert found.provenance['arithmetic']['pinned'] is True
 
 
 def test_each_part_that_is_not_pinned_is_told():

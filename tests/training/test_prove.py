@@ -4,10 +4,8 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import replace
 from fractions import Fraction
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,13 +13,12 @@ from invoking import invoke
 from landing import rest_at_landing
 from proofs import BOX, COARSE, problem_of
 
-from rpo.proof import cells, check, enclosure, flights, folder, per_axis, proving, slew, tube
+from rpo.proof import cells, check, enclosure, flights, folder, proving, slew, tube
 from rpo.proof.cells import Prover
-from rpo.proof.claims import Claim, ranges_of, row_of, values_of
+from rpo.proof.claims import ranges_of, values_of
 from rpo.proof.folder import Folder
 from rpo.proof.invariant import invariant_set_of, motion_inside
-from rpo.proof.problem import GROUPS, MOST_CELLS, Problem, Settings, range_of
-from rpo.proof.slew import Strip
+from rpo.proof.problem import GROUPS, MOST_CELLS, Problem, Settings
 from rpo.proof.surface import rounding
 from rpo.proof.tube import InvariantSet
 from rpo_core.chain.flight import fly
@@ -137,26 +134,6 @@ def test_no_tick_from_a_strip_changes_the_force_faster_than_its_bound():
     assert 0.8 < max(ratios) <= 1.0
 
 
-def test_the_bounds_of_a_state_are_of_the_slopes_of_its_cell_alone():
-    """In the middle of a cell, for a tick so short that it does not leave it; rounded outward."""
-    table = problem_of('allround', half=(100.0, 100.0, 100.0, 0.0, 0.0, 0.0)).table
-    drift, dt_s = slew.Drift(0.0, -1e-3, 1e-3, 0.1, 1e-6), Fraction(1e-6)
-    pull = Fraction(1e-3) + Fraction(0.1) / 2
-    last = np.array(table.slopes.shape[:2]) - 1
-    for i, j in np.random.default_rng(7).integers(1, last, (60, 2)):
-        r = -table.e[i : i + 2].mean() * table.position_m
-        v = -table.w[j : j + 2].mean() * table.velocity_m_s
-        state = slew.Strip(r, v, 0.0, 0.0, 0.0)
-        along, across = table.slopes[i, j, :2], table.slopes[i, j, 2:]
-        moved = (Fraction(abs(v)) + dt_s * pull) / Fraction(table.position_m)
-        rate = Fraction(max(0.0, -along[0], along[1])) * moved
-        rate += Fraction(max(0.0, -across[0], across[1])) * pull / Fraction(table.velocity_m_s)
-        exact = (rate + 2 * Fraction(table.slack) / dt_s) * Fraction(table.force_n)
-        bound = slew.slew_of(table, drift, state, -0.5, 0.5, np.inf)
-        assert exact <= Fraction(bound) <= exact * Fraction(1.0 + 1e-9)
-        assert slew.slew_of(table, drift, state, -0.5, 0.5, 0.0) <= bound * (1.0 + 1e-5)
-
-
 def test_what_is_kept_of_a_tube_is_rounded_outward():
     """By more than sums of its ticks are rounded: a checker adds them up in another order."""
     problem = problem_of('allround', half=BOX)
@@ -171,13 +148,6 @@ def test_what_is_kept_of_a_tube_is_rounded_outward():
     assert found['speed_m_s'] > np.maximum(-t.low, t.high)[: judged + 2, 2:].max() * out
     assert found['energy_high_n2s'] > (commands**2).sum() * dt_s * out
     assert 0.0 < found['energy_low_n2s'] < (least**2).sum() * dt_s / out
-
-
-def test_flights_of_a_proof_have_the_bits_of_simulate():
-    problem = problem_of('allround')
-    scenario = flights.vary(problem, np.random.default_rng(1), np.array([9.0, -7.0, 3.0, 0, 0, 0]))
-    ours, theirs = flights.fly(problem, scenario), fly(scenario, problem.controller)
-    assert (ours.states == theirs.states).all() and (ours.forces_n == theirs.forces_n).all()
 
 
 @pytest.mark.parametrize('name', rest_at_landing(SHIPPED))
@@ -206,21 +176,6 @@ def test_there_is_no_invariant_set_without_damping():
     settings = replace(problem_of('allround').settings, coarseness=8.0)
     problem = Problem.of(undamped, load('paper_training').base, settings)
     assert invariant_set_of(problem, 0.5, None) is None
-
-
-def test_rounding_of_a_cell_leaves_no_gap():
-    problem = problem_of('allround', half=(0.7, 0.7, 0.7, 0.03, 0.03, 0.03))
-    for group in GROUPS:
-        some = cells.roots(problem, group)
-        halved = [half for cell in some[1:] for half in cells.halves(cell, cells.widths(cell))]
-        found = cells.CellBounds(
-            np.array([c.centre for c in (some[0], *halved)]),
-            np.array([c.half for c in (some[0], *halved)]),
-            *4 * [np.empty((0, 0))],
-        )
-        assert not list(check.cover_faults(problem, group, found))
-        fewer = replace(found, centre=found.centre[:-1], half=found.half[:-1])
-        assert list(check.cover_faults(problem, group, fewer))
 
 
 @pytest.mark.slow
@@ -312,18 +267,6 @@ def test_an_invariant_set_stands_the_whole_disturbance_at_any_tick(group):
     assert not inside.constant.any() and not inside.carried.any()
 
 
-def test_a_range_names_all_that_may_differ():
-    plain = problem_of('allround')
-    pushed = replace(plain.scenario, disturbance=Disturbance((0.0, 0.001, 0.0)))
-    wide = replace(plain.settings, mass_share=0.05, disturbance_share=0.6, any_n=0.002)
-    assert range_of(plain) == 'mass 10 kg; no disturbance; 200 s'
-    assert range_of(replace(plain, scenario=pushed)) == 'mass 10 kg; disturbance as it is; 200 s'
-    assert range_of(replace(plain, scenario=pushed, settings=wide)) == (
-        'mass 10 kg, and more or less by a share of 0.05; disturbance at any phase, up to 0.6 '
-        'times as it is, and any other of 0.002 N per axis at every tick; 200 s'
-    )
-
-
 def test_what_is_held_is_judged_on_either_side_of_the_target():
     """Without requirements the error is held from the end on; it is the greatest of any axis."""
     base = replace(load('paper_training').base, requirements=None, duration_s=2.0)
@@ -403,16 +346,6 @@ def test_half_of_the_box_is_enough_where_all_is_odd():
     assert whole == 2 * half
 
 
-def test_a_box_is_divided_into_so_many_strips():
-    """Four by four that fit are no five by five; what is inside of another strip adds none."""
-    strips = [Strip(1.0, 0.5, 2.0, 0.0, 0.2), Strip(1.1, 0.5, 0.3, 0.0, 0.1)]
-    made = per_axis.cover(strips, (0.5, 0.05))
-    want = [(r, v) for r in (-0.5, 0.5, 1.5, 2.5) for v in (0.35, 0.45, 0.55, 0.65)]
-    np.testing.assert_allclose([(one.r, one.v) for one in made], want, atol=1e-12)
-    np.testing.assert_allclose([(one.half_m, one.half) for one in made], [(0.5, 0.05)] * 16)
-    assert max(abs(one.tilt) for one in made) < 1e-12
-
-
 def test_a_proof_is_about_a_single_flight(sound):
     texts = (sound.texts[0], find('scenario', 'paper_training').read_text(), sound.texts[2])
     with pytest.raises(InputError, match='must be a single flight; it is a set'):
@@ -427,26 +360,6 @@ def test_a_box_has_no_more_cells_than_memory():
     assert Settings(half, (0.0, 0.0, 1e6, 0.0, 0.0, 0.0), cell_m=1e6 / MOST_CELLS)
     with pytest.raises(InputError, match=f'at most {MOST_CELLS} cells .* it is of 1.04e\\+07'):
         Settings(half, half, cell_m=1.0, cell_m_s=1.0)
-
-
-def test_a_proof_names_what_it_is_about_and_its_digests(sound):
-    problem = sound.problem
-    other = replace(
-        problem,
-        controller=replace(problem.controller, name='handmade'),
-        scenario=replace(problem.scenario, name='mine'),
-    )
-    stand_in = SimpleNamespace(problem=other, texts=sound.texts)
-    digests = [hashlib.sha256(content.encode()).hexdigest() for content in sound.texts[:2]]
-    for found, words in (
-        (sound, ('means the same as the shipped allround', 'means the same as the shipped ')),
-        (stand_in, ('named handmade, and NOT the one that ships', '`mine`, which does not ship')),
-    ):
-        lines = folder.origins(found)
-        for kind, line, said, one in zip(
-            ('controller', 'scenario'), lines, words, digests, strict=True
-        ):
-            assert line.startswith(f'{kind}: ') and said in line and line.endswith(one), line
 
 
 def test_an_invariant_set_is_within_the_speed_that_is_asked_for():
@@ -466,10 +379,3 @@ def test_the_edges_of_the_grid_ascend_where_a_step_ends_at_a_breakpoint():
     assert (np.diff(found) > 0.0).all() and (found == -found[::-1]).all()
     assert {0.0, 0.25, 0.5, 0.75, 1.0} <= set(found.tolist())
     assert np.diff(found)[1:-1].max() == 1 / 64
-
-
-@pytest.mark.parametrize(('start', 'flown'), [((), ''), ((1.0,) * 6, '0.1234')])
-def test_a_table_says_what_was_flown_only_where_something_was(start, flown):
-    """Rounded to four digits: what is proven up, what was flown down."""
-    claim = Claim('slew_per_axis_n_s', 'slew', 'N/s', 0.25, 0.20001, 0.12349, start, 0)
-    assert row_of(claim) == ('slew', '0.25 N/s', '0.2001', flown, '0', 'proven')

@@ -187,32 +187,6 @@ def test_an_estimate_of_all_first_cells_is_the_proof(folder, groups):
     assert all(bound <= found.bounds[key] for key, bound in few.bounds.items())
 
 
-@pytest.mark.parametrize('key', ['mean_error_norm_m', 'slew_per_axis_n_s'])
-def test_worst_starts_are_in_the_cells_of_the_greatest_bounds(folder, groups, key):
-    """Four of each cell, of every axis; the bounds are made such that none is like another."""
-    rng, column, problem = np.random.default_rng(4), 'mean_error_m', folder.problem
-    column = 'slew_n_s' if key.startswith('slew') else column
-    made = {}
-    for group, found in groups.items():
-        values, half = found.values.copy(), found.half.copy()
-        values[:, cells.VALUES.index(column)] = rng.permutation(len(values)) + 1.0
-        half[:, 0], centre = 0.01, found.centre.copy()
-        centre[:, 0] = np.arange(len(values))
-        made[group] = replace(found, values=values, half=half, centre=centre)
-    starts = np.array(list(flights.worst_starts(problem, made, key, 12, 1)))
-    for group, chosen in problem.groups.items():
-        worst = np.argsort(-made[group].column(column))[:3]
-        away = starts[:, chosen[0]] - np.repeat(worst, 4)
-        assert (np.abs(away) <= 0.01).all() and np.ptp(away) > 0.01
-        assert len(np.unique(starts[:, chosen[1]])) == 12
-    low, high = (
-        {'a': (1.0, (), None), 'b': (2.0, (), None)},
-        {'a': (3.0, (), None), 'c': (1.0, (), None)},
-    )
-    assert flights.merged(low, high) == {'a': high['a'], 'b': low['b'], 'c': high['c']}
-    assert flights.merged(high, low)['a'] == high['a']
-
-
 @pytest.mark.parametrize('mass_share', rest_at_landing([0.05, 0.0]))
 def test_a_known_disturbance_is_proven_and_checked(tmp_path, problem, mass_share):
     """Without unknown constants there is one cell of each axis; the mass alone has some."""
@@ -299,23 +273,6 @@ def test_the_motion_of_cells_is_what_is_flown(folder, groups, group):
         for tick in range(0, ticks, ticks // 7):
             motion = prover.motion_of(cell)
             assert not list(check_sets.motion_faults(prover, cell, motion, tick, ''))
-
-
-def test_what_is_refuted_at_once_is_not_searched(tmp_path, problem):
-    """No cell is halved for a claim that flights have refuted."""
-    required = Requirements(hold_from_s=20.0, hold_error_per_axis_m=0.001)
-    strict = replace(problem.scenario, requirements=required)
-    chosen = replace(problem.settings, mass_share=0.0)
-    problem = Problem.of(problem.controller, strict, chosen)
-    made = Folder.create(tmp_path / 'proof', problem)
-    proving.prove(made, 1, lambda *_: None, probes=10)
-    assert [claim['verdict'] for claim in made.summary()['claims'].values()] == ['refuted']
-    for group in PER_AXIS:
-        assert len(made.cells(group).values) == len(cells.roots(problem, group))
-    assert check.check(made, check.Sample(starts=1, ticks=1, surface=1, flights=5)).faults == []
-    found = made.cells('z')
-    found.values[0, cells.VALUES.index('hold_error_m')] = 0.1
-    assert list(check_sets.empty_faults(problem, 'z', found))
 
 
 def test_strips_that_begin_or_end_elsewhere_are_found(folder, groups):

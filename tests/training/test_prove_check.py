@@ -282,15 +282,6 @@ def test_a_command_beyond_the_thrusters_is_what_they_exert(limit, held):
     assert check._in_some(prover, flight, [(0, 3, [tube])]) is held
 
 
-def test_what_differs_is_named():
-    theirs, ours = {'a': 1, 'c': {'d': 2.0}}, {'b': 1, 'c': {'d': 3.0}}
-    assert list(check.differences(theirs, ours, '')) == [
-        'summary.yaml: `a` is not what the cells say anything of',
-        'summary.yaml: `b` is missing',
-        'summary.yaml: `c.d` is 2.0; the cells say 3.0',
-    ]
-
-
 @pytest.mark.parametrize('constant_n', [-0.015, 0.015, -0.0151, 0.0151])
 def test_a_disturbance_of_the_other_sign_is_judged_by_its_size(constant_n):
     """Harmonics have any phase, so each of both signs; a constant is judged alike."""

@@ -454,11 +454,6 @@ def test_another_controller_under_a_shipped_name_is_named(copy_of):
     assert faults(path)
 
 
-def test_a_report_says_that_it_is_not_checked(proofs):
-    found = report_of(proofs['together'].path)
-    assert 'not checked here: 3 proven, 1 refuted' in found.summary
-
-
 def test_units_of_an_earlier_call_are_not_checked(proofs, tmp_path):
     """Who goes on with a folder is told what of it was there."""
     folder = Folder.create(tmp_path / 'proof', proofs['together'].problem)

@@ -16,7 +16,6 @@ from rpo.proof.folder import Folder
 from rpo_core import files
 from rpo_core.control.controller import load_controller
 from rpo_core.files import DEFAULT_CONTROLLER
-from rpo_core.files.validation import InputError
 
 DOCS = Path(__file__).parents[2] / 'docs'
 TRAINING_BOX = (100.0, 100.0, 100.0, 0.0, 0.0, 0.0)
@@ -29,10 +28,6 @@ def test_both_pages_say_what_the_file_of_results_says():
     table = (DOCS / 'compare.md').read_text().partition('speed at 1 m')[2]
     column = dict(re.findall(r'^\| (\w+) \|.*\| ([^|]+) \|$', table.partition('\n\n')[0], re.M))
     assert column == {name: proven.proof_of(load_controller(name)) for name in CONTROLLERS}
-
-
-def test_the_default_is_proven():
-    assert proven.proof_of(load_controller(DEFAULT_CONTROLLER)) == 'proven'
 
 
 def test_a_result_is_of_numbers_and_of_no_name():
@@ -113,15 +108,3 @@ def test_a_proof_of_the_box_is_published_in_the_place_of_the_older_one(tmp_path,
     proven.publish(replace(shipped[0], claims=()))
     assert proven.shipped() == (replace(shipped[0], claims=()), *shipped[1:])
     assert page.read_text() != (DOCS / 'proof.md').read_text()
-
-
-def test_a_damaged_file_of_results_is_one_sentence(tmp_path):
-    for text, said in (
-        ('schema: rpo/proven/2\nproofs: []\n', '`schema` must be rpo/proven/1'),
-        ('schema: rpo/proven/1\nproofs: 3\n', '`proofs` must be a list'),
-        ('schema: rpo/proven/1\nproofs: [{controller: x}]\n', r'proofs\[0\]'),
-    ):
-        path = tmp_path / 'p.yaml'
-        path.write_text(text)
-        with pytest.raises(InputError, match=said):
-            files.load(path, proven.parse)

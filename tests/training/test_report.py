@@ -21,9 +21,9 @@ from log_runs import FORCE, Run, make_run
 from pages import Page, replayed, straight, unpacked
 
 from rpo.analysis import optimal
-from rpo.montecarlo import config, execution, outputs
+from rpo.montecarlo import config, execution
 from rpo.montecarlo.store import Store
-from rpo.reports import campaign, logged, page, replay, run, run_plots
+from rpo.reports import campaign, logged, page, replay, run
 from rpo.reports.page import File, Picture, Report, Section, Table, Text
 from rpo.reports.replay import Replayed
 from rpo.training.config import load_start
@@ -163,12 +163,6 @@ def test_a_run(run_page):
     ]
 
 
-def test_a_picture_has_the_same_bytes_twice(run_page):
-    made, source = run_page
-    picture = next(p for p in made.pictures if p.name == 'limits')
-    assert page.svg(picture) in source
-
-
 def test_the_first_table_of_a_run_has_values_limits_and_margins_of_the_verdicts(
     run_page, short_run
 ):
@@ -181,18 +175,6 @@ def test_the_first_table_of_a_run_has_values_limits_and_margins_of_the_verdicts(
         if math.isfinite(v.value):
             share = float(cells['margin'].removesuffix(' %')) / 100.0
             assert share == pytest.approx(1.0 - v.value / v.limit, abs=0.0051)
-
-
-@pytest.mark.parametrize(('speed_m_s', 'factor'), [(0.02, 1e3), (0.3, 1.0)])
-def test_the_box_of_limits_has_the_units_of_the_cloud(speed_m_s, factor):
-    """Slow ones are drawn in mm/s: so is their limit."""
-    final = np.random.default_rng(2).uniform(-1.0, 1.0, (50, 6)) * np.repeat([1.0, speed_m_s], 3)
-    figure = campaign.clouds(final, np.ones(50, dtype=bool), (0.5, speed_m_s / 2.0))
-    for number, axes in enumerate(figure.axes):
-        (box,) = (line for line in axes.lines if line.get_label() == 'limit of success')
-        limit = 0.5 if number < 2 else factor * speed_m_s / 2.0
-        assert sorted(set(box.get_xdata())) == sorted(set(box.get_ydata())) == [-limit, limit]
-        assert ('[mm/s]' in axes.get_xlabel()) == (number >= 2 and factor > 1.0)
 
 
 def test_a_log_that_ends_early_shows_a_shorter_flight(short_run, tmp_path):
@@ -235,36 +217,6 @@ def test_a_campaign_where_every_run_succeeds_or_none(limit, kept, tmp_path):
         assert worst.rows[3][0] == f'run {run}', 'the farthest beyond comes first'
 
 
-def test_failures_are_by_what_they_miss_first():
-    """Of runs that never touch, the one that ends farthest away is the worst, not the first."""
-    inf = np.inf
-    judged = {  # metric, limit, ratio of runs 0 to 4
-        'contact_closing_speed_m_s': np.array([[inf, inf, inf, 0.2, 0.05], [0.1] * 5, [inf] * 5]),
-        'keep_out_depth_m': np.array([[0.0, 0.0, 4.0, 0.0, 0.0], [0.0] * 5, [0, 0, inf, 0, 0]]),
-        'energy_n2s': np.array([[1.0] * 4 + [9.0], [2.0] * 5, [0.5] * 4 + [4.5]]),
-    }
-    found = {name: runs.tolist() for name, runs in campaign._first_missed(judged).items()}
-    assert list(found.items()) == [
-        ('keep_out_depth_m', [2]), ('contact_closing_speed_m_s', [0, 1, 3]), ('energy_n2s', [4]),
-    ]  # fmt: skip
-    ends, some = np.array([5.0, 953.0, 0.0, 0.0, 0.0]), judged['contact_closing_speed_m_s']
-    some[2, 3] = 2.0
-    assert campaign._farthest_first(some, ends, np.array([0, 1, 3])).tolist() == [1, 0, 3]
-    said = campaign._beside('contact_closing_speed_m_s', some[:, 1], 953.0)
-    assert said == 'never touches, ends 953 m from the goal'
-    said = campaign._beside('keep_out_depth_m', judged['keep_out_depth_m'][:, 2], 0.0)
-    assert said == 'keep out depth: 4 of 0 m'
-
-
-def test_folders_are_recognised(folder, store, tmp_path):
-    assert page.subject_of(str(folder)) == 'run'
-    assert page.subject_of(str(folder / 'run.mcap')) == 'run'
-    assert page.subject_of(str(store.folder)) == 'campaign'
-    assert page.subject_of('allround') == 'controller'
-    with pytest.raises(InputError, match=r'the folder of a run .* of a campaign .* or of a proof'):
-        page.subject_of(str(tmp_path))
-
-
 def test_a_campaign_that_still_flies_and_a_folder_that_takes_nothing(store, tmp_path):
     begun = Store.create(tmp_path / 'begun', store.campaign)
     assert 'go on with rpo campaign --resume' in refused('report', begun.folder)
@@ -291,22 +243,7 @@ def test_no_text_of_a_file_becomes_markup(text):
     ] * 4
 
 
-def test_a_picture_may_use_no_colour_of_its_own():
-    assert len(style.NAMES) == len(style.COLOURS), 'a light colour must have one name'
-    with style.applied():
-        figure = style.new_figure(2.0)
-        axes = figure.subplots()
-        axes.plot([0.0, 1.0], [0.0, 1.0], color=style.LIGHT['x'])
-        good = page.svg(Picture('one', figure, '', 'a rising line'))
-        axes.plot([0.0, 1.0], [1.0, 0.0], color='#123456')
-        bad = Picture('two', figure, '', 'and a falling one')
-    assert 'var(--x)' in good and not re.search('#[0-9a-f]{6}', good)
-    with pytest.raises(ValueError, match='#123456'):
-        page.svg(bad)
-
-
 SLEW = Requirements(slew_per_axis_n_s=0.1)
-WHOLE = Requirements(mean_error_norm_m=1e3)
 
 
 NAMES = [
@@ -330,21 +267,6 @@ def test_a_picture_has_a_name_as_it_is():
     assert not re.findall('#[0-9a-f]{6}', re.sub('>[^<]*<', '', source))
 
 
-def test_a_flight_whose_name_begins_with_an_underscore_is_in_the_legend(flight):
-    with style.applied():
-        drawn = run_plots.energy(flight, {'_a': flight}, '_b')
-    assert [text.get_text() for text in drawn.legends[0].get_texts()] == [' _a', ' _b']
-
-
-def test_a_name_is_no_verdict():
-    row = ('holds', 'holds', 'holds')
-    source = page.html(
-        Report('', '', (Section('s', (Table('', ('metric', 'MISSED', 'verdict'), (row,)),)),))
-    )
-    assert '<th scope="row">holds</th><td>holds</td><td class="good">holds</td>' in source
-    assert outputs.markdown_table(['a', 'b'], [('x|y', 'z')])[-1] == '| x\\|y | z |'
-
-
 def test_influence_is_spearmans():
     rng = np.random.default_rng(1)
     a, b, noise = rng.uniform(-1.0, 1.0, (3, 400))
@@ -364,14 +286,6 @@ def test_influence_is_spearmans():
     assert campaign.influences(drawn, np.ones(400)) == []
 
 
-def test_the_chance_level_is_exceeded_by_chance_alone_as_often_as_said():
-    """By Student's t, which the correlation of ranks follows closely: its tails are wider."""
-    n = 1000
-    level = campaign.chance_level(n)
-    t = level * np.sqrt((n - 2) / (1.0 - level**2))
-    assert 2.0 * scipy.stats.t.sf(t, n - 2) == pytest.approx(campaign.FALSE_ALARM, rel=0.02)
-
-
 def test_the_verdict_in_words():
     flight = straight('approach', [0.0, -50.0, 0.0], [0.0, 0.0, 0.0], 100)  # 5 m/s, in 10 s
     assert metrics.arrival_time_s(flight) == pytest.approx(9.9, abs=0.11)  # it is 0.5 m away
@@ -388,21 +302,6 @@ def test_the_verdict_in_words():
     slew = replace(still, scenario=replace(free.scenario, requirements=SLEW))
     said = 'The requirement holds. The tightest is slew per axis: 0 of 0.1 N/s. '
     assert logged.verdict_of(slew) == said + 'No requirement bounds arrival, end state.'
-
-
-def test_a_verdict_that_leaves_the_end_open_is_not_green(short_run):
-    """The flight ends 66 m away."""
-    shown = short_run.flight
-    for required, missed in ((shown.scenario.requirements, True), (SLEW, None), (WHOLE, False)):
-        flown = replace(shown, scenario=replace(shown.scenario, requirements=required))
-        assert run._missed(logged.LoggedFlight(flown, flown.scenario, ())) is missed
-
-
-def test_a_sentence_that_begins_with_a_number_is_folded():
-    """As a number it would be one line, wider than the page."""
-    sentence = '-0.23 N, between large negative and small negative (46 % of 0.5 N)'
-    assert page._cell(sentence) == f'<td>{sentence}</td>'
-    assert page._cell('-0.23 N').startswith('<td class="number">')
 
 
 # The data of a replay: what the page holds is what was flown and judged.

@@ -12,21 +12,17 @@ import yaml
 from invoking import invoke
 from pages import replayed, unpacked
 from scipy.spatial.transform import Rotation
-from test_report import check_labels
 
-from rpo.reports import replay, stages
+from rpo.reports import replay
 from rpo.reports.logged import logged_flight, until
 from rpo.reports.replay import Replayed
-from rpo.reports.run import _Stages, _thrusters
-from rpo.reports.turned import Panel, in_lvlh, panels_of, turned_of
+from rpo.reports.turned import turned_of
 from rpo_core import files
-from rpo_core.attitude.pointing import docking_axis
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.scenario import scenario as scenarios
-from rpo_core.wire.interfaces import BODY_TORQUE, CHASER_ATTITUDE, EXERTED_FORCE, WHEEL_MOMENTUM
+from rpo_core.wire.interfaces import BODY_TORQUE, CHASER_ATTITUDE, WHEEL_MOMENTUM
 from rpo_log.read.run_log import flight_of, read_run
-from rpo_log.show import report, style
 
 INERTIA = [[0.6, 0.02, 0.0], [0.02, 0.7, 0.01], [0.0, 0.01, 0.5]]
 
@@ -46,9 +42,6 @@ def document(**more):
     return {**found, **more}
 
 
-NO_TOPIC = 'unloading_torque', WHEEL_MOMENTUM
-
-
 def flown_of(found):
     return fly(scenarios.parse(found), load_controller('allround'))
 
@@ -56,21 +49,6 @@ def flown_of(found):
 @pytest.fixture(scope='module')
 def flight():
     return flown_of(document())
-
-
-@pytest.fixture(scope='module')
-def spinning():
-    """A flight to a target that spins."""
-    spin = {'kind': 'spin', 'axis': [0.2, 1.0, 0.5], 'rate_deg_s': 5.0}
-    return flown_of(document(target=spin))
-
-
-@pytest.fixture(scope='module')
-def tumbled():
-    """5 s of the shipped docking, whose wheels begin with more than they may keep."""
-    found = yaml.safe_load(files.read_text(files.find('scenario', 'tumbling_docking')))
-    found['attitude']['wheels']['start_nms'] = [0.07, -0.06, 0.0]
-    return flown_of({**found, 'duration_s': 5.0})
 
 
 @pytest.fixture(scope='module')
@@ -90,13 +68,6 @@ def test_the_wheels_of_a_log_are_those_that_flew(flight, logged):
     np.testing.assert_array_equal(found.momenta_nms, flight.signals[WHEEL_MOMENTUM])
     for one, other in zip(found, known, strict=True):
         np.testing.assert_array_equal(one, other)
-
-
-def test_the_wheels_of_a_log_are_emptied_as_they_were_in_flight(tumbled):
-    logged = {k: v for k, v in tumbled.signals.items() if k not in NO_TOPIC}
-    found = turned_of(replace(tumbled, signals=logged)).momenta_nms
-    assert np.abs(tumbled.signals['unloading_torque']).max() > 0.0
-    np.testing.assert_array_equal(found, tumbled.signals[WHEEL_MOMENTUM])
 
 
 def test_a_log_that_lost_a_command_in_the_chasers_axes_is_shown_up_to_it(logged):
@@ -130,26 +101,6 @@ def test_a_free_running_log_that_ends_early_is_shown_to_its_end(logged):
     assert found.theta_deg is None and np.isfinite(found.momenta_nms).all()
 
 
-def test_the_limit_of_the_torque_is_that_of_the_controller(tumbled):
-    """Wheels of 0.13 N m, of which what empties them takes 0.04 and the section leaves 0.06."""
-    (found,) = (p for p in panels_of(turned_of(tumbled), tumbled.scenario) if p.label == 'torque')
-    assert found.limit == 0.06
-
-
-def test_a_report_names_the_stages_that_it_cannot_run_again(flight, tumbled):
-    (said,) = _Stages([], None, None).lacking(tumbled)
-    assert said.text.startswith('No figures of guidance, assurance, estimator: ')
-    assert not _Stages([], None, None).lacking(flight)
-
-
-def test_the_torque_of_the_thrusters_is_drawn_about_the_axes_of_the_chaser(tumbled):
-    """Their force is in LVLH; and where they steer it, their torque is nothing left over."""
-    (section,) = _thrusters(tumbled)
-    picture = section.blocks[0]
-    assert 'torque that they give about the axes of the chaser' in picture.caption
-    assert picture.figure.axes[2].get_ylabel().endswith("chaser's axes")
-
-
 @pytest.mark.parametrize('late', [0, 3])
 def test_theta_is_the_angle_between_command_and_body(flight, late):
     """Against SciPy: the body turns on for half a tick, by its rate against LVLH."""
@@ -169,38 +120,6 @@ def test_theta_is_the_angle_between_command_and_body(flight, late):
     np.testing.assert_allclose(found.off_reference_deg, np.degrees(off), atol=1e-9)
 
 
-def test_a_force_of_the_thrusters_turns_into_the_one_that_was_exerted(flight):
-    found = in_lvlh(flight, flight.saturated_forces_n)
-    np.testing.assert_allclose(found, flight.signals[EXERTED_FORCE][:-1], atol=1e-5)
-    assert np.abs(found - flight.saturated_forces_n).max() > 0.1
-
-
-def test_a_run_is_explained_with_its_attitude(logged, flight):
-    done = invoke('explain', logged, '--at', '5')
-    assert done.exit_code == 0 and 'The logged force is the same, bit for bit.' in done.output
-    off = turned_of(flight).off_reference_deg[50]
-    torque = ', '.join(f'{value:.3g}' for value in flight.signals[BODY_TORQUE][50])
-    assert f'is {off:.3g} deg and' in done.output and f'torque [{torque}] N m' in done.output
-
-
-def test_a_limit_counts_once_it_is_reached():
-    values = np.array([[9.0, 0.0, 0.0], [0.0, -2.0, 1.0], [0.0, 7.0, 0.0]])
-    assert np.isnan(Panel('', '', 'deg', values, 5.0, once=True).sizes).tolist() == [1, 0, 0]
-    assert Panel('', '', 'deg', values, 5.0).sizes.tolist() == [9.0, 2.0, 7.0]
-
-
-def test_the_page_shows_angles_rates_and_wheels(logged):
-    with style.applied():
-        (section,) = stages.attitude_sections(flight_of(read_run(logged)))
-    rows = {row[0]: row[1:] for row in section.blocks[0].rows}
-    assert set(rows) == {
-        'off the reference, per axis', 'θ, force turned wrongly by', 'rate, per axis',
-        'torque commanded, per axis', 'momentum of a wheel',
-    }  # fmt: skip
-    assert rows['momentum of a wheel'][-1] == '≤ 0.5 N m s'
-    check_labels(section.blocks[1])
-
-
 def test_the_replay_turns_the_chaser(flight):
     found = replayed(replay.page_of('', [Replayed('', flight, '', None)]))
     (flown,) = found['flights']
@@ -213,28 +132,3 @@ def test_the_replay_turns_the_chaser(flight):
     names = [limit['name'] for limit in flown['limits']]
     assert 'momentum of a wheel' in names and 'torque commanded, per axis' in names
     assert found['scene']['cameras'] == [{'axis': [0.0, 1.0, 0.0], 'half': 0.4, 'turns': False}]
-
-
-def test_a_flight_without_attitude_says_nothing_of_it():
-    flight = fly(
-        replace(scenarios.load_scenario('paper_test'), duration_s=2.0), load_controller('allround')
-    )
-    assert turned_of(flight) is None
-    assert docking_axis(flight.scenario) == (0.0, -1.0, 0.0)
-    text = replay.page_of('', [Replayed('', flight, '', None)])
-    assert '"chaser":null,"turns":[]' in text and '"cameras":[]' in text
-
-
-@pytest.mark.every_landing
-def test_the_report_names_axes_that_turn_and_no_optimum(logged, tmp_path):
-    done = invoke('report', logged, '-o', tmp_path, '--no-fail')
-    assert done.exit_code == 0, done.output
-    text = (tmp_path / 'report.html').read_text()
-    assert 'The optimum is computed where neither chaser nor target turns.' in text
-    assert 'velocity and control force; right' in text
-    flight = flight_of(read_run(logged))
-    drawn = report.time_histories(flight).axes[0].get_legend_handles_labels()[1]
-    assert drawn == ['x', 'y', 'z']
-    still = fly(scenarios.load_scenario('quick'), load_controller('allround'))
-    drawn = report.time_histories(still).axes[0].get_legend_handles_labels()[1]
-    assert drawn == list(style.AXIS_NAMES)

@@ -100,12 +100,6 @@ def test_phases_and_interventions_are_told_as_they_were(flown):
     assert (acted.margins[ticks].min(axis=1) < 0.0).all(), 'a margin is why it acts'
 
 
-def test_interventions_are_runs_of_ticks_of_one_constraint():
-    names = ['', 'speed', 'speed', 'keep_out', '', 'keep_out']
-    assert stages.interventions(names) == [('speed', 1, 3), ('keep_out', 3, 4), ('keep_out', 5, 6)]
-    assert stages.interventions(['', '']) == []
-
-
 @pytest.fixture(scope='module')
 def made(flown):
     with pytest.MonkeyPatch.context() as patch:
@@ -138,15 +132,6 @@ def test_the_page_has_a_part_for_each_stage(made, flown):
     assert 'relative to the reference' in text
 
 
-def test_phases_stand_on_the_time_axis(made):
-    for name in ('time_histories', 'guidance', 'assurance'):
-        picture = next(p for p in made.pictures if p.name == name)
-        first = picture.figure.axes[0]
-        assert {'wait', 'in', 'stopped'} <= {t.get_text() for t in first.texts}
-        lines = [line.get_xdata()[0] for line in first.lines]
-        assert {0.1 * GO, 0.1 * HOLD} <= {round(float(x), 6) for x in lines}
-
-
 def along(start, end):
     return straight('hold_points', start, end, 200)
 
@@ -167,16 +152,6 @@ def test_passage_of_zones_on_straight_lines():
     assert passed['ticks in the keep-out sphere of 10 m outside the corridor'] == 'none'
     away = dict(run_plots.zone_passage(along([0.0, 21.0, 0.0], [0.0, 41.0, 0.0]), zones))
     assert away['enters the keep-out sphere of 10 m'] == 'never'
-
-
-def test_a_plane_shows_the_zones_of_the_scenario_alone():
-    flight = along([0.0, 21.0, 0.0], [0.0, 1.0, 0.0])
-    figure = run_plots.approach(flight, {}, zones_of(flight.scenario))
-    labels = {line.get_label() for axes in figure.axes for line in axes.lines}
-    assert {'corridor', 'keep-out sphere', 'holds, retreat'} <= labels
-    free = run_plots.approach(flight, {}, [])
-    labels = {line.get_label() for axes in free.axes for line in axes.lines}
-    assert not {'corridor', 'keep-out sphere', 'holds, retreat'} & labels
 
 
 @pytest.mark.every_landing

@@ -195,13 +195,3 @@ def test_a_start_that_misses_leaves_no_margins(quick):
     done = invoke('evaluate', 'handmade', '--robustness')
     assert done.exit_code == 1 and 'no margins: 24 of the starts' in done.output
     assert 'thrust loss' not in done.output and 'phase margin' in done.output
-
-
-def test_margins_are_numbers_of_a_table():
-    checked = tuple(margin_of(lambda x: x > 1.4, q) for q in (DELAY, LOSS))
-    found = robustness.Margins(
-        {'speed': 0, 'slew': 7}, 0, checked, (robustness.Crossing(0.5, 0.2, 60.0, 5.2, 52.4),)
-    )
-    cells = ['–', '≥99.0', '1', '–', '–', '–', '0.2000', '52.4']
-    assert robustness.cells(found.numbers()) == cells and set(robustness.cells({})) == {'–'}
-    assert 'by speed;' in found.headline() and 'slew (by 7)' in found.headline()

@@ -18,7 +18,6 @@ from rpo.montecarlo import config as campaigns
 from rpo.montecarlo import judging
 from rpo.montecarlo.run_batch import fly_runs
 from rpo.montecarlo.statistics import successes
-from rpo.reports import controller as report
 from rpo.reports.controller import report_of
 from rpo.reports.page import Table
 from rpo_core.chain.flight import fly
@@ -124,24 +123,6 @@ def test_the_report_of_the_default_opens_with_its_own_targets_and_where_its_surf
 def _tables(made, caption):
     blocks = (block for section in made.sections for block in section.blocks)
     return [b for b in blocks if isinstance(b, Table) and b.caption == caption]
-
-
-@pytest.mark.every_landing
-def test_a_report_has_the_targets_of_its_controller_and_says_if_one_is_missed(monkeypatch):
-    found = assessed(DEFAULT_CONTROLLER)
-    targets = found.targets()
-    targets[1] = targets[1]._replace(limit=0.5 * targets[1].reached)
-    monkeypatch.setattr(judgement.Assessment, 'targets', lambda _: targets)
-    monkeypatch.setattr(report, 'assess', lambda _: found)
-    made = report_of(DEFAULT_CONTROLLER)
-    (table,) = _tables(made, 'Targets')
-    assert made.missed and ['MISSED' in row for row in table.rows] == [
-        t == targets[1] for t in targets
-    ]
-    assert [row[:2] for row in table.rows] == [(t.name, t.what) for t in targets]
-    for row, target in zip(table.rows, targets, strict=True):
-        assert float(row[3].split()[0]) == pytest.approx(target.reached, rel=1e-3)
-        assert (target.limit is None) == (row[2] == '')
 
 
 PAGE = (Path(__file__).parents[2] / 'docs' / 'training.md').read_text()

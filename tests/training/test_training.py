@@ -179,11 +179,6 @@ def test_a_configuration_is_read_back_whole():
         configs.TrainingConfig.parse(document)
 
 
-def test_a_folder_with_a_run_is_not_overwritten(halfway):
-    with pytest.raises(InputError, match='holds a run already'):
-        Training.create(small(), halfway)
-
-
 def spoil(folder, how):
     path, config = folder / 'checkpoint.npz', folder / 'config.yaml'
     if how == 'configuration':
