@@ -102,6 +102,13 @@ def test_the_slew_limit_is_kept_while_nothing_else_asks():
     assert last == pytest.approx([0.2, -0.2, 0.02])
 
 
+def test_a_late_thruster_is_part_of_the_stage():
+    late = PAPER.equipped(Thrusters(delay_ticks=3))
+    stage = AssuranceStage(SURE, late)
+    assert stage.memory_ticks is None
+    assert AssuranceStage(SURE, PAPER).memory_ticks == 0
+
+
 def test_thrusters_fire_what_was_assured_and_metrics_are_of_it():
     """They were of the command before assurance: of a force that nobody exerted."""
     found = PAPER.equipped(

@@ -240,3 +240,12 @@ def test_what_is_beyond_its_wall_by_an_error_may_come_back_as_it_does():
     seen = (np.sin(half), 0.0, 0.0, np.cos(half), -radians(0.5), 0.0, 0.0)
     back = kept((0.05, 0.0, 0.0), lim, seen, (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     assert back == (0.05, 0.0, 0.0, PASSED)
+
+
+def test_what_is_off_its_reference_is_free_to_come():
+    """Beyond the cone only the rate is limited: a slew is no fault."""
+    half = radians(30.0) / 2.0
+    far = (np.sin(half), 0.0, 0.0, np.cos(half), 0.0, 0.0, 0.0)
+    assert kept((-0.05, 0.0, 0.0), numbers(), seen=far) == (-0.05, 0.0, 0.0, PASSED)
+    near = (*far[:4], -radians(2.0), 0.0, 0.0)
+    assert kept((-0.05, 0.0, 0.0), numbers(), seen=near)[0] >= 0.0

@@ -19,6 +19,7 @@ from rpo_core.chain.flight import Flight, fly
 from rpo_core.control import controller_file
 from rpo_core.control.baselines import Pd
 from rpo_core.control.controller import load_controller
+from rpo_core.control.controller_file import received
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
 from rpo_core.scenario import overrides
@@ -91,6 +92,23 @@ def test_blocks_of_ticks_have_the_bits_of_single_ones(name):
     memories = [link.stage.memory_ticks for link in chain.links]
     assert chain.memory_ticks == (None if None in memories else sum(memories))
     assert chain.counts_ticks == any(link.stage.counts_ticks for link in chain.links)
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_a_controller_answers_what_it_received(name):
+    scenario, controller, flight = flown(name)
+    known = rows_of(flight)
+    for tick in range(0, TICKS, 7):
+        signals = {key: tuple(rows[tick]) for key, rows in known.items()}
+        seen, on_top = received(scenario, signals)
+        force = np.add(controller.force_n(seen[:3], seen[3:], tick), on_top)
+        if scenario.compensated:
+            force -= signals[interfaces.ESTIMATED_DISTURBANCE]
+        assert tuple(force) == signals[CONTROL_FORCE]
+        if interfaces.REFERENCE_STATE in signals:
+            state = signals.get(interfaces.NAVIGATION_STATE, signals[RELATIVE_STATE])
+            relative = np.subtract(state, signals[interfaces.REFERENCE_STATE])
+            assert tuple(relative) == seen
 
 
 @pytest.mark.parametrize('name', ['apollo', 'docking_leo', 'paper_test', 'world_leo'])

@@ -125,6 +125,23 @@ def test_an_edit_of_another_module_reaches_what_was_compiled_from_it(tmp_path, i
     assert imported(modules.parent, processes=3) == ['196.0 0', '196.0 1', '196.0 1']
 
 
+def test_the_digest_has_the_kernels_and_tuples_of_all_packages(tmp_path, monkeypatch):
+    modules = write_small(tmp_path)
+    (modules / 'tuples.py').write_text('NamedTuple')
+    (modules / 'other.py').write_text('')
+    monkeypatch.syspath_prepend(str(tmp_path))
+    sources = compile_cache._sources.__wrapped__
+    digests = [sources()[0]]
+    for name in ('low', 'top', 'tuples', 'other'):
+        with (modules / f'{name}.py').open('a') as file:
+            file.write('# edited\n')
+        digests.append(sources()[0])
+    assert len(set(digests[:-1])) == 4 and digests[-1] == digests[-2]
+    packages = sources()[1]
+    assert {'rpo_small', 'rpo_core', 'rpo'} <= packages
+    assert 'rpo_log' not in packages
+
+
 def test_every_source_that_imports_the_decorators_is_in_the_digest():
     """Else an edit of it flies the machine code from before."""
     root = Path(__file__).parents[2]

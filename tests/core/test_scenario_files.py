@@ -218,6 +218,12 @@ def test_a_set_has_one_field_of_starts():
     assert starts.parse(starts.FIELDS[0], [1.0]) == starts.Grid.cube((1.0,))
 
 
+def test_the_farthest_of_a_set_is_the_one_that_is_rehearsed():
+    training = scenario.load_set('paper_training')
+    far = replace(training, starts=starts.Grid((1.0, -9.0, 4.0), (2.0, 3.0), (-1.0, 0.5)))
+    assert far.farthest == replace(training.base, initial_position_m=(-9.0, 3.0, -1.0))
+
+
 def test_changed_fields_are_those_of_a_file_with_them():
     changes = ['initial_position_m=[0,80,0]', 'thrusters.delay_ticks=2', 'disturbance=none']
     found = overrides.load('paper_test', changes)

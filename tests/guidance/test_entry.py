@@ -61,6 +61,21 @@ def test_the_shipped_plan_is_the_one_that_is_chosen(found):
     assert found[0].settings == PLAN
 
 
+def test_tried_are_entries_by_the_last_transfer_that_can_be_legs():
+    """None whose line gains speed, or whose corridor begins before it."""
+    way, line = PLAN.legs
+    before, slower = replace(way, name='before'), replace(line, end_speed_m_s=0.06)
+    legs = before, replace(way, corridor_s=40.0), slower
+    tried = [(i, *one.legs) for i, one in entry._others(replace(PLAN, legs=legs), PORT)]
+    assert {(i, first) for i, first, *_ in tried} == {(1, before)}
+    assert [(x.duration_s, x.corridor_s, x.arrive_m_s[1], y.speed_m_s) for *_, x, y in tried] == [
+        (float(s), 40.0 * share, -round(0.075 * share, 6), round(0.075 * share, 6))
+        for share in (1.0, 1.5, 2.0)
+        for s in range(5, 470, 5)
+        if s > 40.0 * share
+    ]
+
+
 def test_a_plan_that_cannot_be_flown_has_no_entry():
     weak = replace(PLAN, force_share=0.01)
     with pytest.raises(InputError, match='no moment was found at which the plan of tumbling_port'):

@@ -18,21 +18,12 @@ from rpo.montecarlo import config, faults, run_batch
 from rpo.montecarlo.quantities import QUANTITIES
 from rpo.montecarlo.run_batch import fly_runs
 from rpo.montecarlo.sampling import draw
-from rpo_core.assurance.settings import Assurance, Passage
 from rpo_core.assurance.shaping import Shaping
 from rpo_core.attitude.chaser import Chaser, Wheels
-from rpo_core.attitude.pointing import Pointing
-from rpo_core.attitude.target import Target
-from rpo_core.control.attitude import AttitudeControl, FuzzyAttitude
+from rpo_core.control.attitude import AttitudeControl
 from rpo_core.control.attitude_limits import AttitudeLimits
-from rpo_core.control.controller import load_fuzzy
 from rpo_core.files.validation import InputError
-from rpo_core.guidance.guidance import Guidance, Leg
 from rpo_core.judge.verdicts import verdicts
-from rpo_core.navigation.attitude_estimator import AttitudeEstimator
-from rpo_core.navigation.attitude_sensors import AttitudeSensors, Gyro, StarTracker
-from rpo_core.navigation.estimator import Estimator
-from rpo_core.navigation.sensors import Sensor, Sensors
 from rpo_core.scenario import scenario
 from rpo_core.scenario.requirements import Requirements
 from rpo_core.thrusters.table import Failure, ThrusterTable
@@ -60,110 +51,28 @@ FIRING = Thrusters(
     pulses=Pulses(count=6, modulation='pulse_width', minimum_on_time_s=0.01),
     propellant=Propellant(specific_impulse_s=2.0, mass_kg=1.0),
 )
-STUCK = Failure(thruster='y-b', stuck='on', from_s=3.0, until_s=6.0, known=True)
-QUADS = ThrusterTable(
-    preset='quads_16', force_n=0.25, minimum_impulse_bit_n_s=0.002, failures=(STUCK,),
-    centre_of_mass_m=(0.05, 0.0, -0.02),
-)  # fmt: skip
-LEAK = Propellant(specific_impulse_s=2.0, mass_kg=0.3)
 SOME = {'initial_position_m': {'uniform': 5.0}, 'mass_share': {'normal': 0.03}}
-MEASURED = replace(scenario.load_scenario('paper_test_measured'), duration_s=12.0)
-AS_FLOWN = config.load(config.find('paper_test_measured'), controller='handmade').config.dispersions
-CONTACT = Requirements(
-    contact_range_m=60.0,
-    contact_axis='+y',
-    contact_closing_speed_m_s=1.0,
-    contact_lateral_speed_m_s=1.0,
-    keep_out_m=90.0,
-    corridor_half_angle_deg=40.0,
-    keep_out_depth_m=0.0,
-    final_error_norm_m=1.0,
-    hold_from_s=6.0,
-    hold_speed_norm_m_s=0.1,
+STEERED = Chaser(
+    inertia_kg_m2=((10.0, 0.5, 0.0), (0.5, 14.0, 0.3), (0.0, 0.3, 20.0)),
+    attitude=(0.5, 0.5, 0.1, 0.7),
+    wheels=Wheels(torque_nm=2.0, momentum_nms=10.0),
 )
-TURNING = replace(PLAIN, requirements=CONTACT)
-LONG = ((10.0, 0.5, 0.0), (0.5, 14.0, 0.3), (0.0, 0.3, 20.0))
-FREE = Chaser(
-    inertia_kg_m2=LONG, attitude=(0.5, 0.5, 0.1, 0.7), rates_deg_s=(1.0, -2.0, 3.0),
-    disturbance_torque_nm=(0.0, 0.001, 0.0),
-)  # fmt: skip
-STARS = AttitudeSensors(
-    star_tracker=StarTracker(
-        cross_noise_arcsec=300.0, boresight_noise_arcsec=2000.0, boresight=(1.0, 2.0, 3.0),
-        period_ticks=3, latency_ticks=2, outages_s=((3.0, 4.0),), light_deg=40.0,
-    ),
-    gyro=Gyro(noise_rad_s0_5=1e-4, bias_rad_s=(1e-3, 0.0, -1e-3), bias_walk_rad_s1_5=1e-5),
-)  # fmt: skip
-CAMERA = Sensor(
-    'range_bearing', noise_share=0.01, bearing_noise_rad=0.002, boresight=(0.0, -1.0, 0.5),
-    field_of_view_rad=2.2, latency_ticks=1, bias_m=(0.1, 0.0, 0.0), body_fixed=True,
-)  # fmt: skip
-LOOKING = Pointing(mate=(0.1, 0.2, 0.3, 0.9), port_m=(0.0, 1.0, 0.0), align_within_m=2.0)
-TURNED = {'contact_angle_deg': 4.0, 'contact_rate_deg_s': 0.2}
-OF_CHASER = [name for name in QUANTITIES if name.startswith(('chaser_', 'wheel_'))]
-STEERED = replace(
-    FREE, wheels=Wheels(torque_nm=0.02, momentum_nms=0.05, start_nms=(0.01, 0.0, 0.0))
-)
-FUZZY = FuzzyAttitude(
-    name='hand', system=load_fuzzy('handmade').system, angle_rad=1.0, rate_rad_s=0.1,
-    torque_nm=0.02, moment_kg_m2=0.5,
-)  # fmt: skip
-IN = Guidance(
-    legs=(
-        Leg(name='to', kind='transfer', frame='target', to_m=(0.0, 6.0, 0.0), duration_s=90.0),
-        Leg(name='in', kind='straight', frame='target', to_m=(0.0, 1.0, 0.0), speed_m_s=0.15,
-            end_speed_m_s=0.075),
-    ),
-    port_m=(0.0, 1.0, 0.0),
-    past_port_m=0.3,
-)  # fmt: skip
-PORT = replace(
-    scenario.load_scenario('tumbling_port'),
-    initial_position_m=(5.0, 25.0, 5.0),
-    duration_s=140.0,
-    sections=(IN, Target(kind='tumble', rates_deg_s=(0.3, 0.4, 1.0), inertia_kg_m2=LONG)),
-)
+
+
+def shipped(name, *sections):
+    """Return the first 12 s of a shipped campaign, with other sections, and its dispersions."""
+    campaign = config.load(config.find(name), controller='handmade')
+    flown = replace(campaign.scenario, duration_s=12.0).equipped(*sections)
+    drawn = campaign.config.dispersions.items()
+    spreads = {name: list(d.spread) if len(d.spread) > 1 else d.spread[0] for name, d in drawn}
+    return flown, {name: {d.distribution: spreads[name]} for name, d in drawn}
+
+
 CASES = {
     'leo': (LEO, WORLD),
-    'measured and shaped': (
-        MEASURED.equipped(Shaping(0.05, 0.001)),
-        {name: {d.distribution: list(d.spread) if len(d.spread) > 1 else d.spread[0]}
-         for name, d in AS_FLOWN.items()},
-    ),
-    'a target that spins': (
-        TURNING.equipped(Target(kind='spin', axis=(1.0, 2.0, 3.0), rate_deg_s=5.0)), SOME,
-    ),
-    'a corridor that turns': (
-        replace(PLAIN, initial_position_m=(0.0, 8.0, 0.0), initial_velocity_m_s=(0.0, 0.0, 0.0))
-        .equipped(
-            Target(kind='spin', axis=(1.0, 2.0, 3.0), rate_deg_s=0.5), Thrusters(),
-            Assurance(keep_out_m=10.0, corridor=Passage('+y', 15.0, 1.0, 20.0, 0.3, 0.2, 0.05),
-                      thrust_error=0.1, disturbance_n=0.05),
-        ),
-        {'initial_position_m': {'uniform': 0.5}, 'mass_share': {'uniform': 0.05},
-         'target_attitude_x_deg': {'uniform': 2.0}, 'target_known_error_y_deg': {'uniform': 0.2}},
-    ),
-    'a table of thrusters': (
-        PLAIN.equipped(Thrusters(table=QUADS, propellant=LEAK)),
-        {**SOME, 'thrust_share': {'normal': 0.02}, 'misalignment_deg': {'normal': 1.0},
-         'delay_ticks': {'whole': 2}, 'stuck_off_thruster': {'whole': 15}},
-    ),
-    'a camera on a chaser that estimates its attitude': (
-        PLAIN.equipped(
-            FREE, AttitudeControl(controller='attitude_pd'), STARS, AttitudeEstimator(),
-            Sensors((CAMERA,)), Estimator(),
-        ),
-        {**SOME, 'star_tracker_noise_share': {'uniform': 0.5},
-         'gyro_bias_y_rad_s': {'normal': 1e-4}, 'attitude_error_z_deg': {'normal': 0.5},
-         'sensor_noise_share': {'uniform': 0.3}},
-    ),
-    'a chaser that looks at a port that tumbles': (
-        replace(PORT.equipped(STEERED, LOOKING, AttitudeControl(controller=FUZZY)),
-                requirements=replace(CONTACT, contact_range_m=9.0, **TURNED)),
-        {**SOME, **{name: {'uniform': 0.3} for name in OF_CHASER},
-         'target_attitude_x_deg': {'normal': 5.0}, 'target_known_error_y_deg': {'normal': 0.5}},
-    ),
-}  # fmt: skip
+    'measured and shaped': shipped('paper_test_measured', Shaping(0.05, 0.001)),
+    'tumbling_docking': shipped('tumbling_docking'),
+}
 
 
 def flown_lines(loaded):
@@ -245,11 +154,6 @@ def test_a_run_has_the_same_draws_alone_and_beside_other_dispersions(way, loaded
     [
         (PLAIN, {'density_share': {'uniform': 0.5}}, '`density_share` has no effect: scenario app'),
         (PLAIN, {'gyro_bias_x_rad_s': {'normal': 1e-5}}, 'has no `attitude_sensors`'),
-        (
-            PLAIN.equipped(FREE, STARS),
-            {'attitude_error_z_deg': {'normal': 1.0}},
-            'has no `attitude_estimator`',
-        ),
         (PLAIN, {'chaser_rate_x_deg_s': {'normal': 0.1}}, 'has no `attitude`'),
         (PLAIN, {'true_anomaly_deg': {'uniform': 5.0}}, 'has no orbit but a circle'),
         (PLAIN, {'stuck_off_thruster': {'whole': 5}}, 'has no `pulses` of thrusters'),
@@ -284,11 +188,8 @@ def test_what_thrusters_spend_is_judged_as_the_verdict_of_each_flight(loaded):
 
 def test_a_run_that_no_scenario_allows_is_named(loaded):
     """The limits of the attitude's rate are looked at in each run, not at the extremes."""
-    slow = replace(
-        STEERED, rates_deg_s=(0.0, 0.0, 0.0), wheels=Wheels(torque_nm=2.0, momentum_nms=10.0)
-    )
     limits = AttitudeLimits(rate_deg_s=3.5, disturbance_nm=0.001)
-    flown = PLAIN.equipped(slow, AttitudeControl(controller=FUZZY, limits=limits))
+    flown = PLAIN.equipped(STEERED, AttitudeControl(controller='attitude_pd', limits=limits))
     campaign = loaded(flown, dispersions={'chaser_rate_x_deg_s': {'normal': 1.3}}, runs=1000)
     fast = np.abs(draw(campaign, 0, 1000).column('chaser_rate_x_deg_s')) > 3.5
     first = int(np.argmax(fast))
@@ -356,7 +257,7 @@ def test_a_run_alone_has_the_bits_of_the_campaign(loaded):
 
 def test_torques_are_lost_and_late_with_their_forces(loaded):
     """Bit for bit as the chain; and as no attitude control sent them."""
-    turning = PLAIN.equipped(STEERED, AttitudeControl(controller=FUZZY))
+    turning = PLAIN.equipped(STEERED, AttitudeControl(controller='attitude_pd'))
     spread = {'chaser_rate_x_deg_s': {'normal': 0.1}}
     campaign = loaded(turning, faults=LOSSY, success=None, dispersions=spread)
     for flight in flown_alone(campaign, 0, 39):
