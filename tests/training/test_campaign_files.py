@@ -10,7 +10,6 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -24,12 +23,8 @@ from rich.console import Console
 from rpo.display import COMPILING, progress
 from rpo.montecarlo import config, execution, run_batch
 from rpo.montecarlo.pool import versions
-from rpo.montecarlo.run_batch import fly_run, fly_runs
-from rpo.montecarlo.statistics import kept, successes
 from rpo.montecarlo.store import Store
 from rpo_core.files.validation import InputError
-from rpo_core.judge.verdicts import verdicts
-from rpo_core.scenario.requirements import ATTITUDES, LIMITS, THRUST, Requirements
 
 
 def test_the_folder_is_the_same_on_any_threads_interrupted_or_not(tmp_path, loaded):
@@ -99,59 +94,6 @@ def test_memory_is_flat(tmp_path, write):
         command = [sys.executable, '-c', code, str(path), str(runs), str(tmp_path / str(runs))]
         peaks.append(int(subprocess.check_output(command)))
     assert peaks[1] - peaks[0] < 64 * 1024  # KiB; all columns are 312 MB
-
-
-EVERY_LIMIT = {
-    'final_error_per_axis_m': 53.0, 'final_error_norm_m': 57.0, 'final_speed_per_axis_m_s': 0.7,
-    'final_speed_norm_m_s': 0.8, 'mean_window_s': 5.0, 'mean_error_norm_m': 60.0,
-    'mean_speed_norm_m_s': 0.8, 'hold_from_s': 12.05, 'hold_error_per_axis_m': 60.0,
-    'hold_error_norm_m': 70.0, 'hold_speed_per_axis_m_s': 0.7, 'hold_speed_norm_m_s': 0.8,
-    'hold_force_per_axis_n': 0.4, 'hold_force_per_disturbance': 20.0, 'arrival_time_s': 18.3,
-    'contact_range_m': 61.0, 'contact_closing_speed_m_s': 0.6, 'contact_lateral_speed_m_s': 0.4,
-    'contact_axis': '+y', 'contact_least_closing_speed_m_s': 0.01, 'keep_out_m': 60.0,
-    'corridor_half_angle_deg': 5.0, 'keep_out_depth_m': 1.0,
-    'slew_per_axis_n_s': 2.0, 'energy_n2s': 3.0, 'delta_v_axis_sum_m_s': 1.0,
-}  # fmt: skip
-
-
-@pytest.mark.parametrize('goal', [(0.0, 0.0, 0.0), (0.0, 5.0, -3.0)])
-@pytest.mark.parametrize(
-    'arrival', [{'arrival_error_per_axis_m': 54.0}, {'arrival_error_norm_m': 66.0}]
-)
-@pytest.mark.parametrize(('controller', 'by'), [('handmade', 'scenario'), ('pd', 'campaign')])
-def test_a_campaign_judges_by_every_limit_as_a_single_flight_is_judged(
-    goal, arrival, controller, by, loaded
-):
-    """Values and decisions are those of the verdicts of each run's own flight, bit for bit.
-
-    Also where the campaign names the limits: the scenario says when and where, and few of them.
-    """
-    others = {*THRUST, *ATTITUDES}  # these need pulses, and an attitude
-    every, required = {**EVERY_LIMIT, **arrival}, [name for name in LIMITS if name not in others]
-    named = {name: every[name] for name in required} if by == 'campaign' else {}
-    few = {'hold_error_norm_m', 'mean_error_norm_m', 'arrival_time_s', 'keep_out_depth_m'}
-    few |= {'contact_closing_speed_m_s', *every.keys() - named.keys()}
-    campaign = loaded(
-        required={name: value for name, value in every.items() if name in few},
-        goal=list(goal), controller=controller, success=named or None,
-    )  # fmt: skip
-    assert set(campaign.config.success) == set(required)
-    columns = fly_runs(campaign, 0, 60)
-    flights = [fly_run(campaign, number) for number in range(0, 60, 7)]
-    own = Requirements(**every)
-    scenarios = [replace(flight.scenario, requirements=own) for flight in flights]
-    judged = [verdicts(replace(f, scenario=s)) for f, s in zip(flights, scenarios, strict=True)]
-    for place, name in enumerate(required):
-        values, limits = campaign.config.limit(name, columns)
-        found = [row[place] for row in judged]
-        assert [v.key for v in found] == [name] * len(found)
-        assert [v.value for v in found] == values[::7].tolist(), name
-        assert [v.limit for v in found] == np.broadcast_to(limits, 60)[::7].tolist(), name
-        assert [v.holds for v in found] == kept(campaign.config, name, columns)[::7].tolist()
-    together = successes(campaign.config, columns)[::7].tolist()
-    assert together == [all(v.holds for v in row) for row in judged]
-    words = {v.holds for row in judged for v in row}
-    assert words == {True, False}
 
 
 @pytest.mark.slow

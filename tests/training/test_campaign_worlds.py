@@ -23,7 +23,6 @@ from rpo_core.attitude.chaser import Chaser, Wheels
 from rpo_core.control.attitude import AttitudeControl
 from rpo_core.control.attitude_limits import AttitudeLimits
 from rpo_core.files.validation import InputError
-from rpo_core.judge.verdicts import verdicts
 from rpo_core.scenario import scenario
 from rpo_core.scenario.requirements import Requirements
 from rpo_core.thrusters.table import Failure, ThrusterTable
@@ -166,24 +165,6 @@ def test_dispersions_that_cannot_act_are_one_sentence(flown, dispersions, said, 
     with pytest.raises(InputError) as caught:
         loaded(flown, dispersions=dispersions)
     assert said in str(caught.value) and '\n' not in str(caught.value)
-
-
-def test_what_thrusters_spend_is_judged_as_the_verdict_of_each_flight(loaded):
-    """Also where the campaign names the limits, which its scenario does not require."""
-    limits = {'propellant_kg': 0.012, 'thruster_delta_v_m_s': 5.0, 'valve_openings': 300.0}
-    required = replace(LEO, requirements=Requirements(**limits))
-    campaign = loaded(required, dispersions=SOME, success=None)
-    assert campaign.config.success == limits
-    columns = fly_runs(campaign, 0, 3)
-    for number in range(3):
-        found = {v.key: v.value for v in verdicts(run_batch.fly_run(campaign, number))}
-        assert found == {name: columns[name][number] for name in limits}
-        assert found['propellant_kg'] > 0.0 and found['valve_openings'] > 10.0
-    named = fly_runs(loaded(LEO, dispersions=SOME, success=limits), 0, 3)
-    assert list(named)[-3:] == ['thruster_delta_v_m_s', 'propellant_kg', 'valve_openings']
-    assert all((named[name] == columns[name]).all() for name in limits)
-    with pytest.raises(InputError, match='needs thrusters with'):
-        loaded(PLAIN, dispersions=SOME, success=limits)
 
 
 def test_a_run_that_no_scenario_allows_is_named(loaded):

@@ -134,22 +134,6 @@ def test_no_tick_from_a_strip_changes_the_force_faster_than_its_bound():
     assert 0.8 < max(ratios) <= 1.0
 
 
-def test_what_is_kept_of_a_tube_is_rounded_outward():
-    """By more than sums of its ticks are rounded: a checker adds them up in another order."""
-    problem = problem_of('allround', half=BOX)
-    prover, judged = Prover(problem, 'planar', NOWHERE), problem.scenario.ticks - 1
-    kept = prover.values(cells.Cell((1.0, 0.5, 0.0, 0.0), (0.5, 0.25, 0.0, 0.0)))[0]
-    found, t = dict(zip(cells.VALUES, kept, strict=True)), prover.trace
-    low, high = t.force_low[: judged + 1], t.force_high[: judged + 1]
-    commands, least = np.maximum(-low, high), np.maximum(np.maximum(low, -high), 0.0)
-    dt_s, out = problem.scenario.dt_s, 1.0 + 5e-13
-    assert found['force_n'] > commands.max() * out
-    assert found['slew_n_s'] > t.slew[:judged].max() * out
-    assert found['speed_m_s'] > np.maximum(-t.low, t.high)[: judged + 2, 2:].max() * out
-    assert found['energy_high_n2s'] > (commands**2).sum() * dt_s * out
-    assert 0.0 < found['energy_low_n2s'] < (least**2).sum() * dt_s / out
-
-
 @pytest.mark.parametrize('name', rest_at_landing(SHIPPED))
 def test_no_flight_leaves_the_invariant_set(name):
     """From its corners, where a flight would leave first."""

@@ -155,18 +155,6 @@ def test_the_command_trains_a_family_and_goes_on(tmp_path):
     assert invoke('train', '--resume', mine).exit_code == done.exit_code
 
 
-def test_the_controller_of_a_run_loads_and_is_what_its_provenance_says(trained):
-    training, best = trained
-    loaded = load_controller(training.folder / 'paper_ga.yaml')
-    assert loaded == best
-    assert loaded.provenance['seed'] == 1
-    assert loaded.provenance['fitness_n2s'] == best.provenance['fitness_n2s']
-    header, *rows = (training.folder / 'history.csv').read_text().splitlines()
-    assert header.startswith('generation,evaluations,best_fitness')
-    assert len(rows) == 6
-    assert float(rows[-1].split(',')[2]) == best.provenance['fitness_n2s']
-
-
 def test_a_configuration_is_read_back_whole():
     for config in (*configs.PRESETS.values(), replace(FamilyConfig.of('more_words'), seed=3)):
         assert type(config).parse(files.parse_yaml(config.dumps())) == config
