@@ -15,7 +15,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from landing import rest_at_landing
 
-from rpo_core.assurance.abort import BURN_S, Counter, Limit, counted, quantity_of
+from rpo_core.assurance import manoeuvre
+from rpo_core.assurance.abort import BURN_S, HELD, Counter, Limit, Note, counted, quantity_of
 from rpo_core.assurance.abort_table import QUANTITIES, Row
 from rpo_core.assurance.kernels import speed_limit
 from rpo_core.assurance.manoeuvre import APPROACH_1_S, PASSING_M, around
@@ -183,6 +184,31 @@ def test_after_an_abort_the_drift_is_clear_for_two_orbits(when):
         assert drift(flight.states[-1], n, along) > 10.0
     if when < 5000:
         assert flight.ranges(when).min() > 10.0
+
+
+def test_a_way_out_stays_clear_of_the_sphere_and_inside_it_of_the_port(monkeypatch):
+    stage, radii = Flight(with_table()).stage, []
+    monkeypatch.setattr(manoeuvre, 'choose', lambda state, radius, *rest: radii.append(radius))
+    for range_m in (10.5, 9.5):
+        stage.abort.way_out((0.0, range_m, 0.0, 0.0, 0.0, 0.0), stage.guard, None)
+    expected = [10.0 + stage.guard.here_m, SETTINGS.corridor.port_m + stage.guard.here_m]
+    assert radii == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ('range_m', 'enclosed'), [(15.0, True), (15.0, False), (9.0, True), (9.0, False)]
+)
+def test_only_inside_the_sphere_and_in_the_corridor_the_way_out_is_outward(
+    range_m, enclosed, monkeypatch
+):
+    machine, ways = Flight(with_table()).until(1).stage.abort, []
+    plain = machine.way_out
+    monkeypatch.setattr(machine, 'way_out', lambda *given: ways.append(given[2]) or plain(*given))
+    machine.m.ahead, machine.m.outward = [0.0, range_m, 0.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0]
+    machine.m.enclosed = int(enclosed)
+    said = machine._told(machine._plan(Note(5, 0, HELD, 0))).reason
+    assert ways == [(0.0, 1.0, 0.0) if range_m < 10.0 and enclosed else None]
+    assert f' of {SETTINGS.corridor.port_m if range_m < 10.0 else 10.0:g} m at the worst' in said
 
 
 def test_how_near_a_drift_inside_the_sphere_comes_is_looked_for_to_its_end():
