@@ -8,12 +8,8 @@ from datetime import datetime, timezone
 from typing import Any
 
 from rpo_core.control.baselines import Pd
-from rpo_core.kernels.noise import six_normals
-from rpo_core.navigation.estimator import Estimator
 from rpo_core.scenario import scenario
 from rpo_core.scenario.scenario import Scenario
-from rpo_core.stage import Place, Stage
-from rpo_core.wire import interfaces
 
 LIDAR = {
     'kind': 'range_bearing',
@@ -77,30 +73,3 @@ def attitude_scenario(
         **changes,
     }
     return make(**sections)
-
-
-class Unmodelled(Stage):
-    """The force that the process noise of an estimator stands for, drawn as it believes."""
-
-    name = 'unmodelled'
-    outputs = (interfaces.DISTURBANCE_FORCE,)
-
-    def __init__(self, flown: Scenario, key: int) -> None:
-        settings = flown.section(Estimator)
-        density = settings.acceleration_noise_m_s1_5 * flown.mass_kg
-        self._sigma, self._key = density / flown.dt_s**0.5, key
-        self._walk = settings.disturbance_walk_n_s0_5 * flown.dt_s**0.5
-        first = six_normals(0, key, 3)[:3]
-        self._constant = [settings.disturbance_sigma_n * draw for draw in first]
-
-    def step(self, tick, *inputs):
-        draws = six_normals(tick, self._key, 2)
-        force = tuple(c + self._sigma * n for c, n in zip(self._constant, draws, strict=False))
-        for axis in range(3):
-            self._constant[axis] += self._walk * draws[3 + axis]
-        return (force,)
-
-
-def unmodelled(flown: Scenario, key: int) -> list[tuple[Place, Stage]]:
-    """Return the stage of the unmodelled force in its place."""
-    return [(Place.DISTURBANCE, Unmodelled(flown, key))]

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The attitude filter against matrices and SciPy's rotations, and against its own covariance."""
+"""The attitude filter against matrices and SciPy's rotations."""
 
 from __future__ import annotations
 
@@ -129,28 +129,6 @@ def errors_of(stage, truth, bias):
     """Return the error (6,) of the newest estimate: angles in the chaser's axes, bias."""
     off = Rotation.from_quat(stage.m.x[:4]).inv() * Rotation.from_quat(truth[:4])
     return np.array([*off.as_quat(canonical=True)[:3] * 2.0, *(bias - np.array(stage.m.x[4:]))])
-
-
-@pytest.mark.parametrize('star', [{}, {'latency_ticks': 3, 'period_ticks': 5}], ids=str)
-def test_errors_are_as_large_as_it_says(star):
-    """Mean NEES of 6 and NIS of 3; bounds of 4 sigma for so few runs."""
-    runs, ticks, sigma = 40, 150, 5e-5
-    nees, nis, still = [], [], {'bias_walk_rad_s1_5': 0.0}
-    for key in range(runs):
-        bias = np.random.default_rng(key).normal(size=3) * sigma
-        flown = attitude_scenario(
-            star, {**still, 'bias_rad_s': bias.tolist()}, key, ticks=ticks,
-            attitude_filter={'bias_sigma_rad_s': sigma},
-        )  # fmt: skip
-        flight, stage = fly(flown, PD), stage_of(flown)
-        for tick in range(ticks + 1):
-            stage.step(tick, tuple(flight.signals['attitude_measurement'][tick]))
-            if stage.m.tested[0] > 0:
-                nis.append(stage.m.nis[0])
-        error = errors_of(stage, flight.signals['chaser_attitude'][ticks], bias)
-        nees.append(error @ np.linalg.solve(stage.covariance, error))
-    assert abs(np.mean(nees) - 6.0) < 4.0 * np.sqrt(12.0 / runs)
-    assert abs(np.mean(nis) - 3.0) < 4.0 * np.sqrt(6.0 / len(nis))
 
 
 def test_a_false_star_is_rejected_and_many_restart_it():

@@ -9,7 +9,6 @@ import pytest
 from invoking import invoke
 
 import rpo
-from rpo.montecarlo import run_batch
 
 
 def test_a_campaign_has_the_bits_of_the_command(write, tmp_path):
@@ -25,28 +24,6 @@ def test_a_campaign_has_the_bits_of_the_command(write, tmp_path):
     assert again.results.bound == read.results.bound
     rows = runs._repr_html_()
     assert '250 runs' in rows and '<td>success</td>' in rows
-
-
-def test_a_campaign_in_a_folder_goes_on(write, tmp_path, monkeypatch):
-    path, folder = write(runs=450), tmp_path / 'runs'
-    flown = run_batch.fly_unit
-
-    def stopped(campaign, unit, is_stopped):
-        if unit == 2:
-            raise KeyboardInterrupt
-        return flown(campaign, unit, is_stopped)
-
-    monkeypatch.setattr('rpo.montecarlo.execution.fly_unit', stopped)
-    with pytest.raises(KeyboardInterrupt):
-        rpo.campaign(path, runs=None, folder=folder, workers=1)
-    monkeypatch.undo()
-    runs = rpo.campaign(path, runs=None, folder=folder)
-    whole = rpo.campaign(path, runs=None)
-    assert all(np.array_equal(runs[name], whole[name]) for name in whole)
-    with pytest.raises(rpo.InputError, match='of another configuration'):
-        rpo.campaign(path, runs=None, seed=9, folder=folder)
-    with pytest.raises(rpo.InputError, match='nothing of them can be changed'):
-        rpo.campaign(folder, seed=9)
 
 
 def test_a_scenario_is_dispersed():
