@@ -25,7 +25,6 @@ from rpo_core.thrusters.allocation_kernels import (
     DUAL,
     FULL,
     LIMIT,
-    MOST_THRUSTERS,
     ROWS,
     SCRATCH,
     THRUST,
@@ -284,14 +283,6 @@ def test_a_switch_in_flight_is_a_failure_from_its_tick_on():
     assert 'must be one of x+a' in stage.refusal('x+q off')
     stage.reset()
     assert stage.step(5, commands[0])[2] == exerted(table, [])[2].step(5, commands[0])[2]
-
-
-def test_as_many_thrusters_as_an_allocation_takes_are_a_table():
-    first = preset('faces_6').each[0]
-    many = tuple(replace(first, name=f't{i}') for i in range(MOST_THRUSTERS + 1))
-    assert len(ThrusterTable(thrusters=many[1:]).names) == MOST_THRUSTERS
-    with pytest.raises(InputError, match=r'`table\.thrusters` must be at most 24; got 25'):
-        ThrusterTable(thrusters=many)
 
 
 def reach(table, direction, stuck=(), torque_nm=(0.0, 0.0, 0.0)):

@@ -35,26 +35,6 @@ def test_stages_and_what_is_held_out_have_draws_of_their_own():
     np.testing.assert_array_equal(starts[4], starts[1])
 
 
-def test_the_term_is_the_mean_graded_penalty_of_the_flights():
-    settings = FitnessSettings(penalty='graded', margin=0.03, drawn=FEW)
-    fitness = Fitness(ONE_START, settings, 1)
-    alone = Fitness(ONE_START, replace(settings, drawn=DrawnSettings()), 1)
-    (flights,) = fitness.drawn
-    population = population_of(TRAINED, ROBUST)
-    with fitness.simulator, alone.simulator:
-        fitness.enter(HELD_OUT)
-        scores, without = fitness.score(population), alone.score(population)
-        values, all_limits = flights.fly([TRAINED, ROBUST])
-    limits = 0.97 * all_limits
-    shares = 0.1 + 0.9 * (1.0 - (limits / np.maximum(values, limits)) ** 0.25)
-    expected = 100.0 * np.where(values > limits, shares, 0.0).sum(axis=(-2, -1)) / FEW.flights
-    np.testing.assert_allclose(scores.fitness - without.fitness, expected, rtol=1e-9)
-    assert fitness.labels == (*alone.labels, 'paper_test')
-    missed = (values > all_limits).any(axis=-1).sum(axis=-1)
-    assert scores.failures[:, -1].tolist() == missed.tolist()
-    assert missed[0] > 5 > missed[1], 'of `trained`, one run in four misses'
-
-
 def test_a_force_that_drives_is_seen():
     """Mirrored along velocity, the rules push a fast chaser on."""
     codes = ROBUST.system.rules.codes[::-1]
