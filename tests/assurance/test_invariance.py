@@ -18,7 +18,7 @@ from landing import rest_at_landing
 from rpo_core.assurance import filters, kernels
 from rpo_core.assurance.assumed import largest_n
 from rpo_core.assurance.assurance import AssuranceStage
-from rpo_core.assurance.guard import _Edge, errors_of, guard_of
+from rpo_core.assurance.guard import errors_of, guard_of
 from rpo_core.assurance.kernels import APPROACH, OPEN, approach_margins
 from rpo_core.assurance.settings import Assurance, Passage
 from rpo_core.scenario import scenario
@@ -236,18 +236,6 @@ def test_no_step_in_the_corridor_leaves_its_walls(name, errors):
             for x, y, z, *_ in path:
                 half = CORRIDOR.width_m + guard.slope * max(y - CORRIDOR.port_m, 0.0)
                 assert max(abs(x), abs(z)) <= half or np.hypot(np.hypot(x, y), z) >= ZONE
-
-
-def test_tides_that_take_all_of_the_brake_leave_no_room_in_the_domain():
-    settings = Assurance(keep_out_m=ZONE, **BOUNDS)
-    guard, errors = guard_of(settings, PAPER), errors_of(settings, PAPER)
-    tide = guard.authority_m_s2 / settings.domain_m
-    for share, room in ((0.5, True), (1.0 - 1e-6, False)):
-        strong = guard._replace(tide_1_s2=share * tide)
-        assert _Edge(strong, errors, settings, PAPER).has_room(1.0, 0.1) == room
-    edge = _Edge(guard, errors, settings, PAPER)
-    edge.from_m = guard.keep_out_m  # no way is left to brake on
-    assert edge.arriving_m_s(0.3, (0.0, 0.0)) == pytest.approx(0.3, rel=1e-12)
 
 
 def test_the_bound_of_a_disturbance_is_the_largest_one_of_any_time():

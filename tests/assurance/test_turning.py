@@ -299,14 +299,3 @@ def test_who_leaves_or_holds_in_the_corridor_stays_clear_of_its_walls(command):
     said = [change.state for change in stage.abort.changes]
     assert said == {'abort': ['aborting', 'drifting', 'warned'], 'hold': ['holding']}[command]
     assert (np.linalg.norm(state[:3]) > SETTINGS.keep_out_m) == (command == 'abort')
-
-
-def test_walls_that_do_not_turn_are_those_of_lvlh():
-    """Of a fixed target along LVLH, but for the push inward and the bound of the speed."""
-    still = proof_of(SETTINGS, turned(Target(kind='fixed'))).walls
-    lvlh = proof_of(SETTINGS, PAPER.equipped(SETTINGS, Thrusters(delay_ticks=1))).guard
-    assert still.limit_n == pytest.approx(lvlh.limit_n, rel=1e-8)
-    assert still.port_m == pytest.approx(lvlh.port_m, abs=5e-4)
-    assert still.width_m == pytest.approx(lvlh.width_m, abs=1e-3)
-    assert (still.slope, still.axis, still.side) == (lvlh.slope, lvlh.axis, lvlh.side)
-    assert 0.7 * lvlh.wall_m_s2 < still.wall_m_s2 < lvlh.wall_m_s2

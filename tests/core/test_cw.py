@@ -184,23 +184,3 @@ def test_sine_and_cosine_are_within_two_and_a_half_units_in_the_last_place():
 def test_sine_is_odd_and_cosine_even_bit_for_bit(angle):
     sine, cosine = arithmetic.sin_cos(angle)
     assert arithmetic.sin_cos(-angle) == (-sine, cosine)
-
-
-def test_stumpff_functions_are_exact_where_differences_cancel():
-    rng = np.random.default_rng(4)
-    for angle in [
-        0.0,
-        1.0,
-        math.nextafter(1.0, 2.0),
-        *10 ** rng.uniform(-9, 0, 300),
-        *rng.uniform(1, 6, 300),
-    ]:
-        a = MP.mpf(float(angle))
-        exact = (
-            (MP.cos(a), MP.sin(a) / a, (1 - MP.cos(a)) / a**2, (a - MP.sin(a)) / a**3)
-            if a
-            else (1, 1, MP.mpf(1) / 2, MP.mpf(1) / 6)
-        )
-        bound = EPS if angle <= 1.0 else 3 * EPS  # beyond 1 they are plain differences
-        for got, true in zip(cw.stumpff(float(angle)), exact, strict=True):
-            assert abs(MP.mpf(got) - true) <= bound, angle

@@ -123,14 +123,6 @@ def test_grades_of_the_time_to_go_add_up_to_1_and_hold_after_arrival():
     assert last == -0.5 * due.position_gain_n_m
 
 
-def test_the_gains_of_all_ticks_at_once_have_the_bits_of_each():
-    table = np.asarray(TO_GO.law.gains).reshape(-1, 3, 6)
-    for tick, rows in enumerate(table):
-        k, d = TO_GO.gains(tick)
-        np.testing.assert_array_equal(rows, np.hstack([k * np.eye(3), d * np.eye(3)]))
-    assert TO_GO.gains(len(table) - 1) == TO_GO.gains(10**6)
-
-
 def test_claims_bound_all_flights_and_a_corner_comes_near():
     worst = TO_GO._worst_of_box(ARRIVAL_WINDOW_S)
     largest = np.zeros(4)

@@ -145,18 +145,3 @@ def test_many_sweeps_at_a_time_give_the_bits_of_one_after_the_other(
         transfers._each_sweep(m.tolist(), expected)
         transfers.hildreth(m, found)
         assert found == expected
-
-
-def test_a_transfer_is_found_once_in_a_process(monkeypatch):
-    monkeypatch.setattr(transfers, '_planned', {})
-    found = transfers.least_energy(BEHIND, GATE, STEP, 60, Limits(13.0))
-    assert transfers.least_energy(BEHIND, GATE, STEP, 60, Limits(13.0)) is found
-    other = (-0.0, *BEHIND[1:])  # equal, but not bit for bit
-    assert transfers.least_energy(other, GATE, STEP, 60, Limits(13.0)) is not found
-    assert transfers.least_energy(BEHIND, GATE, STEP, 60, Limits(14.0)) is not found
-    monkeypatch.setattr(transfers, 'MOST_PLANNED', 4)
-    kept = []
-    for segments in range(10, 15):
-        transfers.least_energy(BEHIND, GATE, STEP, segments)
-        kept.append(len(transfers._planned))
-    assert kept == [4, 1, 2, 3, 4]
