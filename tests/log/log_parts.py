@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 import struct
 import zlib
 from collections.abc import Callable, Iterator
@@ -19,8 +20,16 @@ from mcap.records import Attachment, Channel, Chunk, Header, McapRecord, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as BagWriter
+from rosbags.rosbag2.enums import CompressionFormat
+from rosbags.typesys import Stores, get_typestore
 
+from rpo_core.wire import cdr, interfaces
 from rpo_log.read.records import MAGIC, RECORD_HEAD
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+WALL_NS = 1_790_000_000_000_000_000
 
 
 @dataclass
@@ -239,3 +248,27 @@ def parsed(opcode: int, content: bytes) -> McapRecord | None:
     return next(
         iter(StreamReader(io.BytesIO(data), skip_magic=True, emit_chunks=True).records), None
     )
+
+
+def write_bag(
+    folder: Path,
+    messages: Any,
+    space: str = '',
+    plugin: StoragePlugin = StoragePlugin.MCAP,
+    pressed: Any = None,
+) -> Path:
+    """Write messages in the order in which they came, with wall-clock times, by rosbags."""
+    with_others = itertools.chain(messages, [('/rosout', 0, cdr.encode_clock(0))])
+    bag = BagWriter(folder, version=9, storage_plugin=plugin)
+    if pressed:
+        bag.set_compression(pressed, CompressionFormat.ZSTD)
+    with bag:
+        known: dict[str, Any] = {}
+        for number, (name, _, data) in enumerate(with_others):
+            row = interfaces.find(name if name != '/truth/pose' else interfaces.RELATIVE_STATE)
+            kind = row.type if row else 'rosgraph_msgs/msg/Clock'
+            full = name if name == '/clock' else space + name
+            if name not in known:
+                known[name] = bag.add_connection(full, kind, typestore=STORE)
+            bag.write(known[name], WALL_NS + number, data)
+    return folder

@@ -4,35 +4,28 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
-from log_parts import Raw, joined, packed
+from log_parts import WALL_NS, Raw, joined, packed, write_bag
 from log_runs import CLOCK, FORCE, STATE, Run, flipped
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.records import Channel, Chunk, Message
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
-from rosbags.typesys import Stores, get_typestore
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2.enums import CompressionMode
 
 from rpo.reports import page
 from rpo.reports.logged import logged_flight
 from rpo_core.files.validation import InputError
-from rpo_core.wire import cdr, interfaces
+from rpo_core.wire import cdr
 from rpo_log.bag import open_run
 from rpo_log.errors import ExitCode, LogError
 from rpo_log.read.run_log import read_run
 from rpo_log.tools.diff import diff, inspect
 from rpo_log.tools.export import export
 from rpo_log.verify import verify
-
-STORE = get_typestore(Stores.ROS2_JAZZY)
-SQLITE, MCAP = StoragePlugin.SQLITE3, StoragePlugin.MCAP
-WALL_NS = 1_790_000_000_000_000_000
 
 
 def manifests(
@@ -50,33 +43,13 @@ def manifests(
     return [('/node_manifest', 0, cdr.encode_status(0, v['role'], '', 'none', v)) for v in values]
 
 
-def write_bag(
-    folder: Path, messages: Any, space: str = '', plugin: StoragePlugin = MCAP, pressed: Any = None
-) -> Path:
-    """Write messages in the order in which they came, with wall-clock times, by rosbags."""
-    with_others = itertools.chain(messages, [('/rosout', 0, cdr.encode_clock(0))])
-    bag = Writer(folder, version=9, storage_plugin=plugin)
-    if pressed:
-        bag.set_compression(pressed, CompressionFormat.ZSTD)
-    with bag:
-        known: dict[str, Any] = {}
-        for number, (name, _, data) in enumerate(with_others):
-            row = interfaces.find(name if name != '/truth/pose' else STATE)
-            kind = row.type if row else 'rosgraph_msgs/msg/Clock'
-            full = name if name == CLOCK else space + name
-            if name not in known:
-                known[name] = bag.add_connection(full, kind, typestore=STORE)
-            bag.write(known[name], WALL_NS + number, data)
-    return folder
-
-
 @pytest.fixture(scope='module')
 def bags(short_run: Run, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """One flight as four bags: in both formats, in a namespace, without manifests."""
     folder = tmp_path_factory.mktemp('bags')
     told, bare = manifests(short_run), short_run.shuffled(5, spread=3.0)
     return {
-        'sqlite3': write_bag(folder / 'any name', told + bare, plugin=SQLITE),
+        'sqlite3': write_bag(folder / 'any name', told + bare, plugin=StoragePlugin.SQLITE3),
         'mcap': write_bag(folder / 'run', told + bare, pressed=CompressionMode.MESSAGE),
         'namespace': write_bag(
             folder / 'spaced', told + bare, '/a/b', pressed=CompressionMode.FILE

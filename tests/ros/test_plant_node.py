@@ -214,24 +214,6 @@ def test_before_the_flight_there_is_nothing_to_steer(bench):
         assert (answer.success, answer.message) == (False, 'no run in progress: waiting')
 
 
-@pytest.mark.every_landing
-def test_free_running_flies_on_without_its_controller_and_with_the_next(bench):
-    bench.start('run', mode='free_running', real_time_factor=10.0, stale_after_ticks=5)
-    bench.says('flying')
-    bench.gone(bench.controller)
-    lost = bench.says('from control_force: zero')
-    assert lost.level == DiagnosticStatus.WARN
-    bench.inner.start(ControllerNode({'controller': 'handmade'}))
-    bench.says('forces are back')
-    assert bench.ends() == (0, 0)
-    figures = values_of(bench.statuses[-1])
-    assert int(figures['stale_ticks']) > 0
-    assert {'latency_p50_ms', 'latency_p95_ms', 'tick_lateness_max_ms', 'overruns'} <= set(figures)
-    found = verify(bench.folder / 'run')
-    assert found.exit_code == 0, found.sentence()
-    assert found.free_running
-
-
 def test_a_pause_in_free_running_makes_no_force_stale(bench):
     bench.start('run', mode='free_running', real_time_factor=4.0, stale_after_ticks=5)
     bench.until(lambda: bench.plant.tick > 5)

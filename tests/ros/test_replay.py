@@ -8,8 +8,8 @@ from functools import partial
 import pytest
 import yaml
 from inside import inside
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from log_parts import write_bag
+from rosbags.rosbag2 import StoragePlugin
 
 import rpo_core.files
 from rpo_core.wire import interfaces
@@ -58,15 +58,8 @@ def test_the_logged_bytes_are_published_again(run_folder, inner, capfd, monkeypa
 @pytest.fixture
 def bag(run_folder, tmp_path):
     """The same run as another recorder writes it: sqlite3, of a namespace, wall-clock times."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    with Writer(tmp_path / 'bag', version=8, storage_plugin=StoragePlugin.SQLITE3) as bag:
-        known = {}
-        for number, (topic, _, data) in enumerate(RunReader(run_folder).messages()):
-            if topic.signal not in known:
-                name = '/a' + topic.name if topic.signal != 'clock' else topic.name
-                known[topic.signal] = bag.add_connection(name, topic.type, typestore=store)
-            bag.write(known[topic.signal], 10**18 + number, data)
-    return tmp_path / 'bag'
+    messages = [(m.topic.name, m.tick, m.data) for m in RunReader(run_folder).messages()]
+    return write_bag(tmp_path / 'bag', messages, '/a', StoragePlugin.SQLITE3)
 
 
 @pytest.fixture

@@ -1,114 +1,32 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The loop of a plant, and when a tick passes.
-
-After all answers (lockstep), or by the wall clock (free running).
-"""
+"""When a tick of a plant passes: after all answers (lockstep), or by the wall clock."""
 
 from __future__ import annotations
 
 import time
 from abc import abstractmethod
-from collections.abc import Mapping
-from functools import partial
 from typing import Any
-
-from std_srvs.srv import SetBool, Trigger
 
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.wire import interfaces
-from rpo_core.wire.statuses import PAUSED, RUNNING, WAITING
 from rpo_ros import health
-from rpo_ros.heartbeat import Timeout, Watch
-from rpo_ros.running import FlightNode
+from rpo_ros.heartbeat import Timeout
 from rpo_sim.loop_health import Pace
 from rpo_sim.plant import Force, FreeRunningPlant, LockstepPlant
-
-DEFAULT_FREE_RUNNING_FACTOR = 1.0
-
-
-class Loop(FlightNode):
-    """The loop of a plant, as its pacing sees it, and the services of std_srvs that steer it.
-
-    `PlantNode` has `send` for the current state, `advance` to pass the current tick, `go_on` after
-    a pause, `reset` and `abort` to end the run, and `report` to publish run_status.
-
-    tick : the current one
-    waits_for_recorder : whether a tick in lockstep must wait for the recorder
-    phase : WAITING, RUNNING, FINISHED or ABORTED
-    paused : only requested ticks pass
-    steps : requested ticks that have not passed
-    watch : the signs of life of the other nodes
-    progress_s, sent_s : monotonic times of the last tick, of the last state sent
-    """
-
-    watch: Watch
-
-    def __init__(self, name: str, overrides: Mapping[str, Any] | None = None) -> None:
-        super().__init__(name, overrides)
-        self.phase = WAITING
-        self.paused = False
-        self.steps = 0
-        self.progress_s = self.sent_s = time.monotonic()
-        for service in ('pause', 'step', 'reset', 'abort'):
-            kind = SetBool if service == 'pause' else Trigger
-            self.create_service(kind, f'~/{service}', partial(self._serve, service))
-
-    def pause(self, wanted: bool) -> None:
-        """Pause a run, or go on; what it does already changes nothing."""
-        if wanted == self.paused:
-            return
-        self.paused, self.steps = wanted, 0
-        if wanted:
-            self.report(health.OK, PAUSED, PAUSED)
-        else:
-            self.report(health.OK, RUNNING, 'flying', resumed='true')
-            self.go_on()
-
-    def step(self, ticks: int) -> None:
-        """Let so many more ticks pass of a run that is paused."""
-        fresh = not self.steps
-        self.steps += ticks
-        if fresh and ticks:
-            self.go_on()
-
-    def _serve(self, service: str, request: Any, response: Any) -> Any:
-        """Answer a call at once; `run_status` reports when the request is done."""
-        refusal, done, at_tick = '', '', f'at tick {self.tick}'
-        if self.phase != RUNNING and (service, self.phase) != ('abort', WAITING):
-            refusal = f'no run in progress: {self.phase}'
-        elif service == 'pause':
-            done = f'{PAUSED if request.data else RUNNING} {at_tick}'
-            self.pause(request.data)
-        elif service == 'reset':
-            done = f'reset {at_tick}'
-            self.reset()
-        elif service == 'abort':
-            done = f'aborted {at_tick}'
-            self.abort('abort requested')
-        elif self.paused:
-            done = f'{self.values["step_ticks"]} ticks from tick {self.tick}'
-            self.step(self.values['step_ticks'])
-        else:
-            refusal = 'not paused: pause first'
-        response.success, response.message = not refusal, refusal or done
-        return response
-
-    @property
-    def moving(self) -> bool:
-        """Whether ticks may pass."""
-        return self.phase == RUNNING and (not self.paused or self.steps > 0)
 
 
 class Pacing:
     """One way to pass the ticks of a run.
 
     The plant node calls `begin` at the start of the flight, after a pause, after a change of speed.
+
+    loop : the node; `send` publishes the current state, `advance` passes the current tick
     """
 
     plant: LockstepPlant | FreeRunningPlant
 
-    def __init__(self, loop: Loop, scenario: Scenario) -> None:
+    def __init__(self, loop: Any, scenario: Scenario) -> None:
         self.loop = loop
         self._dt_s = scenario.dt_s
         self._timer: Any = None
@@ -143,7 +61,7 @@ class Pacing:
 class LockstepPacing(Pacing):
     """A tick passes when every peer has answered, but not faster than the pace."""
 
-    def __init__(self, loop: Loop, scenario: Scenario, expected: list[str]) -> None:
+    def __init__(self, loop: Any, scenario: Scenario, expected: list[str]) -> None:
         super().__init__(loop, scenario)
         self.plant = LockstepPlant(scenario, expected)
         self.resends = 0
@@ -209,7 +127,7 @@ class LockstepPacing(Pacing):
 class FreeRunningPacing(Pacing):
     """A tick passes by the wall clock, with the forces that are there."""
 
-    def __init__(self, loop: Loop, scenario: Scenario, expected: list[str]) -> None:
+    def __init__(self, loop: Any, scenario: Scenario, expected: list[str]) -> None:
         super().__init__(loop, scenario)
         self.plant = FreeRunningPlant(scenario, expected, loop.values['stale_after_ticks'])
         self.pace = Pace()
@@ -217,7 +135,7 @@ class FreeRunningPacing(Pacing):
 
     def begin(self) -> None:
         """Set the pace from now."""
-        factor = self.loop.values['real_time_factor'] or DEFAULT_FREE_RUNNING_FACTOR
+        factor = self.loop.values['real_time_factor'] or 1.0
         self.pace.restart(time.monotonic_ns(), self._dt_s / factor)
         self._time(factor)
 

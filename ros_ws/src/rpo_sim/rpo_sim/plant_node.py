@@ -12,6 +12,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.duration import Duration
+from std_srvs.srv import SetBool, Trigger
 
 from rpo_core import files
 from rpo_core.chain.chain import Signals, signals_of
@@ -23,9 +24,10 @@ from rpo_core.wire.statuses import ABORTED, ENDED, FINISHED, GONE, PAUSED, RUNNI
 from rpo_ros import health, qos
 from rpo_ros.heartbeat import Pulse, Timeout, Watch
 from rpo_ros.plant_scenario import FREE_RUNNING, LOCKSTEP
+from rpo_ros.running import FlightNode
 from rpo_ros.signals import Outlet, listen, to_status
 from rpo_sim.loop_health import LoopHealth
-from rpo_sim.pacing import FreeRunningPacing, LockstepPacing, Loop
+from rpo_sim.pacing import FreeRunningPacing, LockstepPacing
 from rpo_sim.peers import PublisherCheck, Refusals
 from rpo_sim.plant import ACCEPTED, ZERO, FreeRunningPlant, LockstepPlant, NotFiniteError, topics_of
 from rpo_sim.recorder_watch import RecorderWatch
@@ -41,13 +43,24 @@ _INTERRUPTED = Duration(nanoseconds=200_000_000)
 """Longest wait until all subscribers have the last run_status."""
 
 
-class PlantNode(Loop):
-    """Publishes state k, passes tick k as its mode requires, continues with k + 1."""
+class PlantNode(FlightNode):
+    """Publishes state k, passes tick k as its mode requires, continues with k + 1.
+
+    phase : WAITING, RUNNING, FINISHED or ABORTED
+    paused : only requested ticks pass
+    steps : requested ticks that have not passed
+    watch : the signs of life of the other nodes
+    progress_s, sent_s : monotonic times of the last tick, of the last state sent
+    """
 
     package = 'rpo_sim'
 
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__('plant', overrides)
+        self.phase = WAITING
+        for service in ('pause', 'step', 'reset', 'abort'):
+            kind = SetBool if service == 'pause' else Trigger
+            self.create_service(kind, f'~/{service}', partial(self._serve, service))
         path = files.find('scenario', self.values['scenario'])
         self.scenario = scenario.load_scenario(path)
         self.run_id = uuid.uuid4().hex
@@ -119,6 +132,51 @@ class PlantNode(Loop):
         """Go on if the tick waited for the recorder."""
         if self.phase == RUNNING:
             self.pacing.on_answer()
+
+    def pause(self, wanted: bool) -> None:
+        """Pause a run, or go on; what it does already changes nothing."""
+        if wanted == self.paused:
+            return
+        self.paused, self.steps = wanted, 0
+        if wanted:
+            self.report(health.OK, PAUSED, PAUSED)
+        else:
+            self.report(health.OK, RUNNING, 'flying', resumed='true')
+            self.go_on()
+
+    def step(self, ticks: int) -> None:
+        """Let so many more ticks pass of a run that is paused."""
+        fresh = not self.steps
+        self.steps += ticks
+        if fresh and ticks:
+            self.go_on()
+
+    def _serve(self, service: str, request: Any, response: Any) -> Any:
+        """Answer a call at once; `run_status` reports when the request is done."""
+        refusal, done, at_tick = '', '', f'at tick {self.tick}'
+        if self.phase != RUNNING and (service, self.phase) != ('abort', WAITING):
+            refusal = f'no run in progress: {self.phase}'
+        elif service == 'pause':
+            done = f'{PAUSED if request.data else RUNNING} {at_tick}'
+            self.pause(request.data)
+        elif service == 'reset':
+            done = f'reset {at_tick}'
+            self.reset()
+        elif service == 'abort':
+            done = f'aborted {at_tick}'
+            self.abort('abort requested')
+        elif self.paused:
+            done = f'{self.values["step_ticks"]} ticks from tick {self.tick}'
+            self.step(self.values['step_ticks'])
+        else:
+            refusal = 'not paused: pause first'
+        response.success, response.message = not refusal, refusal or done
+        return response
+
+    @property
+    def moving(self) -> bool:
+        """Whether ticks may pass."""
+        return self.phase == RUNNING and (not self.paused or self.steps > 0)
 
     def _ignore(self, reason: str) -> None:
         self.plant.ignore(reason)
