@@ -81,6 +81,11 @@ class Indexes:
         self._offsets: dict[int, tuple[int, int]] = {}  # to them
         self._offsets_start = 0
 
+    @property
+    def ended(self) -> bool:
+        """Whether the data has ended, and the summary begun."""
+        return self._data_end >= 0
+
     def take(self, opcode: int, offset: int, content: bytes, record: McapRecord | None) -> None:
         """Take the next record of the file.
 
@@ -94,7 +99,7 @@ class Indexes:
         if record is not None and not _is_exact(record, content):
             self._find(f'{_named(opcode, offset)} holds more than its fields')
         length = _HEAD_BYTES + len(content)
-        if self._data_end >= 0 and opcode not in _IN_NO_GROUP:
+        if self.ended and opcode not in _IN_NO_GROUP:
             self._take_group(opcode, offset, length)
         match record:
             case Schema() | Channel():
@@ -143,7 +148,7 @@ class Indexes:
         name = f'{cls.__name__.lower()} {shown(called)}'
         if begin >= 0 and not _is_exact(record, content):
             self._find(f'{name} holds more than its fields')
-        into = self._repeated if self._data_end >= 0 and begin < 0 else self._declared
+        into = self._repeated if self.ended and begin < 0 else self._declared
         key, value = (cls, record.id), (hashlib.sha256(content).digest(), name)
         if into.setdefault(key, value) != value or self._declared.get(key, value) != value:
             self._find(f'it has two {cls.__name__.lower()} records of number {record.id}')

@@ -9,7 +9,7 @@ are whole; the reader says until when. Everything else that is wrong with a log 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 
@@ -56,12 +56,10 @@ class RunReader:
     attached : files of the log and names of attachments in them, by what was read
     extents : per file, what `blocks` read of it
     digests : per file, SHA-256 of the bytes that `blocks` read; empty if they were not all read
-    witness : called with the file and each of its records beside the messages, while `blocks` reads
     judged : per file, what takes all its records to compare its indexes, while `blocks` reads
     """
 
     judged: Mapping[Path, Indexes] = MappingProxyType({})
-    witness: Callable[[Path, McapRecord], None] | None = None
     foreign = False
     lacks: tuple[str, ...] = ()
 
@@ -175,8 +173,6 @@ class RunReader:
             self.attached.add((path, record.name))
         elif isinstance(record, Schema | Channel):
             self._declare(path, record)
-        if self.witness is not None:
-            self.witness(path, record)
 
     def _declare(self, path: Path, record: Schema | Channel) -> None:
         """Take the first record of a number; refuse another: messages would change their type."""

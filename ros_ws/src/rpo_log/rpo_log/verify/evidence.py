@@ -12,10 +12,10 @@ import hashlib
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
-from mcap.records import Attachment, Channel, DataEnd, Header, McapRecord, Metadata, Schema
+from mcap.records import Attachment, Channel, Header, McapRecord, Metadata, Schema
 
 from rpo_core.files.validation import shown
 from rpo_core.wire import interfaces
@@ -71,9 +71,7 @@ class Evidence:
     def __init__(self, reader: RunReader, outcome: Verification) -> None:
         self._reader, self._outcome = reader, outcome
         max_records = 2 * len(reader.topics) + len(reader.attachments) + MOST_CONTROLLERS + 8
-        self._forms = {path: Form(path, max_records) for path in reader.files}
-        reader.witness = lambda path, record: self._forms[path].take(record)
-        reader.judged = {path: form.indexes for path, form in self._forms.items()}
+        reader.judged = self._forms = {path: Form(path, max_records) for path in reader.files}
         self._read: dict[str, str] = {}  # digests of the files that were read, by name
 
     def of_log(self, statuses: Statuses, unjudged: Sequence[str], foreign: bool) -> None:
@@ -117,7 +115,7 @@ class Evidence:
                     self._do_not_know(f'where the indexes of {path.name} lead')
                 continue
             form = Form(path, 0)
-            records = FileRecords(path, indexes=form.indexes)
+            records = FileRecords(path, indexes=form)
             try:
                 for _ in records:
                     pass
@@ -181,35 +179,40 @@ _CARRIED = (SCENARIO, CONTROLLER, PARAMETERS)
 _LAST = {TOPICS: 2, DIFFERING: 3}
 _KNOWN = (*_CARRIED, *_LAST)
 _COMMENT = re.compile(rb'[ \t]*(#[^\n]*)?\n')
-_COMPARED = (Header, Metadata, Attachment, Schema, Channel)
 
 
-@dataclass
-class Form:
-    """Keeps the records of one file as they come; says which are not as written.
+class Form(Indexes):
+    """Keeps the records of one file as they come, too; says which are not as written.
 
     path : the file
     max_records : more are not kept: no file of the recorder has them
-    indexes : what leads other readers through the file
     """
 
-    path: Path
-    max_records: int
-    indexes: Indexes = field(default_factory=Indexes)
-    _records: list[McapRecord] = field(default_factory=list)
-    _ended: bool = False
+    def __init__(self, path: Path, max_records: int) -> None:
+        super().__init__()
+        self.path, self.max_records = path, max_records
+        self._records: list[McapRecord] = []
 
-    def take(self, record: McapRecord) -> None:
-        """Take the next record that is not a message; the summary repeats what was before it."""
-        self._ended = self._ended or isinstance(record, DataEnd)
-        is_compared = isinstance(record, _COMPARED) and not self._ended
-        if is_compared and len(self._records) <= self.max_records:
+    def take(self, opcode: int, offset: int, content: bytes, record: McapRecord | None) -> None:
+        """Take the next record of the file."""
+        super().take(opcode, offset, content, record)
+        if isinstance(record, Header | Metadata | Attachment):
+            self._keep(record)
+
+    def declare(self, record: Schema | Channel, content: bytes, begin: int = -1) -> None:
+        """Take a schema or a channel."""
+        super().declare(record, content, begin)
+        self._keep(record)
+
+    def _keep(self, record: McapRecord) -> None:
+        """Keep a record of the data; the summary repeats some of them."""
+        if not self.ended and len(self._records) <= self.max_records:
             self._records.append(record)
 
     @property
     def misleading(self) -> str:
         """What may show another reader something else, for people; empty if nothing does."""
-        return f'{self.path.name}: {self.indexes.fault}' if self.indexes.fault else ''
+        return f'{self.path.name}: {self.fault}' if self.fault else ''
 
     def deviations(self, expected: Sequence[McapRecord]) -> list[str]:
         """Return what is not as expected, for people.
@@ -219,10 +222,10 @@ class Form:
         """
         name = self.path.name
         records, expected = _comparable(self._records), _comparable(expected)
-        unused = f'{name}: {self.indexes.unused}' if self.indexes.unused else ''
+        unused = f'{name}: {self.unused}' if self.unused else ''
         gaps = [gap for gap in (self.misleading, unused) if gap]
         if records == expected:
-            lacks = self.indexes.lacks[:1]
+            lacks = self.lacks[:1]
             return gaps + [f'{name}: it has no {what}, as the recorder writes it' for what in lacks]
         others = dict.fromkeys(_label(r) for r in records if r not in expected)
         gaps += [f'{name}: {label} is not as the recorder writes it' for label in others]
