@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import yaml
-from node_processes import NodeProcesses
+from node_processes import NodeProcess, NodeProcesses
 
 from rpo_core import files
 from rpo_core.chain.flight import Flight
@@ -51,16 +51,22 @@ def processes(
 
     others : package and executable of nodes beside controller, recorder and plant
     """
-    folder = ros.folder / 'run'
-    software = [ros.node('rpo_ctrl', 'fuzzy_controller', controller=controller)]
-    software += [ros.node(*words.split()) for words in others]
-    recorder = ros.node('rpo_log', 'recorder', output=str(folder))
-    flown = ros.node('rpo_sim', 'plant', scenario=scenario, wait_for_recorder='true', **plant)
+    controls = ros.node('rpo_ctrl', 'fuzzy_controller', controller=controller)
+    nodes = started(ros, ros.folder / 'run', *others, scenario=scenario, **plant)
+    flown, recorder = nodes.pop('plant'), nodes.pop('recorder')
     for node in (flown, recorder):
         assert node.wait() == 0, node.output
-    for node in software:
+    for node in (controls, *nodes.values()):
         assert node.stop() == 0, node.output
-    return folder
+    return ros.folder / 'run'
+
+
+def started(ros: NodeProcesses, folder: Path, *others: str, **plant: Any) -> dict[str, NodeProcess]:
+    """Start some nodes, a recorder and a plant that waits for it; return them by their names."""
+    nodes = {words.split()[1]: ros.node(*words.split()) for words in others}
+    nodes['recorder'] = ros.node('rpo_log', 'recorder', output=str(folder))
+    nodes['plant'] = ros.node('rpo_sim', 'plant', wait_for_recorder='true', **plant)
+    return nodes
 
 
 def assert_flown(folder: Path, flight: Flight, *stages: str) -> None:

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from campaign_documents import write_campaign
-from flights import INJECTOR, assert_flown, lasting, processes
+from flights import INJECTOR, assert_flown, lasting, processes, started
 from inside import inside
 from invoking import invoke
 from landing import rest_at_landing
@@ -56,46 +56,38 @@ def test_a_world_flies_the_bits_of_the_core(together):
     assert logged <= flight.signals.keys()
 
 
-def shortened(folder, name, duration_s):
-    """Write a shipped scenario whose flight is shorter; return it and its path."""
-    flown = overrides.load(name, [f'duration_s={duration_s}'])
-    path = folder / 'short.yaml'
-    path.write_text(scenario.dumps(flown))
-    return flown, str(path)
-
-
 @pytest.mark.every_landing
 def test_the_full_chain_flies_as_seven_processes(ros):
-    flown, path = shortened(ros.folder, 'docking_leo', 40.0)
+    path = lasting(40.0, ros.folder, 'docking_leo')
     others = (INJECTOR, 'rpo_ctrl navigation', 'rpo_ctrl guidance', 'rpo_ctrl assurance')
     run = processes(ros, path, *others, controller='allround')
     stages = ('sensors', 'estimator', 'guidance', 'assurance', 'thrusters')
-    assert_flown(run, fly(flown, load_controller('allround')), *stages)
+    assert_flown(run, fly(scenario.load_scenario(path), load_controller('allround')), *stages)
 
 
 @pytest.mark.every_landing
 def test_the_chaser_as_one_process_has_the_same_bits(ros):
-    flown, path = shortened(ros.folder, 'tumbling_docking', 20.0)
+    path = lasting(20.0, ros.folder, 'tumbling_docking')
     software = ros.node('rpo_bringup', 'flight_software')
-    recorder = ros.node('rpo_log', 'recorder', output=str(ros.folder / 'run'))
-    plant = ros.node('rpo_sim', 'plant', scenario=path, wait_for_recorder='true')
-    for node in (plant, recorder):
+    for node in started(ros, ros.folder / 'run', scenario=path).values():
         assert node.wait() == 0, node.output
     assert software.stop() == 0
-    assert_flown(ros.folder / 'run', fly(flown, load_controller(DEFAULT_CONTROLLER)), 'attitude')
+    flight = fly(scenario.load_scenario(path), load_controller(DEFAULT_CONTROLLER))
+    assert_flown(ros.folder / 'run', flight, 'attitude')
 
 
 @pytest.mark.every_landing
 def test_a_chaser_that_turns_flies_against_the_wall_clock_and_verifies(ros):
     """What acted, in its axes, was commanded; with every answer in its tick it is lockstep."""
-    flown, path = shortened(ros.folder, 'tumbling_docking', 20.0)
+    path = lasting(20.0, ros.folder, 'tumbling_docking')
     others = ('rpo_ctrl navigation', 'rpo_ctrl guidance', 'rpo_ctrl assurance')
     others += ('rpo_ctrl attitude_controller',)
     run = processes(ros, path, *others, mode='free_running', real_time_factor=2.0)
     found = verify(run)
     assert found.exit_code == 0, found.sentence()
     assert found.free_running and {'attitude', 'estimator'} <= set(found.stages)
-    log, expected = read_run(run), fly(flown, load_controller('handmade'))
+    log = read_run(run)
+    expected = fly(scenario.load_scenario(path), load_controller('handmade'))
     torque = log.values['applied_torque']
     assert np.abs(torque).max() > 1e-3
     if np.array_equal(log.values['applied_body_force'], expected.signals['body_force']):

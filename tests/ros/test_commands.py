@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import pytest
 import yaml
-from flights import told
+from flights import started, told
 from inside import Hand, values_of
 
 from rpo_core import files
@@ -14,11 +14,7 @@ from rpo_ctrl.assurance_node import AssuranceNode
 from rpo_log.read.run_log import read_run
 from rpo_log.verify import verify
 
-NODES = {
-    'controller': ('rpo_ctrl', 'fuzzy_controller'),
-    'guidance': ('rpo_ctrl', 'guidance'),
-    'assurance': ('rpo_ctrl', 'assurance'),
-}
+NODES = 'rpo_ctrl fuzzy_controller', 'rpo_ctrl guidance', 'rpo_ctrl assurance'
 
 
 def guarded(folder, duration_s, **abort):
@@ -29,15 +25,6 @@ def guarded(folder, duration_s, **abort):
     path = folder / 'guarded.yaml'
     path.write_text(yaml.safe_dump(document))
     return str(path)
-
-
-def start(ros, folder, scenario, **plant):
-    """Start all nodes of the scenario; return them by name."""
-    found = {name: ros.node(*where) for name, where in NODES.items()}
-    found['recorder'] = ros.node('rpo_log', 'recorder', output=str(folder))
-    options = {'scenario': scenario, 'wait_for_recorder': 'true', **plant}
-    found['plant'] = ros.node('rpo_sim', 'plant', **options)
-    return found
 
 
 def states_of(folder, name):
@@ -67,7 +54,7 @@ def test_every_command_is_obeyed_or_refused_logged_and_verified(ros, inner, tmp_
         assert hand.trigger('step').success
         inner.until(lambda: tick() == due)
 
-    nodes = start(ros, folder, scenario, real_time_factor=1.0)
+    nodes = started(ros, folder, *NODES, scenario=scenario, real_time_factor=1.0)
     hand.says('flying')
     assert hand.pause().success
     hand.says('paused')
@@ -90,9 +77,9 @@ def test_every_command_is_obeyed_or_refused_logged_and_verified(ros, inner, tmp_
     assert inner.set('plant', real_time_factor=0.0)[0]
     assert hand.pause(False).success
     assert (nodes['plant'].wait(), nodes['recorder'].wait()) == (0, 0), nodes['recorder'].output
-    for name in NODES:
-        assert nodes[name].stop() == 0, nodes[name].output
-        assert 'Traceback' not in nodes[name].output
+    for node in nodes.values():
+        assert not node.running or node.stop() == 0, node.output
+        assert 'Traceback' not in node.output
     assert [state for state, _ in states_of(folder, 'guidance')] == [
         'go', 'hold', 'go', 'retreat', 'abort',
     ]  # fmt: skip
@@ -110,13 +97,14 @@ def test_every_command_is_obeyed_or_refused_logged_and_verified(ros, inner, tmp_
 def test_a_lost_guidance_is_a_hold_and_then_an_abort(ros, tmp_path):
     """Killed in flight: with it goes the controller's command; assurance flies on alone."""
     scenario, folder = guarded(tmp_path, 25.0, hold_s=3.0, stuck_s=5.0), tmp_path / 'run'
-    nodes = start(ros, folder, scenario, real_time_factor=10.0, resend_after_s=0.1)
+    plant = {'scenario': scenario, 'real_time_factor': 10.0, 'resend_after_s': 0.1}
+    nodes = started(ros, folder, *NODES, **plant)
     nodes['plant'].says('flying guarded')
     nodes['guidance'].discard()
     nodes['recorder'].says('waiting for what is missing')
     assert nodes['recorder'].stop() == 1
     assert nodes['plant'].wait() == 0, nodes['plant'].output
-    for name in ('controller', 'assurance'):
+    for name in ('fuzzy_controller', 'assurance'):
         assert nodes[name].stop() == 0, nodes[name].output
     states = dict(reversed(states_of(folder, 'assurance')))
     assert list(reversed(states)) == ['without_command', 'holding', 'aborting', 'drifting']

@@ -11,13 +11,14 @@ import time
 
 import numpy as np
 import pytest
-from flights import lasting
+from flights import lasting, started
 from inside import inside
 from landing import rest_at_landing
 from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
 
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
+from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.scenario.scenario import load_scenario
 from rpo_log import recorder_node
 from rpo_log.errors import ExitCode
@@ -31,13 +32,11 @@ KILL_BOUND = 0.95
 """Share of the ticks so far that is left after `kill -9`."""
 
 
-def start(ros, output, **parameters):
-    """Start controller, recorder and plant on `approach`; return the last two, in flight."""
-    ros.node('rpo_ctrl', 'fuzzy_controller', controller='handmade')
-    recorder = ros.node('rpo_log', 'recorder', output=str(output))
-    plant = ros.node('rpo_sim', 'plant', wait_for_recorder='true', **parameters)
-    plant.says('flying')
-    return recorder, plant
+def flying(ros, output, **plant):
+    """Start a flight of `approach`; return its recorder and plant."""
+    _, recorder, flown = started(ros, output, 'rpo_ctrl fuzzy_controller', **plant).values()
+    flown.says('flying')
+    return recorder, flown
 
 
 @pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
@@ -45,7 +44,7 @@ def start(ros, output, **parameters):
 def test_the_recorder_ended_at_any_moment(ros, number, trial):
     """The plant is held still meanwhile."""
     output = ros.folder / 'run'
-    recorder, plant = start(ros, output, real_time_factor=80.0)
+    recorder, plant = flying(ros, output, real_time_factor=80.0)
     time.sleep(random.Random(1000 * trial + number).uniform(0.05, 4.0))
     plant.process.send_signal(signal.SIGSTOP)
     time.sleep(0.3)  # what is on its way arrives
@@ -65,7 +64,7 @@ def test_the_recorder_ended_at_any_moment(ros, number, trial):
 
 
 def check(flown, log, number):
-    expected = fly(load_scenario('approach'), load_controller('handmade'))
+    expected = fly(load_scenario('approach'), load_controller(DEFAULT_CONTROLLER))
     count = len(log.ticks)
     if np.isnan(log.states[-1]).any():  # the plant was held between /clock and state
         count -= 1
@@ -78,7 +77,7 @@ def check(flown, log, number):
 def test_a_plant_waits_for_a_recorder_that_gets_no_processor(ros):
     """At full speed; the log is whole, and the flight goes on when the recorder does."""
     output = ros.folder / 'run'
-    recorder, plant = start(ros, output)
+    recorder, plant = flying(ros, output)
     for _ in range(3):
         recorder.process.send_signal(signal.SIGSTOP)
         time.sleep(0.5)
@@ -100,7 +99,7 @@ def test_a_full_disk_ends_the_log_not_the_flight(ros):
     disk.mkdir()
     subprocess.run(['mount', '-t', 'tmpfs', '-o', 'size=256k', 'tmpfs', str(disk)], check=True)
     try:
-        recorder, plant = start(ros, disk / 'run', real_time_factor=80.0)
+        recorder, plant = flying(ros, disk / 'run', real_time_factor=80.0)
         assert plant.wait() == 0, plant.output
         assert recorder.wait() == 1
         assert 'No space left' in recorder.output
