@@ -15,11 +15,12 @@ from rpo_core.assurance.abort_table import AbortTable, Row
 from rpo_core.assurance.assumed import ahead
 from rpo_core.assurance.assurance import AssuranceStage
 from rpo_core.assurance.doubt import Doubt, doubt_of, doubted, unless_unsure
-from rpo_core.assurance.filters import backup, margins
+from rpo_core.assurance.filters import margins
 from rpo_core.assurance.guard import guard_of, proof_of
-from rpo_core.assurance.kernels import APPROACH, OPEN
+from rpo_core.assurance.kernels import APPROACH, OPEN, backup_open
 from rpo_core.assurance.manoeuvre import RETREAT_M_S
 from rpo_core.assurance.settings import Assurance, Passage
+from rpo_core.attitude.attitude_kernels import LVLH
 from rpo_core.chain.chain import Chain
 from rpo_core.control.controller import load_controller
 from rpo_core.navigation.sensors import Sensors
@@ -182,12 +183,12 @@ def test_who_is_unsure_of_the_port_backs_out_of_a_still_corridor(along):
     place[axis] = 6.0 * side
     speed[axis] += RETREAT_M_S * side
     given = (*place.tolist(), *speed.tolist()), (9.0, 9.0, 9.0)
-    unsure, force = unless_unsure(*given, APPROACH, guard, doubt, 1e3)
+    unsure, force = unless_unsure(*given, APPROACH, 0, LVLH, guard, guard, doubt, 1e3)
     after = speed + np.array(force) * guard.dt_s / guard.mass_kg
     after[axis] -= RETREAT_M_S * side
     assert unsure and np.abs(after).max() < 1e-12
-    found = unless_unsure(*given, OPEN, guard, doubt, 1e3)
-    assert found == (True, backup(given[0], OPEN, guard)) != (True, force)
+    found = unless_unsure(*given, OPEN, 0, LVLH, guard, guard, doubt, 1e3)
+    assert found == (True, backup_open(given[0], guard)) != (True, force)
 
 
 def test_who_loses_the_port_in_the_corridor_leaves_it_backwards():
@@ -225,7 +226,8 @@ def test_a_corridor_is_lost_where_the_walls_leave_too_little_room(distance_m, cl
     def is_lost(error_m):
         guard = plain._replace(here_m=0.01, next_m=error_m, next_m_s=0.004)
         moving = (*state, 0.0, -closing_m_s, 0.0)
-        return unless_unsure(moving, (0.0, 0.0, 0.0), APPROACH, guard, doubt, 0.0)[0]
+        numbers = 0, LVLH, guard, guard, doubt, 0.0
+        return unless_unsure(moving, (0.0, 0.0, 0.0), APPROACH, *numbers)[0]
 
     slope = plain.slope
     half = plain.width_m + slope * max(distance_m - 0.01, 0.0)

@@ -21,6 +21,7 @@ from rpo_core.assurance.assurance import AssuranceStage
 from rpo_core.assurance.guard import errors_of, guard_of
 from rpo_core.assurance.kernels import APPROACH, OPEN, approach_margins
 from rpo_core.assurance.settings import Assurance, Passage
+from rpo_core.attitude.attitude_kernels import LVLH
 from rpo_core.scenario import scenario
 from rpo_core.thrusters.thrusters import Thrusters
 from rpo_core.world.disturbance import Disturbance, Harmonic
@@ -116,7 +117,7 @@ def broken(settings, assumed, hostile):
         for seen, push, sign in worst_cases(state, errors, number):
             command = hostile(seen)
             *force, _, _, _, _ = filters.assure(
-                tuple(seen), command, (0.0,) * 3, OPEN, PAPER.step, guard
+                tuple(seen), command, (0.0,) * 3, OPEN, 0, LVLH, LVLH, PAPER.step, guard, guard
             )
             assert max(map(abs, force)) <= guard.limit_n
             path = step_of(state, np.array(force), push, sign, errors)
@@ -223,9 +224,8 @@ def test_no_step_in_the_corridor_leaves_its_walls(name, errors):
         for corner, (seen, push, sign) in zip(
             CORNERS[number % 13 :], worst_cases(state, bounds, number), strict=False
         ):
-            *force, mode, _, _, _ = filters.assure(
-                tuple(seen), tuple(0.5 * corner), (0.0,) * 3, APPROACH, PAPER.step, guard
-            )
+            given = tuple(seen), tuple(0.5 * corner), (0.0,) * 3, APPROACH
+            *force, mode, _, _, _ = filters.assure(*given, 0, LVLH, LVLH, PAPER.step, guard, guard)
             if mode == kernels.CONTACT:
                 continue
             path = step_of(state, np.array(force), push, sign, bounds)

@@ -16,8 +16,9 @@ from rpo.training.config import load_start
 from rpo_core.assurance import filters
 from rpo_core.assurance.assurance import AssuranceStage
 from rpo_core.assurance.guard import guard_of
-from rpo_core.assurance.kernels import OPEN, open_margins
+from rpo_core.assurance.kernels import OPEN, backup_open, open_margins
 from rpo_core.assurance.settings import Assurance
+from rpo_core.attitude.attitude_kernels import LVLH
 from rpo_core.chain.flight import fly
 from rpo_core.judge import metrics
 from rpo_core.scenario import scenario
@@ -66,7 +67,7 @@ def test_the_least_change_is_the_projection(limit, errors):
         v = e * (-1.0 if inwards else 1.0) * (fastest * random.uniform(0.9, 0.99) - doubt)
         state, command = tuple(np.concatenate([r, v])), tuple(random.uniform(-0.5, 0.5, 3))
         *force, _, constraint, _, _ = filters.assure(
-            state, command, (0.0,) * 3, OPEN, PAPER.step, guard
+            state, command, (0.0,) * 3, OPEN, 0, LVLH, LVLH, PAPER.step, guard, guard
         )
         if constraint != limit:
             continue
@@ -89,7 +90,7 @@ def test_the_least_change_is_the_projection(limit, errors):
 
 def test_at_rest_and_without_a_zone_there_is_nothing_to_stop():
     guard = guard_of(Assurance(), PAPER)
-    assert filters.backup((0.0, 60.0, 0.0, 0.0, 0.0, 0.0), OPEN, guard) == (0.0, 0.0, 0.0)
+    assert backup_open((0.0, 60.0, 0.0, 0.0, 0.0, 0.0), guard) == (0.0, 0.0, 0.0)
 
 
 def test_the_slew_limit_is_kept_while_nothing_else_asks():

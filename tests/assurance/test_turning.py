@@ -128,8 +128,8 @@ def test_no_step_leaves_the_walls_that_turn(name):
             errors.position_m * unit(random), errors.velocity_m_s * unit(random)
         ])  # fmt: skip
         command = tuple(random.choice([-0.5, 0.5], 3).tolist())
-        *force, mode, constraint, _, _ = filters.assure_turning(
-            tuple((state + wrong).tolist()), command, command, APPROACH, now, following,
+        *force, mode, constraint, _, _ = filters.assure(
+            tuple((state + wrong).tolist()), command, command, APPROACH, 1, now, following,
             found.step, guard, walls,
         )  # fmt: skip
         if mode == CONTACT:

@@ -17,12 +17,13 @@ from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.control import attitude
 from rpo_core.control.attitude import (
     AttitudeControl,
+    AttitudeControlStage,
     AttitudeLqr,
     AttitudePd,
     FuzzyAttitude,
     axis_of,
 )
-from rpo_core.control.attitude_law_kernels import attitude_torque, steer
+from rpo_core.control.attitude_law_kernels import attitude_torque
 from rpo_core.control.attitude_limits import AttitudeLimits
 from rpo_core.control.controller import dumps, load_fuzzy
 from rpo_core.files.validation import InputError
@@ -82,12 +83,13 @@ def test_a_torque_is_that_of_the_matrices(seed):
 def test_the_force_is_turned_into_the_axes_of_the_middle_of_the_tick(seed):
     rng = np.random.default_rng(seed)
     seen, force = attitude_of(rng), rng.uniform(-1.0, 1.0, 3)
-    found, _, after = steer(tuple(force), seen, seen, seen[4:], NONE, *table(PD))
+    stage = AttitudeControlStage(AttitudeControl(controller=PD), BASE.equipped(CHASER))
+    found, _ = stage.step(0, tuple(force), seen)
     q = Rotation.from_quat(seen[:4])
     relative = np.array(seen[4:]) - q.inv().apply([0.0, 0.0, BASE.mean_motion_rad_s])
     middle = q * Rotation.from_rotvec(relative * DT / 2.0)
     assert np.allclose(found, middle.inv().apply(force), atol=1e-9)
-    assert np.abs(after).max() <= WHEELS.torque_nm * DT
+    assert 0.0 < np.abs(stage.m.wheels_nms).max() <= WHEELS.torque_nm * DT
 
 
 def test_the_regulator_solves_its_riccati_equation():

@@ -124,24 +124,3 @@ def test_through_the_centre_it_passes_below():
     nearest = int(np.linalg.norm(found.states[:, :3], axis=1).argmin())
     assert found.violated_m <= transfers.SLACK_M
     assert abs(found.states[nearest, 2]) < 1e-6  # it stays in the plane of the orbit
-
-
-@pytest.mark.parametrize('constraints', [0, 1, 9, 40])
-@pytest.mark.parametrize('shift', [0.0, -0.3, 0.3])
-def test_many_sweeps_at_a_time_give_the_bits_of_one_after_the_other(
-    monkeypatch, constraints, shift
-):
-    """Interpreted, only positive multipliers are swept; seeds in which others become positive."""
-    for name in ('_sweep', '_each_sweep'):
-        function = getattr(transfers, name)
-        monkeypatch.setattr(transfers, name, getattr(function, 'py_func', function))
-    monkeypatch.setattr(transfers, 'COMPILED', False)
-    random = np.random.default_rng(constraints)
-    for _ in range(4):
-        factor = random.standard_normal((constraints, constraints // 2 + 1))
-        square = factor @ factor.T + 1e-3 * np.eye(constraints)
-        m = np.hstack([square, random.standard_normal((constraints, 1)) + shift])
-        expected, found = [0.0] * constraints, [0.0] * constraints
-        transfers._each_sweep(m.tolist(), expected)
-        transfers.hildreth(m, found)
-        assert found == expected

@@ -17,6 +17,7 @@ from rpo_core.assurance.guard import guard_of
 from rpo_core.assurance.kernels import OPEN, Guard, open_margins
 from rpo_core.assurance.manoeuvre import clear_for
 from rpo_core.assurance.settings import Assurance
+from rpo_core.attitude.attitude_kernels import LVLH
 from rpo_core.chain.flight import flights_of, fly
 from rpo_core.control.controller import AnyController
 from rpo_core.files.validation import InputError
@@ -64,7 +65,7 @@ def _count_changes(states: Any, forces: Any, c: CwStep, g: Guard) -> tuple[int, 
         s, f = states[i], forces[i]
         state = (s[0], s[1], s[2], s[3], s[4], s[5])
         command = (f[0], f[1], f[2])
-        answer = assure(state, command, command, OPEN, c, g)
+        answer = assure(state, command, command, OPEN, 0, LVLH, LVLH, c, g, g)
         acted += answer[4] != 0
         min_margin = answer[6] if answer[6] < min_margin else min_margin
     return acted, min_margin

@@ -309,13 +309,13 @@ class World(NamedTuple):
 @unlocked
 def seen_at(state, frames, i):  # type: ignore[no-untyped-def]
     """Return a state in the corridor's axes: of frames (n, 15) the i-th, of none those of LVLH."""
-    return state if len(frames) == 0 else seen_from(state, frame_at(frames[i], 0))
+    return state if len(frames) == 0 else seen_from(state, frame_at(frames[i]))
 
 
 @unlocked
 def in_lvlh(state, frames, i):  # type: ignore[no-untyped-def]
     """Return a state of the corridor's axes in LVLH: the inverse of `seen_at`."""
-    return state if len(frames) == 0 else moving_with(state, frame_at(frames[i], 0))
+    return state if len(frames) == 0 else moving_with(state, frame_at(frames[i]))
 
 
 @unlocked
@@ -435,7 +435,7 @@ def look(state, force, fine, g, world, frames, at, true, row):  # type: ignore[n
     if world.zone_m + moved < rho < world.domain_m - moved:
         return False
     entered = outside = False
-    axes = frame_at(true, 0)  # turned against those that are known
+    axes = frame_at(true)  # turned against those that are known
     seen = seen_from(seen_at(state, frames, at), axes)
     for part in range(PARTS):
         state = cw_step(state, force, fine)

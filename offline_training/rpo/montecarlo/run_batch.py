@@ -19,7 +19,6 @@ from rpo.montecarlo.config import METRICS, Campaign
 from rpo.montecarlo.faults import LinkStage
 from rpo.montecarlo.sampling import PARAMETERS, STARTS, STRATA, DrawnRuns, draw, parameters_of
 from rpo.montecarlo.variations import Draw, sections_of
-from rpo_core.attitude.target import move_together
 from rpo_core.chain.flight import JUDGED, Flight, fly
 from rpo_core.control.controller import Controller
 from rpo_core.files.validation import within
@@ -29,7 +28,6 @@ from rpo_core.kernels.arrays import Floats
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place, Stage
 from rpo_core.wire.interfaces import APPLIED_FORCE
-from rpo_core.world.cw import mean_motion
 
 UNIT = 200
 """Runs of a unit; a whole number of them is one Latin hypercube."""
@@ -163,15 +161,9 @@ def scenarios_of(campaign: Campaign, runs: DrawnRuns) -> list[Scenario]:
     """Return the scenarios of drawn runs: their starts, masses, orbits, disturbances, stages."""
     named = [within(f'run {number}') for number in runs.numbers.tolist()]  # in what is refused
     found = [by(_changes)(campaign, runs, index) for index, by in enumerate(named)]
-    nominal, motions, ticks = campaign.scenario, [], []
-    if nominal.target is not None and nominal.named('assurance') is not None:
-        for changes, delay in zip(found, runs.column('delay_ticks').tolist(), strict=True):
-            target = next(s for s in changes['sections'] if type(s) is type(nominal.target))
-            orbit = mean_motion(changes['orbit_radius_m'], nominal.body)
-            motions.append(target.known.motion(orbit, nominal.dt_s))
-            ticks.append(nominal.ticks + int(delay) + 2)
-        move_together(motions, ticks)  # by itself the check of each would compute its own
-    return [by(replace)(nominal, **changes) for by, changes in zip(named, found, strict=True)]
+    return [
+        by(replace)(campaign.scenario, **changes) for by, changes in zip(named, found, strict=True)
+    ]
 
 
 def _changes(campaign: Campaign, runs: DrawnRuns, index: int) -> dict[str, Any]:

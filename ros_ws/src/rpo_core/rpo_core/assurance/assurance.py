@@ -6,28 +6,25 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from math import sqrt
 from typing import Annotated, Any, NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.assurance import abort, filters, kernels
 from rpo_core.assurance.abort import AbortMachine, Table, Watch
 from rpo_core.assurance.abort_table import check_table
 from rpo_core.assurance.assumed import ahead, compared, known, short_tank, upwards
-from rpo_core.assurance.doubt import Doubt, doubt_of, doubted, unless_unsure, unless_unsure_turning
+from rpo_core.assurance.doubt import Doubt, doubt_of, doubted, unless_unsure
 from rpo_core.assurance.guard import proof_of
 from rpo_core.assurance.kernels import APPROACH, CONTACT, OPEN, Guard
 from rpo_core.assurance.settings import Assurance
 from rpo_core.assurance.working import values_that_work
-from rpo_core.attitude.attitude_kernels import Frame, seen_from
+from rpo_core.attitude.attitude_kernels import LVLH, Frame, seen_from
 from rpo_core.attitude.target import known_motion
 from rpo_core.files.validation import InputError
 from rpo_core.kernels.arithmetic import State, norm
 from rpo_core.kernels.calls import ASK
-from rpo_core.kernels.jit import COMPILED, inlined, kernel, step_kernel
+from rpo_core.kernels.jit import kernel, step_kernel
 from rpo_core.kernels.records import as_rows
 from rpo_core.stage import (
     ZERO,
@@ -114,11 +111,13 @@ def step_of(settings: Assurance, scenario: Any) -> CwStep:
 class Numbers:
     """Settings of the kernel `assure_tick`.
 
-    walls, turns : numbers of the corridor in the axes of a target that turns, and 1 where it does
+    walls, turns : numbers of the corridor in the axes of a target that turns, and 1 where it does;
+        else those of `guard`
     step : by which it predicts
     covariance_at : place in u of the covariances; 0: they are not looked at
     watches : 1 where there is an abort table
-    frames : axes of the target, tick by tick, as far as they were asked for
+    frames : axes of the target, tick by tick, as far as they were asked for; of one that does not
+        turn those of LVLH
     """
 
     guard: Guard
@@ -129,7 +128,7 @@ class Numbers:
     turns: int
     watches: int
     table: Table
-    frames: list[Frame] = field(default_factory=list)
+    frames: list[Frame]
 
 
 @dataclass(slots=True)
@@ -181,14 +180,6 @@ def spread_at(u: Any, i: int) -> float:
     return sqrt(trace if trace > 0.0 else 0.0)
 
 
-@inlined
-def errors_in(g: Any, turns_rad_s: float, d: Any, m: Any) -> Guard:
-    """Return a guard with the errors that the last estimate has."""
-    if not COMPILED:  # there a record is no named tuple
-        return doubted(g, d, turns_rad_s, m.spread_m, m.spread_m_s) if d.sigmas > 0.0 else g
-    return doubted(g, d, turns_rad_s, m.spread_m, m.spread_m_s)
-
-
 @step_kernel
 def assure_tick(tick: int, u: Any, p: Any, m: Any, y: Any) -> int:
     """Return ASK where the stage must plan, else 0: y = F(phi(x), u).
@@ -208,21 +199,13 @@ def assure_tick(tick: int, u: Any, p: Any, m: Any, y: Any) -> int:
     if p.covariance_at > 0:
         m.spread_m = spread_at(u, p.covariance_at)
         m.spread_m_s = spread_at(u, p.covariance_at + 9)
-    g = errors_in(p.guard, 0.0, p.doubt, m)
-    in_axes, w = state, g
-    if p.turns == 1:
-        in_axes = seen_from(state, p.frames[i])
-        w = errors_in(p.walls, p.doubt.turns_rad_s, p.doubt, m)
+    g = doubted(p.guard, p.doubt, 0.0, m.spread_m, m.spread_m_s)
+    w = doubted(p.walls, p.doubt, p.doubt.turns_rad_s, m.spread_m, m.spread_m_s)
+    at = i if p.turns == 1 else 0
+    now, following = p.frames[at], p.frames[at + p.turns]
     if m.mode == UNKNOWN:
-        m.mode = mode_at(state, in_axes, g, w)
-    lost, safe = False, command
-    if p.doubt.sigmas > 0.0:
-        if p.turns == 1:
-            lost, safe = unless_unsure_turning(
-                state, command, m.mode, p.frames[i], g, w, p.doubt, m.spread_m
-            )
-        else:
-            lost, safe = unless_unsure(state, command, m.mode, g, p.doubt, m.spread_m)
+        m.mode = mode_at(state, seen_from(state, now) if p.turns == 1 else state, g, w)
+    lost, safe = unless_unsure(state, command, m.mode, p.turns, now, g, w, p.doubt, m.spread_m)
     m.lost = 1 if lost else 0
     if p.watches == 1:
         abort.look_ahead(tick, state, p, m)
@@ -238,14 +221,9 @@ def assure_tick(tick: int, u: Any, p: Any, m: Any, y: Any) -> int:
     if lost:
         command = safe
     last = (m.force_n[0], m.force_n[1], m.force_n[2])
-    if p.turns == 1:
-        fx, fy, fz, mode, acted, metres, speed = filters.assure_turning(
-            state, command, last, m.mode, p.frames[i], p.frames[i + 1], p.step, g, w
-        )
-    else:
-        fx, fy, fz, mode, acted, metres, speed = filters.assure(
-            state, command, last, m.mode, p.step, g
-        )
+    fx, fy, fz, mode, acted, metres, speed = filters.assure(
+        state, command, last, m.mode, p.turns, now, following, p.step, g, w
+    )
     force = (fx, fy, fz)
     if lost and mode == APPROACH:
         force = command
@@ -316,7 +294,7 @@ class AssuranceStage(KernelStage):
         p = Numbers(
             guard, walls or guard, self.doubt, self.prediction,
             self._place(interfaces.NAVIGATION_COVARIANCE), int(self.motion is not None),
-            int(self.abort is not None), table,
+            int(self.abort is not None), table, [LVLH] if self.motion is None else [],
         )  # fmt: skip
         line = [[0.0] * 3 for _ in range(self.delay_ticks)]
         super().__init__(p, Memory(line, [0.0] * 3, [0.0] * 3, watch))
@@ -394,11 +372,6 @@ class AssuranceStage(KernelStage):
 
     def _doubted(self, guard: Guard, turns_rad_s: float) -> Guard:
         return doubted(guard, self.doubt, turns_rad_s, self.m.spread_m, self.m.spread_m_s)
-
-    @property
-    def numbers(self) -> NDArray[np.float64]:
-        """CW step and guard (58,), with the walls that turn (90,), as campaigns read them."""
-        return np.array([*self.prediction, *self.guard, *(self.walls or ())], dtype=np.float64)
 
     def ahead(self, state: Signal) -> State:
         """Return the state (6,) [m, m/s] in which the first force acts."""

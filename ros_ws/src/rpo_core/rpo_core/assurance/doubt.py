@@ -11,9 +11,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from rpo_core.assurance.assumed import Errors, spreading
-from rpo_core.assurance.filters import backup
 from rpo_core.assurance.guard import follows, most_m, swing_of
-from rpo_core.assurance.kernels import APPROACH, CONTACT, Guard, in_corridor
+from rpo_core.assurance.kernels import APPROACH, CONTACT, Guard, backup_open, in_corridor
 from rpo_core.assurance.manoeuvre import RETREAT_M_S
 from rpo_core.assurance.settings import Assurance
 from rpo_core.attitude.attitude_kernels import Frame, seen_from, to_lvlh
@@ -86,15 +85,11 @@ def doubted(g: Guard, d: Doubt, turns_rad_s: float, spread_m: float, spread_m_s:
 
 
 @inlined
-def unsure(state: State, mode: int, g: Guard, d: Doubt, spread_m: float) -> bool:
-    """Whether a state is known too badly for the set of a mode: its law shall act, or `retreat`.
+def unsure(state: State, g: Guard) -> bool:
+    """Whether a state is known too badly for the corridor: `retreat` shall act.
 
-    state, g : as the set has them, `g` with the errors of the tick
+    state, g : as its set has them, `g` with the errors of the tick
     """
-    if mode == CONTACT or d.sigmas == 0.0:
-        return False
-    if mode != APPROACH:
-        return bool(d.sigmas * spread_m > d.most_m)
     distance, closes, _, _, _, _ = in_corridor(state, g)
     near = distance - g.here_m
     half = g.width_m + g.slope * (near if near > 0.0 else 0.0)
@@ -123,32 +118,27 @@ def retreat(state: State, g: Guard) -> Vector:
 
 @kernel
 def unless_unsure(
-    state: State, command: Vector, mode: int, g: Guard, d: Doubt, spread_m: float
-) -> tuple[bool, Vector]:
-    """Return whether a state is known too badly, and the command, or what acts instead [N].
-
-    g : with the errors of the tick
-    """
-    if not unsure(state, mode, g, d, spread_m):
-        return False, command
-    return True, retreat(state, g) if mode == APPROACH else backup(state, mode, g)
-
-
-@kernel
-def unless_unsure_turning(
     state: State,
     command: Vector,
     mode: int,
+    turns: int,
     now: Frame,
     g: Guard,
     w: Guard,
     d: Doubt,
-    spread: float,
+    spread_m: float,
 ) -> tuple[bool, Vector]:
-    """Return `unless_unsure` where the target turns; now, w : as in `assurance.filters`."""
-    if mode != APPROACH:
-        return unless_unsure(state, command, mode, g, d, spread)
-    seen = seen_from(state, now)
-    if not unsure(seen, mode, w, d, spread):
+    """Return whether a state is known too badly, and the command, or what acts instead [N].
+
+    turns, now, g, w : as in `assurance.filters`, with the errors of the tick
+    """
+    if mode == CONTACT or d.sigmas == 0.0:
         return False, command
-    return True, to_lvlh(retreat(seen, w), now)
+    if mode != APPROACH:
+        if d.sigmas * spread_m > d.most_m:
+            return True, backup_open(state, g)
+        return False, command
+    seen = seen_from(state, now) if turns != 0 else state
+    if not unsure(seen, w):
+        return False, command
+    return True, to_lvlh(retreat(seen, w), now) if turns != 0 else retreat(seen, w)

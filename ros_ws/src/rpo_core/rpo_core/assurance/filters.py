@@ -78,12 +78,6 @@ def first_mode(state: State, g: Guard) -> int:
 
 
 @kernel
-def backup(state: State, mode: int, g: Guard) -> Vector:
-    """Backup law [N] of a mode."""
-    return backup_approach(state, g) if mode == APPROACH else backup_open(state, g)
-
-
-@kernel
 def nearest(state: State, force: Vector, c: CwStep, g: Guard) -> Vector:
     """Least change of a force after which the next state is in the OPEN set.
 
@@ -138,20 +132,6 @@ def share_within(safe: float, wanted: float) -> float:
 
 
 @kernel
-def fallback(state: State, wanted: Vector, mode: int, c: CwStep, g: Guard) -> Vector:
-    """Force between the backup law and a wanted force: as near to that as the set allows."""
-    safe = backup(state, mode, g)
-    if g.least == 0.0:
-        return safe
-    a = margins(cw_step(state, safe, c), mode, g.next_m, g.next_m_s, g)
-    b = margins(cw_step(state, wanted, c), mode, g.next_m, g.next_m_s, g)
-    first, second = share_within(a[0], b[0]), share_within(a[1], b[1])
-    force = between(safe, wanted, first if first < second else second)
-    m = margins(cw_step(state, force, c), mode, g.next_m, g.next_m_s, g)
-    return force if m[0] >= 0.0 and m[1] >= 0.0 else safe
-
-
-@kernel
 def finite(a: float, b: float, c: float) -> bool:
     """Whether three numbers are finite, and their squares too."""
     return abs(a) < LARGEST and abs(b) < LARGEST and abs(c) < LARGEST
@@ -175,70 +155,34 @@ def within_limits(command: Vector, last: Vector, g: Guard) -> tuple[float, float
 
 
 @kernel
-def assure(
-    state: State, command: Vector, last: Vector, mode: int, c: CwStep, g: Guard
-) -> tuple[float, float, float, int, int, float, float]:
-    """Force (3) [N] that keeps the assured set; mode, constraint that acted, margins [m], [m/s].
-
-    state : as it is known for the tick in which the force will act
-    last : the force before, for the slew limit
-    mode : the set in which the chaser is
-    The margins are those that the command as it came would leave one tick later.
-    """
-    fx, fy, fz, broke = within_limits(command, last, g)
-    if not (finite(state[0], state[1], state[2]) and finite(state[3], state[4], state[5])):
-        return 0.0, 0.0, 0.0, mode, NOT_FINITE, -FAR, -FAR
-    # Contact begins where all true states are at the port, and is over where none is.
-    if mode == CONTACT and g.side != 0.0 and not at_port(state, -g.here_m, g):
-        mode = APPROACH
-    if mode == APPROACH and at_port(state, g.here_m, g):
-        mode = CONTACT
-    if mode == CONTACT:
-        return fx, fy, fz, CONTACT, broke, FAR, FAR
-    if mode == APPROACH and open_margins(state, g.here_m, g.here_m_s, g)[0] >= 0.0:
-        mode = OPEN
-    force = (fx, fy, fz)
-    after = cw_step(state, force, c)
-    m = margins(after, mode, g.next_m, g.next_m_s, g)
-    if m[0] >= 0.0 and m[1] >= 0.0:
-        return fx, fy, fz, mode, broke, m[0], m[1]
-    if g.side != 0.0:
-        other = OPEN if mode == APPROACH else APPROACH
-        o = margins(after, other, g.next_m, g.next_m_s, g)
-        # The place of now too: between two places of one mode, the path stays clear of the zone.
-        if o[0] >= 0.0 and o[1] >= 0.0 and margins(state, other, g.here_m, g.here_m_s, g)[0] >= 0.0:
-            return fx, fy, fz, other, broke, o[0], o[1]
-    acted = SPEED if m[0] >= 0.0 else (CORRIDOR if mode == APPROACH else KEEP_OUT)
-    if acted == KEEP_OUT and both_margins(after, g.next_m, g.next_m_s, g)[0] >= 0.0:
-        acted = DOMAIN
-    if mode == OPEN and g.least != 0.0:
-        force = nearest(state, force, c, g)
-        n = open_margins(cw_step(state, force, c), g.next_m, g.next_m_s, g)
-        if n[0] >= 0.0 and n[1] >= 0.0:
-            return force[0], force[1], force[2], mode, acted, m[0], m[1]
-    force = fallback(state, force, mode, c, g)
-    return force[0], force[1], force[2], mode, acted, m[0], m[1]
-
-
-@kernel
 def margins_after(
-    state: State, force: Vector, mode: int, following: Frame, c: CwStep, g: Guard, w: Guard
+    state: State,
+    force: Vector,
+    mode: int,
+    turns: int,
+    following: Frame,
+    c: CwStep,
+    g: Guard,
+    w: Guard,
 ) -> tuple[float, float]:
     """Margins [m], [m/s] to the set of a mode, one tick after a state with a force."""
     after = cw_step(state, force, c)
-    if mode == APPROACH:
-        return approach_margins(seen_from(after, following), w.next_m, w.next_m_s, w)
-    return open_margins(after, g.next_m, g.next_m_s, g)
+    if mode != APPROACH:
+        return open_margins(after, g.next_m, g.next_m_s, g)
+    after = seen_from(after, following) if turns != 0 else after
+    return approach_margins(after, w.next_m, w.next_m_s, w)
 
 
 @kernel
-def backup_turning(state: State, mode: int, now: Frame, g: Guard, w: Guard) -> Vector:
-    """Backup law [N] of a mode. In the corridor it stops what recedes, too, as far as it must.
+def backup(state: State, mode: int, turns: int, now: Frame, g: Guard, w: Guard) -> Vector:
+    """Backup law [N] of a mode. In a corridor that turns it stops what recedes too, as it must.
 
     That push inward is at most what may push the chaser outward: it never gets faster.
     """
     if mode != APPROACH:
         return backup_open(state, g)
+    if turns == 0:
+        return backup_approach(state, w)
     seen = seen_from(state, now)
     fx, fy, fz = backup_approach(seen, w)
     closes = in_corridor(seen, w)[1]
@@ -254,25 +198,34 @@ def backup_turning(state: State, mode: int, now: Frame, g: Guard, w: Guard) -> V
 
 
 @kernel
-def assure_turning(
+def assure(
     state: State,
     command: Vector,
     last: Vector,
     mode: int,
+    turns: int,
     now: Frame,
     following: Frame,
     c: CwStep,
     g: Guard,
     w: Guard,
 ) -> tuple[float, float, float, int, int, float, float]:
-    """Return what `assure` returns, where the target turns."""
+    """Force (3) [N] that keeps the assured set; mode, constraint that acted, margins [m], [m/s].
+
+    state : as it is known for the tick in which the force will act
+    last : the force before, for the slew limit
+    mode : the set in which the chaser is
+    turns : 1 where the corridor turns; if it does not, w is g, and nobody reads the axes
+    The margins are those that the command as it came would leave one tick later.
+    """
     fx, fy, fz, broke = within_limits(command, last, g)
     if not (finite(state[0], state[1], state[2]) and finite(state[3], state[4], state[5])):
         return 0.0, 0.0, 0.0, mode, NOT_FINITE, -FAR, -FAR
-    seen = seen_from(state, now)
-    # The port of `w` lies before the true one by as much as may lie behind it.
+    seen = seen_from(state, now) if turns != 0 else state
+    # Contact begins where all true states are at the port, and is over where none is. The port of
+    # `w` lies before the true one by as much as may lie behind it.
     beyond = w.here_m + 2.0 * (w.port_m - g.port_m)
-    if mode == CONTACT and not at_port(seen, -w.here_m, w):
+    if mode == CONTACT and w.side != 0.0 and not at_port(seen, -w.here_m, w):
         mode = APPROACH
     if mode == APPROACH and at_port(seen, beyond, w):
         mode = CONTACT
@@ -281,33 +234,35 @@ def assure_turning(
     if mode == APPROACH and open_margins(state, g.here_m, g.here_m_s, g)[0] >= 0.0:
         mode = OPEN
     wanted = (fx, fy, fz)
-    m = margins_after(state, wanted, mode, following, c, g, w)
+    m = margins_after(state, wanted, mode, turns, following, c, g, w)
     if m[0] >= 0.0 and m[1] >= 0.0:
         return fx, fy, fz, mode, broke, m[0], m[1]
-    other = OPEN if mode == APPROACH else APPROACH
-    o = margins_after(state, wanted, other, following, c, g, w)
-    if other == OPEN:
-        room = open_margins(state, g.here_m, g.here_m_s, g)[0]
-    else:
-        room = approach_margins(seen, w.here_m, w.here_m_s, w)[0]
-    if o[0] >= 0.0 and o[1] >= 0.0 and room >= 0.0:
-        return fx, fy, fz, other, broke, o[0], o[1]
+    if w.side != 0.0:
+        other = OPEN if mode == APPROACH else APPROACH
+        o = margins_after(state, wanted, other, turns, following, c, g, w)
+        # The place of now too: between two places of one mode, the path stays clear of the zone.
+        if other == OPEN:
+            room = open_margins(state, g.here_m, g.here_m_s, g)[0]
+        else:
+            room = approach_margins(seen, w.here_m, w.here_m_s, w)[0]
+        if o[0] >= 0.0 and o[1] >= 0.0 and room >= 0.0:
+            return fx, fy, fz, other, broke, o[0], o[1]
     acted = SPEED if m[0] >= 0.0 else (CORRIDOR if mode == APPROACH else KEEP_OUT)
     if acted == KEEP_OUT:
         after = cw_step(state, wanted, c)
         acted = DOMAIN if both_margins(after, g.next_m, g.next_m_s, g)[0] >= 0.0 else KEEP_OUT
     if mode == OPEN and g.least != 0.0:
         wanted = nearest(state, wanted, c, g)
-        n = margins_after(state, wanted, mode, following, c, g, w)
+        n = margins_after(state, wanted, mode, turns, following, c, g, w)
         if n[0] >= 0.0 and n[1] >= 0.0:
             return wanted[0], wanted[1], wanted[2], mode, acted, m[0], m[1]
-    force = backup_turning(state, mode, now, g, w)
-    if g.least != 0.0:
-        a = margins_after(state, force, mode, following, c, g, w)
-        b = margins_after(state, wanted, mode, following, c, g, w)
+    force = backup(state, mode, turns, now, g, w)
+    if g.least != 0.0:  # as near to what is wanted as the set allows
+        a = margins_after(state, force, mode, turns, following, c, g, w)
+        b = margins_after(state, wanted, mode, turns, following, c, g, w)
         first, second = share_within(a[0], b[0]), share_within(a[1], b[1])
-        found = between(force, wanted, first if first < second else second)
-        n = margins_after(state, found, mode, following, c, g, w)
+        between_both = between(force, wanted, first if first < second else second)
+        n = margins_after(state, between_both, mode, turns, following, c, g, w)
         if n[0] >= 0.0 and n[1] >= 0.0:
-            force = found
+            force = between_both
     return force[0], force[1], force[2], mode, acted, m[0], m[1]

@@ -85,10 +85,7 @@ def shape(tick: int, u: Any, p: Any, m: Any, y: Any) -> None:
 
 
 class ShapingStage(KernelStage):
-    """From the command of the controller to the shaped command; it remembers the last one.
-
-    numbers : largest change in a tick, dead zone, limit of the thrusters [N]
-    """
+    """From the command of the controller to the shaped command; it remembers the last one."""
 
     name = 'shaping'
     inputs = (interfaces.COMMAND,)
@@ -99,8 +96,8 @@ class ShapingStage(KernelStage):
 
     def __init__(self, settings: Shaping, scenario: Any) -> None:
         slew_n, zone_n = settings.slew_n_s * scenario.dt_s, settings.dead_zone_n
-        self.numbers = Limits(slew_n, zone_n, float(scenario.max_force_n))
-        super().__init__(self.numbers, Shaped([0.0] * 3))
+        limits = Limits(slew_n, zone_n, float(scenario.max_force_n))
+        super().__init__(limits, Shaped([0.0] * 3))
 
 
 def _check(settings: Shaping, scenario: Any) -> None:

@@ -18,29 +18,22 @@ from rpo_core.kernels.jit import inlined, kernel
 Attitude = tuple[float, float, float, float, float, float, float]
 """Quaternion x, y, z, w and rate x, y, z [rad/s]."""
 
+Six = tuple[float, float, float, float, float, float]
+"""A symmetric matrix: xx, yy, zz, xy, xz, yz."""
+
 
 class Body(NamedTuple):
     """A free rigid body on a circular orbit.
 
     turns : 0.0 where it keeps its attitude to target LVLH
     orbit : mean motion [rad/s], the rate of LVLH about its z
-    jxx .. jyz : inertia [kg m^2]; ixx .. iyz : its inverse
+    inertia, inverse : xx, yy, zz, xy, xz, yz [kg m^2]; of the inverse of that matrix
     """
 
     turns: float
     orbit: float
-    jxx: float
-    jyy: float
-    jzz: float
-    jxy: float
-    jxz: float
-    jyz: float
-    ixx: float
-    iyy: float
-    izz: float
-    ixy: float
-    ixz: float
-    iyz: float
+    inertia: Six
+    inverse: Six
 
 
 class Frame(NamedTuple):
@@ -70,6 +63,9 @@ class Frame(NamedTuple):
 FRAME = 15
 """Numbers of a frame."""
 
+LVLH = Frame(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, *(0.0,) * 6)
+"""The frame of a body without attitude."""
+
 
 @inlined
 def synchronised(orbit_rad_s: float) -> Attitude:
@@ -84,24 +80,26 @@ def cross(a: Vector, b: Vector) -> Vector:
 
 
 @inlined
-def symmetric(
-    v: Vector, xx: float, yy: float, zz: float, xy: float, xz: float, yz: float
-) -> Vector:
+def symmetric(v: Vector, m: Six) -> Vector:
     """Product of a symmetric matrix and a vector."""
     x, y, z = v
-    return xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
+    return (
+        m[0] * x + m[3] * y + m[4] * z,
+        m[3] * x + m[1] * y + m[5] * z,
+        m[4] * x + m[5] * y + m[2] * z,
+    )
 
 
 @inlined
 def momentum_of(rate: Vector, b: Body) -> Vector:
     """Angular momentum [N m s] of a body."""
-    return symmetric(rate, b.jxx, b.jyy, b.jzz, b.jxy, b.jxz, b.jyz)
+    return symmetric(rate, b.inertia)
 
 
 @inlined
 def accelerated(torque: Vector, b: Body) -> Vector:
     """Change [rad/s^2] of the rate that a torque [N m] makes."""
-    return symmetric(torque, b.ixx, b.iyy, b.izz, b.ixy, b.ixz, b.iyz)
+    return symmetric(torque, b.inverse)
 
 
 @inlined
@@ -263,79 +261,12 @@ def attitudes(a: Attitude, h: float, b: Body, rows: Any) -> None:
 
 
 @inlined
-def frame_at(t: Any, i: int, n: int = 1) -> Frame:
-    """Return the frame whose numbers lie in a flat table from place i on, n places apart."""
-    # fmt: off
+def frame_at(t: Any) -> Frame:
+    """Return the frame whose numbers are a row of a table."""
     return Frame(
-        t[i], t[i + n], t[i + 2 * n], t[i + 3 * n], t[i + 4 * n], t[i + 5 * n], t[i + 6 * n],
-        t[i + 7 * n], t[i + 8 * n], t[i + 9 * n], t[i + 10 * n], t[i + 11 * n], t[i + 12 * n],
-        t[i + 13 * n], t[i + 14 * n],
-    )
-    # fmt: on
-
-
-@inlined
-def body_at(turns: float, t: Any, i: int, n: int) -> Body:
-    """Return the body whose other numbers lie in a flat table from place i on, n places apart."""
-    # fmt: off
-    return Body(
-        turns, t[i], t[i + n], t[i + 2 * n], t[i + 3 * n], t[i + 4 * n], t[i + 5 * n],
-        t[i + 6 * n], t[i + 7 * n], t[i + 8 * n], t[i + 9 * n], t[i + 10 * n], t[i + 11 * n],
-        t[i + 12 * n],
-    )
-    # fmt: on
-
-
-@inlined
-def attitude_at(t: Any, i: int, n: int) -> Attitude:
-    """Return the attitude that lies in a flat table from place i on, n places apart."""
-    return (
-        t[i], t[i + n], t[i + 2 * n], t[i + 3 * n], t[i + 4 * n], t[i + 5 * n], t[i + 6 * n],
+        t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7], t[8], t[9], t[10], t[11], t[12], t[13],
+        t[14],
     )  # fmt: skip
-
-
-TOGETHER = 16
-"""Bodies whose motions `motions` computes: SIMD registers; the compiler unrolls fewer."""
-
-
-@inlined
-def _motions(m: Any, t: Any, turns: float, h: float, rows: Any) -> None:
-    n = TOGETHER
-    for i in range(len(rows)):
-        row = rows[i]
-        for j in range(7 * n):
-            row[j] = m[j]
-        for s in range(n):
-            f = frame_of(attitude_at(m, s, n), body_at(turns, t, s, n))
-            x = abs(f.xx) + abs(f.xy) + abs(f.xz)
-            y = abs(f.yx) + abs(f.yy) + abs(f.yz)
-            z = abs(f.zx) + abs(f.zy) + abs(f.zz)
-            y = y if y > x else x
-            z = z if z > y else y
-            sizes = (abs(f.px), abs(f.py), abs(f.pz), abs(f.ax), abs(f.ay), abs(f.az), z)
-            counts = i < t[s + 13 * n]
-            for j in range(7):
-                size, most = sizes[j] if counts else 0.0, m[s + (7 + j) * n]
-                m[s + (7 + j) * n] = size if size > most else most
-        for s in range(n):
-            after = attitude_step(attitude_at(m, s, n), h, body_at(turns, t, s, n))
-            for j in range(7):
-                m[s + j * n] = after[j]
-
-
-@kernel
-def motions(m: Any, t: Any, turns: bool, h: float, rows: Any) -> None:
-    """Fill rows (n, 7 * TOGETHER) with the attitudes of bodies at 0, h, 2 h ...
-
-    m : (7, TOGETHER) attitudes at first; then, of the frames, the largest |rate| and |change of it|
-        about each axis, and sum of |numbers| of a row of the matrix (7, TOGETHER)
-    t : numbers of `Body` after the first (13, TOGETHER), ticks that the largest are of (TOGETHER,)
-    turns : whether they do
-    """
-    if turns:
-        _motions(m, t, 1.0, h, rows)
-    else:
-        _motions(m, t, 0.0, h, rows)
 
 
 @kernel
@@ -354,6 +285,6 @@ def see_all(states: Any, turning: Any, found: Any) -> None:
     """Fill `found` (n, 6) with states (n, 6) as a body with frames (n, 15) sees them."""
     for i in range(len(found)):
         s = states[i]
-        seen = seen_from((s[0], s[1], s[2], s[3], s[4], s[5]), frame_at(turning[i], 0))
+        seen = seen_from((s[0], s[1], s[2], s[3], s[4], s[5]), frame_at(turning[i]))
         for j in range(6):
             found[i, j] = seen[j]

@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rpo_core.attitude.attitude_kernels import (
+    LVLH,
     Attitude,
     Frame,
-    attitude_at,
     cross,
     frame_at,
     seen_from,
@@ -193,8 +193,8 @@ def from_target(q: Quaternion, target: Attitude) -> Quaternion:
     return relative_to((target[0], target[1], target[2], target[3]), q)
 
 
-@inlined
-def off_contact(chaser: Attitude, target: Attitude, mate: Quaternion) -> tuple[float, float]:
+@kernel
+def contact_turn(chaser: Attitude, target: Attitude, mate: Quaternion) -> tuple[float, float]:
     """Return how far a chaser is turned from its docked attitude, and how fast it turns.
 
     The largest of the three angles [deg], each 2 sin(half of the turn) along an axis; the norm of
@@ -206,15 +206,6 @@ def off_contact(chaser: Attitude, target: Attitude, mate: Quaternion) -> tuple[f
     rate = norm(chaser[4] - p[0], chaser[5] - p[1], chaser[6] - p[2])
     return 2.0 * DEGREES * max(abs(x), abs(y), abs(z)), DEGREES * rate
 
-
-@kernel
-def contact_turn(chaser: Attitude, target: Attitude, mate: Quaternion) -> tuple[float, float]:
-    """Return `off_contact`."""
-    return off_contact(chaser, target, mate)
-
-
-LVLH = Frame(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, *(0.0,) * 6)
-"""The frame of a target without attitude."""
 
 NOWHERE: Quaternion = (0.0, 0.0, 0.0, 0.0)
 """The turn of the tick before the first one."""
@@ -314,7 +305,8 @@ def look(tick: int, u: Any, p: Any, m: Any, y: Any) -> int:
         at = tick - m.first
         if at < 0 or at >= len(m.attitudes):
             return calls.ASK
-        target, f = attitude_at(m.attitudes[at], 0, 1), frame_at(m.frames[at], 0)
+        a = m.attitudes[at]
+        target, f = (a[0], a[1], a[2], a[3], a[4], a[5], a[6]), frame_at(m.frames[at])
     q = m.before
     before = (q[0], q[1], q[2], q[3])
     if p.begins and before == NOWHERE:

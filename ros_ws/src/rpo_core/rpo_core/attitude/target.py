@@ -178,7 +178,8 @@ class Target(Checked):
         """Return how it turns, tick by tick; computed once, also for its equals just before."""
         key = orbit_rad_s, dt_s
         if key not in self._motions:
-            numbers = [*self.body(orbit_rad_s), *self.start(orbit_rad_s), dt_s]
+            turns, orbit, inertia, inverse = self.body(orbit_rad_s)
+            numbers = [turns, orbit, *inertia, *inverse, *self.start(orbit_rad_s), dt_s]
             self._motions[key] = _motion(np.array(numbers).tobytes())
         return self._motions[key]
 
@@ -189,8 +190,8 @@ class Target(Checked):
             return self
         x, y, z = (radians(angle) for angle in self.known_error_deg)
         error = of_vector((x, y, z))
-        b = Body(0.0, 0.0, *(0.0,) * 12)
-        turned = attitude_kernels.frame_of((*error, 0.0, 0.0, 0.0), b)
+        still = Body(0.0, 0.0, (0.0,) * 6, (0.0,) * 6)
+        turned = attitude_kernels.frame_of((*error, 0.0, 0.0, 0.0), still)
         back = partial(attitude_kernels.to_body, f=turned)
         half = [back(row) for row in self.inertia_kg_m2]  # J E, and E' (J E) by its columns
         inertia = np.array([back(column) for column in zip(*half, strict=True)]).T
@@ -237,9 +238,12 @@ def body_of(inertia_kg_m2: Any, orbit_rad_s: float) -> Body:
 
 @lru_cache(maxsize=256)
 def _body(inertia_kg_m2: tuple[tuple[float, ...], ...], orbit_rad_s: float) -> Body:
-    j = np.array(inertia_kg_m2)
-    parts = [(m[0, 0], m[1, 1], m[2, 2], m[0, 1], m[0, 2], m[1, 2]) for m in (j, _inverse(j))]
-    return Body(1.0, orbit_rad_s, *(float(value) for part in parts for value in part))
+    j = np.array(inertia_kg_m2, np.float64)
+    inertia, inverse = (
+        (m[0][0], m[1][1], m[2][2], m[0][1], m[0][2], m[1][2])
+        for m in (j.tolist(), _inverse(j).tolist())
+    )
+    return Body(1.0, orbit_rad_s, inertia, inverse)
 
 
 def _inverse(m: Floats) -> Floats:
@@ -318,33 +322,18 @@ class Motion:
         row of the matrix.
         """
         if ticks not in self._largest:
-            move_together([self], [ticks])
+            sizes = np.abs(self.frames(ticks))
+            rows = sizes[:, 0:9:3] + sizes[:, 1:9:3] + sizes[:, 2:9:3]
+            self._largest[ticks] = np.array([*sizes[:, 9:].max(axis=0), rows.max()])
         return self._largest[ticks]
 
 
 @lru_cache(maxsize=8)
 def _motion(numbers: bytes) -> Motion:
     """Return the motion of a body, a start and a tick, by their bits: nodes share a process."""
-    values = np.frombuffer(numbers).tolist()
-    start: Any = tuple(values[-8:-1])
-    return Motion(Body(*values[:-8]), start, values[-1])
-
-
-def move_together(motions: Sequence[Motion], ticks: Sequence[int]) -> None:
-    """Compute motions, of a kind and with one length of ticks, so far, and their `largest`."""
-    n = attitude_kernels.TOGETHER
-    for first in range(0, len(motions), n):
-        some, counts = motions[first : first + n], ticks[first : first + n]
-        memory, table = np.zeros((14, n)), np.zeros((14, n))
-        for i in range(n):
-            motion = some[min(i, len(some) - 1)]
-            memory[:7, i], table[:13, i] = motion._attitudes[0], motion.body[1:]
-        table[13, : len(some)] = counts
-        rows = np.empty((max(counts), 7 * n))
-        turns, dt_s = some[0].body.turns > 0.0, some[0]._dt_s
-        attitude_kernels.motions(memory.ravel(), table.ravel(), turns, dt_s, rows)
-        for i, (motion, count) in enumerate(zip(some, counts, strict=True)):
-            motion._attitudes, motion._largest[count] = rows[:, i::n], memory[7:, i]
+    turns, orbit, *values, dt_s = np.frombuffer(numbers).tolist()
+    inertia, inverse, start = (tuple(values[i:j]) for i, j in ((0, 6), (6, 12), (12, 19)))
+    return Motion(Body(turns, orbit, inertia, inverse), start, dt_s)
 
 
 def motion_of(target: Target, scenario: Any) -> Motion:

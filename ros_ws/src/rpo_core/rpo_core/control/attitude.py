@@ -24,7 +24,13 @@ import numpy as np
 
 from rpo_core import files
 from rpo_core.attitude.attitude_kernels import Body, momentum_of, synchronised
-from rpo_core.control.attitude_law_kernels import Steering, TorqueLaw, steer
+from rpo_core.attitude.chaser import turn_back, unloaded, wheels_after
+from rpo_core.control.attitude_law_kernels import (
+    Steering,
+    TorqueLaw,
+    attitude_ahead,
+    attitude_torque,
+)
 from rpo_core.control.attitude_limits import (
     FAR,
     NONE,
@@ -319,7 +325,7 @@ class AttitudeControl(Checked):
         turning, spun = momentum_of(rates, body), wheels.start_nms if wheels else ZERO
         start = norm(*(a + b for a, b in zip(turning, spun, strict=True)))
         start += limits.inertia_share * norm(*turning)
-        pull = 3.0 * n * n * norm(*body[2:5]) if chaser.gravity_gradient else 0.0
+        pull = 3.0 * n * n * norm(*body.inertia[:3]) if chaser.gravity_gradient else 0.0
         outside = limits.disturbance_nm + max(map(abs, chaser.disturbance_torque_nm)) + pull
         limits = replace(limits, disturbance_nm=outside)
         dt_s, duration_s, empties = scenario.dt_s, scenario.duration_s, _unloading(scenario)
@@ -370,7 +376,7 @@ class Commanded:
 
 @step_kernel
 def command(tick: int, u: Any, p: Any, m: Any, y: Any) -> None:
-    """Turn the commanded force into the chaser's axes, and make the torque: `steer`.
+    """Turn the commanded force into the axes that the chaser has when it acts; make the torque.
 
     u : force (3,) [N], target LVLH, attitude (7,), and the reference attitude (7,), if any
     y : force (3,) [N] and torque (3,) [N m] in the chaser's axes
@@ -381,13 +387,13 @@ def command(tick: int, u: Any, p: Any, m: Any, y: Any) -> None:
     before, rate, w = (wanted[4], wanted[5], wanted[6]), m.rate_rad_s, m.wheels_nms
     if m.tick == tick - 1:
         before = (rate[0], rate[1], rate[2])
-    force, torque, wheels = steer(
-        (u[0], u[1], u[2]), seen, wanted, before, (w[0], w[1], w[2]), p.steering, p.law
-    )
-    y[0], y[1], y[2] = force
+    s = p.steering
+    _, wheels = unloaded((w[0], w[1], w[2]), s.above, s.unload, s.dt)
+    torque = attitude_torque(seen, wanted, before, wheels, s, p.law)
+    y[0], y[1], y[2] = turn_back((u[0], u[1], u[2]), attitude_ahead(seen, s.orbit, s.ahead))
     y[3], y[4], y[5] = torque
     m.tick, rate[0], rate[1], rate[2] = tick, wanted[4], wanted[5], wanted[6]
-    w[0], w[1], w[2] = wheels
+    w[0], w[1], w[2] = wheels_after(wheels, torque, s.dt, s.wheels)
 
 
 class AttitudeControlStage(KernelStage):

@@ -11,12 +11,12 @@ from __future__ import annotations
 from math import sqrt
 from typing import NamedTuple
 
-from rpo_core.attitude.attitude_kernels import Attitude, cross, symmetric
-from rpo_core.attitude.chaser import relative_to, times, turn_back, unloaded, wheels_after
+from rpo_core.attitude.attitude_kernels import Attitude, Six, cross, symmetric
+from rpo_core.attitude.chaser import relative_to, times, turn_back
 from rpo_core.attitude.target import Quaternion
 from rpo_core.control.attitude_limits import TorqueLimits, within_limits
 from rpo_core.control.inference import FisTables, infer
-from rpo_core.kernels.arithmetic import State, Vector, saturate
+from rpo_core.kernels.arithmetic import Vector, saturate
 from rpo_core.kernels.jit import inlined, step_kernel
 
 Nine = tuple[float, float, float, float, float, float, float, float, float]
@@ -42,7 +42,7 @@ class Steering(NamedTuple):
     ahead: float
     above: float
     unload: float
-    inertia: State
+    inertia: Six
     kept: TorqueLimits
 
 
@@ -119,13 +119,11 @@ def limited(torque: Vector, e: Errors, seen: Attitude, wheels: Vector, s: Steeri
     wheels : their momentum [N m s]
     """
     p, q, r = seen[4], seen[5], seen[6]
-    j = s.inertia
-    jxx, jyy, jzz, jxy, jxz, jyz = j[0], j[1], j[2], j[3], j[4], j[5]
     x, y, z = torque
-    if jxx > 0.0:
-        hx, hy, hz = symmetric((p, q, r), jxx, jyy, jzz, jxy, jxz, jyz)
+    if s.inertia[0] > 0.0:
+        hx, hy, hz = symmetric((p, q, r), s.inertia)
         gx, gy, gz = cross((p, q, r), (hx + wheels[0], hy + wheels[1], hz + wheels[2]))
-        ax, ay, az = symmetric((e.ax, e.ay, e.az), jxx, jyy, jzz, jxy, jxz, jyz)
+        ax, ay, az = symmetric((e.ax, e.ay, e.az), s.inertia)
         x, y, z = x + (gx + ax), y + (gy + ay), z + (gz + az)
     x, y, z = saturate(x, s.limits[0]), saturate(y, s.limits[1]), saturate(z, s.limits[2])
     if s.kept.dt > 0.0:
@@ -169,26 +167,3 @@ def attitude_ahead(seen: Attitude, orbit_rad_s: float, ahead_s: float) -> Quater
     x, y, z, w = times(quaternion, (a, b, c, 1.0))
     size = sqrt(x * x + y * y + z * z + w * w)
     return x / size, y / size, z / size, w / size
-
-
-@inlined
-def force_ahead(force: Vector, seen: Attitude, s: Steering) -> Vector:
-    """Force (3,) of target LVLH in the axes that the body has when it acts."""
-    return turn_back(force, attitude_ahead(seen, s.orbit, s.ahead))
-
-
-@step_kernel
-def steer(
-    force: Vector,
-    seen: Attitude,
-    wanted: Attitude,
-    before: Vector,
-    wheels: Vector,
-    s: Steering,
-    law: TorqueLaw,
-) -> tuple[Vector, Vector, Vector]:
-    """Commanded force [N] and torque [N m] in body axes; the wheels a tick later [N m s]."""
-    _, wheels = unloaded(wheels, s.above, s.unload, s.dt)
-    torque = attitude_torque(seen, wanted, before, wheels, s, law)
-    after = wheels_after(wheels, torque, s.dt, s.wheels)
-    return force_ahead(force, seen, s), torque, after

@@ -15,7 +15,7 @@ from functools import partial
 from math import radians, sqrt
 from typing import Annotated, NamedTuple
 
-from rpo_core.attitude.attitude_kernels import Body, cross, symmetric
+from rpo_core.attitude.attitude_kernels import Body, Six, cross, symmetric
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import Checked, InputError, optional, real
 from rpo_core.kernels.arithmetic import Vector
@@ -31,7 +31,7 @@ class TorqueLimits(NamedTuple):
     """Limits as the kernel reads them, with what errors and a tick take of them.
 
     dt : tick [s]; 0.0: there are no limits
-    jxx .. iyz : inertia [kg m^2], and its inverse
+    inertia, inverse : xx, yy, zz, xy, xz, yz [kg m^2]; of the inverse of that matrix
     torque, momentum : largest of each axis [N m], of a wheel [N m s]; FAR without wheels
     sure : angular acceleration that all axes have at once [rad/s^2]
     rate : largest, of each axis [rad/s]
@@ -41,18 +41,8 @@ class TorqueLimits(NamedTuple):
     """
 
     dt: float
-    jxx: float
-    jyy: float
-    jzz: float
-    jxy: float
-    jxz: float
-    jyz: float
-    ixx: float
-    iyy: float
-    izz: float
-    ixy: float
-    ixz: float
-    iyz: float
+    inertia: Six
+    inverse: Six
     torque: float
     momentum: float
     sure: float
@@ -64,10 +54,7 @@ class TorqueLimits(NamedTuple):
     off: float
 
 
-NUMBERS = 22
-"""Numbers of limits."""
-
-NONE = TorqueLimits(*(0.0,) * NUMBERS)
+NONE = TorqueLimits(0.0, (0.0,) * 6, (0.0,) * 6, *(0.0,) * 9)
 """No limits."""
 
 
@@ -156,12 +143,9 @@ def within_limits(
         _interval(wheels[0], lim), _interval(wheels[1], lim), _interval(wheels[2], lim),
     )  # fmt: skip
     tx, ty, tz = _clip(torque[0], lx, mx), _clip(torque[1], ly, my), _clip(torque[2], lz, mz)
-    j = (lim.jxx, lim.jyy, lim.jzz, lim.jxy, lim.jxz, lim.jyz)
-    hx, hy, hz = symmetric(rate, j[0], j[1], j[2], j[3], j[4], j[5])
+    hx, hy, hz = symmetric(rate, lim.inertia)
     gx, gy, gz = cross(rate, (hx + wheels[0], hy + wheels[1], hz + wheels[2]))
-    ax, ay, az = symmetric(
-        (tx - gx, ty - gy, tz - gz), lim.ixx, lim.iyy, lim.izz, lim.ixy, lim.ixz, lim.iyz
-    )
+    ax, ay, az = symmetric((tx - gx, ty - gy, tz - gz), lim.inverse)
     # the change of the errors: of twice the vector part of a quaternion whose real part is w
     ex, ey, ez = angle
     square = 0.25 * (ex * ex + ey * ey + ez * ez)
@@ -178,8 +162,8 @@ def within_limits(
     sx = _allowed(0.0, rate[0], ex, cx, ahead[0], cone, lim)
     sy = _allowed(0.0, rate[1], ey, cy, ahead[1], cone, lim)
     sz = _allowed(0.0, rate[2], ez, cz, ahead[2], cone, lim)
-    px, py, pz = symmetric((sx, sy, sz), j[0], j[1], j[2], j[3], j[4], j[5])
-    qx, qy, qz = symmetric((bx, by, bz), j[0], j[1], j[2], j[3], j[4], j[5])
+    px, py, pz = symmetric((sx, sy, sz), lim.inertia)
+    qx, qy, qz = symmetric((bx, by, bz), lim.inertia)
     px, py, pz, qx, qy, qz = px + gx, py + gy, pz + gz, qx + gx, qy + gy, qz + gz
     u, v, w = _share(px, qx, lx, mx), _share(py, qy, ly, my), _share(pz, qz, lz, mz)
     u = v if v < u else u
@@ -256,8 +240,8 @@ def bounds_of(
     body : as the control assumes it; torque_nm : of each axis; start_nms : norm of the momentum of
     body and wheels at tick 0; unloading : momentum [N m s] and torque [N m], 0.0: none
     """
-    parts, share = body[2:14], settings.inertia_share
-    rows, light = _rows(parts[:6]), max(_rows(parts[6:]))
+    share, rows = settings.inertia_share, _rows(body.inertia)
+    light = max(_rows(body.inverse))
     rate, error = radians(settings.rate_deg_s), radians(settings.known_deg_s)
     heavy, fast = (1.0 + share) * max(rows), SQRT_3 * rate
     push, empties = SQRT_3 * settings.disturbance_nm, SQRT_3 * unloading[1]
@@ -319,7 +303,7 @@ def numbers_of(
 
     full : momentum of a wheel [N m s]; FAR without wheels
     """
-    heavy = (1.0 + settings.inertia_share) * max(_rows(body[2:8]))
+    heavy = (1.0 + settings.inertia_share) * max(_rows(body.inertia))
     most = heavy * SQRT_3 * radians(settings.rate_deg_s)
     if bounds.momentum + most > full:
         raise InputError(
@@ -329,7 +313,8 @@ def numbers_of(
         )
     limits = TorqueLimits(
         dt_s,
-        *body[2:14],
+        body.inertia,
+        body.inverse,
         *(torque_nm, full, bounds.sure, bounds.rate),
         *(0.0, -1.0, 0.0, 1.0, 0.0),
     )
@@ -368,7 +353,7 @@ def _coned(
     )
 
 
-def _rows(m: tuple[float, ...]) -> list[float]:
+def _rows(m: Six) -> list[float]:
     """Return the sums of the rows of a matrix xx, yy, zz, xy, xz, yz, which bound its norm."""
     xx, yy, zz, xy, xz, yz = map(abs, m)
     return [xx + xy + xz, xy + yy + yz, xz + yz + zz]

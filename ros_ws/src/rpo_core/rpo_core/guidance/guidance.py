@@ -376,7 +376,7 @@ def why_asked(tick: int, u: Any, p: Any, m: Any) -> int:
         port = p.port_m[0], p.port_m[1], p.port_m[2]
         ahead = p.ahead[0], p.ahead[1], p.ahead[2]
         if len(m.axes) > 0:
-            axes = frame_at(m.axes[tick - m.first], 0)
+            axes = frame_at(m.axes[tick - m.first])
             port, ahead = to_lvlh(port, axes), to_lvlh(ahead, axes)
         px, py, pz = port
         ax, ay, az = ahead

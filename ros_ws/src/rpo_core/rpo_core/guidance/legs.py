@@ -180,7 +180,7 @@ def turn_rows(
     """
     for i in range(len(rows)):
         row = rows[i]
-        state, force = turned(table[i], frame_at(frames[i], 0), frame_at(halves[i], 0), n, m)
+        state, force = turned(table[i], frame_at(frames[i]), frame_at(halves[i]), n, m)
         for j in range(6):
             row[j] = state[j]
         for j in range(3):

@@ -60,9 +60,6 @@ SWEEPS = 2000
 SETTLED = 1e-9
 """Hildreth's sweeps end when no multiplier changes by more than this share of the largest."""
 
-AHEAD = 64
-"""Sweeps at a time, interpreted."""
-
 
 @kernel
 def reach_of(step: CwStep, reach: Floats) -> None:
@@ -167,77 +164,30 @@ def eliminate(m: Floats) -> None:
 
 
 @kernel
-def _sweep(m: Any, multipliers: Any, positive: Any) -> tuple[bool, Any]:
-    """Set each multiplier by the others; return whether they have settled, and what is positive."""
-    count, largest, change = len(multipliers), 0.0, 0.0
-    for j in range(count):
-        row, old = m[j], multipliers[j]
-        total = row[count]
-        for k in positive:
-            total -= row[k] * multipliers[k]
-        new = old + total / row[j]
-        new = new if new > 0.0 else 0.0
-        difference = abs(new - old)
-        change = difference if difference > change else change
-        largest = new if new > largest else largest
-        multipliers[j] = new
-        if (new > 0.0) != (old > 0.0):
-            positive = [k for k in range(count) if multipliers[k] > 0.0]
-    return change <= SETTLED * largest, positive
+def hildreth(m: Any, multipliers: Any) -> None:
+    """Find multipliers (p,) >= 0 of S mu >= h, S and h the columns of m (p, p + 1).
 
-
-@kernel
-def _each_sweep(m: Any, multipliers: Any) -> None:
-    positive = [k for k in range(len(multipliers)) if multipliers[k] > 0.0]
-    for _ in range(SWEEPS):
-        settled, positive = _sweep(m, multipliers, positive)
-        if settled:
-            return
-
-
-def hildreth(m: Floats, multipliers: Any) -> None:
-    """Find multipliers (p,) >= 0 of S mu >= h, S and h the columns of m (p, p + 1)."""
-    if COMPILED:
-        _each_sweep(m, multipliers)
-        return
-    rows, left, settled = m.tolist(), SWEEPS, False
-    positive: list[int] = []
-    while left > 0 and not settled:
-        before = positive
-        settled, positive = _sweep(rows, multipliers, before)
-        left -= 1
-        sweeps = AHEAD
-        while sweeps == AHEAD and positive == before and left >= AHEAD and not settled:
-            settled, sweeps = _ahead(m, rows, multipliers, positive)
-            left -= sweeps
-
-
-def _ahead(
-    m: Floats, rows: list[list[float]], multipliers: list[float], positive: list[int]
-) -> tuple[bool, int]:
-    """Do `_sweep` as long as the same multipliers are positive, `AHEAD` times at most.
-
-    Only these change. That the others stay zero is seen afterwards, in all sweeps at once. Return
-    whether they have settled, and the number of sweeps.
+    Each is set by the others, sweep after sweep, until they have settled.
     """
-    part = [[rows[j][k] for k in (*positive, -1)] for j in positive]
-    values, every = [multipliers[k] for k in positive], list(range(len(positive)))
-    history, settled = [values[:]], False
-    while len(history) <= AHEAD and not settled:
-        settled, still = _sweep(part, values, every)
-        if still != every:
-            settled = False
-            break
-        history.append(values[:])
-    found, zero = np.array(history), np.setdiff1d(np.arange(len(m)), positive)
-    totals = np.tile(m[zero, -1], (len(found) - 1, 1))
-    for i, k in enumerate(positive):
-        totals -= m[zero, k] * np.where(k < zero, found[1:, i : i + 1], found[:-1, i : i + 1])
-    moved = np.flatnonzero((totals / m[zero, zero] > 0.0).any(axis=1))
-    sweeps = int(moved[0]) if moved.size else len(found) - 1
-    for k, value in zip(positive, history[sweeps], strict=True):
-        multipliers[k] = value
-    return settled and not moved.size, sweeps
+    count = len(multipliers)
+    positive = [k for k in range(count) if multipliers[k] > 0.0]
+    for _ in range(SWEEPS):
+        largest = change = 0.0
+        for j in range(count):
+            row, old = m[j], multipliers[j]
+            total = row[count]
+            for k in positive:
+                total -= row[k] * multipliers[k]
+            new = old + total / row[j]
+            new = new if new > 0.0 else 0.0
+            difference = abs(new - old)
+            change = difference if difference > change else change
+            largest = new if new > largest else largest
+            multipliers[j] = new
+            if (new > 0.0) != (old > 0.0):
+                positive = [k for k in range(count) if multipliers[k] > 0.0]
+        if change <= SETTLED * largest:
+            return
 
 
 @kernel
@@ -283,7 +233,7 @@ def optimum(rows: Floats, wanted: Floats, forces: Floats) -> None:
     scaled(m, wanted, scale)
     eliminate(m)
     multipliers = as_table(np.zeros(size - 6))
-    hildreth(np.ascontiguousarray(m[6:, 6:]), multipliers)
+    hildreth(as_table(m[6:, 6:]), multipliers)
     solution[6:] = multipliers
     forces_of(rows, m, scale, solution, forces)
 

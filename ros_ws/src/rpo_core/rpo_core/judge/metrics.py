@@ -475,23 +475,7 @@ def window(flight: Flight, window_s: float) -> Window:
 
 def disturbance_level_n(flight: Flight) -> float:
     """Return the largest |d| of any axis over the flight: the paper's level of the disturbance."""
-    return float(_largest(as_view(flight.disturbances_n)))
-
-
-@kernel
-def _largest(forces: Any) -> float:
-    """Return the largest size of a number of forces (n, 3); NaN where one is."""
-    x = y = z = 0.0
-    for i in range(len(forces)):
-        f = forces[i]
-        x, y, z = _largest_of(x, f[0]), _largest_of(y, f[1]), _largest_of(z, f[2])
-    return _largest_of(_largest_of(x, y), z)
-
-
-@kernel
-def _largest_of(largest: float, value: float) -> float:
-    size = abs(value)
-    return size if size > largest or size != size else largest
+    return float(np.abs(flight.disturbances_n).max())
 
 
 def arrival_time_s(flight: Flight) -> float | None:

@@ -31,7 +31,7 @@ from rpo_core.files.validation import (
 )
 from rpo_core.kernels.arithmetic import State, Vector, pick, sin_cos
 from rpo_core.kernels.calls import ASK
-from rpo_core.kernels.jit import as_table, inlined, kernel, step_kernel
+from rpo_core.kernels.jit import as_table, inlined, step_kernel
 from rpo_core.kernels.noise import normal_pair, philox, six_normals
 from rpo_core.stage import KernelStage, Place, Section, Signal, register
 from rpo_core.wire import interfaces
@@ -175,15 +175,9 @@ def across(ux: float, uy: float, uz: float) -> tuple[Vector, Vector]:
 
 
 @inlined
-def four_words(tick: int, block: int, stream: int, k0: int, k1: int) -> tuple[int, int, int, int]:
-    """Return four random words of a block of a tick of a stream."""
-    return philox(tick, block, stream, 0, k0, k1)
-
-
-@inlined
 def three_normals(tick: int, block: int, stream: int, k0: int, k1: int) -> Vector:
     """Return three independent standard normals of a block of a tick of a stream."""
-    a, b, c, d = four_words(tick, block, stream, k0, k1)
+    a, b, c, d = philox(tick, block, stream, 0, k0, k1)
     n0, n1 = normal_pair(a, b)
     n2, _ = normal_pair(c, d)
     return n0, n1, n2
@@ -196,13 +190,6 @@ def is_due(tick: int, s: Any) -> bool:
     for i in range(len(s.outages)):
         due = due and not s.outages[i][0] <= tick < s.outages[i][1]
     return due
-
-
-@inlined
-def looks(ux: float, uy: float, uz: float, axis: Vector, cosine: float) -> bool:
-    """Return whether the target is in the field of view; u points from the target to the chaser."""
-    away = ux * axis[0] + uy * axis[1] + uz * axis[2]
-    return bool(-away >= cosine)
 
 
 @inlined
@@ -238,12 +225,13 @@ def take(tick: int, u: Any, point: Vector, s: Any, stream: int, p: Any, m: Any, 
     x, y, z = point
     x, y, z = x + s.bias[0] + m.walk[0], y + s.bias[1] + m.walk[1], z + s.bias[2] + m.walk[2]
     distance, ux, uy, uz = sight(x, y, z)
-    if not looks(ux, uy, uz, s.axis, s.cosine):
+    away = ux * s.axis[0] + uy * s.axis[1] + uz * s.axis[2]
+    if not -away >= s.cosine:  # out of the field of view
         return
-    e, f, dropped, outlying = four_words(tick, SECOND, stream, p.key[0], p.key[1])
+    e, f, dropped, outlying = philox(tick, SECOND, stream, 0, p.key[0], p.key[1])
     if dropped < s.dropout:
         return
-    a, b, c, d = four_words(tick, FIRST, stream, p.key[0], p.key[1])
+    a, b, c, d = philox(tick, FIRST, stream, 0, p.key[0], p.key[1])
     n0, n1 = normal_pair(a, b)
     n2, n3 = normal_pair(c, d)
     n = (n0, n1, n2)
@@ -332,12 +320,6 @@ def describe(s: Any, begun: bool, due: int, measured: Any, y: Any, first: int) -
             y[first + 15 + 4 * j] = sigma * sigma
 
 
-@kernel
-def measured(truth: float, bias: float, sigma: float, normal: float) -> float:
-    """Component of the navigation solution: truth plus bias plus white noise."""
-    return truth + bias + sigma * normal
-
-
 MAX_POSITION_ERROR_M = 1e5
 MAX_VELOCITY_ERROR_M_S = 1e3
 
@@ -408,7 +390,7 @@ def navigate(tick: int, u: Any, p: Any, m: Any, y: Any) -> None:
             for i in range(6):
                 m.normals[i][j] = n[i]
     for i in range(6):
-        y[i] = measured(u[i], p.bias[i], p.noise[i], m.normals[i][at])
+        y[i] = u[i] + p.bias[i] + p.noise[i] * m.normals[i][at]
 
 
 class NavigationStage(KernelStage):

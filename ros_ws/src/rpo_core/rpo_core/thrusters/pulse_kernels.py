@@ -212,26 +212,3 @@ def burn(
     impulse = (abs(saturated[0]) + abs(saturated[1]) + abs(saturated[2])) * dt
     share, mass, after = spend(spent, impulse, tank)
     return (force[0] * share, force[1] * share, force[2] * share), mass, after
-
-
-@kernel
-def exerted_force(
-    t00: float,
-    t01: float,
-    t02: float,
-    t10: float,
-    t11: float,
-    t12: float,
-    t20: float,
-    t21: float,
-    t22: float,
-    fx: float,
-    fy: float,
-    fz: float,
-) -> Vector:
-    """Force [N] of thrusters with matrix t for the saturated command (fx, fy, fz)."""
-    return (
-        t00 * fx + t01 * fy + t02 * fz,
-        t10 * fx + t11 * fy + t12 * fz,
-        t20 * fx + t21 * fy + t22 * fz,
-    )

@@ -266,18 +266,6 @@ def tank_of(settings: Thrusters | None, scenario: Any) -> Tank:
     return Tank(exhaust, propellant.mass_kg, scenario.mass_kg)
 
 
-def force_signal(settings: Thrusters, scenario: Any) -> str:
-    """Return the signal of the force that is exerted: one that others must still turn is none."""
-    seen = settings.fires and scenario.attitude is None
-    return interfaces.EXERTED_FORCE if seen else interfaces.THRUST_FORCE
-
-
-def turns_by_table(scenario: Any) -> bool:
-    """Return whether the thrusters of a table turn the chaser: it is commanded, without wheels."""
-    steered = scenario.named('attitude_control') is not None
-    return steered and scenario.attitude is not None and scenario.attitude.wheels is None
-
-
 @dataclass(slots=True)
 class Limit:
     """Settings of the kernel `thrust`; matrix : row by row; exact : 1 where it counts."""
@@ -308,9 +296,11 @@ def take(u: Any, p: Any, m: Any, y: Any) -> Vector:
         m.at = (m.at + 1) % len(m.line_n)
     if not p.exact:
         return y[3], y[4], y[5]
-    t = p.matrix
-    return pulse_kernels.exerted_force(
-        t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7], t[8], y[3], y[4], y[5]
+    t, fx, fy, fz = p.matrix, y[3], y[4], y[5]
+    return (
+        t[0] * fx + t[1] * fy + t[2] * fz,
+        t[3] * fx + t[4] * fy + t[5] * fz,
+        t[6] * fx + t[7] * fy + t[8] * fz,
     )
 
 
@@ -414,7 +404,8 @@ class ValvesStage(ThrustersStage):
 
     def __init__(self, settings: Thrusters, scenario: Any) -> None:
         self.memory_ticks = None
-        force = force_signal(settings, scenario)
+        logged = settings.fires and scenario.attitude is None  # else the chaser turns it
+        force = interfaces.EXERTED_FORCE if logged else interfaces.THRUST_FORCE
         mass = [interfaces.CHASER_MASS] if settings.propellant else []
         self.outputs = (interfaces.DUE_FORCE, interfaces.SATURATED_FORCE, force, *mass)
         KernelStage.__init__(self, *self._records(settings, scenario))
@@ -498,7 +489,8 @@ class TableStage(ValvesStage):
 
     def __init__(self, settings: Thrusters, scenario: Any) -> None:
         self._names = settings.names
-        if turns_by_table(scenario):
+        chaser, steered = scenario.attitude, scenario.named('attitude_control') is not None
+        if steered and chaser is not None and chaser.wheels is None:  # nothing else turns it
             self.inputs = (interfaces.COMMAND, interfaces.BODY_TORQUE)
         elif scenario.named('unloading') is not None:
             self.inputs = (interfaces.COMMAND, interfaces.UNLOADING_TORQUE)
@@ -509,8 +501,11 @@ class TableStage(ValvesStage):
     def _records(self, settings: Thrusters, scenario: Any) -> tuple[Any, Any]:
         """Return settings and memory of the kernel."""
         limit = limit_of(None, scenario.max_force_n)  # the matrix is in the table
-        table, tank = table_for(settings, scenario), tank_of(settings, scenario)
-        failures = failures_of(settings, scenario.dt_s)
+        tank, failures = tank_of(settings, scenario), failures_of(settings, scenario.dt_s)
+        assert settings.table is not None
+        best = settings.propellant.specific_impulse_s if settings.propellant else None
+        dt_s, limit_n = scenario.dt_s, scenario.max_force_n
+        table = table_of(settings.table, dt_s, limit_n, best, settings.matrix)
         carried, shut, off, scratch, wanted = (
             [0.0] * n for n in (ROWS, MOST_THRUSTERS, MOST_THRUSTERS, SCRATCH, ROWS)
         )
@@ -539,13 +534,6 @@ class TableStage(ValvesStage):
         if how != READY:
             rows = np.vstack([rows, [at, ON if how == 'on' else OFF, tick, NEVER_TICK, 1]])
         self.m.failures = rows.tolist()
-
-
-def table_for(settings: Thrusters, scenario: Any) -> Table:
-    """Return the table of a scenario as the kernels read it, without failures."""
-    assert settings.table is not None
-    own = settings.propellant.specific_impulse_s if settings.propellant else None
-    return table_of(settings.table, scenario.dt_s, scenario.max_force_n, own, settings.matrix)
 
 
 def stage_of(settings: Thrusters | None, scenario: Any) -> Stage:
