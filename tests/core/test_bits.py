@@ -45,7 +45,8 @@ steps = [cw.discretise(1.16e-3, 10.0, float(dt)) for dt in rng.uniform(1e-6, 1e3
 digest('steps', steps)
 state, track = (10.0, 60.0, -40.0, 0.1, 0.2, -0.3), []
 for step, draws in zip(steps, rng.uniform(-1, 1, (200, 6)).tolist()):
-    state = cw.plant_step(state, tuple(draws[:3]), tuple(draws[3:]), 0.5, step)
+    pushed = (arithmetic.saturate(f, 0.5) + d for f, d in zip(draws[:3], draws[3:], strict=True))
+    state = cw.cw_step(state, tuple(pushed), step)
     track.append(state)
 digest('plant', track)
 

@@ -99,7 +99,7 @@ def test_tubes_hold_the_flights_of_their_cells(name):
             )
             start = np.zeros(6)
             start[chosen] = np.array(centre) + np.array(half) * share
-            flight = flights.fly(problem, flights.vary(problem, rng, start))
+            flight = fly(flights.vary(problem, rng, start), problem.controller)
             end = min(last, len(flight.states) - 1)
             states, t = flight.states[: end + 1, chosen], prover.trace
             assert (t.low[: end + 1] <= states).all() and (states <= t.high[: end + 1]).all()
@@ -145,7 +145,7 @@ def test_no_flight_leaves_the_invariant_set(name):
         position = rest.radius_m * a
         start = np.concatenate([position, -rest.rate * position + rest.speed_m_s * b])
         start *= 1.0 - 1e-9
-        flight = flights.fly(problem, flights.vary(problem, np.random.default_rng(1), start))
+        flight = fly(flights.vary(problem, np.random.default_rng(1), start), problem.controller)
         r, v = flight.states[:300, :3], flight.states[:300, 3:]
         assert np.abs(r).max() <= rest.radius_m
         assert np.abs(v + rest.rate * r).max() <= rest.speed_m_s
@@ -255,7 +255,7 @@ def test_what_is_held_is_judged_on_either_side_of_the_target():
     """Without requirements the error is held from the end on; it is the greatest of any axis."""
     base = replace(load('paper_training').base, requirements=None, duration_s=2.0)
     problem = replace(problem_of('allround'), scenario=base)
-    flight = flights.fly(problem, replace(base, initial_position_m=(1.0, -9.0, 2.0)))
+    flight = fly(replace(base, initial_position_m=(1.0, -9.0, 2.0)), problem.controller)
     found = values_of(problem, flight)
     assert found == {'hold_error_per_axis_m': abs(flight.states[-1, 1])}
 
@@ -266,7 +266,7 @@ def test_the_energy_of_flights_is_in_its_range(sound):
     ranges, problem = sound.summary()['ranges'], sound.problem
     energies = []
     for start in flights.random_starts(problem, 300, 5):
-        flight = flights.fly(problem, flights.vary(problem, np.random.default_rng(1), start))
+        flight = fly(flights.vary(problem, np.random.default_rng(1), start), problem.controller)
         energies.append(float((flight.forces_n[:-1] ** 2).sum()) * problem.scenario.dt_s)
     low, high = ranges['energy_n2s']['low'], ranges['energy_n2s']['high']
     assert low <= min(energies) and max(energies) <= high

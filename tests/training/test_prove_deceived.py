@@ -393,7 +393,7 @@ def test_axes_apart_hold_flights_of_any_signs(tmp_path):
     for group, chosen in problem.groups.items():
         low, high = folder.cells(group).reach
         for start in flights.random_starts(problem, 8, 1):
-            flight = flights.fly(problem, flights.vary(problem, np.random.default_rng(1), start))
+            flight = fly(flights.vary(problem, np.random.default_rng(1), start), problem.controller)
             states = flight.states[:, list(chosen)]
             assert ((low <= states) & (states <= high)).all()
 

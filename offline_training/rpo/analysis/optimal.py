@@ -243,11 +243,7 @@ def least_constrained(
         progress(done, len(distinct))
         value = program.solve(key)
         if value is None:
-            x, y, z, vx, vy, vz = key
-            start = replace(
-                scenario, initial_position_m=(x, y, z), initial_velocity_m_s=(vx, vy, vz)
-            )
-            raise _infeasible(start, program.conditions)
+            raise _infeasible(scenario.starting_at(key), program.conditions)
         energies[key] = value
     progress(len(distinct), len(distinct))
     return np.array([energies[key] for key in keys])

@@ -13,7 +13,7 @@ from io import StringIO
 from tempfile import TemporaryDirectory
 
 from rpo.cli.cli import app
-from rpo.proof import cells, flights
+from rpo.proof import cells
 from rpo.proof.claims import empty_set
 from rpo.proof.problem import Problem, Settings
 from rpo_core.control.controller import load_fuzzy
@@ -54,7 +54,6 @@ def main() -> None:
     problem = Problem.of(load_fuzzy(DEFAULT_CONTROLLER), base, settings)
     cell = cells.roots(problem, 'planar')[0]
     cells.Prover(problem, 'planar', empty_set(problem)).values(cell)
-    flights.fly(problem, base)
 
 
 if __name__ == '__main__':

@@ -152,12 +152,7 @@ class Case:
     def scenarios(self) -> Iterator[Scenario]:
         """Yield every start as a scenario with the duration of the horizon."""
         for start, index in zip(self.starts.tolist(), self.disturbance.tolist(), strict=True):
-            yield replace(
-                self.longer,
-                initial_position_m=tuple(start[:3]),
-                initial_velocity_m_s=tuple(start[3:]),
-                disturbance=self.disturbances[index],
-            )
+            yield replace(self.longer.starting_at(start), disturbance=self.disturbances[index])
 
 
 def case_of_set(

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import json as json_module
 import re
-import textwrap
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -113,13 +112,6 @@ def facts(controller: AnyController) -> list[str]:
     scales = zip(SCALES, controller.scales, strict=True)
     lines += [f'rpo: {name} = {value!r}' for name, value in scales]
     return [*lines, f'rpo: samples = {controller.system.samples}']
-
-
-def listed(values: Any, indent: int, width: int) -> str:
-    """Return numbers that read back bit for bit, in indented lines of at most `width`."""
-    text = ', '.join(map(repr, np.asarray(values).tolist()))
-    space = ' ' * indent
-    return textwrap.fill(text, width, initial_indent=space, subsequent_indent=space)
 
 
 def one_line(text: str) -> str:

@@ -281,7 +281,7 @@ def flight_faults(
             unknown = point[len(chosen) :]
             if len(unknown):
                 drawn = per_axis.scenario_in(problem, prover.group, unknown, drawn)
-            if not _in_some(prover, flights.fly(problem, drawn), tubes):
+            if not _in_some(prover, fly(drawn, problem.controller), tubes):
                 yield f'{prover.group} cell {k}: the flight from {start.tolist()} leaves its tube'
             done += 1
 
@@ -444,21 +444,14 @@ def _flight(folder: Folder, key: str, start: Sequence[float]) -> Scenario | None
     undisturbed = problem.settings.mass_share == problem.settings.disturbance_share == 0.0
     if not (undisturbed and len(start) == 6):
         return None
-    x, y, z, vx, vy, vz = start
-    return replace(
-        problem.scenario, initial_position_m=(x, y, z), initial_velocity_m_s=(vx, vy, vz)
-    )
+    return problem.scenario.starting_at(start)
 
 
 def why_outside(problem: Problem, flight: Scenario) -> str:
     """Return how a flight is none of those that a proof is about, '' if it is one."""
     base, settings = problem.scenario, problem.settings
     alike = replace(
-        flight,
-        initial_position_m=base.initial_position_m,
-        initial_velocity_m_s=base.initial_velocity_m_s,
-        mass_kg=base.mass_kg,
-        disturbance=base.disturbance,
+        flight.starting_at(base.start), mass_kg=base.mass_kg, disturbance=base.disturbance
     )
     if scenario.dumps(alike) != scenario.dumps(base):
         return 'is of another scenario'

@@ -8,7 +8,6 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -16,34 +15,10 @@ from rpo.proof.cells import CellBounds
 from rpo.proof.claims import Groups, of_planar, values_of
 from rpo.proof.per_axis import UNCOUPLED, OtherAxis
 from rpo.proof.problem import PER_AXIS, Problem
-from rpo_core.chain.flight import Flight
-from rpo_core.control.inference import fuzzy_force
+from rpo_core.chain.flight import JUDGED, fly
 from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.jit import unlocked
 from rpo_core.scenario.scenario import Scenario
-from rpo_core.world.cw import CwStep, plant_step
 from rpo_core.world.disturbance import Disturbance
-
-
-@unlocked
-def _fly(
-    scales: Any, fis: Any, limit: float, step: CwStep, disturbances: Any, states: Any, forces: Any
-) -> None:
-    """Fill the states (N+1, 6) after the first, and the commands (N+1, 3) [N], of a flight.
-
-    disturbances : (N+1, 3) [N]; the bits are those of `rpo_core.chain.flight.fly`
-    """
-    for tick in range(len(forces)):
-        s, d = states[tick], disturbances[tick]
-        state = (s[0], s[1], s[2], s[3], s[4], s[5])
-        command = fuzzy_force(state, scales, fis)
-        for i in range(3):
-            forces[tick, i] = command[i]
-        if tick + 1 < len(states):
-            new = plant_step(state, command, (d[0], d[1], d[2]), limit, step)
-            for i in range(6):
-                states[tick + 1, i] = new[i]
-
 
 Flown = dict[str, tuple[float, tuple[float, ...], Scenario]]
 """Requirement -> greatest value, start (6,) and scenario of that flight."""
@@ -54,8 +29,7 @@ def vary(problem: Problem, rng: np.random.Generator, start: Floats) -> Scenario:
 
     In every second flight constants, amplitudes and the mass are as far out as they may be.
     """
-    base, settings = problem.scenario, problem.settings
-    x, y, z, vx, vy, vz = start.tolist()
+    base, settings = problem.scenario.starting_at(start.tolist()), problem.settings
     far = rng.random() < 0.5
 
     def share() -> float:
@@ -75,34 +49,17 @@ def vary(problem: Problem, rng: np.random.Generator, start: Floats) -> Scenario:
             for h in disturbance.harmonics
         )
         disturbance = Disturbance((cx, cy, cz), harmonics)
-    return replace(
-        base,
-        initial_position_m=(x, y, z),
-        initial_velocity_m_s=(vx, vy, vz),
-        mass_kg=mass,
-        disturbance=disturbance,
-    )
+    return replace(base, mass_kg=mass, disturbance=disturbance)
 
 
-def fly(problem: Problem, scenario: Scenario) -> Flight:
-    """Return a flight; its bits are those of `rpo simulate`."""
-    ticks, controller = scenario.ticks, problem.controller
-    states, forces = np.zeros((ticks + 1, 6)), np.zeros((ticks + 1, 3))
-    states[0] = scenario.start
-    disturbances = np.zeros((ticks + 1, 3))
-    if not scenario.disturbance.is_zero:
-        disturbances = scenario.disturbances_n
-    tables = controller.scales, controller.system.tables
-    _fly(*tables, scenario.max_force_n, scenario.step, disturbances, states, forces)
-    return Flight(scenario, states, forces, disturbances)
-
-
-def probe(problem: Problem, starts: Iterator[Floats], seed: int) -> Flown:
-    """Fly from starts (6,); return the greatest value of each claim."""
-    rng, worst = np.random.default_rng(seed), dict[str, tuple[float, tuple[float, ...], Scenario]]()
+def probe(
+    problem: Problem, starts: Iterator[Floats], seed: int, before: Flown | None = None
+) -> Flown:
+    """Fly from starts (6,); return the greatest value of each claim, of those before too."""
+    rng, worst = np.random.default_rng(seed), dict(before or {})
     for start in starts:
         scenario = vary(problem, rng, start)
-        flight = fly(problem, scenario)
+        flight = fly(scenario, problem.controller, kept=JUDGED)
         for key, value in values_of(problem, flight).items():
             if key not in worst or value > worst[key][0]:
                 worst[key] = value, scenario.start, scenario
@@ -145,15 +102,6 @@ def worst_starts(
         yield start
 
 
-def merged(first: Flown, second: Flown) -> Flown:
-    """Return the greater of both, claim by claim."""
-    worst = dict(first)
-    for key, item in second.items():
-        if key not in worst or item[0] > worst[key][0]:
-            worst[key] = item
-    return worst
-
-
 FLIGHTS, SEED = 200, 7
 """Flights whose states are the corridor."""
 
@@ -184,7 +132,7 @@ def _corridor(texts: tuple[str, str, str]) -> Floats:
     rng, chosen = np.random.default_rng(SEED), list(PER_AXIS['x'])
     low, high = np.full((2, 1, 2), [[[np.inf]], [[-np.inf]]])
     for start in random_starts(problem, FLIGHTS, SEED):
-        states = fly(problem, vary(problem, rng, start)).states[:, chosen]
+        states = fly(vary(problem, rng, start), problem.controller).states[:, chosen]
         low, high = np.minimum(low, states), np.maximum(high, states)
     half = 0.5 * WIDER * (high - low) + np.array(MARGIN)
     middle = 0.5 * (low + high)

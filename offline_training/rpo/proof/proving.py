@@ -111,7 +111,7 @@ def _worst_flown(
         if claim.bound > claim.limit >= claim.found:
             progress('looking for a counterexample', 0, SUSPECTS)
             starts = flights.worst_starts(problem, groups, claim.key, SUSPECTS, SEED)
-            flown = flights.merged(flown, flights.probe(problem, starts, SEED))
+            flown = flights.probe(problem, starts, SEED, flown)
     return flown
 
 

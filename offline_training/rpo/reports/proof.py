@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -149,11 +148,7 @@ def _reach(problem: Problem, groups: Mapping[str, CellBounds]) -> Picture:
 
     groups : in the order in which they are proven
     """
-    x, y, z, vx, vy, vz = problem.settings.centre
-    flown = replace(
-        problem.scenario, initial_position_m=(x, y, z), initial_velocity_m_s=(vx, vy, vz)
-    )
-    flight = fly(flown, problem.controller)
+    flight = fly(problem.scenario.starting_at(problem.settings.centre), problem.controller)
     limit, dt = problem.hold_error_m, problem.scenario.dt_s
     hold_s = problem.hold_tick * dt
     figure, rows = style.new_panels(5.6, 2, 3)

@@ -68,9 +68,9 @@ def corner_flights(mass_share: float) -> list[Scenario]:
     base = replace(nominal, mass_kg=nominal.mass_kg * (1.0 + mass_share))
     found = []
     for signs in product((-1.0, 1.0), repeat=3):
-        x, y, z = (r + s * POSITION_M for r, s in zip(base.start[:3], signs, strict=True))
-        vx, vy, vz = (v + s * VELOCITY_M_S for v, s in zip(base.start[3:], signs, strict=True))
-        start = replace(base, initial_position_m=(x, y, z), initial_velocity_m_s=(vx, vy, vz))
+        position = (r + s * POSITION_M for r, s in zip(base.start[:3], signs, strict=True))
+        velocity = (v + s * VELOCITY_M_S for v, s in zip(base.start[3:], signs, strict=True))
+        start = base.starting_at((*position, *velocity))
         found += [
             replace(start, disturbance=base.disturbance.varied(AMPLITUDE_SHARE, phase_rad=phase))
             for phase in PHASES_RAD

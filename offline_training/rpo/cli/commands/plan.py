@@ -144,8 +144,7 @@ def optimal(
             raise InputError(
                 f'`--start` must be 3 or 6 numbers like 100,100,100; got {shown(start)}'
             )
-        x, y, z, vx, vy, vz = (*numbers, 0.0, 0.0, 0.0)[:6]
-        base = replace(base, initial_position_m=(x, y, z), initial_velocity_m_s=(vx, vy, vz))
+        base = base.starting_at((*numbers, 0.0, 0.0, 0.0)[:6])
     if duration is not None:
         base = replace(base, duration_s=duration)
     _of_start(base, controller)

@@ -14,7 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
-from rpo_core.kernels.arithmetic import State, Vector, saturate
+from rpo_core.kernels.arithmetic import Vector, saturate
 from rpo_core.kernels.jit import kernel, step_kernel
 from rpo_core.kernels.simd import LANES, added, joined, lanes, passes
 
@@ -143,17 +143,6 @@ def axis_force(
     position_error = saturate(-r / position_scale, 1.0)
     velocity_error = saturate(-v / velocity_scale, 1.0)
     return force_scale * infer(position_error, velocity_error, fis)
-
-
-@step_kernel
-def fuzzy_force(state: State, scales: Vector, fis: FisTables) -> Vector:
-    """Commanded force [N] of all three axes."""
-    r, v, f = scales
-    return (
-        axis_force(state[0], state[3], r, v, f, fis),
-        axis_force(state[1], state[4], r, v, f, fis),
-        axis_force(state[2], state[5], r, v, f, fis),
-    )
 
 
 @dataclass(slots=True)

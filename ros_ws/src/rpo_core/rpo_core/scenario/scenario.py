@@ -292,6 +292,11 @@ class Scenario(Checked):
         """Initial state (x, y, z, vx, vy, vz) [m, m/s], target LVLH."""
         return (*self.initial_position_m, *self.initial_velocity_m_s)
 
+    def starting_at(self, state: Sequence[float]) -> Scenario:
+        """Return the scenario from another initial state (6,) [m, m/s]."""
+        x, y, z, vx, vy, vz = state
+        return replace(self, initial_position_m=(x, y, z), initial_velocity_m_s=(vx, vy, vz))
+
     @cached_property
     def step(self) -> CwStep:
         """Exact discretisation of the relative dynamics for one tick."""

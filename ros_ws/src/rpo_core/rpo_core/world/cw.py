@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from rpo_core.files import codec
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import Checked, InputError, optional, real, shown
-from rpo_core.kernels.arithmetic import State, Vector, saturate, sin_cos
-from rpo_core.kernels.jit import inlined, kernel
+from rpo_core.kernels.arithmetic import State, Vector, sin_cos
+from rpo_core.kernels.jit import inlined
 
 
 class CwStep(NamedTuple):
@@ -76,23 +76,6 @@ def cw_step(state: State, force: Vector, c: CwStep) -> State:
         c.vyx * x + c.vyvx * vx + c.vyvy * vy + c.vyfx * fx + c.vyfy * fy,
         c.vzz * z + c.vzvz * vz + c.vzfz * fz,
     )
-
-
-@kernel
-def plant_step(
-    state: State,
-    command: Vector,
-    disturbance: Vector,
-    limit: float,
-    c: CwStep,
-) -> State:
-    """One step of the plant: the thrusters saturate the command at `limit` [N] per axis."""
-    total = (
-        saturate(command[0], limit) + disturbance[0],
-        saturate(command[1], limit) + disturbance[1],
-        saturate(command[2], limit) + disturbance[2],
-    )
-    return cw_step(state, total, c)
 
 
 MU_EARTH_M3_S2 = 3.986004418e14
