@@ -68,7 +68,7 @@ def of_agent(campaign: str, runs: int) -> tuple[Floats, dict[str, Any]]:
 
 def of_controller(campaign: str, runs: int, name: str) -> tuple[Floats, dict[str, Any]]:
     """Return the same of a shipped controller."""
-    loaded = config.load(config.find(campaign), controller=name, runs=runs, seed=HELD_OUT)
+    loaded = config.load(campaign, controller=name, runs=runs, seed=HELD_OUT)
     found = fly_runs(loaded, 0, runs)
     limits = loaded.config.limits(found)
     return found['energy_n2s'], {each: value <= most for each, (value, most) in limits.items()}

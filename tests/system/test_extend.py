@@ -80,7 +80,7 @@ campaign = config.load('campaign.yaml', controller='pd')
 flight, columns = run_batch.fly_run(campaign, 3), run_batch.fly_runs(campaign, 0, 4)
 assert flight.signals['lagged_force'].any()
 assert [columns[name][3] for name in run_batch.FINAL] == flight.states[-1].tolist()
-shipped = config.load(config.find('paper_test'))
+shipped = config.load('paper_test')
 print([in_python.sentence(one) for one in (campaign, shipped)])
 """
 

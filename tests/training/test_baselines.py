@@ -124,7 +124,7 @@ def test_a_comparison_is_printed_written_and_kept(name, compare, tmp_path, monke
     # `world_leo` opposes what its estimator finds, and nothing else fires without a command.
     assert drift['valve_openings'] < baseline['valve_openings'] / 3.0
     assert drift['propellant_kg'] < baseline['propellant_kg'] / 3.0
-    world = config.load(config.find('world_leo'), controller=name, runs=comparison.WORLD_RUNS)
+    world = config.load('world_leo', controller=name, runs=comparison.WORLD_RUNS)
     opened = run_batch.fly_runs(world, 0, comparison.WORLD_RUNS)['valve_openings']
     assert baseline['valve_openings'] == pytest.approx(opened.mean(), rel=1e-12)
     assert opened.mean() > 1000.0

@@ -60,7 +60,7 @@ STEERED = Chaser(
 
 def shipped(name, *sections):
     """Return the first 12 s of a shipped campaign, with other sections, and its dispersions."""
-    campaign = config.load(config.find(name), controller='handmade')
+    campaign = config.load(name, controller='handmade')
     flown = replace(campaign.scenario, duration_s=12.0).equipped(*sections)
     drawn = campaign.config.dispersions.items()
     spreads = {name: list(d.spread) if len(d.spread) > 1 else d.spread[0] for name, d in drawn}
@@ -183,7 +183,7 @@ def test_a_run_that_no_scenario_allows_is_named(loaded):
 
 @pytest.fixture(scope='module', params=['latin_hypercube', 'random'])
 def drawn(request):
-    campaign = config.load(config.find('docking'), sampling=request.param)
+    campaign = config.load('docking', sampling=request.param)
     return draw(campaign, 0, 4000)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from landing import rest_at_landing
 
-from rpo.exports import c, onboard
+from rpo.exports import c
 from rpo.exports.c_source import Source
 from rpo_core.assurance.assurance import AssuranceStage
 from rpo_core.assurance.settings import Assurance
@@ -95,7 +95,7 @@ CONTROLLERS = [
     ids=lambda value: getattr(value, 'name', value),
 )
 def test_a_controller_in_c_has_the_bits(controller, optimise, tmp_path):
-    files = onboard.of_controller(controller, 'exported.c')
+    files = c.of_controller(controller, 'exported.c')
     assert compared(tmp_path, files, optimise) == equal(240)
     assert 'position minus goal. Off the target, add the' in ' '.join(files.header.split())
 
@@ -150,13 +150,13 @@ FLIGHTS = {
 )
 def test_a_flight_in_c_has_the_bits_of_the_logged_one(flown, optimise, tmp_path):
     scenario, stages, ticks = flown
-    files = onboard.of_flight(fly(scenario, ALLROUND), ALLROUND, 'exported.c', stages)
+    files = c.of_flight(fly(scenario, ALLROUND), ALLROUND, 'exported.c', stages)
     assert compared(tmp_path, files, optimise) == equal(ticks)
 
 
 def test_what_is_compared_is_the_log(tmp_path):
     flight = fly(short('paper_test_measured', 60.0), ALLROUND)
-    files = onboard.of_flight(flight, ALLROUND, 'exported.c', 'controller,shaping')
+    files = c.of_flight(flight, ALLROUND, 'exported.c', 'controller,shaping')
     rows = [line.split() for line in files.ticks.splitlines()]
     numbers = np.array([list(map(float.fromhex, row[1:])) for row in rows])
     log = flight.signals
@@ -175,7 +175,7 @@ def test_what_is_compared_is_the_log(tmp_path):
 @pytest.mark.parametrize('name', ['docking', 'tumbling_port'])
 def test_a_plan_without_holds_is_a_table_until_the_chaser_docks(name, tmp_path):
     flight = fly(load_scenario(name), ALLROUND)
-    files = onboard.of_flight(flight, ALLROUND, 'exported.c')
+    files = c.of_flight(flight, ALLROUND, 'exported.c')
     code, said = compared(tmp_path, files)
     docked = len(files.ticks.splitlines())
     assert (code, said) == equal(docked) and 4000 < docked < len(flight.states)
@@ -204,18 +204,18 @@ GUARDED = load_scenario('guarded')
 def test_a_stage_that_plans_in_flight_is_refused(stages, message):
     flight = fly(replace(GUARDED, duration_s=5.0), ALLROUND)
     with pytest.raises(InputError, match=message):
-        onboard.of_flight(flight, ALLROUND, 'exported.c', stages)
+        c.of_flight(flight, ALLROUND, 'exported.c', stages)
     with pytest.raises(InputError, match='stage `controller` got commands in flight'):
         events = {'controller': [(3, 'off')]}
-        onboard.of_flight(replace(flight, events=events), ALLROUND, 'exported.c', 'controller')
+        c.of_flight(replace(flight, events=events), ALLROUND, 'exported.c', 'controller')
     with pytest.raises(InputError, match='the log must have `reference_state`'):
-        onboard.of_flight(replace(flight, signals={}), ALLROUND, 'exported.c', 'controller')
+        c.of_flight(replace(flight, signals={}), ALLROUND, 'exported.c', 'controller')
 
 
 def test_only_what_the_header_declares_has_a_name_outside(tmp_path):
     """Two exported chains can be linked into one program."""
     flight = fly(short('assured', 2.0), ALLROUND)
-    files = onboard.of_flight(flight, ALLROUND, 'exported.c', 'all')
+    files = c.of_flight(flight, ALLROUND, 'exported.c', 'all')
     (tmp_path / 'exported.c').write_text(files.source)
     subprocess.run(['cc', '-std=c99', '-c', 'exported.c'], cwd=tmp_path, check=True, timeout=50)
     listed = subprocess.run(

@@ -184,7 +184,7 @@ def played_together(env: Any, seed: int) -> tuple[np.ndarray, dict[str, Any]]:
 def test_a_controller_that_plays_flies_as_in_its_campaign(campaign):
     env = make_many(campaign=campaign)
     total, infos = played_together(env, seed=5)
-    own = config.load(config.find(campaign), controller='handmade', seed=5)
+    own = config.load(campaign, controller='handmade', seed=5)
     limit = own.scenario.max_force_n
     pd = Pd(name='pd', max_force_n=limit, **LAW)
     found = fly_runs(config.Campaign(own.config, own.scenario, pd, own.texts), 0, 3)

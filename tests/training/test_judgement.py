@@ -23,7 +23,7 @@ def test_everywhere_counts_the_runs_of_the_campaigns(monkeypatch):
     demands = {'random_starts': Demand(450, 1.0), 'paper_test': Demand(40, 0.9, motion=True)}
     monkeypatch.setattr(judgement, 'DEMANDS', demands)
     starts, dispersed, all_limits = judgement.everywhere(ROBUST, 7, 1)
-    campaign = campaigns.load(campaigns.find('random_starts'), runs=450, seed=7)
+    campaign = campaigns.load('random_starts', runs=450, seed=7)
     campaign = replace(campaign, controller=ROBUST)
     columns = run_batch.fly_runs(campaign, 0, 450)
     assert starts.missed == 450 - int(successes(campaign.config, columns).sum()) > 0

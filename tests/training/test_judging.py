@@ -28,7 +28,7 @@ REQUIRED = {
 def test_the_shipped_campaigns_of_the_papers_test_judge_all_that_it_requires():
     """The hold force by 1.10: where thrust is dispersed, to rest may take more than 1.00."""
     for name in ('paper_test', 'paper_test_measured', 'least_energy'):
-        campaign = config.load(config.find(name))
+        campaign = config.load(name)
         limits = campaign.scenario.requirements.limits
         assert len(limits) == 6 and limits[SHARE] == 1.0
         assert campaign.config.success == limits | {SHARE: 1.1}

@@ -213,11 +213,7 @@ def test_a_flight_of_everything_at_once_is_in_some_cell_of_each_axis(folder, gro
         for group, unknown in point.items():
             scenario = per_axis.scenario_in(problem, group, unknown, scenario)
         start = np.array(problem.settings.centre) + rng.uniform(-1, 1, 6) * problem.settings.half
-        x, y, z, vx, vy, vz = start.tolist()
-        scenario = replace(
-            scenario, initial_position_m=(x, y, z), initial_velocity_m_s=(vx, vy, vz)
-        )
-        flight = fly(scenario, problem.controller)
+        flight = fly(scenario.starting_at(start.tolist()), problem.controller)
         for group, chosen in PER_AXIS.items():
             prover, found = prover_of(folder, groups, group), groups[group]
             at = np.concatenate([start[list(chosen)], point[group]])

@@ -54,7 +54,7 @@ def test_the_default_is_good_everywhere():
     controller = load_controller(DEFAULT_CONTROLLER)
     assert assessed(DEFAULT_CONTROLLER).margin >= 0.03
     for name, demand in judgement.DEMANDS.items():
-        campaign = campaigns.load(campaigns.find(name), runs=400, seed=99)
+        campaign = campaigns.load(name, runs=400, seed=99)
         assert campaign.controller == controller
         columns = fly_runs(campaign, 0, 400)
         success = campaign.config.success

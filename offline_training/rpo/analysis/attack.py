@@ -67,7 +67,6 @@ PARTS = 8
 NEAR_M = 0.5
 """So near to the zone, and to the edge of the domain, the path is looked at between ticks."""
 
-LONGEST_DELAY = 64
 MOST_LATE = 30
 
 # Columns of the results.
@@ -526,8 +525,6 @@ def world_of(scenario: Scenario) -> World:
     settings = settings_of(scenario)
     proof, way = proof_of(settings, scenario), settings.corridor
     delay = scenario.thrusters.delay_ticks if scenario.thrusters else 0
-    if delay > LONGEST_DELAY:
-        raise InputError(f'`thrusters.delay_ticks` must be <= {LONGEST_DELAY}; got {delay}')
     wait, pushed = delay * scenario.dt_s, 1.01 * proof.errors.disturbance_n / scenario.mass_kg
     zone_m, domain_m = settings.keep_out_m, settings.domain_m
     reach_m, drift_m = min(REACH_M, 0.9 * (domain_m - zone_m)), 0.5 * pushed * wait * wait

@@ -8,12 +8,10 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo.analysis.truth import World, cross
+from rpo_core.kernels.arrays import Floats
 from rpo_core.scenario.scenario import Scenario
-
-Floats = NDArray[np.float64]
 
 SUBSTEPS = 100
 """Steps of a tick where Basilisk's thrusters fire: each is on or off for whole steps."""
@@ -156,11 +154,8 @@ def attitude_by_basilisk(scenario: Scenario) -> Floats:
     from Basilisk.simulation import spacecraft
     from Basilisk.utilities import RigidBodyKinematics, SimulationBaseClass
 
-    model, made, target = (
-        SimulationBaseClass.SimBaseClass(),
-        spacecraft.Spacecraft(),
-        scenario.target,
-    )
+    model, made = SimulationBaseClass.SimBaseClass(), spacecraft.Spacecraft()
+    target = scenario.target
     model.CreateNewProcess('truth').addTask(model.CreateNewTask('attitude', scenario.dt_ns))
     *axis, w = target.attitude
     made.hub.mHub, made.hub.IHubPntBc_B = 1.0, [list(row) for row in target.inertia_kg_m2]

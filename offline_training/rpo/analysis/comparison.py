@@ -138,7 +138,7 @@ class Comparison:
         self,
         names: Sequence[str],
         folder: Path,
-        campaign: Path,
+        campaign: str | Path,
         saw: Callable[[AnyController, str], str],
         runs: int | None = None,
         workers: int = 0,
@@ -193,7 +193,7 @@ class Comparison:
             return kept(self.folder, f'{controller.name}_{what}', texts, make)
 
         def shipped(campaign: str, **changes: Any) -> Campaign:
-            return config.load(config.find(campaign), controller=name, **changes)
+            return config.load(campaign, controller=name, **changes)
 
         flights = part('starts', [text, *self._shared], partial(self._starts, controller))
         dispersed = part('dispersed', campaign.texts, partial(self._dispersed, campaign))

@@ -21,7 +21,7 @@ from rpo.analysis.optimal import least_energy
 from rpo.engine.cases import case_of_flights, case_of_set
 from rpo.engine.population import population_of
 from rpo.engine.search import Simulator
-from rpo.montecarlo.config import find, load
+from rpo.montecarlo.config import load
 from rpo.montecarlo.execution import kept_of
 from rpo.montecarlo.judging import MOTION, motion, sentence
 from rpo.montecarlo.statistics import Rate, rate
@@ -368,7 +368,7 @@ def everywhere(
     """
     outcomes = []
     for name, (runs, share, only) in DEMANDS.items():
-        loaded = load(find(name), runs=runs, seed=seed, controller='handmade')
+        loaded = load(name, runs=runs, seed=seed, controller='handmade')
         campaign, limits = replace(loaded, controller=controller), list(loaded.config.success)
         judged: list[tuple[str, list[str], float | None]] = [(ALL, limits, share)]
         if only:

@@ -398,7 +398,7 @@ class Flights:
 
     def __init__(self, controller: AnyController) -> None:
         self.controller = controller
-        loaded = config.load(config.find(DRAWN), controller='handmade', runs=RUNS, seed=SEED)
+        loaded = config.load(DRAWN, controller='handmade', runs=RUNS, seed=SEED)
         self.drawn, scenarios = replace(loaded, controller=controller), load_set(SET)
         settings = CampaignConfig(
             name=SET, scenario=SET, controller=controller.name, sampling='random',

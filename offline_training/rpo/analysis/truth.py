@@ -21,7 +21,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from scipy.integrate import DOP853
+from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from rpo_core.attitude.target import motion_of
@@ -146,12 +146,8 @@ def integrate(
     rate: Callable[[float, Floats], Floats], begin_s: float, end_s: float, y: Floats
 ) -> Floats:
     """Return the state at the end, by DOP853."""
-    solver = DOP853(
-        rate, begin_s, y, end_s, rtol=_TOLERANCE, atol=_TOLERANCE, first_step=end_s - begin_s
-    )
-    while solver.status == 'running':
-        solver.step()
-    return np.asarray(solver.y)
+    options = {'rtol': _TOLERANCE, 'atol': _TOLERANCE, 'first_step': end_s - begin_s}
+    return np.asarray(solve_ivp(rate, (begin_s, end_s), y, 'DOP853', **options).y[:, -1])
 
 
 Truth = Callable[[Scenario, Floats, Floats], Floats]

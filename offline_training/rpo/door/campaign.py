@@ -393,4 +393,4 @@ def _path(name: str) -> Path:
             f'campaign: scenario {name} has no dispersions of its own; give some, like '
             "disperse={'mass_share': {'normal': 0.03}}"
         )
-    return config.find(name)
+    return files.find('campaign', name)

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from rpo.display import Show, progress_in_python
 from rpo.door.flight import Flight, flown, load
 from rpo.door.subjects import Source, fields_of, file_source, mission_source
-from rpo.exports import FORMATS, onboard, text_of
+from rpo.exports import FORMATS, c, text_of
 from rpo.montecarlo.outputs import identifier, make_folder, write_text
 from rpo.training.scaling import Found, search
 from rpo_core import files
@@ -104,9 +104,9 @@ def exported(
     if to != 'c':
         return {path: text_of(source, to)}
     if flight is None:
-        texts = onboard.of_controller(source, path.name)
+        texts = c.of_controller(source, path.name)
     else:
-        texts = onboard.of_flight(flight, flight.controller, path.name, stages)
+        texts = c.of_flight(flight, flight.controller, path.name, stages)
     beside = [path.with_suffix('.h')]
     beside += [path.with_name(f'{path.stem}_test{suffix}') for suffix in ('.c', '.txt')]
     return dict(zip((path, *beside), texts, strict=True))

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from rpo.exports import formats, onboard
+from rpo.exports import c, formats
 from rpo_core.control.controller import AnyController, dumps
 from rpo_core.files.validation import choice
 
@@ -18,7 +18,7 @@ FORMATS: dict[str, Callable[[AnyController], str]] = {
     'fis': formats.fis,
     'fll': formats.fll,
     'json': formats.json,
-    'c': lambda controller: onboard.of_controller(controller, f'{controller.name}.c').source,
+    'c': lambda controller: c.of_controller(controller, f'{controller.name}.c').source,
     'yaml': dumps,
 }
 """MATLAB, FuzzyLite; JSON; C99 with the bits of the kernels; the file that flies."""

@@ -24,19 +24,40 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rpo.exports.c_source import Source, number, own_name, wrapped
+from rpo.exports import formats
+from rpo.exports.c_source import Array, Record, Source, number, own_name, wrapped
 from rpo.exports.formats import one_line
-from rpo.exports.kernel_source import Array, Record
 from rpo.montecarlo.outputs import identifier
 from rpo_core.chain.chain import NO_FORCE, Chain, Link
 from rpo_core.chain.driver import Driver
-from rpo_core.files.validation import InputError
+from rpo_core.chain.flight import Flight
+from rpo_core.control.controller import AnyController
+from rpo_core.files.validation import InputError, choice
 from rpo_core.kernels import calls
 from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.jit import as_table
 from rpo_core.kernels.records import Field, class_of, fields_of, values_of
+from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import KernelStage, Place, Stage, has_kernel, places_of, width_of
-from rpo_core.wire.interfaces import NEXT, current, row_of
+from rpo_core.wire.interfaces import (
+    CONTROL_FORCE,
+    DISTURBANCE_FORCE,
+    NEXT,
+    RELATIVE_STATE,
+    STATE,
+    current,
+    row_of,
+)
+
+ALL = 'all'
+"""In the place of names of stages: the whole flight."""
+
+_ONBOARD = (
+    Place.ATTITUDE_ESTIMATOR, Place.ESTIMATOR, Place.GUIDANCE, Place.POINTING, Place.CONTROLLER,
+    Place.SHAPING, Place.ASSURANCE, Place.STEERING, Place.UNLOADING,
+)  # fmt: skip
+
+_STATES = 240
 
 _PUBLIC = re.compile(r'^(/\*(?:(?!\*/).)*\*/\n(?:void|int) [^{;]*)\n\{', re.M | re.S)
 """Comment and prototype of a function that is not static."""
@@ -338,3 +359,53 @@ def _call(stage: _Stage, index: int, reads: Sequence[slice], writes: int) -> str
     call = f'{stage.title}_step(tick, u, &{stage.title}_p, &m->{stage.name}, &s[{writes}])'
     call = wrapped(f'if ({call} != 0) {{', 1)
     return _filled('call', u='\n'.join(lines), call=call, index=index)
+
+
+def of_controller(controller: AnyController, file: str) -> Files:
+    """Return the C of a controller alone; raises InputError.
+
+    file : name of the source file
+    """
+    stage = controller.stage(controller.clock_s or 1.0)
+    if stage.inputs != (STATE,):
+        raise InputError(f'{controller.name} reads more than a state: export its scenario')
+    draw = np.random.default_rng(1)
+    states = np.round(draw.normal(size=(_STATES, 6)) * [30, 30, 30, 0.4, 0.4, 0.4], 3)
+    ticks = np.arange(_STATES) * 17
+    (forces,) = stage.steps(ticks, states)
+    flown = Flown(ticks.tolist(), {RELATIVE_STATE: states, CONTROL_FORCE: forces})
+    chain = Chain([Link(Place.CONTROLLER, stage, (RELATIVE_STATE,))])
+    about = [*formats.facts(controller), *formats.GOAL]
+    return files(about, chain, file, flown)
+
+
+def of_flight(flight: Flight, controller: AnyController, file: str, stages: str = '') -> Files:
+    """Return the C of stages of a flight, which the program flies again; raises InputError.
+
+    stages : names, separated by commas; `ALL`; '': those on board
+    """
+    scenario, chain = flight.scenario, Chain.of(flight.scenario, controller)
+    if stages != ALL:
+        named = _named(stages, chain, scenario)
+        chain = Chain([link for link in chain.links if link.stage.name in named])
+    names = [link.stage.name for link in chain.links]
+    for name in names:
+        if flight.events.get(name):
+            raise InputError(f'stage `{name}` got commands in flight; C gets none')
+    signals = {
+        **flight.signals, RELATIVE_STATE: flight.states, CONTROL_FORCE: flight.forces_n,
+        DISTURBANCE_FORCE: flight.disturbances_n,
+    }  # fmt: skip
+    about = [f'{scenario.name} with {controller.name}: {", ".join(names)}', scenario.description]
+    flown = Flown(list(range(len(flight.states))), signals)
+    return files(about, chain, file, flown)
+
+
+def _named(stages: str, chain: Chain, scenario: Scenario) -> list[str]:
+    """Return the names of stages; '': those on board, of thrusters the allocation of a table."""
+    if stages:
+        known = [link.stage.name for link in chain.links]
+        return [choice('--stages', name.strip(), known) for name in stages.split(',')]
+    table = scenario.thrusters is not None and scenario.thrusters.table is not None
+    places = (*_ONBOARD, Place.THRUSTERS) if table else _ONBOARD
+    return [link.stage.name for link in chain.links if link.place in places]

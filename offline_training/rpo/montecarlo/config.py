@@ -268,17 +268,12 @@ class Campaign:
         return replace(self, config=config, texts=(dumps(config), *self.texts[1:]))
 
 
-def find(name: str) -> Path:
-    """Return the file of a shipped campaign, or of a path; raises InputError."""
-    return files.find('campaign', name)
-
-
 def load(source: str | Path, overridden: Sequence[str] = (), **changes: Any) -> Campaign:
     """Return the campaign of a shipped name or a path, with fields changed; raises InputError.
 
     overridden : fields of the scenario, see `rpo_core.scenario.overrides`
     """
-    path = find(source) if isinstance(source, str) else source
+    path = files.find('campaign', source) if isinstance(source, str) else source
     found = files.load(path, parse)
     if changes:
         found = replace(found, **changes)

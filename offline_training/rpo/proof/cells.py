@@ -357,13 +357,10 @@ class Prover(threading.local):
 
     def _reach(self, last: int, empty: bool) -> Floats:
         """Return the least and greatest states of a tube that lasts until a tick."""
-        if not self.per_axis:
-            return np.zeros((2, self.layout.reach, len(self.motion.a)))
+        if empty or not self.per_axis:
+            return self._bounds(np.inf, -np.inf)
         reach = np.array([self.trace.low, self.trace.high])
-        if empty:
-            reach[0], reach[1] = np.inf, -np.inf
-        else:
-            reach[0, last + 1 :], reach[1, last + 1 :] = -np.inf, np.inf
+        reach[0, last + 1 :], reach[1, last + 1 :] = -np.inf, np.inf
         return reach
 
     def prove(self, cells: list[Cell], targets: Targets | None) -> CellBounds:

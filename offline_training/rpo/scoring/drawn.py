@@ -21,7 +21,7 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
-from rpo.montecarlo.config import find, load
+from rpo.montecarlo.config import load
 from rpo.montecarlo.run_batch import as_flown, faulty, scenarios_of
 from rpo.montecarlo.sampling import DrawnRuns, draw
 from rpo_core.chain.chain import Chain
@@ -125,7 +125,7 @@ class DrawnFlights:
 
     def __init__(self, name: str, settings: DrawnSettings) -> None:
         # The file may name the controller that is to be trained, which is not there yet.
-        self._campaign, self._settings = load(find(name), controller='handmade'), settings
+        self._campaign, self._settings = load(name, controller='handmade'), settings
         if name in settings.judged:
             self._campaign = self._campaign.judging(settings.judged[name])
         self.label, self.count = self._campaign.config.name, settings.flights

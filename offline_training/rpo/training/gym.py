@@ -126,11 +126,9 @@ class FinalApproach(gymnasium.Env[Floats, Floats]):
                 f'`start` must be the number of a start, or 3 or 6 numbers; got {shown(start)}'
             )
         velocity = values[3:] or first.initial_velocity_m_s
-        return replace(
-            first,
-            initial_position_m=vector3('start', values[:3], 'm', bound=MAX_POSITION_M),
-            initial_velocity_m_s=vector3('start', velocity, 'm/s', bound=MAX_VELOCITY_M_S),
-        )
+        position = vector3('start', values[:3], 'm', bound=MAX_POSITION_M)
+        velocity = vector3('start', velocity, 'm/s', bound=MAX_VELOCITY_M_S)
+        return first.starting_at((*position, *velocity))
 
     def _begin(self, scenario: Scenario) -> None:
         self.scenario, self.tick = scenario, 0

@@ -86,7 +86,7 @@ class DispersedApproach(gymnasium.vector.VectorEnv[Floats, Floats, Any]):
         self, num_envs: int = 40, campaign: str = 'paper_test', ticks_per_step: int = 1
     ) -> None:
         self.num_envs = whole('num_envs', num_envs, least=1)
-        self.campaign = config.load(config.find(campaign), controller='drift', runs=MAX_RUNS)
+        self.campaign = config.load(campaign, controller='drift', runs=MAX_RUNS)
         self.scenario = self.campaign.scenario
         ticks = self.scenario.ticks
         self.ticks_per_step = whole('ticks_per_step', ticks_per_step, least=1, most=ticks)

@@ -237,7 +237,6 @@ def compare(
     from rpo.montecarlo.outputs import put
     from rpo.reports.training import draw_comparison
     from rpo.training.provenance import saw
-    from rpo_core.files import find
 
     if attitude:
         _attitudes(controllers, 10_000 if runs is None else runs)
@@ -246,7 +245,7 @@ def compare(
     sentence = 'Interrupted; what was computed is kept: the same command goes on.'
     with interruptible(lambda: sentence), progress() as show:
         compared = comparison.Comparison(
-            names, output, find('campaign', campaign), saw, runs, workers, show, random_runs=random
+            names, output, campaign, saw, runs, workers, show, random_runs=random
         )
         least, rows = compared.least(), compared.rows()
     flown = compared.campaigns[0]
