@@ -29,7 +29,7 @@ from rpo_core.chain.flight import Flight
 from rpo_core.kernels.arrays import Floats
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.world import cw
-from rpo_core.world.dynamics import Drag, Dynamics
+from rpo_core.world.dynamics import Dynamics
 
 _TOLERANCE = 1e-13
 _CIRCLE = Dynamics(kind='two_body')
@@ -70,17 +70,17 @@ class World:
             body, sine2 = self.body, (position[2] / radius) ** 2
             factor = 1.5 * body.j2 * body.mu_m3_s2 * body.equator_m**2 / radius**5
             accel = factor * position * (np.array([5.0, 5.0, 5.0]) * sine2 - [1.0, 1.0, 3.0])
-        return accel + self._air(self.drag, position, velocity, coefficient) if self.drag else accel
-
-    def _air(self, drag: Drag, position: Floats, velocity: Floats, coefficient: float) -> Floats:
+        drag = self.drag
+        if drag is None:
+            return accel
         x, y, _ = position
         wind = velocity - drag.atmosphere_rate_rad_s * np.array([-y, x, 0.0])
         density = drag.density_kg_m3
         if drag.scale_height_m is not None:
             sea_m = drag.density_radius_m or self.scenario.orbit_radius_m
-            height_m = math.sqrt(position @ position) - sea_m
+            height_m = radius - sea_m
             density *= math.exp(-height_m / drag.scale_height_m)
-        return -0.5 * density / coefficient * math.sqrt(wind @ wind) * wind
+        return accel - 0.5 * density / coefficient * math.sqrt(wind @ wind) * wind
 
     def of_target(self, target: Floats) -> Floats:
         """Return the target's acceleration (3,) beside point-mass gravity."""

@@ -15,9 +15,9 @@ from rpo.display import Show, html_rows, progress_in_python
 from rpo.door.subjects import file_source, mission_source
 from rpo.proof import check as checking
 from rpo.proof import proving
-from rpo.proof.certificate import PROVEN
+from rpo.proof.certificate import PROVEN, REFUTED
 from rpo.proof.check import Checked, Sample
-from rpo.proof.claims import Claim, requirements_of, row_of, worst
+from rpo.proof.claims import requirements_of, row_of, worst
 from rpo.proof.folder import Folder
 from rpo.proof.problem import Problem, Settings
 from rpo.proof.proving import Outcome
@@ -73,7 +73,7 @@ class Proof:
         """
         opened = Folder.open(Path(folder))
         _, _, follows = checking.followed(opened)
-        return cls(opened, Outcome(follows.claims, follows.ranges, _refuted(follows.claims), {}))
+        return cls(opened, Outcome(follows.claims, follows.ranges, {}))
 
     @property
     def ok(self) -> bool:
@@ -83,7 +83,7 @@ class Proof:
     @property
     def counterexamples(self) -> dict[str, Scenario]:
         """Claim -> the flight that breaks it; empty if no flight breaks any."""
-        keys = self.outcome.counterexamples
+        keys = [claim.key for claim in self.claims if claim.verdict == REFUTED]
         return {key: load_scenario(self._folder.flights(key)[0]) for key in keys}
 
     def check(self, cells: int = 20, flights: int = 1000, seed: int | None = None) -> Checked:
@@ -126,10 +126,6 @@ class Proof:
     def _repr_html_(self) -> str:
         table = html_rows([(*COLUMNS, 'verdict'), *map(row_of, self.claims)])
         return f'<p>{html.escape(repr(self))}</p><table>{table}</table>'
-
-
-def _refuted(claims: Collection[Claim]) -> list[str]:
-    return [claim.key for claim in claims if claim.found > claim.limit]
 
 
 def prove(

@@ -119,21 +119,17 @@ def parse(document: Any) -> CampaignConfig:
     dispersions = mapping('dispersions', data['dispersions'], [], QUANTITIES)
     data['dispersions'] = {name: dispersion(name, dispersions[name]) for name in dispersions}
     if 'success' in data:
-        data['success'] = _success(data['success'])
+        limits = mapping('success', data['success'], [], LIMITS)
+        if not limits:
+            raise InputError(f'`success` must limit at least one of {", ".join(LIMITS)}; got none')
+        data['success'] = {
+            name: real(f'success.{name}', limit, ROWS[name].unit, least=0.0)
+            for name, limit in limits.items()
+        }
     if 'faults' in data:
         with within('faults'):
             data['faults'] = faults.parse(data['faults'])
     return CampaignConfig(**data)
-
-
-def _success(value: Any) -> dict[str, float]:
-    success = mapping('success', value, [], LIMITS)
-    if not success:
-        raise InputError(f'`success` must limit at least one of {", ".join(LIMITS)}; got none')
-    return {
-        name: real(f'success.{name}', limit, ROWS[name].unit, least=0.0)
-        for name, limit in success.items()
-    }
 
 
 def _requiring(scenario: Scenario, success: Mapping[str, float]) -> Scenario:

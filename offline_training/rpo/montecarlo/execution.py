@@ -73,15 +73,14 @@ def fly_again(
 
 
 def results_of(campaign: Campaign, pending: Iterable[int], workers: int, address: str) -> Units:
-    """Yield the results of units as they come in; a cluster gets the texts of the campaign."""
+    """Yield the results of units as they come in; a cluster gets the texts of the campaign.
+
+    Who stops asking for them stops threads between two runs.
+    """
     if address:
-        calls = ((unit, (campaign.texts, unit)) for unit in pending)
-        return pool.run(fly_remote, calls, workers, address)
-    return _on_threads(campaign, pending, workers)
-
-
-def _on_threads(campaign: Campaign, pending: Iterable[int], workers: int) -> Units:
-    """Yield the results of units; who stops asking for them stops the threads between two runs."""
+        remote = ((unit, (campaign.texts, unit)) for unit in pending)
+        yield from pool.run(fly_remote, remote, workers, address)
+        return
     stopped = Event()
     calls = ((unit, (campaign, unit, stopped.is_set)) for unit in pending)
     with closing(pool.run(fly_unit, calls, workers)) as source:

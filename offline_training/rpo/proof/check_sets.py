@@ -373,17 +373,10 @@ def empty_faults(problem: Problem, group: str, bounds: CellBounds) -> Iterator[s
 def motion_faults(
     prover: Prover, cell: Cell, motion: Motion, tick: int, where: str
 ) -> Iterator[str]:
-    """Yield what the motion of a cell does not hold at a tick: forces, masses, the other axis."""
-    yield from _force_faults(prover, cell, motion, tick, where)
-    if prover.other_axis.states is not None:
-        bounds = prover.other_axis.states[:, tick]
-        yield from _push_faults(prover, motion, tick, bounds, where)
+    """Yield what the motion of a cell does not hold at a tick: forces, masses, the other axis.
 
-
-def _force_faults(
-    prover: Prover, cell: Cell, motion: Motion, tick: int, where: str
-) -> Iterator[str]:
-    """Compare the force of drawn constants, as it is flown, with that of the set."""
+    The force of drawn constants, as it is flown, is compared with that of the set.
+    """
     problem, n = prover.problem, len(motion.a)
     axis, base = PER_AXIS[prover.group][0], problem.scenario
     rng = np.random.default_rng(tick)
@@ -399,6 +392,9 @@ def _force_faults(
         light = 1 + (exact(motion.mass) * exact(xi[-1]) if motion.mass else 0)
         if (abs(b - exact(motion.b) * light) > COEFFICIENT * abs(b)).any():
             yield f'{where}: the mass of a flight is not in the set'
+    if prover.other_axis.states is not None:
+        bounds = prover.other_axis.states[:, tick]
+        yield from _push_faults(prover, motion, tick, bounds, where)
 
 
 def _push_faults(

@@ -112,9 +112,9 @@ def claims_of(
     problem: Problem,
     groups: Groups,
     omega: InvariantSet | None,
-    flown: Mapping[str, tuple[float, tuple[float, ...]]],
+    flown: Mapping[str, tuple[Any, ...]],
 ) -> list[Claim]:
-    """Return the claims; flown : requirement -> greatest value, and its start."""
+    """Return the claims; flown : requirement -> greatest value, its start, and what else it is."""
     assumed: dict[str, Any] = {HOLD: 0.0}
     required = problem.scenario.requirements or Requirements(hold_from_s=0.0, **assumed)
     claims = []
@@ -125,7 +125,7 @@ def claims_of(
             hold_s = problem.hold_tick * problem.scenario.dt_s
             ever = ', for ever' if holds_for_ever(problem, groups, omega) else ''
             statement = f'position error per axis, from {hold_s:g} s on{ever}'
-        value, start = flown.get(key, (0.0, ()))
+        value, start, *_ = flown.get(key, (0.0, ()))
         unit = metrics.UNITS[key]
         bound = bound_of(problem, groups, omega, key)
         claims.append(

@@ -31,7 +31,6 @@ from rpo.proof.flights import context_of
 from rpo.proof.folder import Folder, joined
 from rpo.proof.invariant import invariant_set_of
 from rpo.proof.problem import Problem
-from rpo.proof.tube import InvariantSet
 
 UNIT, UNIT_PER_AXIS = 25, 1
 """First cells of a unit; in a proof per axis, each has many cells."""
@@ -51,13 +50,11 @@ class Outcome:
     """A finished proof.
 
     ranges : what the tubes say beside the claims
-    counterexamples : requirements that a flight breaks
     resumed : group -> units of an earlier call, and all
     """
 
     claims: list[Claim]
     ranges: dict[str, Range]
-    counterexamples: list[str]
     resumed: dict[str, tuple[int, int]]
 
 
@@ -81,38 +78,24 @@ def prove(folder: Folder, workers: int, progress: Progress, probes: int = PROBES
     for group in problem.groups:
         prover = Prover(problem, group, asked, *context_of(problem, group, groups))
         groups[group], resumed[group] = _cells(folder, prover, targets, workers, progress)
-    flown = _worst_flown(problem, groups, omega, flown, progress)
-    values = {key: (value, start) for key, (value, start, _) in flown.items()}
-    claims = claims_of(problem, groups, omega, values)
+    for claim in claims_of(problem, groups, omega, flown):
+        if claim.bound > claim.limit >= claim.found:
+            progress('looking for a counterexample', 0, SUSPECTS)
+            starts = flights.worst_starts(problem, groups, claim.key, SUSPECTS, SEED)
+            flown = flights.probe(problem, starts, SEED, flown)
+    claims = claims_of(problem, groups, omega, flown)
     ranges = ranges_of(problem, groups)
     for claim in claims:
         if claim.key in flown:
             folder.put_flight(claim.key, claim.verdict == REFUTED, flown[claim.key][2])
     folder.finish(groups, summary_of(claims, omega, ranges, groups))
-    return Outcome(claims, ranges, [c.key for c in claims if c.verdict == REFUTED], resumed)
+    return Outcome(claims, ranges, resumed)
 
 
 def targets_of(problem: Problem, refuted: set[str]) -> Targets:
     """Return what tubes should show; nothing of what is refuted already."""
     keys = {column: key for key, (column, _) in BOUNDS.items() if key not in refuted}
     return Targets(*(problem.limits.get(keys.get(name, ''), np.inf) for name in Targets._fields))
-
-
-def _worst_flown(
-    problem: Problem,
-    groups: dict[str, CellBounds],
-    omega: InvariantSet | None,
-    flown: flights.Flown,
-    progress: Progress,
-) -> flights.Flown:
-    """Fly from the worst cells of the claims that are open; return the greatest values."""
-    values = {key: (value, start) for key, (value, start, _) in flown.items()}
-    for claim in claims_of(problem, groups, omega, values):
-        if claim.bound > claim.limit >= claim.found:
-            progress('looking for a counterexample', 0, SUSPECTS)
-            starts = flights.worst_starts(problem, groups, claim.key, SUSPECTS, SEED)
-            flown = flights.probe(problem, starts, SEED, flown)
-    return flown
 
 
 def _cells(
