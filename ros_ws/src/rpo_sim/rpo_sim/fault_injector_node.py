@@ -21,16 +21,7 @@ from rclpy.time import Time
 from rpo_core.files.validation import InputError
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.wire import interfaces
-from rpo_core.world.link import (
-    CORRUPTIONS,
-    INFINITY,
-    KINDS,
-    NAN,
-    WRONG_FRAME,
-    FaultRates,
-    Schedule,
-    SeededLink,
-)
+from rpo_core.world import link
 from rpo_ros import health, qos
 from rpo_ros.plant_scenario import PlantScenario
 from rpo_ros.running import EXIT_BAD_INPUT, FlightNode
@@ -69,11 +60,11 @@ def corrupted(message: Odometry | WrenchStamped, corruption: str) -> Odometry | 
         return message
     faulty = copy.deepcopy(message)
     first = faulty.pose.pose.position if isinstance(faulty, Odometry) else faulty.wrench.force
-    if corruption == NAN:
+    if corruption == link.NAN:
         first.x = math.nan
-    elif corruption == INFINITY:
+    elif corruption == link.INFINITY:
         first.x = math.inf
-    elif corruption == WRONG_FRAME:
+    elif corruption == link.WRONG_FRAME:
         faulty.header.frame_id = interfaces.CHASER_FRAME
     else:
         stamp_ns = max(0, Time.from_msg(message.header.stamp).nanoseconds - _WRONG_STAMP_NS)
@@ -96,15 +87,15 @@ class FaultInjectorNode(FlightNode):
             raise InputError(f'`to_topic` must differ from `from_topic`; got {sink} for both')
         kind = message_type(values['message'], (source, sink))
         corruption = values['corruption']
-        self.link: SeededLink[Odometry | WrenchStamped] = SeededLink(
-            FaultRates(**{name: values[name] for name in KINDS}),
+        self.link: link.SeededLink[Odometry | WrenchStamped] = link.SeededLink(
+            link.FaultRates(**{name: values[name] for name in link.KINDS}),
             values['seed'],
             values['delay_messages'],
-            CORRUPTIONS if corruption == ANY else (corruption,),
+            link.CORRUPTIONS if corruption == ANY else (corruption,),
             values['delay_s'],
         )
         last = math.inf if values['to_tick'] == LAST_TICK else values['to_tick']
-        self._schedule = Schedule(values['from_tick'], last)
+        self._schedule = link.Schedule(values['from_tick'], last)
         self._scenario: Scenario | None = None
         PlantScenario(self, values['scenario'], self._take, self._refuse, bare=True).begin()
         self._out = self.create_publisher(kind, sink, qos.LOCKSTEP)

@@ -19,13 +19,6 @@ from rpo_core.kernels.arithmetic import norm
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place, Signal
 from rpo_core.wire import interfaces
-from rpo_core.wire.interfaces import (
-    CHASER_ATTITUDE,
-    DUE_FORCE,
-    NEXT,
-    RELATIVE_STATE,
-    SATURATED_FORCE,
-)
 from rpo_core.world.zones import zones_of
 
 Force = tuple[float, ...]
@@ -59,7 +52,7 @@ def topics_of(scenario: Scenario) -> tuple[list[str], list[str]]:
     """Return the inputs and the output topics of a plant, without the true state."""
     chain = Chain.of(scenario).part(*PLACES)
     inputs, outputs = (
-        [n for n in names if n not in NEXT and interfaces.row_of(n).type]
+        [n for n in names if n not in interfaces.NEXT and interfaces.row_of(n).type]
         for names in (chain.inputs, chain.outputs)
     )
     return inputs, outputs
@@ -83,7 +76,7 @@ class Plant:
         self.ignored: Counter[str] = Counter()
         self.chain = Chain.of(scenario).part(*PLACES)
         self.chain.reset()
-        self.inputs = tuple(name for name in self.chain.inputs if name not in NEXT)
+        self.inputs = tuple(name for name in self.chain.inputs if name not in interfaces.NEXT)
         self._parts = []  # of each input the topic that carries it, and the place of its numbers
         for name in self.inputs:
             topic = interfaces.row_of(name).rides
@@ -101,7 +94,7 @@ class Plant:
     @property
     def state(self) -> Signal:
         """True state (x, y, z, vx, vy, vz) [m, m/s], target LVLH."""
-        return self.signals[RELATIVE_STATE]
+        return self.signals[interfaces.RELATIVE_STATE]
 
     @property
     def openings(self) -> int | None:
@@ -125,17 +118,18 @@ class Plant:
         Raises NotFiniteError, and stays at its tick, if the next state is not finite.
         """
         signals = self.signals
-        truth = {name: signals[name] for name in NEXT if name in signals}
-        before = signals[RELATIVE_STATE]
+        truth = {name: signals[name] for name in interfaces.NEXT if name in signals}
+        before = signals[interfaces.RELATIVE_STATE]
         self._take(signals, answers)
         self.chain.step(self.tick, signals)
         # With its norms: 1e300 m is finite, but no controller can answer it.
-        state, turned = signals[RELATIVE_STATE], sum(signals.get(CHASER_ATTITUDE, ()))
+        state = signals[interfaces.RELATIVE_STATE]
+        turned = sum(signals.get(interfaces.CHASER_ATTITUDE, ()))
         if not math.isfinite(norm(*state[:3]) + norm(*state[3:]) + turned):
             signals.update(truth)
             raise NotFiniteError(self._why_not_finite(signals))
-        x, y, z = signals[SATURATED_FORCE]
-        self.saturated_ticks += signals[SATURATED_FORCE] != signals[DUE_FORCE]
+        x, y, z = signals[interfaces.SATURATED_FORCE]
+        self.saturated_ticks += signals[interfaces.SATURATED_FORCE] != signals[interfaces.DUE_FORCE]
         self._squares = [
             metrics.with_square(total, force)
             for total, force in zip(self._squares, (x, y, z), strict=True)
@@ -186,7 +180,7 @@ class Plant:
 
     def _why_not_finite(self, signals: Signals) -> str:
         """Return in one sentence which signal is largest in the step to the next tick."""
-        names = (RELATIVE_STATE, *self.inputs)
+        names = (interfaces.RELATIVE_STATE, *self.inputs)
         cause = max(names, key=lambda name: max(map(abs, signals[name])))
         numbers = ', '.join(f'{value:g}' for value in signals[cause])
         return (

@@ -16,14 +16,7 @@ from rpo_core.control.controller import AnyController
 from rpo_core.control.controller_file import received
 from rpo_core.scenario.requirements import ROWS
 from rpo_core.scenario.scenario import Scenario
-from rpo_core.wire.interfaces import (
-    NAVIGATION_COVARIANCE,
-    NAVIGATION_STATE,
-    REFERENCE_ATTITUDE,
-    REFERENCE_FORCE,
-    REFERENCE_STATE,
-    RELATIVE_STATE,
-)
+from rpo_core.wire import interfaces
 from rpo_log.show import replay
 from rpo_log.show.replay import MOST_SAMPLES, Moments
 
@@ -73,7 +66,7 @@ class Samples:
 
     def _row(self, live: LiveFlight) -> dict[str, Any]:
         scenario, signals = self._scenario, live.signals
-        state, frame = signals[RELATIVE_STATE], live.frame
+        state, frame = signals[interfaces.RELATIVE_STATE], live.frame
         seen = state if frame is None else tuple(seen_from(state, frame))
         force = live.force_n or (0.0, 0.0, 0.0)
         shown = tuple(max(-scenario.max_force_n, min(scenario.max_force_n, f)) for f in force)
@@ -85,13 +78,14 @@ class Samples:
             'seen': seen,
         }
         if scenario.named('guidance') is not None:
-            row['reference'] = signals.get(REFERENCE_STATE, state)[:3]
+            row['reference'] = signals.get(interfaces.REFERENCE_STATE, state)[:3]
         if scenario.named('estimator') is not None:
             row['estimate'] = _estimate(signals)
         if (attitude := live.attitude) is not None:
             row['attitudes'] = attitude[:4]
         if (turns := live.chaser_attitude) is not None:
-            wanted = signals.get(REFERENCE_ATTITUDE) or synchronised(scenario.mean_motion_rad_s)
+            still = synchronised(scenario.mean_motion_rad_s)
+            wanted = signals.get(interfaces.REFERENCE_ATTITUDE) or still
             off, _ = apart(np.array(turns), np.array(wanted))
             row['chaser'] = turns[:4]
             row['turns'] = [math.degrees(off), math.degrees(math.hypot(*turns[4:]))]
@@ -101,7 +95,8 @@ class Samples:
         """Return why the controller commands its force; None: it is not known, or says no more."""
         if live.controller is None:
             return None
-        read = received(self._scenario, {REFERENCE_FORCE: (0.0, 0.0, 0.0), **live.signals})[0]
+        signals = {interfaces.REFERENCE_FORCE: (0.0, 0.0, 0.0), **live.signals}
+        read = received(self._scenario, signals)[0]
         return replay.reasons(live.controller, read, live.tick, self._words)
 
     def flight(self, live: LiveFlight, sentence: str, first: int = 0) -> dict[str, Any]:
@@ -148,8 +143,8 @@ class Samples:
 
 def _estimate(signals: dict[str, Vector]) -> list[float]:
     """Return the estimated position and the lower triangle of the factor of its covariance."""
-    position = signals.get(NAVIGATION_STATE, signals[RELATIVE_STATE])[:3]
-    covariance = np.reshape(signals.get(NAVIGATION_COVARIANCE, (0.0,) * 9)[:9], (3, 3))
+    position = signals.get(interfaces.NAVIGATION_STATE, signals[interfaces.RELATIVE_STATE])[:3]
+    covariance = np.reshape(signals.get(interfaces.NAVIGATION_COVARIANCE, (0.0,) * 9)[:9], (3, 3))
     try:
         factor = np.linalg.cholesky(covariance)
     except np.linalg.LinAlgError:  # exact, or foreign

@@ -20,21 +20,8 @@ from mcap.records import Attachment, Channel, Header, McapRecord, Metadata, Sche
 from rpo_core.files.validation import shown
 from rpo_core.wire import interfaces
 from rpo_log.errors import LogError, read_at_most
-from rpo_log.format import rosbag2
+from rpo_log.format import rosbag2, run
 from rpo_log.format.rosbag2 import BagFile
-from rpo_log.format.run import (
-    CONTROLLER,
-    DIFFERING,
-    METADATA_FILE,
-    MOST_CONTROLLERS,
-    PARAMETERS,
-    RUN_RECORD,
-    SCENARIO,
-    SIGNATURE_FILE,
-    SUMS_FILE,
-    TOPICS,
-    is_controller,
-)
 from rpo_log.read.indexes import Indexes
 from rpo_log.read.records import FileRecords
 from rpo_log.read.stream import RunReader
@@ -51,7 +38,7 @@ def metadata_fault(reader: RunReader) -> tuple[str, str]:
 
     The digest is that of the bytes compared, and empty if there are more. Raises LogError.
     """
-    path = reader.path / METADATA_FILE
+    path = reader.path / run.METADATA_FILE
     expected = rosbag2.metadata_text(reader.topics, list(reader.extents.values()))
     content = read_at_most(path, MAX_METADATA_BYTES + 1)
     digest = _sha256(content) if len(content) <= MAX_METADATA_BYTES else ''
@@ -59,7 +46,7 @@ def metadata_fault(reader: RunReader) -> tuple[str, str]:
         return '', digest
     lines = zip(content.decode(errors='replace').split('\n'), expected.split('\n'), strict=False)
     number = next((n for n, (a, b) in enumerate(lines, 1) if a != b), 'the last')
-    return f'{METADATA_FILE} is not that of the log; line {number} differs', digest
+    return f'{run.METADATA_FILE} is not that of the log; line {number} differs', digest
 
 
 class Evidence:
@@ -70,7 +57,7 @@ class Evidence:
 
     def __init__(self, reader: RunReader, outcome: Verification) -> None:
         self._reader, self._outcome = reader, outcome
-        max_records = 2 * len(reader.topics) + len(reader.attachments) + MOST_CONTROLLERS + 8
+        max_records = 2 * len(reader.topics) + len(reader.attachments) + run.MOST_CONTROLLERS + 8
         reader.judged = self._forms = {path: Form(path, max_records) for path in reader.files}
         self._read: dict[str, str] = {}  # digests of the files that were read, by name
 
@@ -90,7 +77,7 @@ class Evidence:
             self._do_not_know('which commands the plant applied, and when')
         outcome.premises = {n: _sha256(data) for n, data in sorted(reader.attachments.items())}
         outcome.premises['events'] = statuses.said
-        self._do_not_know(f'whether {PARAMETERS} is what the nodes ran with')
+        self._do_not_know(f'whether {run.PARAMETERS} is what the nodes ran with')
         if reader.foreign:
             self._do_not_know('records of the bag beside its messages')
             self._judge_bag()
@@ -132,9 +119,9 @@ class Evidence:
                 what = 'a bag' if self._reader.foreign else 'a single file'
                 outcome.gaps += (f'{what} has no signature',)
             return
-        if not self._reader.damage and os.path.lexists(folder / METADATA_FILE):
-            gap, self._read[METADATA_FILE] = metadata_fault(self._reader)
-            self._take(gap, METADATA_FILE)
+        if not self._reader.damage and os.path.lexists(folder / run.METADATA_FILE):
+            gap, self._read[run.METADATA_FILE] = metadata_fault(self._reader)
+            self._take(gap, run.METADATA_FILE)
         logs = {path.name: digest for path, digest in self._reader.digests.items()}
         self._read.update(logs)
         digests = Digests.of(folder, self._read)
@@ -150,16 +137,16 @@ class Evidence:
         outcome = self._outcome
         unsigned = ', '.join(name for name in self._read if name not in digests.listed)
         if trusted is None:
-            if os.path.lexists(folder / SIGNATURE_FILE):
-                self._do_not_know(f'{SIGNATURE_FILE}, which was not checked: no key is trusted')
+            if os.path.lexists(folder / run.SIGNATURE_FILE):
+                self._do_not_know(f'{run.SIGNATURE_FILE}, which was not checked: no key is trusted')
             if digests.content and unsigned:
-                self._do_not_know(f'{SUMS_FILE} does not list {unsigned}')
+                self._do_not_know(f'{run.SUMS_FILE} does not list {unsigned}')
             return
         key = signer(folder, digests.content, trusted)
         if key is None:
             outcome.gaps += (f'no key of {trusted} has signed it',)
         elif unsigned:
-            gap = f'{key} has not signed {unsigned}: {SUMS_FILE} does not list it'
+            gap = f'{key} has not signed {unsigned}: {run.SUMS_FILE} does not list it'
             outcome.gaps += (gap,)
         elif not digests.faults:
             outcome.signed_by, outcome.signed = key, digests.matched
@@ -175,8 +162,8 @@ def _sha256(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-_CARRIED = (SCENARIO, CONTROLLER, PARAMETERS)
-_LAST = {TOPICS: 2, DIFFERING: 3}
+_CARRIED = (run.SCENARIO, run.CONTROLLER, run.PARAMETERS)
+_LAST = {run.TOPICS: 2, run.DIFFERING: 3}
 _KNOWN = (*_CARRIED, *_LAST)
 _COMMENT = re.compile(rb'[ \t]*(#[^\n]*)?\n')
 
@@ -257,11 +244,11 @@ def records_of_run(reader: RunReader, path: Path) -> list[McapRecord]:
     return [
         Header(PROFILE, LIBRARY),
         Metadata(rosbag2.RECORD, rosbag2.record_values(topics, opened)),
-        Metadata(RUN_RECORD, base.to_record()),
+        Metadata(run.RUN_RECORD, base.to_record()),
         *(
             Attachment(base.epoch_ns, base.epoch_ns, name, MEDIA_TYPE, data)
             for name, data in sorted(reader.attachments.items(), key=_order)
-            if (name in _KNOWN or is_controller(name)) and (path, name) in reader.attached
+            if (name in _KNOWN or run.is_controller(name)) and (path, name) in reader.attached
         ),
         Metadata(rosbag2.RECORD, rosbag2.record_values(topics, reader.extents[path])),
         *(
