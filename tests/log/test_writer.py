@@ -13,12 +13,7 @@ import numpy as np
 import pytest
 import yaml
 from landing import rest_at_landing
-from log_runs import (
-    CLOCK,
-    FORCE,
-    STATE,
-    file_size_limit,
-)  # fmt: skip
+from log_runs import CLOCK, FORCE, STATE, file_size_limit
 
 from rpo_core import files
 from rpo_core.scenario.scenario import load_scenario

@@ -2,23 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """All QoS profiles of the stack."""
 
-from rclpy.qos import (
-    QoSDurabilityPolicy,
-    QoSHistoryPolicy,
-    QoSProfile,
-    QoSReliabilityPolicy,
-)
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from rpo_core.wire import interfaces
 
 
 def _profile(depth: int, *, latched: bool = False, reliable: bool = True) -> QoSProfile:
-    durability, reliability = QoSDurabilityPolicy, QoSReliabilityPolicy
     return QoSProfile(
-        history=QoSHistoryPolicy.KEEP_LAST,
+        history=HistoryPolicy.KEEP_LAST,
         depth=depth,
-        reliability=reliability.RELIABLE if reliable else reliability.BEST_EFFORT,
-        durability=durability.TRANSIENT_LOCAL if latched else durability.VOLATILE,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )
 
 
