@@ -38,16 +38,15 @@ EVERYTHING = {
 }
 
 
-def write_campaign(folder, flown=None, required=None, goal=None, **changes):
+def write_campaign(folder, flown=None, required=None, **changes):
     """Write a campaign, and the scenario it names, into a folder; return its path.
 
     flown : the scenario, in place of the short one
-    required, goal : requirements of the short one, and where it flies to
+    required : requirements of the short one
     changes : of the campaign's fields; None: without that field
     """
     scenario = folder / 'short.yaml'
-    more = {'requirements': required, 'goal_position_m': goal}
-    text = SHORT + ''.join(f'{name}: {value}\n' for name, value in more.items() if value)
+    text = SHORT + (f'requirements: {required}\n' if required else '')
     scenario.write_text(dumps(flown) if flown else text)
     document = {
         'schema': config.SCHEMA,

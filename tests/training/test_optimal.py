@@ -120,14 +120,6 @@ def test_duality_proves_the_constrained_optimum(x, y, z):
 
 
 @pytest.mark.slow
-def test_the_optimum_does_not_know_planar_and_vertical_signs():
-    starts = np.array([[50.0, -5.0, 100.0, 0.1, 0, 0], [-50.0, 5.0, -100.0, -0.1, 0, 0]])
-    both = optimal.least_constrained(TRAINING.base, starts)
-    program = optimal.Program(TRAINING.base)
-    assert both == pytest.approx([program.solve(start) for start in starts], rel=1e-6)
-
-
-@pytest.mark.slow
 def test_least_constrained_energy_is_the_missions():
     assert optimal.least_constrained(TRAINING.base, STARTS).mean() == pytest.approx(2.41, rel=0.01)
 

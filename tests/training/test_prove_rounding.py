@@ -31,15 +31,15 @@ def drawn(rng, *shape, least=-6.0, most=2.0):
     return size * rng.choice([-1.0, 0.0, 0.0, 1.0], shape)
 
 
-def surface(e=(-FAR, FAR), w=(-FAR, FAR), u=None, limit=1e30, scales=(4.0, 0.25, 0.5)):
+def surface(e=(-FAR, FAR), u=None, limit=1e30):
     """Return a table of few cells; its slopes are not known, its bends and its slack are none."""
-    m, n = len(e) - 1, len(w) - 1
+    w, m, n = (-FAR, FAR), len(e) - 1, 1
     return problem_of('allround').table._replace(
         e=np.array(e), w=np.array(w), u=np.zeros((m + 1, n + 1)) if u is None else u,
         bend=np.zeros((m, n)), slopes=np.tile([-1e300, 1e300], (m, n, 2)),
         division=np.full((m, n), -1, np.int32), part_range=np.empty((0, 1, 1, 2)),
         part_slopes=np.empty((0, 1, 1, 4)), slack=0.0, limit=limit,
-        position_m=scales[0], velocity_m_s=scales[1], force_n=scales[2],
+        position_m=4.0, velocity_m_s=0.25, force_n=0.5,
     )  # fmt: skip
 
 
