@@ -18,7 +18,7 @@ from rpo_core.chain.flight import fly
 from rpo_core.control import controller, textbook
 from rpo_core.control.baselines import Model, Mpc, baseline_force
 from rpo_core.control.explain import reasons
-from rpo_core.control.family import Mission, family_of
+from rpo_core.control.family import Gene, Mission, family_of
 from rpo_core.control.time_to_go import WORDS, Rule, TimeToGo
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
@@ -224,6 +224,14 @@ def test_peaks_that_do_not_descend_and_other_ticks_are_refused():
         TO_GO.stage(0.05)
     with pytest.raises(InputError, match='`family` must be one of more_words, time_to_go'):
         family_of('mpc')
+
+
+def test_genes_are_shares_of_their_range():
+    gene = Gene('k', 1.0, 100.0, 10.0, metres=-1, newtons=1, logarithmic=True)
+    assert [gene.value(share) for share in (0.0, 0.5, 1.0)] == [1.0, 10.0, 100.0]
+    assert gene.share(10.0) == pytest.approx(0.5)
+    assert (gene.share(0.1), gene.share(1e4)) == (0.0, 1.0)
+    assert gene.fitted((2.0, 1.0, 6.0)).start == 30.0
 
 
 @pytest.mark.parametrize('name', FAMILIES)
