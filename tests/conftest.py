@@ -9,6 +9,7 @@ import os
 import signal
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -68,6 +69,13 @@ def ros_env(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[dict[st
             monkeypatch.setenv(name, '')  # so that what a node of this process sets ends with it
             monkeypatch.delenv(name)
         yield variables
+
+
+@pytest.fixture(scope='session')
+def handmade() -> Any:
+    from rpo_core.control.controller import load_controller
+
+    return load_controller('handmade')
 
 
 gc.disable()  # imports make no garbage; looking for it would take a third of the collection

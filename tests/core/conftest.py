@@ -7,7 +7,6 @@ from __future__ import annotations
 import pytest
 from hypothesis import HealthCheck, settings
 
-from rpo_core.control.controller import FuzzyController, load_controller
 from rpo_core.scenario.scenario import Scenario, load_scenario
 
 # Derandomised: the same examples on every run, so that a failure is a change of ours.
@@ -20,11 +19,6 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
 )
 settings.load_profile('quick')
-
-
-@pytest.fixture(scope='session')
-def handmade() -> FuzzyController:
-    return load_controller('handmade')
 
 
 @pytest.fixture(scope='session')

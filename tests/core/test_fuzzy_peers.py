@@ -112,19 +112,12 @@ def sampling_bounds(system, points, step):
     return midpoints + 2 * step / area, midpoints
 
 
-@pytest.fixture(scope='module')
-def handmade_system():
-    from rpo_core.control.controller import load_controller
-
-    return load_controller('handmade').system
-
-
-def test_pyfuzzylite_differs_by_sampling_alone(handmade_system):
-    gaps = []
+def test_pyfuzzylite_differs_by_sampling_alone(handmade):
+    system, gaps = handmade.system, []
     for scale in (1, 4, 16):
-        ours = np.array([sampled(handmade_system, 100 * scale + 1).output(*p) for p in POINTS])
-        theirs = fuzzylite_outputs(handmade_system, POINTS, 100 * scale)
-        bounds = sampling_bounds(handmade_system, POINTS, 0.02 / scale)
+        ours = np.array([sampled(system, 100 * scale + 1).output(*p) for p in POINTS])
+        theirs = fuzzylite_outputs(system, POINTS, 100 * scale)
+        bounds = sampling_bounds(system, POINTS, 0.02 / scale)
         assert (np.abs(ours - theirs) <= sum(bounds)).all()
         gaps.append(np.abs(ours - theirs).max())
     assert 0 < gaps[0] < 0.02

@@ -9,13 +9,6 @@ from functools import partial
 import pytest
 
 
-@pytest.fixture(scope='session')
-def handmade():
-    from rpo_core.control.controller import load_controller
-
-    return load_controller('handmade')
-
-
 @pytest.fixture
 def write(tmp_path):
     """Return a function that writes a campaign, of a short flight if none is given; its path."""
