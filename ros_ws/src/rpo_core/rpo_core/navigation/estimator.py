@@ -252,14 +252,14 @@ def joseph(
         gain[i] = ph[i] / spread
         x[i] += gain[i] * innovation
     share = spread - variance  # h P h'
-    for i in range(n):
-        row, g = p[i], gain[i]
-        rest, noise = ph[i] - g * share, g * variance  # of (I - K h) P h'; K r
-        for j in range(i, n):
-            other = gain[j]
-            value = row[j] - g * ph[j] - rest * other + noise * other
-            row[j] = value
-            p[j][i] = value
+    for j in range(n):
+        row, gain_j, ph_j = p[j], gain[j], ph[j]
+        for i in range(j + 1):
+            gain_i = gain[i]
+            rest, noise = ph[i] - gain_i * share, gain_i * variance  # of (I - K h) P h'; K r
+            value = row[i] - gain_i * ph_j - rest * gain_j + noise * gain_j
+            row[i] = value
+            p[i][j] = value
     return innovation / sqrt(abs(spread))
 
 

@@ -45,6 +45,9 @@ FIRST, SECOND, OUTLYING, WALKING = range(4)  # blocks of random words of a tick
 MESSAGE = 24
 """Numbers of a measurement's message: position, velocity, and the covariance of each (3, 3)."""
 
+AHEAD = 64
+"""Ticks, or measurements, of a block whose noise is computed together."""
+
 PORT_TICKS = 512
 """Ticks for which the place of the port is computed ahead."""
 
@@ -121,6 +124,24 @@ class Measurement:
 
 
 @dataclass(slots=True)
+class SensorNoise:
+    """Noise of the measurements of a block: it depends on the tick alone, and together it is SIMD.
+
+    block : its number; -1 before the first
+    normals : of the position, then of the velocity
+    words : random words of 32 bits, for a loss and for an outlier
+    """
+
+    block: int = -1
+    normals: Annotated[list[list[float]], 6, AHEAD] = field(
+        default_factory=lambda: [[0.0] * AHEAD for _ in range(6)]
+    )
+    words: Annotated[list[list[int]], 2, AHEAD] = field(
+        default_factory=lambda: [[0] * AHEAD for _ in range(2)]
+    )
+
+
+@dataclass(slots=True)
 class SensorMemory:
     """What a sensor remembers.
 
@@ -131,6 +152,7 @@ class SensorMemory:
     line: list[Measurement]
     walk: Annotated[list[float], 3] = field(default_factory=lambda: [0.0] * 3)
     walked: int = -1
+    noise: SensorNoise = field(default_factory=SensorNoise)
 
 
 @dataclass(slots=True)
@@ -211,6 +233,25 @@ def scattered(
 
 
 @step_kernel
+def noise_of(tick: int, s: Any, stream: int, key: Any, m: Any) -> int:
+    """Return the place in a block, which is filled, of the noise of a measurement at a tick."""
+    number = tick // s.period
+    block = number // AHEAD
+    first = block * AHEAD
+    if m.block != block:
+        m.block = block
+        k0, k1, period = key[0], key[1], s.period
+        for j in range(AHEAD):
+            t = (first + j) * period
+            a, b, c, d = philox(t, FIRST, stream, 0, k0, k1)
+            e, f, m.words[0][j], m.words[1][j] = philox(t, SECOND, stream, 0, k0, k1)
+            m.normals[0][j], m.normals[1][j] = normal_pair(a, b)
+            m.normals[2][j], m.normals[3][j] = normal_pair(c, d)
+            m.normals[4][j], m.normals[5][j] = normal_pair(e, f)
+    return number - first
+
+
+@step_kernel
 def take(tick: int, u: Any, point: Vector, s: Any, stream: int, p: Any, m: Any, taken: Any) -> None:
     """Fill what a sensor measures at a tick, unless it measures nothing.
 
@@ -228,15 +269,12 @@ def take(tick: int, u: Any, point: Vector, s: Any, stream: int, p: Any, m: Any, 
     away = ux * s.axis[0] + uy * s.axis[1] + uz * s.axis[2]
     if not -away >= s.cosine:  # out of the field of view
         return
-    e, f, dropped, outlying = philox(tick, SECOND, stream, 0, p.key[0], p.key[1])
-    if dropped < s.dropout:
+    at, normals, words = noise_of(tick, s, stream, p.key, m.noise), m.noise.normals, m.noise.words
+    if words[0][at] < s.dropout:
         return
-    a, b, c, d = philox(tick, FIRST, stream, 0, p.key[0], p.key[1])
-    n0, n1 = normal_pair(a, b)
-    n2, n3 = normal_pair(c, d)
-    n = (n0, n1, n2)
+    n = (normals[0][at], normals[1][at], normals[2][at])
     x, y, z = scattered((x, y, z), n, s.noise_floor, s.noise_share, s.cross_share, s.scale)
-    if outlying < s.outlier:
+    if words[1][at] < s.outlier:
         ox, oy, oz = three_normals(tick, OUTLYING, stream, p.key[0], p.key[1])
         x, y, z = x + s.outlier_size * ox, y + s.outlier_size * oy, z + s.outlier_size * oz
     if not s.has_range:
@@ -244,11 +282,9 @@ def take(tick: int, u: Any, point: Vector, s: Any, stream: int, p: Any, m: Any, 
     taken.tick = tick
     taken.position[0], taken.position[1], taken.position[2] = x, y, z
     if s.has_velocity:
-        n4, n5 = normal_pair(e, f)
         sigma = larger(s.velocity_floor, s.velocity_share * distance)
-        taken.velocity[0] = u[3] + s.velocity_bias[0] + sigma * n3
-        taken.velocity[1] = u[4] + s.velocity_bias[1] + sigma * n4
-        taken.velocity[2] = u[5] + s.velocity_bias[2] + sigma * n5
+        for j in range(3):
+            taken.velocity[j] = u[3 + j] + s.velocity_bias[j] + sigma * normals[3 + j][at]
 
 
 @step_kernel
@@ -351,10 +387,6 @@ class Navigation(Checked):
     position_noise_m: Annotated[float, _metres] = 0.0
     velocity_noise_m_s: Annotated[float, _speed] = 0.0
     noise_key: Annotated[tuple[int, int], key] = (0, 0)
-
-
-AHEAD = 64
-"""Ticks of a block whose noise is computed together."""
 
 
 @dataclass(slots=True)

@@ -225,9 +225,9 @@ def directions(settings: Thrusters, pulses: Pulses, thrust_n: float) -> Floats:
     names, matrix = valve_names(pulses.count), settings.matrix
     each = len(names) // 6
     errors = {error.thruster: error for error in pulses.errors}
-    forces = []
+    accurate, forces = ThrusterError(thruster=names[0]), []
     for i, name in enumerate(names):
-        error = errors.get(name, ThrusterError(thruster=name))
+        error = errors.get(name, accurate)
         axis, sign = i // each // 2, 1.0 if i // each % 2 == 0 else -1.0
         size = sign * thrust_n * (1.0 + error.magnitude_share)
         x, y, z = (size * part for part in _turned(error.misalignment_deg, axis))
