@@ -86,13 +86,13 @@ def test_the_effects_are_those_of_physics(loaded):
     runs = sampling.draw(campaign, 0, 90)
     for i in range(5):
         about = np.array([runs.column(f'misalignment_{axis}_rad')[i] for axis in 'xyz'])
-        matrix = rotation(about)
+        matrix = np.array(rotation(about))
         np.testing.assert_allclose(matrix @ matrix.T, np.eye(3), atol=1e-15)
         np.testing.assert_allclose(matrix @ about, about)
-    quarter = rotation(np.array([0.0, 0.0, np.pi / 2]))  # about z: x goes to y
+    quarter = np.array(rotation((0.0, 0.0, np.pi / 2)))  # about z: x goes to y
     np.testing.assert_allclose(quarter @ [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], atol=1e-15)
     values = dict.fromkeys(runs.names, 0.0) | {'thrust_share_x': 0.1}
-    matrix = thrust_matrix(values | {'misalignment_z_rad': np.pi / 2})
+    matrix = np.array(thrust_matrix(values | {'misalignment_z_rad': np.pi / 2}))
     np.testing.assert_allclose(matrix @ [1.0, 0.0, 0.0], [0.0, 1.1, 0.0], atol=1e-15)
     flown = run_batch.scenario_of(campaign, 0)
     assert flown.step.vxfx == pytest.approx(0.1 / runs.column('mass_kg')[0], rel=1e-5)

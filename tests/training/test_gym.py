@@ -182,7 +182,7 @@ def played_together(env: Any, seed: int) -> tuple[np.ndarray, dict[str, Any]]:
 
 @pytest.mark.parametrize('campaign', ['paper_test', 'paper_test_measured', 'docking'])
 def test_a_controller_that_plays_flies_as_in_its_campaign(campaign):
-    env = make_many(campaign=campaign)
+    env = make_many(campaign=campaign, workers=2)
     total, infos = played_together(env, seed=5)
     own = config.load(campaign, controller='handmade', seed=5)
     limit = own.scenario.max_force_n
@@ -223,8 +223,8 @@ def test_the_next_step_begins_the_next_runs_and_a_seed_the_first():
     assert not (env.reset()[0][:, :6] == first[:, :6]).any()
 
 
-def test_an_action_is_held_saturated_and_seen():
-    held, ticked = make_many(ticks_per_step=10), make_many()
+def test_an_action_is_held_saturated_and_seen_by_any_number_of_threads():
+    held, ticked = make_many(ticks_per_step=10, workers=2), make_many()
     push = np.array([[2.0, -0.5, 0.0]] * 3)
     for env in (held, ticked):
         env.reset(seed=1)

@@ -25,7 +25,7 @@ from rpo.montecarlo.run_batch import flights_drawn
 from rpo.montecarlo.sampling import draw
 from rpo_core.assurance.assumed import LARGEST_NORMAL, SQRT_3, errors_of
 from rpo_core.attitude.chaser import times
-from rpo_core.chain.flight import Flight
+from rpo_core.chain.flight import JUDGED, Flight
 from rpo_core.control.attitude import AttitudePd
 from rpo_core.control.attitude_law_kernels import TorqueLaw, attitude_ahead
 from rpo_core.files.validation import InputError
@@ -90,7 +90,8 @@ def _flights(campaign: Campaign, first: int) -> Iterator[Flight]:
     limits = campaign.scenario.named('attitude_control').limits
     turned = limits is not None and first // RUNS % 2
     flown = _torques(campaign, first) if turned else campaign
-    return flights_drawn(flown, drawn, more=interceptor)
+    kept = *JUDGED, NAVIGATION_ATTITUDE
+    return flights_drawn(flown, drawn, more=interceptor, kept=kept)
 
 
 def approach_of(flight: Flight) -> tuple[int, float, float, float]:

@@ -36,7 +36,6 @@ from rpo_core.files.validation import InputError
 from rpo_core.kernels.arithmetic import saturate
 from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.jit import step_kernel
-from rpo_core.kernels.records import Nothing
 from rpo_core.scenario.scenario import load_set
 from rpo_core.stage import KernelStage, Place, Stage
 from rpo_core.wire.interfaces import COMMAND, CONTROL_FORCE
@@ -372,7 +371,7 @@ class GainStage(KernelStage):
     kernel = amplify
 
     def __init__(self, factor: float, limit_n: float) -> None:
-        super().__init__(Gain(factor, limit_n), Nothing())
+        super().__init__(Gain(factor, limit_n))
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from rpo.montecarlo.config import Campaign
 from rpo_core.chain.chain import Chain, start_of
 from rpo_core.chain.driver import Driver
 from rpo_core.kernels.jit import COMPILED, step_kernel
-from rpo_core.kernels.records import Nothing
+from rpo_core.kernels.records import NOTHING
 from rpo_core.stage import KernelStage, Stage, has_kernel
 
 TICKS, REPETITIONS = 100, 3
@@ -32,7 +32,7 @@ class Resting(KernelStage):
 
     def __init__(self, stage: Stage) -> None:
         self.name, self.inputs, self.outputs = stage.name, stage.inputs, stage.outputs
-        super().__init__(Nothing(), Nothing())
+        super().__init__(NOTHING)
 
 
 def stages(campaign: Campaign) -> list[str]:

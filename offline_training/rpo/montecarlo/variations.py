@@ -13,15 +13,12 @@ from math import degrees, radians
 from operator import add
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from rpo_core.assurance.settings import Assurance
 from rpo_core.attitude.target import TUMBLE, of_vector, product, unit
 from rpo_core.control.attitude import AttitudeControl
 from rpo_core.files.validation import InputError
 from rpo_core.guidance.guidance import Guidance
 from rpo_core.kernels.arithmetic import Vector
-from rpo_core.kernels.arrays import Floats
 from rpo_core.navigation.attitude_estimator import AttitudeEstimator
 from rpo_core.navigation.attitude_sensors import AttitudeSensors
 from rpo_core.navigation.estimator import Estimator
@@ -257,12 +254,12 @@ def target(scenario: Scenario, draw: Draw) -> Any:
     return replace(nominal, **varied)
 
 
-def thrust_matrix(values: Mapping[str, float]) -> Floats:
+def thrust_matrix(values: Mapping[str, float]) -> tuple[Vector, Vector, Vector]:
     """Return the matrix (3, 3) from saturated to applied force: shares, then misalignment."""
-    shares = np.array([values[f'thrust_share_{axis}'] for axis in 'xyz'])
-    return rotation(np.array([values[f'misalignment_{axis}_rad'] for axis in 'xyz'])) * (
-        1.0 + shares
-    )
+    x, y, z = (1.0 + values[f'thrust_share_{axis}'] for axis in 'xyz')
+    a, b, c = (values[f'misalignment_{axis}_rad'] for axis in 'xyz')
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation((a, b, c))
+    return (xx * x, xy * y, xz * z), (yx * x, yy * y, yz * z), (zx * x, zy * y, zz * z)
 
 
 @register('thrusters')
@@ -272,9 +269,10 @@ def thrusters(scenario: Scenario, draw: Draw) -> Any:
     names = {'thrust_share', 'misalignment_deg', 'delay_ticks'}
     if nominal is None and not names & set(draw.dispersed):
         return None
-    x, y, z = (tuple(row) for row in thrust_matrix(values).tolist())
-    delay_ticks = int(values['delay_ticks'])
-    varied = replace(nominal or Thrusters(), matrix=(x, y, z), delay_ticks=delay_ticks)
+    changes = thrust_matrix(values), int(values['delay_ticks'])
+    if nominal is None:
+        return Thrusters(*changes)
+    varied = replace(nominal, matrix=changes[0], delay_ticks=changes[1])
     part = varied.pulses or varied.table
     if part is not None and 'stuck_off_thruster' in values:
         name = varied.names[int(values['stuck_off_thruster'])]

@@ -10,6 +10,8 @@ controller that plays it flies as in its campaign, to the rounding of its action
 
 from __future__ import annotations
 
+import gc
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
@@ -21,7 +23,7 @@ from gymnasium.vector.utils import batch_space
 from rpo.montecarlo import config
 from rpo.montecarlo.config import MAX_RUNS
 from rpo.montecarlo.run_batch import as_flown, faulty, scenarios_of
-from rpo.montecarlo.sampling import draw
+from rpo.montecarlo.sampling import DrawnRuns, draw
 from rpo.training.gym import MAX_OBSERVED, UNITS, spaces
 from rpo_core.chain.chain import Chain, start_of
 from rpo_core.chain.driver import Flights
@@ -72,6 +74,7 @@ class DispersedApproach(gymnasium.vector.VectorEnv[Floats, Floats, Any]):
     num_envs : how many runs fly side by side
     campaign : shipped name or path
     ticks_per_step : an action is held for so many ticks; rewards add up
+    workers : threads that fly them; it changes no bit
 
     Examples
     --------
@@ -83,7 +86,11 @@ class DispersedApproach(gymnasium.vector.VectorEnv[Floats, Floats, Any]):
     metadata = {'autoreset_mode': AutoresetMode.NEXT_STEP}  # noqa: RUF012 (as Gymnasium wants it)
 
     def __init__(
-        self, num_envs: int = 40, campaign: str = 'paper_test', ticks_per_step: int = 1
+        self,
+        num_envs: int = 40,
+        campaign: str = 'paper_test',
+        ticks_per_step: int = 1,
+        workers: int = 1,
     ) -> None:
         self.num_envs = whole('num_envs', num_envs, least=1)
         self.campaign = config.load(campaign, controller='drift', runs=MAX_RUNS)
@@ -94,6 +101,10 @@ class DispersedApproach(gymnasium.vector.VectorEnv[Floats, Floats, Any]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.tick, self._first = ticks, 0
+        self._room: Floats | None = None
+        self._parts = whole('workers', workers, least=1, most=num_envs)
+        self._each: Any = map if workers == 1 else ThreadPoolExecutor(workers).map
+        self._units = np.tile(UNITS, (num_envs, 1))
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -112,19 +123,31 @@ class DispersedApproach(gymnasium.vector.VectorEnv[Floats, Floats, Any]):
             raise InputError(f'a seed has {MAX_RUNS} runs; `reset` with another seed')
         drawn = draw(self.campaign, self._first, self.num_envs)
         self._first += self.num_envs
+        is_collecting = gc.isenabled()
+        gc.disable()  # to look for garbage in what stays would take as long as to make it
+        try:
+            self._make(drawn)
+        finally:
+            if is_collecting:
+                gc.enable()
+        self.flights.go_on(self._each)
+        self.tick = 0
+        return self._observations(), {}
+
+    def _make(self, drawn: DrawnRuns) -> None:
+        """Make the flights of drawn runs."""
         self.runs, self.controller = scenarios_of(self.campaign, drawn), _Commanded(self.scenario)
         commanded = Place.CONTROLLER, self.controller
         chains = [
             Chain.of(run, more=[commanded, *faulty(self.campaign, drawn, index)])
             for index, run in enumerate(self.runs)
         ]
-        goals = [(*run.goal_state, *(run.goal.force_n if run.goal else ZERO)) for run in self.runs]
-        self._goals = np.array(goals)
-        self.flights = Flights(chains, self.controller.name, JUDGED)
-        self.flights.begin([start_of(run) for run in self.runs], self.scenario.ticks)
-        self.flights.go_on()
-        self.tick = 0
-        return self._observations(), {}
+        goals = [run.goal for run in self.runs]
+        self._goals = np.array([run.goal_state for run in self.runs])
+        self._goal_forces_n = np.array([goal.force_n if goal else ZERO for goal in goals])
+        self.flights = Flights(chains, self.controller.name, JUDGED, self._parts)
+        self.flights.begin([start_of(run) for run in self.runs], self.scenario.ticks, self._room)
+        self._room = self.flights.room  # to map memory anew would take longer than to fly
 
     def step(self, actions: Floats) -> tuple[Floats, Floats, Any, Any, dict[str, Any]]:
         """Fly `ticks_per_step` ticks; after the end of the flights, begin the next."""
@@ -139,8 +162,8 @@ class DispersedApproach(gymnasium.vector.VectorEnv[Floats, Floats, Any]):
         for _ in range(min(self.ticks_per_step, self.scenario.ticks - self.tick)):
             self._pass_tick(forces_n)
             self.tick += 1
-            applied = self._of(SATURATED_FORCE)
-            rewards -= (applied * applied).sum(axis=1) * self.scenario.dt_s
+            x, y, z = self._of(SATURATED_FORCE).T
+            rewards -= (x * x + y * y + z * z) * self.scenario.dt_s
         observations, infos = self._observations(), dict[str, Any]()
         if self.tick == self.scenario.ticks:
             for driver in self.flights.drivers:
@@ -155,16 +178,12 @@ class DispersedApproach(gymnasium.vector.VectorEnv[Floats, Floats, Any]):
     def _pass_tick(self, forces_n: Floats) -> None:
         """Let commands (n, 3) [N] act, and fly on to the controller of the next tick."""
         commands = self._of(CONTROL_FORCE)
-        commands[...] = forces_n + self._origins[:, 6:]
+        guided, read = self.controller.guided, self.flights.read
+        np.add(forces_n, read[:, 12:15] if guided else self._goal_forces_n, out=commands)
         if self.scenario.compensated:
             commands -= self._of(ESTIMATED_DISTURBANCE)
         self.flights.pass_stage()
-        self.flights.go_on()
-
-    @property
-    def _origins(self) -> Floats:
-        """States and forces (n, 9) [m, m/s, N] of the goal or the reference."""
-        return self.flights.read[:, 6:15] if self.controller.guided else self._goals
+        self.flights.go_on(self._each)
 
     def _of(self, name: str) -> Floats:
         """Return a signal (n, width) of the present tick, as a view."""
@@ -182,10 +201,13 @@ class DispersedApproach(gymnasium.vector.VectorEnv[Floats, Floats, Any]):
         return {'energy_n2s': figures['energy_n2s'], 'values': values, 'kept': kept}
 
     def _observations(self) -> Floats:
-        states = (self.flights.read[:, :6] - self._origins[:, :6]) / UNITS
-        commands = self._of(SATURATED_FORCE) / self.scenario.max_force_n
-        share = np.full((self.num_envs, 1), self.tick / self.scenario.ticks)
-        return np.hstack([states.clip(-MAX_OBSERVED, MAX_OBSERVED), commands, share])
+        read, observed = self.flights.read, np.empty((self.num_envs, 10))
+        states = read[:, :6] - (read[:, 6:12] if self.controller.guided else self._goals)
+        states /= self._units
+        np.clip(states, -MAX_OBSERVED, MAX_OBSERVED, out=observed[:, :6])
+        np.divide(self._of(SATURATED_FORCE), self.scenario.max_force_n, out=observed[:, 6:9])
+        observed[:, 9] = self.tick / self.scenario.ticks
+        return observed
 
 
 if ENVIRONMENT not in gymnasium.registry:

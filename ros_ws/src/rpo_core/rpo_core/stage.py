@@ -25,7 +25,7 @@ from rpo_core import plugins
 from rpo_core.files.validation import InputError
 from rpo_core.kernels import calls
 from rpo_core.kernels.jit import COMPILED, as_table
-from rpo_core.kernels.records import begin_again, copied, move_together, prepared
+from rpo_core.kernels.records import NOTHING, begin_again, copied, move_together, prepared
 from rpo_core.wire.interfaces import (
     ATTITUDE,
     COMMAND,
@@ -181,7 +181,7 @@ class KernelStage(Stage):
 
     kernel: Any
 
-    def __init__(self, p: Any, m0: Any) -> None:
+    def __init__(self, p: Any, m0: Any = NOTHING) -> None:
         self._m0 = m0
         self.p: Any = prepared(p)
         self.m: Any = prepared(m0) if COMPILED else copied(m0)
@@ -270,7 +270,7 @@ def stand_together(stages: Sequence[Stage]) -> None:
     move_together([stage.m for stage in kernels])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Section:
     """A section of a scenario file that adds a stage.
 

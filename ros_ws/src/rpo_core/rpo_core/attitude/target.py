@@ -24,7 +24,7 @@ from rpo_core.kernels import calls
 from rpo_core.kernels.arithmetic import Vector, norm, sin_cos
 from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.jit import as_table, step_kernel
-from rpo_core.kernels.records import Nothing
+from rpo_core.kernels.records import NOTHING
 from rpo_core.stage import KernelStage, Place, Section, register
 from rpo_core.wire import interfaces
 from rpo_core.world.dynamics import CLOHESSY_WILTSHIRE
@@ -388,7 +388,7 @@ class TargetStage(KernelStage):
 
     def __init__(self, settings: Target, scenario: Any) -> None:
         self._motion = motion_of(settings, scenario)
-        super().__init__(Nothing(), Attitudes(0, []))
+        super().__init__(NOTHING, Attitudes(0, []))
 
     def answer(self, tick: int, u: Sequence[float]) -> None:
         """Write the block of a tick."""

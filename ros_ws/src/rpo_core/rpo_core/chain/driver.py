@@ -8,17 +8,83 @@ is called as Python, at its place in the tick.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
+from functools import lru_cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.chain.chain import NO_FORCE, Chain, Link, Signals
+from rpo_core.chain.chain import NO_FORCE, Chain, Signals
 from rpo_core.kernels import calls
 from rpo_core.kernels.jit import COMPILED, as_table
 from rpo_core.stage import has_kernel, places_of, stand_together, width_of
 from rpo_core.wire.interfaces import NEXT, current
+
+
+class Layout:
+    """Where the numbers of a tick stand, for all chains of the same stages.
+
+    places : signal -> its slice of the flat array, of the last stage that writes it
+    links : of each stage, the slices of what it reads and writes
+    size, u : how many numbers there are, and how many a stage reads at most
+    kept : signals of each tick that a flight keeps, and their slices of its room
+    unread : signals that no stage reads, and that are not kept
+    rows, tables : what `calls.run` takes: the end of its rows; reads, carried, before, after
+    """
+
+    def __init__(
+        self,
+        links: Sequence[tuple[Sequence[str], Sequence[str], bool]],
+        inputs: Sequence[str],
+        kept: Collection[str] | None,
+    ) -> None:
+        """Lay out the signals that links read and write, each with or without a kernel."""
+        self.size = 0
+        written = [{name: self._place(name) for name in writes} for _, writes, _ in links]
+        self.places = {name: place for block in written for name, place in block.items()}
+        for name in inputs:
+            if current(name) == name and name not in self.places:
+                self.places[name] = self._place(name)
+        made = list(self.places)
+        reads = [name for names, _, _ in links for name in names]
+        earlier = list(dict.fromkeys(name for name in reads if current(name) != name))
+        self.places |= {name: self._place(name) for name in (*earlier, NO_FORCE)}
+        outputs = dict.fromkeys(name for block in written for name in block)
+        keeps = [name for name in outputs if kept is None or name in kept]
+        self.unread = frozenset(outputs).difference(map(current, reads), keeps)
+        ordered = sorted(keeps, key=lambda name: name not in NEXT)
+        rooms = dict(zip(ordered, places_of(ordered), strict=True))
+        self.kept = {name: rooms[name] for name in keeps}
+        before = self._of(name for name in keeps if name in NEXT)
+        after = self._of(name for name in keeps if name not in NEXT)
+        carried = [name for name in earlier if current(name) in made]
+        pairs = list(zip(self._of(map(current, carried)), self._of(carried), strict=True))
+        standing = dict(self.places)  # where a stage reads a signal that several write
+        self.links, self.rows, flat = [], [], list[int]()
+        for (names, _, by_kernel), block in zip(links, written, strict=True):
+            read, writes = [standing[name] for name in names], [*block.values()]
+            size, places = writes[-1].stop - writes[0].start, _each(read)
+            self.rows.append((len(flat), len(places), writes[0].start, size if by_kernel else 0))
+            self.links.append((read, writes))
+            flat += places
+            standing |= block
+        self.u, self.width = 1 + max(row[1] for row in self.rows), len(before) + len(after)
+        tables: tuple[Any, ...] = flat, np.array(pairs).reshape(-1, 2), before, after
+        self.tables = [as_table(table, np.int64) for table in tables]
+
+    def _place(self, name: str) -> slice:
+        """Return room for a signal after those that have some."""
+        first, self.size = self.size, self.size + (width_of(current(name)) if name else 3)
+        return slice(first, self.size)
+
+    def _of(self, names: Iterable[str]) -> list[int]:
+        """Return the places of signals."""
+        return _each(self.places[name] for name in names)
+
+
+_layout = lru_cache(maxsize=64)(Layout)
 
 
 class Driver:
@@ -32,51 +98,13 @@ class Driver:
     spent: tuple[float, float, int] | None = None
 
     def __init__(self, chain: Chain, kept: Collection[str] | None = None) -> None:
-        self.chain, self._size = chain, 0
-        outputs = [link.stage.outputs for link in chain.links]
-        written = [{name: self._place(name) for name in names} for names in outputs]
-        self.places = {name: place for block in written for name, place in block.items()}
-        for name in chain.inputs:
-            if current(name) == name and name not in self.places:
-                self.places[name] = self._place(name)
-        made = list(self.places)
-        reads = [name for link in chain.links for name in link.reads]
-        earlier = list(dict.fromkeys(name for name in reads if current(name) != name))
-        self.places |= {name: self._place(name) for name in (*earlier, NO_FORCE)}
-        self._kept = [n for n in dict.fromkeys(chain.outputs) if kept is None or n in kept]
-        unread = {*chain.outputs}.difference(map(current, reads), self._kept)
+        self.chain = chain
+        stages = [(link.reads, link.stage) for link in chain.links]
+        links = tuple((reads, tuple(s.outputs), has_kernel(s)) for reads, s in stages)
+        self._layout = _layout(links, chain.inputs, None if kept is None else tuple(kept))
+        self.places = self._layout.places
         for link in chain.links:
-            link.stage.take_unread(unread)
-        self._before = self._of(name for name in self._kept if name in NEXT)
-        self._after = self._of(name for name in self._kept if name not in NEXT)
-        carried = [name for name in earlier if current(name) in made]
-        sources = self._of(map(current, carried))
-        self._carried = list(zip(sources, self._of(carried), strict=True))
-        standing = dict(self.places)  # where a stage reads a signal that several write
-        self._links = []
-        for link, block in zip(chain.links, written, strict=True):
-            self._links.append(([standing[name] for name in link.reads], [*block.values()]))
-            standing |= block
-        self._reads: list[int] = []
-        self._rows = [
-            self._row(link, *places) for link, places in zip(chain.links, self._links, strict=True)
-        ]
-
-    def _place(self, name: str) -> slice:
-        """Return room for a signal after those that have some."""
-        first, self._size = self._size, self._size + (width_of(current(name)) if name else 3)
-        return slice(first, self._size)
-
-    def _of(self, names: Iterable[str]) -> list[int]:
-        """Return the places of signals."""
-        return _each(self.places[name] for name in names)
-
-    def _row(self, link: Link, reads: list[slice], writes: list[slice]) -> tuple[int, ...]:
-        """Return what a stage reads and writes as `calls.run` reads it."""
-        first = len(self._reads)
-        self._reads += _each(reads)
-        size = writes[-1].stop - writes[0].start if has_kernel(link.stage) else 0
-        return first, len(self._reads) - first, writes[0].start, size
+            link.stage.take_unread(self._layout.unread)
 
     def fly(self, start: Signals, ticks: int) -> dict[str, NDArray[np.float64]]:
         """Fly ticks 0 to `ticks`; return the signals (ticks + 1, width) that the stages make."""
@@ -96,7 +124,7 @@ class Driver:
 
     def room(self, ticks: int, *flights: int) -> NDArray[np.float64]:
         """Return room for what is kept of ticks 0 to `ticks`, of one flight or several."""
-        return np.empty((*flights, ticks + 1, len(self._before) + len(self._after)))
+        return np.empty((ticks + 1, *flights, self._layout.width))
 
     def begin(self, start: Signals, ticks: int, room: NDArray[np.float64] | None = None) -> None:
         """Begin a flight of ticks 0 to `ticks`: each stage forgets, signals are those of tick 0.
@@ -108,21 +136,18 @@ class Driver:
         signals : flat, those of this tick; `places` says where
         """
         self.chain.reset()
-        flat = np.zeros(self._size)
+        layout, flat = self._layout, np.zeros(self._layout.size)
         for name, values in start.items():
             flat[self.places[name]] = values
         log = as_table(self.room(ticks)) if room is None else room
-        tables: tuple[Any, ...] = (
-            (0, 0), self._reads, np.array(self._carried).reshape(-1, 2), self._before, self._after
-        )  # fmt: skip
-        self.at, reads, carried, before, after = (as_table(table, np.int64) for table in tables)
+        reads, carried, before, after = layout.tables
         stages = [link.stage for link in self.chain.links]  # interpreted, memory is made anew
         rows: Any = [
             (*(stage.row if has_kernel(stage) else (0, 0, 0)), *row)
-            for stage, row in zip(stages, self._rows, strict=True)
+            for stage, row in zip(stages, layout.rows, strict=True)
         ]
         rows = np.array(rows, np.int64) if COMPILED else rows
-        self._u = as_table([0.0] * (1 + max(row[1] for row in self._rows)))
+        self._u, self.at = as_table([0.0] * layout.u), as_table((0, 0), np.int64)
         self.signals, self._log = as_table(flat), log
         self._last, self.flight = ticks, (
             rows, reads, self.signals, self._u, carried, log, before, after
@@ -148,9 +173,7 @@ class Driver:
 
     def signals_in(self, room: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
         """Return the signals that are kept in a room, in the order of the stages."""
-        names = sorted(self._kept, key=lambda name: name not in NEXT)
-        places = dict(zip(names, places_of(names), strict=True))
-        return {name: room[:, places[name]] for name in self._kept}
+        return {name: room[:, place] for name, place in self._layout.kept.items()}
 
     def _asked(self) -> int:
         """Fly on; return whether a stage is asked, and say which one failed at which tick."""
@@ -167,7 +190,7 @@ class Driver:
 
     def step_in(self, signals: Any, tick: int, index: int) -> None:
         """Step a stage that has no kernel, among the signals of a tick."""
-        stage, (reads, writes) = self.chain.links[index].stage, self._links[index]
+        stage, (reads, writes) = self.chain.links[index].stage, self._layout.links[index]
         outputs = stage.step(tick, *(tuple(map(float, signals[place])) for place in reads))
         for place, values in zip(writes, outputs, strict=True):
             for i, value in zip(range(place.start, place.stop), values, strict=True):
@@ -184,61 +207,75 @@ class Flights:
     drivers : of each flight
     waits : name of that stage, which has no kernel
     kept : signals that each flight keeps
+    parts : into which the flights are divided
     places : signal -> its slice of `signals`
+    room : (ticks, n, numbers) for what is kept
     signals : (n, numbers) those of the present tick
     read : (n, numbers) what the stage reads for which they wait, one signal after the other
     """
 
-    def __init__(self, chains: Sequence[Chain], waits: str, kept: Collection[str]) -> None:
+    def __init__(
+        self, chains: Sequence[Chain], waits: str, kept: Collection[str], parts: int = 1
+    ) -> None:
         self.drivers, self._waits = [Driver(chain, kept) for chain in chains], waits
         self.places = self.drivers[0].places
+        self._parts = list(pairwise(len(chains) * i // parts for i in range(parts + 1)))
         for links in zip(*(chain.links for chain in chains), strict=True):
             stand_together([link.stage for link in links])
 
-    def begin(self, starts: Sequence[Signals], ticks: int) -> None:
+    def begin(
+        self, starts: Sequence[Signals], ticks: int, room: NDArray[np.float64] | None = None
+    ) -> None:
         """Begin the flights, as `Driver.begin` does."""
-        self._rooms = self.drivers[0].room(ticks, len(starts))
-        for driver, start, room in zip(self.drivers, starts, self._rooms, strict=True):
-            driver.begin(start, ticks, room)
+        self.room = self.drivers[0].room(ticks, len(starts)) if room is None else room
+        for s, (driver, start) in enumerate(zip(self.drivers, starts, strict=True)):
+            driver.begin(start, ticks, self.room[:, s])
         flights = zip(*(driver.flight for driver in self.drivers), strict=True)
         tables, reads, signals, u, carried, _, before, after = flights
         rows = list(zip(*tables, strict=True))  # of a stage, those of all flights
-        self._at, self.signals, self.read = np.zeros(3, np.int64), np.array(signals), np.array(u)
-        self._flight = (
-            self._at, ticks, np.array(rows) if COMPILED else rows, reads[0], self.signals,
-            self.read, carried[0], self._rooms, before[0], after[0],
+        self._at = np.array([(0, 0, first) for first, _ in self._parts])
+        self.signals, self.read = np.array(signals), np.array(u)
+        self._last, self._flight = ticks, (
+            np.array(rows) if COMPILED else rows, reads[0], self.signals, self.read, carried[0],
+            self.room, before[0], after[0],
         )  # fmt: skip
 
-    def go_on(self) -> None:
+    def go_on(self, each: Callable[..., Iterable[Any]] = map) -> None:
         """Fly on to the stage for which they wait, or to the end.
 
         Who steps that stage writes what it makes into `signals`, and calls `pass_stage`.
+
+        each : may map on threads: of the parts of the flights, none reads what another writes
         """
-        while self._asked():
-            tick, index, flight = self._at.tolist()
+        for _ in each(self._go_on, self._at, *zip(*self._parts, strict=True)):
+            pass
+
+    def _go_on(self, at: Any, first: int, end: int) -> None:
+        """Fly on some flights, from the first to that before the end."""
+        while self._asked(at, first, end):
+            tick, index, flight = at.tolist()
             stage = self.drivers[flight].chain.links[index].stage
             if has_kernel(stage):
                 stage.answer(tick, self.read[flight])
             elif stage.name == self._waits:
                 return
             else:
-                for driver, signals in zip(self.drivers, self.signals, strict=True):
-                    driver.step_in(signals, tick, index)
-                self.pass_stage()
+                for s in range(first, end):
+                    self.drivers[s].step_in(self.signals[s], tick, index)
+                at[1] += 1
 
     def pass_stage(self) -> None:
         """Let all flights go on with the stage that follows."""
-        self._at[1] += 1
+        self._at[:, 1] += 1
 
     def flown(self) -> list[dict[str, NDArray[np.float64]]]:
         """Return the signals (ticks + 1, width) that each flight has kept."""
-        pairs = zip(self.drivers, self._rooms, strict=True)
-        return [driver.signals_in(room) for driver, room in pairs]
+        return [driver.signals_in(self.room[:, s]) for s, driver in enumerate(self.drivers)]
 
-    def _asked(self) -> int:
+    def _asked(self, at: Any, first: int, end: int) -> int:
         """Fly on; return whether a stage is asked, and say which one failed at which tick."""
         try:
-            asked: int = calls.run_together(*self._flight)
+            asked: int = calls.run_together(at, self._last, first, end, *self._flight)
         except Exception as error:
-            raise self.drivers[self._at[2]].failure(self._at, error) from error
+            raise self.drivers[at[2]].failure(at, error) from error
         return asked

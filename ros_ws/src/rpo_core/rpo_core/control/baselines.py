@@ -35,7 +35,7 @@ from rpo_core.files import codec
 from rpo_core.files.validation import Checked, matrix, real, store
 from rpo_core.kernels.arithmetic import State, Vector, saturate
 from rpo_core.kernels.jit import as_table, inlined, kernel, step_kernel
-from rpo_core.kernels.records import Nothing
+from rpo_core.kernels.records import prepared
 from rpo_core.stage import KernelStage, Stage
 from rpo_core.world import cw
 
@@ -297,8 +297,8 @@ class BaselineStage(KernelStage, ControllerStage):
 
     kernel = command
 
-    def __init__(self, law: BaselineLaw, counts_ticks: bool) -> None:
-        super().__init__(law, Nothing())
+    def __init__(self, law: Any, counts_ticks: bool) -> None:
+        super().__init__(law)
         self.counts_ticks = counts_ticks
 
 
@@ -314,10 +314,15 @@ class Baseline(ControllerFile):
     def law(self) -> BaselineLaw:
         """What the kernels read."""
 
+    @cached_property
+    def _settings(self) -> Any:
+        """Its law, as kernels of this process read it."""
+        return prepared(self.law)
+
     def stage(self, dt_s: float) -> Stage:
         """Return the controller as a stage; raises InputError, see `refuse_other_ticks`."""
         self.refuse_other_ticks(dt_s)
-        return BaselineStage(self.law, self.clock_s is not None)
+        return BaselineStage(self._settings, self.clock_s is not None)
 
     def scaled(self: Scaled, scaling: Scaling, **also: Any) -> Scaled:
         """Return the controller of the similar loop; its model becomes that of the vehicle."""

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Protocol
 
@@ -34,7 +34,7 @@ from rpo_core.files.validation import (
     schema,
     shown,
 )
-from rpo_core.kernels.records import Nothing
+from rpo_core.kernels.records import prepared
 from rpo_core.stage import KernelStage, Stage
 
 FUZZY = 'fuzzy'
@@ -83,8 +83,7 @@ class FuzzyStage(KernelStage, ControllerStage):
     kernel = inference.command
 
     def __init__(self, controller: FuzzyController) -> None:
-        law = inference.FuzzyLaw(controller.scales, controller.system.tables)
-        super().__init__(law, Nothing())
+        super().__init__(controller.law)
 
 
 _scale = partial(real, above=0.0, most=1e6)
@@ -152,6 +151,11 @@ class FuzzyController(ControllerBase):
     def scales(self) -> tuple[float, float, float]:
         """Position [m], velocity [m/s] and force [N] scale."""
         return self.position_scale_m, self.velocity_scale_m_s, self.force_scale_n
+
+    @cached_property
+    def law(self) -> Any:
+        """What the kernel reads."""
+        return prepared(inference.FuzzyLaw(self.scales, self.system.tables))
 
     def scaled(self, scaling: Scaling) -> FuzzyController:
         """Return the controller of the similar loop; raises InputError where it is out of range."""

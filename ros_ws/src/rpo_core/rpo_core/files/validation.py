@@ -96,8 +96,9 @@ class Checked:
 
     def __post_init__(self) -> None:
         kind: Any = type(self)
+        values = vars(self)
         for name, check in _checks(kind):
-            object.__setattr__(self, name, check(f'{self.PLACE}{name}', getattr(self, name)))
+            values[name] = check(f'{self.PLACE}{name}', values[name])
 
 
 @cache
@@ -188,14 +189,14 @@ def flag(name: str, value: Any) -> bool:
 
 def vector3(name: str, value: Any, unit: str, *, bound: float) -> tuple[float, float, float]:
     """Return three finite floats, each within `bound` of zero; raises InputError."""
+    if type(value) is tuple and len(value) == 3 and _are_floats(value, bound):
+        return value
     if hasattr(value, 'tolist'):  # a NumPy array
         value = value.tolist()
     if isinstance(value, (str, bytes)) or not isinstance(value, Sequence) or len(value) != 3:
         raise InputError(
             f'`{name}` must be a list of 3 numbers [x, y, z] in {unit}; got {shown(value)}'
         )
-    if _are_floats(value, bound):
-        return value[0], value[1], value[2]
     x, y, z = (
         real(f'{name}[{i}]', component, unit, least=-bound, most=bound)
         for i, component in enumerate(value)

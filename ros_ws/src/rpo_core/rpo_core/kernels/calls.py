@@ -109,29 +109,30 @@ def run(
 
 @driver
 def run_together(
-    at: Any, last: int, rows: Any, reads: Any, signals: Any, u: Any, carried: Any, log: Any,
-    before: Any, after: Any,
+    at: Any, last: int, begin: int, end: int, rows: Any, reads: Any, signals: Any, u: Any,
+    carried: Any, log: Any, before: Any, after: Any,
 ) -> int:  # fmt: skip
-    """Fly flights as `run` does one, but each row of all flights before the next row.
+    """Fly flights as `run` does one, but each row of all of them before the next row.
 
     at : [tick, row, flight], where they stand
-    rows : (rows, flights); signals, u, log : an item for each flight
+    begin, end : the first flight, and that after the last one
+    rows : (rows, flights); signals, u : an item for each flight; log : (ticks, flights, numbers)
     """
-    first, flights = len(before), len(signals)
+    first = len(before)
     while at[0] <= last:
         tick = at[0]
         if at[1] == 0:
-            for s in range(flights):
+            for s in range(begin, end):
                 for i in range(first):
-                    log[s][tick][i] = signals[s][before[i]]
+                    log[tick][s][i] = signals[s][before[i]]
         while at[1] < len(rows):
-            row = rows[at[1]][0]
+            row = rows[at[1]][begin]
             if row[6] == 0:
-                for s in range(flights):
+                for s in range(begin, end):
                     for i in range(row[4]):
                         u[s][i] = signals[s][reads[row[3] + i]]
                 return ASK
-            while at[2] < flights:
+            while at[2] < end:
                 row, read, made = rows[at[1]][at[2]], u[at[2]], signals[at[2]]
                 for i in range(row[4]):
                     read[i] = made[reads[row[3] + i]]
@@ -139,12 +140,12 @@ def run_together(
                 if answer != 0:
                     return answer
                 at[2] += 1
-            at[1], at[2] = at[1] + 1, 0
-        for s in range(flights):
+            at[1], at[2] = at[1] + 1, begin
+        for s in range(begin, end):
             for pair in carried:
                 signals[s][pair[1]] = signals[s][pair[0]]
             for i in range(len(after)):
-                log[s][tick][first + i] = signals[s][after[i]]
+                log[tick][s][first + i] = signals[s][after[i]]
         at[0], at[1] = tick + 1, 0
     return 0
 

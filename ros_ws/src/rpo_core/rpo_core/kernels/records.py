@@ -18,10 +18,12 @@ kernels index `a[i][j]`, and take no slices.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from ctypes import addressof, c_char
 from dataclasses import dataclass
 from functools import cache
 from itertools import chain
 from math import prod
+from operator import attrgetter
 from struct import Struct
 from types import SimpleNamespace
 from typing import Annotated, Any, ClassVar, NamedTuple, get_args, get_origin, get_type_hints
@@ -131,12 +133,12 @@ class _Packing:
         return first
 
     def _row(self, record: Any, row: Any, words: list[Any], links: list[int]) -> None:
-        if isinstance(row, tuple) and _is_plain(record):
-            words.extend(row)
+        if _is_plain(record):
+            words.extend(row if isinstance(row, tuple) else _numbers(record)(row))
             return
         for name, base, shape in fields_of(record):
             values = getattr(row, name)
-            if shape == () and base in (float, int):
+            if not shape and base in (float, int):
                 words.append(values)
             elif None in shape:
                 links.append(len(words) + 4)
@@ -171,15 +173,26 @@ def _is_plain(record: Any) -> bool:
     return all(field.shape == () and field.base in (float, int) for field in fields_of(record))
 
 
+@cache
+def _numbers(record: Any) -> Any:
+    """Return what gives the numbers of an object whose fields are numbers."""
+    names = places_of(record)
+    return attrgetter(*names) if len(names) > 1 else lambda row: [getattr(row, *names)]
+
+
 def _is_table(record: Any, values: Any) -> bool:
     """Return whether some records are rows of floats: tuples, or an array."""
     is_row = len(values) > 0 and isinstance(values[0], (tuple, np.ndarray))
     return is_row and _is_plain(record) and 'q' not in format_of(record)
 
 
+def _address(words: Ints) -> int:
+    return addressof(c_char.from_buffer(words.data))  # the fastest way
+
+
 def _moved(words: Ints, links: list[int]) -> int:
     """Return the address of words, from which addresses among them then count."""
-    address: int = words.__array_interface__['data'][0]
+    address = _address(words)
     for place in links:
         words[place] += address
     return address
@@ -193,21 +206,23 @@ class _Block:
     later : address -> what has the array there: where that begins, and its words
     """
 
+    __slots__ = ('address', 'begun', 'later', 'links', 'words')
+
     def __init__(self, begun: Ints, links: list[int]) -> None:
         self.links, self.words, self.address = links, begun, _moved(begun, links)
         self.begun = begun.copy()
         self.later: dict[int, tuple[int, Ints]] = {}
 
-    def copied(self) -> _Block:
-        """Return another one that begins with the same values."""
+    def from_zero(self) -> Ints:
+        """Return the words with which it began, addresses counted from the first one."""
         begun = self.begun.copy()
         for place in self.links:
             begun[place] -= self.address
-        return _Block(begun, self.links)
+        return begun
 
     def move(self, room: Ints) -> None:
         """Take other memory for the words."""
-        last, address = self.address, room.__array_interface__['data'][0]
+        last, address = self.address, _address(room)
         room[:] = self.words
         for words in (room, self.begun):
             for place in self.links:
@@ -289,13 +304,10 @@ class Packed:
         else:
             _write(getattr(self, name), value)
 
-    def __deepcopy__(self, memo: Any) -> Packed:
-        """Return a copy with arrays of its own."""
+    def __reduce__(self) -> Any:
+        """Return what makes a copy, here or in another process, with arrays of its own."""
         record, block, _, first, _ = self._place
-        block = block.copied()
-        other = Packed(record, block, block.words, first)
-        _write(other, values_of(self))
-        return other
+        return _again, (record, block.from_zero(), block.links, first, values_of(self))
 
 
 class Rows(Sequence[Any]):
@@ -345,13 +357,21 @@ def _write(part: Packed | Rows, values: Any) -> None:
         setattr(part, name, getattr(values, name))
 
 
+def _again(record: Any, begun: Ints, links: list[int], first: int, values: Any = None) -> Packed:
+    """Return a record in memory that began with some words, and has other values now, if any."""
+    block = _Block(begun, links)
+    made = Packed(record, block, block.words, first)
+    if values is not None:
+        _write(made, values)
+    return made
+
+
 def packed(values: Any) -> Packed:
     """Return a record in memory."""
     record: Any = type(values)
     packing = _Packing()
     first = packing.records(record, [values])
-    block = _Block(np.frombuffer(packing.data, np.int64), packing.links)
-    return Packed(record, block, block.words, first)
+    return _again(record, np.frombuffer(packing.data, np.int64), packing.links, first)
 
 
 def move_together(records: Sequence[Packed]) -> None:
@@ -405,8 +425,18 @@ class Nothing:
 
 
 def prepared(values: Any) -> Any:
-    """Return a record as kernels of this process read it: itself, or packed."""
+    """Return a record as kernels of this process read it: itself, or packed.
+
+    Of one that is packed already it is a copy, which takes a fraction of the time.
+    """
+    if isinstance(values, Packed):
+        record, block, _, first, _ = values._place
+        return _again(record, block.from_zero(), block.links, first)
     return packed(values) if COMPILED else values
+
+
+NOTHING = prepared(Nothing())
+"""That memory."""
 
 
 def values_of(record: Any) -> Any:
@@ -423,7 +453,6 @@ def class_of(record: Any) -> Any:
 
 
 def address_of(record: Packed) -> int:
-    """Return the address of a record in memory."""
-    _, _, words, first, _ = record._place
-    address: int = words.__array_interface__['data'][0]
-    return address + 8 * first
+    """Return the address of a record in memory that is part of no other."""
+    _, block, _, first, _ = record._place
+    return block.address + 8 * first

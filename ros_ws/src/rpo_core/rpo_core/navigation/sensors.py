@@ -33,6 +33,7 @@ from rpo_core.kernels.arithmetic import State, Vector, pick, sin_cos
 from rpo_core.kernels.calls import ASK
 from rpo_core.kernels.jit import as_table, inlined, step_kernel
 from rpo_core.kernels.noise import normal_pair, philox, six_normals
+from rpo_core.kernels.records import prepared
 from rpo_core.stage import KernelStage, Place, Section, Signal, register
 from rpo_core.wire import interfaces
 from rpo_core.world.zones import Zones
@@ -407,7 +408,11 @@ class NoiseAhead:
     """
 
     block: int
-    normals: Annotated[list[list[float]], 6, AHEAD]
+    normals: Annotated[list[list[float]], AHEAD, 6]
+
+
+NO_NOISE = prepared(NoiseAhead(-1, [[0.0] * 6 for _ in range(AHEAD)]))
+"""Before tick 0."""
 
 
 @step_kernel
@@ -420,9 +425,9 @@ def navigate(tick: int, u: Any, p: Any, m: Any, y: Any) -> None:
         for j in range(AHEAD):
             n = six_normals(tick - at + j, p.key[0], p.key[1])
             for i in range(6):
-                m.normals[i][j] = n[i]
+                m.normals[j][i] = n[i]
     for i in range(6):
-        y[i] = u[i] + p.bias[i] + p.noise[i] * m.normals[i][at]
+        y[i] = u[i] + p.bias[i] + p.noise[i] * m.normals[at][i]
 
 
 class NavigationStage(KernelStage):
@@ -438,7 +443,7 @@ class NavigationStage(KernelStage):
         r, v = settings.position_noise_m, settings.velocity_noise_m_s
         noise, bias = (r, r, r, v, v, v), (*settings.position_bias_m, *settings.velocity_bias_m_s)
         errors = NavigationErrors(int(r > 0.0 or v > 0.0), noise, bias, settings.noise_key)
-        super().__init__(errors, NoiseAhead(-1, [[0.0] * AHEAD for _ in range(6)]))
+        super().__init__(errors, NO_NOISE)
 
 
 register(Section('navigation', Navigation, Place.SENSOR, NavigationStage))

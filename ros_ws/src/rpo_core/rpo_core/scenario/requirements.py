@@ -193,10 +193,12 @@ class Requirements(Checked):
     def check_scenario(self, thrusters: Any, attitude: Any) -> None:
         """Raise InputError where they limit what a scenario's sections do not spend or have."""
         for name, row in ROWS.items():
-            if getattr(self, name) is not None and row.attitude and attitude is None:
+            if getattr(self, name) is None:
+                continue
+            if row.attitude and attitude is None:
                 raise InputError(f'`requirements.{name}` needs section `attitude`; got none')
             has = any(getattr(thrusters, part, None) is not None for part in row.thrusters)
-            if getattr(self, name) is not None and row.thrusters and not has:
+            if row.thrusters and not has:
                 what = ' or '.join(f'`{part}`' for part in row.thrusters)
                 raise InputError(f'`requirements.{name}` needs thrusters with {what}; got none')
 

@@ -195,29 +195,27 @@ def _check(settings: Thrusters, scenario: Any) -> None:
         )
 
 
-def rotation(vector_rad: Floats) -> Floats:
+def rotation(vector_rad: Vector) -> tuple[Vector, Vector, Vector]:
     """Return the matrix (3, 3) of a rotation vector, by Rodrigues' formula.
 
     sin a / a and (1 - cos a) / a^2 are Stumpff's functions: the same bits on every machine.
     """
-    x, y, z = vector_rad.tolist()
+    x, y, z = vector_rad
     _, c1, c2, _ = cw.stumpff(math.sqrt(x * x + y * y + z * z))
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    square = np.array(
-        [
-            [-(y * y + z * z), x * y, x * z],
-            [x * y, -(x * x + z * z), y * z],
-            [x * z, y * z, -(x * x + y * y)],
-        ]
-    )
-    return np.eye(3) + c1 * cross + c2 * square
+    xy, xz, yz = c2 * (x * y), c2 * (x * z), c2 * (y * z)
+    return (
+        (1.0 - c2 * (y * y + z * z), 0.0 - c1 * z + xy, 0.0 + c1 * y + xz),
+        (0.0 + c1 * z + xy, 1.0 - c2 * (x * x + z * z), 0.0 - c1 * x + yz),
+        (0.0 - c1 * y + xz, 0.0 + c1 * x + yz, 1.0 - c2 * (x * x + y * y)),
+    )  # a zero has no sign
 
 
 @lru_cache(maxsize=256)
 def _turned(misalignment_deg: Vector, axis: int) -> list[float]:
     """Return an axis (3,) as a misalignment turns it."""
-    column: list[float] = rotation(np.array(misalignment_deg) * (math.pi / 180.0))[:, axis].tolist()
-    return column
+    x, y, z = misalignment_deg
+    degree = math.pi / 180.0
+    return [row[axis] for row in rotation((x * degree, y * degree, z * degree))]
 
 
 def directions(settings: Thrusters, pulses: Pulses, thrust_n: float) -> Floats:

@@ -159,6 +159,10 @@ def holding_force_n(goal_m: Vector, mean_motion_rad_s: float, mass_kg: float) ->
     return -3.0 * pull * goal_m[0], 0.0, pull * goal_m[2]
 
 
+_SERIES = [(1.0 / math.factorial(k), 1.0 / math.factorial(k + 1)) for k in range(22, 0, -2)]
+"""Coefficients of c2 and c3."""
+
+
 def stumpff(angle_rad: float) -> tuple[float, float, float, float]:
     """Return Stumpff's functions c0..c3 of angle^2.
 
@@ -173,9 +177,9 @@ def stumpff(angle_rad: float) -> tuple[float, float, float, float]:
         c3 = (angle_rad - sine) / (square * angle_rad)
         return cosine, sine / angle_rad, c2, c3
     c2 = c3 = 0.0
-    for k in range(10, -1, -1):  # Horner, from the 22nd power down
-        c2 = 1.0 / math.factorial(2 * k + 2) - square * c2
-        c3 = 1.0 / math.factorial(2 * k + 3) - square * c3
+    for even, odd in _SERIES:  # Horner, from the 22nd power down
+        c2 = even - square * c2
+        c3 = odd - square * c3
     return 1.0 - square * c2, 1.0 - square * c3, c2, c3
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Any
 
@@ -16,6 +16,7 @@ from rpo_core.files.validation import Checked, choice, real, vector3
 from rpo_core.kernels.arithmetic import Vector, sin_cos
 from rpo_core.kernels.arrays import Floats
 from rpo_core.kernels.jit import step_kernel
+from rpo_core.kernels.records import prepared
 from rpo_core.stage import KernelStage
 from rpo_core.wire import interfaces
 
@@ -56,11 +57,12 @@ class Disturbance(Checked):
         return Disturbance(
             (x, y, z),
             tuple(
-                replace(
-                    h,
-                    amplitude_n=h.amplitude_n * (1.0 + amplitude_share),
-                    angular_rate_rad_s=h.angular_rate_rad_s * (1.0 + frequency_share),
-                    phase_rad=h.phase_rad + phase_rad,
+                Harmonic(
+                    h.axis,
+                    h.function,
+                    h.amplitude_n * (1.0 + amplitude_share),
+                    h.angular_rate_rad_s * (1.0 + frequency_share),
+                    h.phase_rad + phase_rad,
                 )
                 for h in self.harmonics
             ),
@@ -106,7 +108,11 @@ class PushAhead:
     """
 
     block: int
-    force: Annotated[list[list[float]], 3, AHEAD]
+    force: Annotated[list[list[float]], AHEAD, 3]
+
+
+NO_PUSH = prepared(PushAhead(-1, [[0.0] * 3 for _ in range(AHEAD)]))
+"""Before tick 0."""
 
 
 @step_kernel
@@ -117,7 +123,7 @@ def disturb(tick: int, u: Any, p: Any, m: Any, y: Any) -> None:
         m.block = block
         for i in range(3):
             for j in range(AHEAD):
-                m.force[i][j] = p.constant_n[i]
+                m.force[j][i] = p.constant_n[i]
         for h in range(len(p.waves)):
             wave = p.waves[h]
             amplitude, rate, phase = wave.amplitude_n, wave.rate_rad_s, wave.phase_rad
@@ -125,9 +131,9 @@ def disturb(tick: int, u: Any, p: Any, m: Any, y: Any) -> None:
             for j in range(AHEAD):
                 time_s = (block * AHEAD + j) * dt_ns / 1_000_000_000
                 sine, cosine = sin_cos(rate * time_s + phase)
-                m.force[axis][j] += amplitude * (sine if is_sine else cosine)
+                m.force[j][axis] += amplitude * (sine if is_sine else cosine)
     for i in range(3):
-        y[i] = m.force[i][tick - block * AHEAD]
+        y[i] = m.force[tick - block * AHEAD][i]
 
 
 class DisturbanceStage(KernelStage):
@@ -148,8 +154,7 @@ class DisturbanceStage(KernelStage):
             )
             for h in disturbance.harmonics
         ]
-        ahead = PushAhead(-1, [[0.0] * AHEAD for _ in range(3)])
-        super().__init__(Push(dt_ns, disturbance.constant_n, waves), ahead)
+        super().__init__(Push(dt_ns, disturbance.constant_n, waves), NO_PUSH)
 
 
 def paper(reading: str, mean_motion_rad_s: float) -> Disturbance:

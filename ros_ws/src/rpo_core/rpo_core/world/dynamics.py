@@ -32,7 +32,6 @@ from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import Checked, InputError, choice, flag, optional, real
 from rpo_core.kernels.arithmetic import State, Vector, sin_cos
 from rpo_core.kernels.jit import inlined, step_kernel
-from rpo_core.kernels.records import Nothing
 from rpo_core.stage import KernelStage, Place, Section, Stage, register
 from rpo_core.wire.interfaces import CHASER_MASS, DISTURBANCE, RELATIVE_STATE, THRUST, THRUST_SHIFT
 from rpo_core.world import cw
@@ -520,7 +519,7 @@ class DynamicsStage(KernelStage):
     def __init__(self, scenario: Any) -> None:
         self.inputs = _inputs(scenario)
         flags = int(CHASER_MASS in self.inputs), int(THRUST_SHIFT in self.inputs)
-        super().__init__(Motion(scenario.step, scenario.mass_kg, *flags), Nothing())
+        super().__init__(Motion(scenario.step, scenario.mass_kg, *flags))
 
 
 @dataclass(slots=True)
