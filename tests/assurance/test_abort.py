@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from landing import rest_at_landing
 
 from rpo_core.assurance import manoeuvre
-from rpo_core.assurance.abort import BURN_S, HELD, Counter, Limit, Note, counted, quantity_of
+from rpo_core.assurance.abort import BURN_S, Counter, Limit, counted, quantity_of
 from rpo_core.assurance.abort_table import QUANTITIES, Row
 from rpo_core.assurance.kernels import speed_limit
 from rpo_core.assurance.manoeuvre import APPROACH_1_S, PASSING_M, around
@@ -206,7 +206,7 @@ def test_only_inside_the_sphere_and_in_the_corridor_the_way_out_is_outward(
     monkeypatch.setattr(machine, 'way_out', lambda *given: ways.append(given[2]) or plain(*given))
     machine.m.ahead, machine.m.outward = [0.0, range_m, 0.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0]
     machine.m.enclosed = int(enclosed)
-    said = machine._told(machine._plan(Note(5, 0, HELD, 0))).reason
+    said = machine._plan(5)
     assert ways == [(0.0, 1.0, 0.0) if range_m < 10.0 and enclosed else None]
     assert f' of {SETTINGS.corridor.port_m if range_m < 10.0 else 10.0:g} m at the worst' in said
 

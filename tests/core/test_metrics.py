@@ -117,7 +117,8 @@ def test_closing_speed_duty_and_time_to_goal(tiny):
     # -r.v / |r|: 0, then 4 / 2, -2 / 3, -36 / 10
     closing = metrics.closing_speeds_m_s(tiny)
     assert closing.tolist() == pytest.approx([0.0, 2.0, -2 / 3, -3.6], abs=1e-15)
-    assert metrics.thruster_duty(tiny) == pytest.approx((0.1 + 0.7 + 0.5 + 0.2) / 9 / 0.5)
+    duty = next(f for f in metrics.others_of(tiny) if 'duty' in f.statement)
+    assert duty.value == pytest.approx((0.1 + 0.7 + 0.5 + 0.2) / 9 / 0.5)
     assert metrics.arrival_time_s(tiny) is None
     still = replace(tiny, states=np.zeros((4, 6)))
     assert metrics.closing_speeds_m_s(still).tolist() == [0.0] * 4

@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 from references import VEHICLE
 
-from rpo_core.guidance.legs import FlyingAround, Straight, Transferring, profile, progress
+from rpo_core.guidance.legs import (
+    FlyingAround,
+    Straight,
+    Times,
+    Transferring,
+    profile,
+    progress,
+)
 from rpo_core.guidance.transfers import Limits
 from rpo_core.world import cw
 
@@ -16,7 +23,7 @@ REST = (0.0, -60.0, 0.0, 0.0, 0.0, 0.0)
 
 LEGS = {
     'transfer': lambda: Transferring(
-        REST, lambda ticks: (0.0, 20.0, 0.0, 0.0, 0.0, 0.0), VEHICLE, 200.0, Limits(13.0)
+        REST, lambda ticks: (0.0, 20.0, 0.0, 0.0, 0.0, 0.0), VEHICLE, Times(200.0), Limits(13.0)
     ),
     'straight': lambda: Straight(REST, (10.0, -20.0, 5.0), VEHICLE, 0.3, 0.0),
     'around': lambda: FlyingAround(REST, (0.0, 40.0, 0.0), VEHICLE, 0.5),

@@ -86,8 +86,9 @@ def status_with_one_wrong(rng, topic, tick):
     contract, values = statuses.READERS[topic].contract, {}
     for key in contract.keys:
         words = re.findall('`(.+?)`', key.kind.words) or ['active', 'plant', '0' * 32]
-        texts = {statuses.TICK: [str(tick)], statuses.NUMBER: ['0.5'], statuses.FIGURE: ['0.5']}
-        texts[statuses.NAMES] = [row.name for row in interfaces.rows()]
+        of_kind = {'tick': [str(tick)], 'number': ['0.5'], 'figure': ['0.5']}
+        of_kind['names'] = [row.name for row in interfaces.rows()]
+        texts = {statuses.KINDS[kind]: words for kind, words in of_kind.items()}
         if '<' not in key.name and (key.needed or rng.random() < 0.5):
             values[key.name] = rng.choice(texts.get(key.kind, words))
     head = {'name': 'guidance', 'message': 'so', 'hardware_id': 'none'}

@@ -11,7 +11,7 @@ in a module of your own (`rpo_core.plugins`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
@@ -275,15 +275,15 @@ class Section:
     """A section of a scenario file that adds a stage.
 
     name : of the section
-    settings : frozen dataclass that holds and checks the section's fields
+    settings : frozen dataclass that holds and checks the section's fields. A method `zones` returns
+        what views draw about the target (`rpo_core.world.zones`), of a scenario; `of_zones` the
+        fields that a mapping of the section takes from section `zones`, of both
     place : of the stage
     make : from the settings and the scenario to the stage
     check : raises InputError where the settings and the scenario do not go together
     needs : another section that the scenario must have, and what that is to this one
     rehearse : the same by a trial, which takes a moment; of scenario files only, as they are read.
         Of the scenario of a plant, only the node of that place does it
-    zones : what views draw about the target (`rpo_core.world.zones`), of settings and scenario
-    of_zones : fields that a mapping of the section takes from section `zones`, of both
     names_files : whether its settings may name a file, whose content is then part of a log
     always : whether a scenario without the section has the stage too; then it is made of None
     """
@@ -295,8 +295,6 @@ class Section:
     check: Callable[[Any, Any], None] | None = None
     needs: tuple[str, str] | None = None
     rehearse: Callable[[Any, Any], None] | None = None
-    zones: Callable[[Any, Any], Any] | None = None
-    of_zones: Callable[[Any, Any], Mapping[str, Any]] | None = None
     names_files: bool = False
     always: bool = False
 

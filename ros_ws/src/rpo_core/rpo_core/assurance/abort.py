@@ -111,26 +111,6 @@ class Event(NamedTuple):
     command: int
 
 
-class Note(NamedTuple):
-    """A change in numbers; see `AbortMachine.changes`.
-
-    state : place in DECISIONS
-    cause : as the kernel asked; PLANNED: a burn is over, and its drift not clear
-    of : the command, or the row
-    near_m : how near a drift comes
-    speed_m_s, margin_m, radius_m : of the manoeuvre that was planned; speed -1.0: none was
-    """
-
-    tick: int
-    state: int
-    cause: int
-    of: int
-    near_m: float = 0.0
-    speed_m_s: float = -1.0
-    margin_m: float = 0.0
-    radius_m: float = 0.0
-
-
 @dataclass(slots=True)
 class Table:
     """Settings of `watch`; world, step : what paths are computed with, and the step of a tick.
@@ -414,7 +394,7 @@ class AbortMachine:
     """Takes the command from the controller where the table says so.
 
     guard : numbers of the filter, with the errors that the scenario assumes
-    notes : what happened in the flight so far
+    changes : what happened in the flight so far
     """
 
     def __init__(
@@ -422,7 +402,7 @@ class AbortMachine:
     ) -> None:
         guard, disturbance_n = proof.guard, proof.errors.disturbance_n
         self.table, self.guard, self.keep_out_m = table, guard, keep_out_m
-        self.notes: list[Note] = []
+        self.changes: list[Change] = []
         self._stage, self._dt_s, n = stage, scenario.dt_s, scenario.mean_motion_rad_s
         self._step, self._long = (
             cw.discretise(n, guard.mass_kg, seconds) for seconds in (self._dt_s, manoeuvre.STEP_S)
@@ -467,11 +447,6 @@ class AbortMachine:
     def reaction(self) -> str:
         """What has the command; '' : the controller has it."""
         return REACTIONS[self.m.reaction] if self.m.reaction else ''
-
-    @property
-    def changes(self) -> list[Change]:
-        """What happened so far."""
-        return [self._told(note) for note in self.notes]
 
     def ready(self) -> None:
         """Load the kernels of an abort before it is needed."""
@@ -541,28 +516,29 @@ class AbortMachine:
         elif question == FAULT:
             self._react(tick)
         elif question == HELD:
-            self._begin(Note(tick, 0, HELD, 0), ABORT, by_table=True)
+            why = f'a hold lasts `hold_s` = {self.table.hold_s:g} s'
+            self._begin(tick, ABORT, why, by_table=True)
         else:
             self._judge(tick)
 
     def _react(self, tick: int) -> None:
         """React to the worst fault that begins."""
-        m, worst = self.m, Note(tick, 0, NOTHING, 0)
-        for i, row in enumerate(self.table.table):
-            note = Note(tick, DECISIONS.index(WARNED), FAULT, i)
-            if not m.counters[i].begins:
+        m, worst = self.m, None
+        for row, counter in zip(self.table.table, m.counters, strict=True):
+            if not counter.begins:
                 continue
             if row.reaction == WARN or not m.armed:
-                self.notes.append(note)
-            elif worst.cause == NOTHING or _rank(row) > _rank(self.table.table[worst.of]):
-                worst = note
-        if worst.cause == FAULT and _rank(self.table.table[worst.of]) > m.reaction:
-            self._begin(worst, self.table.table[worst.of].reaction, by_table=True)
+                inhibited = '' if row.reaction == WARN else f'; inhibited: no {row.reaction}'
+                self.changes.append(Change(tick, WARNED, _shown(row) + inhibited))
+            elif worst is None or _rank(row) > _rank(worst):
+                worst = row
+        if worst is not None and _rank(worst) > m.reaction:
+            self._begin(tick, worst.reaction, _shown(worst), by_table=True)
 
     def _obey(self, tick: int, name: str) -> None:
-        m, note = self.m, Note(tick, 0, COMMANDED, COMMANDS.index(name))
+        m, why = self.m, f'command `{name}`'
         if name not in (ARM, INHIBIT, RESUME):
-            self._begin(note, name, by_table=False)
+            self._begin(tick, name, why, by_table=False)
             return
         state = RESUMED
         if name == RESUME:
@@ -572,16 +548,16 @@ class AbortMachine:
             state = ARMED if name == ARM else INHIBITED
         m.samples = [0] * len(m.samples)
         m.counters = [Counter() for _ in m.counters]
-        self.notes.append(note._replace(state=DECISIONS.index(state)))
+        self.changes.append(Change(tick, state, why))
 
-    def _begin(self, note: Note, reaction: str, *, by_table: bool) -> None:
+    def _begin(self, tick: int, reaction: str, why: str, *, by_table: bool) -> None:
         m, point = self.m, self.table.retreat_m if reaction == RETREAT else None
-        m.reaction, m.since, m.by_table = REACTIONS.index(reaction), note.tick, int(by_table)
+        m.reaction, m.since, m.by_table = REACTIONS.index(reaction), tick, int(by_table)
         m.has_point, m.point_m = int(point is not None), list(point or m.point_m)
         if reaction == ABORT:
             m.attempts = 0
-            note = self._plan(note)
-        self.notes.append(note._replace(state=DECISIONS.index(PHASES[reaction])))
+            why += self._plan(tick)
+        self.changes.append(Change(tick, PHASES[reaction], why))
 
     def way_out(self, state: State, guard: Guard, only: Vector | None) -> manoeuvre.Choice:
         """Return the manoeuvre that leads away from a state (6,) [m, m/s].
@@ -595,16 +571,18 @@ class AbortMachine:
         path_model = self._known(guard)
         return manoeuvre.choose(state, radius + guard.here_m, self._long, path_model, limit, only)
 
-    def _plan(self, note: Note) -> Note:
-        """Choose a manoeuvre; return the note, with how clear its path is."""
+    def _plan(self, tick: int) -> str:
+        """Choose a manoeuvre; return the words for it, and for how clear its path is."""
         m, guard = self.m, self._stage.guard
         ahead, outward = _numbers(m.ahead), _numbers(m.outward)
         inside = closing(ahead)[0] <= self.keep_out_m
         choice = self.way_out(ahead, guard, outward if inside and m.enclosed else None)
-        m.burns, m.wanted_m_s, m.since = 1, list(choice.velocity_m_s), note.tick
+        m.burns, m.wanted_m_s, m.since = 1, list(choice.velocity_m_s), tick
         m.attempts += 1
         speed, radius = norm(*choice.velocity_m_s), guard.port_m if inside else self.keep_out_m
-        return note._replace(speed_m_s=speed, margin_m=choice.margin_m, radius_m=radius)
+        size = f'{abs(choice.margin_m):.3g} m'
+        clear = f'clear by {size}' if choice.margin_m >= 0.0 else f'not clear: {size} in the zone'
+        return f'; to {speed:.2g} m/s, {clear} of {radius:g} m at the worst'
 
     def _known(self, guard: Guard) -> PathModel:
         """Return what a path is computed with: the velocity is known as well as it is now."""
@@ -617,33 +595,18 @@ class AbortMachine:
         near = manoeuvre.drift_margin(ahead, self._known(guard), 0.0) - guard.here_m
         radius = self.keep_out_m if closing(ahead)[0] > self.keep_out_m else 0.0
         if near < radius and m.attempts < ATTEMPTS:
-            note = Note(tick, DECISIONS.index(PHASES[ABORT]), PLANNED, 0, near)
-            self.notes.append(self._plan(note))
+            why = f'the drift would come to {near:.3g} m'
+            self.changes.append(Change(tick, PHASES[ABORT], why + self._plan(tick)))
             m.question = PLANNED
             return
         m.burns = 0
-        self.notes.append(Note(tick, DECISIONS.index(PHASES[DRIFT]), BURNT, 0, near))
+        why = f'at least {near:.3g} m from the target for {self.table.orbits:g} orbits'
+        self.changes.append(Change(tick, PHASES[DRIFT], why))
 
-    def _told(self, note: Note) -> Change:
-        """Return a note in words."""
-        if note.cause == COMMANDED:
-            why = f'command `{COMMANDS[note.of]}`'
-        elif note.cause == FAULT:
-            row = self.table.table[note.of]
-            why = f'{row.quantity} above {row.most:g} in {row.count} of {row.window} ticks'
-            if DECISIONS[note.state] == WARNED and row.reaction != WARN:
-                why += f'; inhibited: no {row.reaction}'
-        elif note.cause == HELD:
-            why = f'a hold lasts `hold_s` = {self.table.hold_s:g} s'
-        elif note.cause == PLANNED:
-            why = f'the drift would come to {note.near_m:.3g} m'
-        else:
-            why = f'at least {note.near_m:.3g} m from the target for {self.table.orbits:g} orbits'
-        if note.speed_m_s >= 0.0:
-            size, radius = f'{abs(note.margin_m):.3g} m', f'{note.radius_m:g} m at the worst'
-            clear = f'clear by {size}' if note.margin_m >= 0.0 else f'not clear: {size} in the zone'
-            why += f'; to {note.speed_m_s:.2g} m/s, {clear} of {radius}'
-        return Change(note.tick, DECISIONS[note.state], why)
+
+def _shown(row: Row) -> str:
+    """Return what a row has seen."""
+    return f'{row.quantity} above {row.most:g} in {row.count} of {row.window} ticks'
 
 
 def _rank(row: Row) -> int:

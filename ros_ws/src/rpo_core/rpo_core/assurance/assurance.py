@@ -310,7 +310,7 @@ class AssuranceStage(KernelStage):
         """Forget all earlier ticks."""
         super().reset()
         if self.abort is not None:
-            self.abort.notes.clear()
+            self.abort.changes.clear()
 
     def answer(self, tick: int, u: Sequence[float]) -> None:
         """Give the kernel the axes of the target, or decide for the abort table."""
@@ -335,8 +335,8 @@ class AssuranceStage(KernelStage):
 
     def decided(self) -> list[tuple[int, str]]:
         """Return what the abort table decided: tick and state of each change."""
-        notes = self.abort.notes if self.abort is not None else []
-        return [(note.tick, abort.DECISIONS[note.state]) for note in notes]
+        changes = self.abort.changes if self.abort is not None else []
+        return [(change.tick, change.state) for change in changes]
 
     def goes_without(self, tick: int) -> bool:
         """Return whether it steps without a command: none came, or nobody would read it."""
@@ -512,14 +512,4 @@ def _check_room(state: State, mode: int, errors: tuple[float, float], g: Guard) 
     )
 
 
-register(
-    Section(
-        'assurance',
-        Assurance,
-        Place.ASSURANCE,
-        AssuranceStage,
-        check_start,
-        zones=Assurance.zones,
-        of_zones=Assurance.of_zones,
-    )
-)
+register(Section('assurance', Assurance, Place.ASSURANCE, AssuranceStage, check_start))

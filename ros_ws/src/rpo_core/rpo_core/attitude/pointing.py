@@ -360,9 +360,7 @@ def _check(settings: Pointing, scenario: Any) -> None:
         )
 
 
-register(
-    Section('pointing', Pointing, Place.POINTING, PointingStage, _check, of_zones=Pointing.of_zones)
-)
+register(Section('pointing', Pointing, Place.POINTING, PointingStage, _check))
 
 
 _BACK = np.array([-1.0, -1.0, -1.0, 1.0])

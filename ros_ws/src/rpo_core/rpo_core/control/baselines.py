@@ -15,7 +15,7 @@ force of the mirrored state is the mirrored force.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
 from math import sqrt
@@ -330,17 +330,6 @@ class Baseline(ControllerFile):
             own = scaling.vehicle
             also = {'model': Model(own.orbit_radius_m, own.mass_kg, own.dt_s, own.body), **also}
         return super().scaled(scaling, **also)
-
-    def force_n(
-        self, position_m: Sequence[float], velocity_m_s: Sequence[float], tick: int = 0
-    ) -> tuple[float, float, float]:
-        """Return the commanded force (3 floats, N) of a relative state, target LVLH, at a tick.
-
-        The state must be finite; callers at the edge check it.
-        """
-        state: Any = tuple(map(float, (*position_m, *velocity_m_s)))
-        x, y, z = map(float, baseline_force(state, tick, self.law))
-        return x, y, z
 
 
 _matrix = partial(matrix, rows=3, columns=6, bound=MAX_GAIN)

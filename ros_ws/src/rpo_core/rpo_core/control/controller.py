@@ -264,20 +264,6 @@ class FuzzyController(ControllerBase):
             },
         )
 
-    def force_n(
-        self, position_m: Sequence[float], velocity_m_s: Sequence[float], tick: int = 0
-    ) -> tuple[float, float, float]:
-        """Return the commanded force (3 floats, N) of a relative state, target LVLH, at any tick.
-
-        The state must be finite; callers at the edge check it.
-        """
-        tables = self.system.tables
-        x, y, z = (
-            float(inference.axis_force(float(r), float(v), *self.scales, tables))
-            for r, v in zip(position_m, velocity_m_s, strict=True)
-        )
-        return x, y, z
-
 
 AnyController = FuzzyController | ControllerFile
 """What a controller file holds; its `kind` says which, a file without one is fuzzy."""

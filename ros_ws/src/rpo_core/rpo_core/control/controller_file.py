@@ -260,6 +260,17 @@ class ControllerBase(Checked):
         """
         raise NotImplementedError
 
+    def force_n(
+        self, position_m: Sequence[float], velocity_m_s: Sequence[float], tick: int = 0
+    ) -> tuple[float, float, float]:
+        """Return the force (3,) [N] that it commands in a relative state, target LVLH, at a tick.
+
+        The state must be finite; callers at the edge check it.
+        """
+        stage = self.stage(self.clock_s or 1.0)
+        x, y, z = stage.step(tick, tuple(map(float, (*position_m, *velocity_m_s))))[0]
+        return x, y, z
+
     def __repr__(self) -> str:
         return f'<{type(self).__name__} {self.name}: {self.description or self.kind}>'
 
@@ -437,10 +448,5 @@ def parse(document: Mapping[str, Any]) -> ControllerFile:
 def to_document(controller: ControllerFile) -> dict[str, Any]:
     """Return the fields of a controller as `parse` reads them, without the schema."""
     found = codec.to_mapping(controller)
-    return {
-        **{key: found.pop(key) for key in ('name',)},
-        'kind': controller.kind,
-        **{key: found.pop(key) for key in ('description', 'max_force_n')},
-        **{key: value for key, value in found.items() if key != 'provenance'},
-        'provenance': found['provenance'],
-    }
+    name, provenance = found.pop('name'), found.pop('provenance')
+    return {'name': name, 'kind': controller.kind, **found, 'provenance': provenance}

@@ -40,6 +40,7 @@ from rpo_core.guidance.legs import (
     Moving,
     Resting,
     Straight,
+    Times,
     Transferring,
     Turning,
     Vehicle,
@@ -701,8 +702,8 @@ class GuidanceStage(KernelStage):
         if leg.kind == TRANSFER:
             start = start or self._end(tick)
             end = (*(leg.to_m or start[:3]), *leg.arrive_m_s)
-            times_s = (leg.duration_s or 0.0, leg.corridor_s, leg.burn_s, leg.ease_s)
-            return self._transfer(tick, start, end, turns, *times_s)
+            times = Times(leg.duration_s or 0.0, leg.corridor_s, leg.burn_s, leg.ease_s)
+            return self._transfer(tick, start, end, turns, times)
         start = self._start_of(tick, start, turns)
         to_m = leg.to_m if leg.to_m is not None else start[:3]
         fly, speed = partial(self._fly, tick, turns), leg.speed_m_s or 0.0
@@ -713,15 +714,7 @@ class GuidanceStage(KernelStage):
         return fly(Resting, to_m, self._vehicle)
 
     def _transfer(
-        self,
-        tick: int,
-        start: State,
-        end: State,
-        turns: bool,
-        duration_s: float,
-        corridor_s: float | None = None,
-        burn_s: float | None = None,
-        ease_s: float | None = None,
+        self, tick: int, start: State, end: State, turns: bool, times: Times
     ) -> Transferring:
         settings, corridor = self.settings, self.settings.corridor
         radius = self._radius_m
@@ -731,7 +724,7 @@ class GuidanceStage(KernelStage):
         if self._motion is not None and begins < radius:
             # its corridor turns away: the way out comes no nearer than where it can have stopped
             range_m, begins = range_m - self._stopping_m(start), inf
-        free = corridor_s is None and min(begins, norm(*end[:3])) <= radius
+        free = times.corridor_s is None and min(begins, norm(*end[:3])) <= radius
         zones = Limits(
             0.0 if free else min(radius, range_m),
             None,
@@ -739,7 +732,6 @@ class GuidanceStage(KernelStage):
             corridor.slope * CONE_SHARE,
             corridor.from_m - norm(*settings.port_m),
         )
-        times_s = (corridor_s, burn_s, ease_s)
 
         def end_after(ticks: int) -> State:
             if not turns or self._motion is None:
@@ -750,7 +742,7 @@ class GuidanceStage(KernelStage):
             return self.port(tick + ticks)
 
         turning = port_after if self._motion is not None else None
-        return Transferring(start, end_after, self._vehicle, duration_s, zones, *times_s, turning)
+        return Transferring(start, end_after, self._vehicle, times, zones, turning)
 
     def _stopping_m(self, state: State) -> float:
         """Return how much nearer [m] to the target a state comes before it can have stopped."""
@@ -777,11 +769,11 @@ class GuidanceStage(KernelStage):
                 self._next -= 1
             to_m = self.settings.retreat_m or now[:3]
             end: State = (*to_m, 0.0, 0.0, 0.0)
-            flown = self._transfer(tick, now, end, False, self.settings.abort_s)
+            flown = self._transfer(tick, now, end, False, Times(self.settings.abort_s))
             self._enter(tick, RETREATED, reason, flown)
         else:
             end = self._way_out(now)
-            flown = self._transfer(tick, now, end, False, self.settings.abort_s)
+            flown = self._transfer(tick, now, end, False, Times(self.settings.abort_s))
             self._enter(tick, ABORTING, reason, flown)
 
     def _interrupt(self) -> None:
@@ -925,14 +917,4 @@ def _check_durations(settings: Guidance, scenario: Scenario, found: Rehearsal) -
                     )
 
 
-register(
-    Section(
-        'guidance',
-        Guidance,
-        Place.GUIDANCE,
-        GuidanceStage,
-        rehearse=check,
-        zones=Guidance.zones,
-        of_zones=Guidance.of_zones,
-    )
-)
+register(Section('guidance', Guidance, Place.GUIDANCE, GuidanceStage, rehearse=check))

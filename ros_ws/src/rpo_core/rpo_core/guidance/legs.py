@@ -310,6 +310,18 @@ class Turning:
         turn_rows(as_table(table), frames, halves, n, mass_kg, rows)
 
 
+class Times(NamedTuple):
+    """Times of a transfer: its length, the way in the corridor, each burn, the fall of its force.
+
+    None: as `Leg` has them
+    """
+
+    duration_s: float
+    corridor_s: float | None = None
+    burn_s: float | None = None
+    ease_s: float | None = None
+
+
 class Transferring:
     """On a transfer of least energy.
 
@@ -322,33 +334,20 @@ class Transferring:
         start: State,
         end: Callable[[int], State],
         vehicle: Vehicle,
-        duration_s: float,
+        times: Times,
         zones: Limits,
-        corridor_s: float | None = None,
-        burn_s: float | None = None,
-        ease_s: float | None = None,
         port: Callable[[int], tuple[float, ...]] | None = None,
     ) -> None:
         self._vehicle, self._port = vehicle, port
         for _ in range(STRETCHES):
-            self._plan(start, end, duration_s, zones, corridor_s, burn_s, ease_s)
+            self._plan(start, end, times, zones)
             if self.largest_n <= vehicle.limit_n:
                 break
-            duration_s *= STRETCH
-            burn_s = burn_s and burn_s * STRETCH
-            corridor_s = corridor_s and corridor_s * STRETCH
-            ease_s = ease_s and ease_s * STRETCH
+            longer: Any = (time_s and time_s * STRETCH for time_s in times)
+            times = Times(*longer)
 
-    def _plan(
-        self,
-        start: State,
-        end: Callable[[int], State],
-        duration_s: float,
-        zones: Limits,
-        corridor_s: float | None,
-        burn_s: float | None,
-        ease_s: float | None,
-    ) -> None:
+    def _plan(self, start: State, end: Callable[[int], State], times: Times, zones: Limits) -> None:
+        duration_s, corridor_s, burn_s, ease_s = times
         vehicle = self._vehicle
         wanted = max(1, round(duration_s / vehicle.dt_s))
         # a force that falls evenly changes at each tick

@@ -492,15 +492,6 @@ def closing_speeds_m_s(flight: Flight) -> NDArray[np.float64]:
     return np.asarray(np.divide(toward, ranges, out=np.zeros_like(ranges), where=ranges > 0.0))
 
 
-def thruster_duty(flight: Flight) -> float:
-    """Return the mean of |f| over the ticks and axes, as a share of the largest force.
-
-    Thrusters that only switch on and off are on for this share of the time, each axis on average.
-    """
-    mean_n = float(np.abs(flight.saturated_forces_n).mean())
-    return mean_n / flight.scenario.max_force_n
-
-
 def run_figures(
     scenario: Scenario, tick: int, state: Sequence[float], squares: Sequence[float], saturated: int
 ) -> dict[str, float | int]:
@@ -531,9 +522,11 @@ class Figure(NamedTuple):
 def others_of(flight: Flight) -> list[Figure]:
     """Return what a table shows of any flight, whatever is required of it.
 
-    Per axis: the largest absolute value of any axis. Of a flight that docks, nothing that comes
-    after the contact is shown as where it arrives or ends.
+    Per axis: the largest absolute value of any axis. The duty of thrusters is the mean of |f| over
+    ticks and axes, as a share of the largest force: of the time, if they only switch on and off. Of
+    a flight that docks, nothing that comes after the contact is shown as where it arrives or ends.
     """
+    duty = float(np.abs(flight.saturated_forces_n).mean()) / flight.scenario.max_force_n
     row, docked = row_of(flight), docked_at(flight)
     last, place = (-1, 'at the end') if docked is None else (docked, 'at contact')
     closing = closing_speeds_m_s(flight)[: None if docked is None else docked + 1]
@@ -546,7 +539,7 @@ def others_of(flight: Flight) -> list[Figure]:
     return [
         Figure('energy J', 'N²s', float(row[ENERGY])),
         Figure('Δv (sum of the axes)', 'm/s', float(row[DELTA_V])),
-        Figure('thruster duty (mean of the axes)', '', thruster_duty(flight)),
+        Figure('thruster duty (mean of the axes)', '', duty),
         Figure('slew per axis', 'N/s', float(row[SLEW])),
         when,
         Figure('largest closing speed', 'm/s', float(closing.max())),

@@ -733,4 +733,4 @@ def _check(settings: Sensors, scenario: Any) -> None:
             raise InputError(f'{place}: `outages_s` must leave time to measure; they leave none')
 
 
-register(Section('sensors', Sensors, Place.SENSOR, SensorsStage, _check, of_zones=Sensors.of_zones))
+register(Section('sensors', Sensors, Place.SENSOR, SensorsStage, _check))

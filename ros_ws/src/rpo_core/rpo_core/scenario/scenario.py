@@ -436,9 +436,10 @@ def to_document(scenario: Scenario) -> dict[str, Any]:
     document = {key: codec.to_mapping(value) for key, value in document.items()}
     if scenario.zones is not None:
         document['zones'] = codec.to_mapping(scenario.zones)
-        takers = {s.name: s.of_zones for s in map(section_of, scenario.sections) if s.of_zones}
-        for name, of_zones in {**takers, 'requirements': requirements.of_zones}.items():
-            if name in document:
+        takers: dict[str, Any] = {section_of(s).name: s for s in scenario.sections}
+        for name, taker in {**takers, 'requirements': requirements}.items():
+            of_zones = getattr(taker, 'of_zones', None)
+            if name in document and of_zones is not None:
                 known = of_zones(document[name], scenario.zones)
                 document[name] = without(document[name], known)
     return document
@@ -446,9 +447,10 @@ def to_document(scenario: Scenario) -> dict[str, Any]:
 
 def _filled(section: Section, document: Any, zones: Zones | None) -> Any:
     """Return the mapping of a section with what it takes from section `zones`."""
-    if zones is None or section.of_zones is None:
+    of_zones = getattr(section.settings, 'of_zones', None)
+    if zones is None or of_zones is None:
         return document
-    return filled(document, section.of_zones(document, zones))
+    return filled(document, of_zones(document, zones))
 
 
 def dumps(scenario: Scenario) -> str:

@@ -107,26 +107,25 @@ class Kind(NamedTuple):
     read: Callable[[str, str], Any]
 
 
-def _one_of(*words: str) -> Kind:
-    return Kind(', '.join(f'`{w}`' for w in words), lambda name, found: choice(name, found, words))
-
-
-TICK, NUMBER = Kind('whole number >= 0', _tick), Kind('number, inf or nan', _number)
-FIGURE, NAMES = Kind('finite number >= 0', _figure), Kind('names of topics, with spaces', _names)
-TEXT = Kind('one line', text)
-TEXT_OR_NONE = Kind('one line, may be empty', lambda name, found: found and text(name, found))
-REASON = Kind('text, may be empty', lambda _, found: printable(found))
-FILE = Kind('text', lambda _, found: found)
-
-_KINDS = {
-    'tick': TICK, 'number': NUMBER, 'figure': FIGURE, 'names': NAMES, 'text': TEXT,
-    'text_or_none': TEXT_OR_NONE, 'reason': REASON, 'file': FILE,
-}  # fmt: skip
+KINDS = {
+    'tick': Kind('whole number >= 0', _tick),
+    'number': Kind('number, inf or nan', _number),
+    'figure': Kind('finite number >= 0', _figure),
+    'names': Kind('names of topics, with spaces', _names),
+    'text': Kind('one line', text),
+    'text_or_none': Kind('one line, may be empty', lambda name, said: said and text(name, said)),
+    'reason': Kind('text, may be empty', lambda _, said: printable(said)),
+    'file': Kind('text', lambda _, said: said),
+}
 """Word in `statuses.yaml` -> kind; a list there holds the words that are allowed."""
 
 
 def _kind(written: str | list[str]) -> Kind:
-    return _KINDS[written] if isinstance(written, str) else _one_of(*written)
+    if isinstance(written, str):
+        return KINDS[written]
+    return Kind(
+        ', '.join(f'`{w}`' for w in written), lambda name, said: choice(name, said, written)
+    )
 
 
 class Key(NamedTuple):

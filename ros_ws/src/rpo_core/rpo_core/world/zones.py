@@ -316,10 +316,9 @@ def zones_of(scenario: Any) -> list[Zone]:
     if scenario.zones is not None:
         zones.append(replace(scenario.zones.zone(), name=SECTION))
     for settings in scenario.sections:
-        section = section_of(settings)
-        made = section.zones(settings, scenario) if section.zones is not None else Zone()
+        made = settings.zones(scenario) if hasattr(settings, 'zones') else Zone()
         if zones and zones[0].name == SECTION and replace(made, points_m={}) == zones[0]:
             zones[0] = replace(zones[0], points_m=made.points_m)
         elif made != Zone() and made not in zones:
-            zones.append(replace(made, name=section.name))
+            zones.append(replace(made, name=section_of(settings).name))
     return zones
