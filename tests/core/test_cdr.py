@@ -7,6 +7,7 @@ from __future__ import annotations
 import struct
 from functools import partial
 
+import messages
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -75,7 +76,7 @@ STATE = interfaces.row_of(interfaces.RELATIVE_STATE).columns
 @QUICK
 @given(stamps, words, words, st.lists(floats, min_size=6, max_size=6))
 def test_odometry_as_rosbags_writes_it(stamp_ns, frame, child, state):
-    data = cdr.encode_odometry(stamp_ns, frame, child, state)
+    data = messages.odometry(stamp_ns, frame, child, state)
     assert data == by_rosbags(odometry(stamp_ns, frame, child, state))
     layout = Layout.of(ODOMETRY, (frame, child), STATE)
     assert layout.encode(stamp_ns, state) == data
@@ -96,7 +97,7 @@ def test_odometry_as_rosbags_writes_it(stamp_ns, frame, child, state):
 @QUICK
 @given(stamps, words, st.lists(floats, min_size=3, max_size=3))
 def test_wrench_as_rosbags_writes_it(stamp_ns, frame, force):
-    data = cdr.encode_wrench(stamp_ns, frame, force)
+    data = messages.wrench(stamp_ns, frame, force)
     wrench = message('geometry_msgs/msg/Wrench', force=vector(*force), torque=vector(0.0, 0.0, 0.0))
     other = message(WRENCH, header=header(stamp_ns, frame), wrench=wrench)
     assert data == by_rosbags(other)
@@ -132,7 +133,7 @@ def test_mcap_ros2_reads_the_same_bits(state):
     definition = rosbag2.definition(ODOMETRY)
     schema = Schema(1, definition.text.encode(), 'ros2msg', ODOMETRY)
     decode = DecoderFactory().decoder_for('cdr', schema)
-    read = decode(cdr.encode_odometry(7, 'target_lvlh', 'chaser', state))
+    read = decode(messages.odometry(7, 'target_lvlh', 'chaser', state))
     position, velocity = read.pose.pose.position, read.twist.twist.linear
     found = [position.x, position.y, position.z, velocity.x, velocity.y, velocity.z]
     assert same_bits(found, state)
@@ -149,11 +150,11 @@ def test_as_the_middleware_writes_it():
     state.header.stamp.sec, state.header.frame_id = 12, 'target_lvlh'
     state.pose.pose.position.y, state.twist.twist.linear.z = -0.0, 5e-324
     values = [0.0, -0.0, 0.0, 0.0, 0.0, 5e-324]
-    ours = cdr.encode_odometry(12 * 10**9, 'target_lvlh', 'chaser', values)
+    ours = messages.odometry(12 * 10**9, 'target_lvlh', 'chaser', values)
     assert cdr.canonical(ODOMETRY, serialize_message(state)) == ours
     force = WrenchStamped()
     force.wrench.force.x = 0.25
-    ours = cdr.encode_wrench(0, '', [0.25, 0.0, 0.0])
+    ours = messages.wrench(0, '', [0.25, 0.0, 0.0])
     assert cdr.canonical(WRENCH, serialize_message(force)) == ours
     said = DiagnosticStatus(level=b'\x01', name='a', values=[KeyValue(key='k', value='värde')])
     ours = cdr.encode_status(1, 'a', '', '', {'k': 'värde'})
@@ -178,8 +179,8 @@ def gaps(type_name: str, data: bytes) -> list[int]:
 @pytest.mark.parametrize(
     ('type_name', 'data'),
     [
-        (ODOMETRY, cdr.encode_odometry(5, 'target_lvlh', 'chaser', [1.0] * 6)),
-        (WRENCH, cdr.encode_wrench(5, 'lvlh', [1.0] * 3)),
+        (ODOMETRY, messages.odometry(5, 'target_lvlh', 'chaser', [1.0] * 6)),
+        (WRENCH, messages.wrench(5, 'lvlh', [1.0] * 3)),
         (STATUS, cdr.encode_status(2, 'abc', 'de', 'f', {'k': 'value', '': 'x'})),
     ],
     ids=['odometry', 'wrench', 'status'],
@@ -207,8 +208,8 @@ DECODERS = {
 @given(st.data())
 def test_other_bytes_are_refused_in_words(type_name, data):
     whole = {
-        ODOMETRY: cdr.encode_odometry(5, 'target_lvlh', 'chaser', [1.0] * 6),
-        WRENCH: cdr.encode_wrench(5, 'abc', [1.0] * 3),
+        ODOMETRY: messages.odometry(5, 'target_lvlh', 'chaser', [1.0] * 6),
+        WRENCH: messages.wrench(5, 'abc', [1.0] * 3),
         CLOCK: cdr.encode_clock(5),
         STATUS: cdr.encode_status(2, 'abc', 'de', 'f', {'k': 'v'}),
     }[type_name]
@@ -234,19 +235,19 @@ def test_big_endian_is_refused():
 def test_why_a_message_cannot_be_used():
     layout = interfaces.row_of(interfaces.CONTROL_FORCE).layout
     stamp, right = 3 * 10**9 + 999_999_999, interfaces.row_of(interfaces.CONTROL_FORCE).frames[0]
-    data = bytearray(cdr.encode_wrench(stamp, right, [1.0, 2.0, 3.0]))
+    data = bytearray(messages.wrench(stamp, right, [1.0, 2.0, 3.0]))
     assert layout.use(bytes(data)) == ('', stamp, (1.0, 2.0, 3.0))
     assert layout.use(bytes(data[:-1])) == ('malformed', 0, ())
     struct.pack_into('<I', data, cdr.STAMP_AT + 4, 10**9)  # four seconds, written another way
     assert layout.use(bytes(data)) == ('malformed', 4 * 10**9, (1.0, 2.0, 3.0))
-    elsewhere = cdr.encode_wrench(stamp, 'elsewhere', [1.0, 2.0, 3.0])
+    elsewhere = messages.wrench(stamp, 'elsewhere', [1.0, 2.0, 3.0])
     assert layout.use(elsewhere) == ('wrong_frame', stamp, (1.0, 2.0, 3.0))
     for force, why in (
         ([1.0, np.nan, 3.0], 'not_finite'),
         ([np.inf, 0.0, -np.inf], 'not_finite'),
         ([1e308, 1e308, 0.0], ''),
     ):
-        assert layout.use(cdr.encode_wrench(stamp, right, force))[0] == why
+        assert layout.use(messages.wrench(stamp, right, force))[0] == why
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import messages
 import pytest
 from log_parts import WALL_NS, Raw, joined, packed, write_bag
 from log_runs import CLOCK, FORCE, STATE, Run, flipped
@@ -165,7 +166,7 @@ def test_a_chunk_that_rosbags_does_not_show_and_others_do_is_named(short_run, tm
 def test_what_is_no_bag_of_one_run_is_refused(short_run, tmp_path):
     others = [(f'/b{name}', tick, data) for name, tick, data in short_run.messages]
     states, clock = ([m for m in short_run.messages if m[0] == of] for of in (STATE, CLOCK))
-    jitter = [(n, t, cdr.encode_odometry(t * t * 17 + 3, 'target_lvlh', 'chaser', [0.0] * 6))
+    jitter = [(n, t, messages.odometry(t * t * 17 + 3, 'target_lvlh', 'chaser', [0.0] * 6))
               for n, t, _ in states]  # fmt: skip
     forces = [m for m in short_run.messages if m[0] == FORCE]
     broken = write_bag(tmp_path / 'broken', short_run.messages)

@@ -6,6 +6,7 @@ import math
 import random
 from dataclasses import replace
 
+import messages
 import numpy as np
 import pytest
 import yaml
@@ -39,7 +40,7 @@ def free():
 
 def forged(name, tick, force):
     """Return a change that puts another force into one message."""
-    return changed(name, tick, lambda d: cdr.encode_wrench(cdr.stamp_ns(d), 'target_lvlh', force))
+    return changed(name, tick, lambda d: messages.wrench(cdr.stamp_ns(d), 'target_lvlh', force))
 
 
 def test_answers_that_lack_are_no_fault_and_the_flight_verifies(free, tmp_path):

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import lz4.frame
+import messages
 import numpy as np
 import pytest
 import zstandard
@@ -32,7 +33,6 @@ from mcap.records import (
     SummaryOffset,
 )
 
-from rpo_core.wire import cdr
 from rpo_log.errors import ExitCode, LogError
 from rpo_log.read.records import MAGIC, RECORD_HEAD
 from rpo_log.read.run_log import read_run
@@ -47,7 +47,7 @@ def lies(raw: Raw, compression: str = '') -> bytes:
     data = b''
     for tick in range(11):
         stamp = make_run(1.0).base.stamp_ns(tick)
-        state = cdr.encode_odometry(stamp, 'target_lvlh', 'chaser', [X_M] * 6)
+        state = messages.odometry(stamp, 'target_lvlh', 'chaser', [X_M] * 6)
         data += joined(packed(Message(channel.id, stamp, state, stamp, tick)))
     ends = [make_run(1.0).base.stamp_ns(tick) for tick in (10, 0)]
     pressed = lz4.frame.compress(data) if compression else data

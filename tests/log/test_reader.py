@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import lz4.frame
+import messages
 import numpy as np
 import pytest
 import zstandard
@@ -209,12 +210,12 @@ USUAL = {STATE: ODOMETRY, FORCE: WRENCH}
 
 def state_at(tick: int):
     stamp = BASE.stamp_ns(tick)
-    return STATE, tick, stamp, cdr.encode_odometry(stamp, 'target_lvlh', 'chaser', [1.0] * 6)
+    return STATE, tick, stamp, messages.odometry(stamp, 'target_lvlh', 'chaser', [1.0] * 6)
 
 
 def force_at(tick: int):
     stamp = BASE.stamp_ns(tick)
-    return FORCE, tick, stamp, cdr.encode_wrench(stamp, 'target_lvlh', [1.0] * 3)
+    return FORCE, tick, stamp, messages.wrench(stamp, 'target_lvlh', [1.0] * 3)
 
 
 def both(*ticks: int):

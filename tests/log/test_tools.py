@@ -14,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import messages
 import numpy as np
 import pytest
 import yaml
@@ -128,7 +129,7 @@ def test_the_first_difference_of_each_topic(log, tmp_path):
             wrench = list(cdr.decode_stamped(cdr.ODOMETRY, data).floats)
             state = wrench[:3] + wrench[43:46]
             state[4] += by
-            return cdr.encode_odometry(cdr.stamp_ns(data), 'target_lvlh', 'chaser', state)
+            return messages.odometry(cdr.stamp_ns(data), 'target_lvlh', 'chaser', state)
 
         return change
 
@@ -147,7 +148,7 @@ def test_the_first_difference_of_each_topic(log, tmp_path):
 
 def test_minus_zero_is_not_zero(run, log, tmp_path):
     stamp_ns = run.base.stamp_ns(50)
-    forces = (cdr.encode_wrench(stamp_ns, 'target_lvlh', [x, 1.0, 1.0]) for x in (0.0, -0.0))
+    forces = (messages.wrench(stamp_ns, 'target_lvlh', [x, 1.0, 1.0]) for x in (0.0, -0.0))
     plus, minus = (
         forge(log, tmp_path / str(i), changed(FORCE, 50, force)) for i, force in enumerate(forces)
     )

@@ -10,6 +10,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import messages
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -121,8 +122,8 @@ def test_a_consistent_lie_is_found_from_the_start(run, log, tmp_path):
     for tick in range(100, 401):
         force = control.force_n(state[:3], state[3:])
         stamp = run.base.stamp_ns(tick)
-        lies[STATE, tick] = cdr.encode_odometry(stamp, 'target_lvlh', 'chaser', state)
-        lies[FORCE, tick] = cdr.encode_wrench(stamp, 'target_lvlh', force)
+        lies[STATE, tick] = messages.odometry(stamp, 'target_lvlh', 'chaser', state)
+        lies[FORCE, tick] = messages.wrench(stamp, 'target_lvlh', force)
         disturbance = tuple(flown.disturbances_n[tick].tolist())
         pushed = np.clip(force, -flown.max_force_n, flown.max_force_n) + disturbance
         state = cw.cw_step(state, tuple(pushed.tolist()), flown.step)
@@ -250,7 +251,7 @@ def test_a_log_without_its_controller_verifies_all_else(short_run, tmp_path, mon
     assert log_commands.main('verify') == ExitCode.GIVEN == 4
 
     stamp_ns = short_run.base.stamp_ns(20)
-    push = changed(FORCE, 20, cdr.encode_wrench(stamp_ns, 'target_lvlh', [0.1, 0.1, 0.1]))
+    push = changed(FORCE, 20, messages.wrench(stamp_ns, 'target_lvlh', [0.1, 0.1, 0.1]))
     forged = verify(forge(tmp_path / 'run.mcap', tmp_path / 'forged', push))
     assert forged.exit_code == ExitCode.DIFFERENT and forged.difference.tick == 21
 

@@ -9,6 +9,7 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import messages
 import numpy as np
 import pytest
 import yaml
@@ -73,7 +74,7 @@ def test_summary_counts_what_is_wrong(short_run, tmp_path):
     sent = [m for m in short_run.messages if m[:2] != (FORCE, 20)]  # one is lost
     sent.append(sent[-1])  # one comes twice
     last = short_run.base.last_tick
-    other = cdr.encode_wrench(short_run.base.stamp_ns(last), 'target_lvlh', [9.0, 9.0, 9.0])
+    other = messages.wrench(short_run.base.stamp_ns(last), 'target_lvlh', [9.0, 9.0, 9.0])
     sent.append((FORCE, last, other))  # one differs
     sent.append((STATE, last + 1, short_run.messages[1][2]))  # one is of no tick
     sent.append((STATE, 3, b'\x00\x01\x00\x00 nonsense'))  # one is no odometry
@@ -164,7 +165,7 @@ def test_of_two_controllers_the_first_answer_is_logged_and_the_other_named(run, 
     for name, tick, data in run.messages:
         sent.append((name, tick, data))
         if name == FORCE and tick >= 100:
-            other = cdr.encode_wrench(run.base.stamp_ns(tick), 'target_lvlh', (0.4, -0.4, 0.4))
+            other = messages.wrench(run.base.stamp_ns(tick), 'target_lvlh', (0.4, -0.4, 0.4))
             sent.append((name, tick, other))
     summary = run.write(tmp_path / 'b', sent)
     line = f'301 messages of {FORCE} differ from the first of their tick, from tick 100 on'

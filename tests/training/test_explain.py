@@ -7,6 +7,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
+import messages
 import pytest
 from invoking import invoke, refused
 from log_runs import FORCE, chain_run, make_run, rewrite
@@ -17,7 +18,6 @@ from rpo_core.control.explain import decisions
 from rpo_core.control.fuzzy import RuleTable
 from rpo_core.navigation.estimator import Estimator
 from rpo_core.scenario.scenario import load_scenario
-from rpo_core.wire import cdr
 from rpo_log.format.run import TimeBase
 
 
@@ -102,7 +102,7 @@ def test_a_force_that_the_controller_does_not_give_is_told(folder, tmp_path):
         if topic != FORCE or tick != 20:
             return data
         other = folder[1].forces_n[20] + [0.0, 0.001, 0.0]
-        return cdr.encode_wrench(base.stamp_ns(20), 'target_lvlh', other.tolist())
+        return messages.wrench(base.stamp_ns(20), 'target_lvlh', other.tolist())
 
     rewrite(folder[0] / 'run.mcap', tmp_path / 'run.mcap', change)
     assert run(tmp_path / 'run.mcap', '--at', 1.9).exit_code == 0

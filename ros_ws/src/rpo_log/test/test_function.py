@@ -4,7 +4,7 @@
 
 import pytest
 
-from rpo_core.wire import cdr
+from rpo_core.wire.interfaces import row_of
 from rpo_log.format.run import TimeBase
 from rpo_log.log_commands import parser
 
@@ -21,10 +21,8 @@ def test_states_come_back_bit_for_bit(tmp_path):
     log = RunLogWriter(tmp_path, base, ('/relative_state', '/control_force'), {})
     for tick in range(11):
         stamp_ns = base.stamp_ns(tick)
-        state = cdr.encode_odometry(stamp_ns, 'target_lvlh', 'chaser', STATES[tick])
-        force = cdr.encode_wrench(stamp_ns, 'target_lvlh', (0.1, 0.0, 0.0))
-        log.write('/relative_state', tick, state)
-        log.write('/control_force', tick, force)
+        for name, values in (('relative_state', STATES[tick]), ('control_force', (0.1, 0.0, 0.0))):
+            log.write(f'/{name}', tick, row_of(name).layout.encode(stamp_ns, values))
     log.close()
     assert [tuple(state) for state in read_run(tmp_path).states] == STATES
 

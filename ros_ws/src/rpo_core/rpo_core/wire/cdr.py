@@ -59,8 +59,6 @@ FIELDS = {
 
 _NS = 1_000_000_000
 _LENGTH = struct.Struct('<I')
-_IDENTITY_POSE = (0.0, 0.0, 0.0, 1.0) + (0.0,) * 36
-_NO_ROTATION = (0.0,) * 39
 
 
 class CdrError(ValueError):
@@ -98,7 +96,7 @@ def _pad(buffer: bytearray, alignment: int) -> None:
     buffer.extend(bytes(-(len(buffer) - 4) % alignment))
 
 
-def _encode_stamped(stamp_ns: int, texts: Sequence[str], floats: Sequence[float] = ()) -> bytes:
+def _encode_stamped(stamp_ns: int, texts: Sequence[str], floats: Sequence[float]) -> bytes:
     buffer = bytearray(_stamp(stamp_ns))
     for text in texts:
         _pad(buffer, 4)
@@ -110,22 +108,6 @@ def _encode_stamped(stamp_ns: int, texts: Sequence[str], floats: Sequence[float]
 def encode_clock(stamp_ns: int) -> bytes:
     """Return the CDR of a rosgraph_msgs/msg/Clock."""
     return _stamp(stamp_ns)
-
-
-def encode_wrench(stamp_ns: int, frame_id: str, force_n: Sequence[float]) -> bytes:
-    """Return the CDR of a WrenchStamped without torque; force_n : (3,) N, axes of frame_id."""
-    return _encode_stamped(stamp_ns, [frame_id], [*force_n, 0.0, 0.0, 0.0])
-
-
-def encode_odometry(
-    stamp_ns: int, frame_id: str, child_frame_id: str, state: Sequence[float]
-) -> bytes:
-    """Return the CDR of an Odometry with identity attitude, no rotation, zero covariances.
-
-    state : (6,) position [m] and velocity [m/s] in the axes of frame_id
-    """
-    floats = [*state[:3], *_IDENTITY_POSE, *state[3:], *_NO_ROTATION]
-    return _encode_stamped(stamp_ns, [frame_id, child_frame_id], floats)
 
 
 def encode_status(
@@ -300,12 +282,8 @@ class Layout:
     ) -> None:
         floats = FIELDS[type_name][1]
         self.columns = tuple(map(floats.index, names))
-        if type_name == CLOCK:
-            self.plain = encode_clock(0)
-        elif type_name == ODOMETRY:
-            self.plain = encode_odometry(0, texts[0], texts[1], (0.0,) * 6)
-        else:
-            self.plain = encode_wrench(0, texts[0], (0.0,) * 3)
+        zeros = [float(name == 'pose.pose.orientation.w') for name in floats]  # no rotation
+        self.plain = _encode_stamped(0, texts, zeros)
         self.type, self.texts, self.size = type_name, texts, len(self.plain)
         first = self.size - 8 * len(floats)
         columns = enumerate(self.columns)
