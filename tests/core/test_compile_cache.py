@@ -4,8 +4,9 @@
 
 from __future__ import annotations
 
+import importlib
 import os
-import re
+import pkgutil
 import shutil
 import subprocess
 import sys
@@ -14,7 +15,10 @@ from pathlib import Path
 import numba
 import pytest
 
-from rpo_core.kernels import compile_cache
+import rpo
+import rpo_core
+from rpo.cli.commands.simulate import FIRST_FLIGHT, LONG_TICKS
+from rpo_core.kernels import compile_cache, numba_records
 from rpo_core.kernels.jit import inlined, kernel
 
 LOW = """
@@ -40,6 +44,7 @@ def step(x, pair):
     return GAIN * signed(x) + 100.0 * pair.left
 """
 TOP = """
+import sys
 from rpo_small import low, middle
 from rpo_core.kernels.jit import kernel
 
@@ -47,7 +52,8 @@ from rpo_core.kernels.jit import kernel
 def twice(x):
     return 2.0 * middle.step(x, low.Pair(x, 10.0 * x))
 
-print(twice(1.0), sum(twice.stats.cache_hits.values()))
+line = f'{twice(1.0)} {sum(twice.stats.cache_hits.values())}\\n'
+sys.stdout.write(line)  # at once: other processes write too
 """
 
 
@@ -125,32 +131,84 @@ def test_an_edit_of_another_module_reaches_what_was_compiled_from_it(tmp_path, i
     assert imported(modules.parent, processes=3) == ['196.0 0', '196.0 1', '196.0 1']
 
 
+TWO_STAGES = """
+from dataclasses import dataclass
+from rpo_core.kernels.jit import step_kernel
+
+@dataclass(slots=True)
+class Settings:
+    gain: float
+
+@dataclass(slots=True)
+class Memory:
+    last: float
+
+@step_kernel
+def first(tick, u, p, m, y):
+    m.last = y[0] = p.gain * u[0]
+
+@step_kernel
+def second(tick, u, p, m, y):
+    y[0] = m.last
+"""
+
+
+def test_another_process_compiles_the_stages_that_nobody_claimed(tmp_path):
+    modules, claims = write_small(tmp_path), tmp_path / 'claims'
+    (modules / 'stages.py').write_text(TWO_STAGES)
+    claims.mkdir()
+    (claims / '0').touch()
+    stages = 'rpo_small.stages:{} rpo_small.stages:Settings rpo_small.stages:Memory'
+    path = os.pathsep.join((str(tmp_path), os.environ.get('PYTHONPATH', '')))
+    env = {**os.environ, 'PYTHONPATH': path, 'XDG_CACHE_HOME': str(tmp_path / 'home')}
+    words = [sys.executable, '-c', numba_records.COMPILE_NAMED, str(claims)]
+    subprocess.run([*words, stages.format('first'), stages.format('second')], env=env, check=True)
+    compiled = {path.name.partition('-')[0] for path in (tmp_path / 'home').rglob('rpo_small*')}
+    assert compiled == {'rpo_small.stages.second'}
+
+
+@pytest.mark.every_landing
+def test_the_first_flight_compiles_nothing_unless_it_is_long(tmp_path):
+    env = {name: value for name, value in os.environ.items() if name != 'RPO_JIT'}
+    env['XDG_CACHE_HOME'] = str(tmp_path)
+
+    def flown(*words: str) -> tuple[str, str]:
+        command = ['rpo', 'simulate', 'quick', *words]
+        process = subprocess.run(command, env=env, capture_output=True, text=True, check=True)
+        return process.stdout, process.stderr
+
+    table, sentence = flown()
+    assert ' '.join(sentence.split()) == FIRST_FLIGHT
+    (folder,) = (tmp_path / 'rpo/compiled').iterdir()
+    folder.rmdir()  # it is empty
+    assert flown('--set', f'duration_s={LONG_TICKS}')[1] == ''
+    assert any(folder.iterdir())
+    assert flown() == (table, '')
+
+
 def test_the_digest_has_the_kernels_and_tuples_of_all_packages(tmp_path, monkeypatch):
     modules = write_small(tmp_path)
     (modules / 'tuples.py').write_text('NamedTuple')
     (modules / 'other.py').write_text('')
     monkeypatch.syspath_prepend(str(tmp_path))
-    sources = compile_cache._sources.__wrapped__
-    digests = [sources()[0]]
+    digest = compile_cache._digest.__wrapped__
+    digests = [digest()]
     for name in ('low', 'top', 'tuples', 'other'):
         with (modules / f'{name}.py').open('a') as file:
             file.write('# edited\n')
-        digests.append(sources()[0])
+        digests.append(digest())
     assert len(set(digests[:-1])) == 4 and digests[-1] == digests[-2]
-    packages = sources()[1]
-    assert {'rpo_small', 'rpo_core', 'rpo'} <= packages
-    assert 'rpo_log' not in packages
 
 
-def test_every_source_that_imports_the_decorators_is_in_the_digest():
+def test_the_source_of_every_kernel_is_in_the_digest():
     """Else an edit of it flies the machine code from before."""
-    root = Path(__file__).parents[2]
-    names = rb'(kernel|inlined|compiled|by_constant)'
-    uses = re.compile(rb'^from \S+ import (\([^)]*|[^\n]*)\b' + names + rb'\b', re.M)
-    paths = [*root.glob('ros_ws/src/*/rpo_*/**/*.py'), *root.glob('offline_training/*/**/*.py')]
-    sources = [text for path in paths if uses.search(text := path.read_bytes())]
-    assert len(sources) > 30
-    assert all(map(compile_cache._KERNEL.search, sources))
+    packages = [(f'{package.__name__}.', package.__path__) for package in (rpo, rpo_core)]
+    names = [m.name for name, path in packages for m in pkgutil.walk_packages(path, name)]
+    values = [value for name in names for value in vars(importlib.import_module(name)).values()]
+    kernels = [value.py_func for value in values if isinstance(value, compile_cache.Kernel)]
+    ours = {Path(kernel.__code__.co_filename) for kernel in kernels}
+    assert len(ours) > 30
+    assert all(compile_cache._USED.search(source.read_bytes()) for source in ours)
 
 
 def plus(x: float) -> float:
@@ -160,7 +218,7 @@ def plus(x: float) -> float:
 @pytest.fixture
 def home(tmp_path, monkeypatch):
     """Return the folder of the kernels of this module."""
-    monkeypatch.setattr(compile_cache, '_sources', lambda: ('', {__name__.partition('.')[0]}))
+    monkeypatch.setattr(compile_cache, '_is_of_the_digest', lambda _module: True)
     monkeypatch.setattr(compile_cache, 'folder', lambda: tmp_path / 'rpo' / 'x')
     compile_cache._say_once.cache_clear()
     return tmp_path / 'rpo' / 'x'
@@ -215,7 +273,7 @@ def test_states_that_were_not_used_for_long_do_not_pile_up(tmp_path, monkeypatch
     monkeypatch.setattr(compile_cache, 'KEPT', 3)
 
     def folder(state: str) -> Path:
-        monkeypatch.setattr(compile_cache, '_sources', lambda: (state, set()))
+        monkeypatch.setattr(compile_cache, '_digest', lambda: state)
         return compile_cache.folder.__wrapped__()
 
     for age, state in enumerate('abc'):
@@ -236,4 +294,4 @@ def test_a_kernel_is_compiled_once_for_all_constants():
     """numba would compile it for each."""
     moved_twice = numba.njit(lambda x: moved(x, 1) + moved(x, by=2))
     assert moved_twice(5) == 13 and moved(5, by=2) == 7 == moved(5, 2)
-    assert len(moved.signatures) == 1
+    assert len(moved.inner.signatures) == 1

@@ -15,9 +15,13 @@ from rpo_core.files.validation import missing_library
 def main() -> None:
     """Entry point of `rpo`."""
     try:
-        asked = set(sys.argv[1:])
-        if sys.argv[1:2] == [processor.SEARCH] and not asked & {'-h', '--help'}:
+        command = '' if {'-h', '--help'} & {*sys.argv[1:]} else ''.join(sys.argv[1:2])
+        if command == processor.SEARCH:
             processor.restart_pinned()
+        elif command == 'simulate':
+            from rpo_core.kernels import jit
+
+            jit.interpret_first_flight()
         from rpo.cli.cli import app
 
         app()

@@ -7,9 +7,11 @@ Small commands of each subject compile what it uses, and keep it (`rpo_core.kern
 
 from __future__ import annotations
 
-import gc
+import os
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import redirect_stdout
 from io import StringIO
+from multiprocessing import get_context
 from tempfile import TemporaryDirectory
 
 from rpo.cli.cli import app
@@ -38,17 +40,28 @@ campaign least_energy --runs 1 --output FOLDER/least_energy
 safety attack assured --runs 1 --ticks 1
 safety quiet quick
 """
+_CELL = 'a cell of a proof'
 
 
 def main() -> None:
-    """Run each command, and name it."""
-    gc.disable()  # a tenth of the time; the compiler leaves little behind
-    with TemporaryDirectory() as folder:
-        for line in _COMMANDS.strip().splitlines():
-            print(f'rpo {line}', flush=True)
-            with redirect_stdout(StringIO()):
-                app(line.replace('FOLDER', folder).split(), standalone_mode=False)
-    print('a cell of a proof', flush=True)
+    """Run each command, one on each core at a time, and name it."""
+    lines = [*_COMMANDS.strip().splitlines(), _CELL]
+    cores = len(os.sched_getaffinity(0))
+    with ProcessPoolExecutor(cores, mp_context=get_context('spawn')) as pool:
+        for line in pool.map(_run, lines):
+            print(line, flush=True)
+
+
+def _run(line: str) -> str:
+    with TemporaryDirectory() as folder, redirect_stdout(StringIO()):
+        if line == _CELL:
+            _prove_cell()
+        else:
+            app(line.replace('FOLDER', folder).split(), standalone_mode=False)
+    return line if line == _CELL else f'rpo {line}'
+
+
+def _prove_cell() -> None:
     base = load_set('paper_training').base
     settings = Settings(centre=(0.0,) * 6, half=(1.0,) * 3 + (0.0,) * 3, coarseness=16.0)
     problem = Problem.of(load_fuzzy(DEFAULT_CONTROLLER), base, settings)

@@ -23,6 +23,8 @@ from rpo.montecarlo.faults import SHARES, Faults
 from rpo.montecarlo.run_batch import columns_of, fly_run, fly_runs, fly_unit, units
 from rpo.montecarlo.statistics import Rate, document, rate, successes
 from rpo.montecarlo.store import Results
+from rpo_core.chain.chain import Chain, start_of
+from rpo_core.chain.driver import Driver
 from rpo_core.chain.flight import Flight
 from rpo_core.files.validation import InputError
 from rpo_core.judge.metrics import FINAL
@@ -81,6 +83,8 @@ def results_of(campaign: Campaign, pending: Iterable[int], workers: int, address
         remote = ((unit, (campaign.texts, unit)) for unit in pending)
         yield from pool.run(fly_remote, remote, workers, address)
         return
+    chain = Chain.of(campaign.scenario, campaign.controller)
+    Driver(chain).begin(start_of(campaign.scenario), 0)  # compiles where Ctrl-C ends it at once
     stopped = Event()
     calls = ((unit, (campaign, unit, stopped.is_set)) for unit in pending)
     with closing(pool.run(fly_unit, calls, workers)) as source:

@@ -142,6 +142,8 @@ class Driver:
         log = as_table(self.room(ticks)) if room is None else room
         reads, carried, before, after = layout.tables
         stages = [link.stage for link in self.chain.links]  # interpreted, memory is made anew
+        kernels = [stage for stage in stages if has_kernel(stage)]
+        calls.compile_together((type(s).kernel, s.p, s.m) for s in kernels)
         rows: Any = [
             (*(stage.row if has_kernel(stage) else (0, 0, 0)), *row)
             for stage, row in zip(stages, layout.rows, strict=True)

@@ -14,6 +14,7 @@ writes into p and m what the kernel needs, and the kernel once more.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 from rpo_core.kernels.jit import COMPILED, compiled
@@ -62,6 +63,16 @@ def row_of(step: Any, p: Any, m: Any) -> tuple[Any, Any, Any]:
         address_of(p),
         address_of(m),
     )
+
+
+def compile_together(stages: Iterable[tuple[Any, Any, Any]]) -> None:
+    """Compile kernels that are not yet, with several processes.
+
+    stages : kernel, settings and memory of each
+    """
+    if COMPILED:
+        steps = ((step, class_of(p), class_of(m)) for step, p, m in stages)
+        numba_records.compile_together(*steps)
 
 
 @driver

@@ -15,6 +15,7 @@ something else. One that does not fit is compiled again.
 from __future__ import annotations
 
 import fcntl
+import gc
 import hashlib
 import importlib.util
 import os
@@ -43,11 +44,9 @@ from numba.core.types.misc import unliteral
 KEPT = 20
 """Folders that are kept: edits, branches and checkouts come and go."""
 
-_KERNEL = re.compile(
-    rb'^(@|\w+ = |    return )(jit\.)?((step_)?kernel|inlined|compiled|by_constant|intrinsic)\b',
-    re.M,
-)
-_TUPLES = re.compile(rb'NamedTuple|namedtuple')
+_USED = re.compile(rb'numba|kernels\.(calls|jit|records|simd)|kernels import|[Nn]amed_?[Tt]uple')
+"""What a source says that has kernels, or types of their arguments."""
+
 _CHECK = hashlib.sha256().digest_size
 
 if numba.config.CPU_FEATURES is None and '+avx512f' in get_host_cpu_features():
@@ -63,11 +62,37 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
     """
 
     by_constant = False
+    _inner: Kernel | None = None
+
+    @property
+    def _numba_type_(self) -> Any:
+        """What other kernels see of it."""
+        return numba.types.Dispatcher(self.inner)
+
+    @property
+    def _is_inner(self) -> bool:
+        return 'no_cpython_wrapper' in self.targetoptions
+
+    @property
+    def inner(self) -> Kernel:
+        """It, as other kernels call it: without what takes arguments from Python.
+
+        Of all kernels, that would be a third of the compiling.
+        """
+        if self._is_inner:
+            return self
+        with global_compiler_lock:
+            if self._inner is None:
+                options = {**self.targetoptions, 'no_cpython_wrapper': True}
+                self._inner = Kernel(self.py_func, targetoptions=options)
+                self._inner.by_constant = self.by_constant
+                self._inner.enable_caching()
+        return self._inner
 
     def enable_caching(self) -> None:
         """Keep what is compiled, where the sources that it depends on are in the digest."""
-        if self.py_func.__module__.partition('.')[0] in _sources()[1]:
-            self._cache = Cache(self.py_func, folder())
+        if _is_of_the_digest(self.py_func.__module__):
+            self._cache = Cache(self.py_func, folder(), '-inner' * self._is_inner)
 
     def compile(self, sig: Any) -> Any:
         """Compile or load it for types of arguments, one process at a time.
@@ -79,7 +104,17 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
                 with suppress(OSError):
                     lock = stack.enter_context(self._cache.lock.open('w'))
                     fcntl.lockf(lock, fcntl.LOCK_EX)  # not flock: a forked process would hold it
+            if gc.isenabled():
+                gc.disable()  # a tenth of the time; the compiler leaves little behind
+                stack.callback(gc.enable)
             return super().compile(sig)
+
+    def is_kept(self, types: tuple[Any, ...]) -> bool:
+        """Return whether its code for types of arguments is kept, or cannot be."""
+        code: Any = self._cache
+        if not isinstance(code, Cache):
+            return True
+        return code._path(code._index_key(types, self.targetctx.codegen())).exists()
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """Return its type for a call of another kernel."""
@@ -94,10 +129,10 @@ class Cache(FunctionCache):  # type: ignore[misc]
     It has no files of numba's own: these are believed whatever is in them.
     """
 
-    def __init__(self, function: Callable[..., Any], folder: Path) -> None:
+    def __init__(self, function: Callable[..., Any], folder: Path, suffix: str) -> None:
         self._py_func, self._cache_path = function, str(folder)
         name = f'{function.__module__}.{function.__qualname__}-{function.__code__.co_firstlineno}'
-        self.lock = folder / f'{name}.lock'
+        self.lock = folder / f'{name}{suffix}.lock'
 
     def _load_overload(self, sig: Any, target_context: Any) -> Any:
         key = self._index_key(sig, target_context.codegen())
@@ -112,12 +147,16 @@ class Cache(FunctionCache):  # type: ignore[misc]
         if data.library.has_dynamic_globals:  # addresses of this process
             return
         key = self._index_key(sig, data.codegen)
+        try:
+            code = data._reduce()
+        except RuntimeError:  # Ctrl-C came as numba received the code, and was ignored
+            raise KeyboardInterrupt from None
         path = self._path(key)
         aside = path.with_suffix(f'.{os.getpid()}')
         try:
             path.parent.mkdir(parents=True, exist_ok=True)  # another process may have removed it
             try:
-                aside.write_bytes(self._checked(key, dumps((key, data._reduce()))))
+                aside.write_bytes(self._checked(key, dumps((key, code))))
                 aside.replace(path)
             finally:
                 aside.unlink(missing_ok=True)
@@ -136,11 +175,16 @@ def _say_once(sentence: str) -> None:
     print(sentence, file=sys.stderr)
 
 
+def place() -> Path:
+    """Return where the folder for the present sources is, in the user's cache."""
+    home = os.environ.get('XDG_CACHE_HOME') or os.path.expanduser('~/.cache')
+    return Path(home) / 'rpo' / 'compiled' / _digest()[:20]
+
+
 @cache
 def folder() -> Path:
-    """Return the folder in the user's cache for the present sources; remove old ones."""
-    home = os.environ.get('XDG_CACHE_HOME') or os.path.expanduser('~/.cache')
-    present = Path(home) / 'rpo' / 'compiled' / _sources()[0][:20]
+    """Return the folder for the present sources; remove old ones."""
+    present = place()
     with suppress(OSError):  # a cache that cannot be written, or another process that removes
         is_new = not present.exists()
         present.mkdir(parents=True, exist_ok=True)
@@ -152,23 +196,24 @@ def folder() -> Path:
     return present
 
 
+def _is_of_the_digest(module: str) -> bool:
+    """Return whether the sources of the package of a module are in the digest."""
+    return module.partition('.')[0].partition('_')[0] == 'rpo'
+
+
 @cache
-def _sources() -> tuple[str, set[str]]:
-    """Return a digest of the compiler and all sources with kernels, and their packages.
+def _digest() -> str:
+    """Return a digest of the compiler and all sources that kernels may depend on.
 
     A kernel takes tuples whose types its module need not import, so their types count too.
     """
     compiler = sys.version, numba.__version__, llvmlite.__version__, np.__version__
-    total, packages = hashlib.sha256(repr(compiler).encode()), set()
-    for name in sorted(
-        {m.name for m in pkgutil.iter_modules() if m.name == 'rpo' or m.name.startswith('rpo_')}
-    ):
+    total = hashlib.sha256(repr(compiler).encode())
+    for name in sorted({m.name for m in pkgutil.iter_modules() if _is_of_the_digest(m.name)}):
         spec = importlib.util.find_spec(name)
-        roots = (spec and spec.submodule_search_locations) or ()
-        texts = [path.read_bytes() for root in roots for path in sorted(Path(root).rglob('*.py'))]
-        if any(map(_KERNEL.search, texts)):
-            packages.add(name)
-            for text in texts:
-                if _KERNEL.search(text) or _TUPLES.search(text):
+        for root in (spec and spec.submodule_search_locations) or ():
+            for path in sorted(Path(root).rglob('*.py')):
+                text = path.read_bytes()
+                if _USED.search(text):
                     total.update(f'{name} {len(text)} '.encode() + text)
-    return total.hexdigest(), packages
+    return total.hexdigest()

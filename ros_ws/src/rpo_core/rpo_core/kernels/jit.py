@@ -35,6 +35,22 @@ def _wanted() -> bool:
 COMPILED = _wanted()
 """Whether kernels of this process are compiled."""
 
+FIRST_FLIGHT = False
+"""Whether they are not, because no process has compiled any of these sources."""
+
+
+def interpret_first_flight() -> None:
+    """Interpret the kernels of this process if none was ever compiled; before they are imported.
+
+    A flight takes less time so than its kernels take to compile, unless it is long.
+    """
+    global COMPILED, FIRST_FLIGHT
+    if COMPILED and not os.environ.get('RPO_JIT'):
+        from rpo_core.kernels import compile_cache  # imports numba
+
+        FIRST_FLIGHT = not compile_cache.place().exists()
+        COMPILED = not FIRST_FLIGHT
+
 
 def kernel(function: Kernel) -> Kernel:
     """Compile a scalar kernel where `COMPILED`, else return it as it is."""

@@ -4,17 +4,29 @@
 
 from __future__ import annotations
 
+import fcntl
+import os
+import signal
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, suppress
 from functools import cache
+from pathlib import Path
+from pkgutil import resolve_name
+from subprocess import DEVNULL, Popen
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba import types
 from numba.core.cgutils import if_unlikely
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.datamodel import models
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
+from rpo_core.kernels import compile_cache
 from rpo_core.kernels.records import format_of, places_of
 
 FLOATS = types.Array(types.float64, 1, 'C')
@@ -48,13 +60,74 @@ def record_type(record: Any) -> Record:
     return Record(fields, 8 * len(format_of(record)), True)
 
 
+def _arguments(settings: Any, memory: Any) -> tuple[types.Type, ...]:
+    """Return the types of the arguments of a kernel `step(tick, u, p, m, y)`."""
+    return types.int64, FLOATS, record_type(settings), record_type(memory), FLOATS
+
+
 @cache
 def address(step: Any, settings: Any, memory: Any) -> int:
     """Return the address of a kernel `step(tick, u, p, m, y)`; it is compiled now, or loaded."""
-    given = types.int64, FLOATS, record_type(settings), record_type(memory), FLOATS
-    step.compile(given)
-    made = step.overloads[given]
+    given = _arguments(settings, memory)
+    step.inner.compile(given)
+    made = step.inner.overloads[given]
     return int(made.library.get_pointer_to_function(made.fndesc.llvm_func_name))
+
+
+COMPILE_NAMED = f'import {__name__} as here; here.compile_named()'
+"""What another process runs; its arguments are those of `compile_named`."""
+
+
+@cache
+def compile_together(*steps: tuple[Any, Any, Any]) -> None:
+    """Compile kernels, each with the classes of its settings and memory, in several processes.
+
+    numba compiles one kernel at a time in a process. What another process compiles, this one loads.
+    One that cannot be compiled here, or while another process is here, is compiled at its use.
+    """
+    with global_compiler_lock, suppress(OSError), ExitStack() as stack:
+        missing = [step for step in steps if not step[0].inner.is_kept(_arguments(*step[1:]))]
+        if not missing:
+            return
+        lock = stack.enter_context((compile_cache.folder() / 'together.lock').open('w'))
+        fcntl.lockf(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        folder = stack.enter_context(TemporaryDirectory())
+        names = [' '.join(f'{c.__module__}:{c.__qualname__}' for c in step) for step in missing]
+        words = [sys.executable, '-c', COMPILE_NAMED, folder, *names]
+        path = os.pathsep.join(filter(None, sys.path))
+        is_watched = sys.stderr.isatty() or 'ipykernel' in sys.modules
+        others = []
+        for _ in range(min(len(os.sched_getaffinity(0)), len(missing)) - 1):
+            other = Popen(words, stderr=DEVNULL, env={**os.environ, 'PYTHONPATH': path})
+            others.append(stack.enter_context(other))
+            stack.callback(other.kill)  # after Ctrl-C
+        for number, step in _claimed(folder, missing):
+            if is_watched:
+                text = f'compiling kernels, once: stage {number + 1} of {len(missing)}'
+                print(text, file=sys.stderr)
+            address(*step)
+        for other in others:
+            other.wait()
+
+
+def compile_named() -> None:
+    """Compile kernels by their names, as another process: see `compile_together`.
+
+    Arguments of the process: the folder of claims; of each stage, the names of kernel and classes.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    parent, (folder, *names) = os.getppid(), sys.argv[1:]
+    for _, name in _claimed(folder, names):
+        if os.getppid() == parent:  # it goes on
+            address(*map(resolve_name, name.split()))
+
+
+def _claimed(folder: str, steps: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+    """Yield number and stage of those that no other process has claimed, by a file in a folder."""
+    for number, step in enumerate(steps):
+        with suppress(FileExistsError):
+            Path(folder, str(number)).touch(exist_ok=False)
+            yield number, step
 
 
 @intrinsic
