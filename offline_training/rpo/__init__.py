@@ -72,34 +72,25 @@ if TYPE_CHECKING:
 files.SHIPPED['campaign'] = Path(__file__).parent / 'shipped' / 'campaigns'
 
 _MODULES = {
-    'Campaign': 'rpo.door.campaign',
-    'Catalogue': 'rpo.door.subjects',
-    'DispersedApproach': 'rpo.training.gym_vector',
-    'Explanation': 'rpo.door.flight',
-    'FinalApproach': 'rpo.training.gym',
-    'Flight': 'rpo.door.flight',
-    'FuzzyController': 'rpo_core.control.controller',
-    'Proof': 'rpo.door.proof',
-    'Replay': 'rpo.door.flight',
-    'Scenario': 'rpo_core.scenario.scenario',
-    'Training': 'rpo.door.train',
-    'Verdict': 'rpo_core.judge.verdicts',
-    'Verification': 'rpo.door.evidence',
-    'campaign': 'rpo.door.campaign',
-    'campaigns': 'rpo.door.subjects',
-    'controller': 'rpo.door.subjects',
-    'controllers': 'rpo.door.subjects',
-    'export': 'rpo.door.conversion',
-    'fly': 'rpo.door.flight',
-    'load': 'rpo.door.flight',
-    'plot': 'rpo.door.subjects',
-    'prove': 'rpo.door.proof',
-    'report': 'rpo.door.evidence',
-    'scale': 'rpo.door.conversion',
-    'scenario': 'rpo.door.subjects',
-    'scenarios': 'rpo.door.subjects',
-    'train': 'rpo.door.train',
-    'verify': 'rpo.door.evidence',
+    name: module
+    for module, names in {
+        'rpo.door.campaign': ('Campaign', 'campaign'),
+        'rpo.door.conversion': ('export', 'scale'),
+        'rpo.door.evidence': ('Verification', 'report', 'verify'),
+        'rpo.door.flight': ('Explanation', 'Flight', 'Replay', 'fly', 'load'),
+        'rpo.door.proof': ('Proof', 'prove'),
+        'rpo.door.subjects': (
+            *('Catalogue', 'campaigns', 'controller', 'controllers'),
+            *('plot', 'scenario', 'scenarios'),
+        ),
+        'rpo.door.train': ('Training', 'train'),
+        'rpo.training.gym': ('FinalApproach',),
+        'rpo.training.gym_vector': ('DispersedApproach',),
+        'rpo_core.control.controller': ('FuzzyController',),
+        'rpo_core.judge.verdicts': ('Verdict',),
+        'rpo_core.scenario.scenario': ('Scenario',),
+    }.items()
+    for name in names
 }
 """Name -> its module, imported as the name is asked for."""
 

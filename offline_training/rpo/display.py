@@ -26,6 +26,14 @@ PATIENCE_S = 2.0
 COMPILING = 'Code that runs for the first time here is compiled: up to a minute, once.'
 """Said where work in a folder shows no progress for so long."""
 
+UNITS = {
+    '_rad_s': 'rad/s', '_deg_s': 'deg/s', '_m2_s2': 'm²/s²', '_m_s': 'm/s', '_n_s': 'N/s',
+    '_n2s': 'N²s', '_rad2': 'rad²', '_m2': 'm²', '_rad': 'rad', '_deg': 'deg', '_nms': 'N m s',
+    '_nm': 'N m', '_kg': 'kg', '_ticks': 'ticks', '_share': 'share', '_m': 'm', '_s': 's',
+    '_n': 'N', '': '',
+}  # fmt: skip
+"""End of the name of a column -> unit, the longer ones first."""
+
 _STYLES = {'held': 'green', 'holds': 'green', 'MISSED': 'bold red'}
 
 
@@ -66,6 +74,11 @@ def print_table(
     if title:
         console.print(printable(title))
     console.print(table)
+
+
+def suffix_of(column: str) -> str:
+    """Return the end of a name that says its unit, see `UNITS`; '' if none."""
+    return next(end for end in UNITS if column.endswith(end))
 
 
 def html_rows(rows: Iterable[Sequence[str]]) -> str:

@@ -7,13 +7,12 @@ from __future__ import annotations
 import html
 import re
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from rpo.display import Show, html_rows, progress_in_python
-from rpo.door.flight import Flight
+from rpo.display import UNITS, Show, html_rows, progress_in_python, suffix_of
+from rpo.door.flight import Flight, extended
 from rpo.door.subjects import (
     AnyLaw,
     Catalogue,
@@ -140,7 +139,7 @@ class Campaign:
         frame = pd.DataFrame({name: self[name] for name in self})
         frame['success'] = self.success
         frame.index.name = 'run'
-        units = {name: judging.unit_of_column(name) for name in self}
+        units = {name: UNITS[suffix_of(name)] for name in self}
         frame.attrs['units'] = {**units, **self.definition.metrics}
         return frame
 
@@ -230,8 +229,7 @@ class Campaign:
         """
         whole('number', number, least=0, most=len(self) - 1)
         _, flight = execution.fly_again(self.definition, number, self.results)
-        values = {each.name: getattr(flight, each.name) for each in fields(flight)}
-        return Flight(**values, controller=self.definition.controller)
+        return extended(flight, self.definition.controller, {})
 
 
 @proposing

@@ -139,7 +139,7 @@ def reported(subjects: Sequence[Any], folder: str | Path | None, scenario: str) 
                 raise InputError(
                     f'several targets must be runs; {targets[0]} is a {first}, {target} a {other}'
                 )
-        made, logged = _of_runs(targets, scenario) if first == 'run' else _of(targets[0], scenario)
+        made, logged = _of(targets, first, scenario)
         place = Path(folder) if folder else _place(targets, first, Path(scratch))
         return Reported(made, page.write(made, place), logged)
 
@@ -191,22 +191,16 @@ def _place(targets: Sequence[str], subject: str, scratch: Path) -> Path:
     return Path('runs') / '_'.join(['report', *names])
 
 
-def _of_runs(targets: Sequence[str], scenario: str) -> tuple[Any, Sequence[Any]]:
-    """Return the report of runs, and what their logs show."""
-    from rpo.reports import run
+def _of(targets: Sequence[str], subject: str, scenario: str) -> tuple[Any, Sequence[Any]]:
+    """Return the report of a subject, and what the logs of runs show."""
+    from rpo.reports import campaign, controller, proof, run
 
-    paths = [Path(target) for target in targets]
-    if len(paths) > 1:
-        return run.compared(paths, scenario)
-    made, flight = run.report_of(paths[0], scenario)
-    return made, [flight]
-
-
-def _of(target: str, scenario: str) -> tuple[Any, Sequence[Any]]:
-    """Return the report of a campaign, a proof or a controller."""
-    from rpo.reports import campaign, controller, page, proof
-
-    subject = page.subject_of(target)
+    target, *others = targets
+    if others:
+        return run.compared([Path(each) for each in targets], scenario)
+    if subject == 'run':
+        made, flight = run.report_of(Path(target), scenario)
+        return made, [flight]
     if subject != 'controller':
         module = campaign if subject == 'campaign' else proof
         return module.report_of(Path(target)), ()

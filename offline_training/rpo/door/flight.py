@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from rpo.display import html_rows
+from rpo.display import UNITS, html_rows, suffix_of
 from rpo.door.subjects import (
     AnyLaw,
     Catalogue,
@@ -389,7 +389,7 @@ class Flight(core.Flight):
             import pandas as pd
         columns = {c: v for each in self._columns().values() for c, v in each.items()}
         frame = pd.DataFrame(columns, index=pd.Index(self.t, name='time_s'))
-        frame.attrs['units'] = {name: unit_of(name) for name in columns}
+        frame.attrs['units'] = {name: UNITS[suffix_of(name)] for name in columns}
         return frame
 
     def to_xarray(self) -> Any:
@@ -417,7 +417,8 @@ class Flight(core.Flight):
         for signal, parts in self._columns().items():
             meaning = interfaces.row_of(signal).meaning
             for name, values in parts.items():
-                found[name] = 'time_s', values, {'units': unit_of(name), 'long_name': meaning}
+                attrs = {'units': UNITS[suffix_of(name)], 'long_name': meaning}
+                found[name] = 'time_s', values, attrs
         attrs = {'scenario': self.scenario.name, 'frame': interfaces.LVLH_FRAME}
         coordinate = {'time_s': ('time_s', self.t, {'units': 's'})}
         return xr.Dataset(found, coordinate, {**attrs, **self.metrics})
@@ -496,18 +497,6 @@ def _names_of(signal: str, values: Floats) -> list[str]:
     return [f'{stem}_{name}' for name in names]
 
 
-_UNITS = {
-    '_rad_s': 'rad/s', '_m2_s2': 'm²/s²', '_m_s': 'm/s', '_rad2': 'rad²', '_m2': 'm²',
-    '_nms': 'N m s', '_nm': 'N m', '_n': 'N', '_kg': 'kg', '_m': 'm',
-}  # fmt: skip
-"""End of a name -> unit, the longer ones first."""
-
-
-def unit_of(column: str) -> str:
-    """Return the unit that the name of a column ends in; '' if none."""
-    return next((unit for end, unit in _UNITS.items() if column.endswith(end)), '')
-
-
 @proposing
 def fly(
     scenario: str | Path | Scenario | Mapping[str, Any],
@@ -568,10 +557,11 @@ def flown(scenario: object, controller: object, changes: Mapping[str, Any]) -> F
     named = {'scenario': source.name, 'controller': flying.name, 'set': written}
     parameters = yaml.safe_dump({'simulate': named})
     attached = {SCENARIO: source.text, CONTROLLER: flying.text, PARAMETERS: parameters}
-    return _extended(flight, flying.subject, attached)
+    return extended(flight, flying.subject, attached)
 
 
-def _extended(flight: core.Flight, controller: Any, texts: Mapping[str, str]) -> Flight:
+def extended(flight: core.Flight, controller: Any, texts: Mapping[str, str]) -> Flight:
+    """Return a flight of the core with what flew it."""
     values = {each.name: getattr(flight, each.name) for each in fields(flight)}
     return Flight(**values, controller=controller, texts=texts)
 
@@ -610,4 +600,4 @@ def load(run: str | Path, scenario: str = '') -> Flight:
 
     log = read_run(open_run(run, scenario))
     carried = controller_of(log) if CONTROLLER in log.attachments else None
-    return _extended(flight_of(log), carried, {})
+    return extended(flight_of(log), carried, {})

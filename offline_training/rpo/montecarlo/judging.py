@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from rpo.display import UNITS, suffix_of
 from rpo.montecarlo.config import METRICS, Campaign, CampaignConfig
 from rpo_core.files.validation import choice
 from rpo_core.judge import verdicts
@@ -33,36 +34,12 @@ _IN_FLIGHT = ('keep_out', 'slew', 'contact', 'arrival', 'hold', 'mean', 'final')
 OF_ITS_OWN = 'x disturbance of its run'
 """Unit of the limit that each run has of its own."""
 
-_SUFFIXES = {
-    '_deg_s': 'deg/s',
-    '_m_s': 'm/s',
-    '_n_s': 'N/s',
-    '_n2s': 'N²s',
-    '_rad': 'rad',
-    '_deg': 'deg',
-    '_kg': 'kg',
-    '_ticks': 'ticks',
-    '_share': 'share',
-    '_m': 'm',
-    '_s': 's',
-    '_n': 'N',
-}
-
 
 def words(column: str, unit: bool = True) -> str:
     """Return the name of a column for people: `initial_vx_m_s` is 'initial vx [m/s]'."""
-    suffix = _suffix(column)
+    suffix = suffix_of(column)
     name = column.removesuffix(suffix).replace('_', ' ')
-    return f'{name} [{_SUFFIXES[suffix]}]' if unit and suffix else name
-
-
-def unit_of_column(column: str) -> str:
-    """Return the unit that the name of a column ends in; '' if none."""
-    return _SUFFIXES.get(_suffix(column), '')
-
-
-def _suffix(column: str) -> str:
-    return next((suffix for suffix in _SUFFIXES if column.endswith(suffix)), '')
+    return f'{name} [{UNITS[suffix]}]' if unit and suffix else name
 
 
 def motion(names: Iterable[str]) -> list[str]:

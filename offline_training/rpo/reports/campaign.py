@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.stats import norm, rankdata
+from scipy.stats import norm, spearmanr
 
 from rpo.montecarlo import judging
 from rpo.montecarlo.judging import words
@@ -64,25 +64,18 @@ def influences(drawn: Mapping[str, Floats], outcome: Floats) -> list[Influence]:
 
     Empty if the outcome is the same in all runs.
     """
-    ranks = _standard_ranks(outcome)
-    if ranks is None:
-        return []
     by_column = []
     for name, values in drawn.items():
-        deviation = values - (values.min() + values.max()) / 2.0
-        signed, size = _standard_ranks(deviation), _standard_ranks(np.abs(deviation))
-        if signed is not None:
-            by_size = 0.0 if size is None else float(ranks @ size)
-            by_column.append(Influence(name, float(ranks @ signed), by_size))
+        size = np.abs(values - (values.min() + values.max()) / 2.0)
+        if _varies(values) and _varies(outcome):
+            by_size = spearmanr(size, outcome).statistic if _varies(size) else 0.0
+            signed = spearmanr(values, outcome).statistic
+            by_column.append(Influence(name, float(signed), float(by_size)))
     return sorted(by_column, key=lambda influence: -influence.strength)
 
 
-def _standard_ranks(values: Floats) -> Floats | None:
-    """Return ranks of mean 0 and norm 1; None where all values are equal."""
-    ranks = rankdata(values)
-    ranks -= ranks.mean()
-    size = float(np.linalg.norm(ranks))
-    return ranks / size if size > 0.0 else None
+def _varies(values: Floats) -> bool:
+    return bool((values != values[0]).any())
 
 
 def chance_level(runs: int) -> float:

@@ -266,8 +266,7 @@ def pulses(flight: Flight) -> Any:
         by_axis(more[0], times_s, torques[:-1], "torque [N m],\nchaser's axes", linewidth=0.6)
     if scenario.thrusters.propellant:
         spent_g = 1e3 * (scenario.mass_kg - thrust.masses_kg)
-        more[-1].plot(times_s, spent_g, color=style.LIGHT['ink'])
-        more[-1].set_ylabel('propellant [g]')
+        by_axis(more[-1], times_s, spent_g, 'propellant [g]')
     (more or [middle])[-1].set_xlabel('time [s]')
     style.legend_below(figure, upper)
     return figure

@@ -23,7 +23,6 @@ from rpo_core.assurance.assurance import AssuranceStage
 from rpo_core.assurance.kernels import FAR
 from rpo_core.chain.flight import Flight
 from rpo_core.guidance.guidance import GuidanceStage
-from rpo_core.judge import metrics
 from rpo_core.judge.verdicts import number
 from rpo_core.kernels.arrays import Floats
 from rpo_core.navigation.estimator import EstimatorStage
@@ -31,7 +30,7 @@ from rpo_core.wire.interfaces import REFERENCE_STATE
 from rpo_core.world.zones import zones_of
 from rpo_log.read.run_log import RunLog
 from rpo_log.show import style
-from rpo_log.show.report import by_axis, close_up_s
+from rpo_log.show.report import by_axis, close_up_ticks
 
 EXACT = 1e-6
 """A state closer to its reference [m, m/s] is on it."""
@@ -116,9 +115,7 @@ def _guidance_picture(
         strict=False,
     )
     for axes, values, floor, label in shown:
-        axes.plot(times, np.maximum(values, floor), color=style.LIGHT['ink'], linewidth=1.2)
-        axes.set_ylabel(label)
-        axes.margins(x=0.01)
+        by_axis(axes, times, np.maximum(values, floor), label, 1.2)
         if axes is not panels[0]:
             style.log_scale(axes)
     panels[0].set_ylim(0.0, None)
@@ -313,10 +310,8 @@ def _assurance_picture(
         (decisions.changed_n, 'change [N]'),
     )
     for axes, (values, label) in zip(panels, shown, strict=False):
-        axes.plot(times, values, color=style.LIGHT['ink'], linewidth=1.0)
+        by_axis(axes, times, values, label, 1.0)
         axes.axhline(0.0, **style.LIMIT)
-        axes.set_ylabel(label)
-        axes.margins(x=0.01)
         for name in dict.fromkeys(one.constraint for one in acted):
             acting = np.array([constraint == name for constraint in decisions.constraints])
             acting[1:] |= acting[:-1]  # a force acts to the end of its tick
@@ -440,7 +435,7 @@ def attitude_sections(flight: Flight) -> list[Section]:
     if turns is None:
         return []
     panels = panels_of(turns, flight.scenario)
-    last, rows = _close_ticks(flight), []
+    last, rows = close_up_ticks(flight.scenario), []
     for panel in panels:
         sizes = np.abs(panel.values)
         limit = '–' if panel.limit is None else f'≤ {number(panel.limit, panel.unit)}'
@@ -453,13 +448,8 @@ def attitude_sections(flight: Flight) -> list[Section]:
     return [Section('Attitude', (Table('How the chaser turned', columns, tuple(rows)), shown))]
 
 
-def _close_ticks(flight: Flight) -> int:
-    scenario = flight.scenario
-    return metrics.window_ticks(scenario, scenario.duration_s - close_up_s(scenario))
-
-
 def _attitude_picture(flight: Flight, panels: list[Panel]) -> Any:
-    scenario, last = flight.scenario, _close_ticks(flight)
+    scenario, last = flight.scenario, close_up_ticks(flight.scenario)
     count, times = len(panels), scenario.times_s
     figure, grid = style.new_panels(
         0.6 + 1.5 * count, count, 2, sharex='col', squeeze=False, width_ratios=(3, 2)
@@ -470,12 +460,7 @@ def _attitude_picture(flight: Flight, panels: list[Panel]) -> Any:
         for axes, part, text in zip(
             axes_of, (slice(None), slice(-last, None)), (label, ''), strict=True
         ):
-            if panel.values.ndim == 2:
-                by_axis(axes, times[part], panel.values[part], text, 1.0, _AXES)
-            else:
-                axes.plot(times[part], panel.values[part], color=style.LIGHT['ink'], linewidth=1.0)
-                axes.set_ylabel(text)
-                axes.margins(x=0.01)
+            by_axis(axes, times[part], panel.values[part], text, 1.0, _AXES)
             if panel.limit is not None and (text or panel.limit <= _NEAR * peak):
                 for sign in (-1.0, 1.0)[2 - panel.values.ndim :]:  # of a size, the upper one
                     axes.axhline(sign * panel.limit, **style.LIMIT, label='limit')

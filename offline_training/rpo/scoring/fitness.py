@@ -388,18 +388,15 @@ def driving(population: Population, samples: int = DEFAULT_SAMPLES) -> Floats:
     Negative velocity errors need no grid of their own where the rules are odd; other rules are
     checked with their mirror.
     """
-    positions = np.linspace(-1.0, 1.0, POSITIONS)
-    velocities = np.linspace(0.0, 1.0, VELOCITIES + 1)
-    grid = np.stack(np.meshgrid(positions, velocities, indexing='ij')).reshape(2, -1)
-    scratch, found = make_scratch(), np.empty((len(population.scales), 2))
-    for index in range(len(population.scales)):
-        law = population.law(index, samples)
-        for side, sign in enumerate((1.0, -1.0)):
-            outputs = np.empty(grid.shape[1])
-            infer_many(sign * grid, law, scratch, outputs)
-            table = sign * outputs.reshape(POSITIONS, -1)
-            found[index, side] = np.maximum(table[:, :1] - table[:, 1:], 0.0).mean()
-    return found.max(axis=1)
+    found = []
+    for sign in (1.0, -1.0):
+        errors = (
+            sign * np.linspace(-1.0, 1.0, POSITIONS),
+            sign * np.linspace(0.0, 1.0, VELOCITIES + 1),
+        )
+        tables = (sign * table for table in _surfaces(population, *errors, samples))
+        found.append([np.maximum(table[:, :1] - table[:, 1:], 0.0).mean() for table in tables])
+    return np.max(found, axis=0)
 
 
 def falls(population: Population, samples: int = DEFAULT_SAMPLES) -> Floats:
@@ -407,14 +404,20 @@ def falls(population: Population, samples: int = DEFAULT_SAMPLES) -> Floats:
 
     What `rpo explain --certify` proves of a surface, looked at on a grid.
     """
-    errors = np.linspace(-1.0, 1.0, GRID)
-    grid = np.stack(np.meshgrid(errors, errors, indexing='ij')).reshape(2, -1)
-    scratch, outputs = make_scratch(), np.empty(GRID * GRID)
-    found = np.zeros(len(population.scales))
-    for index in range(len(found)):
-        infer_many(grid, population.law(index, samples), scratch, outputs)
-        table = outputs.reshape(GRID, GRID)
+    errors, found = np.linspace(-1.0, 1.0, GRID), np.zeros(len(population.scales))
+    for index, table in enumerate(_surfaces(population, errors, errors, samples)):
         for axis in (0, 1):
             fall = (np.maximum.accumulate(table, axis) - table).max()
             found[index] += max(fall - ALLOWED, 0.0)
     return found
+
+
+def _surfaces(
+    population: Population, positions: Floats, velocities: Floats, samples: int
+) -> Iterator[Floats]:
+    """Yield the output (positions, velocities) of each member over a grid of errors."""
+    grid = np.stack(np.meshgrid(positions, velocities, indexing='ij')).reshape(2, -1)
+    scratch, outputs = make_scratch(), np.empty(grid.shape[1])
+    for index in range(len(population.scales)):
+        infer_many(grid, population.law(index, samples), scratch, outputs)
+        yield outputs.reshape(len(positions), -1)

@@ -71,6 +71,7 @@ class Configuration:
     schema, file : of the file, and its name in a run folder
     subject : field that a file must have, and option (or '', an argument) that gives it, if any
     words : of the command that trains any of this kind
+    fitness : of all but a tuning, which has that of the baselines
     """
 
     schema: ClassVar[str]
@@ -81,6 +82,7 @@ class Configuration:
     name: str
     seed: int
     scenario: str
+    fitness: FitnessSettings
 
     def check(self) -> None:
         """Check the fields that all kinds have; raises InputError."""

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from rpo.scoring.fitness import Fitness, FitnessSettings
+from rpo.scoring.fitness import FitnessSettings
 from rpo.training.algorithms import CmaSettings, Search
 from rpo.training.config import Configuration, load_start, updated, written
 from rpo.training.fitting import penalty_n2s, training_set, units_of
@@ -146,10 +146,6 @@ class FamilyTraining(GeneRun[FamilyConfig, Family]):
         pairs = zip(self.genes, values, strict=True)
         shares = np.array([gene.share(value) for gene, value in pairs])
         return staged(config.staged, config.cmaes, config.seed, shares)
-
-    def make_fitness(self, workers: int) -> Fitness:
-        """Return the fitness of the configuration; the flights of one controller fill a thread."""
-        return Fitness(self.starts, self.config.fitness, workers)
 
     def found(self) -> Family:
         """Return the best so far, its provenance filled in: how many held-out draws it misses."""

@@ -196,8 +196,8 @@ class SearchRun(Generic[Config, Found]):
         raise NotImplementedError
 
     def make_fitness(self, workers: int) -> Fitness:
-        """Return the fitness that evaluates a generation."""
-        raise NotImplementedError
+        """Return the fitness that evaluates a generation: that of the configuration."""
+        return Fitness(self.starts, self.config.fitness, workers)
 
     def _enter_stage(self) -> None:
         """Draw the flights of the stage."""

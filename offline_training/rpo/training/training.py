@@ -19,7 +19,7 @@ import numpy as np
 from rpo.analysis.judgement import PAPER, assess
 from rpo.engine.population import Population
 from rpo.scoring.drawn import HELD_OUT
-from rpo.scoring.fitness import Fitness, Scores
+from rpo.scoring.fitness import Scores
 from rpo.training.algorithms import Search, cma_es, genetic, pareto
 from rpo.training.config import TrainingConfig, load_start
 from rpo.training.run import SearchRun, write_csv
@@ -65,10 +65,6 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
     def make_search(self) -> Search:
         """Return the search of the configuration, at its beginning."""
         return search_of(self.config)
-
-    def make_fitness(self, workers: int) -> Fitness:
-        """Return the fitness of the configuration."""
-        return Fitness(self.starts, self.config.fitness, workers)
 
     def decode(self, genes: Floats) -> Population:
         """Return the controllers of a generation."""

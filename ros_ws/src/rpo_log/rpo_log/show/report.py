@@ -121,6 +121,11 @@ def close_up_s(scenario: Scenario) -> float:
     return max(0.0, scenario.duration_s - metrics.CLAIM_WINDOW_S)
 
 
+def close_up_ticks(scenario: Scenario) -> int:
+    """Return how many ticks a flight is drawn close up."""
+    return metrics.window_ticks(scenario, scenario.duration_s - close_up_s(scenario))
+
+
 def time_histories(flight: Flight) -> Any:
     """Return the figure of position, velocity and force, as in the paper's test figure.
 
@@ -128,7 +133,7 @@ def time_histories(flight: Flight) -> Any:
     """
     times, scenario = flight.scenario.times_s, flight.scenario
     begin_s, end_s = close_up_s(scenario), scenario.duration_s
-    last = metrics.window_ticks(scenario, end_s - begin_s)
+    last = close_up_ticks(scenario)
     limits = {verdict.key: verdict.limit for verdict in verdicts(flight)}
     figure, panels = style.new_panels(6.6, 3, 2, sharex='col', width_ratios=(3, 2))
     rows = (
@@ -229,9 +234,12 @@ def by_axis(
     names: Sequence[str] = style.AXIS_NAMES,
     **line: Any,
 ) -> None:
-    """Draw the columns (n, 3) of a vector over time."""
-    for name, colour, column in zip(names, style.AXES, values.T, strict=True):
-        axes.plot(times_s, column, color=colour, label=name, linewidth=linewidth, **line)
+    """Draw the columns (n, 3) of a vector over time; or numbers (n,), as one line."""
+    if values.ndim == 1:
+        axes.plot(times_s, values, color=style.LIGHT['ink'], linewidth=linewidth, **line)
+    else:
+        for name, colour, column in zip(names, style.AXES, values.T, strict=True):
+            axes.plot(times_s, column, color=colour, label=name, linewidth=linewidth, **line)
     axes.set_ylabel(label)
     axes.margins(x=0.01)
 
