@@ -15,7 +15,7 @@ import csv
 import hashlib
 import io
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib.metadata import version
@@ -208,11 +208,6 @@ class SearchRun(Generic[Config, Found]):
         """Return the controllers of a generation of chromosomes (n, genes)."""
         raise NotImplementedError
 
-    def misses(self, scores: Scores) -> dict[str, int]:
-        """Return condition -> starts at which the first of some controllers misses it."""
-        labels = self.fitness.conditions.labels
-        return dict(zip(labels, map(int, scores.failures[0]), strict=False))
-
     def objectives(self, scores: Scores) -> Floats:
         """Return the objectives (n, objectives) of a generation."""
         return scores.fitness[:, None]
@@ -224,7 +219,9 @@ class SearchRun(Generic[Config, Found]):
     def credited(self, found: Found, algorithm: str, scores: Scores, **more: object) -> Found:
         """Return a controller with its provenance filled in: how it was found, its scores, more."""
         values: list[Any] = [float(scores.fitness[0]), float(scores.energy[0])]
-        values += [float(scores.arrival[0]), self.misses(scores)]
+        labels = self.fitness.conditions.labels
+        misses = dict(zip(labels, map(int, scores.failures[0]), strict=False))
+        values += [float(scores.arrival[0]), misses]
         provenance = {
             'method': COMMAND,
             'command': self.config.command,
@@ -334,7 +331,10 @@ class SearchRun(Generic[Config, Found]):
             If another process runs it, or a file cannot be written.
         """
         processor.warn_unless_pinned()
-        with self._alone(), self.fitness.simulator:
+        with self.fitness.simulator, ExitStack() as locks:
+            if self.folder is not None:
+                path = self.folder / self.config_type.file
+                locks.enter_context(alone(path, 'goes on with this run'))
             while not self.search.stopped:
                 self._enter_stage()
                 genes = self.search.ask()
@@ -349,12 +349,6 @@ class SearchRun(Generic[Config, Found]):
                 self.save(best, self.folder)
                 self.save_more(self.folder)
         return best
-
-    def _alone(self) -> AbstractContextManager[None]:
-        """Lock the folder."""
-        if self.folder is None:
-            return nullcontext()
-        return alone(self.folder / self.config_type.file, 'goes on with this run')
 
     def save(self, controller: Found, folder: Path) -> None:
         """Write a controller into a folder."""

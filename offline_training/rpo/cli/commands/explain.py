@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
-from rpo.cli.commands.shared import NoFail, end
+from rpo.cli.commands.shared import NoFail, end, numbers_of
 from rpo.display import plain_console, print_table
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.files.validation import InputError, printable
@@ -110,11 +110,8 @@ def _say(text: str, title: str = '', style: str = 'bold', words: Words = str) ->
 
 def _state_of(text: str) -> list[float]:
     """Return the six numbers of a text `x,y,z,vx,vy,vz`; raises InputError."""
-    try:
-        values = [float(part) for part in text.split(',')]
-    except ValueError:
-        values = []
-    if len(values) != 6 or not all(map(math.isfinite, values)):
+    values = numbers_of(text)
+    if len(values) != 6:
         raise InputError(
             f'`state` must be 6 finite numbers x,y,z,vx,vy,vz in m and m/s; got {text!r}'
         )

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Argument, Option
 
-from rpo.cli.commands.shared import Set, draw
+from rpo.cli.commands.shared import Set, draw, numbers_of
 from rpo.display import print_table, progress
 from rpo_core.files import DEFAULT_SCENARIO
 from rpo_core.files.validation import InputError, shown
@@ -136,10 +136,7 @@ def optimal(
         return
     base = loaded.base if isinstance(loaded, ScenarioSet) else loaded
     if start is not None:
-        try:
-            numbers = [float(part) for part in start.split(',')]
-        except ValueError:
-            numbers = []
+        numbers = numbers_of(start)
         if len(numbers) not in (3, 6):
             raise InputError(
                 f'`--start` must be 3 or 6 numbers like 100,100,100; got {shown(start)}'

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 import signal
 import time
@@ -79,6 +80,15 @@ def draw(path: Path, made: Callable[..., Any], *subject: Any) -> None:
         typer.echo(f'No picture: {error.name} is not installed.', err=True)
     else:
         echo(path)
+
+
+def numbers_of(text: str) -> list[float]:
+    """Return the numbers of a text like `100,100,100`; none if a part of it is not finite."""
+    try:
+        values = [float(part) for part in text.split(',')]
+    except ValueError:
+        return []
+    return values if all(map(math.isfinite, values)) else []
 
 
 def write_texts(texts: Mapping[Path, str]) -> None:
