@@ -30,9 +30,9 @@ from rclpy.executors import SingleThreadedExecutor
 from scipy.spatial.transform import Rotation
 from visualization_msgs.msg import Marker, MarkerArray
 
+from rpo.analysis.turned import turned_of
 from rpo.reports import replay
 from rpo.reports.replay import Replayed, page_of
-from rpo.reports.turned import turned_of
 from rpo_bringup import visualizer_node
 from rpo_bringup.views.live import LiveFlight
 from rpo_bringup.views.samples import Samples

@@ -19,21 +19,18 @@ import numpy as np
 
 from rpo.analysis import attack
 from rpo.analysis.attack import LATE, OWN, Hostile, Interceptor
+from rpo.analysis.turned import theta_deg
 from rpo.montecarlo.config import Campaign
 from rpo.montecarlo.quantities import Dispersion
 from rpo.montecarlo.run_batch import flights_drawn
 from rpo.montecarlo.sampling import draw
 from rpo_core.assurance.assumed import LARGEST_NORMAL, SQRT_3, errors_of
-from rpo_core.attitude.chaser import times
 from rpo_core.chain.flight import JUDGED, Flight
 from rpo_core.control.attitude import AttitudePd
-from rpo_core.control.attitude_law_kernels import TorqueLaw, attitude_ahead
+from rpo_core.control.attitude_law_kernels import TorqueLaw
 from rpo_core.files.validation import InputError
-from rpo_core.kernels.arithmetic import norm
 from rpo_core.kernels.arrays import Floats
-from rpo_core.kernels.jit import unlocked
 from rpo_core.stage import Place, Stage, section_of
-from rpo_core.wire.interfaces import CHASER_ATTITUDE, NAVIGATION_ATTITUDE
 
 HOSTILE_KINDS = (OWN, *(i for i in range(len(attack.KINDS)) if i != LATE))
 KINDS = ('its own', *(attack.KINDS[i] for i in HOSTILE_KINDS[1:]))
@@ -117,35 +114,6 @@ def approach_of(flight: Flight) -> tuple[int, float, float, float]:
     return ticks, float(inside[:ticks].max(initial=0.0)), float(closing), float(lateral)
 
 
-def turned_deg(flight: Flight, ticks: int) -> float:
-    """Return the largest angle by which the force of one of the first ticks was turned wrongly."""
-    scenario, true = flight.scenario, flight.signals[CHASER_ATTITUDE]
-    estimated = scenario.named('attitude_estimator') is not None
-    seen = flight.signals[NAVIGATION_ATTITUDE] if estimated else true
-    delay = scenario.thrusters.delay_ticks if scenario.thrusters else 0
-    ahead_s = (delay + 0.5) * scenario.dt_s
-    sine = _sine(seen, true, scenario.mean_motion_rad_s, ahead_s, delay, ticks)
-    return float(np.degrees(2.0 * np.arcsin(sine)))
-
-
-@unlocked
-def _sine(seen, true, orbit, ahead_s, delay, ticks):  # type: ignore[no-untyped-def]
-    """Return the largest sine of half an angle between the axes in which a force was turned.
-
-    Those that were predicted from an attitude seen (n, 7), and the true ones (n, 7) before and
-    after the tick in which the force acts.
-    """
-    largest = 0.0
-    for tick in range(delay, ticks):
-        s = seen[tick - delay]
-        q = attitude_ahead((s[0], s[1], s[2], s[3], s[4], s[5], s[6]), orbit, ahead_s)
-        for a in true[tick : tick + 2]:
-            x, y, z, _ = times((-q[0], -q[1], -q[2], q[3]), (a[0], a[1], a[2], a[3]))
-            sine = norm(x, y, z)
-            largest = sine if sine > largest else largest
-    return largest
-
-
 @dataclass(frozen=True)
 class Flown:
     """Runs of one kind of commands.
@@ -199,7 +167,8 @@ def attack_campaign(
         for run, flight in enumerate(_flights(campaign, first), first):
             ticks, *seen = approach_of(flight)
             # a contact is seen at the end of its tick
-            figures[:, run] = *seen, turned_deg(flight, min(ticks + 1, scenario.ticks))
+            turned = theta_deg(flight)[: min(ticks + 1, scenario.ticks)]
+            figures[:, run] = *seen, turned.max(initial=0.0)
             advance(run + 1)
     kinds = np.arange(runs) % len(KINDS)
     return [Flown(name, *figures[:, kinds == i]) for i, name in enumerate(KINDS)]

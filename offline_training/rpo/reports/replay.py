@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rpo.reports.turned import Turned, panels_of, turned_of
+from rpo.analysis.turned import Turned, panels_of, turned_of
 from rpo_core.attitude.target import motion_of
 from rpo_core.chain.flight import Flight
 from rpo_core.control.controller import AnyController

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from rpo.analysis.turned import in_lvlh
 from rpo.proof import surface
-from rpo.reports.turned import in_lvlh
 from rpo_core.chain.flight import Flight
 from rpo_core.control.controller import AnyController, FuzzyController
 from rpo_core.guidance.guidance import Guidance, Rehearsal

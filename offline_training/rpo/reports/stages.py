@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rpo.analysis.turned import Panel, panels_of, turned_of
 from rpo.reports import stages
 from rpo.reports.logged import steps_again
 from rpo.reports.page import Block, Fold, Section, Table, Text, picture
-from rpo.reports.turned import Panel, panels_of, turned_of
 from rpo_core.assurance.abort import Change
 from rpo_core.assurance.assurance import AssuranceStage
 from rpo_core.assurance.kernels import FAR

@@ -71,26 +71,29 @@ def turned_of(flight: Flight) -> Turned | None:
         np.degrees(2.0 * errors(attitudes, references)[:, :3]),
         np.degrees(apart(attitudes, references)[:, 0]),
         None if seen is None else np.degrees(2.0 * errors(seen, attitudes)[:, :3]),
-        _theta_deg(flight, attitudes) if steered and APPLIED_BODY_FORCE not in signals else None,
+        theta_deg(flight) if steered and APPLIED_BODY_FORCE not in signals else None,
         np.degrees(attitudes[:, 4:]),
         torques,
         _momenta_nms(flight, attitudes) if scenario.attitude.wheels else None,
     )
 
 
-def _theta_deg(flight: Flight, attitudes: Floats) -> Floats:
-    """Return the contract's angle (n,): of the last tick, which is not flown, as before it.
+def theta_deg(flight: Flight) -> Floats:
+    """Return the largest angle (n,) by which the force of each tick is turned wrongly.
 
-    The command is turned by the attitude seen, ahead by half a tick at the rate seen.
+    The contract between attitude and translation bounds it (docs/safety.md, lemma 6). A command is
+    turned by the attitude seen, ahead at the rate seen to the middle of the tick in which it acts.
+    The last tick is not flown: its angle is as before it.
     """
-    scenario, dt = flight.scenario, flight.scenario.dt_s
+    scenario, attitudes = flight.scenario, flight.signals[CHASER_ATTITUDE]
+    late = scenario.thrusters.delay_ticks if scenario.thrusters else 0
+    half_s = 0.5 * (late + 0.5) * scenario.dt_s
     seen = flight.signals.get(NAVIGATION_ATTITUDE, attitudes)
     orbit = turned([0.0, 0.0, scenario.mean_motion_rad_s], seen[:, :4] * (-1.0, -1.0, -1.0, 1.0))
-    half: Any = np.column_stack([0.25 * dt * (seen[:, 4:] - orbit), np.ones(len(seen))]).T
+    half: Any = np.column_stack([half_s * (seen[:, 4:] - orbit), np.ones(len(seen))]).T
     of: Any = seen[:, :4].T
     turns = np.zeros_like(attitudes)  # rates do not count here
     turns[:, :4] = np.stack(product(of, half / np.linalg.norm(half, axis=0)), axis=1)
-    late = scenario.thrusters.delay_ticks if scenario.thrusters else 0
     sent = turns[: len(turns) - 1 - late]
     angles_deg = np.zeros(len(seen))
     for end in (0, 1):
