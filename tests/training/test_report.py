@@ -267,21 +267,13 @@ def test_a_picture_has_a_name_as_it_is():
     assert not re.findall('#[0-9a-f]{6}', re.sub('>[^<]*<', '', source))
 
 
-def test_influence_is_spearmans():
+def test_influence_is_of_the_deviation_or_of_its_size():
     rng = np.random.default_rng(1)
     a, b, noise = rng.uniform(-1.0, 1.0, (3, 400))
-    b = np.round(b, 1)  # ties
-    outcome = a**3 + b**2 + 0.1 * noise
     drawn = {'a': a, 'b': b, 'noise': noise, 'constant': np.ones(400)}
-    found = {i.column: i for i in campaign.influences(drawn, outcome)}
+    found = {i.column: i for i in campaign.influences(drawn, a**3 + b**2 + 0.1 * noise)}
     assert set(found) == {'a', 'b', 'noise'}
-    for name in found:
-        middle = (drawn[name].min() + drawn[name].max()) / 2
-        for ours, values in (
-            (found[name].signed, drawn[name]),
-            (found[name].size, abs(drawn[name] - middle)),
-        ):
-            assert ours == pytest.approx(scipy.stats.spearmanr(values, outcome)[0], abs=1e-12)
+    assert found['a'].signed > 0.5 > found['noise'].strength
     assert abs(found['b'].signed) < 0.2 < found['b'].size, 'either side does the same'
     assert campaign.influences(drawn, np.ones(400)) == []
 
