@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import scipy.stats
 from campaign_documents import write_campaign
 from hypothesis import given, settings
 from hypothesis import strategies as st
