@@ -31,6 +31,7 @@ from rpo_core.control.attitude_law_kernels import TorqueLaw
 from rpo_core.files.validation import InputError
 from rpo_core.kernels.arrays import Floats
 from rpo_core.stage import Place, Stage, section_of
+from rpo_core.wire.interfaces import NAVIGATION_ATTITUDE
 
 HOSTILE_KINDS = (OWN, *(i for i in range(len(attack.KINDS)) if i != LATE))
 KINDS = ('its own', *(attack.KINDS[i] for i in HOSTILE_KINDS[1:]))
