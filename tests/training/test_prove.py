@@ -363,3 +363,34 @@ def test_the_edges_of_the_grid_ascend_where_a_step_ends_at_a_breakpoint():
     assert (np.diff(found) > 0.0).all() and (found == -found[::-1]).all()
     assert {0.0, 0.25, 0.5, 0.75, 1.0} <= set(found.tolist())
     assert np.diff(found)[1:-1].max() == 1 / 64
+
+
+def test_what_is_kept_of_a_tube_is_rounded_outward():
+    """By more than sums of its ticks are rounded: a checker adds them up in another order."""
+    problem = problem_of('allround', half=BOX)
+    prover, judged = Prover(problem, 'planar', NOWHERE), problem.scenario.ticks - 1
+    kept = prover.values(cells.Cell((1.0, 0.5, 0.0, 0.0), (0.5, 0.25, 0.0, 0.0)))[0]
+    found, t = dict(zip(cells.VALUES, kept, strict=True)), prover.trace
+    low, high = t.force_low[: judged + 1], t.force_high[: judged + 1]
+    commands, least = np.maximum(-low, high), np.maximum(np.maximum(low, -high), 0.0)
+    dt_s, out = problem.scenario.dt_s, 1.0 + 5e-13
+    assert found['force_n'] > commands.max() * out
+    assert found['slew_n_s'] > t.slew[:judged].max() * out
+    assert found['speed_m_s'] > np.maximum(-t.low, t.high)[: judged + 2, 2:].max() * out
+    assert found['energy_high_n2s'] > (commands**2).sum() * dt_s * out
+    assert 0.0 < found['energy_low_n2s'] < (least**2).sum() * dt_s / out
+
+
+def test_rounding_of_a_cell_leaves_no_gap():
+    problem = problem_of('allround', half=(0.7, 0.7, 0.7, 0.03, 0.03, 0.03))
+    for group in GROUPS:
+        some = cells.roots(problem, group)
+        halved = [half for cell in some[1:] for half in cells.halves(cell, cells.widths(cell))]
+        found = cells.CellBounds(
+            np.array([c.centre for c in (some[0], *halved)]),
+            np.array([c.half for c in (some[0], *halved)]),
+            *4 * [np.empty((0, 0))],
+        )
+        assert not list(check.cover_faults(problem, group, found))
+        fewer = replace(found, centre=found.centre[:-1], half=found.half[:-1])
+        assert list(check.cover_faults(problem, group, fewer))
