@@ -279,7 +279,7 @@ def _index() -> str:
         for c in CARDS
     ]  # fmt: skip
     text = f'[What nodes say of a run]({PROTOCOL}) is the contract of their statuses,'
-    text += f' [{POLICY}]({POLICY}) a sample policy for [SROS2](../network.md).'
+    text += f' [{POLICY}]({POLICY}) a sample policy for [SROS2](../faults.md#access-control).'
     return '\n'.join(['# Nodes', '', text, '', *_table(['node', 'command', 'purpose'], rows), ''])
 
 

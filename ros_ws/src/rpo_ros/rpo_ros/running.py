@@ -357,7 +357,7 @@ def _begin(
     except RCLError as error:
         reason = str(error).partition('\n')[0].partition(', at /')[0]
         secured = os.environ.get('ROS_SECURITY_ENABLE') == 'true'
-        hint = '; ROS_SECURITY_ENABLE is set, see docs/network.md' if secured else ''
+        hint = '; ROS_SECURITY_ENABLE is set, see docs/faults.md#access-control' if secured else ''
         raise InputError(f'ROS 2 does not start: {reason}{hint}') from None
     except NameValidationException as error:
         raise InputError(str(error).partition('\n   ')[0].replace('\n ', '')) from None
