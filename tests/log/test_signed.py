@@ -83,6 +83,8 @@ def test_what_is_proven_of_a_folder_and_what_is_not_known(folder):
     attached = make_run(3.0).attachments['controller.yaml']
     assert f'{hashlib.sha256(attached).hexdigest()}  controller.yaml' in text
     assert 'not signed by a trusted key' in text
+    first = text.splitlines()[0]
+    assert f'{found.sentence()}. Not judged: texts of events; ' in first
     (folder / 'SHA256SUMS').unlink()
     bare, alone = verify(folder), verify(folder / 'run.mcap')
     assert {'flown.txt', 'run_info.yaml'} <= set(bare.unknown)
@@ -144,6 +146,7 @@ def test_a_signed_run_and_each_way_in_which_it_is_not(folder, keys):
     assert (found.exit_code, found.signed_by) == (ExitCode.OK, 'me.pub.pem')
     assert dict(found.signed) == {name: signature.digest_of(folder / name) for name in FILES}
     lines = list(found.lines())
+    assert '; signed by me.pub.pem. Not judged: ' in lines[0]
     at = lines.index('  signed by me.pub.pem (SHA-256):')
     assert [line.split()[-1] for line in lines[at + 1 : at + 5]] == list(FILES)
     assert verify(folder).exit_code == ExitCode.OK and dict(verify(folder).signed) == {}

@@ -87,6 +87,10 @@ def test_the_commands_of_the_ros_package_are_those_of_rpo(
     monkeypatch.setattr('sys.argv', [command, str(tmp_path / 'run')])
     assert getattr(commands, command)() == expected.exit_code
     assert capsys.readouterr().out == expected.output != ''
+    if command == 'verify':
+        detailed = invoke('verify', tmp_path / 'run', '--details').output
+        assert len(expected.output.splitlines()) == 1 and detailed.startswith(expected.output)
+        assert 'rests on (SHA-256)' in detailed
     if damaged and command == 'info':
         assert expected.exit_code == ExitCode.INCOMPLETE
         assert 'cut short' in expected.output and 'rpo repair' in expected.output

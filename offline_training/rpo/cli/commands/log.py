@@ -11,7 +11,7 @@ import typer
 from typer import Argument, Option
 
 from rpo.cli.commands.shared import echo
-from rpo_log.log_commands import GIVEN, Finding, show
+from rpo_log.log_commands import DETAILS, GIVEN, Finding, show
 
 RunArgument = Annotated[Path, Argument(help='run folder, .mcap file or bag')]
 
@@ -22,8 +22,8 @@ log = typer.Typer(
 )
 
 
-def _show(found: Finding) -> NoReturn:
-    raise typer.Exit(show(found))
+def _show(found: Finding, details: bool = True) -> NoReturn:
+    raise typer.Exit(show(found, details))
 
 
 @log.command()
@@ -63,11 +63,12 @@ def verify(
     given: Annotated[list[str], Option(metavar='TOPIC', help=GIVEN)] = [],  # noqa: B006
     scenario: Annotated[str, Option(help='of a bag without manifests: name or file')] = '',
     controller: Annotated[str, Option(help='of a bag without manifests: name or file')] = '',
+    details: Annotated[bool, Option('--details', help=DETAILS)] = False,
 ) -> None:
-    """Compute a logged flight again, bit for bit; print what is proven and what is not."""
+    """Compute a logged flight again, bit for bit; print what is verified, what is not judged."""
     from rpo.door.evidence import verify as check
 
-    _show(check(run, trusted, given, scenario, controller))
+    _show(check(run, trusted, given, scenario, controller), details)
 
 
 def sign(run: RunArgument, key: Annotated[Path, Option(help='private key in PEM')]) -> None:

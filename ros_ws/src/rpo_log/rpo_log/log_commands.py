@@ -8,6 +8,7 @@ import argparse
 import pkgutil
 import sys
 from collections.abc import Iterable
+from itertools import islice
 from pathlib import Path
 from typing import Protocol
 
@@ -18,7 +19,7 @@ from rpo_log.errors import ExitCode
 _COMMANDS = {
     'verify': (
         'rpo_log.verify:verify',
-        'Compute a logged flight again, bit for bit; print what is proven and what is not.',
+        'Compute a logged flight again, bit for bit; print what is verified, what is not judged.',
     ),
     'info': ('rpo_log.tools.diff:inspect', 'Print what a log holds, and whether it is complete.'),
 }
@@ -30,6 +31,7 @@ exit code: 0 no problem; 1 not as computed; 2 not a readable log; 3 the log is i
 4 no problem but for what was given
 """
 
+DETAILS = 'print all that was compared, and the SHA-256 of what the verification rests on'
 GIVEN = 'topic that a node of somebody else made: it is taken as it is; may be repeated'
 
 
@@ -56,15 +58,19 @@ def parser(command: str) -> argparse.ArgumentParser:
     if command == 'verify':
         trusted = 'public key, or folder of them (*.pem): one must have signed the run'
         words.add_argument('--trusted', type=Path, metavar='KEYS', help=trusted)
+        words.add_argument('--details', action='store_true', help=DETAILS)
         words.add_argument('--given', action='append', default=[], metavar='TOPIC', help=GIVEN)
         for role in ('scenario', 'controller'):
             words.add_argument(f'--{role}', default='', help=f'{role} of a bag without manifests')
     return words
 
 
-def show(finding: Finding) -> int:
-    """Print what a command found; return its exit code. Names in a log may be anything."""
-    for line in finding.lines():
+def show(finding: Finding, details: bool = True) -> int:
+    """Print what a command found, or its first line; return its exit code.
+
+    Names in a log may be anything.
+    """
+    for line in islice(finding.lines(), None if details else 1):
         print(printable(line))
     return int(finding.exit_code)
 
@@ -72,10 +78,11 @@ def show(finding: Finding) -> int:
 @standard_output()
 def main(command: str) -> int:
     """Entry point of `ros2 run rpo_log` with the name of the command."""
-    options = parser(command).parse_args()
+    options = vars(parser(command).parse_args())
+    details = options.pop('details', True)
     try:
         with missing_reported():
-            return show(pkgutil.resolve_name(_COMMANDS[command][0])(**vars(options)))
+            return show(pkgutil.resolve_name(_COMMANDS[command][0])(**options), details)
     except InputError as error:
         print(f'{command}: {error}', file=sys.stderr)
         return ExitCode.BAD_INPUT

@@ -82,7 +82,7 @@ class Evidence:
             self._do_not_know('records of the bag beside its messages')
             self._judge_bag()
             return
-        self._do_not_know('the order of the messages within a tick, and how chunks part them')
+        self._do_not_know('the order of messages within a tick, and their chunks')
         if reader.damage:
             outcome.gaps += tuple(f.misleading for f in self._forms.values() if f.misleading)
             return

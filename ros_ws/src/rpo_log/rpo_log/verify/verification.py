@@ -118,15 +118,17 @@ class Verification:
         return sentence
 
     def lines(self) -> Iterator[str]:
-        """Yield the sentence, and what is proven and what is not, line by line."""
-        yield self.sentence()
+        """Yield the sentence with what is not judged, then the rest of the evidence, by line."""
         if self.exit_code == ExitCode.DIFFERENT:
+            yield self.sentence()
             return
         by = f'signed by {self.signed_by}' if self.signed_by else 'not signed by a trusted key'
+        signed = f'; {by}' if self.signed_by else ''
+        unknown = f'. Not judged: {"; ".join(self.unknown)}' if self.unknown else ''
+        yield self.sentence() + signed + unknown
         named = (
             ('recomputed', ', '.join((*self.stages, *self.recomputed))),
             (f'by digest ({SUMS_FILE}, {by})', ', '.join(self.digested)),
-            ('not known', '; '.join(self.unknown)),
         )
         for name, text in named:
             if text:
