@@ -150,3 +150,13 @@ def test_a_missed_flight_of_another_vehicle_has_a_hint(changes, said):
     controller = load_controller('allround')
     line = similarity.hint(fly(scenario, controller), controller, 'x')
     assert said in line and bool(said) == bool(line)
+
+
+def test_a_controller_that_holds_at_a_port_is_told_of_guidance():
+    docking = load_scenario('docking')
+    controller = load_controller('allround')
+    required = replace(docking.requirements, contact_least_closing_speed_m_s=0.09)
+    start = {'initial_position_m': (0.0, 60.0, 0.0), 'sections': (), 'requirements': required}
+    line = similarity.hint(fly(replace(docking, **start), controller), controller, 'x')
+    assert 'Contact needs a guidance leg' in line and '`arrive_m_s`' in line
+    assert similarity.hint(fly(docking, controller), controller, 'x') == ''

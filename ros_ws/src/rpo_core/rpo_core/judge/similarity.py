@@ -20,7 +20,7 @@ from rpo_core.chain.flight import Flight
 from rpo_core.control.controller import AnyController, FuzzyController
 from rpo_core.control.controller_file import Scaling
 from rpo_core.files.validation import InputError, real
-from rpo_core.judge.verdicts import missed
+from rpo_core.judge.verdicts import unbounded, verdicts
 from rpo_core.scenario.scenario import Scenario, ScenarioSet, load
 
 PAPER = 'paper_training'
@@ -171,13 +171,26 @@ def command(controller: str, scenario: str, changes: Sequence[str] = ()) -> str:
 
 
 def hint(flight: Flight, controller: AnyController, scale: str) -> str:
-    """Return a line that names `rpo scale` where a flight misses what scaling may give; else ''.
+    """Return a line that says what a flight lacks: scaling, or a guidance leg; '' if neither.
 
     scale : the `command`
     """
-    scenario = flight.scenario
-    if not missed(flight):
+    lost = [verdict.key for verdict in verdicts(flight) if verdict.holds is False]
+    if lost and (line := _scale_hint(flight.scenario, controller, scale)):
+        return line
+    contact = any(key.startswith('contact_') for key in lost)
+    contact |= 'contact' in unbounded(flight.scenario)
+    if not contact or flight.scenario.named('guidance') is not None:
         return ''
+    return (
+        f'{controller.name} holds at its goal, so nothing sets its speed at the port. Contact needs '
+        'a guidance leg: add a section `guidance` whose last leg ends at the port with the velocity '
+        '`arrive_m_s` (docs/guidance.md).'
+    )
+
+
+def _scale_hint(scenario: Scenario, controller: AnyController, scale: str) -> str:
+    """Return a line that names the command `scale` where scaling may help; else ''."""
     try:
         controller.scaled(Scaling(1.0, 1.0, 1.0, scenario))  # whether it says how it scales
         name, _, own, made = made_for(controller)
