@@ -43,6 +43,9 @@ def test_a_controller_is_a_table(tmp_path):
         == load_controller('handmade').system.rules.words
     )
     assert '-70, 0' in done.stdout and 'No warnings' in done.stdout
+    assert 'position error = −position, where 1 is 70 m' in done.stdout
+    said = run('handmade', '--state', '35,0,0,0,0,0').stdout
+    assert 'position error = −position = -35 m, -0.5000 of 70 m; velocity error = −v' in said
 
 
 HOSTILE = '[/bold] [red]$\\frac$ :smile:'

@@ -59,7 +59,7 @@ def refuse_optima(patch):
     """Let there be no cvxpy: an optimum is a sentence."""
 
     def refuse(*_):
-        raise InputError('an optimum needs the campaign layer')
+        raise InputError('the optimum needs the campaign layer')
 
     patch.setattr(optimal, 'constrained', refuse)
 
@@ -150,7 +150,7 @@ def check_ticks(picture: Picture) -> None:
 def test_a_run(run_page):
     made, source = run_page
     text = check_page(source, made).all('main')[0].text
-    assert 'an optimum needs the campaign layer' in text
+    assert 'No optimum is shown: the optimum needs the campaign layer.' in text
     assert 'disturbance: paper_offset' in text, 'the scenario is attached'
     assert [p.name for p in made.pictures] == [
         'approach',

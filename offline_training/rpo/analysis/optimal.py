@@ -140,7 +140,7 @@ class Program:
             import cvxpy as cp
         except ImportError:
             raise InputError(
-                'an optimum under conditions needs cvxpy and clarabel: `make setup LAYERS=campaign`'
+                'the optimum needs cvxpy and clarabel (`make setup LAYERS=campaign`)'
             ) from None
         _refuse_goal(scenario)
         self.scenario, self.conditions = scenario, conditions or Conditions.of(scenario)

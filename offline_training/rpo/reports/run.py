@@ -175,7 +175,7 @@ def _optimum(shown: LoggedFlight) -> tuple[dict[str, Flight], str]:
         ideal = replace(scenario, duration_s=scenario.time_s(ticks), sections=())
         return {name: optimal.constrained(ideal)}, ''
     except InputError as error:
-        return {}, f'No {name}: {error}.'
+        return {}, f'No optimum is shown: {error}.'
 
 
 def _summary(shown: LoggedFlight, log: RunLog) -> str:

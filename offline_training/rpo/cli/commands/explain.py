@@ -161,7 +161,7 @@ def _explain_run(path: str, at: float) -> bool:
     import numpy as np
 
     from rpo_core.control.controller_file import received
-    from rpo_core.wire.interfaces import BODY_TORQUE, ESTIMATED_DISTURBANCE
+    from rpo_core.wire.interfaces import BODY_TORQUE, ESTIMATED_DISTURBANCE, REFERENCE_STATE
     from rpo_log.bag import open_run
     from rpo_log.read.run_log import controller_of, read_run, scenario_of
 
@@ -181,7 +181,8 @@ def _explain_run(path: str, at: float) -> bool:
     if not np.isfinite([*state, *pushed]).all():
         raise InputError(f'{path}: does not hold what the controller read at {times[row]:g} s')
     tick = int(log.ticks[row])
-    _say(f'{printable(path)}, tick {tick}, {times[row]:g} s')
+    of = 'reference' if REFERENCE_STATE in signals else 'goal' if scenario.goal else 'target'
+    _say(f'{printable(path)}, tick {tick}, {times[row]:g} s; positions are relative to the {of}')
     force_n = _print_why(controller_of(log), state, tick)
     if any(on_top):
         force_n = tuple(map(add, force_n, on_top))
@@ -236,7 +237,7 @@ def _print_why(controller: AnyController, state: Sequence[float], tick: int) -> 
     reasons = controller.reasons((x, y, z, vx, vy, vz), tick)
     for axis, reason in zip('xyz', reasons, strict=True):
         _say(f': {reason.sentence}', f'\n{axis}')
-        _say(', '.join(f'{name} {value:.4g}' for name, value in reason.numbers))
+        _say(', '.join(f'{name} {value + 0.0:.4g}' for name, value in reason.numbers))
     return controller.force_n((x, y, z), (vx, vy, vz), tick)
 
 
@@ -245,16 +246,19 @@ def _print_decisions(
 ) -> None:
     from rpo_core.control.explain import decisions
 
-    def error(value: float, saturated: bool) -> str:
-        return f'{value + 0.0:.4f}{" (saturated)" if saturated else ""}'
+    def error(name: str, value: float, share: float, scale: str, saturated: bool) -> str:
+        size = f'{0.0 - value:g} {scale.split()[1]}, {share + 0.0:.4f} of {scale}'
+        return f'{name} error = −{name} = {size}{" (saturated)" if saturated else ""}'
 
+    place, rate = f'{controller.position_scale_m:g} m', f'{controller.velocity_scale_m_s:g} m/s'
     for d in decisions(controller, state):
-        said = (
-            f': position {d.position_m:g} m, velocity {d.velocity_m_s:g} m/s; '
-            f'position error {error(d.position_error, d.position_saturated)}, '
-            f'velocity error {error(d.velocity_error, d.velocity_saturated)}'
+        at = f': position {d.position_m:g} m, velocity {d.velocity_m_s:g} m/s'
+        _say(at, f'\n{d.axis}', words=words)
+        errors = (
+            error('position', d.position_m, d.position_error, place, d.position_saturated),
+            error('velocity', d.velocity_m_s, d.velocity_error, rate, d.velocity_saturated),
         )
-        _say(said, f'\n{d.axis}', words=words)
+        _say('; '.join(errors), words=words)
         _say(d.reasons.sentence, words=words)
         rows = []
         for rule in d.rules:
@@ -279,8 +283,8 @@ def _explain_fuzzy(controller: FuzzyController, certify: bool, words: Words = st
     position, velocity, force = controller.scales
     _say(f': {printable(controller.description)}', controller.name)
     said = (
-        f'An error of 1 is {position:g} m of position, {velocity:g} m/s of velocity; '
-        f'a force of 1 is {force:g} N. {controller.system.samples} samples.'
+        f'position error = −position, where 1 is {position:g} m; velocity error = −velocity, where '
+        f'1 is {velocity:g} m/s; a force of 1 is {force:g} N. {controller.system.samples} samples.'
     )
     _say(said, words=words)
     headings, rows = force_rows(controller.system)

@@ -183,9 +183,9 @@ def hint(flight: Flight, controller: AnyController, scale: str) -> str:
     if not contact or flight.scenario.named('guidance') is not None:
         return ''
     return (
-        f'{controller.name} holds at its goal, so nothing sets its speed at the port. Contact needs '
-        'a guidance leg: add a section `guidance` whose last leg ends at the port with the velocity '
-        '`arrive_m_s` (docs/guidance.md).'
+        f'{controller.name} holds at its goal, so nothing sets its speed at the port. Contact '
+        'needs a guidance leg: add a section `guidance` whose last leg ends at the port with the '
+        'velocity `arrive_m_s` (docs/guidance.md).'
     )
 
 
