@@ -24,9 +24,13 @@ help:  ## this list
 setup:  ## virtual environment, ROS 2 (an installed Jazzy, or its wheels), colcon build; LAYERS='train report' adds more
 	$(SETUP) $(LAYERS)
 
-demo:  ## fly the paper's test on ROS 2; log, table and picture go to runs/demo/
+demo:  ## fly the paper's test on ROS 2; log, report and replay go to runs/demo/
 	$(SETUP) report
-	$(ENV) ros2 run rpo_bringup final_approach --scenario paper_test --output runs/demo --overwrite
+	$(ENV) ros2 run rpo_bringup final_approach --scenario paper_test --output runs/demo --overwrite && \
+		rpo report runs/demo >/dev/null
+	@echo 'runs/demo/report/replay.html: the flight in three dimensions; open it in a browser'
+	@echo 'Of nodes that you start by hand, plant and recorder end with the flight; the others wait for the next flight.'
+	@echo 'next: source ros_ws/env.bash && rpo explain runs/demo --at 40; then docs/tutorial.md'
 
 # More workers than cores: tests of nodes wait, for time-outs and for real time.
 test:  ## style, types and all quick tests (ARGS='-k plant' is passed to pytest)

@@ -153,6 +153,11 @@ def test_nobody_there_says_who_is_missing(command):
     code, said = command(PlantNode.main, scenario='paper_test', start_timeout_s=0.3)
     assert code == 3
     assert 'no answer in time from control_force, disturbance_force' in said
+    roles = [line.split('nobody publishes ')[1] for line in said.splitlines() if 'nobody' in line]
+    assert roles == [
+        '/control_force: start `ros2 run rpo_ctrl fuzzy_controller`',
+        '/disturbance_force: start `ros2 run rpo_sim disturbance_injector`',
+    ]
 
 
 @pytest.mark.every_landing

@@ -137,5 +137,6 @@ def test_a_controller_with_memory_that_is_started_anew_in_flight_verifies(folder
         second = ros.node('rpo_ctrl', 'fuzzy_controller', **mine)
         assert plant.wait() == 0, plant.output
         assert recorder.wait() == 0, recorder.output
+        second.says('the flight is over: waiting for the next')
         assert second.stop() == 0
     assert 'verified, 4001 ticks' in run('rpo verify run')

@@ -51,6 +51,8 @@ def test_demo_flies_from_nothing(clone):
     assert (run / 'run.mcap').stat().st_size > 0
     assert (run / 'metadata.yaml').is_file()
     assert list((run / 'report').glob('*.png'))
+    assert (run / 'report' / 'replay.html').is_file()
+    assert done.stdout.splitlines()[-1].startswith('next: '), done.stdout
 
 
 def test_the_home_has_what_the_tutorial_says(clone):

@@ -27,7 +27,7 @@ from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import WITHOUT_COMMAND, ZERO, Signal, Stage
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import current
-from rpo_core.wire.statuses import GONE, REFUSED, RUNNING, WAITING, RunStatus
+from rpo_core.wire.statuses import ENDED, GONE, REFUSED, RUNNING, WAITING, RunStatus
 from rpo_ros import health, qos
 from rpo_ros.heartbeat import Pulse
 from rpo_ros.parameter_rows import AUTOSTART
@@ -566,6 +566,11 @@ class StageNode(Lifecycle, FlightNode):
             self._dropped.setdefault(name, status.tick)
         if status.phase == WAITING and self.plant_phase not in ('', WAITING):
             self._anew = True
+        alone = len(FlightNode.alive) == 1  # else the process ends with the flight
+        if alone and status.phase in ENDED and self.plant_phase not in ENDED:
+            self.get_logger().info(
+                'the flight is over: waiting for the next; Ctrl-C ends this node'
+            )
         self.plant_phase = status.phase
 
     @property

@@ -11,8 +11,9 @@ from contextlib import suppress
 
 from rclpy.node import Node
 
-from rpo_core.chain.chain import signals_of
+from rpo_core.chain.chain import Chain, signals_of
 from rpo_core.scenario.scenario import Scenario
+from rpo_core.stage import Place
 from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import REFUSED, StageStatus
 from rpo_ros.running import FlightNode
@@ -72,6 +73,47 @@ class Refusals:
                 with suppress(RuntimeError):  # it is gone again
                     topics |= {topic for ask in asked for topic, _ in ask(name, namespace)}
         return bool(self._topics & topics)
+
+
+_NODES = {
+    'rpo_ctrl navigation': (
+        Place.ATTITUDE_SENSOR,
+        Place.ATTITUDE_ESTIMATOR,
+        Place.SENSOR,
+        Place.ESTIMATOR,
+    ),
+    'rpo_ctrl guidance': (Place.GUIDANCE, Place.POINTING),
+    'rpo_ctrl fuzzy_controller': (Place.CONTROLLER,),
+    'rpo_ctrl assurance': (Place.SHAPING, Place.ASSURANCE),
+    'rpo_ctrl attitude_controller': (Place.STEERING,),
+    'rpo_sim disturbance_injector': (Place.DISTURBANCE,),
+}
+"""Node -> the places of the chain whose stages it runs."""
+
+
+def unfilled_roles(node: Node, scenario: Scenario, recorded: bool) -> list[str]:
+    """Return a sentence for each role of a flight that nobody fills: its topics, the command.
+
+    recorded : whether a recorder is needed
+    """
+    links = Chain.of(scenario).links
+    made = [(link.place, name) for link in links for name in link.stage.outputs]
+    made.append((Place.CONTROLLER, interfaces.CONTROL_FORCE))
+    roles = {
+        command: [interfaces.row_of(name) for place, name in made if place in places]
+        for command, places in _NODES.items()
+    }
+    if recorded:
+        roles['rpo_log recorder'] = [interfaces.row_of(interfaces.RECORDER_STATUS)]
+    space = node.get_namespace()
+    where = '' if space == '/' else f' --ros-args -r __ns:={space}'
+    sentences = []
+    for command, rows in roles.items():
+        topics = [node.resolve_topic_name(row.topic) for row in rows if row.type]
+        if absent := [topic for topic in topics if not node.count_publishers(topic)]:
+            start = f'`ros2 run {command}{where}`'
+            sentences.append(f'nobody publishes {", ".join(absent)}: start {start}')
+    return sentences
 
 
 _UNKNOWN, _UNNAMED = '_NODE_NAME_UNKNOWN_', 'a node not named yet'

@@ -28,7 +28,7 @@ from rpo_ros.running import FlightNode
 from rpo_ros.signals import Outlet, listen, to_status
 from rpo_sim.loop_health import LoopHealth
 from rpo_sim.pacing import FreeRunningPacing, LockstepPacing
-from rpo_sim.peers import PublisherCheck, Refusals
+from rpo_sim.peers import PublisherCheck, Refusals, unfilled_roles
 from rpo_sim.plant import ACCEPTED, ZERO, FreeRunningPlant, LockstepPlant, NotFiniteError, topics_of
 from rpo_sim.recorder_watch import RecorderWatch
 
@@ -37,6 +37,8 @@ EXIT_MISSED, EXIT_ABORTED = 1, 3
 _LOOK_S = 0.05
 _LOG_S = 4.0
 """Between two lines of what it waits for, or of how far it is."""
+_ROLES_S = 30.0
+"""Wait after which it says once which roles nobody fills."""
 _LAST_WORD_S = 15.0
 """Longest wait, after the end of a run, until a recorder that lives has closed its log."""
 _INTERRUPTED = Duration(nanoseconds=200_000_000)
@@ -109,6 +111,7 @@ class PlantNode(FlightNode):
         self._again, self._unrecorded, self._logged_s = False, False, 0.0
         self._zones_entered = 0
         self._complete = False  # whether all was there at the last look
+        self._roles_said = False
         self._start_timeout: Timeout | None = None
         self.sent_s = self.progress_s = time.monotonic()
         self.report(health.OK, WAITING, 'waiting for peers')
@@ -289,6 +292,11 @@ class PlantNode(FlightNode):
             self._publish_made(self.scenario.stamp_ns(-1), dict.fromkeys(self._made, ZERO))
         awaited = self.plant.missing + ['the recorder'] * self.recorder.awaited()
         complete, self._complete = self._complete, not awaited
+        out_of_time = awaited and 0.0 < self.values['start_timeout_s'] < waited_s
+        if awaited and not self._roles_said and (out_of_time or waited_s > _ROLES_S):
+            self._roles_said = True
+            for role in unfilled_roles(self, self.scenario, self.values['wait_for_recorder']):
+                self.get_logger().warning(role)
         if self.recorder.failure:
             self.abort(f'the recorder failed: {self.recorder.failure}')
         elif complete and not awaited:  # a look later: a node that refuses has said so by now
@@ -298,7 +306,7 @@ class PlantNode(FlightNode):
             self._switch()
             self.advance()
             self.pacing.begin()
-        elif awaited and 0.0 < self.values['start_timeout_s'] < waited_s:
+        elif out_of_time:
             self.abort(f'no answer in time from {", ".join(awaited)}')
         elif awaited and now_s - self._logged_s > _LOG_S:
             self._logged_s = now_s
