@@ -72,7 +72,7 @@ def test_targets_follow_the_numbers_and_not_the_name():
     assert judgement.asked_of(own) == ('', judgement.ANY)
     found = assess(own).targets()
     assert all(target.limit is not None for target in found)
-    assert 'those of any controller' in assess(own).verdict()
+    assert assess(own).verdict().endswith(' of 9 targets of paper_training hold')
 
 
 @pytest.mark.parametrize(
@@ -106,7 +106,10 @@ def test_the_command_of_a_file_makes_it_again(name, tmp_path):
 def test_the_report_of_the_default_opens_with_its_own_targets_and_where_its_surface_fails():
     """At rest within 6 mm of the target it commands no force: the pull is refuted there."""
     made, controller = report_of(DEFAULT_CONTROLLER), load_controller(DEFAULT_CONTROLLER)
-    assert '10 of 10 targets held: its own' in made.summary and 'MISSED' not in made.summary
+    assert (
+        '10 of 10 targets of paper_training hold, set for allround' in made.summary
+        and 'MISSED' not in made.summary
+    )
     assert not made.missed
     refuted = re.search(
         r'pull is refuted, at errors of ([\d.]+) m and 0 m/s the force is 0 N', made.summary

@@ -58,7 +58,7 @@ class Asked:
     energy_n2s : Q2, largest mean J over the starts; None: nothing is asked
     margin : Q1, least share of its limit that every condition keeps free
     questions : of Q3, Q4, Q5, those that are asked
-    why : in words
+    why : in words, of a shipped controller
     """
 
     energy_n2s: float | None
@@ -69,7 +69,7 @@ class Asked:
 
 _ALL = ('Q3', 'Q4', 'Q5')
 
-ANY = Asked(3.7, 0.0, _ALL, "what is asked of a controller for the paper's training")
+ANY = Asked(3.7, 0.0, _ALL, '')
 """Q2's 3.7 N²s was set early; the least under all conditions is 2.43."""
 
 SHIPPED = {
@@ -95,7 +95,7 @@ def asked_of(controller: FuzzyController) -> tuple[str, Asked]:
 PAPER = 'paper_training'
 """The set that the targets are about."""
 
-HELD, NOT_ASKED = 'held', 'not asked'
+NOT_ASKED = 'not asked'
 
 
 class Target(NamedTuple):
@@ -115,7 +115,7 @@ class Target(NamedTuple):
     @property
     def word(self) -> str:
         """The verdict as it is shown."""
-        return NOT_ASKED if self.limit is None else HELD if self.holds else MISSED
+        return NOT_ASKED if self.limit is None else HOLDS if self.holds else MISSED
 
     def cells(self, sign: str = '') -> tuple[str, ...]:
         """Return its row in a table; `sign` stands before a limit."""
@@ -199,9 +199,9 @@ class Assessment:
         figures = self.targets()
         targets = [target for target in figures if target.limit is not None]
         held, rest = sum(target.holds for target in targets), len(figures) - len(targets)
-        whose = f'its own ({asked.why})' if name else f'those of any controller ({asked.why})'
+        whose = f', set for {name}: {asked.why}' if name else ''
         more = f'; nothing is asked of {rest} more figures' if rest else ''
-        return f'{held} of {len(targets)} targets held: {whose}{more}'
+        return f'{held} of {len(targets)} targets of {PAPER} hold{whose}{more}'
 
 
 def assess(controller: FuzzyController, workers: int = 0) -> Assessment:

@@ -32,8 +32,8 @@ def evaluate(
     scenario: Annotated[
         str,
         Option(
-            help='judge by what this scenario or set requires (name or file)  [what each was '
-            'trained for; the targets for paper_training]'
+            help='judge by the requirements of this scenario or set (name or file)  [those of the '
+            'scenario of its training; for paper_training the targets Q1 to Q5]'
         ),
     ] = '',
     everywhere: Annotated[bool, Option('--everywhere', help='fly 50 000 drawn runs')] = False,
@@ -46,13 +46,12 @@ def evaluate(
     workers: Workers = 0,
     no_fail: NoFail = False,
 ) -> None:
-    """Judge controllers: fuzzy ones by the targets Q1-Q5, others by what a scenario requires.
+    """Judge controllers by the requirements of a mission, or by the targets of paper_training.
 
-    Q1 to Q5: conditions from every start, energy, the paper's test, no limit cycle, readable rules.
-    A controller of another kind, and one that was trained for another scenario than the paper's, is
-    judged by what that scenario requires; with --scenario, all are. With --estimator, a filter is
-    judged by the errors of its estimates over many flights with the noise that it assumes; those in
-    its world are reported.
+    The mission is --scenario, or else the scenario of the training. A fuzzy controller of
+    paper_training has the targets Q1 to Q5: conditions from every start, energy, the paper's test,
+    no limit cycle, readable rules. With --estimator, a filter is judged by the errors of its
+    estimates over many flights with the noise that it assumes; those in its world are reported.
 
     Exit code 1: something that was judged is missed.
     """
@@ -89,11 +88,16 @@ def evaluate(
 def judge_by(controller: AnyController, name: str, found: Scenario | ScenarioSet) -> bool:
     """Print how a controller keeps the requirements of a scenario; return whether it misses any."""
     from rpo.analysis.judgement import HEADINGS, judge, rows_of
+    from rpo_core.judge.verdicts import HOLDS
 
     with progress() as show:
         judged = judge(controller, found, show)
     print_table(HEADINGS, rows_of(judged), f'{name}: requirements of {found.name}')
-    typer.echo(f'mean J {judged.mean_energy_n2s:.4f} N²s, {judged.judgements[0].flights} flights')
+    held, flights = sum(j.word == HOLDS for j in judged.judgements), judged.judgements[0].flights
+    typer.echo(
+        f'{held} of {len(judged.judgements)} requirements of {found.name} hold; '
+        f'mean J {judged.mean_energy_n2s:.4f} N²s, {flights} flight{"s" * (flights > 1)}'
+    )
     return any(j.missed for j in judged.judgements)
 
 
@@ -153,12 +157,13 @@ def _judge_estimator(name: str, runs: int) -> bool:
 
 def _print_targets(found: Assessment) -> bool:
     """Print the figures of a controller beside its targets; return whether it misses one."""
-    from rpo.analysis.judgement import QUESTIONS
+    from rpo.analysis.judgement import PAPER, QUESTIONS
     from rpo_core.judge.metrics import ARRIVAL_DISTANCE, ARRIVAL_SPEED, ENERGY, SLEW
 
     targets, name = found.targets(), found.controller.name
     rows = [target.cells() for target in targets]
-    print_table(('', 'what', 'limit', 'reached', ''), rows, f'{name}: targets', left=2)
+    title = f'{name}: targets of {PAPER}'
+    print_table(('', 'what', 'limit', 'reached', ''), rows, title, left=2)
     bindings, worst, least = found.binding, found.metrics.max(axis=0), float(found.least.mean())
     counts = ', '.join(f'{name} {bindings.count(name)}' for name in sorted(set(bindings)))
     farthest = found.metrics[-1, ENERGY]
