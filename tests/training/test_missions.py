@@ -198,6 +198,8 @@ def test_a_servicer_in_geo_is_flown_without_training(few, tmp_path):
     code, said = invoked('scale', 'allround', '--scenario', GEO, '-o', str(file))
     assert code == 0 and 'MISSED' not in said and str(file) in said
     assert 'it must rest closer' in said and 'Why' not in said
+    assert 'Of 5 pairs of L and T, each flown from 27 starts, this pair misses' in said
+    assert 'N of the 20 N of an axis: F follows from L, T and m' in said
     made = load_controller(file)
     assert made.name == 'geo' and made.provenance['command'] == command
     assert made.description == f'`allround`, scaled for `{GEO}`.'  # C said `trained with ...`

@@ -60,7 +60,8 @@ class Flown(NamedTuple):
 class Found(NamedTuple):
     """The scaling that was chosen.
 
-    tried : scalings that were flown; why : they still miss requirements, a sentence for each
+    tried : scalings that were flown, each from so many `starts`
+    why : they still miss requirements, a sentence for each
     trained_for : the scenario that the controller was trained for, before any scaling
     multiples : of the units that it was trained in
     made, here : similarity numbers of that training and of the scenario
@@ -68,6 +69,7 @@ class Found(NamedTuple):
 
     best: Flown
     tried: int
+    starts: int
     why: list[str]
     trained_for: str
     multiples: Units
@@ -148,6 +150,7 @@ def search(
     return Found(
         best(),
         len(flown),
+        len(starts.initial_positions_m) if isinstance(starts, ScenarioSet) else 1,
         _why(best(), list(flown.values()), found),
         name,
         Units(

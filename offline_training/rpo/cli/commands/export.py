@@ -132,8 +132,18 @@ def scale(
     echo(
         f'L = {units.length_m:.4g} m, T = {units.time_s:.4g} s, m = {units.mass_kg:g} kg: length × '
         f'{ratio.length_m:.3g}, time × {ratio.time_s:.3g}, mass × {ratio.mass_kg:.3g}, force × '
-        f'{ratio.force_n:.3g}. It misses the fewest requirements of the {search.tried} scalings '
-        'that were flown, and then keeps the most room to the limits.'
+        f'{ratio.force_n:.3g}.'
+    )
+    echo(
+        f'Of {search.tried} pairs of L and T, each flown from {search.starts} '
+        f'start{"s" * (search.starts > 1)}, this pair misses the fewest requirements, and then '
+        'keeps the most room to the limits.'
+    )
+    force_n, limit_n = similarity.force_of(law), similarity.base_of(mission).max_force_n
+    share = f'{force_n:.3g} N of the {limit_n:g} N' if force_n < limit_n else f'all {limit_n:g} N'
+    echo(
+        f'The controller uses {share} of an axis: F follows from L, T and m, so that the authority '
+        'F T²/(m L) is that of its training.'
     )
     if isinstance(mission, ScenarioSet):
         failed = judge_by(law, law.name, mission)
