@@ -48,7 +48,8 @@ def show(scenario: Name, changes: Set = None) -> None:
         raise InputError(f'scenario {found.name} must have a section `assurance`; it has none')
     proof = proof_of(settings, found)
     guard = proof.guard._asdict()
-    rows = [*proof.errors._asdict().items(), *guard.items(), ('floor_m_s', proof.floor_m_s)]
+    constants = {**proof.errors._asdict(), **guard, 'floor_m_s': proof.floor_m_s}
+    rows = list(constants.items())
     if proof.walls is not None:  # what differs in the corridor, in the axes of the target
         walls = proof.walls._asdict().items()
         rows += [(f'turning {name}', value) for name, value in walls if value != guard[name]]
