@@ -311,26 +311,26 @@ Table = list[tuple[str, ...]]
 Column = str | Callable[[Row], str]
 """A cell: format of the figures of a controller, or a function of them."""
 
-_OVERVIEW: dict[str, Column] = {
+_ENERGY: dict[str, Column] = {
     'controller': '{name}',
     'mean J [N²s]': '{mean_energy_n2s:.3f}',
     '× least': lambda row: f'{row["ratio"]:.3f}' if row['met'] else '–',
     'starts that meet all': '{met} of {starts}',
     'arrival error, mean (worst) [m]': '{distance_m:.3g} ({worst_distance_m:.3g})',
     'slew [N/s]': '{slew_per_axis_n_s:.3g}',
-    'dispersed: position and speed [%]': lambda row: _share(row['moving']),
-    'dispersed: all limits [%]': lambda row: _share(row),
-    'its training saw these': '{saw}',
-    'command [µs]': '{command_us:.1f}',
+    'smallest margin [%]': lambda row: _smallest_margin(row),
+    'proof': '{proof}',
 }
-_ROBUSTNESS: dict[str, Column] = {
+_DISPERSED: dict[str, Column] = {
     'controller': '{name}',
+    'dispersed: position and speed [%]': lambda row: _share(row['moving']),
+    'all limits [%]': lambda row: _share(row),
+    'its training saw these': '{saw}',
     'random starts missed: at rest [%]': lambda row: _missed(row, RANDOM[0]),
     'moving [%]': lambda row: _missed(row, RANDOM[1]),
-    'smallest margin [%]': lambda row: (
-        f'{100 * row["margin"]:.1f}' if row['margin'] >= 0.0 else 'missed'
-    ),
-    'of': lambda row: str(LABELS.get(row['margin_of'], row['margin_of'])).replace('_', ' '),
+}
+_THRUSTERS: dict[str, Column] = {
+    'controller': '{name}',
     'thrust starts per axis': '{openings:.1f}',
     'valve openings': '{valve_openings:.0f}',
     'propellant [g]': lambda row: f'{1e3 * row["propellant_kg"]:.1f}',
@@ -339,11 +339,8 @@ _ROBUSTNESS: dict[str, Column] = {
         if row['contact_m_s'] is None
         else '{contact_m_s:.3f} ({contact_median_m_s:.3f})'.format_map(row)
     ),
-    'proof': '{proof}',
+    'command [µs]': '{command_us:.1f}',
 }
-"""Heading -> cell: of the main table, and of random starts, margins, thrusters, contact, proof."""
-
-
 _TESTS: dict[str, Column] = {
     f"the paper's test, largest of an axis in the last {CLAIM_WINDOW_S:g} s; J over 400 s": (
         '{name}'
@@ -359,6 +356,11 @@ _TESTS: dict[str, Column] = {
 
 def _speed(row: Row, test: str) -> str:
     return f'{1e3 * row["tests"][test]["velocity_m_s"]:.3g}'
+
+
+def _smallest_margin(row: Row) -> str:
+    condition = LABELS.get(row['margin_of']) or words(row['margin_of'], unit=False)
+    return f'{100 * row["margin"]:.1f}, {condition}' if row['margin'] >= 0.0 else condition
 
 
 def _share(rates: Row | None) -> str:
@@ -386,49 +388,47 @@ def _table(columns: Mapping[str, Column], rows: Sequence[Row]) -> Table:
 
 def margins(rows: Sequence[Row]) -> Table:
     """Return how far the loop of each controller may be off."""
-    headings = ('controller', *COLUMNS, CROSSED[1], CROSSED[4])
+    headings = ('controller', *COLUMNS, CROSSED[4])
     return [headings, *((row['name'], *cells(row['margins'])) for row in rows)]
 
 
 TABLES = (
-    partial(_table, _OVERVIEW),
-    partial(_table, _ROBUSTNESS),
+    partial(_table, _ENERGY),
+    partial(_table, _DISPERSED),
     margins,
+    partial(_table, _THRUSTERS),
     partial(_table, _TESTS),
 )
+ON_PAGE = 2
+"""Tables that a page gets; the others are printed, and in the folder."""
 
 
 def notes(rows: Sequence[Row], least: float, campaign: Campaign) -> list[str]:
-    """Return what the columns mean, with the numbers behind them."""
+    """Return what the columns of each table mean, with the numbers behind them."""
     moving = ', '.join(words(name, unit=False) for name in motion(campaign.config.success))
     facts = machine_facts()
     runs, first = sorted({row['runs'] for row in rows}), rows[0]
     return [
-        f'J, conditions, arrival error and slew: {first["starts"]} training starts, 200 s. Least: '
-        f'{least:.4f} N²s, the mean of the optima under all conditions. Arrival error: mean '
-        'distance over the last 30 s. Slew: the largest.',
+        f'Energy: {first["starts"]} training starts, 200 s. Least: {least:.4f} N²s, the mean of '
+        'the optima under all conditions. Arrival error: mean distance over the last 30 s. Slew: '
+        "the largest. Smallest margin: over these starts and the paper's tests; without a number: "
+        'the missed condition. Proof: of the three conditions, from every start at rest in the '
+        'box.',
         f'Dispersed: campaign `{campaign.config.name}`, {" or ".join(map(str, runs))} runs, with '
-        f"Wilson's 95 % interval. All limits: {sentence(campaign)}. Position and speed: of these "
-        f'{moving or "none"}. Its training saw these: what its training, by the command in its '
-        'file, flew of this campaign (with other seeds).',
-        f'Random starts: {first["random_runs"]} in the box of the training (±100 m on each axis) '
-        'at rest, and as many with up to ±0.05 m/s, judged by its three conditions. Smallest '
-        "margin: to any condition, over the training starts and the paper's tests. Thrust starts: "
-        f'how often an axis goes beyond {1e3 * OPEN_N:g} mN or changes sides, mean of '
-        f'{OPENED_RUNS} dispersed runs. Valve openings, propellant: of 400 s with sensors, filter '
-        f'and pulses, mean of {WORLD_RUNS} runs of the campaign `{WORLD}`. Speed at 1 m: at the '
-        'first state within 1 m of the target, over the training starts. Proof: of the three '
-        'conditions from every start at rest in the box, undisturbed '
-        '(`offline_training/proofs/proven.yaml`, from checked folders; of a family, its own '
-        'claims).',
-        'Gain to bias: the largest checked at which, and up to which, all training starts meet '
-        f'their conditions, and {RUNS} flights of `{DRAWN}` (seed {SEED}) keep the limits that '
-        'they keep when nothing is off; each alone. Gain: of the command, before it is saturated. '
-        'Mass: the controller is not told. Bias: of navigation or sensor, on all axes, both signs. '
-        f'!: holds again beyond. –: a start misses already. {_not_judged(rows)} Crossing: of the '
-        'describing function of an axis, where its delay margin is least.',
-        f'Command: processor time of one call from Python on {facts["processor"]}, Python '
-        f'{facts["python"]}.',
+        f"Wilson's 95 % interval. All limits: {sentence(campaign)}. Position and speed: "
+        f'{moving or "none"}. Drawn flights: with other seeds. Random starts: '
+        f'{first["random_runs"]} in the box of the training at rest, and as many with up to '
+        '±0.05 m/s, judged by the three conditions.',
+        'Margins: the largest error, each alone, up to which all training starts meet their '
+        f'conditions, and {RUNS} flights of `{DRAWN}` (seed {SEED}) keep the limits that they keep '
+        'without it. Gain: of the command, before it is saturated. Mass: the controller is not '
+        'told. Bias: on all axes, both signs. !: holds again beyond. –: a start misses already. '
+        f'{_not_judged(rows)} Delay margin: of the describing function of an axis.',
+        f'Thrust starts: how often an axis goes beyond {1e3 * OPEN_N:g} mN or changes sides, mean '
+        f'of {OPENED_RUNS} dispersed runs. Valve openings, propellant: of 400 s with sensors, '
+        f'filter and pulses, mean of {WORLD_RUNS} runs of the campaign `{WORLD}`. Speed at 1 m: at '
+        'the first state within 1 m of the target, over the training starts. Command: processor '
+        f'time of one call from Python on {facts["processor"]}, Python {facts["python"]}.',
     ]
 
 
@@ -443,14 +443,12 @@ def _not_judged(rows: Sequence[Row]) -> str:
 
 
 def markdown(
-    rows: Sequence[Row],
-    least: float,
-    campaign: Campaign,
-    tables: Sequence[Callable[[Sequence[Row]], Table]] = TABLES,
+    rows: Sequence[Row], least: float, campaign: Campaign, count: int = len(TABLES)
 ) -> str:
-    """Return some tables and their notes as Markdown."""
-    parts = [markdown_table(head, lines) for head, *lines in (table(rows) for table in tables)]
-    parts.append([f'- {note}' for note in notes(rows, least, campaign)])
+    """Return the first tables and their notes as Markdown."""
+    tables = (table(rows) for table in TABLES[:count])
+    parts = [markdown_table(head, lines) for head, *lines in tables]
+    parts.append([f'- {note}' for note in notes(rows, least, campaign)[:count]])
     return '\n\n'.join('\n'.join(part) for part in parts) + '\n'
 
 

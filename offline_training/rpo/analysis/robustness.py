@@ -283,7 +283,7 @@ def crossing_row(crossing: Sequence[float]) -> tuple[str, ...]:
 
 
 def cells(numbers: Mapping[str, Any]) -> list[str]:
-    """Return a line under `COLUMNS`, of `Margins.numbers`: then crossing and delay margin.
+    """Return a line under `COLUMNS`, of `Margins.numbers`: then the delay margin.
 
     ! : the claim holds again beyond; ≥ : nothing fails; – : there is no margin
     """
@@ -298,8 +298,7 @@ def cells(numbers: Mapping[str, Any]) -> list[str]:
                 ends.append(f'{beyond}{holds}{"" if margin["holds_again"] is None else "!"}')
         line.append('…'.join(ends) or '–')
     crossing = numbers.get('crossing')
-    row = crossing_row(crossing.values()) if crossing else ('–',) * len(CROSSED)
-    return [*line, row[1], row[4]]
+    return [*line, crossing_row(crossing.values())[4] if crossing else '–']
 
 
 def search(quantity: Quantity, check: Callable[[float], tuple[float, str]]) -> Margin:

@@ -265,8 +265,8 @@ def compare(
     if picture is not None:
         draw(picture, draw_comparison, rows)
     if write is not None:
-        tables = comparison.TABLES[:-1]
-        put(write, 'rpo compare', comparison.markdown(rows, least, flown, tables))
+        text = comparison.markdown(rows, least, flown, comparison.ON_PAGE)
+        put(write, 'rpo compare', text)
         echo(write)
 
 
