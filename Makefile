@@ -16,7 +16,7 @@ SETUP = @$(if $(ANY_PYTHON),,echo 'Python 3.10 to 3.13 is needed, and there is n
 ENV = @unset PYTHONDONTWRITEBYTECODE; source ros_ws/env.bash &&
 SOURCES = ros_ws offline_training tests docs
 
-.PHONY: help setup demo docs test tests test-slow bench compile wheels notebooks lint format lock clean
+.PHONY: help setup demo docs test tests test-slow bench compile wheels notebooks lint format lock address clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | sort | expand -t 12
@@ -82,6 +82,11 @@ format:  ## let ruff put the sources in order
 lock:  ## choose dependency versions anew where they must change (UPGRADE=1: everywhere)
 	$(SETUP)
 	$(ENV) python ros_ws/underlay/lock.py $(if $(UPGRADE),--upgrade)
+
+address:  ## write the project's own URL=https://… and EMAIL=… into every file that has them
+	@[ -n '$(URL)' ] && [ -n '$(EMAIL)' ] || { echo 'make address URL=https://… EMAIL=…' >&2; exit 2; }
+	@url=$$(sed -n 's/^repository-code: //p' CITATION.cff); email=$$(sed -n 's/^ *email: //p' CITATION.cff); \
+		git grep -lF -e "$$url" -e "$$email" | xargs sed -i "s|$$url|$(URL)|g; s|$$email|$(EMAIL)|g"
 
 clean:  ## remove all that set-up and tests made; runs/ stays
 	rm -rf .venv site dist ros_ws/build ros_ws/install ros_ws/log ros_ws/.setup.lock offline_training/*.egg-info \

@@ -14,12 +14,15 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+import yaml
 from catkin_pkg.changelog import Changelog, populate_changelog_from_rst
 
 ROOT = Path(__file__).resolve().parents[2]
 SRC = ROOT / 'ros_ws' / 'src'
 PACKAGES = {path.parent.name: path.parent for path in sorted(SRC.glob('*/package.xml'))}
 OFFLINE = ROOT / 'offline_training'
+CITATION = yaml.safe_load((ROOT / 'CITATION.cff').read_text())
+CITATION_DATE = str(CITATION['date-released'])
 FIRST_PARTY = {*PACKAGES, 'rpo'}
 CORE = {'rpo_core'}
 FOLDERS = {
@@ -167,21 +170,35 @@ def test_a_package_has_what_a_release_needs(package):
     manifest = ElementTree.parse(folder / 'package.xml').getroot()
     setup = ConfigParser()
     setup.read(folder / 'setup.cfg')
-    said = setup['metadata']
-    assert (said['name'], said['version']) == (package, manifest.findtext('version'))
+    assert setup['metadata']['name'] == package
     kinds = {tag.get('type') for tag in manifest.findall('url')}
     assert kinds == {'website', 'repository', 'bugtracker'}
-    assert manifest.find('maintainer').get('email')
     licence = manifest.find('license')
     assert (folder / licence.get('file')).read_bytes() == (ROOT / 'LICENSE').read_bytes()
     assert (folder / 'README.md').read_text().startswith(f'# {package}\n')
     assert (folder / package / '__init__.py').is_file()  # else `colcon build` installs no module
     changes = (folder / 'CHANGELOG.rst').read_text()
     assert f'\nChangelog for package {package}\n' in changes
-    found = Changelog(package)  # the parser passes over what is not released
-    released = changes.replace('Forthcoming\n-----------', '9.9.9 (2026-01-01)\n------------------')
-    populate_changelog_from_rst(found, released)
-    assert found.get_content_of_version('9.9.9')
+    found = Changelog(package)
+    populate_changelog_from_rst(found, changes)
+    assert found.get_content_of_version(CITATION['version'])
+    assert str(found.get_date_of_version(CITATION['version']).date()) == CITATION_DATE
+
+
+def test_version_and_address_are_those_of_the_citation():
+    files = [OFFLINE / 'pyproject.toml', *SRC.glob('*/package.xml'), *SRC.glob('*/setup.cfg')]
+    text = '\n'.join(path.read_text() for path in files)
+    versions = re.findall(
+        r'(?:^version = "?|<version>|"rpo_\w+\S*==|rpo_\w+ == )([\d.]+)', text, re.M
+    )
+    assert len(versions) == 16 and {*versions} == {CITATION['version']}
+    address = re.findall(r'(?:Homepage|Repository|Issues) = "?([^"\n]+)|<url [^>]*>([^<]+)', text)
+    assert {first or second for first, second in address} == {
+        CITATION['repository-code'] + end for end in ('', '.git', '/issues')
+    }
+    assert {*re.findall(r'email="(.*?)"', text)} == {CITATION['authors'][0]['email']}
+    head = f'## [{CITATION["version"]}] - {CITATION_DATE}'
+    assert f'\n{head}\n' in (ROOT / 'CHANGELOG.md').read_text()
 
 
 def test_every_source_file_names_owner_and_licence():

@@ -64,7 +64,7 @@ def lines(first: str) -> list[tuple[Block, list[str]]]:
 
 
 def test_links_lead_somewhere():
-    for page in PAGES:
+    for page in [*PAGES, *sorted((ROOT / '.github').glob('*.md'))]:
         for target in re.findall(r'\]\(([^)#:\s]+)(?:#[^)]*)?\)', page.read_text()):
             path = page.parent / target
             there = path.exists() or (path.parent == GENERATED and path.name in NAMES)
@@ -132,11 +132,15 @@ def test_the_site_leads_to_every_page():
 
 # --- the page of the ROS workspace, and the files that do the same for a machine --------------
 
-WORKFLOW = yaml.safe_load((ROOT / '.github/workflows/ros.yml').read_text())
+WORKFLOWS = sorted((ROOT / '.github/workflows').glob('*.yml'))
+JOBS = {
+    name: job
+    for path in WORKFLOWS
+    for name, job in yaml.safe_load(path.read_text())['jobs'].items()
+}
 DOCKERFILE = (ROOT / 'Dockerfile').read_text().replace('\\\n', ' ')
 SCRIPTS = {
-    job: [step['run'] for step in document['steps'] if 'run' in step]
-    for job, document in WORKFLOW['jobs'].items()
+    name: [step['run'] for step in job['steps'] if 'run' in step] for name, job in JOBS.items()
 }
 
 
@@ -164,16 +168,18 @@ def test_machines_build_a_ros_workspace_as_the_page_does(monkeypatch):
     assert used == {('rpo_bringup', 'final_approach'), ('rpo_log', 'verify')}
 
 
-def test_the_container_files_can_be_read():
+def test_an_action_is_pinned_by_the_hash_of_its_commit():
+    text = ''.join(path.read_text() for path in WORKFLOWS)
+    actions = re.findall(r'uses: (.*)', text)
+    assert actions
+    assert all(re.fullmatch(r'[\w/-]+@[0-9a-f]{40}  # v[\d.]+', action) for action in actions)
+
+
+def test_the_container_file_can_be_read():
     lines = [line.partition(' ') for line in DOCKERFILE.splitlines()]
     assert all(understood(rest) for word, _, rest in lines if word == 'RUN')
     assert all(json.loads(rest) for word, _, rest in lines if word in ('CMD', 'SHELL'))
     assert all((ROOT / rest.split()[0]).is_dir() for word, _, rest in lines if word == 'COPY')
-    stages = [rest.rpartition(' AS ')[2] for word, _, rest in lines if word == 'FROM']
-    container = json.loads((ROOT / '.devcontainer/devcontainer.json').read_text())
-    assert container['build']['target'] in stages
-    assert (ROOT / '.devcontainer' / container['build']['dockerfile']).is_file()
-    assert understood(container['postCreateCommand'])
 
 
 # --- the page of requirements ----------------------------------------------------------------

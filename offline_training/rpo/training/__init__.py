@@ -5,5 +5,3 @@
 Add a search to `algorithms` (ask, tell, stopped) and `config`. A new baseline needs its law in
 `rpo_ctrl` and its space in `tuning`. `gym` is the environment for learning controllers.
 """
-
-__version__ = '0.1.0'

@@ -33,7 +33,7 @@ from rpo.montecarlo.outputs import (
     write_text,
 )
 from rpo.scoring.fitness import Fitness, Scores
-from rpo.training import __version__, processor
+from rpo.training import processor
 from rpo.training.algorithms import Search
 from rpo.training.config import COMMAND, Configuration, start_file
 from rpo.training.fitting import training_set
@@ -50,13 +50,13 @@ from rpo_core.scenario.scenario import ScenarioSet
 CHECKPOINT, HISTORY = 'checkpoint.npz', 'history.csv'
 SCHEMA = 'rpo/checkpoint/2'
 
-LIBRARIES = ('numpy', 'numba', 'pymoo', 'cma')
-"""The bits of a run depend on these, and on this package."""
+LIBRARIES = ('rpo', 'numpy', 'numba', 'pymoo', 'cma')
+"""The bits of a run depend on these."""
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of this package and of `LIBRARIES`."""
-    return {'rpo': __version__, **{name: version(name) for name in LIBRARIES}}
+    """Return the versions of `LIBRARIES`."""
+    return {name: version(name) for name in LIBRARIES}
 
 
 @dataclass
