@@ -37,7 +37,8 @@ def _version(wanted: bool) -> None:
     if wanted:
         from rpo_log import provenance
 
-        typer.echo(f'rpo {provenance.version()}, sources of core and logs {provenance.digest()}')
+        version, digest = provenance.version('rpo'), provenance.digest()
+        typer.echo(f'rpo {version}, sources of core and logs {digest}')
         raise typer.Exit
 
 
