@@ -184,11 +184,8 @@ def test_the_container_file_can_be_read():
 
 # --- the page of requirements ----------------------------------------------------------------
 
-ROWS = [
-    [cell.strip() for cell in re.split(r'(?<!\\)\|', line)[1:-1]]
-    for line in (DOCS / 'requirements.md').read_text().splitlines()
-    if line.startswith('| ') and not line.startswith(('| statement', '| target'))
-]
+REQUIREMENTS = (DOCS / 'requirements.md').read_text()
+ROWS = re.findall(r'^- (.+)<br>\n  (.+):\n  (.+)$', REQUIREMENTS, re.MULTILINE)
 
 
 def exists(dotted: str) -> bool:
@@ -200,14 +197,13 @@ def exists(dotted: str) -> bool:
 
 
 def test_every_requirement_names_code_and_tests_that_exist():
-    assert len(ROWS) > 40
-    for row in ROWS:
-        *_, where, held = row
+    assert len(ROWS) == len(re.findall('^- ', REQUIREMENTS, re.MULTILINE)) > 40
+    for statement, where, held in ROWS:
         for name in re.findall(r'`([^`]+)`', where):
             there = (ROOT / name).is_file() if '/' in name else exists(name)
-            assert there, f'{row[0]}: there is no {name}'
+            assert there, f'{statement}: there is no {name}'
         tests = re.findall(r'`(tests/[^`]+)`', held)
-        assert tests or 'measured' in held, f'{row[0]}: nothing holds it'
+        assert tests or 'measured' in held, f'{statement}: nothing holds it'
         for name in tests:
             path, _, function = name.partition('::')
             assert (ROOT / path).is_file(), name
