@@ -23,6 +23,7 @@ from rpo.reports.page import Table
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import DEFAULT_CONTROLLER
+from rpo_core.judge.metrics import SLEW
 from rpo_core.judge.verdicts import verdicts
 from rpo_core.scenario.scenario import load_scenario
 
@@ -128,7 +129,8 @@ def _tables(made, caption):
     return [b for b in blocks if isinstance(b, Table) and b.caption == caption]
 
 
-PAGE = (Path(__file__).parents[2] / 'docs' / 'training.md').read_text()
+DOCS = Path(__file__).parents[2] / 'docs'
+PAGE = (DOCS / 'training.md').read_text()
 TABLE = PAGE.partition('| file | command')[2].partition('\n\n')[0]
 
 
@@ -150,3 +152,9 @@ def test_the_page_says_what_is_asked_of_each_and_what_it_reaches(name):
     if found.asked[1].margin:
         words['Q1'] += f', {100 * found.asked[1].margin:g} % free'
     assert cells == [words[f'Q{i}'] for i in range(1, 6)]
+
+
+def test_theory_says_that_no_start_meets_the_papers_training_example():
+    slews = assessed('paper_ga').metrics[:, SLEW]
+    said = f'0.0261 N/s | {slews.min():.4f} to {slews.max():.4f} N/s: no start of `paper_ga`'
+    assert slews.min() > 0.0261 and said in (DOCS / 'theory.md').read_text()
