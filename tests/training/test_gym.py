@@ -210,6 +210,16 @@ def test_assurance_keeps_runs_away_from_the_sphere_whoever_commands():
     assert infos['kept']['keep_out_depth_m'].all()
 
 
+def test_a_shield_names_the_limit_for_which_it_changed_an_action():
+    env, named = make(scenario=rpo.scenario('paper_test', assurance={'keep_out_m': 10.0})), set()
+    _, info = env.reset(seed=1)
+    for _ in range(600):
+        r = info['seen'][:3]
+        info = env.step(-r / np.abs(r).max())[-1]
+        named.add(info['constraint'])
+    assert named == {'', 'keep_out', 'speed'} and np.linalg.norm(info['state'][:3]) > 10.0
+
+
 def test_the_next_step_begins_the_next_runs_and_a_seed_the_first():
     env = make_many(ticks_per_step=4000)
     first, _ = env.reset(seed=7)
