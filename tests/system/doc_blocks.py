@@ -14,6 +14,7 @@ exit code 0, unless a comment before the block says otherwise:
     <!-- run: no, REASON -->      not run, only read
 
 Several may be joined by `;`. `<!-- run first: COMMAND -->` at a page's head makes what it needs.
+A block of Python or YAML that begins with the name of a file (`# mine.yaml`) is that file.
 """
 
 from __future__ import annotations
@@ -114,6 +115,12 @@ def code(page: Path, language: str) -> list[str]:
     return [body for name, body in found if name == language]
 
 
+def files_of(page: Path) -> dict[str, str]:
+    """Return name -> text of the blocks that are files."""
+    bodies = [*code(page, 'python'), *code(page, 'yaml')]
+    return {name[1]: body for body in bodies if (name := re.match(r'# (\w+\.\w+)\n', body))}
+
+
 def needed_first(page: Path) -> list[str]:
     """Return the commands that make what a page takes for given."""
     return _FIRST.findall(page.read_text())
@@ -170,7 +177,9 @@ def _said(log: object) -> str:
 
 
 def run_block(block: Block, cwd: Path, env: Mapping[str, str], deadline_s: float) -> None:
-    """Run a block as its page says."""
+    """Run a block as its page says, beside the files of the page."""
+    for name, text in files_of(block.page).items():
+        (cwd / name).write_text(text)
     if 'shells' in block.orders:
         run_shells(block, cwd, env, deadline_s)
         return

@@ -26,6 +26,7 @@ from doc_blocks import (
     Block,
     blocks,
     code,
+    files_of,
     folder_like_the_checkout,
     needed_first,
     run_block,
@@ -109,8 +110,7 @@ def test_make_targets_exist():
         assert set(re.findall(r'`make ([a-z-]+)', page.read_text())) <= targets, page.name
 
 
-# A block that begins with the name of a file is that file; tests/system/test_extend.py writes it.
-SNIPPETS = [t for page in PAGES for t in code(page, 'python') if not re.match(r'# \w+\.py\n', t)]
+SNIPPETS = [t for p in PAGES for t in code(p, 'python') if t not in files_of(p).values()]
 
 
 @pytest.mark.filterwarnings('ignore:this process computes with forms')

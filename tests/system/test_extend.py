@@ -9,7 +9,7 @@ import re
 import shutil
 
 import pytest
-from doc_blocks import DOCS, code, run_line
+from doc_blocks import DOCS, files_of, run_line
 from node_processes import node_processes
 
 from rpo_core import files
@@ -21,11 +21,9 @@ QUICK = files.find('scenario', 'quick').read_text()
 @pytest.fixture
 def folder(tmp_path):
     """Write the files of the page."""
-    for language in ('python', 'yaml'):
-        for body in code(PAGE, language):
-            name = re.match(r'# (\S+)\n', body)[1]
-            before = QUICK if name == 'lagging.yaml' else ''
-            (tmp_path / name).write_text(before + body)
+    for name, body in files_of(PAGE).items():
+        before = QUICK if name == 'lagging.yaml' else ''
+        (tmp_path / name).write_text(before + body)
     return tmp_path
 
 
