@@ -1,15 +1,15 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The README's commands, run as printed."""
+"""The tutorial's commands that need nodes, run as printed."""
 
 import os
 from dataclasses import replace
 
 import pytest
-from doc_blocks import ROOT, blocks, folder_like_the_checkout, run_block
+from doc_blocks import DOCS, blocks, folder_like_the_checkout, run_block
 
 DEADLINE_S = 50.0
-BLOCKS = list(blocks(ROOT / 'README.md'))
+BLOCKS = list(blocks(DOCS / 'tutorial.md'))
 
 pytestmark = pytest.mark.timeout(3 * DEADLINE_S)
 
@@ -21,35 +21,35 @@ def folder(tmp_path):
 
 @pytest.fixture
 def typed(ros_env, folder):
-    """Return a function that types the first block with a command, into shells side by side or not.
+    """Return a function that types the first block with a command.
 
     The report takes long, and is written by the slow test of its page.
     """
 
-    def typed(command, *orders):
+    def typed(command):
         block = next(b for b in BLOCKS if any(line.startswith(command) for line in b.lines))
         lines = [line for line in block.lines if not line.startswith(('source ', 'rpo report'))]
-        done = replace(block, lines=tuple(lines), orders=orders)
+        done = replace(block, lines=tuple(lines))
         run_block(done, folder, {**os.environ, **ros_env}, DEADLINE_S)
 
     return typed
 
 
 @pytest.mark.every_landing
-def test_the_readme_flies(typed, folder):
+def test_the_tutorial_flies(typed, folder):
     typed('ros2 run rpo_bringup')
     assert (folder / 'runs/first/report/time_histories.png').exists()
 
 
 @pytest.mark.every_landing
-def test_the_readme_flies_in_two_shells(typed):
-    typed('ros2 run rpo_sim plant', 'shells')
+def test_the_tutorial_flies_in_two_shells(typed):
+    typed('ros2 run rpo_sim plant')
 
 
 @pytest.mark.slow
-def test_the_readme_records_and_replays(typed, folder):
+def test_the_tutorial_records_and_replays(typed, folder):
     typed('ros2 run rpo_bringup')
-    typed('ros2 run rpo_log recorder', 'shells')
+    typed('ros2 run rpo_log recorder')
     typed('ros2 run rpo_log replay')
     first, second = (folder / 'runs' / name / 'run.mcap' for name in ('first', 'second'))
     assert first.read_bytes() == second.read_bytes()
