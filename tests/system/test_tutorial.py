@@ -3,7 +3,6 @@
 """The tutorial's commands that need nodes, run as printed."""
 
 import os
-from dataclasses import replace
 
 import pytest
 from doc_blocks import DOCS, blocks, folder_like_the_checkout, run_block
@@ -21,16 +20,11 @@ def folder(tmp_path):
 
 @pytest.fixture
 def typed(ros_env, folder):
-    """Return a function that types the first block with a command.
-
-    The report takes long, and is written by the slow test of its page.
-    """
+    """Return a function that types the first block with a command."""
 
     def typed(command):
         block = next(b for b in BLOCKS if any(line.startswith(command) for line in b.lines))
-        lines = [line for line in block.lines if not line.startswith(('source ', 'rpo report'))]
-        done = replace(block, lines=tuple(lines))
-        run_block(done, folder, {**os.environ, **ros_env}, DEADLINE_S)
+        run_block(block, folder, {**os.environ, **ros_env}, DEADLINE_S)
 
     return typed
 

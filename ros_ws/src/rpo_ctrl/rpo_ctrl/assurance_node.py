@@ -15,10 +15,9 @@ from rpo_core.assurance.abort import COMMANDS, AbortMachine
 from rpo_core.assurance.assurance import AssuranceStage, Decision
 from rpo_core.chain.chain import Chain, Signals
 from rpo_core.scenario.scenario import Scenario
-from rpo_core.stage import Place
 from rpo_core.wire import interfaces
 from rpo_ros import health
-from rpo_ros.place_node import CommandedNode
+from rpo_ros.place_node import PLACES, CommandedNode
 from rpo_ros.signals import to_status
 
 
@@ -27,7 +26,7 @@ class AssuranceNode(CommandedNode):
 
     node_name = 'assurance'
     package = 'rpo_ctrl'
-    places = (Place.SHAPING, Place.ASSURANCE)
+    places = PLACES['rpo_ctrl assurance']
     what = ('shaping or assuring', 'shaping or runtime assurance')
     off = 'passing commands on unchanged'
     commands = COMMANDS

@@ -8,8 +8,7 @@ node of the force controller, which assurance answers.
 
 from __future__ import annotations
 
-from rpo_core.stage import Place
-from rpo_ros.place_node import PlaceNode
+from rpo_ros.place_node import PLACES, PlaceNode
 
 
 class AttitudeControllerNode(PlaceNode):
@@ -17,7 +16,7 @@ class AttitudeControllerNode(PlaceNode):
 
     node_name = 'attitude_controller'
     package = 'rpo_ctrl'
-    places = (Place.STEERING,)
+    places = PLACES['rpo_ctrl attitude_controller']
     what = ('steering', 'attitude control')
     off = 'neither force nor torque'
 

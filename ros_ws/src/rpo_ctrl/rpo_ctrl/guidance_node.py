@@ -7,10 +7,9 @@ from __future__ import annotations
 from rpo_core.chain.chain import Chain, Signals
 from rpo_core.guidance.guidance import COMMANDS, GuidanceStage
 from rpo_core.scenario.scenario import Scenario
-from rpo_core.stage import Place
 from rpo_core.wire import interfaces
 from rpo_ros import health
-from rpo_ros.place_node import CommandedNode
+from rpo_ros.place_node import PLACES, CommandedNode
 from rpo_ros.signals import to_status
 
 
@@ -23,7 +22,7 @@ class GuidanceNode(CommandedNode):
 
     node_name = 'guidance'
     package = 'rpo_ctrl'
-    places = (Place.GUIDANCE, Place.POINTING)
+    places = PLACES['rpo_ctrl guidance']
     what = ('guiding', 'guidance')
     off = 'the reference is the goal of the scenario'
 

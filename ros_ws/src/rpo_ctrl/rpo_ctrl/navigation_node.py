@@ -10,12 +10,10 @@ from __future__ import annotations
 
 from rpo_core.chain.chain import Chain
 from rpo_core.scenario.scenario import Scenario
-from rpo_core.stage import Place
-from rpo_ros.place_node import PlaceNode
+from rpo_ros.place_node import PLACES, PlaceNode
 
-_SENSORS = (Place.ATTITUDE_SENSOR, Place.SENSOR)
-_ESTIMATORS = (Place.ATTITUDE_ESTIMATOR, Place.ESTIMATOR)
-PLACES = {'all': _SENSORS + _ESTIMATORS, 'sensors': _SENSORS, 'estimator': _ESTIMATORS}
+_ALL = PLACES['rpo_ctrl navigation']
+_STAGES = {'all': _ALL, 'sensors': _ALL[:2], 'estimator': _ALL[2:]}
 """Value of the parameter `stages` -> places of the chain."""
 
 
@@ -24,13 +22,13 @@ class NavigationNode(PlaceNode):
 
     node_name = 'navigation'
     package = 'rpo_ctrl'
-    places = PLACES['all']
+    places = _ALL
     what = ('navigating', 'errors of navigation')
     off = 'passing the true state on'
 
     def part(self, scenario: Scenario) -> Chain | None:
         """Return the stages that it runs; without any, the node ends."""
-        self.places = PLACES[self.values['stages']]
+        self.places = _STAGES[self.values['stages']]
         return super().part(scenario)
 
 

@@ -20,6 +20,21 @@ from rpo_ros.stage_node import StageNode
 
 Found = TypeVar('Found', bound=Stage)
 
+PLACES = {
+    'rpo_ctrl navigation': (
+        Place.ATTITUDE_SENSOR,
+        Place.SENSOR,
+        Place.ATTITUDE_ESTIMATOR,
+        Place.ESTIMATOR,
+    ),
+    'rpo_ctrl guidance': (Place.GUIDANCE, Place.POINTING),
+    'rpo_ctrl fuzzy_controller': (Place.CONTROLLER,),
+    'rpo_ctrl assurance': (Place.SHAPING, Place.ASSURANCE),
+    'rpo_ctrl attitude_controller': (Place.STEERING,),
+    'rpo_sim disturbance_injector': (Place.DISTURBANCE,),
+}
+"""Package and executable of a node -> the places of the chain whose stages it runs."""
+
 
 class PlaceNode(StageNode):
     """Runs the stages that a scenario has at some places of the chain.

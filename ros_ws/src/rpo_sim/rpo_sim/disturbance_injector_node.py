@@ -8,7 +8,7 @@ from rpo_core.chain.chain import Chain, Link
 from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
 from rpo_core.world.disturbance import DisturbanceStage
-from rpo_ros.place_node import PlaceNode
+from rpo_ros.place_node import PLACES, PlaceNode
 
 
 class DisturbanceInjectorNode(PlaceNode):
@@ -16,7 +16,7 @@ class DisturbanceInjectorNode(PlaceNode):
 
     node_name = 'disturbance_injector'
     package = 'rpo_sim'
-    places = (Place.DISTURBANCE,)
+    places = PLACES['rpo_sim disturbance_injector']
     what = ('disturbing', 'disturbance')
     role = 'disturbance'
     off = 'no disturbance'

@@ -16,6 +16,7 @@ from rpo_core.scenario.scenario import Scenario
 from rpo_core.stage import Place
 from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import REFUSED, StageStatus
+from rpo_ros.place_node import PLACES
 from rpo_ros.running import FlightNode
 from rpo_ros.signals import hear
 
@@ -75,22 +76,6 @@ class Refusals:
         return bool(self._topics & topics)
 
 
-_NODES = {
-    'rpo_ctrl navigation': (
-        Place.ATTITUDE_SENSOR,
-        Place.ATTITUDE_ESTIMATOR,
-        Place.SENSOR,
-        Place.ESTIMATOR,
-    ),
-    'rpo_ctrl guidance': (Place.GUIDANCE, Place.POINTING),
-    'rpo_ctrl fuzzy_controller': (Place.CONTROLLER,),
-    'rpo_ctrl assurance': (Place.SHAPING, Place.ASSURANCE),
-    'rpo_ctrl attitude_controller': (Place.STEERING,),
-    'rpo_sim disturbance_injector': (Place.DISTURBANCE,),
-}
-"""Node -> the places of the chain whose stages it runs."""
-
-
 def unfilled_roles(node: Node, scenario: Scenario, recorded: bool) -> list[str]:
     """Return a sentence for each role of a flight that nobody fills: its topics, the command.
 
@@ -101,7 +86,7 @@ def unfilled_roles(node: Node, scenario: Scenario, recorded: bool) -> list[str]:
     made.append((Place.CONTROLLER, interfaces.CONTROL_FORCE))
     roles = {
         command: [interfaces.row_of(name) for place, name in made if place in places]
-        for command, places in _NODES.items()
+        for command, places in PLACES.items()
     }
     if recorded:
         roles['rpo_log recorder'] = [interfaces.row_of(interfaces.RECORDER_STATUS)]
